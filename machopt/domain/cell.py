@@ -1,0 +1,86 @@
+"""What a cell is: robot, tool, workpiece, obstacles, limits. Built by :mod:`machopt.formats.cell`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.stiffness import Stiffness
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One collision body, placed in its parent frame (flange for the tool, workpiece, or world)."""
+
+    name: str
+    kind: Literal["mesh", "box", "cylinder", "sphere"]
+    size: tuple[float, ...]  # m. box: (x, y, z); cylinder: (radius, height along z); sphere: (radius,); mesh: (scale,)
+    mesh: Path | None
+    T_parent_shape: Array  # (4, 4)
+
+
+@dataclass(frozen=True)
+class Cutter:
+    """The rotating cutter: a cylinder from the TCP back along −z of the TCP."""
+
+    diameter: float  # m
+    length: float  # m
+
+
+@dataclass(frozen=True)
+class Tool:
+    T_flange_tcp: Array  # (4, 4)
+    mass: float = 0.0  # kg
+    com: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, in flange
+    geometry: tuple[Shape, ...] = ()
+    cutter: Cutter | None = None
+
+
+@dataclass(frozen=True)
+class Workpiece:
+    link: str  # "world" or a link of the URDF
+    T_link_workpiece: Array  # (4, 4)
+    geometry: tuple[Shape, ...] = ()
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """One value per moving joint: arm joints first, then external joints. rad or m, per s."""
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A robot cell as cell.yaml describes it; positions and angles in SI."""
+
+    name: str
+    folder: Path  # everything relative is relative to it
+    urdf: Path
+    packages: dict[str, Path]  # package:// names to folders
+    base_link: str
+    flange_link: str
+    arm_joints: tuple[str, ...]  # six revolute joints in chain order
+    external_joints: tuple[str, ...]
+    external_prismatic: tuple[bool, ...]
+    home: Array  # (6,) rad
+    external_home: Array  # (E,) rad or m
+    T_world_base: Array  # (4, 4)
+    limits: JointLimits
+    tool: Tool
+    workpiece: Workpiece
+    obstacles: tuple[Shape, ...]  # placed in world
+    stiffness: Stiffness | None
+    plan: dict[str, object] = field(default_factory=dict)  # the cell's planning defaults, validated like --plan
+    files: tuple[Path, ...] = ()  # every file read for this cell, for the hash of inputs
+    warnings: tuple[str, ...] = ()

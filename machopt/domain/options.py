@@ -1,0 +1,71 @@
+"""Planning options in SI, as the planner takes them; the user's keys carry units (:mod:`machopt.formats.options`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import pi, radians
+from typing import Literal
+
+Method = Literal["global", "jiao2022", "default"]
+Index = Literal["auto", "deflection", "stiffness", "jiao2022"]
+
+
+@dataclass(frozen=True)
+class FixedRotation:
+    """The user's own rotation at one toolpath point."""
+
+    point: int
+    gamma: float  # rad
+
+
+@dataclass(frozen=True)
+class ProcessForce:
+    """Force of the process on the tool, in path axes."""
+
+    travel: float = 0.0  # N, along the direction of travel
+    normal: float = 0.0  # N, along tool axis × travel
+    axial: float = 0.0  # N, along the tool axis towards the shank (pushes the robot back)
+
+    @property
+    def given(self) -> bool:
+        return any((self.travel, self.normal, self.axial))
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Weights of the objective; all terms are made dimensionless first (see plan/score.py)."""
+
+    mean: float = 1.0  # mean index along the path
+    worst: float = 0.5  # worst index along the path
+    travel: float = 0.02  # joint travel, per 180° summed over the axes
+    rotation: float = 0.05  # ∫ (dγ/ds)² ds, per rad²/m
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """Everything that steers one plan."""
+
+    method: Method = "global"
+    index: Index = "auto"
+    force: ProcessForce = field(default_factory=ProcessForce)
+    weights: Weights = field(default_factory=Weights)
+    rotation_step: float = radians(5.0)
+    rotation_range: tuple[float, float] = (-pi, pi)
+    preferred_rotation: float | None = None  # rad; deviation from it is priced with preferred_weight
+    preferred_weight: float = 0.1
+    fixed: tuple[FixedRotation, ...] = ()
+    singularity_wrist: float = radians(5.0)  # least angle between axes 4 and 6
+    singularity_elbow: float = radians(3.0)  # least angle from the stretched or folded arm
+    singularity_shoulder: float = 0.05  # m, least distance of the wrist centre from axis 1
+    limit_margin: float = radians(0.5)
+    clearance: float = 0.002  # m, required between everything checked
+    collision_step: float = radians(1.0)  # joint step between collision checks
+    collision: bool = True
+    sample: float = 0.012  # s
+    path_tolerance: float = 15e-6  # m, corner rounding
+    axis_tolerance: float = radians(0.03)
+    approach_feed: float = 0.05  # m/s for approach, retract and link moves that carry no feed
+    rapid_scale: float = 0.8  # share of the joint velocity limits used in rapid moves
+    limit_scale: float = 0.97  # share of the velocity, acceleration and jerk limits used while cutting
+    allow_gaps: bool = False
+    seed: int = 0

@@ -1,0 +1,93 @@
+"""A toolpath as every reader delivers it and every planning step takes it."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Move(enum.IntEnum):
+    """What the robot does on the way **to** a point. The names are the contract's words, in lower case."""
+
+    CUT = 0
+    RAPID = 1
+    APPROACH = 2
+    RETRACT = 3
+    LINK = 4
+
+    @property
+    def word(self) -> str:
+        return self.name.lower()
+
+
+@dataclass(frozen=True)
+class Operation:
+    """A run of consecutive points that belong together."""
+
+    label: str
+    kind: Literal["point", "trajectory"]  # point: drilling and the like, cuts run along the tool axis
+    tool: str = ""
+    comment: str = ""
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happens just before the move to point ``index`` starts (spindle, coolant, tool, dwell)."""
+
+    index: int
+    kind: Literal["spindle", "coolant", "tool", "dwell", "stop", "comment"]
+    text: str  # the source words
+    value: float = float("nan")  # rpm, tool number, s
+
+
+@dataclass(frozen=True)
+class IgnoredWord:
+    """A word of the source that was read but has no effect here, with where it first stands."""
+
+    word: str
+    count: int
+    first_line: int
+    understood: bool  # True: known and without effect on motion; False: not understood
+
+
+@dataclass(frozen=True)
+class Toolpath:
+    """Points of the tool tip with tool axis, in ``workpiece``; N rows in source order, none merged or dropped.
+
+    Row k describes the straight move that **ends** at point k.
+    """
+
+    position: Array  # (N, 3) m
+    axis: Array  # (N, 3) unit, from tip to shank (−z of the TCP)
+    move: NDArray[np.int8]  # (N,) Move codes
+    feed: Array  # (N,) m/s along the move that ends here; NaN for rapid moves
+    operation: NDArray[np.int32]  # (N,) index into ``operations``
+    operations: tuple[Operation, ...]
+    reference: Array  # (N, 3) direction of TCP x at gamma = 0 where the source gives one, else NaN
+    tolerance: Array  # (N,) m, NaN where the source gives none
+    line: NDArray[np.int32]  # (N,) 1-based line of the source
+    source: str  # file name, for messages and reports
+    format: str  # e.g. "csv", "apt/nx", "gcode"
+    sha256: str  # of the source file
+    events: tuple[Event, ...] = ()
+    ignored: tuple[IgnoredWord, ...] = ()
+    warnings: tuple[str, ...] = ()
+    meta: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in ("position", "axis", "move", "feed", "operation", "reference", "tolerance", "line"):
+            getattr(self, name).setflags(write=False)
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    @property
+    def cutting(self) -> NDArray[np.bool_]:
+        """(N,) True where the move to the point cuts."""
+        return self.move == Move.CUT

@@ -1,0 +1,1 @@
+"""Physics and geometry, pure: (domain objects, joint positions) to numbers."""

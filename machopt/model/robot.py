@@ -1,0 +1,193 @@
+"""Batched kinematics of a serial 6R arm, read from a URDF through pinocchio (its only importer in the planner).
+
+The chain is reduced to the product of exponentials: each joint is a line in base_link at q = 0
+(``axis``, ``point``), the flange a fixed pose ``T_base_flange_zero`` after them. All kernels are NumPy,
+vectorised over leading dimensions, and tested against pinocchio.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.cell import Cell, Shape
+from machopt.errors import InputError
+from machopt.se3 import axis_rotation, inverse, transform
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LinkShape:
+    """A collision body of the robot: link 0 is base_link, link i is moved by arm joint i."""
+
+    link: int
+    shape: Shape  # placed in base_link coordinates at q = 0
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A 6R arm as six lines and a flange pose at q = 0, all in base_link."""
+
+    joints: tuple[str, ...]
+    axis: Array  # (6, 3) unit
+    point: Array  # (6, 3) m, a point on each axis
+    T_base_flange_zero: Array  # (4, 4)
+    lower: Array  # (6,) rad
+    upper: Array  # (6,) rad
+
+    def link_poses(self, q: Array) -> Array:
+        """Motion of each link from its pose at q = 0.
+
+        Args:
+            q: (..., 6) rad.
+
+        Returns:
+            (..., 7, 4, 4): entry 0 the identity (base_link), entry i what joint 1…i make of a body fixed to
+            link i, in base_link. Multiply onto a pose at q = 0.
+        """
+        q = np.asarray(q, float)
+        out = np.empty((*q.shape[:-1], 7, 4, 4))
+        out[..., 0, :, :] = np.eye(4)
+        for i in range(6):
+            R = axis_rotation(self.axis[i], q[..., i])
+            out[..., i + 1, :, :] = out[..., i, :, :] @ transform(R, self.point[i] - R @ self.point[i])
+        return out
+
+    def fk(self, q: Array, T_flange_tool: Array | None = None) -> Array:
+        """Pose of the flange (or of a frame fixed to it) in base_link, (..., 4, 4), for q (..., 6) rad."""
+        end = self.T_base_flange_zero if T_flange_tool is None else self.T_base_flange_zero @ T_flange_tool
+        q = np.asarray(q, float)
+        R = np.broadcast_to(np.eye(3), (*q.shape[:-1], 3, 3))
+        p = np.zeros((*q.shape[:-1], 3))
+        for i in range(6):
+            Ri = axis_rotation(self.axis[i], q[..., i])
+            p = p + np.einsum("...ij,...j->...i", R, self.point[i] - Ri @ self.point[i])
+            R = R @ Ri
+        return transform(R @ end[:3, :3], p + np.einsum("...ij,j->...i", R, end[:3, 3]))
+
+    def fk_jacobian(self, q: Array, T_flange_tool: Array | None = None) -> tuple[Array, Array]:
+        """Pose (..., 4, 4) and geometric Jacobian (..., 6, 6) of a frame fixed to the flange.
+
+        The Jacobian maps joint velocity to the twist of the frame's origin in base_link axes, linear part first.
+        """
+        q = np.asarray(q, float)
+        end = self.T_base_flange_zero if T_flange_tool is None else self.T_base_flange_zero @ T_flange_tool
+        R = np.broadcast_to(np.eye(3), (*q.shape[:-1], 3, 3))
+        p = np.zeros((*q.shape[:-1], 3))
+        axes, origins = np.empty((*q.shape[:-1], 6, 3)), np.empty((*q.shape[:-1], 6, 3))
+        for i in range(6):
+            axes[..., i, :] = np.einsum("...ij,j->...i", R, self.axis[i])
+            origins[..., i, :] = p + np.einsum("...ij,j->...i", R, self.point[i])
+            Ri = axis_rotation(self.axis[i], q[..., i])
+            p = p + np.einsum("...ij,...j->...i", R, self.point[i] - Ri @ self.point[i])
+            R = R @ Ri
+        T = transform(R @ end[:3, :3], p + np.einsum("...ij,j->...i", R, end[:3, 3]))
+        lever = T[..., None, :3, 3] - origins
+        J = np.concatenate([np.cross(axes, lever), axes], axis=-1)
+        return T, np.swapaxes(J, -1, -2)
+
+
+def load_robot(cell: Cell) -> Robot:
+    """Reduce the cell's URDF to a :class:`Robot`.
+
+    Raises:
+        InputError: the chain from base_link to flange_link is not made of the six arm joints.
+    """
+    return load_chain(cell)[0]
+
+
+def load_chain(cell: Cell) -> tuple[Robot, tuple[LinkShape, ...]]:
+    """The arm's kinematics and its collision bodies, both read from the URDF at q = 0."""
+    import pinocchio as pin
+
+    model = pin.buildModelFromUrdf(str(cell.urdf))
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, pin.neutral(model))
+    base = _frame(cell, model, cell.base_link)
+    T_world_base = data.oMf[base].homogeneous
+    T_base_world = inverse(T_world_base)
+    axis, point, lower, upper = np.empty((6, 3)), np.empty((6, 3)), np.empty(6), np.empty(6)
+    ids = []
+    for i, name in enumerate(cell.arm_joints):
+        if not model.existJointName(name):
+            have = ", ".join(model.names[1:])
+            raise InputError(
+                f"arm joint {name!r} is not a moving joint of the URDF; it has {have}",
+                file=cell.urdf, where="robot.arm_joints",
+            )
+        j = model.getJointId(name)
+        ids.append(j)
+        T = T_base_world @ data.oMi[j].homogeneous
+        column = pin.computeFrameJacobian(
+            model, model.createData(), pin.neutral(model), _frame_of_joint(model, j), pin.ReferenceFrame.LOCAL
+        )[:, model.idx_vs[j]]
+        axis[i], point[i] = T[:3, :3] @ column[3:], T[:3, 3]
+        lower[i], upper[i] = model.lowerPositionLimit[model.idx_qs[j]], model.upperPositionLimit[model.idx_qs[j]]
+        if not np.isclose(np.linalg.norm(column[3:]), 1.0, atol=1e-9):
+            raise InputError(f"arm joint {name!r} is not revolute", file=cell.urdf, where="robot.arm_joints")
+    flange = _frame(cell, model, cell.flange_link)
+    if model.frames[flange].parentJoint != ids[-1]:
+        raise InputError(
+            f"flange link {cell.flange_link!r} is not carried by the last arm joint {cell.arm_joints[-1]!r}",
+            file=cell.urdf, where="robot.flange_link",
+        )
+    robot = Robot(
+        joints=cell.arm_joints, axis=axis, point=point,
+        T_base_flange_zero=T_base_world @ data.oMf[flange].homogeneous,
+        lower=lower, upper=upper,
+    )  # fmt: skip
+    return robot, _link_shapes(cell, model, data, T_base_world, ids)
+
+
+def _frame(cell: Cell, model: object, name: str) -> int:
+    if not model.existFrame(name):  # type: ignore[attr-defined]
+        links = ", ".join(f.name for f in model.frames if str(f.type) == "BODY")  # type: ignore[attr-defined]
+        raise InputError(f"link {name!r} is not in the URDF; it has {links}", file=cell.urdf)
+    return int(model.getFrameId(name))  # type: ignore[attr-defined]
+
+
+def _frame_of_joint(model: object, joint: int) -> int:
+    return int(model.getFrameId(model.names[joint]))  # type: ignore[attr-defined]
+
+
+def _link_shapes(cell: Cell, model: object, data: object, T_base_world: Array, ids: list[int]) -> tuple[LinkShape, ...]:
+    """Collision bodies of the URDF, placed in base_link at q = 0; bodies on other branches of the tree count as base."""
+    import pinocchio as pin
+
+    folders = [str(cell.folder), str(cell.urdf.parent), *(str(p.parent) for p in cell.packages.values())]
+    geometry = pin.buildGeomFromUrdf(model, str(cell.urdf), pin.GeometryType.COLLISION, package_dirs=folders)
+    shapes = []
+    for g in geometry.geometryObjects:
+        joint, link = g.parentJoint, 0
+        while joint > 0 and link == 0:  # walk up to the nearest arm joint
+            if joint in ids:
+                link = ids.index(joint) + 1
+            joint = model.parents[joint]  # type: ignore[attr-defined]
+        T = T_base_world @ data.oMi[g.parentJoint].homogeneous @ g.placement.homogeneous  # type: ignore[attr-defined]
+        kind = type(g.geometry).__name__
+        if g.meshPath and kind.startswith("BVH"):
+            shape = _mesh_shape(cell, g, T)
+        elif kind == "Box":
+            shape = Shape(g.name, "box", tuple(2.0 * float(h) for h in g.geometry.halfSide), None, T)
+        elif kind == "Cylinder":
+            shape = Shape(g.name, "cylinder", (float(g.geometry.radius), 2.0 * float(g.geometry.halfLength)), None, T)
+        elif kind == "Sphere":
+            shape = Shape(g.name, "sphere", (float(g.geometry.radius),), None, T)
+        else:
+            raise InputError(f"collision geometry {g.name!r} is a {kind}; mesh, box, cylinder or sphere would work",
+                             file=cell.urdf)  # fmt: skip
+        shapes.append(LinkShape(link, shape))
+    return tuple(shapes)
+
+
+def _mesh_shape(cell: Cell, g: object, T: Array) -> Shape:
+    from pathlib import Path
+
+    scale = np.asarray(g.meshScale, float)  # type: ignore[attr-defined]
+    if not np.allclose(scale, scale[0]):
+        raise InputError(f"collision mesh {g.name!r} is scaled unevenly {scale.tolist()}; one scale would work",  # type: ignore[attr-defined]
+                         file=cell.urdf)  # fmt: skip
+    return Shape(g.name, "mesh", (float(scale[0]),), Path(g.meshPath), T)  # type: ignore[attr-defined]

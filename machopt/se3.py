@@ -1,0 +1,92 @@
+"""Rigid transforms, and the rotation about the tool axis. Arrays broadcast over leading dimensions."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def rpy_matrix(rpy: Array) -> Array:
+    """Rotation Rz(yaw) Ry(pitch) Rx(roll) from (..., 3) roll, pitch, yaw in rad (URDF's fixed-axis convention)."""
+    rpy = np.asarray(rpy, dtype=float)
+    cr, cp, cy = np.moveaxis(np.cos(rpy), -1, 0)
+    sr, sp, sy = np.moveaxis(np.sin(rpy), -1, 0)
+    rows = [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def transform(rotation: Array, translation: Array) -> Array:
+    """(..., 4, 4) homogeneous matrix from rotation (..., 3, 3) and translation (..., 3) in m."""
+    rotation, translation = np.asarray(rotation, float), np.asarray(translation, float)
+    shape = np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1])
+    T = np.zeros((*shape, 4, 4))
+    T[..., :3, :3] = rotation
+    T[..., :3, 3] = translation
+    T[..., 3, 3] = 1.0
+    return T
+
+
+def inverse(T: Array) -> Array:
+    """Inverse of rigid transforms (..., 4, 4)."""
+    R = np.swapaxes(T[..., :3, :3], -1, -2)
+    return transform(R, -np.einsum("...ij,...j->...i", R, T[..., :3, 3]))
+
+
+def axis_rotation(axis: Array, angle: Array) -> Array:
+    """Rodrigues: rotation (..., 3, 3) by ``angle`` (...,) rad about unit ``axis`` (..., 3)."""
+    axis, angle = np.asarray(axis, float), np.asarray(angle, float)
+    c, s = np.cos(angle)[..., None, None], np.sin(angle)[..., None, None]
+    K = skew(axis)
+    return np.eye(3) + s * K + (1.0 - c) * (K @ K)
+
+
+def skew(v: Array) -> Array:
+    """Cross-product matrix (..., 3, 3) of v (..., 3)."""
+    z = np.zeros(np.shape(v)[:-1])
+    x, y, w = np.moveaxis(np.asarray(v, float), -1, 0)
+    return np.stack(
+        [np.stack([z, -w, y], -1), np.stack([w, z, -x], -1), np.stack([-y, x, z], -1)], axis=-2
+    )
+
+
+def normalise(v: Array) -> Array:
+    """v / |v| along the last axis; zero vectors become NaN."""
+    n = np.linalg.norm(v, axis=-1, keepdims=True)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(n > 0, v / n, np.nan)
+
+
+def tool_rotation(tool_axis: Array, reference: Array, gamma: Array) -> Array:
+    """TCP rotation from the CAM tool axis, a reference direction and gamma.
+
+    TCP z = −tool_axis; TCP x at gamma = 0 is ``reference`` projected on the plane normal to the axis;
+    gamma turns the TCP about its own z, right-handed.
+
+    Args:
+        tool_axis: (..., 3) unit, tip to shank.
+        reference: (..., 3), not parallel to ``tool_axis``.
+        gamma: (...,) rad.
+
+    Returns:
+        (..., 3, 3) columns x, y, z of the TCP in the frame of the inputs.
+    """
+    z = -np.asarray(tool_axis, float)
+    ref = np.asarray(reference, float)
+    x0 = normalise(ref - np.sum(ref * z, axis=-1, keepdims=True) * z)
+    y0 = np.cross(z, x0)
+    c, s = np.cos(gamma)[..., None], np.sin(gamma)[..., None]
+    x = c * x0 + s * y0
+    y = -s * x0 + c * y0
+    x, y, z = np.broadcast_arrays(x, y, z)
+    return np.stack([x, y, z], axis=-1)
+
+
+def wrap(angle: Array) -> Array:
+    """Angle in (−π, π]."""
+    return -np.remainder(np.pi - np.asarray(angle, float), 2 * np.pi) + np.pi
