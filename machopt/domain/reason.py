@@ -1,0 +1,24 @@
+"""Why a configuration, a point or a rotation cannot be used: data, never an exception."""
+
+from __future__ import annotations
+
+import enum
+
+
+class Reason(enum.IntEnum):
+    """Ordered by how far a candidate came: a higher code got further through the checks."""
+
+    OK = 0
+    UNREACHABLE = 1
+    LIMIT = 2
+    SINGULAR_WRIST = 3
+    SINGULAR_ELBOW = 4
+    SINGULAR_SHOULDER = 5
+    COLLIDING = 6
+    NOT_CHECKED = 7
+    BOUNDS = 8  # outside the user's rotation range
+    NO_PATH = 9  # feasible by itself, but not joined to its neighbours without a jump
+
+    @property
+    def word(self) -> str:
+        return self.name.lower()

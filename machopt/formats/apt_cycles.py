@@ -1,0 +1,112 @@
+"""``CYCLE/…`` statements of the CL dialects.
+
+Keyword forms (NX, CAMWorks, ICAM) name their numbers; positional forms (CATIA's default table, HSM/Fusion) are
+depth, then clearance. FEDTO is signed along the tool axis in NX and positive downwards elsewhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from machopt.formats.apt_tokens import number
+from machopt.formats.holecycle import CycleError
+
+FEED_UNITS = {  # word → (mm per length unit, None: the file's), per revolution
+    "MMPM": (1.0, False),
+    "MMPR": (1.0, True),
+    "IPM": (25.4, False),
+    "IPR": (25.4, True),
+    "PERMIN": (None, False),
+    "PERREV": (None, True),
+}
+_DEPTH = ("FEDTO", "DEPTH")
+_CLEAR = ("RAPTO", "CLEAR", "RPOINT")
+_RETRACT = ("RTRCTO", "RETURN")
+_FIRST = ("1STPECK", "STEP1", "PECK", "STEP", "INCR")
+_NEXT = ("SUBPECK", "STEP2")
+_FLAGS = {"DEEP", "PECKING", "G98", "G99", "ON", "ORIENT", "CAM", "IN", "OUT"}
+FEED_OUT = ("BORE", "REAM", "TAP")
+
+
+@dataclass(frozen=True)
+class CycleWords:
+    """The numbers of one CYCLE statement in the file's unit, None where it does not say."""
+
+    name: str
+    depth: float | None = None  # positive downwards, except NX: height of the bottom
+    clear: float | None = None
+    retract: float | None = None
+    feed: float | None = None
+    feed_word: str | None = None
+    first_peck: float = 0.0
+    next_peck: float = 0.0
+    dwell: float = 0.0
+    deep: bool = False
+    unknown: tuple[str, ...] = ()
+
+
+def parse_cycle(parts: list[str]) -> CycleWords:
+    """Read the fields after ``CYCLE/``.
+
+    Raises:
+        CycleError: no cycle name.
+    """
+    if not parts or number(parts[0]) is not None:
+        raise CycleError("a CYCLE statement begins with its name, e.g. DRILL")
+    name = parts[0]
+    values: dict[str, float] = {}
+    feed_word: str | None = None
+    loose: list[float] = []
+    unknown: list[str] = []
+    deep = name.startswith(("DEEP", "BRKCHP")) or "DEEP" in parts or "BRKCHP" in parts
+    k = 1
+    while k < len(parts):
+        word = parts[k]
+        value = number(parts[k + 1]) if k + 1 < len(parts) else None
+        k += 1
+        plain = number(word)
+        if plain is not None:
+            loose.append(plain)
+        elif word in FEED_UNITS:
+            feed_word = word
+            if value is not None:
+                values["FEED"] = value
+                k += 1
+            elif loose:
+                values["FEED"] = loose.pop()
+        elif word in (*_DEPTH, *_CLEAR, *_RETRACT, *_FIRST, *_NEXT, "DWELL") and value is not None:
+            values[word] = value
+            k += 1
+        elif word == "PECKING" and k + 1 < len(parts):  # CLT: PECKING, first, following
+            first, following = number(parts[k]), number(parts[k + 1])
+            if first is not None and following is not None:
+                values["1STPECK"], values["SUBPECK"] = first, following
+                deep = True
+                k += 2
+        elif word and word not in _FLAGS:
+            unknown.append(word)
+
+    def pick(names: tuple[str, ...]) -> float | None:
+        return next((values[n] for n in names if n in values), None)
+
+    depth, clear, retract = pick(_DEPTH), pick(_CLEAR), pick(_RETRACT)
+    if depth is None and loose:
+        depth = loose.pop(0)
+    if clear is None and loose:
+        clear = loose.pop(0)
+    if retract is None and loose:
+        retract = loose.pop(0)
+    unknown.extend(f"{v:g}" for v in loose if v not in (clear, retract))
+    return CycleWords(
+        name=name,
+        depth=depth,
+        clear=clear,
+        retract=retract,
+        feed=values.get("FEED"),
+        feed_word=feed_word,
+        first_peck=pick(_FIRST) or 0.0,
+        next_peck=pick(_NEXT) or 0.0,
+        dwell=values.get("DWELL", 0.0),
+        deep=deep,
+        unknown=tuple(unknown),
+    )

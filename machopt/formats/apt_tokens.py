@@ -1,0 +1,102 @@
+"""Statements of APT / cutter location text: continuation lines, comments, major word and the rest."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+
+from machopt.formats.source import Source
+
+COMMENT = "$$"
+TEXT_WORDS = ("PARTNO", "PPRINT", "INSERT", "TPRINT", "REMARK", "LETTER", "MSG")
+_HEAD = re.compile(r"[A-Z][A-Z0-9_\-]*(?: [A-Z]+)?")
+_SEPARATOR = re.compile(r"[,\s]+")
+
+
+def statements(source: Source) -> Iterator[tuple[int, str, str]]:
+    """Yield (line number, major word in upper case, text after the slash) of each statement.
+
+    Comments come as the word ``$$``. A statement continued with ``$`` has its first line's number; a line
+    that does not begin with a word comes with that text as its word, for the reader to count as not understood.
+    """
+    joined, start = "", 0
+    for number, raw in enumerate(source.lines, 1):
+        text = raw.strip()
+        if not text:
+            continue
+        comment = text.find("$$")
+        if comment == 0 and not joined:
+            yield number, COMMENT, text[2:]
+            continue
+        if comment >= 0:
+            yield number, COMMENT, text[comment + 2 :]
+            text = text[:comment].rstrip()
+            if not text and not joined:
+                continue
+        if text.endswith("$"):
+            if not joined:
+                start = number
+            joined += text[:-1]
+            continue
+        if joined:
+            text, line, joined = joined + text, start, ""
+        else:
+            line = number
+        yield line, *split_statement(text)
+    if joined:
+        yield start, *split_statement(joined)
+
+
+def split_statement(text: str) -> tuple[str, str]:
+    """Major word and the rest of one statement."""
+    head, slash, rest = text.partition("/")
+    head = head.strip().upper()
+    if slash and _HEAD.fullmatch(head):
+        return head, rest
+    upper = text.upper()
+    for word in TEXT_WORDS:
+        if upper.startswith(word):
+            return word, text[len(word) :].lstrip(" /")
+    if not slash and _HEAD.fullmatch(head):
+        return head, ""
+    return text.strip()[:32], ""
+
+
+def fields(rest: str) -> list[str]:
+    """Arguments in upper case; blanks separate as commas do, one empty place per missing argument."""
+    found: list[str] = []
+    for part in rest.split(","):
+        words = part.split()
+        found.extend(w.upper() for w in words) if words else found.append("")
+    while found and not found[-1]:
+        found.pop()
+    return found
+
+
+def number(text: str) -> float | None:
+    """The number a field holds, None where it is a word; not finite numbers are None too."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) and "_" not in text else None
+
+
+def leading_numbers(parts: list[str]) -> tuple[list[float], list[str]]:
+    """The numbers a statement begins with, and what stands after them."""
+    values: list[float] = []
+    for k, part in enumerate(parts):
+        value = number(part)
+        if value is None:
+            return values, parts[k:]
+        values.append(value)
+    return values, []
+
+
+def groups(rest: str) -> list[tuple[str, list[float]]]:
+    """The ``(WORD/numbers)`` groups of a drive statement such as ``(CIRCLE/x,y,z,r),ON,(LINE/…)``."""
+    found: list[tuple[str, list[float]]] = []
+    for word, inside in re.findall(r"\(\s*([A-Z]+)\s*/([^()]*)\)", rest.upper()):
+        found.append((word, leading_numbers([p for p in _SEPARATOR.split(inside.strip()) if p])[0]))
+    return found

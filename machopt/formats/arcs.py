@@ -1,0 +1,152 @@
+"""Arcs, helices and cubic B-splines as chords that stay within a tolerance. Any one length unit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.domain.toolpath import Array
+
+MAX_CHORDS = 200_000  # of one curve: beyond it the tolerance or the radius is a fault
+FULL_CIRCLE = 1e-6  # rad: a smaller sweep between equal start and end is a whole turn
+
+
+class ArcError(ValueError):
+    """The numbers of an arc do not describe one; the reader adds file and line."""
+
+
+@dataclass(frozen=True)
+class Arc:
+    """Chord ends of an arc, start excluded, end exact."""
+
+    points: Array  # (N, 3)
+    sweep: float  # rad, always positive
+    radius: float
+    mismatch: float  # |start − centre| − |end − centre|
+
+
+def arc(
+    start: Array,
+    end: Array,
+    centre: Array,
+    normal: Array,
+    tolerance: float,
+    *,
+    turns: int = 1,
+    closed_within: float = 1e-6,
+) -> Arc:
+    """Chords from start to end, right-handed about ``normal``; rises linearly along it (helix).
+
+    p(θ) = c + r(θ)·(cos θ·u + sin θ·v) + h(θ)·n, with u from the centre to the start and v = n × u. A radius
+    that differs between start and end is spread linearly over the sweep.
+
+    Args:
+        start, end, centre: (3,) points; the centre's height along ``normal`` does not matter.
+        normal: (3,) axis of right-handed travel, any length.
+        tolerance: largest distance between chord and arc.
+        turns: n adds n − 1 full turns.
+        closed_within: start and end nearer than this (across the axis) are a full circle.
+    Returns:
+        The chord ends with sweep, radius and radius mismatch.
+    Raises:
+        ArcError: no radius, no axis, or more than MAX_CHORDS chords.
+    """
+    length = float(np.linalg.norm(normal))
+    if not length > 1e-9:
+        raise ArcError("the arc's axis is zero")
+    n = normal / length
+    to_start, to_end = start - centre, end - centre
+    height = float((end - start) @ n)
+    u0 = to_start - (to_start @ n) * n
+    u1 = to_end - (to_end @ n) * n
+    r0, r1 = float(np.linalg.norm(u0)), float(np.linalg.norm(u1))
+    if not (math.isfinite(r0) and math.isfinite(r1) and min(r0, r1) > 1e-9):
+        raise ArcError(f"the arc's radius is {r0:g} at its start and {r1:g} at its end")
+    u = u0 / r0
+    v = np.cross(n, u)
+    sweep = math.atan2(float(u1 @ v), float(u1 @ u)) % math.tau
+    if float(np.linalg.norm(u1 - u0)) <= closed_within and (sweep < 0.1 or sweep > math.tau - 0.1):
+        sweep = math.tau
+    elif sweep < FULL_CIRCLE:
+        sweep = math.tau
+    sweep += math.tau * (max(turns, 1) - 1)
+    count = chord_count(max(r0, r1), sweep, tolerance)
+    theta = np.linspace(0.0, sweep, count + 1)[1:]
+    share = (theta / sweep)[:, None]
+    radius = r0 + (r1 - r0) * share
+    height_of_centre = float(to_start @ n)
+    points = (
+        centre
+        + radius * (np.cos(theta)[:, None] * u + np.sin(theta)[:, None] * v)
+        + (height_of_centre + height * share) * n
+    )
+    points[-1] = end
+    return Arc(points, sweep, r0, r0 - r1)
+
+
+def chord_count(radius: float, sweep: float, tolerance: float) -> int:
+    """Fewest equal chords whose sagitta r(1 − cos(Δθ/2)) stays below the tolerance."""
+    widest = 2.0 * math.acos(max(1.0 - tolerance / radius, -1.0)) if tolerance < 2.0 * radius else math.pi
+    widest = min(widest, math.pi / 4.0)  # a tiny circle still needs the shape of one
+    count = math.ceil(sweep / widest - 1e-9)
+    if count > MAX_CHORDS:
+        raise ArcError(f"{count} chords for one arc of radius {radius:g}; the limit is {MAX_CHORDS}")
+    return max(count, 1)
+
+
+def from_radius(start: Array, end: Array, radius: float, normal: Array) -> Array:
+    """Centre of the arc from start to end, right-handed about ``normal``; negative radius: the longer arc.
+
+    Raises:
+        ArcError: the end is farther away than the diameter, or start and end coincide.
+    """
+    n = normal / np.linalg.norm(normal)
+    chord = end - start
+    chord = chord - (chord @ n) * n
+    d = float(np.linalg.norm(chord))
+    if d < 1e-9:
+        raise ArcError("start and end of an arc given by its radius coincide; give the centre instead")
+    square = radius * radius - d * d / 4.0
+    if square < 0.0:
+        if d / 2.0 - abs(radius) > max(0.01 * abs(radius), 0.01):
+            raise ArcError(f"radius {abs(radius):g} is too small for an end {d:g} away")
+        square = 0.0
+    side = math.copysign(1.0, radius)
+    return np.asarray(start + chord / 2.0 + side * math.sqrt(square) * np.cross(n, chord / d))
+
+
+def cubic_spline(control: Array, knots: Array, tolerance: float) -> Array:
+    """Chord ends of a clamped cubic B-spline, first point excluded.
+
+    In each knot span C″ is linear, so max|C″| stands at its ends and a chord of parameter width h is off by at
+    most h²·max|C″|/8.
+
+    Args:
+        control: (M, 3) control points, the first one being where the curve starts.
+        knots: (M + 4,) full knot vector.
+        tolerance: largest distance between chord and curve.
+    Raises:
+        ArcError: the knots do not fit the control points or fall.
+    """
+    from scipy.interpolate import BSpline
+
+    if len(knots) != len(control) + 4:
+        raise ArcError(f"{len(knots) - 8} inner knots for {len(control)} control points; expected {len(control) - 4}")
+    if not np.isfinite(knots).all() or (np.diff(knots) < 0.0).any() or not knots[-1] > knots[0]:
+        raise ArcError("the knots do not rise")
+    curve = BSpline(knots, control, 3)
+    bend = curve.derivative(2)
+    parameters: list[Array] = []
+    spans = np.unique(knots)
+    for a, b in zip(spans[:-1], spans[1:], strict=True):
+        inside = a + (b - a) * np.array([1e-9, 1.0 - 1e-9])
+        most = float(np.linalg.norm(bend(inside), axis=1).max())
+        count = max(math.ceil((b - a) * math.sqrt(most / (8.0 * tolerance))), 1)
+        if count > MAX_CHORDS:
+            raise ArcError(f"{count} chords in one span of a spline; the limit is {MAX_CHORDS}")
+        parameters.append(np.linspace(a, b, count + 1)[1:])
+    points = np.asarray(curve(np.concatenate(parameters)))
+    points[-1] = control[-1]
+    return points

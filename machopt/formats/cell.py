@@ -1,0 +1,230 @@
+"""cell.yaml → :class:`machopt.domain.cell.Cell`: mm and degrees become SI, and everything is checked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.cell import Cell, Cutter, JointLimits, Shape, Tool, Workpiece
+from machopt.errors import InputError
+from machopt.formats.cell_schema import CellKeys, PoseKeys, ShapeKeys
+from machopt.formats.chain import read_chain, read_home, read_limits
+from machopt.formats.meshfile import Fail, check_mesh
+from machopt.formats.stiffness import load_stiffness
+from machopt.formats.urdf import Urdf, find_mesh, read_urdf
+from machopt.formats.yamlstrict import Document, Loc, read_yaml, validate
+from machopt.se3 import rpy_matrix, transform
+
+Array = NDArray[np.float64]
+
+_METRES_LOOK = 5.0  # mm; a tool or workpiece frame this near its parent, yet not on it, is rather in metres
+
+
+def load_cell(path: Path | str, *, allow_external: bool = False) -> Cell:
+    """Read a cell folder.
+
+    Args:
+        path: the cell folder, or its cell.yaml.
+        allow_external: accept files outside the cell folder.
+
+    Raises:
+        InputError: names file, line and key, what was found and what was expected.
+    """
+    file = Path(path)
+    if file.is_dir():
+        file = file / "cell.yaml"
+        if not file.exists():
+            raise InputError("no cell.yaml in this folder", file=path)
+    document = read_yaml(file)
+    if isinstance(document.value, dict) and "kinematics" in document.value:
+        raise document.error(("kinematics",), "kinematic corrections are not supported yet; remove the key")
+    keys = validate(CellKeys, document)
+    return _Reader(document, keys, file.resolve().parent, allow_external).cell()
+
+
+@dataclass
+class _Reader:
+    """One load: the document, where files may lie, and what piles up on the way."""
+
+    document: Document
+    keys: CellKeys
+    folder: Path
+    allow_external: bool
+    files: list[Path] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+    def cell(self) -> Cell:
+        keys, robot = self.keys, self.keys.robot
+        self.files.append(Path(self.document.file).resolve())
+        urdf = read_urdf(self.file(("robot", "urdf"), robot.urdf))
+        chain = read_chain(urdf, keys, self.document)
+        limits = read_limits(chain, keys, self.document, self.warnings)
+        home = read_home(chain, limits, keys, self.document)
+        packages = self.urdf_meshes(urdf, self.packages())
+        stiffness = None
+        if keys.stiffness is not None:
+            stiffness = load_stiffness(self.file(("stiffness",), keys.stiffness))
+        tool, workpiece = self.tool(), self.workpiece()
+        obstacles = self.shapes(("obstacles",), keys.obstacles)
+        self.different_names(*tool.geometry, *workpiece.geometry, *obstacles)
+        order = chain.order
+        return Cell(
+            name=keys.name,
+            folder=self.folder,
+            urdf=urdf.path,
+            packages=packages,
+            base_link=robot.base_link,
+            flange_link=robot.flange_link,
+            arm_joints=tuple(j.name for j in chain.arm),
+            external_joints=tuple(j.name for j in chain.external),
+            external_prismatic=tuple(j.kind == "prismatic" for j in chain.external),
+            home=_frozen(home[order[:6]]),
+            external_home=_frozen(home[order[6:]]),
+            T_world_base=self.pose(("robot", "pose"), robot.pose),
+            limits=JointLimits(
+                *(
+                    _frozen(row[order])
+                    for row in (limits.lower, limits.upper, limits.velocity, limits.acceleration, limits.jerk)
+                )
+            ),
+            tool=tool,
+            workpiece=workpiece,
+            obstacles=obstacles,
+            stiffness=stiffness,
+            plan={} if keys.plan is None else keys.plan.given(),
+            files=tuple(dict.fromkeys(self.files)),
+            warnings=tuple(self.warnings),
+        )
+
+    def file(self, loc: Loc, name: str) -> Path:
+        """A file the cell names, resolved, and noted for the hash of inputs."""
+        fail = partial(self.document.error, loc)
+        path = self.inside(self.folder / name, name, fail)
+        if not path.is_file():
+            raise fail(f"no such file: {name} (looked for {path})")
+        self.files.append(path)
+        return path
+
+    def inside(self, path: Path, name: str, fail: Fail) -> Path:
+        """``path`` with links resolved; refused outside the cell folder unless that is allowed."""
+        try:
+            path = path.resolve()
+        except (OSError, RuntimeError, ValueError):  # links in a circle, or a null byte
+            raise fail(f"found {name!r}; expected a path") from None
+        if not self.allow_external and not path.is_relative_to(self.folder):
+            raise fail(
+                f"{name} lies outside the cell folder ({path}); copy it in, or allow it with --allow-external"
+            )
+        return path
+
+    def packages(self) -> dict[str, Path]:
+        """The ``packages:`` map, which may stand at the top or under robot."""
+        named: dict[str, tuple[Loc, str]] = {}
+        for n, folder in self.keys.packages.items():
+            named[n] = (("packages", n), folder)
+        for n, folder in self.keys.robot.packages.items():
+            named[n] = (("robot", "packages", n), folder)
+        out: dict[str, Path] = {}
+        for n, (loc, folder) in named.items():
+            fail = partial(self.document.error, loc)
+            out[n] = self.inside(self.folder / folder, folder, fail)
+            if not out[n].is_dir():
+                raise fail(f"no such folder: {folder} (looked for {out[n]})")
+        return out
+
+    def urdf_meshes(self, urdf: Urdf, packages: dict[str, Path]) -> dict[str, Path]:
+        """Check every collision mesh; returns all packages, the map's and those found beside the URDF."""
+        if not urdf.has_collision:
+            self.warnings.append(
+                f"{urdf.path.name} has no collision geometry, so the arm's own body is not checked"
+            )
+        found = dict(packages)
+        for mesh in urdf.meshes:
+
+            def fail(message: str, link: str = mesh.link) -> InputError:
+                return InputError(message, file=urdf.path, where=f"collision mesh of link {link!r}")
+
+            hit = find_mesh(urdf, mesh.uri, packages, self.folder, fail)
+            path = self.inside(hit.path, mesh.uri, fail)
+            if not path.is_file():
+                raise fail(f"no such file: {mesh.uri} (looked for {path})")
+            if hit.package is not None and hit.folder is not None:
+                found[hit.package] = hit.folder
+            self.files.append(path)
+            self.warn(check_mesh(path, max(mesh.scale), fail, 'scale="0.001 0.001 0.001" in the URDF'))
+        return found
+
+    def tool(self) -> Tool:
+        keys = self.keys.tool
+        cutter = keys.cutter
+        return Tool(
+            T_flange_tcp=self.pose(("tool", "tcp"), keys.tcp),
+            mass=keys.mass_kg,
+            com=_frozen(np.array(keys.com_mm) / 1e3),
+            geometry=self.shapes(("tool", "geometry"), keys.geometry),
+            cutter=None if cutter is None else Cutter(cutter.diameter_mm / 1e3, cutter.length_mm / 1e3),
+        )
+
+    def workpiece(self) -> Workpiece:
+        keys = self.keys.workpiece
+        return Workpiece(
+            link=keys.link,
+            T_link_workpiece=self.pose(("workpiece", "pose"), keys.pose),
+            geometry=self.shapes(("workpiece", "geometry"), keys.geometry),
+        )
+
+    def pose(self, loc: Loc, keys: PoseKeys) -> Array:
+        """(4, 4) in SI of a frame; small positions are suspected to be metres."""
+        xyz = np.array(keys.xyz_mm)
+        if xyz.any() and np.abs(xyz).max() < _METRES_LOOK:
+            self.warnings.append(
+                f"{self.document.where((*loc, 'xyz_mm'))}: {keys.xyz_mm} looks like metres; mm is expected"
+            )
+        return _pose(keys)
+
+    def shapes(self, loc: Loc, rows: list[ShapeKeys]) -> tuple[Shape, ...]:
+        return tuple(self.shape((*loc, n), loc, row) for n, row in enumerate(rows))
+
+    def shape(self, loc: Loc, group: Loc, keys: ShapeKeys) -> Shape:
+        name = keys.name or f"{'obstacle' if group[0] == 'obstacles' else group[0]}_{loc[-1]}"
+        T = _pose(keys)
+        if keys.box_mm is not None:
+            return Shape(name, "box", tuple(v / 1e3 for v in keys.box_mm), None, T)
+        if keys.cylinder_mm is not None:
+            return Shape(name, "cylinder", tuple(v / 1e3 for v in keys.cylinder_mm), None, T)
+        if keys.sphere_mm is not None:
+            return Shape(name, "sphere", (keys.sphere_mm / 1e3,), None, T)
+        scale = 1.0 if keys.scale is None else keys.scale
+        path = self.file((*loc, "mesh"), keys.mesh or "")  # the schema lets exactly one shape through
+        self.warn(
+            check_mesh(path, scale, partial(self.document.error, (*loc, "mesh")), f"scale: {scale * 1e-3:g}")
+        )
+        return Shape(name, "mesh", (scale,), path, T)
+
+    def different_names(self, *shapes: Shape) -> None:
+        seen: set[str] = set()
+        for s in shapes:
+            if s.name in seen:
+                raise InputError(
+                    f"two bodies are named {s.name!r}; all names of shapes must differ",
+                    file=self.document.file, where="obstacles",
+                )  # fmt: skip
+            seen.add(s.name)
+
+    def warn(self, message: str | None) -> None:
+        if message is not None:
+            self.warnings.append(message)
+
+
+def _pose(keys: PoseKeys) -> Array:
+    return _frozen(transform(rpy_matrix(np.radians(keys.rpy_deg)), np.array(keys.xyz_mm) / 1e3))
+
+
+def _frozen(array: Array) -> Array:
+    out = np.array(array, float)
+    out.setflags(write=False)
+    return out

@@ -1,0 +1,105 @@
+"""The keys of cell.yaml, with their units, as a strict schema."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from machopt.formats.options import OptionKeys
+from machopt.formats.yamlstrict import Strict
+
+Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
+_PER_JOINT = "one per moving joint, in chain order"
+SHAPE_KEYS = ("box_mm", "cylinder_mm", "sphere_mm", "mesh")
+
+
+class PoseKeys(Strict):
+    xyz_mm: Triple = Field(default=[0.0, 0.0, 0.0], description="x, y, z in mm")
+    rpy_deg: Triple = Field(
+        default=[0.0, 0.0, 0.0], description="roll, pitch, yaw in degrees about fixed x, y, z"
+    )
+
+
+class ShapeKeys(PoseKeys):
+    name: str | None = Field(default=None, min_length=1)
+    box_mm: Triple | None = Field(default=None, description="edge lengths x, y, z")
+    cylinder_mm: list[float] | None = Field(
+        default=None, min_length=2, max_length=2, description="[radius, height along z]"
+    )
+    sphere_mm: float | None = Field(default=None, description="radius")
+    mesh: str | None = Field(default=None, min_length=1, description="a file in the cell folder")
+    scale: float | None = Field(default=None, gt=0, description="metres per unit of the mesh file")
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> ShapeKeys:
+        given = [k for k in SHAPE_KEYS if getattr(self, k) is not None]
+        if len(given) != 1:
+            raise ValueError(
+                f"found {', '.join(given) or 'no shape'}; expected exactly one of {', '.join(SHAPE_KEYS)}"
+            )
+        sizes = {"box_mm": self.box_mm, "cylinder_mm": self.cylinder_mm,
+                 "sphere_mm": None if self.sphere_mm is None else [self.sphere_mm]}.get(given[0])  # fmt: skip
+        if sizes is not None and min(sizes) <= 0:
+            raise ValueError(f"{given[0]}: found {sizes}; expected sizes above 0")
+        if self.scale is not None and self.mesh is None:
+            raise ValueError(f"scale belongs to a mesh; {given[0]} is in mm already")
+        return self
+
+
+class LimitKeys(Strict):
+    position_deg: list[Annotated[list[float], Field(min_length=2, max_length=2)]] | None = Field(
+        default=None, description=f"[lowest, highest] {_PER_JOINT}"
+    )
+    velocity_deg_s: list[float] = Field(description=f"deg/s (mm/s if prismatic), {_PER_JOINT}")
+    acceleration_deg_s2: list[float] = Field(description=f"deg/s² (mm/s² if prismatic), {_PER_JOINT}")
+    jerk_deg_s3: list[float] = Field(description=f"deg/s³ (mm/s³ if prismatic), {_PER_JOINT}")
+
+
+class RobotKeys(Strict):
+    urdf: str = Field(min_length=1, description="the URDF file, relative to the cell folder")
+    packages: dict[str, str] = Field(
+        {}, description="package:// names to folders, relative to the cell folder"
+    )
+    base_link: str = Field(min_length=1, description="a link of the URDF")
+    flange_link: str = Field(min_length=1, description="a link of the URDF")
+    pose: PoseKeys = PoseKeys()
+    arm_joints: list[str] | None = Field(
+        default=None, min_length=6, max_length=6, description="names of joints 1 to 6"
+    )
+    external_joints: list[str] = Field(default=[])
+    home_deg: list[float] = Field(min_length=6, description=f"degrees (mm if prismatic), {_PER_JOINT}")
+    limits: LimitKeys
+
+
+class CutterKeys(Strict):
+    diameter_mm: float = Field(gt=0, description="mm")
+    length_mm: float = Field(gt=0, description="mm from the TCP back along -z")
+
+
+class ToolKeys(Strict):
+    tcp: PoseKeys
+    mass_kg: float = Field(default=0.0, ge=0, description="kg")
+    com_mm: Triple = Field(default=[0.0, 0.0, 0.0], description="centre of mass x, y, z in the flange frame")
+    geometry: list[ShapeKeys] = Field(default=[])
+    cutter: CutterKeys | None = None
+
+
+class WorkpieceKeys(Strict):
+    link: str = Field(default="world", min_length=1, description="world or a link of the URDF")
+    pose: PoseKeys
+    geometry: list[ShapeKeys] = Field(default=[])
+
+
+class CellKeys(Strict):
+    machopt_cell: Literal[1] = Field(description="1")
+    name: str = Field(min_length=1, description="a name for reports")
+    robot: RobotKeys
+    packages: dict[str, str] = Field(
+        {}, description="package:// names to folders, relative to the cell folder"
+    )
+    tool: ToolKeys
+    workpiece: WorkpieceKeys
+    obstacles: list[ShapeKeys] = Field(default=[])
+    stiffness: str | None = Field(default=None, min_length=1, description="a file in the cell folder")
+    plan: OptionKeys | None = None

@@ -1,0 +1,239 @@
+"""The moving joints of a cell in chain order, and the per-joint arrays that follow them.
+
+Order: along the chain root → flange, then along root → workpiece link (a positioner beside the arm).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.cell import JointLimits
+from machopt.formats.cell_schema import CellKeys
+from machopt.formats.urdf import Urdf, UrdfJoint
+from machopt.formats.yamlstrict import Document, Loc, nearest
+
+Array = NDArray[np.float64]
+
+_CONTINUOUS = 2 * math.pi  # rad, taken on both sides for a continuous joint
+_SLACK = math.radians(0.01)  # rad (or 0.17 mm); a position limit may exceed the URDF's by its rounding
+_RAD_LOOK = 7.0  # deg/s; industrial arms are slower than 7 rad/s and faster than 7 deg/s
+_FASTER = 1.001  # share of the URDF's velocity above which the cell's is worth a word
+
+
+@dataclass(frozen=True)
+class Chain:
+    """``moving`` in chain order, as the file's arrays are; ``order`` sorts them arm first, then external."""
+
+    arm: tuple[UrdfJoint, ...]
+    external: tuple[UrdfJoint, ...]
+    moving: tuple[UrdfJoint, ...]
+
+    @property
+    def order(self) -> list[int]:
+        return [self.moving.index(j) for j in (*self.arm, *self.external)]
+
+    @property
+    def unit(self) -> Array:
+        """SI per unit of the file, for each moving joint."""
+        return np.array([1e-3 if j.kind == "prismatic" else math.pi / 180 for j in self.moving])
+
+    @property
+    def names(self) -> str:
+        return ", ".join(j.name for j in self.moving)
+
+
+def read_chain(urdf: Urdf, keys: CellKeys, document: Document) -> Chain:
+    """Find the arm and the external joints, and check that nothing else moves flange or workpiece."""
+    robot = keys.robot
+    for key, link in (("base_link", robot.base_link), ("flange_link", robot.flange_link)):
+        if link not in urdf.links:
+            raise document.error(
+                ("robot", key), f"link {link!r} is not in {urdf.path.name}; {nearest(link, list(urdf.links))}"
+            )
+    to_flange, to_base = urdf.chain(robot.flange_link), urdf.chain(robot.base_link)
+    if to_flange[: len(to_base)] != to_base:
+        raise document.error(
+            ("robot", "flange_link"),
+            f"{robot.flange_link!r} is not connected behind base_link {robot.base_link!r}: "
+            f"the chain to it is {' → '.join(j.child for j in to_flange) or 'empty'}",
+        )
+    own = [j for j in to_flange[len(to_base) :] if j.moves]
+    external = _external(urdf, keys, document)
+    arm = _arm([j for j in own if j not in external], urdf, keys, document)
+    if own[own.index(arm[0]) :] != arm:
+        raise document.error(
+            ("robot", "external_joints"),
+            f"the chain is {', '.join(j.name for j in own)}; "
+            "external joints must stand before the arm's first joint",
+        )
+    to_part = () if keys.workpiece.link == "world" else _to_workpiece(urdf, arm, keys, document)
+    moving = tuple(dict.fromkeys(j for j in (*to_flange, *to_part) if j.moves))
+    for j in moving:
+        if j not in arm and j not in external:
+            raise document.error(
+                ("robot", "external_joints"),
+                f"{j.kind} joint {j.name!r} moves the base or the workpiece but is not listed; "
+                "add it to external_joints",
+            )
+        if j.mimics is not None:
+            raise document.error(
+                ("robot", "urdf"), f"joint {j.name!r} mimics {j.mimics!r}; mimic joints are not supported"
+            )
+    idle = [j.name for j in external if j not in moving]
+    if idle:
+        raise document.error(
+            ("robot", "external_joints"), f"joint {idle[0]!r} moves neither the flange nor the workpiece link"
+        )
+    return Chain(tuple(arm), tuple(j for j in moving if j not in arm), moving)
+
+
+def read_limits(chain: Chain, keys: CellKeys, document: Document, warnings: list[str]) -> JointLimits:
+    """Limits in SI, in the order of ``chain.moving``; positions: the narrower of the URDF's and the cell's."""
+    limits = keys.robot.limits
+    rates = {}
+    for key in ("velocity_deg_s", "acceleration_deg_s2", "jerk_deg_s3"):
+        values: list[float] = getattr(limits, key)
+        loc: Loc = ("robot", "limits", key)
+        _length(chain, document, loc, len(values))
+        for i, value in enumerate(values):
+            if value <= 0:
+                raise document.error(
+                    (*loc, i), f"found {value:g} for joint {chain.moving[i].name!r}; expected above 0"
+                )
+        rates[key] = np.array(values) * chain.unit
+    lower, upper = np.array([_urdf_range(j, document, warnings) for j in chain.moving]).T
+    if limits.position_deg is not None:
+        loc = ("robot", "limits", "position_deg")
+        _length(chain, document, loc, len(limits.position_deg))
+        for i, j in enumerate(chain.moving):
+            lo, hi = (v * chain.unit[i] for v in limits.position_deg[i])
+            found = f"found {limits.position_deg[i]} for joint {j.name!r}"
+            if not lo < hi:
+                raise document.error((*loc, i), f"{found}; expected [lowest, highest] with lowest < highest")
+            if j.kind != "continuous" and (lo < lower[i] - _SLACK or hi > upper[i] + _SLACK):
+                urdf_range = [round(v / chain.unit[i], 3) for v in (lower[i], upper[i])]
+                raise document.error(
+                    (*loc, i), f"{found}; the URDF allows {urdf_range}, which may only be narrowed"
+                )
+            lower[i], upper[i] = (
+                (lo, hi) if j.kind == "continuous" else (max(lo, lower[i]), min(hi, upper[i]))
+            )
+    speed = rates["velocity_deg_s"]
+    turning = [i for i, j in enumerate(chain.moving) if j in chain.arm]
+    if max(limits.velocity_deg_s[i] for i in turning) < _RAD_LOOK:
+        warnings.append(
+            f"robot.limits.velocity_deg_s {limits.velocity_deg_s} looks like rad/s; deg/s is expected"
+        )
+    fast = [
+        j.name for i, j in enumerate(chain.moving) if speed[i] > _FASTER * j.velocity
+    ]  # NaN compares false
+    if fast:
+        warnings.append(f"robot.limits.velocity_deg_s is above the URDF's velocity for {', '.join(fast)}")
+    return JointLimits(lower, upper, speed, rates["acceleration_deg_s2"], rates["jerk_deg_s3"])
+
+
+def read_home(chain: Chain, limits: JointLimits, keys: CellKeys, document: Document) -> Array:
+    """Home in SI, in the order of ``chain.moving``; six values leave the external joints at zero."""
+    values = keys.robot.home_deg
+    full = values
+    if len(values) == 6 < len(chain.moving):
+        given = iter(values)
+        full = [next(given) if j in chain.arm else 0.0 for j in chain.moving]
+    _length(chain, document, ("robot", "home_deg"), len(full))
+    home = np.array(full) * chain.unit
+    for i, j in enumerate(chain.moving):
+        if not limits.lower[i] <= home[i] <= limits.upper[i]:
+            lo, hi = (round(float(v / chain.unit[i]), 3) for v in (limits.lower[i], limits.upper[i]))
+            loc: Loc = ("robot", "home_deg", i) if full is values else ("robot", "home_deg")
+            raise document.error(
+                loc, f"found {full[i]:g} for joint {j.name!r}; its range is [{lo:g}, {hi:g}]"
+            )
+    return home
+
+
+def _external(urdf: Urdf, keys: CellKeys, document: Document) -> list[UrdfJoint]:
+    out: list[UrdfJoint] = []
+    for i, name in enumerate(keys.robot.external_joints):
+        loc: Loc = ("robot", "external_joints", i)
+        joint = _named(urdf, name, document, loc)
+        if joint in out or name in (keys.robot.arm_joints or ()):
+            raise document.error(loc, f"joint {name!r} is named twice")
+        if joint.kind not in ("revolute", "continuous", "prismatic"):
+            raise document.error(
+                loc, f"joint {name!r} is {joint.kind}; expected revolute, continuous or prismatic"
+            )
+        out.append(joint)
+    return out
+
+
+def _arm(chain: list[UrdfJoint], urdf: Urdf, keys: CellKeys, document: Document) -> list[UrdfJoint]:
+    """The six arm joints among the moving joints base → flange that are not external."""
+    names = keys.robot.arm_joints
+    for i, name in enumerate(names or ()):
+        loc: Loc = ("robot", "arm_joints", i)
+        joint = _named(urdf, name, document, loc)
+        if name in (names or ())[:i]:
+            raise document.error(loc, f"joint {name!r} is named twice")
+        if joint.kind not in ("revolute", "continuous"):
+            raise document.error(loc, f"joint {name!r} is {joint.kind}; expected a revolute joint")
+    found = ", ".join(f"{j.name} ({j.kind})" for j in chain) or "no moving joint"
+    span = f"from {keys.robot.base_link!r} to {keys.robot.flange_link!r}"
+    where: Loc = ("robot", "arm_joints") if names is not None else ("robot", "flange_link")
+    if len(chain) != 6 or any(j.kind not in ("revolute", "continuous") for j in chain):
+        raise document.error(
+            where,
+            f"the chain {span} has {found}; expected six revolute joints "
+            "(a rail or positioner joint goes into external_joints)",
+        )
+    if names is not None and names != [j.name for j in chain]:
+        raise document.error(where, f"found {', '.join(names)}; the chain {span} has, in order, {found}")
+    return chain
+
+
+def _to_workpiece(
+    urdf: Urdf, arm: list[UrdfJoint], keys: CellKeys, document: Document
+) -> tuple[UrdfJoint, ...]:
+    link = keys.workpiece.link
+    if link not in urdf.links:
+        raise document.error(
+            ("workpiece", "link"),
+            f"link {link!r} is not in {urdf.path.name}; {nearest(link, ['world', *urdf.links])}",
+        )
+    path = urdf.chain(link)
+    carried = [j.name for j in path if j in arm]
+    if carried:
+        raise document.error(
+            ("workpiece", "link"),
+            f"link {link!r} is moved by the arm's joint {carried[-1]!r}; expected world or a positioner's link",
+        )
+    return path
+
+
+def _urdf_range(joint: UrdfJoint, document: Document, warnings: list[str]) -> tuple[float, float]:
+    if joint.kind == "continuous":
+        warnings.append(f"joint {joint.name!r} is continuous; its range is taken as ±360°")
+        return -_CONTINUOUS, _CONTINUOUS
+    if not joint.lower < joint.upper:  # also where <limit> is missing
+        found = "no <limit>" if math.isnan(joint.lower) else f"lower {joint.lower:g}, upper {joint.upper:g}"
+        raise document.error(
+            ("robot", "urdf"), f"joint {joint.name!r} has {found}; expected a <limit> with lower < upper"
+        )
+    return joint.lower, joint.upper
+
+
+def _named(urdf: Urdf, name: str, document: Document, loc: Loc) -> UrdfJoint:
+    joint = next((j for j in urdf.joints if j.name == name), None)
+    if joint is None:
+        moving = [j.name for j in urdf.joints if j.moves]
+        raise document.error(loc, f"joint {name!r} is not in {urdf.path.name}; {nearest(name, moving)}")
+    return joint
+
+
+def _length(chain: Chain, document: Document, loc: Loc, found: int) -> None:
+    n = len(chain.moving)
+    if found != n:
+        raise document.error(loc, f"found {found} values; expected {n}, one per moving joint ({chain.names})")

@@ -1,0 +1,96 @@
+"""Drilling cycles as single strokes along the tool axis; APT and G-code share it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.domain.toolpath import Move
+from machopt.formats.pathbuilder import PathBuilder, Vector
+
+MAX_PECKS = 10_000
+
+
+class CycleError(ValueError):
+    """The numbers of a cycle do not describe a hole; the reader adds file and line."""
+
+
+@dataclass(frozen=True)
+class HoleCycle:
+    """One drilling cycle. Heights in mm along the tool axis from the hole's reference point, up positive."""
+
+    name: str  # the source's word, e.g. DRILL or G83
+    bottom: float
+    clear: float  # rapid down to here, feed from here
+    retract: float  # rapid up to here after the hole
+    feed: float  # mm/min
+    first_peck: float = 0.0  # mm; 0: one stroke
+    next_peck: float = 0.0  # mm; 0: as the first
+    chip_break: bool = False  # back off a little instead of all the way
+    gap: float = 1.0  # mm kept from the last depth when coming back into the hole
+    feed_out: bool = False  # bore, ream, tap: out at the feed
+    dwell: float = 0.0  # s at the bottom
+    peck_from: float = 0.0  # height the first peck is measured from
+
+    def strokes(self) -> Iterator[tuple[float, Move]]:
+        """Heights to go to, one after the other, beginning above the clearance height.
+
+        Raises:
+            CycleError: the bottom is above the clearance height, or more than MAX_PECKS pecks.
+        """
+        if not self.bottom < self.clear:
+            raise CycleError(f"bottom at {self.bottom:g} mm is not below the clearance height {self.clear:g} mm")
+        step = self.next_peck or self.first_peck
+        if self.first_peck > 0.0 and (self.peck_from - self.bottom) / min(step, self.first_peck) > MAX_PECKS:
+            raise CycleError(f"more than {MAX_PECKS} pecks of {step:g} mm")
+        depth = self.peck_from - self.first_peck if self.first_peck > 0.0 else self.bottom
+        while depth > self.bottom + 1e-6:
+            yield depth, Move.CUT
+            if self.chip_break:
+                yield min(depth + self.gap, self.clear), Move.RETRACT
+            else:
+                yield self.clear, Move.RETRACT
+                yield min(depth + self.gap, self.clear), Move.APPROACH
+            depth -= step
+        yield self.bottom, Move.CUT
+        yield max(self.retract, self.clear) if not self.feed_out else self.clear, Move.RETRACT
+        if self.feed_out and self.retract > self.clear:
+            yield self.retract, Move.RAPID
+
+
+def drill(
+    builder: PathBuilder, cycle: HoleCycle, hole: Vector, axis: Vector, line: int, before: Vector | None
+) -> Vector:
+    """Append all moves of one hole; returns where the tip is afterwards.
+
+    Rapid sideways at the present height (raised to the clearance height first where it is lower), rapid down,
+    then the strokes. ``before`` is the tip before the hole, None where it is not known.
+    """
+    h, n = np.array(hole), np.array(axis)
+
+    def at(height: float) -> Vector:
+        x, y, z = (h + height * n).tolist()
+        return x, y, z
+
+    nan = math.nan
+    if before is not None:
+        height = float((np.array(before) - h) @ n)
+        if height < cycle.clear - 1e-9:
+            lifted = np.array(before) + (cycle.clear - height) * n
+            x, y, z = lifted.tolist()
+            builder.add((x, y, z), axis, Move.RAPID, nan, line)
+            height = cycle.clear
+        if height > cycle.clear + 1e-9 and not np.allclose(at(height), before, atol=1e-6):
+            builder.add(at(height), axis, Move.RAPID, nan, line)
+    builder.add(at(cycle.clear), axis, Move.RAPID, nan, line)
+    last = cycle.clear
+    for height, move in cycle.strokes():
+        if move == Move.RETRACT and cycle.dwell > 0.0 and abs(last - cycle.bottom) < 1e-9:
+            builder.event("dwell", cycle.name, cycle.dwell)
+        feed = cycle.feed if move == Move.CUT or (cycle.feed_out and move == Move.RETRACT) else nan
+        builder.add(at(height), axis, move, feed, line, cycle=True)
+        last = height
+    return at(last)

@@ -1,0 +1,248 @@
+"""Planning options as the user writes them, with units in the keys, and the layers they come in.
+
+Layers, the later one wins: the cell's ``plan:``, the ``--plan`` file, ``--set key=value``, direct arguments.
+Mappings (``force_N``, ``weights``) merge key by key; lists are replaced.
+"""
+
+from __future__ import annotations
+
+from math import degrees, radians
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, field_validator
+
+from machopt.domain.options import FixedRotation, Index, Method, PlanOptions, ProcessForce, Weights
+from machopt.errors import InputError
+from machopt.formats.yamlstrict import Document, Loc, Strict, parse_yaml, read_yaml, validate
+
+_MM, _MM_PER_MIN, _MS = 1e-3, 1e-3 / 60.0, 1e-3
+
+
+class ForceKeys(Strict):
+    travel: float | None = Field(default=None, description="N along the direction of travel")
+    normal: float | None = Field(default=None, description="N along tool axis × travel")
+    axial: float | None = Field(default=None, description="N along the tool axis towards the shank")
+
+
+class WeightKeys(Strict):
+    mean: float | None = Field(default=None, ge=0)
+    worst: float | None = Field(default=None, ge=0)
+    travel: float | None = Field(default=None, ge=0)
+    rotation: float | None = Field(default=None, ge=0)
+
+
+class FixedKeys(Strict):
+    point: int = Field(ge=0, description="0-based index of a toolpath point")
+    gamma_deg: float = Field(ge=-180, le=180, description="rotation about the tool axis")
+
+
+class OptionKeys(Strict):
+    """Every planning option under the user's name; None means not given."""
+
+    machopt_plan: Literal[1] | None = None
+    method: Method | None = None
+    index: Index | None = None
+    force_N: ForceKeys | None = None
+    weights: WeightKeys | None = None
+    rotation_step_deg: float | None = Field(default=None, ge=0.5, le=90, description="degrees, 0.5 to 90")
+    rotation_range_deg: list[float] | None = Field(
+        default=None, min_length=2, max_length=2, description="[lowest, highest]"
+    )
+    preferred_rotation_deg: float | None = Field(default=None, ge=-180, le=180)
+    preferred_weight: float | None = Field(default=None, ge=0)
+    fixed: list[FixedKeys] | None = None
+    singularity_wrist_deg: float | None = Field(default=None, ge=0, le=45)
+    singularity_elbow_deg: float | None = Field(default=None, ge=0, le=45)
+    singularity_shoulder_mm: float | None = Field(default=None, ge=0, le=1000)
+    limit_margin_deg: float | None = Field(default=None, ge=0, le=45)
+    clearance_mm: float | None = Field(default=None, ge=0, le=500)
+    collision_step_deg: float | None = Field(default=None, ge=0.05, le=10)
+    collision: bool | None = None
+    sample_ms: float | None = Field(default=None, ge=0.5, le=100)
+    path_tolerance_mm: float | None = Field(default=None, gt=0, le=10)
+    axis_tolerance_deg: float | None = Field(default=None, gt=0, le=10)
+    approach_feed_mm_min: float | None = Field(default=None, gt=0, le=120_000)
+    rapid_scale: float | None = Field(default=None, gt=0, le=1)
+    limit_scale: float | None = Field(default=None, gt=0, le=1)
+    allow_gaps: bool | None = None
+    seed: int | None = Field(default=None, ge=0)
+
+    @field_validator("rotation_range_deg")
+    @classmethod
+    def _range(cls, value: list[float] | None) -> list[float] | None:
+        if value is not None and not -180 <= value[0] < value[1] <= 180:
+            raise ValueError(f"found {value}; expected [lowest, highest] with -180 ≤ lowest < highest ≤ 180")
+        return value
+
+    @field_validator("fixed")
+    @classmethod
+    def _fixed(cls, value: list[FixedKeys] | None) -> list[FixedKeys] | None:
+        points = [f.point for f in value or ()]
+        twice = sorted({p for p in points if points.count(p) > 1})
+        if twice:
+            raise ValueError(f"point {twice[0]} stands twice; give each point one rotation")
+        return value
+
+    def given(self) -> dict[str, object]:
+        """Only what the user wrote."""
+        return self.model_dump(exclude_none=True, exclude={"machopt_plan"})
+
+
+def load_options(
+    cell_plan: dict[str, object] | None = None,
+    plan_file: Path | str | None = None,
+    overrides: list[str] | tuple[str, ...] = (),
+    **direct: object,
+) -> PlanOptions:
+    """Merge the layers of planning options and convert them to SI.
+
+    Args:
+        cell_plan: ``Cell.plan``, the cell's own defaults.
+        plan_file: a YAML file of options (``--plan``).
+        overrides: ``key=value`` words (``--set``); dotted keys reach into mappings, values are YAML 1.2.
+        direct: options by their user key, e.g. ``method="jiao2022"``; None is ignored.
+
+    Raises:
+        InputError: names the layer, the key, what was found and what was expected.
+    """
+    layers = [_checked(Document(dict(cell_plan or {}), {}, "cell.yaml"), ("plan",))]
+    if plan_file is not None:
+        layers.append(_checked(read_yaml(Path(plan_file))))
+    layers += [_checked(_override(word)) for word in overrides]
+    layers.append(_checked(Document({k: v for k, v in direct.items() if v is not None}, {}, "options")))
+    merged: dict[str, object] = {}
+    for layer in layers:
+        merged = _merge(merged, layer)
+    # which layer a clash between two keys comes from cannot be told, so the message names only the keys
+    return _to_si(OptionKeys.model_validate(merged))
+
+
+def options_as_user(options: PlanOptions) -> dict[str, object]:
+    """The options under the user's keys and units, as result.json shows them and ``--plan`` takes them."""
+    f, w = options.force, options.weights
+    user: dict[str, object] = {
+        "method": options.method,
+        "index": options.index,
+        "force_N": {"travel": f.travel, "normal": f.normal, "axial": f.axial},
+        "weights": {"mean": w.mean, "worst": w.worst, "travel": w.travel, "rotation": w.rotation},
+        "rotation_step_deg": _tidy(degrees(options.rotation_step)),
+        "rotation_range_deg": [_tidy(degrees(v)) for v in options.rotation_range],
+        "preferred_weight": options.preferred_weight,
+        "fixed": [{"point": p.point, "gamma_deg": _tidy(degrees(p.gamma))} for p in options.fixed],
+        "singularity_wrist_deg": _tidy(degrees(options.singularity_wrist)),
+        "singularity_elbow_deg": _tidy(degrees(options.singularity_elbow)),
+        "singularity_shoulder_mm": _tidy(options.singularity_shoulder / _MM),
+        "limit_margin_deg": _tidy(degrees(options.limit_margin)),
+        "clearance_mm": _tidy(options.clearance / _MM),
+        "collision_step_deg": _tidy(degrees(options.collision_step)),
+        "collision": options.collision,
+        "sample_ms": _tidy(options.sample / _MS),
+        "path_tolerance_mm": _tidy(options.path_tolerance / _MM),
+        "axis_tolerance_deg": _tidy(degrees(options.axis_tolerance)),
+        "approach_feed_mm_min": _tidy(options.approach_feed / _MM_PER_MIN),
+        "rapid_scale": options.rapid_scale,
+        "limit_scale": options.limit_scale,
+        "allow_gaps": options.allow_gaps,
+        "seed": options.seed,
+    }
+    if options.preferred_rotation is not None:
+        user["preferred_rotation_deg"] = _tidy(degrees(options.preferred_rotation))
+    return user
+
+
+def _checked(document: Document, prefix: Loc = ()) -> dict[str, object]:
+    return validate(OptionKeys, document, prefix).given()
+
+
+def _override(word: str) -> Document:
+    key, equals, text = word.partition("=")
+    path = tuple(key.strip().split("."))
+    if not equals or not all(path):
+        raise InputError(f"found {word!r}; expected key=value, e.g. rotation_step_deg=2.5", file="--set")
+    value = parse_yaml(text, f"--set {key}").value
+    for part in reversed(path):
+        value = {part: value}
+    return Document(value, {}, "--set")
+
+
+def _merge(below: dict[str, object], above: dict[str, object]) -> dict[str, object]:
+    out = dict(below)
+    for key, value in above.items():
+        old = out.get(key)
+        out[key] = {**old, **value} if isinstance(old, dict) and isinstance(value, dict) else value
+    return out
+
+
+def _to_si(keys: OptionKeys) -> PlanOptions:
+    si: dict[str, object] = {}
+    for user, name, factor in (
+        ("singularity_shoulder_mm", "singularity_shoulder", _MM),
+        ("clearance_mm", "clearance", _MM),
+        ("path_tolerance_mm", "path_tolerance", _MM),
+        ("sample_ms", "sample", _MS),
+        ("approach_feed_mm_min", "approach_feed", _MM_PER_MIN),
+        ("rotation_step_deg", "rotation_step", radians(1.0)),
+        ("preferred_rotation_deg", "preferred_rotation", radians(1.0)),
+        ("singularity_wrist_deg", "singularity_wrist", radians(1.0)),
+        ("singularity_elbow_deg", "singularity_elbow", radians(1.0)),
+        ("limit_margin_deg", "limit_margin", radians(1.0)),
+        ("collision_step_deg", "collision_step", radians(1.0)),
+        ("axis_tolerance_deg", "axis_tolerance", radians(1.0)),
+    ):
+        value = getattr(keys, user)
+        if value is not None:
+            si[name] = value * factor
+    for name in (
+        "method",
+        "index",
+        "preferred_weight",
+        "collision",
+        "rapid_scale",
+        "limit_scale",
+        "allow_gaps",
+        "seed",
+    ):
+        if getattr(keys, name) is not None:
+            si[name] = getattr(keys, name)
+    if keys.rotation_range_deg is not None:
+        lo, hi = keys.rotation_range_deg
+        si["rotation_range"] = (radians(lo), radians(hi))
+    if keys.force_N is not None:
+        si["force"] = ProcessForce(**keys.force_N.model_dump(exclude_none=True))
+    if keys.weights is not None:
+        si["weights"] = Weights(**keys.weights.model_dump(exclude_none=True))
+    if keys.fixed is not None:
+        si["fixed"] = tuple(FixedRotation(f.point, radians(f.gamma_deg)) for f in keys.fixed)
+    options = PlanOptions(**si)  # type: ignore[arg-type]
+    _consistent(options)
+    return options
+
+
+def _consistent(options: PlanOptions) -> None:
+    """What only the merged options can show."""
+    lo, hi = options.rotation_range
+    if options.rotation_step > hi - lo:
+        raise InputError(
+            f"a step of {_tidy(degrees(options.rotation_step))}° does not fit into the range "
+            f"{_tidy(degrees(lo))}°…{_tidy(degrees(hi))}°; a smaller step would work",
+            file="options", where="rotation_step_deg",
+        )  # fmt: skip
+    for p in options.fixed:
+        if not lo - 1e-9 <= p.gamma <= hi + 1e-9:  # rad; round-off of the degrees only
+            raise InputError(
+                f"point {p.point} is fixed at {_tidy(degrees(p.gamma))}°, outside the range "
+                f"{_tidy(degrees(lo))}°…{_tidy(degrees(hi))}°",
+                file="options", where="fixed",
+            )  # fmt: skip
+    w = options.weights
+    if w.mean == 0 and w.worst == 0:
+        raise InputError(
+            "mean and worst are both 0, so stiffness would not count; one of them above 0 would work",
+            file="options", where="weights",
+        )  # fmt: skip
+
+
+def _tidy(value: float) -> float:
+    """Twelve significant digits: what the conversion to SI and back leaves of the user's number."""
+    return float(f"{value:.12g}")

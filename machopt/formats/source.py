@@ -1,0 +1,113 @@
+"""A text file as every toolpath reader takes it: lines, hash, where it came from, and how to read it."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from machopt.errors import InputError
+
+MM_PER_INCH = 25.4
+UNIT_NAMES = {"mm": 1.0, "inch": MM_PER_INCH}
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """What the caller knows and the file may not say."""
+
+    unit: str | None = None  # "mm" or "inch"
+    strict: bool = False  # refuse the first word that is not understood
+    arc_tolerance: float = 5e-6  # m, largest distance of a chord from its arc
+    machine: str | None = None  # rotary kinematics, see formats.rotary.MACHINES
+    default_feed: float | None = None  # m/s, where the file gives none
+
+    def __post_init__(self) -> None:
+        if self.unit is not None and self.unit not in UNIT_NAMES:
+            raise InputError(f"unknown unit {self.unit!r}: known are {', '.join(UNIT_NAMES)}", where="--unit")
+        if not (math.isfinite(self.arc_tolerance) and self.arc_tolerance > 0.0):
+            raise InputError(
+                f"the arc tolerance must be positive, found {self.arc_tolerance}", where="arc_tolerance"
+            )
+        if self.default_feed is not None and not (
+            math.isfinite(self.default_feed) and self.default_feed > 0.0
+        ):
+            raise InputError(f"the feed must be positive, found {self.default_feed}", where="default_feed")
+
+
+@dataclass(frozen=True)
+class Source:
+    """The lines of one file, decoded once."""
+
+    path: Path
+    lines: list[str]  # without line ends; line k of messages is lines[k - 1]
+    sha256: str
+    complete: bool  # the last line ends with a line feed
+
+    @property
+    def name(self) -> str:
+        return self.path.name
+
+    def error(self, message: str, line: int | None = None, column: int | str | None = None) -> InputError:
+        """An InputError that names this file and, where known, line and column."""
+        where = None if line is None else f"line {line}" + ("" if column is None else f", column {column}")
+        return InputError(message, file=self.path, where=where)
+
+
+def read_bytes(path: Path) -> bytes:
+    """The file's bytes.
+
+    Raises:
+        InputError: it is absent, a directory, not readable or empty.
+    """
+    if path.is_dir():
+        raise InputError("is a directory; expected a toolpath file", file=path)
+    try:
+        data = path.read_bytes()
+    except OSError as problem:
+        raise InputError(f"cannot be read: {problem.strerror or problem}", file=path) from problem
+    if not data.strip():
+        raise InputError("is empty; expected toolpath points", file=path)
+    return data
+
+
+def decode(path: Path, data: bytes) -> Source:
+    """Text lines of a file: UTF-8 (BOM accepted), else Latin-1; LF, CRLF or CR line ends.
+
+    Raises:
+        InputError: the content is binary.
+    """
+    for bom, codec in ((b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"), (b"\xef\xbb\xbf", "utf-8-sig")):
+        if data.startswith(bom):
+            try:
+                text = data.decode(codec)
+            except UnicodeDecodeError as problem:
+                raise InputError(f"starts as {codec} text but is not: {problem.reason}", file=path) from problem
+            break
+    else:
+        _refuse_binary(path, data)
+        try:
+            text = data.decode("utf-8")
+        except UnicodeDecodeError:
+            text = data.decode("latin-1")  # CAM headers in national code pages; motion words are ASCII
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    complete = text.endswith("\n")
+    lines = text.split("\n")
+    if complete:
+        lines.pop()
+    return Source(path, lines, hashlib.sha256(data).hexdigest(), complete)
+
+
+_CONTROL = bytes(b for b in range(32) if b not in b"\t\n\r\f\x1a")
+
+
+def _refuse_binary(path: Path, data: bytes) -> None:
+    head = data[:65536]
+    control = len(head) - len(head.translate(None, _CONTROL))
+    if control > 0.01 * len(head):
+        raise InputError(
+            f"is binary ({control} control bytes in the first {len(head)}); expected text: "
+            "APT/CL, G-code, Heidenhain or CSV (or Parquet)",
+            file=path,
+        )

@@ -1,0 +1,157 @@
+"""stiffness.yaml: joint stiffness, its covariance, a grid over the workspace, terms found by diagnosis."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from machopt.domain.stiffness import Stiffness, StiffnessGrid
+from machopt.formats.yamlstrict import Document, Loc, Strict, read_yaml, show, validate
+
+Array = NDArray[np.float64]
+
+_ROW = "six joint stiffnesses in N·m/rad, joint 1 first"
+_SOFTEST, _STIFFEST = 1e2, 1e10  # N·m/rad; beyond these the file is in another unit, not another robot
+_ASYMMETRY = 1e-6  # relative; a covariance written with seven digits is symmetric to this
+_NEGATIVE = 1e-9  # relative to the largest eigenvalue; round-off of a rank-deficient covariance
+
+
+class _Term(Strict):
+    effect: str = Field(min_length=1)
+    location: str = Field(min_length=1)
+    parameters: dict[str, Any] = Field(default={})
+
+
+class _Grid(Strict):
+    origin_mm: list[float] = Field(
+        min_length=3, max_length=3, description="x, y, z of the lowest corner in base_link"
+    )
+    cell_mm: float = Field(gt=0, description="edge length of a cell")
+    shape: list[int] = Field(min_length=3, max_length=3, description="cells along x, y, z")
+    joints_Nm_per_rad: list[list[float]] = Field(
+        min_length=1, description=f"one row a cell, x fastest, each {_ROW}"
+    )
+
+
+class _StiffnessFile(Strict):
+    machopt_stiffness: Literal[1]
+    joints_Nm_per_rad: list[float] = Field(min_length=6, max_length=6, description=_ROW)
+    covariance: list[list[float]] | None = Field(
+        default=None, min_length=6, max_length=6, description="six rows of six numbers"
+    )
+    grid: _Grid | None = None
+    terms: list[_Term] = Field(default=[])
+
+
+def load_stiffness(path: Path | str) -> Stiffness:
+    """Read stiffness.yaml.
+
+    Raises:
+        InputError: names file, key, what was found and what was expected.
+    """
+    document = read_yaml(Path(path))
+    data = validate(_StiffnessFile, document)
+    joints = _positive(document, ("joints_Nm_per_rad",), data.joints_Nm_per_rad)
+    covariance = None if data.covariance is None else _covariance(document, data.covariance)
+    grid = None if data.grid is None else _grid(document, data.grid)
+    return Stiffness(joints, covariance, grid, tuple(t.model_dump() for t in data.terms))
+
+
+def write_stiffness(path: Path | str, stiffness: Stiffness) -> None:
+    """Write stiffness.yaml so that :func:`load_stiffness` returns the same numbers, to the last bit."""
+    from ruamel.yaml import YAML
+
+    data: dict[str, object] = {"machopt_stiffness": 1, "joints_Nm_per_rad": _rows(stiffness.joints)}
+    if stiffness.covariance is not None:
+        data["covariance"] = _rows(stiffness.covariance)
+    if stiffness.grid is not None:
+        grid = stiffness.grid
+        data["grid"] = {
+            "origin_mm": [float(v) for v in grid.origin * 1e3],
+            "cell_mm": float(grid.cell * 1e3),
+            "shape": [int(n) for n in grid.shape],
+            "joints_Nm_per_rad": _rows(grid.joints),
+        }
+    if stiffness.terms:
+        data["terms"] = [_plain(t) for t in stiffness.terms]
+    yaml = YAML(typ="safe", pure=True)
+    yaml.version = (1, 2)
+    yaml.default_flow_style = None  # lists of numbers on one line
+    yaml.width = 110
+    yaml.allow_unicode = True
+    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
+    with Path(path).open("w", encoding="utf-8", newline="\n") as out:
+        yaml.dump(data, out)
+
+
+def _positive(document: Document, loc: Loc, values: list[float]) -> Array:
+    for n, value in enumerate(values):
+        if not _SOFTEST <= value <= _STIFFEST:
+            raise document.error(
+                (*loc, n),
+                f"found {show(value)}; expected N·m/rad between {_SOFTEST:g} and {_STIFFEST:g}",
+            )
+    return _frozen(values)
+
+
+def _covariance(document: Document, rows: list[list[float]]) -> Array:
+    for n, row in enumerate(rows):
+        if len(row) != 6:
+            raise document.error(("covariance", n), f"found {len(row)} values; expected 6")
+    matrix = np.asarray(rows, float)
+    scale = float(np.abs(matrix).max())
+    uneven = np.abs(matrix - matrix.T)
+    if uneven.max() > _ASYMMETRY * scale:
+        r, c = np.unravel_index(int(uneven.argmax()), uneven.shape)
+        raise document.error(
+            ("covariance", int(r)),
+            f"is not symmetric: row {r + 1} column {c + 1} is {matrix[r, c]:g}, its mirror {matrix[c, r]:g}",
+        )
+    least = float(np.linalg.eigvalsh(0.5 * (matrix + matrix.T)).min())
+    if least < -_NEGATIVE * scale:
+        raise document.error(("covariance",), f"has the negative eigenvalue {least:g}; a covariance has none")
+    return _frozen(rows)
+
+
+def _grid(document: Document, grid: _Grid) -> StiffnessGrid:
+    for n, count in enumerate(grid.shape):
+        if count < 1:
+            raise document.error(("grid", "shape", n), f"found {count}; expected at least 1 cell")
+    nx, ny, nz = grid.shape
+    loc: Loc = ("grid", "joints_Nm_per_rad")
+    if len(grid.joints_Nm_per_rad) != nx * ny * nz:
+        raise document.error(
+            loc,
+            f"found {len(grid.joints_Nm_per_rad)} rows; shape {grid.shape} needs {nx * ny * nz}",
+        )
+    for n, row in enumerate(grid.joints_Nm_per_rad):
+        if len(row) != 6:
+            raise document.error((*loc, n), f"found {len(row)} values; expected {_ROW}")
+        _positive(document, (*loc, n), row)
+    origin = _frozen([v / 1e3 for v in grid.origin_mm])
+    return StiffnessGrid(origin, grid.cell_mm / 1e3, (nx, ny, nz), _frozen(grid.joints_Nm_per_rad))
+
+
+def _frozen(values: object) -> Array:
+    array = np.array(values, dtype=float)
+    array.setflags(write=False)
+    return array
+
+
+def _rows(array: Array) -> list[Any]:
+    return np.asarray(array, float).tolist()  # type: ignore[no-any-return]
+
+
+def _plain(value: object) -> object:
+    """NumPy scalars and arrays inside a term as plain YAML values."""
+    if isinstance(value, dict):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return value

@@ -1,0 +1,420 @@
+"""Does anything touch, and how near is it: robot, tool, cutter, workpiece, obstacles (only importer of fcl).
+
+Exact triangle distances cost 0.05–1 ms, so they are computed only where cheap bounds leave doubt:
+
+1. Spheres around one body against a box around the other bound every pair's distance from below, for all rows
+   at once in NumPy.
+2. A distance once known holds on: the joint step bounds the relative motion of the bodies, so
+   d(later) ≥ d(known) − motion since. The same bound proves the motion *between* two rows free: it is when
+   d(a) + d(b) − 2·clearance exceeds it (each free ball covers its share of the way); otherwise the segment is
+   halved until it does or a contact shows.
+
+Both bounds are in :mod:`machopt.model.bounds`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.cell import Cell
+from machopt.model.bodies import TOUCH, Body, Kind, cell_bodies, cutter_body, inside, robot_bodies
+from machopt.model.bounds import PairStack, Rows
+from machopt.model.robot import LinkShape, Robot
+from machopt.se3 import inverse
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+SAMPLES = 400  # random poses that decide which link pairs are worth checking
+ALWAYS = 0.95  # share of poses in touch from which a pair is taken to be built touching
+COARSE = 0.50  # the same for links two apart, whose meshes often overlap where the real links do not
+FINE = 1e-4  # m, motion below which a segment between two free rows is not halved any more
+CAP = 0.5  # m, beyond which `nearest` does not measure
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two bodies that are checked against each other."""
+
+    a: str
+    b: str
+    kinds: tuple[Kind, Kind]
+    clearance: float  # m, required
+    unless_cutting: bool  # the cutter and the workpiece: only in moves that do not cut
+
+    @property
+    def name(self) -> str:
+        return f"{self.a} ~ {self.b}"
+
+
+@dataclass(frozen=True)
+class Excluded:
+    """Two bodies that are not checked, and why."""
+
+    a: str
+    b: str
+    reason: str
+    share: float  # of random poses in touch; NaN where not sampled
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Where something collides or is nearer than its clearance."""
+
+    hit: Bools  # (S,)
+    pair: NDArray[np.int32]  # (S,) index into CollisionModel.pairs of the first pair found, −1 where free
+    at: Array  # (S,) fractional row of the contact (on the way from the row before), NaN where free
+
+    @property
+    def any(self) -> bool:
+        return bool(self.hit.any())
+
+    @property
+    def first(self) -> int:
+        """First row hit, −1 if none."""
+        return int(np.argmax(self.hit)) if self.any else -1
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """Least distance over all pairs."""
+
+    distance: Array  # (S,) m; 0 in contact, capped at ``cap``
+    pair: NDArray[np.int32]  # (S,) index into CollisionModel.pairs, −1 where everything is beyond the cap
+
+
+class CollisionModel:
+    """Robot, tool, cutter, workpiece and obstacles of a cell, checked at joint positions.
+
+    ``cutting`` (S,) marks moves in which the cutter may touch the workpiece; entry n speaks of the move that
+    ends in row n. In the other moves the cutter, drawn in by 0.1 mm at radius and tip, must not touch the
+    workpiece: a rapid move may start or end where the cutter just touches. ``clearance`` holds for every
+    other pair.
+
+    Args:
+        cell: tool, workpiece, obstacles and T_world_base.
+        robot: kinematics.
+        shapes: the URDF's collision bodies, from :func:`machopt.model.robot.load_chain`.
+        clearance: m, required distance.
+
+    Attributes:
+        pairs: what is checked.
+        excluded: what is not, and why.
+        suspicious: pairs in touch at the home pose, in words (a model error or a too coarse mesh).
+
+    Raises:
+        InputError: a mesh cannot be read, or the workpiece stands on a positioner.
+    """
+
+    def __init__(self, cell: Cell, robot: Robot, shapes: tuple[LinkShape, ...], clearance: float) -> None:
+        self._robot, self.clearance = robot, clearance
+        self._bodies = [*robot_bodies(robot, shapes), *cell_bodies(cell, robot)]
+        wanted = [(i, j, False) for i, j in _worth(self._bodies)]
+        if cell.tool.cutter is not None:
+            cutter, drawn_in = (cutter_body(cell, robot, cell.tool.cutter, s) for s in (0.0, TOUCH))
+            for i, body in enumerate(self._bodies):
+                if body.kind == "workpiece":
+                    wanted.append((i, len(self._bodies) + 1, True))
+                elif body.kind == "obstacle" or (body.kind == "link" and body.link <= 4):
+                    wanted.append((i, len(self._bodies), False))
+            self._bodies += [cutter, drawn_in]
+        self._fixed = [_fcl_object(b) for b in self._bodies]
+        self._moving = [_fcl_object(b) for b in self._bodies]
+        self.excluded: tuple[Excluded, ...] = ()
+        self._take([(i, j) for i, j, _ in wanted], [touch for *_, touch in wanted])
+        self._exclude(wanted)
+        at_home = self._touching(cell.home[None, :])
+        self.suspicious: tuple[str, ...] = tuple(
+            f"{p.name} touch or are nearer than the clearance at the home pose"
+            for p, hit in zip(self.pairs, at_home[0], strict=True)
+            if hit
+        )
+
+    def check(self, q: Array, cutting: Bools) -> Contacts:
+        """Which rows collide or are nearer than the clearance; rows are taken by themselves.
+
+        Args:
+            q: (S, 6) rad, quickest where neighbouring rows are neighbouring poses.
+            cutting: (S,) the cutter may touch the workpiece.
+        """
+        rows = Rows(self.stack, q)
+        contacts = _none(len(rows.q))
+        for p, pair in enumerate(self.pairs):
+            doubt = (rows.bound[:, p] < pair.clearance) & ~contacts.hit
+            if pair.unless_cutting:
+                doubt &= ~cutting
+            walk = _Walk(self, rows, p)
+            for n in np.flatnonzero(doubt):
+                if not walk.known_free(int(n)) and walk.hits(int(n)):
+                    contacts.hit[n], contacts.pair[n], contacts.at[n] = True, p, n
+        return contacts
+
+    def check_motion(self, q: Array, cutting: Bools, step: float, *, first_only: bool = False) -> Contacts:
+        """Like :meth:`check`, and the motion from each row to the next too, linear in joint space.
+
+        Row n speaks of the way from row n − 1 to row n and of row n itself. A contact shallower than half of
+        0.1 mm between rows may be missed; nothing deeper.
+
+        Args:
+            q: (S, 6) rad.
+            cutting: (S,) the cutter may touch the workpiece in the move to the row.
+            step: rad, greatest joint step at which the bounds are renewed.
+            first_only: stop at the first pair that hits (for planners that only want yes or no).
+        """
+        q = np.asarray(q, float)
+        dense, owner, at = _densify(q, step)
+        rows = Rows(self.stack, dense)
+        contacts = _none(len(q))
+        for p, pair in enumerate(self.pairs):
+            asked = ~(cutting[owner] & pair.unless_cutting)  # (M,) of the way to the dense row
+            if not asked.any() or (first_only and contacts.any):
+                continue
+            margin = rows.bound[:, p] - pair.clearance
+            doubt = asked & (margin < 0.0)
+            near = np.flatnonzero(asked[1:] & (margin[1:] + margin[:-1] < rows.reach))
+            if len(near):
+                doubt[near + 1] |= margin[near + 1] + margin[near] < rows.travel(p)[near]
+            walk = _Walk(self, rows, p)
+            for m in np.flatnonzero(doubt):
+                n = owner[m]
+                if contacts.hit[n]:
+                    continue
+                where = walk.motion(int(m))
+                if not np.isnan(where):
+                    low = int(np.floor(where))
+                    place = at[low] + (where - low) * (at[min(low + 1, len(at) - 1)] - at[low])
+                    contacts.hit[n], contacts.pair[n], contacts.at[n] = True, p, place
+                    if first_only:
+                        return contacts
+        return contacts
+
+    def nearest(self, q: Array, cutting: Bools, cap: float = CAP) -> Nearest:
+        """Least distance over all pairs at each row, and whose it is; 0 in contact.
+
+        Args:
+            q: (S, 6) rad, quickest where neighbouring rows are neighbouring poses.
+            cutting: (S,) the cutter may touch the workpiece.
+            cap: m, distances above it are not measured.
+        """
+        rows = Rows(self.stack, q)
+        distance, which = np.full(len(rows.q), cap), np.full(len(rows.q), -1, np.int32)
+        walks = [_Walk(self, rows, p) for p in range(len(self.pairs))]
+        skip = np.array([pair.unless_cutting for pair in self.pairs], bool)
+        for n in range(len(rows.q)):
+            bound = rows.bound[n].copy()
+            for p in np.flatnonzero(bound < cap):
+                bound[p] = max(bound[p], walks[p].bound(n))
+            if cutting[n]:
+                bound[skip] = np.inf
+            for p in np.argsort(bound):
+                if bound[p] >= distance[n]:
+                    break
+                d = walks[p].distance(n)
+                if d < distance[n]:
+                    distance[n], which[n] = max(d, 0.0), p
+        return Nearest(distance, which)
+
+    def _take(self, indices: list[tuple[int, int]], touch: list[bool]) -> None:
+        bodies = self._bodies
+        self.pairs: tuple[Pair, ...] = tuple(
+            Pair(a.name, b.name, (a.kind, b.kind), 0.0 if t else self.clearance, t)
+            for (a, b), t in zip(((bodies[i], bodies[j]) for i, j in indices), touch, strict=True)
+        )
+        self.stack = PairStack(self._robot, bodies, indices)
+
+    def _exclude(self, wanted: list[tuple[int, int, bool]]) -> None:
+        """Drop pairs that touch by construction; sampled, so it needs no list made by hand."""
+        robot, bodies = self._robot, self._bodies
+        asked = [
+            n for n, (i, j, _) in enumerate(wanted)
+            if bodies[j].kind != "cutter" and (bodies[i].kind == bodies[j].kind == "link"
+                                               or {bodies[i].kind, bodies[j].kind} == {"link", "tool"}
+                                               or self.stack.links[n] == (0, 1))
+        ]  # fmt: skip
+        rng = np.random.default_rng(0)  # the same poses for every run of a robot
+        q = robot.lower + (robot.upper - robot.lower) * rng.random((SAMPLES, 6))
+        quick = self._touching(q[: SAMPLES // 10], asked)[:, asked].mean(axis=0)
+        asked = [n for n, share in zip(asked, quick, strict=True) if share > COARSE / 2]
+        share = self._touching(q, asked).mean(axis=0)
+        dropped: dict[int, str] = {}
+        poses = f"in touch in {{:.0%}} of {SAMPLES} random poses"
+        for n in asked:
+            apart = _apart(bodies[wanted[n][0]], bodies[wanted[n][1]])
+            if share[n] > ALWAYS:
+                dropped[n] = poses.format(share[n])
+            elif apart == 2 and share[n] > COARSE:
+                dropped[n] = f"links two apart with coarse meshes: {poses.format(share[n])}"
+        self.excluded = tuple(
+            Excluded(bodies[wanted[n][0]].name, bodies[wanted[n][1]].name, reason, float(share[n]))
+            for n, reason in dropped.items()
+        )
+        kept = [pair for n, pair in enumerate(wanted) if n not in dropped]
+        self._take([(i, j) for i, j, _ in kept], [touch for *_, touch in kept])
+
+    def _touching(self, q: Array, asked: list[int] | None = None) -> Bools:
+        """(S, P) surfaces cross or are nearer than the clearance, each row by itself."""
+        rows = Rows(self.stack, q)
+        out = np.zeros(rows.bound.shape, bool)
+        for p in range(len(self.pairs)) if asked is None else asked:
+            for n in np.flatnonzero(rows.bound[:, p] < self.pairs[p].clearance):
+                out[n, p] = _collide(self, p, rows.relative(p)[n]) or (
+                    self.clearance > 0 and _distance(self, p, rows.relative(p)[n]) < self.pairs[p].clearance
+                )
+        return out
+
+
+@dataclass
+class _Walk:
+    """One pair followed along the rows: an exact distance and how far the bodies have moved since."""
+
+    model: CollisionModel
+    rows: Rows
+    p: int
+    last: int = -1
+    known: float = 0.0  # m, exact distance at row ``last``
+
+    def __post_init__(self) -> None:
+        self.clearance = self.model.pairs[self.p].clearance
+        self._way: Array | None = None
+
+    def moved(self, n: int) -> float:
+        """m, bound on the relative motion between row ``last`` and row n."""
+        if self._way is None:
+            self._way = np.append(0.0, np.cumsum(self.rows.travel(self.p)))
+        return float(abs(self._way[n] - self._way[self.last]))
+
+    def bound(self, n: int) -> float:
+        return -np.inf if self.last < 0 else self.known - self.moved(n)
+
+    def known_free(self, n: int) -> bool:
+        """The known distance proves row n free."""
+        return not _too_near(self.bound(n), self.clearance)
+
+    def distance(self, n: int) -> float:
+        """Exact distance (m) at row n; 0 where one body is inside the other."""
+        if n != self.last:
+            d = _distance(self.model, self.p, self.rows.relative(self.p)[n])
+            # Surfaces apart by more than the way since a row known to be outside cannot have been crossed.
+            fresh = self.last < 0 or self.known <= 0.0 or max(d, self.known) <= self.moved(n)
+            if d > 0.0 and fresh and _contained(self.model, self.p, self.rows.relative(self.p)[n]):
+                d = 0.0
+            self.last, self.known = n, d
+        return self.known
+
+    def hits(self, n: int) -> bool:
+        return _too_near(self.distance(n), self.clearance)
+
+    def motion(self, m: int) -> float:
+        """Fractional row of a contact in row m or on the way to it, NaN if free."""
+        if m == 0:
+            return 0.0 if self.hits(0) else np.nan
+        way = float(self.rows.travel(self.p)[m - 1])
+        if self.last >= 0 and self.bound(m - 1) - way >= self.clearance and self.known > 0.0:
+            return np.nan
+        before = self.distance(m - 1)
+        if _too_near(before, self.clearance):
+            return m - 1.0
+        if before - way >= self.clearance:
+            return np.nan
+        after = self.distance(m)
+        if _too_near(after, self.clearance):
+            return float(m)
+        inner = self._between(self.rows.q[m - 1], self.rows.q[m], before, after, way)
+        return m - 1.0 + inner
+
+    def _between(self, qa: Array, qb: Array, da: float, db: float, way: float) -> float:
+        """Fraction of the way from qa to qb where a contact is, NaN if there is none."""
+        if way < FINE or da + db - 2.0 * self.clearance >= way:
+            return np.nan
+        middle = 0.5 * (qa + qb)
+        i, j = self.rows.pairs.links[self.p]
+        poses = self.rows.pairs.robot.link_poses(middle)
+        d = _distance(self.model, self.p, inverse(poses[i]) @ poses[j])
+        if _too_near(d, self.clearance):
+            return 0.5
+        # The bound is a sum over joints of |Δq| times the lever, so half the joint step is half the bound.
+        inner = 0.5 * self._between(qa, middle, da, d, 0.5 * way)
+        return inner if not np.isnan(inner) else 0.5 + 0.5 * self._between(middle, qb, d, db, 0.5 * way)
+
+
+def _worth(bodies: list[Body]) -> list[tuple[int, int]]:
+    """Pairs (lower link first) that could touch, without the cutter's."""
+    out = []
+    for i, a in enumerate(bodies):
+        for j, b in enumerate(bodies):
+            if (a.link, i) >= (b.link, j) or (a.link == b.link == 0):
+                continue
+            if a.kind in ("link", "tool") and b.kind in ("link", "tool"):
+                if _apart(a, b) >= 2:
+                    out.append((i, j))
+            elif b.link >= 1:
+                out.append((i, j))
+    return out
+
+
+def _apart(a: Body, b: Body) -> int:
+    """Steps along the chain; the tool is one beyond link 6."""
+    return abs((a.link + (a.kind == "tool")) - (b.link + (b.kind == "tool")))
+
+
+def _densify(q: Array, step: float) -> tuple[Array, NDArray[np.int64], Array]:
+    """Rows at most ``step`` apart in every joint, the row each leads to, and its fractional row."""
+    if len(q) == 0:
+        return q.reshape(0, 6), np.zeros(0, np.int64), np.zeros(0)
+    parts = np.maximum(np.ceil(np.abs(np.diff(q, axis=0)).max(axis=1) / step), 1).astype(int)
+    owner = np.repeat(np.arange(1, len(q)), parts)
+    count = np.arange(len(owner)) - np.repeat(np.cumsum(parts) - parts, parts) + 1
+    share = count / np.repeat(parts, parts)
+    dense = q[owner - 1] + share[:, None] * (q[owner] - q[owner - 1])
+    dense[share == 1.0] = q[owner[share == 1.0]]
+    return np.vstack([q[:1], dense]), np.append(0, owner), np.append(0.0, owner - 1 + share)
+
+
+def _none(count: int) -> Contacts:
+    return Contacts(np.zeros(count, bool), np.full(count, -1, np.int32), np.full(count, np.nan))
+
+
+def _too_near(distance: float, clearance: float) -> bool:
+    return distance <= 0.0 or distance < clearance
+
+
+def _fcl_object(body: Body) -> Any:
+    import fcl
+
+    model = fcl.BVHModel()
+    model.beginModel(len(body.faces), len(body.vertices))
+    model.addSubModel(np.ascontiguousarray(body.vertices), np.ascontiguousarray(body.faces))
+    model.endModel()
+    return fcl.CollisionObject(model)
+
+
+def _placed(model: CollisionModel, p: int, T: Array) -> tuple[Any, Any]:
+    import fcl
+
+    i, j = model.stack.index[p]
+    model._moving[j].setTransform(fcl.Transform(T[:3, :3], T[:3, 3]))
+    return model._fixed[i], model._moving[j]
+
+
+def _distance(model: CollisionModel, p: int, T: Array) -> float:
+    """Exact distance (m) of pair p's surfaces with the second body moved by T; ≤ 0 where they cross."""
+    import fcl
+
+    return float(fcl.distance(*_placed(model, p, T), fcl.DistanceRequest(), fcl.DistanceResult()))
+
+
+def _collide(model: CollisionModel, p: int, T: Array) -> bool:
+    import fcl
+
+    return bool(fcl.collide(*_placed(model, p, T), fcl.CollisionRequest(), fcl.CollisionResult()))
+
+
+def _contained(model: CollisionModel, p: int, T: Array) -> bool:
+    """One body is wholly inside the other, given that their surfaces do not cross: one vertex decides."""
+    a, b = (model._bodies[k] for k in model.stack.index[p])
+    R, t = T[:3, :3], T[:3, 3]
+    return inside(a, R @ b.vertices[0] + t) or inside(b, R.T @ (a.vertices[0] - t))

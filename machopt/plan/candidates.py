@@ -1,0 +1,109 @@
+"""Every branch, turn and rotation at every station, with a reason where it cannot be used."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.cell import Cell
+from machopt.domain.options import PlanOptions
+from machopt.domain.reason import Reason
+from machopt.model.ik import Margins, Solver, branch_reasons, turns
+from machopt.plan.path import Path, tcp_poses
+from machopt.se3 import inverse, wrap
+
+Array = NDArray[np.float64]
+CHUNK = 16_384  # poses solved at once: bounds the memory of the closed form's intermediates
+
+
+@dataclass(frozen=True)
+class Arm:
+    """What the steps need of the cell's kinematics."""
+
+    solver: Solver
+    T_base_workpiece: Array  # (4, 4)
+    T_flange_tcp: Array  # (4, 4)
+    lower: Array  # (6,) rad, limit margin taken off
+    upper: Array  # (6,)
+    turns: Array  # (T, 6) rad, whole turns that can fit the limits
+    margins: Margins
+
+    @classmethod
+    def of(cls, cell: Cell, solver: Solver, options: PlanOptions) -> Arm:
+        lower = cell.limits.lower[:6] + options.limit_margin
+        upper = cell.limits.upper[:6] - options.limit_margin
+        return cls(
+            solver=solver,
+            T_base_workpiece=inverse(cell.T_world_base) @ cell.workpiece.T_link_workpiece,
+            T_flange_tcp=cell.tool.T_flange_tcp, lower=lower, upper=upper, turns=turns(lower, upper),
+            margins=Margins(options.singularity_wrist, options.singularity_elbow, options.singularity_shoulder,
+                            options.limit_margin),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Fixed shapes: S stations, R rotations, B branches, T turns."""
+
+    phi: Array  # (R,) rad, the grid about the carried reference, full circle
+    q: Array  # (S, R, B, 6) rad in (−π, π], NaN where the branch does not exist
+    turns: Array  # (T, 6) rad, the whole turns that occur; q + turns[t] is what the robot is told
+    reason: NDArray[np.uint8]  # (S, R, B) Reason; OK where at least one turn lies within the limits
+    feasible: NDArray[np.bool_]  # (S, R, B, T)
+    stable: bool  # the branch index is the same assembly mode at every pose
+    shortfall: Array  # (S,) m, least missing reach over the rotations; 0 where some rotation is reached
+
+    def reason_of_rotation(self) -> NDArray[np.uint8]:
+        """(S, R) OK where any branch works, else the reason of the branch that came furthest."""
+        ok = (self.reason == Reason.OK).any(axis=2)
+        return np.where(ok, Reason.OK, np.where(self.reason == Reason.OK, 0, self.reason).max(axis=2)).astype(np.uint8)
+
+
+def enumerate_candidates(path: Path, arm: Arm, options: PlanOptions) -> Candidates:
+    """Solve the inverse kinematics of every station × rotation and sort out what limits and margins forbid."""
+    R = max(round(2 * np.pi / options.rotation_step), 1)
+    phi = np.arange(R) * (2 * np.pi / R) - np.pi
+    S, B, T = len(path.stations), arm.solver.branches, len(arm.turns)
+    q = np.empty((S, R, B, 6))
+    reason = np.empty((S, R, B), np.uint8)
+    feasible = np.zeros((S, R, B, T), bool)
+    shortfall = np.empty(S)
+    T_tcp_flange = inverse(arm.T_flange_tcp)
+    rows = max(CHUNK // R, 1)
+    for a in range(0, S, rows):
+        part = path.stations[a : a + rows]
+        poses = tcp_poses(path, part, np.broadcast_to(phi, (len(part), R)))
+        branches = arm.solver.solve((arm.T_base_workpiece @ poses @ T_tcp_flange).reshape(-1, 4, 4))
+        qa = branches.q.reshape(len(part), R, B, 6)
+        why = branch_reasons(branches, arm.margins).reshape(len(part), R, B)
+        q[a : a + rows] = qa
+        for t, turn in enumerate(arm.turns):
+            with np.errstate(invalid="ignore"):
+                inside = ((qa + turn >= arm.lower) & (qa + turn <= arm.upper)).all(axis=-1)
+            feasible[a : a + rows, :, :, t] = inside & (why == Reason.OK)
+        why[(why == Reason.OK) & ~feasible[a : a + rows].any(axis=-1)] = Reason.LIMIT
+        reason[a : a + rows] = why
+        shortfall[a : a + rows] = branches.shortfall.reshape(len(part), R).min(axis=1)
+    _forbid_by_user(path, phi, options, reason, feasible)
+    used = feasible.any(axis=(0, 1, 2))
+    used[0] = True  # keep at least one turn
+    return Candidates(phi=phi, q=q, turns=arm.turns[used], reason=reason,
+                      feasible=np.ascontiguousarray(feasible[..., used]), stable=arm.solver.branch_stable, shortfall=shortfall)  # fmt: skip
+
+
+def _forbid_by_user(path: Path, phi: Array, options: PlanOptions, reason: NDArray[np.uint8], feasible: NDArray[np.bool_]) -> None:
+    """The user's rotation bounds and fixed rotations, as masks on gamma."""
+    gamma = wrap(phi[None, :] + path.offset[path.stations][:, None])  # (S, R)
+    low, high = options.rotation_range
+    outside = (gamma < low - 1e-9) | (gamma > high + 1e-9)
+    index = path.index[path.stations]
+    for fixed in options.fixed:
+        at = np.flatnonzero(np.abs(index - fixed.point) < 1e-9)
+        for s in at:
+            off = np.abs(wrap(gamma[s] - fixed.gamma))
+            outside[s] = off > off.min() + 1e-9
+    feasible[outside] = False
+    block = outside[:, :, None] & (reason == Reason.OK)
+    reason[block] = Reason.BOUNDS

@@ -1,0 +1,208 @@
+"""The toolpath as the planner walks it: runs, a reference direction that does not jump, stations.
+
+A *run* is a stretch without rapid moves: it starts at rest at the point a rapid move ends in and is
+traversed on straight lines. Long segments get extra points in between, so that nothing important (a limit,
+a stiffness valley) hides inside them; very dense paths are decimated to *stations* for the choice.
+
+Rotation is planned as ``phi`` about a reference direction carried along the run by minimal rotation, so
+that constant phi means "do not turn"; ``gamma = phi + offset`` is the contract's angle, measured from the
+direction of travel (trajectories) or the workpiece x axis (point operations).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.toolpath import Move, Toolpath
+from machopt.se3 import normalise, wrap
+
+Array = NDArray[np.float64]
+ARM = 0.15  # m per rad: how much an axis change counts as path length, about a tool's length
+PARALLEL = np.cos(np.radians(1.0))  # a plunge runs along the tool axis within this
+MAX_STATIONS = 1500  # of the choice; beyond, the path is decimated evenly
+SEGMENT = 0.02  # m, longest stretch without a planning point
+SEGMENT_AXIS = np.radians(3.0)  # rad, the same for axis changes
+
+
+@dataclass(frozen=True)
+class Path:
+    """P planning points in order: every toolpath point, and extra ones inside long segments."""
+
+    index: Array  # (P,) fractional toolpath index
+    position: Array  # (P, 3) m in workpiece
+    axis: Array  # (P, 3) unit, tip to shank
+    move: NDArray[np.int8]  # (P,) Move of the segment ending here
+    feed: Array  # (P,) m/s of the segment ending here, NaN for rapid
+    run: NDArray[np.int32]  # (P,)
+    s: Array  # (P,) m, cumulative length in the metric |dp| ⊕ ARM |dn|; rapid moves do not count
+    travel: Array  # (P, 3) unit direction of travel in workpiece (any normal direction where there is none)
+    is_point: NDArray[np.bool_]  # (P,) True: a toolpath point
+    is_drilling: NDArray[np.bool_]  # (P,) belongs to a point operation
+    plunge: NDArray[np.bool_]  # (P,) the segment ending here runs along the tool axis: rotation is kept
+    reference: Array  # (P, 3) unit, direction of TCP x at phi = 0
+    offset: Array  # (P,) rad, gamma − phi
+    stations: NDArray[np.int32]  # (S,) indices into the P points where the choice is made
+    runs: tuple[tuple[int, int], ...]  # first and last planning point of each run
+
+    @property
+    def cut(self) -> NDArray[np.bool_]:
+        """(P,) True where the tool cuts: the segment ending here, or the one starting here, is a cut."""
+        ends = self.move == Move.CUT
+        starts = np.zeros(len(ends), bool)
+        starts[:-1] = ends[1:] & (self.run[1:] == self.run[:-1])
+        return ends | starts
+
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """(P,) True where the index counts: toolpath points the tool cuts to, and points inside cut segments."""
+        return self.move == Move.CUT
+
+
+def build_path(toolpath: Toolpath) -> Path:
+    """Split into runs, densify long segments, carry the reference direction, choose stations."""
+    n = len(toolpath)
+    starts = (toolpath.move == Move.RAPID) | (np.arange(n) == 0)
+    run_of_point = np.cumsum(starts) - 1
+    index = _densified(toolpath, starts)
+    low = np.clip(np.ceil(index).astype(int) - 1, 0, n - 1)  # the toolpath point before (or at) each
+    high = np.ceil(index).astype(int)  # the toolpath point whose segment it lies on
+    f = np.where(high > low, index - low, 1.0)[:, None]
+    position = (1 - f) * toolpath.position[low] + f * toolpath.position[high]
+    axis = normalise((1 - f) * toolpath.axis[low] + f * toolpath.axis[high])
+    run = run_of_point[high].astype(np.int32)
+    joined = np.r_[False, run[1:] == run[:-1]]
+    step = np.r_[0.0, np.hypot(*_steps(position, axis))]
+    s = np.cumsum(np.where(joined, step, 0.0))
+    bounds = np.flatnonzero(~joined)
+    runs = tuple((int(a), int(b) - 1) for a, b in zip(bounds, np.r_[bounds[1:], len(index)], strict=True))
+    drilling = np.array([o.kind == "point" for o in toolpath.operations])[toolpath.operation[high]]
+    travel = _travel(position, axis, joined)
+    along = np.abs(np.sum(np.diff(position, axis=0, prepend=position[:1]) * axis, axis=1))
+    length = np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)]
+    plunge = joined & (length > 0) & (along >= PARALLEL * length)
+    natural = _natural_reference(toolpath.reference[high], travel, axis, drilling)
+    reference = _carried(natural, axis, runs)
+    return Path(
+        index=index, position=position, axis=axis, move=toolpath.move[high], feed=toolpath.feed[high], run=run, s=s,
+        travel=travel, is_point=np.isclose(index, np.round(index), atol=1e-12), is_drilling=drilling, plunge=plunge,
+        reference=reference, offset=_signed_angle(natural, reference, -axis),
+        stations=_stations(s, runs, step), runs=runs,
+    )  # fmt: skip
+
+
+def _steps(position: Array, axis: Array) -> tuple[Array, Array]:
+    turn = np.linalg.norm(np.diff(axis, axis=0), axis=1)
+    return np.linalg.norm(np.diff(position, axis=0), axis=1), ARM * turn
+
+
+def _densified(toolpath: Toolpath, starts: NDArray[np.bool_]) -> Array:
+    """Fractional indices of all planning points."""
+    length, turn = _steps(toolpath.position, toolpath.axis)
+    pieces = np.maximum(np.ceil(length / SEGMENT - 1e-9), np.ceil(turn / ARM / SEGMENT_AXIS - 1e-9)).astype(int)
+    pieces = np.where(starts[1:], 1, np.maximum(pieces, 1))
+    out = [np.zeros(1)]
+    for k, m in enumerate(pieces):
+        out.append(k + np.arange(1, m + 1) / m if m > 1 else np.array([k + 1.0]))
+    return np.concatenate(out)
+
+
+def _travel(position: Array, axis: Array, joined: NDArray[np.bool_]) -> Array:
+    """Outgoing direction (incoming at a run's end); the last valid one where the tool only moves along its axis."""
+    d = np.zeros_like(position)
+    d[:-1] = np.where(joined[1:, None], np.diff(position, axis=0), 0.0)
+    last = np.r_[~joined[1:], True]
+    d[1:] = np.where((last[1:] & joined[1:])[:, None], np.diff(position, axis=0), d[1:])
+    across = d - np.sum(d * axis, axis=1, keepdims=True) * axis
+    size, whole = np.linalg.norm(across, axis=1), np.linalg.norm(d, axis=1)
+    good = (size > np.sin(np.radians(1.0)) * whole) & (whole > 0)
+    fill = _nearest_valid(good, joined)
+    out = np.where((fill >= 0)[:, None], across[np.maximum(fill, 0)], 0.0)
+    bare = fill < 0
+    out[bare] = _any_normal(axis[bare])
+    return normalise(out)
+
+
+def _nearest_valid(good: NDArray[np.bool_], joined: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """For each point the next valid one of its run, else the previous one, else −1."""
+    n = len(good)
+    out = np.full(n, -1)
+    nxt = -1
+    for i in range(n - 1, -1, -1):  # looking ahead: a plunge takes the direction of the cut that follows
+        nxt = i if good[i] else nxt
+        out[i] = nxt
+        if not joined[i]:
+            nxt = -1
+    prev = -1
+    for i in range(n):
+        if not joined[i]:
+            prev = -1
+        prev = i if good[i] else prev
+        if out[i] < 0:
+            out[i] = prev
+    return out
+
+
+def _any_normal(axis: Array) -> Array:
+    """Workpiece x projected on the plane normal to the axis; y where x is (nearly) parallel to it."""
+    x = np.broadcast_to(np.array([1.0, 0.0, 0.0]), axis.shape)
+    y = np.broadcast_to(np.array([0.0, 1.0, 0.0]), axis.shape)
+    pick = np.where(np.abs(axis[:, :1]) > PARALLEL, y, x)
+    return pick - np.sum(pick * axis, axis=1, keepdims=True) * axis
+
+
+def _natural_reference(given: Array, travel: Array, axis: Array, drilling: NDArray[np.bool_]) -> Array:
+    """The contract's gamma = 0 direction: the file's own, else travel (trajectories) or workpiece x (points)."""
+    ref = np.where(drilling[:, None], _any_normal(axis), travel)
+    own = given - np.sum(given * axis, axis=1, keepdims=True) * axis
+    ref = np.where(np.isfinite(own).all(axis=1, keepdims=True), own, ref)
+    ref = ref - np.sum(ref * axis, axis=1, keepdims=True) * axis
+    return normalise(ref)
+
+
+def _carried(natural: Array, axis: Array, runs: tuple[tuple[int, int], ...]) -> Array:
+    """Minimal-rotation transport of each run's first reference along its tool axes."""
+    out = np.array(natural)
+    for first, last in runs:
+        x = out[first]
+        for i in range(first + 1, last + 1):
+            a, b = axis[i - 1], axis[i]
+            if a is not b and not np.array_equal(a, b):
+                # the rotation a → b applied to x (Rodrigues without trigonometry; a ≈ −b cannot be transported)
+                v, c = np.cross(a, b), float(a @ b)
+                x = x + np.cross(v, x) + np.cross(v, np.cross(v, x)) / (1.0 + c) if c > -0.999 else natural[i]
+                x = x - (x @ b) * b
+                x = x / np.linalg.norm(x)
+            out[i] = x
+    return out
+
+
+def _signed_angle(a: Array, b: Array, about: Array) -> Array:
+    return wrap(np.arctan2(np.sum(np.cross(a, b) * about, axis=1), np.sum(a * b, axis=1)))
+
+
+def _stations(s: Array, runs: tuple[tuple[int, int], ...], step: Array) -> NDArray[np.int32]:
+    """Every planning point, or an even choice of about MAX_STATIONS with both ends of every run."""
+    if len(s) <= MAX_STATIONS:
+        return np.arange(len(s), dtype=np.int32)
+    budget = max(MAX_STATIONS - 2 * len(runs), MAX_STATIONS // 4)
+    spacing = s[-1] / budget
+    keep = np.zeros(len(s), bool)
+    for first, last in runs:
+        keep[[first, last]] = True
+        cell = np.floor((s[first : last + 1] - s[first]) / spacing)
+        keep[first + 1 : last + 1] |= np.diff(cell) > 0
+    return np.flatnonzero(keep).astype(np.int32)
+
+
+def tcp_poses(path: Path, points: NDArray[np.int32], phi: Array) -> Array:
+    """Wanted TCP poses in workpiece: (len(points), …, 4, 4) for phi (len(points), …) rad."""
+    from machopt.se3 import tool_rotation, transform
+
+    extra = (1,) * (np.ndim(phi) - 1)
+    axis = path.axis[points].reshape(len(points), *extra, 3)
+    reference = path.reference[points].reshape(len(points), *extra, 3)
+    R = tool_rotation(axis, reference, np.asarray(phi))
+    return transform(R, path.position[points].reshape(len(points), *extra, 3))

@@ -1,0 +1,150 @@
+"""What a configuration costs: the index, and the objective that weighs it against motion.
+
+Cost c of a configuration, always "less is better":
+
+==============  =======================================================  =====
+index           c                                                        unit
+==============  =======================================================  =====
+deflection      |C_tt f|, the tip's displacement under the given force   m
+stiffness       eᵀC_tt e along the tool axis (drilling), the mean of     m/N
+                that and of the same along the path normal (milling)
+jiao2022        1/k_x along the tool axis (eq. 23)                       m/N
+==============  =======================================================  =====
+
+Objective J = w_mean·mean(c)/c₀ + w_worst·max(c)/c₀ + w_travel·Σ|Δq|/(π·runs) + w_rotation·Σ|Δφ|/(π·runs)
++ w_preferred·mean((1 − cos(γ − γ_preferred))/2), with c₀ the median cost over the feasible candidates. Travel and
+rotation are total variations, so they do not depend on how finely a path is sampled.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.options import Index, PlanOptions, ProcessForce
+from machopt.model.elastic import ArmElasticity, deflection, directional_compliance, jiao_index, joint_stiffness
+from machopt.plan.candidates import Candidates
+from machopt.plan.path import Path
+from machopt.se3 import wrap
+
+Array = NDArray[np.float64]
+CHUNK = 32_768
+
+
+@dataclass(frozen=True)
+class Directions:
+    """Directions and force per planning point, in base_link."""
+
+    axial: Array  # (P, 3) tool axis, tip to shank
+    normal: Array  # (P, 3) path normal: tool axis × travel
+    force: Array  # (P, 3) N
+    k: Array  # (P, 6) N·m/rad, joint stiffness at the TCP position
+    in_grid: NDArray[np.bool_]  # (P,)
+    drilling: NDArray[np.bool_]  # (P,)
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Cost of every candidate and the scale of the objective."""
+
+    cost: Array  # (S, R, B), NaN where infeasible
+    index: Index  # the index in force, never "auto"
+    scale: float  # c₀
+
+
+def resolve_index(options: PlanOptions) -> Index:
+    """The index "auto" stands for: deflection where a force is given, else directional stiffness."""
+    if options.index != "auto":
+        return options.index
+    return "deflection" if options.force.given else "stiffness"
+
+
+def directions(path: Path, T_base_workpiece: Array, elasticity: ArmElasticity, force: ProcessForce) -> Directions:
+    R = T_base_workpiece[:3, :3]
+    axial, travel = path.axis @ R.T, path.travel @ R.T
+    normal = np.cross(axial, travel)
+    f = force.travel * travel + force.normal * normal + force.axial * axial
+    joint = joint_stiffness(elasticity.stiffness, path.position @ R.T + T_base_workpiece[:3, 3])
+    return Directions(axial, normal, f, joint.k, joint.in_grid, path.is_drilling)
+
+
+def configuration_cost(elasticity: ArmElasticity, d: Directions, points: NDArray[np.intp], q: Array, index: Index) -> Array:
+    """Cost (M,) of configurations q (M, 6) at planning points (M,)."""
+    out = np.empty(len(q))
+    for a in range(0, len(q), CHUNK):
+        part = slice(a, a + CHUNK)
+        p = points[part]
+        _, J = elasticity.robot.fk_jacobian(q[part], elasticity.T_flange_tcp)
+        k = d.k[p]
+        if index == "deflection":
+            out[part] = np.linalg.norm(deflection(J, k, d.force[p]), axis=-1)
+        elif index == "jiao2022":
+            out[part] = 1.0 / jiao_index(J, k, d.axial[p])
+        else:
+            axial = directional_compliance(J, k, d.axial[p])
+            normal = directional_compliance(J, k, d.normal[p])
+            out[part] = np.where(d.drilling[p], axial, 0.5 * (axial + normal))
+    return out
+
+
+def score_candidates(path: Path, candidates: Candidates, elasticity: ArmElasticity, d: Directions, options: PlanOptions) -> Scores:
+    """Cost of every feasible candidate."""
+    index = resolve_index(options)
+    usable = candidates.feasible.any(axis=-1)  # (S, R, B)
+    cost = np.full(usable.shape, np.nan)
+    station = np.nonzero(usable)[0]
+    cost[usable] = configuration_cost(elasticity, d, path.stations[station], candidates.q[usable], index)
+    counted = usable & path.counted[path.stations][:, None, None]
+    values = cost[counted if counted.any() else usable]
+    return Scores(cost=cost, index=index, scale=float(np.median(values)) if values.size else 1.0)
+
+
+@dataclass(frozen=True)
+class Objective:
+    """J and its parts, dimensionless."""
+
+    total: float
+    mean: float
+    worst: float
+    travel: float
+    rotation: float
+    preferred: float
+
+
+def objective(path: Path, cost: Array, q: Array, phi: Array, scale: float, options: PlanOptions) -> Objective:
+    """J of one assignment at all planning points; infinite where a counted point has no cost.
+
+    Args:
+        cost: (P,) c of the chosen configurations.
+        q: (P, 6) rad.
+        phi: (P,) rad, continuous inside each run.
+    """
+    w, counted = options.weights, path.counted
+    c = np.where(np.isfinite(cost[counted]), cost[counted], np.inf) / scale
+    if not len(c):
+        c = np.zeros(1)
+    runs = cutting_runs(path)
+    known = np.isfinite(q).all(axis=1)
+    travel = float(np.abs(np.diff(q[known], axis=0)).sum()) / (np.pi * runs)
+    inside = (path.run[1:] == path.run[:-1]) & np.isfinite(phi[1:]) & np.isfinite(phi[:-1])
+    rotation = float(np.abs(np.diff(phi)[inside]).sum()) / (np.pi * runs)
+    preferred = 0.0
+    if options.preferred_rotation is not None:
+        gamma = wrap(phi + path.offset)[counted]
+        preferred = float(np.nanmean(preference(gamma, options)))
+    total = w.mean * float(c.mean()) + w.worst * float(c.max()) + w.travel * travel + w.rotation * rotation + preferred
+    return Objective(total, float(c.mean()), float(c.max()), travel, rotation, preferred)
+
+
+def preference(gamma: Array, options: PlanOptions) -> Array:
+    """Price of leaving the preferred rotation, dimensionless."""
+    if options.preferred_rotation is None:
+        return np.zeros_like(gamma)
+    return options.preferred_weight * (1.0 - np.cos(gamma - options.preferred_rotation)) / 2.0
+
+
+def cutting_runs(path: Path) -> int:
+    """Number of runs with linear moves; travel and rotation are counted per run."""
+    return max(sum(1 for a, b in path.runs if b > a), 1)

@@ -1,0 +1,285 @@
+"""Collision model against coal (an independent library) and against brute force."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import coal
+import numpy as np
+import pytest
+import trimesh
+from small_cell import ROBOTS, pose, real_cell, small_cell
+
+from machopt.domain.cell import Cell, Cutter, Shape, Tool, Workpiece
+from machopt.errors import InputError
+from machopt.model.bodies import cutter_body, inside
+from machopt.model.bounds import Rows
+from machopt.model.collision import CollisionModel
+from machopt.model.robot import load_chain
+
+ROUND = 0.0022  # the prisms that stand for cylinders are up to 0.22 % larger; spheres up to 0.7 %
+
+
+def model_of(cell: Cell, clearance: float = 0.0) -> CollisionModel:
+    robot, shapes = load_chain(cell)
+    return CollisionModel(cell, robot, shapes, clearance)
+
+
+def random_q(model: CollisionModel, count: int, seed: int = 0) -> np.ndarray:
+    robot = model.stack.robot
+    return robot.lower + (robot.upper - robot.lower) * np.random.default_rng(seed).random((count, 6))
+
+
+def coal_shape(shape: Shape) -> coal.CollisionGeometry:
+    if shape.kind == "box":
+        return coal.Box(*shape.size)
+    if shape.kind == "cylinder":
+        return coal.Cylinder(*shape.size)
+    if shape.kind == "sphere":
+        return coal.Sphere(*shape.size)
+    return coal.MeshLoader().load(str(shape.mesh), np.full(3, shape.size[0]))
+
+
+def coal_distances(cell: Cell, model: CollisionModel, q: np.ndarray) -> np.ndarray:
+    """(S, P) distances by coal with its own shapes; pairs with the cutter are left NaN."""
+    robot, shapes = load_chain(cell)
+    frames = {s.shape.name: (s.link, s.shape.T_parent_shape, s.shape) for s in shapes}
+    for s in cell.tool.geometry:
+        frames[s.name] = (6, robot.T_base_flange_zero @ s.T_parent_shape, s)
+    for s in cell.workpiece.geometry:
+        frames[s.name] = (0, cell.workpiece.T_link_workpiece @ s.T_parent_shape, s)
+    for s in cell.obstacles:
+        frames[s.name] = (0, s.T_parent_shape, s)
+    geometry = {name: coal_shape(f[2]) for name, f in frames.items()}
+    out = np.full((len(q), len(model.pairs)), np.nan)
+    for n, row in enumerate(robot.link_poses(q)):
+        placed = {k: row[link] @ np.linalg.inv(cell.T_world_base) @ T if link == 0 and k not in
+                  [s.shape.name for s in shapes] else row[link] @ T for k, (link, T, _) in frames.items()}  # fmt: skip
+        for p, pair in enumerate(model.pairs):
+            if "cutter" not in pair.kinds:
+                at = [coal.Transform3s(placed[k][:3, :3], placed[k][:3, 3]) for k in (pair.a, pair.b)]
+                out[n, p] = coal.distance(geometry[pair.a], at[0], geometry[pair.b], at[1],
+                                          coal.DistanceRequest(), coal.DistanceResult())  # fmt: skip
+    return out
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("cell")
+
+
+@pytest.fixture(scope="module")
+def model(folder: Path) -> CollisionModel:
+    return model_of(small_cell(folder))
+
+
+def agree(cell: Cell, model: CollisionModel, q: np.ndarray, band: float) -> None:
+    """Same contacts and same nearest distance as coal, outside ``band`` m around contact."""
+    theirs = np.nanmin(coal_distances(cell, model, q), axis=1)
+    free_of_cutter = model_of(replace(cell, tool=replace(cell.tool, cutter=None)))
+    cutting = np.ones(len(q), bool)
+    hit = free_of_cutter.check(q, cutting).hit
+    near = free_of_cutter.nearest(q, cutting).distance
+    clear = np.abs(theirs) > band
+    assert 0.05 < hit.mean() < 0.95  # the comparison sees both cases
+    np.testing.assert_array_equal(hit[clear], theirs[clear] <= 0)
+    free = (theirs > band) & (theirs < 0.49)
+    np.testing.assert_allclose(near[free], theirs[free], atol=band)
+
+
+def test_agrees_with_coal_on_primitives(folder: Path, model: CollisionModel) -> None:
+    cell = replace(small_cell(folder), T_world_base=pose(0.1, -0.05, 0.02, 0.03))
+    agree(cell, model_of(cell), random_q(model, 150), band=0.09 * 0.007 + 0.28 * ROUND)
+
+
+@pytest.mark.parametrize("name", ["kr210l150", "m20ia"])
+def test_agrees_with_coal_on_a_real_robot(folder: Path, name: str) -> None:
+    if not (ROBOTS / name).is_dir():
+        pytest.skip(f"{ROBOTS / name} is absent")
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.3)
+    ball.export(folder / "ball.stl")
+    cell = real_cell(folder, name)
+    part = Shape("ball", "mesh", (1.0,), folder / "ball.stl", pose(0, 0, 0.2))
+    cell = replace(cell, workpiece=replace(cell.workpiece, geometry=(part,)))
+    model = model_of(cell)
+    agree(cell, model, random_q(model, 60), band=0.05 * ROUND)
+
+
+def test_bounds_never_exceed_the_distance_nor_fall_below_the_motion(folder: Path, model: CollisionModel) -> None:
+    q = random_q(model, 40)
+    exact = coal_distances(small_cell(folder), model, q)
+    bound = Rows(model.stack, q).bound
+    assert (bound[~np.isnan(exact)] <= np.maximum(exact[~np.isnan(exact)], 0) + 1e-9).all()
+    # Motion: every vertex of the second body, seen from the first, at ten places of each joint step.
+    rng = np.random.default_rng(3)
+    for start in q[:10]:
+        end = start + rng.uniform(-0.06, 0.06, 6)
+        way = np.linspace(start, end, 11)
+        rows = Rows(model.stack, np.array([start, end]))
+        steps = Rows(model.stack, way)
+        for p, (_, j) in enumerate(model.stack.index):
+            v = model.stack.bodies[j].vertices
+            T = steps.relative(p)
+            path = np.einsum("sij,vj->svi", T[:, :3, :3], v) + T[:, None, :3, 3]
+            length = np.linalg.norm(np.diff(path, axis=0), axis=2).sum(axis=0).max()
+            assert length <= rows.travel(p)[0] + 1e-12
+            assert rows.travel(p)[0] <= rows.reach[0] + 1e-12
+
+
+def test_clearance_and_carried_distances_agree_with_fresh_ones(folder: Path) -> None:
+    model = model_of(small_cell(folder), clearance=0.03)
+    a, b = random_q(model, 2, seed=5)
+    q = a + np.linspace(0, 1, 600)[:, None] * (b - a)  # neighbours: distances are carried along
+    cutting = np.zeros(len(q), bool)
+    together = model.check(q, cutting)
+    alone = np.array([model.check(row[None], cutting[:1]).hit[0] for row in q])
+    np.testing.assert_array_equal(together.hit, alone)
+    near = model.nearest(q, cutting)
+    wide = np.array([pair.clearance > 0 for pair in model.pairs])
+    sure = (near.pair >= 0) & wide[near.pair]
+    np.testing.assert_array_equal(near.distance[sure] < 0.03, together.hit[sure])
+    assert together.hit.any()
+    assert not together.hit.all()
+
+
+def test_motion_finds_what_lies_between_rows(folder: Path, model: CollisionModel) -> None:
+    """A thin plate that no row touches, against brute force at 2,000 places."""
+    plate = Shape("plate", "box", (0.6, 0.002, 0.6), None, pose(1.2, 0.0, 1.2))
+    cell = replace(small_cell(folder), obstacles=(plate,))
+    thin = model_of(cell)
+    ends = np.deg2rad([[-30, -60, 80, 0, 40, 0], [30, -60, 80, 0, 40, 0.0]])
+    free = np.zeros(2, bool)
+    assert not thin.check(ends, free).hit.any()
+    found = thin.check_motion(ends, free, step=np.deg2rad(10))
+    assert found.first == 1
+    assert "plate" in thin.pairs[found.pair[1]].name
+    fine = ends[0] + np.linspace(0, 1, 2001)[:, None] * (ends[1] - ends[0])
+    brute = thin.check(fine, np.zeros(len(fine), bool)).hit
+    assert brute[int(round(found.at[1] * 2000))]
+    assert not model.check_motion(ends, free, step=np.deg2rad(10)).any
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_motion_agrees_with_brute_force(model: CollisionModel, seed: int) -> None:
+    q = random_q(model, 6, seed=10 + seed)
+    cutting = np.zeros(6, bool)
+    found = model.check_motion(q, cutting, step=np.deg2rad(2))
+    for n in range(1, 6):
+        fine = q[n - 1] + np.linspace(0, 1, 800)[:, None] * (q[n] - q[n - 1])
+        assert found.hit[n] == model.check(fine, np.zeros(800, bool)).hit.any()
+    alone = model.check_motion(q, cutting, step=np.deg2rad(2), first_only=True)
+    assert alone.any == found.any
+
+
+def reach_pose(model: CollisionModel, cell: Cell, tip: tuple[float, float, float]) -> np.ndarray:
+    """Joint position with the TCP at ``tip`` (m, base_link), pointing down."""
+    from scipy.optimize import least_squares
+
+    robot = model.stack.robot
+
+    def miss(q: np.ndarray) -> np.ndarray:
+        T = robot.fk(q, cell.tool.T_flange_tcp)
+        return np.append(T[:3, 3] - tip, T[:3, 2] - [0, 0, -1])
+
+    return least_squares(miss, np.deg2rad([0, -60, 100, 0, 50, 0]), xtol=1e-15, ftol=1e-15, gtol=1e-15).x
+
+
+def test_cutter_may_touch_only_while_cutting(folder: Path, model: CollisionModel) -> None:
+    cell = small_cell(folder)
+    depth = [0.02, 0.0, -0.00005, -0.00015, -0.03]  # m above the block's top at z = 0.6
+    q = np.array([reach_pose(model, cell, (1.5, 0.1, 0.6 + d)) for d in depth])
+    rapid, cut = np.zeros(5, bool), np.ones(5, bool)
+    np.testing.assert_array_equal(model.check(q, rapid).hit, [False, False, False, True, True])
+    assert not model.check(q, cut).hit.any()
+    drill = reach_pose(model, cell, (1.5, 0.1, 0.6 - 0.075))[None]  # 60 mm of cutter: the spindle is in the block
+    hit = model.check(drill, cut[:1])
+    assert model.pairs[hit.pair[0]].name == "block ~ spindle"
+    # A wide clearance does not keep the cutter from starting a rapid move where it cut.
+    wide = model_of(cell, clearance=0.02)
+    assert not wide.check(q[1:2], rapid[:1]).hit.any()
+    assert wide.check(np.array([reach_pose(model, cell, (1.5, 0.1, 0.55))]), cut[:1]).hit.all()  # spindle 10 mm off
+
+
+def test_a_body_wholly_inside_another_is_a_contact(folder: Path, model: CollisionModel) -> None:
+    cell = small_cell(folder)
+    q = reach_pose(model, cell, (1.5, 0.1, 1.0))
+    tip = model.stack.robot.fk(q, cell.tool.T_flange_tcp)[:3, 3]
+    speck = Shape("speck", "sphere", (0.004,), None, pose(tip[0], tip[1], tip[2] + 0.2))  # within the spindle
+    hidden = model_of(replace(cell, obstacles=(speck,)))
+    assert hidden.check(q[None], np.zeros(1, bool)).hit.all()
+    assert hidden.check_motion(q[None], np.zeros(1, bool), step=0.01).hit.all()
+    assert hidden.nearest(q[None], np.zeros(1, bool)).distance[0] == 0.0
+
+
+def test_inside_by_solid_angle() -> None:
+    class Box:
+        vertices, faces = (np.asarray(x) for x in trimesh.creation.box((2, 2, 2)).__dict__["_data"].data.values())
+
+    mesh = trimesh.creation.box((2, 2, 2))
+    body = Box()
+    body.vertices, body.faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    body.box_rotation, body.box_centre, body.box_half = np.eye(3), np.zeros(3), np.ones(3)
+    assert inside(body, np.array([0.9, -0.9, 0.3]))
+    assert not inside(body, np.array([1.1, 0, 0]))
+    body.faces = body.faces[:, ::-1]  # a room with its normals inwards
+    assert not inside(body, np.zeros(3))
+    body.faces = body.faces[1:, ::-1]  # open
+    assert not inside(body, np.zeros(3))
+
+
+def test_pairs_that_always_touch_are_found_by_computation(folder: Path, model: CollisionModel) -> None:
+    names = {pair.name for pair in model.pairs}
+    assert "base_link_0 ~ link_2_0" in names
+    assert not any(f"link_{i}_0 ~ link_{i + 1}_0" in names for i in range(1, 6))
+    assert not any(name.startswith("base_link_0") and ("table" in name or "block" in name) for name in names)
+    assert not model.excluded
+    assert not model.suspicious
+    stuck = Tool(np.eye(4), geometry=(Shape("hood", "box", (0.5, 0.5, 0.6), None, pose(0, 0, -0.1)),))
+    cell = replace(small_cell(folder), tool=stuck)
+    excluded = {(e.a, e.b): e for e in model_of(cell).excluded}
+    assert excluded["link_5_0", "hood"].share == 1.0
+    pedestal = Shape("pedestal", "box", (0.7, 0.7, 0.9), None, pose(0, 0, 0.2))
+    cell = replace(small_cell(folder), obstacles=(pedestal,))
+    assert ("link_1_0", "pedestal") in {(e.a, e.b)[::d] for e in model_of(cell).excluded for d in (1, -1)}
+
+
+def test_names_the_pairs_in_touch_at_home(folder: Path) -> None:
+    wall = Shape("wall", "box", (0.1, 2.0, 2.0), None, pose(1.2, 0, 1.5))
+    suspicious = model_of(replace(small_cell(folder), obstacles=(wall,))).suspicious
+    assert any("wall" in text for text in suspicious)
+
+
+def test_cutter_runs_back_from_the_tcp(folder: Path) -> None:
+    cell = small_cell(folder)
+    robot, _ = load_chain(cell)
+    T = np.linalg.inv(robot.T_base_flange_zero @ cell.tool.T_flange_tcp)
+    for shrink in (0.0, 1e-4):
+        v = cutter_body(cell, robot, Cutter(0.012, 0.06), shrink).vertices @ T[:3, :3].T + T[:3, 3]
+        np.testing.assert_allclose([v[:, 2].min(), v[:, 2].max()], [-0.06, -shrink], atol=1e-9)
+        np.testing.assert_allclose(np.hypot(v[:, 0], v[:, 1]).max(), 0.006 - shrink, rtol=ROUND)
+
+
+def test_bad_input_says_what_would_work(folder: Path) -> None:
+    cell = small_cell(folder)
+    with pytest.raises(InputError, match="positioners are not supported"):
+        model_of(replace(cell, workpiece=Workpiece("link_3", np.eye(4))))
+    for name, text, expected in (("gone.stl", None, "not a file"), ("x.stl", "solid x\nendsolid x\n", "mesh of 'm'")):
+        if text is not None:
+            (folder / name).write_text(text)
+        shape = Shape("m", "mesh", (1.0,), folder / name, np.eye(4))
+        with pytest.raises(InputError, match=expected):
+            model_of(replace(cell, obstacles=(shape,)))
+
+
+def test_no_rows_and_no_pairs(folder: Path, model: CollisionModel) -> None:
+    none = np.zeros((0, 6)), np.zeros(0, bool)
+    assert not model.check(*none).any
+    assert model.check_motion(*none, step=0.1).first == -1
+    assert len(model.nearest(*none).distance) == 0
+    robot, _ = load_chain(small_cell(folder))
+    bare = replace(small_cell(folder), tool=Tool(np.eye(4)), obstacles=(), workpiece=Workpiece("world", np.eye(4)))
+    empty = CollisionModel(bare, robot, (), 0.0)
+    q = np.zeros((3, 6))
+    assert not empty.check_motion(q, np.zeros(3, bool), 0.1).any
+    assert empty.nearest(q, np.zeros(3, bool)).pair.max() == -1
