@@ -102,7 +102,7 @@ class Arm:
 def industrial_arm(  # noqa: PLR0913  (the dimensions of a data sheet, each by its own name)
     *, a1: float, d1: float, a2: float, offset: float, d4: float, d6: float,
     upright_zero: bool, axis_sign: tuple[int, ...], limits_deg: Sequence[tuple[float, float]],
-    velocity_deg_s: Sequence[float], masses: tuple[float, ...], size: float, base_height: float | None = None,
+    velocity_deg_s: Sequence[float], masses: tuple[float, ...], size: float,
 ) -> Arm:  # fmt: skip
     """A 6R arm with spherical wrist. x forward, z up.
 
@@ -113,10 +113,8 @@ def industrial_arm(  # noqa: PLR0913  (the dimensions of a data sheet, each by i
         upright_zero: the upper arm points up at zero (ABB, FANUC); else forward (KUKA).
         axis_sign: of axes 1 … 6 about +z, +y, +y, +x, +y, +x.
         size: 1 for a link cross-section of the 500 kg class.
-        base_height: of the joint between base and turret above the mounting plane; d1 of a DH table that
-            leaves the base out (d1 = 0) makes it negative.
     """
-    z1 = 0.4 * d1 if base_height is None else base_height
+    z1 = 0.4 * d1  # between base and turret
     x4, s = 0.36 * d4, size
     x6 = d6 - 0.06
     up = (0.0, 0.0, a2) if upright_zero else (a2, 0.0, 0.0)
@@ -127,10 +125,9 @@ def industrial_arm(  # noqa: PLR0913  (the dimensions of a data sheet, each by i
         for o, d, g, lim, vel in zip(origins, directions, axis_sign, limits_deg, velocity_deg_s, strict=True)
     )
     h = d1 - z1
-    foot = min(0.0, z1 - 0.5)  # the mounting plane, where the DH origin is above it
     link0 = joined(
-        loft("z", [(foot, 0, 0, 0.46 * s, 0.46 * s), (foot + 0.05, 0, 0, 0.46 * s, 0.46 * s)], 8),
-        loft("z", [(foot + 0.05, 0, 0, 0.40 * s, 0.40 * s), (z1 - 0.01, 0, 0, 0.34 * s, 0.34 * s)], 3),
+        loft("z", [(0.0, 0, 0, 0.46 * s, 0.46 * s), (0.05, 0, 0, 0.46 * s, 0.46 * s)], 8),
+        loft("z", [(0.05, 0, 0, 0.40 * s, 0.40 * s), (z1 - 0.01, 0, 0, 0.34 * s, 0.34 * s)], 3),
     )
     cheek = [cylinder("y", lo * s, hi * s, 0.22 * s, (h, a1)) for lo, hi in ((-0.26, -0.15), (0.15, 0.26))]
     column = [
@@ -174,27 +171,33 @@ def cobot_arm(
     *, d1: float, a2: float, a3: float, d4: float, d5: float, d6: float,
     limits_deg: Sequence[tuple[float, float]], velocity_deg_s: Sequence[float], masses: tuple[float, ...],
 ) -> Arm:  # fmt: skip
-    """A 6R arm with three parallel axes and offset wrist. At zero it lies stretched along +x (DH zero)."""
+    """A 6R arm with three parallel axes and offset wrist, stretched along +x at its DH zero.
+
+    Standard DH with a > 0 and every twist of axes 1, 4 and 5 −90°.
+    """
     origins = [(0, 0, 0), (0, 0, d1), (a2, 0, 0), (a3, 0, 0), (0, d4, 0), (0, 0, -d5)]
-    axes = [(0, 0, 1), (0, 1, 0), (0, 1, 0), (0, 1, 0), (0, 0, -1), (0, 1, 0)]
+    axes = [(0, 0, 1), (0, 1, 0), (0, 1, 0), (0, 1, 0), (0, 0, -1), (0, -1, 0)]
     joints = tuple(
         Joint(tuple(float(v) for v in o), x, lim, vel)  # type: ignore[arg-type]
         for o, x, lim, vel in zip(origins, axes, limits_deg, velocity_deg_s, strict=True)
     )
-    r, y2, y3 = 0.055, 0.125, 0.03  # tube radius; where upper arm and forearm run beside the shoulder plane
-    link0 = joined(cylinder("z", -0.09, -0.075, 0.085), cylinder("z", -0.075, -0.001, 0.07))
-    link1 = joined(cylinder("z", 0.001, d1, r + 0.006), cylinder("y", -r, 0.06, r, (d1, 0)))
+    r, upper, fore = 0.050, 0.125, 0.030  # shoulder radius; y of the upper arm's and the forearm's tube
+    link0 = joined(cylinder("z", 0.0, 0.015, 0.085), cylinder("z", 0.015, 0.034, 0.065))
+    link1 = joined(cylinder("z", 0.036, d1, r), cylinder("y", -r, 0.068, r, (d1, 0)))
     link2 = joined(
-        cylinder("y", 0.062, y2 + r, r), cylinder("x", 0, a2, 0.046, (y2, 0)), cylinder("y", 0.085, y2 + r, 0.052, (0, a2))
+        cylinder("y", 0.072, upper + r, r),
+        cylinder("x", 0.0, a2, 0.044, (upper, 0)),
+        cylinder("y", 0.080, upper + 0.045, 0.050, (0, a2)),
     )
     link3 = joined(
-        cylinder("y", y3 - 0.045, 0.083, 0.052), cylinder("x", 0, a3, 0.038, (y3, 0)), cylinder("y", y3 - 0.04, y3 + 0.035, 0.045, (0, a3))
+        cylinder("y", fore - 0.045, 0.077, 0.050),
+        cylinder("x", 0.0, a3, 0.036, (fore, 0)),
+        cylinder("y", fore - 0.040, fore + 0.036, 0.043, (0, a3)),
     )
-    link4 = joined(cylinder("y", y3 + 0.037, d4 + 0.04, 0.045), cylinder("z", -0.045, 0.045, 0.042, (0, d4)))
-    link5 = joined(cylinder("z", -d5 - 0.04, -0.047, 0.042), cylinder("y", -0.042, 0.04, 0.042, (-d5, 0)))
-    link5 = moved(link5, (0, 0, 0))
-    link6 = cylinder("y", d6 - 0.03, d6, 0.036)
-    return Arm(joints, (0, d6, 0), ("-1.5707963267948966", "0", "0"),
+    link4 = joined(cylinder("y", fore + 0.039, d4 + 0.042, 0.042), cylinder("z", -0.047, 0.045, 0.040, (0, d4)))
+    link5 = joined(cylinder("z", -d5 - 0.042, -0.049, 0.040), cylinder("y", -d6 + 0.028, 0.042, 0.040, (-d5, 0)))
+    link6 = cylinder("y", -d6, -d6 + 0.026, 0.036)
+    return Arm(joints, (0, -d6, 0), ("1.5707963267948966", "0", "0"),
                (link0, link1, link2, link3, link4, link5, link6), masses)  # fmt: skip
 
 
@@ -371,13 +374,242 @@ def kr240_drilling() -> CellFiles:
             *(f"{{name: clamp_{i}, box_mm: [40, 60, 90], xyz_mm: [{cx + sx * 365:.1f}, {sy * 420:.1f}, {z - sag:.1f}]}}"
               for i, (sx, sy) in enumerate([(-1, -1), (-1, 1), (1, -1), (1, 1)], 1)),
         ),
-        stiffness=("dumas2011 as cited by gora-trela (joint_stiffness of the KR240-2)", "[1.41e6, 4.01e5, 9.35e5, 3.60e5, 3.70e5, 3.80e5]"),
+        stiffness=("Dumas et al. (2011) as cited by Góra and Trela (there misprinted as kN·m/rad); see README.md", "[1.41e6, 4.01e5, 9.35e5, 3.60e5, 3.70e5, 3.80e5]"),
         readme=KR240_README,
+        extra={"stiffness_table2.yaml": """\
+# dumas2011, Table 2 of the text in hand; see README.md
+machopt_stiffness: 1
+joints_Nm_per_rad: [3.8e6, 6.6e6, 3.9e6, 5.6e5, 6.6e5, 4.7e5]
+"""},
     )  # fmt: skip
 
 
-KR500_README = KR240_README = ""
+def irb6700_drilling() -> CellFiles:
+    arm = industrial_arm(
+        a1=0.320, d1=0.780, a2=1.125, offset=0.200, d4=1.3925, d6=0.200,
+        upright_zero=True, axis_sign=(1, 1, 1, 1, 1, 1),
+        limits_deg=[(-170, 170), (-65, 85), (-180, 70), (-300, 300), (-130, 130), (-360, 360)],
+        velocity_deg_s=[100, 90, 90, 170, 120, 190], masses=(370, 330, 210, 190, 90, 45, 12), size=0.72,
+    )  # fmt: skip
+    cx, z, knee, length = 1650.0, 800.0, 0.130, 0.330  # m: spindle axis meets axis 6 at knee; knee to tip
+    c = float(np.sqrt(0.5))
+    spindle = joined(
+        loft("z", [(0.0, 0, 0, 0.085, 0.085), (0.03, 0, 0, 0.085, 0.085)]),
+        loft("z", [(0.03, 0, 0, 0.075, 0.075), (knee, 0.02, 0, 0.062, 0.062)]),
+        moved(
+            joined(
+                cylinder("z", -0.05, length - 0.171, 0.052),
+                loft("z", [(length - 0.171, 0, 0, 0.036, 0.036), (length - 0.10, 0, 0, 0.024, 0.024), (length - 0.071, 0, 0, 0.012, 0.012)]),
+            ),
+            (0, 0, knee), (0, 45, 0),
+        ),
+    )  # fmt: skip
+    return CellFiles(
+        folder="irb6700_drilling", title="IRB 6700 drilling of a plate (zhang2025)", arm=arm,
+        base_mm=(0, 0, 200), home_deg=(0, -10, 20, 0, 35, 0),
+        tool=f"""\
+  tcp: {{xyz_mm: [{1000 * length * c:.4f}, 0, {1000 * (knee + length * c):.4f}], rpy_deg: [0, 45, 0]}}
+  mass_kg: 24
+  com_mm: [60, 0, 130]
+  cutter: {{diameter_mm: 8, length_mm: 70}}""",
+        tool_mesh=spindle,
+        workpiece_mm=(cx, 0, z), workpiece_rpy=(0, 0, 0),
+        workpiece_mesh=joined(box((-0.25, -0.20, -0.03), (0.25, 0.20, 0.0)), box((-0.25, -0.20, -0.08), (-0.21, 0.20, -0.03)),
+                              box((0.21, -0.20, -0.08), (0.25, 0.20, -0.03))),
+        obstacles=(
+            "{name: pedestal, box_mm: [900, 900, 194], xyz_mm: [0, 0, 97]}",
+            f"{{name: workbench, box_mm: [800, 1200, 50], xyz_mm: [{cx:.0f}, 0, {z - 105:.0f}]}}",
+            *(f"{{name: leg_{i}, box_mm: [80, 80, {z - 130:.0f}], xyz_mm: [{cx + sx * 340:.0f}, {sy * 540}, {(z - 130) / 2:.0f}]}}"
+              for i, (sx, sy) in enumerate([(-1, -1), (-1, 1), (1, -1), (1, 1)], 1)),
+            *(f"{{name: clamp_{i}, box_mm: [60, 40, 70], xyz_mm: [{cx + sx * 230:.0f}, {sy * 222}, {z - 45:.0f}]}}"
+              for i, (sx, sy) in enumerate([(-1, -1), (-1, 1), (1, -1), (1, 1)], 1)),
+        ),
+        stiffness=("zhang2025, section 3 (Table 2 poses), N·m/rad", "[2.61e6, 9.37e5, 6.58e5, 9.20e5, 4.43e4, 2.74e4]"),
+        readme=IRB6700_README,
+    )  # fmt: skip
 
+
+def s420f_handling() -> CellFiles:
+    arm = industrial_arm(
+        a1=0.270, d1=0.900, a2=0.900, offset=0.270, d4=1.300, d6=0.260,
+        upright_zero=True, axis_sign=(1, -1, -1, 1, -1, 1),
+        limits_deg=[(-150, 150), (-57.5, 57.5), (-72.5, 72.5), (-360, 360), (-125, 125), (-360, 360)],
+        velocity_deg_s=[85, 85, 85, 120, 120, 190], masses=(420, 380, 240, 260, 110, 60, 15), size=0.8,
+    )  # fmt: skip
+    cx, z = 1600.0, 700.0
+    gripper = joined(
+        loft("z", [(0.0, 0, 0, 0.095, 0.095), (0.05, 0, 0, 0.095, 0.095)]),
+        loft("z", [(0.05, 0.06, 0, 0.15, 0.08), (0.16, 0.06, 0, 0.15, 0.08)], 5),
+        *(loft("z", [(0.16, 0.15 + d, 0, 0.012, 0.045), (0.30, 0.15 + d, 0, 0.010, 0.030)], 6) for d in (-0.045, 0.045)),
+    )
+    pallet = joined(*(cylinder("z", -0.06, 0.0, 0.045, (x, y), 16) for x in (-0.3, 0.0, 0.3) for y in (-0.3, 0.0, 0.3)))
+    return CellFiles(
+        folder="s420f_handling", title="FANUC S-420F handling of castings (gora-trela)", arm=arm,
+        base_mm=(0, 0, 100), home_deg=(0, 0, 0, 0, -60, 0),
+        tool="""\
+  tcp: {xyz_mm: [150, 0, 320], rpy_deg: [0, 0, 0]}   # between the fingers, which stop 20 mm short of it
+  mass_kg: 38
+  com_mm: [60, 0, 120]
+""",
+        tool_mesh=gripper,
+        workpiece_mm=(cx, 0, z), workpiece_rpy=(0, 0, 0), workpiece_mesh=pallet,
+        obstacles=(
+            "{name: pedestal, box_mm: [1000, 1000, 94], xyz_mm: [0, 0, 47]}",
+            f"{{name: pallet, box_mm: [900, 900, 40], xyz_mm: [{cx:.0f}, 0, {z - 80:.0f}]}}",
+            f"{{name: conveyor, box_mm: [700, 800, {z - 100:.0f}], xyz_mm: [{cx:.0f}, 0, {(z - 100) / 2:.0f}]}}",
+            "{name: fence_post, cylinder_mm: [60, 2200], xyz_mm: [1300, 1500, 1100]}",
+        ),
+        stiffness=(
+            "Joints 1 to 3: PUMA 560 ratios (66.23 : 66.50 : 11.61) as in gora-trela, scaled so that the vertical",
+            "compliance at its pose is the measured 0.0059 mm/N; joints 4 to 6: those of the KR240-2 (dumas2011),",
+            "our assumption. The paper's own sentence on the scale contradicts its measurement: see README.md.",
+            "[2.52e6, 2.53e6, 4.42e5, 3.60e5, 3.70e5, 3.80e5]",
+        ),
+        readme=S420F_README,
+    )  # fmt: skip
+
+
+def cutting_cobot() -> CellFiles:
+    arm = cobot_arm(
+        d1=0.096, a2=0.418, a3=0.398, d4=0.114, d5=0.098, d6=0.089,
+        limits_deg=[(-360, 360), (-265, 85), (-160, 160), (-360, 360), (-360, 360), (-360, 360)],
+        velocity_deg_s=[150, 150, 150, 180, 180, 180], masses=(3.5, 4.8, 6.2, 3.6, 1.6, 1.6, 0.5),
+    )  # fmt: skip
+    cx, cy, z = 470.0, 110.0, 900.0
+    femur = joined(
+        loft("x", [(-0.16, 0, -0.016, 0.014, 0.014), (-0.05, 0, -0.015, 0.015, 0.015), (0.0, 0, -0.018, 0.023, 0.018),
+                   (0.035, 0, -0.022, 0.036, 0.022)], n=32),
+        *(loft("x", [(0.015, y, -0.026, 0.010, 0.010), (0.035, y, -0.028, 0.020, 0.024), (0.055, y, -0.030, 0.017, 0.022),
+                     (0.066, y, -0.032, 0.008, 0.010)], n=24) for y in (-0.019, 0.019)),
+    )  # fmt: skip
+    return CellFiles(
+        folder="cutting_cobot", title="Cobot cutting bone (tian2025)", arm=arm,
+        base_mm=(0, 0, 750), home_deg=(0, -110, 105, 13, -90, 90),
+        tool="""\
+  tcp: {xyz_mm: [-130, 0, 85], rpy_deg: [90, 0, -90]}
+  mass_kg: 1.2
+  com_mm: [-20, 0, 55]
+  cutter: {diameter_mm: 4, length_mm: 60}""",
+        tool_mesh=joined(cylinder("z", 0.0, 0.032, 0.036), square_spindle(0.085, 0.130, 0.060, radius=0.018, body=(-0.035, 0.075))),
+        workpiece_mm=(cx, cy, z), workpiece_rpy=(0, 0, 90), workpiece_mesh=femur,
+        obstacles=(
+            "{name: trolley, box_mm: [500, 600, 744], xyz_mm: [-60, 0, 372]}",
+            f"{{name: bench, box_mm: [400, 700, 40], xyz_mm: [{cx + 80:.0f}, {cy:.0f}, {z - 160:.0f}]}}",
+            f"{{name: vice, box_mm: [60, 50, 95], xyz_mm: [{cx:.0f}, {cy - 125:.0f}, {z - 92.5:.1f}]}}",
+        ),
+        stiffness=("tian2025, Table 3, N·m/rad", "[4.68e5, 5.56e5, 4.57e5, 2.75e5, 9.55e5, 8.36e4]"),
+        readme=COBOT_README,
+    )  # fmt: skip
+
+
+ASSUMED = """
+Assumptions of ours, not published data: every mesh (envelopes drawn around the published axes, not the maker's
+CAD), link masses and inertias (split of the arm's data-sheet mass), tool, workpiece, fixture, accelerations
+(velocity limit reached in 0.35 s) and jerks (full acceleration reached in 0.14 s). Joint ranges and velocities are
+from the maker's data sheet as we remember it, not looked up: replace them by your robot's before cutting metal.
+
+Made by `python cells/make_cells.py`; change that script, not these files.
+"""
+
+KR500_README = """\
+# KR500 milling
+
+The robot and stiffness of Jiao et al., "Variable Stiffness Identification and Configuration Optimization of
+Industrial Robots for Machining Tasks" (2022), milling the deck of a cylinder head.
+
+| number | source |
+|---|---|
+| 500, 1045, 1300, 1025, 290 mm | KUKA KR 500-2 data sheet (reach class R2830), from memory, and confirmed by Table 2 below |
+| axis 4 lies 55 mm **above** the elbow axis while the forearm points forward | Table 2: −55 leaves 50 mm, +55 leaves 0.04 mm |
+| TCP 569.15 mm from the wrist centre along axis 6, 0 sideways; tool axis square to axis 6 | solved from Table 2 |
+| joint stiffness | eq. 38 (N·mm/rad there); `stiffness_two_grid.yaml`: eqs. 39, 40 |
+| cutter 17 mm, 2 teeth | Table 3 of the paper |
+
+Table 2 gives each of two tags in two configurations. With the geometry above each pair is one TCP to 0.06 mm
+and turned about the tool axis by 110.003° and 70.000° (stated: 110° and 70°); `tests/test_cells.py` checks it.
+The tags come out at (2140.9, −191.2) and (2140.5, 144.2) mm in base_link, tool pointing straight down.
+The TCP frame is turned so that gamma equals the paper's θx on a pass from Tag 1 to Tag 2.
+
+Table 2 says nothing of how far the tip stands out along the tool axis, and the axial stiffness of the paper does not
+depend on it either: 400 mm from axis 6 is our choice. It puts the tags on the head's deck (CAM z = 0), on its
+centre line. The grid's origin is ours too: two 600 mm cubes about the deck's centre, split at y = 0 of base_link,
+eq. 39 on the −y side. With the paper's axial index (its eqs. 15–23) and eq. 38 this geometry gives 1791, 4819,
+1989 and 4819 N/mm where Table 2 has 1717, 4061, 1761 and 4047 from an unpublished finer grid.
+""" + ASSUMED
+
+KR240_README = """\
+# KR240-2 drilling
+
+The robot of Dumas et al., "Joint stiffness identification of industrial serial robots" (2011), drilling a skin panel
+(radius 1500 mm, 680 × 1040 mm, 4 mm thick). The spindle is parallel to axis 6 and 180 mm beside it.
+
+| number | source |
+|---|---|
+| 350, 750, 1250, 1100, 230 mm; axis 4 lies 55 mm below the elbow axis (forearm forward) | KUKA KR 240-2 data sheet, from memory; the paper leaves d2, d3, d4, RL4, RL6 as symbols and gives a reach of 2700 mm = 350 + 1250 + 1100 |
+| 1.41e6, 4.01e5, 9.35e5, 3.60e5, 3.70e5, 3.80e5 N·m/rad | Dumas et al. (2011), as cited by Góra and Trela (who print kN·m for MN·m) |
+
+The text of the paper that we have prints other values (its Table 2: 3.8e6, 6.6e6, 3.9e6, 5.6e5, 6.6e5, 4.7e5 N·m/rad,
+errors of 2 to 9 %), which `stiffness_table2.yaml` holds; the values above are the ones other papers cite under its name.
+""" + ASSUMED
+
+IRB6700_README = """\
+# IRB 6700 drilling
+
+The robot of Zhang et al., "Global stiffness modeling of robot drilling system …" (Machines 2025, 13, 837), with a
+spindle at 45° to axis 6, drilling a plate on a workbench.
+
+| number | source |
+|---|---|
+| 780, 320, 1125, 200, 1393, 200 mm | Table 1 (modified DH); 1392.5 instead of the rounded 1393 |
+| signs of the twists (±90°) | lost in the text; taken from the arm's shape: forearm axis 200 mm above the elbow |
+| joint zero and signs | ABB's: upper arm upright and forearm forward at zero |
+| joint stiffness | section 3 of the paper |
+
+The paper's link 4 flexibility and spindle beam are not in this cell. Its loads are printed as N·m with magnitudes
+(1e5) that can only be N·mm.
+""" + ASSUMED
+
+S420F_README = """\
+# FANUC S-420F handling
+
+The robot of Góra and Trela, "Stiffness matrix of manipulator FANUC S-420F", with a gripper over a pallet of
+castings. No cutter: the cell shows handling and mapping.
+
+| number | source |
+|---|---|
+| 270, 900, 270, 1300, 260 mm; joint ranges | Table 1 (λ1 = 0: the table starts at axis 2; 900 mm from the floor to axis 2 is our assumption) |
+| q2 = θ2 − 90°, so that the ranges ±57.5° and ±72.5° are about the upright arm | our reading of Table 1 |
+| joint stiffness 1 to 3 | measured vertical compliance 0.0059 mm/N and the ratios of the PUMA 560 |
+| joint stiffness 4 to 6 | KR240-2, our assumption |
+
+Where the paper contradicts itself:
+- It concludes that the S-420F is about three times **stiffer** than the PUMA 560, but its measured stiffness
+  (169.5 N/mm) is three times **less** than the one it computes with PUMA values (546.6 N/mm).
+- That computed value does not follow from its inputs: with 66.5 and 11.61 kN·m/rad and levers of 1.8 and 1.4 m the
+  vertical compliance is 0.22 mm/N, not 0.00183 mm/N. We scale joints 1 to 3 to the measurement (× 38).
+- The KR240-2 values are cited in kN·m/rad (1.410); they are MN·m/rad.
+- The stated tool position (279.85, 2751.95, 145.14) is 2766 mm from axis 1; its own joint angles with Table 1 give
+  2026 to 2078 mm, on the other side (y < 0).
+""" + ASSUMED
+
+COBOT_README = """\
+# Cobot cutting bone
+
+The arm of Tian et al., "Comprehensive stiffness modeling and evaluation of an orthopedic surgical robot …"
+(Biomimetics 2025, 10, 383): three parallel axes, offset wrist, **no spherical wrist**. A bur square to the flange
+mills a femur-like piece in a vice.
+
+| number | source |
+|---|---|
+| d 96, 0, 0, 114, 98, 89 mm; a 0, 418, 398, 0, 0, 0 mm | Table 5 (the text runs index and value together: row "1960" is i = 1, d = 96, a = 0); 418, 398, 114, 98, 89 stand in the text as well |
+| twists −90, 0, 0, −90, −90, 0 degrees with a > 0 | signs are lost in the text; equal signs as printed are the choice that raises the arm and points the tool down at all five poses of Table 1 |
+| joint stiffness | Table 3 |
+| joint ranges and velocities | typical of the class, our assumption |
+
+Where the paper contradicts itself: the displacements of its Tables 2 and 4 (0.2 to 1 mm under 10 to 35 N) are some
+thirty times what the stiffness of Table 3 gives (about 1000 N/mm, as its Tables 7 and 8 measure); the workspace radius
+of 650 mm is less than 418 + 398; the dexterity of Table 1 follows from no choice of signs we tried.
+""" + ASSUMED
 
 # --- writing -----------------------------------------------------------------------------------------------
 
@@ -475,6 +707,9 @@ def as_list(values: Sequence[float]) -> str:
 CELLS: dict[str, Callable[[], CellFiles]] = {
     "kr500_milling": kr500_milling,
     "kr240_drilling": kr240_drilling,
+    "irb6700_drilling": irb6700_drilling,
+    "s420f_handling": s420f_handling,
+    "cutting_cobot": cutting_cobot,
 }
 
 if __name__ == "__main__":

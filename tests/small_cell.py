@@ -44,7 +44,8 @@ def urdf_text() -> str:
         out.append(
             f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="link_{i + 1}"/>'
             f'<origin xyz="{xyz[0]} {xyz[1]} {xyz[2]}" rpy="0 0 0"/><axis xyz="{axis}"/>'
-            f'<limit lower="{np.deg2rad(low)}" upper="{np.deg2rad(high)}" velocity="2" effort="1000"/></joint>'
+            f'<limit lower="{np.deg2rad(low)}" upper="{np.deg2rad(high)}" velocity="2" effort="1000"/>'
+            "</joint>"
         )
     out.append(
         '<joint name="f" type="fixed"><parent link="link_6"/><child link="flange"/>'
@@ -69,7 +70,7 @@ def pose(x: float, y: float, z: float, pitch: float = 0.0) -> np.ndarray:
 
 
 def small_cell(folder: Path, **changes: object) -> Cell:
-    """Workpiece frame on the top of a block 1.5 m ahead, 0.6 m high; the robot stands in the world's origin."""
+    """Workpiece frame on a block 1.5 m ahead, 0.6 m high; the robot stands in the world's origin."""
     urdf = folder / "robot.urdf"
     urdf.write_text(urdf_text())
     fields: dict[str, object] = {

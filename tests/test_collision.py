@@ -13,7 +13,7 @@ from small_cell import ROBOTS, pose, real_cell, small_cell
 
 from machopt.domain.cell import Cell, Cutter, Shape, Tool, Workpiece
 from machopt.errors import InputError
-from machopt.model.bodies import cutter_body, inside
+from machopt.model.bodies import Body, cutter_body, inside
 from machopt.model.bounds import Rows
 from machopt.model.collision import CollisionModel
 from machopt.model.robot import load_chain
@@ -44,18 +44,18 @@ def coal_shape(shape: Shape) -> coal.CollisionGeometry:
 def coal_distances(cell: Cell, model: CollisionModel, q: np.ndarray) -> np.ndarray:
     """(S, P) distances by coal with its own shapes; pairs with the cutter are left NaN."""
     robot, shapes = load_chain(cell)
+    T_base_world = np.linalg.inv(cell.T_world_base)
     frames = {s.shape.name: (s.link, s.shape.T_parent_shape, s.shape) for s in shapes}
     for s in cell.tool.geometry:
         frames[s.name] = (6, robot.T_base_flange_zero @ s.T_parent_shape, s)
     for s in cell.workpiece.geometry:
-        frames[s.name] = (0, cell.workpiece.T_link_workpiece @ s.T_parent_shape, s)
+        frames[s.name] = (0, T_base_world @ cell.workpiece.T_link_workpiece @ s.T_parent_shape, s)
     for s in cell.obstacles:
-        frames[s.name] = (0, s.T_parent_shape, s)
+        frames[s.name] = (0, T_base_world @ s.T_parent_shape, s)
     geometry = {name: coal_shape(f[2]) for name, f in frames.items()}
     out = np.full((len(q), len(model.pairs)), np.nan)
     for n, row in enumerate(robot.link_poses(q)):
-        placed = {k: row[link] @ np.linalg.inv(cell.T_world_base) @ T if link == 0 and k not in
-                  [s.shape.name for s in shapes] else row[link] @ T for k, (link, T, _) in frames.items()}  # fmt: skip
+        placed = {name: row[link] @ T for name, (link, T, _) in frames.items()}
         for p, pair in enumerate(model.pairs):
             if "cutter" not in pair.kinds:
                 at = [coal.Transform3s(placed[k][:3, :3], placed[k][:3, 3]) for k in (pair.a, pair.b)]
@@ -156,7 +156,7 @@ def test_motion_finds_what_lies_between_rows(folder: Path, model: CollisionModel
     assert "plate" in thin.pairs[found.pair[1]].name
     fine = ends[0] + np.linspace(0, 1, 2001)[:, None] * (ends[1] - ends[0])
     brute = thin.check(fine, np.zeros(len(fine), bool)).hit
-    assert brute[int(round(found.at[1] * 2000))]
+    assert brute[round(found.at[1] * 2000)]
     assert not model.check_motion(ends, free, step=np.deg2rad(10)).any
 
 
@@ -213,19 +213,13 @@ def test_a_body_wholly_inside_another_is_a_contact(folder: Path, model: Collisio
 
 
 def test_inside_by_solid_angle() -> None:
-    class Box:
-        vertices, faces = (np.asarray(x) for x in trimesh.creation.box((2, 2, 2)).__dict__["_data"].data.values())
-
     mesh = trimesh.creation.box((2, 2, 2))
-    body = Box()
-    body.vertices, body.faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-    body.box_rotation, body.box_centre, body.box_half = np.eye(3), np.zeros(3), np.ones(3)
+    v, f = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    body = Body("b", "obstacle", 0, v, f, np.eye(3), np.zeros(3), np.ones(3), np.zeros((1, 3)), 2.0)
     assert inside(body, np.array([0.9, -0.9, 0.3]))
     assert not inside(body, np.array([1.1, 0, 0]))
-    body.faces = body.faces[:, ::-1]  # a room with its normals inwards
-    assert not inside(body, np.zeros(3))
-    body.faces = body.faces[1:, ::-1]  # open
-    assert not inside(body, np.zeros(3))
+    assert not inside(replace(body, faces=f[:, ::-1]), np.zeros(3))  # a room with its normals inwards
+    assert not inside(replace(body, faces=f[1:]), np.zeros(3))  # open
 
 
 def test_pairs_that_always_touch_are_found_by_computation(folder: Path, model: CollisionModel) -> None:
@@ -264,7 +258,10 @@ def test_bad_input_says_what_would_work(folder: Path) -> None:
     cell = small_cell(folder)
     with pytest.raises(InputError, match="positioners are not supported"):
         model_of(replace(cell, workpiece=Workpiece("link_3", np.eye(4))))
-    for name, text, expected in (("gone.stl", None, "not a file"), ("x.stl", "solid x\nendsolid x\n", "mesh of 'm'")):
+    for name, text, expected in (
+        ("gone.stl", None, "not a file"),
+        ("x.stl", "solid x\nendsolid x\n", "mesh of 'm'"),
+    ):
         if text is not None:
             (folder / name).write_text(text)
         shape = Shape("m", "mesh", (1.0,), folder / name, np.eye(4))

@@ -59,7 +59,8 @@ def along(tip: Vector, axis: Vector, distance: float) -> Vector:
 
 PANEL_RADIUS = 1500.0
 ROW_PITCH, HOLE_PITCH, ROWS, HOLES = 60.0, 80.0, 10, 12
-DRILL_FEED, BREAK_THROUGH, CLEARANCE = 420.0, 7.0, 20.0  # mm/min; tip below the outer face, skin is 4 mm; mm
+DRILL_FEED, RETRACT_FEED = 420.0, 3000.0  # mm/min; out of the hole under feed, a rapid move must not touch the part
+BREAK_THROUGH, OUT, CLEARANCE = 7.0, 2.0, 20.0  # mm: tip below the outer face (skin is 4 mm), out of the hole, above it
 
 
 def panel_holes() -> list[tuple[int, Vector, Vector]]:
@@ -116,10 +117,12 @@ def write_panel() -> None:
             if not row:
                 apt.append("SPINDL/ 4000.0000,RPM,CLW")
             row = r
-        over, bottom = along(hole, axis, CLEARANCE), along(hole, axis, -BREAK_THROUGH)
-        apt += ["RAPID", goto(over, axis), f"FEDRAT/  {DRILL_FEED:.4f},MMPM", goto(bottom, axis), "RAPID", goto(over, axis)]
+        over, near, bottom = (along(hole, axis, d) for d in (CLEARANCE, OUT, -BREAK_THROUGH))
+        apt += ["RAPID", goto(over, axis), f"FEDRAT/  {DRILL_FEED:.4f},MMPM", goto(bottom, axis)]
+        apt += [f"FEDRAT/ {RETRACT_FEED:.4f},MMPM", goto(near, axis), "RAPID", goto(over, axis)]
         table.add(over, axis, "rapid", None, name)
         table.add(bottom, axis, "cut", DRILL_FEED, name)
+        table.add(near, axis, "cut", RETRACT_FEED, name)
         table.add(over, axis, "rapid", None, name)
     apt += [f"$$  End of generation of : Drilling row {row}", "SPINDL/OFF", "FINI"]
     write("panel_holes.aptsource", apt)
@@ -288,7 +291,59 @@ def write_head_face() -> None:
     write("cylinder_head_face.cls", out)
 
 
+# --- the other cells ---------------------------------------------------------------------------------------
+
+
+def write_plate() -> None:
+    """irb6700_drilling: twenty holes through a 30 mm plate in three pecks."""
+    table = Table()
+    up: Vector = (0.0, 0.0, 1.0)
+    for k in range(20):
+        row, place = divmod(k, 5)
+        x, y = -150.0 + 75.0 * (place if row % 2 == 0 else 4 - place), -120.0 + 80.0 * row
+        name = f"row {row + 1}"
+        table.add((x, y, 25.0), up, "rapid", None, name)
+        for depth in (12.0, 24.0, 33.0):
+            table.add((x, y, -depth), up, "cut", 260.0, name)
+            table.add((x, y, 2.0), up, "cut", 3000.0, name)
+        table.add((x, y, 25.0), up, "rapid", None, name)
+    table.write("plate_holes.csv", "twenty holes, pecked; cell irb6700_drilling")
+
+
+def write_castings() -> None:
+    """s420f_handling: the gripper calls at nine castings. No cutting, so every move is approach or link."""
+    table = Table()
+    for k in range(9):
+        row, place = divmod(k, 3)
+        x, y = 300.0 * (row - 1), 300.0 * (place if row % 2 == 0 else 2 - place) - 300.0
+        name = f"casting {k + 1}"
+        table.add((x, y, 150.0), (0.0, 0.0, 1.0), "link", 15000.0, name)
+        table.add((x, y, 2.0), (0.0, 0.0, 1.0), "approach", 6000.0, name)
+        table.add((x, y, 150.0), (0.0, 0.0, 1.0), "retract", 6000.0, name)
+    table.write("castings.csv", "nine castings on a pallet; cell s420f_handling")
+
+
+def write_bone() -> None:
+    """cutting_cobot: seven points 5 mm apart, 0.5 mm deep, 0.5 mm/s as in tian2025, on three tracks."""
+    table = Table()
+    for track, y in enumerate((-2.0, 0.0, 2.0), 1):
+        lean = math.radians(4.0) * y
+        axis = (0.0, math.sin(lean), math.cos(lean))
+        path: list[Vector] = [(-30.0 + 5.0 * k, y, -0.5) for k in range(7)]
+        name = f"track {track}"
+        table.add(along(path[0], axis, 25.0), axis, "rapid", None, name)
+        table.add(along(path[0], axis, 3.0), axis, "approach", 300.0, name)
+        for tip in path:
+            table.add(tip, axis, "cut", 30.0, name)
+        table.add(along(path[-1], axis, 3.0), axis, "retract", 300.0, name)
+        table.add(along(path[-1], axis, 25.0), axis, "rapid", None, name)
+    table.write("bone_tracks.csv", "three short tracks on the shaft; cell cutting_cobot")
+
+
 if __name__ == "__main__":
+    write_plate()
+    write_castings()
+    write_bone()
     write_panel()
     write_contour()
     write_plain()

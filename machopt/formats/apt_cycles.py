@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from machopt.formats.apt_tokens import number
-from machopt.formats.holecycle import CycleError
+from machopt.formats.holecycle import CycleError, HoleCycle
 
 FEED_UNITS = {  # word → (mm per length unit, None: the file's), per revolution
     "MMPM": (1.0, False),
@@ -109,4 +109,34 @@ def parse_cycle(parts: list[str]) -> CycleWords:
         dwell=values.get("DWELL", 0.0),
         deep=deep,
         unknown=tuple(unknown),
+    )
+
+
+def hole_cycle(words: CycleWords, *, signed_depth: bool, scale: float, feed: float) -> HoleCycle:
+    """The stroke plan in mm.
+
+    Args:
+        words: numbers as read.
+        signed_depth: NX: FEDTO is the bottom's height along the tool axis.
+        scale: mm per file unit.
+        feed: mm/min, NaN where the file gives none.
+    Raises:
+        CycleError: depth or clearance is missing.
+    """
+    if words.depth is None:
+        raise CycleError(f"CYCLE/{words.name} without a depth; expected FEDTO, DEPTH or a first number")
+    if words.clear is None:
+        raise CycleError(f"CYCLE/{words.name} without a clearance; expected RAPTO, CLEAR or a second number")
+    bottom = words.depth if signed_depth else -words.depth
+    return HoleCycle(
+        name=words.name,
+        bottom=bottom * scale,
+        clear=words.clear * scale,
+        retract=max(words.clear if words.retract is None else words.retract, words.clear) * scale,
+        feed=feed,
+        first_peck=(words.first_peck or words.next_peck) * scale if words.deep else 0.0,
+        next_peck=words.next_peck * scale if words.deep else 0.0,
+        chip_break="BRKCHP" in words.name,
+        feed_out=words.name.startswith(FEED_OUT),
+        dwell=words.dwell,
     )

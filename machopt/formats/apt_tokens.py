@@ -10,7 +10,7 @@ from machopt.formats.source import Source
 
 COMMENT = "$$"
 TEXT_WORDS = ("PARTNO", "PPRINT", "INSERT", "TPRINT", "REMARK", "LETTER", "MSG")
-_HEAD = re.compile(r"[A-Z][A-Z0-9_\-]*(?: [A-Z]+)?")
+_HEAD = re.compile(r"[A-Z][A-Z0-9_\-]*(?: [A-Z]+|,[A-Z]+)?")
 _SEPARATOR = re.compile(r"[,\s]+")
 
 
@@ -53,7 +53,7 @@ def split_statement(text: str) -> tuple[str, str]:
     head, slash, rest = text.partition("/")
     head = head.strip().upper()
     if slash and _HEAD.fullmatch(head):
-        return head, rest
+        return head.partition(",")[0], rest  # TLON,GOFWD/ is a TLON
     upper = text.upper()
     for word in TEXT_WORDS:
         if upper.startswith(word):

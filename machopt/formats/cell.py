@@ -116,9 +116,7 @@ class _Reader:
         except (OSError, RuntimeError, ValueError):  # links in a circle, or a null byte
             raise fail(f"found {name!r}; expected a path") from None
         if not self.allow_external and not path.is_relative_to(self.folder):
-            raise fail(
-                f"{name} lies outside the cell folder ({path}); copy it in, or allow it with --allow-external"
-            )
+            raise fail(f"{name} lies outside the cell folder ({path}); copy it in, or allow it with --allow-external")
         return path
 
     def packages(self) -> dict[str, Path]:
@@ -139,9 +137,7 @@ class _Reader:
     def urdf_meshes(self, urdf: Urdf, packages: dict[str, Path]) -> dict[str, Path]:
         """Check every collision mesh; returns all packages, the map's and those found beside the URDF."""
         if not urdf.has_collision:
-            self.warnings.append(
-                f"{urdf.path.name} has no collision geometry, so the arm's own body is not checked"
-            )
+            self.warnings.append(f"{urdf.path.name} has no collision geometry, so the arm's own body is not checked")
         found = dict(packages)
         for mesh in urdf.meshes:
 
@@ -200,9 +196,7 @@ class _Reader:
             return Shape(name, "sphere", (keys.sphere_mm / 1e3,), None, T)
         scale = 1.0 if keys.scale is None else keys.scale
         path = self.file((*loc, "mesh"), keys.mesh or "")  # the schema lets exactly one shape through
-        self.warn(
-            check_mesh(path, scale, partial(self.document.error, (*loc, "mesh")), f"scale: {scale * 1e-3:g}")
-        )
+        self.warn(check_mesh(path, scale, partial(self.document.error, (*loc, "mesh")), f"scale: {scale * 1e-3:g}"))
         return Shape(name, "mesh", (scale,), path, T)
 
     def different_names(self, *shapes: Shape) -> None:

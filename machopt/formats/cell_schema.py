@@ -16,9 +16,7 @@ SHAPE_KEYS = ("box_mm", "cylinder_mm", "sphere_mm", "mesh")
 
 class PoseKeys(Strict):
     xyz_mm: Triple = Field(default=[0.0, 0.0, 0.0], description="x, y, z in mm")
-    rpy_deg: Triple = Field(
-        default=[0.0, 0.0, 0.0], description="roll, pitch, yaw in degrees about fixed x, y, z"
-    )
+    rpy_deg: Triple = Field(default=[0.0, 0.0, 0.0], description="roll, pitch, yaw in degrees about fixed x, y, z")
 
 
 class ShapeKeys(PoseKeys):
@@ -35,9 +33,7 @@ class ShapeKeys(PoseKeys):
     def _one_shape(self) -> ShapeKeys:
         given = [k for k in SHAPE_KEYS if getattr(self, k) is not None]
         if len(given) != 1:
-            raise ValueError(
-                f"found {', '.join(given) or 'no shape'}; expected exactly one of {', '.join(SHAPE_KEYS)}"
-            )
+            raise ValueError(f"found {', '.join(given) or 'no shape'}; expected exactly one of {', '.join(SHAPE_KEYS)}")
         sizes = {"box_mm": self.box_mm, "cylinder_mm": self.cylinder_mm,
                  "sphere_mm": None if self.sphere_mm is None else [self.sphere_mm]}.get(given[0])  # fmt: skip
         if sizes is not None and min(sizes) <= 0:
@@ -58,15 +54,11 @@ class LimitKeys(Strict):
 
 class RobotKeys(Strict):
     urdf: str = Field(min_length=1, description="the URDF file, relative to the cell folder")
-    packages: dict[str, str] = Field(
-        {}, description="package:// names to folders, relative to the cell folder"
-    )
+    packages: dict[str, str] = Field({}, description="package:// names to folders, relative to the cell folder")
     base_link: str = Field(min_length=1, description="a link of the URDF")
     flange_link: str = Field(min_length=1, description="a link of the URDF")
     pose: PoseKeys = PoseKeys()
-    arm_joints: list[str] | None = Field(
-        default=None, min_length=6, max_length=6, description="names of joints 1 to 6"
-    )
+    arm_joints: list[str] | None = Field(default=None, min_length=6, max_length=6, description="names of joints 1 to 6")
     external_joints: list[str] = Field(default=[])
     home_deg: list[float] = Field(min_length=6, description=f"degrees (mm if prismatic), {_PER_JOINT}")
     limits: LimitKeys
@@ -95,9 +87,7 @@ class CellKeys(Strict):
     machopt_cell: Literal[1] = Field(description="1")
     name: str = Field(min_length=1, description="a name for reports")
     robot: RobotKeys
-    packages: dict[str, str] = Field(
-        {}, description="package:// names to folders, relative to the cell folder"
-    )
+    packages: dict[str, str] = Field({}, description="package:// names to folders, relative to the cell folder")
     tool: ToolKeys
     workpiece: WorkpieceKeys
     obstacles: list[ShapeKeys] = Field(default=[])

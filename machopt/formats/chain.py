@@ -67,8 +67,7 @@ def read_chain(urdf: Urdf, keys: CellKeys, document: Document) -> Chain:
     if own[own.index(arm[0]) :] != arm:
         raise document.error(
             ("robot", "external_joints"),
-            f"the chain is {', '.join(j.name for j in own)}; "
-            "external joints must stand before the arm's first joint",
+            f"the chain is {', '.join(j.name for j in own)}; external joints must stand before the arm's first joint",
         )
     to_part = () if keys.workpiece.link == "world" else _to_workpiece(urdf, arm, keys, document)
     moving = tuple(dict.fromkeys(j for j in (*to_flange, *to_part) if j.moves))
@@ -92,7 +91,7 @@ def read_chain(urdf: Urdf, keys: CellKeys, document: Document) -> Chain:
 
 
 def read_limits(chain: Chain, keys: CellKeys, document: Document, warnings: list[str]) -> JointLimits:
-    """Limits in SI, in the order of ``chain.moving``; positions: the narrower of the URDF's and the cell's."""
+    """Limits in SI, in the order of ``chain.moving``; positions: the narrower of URDF and cell."""
     limits = keys.robot.limits
     rates = {}
     for key in ("velocity_deg_s", "acceleration_deg_s2", "jerk_deg_s3"):
@@ -101,9 +100,7 @@ def read_limits(chain: Chain, keys: CellKeys, document: Document, warnings: list
         _length(chain, document, loc, len(values))
         for i, value in enumerate(values):
             if value <= 0:
-                raise document.error(
-                    (*loc, i), f"found {value:g} for joint {chain.moving[i].name!r}; expected above 0"
-                )
+                raise document.error((*loc, i), f"found {value:g} for joint {chain.moving[i].name!r}; expected above 0")
         rates[key] = np.array(values) * chain.unit
     lower, upper = np.array([_urdf_range(j, document, warnings) for j in chain.moving]).T
     if limits.position_deg is not None:
@@ -115,22 +112,14 @@ def read_limits(chain: Chain, keys: CellKeys, document: Document, warnings: list
             if not lo < hi:
                 raise document.error((*loc, i), f"{found}; expected [lowest, highest] with lowest < highest")
             if j.kind != "continuous" and (lo < lower[i] - _SLACK or hi > upper[i] + _SLACK):
-                urdf_range = [round(v / chain.unit[i], 3) for v in (lower[i], upper[i])]
-                raise document.error(
-                    (*loc, i), f"{found}; the URDF allows {urdf_range}, which may only be narrowed"
-                )
-            lower[i], upper[i] = (
-                (lo, hi) if j.kind == "continuous" else (max(lo, lower[i]), min(hi, upper[i]))
-            )
+                urdf_range = [round(float(v / chain.unit[i]), 3) for v in (lower[i], upper[i])]
+                raise document.error((*loc, i), f"{found}; the URDF allows {urdf_range}, which may only be narrowed")
+            lower[i], upper[i] = (lo, hi) if j.kind == "continuous" else (max(lo, lower[i]), min(hi, upper[i]))
     speed = rates["velocity_deg_s"]
     turning = [i for i, j in enumerate(chain.moving) if j in chain.arm]
     if max(limits.velocity_deg_s[i] for i in turning) < _RAD_LOOK:
-        warnings.append(
-            f"robot.limits.velocity_deg_s {limits.velocity_deg_s} looks like rad/s; deg/s is expected"
-        )
-    fast = [
-        j.name for i, j in enumerate(chain.moving) if speed[i] > _FASTER * j.velocity
-    ]  # NaN compares false
+        warnings.append(f"robot.limits.velocity_deg_s {limits.velocity_deg_s} looks like rad/s; deg/s is expected")
+    fast = [j.name for i, j in enumerate(chain.moving) if speed[i] > _FASTER * j.velocity]  # NaN compares false
     if fast:
         warnings.append(f"robot.limits.velocity_deg_s is above the URDF's velocity for {', '.join(fast)}")
     return JointLimits(lower, upper, speed, rates["acceleration_deg_s2"], rates["jerk_deg_s3"])
@@ -149,9 +138,7 @@ def read_home(chain: Chain, limits: JointLimits, keys: CellKeys, document: Docum
         if not limits.lower[i] <= home[i] <= limits.upper[i]:
             lo, hi = (round(float(v / chain.unit[i]), 3) for v in (limits.lower[i], limits.upper[i]))
             loc: Loc = ("robot", "home_deg", i) if full is values else ("robot", "home_deg")
-            raise document.error(
-                loc, f"found {full[i]:g} for joint {j.name!r}; its range is [{lo:g}, {hi:g}]"
-            )
+            raise document.error(loc, f"found {full[i]:g} for joint {j.name!r}; its range is [{lo:g}, {hi:g}]")
     return home
 
 
@@ -163,9 +150,7 @@ def _external(urdf: Urdf, keys: CellKeys, document: Document) -> list[UrdfJoint]
         if joint in out or name in (keys.robot.arm_joints or ()):
             raise document.error(loc, f"joint {name!r} is named twice")
         if joint.kind not in ("revolute", "continuous", "prismatic"):
-            raise document.error(
-                loc, f"joint {name!r} is {joint.kind}; expected revolute, continuous or prismatic"
-            )
+            raise document.error(loc, f"joint {name!r} is {joint.kind}; expected revolute, continuous or prismatic")
         out.append(joint)
     return out
 
@@ -194,9 +179,7 @@ def _arm(chain: list[UrdfJoint], urdf: Urdf, keys: CellKeys, document: Document)
     return chain
 
 
-def _to_workpiece(
-    urdf: Urdf, arm: list[UrdfJoint], keys: CellKeys, document: Document
-) -> tuple[UrdfJoint, ...]:
+def _to_workpiece(urdf: Urdf, arm: list[UrdfJoint], keys: CellKeys, document: Document) -> tuple[UrdfJoint, ...]:
     link = keys.workpiece.link
     if link not in urdf.links:
         raise document.error(
@@ -208,7 +191,7 @@ def _to_workpiece(
     if carried:
         raise document.error(
             ("workpiece", "link"),
-            f"link {link!r} is moved by the arm's joint {carried[-1]!r}; expected world or a positioner's link",
+            f"link {link!r} is moved by the arm's joint {carried[-1]!r}; expected world or a positioner",
         )
     return path
 

@@ -50,9 +50,7 @@ def check_mesh(path: Path, scale: float, fail: Fail, remedy: str) -> str | None:
         raise fail(f"mesh {path.name} holds coordinates that are not finite")
     extent = float(np.ptp(points, axis=0).max()) * scale
     if extent > _LARGEST:
-        raise fail(
-            f"mesh {path.name} is {extent:.4g} m wide; the file is probably in mm, so {remedy} would work"
-        )
+        raise fail(f"mesh {path.name} is {extent:.4g} m wide; the file is probably in mm, so {remedy} would work")
     if extent < _SMALLEST:
         return f"mesh {path.name} is only {extent * 1e3:.3g} mm wide; is its scale {scale:g} meant?"
     return None

@@ -19,7 +19,7 @@ import numpy as np
 from machopt.errors import InputError
 
 RESULT_FILES = ("result.json", "identification.json", "diagnosis.json")
-"""A folder is ours, and may be replaced, if one of these is a JSON object with a key that starts with machopt."""
+"""A folder is ours, and may be replaced, if one of these is a JSON object with a key machopt…"""
 
 
 @contextlib.contextmanager
@@ -28,7 +28,7 @@ def output_folder(path: Path | str) -> Iterator[Path]:
 
     An existing ``path`` is replaced only if it is an empty folder or an earlier machopt output. Ctrl-C and
     SIGTERM inside the block remove the temporary folder; while the rename runs they wait until it is done.
-    Only SIGKILL leaves the temporary sibling (a hidden ``.name.partial-…``) behind, never a half-written ``path``.
+    Only SIGKILL leaves the temporary sibling (a hidden ``.name.partial-…``), never a half-written ``path``.
 
     Raises:
         InputError: ``path`` is a file, a folder that is not ours, or the working directory.
@@ -77,7 +77,7 @@ def _refuse_foreign(target: Path, named: Path) -> None:
     if not target.exists():
         return
     if not target.is_dir():
-        raise InputError("is a file; expected a folder that is new, empty or an earlier machopt output", file=named)
+        raise InputError("is a file; a folder that is new, empty or an earlier output would work", file=named)
     here = Path.cwd()
     if target == here or target in here.parents:
         raise InputError("is the working directory or above it; name a folder inside it", file=named)
@@ -128,7 +128,8 @@ class _Signals:
 
     def __enter__(self) -> _Signals:
         if threading.current_thread() is threading.main_thread():
-            for number, default in ((signal.SIGINT, signal.default_int_handler), (signal.SIGTERM, signal.SIG_DFL)):
+            defaults = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+            for number, default in defaults.items():
                 if signal.getsignal(number) == default:
                     self._former[number] = signal.signal(number, self._on_signal)
         return self

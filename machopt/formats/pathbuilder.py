@@ -7,6 +7,7 @@ from array import array
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from machopt.domain.toolpath import Array, Event, IgnoredWord, Move, Operation, Toolpath
 from machopt.formats.source import ReadOptions, Source
@@ -128,6 +129,10 @@ class PathBuilder:
         """(N, 3) mm, a copy."""
         return self._table()[:, :3].copy()
 
+    def moves(self) -> NDArray[np.int32]:
+        """(N,) Move codes so far."""
+        return np.array(self._codes, dtype=np.int32).reshape(-1, 4)[:, 0]
+
     def replace_positions(self, p_mm: Array) -> None:
         """Overwrite all positions (N, 3) mm; for coordinates that become known only later."""
         table = self._table().copy()
@@ -192,7 +197,7 @@ class PathBuilder:
             meta=dict(self.meta),
         )
 
-    def _check_numbers(self, table: Array, line: np.ndarray) -> None:  # type: ignore[type-arg]
+    def _check_numbers(self, table: Array, line: NDArray[np.int32]) -> None:
         for columns, what in ((table[:, :3], "coordinate"), (table[:, 3:6], "tool axis")):
             bad = ~np.isfinite(columns).all(axis=1)
             if bad.any():
@@ -209,7 +214,7 @@ class PathBuilder:
             at = int(np.argmax(np.isinf(table[:, 6])))
             raise self.source.error("the feed is not a finite number", int(line[at]))
 
-    def _with_kinds(self, p: Array, axis: Array, codes: np.ndarray) -> tuple[Operation, ...]:  # type: ignore[type-arg]
+    def _with_kinds(self, p: Array, axis: Array, codes: NDArray[np.int32]) -> tuple[Operation, ...]:
         """Operations with ``kind``: point where every cut runs along the tool axis or comes from a cycle."""
         count = len(self._operations)
         step = np.diff(p, axis=0, prepend=p[:1])

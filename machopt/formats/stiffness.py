@@ -27,14 +27,10 @@ class _Term(Strict):
 
 
 class _Grid(Strict):
-    origin_mm: list[float] = Field(
-        min_length=3, max_length=3, description="x, y, z of the lowest corner in base_link"
-    )
+    origin_mm: list[float] = Field(min_length=3, max_length=3, description="x, y, z of the lowest corner in base_link")
     cell_mm: float = Field(gt=0, description="edge length of a cell")
     shape: list[int] = Field(min_length=3, max_length=3, description="cells along x, y, z")
-    joints_Nm_per_rad: list[list[float]] = Field(
-        min_length=1, description=f"one row a cell, x fastest, each {_ROW}"
-    )
+    joints_Nm_per_rad: list[list[float]] = Field(min_length=1, description=f"one row a cell, x fastest, each {_ROW}")
 
 
 class _StiffnessFile(Strict):
@@ -62,7 +58,7 @@ def load_stiffness(path: Path | str) -> Stiffness:
 
 
 def write_stiffness(path: Path | str, stiffness: Stiffness) -> None:
-    """Write stiffness.yaml so that :func:`load_stiffness` returns the same numbers, to the last bit."""
+    """Write stiffness.yaml so that :func:`load_stiffness` returns the same numbers (mm ↔ m to the last bit but one)."""
     from ruamel.yaml import YAML
 
     data: dict[str, object] = {"machopt_stiffness": 1, "joints_Nm_per_rad": _rows(stiffness.joints)}
@@ -79,11 +75,11 @@ def write_stiffness(path: Path | str, stiffness: Stiffness) -> None:
     if stiffness.terms:
         data["terms"] = [_plain(t) for t in stiffness.terms]
     yaml = YAML(typ="safe", pure=True)
-    yaml.version = (1, 2)
+    yaml.representer.add_representer(float, _float)
     yaml.default_flow_style = None  # lists of numbers on one line
-    yaml.width = 110
+    yaml.width = 200  # a row of six stays on one line
     yaml.allow_unicode = True
-    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
+    yaml.representer.sort_base_mapping_type_on_output = False
     with Path(path).open("w", encoding="utf-8", newline="\n") as out:
         yaml.dump(data, out)
 
@@ -144,6 +140,14 @@ def _frozen(values: object) -> Array:
 
 def _rows(array: Array) -> list[Any]:
     return np.asarray(array, float).tolist()  # type: ignore[no-any-return]
+
+
+def _float(representer: Any, value: float) -> Any:
+    """Shortest exact decimal; ``1.0e-07`` and not ``1e-07``, which YAML 1.1 readers take for text."""
+    text = repr(value)
+    if "e" in text and "." not in text:
+        text = text.replace("e", ".0e")
+    return representer.represent_scalar("tag:yaml.org,2002:float", text)
 
 
 def _plain(value: object) -> object:

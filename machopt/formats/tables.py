@@ -1,4 +1,4 @@
-"""``trajectory.csv`` and ``points.csv``: SI in, mm, degrees and mm/min out, byte for byte the same every time.
+"""``trajectory.csv`` and ``points.csv``: SI in, mm, degrees and mm/min out, the same bytes every time.
 
 The columns are the contract's, in its order; what is added stands after ``reason``. A number that does not
 exist is an empty field.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from math import isfinite
 from pathlib import Path
 from typing import TextIO
 
@@ -61,7 +62,7 @@ class PointsTable:
 
 @dataclass(frozen=True)
 class TrajectoryTable:
-    """A trajectory as read back: the samples, the labels their ``operation`` points to, the external axes' kinds."""
+    """A trajectory as read back: samples, the labels of ``operation``, the kinds of the external axes."""
 
     trajectory: Trajectory
     operations: tuple[str, ...]
@@ -116,11 +117,12 @@ def write_trajectory_csv(
         external_prismatic: (E,) True where the external axis moves along (mm), False where it turns (deg).
     """
     t = trajectory
+    move, operation = _words(t.move, t.operation, operations)
     columns = [
         _Column("time_s", f"%.{_time_decimals(t.time)}f", t.time.tolist()),
         _optional("point", t.point, 6),
-        _words("move", t.move, "operation", t.operation, operations)[1],
-        _words("move", t.move, "operation", t.operation, operations)[0],
+        operation,
+        move,
         *_joint_columns(t.q, t.external, external_prismatic),
         _optional("gamma_deg", t.gamma * DEG_PER_RAD, 6),
         _optional("feed_mm_min", t.feed * MM_MIN_PER_M_S, 3),
@@ -132,7 +134,7 @@ def read_trajectory_csv(path: Path) -> TrajectoryTable:
     """Read ``trajectory.csv`` back into SI; equal labels share an operation, in the order they first appear.
 
     Raises:
-        InputError: a column is missing or unknown, a field is no number, a move is no move, time does not rise.
+        InputError: a column is missing or unknown, a field is no number or move, time does not rise.
     """
     header, rows = _read(path)
     external = [name for name in header if name.startswith("e") and name.split("_")[0][1:].isdigit()]
@@ -140,7 +142,7 @@ def read_trajectory_csv(path: Path) -> TrajectoryTable:
                 "gamma_deg", "feed_mm_min"]  # fmt: skip
     for i, name in enumerate(external, start=1):
         if name not in (f"e{i}_mm", f"e{i}_deg"):
-            raise InputError(f"found column {name!r}, expected e{i}_mm or e{i}_deg", file=path, where="header")
+            raise InputError(f"found {name!r}, expected e{i}_mm or e{i}_deg", file=path, where="header")
     _check_header(path, header, expected)
     prismatic = tuple(name.endswith("_mm") for name in external)
     scale = [1 / MM_PER_M if p else 1 / DEG_PER_RAD for p in prismatic]
@@ -173,7 +175,7 @@ def read_trajectory_csv(path: Path) -> TrajectoryTable:
 def write_points_csv(path: Path, table: PointsTable) -> None:
     """Write ``points.csv``, one row a toolpath point, numbered from 0."""
     n = len(table)
-    move, operation = _words("move", table.move, "operation", table.operation, table.operations)
+    move, operation = _words(table.move, table.operation, table.operations)
     columns = [
         _Column("point", "%d", range(n)),
         operation,
@@ -197,9 +199,7 @@ def write_points_csv(path: Path, table: PointsTable) -> None:
     _write(path, columns)
 
 
-def _joint_columns(
-    q: Array, external: Array, prismatic: Sequence[bool], decimals: int = 9
-) -> list[_Column]:
+def _joint_columns(q: Array, external: Array, prismatic: Sequence[bool], decimals: int = 9) -> list[_Column]:
     if external.shape[1] != len(prismatic):
         raise ValueError(f"{external.shape[1]} external axes but {len(prismatic)} kinds of them")
     columns = [_optional(f"q{i + 1}_deg", q[:, i] * DEG_PER_RAD, decimals) for i in range(q.shape[1])]
@@ -210,14 +210,14 @@ def _joint_columns(
 
 
 def _words(
-    move_name: str, move: NDArray[np.int8], name: str, operation: NDArray[np.int32], labels: Sequence[str]
+    move: NDArray[np.int8], operation: NDArray[np.int32], labels: Sequence[str]
 ) -> tuple[_Column, _Column]:
-    """The move and the operation as words; the label list's last entry stands for −1."""
+    """The columns ``move`` and ``operation``; −1 picks the empty label put at the end."""
     moves = [m.word for m in sorted(Move)]
     quoted = [*(_quoted(label) for label in labels), ""]
     return (
-        _Column(move_name, "%s", [moves[m] for m in move.tolist()]),
-        _Column(name, "%s", [quoted[o] for o in operation.tolist()]),
+        _Column("move", "%s", [moves[m] for m in move.tolist()]),
+        _Column("operation", "%s", [quoted[o] for o in operation.tolist()]),
     )
 
 
@@ -227,7 +227,7 @@ def _optional(name: str, values: Array, decimals: int) -> _Column:
     fmt = f"%.{decimals}f"
     if np.isfinite(rounded).all():
         return _Column(name, fmt, rounded.tolist())
-    return _Column(name, "%s", [fmt % v if v == v and abs(v) != np.inf else "" for v in rounded.tolist()])
+    return _Column(name, "%s", [fmt % v if isfinite(v) else "" for v in rounded.tolist()])
 
 
 def _time_decimals(time: Array) -> int:

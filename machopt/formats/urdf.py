@@ -82,29 +82,21 @@ def read_urdf(path: Path) -> Urdf:
         root = ET.fromstring(data)
     except ET.ParseError as err:
         line, column = err.position
-        raise InputError(
-            f"is not XML: {err.msg}", file=path, where=f"line {line}, column {column + 1}"
-        ) from None
+        raise InputError(f"is not XML: {err.msg}", file=path, where=f"line {line}, column {column + 1}") from None
     except (ValueError, LookupError) as err:  # an encoding nobody knows
         raise InputError(f"is not XML: {err}", file=path) from None
     if root.tag != "robot":
         raise InputError(f"found the root element <{root.tag}>; a URDF starts with <robot>", file=path)
     if any("xacro" in e.tag for e in root.iter() if isinstance(e.tag, str)):
-        raise InputError(
-            "still holds xacro elements; expand it first (xacro file.xacro > robot.urdf)", file=path
-        )
+        raise InputError("still holds xacro elements; expand it first (xacro file.xacro > robot.urdf)", file=path)
     links = tuple(_attribute(path, e, "name", "link") for e in root.findall("link"))
-    joints = tuple(
-        _joint(path, e) for e in root.findall("joint")
-    )  # direct children: ros2_control has its own
+    joints = tuple(_joint(path, e) for e in root.findall("joint"))  # direct children: ros2_control has its own
     for what, names in (("link", links), ("joint", tuple(j.name for j in joints))):
         twice = sorted({n for n in names if names.count(n) > 1})
         if twice:
             raise InputError(f"{what} {twice[0]!r} stands twice; names must differ", file=path)
     _check_tree(path, links, joints)
-    collisions = [
-        (link.attrib["name"], c) for link in root.findall("link") for c in link.findall("collision")
-    ]
+    collisions = [(link.attrib["name"], c) for link in root.findall("link") for c in link.findall("collision")]
     meshes = tuple(_mesh(path, link, m) for link, c in collisions for m in c.findall("geometry/mesh"))
     return Urdf(path, links, joints, meshes, bool(collisions))
 
@@ -141,9 +133,7 @@ def _joint(path: Path, e: ET.Element) -> UrdfJoint:
         ends.append(_attribute(path, child, "link", f"<{tag}> of joint {name!r}"))
     limit, mimic = e.find("limit"), e.find("mimic")
     # URDF's default for an omitted bound is 0, so an empty <limit> allows no motion; refused where it matters
-    bounds = (
-        [math.nan] * 2 if limit is None else [_number(path, limit, a, name, 0.0) for a in ("lower", "upper")]
-    )
+    bounds = [math.nan] * 2 if limit is None else [_number(path, limit, a, name, 0.0) for a in ("lower", "upper")]
     speed = math.nan if limit is None else _number(path, limit, "velocity", name, math.nan)
     return UrdfJoint(
         name, kind, ends[0], ends[1], bounds[0], bounds[1], speed,
@@ -189,13 +179,9 @@ def _check_tree(path: Path, links: tuple[str, ...], joints: tuple[UrdfJoint, ...
     for j in joints:
         for link in (j.parent, j.child):
             if link not in links:
-                raise InputError(
-                    f"joint {j.name!r} names the link {link!r}, which the URDF does not have", file=path
-                )
+                raise InputError(f"joint {j.name!r} names the link {link!r}, which the URDF does not have", file=path)
         if j.child in above:
-            raise InputError(
-                f"link {j.child!r} hangs on two joints, {above[j.child].name!r} and {j.name!r}", file=path
-            )
+            raise InputError(f"link {j.child!r} hangs on two joints, {above[j.child].name!r} and {j.name!r}", file=path)
         above[j.child] = j
     for j in joints:
         seen, link = {j.child}, j.parent

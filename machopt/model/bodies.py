@@ -74,6 +74,26 @@ def cutter_body(cell: Cell, robot: Robot, cutter: Cutter, shrink: float = 0.0) -
     return _body(Shape("cutter", "cylinder", (radius, length), None, np.eye(4)), "cutter", 6, T @ centre)
 
 
+def worth_checking(bodies: list[Body]) -> list[tuple[int, int]]:
+    """Pairs (lower link first) that could touch, without the cutter's."""
+    out = []
+    for i, a in enumerate(bodies):
+        for j, b in enumerate(bodies):
+            if (a.link, i) >= (b.link, j) or (a.link == b.link == 0):
+                continue
+            if a.kind in ("link", "tool") and b.kind in ("link", "tool"):
+                if links_apart(a, b) >= 2:
+                    out.append((i, j))
+            elif b.link >= 1:
+                out.append((i, j))
+    return out
+
+
+def links_apart(a: Body, b: Body) -> int:
+    """Steps along the chain; the tool is one beyond link 6."""
+    return abs((a.link + (a.kind == "tool")) - (b.link + (b.kind == "tool")))
+
+
 def inside(body: Body, point: Array) -> bool:
     """Whether a point (3,) lies in the solid that a closed, outward-oriented surface bounds.
 

@@ -3,8 +3,8 @@
 Two facts carry the collision check. Spheres that cover one body and a box around the other bound their
 distance from below. And while the joints move by Δq, no point of one body moves relative to the other by more
 than D = Σ_k |Δq_k| (ρ_k + D), with ρ_k the largest distance of the body from axis k at the start (a lever
-cannot grow by more than the motion itself), hence D = Σ|Δq_k| ρ_k / (1 − Σ|Δq_k|); half the joint step has half
-the bound.
+cannot grow by more than the motion itself), hence D = Σ|Δq_k| ρ_k / (1 − Σ|Δq_k|); half the joint step has
+half the bound.
 """
 
 from __future__ import annotations
@@ -107,6 +107,19 @@ class Rows:
                 lever[:, k] += np.linalg.norm(body.box_half)
             self._travel[low, j] = _whole(np.einsum("sk,sk->s", self._delta, lever), self._turn)
         return self._travel[low, j]
+
+
+def densify(q: Array, step: float) -> tuple[Array, NDArray[np.int64], Array]:
+    """Rows at most ``step`` apart in every joint, the row each leads to, and its fractional row."""
+    if len(q) == 0:
+        return q.reshape(0, 6), np.zeros(0, np.int64), np.zeros(0)
+    parts = np.maximum(np.ceil(np.abs(np.diff(q, axis=0)).max(axis=1) / step), 1).astype(int)
+    owner = np.repeat(np.arange(1, len(q)), parts)
+    count = np.arange(len(owner)) - np.repeat(np.cumsum(parts) - parts, parts) + 1
+    share = count / np.repeat(parts, parts)
+    dense = q[owner - 1] + share[:, None] * (q[owner] - q[owner - 1])
+    dense[share == 1.0] = q[owner[share == 1.0]]
+    return np.vstack([q[:1], dense]), np.append(0, owner), np.append(0.0, owner - 1 + share)
 
 
 def _reach(robot: Robot, bodies: list[Body]) -> Array:

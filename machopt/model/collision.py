@@ -21,8 +21,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.cell import Cell
-from machopt.model.bodies import TOUCH, Body, Kind, cell_bodies, cutter_body, inside, robot_bodies
-from machopt.model.bounds import PairStack, Rows
+from machopt.model.bodies import (
+    TOUCH,
+    Body,
+    Kind,
+    cell_bodies,
+    cutter_body,
+    inside,
+    links_apart,
+    robot_bodies,
+    worth_checking,
+)
+from machopt.model.bounds import PairStack, Rows, densify
 from machopt.model.robot import LinkShape, Robot
 from machopt.se3 import inverse
 
@@ -113,7 +123,7 @@ class CollisionModel:
     def __init__(self, cell: Cell, robot: Robot, shapes: tuple[LinkShape, ...], clearance: float) -> None:
         self._robot, self.clearance = robot, clearance
         self._bodies = [*robot_bodies(robot, shapes), *cell_bodies(cell, robot)]
-        wanted = [(i, j, False) for i, j in _worth(self._bodies)]
+        wanted = [(i, j, False) for i, j in worth_checking(self._bodies)]
         if cell.tool.cutter is not None:
             cutter, drawn_in = (cutter_body(cell, robot, cell.tool.cutter, s) for s in (0.0, TOUCH))
             for i, body in enumerate(self._bodies):
@@ -166,7 +176,7 @@ class CollisionModel:
             first_only: stop at the first pair that hits (for planners that only want yes or no).
         """
         q = np.asarray(q, float)
-        dense, owner, at = _densify(q, step)
+        dense, owner, at = densify(q, step)
         rows = Rows(self.stack, dense)
         contacts = _none(len(q))
         for p, pair in enumerate(self.pairs):
@@ -243,7 +253,7 @@ class CollisionModel:
         dropped: dict[int, str] = {}
         poses = f"in touch in {{:.0%}} of {SAMPLES} random poses"
         for n in asked:
-            apart = _apart(bodies[wanted[n][0]], bodies[wanted[n][1]])
+            apart = links_apart(bodies[wanted[n][0]], bodies[wanted[n][1]])
             if share[n] > ALWAYS:
                 dropped[n] = poses.format(share[n])
             elif apart == 2 and share[n] > COARSE:
@@ -256,13 +266,16 @@ class CollisionModel:
         self._take([(i, j) for i, j, _ in kept], [touch for *_, touch in kept])
 
     def _touching(self, q: Array, asked: list[int] | None = None) -> Bools:
-        """(S, P) surfaces cross or are nearer than the clearance, each row by itself."""
+        """(S, P) in contact or nearer than the clearance, each row by itself."""
         rows = Rows(self.stack, q)
         out = np.zeros(rows.bound.shape, bool)
         for p in range(len(self.pairs)) if asked is None else asked:
             for n in np.flatnonzero(rows.bound[:, p] < self.pairs[p].clearance):
-                out[n, p] = _collide(self, p, rows.relative(p)[n]) or (
-                    self.clearance > 0 and _distance(self, p, rows.relative(p)[n]) < self.pairs[p].clearance
+                T = rows.relative(p)[n]
+                out[n, p] = (
+                    _collide(self, p, T)
+                    or _contained(self, p, T)
+                    or (self.clearance > 0 and _distance(self, p, T) < self.pairs[p].clearance)
                 )
         return out
 
@@ -339,39 +352,6 @@ class _Walk:
         # The bound is a sum over joints of |Δq| times the lever, so half the joint step is half the bound.
         inner = 0.5 * self._between(qa, middle, da, d, 0.5 * way)
         return inner if not np.isnan(inner) else 0.5 + 0.5 * self._between(middle, qb, d, db, 0.5 * way)
-
-
-def _worth(bodies: list[Body]) -> list[tuple[int, int]]:
-    """Pairs (lower link first) that could touch, without the cutter's."""
-    out = []
-    for i, a in enumerate(bodies):
-        for j, b in enumerate(bodies):
-            if (a.link, i) >= (b.link, j) or (a.link == b.link == 0):
-                continue
-            if a.kind in ("link", "tool") and b.kind in ("link", "tool"):
-                if _apart(a, b) >= 2:
-                    out.append((i, j))
-            elif b.link >= 1:
-                out.append((i, j))
-    return out
-
-
-def _apart(a: Body, b: Body) -> int:
-    """Steps along the chain; the tool is one beyond link 6."""
-    return abs((a.link + (a.kind == "tool")) - (b.link + (b.kind == "tool")))
-
-
-def _densify(q: Array, step: float) -> tuple[Array, NDArray[np.int64], Array]:
-    """Rows at most ``step`` apart in every joint, the row each leads to, and its fractional row."""
-    if len(q) == 0:
-        return q.reshape(0, 6), np.zeros(0, np.int64), np.zeros(0)
-    parts = np.maximum(np.ceil(np.abs(np.diff(q, axis=0)).max(axis=1) / step), 1).astype(int)
-    owner = np.repeat(np.arange(1, len(q)), parts)
-    count = np.arange(len(owner)) - np.repeat(np.cumsum(parts) - parts, parts) + 1
-    share = count / np.repeat(parts, parts)
-    dense = q[owner - 1] + share[:, None] * (q[owner] - q[owner - 1])
-    dense[share == 1.0] = q[owner[share == 1.0]]
-    return np.vstack([q[:1], dense]), np.append(0, owner), np.append(0.0, owner - 1 + share)
 
 
 def _none(count: int) -> Contacts:

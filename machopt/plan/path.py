@@ -48,12 +48,9 @@ class Path:
     runs: tuple[tuple[int, int], ...]  # first and last planning point of each run
 
     @property
-    def cut(self) -> NDArray[np.bool_]:
-        """(P,) True where the tool cuts: the segment ending here, or the one starting here, is a cut."""
-        ends = self.move == Move.CUT
-        starts = np.zeros(len(ends), bool)
-        starts[:-1] = ends[1:] & (self.run[1:] == self.run[:-1])
-        return ends | starts
+    def may_touch(self) -> NDArray[np.bool_]:
+        """(P,) True in runs with linear moves: there the cutter may be in the workpiece, after a rapid move never."""
+        return np.bincount(self.run)[self.run] > 1
 
     @property
     def counted(self) -> NDArray[np.bool_]:

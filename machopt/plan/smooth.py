@@ -18,6 +18,7 @@ from machopt.domain.options import PlanOptions
 from machopt.plan.candidates import Candidates
 from machopt.plan.choose import Choice
 from machopt.plan.path import Path
+from machopt.plan.realise import between_stations
 from machopt.plan.score import Scores, cutting_runs
 from machopt.se3 import wrap
 
@@ -27,7 +28,8 @@ SIDE_STEP = np.radians(30.0)  # largest joint step between neighbouring rotation
 KNOTS = 80  # most spline intervals in a run
 KNOT_SPACING = 0.01  # m, least distance of knots
 SPEED_SHARE = 0.6  # of the joint velocity limits that rotation may use up at the programmed feed
-STIFFNESS = 3e-3  # price of curvature of phi, relative to the other terms, on the run's own length
+FINE = 8  # steps a grid step is divided into for runs with one rotation
+STIFFNESS = 1e-3  # price of curvature of phi, relative to the other terms, on the run's own length
 
 
 @dataclass(frozen=True)
@@ -88,33 +90,111 @@ def smooth(path: Path, candidates: Candidates, scores: Scores, choice: Choice, v
     Args:
         velocity: (6,) rad/s, joint velocity limits.
     """
-    P = len(path.index)
-    phi, seed = np.full(P, np.nan), np.full((P, 6), np.nan)
-    st = path.stations
-    position = np.searchsorted(st, np.arange(P))
+    P, st = len(path.index), path.stations
     worst = _grid_worst(path, scores, choice)
-    for first, last in path.runs:
-        for a, b in _whole_stretches(choice, position[first], position[last]):
-            rows = np.arange(a, b + 1)
-            band = corridor(candidates, scores, choice, rows)
-            turning = _turning_length(path, st[a], st[b])
-            x = turning[st[rows] - st[a]]
-            count = int(path.counted[st].sum()) or 1
-            share = path.counted[st[rows]] / count
-            pinned = _pins(path, rows, band.phi, options)
-            if x[-1] <= 0 or len(rows) < 3:
-                delta = _one_rotation(band, share, pinned)
-                curve = np.full(st[b] - st[a] + 1, 0.0) + np.interp(turning, x, band.phi) + delta
-                offset = np.full(len(rows), delta)
-            else:
-                spline = _spline_run(path, rows, x, band, share, worst, pinned, velocity, options)
-                curve, offset = spline(turning), spline(x) - band.phi
-            phi[st[a] : st[b] + 1] = curve
-            near = choice.q[rows] + band.slope * offset[:, None]
-            for i in range(6):
-                seed[st[a] : st[b] + 1, i] = np.interp(path.s[st[a] : st[b] + 1], path.s[st[rows]], near[:, i])
-            seed[st[rows]] = near
+    position = np.searchsorted(st, np.arange(P))
+    parts = [
+        _Stretch.of(path, candidates, scores, choice, np.arange(a, b + 1), options)
+        for first, last in path.runs
+        for a, b in _whole_stretches(choice, position[first], position[last])
+    ]
+    for before, part, after in zip([None, *parts[:-1]], parts, [*parts[1:], None], strict=True):
+        if part.x[-1] > 0 and len(part.rows) >= 3:
+            ends = (None if before is None else before.joints()[-1], None if after is None else after.joints()[0])
+            part.spline = _spline_run(path, part, worst, ends, velocity, options)
+            part.offset = part.spline(part.x) - part.band.phi
+    _constant_rotations(path, parts, worst, options)
+    phi, seed = np.full(P, np.nan), np.full((P, 6), np.nan)
+    for part in parts:
+        rows = slice(part.points[0], part.points[-1] + 1)
+        turning = _turning_length(path, part.points[0], part.points[-1])
+        bend = part.spline(turning) if part.spline else np.interp(turning, part.x, part.band.phi + part.offset)
+        phi[rows] = bend
+        near = part.joints()
+        for i in range(6):
+            seed[rows, i] = np.interp(path.s[rows], path.s[part.points], near[:, i])
+        seed[part.points] = near
     return Smoothed(phi=phi, seed=seed)
+
+
+@dataclass
+class _Stretch:
+    """A continuous stretch of stations while it is being smoothed."""
+
+    rows: NDArray[np.intp]  # stations
+    points: NDArray[np.int32]  # their planning points
+    band: Corridor
+    x: Array  # (n,) m, turning length at the stations
+    share: Array  # (n,) weight in the mean index
+    pins: dict[int, float]  # fixed offsets by row
+    offset: Array  # (n,) rad, found so far
+    spline: BSpline | None = None
+
+    @classmethod
+    def of(
+        cls, path: Path, candidates: Candidates, scores: Scores, choice: Choice, rows: NDArray[np.intp], options: PlanOptions
+    ) -> _Stretch:  # fmt: skip
+        points = path.stations[rows]
+        band = corridor(candidates, scores, choice, rows)
+        turning = _turning_length(path, points[0], points[-1])
+        share = path.counted[points] / max(int(path.counted[path.stations].sum()), 1)
+        return cls(rows, points, band, turning[points - points[0]], share, _pins(path, rows, band.phi, options), np.zeros(len(rows)))
+
+    def joints(self) -> Array:
+        """(n, 6) rad, to first order in the offset."""
+        return self.band.q + self.band.slope * self.offset[:, None]
+
+
+def _constant_rotations(path: Path, parts: list[_Stretch], worst: float, options: PlanOptions) -> None:
+    """One rotation per drilling run, between the grid steps: the cheapest sequence over a fine grid (exact there).
+
+    Holes are tied to each other by the joint travel between them, so they are chosen together; the cost between grid
+    steps is the parabola through three of them.
+    """
+    runs = cutting_runs(path)
+    price = options.weights.travel / (np.pi * runs)
+    fine = np.linspace(-1.0, 1.0, 2 * FINE + 1)
+    choices, value, back = [], np.zeros(1), []
+    previous = None
+    for part in parts:
+        free = part.spline is None
+        delta = fine * part.band.step if free else np.zeros(1)
+        node = np.zeros(len(delta))
+        if free:
+            c0, c1, c2 = (part.band.cost[:, REACH + j] for j in (-1, 0, 1))
+            cost = c1 + 0.5 * (c2 - c0) * fine[:, None] + 0.5 * (c0 - 2 * c1 + c2) * fine[:, None] ** 2  # (F, n)
+            node = options.weights.mean * cost @ part.share
+            low, high = float(part.band.low.max()), float(part.band.high.min())
+            outside = (delta < low - 1e-12) | (delta > high + 1e-12) | (cost[:, part.share > 0] > worst * (1 + 1e-9)).any(axis=1)
+            if part.pins:
+                delta, node, outside = np.array([next(iter(part.pins.values()))]), np.zeros(1), np.zeros(1, bool)
+            node = np.where(outside & (np.abs(delta) > 1e-12), np.inf, node)
+        offset = part.offset[[0, -1]][:, None] + delta  # (2, F)
+        start = part.band.q[0] + part.band.slope[0] * offset[0][:, None]
+        end = part.band.q[-1] + part.band.slope[-1] * offset[1][:, None]
+        if previous is None:
+            back.append(np.zeros(len(delta), int))
+            value = node
+        else:
+            total = value[:, None] + price * np.abs(start[None] - previous[:, None]).sum(axis=-1)
+            back.append(total.argmin(axis=0))
+            value = total.min(axis=0) + node
+        previous = end
+        choices.append(delta)
+    pick = int(value.argmin())
+    for part, delta, source in zip(parts[::-1], choices[::-1], back[::-1], strict=True):
+        part.offset = part.offset + delta[pick]
+        pick = int(source[pick])
+
+
+def follow_grid(path: Path, candidates: Candidates, choice: Choice) -> Smoothed:
+    """The grid optimum itself, linear in path length between stations."""
+    phi = np.where(choice.dropped, np.nan, candidates.phi[choice.rotation])
+    run = path.run[path.stations]
+    for n in np.unique(run):
+        rows = np.flatnonzero((run == n) & ~choice.dropped)
+        phi[rows] = np.unwrap(phi[rows])
+    return Smoothed(phi=between_stations(path, phi), seed=between_stations(path, choice.q))
 
 
 def _grid_worst(path: Path, scores: Scores, choice: Choice) -> float:
@@ -153,29 +233,20 @@ def _pins(path: Path, rows: NDArray[np.intp], phi: Array, options: PlanOptions) 
     return pins
 
 
-def _one_rotation(band: Corridor, share: Array, pinned: dict[int, float]) -> float:
-    """Offset of a run that keeps one rotation: the parabola through the best grid value and its neighbours."""
-    if pinned:
-        return next(iter(pinned.values()))
-    low, high = float(band.low.max()), float(band.high.min())
-    total = share @ band.cost
-    left, centre, right = total[REACH - 1], total[REACH], total[REACH + 1]
-    curvature = left - 2 * centre + right
-    if curvature <= 0 or low > -band.step or high < band.step:
-        return 0.0
-    return float(np.clip(0.5 * (left - right) / curvature * band.step, low, high))
-
-
 def _spline_run(
-    path: Path, rows: NDArray[np.intp], x: Array, band: Corridor, share: Array, worst: float,
-    pinned: dict[int, float], velocity: Array, options: PlanOptions,
+    path: Path, part: _Stretch, worst: float, ends: tuple[Array | None, Array | None], velocity: Array, options: PlanOptions
 ) -> BSpline:  # fmt: skip
     """phi over turning length as a cubic B-spline: C², bounded third derivative.
 
     Raises nothing: where IPOPT does not converge, its last iterate inside the bounds is used and judged by the
     caller like any other.
+
+    Args:
+        ends: (6,) rad, joints the rapid moves before and after come from and go to; None at the first and last.
     """
     import casadi as ca
+
+    rows, x, band, share = part.rows, part.x, part.band, part.share
 
     length = float(x[-1])
     intervals = int(np.clip(length / KNOT_SPACING, 1, min(KNOTS, max(len(rows) // 2, 1))))
@@ -192,9 +263,12 @@ def _spline_run(
     change = delta[1:] - delta[:-1] + np.diff(band.phi)
     dq0 = np.diff(band.q, axis=0)
     dq = dq0 + ca.DM(band.slope[1:]) * ca.repmat(delta[1:], 1, 6) - ca.DM(band.slope[:-1]) * ca.repmat(delta[:-1], 1, 6)
-    small = np.radians(0.05)
+    flights = [
+        part.band.q[i] + part.band.slope[i] * delta[i] - q for i, q in ((0, ends[0]), (len(rows) - 1, ends[1])) if q is not None
+    ]
 
-    def length_of(v: object) -> object:  # |v|, smooth at zero
+    def length_of(v: object, typical: float) -> object:  # |v|, smooth at zero; far below the typical step
+        small = max(0.03 * typical, 1e-7)
         return ca.sum1(ca.sqrt(ca.vec(v) ** 2 + small**2) - small)
 
     seconds = _programmed_time(path, rows)
@@ -204,8 +278,8 @@ def _spline_run(
     objective = (
         w.mean * ca.dot(ca.DM(share), cost)
         + w.worst * tau
-        + w.travel / (np.pi * runs) * length_of(dq)
-        + w.rotation / (np.pi * runs) * length_of(change)
+        + w.travel / (np.pi * runs) * (length_of(dq, float(np.abs(dq0).mean())) + sum(length_of(f, 0.1) for f in flights))
+        + w.rotation / (np.pi * runs) * length_of(change, float(np.abs(np.diff(band.phi)).mean()) + 1e-5)
         + STIFFNESS / runs * ca.sumsqr(ca.mtimes(ca.DM(second), c))
         + 0.2 / max(len(rows), 1) * ca.sumsqr(excess)
     )
@@ -213,7 +287,7 @@ def _spline_run(
     g = [delta] + ([cost[counted.tolist()] - tau] if len(counted) else [])
     low = np.minimum(band.low, 0.0) + 0.0
     high = np.maximum(band.high, 0.0)
-    for i, value in pinned.items():
+    for i, value in part.pins.items():
         low[i] = high[i] = value
     lbg = np.r_[low, np.full(len(counted), -np.inf)]
     ubg = np.r_[high, np.zeros(len(counted))]
@@ -221,7 +295,7 @@ def _spline_run(
     solver = ca.nlpsol("smooth", "ipopt", {"x": ca.vertcat(c, tau), "f": objective, "g": ca.vertcat(*g)}, {
         "print_time": False, "error_on_fail": False,
         "ipopt": {"print_level": 0, "sb": "yes", "max_iter": 60, "tol": 1e-5, "acceptable_tol": 1e-4,
-                  "hessian_approximation": "limited-memory"},
+                  },
     })  # fmt: skip
     answer = solver(x0=np.r_[start, tau0], lbg=lbg, ubg=ubg, lbx=np.r_[np.full(len(start), -np.inf), 0.9 * tau0])
     coefficients = np.asarray(answer["x"]).ravel()[:-1]

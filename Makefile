@@ -1,0 +1,45 @@
+# make run     build .venv from python3 alone, install machopt, do the main job on the shipped cell
+# make test    the tests            make lint    format, lint, imports, types
+# make check   lint, then test      make clean   remove .venv and out/
+PYTHON ?= python3
+VENV   ?= .venv
+BIN    := $(VENV)/bin
+CELL   ?= cells/kr500_milling
+PATHS  ?= toolpaths/cylinder_head_face.cls
+OUT    ?= out/cylinder_head
+SOURCES := pyproject.toml $(shell find machopt -name '*.py')
+
+.PHONY: run test lint check clean
+.DELETE_ON_ERROR:
+
+run: $(VENV)/.installed
+	$(BIN)/machopt optimize $(CELL) $(PATHS) -o $(OUT)
+
+test: $(VENV)/.installed-dev
+	$(BIN)/python -m pytest
+
+lint: $(VENV)/.installed-dev
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/lint-imports
+	$(BIN)/mypy
+
+check: lint test
+
+clean:
+	rm -rf $(VENV) out
+
+$(VENV)/.python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "$(PYTHON) is older than 3.11; name a newer one: make PYTHON=python3.12" >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	@touch $@
+
+# the development install is editable and serves `run` too, so nothing is installed over it
+$(VENV)/.installed: $(VENV)/.python $(SOURCES)
+	test -e $(VENV)/.installed-dev || $(BIN)/python -m pip install --quiet .
+	@touch $@
+
+$(VENV)/.installed-dev: $(VENV)/.python pyproject.toml
+	$(BIN)/python -m pip install --quiet -e '.[dev,parquet]'
+	@touch $@

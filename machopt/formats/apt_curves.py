@@ -1,0 +1,142 @@
+"""Curves of the CL dialects: CIRCLE, MOVARC, TLON,GOFWD and NURBS as chord ends in mm."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from machopt.domain.toolpath import Array
+from machopt.formats.apt_tokens import groups, leading_numbers, number
+from machopt.formats.arcs import Arc, ArcError, arc, cubic_spline
+from machopt.formats.pathbuilder import PathBuilder
+
+RADIUS_WARN = 0.05  # mm: CL data prints three to six decimals
+RADIUS_FAULT = 0.1  # share of the radius by which start and end may differ
+ANGLE_WARN = 0.02  # rad
+
+
+@dataclass(frozen=True)
+class Pending:
+    """An arc that waits for its end point."""
+
+    centre: Array
+    normal: Array  # right-handed travel
+    turns: int
+    line: int
+    angle: float | None = None  # rad, MOVARC
+
+
+@dataclass
+class Curves:
+    """State between the statements of one curve."""
+
+    left_handed: bool  # NX: CIRCLE's axis is that of clockwise travel
+    tolerance: float  # mm
+    pending: Pending | None = None
+    tangent: list[float] | None = None
+    spline_open: bool = False
+    knots: list[float] = field(default_factory=list)
+    control: list[list[float]] = field(default_factory=list)
+
+    def begin(self, word: str, parts: list[str], line: int, scale: float) -> None:
+        """``CIRCLE/x,y,z,i,j,k[,r,…][,TIMES,n]`` or ``MOVARC/x,y,z,i,j,k,r,ANGLE,deg``."""
+        if self.pending is not None:
+            raise ArcError(f"the arc of line {self.pending.line} has no end point (GOTO) yet")
+        values, after = leading_numbers(parts)
+        if len(values) < 6:
+            raise ArcError(f"{len(values)} numbers; expected centre and axis (6) at least")
+        if len(values) >= 7 and not values[6] > 0.0:
+            raise ArcError(f"the radius is {values[6]:g}")
+        turns, angle = 1, None
+        for word_at, text in enumerate(after):
+            value = number(after[word_at + 1]) if word_at + 1 < len(after) else None
+            if text == "TIMES" and value is not None:
+                turns = max(round(value), 1)
+            if text == "ANGLE" and value is not None:
+                angle = math.radians(value)
+        normal = np.array(values[3:6]) * (-1.0 if self.left_handed and word == "CIRCLE" else 1.0)
+        if angle is not None and angle < 0.0:
+            normal, angle = -normal, -angle
+        if turns > 1000:
+            raise ArcError(f"TIMES,{turns}: expected at most 1000 turns")
+        self.pending = Pending(np.array(values[:3]) * scale, normal, turns, line, angle)
+
+    def arc_to(self, start: Array, end: Array, out: PathBuilder) -> Array:
+        """Chord ends of the pending arc."""
+        wait = self.pending
+        assert wait is not None
+        self.pending = None
+        turns = wait.turns
+        if wait.angle is not None:
+            turns = int(wait.angle // math.tau) + 1
+        found = arc(start, end, wait.centre, wait.normal, self.tolerance, turns=1)
+        if turns > 1:
+            if wait.angle is not None:
+                turns = max(round((wait.angle - found.sweep) / math.tau) + 1, 1)
+            found = arc(start, end, wait.centre, wait.normal, self.tolerance, turns=turns)
+        check_radius(found, wait.line, out)
+        if wait.angle is not None and abs(found.sweep - wait.angle) > ANGLE_WARN:
+            out.warn(
+                f"the arc's angle is {math.degrees(wait.angle):.2f}° but its end point gives "
+                f"{math.degrees(found.sweep):.2f}°; the end point holds",
+                wait.line,
+            )
+        return found.points
+
+    def drive(self, rest: str, start: Array, scale: float, line: int, out: PathBuilder) -> Array:
+        """CATIA's ``TLON,GOFWD/(CIRCLE/c,R),ON,(LINE/c,end)`` after ``INDIRV/tangent``.
+
+        The sense axis is (start − centre) × tangent; the end stands only in LINE, as its second point.
+        """
+        shapes = groups(rest)
+        if self.tangent is None or len(self.tangent) != 3:
+            raise ArcError("TLON without INDIRV before it: the start tangent is not known")
+        if len(shapes) != 2 or shapes[0][0] not in ("CIRCLE", "CYLNDR") or shapes[1][0] != "LINE":
+            raise ArcError("expected TLON,GOFWD/(CIRCLE/centre,radius),ON,(LINE/centre,end)")
+        (_, circle), (_, to) = shapes
+        if len(circle) < 4 or len(to) != 6:
+            raise ArcError(f"{len(circle)} numbers in the circle and {len(to)} in LINE; expected 4 (7) and 6")
+        centre = np.array(circle[:3]) * scale
+        radius = circle[-1] * scale
+        end = np.array(to[3:6]) * scale
+        tangent = np.array(self.tangent)
+        self.tangent = None
+        normal = np.cross(start - centre, tangent)
+        if float(np.linalg.norm(normal)) < 1e-9:
+            raise ArcError("INDIRV points at the arc's centre")
+        if abs(float(np.linalg.norm(start - centre)) - radius) > max(RADIUS_WARN, RADIUS_FAULT * radius):
+            raise ArcError(f"the arc starts {np.linalg.norm(start - centre):g} mm from its centre; radius {radius:g}")
+        second = ",2,INTOF" in rest.upper().replace(" ", "")
+        found = arc(start, end, centre, normal, self.tolerance, closed_within=1e-4)
+        check_radius(found, line, out)
+        if not second and found.sweep > math.pi + ANGLE_WARN:
+            out.warn(
+                f"the arc sweeps {math.degrees(found.sweep):.1f}° although it ends at the first crossing of its "
+                "LINE: check INDIRV",
+                line,
+            )
+        return found.points
+
+    def spline(self, start: Array) -> Array:
+        """NX NURBS: cubic, the present point is the first control point, the knots are the inner ones and 1."""
+        knots, control = self.knots, self.control
+        self.spline_open, self.knots, self.control = False, [], []
+        if not knots or not control:
+            raise ArcError("expected KNOT and CNTRL lines")
+        full = np.array([0.0] * 4 + knots[:-1] + [knots[-1]] * 4)
+        return cubic_spline(np.vstack([start, np.array(control)]), full, self.tolerance)
+
+
+def check_radius(found: Arc, line: int, out: PathBuilder) -> None:
+    """Say where start and end are not equally far from the centre.
+
+    Raises:
+        ArcError: they differ by more than a tenth of the radius.
+    """
+    off = abs(found.mismatch)
+    if off > RADIUS_FAULT * found.radius and off > RADIUS_WARN:
+        raise ArcError(f"start and end differ by {off:.4g} mm in their distance from the centre")
+    if off > RADIUS_WARN:
+        out.warn_once("start and end of an arc differ in their distance from the centre by more than 0.05 mm", line)

@@ -1,0 +1,116 @@
+"""G-code text as blocks: comments taken out, words with their numbers, calls with their arguments."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+
+from machopt.formats.gcode_expr import ExpressionError, Parameters
+
+Word = tuple[str, float]
+_WORD = re.compile(r"\s*([A-Z])\s*([+-]?\s*(?:\d+\.?\d*|\.\d+))")
+_PLAIN = re.compile(r"(?:\s*[A-Z]\s*[+-]?\s*(?:\d+\.?\d*|\.\d+))+\s*")
+_PAREN = re.compile(r"\([^()]*\)")
+_SLOW = re.compile(
+    r"""\s*(?:
+      (?P<name>[A-Z][A-Z0-9_]*)\s*=\s*(?P<mode>AC|IC|DC|ACP|ACN)\s*\(\s*(?P<moded>[+-]?[\d.]+)\s*\)
+    | (?P<named>[A-Z][A-Z0-9_]*)\s*=\s*(?P<value>[+-]?(?:\d+\.?\d*|\.\d+))(?![\w*/+\-(.])
+    | (?P<letter>[A-Z])\s*(?P<number>[+-]?\s*(?:\d+\.?\d*|\.\d+))(?![A-Z_]*[=(\[])
+    | (?P<call>[A-Z_][A-Z0-9_]{2,})\s*(?P<args>\([^()]*\))?
+    )""",
+    re.VERBOSE,
+)
+
+
+@dataclass
+class Block:
+    """One line of a program."""
+
+    line: int
+    words: list[Word]
+    calls: list[tuple[str, str]] = field(default_factory=list)  # (name, text in parentheses)
+    named: dict[str, float] = field(default_factory=dict)  # CR, A3, B3, C3, TURN …
+    modes: dict[str, str] = field(default_factory=dict)  # X → AC, IC, DC
+    junk: str = ""  # what is left and means nothing
+    integers: frozenset[str] = frozenset()  # letters whose number was written without a decimal point
+
+
+class BlockReader:
+    """Splits lines; keeps the variables of LinuxCNC expressions."""
+
+    def __init__(self, *, parentheses_are_comments: bool) -> None:
+        self.parentheses_are_comments = parentheses_are_comments
+        self.parameters = Parameters()
+
+    def comments(self, text: str) -> tuple[str, list[str]]:
+        """The line without its comments, and the comments."""
+        found: list[str] = []
+        if ";" in text:
+            text, _, rest = text.partition(";")
+            found.append(rest.strip())
+        if "(" in text and self.parentheses_are_comments:
+            kept: list[str] = []
+            depth = start = 0
+            for k, c in enumerate(text):
+                if c == "(":
+                    if depth == 0:
+                        kept.append(text[start:k])
+                        start = k + 1
+                    depth += 1
+                elif c == ")" and depth:
+                    depth -= 1
+                    if depth == 0:
+                        found.append(text[start:k].strip())
+                        start = k + 1
+            (found if depth else kept).append(text[start:].strip() if depth else text[start:])
+            text = " ".join(kept)
+        return text, found
+
+    def block(self, line: int, text: str) -> Block:
+        """Words of one line in upper case without comments.
+
+        Raises:
+            ExpressionError: an expression that cannot be evaluated.
+        """
+        if "#" in text or "[" in text:
+            text = self.parameters.evaluate(text)
+        if _PLAIN.fullmatch(text):
+            return Block(line, [(a, float(n.replace(" ", ""))) for a, n in _WORD.findall(text)], integers=_integers(text))
+        return self._slow(line, text)
+
+    def _slow(self, line: int, text: str) -> Block:
+        block = Block(line, [], integers=_integers(text))
+        at = 0
+        text = text.rstrip()
+        while at < len(text):
+            found = _SLOW.match(text, at)
+            if not found:
+                block.junk = text[at:].strip()
+                break
+            at = found.end()
+            g = found.groupdict()
+            if g["mode"]:
+                try:
+                    value = float(g["moded"])
+                except ValueError:
+                    raise ExpressionError(f"{g['moded']!r} is not a number") from None
+                block.modes[g["name"]] = g["mode"]
+                block.words.append((g["name"], value)) if len(g["name"]) == 1 else block.named.update(
+                    {g["name"]: value}
+                )
+            elif g["named"]:
+                if len(g["named"]) == 1:
+                    block.words.append((g["named"], float(g["value"])))
+                else:
+                    block.named[g["named"]] = float(g["value"])
+            elif g["letter"]:
+                block.words.append((g["letter"], float(re.sub(r"\s", "", g["number"]))))
+            else:
+                block.calls.append((g["call"], (g["args"] or "").strip("()").strip()))
+        return block
+
+
+def _integers(text: str) -> frozenset[str]:
+    if "P" not in text:
+        return frozenset()
+    return frozenset("P") if re.search(r"P\s*\d+(?![\d.])", text) else frozenset()

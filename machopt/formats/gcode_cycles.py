@@ -1,0 +1,83 @@
+"""Canned cycles: G73 to G89 and Sinumerik's CYCLE81 to CYCLE89."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from machopt.formats.holecycle import CycleError, HoleCycle
+
+_FEED_OUT = {74, 84, 85, 89}
+_PECK = {73, 83}
+SIEMENS = re.compile(r"CYCLE8[1-9]")
+
+
+@dataclass
+class Canned:
+    """Modal words of a G cycle; absolute heights in mm."""
+
+    code: int = 0
+    z: float | None = None
+    r: float | None = None
+    q: float = 0.0
+    dwell: float = 0.0
+    initial: float = 0.0  # height at which the cycle was begun, for G98
+
+    def at_hole(self, *, back_to_initial: bool, feed: float) -> HoleCycle:
+        """Strokes with heights over the plane z = 0.
+
+        Raises:
+            CycleError: Z or R was never given.
+        """
+        if self.z is None or self.r is None:
+            raise CycleError(f"G{self.code} without {'Z' if self.z is None else 'R'}")
+        if self.code in _PECK and not self.q > 0.0:
+            raise CycleError(f"G{self.code} without a peck depth Q above zero")
+        return HoleCycle(
+            name=f"G{self.code}",
+            bottom=self.z,
+            clear=self.r,
+            retract=max(self.initial, self.r) if back_to_initial else self.r,
+            feed=feed,
+            first_peck=self.q if self.code in _PECK else 0.0,
+            chip_break=self.code == 73,
+            feed_out=self.code in _FEED_OUT,
+            dwell=self.dwell,
+            peck_from=self.r,
+        )
+
+
+def siemens_cycle(name: str, text: str, scale: float, feed: float) -> HoleCycle:
+    """``CYCLE8x(RTP, RFP, SDIS, DP, DPR, …)`` with heights over the plane z = 0.
+
+    Raises:
+        CycleError: an argument is not a number, or depth or planes are missing.
+    """
+    values: list[float | None] = []
+    for part in text.split(","):
+        part = part.strip()
+        try:
+            values.append(float(part) if part else None)
+        except ValueError:
+            raise CycleError(f"{name}: argument {part!r} is not a number") from None
+    values += [None] * (12 - len(values))
+    rtp, rfp, sdis, dp, dpr = values[:5]
+    if rtp is None or rfp is None or (dp is None and dpr is None):
+        raise CycleError(f"{name}: expected retract plane, reference plane, safety distance and depth")
+    bottom = dp if dp is not None else rfp - abs(dpr or 0.0)
+    peck = 0.0
+    if name == "CYCLE83":
+        peck = rfp - values[5] if values[5] is not None else abs(values[6] or 0.0)
+    dwell = (values[7] if name == "CYCLE83" else values[5]) or 0.0
+    return HoleCycle(
+        name=name,
+        bottom=bottom * scale,
+        clear=(rfp + abs(sdis or 0.0)) * scale,
+        retract=max(rtp, rfp + abs(sdis or 0.0)) * scale,
+        feed=feed,
+        first_peck=max(peck, 0.0) * scale,
+        chip_break=name == "CYCLE83" and values[11] in (0.0, None),
+        feed_out=name in ("CYCLE84", "CYCLE85", "CYCLE89"),
+        dwell=dwell if name in ("CYCLE82", "CYCLE83", "CYCLE86", "CYCLE88", "CYCLE89") else 0.0,
+        peck_from=rfp * scale,
+    )

@@ -1,0 +1,64 @@
+"""What the G and M words mean here. Keys are ten times the number, so G43.4 is 434."""
+
+from __future__ import annotations
+
+MOTION = {0: 0, 10: 1, 20: 2, 30: 3}
+CYCLES = {730, 740, 760, 810, 820, 830, 840, 850, 860, 870, 880, 890}
+UNITS = {200: "inch", 210: "mm", 700: "inch", 710: "mm"}
+PLANES = {170: (0.0, 0.0, 1.0), 180: (0.0, 1.0, 0.0), 190: (1.0, 0.0, 0.0)}
+FEED_MODES = {930: "inverse", 940: "minute", 950: "revolution"}
+OFFSETS = {540, 550, 560, 570, 580, 590, *range(541, 542), 591, 592, 593, *range(5000, 6000, 10)}
+
+# Known, and without effect on the points.
+NO_EFFECT = {
+    80, 90, 150, 400, 430, 440, 490, 500, 501, 610, 611, 640, 620, 630, 650, 670, 690, 980, 990, 800, 1870, 51, 50, 490,
+    970, 960, 131, 231, 450, 451, 80, 430, 1491, 2470, 90, 600, 601, 602, 6410, 6420,
+}  # fmt: skip
+
+# Axis words of these blocks go to the machine's own frame.
+MACHINE_FRAME = {
+    280: "G28", 300: "G30", 530: "G53", 281: "G28.1", 301: "G30.1", 1530: "G153", 740: "G74", 750: "G75",
+}  # fmt: skip
+
+REFUSED = {
+    680: "G68 turns the coordinates that follow",
+    682: "G68.2 tilts the working plane; its rotation is not followed",
+    683: "G68.3 tilts the working plane; its rotation is not followed",
+    531: "G53.1 belongs to a tilted working plane",
+    510: "G51 scales or mirrors the coordinates that follow",
+    511: "G51.1 mirrors the coordinates that follow",
+    160: "G16 polar coordinates are not supported",
+    520: "G52 shifts the coordinates that follow",
+    70: "G7 tilts the working plane or programs diameters",
+    1410: "G141 (tool-centre point by vectors of another control) is not supported",
+    330: "G33 thread cutting is not supported",
+    50: "G5 splines are not supported",
+    52: "G5.2 splines are not supported",
+    60: "G6 splines are not supported",
+    1200: "G12 pocket cycles are not supported",
+    650: "G65 calls a macro whose motion is not in the file",
+    660: "G66 calls a macro whose motion is not in the file",
+}
+REFUSED_CALLS = {
+    **dict.fromkeys(
+        ("FOR", "ENDFOR", "WHILE", "ENDWHILE", "IF", "ELSE", "ENDIF", "GOTOB", "GOTOF", "GOTO", "REPEAT", "LOOP", "DEF",
+         "UNTIL", "CASE", "PROC"),
+        "program logic is not followed; expand the program first",
+    ),
+    **dict.fromkeys(
+        ("ROT", "AROT", "TRANS", "ATRANS", "SCALE", "ASCALE", "MIRROR", "AMIRROR", "CYCLE800", "ROTS", "AROTS"),
+        "it changes the coordinate system; export in one fixed system",
+    ),
+    **dict.fromkeys(
+        ("CIP", "CT", "BSPLINE", "ASPLINE", "CSPLINE", "POLY", "HOLES1", "HOLES2", "POCKET3", "POCKET4", "LONGHOLE",
+         "SLOT1", "SLOT2", "CYCLE71", "CYCLE72", "CYCLE76", "CYCLE77"),
+        "this motion is not supported; export it as G1, G2 and G3",
+    ),
+}  # fmt: skip
+IGNORED_CALLS = {
+    "MSG", "ORIWKS", "ORIMKS", "ORIVECT", "ORIAXES", "ORIMACHAX", "FFWON", "FFWOF", "SOFT", "BRISK", "COMPOF", "COMPCAD",
+    "COMPON", "COMPCURV", "CYCLE832", "STOPRE", "SUPA", "TRAORI", "TRAFOOF", "TRAOOF", "FGROUP", "CFTCP", "CFC", "CFIN",
+    "FNORM", "DIAMOF", "UPATH", "SPATH", "NORM", "WORKPIECE", "FIFOCTRL", "TOFFOFF", "G0", "DISPLOF", "SAVE", "MCALL",
+}  # fmt: skip
+NO_EFFECT_M = {*range(10, 20), *range(40, 46), 19, 20, 21, 22, 23, 48, 49, 60, 61, 88, 89}
+PROGRAM_END = {2, 30, 99}

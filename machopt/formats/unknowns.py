@@ -1,0 +1,38 @@
+"""Coordinates a program does not give yet: at its start, or after moves in the machine's own frame."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machopt.domain.toolpath import Array
+from machopt.formats.pathbuilder import PathBuilder
+
+
+def fill_unknown(p: Array, out: PathBuilder) -> Array:
+    """Replace NaN coordinates (N, 3) mm by the next known value of the same coordinate.
+
+    For Z between two known values the higher one is taken, because the machine was above both. A coordinate
+    that never comes is zero. Each kind is told once.
+    """
+    p = p.copy()
+    for k, letter in enumerate("XYZ"):
+        column = p[:, k]
+        unknown = np.isnan(column)
+        if not unknown.any():
+            continue
+        known = np.flatnonzero(~unknown)
+        if not len(known):
+            column[:] = 0.0
+            out.warn(f"{letter} is never programmed; it is taken as 0")
+            continue
+        rows = np.flatnonzero(unknown)
+        after = np.searchsorted(known, rows)
+        has_next, has_last = after < len(known), after > 0
+        following = column[known[np.minimum(after, len(known) - 1)]]
+        last = column[known[np.maximum(after - 1, 0)]]
+        value = np.where(has_next, following, last)
+        if letter == "Z":
+            value = np.where(has_next & has_last, np.maximum(following, last), value)
+        column[rows] = value
+        out.warn(f"{letter} of {len(rows)} points stands only later in the file; they take that value")
+    return p

@@ -1,0 +1,217 @@
+"""All real inverse kinematics of a general 6R arm by dialytic elimination, batched and without symbolic algebra.
+
+Let E_i be the rotation about line i and G = T_base_flange · T_zero⁻¹ = E₁…E₆. For k ∈ {1, 2, 3} the line of joint
+d = k+3 is not moved by E_d, so with its direction l and point p
+
+    E_k E_{k+1} E_{k+2} (p, l) = E_{k−1}⁻¹ … E₁⁻¹ · G · E₆⁻¹ … E_{d+1}⁻¹ (p, l)        (two joints on the right)
+
+Seen from a point of axis k the fourteen numbers p, l, p·p, p·l, p×l, l(p·p) − 2p(p·l) of both sides are
+multilinear in (1, cos qᵢ, sin qᵢ), so their coefficients follow exactly from three samples of each angle. The
+eight right-hand monomials are eliminated by the left null space, six equations in three angles remain; in
+half-angle tangents, and multiplied by 1 and x_u, they are (A₀ + A₁x_e + A₂x_e²) m = 0 with twelve monomials
+m = x_u^i x_v^j: an eigenvalue problem whose real eigenvalues are the solutions for q_e.
+
+Source: Raghavan & Roth 1993 (J. Mech. Design 115:502–508) for the fourteen equations; Manocha & Canny 1994
+(IEEE Trans. Robot. Autom. 10:648–657) for the eigenvalue form.
+The choice of k, of the direction of the chain, of x_e and x_u decides the conditioning; the arm's best choices are
+found once by trial on random configurations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.model.robot import Robot
+from machopt.se3 import axis_rotation, inverse
+
+Array = NDArray[np.float64]
+SAMPLES = np.array([0.0, 2.0, 4.0]) * np.pi / 3.0  # three angles fix a first-order trigonometric polynomial
+TO_COEFFICIENTS = np.linalg.inv(np.stack([np.ones(3), np.cos(SAMPLES), np.sin(SAMPLES)], axis=1))
+NEARLY_REAL = 0.03  # |Im x|/(1 + |x|²): double roots split by √rounding; Newton decides what is real
+CHUNK = 2048  # poses worked on at once: 24×24 matrices of these fit the cache of a small machine
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Which of the equivalent eliminations is used."""
+
+    reverse: bool  # the chain is read from the flange to the base
+    k: int  # 1, 2 or 3: the first joint on the left-hand side
+    e: int  # 0, 1, 2: which of the three left joints is the eigenvalue
+    u: int  # which is multiplied
+    phase: tuple[float, float, float]  # rad, zero of each half-angle tangent
+
+    @property
+    def v(self) -> int:
+        return 3 - self.e - self.u
+
+
+@dataclass(frozen=True)
+class Elimination:
+    """One elimination of one arm, in lengths of the arm's own size."""
+
+    choice: Choice
+    axis: Array  # (6, 3) in reading order
+    point: Array  # (6, 3) in units of ``length``
+    length: float  # m
+    T_end_base: Array  # (4, 4) inverse of the flange pose at q = 0, m
+    left: Array = field(repr=False)  # (14, 3, 3, 3) coefficients of the left side in (1, c, s)³
+    left_half: Array = field(repr=False)  # (14, 3, 3, 3) the same in half-angle tangents, axes in order e, u, v
+    one_half: Array = field(repr=False)  # (3, 3, 3) the constant 1 likewise
+
+    @classmethod
+    def of(cls, robot: Robot, choice: Choice) -> Elimination:
+        length = _size(robot)
+        step = -1 if choice.reverse else 1
+        axis, point = step * robot.axis[::step], robot.point[::step] / length
+        k = choice.k - 1
+        grid = np.stack(np.meshgrid(SAMPLES, SAMPLES, SAMPLES, indexing="ij"), axis=-1)
+        p, l = np.broadcast_to(point[k + 3], (3, 3, 3, 3)), np.broadcast_to(axis[k + 3], (3, 3, 3, 3))
+        for j in (2, 1, 0):
+            p, l = _rotate(axis[k + j], point[k + j], grid[..., j], p, l)
+        c = TO_COEFFICIENTS
+        left = np.einsum("xyzn,ax,by,cz->nabc", _fourteen(p - point[k], l), c, c, c, optimize=True)
+        order = (choice.e, choice.u, choice.v)
+        W = [_half_angle(choice.phase[j]) for j in order]
+        half = np.einsum(
+            "nabc,ai,bj,ck->nijk", left.transpose(0, *(1 + j for j in order)), *W, optimize=True
+        )
+        one = np.einsum("i,j,k->ijk", W[0][0], W[1][0], W[2][0])
+        return cls(choice, axis, point, length, inverse(robot.T_base_flange_zero), left, half, one)
+
+    def candidates(self, T_base_flange: Array) -> tuple[Array, NDArray[np.int64]]:
+        """Rough solutions, in need of Newton and of a check.
+
+        Args:
+            T_base_flange: (M, 4, 4).
+
+        Returns:
+            q (K, 6) rad and the pose each belongs to (K,).
+        """
+        parts = [self._chunk(T_base_flange[i : i + CHUNK], i) for i in range(0, len(T_base_flange), CHUNK)]
+        if not parts:
+            return np.empty((0, 6)), np.empty(0, np.int64)
+        return np.concatenate([q for q, _ in parts]), np.concatenate([m for _, m in parts])
+
+    def _chunk(self, T_base_flange: Array, first: int) -> tuple[Array, NDArray[np.int64]]:
+        G = np.asarray(T_base_flange, float) @ self.T_end_base
+        if self.choice.reverse:
+            G = inverse(G)
+        G[:, :3, 3] /= self.length
+        right = self._right(G)  # (M, 14, 9), constant first
+        U, S, Vt = np.linalg.svd(right[:, :, 1:])
+        N = np.swapaxes(U[:, :, 8:], 1, 2)  # (M, 6, 14)
+        P = np.tensordot(N, self.left_half, axes=(2, 0))
+        P -= (N @ right[:, :, :1])[..., None, None] * self.one_half
+        value, vector, pose = _eigen(P)
+        q_left = np.empty((len(value), 3))
+        for j, x in zip((self.choice.e, self.choice.u, self.choice.v), _tangents(value, vector), strict=True):
+            q_left[:, j] = self.choice.phase[j] + x
+        basis = [np.stack([np.ones(len(value)), np.cos(q_left[:, j]), np.sin(q_left[:, j])]) for j in range(3)]
+        state = np.einsum("nabc,am,bm,cm->mn", self.left, *basis, optimize=True) - right[pose, :, 0]
+        weight = np.where(S > 1e-9 * S[:, :1], 1.0 / np.where(S > 0, S, 1.0), 0.0)
+        y = np.einsum("mji,mj->mi", Vt[pose], weight[pose] * np.einsum("mni,mn->mi", U[pose, :, :8], state))
+        y = np.concatenate([np.ones((len(y), 1)), y], axis=1).reshape(-1, 3, 3)
+        return self._assemble(G[pose], q_left, y), pose + first
+
+    def _right(self, G: Array) -> Array:
+        """Coefficients (M, 14, 9) of the right side in the monomials of the two right joints, 1 first."""
+        k = self.choice.k - 1
+        p, l = np.broadcast_to(self.point[k + 3], (3, 3, 3)), np.broadcast_to(self.axis[k + 3], (3, 3, 3))
+        angle = dict(zip(self._right_joints(), np.meshgrid(SAMPLES, SAMPLES, indexing="ij"), strict=True))
+        for j in range(k + 4, 6):
+            p, l = _rotate(self.axis[j], self.point[j], -angle[j], p, l)
+        p = np.einsum("mij,abj->mabi", G[:, :3, :3], p) + G[:, None, None, :3, 3]
+        l = np.einsum("mij,abj->mabi", G[:, :3, :3], l)
+        for j in range(k):
+            p, l = _rotate(self.axis[j], self.point[j], -angle[j], p, l)
+        S = _fourteen(p - self.point[k], l)
+        return np.einsum("mxyn,ax,by->mnab", S, TO_COEFFICIENTS, TO_COEFFICIENTS, optimize=True).reshape(len(G), 14, 9)
+
+    def _right_joints(self) -> tuple[int, int]:
+        k = self.choice.k - 1
+        first, second = (*range(k), *range(k + 4, 6))
+        return first, second
+
+    def _assemble(self, G: Array, q_left: Array, y: Array) -> Array:
+        """The six angles (K, 6) in the arm's own order; the joint d comes from the remaining rotation."""
+        k, d = self.choice.k - 1, self.choice.k + 2
+        q = np.empty((len(G), 6))
+        q[:, k : k + 3] = q_left
+        first, second = self._right_joints()
+        q[:, first] = np.arctan2(y[:, 2, 0], y[:, 1, 0])
+        q[:, second] = np.arctan2(y[:, 0, 2], y[:, 0, 1])
+        R = G[:, :3, :3]
+        for j in range(d):  # E_{d−1}⁻¹ … E₁⁻¹ G
+            R = axis_rotation(self.axis[j], -q[:, j]) @ R
+        for j in range(5, d, -1):  # … E₆⁻¹ … E_{d+1}⁻¹
+            R = R @ axis_rotation(self.axis[j], -q[:, j])
+        vee = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=-1)
+        q[:, d] = np.arctan2(vee @ self.axis[d], np.trace(R, axis1=1, axis2=2) - 1.0)
+        return q[:, ::-1] if self.choice.reverse else q
+
+
+def _eigen(P: Array) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Nearly real eigenvalues x_e (K,), their monomials (K, 4, 3) and poses (K,) from six equations (M, 6, 3, 3, 3)."""
+    M = len(P)
+    A = np.zeros((3, M, 2, 6, 4, 3))
+    for a in range(3):
+        A[a, :, 0, :, 0:3] = P[:, :, a]
+        A[a, :, 1, :, 1:4] = P[:, :, a]
+    A = A.reshape(3, M, 12, 12)
+    usable = np.isfinite(np.linalg.slogdet(A[2])[1])  # else solve would refuse the whole batch
+    companion = np.zeros((M, 24, 24))
+    companion[:, :12, 12:] = np.eye(12)
+    companion[usable, 12:] = -np.linalg.solve(A[2][usable], np.concatenate([A[0], A[1]], axis=-1)[usable])
+    usable &= np.isfinite(companion).all(axis=(1, 2))
+    companion[~usable] = 0.0
+    value, vector = np.linalg.eig(companion)
+    near = (np.abs(value.imag) < NEARLY_REAL * (1.0 + np.abs(value) ** 2)) & usable[:, None]
+    pose, index = np.nonzero(near)
+    x = value[pose, index]
+    v = vector[pose, :, index].reshape(-1, 2, 12)
+    m = np.where((np.abs(x) > 1.0)[:, None], v[:, 1], v[:, 0])
+    return x.real, m.reshape(-1, 4, 3), pose
+
+
+def _tangents(value: Array, m: Array) -> tuple[Array, Array, Array]:
+    """Angles (K,) each of e, u, v: twice the arc tangent of ratios of the largest neighbouring monomials."""
+    K = np.arange(len(m))
+    size = np.abs(m)
+    column = np.argmax(size.sum(axis=1), axis=1)
+    mu = m[K, :, column]  # (K, 4)
+    i = np.where(np.abs(mu[:, 0]) > np.abs(mu[:, 3]), 0, 2)
+    row = np.argmax(size.sum(axis=2), axis=1)
+    mv = m[K, row]  # (K, 3)
+    j = np.where(np.abs(mv[:, 0]) > np.abs(mv[:, 2]), 0, 1)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        xu = (mu[K, i + 1] / mu[K, i]).real
+        xv = (mv[K, j + 1] / mv[K, j]).real
+    return 2 * np.arctan(value), 2 * np.arctan(xu), 2 * np.arctan(xv)
+
+
+def _fourteen(p: Array, l: Array) -> Array:
+    """p, l, p·p, p·l, p×l, l(p·p) − 2p(p·l): (..., 14) from a point and a direction (..., 3)."""
+    pp, pl = np.sum(p * p, axis=-1, keepdims=True), np.sum(p * l, axis=-1, keepdims=True)
+    return np.concatenate([p, l, pp, pl, np.cross(p, l), l * pp - 2.0 * p * pl], axis=-1)
+
+
+def _rotate(axis: Array, point: Array, angle: Array, p: Array, l: Array) -> tuple[Array, Array]:
+    """Turn points p and directions l (..., 3) about a line."""
+    R = axis_rotation(axis, angle)
+    return np.einsum("...ij,...j->...i", R, p - point) + point, np.einsum("...ij,...j->...i", R, l)
+
+
+def _half_angle(phase: float) -> Array:
+    """(3, 3): rows 1, cos q, sin q times (1 + x²) in powers of x, with q = phase + 2 atan x."""
+    c, s = np.cos(phase), np.sin(phase)
+    return np.array([[1.0, 0.0, 1.0], [c, -2.0 * s, -c], [s, 2.0 * c, -s]])
+
+
+def _size(robot: Robot) -> float:
+    """A length of the arm in m, to make the equations dimensionless."""
+    chain = np.vstack([robot.point, robot.T_base_flange_zero[:3, 3]])
+    return float(max(np.linalg.norm(chain - chain[0], axis=1).max() / 2.0, 1e-3))

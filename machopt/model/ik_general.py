@@ -1,0 +1,175 @@
+"""Inverse kinematics of any 6R arm: all real branches, batched, every one checked against its pose.
+
+Arms of the UR family (axes 2 ∥ 3 ∥ 4, axes 5 and 6 meeting) get the closed form of :mod:`~machopt.model.ik_parallel`,
+eight branches whose index names the same assembly mode everywhere. Every other arm gets the elimination of
+:mod:`~machopt.model.ik_elimination`, up to sixteen branches. Its best formulation is found by trial when the solver
+is built (some tenths of a second); nothing is downloaded, derived symbolically or written.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.errors import InputError
+from machopt.model.geometry import is_spherical_wrist, is_three_parallel
+from machopt.model.ik_elimination import Choice, Elimination
+from machopt.model.ik_grid import fill_grid, label_grid
+from machopt.model.ik_newton import ACCEPTED, newton, unique
+from machopt.model.ik_parallel import BRANCHES as PARALLEL_BRANCHES
+from machopt.model.ik_parallel import ThreeParallel
+from machopt.model.robot import Robot
+
+__all__ = ["GeneralSolver", "is_spherical_wrist", "is_three_parallel", "solve_general"]
+
+Array = NDArray[np.float64]
+GENERIC_BRANCHES = 16  # Primrose 1986: a general 6R arm has at most sixteen
+CLOSED_RAD, CLOSED_M = 1e-5, 1e-5  # URDFs print π/2 as 1.5708; Newton takes the closed form the rest of the way
+POLISH_RAD = 0.05  # a closed-form root that Newton moves further is another branch
+SAME = 1e-6  # rad; below, two roots are one: a double root is only known to √rounding
+NEWTON_STEPS = 12
+PHASE = (0.3, 1.1, -0.7)  # rad, generic: puts the zeros and poles of the half-angle tangents at no round angle
+TRIALS = 64, 256  # random configurations for all formulations, then for the four best
+LEAST_RECALL = 0.9  # of the trial configurations; an arm below has fewer than six independent axes
+
+
+@dataclass(frozen=True)
+class GeneralSolver:
+    """All branches of one arm. Build it with :meth:`for_robot`."""
+
+    robot: Robot
+    kind: Literal["three_parallel", "general"]
+    branches: int  # 8 or 16, the second dimension of every answer
+    branch_stable: bool  # the same index is the same assembly mode at every pose
+    recall: float  # share of the trial configurations found again while building; 1 for the closed form
+    closed: ThreeParallel | None = field(repr=False, default=None)
+    eliminations: tuple[Elimination, ...] = field(repr=False, default=())  # best first; the others are for doubtful poses
+
+    @classmethod
+    def for_robot(cls, robot: Robot) -> GeneralSolver:
+        """Classify the arm and choose the formulation.
+
+        Raises:
+            InputError: no formulation finds the arm's own random configurations again; it cannot turn and move
+                freely in all six directions (two axes on one line, four axes parallel or through one point).
+        """
+        if is_three_parallel(robot, CLOSED_RAD, CLOSED_M):
+            return cls(robot, "three_parallel", PARALLEL_BRANCHES, True, 1.0, closed=ThreeParallel.for_robot(robot))
+        recall, eliminations = _best_eliminations(robot)
+        if recall < LEAST_RECALL:
+            raise InputError(
+                f"the inverse kinematics of arm {', '.join(robot.joints)} finds only {100 * recall:.0f} % of its own "
+                f"configurations again; six axes that move the flange in all six directions would work",
+                where="robot.arm_joints",
+            )
+        return cls(robot, "general", GENERIC_BRANCHES, False, recall, eliminations=eliminations)
+
+    def solve(self, T_base_flange: Array) -> Array:
+        """All branches of M poses, each exact to 1e-9 m and 1e-9 rad by forward kinematics.
+
+        Args:
+            T_base_flange: (M, 4, 4).
+
+        Returns:
+            (M, B, 6) rad in (−π, π], NaN where the branch does not exist. ``three_parallel``: the index is the
+            assembly mode, 4·shoulder + 2·wrist + elbow, and roots that coincide at a singularity appear twice.
+            ``general``: no order, no duplicates, existing ones first.
+        """
+        T = np.ascontiguousarray(T_base_flange, float)
+        if self.closed is not None:
+            return self._solve_closed(self.closed, T)
+        return self._solve_general(T)
+
+    def solve_grid(self, T_base_flange: Array) -> Array:
+        """All branches on a grid of neighbouring poses, labelled by continuity.
+
+        For general arms a coarse grid is solved and solutions are followed between; where the number of solutions
+        changes (folds, jumps of the path) the poses between are solved too. A pair of solutions that is born and
+        ends strictly between coarse poses (8 points, 4 rotations) can be missed; ``solve`` misses none.
+
+        Args:
+            T_base_flange: (N, R, 4, 4), neighbours along both axes close to each other.
+
+        Returns:
+            (N, R, B, 6) rad in (−π, π]. The index continues along the points (first axis) wherever the solution
+            does; along the rotations too, as far as both can hold at once.
+        """
+        T = np.ascontiguousarray(T_base_flange, float)
+        N, R = T.shape[:2]
+        if self.closed is not None or N * R == 0:
+            return self.solve(T.reshape(-1, 4, 4)).reshape(N, R, self.branches, 6)
+        q = fill_grid(self.robot, T, self._solve_general, self.branches)
+        return label_grid(q)
+
+    def _solve_closed(self, closed: ThreeParallel, T: Array) -> Array:
+        q = closed.solve(T)
+        pose, branch = np.nonzero(np.isfinite(q[..., 0]))
+        polished, error = self._newton(T, pose, q[pose, branch])
+        moved = np.abs(polished - q[pose, branch]).max(axis=1, initial=0.0)
+        polished = np.pi - np.remainder(np.pi - polished, 2 * np.pi)
+        polished[(error > ACCEPTED) | (moved > POLISH_RAD)] = np.nan
+        q[pose, branch] = polished
+        return q
+
+    def _solve_general(self, T: Array) -> Array:
+        out = np.empty((0, self.branches, 6))
+        pending = np.arange(len(T))
+        for n, elimination in enumerate(self.eliminations):
+            found = self._real_solutions(elimination, T[pending])
+            if n == 0:
+                out = found
+            else:
+                both = np.concatenate([out[pending], found], axis=1).reshape(-1, 6)
+                pose = np.repeat(np.arange(len(pending)), 2 * self.branches)
+                error = np.where(np.isfinite(both[:, 0]), 0.0, np.inf)
+                out[pending] = unique(both, pose, error, len(pending), self.branches, SAME)
+            # complex roots come in pairs, so an odd number of real ones means that one was lost
+            count = np.isfinite(out[pending, :, 0]).sum(axis=1)
+            pending = pending[count % 2 == 1]
+            if len(pending) == 0:
+                break
+        return out
+
+    def _real_solutions(self, elimination: Elimination, T: Array) -> Array:
+        rough, pose = elimination.candidates(T)
+        q, error = self._newton(T, pose, rough)
+        return unique(q, pose, error, len(T), self.branches, SAME)
+
+    def _newton(self, T: Array, pose: NDArray[np.int64], q: Array) -> tuple[Array, Array]:
+        robot = self.robot
+        q, error = newton(robot.axis, robot.point, robot.T_base_flange_zero, T, pose, q, NEWTON_STEPS)
+        return q, error
+
+
+def solve_general(robot: Robot, T_base_flange: Array) -> Array:
+    """All branches (M, B, 6) of M poses; builds the solver anew, so keep a :class:`GeneralSolver` where it is used twice."""
+    return GeneralSolver.for_robot(robot).solve(T_base_flange)
+
+
+def _best_eliminations(robot: Robot) -> tuple[float, tuple[Elimination, ...]]:
+    """The formulation that finds most of the arm's own configurations again, and two spares; and its recall."""
+    choices = [
+        Choice(reverse, k, e, u, PHASE)
+        for reverse, k, (e, u) in itertools.product((False, True), (1, 2, 3), ((0, 2), (1, 2), (2, 1)))
+    ]
+    ranked = sorted(choices, key=lambda c: _trial(robot, c, TRIALS[0]), reverse=True)[:4]
+    scores = {c: _trial(robot, c, TRIALS[1]) for c in ranked}
+    ranked = sorted(ranked, key=scores.__getitem__, reverse=True)[:3]
+    return scores[ranked[0]][0], tuple(Elimination.of(robot, c) for c in ranked)
+
+
+def _trial(robot: Robot, choice: Choice, count: int) -> tuple[float, float, float]:
+    """Recall, mean number of solutions and minus the mean number of candidates: more is better, in this order."""
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (count, 6))
+    T = robot.fk(q)
+    elimination = Elimination.of(robot, choice)
+    rough, pose = elimination.candidates(T)
+    solved, error = newton(robot.axis, robot.point, robot.T_base_flange_zero, T, pose, rough, NEWTON_STEPS)
+    found = unique(solved, pose, error, count, GENERIC_BRANCHES, SAME)
+    off = np.abs(np.remainder(found - q[:, None] + np.pi, 2 * np.pi) - np.pi).max(axis=-1)
+    recall = float(np.mean((off < 1e-4).any(axis=1)))
+    return recall, float(np.isfinite(found[..., 0]).sum() / count), -len(rough) / count

@@ -1,0 +1,241 @@
+"""Compiled Newton iteration and path tracking on the six lines of an arm; every result is checked against its pose.
+
+Newton step: J(q) Δq = e, with e the twist from the present pose to the wanted one (linear part first) and J the
+geometric Jacobian at the flange. Kernels work on flat lists of (pose, start) pairs and never raise: a pair that
+does not converge comes back as NaN.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+F = TypeVar("F", bound=Callable[..., Any])
+
+CONVERGED = 1e-12  # m and rad: three digits under what solve promises, three above rounding at arm's length
+ACCEPTED = 1e-10  # m and rad: beside a singularity rounding keeps the iteration from CONVERGED
+STEP = 0.5  # rad, the longest Newton step from a rough start
+TRACK_MOVE = 0.35  # rad a joint may turn in one tracking step; beyond it the step is halved
+TRACK_HALVINGS = 7  # the shortest tracking step is 2⁻⁷ of the way between two neighbours
+
+
+def compiled(function: F) -> F:
+    """numba.njit, cached on disk where there is a writable place for it."""
+    try:
+        return numba.njit(cache=True)(function)  # type: ignore[no-any-return]
+    except RuntimeError:  # numba finds no folder it may write to
+        return numba.njit(function)  # type: ignore[no-any-return]
+
+
+@compiled
+def _forward(axis: Array, point: Array, end: Array, q: Array, J: Array, T: Array) -> None:
+    """Fill the pose T (4, 4) and the Jacobian J (6, 6) at q, in base_link axes at the flange's origin."""
+    R = np.eye(3)
+    p = np.zeros(3)
+    Rn = np.empty((3, 3))
+    d = np.empty(3)
+    origin = np.empty((6, 3))
+    for i in range(6):
+        x, y, z = axis[i, 0], axis[i, 1], axis[i, 2]
+        c, s = np.cos(q[i]), np.sin(q[i])
+        v = 1.0 - c
+        r00, r01, r02 = c + x * x * v, x * y * v - z * s, x * z * v + y * s
+        r10, r11, r12 = x * y * v + z * s, c + y * y * v, y * z * v - x * s
+        r20, r21, r22 = x * z * v - y * s, y * z * v + x * s, c + z * z * v
+        a, b, e = point[i, 0], point[i, 1], point[i, 2]
+        d[0] = a - (r00 * a + r01 * b + r02 * e)
+        d[1] = b - (r10 * a + r11 * b + r12 * e)
+        d[2] = e - (r20 * a + r21 * b + r22 * e)
+        for k in range(3):
+            m0, m1, m2 = R[k, 0], R[k, 1], R[k, 2]
+            J[3 + k, i] = m0 * x + m1 * y + m2 * z
+            origin[i, k] = p[k] + m0 * a + m1 * b + m2 * e
+            p[k] += m0 * d[0] + m1 * d[1] + m2 * d[2]
+            Rn[k, 0] = m0 * r00 + m1 * r10 + m2 * r20
+            Rn[k, 1] = m0 * r01 + m1 * r11 + m2 * r21
+            Rn[k, 2] = m0 * r02 + m1 * r12 + m2 * r22
+        R[:] = Rn
+    for k in range(3):
+        T[k, 3] = p[k] + R[k, 0] * end[0, 3] + R[k, 1] * end[1, 3] + R[k, 2] * end[2, 3]
+        for j in range(3):
+            T[k, j] = R[k, 0] * end[0, j] + R[k, 1] * end[1, j] + R[k, 2] * end[2, j]
+    for i in range(6):
+        lx, ly, lz = T[0, 3] - origin[i, 0], T[1, 3] - origin[i, 1], T[2, 3] - origin[i, 2]
+        wx, wy, wz = J[3, i], J[4, i], J[5, i]
+        J[0, i] = wy * lz - wz * ly
+        J[1, i] = wz * lx - wx * lz
+        J[2, i] = wx * ly - wy * lx
+
+
+@compiled
+def _error(T: Array, goal: Array, e: Array) -> float:
+    """Fill the twist e (6,) from T to goal and return max(|linear|, |angular|) in m, rad."""
+    v = np.zeros(3)
+    trace = 0.0
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        e[k] = goal[k, 3] - T[k, 3]
+        for m in range(3):
+            v[k] += goal[j, m] * T[i, m] - goal[i, m] * T[j, m]
+            trace += goal[k, m] * T[k, m]
+    s = 0.5 * np.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2)
+    angle = np.arctan2(s, 0.5 * (trace - 1.0))
+    scale = 0.5 if s < 1e-8 else 0.5 * angle / s
+    for k in range(3):
+        e[3 + k] = scale * v[k]
+    return max(np.sqrt(e[0] ** 2 + e[1] ** 2 + e[2] ** 2), angle)
+
+
+@compiled
+def _solve6(A: Array, b: Array) -> bool:
+    """Solve A x = b in place of b by elimination with row pivoting; False where A is singular to rounding."""
+    for c in range(6):
+        best = c
+        for r in range(c + 1, 6):
+            if abs(A[r, c]) > abs(A[best, c]):
+                best = r
+        if abs(A[best, c]) < 1e-14:
+            return False
+        if best != c:
+            for k in range(c, 6):
+                A[c, k], A[best, k] = A[best, k], A[c, k]
+            b[c], b[best] = b[best], b[c]
+        for r in range(c + 1, 6):
+            f = A[r, c] / A[c, c]
+            if f != 0.0:
+                for k in range(c + 1, 6):
+                    A[r, k] -= f * A[c, k]
+                b[r] -= f * b[c]
+    for c in range(5, -1, -1):
+        for k in range(c + 1, 6):
+            b[c] -= A[c, k] * b[k]
+        b[c] /= A[c, c]
+    return True
+
+
+@compiled
+def newton(axis: Array, point: Array, end: Array, goal: Array, pose_of: NDArray[np.int64], q0: Array,
+           iterations: int) -> tuple[Array, Array]:  # fmt: skip
+    """Newton from rough starts.
+
+    Args:
+        axis, point, end: (6, 3), (6, 3) m, (4, 4) of the arm.
+        goal: (M, 4, 4) wanted flange poses.
+        pose_of: (K,) which pose each start belongs to.
+        q0: (K, 6) rad.
+        iterations: at most this many steps.
+
+    Returns:
+        q (K, 6) rad, unwrapped, and the remaining error (K,) in m, rad (the larger).
+    """
+    q, error = q0.copy(), np.empty(len(q0))
+    J, T, e = np.empty((6, 6)), np.eye(4), np.empty(6)
+    for k in range(len(q0)):
+        for i in range(iterations + 1):
+            _forward(axis, point, end, q[k], J, T)
+            error[k] = _error(T, goal[pose_of[k]], e)
+            # written so that NaN leaves the loop as well
+            if not error[k] > CONVERGED or i == iterations or not _solve6(J, e):
+                break
+            longest = np.max(np.abs(e))
+            q[k] += e * min(1.0, STEP / longest) if longest > STEP else e
+    return q, error
+
+
+@compiled
+def _between(A: Array, B: Array, t: float, out: Array) -> None:
+    """Pose at share t from A to B: straight line of the origin, constant turn about one axis."""
+    D = np.ascontiguousarray(B[:3, :3]) @ np.ascontiguousarray(A[:3, :3].T)
+    v = 0.5 * np.array([D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]])
+    s = np.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2)
+    angle = t * np.arctan2(s, 0.5 * (D[0, 0] + D[1, 1] + D[2, 2] - 1.0))
+    if s > 0.0:
+        v = v / s
+    K = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+    R = np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K)
+    out[:3, :3] = R @ np.ascontiguousarray(A[:3, :3])
+    out[:3, 3] = A[:3, 3] + t * (B[:3, 3] - A[:3, 3])
+
+
+@compiled
+def track(axis: Array, point: Array, end: Array, poses: Array, start: NDArray[np.int64], goal: NDArray[np.int64],
+          q0: Array) -> Array:  # fmt: skip
+    """Follow one solution from pose to neighbouring pose.
+
+    The step is taken whole when Newton contracts at once and no joint turns more than TRACK_MOVE; otherwise
+    it is halved, so that the solution found is the continuation of the one given and not another branch.
+
+    Args:
+        poses: (M, 4, 4). start, goal: (K,) indices into poses. q0: (K, 6) rad, solution at the start.
+
+    Returns:
+        (K, 6) rad, unwrapped; NaN where the solution ends on the way (a fold) or passes too near a singularity.
+    """
+    out = np.full(q0.shape, np.nan)
+    J, T, e = np.empty((6, 6)), np.eye(4), np.empty(6)
+    target = np.eye(4)
+    for k in range(len(q0)):
+        A, B = poses[start[k]], poses[goal[k]]
+        q, t, h = q0[k].copy(), 0.0, 1.0
+        shortest = 0.5**TRACK_HALVINGS
+        while t < 1.0 and h >= shortest:
+            if t + h >= 1.0:
+                target[:] = B
+            else:
+                _between(A, B, t + h, target)
+            trial, last, good = q.copy(), np.inf, False
+            for _ in range(8):
+                _forward(axis, point, end, trial, J, T)
+                error = _error(T, target, e)
+                if error < CONVERGED:
+                    good = True
+                    break
+                if not error < 0.5 * last:
+                    good = error < ACCEPTED
+                    break
+                last = error
+                if not _solve6(J, e):
+                    break
+                trial += e
+                if np.max(np.abs(trial - q)) > TRACK_MOVE:
+                    break
+            if good:
+                q, t, h = trial, t + h, 2.0 * h
+            else:
+                h *= 0.5
+        if t >= 1.0:
+            out[k] = q
+    return out
+
+
+@compiled
+def unique(q: Array, pose_of: NDArray[np.int64], error: Array, poses: int, width: int, same: float) -> Array:
+    """Solutions sorted into rows (poses, width, 6), without duplicates, NaN behind; errors above ACCEPTED are dropped.
+
+    Two solutions are one when every joint agrees to ``same`` rad modulo a turn.
+    """
+    out = np.full((poses, width, 6), np.nan)
+    count = np.zeros(poses, np.int64)
+    for k in range(len(q)):
+        m = pose_of[k]
+        if not error[k] <= ACCEPTED or count[m] == width:
+            continue
+        new = True
+        for b in range(count[m]):
+            worst = 0.0
+            for i in range(6):
+                d = (q[k, i] - out[m, b, i]) / (2.0 * np.pi)
+                worst = max(worst, abs(d - np.round(d)) * 2.0 * np.pi)
+            if worst < same:
+                new = False
+                break
+        if new:
+            for i in range(6):
+                out[m, count[m], i] = np.pi - (np.pi - q[k, i]) % (2.0 * np.pi)
+            count[m] += 1
+    return out

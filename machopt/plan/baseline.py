@@ -1,0 +1,175 @@
+"""What others would do with the same path: the CAM default rotation, and the method of jiao2022 (sections 3.2 and 4).
+
+Both follow one configuration per run by continuity and take no part in the global choice; they are the yardsticks of
+the report, and ``--method jiao2022`` plans with the second.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.options import PlanOptions
+from machopt.domain.reason import Reason
+from machopt.model.elastic import ArmElasticity
+from machopt.model.ik import branch_reasons
+from machopt.model.robot import Robot
+from machopt.plan.candidates import Arm
+from machopt.plan.path import Path, tcp_poses
+from machopt.plan.realise import Assignment
+from machopt.plan.score import Directions, configuration_cost
+from machopt.se3 import inverse, wrap
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int32]
+STEP = np.radians(10.0)  # Δθ of eq. 26
+JUMP = np.radians(60.0)  # a larger joint step between neighbouring points is a change of configuration
+
+
+def cam_default(path: Path, arm: Arm, robot: Robot, home: Array) -> Assignment:
+    """gamma = 0 at every point, in the configuration nearest to the one before (home first)."""
+    return _follow(path, arm, _unwrapped(path, -path.offset), home)
+
+
+def jiao2022(
+    path: Path, arm: Arm, robot: Robot, elasticity: ArmElasticity, directions: Directions, home: Array, options: PlanOptions
+) -> Assignment:  # fmt: skip
+    """Best rotation in 10° steps at the key points, interpolated in between.
+
+    Key points are the ends of each milling run, and the first and last hole of each drilling operation. Between
+    them the roll ψ about the tool axis, measured against the base frame (eqs. 27–32), changes in proportion to
+    the coordinate with the longest way (eq. 34) for holes and to the index (eq. 35) for trajectories. Eq. 33
+    prints φ_x = γ₁″ − γ_n″, which with eqs. 34–35 would lead away from the end point; the sign that arrives
+    there is used.
+    """
+    index = "jiao2022" if options.index == "auto" else options.index
+    roll = _roll(path, arm)
+    phi = np.full(len(path.index), np.nan)
+    start = home
+    for keys, rows, fraction in _groups(path, arm):
+        best, start = _best_rotations(path, arm, elasticity, directions, keys, start, options, index)
+        psi = roll[keys] + best
+        turned = psi[0] + fraction * wrap(psi[-1] - psi[0])
+        phi[rows] = turned - roll[rows]
+    for first, last in path.runs:  # plunges and approaches keep the rotation of the point they serve
+        rows = slice(first, last + 1)
+        known = np.flatnonzero(np.isfinite(phi[rows]))
+        if len(known):
+            nearest = known[np.abs(np.arange(last - first + 1)[:, None] - known).argmin(axis=1)]
+            phi[rows] = phi[rows][nearest]
+        else:
+            phi[rows] = 0.0
+    return _follow(path, arm, _unwrapped(path, phi), home)
+
+
+def _roll(path: Path, arm: Arm) -> Array:
+    """ψ at phi = 0: the angle x of R = Rz Ry Rx about the tool axis (eq. 27, the paper's tool x is our −z)."""
+    every = np.arange(len(path.index), dtype=np.int32)
+    R = (arm.T_base_workpiece @ tcp_poses(path, every, np.zeros(len(every))))[:, :3, :3]
+    # paper's tool axes as ours: x = z (the rotation axis), y = x, z = y
+    return np.arctan2(R[:, 2, 0], R[:, 2, 1])  # R32 / R33 of the permuted matrix
+
+
+def _groups(path: Path, arm: Arm) -> list[tuple[Ints, Ints, Array]]:
+    """Key points, the points between them, and the proportion (0…1) of each."""
+    counted = path.counted
+    position = path.position @ arm.T_base_workpiece[:3, :3].T
+    groups, holes = [], []
+    for first, last in path.runs:
+        rows = (first + np.flatnonzero(counted[first : last + 1])).astype(np.int32)
+        if not len(rows):
+            continue
+        if path.is_drilling[rows[0]]:
+            holes.append(rows)
+            continue
+        groups.append((rows[[0, -1]], rows, np.arange(len(rows)) / max(len(rows) - 1, 1)))
+    if holes:
+        rows = np.concatenate(holes)
+        keys = np.array([rows[0], rows[-1]], np.int32)
+        way = np.abs(position[keys[1]] - position[keys[0]])
+        axis = int(way.argmax())
+        along = np.abs(position[rows, axis] - position[keys[0], axis])
+        groups.append((keys, rows, np.clip(along / max(way[axis], 1e-12), 0.0, 1.0)))
+    return groups
+
+
+def _best_rotations(
+    path: Path, arm: Arm, elasticity: ArmElasticity, directions: Directions, keys: Ints, start: Array,
+    options: PlanOptions, index: str,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Steps 1–5 of section 3.2: the stiffest of the 10° rotations per key point, in the branch nearest to ``start``."""
+    low, high = options.rotation_range
+    grid = np.arange(-18, 18) * STEP
+    q, why = _solve(path, arm, keys, np.broadcast_to(grid, (len(keys), len(grid))))
+    gamma = wrap(grid[None, :] + path.offset[keys][:, None])
+    why[(gamma < low - 1e-9) | (gamma > high + 1e-9)] = Reason.BOUNDS
+    q = q + 0.0
+    ok = why == Reason.OK  # (K, R, B)
+    distance = np.where(ok[0], np.abs(q[0] - start).max(axis=-1), np.inf).min(axis=0)  # (B,) nearest to start
+    for b in np.argsort(distance, kind="stable"):
+        if ok[:, :, b].any(axis=1).all():
+            break
+    else:
+        return np.zeros(len(keys)), start
+    best = np.zeros(len(keys))
+    for i in range(len(keys)):
+        usable = np.flatnonzero(ok[i, :, b])
+        cost = configuration_cost(elasticity, directions, np.full(len(usable), keys[i]), q[i, usable, b], index)  # type: ignore[arg-type]
+        best[i] = grid[usable[cost.argmin()]]
+    return best, q[0, int(np.argmin(np.abs(grid - best[0]))), b]
+
+
+def _solve(path: Path, arm: Arm, rows: Ints, phi: Array) -> tuple[Array, NDArray[np.uint8]]:
+    """All branches at rows × rotations with the turn nearest to zero that fits the limits: q (…, B, 6), reason."""
+    poses = arm.T_base_workpiece @ tcp_poses(path, rows, phi) @ inverse(arm.T_flange_tcp)
+    branches = arm.solver.solve(poses.reshape(-1, 4, 4))
+    why = branch_reasons(branches, arm.margins).reshape(*phi.shape, -1)
+    q = branches.q.reshape(*phi.shape, -1, 6)
+    turned = q[..., None, :] + arm.turns  # zero first
+    with np.errstate(invalid="ignore"):
+        inside = ((turned >= arm.lower) & (turned <= arm.upper)).all(axis=-1)
+    q = np.take_along_axis(turned, inside.argmax(axis=-1)[..., None, None], axis=-2)[..., 0, :]
+    why[(why == Reason.OK) & ~inside.any(axis=-1)] = Reason.LIMIT
+    return q, why
+
+
+def _unwrapped(path: Path, phi: Array) -> Array:
+    out = np.array(phi)
+    for first, last in path.runs:
+        out[first : last + 1] = np.unwrap(out[first : last + 1])
+    return out
+
+
+def _follow(path: Path, arm: Arm, phi: Array, home: Array) -> Assignment:
+    """Per point the feasible configuration nearest to the one before; NaN where there is none."""
+    every = np.arange(len(path.index), dtype=np.int32)
+    poses = arm.T_base_workpiece @ tcp_poses(path, every, phi) @ inverse(arm.T_flange_tcp)
+    branches = arm.solver.solve(poses)
+    why = branch_reasons(branches, arm.margins)
+    P = len(every)
+    q, branch = np.full((P, 6), np.nan), np.full(P, -1, np.int32)
+    reason = np.full(P, Reason.UNREACHABLE, np.uint8)
+    last = home
+    starts = {first for first, _ in path.runs}
+    span = 2 * np.pi
+    for p in range(P):
+        near = branches.q[p] + span * np.round((last - branches.q[p]) / span)  # the turn continuity asks for
+        with np.errstate(invalid="ignore"):
+            inside = ((near >= arm.lower) & (near <= arm.upper)).all(axis=-1)
+            if p in starts and not (inside & (why[p] == Reason.OK)).any():  # after a rapid move any turn will do
+                turned = branches.q[p][:, None] + arm.turns
+                fits = ((turned >= arm.lower) & (turned <= arm.upper)).all(axis=-1)
+                near = turned[np.arange(len(turned)), fits.argmax(axis=1)]
+                inside = fits.any(axis=1)
+        ok = inside & (why[p] == Reason.OK)
+        step = np.where(ok, np.abs(near - last).max(axis=-1), np.inf)
+        b = int(step.argmin())
+        if not ok.any():
+            exists = why[p] != Reason.UNREACHABLE
+            reason[p] = max(int(why[p].max()), int(Reason.LIMIT)) if exists.any() else Reason.UNREACHABLE
+            continue
+        reason[p] = Reason.OK if p in starts or step[b] < JUMP else Reason.NO_PATH
+        q[p], branch[p], last = near[b], b, near[b]
+    rows = np.arange(P)
+    margin = {n: np.where(branch >= 0, getattr(branches, n)[rows, branch], np.nan) for n in ("shoulder", "elbow", "wrist")}
+    return Assignment(phi=phi, q=q, branch=branch, reason=reason, **margin)

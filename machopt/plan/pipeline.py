@@ -1,0 +1,229 @@
+"""The arrows of the plan: every step's result is kept, so that reports and tests can look at each.
+
+::
+
+    path ─► candidates ─► score ─► choose ─► smooth ─► realise ─► check ─► timeline
+                             ▲        └───────────◄───────────────┘ forbid what collides, choose again
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.cell import Cell
+from machopt.domain.options import PlanOptions
+from machopt.domain.reason import Reason
+from machopt.domain.toolpath import Toolpath
+from machopt.errors import InputError
+from machopt.model.collision import CollisionModel
+from machopt.model.elastic import ArmElasticity
+from machopt.model.ik import solver_for
+from machopt.model.robot import Robot, load_chain
+from machopt.plan.baseline import cam_default, jiao2022
+from machopt.plan.candidates import Arm, Candidates, enumerate_candidates
+from machopt.plan.check import PathCheck, check_path, forbid
+from machopt.plan.choose import Choice, choose
+from machopt.plan.path import Path, build_path
+from machopt.plan.realise import Assignment, realise
+from machopt.plan.score import Directions, Objective, Scores, configuration_cost, directions, objective, score_candidates
+from machopt.plan.smooth import follow_grid, smooth
+
+Array = NDArray[np.float64]
+ROUNDS = 40  # of choosing again after collisions
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Setup:
+    """The cell made ready for planning."""
+
+    cell: Cell
+    robot: Robot
+    arm: Arm
+    elasticity: ArmElasticity
+    collision: CollisionModel | None
+
+
+@dataclass(frozen=True)
+class Scored:
+    """An assignment with its cost at every planning point and its objective."""
+
+    assignment: Assignment
+    cost: Array  # (P,) in the unit of the index, NaN where infeasible
+    objective: Objective
+
+
+@dataclass
+class Timings:
+    """Seconds per stage, in the order of first use."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+    progress: Progress = lambda _: None
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        self.progress(name)
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Everything the plan found out, step by step."""
+
+    setup: Setup
+    options: PlanOptions
+    path: Path
+    directions: Directions
+    candidates: Candidates
+    scores: Scores
+    choice: Choice
+    chosen: Scored
+    chosen_from: str  # "smooth", "jiao2022" or "cam default": the assignment with the least objective
+    grid: Objective  # of the grid optimum at the stations, for comparison
+    cam_default: Scored
+    jiao2022: Scored
+    check: PathCheck | None
+    rounds: int
+
+    @property
+    def missing(self) -> NDArray[np.intp]:
+        """Planning points without a feasible configuration."""
+        return np.flatnonzero(self.chosen.assignment.reason != Reason.OK)
+
+
+def prepare(cell: Cell, options: PlanOptions) -> Setup:
+    """Robot, inverse kinematics, stiffness and collision model of a cell.
+
+    Raises:
+        InputError: the cell lacks what planning needs (a stiffness), or uses what is not supported.
+    """
+    if cell.stiffness is None:
+        raise InputError("the cell names no stiffness file; optimise needs joint stiffness "
+                         "(cell key 'stiffness', e.g. from machopt identify)", file=cell.folder / "cell.yaml", where="stiffness")  # fmt: skip
+    if cell.stiffness.terms:
+        raise InputError("stiffness terms are not used by optimize yet; remove 'terms' to plan with joint stiffness only",
+                         file=cell.folder / "cell.yaml", where="stiffness.terms")  # fmt: skip
+    if cell.workpiece.link != "world":
+        raise InputError(f"the workpiece is carried by link {cell.workpiece.link!r}; positioners are not supported yet, "
+                         "'world' would work", file=cell.folder / "cell.yaml", where="workpiece.link")  # fmt: skip
+    robot, shapes = load_chain(cell)
+    arm = Arm.of(cell, solver_for(robot), options)
+    elasticity = ArmElasticity(robot, cell.tool.T_flange_tcp, cell.stiffness)
+    collision = CollisionModel(cell, robot, shapes, options.clearance) if options.collision else None
+    return Setup(cell, robot, arm, elasticity, collision)
+
+
+def plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Timings | None = None) -> Plan:
+    """Plan one toolpath in one cell; infeasible points are data in the result, never an exception."""
+    clock = timings or Timings()
+
+    def stage(name: str) -> AbstractContextManager[None]:
+        return clock.stage(name)
+
+    with stage("prepare"):
+        setup = prepare(cell, options)
+        path = build_path(toolpath)
+        d = directions(path, setup.arm.T_base_workpiece, setup.elasticity, options.force)
+    with stage("candidates"):
+        candidates = enumerate_candidates(path, setup.arm, options)
+    with stage("score"):
+        scores = score_candidates(path, candidates, setup.elasticity, d, options)
+
+    def scored(assignment: Assignment) -> Scored:
+        cost = np.full(len(path.index), np.nan)
+        ok = np.flatnonzero(assignment.reason == Reason.OK)
+        cost[ok] = configuration_cost(setup.elasticity, d, ok, assignment.q[ok], scores.index)
+        return Scored(assignment, cost, objective(path, cost, assignment.q, assignment.phi, scores.scale, options))
+
+    with stage("baselines"):
+        default = scored(cam_default(path, setup.arm, setup.robot, cell.home))
+        paper = scored(jiao2022(path, setup.arm, setup.robot, setup.elasticity, d, cell.home, options))
+
+    if options.method == "global":
+        chosen, source, choice, check, rounds = _global(path, setup, candidates, scores, scored, options, clock)
+        with stage("compare"):
+            for other, name in ((paper, "jiao2022"), (default, "cam default")):
+                if other.objective.total < chosen.objective.total and _clean(other, path, setup, options):
+                    chosen, source, check = other, name, None
+    else:
+        chosen, source = (paper, "jiao2022") if options.method == "jiao2022" else (default, "cam default")
+        rounds, choice = 0, choose(path, candidates, scores, options)
+        check = None if setup.collision is None else check_path(path, chosen.assignment.q, setup.collision, options)
+    if check is not None and not check.free:
+        chosen.assignment.reason[check.hit] = Reason.COLLIDING
+    grid = _grid_objective(path, choice, candidates, scores, options)
+    return Plan(setup, options, path, d, candidates, scores, choice, chosen, source, grid, default, paper, check, rounds)
+
+
+def _global(
+    path: Path, setup: Setup, candidates: Candidates, scores: Scores, scored: Callable[[Assignment], Scored],
+    options: PlanOptions, clock: Timings,
+) -> tuple[Scored, str, Choice, PathCheck | None, int]:  # fmt: skip
+    """Choose, smooth, check; strike out what collides or cannot be joined, and choose again."""
+    for rounds in range(1, ROUNDS + 1):
+        with clock.stage("choose"):
+            choice = choose(path, candidates, scores, options)
+        with clock.stage("smooth"):
+            smoothed = smooth(path, candidates, scores, choice, setup.cell.limits.velocity[:6], options)
+            best, source = scored(realise(path, setup.arm, setup.robot, smoothed.phi, smoothed.seed)), "smooth"
+            grid = _grid_objective(path, choice, candidates, scores, options)
+            lost = _lost(path, choice, best)
+            if lost.any() or best.objective.total > grid.total * (1 + 1e-9):
+                plain = follow_grid(path, candidates, choice)
+                other = scored(realise(path, setup.arm, setup.robot, plain.phi, plain.seed))
+                if _lost(path, choice, other).sum() < lost.sum() or (not lost.any() and not _lost(path, choice, other).any()):
+                    best, source, lost = other, "grid", _lost(path, choice, other)
+        check = None
+        if setup.collision is not None and not lost.any():
+            with clock.stage("check"):
+                check = check_path(path, best.assignment.q, setup.collision, options)
+        if lost.any():
+            struck = forbid(path, candidates, choice, PathCheck(lost, np.full(len(lost), -1, np.int32)), None)
+        elif check is not None and not check.free and setup.collision is not None:
+            with clock.stage("check"):
+                struck = forbid(path, candidates, choice, check, setup.collision)
+        else:
+            break
+        if struck == 0:
+            break
+    return best, source, choice, check, rounds
+
+
+def _lost(path: Path, choice: Choice, scored: Scored) -> NDArray[np.bool_]:
+    """(P,) points that the choice covers but the curve does not."""
+    covered = np.zeros(len(path.index), bool)
+    st = path.stations
+    for first, last in path.runs:
+        kept = st[(st >= first) & (st <= last) & ~choice.dropped]
+        if len(kept) == ((st >= first) & (st <= last)).sum():
+            covered[first : last + 1] = True
+        covered[kept] = True
+    return covered & (scored.assignment.reason != Reason.OK)
+
+
+def _clean(scored: Scored, path: Path, setup: Setup, options: PlanOptions) -> bool:
+    """Executable as it stands: feasible everywhere and free of collisions."""
+    if (scored.assignment.reason != Reason.OK).any():
+        return False
+    return setup.collision is None or check_path(path, scored.assignment.q, setup.collision, options).free
+
+
+def _grid_objective(path: Path, choice: Choice, candidates: Candidates, scores: Scores, options: PlanOptions) -> Objective:
+    """The objective of the grid optimum; decimated points take the cost of their neighbouring stations."""
+    st, rows = path.stations, np.arange(len(path.stations))
+    plain = follow_grid(path, candidates, choice)
+    vertex = np.where(choice.dropped, np.nan, scores.cost[rows, choice.rotation, choice.branch])
+    # stations behind rapid moves share a path length with the point before; index by row, not by length
+    cost = np.interp(np.arange(len(path.index)), st, vertex)
+    return objective(path, cost, plain.seed, plain.phi, scores.scale, options)

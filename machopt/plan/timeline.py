@@ -1,0 +1,224 @@
+"""The whole motion in time: home → rapid → run → rapid → … → home, one row a control sample.
+
+Runs are retimed at the programmed feed (:mod:`machopt.plan.retime`), rapid moves go from rest to rest in joint
+space (:mod:`machopt.plan.rapids`) and are checked for collisions like everything else. Where points were dropped
+(``allow_gaps``) the tool lifts along its axis, goes over by a rapid move and comes down again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.cell import Cell
+from machopt.domain.options import PlanOptions
+from machopt.domain.reason import Reason
+from machopt.domain.toolpath import Move, Toolpath
+from machopt.domain.trajectory import Trajectory
+from machopt.model.ik import refine
+from machopt.plan.path import Path, tcp_poses
+from machopt.plan.pipeline import Plan
+from machopt.plan.rapids import Blocked, plan_rapid
+from machopt.plan.retime import Dip, RunFailure, RunInput, retime_run
+
+Array = NDArray[np.float64]
+LIFTS = (0.02, 0.05, 0.1, 0.2, 0.4)  # m along the tool axis, tried in this order around obstacles
+GAP_LIFT = 0.05  # m, where the path is interrupted
+
+
+@dataclass(frozen=True)
+class Leg:
+    """A stretch of the motion from rest to rest."""
+
+    name: str  # "rapid", "run", "lift"
+    q: Array  # (S, 6) rad
+    index: Array  # (S,) fractional toolpath index, NaN from and to home
+    move: NDArray[np.int8]  # (S,)
+    operation: NDArray[np.int32]  # (S,)
+    gamma: Array  # (S,) rad, NaN in rapid moves
+
+
+@dataclass(frozen=True)
+class Obstruction:
+    """A rapid move no free way was found for, or a run that cannot be driven."""
+
+    before: float  # toolpath index the motion comes from, NaN for home
+    after: float  # toolpath index it should go to, NaN for home
+    reason: str
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """The motion, what slows it, and what stops it."""
+
+    trajectory: Trajectory | None  # None where something stops it
+    dips: tuple[Dip, ...]  # with toolpath indices
+    obstructions: tuple[Obstruction, ...]
+    detours: tuple[str, ...]  # rapid moves that could not go straight
+    legs: tuple[Leg, ...]
+    held_share: float  # of the cutting time at ≥ 95 % of the programmed feed
+
+
+def build_timeline(plan: Plan, toolpath: Toolpath, progress: Callable[[float], None] | None = None) -> Timeline:
+    """Drive the chosen assignment from home through every run and back home."""
+    return _Builder(plan, toolpath, progress or (lambda _: None)).build()
+
+
+class _Builder:
+    def __init__(self, plan: Plan, toolpath: Toolpath, progress: Callable[[float], None]) -> None:
+        self.plan, self.toolpath, self.progress = plan, toolpath, progress
+        self.cell: Cell = plan.setup.cell
+        self.options: PlanOptions = plan.options
+        self.path: Path = plan.path
+        self.q = plan.chosen.assignment.q
+        self.legs: list[Leg] = []
+        self.dips: list[Dip] = []
+        self.obstructions: list[Obstruction] = []
+        self.detours: list[str] = []
+        self.cut_time = self.held_time = 0.0
+        self.rng = np.random.default_rng(self.options.seed)
+
+    def build(self) -> Timeline:
+        here, index, axis_row = self.cell.home, float("nan"), -1
+        stretches = list(self._stretches())
+        for n, (first, last) in enumerate(stretches):
+            begin, finish = first, last
+            lift_in = first > 0 and self.path.run[first] == self.path.run[first - 1]
+            lift_out = last + 1 < len(self.path.index) and self.path.run[last + 1] == self.path.run[last]
+            start = self._lifted(first, GAP_LIFT) if lift_in else self.q[first]
+            end = self._lifted(last, GAP_LIFT) if lift_out else self.q[last]
+            if start is None or end is None:
+                row = first if start is None else last
+                self.obstructions.append(Obstruction(index, self.path.index[row], "no room to lift the tool at the gap"))
+                continue
+            self._rapid(here, start, index, float(self.path.index[first]), axis_row, first)
+            if lift_in:
+                self._straight(start, self.q[first], first, Move.APPROACH)
+            if last > first:
+                self._run(begin, finish)
+            if lift_out:
+                self._straight(self.q[last], end, last, Move.RETRACT)
+            here, index, axis_row = end, float(self.path.index[last]), last
+            self.progress((n + 1) / max(len(stretches), 1))
+        self._rapid(here, self.cell.home, index, float("nan"), axis_row, -1)
+        trajectory = None if self.obstructions else self._joined()
+        held = self.held_time / self.cut_time if self.cut_time > 0 else 1.0
+        return Timeline(trajectory, tuple(self.dips), tuple(self.obstructions), tuple(self.detours), tuple(self.legs), held)
+
+    def _stretches(self) -> Iterator[tuple[int, int]]:
+        """Runs, cut at planning points without a configuration; lonely rapid points without one are passed by."""
+        ok = self.plan.chosen.assignment.reason == Reason.OK
+        for first, last in self.path.runs:
+            rows = first + np.flatnonzero(ok[first : last + 1])
+            for part in np.split(rows, np.flatnonzero(np.diff(rows) != 1) + 1):
+                if len(part) and (len(part) > 1 or first == last):
+                    yield int(part[0]), int(part[-1])
+
+    def _rapid(self, a: Array, b: Array, index_a: float, index_b: float, row_a: int, row_b: int) -> None:
+        move = plan_rapid(
+            a, b, limits=self.cell.limits, scale=self.options.rapid_scale, sample=self.options.sample,
+            collision=self.plan.setup.collision, step=self.options.collision_step, rng=self.rng,
+            detours=lambda: self._detours(row_a, row_b),
+        )  # fmt: skip
+        if isinstance(move, Blocked):
+            why = f"{move.pair} at the {move.reason} of the rapid move" if move.reason != "way" else f"no free way past {move.pair}"
+            self.obstructions.append(Obstruction(index_a, index_b, why))
+            return
+        n = len(move.q)
+        if move.kind != "direct":
+            self.detours.append(f"{_name(index_a)} → {_name(index_b)}: {move.kind}, {len(move.waypoints) - 2} way points")
+        operation = self.toolpath.operation[round(index_b)] if np.isfinite(index_b) else -1
+        self.legs.append(Leg("rapid", move.q, np.linspace(index_a, index_b, n) if n > 1 else np.array([index_b]),
+                             np.full(n, Move.RAPID, np.int8), np.full(n, operation, np.int32), np.full(n, np.nan)))  # fmt: skip
+
+    def _detours(self, row_a: int, row_b: int) -> Iterator[Array]:
+        """Way points that lift the tool off at either end, or both."""
+        for height in LIFTS:
+            up_a = self._lifted(row_a, height) if row_a >= 0 else None
+            up_b = self._lifted(row_b, height) if row_b >= 0 else None
+            for pair in ((up_a, up_b), (up_a, None), (None, up_b)):
+                way = [w for w in pair if w is not None]
+                if way and len(way) == sum(p is not None for p in pair):
+                    yield np.array(way)
+
+    def _lifted(self, row: int, height: float) -> Array | None:
+        """The configuration with the tool drawn back along its axis, or None where there is none nearby."""
+        arm, q = self.plan.setup.arm, self.q[row]
+        rows = np.array([row], np.int32)
+        pose = arm.T_base_workpiece @ tcp_poses(self.path, rows, self.plan.chosen.assignment.phi[rows])[0]
+        for share in np.arange(0.01, height + 1e-9, 0.01):
+            lifted = pose.copy()
+            lifted[:3, 3] -= share * pose[:3, 2]
+            q, error = refine(self.plan.setup.robot, lifted, q, arm.T_flange_tcp, 5)
+            if not error < 1e-8 or (q < arm.lower).any() or (q > arm.upper).any():
+                return None
+        return q
+
+    def _straight(self, a: Array, b: Array, row: int, move: Move) -> None:
+        """A straight lift or descent along the tool axis at a gap."""
+        rows = np.array([row, row], np.int32)
+        up = -np.asarray([GAP_LIFT, 0.0]) if move is Move.APPROACH else -np.asarray([0.0, GAP_LIFT])
+        position = self.path.position[rows] - up[:, None] * self.path.axis[rows]
+        done = self._retime(position, rows, np.array([a, b]), np.full(2, self.options.approach_feed), np.full(2, move, np.int8))
+        if isinstance(done, RunFailure):
+            self.obstructions.append(Obstruction(self.path.index[row], self.path.index[row], done.reason))
+            return
+        n = len(done.q)
+        self.legs.append(Leg("lift", done.q, np.full(n, self.path.index[row]), np.full(n, move, np.int8),
+                             np.full(n, self._operation(rows[:1])[0], np.int32), np.full(n, np.nan)))  # fmt: skip
+
+    def _run(self, first: int, last: int) -> None:
+        rows = np.arange(first, last + 1, dtype=np.int32)
+        feed = np.where(self.path.feed[rows] > 0, self.path.feed[rows], self.options.approach_feed)
+        done = self._retime(self.path.position[rows], rows, self.q[rows], feed, self.path.move[rows])
+        index = self.path.index[rows]
+        if isinstance(done, RunFailure):
+            at = float(np.interp(done.point, np.arange(len(rows)), index))
+            self.obstructions.append(Obstruction(at, at, done.reason))
+            return
+        local = done.point
+        segment = np.clip(np.ceil(local - 1e-9).astype(int), 1, len(rows) - 1)  # the segment a sample lies on
+        move = self.path.move[rows][segment]
+        below = np.clip(np.floor(local + 1e-9).astype(int), 0, len(rows) - 1)
+        gamma = done.phi + self.path.offset[rows][below]
+        cutting = move == Move.CUT
+        self.cut_time += float(cutting.sum()) * self.options.sample
+        self.held_time += float((cutting & done.held).sum()) * self.options.sample
+        self.legs.append(Leg("run", done.q, np.interp(local, np.arange(len(rows)), index), move,
+                             self._operation(rows[segment]), gamma))  # fmt: skip
+        self.dips += [dip.at(np.interp([dip.first, dip.last], np.arange(len(rows)), index)) for dip in done.dips]
+
+    def _retime(self, position: Array, rows: NDArray[np.int32], q: Array, feed: Array, move: NDArray[np.int8]):  # type: ignore[no-untyped-def]
+        setup = self.plan.setup
+        return retime_run(RunInput(
+            position=position, axis=self.path.axis[rows], reference=self.path.reference[rows],
+            phi=self.plan.chosen.assignment.phi[rows], q=q, feed=feed,
+            T_base_workpiece=setup.arm.T_base_workpiece, T_flange_tcp=setup.arm.T_flange_tcp, robot=setup.robot,
+            limits=self.cell.limits, sample=self.options.sample, path_tolerance=self.options.path_tolerance,
+            axis_tolerance=self.options.axis_tolerance, limit_scale=self.options.limit_scale,
+        ))  # fmt: skip
+
+    def _operation(self, rows: NDArray[np.int32]) -> NDArray[np.int32]:
+        return self.toolpath.operation[np.ceil(self.path.index[rows] - 1e-12).astype(int)]
+
+    def _joined(self) -> Trajectory:
+        """Legs share their ends; the later one's first row is dropped."""
+        first, later = self.legs[0], self.legs[1:]
+
+        def join(name: str) -> NDArray[np.float64]:
+            return np.concatenate([getattr(first, name), *(getattr(leg, name)[1:] for leg in later)])
+
+        q = join("q")
+        T = self.plan.setup.robot.fk(q, self.cell.tool.T_flange_tcp)
+        speed = np.r_[0.0, np.linalg.norm(np.diff(T[:, :3, 3], axis=0), axis=1) / self.options.sample]
+        return Trajectory(
+            time=np.arange(len(q)) * self.options.sample, q=q, external=np.empty((len(q), 0)), point=join("index"),
+            move=join("move").astype(np.int8), operation=join("operation").astype(np.int32), gamma=join("gamma"), feed=speed,
+        )  # fmt: skip
+
+
+def _name(index: float) -> str:
+    return "home" if not np.isfinite(index) else f"point {index:g}"

@@ -1,0 +1,143 @@
+// The map path length × rotation: colour is the index, hatching says why a place cannot be used.
+const RAMP = [[68, 1, 84], [72, 40, 120], [62, 74, 137], [49, 104, 142], [38, 130, 142], [31, 158, 137], [53, 183, 121], [110, 206, 88], [181, 222, 43], [253, 231, 37]];
+
+function ramp(t) {
+  const x = Math.min(1, Math.max(0, t)) * (RAMP.length - 1), i = Math.min(RAMP.length - 2, Math.floor(x)), f = x - i;
+  return RAMP[i].map((a, k) => a + f * (RAMP[i + 1][k] - a));
+}
+
+const INK = [92, 98, 108], PALE = [226, 228, 231], WHITE = [255, 255, 255];
+// Colour of pixel (x, y) for each status code that is no answer; patterns differ so that they survive a grey print.
+const PATTERN = {
+  1: () => PALE,
+  2: (x, y) => ((x + y) % 12 < 3 ? INK : PALE),
+  3: (x, y) => (y % 9 < 2 ? INK : WHITE),
+  4: (x, y) => (x % 9 < 2 ? INK : WHITE),
+  5: (x, y) => (x % 10 < 2 || y % 10 < 2 ? INK : WHITE),
+  6: (x, y) => ((x - y + 100000) % 10 < 4 ? [126, 34, 40] : [222, 178, 178]),
+  7: (x, y) => (x % 12 < 2 && y % 12 < 2 ? INK : WHITE),
+};
+
+function bytes(text) {
+  const raw = atob(text), out = new Uint8Array(raw.length);
+  for (let i = 0; i < raw.length; i++) out[i] = raw.charCodeAt(i);
+  return out;
+}
+
+function heatMap(host, spec) {
+  const N = spec.stations, R = spec.rotations, status = bytes(spec.status);
+  const level = new Uint16Array(bytes(spec.index).buffer);
+  const valueOf = k => (level[k] === 65535 ? null : spec.lowest + level[k] / 65534 * (spec.highest - spec.lowest));
+  const goodness = v => { const t = (v - spec.from) / (spec.to - spec.from || 1); return spec.large_is_good ? t : 1 - t; };
+  const lut = new Uint8Array(3 * 256);
+  for (let i = 0; i < 256; i++) lut.set(ramp(i / 255), 3 * i);
+  const c = { host, range: null, byPoint: spec.by_point };
+  const half = (spec.rotation[R - 1] - spec.rotation[0]) / Math.max(1, R - 1) / 2 || 2.5;
+  const g0 = spec.rotation[0] - half, g1 = spec.rotation[R - 1] + half;
+
+  function image(w, h, edges, x0, x1) {
+    const canvas = document.createElement("canvas");
+    canvas.width = w; canvas.height = h;
+    const ctx = canvas.getContext("2d"), img = ctx.createImageData(w, h), px = img.data;
+    const rowOf = new Int32Array(h);
+    for (let y = 0; y < h; y++) rowOf[y] = Math.min(R - 1, Math.floor((h - 1 - y + 0.5) / h * R));
+    let k = 0;
+    for (let x = 0; x < w; x++) {
+      const v = x0 + (x + 0.5) / w * (x1 - x0);
+      while (k < N - 1 && v >= edges[k + 1]) k++;
+      for (let y = 0; y < h; y++) {
+        const cell = k * R + rowOf[y], s = status[cell], value = valueOf(cell), at = 4 * (y * w + x);
+        let rgb;
+        if (value !== null && (s === 0 || s === 7)) {
+          const i = 3 * Math.round(255 * Math.min(1, Math.max(0, goodness(value))));
+          rgb = s === 7 && x % 12 < 2 && y % 12 < 2 ? WHITE : [lut[i], lut[i + 1], lut[i + 2]];
+        } else rgb = (PATTERN[s] || PATTERN[7])(x, y);
+        px[at] = rgb[0]; px[at + 1] = rgb[1]; px[at + 2] = rgb[2]; px[at + 3] = 255;
+      }
+    }
+    ctx.putImageData(img, 0, 0);
+    return canvas.toDataURL();
+  }
+
+  c.draw = () => {
+    const xs = c.byPoint ? spec.rank : spec.s;
+    const edges = new Float64Array(N + 1);
+    for (let k = 1; k < N; k++) edges[k] = (xs[k - 1] + xs[k]) / 2;
+    edges[0] = xs[0]; edges[N] = xs[N - 1];
+    if (edges[N] <= edges[0]) { edges[0] -= 0.5; edges[N] += 0.5; }
+    const full = [edges[0], edges[N]], [x0, x1] = (!c.byPoint && c.range) || full;
+    const F = frame(host, spec, { l: 58, r: 14, t: 8, b: 36 }, 400);
+    el("image", { href: image(2 * Math.round(F.w), 2 * F.h, edges, x0, x1), x: F.M.l, y: F.M.t, width: F.w, height: F.h, preserveAspectRatio: "none" }, F.svg);
+    const degrees = { at: [], text: v => `${v}°`.replace("-", "−") };
+    const step = [5, 10, 15, 30, 45, 60, 90].find(d => (g1 - g0) / d <= 9) || 90;
+    for (let v = Math.ceil(g0 / step) * step; v <= g1; v += step) degrees.at.push(v);
+    const Y = yAxis(F, "Rotation about the tool axis γ (deg)", g0, g1, false, degrees);
+    const X = xAxis(F, { xlabel: c.byPoint ? "Station along the toolpath" : spec.xlabel }, x0, x1);
+    const clip = el("clipPath", { id: "clip-map" }, el("defs", {}, F.svg));
+    el("rect", { x: F.M.l, y: F.M.t, width: F.w, height: F.h }, clip);
+    const g = el("g", { "clip-path": "url(#clip-map)" }, F.svg);
+    for (const line of spec.lines) {
+      let d = "", last = null;
+      for (let k = 0; k < N; k++) {
+        const v = line.y[k];
+        if (v === null) { last = null; continue; }
+        const jump = last === null || Math.abs(v - last) > 180;
+        d += (jump ? "M" : "L") + X(xs[k]).toFixed(1) + " " + Y(v).toFixed(1);
+        if (jump) d += "h0.1";
+        last = v;
+      }
+      el("path", { d, class: "line", stroke: line.casing, "stroke-width": line.width + 2.2 }, g);
+      el("path", { d, class: "line", stroke: line.color, "stroke-width": line.width, "stroke-dasharray": line.dash || "none" }, g);
+    }
+    el("rect", { x: F.M.l, y: F.M.t, width: F.w, height: F.h, class: "box" }, F.svg);
+    interact(F, [x0, x1], full, c.byPoint ? "none" : spec.group, (evt, v, px, py) => {
+      let k = nearest(xs, v);
+      const r = Math.min(R - 1, Math.max(0, Math.floor((F.M.t + F.h - py) / F.h * R)));
+      const cell = k * R + r, value = valueOf(cell), s = status[cell];
+      const rows = [["point", spec.point[k]], ["path length", `${spec.s[k].toFixed(1)} mm`], ["γ", `${spec.rotation[r].toFixed(1)}°`]];
+      if (value !== null) rows.push([spec.label, `${+value.toPrecision(4)} ${spec.unit}`]);
+      rows.push(["state", spec.names[s]]);
+      for (const l of spec.lines) if (l.y[k] !== null) rows.push([l.name, `${l.y[k].toFixed(1)}°`, l.color]);
+      showTip(evt, rows);
+    }, () => {});
+    host.replaceChildren(key(), F.svg);
+  };
+
+  function key() {
+    const box = document.createElement("div");
+    box.className = "map-key";
+    const bar = document.createElement("div"), left = document.createElement("span"), right = document.createElement("span");
+    bar.className = "bar";
+    const stops = Array.from({ length: 10 }, (_, i) => `rgb(${RAMP[i].join(",")})`);
+    bar.style.background = `linear-gradient(to right, ${stops.join(",")})`;
+    const worst = spec.large_is_good ? spec.from : spec.to, best = spec.large_is_good ? spec.to : spec.from;
+    left.textContent = `soft ${+worst.toPrecision(3)}`; right.textContent = `stiff ${+best.toPrecision(3)} ${spec.unit}`;
+    const scale = document.createElement("div");
+    scale.className = "scale"; scale.append(left, bar, right);
+    box.appendChild(scale);
+    const dotted = spec.present.includes(7);
+    for (const s of spec.present) if (s !== 0) box.appendChild(swatch(s === 7 ? "collision not checked" : spec.names[s], (x, y) => s === 7 ? (x % 12 < 2 && y % 12 < 2 ? WHITE : [38, 130, 142]) : PATTERN[s](x, y)));
+    for (const l of spec.lines) {
+      const item = document.createElement("span"), k = el("svg", { viewBox: "0 0 34 10", width: 34, height: 10 });
+      el("line", { x1: 1, x2: 33, y1: 5, y2: 5, stroke: l.casing, "stroke-width": l.width + 2.2 }, k);
+      el("line", { x1: 1, x2: 33, y1: 5, y2: 5, stroke: l.color, "stroke-width": l.width, "stroke-dasharray": l.dash || "none" }, k);
+      item.append(k, l.name);
+      box.appendChild(item);
+    }
+    const flip = document.createElement("button");
+    flip.textContent = c.byPoint ? "show over path length" : "show by station";
+    flip.onclick = () => { c.byPoint = !c.byPoint; c.draw(); };
+    box.appendChild(flip);
+    return box;
+  }
+
+  function swatch(name, color) {
+    const item = document.createElement("span"), canvas = document.createElement("canvas");
+    canvas.width = 44; canvas.height = 28;
+    const ctx = canvas.getContext("2d");
+    for (let x = 0; x < 44; x++) for (let y = 0; y < 28; y++) { ctx.fillStyle = `rgb(${color(x, y).join(",")})`; ctx.fillRect(x, y, 1, 1); }
+    item.append(canvas, name);
+    return item;
+  }
+  register(spec.group, c);
+}

@@ -1,0 +1,208 @@
+"""What the report shows: plain arrays in SI, every part optional but the summary, so that any outcome has a page."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.toolpath import Event, IgnoredWord
+
+Array = NDArray[np.float64]
+
+Quantity = Literal["deflection", "stiffness", "index"]
+"""What is optimised: deflection in m (small is good), stiffness in N/m or a bare index (large is good)."""
+
+STATUS_NAMES = (
+    "feasible",
+    "unreachable",
+    "joint limit",
+    "wrist singularity",
+    "elbow singularity",
+    "shoulder singularity",
+    "collision",
+    "not checked",
+)
+"""Meaning of the codes in :attr:`RotationMap.status`, by position."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What did I gain, and is it safe? NaN for what was not computed."""
+
+    outcome: Literal["done", "infeasible", "verification_failed"]
+    verification: Literal["passed", "failed", "not run"]
+    quantity: Quantity
+    worst_default: float  # at the worst point, with the CAM's default rotation
+    worst_jiao2022: float  # with the source paper's method
+    worst_chosen: float
+    mean_default: float  # mean along the path
+    mean_jiao2022: float
+    mean_chosen: float
+    gain_sigma: float = float("nan")  # 1 sigma of the relative gain at the worst point, from the stiffness covariance
+    feed_held: float = float("nan")  # share 0…1 of the cutting time at the programmed feed
+    cycle_time: float = float("nan")  # s
+    cutting_time: float = float("nan")  # s
+    path_length: float = float("nan")  # m
+    points: int = 0
+    infeasible_points: int = 0
+    nearest_miss: float = float("nan")  # m
+    nearest_pair: str = ""  # e.g. "link5 – fixture"
+    nearest_point: int = -1
+    note: str = ""  # one further sentence for the verdict
+
+
+@dataclass(frozen=True)
+class RotationMap:
+    """The index over path length and rotation about the tool axis, with the lines drawn on it."""
+
+    s: Array  # (N,) m, path length of the station, not falling
+    point: Array  # (N,) toolpath point of the station
+    rotation: Array  # (R,) rad, rising, uniform
+    index: Array  # (N, R) in the unit of the summary's quantity, NaN where there is none
+    status: NDArray[np.uint8]  # (N, R) codes of STATUS_NAMES
+    chosen: Array  # (N,) rad, NaN where there is none
+    jiao2022: Array  # (N,) rad
+    cam_default: Array  # (N,) rad
+
+
+@dataclass(frozen=True)
+class PathSeries:
+    """Values along the toolpath, one entry a point; NaN where unknown."""
+
+    s: Array  # (N,) m
+    operation: NDArray[np.int32]  # (N,) index into ReportData.operations, −1 for none
+    cutting: NDArray[np.bool_]  # (N,)
+    index_default: Array  # (N,) in the summary's quantity
+    index_jiao2022: Array  # (N,)
+    index_chosen: Array  # (N,)
+    k_axial: Array  # (N,) N/m at the tip
+    k_normal: Array  # (N,) N/m
+    k_jiao2022: Array  # (N,) N/m, K_fd along the tool axis
+    deflection: Array  # (N,) m
+    tolerance: Array  # (N,) m
+    clearance: Array  # (N,) m
+    nearest_pair: tuple[str, ...]  # (N,)
+    singularity: Array  # (N,) rad
+    limit_margin: Array  # (N,) rad
+
+
+@dataclass(frozen=True)
+class MotionSeries:
+    """The exported samples, arm joints first, then external axes."""
+
+    time: Array  # (S,) s
+    s: Array  # (S,) m along the toolpath, NaN outside
+    q: Array  # (S, J) rad or m
+    velocity_ratio: Array  # (S, J) |dq/dt| over its limit
+    joint_names: tuple[str, ...]  # (J,)
+    prismatic: tuple[bool, ...]  # (J,)
+    lower: Array  # (J,)
+    upper: Array  # (J,)
+    feed_programmed: Array  # (S,) m/s, NaN in rapid moves
+    feed_actual: Array  # (S,) m/s
+    cutting: NDArray[np.bool_]  # (S,)
+    acceleration_ratio: Array | None = None  # (S, J)
+    jerk_ratio: Array | None = None  # (S, J)
+
+
+@dataclass(frozen=True)
+class FeedDip:
+    """A stretch where the programmed feed could not be held."""
+
+    point: float
+    s: float  # m
+    time: float  # s, when it begins
+    duration: float  # s
+    feed_programmed: float  # m/s
+    feed_lowest: float  # m/s
+    cause: str  # e.g. "a4 acceleration"
+
+
+@dataclass(frozen=True)
+class WorstPoint:
+    """One of the points that decide the result."""
+
+    point: int
+    operation: str
+    value: float  # in the summary's quantity
+    value_default: float
+    gamma: float  # rad
+    deflection: float  # m
+    tolerance: float  # m
+    k_axial: float  # N/m
+    clearance: float  # m
+    reason: str  # e.g. "arm stretched; joint 2 carries 61 % of the deflection"
+
+
+@dataclass(frozen=True)
+class InfeasiblePoint:
+    """A point without any answer, why, and by how much."""
+
+    point: int
+    operation: str
+    position: Array  # (3,) m in workpiece
+    status: str
+    reason: str
+    shortfall: str  # e.g. "38 mm out of reach"
+
+
+@dataclass(frozen=True)
+class OperationRow:
+    label: str
+    kind: str  # "point" or "trajectory"
+    points: int
+    length: float  # m
+    time: float  # s
+    worst_default: float  # in the summary's quantity
+    worst_chosen: float
+    nearest_miss: float  # m
+    feed_held: float  # share 0…1
+    status: str = "ok"
+
+
+@dataclass(frozen=True)
+class Check:
+    """One line of the verification. ``passed`` is None where it could not be run."""
+
+    name: str
+    passed: bool | None
+    found: str
+    allowed: str
+    where: str = ""
+
+
+@dataclass(frozen=True)
+class ExcludedPair:
+    first: str
+    second: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class ReportData:
+    """Everything on the page."""
+
+    title: str
+    cell: str
+    toolpath: str
+    version: str
+    summary: Summary
+    hashes: tuple[tuple[str, str], ...] = ()  # file, sha256
+    options: tuple[tuple[str, str], ...] = ()
+    map: RotationMap | None = None
+    path: PathSeries | None = None
+    motion: MotionSeries | None = None
+    dips: tuple[FeedDip, ...] = ()
+    worst: tuple[WorstPoint, ...] = ()
+    infeasible: tuple[InfeasiblePoint, ...] = ()
+    operations: tuple[OperationRow, ...] = ()
+    ignored: tuple[IgnoredWord, ...] = ()
+    warnings: tuple[str, ...] = ()
+    excluded_pairs: tuple[ExcludedPair, ...] = ()
+    checks: tuple[Check, ...] = ()
+    timings: tuple[tuple[str, float], ...] = ()  # stage, s
+    events: tuple[Event, ...] = ()
+    created: str = ""  # date as text; left empty the page is byte for byte reproducible

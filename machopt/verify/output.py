@@ -1,0 +1,247 @@
+"""One exported trajectory held against cell and toolpath, check by check."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.cell import Cell
+from machopt.domain.options import PlanOptions
+from machopt.domain.toolpath import Move, Toolpath
+from machopt.verify.arm import Arm
+from machopt.verify.contact import contacts
+from machopt.verify.table import Motion, Points, read_motion, read_points
+
+Array = NDArray[np.float64]
+
+PATH_MM, AXIS_DEG = 0.02, 0.05  # how far the TCP may leave the toolpath while cutting
+VELOCITY, ACCELERATION, JERK = 1.01, 1.03, 1.10  # differences over the limits: rounding grows with the order
+FEED = 1.02  # of the programmed feed
+JITTER_S = 5e-6  # of the control cycle: the time column is rounded
+JOINT_DEG = 0.02  # points.csv against the samples around the point, beyond what moves between them
+
+
+@dataclass(frozen=True)
+class Check:
+    """One promise and whether it is kept."""
+
+    name: str
+    passed: bool
+    value: float  # NaN where there was nothing to measure
+    limit: float
+    unit: str
+    where: str  # sample, time and point of the worst value, or why nothing was measured
+
+
+@dataclass(frozen=True)
+class Verification:
+    """All checks of one exported trajectory."""
+
+    checks: tuple[Check, ...]
+    samples: int
+    duration: float  # s
+
+    @property
+    def ok(self) -> bool:
+        return all(check.passed for check in self.checks)
+
+    @property
+    def failed(self) -> tuple[Check, ...]:
+        return tuple(check for check in self.checks if not check.passed)
+
+
+def verify_output(cell: Cell, toolpath: Toolpath, out: Path, *, options: PlanOptions | None = None) -> Verification:
+    """Check ``out/trajectory.csv`` and ``out/points.csv``.
+
+    Path and axis while cutting, every cutting point visited in order, uniform time, joint limits by differences of
+    the samples (at rest before the first and after the last), feed, contacts at and between the samples, and that
+    points.csv tells the same story.
+
+    Args:
+        cell: the robot cell.
+        toolpath: what was to be followed.
+        out: the output folder.
+        options: with ``allow_gaps`` points that points.csv gives up need not be visited; without ``collision``
+            contacts are not looked for.
+
+    Raises:
+        InputError: a table is missing or unreadable.
+    """
+    options = options or PlanOptions()
+    out = Path(out)
+    motion, points = read_motion(out / "trajectory.csv", cell), read_points(out / "points.csv")
+    arm = Arm(cell)
+    tcp = arm.tcp_in_workpiece(motion.q, motion.external)
+    checks = [
+        _time(motion),
+        *_path(motion, toolpath, tcp),
+        *_visited(motion, toolpath, points, options.allow_gaps),
+        *_limits(motion, cell),
+        _feed(motion, toolpath, tcp),
+        *_points(motion, toolpath, points, arm, cell),
+    ]
+    if options.collision:
+        checks.append(_contacts(motion, cell, arm))
+    return Verification(tuple(checks), len(motion.time), float(motion.time[-1] - motion.time[0]))
+
+
+def _at(motion: Motion, n: int) -> str:
+    point = f", point {motion.point[n]:.3f}" if np.isfinite(motion.point[n]) else ""
+    return f"sample {n}, {motion.time[n]:.3f} s{point}"
+
+
+def _worst(name: str, unit: str, values: Array, limit: float, where: list[str]) -> Check:
+    """The greatest of ``values``; none at all is a failure."""
+    if not len(values):
+        return Check(name, False, np.nan, limit, unit, "nothing to measure")
+    n = int(np.argmax(np.where(np.isnan(values), np.inf, values)))
+    return Check(name, bool(values[n] <= limit), float(values[n]), limit, unit, where[n])
+
+
+def _time(motion: Motion) -> Check:
+    step = np.diff(motion.time)
+    cycle = (motion.time[-1] - motion.time[0]) / len(step)
+    off = np.abs(step - cycle) if cycle > 0 else np.full(len(step), np.inf)
+    n = int(np.argmax(off))
+    return Check("uniform time", bool(off[n] <= JITTER_S and (step > 0).all()), float(off[n]), JITTER_S, "s",
+                 _at(motion, n + 1))  # fmt: skip
+
+
+def _cuts(motion: Motion) -> NDArray[np.int64]:
+    return np.flatnonzero(motion.move == Move.CUT)
+
+
+def _path(motion: Motion, toolpath: Toolpath, tcp: Array) -> list[Check]:
+    """Distance from the polyline near the sample's own index, and angle from the axis there."""
+    rows = _cuts(motion)
+    where = [_at(motion, n) for n in rows]
+    if not np.isfinite(motion.point[rows]).all():
+        n = rows[np.flatnonzero(~np.isfinite(motion.point[rows]))[0]]
+        return [Check("path", False, np.nan, PATH_MM, "mm", f"cutting without a point at {_at(motion, n)}")]
+    position, axis, last = toolpath.position, toolpath.axis, len(toolpath) - 1
+    s = np.clip(motion.point[rows], 0.0, last)
+    k = np.minimum(s.astype(int), max(last - 1, 0))
+    away = np.full(len(rows), np.inf)
+    for near in (k - 1, k, k + 1):
+        a = np.clip(near, 0, last)
+        start, end = position[a], position[np.clip(near + 1, 0, last)]
+        along = end - start
+        length = np.einsum("ij,ij->i", along, along)
+        share = np.einsum("ij,ij->i", tcp[rows, :3, 3] - start, along) / np.where(length > 0, length, 1.0)
+        foot = start + np.clip(share, 0.0, 1.0)[:, None] * along
+        away = np.minimum(away, np.linalg.norm(tcp[rows, :3, 3] - foot, axis=1))
+    part = (s - k)[:, None]
+    wanted = (1 - part) * axis[k] + part * axis[np.minimum(k + 1, last)]
+    shank = -tcp[rows, :3, 2]
+    angle = np.arctan2(np.linalg.norm(np.cross(shank, wanted), axis=1), np.einsum("ij,ij->i", shank, wanted))
+    return [
+        _worst("path", "mm", away * 1e3, PATH_MM, where),
+        _worst("tool axis", "deg", np.degrees(angle), AXIS_DEG, where),
+    ]
+
+
+def _visited(motion: Motion, toolpath: Toolpath, points: Points, allow_gaps: bool) -> list[Check]:
+    wanted = toolpath.cutting.copy()
+    if allow_gaps:
+        for number, status in zip(points.point, points.status, strict=True):
+            if status != "ok" and 0 <= number < len(wanted):
+                wanted[number] = False
+    rows = _cuts(motion)
+    s = motion.point[rows]
+    joined = np.diff(rows) == 1
+    missed = []
+    for k in np.flatnonzero(wanted):
+        near = (np.abs(s - k) <= 0.51).any()
+        passed = bool((joined & (s[:-1] <= k) & (s[1:] >= k)).any()) if len(s) > 1 else False
+        if not (near or passed):
+            missed.append(int(k))
+    text = f"{len(missed)} of {int(wanted.sum())} missed, first point {missed[0]}" if missed else "all visited"
+    back = np.diff(s)
+    n = int(np.argmin(back)) if len(back) else 0
+    least = float(-back[n]) if len(back) else 0.0
+    return [
+        Check("cutting points visited", not missed, float(len(missed)), 0.0, "points", text),
+        Check(
+            "in order",
+            least <= 1e-6,
+            max(least, 0.0),
+            1e-6,
+            "points back",
+            _at(motion, int(rows[n])) if len(rows) else "",
+        ),
+    ]
+
+
+def _limits(motion: Motion, cell: Cell) -> list[Check]:
+    q = np.hstack([motion.q, motion.external])
+    cycle = (motion.time[-1] - motion.time[0]) / (len(q) - 1)
+    limits = cell.limits
+    beyond = np.maximum(limits.lower - q, q - limits.upper)
+    n, j = np.unravel_index(np.argmax(beyond), beyond.shape)
+    where = f"axis {j + 1}, {_at(motion, int(n))}"
+    out = [Check("joint positions", bool(beyond[n, j] <= 1e-8), float(np.degrees(beyond[n, j])), 0.0,
+                 "deg beyond the limit", where)]  # fmt: skip
+    x = np.vstack([np.repeat(q[:1], 3, axis=0), q, np.repeat(q[-1:], 3, axis=0)])
+    for name, limit, most in (("velocity", limits.velocity, VELOCITY),
+                              ("acceleration", limits.acceleration, ACCELERATION), ("jerk", limits.jerk, JERK)):  # fmt: skip
+        x = np.diff(x, axis=0) / cycle
+        ratio = np.abs(x) / limit
+        n, j = np.unravel_index(np.argmax(ratio), ratio.shape)
+        where = f"axis {j + 1}, {_at(motion, int(np.clip(n - 2, 0, len(q) - 1)))}"
+        out.append(Check(f"joint {name}", bool(ratio[n, j] <= most), float(ratio[n, j]), most, "of the limit", where))
+    return out
+
+
+def _feed(motion: Motion, toolpath: Toolpath, tcp: Array) -> Check:
+    """Speed between two cutting samples over the feed of the fastest move it covers."""
+    rows = _cuts(motion)
+    rows = rows[(rows > 0)]
+    rows = rows[motion.move[rows - 1] == Move.CUT]
+    cycle = (motion.time[-1] - motion.time[0]) / (len(motion.time) - 1)
+    speed = np.linalg.norm(tcp[rows, :3, 3] - tcp[rows - 1, :3, 3], axis=1) / cycle
+    last = len(toolpath) - 1
+    lowest = np.clip(np.nan_to_num(np.ceil(motion.point[rows - 1])), 0, last).astype(int)
+    highest = np.clip(np.nan_to_num(np.ceil(motion.point[rows])), 0, last).astype(int)
+    feed = np.nan_to_num(toolpath.feed)
+    ratio = np.array([v / max(feed[min(a, b) : max(a, b) + 1].max(), 1e-9)
+                      for v, a, b in zip(speed, lowest, highest, strict=True)])  # fmt: skip
+    return _worst("feed", "of the programmed feed", ratio, FEED, [_at(motion, n) for n in rows])
+
+
+def _points(motion: Motion, toolpath: Toolpath, points: Points, arm: Arm, cell: Cell) -> list[Check]:
+    """points.csv: the tool is on its point, and the joints are those the trajectory passes through there."""
+    known = np.isfinite(points.q).all(axis=1)
+    inside = (points.point >= 0) & (points.point < len(toolpath))
+    complete = len(points.point) == len(toolpath) and bool(inside.all())
+    checks = [Check("points.csv complete", complete, float(len(points.point)), float(len(toolpath)), "rows",
+                    "one row a toolpath point")]  # fmt: skip
+    rows = np.flatnonzero(known & inside)
+    rows = rows[toolpath.cutting[points.point[rows]]]
+    if cell.external_joints or not len(rows):
+        return checks  # points.csv tells the external axes in columns of its own; the trajectory check holds
+    tcp = arm.tcp_in_workpiece(points.q[rows], np.zeros((len(rows), 0)))
+    number = points.point[rows]
+    away = np.linalg.norm(tcp[:, :3, 3] - toolpath.position[number], axis=1) * 1e3
+    checks.append(_worst("points.csv on the toolpath", "mm", away, PATH_MM, [f"point {k}" for k in number]))
+    cuts = _cuts(motion)
+    off = []
+    for row, k in zip(rows, number, strict=True):
+        after = cuts[np.searchsorted(motion.point[cuts], k, side="left") :][:1]
+        before = cuts[: np.searchsorted(motion.point[cuts], k, side="right")][-1:]
+        around = np.concatenate([before, after])
+        if len(around):
+            low, high = motion.q[around].min(axis=0), motion.q[around].max(axis=0)
+            off.append(float(np.degrees(np.maximum(low - points.q[row], points.q[row] - high).max())))
+        else:
+            off.append(np.nan)
+    checks.append(_worst("points.csv as driven", "deg", np.array(off), JOINT_DEG, [f"point {k}" for k in number]))
+    return checks
+
+
+def _contacts(motion: Motion, cell: Cell, arm: Arm) -> Check:
+    found = contacts(cell, arm, motion.q, motion.external, motion.move == Move.RAPID)
+    text = "; ".join(f"{c.pair} first at {_at(motion, c.sample)}" for c in found[:5])
+    return Check("contacts", not found, float(len(found)), 0.0, "pairs", text or "none")

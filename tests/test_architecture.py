@@ -1,0 +1,76 @@
+"""The house rules that a program can check: direction of imports, layout, size of files, start-up time."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "machopt"
+
+TOP_LEVEL = {
+    "pyproject.toml", "machopt", "tests", "cells", "toolpaths", "README.md",
+    "LICENSE", "CHANGELOG.md", "Makefile", "benchmarks",
+}  # fmt: skip
+MADE = {"out", "build", "dist"}  # what commands leave behind; git ignores it
+
+MOST_LINES = 400
+LONGER = {
+    "formats/apt.py": "one state machine over the statements of nine CAM dialects; its cases share one state",
+    "formats/gcode.py": "one modal interpreter; motion, planes, offsets and cycles share one state",
+}
+
+HEAVY = ("pinocchio", "casadi", "scipy", "trimesh", "fcl", "plotly", "numba", "ssik", "ruckig", "pyarrow")
+
+
+def python(code: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False, timeout=120
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_imports_point_one_way() -> None:
+    pytest.importorskip("importlinter")
+    out = python("from importlinter.cli import lint_imports_command; lint_imports_command(['--no-cache'])")
+    assert "0 broken" in out
+
+
+def test_the_verifier_shares_nothing_with_the_planner() -> None:
+    grimp = pytest.importorskip("grimp")
+    graph = grimp.build_graph("machopt", cache_dir=None)
+    if "machopt.verify" not in graph.modules:
+        pytest.skip("machopt.verify is not written yet")
+    for shared in ("machopt.plan", "machopt.model"):
+        chains = graph.find_shortest_chains("machopt.verify", shared)
+        assert not chains, f"verify reaches {shared}: {chains}"
+
+
+def test_top_level_is_the_agreed_one() -> None:
+    found = {p.name for p in ROOT.iterdir() if not p.name.startswith(".") and not p.name.endswith(".egg-info")}
+    assert found - MADE <= TOP_LEVEL
+
+
+def test_files_are_short_or_say_why_not() -> None:
+    lines = {p.relative_to(PACKAGE).as_posix(): len(p.read_text().splitlines()) for p in PACKAGE.rglob("*.py")}
+    long = {name for name, n in lines.items() if n > MOST_LINES}
+    assert long <= set(LONGER)
+    assert all((PACKAGE / name).exists() for name in LONGER)
+
+
+def test_no_room_for_odds_and_ends() -> None:
+    names = {p.relative_to(PACKAGE).as_posix() for p in PACKAGE.rglob("*")}
+    assert not {n for n in names if Path(n).stem in ("utils", "helpers", "core", "common", "misc")}
+
+
+@pytest.mark.parametrize("module", ["machopt", "machopt.cli", "machopt.formats.options"])
+def test_start_up_loads_nothing_heavy(module: str) -> None:
+    """`machopt --help` answers within half a second because these are imported late."""
+    if module == "machopt.cli" and not (PACKAGE / "cli.py").exists():
+        pytest.skip("machopt.cli is not written yet")
+    code = f"import {module}, sys; print(*({{m.partition('.')[0] for m in sys.modules}} & set({HEAVY})))"
+    assert python(code).split() == []

@@ -1,0 +1,151 @@
+"""Planning options: units, layers, what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, fields, replace
+from math import pi, radians
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from machopt.domain.options import FixedRotation, PlanOptions, ProcessForce, Weights
+from machopt.errors import InputError
+from machopt.formats.options import OptionKeys, load_options, options_as_user
+
+
+def test_no_layer_gives_the_domain_defaults() -> None:
+    assert load_options() == PlanOptions()
+
+
+def flat(options: PlanOptions) -> dict[str, object]:
+    """``force.travel: 10`` for every number and word, nested ones included."""
+    out: dict[str, object] = {}
+
+    def walk(name: str, value: object) -> None:
+        if isinstance(value, dict):
+            for key, inner in value.items():
+                walk(f"{name}.{key}", inner)
+        elif isinstance(value, tuple):
+            walk(name, dict(enumerate(value)))
+        else:
+            out[name] = value
+
+    walk("", asdict(options))
+    return out
+
+
+def test_every_option_of_the_planner_has_a_user_key_and_back() -> None:
+    """Each field, moved off its default, survives PlanOptions → user → PlanOptions."""
+    other = PlanOptions(
+        method="jiao2022", index="deflection", force=ProcessForce(10, 20, 30), weights=Weights(2, 3, 4, 5),
+        rotation_step=radians(2.5), rotation_range=(-pi / 2, pi / 3), preferred_rotation=radians(15),
+        preferred_weight=0.7, fixed=(FixedRotation(3, radians(45)),), singularity_wrist=radians(7),
+        singularity_elbow=radians(8), singularity_shoulder=0.12, limit_margin=radians(2), clearance=0.011,
+        collision_step=radians(0.7), collision=False, sample=0.004, path_tolerance=33e-6,
+        axis_tolerance=radians(0.21), approach_feed=0.07, rapid_scale=0.31, limit_scale=0.47, allow_gaps=True, seed=9,
+    )  # fmt: skip
+    same = [f.name for f in fields(other) if getattr(other, f.name) == getattr(PlanOptions(), f.name)]
+    assert same == []  # an option added later must be added above, too
+    user = options_as_user(other)
+    assert set(user) == set(OptionKeys.model_fields) - {"machopt_plan"}
+    back = load_options(user)
+    # user numbers are rounded to 12 significant digits
+    found, expected = flat(back), flat(other)
+    words = {name for name, value in expected.items() if isinstance(value, str)}
+    assert {n: found.pop(n) for n in words} == {n: expected.pop(n) for n in words}
+    assert found == pytest.approx(expected, rel=1e-11)
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    step=st.floats(0.5, 90).map(lambda v: round(v, 3)),
+    clearance=st.floats(0, 500).map(lambda v: round(v, 3)),
+    feed=st.floats(0.001, 120_000).map(lambda v: round(v, 3)),
+)
+def test_user_numbers_come_back_as_written(step: float, clearance: float, feed: float) -> None:
+    user: dict[str, object] = {
+        "rotation_step_deg": step,
+        "clearance_mm": clearance,
+        "approach_feed_mm_min": feed,
+    }
+    shown = options_as_user(load_options(user))
+    assert {k: shown[k] for k in user} == user
+
+
+def test_later_layers_win_and_mappings_merge(tmp_path: Path) -> None:
+    file = tmp_path / "plan.yaml"
+    file.write_text("machopt_plan: 1\nrotation_step_deg: 4\nforce_N: {normal: 2}\nseed: 1\nclearance_mm: 3\n")
+    options = load_options(
+        {"rotation_step_deg": 3, "force_N": {"travel": 1, "normal": 1}, "sample_ms": 4, "seed": 0},
+        file,
+        ["force_N.axial=2e2", "weights={mean: 2}", "clearance_mm = 5", "fixed=[{point: 3, gamma_deg: 90}]"],
+        seed=7,
+        method=None,
+    )
+    assert options.force == ProcessForce(1, 2, 200)
+    assert options.weights == replace(Weights(), mean=2)
+    assert options.rotation_step == radians(4)
+    assert (options.sample, options.clearance, options.seed) == (0.004, 0.005, 7)
+    assert options.fixed == (FixedRotation(3, pi / 2),)
+    assert options.method == "global"
+
+
+BAD = [
+    (
+        "rotation_steps_deg=3",
+        ["--set", "unknown key 'rotation_steps_deg'", "did you mean 'rotation_step_deg'?"],
+    ),
+    ("rotation_step_deg=no", ["--set", "rotation_step_deg", "found the text 'no'", "expected a number"]),
+    ("rotation_step_deg=0.1", ["found 0.1", "greater than or equal to 0.5", "0.5 to 90"]),
+    ("rotation_step_deg", ["--set", "found 'rotation_step_deg'", "expected key=value"]),
+    ("=3", ["--set", "expected key=value"]),
+    ("force_N.x=3", ["force_N.x", "valid: travel, normal, axial"]),
+    ("force_N=3", ["force_N", "found 3", "a mapping with travel, normal, axial"]),
+    ("force_N.axial=.inf", ["force_N.axial", "finite"]),
+    ("weights.mean=-1", ["weights.mean", "found -1", "greater than or equal to 0"]),
+    ("method=globl", ["method", "found the text 'globl'", "did you mean 'global'?"]),
+    ("index=3", ["index", "found 3", "'deflection'"]),
+    ("rotation_range_deg=[90, -90]", ["rotation_range_deg", "found [90.0, -90.0]", "lowest < highest"]),
+    ("rotation_range_deg=[-200, 0]", ["rotation_range_deg", "-180 ≤ lowest"]),
+    ("rotation_range_deg=[0]", ["rotation_range_deg", "found a list of 1", "expected 2 values"]),
+    ("rotation_range_deg=[0, 3]", ["rotation_step_deg", "a step of 5.0° does not fit", "0.0°…3.0°"]),
+    ("fixed=[{point: 1, gamma_deg: 0}, {point: 1, gamma_deg: 9}]", ["fixed", "point 1 stands twice"]),
+    ("fixed=[{point: -1, gamma_deg: 0}]", ["fixed[0].point", "found -1"]),
+    ("fixed=[{point: 1.5, gamma_deg: 0}]", ["fixed[0].point", "found 1.5", "a whole number"]),
+    ("collision=1", ["collision", "found 1", "true or false"]),
+    ("seed=1.5", ["seed", "found 1.5", "a whole number"]),
+    ("limit_scale=1.2", ["limit_scale", "found 1.2", "less than or equal to 1"]),
+    ("weights={mean: 0, worst: 0}", ["weights", "mean and worst are both 0"]),
+    ("seed=[1", ["--set seed", "is not YAML"]),
+]
+
+
+@pytest.mark.parametrize(("word", "parts"), BAD, ids=[b[0] for b in BAD])
+def test_refusals(word: str, parts: list[str]) -> None:
+    with pytest.raises(InputError) as caught:
+        load_options({}, None, [word])
+    for part in parts:
+        assert part in str(caught.value)
+
+
+def test_a_fixed_rotation_must_lie_in_the_range() -> None:
+    with pytest.raises(InputError, match=r"point 2 is fixed at 100.0°, outside the range -90.0°…90.0°"):
+        load_options({"rotation_range_deg": [-90, 90]}, None, ["fixed=[{point: 2, gamma_deg: 100}]"])
+
+
+def test_the_plan_file_is_named_with_its_line(tmp_path: Path) -> None:
+    file = tmp_path / "plan.yaml"
+    file.write_text("seed: 1\nsample: 12\n")
+    with pytest.raises(InputError, match=r"plan.yaml: line 2: sample: unknown key 'sample'; did you mean 'sample_ms'"):
+        load_options({}, file)
+    with pytest.raises(InputError, match=r"nowhere.yaml: no such file"):
+        load_options({}, tmp_path / "nowhere.yaml")
+
+
+def test_cell_and_direct_options_are_checked_too() -> None:
+    with pytest.raises(InputError, match=r"cell.yaml: plan.seed: found -1"):
+        load_options({"seed": -1})
+    with pytest.raises(InputError, match=r"options: sead: unknown key"):
+        load_options(sead=1)
