@@ -1,4 +1,4 @@
-"""Writes the five example cells: URDF, meshes, cell.yaml, stiffness.yaml and README of each.
+"""Writes the five example cells: URDF, meshes, cell.yaml and stiffness.yaml of each; the READMEs are by hand.
 
 Run ``python cells/make_cells.py [cell …]``. The output is deterministic and committed; edit here, never there.
 Link shapes are our own envelopes, drawn from published kinematic dimensions. Lengths in m unless a name says mm.
@@ -52,7 +52,9 @@ def loft(axis: str, sections: Sequence[Section], power: float = 2.0, n: int = 24
     return trimesh.Trimesh(vertices, faces, process=False)
 
 
-def cylinder(axis: str, low: float, high: float, radius: float, centre: tuple[float, float] = (0, 0), n: int = 24) -> trimesh.Trimesh:  # fmt: skip
+def cylinder(
+    axis: str, low: float, high: float, radius: float, centre: tuple[float, float] = (0, 0), n: int = 24
+) -> trimesh.Trimesh:
     return loft(axis, [(low, *centre, radius, radius), (high, *centre, radius, radius)], n=n)
 
 
@@ -61,7 +63,9 @@ def box(low: Sequence[float], high: Sequence[float]) -> trimesh.Trimesh:
     return trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
 
 
-def moved(mesh: trimesh.Trimesh, xyz: Sequence[float] = (0, 0, 0), rpy_deg: Sequence[float] = (0, 0, 0)) -> trimesh.Trimesh:  # fmt: skip
+def moved(
+    mesh: trimesh.Trimesh, xyz: Sequence[float] = (0, 0, 0), rpy_deg: Sequence[float] = (0, 0, 0)
+) -> trimesh.Trimesh:
     return trimesh.Trimesh(mesh.vertices @ rpy(rpy_deg).T + np.asarray(xyz), mesh.faces, process=False)
 
 
@@ -99,11 +103,21 @@ class Arm:
     masses: tuple[float, ...]
 
 
-def industrial_arm(  # noqa: PLR0913  (the dimensions of a data sheet, each by its own name)
-    *, a1: float, d1: float, a2: float, offset: float, d4: float, d6: float,
-    upright_zero: bool, axis_sign: tuple[int, ...], limits_deg: Sequence[tuple[float, float]],
-    velocity_deg_s: Sequence[float], masses: tuple[float, ...], size: float,
-) -> Arm:  # fmt: skip
+def industrial_arm(
+    *,
+    a1: float,
+    d1: float,
+    a2: float,
+    offset: float,
+    d4: float,
+    d6: float,
+    upright_zero: bool,
+    axis_sign: tuple[int, ...],
+    limits_deg: Sequence[tuple[float, float]],
+    velocity_deg_s: Sequence[float],
+    masses: tuple[float, ...],
+    size: float,
+) -> Arm:
     """A 6R arm with spherical wrist. x forward, z up.
 
     Args:
@@ -131,25 +145,51 @@ def industrial_arm(  # noqa: PLR0913  (the dimensions of a data sheet, each by i
     )
     cheek = [cylinder("y", lo * s, hi * s, 0.22 * s, (h, a1)) for lo, hi in ((-0.26, -0.15), (0.15, 0.26))]
     column = [
-        loft("z", [(0.13 * s, 0, 0, 0.33 * s, 0.30 * s), (max(h - 0.1 * s, 0.2 * s), 0.75 * a1, y * s, 0.22 * s, 0.05 * s)], 4)
+        loft(
+            "z",
+            [
+                (0.13 * s, 0, 0.1 * y * s, 0.33 * s, 0.28 * s),
+                (max(h - 0.1 * s, 0.2 * s), 0.75 * a1, y * s, 0.22 * s, 0.05 * s),
+            ],
+            4,
+        )
         for y in (-0.205, 0.205)
-    ]  # fmt: skip
+    ]
     link1 = joined(cylinder("z", 0.0, 0.15 * s, 0.38 * s), *column, *cheek)
     beam = joined(
         cylinder("y", -0.14 * s, 0.14 * s, 0.22 * s),
-        loft("x", [(0, 0, 0, 0.13 * s, 0.20 * s), (0.25 * a2, 0, 0, 0.12 * s, 0.19 * s), (a2, 0, 0, 0.11 * s, 0.14 * s)], 4),
+        loft(
+            "x",
+            [(0, 0, 0, 0.13 * s, 0.20 * s), (0.25 * a2, 0, 0, 0.12 * s, 0.19 * s), (a2, 0, 0, 0.11 * s, 0.14 * s)],
+            4,
+        ),
         cylinder("y", -0.12 * s, 0.12 * s, 0.17 * s, (0, a2)),
-    )  # fmt: skip
+    )
     link2 = moved(beam, rpy_deg=(0, -90, 0)) if upright_zero else beam
     link3 = joined(
         *(cylinder("y", lo * s, hi * s, 0.18 * s) for lo, hi in ((-0.22, -0.13), (0.13, 0.22))),
-        loft("x", [(-0.30 * s, 0, offset, 0.18 * s, 0.13 * s), (-0.1 * s, 0, offset, 0.22 * s, 0.19 * s),
-                   (0.15 * s, 0, offset, 0.21 * s, 0.20 * s), (x4 - 0.01, 0, offset, 0.17 * s, 0.17 * s)], 4),
-    )  # fmt: skip
+        loft(
+            "x",
+            [
+                (-0.30 * s, 0, offset, 0.18 * s, 0.13 * s),
+                (-0.1 * s, 0, offset, 0.22 * s, 0.19 * s),
+                (0.15 * s, 0, offset, 0.21 * s, 0.20 * s),
+                (x4 - 0.01, 0, offset, 0.17 * s, 0.17 * s),
+            ],
+            4,
+        ),
+    )
     end = d4 - x4
     link4 = joined(
-        loft("x", [(0, 0, 0, 0.16 * s, 0.16 * s), (0.6 * end, 0, 0, 0.14 * s, 0.13 * s),
-                   (end - 0.55 * d6, 0, 0, 0.15 * s, 0.09 * s)], 3),
+        loft(
+            "x",
+            [
+                (0, 0, 0, 0.16 * s, 0.16 * s),
+                (0.6 * end, 0, 0, 0.14 * s, 0.13 * s),
+                (end - 0.55 * d6, 0, 0, 0.15 * s, 0.09 * s),
+            ],
+            3,
+        ),
         *(
             joined(
                 loft("x", [(end - 0.6 * d6, y * s, 0, 0.025 * s, 0.085 * s), (end, y * s, 0, 0.025 * s, 0.085 * s)], 6),
@@ -157,20 +197,33 @@ def industrial_arm(  # noqa: PLR0913  (the dimensions of a data sheet, each by i
             )
             for y in (-0.13, 0.13)
         ),
-    )  # fmt: skip
+    )
     link5 = joined(
         cylinder("y", -0.10 * s, 0.10 * s, 0.085 * s),
         loft("x", [(0, 0, 0, 0.085 * s, 0.085 * s), (x6 - 0.005, 0, 0, 0.10 * s, 0.10 * s)]),
     )
     link6 = cylinder("x", 0.0, 0.06, 0.12 * s)
-    return Arm(joints, (0.06, 0, 0), ("0", "1.5707963267948966", "0"),
-               (link0, link1, link2, link3, link4, link5, link6), masses)  # fmt: skip
+    return Arm(
+        joints,
+        (0.06, 0, 0),
+        ("0", "1.5707963267948966", "0"),
+        (link0, link1, link2, link3, link4, link5, link6),
+        masses,
+    )
 
 
 def cobot_arm(
-    *, d1: float, a2: float, a3: float, d4: float, d5: float, d6: float,
-    limits_deg: Sequence[tuple[float, float]], velocity_deg_s: Sequence[float], masses: tuple[float, ...],
-) -> Arm:  # fmt: skip
+    *,
+    d1: float,
+    a2: float,
+    a3: float,
+    d4: float,
+    d5: float,
+    d6: float,
+    limits_deg: Sequence[tuple[float, float]],
+    velocity_deg_s: Sequence[float],
+    masses: tuple[float, ...],
+) -> Arm:
     """A 6R arm with three parallel axes and offset wrist, stretched along +x at its DH zero.
 
     Standard DH with a > 0 and every twist of axes 1, 4 and 5 −90°.
@@ -197,8 +250,9 @@ def cobot_arm(
     link4 = joined(cylinder("y", fore + 0.039, d4 + 0.042, 0.042), cylinder("z", -0.047, 0.045, 0.040, (0, d4)))
     link5 = joined(cylinder("z", -d5 - 0.042, -0.049, 0.040), cylinder("y", -d6 + 0.028, 0.042, 0.040, (-d5, 0)))
     link6 = cylinder("y", -d6, -d6 + 0.026, 0.036)
-    return Arm(joints, (0, -d6, 0), ("1.5707963267948966", "0", "0"),
-               (link0, link1, link2, link3, link4, link5, link6), masses)  # fmt: skip
+    return Arm(
+        joints, (0, -d6, 0), ("1.5707963267948966", "0", "0"), (link0, link1, link2, link3, link4, link5, link6), masses
+    )
 
 
 # --- cells -------------------------------------------------------------------------------------------------
@@ -218,22 +272,46 @@ class CellFiles:
     workpiece_mesh: trimesh.Trimesh  # in the CAM frame
     obstacles: tuple[str, ...]
     stiffness: tuple[str, ...]  # comment lines, then the six values as a YAML list
-    readme: str
     extra: dict[str, str] = field(default_factory=dict)
+
+
+def block(name: str, size_mm: Sequence[float], centre_mm: Sequence[float]) -> str:
+    """A box among the obstacles, in world."""
+    return f"{{name: {name}, box_mm: {as_list(size_mm)}, xyz_mm: {as_list(centre_mm)}}}"
+
+
+def four(name: str, size_mm: Sequence[float], centre_mm: Sequence[float], away_mm: tuple[float, float]) -> list[str]:
+    """Four boxes about a centre, at ± ``away_mm`` along x and y."""
+    signs = [(-1, -1), (-1, 1), (1, -1), (1, 1)]
+    cx, cy, cz = centre_mm
+    return [
+        block(f"{name}_{i}", size_mm, (cx + sx * away_mm[0], cy + sy * away_mm[1], cz))
+        for i, (sx, sy) in enumerate(signs, 1)
+    ]
 
 
 def kr500_milling() -> CellFiles:
     arm = industrial_arm(
-        a1=0.500, d1=1.045, a2=1.300, offset=0.055, d4=1.025, d6=0.290,
-        upright_zero=False, axis_sign=(-1, 1, 1, -1, 1, -1),
+        a1=0.500,
+        d1=1.045,
+        a2=1.300,
+        offset=0.055,
+        d4=1.025,
+        d6=0.290,
+        upright_zero=False,
+        axis_sign=(-1, 1, 1, -1, 1, -1),
         limits_deg=[(-185, 185), (-130, 20), (-94, 150), (-350, 350), (-118, 118), (-350, 350)],
-        velocity_deg_s=[84, 79, 75, 81, 79, 124], masses=(650, 690, 430, 330, 140, 85, 25), size=1.0,
-    )  # fmt: skip
-    top = KR500_TOP_MM  # underside of the head is 130 mm lower
-    x, y, z = top[0] / 1e3, top[1] / 1e3, top[2] / 1e3
+        velocity_deg_s=[84, 79, 75, 81, 79, 124],
+        masses=(650, 690, 430, 330, 140, 85, 25),
+        size=1.0,
+    )
+    x, y, z = KR500_TOP_MM  # the head stands on the table 130 mm lower
     return CellFiles(
-        folder="kr500_milling", title="KR500 milling of a cylinder head (jiao2022)", arm=arm,
-        base_mm=(0, 0, 300), home_deg=(0, -90, 100, 0, 80, 90),
+        folder="kr500_milling",
+        title="KR500 milling of a cylinder head (jiao2022)",
+        arm=arm,
+        base_mm=(0, 0, 300),
+        home_deg=(0, -75, 115, 0, -40, 180),
         tool=f"""\
   # paper's tool x is our TCP z; TCP y lies along axis 6, so gamma is the paper's theta_x on a +y pass
   tcp: {{xyz_mm: [{-KR500_TIP_MM:.1f}, 0.0, {KR500_REACH_MM:.2f}], rpy_deg: [90, 0, -90]}}
@@ -241,33 +319,36 @@ def kr500_milling() -> CellFiles:
   com_mm: [-30, 0, 215]
   cutter: {{diameter_mm: 17, length_mm: 80}}""",
         tool_mesh=square_spindle(KR500_REACH_MM / 1e3, KR500_TIP_MM / 1e3, 0.080, radius=0.092, body=(-0.22, 0.20)),
-        workpiece_mm=top, workpiece_rpy=(0, 0, 90), workpiece_mesh=cylinder_head(),
+        workpiece_mm=(x, y, z),
+        workpiece_rpy=(0, 0, 90),
+        workpiece_mesh=cylinder_head(),
         obstacles=(
-            "{name: pedestal, box_mm: [1100, 1100, 294], xyz_mm: [0, 0, 147]}",
-            f"{{name: table, box_mm: [1000, 1400, 60], xyz_mm: [{top[0]:.1f}, {top[1]:.1f}, {top[2] - 160:.1f}]}}",
-            f"{{name: table_stand, box_mm: [700, 1000, {top[2] - 190:.1f}], xyz_mm: [{top[0]:.1f}, {top[1]:.1f}, {(top[2] - 190) / 2:.2f}]}}",
-            *(
-                f"{{name: clamp_{i}, box_mm: [70, 50, 75], xyz_mm: [{top[0] + sx * 150:.1f}, {top[1] + sy * 150:.1f}, {top[2] - 92.5:.1f}]}}"
-                for i, (sx, sy) in enumerate([(-1, -1), (-1, 1), (1, -1), (1, 1)], 1)
-            ),
+            block("pedestal", (1100, 1100, 294), (0, 0, 147)),
+            block("table", (1000, 1400, 60), (x, y, z - 160)),
+            block("table_stand", (700, 1000, z - 190), (x, y, (z - 190) / 2)),
+            *four("clamp", (70, 50, 75), (x, y, z - 92.5), (150, 150)),
         ),
-        stiffness=("jiao2022, eq. 38 (one set for the whole space), N·mm/rad there", "[1.58e7, 6.12e6, 5.28e6, 4.66e5, 2.19e5, 3.49e5]"),
-        readme=KR500_README,
-        extra={"stiffness_two_grid.yaml": f"""\
+        stiffness=(
+            "jiao2022, eq. 38 (one set for the whole space), N·mm/rad there",
+            "[1.58e7, 6.12e6, 5.28e6, 4.66e5, 2.19e5, 3.49e5]",
+        ),
+        extra={
+            "stiffness_two_grid.yaml": f"""\
 # jiao2022, eqs. 39 and 40: the 1200 × 600 × 600 mm calibration space (long side along y) in two cubes of 600 mm.
 # The paper gives neither the space's origin nor which side is grid 1. Ours is centred on the head's top face,
 # y split at the base's x axis plane; grid 1 (eq. 39) is the −y cube.
 machopt_stiffness: 1
 joints_Nm_per_rad: [1.58e7, 6.12e6, 5.28e6, 4.66e5, 2.19e5, 3.49e5]   # outside the grid: eq. 38
 grid:
-  origin_mm: [{1000 * x - 300:.1f}, -600.0, {1000 * z - 300 - 300:.1f}]   # in base_link, which stands 300 mm above world
+  origin_mm: [{x - 300:.1f}, -600.0, {z - 300 - 300:.1f}]   # in base_link, 300 mm above world
   cell_mm: 600
   shape: [1, 2, 1]
   joints_Nm_per_rad:
     - [1.48e7, 5.57e6, 6.80e6, 3.38e5, 1.20e5, 2.17e5]   # eq. 39
     - [1.50e7, 6.29e6, 4.56e6, 2.79e5, 3.28e5, 1.61e5]   # eq. 40
-"""},
-    )  # fmt: skip
+"""
+        },
+    )
 
 
 # Solved from Table 2 of jiao2022 (tests/test_cells.py does it again): the TCP lies 569.15 mm from the wrist
@@ -277,7 +358,9 @@ KR500_TIP_MM = 400.0
 KR500_TOP_MM = (2140.7, -23.5, 300.0 + 884.3 - KR500_TIP_MM)  # middle of the two tags, in world
 
 
-def square_spindle(reach: float, tip: float, cutter: float, *, radius: float, body: tuple[float, float]) -> trimesh.Trimesh:
+def square_spindle(
+    reach: float, tip: float, cutter: float, *, radius: float, body: tuple[float, float]
+) -> trimesh.Trimesh:
     """A spindle square to the flange: axis parallel to flange −x, ``reach`` in front of the flange face.
 
     The holder ends 1 mm above the cutter. Flange frame.
@@ -285,10 +368,10 @@ def square_spindle(reach: float, tip: float, cutter: float, *, radius: float, bo
     r = radius
     back, front = -body[1], -body[0]  # along the tool axis (= −x), front towards the tip
     nose = tip - cutter - 0.001
-    holder = [(front, reach, 0, 0.6 * r, 0.6 * r), (0.5 * (front + nose), reach, 0, 0.42 * r, 0.42 * r), (nose, reach, 0, 0.20 * r, 0.20 * r)]
+    holder = [(front, 0.6 * r), (0.5 * (front + nose), 0.42 * r), (nose, 0.20 * r)]  # position, radius
     along = joined(
         cylinder("x", back, front, r, (0, reach)),
-        loft("x", [(p, 0, cu, hu, hv) for p, cu, _, hu, hv in holder]),
+        loft("x", [(p, 0, reach, rr, rr) for p, rr in holder]),
         cylinder("x", back - 0.06, back, 0.55 * r, (0, reach)),
         loft("z", [(0.0, 0, 0, 1.15 * r, 1.15 * r), (0.03, 0, 0, 1.15 * r, 1.15 * r)]),
         loft("z", [(0.03, 0, 0, 0.9 * r, 0.9 * r), (reach - 0.8 * r, 0, 0, 1.2 * r, 0.95 * r)], 5),
@@ -301,22 +384,40 @@ def inline_spindle(offset: float, tip: float, cutter: float, *, radius: float) -
     r, nose = radius, tip - cutter - 0.001
     return joined(
         loft("z", [(0.0, 0, 0, 0.10, 0.10), (0.025, 0, 0, 0.10, 0.10)]),
-        loft("z", [(0.025, 0.5 * offset, 0, 0.5 * offset + r, 1.1 * r), (0.065, 0.5 * offset, 0, 0.5 * offset + r, 1.1 * r)], 5),
+        loft(
+            "z",
+            [(0.025, 0.5 * offset, 0, 0.5 * offset + r, 1.1 * r), (0.065, 0.5 * offset, 0, 0.5 * offset + r, 1.1 * r)],
+            5,
+        ),
         cylinder("z", 0.065, nose - 0.11, r, (offset, 0)),
-        loft("z", [(nose - 0.11, offset, 0, 0.62 * r, 0.62 * r), (nose - 0.05, offset, 0, 0.42 * r, 0.42 * r), (nose, offset, 0, 0.2 * r, 0.2 * r)]),
-    )  # fmt: skip
+        loft(
+            "z",
+            [
+                (nose - 0.11, offset, 0, 0.62 * r, 0.62 * r),
+                (nose - 0.05, offset, 0, 0.42 * r, 0.42 * r),
+                (nose, offset, 0, 0.2 * r, 0.2 * r),
+            ],
+        ),
+    )
 
 
 def cylinder_head() -> trimesh.Trimesh:
     """460 × 190 × 130 mm; deck (z = 0) with four open chambers 40 mm deep, ports and a foot flange. CAM frame."""
     lx, ly, depth = 0.230, 0.095, 0.040
     ribs = [(-lx, -lx + 0.028)] + [(c - 0.011, c + 0.011) for c in (-0.1035, 0.0, 0.1035)] + [(lx - 0.028, lx)]
-    parts = [box((-lx, -ly, -0.110), (lx, ly, -depth)), box((-lx - 0.02, -ly - 0.02, -0.130), (lx + 0.02, ly + 0.02, -0.110))]
+    parts = [
+        box((-lx, -ly, -0.110), (lx, ly, -depth)),
+        box((-lx - 0.02, -ly - 0.02, -0.130), (lx + 0.02, ly + 0.02, -0.110)),
+    ]
     parts += [box((-lx, y, -depth), (lx, y + 0.028, 0.0)) for y in (-ly, ly - 0.028)]
     parts += [box((a, -ly + 0.028, -depth), (b, ly - 0.028, 0.0)) for a, b in ribs]
-    parts += [cylinder("y", sy * ly - 0.001 * sy, sy * (ly + 0.014), 0.021, (-0.072, c)) if sy > 0 else
-              cylinder("y", -ly - 0.014, -ly + 0.001, 0.024, (-0.070, c))
-              for sy in (-1, 1) for c in (-0.155, -0.052, 0.052, 0.155)]  # fmt: skip
+    parts += [
+        cylinder("y", sy * ly - 0.001 * sy, sy * (ly + 0.014), 0.021, (-0.072, c))
+        if sy > 0
+        else cylinder("y", -ly - 0.014, -ly + 0.001, 0.024, (-0.070, c))
+        for sy in (-1, 1)
+        for c in (-0.155, -0.052, 0.052, 0.155)
+    ]
     return joined(*parts)
 
 
@@ -330,8 +431,12 @@ def panel(half_x: float, half_y: float, radius: float, thickness: float, n: int 
     o0, i0, o1, i1 = (lambda k: k), (lambda k: m + k), (lambda k: 2 * m + k), (lambda k: 3 * m + k)
     faces: list[list[int]] = []
     for k in range(n):
-        quads = [(o0(k), o0(k + 1), o1(k + 1), o1(k)), (i0(k), i1(k), i1(k + 1), i0(k + 1)),
-                 (o0(k), i0(k), i0(k + 1), o0(k + 1)), (o1(k), o1(k + 1), i1(k + 1), i1(k))]  # fmt: skip
+        quads = [
+            (o0(k), o0(k + 1), o1(k + 1), o1(k)),
+            (i0(k), i1(k), i1(k + 1), i0(k + 1)),
+            (o0(k), i0(k), i0(k + 1), o0(k + 1)),
+            (o1(k), o1(k + 1), i1(k + 1), i1(k)),
+        ]
         faces += [[q[a], q[b], q[c]] for q in quads for a, b, c in ((0, 1, 2), (0, 2, 3))]
     for k, flip in ((0, False), (n, True)):
         q = (o0(k), o1(k), i1(k), i0(k))
@@ -345,53 +450,76 @@ PANEL_RADIUS, PANEL_HALF = 1.500, (0.340, 0.520)  # m; toolpaths/make_toolpaths.
 
 def kr240_drilling() -> CellFiles:
     arm = industrial_arm(
-        a1=0.350, d1=0.750, a2=1.250, offset=-0.055, d4=1.100, d6=0.230,
-        upright_zero=False, axis_sign=(-1, 1, 1, -1, 1, -1),
+        a1=0.350,
+        d1=0.750,
+        a2=1.250,
+        offset=-0.055,
+        d4=1.100,
+        d6=0.230,
+        upright_zero=False,
+        axis_sign=(-1, 1, 1, -1, 1, -1),
         limits_deg=[(-185, 185), (-140, 0), (-120, 155), (-350, 350), (-125, 125), (-350, 350)],
-        velocity_deg_s=[105, 101, 107, 136, 129, 206], masses=(310, 320, 230, 215, 95, 60, 20), size=0.8,
-    )  # fmt: skip
-    cx, z = 1700.0, 850.0
-    hx, hy, sag = 340.0, 520.0, 1500.0 - float(np.sqrt(1500.0**2 - 340.0**2))
-    beam_z = z - sag - 4 - 50
+        velocity_deg_s=[105, 101, 107, 136, 129, 206],
+        masses=(310, 320, 230, 215, 95, 60, 20),
+        size=0.8,
+    )
+    x, z, hx, hy = 1700.0, 850.0, 1e3 * PANEL_HALF[0], 1e3 * PANEL_HALF[1]
+    sag = round(1e3 * (PANEL_RADIUS - float(np.sqrt(PANEL_RADIUS**2 - PANEL_HALF[0] ** 2))), 1)
+    beam = z - sag - 4 - 50  # centre of the frame's beams, under the skin's edges
     return CellFiles(
-        folder="kr240_drilling", title="KR240-2 drilling of a curved panel (dumas2011)", arm=arm,
-        base_mm=(0, 0, 200), home_deg=(0, -100, 110, 0, 80, 0),
+        folder="kr240_drilling",
+        title="KR240-2 drilling of a curved panel (dumas2011)",
+        arm=arm,
+        base_mm=(0, 0, 200),
+        home_deg=(0, -100, 110, 0, 80, 0),
         tool="""\
   tcp: {xyz_mm: [180, 0, 430], rpy_deg: [0, 0, 0]}
   mass_kg: 48
   com_mm: [110, 0, 165]
   cutter: {diameter_mm: 6, length_mm: 70}""",
         tool_mesh=inline_spindle(0.180, 0.430, 0.070, radius=0.070),
-        workpiece_mm=(cx, 0, z), workpiece_rpy=(0, 0, 0), workpiece_mesh=panel(*PANEL_HALF, PANEL_RADIUS, 0.004),
+        workpiece_mm=(x, 0, z),
+        workpiece_rpy=(0, 0, 0),
+        workpiece_mesh=panel(*PANEL_HALF, PANEL_RADIUS, 0.004),
         obstacles=(
-            "{name: pedestal, box_mm: [900, 900, 194], xyz_mm: [0, 0, 97]}",
-            *(f"{{name: frame_{n}, box_mm: [60, {2 * hy + 120:.0f}, 100], xyz_mm: [{cx + s * (hx - 20):.1f}, 0, {beam_z:.1f}]}}"
-              for n, s in (("near", -1), ("far", 1))),
-            *(f"{{name: frame_{n}, box_mm: [{2 * hx:.0f}, 60, 80], xyz_mm: [{cx:.1f}, {s * (hy + 30):.1f}, {beam_z - 10:.1f}]}}"
-              for n, s in (("right", -1), ("left", 1))),
-            *(f"{{name: leg_{i}, box_mm: [80, 80, {beam_z - 50:.1f}], xyz_mm: [{cx + sx * 310:.1f}, {sy * 530:.1f}, {(beam_z - 50) / 2:.2f}]}}"
-              for i, (sx, sy) in enumerate([(-1, -1), (-1, 1), (1, -1), (1, 1)], 1)),
-            *(f"{{name: clamp_{i}, box_mm: [40, 60, 90], xyz_mm: [{cx + sx * 365:.1f}, {sy * 420:.1f}, {z - sag:.1f}]}}"
-              for i, (sx, sy) in enumerate([(-1, -1), (-1, 1), (1, -1), (1, 1)], 1)),
+            block("pedestal", (900, 900, 194), (0, 0, 97)),
+            block("frame_near", (60, 2 * hy + 120, 100), (x - hx + 20, 0, beam)),
+            block("frame_far", (60, 2 * hy + 120, 100), (x + hx - 20, 0, beam)),
+            block("frame_right", (2 * hx, 60, 80), (x, -hy - 30, beam - 10)),
+            block("frame_left", (2 * hx, 60, 80), (x, hy + 30, beam - 10)),
+            *four("leg", (80, 80, beam - 50), (x, 0, (beam - 50) / 2), (310, 530)),
+            *four("clamp", (40, 60, 90), (x, 0, z - sag), (365, 420)),
         ),
-        stiffness=("Dumas et al. (2011) as cited by Góra and Trela (there misprinted as kN·m/rad); see README.md", "[1.41e6, 4.01e5, 9.35e5, 3.60e5, 3.70e5, 3.80e5]"),
-        readme=KR240_README,
-        extra={"stiffness_table2.yaml": """\
+        stiffness=(
+            "Dumas et al. (2011) as cited by Góra and Trela; see README.md",
+            "[1.41e6, 4.01e5, 9.35e5, 3.60e5, 3.70e5, 3.80e5]",
+        ),
+        extra={
+            "stiffness_table2.yaml": """\
 # dumas2011, Table 2 of the text in hand; see README.md
 machopt_stiffness: 1
 joints_Nm_per_rad: [3.8e6, 6.6e6, 3.9e6, 5.6e5, 6.6e5, 4.7e5]
-"""},
-    )  # fmt: skip
+"""
+        },
+    )
 
 
 def irb6700_drilling() -> CellFiles:
     arm = industrial_arm(
-        a1=0.320, d1=0.780, a2=1.125, offset=0.200, d4=1.3925, d6=0.200,
-        upright_zero=True, axis_sign=(1, 1, 1, 1, 1, 1),
+        a1=0.320,
+        d1=0.780,
+        a2=1.125,
+        offset=0.200,
+        d4=1.3925,
+        d6=0.200,
+        upright_zero=True,
+        axis_sign=(1, 1, 1, 1, 1, 1),
         limits_deg=[(-170, 170), (-65, 85), (-180, 70), (-300, 300), (-130, 130), (-360, 360)],
-        velocity_deg_s=[100, 90, 90, 170, 120, 190], masses=(370, 330, 210, 190, 90, 45, 12), size=0.72,
-    )  # fmt: skip
-    cx, z, knee, length = 1650.0, 800.0, 0.130, 0.330  # m: spindle axis meets axis 6 at knee; knee to tip
+        velocity_deg_s=[100, 90, 90, 170, 120, 190],
+        masses=(370, 330, 210, 190, 90, 45, 12),
+        size=0.72,
+    )
+    x, z, knee, length = 1650.0, 800.0, 0.130, 0.330  # m: spindle axis meets axis 6 at knee; knee to tip
     c = float(np.sqrt(0.5))
     spindle = joined(
         loft("z", [(0.0, 0, 0, 0.085, 0.085), (0.03, 0, 0, 0.085, 0.085)]),
@@ -399,64 +527,92 @@ def irb6700_drilling() -> CellFiles:
         moved(
             joined(
                 cylinder("z", -0.05, length - 0.171, 0.052),
-                loft("z", [(length - 0.171, 0, 0, 0.036, 0.036), (length - 0.10, 0, 0, 0.024, 0.024), (length - 0.071, 0, 0, 0.012, 0.012)]),
+                loft(
+                    "z",
+                    [
+                        (length - 0.171, 0, 0, 0.036, 0.036),
+                        (length - 0.10, 0, 0, 0.024, 0.024),
+                        (length - 0.071, 0, 0, 0.012, 0.012),
+                    ],
+                ),
             ),
-            (0, 0, knee), (0, 45, 0),
+            (0, 0, knee),
+            (0, 45, 0),
         ),
-    )  # fmt: skip
+    )
     return CellFiles(
-        folder="irb6700_drilling", title="IRB 6700 drilling of a plate (zhang2025)", arm=arm,
-        base_mm=(0, 0, 200), home_deg=(0, -10, 20, 0, 35, 0),
+        folder="irb6700_drilling",
+        title="IRB 6700 drilling of a plate (zhang2025)",
+        arm=arm,
+        base_mm=(0, 0, 200),
+        home_deg=(0, -10, 20, 0, 35, 0),
         tool=f"""\
   tcp: {{xyz_mm: [{1000 * length * c:.4f}, 0, {1000 * (knee + length * c):.4f}], rpy_deg: [0, 45, 0]}}
   mass_kg: 24
   com_mm: [60, 0, 130]
   cutter: {{diameter_mm: 8, length_mm: 70}}""",
         tool_mesh=spindle,
-        workpiece_mm=(cx, 0, z), workpiece_rpy=(0, 0, 0),
-        workpiece_mesh=joined(box((-0.25, -0.20, -0.03), (0.25, 0.20, 0.0)), box((-0.25, -0.20, -0.08), (-0.21, 0.20, -0.03)),
-                              box((0.21, -0.20, -0.08), (0.25, 0.20, -0.03))),
+        workpiece_mm=(x, 0, z),
+        workpiece_rpy=(0, 0, 0),
+        workpiece_mesh=joined(
+            box((-0.25, -0.20, -0.03), (0.25, 0.20, 0.0)),
+            box((-0.25, -0.20, -0.08), (-0.21, 0.20, -0.03)),
+            box((0.21, -0.20, -0.08), (0.25, 0.20, -0.03)),
+        ),
         obstacles=(
-            "{name: pedestal, box_mm: [900, 900, 194], xyz_mm: [0, 0, 97]}",
-            f"{{name: workbench, box_mm: [800, 1200, 50], xyz_mm: [{cx:.0f}, 0, {z - 105:.0f}]}}",
-            *(f"{{name: leg_{i}, box_mm: [80, 80, {z - 130:.0f}], xyz_mm: [{cx + sx * 340:.0f}, {sy * 540}, {(z - 130) / 2:.0f}]}}"
-              for i, (sx, sy) in enumerate([(-1, -1), (-1, 1), (1, -1), (1, 1)], 1)),
-            *(f"{{name: clamp_{i}, box_mm: [60, 40, 70], xyz_mm: [{cx + sx * 230:.0f}, {sy * 222}, {z - 45:.0f}]}}"
-              for i, (sx, sy) in enumerate([(-1, -1), (-1, 1), (1, -1), (1, 1)], 1)),
+            block("pedestal", (900, 900, 194), (0, 0, 97)),
+            block("workbench", (800, 1200, 50), (x, 0, z - 105)),
+            *four("leg", (80, 80, z - 130), (x, 0, (z - 130) / 2), (340, 540)),
+            *four("clamp", (60, 40, 70), (x, 0, z - 45), (230, 222)),
         ),
         stiffness=("zhang2025, section 3 (Table 2 poses), N·m/rad", "[2.61e6, 9.37e5, 6.58e5, 9.20e5, 4.43e4, 2.74e4]"),
-        readme=IRB6700_README,
-    )  # fmt: skip
+    )
 
 
 def s420f_handling() -> CellFiles:
     arm = industrial_arm(
-        a1=0.270, d1=0.900, a2=0.900, offset=0.270, d4=1.300, d6=0.260,
-        upright_zero=True, axis_sign=(1, -1, -1, 1, -1, 1),
+        a1=0.270,
+        d1=0.900,
+        a2=0.900,
+        offset=0.270,
+        d4=1.300,
+        d6=0.260,
+        upright_zero=True,
+        axis_sign=(1, -1, -1, 1, -1, 1),
         limits_deg=[(-150, 150), (-57.5, 57.5), (-72.5, 72.5), (-360, 360), (-125, 125), (-360, 360)],
-        velocity_deg_s=[85, 85, 85, 120, 120, 190], masses=(420, 380, 240, 260, 110, 60, 15), size=0.8,
-    )  # fmt: skip
-    cx, z = 1600.0, 700.0
+        velocity_deg_s=[85, 85, 85, 120, 120, 190],
+        masses=(420, 380, 240, 260, 110, 60, 15),
+        size=0.8,
+    )
+    x, z = 1600.0, 700.0
     gripper = joined(
         loft("z", [(0.0, 0, 0, 0.095, 0.095), (0.05, 0, 0, 0.095, 0.095)]),
         loft("z", [(0.05, 0.06, 0, 0.15, 0.08), (0.16, 0.06, 0, 0.15, 0.08)], 5),
-        *(loft("z", [(0.16, 0.15 + d, 0, 0.012, 0.045), (0.30, 0.15 + d, 0, 0.010, 0.030)], 6) for d in (-0.045, 0.045)),
+        *(
+            loft("z", [(0.16, 0.15 + d, 0, 0.012, 0.045), (0.30, 0.15 + d, 0, 0.010, 0.030)], 6)
+            for d in (-0.045, 0.045)
+        ),
     )
-    pallet = joined(*(cylinder("z", -0.06, 0.0, 0.045, (x, y), 16) for x in (-0.3, 0.0, 0.3) for y in (-0.3, 0.0, 0.3)))
+    pallet = joined(*(cylinder("z", -0.06, 0.0, 0.045, (u, v), 16) for u in (-0.3, 0.0, 0.3) for v in (-0.3, 0.0, 0.3)))
     return CellFiles(
-        folder="s420f_handling", title="FANUC S-420F handling of castings (gora-trela)", arm=arm,
-        base_mm=(0, 0, 100), home_deg=(0, 0, 0, 0, -60, 0),
+        folder="s420f_handling",
+        title="FANUC S-420F handling of castings (gora-trela)",
+        arm=arm,
+        base_mm=(0, 0, 100),
+        home_deg=(0, 0, 0, 0, -60, 0),
         tool="""\
   tcp: {xyz_mm: [150, 0, 320], rpy_deg: [0, 0, 0]}   # between the fingers, which stop 20 mm short of it
   mass_kg: 38
   com_mm: [60, 0, 120]
 """,
         tool_mesh=gripper,
-        workpiece_mm=(cx, 0, z), workpiece_rpy=(0, 0, 0), workpiece_mesh=pallet,
+        workpiece_mm=(x, 0, z),
+        workpiece_rpy=(0, 0, 0),
+        workpiece_mesh=pallet,
         obstacles=(
-            "{name: pedestal, box_mm: [1000, 1000, 94], xyz_mm: [0, 0, 47]}",
-            f"{{name: pallet, box_mm: [900, 900, 40], xyz_mm: [{cx:.0f}, 0, {z - 80:.0f}]}}",
-            f"{{name: conveyor, box_mm: [700, 800, {z - 100:.0f}], xyz_mm: [{cx:.0f}, 0, {(z - 100) / 2:.0f}]}}",
+            block("pedestal", (1000, 1000, 94), (0, 0, 47)),
+            block("pallet", (900, 900, 40), (x, 0, z - 80)),
+            block("conveyor", (700, 800, z - 100), (x, 0, (z - 100) / 2)),
             "{name: fence_post, cylinder_mm: [60, 2200], xyz_mm: [1300, 1500, 1100]}",
         ),
         stiffness=(
@@ -465,151 +621,72 @@ def s420f_handling() -> CellFiles:
             "our assumption. The paper's own sentence on the scale contradicts its measurement: see README.md.",
             "[2.52e6, 2.53e6, 4.42e5, 3.60e5, 3.70e5, 3.80e5]",
         ),
-        readme=S420F_README,
-    )  # fmt: skip
+    )
 
 
 def cutting_cobot() -> CellFiles:
     arm = cobot_arm(
-        d1=0.096, a2=0.418, a3=0.398, d4=0.114, d5=0.098, d6=0.089,
+        d1=0.096,
+        a2=0.418,
+        a3=0.398,
+        d4=0.114,
+        d5=0.098,
+        d6=0.089,
         limits_deg=[(-360, 360), (-265, 85), (-160, 160), (-360, 360), (-360, 360), (-360, 360)],
-        velocity_deg_s=[150, 150, 150, 180, 180, 180], masses=(3.5, 4.8, 6.2, 3.6, 1.6, 1.6, 0.5),
-    )  # fmt: skip
-    cx, cy, z = 470.0, 110.0, 900.0
+        velocity_deg_s=[150, 150, 150, 180, 180, 180],
+        masses=(3.5, 4.8, 6.2, 3.6, 1.6, 1.6, 0.5),
+    )
+    x, y, z = 470.0, 110.0, 900.0
     femur = joined(
-        loft("x", [(-0.16, 0, -0.016, 0.014, 0.014), (-0.05, 0, -0.015, 0.015, 0.015), (0.0, 0, -0.018, 0.023, 0.018),
-                   (0.035, 0, -0.022, 0.036, 0.022)], n=32),
-        *(loft("x", [(0.015, y, -0.026, 0.010, 0.010), (0.035, y, -0.028, 0.020, 0.024), (0.055, y, -0.030, 0.017, 0.022),
-                     (0.066, y, -0.032, 0.008, 0.010)], n=24) for y in (-0.019, 0.019)),
-    )  # fmt: skip
+        loft(
+            "x",
+            [
+                (-0.16, 0, -0.016, 0.014, 0.014),
+                (-0.05, 0, -0.015, 0.015, 0.015),
+                (0.0, 0, -0.018, 0.023, 0.018),
+                (0.035, 0, -0.022, 0.036, 0.022),
+            ],
+            n=32,
+        ),
+        *(
+            loft(
+                "x",
+                [
+                    (0.015, c, -0.026, 0.010, 0.010),
+                    (0.035, c, -0.028, 0.020, 0.024),
+                    (0.055, c, -0.030, 0.017, 0.022),
+                    (0.066, c, -0.032, 0.008, 0.010),
+                ],
+                n=24,
+            )
+            for c in (-0.019, 0.019)
+        ),
+    )
     return CellFiles(
-        folder="cutting_cobot", title="Cobot cutting bone (tian2025)", arm=arm,
-        base_mm=(0, 0, 750), home_deg=(0, -110, 105, 13, -90, 90),
+        folder="cutting_cobot",
+        title="Cobot cutting bone (tian2025)",
+        arm=arm,
+        base_mm=(0, 0, 750),
+        home_deg=(0, -110, 105, 13, -90, 90),
         tool="""\
   tcp: {xyz_mm: [-130, 0, 85], rpy_deg: [90, 0, -90]}
   mass_kg: 1.2
   com_mm: [-20, 0, 55]
   cutter: {diameter_mm: 4, length_mm: 60}""",
-        tool_mesh=joined(cylinder("z", 0.0, 0.032, 0.036), square_spindle(0.085, 0.130, 0.060, radius=0.018, body=(-0.035, 0.075))),
-        workpiece_mm=(cx, cy, z), workpiece_rpy=(0, 0, 90), workpiece_mesh=femur,
+        tool_mesh=joined(
+            cylinder("z", 0.0, 0.032, 0.036), square_spindle(0.085, 0.130, 0.060, radius=0.018, body=(-0.035, 0.075))
+        ),
+        workpiece_mm=(x, y, z),
+        workpiece_rpy=(0, 0, 90),
+        workpiece_mesh=femur,
         obstacles=(
-            "{name: trolley, box_mm: [500, 600, 744], xyz_mm: [-60, 0, 372]}",
-            f"{{name: bench, box_mm: [400, 700, 40], xyz_mm: [{cx + 80:.0f}, {cy:.0f}, {z - 160:.0f}]}}",
-            f"{{name: vice, box_mm: [60, 50, 95], xyz_mm: [{cx:.0f}, {cy - 125:.0f}, {z - 92.5:.1f}]}}",
+            block("trolley", (500, 600, 744), (-60, 0, 372)),
+            block("bench", (400, 700, 40), (x + 80, y, z - 160)),
+            block("vice", (60, 50, 95), (x, y - 125, z - 92.5)),
         ),
         stiffness=("tian2025, Table 3, N·m/rad", "[4.68e5, 5.56e5, 4.57e5, 2.75e5, 9.55e5, 8.36e4]"),
-        readme=COBOT_README,
-    )  # fmt: skip
+    )
 
-
-ASSUMED = """
-Assumptions of ours, not published data: every mesh (envelopes drawn around the published axes, not the maker's
-CAD), link masses and inertias (split of the arm's data-sheet mass), tool, workpiece, fixture, accelerations
-(velocity limit reached in 0.35 s) and jerks (full acceleration reached in 0.14 s). Joint ranges and velocities are
-from the maker's data sheet as we remember it, not looked up: replace them by your robot's before cutting metal.
-
-Made by `python cells/make_cells.py`; change that script, not these files.
-"""
-
-KR500_README = """\
-# KR500 milling
-
-The robot and stiffness of Jiao et al., "Variable Stiffness Identification and Configuration Optimization of
-Industrial Robots for Machining Tasks" (2022), milling the deck of a cylinder head.
-
-| number | source |
-|---|---|
-| 500, 1045, 1300, 1025, 290 mm | KUKA KR 500-2 data sheet (reach class R2830), from memory, and confirmed by Table 2 below |
-| axis 4 lies 55 mm **above** the elbow axis while the forearm points forward | Table 2: −55 leaves 50 mm, +55 leaves 0.04 mm |
-| TCP 569.15 mm from the wrist centre along axis 6, 0 sideways; tool axis square to axis 6 | solved from Table 2 |
-| joint stiffness | eq. 38 (N·mm/rad there); `stiffness_two_grid.yaml`: eqs. 39, 40 |
-| cutter 17 mm, 2 teeth | Table 3 of the paper |
-
-Table 2 gives each of two tags in two configurations. With the geometry above each pair is one TCP to 0.06 mm
-and turned about the tool axis by 110.003° and 70.000° (stated: 110° and 70°); `tests/test_cells.py` checks it.
-The tags come out at (2140.9, −191.2) and (2140.5, 144.2) mm in base_link, tool pointing straight down.
-The TCP frame is turned so that gamma equals the paper's θx on a pass from Tag 1 to Tag 2.
-
-Table 2 says nothing of how far the tip stands out along the tool axis, and the axial stiffness of the paper does not
-depend on it either: 400 mm from axis 6 is our choice. It puts the tags on the head's deck (CAM z = 0), on its
-centre line. The grid's origin is ours too: two 600 mm cubes about the deck's centre, split at y = 0 of base_link,
-eq. 39 on the −y side. With the paper's axial index (its eqs. 15–23) and eq. 38 this geometry gives 1791, 4819,
-1989 and 4819 N/mm where Table 2 has 1717, 4061, 1761 and 4047 from an unpublished finer grid.
-""" + ASSUMED
-
-KR240_README = """\
-# KR240-2 drilling
-
-The robot of Dumas et al., "Joint stiffness identification of industrial serial robots" (2011), drilling a skin panel
-(radius 1500 mm, 680 × 1040 mm, 4 mm thick). The spindle is parallel to axis 6 and 180 mm beside it.
-
-| number | source |
-|---|---|
-| 350, 750, 1250, 1100, 230 mm; axis 4 lies 55 mm below the elbow axis (forearm forward) | KUKA KR 240-2 data sheet, from memory; the paper leaves d2, d3, d4, RL4, RL6 as symbols and gives a reach of 2700 mm = 350 + 1250 + 1100 |
-| 1.41e6, 4.01e5, 9.35e5, 3.60e5, 3.70e5, 3.80e5 N·m/rad | Dumas et al. (2011), as cited by Góra and Trela (who print kN·m for MN·m) |
-
-The text of the paper that we have prints other values (its Table 2: 3.8e6, 6.6e6, 3.9e6, 5.6e5, 6.6e5, 4.7e5 N·m/rad,
-errors of 2 to 9 %), which `stiffness_table2.yaml` holds; the values above are the ones other papers cite under its name.
-""" + ASSUMED
-
-IRB6700_README = """\
-# IRB 6700 drilling
-
-The robot of Zhang et al., "Global stiffness modeling of robot drilling system …" (Machines 2025, 13, 837), with a
-spindle at 45° to axis 6, drilling a plate on a workbench.
-
-| number | source |
-|---|---|
-| 780, 320, 1125, 200, 1393, 200 mm | Table 1 (modified DH); 1392.5 instead of the rounded 1393 |
-| signs of the twists (±90°) | lost in the text; taken from the arm's shape: forearm axis 200 mm above the elbow |
-| joint zero and signs | ABB's: upper arm upright and forearm forward at zero |
-| joint stiffness | section 3 of the paper |
-
-The paper's link 4 flexibility and spindle beam are not in this cell. Its loads are printed as N·m with magnitudes
-(1e5) that can only be N·mm.
-""" + ASSUMED
-
-S420F_README = """\
-# FANUC S-420F handling
-
-The robot of Góra and Trela, "Stiffness matrix of manipulator FANUC S-420F", with a gripper over a pallet of
-castings. No cutter: the cell shows handling and mapping.
-
-| number | source |
-|---|---|
-| 270, 900, 270, 1300, 260 mm; joint ranges | Table 1 (λ1 = 0: the table starts at axis 2; 900 mm from the floor to axis 2 is our assumption) |
-| q2 = θ2 − 90°, so that the ranges ±57.5° and ±72.5° are about the upright arm | our reading of Table 1 |
-| joint stiffness 1 to 3 | measured vertical compliance 0.0059 mm/N and the ratios of the PUMA 560 |
-| joint stiffness 4 to 6 | KR240-2, our assumption |
-
-Where the paper contradicts itself:
-- It concludes that the S-420F is about three times **stiffer** than the PUMA 560, but its measured stiffness
-  (169.5 N/mm) is three times **less** than the one it computes with PUMA values (546.6 N/mm).
-- That computed value does not follow from its inputs: with 66.5 and 11.61 kN·m/rad and levers of 1.8 and 1.4 m the
-  vertical compliance is 0.22 mm/N, not 0.00183 mm/N. We scale joints 1 to 3 to the measurement (× 38).
-- The KR240-2 values are cited in kN·m/rad (1.410); they are MN·m/rad.
-- The stated tool position (279.85, 2751.95, 145.14) is 2766 mm from axis 1; its own joint angles with Table 1 give
-  2026 to 2078 mm, on the other side (y < 0).
-""" + ASSUMED
-
-COBOT_README = """\
-# Cobot cutting bone
-
-The arm of Tian et al., "Comprehensive stiffness modeling and evaluation of an orthopedic surgical robot …"
-(Biomimetics 2025, 10, 383): three parallel axes, offset wrist, **no spherical wrist**. A bur square to the flange
-mills a femur-like piece in a vice.
-
-| number | source |
-|---|---|
-| d 96, 0, 0, 114, 98, 89 mm; a 0, 418, 398, 0, 0, 0 mm | Table 5 (the text runs index and value together: row "1960" is i = 1, d = 96, a = 0); 418, 398, 114, 98, 89 stand in the text as well |
-| twists −90, 0, 0, −90, −90, 0 degrees with a > 0 | signs are lost in the text; equal signs as printed are the choice that raises the arm and points the tool down at all five poses of Table 1 |
-| joint stiffness | Table 3 |
-| joint ranges and velocities | typical of the class, our assumption |
-
-Where the paper contradicts itself: the displacements of its Tables 2 and 4 (0.2 to 1 mm under 10 to 35 N) are some
-thirty times what the stiffness of Table 3 gives (about 1000 N/mm, as its Tables 7 and 8 measure); the workspace radius
-of 650 mm is less than 418 + 398; the dexterity of Table 1 follows from no choice of signs we tried.
-""" + ASSUMED
 
 # --- writing -----------------------------------------------------------------------------------------------
 
@@ -626,13 +703,23 @@ def write_urdf(folder: Path, arm: Arm, name: str) -> None:
         lines += [
             f'  <link name="{link}">',
             f'    <inertial><origin xyz="{com[0]:.4f} {com[1]:.4f} {com[2]:.4f}" rpy="0 0 0"/><mass value="{mass:g}"/>',
-            "      <inertia " + " ".join(f'{k}="{inertia[a, b]:.5g}"' for k, a, b in
-                                         (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2)))
+            "      <inertia "
+            + " ".join(
+                f'{k}="{inertia[a, b]:.5g}"'
+                for k, a, b in (
+                    ("ixx", 0, 0),
+                    ("ixy", 0, 1),
+                    ("ixz", 0, 2),
+                    ("iyy", 1, 1),
+                    ("iyz", 1, 2),
+                    ("izz", 2, 2),
+                )
+            )
             + "/></inertial>",
             f"    <visual>{geometry}</visual>",
             f"    <collision>{geometry}</collision>",
             "  </link>",
-        ]  # fmt: skip
+        ]
     lines += ['  <link name="flange"/>']
     for i, j in enumerate(arm.joints):
         low, high, speed = (f"{np.radians(v):.10f}" for v in (*j.limits_deg, j.velocity_deg_s))
@@ -646,9 +733,12 @@ def write_urdf(folder: Path, arm: Arm, name: str) -> None:
         ]
     lines += [
         '  <joint name="flange_fixed" type="fixed">',
-        f'    <parent link="link_6"/><child link="flange"/><origin xyz="{" ".join(f"{v:g}" for v in arm.flange_xyz)}" rpy="{" ".join(arm.flange_rpy)}"/>',
-        "  </joint>", "</robot>", "",
-    ]  # fmt: skip
+        '    <parent link="link_6"/><child link="flange"/>',
+        f'    <origin xyz="{" ".join(f"{v:g}" for v in arm.flange_xyz)}" rpy="{" ".join(arm.flange_rpy)}"/>',
+        "  </joint>",
+        "</robot>",
+        "",
+    ]
     (folder / "robot.urdf").write_text("\n".join(lines), encoding="utf-8")
 
 
@@ -660,8 +750,11 @@ def write_cell(cell: CellFiles) -> None:
         (folder / "meshes" / f"{name}.stl").write_bytes(trimesh.exchange.stl.export_stl(mesh))
     write_urdf(folder, cell.arm, cell.folder)
     speed = np.array([j.velocity_deg_s for j in cell.arm.joints])
-    rows = {"velocity_deg_s": speed, "acceleration_deg_s2": speed / ACCELERATION_TIME,
-            "jerk_deg_s3": speed / ACCELERATION_TIME / JERK_TIME}  # fmt: skip
+    rows = {
+        "velocity_deg_s": speed,
+        "acceleration_deg_s2": speed / ACCELERATION_TIME,
+        "jerk_deg_s3": speed / ACCELERATION_TIME / JERK_TIME,
+    }
     limits = "\n".join(f"    {k}: [{', '.join(f'{v:.4g}' for v in row)}]" for k, row in rows.items())
     tool_head, _, tool_rest = cell.tool.partition("  cutter:")
     obstacles = "\n".join(f"  - {o}" for o in cell.obstacles)
@@ -694,8 +787,9 @@ stiffness: stiffness.yaml
     (folder / "cell.yaml").write_text(text, encoding="utf-8")
     *source, values = cell.stiffness
     head = "".join(f"# {line}\n" for line in source)
-    (folder / "stiffness.yaml").write_text(f"{head}machopt_stiffness: 1\njoints_Nm_per_rad: {values}\n", encoding="utf-8")
-    (folder / "README.md").write_text(cell.readme, encoding="utf-8")
+    (folder / "stiffness.yaml").write_text(
+        f"{head}machopt_stiffness: 1\njoints_Nm_per_rad: {values}\n", encoding="utf-8"
+    )
     for name, content in cell.extra.items():
         (folder / name).write_text(content, encoding="utf-8")
 

@@ -40,16 +40,6 @@ def test_imports_point_one_way() -> None:
     assert "0 broken" in out
 
 
-def test_the_verifier_shares_nothing_with_the_planner() -> None:
-    grimp = pytest.importorskip("grimp")
-    graph = grimp.build_graph("machopt", cache_dir=None)
-    if "machopt.verify" not in graph.modules:
-        pytest.skip("machopt.verify is not written yet")
-    for shared in ("machopt.plan", "machopt.model"):
-        chains = graph.find_shortest_chains("machopt.verify", shared)
-        assert not chains, f"verify reaches {shared}: {chains}"
-
-
 def test_top_level_is_the_agreed_one() -> None:
     found = {p.name for p in ROOT.iterdir() if not p.name.startswith(".") and not p.name.endswith(".egg-info")}
     assert found - MADE <= TOP_LEVEL

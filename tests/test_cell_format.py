@@ -500,3 +500,8 @@ def test_alias_bomb_is_stopped() -> None:
     levels = "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 9))
     with pytest.raises(InputError, match="too many values"):
         parse_yaml("a0: &a0 [1, 2]\n" + levels, "bomb.yaml")
+
+
+def test_deep_nesting_is_stopped() -> None:
+    with pytest.raises(InputError, match=r"deep\.yaml: is nested too deeply"):
+        parse_yaml("[" * 5000, "deep.yaml")

@@ -105,7 +105,12 @@ def write_panel() -> None:
     ]
 
     def goto(tip: Vector, axis: Vector) -> str:
-        return "GOTO  /" + ",".join(f"{fixed(v, 5):>12}" for v in tip) + ",$\n" + ",".join(f"{fixed(v, 6):>10}" for v in axis)
+        return (
+            "GOTO  /"
+            + ",".join(f"{fixed(v, 5):>12}" for v in tip)
+            + ",$\n"
+            + ",".join(f"{fixed(v, 6):>10}" for v in axis)
+        )
 
     row = 0
     for r, hole, axis in panel_holes():
@@ -187,9 +192,17 @@ def write_contour(points: int = 2400) -> None:
     table.add((end[0][0], end[0][1], 60.0), up, "rapid", None, label)
     table.write("contour_5axis.csv", "the points of contour_5axis.nc; cell kr500_milling")
 
-    lines = ["%", "O2400 (SEALING GROOVE, CYLINDER HEAD)", "(MADE BY TOOLPATHS/MAKE_TOOLPATHS.PY)",
-             "(G43.5: X Y Z IS THE TOOL TIP, I J K THE TOOL AXIS FROM TIP TO SHANK)",
-             "G21 G17 G40 G90 G94", "T3 M6 (BALL END MILL D8)", "G54", "S9000 M3", "M8"]  # fmt: skip
+    lines = [
+        "%",
+        "O2400 (SEALING GROOVE, CYLINDER HEAD)",
+        "(MADE BY TOOLPATHS/MAKE_TOOLPATHS.PY)",
+        "(G43.5: X Y Z IS THE TOOL TIP, I J K THE TOOL AXIS FROM TIP TO SHANK)",
+        "G21 G17 G40 G90 G94",
+        "T3 M6 (BALL END MILL D8)",
+        "G54",
+        "S9000 M3",
+        "M8",
+    ]
     feed: float | None = None
     for n, row in enumerate(table.rows):
         xyz = " ".join(f"{w}{fixed(v, 4)}" for w, v in zip("XYZ", row.tip, strict=True))
@@ -250,8 +263,21 @@ def write_head_face() -> None:
     over, near, high = 246.0, 5.0, 50.0
     passes = [-88.0 + 11.0 * k for k in range(17)]
     for n, y in enumerate(passes):
-        out += ["PAINT/COLOR,186", "RAPID", goto(-over, y, high, axis=n == 0), "PAINT/COLOR,211", "RAPID", goto(-over, y, near)]
-        out += ["PAINT/COLOR,42", "FEDRAT/MMPM,600.0000", goto(-over, y, 0.0), "PAINT/COLOR,31", "FEDRAT/MMPM,1200.0000"]
+        out += [
+            "PAINT/COLOR,186",
+            "RAPID",
+            goto(-over, y, high, axis=n == 0),
+            "PAINT/COLOR,211",
+            "RAPID",
+            goto(-over, y, near),
+        ]
+        out += [
+            "PAINT/COLOR,42",
+            "FEDRAT/MMPM,600.0000",
+            goto(-over, y, 0.0),
+            "PAINT/COLOR,31",
+            "FEDRAT/MMPM,1200.0000",
+        ]
         out += [goto(over, y, 0.0), "PAINT/COLOR,37", "FEDRAT/MMPM,2000.0000", goto(over, y, near)]
         out += ["PAINT/COLOR,186", "RAPID", goto(over, y, high)]
     out += ["PAINT/SPEED,10", "PAINT/TOOL,NOMORE", "END-OF-PATH"]
@@ -281,12 +307,22 @@ def write_head_face() -> None:
 
     a, b, c = RIM_X, RIM_Y, CORNER
     out += [circle(0.0, -b + lead, lead), goto(0.0, -b, z), "PAINT/COLOR,31", "FEDRAT/MMPM,900.0000"]
-    corners = [((a - c, -b), (a - c, -b + c), (a, -b + c)), ((a, b - c), (a - c, b - c), (a - c, b)),
-               ((-a + c, b), (-a + c, b - c), (-a, b - c)), ((-a, -b + c), (-a + c, -b + c), (-a + c, -b))]  # fmt: skip
+    corners = [
+        ((a - c, -b), (a - c, -b + c), (a, -b + c)),
+        ((a, b - c), (a - c, b - c), (a - c, b)),
+        ((-a + c, b), (-a + c, b - c), (-a, b - c)),
+        ((-a, -b + c), (-a + c, -b + c), (-a + c, -b)),
+    ]
     for start, centre, end in corners:
         out += [goto(*start, z), circle(*centre, c), goto(*end, z)]
     out += [goto(0.0, -b, z), "PAINT/COLOR,37", "FEDRAT/MMPM,2000.0000", circle(0.0, -b + lead, lead)]
-    out += [goto(lead, -b + lead, z), goto(lead, -b + lead, near), "PAINT/COLOR,186", "RAPID", goto(lead, -b + lead, high)]
+    out += [
+        goto(lead, -b + lead, z),
+        goto(lead, -b + lead, near),
+        "PAINT/COLOR,186",
+        "RAPID",
+        goto(lead, -b + lead, high),
+    ]
     out += ["PAINT/SPEED,10", "PAINT/TOOL,NOMORE", "END-OF-PATH"]
     write("cylinder_head_face.cls", out)
 
@@ -311,14 +347,15 @@ def write_plate() -> None:
 
 
 def write_castings() -> None:
-    """s420f_handling: the gripper calls at nine castings. No cutting, so every move is approach or link."""
+    """s420f_handling: the gripper calls at nine castings; the guarded last 28 mm count as the process (cut)."""
     table = Table()
     for k in range(9):
         row, place = divmod(k, 3)
         x, y = 300.0 * (row - 1), 300.0 * (place if row % 2 == 0 else 2 - place) - 300.0
         name = f"casting {k + 1}"
         table.add((x, y, 150.0), (0.0, 0.0, 1.0), "link", 15000.0, name)
-        table.add((x, y, 2.0), (0.0, 0.0, 1.0), "approach", 6000.0, name)
+        table.add((x, y, 30.0), (0.0, 0.0, 1.0), "approach", 6000.0, name)
+        table.add((x, y, 2.0), (0.0, 0.0, 1.0), "cut", 600.0, name)
         table.add((x, y, 150.0), (0.0, 0.0, 1.0), "retract", 6000.0, name)
     table.write("castings.csv", "nine castings on a pallet; cell s420f_handling")
 

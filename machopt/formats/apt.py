@@ -25,31 +25,6 @@ from machopt.formats.source import MM_PER_INCH, ReadOptions, Source
 _OPERATION_COMMENT = re.compile(r"\s*(?:OPERATION(?: NAME)?|OPNAME)\s*[:=]\s*(.+)", re.IGNORECASE)
 _ROW = 4  # numbers in one line of a CATIA matrix
 
-
-class Dialect(enum.Enum):
-    """CAM system that wrote the file; the value is the format's name."""
-
-    NX = "apt/nx"
-    CATIA = "apt/catia"
-    CAMWORKS = "apt/camworks"
-    CLT = "apt/camworks-clt"
-    GENERIC = "apt"
-
-
-def sniff_dialect(source: Source) -> Dialect:
-    """Which CAM system's words the first lines hold."""
-    head = "\n".join(source.lines[:400]).upper()
-    if "TOOL PATH/" in head or "TLDATA/" in head or "MSYS/" in head:
-        return Dialect.NX
-    if "*CATIA" in head or "CATIA APT" in head or "TLON,GOFWD" in head:
-        return Dialect.CATIA
-    if "OPFEATSTART/" in head or "ROTABL/" in head:
-        return Dialect.CLT
-    if "CSI_SET_" in head or ("CSYS/" in head and "TRNTYP/" in head):
-        return Dialect.CAMWORKS
-    return Dialect.GENERIC
-
-
 def read_apt(source: Source, options: ReadOptions) -> Toolpath:
     """Read a cutter location file.
 
@@ -58,28 +33,8 @@ def read_apt(source: Source, options: ReadOptions) -> Toolpath:
     """
     return _Reader(source, options).run()
 
-
-class _Reader:
-    def __init__(self, source: Source, options: ReadOptions) -> None:
-        self.source = source
-        self.dialect = sniff_dialect(source)
-        self.out = PathBuilder(source, options, self.dialect.value)
-        self.scale = _unit_scale(source, options, self.out)
-        self.curves = Curves(self.dialect is Dialect.NX, options.arc_tolerance * 1e3)
-        self.position: Vector | None = None  # mm, in the present system
-        self.axis: Vector = (0.0, 0.0, 1.0)
-        self.rapid = False  # holds for the next motion only
-        self.feed, self.per_revolution = math.nan, False
-        self.rpm = math.nan
-        self.cycle: HoleCycle | None = None
-        self.last_cycle: HoleCycle | None = None
-        self.first_frame: Frame | None = None
-        self.transfer: Transfer | None = None
-        self.catia_rows: list[list[float]] | None = None
-        self.tool, self.tool_text, self.count = "", "", 0
-        self.rotations: dict[str, float] = {}
-        self.cut_rotation: dict[str, float] | None = None
-        self.ended = False
+class _Reader(MotionReader):
+    """Carries out the statements one by one."""
 
     def run(self) -> Toolpath:
         handlers = {
@@ -128,148 +83,6 @@ class _Reader:
             self.out.meta["frame"] = str(self.first_frame)
         self.out.meta["dialect"] = self.dialect.value
         return self.out.build()
-
-    # ---- motion
-
-    def goto(self, rest: str, line: int) -> None:
-        try:
-            values = [float(v) for v in rest.split(",")]
-        except ValueError:
-            values = _numbers(rest)
-        count = len(values)
-        if count not in (3, 6):
-            raise ValueError(f"{count} numbers; expected x, y, z or x, y, z, i, j, k")
-        if not math.isfinite(sum(values)):
-            raise ValueError("a number is not finite")
-        s = self.scale
-        to: Vector = (values[0] * s, values[1] * s, values[2] * s)
-        axis = self.axis if count == 3 else (values[3], values[4], values[5])
-        if self.curves.spline_open:
-            self.end_spline(line)
-        if self.cycle is not None:
-            if axis != self.axis:
-                self.position = None  # sideways at one height has no meaning when the axis turns
-            self.axis = axis
-            self.drill(to, line)
-            return
-        if self.curves.pending is not None:
-            if self.position is None:
-                raise ValueError("an arc ends here but its start is not known; expected a GOTO before CIRCLE")
-            curve = self.curves.arc_to(np.array(self.position), np.array(to), self.out)
-            self.add_curve(curve, axis, line)
-            self.position = to
-            return
-        self.move_to(to, axis, line)
-
-    def move_to(self, to: Vector, axis: Vector, line: int, *, rapid: bool = False) -> None:
-        self.position, self.axis = to, axis
-        if self.transfer is not None:
-            to, axis = self.transfer.point(to), self.transfer.direction(axis)
-        if self.rapid or rapid:
-            self.rapid = False
-            self.out.add(to, axis, Move.RAPID, math.nan, line)
-        else:
-            self.out.add(to, axis, Move.CUT, self.feed_mm_min(), line)
-            self.check_rotation(line)
-
-    def add_curve(self, points: Array, axis: Vector, line: int) -> None:
-        before = self.axis
-        self.axis = axis
-        if self.transfer is not None:
-            points = self.transfer.points(points)
-            before, axis = self.transfer.direction(before), self.transfer.direction(axis)
-        if self.rapid:
-            self.rapid = False
-            self.out.add_arc(points, axis, Move.RAPID, math.nan, line, axis_before=before)
-        else:
-            self.out.add_arc(points, axis, Move.CUT, self.feed_mm_min(), line, axis_before=before)
-            self.check_rotation(line)
-
-    def drill(self, hole: Vector, line: int) -> None:
-        assert self.cycle is not None
-        self.rapid = False
-        axis, before = self.axis, self.position
-        if self.transfer is not None:
-            turned = self.transfer.direction(axis)
-            start = None if before is None else self.transfer.point(before)
-            drill(self.out, self.cycle, self.transfer.point(hole), turned, line, start)
-        else:
-            drill(self.out, self.cycle, hole, axis, line, before)
-        top = self.cycle.retract if not self.cycle.feed_out else max(self.cycle.retract, self.cycle.clear)
-        n = np.array(axis) / max(float(np.linalg.norm(axis)), 1e-12)
-        x, y, z = (np.array(hole) + top * n).tolist()
-        self.position = (x, y, z)
-        self.check_rotation(line)
-
-    def feed_mm_min(self) -> float:
-        return self.feed * self.rpm if self.per_revolution else self.feed
-
-    def go_from(self, word: str, rest: str, line: int) -> None:
-        values, after = leading_numbers(fields(rest))
-        if len(values) not in (3, 6) or after:
-            raise ValueError("expected x, y, z or x, y, z, i, j, k")
-        axis = self.axis if len(values) == 3 else (values[3], values[4], values[5])
-        s = self.scale
-        self.move_to((values[0] * s, values[1] * s, values[2] * s), axis, line, rapid=True)
-
-    def go_home(self, word: str, rest: str, line: int) -> None:
-        if len(leading_numbers(fields(rest))[0]) >= 3:
-            self.go_from(word, rest, line)
-        else:
-            self.out.ignore("GOHOME without coordinates", line, understood=True)
-
-    def go_delta(self, word: str, rest: str, line: int) -> None:
-        values = [v * self.scale for v in _numbers(rest)]
-        if self.position is None or len(values) not in (1, 3):
-            raise ValueError("expected dx, dy, dz or a distance along the tool axis, after a first GOTO")
-        step = np.array(values) if len(values) == 3 else values[0] * np.array(self.axis)
-        x, y, z = (np.array(self.position) + step).tolist()
-        self.move_to((x, y, z), self.axis, line)
-
-    def rapid_next(self, word: str, rest: str, line: int) -> None:
-        self.rapid = True
-
-    # ---- curves
-
-    def circle(self, word: str, rest: str, line: int) -> None:
-        if self.cycle is not None and word != "INDIRV":
-            raise ValueError("stands inside a drilling cycle; expected CYCLE/OFF before it")
-        if word == "INDIRV":
-            self.curves.tangent = _numbers(rest)
-        else:
-            self.curves.begin(word, fields(rest), line, self.scale)
-
-    def drive(self, word: str, rest: str, line: int) -> None:
-        if self.position is None:
-            raise ValueError("an arc starts here but no point is known; expected a GOTO before it")
-        points = self.curves.drive(rest, np.array(self.position), self.scale, line, self.out)
-        self.add_curve(points, self.axis, line)
-        self.position = tuple(points[-1].tolist())
-
-    def spline(self, word: str, rest: str, line: int) -> None:
-        if word == "NURBS":
-            if self.curves.spline_open:
-                self.end_spline(line)
-            self.curves.spline_open = True
-        elif not self.curves.spline_open:
-            raise ValueError("stands outside of a NURBS")
-        elif word == "KNOT":
-            self.curves.knots.extend(_numbers(rest))
-        else:
-            values = _numbers(rest)
-            if len(values) != 3:
-                raise ValueError(f"{len(values)} numbers; expected x, y, z")
-            self.curves.control.append([v * self.scale for v in values])
-
-    def end_spline(self, line: int) -> None:
-        if self.position is None:
-            raise self.source.error("a NURBS without a point before it; expected a GOTO first", line)
-        try:
-            points = self.curves.spline(np.array(self.position))
-        except ValueError as problem:
-            raise self.source.error(f"NURBS that ends before this line: {problem}", line) from problem
-        self.add_curve(points, self.axis, line - 1)
-        self.position = tuple(points[-1].tolist())
 
     # ---- feeds and cycles
 
@@ -326,14 +139,14 @@ class _Reader:
     # ---- coordinate systems
 
     def msys(self, word: str, rest: str, line: int) -> None:
-        v = _numbers(rest)
+        v = numbers(rest)
         if len(v) != 9:
             raise ValueError(f"{len(v)} numbers; expected origin, x axis and y axis (9)")
         x, y = np.array(v[3:6]), np.array(v[6:9])
         self.use_frame(Frame(np.column_stack([x, y, np.cross(x, y)]), np.array(v[:3]) * self.scale), line)
 
     def csys(self, word: str, rest: str, line: int) -> None:
-        v = _numbers(rest)
+        v = numbers(rest)
         if len(v) != 12:
             raise ValueError(f"{len(v)} numbers; expected three rows of four (12)")
         m = np.array(v).reshape(3, 4)
@@ -345,22 +158,9 @@ class _Reader:
             self.out.begin_operation(f"{self.count} {self.tool_text}".strip(), tool=self.tool)
         self.use_frame(Frame(m[:, :3], m[:, 3] * self.scale), line)
 
-    def use_frame(self, frame: Frame, line: int) -> None:
-        if self.first_frame is None or (not len(self.out) and self.transfer is None):
-            self.first_frame = frame
-            return
-        before = self.transfer
-        self.transfer = None if frame.same_as(self.first_frame) else Transfer.between(self.first_frame, frame)
-        if self.transfer is not None:
-            self.out.warn_once(
-                "the coordinate system changes: points from here on are brought into the first one", line
-            )
-        if self.transfer is not before:
-            self.position = None
-
     def comment(self, rest: str, line: int) -> None:
         if self.catia_rows is not None:
-            values = _numbers_or_none(rest)
+            values = numbers_or_none(rest)
             if values is not None and len(values) == _ROW:
                 self.catia_rows.append(values)
                 if len(self.catia_rows) == 3:
@@ -388,26 +188,8 @@ class _Reader:
         self.rotations[name] = round(self.rotations.get(name, 0.0) + angle, 6)
         self.out.ignore("ROTABL", line, understood=True)
 
-    def check_rotation(self, line: int) -> None:
-        """CLT: coordinates are those of the turned table; one position only can be ``workpiece``."""
-        if not self.rotations and self.cut_rotation is None:
-            return
-        now = {k: v for k, v in self.rotations.items() if v != 0.0}
-        if self.cut_rotation is None:
-            self.cut_rotation = now
-            if now:
-                angles = ", ".join(f"{k} {math.degrees(v):g}°" for k, v in sorted(now.items()))
-                self.out.warn(f"coordinates are taken as those of the part with the table at {angles}", line)
-                self.out.meta["table"] = angles
-        elif now != self.cut_rotation:
-            raise self.source.error(
-                "the table stands differently than for the cuts before; expected one table position in a file: "
-                "export one file for each",
-                line,
-            )
-
     def tool_axis(self, word: str, rest: str, line: int) -> None:
-        values = _numbers(rest)
+        values = numbers(rest)
         if len(values) != 3:
             raise ValueError(f"{len(values)} numbers; expected i, j, k")
         if self.dialect is Dialect.CLT:
@@ -477,7 +259,7 @@ class _Reader:
 
     def other(self, word: str, rest: str, line: int) -> None:
         if word in REFUSED:
-            if word in ("TRANS", "ORIGIN") and not any(_numbers_or_none(rest) or [1.0]):
+            if word in ("TRANS", "ORIGIN") and not any(numbers_or_none(rest) or [1.0]):
                 self.out.ignore(word, line, understood=True)
                 return
             raise self.source.error(f"{word}/ is not supported: {REFUSED[word]}", line)
@@ -494,55 +276,3 @@ class _Reader:
         if self.curves.spline_open and word != "PAINT":
             self.end_spline(line)
         self.out.ignore(word, line, understood=word in NO_EFFECT)
-
-
-def _numbers(rest: str) -> list[float]:
-    values, after = leading_numbers(fields(rest))
-    if after:
-        raise ValueError(f"found {after[0] or 'an empty place'!r}; expected a number")
-    return values
-
-
-def _numbers_or_none(rest: str) -> list[float] | None:
-    try:
-        return _numbers(rest)
-    except ValueError:
-        return None
-
-
-def _unit_scale(source: Source, options: ReadOptions, out: PathBuilder) -> float:
-    """mm per unit of the file, from its UNITS word or its feed words, else from the option."""
-    named: dict[str, int] = {}
-    feeds: dict[str, int] = {}
-    for line, raw in enumerate(source.lines, 1):
-        text = raw.upper()
-        if "UNIT" in text and (found := re.match(r"\s*(?:\$\$\s*)?UNITS?\s*[/:]\s*([A-Z]+)", text)):
-            word = found.group(1)
-            if word in ("MM", "CM", "M", "INCH", "INCHES", "IN", "FT", "FEET", "METRIC", "ENGLISH"):
-                if word in ("CM", "M", "FT", "FEET"):
-                    raise source.error(f"unit {word} is not supported; expected MM or INCHES", line)
-                named.setdefault("mm" if word in ("MM", "METRIC") else "inch", line)
-        if "MMP" in text and ("MMPM" in text or "MMPR" in text):
-            feeds.setdefault("mm", line)
-        if "IPM" in text or "IPR" in text:
-            words = fields(text.partition("/")[2])
-            if "IPM" in words or "IPR" in words:
-                feeds.setdefault("inch", line)
-    for where in (named, feeds):
-        if len(where) == 2:
-            raise source.error(
-                f"units mm (line {where['mm']}) and inch (line {where['inch']}) are mixed; expected one of them"
-            )
-    unit = next(iter(named), None) or next(iter(feeds), None)
-    if unit is None and "*CATIA" in "\n".join(source.lines[:200]):
-        unit = "mm"  # CATIA writes aptsource in mm whatever the session shows
-    out.meta["unit_from"] = "UNITS" if named else "feed words" if feeds else "option"
-    if unit is None:
-        if options.unit is None:
-            raise source.error("says nowhere whether it is in mm or inch; give it with --unit mm or --unit inch")
-        unit = options.unit
-    elif options.unit is not None and options.unit != unit:
-        line = (named or feeds).get(unit)
-        raise source.error(f"the file is in {unit} but --unit {options.unit} was given", line)
-    out.meta["unit"] = unit
-    return 1.0 if unit == "mm" else MM_PER_INCH

@@ -100,3 +100,23 @@ def groups(rest: str) -> list[tuple[str, list[float]]]:
     for word, inside in re.findall(r"\(\s*([A-Z]+)\s*/([^()]*)\)", rest.upper()):
         found.append((word, leading_numbers([p for p in _SEPARATOR.split(inside.strip()) if p])[0]))
     return found
+
+
+def numbers(rest: str) -> list[float]:
+    """All arguments as numbers.
+
+    Raises:
+        ValueError: one of them is not a number.
+    """
+    values, after = leading_numbers(fields(rest))
+    if after:
+        raise ValueError(f"found {after[0] or 'an empty place'!r}; expected a number")
+    return values
+
+
+def numbers_or_none(rest: str) -> list[float] | None:
+    """All arguments as numbers, None where one is not."""
+    try:
+        return numbers(rest)
+    except ValueError:
+        return None

@@ -67,9 +67,7 @@ def arc(
     u = u0 / r0
     v = np.cross(n, u)
     sweep = math.atan2(float(u1 @ v), float(u1 @ u)) % math.tau
-    if float(np.linalg.norm(u1 - u0)) <= closed_within and (sweep < 0.1 or sweep > math.tau - 0.1):
-        sweep = math.tau
-    elif sweep < FULL_CIRCLE:
+    if (float(np.linalg.norm(u1 - u0)) <= closed_within and (sweep < 0.1 or sweep > math.tau - 0.1)) or sweep < FULL_CIRCLE:
         sweep = math.tau
     sweep += math.tau * (max(turns, 1) - 1)
     count = chord_count(max(r0, r1), sweep, tolerance)
@@ -88,7 +86,8 @@ def arc(
 
 def chord_count(radius: float, sweep: float, tolerance: float) -> int:
     """Fewest equal chords whose sagitta r(1 − cos(Δθ/2)) stays below the tolerance."""
-    widest = 2.0 * math.acos(max(1.0 - tolerance / radius, -1.0)) if tolerance < 2.0 * radius else math.pi
+    # arccos(1 − x) = 2 arcsin √(x/2), exact for small x too
+    widest = 4.0 * math.asin(math.sqrt(min(tolerance / (2.0 * radius), 1.0)))
     widest = min(widest, math.pi / 4.0)  # a tiny circle still needs the shape of one
     count = math.ceil(sweep / widest - 1e-9)
     if count > MAX_CHORDS:

@@ -13,9 +13,10 @@ _PLAIN = re.compile(r"(?:\s*[A-Z]\s*[+-]?\s*(?:\d+\.?\d*|\.\d+))+\s*")
 _PAREN = re.compile(r"\([^()]*\)")
 _SLOW = re.compile(
     r"""\s*(?:
-      (?P<name>[A-Z][A-Z0-9_]*)\s*=\s*(?P<mode>AC|IC|DC|ACP|ACN)\s*\(\s*(?P<moded>[+-]?[\d.]+)\s*\)
+      (?P<switch>[MH]\d+)\s*\([^()]*\)
+    | (?P<name>[A-Z][A-Z0-9_]*)\s*=\s*(?P<mode>AC|IC|DC|ACP|ACN)\s*\(\s*(?P<moded>[+-]?[\d.]+)\s*\)
     | (?P<named>[A-Z][A-Z0-9_]*)\s*=\s*(?P<value>[+-]?(?:\d+\.?\d*|\.\d+))(?![\w*/+\-(.])
-    | (?P<letter>[A-Z])\s*(?P<number>[+-]?\s*(?:\d+\.?\d*|\.\d+))(?![A-Z_]*[=(\[])
+    | (?P<letter>[A-Z])\s*(?P<number>[+-]?\s*(?:\d+\.?\d*|\.\d+))(?![\d.]|[A-Z_]*[=(\[])
     | (?P<call>[A-Z_][A-Z0-9_]{2,})\s*(?P<args>\([^()]*\))?
     )""",
     re.VERBOSE,
@@ -75,7 +76,9 @@ class BlockReader:
         if "#" in text or "[" in text:
             text = self.parameters.evaluate(text)
         if _PLAIN.fullmatch(text):
-            return Block(line, [(a, float(n.replace(" ", ""))) for a, n in _WORD.findall(text)], integers=_integers(text))
+            return Block(
+                line, [(a, float(n.replace(" ", ""))) for a, n in _WORD.findall(text)], integers=_integers(text)
+            )
         return self._slow(line, text)
 
     def _slow(self, line: int, text: str) -> Block:
@@ -89,7 +92,9 @@ class BlockReader:
                 break
             at = found.end()
             g = found.groupdict()
-            if g["mode"]:
+            if g["switch"]:
+                block.words.append((g["switch"][0], float(g["switch"][1:])))
+            elif g["mode"]:
                 try:
                     value = float(g["moded"])
                 except ValueError:

@@ -54,8 +54,7 @@ def siemens_cycle(name: str, text: str, scale: float, feed: float) -> HoleCycle:
         CycleError: an argument is not a number, or depth or planes are missing.
     """
     values: list[float | None] = []
-    for part in text.split(","):
-        part = part.strip()
+    for part in map(str.strip, text.split(",")):
         try:
             values.append(float(part) if part else None)
         except ValueError:

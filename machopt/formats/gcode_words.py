@@ -11,8 +11,8 @@ OFFSETS = {540, 550, 560, 570, 580, 590, *range(541, 542), 591, 592, 593, *range
 
 # Known, and without effect on the points.
 NO_EFFECT = {
-    80, 90, 150, 400, 430, 440, 490, 500, 501, 610, 611, 640, 620, 630, 650, 670, 690, 980, 990, 800, 1870, 51, 50, 490,
-    970, 960, 131, 231, 450, 451, 80, 430, 1491, 2470, 90, 600, 601, 602, 6410, 6420,
+    51, 80, 81, 90, 131, 150, 231, 400, 430, 440, 450, 451, 490, 500, 501, 600, 601, 602, 610, 611, 620, 630, 640,
+    670, 690, 960, 970, 980, 990, 1491, 1870, 2470, 6410, 6420,
 }  # fmt: skip
 
 # Axis words of these blocks go to the machine's own frame.
@@ -56,9 +56,9 @@ REFUSED_CALLS = {
     ),
 }  # fmt: skip
 IGNORED_CALLS = {
-    "MSG", "ORIWKS", "ORIMKS", "ORIVECT", "ORIAXES", "ORIMACHAX", "FFWON", "FFWOF", "SOFT", "BRISK", "COMPOF", "COMPCAD",
-    "COMPON", "COMPCURV", "CYCLE832", "STOPRE", "SUPA", "TRAORI", "TRAFOOF", "TRAOOF", "FGROUP", "CFTCP", "CFC", "CFIN",
-    "FNORM", "DIAMOF", "UPATH", "SPATH", "NORM", "WORKPIECE", "FIFOCTRL", "TOFFOFF", "G0", "DISPLOF", "SAVE", "MCALL",
+    "MSG", "ORIWKS", "ORIMKS", "ORIVECT", "ORIAXES", "ORIMACHAX", "FFWON", "FFWOF", "SOFT", "BRISK", "COMPOF",
+    "COMPCAD", "COMPON", "COMPCURV", "CYCLE832", "STOPRE", "SUPA", "TRAORI", "TRAFOOF", "TRAOOF", "FGROUP", "CFTCP", "CFC",
+    "CFIN", "FNORM", "DIAMOF", "UPATH", "SPATH", "NORM", "WORKPIECE", "FIFOCTRL", "TOFFOFF", "DISPLOF", "SAVE", "MCALL",
 }  # fmt: skip
 NO_EFFECT_M = {*range(10, 20), *range(40, 46), 19, 20, 21, 22, 23, 48, 49, 60, 61, 88, 89}
 PROGRAM_END = {2, 30, 99}

@@ -36,7 +36,7 @@ class PathBuilder:
     _numbers: array[float] = field(default_factory=lambda: array("d"))  # x y z i j k feed of each point
     _codes: array[int] = field(default_factory=lambda: array("i"))  # move operation line from_cycle
     _operations: list[Operation] = field(default_factory=list)
-    _pending: Operation = Operation("main", "trajectory")
+    _pending: Operation = field(default_factory=lambda: Operation("main", "trajectory"))
     _open: bool = False
     _events: list[Event] = field(default_factory=list)
     _ignored: dict[tuple[str, bool], list[int]] = field(default_factory=dict)
@@ -47,9 +47,7 @@ class PathBuilder:
     def __len__(self) -> int:
         return len(self._codes) // 4
 
-    def add(
-        self, p: Vector, axis: Vector, move: int, feed: float, line: int, *, cycle: bool = False
-    ) -> None:
+    def add(self, p: Vector, axis: Vector, move: int, feed: float, line: int, *, cycle: bool = False) -> None:
         """Append one programmed point (mm, mm/min; feed NaN for rapid moves)."""
         if not self._open:
             self._operations.append(self._pending)
@@ -110,9 +108,7 @@ class PathBuilder:
         entry = self._ignored.get(key)
         if entry is None:
             if self.options.strict and not understood:
-                raise self.source.error(
-                    f"word {word!r} is not understood and strict reading was asked for", line
-                )
+                raise self.source.error(f"word {word!r} is not understood and strict reading was asked for", line)
             self._ignored[key] = [1, line]
         else:
             entry[0] += 1
@@ -172,8 +168,7 @@ class PathBuilder:
         axis = axis / length[:, None]
         self._check_arcs(p)
         ignored = tuple(
-            IgnoredWord(word, count, first, understood)
-            for (word, understood), (count, first) in self._ignored.items()
+            IgnoredWord(word, count, first, understood) for (word, understood), (count, first) in self._ignored.items()
         )
         strange = sum(w.count for w in ignored if not w.understood)
         if strange:

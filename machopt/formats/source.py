@@ -27,12 +27,8 @@ class ReadOptions:
         if self.unit is not None and self.unit not in UNIT_NAMES:
             raise InputError(f"unknown unit {self.unit!r}: known are {', '.join(UNIT_NAMES)}", where="--unit")
         if not (math.isfinite(self.arc_tolerance) and self.arc_tolerance > 0.0):
-            raise InputError(
-                f"the arc tolerance must be positive, found {self.arc_tolerance}", where="arc_tolerance"
-            )
-        if self.default_feed is not None and not (
-            math.isfinite(self.default_feed) and self.default_feed > 0.0
-        ):
+            raise InputError(f"the arc tolerance must be positive, found {self.arc_tolerance}", where="arc_tolerance")
+        if self.default_feed is not None and not (math.isfinite(self.default_feed) and self.default_feed > 0.0):
             raise InputError(f"the feed must be positive, found {self.default_feed}", where="default_feed")
 
 

@@ -88,6 +88,8 @@ def parse_yaml(text: str, file: Path | str) -> Document:
     yaml.version = (1, 2)
     try:
         node = yaml.compose(text)
+    except RecursionError:
+        raise InputError("is nested too deeply", file=file) from None
     except YAMLError as err:
         mark = getattr(err, "problem_mark", None)
         where = f"line {mark.line + 1}, column {mark.column + 1}" if mark else None

@@ -64,7 +64,7 @@ def has_parallel_shoulder(robot: Robot, tol: float = PARALLEL_RAD) -> bool:
 
 
 def is_three_parallel(robot: Robot, tol_rad: float = PARALLEL_RAD, tol_m: float = MEETING_M) -> bool:
-    """Whether the arm is of the UR family: 2∥3∥4, axes 5 and 6 meet, 1 and 5 are not parallel to 2, 2–3 and 3–4 apart."""
+    """Whether the arm is of the UR family: 2∥3∥4 on separate lines, axes 5 and 6 meet, 1 and 5 not parallel to 2."""
     parallel = are_parallel(robot, 1, 2, tol_rad) and are_parallel(robot, 1, 3, tol_rad)
     return (
         parallel

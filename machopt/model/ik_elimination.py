@@ -1,11 +1,11 @@
 """All real inverse kinematics of a general 6R arm by dialytic elimination, batched and without symbolic algebra.
 
 Let E_i be the rotation about line i and G = T_base_flange · T_zero⁻¹ = E₁…E₆. For k ∈ {1, 2, 3} the line of joint
-d = k+3 is not moved by E_d, so with its direction l and point p
+d = k+3 is not moved by E_d, so with its direction w and point p
 
-    E_k E_{k+1} E_{k+2} (p, l) = E_{k−1}⁻¹ … E₁⁻¹ · G · E₆⁻¹ … E_{d+1}⁻¹ (p, l)        (two joints on the right)
+    E_k E_{k+1} E_{k+2} (p, w) = E_{k−1}⁻¹ … E₁⁻¹ · G · E₆⁻¹ … E_{d+1}⁻¹ (p, w)        (two joints on the right)
 
-Seen from a point of axis k the fourteen numbers p, l, p·p, p·l, p×l, l(p·p) − 2p(p·l) of both sides are
+Seen from a point of axis k the fourteen numbers p, w, p·p, p·w, p×w, w(p·p) − 2p(p·w) of both sides are
 multilinear in (1, cos qᵢ, sin qᵢ), so their coefficients follow exactly from three samples of each angle. The
 eight right-hand monomials are eliminated by the left null space, six equations in three angles remain; in
 half-angle tangents, and multiplied by 1 and x_u, they are (A₀ + A₁x_e + A₂x_e²) m = 0 with twelve monomials
@@ -31,6 +31,7 @@ Array = NDArray[np.float64]
 SAMPLES = np.array([0.0, 2.0, 4.0]) * np.pi / 3.0  # three angles fix a first-order trigonometric polynomial
 TO_COEFFICIENTS = np.linalg.inv(np.stack([np.ones(3), np.cos(SAMPLES), np.sin(SAMPLES)], axis=1))
 NEARLY_REAL = 0.03  # |Im x|/(1 + |x|²): double roots split by √rounding; Newton decides what is real
+RANK = 1e-9  # of the largest singular value; two-parallel and meeting axes make some monomials dependent
 CHUNK = 2048  # poses worked on at once: 24×24 matrices of these fit the cache of a small machine
 
 
@@ -69,16 +70,14 @@ class Elimination:
         axis, point = step * robot.axis[::step], robot.point[::step] / length
         k = choice.k - 1
         grid = np.stack(np.meshgrid(SAMPLES, SAMPLES, SAMPLES, indexing="ij"), axis=-1)
-        p, l = np.broadcast_to(point[k + 3], (3, 3, 3, 3)), np.broadcast_to(axis[k + 3], (3, 3, 3, 3))
+        p, w = np.broadcast_to(point[k + 3], (3, 3, 3, 3)), np.broadcast_to(axis[k + 3], (3, 3, 3, 3))
         for j in (2, 1, 0):
-            p, l = _rotate(axis[k + j], point[k + j], grid[..., j], p, l)
+            p, w = _rotate(axis[k + j], point[k + j], grid[..., j], p, w)
         c = TO_COEFFICIENTS
-        left = np.einsum("xyzn,ax,by,cz->nabc", _fourteen(p - point[k], l), c, c, c, optimize=True)
+        left = np.einsum("xyzn,ax,by,cz->nabc", _fourteen(p - point[k], w), c, c, c, optimize=True)
         order = (choice.e, choice.u, choice.v)
         W = [_half_angle(choice.phase[j]) for j in order]
-        half = np.einsum(
-            "nabc,ai,bj,ck->nijk", left.transpose(0, *(1 + j for j in order)), *W, optimize=True
-        )
+        half = np.einsum("nabc,ai,bj,ck->nijk", left.transpose(0, *(1 + j for j in order)), *W, optimize=True)
         one = np.einsum("i,j,k->ijk", W[0][0], W[1][0], W[2][0])
         return cls(choice, axis, point, length, inverse(robot.T_base_flange_zero), left, half, one)
 
@@ -112,7 +111,7 @@ class Elimination:
             q_left[:, j] = self.choice.phase[j] + x
         basis = [np.stack([np.ones(len(value)), np.cos(q_left[:, j]), np.sin(q_left[:, j])]) for j in range(3)]
         state = np.einsum("nabc,am,bm,cm->mn", self.left, *basis, optimize=True) - right[pose, :, 0]
-        weight = np.where(S > 1e-9 * S[:, :1], 1.0 / np.where(S > 0, S, 1.0), 0.0)
+        weight = np.where(S[:, :1] * RANK < S, 1.0 / np.where(S > 0, S, 1.0), 0.0)
         y = np.einsum("mji,mj->mi", Vt[pose], weight[pose] * np.einsum("mni,mn->mi", U[pose, :, :8], state))
         y = np.concatenate([np.ones((len(y), 1)), y], axis=1).reshape(-1, 3, 3)
         return self._assemble(G[pose], q_left, y), pose + first
@@ -120,16 +119,18 @@ class Elimination:
     def _right(self, G: Array) -> Array:
         """Coefficients (M, 14, 9) of the right side in the monomials of the two right joints, 1 first."""
         k = self.choice.k - 1
-        p, l = np.broadcast_to(self.point[k + 3], (3, 3, 3)), np.broadcast_to(self.axis[k + 3], (3, 3, 3))
+        p, w = np.broadcast_to(self.point[k + 3], (3, 3, 3)), np.broadcast_to(self.axis[k + 3], (3, 3, 3))
         angle = dict(zip(self._right_joints(), np.meshgrid(SAMPLES, SAMPLES, indexing="ij"), strict=True))
         for j in range(k + 4, 6):
-            p, l = _rotate(self.axis[j], self.point[j], -angle[j], p, l)
+            p, w = _rotate(self.axis[j], self.point[j], -angle[j], p, w)
         p = np.einsum("mij,abj->mabi", G[:, :3, :3], p) + G[:, None, None, :3, 3]
-        l = np.einsum("mij,abj->mabi", G[:, :3, :3], l)
+        w = np.einsum("mij,abj->mabi", G[:, :3, :3], w)
         for j in range(k):
-            p, l = _rotate(self.axis[j], self.point[j], -angle[j], p, l)
-        S = _fourteen(p - self.point[k], l)
-        return np.einsum("mxyn,ax,by->mnab", S, TO_COEFFICIENTS, TO_COEFFICIENTS, optimize=True).reshape(len(G), 14, 9)
+            p, w = _rotate(self.axis[j], self.point[j], -angle[j], p, w)
+        S = _fourteen(p - self.point[k], w)
+        c = TO_COEFFICIENTS
+        right: Array = np.einsum("mxyn,ax,by->mnab", S, c, c, optimize=True)
+        return right.reshape(len(G), 14, 9)
 
     def _right_joints(self) -> tuple[int, int]:
         k = self.choice.k - 1
@@ -157,11 +158,11 @@ class Elimination:
 def _eigen(P: Array) -> tuple[Array, Array, NDArray[np.int64]]:
     """Nearly real eigenvalues x_e (K,), their monomials (K, 4, 3) and poses (K,) from six equations (M, 6, 3, 3, 3)."""
     M = len(P)
-    A = np.zeros((3, M, 2, 6, 4, 3))
+    rows = np.zeros((3, M, 2, 6, 4, 3))
     for a in range(3):
-        A[a, :, 0, :, 0:3] = P[:, :, a]
-        A[a, :, 1, :, 1:4] = P[:, :, a]
-    A = A.reshape(3, M, 12, 12)
+        rows[a, :, 0, :, 0:3] = P[:, :, a]
+        rows[a, :, 1, :, 1:4] = P[:, :, a]  # the same times x_u
+    A = rows.reshape(3, M, 12, 12)
     usable = np.isfinite(np.linalg.slogdet(A[2])[1])  # else solve would refuse the whole batch
     companion = np.zeros((M, 24, 24))
     companion[:, :12, 12:] = np.eye(12)
@@ -193,16 +194,16 @@ def _tangents(value: Array, m: Array) -> tuple[Array, Array, Array]:
     return 2 * np.arctan(value), 2 * np.arctan(xu), 2 * np.arctan(xv)
 
 
-def _fourteen(p: Array, l: Array) -> Array:
-    """p, l, p·p, p·l, p×l, l(p·p) − 2p(p·l): (..., 14) from a point and a direction (..., 3)."""
-    pp, pl = np.sum(p * p, axis=-1, keepdims=True), np.sum(p * l, axis=-1, keepdims=True)
-    return np.concatenate([p, l, pp, pl, np.cross(p, l), l * pp - 2.0 * p * pl], axis=-1)
+def _fourteen(p: Array, w: Array) -> Array:
+    """p, w, p·p, p·w, p×w, w(p·p) − 2p(p·w): (..., 14) from a point and a direction (..., 3)."""
+    pp, pl = np.sum(p * p, axis=-1, keepdims=True), np.sum(p * w, axis=-1, keepdims=True)
+    return np.concatenate([p, w, pp, pl, np.cross(p, w), w * pp - 2.0 * p * pl], axis=-1)
 
 
-def _rotate(axis: Array, point: Array, angle: Array, p: Array, l: Array) -> tuple[Array, Array]:
-    """Turn points p and directions l (..., 3) about a line."""
+def _rotate(axis: Array, point: Array, angle: Array, p: Array, w: Array) -> tuple[Array, Array]:
+    """Turn points p and directions w (..., 3) about a line."""
     R = axis_rotation(axis, angle)
-    return np.einsum("...ij,...j->...i", R, p - point) + point, np.einsum("...ij,...j->...i", R, l)
+    return np.einsum("...ij,...j->...i", R, p - point) + point, np.einsum("...ij,...j->...i", R, w)
 
 
 def _half_angle(phase: float) -> Array:

@@ -47,7 +47,7 @@ class GeneralSolver:
     branch_stable: bool  # the same index is the same assembly mode at every pose
     recall: float  # share of the trial configurations found again while building; 1 for the closed form
     closed: ThreeParallel | None = field(repr=False, default=None)
-    eliminations: tuple[Elimination, ...] = field(repr=False, default=())  # best first; the others are for doubtful poses
+    eliminations: tuple[Elimination, ...] = field(repr=False, default=())  # best first, spares for doubtful poses
 
     @classmethod
     def for_robot(cls, robot: Robot) -> GeneralSolver:
@@ -116,22 +116,16 @@ class GeneralSolver:
         return q
 
     def _solve_general(self, T: Array) -> Array:
-        out = np.empty((0, self.branches, 6))
-        pending = np.arange(len(T))
-        for n, elimination in enumerate(self.eliminations):
-            found = self._real_solutions(elimination, T[pending])
-            if n == 0:
-                out = found
-            else:
-                both = np.concatenate([out[pending], found], axis=1).reshape(-1, 6)
-                pose = np.repeat(np.arange(len(pending)), 2 * self.branches)
-                error = np.where(np.isfinite(both[:, 0]), 0.0, np.inf)
-                out[pending] = unique(both, pose, error, len(pending), self.branches, SAME)
+        out = np.full((len(T), self.branches, 6), np.nan)
+        pending = np.flatnonzero(np.isfinite(T).all(axis=(1, 2)))
+        for elimination in self.eliminations:
+            both = np.concatenate([out[pending], self._real_solutions(elimination, T[pending])], axis=1)
+            pose = np.repeat(np.arange(len(pending)), 2 * self.branches)
+            error = np.where(np.isfinite(both[..., 0]), 0.0, np.inf).ravel()
+            out[pending] = unique(both.reshape(-1, 6), pose, error, len(pending), self.branches, SAME)
             # complex roots come in pairs, so an odd number of real ones means that one was lost
             count = np.isfinite(out[pending, :, 0]).sum(axis=1)
             pending = pending[count % 2 == 1]
-            if len(pending) == 0:
-                break
         return out
 
     def _real_solutions(self, elimination: Elimination, T: Array) -> Array:
@@ -146,7 +140,7 @@ class GeneralSolver:
 
 
 def solve_general(robot: Robot, T_base_flange: Array) -> Array:
-    """All branches (M, B, 6) of M poses; builds the solver anew, so keep a :class:`GeneralSolver` where it is used twice."""
+    """All branches (M, B, 6) of M poses; builds the solver anew, so keep a :class:`GeneralSolver` for more."""
     return GeneralSolver.for_robot(robot).solve(T_base_flange)
 
 

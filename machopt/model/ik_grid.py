@@ -31,9 +31,10 @@ def fill_grid(robot: Robot, T: Array, solve: Callable[[Array], Array], branches:
     rows, columns = _coarse(N, POINT_STRIDE), _coarse(R, ROTATION_STRIDE)
     nodes = (rows[:, None] * R + columns).ravel()
     q[nodes] = solve(flat[nodes])
-    _fill_lines(robot, flat, q, (rows[:, None] * R + columns[:-1]).ravel(), np.tile(np.diff(columns), len(rows)), 1, solve)
-    every = np.arange(R)
-    _fill_lines(robot, flat, q, (rows[:-1, None] * R + every).ravel(), np.repeat(np.diff(rows), R), R, solve)
+    start, steps = (rows[:, None] * R + columns[:-1]).ravel(), np.tile(np.diff(columns), len(rows))
+    _fill_lines(robot, flat, q, start, steps, 1, solve)
+    start, steps = (rows[:-1, None] * R + np.arange(R)).ravel(), np.repeat(np.diff(rows), R)
+    _fill_lines(robot, flat, q, start, steps, R, solve)
     return q.reshape(N, R, branches, 6)
 
 
@@ -86,7 +87,7 @@ def _bijective(arrived: Array, line: Index, ends: Array) -> NDArray[np.bool_]:
     per_arrival = hit.sum(axis=1) == 1
     per_end = np.zeros(ends.shape[:2], np.int64)
     np.add.at(per_end, line, hit)
-    ok = (per_end == np.isfinite(ends[..., 0])).all(axis=1)
+    ok: NDArray[np.bool_] = (per_end == np.isfinite(ends[..., 0])).all(axis=1)
     ok[line[~per_arrival]] = False
     return ok
 

@@ -88,7 +88,7 @@ def _error(T: Array, goal: Array, e: Array) -> float:
     scale = 0.5 if s < 1e-8 else 0.5 * angle / s
     for k in range(3):
         e[3 + k] = scale * v[k]
-    return max(np.sqrt(e[0] ** 2 + e[1] ** 2 + e[2] ** 2), angle)
+    return max(float(np.sqrt(e[0] ** 2 + e[1] ** 2 + e[2] ** 2)), float(angle))
 
 
 @compiled

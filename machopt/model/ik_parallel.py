@@ -130,19 +130,20 @@ def _two_roots(c: Array, s: Array, d: Array | float) -> Array:
 
 
 def _turn(axis: Array, u: Array, v: Array, *, inverse_sense: bool) -> Array:
-    """The angle that turns u about ``axis`` onto v (or v onto u with ``inverse_sense``), components along it ignored."""
-    angle = np.arctan2(np.cross(u, v) @ axis, np.sum(u * v, axis=-1) - (u @ axis) * (v @ axis))
+    """The angle about ``axis`` from u to v (from v to u with ``inverse_sense``), components along it ignored."""
+    angle: Array = np.arctan2(np.cross(u, v) @ axis, np.sum(u * v, axis=-1) - (u @ axis) * (v @ axis))
     return -angle if inverse_sense else angle
 
 
 def _turn_of(axis: Array, R: Array) -> Array:
     """Angle of rotations R (..., 3, 3) known to be about ``axis``."""
     vee = np.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], axis=-1)
-    return np.arctan2(vee @ axis, np.trace(R, axis1=-2, axis2=-1) - 1.0)
+    angle: Array = np.arctan2(vee @ axis, np.trace(R, axis1=-2, axis2=-1) - 1.0)
+    return angle
 
 
 def _reach(axis: Array, centre: Array, moved: Array, fixed: Array, x: Array) -> Array:
-    """Both roots q (..., 2) of |centre + Rot(axis, q)(moved − centre) − fixed| = |x − fixed| in the plane normal to axis."""
+    """Both roots q (..., 2) of |centre + Rot(axis, q)(moved − centre) − fixed| = |x − fixed|, seen along axis."""
     a, b, t = _flat(axis, moved - centre), _flat(axis, centre - fixed), _flat(axis, x - fixed)
     d = 0.5 * (np.sum(t * t, axis=-1) - a @ a - b @ b)
     c = np.full(d.shape, b @ a)

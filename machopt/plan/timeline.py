@@ -26,6 +26,7 @@ from machopt.plan.retime import Dip, RunFailure, RunInput, retime_run
 
 Array = NDArray[np.float64]
 LIFTS = (0.02, 0.05, 0.1, 0.2, 0.4)  # m along the tool axis, tried in this order around obstacles
+BEND = np.radians(0.1)  # rotation that a straight move between two toolpath points may miss before a point is added
 GAP_LIFT = 0.05  # m, where the path is interrupted
 
 
@@ -39,6 +40,9 @@ class Leg:
     move: NDArray[np.int8]  # (S,)
     operation: NDArray[np.int32]  # (S,)
     gamma: Array  # (S,) rad, NaN in rapid moves
+    waypoints: Array  # (W, 6) rad, targets in order, without the start
+    waypoint_index: Array  # (W,) fractional toolpath index
+    waypoint_feed: Array  # (W,) m/s of the straight move that ends there, NaN in rapid moves
 
 
 @dataclass(frozen=True)
@@ -132,7 +136,9 @@ class _Builder:
             self.detours.append(f"{_name(index_a)} → {_name(index_b)}: {move.kind}, {len(move.waypoints) - 2} way points")
         operation = self.toolpath.operation[round(index_b)] if np.isfinite(index_b) else -1
         self.legs.append(Leg("rapid", move.q, np.linspace(index_a, index_b, n) if n > 1 else np.array([index_b]),
-                             np.full(n, Move.RAPID, np.int8), np.full(n, operation, np.int32), np.full(n, np.nan)))  # fmt: skip
+                             np.full(n, Move.RAPID, np.int8), np.full(n, operation, np.int32), np.full(n, np.nan),
+                             move.waypoints[1:], np.full(len(move.waypoints) - 1, index_b),
+                             np.full(len(move.waypoints) - 1, np.nan)))  # fmt: skip
 
     def _detours(self, row_a: int, row_b: int) -> Iterator[Array]:
         """Way points that lift the tool off at either end, or both."""
@@ -168,7 +174,8 @@ class _Builder:
             return
         n = len(done.q)
         self.legs.append(Leg("lift", done.q, np.full(n, self.path.index[row]), np.full(n, move, np.int8),
-                             np.full(n, self._operation(rows[:1])[0], np.int32), np.full(n, np.nan)))  # fmt: skip
+                             np.full(n, self._operation(rows[:1])[0], np.int32), np.full(n, np.nan), b[None],
+                             self.path.index[rows[:1]], np.array([self.options.approach_feed])))  # fmt: skip
 
     def _run(self, first: int, last: int) -> None:
         rows = np.arange(first, last + 1, dtype=np.int32)
@@ -184,11 +191,14 @@ class _Builder:
         move = self.path.move[rows][segment]
         below = np.clip(np.floor(local + 1e-9).astype(int), 0, len(rows) - 1)
         gamma = done.phi + self.path.offset[rows][below]
+        told = _needed(self.plan.chosen.assignment.phi[rows], self.path.is_point[rows])
+        told[0] = False  # the move starts there
         cutting = move == Move.CUT
         self.cut_time += float(cutting.sum()) * self.options.sample
         self.held_time += float((cutting & done.held).sum()) * self.options.sample
         self.legs.append(Leg("run", done.q, np.interp(local, np.arange(len(rows)), index), move,
-                             self._operation(rows[segment]), gamma))  # fmt: skip
+                             self._operation(rows[segment]), gamma,
+                             self.q[rows][told], index[told], feed[told]))  # fmt: skip
         self.dips += [dip.at(np.interp([dip.first, dip.last], np.arange(len(rows)), index)) for dip in done.dips]
 
     def _retime(self, position: Array, rows: NDArray[np.int32], q: Array, feed: Array, move: NDArray[np.int8]):  # type: ignore[no-untyped-def]
@@ -218,6 +228,14 @@ class _Builder:
             time=np.arange(len(q)) * self.options.sample, q=q, external=np.empty((len(q), 0)), point=join("index"),
             move=join("move").astype(np.int8), operation=join("operation").astype(np.int32), gamma=join("gamma"), feed=speed,
         )  # fmt: skip
+
+
+def _needed(phi: Array, is_point: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(n,) planning points a program needs: toolpath points, and those where the rotation leaves the straight line."""
+    keep = is_point.copy()
+    keep[[0, -1]] = True
+    at = np.flatnonzero(keep)
+    return keep | (np.abs(phi - np.interp(np.arange(len(phi)), at, phi[at])) > BEND)
 
 
 def _name(index: float) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.domain.cell import Cell, Shape
+from machopt.domain.cell import Cell, Cutter, Shape
 from machopt.verify.arm import Arm
 
 Array = NDArray[np.float64]
@@ -188,11 +188,13 @@ def _stops(rows: Array, fast: Bools) -> NDArray[np.int64]:
 def _gap(a: Body, b: Body, T: Array) -> Array:
     """(K,) m, a bound below the distance: spheres around one against the box around the other."""
     if a.radius < b.radius:
-        a, b, T = b, a, np.linalg.inv(T)
+        a, b, T = b, a, np.asarray(np.linalg.inv(T), float)
     balls = b.balls @ b.place[:3, :3].T + b.place[:3, 3]
     seen = np.einsum("nij,kj->nki", T[:, :3, :3], balls) + T[:, None, :3, 3]
     local = (seen - a.place[:3, 3]) @ a.place[:3, :3] - a.middle
-    return np.linalg.norm(np.maximum(np.abs(local) - a.half, 0.0), axis=2).min(axis=1) - b.radius
+    away = np.linalg.norm(np.maximum(np.abs(local) - a.half, 0.0), axis=2).min(axis=1)
+    bound: Array = away - b.radius
+    return bound
 
 
 def _pairs(cell: Cell, arm: Arm, bodies: list[Body]) -> list[tuple[Body, Body]]:
@@ -241,20 +243,19 @@ def _bodies(cell: Cell, arm: Arm) -> list[Body]:
     out += [_body(s.name, "workpiece", -1, part, s.T_parent_shape, _shape(s)) for s in cell.workpiece.geometry]
     out += [_body(s.name, "obstacle", -1, -1, s.T_parent_shape, _shape(s)) for s in cell.obstacles]
     if cell.tool.cutter is not None:
-        out.append(_cutter(cell, flange))
+        out.append(_cutter(cell.tool.cutter, cell.tool.T_flange_tcp, flange))
     return out
 
 
-def _cutter(cell: Cell, flange: int) -> Body:
+def _cutter(cutter: Cutter, T_flange_tcp: Array, flange: int) -> Body:
     """From the TCP back along −z, drawn in: what it may touch while cutting it may graze when a rapid starts."""
     import coal
 
-    assert cell.tool.cutter is not None
-    radius = max(cell.tool.cutter.diameter / 2 - DRAWN_IN, cell.tool.cutter.diameter / 4)
-    length = max(cell.tool.cutter.length - DRAWN_IN, cell.tool.cutter.length / 2)
+    radius = max(cutter.diameter / 2 - DRAWN_IN, cutter.diameter / 4)
+    length = max(cutter.length - DRAWN_IN, cutter.length / 2)
     back = np.eye(4)
-    back[2, 3] = length / 2 - cell.tool.cutter.length
-    return _body("cutter", "cutter", 7, flange, cell.tool.T_flange_tcp @ back, coal.Cylinder(radius, length))
+    back[2, 3] = length / 2 - cutter.length
+    return _body("cutter", "cutter", 7, flange, T_flange_tcp @ back, coal.Cylinder(radius, length))
 
 
 def _shape(shape: Shape) -> Any:

@@ -88,7 +88,7 @@ def verify_output(cell: Cell, toolpath: Toolpath, out: Path, *, options: PlanOpt
     return Verification(tuple(checks), len(motion.time), float(motion.time[-1] - motion.time[0]))
 
 
-def _at(motion: Motion, n: int) -> str:
+def _at(motion: Motion, n: int | np.int64) -> str:
     point = f", point {motion.point[n]:.3f}" if np.isfinite(motion.point[n]) else ""
     return f"sample {n}, {motion.time[n]:.3f} s{point}"
 
@@ -160,18 +160,12 @@ def _visited(motion: Motion, toolpath: Toolpath, points: Points, allow_gaps: boo
             missed.append(int(k))
     text = f"{len(missed)} of {int(wanted.sum())} missed, first point {missed[0]}" if missed else "all visited"
     back = np.diff(s)
-    n = int(np.argmin(back)) if len(back) else 0
-    least = float(-back[n]) if len(back) else 0.0
+    n = int(np.argmin(back)) if len(back) else -1
+    least = float(-back[n]) if n >= 0 else 0.0
+    where = _at(motion, rows[n]) if n >= 0 else ""
     return [
         Check("cutting points visited", not missed, float(len(missed)), 0.0, "points", text),
-        Check(
-            "in order",
-            least <= 1e-6,
-            max(least, 0.0),
-            1e-6,
-            "points back",
-            _at(motion, int(rows[n])) if len(rows) else "",
-        ),
+        Check("in order", least <= 1e-6, max(0.0, least), 1e-6, "points back", where),
     ]
 
 
@@ -185,8 +179,12 @@ def _limits(motion: Motion, cell: Cell) -> list[Check]:
     out = [Check("joint positions", bool(beyond[n, j] <= 1e-8), float(np.degrees(beyond[n, j])), 0.0,
                  "deg beyond the limit", where)]  # fmt: skip
     x = np.vstack([np.repeat(q[:1], 3, axis=0), q, np.repeat(q[-1:], 3, axis=0)])
-    for name, limit, most in (("velocity", limits.velocity, VELOCITY),
-                              ("acceleration", limits.acceleration, ACCELERATION), ("jerk", limits.jerk, JERK)):  # fmt: skip
+    orders = (
+        ("velocity", limits.velocity, VELOCITY),
+        ("acceleration", limits.acceleration, ACCELERATION),
+        ("jerk", limits.jerk, JERK),
+    )
+    for name, limit, most in orders:
         x = np.diff(x, axis=0) / cycle
         ratio = np.abs(x) / limit
         n, j = np.unravel_index(np.argmax(ratio), ratio.shape)

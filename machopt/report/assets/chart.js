@@ -71,7 +71,7 @@ function xAxis(F, spec, x0, x1) {
 
 function yAxis(F, label, y0, y1, grid, given) {
   const Y = v => F.M.t + F.h - (v - y0) / (y1 - y0 || 1) * F.h;
-  const t = given || ticks(y0, y1, Math.max(2, F.h / 42));
+  const t = given || ticks(y0, y1, Math.max(3, F.h / 40));
   for (const v of t.at) {
     if (grid) el("line", { x1: F.M.l, x2: F.M.l + F.w, y1: Y(v), y2: Y(v), class: "grid" }, F.svg);
     el("text", { x: F.M.l - 6, y: Y(v) + 4, class: "tick", "text-anchor": "end" }, F.svg, t.text(v));
@@ -168,6 +168,11 @@ function lineChart(host, spec) {
       el("path", { d, class: "line", stroke: s.color, "stroke-width": s.width || 1.6, "stroke-dasharray": s.dash || "none" }, g);
     });
     el("rect", { x: F.M.l, y: F.M.t, width: F.w, height: F.h, class: "box" }, F.svg);
+    for (const m of spec.marks || []) {
+      if (m.x < x0 || m.x > x1) continue;
+      const p = el("path", { d: `M${X(m.x)} ${F.M.t + 11}l-5 -10h10z`, class: "mark" }, F.svg);
+      el("title", {}, p, m.label);
+    }
     const cursor = el("line", { y1: F.M.t, y2: F.M.t + F.h, class: "cursor" }, F.svg);
     interact(F, [x0, x1], full, spec.group, (evt, v) => {
       const k = nearest(spec.x, v);
@@ -180,7 +185,7 @@ function lineChart(host, spec) {
     }, () => { cursor.style.display = "none"; });
     host.replaceChildren();
     if (spec.title) { const h = document.createElement("div"); h.className = "chart-title"; h.textContent = spec.title; host.appendChild(h); }
-    if (spec.series.length > 1 || spec.legend) host.appendChild(legend(spec, c));
+    if (spec.series.length > 1 && spec.legend !== false) host.appendChild(legend(spec, c));
     host.appendChild(F.svg);
   };
   register(spec.group, c);

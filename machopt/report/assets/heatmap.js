@@ -50,7 +50,7 @@ function heatMap(host, spec) {
         let rgb;
         if (value !== null && (s === 0 || s === 7)) {
           const i = 3 * Math.round(255 * Math.min(1, Math.max(0, goodness(value))));
-          rgb = s === 7 && x % 12 < 2 && y % 12 < 2 ? WHITE : [lut[i], lut[i + 1], lut[i + 2]];
+          rgb = s === 7 && x % 18 < 2 && (y + 9 * (Math.floor(x / 18) % 2)) % 18 < 2 ? WHITE : [lut[i], lut[i + 1], lut[i + 2]];
         } else rgb = (PATTERN[s] || PATTERN[7])(x, y);
         px[at] = rgb[0]; px[at + 1] = rgb[1]; px[at + 2] = rgb[2]; px[at + 3] = 255;
       }
@@ -115,8 +115,7 @@ function heatMap(host, spec) {
     const scale = document.createElement("div");
     scale.className = "scale"; scale.append(left, bar, right);
     box.appendChild(scale);
-    const dotted = spec.present.includes(7);
-    for (const s of spec.present) if (s !== 0) box.appendChild(swatch(s === 7 ? "collision not checked" : spec.names[s], (x, y) => s === 7 ? (x % 12 < 2 && y % 12 < 2 ? WHITE : [38, 130, 142]) : PATTERN[s](x, y)));
+    for (const s of spec.present) if (s !== 0) box.appendChild(swatch(s === 7 ? "collision not checked" : spec.names[s], (x, y) => s === 7 ? (x % 14 < 3 && y % 14 < 3 ? WHITE : [38, 130, 142]) : PATTERN[s](x, y)));
     for (const l of spec.lines) {
       const item = document.createElement("span"), k = el("svg", { viewBox: "0 0 34 10", width: 34, height: 10 });
       el("line", { x1: 1, x2: 33, y1: 5, y2: 5, stroke: l.casing, "stroke-width": l.width + 2.2 }, k);

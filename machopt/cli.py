@@ -1,0 +1,256 @@
+"""The command ``machopt``: parse, call, print. Heavy imports are late so that ``--help`` answers at once."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import machopt
+from machopt.errors import InputError, MachoptError, VerificationError
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit code of contracts: 0 done, 1 bug, 2 bad input, 3 infeasible, 4 verification."""
+    args = _parser().parse_args(argv)
+    try:
+        return int(args.run(args))
+    except MachoptError as error:
+        if args.debug:
+            raise
+        print(f"machopt: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("machopt: stopped; nothing was written", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        return 0
+    except Exception as error:  # noqa: BLE001 — the last line of defence: a bug is one message, not a traceback
+        if args.debug:
+            raise
+        print(f"machopt: internal error, please report it: {type(error).__name__}: {error} (--debug shows where)", file=sys.stderr)
+        return 1
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="machopt", description=machopt.__doc__.splitlines()[0] if machopt.__doc__ else None)
+    parser.add_argument("--version", action="version", version=f"machopt {machopt.__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    common = argparse.ArgumentParser(add_help=False)
+    common.add_argument("--quiet", action="store_true", help="print errors only")
+    common.add_argument("--json", action="store_true", help="print the result as one JSON object")
+    common.add_argument("--debug", action="store_true", help="show tracebacks")
+    reading = argparse.ArgumentParser(add_help=False)
+    reading.add_argument("--unit", choices=("mm", "inch"), help="length unit of a file that does not say")
+    reading.add_argument("--machine", help="kinematics behind rotary axes in G-code, e.g. table-ac, head-bc")
+    reading.add_argument("--strict", action="store_true", help="refuse words that are not understood")
+    planning = argparse.ArgumentParser(add_help=False)
+    planning.add_argument("--plan", type=Path, metavar="FILE", help="planning options as YAML")
+    planning.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a planning option")
+    planning.add_argument("--allow-external", action="store_true", help="let the cell use files outside its folder")
+
+    job = commands.add_parser("optimize", parents=[common, reading, planning], help="the main job: the stiffest smooth trajectory for a toolpath")
+    job.add_argument("cell", type=Path, help="cell folder or its cell.yaml")
+    job.add_argument("toolpath", type=Path, help="CAM export or point table")
+    job.add_argument("-o", "--out", type=Path, required=True, help="output folder")
+    job.add_argument("--method", choices=("global", "jiao2022", "default"))
+    job.add_argument("--index", choices=("auto", "deflection", "stiffness", "jiao2022"))
+    job.add_argument("--allow-gaps", action="store_true", default=None, help="plan the rest where points are unreachable")
+    job.add_argument("--sample-ms", type=float, help="time between exported samples (12)")
+    job.add_argument("--seed", type=int, help="of the random search around obstacles")
+    job.add_argument("--jobs", type=int, default=1, metavar="N", help="accepted for scripts; one plan runs in one process")
+    job.set_defaults(run=_optimize)
+
+    look = commands.add_parser("inspect", parents=[common, reading], help="what a CAM file holds: points, operations, feeds, words not understood")
+    look.add_argument("file", type=Path)
+    look.set_defaults(run=_inspect)
+
+    check = commands.add_parser("verify", parents=[common, reading, planning], help="re-check an exported trajectory with independent code")
+    check.add_argument("cell", type=Path)
+    check.add_argument("toolpath", type=Path)
+    check.add_argument("out", type=Path, help="output folder of optimize")
+    check.set_defaults(run=_verify)
+    return parser
+
+
+def _optimize(args: argparse.Namespace) -> int:
+    from machopt.job.run import Request, optimize
+
+    direct = {"method": args.method, "index": args.index, "allow_gaps": args.allow_gaps, "sample_ms": args.sample_ms, "seed": args.seed}
+    request = Request(
+        cell=args.cell, toolpath=args.toolpath, out=args.out, plan_file=args.plan, overrides=tuple(args.set), direct=direct,
+        unit=args.unit, machine=args.machine, strict=args.strict, allow_external=args.allow_external,
+    )  # fmt: skip
+    with _Display(show=not (args.quiet or args.json)) as display:
+        outcome = optimize(request, display.stage)
+    if args.json:
+        print(json.dumps(_finite(outcome.result), ensure_ascii=False))
+    elif not args.quiet:
+        for line in _summary(outcome.result, outcome.report):
+            print(line)
+    if outcome.exit_code == 3:  # noqa: PLR2004 — the contract's code
+        print(f"machopt: no feasible answer; {_first_reason(outcome.result)} ({outcome.report} lists every point)", file=sys.stderr)
+    elif outcome.exit_code == VerificationError.exit_code:
+        print(f"machopt: verification failed: {_failed(outcome.result)}", file=sys.stderr)
+    return outcome.exit_code
+
+
+def _inspect(args: argparse.Namespace) -> int:
+    from machopt.formats.inspect import summarise
+    from machopt.formats.toolpath import read_toolpath
+
+    summary = summarise(read_toolpath(args.file, unit=args.unit, machine=args.machine, strict=args.strict))
+    if args.json:
+        print(json.dumps(_finite(summary), ensure_ascii=False))
+    elif not args.quiet:
+        print("\n".join(_tree(summary)))
+    return 0
+
+
+def _verify(args: argparse.Namespace) -> int:
+    from machopt.formats.cell import load_cell
+    from machopt.formats.options import load_options
+    from machopt.formats.toolpath import read_toolpath
+    from machopt.verify import verify_output
+
+    if not args.out.is_dir():
+        raise InputError("is not a folder; give the output folder of optimize", file=args.out)
+    cell = load_cell(args.cell, allow_external=args.allow_external)
+    options = load_options(cell.plan, args.plan, list(args.set))
+    toolpath = read_toolpath(args.toolpath, unit=args.unit, machine=args.machine, strict=args.strict)
+    found = verify_output(cell, toolpath, args.out, options=options)
+    if args.json:
+        checks = [{"name": c.name, "passed": c.passed, "value": c.value, "limit": c.limit, "unit": c.unit, "where": c.where}
+                  for c in found.checks]  # fmt: skip
+        print(json.dumps(_finite({"passed": found.ok, "samples": found.samples, "duration_s": found.duration, "checks": checks})))
+    elif not args.quiet:
+        for c in found.checks:
+            print(f"{'ok  ' if c.passed else 'FAIL'} {c.name}: {c.value:.4g} {c.unit} (limit {c.limit:.4g}){'' if c.passed else ' at ' + c.where}")
+    if not found.ok:
+        raise VerificationError("verification failed: " + "; ".join(f"{c.name} at {c.where}" for c in found.failed))
+    return 0
+
+
+class _Display:
+    """The stage at work, on a terminal as a live line, elsewhere one line a stage."""
+
+    _WORDS = {
+        "load": "reading cell and toolpath", "prepare": "building kinematics and collision model", "candidates": "every branch, turn and rotation",
+        "score": "stiffness of every candidate", "baselines": "CAM default and jiao2022", "choose": "best sequence for the whole path",
+        "smooth": "smooth rotation", "check": "collisions", "compare": "comparing methods", "points": "stiffness and clearance per point",
+        "retime": "feed, acceleration and jerk", "export": "trajectory, tables and program", "verify": "verifying with independent code",
+        "report": "report",
+    }  # fmt: skip
+
+    def __init__(self, *, show: bool) -> None:
+        self._status: Any = None
+        self._last = ""
+        self._show = show
+
+    def __enter__(self) -> _Display:
+        if self._show and sys.stderr.isatty():
+            from rich.console import Console
+
+            self._status = Console(stderr=True).status("starting")
+            self._status.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._status is not None:
+            self._status.stop()
+
+    def stage(self, name: str) -> None:
+        words = self._WORDS.get(name, name)
+        if self._status is not None:
+            self._status.update(words)
+        elif self._show and words != self._last:
+            print(f"… {words}", file=sys.stderr, flush=True)
+        self._last = words
+
+
+def _summary(result: dict[str, Any], report: Path) -> list[str]:
+    """What a process engineer wants to read first."""
+    path, objective = result["toolpath"], result["objective"]
+    lines = [
+        f"{result['verdict']}: {path['cutting_points']} cutting points of {path['points']}, {len(path['operations'])} operations, {path['format']}",
+    ]
+    for name in ("cam_default", "jiao2022", "chosen"):
+        o = objective[name]
+        if o["total"] == float("inf"):
+            lines.append(f"  {name:12} not feasible throughout ({100 * o['feasible_share']:.0f} % of the points)")
+        else:
+            lines.append(f"  {name:12} objective {o['total']:.3f}   mean index {o['mean']:.3f}   worst {o['worst']:.3f} (1 = median candidate)")
+    worst = result["worst_point"]
+    if worst:
+        bend = "" if worst["deflection_mm"] != worst["deflection_mm"] else f", deflection {worst['deflection_mm']:.3f} mm"
+        lines.append(f"  worst point {worst['point']}: {worst['k_axial_N_mm']:.0f} N/mm along the tool, {worst['k_normal_N_mm']:.0f} N/mm across{bend}")
+    if result["cycle_time_s"] is not None:
+        dips = len(result["feed_dips"])
+        lines.append(f"  {result['cycle_time_s']:.1f} s cycle, programmed feed held for {100 * result['feed_held_share']:.1f} % of the cutting time"
+                     + (f", {dips} dips" if dips else ""))  # fmt: skip
+    for stop in result["obstructions"]:
+        lines.append(f"  stopped: {stop['reason']}")
+    unknown = [w for w in path["ignored"] if not w["understood"]]
+    if unknown:
+        words = ", ".join(f"{w['word']} ×{w['count']} (line {w['first_line']})" for w in unknown[:6])
+        lines.append(f"  not understood in the CAM file: {words}{' …' if len(unknown) > 6 else ''}")
+    lines += [f"  note: {w}" for w in result["warnings"][:6]]
+    if result["verification"] is not None:
+        lines.append(f"  verification {'passed' if result['verification']['passed'] else 'FAILED'}")
+    lines.append(f"report: {report}")
+    return lines
+
+
+def _first_reason(result: dict[str, Any]) -> str:
+    points, stops = result["infeasible_points"], result["obstructions"]
+    if points:
+        return f"{len(points)} points, the first is {points[0]['point']}: {points[0]['reason']}"
+    if stops:
+        return str(stops[0]["reason"])
+    return "no continuous sequence of configurations was found"
+
+
+def _failed(result: dict[str, Any]) -> str:
+    return "; ".join(f"{c['name']} {c['value']:.4g} {c['unit']} at {c['where']}" for c in result["verification"]["checks"] if not c["passed"])
+
+
+def _finite(value: Any) -> Any:
+    """NaN and infinities as null, which JSON has no word for."""
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    if isinstance(value, float) and (value != value or value in (float("inf"), float("-inf"))):
+        return None
+    return value.item() if hasattr(value, "item") else value
+
+
+def _tree(value: dict[str, Any], indent: int = 0) -> list[str]:
+    """A dictionary as indented lines."""
+    out = []
+    pad = "  " * indent
+    for key, item in value.items():
+        if isinstance(item, dict):
+            out += [f"{pad}{key}:", *_tree(item, indent + 1)]
+        elif isinstance(item, list | tuple) and item and isinstance(item[0], dict):
+            out.append(f"{pad}{key}:")
+            for row in item:
+                out.append(f"{pad}  - " + ", ".join(f"{k} {_short(v)}" for k, v in row.items()))
+        else:
+            out.append(f"{pad}{key}: {_short(item)}")
+    return out
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, list | tuple):
+        return ", ".join(_short(v) for v in value) if value else "none"
+    return str(value)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,216 @@
+"""Motion statements of CL data: GOTO, arcs, splines and holes, in the first coordinate system of the file."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from machopt.domain.toolpath import Array, Move
+from machopt.formats.apt_curves import Curves
+from machopt.formats.apt_dialect import Dialect, sniff_dialect, unit_scale
+from machopt.formats.apt_tokens import fields, leading_numbers, numbers
+from machopt.formats.frames import Frame, Transfer
+from machopt.formats.holecycle import HoleCycle, drill
+from machopt.formats.pathbuilder import PathBuilder, Vector
+from machopt.formats.source import ReadOptions, Source
+
+
+class MotionReader:
+    """State of the tool while statements are read, and the statements that move it."""
+
+    def __init__(self, source: Source, options: ReadOptions) -> None:
+        self.source = source
+        self.dialect = sniff_dialect(source)
+        self.out = PathBuilder(source, options, self.dialect.value)
+        self.scale = unit_scale(source, options, self.out)
+        self.curves = Curves(self.dialect is Dialect.NX, options.arc_tolerance * 1e3)
+        self.position: Vector | None = None  # mm, in the present system
+        self.axis: Vector = (0.0, 0.0, 1.0)
+        self.rapid = False  # holds for the next motion only
+        self.feed, self.per_revolution = math.nan, False
+        self.rpm = math.nan
+        self.cycle: HoleCycle | None = None
+        self.last_cycle: HoleCycle | None = None
+        self.first_frame: Frame | None = None
+        self.transfer: Transfer | None = None
+        self.catia_rows: list[list[float]] | None = None
+        self.tool, self.tool_text, self.count = "", "", 0
+        self.rotations: dict[str, float] = {}
+        self.cut_rotation: dict[str, float] | None = None
+        self.ended = False
+
+    # ---- motion
+
+    def goto(self, rest: str, line: int) -> None:
+        try:
+            values = [float(v) for v in rest.split(",")]
+        except ValueError:
+            values = numbers(rest)
+        count = len(values)
+        if count not in (3, 6):
+            raise ValueError(f"{count} numbers; expected x, y, z or x, y, z, i, j, k")
+        if not math.isfinite(sum(values)):
+            raise ValueError("a number is not finite")
+        s = self.scale
+        to: Vector = (values[0] * s, values[1] * s, values[2] * s)
+        axis = self.axis if count == 3 else (values[3], values[4], values[5])
+        if self.curves.spline_open:
+            self.end_spline(line)
+        if self.cycle is not None:
+            if axis != self.axis:
+                self.position = None  # sideways at one height has no meaning when the axis turns
+            self.axis = axis
+            self.drill(to, line)
+            return
+        if self.curves.pending is not None:
+            if self.position is None:
+                raise ValueError("an arc ends here but its start is not known; expected a GOTO before CIRCLE")
+            curve = self.curves.arc_to(np.array(self.position), np.array(to), self.out)
+            self.add_curve(curve, axis, line)
+            self.position = to
+            return
+        self.move_to(to, axis, line)
+
+    def move_to(self, to: Vector, axis: Vector, line: int, *, rapid: bool = False) -> None:
+        self.position, self.axis = to, axis
+        if self.transfer is not None:
+            to, axis = self.transfer.point(to), self.transfer.direction(axis)
+        if self.rapid or rapid:
+            self.rapid = False
+            self.out.add(to, axis, Move.RAPID, math.nan, line)
+        else:
+            self.out.add(to, axis, Move.CUT, self.feed_mm_min(), line)
+            self.check_rotation(line)
+
+    def add_curve(self, points: Array, axis: Vector, line: int) -> None:
+        before = self.axis
+        self.axis = axis
+        if self.transfer is not None:
+            points = self.transfer.points(points)
+            before, axis = self.transfer.direction(before), self.transfer.direction(axis)
+        if self.rapid:
+            self.rapid = False
+            self.out.add_arc(points, axis, Move.RAPID, math.nan, line, axis_before=before)
+        else:
+            self.out.add_arc(points, axis, Move.CUT, self.feed_mm_min(), line, axis_before=before)
+            self.check_rotation(line)
+
+    def drill(self, hole: Vector, line: int) -> None:
+        assert self.cycle is not None
+        self.rapid = False
+        axis, before = self.axis, self.position
+        if self.transfer is not None:
+            turned = self.transfer.direction(axis)
+            start = None if before is None else self.transfer.point(before)
+            drill(self.out, self.cycle, self.transfer.point(hole), turned, line, start)
+        else:
+            drill(self.out, self.cycle, hole, axis, line, before)
+        top = self.cycle.retract if not self.cycle.feed_out else max(self.cycle.retract, self.cycle.clear)
+        n = np.array(axis) / max(float(np.linalg.norm(axis)), 1e-12)
+        x, y, z = (np.array(hole) + top * n).tolist()
+        self.position = (x, y, z)
+        self.check_rotation(line)
+
+    def feed_mm_min(self) -> float:
+        return self.feed * self.rpm if self.per_revolution else self.feed
+
+    def go_from(self, word: str, rest: str, line: int) -> None:
+        values, after = leading_numbers(fields(rest))
+        if len(values) not in (3, 6) or after:
+            raise ValueError("expected x, y, z or x, y, z, i, j, k")
+        axis = self.axis if len(values) == 3 else (values[3], values[4], values[5])
+        s = self.scale
+        self.move_to((values[0] * s, values[1] * s, values[2] * s), axis, line, rapid=True)
+
+    def go_home(self, word: str, rest: str, line: int) -> None:
+        if len(leading_numbers(fields(rest))[0]) >= 3:
+            self.go_from(word, rest, line)
+        else:
+            self.out.ignore("GOHOME without coordinates", line, understood=True)
+
+    def go_delta(self, word: str, rest: str, line: int) -> None:
+        values = [v * self.scale for v in numbers(rest)]
+        if self.position is None or len(values) not in (1, 3):
+            raise ValueError("expected dx, dy, dz or a distance along the tool axis, after a first GOTO")
+        step = np.array(values) if len(values) == 3 else values[0] * np.array(self.axis)
+        x, y, z = (np.array(self.position) + step).tolist()
+        self.move_to((x, y, z), self.axis, line)
+
+    def rapid_next(self, word: str, rest: str, line: int) -> None:
+        self.rapid = True
+
+    # ---- curves
+
+    def circle(self, word: str, rest: str, line: int) -> None:
+        if self.cycle is not None and word != "INDIRV":
+            raise ValueError("stands inside a drilling cycle; expected CYCLE/OFF before it")
+        if word == "INDIRV":
+            self.curves.tangent = numbers(rest)
+        else:
+            self.curves.begin(word, fields(rest), line, self.scale)
+
+    def drive(self, word: str, rest: str, line: int) -> None:
+        if self.position is None:
+            raise ValueError("an arc starts here but no point is known; expected a GOTO before it")
+        points = self.curves.drive(rest, np.array(self.position), self.scale, line, self.out)
+        self.add_curve(points, self.axis, line)
+        self.position = tuple(points[-1].tolist())
+
+    def spline(self, word: str, rest: str, line: int) -> None:
+        if word == "NURBS":
+            if self.curves.spline_open:
+                self.end_spline(line)
+            self.curves.spline_open = True
+        elif not self.curves.spline_open:
+            raise ValueError("stands outside of a NURBS")
+        elif word == "KNOT":
+            self.curves.knots.extend(numbers(rest))
+        else:
+            values = numbers(rest)
+            if len(values) != 3:
+                raise ValueError(f"{len(values)} numbers; expected x, y, z")
+            self.curves.control.append([v * self.scale for v in values])
+
+    def end_spline(self, line: int) -> None:
+        if self.position is None:
+            raise self.source.error("a NURBS without a point before it; expected a GOTO first", line)
+        try:
+            points = self.curves.spline(np.array(self.position))
+        except ValueError as problem:
+            raise self.source.error(f"NURBS that ends before this line: {problem}", line) from problem
+        self.add_curve(points, self.axis, line - 1)
+        self.position = tuple(points[-1].tolist())
+
+    # ---- coordinate systems
+
+    def use_frame(self, frame: Frame, line: int) -> None:
+        if self.first_frame is None or (not len(self.out) and self.transfer is None):
+            self.first_frame = frame
+            return
+        before = self.transfer
+        self.transfer = None if frame.same_as(self.first_frame) else Transfer.between(self.first_frame, frame)
+        if self.transfer is not None:
+            self.out.warn_once(
+                "the coordinate system changes: points from here on are brought into the first one", line
+            )
+        if self.transfer is not before:
+            self.position = None
+
+    def check_rotation(self, line: int) -> None:
+        """CLT: coordinates are those of the turned table; one position only can be ``workpiece``."""
+        if not self.rotations and self.cut_rotation is None:
+            return
+        now = {k: v for k, v in self.rotations.items() if v != 0.0}
+        if self.cut_rotation is None:
+            self.cut_rotation = now
+            if now:
+                angles = ", ".join(f"{k} {math.degrees(v):g}°" for k, v in sorted(now.items()))
+                self.out.warn(f"coordinates are taken as those of the part with the table at {angles}", line)
+                self.out.meta["table"] = angles
+        elif now != self.cut_rotation:
+            raise self.source.error(
+                "the table stands differently than for the cuts before; expected one table position in a file: "
+                "export one file for each",
+                line,
+            )

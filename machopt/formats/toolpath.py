@@ -1,0 +1,112 @@
+"""One door for every toolpath file: tells what it is by its content and hands it to the reader.
+
+The readers keep every programmed point in source order: a CSV row is a point, a GOTO or a G1 block is a point,
+arcs become chords within the arc tolerance, drilling cycles their strokes.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+from machopt.domain.toolpath import Toolpath
+from machopt.errors import InputError
+from machopt.formats.apt import read_apt
+from machopt.formats.gcode import read_gcode
+from machopt.formats.heidenhain import read_heidenhain
+from machopt.formats.pointtable import looks_like_table, read_csv, read_parquet
+from machopt.formats.source import ReadOptions, Source, decode, read_bytes
+
+_READABLE = (
+    "readable are APT/CL data (NX CLSF, CATIA aptsource, CAMWorks), G-code, Heidenhain conversational programs and "
+    "point tables (CSV, Parquet)"
+)
+_ROBOT = "export the toolpath from the CAM system instead (APT/CL data or a point table with tool axes)"
+_REFUSED = (  # (pattern in the first lines, what it is and what would work)
+    (r"^\s*ISO-10303-21", f"is a STEP file: STEP-NC holds features and no tool points; {_READABLE}"),
+    (r"^\s*(?:&ACCESS|DEFDAT\s|DEF\s+\w+\s*\()", f"is a KUKA robot program: its points are the robot's; {_ROBOT}"),
+    (r"^\s*(?:%%%|MODULE\s+\w+|PROC\s+\w+\s*\()", f"is an ABB robot program: its points are the robot's; {_ROBOT}"),
+    (r"^\s*/PROG\b", f"is a FANUC robot program: its points are the robot's; {_ROBOT}"),
+    (r"^\s*/JOB\b", f"is a Yaskawa robot job: its points are the robot's; {_ROBOT}"),
+    (r"^\s*def\s+\w+\(.*\)\s*:|\b(?:movej|movel|servoj)\(", f"is a Universal Robots program; {_ROBOT}"),
+    (r"^\s*(?:solid\s|<\?xml|<html|\{\s*\")", f"is not a toolpath; {_READABLE}"),
+)
+_PART_PROGRAM = re.compile(
+    r"^\s*(?:\w+\s*=\s*(?:point|line|circle|plane|vector|matrix|cylndr|cone|sphere|pattrn|tabcyl)\s*/"
+    r"|go\s*/\s*(?:to|on|past|tanto)|clprnt\b|loopst\b|jumpto\s*/|obtain\s*,|[a-z]\w*\s*=\s*[-+.\w(])",
+    re.IGNORECASE | re.MULTILINE,
+)
+_CL_DATA = re.compile(
+    r"^\s*(?:GOTO\s*/|TOOL PATH\s*/|CUTTER\s*/|LOADTL\s*/|FEDRAT\s*/|\$\$|PARTNO|FROM\s*/|MULTAX|CIRCLE\s*/)",
+    re.IGNORECASE | re.MULTILINE,
+)
+_G_CODE = re.compile(
+    r"^\s*/?\s*(?:N\s*\d+\s*)?(?:\([^)]*\)\s*)?[GXYZMT]\s*[+-]?\s*\d*\.?\d", re.IGNORECASE | re.MULTILINE
+)
+_HEAD_LINES = 3000
+
+
+def read_toolpath(
+    path: Path | str,
+    *,
+    unit: str | None = None,
+    strict: bool = False,
+    arc_tolerance: float = 5e-6,
+    machine: str | None = None,
+    default_feed: float | None = None,
+) -> Toolpath:
+    """Read a CAM export or a point table.
+
+    Args:
+        path: the file.
+        unit: ``mm`` or ``inch``, where the file does not say; another one than the file's is an error.
+        strict: refuse the first word that is not understood.
+        arc_tolerance: m, largest distance of a chord from its arc.
+        machine: rotary kinematics of a five-axis G-code program, one of ``formats.rotary.MACHINES``.
+        default_feed: m/s for cutting moves without a feed.
+    Returns:
+        The toolpath in SI units, in the coordinate system the file is written in (``workpiece``).
+    Raises:
+        InputError: the file or an option is wrong; names file and line, what was found and what would work.
+    """
+    path = Path(path)
+    options = ReadOptions(unit, strict, arc_tolerance, machine, default_feed)
+    data = read_bytes(path)
+    if data[:4] == b"PAR1":
+        return read_parquet(path, data, options)
+    if data[:2] == b"\x1f\x8b" or data[:2] == b"PK":
+        raise InputError(f"is compressed ({'gzip' if data[0] == 0x1F else 'zip'}); {_READABLE}", file=path)
+    source = decode(path, data)
+    reader = _sniff(source)
+    return reader(source, options)
+
+
+def _sniff(source: Source) -> Callable[[Source, ReadOptions], Toolpath]:
+    head = "\n".join(source.lines[:_HEAD_LINES])
+    if looks_like_table(source):
+        return read_csv
+    for pattern, reason in _REFUSED:
+        if re.search(pattern, head, re.MULTILINE):
+            raise source.error(reason)
+    if re.search(r"^\s*\d*\s*BEGIN\s+PGM\b", head, re.IGNORECASE | re.MULTILINE):
+        return read_heidenhain
+    if re.search(r"^\s*%\s*\w+\s+G7[01]\b", head, re.MULTILINE):
+        raise source.error(
+            "is a Heidenhain DIN/ISO program, whose centres and cycles differ from G-code's: not supported; post it as "
+            "a conversational program (BEGIN PGM), as G-code, or export APT/CL data"
+        )
+    if _CL_DATA.search(head):
+        if _PART_PROGRAM.search(head) and not re.search(r"TOOL PATH/|\*CATIA", head):
+            line = head[: _PART_PROGRAM.search(head).start()].count("\n") + 1  # type: ignore[union-attr]
+            raise source.error(
+                "is an APT part program: geometry and motion commands for the APT processor, no tool points yet. Run "
+                "the processor and give its cutter location file",
+                line,
+            )
+        return read_apt
+    if _PART_PROGRAM.search(head) and re.search(r"^\s*partno", head, re.IGNORECASE | re.MULTILINE):
+        raise source.error("is an APT part program without tool points; give the cutter location file it makes")
+    if len(_G_CODE.findall(head)) >= 2 or re.search(r"^\s*O\s*<", head, re.IGNORECASE | re.MULTILINE):
+        return read_gcode
+    raise source.error(f"is not recognised as a toolpath; {_READABLE}")

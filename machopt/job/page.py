@@ -1,0 +1,259 @@
+"""The report's data from the plan, the motion and the verification."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+import machopt
+from machopt.domain.reason import Reason
+from machopt.domain.toolpath import Move, Toolpath
+from machopt.job.points import PointResults
+from machopt.plan.explain import gamma, hints, shortfall_of
+from machopt.plan.pipeline import Plan, Scored
+from machopt.plan.timeline import Timeline
+from machopt.report import data as page
+from machopt.se3 import wrap
+from machopt.verify import Verification
+
+Array = NDArray[np.float64]
+WORST = 8  # rows of the table of worst points
+_STATUS = {Reason.BOUNDS: 2, Reason.NO_PATH: 7}  # the page's codes where they differ from Reason's
+
+
+def report_data(
+    plan: Plan, toolpath: Toolpath, points: PointResults, timeline: Timeline | None, verification: Verification | None,
+    *, hashes: dict[str, str], options: dict[str, object], timings: dict[str, float],
+) -> page.ReportData:  # fmt: skip
+    """Collect everything the page shows; parts that were not reached stay empty."""
+    quantity: page.Quantity = {"deflection": "deflection", "stiffness": "stiffness"}.get(plan.scores.index, "index")  # type: ignore[assignment]
+    series = {name: _shown(plan, s.cost) for name, s in _assignments(plan)}
+    summary = _summary(plan, points, timeline, verification, quantity, series)
+    infeasible = tuple(
+        page.InfeasiblePoint(
+            point=int(round(plan.path.index[p])), operation=_label(toolpath, plan, p), position=plan.path.position[p],
+            status=Reason(int(plan.chosen.assignment.reason[p])).word,
+            reason=points.table.reason[int(plan.path.index[p])], shortfall=_length(shortfall_of(plan, int(p))),
+        )
+        for p in plan.missing if plan.path.is_point[p]
+    )  # fmt: skip
+    model = plan.setup.collision
+    return page.ReportData(
+        title=f"{plan.setup.cell.name}: {toolpath.source}", cell=plan.setup.cell.name, toolpath=toolpath.source,
+        version=machopt.__version__, summary=summary, hashes=tuple(hashes.items()),
+        options=tuple((k, str(v)) for k, v in options.items()), map=_map(plan),
+        path=_path_series(plan, toolpath, points, series), motion=_motion(plan, toolpath, timeline),
+        dips=_dips(plan, timeline), worst=_worst_points(plan, toolpath, points, series), infeasible=infeasible,
+        operations=_operations(plan, toolpath, points, timeline, series), ignored=toolpath.ignored,
+        warnings=(*plan.setup.cell.warnings, *toolpath.warnings, *hints(plan),
+                  *((f"rapid move {d}" for d in timeline.detours) if timeline else ()),
+                  *((f"{o.reason} ({_place(o.before)} → {_place(o.after)})" for o in timeline.obstructions) if timeline else ())),
+        excluded_pairs=tuple(page.ExcludedPair(e.a, e.b, e.reason) for e in (model.excluded if model else ())),
+        checks=tuple(
+            page.Check(c.name, c.passed, f"{c.value:.4g} {c.unit}", f"{c.limit:.4g} {c.unit}", c.where)
+            for c in (verification.checks if verification else ())
+        ),
+        timings=tuple(timings.items()), events=toolpath.events,
+    )  # fmt: skip
+
+
+def _assignments(plan: Plan) -> tuple[tuple[str, Scored], ...]:
+    return ("default", plan.cam_default), ("jiao2022", plan.jiao2022), ("chosen", plan.chosen)
+
+
+def _shown(plan: Plan, cost: Array) -> Array:
+    """(N,) cost at toolpath points in the page's quantity: deflection m, stiffness N/m."""
+    at = cost[plan.path.is_point]
+    return at if plan.scores.index == "deflection" else 1.0 / at
+
+
+def _summary(
+    plan: Plan, points: PointResults, timeline: Timeline | None, verification: Verification | None,
+    quantity: page.Quantity, series: dict[str, Array],
+) -> page.Summary:  # fmt: skip
+    counted = plan.path.counted[points.rows]
+    worst_of = np.max if quantity == "deflection" else np.min
+
+    def figure(name: str, of: object) -> float:
+        values = series[name][counted]
+        return float(of(values)) if len(values) and np.isfinite(values).all() else float("nan")  # type: ignore[operator]
+
+    clearance = points.table.clearance
+    nearest = int(np.nanargmin(clearance)) if np.isfinite(clearance).any() else -1
+    trajectory = timeline.trajectory if timeline else None
+    feasible = trajectory is not None
+    outcome = "infeasible" if not feasible else ("done" if verification is None or verification.ok else "verification_failed")
+    return page.Summary(
+        outcome=outcome, verification="not run" if verification is None else ("passed" if verification.ok else "failed"),  # type: ignore[arg-type]
+        quantity=quantity,
+        worst_default=figure("default", worst_of), worst_jiao2022=figure("jiao2022", worst_of), worst_chosen=figure("chosen", worst_of),
+        mean_default=figure("default", np.mean), mean_jiao2022=figure("jiao2022", np.mean), mean_chosen=figure("chosen", np.mean),
+        feed_held=timeline.held_share if timeline and feasible else float("nan"),
+        cycle_time=float(trajectory.time[-1]) if trajectory else float("nan"),
+        cutting_time=float((trajectory.move == Move.CUT).sum() * plan.options.sample) if trajectory else float("nan"),
+        path_length=_cut_length(plan), points=len(points.rows),
+        infeasible_points=int(plan.path.is_point[plan.missing].sum()),
+        nearest_miss=float(clearance[nearest]) if nearest >= 0 else float("nan"),
+        nearest_pair=points.nearest_pair[nearest] if nearest >= 0 else "", nearest_point=nearest,
+    )  # fmt: skip
+
+
+def _cut_length(plan: Plan) -> float:
+    step = np.linalg.norm(np.diff(plan.path.position, axis=0), axis=1)
+    return float(step[plan.path.counted[1:]].sum())
+
+
+def _map(plan: Plan) -> page.RotationMap | None:
+    """Best branch per station and rotation; rotation is shown as gamma's carried reference, phi."""
+    st, c = plan.path.stations, plan.candidates
+    cut = np.flatnonzero(plan.path.counted[st])
+    if not len(cut):
+        return None
+    cost = plan.scores.cost[cut]
+    usable = c.feasible[cut].any(axis=-1)
+    best = np.where(usable, cost, np.inf).min(axis=2)
+    value = np.where(np.isfinite(best), best, np.nan)
+    if plan.scores.index != "deflection":
+        value = 1.0 / value
+    status = c.reason_of_rotation()[cut].copy()
+    for reason, code in _STATUS.items():
+        status[status == reason] = code
+    travelled = np.cumsum(np.r_[0.0, np.linalg.norm(np.diff(plan.path.position, axis=0), axis=1)] * plan.path.counted)
+
+    def line(scored: Scored) -> Array:
+        ok = scored.assignment.reason == Reason.OK
+        return np.asarray(wrap(np.where(ok, scored.assignment.phi, np.nan)[st[cut]]))
+
+    return page.RotationMap(
+        s=travelled[st[cut]], point=plan.path.index[st[cut]], rotation=c.phi, index=value, status=status.astype(np.uint8),
+        chosen=line(plan.chosen), jiao2022=line(plan.jiao2022), cam_default=line(plan.cam_default),
+    )  # fmt: skip
+
+
+def _path_series(plan: Plan, toolpath: Toolpath, points: PointResults, series: dict[str, Array]) -> page.PathSeries:
+    t, counted = points.table, plan.path.counted[points.rows]
+
+    def only_cut(values: Array) -> Array:
+        return np.where(counted, values, np.nan)
+
+    return page.PathSeries(
+        s=_distance(toolpath), operation=toolpath.operation, cutting=counted,
+        index_default=only_cut(series["default"]), index_jiao2022=only_cut(series["jiao2022"]), index_chosen=only_cut(series["chosen"]),
+        k_axial=only_cut(t.k_axial), k_normal=only_cut(t.k_normal), k_jiao2022=only_cut(t.k_jiao_x), deflection=only_cut(t.deflection),
+        tolerance=toolpath.tolerance, clearance=t.clearance, nearest_pair=points.nearest_pair, singularity=t.singularity,
+        limit_margin=t.limit_margin,
+    )  # fmt: skip
+
+
+def _distance(toolpath: Toolpath) -> Array:
+    return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(toolpath.position, axis=0), axis=1))]
+
+
+def _motion(plan: Plan, toolpath: Toolpath, timeline: Timeline | None) -> page.MotionSeries | None:
+    t = timeline.trajectory if timeline else None
+    if t is None:
+        return None
+    limits, dt = plan.setup.cell.limits, plan.options.sample
+    v = np.diff(t.q, axis=0, prepend=t.q[:1]) / dt
+    a = np.diff(v, axis=0, prepend=v[:1]) / dt
+    j = np.diff(a, axis=0, append=a[-1:]) / dt
+    known = np.isfinite(t.point)
+    s = np.where(known, np.interp(np.where(known, t.point, 0), np.arange(len(toolpath)), _distance(toolpath)), np.nan)
+    ends = np.where(known, np.ceil(np.where(known, t.point, 0) - 1e-9), 0).astype(int)
+    programmed = np.where(known & (t.move != Move.RAPID), toolpath.feed[ends], np.nan)
+    return page.MotionSeries(
+        time=t.time, s=s, q=t.q, velocity_ratio=np.abs(v) / limits.velocity[:6], joint_names=plan.setup.cell.arm_joints,
+        prismatic=(False,) * 6, lower=limits.lower[:6], upper=limits.upper[:6], feed_programmed=programmed, feed_actual=t.feed,
+        cutting=t.move == Move.CUT, acceleration_ratio=np.abs(a) / limits.acceleration[:6], jerk_ratio=np.abs(j) / limits.jerk[:6],
+    )  # fmt: skip
+
+
+def _dips(plan: Plan, timeline: Timeline | None) -> tuple[page.FeedDip, ...]:
+    if timeline is None or timeline.trajectory is None:
+        return ()
+    t = timeline.trajectory
+    cut = np.flatnonzero((t.move != Move.RAPID) & np.isfinite(t.point))
+    s = plan.path.s
+    out = []
+    for dip in timeline.dips:
+        at = cut[np.searchsorted(t.point[cut], dip.first)] if len(cut) and dip.first <= t.point[cut[-1]] else None
+        out.append(page.FeedDip(
+            point=dip.first, s=float(np.interp(dip.first, plan.path.index, s)), time=float(t.time[at]) if at is not None else float("nan"),
+            duration=dip.duration, feed_programmed=dip.programmed, feed_lowest=dip.lowest, cause=dip.cause,
+        ))  # fmt: skip
+    return tuple(out)
+
+
+def _worst_points(plan: Plan, toolpath: Toolpath, points: PointResults, series: dict[str, Array]) -> tuple[page.WorstPoint, ...]:
+    values = np.where(plan.path.counted[points.rows], series["chosen"], np.nan)
+    known = np.flatnonzero(np.isfinite(values))
+    order = known[np.argsort(values[known], kind="stable")]
+    if plan.scores.index == "deflection":
+        order = order[::-1]
+    t, turned = points.table, gamma(plan)[points.rows]
+    picked: list[int] = []
+    for i in order:  # not eight neighbours of the same valley
+        if all(abs(int(i) - j) > 0.02 * len(values) for j in picked):
+            picked.append(int(i))
+        if len(picked) == WORST:
+            break
+    return tuple(
+        page.WorstPoint(
+            point=i, operation=toolpath.operations[toolpath.operation[i]].label, value=float(values[i]),
+            value_default=float(series["default"][i]), gamma=float(turned[i]), deflection=float(t.deflection[i]),
+            tolerance=float(toolpath.tolerance[i]), k_axial=float(t.k_axial[i]), clearance=float(t.clearance[i]),
+            reason=_carrier(plan, int(points.rows[i])),
+        )
+        for i in picked
+    )  # fmt: skip
+
+
+def _carrier(plan: Plan, row: int) -> str:
+    """The joint that carries most of the compliance along the tool axis, and what it could have been."""
+    elasticity, d = plan.setup.elasticity, plan.directions
+    _, J = elasticity.robot.fk_jacobian(plan.chosen.assignment.q[row], elasticity.T_flange_tcp)
+    direction = d.force[row] if plan.options.force.given else d.axial[row]
+    share = (J[:3].T @ direction) ** 2 / d.k[row]
+    share = share / share.sum()
+    joint = int(share.argmax())
+    return f"joint {joint + 1} carries {100 * share[joint]:.0f} % of it"
+
+
+def _operations(
+    plan: Plan, toolpath: Toolpath, points: PointResults, timeline: Timeline | None, series: dict[str, Array]
+) -> tuple[page.OperationRow, ...]:  # fmt: skip
+    counted = plan.path.counted[points.rows]
+    worst_of = np.nanmax if plan.scores.index == "deflection" else np.nanmin
+    step = np.r_[0.0, np.linalg.norm(np.diff(toolpath.position, axis=0), axis=1)]
+    t = timeline.trajectory if timeline else None
+    out = []
+    for k, operation in enumerate(toolpath.operations):
+        mine = toolpath.operation == k
+        cut = mine & counted
+
+        def worst(name: str, cut: NDArray[np.bool_] = cut) -> float:
+            values = series[name][cut]
+            return float(worst_of(values)) if np.isfinite(values).any() else float("nan")
+
+        miss = points.table.clearance[mine]
+        bad = int((np.array(points.table.status)[mine] != "ok").sum())
+        out.append(page.OperationRow(
+            label=operation.label, kind=operation.kind, points=int(mine.sum()), length=float(step[cut].sum()),
+            time=float((t.operation == k).sum() * plan.options.sample) if t else float("nan"),
+            worst_default=worst("default"), worst_chosen=worst("chosen"),
+            nearest_miss=float(np.nanmin(miss)) if np.isfinite(miss).any() else float("nan"), feed_held=float("nan"),
+            status="ok" if not bad else f"{bad} points infeasible",
+        ))  # fmt: skip
+    return tuple(out)
+
+
+def _label(toolpath: Toolpath, plan: Plan, row: int) -> str:
+    return toolpath.operations[toolpath.operation[int(np.ceil(plan.path.index[row] - 1e-9))]].label
+
+
+def _length(metres: float) -> str:
+    return f"{1e3 * metres:.0f} mm out of reach" if metres > 0 else ""
+
+
+def _place(index: float) -> str:
+    return "home" if not np.isfinite(index) else f"point {index:g}"

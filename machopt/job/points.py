@@ -1,0 +1,65 @@
+"""One row per toolpath point, from the plan's planning points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.reason import Reason
+from machopt.domain.toolpath import Toolpath
+from machopt.formats.tables import PointsTable
+from machopt.model.elastic import deflection, directional_compliance, jiao_index
+from machopt.plan.explain import explain_points, gamma
+from machopt.plan.pipeline import Plan
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PointResults:
+    """The table, and what the report shows beside it; N toolpath points."""
+
+    table: PointsTable
+    rows: NDArray[np.intp]  # (N,) planning point of each toolpath point
+    nearest_pair: tuple[str, ...]  # (N,)
+
+
+def point_results(plan: Plan, toolpath: Toolpath) -> PointResults:
+    """Stiffness, deflection, clearance and margins of the chosen configuration at every toolpath point."""
+    rows = np.flatnonzero(plan.path.is_point)
+    n, a = len(rows), plan.chosen.assignment
+    q = a.q[rows]
+    ok = np.flatnonzero(a.reason[rows] == Reason.OK)
+    axial, normal, paper, bend = (np.full(n, np.nan) for _ in range(4))
+    if len(ok):
+        elasticity, d = plan.setup.elasticity, plan.directions
+        _, J = elasticity.robot.fk_jacobian(q[ok], elasticity.T_flange_tcp)
+        at = rows[ok]
+        axial[ok] = 1.0 / directional_compliance(J, d.k[at], d.axial[at])
+        normal[ok] = 1.0 / directional_compliance(J, d.k[at], d.normal[at])
+        paper[ok] = jiao_index(J, d.k[at], d.axial[at])
+        if plan.options.force.given:
+            bend[ok] = np.linalg.norm(deflection(J, d.k[at], d.force[at]), axis=-1)
+    clearance, pairs = np.full(n, np.nan), [""] * n
+    model = plan.setup.collision
+    if model is not None and len(ok):
+        near = model.nearest(q[ok], plan.path.may_touch[rows[ok]])
+        clearance[ok] = near.distance
+        for i, k in zip(ok, near.pair, strict=True):
+            pairs[i] = model.pairs[k].name if k >= 0 else ""
+    lower, upper = plan.setup.cell.limits.lower[:6], plan.setup.cell.limits.upper[:6]
+    margin = np.minimum(q - lower, upper - q).min(axis=1)
+    shoulder = np.arctan2(a.shoulder[rows], 1.0)  # as an angle seen over 1 m, to compare with the others
+    singular = np.fmin(np.fmin(a.wrist[rows], a.elbow[rows]), shoulder)
+    why = explain_points(plan)
+    table = PointsTable(
+        position=toolpath.position, axis=toolpath.axis, move=toolpath.move, operation=toolpath.operation,
+        operations=tuple(o.label for o in toolpath.operations), gamma=np.where(a.reason[rows] == Reason.OK, gamma(plan)[rows], np.nan),
+        branch=a.branch[rows].astype(np.int8), q=q, external=np.empty((n, 0)), external_prismatic=(),
+        k_axial=axial, k_normal=normal, deflection=bend, clearance=clearance, limit_margin=margin, singularity=singular,
+        status=tuple(Reason(int(r)).word for r in a.reason[rows]), reason=tuple(why.get(int(p), "") for p in rows),
+        feed=toolpath.feed, k_jiao_x=paper,
+    )  # fmt: skip
+    return PointResults(table, rows, tuple(pairs))

@@ -1,0 +1,117 @@
+"""Why a point cannot be reached, and what would help: sentences for people, from the plan's own numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.reason import Reason
+from machopt.plan.pipeline import Plan
+from machopt.se3 import wrap
+
+Array = NDArray[np.float64]
+NEARLY_PARALLEL = np.radians(8.0)
+
+
+def explain_points(plan: Plan) -> dict[int, str]:
+    """Planning point → one sentence, for every point without a configuration."""
+    station_of = np.searchsorted(plan.path.stations, np.arange(len(plan.path.index)))
+    out = {}
+    for p in plan.missing:
+        s = min(int(station_of[p]), len(plan.path.stations) - 1)
+        out[int(p)] = _sentence(plan, s, Reason(int(plan.chosen.assignment.reason[p])), int(p))
+    return out
+
+
+def shortfall_of(plan: Plan, point: int) -> float:
+    """m, how far planning point ``point`` lies outside the reach, 0 where it is not reach that lacks."""
+    s = min(int(np.searchsorted(plan.path.stations, point)), len(plan.path.stations) - 1)
+    return float(plan.candidates.shortfall[s])
+
+
+def _sentence(plan: Plan, s: int, reason: Reason, point: int) -> str:
+    rows = plan.candidates.reason[s]  # (R, B)
+    rotations = plan.candidates.reason_of_rotation()[s]
+    feasible = int((rotations == Reason.OK).sum())
+    if reason == Reason.COLLIDING and plan.check is not None and plan.setup.collision is not None:
+        k = int(plan.check.pair[point])
+        if k >= 0:
+            return f"{plan.setup.collision.pairs[k].name} touch or come nearer than the clearance"
+    if feasible:
+        return (f"{feasible} of {len(rotations)} rotations work here, but none can be reached from the neighbouring "
+                "points without leaving the path: a retract between them, another rotation range or a smaller "
+                "singularity margin would help")  # fmt: skip
+    if (rows == Reason.UNREACHABLE).all():
+        return (f"out of reach at every rotation: the wrist centre lies {1e3 * plan.candidates.shortfall[s]:.0f} mm outside "
+                "the workspace; moving the workpiece or the robot by that much would help")  # fmt: skip
+    parts = [f"{int((rotations == r).sum())} {_WORDS[r]}" for r in _WORDS if (rotations == r).any()]
+    joint = _limiting_joint(plan, s) if (rotations == Reason.LIMIT).any() else ""
+    return f"no rotation works: of {len(rotations)} tried, " + ", ".join(parts) + joint
+
+
+_WORDS = {
+    Reason.UNREACHABLE: "are out of reach",
+    Reason.LIMIT: "break a joint limit",
+    Reason.SINGULAR_WRIST: "are too near the wrist singularity",
+    Reason.SINGULAR_ELBOW: "are too near the stretched arm (elbow singularity)",
+    Reason.SINGULAR_SHOULDER: "are too near the shoulder singularity",
+    Reason.COLLIDING: "collide",
+    Reason.BOUNDS: "lie outside the given rotation range",
+    Reason.NO_PATH: "cannot be joined to their neighbours",
+}
+
+
+def _limiting_joint(plan: Plan, s: int) -> str:
+    """The joint whose limit is missed by least, and by how much."""
+    q = plan.candidates.q[s][plan.candidates.reason[s] == Reason.LIMIT][:, None] + plan.setup.arm.turns  # (L, T, 6)
+    arm = plan.setup.arm
+    over = np.maximum(arm.lower - q, q - arm.upper).clip(min=0.0)
+    best = np.unravel_index(over.max(axis=-1).argmin(), over.shape[:2])
+    joint = int(over[best].argmax())
+    return f" (nearest: joint {joint + 1} by {np.degrees(over[best][joint]):.1f}°)"
+
+
+def hints(plan: Plan) -> tuple[str, ...]:
+    """What a user should know about this cell and path, whether or not it works."""
+    out = []
+    robot, arm = plan.setup.robot, plan.setup.arm
+    axis6 = robot.T_base_flange_zero[:3, :3].T @ robot.axis[5]
+    angle = np.arccos(np.clip(abs(axis6 @ arm.T_flange_tcp[:3, 2]), 0.0, 1.0))
+    if angle < NEARLY_PARALLEL:
+        out.append(
+            f"The tool axis is {np.degrees(angle):.1f}° from axis 6, so turning about it only turns joint 6 and hardly changes "
+            "stiffness or reach. What would help: another branch, a spindle set at an angle to the flange, a rail, or "
+            "another workpiece placement."
+        )
+    if not plan.directions.in_grid.all():
+        share = 1.0 - float(plan.directions.in_grid[plan.path.counted].mean()) if plan.path.counted.any() else 1.0
+        out.append(f"{100 * share:.0f} % of the cutting points lie outside the identified stiffness grid; "
+                   "the constant values are used there.")  # fmt: skip
+    changes = _changes(plan)
+    if changes:
+        out.append("The arm changes its configuration between runs, where the tool is retracted: " + "; ".join(changes[:6])
+                   + (f"; and {len(changes) - 6} more" if len(changes) > 6 else ""))  # fmt: skip
+    return tuple(out)
+
+
+def _changes(plan: Plan) -> list[str]:
+    """Branch changes and unwindings of more than half a turn from run to run."""
+    out, a, path = [], plan.chosen.assignment, plan.path
+    previous = -1
+    for first, last in path.runs:
+        if last == first or a.branch[first] < 0:
+            continue
+        if previous >= 0 and a.branch[previous] >= 0:
+            step = np.degrees(a.q[first] - a.q[previous])
+            if a.branch[first] != a.branch[previous]:
+                out.append(f"branch {a.branch[previous]} → {a.branch[first]} before point {path.index[first]:g}")
+            elif np.abs(step).max() > 180.0:
+                joint = int(np.abs(step).argmax())
+                out.append(f"joint {joint + 1} unwinds {step[joint]:.0f}° before point {path.index[first]:g}")
+        previous = last
+    return out
+
+
+def gamma(plan: Plan) -> Array:
+    """(P,) rad, the contract's rotation at every planning point."""
+    return np.asarray(wrap(plan.chosen.assignment.phi + plan.path.offset))

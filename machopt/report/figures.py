@@ -1,0 +1,202 @@
+"""What each picture shows, as plain numbers in displayed units; the page's script only draws."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.report.data import STATUS_NAMES, FeedDip, MotionSeries, OperationRow, PathSeries, ReportData, RotationMap
+from machopt.report.display import ANGLE, FEED, FINE_LENGTH, LENGTH, QUANTITY, STIFFNESS, WORDS, Unit
+from machopt.report.series import keep, numbers, packed, packed_codes
+
+Array = NDArray[np.float64]
+Spec = dict[str, Any]  # JSON for assets/*.js
+
+CHOSEN, JIAO, DEFAULT, FOURTH, LIMIT = "#1552b8", "#d9730d", "#7a8490", "#2c8a57", "#b3261e"
+_MAP_STATIONS = 2000  # more than the pixels of the map
+_SMALL = 1200  # points in one of the small pictures
+_PEAKS = 400  # stretches of time whose peak share of a limit is shown
+_BANDS = 60  # most operations that are shaded
+_MARKS = 200  # most dips marked in the picture
+
+
+def figure_specs(data: ReportData) -> Spec:
+    """Every picture the data allows: ``{"charts": […], "map": … or None}``."""
+    charts: list[Spec] = []
+    if data.path is not None and len(data.path.s):
+        charts += _path_charts(data, data.path)
+    if data.motion is not None and len(data.motion.time):
+        charts += _motion_charts(data.motion, data.dips)
+    return {"charts": charts, "map": _map_spec(data, data.map) if data.map is not None else None}
+
+
+def _map_spec(data: ReportData, m: RotationMap) -> Spec:
+    unit, words = QUANTITY[data.summary.quantity], WORDS[data.summary.quantity]
+    pick = np.unique(np.linspace(0, len(m.s) - 1, min(len(m.s), _MAP_STATIONS)).round().astype(int))
+    status = m.status[pick]
+    index = np.where((status == 0) | (status == 7), m.index[pick] * unit.factor, np.nan)
+    known = index[np.isfinite(index)]
+    lowest, highest = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    # single places beside a singularity must not bleach the rest
+    low, high = (float(v) for v in np.percentile(known, [2, 98])) if known.size else (0.0, 1.0)
+    lines = [
+        ("CAM default", m.cam_default, "#ff4d4d", "#ffffff", 1.8, "7 4"),
+        ("Jiao 2022", m.jiao2022, "#ff9f1c", "#20242a", 1.8, "3 3"),
+        ("chosen", m.chosen, "#ffffff", "#000000", 2.6, ""),
+    ]
+    return {
+        "id": "map", "title": "map", "group": "path", "xlabel": "Path length (mm)",
+        "stations": len(pick), "rotations": len(m.rotation),
+        "s": numbers(m.s[pick] * LENGTH.factor, 7), "rank": list(range(len(pick))),
+        "point": [int(p) for p in m.point[pick]],
+        "rotation": numbers(m.rotation * ANGLE.factor),
+        "index": packed(index, lowest, highest), "lowest": lowest, "highest": highest,
+        "from": low, "to": high, "large_is_good": words.large_is_good,
+        "status": packed_codes(status), "present": [int(c) for c in np.unique(status)],
+        "names": list(STATUS_NAMES), "label": words.axis.lower(), "unit": unit.name, "by_point": _sparse(m.s),
+        "lines": [
+            {"name": name, "y": numbers(_within(line[pick], m.rotation) * ANGLE.factor), "color": color,
+             "casing": casing, "width": width, "dash": dash}
+            for name, line, color, casing, width, dash in lines if np.isfinite(line).any()
+        ],
+    }  # fmt: skip
+
+
+def _sparse(s: Array) -> bool:
+    """True where a few long steps (drilling) would squeeze the stations into slivers."""
+    step = np.diff(s)
+    return len(step) > 2 and float(np.median(step)) < 0.2 * float(step.mean())
+
+
+def _within(gamma: Array, rotation: Array) -> Array:
+    """Gamma turned by whole turns into the map's range."""
+    middle = (rotation[0] + rotation[-1]) / 2 if len(rotation) else 0.0
+    turned: Array = gamma - 2 * np.pi * np.round((gamma - middle) / (2 * np.pi))
+    return turned
+
+
+def _path_charts(data: ReportData, p: PathSeries) -> list[Spec]:
+    unit, words = QUANTITY[data.summary.quantity], WORDS[data.summary.quantity]
+    bands = _bands(p, data.operations)
+    own = data.summary.quantity == "deflection"  # then the tolerance belongs into the first picture
+    tolerance = ("tolerance", p.tolerance * FINE_LENGTH.factor, LIMIT, "8 4")
+    charts = [
+        _chart("c-index", p.s * LENGTH.factor, [
+            *([tolerance] if own else []),
+            ("CAM default", p.index_default * unit.factor, DEFAULT, "6 3"),
+            ("Jiao 2022", p.index_jiao2022 * unit.factor, JIAO, "4 2"),
+            ("chosen", p.index_chosen * unit.factor, CHOSEN, ""),
+        ], f"{words.axis} ({unit.name})" if unit.name else words.axis, unit, bands=bands, ymin=0,
+            title=f"{words.axis} along the toolpath: {words.better}", p=p),
+        _chart("c-deflection", p.s * LENGTH.factor, [
+            tolerance, ("predicted deflection", p.deflection * FINE_LENGTH.factor, CHOSEN, ""),
+        ], "Deflection (mm)", FINE_LENGTH, bands=bands, ymin=0, title="Predicted deflection", p=p)
+        if not own else None,
+        _chart("c-stiffness", p.s * LENGTH.factor, [
+            ("K_fd, Jiao 2022 (orientation held)", p.k_jiao2022 * STIFFNESS.factor, JIAO, "4 2"),
+            ("axial, at the tip", p.k_axial * STIFFNESS.factor, CHOSEN, ""),
+            ("normal, at the tip", p.k_normal * STIFFNESS.factor, FOURTH, ""),
+        ], "Stiffness (N/µm)", STIFFNESS, bands=bands, ymin=0, title="Stiffness of the chosen posture", p=p),
+        _chart("c-clearance", p.s * LENGTH.factor, [
+            ("clearance", p.clearance * LENGTH.factor, CHOSEN, ""),
+        ], "Clearance (mm)", LENGTH, bands=bands, ymin=0, title="Clearance to the nearest body", p=p),
+        _chart("c-margins", p.s * LENGTH.factor, [
+            ("to the nearest joint limit", p.limit_margin * ANGLE.factor, CHOSEN, ""),
+            ("to the nearest singularity", p.singularity * ANGLE.factor, JIAO, ""),
+        ], "Margin (deg)", ANGLE, bands=bands, ymin=0, title="Margins in angle", p=p),
+    ]  # fmt: skip
+    return [c for c in charts if c is not None]
+
+
+def _chart(
+    name: str, x: Array, series: Sequence[tuple[str, Array, str, str]], ylabel: str, unit: Unit,
+    *, bands: list[Spec], ymin: float, title: str, p: PathSeries,
+) -> Spec | None:  # fmt: skip
+    """A picture over path length with point, operation and nearest pair in its tooltip; None without numbers."""
+    series = [entry for entry in series if np.isfinite(entry[1]).any()]
+    if not series:
+        return None
+    k = keep([y for _, y, _, _ in series])
+    pairs = list(dict.fromkeys(p.nearest_pair)) if name == "c-clearance" else []
+    number = {pair: i for i, pair in enumerate(pairs)}
+    extra: list[Spec] = [{"name": "point", "names": [int(i) for i in k], "at": list(range(len(k)))}]
+    if bands:
+        extra.append({"name": "operation", "names": _labels(bands), "at": [int(o) for o in p.operation[k]]})
+    if pairs:
+        extra.append({"name": "nearest", "names": pairs, "at": [number[p.nearest_pair[i]] for i in k]})
+    return {
+        "id": name, "title": title, "group": "path", "x": numbers(x[k], 7), "xname": "path length (mm)",
+        "xlabel": "Path length (mm)", "ylabel": ylabel, "unit": unit.name, "ymin": ymin, "bands": bands,
+        "labels": bool(bands), "extra": extra,
+        "series": [{"name": n, "y": numbers(y[k]), "color": c, "dash": d} for n, y, c, d in series],
+    }  # fmt: skip
+
+
+def _labels(bands: list[Spec]) -> dict[int, str]:
+    return {band["number"]: band["label"] for band in bands}
+
+
+def _bands(p: PathSeries, operations: tuple[OperationRow, ...]) -> list[Spec]:
+    """Stretches of path length of one operation each; none where there are too many to be told apart."""
+    cuts = np.flatnonzero(np.diff(p.operation)) + 1
+    if not operations or len(cuts) + 1 > _BANDS:
+        return []
+    starts, stops = [0, *cuts.tolist()], [*cuts.tolist(), len(p.s)]
+    s = p.s * LENGTH.factor
+    return [
+        {"from": float(s[max(a - 1, 0)]), "to": float(s[b - 1]), "number": int(p.operation[a]),
+         "label": operations[p.operation[a]].label if 0 <= p.operation[a] < len(operations) else ""}
+        for a, b in zip(starts, stops, strict=True)
+    ]  # fmt: skip
+
+
+def _motion_charts(m: MotionSeries, dips: tuple[FeedDip, ...]) -> list[Spec]:
+    charts = [_feed_chart(m, dips)]
+    ratios = [
+        (word, values, color)  # drawn in this order: velocity on top
+        for word, values, color in (
+            ("jerk", m.jerk_ratio, FOURTH),
+            ("acceleration", m.acceleration_ratio, JIAO),
+            ("velocity", m.velocity_ratio, CHOSEN),
+        )
+        if values is not None
+    ]
+    starts = np.arange(0, len(m.time), -(-len(m.time) // _PEAKS))
+    for j, name in enumerate(m.joint_names):
+        unit = LENGTH if m.prismatic[j] else ANGLE
+        k = keep([m.q[:, j]], _SMALL)
+        limits = [
+            {"y": float(f"{v * unit.factor:.6g}"), "label": unit.text(v), "below": i == 1, "fit": True}
+            for i, v in enumerate((m.lower[j], m.upper[j])) if np.isfinite(v)
+        ]  # fmt: skip
+        charts.append(_time_chart(f"c-q{j}", m.time[k], [(name, m.q[k, j] * unit.factor, CHOSEN)],
+                                  title=f"{name} ({unit.name})", unit=unit.name, hlines=limits))  # fmt: skip
+        peaks = [(word, np.maximum.reduceat(values[:, j], starts) * 100, c) for word, values, c in ratios]
+        charts.append(_time_chart(f"c-v{j}", m.time[starts], peaks, title=f"{name} (% of its limits)", unit="%",
+                                  ymin=0, legend=False, hlines=[{"y": 100, "fit": True}]))  # fmt: skip
+    return charts
+
+
+def _feed_chart(m: MotionSeries, dips: tuple[FeedDip, ...]) -> Spec:
+    actual = np.where(m.cutting, m.feed_actual, np.nan) * FEED.factor
+    programmed = np.where(m.cutting, m.feed_programmed, np.nan) * FEED.factor
+    k = keep([programmed, actual])
+    where = {"name": "path length (mm)", "names": numbers(m.s[k] * LENGTH.factor, 6), "at": list(range(len(k)))}
+    spec = _time_chart("c-feed", m.time[k], [("programmed", programmed[k], DEFAULT), ("actual", actual[k], CHOSEN)],
+                       title="Feed in the cut", unit="mm/min", ymin=0, height=250)  # fmt: skip
+    marks = [{"x": d.time + d.duration / 2, "label": d.cause} for d in dips[:_MARKS]]
+    return {**spec, "ylabel": "Feed (mm/min)", "xlabel": "Time (s)", "extra": [where], "marks": marks}
+
+
+def _time_chart(
+    name: str, time: Array, series: Sequence[tuple[str, Array, str]], *, title: str, unit: str, **more: object
+) -> Spec:
+    return {
+        "id": name, "title": title, "group": "time", "x": numbers(time, 7), "xname": "time (s)", "xdec": 3,
+        "unit": unit, "height": 150,
+        "series": [{"name": n, "y": numbers(y), "color": c} for n, y, c in series],
+        **more,
+    }  # fmt: skip

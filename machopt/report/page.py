@@ -1,0 +1,194 @@
+"""``report.html``: one self-contained page that opens offline in any current browser, and prints."""
+
+from __future__ import annotations
+
+import json
+import re
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+
+from machopt.report import tables
+from machopt.report.data import ReportData
+from machopt.report.figures import Spec, figure_specs
+from machopt.report.verdict import cards, verdict
+
+_STIFFNESS_NOTE = (
+    "Two indices are shown and they differ on purpose. <b>Axial</b> and <b>normal</b> are the stiffness a force finds "
+    "at the tool tip, 1/(eᵀCe), with the arm free to turn under it: a long tool makes it smaller. "
+    "<b>K_fd</b> (Jiao 2022) is the stiffness with the tool's orientation held; it does not depend on the length of "
+    "the tool and is never smaller than the value at the tip."
+)
+
+
+def write_report(path: Path, data: ReportData) -> None:
+    """Write the page.
+
+    Args:
+        path: the HTML file.
+        data: what to show; parts that are missing or empty leave no gap on the page.
+    """
+    path.write_text(report_html(data), encoding="utf-8", newline="\n")
+
+
+def report_html(data: ReportData) -> str:
+    """The page as text; the same data give the same bytes."""
+    specs = figure_specs(data)
+    charts = {spec["id"] for spec in specs["charts"]}
+    sections = [
+        ("verdict", "Verdict", _verdict(data)),
+        ("infeasible", "Infeasible points", _infeasible(data)),
+        ("rotation", "Map", _map(specs)),
+        ("path", "Along the path", _path(charts)),
+        ("points", "Worst points", _worst(data)),
+        ("feed", "Feed", _feed(data, charts)),
+        ("axes", "Axes", _axes(data, charts)),
+        ("verification", "Verification", _verification(data)),
+        ("source", "CAM file", _source(data)),
+        ("run", "This run", _run(data)),
+    ]
+    shown = [(anchor, title, body) for anchor, title, body in sections if body]
+    menu = "".join(f'<a href="#{anchor}">{title}</a>' for anchor, title, _ in shown)
+    parts = [
+        "<!doctype html>\n<html lang=en>\n<head>\n<meta charset=utf-8>\n",
+        '<meta name=viewport content="width=device-width, initial-scale=1">\n',
+        f"<title>{escape(data.title)}</title>\n<style>\n{_asset('page.css')}</style>\n</head>\n<body>\n<main>\n",
+        _head(data), f"<nav>{menu}</nav>\n",
+        *(body for _, _, body in shown),
+        f"<footer>machopt {escape(data.version)}{f', {escape(data.created)}' if data.created else ''}. "
+        "Lengths mm, angles deg, stiffness N/µm, feed mm/min. Drag in a picture to zoom, double click to see all, "
+        "click a legend entry to hide it.</footer>\n",
+        f'</main>\n<script id=data type="application/json">{_embedded(specs)}</script>\n',
+        f'<script>\n"use strict";\n{_asset("chart.js")}{_asset("heatmap.js")}{_asset("start.js")}</script>\n',
+        "</body>\n</html>\n",
+    ]  # fmt: skip
+    return "".join(parts)
+
+
+def _head(data: ReportData) -> str:
+    return (
+        f"<header class=top><h1>{escape(data.title)}</h1><dl><dt>Cell</dt><dd>{escape(data.cell)}</dd>"
+        f"<dt>Toolpath</dt><dd>{escape(data.toolpath)}</dd></dl></header>\n"
+    )
+
+
+def _verdict(data: ReportData) -> str:
+    v = verdict(data)
+    items = "".join(f"<li>{escape(c)}</li>" for c in v.cautions)
+    boxes = "".join(
+        f'<div class=card><div class=name>{escape(c.name)}</div><div class=value>{escape(c.value)} '
+        f"<small>{escape(c.unit)}</small></div><div class=more>{escape(c.more)}</div></div>"
+        for c in cards(data)
+    )  # fmt: skip
+    return (
+        f'<section id=verdict class="verdict {v.tone}"><span class=badge>{escape(v.badge)}</span>'
+        f"<p class=sentence>{escape(v.sentence)}</p>{f'<ul>{items}</ul>' if items else ''}"
+        f"<div class=cards>{boxes}</div></section>\n"
+    )
+
+
+def _section(anchor: str, title: str, lead: str, body: str) -> str:
+    return f"<section id={anchor}><h2>{title}</h2><p class=lead>{lead}</p>{body}</section>\n" if body else ""
+
+
+def _plot(name: str, charts: set[str]) -> str:
+    return f'<div class=chart id="{name}"></div>' if name in charts else ""
+
+
+def _infeasible(data: ReportData) -> str:
+    if not data.infeasible:
+        return ""
+    lead = "Points without any posture that satisfies reach, limits, singularity distance and clearance."
+    return _section("infeasible", "Infeasible points", lead, tables.infeasible_points(data))
+
+
+def _map(specs: Spec) -> str:
+    if specs["map"] is None:
+        return ""
+    lead = (
+        "Every rotation γ of the tool about its own axis at every station of the path. Bright is stiff, dark is "
+        "soft; grey and hatched places cannot be used, and the hatching says why."
+    )
+    return _section("rotation", "Stiffness over path and rotation", lead, "<div class=chart id=map></div>")
+
+
+def _path(charts: set[str]) -> str:
+    wide = _plot("c-index", charts) + _plot("c-deflection", charts)
+    stiffness = _plot("c-stiffness", charts)
+    stiffness += f"<p class=note>{_STIFFNESS_NOTE}</p>" if stiffness else ""
+    small = "".join(_plot(name, charts) for name in ("c-clearance", "c-margins"))
+    body = wide + stiffness + (f"<div class=grid2>{small}</div>" if small else "")
+    return _section("path", "Along the path", "All pictures share the path length and zoom together.", body)
+
+
+def _worst(data: ReportData) -> str:
+    body = ""
+    if data.worst:
+        body += "<h3>Worst points</h3>" + tables.worst_points(data)
+    if data.operations:
+        body += "<h3>Operations</h3>" + tables.operations(data)
+    return _section("points", "Worst points and operations", "Where the result is decided.", body)
+
+
+def _feed(data: ReportData, charts: set[str]) -> str:
+    body = _plot("c-feed", charts)
+    if not body:
+        return ""
+    body += "<h3>Dips</h3>" + tables.feed_dips(data) if data.dips else "<p>The programmed feed is held throughout.</p>"
+    lead = "The programmed feed is held wherever the axes can; a dip names the axis and the limit that caused it."
+    return _section("feed", "Feed", lead, body)
+
+
+def _axes(data: ReportData, charts: set[str]) -> str:
+    if data.motion is None or "c-q0" not in charts:
+        return ""
+    count = range(len(data.motion.joint_names))
+    positions = "".join(_plot(f"c-q{j}", charts) for j in count)
+    ratios = "".join(_plot(f"c-v{j}", charts) for j in count)
+    key = ["velocity (blue)"]
+    key += ["acceleration (orange)"] if data.motion.acceleration_ratio is not None else []
+    key += ["jerk (green)"] if data.motion.jerk_ratio is not None else []
+    body = (
+        f"<h3>Positions and their limits</h3><div class=grid3>{positions}</div>"
+        f"<h3>Peak shares of the limits: {', '.join(key)}</h3><div class=grid3>{ratios}</div>"
+    )
+    return _section("axes", "Axes over time", "Dashed lines are the limits.", body)
+
+
+def _verification(data: ReportData) -> str:
+    body = tables.checks(data) if data.checks else ""
+    body += tables.part(
+        len(data.excluded_pairs), "Pairs left out of the collision check", tables.excluded_pairs, data, opened=True
+    )
+    lead = "Done on the written trajectory by code that shares nothing with the planner."
+    return _section("verification", "Verification", lead, body)
+
+
+def _source(data: ReportData) -> str:
+    body = ""
+    if data.warnings:
+        items = "".join(f"<li>{escape(w)}</li>" for w in data.warnings[: tables.MOST_ROWS])
+        body += f"<h3>Warnings</h3><ul>{items}</ul>"
+    unknown = any(not w.understood for w in data.ignored)
+    body += tables.part(len(data.ignored), "Words without effect", tables.cam_words, data, opened=unknown)
+    body += tables.part(len(data.events), "Events on the way", tables.events, data)
+    return _section("source", "CAM file", f"What {escape(data.toolpath)} holds beside its points.", body)
+
+
+def _run(data: ReportData) -> str:
+    body = tables.part(len(data.timings), "Time per stage", tables.timings, data)
+    if data.options:
+        body += tables.folded("Options", len(data.options), tables.pairs("Option", "Value", data.options))
+    if data.hashes:
+        body += tables.folded("Inputs", len(data.hashes), tables.pairs("File", "SHA-256", data.hashes))
+    return _section("run", "This run", "What it was made from, with what settings, in what time.", body)
+
+
+def _asset(name: str) -> str:
+    return (files("machopt.report") / "assets" / name).read_text(encoding="utf-8")
+
+
+def _embedded(specs: Spec) -> str:
+    """JSON that no text inside it can end early."""
+    text = json.dumps(specs, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return re.sub(r"[<>&]", lambda m: f"\\u{ord(m[0]):04x}", text)

@@ -1,0 +1,154 @@
+"""The answer in one sentence: what did I gain, and is it safe?"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from machopt.report.data import ReportData, Summary
+from machopt.report.display import LENGTH, QUANTITY, SHARE, TIME, WORDS
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Badge, its colour class, the sentence, and what to be careful about."""
+
+    badge: str
+    tone: str  # "" good, "warn", "bad"
+    sentence: str
+    cautions: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Card:
+    """One number of the head line."""
+
+    name: str
+    value: str
+    unit: str
+    more: str
+
+
+def verdict(data: ReportData) -> Verdict:
+    """Badge, sentence and cautions of a result."""
+    s = data.summary
+    if s.outcome == "infeasible":
+        kinds = sorted({p.status for p in data.infeasible})
+        why = f" ({', '.join(kinds)})" if kinds else ""
+        number = s.infeasible_points or len(data.infeasible)
+        sentence = (
+            f"No answer for {number} of {s.points} points as the cell stands{why}; no trajectory was written. "
+            "The table of infeasible points says for each what stands in the way and by how much."
+        )
+        return Verdict("NO FEASIBLE ANSWER", "bad", _joined(sentence, s.note), _cautions(data))
+    parts = [_gain_words(s)]
+    if math.isfinite(s.feed_held):
+        parts.append(f"feed held on {SHARE.text(s.feed_held, unit=True)} of the cutting time")
+    if math.isfinite(s.nearest_miss):
+        where = ", ".join(filter(None, [s.nearest_pair, f"point {s.nearest_point}" if s.nearest_point >= 0 else ""]))
+        parts.append(f"nearest miss {LENGTH.text(s.nearest_miss, unit=True)}{f' ({where})' if where else ''}")
+    parts.append({"passed": "verification passed", "failed": "verification failed",
+                  "not run": "verification not run"}[s.verification])  # fmt: skip
+    sentence = "; ".join(p for p in parts if p)
+    sentence = _joined(sentence[:1].upper() + sentence[1:] + ".", s.note)
+    if s.verification == "failed" or s.outcome == "verification_failed":
+        return Verdict("VERIFICATION FAILED: DO NOT RUN", "bad", sentence, _cautions(data))
+    if s.verification == "not run":
+        return Verdict("NOT VERIFIED", "warn", sentence, _cautions(data))
+    return Verdict("VERIFIED", "warn" if s.infeasible_points else "", sentence, _cautions(data))
+
+
+def cards(data: ReportData) -> list[Card]:
+    """The numbers below the sentence; those that do not exist are left out."""
+    s = data.summary
+    unit, words = QUANTITY[s.quantity], WORDS[s.quantity]
+    least = "least" if words.large_is_good else "worst"
+    out = []
+    for name, chosen, default in (
+        (f"{least} {words.axis.lower()}", s.worst_chosen, s.worst_default),
+        (f"mean {words.axis.lower()}", s.mean_chosen, s.mean_default),
+    ):
+        if math.isfinite(chosen):
+            more = f"CAM default {unit.text(default)}" if math.isfinite(default) else "CAM default not feasible"
+            out.append(Card(name, unit.text(chosen), unit.name, more))
+    if math.isfinite(s.feed_held):
+        dips = counted(len(data.dips), "dip") if data.dips else "no dips"
+        out.append(Card("feed held", SHARE.text(s.feed_held), "%", dips))
+    if math.isfinite(s.nearest_miss):
+        out.append(Card("nearest miss", LENGTH.text(s.nearest_miss), "mm", s.nearest_pair))
+    if math.isfinite(s.cycle_time):
+        cut = f"{TIME.text(s.cutting_time)} s in the cut" if math.isfinite(s.cutting_time) else ""
+        out.append(Card("cycle time", TIME.text(s.cycle_time), "s", cut))
+    if s.points:
+        length = f"{LENGTH.text(s.path_length)} mm of path" if math.isfinite(s.path_length) else ""
+        reached = f"{s.infeasible_points} infeasible" if s.infeasible_points else length
+        out.append(Card("toolpath points", str(s.points), "", reached))
+    return out
+
+
+def relative_gain(before: float, after: float) -> float:
+    """(after − before)/before, NaN where either is missing."""
+    return (after - before) / before if before else float("nan")
+
+
+def change(before: float, after: float) -> str:
+    """The relative gain as text, "–" where there is none."""
+    gain = relative_gain(before, after)
+    return percent(gain) if math.isfinite(gain) else "–"
+
+
+def counted(number: int, noun: str) -> str:
+    """``1 dip``, ``2 dips``."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def percent(share: float, *, signed: bool = True) -> str:
+    """A share as percent, with a true minus sign."""
+    return f"{share * 100:{'+' if signed else ''}.0f} %".replace("-", "−")
+
+
+def _gain_words(s: Summary) -> str:
+    unit, words = QUANTITY[s.quantity], WORDS[s.quantity]
+    if not math.isfinite(s.worst_chosen):
+        return ""
+    to_jiao = relative_gain(s.worst_jiao2022, s.worst_chosen)
+    beside = f", {percent(to_jiao)} against Jiao 2022" if math.isfinite(to_jiao) else ""
+    gain = relative_gain(s.worst_default, s.worst_chosen)
+    if not math.isfinite(gain):
+        return (
+            f"{words.worst} {unit.text(s.worst_chosen, unit=True)}{beside}; "
+            "the CAM's default rotation is not feasible along the whole path, so there is no gain over it to state"
+        )
+    spread = f" ± {percent(s.gain_sigma, signed=False)}" if math.isfinite(s.gain_sigma) else ""
+    return (
+        f"{words.worst} {unit.text(s.worst_default)} → {unit.text(s.worst_chosen, unit=True)} "
+        f"({percent(gain)}{spread}) against the CAM's default rotation{beside}"
+    )
+
+
+def _cautions(data: ReportData) -> tuple[str, ...]:
+    s = data.summary
+    out = []
+    gain = relative_gain(s.worst_default, s.worst_chosen)
+    if s.outcome != "infeasible" and math.isfinite(gain):
+        better = gain if WORDS[s.quantity].large_is_good else -gain
+        if better <= 0:
+            out.append("At the worst point there is no gain over the CAM's default rotation.")
+        elif math.isfinite(s.gain_sigma) and better < 2 * s.gain_sigma:
+            out.append("The gain is smaller than twice the stiffness model's own uncertainty: no recommendation.")
+    if s.outcome != "infeasible" and s.infeasible_points:
+        out.append(f"{counted(s.infeasible_points, 'point')} without an answer, left out of the motion.")
+    unknown = [w for w in data.ignored if not w.understood]
+    if unknown:
+        names = ", ".join(w.word for w in unknown[:4]) + (" …" if len(unknown) > 4 else "")
+        out.append(f"The CAM file holds words that were not understood: {names}.")
+    if data.excluded_pairs:
+        number = counted(len(data.excluded_pairs), "pair")
+        out.append(f"{number} of bodies left out of the collision check, listed below with the reason.")
+    if data.warnings:
+        out.append(f"{counted(len(data.warnings), 'warning')}, listed below.")
+    return tuple(out)
+
+
+def _joined(sentence: str, note: str) -> str:
+    return f"{sentence} {note}" if note else sentence

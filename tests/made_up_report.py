@@ -1,0 +1,151 @@
+"""A result as machopt optimize would deliver it, made up but shaped like the real thing."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machopt.domain.toolpath import Event, IgnoredWord
+from machopt.report.data import (
+    Check,
+    ExcludedPair,
+    FeedDip,
+    InfeasiblePoint,
+    MotionSeries,
+    OperationRow,
+    PathSeries,
+    ReportData,
+    RotationMap,
+    Summary,
+    WorstPoint,
+)
+
+JOINTS = ("a1", "a2", "a3", "a4", "a5", "a6")
+
+
+def full_result(points: int = 800, rotations: int = 72, samples: int = 20_000) -> ReportData:
+    rng = np.random.default_rng(4)
+    u = np.linspace(0, 1, points)
+    s = 3.2 * u
+    grid = np.radians(np.linspace(-180, 175, rotations))
+    gamma = 0.9 * np.sin(5 * u) + 0.4
+    index = 9.4e-5 * (1.0 + 0.2 * np.sin(7 * u))[:, None] * (1 + 0.9 * np.sin((grid - gamma[:, None]) / 2) ** 2)
+    status = np.full(index.shape, 7, np.uint8)
+    near = np.abs(np.angle(np.exp(1j * (grid - gamma[:, None])))) < 0.5
+    status[near] = 0
+    G, U = np.broadcast_arrays(grid, u[:, None])
+    status[G > 2.5 + 0.3 * np.sin(6 * U)] = 1
+    status[G < -2.6] = 2
+    status[np.abs(G + 1.6 - 0.6 * np.sin(4 * U)) < 0.12] = 3
+    status[(G > 1.7) & (G < 2.1) & (U > 0.35) & (U < 0.6)] = 4
+    status[(G < -2.0) & (G > -2.6) & (U > 0.8)] = 5
+    status[(G > 1.5) & (U > 0.72) & (U < 0.85)] = 6
+    index[(status != 0) & (status != 7)] = np.nan
+    nan = np.full(points, np.nan)
+    chosen = 9.0e-5 * (1 + 0.2 * np.sin(7 * u))
+    operation = np.minimum((u * 4).astype(np.int32), 3)
+    labels = ("face rough", "slot", "contour finish", "drill d6")
+    clearance = 0.035 + 0.02 * np.sin(9 * u) + 0.002 * rng.normal(size=points)
+    path = PathSeries(
+        s=s,
+        operation=operation,
+        cutting=np.ones(points, bool),
+        index_default=np.where((u > 0.4) & (u < 0.5), np.nan, 1.4e-4 * (1 + 0.3 * np.sin(7 * u))),
+        index_jiao2022=1.05e-4 * (1 + 0.25 * np.sin(7 * u + 0.3)),
+        index_chosen=chosen,
+        k_axial=1.6e6 * (1 + 0.2 * np.cos(5 * u)),
+        k_normal=7e5 * (1 + 0.1 * np.cos(8 * u)),
+        k_jiao2022=2.9e6 * (1 + 0.15 * np.cos(5 * u)),
+        deflection=chosen,
+        tolerance=np.where(operation == 2, 1.0e-4, nan),
+        clearance=clearance,
+        nearest_pair=tuple("link5 – fixture" if c < 0.03 else "spindle – workpiece" for c in clearance),
+        singularity=np.radians(20 + 10 * np.sin(6 * u)),
+        limit_margin=np.radians(35 + 20 * np.cos(3 * u)),
+    )
+    return ReportData(
+        title="Drilling cell KR240: bracket_op10",
+        cell="KR240 drilling cell",
+        toolpath="bracket_op10.aptsource",
+        version="0.1.0",
+        summary=Summary(
+            outcome="done", verification="passed", quantity="deflection",
+            worst_default=1.82e-4, worst_jiao2022=1.31e-4, worst_chosen=1.08e-4,
+            mean_default=1.4e-4, mean_jiao2022=1.05e-4, mean_chosen=9.0e-5,
+            gain_sigma=0.06, feed_held=0.991, cycle_time=240.0, cutting_time=188.0, path_length=3.2, points=points,
+            nearest_miss=0.0124, nearest_pair="link5 – fixture", nearest_point=211,
+        ),
+        hashes=(("cell.yaml", "3f" * 32), ("bracket_op10.aptsource", "a1" * 32)),
+        options=(("index", "deflection"), ("rotation step", "5 deg"), ("sample", "12 ms"), ("seed", "0")),
+        map=RotationMap(
+            s=s, point=np.arange(points), rotation=grid, index=index, status=status,
+            chosen=gamma, jiao2022=gamma + 0.3 + 0.1 * np.sin(20 * u),
+            cam_default=np.where((u > 0.4) & (u < 0.5), np.nan, 0.0),
+        ),
+        path=path,
+        motion=_motion(samples, s),
+        dips=(
+            FeedDip(311.4, 1.24, 71.2, 0.42, 0.02, 0.0112, "a4 acceleration"),
+            FeedDip(655.0, 2.61, 150.7, 1.1, 0.02, 0.0163, "a6 jerk"),
+        ),
+        worst=tuple(
+            WorstPoint(p, "slot", 1.08e-4 - k * 1e-7, 1.82e-4, 0.6, 1.08e-4, np.nan, 1.5e6, 0.03,
+                       "arm stretched; joint 2 carries 61 % of the deflection")
+            for k, p in enumerate((180, 181, 182, 640, 12))
+        ),
+        operations=tuple(
+            OperationRow(label, "point" if "drill" in label else "trajectory", points // 4, 0.8, 47.0, 1.8e-4, 1.05e-4,
+                         0.0124, 0.99)
+            for label in labels
+        ),
+        ignored=(IgnoredWord("PPRINT", 14, 3, True), IgnoredWord("GOFWDX", 1, 812, False)),
+        warnings=("line 211: arc direction disagrees with the tangent before it; the tangent was followed",),
+        excluded_pairs=(ExcludedPair("link2", "link3", "neighbours touch at the joint"),),
+        checks=(
+            Check("TCP follows the toolpath", True, "3.1 µm", "15 µm", "t = 71.244 s"),
+            Check("joint velocity", True, "96.8 %", "100 %", "a4, t = 71.3 s"),
+            Check("collision between samples", None, "", "", "no meshes"),
+        ),
+        timings=(("read", 0.21), ("candidates", 0.12), ("score", 0.2), ("choose", 0.31), ("smooth", 0.4), ("check", 1.3)),
+        events=(Event(0, "spindle", "SPINDL/9000,RPM,CLW", 9000.0), Event(200, "coolant", "COOLNT/ON")),
+    )  # fmt: skip
+
+
+def infeasible_result() -> ReportData:
+    """Exit 3: nothing but the points without an answer."""
+    nan = float("nan")
+    return ReportData(
+        title="Part out of reach",
+        cell="KR240 drilling cell",
+        toolpath="far.csv",
+        version="0.1.0",
+        summary=Summary("infeasible", "not run", "deflection", *[nan] * 6, points=40, infeasible_points=2),
+        infeasible=(
+            InfeasiblePoint(
+                7, "hole <3>", np.array([2.9, 0.1, 0.4]), "unreachable", "no inverse solution", "38 mm out"
+            ),
+            InfeasiblePoint(8, "hole <3>", np.array([2.9, 0.2, 0.4]), "joint limit", "axis 5 at 128°", "3.1° beyond"),
+        ),
+    )
+
+
+def _motion(samples: int, s: np.ndarray) -> MotionSeries:
+    t = 0.012 * np.arange(samples)
+    w = 2 * np.pi * t / max(t[-1], 1.0)
+    j = np.arange(6)
+    cutting = (np.sin(6 * w) > -0.8) & (w > 0.2) & (w < 6.0)
+    dip = np.exp(-(((t - 0.15 * t[-1]) / 0.4) ** 2))
+    return MotionSeries(
+        time=t,
+        s=np.where(cutting, s[-1] * t / max(t[-1], 1.0), np.nan),
+        q=np.radians(60) * np.sin(w[:, None] * (1 + j / 3) + j),
+        velocity_ratio=np.abs(0.5 * np.cos(w[:, None] * (1 + j / 3) + j)),
+        acceleration_ratio=np.abs(0.7 * np.cos(w[:, None] * (9 + j) + j)),
+        jerk_ratio=np.abs(0.9 * np.cos(w[:, None] * (25 + j) + j)),
+        joint_names=JOINTS,
+        prismatic=(False,) * 6,
+        lower=np.radians([-185, -140, -120, -350, -122.5, -350]),
+        upper=np.radians([185, -5, 155, 350, 122.5, 350]),
+        feed_programmed=np.where(cutting, 0.02, np.nan),
+        feed_actual=0.02 - 0.009 * dip,
+        cutting=cutting,
+    )

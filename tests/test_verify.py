@@ -1,0 +1,343 @@
+"""The verification passes a sound trajectory and catches each kind of damage, one at a time."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_cell import ROBOTS, pose, real_cell, small_cell
+
+from machopt.domain.cell import Cell, Shape, Tool
+from machopt.domain.options import PlanOptions
+from machopt.domain.toolpath import Move, Operation, Toolpath
+from machopt.errors import InputError
+from machopt.model.collision import CollisionModel, Pair
+from machopt.model.robot import Robot, load_chain, load_robot
+from machopt.plan.rapids import time_legs
+from machopt.verify import Verification, verify_output
+from machopt.verify.arm import Arm
+from machopt.verify.contact import _bodies, contacts
+
+CYCLE = 0.012
+FEED = 0.05  # m/s
+# A slot 10 mm deep, in over 40 mm and out again (m, in the workpiece frame on the block's top).
+POINTS = np.array([[-0.1, 0, 0.04], [-0.1, 0, -0.01], [0, 0, -0.01], [0.1, 0, -0.01], [0.1, 0, 0.04]])
+MOVES = [Move.RAPID, Move.APPROACH, Move.CUT, Move.CUT, Move.RETRACT]
+
+
+def toolpath() -> Toolpath:
+    n = len(POINTS)
+    feed = np.where(np.array(MOVES) == Move.RAPID, np.nan, FEED)
+    return Toolpath(
+        POINTS.copy(), np.tile([0, 0, 1.0], (n, 1)), np.array(MOVES, np.int8), feed, np.zeros(n, np.int32),
+        (Operation("slot", "trajectory"),), np.full((n, 3), np.nan), np.full(n, np.nan),
+        np.arange(1, n + 1, dtype=np.int32), "slot.csv", "csv", "",
+    )  # fmt: skip
+
+
+def solve(robot: Robot, cell: Cell, tip: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Newton to the TCP at ``tip`` in the workpiece frame, pointing down, x along x of the workpiece mirrored."""
+    T = cell.workpiece.T_link_workpiece @ np.vstack([np.column_stack([np.diag([-1.0, 1, -1]), tip]), [0, 0, 0, 1]])
+    for _ in range(30):
+        now, J = robot.fk_jacobian(q, cell.tool.T_flange_tcp)
+        turn = 0.5 * sum(np.cross(now[:3, k], T[:3, k]) for k in range(3))
+        step = np.linalg.solve(J, np.append(T[:3, 3] - now[:3, 3], turn))
+        q = q + np.clip(step, -0.3, 0.3)
+        if np.abs(step).max() < 1e-12:
+            break
+    return q
+
+
+def sound(cell: Cell) -> dict[str, list[object]]:
+    """Columns of a sound trajectory: home, rapid, down, cut, up, home."""
+    robot = load_robot(cell)
+    q = solve(robot, cell, POINTS[0], np.deg2rad([0, -60, 100, 0, 50, 0]))
+    rapid = time_legs(np.array([cell.home, q]), cell.limits, 0.8, CYCLE)
+    rows = [(np.nan if n < len(rapid) - 1 else 0.0, Move.RAPID, row) for n, row in enumerate(rapid)]
+    for a, b, move in ((0, 1, Move.APPROACH), (1, 3, Move.CUT), (3, 4, Move.RETRACT)):
+        way = np.linalg.norm(POINTS[b] - POINTS[a])
+        count = int(np.ceil(1.875 * way / (0.9 * FEED) / CYCLE))  # a fifth-order ramp peaks at 15/8 of its mean
+        for u in np.arange(1, count + 1) / count:
+            share = u**3 * (10 - 15 * u + 6 * u * u)
+            q = solve(robot, cell, POINTS[a] + share * (POINTS[b] - POINTS[a]), q)
+            rows.append((a + share * (b - a), move, q))
+    rows += [(np.nan, Move.RAPID, row) for row in time_legs(np.array([q, cell.home]), cell.limits, 0.8, CYCLE)[1:]]
+    table: dict[str, list[object]] = {
+        "time_s": [n * CYCLE for n in range(len(rows))],
+        "point": [r[0] for r in rows], "operation": ["slot"] * len(rows), "move": [r[1].word for r in rows],
+    }  # fmt: skip
+    for i in range(6):
+        table[f"q{i + 1}_deg"] = [float(np.degrees(r[2][i])) for r in rows]
+    return table
+
+
+def points_table(table: dict[str, list[object]]) -> dict[str, list[object]]:
+    q = np.array([table[f"q{i}_deg"] for i in range(1, 7)], float).T
+    s = np.array(table["point"], float)
+    known = np.flatnonzero(np.isfinite(s))
+    at = [np.array([np.interp(k, s[known], q[known, i]) for i in range(6)]) for k in range(len(POINTS))]
+    out: dict[str, list[object]] = {"point": list(range(len(POINTS))), "status": ["ok"] * len(POINTS)}
+    for i in range(6):
+        out[f"q{i + 1}_deg"] = [float(a[i]) for a in at]
+    return out
+
+
+def write(file: Path, table: dict[str, list[object]]) -> None:
+    with file.open("w", newline="", encoding="utf-8") as stream:
+        stream.write("# written by a test\n")
+        writer = csv.writer(stream)
+        writer.writerow(table)
+        for row in zip(*table.values(), strict=True):
+            writer.writerow([f"{x:.9f}" if isinstance(x, float) and np.isfinite(x) else
+                             ("" if isinstance(x, float) else x) for x in row])  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
+    return small_cell(tmp_path_factory.mktemp("cell"))
+
+
+@pytest.fixture(scope="module")
+def table(cell: Cell) -> dict[str, list[object]]:
+    return sound(cell)
+
+
+Damage = Callable[[dict[str, list[object]]], None]
+
+
+def verified(cell: Cell, table: dict[str, list[object]], out: Path, damage: Damage | None = None,
+             points: Damage | None = None, options: PlanOptions | None = None) -> Verification:  # fmt: skip
+    copy = {name: list(column) for name, column in table.items()}
+    of_points = points_table(copy)
+    if damage is not None:
+        damage(copy)
+    if points is not None:
+        points(of_points)
+    write(out / "trajectory.csv", copy)
+    write(out / "points.csv", of_points)
+    return verify_output(cell, toolpath(), out, options=options)
+
+
+def names(result: Verification) -> set[str]:
+    return {check.name for check in result.failed}
+
+
+def test_a_sound_trajectory_passes(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
+    result = verified(cell, table, tmp_path)
+    assert result.ok, result.failed
+    assert result.samples == len(table["time_s"])
+    by_name = {check.name: check for check in result.checks}
+    assert by_name["path"].value < 1e-4
+    assert 0.85 < by_name["feed"].value <= 0.95
+    assert by_name["joint velocity"].value < 0.85
+
+
+def shift(name: str, rows: slice, by: float) -> Damage:
+    def damage(t: dict[str, list[object]]) -> None:
+        t[name][rows] = [float(x) + by for x in t[name][rows]]  # type: ignore[arg-type]
+
+    return damage
+
+
+def cut_rows(table: dict[str, list[object]]) -> np.ndarray:
+    return np.flatnonzero(np.array(table["move"]) == "cut")
+
+
+def test_catches_each_damage(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
+    cut = cut_rows(table)
+    middle = int(cut[len(cut) // 2])
+    here = slice(middle, middle + 1)
+
+    def failed(damage: Damage, **more: object) -> set[str]:
+        return names(verified(cell, table, tmp_path, damage, **more))  # type: ignore[arg-type]
+
+    # 0.002° of joint 1 at 1.5 m radius is 52 µm of path.
+    assert {"path", "joint jerk"} <= failed(shift("q1_deg", here, 0.002))
+    assert {"tool axis"} <= failed(shift("q4_deg", slice(None), 0.1))
+    assert failed(shift("time_s", here, 0.0001)) == {"uniform time"}
+    assert {"joint velocity", "joint acceleration"} <= failed(shift("q6_deg", slice(middle, None), 10.0))
+    assert {"joint positions"} <= failed(shift("q6_deg", slice(None), 360.0))
+
+    def quicker(t: dict[str, list[object]]) -> None:
+        t["time_s"] = [0.8 * float(x) for x in t["time_s"]]  # type: ignore[arg-type]
+
+    assert {"feed"} <= failed(quicker)
+
+    def skip(t: dict[str, list[object]]) -> None:
+        for n in cut:
+            if float(t["point"][n]) > 2.4:  # type: ignore[arg-type]
+                t["move"][n] = "link"
+
+    assert "cutting points visited" in failed(skip)
+
+    def swapped(t: dict[str, list[object]]) -> None:
+        t["point"][middle], t["point"][middle + 4] = t["point"][middle + 4], t["point"][middle]
+
+    assert "in order" in failed(swapped)
+
+    def lost(t: dict[str, list[object]]) -> None:
+        t["point"][middle] = np.nan
+
+    assert "path" in failed(lost)
+
+    def nothing_cut(t: dict[str, list[object]]) -> None:
+        t["move"] = ["link"] * len(t["move"])
+
+    result = failed(nothing_cut)
+    assert {"path", "feed", "cutting points visited"} <= result
+
+
+def test_catches_points_that_tell_another_story(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
+    def other_wrist(t: dict[str, list[object]]) -> None:
+        t["q6_deg"][2] = float(t["q6_deg"][2]) + 5.0  # type: ignore[arg-type]
+
+    assert names(verified(cell, table, tmp_path, points=other_wrist)) == {"points.csv as driven"}
+
+    def elsewhere(t: dict[str, list[object]]) -> None:
+        t["q1_deg"][3] = float(t["q1_deg"][3]) + 0.01  # type: ignore[arg-type]
+
+    assert names(verified(cell, table, tmp_path, points=elsewhere)) == {"points.csv on the toolpath"}
+
+    def shorter(t: dict[str, list[object]]) -> None:
+        for column in t.values():
+            del column[-1]
+
+    assert names(verified(cell, table, tmp_path, points=shorter)) == {"points.csv complete"}
+
+
+def test_gaps_count_only_where_they_are_allowed(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
+    def stop_early(t: dict[str, list[object]]) -> None:
+        for n in cut_rows(table):
+            if float(t["point"][n]) > 2.4:  # type: ignore[arg-type]
+                t["move"][n] = "link"
+
+    def given_up(t: dict[str, list[object]]) -> None:
+        t["status"][3] = "unreachable"
+        for i in range(1, 7):
+            t[f"q{i}_deg"][3] = np.nan
+
+    assert "cutting points visited" in names(verified(cell, table, tmp_path, stop_early, given_up))
+    assert verified(cell, table, tmp_path, stop_early, given_up, PlanOptions(allow_gaps=True)).ok
+
+
+def test_catches_contacts(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
+    part = cell.workpiece
+
+    def hits(changed: Cell, damage: Damage | None = None) -> str:
+        result = verified(changed, table, tmp_path, damage)
+        assert names(result) == {"contacts"}, result.failed
+        return result.failed[0].where
+
+    clamp = Shape("clamp", "box", (0.03, 0.03, 0.06), None, pose(1.5, 0.0, 0.63))
+    assert "clamp ~ cutter" in hits(replace(cell, obstacles=(*cell.obstacles, clamp)))
+    boss = Shape(
+        "boss",
+        "box",
+        (0.02, 0.02, 0.08),
+        None,
+        pose(0.05, 0.05, 0.04),  # beside the cutter, under the spindle
+    )
+    assert "boss ~ spindle" in hits(replace(cell, workpiece=replace(part, geometry=(*part.geometry, boss))))
+    wall = Shape("wall", "box", (0.02, 2.0, 2.0), None, pose(-0.5, 0.0, 1.5))  # behind: nothing moves there
+    assert verified(replace(cell, obstacles=(*cell.obstacles, wall)), table, tmp_path).ok
+    bulky = Tool(cell.tool.T_flange_tcp, geometry=(Shape("cabinet", "box", (0.1, 0.1, 1.4), None, pose(0.4, 0, -0.3)),))
+    assert "cabinet" in hits(replace(cell, tool=bulky))
+
+    def rapid(t: dict[str, list[object]]) -> None:
+        t["move"] = ["rapid" if word == "retract" else word for word in t["move"]]  # out of the slot: touches
+
+    assert "block ~ cutter" in hits(cell, rapid)
+    assert verified(replace(cell, obstacles=(*cell.obstacles, clamp)), table, tmp_path,
+                    options=PlanOptions(collision=False)).ok  # fmt: skip
+
+
+def test_catches_a_contact_between_samples(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
+    """A sheet thinner than one sample's way, placed between two samples of the rapid move."""
+    tcp = Arm(cell).tcp_in_workpiece(
+        np.deg2rad(np.array([table[f"q{i}_deg"] for i in range(1, 7)], float).T), np.zeros((len(table["q1_deg"]), 0))
+    )
+    x = tcp[:, :3, 3]
+    way = np.linalg.norm(np.diff(x, axis=0), axis=1)
+    n = int(np.argmax(way))
+    assert way[n] > 0.01
+    normal = (x[n + 1] - x[n]) / way[n]
+    across = np.linalg.svd(normal[None])[2][1:]
+    place = np.eye(4)
+    place[:3, :3] = np.column_stack([across[0], across[1], np.cross(across[0], across[1])])
+    place[:3, 3] = 0.5 * (x[n] + x[n + 1])
+    sheet = Shape("sheet", "box", (0.004, 0.004, 0.0005), None, cell.workpiece.T_link_workpiece @ place)
+    pin = replace(cell.tool.cutter, diameter=0.002, length=0.003) if cell.tool.cutter else None
+    slim = replace(cell, tool=replace(cell.tool, cutter=pin), obstacles=(sheet,))
+    result = verified(slim, table, tmp_path)
+    assert "sheet ~ cutter" in {c.name: c for c in result.checks}["contacts"].where
+
+
+def coal_distance(cell: Cell, arm: Arm, q: np.ndarray, pair: Pair) -> float:
+    import coal
+
+    bodies = {b.name: b for b in _bodies(cell, arm)}
+    world = arm.placements(q[None], np.zeros((1, 0)))[0]
+    ends = []
+    for name in (pair.a, pair.b):
+        body = bodies[name]
+        T = body.place if body.carrier < 0 else world[body.carrier] @ body.place
+        ends += [body.shape, coal.Transform3s(T[:3, :3], T[:3, 3])]
+    return float(coal.distance(*ends, coal.DistanceRequest(), coal.DistanceResult()))
+
+
+@pytest.mark.parametrize("name", ["small", "kr210l150", "kr500_r2800_2"])
+def test_agrees_with_the_planner_s_collision_model(tmp_path: Path, name: str) -> None:
+    """Two libraries, two bounds, one answer: random motions, the contacting pairs by name."""
+    if name != "small" and not (ROBOTS / name).is_dir():
+        pytest.skip(f"{ROBOTS / name} is absent")
+    cell = small_cell(tmp_path) if name == "small" else real_cell(tmp_path, name)
+    robot, shapes = load_chain(cell)
+    cell = replace(cell, limits=replace(cell.limits, lower=robot.lower, upper=robot.upper))
+    model, arm = CollisionModel(cell, robot, shapes, 0.0), Arm(cell)
+    rng = np.random.default_rng(4)
+    outcomes = []
+    for _ in range(12):
+        a = robot.lower + (robot.upper - robot.lower) * rng.random(6)
+        q = a + np.linspace(0, 1, 8)[:, None] * rng.uniform(-0.8, 0.8, 6)
+        rapid = np.ones(8, bool)
+        theirs = contacts(cell, arm, q, np.zeros((8, 0)), rapid)
+        ours = model.check_motion(q, ~rapid, np.deg2rad(1))
+        named = {c.pair for c in theirs}
+        for n in np.flatnonzero(ours.hit):
+            if model.pairs[ours.pair[n]].name not in named:  # then it only grazes: our spheres are up to 0.7 % larger
+                where = q[0] + ours.at[n] / 7 * (q[7] - q[0])
+                assert coal_distance(cell, arm, where, model.pairs[ours.pair[n]]) < 0.09 * 0.007
+        assert ours.any or not theirs
+        outcomes.append(ours.any)
+    assert any(outcomes)
+    assert not all(outcomes)
+
+
+def test_unreadable_tables_are_refused(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
+    def drop(t: dict[str, list[object]]) -> None:
+        del t["q3_deg"]
+
+    def word(t: dict[str, list[object]]) -> None:
+        t["move"][3] = "fly"
+
+    def number(t: dict[str, list[object]]) -> None:
+        t["q2_deg"][4] = "1,5"
+
+    for damage, message in ((drop, "'q3_deg' is missing"), (word, "'fly' is no move"), (number, "not a finite number")):
+        with pytest.raises(InputError, match=message):
+            verified(cell, table, tmp_path, damage)
+    with pytest.raises(InputError, match="cannot be read"):
+        verify_output(cell, toolpath(), tmp_path / "nowhere")
+
+
+def test_shares_nothing_with_the_planner() -> None:
+    import machopt.verify as package
+
+    for file in Path(package.__file__).parent.glob("*.py"):
+        text = file.read_text(encoding="utf-8")
+        for word in ("machopt.model", "machopt.plan", "machopt.se3", "machopt.formats"):
+            assert word not in text, (file, word)
