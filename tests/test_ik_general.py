@@ -113,7 +113,8 @@ def pinocchio_poses(arm: Robot, folder: Path, q: Array) -> Array:
     for i, (a, p) in enumerate(zip(arm.axis, arm.point, strict=True)):
         xml.append(
             f'<joint name="j{i}" type="revolute"><parent link="l{i}"/><child link="l{i + 1}"/>'
-            f'<origin xyz="{text(p - last)}"/><axis xyz="{text(a)}"/><limit lower="-4" upper="4" effort="1" velocity="1"/></joint>'
+            f'<origin xyz="{text(p - last)}"/><axis xyz="{text(a)}"/>'
+            '<limit lower="-4" upper="4" effort="1" velocity="1"/></joint>'
         )
         last = p
     xml.append(

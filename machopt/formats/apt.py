@@ -6,24 +6,24 @@ they are printed in, which is ``workpiece``; where a file changes it, later poin
 
 from __future__ import annotations
 
-import enum
 import math
 import re
 
 import numpy as np
 
-from machopt.domain.toolpath import Array, Move, Toolpath
-from machopt.formats.apt_curves import Curves
+from machopt.domain.toolpath import Toolpath
 from machopt.formats.apt_cycles import FEED_UNITS, hole_cycle, parse_cycle
-from machopt.formats.apt_tokens import COMMENT, fields, leading_numbers, number, statements
+from machopt.formats.apt_dialect import Dialect
+from machopt.formats.apt_motion import MotionReader
+from machopt.formats.apt_tokens import COMMENT, fields, number, numbers, numbers_or_none, statements
 from machopt.formats.apt_words import NO_EFFECT, REFUSED
-from machopt.formats.frames import Frame, FrameError, Transfer
-from machopt.formats.holecycle import CycleError, HoleCycle, drill
-from machopt.formats.pathbuilder import PathBuilder, Vector
-from machopt.formats.source import MM_PER_INCH, ReadOptions, Source
+from machopt.formats.frames import Frame, FrameError
+from machopt.formats.holecycle import CycleError
+from machopt.formats.source import ReadOptions, Source
 
 _OPERATION_COMMENT = re.compile(r"\s*(?:OPERATION(?: NAME)?|OPNAME)\s*[:=]\s*(.+)", re.IGNORECASE)
 _ROW = 4  # numbers in one line of a CATIA matrix
+
 
 def read_apt(source: Source, options: ReadOptions) -> Toolpath:
     """Read a cutter location file.
@@ -33,6 +33,7 @@ def read_apt(source: Source, options: ReadOptions) -> Toolpath:
     """
     return _Reader(source, options).run()
 
+
 class _Reader(MotionReader):
     """Carries out the statements one by one."""
 
@@ -40,7 +41,7 @@ class _Reader(MotionReader):
         handlers = {
             "FROM": self.go_from, "GOHOME": self.go_home, "GODLTA": self.go_delta, "RAPID": self.rapid_next,
             "FEDRAT": self.feed_rate, "SPINDL": self.spindle, "COOLNT": self.coolant, "CUTCOM": self.compensation,
-            "CYCLE": self.cycle_word, "MSYS": self.msys, "CSYS": self.csys, "TOOL PATH": self.tool_path,
+            "CYCLE": self.cycle_word, "TRNTYP": self.transfer_type, "MSYS": self.msys, "CSYS": self.csys, "TOOL PATH": self.tool_path,
             "OPFEATSTART": self.feature, "LOADTL": self.load_tool, "LOAD": self.load, "INSERT": self.insert,
             "TLAXIS": self.tool_axis, "DELAY": self.delay, "STOP": self.stop, "OPSTOP": self.stop,
             "SET": self.set_mode, "PPRINT": self.remark, "MSG": self.remark, "ROTABL": self.rotate_table,
@@ -146,17 +147,28 @@ class _Reader(MotionReader):
         self.use_frame(Frame(np.column_stack([x, y, np.cross(x, y)]), np.array(v[:3]) * self.scale), line)
 
     def csys(self, word: str, rest: str, line: int) -> None:
+        """Three rows of four. CAMWorks prints points in the world system (TRNTYP/WORLD) and here only how the tool
+        stands in it: the third column is the tool axis (seen on 127 plunges and drilled holes, none against)."""
         v = numbers(rest)
         if len(v) != 12:
             raise ValueError(f"{len(v)} numbers; expected three rows of four (12)")
         m = np.array(v).reshape(3, 4)
-        self.count += 1
+        frame = Frame(m[:, :3], m[:, 3] * self.scale)
         if self.dialect is Dialect.CAMWORKS:
+            self.count += 1
             if self.cycle is not None:
                 self.out.warn("the cycle before has no CYCLE/OFF; the new operation ends it", line)
                 self.cycle = None
             self.out.begin_operation(f"{self.count} {self.tool_text}".strip(), tool=self.tool)
-        self.use_frame(Frame(m[:, :3], m[:, 3] * self.scale), line)
+        if self.world:
+            i, j, k = frame.R[:, 2].tolist()
+            self.axis = (i, j, k)
+        else:
+            self.use_frame(frame, line)
+
+    def transfer_type(self, word: str, rest: str, line: int) -> None:
+        self.world = (fields(rest) or [""])[0] == "WORLD"
+        self.out.ignore("TRNTYP", line, understood=self.world)
 
     def comment(self, rest: str, line: int) -> None:
         if self.catia_rows is not None:

@@ -34,6 +34,7 @@ class MotionReader:
         self.last_cycle: HoleCycle | None = None
         self.first_frame: Frame | None = None
         self.transfer: Transfer | None = None
+        self.world = False  # points are in one system whatever CSYS says
         self.catia_rows: list[list[float]] | None = None
         self.tool, self.tool_text, self.count = "", "", 0
         self.rotations: dict[str, float] = {}
@@ -44,7 +45,7 @@ class MotionReader:
 
     def goto(self, rest: str, line: int) -> None:
         try:
-            values = [float(v) for v in rest.split(",")]
+            values = numbers(rest) if "_" in rest else [float(v) for v in rest.split(",")]
         except ValueError:
             values = numbers(rest)
         count = len(values)

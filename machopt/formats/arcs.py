@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -67,7 +68,9 @@ def arc(
     u = u0 / r0
     v = np.cross(n, u)
     sweep = math.atan2(float(u1 @ v), float(u1 @ u)) % math.tau
-    if (float(np.linalg.norm(u1 - u0)) <= closed_within and (sweep < 0.1 or sweep > math.tau - 0.1)) or sweep < FULL_CIRCLE:
+    if (
+        float(np.linalg.norm(u1 - u0)) <= closed_within and (sweep < 0.1 or sweep > math.tau - 0.1)
+    ) or sweep < FULL_CIRCLE:
         sweep = math.tau
     sweep += math.tau * (max(turns, 1) - 1)
     count = chord_count(max(r0, r1), sweep, tolerance)
@@ -139,7 +142,7 @@ def cubic_spline(control: Array, knots: Array, tolerance: float) -> Array:
     bend = curve.derivative(2)
     parameters: list[Array] = []
     spans = np.unique(knots)
-    for a, b in zip(spans[:-1], spans[1:], strict=True):
+    for a, b in pairwise(spans):
         inside = a + (b - a) * np.array([1e-9, 1.0 - 1e-9])
         most = float(np.linalg.norm(bend(inside), axis=1).max())
         count = max(math.ceil((b - a) * math.sqrt(most / (8.0 * tolerance))), 1)

@@ -12,12 +12,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from machopt.domain.toolpath import Array, Move, Toolpath
-from machopt.formats import rotary
-from machopt.formats.arcs import ArcError, arc, from_radius
+from machopt.domain.toolpath import Toolpath
+from machopt.formats.arcs import ArcError
 from machopt.formats.gcode_blocks import Block, BlockReader
-from machopt.formats.gcode_cycles import SIEMENS, Canned, siemens_cycle
+from machopt.formats.gcode_cycles import SIEMENS, siemens_cycle
 from machopt.formats.gcode_expr import ExpressionError
+from machopt.formats.gcode_motion import MotionReader
 from machopt.formats.gcode_words import (
     CYCLES,
     FEED_MODES,
@@ -33,9 +33,7 @@ from machopt.formats.gcode_words import (
     REFUSED_CALLS,
     UNITS,
 )
-from machopt.formats.holecycle import CycleError, HoleCycle, drill
-from machopt.formats.pathbuilder import PathBuilder, Vector
-from machopt.formats.rotary import Rotary
+from machopt.formats.holecycle import CycleError
 from machopt.formats.source import UNIT_NAMES, ReadOptions, Source
 from machopt.formats.unknowns import fill_unknown
 
@@ -118,19 +116,19 @@ class ProgramReader(MotionReader):
     def first_unit(self, source: Source, options: ReadOptions) -> tuple[str, str]:
         """The unit by the file's first unit word, else the option's; and where it is from."""
         found: str | None = None
-        line = 0
+        where: int | None = None
         for line, raw in enumerate(source.lines, 1):
             if "G" in raw or "g" in raw:
                 text, _ = self.blocks.comments(raw) if "(" in raw or ";" in raw else (raw, [])
                 word = _UNIT_WORD.search(text.upper())
                 if word:
-                    found = UNITS[int(word.group(1)) * 10]
+                    found, where = UNITS[int(word.group(1)) * 10], line
                     break
         unit = options.unit
         if found is None and unit is None:
             raise source.error("has no G20 or G21 (G70, G71); give the unit with --unit mm or --unit inch")
         if found is not None and unit is not None and found != unit:
-            raise source.error(f"the file is in {found} but --unit {unit} was given", line)
+            raise source.error(f"the file is in {found} but --unit {unit} was given", where)
         return found or unit or "", "G word" if found else "option"
 
     def comment(self, text: str) -> None:
@@ -280,7 +278,6 @@ class ProgramReader(MotionReader):
             value = words.pop(letter, 0.0)
             if value and not self.siemens:
                 self.out.ignore(letter, b.line, understood=False)
-
 
     def m_words(self, m_words: list[int], words: dict[str, float], line: int) -> None:
         for m in m_words:

@@ -6,7 +6,6 @@ The state both G-code and Heidenhain's conversational programs keep; the readers
 from __future__ import annotations
 
 import math
-import re
 
 import numpy as np
 
@@ -31,7 +30,6 @@ class MotionReader:
 
     format = "gcode"
     once = 0  # line of a drilling cycle that is carried out in its own block
-
 
     def __init__(self, source: Source, options: ReadOptions, unit: str) -> None:
         self.source, self.options = source, options

@@ -207,9 +207,9 @@ class _Table:
                 raise self.error(f"found {cells[at]!r}; expected a number", at, name) from None
             out[:, c] = values
             bad = ~np.isfinite(out[:, c])
-            for at in np.flatnonzero(bad):
-                if not (empty_allowed and not cells[at]):
-                    raise self.error(f"found {cells[at]!r}; expected a finite number", int(at), name)
+            for row in np.flatnonzero(bad).tolist():
+                if not (empty_allowed and not cells[row]):
+                    raise self.error(f"found {cells[row]!r}; expected a finite number", row, name)
         return out
 
     def reference(self, r: Array) -> Array:

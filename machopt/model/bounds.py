@@ -21,6 +21,7 @@ from machopt.se3 import inverse
 Array = NDArray[np.float64]
 
 BLOCK = 1024  # rows bounded at once; keeps the work arrays in cache
+MEMORY = 3000  # distances remembered of one pair
 UNKNOWN = 1e3  # m, the motion bound of joint steps too large for one
 
 
@@ -107,6 +108,41 @@ class Rows:
                 lever[:, k] += np.linalg.norm(body.box_half)
             self._travel[low, j] = _whole(np.einsum("sk,sk->s", self._delta, lever), self._turn)
         return self._travel[low, j]
+
+
+class Memory:
+    """Distances found earlier of a pair with one or two joints in between, wherever the arm came from.
+
+    Straight through joint space no point of the second body moves by more than Σ_k |Δq_k| ρ_k, ρ_k being its
+    largest distance from axis k in any pose; so every distance d found at q' bounds that at q by d − Σ|Δq_k| ρ_k.
+    Neighbouring links are always near each other, so without it they would cost a distance at every pose.
+    """
+
+    def __init__(self, robot: Robot, low: int, body: Body) -> None:
+        self.joints = slice(low, body.link)
+        self._levers = np.zeros(body.link - low)
+        for n, k in enumerate(range(low, body.link)):
+            arm = body.vertices - robot.point[body.link - 1]
+            if k == body.link - 1:  # turns with this joint alone: the distance from its axis stays
+                self._levers[n] = np.linalg.norm(np.cross(arm, robot.axis[k]), axis=1).max()
+            else:
+                chain = np.linalg.norm(np.diff(robot.point[k : body.link], axis=0), axis=1).sum()
+                self._levers[n] = chain + np.linalg.norm(arm, axis=1).max()
+        self._at = np.empty((MEMORY, body.link - low))
+        self._distance = np.empty(MEMORY)
+        self._count = 0
+
+    def bound(self, q: Array) -> float:
+        """m, never above the distance at q (6,) rad."""
+        n = min(self._count, MEMORY)
+        if n == 0:
+            return -np.inf
+        return float((self._distance[:n] - np.abs(self._at[:n] - q[self.joints]) @ self._levers).max())
+
+    def add(self, q: Array, distance: float) -> None:
+        self._at[self._count % MEMORY] = q[self.joints]
+        self._distance[self._count % MEMORY] = distance
+        self._count += 1
 
 
 def densify(q: Array, step: float) -> tuple[Array, NDArray[np.int64], Array]:

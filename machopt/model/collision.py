@@ -32,7 +32,7 @@ from machopt.model.bodies import (
     robot_bodies,
     worth_checking,
 )
-from machopt.model.bounds import PairStack, Rows, densify
+from machopt.model.bounds import Memory, PairStack, Rows, densify
 from machopt.model.robot import LinkShape, Robot
 from machopt.se3 import inverse
 
@@ -235,6 +235,10 @@ class CollisionModel:
             for (a, b), t in zip(((bodies[i], bodies[j]) for i, j in indices), touch, strict=True)
         )
         self.stack = PairStack(self._robot, bodies, indices)
+        self._memory: list[Memory | None] = [
+            Memory(self._robot, i, bodies[pair[1]]) if j - i <= 2 else None
+            for pair, (i, j) in zip(indices, self.stack.links, strict=True)
+        ]
 
     def _exclude(self, wanted: list[tuple[int, int, bool]]) -> None:
         """Drop pairs that touch by construction; sampled, so it needs no list made by hand."""
@@ -301,7 +305,10 @@ class _Walk:
         return float(abs(self._way[n] - self._way[self.last]))
 
     def bound(self, n: int) -> float:
-        return -np.inf if self.last < 0 else self.known - self.moved(n)
+        """m, what is known of the distance at row n without measuring it."""
+        since = -np.inf if self.last < 0 else self.known - self.moved(n)
+        memory = self.model._memory[self.p]
+        return since if memory is None or since > self.clearance else max(since, memory.bound(self.rows.q[n]))
 
     def known_free(self, n: int) -> bool:
         """The known distance proves row n free."""
@@ -316,6 +323,9 @@ class _Walk:
             if d > 0.0 and fresh and _contained(self.model, self.p, self.rows.relative(self.p)[n]):
                 d = 0.0
             self.last, self.known = n, d
+            memory = self.model._memory[self.p]
+            if memory is not None and d > self.clearance:
+                memory.add(self.rows.q[n], d)
         return self.known
 
     def hits(self, n: int) -> bool:
@@ -326,7 +336,7 @@ class _Walk:
         if m == 0:
             return 0.0 if self.hits(0) else np.nan
         way = float(self.rows.travel(self.p)[m - 1])
-        if self.last >= 0 and self.bound(m - 1) - way >= self.clearance and self.known > 0.0:
+        if not _too_near(self.bound(m - 1) - way, self.clearance):
             return np.nan
         before = self.distance(m - 1)
         if _too_near(before, self.clearance):

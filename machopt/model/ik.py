@@ -33,6 +33,8 @@ class Solver(Protocol):
 
     def solve(self, T_base_flange: Array) -> Branches: ...
 
+    def solve_grid(self, T_base_flange: Array) -> Branches: ...
+
 
 def solver_for(robot: Robot) -> Solver:
     """The closed form where the wrist is spherical, else the general solver."""

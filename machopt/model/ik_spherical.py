@@ -67,6 +67,10 @@ class SphericalWristSolver:
         skewed = np.linalg.norm(np.cross(h[0], h[1])) > 0.1 and np.linalg.norm(np.cross(h[3], h[4])) > 0.1
         return bool(parallel and skewed and np.linalg.norm(np.cross(h[4], h[5])) > 0.1 and wrist_centre(robot) is not None)
 
+    def solve_grid(self, T_base_flange: Array) -> Branches:
+        """All branches of (N, R, 4, 4) poses, flattened to N·R rows."""
+        return self.solve(T_base_flange.reshape(-1, 4, 4))
+
     def solve(self, T_base_flange: Array) -> Branches:
         """All eight branches.
 

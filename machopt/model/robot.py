@@ -157,8 +157,12 @@ def _link_shapes(cell: Cell, model: object, data: object, T_base_world: Array, i
     """Collision bodies of the URDF, placed in base_link at q = 0; bodies on other branches of the tree count as base."""
     import pinocchio as pin
 
-    folders = [str(cell.folder), str(cell.urdf.parent), *(str(p.parent) for p in cell.packages.values())]
-    geometry = pin.buildGeomFromUrdf(model, str(cell.urdf), pin.GeometryType.COLLISION, package_dirs=folders)
+    text = cell.urdf.read_text(encoding="utf-8")
+    for name, folder in cell.packages.items():  # a package's folder may have another name than the package
+        text = text.replace(f"package://{name}/", f"{folder}/")
+    geometry = pin.buildGeomFromUrdfString(
+        model, text, pin.GeometryType.COLLISION, package_dirs=[str(cell.urdf.parent), str(cell.folder)]
+    )
     shapes = []
     for g in geometry.geometryObjects:
         joint, link = g.parentJoint, 0

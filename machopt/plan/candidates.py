@@ -75,7 +75,7 @@ def enumerate_candidates(path: Path, arm: Arm, options: PlanOptions) -> Candidat
     for a in range(0, S, rows):
         part = path.stations[a : a + rows]
         poses = tcp_poses(path, part, np.broadcast_to(phi, (len(part), R)))
-        branches = arm.solver.solve((arm.T_base_workpiece @ poses @ T_tcp_flange).reshape(-1, 4, 4))
+        branches = arm.solver.solve_grid(arm.T_base_workpiece @ poses @ T_tcp_flange)
         qa = branches.q.reshape(len(part), R, B, 6)
         why = branch_reasons(branches, arm.margins).reshape(len(part), R, B)
         q[a : a + rows] = qa

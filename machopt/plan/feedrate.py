@@ -91,7 +91,7 @@ def time_law(bounds: Bounds, step: float) -> TimeLaw:
     b = bounds
     Q, cap = np.ascontiguousarray(b.derivatives), np.ascontiguousarray(b.cap)
     easy = (b.jerk / np.maximum(np.abs(Q[:, :, 0]), 1e-9)).min(axis=1)  # scalar jerk at standstill
-    code, rows = _law(b.u, Q, cap, easy, b.velocity, b.acceleration, b.jerk, step)
+    code, rows = _law(b.u, Q, cap, easy, b.acceleration, b.jerk, step)
     if code != 0:
         return _gentle(b)
     law = TimeLaw(*(np.ascontiguousarray(rows[:, k]) for k in range(5)))
@@ -215,7 +215,7 @@ def _try(i: int, u: float, v: float, a: float, j: float, h: float, un: Array, Q:
 
 
 @compiled
-def _law(un: Array, Q: Array, cap: Array, easy: Array, vl: Array, al: Array, jl: Array, h: float):  # type: ignore[no-untyped-def]
+def _law(un: Array, Q: Array, cap: Array, easy: Array, al: Array, jl: Array, h: float):  # type: ignore[no-untyped-def]
     rows = np.empty((4096, 5))
     n, i, t, u, v, a = 0, 0, 0.0, un[0], 0.0, 0.0
     stop, end = u, un[-1]

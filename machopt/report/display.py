@@ -30,6 +30,7 @@ ANGLE = Unit(180 / math.pi, "deg", 1)
 FEED = Unit(6e4, "mm/min", 0)
 STIFFNESS = Unit(1e-6, "N/µm", 3)
 TIME = Unit(1.0, "s", 1)
+MOMENT = Unit(1.0, "s", 2)
 SHARE = Unit(100.0, "%", 1)
 BARE = Unit(1.0, "", 3)
 

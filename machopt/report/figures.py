@@ -44,7 +44,7 @@ def _map_spec(data: ReportData, m: RotationMap) -> Spec:
     low, high = (float(v) for v in np.percentile(known, [2, 98])) if known.size else (0.0, 1.0)
     lines = [
         ("CAM default", m.cam_default, "#ff4d4d", "#ffffff", 1.8, "7 4"),
-        ("Jiao 2022", m.jiao2022, "#ff9f1c", "#20242a", 1.8, "3 3"),
+        ("Jiao 2022", m.jiao2022, "#ff9f1c", "#20242a", 2.2, "9 3"),
         ("chosen", m.chosen, "#ffffff", "#000000", 2.6, ""),
     ]
     return {

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from html import escape
 
 from machopt.report.data import ReportData
-from machopt.report.display import ANGLE, FEED, FINE_LENGTH, LENGTH, QUANTITY, SHARE, STIFFNESS, TIME, WORDS
+from machopt.report.display import ANGLE, FEED, FINE_LENGTH, LENGTH, MOMENT, QUANTITY, SHARE, STIFFNESS, TIME, WORDS
 from machopt.report.verdict import change
 
 MOST_ROWS = 300
@@ -100,7 +100,7 @@ def feed_dips(data: ReportData) -> str:
                Column("Programmed (mm/min)", "n"), Column("Lowest (mm/min)", "n"), Column("Held (%)", "n"),
                Column("What did it")]  # fmt: skip
     return table(columns, [
-        (f"{d.point:.1f}", LENGTH.text(d.s), TIME.text(d.time), TIME.text(d.duration), FEED.text(d.feed_programmed),
+        (f"{d.point:.1f}", LENGTH.text(d.s), MOMENT.text(d.time), MOMENT.text(d.duration), FEED.text(d.feed_programmed),
          FEED.text(d.feed_lowest), SHARE.text(d.feed_lowest / d.feed_programmed if d.feed_programmed else 0.0), d.cause)
         for d in sorted(data.dips, key=lambda d: d.feed_lowest - d.feed_programmed)
     ])  # fmt: skip

@@ -71,7 +71,7 @@ function xAxis(F, spec, x0, x1) {
 
 function yAxis(F, label, y0, y1, grid, given) {
   const Y = v => F.M.t + F.h - (v - y0) / (y1 - y0 || 1) * F.h;
-  const t = given || ticks(y0, y1, Math.max(3, F.h / 40));
+  const t = given || ticks(y0, y1, Math.max(3.6, F.h / 40));
   for (const v of t.at) {
     if (grid) el("line", { x1: F.M.l, x2: F.M.l + F.w, y1: Y(v), y2: Y(v), class: "grid" }, F.svg);
     el("text", { x: F.M.l - 6, y: Y(v) + 4, class: "tick", "text-anchor": "end" }, F.svg, t.text(v));

@@ -1,0 +1,285 @@
+"""A run of toolpath points in time: from rest to rest at the programmed feed wherever the axes can hold it.
+
+    points ─blend─► curve ─follow─► joints and derivatives at nodes ─feedrate─► u(t) ─► samples ─► checked here
+
+What is exported are samples, so the limits are checked on differences between samples; where they are exceeded
+the speed is lowered around the place and the run is timed again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.cell import JointLimits
+from machopt.model.robot import Robot
+from machopt.plan.blend import Curve, build_curves
+from machopt.plan.feedrate import Bounds, TimeLaw, node_caps, time_law
+from machopt.plan.follow import joints_at, joints_at_nodes, poses_along
+
+Array = NDArray[np.float64]
+HELD = 0.95  # of the programmed feed
+STEPS_PER_SAMPLE = 3
+ROUNDS = 8  # of lowering the speed where samples exceed a limit
+SLACK = 1.01  # samples may exceed the scaled limits by this (limit_scale leaves more room)
+NO_FEED = 1e3  # m/s: stands for "no feed limit" where the TCP does not travel
+Limit = Literal["velocity", "acceleration", "jerk"]
+LIMITS: tuple[Limit, ...] = ("velocity", "acceleration", "jerk")
+Where = Literal["path", "start", "stop", "reversal", "reorientation"]
+
+
+@dataclass(frozen=True)
+class RunInput:
+    """n points of one run, driven on straight lines in one IK branch."""
+
+    position: Array  # (n, 3) m, in workpiece
+    axis: Array  # (n, 3) unit, tip to shank
+    reference: Array  # (n, 3) direction of TCP x at phi = 0
+    phi: Array  # (n,) rad, continuous
+    q: Array  # (n, 6) rad, continuous
+    feed: Array  # (n,) m/s of the move that ends here; feed[0] is not used
+    T_base_workpiece: Array
+    T_flange_tcp: Array
+    robot: Robot
+    limits: JointLimits
+    sample: float = 0.012  # s
+    path_tolerance: float = 15e-6  # m
+    axis_tolerance: float = float(np.radians(0.03))
+    limit_scale: float = 0.97
+    point_feed: Array | None = None  # (n,) m/s: the feed is also held below the line between these; default: feed
+    phi_curve: Callable[[Array], Array] | None = None  # phi as a smooth function of blend.path_parameter
+
+
+@dataclass(frozen=True)
+class Dip:
+    """A stretch driven slower than HELD times the programmed feed, and what is to blame."""
+
+    first: float  # fractional point index
+    last: float
+    ratio: float  # lowest share of the programmed feed
+    where: Where  # start, stop: the unavoidable ramps from and to rest; reorientation: the tool turns on the spot
+    joint: int  # 1…6
+    limit: Limit
+
+    def at(self, ends: Array) -> Dip:
+        """The same dip with other indices for its ends."""
+        return replace(self, first=float(ends[0]), last=float(ends[1]))
+
+
+@dataclass(frozen=True)
+class RunTrajectory:
+    """S samples, the first at rest at point 0 and the last at rest at point n − 1."""
+
+    q: Array  # (S, 6) rad
+    point: Array  # (S,) fractional point index
+    speed: Array  # (S,) m/s of the TCP at the sample
+    phi: Array  # (S,) rad
+    held: NDArray[np.bool_]  # (S,) the step that ends here was driven at HELD times the programmed feed or faster
+    dips: tuple[Dip, ...]
+    duration: float  # s
+    held_share: float  # of the duration
+
+
+@dataclass(frozen=True)
+class RunFailure:
+    """The run cannot be driven."""
+
+    point: float  # fractional point index
+    reason: str
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Between two stops."""
+
+    q: Array
+    point: Array
+    speed: Array
+    phi: Array
+    ratio: Array  # (S,) of the programmed feed, step that ends here; the first is NaN
+    dips: list[Dip]
+
+
+def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
+    """Round the corners within tolerance and drive the run as fast as feed and joint limits allow."""
+    n = len(run.position)
+    if n and not (np.isfinite(run.feed[1:]).all() and (run.feed[1:] > 0).all()):
+        raise ValueError("every move of a run needs a feed above zero")
+    curves = build_curves(run.position, run.axis, run.reference, run.phi, run.feed, run.phi_curve,
+                          run.path_tolerance, run.axis_tolerance)  # fmt: skip
+    if isinstance(curves, int):
+        return RunFailure(curves, f"the tool axis turns by more than 170° between points {curves - 1} and {curves}")
+    if not curves:  # no length: stand still for one sample
+        ends = [0, n - 1]
+        none = np.zeros(2)
+        return RunTrajectory(run.q[ends], np.array(ends, float), none, run.phi[ends], none > 0, (), run.sample, 0.0)
+    parts: list[_Part] = []
+    for k, curve in enumerate(curves):
+        part = _drive(run, curve, "start" if k == 0 else "reversal", "stop" if k == len(curves) - 1 else "reversal")
+        if isinstance(part, RunFailure):
+            return part
+        parts.append(part)
+
+    def join(name: str) -> Array:
+        return np.concatenate([getattr(p, name)[min(k, 1) :] for k, p in enumerate(parts)])
+
+    point, q = join("point"), join("q")
+    point[0], point[-1] = 0.0, n - 1.0
+    held = np.nan_to_num(join("ratio")) >= HELD
+    dips = tuple(dip for part in parts for dip in part.dips)
+    return RunTrajectory(q, point, join("speed"), join("phi"), held, dips, (len(q) - 1) * run.sample,
+                         float(held[1:].mean()))  # fmt: skip
+
+
+def _drive(run: RunInput, curve: Curve, begin: Where, finish: Where) -> _Part | RunFailure:
+    u = curve.nodes()
+    index = curve.index(u)
+    pose, twist, _, p1 = poses_along(curve, u, run.T_base_workpiece)
+    k = np.clip(index.astype(int), 0, len(run.q) - 2)
+    rough = run.q[k] + (index - k)[:, None] * (run.q[k + 1] - run.q[k])
+    D, failed = joints_at_nodes(run.robot, run.T_flange_tcp, u, pose, twist, rough)
+    if failed >= 0:
+        return RunFailure(float(index[failed]), "the pose cannot be reached in the branch chosen at the points around it")
+    out = (D[:, 0] < run.limits.lower[:6] - 1e-9) | (D[:, 0] > run.limits.upper[:6] + 1e-9)
+    if out.any():
+        node, joint = np.argwhere(out)[0]
+        return RunFailure(float(index[node]), f"axis {joint + 1} leaves its range between the points")
+    v, a, j = (run.limit_scale * x[:6] for x in (run.limits.velocity, run.limits.acceleration, run.limits.jerk))
+    derivatives = np.ascontiguousarray(D[:, 1:].transpose(0, 2, 1))
+    cap, single = node_caps(derivatives, _feed_cap(run, curve, u, p1), v, a, j)
+    for attempt in range(ROUNDS + 1):
+        law = time_law(Bounds(u, derivatives, cap, v, a, j), run.sample / STEPS_PER_SAMPLE)
+        steps = max(int(np.ceil(law.duration / run.sample - 1e-6)), 1)
+        sampled = _sampled(run, curve, u, D, law.slower(steps * run.sample / law.duration), steps)
+        if isinstance(sampled, RunFailure):
+            return sampled
+        law, at, T, q, phi = sampled
+        excess = _excess(q, v, a, j, run.sample)
+        worst = float(excess.max())
+        if worst <= SLACK or attempt == ROUNDS:
+            break
+        for s in np.flatnonzero(excess > SLACK):
+            near = (u >= at[max(s - 3, 0)]) & (u <= at[min(s + 1, len(at) - 1)])
+            near |= np.convolve(near, np.ones(3), "same") > 0
+            cap = np.where(near, np.minimum(cap, 0.9 * _speed_there(law, at, s)), cap)
+    if worst > SLACK:  # slower by the root that the order of the limit asks for; velocity asks for most
+        steps = int(np.ceil(steps * worst))
+        sampled = _sampled(run, curve, u, D, law.slower(steps * run.sample / law.duration), steps)
+        if isinstance(sampled, RunFailure):
+            return sampled
+        law, at, T, q, phi = sampled
+    t = np.arange(steps + 1) * run.sample
+    t[-1] = law.duration
+    _, vt, at_acc, jt = law.at(t)
+    point = curve.index(at)
+    ratio = np.r_[np.nan, np.linalg.norm(np.diff(T[:, :3, 3], axis=0), axis=1) / run.sample / programmed(run, point[1:])]
+    slope = np.interp(at, u, p1)
+    law_ratio = _law_ratios(u, derivatives, at, vt, at_acc, jt, v, a, j)
+    dips = _dips(ratio, at, point, vt, slope, u, single, law_ratio, begin, finish)
+    return _Part(q, point, vt * slope, phi, ratio, dips)
+
+
+def _sampled(
+    run: RunInput, curve: Curve, u: Array, D: Array, law: TimeLaw, steps: int
+) -> tuple[TimeLaw, Array, Array, Array, Array] | RunFailure:
+    t = np.minimum(np.arange(steps + 1) * run.sample, law.duration)
+    at = np.maximum.accumulate(np.clip(law.at(t)[0], u[0], u[-1]))
+    at[0], at[-1] = u[0], u[-1]
+    pose, _, phi, _ = poses_along(curve, at, run.T_base_workpiece)
+    k = np.clip(np.searchsorted(u, at, side="right") - 1, 0, len(u) - 2)
+    h = (at - u[k])[:, None]
+    seed = D[k, 0] + h * (D[k, 1] + h * (0.5 * D[k, 2] + h / 6.0 * D[k, 3]))
+    q, failed = joints_at(run.robot, run.T_flange_tcp, pose, seed)
+    if failed >= 0:
+        return RunFailure(float(curve.index(at[failed : failed + 1])[0]), "the pose between the points cannot be reached")
+    return law, at, pose, q, phi
+
+
+def _excess(q: Array, velocity: Array, acceleration: Array, jerk: Array, sample: float) -> Array:
+    """(S,) largest ratio of joint differences to their limits around each sample, at rest before and after."""
+    x = np.concatenate([np.repeat(q[:1], 3, axis=0), q, np.repeat(q[-1:], 3, axis=0)])
+    worst = np.zeros(len(q))
+    for order, limit in enumerate((velocity, acceleration, jerk), start=1):
+        x = np.diff(x, axis=0) / sample
+        ratio = (np.abs(x) / limit).max(axis=1)  # row r uses padded samples r … r + order
+        worst = np.maximum(worst, ratio[3 : 3 + len(q)] if order < 3 else ratio[2 : 2 + len(q)])
+        worst[0], worst[-1] = max(worst[0], ratio[:3].max()), max(worst[-1], ratio[3 + len(q) - order :].max())
+    return worst
+
+
+def _speed_there(law: TimeLaw, at: Array, s: int) -> float:
+    return float(law.at(np.array([law.duration * s / max(len(at) - 1, 1)]))[1][0]) + 1e-5
+
+
+def programmed(run: RunInput, point: Array) -> Array:
+    """Programmed feed at fractional indices: of the segment, and below the line between the feeds of its points."""
+    n = len(run.position)
+    ends = _point_feed(run)
+    on = np.clip(np.ceil(point - 1e-12).astype(int), 1, n - 1)
+    return np.asarray(np.minimum(run.feed[on], np.interp(point, np.arange(n), ends)))
+
+
+def _point_feed(run: RunInput) -> Array:
+    feed = np.array(run.feed if run.point_feed is None else run.point_feed, float)
+    good = np.isfinite(feed) & (feed > 0)
+    return np.where(good, feed, np.r_[run.feed[1], run.feed[1:]])
+
+
+def _feed_cap(run: RunInput, curve: Curve, u: Array, slope: Array) -> Array:
+    """Largest du/dt (M,) the feed allows at the nodes; a lower feed is reached a sample before it holds."""
+    ends = _point_feed(run)
+    a, b = curve.last[:-1], curve.first[1:]  # the segment a → b
+    begin, end = np.minimum(run.feed[b], ends[a]), np.minimum(run.feed[b], ends[b])
+    i = np.clip(np.searchsorted(curve.u, u, side="right") - 1, 0, len(a) - 1)
+    f = (u - curve.u[i]) / (curve.u[i + 1] - curve.u[i])
+    cap = np.minimum(run.feed[b[i]], ends[a[i]] + f * (ends[b[i]] - ends[a[i]]))
+    vertex = np.minimum(np.r_[begin[0], end], np.r_[begin, end[-1]])
+    before = np.clip(np.searchsorted(u, curve.u, side="right") - 1, 0, len(u) - 1)
+    np.minimum.at(cap, before, vertex)
+    inside = curve.u > u[before]
+    np.minimum.at(cap, np.minimum(before[inside] + 1, len(u) - 1), vertex[inside])
+    for d in np.flatnonzero(np.diff(cap) < -1e-9) + 1:
+        reach = cap[d] * run.sample / max(slope[d], 0.1)
+        first = max(int(np.searchsorted(u, u[d] - reach, side="right")) - 1, 0)
+        cap[first:d] = np.minimum(cap[first:d], cap[d])
+    steepest = np.maximum(slope, np.maximum(np.r_[slope[1:], 0.0], np.r_[0.0, slope[:-1]]))
+    return np.asarray(cap / np.maximum(steepest, cap / NO_FEED))
+
+
+def _law_ratios(
+    u: Array, D: Array, at: Array, v: Array, a: Array, j: Array, velocity: Array, acceleration: Array, jerk: Array
+) -> Array:
+    """(S, 6, 3) use of each joint's limits at the samples."""
+    k = np.clip(np.searchsorted(u, at, side="right") - 1, 0, len(u) - 2)
+    w = ((at - u[k]) / (u[k + 1] - u[k]))[:, None, None]
+    g1, g2, g3 = np.moveaxis(D[k] + w * (D[k + 1] - D[k]), -1, 0)
+    v, a, j = v[:, None], a[:, None], j[:, None]
+    use = [g1 * v / velocity, (g2 * v**2 + g1 * a) / acceleration, (g3 * v**3 + 3 * g2 * v * a + g1 * j) / jerk]
+    return np.abs(np.stack(use, axis=-1))
+
+
+def _dips(
+    ratio: Array, at: Array, point: Array, v: Array, slope: Array, u: Array, single: Array, use: Array,
+    begin: Where, finish: Where,
+) -> list[Dip]:  # fmt: skip
+    """Stretches below HELD. Blamed is what bounds the speed lowest there, or in a ramp the limit that is used most."""
+    low = np.r_[False, ratio[1:] < HELD, False]
+    edge = np.flatnonzero(np.diff(low.astype(int)))
+    dips = []
+    for first, last in zip(edge[::2], edge[1::2], strict=True):  # samples first … last enclose the slow steps
+        where: Where = begin if first == 0 else finish if last == len(ratio) - 1 else "path"
+        slowest = first + 1 + int(np.argmin(ratio[first + 1 : last + 1]))
+        if where == "path" and slope[slowest] < 0.05:
+            where = "reorientation"
+        a, b = np.searchsorted(u, at[first]), np.searchsorted(u, at[last], side="right")
+        bound = single[a:b]
+        joint, limit = np.unravel_index(int(np.argmax(use[first : last + 1].max(axis=0))), (6, 3))
+        if where in {"path", "reorientation"} and len(bound) and bound.min() < 1.25 * v[slowest]:
+            _, joint, limit = np.unravel_index(int(np.argmin(bound)), bound.shape)
+        dips.append(Dip(float(point[first]), float(point[last]), float(ratio[slowest]), where, int(joint) + 1,
+                        LIMITS[int(limit)]))  # fmt: skip
+    return dips

@@ -1,0 +1,212 @@
+"""The report: every outcome has a page that stands alone, says the right thing and keeps what matters."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from dataclasses import fields, replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_up_report import full_result, infeasible_result
+
+from machopt.domain.toolpath import IgnoredWord
+from machopt.report import write_report
+from machopt.report.data import STATUS_NAMES, ReportData
+from machopt.report.display import ANGLE, FEED, FINE_LENGTH, STIFFNESS
+from machopt.report.figures import figure_specs
+from machopt.report.page import report_html
+from machopt.report.series import keep, packed
+from machopt.report.verdict import cards, verdict
+
+VOID = {"meta", "br", "link", "img", "input"}
+
+
+class Balanced(HTMLParser):
+    """Fails on a tag closed out of order; collects ids, link targets and text."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.anchors: list[str] = []
+        self.tags: set[str] = set()
+        self.text = ""
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
+        if tag not in VOID:
+            self.open.append(tag)
+        given = dict(attrs)
+        assert "src" not in given
+        if given.get("id"):
+            self.ids.append(str(given["id"]))
+        if str(given.get("href", "")).startswith("#"):
+            self.anchors.append(str(given["href"])[1:])
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open[-1:] not in (["script"], ["style"]):
+            self.text += data
+
+
+def read(html: str) -> Balanced:
+    page = Balanced()
+    page.feed(html)
+    page.close()
+    assert page.open == []
+    assert len(page.ids) == len(set(page.ids))
+    assert set(page.anchors) <= set(page.ids)
+    return page
+
+
+def specs_in(html: str) -> dict:  # type: ignore[type-arg]
+    found = re.search(r'<script id=data type="application/json">(.*?)</script>', html, re.S)
+    assert found
+    return dict(json.loads(found[1]))
+
+
+def test_the_page_stands_alone_and_is_small() -> None:
+    html = report_html(full_result(points=2000, rotations=72, samples=100_000))
+    page = read(html)
+    assert len(html.encode()) < 3_000_000
+    assert set(re.findall(r"https?://[^\"'\s)]*", html)) == {"http://www.w3.org/2000/svg"}
+    drawn = {spec["id"] for spec in specs_in(html)["charts"]} | {"map"}
+    assert drawn <= set(page.ids)
+    assert all(len(spec["x"]) <= 3100 for spec in specs_in(html)["charts"])  # 3000 and the edges of gaps
+
+
+def test_the_same_data_give_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("a.html", "b.html"):
+        write_report(tmp_path / name, full_result(points=60, samples=500))
+    assert (tmp_path / "a.html").read_bytes() == (tmp_path / "b.html").read_bytes()
+
+
+@pytest.mark.parametrize("missing", [f.name for f in fields(ReportData) if f.name not in
+                                     ("title", "cell", "toolpath", "version", "summary")])  # fmt: skip
+def test_any_part_may_be_missing(missing: str) -> None:
+    data = full_result(points=50, samples=300)
+    empty = "" if missing == "created" else None if missing in ("map", "path", "motion") else ()
+    html = report_html(replace(data, **{missing: empty}))
+    drawn = {spec["id"] for spec in specs_in(html)["charts"]}
+    assert drawn <= set(read(html).ids)
+
+
+def test_an_infeasible_result_still_has_a_page() -> None:
+    page = read(report_html(infeasible_result()))
+    assert "No answer for 2 of 40 points" in page.text
+    assert "38 mm out" in page.text
+    assert "hole <3>" in page.text
+    assert verdict(infeasible_result()).tone == "bad"
+
+
+def test_hostile_names_do_not_break_the_page() -> None:
+    evil = "</script><script>alert(1)</script><!-- & \"'"
+    data = full_result(points=50, samples=300)
+    operations = tuple(replace(o, label=evil) for o in data.operations)
+    assert data.path is not None
+    path = replace(data.path, nearest_pair=(evil,) * len(data.path.s))
+    html = report_html(
+        replace(data, title=evil, cell=evil, toolpath=evil, operations=operations, warnings=(evil,), path=path,
+                ignored=(IgnoredWord(evil, 1, 1, False),), options=((evil, evil),))
+    )  # fmt: skip
+    assert html.count("<script") == 2
+    assert "<script>alert" not in html
+    assert evil in read(html).text
+    assert evil in str(specs_in(html)["charts"]).replace("\\'", "'")
+
+
+def test_the_verdict_answers_gain_and_safety() -> None:
+    v = verdict(full_result(points=50, samples=300))
+    assert v.sentence == (
+        "Predicted worst deflection 0.182 → 0.108 mm (−41 % ± 6 %) against the CAM's default rotation, −18 % against "
+        "Jiao 2022; feed held on 99.1 % of the cutting time; nearest miss 12.4 mm (link5 – fixture, point 211); "
+        "verification passed."
+    )
+    assert (v.badge, v.tone) == ("VERIFIED", "")
+    assert any("GOFWDX" in c for c in v.cautions)
+
+
+@pytest.mark.parametrize(
+    ("changes", "badge", "words"),
+    [
+        ({"verification": "failed"}, "VERIFICATION FAILED: DO NOT RUN", "verification failed"),
+        ({"verification": "not run"}, "NOT VERIFIED", "verification not run"),
+        ({"worst_default": float("nan")}, "VERIFIED", "no gain over it to state"),
+        ({"worst_default": 1.0e-4}, "VERIFIED", "there is no gain over the CAM's default"),
+        ({"worst_default": 1.2e-4, "gain_sigma": 0.2}, "VERIFIED", "no recommendation"),
+        ({"quantity": "stiffness", "worst_default": 1e6, "worst_chosen": 1.5e6}, "VERIFIED",
+         "Predicted least stiffness 1.000 → 1.500 N/µm (+50 %"),
+        ({"quantity": "stiffness", "worst_default": 1.5e6, "worst_chosen": 1e6}, "VERIFIED", "there is no gain"),
+        ({"infeasible_points": 3}, "VERIFIED", "3 points without an answer"),
+    ],
+)  # fmt: skip
+def test_the_verdict_never_flatters(changes: dict[str, object], badge: str, words: str) -> None:
+    data = full_result(points=50, samples=300)
+    v = verdict(replace(data, summary=replace(data.summary, **changes)))  # type: ignore[arg-type]
+    assert v.badge == badge
+    assert words in " ".join([v.sentence, *v.cautions])
+
+
+def test_si_becomes_shop_units() -> None:
+    assert FINE_LENGTH.text(1.23456e-4, unit=True) == "0.123 mm"
+    assert ANGLE.text(-np.pi / 2) == "−90.0"
+    assert FEED.text(0.02, unit=True) == "1200 mm/min"
+    assert STIFFNESS.text(1.5e6, unit=True) == "1.500 N/µm"
+    assert FINE_LENGTH.text(float("nan")) == "–"
+    assert [c.value for c in cards(full_result(points=50, samples=300))][:2] == ["0.108", "0.090"]
+
+
+def test_thinning_keeps_peaks_gaps_and_ends() -> None:
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(size=(2, 100_000))
+    a[77_777], b[3] = 50.0, -50.0
+    a[500:520] = np.nan
+    k = keep([a, b])
+    assert len(k) <= 3010
+    assert {0, 3, 77_777, 99_999} <= set(k.tolist())
+    assert np.isnan(a[k][(k >= 500) & (k < 520)]).any()
+    np.testing.assert_array_equal(keep([a[:100]]), np.arange(100))
+
+
+def test_the_map_is_read_back_from_the_page() -> None:
+    data = full_result(points=300)
+    m = data.map
+    assert m is not None
+    spec = figure_specs(data)["map"]
+    shape = (spec["stations"], spec["rotations"])
+    level = np.frombuffer(base64.b64decode(spec["index"]), "<u2").reshape(shape)
+    status = np.frombuffer(base64.b64decode(spec["status"]), np.uint8).reshape(shape)
+    np.testing.assert_array_equal(status, m.status)
+    usable = (m.status == 0) | (m.status == 7)
+    assert np.all((level == 65535) == ~usable)
+    value = spec["lowest"] + level[usable] / 65534 * (spec["highest"] - spec["lowest"])
+    step = (spec["highest"] - spec["lowest"]) / 65534
+    np.testing.assert_allclose(value, m.index[usable] * 1e3, atol=0.51 * step, rtol=0)
+    assert spec["names"] == list(STATUS_NAMES)
+    assert len(figure_specs(full_result(points=2500))["map"]["s"]) == 2000
+
+
+def test_lines_are_wound_into_the_maps_range() -> None:
+    data = full_result(points=50)
+    assert data.map is not None
+    wound = replace(data.map, chosen=data.map.chosen + 4 * np.pi)
+    before, after = (
+        next(line["y"] for line in figure_specs(replace(data, map=m))["map"]["lines"] if line["name"] == "chosen")
+        for m in (data.map, wound)
+    )
+    np.testing.assert_allclose(after, before, atol=1e-3)  # six significant digits of up to 180 deg
+
+
+def test_a_map_without_any_answer_is_drawn() -> None:
+    data = full_result(points=50)
+    assert data.map is not None
+    nothing = replace(data.map, status=np.ones_like(data.map.status), index=np.full_like(data.map.index, np.nan))
+    spec = figure_specs(replace(data, map=nothing))["map"]
+    assert spec["present"] == [1]
+    assert packed(np.array([np.nan]), 0.0, 0.0) == base64.b64encode(b"\xff\xff").decode()
