@@ -15,12 +15,13 @@ from machopt.domain.cell import Cell, Shape, Tool
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Move, Operation, Toolpath
 from machopt.errors import InputError
+from machopt.formats.cell import load_cell
 from machopt.model.collision import CollisionModel, Pair
 from machopt.model.robot import Robot, load_chain, load_robot
 from machopt.plan.rapids import time_legs
 from machopt.verify import Verification, verify_output
 from machopt.verify.arm import Arm
-from machopt.verify.contact import _bodies, contacts
+from machopt.verify.contact import _bodies, _pairs, contacts
 
 CYCLE = 0.012
 FEED = 0.05  # m/s
@@ -341,3 +342,15 @@ def test_shares_nothing_with_the_planner() -> None:
         text = file.read_text(encoding="utf-8")
         for word in ("machopt.model", "machopt.plan", "machopt.se3", "machopt.formats"):
             assert word not in text, (file, word)
+
+
+CELLS = Path(__file__).resolve().parents[1] / "cells"
+
+
+@pytest.mark.parametrize("name", sorted(p.parent.name for p in CELLS.glob("*/cell.yaml")))
+def test_planner_and_verification_check_the_same_pairs_in_the_shipped_cells(name: str) -> None:
+    cell = load_cell(CELLS / name)
+    robot, shapes = load_chain(cell)
+    model, arm = CollisionModel(cell, robot, shapes, 0.002), Arm(cell)
+    assert {f"{a.name} ~ {b.name}" for a, b in _pairs(cell, arm, _bodies(cell, arm))} == {p.name for p in model.pairs}
+    assert not model.suspicious

@@ -11,6 +11,7 @@ from machopt.domain.toolpath import Move, Toolpath
 from machopt.job.points import PointResults
 from machopt.plan.explain import gamma, hints, shortfall_of
 from machopt.plan.pipeline import Plan, Scored
+from machopt.plan.retime import Dip
 from machopt.plan.timeline import Timeline
 from machopt.report import data as page
 from machopt.se3 import wrap
@@ -177,11 +178,21 @@ def _dips(plan: Plan, timeline: Timeline | None) -> tuple[page.FeedDip, ...]:
     out = []
     for dip in timeline.dips:
         at = cut[np.searchsorted(t.point[cut], dip.first)] if len(cut) and dip.first <= t.point[cut[-1]] else None
+        end = cut[min(np.searchsorted(t.point[cut], dip.last), len(cut) - 1)] if len(cut) else 0
+        programmed = float(plan.path.feed[min(int(np.searchsorted(plan.path.index, dip.last)), len(plan.path.feed) - 1)])
         out.append(page.FeedDip(
             point=dip.first, s=float(np.interp(dip.first, plan.path.index, s)), time=float(t.time[at]) if at is not None else float("nan"),
-            duration=dip.duration, feed_programmed=dip.programmed, feed_lowest=dip.lowest, cause=dip.cause,
+            duration=max(float(t.time[min(end, len(t.time) - 1)] - t.time[at]), 0.0) if at is not None else float("nan"),
+            feed_programmed=programmed, feed_lowest=dip.ratio * programmed, cause=cause(dip),
         ))  # fmt: skip
     return tuple(out)
+
+
+def cause(dip: Dip) -> str:
+    """What slowed the feed, in words."""
+    where = {"path": "", "start": " while starting", "stop": " while stopping", "reversal": " at a reversal",
+             "reorientation": " while the tool turns on the spot"}[dip.where]  # fmt: skip
+    return f"axis {dip.joint} {dip.limit}{where}"
 
 
 def _worst_points(plan: Plan, toolpath: Toolpath, points: PointResults, series: dict[str, Array]) -> tuple[page.WorstPoint, ...]:

@@ -142,7 +142,7 @@ def _result(
         "cycle_time_s": float(trajectory.time[-1]) if trajectory else None,
         "feed_held_share": timeline.held_share if trajectory and timeline else None,
         "feed_dips": [
-            {"first_point": d.first, "last_point": d.last, "lowest_ratio": d.lowest / d.programmed, "cause": d.cause}
+            {"first_point": d.first, "last_point": d.last, "lowest_ratio": d.ratio, "where": d.where, "axis": d.joint, "limit": d.limit}
             for d in (timeline.dips if timeline else ())
         ],
         "rapid_detours": list(timeline.detours) if timeline else [],

@@ -78,6 +78,7 @@ class _Builder:
         self.options: PlanOptions = plan.options
         self.path: Path = plan.path
         self.q = plan.chosen.assignment.q
+        self.point_feed = self._feed_between_points()
         self.legs: list[Leg] = []
         self.dips: list[Dip] = []
         self.obstructions: list[Obstruction] = []
@@ -120,6 +121,14 @@ class _Builder:
             for part in np.split(rows, np.flatnonzero(np.diff(rows) != 1) + 1):
                 if len(part) and (len(part) > 1 or first == last):
                     yield int(part[0]), int(part[-1])
+
+    def _feed_between_points(self) -> Array:
+        """(P,) m/s on the line between the feeds of the toolpath's points, where rapid points take the next one's."""
+        feed = np.where(self.toolpath.feed > 0, self.toolpath.feed, np.nan)
+        for k in range(len(feed) - 2, -1, -1):
+            if not np.isfinite(feed[k]):
+                feed[k] = feed[k + 1]
+        return np.interp(self.path.index, np.arange(len(feed)), np.where(np.isfinite(feed), feed, self.options.approach_feed))
 
     def _rapid(self, a: Array, b: Array, index_a: float, index_b: float, row_a: int, row_b: int) -> None:
         move = plan_rapid(
@@ -209,6 +218,7 @@ class _Builder:
             T_base_workpiece=setup.arm.T_base_workpiece, T_flange_tcp=setup.arm.T_flange_tcp, robot=setup.robot,
             limits=self.cell.limits, sample=self.options.sample, path_tolerance=self.options.path_tolerance,
             axis_tolerance=self.options.axis_tolerance, limit_scale=self.options.limit_scale,
+            point_feed=self.point_feed[rows],
         ))  # fmt: skip
 
     def _operation(self, rows: NDArray[np.int32]) -> NDArray[np.int32]:
