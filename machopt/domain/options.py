@@ -37,8 +37,9 @@ class Weights:
 
     mean: float = 1.0  # mean index along the path
     worst: float = 0.5  # worst index along the path
-    travel: float = 0.02  # joint travel, per 180° summed over the axes
-    rotation: float = 0.05  # ∫ (dγ/ds)² ds, per rad²/m
+    travel: float = 0.03  # joint travel, per 180° summed over the axes
+    rotation: float = 0.1  # total rotation about the tool axis, per 180°
+    feed: float = 2.0  # time lost because the axes cannot follow the programmed feed, per share of the cutting time
 
 
 @dataclass(frozen=True)

@@ -41,10 +41,12 @@ class _Reader(MotionReader):
         handlers = {
             "FROM": self.go_from, "GOHOME": self.go_home, "GODLTA": self.go_delta, "RAPID": self.rapid_next,
             "FEDRAT": self.feed_rate, "SPINDL": self.spindle, "COOLNT": self.coolant, "CUTCOM": self.compensation,
-            "CYCLE": self.cycle_word, "TRNTYP": self.transfer_type, "MSYS": self.msys, "CSYS": self.csys, "TOOL PATH": self.tool_path,
+            "CYCLE": self.cycle_word, "TRNTYP": self.transfer_type,
+            "MSYS": self.msys, "CSYS": self.csys, "TOOL PATH": self.tool_path,
             "OPFEATSTART": self.feature, "LOADTL": self.load_tool, "LOAD": self.load, "INSERT": self.insert,
             "TLAXIS": self.tool_axis, "DELAY": self.delay, "STOP": self.stop, "OPSTOP": self.stop,
-            "SET": self.set_mode, "PPRINT": self.remark, "MSG": self.remark, "ROTABL": self.rotate_table,
+            "SET": self.set_mode, "TOOLNO": self.tool_number, "PPRINT": self.remark, "MSG": self.remark,
+            "ROTABL": self.rotate_table,
             "CIRCLE": self.circle, "MOVARC": self.circle, "INDIRV": self.circle, "TLON": self.drive,
             "NURBS": self.spline, "KNOT": self.spline, "CNTRL": self.spline,
         }  # fmt: skip
@@ -242,6 +244,11 @@ class _Reader(MotionReader):
         if rest.startswith("["):
             self.tool_text = rest.partition("]")[2].strip() or rest
         self.out.event("comment", rest)
+
+    def tool_number(self, word: str, rest: str, line: int) -> None:
+        if "TURN" in fields(rest):
+            self.out.warn_once("a turning tool: the work turns, its points are not those of a milling tool", line)
+        self.out.ignore(word, line, understood=True)
 
     def coolant(self, word: str, rest: str, line: int) -> None:
         self.out.event("coolant", f"COOLNT/{rest}")

@@ -9,11 +9,9 @@ import numpy as np
 
 from machopt.domain.toolpath import Array
 from machopt.formats.apt_tokens import groups, leading_numbers, number
-from machopt.formats.arcs import Arc, ArcError, arc, cubic_spline
-from machopt.formats.pathbuilder import PathBuilder
+from machopt.formats.arcs import RADIUS_FAULT, RADIUS_WARN, ArcError, arc, cubic_spline
+from machopt.formats.pathbuilder import PathBuilder, check_radius
 
-RADIUS_WARN = 0.05  # mm: CL data prints three to six decimals
-RADIUS_FAULT = 0.1  # share of the radius by which start and end may differ
 ANGLE_WARN = 0.02  # rad
 
 
@@ -127,16 +125,3 @@ class Curves:
             raise ArcError("expected KNOT and CNTRL lines")
         full = np.array([0.0] * 4 + knots[:-1] + [knots[-1]] * 4)
         return cubic_spline(np.vstack([start, np.array(control)]), full, self.tolerance)
-
-
-def check_radius(found: Arc, line: int, out: PathBuilder) -> None:
-    """Say where start and end are not equally far from the centre.
-
-    Raises:
-        ArcError: they differ by more than a tenth of the radius.
-    """
-    off = abs(found.mismatch)
-    if off > RADIUS_FAULT * found.radius and off > RADIUS_WARN:
-        raise ArcError(f"start and end differ by {off:.4g} mm in their distance from the centre")
-    if off > RADIUS_WARN:
-        out.warn_once("start and end of an arc differ in their distance from the centre by more than 0.05 mm", line)

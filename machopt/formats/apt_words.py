@@ -60,7 +60,6 @@ NO_EFFECT = frozenset(
         "PROBE",
         "TOOLPN",
         "HEAD",
-        "TOOLNO",
         "CUTANG",
         "WPLANE",
     ]
@@ -85,5 +84,3 @@ REFUSED = {
         "this kind of motion is not supported; export it as GOTO points or CIRCLE",
     ),
 }
-
-COLOUR_HINTS = {"186": "rapid", "211": "approach", "42": "engage", "31": "cut", "37": "retract"}

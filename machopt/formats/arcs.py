@@ -11,6 +11,8 @@ import numpy as np
 from machopt.domain.toolpath import Array
 
 MAX_CHORDS = 200_000  # of one curve: beyond it the tolerance or the radius is a fault
+RADIUS_WARN = 0.05  # mm between start and end radius: programs print three to six decimals
+RADIUS_FAULT = 0.1  # share of the radius: above it, or above half a millimetre, the numbers are wrong
 FULL_CIRCLE = 1e-6  # rad: a smaller sweep between equal start and end is a whole turn
 
 

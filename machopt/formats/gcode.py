@@ -42,8 +42,6 @@ _SIEMENS = re.compile(r"\b(?:TRAORI|TRAFOOF|MCALL|CYCLE\d+|MSG|SUPA|DEF\s+REAL|C
 _O_WORD = re.compile(r"\s*O\s*(?:<|\d+\s*(?:SUB|IF|ELSE|WHILE|DO|REPEAT|CALL|ENDSUB|RETURN)|\[)")
 _UNIT_WORD = re.compile(r"G0*(20|21|70|71)(?![\d.])")
 _Z = (0.0, 0.0, 1.0)
-RADIUS_WARN = 0.05  # mm
-RADIUS_FAULT = 0.1  # share of the radius
 _AXES = "XYZ"
 
 
@@ -163,6 +161,8 @@ class ProgramReader(MotionReader):
                 words[letter] = value
         for name, args in b.calls:
             self.call(name, args, words, b.line)
+        if any(name == "MCALL" for name, _ in b.calls):
+            self.once = 0  # the cycle is carried out at the points that follow
         for name in b.named:
             if name not in ("CR", "A3", "B3", "C3", "TURN"):
                 if re.fullmatch(r"R\d+", name):
@@ -290,7 +290,7 @@ class ProgramReader(MotionReader):
             elif m == 6:
                 self.out.event("tool", f"T{self.next_tool:g} M6", self.next_tool)
                 tool = "" if math.isnan(self.next_tool) else f"{self.next_tool:g}"
-                self.out.begin_operation(f"T{tool}", tool=tool)
+                self.out.change_tool(tool)
             elif m in (97, 98):
                 raise self.source.error(f"M{m} calls a subprogram; expand it into one program first", line)
             elif m in (128, 428):

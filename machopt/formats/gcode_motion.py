@@ -11,17 +11,15 @@ import numpy as np
 
 from machopt.domain.toolpath import Array, Move
 from machopt.formats import rotary
-from machopt.formats.arcs import ArcError, arc, from_radius
+from machopt.formats.arcs import RADIUS_WARN, ArcError, arc, from_radius
 from machopt.formats.gcode_blocks import Block
 from machopt.formats.gcode_cycles import Canned
 from machopt.formats.holecycle import CycleError, HoleCycle, drill
-from machopt.formats.pathbuilder import PathBuilder, Vector
+from machopt.formats.pathbuilder import PathBuilder, Vector, check_radius
 from machopt.formats.rotary import Rotary
 from machopt.formats.source import UNIT_NAMES, ReadOptions, Source
 
 _Z = (0.0, 0.0, 1.0)
-RADIUS_WARN = 0.05  # mm
-RADIUS_FAULT = 0.1  # share of the radius
 _AXES = "XYZ"
 
 
@@ -76,8 +74,6 @@ class MotionReader:
         cycle = self.cycle_of_block(words, b)
         if cycle is not None and (has_point or self.once == b.line):
             self.holes(cycle, words, target, b)
-            return
-        if self.modal_call is not None and self.once == b.line:
             return
         centre = words.keys() & set("IJKR") or "CR" in b.named
         arc_only = self.motion in (2, 3) and bool(centre)
@@ -183,12 +179,7 @@ class MotionReader:
                 raise ArcError("an arc without I, J, K or R; they hold for one block only")
             centre = self.centre(start, end, offsets, b)
         found = arc(start, end, centre, normal, self.tolerance, turns=turns)
-        if abs(found.mismatch) > max(RADIUS_WARN, RADIUS_FAULT * found.radius):
-            raise ArcError(
-                f"start and end of the arc differ by {abs(found.mismatch):.4g} mm in their distance to the centre"
-            )
-        if abs(found.mismatch) > RADIUS_WARN:
-            self.out.warn_once("start and end of an arc differ in their distance to its centre", b.line)
+        check_radius(found, b.line, self.out)
         points = found.points
         unknown = np.isnan(np.array(self.p))
         if unknown.any():
@@ -208,9 +199,9 @@ class MotionReader:
 
         def mismatch(c: Array) -> float:
             r0, r1 = float(np.linalg.norm((start - c) * flat)), float(np.linalg.norm((end - c) * flat))
-            return abs(r0 - r1) / max(r0, r1, 1e-9)
+            return abs(r0 - r1)
 
-        if mismatch(first) > RADIUS_FAULT and mismatch(second) < 1e-2:
+        if mismatch(first) > RADIUS_WARN and mismatch(second) <= RADIUS_WARN:
             self.out.warn_once(
                 f"I, J, K fit only as {'offsets' if self.absolute_centre else 'absolute'} centres; read that way",
                 b.line,
@@ -350,5 +341,5 @@ class MotionReader:
             before = None if any(math.isnan(v) for v in self.p) else (self.p[0], self.p[1], self.p[2])
             after = drill(self.out, cycle, hole, _Z, b.line, before)
             self.p, self.lost = list(after), [False] * 3
-        if self.once == b.line and not any(name == "MCALL" for name, _ in b.calls):
+        if self.once == b.line:
             self.modal_call = None

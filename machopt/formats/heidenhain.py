@@ -133,6 +133,8 @@ class _Reader(ProgramReader):
         elif kind in ("L", "LN"):
             self.motion = 1
         if "F" in words:
+            if self.scale != 1.0:
+                self.out.warn_once("F of an inch program is read in tenths of an inch a minute", line)
             self.feed = words.pop("F") * (MM_PER_INCH * 0.1 if self.scale != 1.0 else 1.0) / self.scale
         if "S" in words:
             self.rpm = words.pop("S")
@@ -239,7 +241,7 @@ class _Reader(ProgramReader):
             self.out.event("spindle", text, self.rpm)
         if tool:
             self.out.event("tool", text, float(tool) if tool.isdigit() else math.nan)
-            self.out.begin_operation(f"T{tool}")
+            self.out.change_tool(tool)
 
     def define_cycle(self, text: str, line: int) -> None:
         found = re.match(r"CYCL DEF\s+(\d+)(?:\.(\d+))?\s*(.*)", text)

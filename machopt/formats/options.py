@@ -30,6 +30,7 @@ class WeightKeys(Strict):
     worst: float | None = Field(default=None, ge=0)
     travel: float | None = Field(default=None, ge=0)
     rotation: float | None = Field(default=None, ge=0)
+    feed: float | None = Field(default=None, ge=0)
 
 
 class FixedKeys(Strict):
@@ -125,7 +126,7 @@ def options_as_user(options: PlanOptions) -> dict[str, object]:
         "method": options.method,
         "index": options.index,
         "force_N": {"travel": f.travel, "normal": f.normal, "axial": f.axial},
-        "weights": {"mean": w.mean, "worst": w.worst, "travel": w.travel, "rotation": w.rotation},
+        "weights": {"mean": w.mean, "worst": w.worst, "travel": w.travel, "rotation": w.rotation, "feed": w.feed},
         "rotation_step_deg": _tidy(degrees(options.rotation_step)),
         "rotation_range_deg": [_tidy(degrees(v)) for v in options.rotation_range],
         "preferred_weight": options.preferred_weight,

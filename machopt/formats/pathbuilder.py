@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.toolpath import Array, Event, IgnoredWord, Move, Operation, Toolpath
+from machopt.formats.arcs import RADIUS_FAULT, RADIUS_WARN, Arc, ArcError
 from machopt.formats.source import ReadOptions, Source
 
 MAX_COORDINATE_MM = 1e6  # a kilometre: no robot cell is larger, so the number is a fault
@@ -97,6 +98,11 @@ class PathBuilder:
             return
         self._pending = Operation(label, "trajectory", tool, comment)
         self._open = False
+
+    def change_tool(self, tool: str) -> None:
+        """A new operation for a new tool; one that was named but has no points yet keeps its name."""
+        named = not self._open and self._pending.label != "main"
+        self.begin_operation(self._pending.label if named else f"T{tool}", tool=tool)
 
     def event(self, kind: str, text: str, value: float = math.nan) -> None:
         """Something that happens before the move to the next point starts."""
@@ -248,6 +254,19 @@ class PathBuilder:
                 f"{len(against)} arcs run against the tangents of their neighbours ({agree} run with them), "
                 f"at lines {_some([str(n) for n in against])}: check the arc direction"
             )
+
+
+def check_radius(found: Arc, line: int, out: PathBuilder) -> None:
+    """Say where an arc's start and end are not equally far from its centre (mm).
+
+    Raises:
+        ArcError: they differ by more than half a millimetre or a tenth of the radius.
+    """
+    off = abs(found.mismatch)
+    if off > RADIUS_WARN and (off > RADIUS_FAULT * found.radius or off > 10.0 * RADIUS_WARN):
+        raise ArcError(f"start and end of the arc differ by {off:.4g} mm in their distance from the centre")
+    if off > RADIUS_WARN:
+        out.warn_once("start and end of an arc differ by more than 0.05 mm in their distance from its centre", line)
 
 
 def _turn(a: Array, b: Array, c: Array) -> float:

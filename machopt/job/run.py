@@ -23,7 +23,7 @@ from machopt.job.page import report_data
 from machopt.job.points import PointResults, point_results
 from machopt.job.program import robot_program
 from machopt.plan.explain import hints
-from machopt.plan.pipeline import Plan, Scored, Timings, plan
+from machopt.plan.pipeline import Plan, Scored, Timings, as_driven, plan
 from machopt.plan.timeline import Timeline, build_timeline
 from machopt.report.page import write_report
 from machopt.verify import Verification, verify_output
@@ -67,9 +67,11 @@ def optimize(request: Request, progress: Callable[[str], None] = lambda _: None)
         toolpath = read_toolpath(request.toolpath, unit=request.unit, machine=request.machine, strict=request.strict)
     with output_folder(request.out) as folder:
         the_plan = plan(cell, toolpath, options, timings)
+        timeline = _motion(the_plan, toolpath, options, timings)
+        if timeline is not None and timeline.trajectory is not None:
+            the_plan = as_driven(the_plan, timeline.phi)
         with timings.stage("points"):
             points = point_results(the_plan, toolpath)
-        timeline = _motion(the_plan, toolpath, options, timings)
         verification = None
         with timings.stage("export"):
             write_points_csv(folder / "points.csv", points.table)

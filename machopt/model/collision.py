@@ -1,4 +1,4 @@
-"""Does anything touch, and how near is it: robot, tool, cutter, workpiece, obstacles (only importer of fcl).
+"""Does anything touch, and how near is it: robot, tool, cutter, workpiece, obstacles.
 
 Exact triangle distances cost 0.05–1 ms, so they are computed only where cheap bounds leave doubt:
 
@@ -15,7 +15,6 @@ Both bounds are in :mod:`machopt.model.bounds`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,17 +22,16 @@ from numpy.typing import NDArray
 from machopt.domain.cell import Cell
 from machopt.model.bodies import (
     TOUCH,
-    Body,
     Kind,
     cell_bodies,
     cutter_body,
-    inside,
     links_apart,
     robot_bodies,
     worth_checking,
 )
 from machopt.model.bounds import Memory, PairStack, Rows, densify
 from machopt.model.robot import LinkShape, Robot
+from machopt.model.surfaces import Surfaces
 from machopt.se3 import inverse
 
 Array = NDArray[np.float64]
@@ -42,6 +40,7 @@ Bools = NDArray[np.bool_]
 SAMPLES = 400  # random poses that decide which link pairs are worth checking
 ALWAYS = 0.95  # share of poses in touch from which a pair is taken to be built touching
 COARSE = 0.50  # the same for links two apart, whose meshes often overlap where the real links do not
+LONGEST = 0.1  # rad, joint step above which the motion bound is of no use
 FINE = 1e-4  # m, motion below which a segment between two free rows is not halved any more
 CAP = 0.5  # m, beyond which `nearest` does not measure
 
@@ -132,8 +131,7 @@ class CollisionModel:
                 elif body.kind == "obstacle" or (body.kind == "link" and body.link <= 4):
                     wanted.append((i, len(self._bodies), False))
             self._bodies += [cutter, drawn_in]
-        self._fixed = [_fcl_object(b) for b in self._bodies]
-        self._moving = [_fcl_object(b) for b in self._bodies]
+        self.surfaces = Surfaces(self._bodies)
         self.excluded: tuple[Excluded, ...] = ()
         self._take([(i, j) for i, j, _ in wanted], [touch for *_, touch in wanted])
         self._exclude(wanted)
@@ -172,11 +170,11 @@ class CollisionModel:
         Args:
             q: (S, 6) rad.
             cutting: (S,) the cutter may touch the workpiece in the move to the row.
-            step: rad, greatest joint step at which the bounds are renewed.
+            step: rad, greatest joint step at which the bounds are renewed (0.1 rad at most is used).
             first_only: stop at the first pair that hits (for planners that only want yes or no).
         """
         q = np.asarray(q, float)
-        dense, owner, at = densify(q, step)
+        dense, owner, at = densify(q, min(step, LONGEST))
         rows = Rows(self.stack, dense)
         contacts = _none(len(q))
         for p, pair in enumerate(self.pairs):
@@ -275,11 +273,11 @@ class CollisionModel:
         out = np.zeros(rows.bound.shape, bool)
         for p in range(len(self.pairs)) if asked is None else asked:
             for n in np.flatnonzero(rows.bound[:, p] < self.pairs[p].clearance):
-                T = rows.relative(p)[n]
+                at = self.stack.index[p], rows.relative(p)[n]
                 out[n, p] = (
-                    _collide(self, p, T)
-                    or _contained(self, p, T)
-                    or (self.clearance > 0 and _distance(self, p, T) < self.pairs[p].clearance)
+                    self.surfaces.cross(*at)
+                    or self.surfaces.contained(*at)
+                    or (self.clearance > 0 and self.surfaces.distance(*at) < self.pairs[p].clearance)
                 )
         return out
 
@@ -317,10 +315,11 @@ class _Walk:
     def distance(self, n: int) -> float:
         """Exact distance (m) at row n; 0 where one body is inside the other."""
         if n != self.last:
-            d = _distance(self.model, self.p, self.rows.relative(self.p)[n])
+            at = self.model.stack.index[self.p], self.rows.relative(self.p)[n]
+            d = self.model.surfaces.distance(*at)
             # Surfaces apart by more than the way since a row known to be outside cannot have been crossed.
             fresh = self.last < 0 or self.known <= 0.0 or max(d, self.known) <= self.moved(n)
-            if d > 0.0 and fresh and _contained(self.model, self.p, self.rows.relative(self.p)[n]):
+            if d > 0.0 and fresh and self.model.surfaces.contained(*at):
                 d = 0.0
             self.last, self.known = n, d
             memory = self.model._memory[self.p]
@@ -356,7 +355,7 @@ class _Walk:
         middle = 0.5 * (qa + qb)
         i, j = self.rows.pairs.links[self.p]
         poses = self.rows.pairs.robot.link_poses(middle)
-        d = _distance(self.model, self.p, inverse(poses[i]) @ poses[j])
+        d = self.model.surfaces.distance(self.model.stack.index[self.p], inverse(poses[i]) @ poses[j])
         if _too_near(d, self.clearance):
             return 0.5
         # The bound is a sum over joints of |Δq| times the lever, so half the joint step is half the bound.
@@ -370,41 +369,3 @@ def _none(count: int) -> Contacts:
 
 def _too_near(distance: float, clearance: float) -> bool:
     return distance <= 0.0 or distance < clearance
-
-
-def _fcl_object(body: Body) -> Any:
-    import fcl
-
-    model = fcl.BVHModel()
-    model.beginModel(len(body.faces), len(body.vertices))
-    model.addSubModel(np.ascontiguousarray(body.vertices), np.ascontiguousarray(body.faces))
-    model.endModel()
-    return fcl.CollisionObject(model)
-
-
-def _placed(model: CollisionModel, p: int, T: Array) -> tuple[Any, Any]:
-    import fcl
-
-    i, j = model.stack.index[p]
-    model._moving[j].setTransform(fcl.Transform(T[:3, :3], T[:3, 3]))
-    return model._fixed[i], model._moving[j]
-
-
-def _distance(model: CollisionModel, p: int, T: Array) -> float:
-    """Exact distance (m) of pair p's surfaces with the second body moved by T; ≤ 0 where they cross."""
-    import fcl
-
-    return float(fcl.distance(*_placed(model, p, T), fcl.DistanceRequest(), fcl.DistanceResult()))
-
-
-def _collide(model: CollisionModel, p: int, T: Array) -> bool:
-    import fcl
-
-    return bool(fcl.collide(*_placed(model, p, T), fcl.CollisionRequest(), fcl.CollisionResult()))
-
-
-def _contained(model: CollisionModel, p: int, T: Array) -> bool:
-    """One body is wholly inside the other, given that their surfaces do not cross: one vertex decides."""
-    a, b = (model._bodies[k] for k in model.stack.index[p])
-    R, t = T[:3, :3], T[:3, 3]
-    return inside(a, R @ b.vertices[0] + t) or inside(b, R.T @ (a.vertices[0] - t))

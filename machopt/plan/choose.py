@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from machopt.domain.options import PlanOptions
 from machopt.plan.candidates import Candidates
 from machopt.plan.path import Path
-from machopt.plan.score import Scores, cutting_runs, preference
+from machopt.plan.score import AXIS_SPEED, Scores, preference
 from machopt.se3 import wrap
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 JUMP = np.radians(40.0)  # largest joint step between neighbouring stations that still counts as continuous
-RATE = np.radians(4.0) / 1e-3  # rad/m, rotation per path length the choice may use before smoothing
+TURNING = 0.5  # share of the slowest axis's velocity limit that rotation about the tool axis may take
 MAX_WINDOW = 8  # grid steps
 FREE_PREDECESSORS = 64  # over a rapid move only the cheapest so many are tried
 CAP_SHARES = (0.7, 0.4, 0.2, 0.1, 0.03)  # between the least possible worst cost and the unconstrained one
@@ -45,23 +45,28 @@ class Choice:
         return self.rotation < 0
 
 
-def choose(path: Path, candidates: Candidates, scores: Scores, options: PlanOptions) -> Choice:
+def choose(path: Path, candidates: Candidates, scores: Scores, velocity: Array, options: PlanOptions) -> Choice:
     """Global choice.
 
     Stations without a feasible vertex are dropped, and where no continuous way leads on the sequence starts
     afresh (``broken``); whether either is acceptable is the caller's decision.
+
+    Args:
+        velocity: (6,) rad/s, joint velocity limits.
     """
     feasible = candidates.feasible
     counted = path.counted[path.stations]
-    window = _windows(path, candidates)
+    window, seconds = _windows(path, candidates, float(velocity.min()))
     node = _node_cost(path, candidates, scores, options)
-    runs = cutting_runs(path)
-    price_q = options.weights.travel / (np.pi * runs)
-    price_r = options.weights.rotation / (np.pi * runs) * (2 * np.pi / len(candidates.phi))
+    share = path.motion_share[path.stations]
+    price_q = options.weights.travel / np.pi * share
+    price_t = options.weights.feed / max(float(path.time[-1]), 1e-9)
+    price_r = options.weights.rotation / np.pi * (2 * np.pi / len(candidates.phi)) * share
     raw = np.where(np.isfinite(scores.cost), scores.cost / scores.scale, np.inf)
 
     def solve(mask: NDArray[np.bool_]) -> tuple[Ints, float, int]:
-        return _sequence(node, candidates.q, candidates.turns, mask, window, candidates.stable, price_q, price_r)  # type: ignore[no-any-return]
+        return _sequence(node, candidates.q, candidates.turns, mask, window, candidates.stable, seconds,
+                         1.0 / (AXIS_SPEED * velocity), price_q, price_r, price_t)  # type: ignore[no-any-return]
 
     broken: list[int] = []
     vertex, value, stop = solve(feasible)
@@ -95,18 +100,35 @@ def choose(path: Path, candidates: Candidates, scores: Scores, options: PlanOpti
     return Choice(rotation=r, branch=b, turn=t, q=q, broken=tuple(broken))
 
 
-def _windows(path: Path, candidates: Candidates) -> Ints:
-    """(S,) window of the step into each station: FREE over rapid moves, else grid steps of rotation; 0 keeps it."""
+def _windows(path: Path, candidates: Candidates, slowest: float) -> tuple[Ints, Array]:
+    """Window of the step into each station, and the time the axes have for it.
+
+    FREE over rapid moves, else grid steps of rotation, 0 keeps it. On dense paths a grid step would take longer than
+    the way from station to station, so rotation may only change at ticks, as far apart as a grid step takes.
+    """
     st = path.stations
-    grid = 2 * np.pi / len(candidates.phi)
-    ds = np.diff(path.s[st], prepend=path.s[st[0]])
-    out = np.clip(np.ceil(RATE * ds / grid), 1, MAX_WINDOW).astype(np.int32)
-    free = np.r_[0, np.cumsum(~path.plunge)]  # a step made only of plunges keeps the rotation
-    out[1:][free[st[1:] + 1] == free[st[:-1] + 1]] = 0
-    out[np.r_[True, path.run[st][1:] != path.run[st][:-1]]] = FREE
+    tick = 2 * np.pi / len(candidates.phi) / (TURNING * slowest)  # s
+    t = path.time[st]
+    out = np.zeros(len(st), np.int32)
+    seconds = np.diff(t, prepend=t[0])
+    same = np.r_[False, path.run[st][1:] == path.run[st][:-1]]
     dropped = ~candidates.feasible.any(axis=(1, 2, 3))
-    out[1:][dropped[:-1] & (out[1:] >= 0)] = LIFT
-    return out
+    plunged = np.r_[0, np.cumsum(~path.plunge)]
+    since = 0.0
+    for s in range(1, len(st)):
+        if not same[s]:
+            out[s], since = FREE, 0.0
+        elif dropped[s - 1]:
+            out[s], since = LIFT, 0.0
+        elif plunged[st[s] + 1] == plunged[st[s - 1] + 1]:
+            out[s] = 0  # made only of plunges: the rotation is kept
+        else:
+            since += seconds[s]
+            if since >= 0.999 * tick:
+                out[s] = min(int(since / tick + 1e-3), MAX_WINDOW)
+                seconds[s], since = since, 0.0
+    out[0] = FREE
+    return out, seconds
 
 
 def _node_cost(path: Path, candidates: Candidates, scores: Scores, options: PlanOptions) -> Array:
@@ -119,7 +141,7 @@ def _node_cost(path: Path, candidates: Candidates, scores: Scores, options: Plan
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _sequence(node, q, turns, feasible, window, stable, price_q, price_r):  # type: ignore[no-untyped-def]  # numba infers
+def _sequence(node, q, turns, feasible, window, stable, seconds, slowness, price_q, price_r, price_t):  # type: ignore[no-untyped-def]  # numba infers
     """Cheapest sequence; returns (S, 3) rotation, branch, turn (−1 where dropped), its value, and where it stopped.
 
     ``stop`` ≥ 0 is the first station inside a run that no vertex of the station before reaches continuously.
@@ -177,14 +199,15 @@ def _sequence(node, q, turns, feasible, window, stable, price_q, price_r):  # ty
                             step = 0.0
                             for i in range(6):
                                 step += abs(q[s, r, b, i] + turns[t, i] - q[last, ru, bu, i] - turns[tu, i])
-                            if cost[j] + price_q * step < value:
-                                value, source = cost[j] + price_q * step, u
+                            if cost[j] + price_q[s] * step < value:
+                                value, source = cost[j] + price_q[s] * step, u
                     else:
                         for dr in range(-window[s], window[s] + 1):
                             ru = (r + dr) % R
                             for bu in range(b if stable else 0, b + 1 if stable else B):
                                 code = 0
                                 step = 0.0
+                                slow = 0.0
                                 for i in range(6):
                                     qi = q[s, r, b, i] + turns[t, i]
                                     k = round((qi - q[last, ru, bu, i]) / twopi)
@@ -196,11 +219,12 @@ def _sequence(node, q, turns, feasible, window, stable, price_q, price_r):  # ty
                                         code = -1
                                         break
                                     step += d
+                                    slow = max(slow, d * slowness[i])
                                     code = 3 * code + int(k) + 1
                                 if code < 0 or lookup[code] < 0:
                                     continue
                                 u = (ru * B + bu) * T + lookup[code]
-                                total = before[u] + price_q * step + price_r * abs(dr)
+                                total = before[u] + price_q[s] * step + price_r[s] * abs(dr) + price_t * max(slow - seconds[s], 0.0)
                                 if total < value:
                                     value, source = total, u
                     if value < inf:

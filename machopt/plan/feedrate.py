@@ -4,9 +4,10 @@ With q', q'', q''' the joints' derivatives along the curve, speed v = u̇, accel
 
     |q' v| ≤ v_max      |q'' v² + q' a| ≤ a_max      |q''' v³ + 3 q'' v a + q' j| ≤ j_max      |p'| v ≤ feed
 
-Every step takes the largest j for which these hold during the step *and* during the braking to a full stop
-that would follow it. The braking policy depends on the state only, so its next step is always at hand as a way
-to go on: the law cannot run into a state without continuation.
+Every step takes the largest j for which these hold during the step *and* during a way to a full stop after it.
+That way is a *plan* (c, x): brake to the speed c, keep it as far as u = x, then brake to standstill. Tried are
+(0, ·) and, ahead of a sharp corner, the speed the corner allows and its far side. A plan depends on the state only,
+so its next step is always at hand as a way to go on: the law cannot run into a state without continuation.
 """
 
 from __future__ import annotations
@@ -20,9 +21,12 @@ from machopt.model.ik_newton import compiled
 
 Array = NDArray[np.float64]
 FEED = 0.999  # of the programmed feed is aimed at
-HOLD = 0.985  # of the speed cap: from here on the speed is kept, not hunted
-ACCELERATION_SHARE = 0.85  # of the limit that path curvature alone may use
-JERK_SHARE = 0.75
+HOLD = 0.99  # of the speed cap: from here on the speed is kept, not hunted
+ACCELERATION_SHARE = 0.9  # of the limit that path curvature alone may use
+JERK_SHARE = 0.85
+CORNER = 0.75  # a corner is where the speed cap is below this share of what it is to both sides
+CORNER_TIME = 0.1  # s of travel: how far to both sides
+CORNER_SPEED = 0.97  # of the lowest cap in a corner is planned with
 BRAKING_SHARE = 0.9  # of the limits that the braking policy reckons with
 LANDING_SHARE = 0.6  # of the jerk limit with which braking ends
 STEPS = 4_000_000  # the longest law
@@ -91,7 +95,9 @@ def time_law(bounds: Bounds, step: float) -> TimeLaw:
     b = bounds
     Q, cap = np.ascontiguousarray(b.derivatives), np.ascontiguousarray(b.cap)
     easy = (b.jerk / np.maximum(np.abs(Q[:, :, 0]), 1e-9)).min(axis=1)  # scalar jerk at standstill
-    code, rows = _law(b.u, Q, cap, easy, b.acceleration, b.jerk, step)
+    brake = 2.0 * np.sqrt(np.median(cap) / np.median(easy))  # s, about the time of a stop
+    step = float(np.clip(brake / 40.0, step, 3.0 * step))
+    code, rows = _law(b.u, Q, cap, easy, _corners(b.u, cap), b.acceleration, b.jerk, step)
     if code != 0:
         return _gentle(b)
     law = TimeLaw(*(np.ascontiguousarray(rows[:, k]) for k in range(5)))
@@ -178,18 +184,55 @@ def _advance(i: int, u: float, v: float, a: float, j: float, h: float, check_sta
 
 
 @compiled
-def _policy(i: int, u: float, v: float, a: float, h: float, un: Array, Q: Array, easy: Array, al: Array, jl: Array) -> float:
-    """Jerk of the next braking step: as hard as allowed, yet so that a landing at v = a = 0 stays possible."""
-    jlo, jhi, alo, ahi = _window(i, (u - un[i]) / (un[i + 1] - un[i]), v, a, Q, al, jl, BRAKING_SHARE)
-    K = LANDING_SHARE * min(easy[i], easy[i + 1])
-    landing = 0.5 * (K * h - np.sqrt(max(K * K * h * h + 4.0 * K * (2.0 * v + a * h), 0.0)))
-    return (max(a + jlo * h, alo, landing) - a) / h
+def _corners(un: Array, cap: Array) -> Array:
+    """(M, 3) of the next corner whose end lies ahead of each node: begin, end, speed; infinite begin where there is none."""
+    n = len(un)
+    ahead, behind = cap.copy(), cap.copy()
+    for k in range(1, n):
+        behind[k] = max(cap[k], behind[k - 1] - (un[k] - un[k - 1]) / CORNER_TIME)
+        m = n - 1 - k
+        ahead[m] = max(cap[m], ahead[m + 1] - (un[m + 1] - un[m]) / CORNER_TIME)
+    out = np.full((n, 3), np.inf)
+    begin, finish, lowest = np.inf, np.inf, np.inf
+    inside = False
+    for k in range(n - 1, -1, -1):
+        if cap[k] < CORNER * min(ahead[k], behind[k]):
+            if not inside:
+                finish, lowest = un[min(k + 1, n - 1)], np.inf
+            inside = True
+            lowest = min(lowest, cap[k])
+            begin = un[max(k - 1, 0)]
+            out[k, 2] = 0.0  # known only when the whole corner is seen
+        else:
+            inside = False
+        out[k, 0], out[k, 1], out[k, 2] = begin, finish, CORNER_SPEED * lowest
+    for k in range(1, n):  # inside a corner the values of its first node hold
+        if out[k, 1] == out[k - 1, 1]:
+            out[k] = out[k - 1]
+    return out
 
 
 @compiled
-def _brake(i: int, u: float, v: float, a: float, h: float, un: Array, Q: Array, cap: Array, easy: Array, al: Array,
-           jl: Array):  # type: ignore[no-untyped-def]  # fmt: skip
-    """Follow the braking policy to a stop. Returns code (as _advance) and where it stops."""
+def _policy(i: int, u: float, v: float, a: float, c: float, x: float, h: float, un: Array, Q: Array, easy: Array,
+            al: Array, jl: Array) -> float:  # fmt: skip
+    """Jerk of the plan's next step: as hard as allowed, yet so that the speed aimed at is reached with a = 0."""
+    jlo, jhi, alo, ahi = _window(i, (u - un[i]) / (un[i + 1] - un[i]), v, a, Q, al, jl, BRAKING_SHARE)
+    K = LANDING_SHARE * min(easy[i], easy[i + 1])
+    over = v - (c if u < x else 0.0)
+    even = a + min(max(-a, jlo * h), jhi * h)
+    if over <= 0.0:
+        return (even - a) / h
+    landing = 0.5 * (K * h - np.sqrt(max(K * K * h * h + 4.0 * K * (2.0 * over + a * h), 0.0)))
+    a1 = max(a + jlo * h, alo, landing)
+    if u < x and a1 > 0.0 >= a:  # arrived
+        a1 = even
+    return (a1 - a) / h
+
+
+@compiled
+def _brake(i: int, u: float, v: float, a: float, c: float, x: float, h: float, un: Array, Q: Array, cap: Array,
+           easy: Array, al: Array, jl: Array):  # type: ignore[no-untyped-def]  # fmt: skip
+    """Follow the plan to a stop. Returns code (as _advance) and where it stops or fails."""
     for _ in range(100_000):
         if v < 1e-12:
             return (0 if abs(a) < 1e-6 else 1), u
@@ -198,7 +241,7 @@ def _brake(i: int, u: float, v: float, a: float, h: float, un: Array, Q: Array, 
                 return 1, u
             u += -2.0 * v * v / (3.0 * a)
             return (2 if u > un[-1] else 0), u
-        j = _policy(i, u, v, a, h, un, Q, easy, al, jl)
+        j = _policy(i, u, v, a, c, x, h, un, Q, easy, al, jl)
         code, i, u, v, a = _advance(i, u, v, a, j, h, True, un, Q, cap, al, jl)
         if code != 0:
             return code, u
@@ -207,18 +250,24 @@ def _brake(i: int, u: float, v: float, a: float, h: float, un: Array, Q: Array, 
 
 @compiled
 def _try(i: int, u: float, v: float, a: float, j: float, h: float, un: Array, Q: Array, cap: Array, easy: Array,
-         al: Array, jl: Array):  # type: ignore[no-untyped-def]  # fmt: skip
+         corner: Array, al: Array, jl: Array):  # type: ignore[no-untyped-def]  # fmt: skip
+    """A step with jerk j and a way to a stop after it. Returns code (0: there is one), where it stops, its plan."""
     code, i, u, v, a = _advance(i, u, v, a, j, h, True, un, Q, cap, al, jl)
     if code != 0:
-        return code, u
-    return _brake(i, u, v, a, h, un, Q, cap, easy, al, jl)
+        return code, u, 0.0, 0.0
+    code, place = _brake(i, u, v, a, 0.0, 0.0, h, un, Q, cap, easy, al, jl)
+    c, x = corner[i, 2], corner[i, 1]
+    if place < corner[i, 0] or code == 0 and v < 0.3 * c:
+        return code, place, 0.0, 0.0
+    code, place = _brake(i, u, v, a, c, x, h, un, Q, cap, easy, al, jl)
+    return code, place, c, x
 
 
 @compiled
-def _law(un: Array, Q: Array, cap: Array, easy: Array, al: Array, jl: Array, h: float):  # type: ignore[no-untyped-def]
+def _law(un: Array, Q: Array, cap: Array, easy: Array, corner: Array, al: Array, jl: Array, h: float):  # type: ignore[no-untyped-def]
     rows = np.empty((4096, 5))
     n, i, t, u, v, a = 0, 0, 0.0, un[0], 0.0, 0.0
-    stop, end = u, un[-1]
+    stop, end, c, x = u, un[-1], 0.0, 0.0
     tolerance = min(0.5e-6, 0.01 * (end - u))
     while True:
         if n + 2 > len(rows):
@@ -231,45 +280,43 @@ def _law(un: Array, Q: Array, cap: Array, easy: Array, al: Array, jl: Array, h: 
         arriving = end - stop < tolerance
         if resting and arriving:
             break
-        landed = a < 0.0 and 2.0 * v <= -a * h * (1.0 + 1e-9)
+        landing = a < 0.0 and 2.0 * v <= -a * h * (1.0 + 1e-9)
         if resting:
-            v, a = 0.0, 0.0
-            j = 0.0
-        elif landed:
+            v, a, j = 0.0, 0.0, 0.0
+        elif landing:
             j = a * a / (2.0 * v)
         else:
-            j = _policy(i, u, v, a, h, un, Q, easy, al, jl)
+            j = _policy(i, u, v, a, c, x, h, un, Q, easy, al, jl)
+        found = False
         if not arriving:
             w = (u - un[i]) / (un[i + 1] - un[i])
             jlo, jhi, alo, ahi = _window(i, w, v, a, Q, al, jl, 1.0)
             top = min(jhi, (ahi - a) / h) * (1.0 - 1e-9)
-            speed = cap[i] + w * (cap[i + 1] - cap[i])
-            found = False
-            if v > HOLD * speed:
-                even = min(max(-a / h, jlo), top)
-                code, place = _try(i, u, v, a, even, h, un, Q, cap, easy, al, jl)
+            if v > HOLD * (cap[i] + w * (cap[i + 1] - cap[i])):
+                middle = min(max(-a / h, jlo), top)
+                code, place, cn, xn = _try(i, u, v, a, middle, h, un, Q, cap, easy, corner, al, jl)
                 if code == 0:
-                    j, stop, found = even, place, True
+                    j, stop, c, x, found = middle, place, cn, xn, True
             if not found and top > j:
-                code, place = _try(i, u, v, a, top, h, un, Q, cap, easy, al, jl)
-                if code == 0:
-                    j, stop, found = top, place, True
-                else:
-                    low, high = j, top
-                    for k in range(30 if code == 2 or resting else 7):
-                        middle = 0.5 * (low + high)
-                        code, place = _try(i, u, v, a, middle, h, un, Q, cap, easy, al, jl)
-                        if code == 0:
-                            low, stop, found = middle, place, True
-                        else:
-                            high = middle
-                    j = low
+                low, high, middle, halvings = j, top, top, -1
+                while halvings < 0:
+                    code, place, cn, xn = _try(i, u, v, a, middle, h, un, Q, cap, easy, corner, al, jl)
+                    if code == 0:
+                        j, stop, c, x, found = middle, place, cn, xn, True
+                        break
+                    halvings = 30 if code == 2 or resting else 7
+                for _ in range(halvings):
+                    middle = 0.5 * (low + high)
+                    code, place, cn, xn = _try(i, u, v, a, middle, h, un, Q, cap, easy, corner, al, jl)
+                    if code == 0:
+                        low, j, stop, c, x, found = middle, middle, place, cn, xn, True
+                    else:
+                        high = middle
             if resting and not found:
                 return 2, rows[:0]
-            landed = landed and not found
         rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 3], rows[n, 4] = t, u, v, a, j
         n += 1
-        if landed:
+        if landing and not found:
             t += -2.0 * v / a
             u += -2.0 * v * v / (3.0 * a)
             v, a = 0.0, 0.0
@@ -277,10 +324,8 @@ def _law(un: Array, Q: Array, cap: Array, easy: Array, al: Array, jl: Array, h: 
                 i += 1
         else:
             code, i, u, v, a = _advance(i, u, v, a, j, h, False, un, Q, cap, al, jl)
-            if code == 2 or v <= 0.0 and code != 0:
+            if code != 0:
                 return 3, rows[:0]
-            if code == 1:
-                return 4, rows[:0]
             t += h
     rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 3], rows[n, 4] = t, u, 0.0, 0.0, 0.0
     return 0, rows[: n + 1]

@@ -22,6 +22,7 @@ from machopt.se3 import normalise, wrap
 Array = NDArray[np.float64]
 ARM = 0.15  # m per rad: how much an axis change counts as path length, about a tool's length
 PARALLEL = np.cos(np.radians(1.0))  # a plunge runs along the tool axis within this
+UNKNOWN_FEED = 0.05  # m/s, for the time of approach moves without a feed
 MAX_STATIONS = 1500  # of the choice; beyond, the path is decimated evenly
 SEGMENT = 0.02  # m, longest stretch without a planning point
 SEGMENT_AXIS = np.radians(3.0)  # rad, the same for axis changes
@@ -37,6 +38,7 @@ class Path:
     move: NDArray[np.int8]  # (P,) Move of the segment ending here
     feed: Array  # (P,) m/s of the segment ending here, NaN for rapid
     run: NDArray[np.int32]  # (P,)
+    time: Array  # (P,) s, cumulative time at the programmed feed; rapid moves do not count
     s: Array  # (P,) m, cumulative length in the metric |dp| ⊕ ARM |dn|; rapid moves do not count
     travel: Array  # (P, 3) unit direction of travel in workpiece (any normal direction where there is none)
     is_point: NDArray[np.bool_]  # (P,) True: a toolpath point
@@ -51,6 +53,21 @@ class Path:
     def may_touch(self) -> NDArray[np.bool_]:
         """(P,) True in runs with linear moves: there the cutter may be in the workpiece, after a rapid move never."""
         return np.bincount(self.run)[self.run] > 1
+
+    @property
+    def motion_share(self) -> Array:
+        """(P,) weight of the motion into each point: the share of the cutting points that its run has.
+
+        Motion and index are so traded run by run alike, whether a job is one contour or a hundred holes. A run
+        without cuts counts like the next one that cuts.
+        """
+        count = np.bincount(self.run, weights=self.counted).astype(float)
+        share = count / max(count.sum(), 1.0)
+        for k in range(len(share) - 2, -1, -1):
+            share[k] = share[k] or share[k + 1]
+        for k in range(1, len(share)):
+            share[k] = share[k] or share[k - 1]
+        return np.asarray(share[self.run])
 
     @property
     def counted(self) -> NDArray[np.bool_]:
@@ -73,6 +90,7 @@ def build_path(toolpath: Toolpath) -> Path:
     joined = np.r_[False, run[1:] == run[:-1]]
     step = np.r_[0.0, np.hypot(*_steps(position, axis))]
     s = np.cumsum(np.where(joined, step, 0.0))
+    seconds = np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)] / _known_feed(toolpath.feed[high])
     bounds = np.flatnonzero(~joined)
     runs = tuple((int(a), int(b) - 1) for a, b in zip(bounds, np.r_[bounds[1:], len(index)], strict=True))
     drilling = np.array([o.kind == "point" for o in toolpath.operations])[toolpath.operation[high]]
@@ -83,11 +101,16 @@ def build_path(toolpath: Toolpath) -> Path:
     natural = _natural_reference(toolpath.reference[high], travel, axis, drilling)
     reference = _carried(natural, axis, runs)
     return Path(
-        index=index, position=position, axis=axis, move=toolpath.move[high], feed=toolpath.feed[high], run=run, s=s,
+        index=index, position=position, axis=axis, move=toolpath.move[high], feed=toolpath.feed[high], run=run,
+        time=np.cumsum(np.where(joined, seconds, 0.0)), s=s,
         travel=travel, is_point=np.isclose(index, np.round(index), atol=1e-12), is_drilling=drilling, plunge=plunge,
         reference=reference, offset=_signed_angle(natural, reference, -axis),
         stations=_stations(s, runs, step), runs=runs,
     )  # fmt: skip
+
+
+def _known_feed(feed: Array) -> Array:
+    return np.where(feed > 0, feed, UNKNOWN_FEED)
 
 
 def _steps(position: Array, axis: Array) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, contextmanager
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,11 +140,13 @@ def plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Timings 
     with stage("score"):
         scores = score_candidates(path, candidates, setup.elasticity, d, options)
 
+    velocity = cell.limits.velocity[:6]
+
     def scored(assignment: Assignment) -> Scored:
         cost = np.full(len(path.index), np.nan)
         ok = np.flatnonzero(assignment.reason == Reason.OK)
         cost[ok] = configuration_cost(setup.elasticity, d, ok, assignment.q[ok], scores.index)
-        return Scored(assignment, cost, objective(path, cost, assignment.q, assignment.phi, scores.scale, options))
+        return Scored(assignment, cost, objective(path, cost, assignment.q, assignment.phi, scores.scale, velocity, options))
 
     with stage("baselines"):
         default = scored(cam_default(path, setup.arm, setup.robot, cell.home))
@@ -158,11 +160,11 @@ def plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Timings 
                     chosen, source, check = other, name, None
     else:
         chosen, source = (paper, "jiao2022") if options.method == "jiao2022" else (default, "cam default")
-        rounds, choice = 0, choose(path, candidates, scores, options)
+        rounds, choice = 0, choose(path, candidates, scores, setup.cell.limits.velocity[:6], options)
         check = None if setup.collision is None else check_path(path, chosen.assignment.q, setup.collision, options)
     if check is not None and not check.free:
         chosen.assignment.reason[check.hit] = Reason.COLLIDING
-    grid = _grid_objective(path, choice, candidates, scores, options)
+    grid = _grid_objective(path, choice, candidates, scores, setup, options)
     return Plan(setup, options, path, d, candidates, scores, choice, chosen, source, grid, default, paper, check, rounds)
 
 
@@ -173,11 +175,11 @@ def _global(
     """Choose, smooth, check; strike out what collides or cannot be joined, and choose again."""
     for rounds in range(1, ROUNDS + 1):
         with clock.stage("choose"):
-            choice = choose(path, candidates, scores, options)
+            choice = choose(path, candidates, scores, setup.cell.limits.velocity[:6], options)
         with clock.stage("smooth"):
             smoothed = smooth(path, candidates, scores, choice, setup.cell.limits.velocity[:6], options)
             best, source = scored(realise(path, setup.arm, setup.robot, smoothed.phi, smoothed.seed)), "smooth"
-            grid = _grid_objective(path, choice, candidates, scores, options)
+            grid = _grid_objective(path, choice, candidates, scores, setup, options)
             lost = _lost(path, choice, best)
             if lost.any() or best.objective.total > grid.total * (1 + 1e-9):
                 plain = follow_grid(path, candidates, choice)
@@ -212,6 +214,20 @@ def _lost(path: Path, choice: Choice, scored: Scored) -> NDArray[np.bool_]:
     return covered & (scored.assignment.reason != Reason.OK)
 
 
+def as_driven(plan: Plan, phi: Array) -> Plan:
+    """The plan with the rotation the retimed motion really takes at the planning points, (P,) rad."""
+    before = plan.chosen.assignment
+    after = realise(plan.path, plan.setup.arm, plan.setup.robot, phi, before.q)
+    keep = before.reason != Reason.OK  # what was ruled out stays so
+    after.reason[keep] = before.reason[keep]
+    cost = np.full(len(phi), np.nan)
+    ok = np.flatnonzero(after.reason == Reason.OK)
+    cost[ok] = configuration_cost(plan.setup.elasticity, plan.directions, ok, after.q[ok], plan.scores.index)
+    velocity = plan.setup.cell.limits.velocity[:6]
+    value = objective(plan.path, cost, after.q, phi, plan.scores.scale, velocity, plan.options)
+    return replace(plan, chosen=Scored(after, cost, value))
+
+
 def _clean(scored: Scored, path: Path, setup: Setup, options: PlanOptions) -> bool:
     """Executable as it stands: feasible everywhere and free of collisions."""
     if (scored.assignment.reason != Reason.OK).any():
@@ -219,11 +235,13 @@ def _clean(scored: Scored, path: Path, setup: Setup, options: PlanOptions) -> bo
     return setup.collision is None or check_path(path, scored.assignment.q, setup.collision, options).free
 
 
-def _grid_objective(path: Path, choice: Choice, candidates: Candidates, scores: Scores, options: PlanOptions) -> Objective:
+def _grid_objective(
+    path: Path, choice: Choice, candidates: Candidates, scores: Scores, setup: Setup, options: PlanOptions
+) -> Objective:  # fmt: skip
     """The objective of the grid optimum; decimated points take the cost of their neighbouring stations."""
     st, rows = path.stations, np.arange(len(path.stations))
     plain = follow_grid(path, candidates, choice)
     vertex = np.where(choice.dropped, np.nan, scores.cost[rows, choice.rotation, choice.branch])
     # stations behind rapid moves share a path length with the point before; index by row, not by length
     cost = np.interp(np.arange(len(path.index)), st, vertex)
-    return objective(path, cost, plain.seed, plain.phi, scores.scale, options)
+    return objective(path, cost, plain.seed, plain.phi, scores.scale, setup.cell.limits.velocity[:6], options)

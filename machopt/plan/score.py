@@ -11,9 +11,9 @@ stiffness       eᵀC_tt e along the tool axis (drilling), the mean of     m/N
 jiao2022        1/k_x along the tool axis (eq. 23)                       m/N
 ==============  =======================================================  =====
 
-Objective J = w_mean·mean(c)/c₀ + w_worst·max(c)/c₀ + w_travel·Σ|Δq|/(π·runs) + w_rotation·Σ|Δφ|/(π·runs)
-+ w_preferred·mean((1 − cos(γ − γ_preferred))/2), with c₀ the median cost over the feasible candidates. Travel and
-rotation are total variations, so they do not depend on how finely a path is sampled.
+Objective J = w_mean·mean(c)/c₀ + w_worst·max(c)/c₀ + w_travel·Σ a|Δq|/π + w_rotation·Σ a|Δφ|/π + w_feed·t_lost/t + w_preferred·mean((1 − cos(γ − γ_preferred))/2), with c₀ the median cost over the feasible
+candidates and a the run's share of the cutting points. Travel and rotation are total variations, so they do not depend on how finely a path is sampled. t_lost
+is the time by which the axes, at AXIS_SPEED of their velocity limits, are slower than the programmed feed.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from machopt.se3 import wrap
 
 Array = NDArray[np.float64]
 CHUNK = 32_768
+AXIS_SPEED = 0.8  # share of the velocity limits; accelerations need the rest
 
 
 @dataclass(frozen=True)
@@ -110,32 +111,38 @@ class Objective:
     worst: float
     travel: float
     rotation: float
+    feed: float
     preferred: float
 
 
-def objective(path: Path, cost: Array, q: Array, phi: Array, scale: float, options: PlanOptions) -> Objective:
+def objective(
+    path: Path, cost: Array, q: Array, phi: Array, scale: float, velocity: Array, options: PlanOptions
+) -> Objective:  # fmt: skip
     """J of one assignment at all planning points; infinite where a counted point has no cost.
 
     Args:
         cost: (P,) c of the chosen configurations.
         q: (P, 6) rad.
         phi: (P,) rad, continuous inside each run.
+        velocity: (6,) rad/s, joint velocity limits.
     """
-    w, counted = options.weights, path.counted
+    w, counted, share = options.weights, path.counted, path.motion_share
     c = np.where(np.isfinite(cost[counted]), cost[counted], np.inf) / scale
     if not len(c):
         c = np.zeros(1)
-    runs = cutting_runs(path)
     known = np.isfinite(q).all(axis=1)
-    travel = float(np.abs(np.diff(q[known], axis=0)).sum()) / (np.pi * runs)
+    travel = float(share[known][1:] @ np.abs(np.diff(q[known], axis=0)).sum(axis=1)) / np.pi
     inside = (path.run[1:] == path.run[:-1]) & np.isfinite(phi[1:]) & np.isfinite(phi[:-1])
-    rotation = float(np.abs(np.diff(phi)[inside]).sum()) / (np.pi * runs)
+    rotation = float(share[1:][inside] @ np.abs(np.diff(phi)[inside])) / np.pi
+    with np.errstate(invalid="ignore"):
+        late = np.abs(np.diff(q, axis=0) / (AXIS_SPEED * velocity)).max(axis=1) - np.diff(path.time)
+    lost = float(late[inside & (late > 0)].sum()) / max(float(path.time[-1]), 1e-9)
     preferred = 0.0
     if options.preferred_rotation is not None:
         gamma = wrap(phi + path.offset)[counted]
         preferred = float(np.nanmean(preference(gamma, options)))
-    total = w.mean * float(c.mean()) + w.worst * float(c.max()) + w.travel * travel + w.rotation * rotation + preferred
-    return Objective(total, float(c.mean()), float(c.max()), travel, rotation, preferred)
+    total = w.mean * float(c.mean()) + w.worst * float(c.max()) + w.travel * travel + w.rotation * rotation
+    return Objective(total + w.feed * lost + preferred, float(c.mean()), float(c.max()), travel, rotation, lost, preferred)
 
 
 def preference(gamma: Array, options: PlanOptions) -> Array:
@@ -143,8 +150,3 @@ def preference(gamma: Array, options: PlanOptions) -> Array:
     if options.preferred_rotation is None:
         return np.zeros_like(gamma)
     return options.preferred_weight * (1.0 - np.cos(gamma - options.preferred_rotation)) / 2.0
-
-
-def cutting_runs(path: Path) -> int:
-    """Number of runs with linear moves; travel and rotation are counted per run."""
-    return max(sum(1 for a, b in path.runs if b > a), 1)

@@ -19,7 +19,7 @@ from machopt.plan.candidates import Candidates
 from machopt.plan.choose import Choice
 from machopt.plan.path import Path
 from machopt.plan.realise import between_stations
-from machopt.plan.score import Scores, cutting_runs
+from machopt.plan.score import AXIS_SPEED, Scores
 from machopt.se3 import wrap
 
 Array = NDArray[np.float64]
@@ -27,7 +27,6 @@ REACH = 16  # grid steps to either side of the chosen rotation that the corridor
 SIDE_STEP = np.radians(30.0)  # largest joint step between neighbouring rotations of one branch
 KNOTS = 80  # most spline intervals in a run
 KNOT_SPACING = 0.01  # m, least distance of knots
-SPEED_SHARE = 0.6  # of the joint velocity limits that rotation may use up at the programmed feed
 FINE = 8  # steps a grid step is divided into for runs with one rotation
 STIFFNESS = 1e-3  # price of curvature of phi, relative to the other terms, on the run's own length
 
@@ -101,8 +100,12 @@ def smooth(path: Path, candidates: Candidates, scores: Scores, choice: Choice, v
     for before, part, after in zip([None, *parts[:-1]], parts, [*parts[1:], None], strict=True):
         if part.x[-1] > 0 and len(part.rows) >= 3:
             ends = (None if before is None else before.joints()[-1], None if after is None else after.joints()[0])
-            part.spline = _spline_run(path, part, worst, ends, velocity, options)
-            part.offset = part.spline(part.x) - part.band.phi
+            spline = _spline_run(path, part, worst, ends, velocity, options)
+            offset = spline(part.x) - part.band.phi
+            part.turns = True
+            slack = 0.05 * part.band.step
+            if ((offset >= part.band.low - slack) & (offset <= part.band.high + slack)).all():
+                part.spline, part.offset = spline, offset  # else the grid's own sequence stays
     _constant_rotations(path, parts, worst, options)
     phi, seed = np.full(P, np.nan), np.full((P, 6), np.nan)
     for part in parts:
@@ -126,8 +129,10 @@ class _Stretch:
     band: Corridor
     x: Array  # (n,) m, turning length at the stations
     share: Array  # (n,) weight in the mean index
+    weight: float  # of its motion
     pins: dict[int, float]  # fixed offsets by row
     offset: Array  # (n,) rad, found so far
+    turns: bool = False  # the rotation may change along it
     spline: BSpline | None = None
 
     @classmethod
@@ -138,7 +143,7 @@ class _Stretch:
         band = corridor(candidates, scores, choice, rows)
         turning = _turning_length(path, points[0], points[-1])
         share = path.counted[points] / max(int(path.counted[path.stations].sum()), 1)
-        return cls(rows, points, band, turning[points - points[0]], share, _pins(path, rows, band.phi, options), np.zeros(len(rows)))
+        return cls(rows, points, band, turning[points - points[0]], share, float(path.motion_share[points[0]]), _pins(path, rows, band.phi, options), np.zeros(len(rows)))
 
     def joints(self) -> Array:
         """(n, 6) rad, to first order in the offset."""
@@ -151,13 +156,11 @@ def _constant_rotations(path: Path, parts: list[_Stretch], worst: float, options
     Holes are tied to each other by the joint travel between them, so they are chosen together; the cost between grid
     steps is the parabola through three of them.
     """
-    runs = cutting_runs(path)
-    price = options.weights.travel / (np.pi * runs)
     fine = np.linspace(-1.0, 1.0, 2 * FINE + 1)
     choices, value, back = [], np.zeros(1), []
     previous = None
     for part in parts:
-        free = part.spline is None
+        free = not part.turns
         delta = fine * part.band.step if free else np.zeros(1)
         node = np.zeros(len(delta))
         if free:
@@ -176,7 +179,7 @@ def _constant_rotations(path: Path, parts: list[_Stretch], worst: float, options
             back.append(np.zeros(len(delta), int))
             value = node
         else:
-            total = value[:, None] + price * np.abs(start[None] - previous[:, None]).sum(axis=-1)
+            total = value[:, None] + options.weights.travel / np.pi * part.weight * np.abs(start[None] - previous[:, None]).sum(axis=-1)
             back.append(total.argmin(axis=0))
             value = total.min(axis=0) + node
         previous = end
@@ -259,7 +262,7 @@ def _spline_run(
     index, grid = np.arange(len(rows), dtype=float), np.arange(-REACH, REACH + 1) * band.step
     table = ca.interpolant("cost", "bspline", [index, grid], band.cost.ravel(order="F"), {"degree": [1, 3]})
     cost = table(ca.vertcat(ca.DM(index).T, delta.T)).T
-    w, runs = options.weights, cutting_runs(path)
+    w = options.weights
     change = delta[1:] - delta[:-1] + np.diff(band.phi)
     dq0 = np.diff(band.q, axis=0)
     dq = dq0 + ca.DM(band.slope[1:]) * ca.repmat(delta[1:], 1, 6) - ca.DM(band.slope[:-1]) * ca.repmat(delta[:-1], 1, 6)
@@ -268,20 +271,20 @@ def _spline_run(
     ]
 
     def length_of(v: object, typical: float) -> object:  # |v|, smooth at zero; far below the typical step
-        small = max(0.03 * typical, 1e-7)
+        small = max(0.03 * typical, 0.2 * band.step / len(rows))  # sums to less than a fifth of a grid step
         return ca.sum1(ca.sqrt(ca.vec(v) ** 2 + small**2) - small)
 
-    seconds = _programmed_time(path, rows)
-    allowed = SPEED_SHARE * velocity[None, :] * np.maximum(seconds, 1e-6)[:, None]
+    seconds = np.diff(path.time[part.points])
+    allowed = AXIS_SPEED * velocity[None, :] * np.maximum(seconds, 1e-6)[:, None]
     excess = ca.fmax(ca.fabs(dq) / ca.DM(allowed) - 1.0, 0.0)
     second = np.diff(np.eye(len(start)), n=2, axis=0) * intervals**1.5  # ∫ phi''² on the unit interval
     objective = (
         w.mean * ca.dot(ca.DM(share), cost)
         + w.worst * tau
-        + w.travel / (np.pi * runs) * (length_of(dq, float(np.abs(dq0).mean())) + sum(length_of(f, 0.1) for f in flights))
-        + w.rotation / (np.pi * runs) * length_of(change, float(np.abs(np.diff(band.phi)).mean()) + 1e-5)
-        + STIFFNESS / runs * ca.sumsqr(ca.mtimes(ca.DM(second), c))
-        + 0.2 / max(len(rows), 1) * ca.sumsqr(excess)
+        + w.travel / np.pi * part.weight * (length_of(dq, float(np.abs(dq0).mean())) + sum(length_of(f, 0.1) for f in flights))
+        + w.rotation / np.pi * part.weight * length_of(change, float(np.abs(np.diff(band.phi)).mean()) + 1e-5)
+        + STIFFNESS * part.weight * ca.sumsqr(ca.mtimes(ca.DM(second), c))
+        + w.feed * part.weight / max(len(rows), 1) * ca.sumsqr(excess)
     )
     counted = np.flatnonzero(share > 0)
     g = [delta] + ([cost[counted.tolist()] - tau] if len(counted) else [])
@@ -292,12 +295,17 @@ def _spline_run(
     lbg = np.r_[low, np.full(len(counted), -np.inf)]
     ubg = np.r_[high, np.zeros(len(counted))]
     tau0 = max(worst, 1e-9)
-    solver = ca.nlpsol("smooth", "ipopt", {"x": ca.vertcat(c, tau), "f": objective, "g": ca.vertcat(*g)}, {
+    x = ca.vertcat(c, tau)
+    here = float(band.cost[counted, REACH].max()) if len(counted) else 0.0
+    guess = np.r_[start, max(here, 0.9 * tau0)]
+    solver = ca.nlpsol("smooth", "ipopt", {"x": x, "f": objective, "g": ca.vertcat(*g)}, {
         "print_time": False, "error_on_fail": False,
-        "ipopt": {"print_level": 0, "sb": "yes", "max_iter": 60, "tol": 1e-5, "acceptable_tol": 1e-4,
+        "ipopt": {"print_level": 0, "sb": "yes", "max_iter": 120, "mu_strategy": "adaptive", "tol": 1e-5, "acceptable_tol": 1e-4,
                   },
     })  # fmt: skip
-    answer = solver(x0=np.r_[start, tau0], lbg=lbg, ubg=ubg, lbx=np.r_[np.full(len(start), -np.inf), 0.9 * tau0])
+    answer = solver(x0=guess, lbg=lbg, ubg=ubg, lbx=np.r_[np.full(len(start), -np.inf), 0.9 * tau0])
+    if not float(answer["f"]) < float(ca.Function("f", [x], [objective])(guess)):  # stuck (or NaN): as the grid goes
+        return BSpline(knots, start, 3)
     coefficients = np.asarray(answer["x"]).ravel()[:-1]
     return BSpline(knots, coefficients if np.isfinite(coefficients).all() else start, 3)
 
@@ -315,15 +323,3 @@ def _least_squares(B: object, values: Array) -> Array:
 def _casadi_sparse(ca: object, B: object) -> object:
     coo = B.tocoo()  # type: ignore[attr-defined]
     return ca.DM.triplet(coo.row.tolist(), coo.col.tolist(), ca.DM(coo.data), *coo.shape)  # type: ignore[attr-defined]
-
-
-def _programmed_time(path: Path, rows: NDArray[np.intp]) -> Array:
-    """(n − 1,) s between stations at the programmed feed; infinite where none is programmed."""
-    st = path.stations[rows]
-    out = np.empty(len(rows) - 1)
-    length = np.linalg.norm(np.diff(path.position, axis=0), axis=1)
-    with np.errstate(invalid="ignore"):
-        seconds = np.where(path.feed[1:] > 0, length / path.feed[1:], np.inf)
-    total = np.r_[0.0, np.cumsum(np.where(np.isfinite(seconds), seconds, 1e3))]
-    out[:] = total[st[1:]] - total[st[:-1]]
-    return out

@@ -64,6 +64,7 @@ class Timeline:
     detours: tuple[str, ...]  # rapid moves that could not go straight
     legs: tuple[Leg, ...]
     held_share: float  # of the cutting time at ≥ 95 % of the programmed feed
+    phi: Array  # (P,) rad, the rotation as driven: a little smoother than planned
 
 
 def build_timeline(plan: Plan, toolpath: Toolpath, progress: Callable[[float], None] | None = None) -> Timeline:
@@ -79,6 +80,7 @@ class _Builder:
         self.path: Path = plan.path
         self.q = plan.chosen.assignment.q
         self.point_feed = self._feed_between_points()
+        self.phi = plan.chosen.assignment.phi.copy()
         self.legs: list[Leg] = []
         self.dips: list[Dip] = []
         self.obstructions: list[Obstruction] = []
@@ -111,7 +113,7 @@ class _Builder:
         self._rapid(here, self.cell.home, index, float("nan"), axis_row, -1)
         trajectory = None if self.obstructions else self._joined()
         held = self.held_time / self.cut_time if self.cut_time > 0 else 1.0
-        return Timeline(trajectory, tuple(self.dips), tuple(self.obstructions), tuple(self.detours), tuple(self.legs), held)
+        return Timeline(trajectory, tuple(self.dips), tuple(self.obstructions), tuple(self.detours), tuple(self.legs), held, self.phi)
 
     def _stretches(self) -> Iterator[tuple[int, int]]:
         """Runs, cut at planning points without a configuration; lonely rapid points without one are passed by."""
@@ -200,6 +202,7 @@ class _Builder:
         move = self.path.move[rows][segment]
         below = np.clip(np.floor(local + 1e-9).astype(int), 0, len(rows) - 1)
         gamma = done.phi + self.path.offset[rows][below]
+        self.phi[rows] = np.interp(np.arange(len(rows)), local, done.phi)
         told = _needed(self.plan.chosen.assignment.phi[rows], self.path.is_point[rows])
         told[0] = False  # the move starts there
         cutting = move == Move.CUT

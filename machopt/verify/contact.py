@@ -82,7 +82,9 @@ class _Scene:
         self.world = arm.placements(rows[:, :6], rows[:, 6:])
         self.turn = np.abs(np.diff(rows, axis=0)).sum(axis=1)
         origins = self.world[:, :-1, :3, 3]
-        self.lever = float(np.linalg.norm(origins - origins[:, :1], axis=-1).max() + 1.0) * 2.0
+        size = max((_reach(b) for b in self.bodies if b.link >= 0), default=0.0)
+        arm_length = float(np.linalg.norm(origins - origins[:, :1], axis=-1).max())
+        self.lever = 2.0 * (arm_length + size)  # m, no point of the robot is farther from any axis
         self._relative: dict[tuple[int, int], Array] = {}
 
     def relative(self, a: Body, b: Body) -> Array:
@@ -90,16 +92,19 @@ class _Scene:
         key = (a.carrier, b.carrier)
         if key not in self._relative:
             T = self.world[:, b.carrier]
-            self._relative[key] = T if a.carrier < 0 else np.linalg.inv(self.world[:, a.carrier]) @ T
+            self._relative[key] = T if a.carrier < 0 else _inverse(self.world[:, a.carrier]) @ T
         return self._relative[key]
 
     def follow(self, a: Body, b: Body, stops: NDArray[np.int64], asked: Bools) -> list[int]:
         """Rows (one a stretch) in which a and b touch, or before the next of which they do."""
         T = self.relative(a, b)
         gap = _gap(a, b, T[stops])
+        most = 2.0 * self.lever * np.diff(np.append(0.0, np.cumsum(self.turn))[stops])  # twice what the way can be
+        if not (asked & (gap[1:] + gap[:-1] <= most)).any():
+            return []
         way = np.append(0.0, np.cumsum(self._way(b, T)))
         doubt = asked & (gap[1:] + gap[:-1] <= way[stops[1:]] - way[stops[:-1]])
-        chase = _Chase(self, a, b, T @ b.place, way)
+        chase = _Chase(self, a, b, T, way)
         hits = []
         for k in np.flatnonzero(doubt):
             row = chase.stretch(int(stops[k]), int(stops[k + 1]))
@@ -129,7 +134,7 @@ class _Chase:
     scene: _Scene
     a: Body
     b: Body
-    T: Array  # (M, 4, 4) b seen from a's carrier
+    T: Array  # (M, 4, 4) b's carrier seen from a's
     way: Array  # (M,) m, cumulative motion
 
     def __post_init__(self) -> None:
@@ -161,19 +166,34 @@ class _Chase:
             return False
         q = 0.5 * (qa + qb)
         world = self.scene.arm.placements(q[None, :6], q[None, 6:])[0]
-        T = world[self.b.carrier] @ self.b.place
+        T = world[self.b.carrier]
         if self.a.carrier >= 0:
-            T = np.linalg.inv(world[self.a.carrier]) @ T
+            T = _inverse(world[self.a.carrier]) @ T
         if self._near(T, 0.0):
             return True
         return self._between(qa, q, Ta, T, 0.5 * way) or self._between(q, qb, T, Tb, 0.5 * way)
 
     def _near(self, T: Array, margin: float) -> bool:
+        """b, carried by T, is within ``margin`` of a."""
         request = self._coal.CollisionRequest()
         request.security_margin = margin
+        T = T @ self.b.place
         place = self._coal.Transform3s(T[:3, :3], T[:3, 3])
         return bool(self._coal.collide(self.a.shape, self._still, self.b.shape, place, request,
                                        self._coal.CollisionResult()))  # fmt: skip
+
+
+def _reach(b: Body) -> float:
+    """m, farthest point from the carrier's origin."""
+    return float(np.linalg.norm(b.place[:3, 3]) + np.linalg.norm(b.middle) + np.linalg.norm(b.half))
+
+
+def _inverse(T: Array) -> Array:
+    """Of rigid transforms (..., 4, 4)."""
+    out = T.copy()
+    out[..., :3, :3] = np.swapaxes(T[..., :3, :3], -1, -2)
+    out[..., :3, 3] = -(out[..., :3, :3] @ T[..., :3, 3:])[..., 0]
+    return out
 
 
 def _stops(rows: Array, fast: Bools) -> NDArray[np.int64]:
@@ -188,7 +208,7 @@ def _stops(rows: Array, fast: Bools) -> NDArray[np.int64]:
 def _gap(a: Body, b: Body, T: Array) -> Array:
     """(K,) m, a bound below the distance: spheres around one against the box around the other."""
     if a.radius < b.radius:
-        a, b, T = b, a, np.asarray(np.linalg.inv(T), float)
+        a, b, T = b, a, _inverse(T)
     balls = b.balls @ b.place[:3, :3].T + b.place[:3, 3]
     seen = np.einsum("nij,kj->nki", T[:, :3, :3], balls) + T[:, None, :3, 3]
     local = (seen - a.place[:3, 3]) @ a.place[:3, :3] - a.middle
@@ -214,7 +234,7 @@ def _pairs(cell: Cell, arm: Arm, bodies: list[Body]) -> list[tuple[Body, Body]]:
     q = lower + (upper - lower) * rng.random((POSES, 6))
     world = arm.placements(q, np.tile(cell.external_home, (POSES, 1)))
     for a, b in robot:
-        T = world[:, b.carrier] if a.carrier < 0 else np.linalg.inv(world[:, a.carrier]) @ world[:, b.carrier]
+        T = world[:, b.carrier] if a.carrier < 0 else _inverse(world[:, a.carrier]) @ world[:, b.carrier]
         share = np.mean([_touch(a, b, x @ b.place) for x in T])
         coarse = a.kind == "link" and b.link - a.link == 2 and share > COARSE
         if share <= TOUCHING and not coarse:
@@ -232,8 +252,11 @@ def _touch(a: Body, b: Body, T: Array) -> bool:
 def _bodies(cell: Cell, arm: Arm) -> list[Body]:
     import pinocchio as pin
 
-    folders = [str(cell.folder), str(cell.urdf.parent), *(str(p.parent) for p in cell.packages.values())]
-    geometry = pin.buildGeomFromUrdf(arm.model, str(cell.urdf), pin.GeometryType.COLLISION, package_dirs=folders)
+    text = cell.urdf.read_text(encoding="utf-8")
+    for name, folder in cell.packages.items():  # a package's folder may have another name than the package
+        text = text.replace(f"package://{name}/", f"{folder}/")
+    folders = [str(cell.urdf.parent), str(cell.folder)]
+    geometry = pin.buildGeomFromUrdfString(arm.model, text, pin.GeometryType.COLLISION, package_dirs=folders)
     out = []
     for g in geometry.geometryObjects:
         joint = int(g.parentJoint)

@@ -1,0 +1,60 @@
+"""Exact distances between two bodies' surfaces (the only importer of fcl)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.model.bodies import Body, inside
+
+Array = NDArray[np.float64]
+
+
+class Surfaces:
+    """Bodies as fcl triangle meshes; each query places the second one only, seen from the first one's link.
+
+    Args:
+        bodies: with vertices in base_link at q = 0.
+    """
+
+    def __init__(self, bodies: list[Body]) -> None:
+        self._bodies = bodies
+        self._still = [_mesh(body) for body in bodies]
+        self._moving = [_mesh(body) for body in bodies]
+
+    def distance(self, pair: tuple[int, int], T: Array) -> float:
+        """m, of the surfaces with the second body moved by T (4, 4); ≤ 0 where they cross."""
+        import fcl
+
+        return float(fcl.distance(*self._placed(pair, T), fcl.DistanceRequest(), fcl.DistanceResult()))
+
+    def cross(self, pair: tuple[int, int], T: Array) -> bool:
+        """Whether the surfaces cross; ten times quicker than a distance."""
+        import fcl
+
+        return bool(fcl.collide(*self._placed(pair, T), fcl.CollisionRequest(), fcl.CollisionResult()))
+
+    def contained(self, pair: tuple[int, int], T: Array) -> bool:
+        """One body is wholly inside the other, given that the surfaces do not cross: one vertex decides."""
+        a, b = (self._bodies[k] for k in pair)
+        R, t = T[:3, :3], T[:3, 3]
+        return inside(a, R @ b.vertices[0] + t) or inside(b, R.T @ (a.vertices[0] - t))
+
+    def _placed(self, pair: tuple[int, int], T: Array) -> tuple[Any, Any]:
+        import fcl
+
+        moving = self._moving[pair[1]]
+        moving.setTransform(fcl.Transform(T[:3, :3], T[:3, 3]))
+        return self._still[pair[0]], moving
+
+
+def _mesh(body: Body) -> Any:
+    import fcl
+
+    model = fcl.BVHModel()
+    model.beginModel(len(body.faces), len(body.vertices))
+    model.addSubModel(np.ascontiguousarray(body.vertices), np.ascontiguousarray(body.faces))
+    model.endModel()
+    return fcl.CollisionObject(model)

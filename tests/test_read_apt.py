@@ -1,0 +1,335 @@
+"""Cutter location dialects, by small snippets written for these tests."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from machopt.domain.toolpath import Move, Toolpath
+from machopt.errors import InputError
+from machopt.formats.inspect import summarise
+from machopt.formats.toolpath import read_toolpath
+
+NX_HEAD = """TOOL PATH/PROFILE,TOOL,END_MILL_10
+TLDATA/MILL,10.0,0.0,75.0,0.0,0.0
+MSYS/0.0,0.0,0.0,1.0,0.0,0.0,0.0,1.0,0.0
+$$ centerline data
+PAINT/COLOR,186
+RAPID
+GOTO/10.0,0.0,50.0,0.0,0.0,1.0
+RAPID
+GOTO/10.0,0.0,5.0
+FEDRAT/MMPM,600.0
+GOTO/10.0,0.0,0.0
+"""
+NX_TAIL = "END-OF-PATH\n"
+
+
+def read(tmp_path: Path, text: str, name: str = "part.cls", **options: object) -> Toolpath:
+    file = tmp_path / name
+    file.write_text(text, encoding="utf-8")
+    return read_toolpath(file, **options)  # type: ignore[arg-type]
+
+
+def mm(toolpath: Toolpath) -> np.ndarray:  # type: ignore[type-arg]
+    return np.round(toolpath.position * 1e3, 9)  # metres and back costs the last bits
+
+
+def test_nx_rapid_holds_for_one_motion_and_the_feed_resumes(tmp_path: Path) -> None:
+    t = read(tmp_path, NX_HEAD + "RAPID\nGOTO/10.0,0.0,5.0\nGOTO/10.0,0.0,-1.0\n" + NX_TAIL)
+    assert t.format == "apt/nx"
+    assert t.move.tolist() == [Move.RAPID, Move.RAPID, Move.CUT, Move.RAPID, Move.CUT]
+    assert t.feed[[2, 4]] == pytest.approx(0.01)  # 600 mm/min
+    assert np.isnan(t.feed[[0, 1, 3]]).all()
+    assert t.operations[0].label == "PROFILE"
+    assert t.operations[0].tool == "END_MILL_10"
+    assert t.operations[0].kind == "point"
+    assert t.line.tolist() == [7, 9, 11, 13, 14]
+    assert t.warnings == ()
+
+
+@pytest.mark.parametrize(("k", "above"), [(-1.0, True), (1.0, False)])
+def test_nx_circle_is_left_handed_about_its_axis(tmp_path: Path, k: float, above: bool) -> None:
+    # from (10, 0) to (-10, 0) about the origin: with axis -z (left-handed) counter-clockwise, so over +y
+    text = NX_HEAD + f"CIRCLE/0.0,0.0,0.0,0.0,0.0,{k},10.0,0.06,0.5,10.0,0.0\nGOTO/-10.0,0.0,0.0\n" + NX_TAIL
+    p = mm(read(tmp_path, text))
+    arc = p[3:]
+    assert np.allclose(np.linalg.norm(arc[:, :2], axis=1), 10.0, atol=1e-9)
+    assert (arc[:-1, 1] > 0.0).all() == above
+    assert np.array_equal(p[-1], [-10.0, 0.0, 0.0])
+    chord = np.linalg.norm(np.diff(np.vstack([p[2], arc]), axis=0), axis=1).max()
+    assert 10.0 - np.sqrt(100.0 - chord**2 / 4.0) <= 0.005 + 1e-9  # sagitta within the 5 µm tolerance
+
+
+def test_nx_helix_times_two_adds_one_turn(tmp_path: Path) -> None:
+    text = NX_HEAD + "CIRCLE/0,0,-4,0,0,-1,10.0,0.06,0.5,10.0,0.0,TIMES,2\nGOTO/0.0,10.0,-4.0\n" + NX_TAIL
+    p = mm(read(tmp_path, text))[2:]
+    angle = np.unwrap(np.arctan2(p[:, 1], p[:, 0]))
+    assert angle[-1] - angle[0] == pytest.approx(2.5 * np.pi)
+    assert np.allclose(np.diff(p[:, 2]) / np.diff(angle), -4.0 / (2.5 * np.pi))
+
+
+def test_nx_nurbs_starts_at_the_point_before_it(tmp_path: Path) -> None:
+    # four control points on a line with equal steps are a straight, evenly run line
+    text = NX_HEAD + "NURBS/\nKNOT/1.0\nCNTRL/20,0,0\nCNTRL/30,0,0\nCNTRL/40,0,0\nGOTO/50,0,0\n" + NX_TAIL
+    p = mm(read(tmp_path, text))
+    assert np.allclose(p[3:], [[40.0, 0.0, 0.0], [50.0, 0.0, 0.0]])
+    bent = NX_HEAD + "NURBS/\nKNOT/0.5,1.0\nCNTRL/20,5,0\nCNTRL/30,9,0\nCNTRL/40,0,0\nCNTRL/50,0,0\n" + NX_TAIL
+    q = mm(read(tmp_path, bent))[2:]
+    fine = mm(read(tmp_path, bent, arc_tolerance=1e-9))[2:]
+    off = [_distance(f, q) for f in fine]
+    assert len(q) > 8
+    assert max(off) <= 5.0e-3  # mm: the tolerance asked for
+
+
+def _distance(point: np.ndarray, line: np.ndarray) -> float:  # type: ignore[type-arg]
+    a, b = line[:-1], line[1:]
+    s = np.clip(np.einsum("ij,ij->i", point - a, b - a) / np.einsum("ij,ij->i", b - a, b - a), 0.0, 1.0)
+    return float(np.linalg.norm(a + s[:, None] * (b - a) - point, axis=1).min())
+
+
+def test_nx_second_msys_is_brought_into_the_first(tmp_path: Path) -> None:
+    later = NX_HEAD.replace("MSYS/0.0,0.0,0.0,1.0,0.0,0.0,0.0,1.0,0.0", "MSYS/100.0,0,0,0,1.0,0,-1.0,0,0")
+    t = read(tmp_path, NX_HEAD + NX_TAIL + later.replace("PROFILE", "SIDE") + NX_TAIL)
+    assert np.allclose(mm(t)[5], [100.0, 10.0, 0.0])  # x runs along the first y
+    assert [o.label for o in t.operations] == ["PROFILE", "SIDE"]
+    assert any("coordinate system changes" in w for w in t.warnings)
+
+
+def test_nx_cycle_depth_is_signed_along_the_axis(tmp_path: Path) -> None:
+    text = NX_HEAD.split("RAPID", maxsplit=1)[0] + (
+        "CYCLE/DRILL,RAPTO,3.0,FEDTO,-12.0,MMPM,250.0\nGOTO/66.0,0.0,240.0,0.0,0.0,1.0\nGOTO/0.0,0.0,240.0\nCYCLE/OFF\n"
+    )
+    t = read(tmp_path, text + NX_TAIL)
+    assert t.operations[0].kind == "point"
+    assert mm(t)[t.cutting].tolist() == [[66.0, 0.0, 228.0], [0.0, 0.0, 228.0]]
+    assert t.feed[t.cutting] == pytest.approx(250.0 / 60e3)
+    assert [Move(m).word for m in t.move] == ["rapid", "cut", "retract", "rapid", "cut", "retract"]
+
+
+def test_arc_against_its_neighbours_is_told(tmp_path: Path) -> None:
+    body = "GOTO/10.0,-5.0,0.0\nGOTO/10.0,0.0,0.0\nCIRCLE/0,0,0,0,0,{k},10.0\nGOTO/-10.0,0.0,0.0\nGOTO/-10.0,-5.0,0.0\n"
+    good = read(tmp_path, NX_HEAD + body.format(k=-1) + NX_TAIL)
+    bad = read(tmp_path, NX_HEAD + body.format(k=1) + NX_TAIL)
+    assert not any("tangents" in w for w in good.warnings)
+    assert any("tangents" in w and "line" in w for w in bad.warnings)
+
+
+CATIA_HEAD = """$$ CATIA APT VERSION 1.0
+$$*CATIA0
+$$ Program.1
+$$     1.00000     0.00000     0.00000     5.00000
+$$     0.00000     1.00000     0.00000     0.00000
+$$     0.00000     0.00000     1.00000    60.00000
+PARTNO PART TO BE MACHINED
+$$ OPERATION NAME : Contour.1
+TLAXIS/ 0.000000, 0.000000, 1.000000
+LOADTL/1
+LOADTL/1,1
+SPINDL/  2000.0000,RPM,CLW
+RAPID
+GOTO  /   10.00000,    0.00000,    1.00000
+FEDRAT/    0.1000,MMPR
+GOTO  /   10.00000,    0.00000,    0.00000
+"""
+
+
+def test_catia_arc_by_tangent_and_feed_per_revolution(tmp_path: Path) -> None:
+    text = CATIA_HEAD + (
+        "AUTOPS\nINDIRV/  0.00000,  1.00000,  0.00000\nTLON,GOFWD/ (CIRCLE/ 0.00000, 0.00000, 0.00000,$\n"
+        "  10.00000),ON,(LINE/ 0.00000, 0.00000, 0.00000,$\n  -10.00000, 0.00000, 0.00000)\nFINI\n"
+    )
+    t = read(tmp_path, text, "part.aptsource")
+    p = mm(t)
+    assert t.format == "apt/catia"
+    assert (p[2:-1, 1] > 0.0).all()
+    assert np.allclose(p[-1], [-10.0, 0.0, 0.0])
+    assert t.feed[t.cutting] == pytest.approx(0.1 * 2000.0 / 60e3)  # 0.1 mm a turn at 2000 rpm
+    assert "60" in t.meta["frame"]
+    assert [e.kind for e in t.events].count("tool") == 1  # LOADTL/1,1 names it again
+    assert t.operations[0].label == "Contour.1"
+    assert t.warnings == ()
+
+
+def test_catia_full_circle_by_second_intersection(tmp_path: Path) -> None:
+    text = CATIA_HEAD + ("INDIRV/0,-1,0\nTLON,GOFWD/(CIRCLE/0,0,0,10),ON,2,INTOF,(LINE/0,0,0,$\n10,0,0)\nFINI\n")
+    p = mm(read(tmp_path, text, "part.txt"))[1:]
+    angle = np.unwrap(np.arctan2(p[:, 1], p[:, 0]))
+    assert angle[-1] - angle[0] == pytest.approx(-2.0 * np.pi)
+
+
+CAMWORKS_HEAD = """PARTNO/1
+UNIT/MM
+INSERT/[HOLDER=X] 12MM MILL
+CSI_SET_FLUTE_LENGTH/15.
+LOAD/TOOL,15
+SPINDL/1334,RPM,CLW
+TRNTYP/WORLD,0,0,0
+CSYS/1.,0,0,0,0,1.,0,0,0,0,1.,0
+RAPID/
+GOTO/10.,0,5.
+FEDRAT/120.5,MMPM
+GOTO/10.,0,0
+"""
+
+
+def test_camworks_circle_is_right_handed_and_closes(tmp_path: Path) -> None:
+    text = CAMWORKS_HEAD + "CIRCLE/0,0,0,0,0,1.\nGOTO/-10.,0,0\nCIRCLE/0,0,0,0,0,-1.\nGOTO/-10.,0,0\nFINI\n"
+    t = read(tmp_path, text, "part.apt")
+    p = mm(t)
+    half = int(np.argmin(np.abs(p[:, 0] + 10.0)))
+    assert t.format == "apt/camworks"
+    assert (p[2:half, 1] > 0.0).all()
+    angle = np.unwrap(np.arctan2(p[half:, 1], p[half:, 0]))
+    assert angle[-1] - angle[0] == pytest.approx(-2.0 * np.pi)  # start = end: a full circle, clockwise
+    assert t.operations[0].label == "1 12MM MILL"
+    assert t.operations[0].tool == "15"
+
+
+def test_camworks_csys_turns_the_tool_and_not_the_points(tmp_path: Path) -> None:
+    text = (
+        CAMWORKS_HEAD
+        + "CSYS/0,0,-1.,0,-1.,0,0,0,0,1.,0,0\nRAPID/\nGOTO/-25.,101.,-47.,-1.,0,0\nGOTO/3.,101.,-47.\nFINI\n"
+    )
+    t = read(tmp_path, text, "part.apt")
+    assert np.allclose(mm(t)[-1], [3.0, 101.0, -47.0])
+    assert np.allclose(t.axis[-1], [-1.0, 0.0, 0.0])
+    assert t.operations[1].kind == "point"
+
+
+def test_camworks_pecking(tmp_path: Path) -> None:
+    text = CAMWORKS_HEAD.split("RAPID/", maxsplit=1)[0] + (
+        "RAPID/\nGOTO/8.,15.,25.\nCYCLE/INIT\n"
+        "CYCLE/DEEP2,FEDTO,8.,1STPECK,5.,SUBPECK,2.,MMPM,300.,RAPTO,3.,RTRCTO,25.\nGOTO/8.,15.,0\nCYCLE/OFF\nFINI\n"
+    )
+    t = read(tmp_path, text, "part.apt")
+    assert mm(t)[t.cutting, 2] == pytest.approx([-5.0, -7.0, -8.0])
+    assert mm(t)[-1, 2] == pytest.approx(25.0)
+    words = [Move(m).word for m in t.move]
+    assert words == ["rapid", "rapid", "cut", "retract", "approach", "cut", "retract", "approach", "cut", "retract"]
+    assert np.isnan(t.feed[~t.cutting]).all()
+    assert t.operations[0].kind == "point"
+
+
+def test_inch_and_delta_and_movarc(tmp_path: Path) -> None:
+    text = (
+        "PARTNO TEST\nUNITS/INCHES\nMULTAX/ON\nFROM/0,0,2\nRAPID\nGOTO/1.0,0,1,0,0,1\nFEDRAT/10.0,IPM\n"
+        "GODLTA/-1.0\nMOVARC/0,0,0,0,0,1,1.0,ANGLE,90\nGOTO/0,1.0,0,0,0.6,0.8\nFINI\n"
+    )
+    t = read(tmp_path, text, "hsm.apt")
+    p = mm(t)
+    assert p[1] == pytest.approx([25.4, 0.0, 25.4])
+    assert p[2] == pytest.approx([25.4, 0.0, 0.0])
+    assert p[-1] == pytest.approx([0.0, 25.4, 0.0])
+    assert np.allclose(np.linalg.norm(p[2:, :2], axis=1), 25.4)
+    assert t.axis[-1] == pytest.approx([0.0, 0.6, 0.8])
+    assert t.feed[2] == pytest.approx(254.0 / 60e3)
+    assert t.format == "apt"
+
+
+def test_crlf_bom_and_latin1_read_the_same(tmp_path: Path) -> None:
+    plain = read(tmp_path, NX_HEAD + NX_TAIL)
+    file = tmp_path / "b.cls"
+    file.write_bytes(b"\xef\xbb\xbf" + (NX_HEAD + NX_TAIL).replace("\n", "\r\n").encode())
+    assert np.array_equal(read_toolpath(file).position, plain.position)
+    file.write_bytes((NX_HEAD + "PPRINT/Fr\xe4sen\n" + NX_TAIL).encode("latin-1"))
+    t = read_toolpath(file)
+    assert np.array_equal(t.position, plain.position)
+    assert t.events[-1].text == "Fr\xe4sen"
+
+
+def test_unknown_words_are_counted_and_strict_refuses_them(tmp_path: Path) -> None:
+    text = NX_HEAD + "FOOBAR/1,2\nCOOLNT/ON\nFOOBAR/3\n" + NX_TAIL
+    t = read(tmp_path, text)
+    (word,) = [w for w in t.ignored if not w.understood]
+    assert (word.word, word.count, word.first_line) == ("FOOBAR", 2, 12)
+    assert any(w.word == "PAINT" and w.understood for w in t.ignored)
+    assert [e.kind for e in t.events] == ["coolant"]
+    with pytest.raises(InputError, match=r"line 12: word 'FOOBAR'"):
+        read(tmp_path, text, strict=True)
+
+
+def test_cut_off_files_are_told(tmp_path: Path) -> None:
+    t = read(tmp_path, NX_HEAD)
+    assert any("cut off" in w for w in t.warnings)
+    u = read(tmp_path, NX_HEAD + "GOTO/1.0,2.")
+    assert len(u) == len(t)
+    assert any("last line is cut off" in w for w in u.warnings)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is empty"),
+        ("PARTNO/1\nUNITS/MM\nGOTO/1,2,3\nFINI\n", "default_feed"),
+        ("PARTNO/1\nGOTO/1,2,3\nFINI\n", "--unit"),
+        ("UNITS/MM\nFEDRAT/100\nGOTO/1,nan,3\nFINI\n", "line 3.*not finite"),
+        ("UNITS/MM\nFEDRAT/100\nGOTO/1,2\nFINI\n", "line 3.*2 numbers"),
+        ("UNITS/MM\nFEDRAT/100\nGOTO/1,2,3,0,0,0\nFINI\n", "line 3.*axis is zero"),
+        ("UNITS/MM\nFEDRAT/100\nGOTO/1,2,3e7\nFINI\n", "line 3.*1e\\+06"),
+        ("UNITS/MM\nRAPID\nGOTO/1,2,3\nFINI\n", "no cutting move"),
+        ("UNITS/MM\nFEDRAT/100,MMPR\nGOTO/1,2,3\nFINI\n", "default_feed"),
+        (
+            "UNITS/MM\nFEDRAT/100\nGOTO/1,2,3\nCIRCLE/0,0,0,0,0,1\nGOTO/900,2,3\nFINI\n",
+            "line 5.*distance from the centre",
+        ),
+        ("UNITS/MM\nFEDRAT/100\nGOTO/1,2,3\nCYCLE81/1,2\nFINI\n", "line 4.*CYCLE81"),
+        ("UNITS/MM\nFEDRAT/100\nGOTO/1,2,3\nTRACUT/M1\nFINI\n", "line 4.*TRACUT"),
+        ("UNITS/MM\nFEDRAT/100,IPM\nGOTO/1,2,3\nSET/MODE,INCR\nFINI\n", "line 4.*incremental"),
+        ("partno x\nclprnt\npl1=plane/0,0,1,4\ngoto/1,2,3\nfini\n", "part program"),
+    ],
+)
+def test_refusals_name_the_place_and_the_way_out(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        read(tmp_path, text, "x.apt")
+    assert "x.apt" in str(caught.value)
+
+
+def test_unit_and_feed_options(tmp_path: Path) -> None:
+    text = "PARTNO/1\nGOTO/1,2,3\nFINI\n"
+    t = read(tmp_path, text, "x.apt", unit="inch", default_feed=0.02)
+    assert mm(t)[0] == pytest.approx([25.4, 50.8, 76.2])
+    assert t.feed[0] == pytest.approx(0.02)
+    with pytest.raises(InputError, match="--unit inch"):
+        read(tmp_path, NX_HEAD + NX_TAIL, unit="inch")
+
+
+def test_summary_is_json(tmp_path: Path) -> None:
+    import json
+
+    summary = summarise(read(tmp_path, NX_HEAD + NX_TAIL))
+    assert json.loads(json.dumps(summary)) == summary
+    assert summary["points"] == 3
+    assert summary["moves"] == {"cut": 1, "rapid": 2, "approach": 0, "retract": 0, "link": 0}
+    assert summary["length_mm"]["cut"] == 5.0  # type: ignore[index]
+
+
+def test_catia_five_axes_and_turning_is_told(tmp_path: Path) -> None:
+    text = CATIA_HEAD.replace("LOADTL/1\n", "TOOLNO/1,TURN,1\nMULTAX\n") + (
+        "GOTO  /   20.00000,    0.00000,    0.00000,$\n  0.60000, 0.00000, 0.80000\nFINI\n"
+    )
+    t = read(tmp_path, text, "part.txt")
+    assert t.axis[-1] == pytest.approx([0.6, 0.0, 0.8])
+    assert any("turning" in w for w in t.warnings)
+
+
+def test_clt_follows_the_axis_and_one_table_position(tmp_path: Path) -> None:
+    text = (
+        "UNITS/ MM \nTLAXIS/ 0,-1,0 \nOPFEATSTART/Mill1\nROTABL/ 1.570796,AAXIS,TABLE,CCLW \nRAPID/ \n"
+        "GOTO/ 10,0,5 \nFEDRAT/ MMPM,300\nGOTO/ 10,0,0\n"
+        "CIRCLE/ 0,0,0,0,0,1,10.0,CLOCKWISE \nGOTO/ 0,-10,0 \n"
+        "CYCLE/ DRILL,G98,6.0,PECKING,5.0,2.0,MMPM,110,3.0,25.0 25.0 DWELL,0 \nGOTO/ 1,2,0 \nCYCLE/ OFF \nFINI \n"
+    )
+    t = read(tmp_path, text, "part.clt")
+    p = mm(t)
+    arc = p[1 : int(np.flatnonzero(np.abs(p[:, 1] + 10.0) < 1e-9)[0]) + 1]
+    turned = np.unwrap(np.arctan2(arc[:, 1], arc[:, 0]))
+    assert turned[-1] - turned[0] == pytest.approx(1.5 * np.pi)  # the word CLOCKWISE is wrong over 180°
+    assert np.allclose(t.axis, [0.0, 0.0, 1.0])
+    assert p[t.cutting][-2:, 2].tolist() == [-5.0, -6.0]
+    with pytest.raises(InputError, match="table stands differently"):
+        read(
+            tmp_path, text.replace("FINI", "ROTABL/ -1.570796,AAXIS\nRAPID/\nGOTO/1,1,9\nGOTO/1,1,1\nFINI"), "part.clt"
+        )

@@ -1,0 +1,260 @@
+"""G-code and Heidenhain programs, by small snippets written for these tests."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from machopt.domain.toolpath import Move, Toolpath
+from machopt.errors import InputError
+from machopt.formats.rotary import MACHINES, Rotary
+from machopt.formats.toolpath import read_toolpath
+
+
+def read(tmp_path: Path, text: str, **options: object) -> Toolpath:
+    file = tmp_path / "part.nc"
+    file.write_text(text, encoding="utf-8")
+    return read_toolpath(file, **options)  # type: ignore[arg-type]
+
+
+def mm(toolpath: Toolpath) -> np.ndarray:  # type: ignore[type-arg]
+    return np.round(toolpath.position * 1e3, 9)  # metres and back costs the last bits
+
+
+def turned(p: np.ndarray, a: int = 0, b: int = 1) -> float:  # type: ignore[type-arg]
+    angle = np.unwrap(np.arctan2(p[:, b], p[:, a]))
+    return float(angle[-1] - angle[0])
+
+
+def test_modal_words_blanks_and_odd_numbers(tmp_path: Path) -> None:
+    t = read(
+        tmp_path,
+        "%\nO0001 (PART (nested) NAME)\nN10 G21 G90 G17\n(OPERATION: FACE)\nT5 M6\nS8000 M3\n"
+        "G0 X  10. Y-.5 Z5\nG1 Z-1. F300\nX-1.\n Y .25\nG0Z5.\nM30\nG1 X99\n",
+    )
+    assert mm(t).tolist() == [[10, -0.5, 5], [10, -0.5, -1], [-1, -0.5, -1], [-1, 0.25, -1], [-1, 0.25, 5]]
+    assert [Move(m).word for m in t.move] == ["rapid", "cut", "cut", "cut", "rapid"]
+    assert t.feed[1] == pytest.approx(0.005)
+    assert t.axis.tolist() == [[0.0, 0.0, 1.0]] * 5
+    assert {e.kind for e in t.events} >= {"tool", "spindle"}
+    assert any("after the program end" in w.word for w in t.ignored)
+
+
+def test_arcs_full_circle_helix_radius_and_planes(tmp_path: Path) -> None:
+    head = "G21 G90\nG0 X10 Y0 Z0\nG1 F100 X10\n"
+    full = mm(read(tmp_path, head + "G3 I-10\n"))[1:]
+    assert turned(full) == pytest.approx(2 * np.pi)
+    helix = mm(read(tmp_path, head + "G2 X10 Z-3 I-10 J0\n"))[1:]
+    assert turned(helix) == pytest.approx(-2 * np.pi)
+    assert helix[-1, 2] == -3.0
+    short = mm(read(tmp_path, head + "G3 X0 Y10 R10\n"))[1:]
+    assert turned(short) == pytest.approx(np.pi / 2)
+    long = mm(read(tmp_path, head + "G3 X0 Y10 R-10\n"))[1:]
+    assert turned(long - np.array([10.0, 10.0, 0.0])) == pytest.approx(1.5 * np.pi)
+    modal = mm(read(tmp_path, head + "G3 X0 Y10 I-10\nX-10 Y0 J-10\n"))[1:]
+    assert turned(modal) == pytest.approx(np.pi)
+    # G18: counter-clockwise seen from +Y turns z towards x
+    g18 = mm(read(tmp_path, head + "G18 G3 X0 Z10 I-10 K0\n"))[1:]
+    assert turned(g18, 2, 0) == pytest.approx(np.pi / 2 - 2 * np.pi) or turned(g18, 2, 0) == pytest.approx(1.5 * np.pi)
+    g19 = mm(read(tmp_path, "G21 G90\nG0 X0 Y10 Z0\nG1 F100 X0\nG19 G3 Y0 Z10 J-10 K0\n"))[1:]
+    assert turned(g19, 1, 2) == pytest.approx(np.pi / 2)
+
+
+def test_absolute_centres_are_found_and_told(tmp_path: Path) -> None:
+    t = read(tmp_path, "G21 G90\nG0 X60 Y50 Z0\nG1 F100 X60\nG3 X50 Y60 I50 J50\n")
+    assert any("absolute" in w for w in t.warnings)
+    assert turned(mm(t)[1:] - np.array([50.0, 50.0, 0.0])) == pytest.approx(np.pi / 2)
+
+
+def test_inch_incremental_and_feed_modes(tmp_path: Path) -> None:
+    t = read(tmp_path, "G20 G90\nG0 X1 Y0 Z0\nG91 G1 X1 F10\nG93 X2 F4\nG94 G95 S600 X1 F.01\n")
+    assert mm(t)[:, 0] == pytest.approx([25.4, 50.8, 101.6, 127.0])
+    assert t.feed[1] == pytest.approx(254.0 / 60e3)
+    assert t.feed[2] == pytest.approx(4 * 50.8 / 60e3)  # a quarter of a minute for two inches
+    assert t.feed[3] == pytest.approx(0.254 * 600 / 60e3)
+
+
+def test_cycles_with_g98_g99_repeats_and_pecks(tmp_path: Path) -> None:
+    t = read(tmp_path, "G21 G90\nT1 M6\nG0 X0 Y0 Z50\nG99 G81 X10 Y5 Z-4 R2 F120\nX20\nG98 X30\nG80\nG0 Z100\n")
+    assert mm(t)[t.cutting].tolist() == [[10, 5, -4], [20, 5, -4], [30, 5, -4]]
+    assert mm(t)[t.move == Move.RETRACT, 2].tolist() == [2, 2, 50]
+    assert t.operations[0].kind == "point"
+    peck = read(tmp_path, "G21 G90\nG0 X0 Y0 Z10\nG83 Z-7 R1 Q3 F100\n")
+    assert mm(peck)[peck.cutting, 2].tolist() == [-2, -5, -7]
+    row = read(tmp_path, "G21 G90\nG0 X0 Y0 Z10\nG91 G81 X10 Y0 Z-5 R-8 L3 F100\n")
+    assert mm(row)[row.cutting].tolist() == [[10, 0, -3], [20, 0, -3], [30, 0, -3]]
+
+
+def test_machine_frame_moves_are_not_path_points(tmp_path: Path) -> None:
+    t = read(tmp_path, "G21 G90 G54\nG0 X0 Y0 Z10\nG1 Z-1 F50\nG53 G0 Z0\nG0 X50\nZ5\nG1 Z-1\nG28 G91 Z0\nM30\n")
+    assert mm(t)[:, 2].tolist() == [10, -1, 5, 5, -1]
+    assert any("G53" in w.word for w in t.ignored)
+    with pytest.raises(InputError, match=r"line 5: cuts while Z is not known"):
+        read(tmp_path, "G21 G90\nG0 X0 Y0 Z10\nG1 Z-1 F50\nG53 Z0\nG1 X5\n")
+
+
+# ---- five axes
+
+
+@pytest.mark.parametrize("machine", ["table-ac", "head-ac", "mixed-ac"])
+def test_iso_signs_of_a_and_c(tmp_path: Path, machine: str) -> None:
+    a, c = np.radians(30.0), np.radians(50.0)
+    t = read(tmp_path, "G21 G90\nG43.4 H1\nG0 X0 Y0 Z9 A30 C50\nG1 X1 F99\nA0 C0\n", machine=machine)
+    assert t.axis[1] == pytest.approx([np.sin(c) * np.sin(a), -np.cos(c) * np.sin(a), np.cos(a)])
+    assert t.axis[2] == pytest.approx([0.0, 0.0, 1.0])
+    assert mm(t)[2].tolist() == [1.0, 0.0, 9.0]
+
+
+def test_every_machine_gives_a_unit_axis_and_z_at_zero() -> None:
+    for name in MACHINES:
+        machine = Rotary(name)
+        assert machine.tool_axis({}) == pytest.approx((0.0, 0.0, 1.0))
+        assert np.linalg.norm(machine.tool_axis({"A": 20.0, "B": -33.0, "C": 200.0})) == pytest.approx(1.0)
+    assert Rotary("table-b").tool_axis({"B": 90.0}) == pytest.approx((1.0, 0.0, 0.0))
+
+
+def test_wrong_rotary_signs_are_told_by_the_plunges(tmp_path: Path) -> None:
+    # three plunges along the axis of the reversed machine
+    s, c = np.sin(np.radians(40.0)), np.cos(np.radians(40.0))
+    rows = "".join(f"G0 X{n}. Y{10 * s:.6f} Z{10 * c:.6f} A40. C0.\nG1 X{n}. Y0. Z0. F100\n" for n in range(3))
+    told = read(tmp_path, "G21 G90\nG43.4 H1\n" + rows, machine="table-ac")
+    quiet = read(tmp_path, "G21 G90\nG43.4 H1\n" + rows, machine="table-ac-reversed")
+    assert any("table-ac-reversed" in w for w in told.warnings)
+    assert not any("plunges" in w for w in quiet.warnings)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("G21 G90\nG43.5 H1\nG0 X0 Y0 Z9 I0 J3 K4\nG1 X1 F99\n", (0.0, 0.6, 0.8)),
+        ("G71 G90\nTRAORI\nG0 X0 Y0 Z9 A3=0 B3=3 C3=4\nG1 X1 F99\nTRAFOOF\n", (0.0, 0.6, 0.8)),
+        ("BEGIN PGM A MM\nM128\nLN X+0 Y+0 Z+9 NX0 NY0 NZ1 TX+0 TY+0.6 TZ+0.8 FMAX\nL X+1 F99\nEND PGM A MM\n",
+         (0.0, 0.6, 0.8)),
+    ],
+)  # fmt: skip
+def test_tool_vectors(tmp_path: Path, text: str, expected: tuple[float, float, float]) -> None:
+    t = read(tmp_path, text)
+    assert t.axis[0] == pytest.approx(expected)
+    assert t.axis[1] == pytest.approx(expected)
+    assert mm(t)[1].tolist() == [1.0, 0.0, 9.0]
+
+
+def test_rotary_words_need_a_machine_and_tool_centre_point_control(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"line 3: .*option machine, one of table-ac"):
+        read(tmp_path, "G21 G90\nG43.4 H1\nG0 X0 Y0 Z9 A30\nG1 X1 F99\n")
+    with pytest.raises(InputError, match=r"without tool-centre-point control"):
+        read(tmp_path, "G21 G90\nG0 X0 Y0 Z9 A30\nG1 X1 F99\n", machine="table-ac")
+    with pytest.raises(InputError, match="no such axis"):
+        read(tmp_path, "G21 G90\nG43.4 H1\nG0 X0 Y0 Z9 B30\nG1 X1 F99\n", machine="table-ac")
+    with pytest.raises(InputError, match="unknown machine"):
+        read(tmp_path, "G21 G90\nG0 X0\nG1 X1 F99\n", machine="table-xy")
+    assert len(read(tmp_path, "G21 G90\nG0 X0 Y0 Z9 A0 C0.\nG1 X1 F99\n")) == 2  # angles of zero mean nothing
+
+
+# ---- control dialects
+
+
+def test_siemens_cycles_radius_and_calls(tmp_path: Path) -> None:
+    t = read(
+        tmp_path,
+        'G71 G90 G17\nMSG("TOOLPATH :HOLES")\nG0 X0 Y0 Z100\nF120\nMCALL CYCLE81(103., 100., 3., 82., )\nX10 Y5\nX20\n'
+        "MCALL\nG0 Z110\nG1 X0 Y0 F500\nG3 X10 Y10 CR=10\nM202(0.5)\n",
+    )
+    assert t.operations[0].label == "HOLES"
+    assert mm(t)[t.cutting][:2].tolist() == [[10, 5, 82], [20, 5, 82]]
+    assert mm(t)[-1].tolist() == [10, 10, 110]
+    with pytest.raises(InputError, match="R parameters"):
+        read(tmp_path, "G71 G90\nR1=5\nG1 X=R1 F100\n")
+
+
+def test_linuxcnc_expressions(tmp_path: Path) -> None:
+    t = read(tmp_path, "G21 G90\n#<z> = [2*3-1]\n#1=10\nG0 X#1 Y[#1/4] Z#<z>\nG1 X[SIN[30]*2+#<z>**2] F[10+20]\n")
+    assert mm(t).tolist() == [[10, 2.5, 5], [26, 2.5, 5]]
+    assert t.feed[1] == pytest.approx(30 / 60e3)
+    with pytest.raises(InputError, match="read before it is set"):
+        read(tmp_path, "G21 G90\nG1 X#5 F1\nG1 X1\n")
+    with pytest.raises(InputError, match="O words"):
+        read(tmp_path, "G21\no100 sub\nG1 X1 F1\no100 endsub\nG1 X2\n")
+
+
+def test_heidenhain_circles_pole_and_drilling(tmp_path: Path) -> None:
+    t = read(
+        tmp_path,
+        "0 BEGIN PGM TEST MM\n1 BLK FORM 0.1 Z X+0 Y+0 Z-20\n2 TOOL CALL 7 Z S2000\n3 L X+10 Y+0 Z+5 R0 FMAX M3\n"
+        "4 L Z+0 F200\n5 CC X+0 Y+0\n6 C X-10 Y+0 DR+\n7 C X+10 Y+0 DR+\n8 CR X+0 Y-10 R+10 DR-\n9 L Z+50 FMAX\n"
+        "10 CYCL DEF 200 DRILLING ~\n    Q200=2 ;SET-UP CLEARANCE ~\n    Q201=-9 ;DEPTH ~\n    Q206=150 ;FEED ~\n"
+        "    Q202=9 ;PECK ~\n    Q203=+1 ;SURFACE ~\n    Q204=20\n"
+        "11 L X+30 Y+30 FMAX M99\n12 L Z-1 FMAX M91\n13 END PGM TEST MM\n",
+    )  # fmt: skip
+    p = mm(t)
+    circle = p[1 : int(np.flatnonzero(np.abs(p[:, 0]) < 1e-9)[-1])]
+    assert t.format == "heidenhain"
+    assert turned(circle[:-20]) > 1.5 * np.pi  # the pole of CC holds for both arcs
+    assert p[t.cutting][-1].tolist() == [30.0, 30.0, -8.0]
+    assert t.feed[t.cutting][-1] == pytest.approx(150 / 60e3)
+    assert t.operations[0].label == "T7"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("G0 X0 Y0 Z0\nG1 X1 F5\n", "--unit"),
+        ("G21 G90\nG0 X0 Y0 Z0\nG1 X1\n", "line 3.*default_feed"),
+        ("G21\nX1 Y1\nG1 X2 F5\n", "line 2: moves before any G0"),
+        ("G21\nG0 X0 Y0 Z0\nG1 X1 X2 F5\n", "line 3: X stands twice"),
+        ("G21\nG0 X0 Y0 Z0\nG68 R45\nG1 X1 F5\n", "line 3: G68"),
+        ("G21\nG0 X0 Y0 Z0\nG1 X1 F5\nM98 P100\n", "line 4: M98"),
+        ("G21 G54\nG0 X0 Y0 Z0\nG1 X1 F5\nG55 X2\n", "line 4: the work offset changes"),
+        ("G21\nG0 X0 Y0 Z0\nG1 X1 F5\nG92 X0\n", "line 4: G92"),
+        ("G21\nG0 X0 Y0 Z0\nG1 X9 F5\nG2 X0 Y10\n", "line 4: an arc without"),
+        ("G21\nG0 X0 Y0 Z0\nG1 X9 F5\nG2 X0 Y10 I3 J0\n", "line 4: start and end"),
+        ("G21\nG0 X0 Y0 Z0\nG1 X9 F5\nG2 X0 Y10 R2\n", "line 4: radius"),
+        ("G21\nG0 X0 Y0 Z9\nG81 X1 Z-3 F5\n", "line 3: G81 without R"),
+        ("G21\nG0 X0 Y0 Z9\nG123 X1\nG1 X1 F5\n", "line 3: G123 is not known"),
+        ("G21\nG0 X0 Y0 Z0\nG0 X5\n", "no cutting move"),
+        ("G21\nG0 X0 Y0 Z0\nG1 X9999999 F5\n", "line 3: coordinate"),
+        ("% 123 G71\nN10 G0 X0 Y0\nN20 G1 X5 F1\n", "DIN/ISO"),
+        ("&ACCESS RVP\nDEF cut( )\nLIN {X 1}\nEND\n", "KUKA"),
+        ("/PROG A\n/MN\n", "FANUC"),
+        ("ISO-10303-21;\nHEADER;\n", "STEP"),
+        ("MODULE A\nPROC main()\n", "ABB"),
+        ("hello\nworld\n", "not recognised"),
+        ("BEGIN PGM A MM\nL X0 Y0 Z0 FMAX\nCALL LBL 3\nEND PGM A MM\n", "subprograms"),
+    ],
+)
+def test_refusals(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        read(tmp_path, text)
+
+
+def test_binary_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "x.nc"
+    file.write_bytes(bytes(range(256)) * 4)
+    with pytest.raises(InputError, match="is binary"):
+        read_toolpath(file)
+    file.write_bytes(b"\x1f\x8b\x08\x00abc")
+    with pytest.raises(InputError, match="gzip"):
+        read_toolpath(file)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_toolpath(tmp_path / "absent.nc")
+
+
+def test_a_named_operation_keeps_its_name_over_the_tool_change(tmp_path: Path) -> None:
+    t = read(tmp_path, "G21\n(Operation Name: POCKET)\nT3 M6\nG0 X0 Y0 Z5\nG1 Z-1 F50\nT4 M6\nG0 Z5\nG1 X9 F50\n")
+    assert [(o.label, o.tool, o.kind) for o in t.operations] == [("POCKET", "3", "point"), ("T4", "4", "trajectory")]
+
+
+def test_heidenhain_inch_datum_and_cycle_one(tmp_path: Path) -> None:
+    t = read(
+        tmp_path,
+        "0 BEGIN PGM A INCH\n1 CYCL DEF 7.0 DATUM SHIFT\n2 CYCL DEF 7.1 X+5\n3 L X+0 Y+0 Z+1 FMAX\n4 L IX+1 F50\n"
+        "5 CYCL DEF 7.1 X+6\n6 CYCL DEF 1.0 PECKING\n7 CYCL DEF 1.1 DIST1.0\n8 CYCL DEF 1.2 DEPTH-.5\n"
+        "9 CYCL DEF 1.3 PLNGNG.2\n10 CYCL DEF 1.4 DWELL0\n11 CYCL DEF 1.5 F50\n12 L X+0 FMAX M99\n13 END PGM A INCH\n",
+    )
+    assert mm(t)[1, 0] == pytest.approx(25.4)
+    assert mm(t)[-1, 0] == pytest.approx(25.4)  # X0 of the second datum
+    assert mm(t)[-2:, 2] / 25.4 == pytest.approx([-0.5, 1.0])
+    assert t.feed[1] == pytest.approx(5 * 25.4 / 60e3)
+    assert any("tenths of an inch" in w for w in t.warnings)

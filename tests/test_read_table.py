@@ -1,0 +1,132 @@
+"""Point tables: CSV, Parquet and headerless XYZWPR lists."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from machopt.domain.toolpath import Move, Toolpath
+from machopt.errors import InputError
+from machopt.formats.toolpath import read_toolpath
+
+GOOD = """# by hand
+x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation,rx,ry,rz,tolerance_mm
+
+0,0,10,0,0,1,rapid,,drill,,,,
+0,0,0,0,0,1,cut,120,drill,1,0,0,0.05
+0,0,10,0,0,1,retract,,drill,,,,
+50,0,0,0,0,2,approach,,face,0,2,0,0.1
+60,0,0,0,0,1,,600,face,0,1,0,
+"""
+
+
+def read(tmp_path: Path, text: str, **options: object) -> Toolpath:
+    file = tmp_path / "path.csv"
+    file.write_bytes(text.encode())
+    return read_toolpath(file, **options)  # type: ignore[arg-type]
+
+
+def test_every_column(tmp_path: Path) -> None:
+    t = read(tmp_path, GOOD)
+    assert t.format == "csv"
+    assert len(t) == 5
+    assert t.position[4] * 1e3 == pytest.approx([60, 0, 0])
+    assert [Move(m).word for m in t.move] == ["rapid", "cut", "retract", "approach", "cut"]
+    assert t.feed[[1, 4]] == pytest.approx([0.002, 0.01])
+    assert [(o.label, o.kind) for o in t.operations] == [("drill", "point"), ("face", "trajectory")]
+    assert t.reference[3] == pytest.approx([0, 1, 0])
+    assert np.isnan(t.reference[0]).all()
+    assert t.tolerance[1] == pytest.approx(5e-5)
+    assert np.isnan(t.tolerance[4])
+    assert t.line.tolist() == [4, 5, 6, 7, 8]
+    assert np.allclose(np.linalg.norm(t.axis, axis=1), 1.0)
+    assert any("unit length" in w for w in t.warnings)
+
+
+def test_bom_crlf_and_defaults(tmp_path: Path) -> None:
+    t = read(tmp_path, "\ufeffx_mm,y_mm,z_mm,feed_mm_min\r\n1,2,3,60\r\n4,5,6,60\r\n")
+    assert t.cutting.all()
+    assert t.axis.tolist() == [[0, 0, 1]] * 2
+    assert t.operations[0].label == "main"
+
+
+def test_units_by_column_or_option(tmp_path: Path) -> None:
+    assert read(tmp_path, "x,y,z,feed\n1,0,0,10\n2,0,0,10\n", unit="inch").position[0, 0] == pytest.approx(0.0254)
+    assert read(tmp_path, "x_inch,y_inch,z_inch,feed\n1,0,0,10\n").feed[0] == pytest.approx(254 / 60e3)
+    with pytest.raises(InputError, match="give --unit"):
+        read(tmp_path, "x,y,z\n1,0,0\n")
+    with pytest.raises(InputError, match="'x_mm' is in mm but --unit inch"):
+        read(tmp_path, GOOD, unit="inch")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x_mm,y_mm,z_mm,feed_mm_min\n", "no rows"),
+        ("x_mm,y_mm,feed_mm_min\n1,2,3\n", "z_mm are missing"),
+        ("x_mm,y_mm,z_mm,feed_mm_min\n1,2,3\n", "line 2: 3 columns; expected 4"),
+        ("x_mm,y_mm,z_mm,feed_mm_min\n1,2,3,4\n1,nan,3,4\n", "line 3, column y_mm: found 'nan'"),
+        ("x_mm,y_mm,z_mm,feed_mm_min\n1,2,inf,4\n", "line 2, column z_mm"),
+        ("x_mm,y_mm,z_mm,feed_mm_min\n1,,3,4\n", "line 2, column y_mm: found ''"),
+        ("x_mm,y_mm,z_mm,feed_mm_min\n1,abc,3,4\n", "found 'abc'; expected a number"),
+        ("x_mm,y_mm,z_mm,feed_mm_min\n1,2,2e6,4\n", "line 2: coordinate 2e\\+06 mm"),
+        ("x_mm,y_mm,z_mm\n1,2,3\n", "line 2: cutting move without a feed"),
+        ("x_mm,y_mm,z_mm,feed_mm_min\n1,2,3,0\n", "line 2: feed 0"),
+        ("x_mm,y_mm,z_mm,feed_mm_min\n1,2,3,-4\n", "column feed_mm_min: feed -4"),
+        ("x_mm,y_mm,z_mm,i,j,k,feed_mm_min\n1,2,3,0,0,0,9\n", "line 2: the tool axis is zero"),
+        ("x_mm,y_mm,z_mm,i,j,feed_mm_min\n1,2,3,0,0,9\n", "k is missing beside i, j"),
+        ("x_mm,y_mm,z_mm,move,feed_mm_min\n1,2,3,plunge,9\n", "line 2, column move: move 'plunge'"),
+        ("x_mm,y_mm,z_mm,feed_mm_mim\n1,2,3,9\n", "did you mean 'feed_mm_min'"),
+        ("x_mm,y_mm,z_mm,x_mm\n1,2,3,9\n", "stands twice"),
+        ("x_mm,y_mm,z_inch,feed\n1,2,3,9\n", "mix mm and inch"),
+        ("x_mm,y_mm,z_mm,move,feed_mm_min\n1,2,3,rapid,\n", "no cutting move"),
+        ("x_mm;y_mm;z_mm\n1;2;3\n", "semicolons"),
+        ("1,2,3\n4,5,6\n", "without a header"),
+    ],
+)
+def test_faults_are_named(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        read(tmp_path, text)
+
+
+def test_an_unknown_column_is_counted(tmp_path: Path) -> None:
+    text = "x_mm,y_mm,z_mm,feed_mm_min,colour\n1,2,3,9,red\n"
+    assert [w.word for w in read(tmp_path, text).ignored] == ["column colour"]
+    with pytest.raises(InputError, match="strict"):
+        read(tmp_path, text, strict=True)
+
+
+def test_xyzwpr_list(tmp_path: Path) -> None:
+    t = read(tmp_path, "0,0,100,180,0,0,0\n10,0,100,180,0,90,1\n20,0,100,90,0,0,2\n", default_feed=0.01)
+    assert t.format == "csv/xyzwpr"
+    assert t.axis == pytest.approx(np.array([[0, 0, 1], [0, 0, 1], [0, 1, 0]]))
+    assert t.reference == pytest.approx(np.array([[1, 0, 0], [0, 1, 0], [1, 0, 0]]))
+    with pytest.raises(InputError, match="default_feed"):
+        read(tmp_path, "0,0,100,180,0,0\n1,0,100,180,0,0\n")
+
+
+def test_parquet_or_a_clear_word_about_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "path.parquet"
+    file.write_bytes(b"PAR1 and so on")
+    with monkeypatch.context() as m:
+        m.setitem(sys.modules, "pyarrow", None)
+        with pytest.raises(InputError, match=r"machopt\[parquet\]"):
+            read_toolpath(file)
+    pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is an optional dependency")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    with pytest.raises(InputError, match="not readable as Parquet"):
+        read_toolpath(file)
+    columns = {
+        "x_mm": [1.0, 2.0],
+        "y_mm": [0, 0],
+        "z_mm": [0.0, 0.1],
+        "feed_mm_min": [None, 60.0],
+        "move": ["rapid", "cut"],
+    }
+    parquet.write_table(pyarrow.table(columns), file)
+    t = read_toolpath(file)
+    assert t.position[1] == pytest.approx([0.002, 0.0, 0.0001])
+    assert t.move.tolist() == [Move.RAPID, Move.CUT]
