@@ -333,3 +333,21 @@ def test_clt_follows_the_axis_and_one_table_position(tmp_path: Path) -> None:
         read(
             tmp_path, text.replace("FINI", "ROTABL/ -1.570796,AAXIS\nRAPID/\nGOTO/1,1,9\nGOTO/1,1,1\nFINI"), "part.clt"
         )
+
+
+@pytest.mark.parametrize(
+    "cycle",
+    [
+        "DRILL,12.0,2.0",
+        "DRILL,DEPTH,12,MMPM,300,CLEAR,2,RETURN,20",
+        "DRILL,12,MMPM,300,2",
+        "DRILL,FEDTO,12,RAPTO,2,DWELL,1",
+    ],
+)
+def test_cycle_forms_of_catia_icam_and_hsm(tmp_path: Path, cycle: str) -> None:
+    text = f"UNITS/MM\nFEDRAT/300,MMPM\nRAPID\nGOTO/5,5,20\nCYCLE/{cycle}\nGOTO/5,5,1\nCYCLE/OFF\nFINI\n"
+    t = read(tmp_path, text, "x.apt")
+    assert mm(t)[t.cutting].tolist() == [[5.0, 5.0, -11.0]]
+    assert t.feed[t.cutting] == pytest.approx(0.005)
+    assert mm(t)[1].tolist() == [5.0, 5.0, 3.0]
+    assert mm(t)[-1, 2] == (21.0 if "RETURN" in cycle else 3.0)

@@ -204,6 +204,10 @@ def test_heidenhain_circles_pole_and_drilling(tmp_path: Path) -> None:
         ("G21 G90\nG0 X0 Y0 Z0\nG1 X1\n", "line 3.*default_feed"),
         ("G21\nX1 Y1\nG1 X2 F5\n", "line 2: moves before any G0"),
         ("G21\nG0 X0 Y0 Z0\nG1 X1 X2 F5\n", "line 3: X stands twice"),
+        ("G21\nG0 X0 Y0 Z0\nG1 X--5 F5\n", "line 3: found 'X--5'"),
+        ("G21\nG0 X0 Y0 Z0\nG1 X1.5.2 F5\n", "line 3: found '.2 F5'"),
+        ("G21\nG0 X0 Y0 Z0\nG1 F5 XY10\n", "line 3: found 'XY10'"),
+        ('G71 G90\nMSG("A")\nG0 X0 Y0 Z0\nL140(1)\nG1 X1 F5\n', "line 4: L140"),
         ("G21\nG0 X0 Y0 Z0\nG68 R45\nG1 X1 F5\n", "line 3: G68"),
         ("G21\nG0 X0 Y0 Z0\nG1 X1 F5\nM98 P100\n", "line 4: M98"),
         ("G21 G54\nG0 X0 Y0 Z0\nG1 X1 F5\nG55 X2\n", "line 4: the work offset changes"),
@@ -258,3 +262,8 @@ def test_heidenhain_inch_datum_and_cycle_one(tmp_path: Path) -> None:
     assert mm(t)[-2:, 2] / 25.4 == pytest.approx([-0.5, 1.0])
     assert t.feed[1] == pytest.approx(5 * 25.4 / 60e3)
     assert any("tenths of an inch" in w for w in t.warnings)
+
+
+def test_a_cut_off_program_is_told(tmp_path: Path) -> None:
+    assert any("cut off" in w for w in read(tmp_path, "G21\nG0 X0 Y0 Z5\nG1 Z-1 F50\nG1 X12").warnings)
+    assert read(tmp_path, "G21\nG0 X0 Y0 Z5\nG1 Z-1 F50\nG1 X12\nM30").warnings == ()

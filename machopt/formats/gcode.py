@@ -40,6 +40,8 @@ from machopt.formats.unknowns import fill_unknown
 _OPERATION = re.compile(r"^\W*(?:OPER(?:ATION)?(?:[ _]*NAME)?|TOOLPATH|PATH)\s*[:=]\s*(.*?)[\s*]*$", re.IGNORECASE)
 _SIEMENS = re.compile(r"\b(?:TRAORI|TRAFOOF|MCALL|CYCLE\d+|MSG|SUPA|DEF\s+REAL|CR\s*=|R\d+\s*=|A3\s*=)")
 _O_WORD = re.compile(r"\s*O\s*(?:<|\d+\s*(?:SUB|IF|ELSE|WHILE|DO|REPEAT|CALL|ENDSUB|RETURN)|\[)")
+_HALF_WORD = re.compile(r"(?:^|\s)[XYZABCGIJKRFUVW]\s*[-+.\d]|^[-+.\d]")
+_RUN_TOGETHER = re.compile(r"[XYZABCGIJKRFM]+\d\w*")
 _UNIT_WORD = re.compile(r"G0*(20|21|70|71)(?![\d.])")
 _Z = (0.0, 0.0, 1.0)
 _AXES = "XYZ"
@@ -73,6 +75,8 @@ class ProgramReader(MotionReader):
                 self.code(line, text)
             except (ExpressionError, ArcError, CycleError) as problem:
                 raise self.source.error(str(problem), line) from problem
+        if not self.ended and not self.source.complete:
+            self.out.warn("no program end (M30, M2) and no line end: the file may be cut off", len(self.source.lines))
         if len(self.out):
             self.out.replace_positions(fill_unknown(self.out.positions(), self.out))
         self.compare_rotary_signs()
@@ -144,6 +148,8 @@ class ProgramReader(MotionReader):
                 raise self.source.error(
                     f"{b.junk[:30]!r}: variables and formulas are not evaluated; expand the program first", b.line
                 )
+            if b.words or _HALF_WORD.search(b.junk):
+                raise self.source.error(f"found {b.junk[:30]!r}; expected words such as X10.5 or G1", b.line)
             self.out.ignore(b.junk[:24], b.line, understood=False)
         words: dict[str, float] = {}
         g_words: list[int] = []
@@ -337,6 +343,10 @@ class ProgramReader(MotionReader):
             self.modal_call = siemens_cycle(name, args, self.scale, feed)
             self.once = line
             return
+        if re.fullmatch(r"L\d+", name):
+            raise self.source.error(f"{name} calls a subprogram; expand it into one program first", line)
+        if _RUN_TOGETHER.fullmatch(name):
+            raise self.source.error(f"found {name!r}; expected words such as X10.5 or G1", line)
         self.out.ignore(name, line, understood=name in IGNORED_CALLS)
 
 

@@ -113,6 +113,7 @@ class SphericalWristSolver:
         q[..., 0], q[..., 1], q[..., 2] = q1[..., None], q2[..., None], q3[..., None]
         q[..., 3], q[..., 4], q[..., 5] = q4, q5, q6
         q = wrap(q.reshape(M, 8, 6))
+        q[~np.isfinite(q).all(axis=-1)] = np.nan  # a branch exists whole or not at all
         elbow = np.repeat(angle3, 2, axis=1)  # (M, 4)
         reach = np.hypot(An, Bn)
         # missing length: the chord |v| against the longest and the shortest the two links can make

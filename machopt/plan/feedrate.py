@@ -127,8 +127,8 @@ def _gentle(b: Bounds) -> TimeLaw:
 
 
 @compiled
-def _window(i: int, w: float, v: float, a: float, Q: Array, al: Array, jl: Array, share: float):  # type: ignore[no-untyped-def]
-    """Intervals of jerk and of acceleration that the joints allow at this state."""
+def _window(i: int, w: float, v: float, a: float, h: float, Q: Array, al: Array, jl: Array, share: float):  # type: ignore[no-untyped-def]
+    """Intervals of jerk and of acceleration that the joints allow at (u, v), after h s of that jerk from acceleration a."""
     jlo, jhi, alo, ahi = -1e30, 1e30, -1e30, 1e30
     for d in range(6):
         g = Q[i, d, 0] + w * (Q[i + 1, d, 0] - Q[i, d, 0])
@@ -136,9 +136,11 @@ def _window(i: int, w: float, v: float, a: float, Q: Array, al: Array, jl: Array
             continue
         g2 = Q[i, d, 1] + w * (Q[i + 1, d, 1] - Q[i, d, 1])
         g3 = Q[i, d, 2] + w * (Q[i + 1, d, 2] - Q[i, d, 2])
-        c = -(g3 * v * v + 3.0 * g2 * a) * v / g
-        r = share * jl[d] / abs(g)
-        jlo, jhi = max(jlo, c - r), min(jhi, c + r)
+        lever = g + 3.0 * g2 * v * h
+        if abs(lever) > 1e-9:
+            c = -(g3 * v * v + 3.0 * g2 * a) * v / lever
+            r = share * jl[d] / abs(lever)
+            jlo, jhi = max(jlo, c - r), min(jhi, c + r)
         c = -g2 * v * v / g
         r = share * al[d] / abs(g)
         alo, ahi = max(alo, c - r), min(ahi, c + r)
@@ -216,7 +218,14 @@ def _corners(un: Array, cap: Array) -> Array:
 def _policy(i: int, u: float, v: float, a: float, c: float, x: float, h: float, un: Array, Q: Array, easy: Array,
             al: Array, jl: Array) -> float:  # fmt: skip
     """Jerk of the plan's next step: as hard as allowed, yet so that the speed aimed at is reached with a = 0."""
-    jlo, jhi, alo, ahi = _window(i, (u - un[i]) / (un[i + 1] - un[i]), v, a, Q, al, jl, BRAKING_SHARE)
+    jlo, jhi, alo, ahi = _window(i, (u - un[i]) / (un[i + 1] - un[i]), v, a, 0.0, Q, al, jl, BRAKING_SHARE)
+    v1 = max(v + a * h, 0.0)
+    u1 = min(u + 0.5 * (v + v1) * h, un[-1])
+    k = i
+    while k < len(un) - 2 and un[k + 1] <= u1:
+        k += 1
+    lo, hi, alo, ahi = _window(k, (u1 - un[k]) / (un[k + 1] - un[k]), v1, a, h, Q, al, jl, BRAKING_SHARE)
+    jlo, jhi = max(jlo, lo), min(jhi, hi)
     K = LANDING_SHARE * min(easy[i], easy[i + 1])
     over = v - (c if u < x else 0.0)
     even = a + min(max(-a, jlo * h), jhi * h)
@@ -290,7 +299,7 @@ def _law(un: Array, Q: Array, cap: Array, easy: Array, corner: Array, al: Array,
         found = False
         if not arriving:
             w = (u - un[i]) / (un[i + 1] - un[i])
-            jlo, jhi, alo, ahi = _window(i, w, v, a, Q, al, jl, 1.0)
+            jlo, jhi, alo, ahi = _window(i, w, v, a, 0.0, Q, al, jl, 1.0)
             top = min(jhi, (ahi - a) / h) * (1.0 - 1e-9)
             if v > HOLD * (cap[i] + w * (cap[i + 1] - cap[i])):
                 middle = min(max(-a / h, jlo), top)
