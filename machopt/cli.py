@@ -46,6 +46,7 @@ def _parser() -> argparse.ArgumentParser:
     reading = argparse.ArgumentParser(add_help=False)
     reading.add_argument("--unit", choices=("mm", "inch"), help="length unit of a file that does not say")
     reading.add_argument("--machine", help="kinematics behind rotary axes in G-code, e.g. table-ac, head-bc")
+    reading.add_argument("--feed", type=float, metavar="MM_MIN", help="feed of cutting moves in a file that has none")
     reading.add_argument("--strict", action="store_true", help="refuse words that are not understood")
     planning = argparse.ArgumentParser(add_help=False)
     planning.add_argument("--plan", type=Path, metavar="FILE", help="planning options as YAML")
@@ -82,7 +83,7 @@ def _optimize(args: argparse.Namespace) -> int:
     direct = {"method": args.method, "index": args.index, "allow_gaps": args.allow_gaps, "sample_ms": args.sample_ms, "seed": args.seed}
     request = Request(
         cell=args.cell, toolpath=args.toolpath, out=args.out, plan_file=args.plan, overrides=tuple(args.set), direct=direct,
-        unit=args.unit, machine=args.machine, strict=args.strict, allow_external=args.allow_external,
+        reading=_reading(args), allow_external=args.allow_external,
     )  # fmt: skip
     with _Display(show=not (args.quiet or args.json)) as display:
         outcome = optimize(request, display.stage)
@@ -98,11 +99,19 @@ def _optimize(args: argparse.Namespace) -> int:
     return outcome.exit_code
 
 
+def _reading(args: argparse.Namespace) -> dict[str, Any]:
+    """Options of the toolpath readers, in SI."""
+    if args.feed is not None and not args.feed > 0:
+        raise InputError(f"a feed of {args.feed:g} mm/min; more than zero would work", where="--feed")
+    feed = None if args.feed is None else args.feed / 60e3
+    return {"unit": args.unit, "machine": args.machine, "strict": args.strict, "default_feed": feed}
+
+
 def _inspect(args: argparse.Namespace) -> int:
     from machopt.formats.inspect import summarise
     from machopt.formats.toolpath import read_toolpath
 
-    summary = summarise(read_toolpath(args.file, unit=args.unit, machine=args.machine, strict=args.strict))
+    summary = summarise(read_toolpath(args.file, **_reading(args)))
     if args.json:
         print(json.dumps(_finite(summary), ensure_ascii=False))
     elif not args.quiet:
@@ -120,7 +129,7 @@ def _verify(args: argparse.Namespace) -> int:
         raise InputError("is not a folder; give the output folder of optimize", file=args.out)
     cell = load_cell(args.cell, allow_external=args.allow_external)
     options = load_options(cell.plan, args.plan, list(args.set))
-    toolpath = read_toolpath(args.toolpath, unit=args.unit, machine=args.machine, strict=args.strict)
+    toolpath = read_toolpath(args.toolpath, **_reading(args))
     found = verify_output(cell, toolpath, args.out, options=options)
     if args.json:
         checks = [{"name": c.name, "passed": c.passed, "value": c.value, "limit": c.limit, "unit": c.unit, "where": c.where}

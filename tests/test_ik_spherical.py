@@ -166,7 +166,7 @@ def geometric_shortfall(robot: Robot, target: np.ndarray) -> float:
         p = robot.link_poses(np.r_[x, 0, 0, 0])[3]
         return float(np.sum((p[:3, :3] @ W + p[:3, 3] - target) ** 2))
 
-    starts = [np.array([a, b, c]) for a in (0.0, 2.0, -2.0) for b in (-1.5, 0.0, 1.5) for c in (-2.0, 0.2, 2.0)]
+    starts = [np.array([a, b, c]) for a in (0.0, 2.0, -2.0) for b, c in ((-1.5, 0.2), (0.0, 2.0), (0.0, -2.0))]
     return float(np.sqrt(min(minimize(miss, x, method="BFGS", options={"gtol": 1e-12}).fun for x in starts)))
 
 

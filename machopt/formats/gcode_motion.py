@@ -244,7 +244,7 @@ class MotionReader:
         if self.machine is None:
             raise self.source.error(
                 f"rotary words ({', '.join(sorted(turned))}) under tool-centre-point control: the tool axis depends on "
-                f"the machine; give the option machine, one of {rotary.HELP}",
+                f"the machine; give --machine, one of {rotary.HELP}",
                 line,
             )
         strange = sorted(turned.keys() - set(self.machine.letters))

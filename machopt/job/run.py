@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -39,9 +40,7 @@ class Request:
     plan_file: Path | None = None
     overrides: tuple[str, ...] = ()
     direct: dict[str, object] | None = None  # options by their user key, e.g. {"method": "jiao2022"}
-    unit: str | None = None
-    machine: str | None = None
-    strict: bool = False
+    reading: dict[str, Any] = field(default_factory=dict)  # keywords of formats.toolpath.read_toolpath
     allow_external: bool = False
 
 
@@ -64,7 +63,7 @@ def optimize(request: Request, progress: Callable[[str], None] = lambda _: None)
     with timings.stage("load"):
         cell = load_cell(request.cell, allow_external=request.allow_external)
         options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
-        toolpath = read_toolpath(request.toolpath, unit=request.unit, machine=request.machine, strict=request.strict)
+        toolpath = read_toolpath(request.toolpath, **request.reading)
     with output_folder(request.out) as folder:
         the_plan = plan(cell, toolpath, options, timings)
         timeline = _motion(the_plan, toolpath, options, timings)

@@ -23,6 +23,7 @@ from machopt.se3 import inverse, wrap
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 STEP = np.radians(10.0)  # Δθ of eq. 26
+LEAST_TILT = np.radians(30.0)  # a tool axis nearer to base z leaves the roll about it without a meaning
 JUMP = np.radians(60.0)  # a larger joint step between neighbouring points is a change of configuration
 
 
@@ -36,21 +37,21 @@ def jiao2022(
 ) -> Assignment:  # fmt: skip
     """Best rotation in 10° steps at the key points, interpolated in between.
 
-    Key points are the ends of each milling run, and the first and last hole of each drilling operation. Between
+    Key points are the ends of each milling run, and the first and last hole of the drilling. Between
     them the roll ψ about the tool axis, measured against the base frame (eqs. 27–32), changes in proportion to
     the coordinate with the longest way (eq. 34) for holes and to the index (eq. 35) for trajectories. Eq. 33
     prints φ_x = γ₁″ − γ_n″, which with eqs. 34–35 would lead away from the end point; the sign that arrives
     there is used.
     """
     index = "jiao2022" if options.index == "auto" else options.index
-    roll = _roll(path, arm)
     phi = np.full(len(path.index), np.nan)
     start = home
     for keys, rows, fraction in _groups(path, arm):
         best, start = _best_rotations(path, arm, elasticity, directions, keys, start, options, index)
-        psi = roll[keys] + best
-        turned = psi[0] + fraction * wrap(psi[-1] - psi[0])
-        phi[rows] = turned - roll[rows]
+        roll = _roll(path, arm, rows)  # keys are the first and the last of rows
+        psi = roll[[0, -1]] + best
+        turned = psi[0] + fraction * wrap(psi[1] - psi[0])
+        phi[rows] = turned - roll
     for first, last in path.runs:  # plunges and approaches keep the rotation of the point they serve
         rows = slice(first, last + 1)
         known = np.flatnonzero(np.isfinite(phi[rows]))
@@ -62,12 +63,18 @@ def jiao2022(
     return _follow(path, arm, _unwrapped(path, phi), home)
 
 
-def _roll(path: Path, arm: Arm) -> Array:
-    """ψ at phi = 0: the angle x of R = Rz Ry Rx about the tool axis (eq. 27, the paper's tool x is our −z)."""
-    every = np.arange(len(path.index), dtype=np.int32)
-    R = (arm.T_base_workpiece @ tcp_poses(path, every, np.zeros(len(every))))[:, :3, :3]
-    # paper's tool axes as ours: x = z (the rotation axis), y = x, z = y
-    return np.arctan2(R[:, 2, 0], R[:, 2, 1])  # R32 / R33 of the permuted matrix
+def _roll(path: Path, arm: Arm, rows: Ints) -> Array:
+    """ψ at phi = 0 of ``rows``: the angle x of R = Rz Ry Rx about the tool axis (eq. 27; the paper's tool x is our z).
+
+    Where a tool axis comes near the base z axis that angle is undefined (β = ±90°: a spindle pointing down, as in the
+    paper's own Table 2) and turns wildly about it; for such a group the base axis farthest from all its tool axes takes
+    the place of z.
+    """
+    R = (arm.T_base_workpiece @ tcp_poses(path, rows, np.zeros(len(rows))))[:, :3, :3]
+    across = np.linalg.norm(R[:, :, :2], axis=2).min(axis=0)  # (3,) sine between each base axis and the tool, at worst
+    e = 2 if across[2] > np.sin(LEAST_TILT) else int(across.argmax())
+    # paper's tool axes as ours: x = z (the rotation axis), y = x, z = y; for e = z this is R32 / R33 of eq. 27
+    return np.arctan2(R[:, e, 0], R[:, e, 1])
 
 
 def _groups(path: Path, arm: Arm) -> list[tuple[Ints, Ints, Array]]:
@@ -86,9 +93,10 @@ def _groups(path: Path, arm: Arm) -> list[tuple[Ints, Ints, Array]]:
     if holes:
         rows = np.concatenate(holes)
         keys = np.array([rows[0], rows[-1]], np.int32)
-        way = np.abs(position[keys[1]] - position[keys[0]])
+        way = np.abs(position[holes[-1][0]] - position[keys[0]])
         axis = int(way.argmax())
-        along = np.abs(position[rows, axis] - position[keys[0], axis])
+        hole = np.repeat([r[0] for r in holes], [len(r) for r in holes])  # the drill does not turn inside its hole
+        along = np.abs(position[hole, axis] - position[keys[0], axis])
         groups.append((keys, rows, np.clip(along / max(way[axis], 1e-12), 0.0, 1.0)))
     return groups
 

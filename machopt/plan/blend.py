@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +64,7 @@ class Curve:
         """Fractional point index at u."""
         k = np.clip(np.searchsorted(self.u, u, side="right") - 1, 0, len(self.u) - 2)
         f = np.clip((u - self.u[k]) / (self.u[k + 1] - self.u[k]), 0.0, 1.0)
-        return self.last[k] + f * (self.first[k + 1] - self.last[k])
+        return np.asarray(self.last[k] + f * (self.first[k + 1] - self.last[k]), float)
 
     def coordinates(self, u: Array) -> Array:
         """X and its derivatives 1…3 at increasing u, (M, 4, 10)."""
@@ -103,7 +104,7 @@ class Curve:
 def path_parameter(position: Array, axis: Array, reference: Array, phi: Array) -> Array:
     """Cumulative length (n,) in the metric of this module: the s that a smooth rotation phi(s) is a function of."""
     R = tool_rotation(axis, reference, phi)
-    return np.r_[0.0, np.cumsum(_distance(np.diff(position, axis=0), np.diff(R, axis=0)))]
+    return np.asarray(np.r_[0.0, np.cumsum(_distance(np.diff(position, axis=0), np.diff(R, axis=0)))])
 
 
 def _distance(dp: Array, dR: Array) -> Array:
@@ -129,16 +130,16 @@ def build_curves(
     if len(flips):
         return int(at[flips[0] + 1])
     base, turn = _carried(n, reference[at])
-    spin = np.zeros(len(at)) if phi_curve is not None else phi[at]
-    X = np.column_stack([position[at], n, base, turn + spin])
     u = np.r_[u_all[first[:-1]], u_all[last[-1]]]
+    rest = phi[at] - (0.0 if phi_curve is None else phi_curve(u))  # a curve that misses the points is bent to them
+    X = np.column_stack([position[at], n, base, turn + rest])
     slope = np.diff(X * np.r_[1, 1, 1, np.full(7, ARM)], axis=0) / np.diff(u)[:, None]
     size = np.linalg.norm(slope, axis=1)
     back = np.sum(slope[1:] * slope[:-1], axis=1) < TURN_BACK * size[1:] * size[:-1]
     stops = np.r_[0, 1 + np.flatnonzero(back), len(u) - 1]
     wide = np.minimum(feed[last[:-1] + 1], np.r_[np.inf, feed[last[:-2] + 1]]) * TIME
     curves = []
-    for a, b in zip(stops[:-1], stops[1:], strict=True):
+    for a, b in pairwise(stops):
         part = slice(a, b + 1)
         width = np.zeros((b - a + 1, 2))
         cap = wide[a + 1 : b]
@@ -172,7 +173,7 @@ def _vertices(position: Array, R: Array, u: Array) -> tuple[NDArray[np.int64], N
 
 
 def _carried(axis: Array, reference: Array) -> tuple[Array, Array]:
-    """A reference direction carried along by minimal rotation, and the angle (m,) from it to the given one, unwrapped."""
+    """A reference carried along by minimal rotation, and the angle (m,) from it to the given one, unwrapped."""
     seed = reference[0] - (reference[0] @ axis[0]) * axis[0]
     base = _carry(axis, seed / np.linalg.norm(seed))
     given = normalise(reference - np.sum(reference * axis, axis=1, keepdims=True) * axis)
@@ -208,11 +209,11 @@ def _half_widths(u: Array, X: Array, groups: tuple[int, ...], cap: Array) -> Arr
         _grade(inner, width)
         deviation = np.zeros((len(where), 1, X.shape[1]))
         _round(where, np.repeat(np.arange(len(u), dtype=np.int64), 4)[: len(where)], inner, width, bend, deviation)
-        squares = [np.sum(deviation[:, 0, a:b] ** 2, axis=1) for a, b in zip(groups[:-1], groups[1:], strict=True)]
+        squares = [np.sum(deviation[:, 0, a:b] ** 2, axis=1) for a, b in pairwise(groups)]
         excess = np.sqrt(np.max(squares, axis=0))
         if excess.max() <= 1.0:
             break
-        weights = [np.sum(bend[:, a:b] ** 2, axis=1) for a, b in zip(groups[:-1], groups[1:], strict=True)]
+        weights = [np.sum(bend[:, a:b] ** 2, axis=1) for a, b in pairwise(groups)]
         _shrink(where, excess, inner, np.sqrt(np.max(weights, axis=0)), width)
     else:
         width[:] = 0.0  # never seen; a run with exact corners would come to the time law as infinitely sharp
@@ -229,7 +230,7 @@ def _bump(t: float) -> float:
 
 
 @compiled
-def _round(u: Array, segment: Array, uk: Array, width: Array, bend: Array, out: Array) -> None:
+def _round(u: Array, segment: NDArray[np.int64], uk: Array, width: Array, bend: Array, out: Array) -> None:
     """Add the rounding of every vertex to out (M, orders, D); segment (M,): the one each increasing u lies on."""
     for k in range(len(uk)):
         L = width[k]

@@ -210,10 +210,11 @@ def _sequence(node, q, turns, feasible, window, stable, seconds, slowness, price
                                 slow = 0.0
                                 for i in range(6):
                                     qi = q[s, r, b, i] + turns[t, i]
-                                    k = round((qi - q[last, ru, bu, i]) / twopi)
-                                    if not (abs(k) <= 1):  # also a branch that does not exist there (NaN)
+                                    whole = (qi - q[last, ru, bu, i]) / twopi
+                                    if not (abs(whole) < 1.5):  # also a branch that does not exist there (NaN)
                                         code = -1
                                         break
+                                    k = round(whole)
                                     d = abs(qi - q[last, ru, bu, i] - twopi * k)
                                     if d > JUMP:
                                         code = -1

@@ -26,9 +26,11 @@ ACCELERATION_SHARE = 0.9  # of the limit that path curvature alone may use
 JERK_SHARE = 0.85
 CORNER = 0.75  # a corner is where the speed cap is below this share of what it is to both sides
 CORNER_TIME = 0.1  # s of travel: how far to both sides
+CORNER_LONG = 0.3  # s at its lowest cap: what takes longer is no corner
 CORNER_SPEED = 0.97  # of the lowest cap in a corner is planned with
 BRAKING_SHARE = 0.9  # of the limits that the braking policy reckons with
 LANDING_SHARE = 0.6  # of the jerk limit with which braking ends
+SOFT = 4.0  # steps that a change of speed by the whole feed takes at least
 STEPS = 4_000_000  # the longest law
 
 
@@ -97,7 +99,10 @@ def time_law(bounds: Bounds, step: float) -> TimeLaw:
     easy = (b.jerk / np.maximum(np.abs(Q[:, :, 0]), 1e-9)).min(axis=1)  # scalar jerk at standstill
     brake = 2.0 * np.sqrt(np.median(cap) / np.median(easy))  # s, about the time of a stop
     step = float(np.clip(brake / 40.0, step, 3.0 * step))
-    code, rows = _law(b.u, Q, cap, easy, _corners(b.u, cap), b.acceleration, b.jerk, step)
+    around = np.empty(len(cap))
+    corners = _corners(b.u, cap, around)
+    easy = np.minimum(easy, around / (SOFT * step) ** 2)
+    code, rows = _law(b.u, Q, cap, easy, corners, b.acceleration, b.jerk, step)
     if code != 0:
         return _gentle(b)
     law = TimeLaw(*(np.ascontiguousarray(rows[:, k]) for k in range(5)))
@@ -127,8 +132,10 @@ def _gentle(b: Bounds) -> TimeLaw:
 
 
 @compiled
-def _window(i: int, w: float, v: float, a: float, h: float, Q: Array, al: Array, jl: Array, share: float):  # type: ignore[no-untyped-def]
-    """Intervals of jerk and of acceleration that the joints allow at (u, v), after h s of that jerk from acceleration a."""
+def _window(
+    i: int, w: float, v: float, a: float, h: float, Q: Array, al: Array, jl: Array, share: float
+) -> tuple[float, float, float, float]:
+    """Intervals of jerk and of acceleration that the joints allow, h s after the acceleration was a."""
     jlo, jhi, alo, ahi = -1e30, 1e30, -1e30, 1e30
     for d in range(6):
         g = Q[i, d, 0] + w * (Q[i + 1, d, 0] - Q[i, d, 0])
@@ -164,7 +171,7 @@ def _holds(i: int, w: float, v: float, a: float, j: float, Q: Array, cap: Array,
 
 @compiled
 def _advance(i: int, u: float, v: float, a: float, j: float, h: float, check_start: bool, un: Array, Q: Array,
-             cap: Array, al: Array, jl: Array):  # type: ignore[no-untyped-def]  # fmt: skip
+             cap: Array, al: Array, jl: Array) -> tuple[int, int, float, float, float]:  # fmt: skip
     """One step. Returns code (0 good, 1 breaks a limit, 2 leaves the curve), interval, u, v, a."""
     a1 = a + j * h
     v1 = v + h * (a + 0.5 * j * h)
@@ -173,6 +180,8 @@ def _advance(i: int, u: float, v: float, a: float, j: float, h: float, check_sta
         return 1, i, u, v, a
     if u1 > un[-1]:
         return 2, i, u, v, a
+    if a > 0.0 > a1 and v - 0.5 * a * a / j > max(cap[i], cap[i + 1]):
+        return 1, i, u, v, a
     if check_start and not _holds(i, (u - un[i]) / (un[i + 1] - un[i]), v, a, j, Q, cap, al, jl):
         return 1, i, u, v, a
     while i < len(un) - 2 and un[i + 1] <= u1:
@@ -186,31 +195,45 @@ def _advance(i: int, u: float, v: float, a: float, j: float, h: float, check_sta
 
 
 @compiled
-def _corners(un: Array, cap: Array) -> Array:
-    """(M, 3) of the next corner whose end lies ahead of each node: begin, end, speed; infinite begin where there is none."""
+def _corners(un: Array, cap: Array, around: Array) -> Array:
+    """(M, 3) of the next corner whose end lies ahead of each node: begin, end, speed; infinite where there is none.
+
+    Fills ``around`` with the largest cap nearby, to either side.
+    """
     n = len(un)
     ahead, behind = cap.copy(), cap.copy()
     for k in range(1, n):
         behind[k] = max(cap[k], behind[k - 1] - (un[k] - un[k - 1]) / CORNER_TIME)
         m = n - 1 - k
         ahead[m] = max(cap[m], ahead[m + 1] - (un[m + 1] - un[m]) / CORNER_TIME)
+    around[:] = np.maximum(ahead, behind)
+    found = np.empty((n, 3))
+    count, k = 0, 0
+    while k < n:
+        last = k
+        if (k == 0 or cap[k] <= cap[k - 1]) and cap[k] < CORNER * min(ahead[k], behind[k]):
+            speed, first = cap[k], k
+            while last < n - 1 and cap[last + 1] <= speed / CORNER:  # grow while about as slow, or slower
+                last += 1
+                speed = min(speed, cap[last])
+            while first > 0 and cap[first] <= speed / CORNER:
+                first -= 1
+            begin, finish = un[first], un[min(last + 1, n - 1)]
+            if count > 0:
+                before = found[count - 1]
+                if begin - before[1] <= max(finish - begin, before[1] - before[0]):  # both flanks of one corner
+                    begin, speed = min(begin, before[0]), min(speed, before[2])
+                    count -= 1
+            found[count, 0], found[count, 1], found[count, 2] = begin, finish, speed
+            count += 1
+        k = last + 1
     out = np.full((n, 3), np.inf)
-    begin, finish, lowest = np.inf, np.inf, np.inf
-    inside = False
-    for k in range(n - 1, -1, -1):
-        if cap[k] < CORNER * min(ahead[k], behind[k]):
-            if not inside:
-                finish, lowest = un[min(k + 1, n - 1)], np.inf
-            inside = True
-            lowest = min(lowest, cap[k])
-            begin = un[max(k - 1, 0)]
-            out[k, 2] = 0.0  # known only when the whole corner is seen
-        else:
-            inside = False
-        out[k, 0], out[k, 1], out[k, 2] = begin, finish, CORNER_SPEED * lowest
-    for k in range(1, n):  # inside a corner the values of its first node hold
-        if out[k, 1] == out[k - 1, 1]:
-            out[k] = out[k - 1]
+    c = 0
+    for k in range(n):
+        while c < count and (found[c, 1] <= un[k] or found[c, 1] - found[c, 0] > CORNER_LONG * found[c, 2]):
+            c += 1
+        if c < count:
+            out[k, 0], out[k, 1], out[k, 2] = found[c, 0], found[c, 1], CORNER_SPEED * found[c, 2]
     return out
 
 
@@ -218,29 +241,30 @@ def _corners(un: Array, cap: Array) -> Array:
 def _policy(i: int, u: float, v: float, a: float, c: float, x: float, h: float, un: Array, Q: Array, easy: Array,
             al: Array, jl: Array) -> float:  # fmt: skip
     """Jerk of the plan's next step: as hard as allowed, yet so that the speed aimed at is reached with a = 0."""
-    jlo, jhi, alo, ahi = _window(i, (u - un[i]) / (un[i + 1] - un[i]), v, a, 0.0, Q, al, jl, BRAKING_SHARE)
+    jlo, jhi, _, _ = _window(i, (u - un[i]) / (un[i + 1] - un[i]), v, a, 0.0, Q, al, jl, BRAKING_SHARE)
     v1 = max(v + a * h, 0.0)
     u1 = min(u + 0.5 * (v + v1) * h, un[-1])
     k = i
     while k < len(un) - 2 and un[k + 1] <= u1:
         k += 1
-    lo, hi, alo, ahi = _window(k, (u1 - un[k]) / (un[k + 1] - un[k]), v1, a, h, Q, al, jl, BRAKING_SHARE)
-    jlo, jhi = max(jlo, lo), min(jhi, hi)
-    K = LANDING_SHARE * min(easy[i], easy[i + 1])
+    lo, hi, alo, _ = _window(k, (u1 - un[k]) / (un[k + 1] - un[k]), v1, a, h, Q, al, jl, BRAKING_SHARE)
+    soft = min(easy[i], easy[i + 1])
+    jlo, jhi = max(jlo, lo, -soft), min(jhi, hi, soft)
+    K = LANDING_SHARE * soft
     over = v - (c if u < x else 0.0)
     even = a + min(max(-a, jlo * h), jhi * h)
     if over <= 0.0:
-        return (even - a) / h
+        return float((even - a) / h)
     landing = 0.5 * (K * h - np.sqrt(max(K * K * h * h + 4.0 * K * (2.0 * over + a * h), 0.0)))
     a1 = max(a + jlo * h, alo, landing)
     if u < x and a1 > 0.0 >= a:  # arrived
         a1 = even
-    return (a1 - a) / h
+    return float((a1 - a) / h)
 
 
 @compiled
 def _brake(i: int, u: float, v: float, a: float, c: float, x: float, h: float, un: Array, Q: Array, cap: Array,
-           easy: Array, al: Array, jl: Array):  # type: ignore[no-untyped-def]  # fmt: skip
+           easy: Array, al: Array, jl: Array) -> tuple[int, float]:  # fmt: skip
     """Follow the plan to a stop. Returns code (as _advance) and where it stops or fails."""
     for _ in range(100_000):
         if v < 1e-12:
@@ -259,21 +283,25 @@ def _brake(i: int, u: float, v: float, a: float, c: float, x: float, h: float, u
 
 @compiled
 def _try(i: int, u: float, v: float, a: float, j: float, h: float, un: Array, Q: Array, cap: Array, easy: Array,
-         corner: Array, al: Array, jl: Array):  # type: ignore[no-untyped-def]  # fmt: skip
+         corner: Array, al: Array, jl: Array) -> tuple[int, float, float, float]:  # fmt: skip
     """A step with jerk j and a way to a stop after it. Returns code (0: there is one), where it stops, its plan."""
     code, i, u, v, a = _advance(i, u, v, a, j, h, True, un, Q, cap, al, jl)
     if code != 0:
         return code, u, 0.0, 0.0
     code, place = _brake(i, u, v, a, 0.0, 0.0, h, un, Q, cap, easy, al, jl)
     c, x = corner[i, 2], corner[i, 1]
-    if place < corner[i, 0] or code == 0 and v < 0.3 * c:
+    if place < corner[i, 0] or (code == 0 and v <= c):
         return code, place, 0.0, 0.0
-    code, place = _brake(i, u, v, a, c, x, h, un, Q, cap, easy, al, jl)
-    return code, place, c, x
+    after, there = _brake(i, u, v, a, c, x, h, un, Q, cap, easy, al, jl)
+    if after == 2 and code == 0:  # the corner is where the curve ends
+        return code, place, 0.0, 0.0
+    return after, there, c, x
 
 
 @compiled
-def _law(un: Array, Q: Array, cap: Array, easy: Array, corner: Array, al: Array, jl: Array, h: float):  # type: ignore[no-untyped-def]
+def _law(
+    un: Array, Q: Array, cap: Array, easy: Array, corner: Array, al: Array, jl: Array, h: float
+) -> tuple[int, Array]:
     rows = np.empty((4096, 5))
     n, i, t, u, v, a = 0, 0, 0.0, un[0], 0.0, 0.0
     stop, end, c, x = u, un[-1], 0.0, 0.0
@@ -299,8 +327,8 @@ def _law(un: Array, Q: Array, cap: Array, easy: Array, corner: Array, al: Array,
         found = False
         if not arriving:
             w = (u - un[i]) / (un[i + 1] - un[i])
-            jlo, jhi, alo, ahi = _window(i, w, v, a, 0.0, Q, al, jl, 1.0)
-            top = min(jhi, (ahi - a) / h) * (1.0 - 1e-9)
+            jlo, jhi, _, ahi = _window(i, w, v, a, 0.0, Q, al, jl, 1.0)
+            top = min(jhi, (ahi - a) / h, easy[i], easy[i + 1]) * (1.0 - 1e-9)
             if v > HOLD * (cap[i] + w * (cap[i + 1] - cap[i])):
                 middle = min(max(-a / h, jlo), top)
                 code, place, cn, xn = _try(i, u, v, a, middle, h, un, Q, cap, easy, corner, al, jl)

@@ -80,7 +80,7 @@ def _newton(axis: Array, point: Array, end: Array, goal: Array, q: Array, J: Arr
 
 
 @compiled
-def _refine(axis: Array, point: Array, end: Array, pose: Array, seed: Array):  # type: ignore[no-untyped-def]
+def _refine(axis: Array, point: Array, end: Array, pose: Array, seed: Array) -> tuple[Array, int]:
     q = seed.copy()
     J, T, e = np.empty((6, 6)), np.eye(4), np.empty(6)
     for m in range(len(q)):
@@ -99,7 +99,9 @@ def _bracket(a: Array, b: Array, out: Array) -> None:
 
 
 @compiled
-def _chain(axis: Array, point: Array, end: Array, u: Array, pose: Array, twist: Array, rough: Array):  # type: ignore[no-untyped-def]
+def _chain(
+    axis: Array, point: Array, end: Array, u: Array, pose: Array, twist: Array, rough: Array
+) -> tuple[Array, int]:
     n = len(u)
     out = np.zeros((n, 4, 6))
     J, T, e = np.empty((6, 6)), np.eye(4), np.empty(6)

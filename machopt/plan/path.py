@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 ARM = 0.15  # m per rad: how much an axis change counts as path length, about a tool's length
 PARALLEL = np.cos(np.radians(1.0))  # a plunge runs along the tool axis within this
 UNKNOWN_FEED = 0.05  # m/s, for the time of approach moves without a feed
+FASTEST_FEED = 0.3  # m/s; a higher one in a file (air cuts, laser paths) is a wish, and would drown the index in lost time
 MAX_STATIONS = 1500  # of the choice; beyond, the path is decimated evenly
 SEGMENT = 0.02  # m, longest stretch without a planning point
 SEGMENT_AXIS = np.radians(3.0)  # rad, the same for axis changes
@@ -38,7 +39,7 @@ class Path:
     move: NDArray[np.int8]  # (P,) Move of the segment ending here
     feed: Array  # (P,) m/s of the segment ending here, NaN for rapid
     run: NDArray[np.int32]  # (P,)
-    time: Array  # (P,) s, cumulative time at the programmed feed; rapid moves do not count
+    time: Array  # (P,) s, cumulative time at the programmed feed (at most FASTEST_FEED); rapid moves do not count
     s: Array  # (P,) m, cumulative length in the metric |dp| ⊕ ARM |dn|; rapid moves do not count
     travel: Array  # (P, 3) unit direction of travel in workpiece (any normal direction where there is none)
     is_point: NDArray[np.bool_]  # (P,) True: a toolpath point
@@ -75,8 +76,12 @@ class Path:
         return self.move == Move.CUT
 
 
-def build_path(toolpath: Toolpath) -> Path:
-    """Split into runs, densify long segments, carry the reference direction, choose stations."""
+def build_path(toolpath: Toolpath, keep: tuple[int, ...] = ()) -> Path:
+    """Split into runs, densify long segments, carry the reference direction, choose stations.
+
+    Args:
+        keep: toolpath points that must be stations, because the user fixed the rotation there.
+    """
     n = len(toolpath)
     starts = (toolpath.move == Move.RAPID) | (np.arange(n) == 0)
     run_of_point = np.cumsum(starts) - 1
@@ -105,12 +110,12 @@ def build_path(toolpath: Toolpath) -> Path:
         time=np.cumsum(np.where(joined, seconds, 0.0)), s=s,
         travel=travel, is_point=np.isclose(index, np.round(index), atol=1e-12), is_drilling=drilling, plunge=plunge,
         reference=reference, offset=_signed_angle(natural, reference, -axis),
-        stations=_stations(s, runs, step), runs=runs,
+        stations=_stations(s, runs, np.searchsorted(index, keep)), runs=runs,
     )  # fmt: skip
 
 
 def _known_feed(feed: Array) -> Array:
-    return np.where(feed > 0, feed, UNKNOWN_FEED)
+    return np.where(feed > 0, np.minimum(feed, FASTEST_FEED), UNKNOWN_FEED)
 
 
 def _steps(position: Array, axis: Array) -> tuple[Array, Array]:
@@ -177,7 +182,10 @@ def _natural_reference(given: Array, travel: Array, axis: Array, drilling: NDArr
     """The contract's gamma = 0 direction: the file's own, else travel (trajectories) or workpiece x (points)."""
     ref = np.where(drilling[:, None], _any_normal(axis), travel)
     own = given - np.sum(given * axis, axis=1, keepdims=True) * axis
-    ref = np.where(np.isfinite(own).all(axis=1, keepdims=True), own, ref)
+    size = np.linalg.norm(given, axis=1, keepdims=True)
+    with np.errstate(invalid="ignore"):  # a direction along the tool axis names no rotation
+        useful = np.linalg.norm(own, axis=1, keepdims=True) > np.sin(np.radians(1.0)) * size
+    ref = np.where(useful, own, ref)
     ref = ref - np.sum(ref * axis, axis=1, keepdims=True) * axis
     return normalise(ref)
 
@@ -203,13 +211,14 @@ def _signed_angle(a: Array, b: Array, about: Array) -> Array:
     return wrap(np.arctan2(np.sum(np.cross(a, b) * about, axis=1), np.sum(a * b, axis=1)))
 
 
-def _stations(s: Array, runs: tuple[tuple[int, int], ...], step: Array) -> NDArray[np.int32]:
-    """Every planning point, or an even choice of about MAX_STATIONS with both ends of every run."""
+def _stations(s: Array, runs: tuple[tuple[int, int], ...], fixed: NDArray[np.intp]) -> NDArray[np.int32]:
+    """Every planning point, or an even choice of about MAX_STATIONS with both ends of every run and the fixed points."""
     if len(s) <= MAX_STATIONS:
         return np.arange(len(s), dtype=np.int32)
     budget = max(MAX_STATIONS - 2 * len(runs), MAX_STATIONS // 4)
     spacing = s[-1] / budget
     keep = np.zeros(len(s), bool)
+    keep[fixed[fixed < len(s)]] = True
     for first, last in runs:
         keep[[first, last]] = True
         cell = np.floor((s[first : last + 1] - s[first]) / spacing)

@@ -117,6 +117,9 @@ def prepare(cell: Cell, options: PlanOptions) -> Setup:
     if cell.workpiece.link != "world":
         raise InputError(f"the workpiece is carried by link {cell.workpiece.link!r}; positioners are not supported yet, "
                          "'world' would work", file=cell.folder / "cell.yaml", where="workpiece.link")  # fmt: skip
+    if cell.external_joints:
+        raise InputError(f"external joints {', '.join(cell.external_joints)} are not planned yet; a cell without them would work",
+                         file=cell.folder / "cell.yaml", where="robot.external_joints")  # fmt: skip
     robot, shapes = load_chain(cell)
     arm = Arm.of(cell, solver_for(robot), options)
     elasticity = ArmElasticity(robot, cell.tool.T_flange_tcp, cell.stiffness)
@@ -133,7 +136,7 @@ def plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Timings 
 
     with stage("prepare"):
         setup = prepare(cell, options)
-        path = build_path(toolpath)
+        path = build_path(toolpath, tuple(f.point for f in options.fixed))
         d = directions(path, setup.arm.T_base_workpiece, setup.elasticity, options.force)
     with stage("candidates"):
         candidates = enumerate_candidates(path, setup.arm, options)
@@ -164,6 +167,7 @@ def plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Timings 
         check = None if setup.collision is None else check_path(path, chosen.assignment.q, setup.collision, options)
     if check is not None and not check.free:
         chosen.assignment.reason[check.hit] = Reason.COLLIDING
+    _name_dropped(path, choice, candidates, chosen.assignment)
     grid = _grid_objective(path, choice, candidates, scores, setup, options)
     return Plan(setup, options, path, d, candidates, scores, choice, chosen, source, grid, default, paper, check, rounds)
 
@@ -181,7 +185,8 @@ def _global(
             best, source = scored(realise(path, setup.arm, setup.robot, smoothed.phi, smoothed.seed)), "smooth"
             grid = _grid_objective(path, choice, candidates, scores, setup, options)
             lost = _lost(path, choice, best)
-            if lost.any() or best.objective.total > grid.total * (1 + 1e-9):
+            worse = best.objective.total > grid.total * (1 + 1e-9) and not options.fixed  # the grid misses fixed values
+            if lost.any() or worse:
                 plain = follow_grid(path, candidates, choice)
                 other = scored(realise(path, setup.arm, setup.robot, plain.phi, plain.seed))
                 if _lost(path, choice, other).sum() < lost.sum() or (not lost.any() and not _lost(path, choice, other).any()):
@@ -199,6 +204,12 @@ def _global(
             break
         if struck == 0:
             break
+        hopeless = ~candidates.feasible.any(axis=(1, 2, 3)) & path.may_touch[path.stations]
+        if hopeless.any() and not options.allow_gaps:
+            choice = choose(path, candidates, scores, setup.cell.limits.velocity[:6], options)
+            break  # no need to search on: these points have no answer
+    if check is None and setup.collision is not None:  # points were lost to the end; the rest is not taken unchecked
+        check = check_path(path, best.assignment.q, setup.collision, options)
     return best, source, choice, check, rounds
 
 
@@ -212,6 +223,13 @@ def _lost(path: Path, choice: Choice, scored: Scored) -> NDArray[np.bool_]:
             covered[first : last + 1] = True
         covered[kept] = True
     return covered & (scored.assignment.reason != Reason.OK)
+
+
+def _name_dropped(path: Path, choice: Choice, candidates: Candidates, assignment: Assignment) -> None:
+    """Points without a configuration because their station has none take its reason: of the candidate that came furthest."""
+    at = np.minimum(np.searchsorted(path.stations, np.arange(len(path.index))), len(path.stations) - 1)
+    dropped = choice.dropped[at] & (assignment.reason == Reason.NO_PATH)
+    assignment.reason[dropped] = candidates.reason.max(axis=(1, 2))[at[dropped]]
 
 
 def as_driven(plan: Plan, phi: Array) -> Plan:

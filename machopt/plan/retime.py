@@ -143,7 +143,9 @@ def _drive(run: RunInput, curve: Curve, begin: Where, finish: Where) -> _Part | 
     rough = run.q[k] + (index - k)[:, None] * (run.q[k + 1] - run.q[k])
     D, failed = joints_at_nodes(run.robot, run.T_flange_tcp, u, pose, twist, rough)
     if failed >= 0:
-        return RunFailure(float(index[failed]), "the pose cannot be reached in the branch chosen at the points around it")
+        return RunFailure(
+            float(index[failed]), "the pose cannot be reached in the branch chosen at the points around it"
+        )
     out = (D[:, 0] < run.limits.lower[:6] - 1e-9) | (D[:, 0] > run.limits.upper[:6] + 1e-9)
     if out.any():
         node, joint = np.argwhere(out)[0]
@@ -163,20 +165,22 @@ def _drive(run: RunInput, curve: Curve, begin: Where, finish: Where) -> _Part | 
         if worst <= SLACK or attempt == ROUNDS:
             break
         for s in np.flatnonzero(excess > SLACK):
-            near = (u >= at[max(s - 3, 0)]) & (u <= at[min(s + 1, len(at) - 1)])
+            near = (u >= at[max(int(s) - 3, 0)]) & (u <= at[min(int(s) + 1, len(at) - 1)])
             near |= np.convolve(near, np.ones(3), "same") > 0
-            cap = np.where(near, np.minimum(cap, 0.9 * _speed_there(law, at, s)), cap)
+            cap = np.where(near, np.minimum(cap, 0.9 * _speed_there(law, at, int(s))), cap)
     if worst > SLACK:  # slower by the root that the order of the limit asks for; velocity asks for most
         steps = int(np.ceil(steps * worst))
         sampled = _sampled(run, curve, u, D, law.slower(steps * run.sample / law.duration), steps)
         if isinstance(sampled, RunFailure):
             return sampled
         law, at, T, q, phi = sampled
-    t = np.arange(steps + 1) * run.sample
+    t = np.asarray(np.arange(steps + 1) * run.sample, float)
     t[-1] = law.duration
     _, vt, at_acc, jt = law.at(t)
     point = curve.index(at)
-    ratio = np.r_[np.nan, np.linalg.norm(np.diff(T[:, :3, 3], axis=0), axis=1) / run.sample / programmed(run, point[1:])]
+    ratio = np.r_[
+        np.nan, np.linalg.norm(np.diff(T[:, :3, 3], axis=0), axis=1) / run.sample / programmed(run, point[1:])
+    ]
     slope = np.interp(at, u, p1)
     law_ratio = _law_ratios(u, derivatives, at, vt, at_acc, jt, v, a, j)
     dips = _dips(ratio, at, point, vt, slope, u, single, law_ratio, begin, finish)
@@ -195,7 +199,9 @@ def _sampled(
     seed = D[k, 0] + h * (D[k, 1] + h * (0.5 * D[k, 2] + h / 6.0 * D[k, 3]))
     q, failed = joints_at(run.robot, run.T_flange_tcp, pose, seed)
     if failed >= 0:
-        return RunFailure(float(curve.index(at[failed : failed + 1])[0]), "the pose between the points cannot be reached")
+        return RunFailure(
+            float(curve.index(at[failed : failed + 1])[0]), "the pose between the points cannot be reached"
+        )
     return law, at, pose, q, phi
 
 
@@ -259,7 +265,7 @@ def _law_ratios(
     g1, g2, g3 = np.moveaxis(D[k] + w * (D[k + 1] - D[k]), -1, 0)
     v, a, j = v[:, None], a[:, None], j[:, None]
     use = [g1 * v / velocity, (g2 * v**2 + g1 * a) / acceleration, (g3 * v**3 + 3 * g2 * v * a + g1 * j) / jerk]
-    return np.abs(np.stack(use, axis=-1))
+    return np.asarray(np.abs(np.stack(use, axis=-1)))
 
 
 def _dips(

@@ -8,6 +8,7 @@ what the programmed feed leaves. Runs without travel (drilling) have one rotatio
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,10 +26,15 @@ from machopt.se3 import wrap
 Array = NDArray[np.float64]
 REACH = 16  # grid steps to either side of the chosen rotation that the corridor may span
 SIDE_STEP = np.radians(30.0)  # largest joint step between neighbouring rotations of one branch
-KNOTS = 80  # most spline intervals in a run
-KNOT_SPACING = 0.01  # m, least distance of knots
+KNOTS = 240  # most spline intervals in a run
+KNOT_SPACING = 0.15  # s at the programmed feed, least distance of knots
+SWEEPS = 2  # over the runs
 FINE = 8  # steps a grid step is divided into for runs with one rotation
-STIFFNESS = 1e-3  # price of curvature of phi, relative to the other terms, on the run's own length
+CURVATURE = 2e-3  # price of the mean square angular acceleration of phi, per (rad/s²)²
+
+
+Merit = Callable[[BSpline, tuple[Array | None, Array | None], float], float]
+"""Worth of an answer, given the joints the rapid moves come from and go to, and the worst cost elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -97,16 +103,21 @@ def smooth(path: Path, candidates: Candidates, scores: Scores, choice: Choice, v
         for first, last in path.runs
         for a, b in _whole_stretches(choice, position[first], position[last])
     ]
-    for before, part, after in zip([None, *parts[:-1]], parts, [*parts[1:], None], strict=True):
+    for part, ends in zip(parts, _neighbours(parts), strict=True):
         if part.x[-1] > 0 and len(part.rows) >= 3:
-            ends = (None if before is None else before.joints()[-1], None if after is None else after.joints()[0])
-            spline = _spline_run(path, part, worst, ends, velocity, options)
-            offset = spline(part.x) - part.band.phi
             part.turns = True
-            slack = 0.05 * part.band.step
-            if ((offset >= part.band.low - slack) & (offset <= part.band.high + slack)).all():
-                part.spline, part.offset = spline, offset  # else the grid's own sequence stays
-    _constant_rotations(path, parts, worst, options)
+            part.answers, part.merit = _spline_run(path, part, _worst_elsewhere(parts, part), ends, velocity, options)
+            if part.pins:  # where no answer keeps to the corridor, the grid's own sequence is moved to meet the pins
+                part.offset = np.interp(part.x, part.x[list(part.pins)], list(part.pins.values()))
+    for _ in range(SWEEPS):  # runs are tied by the rapid moves between them, so each is chosen with the others as they are
+        for n, part in enumerate(parts):
+            if part.turns:
+                ends = _ends(parts, n)
+                elsewhere = _worst_elsewhere(parts, part)
+                value, spline = min(((part.merit(a, ends, elsewhere), a) for a in part.answers), key=lambda pair: pair[0])
+                if np.isfinite(value):
+                    part.spline, part.offset = spline, spline(part.x) - part.band.phi
+        _constant_rotations(path, parts, worst, options)
     phi, seed = np.full(P, np.nan), np.full((P, 6), np.nan)
     for part in parts:
         rows = slice(part.points[0], part.points[-1] + 1)
@@ -118,6 +129,20 @@ def smooth(path: Path, candidates: Candidates, scores: Scores, choice: Choice, v
             seed[rows, i] = np.interp(path.s[rows], path.s[part.points], near[:, i])
         seed[part.points] = near
     return Smoothed(phi=phi, seed=seed)
+
+
+def _ends(parts: list[_Stretch], n: int) -> tuple[Array | None, Array | None]:
+    """Joints (6,) the rapid moves before and after stretch n come from and go to; None at the first and last."""
+    return parts[n - 1].joints()[-1] if n else None, parts[n + 1].joints()[0] if n + 1 < len(parts) else None
+
+
+def _worst_elsewhere(parts: list[_Stretch], one: _Stretch) -> float:
+    """Worst cost of the other stretches as they are: improving this one below it gains nothing."""
+    return max((p.worst() for p in parts if p is not one), default=0.0)
+
+
+def _neighbours(parts: list[_Stretch]) -> list[tuple[Array | None, Array | None]]:
+    return [_ends(parts, n) for n in range(len(parts))]
 
 
 @dataclass
@@ -134,6 +159,8 @@ class _Stretch:
     offset: Array  # (n,) rad, found so far
     turns: bool = False  # the rotation may change along it
     spline: BSpline | None = None
+    answers: tuple[BSpline, ...] = ()  # what the rotation may be, from IPOPT's to the plainest
+    merit: Merit = lambda *_: float("inf")
 
     @classmethod
     def of(
@@ -144,6 +171,23 @@ class _Stretch:
         turning = _turning_length(path, points[0], points[-1])
         share = path.counted[points] / max(int(path.counted[path.stations].sum()), 1)
         return cls(rows, points, band, turning[points - points[0]], share, float(path.motion_share[points[0]]), _pins(path, rows, band.phi, options), np.zeros(len(rows)))
+
+    def bounds(self) -> tuple[Array, Array]:
+        """(n,) rad each: the corridor, closed to the exact value where the user fixed it."""
+        low, high = np.minimum(self.band.low, 0.0), np.maximum(self.band.high, 0.0)
+        for row, value in self.pins.items():
+            low[row] = high[row] = value
+        return low, high
+
+    def worst(self) -> float:
+        """Largest cost where it counts, at the offset as it is."""
+        at = np.flatnonzero(self.share > 0)
+        if not len(at):
+            return 0.0
+        x = np.clip(self.offset[at] / self.band.step + REACH, 0, 2 * REACH - 1e-9)
+        k = x.astype(int)
+        low, high = self.band.cost[at, k], self.band.cost[at, k + 1]
+        return float((low + (x - k) * (high - low)).max())
 
     def joints(self) -> Array:
         """(n, 6) rad, to first order in the offset."""
@@ -172,7 +216,7 @@ def _constant_rotations(path: Path, parts: list[_Stretch], worst: float, options
             if part.pins:
                 delta, node, outside = np.array([next(iter(part.pins.values()))]), np.zeros(1), np.zeros(1, bool)
             node = np.where(outside & (np.abs(delta) > 1e-12), np.inf, node)
-        offset = part.offset[[0, -1]][:, None] + delta  # (2, F)
+        offset = delta + (np.zeros((2, 1)) if free else part.offset[[0, -1]][:, None])  # (2, F)
         start = part.band.q[0] + part.band.slope[0] * offset[0][:, None]
         end = part.band.q[-1] + part.band.slope[-1] * offset[1][:, None]
         if previous is None:
@@ -186,7 +230,8 @@ def _constant_rotations(path: Path, parts: list[_Stretch], worst: float, options
         choices.append(delta)
     pick = int(value.argmin())
     for part, delta, source in zip(parts[::-1], choices[::-1], back[::-1], strict=True):
-        part.offset = part.offset + delta[pick]
+        if not part.turns:
+            part.offset = np.full(len(part.rows), delta[pick])
         pick = int(source[pick])
 
 
@@ -230,19 +275,18 @@ def _pins(path: Path, rows: NDArray[np.intp], phi: Array, options: PlanOptions) 
     """The user's fixed rotations in this run: row to exact offset from the grid's phi."""
     points = path.stations[rows]
     pins = {}
-    for fixed in options.fixed:
+    for fixed in sorted(options.fixed, key=lambda f: f.point):
         for i in np.flatnonzero(np.abs(path.index[points] - fixed.point) < 1e-9):
             pins[int(i)] = float(wrap(fixed.gamma - path.offset[points[i]] - phi[i]))
     return pins
 
 
 def _spline_run(
-    path: Path, part: _Stretch, worst: float, ends: tuple[Array | None, Array | None], velocity: Array, options: PlanOptions
-) -> BSpline:  # fmt: skip
-    """phi over turning length as a cubic B-spline: C², bounded third derivative.
+    path: Path, part: _Stretch, elsewhere: float, ends: tuple[Array | None, Array | None], velocity: Array, options: PlanOptions
+) -> tuple[tuple[BSpline, ...], Merit]:  # fmt: skip
+    """phi over turning length as cubic B-splines (C², bounded third derivative), and what each is worth.
 
-    Raises nothing: where IPOPT does not converge, its last iterate inside the bounds is used and judged by the
-    caller like any other.
+    Raises nothing: where IPOPT does not converge, its last iterate is one of the answers and judged like any other.
 
     Args:
         ends: (6,) rad, joints the rapid moves before and after come from and go to; None at the first and last.
@@ -252,7 +296,8 @@ def _spline_run(
     rows, x, band, share = part.rows, part.x, part.band, part.share
 
     length = float(x[-1])
-    intervals = int(np.clip(length / KNOT_SPACING, 1, min(KNOTS, max(len(rows) // 2, 1))))
+    duration = max(float(path.time[part.points[-1]] - path.time[part.points[0]]), 1e-3)
+    intervals = int(np.clip(duration / KNOT_SPACING, 1, min(KNOTS, max(len(rows) // 2, 1))))
     knots = np.r_[[0.0] * 3, np.linspace(0, length, intervals + 1), [length] * 3]
     B = BSpline.design_matrix(np.clip(x, 0, length), knots, 3).tocsr()
     start = _least_squares(B, band.phi)
@@ -277,37 +322,54 @@ def _spline_run(
     seconds = np.diff(path.time[part.points])
     allowed = AXIS_SPEED * velocity[None, :] * np.maximum(seconds, 1e-6)[:, None]
     excess = ca.fmax(ca.fabs(dq) / ca.DM(allowed) - 1.0, 0.0)
-    second = np.diff(np.eye(len(start)), n=2, axis=0) * intervals**1.5  # ∫ phi''² on the unit interval
+    second = np.diff(np.eye(len(start)), n=2, axis=0) * (intervals / duration) ** 2 / np.sqrt(intervals)  # d²phi/dt²
     objective = (
         w.mean * ca.dot(ca.DM(share), cost)
         + w.worst * tau
         + w.travel / np.pi * part.weight * (length_of(dq, float(np.abs(dq0).mean())) + sum(length_of(f, 0.1) for f in flights))
         + w.rotation / np.pi * part.weight * length_of(change, float(np.abs(np.diff(band.phi)).mean()) + 1e-5)
-        + STIFFNESS * part.weight * ca.sumsqr(ca.mtimes(ca.DM(second), c))
+        + CURVATURE * part.weight * ca.sumsqr(ca.mtimes(ca.DM(second), c))
         + w.feed * part.weight / max(len(rows), 1) * ca.sumsqr(excess)
     )
     counted = np.flatnonzero(share > 0)
     g = [delta] + ([cost[counted.tolist()] - tau] if len(counted) else [])
-    low = np.minimum(band.low, 0.0) + 0.0
-    high = np.maximum(band.high, 0.0)
-    for i, value in part.pins.items():
-        low[i] = high[i] = value
+    low, high = part.bounds()
     lbg = np.r_[low, np.full(len(counted), -np.inf)]
     ubg = np.r_[high, np.zeros(len(counted))]
-    tau0 = max(worst, 1e-9)
     x = ca.vertcat(c, tau)
     here = float(band.cost[counted, REACH].max()) if len(counted) else 0.0
-    guess = np.r_[start, max(here, 0.9 * tau0)]
+    guess = np.r_[start, max(here, elsewhere)]
     solver = ca.nlpsol("smooth", "ipopt", {"x": x, "f": objective, "g": ca.vertcat(*g)}, {
         "print_time": False, "error_on_fail": False,
         "ipopt": {"print_level": 0, "sb": "yes", "max_iter": 120, "mu_strategy": "adaptive", "tol": 1e-5, "acceptable_tol": 1e-4,
                   },
     })  # fmt: skip
-    answer = solver(x0=guess, lbg=lbg, ubg=ubg, lbx=np.r_[np.full(len(start), -np.inf), 0.9 * tau0])
-    if not float(answer["f"]) < float(ca.Function("f", [x], [objective])(guess)):  # stuck (or NaN): as the grid goes
-        return BSpline(knots, start, 3)
-    coefficients = np.asarray(answer["x"]).ravel()[:-1]
-    return BSpline(knots, coefficients if np.isfinite(coefficients).all() else start, 3)
+    answer = solver(x0=guess, lbg=lbg, ubg=ubg, lbx=np.r_[np.full(len(start), -np.inf), elsewhere])
+    found = np.asarray(answer["x"]).ravel()[:-1]
+    evaluate = ca.Function("cost", [c], [cost])
+    price_q, price_r = w.travel / np.pi * part.weight, w.rotation / np.pi * part.weight
+
+    def merit(answer: BSpline, ends: tuple[Array | None, Array | None], elsewhere: float) -> float:
+        """The objective with true absolute values; infinite outside the corridor."""
+        off = B @ answer.c - band.phi
+        if not ((off >= low - 0.02 * band.step) & (off <= high + 0.02 * band.step)).all():
+            return float("inf")
+        values = np.asarray(evaluate(answer.c)).ravel()
+        joints = band.q + band.slope * off[:, None]
+        steps = np.abs(np.diff(joints, axis=0))
+        flown = sum(np.abs(joints[i] - q).sum() for i, q in ((0, ends[0]), (-1, ends[1])) if q is not None)
+        late = np.maximum((steps / (AXIS_SPEED * velocity)).max(axis=1) - seconds, 0.0).sum()
+        return float(
+            w.mean * share @ values + w.worst * max(values[counted].max(initial=0.0), elsewhere)
+            + price_q * (steps.sum() + flown) + price_r * np.abs(np.diff(B @ answer.c)).sum()
+            + w.feed * late / max(float(path.time[-1]), 1e-9)
+        )  # fmt: skip
+
+    still = np.full(len(start), float(np.median(band.phi)))
+    tries = [start, still]
+    if np.isfinite(found).all():  # on the way from the plain answers to IPOPT's, whose kinks are rounded
+        tries = [found, *(base + f * (found - base) for base in (start, still) for f in (0.75, 0.5, 0.25)), *tries]
+    return tuple(BSpline(knots, t, 3) for t in tries), merit
 
 
 def _least_squares(B: object, values: Array) -> Array:

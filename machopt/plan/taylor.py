@@ -18,15 +18,15 @@ STENCIL = 2e-4  # m, spacing of the samples that a callable rotation is differen
 def _times(a: Array, b: Array) -> Array:
     """Product of a series of scalars (M, 4) with one of vectors (M, 4, 3) or scalars."""
     a = a.reshape(a.shape + (1,) * (b.ndim - a.ndim))
-    return np.stack([sum(a[:, k] * b[:, m - k] for k in range(m + 1)) for m in range(4)], axis=1)  # type: ignore[misc]
+    return np.stack([sum(a[:, k] * b[:, m - k] for k in range(m + 1)) for m in range(4)], axis=1)
 
 
 def _dot(a: Array, b: Array) -> Array:
-    return np.stack([sum(np.sum(a[:, k] * b[:, m - k], axis=-1) for k in range(m + 1)) for m in range(4)], axis=1)  # type: ignore[misc]
+    return np.stack([sum(np.sum(a[:, k] * b[:, m - k], axis=-1) for k in range(m + 1)) for m in range(4)], axis=1)
 
 
 def _cross(a: Array, b: Array) -> Array:
-    return np.stack([sum(np.cross(a[:, k], b[:, m - k]) for k in range(m + 1)) for m in range(4)], axis=1)  # type: ignore[misc]
+    return np.stack([sum(np.cross(a[:, k], b[:, m - k]) for k in range(m + 1)) for m in range(4)], axis=1)
 
 
 def _unit(v: Array) -> Array:
@@ -49,7 +49,7 @@ def _cos_sin(x: Array) -> tuple[Array, Array]:
 
 
 def frame_derivatives(axis: Array, reference: Array, spin: Array) -> Array:
-    """Jets (M, 4, 3, 3) of the TCP rotation from jets of tool axis, reference (M, 4, 3) and spin (M, 4); none need be unit."""
+    """Jets (M, 4, 3, 3) of the TCP rotation from jets of tool axis, reference (M, 4, 3), spin (M, 4)."""
     f = FACTORIAL[:, None]
     z = -_unit(axis / f)
     b = reference / f
@@ -64,7 +64,7 @@ def twist_derivatives(position: Array, rotation: Array) -> Array:
     R, p = rotation, position
 
     def turn(i: int, j: int) -> Array:
-        return 0.5 * np.sum(np.cross(R[:, i], R[:, j], axis=1), axis=-1)
+        return np.asarray(0.5 * np.sum(np.cross(R[:, i], R[:, j], axis=1), axis=-1))
 
     w = np.stack([turn(0, 1), turn(0, 2), turn(1, 2) + turn(0, 3)], axis=1)
     v = np.empty_like(w)

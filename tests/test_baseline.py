@@ -1,0 +1,228 @@
+"""The yardsticks: the CAM default rotation, and jiao2022 sections 3.2 and 4 against the paper's equations written out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path as FilePath
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from small_cell import pose, small_cell
+from test_path import Rows, at_point, toolpath
+
+from machopt.domain.cell import Cell, Tool, Workpiece
+from machopt.domain.options import PlanOptions
+from machopt.domain.reason import Reason
+from machopt.domain.stiffness import Stiffness
+from machopt.domain.toolpath import Move, Toolpath
+from machopt.model.elastic import jiao_index
+from machopt.plan.baseline import LEAST_TILT, STEP, _groups, _roll, cam_default, jiao2022
+from machopt.plan.path import Path, build_path, tcp_poses
+from machopt.plan.pipeline import Setup, prepare
+from machopt.plan.realise import Assignment
+from machopt.plan.score import directions
+from machopt.se3 import wrap
+
+C, R = Move.CUT, Move.RAPID
+K = np.array([1.4e6, 4.0e5, 9.4e5, 3.6e5, 3.7e5, 3.8e5])  # N·m/rad, as large as a KR240's
+OPTIONS = PlanOptions(collision=False)
+
+
+def facing_cell(folder: FilePath, pitch: float = -90.0, height: float = 1.4) -> Cell:
+    """A wall in front of the robot; the spindle square to axis 6. At pitch −90° the tool lies along base x."""
+    cell = small_cell(folder, stiffness=Stiffness(K))
+    T_tcp = pose(0.25, 0.0, 0.15, np.pi / 2)  # tool axis along the flange's x
+    wall = pose(1.55, 0.0, height, np.radians(pitch))
+    return replace(cell, tool=Tool(T_tcp, 20.0), workpiece=Workpiece("world", wall, ()), obstacles=())
+
+
+def milling(tilt: float = 0.0, n: int = 21) -> Toolpath:
+    """One pass across the wall, the tool axis swaying by ``tilt`` rad."""
+    rows: Rows = []
+    for k, y in enumerate(np.linspace(-0.15, 0.25, n)):
+        axis = (np.sin(tilt * np.sin(0.3 * k)), np.sin(tilt * np.cos(0.2 * k)), 1.0)
+        rows.append(((0.02 * np.sin(k), y, 0.0), axis, R if k == 0 else C))
+    return toolpath([((0.0, -0.15, 0.05), rows[0][1], R), *((p, a, C) for p, a, _ in rows)])
+
+
+def holes(tilt: float = 0.0) -> Toolpath:
+    """Holes along base y, unevenly spaced, each entered from a rapid point above."""
+    rows: Rows = []
+    for k, y in enumerate([-0.2, -0.12, 0.0, 0.03, 0.2, 0.3]):
+        axis = np.array([np.sin(tilt * k / 5), 0.0, np.cos(tilt * k / 5)])
+        p = np.array([0.01 * k, y, 0.0])
+        rows += [(tuple(p + 0.02 * axis), tuple(axis), R), (tuple(p - 0.01 * axis), tuple(axis), C)]
+    return toolpath(rows, kind="point")
+
+
+def ready(cell: Cell, tp: Toolpath, options: PlanOptions = OPTIONS) -> tuple[Setup, Path]:
+    return prepare(cell, options), build_path(tp)
+
+
+def paper(setup: Setup, path: Path, options: PlanOptions = OPTIONS) -> Assignment:
+    d = directions(path, setup.arm.T_base_workpiece, setup.elasticity, options.force)
+    return jiao2022(path, setup.arm, setup.robot, setup.elasticity, d, setup.cell.home, options)
+
+
+def paper_roll(setup: Setup, path: Path, phi: np.ndarray) -> np.ndarray:
+    """γ of eq. 27 by scipy: the tool's own axes as the paper has them (its x is the tool axis), Rz Ry Rx in base."""
+    every = np.arange(len(path.index), dtype=np.int32)
+    T = setup.arm.T_base_workpiece @ tcp_poses(path, every, np.nan_to_num(phi))
+    permuted = T[:, :3, [2, 0, 1]]
+    return Rotation.from_matrix(permuted).as_euler("ZYX")[:, 2]
+
+
+# --- CAM default -------------------------------------------------------------------------------------------
+
+
+def test_cam_default_has_gamma_zero_everywhere_and_reaches(tmp_path: FilePath) -> None:
+    for tp in (milling(0.1), holes(0.2)):
+        setup, path = ready(facing_cell(tmp_path), tp)
+        a = cam_default(path, setup.arm, setup.robot, setup.cell.home)
+        np.testing.assert_allclose(wrap(a.phi + path.offset), 0, atol=1e-12)
+        ok = a.reason == Reason.OK
+        assert ok.mean() > 0.9
+        every = np.flatnonzero(ok).astype(np.int32)
+        wanted = setup.arm.T_base_workpiece @ tcp_poses(path, every, a.phi[ok])
+        np.testing.assert_allclose(setup.robot.fk(a.q[ok], setup.arm.T_flange_tcp), wanted, atol=1e-9)
+        assert np.isnan(a.q[a.branch < 0]).all()
+        assert (a.q[ok] >= setup.arm.lower).all()
+        assert (a.q[ok] <= setup.arm.upper).all()
+
+
+def test_cam_default_starts_nearest_to_home_and_follows(tmp_path: FilePath) -> None:
+    setup, path = ready(facing_cell(tmp_path), milling())
+    a = cam_default(path, setup.arm, setup.robot, setup.cell.home)
+    first = setup.arm.solver.solve(setup.arm.T_base_workpiece @ tcp_poses(path, np.zeros(1, np.int32), a.phi[:1])
+                                   @ np.linalg.inv(setup.arm.T_flange_tcp)).q[0]  # fmt: skip
+    every = (first[:, None] + setup.arm.turns).reshape(-1, 6)
+    inside = (every >= setup.arm.lower).all(axis=1) & (every <= setup.arm.upper).all(axis=1)
+    nearest = every[inside][np.abs(every[inside] - setup.cell.home).max(axis=1).argmin()]
+    np.testing.assert_allclose(a.q[0], nearest, atol=1e-9)
+    ok = np.flatnonzero(a.reason == Reason.OK)
+    assert len(ok) > 10
+    steps = np.abs(np.diff(a.q[ok], axis=0)).max(axis=1)[np.diff(ok) == 1]
+    assert np.degrees(steps.max()) < 60  # more would be another configuration; the path weaves, so the rotation does
+    assert len(set(a.branch[ok].tolist())) == 1
+    np.testing.assert_array_equal(np.isin(a.reason, [Reason.OK, Reason.NO_PATH]), a.branch >= 0)
+
+
+# --- jiao2022 ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.15])
+def test_roll_is_the_papers_where_the_paper_has_one(tmp_path: FilePath, tilt: float) -> None:
+    setup, path = ready(facing_cell(tmp_path), milling(tilt))
+    every = np.arange(len(path.index), dtype=np.int32)
+    np.testing.assert_allclose(wrap(_roll(path, setup.arm, every) - paper_roll(setup, path, np.zeros(len(every)))), 0, atol=1e-9)
+    for phi in (-2.0, 0.7):  # and it grows with phi one to one
+        np.testing.assert_allclose(wrap(paper_roll(setup, path, np.full(len(every), phi)) - _roll(path, setup.arm, every) - phi), 0, atol=1e-9)
+
+
+def test_roll_does_not_swing_where_the_spindle_points_down(tmp_path: FilePath) -> None:
+    """Eq. 27 has no roll at β = ±90°: about it a swaying axis would turn it right round."""
+    setup, path = ready(facing_cell(tmp_path, pitch=0.0, height=0.7), milling(0.15))
+    every = np.arange(len(path.index), dtype=np.int32)
+    literal, used = paper_roll(setup, path, np.zeros(len(every))), _roll(path, setup.arm, every)
+    assert np.ptp(np.unwrap(literal)) > np.radians(90)
+    assert np.ptp(np.unwrap(used)) < np.radians(15)
+    down = np.degrees(LEAST_TILT)
+    assert 20 < down < 45  # between a spindle down (paper's Table 2) and one square to the wall (its figures)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.15])
+def test_trajectory_rolls_in_proportion_to_the_index_and_arrives(tmp_path: FilePath, tilt: float) -> None:
+    """Eqs. 33–37: ψ_i = ψ_1 + (i − 1)/(n − 1) (ψ_n − ψ_1), also for tilted axes."""
+    setup, path = ready(facing_cell(tmp_path), milling(tilt))
+    a = paper(setup, path)
+    rows = np.flatnonzero(path.counted)
+    psi = np.unwrap(paper_roll(setup, path, a.phi)[rows])
+    expected = psi[0] + np.arange(len(rows)) / (len(rows) - 1) * (psi[-1] - psi[0])
+    np.testing.assert_allclose(psi, expected, atol=1e-9)
+    assert abs(psi[-1] - psi[0]) <= np.pi + 1e-9  # the short way round
+    for p in rows[[0, -1]]:  # eq. 26: whole steps of 10° from the initial posture
+        steps = a.phi[p] / STEP
+        assert abs(steps - round(steps)) < 1e-6
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.3])
+def test_holes_roll_in_proportion_to_the_coordinate_and_arrive(tmp_path: FilePath, tilt: float) -> None:
+    """Eq. 34, along the axis with the longest way (here y)."""
+    setup, path = ready(facing_cell(tmp_path), holes(tilt))
+    a = paper(setup, path)
+    keys, rows, fraction = _groups(path, setup.arm)[0]
+    assert path.index[keys].tolist() == [path.index[rows[0]], path.index[rows[-1]]]
+    y = np.repeat([-0.2, -0.12, 0.0, 0.03, 0.2, 0.3], np.bincount(path.run[rows]))
+    np.testing.assert_allclose(fraction, (y + 0.2) / 0.5, atol=1e-9)
+    psi = np.unwrap(paper_roll(setup, path, a.phi)[rows])
+    np.testing.assert_allclose(psi, psi[0] + fraction * (psi[-1] - psi[0]), atol=1e-9)
+    for first, last in path.runs:  # the drill keeps its rotation from the rapid point to the bottom
+        assert np.ptp(a.phi[first : last + 1]) < 1e-9
+
+
+def test_key_points_take_the_stiffest_of_the_ten_degree_rotations(tmp_path: FilePath) -> None:
+    """Steps 1–5 of section 3.2, tried one by one in the branch that was taken."""
+    setup, path = ready(facing_cell(tmp_path), milling())
+    a = paper(setup, path)
+    rows = np.flatnonzero(path.counted)
+    R_bw = setup.arm.T_base_workpiece[:3, :3]
+    for p in (rows[0], rows[-1]):
+        scores = {}
+        for step in range(-18, 18):
+            T = setup.arm.T_base_workpiece @ tcp_poses(path, np.array([p], np.int32), np.array([step * STEP]))
+            q = setup.arm.solver.solve(T @ np.linalg.inv(setup.arm.T_flange_tcp)).q[0, a.branch[p]]
+            every = q + setup.arm.turns
+            inside = ((every >= setup.arm.lower) & (every <= setup.arm.upper)).all(axis=1)
+            if np.isfinite(q).all() and inside.any() and _regular(setup, T, a.branch[p]):
+                _, J = setup.robot.fk_jacobian(q, setup.arm.T_flange_tcp)
+                scores[step] = jiao_index(J, K, R_bw @ path.axis[p])
+        best = max(scores, key=lambda s: scores[s])
+        assert wrap(a.phi[p] - best * STEP) == pytest.approx(0.0, abs=1e-9)
+        assert len(scores) < 36  # some rotations were dropped as infeasible
+
+
+def _regular(setup: Setup, T: np.ndarray, b: int) -> bool:
+    found = setup.arm.solver.solve(T @ np.linalg.inv(setup.arm.T_flange_tcp))
+    m = setup.arm.margins
+    return bool(found.wrist[0, b] >= m.wrist and found.elbow[0, b] >= m.elbow and found.shoulder[0, b] >= m.shoulder)
+
+
+def test_users_bounds_hold_at_the_key_points(tmp_path: FilePath) -> None:
+    low, high = np.radians([35.0, 75.0])
+    setup, path = ready(facing_cell(tmp_path), milling())
+    a = paper(setup, path, replace(OPTIONS, rotation_range=(low, high)))
+    rows = np.flatnonzero(path.counted)
+    gamma = wrap(a.phi + path.offset)[rows[[0, -1]]]
+    assert (gamma >= low - 1e-9).all()
+    assert (gamma <= high + 1e-9).all()
+
+
+def test_each_milling_run_has_its_own_key_points(tmp_path: FilePath) -> None:
+    rows: Rows = []
+    for x in (-0.1, 0.0, 0.1):
+        rows += [((x, -0.1, 0.05), (0, 0, 1), R), ((x, -0.1, 0.0), (0, 0, 1), C), ((x, 0.1, 0.0), (0, 0, 1), C)]
+    setup, path = ready(facing_cell(tmp_path), toolpath(rows))
+    groups = _groups(path, setup.arm)
+    assert len(groups) == 3
+    for k, (keys, inside, fraction) in enumerate(groups):
+        counted = np.flatnonzero(path.counted & (path.run == k))
+        assert keys.tolist() == [counted[0], counted[-1]]
+        np.testing.assert_array_equal(inside, counted)
+        assert fraction[0] == 0.0
+        assert fraction[-1] == 1.0
+    a = paper(setup, path)
+    for k in range(3):
+        assert np.isfinite(a.phi[path.run == k]).all()
+        p = at_point(path, 3 * k)
+        assert a.phi[p] == pytest.approx(a.phi[p + 1])  # the rapid point takes the rotation it leads to
+
+
+def test_nothing_reachable_is_data_not_an_exception(tmp_path: FilePath) -> None:
+    cell = facing_cell(tmp_path)
+    far = replace(cell, workpiece=Workpiece("world", pose(9.0, 0, 1.4, -np.pi / 2), ()))
+    setup, path = ready(far, milling())
+    for a in (paper(setup, path), cam_default(path, setup.arm, setup.robot, cell.home)):
+        assert (a.reason == Reason.UNREACHABLE).all()
+        assert np.isnan(a.q).all()
+        assert (a.branch == -1).all()

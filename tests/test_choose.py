@@ -1,0 +1,303 @@
+"""The global choice against trying every sequence, on problems small enough for that."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_path import Rows, toolpath
+
+from machopt.domain.options import FixedRotation, PlanOptions, Weights
+from machopt.domain.reason import Reason
+from machopt.domain.toolpath import Move
+from machopt.plan.candidates import Candidates, _forbid_by_user
+from machopt.plan.choose import CAP_SHARES, JUMP, Choice, _windows, choose
+from machopt.plan.path import Path, build_path
+from machopt.plan.score import AXIS_SPEED, Scores, preference
+from machopt.se3 import wrap
+
+UP = (0.0, 0.0, 1.0)
+C, R = Move.CUT, Move.RAPID
+VELOCITY = np.array([2.0, 2.0, 2.0, 3.0, 3.0, 4.0])
+NO_TURN = np.zeros((1, 6))
+Vertex = tuple[int, int, int]
+
+
+def line(n: int, rapid: tuple[int, ...] = (0,), spacing: float = 0.019) -> Path:
+    rows: Rows = [((spacing * k, 0.0, 0.0), UP, R if k in rapid else C) for k in range(n)]
+    path = build_path(toolpath(rows, feed=0.002))  # slow, so that the rotation may change at every station
+    assert len(path.index) == n
+    return path
+
+
+def random_problem(seed: int, rapid: tuple[int, ...] = (0, 3), turning: int = 2) -> tuple[Path, Candidates, Scores]:
+    """Five stations, four rotations, two branches, two turns of joint 6; joints wander by up to a few ten degrees."""
+    rng = np.random.default_rng(seed)
+    S, rotations, B = 5, 4, 2
+    path = line(S, rapid)
+    drift = np.cumsum(rng.normal(size=(S, 1, B, 6)) * 0.15, axis=0)
+    spread = np.cumsum(rng.normal(size=(1, rotations, 1, 6)) * 0.12, axis=1)
+    q = rng.uniform(-1, 1, (1, 1, B, 6)) + drift + spread
+    q[..., 5] += np.pi - 0.4  # joint 6 near the cut at 180°
+    turns = np.zeros((turning, 6))
+    turns[1:, 5] = -2 * np.pi
+    feasible = rng.uniform(size=(S, rotations, B, turning)) < 0.75
+    cost = np.where(feasible.any(axis=-1), rng.uniform(0.5, 2.0, (S, rotations, B)), np.nan)
+    reason = np.where(feasible.any(axis=-1), Reason.OK, Reason.LIMIT).astype(np.uint8)
+    candidates = Candidates(phi=np.arange(rotations) * np.pi / 2 - np.pi, q=wrap(q), turns=turns, reason=reason,
+                            feasible=feasible, stable=True, shortfall=np.zeros(S))  # fmt: skip
+    return path, candidates, Scores(cost=cost, index="stiffness", scale=1.0)
+
+
+def told(candidates: Candidates, s: int, v: Vertex) -> np.ndarray:
+    return candidates.q[s, v[0], v[1]] + candidates.turns[v[2]]
+
+
+def transition(
+    path: Path, candidates: Candidates, window: np.ndarray, seconds: np.ndarray, s: int, a: Vertex, b: Vertex, options: PlanOptions
+) -> float:  # fmt: skip
+    """Price of going from vertex a at station s − 1 to b at s; infinite where the rules forbid it."""
+    w, share = options.weights, path.motion_share[path.stations[s]]
+    dq = np.abs(told(candidates, s, b) - told(candidates, s - 1, a))
+    travel = w.travel / np.pi * share * dq.sum()
+    if window[s] < 0:
+        return float(travel)
+    n = len(candidates.phi)
+    steps = min((b[0] - a[0]) % n, (a[0] - b[0]) % n)
+    if steps > window[s] or (a[1] != b[1] and candidates.stable) or dq.max() > JUMP:
+        return np.inf
+    late = max(float((dq / (AXIS_SPEED * VELOCITY)).max()) - seconds[s], 0.0)
+    return float(travel + w.rotation / np.pi * share * steps * 2 * np.pi / n + w.feed * late / path.time[-1])
+
+
+def every_sequence(path: Path, candidates: Candidates, scores: Scores, options: PlanOptions) -> Iterator[tuple[float, float, list[Vertex]]]:
+    """(price without the worst index, worst index, sequence) of every allowed sequence, depth first."""
+    window, seconds = _windows(path, candidates, float(VELOCITY.min()))
+    counted = path.counted[path.stations]
+    gamma = wrap(candidates.phi[None] + path.offset[path.stations][:, None])
+    S = len(path.stations)
+    vertices = [[tuple(int(x) for x in v) for v in np.argwhere(candidates.feasible[s])] for s in range(S)]
+    price = np.full((S, len(candidates.phi)), 0.0)
+    price[counted] = preference(gamma, options)[counted] / counted.sum()
+
+    def node(s: int, v: Vertex) -> float:
+        share = counted[s] / counted.sum()
+        return float(options.weights.mean * scores.cost[s, v[0], v[1]] / scores.scale * share + price[s, v[0]])
+
+    def go(s: int, before: list[Vertex], total: float, worst: float) -> Iterator[tuple[float, float, list[Vertex]]]:
+        if s == S:
+            yield total, worst, before
+            return
+        for v in vertices[s]:
+            step = 0.0 if s == 0 else transition(path, candidates, window, seconds, s, before[-1], v, options)
+            if np.isfinite(step):
+                high = max(worst, scores.cost[s, v[0], v[1]] / scores.scale) if counted[s] else worst
+                yield from go(s + 1, [*before, v], total + step + node(s, v), high)
+
+    return go(0, [], 0.0, 0.0)
+
+
+def sequence(choice: Choice) -> list[Vertex]:
+    return [tuple(int(x) for x in v) for v in zip(choice.rotation, choice.branch, choice.turn, strict=True)]
+
+
+def price_of(found: list[Vertex], path: Path, candidates: Candidates, scores: Scores, options: PlanOptions) -> tuple[float, float]:
+    return next((t, w) for t, w, v in every_sequence(path, candidates, scores, options) if v == found)
+
+
+# --- against every sequence --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_cheapest_of_all_sequences(seed: int) -> None:
+    path, candidates, scores = random_problem(seed)
+    options = PlanOptions(weights=Weights(mean=1.0, worst=0.0, travel=0.3, rotation=0.4), preferred_rotation=0.5)
+    best = min(every_sequence(path, candidates, scores, options), key=lambda x: x[0], default=None)
+    choice = choose(path, candidates, scores, VELOCITY, options)
+    if best is None:
+        assert choice.broken
+        return
+    assert not choice.broken
+    assert not choice.dropped.any()
+    assert price_of(sequence(choice), path, candidates, scores, options)[0] == pytest.approx(best[0], rel=1e-12)
+    for s, v in enumerate(sequence(choice)):
+        np.testing.assert_array_equal(choice.q[s], told(candidates, s, v))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_worst_index_is_traded_as_well_as_the_caps_allow(seed: int) -> None:
+    path, candidates, scores = random_problem(seed)
+    options = PlanOptions(weights=Weights(mean=1.0, worst=1.0, travel=0.3, rotation=0.4))
+    every = list(every_sequence(path, candidates, scores, options))
+    if not every:
+        pytest.skip("this draw has no continuous sequence")
+    choice = choose(path, candidates, scores, VELOCITY, options)
+    total, worst = price_of(sequence(choice), path, candidates, scores, options)
+    free = min(every, key=lambda x: x[0])
+    counted = path.counted[path.stations]
+    floor = max(np.nanmin(scores.cost[s]) for s in np.flatnonzero(counted))
+    caps = [np.inf] + [floor + share * (free[1] - floor) for share in CAP_SHARES]
+    at_caps = min(min((t for t, w, _ in every if w <= cap), default=np.inf) + options.weights.worst * min(
+        (w for t, w, _ in every if w <= cap and t <= min(t for t, w, _ in every if w <= cap) + 1e-12), default=np.inf)
+        for cap in caps)  # fmt: skip
+    assert total + worst == pytest.approx(at_caps, rel=1e-9)
+    ideal = min(t + w for t, w, _ in every)
+    assert ideal - 1e-9 <= total + worst <= free[0] + free[1] + 1e-9
+    assert total + worst <= ideal * 1.05  # five caps leave little on these
+
+
+def test_unstable_branch_indices_may_be_left_for_the_continuous_one() -> None:
+    """Solvers without a fixed branch order: the sequence follows the joints, not the number."""
+    path, candidates, scores = random_problem(3, rapid=(0,), turning=1)
+    q = np.broadcast_to(candidates.q[:1, :1], candidates.q.shape).copy()
+    q[2] = q[2][:, ::-1]  # at station 2 the two branches have changed places
+    free = np.ones_like(candidates.feasible)
+    cost = np.full(scores.cost.shape, 2.0)
+    cost[:2, :, 0] = cost[2, :, 1] = cost[3:, :, 0] = 1.0
+    for stable, expected in ((False, [0, 0, 1, 0, 0]), (True, None)):
+        swapped = replace(candidates, q=q, feasible=free, stable=stable)
+        choice = choose(path, swapped, replace(scores, cost=cost), VELOCITY, PlanOptions())
+        if expected is None:
+            assert choice.broken
+        else:
+            assert not choice.broken
+            assert choice.branch.tolist() == expected
+
+
+# --- what continuity means ---------------------------------------------------------------------------------
+
+
+def winding(path: Path, limit_turns: tuple[int, ...]) -> tuple[Candidates, Scores]:
+    """One rotation, one branch; joint 6 walks from 150° to 210° in steps of 15°: over the cut at 180°."""
+    S = len(path.stations)
+    q = np.zeros((S, 1, 1, 6))
+    q[:, 0, 0, 5] = wrap(np.radians(150 + 15.0 * np.arange(S)))
+    turns = np.zeros((len(limit_turns), 6))
+    turns[:, 5] = 2 * np.pi * np.array(limit_turns)
+    feasible = np.ones((S, 1, 1, len(turns)), bool)
+    candidates = Candidates(np.zeros(1), q, turns, np.zeros((S, 1, 1), np.uint8), feasible, True, np.zeros(S))
+    return candidates, Scores(np.ones((S, 1, 1)), "stiffness", 1.0)
+
+
+def test_joint_6_walks_over_180_degrees_without_a_jump() -> None:
+    path = line(5)
+    candidates, scores = winding(path, (0, 1))
+    choice = choose(path, candidates, scores, VELOCITY, PlanOptions())
+    assert not choice.broken
+    np.testing.assert_allclose(np.degrees(choice.q[:, 5]), 150 + 15.0 * np.arange(5))
+    assert choice.turn.tolist() == [0, 0, 0, 1, 1]
+
+
+def test_where_the_next_turn_is_outside_the_limits_the_sequence_breaks_and_says_where() -> None:
+    path = line(5)
+    candidates, scores = winding(path, (0,))
+    choice = choose(path, candidates, scores, VELOCITY, PlanOptions())
+    assert choice.broken == (3,)
+    assert not choice.dropped.any()
+
+
+def test_a_rapid_move_unwinds_at_its_price() -> None:
+    path = line(5, rapid=(0, 3))
+    candidates, scores = winding(path, (0,))
+    choice = choose(path, candidates, scores, VELOCITY, PlanOptions())
+    assert choice.broken == ()
+    assert np.degrees(choice.q[3, 5] - choice.q[2, 5]) == pytest.approx(-345)
+    both, _ = winding(path, (0, 1))
+    dear = PlanOptions(weights=Weights(travel=1.0))
+    assert np.degrees(np.diff(choose(path, both, scores, VELOCITY, dear).q[:, 5])).max() == pytest.approx(15)
+
+
+def test_branch_changes_only_over_a_rapid_move() -> None:
+    path = line(6, rapid=(0, 3))
+    rng = np.random.default_rng(0)
+    q = np.broadcast_to(rng.uniform(-1, 1, (1, 1, 2, 6)), (6, 1, 2, 6)).copy()
+    cost = np.ones((6, 1, 2))
+    cost[:3, :, 1] = cost[3:, :, 0] = 5.0
+    candidates = Candidates(np.zeros(1), q, NO_TURN, np.zeros((6, 1, 2), np.uint8), np.ones((6, 1, 2, 1), bool), True, np.zeros(6))
+    choice = choose(path, candidates, Scores(cost, "stiffness", 1.0), VELOCITY, PlanOptions())
+    assert choice.branch.tolist() == [0, 0, 0, 1, 1, 1]
+    whole = line(6)
+    choice = choose(whole, candidates, Scores(cost, "stiffness", 1.0), VELOCITY, PlanOptions())
+    assert len(set(choice.branch.tolist())) == 1
+
+
+def test_a_branch_that_ends_is_never_read() -> None:
+    """NaN joints of a branch that does not exist at the station before: not a predecessor, not a crash."""
+    path, candidates, scores = random_problem(1, rapid=(0,))
+    q = candidates.q.copy()
+    feasible = np.ones_like(candidates.feasible)
+    q[2, 1:, :, :] = np.nan
+    feasible[2, 1:] = False
+    holes = replace(candidates, q=q, feasible=feasible)
+    cost = np.random.default_rng(0).uniform(0.5, 2, scores.cost.shape)
+    cost[2, 1:] = np.nan
+    choice = choose(path, holes, replace(scores, cost=cost), VELOCITY, PlanOptions(weights=Weights(worst=0.0)))
+    best = min(every_sequence(path, holes, replace(scores, cost=cost), PlanOptions(weights=Weights(worst=0.0))), key=lambda x: x[0])
+    assert sequence(choice) == best[2]
+
+
+def test_stations_without_any_vertex_are_dropped_and_the_rest_is_planned() -> None:
+    path, candidates, scores = random_problem(0, rapid=(0,), turning=1)
+    feasible = np.ones_like(candidates.feasible)
+    feasible[2] = False
+    cost = np.where(feasible.any(axis=-1), 1.0, np.nan)
+    choice = choose(path, replace(candidates, feasible=feasible), replace(scores, cost=cost), VELOCITY, PlanOptions())
+    assert choice.dropped.tolist() == [False, False, True, False, False]
+    assert np.isnan(choice.q[2]).all()
+    assert np.isfinite(choice.q[[0, 1, 3, 4]]).all()
+    nothing = choose(path, replace(candidates, feasible=feasible & False), replace(scores, cost=cost * np.nan), VELOCITY, PlanOptions())
+    assert nothing.dropped.all()
+    assert nothing.broken == ()
+    first = feasible.copy()
+    first[0] = False
+    assert choose(path, replace(candidates, feasible=first), replace(scores, cost=cost), VELOCITY, PlanOptions()).dropped[0]
+
+
+def test_rotation_stays_in_plunges_and_changes_no_faster_than_the_axes() -> None:
+    rows: Rows = [((0, 0, 0.03), UP, R), ((0, 0, 0.0), UP, C), ((0.019, 0, 0), UP, C), ((0.038, 0, 0), UP, C), ((0.038, 0, 0.01), UP, C)]
+    for feed in (0.002, 1.0):
+        path = build_path(toolpath(rows, feed=feed))
+        n, S = 72, len(path.stations)
+        candidates = Candidates(
+            np.arange(n) * 2 * np.pi / n - np.pi, np.zeros((S, n, 1, 6)), NO_TURN, np.zeros((S, n, 1), np.uint8),
+            np.ones((S, n, 1, 1), bool), True, np.zeros(S),
+        )  # fmt: skip
+        window, seconds = _windows(path, candidates, 2.0)
+        assert (window[path.plunge[path.stations]] == 0).all()
+        assert window[0] < 0
+        turning = window > 0
+        rate = window[turning] * 2 * np.pi / n / seconds[turning]
+        assert (rate <= 0.5 * 2.0 * 1.01).all()
+        assert turning.any() == (feed < 0.1)  # 38 mm at 1 m/s leave no time for 5°
+
+
+# --- the user's wishes -------------------------------------------------------------------------------------
+
+
+def open_grid(path: Path, n: int = 72) -> Candidates:
+    S = len(path.stations)
+    return Candidates(
+        np.arange(n) * 2 * np.pi / n - np.pi, np.zeros((S, n, 1, 6)), NO_TURN, np.zeros((S, n, 1), np.uint8),
+        np.ones((S, n, 1, 1), bool), True, np.zeros(S),
+    )  # fmt: skip
+
+
+def test_bounds_fixed_and_preferred_rotation() -> None:
+    path = line(5)
+    low, high = np.radians([-20.0, 35.0])
+    bounded = open_grid(path)
+    _forbid_by_user(path, bounded.phi, PlanOptions(rotation_range=(low, high)), bounded.reason, bounded.feasible)
+    gamma = wrap(bounded.phi[None] + path.offset[path.stations][:, None])
+    inside = (gamma >= low - 1e-6) & (gamma <= high + 1e-6)
+    np.testing.assert_array_equal(bounded.feasible[:, :, 0, 0], inside)
+    assert (bounded.reason[~inside] == Reason.BOUNDS).all()
+    fixed = open_grid(path)
+    _forbid_by_user(path, fixed.phi, PlanOptions(fixed=(FixedRotation(2, np.radians(42.0)),)), fixed.reason, fixed.feasible)
+    assert fixed.feasible[[0, 1, 3, 4]].all()
+    assert np.degrees(gamma[2, fixed.feasible[2, :, 0, 0]]) == pytest.approx([40.0])  # the nearest step; smoothing makes it exact
+    scores = Scores(np.ones((5, 72, 1)), "stiffness", 1.0)
+    liked = PlanOptions(preferred_rotation=np.radians(65.0), weights=Weights(worst=0.0))
+    choice = choose(path, open_grid(path), scores, VELOCITY, liked)
+    np.testing.assert_allclose(np.degrees(gamma[np.arange(1, 5), choice.rotation[1:]]), 65.0)

@@ -1,0 +1,227 @@
+"""The toolpath as the planner walks it: nothing lost, directions as the contract says, plunges found."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from machopt.domain.toolpath import Move, Operation, Toolpath
+from machopt.plan import path as path_module
+from machopt.plan.path import SEGMENT, SEGMENT_AXIS, Path, build_path, tcp_poses
+from machopt.se3 import normalise, tool_rotation, wrap
+
+UP = (0.0, 0.0, 1.0)
+C, R, A = Move.CUT, Move.RAPID, Move.APPROACH
+Rows = list[tuple[tuple[float, float, float], tuple[float, float, float], Move]]
+
+
+def toolpath(rows: Rows, kind: str = "trajectory", reference: np.ndarray | None = None, feed: float = 0.02) -> Toolpath:
+    n = len(rows)
+    position, axis = np.array([r[0] for r in rows], float), np.array([r[1] for r in rows], float)
+    move = np.array([r[2] for r in rows], np.int8)
+    return Toolpath(
+        position=position, axis=axis / np.linalg.norm(axis, axis=1, keepdims=True), move=move,
+        feed=np.where(move == Move.RAPID, np.nan, feed), operation=np.zeros(n, np.int32),
+        operations=(Operation("op", kind),),  # type: ignore[arg-type]
+        reference=np.full((n, 3), np.nan) if reference is None else reference, tolerance=np.full(n, np.nan),
+        line=np.arange(n, dtype=np.int32), source="test", format="test", sha256="",
+    )  # fmt: skip
+
+
+def square(side: float = 0.1) -> Rows:
+    """A closed contour, entered by a plunge and left by a retract along the tool."""
+    corners = [(0, 0), (side, 0), (side, side), (0, side), (0, 0)]
+    rows: Rows = [((0, 0, 0.05), UP, R), ((0, 0, 0.0), UP, C)]
+    rows += [((x, y, 0.0), UP, C) for x, y in corners[1:]]
+    return [*rows, ((0, 0, 0.05), UP, Move.RETRACT)]
+
+
+def swaying(n: int, seed: int) -> Toolpath:
+    rng = np.random.default_rng(seed)
+    position = np.cumsum(rng.normal(size=(n, 3)) * [0.03, 0.02, 0.004], axis=0)
+    axis = normalise(np.array([0, 0, 1.0]) + np.cumsum(rng.normal(size=(n, 3)) * 0.03, axis=0))
+    move = np.where(rng.uniform(size=n) < 0.2, Move.RAPID, Move.CUT).astype(np.int8)
+    return toolpath([(tuple(p), tuple(a), Move(int(m))) for p, a, m in zip(position, axis, move, strict=True)])
+
+
+def at_point(path: Path, k: int) -> int:
+    return int(np.flatnonzero(path.is_point & (np.round(path.index) == k))[0])
+
+
+# --- points, runs, lengths ---------------------------------------------------------------------------------
+
+
+@settings(max_examples=30, deadline=None, derandomize=True)
+@given(st.integers(1, 40), st.integers(0, 1000))
+def test_every_toolpath_point_is_there_once_and_in_order(n: int, seed: int) -> None:
+    tp = swaying(n, seed)
+    path = build_path(tp)
+    np.testing.assert_array_equal(path.index[path.is_point], np.arange(n))
+    np.testing.assert_array_equal(path.position[path.is_point], tp.position)
+    np.testing.assert_allclose(path.axis[path.is_point], tp.axis, atol=1e-15)
+    np.testing.assert_array_equal(path.move[path.is_point], tp.move)
+    assert (np.diff(path.index) > 0).all()
+    np.testing.assert_allclose(np.linalg.norm(path.axis, axis=1), 1, atol=1e-12)
+    # between points: on the straight line, in the plane of the two axes, no more than a planning step apart
+    for p in np.flatnonzero(~path.is_point):
+        k, f = int(path.index[p]), path.index[p] % 1
+        np.testing.assert_allclose(path.position[p], (1 - f) * tp.position[k] + f * tp.position[k + 1], atol=1e-12)
+        assert abs(np.linalg.det([path.axis[p], tp.axis[k], tp.axis[k + 1]])) < 1e-9
+        assert path.move[p] == tp.move[k + 1]
+    same = path.run[1:] == path.run[:-1]
+    gap = np.linalg.norm(np.diff(path.position, axis=0), axis=1)[same]
+    turn = np.linalg.norm(np.diff(path.axis, axis=0), axis=1)[same]
+    assert gap.max(initial=0) <= SEGMENT * (1 + 1e-9)
+    assert turn.max(initial=0) <= SEGMENT_AXIS * 1.01  # equal shares of the chord are not quite equal angles
+    # a run starts at the end of each rapid move and holds no other
+    first = [a for a, _ in path.runs]
+    rapid = np.flatnonzero(path.move == Move.RAPID)
+    assert set(rapid) | {0} == set(first)
+    assert [b for _, b in path.runs] == [*(a - 1 for a in first[1:]), len(path.index) - 1]
+    for r, (a, b) in enumerate(path.runs):
+        assert (path.run[a : b + 1] == r).all()
+
+
+def test_length_and_time_count_what_is_not_rapid() -> None:
+    path = build_path(toolpath(square()))
+    assert path.s[-1] == pytest.approx(0.05 + 0.4 + 0.05)
+    assert path.time[-1] == pytest.approx((0.05 + 0.4 + 0.05) / 0.02)
+    assert (np.diff(path.s) >= 0).all()
+    two: Rows = [((0, 0, 0), UP, R), ((0.1, 0, 0), UP, C), ((5, 5, 5), UP, R), ((5.1, 5, 5), UP, C)]
+    assert build_path(toolpath(two)).s[-1] == pytest.approx(0.2)
+
+
+def test_one_point_and_repeated_points_are_paths_too() -> None:
+    one = build_path(toolpath([((0, 0, 0), UP, C)]))
+    assert len(one.index) == 1
+    assert one.runs == ((0, 0),)
+    assert one.counted.all()
+    again = build_path(toolpath([((0, 0, 0), UP, C)] * 3 + [((0.05, 0, 0), UP, C)]))
+    assert np.isfinite(again.reference).all()
+    np.testing.assert_allclose(again.travel, np.broadcast_to([1.0, 0, 0], again.travel.shape), atol=1e-12)
+    assert not again.plunge.any()
+
+
+# --- direction of travel and gamma -------------------------------------------------------------------------
+
+
+def test_travel_is_outgoing_and_a_plunge_takes_that_of_the_cut_it_serves() -> None:
+    path = build_path(toolpath(square()))
+    expected = {0: (1, 0, 0), 1: (1, 0, 0), 2: (0, 1, 0), 3: (-1, 0, 0), 4: (0, -1, 0), 5: (0, -1, 0), 6: (0, -1, 0)}
+    for k, direction in expected.items():
+        np.testing.assert_allclose(path.travel[at_point(path, k)], direction, atol=1e-12)
+    assert path.plunge[at_point(path, 1)]
+    assert path.plunge[at_point(path, 6)]
+    assert not path.plunge[at_point(path, 0)]  # a rapid move is no plunge
+    between = (path.index > 1) & (path.index <= 5)
+    assert not path.plunge[between].any()
+    assert path.plunge[(path.index > 0) & (path.index <= 1)].all()  # all pieces of it
+
+
+def test_travel_is_normal_to_an_inclined_tool() -> None:
+    axis = (0.3, 0.1, 0.9)
+    path = build_path(toolpath([((0, 0, 0), axis, R), ((0.05, 0.01, 0), axis, C), ((0.06, 0.05, 0.01), axis, C)]))
+    np.testing.assert_allclose(np.sum(path.travel * path.axis, axis=1), 0, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(path.travel, axis=1), 1, atol=1e-12)
+
+
+def test_plunge_tolerates_one_degree_and_not_two() -> None:
+    for angle, expected in ((0.9, True), (2.0, False)):
+        x = 0.01 * np.tan(np.radians(angle))
+        path = build_path(toolpath([((0, 0, 0.01), UP, R), ((x, 0, 0), UP, C), ((0.05, 0, 0), UP, C)]))
+        assert bool(path.plunge[at_point(path, 1)]) is expected
+
+
+def test_gamma_zero_is_travel_for_milling_and_workpiece_x_for_holes() -> None:
+    milling = build_path(toolpath(square()))
+    R0 = tool_rotation(milling.axis, milling.reference, -milling.offset)  # gamma = 0
+    np.testing.assert_allclose(R0[:, :, 0], milling.travel, atol=1e-12)
+    np.testing.assert_allclose(R0[:, :, 2], -milling.axis, atol=1e-12)
+    for axis, direction in (((0.2, 0.3, 0.9), (1, 0, 0)), ((1, 0, 0), (0, 1, 0)), ((-1, 0.001, 0), (0, 1, 0))):
+        a = np.array(axis) / np.linalg.norm(axis)
+        tip = tuple(0.02 * a)
+        holes = build_path(toolpath([(tip, axis, R), ((0, 0, 0), axis, C)], kind="point"))
+        across = np.array(direction, float) - np.dot(direction, a) * a
+        R0 = tool_rotation(holes.axis, holes.reference, -holes.offset)
+        np.testing.assert_allclose(R0[:, :, 0], np.broadcast_to(across / np.linalg.norm(across), (len(R0), 3)), atol=1e-9)
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(st.integers(2, 30), st.integers(0, 1000), st.floats(-3, 3))
+def test_phi_about_the_carried_reference_is_gamma_about_the_natural_one(n: int, seed: int, phi: float) -> None:
+    path = build_path(swaying(n, seed))
+    every = np.arange(len(path.index), dtype=np.int32)
+    poses = tcp_poses(path, every, np.full(len(every), phi))
+    natural = tool_rotation(path.axis, path.travel, wrap(phi + path.offset))
+    np.testing.assert_allclose(poses[:, :3, :3], natural, atol=1e-9)
+    np.testing.assert_allclose(poses[:, :3, 3], path.position)
+    np.testing.assert_allclose(np.sum(path.reference * path.axis, axis=1), 0, atol=1e-12)
+    two = tcp_poses(path, every[:3], np.zeros((len(every[:3]), 4)) + phi)
+    np.testing.assert_allclose(two, np.broadcast_to(poses[:3, None], two.shape), atol=1e-15)
+
+
+def test_constant_phi_does_not_turn_the_tool_about_itself() -> None:
+    """Carried by minimal rotation: from one planning point to the next there is no rotation about the tool axis."""
+    path = build_path(swaying(30, 3))
+    every = np.arange(len(path.index), dtype=np.int32)
+    turned = tcp_poses(path, every, np.zeros(len(every)))[:, :3, :3]
+    for a, b in path.runs:
+        for p in range(a, b):
+            step = turned[p + 1] @ turned[p].T
+            twist = np.array([step[2, 1] - step[1, 2], step[0, 2] - step[2, 0], step[1, 0] - step[0, 1]])
+            # a minimal rotation is about an axis normal to both tool axes
+            assert abs(twist @ path.axis[p]) < 1e-9
+            assert abs(twist @ path.axis[p + 1]) < 1e-9
+
+
+def test_a_closed_contour_turns_gamma_once_round_and_phi_not_at_all() -> None:
+    path = build_path(toolpath(square()))
+    corner = [path.offset[at_point(path, k)] for k in (1, 2, 3, 4)]
+    # TCP z points down: a left turn of the path is a negative turn about it, so gamma grows against the fixed tool
+    np.testing.assert_allclose(np.abs(wrap(np.diff(corner))), np.pi / 2, atol=1e-9)
+    assert abs(np.sum(wrap(np.diff(corner)))) == pytest.approx(1.5 * np.pi)
+    np.testing.assert_allclose(path.reference, np.broadcast_to([1.0, 0, 0], path.reference.shape), atol=1e-12)
+
+
+def test_the_files_own_reference_wins() -> None:
+    rows = square()
+    own = np.tile([0.0, 1.0, 0.2], (len(rows), 1))
+    path = build_path(toolpath(rows, reference=own))
+    R0 = tool_rotation(path.axis, path.reference, -path.offset)
+    np.testing.assert_allclose(R0[:, :, 0], np.broadcast_to([0.0, 1, 0], (len(R0), 3)), atol=1e-9)
+
+
+def test_a_reference_along_the_tool_axis_does_not_spoil_the_path() -> None:
+    """It names no direction; the natural one holds there (a NaN would make every rotation unreachable)."""
+    rows = square()
+    own = np.tile([0.0, 1.0, 0.0], (len(rows), 1))
+    own[2] = UP
+    path = build_path(toolpath(rows, reference=own))
+    assert np.isfinite(path.reference).all()
+    assert np.isfinite(path.offset).all()
+
+
+# --- stations ----------------------------------------------------------------------------------------------
+
+
+def test_dense_paths_are_decimated_evenly_with_the_ends_of_every_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(path_module, "MAX_STATIONS", 60)
+    rows: Rows = []
+    for k in range(4):
+        rows += [((0, 0.1 * k, 0.02), UP, R)] + [((x, 0.1 * k, 0.0), UP, C) for x in np.linspace(0, 0.1 * (k + 1), 200)]
+    path = build_path(toolpath(rows))
+    stations = path.stations
+    assert len(stations) <= 60 + 8
+    assert (np.diff(stations) > 0).all()
+    for a, b in path.runs:
+        assert a in stations
+        assert b in stations
+        inside = stations[(stations >= a) & (stations <= b)]
+        assert np.diff(path.s[inside])[1:-1].max() < 2.5 * path.s[-1] / 60
+    fixed = build_path(toolpath(rows), keep=(77, 333))  # where the user fixed the rotation
+    assert {77.0, 333.0} <= set(fixed.index[fixed.stations])
+    assert len(fixed.stations) <= len(stations) + 2
+    short = build_path(toolpath(rows[:50]))
+    np.testing.assert_array_equal(short.stations, np.arange(len(short.index)))

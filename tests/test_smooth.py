@@ -1,0 +1,230 @@
+"""The smooth rotation: where the true optimum is known, on plunges and fixed points, and on the shipped paths."""
+
+from __future__ import annotations
+
+from pathlib import Path as FilePath
+
+import numpy as np
+import pytest
+from test_path import Rows, at_point, toolpath
+
+from machopt.domain.options import FixedRotation, PlanOptions, Weights
+from machopt.domain.toolpath import Move
+from machopt.formats.cell import load_cell
+from machopt.formats.toolpath import read_toolpath
+from machopt.plan.candidates import Candidates, _forbid_by_user, enumerate_candidates
+from machopt.plan.choose import Choice, choose
+from machopt.plan.path import Path, build_path
+from machopt.plan.pipeline import prepare
+from machopt.plan.score import Scores, directions, score_candidates
+from machopt.plan.smooth import corridor, follow_grid, smooth
+from machopt.se3 import wrap
+
+ROOT = FilePath(__file__).resolve().parent.parent
+UP = (0.0, 0.0, 1.0)
+C, R = Move.CUT, Move.RAPID
+STEP = np.radians(5.0)
+VELOCITY = np.full(6, 2.0)
+FREE = Weights(mean=1.0, worst=0.0, travel=1e-3, rotation=1e-3, feed=0.0)  # the valley rules; no ties
+
+
+def valley(path: Path, target: np.ndarray, low: float = -np.pi, high: float = np.pi) -> tuple[Candidates, Scores]:
+    """One branch whose joint 6 is phi, with the least cost at phi = target (S,): the optimum is known."""
+    phi = np.arange(72) * STEP - np.pi
+    S = len(path.stations)
+    q = np.zeros((S, 72, 1, 6))
+    q[..., 0, 5] = phi
+    turns = np.zeros((3, 6))
+    turns[1, 5], turns[2, 5] = 2 * np.pi, -2 * np.pi
+    feasible = np.ones((S, 72, 1, 3), bool)
+    feasible &= ((phi >= low) & (phi <= high))[None, :, None, None]
+    cost = 1.5 - np.cos(phi[None] - target[:, None])
+    return (
+        Candidates(phi, q, turns, np.zeros((S, 72, 1), np.uint8), feasible, True, np.zeros(S)),
+        Scores(cost[..., None], "stiffness", 1.0),
+    )
+
+
+def straight(n: int, length: float = 0.3, feed: float = 0.002) -> Path:
+    rows: Rows = [((0, 0, 0), UP, R)] + [((x, 0, 0), UP, C) for x in np.linspace(0, length, n)[1:]]
+    return build_path(toolpath(rows, feed=feed))
+
+
+def best_of(path: Path, candidates: Candidates, scores: Scores, options: PlanOptions) -> Choice:
+    return choose(path, candidates, scores, VELOCITY, options)
+
+
+# --- a known optimum ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("turn_at", [0.3, 3.0])
+def test_finds_the_known_optimum_between_the_grid_steps(turn_at: float) -> None:
+    """Also where it crosses the seam of the grid at 180° (turn_at = 3 rad)."""
+    path = straight(101)
+    s = path.s[path.stations] / path.s[-1]
+    target = turn_at + 0.4 * np.sin(3 * s)
+    candidates, scores = valley(path, target)
+    options = PlanOptions(weights=FREE)
+    choice = best_of(path, candidates, scores, options)
+    curve = smooth(path, candidates, scores, choice, VELOCITY, options)
+    grid = follow_grid(path, candidates, choice)
+    off, off_grid = (np.degrees(np.abs(wrap(x.phi - target))) for x in (curve, grid))
+    assert off_grid.max() > 2.0  # the grid alone misses by up to half a step
+    assert off.max() < 0.6  # bending costs a little (STIFFNESS): it stays below an eighth of a step
+    assert np.abs(np.diff(curve.phi)).max() < np.radians(1.0)  # unwrapped over the seam
+    np.testing.assert_allclose(wrap(curve.seed[:, 5] - curve.phi), 0, atol=1e-9)  # joints are to first order in phi: exact here
+
+
+def test_is_twice_continuously_differentiable() -> None:
+    """Convergence order: halving the spacing halves the jumps of the second difference quotient; a kink would double them."""
+    def jumps(n: int) -> tuple[float, float]:
+        path = straight(n)
+        x = path.s / path.s[-1]
+        knots = np.linspace(0, path.s[-1], 41)
+        target = 0.3 + 0.5 * np.sin(np.interp(path.s, knots, np.linspace(0, 5, 41)))
+        candidates, scores = valley(path, target)
+        options = PlanOptions(weights=FREE)
+        choice = best_of(path, candidates, scores, options)
+        out = []
+        for phi in (smooth(path, candidates, scores, choice, VELOCITY, options).phi, follow_grid(path, candidates, choice).phi):
+            second = np.diff(phi, 2) / np.mean(np.diff(x)) ** 2
+            out.append(float(np.abs(np.diff(second)).max()))
+        return out[0], out[1]
+
+    coarse, fine = jumps(301), jumps(601)
+    assert fine[0] < 0.7 * coarse[0]
+    assert fine[1] > 1.5 * coarse[1]  # what the test would see of a sequence with kinks
+
+
+def test_stays_inside_what_is_feasible() -> None:
+    path = straight(101)
+    target = np.linspace(0.0, 1.5, len(path.stations))
+    candidates, scores = valley(path, target, low=np.radians(-10), high=np.radians(50))
+    options = PlanOptions(weights=FREE)
+    choice = best_of(path, candidates, scores, options)
+    curve = smooth(path, candidates, scores, choice, VELOCITY, options)
+    # the spline is pinned to the corridor at stations to 1/20 of a step (smooth.py) and has hardly room between
+    assert np.degrees(curve.phi.max()) < 50 + 0.3
+    assert np.degrees(curve.phi.min()) > -10 - 0.3
+    band = corridor(candidates, scores, choice, np.arange(len(path.stations)))
+    np.testing.assert_allclose(np.degrees(band.phi + band.high)[-1], 50)
+    assert (band.low <= 0).all()
+    assert (band.high >= 0).all()
+
+
+def test_corridor_ends_at_infeasible_turns_and_jumps() -> None:
+    path = straight(11)
+    candidates, scores = valley(path, np.zeros(len(path.stations)))
+    candidates.q[:, 40:, 0, 2] = 2.0  # from 20° on another posture under the same branch index
+    choice = best_of(path, candidates, scores, PlanOptions(weights=FREE))
+    band = corridor(candidates, scores, choice, np.arange(len(path.stations)))
+    np.testing.assert_allclose(np.degrees(band.phi + band.high), 15.0)  # 2 rad in joint 3 are not a step
+    np.testing.assert_allclose(np.degrees(band.low), -80.0)  # as far as a corridor spans
+    np.testing.assert_allclose(band.slope[:, 5], 1.0)
+
+
+def test_plunges_keep_the_rotation() -> None:
+    rows: Rows = [((0, 0, 0.05), UP, R), ((0, 0, 0), UP, C)]
+    rows += [((x, 0, 0), UP, C) for x in np.linspace(0, 0.2, 41)[1:]]
+    rows += [((0.2, 0, 0.04), UP, C), ((0.2, 0, 0), UP, C)]  # a peck in the middle
+    rows += [((x, 0, 0), UP, C) for x in np.linspace(0.2, 0.4, 41)[1:]] + [((0.4, 0, 0.05), UP, Move.RETRACT)]
+    path = build_path(toolpath(rows, feed=0.002))
+    target = 0.2 + 1.5 * path.s[path.stations] / path.s[-1]
+    candidates, scores = valley(path, target)
+    options = PlanOptions(weights=FREE)
+    choice = best_of(path, candidates, scores, options)
+    for curve in (smooth(path, candidates, scores, choice, VELOCITY, options), follow_grid(path, candidates, choice)):
+        assert np.ptp(curve.phi) > 0.5
+        turned = np.abs(np.diff(curve.phi))
+        assert path.plunge.sum() >= 10
+        assert turned[path.plunge[1:]].max() < 1e-12
+
+
+@pytest.mark.parametrize("degrees", [12.34, -31.0])
+def test_fixed_rotation_is_met_exactly_on_a_contour(degrees: float) -> None:
+    path = straight(101)
+    k = 50
+    p = at_point(path, k)
+    options = PlanOptions(weights=FREE, fixed=(FixedRotation(k, float(wrap(np.radians(degrees) + path.offset[p]))),))
+    candidates, scores = valley(path, np.zeros(len(path.stations)))
+    _forbid_by_user(path, candidates.phi, options, candidates.reason, candidates.feasible)
+    choice = best_of(path, candidates, scores, options)
+    assert not choice.broken
+    curve = smooth(path, candidates, scores, choice, VELOCITY, options)
+    gamma = wrap(curve.phi + path.offset)
+    assert wrap(gamma[p] - options.fixed[0].gamma) == pytest.approx(0.0, abs=1e-6)  # rad; IPOPT's bound tolerance
+    ends = np.degrees(curve.phi[[0, -1]])
+    assert np.abs(ends).max() < 1.0  # away from the point the valley rules
+
+
+def test_fixed_rotation_is_met_exactly_in_a_hole() -> None:
+    rows: Rows = []
+    for x in (0.0, 0.1, 0.2):
+        rows += [((x, 0, 0.05), UP, R), ((x, 0, -0.01), UP, C)]
+    path = build_path(toolpath(rows, kind="point"))
+    p = at_point(path, 3)
+    options = PlanOptions(fixed=(FixedRotation(3, np.radians(33.3)),))
+    candidates, scores = valley(path, np.zeros(len(path.stations)))
+    _forbid_by_user(path, candidates.phi, options, candidates.reason, candidates.feasible)
+    choice = best_of(path, candidates, scores, options)
+    curve = smooth(path, candidates, scores, choice, VELOCITY, options)
+    assert wrap(curve.phi[p] + path.offset[p] - np.radians(33.3)) == pytest.approx(0.0, abs=1e-12)
+    for a, b in path.runs:
+        assert np.ptp(curve.phi[a : b + 1]) == 0.0
+
+
+def test_a_hole_takes_the_bottom_of_its_valley() -> None:
+    rows: Rows = []
+    for x in (0.0, 0.1, 0.2):
+        rows += [((x, 0, 0.05), UP, R), ((x, 0, -0.01), UP, C)]
+    path = build_path(toolpath(rows, kind="point"))
+    target = np.radians([11.9, 22.8, 33.7])[path.run[path.stations]]
+    candidates, scores = valley(path, target)
+    options = PlanOptions(weights=Weights(mean=1.0, worst=0.5, travel=0.0, rotation=0.0))
+    choice = best_of(path, candidates, scores, options)
+    curve = smooth(path, candidates, scores, choice, VELOCITY, options)
+    off = np.degrees(np.abs(curve.phi - target[np.arange(len(path.index))]))
+    assert off.max() < 5.0 / 8 / 2 + 0.05  # the fine grid of an eighth of a step
+
+
+def test_dropped_stations_leave_a_gap_and_the_rest_is_smooth() -> None:
+    path = straight(61)
+    candidates, scores = valley(path, np.full(len(path.stations), 0.3))
+    candidates.feasible[20] = False
+    choice = best_of(path, candidates, scores, PlanOptions(weights=FREE))
+    curve = smooth(path, candidates, scores, choice, VELOCITY, PlanOptions(weights=FREE))
+    assert np.isnan(curve.phi[path.stations[20]])
+    assert np.isnan(curve.seed[path.stations[20]]).all()
+    rest = np.delete(np.arange(len(path.index)), path.stations[20])
+    assert np.degrees(np.abs(curve.phi[rest] - 0.3)).max() < 0.7
+
+
+# --- shipped paths -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("cell_name", "name"),
+    [("kr500_milling", "plain.csv"), ("kr500_milling", "cylinder_head_face.cls"), ("kr240_drilling", "panel_holes.csv"),
+     ("cutting_cobot", "bone_tracks.csv")],
+)  # fmt: skip
+def test_shipped_path_stays_in_its_corridor(cell_name: str, name: str) -> None:
+    cell, tp = load_cell(ROOT / "cells" / cell_name), read_toolpath(ROOT / "toolpaths" / name)
+    options = PlanOptions(collision=False, rotation_range=tuple(np.radians([-100.0, 100.0])))  # type: ignore[arg-type]
+    setup, path, velocity = prepare(cell, options), build_path(tp), cell.limits.velocity[:6]
+    candidates = enumerate_candidates(path, setup.arm, options)
+    d = directions(path, setup.arm.T_base_workpiece, setup.elasticity, options.force)
+    scores = score_candidates(path, candidates, setup.elasticity, d, options)
+    choice = choose(path, candidates, scores, velocity, options)
+    curve = smooth(path, candidates, scores, choice, velocity, options)
+    position = np.searchsorted(path.stations, np.arange(len(path.index)))
+    for a, b in path.runs:
+        rows = np.arange(position[a], position[b] + 1)
+        if choice.dropped[rows].any():
+            continue
+        band = corridor(candidates, scores, choice, rows)
+        offset = wrap(curve.phi[path.stations[rows]] - band.phi)
+        assert (offset >= band.low - 0.051 * STEP).all()
+        assert (offset <= band.high + 0.051 * STEP).all()
+    gamma = np.degrees(wrap(curve.phi + path.offset))
+    assert np.nanmax(np.abs(gamma[path.stations])) < 100.3
+    assert np.nanmax(np.abs(np.diff(curve.phi)[path.plunge[1:]]), initial=0.0) < 1e-9
