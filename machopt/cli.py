@@ -94,6 +94,8 @@ def _optimize(args: argparse.Namespace) -> int:
             print(line)
     if outcome.exit_code == 3:  # noqa: PLR2004 — the contract's code
         print(f"machopt: no feasible answer; {_first_reason(outcome.result)} ({outcome.report} lists every point)", file=sys.stderr)
+        for warning in outcome.result["warnings"][:3]:  # often the cause: a frame in metres, a body that is missing
+            print(f"  note: {warning}", file=sys.stderr)
     elif outcome.exit_code == VerificationError.exit_code:
         print(f"machopt: verification failed: {_failed(outcome.result)}", file=sys.stderr)
     return outcome.exit_code
@@ -216,7 +218,7 @@ def _summary(result: dict[str, Any], report: Path) -> list[str]:
 def _first_reason(result: dict[str, Any]) -> str:
     points, stops = result["infeasible_points"], result["obstructions"]
     if points:
-        return f"{len(points)} points, the first is {points[0]['point']}: {points[0]['reason']}"
+        return f"{len(points)} point{'s' if len(points) > 1 else ''}, the first is {points[0]['point']}: {points[0]['reason']}"
     if stops:
         return str(stops[0]["reason"])
     return "no continuous sequence of configurations was found"

@@ -1,4 +1,4 @@
-"""The yardsticks: the CAM default rotation, and jiao2022 sections 3.2 and 4 against the paper's equations written out."""
+"""The yardsticks: the CAM default rotation, and jiao2022 sections 3.2 and 4 against the paper's equations."""
 
 from __future__ import annotations
 
@@ -115,9 +115,13 @@ def test_cam_default_starts_nearest_to_home_and_follows(tmp_path: FilePath) -> N
 def test_roll_is_the_papers_where_the_paper_has_one(tmp_path: FilePath, tilt: float) -> None:
     setup, path = ready(facing_cell(tmp_path), milling(tilt))
     every = np.arange(len(path.index), dtype=np.int32)
-    np.testing.assert_allclose(wrap(_roll(path, setup.arm, every) - paper_roll(setup, path, np.zeros(len(every)))), 0, atol=1e-9)
+    np.testing.assert_allclose(
+        wrap(_roll(path, setup.arm, every) - paper_roll(setup, path, np.zeros(len(every)))), 0, atol=1e-9
+    )
     for phi in (-2.0, 0.7):  # and it grows with phi one to one
-        np.testing.assert_allclose(wrap(paper_roll(setup, path, np.full(len(every), phi)) - _roll(path, setup.arm, every) - phi), 0, atol=1e-9)
+        np.testing.assert_allclose(
+            wrap(paper_roll(setup, path, np.full(len(every), phi)) - _roll(path, setup.arm, every) - phi), 0, atol=1e-9
+        )
 
 
 def test_roll_does_not_swing_where_the_spindle_points_down(tmp_path: FilePath) -> None:

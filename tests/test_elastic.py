@@ -1,4 +1,4 @@
-"""Stiffness at the tool tip: against springs that are really loaded, the paper's equations written out, and its Table 2."""
+"""Stiffness at the tool tip: against springs really loaded, the paper's equations written out, and its Table 2."""
 
 from __future__ import annotations
 
@@ -189,13 +189,12 @@ def test_normal_index_is_equation_43() -> None:
 
 
 def test_table_2_reads_high_and_ranks_the_other_way_round(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
-    """Table 2's own configurations: K_fd along the tool is 3 to 10 times the real stiffness, and prefers the softer one."""
+    """Table 2's own configurations: K_fd along the tool is 3 to 10 times the real stiffness and prefers the softer."""
     robot, tool, k = arm
     T, J = robot.fk_jacobian(TABLE_2, tool)
     stiffness, axial = np.broadcast_to(k, (4, 6)), T[:, :3, 2]
     paper = jiao_index(J, stiffness, axial) / 1e3  # N/mm
     real = 1e-3 / directional_compliance(J, stiffness, axial)
-    print("Table 2 (N/mm): printed", PRINTED, "index", paper.round(0), "real", real.round(0))
     # one set of constants (eq. 38) instead of the paper's unpublished grid: within 20 % of what it printed
     np.testing.assert_allclose(paper, PRINTED, rtol=0.20)
     ratio = paper / real
@@ -232,7 +231,9 @@ def test_inside_faces_edges_and_corners_of_the_grid() -> None:
         assert value(s, 1.3 + 0.6 * ix, -0.6 + 0.6 * iy, 0.5 + 0.6 * iz) == cell(ix, iy, iz)
     assert value(s, 1.6, -0.6, 0.5) == (cell(0, 0, 0) + cell(1, 0, 0)) / 2  # a face of two
     assert value(s, 1.6, -0.3, 0.5) == np.mean([cell(a, b, 0) for a in (0, 1) for b in (0, 1)])  # an edge of four
-    assert value(s, 1.6, 0.3, 0.8) == np.mean([cell(a, b, c) for a in (0, 1) for b in (1, 2) for c in (0, 1)])  # a corner
+    assert value(s, 1.6, 0.3, 0.8) == np.mean(
+        [cell(a, b, c) for a in (0, 1) for b in (1, 2) for c in (0, 1)]
+    )  # a corner
     # vertex, side and plane that belong to only one cell, on the outside
     assert value(s, 1.0, -0.9, 0.2) == cell(0, 0, 0)
     assert value(s, 2.2, 0.9, 1.4) == cell(1, 2, 1)
@@ -244,7 +245,9 @@ def test_inside_faces_edges_and_corners_of_the_grid() -> None:
 
 def test_outside_the_grid_the_constants_hold_and_are_flagged() -> None:
     s = cube()
-    outside = np.array([[0.99, 0, 0.5], [2.21, 0, 0.5], [1.3, -0.91, 0.5], [1.3, 0.91, 0.5], [1.3, 0, 0.19], [1.3, 0, 1.41]])
+    outside = np.array(
+        [[0.99, 0, 0.5], [2.21, 0, 0.5], [1.3, -0.91, 0.5], [1.3, 0.91, 0.5], [1.3, 0, 0.19], [1.3, 0, 1.41]]
+    )
     found = joint_stiffness(s, np.vstack([outside, [[1.3, 0.0, 0.5]]]).reshape(7, 1, 3))
     assert found.k.shape == (7, 1, 6)
     np.testing.assert_array_equal(found.in_grid[:, 0], [False] * 6 + [True])
@@ -255,7 +258,10 @@ def test_outside_the_grid_the_constants_hold_and_are_flagged() -> None:
 
 
 @settings(max_examples=100, deadline=None, derandomize=True)
-@given(st.lists(st.integers(-4, 14), min_size=3, max_size=3), st.lists(st.sampled_from([0.0, 1e-5, -1e-5, 0.11]), min_size=3, max_size=3))
+@given(
+    st.lists(st.integers(-4, 14), min_size=3, max_size=3),
+    st.lists(st.sampled_from([0.0, 1e-5, -1e-5, 0.11]), min_size=3, max_size=3),
+)
 def test_grid_rule_is_the_mean_of_the_closed_cells_that_hold_the_point(half: list[int], off: list[float]) -> None:
     s = cube()
     assert s.grid is not None
@@ -278,8 +284,8 @@ def test_shipped_two_grid_is_equations_39_and_40() -> None:
     np.testing.assert_array_equal(s.joints, EQ_38)
     middle = s.grid.origin + np.array([0.3, 0.6, 0.3])  # on the shared face
     for dy, expected in ((-0.3, EQ_39), (0.0, (EQ_39 + EQ_40) / 2), (0.3, EQ_40)):
-        np.testing.assert_allclose(joint_stiffness(s, middle + [0, dy, 0]).k, expected)
-    assert not joint_stiffness(s, middle + [0, 0.7, 0]).in_grid
+        np.testing.assert_allclose(joint_stiffness(s, middle + np.array([0, dy, 0])).k, expected)
+    assert not joint_stiffness(s, middle + np.array([0, 0.7, 0])).in_grid
 
 
 def test_arm_takes_its_stiffness_where_its_tip_is(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:

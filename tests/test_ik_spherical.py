@@ -1,4 +1,4 @@
-"""Closed-form inverse kinematics: FK∘IK is the identity, all branches are there, and margins and shortfall mean what they say."""
+"""Closed-form inverse kinematics: FK∘IK is the identity, all branches are there, margins and shortfall are true."""
 
 from __future__ import annotations
 
@@ -151,14 +151,16 @@ def test_arms_of_another_kind_are_refused(tmp_path: Path) -> None:
     plain = small_robot(tmp_path)
     point = plain.point.copy()
     point[5] += [0, 0, 0.001]  # axis 6 passes 1 mm beside
-    assert not SphericalWristSolver.fits(Robot(plain.joints, plain.axis, point, plain.T_base_flange_zero, plain.lower, plain.upper))
+    assert not SphericalWristSolver.fits(
+        Robot(plain.joints, plain.axis, point, plain.T_base_flange_zero, plain.lower, plain.upper)
+    )
 
 
 # --- what lies outside -------------------------------------------------------------------------------------
 
 
 def geometric_shortfall(robot: Robot, target: np.ndarray) -> float:
-    """Least distance of the wrist centre to a point, over joints 1 to 3: by minimisation, without inverse kinematics."""
+    """Least distance of the wrist centre to a point, over joints 1 to 3, by minimisation."""
     W = wrist_centre(robot)
     assert W is not None
 

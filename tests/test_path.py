@@ -145,7 +145,9 @@ def test_gamma_zero_is_travel_for_milling_and_workpiece_x_for_holes() -> None:
         holes = build_path(toolpath([(tip, axis, R), ((0, 0, 0), axis, C)], kind="point"))
         across = np.array(direction, float) - np.dot(direction, a) * a
         R0 = tool_rotation(holes.axis, holes.reference, -holes.offset)
-        np.testing.assert_allclose(R0[:, :, 0], np.broadcast_to(across / np.linalg.norm(across), (len(R0), 3)), atol=1e-9)
+        np.testing.assert_allclose(
+            R0[:, :, 0], np.broadcast_to(across / np.linalg.norm(across), (len(R0), 3)), atol=1e-9
+        )
 
 
 @settings(max_examples=40, deadline=None, derandomize=True)

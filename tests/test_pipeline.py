@@ -1,4 +1,4 @@
-"""The whole plan on the shipped cells: never worse than its yardsticks, deterministic, and plain about what it cannot do."""
+"""The whole plan on the shipped cells: never worse than its yardsticks, deterministic, plain about what fails."""
 
 from __future__ import annotations
 
@@ -100,10 +100,19 @@ def test_objective_is_its_definition(case: str) -> None:
     assert o.mean == pytest.approx(c.mean(), rel=1e-8)
     assert o.worst == pytest.approx(c.max(), rel=1e-8)
     share = path.motion_share
-    assert o.travel == pytest.approx(sum(share[i] * np.abs(a.q[i] - a.q[i - 1]).sum() for i in range(1, len(a.q))) / np.pi, rel=1e-9)
+    assert o.travel == pytest.approx(
+        sum(share[i] * np.abs(a.q[i] - a.q[i - 1]).sum() for i in range(1, len(a.q))) / np.pi, rel=1e-9
+    )
     turned = sum(share[i] * abs(a.phi[i] - a.phi[i - 1]) for i in range(1, len(a.q)) if path.run[i] == path.run[i - 1])
     assert o.rotation == pytest.approx(turned / np.pi, rel=1e-9, abs=1e-15)
-    parts = w.mean * o.mean + w.worst * o.worst + w.travel * o.travel + w.rotation * o.rotation + w.feed * o.feed + o.preferred
+    parts = (
+        w.mean * o.mean
+        + w.worst * o.worst
+        + w.travel * o.travel
+        + w.rotation * o.rotation
+        + w.feed * o.feed
+        + o.preferred
+    )
     assert o.total == pytest.approx(parts, rel=1e-12)
 
 
@@ -142,7 +151,9 @@ def test_two_runs_give_the_same_numbers(case: str) -> None:
     cell, tp, options = CASES[case]
     second = plan(load_cell(ROOT / "cells" / cell), read_toolpath(ROOT / "toolpaths" / tp), options, Timings())
     for field in fields(Assignment):
-        np.testing.assert_array_equal(getattr(first.chosen.assignment, field.name), getattr(second.chosen.assignment, field.name))
+        np.testing.assert_array_equal(
+            getattr(first.chosen.assignment, field.name), getattr(second.chosen.assignment, field.name)
+        )
     assert first.chosen.objective == second.chosen.objective
     assert first.chosen_from == second.chosen_from
 

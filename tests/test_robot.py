@@ -124,7 +124,8 @@ def test_any_urdf_chain_is_read_as_it_stands(tmp_path_factory: pytest.TempPathFa
     folder = tmp_path_factory.mktemp("urdf")
     text = '<robot name="any"><link name="root"/><link name="base_link"/><link name="flange"/>'
     text += "".join(f'<link name="l{i}"/>' for i in range(1, 7))
-    text += '<joint name="stand" type="fixed"><parent link="root"/><child link="base_link"/><origin xyz="1 2 3" rpy=".3 .2 .1"/></joint>'
+    text += '<joint name="stand" type="fixed"><parent link="root"/><child link="base_link"/>'
+    text += '<origin xyz="1 2 3" rpy=".3 .2 .1"/></joint>'
     chain = ["base_link", *(f"l{i}" for i in range(1, 7)), "flange"]
     for i, (xyz, rpy, axis) in enumerate(joints):
         kind = "revolute" if i < 6 else "fixed"

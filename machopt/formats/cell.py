@@ -71,6 +71,7 @@ class _Reader:
         tool, workpiece = self.tool(), self.workpiece()
         obstacles = self.shapes(("obstacles",), keys.obstacles)
         self.different_names(*tool.geometry, *workpiece.geometry, *obstacles)
+        self.missing_bodies(tool, workpiece)
         order = chain.order
         return Cell(
             name=keys.name,
@@ -208,6 +209,12 @@ class _Reader:
                     file=self.document.file, where="obstacles",
                 )  # fmt: skip
             seen.add(s.name)
+
+    def missing_bodies(self, tool: Tool, workpiece: Workpiece) -> None:
+        """What is not described cannot be checked for collisions; the user should know."""
+        for key, there in (("tool.geometry", tool.geometry), ("workpiece.geometry", workpiece.geometry)):
+            if not there:
+                self.warnings.append(f"the cell has no {key}, so collisions with the {key.split('.')[0]} are not checked")
 
     def warn(self, message: str | None) -> None:
         if message is not None:

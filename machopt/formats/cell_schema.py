@@ -84,7 +84,7 @@ class WorkpieceKeys(Strict):
 
 
 class CellKeys(Strict):
-    machopt_cell: Literal[1] = Field(description="1")
+    machopt_cell: Literal[1]
     name: str = Field(min_length=1, description="a name for reports")
     robot: RobotKeys
     packages: dict[str, str] = Field({}, description="package:// names to folders, relative to the cell folder")

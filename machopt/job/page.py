@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 import machopt
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Move, Toolpath
-from machopt.job.points import PointResults
+from machopt.job.points import PointResults, reason_of
 from machopt.plan.explain import gamma, hints, shortfall_of
 from machopt.plan.pipeline import Plan, Scored
 from machopt.plan.retime import Dip
@@ -20,6 +20,11 @@ from machopt.verify import Verification
 Array = NDArray[np.float64]
 WORST = 8  # rows of the table of worst points
 _STATUS = {Reason.BOUNDS: 2, Reason.NO_PATH: 7}  # the page's codes where they differ from Reason's
+_WORDS = {
+    Reason.UNREACHABLE: "unreachable", Reason.LIMIT: "joint limit", Reason.SINGULAR_WRIST: "wrist singularity",
+    Reason.SINGULAR_ELBOW: "elbow singularity", Reason.SINGULAR_SHOULDER: "shoulder singularity",
+    Reason.COLLIDING: "collision", Reason.BOUNDS: "outside the rotation range", Reason.NO_PATH: "no continuous way",
+}  # fmt: skip
 
 
 def report_data(
@@ -28,12 +33,12 @@ def report_data(
 ) -> page.ReportData:  # fmt: skip
     """Collect everything the page shows; parts that were not reached stay empty."""
     quantity: page.Quantity = {"deflection": "deflection", "stiffness": "stiffness"}.get(plan.scores.index, "index")  # type: ignore[assignment]
-    series = {name: _shown(plan, s.cost) for name, s in _assignments(plan)}
+    series = {name: _shown(plan, s) for name, s in _assignments(plan)}
     summary = _summary(plan, points, timeline, verification, quantity, series)
     infeasible = tuple(
         page.InfeasiblePoint(
             point=int(round(plan.path.index[p])), operation=_label(toolpath, plan, p), position=plan.path.position[p],
-            status=Reason(int(plan.chosen.assignment.reason[p])).word,
+            status=_WORDS.get(reason_of(plan, int(p)), reason_of(plan, int(p)).word),
             reason=points.table.reason[int(plan.path.index[p])], shortfall=_length(shortfall_of(plan, int(p))),
         )
         for p in plan.missing if plan.path.is_point[p]
@@ -62,9 +67,9 @@ def _assignments(plan: Plan) -> tuple[tuple[str, Scored], ...]:
     return ("default", plan.cam_default), ("jiao2022", plan.jiao2022), ("chosen", plan.chosen)
 
 
-def _shown(plan: Plan, cost: Array) -> Array:
-    """(N,) cost at toolpath points in the page's quantity: deflection m, stiffness N/m."""
-    at = cost[plan.path.is_point]
+def _shown(plan: Plan, scored: Scored) -> Array:
+    """(N,) cost at toolpath points in the page's quantity: deflection m, stiffness N/m; NaN where it cannot be driven."""
+    at = np.where(scored.assignment.reason == Reason.OK, scored.cost, np.nan)[plan.path.is_point]
     return at if plan.scores.index == "deflection" else 1.0 / at
 
 
@@ -227,7 +232,8 @@ def _carrier(plan: Plan, row: int) -> str:
     share = (J[:3].T @ direction) ** 2 / d.k[row]
     share = share / share.sum()
     joint = int(share.argmax())
-    return f"joint {joint + 1} carries {100 * share[joint]:.0f} % of it"
+    along = "the force" if plan.options.force.given else "the tool axis"
+    return f"joint {joint + 1} causes {100 * share[joint]:.0f} % of the deflection along {along}"
 
 
 def _operations(

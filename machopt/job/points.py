@@ -17,6 +17,19 @@ from machopt.plan.pipeline import Plan
 Array = NDArray[np.float64]
 
 
+def reason_of(plan: Plan, point: int) -> Reason:
+    """Why a planning point has no configuration: where no rotation works at all, what stopped the one that came farthest."""
+    reason = Reason(int(plan.chosen.assignment.reason[point]))
+    if reason != Reason.NO_PATH:
+        return reason
+    s = min(int(np.searchsorted(plan.path.stations, point)), len(plan.path.stations) - 1)
+    rotations = plan.candidates.reason_of_rotation()[s]
+    if (rotations == Reason.OK).any():
+        return reason
+    known = rotations[rotations != Reason.BOUNDS]
+    return Reason(int(known.max() if len(known) else Reason.BOUNDS))
+
+
 @dataclass(frozen=True)
 class PointResults:
     """The table, and what the report shows beside it; N toolpath points."""
@@ -59,7 +72,7 @@ def point_results(plan: Plan, toolpath: Toolpath) -> PointResults:
         operations=tuple(o.label for o in toolpath.operations), gamma=np.where(a.reason[rows] == Reason.OK, gamma(plan)[rows], np.nan),
         branch=a.branch[rows].astype(np.int8), q=q, external=np.empty((n, 0)), external_prismatic=(),
         k_axial=axial, k_normal=normal, deflection=bend, clearance=clearance, limit_margin=margin, singularity=singular,
-        status=tuple(Reason(int(r)).word for r in a.reason[rows]), reason=tuple(why.get(int(p), "") for p in rows),
+        status=tuple(reason_of(plan, int(p)).word for p in rows), reason=tuple(why.get(int(p), "") for p in rows),
         feed=toolpath.feed, k_jiao_x=paper,
     )  # fmt: skip
     return PointResults(table, rows, tuple(pairs))

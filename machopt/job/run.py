@@ -14,6 +14,7 @@ import machopt
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
+from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.krl import krl_name, write_krl
 from machopt.formats.options import load_options, options_as_user
@@ -64,6 +65,7 @@ def optimize(request: Request, progress: Callable[[str], None] = lambda _: None)
         cell = load_cell(request.cell, allow_external=request.allow_external)
         options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
         toolpath = read_toolpath(request.toolpath, **request.reading)
+        _refuse_fixed_beyond(toolpath, options)
     with output_folder(request.out) as folder:
         the_plan = plan(cell, toolpath, options, timings)
         timeline = _motion(the_plan, toolpath, options, timings)
@@ -90,6 +92,15 @@ def optimize(request: Request, progress: Callable[[str], None] = lambda _: None)
             write_report(folder / "report.html", data)
         write_json(folder / "result.json", result)
     return Outcome(int(result["exit_code"]), result, request.out / "report.html")  # type: ignore[call-overload]
+
+
+def _refuse_fixed_beyond(toolpath: Toolpath, options: PlanOptions) -> None:
+    for fixed in options.fixed:
+        if fixed.point >= len(toolpath):
+            raise InputError(
+                f"point {fixed.point} is fixed, but {toolpath.source} has points 0 to {len(toolpath) - 1}",
+                file="options", where="fixed",
+            )  # fmt: skip
 
 
 def _motion(the_plan: Plan, toolpath: Toolpath, options: PlanOptions, timings: Timings) -> Timeline | None:

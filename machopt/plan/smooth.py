@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
+from scipy.interpolate import BSpline, PchipInterpolator
 
 from machopt.domain.options import PlanOptions
 from machopt.plan.candidates import Candidates
@@ -26,7 +26,8 @@ from machopt.se3 import wrap
 Array = NDArray[np.float64]
 REACH = 16  # grid steps to either side of the chosen rotation that the corridor may span
 SIDE_STEP = np.radians(30.0)  # largest joint step between neighbouring rotations of one branch
-KNOTS = 240  # most spline intervals in a run
+PROGRAMME = 400  # most stations of a run in the nonlinear programme
+KNOTS = 160  # most spline intervals in a run
 KNOT_SPACING = 0.15  # s at the programmed feed, least distance of knots
 SWEEPS = 2  # over the runs
 FINE = 8  # steps a grid step is divided into for runs with one rotation
@@ -293,83 +294,99 @@ def _spline_run(
     """
     import casadi as ca
 
-    rows, x, band, share = part.rows, part.x, part.band, part.share
-
-    length = float(x[-1])
+    band, w = part.band, options.weights
+    length = float(part.x[-1])
     duration = max(float(path.time[part.points[-1]] - path.time[part.points[0]]), 1e-3)
-    intervals = int(np.clip(duration / KNOT_SPACING, 1, min(KNOTS, max(len(rows) // 2, 1))))
+    intervals = int(np.clip(duration / KNOT_SPACING, 1, min(KNOTS, max(len(part.rows) // 2, 1))))
     knots = np.r_[[0.0] * 3, np.linspace(0, length, intervals + 1), [length] * 3]
-    B = BSpline.design_matrix(np.clip(x, 0, length), knots, 3).tocsr()
+    B = BSpline.design_matrix(np.clip(part.x, 0, length), knots, 3).tocsr()
     start = _least_squares(B, band.phi)
-    c = ca.MX.sym("c", len(start))
-    tau = ca.MX.sym("tau")
-    delta = ca.mtimes(_casadi_sparse(ca, B), c) - band.phi
-    index, grid = np.arange(len(rows), dtype=float), np.arange(-REACH, REACH + 1) * band.step
+    treads = _least_squares(B, _through_plateaus(part.x, band.phi))
+    price_q, price_r = w.travel / np.pi * part.weight, w.rotation / np.pi * part.weight
+    low, high = part.bounds()
+    index, grid = np.arange(len(part.rows), dtype=float), np.arange(-REACH, REACH + 1) * band.step
     table = ca.interpolant("cost", "bspline", [index, grid], band.cost.ravel(order="F"), {"degree": [1, 3]})
-    cost = table(ca.vertcat(ca.DM(index).T, delta.T)).T
-    w = options.weights
-    change = delta[1:] - delta[:-1] + np.diff(band.phi)
-    dq0 = np.diff(band.q, axis=0)
-    dq = dq0 + ca.DM(band.slope[1:]) * ca.repmat(delta[1:], 1, 6) - ca.DM(band.slope[:-1]) * ca.repmat(delta[:-1], 1, 6)
-    flights = [
-        part.band.q[i] + part.band.slope[i] * delta[i] - q for i, q in ((0, ends[0]), (len(rows) - 1, ends[1])) if q is not None
-    ]
+
+    # the programme sees an even choice of the stations, with every pinned one; merit() sees them all
+    use = np.unique(np.r_[np.linspace(0, len(index) - 1, min(len(index), PROGRAMME)).round().astype(int), list(part.pins)]).astype(int)
+    c, tau = ca.MX.sym("c", len(start)), ca.MX.sym("tau")
+    delta = ca.mtimes(_casadi_sparse(ca, B[use]), c) - band.phi[use]
+    cost = table(ca.vertcat(ca.DM(index[use]).T, delta.T)).T
+    dq0 = np.diff(band.q[use], axis=0)
+    slope = band.slope[use]
+    dq = dq0 + ca.DM(slope[1:]) * ca.repmat(delta[1:], 1, 6) - ca.DM(slope[:-1]) * ca.repmat(delta[:-1], 1, 6)
+    flights = [band.q[i] + band.slope[i] * delta[i] - q for i, q in ((0, ends[0]), (-1, ends[1])) if q is not None]
+    share = np.add.reduceat(part.share, use)
 
     def length_of(v: object, typical: float) -> object:  # |v|, smooth at zero; far below the typical step
-        small = max(0.03 * typical, 0.2 * band.step / len(rows))  # sums to less than a fifth of a grid step
+        small = max(0.03 * typical, 0.2 * band.step / len(use))  # sums to less than a fifth of a grid step
         return ca.sum1(ca.sqrt(ca.vec(v) ** 2 + small**2) - small)
 
     seconds = np.diff(path.time[part.points])
-    allowed = AXIS_SPEED * velocity[None, :] * np.maximum(seconds, 1e-6)[:, None]
+    allowed = AXIS_SPEED * velocity[None, :] * np.maximum(np.add.reduceat(seconds, use[:-1]), 1e-6)[:, None]
     excess = ca.fmax(ca.fabs(dq) / ca.DM(allowed) - 1.0, 0.0)
     second = np.diff(np.eye(len(start)), n=2, axis=0) * (intervals / duration) ** 2 / np.sqrt(intervals)  # d²phi/dt²
     objective = (
         w.mean * ca.dot(ca.DM(share), cost)
         + w.worst * tau
-        + w.travel / np.pi * part.weight * (length_of(dq, float(np.abs(dq0).mean())) + sum(length_of(f, 0.1) for f in flights))
-        + w.rotation / np.pi * part.weight * length_of(change, float(np.abs(np.diff(band.phi)).mean()) + 1e-5)
-        + CURVATURE * part.weight * ca.sumsqr(ca.mtimes(ca.DM(second), c))
-        + w.feed * part.weight / max(len(rows), 1) * ca.sumsqr(excess)
+        + price_q * (length_of(dq, float(np.abs(dq0).mean())) + sum(length_of(f, 0.1) for f in flights))
+        + price_r * length_of(delta[1:] - delta[:-1] + np.diff(band.phi[use]), float(np.abs(np.diff(band.phi[use])).mean()) + 1e-5)
+        + CURVATURE * part.weight * ca.sumsqr(ca.mtimes(ca.sparsify(ca.DM(second)), c))
+        + w.feed * part.weight / len(use) * ca.sumsqr(excess)
     )
     counted = np.flatnonzero(share > 0)
     g = [delta] + ([cost[counted.tolist()] - tau] if len(counted) else [])
-    low, high = part.bounds()
-    lbg = np.r_[low, np.full(len(counted), -np.inf)]
-    ubg = np.r_[high, np.zeros(len(counted))]
     x = ca.vertcat(c, tau)
-    here = float(band.cost[counted, REACH].max()) if len(counted) else 0.0
-    guess = np.r_[start, max(here, elsewhere)]
+    here = float(band.cost[use[counted], REACH].max()) if len(counted) else 0.0
     solver = ca.nlpsol("smooth", "ipopt", {"x": x, "f": objective, "g": ca.vertcat(*g)}, {
         "print_time": False, "error_on_fail": False,
-        "ipopt": {"print_level": 0, "sb": "yes", "max_iter": 120, "mu_strategy": "adaptive", "tol": 1e-5, "acceptable_tol": 1e-4,
-                  },
+        "ipopt": {"print_level": 0, "sb": "yes", "max_iter": 80, "mu_strategy": "adaptive", "tol": 1e-5, "acceptable_tol": 1e-4},
     })  # fmt: skip
-    answer = solver(x0=guess, lbg=lbg, ubg=ubg, lbx=np.r_[np.full(len(start), -np.inf), elsewhere])
+    answer = solver(
+        x0=np.r_[start, max(here, elsewhere)], lbx=np.r_[np.full(len(start), -np.inf), elsewhere],
+        lbg=np.r_[low[use], np.full(len(counted), -np.inf)], ubg=np.r_[high[use], np.zeros(len(counted))],
+    )  # fmt: skip
     found = np.asarray(answer["x"]).ravel()[:-1]
-    evaluate = ca.Function("cost", [c], [cost])
-    price_q, price_r = w.travel / np.pi * part.weight, w.rotation / np.pi * part.weight
+    places = np.stack([index, np.zeros(len(index))])
+    all_counted = np.flatnonzero(part.share > 0)
 
     def merit(answer: BSpline, ends: tuple[Array | None, Array | None], elsewhere: float) -> float:
         """The objective with true absolute values; infinite outside the corridor."""
-        off = B @ answer.c - band.phi
+        phi = B @ answer.c
+        off = phi - band.phi
         if not ((off >= low - 0.02 * band.step) & (off <= high + 0.02 * band.step)).all():
             return float("inf")
-        values = np.asarray(evaluate(answer.c)).ravel()
+        places[1] = off
+        values = np.asarray(table(places)).ravel()
         joints = band.q + band.slope * off[:, None]
         steps = np.abs(np.diff(joints, axis=0))
         flown = sum(np.abs(joints[i] - q).sum() for i, q in ((0, ends[0]), (-1, ends[1])) if q is not None)
         late = np.maximum((steps / (AXIS_SPEED * velocity)).max(axis=1) - seconds, 0.0).sum()
         return float(
-            w.mean * share @ values + w.worst * max(values[counted].max(initial=0.0), elsewhere)
-            + price_q * (steps.sum() + flown) + price_r * np.abs(np.diff(B @ answer.c)).sum()
+            w.mean * part.share @ values + w.worst * max(values[all_counted].max(initial=0.0), elsewhere)
+            + price_q * (steps.sum() + flown) + price_r * np.abs(np.diff(phi)).sum()
             + w.feed * late / max(float(path.time[-1]), 1e-9)
         )  # fmt: skip
 
     still = np.full(len(start), float(np.median(band.phi)))
-    tries = [start, still]
+    tries = [start, treads, still]
     if np.isfinite(found).all():  # on the way from the plain answers to IPOPT's, whose kinks are rounded
-        tries = [found, *(base + f * (found - base) for base in (start, still) for f in (0.75, 0.5, 0.25)), *tries]
+        tries = [found, *(base + f * (found - base) for base in (treads, still) for f in (0.75, 0.5, 0.25)), *tries]
     return tuple(BSpline(knots, t, 3) for t in tries), merit
+
+
+def _through_plateaus(x: Array, phi: Array) -> Array:
+    """The grid's staircase as a monotone curve through the middle of every tread: as much rotation, without steps."""
+    edge = np.flatnonzero(np.diff(phi) != 0)
+    if not len(edge) or x[-1] <= 0:
+        return phi
+    first, last = np.r_[0, edge + 1], np.r_[edge, len(phi) - 1]
+    middle, value = 0.5 * (x[first] + x[last]), phi[first]
+    middle[0], middle[-1] = x[0], x[-1]
+    keep = np.r_[True, np.diff(middle) > 1e-9]
+    if keep.sum() < 2:
+        return phi
+    return np.asarray(PchipInterpolator(middle[keep], value[keep])(x))
 
 
 def _least_squares(B: object, values: Array) -> Array:

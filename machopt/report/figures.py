@@ -53,7 +53,7 @@ def _map_spec(data: ReportData, m: RotationMap) -> Spec:
         "s": numbers(m.s[pick] * LENGTH.factor, 7), "rank": list(range(len(pick))),
         "point": [int(p) for p in m.point[pick]],
         "rotation": numbers(m.rotation * ANGLE.factor),
-        "index": packed(index, lowest, highest), "lowest": lowest, "highest": highest,
+        "index": packed(index, lowest, highest), "lowest": lowest, "highest": highest, "known": bool(known.size),
         "from": low, "to": high, "large_is_good": words.large_is_good,
         "status": packed_codes(status), "present": [int(c) for c in np.unique(status)],
         "names": list(STATUS_NAMES), "label": words.axis.lower(), "unit": unit.name, "by_point": _sparse(m.s),

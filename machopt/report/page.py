@@ -106,8 +106,11 @@ def _map(specs: Spec) -> str:
     if specs["map"] is None:
         return ""
     lead = (
-        "Every rotation γ of the tool about its own axis at every station of the path. Bright is stiff, dark is "
-        "soft; grey and hatched places cannot be used, and the hatching says why."
+        "Every rotation φ of the tool about its own axis at every station of the path, counted from a direction that is "
+        "carried along without turning (γ of the tables is counted from the direction of travel, so the CAM's default, "
+        "γ = 0, is a curve where the path turns). Bright is stiff, dark is soft; grey and hatched places cannot be used, "
+        "and the hatching says why. Collisions are looked for only where the choice wanted to go: a coloured place off "
+        "the chosen line is reachable, but not proven free."
     )
     return _section("rotation", "Stiffness over path and rotation", lead, "<div class=chart id=map></div>")
 

@@ -25,6 +25,8 @@ class Column:
 def table(columns: Sequence[Column], rows: Iterable[Sequence[object]]) -> str:
     """A scrolling table; at most MOST_ROWS rows."""
     rows = list(rows)
+    used = [n for n, c in enumerate(columns) if c.kind != "n" or not rows or any(row[n] != "–" for row in rows)]
+    columns, rows = [columns[n] for n in used], [[row[n] for n in used] for row in rows]  # no column of dashes
     head = "".join(f'<th class="{c.kind}">{escape(c.title)}</th>' for c in columns)
     body = []
     for row in rows[:MOST_ROWS]:

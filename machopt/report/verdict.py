@@ -46,7 +46,7 @@ def verdict(data: ReportData) -> Verdict:
         parts.append(f"feed held on {SHARE.text(s.feed_held, unit=True)} of the cutting time")
     if math.isfinite(s.nearest_miss):
         where = ", ".join(filter(None, [s.nearest_pair, f"point {s.nearest_point}" if s.nearest_point >= 0 else ""]))
-        parts.append(f"nearest miss {LENGTH.text(s.nearest_miss, unit=True)}{f' ({where})' if where else ''}")
+        parts.append(f"nearest miss at the points {LENGTH.text(s.nearest_miss, unit=True)}{f' ({where})' if where else ''}")
     parts.append({"passed": "verification passed", "failed": "verification failed",
                   "not run": "verification not run"}[s.verification])  # fmt: skip
     sentence = "; ".join(p for p in parts if p)
@@ -63,7 +63,9 @@ def cards(data: ReportData) -> list[Card]:
     s = data.summary
     unit, words = QUANTITY[s.quantity], WORDS[s.quantity]
     least = "least" if words.large_is_good else "worst"
-    out = []
+    out: list[Card] = []
+    if s.outcome == "infeasible":  # a stiffness of the points that happen to work is no result
+        return [Card("toolpath points", str(s.points), "", f"{s.infeasible_points} infeasible")] if s.points else out
     for name, chosen, default in (
         (f"{least} {words.axis.lower()}", s.worst_chosen, s.worst_default),
         (f"mean {words.axis.lower()}", s.mean_chosen, s.mean_default),
@@ -75,7 +77,7 @@ def cards(data: ReportData) -> list[Card]:
         dips = counted(len(data.dips), "dip") if data.dips else "no dips"
         out.append(Card("feed held", SHARE.text(s.feed_held), "%", dips))
     if math.isfinite(s.nearest_miss):
-        out.append(Card("nearest miss", LENGTH.text(s.nearest_miss), "mm", s.nearest_pair))
+        out.append(Card("nearest miss at the points", LENGTH.text(s.nearest_miss), "mm", s.nearest_pair))
     if math.isfinite(s.cycle_time):
         cut = f"{TIME.text(s.cutting_time)} s in the cut" if math.isfinite(s.cutting_time) else ""
         out.append(Card("cycle time", TIME.text(s.cycle_time), "s", cut))

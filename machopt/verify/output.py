@@ -77,7 +77,7 @@ def verify_output(cell: Cell, toolpath: Toolpath, out: Path, *, options: PlanOpt
     tcp = arm.tcp_in_workpiece(motion.q, motion.external)
     checks = [
         _time(motion),
-        *_path(motion, toolpath, tcp),
+        *_path(motion, toolpath, tcp, options),
         *_visited(motion, toolpath, points, options.allow_gaps),
         *_limits(motion, cell),
         _feed(motion, toolpath, tcp),
@@ -114,7 +114,7 @@ def _cuts(motion: Motion) -> NDArray[np.int64]:
     return np.flatnonzero(motion.move == Move.CUT)
 
 
-def _path(motion: Motion, toolpath: Toolpath, tcp: Array) -> list[Check]:
+def _path(motion: Motion, toolpath: Toolpath, tcp: Array, options: PlanOptions) -> list[Check]:
     """Distance from the polyline near the sample's own index, and angle from the axis there."""
     rows = _cuts(motion)
     where = [_at(motion, n) for n in rows]
@@ -138,8 +138,8 @@ def _path(motion: Motion, toolpath: Toolpath, tcp: Array) -> list[Check]:
     shank = -tcp[rows, :3, 2]
     angle = np.arctan2(np.linalg.norm(np.cross(shank, wanted), axis=1), np.einsum("ij,ij->i", shank, wanted))
     return [
-        _worst("path", "mm", away * 1e3, PATH_MM, where),
-        _worst("tool axis", "deg", np.degrees(angle), AXIS_DEG, where),
+        _worst("path", "mm", away * 1e3, max(PATH_MM, 1e3 * options.path_tolerance), where),  # as wide as was asked for
+        _worst("tool axis", "deg", np.degrees(angle), max(AXIS_DEG, float(np.degrees(options.axis_tolerance))), where),
     ]
 
 

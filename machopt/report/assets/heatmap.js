@@ -71,7 +71,7 @@ function heatMap(host, spec) {
     const degrees = { at: [], text: v => `${v}°`.replace("-", "−") };
     const step = [5, 10, 15, 30, 45, 60, 90].find(d => (g1 - g0) / d <= 9) || 90;
     for (let v = Math.ceil(g0 / step) * step; v <= g1; v += step) degrees.at.push(v);
-    const Y = yAxis(F, "Rotation about the tool axis γ (deg)", g0, g1, false, degrees);
+    const Y = yAxis(F, "Rotation about the tool axis φ (deg)", g0, g1, false, degrees);
     const X = xAxis(F, { xlabel: c.byPoint ? "Station along the toolpath" : spec.xlabel }, x0, x1);
     const clip = el("clipPath", { id: "clip-map" }, el("defs", {}, F.svg));
     el("rect", { x: F.M.l, y: F.M.t, width: F.w, height: F.h }, clip);
@@ -94,7 +94,7 @@ function heatMap(host, spec) {
       let k = nearest(xs, v);
       const r = Math.min(R - 1, Math.max(0, Math.floor((F.M.t + F.h - py) / F.h * R)));
       const cell = k * R + r, value = valueOf(cell), s = status[cell];
-      const rows = [["point", spec.point[k]], ["path length", `${spec.s[k].toFixed(1)} mm`], ["γ", `${spec.rotation[r].toFixed(1)}°`]];
+      const rows = [["point", spec.point[k]], ["path length", `${spec.s[k].toFixed(1)} mm`], ["φ", `${spec.rotation[r].toFixed(1)}°`]];
       if (value !== null) rows.push([spec.label, `${+value.toPrecision(4)} ${spec.unit}`]);
       rows.push(["state", spec.names[s]]);
       for (const l of spec.lines) if (l.y[k] !== null) rows.push([l.name, `${l.y[k].toFixed(1)}°`, l.color]);
@@ -114,7 +114,7 @@ function heatMap(host, spec) {
     left.textContent = `soft ${+worst.toPrecision(3)}`; right.textContent = `stiff ${+best.toPrecision(3)} ${spec.unit}`;
     const scale = document.createElement("div");
     scale.className = "scale"; scale.append(left, bar, right);
-    box.appendChild(scale);
+    if (spec.known) box.appendChild(scale);
     for (const s of spec.present) if (s !== 0) box.appendChild(swatch(s === 7 ? "collision not checked" : spec.names[s], (x, y) => s === 7 ? (x % 14 < 3 && y % 14 < 3 ? WHITE : [38, 130, 142]) : PATTERN[s](x, y)));
     for (const l of spec.lines) {
       const item = document.createElement("span"), k = el("svg", { viewBox: "0 0 34 10", width: 34, height: 10 });
