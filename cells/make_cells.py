@@ -273,6 +273,7 @@ class CellFiles:
     obstacles: tuple[str, ...]
     stiffness: tuple[str, ...]  # comment lines, then the six values as a YAML list
     extra: dict[str, str] = field(default_factory=dict)
+    force: str = ""  # YAML of the process force, in path axes
 
 
 def block(name: str, size_mm: Sequence[float], centre_mm: Sequence[float]) -> str:
@@ -309,6 +310,7 @@ def kr500_milling() -> CellFiles:
     return CellFiles(
         folder="kr500_milling",
         title="KR500 milling of a cylinder head (jiao2022)",
+        force="{travel: 120, normal: 250, axial: 80}",
         arm=arm,
         base_mm=(0, 0, 300),
         home_deg=(0, -75, 115, 0, -40, 180),
@@ -469,6 +471,7 @@ def kr240_drilling() -> CellFiles:
     return CellFiles(
         folder="kr240_drilling",
         title="KR240-2 drilling of a curved panel (dumas2011)",
+        force="{axial: 250}",
         arm=arm,
         base_mm=(0, 0, 200),
         home_deg=(0, -100, 110, 0, 80, 0),
@@ -543,6 +546,7 @@ def irb6700_drilling() -> CellFiles:
     return CellFiles(
         folder="irb6700_drilling",
         title="IRB 6700 drilling of a plate (zhang2025)",
+        force="{axial: 400}",
         arm=arm,
         base_mm=(0, 0, 200),
         home_deg=(0, -10, 20, 0, 35, 0),
@@ -784,6 +788,8 @@ obstacles:
 {obstacles}
 stiffness: stiffness.yaml
 """
+    if cell.force:
+        text += f"plan:\n  force_N: {cell.force}  # an assumption: README.md\n"
     (folder / "cell.yaml").write_text(text, encoding="utf-8")
     *source, values = cell.stiffness
     head = "".join(f"# {line}\n" for line in source)

@@ -31,12 +31,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:  # noqa: BLE001 — the last line of defence: a bug is one message, not a traceback
         if args.debug:
             raise
-        print(f"machopt: internal error, please report it: {type(error).__name__}: {error} (--debug shows where)", file=sys.stderr)
+        print(
+            f"machopt: internal error, please report it: {type(error).__name__}: {error} (--debug shows where)",
+            file=sys.stderr,
+        )
         return 1
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="machopt", description=machopt.__doc__.splitlines()[0] if machopt.__doc__ else None)
+    parser = argparse.ArgumentParser(
+        prog="machopt", description=machopt.__doc__.splitlines()[0] if machopt.__doc__ else None
+    )
     parser.add_argument("--version", action="version", version=f"machopt {machopt.__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     common = argparse.ArgumentParser(add_help=False)
@@ -53,23 +58,37 @@ def _parser() -> argparse.ArgumentParser:
     planning.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a planning option")
     planning.add_argument("--allow-external", action="store_true", help="let the cell use files outside its folder")
 
-    job = commands.add_parser("optimize", parents=[common, reading, planning], help="the main job: the stiffest smooth trajectory for a toolpath")
+    job = commands.add_parser(
+        "optimize",
+        parents=[common, reading, planning],
+        help="the main job: the stiffest smooth trajectory for a toolpath",
+    )
     job.add_argument("cell", type=Path, help="cell folder or its cell.yaml")
     job.add_argument("toolpath", type=Path, help="CAM export or point table")
     job.add_argument("-o", "--out", type=Path, required=True, help="output folder")
     job.add_argument("--method", choices=("global", "jiao2022", "default"))
     job.add_argument("--index", choices=("auto", "deflection", "stiffness", "jiao2022"))
-    job.add_argument("--allow-gaps", action="store_true", default=None, help="plan the rest where points are unreachable")
+    job.add_argument(
+        "--allow-gaps", action="store_true", default=None, help="plan the rest where points are unreachable"
+    )
     job.add_argument("--sample-ms", type=float, help="time between exported samples (12)")
     job.add_argument("--seed", type=int, help="of the random search around obstacles")
-    job.add_argument("--jobs", type=int, default=1, metavar="N", help="accepted for scripts; one plan runs in one process")
+    job.add_argument(
+        "--jobs", type=int, default=1, metavar="N", help="accepted for scripts; one plan runs in one process"
+    )
     job.set_defaults(run=_optimize)
 
-    look = commands.add_parser("inspect", parents=[common, reading], help="what a CAM file holds: points, operations, feeds, words not understood")
+    look = commands.add_parser(
+        "inspect",
+        parents=[common, reading],
+        help="what a CAM file holds: points, operations, feeds, words not understood",
+    )
     look.add_argument("file", type=Path)
     look.set_defaults(run=_inspect)
 
-    check = commands.add_parser("verify", parents=[common, reading, planning], help="re-check an exported trajectory with independent code")
+    check = commands.add_parser(
+        "verify", parents=[common, reading, planning], help="re-check an exported trajectory with independent code"
+    )
     check.add_argument("cell", type=Path)
     check.add_argument("toolpath", type=Path)
     check.add_argument("out", type=Path, help="output folder of optimize")
@@ -80,7 +99,13 @@ def _parser() -> argparse.ArgumentParser:
 def _optimize(args: argparse.Namespace) -> int:
     from machopt.job.run import Request, optimize
 
-    direct = {"method": args.method, "index": args.index, "allow_gaps": args.allow_gaps, "sample_ms": args.sample_ms, "seed": args.seed}
+    direct = {
+        "method": args.method,
+        "index": args.index,
+        "allow_gaps": args.allow_gaps,
+        "sample_ms": args.sample_ms,
+        "seed": args.seed,
+    }
     request = Request(
         cell=args.cell, toolpath=args.toolpath, out=args.out, plan_file=args.plan, overrides=tuple(args.set), direct=direct,
         reading=_reading(args), allow_external=args.allow_external,
@@ -93,7 +118,10 @@ def _optimize(args: argparse.Namespace) -> int:
         for line in _summary(outcome.result, outcome.report):
             print(line)
     if outcome.exit_code == 3:  # noqa: PLR2004 — the contract's code
-        print(f"machopt: no feasible answer; {_first_reason(outcome.result)} ({outcome.report} lists every point)", file=sys.stderr)
+        print(
+            f"machopt: no feasible answer; {_first_reason(outcome.result)} ({outcome.report} lists every point)",
+            file=sys.stderr,
+        )
         for warning in outcome.result["warnings"][:3]:  # often the cause: a frame in metres, a body that is missing
             print(f"  note: {warning}", file=sys.stderr)
     elif outcome.exit_code == VerificationError.exit_code:
@@ -136,10 +164,16 @@ def _verify(args: argparse.Namespace) -> int:
     if args.json:
         checks = [{"name": c.name, "passed": c.passed, "value": c.value, "limit": c.limit, "unit": c.unit, "where": c.where}
                   for c in found.checks]  # fmt: skip
-        print(json.dumps(_finite({"passed": found.ok, "samples": found.samples, "duration_s": found.duration, "checks": checks})))
+        print(
+            json.dumps(
+                _finite({"passed": found.ok, "samples": found.samples, "duration_s": found.duration, "checks": checks})
+            )
+        )
     elif not args.quiet:
         for c in found.checks:
-            print(f"{'ok  ' if c.passed else 'FAIL'} {c.name}: {c.value:.4g} {c.unit} (limit {c.limit:.4g}){'' if c.passed else ' at ' + c.where}")
+            print(
+                f"{'ok  ' if c.passed else 'FAIL'} {c.name}: {c.value:.4g} {c.unit} (limit {c.limit:.4g}){'' if c.passed else ' at ' + c.where}"
+            )
     if not found.ok:
         raise VerificationError("verification failed: " + "; ".join(f"{c.name} at {c.where}" for c in found.failed))
     return 0
@@ -193,11 +227,17 @@ def _summary(result: dict[str, Any], report: Path) -> list[str]:
         if o["total"] == float("inf"):
             lines.append(f"  {name:12} not feasible throughout ({100 * o['feasible_share']:.0f} % of the points)")
         else:
-            lines.append(f"  {name:12} objective {o['total']:.3f}   mean index {o['mean']:.3f}   worst {o['worst']:.3f} (1 = median candidate)")
+            lines.append(
+                f"  {name:12} objective {o['total']:.3f}   mean index {o['mean']:.3f}   worst {o['worst']:.3f} (1 = median candidate)"
+            )
     worst = result["worst_point"]
     if worst:
-        bend = "" if worst["deflection_mm"] != worst["deflection_mm"] else f", deflection {worst['deflection_mm']:.3f} mm"
-        lines.append(f"  worst point {worst['point']}: {worst['k_axial_N_mm']:.0f} N/mm along the tool, {worst['k_normal_N_mm']:.0f} N/mm across{bend}")
+        bend = (
+            "" if worst["deflection_mm"] != worst["deflection_mm"] else f", deflection {worst['deflection_mm']:.3f} mm"
+        )
+        lines.append(
+            f"  worst point {worst['point']}: {worst['k_axial_N_mm']:.0f} N/mm along the tool, {worst['k_normal_N_mm']:.0f} N/mm across{bend}"
+        )
     if result["cycle_time_s"] is not None:
         dips = len(result["feed_dips"])
         lines.append(f"  {result['cycle_time_s']:.1f} s cycle, programmed feed held for {100 * result['feed_held_share']:.1f} % of the cutting time"
@@ -225,7 +265,11 @@ def _first_reason(result: dict[str, Any]) -> str:
 
 
 def _failed(result: dict[str, Any]) -> str:
-    return "; ".join(f"{c['name']} {c['value']:.4g} {c['unit']} at {c['where']}" for c in result["verification"]["checks"] if not c["passed"])
+    return "; ".join(
+        f"{c['name']} {c['value']:.4g} {c['unit']} at {c['where']}"
+        for c in result["verification"]["checks"]
+        if not c["passed"]
+    )
 
 
 def _finite(value: Any) -> Any:

@@ -50,9 +50,7 @@ def skew(v: Array) -> Array:
     """Cross-product matrix (..., 3, 3) of v (..., 3)."""
     z = np.zeros(np.shape(v)[:-1])
     x, y, w = np.moveaxis(np.asarray(v, float), -1, 0)
-    return np.stack(
-        [np.stack([z, -w, y], -1), np.stack([w, z, -x], -1), np.stack([-y, x, z], -1)], axis=-2
-    )
+    return np.stack([np.stack([z, -w, y], -1), np.stack([w, z, -x], -1), np.stack([-y, x, z], -1)], axis=-2)
 
 
 def normalise(v: Array) -> Array:

@@ -277,11 +277,11 @@ def test_rotation_stays_in_plunges_and_changes_no_faster_than_the_axes() -> None
     rows: Rows = [
         ((0, 0, 0.03), UP, R),
         ((0, 0, 0.0), UP, C),
-        ((0.019, 0, 0), UP, C),
-        ((0.038, 0, 0), UP, C),
-        ((0.038, 0, 0.01), UP, C),
+        ((0.009, 0, 0), UP, C),
+        ((0.018, 0, 0), UP, C),
+        ((0.018, 0, 0.01), UP, C),
     ]
-    for feed in (0.002, 1.0):
+    for feed in (0.002, 0.3):
         path = build_path(toolpath(rows, feed=feed))
         n, S = 72, len(path.stations)
         candidates = Candidates(
@@ -294,8 +294,7 @@ def test_rotation_stays_in_plunges_and_changes_no_faster_than_the_axes() -> None
         turning = window > 0
         rate = window[turning] * 2 * np.pi / n / seconds[turning]
         assert (rate <= TURNING * 2.0 * 1.01).all()
-        enough = 0.038 / feed >= 2 * np.pi / n / (TURNING * 2.0)  # 38 mm at 1 m/s may leave no time for 5°
-        assert turning.any() == enough
+        assert turning.any() == (feed < 0.1)  # 18 mm at 0.3 m/s leave no time for 5° at 1 rad/s
 
 
 # --- the user's wishes -------------------------------------------------------------------------------------

@@ -308,7 +308,9 @@ def test_allow_gaps_plans_the_rest(tmp_path: Path, capsys: pytest.CaptureFixture
     assert main([*verify, "--set", "allow_gaps=true"]) == 0
 
 
-@pytest.mark.parametrize("options", [["--set", "rotation_range_deg=[80,100]"], ["--set", "rotation_range_deg=[150,180]"]])
+@pytest.mark.parametrize(
+    "options", [["--set", "rotation_range_deg=[80,100]"], ["--set", "rotation_range_deg=[150,180]"]]
+)
 def test_the_rotation_range_is_kept(options: list[str], tmp_path: Path) -> None:
     code = optimize(KR500, toolpath(tmp_path, PASS), tmp_path / "out", *options)
     assert code in (0, 3)
@@ -318,7 +320,9 @@ def test_the_rotation_range_is_kept(options: list[str], tmp_path: Path) -> None:
 
 
 def test_fixed_rotations_are_kept(tmp_path: Path) -> None:
-    assert optimize(KR500, toolpath(tmp_path, PASS), tmp_path / "out", "--set", "fixed=[{point: 5, gamma_deg: 20}]") == 0
+    assert (
+        optimize(KR500, toolpath(tmp_path, PASS), tmp_path / "out", "--set", "fixed=[{point: 5, gamma_deg: 20}]") == 0
+    )
     assert gammas(tmp_path / "out")[3] == pytest.approx(20, abs=0.2)  # deg; points 2 … 13 are cut
 
 
@@ -332,10 +336,15 @@ def test_options_that_must_work(options: list[str], tmp_path: Path) -> None:
     check_plan(KR500, table, tmp_path / "out")
 
 
-@pytest.mark.parametrize("rows", [PASS[2:-2], [PASS[0], *PASS[2:-2], PASS[-1]]], ids=["cuts only", "rapid to and from the cut"])
+@pytest.mark.parametrize(
+    "rows", [PASS[2:-2], [PASS[0], *PASS[2:-2], PASS[-1]]], ids=["cuts only", "rapid to and from the cut"]
+)
 def test_cuts_that_a_rapid_move_enters_and_leaves(rows: list[Row], tmp_path: Path) -> None:
-    """The cutter stands in the workpiece where the rapid move begins: it is drawn out along its axis first."""
-    deep = [(x + 20, y, z - 5 if move == "cut" else z, move, feed) for x, y, z, move, feed in rows]
+    """The cutter stands in the workpiece where the rapid move begins: it is drawn out along its axis first.
+
+    Between two bores, where there is material: the pass of 22 mm begins 15 mm before the middle of the head.
+    """
+    deep = [(x + 85, y, z - 5 if move == "cut" else z, move, feed) for x, y, z, move, feed in rows]
     table = toolpath(tmp_path, deep)
     assert optimize(KR500, table, tmp_path / "out") == 0
     check_plan(KR500, table, tmp_path / "out")
@@ -343,7 +352,7 @@ def test_cuts_that_a_rapid_move_enters_and_leaves(rows: list[Row], tmp_path: Pat
 
 def test_holes_drilled_under_feed_and_left_in_rapid(tmp_path: Path) -> None:
     rows: list[Row] = []
-    for x in (-50.0, 50.0):
+    for x in (-4.0, 4.0):  # the web between two bores
         rows += [(x, 0, 40, "rapid", ""), (x, 0, -10, "cut", "300"), (x, 0, 40, "rapid", "")]
     table = toolpath(tmp_path, rows)
     assert optimize(KR500, table, tmp_path / "out") == 0
@@ -379,7 +388,9 @@ def test_verify_refuses_a_trajectory_that_was_touched(tmp_path: Path, capsys: py
     assert main(["verify", str(KR500), str(table), str(tmp_path / "nowhere")]) == 2
 
 
-@pytest.mark.parametrize(("file", "points"), [("plain.csv", 201), ("panel_holes.aptsource", 480), ("contour_5axis.nc", 2403)])
+@pytest.mark.parametrize(
+    ("file", "points"), [("plain.csv", 201), ("panel_holes.aptsource", 480), ("contour_5axis.nc", 2403)]
+)
 def test_inspect_tells_what_a_file_holds(file: str, points: int, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["inspect", str(TOOLPATHS / file), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["points"] == points

@@ -38,9 +38,7 @@ def rz_ry_rx(a: float, b: float, c: float) -> np.ndarray:
 
 @dataclass
 class Parsed:
-    moves: list[tuple[str, dict[str, float], bool, float]] = field(
-        default_factory=list
-    )  # kind, target, C_DIS, speed
+    moves: list[tuple[str, dict[str, float], bool, float]] = field(default_factory=list)  # kind, target, C_DIS, speed
     frames: dict[str, dict[str, float]] = field(default_factory=dict)
     comments: list[str] = field(default_factory=list)
     longest: int = 0
@@ -136,9 +134,7 @@ def test_a_program_comes_back(tmp_path: Path, moves: int) -> None:
     for name, T in (("MO_TOOL", p.T_flange_tcp), ("MO_BASE", p.T_base_workpiece)):
         f = back.frames[name]
         np.testing.assert_allclose([f[c] for c in "XYZ"], T[:3, 3] * 1e3, atol=XYZ_MM, rtol=0)
-        np.testing.assert_allclose(
-            rz_ry_rx(*(f[c] for c in "ABC")), T[:3, :3], atol=3 * np.radians(ABC_DEG), rtol=0
-        )
+        np.testing.assert_allclose(rz_ry_rx(*(f[c] for c in "ABC")), T[:3, :3], atol=3 * np.radians(ABC_DEG), rtol=0)
     assert back.longest < 4000 * 2  # moves and their speed lines
 
 

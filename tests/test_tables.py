@@ -114,9 +114,7 @@ def test_third_differences_survive_the_rounding(tmp_path: Path) -> None:
 def test_an_odd_sample_time_gets_more_decimals(tmp_path: Path) -> None:
     t = smooth_motion(50, dt=1 / 240)
     write_trajectory_csv(tmp_path / "t.csv", t, ("a", "b"))
-    np.testing.assert_allclose(
-        read_trajectory_csv(tmp_path / "t.csv").trajectory.time, t.time, atol=1e-9, rtol=0
-    )
+    np.testing.assert_allclose(read_trajectory_csv(tmp_path / "t.csv").trajectory.time, t.time, atol=1e-9, rtol=0)
 
 
 def test_writing_is_deterministic_and_fast(tmp_path: Path) -> None:
@@ -172,9 +170,7 @@ def test_an_external_axis_without_a_kind_is_a_bug(tmp_path: Path) -> None:
 def test_an_output_folder_appears_whole(tmp_path: Path) -> None:
     out = tmp_path / "new" / "out"
     with output_folder(out) as folder:
-        write_json(
-            folder / "result.json", {"machopt_result": 1, "a": np.float64(0.1), "b": np.array([1.0, np.nan])}
-        )
+        write_json(folder / "result.json", {"machopt_result": 1, "a": np.float64(0.1), "b": np.array([1.0, np.nan])})
         assert not out.exists()
     assert json.loads((out / "result.json").read_text()) == {"machopt_result": 1, "a": 0.1, "b": [1.0, None]}
     with output_folder(out) as folder:  # ours: replaced, not merged

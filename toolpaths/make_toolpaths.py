@@ -277,6 +277,7 @@ def write_head_face() -> None:
             goto(-over, y, 0.0),
             "PAINT/COLOR,31",
             "FEDRAT/MMPM,1200.0000",
+            goto(-over + 4.0, y, 0.0),  # still beside the part
         ]
         out += [goto(over, y, 0.0), "PAINT/COLOR,37", "FEDRAT/MMPM,2000.0000", goto(over, y, near)]
         out += ["PAINT/COLOR,186", "RAPID", goto(over, y, high)]

@@ -214,7 +214,9 @@ class _Reader:
         """What is not described cannot be checked for collisions; the user should know."""
         for key, there in (("tool.geometry", tool.geometry), ("workpiece.geometry", workpiece.geometry)):
             if not there:
-                self.warnings.append(f"the cell has no {key}, so collisions with the {key.split('.')[0]} are not checked")
+                self.warnings.append(
+                    f"the cell has no {key}, so collisions with the {key.split('.')[0]} are not checked"
+                )
 
     def warn(self, message: str | None) -> None:
         if message is not None:

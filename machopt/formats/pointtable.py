@@ -276,9 +276,7 @@ def _read_xyzwpr(source: Source, options: ReadOptions, rows: list[list[str]], li
         out.ignore("column 7 (running number)", lines[0], understood=True)
     feed = math.nan if options.default_feed is None else options.default_feed * 60e3
     if math.isnan(feed):
-        raise source.error(
-            "a list of x, y, z, w, p, r has no feeds; give one with --feed", lines[0]
-        )
+        raise source.error("a list of x, y, z, w, p, r has no feeds; give one with --feed", lines[0])
     for (x, y, z), (i, j, k3), line in zip(table[:, :3].tolist(), (-z_tcp).tolist(), lines, strict=True):
         out.add((x, y, z), (i, j, k3), Move.CUT, feed, line)
     return out.build(reference=x_tcp)

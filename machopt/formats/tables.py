@@ -209,9 +209,7 @@ def _joint_columns(q: Array, external: Array, prismatic: Sequence[bool], decimal
     return columns
 
 
-def _words(
-    move: NDArray[np.int8], operation: NDArray[np.int32], labels: Sequence[str]
-) -> tuple[_Column, _Column]:
+def _words(move: NDArray[np.int8], operation: NDArray[np.int32], labels: Sequence[str]) -> tuple[_Column, _Column]:
     """The columns ``move`` and ``operation``; −1 picks the empty label put at the end."""
     moves = [m.word for m in sorted(Move)]
     quoted = [*(_quoted(label) for label in labels), ""]

@@ -88,7 +88,9 @@ def _summary(
     nearest = int(np.nanargmin(clearance)) if np.isfinite(clearance).any() else -1
     trajectory = timeline.trajectory if timeline else None
     feasible = trajectory is not None
-    outcome = "infeasible" if not feasible else ("done" if verification is None or verification.ok else "verification_failed")
+    outcome = (
+        "infeasible" if not feasible else ("done" if verification is None or verification.ok else "verification_failed")
+    )
     return page.Summary(
         outcome=outcome, verification="not run" if verification is None else ("passed" if verification.ok else "failed"),  # type: ignore[arg-type]
         quantity=quantity,
@@ -184,7 +186,9 @@ def _dips(plan: Plan, timeline: Timeline | None) -> tuple[page.FeedDip, ...]:
     for dip in timeline.dips:
         at = cut[np.searchsorted(t.point[cut], dip.first)] if len(cut) and dip.first <= t.point[cut[-1]] else None
         end = cut[min(np.searchsorted(t.point[cut], dip.last), len(cut) - 1)] if len(cut) else 0
-        programmed = float(plan.path.feed[min(int(np.searchsorted(plan.path.index, dip.last)), len(plan.path.feed) - 1)])
+        programmed = float(
+            plan.path.feed[min(int(np.searchsorted(plan.path.index, dip.last)), len(plan.path.feed) - 1)]
+        )
         out.append(page.FeedDip(
             point=dip.first, s=float(np.interp(dip.first, plan.path.index, s)), time=float(t.time[at]) if at is not None else float("nan"),
             duration=max(float(t.time[min(end, len(t.time) - 1)] - t.time[at]), 0.0) if at is not None else float("nan"),
@@ -200,7 +204,9 @@ def cause(dip: Dip) -> str:
     return f"axis {dip.joint} {dip.limit}{where}"
 
 
-def _worst_points(plan: Plan, toolpath: Toolpath, points: PointResults, series: dict[str, Array]) -> tuple[page.WorstPoint, ...]:
+def _worst_points(
+    plan: Plan, toolpath: Toolpath, points: PointResults, series: dict[str, Array]
+) -> tuple[page.WorstPoint, ...]:
     values = np.where(plan.path.counted[points.rows], series["chosen"], np.nan)
     known = np.flatnonzero(np.isfinite(values))
     order = known[np.argsort(values[known], kind="stable")]

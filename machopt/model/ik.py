@@ -68,7 +68,9 @@ def branch_reasons(branches: Branches, margins: Margins) -> NDArray[np.uint8]:
     return out
 
 
-def refine(robot: Robot, T_base_tool: Array, seed: Array, T_flange_tool: Array, iterations: int = 4) -> tuple[Array, Array]:
+def refine(
+    robot: Robot, T_base_tool: Array, seed: Array, T_flange_tool: Array, iterations: int = 4
+) -> tuple[Array, Array]:
     """Newton from seeds that are already close, for any 6R arm.
 
     Args:
@@ -89,7 +91,7 @@ def refine(robot: Robot, T_base_tool: Array, seed: Array, T_flange_tool: Array, 
 def pose_error(T: Array, T_wanted: Array) -> Array:
     """Twist (..., 6) that takes T to T_wanted to first order, in the common frame's axes."""
     E = T_wanted[..., :3, :3] @ np.swapaxes(T[..., :3, :3], -1, -2)
-    rotation = 0.5 * np.stack([E[..., 2, 1] - E[..., 1, 2], E[..., 0, 2] - E[..., 2, 0], E[..., 1, 0] - E[..., 0, 1]], -1)
+    rotation = 0.5 * np.stack(
+        [E[..., 2, 1] - E[..., 1, 2], E[..., 0, 2] - E[..., 2, 0], E[..., 1, 0] - E[..., 0, 1]], -1
+    )
     return np.concatenate([T_wanted[..., :3, 3] - T[..., :3, 3], rotation], axis=-1)
-
-

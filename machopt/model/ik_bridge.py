@@ -44,7 +44,11 @@ class GeneralBranches:
         shape = exists.shape
         margins = {name: np.full(shape, np.nan) for name in ("shoulder", "elbow", "wrist")}
         if exists.any():
-            found = self._three_parallel(q[exists]) if self.general.kind == "three_parallel" else self._by_jacobian(q[exists])
+            found = (
+                self._three_parallel(q[exists])
+                if self.general.kind == "three_parallel"
+                else self._by_jacobian(q[exists])
+            )
             for name, values in zip(("shoulder", "elbow", "wrist"), found, strict=True):
                 margins[name][exists] = values
         # the way from axis 2 to the flange against the longest the arm can make: a lower bound of what is missing

@@ -65,7 +65,9 @@ class SphericalWristSolver:
         h = robot.axis
         parallel = np.linalg.norm(np.cross(h[1], h[2])) < PARALLEL
         skewed = np.linalg.norm(np.cross(h[0], h[1])) > 0.1 and np.linalg.norm(np.cross(h[3], h[4])) > 0.1
-        return bool(parallel and skewed and np.linalg.norm(np.cross(h[4], h[5])) > 0.1 and wrist_centre(robot) is not None)
+        return bool(
+            parallel and skewed and np.linalg.norm(np.cross(h[4], h[5])) > 0.1 and wrist_centre(robot) is not None
+        )
 
     def solve_grid(self, T_base_flange: Array) -> Branches:
         """All branches of (N, R, 4, 4) poses, flattened to N·R rows."""
@@ -105,7 +107,9 @@ class SphericalWristSolver:
         Rr = np.swapaxes(R13, -1, -2) @ R06[:, None]
         h45, h56 = h[4] @ h[3], h[4] @ h[5]
         C5 = np.einsum("i,msij,j->ms", h[3], Rr, h[5]) - h45 * h56
-        q5, angle5, _ = _harmonic(np.full(C5.shape, h[3] @ h[5] - h45 * h56), np.full(C5.shape, h[3] @ np.cross(h[4], h[5])), C5)
+        q5, angle5, _ = _harmonic(
+            np.full(C5.shape, h[3] @ h[5] - h45 * h56), np.full(C5.shape, h[3] @ np.cross(h[4], h[5])), C5
+        )
         R5 = axis_rotation(h[4], q5)  # (M, 4, 2, 3, 3)
         q4 = _angle_about(h[3], R5 @ h[5], (Rr @ h[5])[:, :, None])
         q6 = -_angle_about(h[5], np.einsum("mswji,j->mswi", R5, h[3]), np.einsum("msji,j->msi", Rr, h[3])[:, :, None])

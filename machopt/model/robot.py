@@ -116,7 +116,8 @@ def load_chain(cell: Cell) -> tuple[Robot, tuple[LinkShape, ...]]:
             have = ", ".join(model.names[1:])
             raise InputError(
                 f"arm joint {name!r} is not a moving joint of the URDF; it has {have}",
-                file=cell.urdf, where="robot.arm_joints",
+                file=cell.urdf,
+                where="robot.arm_joints",
             )
         j = model.getJointId(name)
         ids.append(j)
@@ -132,7 +133,8 @@ def load_chain(cell: Cell) -> tuple[Robot, tuple[LinkShape, ...]]:
     if model.frames[flange].parentJoint != ids[-1]:
         raise InputError(
             f"flange link {cell.flange_link!r} is not carried by the last arm joint {cell.arm_joints[-1]!r}",
-            file=cell.urdf, where="robot.flange_link",
+            file=cell.urdf,
+            where="robot.flange_link",
         )
     robot = Robot(
         joints=cell.arm_joints, axis=axis, point=point,

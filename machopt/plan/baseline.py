@@ -179,5 +179,7 @@ def _follow(path: Path, arm: Arm, phi: Array, home: Array) -> Assignment:
         reason[p] = Reason.OK if p in starts or step[b] < JUMP else Reason.NO_PATH
         q[p], branch[p], last = near[b], b, near[b]
     rows = np.arange(P)
-    margin = {n: np.where(branch >= 0, getattr(branches, n)[rows, branch], np.nan) for n in ("shoulder", "elbow", "wrist")}
+    margin = {
+        n: np.where(branch >= 0, getattr(branches, n)[rows, branch], np.nan) for n in ("shoulder", "elbow", "wrist")
+    }
     return Assignment(phi=phi, q=q, branch=branch, reason=reason, **margin)

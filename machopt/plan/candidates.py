@@ -93,7 +93,9 @@ def enumerate_candidates(path: Path, arm: Arm, options: PlanOptions) -> Candidat
                       feasible=np.ascontiguousarray(feasible[..., used]), stable=arm.solver.branch_stable, shortfall=shortfall)  # fmt: skip
 
 
-def _forbid_by_user(path: Path, phi: Array, options: PlanOptions, reason: NDArray[np.uint8], feasible: NDArray[np.bool_]) -> None:
+def _forbid_by_user(
+    path: Path, phi: Array, options: PlanOptions, reason: NDArray[np.uint8], feasible: NDArray[np.bool_]
+) -> None:
     """The user's rotation bounds and fixed rotations, as masks on gamma."""
     gamma = wrap(phi[None, :] + path.offset[path.stations][:, None])  # (S, R)
     low, high = options.rotation_range

@@ -65,8 +65,19 @@ def choose(path: Path, candidates: Candidates, scores: Scores, velocity: Array, 
     raw = np.where(np.isfinite(scores.cost), scores.cost / scores.scale, np.inf)
 
     def solve(mask: NDArray[np.bool_]) -> tuple[Ints, float, int]:
-        return _sequence(node, candidates.q, candidates.turns, mask, window, candidates.stable, seconds,
-                         1.0 / (AXIS_SPEED * velocity), price_q, price_r, price_t)  # type: ignore[no-any-return]
+        return _sequence(
+            node,
+            candidates.q,
+            candidates.turns,
+            mask,
+            window,
+            candidates.stable,
+            seconds,
+            1.0 / (AXIS_SPEED * velocity),
+            price_q,
+            price_r,
+            price_t,
+        )  # type: ignore[no-any-return]
 
     broken: list[int] = []
     vertex, value, stop = solve(feasible)
@@ -225,7 +236,12 @@ def _sequence(node, q, turns, feasible, window, stable, seconds, slowness, price
                                 if code < 0 or lookup[code] < 0:
                                     continue
                                 u = (ru * B + bu) * T + lookup[code]
-                                total = before[u] + price_q[s] * step + price_r[s] * abs(dr) + price_t * max(slow - seconds[s], 0.0)
+                                total = (
+                                    before[u]
+                                    + price_q[s] * step
+                                    + price_r[s] * abs(dr)
+                                    + price_t * max(slow - seconds[s], 0.0)
+                                )
                                 if total < value:
                                     value, source = total, u
                     if value < inf:

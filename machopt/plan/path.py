@@ -23,7 +23,9 @@ Array = NDArray[np.float64]
 ARM = 0.15  # m per rad: how much an axis change counts as path length, about a tool's length
 PARALLEL = np.cos(np.radians(1.0))  # a plunge runs along the tool axis within this
 UNKNOWN_FEED = 0.05  # m/s, for the time of approach moves without a feed
-FASTEST_FEED = 0.3  # m/s; a higher one in a file (air cuts, laser paths) is a wish, and would drown the index in lost time
+FASTEST_FEED = (
+    0.3  # m/s; a higher one in a file (air cuts, laser paths) is a wish, and would drown the index in lost time
+)
 MAX_STATIONS = 1500  # of the choice; beyond, the path is decimated evenly
 SEGMENT = 0.02  # m, longest stretch without a planning point
 SEGMENT_AXIS = np.radians(3.0)  # rad, the same for axis changes

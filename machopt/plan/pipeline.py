@@ -32,10 +32,19 @@ from machopt.plan.check import PathCheck, check_path, forbid
 from machopt.plan.choose import Choice, choose
 from machopt.plan.path import Path, build_path
 from machopt.plan.realise import Assignment, realise
-from machopt.plan.score import Directions, Objective, Scores, configuration_cost, directions, objective, score_candidates
+from machopt.plan.score import (
+    Directions,
+    Objective,
+    Scores,
+    configuration_cost,
+    directions,
+    objective,
+    score_candidates,
+)
 from machopt.plan.smooth import follow_grid, smooth
 
 Array = NDArray[np.float64]
+STAIRCASE = 1e-3  # the grid's total is that of a staircase no axis can drive: as good within this is not worse
 ROUNDS = 40  # of choosing again after collisions
 Progress = Callable[[str], None]
 
@@ -149,7 +158,9 @@ def plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Timings 
         cost = np.full(len(path.index), np.nan)
         ok = np.flatnonzero(assignment.reason == Reason.OK)
         cost[ok] = configuration_cost(setup.elasticity, d, ok, assignment.q[ok], scores.index)
-        return Scored(assignment, cost, objective(path, cost, assignment.q, assignment.phi, scores.scale, velocity, options))
+        return Scored(
+            assignment, cost, objective(path, cost, assignment.q, assignment.phi, scores.scale, velocity, options)
+        )
 
     with stage("baselines"):
         default = scored(cam_default(path, setup.arm, setup.robot, cell.home))
@@ -169,7 +180,9 @@ def plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Timings 
         chosen.assignment.reason[check.hit] = Reason.COLLIDING
     _name_dropped(path, choice, candidates, chosen.assignment)
     grid = _grid_objective(path, choice, candidates, scores, setup, options)
-    return Plan(setup, options, path, d, candidates, scores, choice, chosen, source, grid, default, paper, check, rounds)
+    return Plan(
+        setup, options, path, d, candidates, scores, choice, chosen, source, grid, default, paper, check, rounds
+    )
 
 
 def _global(
@@ -189,7 +202,9 @@ def _global(
             if lost.any() or worse:
                 plain = follow_grid(path, candidates, choice)
                 other = scored(realise(path, setup.arm, setup.robot, plain.phi, plain.seed))
-                if _lost(path, choice, other).sum() < lost.sum() or (not lost.any() and not _lost(path, choice, other).any()):
+                if _lost(path, choice, other).sum() < lost.sum() or (
+                    not lost.any() and not _lost(path, choice, other).any()
+                ):
                     best, source, lost = other, "grid", _lost(path, choice, other)
         check = None
         if setup.collision is not None and not lost.any():

@@ -71,7 +71,9 @@ def directions(path: Path, T_base_workpiece: Array, elasticity: ArmElasticity, f
     return Directions(axial, normal, f, joint.k, joint.in_grid, path.is_drilling)
 
 
-def configuration_cost(elasticity: ArmElasticity, d: Directions, points: NDArray[np.intp], q: Array, index: Index) -> Array:
+def configuration_cost(
+    elasticity: ArmElasticity, d: Directions, points: NDArray[np.intp], q: Array, index: Index
+) -> Array:
     """Cost (M,) of configurations q (M, 6) at planning points (M,)."""
     out = np.empty(len(q))
     for a in range(0, len(q), CHUNK):
@@ -90,7 +92,9 @@ def configuration_cost(elasticity: ArmElasticity, d: Directions, points: NDArray
     return out
 
 
-def score_candidates(path: Path, candidates: Candidates, elasticity: ArmElasticity, d: Directions, options: PlanOptions) -> Scores:
+def score_candidates(
+    path: Path, candidates: Candidates, elasticity: ArmElasticity, d: Directions, options: PlanOptions
+) -> Scores:
     """Cost of every feasible candidate."""
     index = resolve_index(options)
     usable = candidates.feasible.any(axis=-1)  # (S, R, B)
@@ -142,7 +146,9 @@ def objective(
         gamma = wrap(phi + path.offset)[counted]
         preferred = float(np.nanmean(preference(gamma, options)))
     total = w.mean * float(c.mean()) + w.worst * float(c.max()) + w.travel * travel + w.rotation * rotation
-    return Objective(total + w.feed * lost + preferred, float(c.mean()), float(c.max()), travel, rotation, lost, preferred)
+    return Objective(
+        total + w.feed * lost + preferred, float(c.mean()), float(c.max()), travel, rotation, lost, preferred
+    )
 
 
 def preference(gamma: Array, options: PlanOptions) -> Array:

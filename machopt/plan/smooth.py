@@ -90,7 +90,9 @@ def corridor(candidates: Candidates, scores: Scores, choice: Choice, rows: NDArr
                     slope=(neighbour[1] - neighbour[0]) / span, step=grid, q=choice.q[rows])  # fmt: skip
 
 
-def smooth(path: Path, candidates: Candidates, scores: Scores, choice: Choice, velocity: Array, options: PlanOptions) -> Smoothed:
+def smooth(
+    path: Path, candidates: Candidates, scores: Scores, choice: Choice, velocity: Array, options: PlanOptions
+) -> Smoothed:
     """Smooth every run of the choice. Stations without a vertex stay NaN, and so do the points around them.
 
     Args:
@@ -110,12 +112,16 @@ def smooth(path: Path, candidates: Candidates, scores: Scores, choice: Choice, v
             part.answers, part.merit = _spline_run(path, part, _worst_elsewhere(parts, part), ends, velocity, options)
             if part.pins:  # where no answer keeps to the corridor, the grid's own sequence is moved to meet the pins
                 part.offset = np.interp(part.x, part.x[list(part.pins)], list(part.pins.values()))
-    for _ in range(SWEEPS):  # runs are tied by the rapid moves between them, so each is chosen with the others as they are
+    for _ in range(
+        SWEEPS
+    ):  # runs are tied by the rapid moves between them, so each is chosen with the others as they are
         for n, part in enumerate(parts):
             if part.turns:
                 ends = _ends(parts, n)
                 elsewhere = _worst_elsewhere(parts, part)
-                value, spline = min(((part.merit(a, ends, elsewhere), a) for a in part.answers), key=lambda pair: pair[0])
+                value, spline = min(
+                    ((part.merit(a, ends, elsewhere), a) for a in part.answers), key=lambda pair: pair[0]
+                )
                 if np.isfinite(value):
                     part.spline, part.offset = spline, spline(part.x) - part.band.phi
         _constant_rotations(path, parts, worst, options)
@@ -171,7 +177,16 @@ class _Stretch:
         band = corridor(candidates, scores, choice, rows)
         turning = _turning_length(path, points[0], points[-1])
         share = path.counted[points] / max(int(path.counted[path.stations].sum()), 1)
-        return cls(rows, points, band, turning[points - points[0]], share, float(path.motion_share[points[0]]), _pins(path, rows, band.phi, options), np.zeros(len(rows)))
+        return cls(
+            rows,
+            points,
+            band,
+            turning[points - points[0]],
+            share,
+            float(path.motion_share[points[0]]),
+            _pins(path, rows, band.phi, options),
+            np.zeros(len(rows)),
+        )
 
     def bounds(self) -> tuple[Array, Array]:
         """(n,) rad each: the corridor, closed to the exact value where the user fixed it."""
@@ -213,7 +228,11 @@ def _constant_rotations(path: Path, parts: list[_Stretch], worst: float, options
             cost = c1 + 0.5 * (c2 - c0) * fine[:, None] + 0.5 * (c0 - 2 * c1 + c2) * fine[:, None] ** 2  # (F, n)
             node = options.weights.mean * cost @ part.share
             low, high = float(part.band.low.max()), float(part.band.high.min())
-            outside = (delta < low - 1e-12) | (delta > high + 1e-12) | (cost[:, part.share > 0] > worst * (1 + 1e-9)).any(axis=1)
+            outside = (
+                (delta < low - 1e-12)
+                | (delta > high + 1e-12)
+                | (cost[:, part.share > 0] > worst * (1 + 1e-9)).any(axis=1)
+            )
             if part.pins:
                 delta, node, outside = np.array([next(iter(part.pins.values()))]), np.zeros(1), np.zeros(1, bool)
             node = np.where(outside & (np.abs(delta) > 1e-12), np.inf, node)
@@ -224,7 +243,9 @@ def _constant_rotations(path: Path, parts: list[_Stretch], worst: float, options
             back.append(np.zeros(len(delta), int))
             value = node
         else:
-            total = value[:, None] + options.weights.travel / np.pi * part.weight * np.abs(start[None] - previous[:, None]).sum(axis=-1)
+            total = value[:, None] + options.weights.travel / np.pi * part.weight * np.abs(
+                start[None] - previous[:, None]
+            ).sum(axis=-1)
             back.append(total.argmin(axis=0))
             value = total.min(axis=0) + node
         previous = end
@@ -308,7 +329,9 @@ def _spline_run(
     table = ca.interpolant("cost", "bspline", [index, grid], band.cost.ravel(order="F"), {"degree": [1, 3]})
 
     # the programme sees an even choice of the stations, with every pinned one; merit() sees them all
-    use = np.unique(np.r_[np.linspace(0, len(index) - 1, min(len(index), PROGRAMME)).round().astype(int), list(part.pins)]).astype(int)
+    use = np.unique(
+        np.r_[np.linspace(0, len(index) - 1, min(len(index), PROGRAMME)).round().astype(int), list(part.pins)]
+    ).astype(int)
     c, tau = ca.MX.sym("c", len(start)), ca.MX.sym("tau")
     delta = ca.mtimes(_casadi_sparse(ca, B[use]), c) - band.phi[use]
     cost = table(ca.vertcat(ca.DM(index[use]).T, delta.T)).T
@@ -330,7 +353,10 @@ def _spline_run(
         w.mean * ca.dot(ca.DM(share), cost)
         + w.worst * tau
         + price_q * (length_of(dq, float(np.abs(dq0).mean())) + sum(length_of(f, 0.1) for f in flights))
-        + price_r * length_of(delta[1:] - delta[:-1] + np.diff(band.phi[use]), float(np.abs(np.diff(band.phi[use])).mean()) + 1e-5)
+        + price_r
+        * length_of(
+            delta[1:] - delta[:-1] + np.diff(band.phi[use]), float(np.abs(np.diff(band.phi[use])).mean()) + 1e-5
+        )
         + CURVATURE * part.weight * ca.sumsqr(ca.mtimes(ca.sparsify(ca.DM(second)), c))
         + w.feed * part.weight / len(use) * ca.sumsqr(excess)
     )

@@ -99,7 +99,9 @@ class _Builder:
             end = self._lifted(last, GAP_LIFT) if lift_out else self.q[last]
             if start is None or end is None:
                 row = first if start is None else last
-                self.obstructions.append(Obstruction(index, self.path.index[row], "no room to lift the tool at the gap"))
+                self.obstructions.append(
+                    Obstruction(index, self.path.index[row], "no room to lift the tool at the gap")
+                )
                 continue
             self._rapid(here, start, index, float(self.path.index[first]), axis_row, first)
             if lift_in:
@@ -113,7 +115,15 @@ class _Builder:
         self._rapid(here, self.cell.home, index, float("nan"), axis_row, -1)
         trajectory = None if self.obstructions else self._joined()
         held = self.held_time / self.cut_time if self.cut_time > 0 else 1.0
-        return Timeline(trajectory, tuple(self.dips), tuple(self.obstructions), tuple(self.detours), tuple(self.legs), held, self.phi)
+        return Timeline(
+            trajectory,
+            tuple(self.dips),
+            tuple(self.obstructions),
+            tuple(self.detours),
+            tuple(self.legs),
+            held,
+            self.phi,
+        )
 
     def _stretches(self) -> Iterator[tuple[int, int]]:
         """Runs, cut at planning points without a configuration; lonely rapid points without one are passed by."""
@@ -130,7 +140,9 @@ class _Builder:
         for k in range(len(feed) - 2, -1, -1):
             if not np.isfinite(feed[k]):
                 feed[k] = feed[k + 1]
-        return np.interp(self.path.index, np.arange(len(feed)), np.where(np.isfinite(feed), feed, self.options.approach_feed))
+        return np.interp(
+            self.path.index, np.arange(len(feed)), np.where(np.isfinite(feed), feed, self.options.approach_feed)
+        )
 
     def _rapid(self, a: Array, b: Array, index_a: float, index_b: float, row_a: int, row_b: int) -> None:
         move = plan_rapid(
@@ -139,12 +151,18 @@ class _Builder:
             detours=lambda: self._detours(row_a, row_b),
         )  # fmt: skip
         if isinstance(move, Blocked):
-            why = f"{move.pair} at the {move.reason} of the rapid move" if move.reason != "way" else f"no free way past {move.pair}"
+            why = (
+                f"{move.pair} at the {move.reason} of the rapid move"
+                if move.reason != "way"
+                else f"no free way past {move.pair}"
+            )
             self.obstructions.append(Obstruction(index_a, index_b, why))
             return
         n = len(move.q)
         if move.kind != "direct":
-            self.detours.append(f"{_name(index_a)} → {_name(index_b)}: {move.kind}, {len(move.waypoints) - 2} way points")
+            self.detours.append(
+                f"{_name(index_a)} → {_name(index_b)}: {move.kind}, {len(move.waypoints) - 2} way points"
+            )
         operation = self.toolpath.operation[round(index_b)] if np.isfinite(index_b) else -1
         self.legs.append(Leg("rapid", move.q, np.linspace(index_a, index_b, n) if n > 1 else np.array([index_b]),
                              np.full(n, Move.RAPID, np.int8), np.full(n, operation, np.int32), np.full(n, np.nan),
@@ -179,7 +197,9 @@ class _Builder:
         rows = np.array([row, row], np.int32)
         up = -np.asarray([GAP_LIFT, 0.0]) if move is Move.APPROACH else -np.asarray([0.0, GAP_LIFT])
         position = self.path.position[rows] - up[:, None] * self.path.axis[rows]
-        done = self._retime(position, rows, np.array([a, b]), np.full(2, self.options.approach_feed), np.full(2, move, np.int8))
+        done = self._retime(
+            position, rows, np.array([a, b]), np.full(2, self.options.approach_feed), np.full(2, move, np.int8)
+        )
         if isinstance(done, RunFailure):
             self.obstructions.append(Obstruction(self.path.index[row], self.path.index[row], done.reason))
             return

@@ -46,7 +46,9 @@ def verdict(data: ReportData) -> Verdict:
         parts.append(f"feed held on {SHARE.text(s.feed_held, unit=True)} of the cutting time")
     if math.isfinite(s.nearest_miss):
         where = ", ".join(filter(None, [s.nearest_pair, f"point {s.nearest_point}" if s.nearest_point >= 0 else ""]))
-        parts.append(f"nearest miss at the points {LENGTH.text(s.nearest_miss, unit=True)}{f' ({where})' if where else ''}")
+        parts.append(
+            f"nearest miss at the points {LENGTH.text(s.nearest_miss, unit=True)}{f' ({where})' if where else ''}"
+        )
     parts.append({"passed": "verification passed", "failed": "verification failed",
                   "not run": "verification not run"}[s.verification])  # fmt: skip
     sentence = "; ".join(p for p in parts if p)

@@ -21,7 +21,9 @@ PATH_MM, AXIS_DEG = 0.02, 0.05  # how far the TCP may leave the toolpath while c
 VELOCITY, ACCELERATION, JERK = 1.01, 1.03, 1.10  # differences over the limits: rounding grows with the order
 FEED = 1.02  # of the programmed feed
 JITTER_S = 5e-6  # of the control cycle: the time column is rounded
-JOINT_DEG = 0.1  # points.csv against the samples around the point: corners are rounded by up to 15 µm, over a short lever
+JOINT_DEG = (
+    0.1  # points.csv against the samples around the point: corners are rounded by up to 15 µm, over a short lever
+)
 
 
 @dataclass(frozen=True)
