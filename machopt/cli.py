@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,7 +29,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 130
     except BrokenPipeError:
         return 0
-    except Exception as error:  # noqa: BLE001 — the last line of defence: a bug is one message, not a traceback
+    except Exception as error:  # the last line of defence: a bug is one message, not a traceback
         if args.debug:
             raise
         print(
@@ -117,7 +118,7 @@ def _optimize(args: argparse.Namespace) -> int:
     elif not args.quiet:
         for line in _summary(outcome.result, outcome.report):
             print(line)
-    if outcome.exit_code == 3:  # noqa: PLR2004 — the contract's code
+    if outcome.exit_code == 3:
         print(
             f"machopt: no feasible answer; {_first_reason(outcome.result)} ({outcome.report} lists every point)",
             file=sys.stderr,
@@ -278,7 +279,7 @@ def _finite(value: Any) -> Any:
         return {k: _finite(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
         return [_finite(v) for v in value]
-    if isinstance(value, float) and (value != value or value in (float("inf"), float("-inf"))):
+    if isinstance(value, float) and not math.isfinite(value):
         return None
     return value.item() if hasattr(value, "item") else value
 

@@ -18,7 +18,8 @@ from machopt.plan.choose import Choice, choose
 from machopt.plan.path import Path, build_path
 from machopt.plan.pipeline import prepare
 from machopt.plan.score import Scores, directions, score_candidates
-from machopt.plan.smooth import corridor, follow_grid, smooth
+from machopt.plan.corridor import corridor
+from machopt.plan.smooth import follow_grid, smooth
 from machopt.se3 import wrap
 
 ROOT = FilePath(__file__).resolve().parent.parent

@@ -44,7 +44,6 @@ from machopt.plan.score import (
 from machopt.plan.smooth import follow_grid, smooth
 
 Array = NDArray[np.float64]
-STAIRCASE = 1e-3  # the grid's total is that of a staircase no axis can drive: as good within this is not worse
 ROUNDS = 40  # of choosing again after collisions
 Progress = Callable[[str], None]
 

@@ -1,0 +1,143 @@
+"""What the grid knows around the chosen rotation: the room a smooth curve has, run by run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+
+from machopt.domain.options import PlanOptions
+from machopt.plan.candidates import Candidates
+from machopt.plan.choose import Choice
+from machopt.plan.path import Path
+from machopt.plan.score import Scores
+from machopt.se3 import wrap
+
+Array = NDArray[np.float64]
+REACH = 16  # grid steps to either side of the chosen rotation that the corridor may span
+SIDE_STEP = np.radians(30.0)  # largest joint step between neighbouring rotations of one branch
+
+Merit = Callable[[BSpline, tuple[Array | None, Array | None], float], float]
+"""Worth of an answer, given the joints the rapid moves come from and go to, and the worst cost elsewhere."""
+
+
+@dataclass(frozen=True)
+class Corridor:
+    """What the grid knows around the chosen rotation, per station (n of them) and step j = −REACH … REACH."""
+
+    phi: Array  # (n,) rad, chosen rotation, unwrapped inside the run
+    low: Array  # (n,) rad ≤ 0, feasible side below
+    high: Array  # (n,) rad ≥ 0
+    cost: Array  # (n, 2·REACH+1), dimensionless, edge values repeated beyond the corridor
+    slope: Array  # (n, 6) dq/dphi at the chosen rotation
+    step: float  # rad, of the grid
+    q: Array  # (n, 6) rad at the chosen rotation
+
+
+@dataclass
+class Stretch:
+    """A continuous stretch of stations while it is being smoothed."""
+
+    rows: NDArray[np.intp]  # stations
+    points: NDArray[np.int32]  # their planning points
+    band: Corridor
+    x: Array  # (n,) m, turning length at the stations
+    share: Array  # (n,) weight in the mean index
+    weight: float  # of its motion
+    pins: dict[int, float]  # fixed offsets by row
+    offset: Array  # (n,) rad, found so far
+    turns: bool = False  # the rotation may change along it
+    spline: BSpline | None = None
+    answers: tuple[BSpline, ...] = ()  # what the rotation may be, from IPOPT's to the plainest
+    merit: Merit = lambda *_: float("inf")
+
+    @classmethod
+    def of(
+        cls, path: Path, candidates: Candidates, scores: Scores, choice: Choice, rows: NDArray[np.intp], options: PlanOptions
+    ) -> Stretch:  # fmt: skip
+        points = path.stations[rows]
+        band = corridor(candidates, scores, choice, rows)
+        turning = turning_length(path, points[0], points[-1])
+        share = path.counted[points] / max(int(path.counted[path.stations].sum()), 1)
+        return cls(
+            rows,
+            points,
+            band,
+            turning[points - points[0]],
+            share,
+            float(path.motion_share[points[0]]),
+            _pins(path, rows, band.phi, options),
+            np.zeros(len(rows)),
+        )
+
+    def bounds(self) -> tuple[Array, Array]:
+        """(n,) rad each: the corridor, closed to the exact value where the user fixed it."""
+        low, high = np.minimum(self.band.low, 0.0), np.maximum(self.band.high, 0.0)
+        for row, value in self.pins.items():
+            low[row] = high[row] = value
+        return low, high
+
+    def worst(self) -> float:
+        """Largest cost where it counts, at the offset as it is."""
+        at = np.flatnonzero(self.share > 0)
+        if not len(at):
+            return 0.0
+        x = np.clip(self.offset[at] / self.band.step + REACH, 0, 2 * REACH - 1e-9)
+        k = x.astype(int)
+        low, high = self.band.cost[at, k], self.band.cost[at, k + 1]
+        return float((low + (x - k) * (high - low)).max())
+
+    def joints(self) -> Array:
+        """(n, 6) rad, to first order in the offset."""
+        return self.band.q + self.band.slope * self.offset[:, None]
+
+
+def corridor(candidates: Candidates, scores: Scores, choice: Choice, rows: NDArray[np.intp]) -> Corridor:
+    """Walk from the chosen vertex to both sides while the same branch and turn stay feasible."""
+    R = len(candidates.phi)
+    grid = 2 * np.pi / R
+    r, b, t = choice.rotation[rows], choice.branch[rows], choice.turn[rows]
+    phi = np.unwrap(candidates.phi[r])
+    n = len(rows)
+    cost = np.empty((n, 2 * REACH + 1))
+    cost[:, REACH] = scores.cost[rows, r, b]
+    limit, reached = np.zeros((n, 2)), np.zeros((n, 2))
+    neighbour = np.stack([choice.q[rows], choice.q[rows]])
+    for side, sign in ((0, -1), (1, 1)):
+        alive, previous = np.ones(n, bool), choice.q[rows]
+        for j in range(1, REACH + 1):
+            rj = (r + sign * j) % R
+            base = candidates.q[rows, rj, b]
+            q = previous + wrap(base - previous)
+            turn = (np.round((q - base)[:, None] / (2 * np.pi)) == np.round(candidates.turns / (2 * np.pi))).all(axis=2)
+            alive &= (candidates.feasible[rows, rj, b] & turn).any(axis=1)
+            alive &= np.abs(q - previous).max(axis=1) < SIDE_STEP
+            limit[alive, side] = sign * j * grid
+            column = REACH + sign * j
+            cost[:, column] = np.where(alive, scores.cost[rows, rj, b], cost[:, column - sign])
+            previous = np.where(alive[:, None], q, previous)
+            if j == 1:
+                neighbour[side], reached[:, side] = previous, alive * grid
+    span = np.maximum(reached.sum(axis=1), 1e-12)[:, None]
+    return Corridor(phi=phi, low=limit[:, 0], high=limit[:, 1], cost=cost / scores.scale,
+                    slope=(neighbour[1] - neighbour[0]) / span, step=grid, q=choice.q[rows])  # fmt: skip
+
+
+def turning_length(path: Path, first: int, last: int) -> Array:
+    """Path length from ``first`` on which the rotation may change: plunges do not count."""
+    step = np.diff(path.s[first : last + 1])
+    step[path.plunge[first + 1 : last + 1]] = 0.0
+    return np.r_[0.0, np.cumsum(step)]
+
+
+def _pins(path: Path, rows: NDArray[np.intp], phi: Array, options: PlanOptions) -> dict[int, float]:
+    """The user's fixed rotations in this run: row to exact offset from the grid's phi."""
+    points = path.stations[rows]
+    pins = {}
+    for fixed in sorted(options.fixed, key=lambda f: f.point):
+        for i in np.flatnonzero(np.abs(path.index[points] - fixed.point) < 1e-9):
+            pins[int(i)] = float(wrap(fixed.gamma - path.offset[points[i]] - phi[i]))
+    return pins
