@@ -8,7 +8,7 @@ import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import machopt
 from machopt.errors import InputError, MachoptError, VerificationError
@@ -108,8 +108,8 @@ def _optimize(args: argparse.Namespace) -> int:
         "seed": args.seed,
     }
     request = Request(
-        cell=args.cell, toolpath=args.toolpath, out=args.out, plan_file=args.plan, overrides=tuple(args.set), direct=direct,
-        reading=_reading(args), allow_external=args.allow_external,
+        cell=args.cell, toolpath=args.toolpath, out=args.out, plan_file=args.plan, overrides=tuple(args.set),
+        direct=direct, reading=_reading(args), allow_external=args.allow_external,
     )  # fmt: skip
     with _Display(show=not (args.quiet or args.json)) as display:
         outcome = optimize(request, display.stage)
@@ -123,7 +123,8 @@ def _optimize(args: argparse.Namespace) -> int:
             f"machopt: no feasible answer; {_first_reason(outcome.result)} ({outcome.report} lists every point)",
             file=sys.stderr,
         )
-        for warning in outcome.result["warnings"][:3]:  # often the cause: a frame in metres, a body that is missing
+        told = outcome.result["warnings"]  # often the cause: a frame in metres, a body that is missing
+        for warning in told[:3] if isinstance(told, list) else ():
             print(f"  note: {warning}", file=sys.stderr)
     elif outcome.exit_code == VerificationError.exit_code:
         print(f"machopt: verification failed: {_failed(outcome.result)}", file=sys.stderr)
@@ -163,8 +164,7 @@ def _verify(args: argparse.Namespace) -> int:
     toolpath = read_toolpath(args.toolpath, **_reading(args))
     found = verify_output(cell, toolpath, args.out, options=options)
     if args.json:
-        checks = [{"name": c.name, "passed": c.passed, "value": c.value, "limit": c.limit, "unit": c.unit, "where": c.where}
-                  for c in found.checks]  # fmt: skip
+        checks = [vars(c) for c in found.checks]
         print(
             json.dumps(
                 _finite({"passed": found.ok, "samples": found.samples, "duration_s": found.duration, "checks": checks})
@@ -172,9 +172,8 @@ def _verify(args: argparse.Namespace) -> int:
         )
     elif not args.quiet:
         for c in found.checks:
-            print(
-                f"{'ok  ' if c.passed else 'FAIL'} {c.name}: {c.value:.4g} {c.unit} (limit {c.limit:.4g}){'' if c.passed else ' at ' + c.where}"
-            )
+            where = "" if c.passed else f" at {c.where}"
+            print(f"{'ok  ' if c.passed else 'FAIL'} {c.name}: {c.value:.4g} {c.unit} (limit {c.limit:.4g}){where}")
     if not found.ok:
         raise VerificationError("verification failed: " + "; ".join(f"{c.name} at {c.where}" for c in found.failed))
     return 0
@@ -183,12 +182,13 @@ def _verify(args: argparse.Namespace) -> int:
 class _Display:
     """The stage at work, on a terminal as a live line, elsewhere one line a stage."""
 
-    _WORDS = {
-        "load": "reading cell and toolpath", "prepare": "building kinematics and collision model", "candidates": "every branch, turn and rotation",
-        "score": "stiffness of every candidate", "baselines": "CAM default and jiao2022", "choose": "best sequence for the whole path",
-        "smooth": "smooth rotation", "check": "collisions", "compare": "comparing methods", "points": "stiffness and clearance per point",
-        "retime": "feed, acceleration and jerk", "export": "trajectory, tables and program", "verify": "verifying with independent code",
-        "report": "report",
+    _WORDS: ClassVar[dict[str, str]] = {
+        "load": "reading cell and toolpath", "prepare": "building kinematics and collision model",
+        "candidates": "every branch, turn and rotation", "score": "stiffness of every candidate",
+        "baselines": "CAM default and jiao2022", "choose": "best sequence for the whole path",
+        "smooth": "smooth rotation", "check": "collisions", "compare": "comparing methods",
+        "points": "stiffness and clearance per point", "retime": "feed, acceleration and jerk",
+        "export": "trajectory, tables and program", "verify": "verifying with independent code", "report": "report",
     }  # fmt: skip
 
     def __init__(self, *, show: bool) -> None:
@@ -221,7 +221,8 @@ def _summary(result: dict[str, Any], report: Path) -> list[str]:
     """What a process engineer wants to read first."""
     path, objective = result["toolpath"], result["objective"]
     lines = [
-        f"{result['verdict']}: {path['cutting_points']} cutting points of {path['points']}, {len(path['operations'])} operations, {path['format']}",
+        f"{result['verdict']}: {path['cutting_points']} cutting points of {path['points']}, "
+        f"{len(path['operations'])} operations, {path['format']}",
     ]
     for name in ("cam_default", "jiao2022", "chosen"):
         o = objective[name]
@@ -229,20 +230,23 @@ def _summary(result: dict[str, Any], report: Path) -> list[str]:
             lines.append(f"  {name:12} not feasible throughout ({100 * o['feasible_share']:.0f} % of the points)")
         else:
             lines.append(
-                f"  {name:12} objective {o['total']:.3f}   mean index {o['mean']:.3f}   worst {o['worst']:.3f} (1 = median candidate)"
+                f"  {name:12} objective {o['total']:.3f}   mean index {o['mean']:.3f}   worst {o['worst']:.3f} "
+                "(1 = median candidate, less is stiffer)"
             )
     worst = result["worst_point"]
     if worst:
-        bend = (
-            "" if worst["deflection_mm"] != worst["deflection_mm"] else f", deflection {worst['deflection_mm']:.3f} mm"
-        )
+        known = math.isfinite(worst["deflection_mm"])
+        bend = f", deflection {worst['deflection_mm']:.3f} mm" if known else ""
         lines.append(
-            f"  worst point {worst['point']}: {worst['k_axial_N_mm']:.0f} N/mm along the tool, {worst['k_normal_N_mm']:.0f} N/mm across{bend}"
+            f"  worst point {worst['point']}: {worst['k_axial_N_mm']:.0f} N/mm along the tool, "
+            f"{worst['k_normal_N_mm']:.0f} N/mm across{bend}"
         )
     if result["cycle_time_s"] is not None:
         dips = len(result["feed_dips"])
-        lines.append(f"  {result['cycle_time_s']:.1f} s cycle, programmed feed held for {100 * result['feed_held_share']:.1f} % of the cutting time"
-                     + (f", {dips} dips" if dips else ""))  # fmt: skip
+        lines.append(
+            f"  {result['cycle_time_s']:.1f} s cycle, programmed feed held for "
+            f"{100 * result['feed_held_share']:.1f} % of the cutting time" + (f", {dips} dips" if dips else "")
+        )
     for stop in result["obstructions"]:
         lines.append(f"  stopped: {stop['reason']}")
     unknown = [w for w in path["ignored"] if not w["understood"]]
@@ -259,7 +263,8 @@ def _summary(result: dict[str, Any], report: Path) -> list[str]:
 def _first_reason(result: dict[str, Any]) -> str:
     points, stops = result["infeasible_points"], result["obstructions"]
     if points:
-        return f"{len(points)} point{'s' if len(points) > 1 else ''}, the first is {points[0]['point']}: {points[0]['reason']}"
+        number = f"{len(points)} points" if len(points) > 1 else "1 point"
+        return f"{number}, the first is {points[0]['point']}: {points[0]['reason']}"
     if stops:
         return str(stops[0]["reason"])
     return "no continuous sequence of configurations was found"

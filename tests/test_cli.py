@@ -365,6 +365,16 @@ def test_holes_drilled_under_feed_and_left_in_rapid(tmp_path: Path) -> None:
     check_plan(KR500, table, tmp_path / "out")
 
 
+@PLANNER_PENDING
+def test_points_denser_than_samples_with_tangential_lead_in_and_out(tmp_path: Path) -> None:
+    """0.02 mm apart at 1500 mm/min: fifteen points a sample, and no corner that slows the change of move."""
+    words = ["approach"] * 200 + ["cut"] * 300 + ["retract"] * 200
+    rows: list[Row] = [(-100 + 0.02 * i, 0, -0.5, move, "1500") for i, move in enumerate(words)]
+    table = toolpath(tmp_path, [(-100, 0, 60, "rapid", ""), *rows, (-86, 0, 60, "rapid", "")])
+    assert optimize(KR500, table, tmp_path / "out") == 0
+    check_plan(KR500, table, tmp_path / "out")
+
+
 def test_verify_refuses_a_trajectory_that_was_touched(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table, out = toolpath(tmp_path, PASS), tmp_path / "out"
     assert optimize(KR500, table, out) == 0

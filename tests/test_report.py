@@ -125,8 +125,8 @@ def test_the_verdict_answers_gain_and_safety() -> None:
     v = verdict(full_result(points=50, samples=300))
     assert v.sentence == (
         "Predicted worst deflection 0.182 → 0.108 mm (−41 % ± 6 %) against the CAM's default rotation, −18 % against "
-        "Jiao 2022; feed held on 99.1 % of the cutting time; nearest miss at the points 12.4 mm (link5 – fixture, point 211); "
-        "verification passed."
+        "Jiao 2022; feed held on 99.1 % of the cutting time; nearest miss at the points 12.4 mm "
+        "(link5 – fixture, point 211); verification passed."
     )
     assert (v.badge, v.tone) == ("VERIFIED", "")
     assert any("GOFWDX" in c for c in v.cautions)

@@ -32,12 +32,13 @@ def report_data(
     *, hashes: dict[str, str], options: dict[str, object], timings: dict[str, float],
 ) -> page.ReportData:  # fmt: skip
     """Collect everything the page shows; parts that were not reached stay empty."""
-    quantity: page.Quantity = {"deflection": "deflection", "stiffness": "stiffness"}.get(plan.scores.index, "index")  # type: ignore[assignment]
+    index = plan.scores.index
+    quantity: page.Quantity = index if index in ("deflection", "stiffness") else "index"
     series = {name: _shown(plan, s) for name, s in _assignments(plan)}
     summary = _summary(plan, points, timeline, verification, quantity, series)
     infeasible = tuple(
         page.InfeasiblePoint(
-            point=int(round(plan.path.index[p])), operation=_label(toolpath, plan, p), position=plan.path.position[p],
+            point=round(plan.path.index[p]), operation=_label(toolpath, plan, p), position=plan.path.position[p],
             status=_WORDS.get(reason_of(plan, int(p)), reason_of(plan, int(p)).word),
             reason=points.table.reason[int(plan.path.index[p])], shortfall=_length(shortfall_of(plan, int(p))),
         )
@@ -53,7 +54,8 @@ def report_data(
         operations=_operations(plan, toolpath, points, timeline, series), ignored=toolpath.ignored,
         warnings=(*plan.setup.cell.warnings, *toolpath.warnings, *hints(plan),
                   *((f"rapid move {d}" for d in timeline.detours) if timeline else ()),
-                  *((f"{o.reason} ({_place(o.before)} → {_place(o.after)})" for o in timeline.obstructions) if timeline else ())),
+                  *((f"{o.reason} ({_place(o.before)} → {_place(o.after)})" for o in timeline.obstructions)
+                    if timeline else ())),
         excluded_pairs=tuple(page.ExcludedPair(e.a, e.b, e.reason) for e in (model.excluded if model else ())),
         checks=tuple(
             page.Check(c.name, c.passed, f"{c.value:.4g} {c.unit}", f"{c.limit:.4g} {c.unit}", c.where)
@@ -68,7 +70,7 @@ def _assignments(plan: Plan) -> tuple[tuple[str, Scored], ...]:
 
 
 def _shown(plan: Plan, scored: Scored) -> Array:
-    """(N,) cost at toolpath points in the page's quantity: deflection m, stiffness N/m; NaN where it cannot be driven."""
+    """(N,) cost at toolpath points as deflection in m or stiffness in N/m; NaN where it cannot be driven."""
     at = np.where(scored.assignment.reason == Reason.OK, scored.cost, np.nan)[plan.path.is_point]
     return at if plan.scores.index == "deflection" else 1.0 / at
 
@@ -92,10 +94,12 @@ def _summary(
         "infeasible" if not feasible else ("done" if verification is None or verification.ok else "verification_failed")
     )
     return page.Summary(
-        outcome=outcome, verification="not run" if verification is None else ("passed" if verification.ok else "failed"),  # type: ignore[arg-type]
+        outcome=outcome,  # type: ignore[arg-type]
+        verification="not run" if verification is None else ("passed" if verification.ok else "failed"),
         quantity=quantity,
-        worst_default=figure("default", worst_of), worst_jiao2022=figure("jiao2022", worst_of), worst_chosen=figure("chosen", worst_of),
-        mean_default=figure("default", np.mean), mean_jiao2022=figure("jiao2022", np.mean), mean_chosen=figure("chosen", np.mean),
+        worst_default=figure("default", worst_of), worst_jiao2022=figure("jiao2022", worst_of),
+        worst_chosen=figure("chosen", worst_of), mean_default=figure("default", np.mean),
+        mean_jiao2022=figure("jiao2022", np.mean), mean_chosen=figure("chosen", np.mean),
         feed_held=timeline.held_share if timeline and feasible else float("nan"),
         cycle_time=float(trajectory.time[-1]) if trajectory else float("nan"),
         cutting_time=float((trajectory.move == Move.CUT).sum() * plan.options.sample) if trajectory else float("nan"),
@@ -133,8 +137,9 @@ def _map(plan: Plan) -> page.RotationMap | None:
         return np.asarray(wrap(np.where(ok, scored.assignment.phi, np.nan)[st[cut]]))
 
     return page.RotationMap(
-        s=travelled[st[cut]], point=plan.path.index[st[cut]], rotation=c.phi, index=value, status=status.astype(np.uint8),
-        chosen=line(plan.chosen), jiao2022=line(plan.jiao2022), cam_default=line(plan.cam_default),
+        s=travelled[st[cut]], point=plan.path.index[st[cut]], rotation=c.phi, index=value,
+        status=status.astype(np.uint8), chosen=line(plan.chosen), jiao2022=line(plan.jiao2022),
+        cam_default=line(plan.cam_default),
     )  # fmt: skip
 
 
@@ -146,15 +151,16 @@ def _path_series(plan: Plan, toolpath: Toolpath, points: PointResults, series: d
 
     return page.PathSeries(
         s=_distance(toolpath), operation=toolpath.operation, cutting=counted,
-        index_default=only_cut(series["default"]), index_jiao2022=only_cut(series["jiao2022"]), index_chosen=only_cut(series["chosen"]),
-        k_axial=only_cut(t.k_axial), k_normal=only_cut(t.k_normal), k_jiao2022=only_cut(t.k_jiao_x), deflection=only_cut(t.deflection),
-        tolerance=toolpath.tolerance, clearance=t.clearance, nearest_pair=points.nearest_pair, singularity=t.singularity,
-        limit_margin=t.limit_margin,
+        index_default=only_cut(series["default"]), index_jiao2022=only_cut(series["jiao2022"]),
+        index_chosen=only_cut(series["chosen"]), k_axial=only_cut(t.k_axial), k_normal=only_cut(t.k_normal),
+        k_jiao2022=only_cut(t.k_jiao_x), deflection=only_cut(t.deflection),
+        tolerance=toolpath.tolerance, clearance=t.clearance, nearest_pair=points.nearest_pair,
+        singularity=t.singularity, limit_margin=t.limit_margin,
     )  # fmt: skip
 
 
 def _distance(toolpath: Toolpath) -> Array:
-    return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(toolpath.position, axis=0), axis=1))]
+    return np.asarray(np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(toolpath.position, axis=0), axis=1))])
 
 
 def _motion(plan: Plan, toolpath: Toolpath, timeline: Timeline | None) -> page.MotionSeries | None:
@@ -171,8 +177,9 @@ def _motion(plan: Plan, toolpath: Toolpath, timeline: Timeline | None) -> page.M
     programmed = np.where(known & (t.move != Move.RAPID), toolpath.feed[ends], np.nan)
     return page.MotionSeries(
         time=t.time, s=s, q=t.q, velocity_ratio=np.abs(v) / limits.velocity[:6], joint_names=plan.setup.cell.arm_joints,
-        prismatic=(False,) * 6, lower=limits.lower[:6], upper=limits.upper[:6], feed_programmed=programmed, feed_actual=t.feed,
-        cutting=t.move == Move.CUT, acceleration_ratio=np.abs(a) / limits.acceleration[:6], jerk_ratio=np.abs(j) / limits.jerk[:6],
+        prismatic=(False,) * 6, lower=limits.lower[:6], upper=limits.upper[:6], feed_programmed=programmed,
+        feed_actual=t.feed, cutting=np.asarray(t.move == Move.CUT),
+        acceleration_ratio=np.abs(a) / limits.acceleration[:6], jerk_ratio=np.abs(j) / limits.jerk[:6],
     )  # fmt: skip
 
 
@@ -185,13 +192,14 @@ def _dips(plan: Plan, timeline: Timeline | None) -> tuple[page.FeedDip, ...]:
     out = []
     for dip in timeline.dips:
         at = cut[np.searchsorted(t.point[cut], dip.first)] if len(cut) and dip.first <= t.point[cut[-1]] else None
-        end = cut[min(np.searchsorted(t.point[cut], dip.last), len(cut) - 1)] if len(cut) else 0
+        end = cut[min(int(np.searchsorted(t.point[cut], dip.last)), len(cut) - 1)] if len(cut) else 0
         programmed = float(
             plan.path.feed[min(int(np.searchsorted(plan.path.index, dip.last)), len(plan.path.feed) - 1)]
         )
         out.append(page.FeedDip(
-            point=dip.first, s=float(np.interp(dip.first, plan.path.index, s)), time=float(t.time[at]) if at is not None else float("nan"),
-            duration=max(float(t.time[min(end, len(t.time) - 1)] - t.time[at]), 0.0) if at is not None else float("nan"),
+            point=dip.first, s=float(np.interp(dip.first, plan.path.index, s)),
+            time=float(t.time[at]) if at is not None else float("nan"),
+            duration=max(float(t.time[end] - t.time[at]), 0.0) if at is not None else float("nan"),
             feed_programmed=programmed, feed_lowest=dip.ratio * programmed, cause=cause(dip),
         ))  # fmt: skip
     return tuple(out)
@@ -271,7 +279,7 @@ def _operations(
 
 
 def _label(toolpath: Toolpath, plan: Plan, row: int) -> str:
-    return toolpath.operations[toolpath.operation[int(np.ceil(plan.path.index[row] - 1e-9))]].label
+    return str(toolpath.operations[toolpath.operation[int(np.ceil(plan.path.index[row] - 1e-9))]].label)
 
 
 def _length(metres: float) -> str:

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 def reason_of(plan: Plan, point: int) -> Reason:
-    """Why a planning point has no configuration: where no rotation works at all, what stopped the one that came farthest."""
+    """Why a planning point has no configuration; where no rotation works, what stopped the one that came farthest."""
     reason = Reason(int(plan.chosen.assignment.reason[point]))
     if reason != Reason.NO_PATH:
         return reason
@@ -69,7 +69,8 @@ def point_results(plan: Plan, toolpath: Toolpath) -> PointResults:
     why = explain_points(plan)
     table = PointsTable(
         position=toolpath.position, axis=toolpath.axis, move=toolpath.move, operation=toolpath.operation,
-        operations=tuple(o.label for o in toolpath.operations), gamma=np.where(a.reason[rows] == Reason.OK, gamma(plan)[rows], np.nan),
+        operations=tuple(o.label for o in toolpath.operations),
+        gamma=np.where(a.reason[rows] == Reason.OK, gamma(plan)[rows], np.nan),
         branch=a.branch[rows].astype(np.int8), q=q, external=np.empty((n, 0)), external_prismatic=(),
         k_axial=axial, k_normal=normal, deflection=bend, clearance=clearance, limit_margin=margin, singularity=singular,
         status=tuple(reason_of(plan, int(p)).word for p in rows), reason=tuple(why.get(int(p), "") for p in rows),

@@ -135,34 +135,33 @@ def _result(
         "version": machopt.__version__,
         "verdict": verdict,
         "exit_code": exit_code,
-        "inputs": {**{str(f.relative_to(cell.folder) if f.is_relative_to(cell.folder) else f): _sha(f) for f in cell.files},
-                   toolpath.source: toolpath.sha256},
+        "inputs": {**{_name_in(cell, f): _sha(f) for f in cell.files}, toolpath.source: toolpath.sha256},
         "options": options_as_user(options),
         "cell": cell.name,
         "toolpath": {"source": toolpath.source, "format": toolpath.format, "points": len(toolpath),
-                     "cutting_points": int(toolpath.cutting.sum()), "operations": [o.label for o in toolpath.operations],
-                     "ignored": [{"word": w.word, "count": w.count, "first_line": w.first_line, "understood": w.understood}
-                                 for w in toolpath.ignored]},
+                     "cutting_points": int(toolpath.cutting.sum()),
+                     "operations": [o.label for o in toolpath.operations],
+                     "ignored": [vars(w) for w in toolpath.ignored]},
         "index": the_plan.scores.index,
         "chosen_from": the_plan.chosen_from,
         "objective": {"cam_default": _objective(the_plan.cam_default), "jiao2022": _objective(the_plan.jiao2022),
                       "grid": vars(the_plan.grid), "chosen": _objective(the_plan.chosen)},
         "worst_point": worst,
         "infeasible_points": [
-            {"point": int(round(the_plan.path.index[p])), "reason": points.table.reason[int(the_plan.path.index[p])]} for p in missing
+            {"point": k, "reason": points.table.reason[k]} for k in (round(the_plan.path.index[p]) for p in missing)
         ],
         "cycle_time_s": float(trajectory.time[-1]) if trajectory else None,
         "feed_held_share": timeline.held_share if trajectory and timeline else None,
         "feed_dips": [
-            {"first_point": d.first, "last_point": d.last, "lowest_ratio": d.ratio, "where": d.where, "axis": d.joint, "limit": d.limit}
+            {"first_point": d.first, "last_point": d.last, "lowest_ratio": d.ratio, "where": d.where,
+             "axis": d.joint, "limit": d.limit}
             for d in (timeline.dips if timeline else ())
         ],
         "rapid_detours": list(timeline.detours) if timeline else [],
         "obstructions": [vars(o) for o in (timeline.obstructions if timeline else ())],
         "verification": None if verification is None else {
             "passed": verification.ok,
-            "checks": [{"name": c.name, "passed": c.passed, "value": c.value, "limit": c.limit, "unit": c.unit, "where": c.where}
-                       for c in verification.checks],
+            "checks": [vars(c) for c in verification.checks],
         },
         "warnings": [*cell.warnings, *toolpath.warnings, *hints(the_plan)],
         "timings_s": {name: round(value, 3) for name, value in seconds.items()},
@@ -183,6 +182,10 @@ def _worst(the_plan: Plan, points: PointResults) -> dict[str, object] | None:
     return {"point": i, "k_axial_N_mm": t.k_axial[i] / 1e3, "k_normal_N_mm": t.k_normal[i] / 1e3,
             "deflection_mm": t.deflection[i] * 1e3, "gamma_deg": float(np.degrees(t.gamma[i])),
             "k_jiao_x_N_mm": t.k_jiao_x[i] / 1e3, "q_deg": np.degrees(t.q[i]).round(4).tolist()}  # fmt: skip
+
+
+def _name_in(cell: Cell, file: Path) -> str:
+    return str(file.relative_to(cell.folder) if file.is_relative_to(cell.folder) else file)
 
 
 def _sha(file: Path) -> str:

@@ -44,6 +44,7 @@ from machopt.plan.score import (
 from machopt.plan.smooth import follow_grid, smooth
 
 Array = NDArray[np.float64]
+ROUNDS_IN_VAIN = 8
 ROUNDS = 40  # of choosing again after collisions
 Progress = Callable[[str], None]
 
@@ -218,10 +219,10 @@ def _global(
             break
         if struck == 0:
             break
+        # some points have no answer any more: a few rounds more tell which, the whole search would be in vain
         hopeless = ~candidates.feasible.any(axis=(1, 2, 3)) & path.may_touch[path.stations]
-        if hopeless.any() and not options.allow_gaps:
-            choice = choose(path, candidates, scores, setup.cell.limits.velocity[:6], options)
-            break  # no need to search on: these points have no answer
+        if hopeless.any() and not options.allow_gaps and rounds >= ROUNDS_IN_VAIN:
+            break
     if check is None and setup.collision is not None:  # points were lost to the end; the rest is not taken unchecked
         check = check_path(path, best.assignment.q, setup.collision, options)
     return best, source, choice, check, rounds

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from machopt.report import tables
 from machopt.report.data import ReportData
+from machopt.report.display import WORDS
 from machopt.report.figures import Spec, figure_specs
 from machopt.report.verdict import cards, verdict
 
@@ -38,7 +39,7 @@ def report_html(data: ReportData) -> str:
     sections = [
         ("verdict", "Verdict", _verdict(data)),
         ("infeasible", "Infeasible points", _infeasible(data)),
-        ("rotation", "Map", _map(specs)),
+        ("rotation", "Map", _map(data, specs)),
         ("path", "Along the path", _path(charts)),
         ("points", "Worst points", _worst(data)),
         ("feed", "Feed", _feed(data, charts)),
@@ -102,17 +103,22 @@ def _infeasible(data: ReportData) -> str:
     return _section("infeasible", "Infeasible points", lead, tables.infeasible_points(data))
 
 
-def _map(specs: Spec) -> str:
+def _map(data: ReportData, specs: Spec) -> str:
     if specs["map"] is None:
         return ""
     lead = (
-        "Every rotation φ of the tool about its own axis at every station of the path, counted from a direction that is "
-        "carried along without turning (γ of the tables is counted from the direction of travel, so the CAM's default, "
-        "γ = 0, is a curve where the path turns). Bright is stiff, dark is soft; grey and hatched places cannot be used, "
-        "and the hatching says why. Collisions are looked for only where the choice wanted to go: a coloured place off "
-        "the chosen line is reachable, but not proven free."
+        "Every rotation φ of the tool about its own axis at every station of the path, counted from a direction that "
+        "is carried along without turning (γ of the tables is counted from the direction of travel, so the CAM's "
+        "default, γ = 0, is a curve where the path turns). Bright is stiff, dark is soft; grey and hatched places "
+        "cannot be used, and the hatching says why. Collisions are looked for only where the choice wanted to go: "
+        "a coloured place off the chosen line is reachable, but not proven free."
     )
-    return _section("rotation", "Stiffness over path and rotation", lead, "<div class=chart id=map></div>")
+    return _section(
+        "rotation",
+        f"{WORDS[data.summary.quantity].axis} over path and rotation",
+        lead,
+        "<div class=chart id=map></div>",
+    )
 
 
 def _path(charts: set[str]) -> str:

@@ -108,6 +108,8 @@ def counted(number: int, noun: str) -> str:
 
 def percent(share: float, *, signed: bool = True) -> str:
     """A share as percent, with a true minus sign."""
+    if signed and abs(share) < 0.005:
+        return "±0 %"
     return f"{share * 100:{'+' if signed else ''}.0f} %".replace("-", "−")
 
 

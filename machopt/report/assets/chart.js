@@ -157,15 +157,16 @@ function lineChart(host, spec) {
     }
     spec.series.forEach((s, i) => {
       if (c.hidden.has(i)) return;
-      let d = "", pen = false, last = -1;
+      let dots = "", d = "", pen = false, last = -1;
       for (let k = 0; k < spec.x.length; k++) {
         const v = s.y[k];
         if (v === null) { pen = false; continue; }
         d += (pen ? "L" : "M") + X(spec.x[k]).toFixed(1) + " " + Y(v).toFixed(1);
-        if (!pen && (k + 1 >= spec.x.length || s.y[k + 1] === null)) d += "h0.1";
+        if (!pen && (k + 1 >= spec.x.length || s.y[k + 1] === null)) dots += `M${X(spec.x[k]).toFixed(1)} ${Y(v).toFixed(1)}h0.1`; // a hole
         pen = true;
       }
       el("path", { d, class: "line", stroke: s.color, "stroke-width": s.width || 1.6, "stroke-dasharray": s.dash || "none" }, g);
+      if (dots) el("path", { d: dots, class: "line", stroke: s.color, "stroke-width": 5, "stroke-linecap": "round" }, g);
     });
     el("rect", { x: F.M.l, y: F.M.t, width: F.w, height: F.h, class: "box" }, F.svg);
     for (const m of spec.marks || []) {
