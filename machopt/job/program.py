@@ -29,6 +29,7 @@ def robot_program(plan: Plan, toolpath: Toolpath, timeline: Timeline) -> RobotPr
         kind=kinds, q=Q, T_workpiece_tcp=inverse_base @ T, feed=feed, cutting=cutting, operation=operation,
         operations=tuple(o.label for o in toolpath.operations), T_flange_tcp=plan.setup.cell.tool.T_flange_tcp,
         T_base_workpiece=plan.setup.arm.T_base_workpiece, ptp_speed=plan.options.rapid_scale,
+        blend=plan.options.path_tolerance,
         events=_events(toolpath, at), source=f"{plan.setup.cell.name}; {toolpath.source}",
     )  # fmt: skip
 

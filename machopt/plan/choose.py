@@ -27,6 +27,7 @@ TURNING = 0.5  # share of the slowest axis's velocity limit that rotation about 
 MAX_WINDOW = 8  # grid steps
 FREE_PREDECESSORS = 64  # over a rapid move only the cheapest so many are tried
 CAP_SHARES = (0.7, 0.4, 0.2, 0.1, 0.03)  # between the least possible worst cost and the unconstrained one
+NEAR = 0.5  # m: rapid moves shorter than this should not turn the arm over
 FREE, LIFT = -1, -2
 
 
@@ -57,9 +58,10 @@ def choose(path: Path, candidates: Candidates, scores: Scores, velocity: Array, 
     feasible = candidates.feasible
     counted = path.counted[path.stations]
     window, seconds = _windows(path, candidates, float(velocity.min()))
+    shift = _same_direction(path, len(candidates.phi))
     node = _node_cost(path, candidates, scores, options)
     share = path.motion_share[path.stations]
-    price_q = options.weights.travel / np.pi * share
+    price_q = options.weights.travel / np.pi * share * _swing(path, window)
     price_t = options.weights.feed / max(float(path.time[-1]), 1e-9)
     price_r = options.weights.rotation / np.pi * (2 * np.pi / len(candidates.phi)) * share
     raw = np.where(np.isfinite(scores.cost), scores.cost / scores.scale, np.inf)
@@ -72,6 +74,7 @@ def choose(path: Path, candidates: Candidates, scores: Scores, velocity: Array, 
             mask,
             window,
             candidates.stable,
+            shift,
             seconds,
             1.0 / (AXIS_SPEED * velocity),
             price_q,
@@ -142,6 +145,22 @@ def _windows(path: Path, candidates: Candidates, slowest: float) -> tuple[Ints, 
     return out, seconds
 
 
+def _same_direction(path: Path, rotations: int) -> Ints:
+    """(S,) grid steps from a station's phi to the phi of the station before that points TCP x the same way."""
+    st = path.stations
+    reference, axis = path.reference[st], path.axis[st]
+    before = np.roll(reference, 1, axis=0)
+    angle = np.arctan2(np.sum(np.cross(before, reference) * -axis, axis=1), np.sum(before * reference, axis=1))
+    return np.asarray(np.round(angle / (2 * np.pi / rotations)), dtype=np.int32)
+
+
+def _swing(path: Path, window: Ints) -> Array:
+    """(S,) how much dearer joint travel is on short rapid moves: the arm turns over on the long ones, away from the part."""
+    position = path.position[path.stations]
+    distance = np.r_[np.inf, np.linalg.norm(np.diff(position, axis=0), axis=1)]
+    return np.where(window == FREE, 1.0 + NEAR / (distance + 0.1 * NEAR), 1.0)
+
+
 def _node_cost(path: Path, candidates: Candidates, scores: Scores, options: PlanOptions) -> Array:
     """(S, R, B) price of a vertex: its share of the mean index, and the preferred rotation."""
     counted = path.counted[path.stations]
@@ -152,7 +171,7 @@ def _node_cost(path: Path, candidates: Candidates, scores: Scores, options: Plan
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _sequence(node, q, turns, feasible, window, stable, seconds, slowness, price_q, price_r, price_t):  # type: ignore[no-untyped-def]  # numba infers
+def _sequence(node, q, turns, feasible, window, stable, shift, seconds, slowness, price_q, price_r, price_t):  # type: ignore[no-untyped-def]  # numba infers
     """Cheapest sequence; returns (S, 3) rotation, branch, turn (−1 where dropped), its value, and where it stopped.
 
     ``stop`` ≥ 0 is the first station inside a run that no vertex of the station before reaches continuously.
@@ -212,6 +231,15 @@ def _sequence(node, q, turns, feasible, window, stable, seconds, slowness, price
                                 step += abs(q[s, r, b, i] + turns[t, i] - q[last, ru, bu, i] - turns[tu, i])
                             if cost[j] + price_q[s] * step < value:
                                 value, source = cost[j] + price_q[s] * step, u
+                        for tu in range(T):  # and the same posture before, however dear: the arm may have turned over earlier
+                            u = (((r + shift[s]) % R) * B + b) * T + tu
+                            if before[u] < value:
+                                step = 0.0
+                                for i in range(6):
+                                    ru = (r + shift[s]) % R
+                                    step += abs(q[s, r, b, i] + turns[t, i] - q[last, ru, b, i] - turns[tu, i])
+                                if before[u] + price_q[s] * step < value:
+                                    value, source = before[u] + price_q[s] * step, u
                     else:
                         for dr in range(-window[s], window[s] + 1):
                             ru = (r + dr) % R
