@@ -23,8 +23,6 @@ CHECK_PLAN = ROOT.parent / "shared" / "tools" / "check_plan.py"
 HEADER = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min"
 Row = tuple[float, float, float, str, str]  # x, y, z, move, feed
 
-PLANNER_PENDING = pytest.mark.xfail(strict=True, reason="waits for a patch to machopt/plan; remove this mark with it")
-
 # a short pass over the cylinder head, in and out under feed
 PASS: list[Row] = [
     (-100, 0, 60, "rapid", ""),
@@ -313,7 +311,6 @@ def test_allow_gaps_plans_the_rest(tmp_path: Path, capsys: pytest.CaptureFixture
 @pytest.mark.parametrize(
     "options", [["--set", "rotation_range_deg=[80,100]"], ["--set", "rotation_range_deg=[150,180]"]]
 )
-@PLANNER_PENDING
 def test_the_rotation_range_is_kept(options: list[str], tmp_path: Path) -> None:
     code = optimize(KR500, toolpath(tmp_path, PASS), tmp_path / "out", *options)
     assert code in (0, 3)
@@ -322,7 +319,6 @@ def test_the_rotation_range_is_kept(options: list[str], tmp_path: Path) -> None:
         assert all(low - 0.1 <= g <= high + 0.1 for g in gammas(tmp_path / "out"))
 
 
-@PLANNER_PENDING
 def test_fixed_rotations_are_kept(tmp_path: Path) -> None:
     assert (
         optimize(KR500, toolpath(tmp_path, PASS), tmp_path / "out", "--set", "fixed=[{point: 5, gamma_deg: 20}]") == 0
@@ -343,7 +339,6 @@ def test_options_that_must_work(options: list[str], tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "rows", [PASS[2:-2], [PASS[0], *PASS[2:-2], PASS[-1]]], ids=["cuts only", "rapid to and from the cut"]
 )
-@PLANNER_PENDING
 def test_cuts_that_a_rapid_move_enters_and_leaves(rows: list[Row], tmp_path: Path) -> None:
     """The cutter stands in the workpiece where the rapid move begins: it is drawn out along its axis first.
 
@@ -355,7 +350,6 @@ def test_cuts_that_a_rapid_move_enters_and_leaves(rows: list[Row], tmp_path: Pat
     check_plan(KR500, table, tmp_path / "out")
 
 
-@PLANNER_PENDING
 def test_holes_drilled_under_feed_and_left_in_rapid(tmp_path: Path) -> None:
     rows: list[Row] = []
     for x in (-4.0, 4.0):  # the web between two bores
@@ -365,7 +359,6 @@ def test_holes_drilled_under_feed_and_left_in_rapid(tmp_path: Path) -> None:
     check_plan(KR500, table, tmp_path / "out")
 
 
-@PLANNER_PENDING
 def test_points_denser_than_samples_with_tangential_lead_in_and_out(tmp_path: Path) -> None:
     """0.02 mm apart at 1500 mm/min: fifteen points a sample, and no corner that slows the change of move."""
     words = ["approach"] * 200 + ["cut"] * 300 + ["retract"] * 200

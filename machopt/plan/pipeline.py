@@ -42,10 +42,12 @@ from machopt.plan.score import (
     score_candidates,
 )
 from machopt.plan.smooth import follow_grid, smooth
+from machopt.se3 import wrap
 
 Array = NDArray[np.float64]
 ROUNDS_IN_VAIN = 8
 ROUNDS = 40  # of choosing again after collisions
+BOUND_SLACK = np.radians(0.05)  # of the user's rotation bounds, where a yardstick is asked whether it keeps them
 Progress = Callable[[str], None]
 
 
@@ -170,7 +172,8 @@ def plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Timings 
         chosen, source, choice, check, rounds = _global(path, setup, candidates, scores, scored, options, clock)
         with stage("compare"):
             for other, name in ((paper, "jiao2022"), (default, "cam default")):
-                if other.objective.total < chosen.objective.total and _clean(other, path, setup, options):
+                wanted = _as_asked(other.assignment.phi, path, options)
+                if wanted and other.objective.total < chosen.objective.total and _clean(other, path, setup, options):
                     chosen, source, check = other, name, None
     else:
         chosen, source = (paper, "jiao2022") if options.method == "jiao2022" else (default, "cam default")
@@ -259,6 +262,17 @@ def as_driven(plan: Plan, phi: Array) -> Plan:
     velocity = plan.setup.cell.limits.velocity[:6]
     value = objective(plan.path, cost, after.q, phi, plan.scores.scale, velocity, plan.options)
     return replace(plan, chosen=Scored(after, cost, value))
+
+
+def _as_asked(phi: Array, path: Path, options: PlanOptions) -> bool:
+    """The rotation keeps the user's range and fixed values, which the yardsticks know nothing of."""
+    gamma = np.asarray(wrap(phi + path.offset))
+    low, high = options.rotation_range
+    inside = (gamma >= low - BOUND_SLACK) & (gamma <= high + BOUND_SLACK)
+    if high - low < 2 * np.pi - BOUND_SLACK and not inside[path.counted].all():
+        return False
+    at = {round(float(k)): n for n, k in enumerate(path.index) if path.is_point[n]}
+    return all(abs(float(wrap(gamma[at[f.point]] - f.gamma))) < BOUND_SLACK for f in options.fixed if f.point in at)
 
 
 def _clean(scored: Scored, path: Path, setup: Setup, options: PlanOptions) -> bool:

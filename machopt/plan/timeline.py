@@ -2,7 +2,9 @@
 
 Runs are retimed at the programmed feed (:mod:`machopt.plan.retime`), rapid moves go from rest to rest in joint
 space (:mod:`machopt.plan.rapids`) and are checked for collisions like everything else. Where points were dropped
-(``allow_gaps``) the tool lifts along its axis, goes over by a rapid move and comes down again.
+(``allow_gaps``) the tool lifts along its axis, goes over by a rapid move and comes down again. Where the CAM file
+leaves or enters the workpiece in a rapid move (a drill drawn out, a cut without approach), the tool goes straight
+along its axis at a feed until it is out, and only then in rapid.
 """
 
 from __future__ import annotations
@@ -28,6 +30,8 @@ Array = NDArray[np.float64]
 LIFTS = (0.02, 0.05, 0.1, 0.2, 0.4)  # m along the tool axis, tried in this order around obstacles
 BEND = np.radians(0.1)  # rotation that a straight move between two toolpath points may miss before a point is added
 GAP_LIFT = 0.05  # m, where the path is interrupted
+WITHDRAWALS = (0.002, 0.005, 0.01, 0.02, 0.035, 0.05, 0.1, 0.2, 0.4)  # m along the tool axis out of the workpiece
+LIFT_STEP = 0.01  # m between the configurations along a lift
 
 
 @dataclass(frozen=True)
@@ -85,6 +89,7 @@ class _Builder:
         self.dips: list[Dip] = []
         self.obstructions: list[Obstruction] = []
         self.detours: list[str] = []
+        self.withdrawn: list[tuple[float, float]] = []  # toolpath index, m
         self.cut_time = self.held_time = 0.0
         self.rng = np.random.default_rng(self.options.seed)
 
@@ -93,10 +98,12 @@ class _Builder:
         stretches = list(self._stretches())
         for n, (first, last) in enumerate(stretches):
             begin, finish = first, last
-            lift_in = first > 0 and self.path.run[first] == self.path.run[first - 1]
-            lift_out = last + 1 < len(self.path.index) and self.path.run[last + 1] == self.path.run[last]
-            start = self._lifted(first, GAP_LIFT) if lift_in else self.q[first]
-            end = self._lifted(last, GAP_LIFT) if lift_out else self.q[last]
+            gap_in = first > 0 and self.path.run[first] == self.path.run[first - 1]
+            gap_out = last + 1 < len(self.path.index) and self.path.run[last + 1] == self.path.run[last]
+            lift_in = GAP_LIFT if gap_in else self._withdrawal(first)
+            lift_out = GAP_LIFT if gap_out else lift_in if first == last else self._withdrawal(last)
+            start = self._lifted(first, lift_in) if lift_in else self.q[first]
+            end = self._lifted(last, lift_out) if lift_out else self.q[last]
             if start is None or end is None:
                 row = first if start is None else last
                 self.obstructions.append(
@@ -105,14 +112,22 @@ class _Builder:
                 continue
             self._rapid(here, start, index, float(self.path.index[first]), axis_row, first)
             if lift_in:
-                self._straight(start, self.q[first], first, Move.APPROACH)
+                self._straight(start, self.q[first], first, Move.APPROACH, lift_in)
             if last > first:
                 self._run(begin, finish)
             if lift_out:
-                self._straight(self.q[last], end, last, Move.RETRACT)
+                self._straight(self.q[last], end, last, Move.RETRACT, lift_out)
             here, index, axis_row = end, float(self.path.index[last]), last
             self.progress((n + 1) / max(len(stretches), 1))
         self._rapid(here, self.cell.home, index, float("nan"), axis_row, -1)
+        if self.withdrawn:
+            places = ", ".join(f"{index:g}" for index, _ in self.withdrawn[:8]) + (
+                " …" if len(self.withdrawn) > 8 else ""
+            )
+            self.detours.append(
+                f"in the workpiece at its start or end, at point {places}: there the tool is first drawn straight "
+                f"along its axis at a feed, by up to {1e3 * max(height for _, height in self.withdrawn):.0f} mm"
+            )
         trajectory = None if self.obstructions else self._joined()
         held = self.held_time / self.cut_time if self.cut_time > 0 else 1.0
         return Timeline(
@@ -184,7 +199,7 @@ class _Builder:
         arm, q = self.plan.setup.arm, self.q[row]
         rows = np.array([row], np.int32)
         pose = arm.T_base_workpiece @ tcp_poses(self.path, rows, self.plan.chosen.assignment.phi[rows])[0]
-        for share in np.arange(0.01, height + 1e-9, 0.01):
+        for share in np.linspace(0.0, height, int(np.ceil(height / LIFT_STEP - 1e-9)) + 1)[1:]:
             lifted = pose.copy()
             lifted[:3, 3] -= share * pose[:3, 2]
             q, error = refine(self.plan.setup.robot, lifted, q, arm.T_flange_tcp, 5)
@@ -192,21 +207,44 @@ class _Builder:
                 return None
         return q
 
-    def _straight(self, a: Array, b: Array, row: int, move: Move) -> None:
-        """A straight lift or descent along the tool axis at a gap."""
+    def _withdrawal(self, row: int) -> float:
+        """m along the tool axis until a rapid move may begin; 0 where it may at once, or never."""
+        model = self.plan.setup.collision
+        if model is None:
+            return 0.0
+        q = self.q[row][None]
+        if not model.check(q, np.array([False])).hit[0] or model.check(q, np.array([True])).hit[0]:
+            return 0.0
+        for height in WITHDRAWALS:
+            up = self._lifted(row, height)
+            if (
+                up is None
+                or model.check_motion(np.vstack([q, up]), np.array([True, True]), self.options.collision_step).any
+            ):
+                return 0.0
+            if not model.check(up[None], np.array([False])).hit[0]:
+                self.withdrawn.append((float(self.path.index[row]), height))
+                return height
+        return 0.0
+
+    def _straight(self, a: Array, b: Array, row: int, move: Move, height: float) -> None:
+        """A straight lift or descent along the tool axis; down not faster than the cut that follows."""
         rows = np.array([row, row], np.int32)
-        up = -np.asarray([GAP_LIFT, 0.0]) if move is Move.APPROACH else -np.asarray([0.0, GAP_LIFT])
-        position = self.path.position[rows] - up[:, None] * self.path.axis[rows]
-        done = self._retime(
-            position, rows, np.array([a, b]), np.full(2, self.options.approach_feed), np.full(2, move, np.int8)
+        up = np.asarray([height, 0.0]) if move is Move.APPROACH else np.asarray([0.0, height])
+        position = self.path.position[rows] + up[:, None] * self.path.axis[rows]
+        feed = (
+            min(self.options.approach_feed, float(self.point_feed[row]))
+            if move is Move.APPROACH
+            else self.options.approach_feed
         )
+        done = self._retime(position, rows, np.array([a, b]), np.full(2, feed), np.full(2, move, np.int8))
         if isinstance(done, RunFailure):
             self.obstructions.append(Obstruction(self.path.index[row], self.path.index[row], done.reason))
             return
         n = len(done.q)
         self.legs.append(Leg("lift", done.q, np.full(n, self.path.index[row]), np.full(n, move, np.int8),
                              np.full(n, self._operation(rows[:1])[0], np.int32), np.full(n, np.nan), b[None],
-                             self.path.index[rows[:1]], np.array([self.options.approach_feed])))  # fmt: skip
+                             self.path.index[rows[:1]], np.array([feed])))  # fmt: skip
 
     def _run(self, first: int, last: int) -> None:
         rows = np.arange(first, last + 1, dtype=np.int32)
@@ -221,6 +259,7 @@ class _Builder:
         segment = np.clip(np.ceil(local - 1e-9).astype(int), 1, len(rows) - 1)  # the segment a sample lies on
         move = self.path.move[rows][segment]
         below = np.clip(np.floor(local + 1e-9).astype(int), 0, len(rows) - 1)
+        move = _every_cut_shown(move, local, index, rows, self.path)
         gamma = done.phi + self.path.offset[rows][below]
         self.phi[rows] = np.interp(np.arange(len(rows)), local, done.phi)
         told = _needed(self.plan.chosen.assignment.phi[rows], self.path.is_point[rows])
@@ -261,6 +300,26 @@ class _Builder:
             time=np.arange(len(q)) * self.options.sample, q=q, external=np.empty((len(q), 0)), point=join("index"),
             move=join("move").astype(np.int8), operation=join("operation").astype(np.int32), gamma=join("gamma"), feed=speed,
         )  # fmt: skip
+
+
+def _every_cut_shown(
+    move: NDArray[np.int8], local: Array, index: Array, rows: NDArray[np.int32], path: Path
+) -> NDArray[np.int8]:
+    """(S,) moves of the samples, so that each cut point lies between two samples of a cut, or near one.
+
+    Where points are denser than samples, the last points of a cut lie before a sample that already belongs to the
+    retract (and the first ones behind a sample of the approach); such samples count to the cut they complete.
+    """
+    out = move.copy()
+    place = np.interp(local, np.arange(len(rows)), index)
+    points = 1 + np.flatnonzero((path.move[rows] == Move.CUT)[1:] & path.is_point[rows][1:])
+    after = np.clip(np.searchsorted(local, points - 1e-9), 1, len(local) - 1) if len(local) > 1 else points[:0]
+    for k, n in zip(index[points[: len(after)]], after, strict=True):
+        pair = [n - 1, n]
+        near = (np.abs(place[pair] - k) <= 0.5) & (move[pair] == Move.CUT)
+        if not near.any():
+            out[pair] = Move.CUT
+    return out
 
 
 def _needed(phi: Array, is_point: NDArray[np.bool_]) -> NDArray[np.bool_]:
