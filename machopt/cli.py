@@ -229,10 +229,8 @@ def _summary(result: dict[str, Any], report: Path) -> list[str]:
         if o["total"] == float("inf"):
             lines.append(f"  {name:12} not feasible throughout ({100 * o['feasible_share']:.0f} % of the points)")
         else:
-            lines.append(
-                f"  {name:12} objective {o['total']:.3f}   mean index {o['mean']:.3f}   worst {o['worst']:.3f} "
-                "(1 = median candidate, less is stiffer)"
-            )
+            mean, worst = (_in_words(result, o[key]) for key in ("mean", "worst"))
+            lines.append(f"  {name:12} mean {mean}, worst {worst}   (objective {o['total']:.3f})")
     worst = result["worst_point"]
     if worst:
         known = math.isfinite(worst["deflection_mm"])
@@ -258,6 +256,12 @@ def _summary(result: dict[str, Any], report: Path) -> list[str]:
         lines.append(f"  verification {'passed' if result['verification']['passed'] else 'FAILED'}")
     lines.append(f"report: {report}")
     return lines
+
+
+def _in_words(result: dict[str, Any], cost: float) -> str:
+    """A cost of the objective as the engineer reads it: deflection in mm, or stiffness in N/mm."""
+    value = cost * result["index_scale"]
+    return f"deflection {1e3 * value:.3f} mm" if result["index"] == "deflection" else f"stiffness {1e-3 / value:.0f} N/mm"
 
 
 def _first_reason(result: dict[str, Any]) -> str:

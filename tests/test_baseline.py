@@ -62,7 +62,7 @@ def ready(cell: Cell, tp: Toolpath, options: PlanOptions = OPTIONS) -> tuple[Set
 
 def paper(setup: Setup, path: Path, options: PlanOptions = OPTIONS) -> Assignment:
     d = directions(path, setup.arm.T_base_workpiece, setup.elasticity, options.force)
-    return jiao2022(path, setup.arm, setup.robot, setup.elasticity, d, setup.cell.home, options)
+    return jiao2022(path, setup.arm, setup.elasticity, d, None, setup.cell.home, options)
 
 
 def paper_roll(setup: Setup, path: Path, phi: np.ndarray) -> np.ndarray:
@@ -79,7 +79,7 @@ def paper_roll(setup: Setup, path: Path, phi: np.ndarray) -> np.ndarray:
 def test_cam_default_has_gamma_zero_everywhere_and_reaches(tmp_path: FilePath) -> None:
     for tp in (milling(0.1), holes(0.2)):
         setup, path = ready(facing_cell(tmp_path), tp)
-        a = cam_default(path, setup.arm, setup.robot, setup.cell.home)
+        a = cam_default(path, setup.arm, setup.cell.home)
         np.testing.assert_allclose(wrap(a.phi + path.offset), 0, atol=1e-12)
         ok = a.reason == Reason.OK
         assert ok.mean() > 0.9
@@ -93,7 +93,7 @@ def test_cam_default_has_gamma_zero_everywhere_and_reaches(tmp_path: FilePath) -
 
 def test_cam_default_starts_nearest_to_home_and_follows(tmp_path: FilePath) -> None:
     setup, path = ready(facing_cell(tmp_path), milling())
-    a = cam_default(path, setup.arm, setup.robot, setup.cell.home)
+    a = cam_default(path, setup.arm, setup.cell.home)
     first = setup.arm.solver.solve(setup.arm.T_base_workpiece @ tcp_poses(path, np.zeros(1, np.int32), a.phi[:1])
                                    @ np.linalg.inv(setup.arm.T_flange_tcp)).q[0]  # fmt: skip
     every = (first[:, None] + setup.arm.turns).reshape(-1, 6)
@@ -226,7 +226,7 @@ def test_nothing_reachable_is_data_not_an_exception(tmp_path: FilePath) -> None:
     cell = facing_cell(tmp_path)
     far = replace(cell, workpiece=Workpiece("world", pose(9.0, 0, 1.4, -np.pi / 2), ()))
     setup, path = ready(far, milling())
-    for a in (paper(setup, path), cam_default(path, setup.arm, setup.robot, cell.home)):
+    for a in (paper(setup, path), cam_default(path, setup.arm, cell.home)):
         assert (a.reason == Reason.UNREACHABLE).all()
         assert np.isnan(a.q).all()
         assert (a.branch == -1).all()

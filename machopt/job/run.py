@@ -143,6 +143,7 @@ def _result(
                      "operations": [o.label for o in toolpath.operations],
                      "ignored": [vars(w) for w in toolpath.ignored]},
         "index": the_plan.scores.index,
+        "index_scale": the_plan.scores.scale,
         "chosen_from": the_plan.chosen_from,
         "objective": {"cam_default": _objective(the_plan.cam_default), "jiao2022": _objective(the_plan.jiao2022),
                       "grid": vars(the_plan.grid), "chosen": _objective(the_plan.chosen)},

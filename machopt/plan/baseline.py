@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
+from machopt.model.collision import CollisionModel
 from machopt.model.elastic import ArmElasticity
 from machopt.model.ik import branch_reasons
-from machopt.model.robot import Robot
 from machopt.plan.candidates import Arm
 from machopt.plan.path import Path, tcp_poses
 from machopt.plan.realise import Assignment
@@ -27,13 +27,14 @@ LEAST_TILT = np.radians(30.0)  # a tool axis nearer to base z leaves the roll ab
 JUMP = np.radians(60.0)  # a larger joint step between neighbouring points is a change of configuration
 
 
-def cam_default(path: Path, arm: Arm, robot: Robot, home: Array) -> Assignment:
+def cam_default(path: Path, arm: Arm, home: Array) -> Assignment:
     """gamma = 0 at every point, in the configuration nearest to the one before (home first)."""
     return _follow(path, arm, _unwrapped(path, -path.offset), home)
 
 
 def jiao2022(
-    path: Path, arm: Arm, robot: Robot, elasticity: ArmElasticity, directions: Directions, home: Array, options: PlanOptions
+    path: Path, arm: Arm, elasticity: ArmElasticity, directions: Directions, collision: CollisionModel | None, home: Array,
+    options: PlanOptions,
 ) -> Assignment:  # fmt: skip
     """Best rotation in 10° steps at the key points, interpolated in between.
 
@@ -47,7 +48,7 @@ def jiao2022(
     phi = np.full(len(path.index), np.nan)
     start = home
     for keys, rows, fraction in _groups(path, arm):
-        best, start = _best_rotations(path, arm, elasticity, directions, keys, start, options, index)
+        best, start = _best_rotations(path, arm, elasticity, directions, collision, keys, start, options, index)
         roll = _roll(path, arm, rows)  # keys are the first and the last of rows
         psi = roll[[0, -1]] + best
         turned = psi[0] + fraction * wrap(psi[1] - psi[0])
@@ -102,8 +103,8 @@ def _groups(path: Path, arm: Arm) -> list[tuple[Ints, Ints, Array]]:
 
 
 def _best_rotations(
-    path: Path, arm: Arm, elasticity: ArmElasticity, directions: Directions, keys: Ints, start: Array,
-    options: PlanOptions, index: str,
+    path: Path, arm: Arm, elasticity: ArmElasticity, directions: Directions, collision: CollisionModel | None, keys: Ints,
+    start: Array, options: PlanOptions, index: str,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Steps 1–5 of section 3.2: the stiffest of the 10° rotations per key point, in the branch nearest to ``start``."""
     low, high = options.rotation_range
@@ -111,10 +112,13 @@ def _best_rotations(
     q, why = _solve(path, arm, keys, np.broadcast_to(grid, (len(keys), len(grid))))
     gamma = wrap(grid[None, :] + path.offset[keys][:, None])
     why[(gamma < low - 1e-9) | (gamma > high + 1e-9)] = Reason.BOUNDS
-    q = q + 0.0
     ok = why == Reason.OK  # (K, R, B)
     distance = np.where(ok[0], np.abs(q[0] - start).max(axis=-1), np.inf).min(axis=0)  # (B,) nearest to start
     for b in np.argsort(distance, kind="stable"):
+        if collision is not None:  # step 4: interfered configurations are abandoned
+            for i in range(len(keys)):
+                rotations = np.flatnonzero(ok[i, :, b])
+                ok[i, rotations, b] = ~collision.check(q[i, rotations, b], np.ones(len(rotations), bool)).hit
         if ok[:, :, b].any(axis=1).all():
             break
     else:

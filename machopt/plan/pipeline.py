@@ -165,15 +165,16 @@ def plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Timings 
         )
 
     with stage("baselines"):
-        default = scored(cam_default(path, setup.arm, setup.robot, cell.home))
-        paper = scored(jiao2022(path, setup.arm, setup.robot, setup.elasticity, d, cell.home, options))
+        default = scored(_free(cam_default(path, setup.arm, cell.home), path, setup, options))
+        by_paper = jiao2022(path, setup.arm, setup.elasticity, d, setup.collision, cell.home, options)
+        paper = scored(_free(by_paper, path, setup, options))
 
     if options.method == "global":
         chosen, source, choice, check, rounds = _global(path, setup, candidates, scores, scored, options, clock)
         with stage("compare"):
             for other, name in ((paper, "jiao2022"), (default, "cam default")):
                 wanted = _as_asked(other.assignment.phi, path, options)
-                if wanted and other.objective.total < chosen.objective.total and _clean(other, path, setup, options):
+                if wanted and other.objective.total < chosen.objective.total and _whole(other):
                     chosen, source, check = other, name, None
     else:
         chosen, source = (paper, "jiao2022") if options.method == "jiao2022" else (default, "cam default")
@@ -275,11 +276,17 @@ def _as_asked(phi: Array, path: Path, options: PlanOptions) -> bool:
     return all(abs(float(wrap(gamma[at[f.point]] - f.gamma))) < BOUND_SLACK for f in options.fixed if f.point in at)
 
 
-def _clean(scored: Scored, path: Path, setup: Setup, options: PlanOptions) -> bool:
-    """Executable as it stands: feasible everywhere and free of collisions."""
-    if (scored.assignment.reason != Reason.OK).any():
-        return False
-    return setup.collision is None or check_path(path, scored.assignment.q, setup.collision, options).free
+def _free(assignment: Assignment, path: Path, setup: Setup, options: PlanOptions) -> Assignment:
+    """A yardstick with its collisions marked, where it is feasible otherwise: only then is it worth a check."""
+    if setup.collision is not None and (assignment.reason == Reason.OK).all():
+        hit = check_path(path, assignment.q, setup.collision, options).hit
+        assignment.reason[hit] = Reason.COLLIDING
+    return assignment
+
+
+def _whole(scored: Scored) -> bool:
+    """Executable as it stands."""
+    return bool((scored.assignment.reason == Reason.OK).all())
 
 
 def _grid_objective(

@@ -31,6 +31,7 @@ LIFTS = (0.02, 0.05, 0.1, 0.2, 0.4)  # m along the tool axis, tried in this orde
 BEND = np.radians(0.1)  # rotation that a straight move between two toolpath points may miss before a point is added
 GAP_LIFT = 0.05  # m, where the path is interrupted
 WITHDRAWALS = (0.002, 0.005, 0.01, 0.02, 0.035, 0.05, 0.1, 0.2, 0.4)  # m along the tool axis out of the workpiece
+JUMP = np.radians(45.0)  # between neighbouring planning points: another configuration
 LIFT_STEP = 0.01  # m between the configurations along a lift
 
 
@@ -141,13 +142,21 @@ class _Builder:
         )
 
     def _stretches(self) -> Iterator[tuple[int, int]]:
-        """Runs, cut at planning points without a configuration; lonely rapid points without one are passed by."""
+        """Runs, cut at points without a configuration and at changes of configuration.
+
+        At such gaps a stretch ends at the last toolpath point before it, not somewhere on the way to a point that is
+        never reached. Lonely rapid points without a configuration are passed by.
+        """
         ok = self.plan.chosen.assignment.reason == Reason.OK
         for first, last in self.path.runs:
             rows = first + np.flatnonzero(ok[first : last + 1])
-            for part in np.split(rows, np.flatnonzero(np.diff(rows) != 1) + 1):
-                if len(part) and (len(part) > 1 or first == last):
-                    yield int(part[0]), int(part[-1])
+            apart = (np.diff(rows) != 1) | (np.abs(np.diff(self.q[rows], axis=0)) > JUMP).any(axis=1)
+            for part in np.split(rows, np.flatnonzero(apart) + 1):
+                begin = part if len(part) and part[0] == first else part[np.cumsum(self.path.is_point[part]) > 0]
+                keep = np.flatnonzero(self.path.is_point[begin])
+                whole = begin if len(begin) and begin[-1] == last else begin[: keep[-1] + 1 if len(keep) else 0]
+                if len(whole) > 1 or (len(whole) == 1 and first == last):
+                    yield int(whole[0]), int(whole[-1])
 
     def _feed_between_points(self) -> Array:
         """(P,) m/s on the line between the feeds of the toolpath's points, where rapid points take the next one's."""
