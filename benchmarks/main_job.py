@@ -79,7 +79,9 @@ def ours(cell_folder: Path, configurations: int = 30_000) -> float:
     q = np.random.default_rng(0).uniform(-1, 1, (configurations, 6))
     start = time.perf_counter()
     _, J = robot.fk_jacobian(q, cell.tool.T_flange_tcp)
-    1.0 / directional_compliance(J, np.broadcast_to(cell.stiffness.joints, q.shape), np.tile([0.0, 0.0, 1.0], (len(q), 1)))
+    1.0 / directional_compliance(
+        J, np.broadcast_to(cell.stiffness.joints, q.shape), np.tile([0.0, 0.0, 1.0], (len(q), 1))
+    )
     return (time.perf_counter() - start) / configurations
 
 
@@ -96,14 +98,17 @@ def main() -> None:
             wall = time.perf_counter() - start
             after = resource.getrusage(resource.RUSAGE_CHILDREN)
             cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-            print(f"run {n}: exit {done.returncode}, {wall:.2f} s wall, {cpu:.2f} s CPU, peak {after.ru_maxrss / 1024:.0f} MiB")
+            peak = after.ru_maxrss / 1024
+            print(f"run {n}: exit {done.returncode}, {wall:.2f} s wall, {cpu:.2f} s CPU, peak {peak:.0f} MiB")
         result = json.loads((folder / f"out{RUNS - 1}" / "result.json").read_text(encoding="utf-8"))
         print("stages:", ", ".join(f"{k} {v:.2f} s" for k, v in result["timings_s"].items()))
         same = [(folder / f"out{n}" / t).read_bytes() for t in ("trajectory.csv", "points.csv") for n in range(RUNS)]
         print("tables identical over the runs:", len(set(same)) == 2)
         plain, batched = textbook(cell), ours(cell)
-        print(f"Jacobian and stiffness: pinocchio loop {1e6 * plain:.1f} µs, batched {1e6 * batched:.2f} µs a configuration, "
-              f"ratio {plain / batched:.0f}")  # fmt: skip
+        print(
+            f"Jacobian and stiffness: pinocchio loop {1e6 * plain:.1f} µs, batched {1e6 * batched:.2f} µs "
+            f"a configuration, ratio {plain / batched:.0f}"
+        )
 
 
 if __name__ == "__main__":

@@ -261,7 +261,9 @@ def _summary(result: dict[str, Any], report: Path) -> list[str]:
 def _in_words(result: dict[str, Any], cost: float) -> str:
     """A cost of the objective as the engineer reads it: deflection in mm, or stiffness in N/mm."""
     value = cost * result["index_scale"]
-    return f"deflection {1e3 * value:.3f} mm" if result["index"] == "deflection" else f"stiffness {1e-3 / value:.0f} N/mm"
+    if result["index"] == "deflection":
+        return f"deflection {1e3 * value:.3f} mm"
+    return f"stiffness {1e-3 / value:.0f} N/mm"
 
 
 def _first_reason(result: dict[str, Any]) -> str:

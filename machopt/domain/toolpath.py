@@ -90,4 +90,4 @@ class Toolpath:
     @property
     def cutting(self) -> NDArray[np.bool_]:
         """(N,) True where the move to the point cuts."""
-        return self.move == Move.CUT
+        return np.asarray(self.move == Move.CUT)

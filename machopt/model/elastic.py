@@ -68,13 +68,14 @@ def translational_compliance(J: Array, k: Array) -> Array:
 
 def directional_compliance(J: Array, k: Array, direction: Array) -> Array:
     """eᵀ C_tt e in m/N for unit directions (..., 3), without forming C: Σ_i (J_v,i · e)² / k_i."""
-    return np.sum(np.einsum("...ci,...c->...i", J[..., :3, :], direction) ** 2 / k, axis=-1)
+    along = np.einsum("...ci,...c->...i", J[..., :3, :], direction)
+    return np.asarray(np.sum(along**2 / k, axis=-1))
 
 
 def deflection(J: Array, k: Array, force: Array) -> Array:
     """Displacement (..., 3) m of the TCP under a force (..., 3) N without moment."""
     Jv = J[..., :3, :]
-    return np.einsum("...ci,...i->...c", Jv, np.einsum("...ci,...c->...i", Jv, force) / k)
+    return np.asarray(np.einsum("...ci,...i->...c", Jv, np.einsum("...ci,...c->...i", Jv, force) / k))
 
 
 def held_stiffness(J: Array, k: Array) -> Array:
@@ -94,7 +95,7 @@ def jiao_index(J: Array, k: Array, direction: Array) -> Array:
     """
     S = np.linalg.inv(held_stiffness(J, k))
     s2e = np.einsum("...ij,...jk,...k->...i", S, S, direction)
-    return np.linalg.norm(s2e, axis=-1) ** -0.5
+    return np.asarray(np.linalg.norm(s2e, axis=-1) ** -0.5)
 
 
 def jiao_normal_index(k_y: Array, k_z: Array, theta: Array) -> Array:

@@ -40,7 +40,7 @@ class GeneralBranches:
         return self._measured(T_base_flange.reshape(N * R, 4, 4), q.reshape(N * R, self.branches, 6))
 
     def _measured(self, T: Array, q: Array) -> Branches:
-        exists = np.isfinite(q).all(axis=-1)
+        exists = np.asarray(np.isfinite(q).all(axis=-1))
         shape = exists.shape
         margins = {name: np.full(shape, np.nan) for name in ("shoulder", "elbow", "wrist")}
         if exists.any():

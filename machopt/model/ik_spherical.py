@@ -155,4 +155,4 @@ def _angle_about(h: Array, source: Array, target: Array) -> Array:
     """Angle about h that turns ``source`` onto ``target`` (components normal to h)."""
     cross = np.cross(source, target) @ h
     dot = np.sum(source * target, axis=-1) - (source @ h) * (target @ h)
-    return np.arctan2(cross, dot)
+    return np.asarray(np.arctan2(cross, dot))

@@ -8,6 +8,7 @@ vectorised over leading dimensions, and tested against pinocchio.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,7 +157,7 @@ def _frame_of_joint(model: object, joint: int) -> int:
 
 
 def _link_shapes(cell: Cell, model: object, data: object, T_base_world: Array, ids: list[int]) -> tuple[LinkShape, ...]:
-    """Collision bodies of the URDF, placed in base_link at q = 0; bodies on other branches of the tree count as base."""
+    """Collision bodies of the URDF, placed in base_link at q = 0; those on other branches of the tree count as base."""
     import pinocchio as pin
 
     text = cell.urdf.read_text(encoding="utf-8")
@@ -189,11 +190,11 @@ def _link_shapes(cell: Cell, model: object, data: object, T_base_world: Array, i
     return tuple(shapes)
 
 
-def _mesh_shape(cell: Cell, g: object, T: Array) -> Shape:
+def _mesh_shape(cell: Cell, g: Any, T: Array) -> Shape:
     from pathlib import Path
 
-    scale = np.asarray(g.meshScale, float)  # type: ignore[attr-defined]
+    scale = np.asarray(g.meshScale, float)
     if not np.allclose(scale, scale[0]):
-        raise InputError(f"collision mesh {g.name!r} is scaled unevenly {scale.tolist()}; one scale would work",  # type: ignore[attr-defined]
+        raise InputError(f"collision mesh {g.name!r} is scaled unevenly {scale.tolist()}; one scale would work",
                          file=cell.urdf)  # fmt: skip
-    return Shape(g.name, "mesh", (float(scale[0]),), Path(g.meshPath), T)  # type: ignore[attr-defined]
+    return Shape(g.name, "mesh", (float(scale[0]),), Path(g.meshPath), T)

@@ -33,9 +33,14 @@ def cam_default(path: Path, arm: Arm, home: Array) -> Assignment:
 
 
 def jiao2022(
-    path: Path, arm: Arm, elasticity: ArmElasticity, directions: Directions, collision: CollisionModel | None, home: Array,
+    path: Path,
+    arm: Arm,
+    elasticity: ArmElasticity,
+    directions: Directions,
+    collision: CollisionModel | None,
+    home: Array,
     options: PlanOptions,
-) -> Assignment:  # fmt: skip
+) -> Assignment:
     """Best rotation in 10° steps at the key points, interpolated in between.
 
     Key points are the ends of each milling run, and the first and last hole of the drilling. Between
@@ -54,13 +59,13 @@ def jiao2022(
         turned = psi[0] + fraction * wrap(psi[1] - psi[0])
         phi[rows] = turned - roll
     for first, last in path.runs:  # plunges and approaches keep the rotation of the point they serve
-        rows = slice(first, last + 1)
-        known = np.flatnonzero(np.isfinite(phi[rows]))
+        run = slice(first, last + 1)
+        known = np.flatnonzero(np.isfinite(phi[run]))
         if len(known):
             nearest = known[np.abs(np.arange(last - first + 1)[:, None] - known).argmin(axis=1)]
-            phi[rows] = phi[rows][nearest]
+            phi[run] = phi[run][nearest]
         else:
-            phi[rows] = 0.0
+            phi[run] = 0.0
     return _follow(path, arm, _unwrapped(path, phi), home)
 
 
@@ -103,9 +108,16 @@ def _groups(path: Path, arm: Arm) -> list[tuple[Ints, Ints, Array]]:
 
 
 def _best_rotations(
-    path: Path, arm: Arm, elasticity: ArmElasticity, directions: Directions, collision: CollisionModel | None, keys: Ints,
-    start: Array, options: PlanOptions, index: str,
-) -> tuple[Array, Array]:  # fmt: skip
+    path: Path,
+    arm: Arm,
+    elasticity: ArmElasticity,
+    directions: Directions,
+    collision: CollisionModel | None,
+    keys: Ints,
+    start: Array,
+    options: PlanOptions,
+    index: str,
+) -> tuple[Array, Array]:
     """Steps 1–5 of section 3.2: the stiffest of the 10° rotations per key point, in the branch nearest to ``start``."""
     low, high = options.rotation_range
     grid = np.arange(-18, 18) * STEP

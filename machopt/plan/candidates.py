@@ -64,7 +64,7 @@ class Candidates:
 def enumerate_candidates(path: Path, arm: Arm, options: PlanOptions) -> Candidates:
     """Solve the inverse kinematics of every station × rotation and sort out what limits and margins forbid."""
     R = max(round(2 * np.pi / options.rotation_step), 1)
-    phi = np.arange(R) * (2 * np.pi / R) - np.pi
+    phi: Array = np.asarray(np.arange(R) * (2 * np.pi / R) - np.pi, float)
     S, B, T = len(path.stations), arm.solver.branches, len(arm.turns)
     q = np.empty((S, R, B, 6))
     reason = np.empty((S, R, B), np.uint8)
@@ -87,10 +87,17 @@ def enumerate_candidates(path: Path, arm: Arm, options: PlanOptions) -> Candidat
         reason[a : a + rows] = why
         shortfall[a : a + rows] = branches.shortfall.reshape(len(part), R).min(axis=1)
     _forbid_by_user(path, phi, options, reason, feasible)
-    used = feasible.any(axis=(0, 1, 2))
+    used = np.asarray(feasible.any(axis=(0, 1, 2)))
     used[0] = True  # keep at least one turn
-    return Candidates(phi=phi, q=q, turns=arm.turns[used], reason=reason,
-                      feasible=np.ascontiguousarray(feasible[..., used]), stable=arm.solver.branch_stable, shortfall=shortfall)  # fmt: skip
+    return Candidates(
+        phi=phi,
+        q=q,
+        turns=arm.turns[used],
+        reason=reason,
+        feasible=np.ascontiguousarray(feasible[..., used]),
+        stable=arm.solver.branch_stable,
+        shortfall=shortfall,
+    )
 
 
 def _forbid_by_user(

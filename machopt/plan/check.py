@@ -37,7 +37,7 @@ def check_path(path: Path, q: Array, model: CollisionModel, options: PlanOptions
         q: (P, 6) rad, NaN where there is none.
     """
     hit, pair = np.zeros(len(q), bool), np.full(len(q), -1, np.int32)
-    known = np.isfinite(q).all(axis=1)
+    known = np.asarray(np.isfinite(q).all(axis=1))
     touch = path.may_touch
     for first, last in path.runs:
         rows = np.arange(first, last + 1)[known[first : last + 1]]

@@ -67,7 +67,7 @@ def choose(path: Path, candidates: Candidates, scores: Scores, velocity: Array, 
     raw = np.where(np.isfinite(scores.cost), scores.cost / scores.scale, np.inf)
 
     def solve(mask: NDArray[np.bool_]) -> tuple[Ints, float, int]:
-        return _sequence(
+        answer: tuple[Ints, float, int] = _sequence(
             node,
             candidates.q,
             candidates.turns,
@@ -80,7 +80,8 @@ def choose(path: Path, candidates: Candidates, scores: Scores, velocity: Array, 
             price_q,
             price_r,
             price_t,
-        )  # type: ignore[no-any-return]
+        )
+        return answer
 
     broken: list[int] = []
     vertex, value, stop = solve(feasible)
@@ -97,8 +98,8 @@ def choose(path: Path, candidates: Candidates, scores: Scores, velocity: Array, 
     best, best_total = vertex, value + options.weights.worst * worst(vertex)
     floor = float(raw[at].min(axis=(1, 2)).max(initial=0.0))
     start = worst(vertex)
-    for share in CAP_SHARES:
-        cap = floor + share * (start - floor)
+    for cap_share in CAP_SHARES:
+        cap = floor + cap_share * (start - floor)
         if options.weights.worst == 0 or start <= floor * (1 + 1e-9):
             break
         allowed = (raw <= cap) | ~counted[:, None, None]
@@ -126,7 +127,7 @@ def _windows(path: Path, candidates: Candidates, slowest: float) -> tuple[Ints, 
     out = np.zeros(len(st), np.int32)
     seconds = np.diff(t, prepend=t[0])
     same = np.r_[False, path.run[st][1:] == path.run[st][:-1]]
-    dropped = ~candidates.feasible.any(axis=(1, 2, 3))
+    dropped = np.asarray(~candidates.feasible.any(axis=(1, 2, 3)))
     plunged = np.r_[0, np.cumsum(~path.plunge)]
     since = 0.0
     for s in range(1, len(st)):
@@ -155,7 +156,7 @@ def _same_direction(path: Path, rotations: int) -> Ints:
 
 
 def _swing(path: Path, window: Ints) -> Array:
-    """(S,) how much dearer joint travel is on short rapid moves: the arm turns over on the long ones, away from the part."""
+    """(S,) how much dearer joint travel is on short rapid moves: the arm turns over on long ones, far from the part."""
     position = path.position[path.stations]
     distance = np.r_[np.inf, np.linalg.norm(np.diff(position, axis=0), axis=1)]
     return np.where(window == FREE, 1.0 + NEAR / (distance + 0.1 * NEAR), 1.0)
@@ -170,7 +171,7 @@ def _node_cost(path: Path, candidates: Candidates, scores: Scores, options: Plan
     return np.ascontiguousarray((price + preference(gamma, options)[:, :, None]) * share[:, None, None])
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _sequence(node, q, turns, feasible, window, stable, shift, seconds, slowness, price_q, price_r, price_t):  # type: ignore[no-untyped-def]  # numba infers
     """Cheapest sequence; returns (S, 3) rotation, branch, turn (−1 where dropped), its value, and where it stopped.
 
@@ -190,7 +191,7 @@ def _sequence(node, q, turns, feasible, window, stable, shift, seconds, slowness
     for t in range(T):
         code = 0
         for i in range(6):
-            code = 3 * code + int(round(turns[t, i] / twopi)) + 1
+            code = 3 * code + round(turns[t, i] / twopi) + 1
         lookup[code] = t
     for s in range(S):
         any_here = False
@@ -231,7 +232,8 @@ def _sequence(node, q, turns, feasible, window, stable, shift, seconds, slowness
                                 step += abs(q[s, r, b, i] + turns[t, i] - q[last, ru, bu, i] - turns[tu, i])
                             if cost[j] + price_q[s] * step < value:
                                 value, source = cost[j] + price_q[s] * step, u
-                        for tu in range(T):  # and the same posture before, however dear: the arm may have turned over earlier
+                        # and the same posture before, however dear: the arm may have turned over earlier
+                        for tu in range(T):
                             u = (((r + shift[s]) % R) * B + b) * T + tu
                             if before[u] < value:
                                 step = 0.0
@@ -284,7 +286,7 @@ def _sequence(node, q, turns, feasible, window, stable, shift, seconds, slowness
         last = s
     if last < 0:
         return best, 0.0, -1
-    v = np.argmin(before)
+    v = int(np.argmin(before))
     value = before[v]
     s = last
     while s >= 0:

@@ -56,8 +56,14 @@ class Stretch:
 
     @classmethod
     def of(
-        cls, path: Path, candidates: Candidates, scores: Scores, choice: Choice, rows: NDArray[np.intp], options: PlanOptions
-    ) -> Stretch:  # fmt: skip
+        cls,
+        path: Path,
+        candidates: Candidates,
+        scores: Scores,
+        choice: Choice,
+        rows: NDArray[np.intp],
+        options: PlanOptions,
+    ) -> Stretch:
         points = path.stations[rows]
         band = corridor(candidates, scores, choice, rows)
         turning = turning_length(path, points[0], points[-1])
@@ -99,7 +105,7 @@ def corridor(candidates: Candidates, scores: Scores, choice: Choice, rows: NDArr
     """Walk from the chosen vertex to both sides while the same branch and turn stay feasible."""
     R = len(candidates.phi)
     grid = 2 * np.pi / R
-    r, b, t = choice.rotation[rows], choice.branch[rows], choice.turn[rows]
+    r, b = choice.rotation[rows], choice.branch[rows]
     phi = np.unwrap(candidates.phi[r])
     n = len(rows)
     cost = np.empty((n, 2 * REACH + 1))
@@ -130,7 +136,7 @@ def turning_length(path: Path, first: int, last: int) -> Array:
     """Path length from ``first`` on which the rotation may change: plunges do not count."""
     step = np.diff(path.s[first : last + 1])
     step[path.plunge[first + 1 : last + 1]] = 0.0
-    return np.r_[0.0, np.cumsum(step)]
+    return np.asarray(np.r_[0.0, np.cumsum(step)])
 
 
 def _pins(path: Path, rows: NDArray[np.intp], phi: Array, options: PlanOptions) -> dict[int, float]:

@@ -42,8 +42,10 @@ def _sentence(plan: Plan, s: int, reason: Reason, point: int) -> str:
                 "points without leaving the path: a retract between them, another rotation range or a smaller "
                 "singularity margin would help")  # fmt: skip
     if (rows == Reason.UNREACHABLE).all():
-        return (f"out of reach at every rotation: the wrist centre lies {1e3 * plan.candidates.shortfall[s]:.0f} mm outside "
-                "the workspace; moving the workpiece or the robot by that much would help")  # fmt: skip
+        return (
+            f"out of reach at every rotation: the wrist centre lies {1e3 * plan.candidates.shortfall[s]:.0f} mm "
+            "outside the workspace; moving the workpiece or the robot by that much would help"
+        )
     parts = [f"{int((rotations == r).sum())} {_WORDS[r]}" for r in _WORDS if (rotations == r).any()]
     joint = _limiting_joint(plan, s) if (rotations == Reason.LIMIT).any() else ""
     return f"no rotation works: of {len(rotations)} tried, " + ", ".join(parts) + joint
@@ -79,9 +81,9 @@ def hints(plan: Plan) -> tuple[str, ...]:
     angle = np.arccos(np.clip(abs(axis6 @ arm.T_flange_tcp[:3, 2]), 0.0, 1.0))
     if angle < NEARLY_PARALLEL:
         out.append(
-            f"The tool axis is {np.degrees(angle):.1f}° from axis 6, so turning about it only turns joint 6 and hardly changes "
-            "stiffness or reach. What would help: another branch, a spindle set at an angle to the flange, a rail, or "
-            "another workpiece placement."
+            f"The tool axis is {np.degrees(angle):.1f}° from axis 6, so turning about it only turns joint 6 and hardly "
+            "changes stiffness or reach. What would help: another branch, a spindle set at an angle to the flange, "
+            "a rail, or another workpiece placement."
         )
     if not plan.directions.in_grid.all():
         share = 1.0 - float(plan.directions.in_grid[plan.path.counted].mean()) if plan.path.counted.any() else 1.0
@@ -89,8 +91,9 @@ def hints(plan: Plan) -> tuple[str, ...]:
                    "the constant values are used there.")  # fmt: skip
     changes = _changes(plan)
     if changes:
-        out.append("The arm changes its configuration between runs, where the tool is retracted: " + "; ".join(changes[:6])
-                   + (f"; and {len(changes) - 6} more" if len(changes) > 6 else ""))  # fmt: skip
+        more = f"; and {len(changes) - 6} more" if len(changes) > 6 else ""
+        told = "; ".join(changes[:6]) + more
+        out.append(f"The arm changes its configuration between runs, where the tool is retracted: {told}")
     return tuple(out)
 
 

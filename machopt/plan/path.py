@@ -23,9 +23,7 @@ Array = NDArray[np.float64]
 ARM = 0.15  # m per rad: how much an axis change counts as path length, about a tool's length
 PARALLEL = np.cos(np.radians(1.0))  # a plunge runs along the tool axis within this
 UNKNOWN_FEED = 0.05  # m/s, for the time of approach moves without a feed
-FASTEST_FEED = (
-    0.3  # m/s; a higher one in a file (air cuts, laser paths) is a wish, and would drown the index in lost time
-)
+FASTEST_FEED = 0.3  # m/s; a higher one in a file (air cut, laser path) is a wish and would drown the index in lost time
 MAX_STATIONS = 1500  # of the choice; beyond, the path is decimated evenly
 SEGMENT = 0.02  # m, longest stretch without a planning point
 SEGMENT_AXIS = np.radians(3.0)  # rad, the same for axis changes
@@ -55,7 +53,7 @@ class Path:
     @property
     def may_touch(self) -> NDArray[np.bool_]:
         """(P,) True in runs with linear moves: there the cutter may be in the workpiece, after a rapid move never."""
-        return np.bincount(self.run)[self.run] > 1
+        return (np.bincount(self.run)[self.run] > 1) | (self.move != Move.RAPID)
 
     @property
     def motion_share(self) -> Array:
@@ -75,7 +73,7 @@ class Path:
     @property
     def counted(self) -> NDArray[np.bool_]:
         """(P,) True where the index counts: toolpath points the tool cuts to, and points inside cut segments."""
-        return self.move == Move.CUT
+        return np.asarray(self.move == Move.CUT)
 
 
 def build_path(toolpath: Toolpath, keep: tuple[int, ...] = ()) -> Path:
@@ -177,7 +175,7 @@ def _any_normal(axis: Array) -> Array:
     x = np.broadcast_to(np.array([1.0, 0.0, 0.0]), axis.shape)
     y = np.broadcast_to(np.array([0.0, 1.0, 0.0]), axis.shape)
     pick = np.where(np.abs(axis[:, :1]) > PARALLEL, y, x)
-    return pick - np.sum(pick * axis, axis=1, keepdims=True) * axis
+    return np.asarray(pick - np.sum(pick * axis, axis=1, keepdims=True) * axis)
 
 
 def _natural_reference(given: Array, travel: Array, axis: Array, drilling: NDArray[np.bool_]) -> Array:
@@ -214,7 +212,7 @@ def _signed_angle(a: Array, b: Array, about: Array) -> Array:
 
 
 def _stations(s: Array, runs: tuple[tuple[int, int], ...], fixed: NDArray[np.intp]) -> NDArray[np.int32]:
-    """Every planning point, or an even choice of about MAX_STATIONS with both ends of every run and the fixed points."""
+    """Every planning point, or about MAX_STATIONS evenly chosen, with both ends of every run and the fixed points."""
     if len(s) <= MAX_STATIONS:
         return np.arange(len(s), dtype=np.int32)
     budget = max(MAX_STATIONS - 2 * len(runs), MAX_STATIONS // 4)

@@ -9,9 +9,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -120,17 +119,31 @@ def prepare(cell: Cell, options: PlanOptions) -> Setup:
         InputError: the cell lacks what planning needs (a stiffness), or uses what is not supported.
     """
     if cell.stiffness is None:
-        raise InputError("the cell names no stiffness file; optimise needs joint stiffness "
-                         "(cell key 'stiffness', e.g. from machopt identify)", file=cell.folder / "cell.yaml", where="stiffness")  # fmt: skip
+        raise InputError(
+            "the cell names no stiffness file; optimise needs joint stiffness "
+            "(cell key 'stiffness', e.g. from machopt identify)",
+            file=cell.folder / "cell.yaml",
+            where="stiffness",
+        )
     if cell.stiffness.terms:
-        raise InputError("stiffness terms are not used by optimize yet; remove 'terms' to plan with joint stiffness only",
-                         file=cell.folder / "cell.yaml", where="stiffness.terms")  # fmt: skip
+        raise InputError(
+            "stiffness terms are not used by optimize yet; remove 'terms' to plan with joint stiffness only",
+            file=cell.folder / "cell.yaml",
+            where="stiffness.terms",
+        )
     if cell.workpiece.link != "world":
-        raise InputError(f"the workpiece is carried by link {cell.workpiece.link!r}; positioners are not supported yet, "
-                         "'world' would work", file=cell.folder / "cell.yaml", where="workpiece.link")  # fmt: skip
+        raise InputError(
+            f"the workpiece is carried by link {cell.workpiece.link!r}; positioners are not supported yet, "
+            "'world' would work",
+            file=cell.folder / "cell.yaml",
+            where="workpiece.link",
+        )
     if cell.external_joints:
-        raise InputError(f"external joints {', '.join(cell.external_joints)} are not planned yet; a cell without them would work",
-                         file=cell.folder / "cell.yaml", where="robot.external_joints")  # fmt: skip
+        raise InputError(
+            f"external joints {', '.join(cell.external_joints)} are not planned yet; a cell without them would work",
+            file=cell.folder / "cell.yaml",
+            where="robot.external_joints",
+        )
     robot, shapes = load_chain(cell)
     arm = Arm.of(cell, solver_for(robot), options)
     elasticity = ArmElasticity(robot, cell.tool.T_flange_tcp, cell.stiffness)
@@ -241,11 +254,11 @@ def _lost(path: Path, choice: Choice, scored: Scored) -> NDArray[np.bool_]:
         if len(kept) == ((st >= first) & (st <= last)).sum():
             covered[first : last + 1] = True
         covered[kept] = True
-    return covered & (scored.assignment.reason != Reason.OK)
+    return np.asarray(covered & (scored.assignment.reason != Reason.OK))
 
 
 def _name_dropped(path: Path, choice: Choice, candidates: Candidates, assignment: Assignment) -> None:
-    """Points without a configuration because their station has none take its reason: of the candidate that came furthest."""
+    """Points whose station has no configuration take its reason: of the candidate that came furthest."""
     at = np.minimum(np.searchsorted(path.stations, np.arange(len(path.index))), len(path.stations) - 1)
     dropped = choice.dropped[at] & (assignment.reason == Reason.NO_PATH)
     assignment.reason[dropped] = candidates.reason.max(axis=(1, 2))[at[dropped]]

@@ -11,14 +11,17 @@ stiffness       eᵀC_tt e along the tool axis (drilling), the mean of     m/N
 jiao2022        1/k_x along the tool axis (eq. 23)                       m/N
 ==============  =======================================================  =====
 
-Objective J = w_mean·mean(c)/c₀ + w_worst·max(c)/c₀ + w_travel·Σ a|Δq|/π + w_rotation·Σ a|Δφ|/π + w_feed·t_lost/t + w_preferred·mean((1 − cos(γ − γ_preferred))/2), with c₀ the median cost over the feasible
-candidates and a the run's share of the cutting points. Travel and rotation are total variations, so they do not depend on how finely a path is sampled. t_lost
-is the time by which the axes, at AXIS_SPEED of their velocity limits, are slower than the programmed feed.
+Objective J = w_mean·mean(c)/c₀ + w_worst·max(c)/c₀ + w_travel·Σ a|Δq|/π + w_rotation·Σ a|Δφ|/π + w_feed·t_lost/t
++ w_preferred·mean((1 − cos(γ − γ_preferred))/2), with c₀ the median cost over the feasible candidates and a the run's
+share of the cutting points. Travel and rotation are total variations, so they do not depend on how finely a path is
+sampled. t_lost is the time by which the axes, at AXIS_SPEED of their velocity limits, are slower than the programmed
+feed.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +75,7 @@ def directions(path: Path, T_base_workpiece: Array, elasticity: ArmElasticity, f
 
 
 def configuration_cost(
-    elasticity: ArmElasticity, d: Directions, points: NDArray[np.intp], q: Array, index: Index
+    elasticity: ArmElasticity, d: Directions, points: NDArray[np.integer[Any]], q: Array, index: Index
 ) -> Array:
     """Cost (M,) of configurations q (M, 6) at planning points (M,)."""
     out = np.empty(len(q))

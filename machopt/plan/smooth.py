@@ -54,12 +54,13 @@ def smooth(
     for part, ends in zip(parts, _neighbours(parts), strict=True):
         if part.x[-1] > 0 and len(part.rows) >= 3:
             part.turns = True
-            part.answers, part.merit = spline_answers(path, part, _worst_elsewhere(parts, part), ends, velocity, options)
+            part.answers, part.merit = spline_answers(
+                path, part, _worst_elsewhere(parts, part), ends, velocity, options
+            )
             if part.pins:  # where no answer keeps to the corridor, the grid's own sequence is moved to meet the pins
                 part.offset = np.interp(part.x, part.x[list(part.pins)], list(part.pins.values()))
-    for _ in range(
-        SWEEPS
-    ):  # runs are tied by the rapid moves between them, so each is chosen with the others as they are
+    # runs are tied by the rapid moves between them, so each is chosen with the others as they are
+    for _ in range(SWEEPS):
         for n, part in enumerate(parts):
             if part.turns:
                 ends = _ends(parts, n)

@@ -17,12 +17,17 @@ Array = NDArray[np.float64]
 PROGRAMME = 400  # most stations of a run in the nonlinear programme
 KNOTS = 160  # most spline intervals in a run
 KNOT_SPACING = 0.15  # s at the programmed feed, least distance of knots
-CURVATURE = 2e-3  # price of the mean square angular acceleration of phi, per (rad/s²)²
+CURVATURE = 2e-2  # price of the mean square angular acceleration of phi, per (rad/s²)²
 
 
 def spline_answers(
-    path: Path, part: Stretch, elsewhere: float, ends: tuple[Array | None, Array | None], velocity: Array, options: PlanOptions
-) -> tuple[tuple[BSpline, ...], Merit]:  # fmt: skip
+    path: Path,
+    part: Stretch,
+    elsewhere: float,
+    ends: tuple[Array | None, Array | None],
+    velocity: Array,
+    options: PlanOptions,
+) -> tuple[tuple[BSpline, ...], Merit]:
     """phi over turning length as cubic B-splines (C², bounded third derivative), and what each is worth.
 
     Raises nothing: where IPOPT does not converge, its last iterate is one of the answers and judged like any other.
@@ -85,10 +90,18 @@ def spline_answers(
     lengths = ca.Function("lengths", [c], [ca.vertcat(*(ca.fabs(v) for _, v in bounds))])
     here = float(band.cost[use[counted], REACH].max()) if len(counted) else 0.0
     x = ca.vertcat(c, tau, *(t for t, _ in bounds))
-    ipopt = {"print_level": 0, "sb": "yes", "max_iter": 80, "mu_strategy": "adaptive", "tol": 1e-5, "acceptable_tol": 1e-4}
+    ipopt: dict[str, Any] = {
+        "print_level": 0,
+        "sb": "yes",
+        "max_iter": 80,
+        "mu_strategy": "adaptive",
+        "tol": 1e-5,
+        "acceptable_tol": 1e-4,
+    }
     problem = {"x": x, "f": objective, "g": ca.vertcat(*g)}
     solver = ca.nlpsol("smooth", "ipopt", problem, {"print_time": False, "error_on_fail": False, "ipopt": ipopt})
-    answer = solver(
+    tight = int((high[use] - low[use] < 1e-9).sum()) >= len(start)  # no room: the corridor is the answer
+    answer = {"x": np.full(len(start), np.nan)} if tight else solver(
         x0=np.r_[start, max(here, elsewhere), np.asarray(lengths(start)).ravel()],
         lbx=np.r_[np.full(len(start), -np.inf), elsewhere, np.zeros(m)],
         lbg=np.r_[low[use], np.full(len(counted), -np.inf), np.zeros(2 * m)],
@@ -137,16 +150,16 @@ def _through_plateaus(x: Array, phi: Array) -> Array:
     return np.asarray(PchipInterpolator(middle[keep], value[keep])(x))
 
 
-def _least_squares(B: object, values: Array) -> Array:
+def _least_squares(B: Any, values: Array) -> Array:
     """Spline coefficients that follow the grid choice, lightly smoothed where stations are fewer than knots."""
     from scipy.sparse import diags, identity
     from scipy.sparse.linalg import spsolve
 
-    n = B.shape[1]  # type: ignore[attr-defined]
+    n = B.shape[1]
     D = diags([1.0, -2.0, 1.0], [0, 1, 2], shape=(n - 2, n)) if n > 2 else identity(n)
-    return np.asarray(spsolve((B.T @ B + 1e-3 * D.T @ D + 1e-12 * identity(n)).tocsc(), B.T @ values))  # type: ignore[attr-defined]
+    return np.asarray(spsolve((B.T @ B + 1e-3 * D.T @ D + 1e-12 * identity(n)).tocsc(), B.T @ values))
 
 
-def _casadi_sparse(ca: object, B: object) -> object:
-    coo = B.tocoo()  # type: ignore[attr-defined]
-    return ca.DM.triplet(coo.row.tolist(), coo.col.tolist(), ca.DM(coo.data), *coo.shape)  # type: ignore[attr-defined]
+def _casadi_sparse(ca: Any, B: Any) -> Any:
+    coo = B.tocoo()
+    return ca.DM.triplet(coo.row.tolist(), coo.col.tolist(), ca.DM(coo.data), *coo.shape)

@@ -24,7 +24,7 @@ from machopt.model.ik import refine
 from machopt.plan.path import Path, tcp_poses
 from machopt.plan.pipeline import Plan
 from machopt.plan.rapids import Blocked, plan_rapid
-from machopt.plan.retime import Dip, RunFailure, RunInput, retime_run
+from machopt.plan.retime import Dip, RunFailure, RunInput, RunTrajectory, retime_run
 
 Array = NDArray[np.float64]
 LIFTS = (0.02, 0.05, 0.1, 0.2, 0.4)  # m along the tool axis, tried in this order around obstacles
@@ -114,8 +114,10 @@ class _Builder:
             self._rapid(here, start, index, float(self.path.index[first]), axis_row, first)
             if lift_in:
                 self._straight(start, self.q[first], first, Move.APPROACH, lift_in)
-            if last > first:
+            if last > first and np.ptp(self.path.s[first : last + 1]) > 0:
                 self._run(begin, finish)
+            elif last > first or self.path.move[first] != Move.RAPID:
+                self._touch(first, last)
             if lift_out:
                 self._straight(self.q[last], end, last, Move.RETRACT, lift_out)
             here, index, axis_row = end, float(self.path.index[last]), last
@@ -205,7 +207,8 @@ class _Builder:
 
     def _lifted(self, row: int, height: float) -> Array | None:
         """The configuration with the tool drawn back along its axis, or None where there is none nearby."""
-        arm, q = self.plan.setup.arm, self.q[row]
+        arm = self.plan.setup.arm
+        q: Array = self.q[row]
         rows = np.array([row], np.int32)
         pose = arm.T_base_workpiece @ tcp_poses(self.path, rows, self.plan.chosen.assignment.phi[rows])[0]
         for share in np.linspace(0.0, height, int(np.ceil(height / LIFT_STEP - 1e-9)) + 1)[1:]:
@@ -255,6 +258,14 @@ class _Builder:
                              np.full(n, self._operation(rows[:1])[0], np.int32), np.full(n, np.nan), b[None],
                              self.path.index[rows[:1]], np.array([feed])))  # fmt: skip
 
+    def _touch(self, first: int, last: int) -> None:
+        """Points without any way between them: the tool stands there for a sample each."""
+        rows = np.r_[first, first, np.arange(first, last + 1)]
+        n = len(rows)
+        self.legs.append(Leg("run", np.repeat(self.q[first][None], n, axis=0), self.path.index[rows], self.path.move[rows],
+                             self._operation(rows.astype(np.int32)), np.full(n, np.nan), self.q[[last]], self.path.index[[last]],
+                             np.array([self.options.approach_feed])))  # fmt: skip
+
     def _run(self, first: int, last: int) -> None:
         rows = np.arange(first, last + 1, dtype=np.int32)
         feed = np.where(self.path.feed[rows] > 0, self.path.feed[rows], self.options.approach_feed)
@@ -281,7 +292,9 @@ class _Builder:
                              self.q[rows][told], index[told], feed[told]))  # fmt: skip
         self.dips += [dip.at(np.interp([dip.first, dip.last], np.arange(len(rows)), index)) for dip in done.dips]
 
-    def _retime(self, position: Array, rows: NDArray[np.int32], q: Array, feed: Array, move: NDArray[np.int8]):  # type: ignore[no-untyped-def]
+    def _retime(
+        self, position: Array, rows: NDArray[np.int32], q: Array, feed: Array, move: NDArray[np.int8]
+    ) -> RunTrajectory | RunFailure:
         setup = self.plan.setup
         return retime_run(RunInput(
             position=position, axis=self.path.axis[rows], reference=self.path.reference[rows],
@@ -293,7 +306,7 @@ class _Builder:
         ))  # fmt: skip
 
     def _operation(self, rows: NDArray[np.int32]) -> NDArray[np.int32]:
-        return self.toolpath.operation[np.ceil(self.path.index[rows] - 1e-12).astype(int)]
+        return np.asarray(self.toolpath.operation[np.ceil(self.path.index[rows] - 1e-12).astype(int)])
 
     def _joined(self) -> Trajectory:
         """Legs share their ends; the later one's first row is dropped."""
@@ -306,9 +319,15 @@ class _Builder:
         T = self.plan.setup.robot.fk(q, self.cell.tool.T_flange_tcp)
         speed = np.r_[0.0, np.linalg.norm(np.diff(T[:, :3, 3], axis=0), axis=1) / self.options.sample]
         return Trajectory(
-            time=np.arange(len(q)) * self.options.sample, q=q, external=np.empty((len(q), 0)), point=join("index"),
-            move=join("move").astype(np.int8), operation=join("operation").astype(np.int32), gamma=join("gamma"), feed=speed,
-        )  # fmt: skip
+            time=np.arange(len(q), dtype=float) * self.options.sample,
+            q=q,
+            external=np.empty((len(q), 0)),
+            point=join("index"),
+            move=join("move").astype(np.int8),
+            operation=join("operation").astype(np.int32),
+            gamma=join("gamma"),
+            feed=speed,
+        )
 
 
 def _every_cut_shown(
@@ -336,7 +355,7 @@ def _needed(phi: Array, is_point: NDArray[np.bool_]) -> NDArray[np.bool_]:
     keep = is_point.copy()
     keep[[0, -1]] = True
     at = np.flatnonzero(keep)
-    return keep | (np.abs(phi - np.interp(np.arange(len(phi)), at, phi[at])) > BEND)
+    return np.asarray(keep | (np.abs(phi - np.interp(np.arange(len(phi)), at, phi[at])) > BEND))
 
 
 def _name(index: float) -> str:
