@@ -13,7 +13,7 @@ from machopt.domain.options import FixedRotation, PlanOptions, Weights
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Move
 from machopt.plan.candidates import Candidates, _forbid_by_user
-from machopt.plan.choose import CAP_SHARES, JUMP, TURNING, Choice, _windows, choose
+from machopt.plan.choose import CAP_SHARES, JUMP, NEAR, TURNING, Choice, _windows, choose
 from machopt.plan.path import Path, build_path
 from machopt.plan.score import AXIS_SPEED, Scores, preference
 from machopt.se3 import wrap
@@ -63,8 +63,9 @@ def transition(
     w, share = options.weights, path.motion_share[path.stations[s]]
     dq = np.abs(told(candidates, s, b) - told(candidates, s - 1, a))
     travel = w.travel / np.pi * share * dq.sum()
-    if window[s] < 0:
-        return float(travel)
+    if window[s] < 0:  # a rapid move; a short one should not turn the arm over
+        way = np.linalg.norm(np.diff(path.position[path.stations[[s - 1, s]]], axis=0))
+        return float(travel * (1 + NEAR / (way + NEAR / 10)))
     n = len(candidates.phi)
     steps = min((b[0] - a[0]) % n, (a[0] - b[0]) % n)
     if steps > window[s] or (a[1] != b[1] and candidates.stable) or dq.max() > JUMP:

@@ -263,14 +263,14 @@ def test_cut_off_files_are_told(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("", "is empty"),
-        ("PARTNO/1\nUNITS/MM\nGOTO/1,2,3\nFINI\n", "default_feed"),
+        ("PARTNO/1\nUNITS/MM\nGOTO/1,2,3\nFINI\n", "--feed"),
         ("PARTNO/1\nGOTO/1,2,3\nFINI\n", "--unit"),
         ("UNITS/MM\nFEDRAT/100\nGOTO/1,nan,3\nFINI\n", "line 3.*not finite"),
         ("UNITS/MM\nFEDRAT/100\nGOTO/1,2\nFINI\n", "line 3.*2 numbers"),
         ("UNITS/MM\nFEDRAT/100\nGOTO/1,2,3,0,0,0\nFINI\n", "line 3.*axis is zero"),
         ("UNITS/MM\nFEDRAT/100\nGOTO/1,2,3e7\nFINI\n", "line 3.*1e\\+06"),
         ("UNITS/MM\nRAPID\nGOTO/1,2,3\nFINI\n", "no cutting move"),
-        ("UNITS/MM\nFEDRAT/100,MMPR\nGOTO/1,2,3\nFINI\n", "default_feed"),
+        ("UNITS/MM\nFEDRAT/100,MMPR\nGOTO/1,2,3\nFINI\n", "--feed"),
         (
             "UNITS/MM\nFEDRAT/100\nGOTO/1,2,3\nCIRCLE/0,0,0,0,0,1\nGOTO/900,2,3\nFINI\n",
             "line 5.*distance from the centre",

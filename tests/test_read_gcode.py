@@ -142,7 +142,7 @@ def test_tool_vectors(tmp_path: Path, text: str, expected: tuple[float, float, f
 
 
 def test_rotary_words_need_a_machine_and_tool_centre_point_control(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"line 3: .*option machine, one of table-ac"):
+    with pytest.raises(InputError, match=r"line 3: .*--machine, one of table-ac"):
         read(tmp_path, "G21 G90\nG43.4 H1\nG0 X0 Y0 Z9 A30\nG1 X1 F99\n")
     with pytest.raises(InputError, match=r"without tool-centre-point control"):
         read(tmp_path, "G21 G90\nG0 X0 Y0 Z9 A30\nG1 X1 F99\n", machine="table-ac")
@@ -201,7 +201,7 @@ def test_heidenhain_circles_pole_and_drilling(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("G0 X0 Y0 Z0\nG1 X1 F5\n", "--unit"),
-        ("G21 G90\nG0 X0 Y0 Z0\nG1 X1\n", "line 3.*default_feed"),
+        ("G21 G90\nG0 X0 Y0 Z0\nG1 X1\n", "line 3.*--feed"),
         ("G21\nX1 Y1\nG1 X2 F5\n", "line 2: moves before any G0"),
         ("G21\nG0 X0 Y0 Z0\nG1 X1 X2 F5\n", "line 3: X stands twice"),
         ("G21\nG0 X0 Y0 Z0\nG1 X--5 F5\n", "line 3: found 'X--5 F5'"),

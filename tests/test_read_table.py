@@ -104,7 +104,7 @@ def test_xyzwpr_list(tmp_path: Path) -> None:
     assert t.format == "csv/xyzwpr"
     assert t.axis == pytest.approx(np.array([[0, 0, 1], [0, 0, 1], [0, 1, 0]]))
     assert t.reference == pytest.approx(np.array([[1, 0, 0], [0, 1, 0], [1, 0, 0]]))
-    with pytest.raises(InputError, match="default_feed"):
+    with pytest.raises(InputError, match="--feed"):
         read(tmp_path, "0,0,100,180,0,0\n1,0,100,180,0,0\n")
 
 
