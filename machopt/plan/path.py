@@ -53,7 +53,7 @@ class Path:
     @property
     def may_touch(self) -> NDArray[np.bool_]:
         """(P,) True in runs with linear moves: there the cutter may be in the workpiece, after a rapid move never."""
-        return (np.bincount(self.run)[self.run] > 1) | (self.move != Move.RAPID)
+        return np.asarray((np.bincount(self.run)[self.run] > 1) | (self.move != Move.RAPID))
 
     @property
     def motion_share(self) -> Array:

@@ -101,11 +101,15 @@ def spline_answers(
     problem = {"x": x, "f": objective, "g": ca.vertcat(*g)}
     solver = ca.nlpsol("smooth", "ipopt", problem, {"print_time": False, "error_on_fail": False, "ipopt": ipopt})
     tight = int((high[use] - low[use] < 1e-9).sum()) >= len(start)  # no room: the corridor is the answer
-    answer = {"x": np.full(len(start), np.nan)} if tight else solver(
-        x0=np.r_[start, max(here, elsewhere), np.asarray(lengths(start)).ravel()],
-        lbx=np.r_[np.full(len(start), -np.inf), elsewhere, np.zeros(m)],
-        lbg=np.r_[low[use], np.full(len(counted), -np.inf), np.zeros(2 * m)],
-        ubg=np.r_[high[use], np.zeros(len(counted)), np.full(2 * m, np.inf)],
+    answer = (
+        {"x": np.full(len(start), np.nan)}
+        if tight
+        else solver(
+            x0=np.r_[start, max(here, elsewhere), np.asarray(lengths(start)).ravel()],
+            lbx=np.r_[np.full(len(start), -np.inf), elsewhere, np.zeros(m)],
+            lbg=np.r_[low[use], np.full(len(counted), -np.inf), np.zeros(2 * m)],
+            ubg=np.r_[high[use], np.zeros(len(counted)), np.full(2 * m, np.inf)],
+        )
     )
     found = np.asarray(answer["x"]).ravel()[: len(start)]
     places = np.stack([index, np.zeros(len(index))])

@@ -262,9 +262,18 @@ class _Builder:
         """Points without any way between them: the tool stands there for a sample each."""
         rows = np.r_[first, first, np.arange(first, last + 1)]
         n = len(rows)
-        self.legs.append(Leg("run", np.repeat(self.q[first][None], n, axis=0), self.path.index[rows], self.path.move[rows],
-                             self._operation(rows.astype(np.int32)), np.full(n, np.nan), self.q[[last]], self.path.index[[last]],
-                             np.array([self.options.approach_feed])))  # fmt: skip
+        leg = Leg(
+            name="run",
+            q=np.repeat(self.q[first][None], n, axis=0),
+            index=self.path.index[rows],
+            move=self.path.move[rows],
+            operation=self._operation(rows.astype(np.int32)),
+            gamma=np.full(n, np.nan),
+            waypoints=self.q[[last]],
+            waypoint_index=self.path.index[[last]],
+            waypoint_feed=np.array([self.options.approach_feed]),
+        )
+        self.legs.append(leg)
 
     def _run(self, first: int, last: int) -> None:
         rows = np.arange(first, last + 1, dtype=np.int32)
