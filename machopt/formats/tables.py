@@ -55,6 +55,8 @@ class PointsTable:
     reason: tuple[str, ...]  # (N,) a sentence, empty where ok
     feed: Array  # (N,) m/s programmed; NaN for rapid moves
     k_jiao_x: Array  # (N,) N/m, the paper's index along the tool axis
+    nearest_pair: tuple[str, ...] = ()  # (N,) the two bodies that come nearest, empty where none is near
+    in_grid: NDArray[np.bool_] | None = None  # (N,) False: outside the stiffness grid, the constant values were used
 
     def __len__(self) -> int:
         return len(self.position)
@@ -196,6 +198,10 @@ def write_points_csv(path: Path, table: PointsTable) -> None:
         _optional("feed_mm_min", table.feed * MM_MIN_PER_M_S, 3),
         _optional("k_jiao_x_N_mm", table.k_jiao_x * N_MM_PER_N_M, 4),
     ]
+    if table.nearest_pair:
+        columns.append(_Column("nearest_pair", "%s", [_quoted(p) for p in table.nearest_pair]))
+    if table.in_grid is not None:
+        columns.append(_Column("stiffness_from", "%s", ["grid" if g else "constant" for g in table.in_grid.tolist()]))
     _write(path, columns)
 
 

@@ -74,6 +74,7 @@ def point_results(plan: Plan, toolpath: Toolpath) -> PointResults:
         branch=a.branch[rows].astype(np.int8), q=q, external=np.empty((n, 0)), external_prismatic=(),
         k_axial=axial, k_normal=normal, deflection=bend, clearance=clearance, limit_margin=margin, singularity=singular,
         status=tuple(reason_of(plan, int(p)).word for p in rows), reason=tuple(why.get(int(p), "") for p in rows),
-        feed=toolpath.feed, k_jiao_x=paper,
+        feed=toolpath.feed, k_jiao_x=paper, nearest_pair=tuple(pairs),
+        in_grid=None if plan.setup.elasticity.stiffness.grid is None else plan.directions.in_grid[rows],
     )  # fmt: skip
     return PointResults(table, rows, tuple(pairs))
