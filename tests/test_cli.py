@@ -166,12 +166,18 @@ def test_an_earlier_output_is_replaced_and_a_foreign_folder_is_not(
     assert [f.name for f in mine.iterdir()] == ["thesis.txt"]
 
 
+def _heed_interrupts() -> None:
+    """A shell starts background jobs with SIGINT ignored, and children inherit that."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def _run_until(stage: str, number: int, table: Path, out: Path) -> int:
     """Start the command in its own process and send it a signal when it announces a stage."""
     command = [sys.executable, "-m", "machopt.cli", "optimize", str(KR500), str(table), "-o", str(out)]
     with subprocess.Popen(
         command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
+        preexec_fn=_heed_interrupts,  # noqa: PLW1509 — no threads are running here
     ) as process:  # fmt: skip
         assert process.stderr is not None
         for line in process.stderr:
