@@ -29,6 +29,8 @@ from machopt.plan.retime import Dip, RunFailure, RunInput, RunTrajectory, retime
 Array = NDArray[np.float64]
 LIFTS = (0.02, 0.05, 0.1, 0.2, 0.4)  # m along the tool axis, tried in this order around obstacles
 BEND = np.radians(0.1)  # rotation that a straight move between two toolpath points may miss before a point is added
+SEARCH = 2000  # extensions of the random tree for a rapid move that nothing simpler frees
+SEARCH_IN_VAIN = 100  # the same once another move is known to be stuck
 GAP_LIFT = 0.05  # m, where the path is interrupted
 WITHDRAWALS = (0.002, 0.005, 0.01, 0.02, 0.035, 0.05, 0.1, 0.2, 0.4)  # m along the tool axis out of the workpiece
 JUMP = np.radians(45.0)  # between neighbouring planning points: another configuration
@@ -175,6 +177,7 @@ class _Builder:
             a, b, limits=self.cell.limits, scale=self.options.rapid_scale, sample=self.options.sample,
             collision=self.plan.setup.collision, step=self.options.collision_step, rng=self.rng,
             detours=lambda: self._detours(row_a, row_b),
+            iterations=SEARCH if not self.obstructions else SEARCH_IN_VAIN,
         )  # fmt: skip
         if isinstance(move, Blocked):
             why = (
