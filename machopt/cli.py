@@ -160,7 +160,7 @@ def _verify(args: argparse.Namespace) -> int:
     if not args.out.is_dir():
         raise InputError("is not a folder; give the output folder of optimize", file=args.out)
     cell = load_cell(args.cell, allow_external=args.allow_external)
-    options = load_options(_recorded_options(args.out) or cell.plan, args.plan, list(args.set))
+    options = load_options(cell.plan, args.plan, list(args.set))
     toolpath = read_toolpath(args.toolpath, **_reading(args))
     found = verify_output(cell, toolpath, args.out, options=options)
     if args.json:
@@ -177,15 +177,6 @@ def _verify(args: argparse.Namespace) -> int:
     if not found.ok:
         raise VerificationError("verification failed: " + "; ".join(f"{c.name} at {c.where}" for c in found.failed))
     return 0
-
-
-def _recorded_options(out: Path) -> dict[str, object]:
-    """The options the folder was made with, so that its tolerances and allowed gaps are judged as asked for then."""
-    try:
-        recorded = json.loads((out / "result.json").read_text(encoding="utf-8"))["options"]
-    except (OSError, ValueError, KeyError, TypeError):
-        return {}
-    return recorded if isinstance(recorded, dict) else {}
 
 
 class _Display:

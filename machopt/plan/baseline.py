@@ -62,8 +62,8 @@ def jiao2022(
         run = slice(first, last + 1)
         known = np.flatnonzero(np.isfinite(phi[run]))
         if len(known):
-            nearest = known[np.abs(np.arange(last - first + 1)[:, None] - known).argmin(axis=1)]
-            phi[run] = phi[run][nearest]
+            between = 0.5 * (known[1:] + known[:-1])  # from one known point's half of the way to the next one's
+            phi[run] = phi[run][known[np.searchsorted(between, np.arange(last - first + 1))]]
         else:
             phi[run] = 0.0
     return _follow(path, arm, _unwrapped(path, phi), home)
