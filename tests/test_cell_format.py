@@ -21,7 +21,7 @@ from machopt.formats.stiffness import load_stiffness, write_stiffness
 from machopt.formats.yamlstrict import parse_yaml
 
 ROOT = Path(__file__).resolve().parents[1]
-ROBOTS = Path("/work/shared/data/robots")
+ROBOTS = Path(__file__).resolve().parents[2] / "shared" / "data" / "robots"
 
 CELL = """\
 machopt_cell: 1
@@ -211,7 +211,7 @@ def robot_cell(source: Path, tmp_path: Path) -> Cell:
 @pytest.mark.parametrize("name", ["kr500_r2800_2", "kr210l150", "m20ia", "rx160"])
 def test_robot_descriptions_of_others_load(name: str, tmp_path: Path) -> None:
     if not (ROBOTS / name).is_dir():
-        pytest.skip("the robot descriptions of /work/shared/data are not on this machine")
+        pytest.skip(f"{ROBOTS / name} is absent")
     cell = robot_cell(ROBOTS / name, tmp_path)
     assert len(cell.arm_joints) == 6
     assert sum(f.suffix == ".stl" for f in cell.files) == 7  # every collision mesh, no picture
