@@ -11,6 +11,7 @@ from machopt.se3 import wrap
 
 Array = NDArray[np.float64]
 NEARLY_PARALLEL = np.radians(8.0)
+BESIDE = 0.02  # m; a tip farther from axis 6 moves the wrist noticeably when it turns
 
 
 def explain_points(plan: Plan) -> dict[int, str]:
@@ -80,10 +81,17 @@ def hints(plan: Plan) -> tuple[str, ...]:
     axis6 = robot.T_base_flange_zero[:3, :3].T @ robot.axis[5]
     angle = np.arccos(np.clip(abs(axis6 @ arm.T_flange_tcp[:3, 2]), 0.0, 1.0))
     if angle < NEARLY_PARALLEL:
+        zero = robot.T_base_flange_zero
+        tip = zero[:3, :3] @ arm.T_flange_tcp[:3, 3] + zero[:3, 3]
+        beside = float(np.linalg.norm(np.cross(tip - robot.point[5], robot.axis[5])))  # m, of the tip from axis 6
+        effect = (
+            "so turning about it only turns joint 6 and hardly changes stiffness or reach"
+            if beside < BESIDE
+            else f"{1e3 * beside:.0f} mm beside it, so turning about it moves the wrist on so small a circle"
+        )
         out.append(
-            f"The tool axis is {np.degrees(angle):.1f}° from axis 6, so turning about it only turns joint 6 and hardly "
-            "changes stiffness or reach. What would help: another branch, a spindle set at an angle to the flange, "
-            "a rail, or another workpiece placement."
+            f"The tool axis is {np.degrees(angle):.1f}° from axis 6, {effect}. What would help: another branch, "
+            "a spindle set at an angle to the flange, a rail, or another workpiece placement."
         )
     if not plan.directions.in_grid.all():
         share = 1.0 - float(plan.directions.in_grid[plan.path.counted].mean()) if plan.path.counted.any() else 1.0
