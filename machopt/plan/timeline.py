@@ -100,7 +100,6 @@ class _Builder:
         here, index, axis_row = self.cell.home, float("nan"), -1
         stretches = list(self._stretches())
         for n, (first, last) in enumerate(stretches):
-            begin, finish = first, last
             gap_in = first > 0 and self.path.run[first] == self.path.run[first - 1]
             gap_out = last + 1 < len(self.path.index) and self.path.run[last + 1] == self.path.run[last]
             lift_in = GAP_LIFT if gap_in else self._withdrawal(first)
@@ -117,7 +116,7 @@ class _Builder:
             if lift_in:
                 self._straight(start, self.q[first], first, Move.APPROACH, lift_in)
             if last > first and np.ptp(self.path.s[first : last + 1]) > 0:
-                self._run(begin, finish)
+                self._run(first, last)
             elif last > first or self.path.move[first] != Move.RAPID:
                 self._touch(first, last)
             if lift_out:
@@ -252,7 +251,7 @@ class _Builder:
             if move is Move.APPROACH
             else self.options.approach_feed
         )
-        done = self._retime(position, rows, np.array([a, b]), np.full(2, feed), np.full(2, move, np.int8))
+        done = self._retime(position, rows, np.array([a, b]), np.full(2, feed))
         if isinstance(done, RunFailure):
             self.obstructions.append(Obstruction(self.path.index[row], self.path.index[row], done.reason))
             return
@@ -281,7 +280,7 @@ class _Builder:
     def _run(self, first: int, last: int) -> None:
         rows = np.arange(first, last + 1, dtype=np.int32)
         feed = np.where(self.path.feed[rows] > 0, self.path.feed[rows], self.options.approach_feed)
-        done = self._retime(self.path.position[rows], rows, self.q[rows], feed, self.path.move[rows])
+        done = self._retime(self.path.position[rows], rows, self.q[rows], feed)
         index = self.path.index[rows]
         if isinstance(done, RunFailure):
             at = float(np.interp(done.point, np.arange(len(rows)), index))
@@ -304,9 +303,7 @@ class _Builder:
                              self.q[rows][told], index[told], feed[told]))  # fmt: skip
         self.dips += [dip.at(np.interp([dip.first, dip.last], np.arange(len(rows)), index)) for dip in done.dips]
 
-    def _retime(
-        self, position: Array, rows: NDArray[np.int32], q: Array, feed: Array, move: NDArray[np.int8]
-    ) -> RunTrajectory | RunFailure:
+    def _retime(self, position: Array, rows: NDArray[np.int32], q: Array, feed: Array) -> RunTrajectory | RunFailure:
         setup = self.plan.setup
         return retime_run(RunInput(
             position=position, axis=self.path.axis[rows], reference=self.path.reference[rows],
