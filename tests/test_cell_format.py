@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from machopt.domain.cell import Cell
-from machopt.domain.stiffness import Stiffness, StiffnessGrid
+from machopt.domain.stiffness import Stiffness, StiffnessGrid, Term
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.stiffness import load_stiffness, write_stiffness
@@ -450,10 +450,8 @@ def test_stiffness_refusals(tmp_path: Path, text: str, parts: list[str]) -> None
 def test_stiffness_round_trip(seed: int, tmp_path_factory: pytest.TempPathFactory) -> None:
     rng = np.random.default_rng(seed)
     root = rng.normal(size=(6, 4)) * 1e-8  # rank 4: round-off makes eigenvalues slightly negative
-    grid = StiffnessGrid(rng.normal(size=3), 0.3, (2, 1, 2), rng.uniform(1e5, 1e7, (4, 6)))
-    term: dict[str, object] = {
-        "effect": "link_compliance", "location": "link:4", "parameters": {"c": np.float64(1e-7), "n": [1, 2]},
-    }  # fmt: skip
+    grid = StiffnessGrid(rng.normal(size=3), 0.3, (2, 1, 2), rng.uniform(1e5, 1e7, (4, 6)), rng.uniform(0, 1e5, (4, 6)))
+    term = Term("link_compliance", "link:4", {"c": np.float64(1e-7), "n": [1, 2]})
     before = Stiffness(rng.uniform(1e5, 1e7, 6), root @ root.T, grid, (term,))
     file = tmp_path_factory.mktemp("stiffness") / "stiffness.yaml"
     write_stiffness(file, before)
@@ -462,9 +460,12 @@ def test_stiffness_round_trip(seed: int, tmp_path_factory: pytest.TempPathFactor
     np.testing.assert_array_equal(after.covariance, before.covariance)
     assert after.grid is not None
     np.testing.assert_array_equal(after.grid.joints, grid.joints)
+    assert grid.std is not None
+    assert after.grid.std is not None
+    np.testing.assert_array_equal(after.grid.std, grid.std)
     np.testing.assert_allclose(after.grid.origin, grid.origin, rtol=1e-15)  # mm ↔ m rounds once each way
     assert after.grid.shape == grid.shape
-    assert after.terms[0]["parameters"] == {"c": 1e-7, "n": [1, 2]}
+    assert after.terms[0].parameters == {"c": 1e-7, "n": [1, 2]}
     # a YAML 1.1 reader takes every number for a number, too
     assert other_yaml.safe_load(file.read_text())["terms"][0]["parameters"]["c"] == 1e-7
 

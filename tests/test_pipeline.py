@@ -14,7 +14,7 @@ from test_path import Rows, toolpath
 from machopt.domain.cell import Shape, Workpiece
 from machopt.domain.options import FixedRotation, PlanOptions, ProcessForce
 from machopt.domain.reason import Reason
-from machopt.domain.stiffness import Stiffness
+from machopt.domain.stiffness import Stiffness, Term
 from machopt.domain.toolpath import Move
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
@@ -250,5 +250,5 @@ def test_a_cell_that_cannot_be_planned_is_refused(tmp_path: FilePath) -> None:
         prepare(replace(stiff, workpiece=Workpiece("table", np.eye(4))), FREE)
     with pytest.raises(InputError, match="external joints rail are not planned"):
         prepare(replace(stiff, external_joints=("rail",)), FREE)
-    with pytest.raises(InputError, match="terms"):
-        prepare(replace(cell, stiffness=Stiffness(K, terms=({"effect": "link_compliance"},))), FREE)
+    with pytest.raises(InputError, match="lacks values for 1/EI, 1/GJ"):
+        prepare(replace(cell, stiffness=Stiffness(K, terms=(Term("link_compliance", "link:2"),))), FREE)

@@ -1,8 +1,10 @@
-"""Joint stiffness: constant, or constant per cell of a grid over the TCP position (jiao2022, section 2.2)."""
+"""Stiffness of an arm: joint springs, constant or per cell of a grid (jiao2022 section 2.2), and further terms."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +20,25 @@ class StiffnessGrid:
     cell: float  # m, edge length
     shape: tuple[int, int, int]
     joints: Array  # (nx*ny*nz, 6) N·m/rad, x fastest
+    std: Array | None = None  # (nx*ny*nz, 6) N·m/rad, 1 sigma of ``joints``
+
+
+@dataclass(frozen=True)
+class Term:
+    """One piece of physics beside the joint springs, as stiffness.yaml and diagnosis.json name it.
+
+    ``parameters`` are the file's own keys, which carry their units (EI_Nm2, length_mm …);
+    :mod:`machopt.model.terms` knows what each effect needs.
+    """
+
+    effect: str  # a word of the vocabulary, e.g. "link_compliance"
+    location: str  # e.g. "link:4"
+    parameters: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Stiffness:
-    """Joint stiffness of the arm.
+    """Stiffness of the arm.
 
     Outside ``grid`` the constant values hold (flagged in the results).
     """
@@ -30,4 +46,4 @@ class Stiffness:
     joints: Array  # (6,) N·m/rad
     covariance: Array | None = None  # (6, 6) of the joint compliances, (rad/(N·m))²
     grid: StiffnessGrid | None = None
-    terms: tuple[dict[str, object], ...] = ()  # further physics as in stiffness.yaml
+    terms: tuple[Term, ...] = ()

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from machopt.domain.stiffness import Stiffness, StiffnessGrid
+from machopt.domain.stiffness import Stiffness, StiffnessGrid, Term
 from machopt.formats.yamlstrict import Document, Loc, Strict, read_yaml, show, validate
 
 Array = NDArray[np.float64]
@@ -31,6 +31,9 @@ class _Grid(Strict):
     cell_mm: float = Field(gt=0, description="edge length of a cell")
     shape: list[int] = Field(min_length=3, max_length=3, description="cells along x, y, z")
     joints_Nm_per_rad: list[list[float]] = Field(min_length=1, description=f"one row a cell, x fastest, each {_ROW}")
+    std_Nm_per_rad: list[list[float]] | None = Field(
+        default=None, min_length=1, description="1 sigma of the rows above"
+    )
 
 
 class _StiffnessFile(Strict):
@@ -54,7 +57,7 @@ def load_stiffness(path: Path | str) -> Stiffness:
     joints = _positive(document, ("joints_Nm_per_rad",), data.joints_Nm_per_rad)
     covariance = None if data.covariance is None else _covariance(document, data.covariance)
     grid = None if data.grid is None else _grid(document, data.grid)
-    return Stiffness(joints, covariance, grid, tuple(t.model_dump() for t in data.terms))
+    return Stiffness(joints, covariance, grid, tuple(Term(t.effect, t.location, t.parameters) for t in data.terms))
 
 
 def write_stiffness(path: Path | str, stiffness: Stiffness) -> None:
@@ -72,8 +75,12 @@ def write_stiffness(path: Path | str, stiffness: Stiffness) -> None:
             "shape": [int(n) for n in grid.shape],
             "joints_Nm_per_rad": _rows(grid.joints),
         }
+        if grid.std is not None:
+            data["grid"]["std_Nm_per_rad"] = _rows(grid.std)  # type: ignore[index]
     if stiffness.terms:
-        data["terms"] = [_plain(t) for t in stiffness.terms]
+        data["terms"] = [
+            {"effect": t.effect, "location": t.location, "parameters": _plain(t.parameters)} for t in stiffness.terms
+        ]
     yaml = YAML(typ="safe", pure=True)
     yaml.representer.add_representer(float, _float)
     yaml.default_flow_style = None  # lists of numbers on one line
@@ -118,18 +125,27 @@ def _grid(document: Document, grid: _Grid) -> StiffnessGrid:
         if count < 1:
             raise document.error(("grid", "shape", n), f"found {count}; expected at least 1 cell")
     nx, ny, nz = grid.shape
-    loc: Loc = ("grid", "joints_Nm_per_rad")
-    if len(grid.joints_Nm_per_rad) != nx * ny * nz:
-        raise document.error(
-            loc,
-            f"found {len(grid.joints_Nm_per_rad)} rows; shape {grid.shape} needs {nx * ny * nz}",
-        )
-    for n, row in enumerate(grid.joints_Nm_per_rad):
+    rows = _grid_rows(document, "joints_Nm_per_rad", grid.joints_Nm_per_rad, grid.shape)
+    std = None
+    if grid.std_Nm_per_rad is not None:
+        std = _grid_rows(document, "std_Nm_per_rad", grid.std_Nm_per_rad, grid.shape)
+    origin = _frozen([v / 1e3 for v in grid.origin_mm])
+    return StiffnessGrid(origin, grid.cell_mm / 1e3, (nx, ny, nz), rows, std)
+
+
+def _grid_rows(document: Document, key: str, rows: list[list[float]], shape: list[int]) -> Array:
+    loc: Loc = ("grid", key)
+    needed = shape[0] * shape[1] * shape[2]
+    if len(rows) != needed:
+        raise document.error(loc, f"found {len(rows)} rows; shape {shape} needs {needed}")
+    for n, row in enumerate(rows):
         if len(row) != 6:
             raise document.error((*loc, n), f"found {len(row)} values; expected {_ROW}")
-        _positive(document, (*loc, n), row)
-    origin = _frozen([v / 1e3 for v in grid.origin_mm])
-    return StiffnessGrid(origin, grid.cell_mm / 1e3, (nx, ny, nz), _frozen(grid.joints_Nm_per_rad))
+        if key.startswith("joints"):
+            _positive(document, (*loc, n), row)
+        elif min(row) < 0:
+            raise document.error((*loc, n), f"found {show(min(row))}; a standard uncertainty is at least zero")
+    return _frozen(rows)
 
 
 def _frozen(values: object) -> Array:

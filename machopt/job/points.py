@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Toolpath
 from machopt.formats.tables import PointsTable
-from machopt.model.elastic import deflection, directional_compliance, jiao_index
 from machopt.plan.explain import explain_points, gamma
 from machopt.plan.pipeline import Plan
 
@@ -48,13 +47,12 @@ def point_results(plan: Plan, toolpath: Toolpath) -> PointResults:
     axial, normal, paper, bend = (np.full(n, np.nan) for _ in range(4))
     if len(ok):
         elasticity, d = plan.setup.elasticity, plan.directions
-        _, J = elasticity.robot.fk_jacobian(q[ok], elasticity.T_flange_tcp)
         at = rows[ok]
-        axial[ok] = 1.0 / directional_compliance(J, d.k[at], d.axial[at])
-        normal[ok] = 1.0 / directional_compliance(J, d.k[at], d.normal[at])
-        paper[ok] = jiao_index(J, d.k[at], d.axial[at])
+        elastic = elasticity.at(q[ok], d.k[at])
+        axial[ok], normal[ok] = 1.0 / elastic.along(d.axial[at]), 1.0 / elastic.along(d.normal[at])
+        paper[ok] = elastic.jiao_index(d.axial[at])
         if plan.options.force.given:
-            bend[ok] = np.linalg.norm(deflection(J, d.k[at], d.force[at]), axis=-1)
+            bend[ok] = np.linalg.norm(elastic.deflection(d.force[at]), axis=-1)
     clearance, pairs = np.full(n, np.nan), [""] * n
     model = plan.setup.collision
     if model is not None and len(ok):

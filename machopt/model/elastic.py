@@ -12,12 +12,15 @@ tool leaves force and translation unchanged while rotation is zero, K_fd does no
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.stiffness import Stiffness
-from machopt.model.robot import Robot
+from machopt.errors import InputError
+from machopt.model.robot import ArmState, Robot
+from machopt.model.terms.base import LinearTerm, compile_terms
 
 Array = NDArray[np.float64]
 FACE_TOLERANCE = 1e-6  # m; a TCP this near a face, edge or corner of the grid belongs to all its cells
@@ -103,14 +106,125 @@ def jiao_normal_index(k_y: Array, k_z: Array, theta: Array) -> Array:
     return np.hypot(k_z * np.cos(theta), k_y * np.sin(theta))
 
 
-class ArmElasticity:
-    """The arm with its tool and stiffness: everything elastic at a set of configurations."""
+@dataclass(frozen=True)
+class Elastic:
+    """Elasticity at M configurations: what a small wrench at the TCP does. base_link axes throughout."""
 
-    def __init__(self, robot: Robot, T_flange_tcp: Array, stiffness: Stiffness) -> None:
+    state: ArmState  # with bodies where there are terms
+    k: Array  # (M, 6) N·m/rad
+    terms: tuple[LinearTerm, ...] = ()  # with their values
+    geometric: bool = False  # count K_C of the load itself (dumas2011 eqs. 8–10)
+
+    def respond(self, wrench: Array) -> Array:
+        """Twist (M, 6) of the TCP in m and rad under a wrench (M, 6) in N and N·m."""
+        J = self.state.J
+        tau = np.einsum("...ci,...c->...i", J, wrench)
+        if self.geometric:
+            bent = np.linalg.solve(_diagonal(self.k) - geometric_stiffness(J, wrench), tau[..., None])[..., 0]
+        else:
+            bent = tau / self.k
+        twist = np.einsum("...ci,...i->...c", J, bent)
+        for term in self.terms:
+            twist = twist + term.response(self.state, wrench) @ term.values
+        return np.asarray(twist)
+
+    def deflection(self, force: Array) -> Array:
+        """Displacement (M, 3) m of the TCP under a force (M, 3) N without moment."""
+        if not self.terms and not self.geometric:
+            return deflection(self.state.J, self.k, force)
+        return self.respond(_as_wrench(force))[..., :3]
+
+    def along(self, direction: Array) -> Array:
+        """eᵀ C_tt e in m/N for unit directions (M, 3), for a small load (without K_C)."""
+        bare = directional_compliance(self.state.J, self.k, direction)
+        for term in self.terms:
+            twist = term.response(self.state, _as_wrench(direction)) @ term.values
+            bare = bare + np.einsum("...c,...c->...", twist[..., :3], direction)
+        return np.asarray(bare)
+
+    def compliance(self) -> Array:
+        """C (M, 6, 6) at the TCP for a small load: J K_θ⁻¹ Jᵀ plus every term's, carried to the TCP."""
+        J = self.state.J
+        C = (J / self.k[..., None, :]) @ np.swapaxes(J, -1, -2)
+        for term in self.terms:
+            for c in range(6):
+                unit = np.broadcast_to(np.eye(6)[c], (*J.shape[:-2], 6))
+                C[..., :, c] += term.response(self.state, unit) @ term.values
+        return np.asarray(C)
+
+    def jiao_index(self, direction: Array) -> Array:
+        """k_x of jiao2022 along unit directions (M, 3), N/m; the terms' compliance counts too."""
+        if not self.terms:
+            return jiao_index(self.state.J, self.k, direction)
+        S = np.linalg.inv(np.linalg.inv(self.compliance())[..., :3, :3])
+        return np.asarray(np.linalg.norm(np.einsum("...ij,...jk,...k->...i", S, S, direction), axis=-1) ** -0.5)
+
+    def sensitivity(self, force: Array, direction: Array) -> Array:
+        """∂(eᵀ C_tt f)/∂c_j (M, 6) in N·m·m: how the displacement along e follows each joint's compliance.
+
+        With the covariance Σ of the compliances the variance of that displacement is gᵀ Σ g.
+        """
+        Jv = self.state.J[..., :3, :]
+        return np.asarray(np.einsum("...ci,...c->...i", Jv, direction) * np.einsum("...ci,...c->...i", Jv, force))
+
+
+class ArmElasticity:
+    """The arm with its tool and stiffness: everything elastic at a set of configurations.
+
+    Raises:
+        InputError: a term of the stiffness that does not exist or does not fit the arm.
+    """
+
+    def __init__(self, robot: Robot, T_flange_tcp: Array, stiffness: Stiffness, file: Path | None = None) -> None:
         self.robot, self.T_flange_tcp, self.stiffness = robot, T_flange_tcp, stiffness
+        self.terms, self.geometric = compile_terms(stiffness.terms, robot, T_flange_tcp, file)
+        for term in self.terms:
+            if not np.isfinite(term.values).all():
+                raise InputError(
+                    f"{term.effect} at {term.location} lacks values for "
+                    f"{', '.join(c.name for c in term.coefficients)}",
+                    file=file, where="terms",
+                )  # fmt: skip
+
+    def at(self, q: Array, k: Array | None = None) -> Elastic:
+        """Elasticity at configurations q (M, 6) rad; ``k`` (M, 6) saves looking the joint stiffness up again."""
+        state = self.robot.state(q, self.T_flange_tcp, bodies=bool(self.terms))
+        if k is None:
+            k = joint_stiffness(self.stiffness, state.T_base_tool[..., :3, 3]).k
+        return Elastic(state, k, self.terms, self.geometric)
 
     def jacobian(self, q: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Jacobian at the TCP (..., 6, 6) in base_link axes, k (..., 6) there, and whether the grid covers it."""
         T, J = self.robot.fk_jacobian(q, self.T_flange_tcp)
         joint = joint_stiffness(self.stiffness, T[..., :3, 3])
         return J, joint.k, joint.in_grid
+
+
+def geometric_stiffness(J: Array, wrench: Array) -> Array:
+    """K_C = [∂Jᵀ/∂θ_i w] (..., 6, 6) N·m/rad of dumas2011 eq. 9, for a wrench constant in base axes at the TCP.
+
+    Column a of J is (z_a × r_a, z_a). Turning joint i ≤ a carries joint a along, ∂J_a/∂θ_i = (z_i × v_a, z_i × z_a);
+    turning i > a moves the TCP only, ∂J_a/∂θ_i = (z_a × v_i, 0). Not symmetric under a moment: a moment with
+    fixed direction is not conservative.
+    """
+    v, z = J[..., :3, :], J[..., 3:, :]
+    force, moment = wrench[..., :3], wrench[..., 3:]
+    out = np.zeros(J.shape)
+    for a in range(6):
+        for i in range(6):
+            if i <= a:
+                row = np.cross(z[..., i], v[..., a]), np.cross(z[..., i], z[..., a])
+                out[..., a, i] = np.einsum("...c,...c->...", row[0], force) + np.einsum(
+                    "...c,...c->...", row[1], moment
+                )
+            else:
+                out[..., a, i] = np.einsum("...c,...c->...", np.cross(z[..., a], v[..., i]), force)
+    return out
+
+
+def _diagonal(k: Array) -> Array:
+    return k[..., :, None] * np.eye(6)
+
+
+def _as_wrench(force: Array) -> Array:
+    return np.concatenate([force, np.zeros_like(force)], axis=-1)

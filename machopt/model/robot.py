@@ -29,6 +29,17 @@ class LinkShape:
 
 
 @dataclass(frozen=True)
+class ArmState:
+    """An arm at configurations q: what elastic terms are computed from. Everything in base_link."""
+
+    q: Array  # (..., 6) rad
+    T_base_tool: Array  # (..., 4, 4)
+    J: Array  # (..., 6, 6) at the tool frame's origin
+    R_bodies: Array | None = None  # (..., 7, 3, 3) rotation of each link from its attitude at q = 0; 0: base_link
+    p_bodies: Array | None = None  # (..., 7, 3) m; a point x of link i at q = 0 is at R_bodies[i] x + p_bodies[i]
+
+
+@dataclass(frozen=True)
 class Robot:
     """A 6R arm as six lines and a flange pose at q = 0, all in base_link."""
 
@@ -74,21 +85,39 @@ class Robot:
 
         The Jacobian maps joint velocity to the twist of the frame's origin in base_link axes, linear part first.
         """
+        state = self.state(q, T_flange_tool)
+        return state.T_base_tool, state.J
+
+    def state(self, q: Array, T_flange_tool: Array | None = None, *, bodies: bool = False) -> ArmState:
+        """Pose and Jacobian of a frame fixed to the flange, and where the links are if ``bodies``.
+
+        Args:
+            q: (..., 6) rad.
+            T_flange_tool: (4, 4) that frame in flange; None: the flange itself.
+            bodies: fill ``R_bodies`` and ``p_bodies``, at some cost for large batches.
+        """
         q = np.asarray(q, float)
         end = self.T_base_flange_zero if T_flange_tool is None else self.T_base_flange_zero @ T_flange_tool
-        R = np.broadcast_to(np.eye(3), (*q.shape[:-1], 3, 3))
-        p = np.zeros((*q.shape[:-1], 3))
-        axes, origins = np.empty((*q.shape[:-1], 6, 3)), np.empty((*q.shape[:-1], 6, 3))
+        lead = q.shape[:-1]
+        R = np.broadcast_to(np.eye(3), (*lead, 3, 3))
+        p = np.zeros((*lead, 3))
+        axes, origins = np.empty((*lead, 6, 3)), np.empty((*lead, 6, 3))
+        R_bodies = np.empty((*lead, 7, 3, 3)) if bodies else None
+        p_bodies = np.empty((*lead, 7, 3)) if bodies else None
         for i in range(6):
+            if R_bodies is not None and p_bodies is not None:
+                R_bodies[..., i, :, :], p_bodies[..., i, :] = R, p
             axes[..., i, :] = np.einsum("...ij,j->...i", R, self.axis[i])
             origins[..., i, :] = p + np.einsum("...ij,j->...i", R, self.point[i])
             Ri = axis_rotation(self.axis[i], q[..., i])
             p = p + np.einsum("...ij,...j->...i", R, self.point[i] - Ri @ self.point[i])
             R = R @ Ri
+        if R_bodies is not None and p_bodies is not None:
+            R_bodies[..., 6, :, :], p_bodies[..., 6, :] = R, p
         T = transform(R @ end[:3, :3], p + np.einsum("...ij,j->...i", R, end[:3, 3]))
         lever = T[..., None, :3, 3] - origins
         J = np.concatenate([np.cross(axes, lever), axes], axis=-1)
-        return T, np.swapaxes(J, -1, -2)
+        return ArmState(q, T, np.swapaxes(J, -1, -2), R_bodies, p_bodies)
 
 
 def load_robot(cell: Cell) -> Robot:

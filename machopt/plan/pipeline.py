@@ -125,12 +125,6 @@ def prepare(cell: Cell, options: PlanOptions) -> Setup:
             file=cell.folder / "cell.yaml",
             where="stiffness",
         )
-    if cell.stiffness.terms:
-        raise InputError(
-            "stiffness terms are not used by optimize yet; remove 'terms' to plan with joint stiffness only",
-            file=cell.folder / "cell.yaml",
-            where="stiffness.terms",
-        )
     if cell.workpiece.link != "world":
         raise InputError(
             f"the workpiece is carried by link {cell.workpiece.link!r}; positioners are not supported yet, "
@@ -146,7 +140,7 @@ def prepare(cell: Cell, options: PlanOptions) -> Setup:
         )
     robot, shapes = load_chain(cell)
     arm = Arm.of(cell, solver_for(robot), options)
-    elasticity = ArmElasticity(robot, cell.tool.T_flange_tcp, cell.stiffness)
+    elasticity = ArmElasticity(robot, cell.tool.T_flange_tcp, cell.stiffness, cell.folder / "cell.yaml")
     collision = CollisionModel(cell, robot, shapes, options.clearance) if options.collision else None
     return Setup(cell, robot, arm, elasticity, collision)
 

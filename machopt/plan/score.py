@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.options import Index, PlanOptions, ProcessForce
-from machopt.model.elastic import ArmElasticity, deflection, directional_compliance, jiao_index, joint_stiffness
+from machopt.model.elastic import ArmElasticity, joint_stiffness
 from machopt.plan.candidates import Candidates
 from machopt.plan.path import Path
 from machopt.se3 import wrap
@@ -82,15 +82,13 @@ def configuration_cost(
     for a in range(0, len(q), CHUNK):
         part = slice(a, a + CHUNK)
         p = points[part]
-        _, J = elasticity.robot.fk_jacobian(q[part], elasticity.T_flange_tcp)
-        k = d.k[p]
+        elastic = elasticity.at(q[part], d.k[p])
         if index == "deflection":
-            out[part] = np.linalg.norm(deflection(J, k, d.force[p]), axis=-1)
+            out[part] = np.linalg.norm(elastic.deflection(d.force[p]), axis=-1)
         elif index == "jiao2022":
-            out[part] = 1.0 / jiao_index(J, k, d.axial[p])
+            out[part] = 1.0 / elastic.jiao_index(d.axial[p])
         else:
-            axial = directional_compliance(J, k, d.axial[p])
-            normal = directional_compliance(J, k, d.normal[p])
+            axial, normal = elastic.along(d.axial[p]), elastic.along(d.normal[p])
             out[part] = np.where(d.drilling[p], axial, 0.5 * (axial + normal))
     return out
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
-import re
 from html import escape
-from importlib.resources import files
 from pathlib import Path
 
 from machopt.report import tables
 from machopt.report.data import ReportData
 from machopt.report.display import WORDS
 from machopt.report.figures import Spec, figure_specs
+from machopt.report.shell import page_html, section
 from machopt.report.verdict import cards, verdict
 
 _STIFFNESS_NOTE = (
@@ -48,29 +46,13 @@ def report_html(data: ReportData) -> str:
         ("source", "CAM file", _source(data)),
         ("run", "This run", _run(data)),
     ]
-    shown = [(anchor, title, body) for anchor, title, body in sections if body]
-    menu = "".join(f'<a href="#{anchor}">{title}</a>' for anchor, title, _ in shown)
-    parts = [
-        "<!doctype html>\n<html lang=en>\n<head>\n<meta charset=utf-8>\n",
-        '<meta name=viewport content="width=device-width, initial-scale=1">\n',
-        f"<title>{escape(data.title)}</title>\n<style>\n{_asset('page.css')}</style>\n</head>\n<body>\n<main>\n",
-        _head(data), f"<nav>{menu}</nav>\n",
-        *(body for _, _, body in shown),
-        f"<footer>machopt {escape(data.version)}{f', {escape(data.created)}' if data.created else ''}. "
+    return page_html(
+        data.title, (("Cell", data.cell), ("Toolpath", data.toolpath)), sections, specs,
+        scripts=("chart.js", "heatmap.js", "start.js"),
+        footer=f"machopt {escape(data.version)}{f', {escape(data.created)}' if data.created else ''}. "
         "Lengths mm, angles deg, stiffness N/µm, feed mm/min. Drag in a picture to zoom, double click to see all, "
-        "click a legend entry to hide it.</footer>\n",
-        f'</main>\n<script id=data type="application/json">{_embedded(specs)}</script>\n',
-        f'<script>\n"use strict";\n{_asset("chart.js")}{_asset("heatmap.js")}{_asset("start.js")}</script>\n',
-        "</body>\n</html>\n",
-    ]  # fmt: skip
-    return "".join(parts)
-
-
-def _head(data: ReportData) -> str:
-    return (
-        f"<header class=top><h1>{escape(data.title)}</h1><dl><dt>Cell</dt><dd>{escape(data.cell)}</dd>"
-        f"<dt>Toolpath</dt><dd>{escape(data.toolpath)}</dd></dl></header>\n"
-    )
+        "click a legend entry to hide it.",
+    )  # fmt: skip
 
 
 def _verdict(data: ReportData) -> str:
@@ -88,10 +70,6 @@ def _verdict(data: ReportData) -> str:
     )
 
 
-def _section(anchor: str, title: str, lead: str, body: str) -> str:
-    return f"<section id={anchor}><h2>{title}</h2><p class=lead>{lead}</p>{body}</section>\n" if body else ""
-
-
 def _plot(name: str, charts: set[str]) -> str:
     return f'<div class=chart id="{name}"></div>' if name in charts else ""
 
@@ -100,7 +78,7 @@ def _infeasible(data: ReportData) -> str:
     if not data.infeasible:
         return ""
     lead = "Points without any posture that satisfies reach, limits, singularity distance and clearance."
-    return _section("infeasible", "Infeasible points", lead, tables.infeasible_points(data))
+    return section("infeasible", "Infeasible points", lead, tables.infeasible_points(data))
 
 
 def _map(data: ReportData, specs: Spec) -> str:
@@ -113,7 +91,7 @@ def _map(data: ReportData, specs: Spec) -> str:
         "cannot be used, and the hatching says why. Collisions are looked for only where the choice wanted to go: "
         "a coloured place off the chosen line is reachable, but not proven free."
     )
-    return _section(
+    return section(
         "rotation",
         f"{WORDS[data.summary.quantity].axis} over path and rotation",
         lead,
@@ -127,7 +105,7 @@ def _path(charts: set[str]) -> str:
     stiffness += f"<p class=note>{_STIFFNESS_NOTE}</p>" if stiffness else ""
     small = "".join(_plot(name, charts) for name in ("c-clearance", "c-margins"))
     body = wide + stiffness + (f"<div class=grid2>{small}</div>" if small else "")
-    return _section("path", "Along the path", "All pictures share the path length and zoom together.", body)
+    return section("path", "Along the path", "All pictures share the path length and zoom together.", body)
 
 
 def _worst(data: ReportData) -> str:
@@ -136,7 +114,7 @@ def _worst(data: ReportData) -> str:
         body += "<h3>Worst points</h3>" + tables.worst_points(data)
     if data.operations:
         body += "<h3>Operations</h3>" + tables.operations(data)
-    return _section("points", "Worst points and operations", "Where the result is decided.", body)
+    return section("points", "Worst points and operations", "Where the result is decided.", body)
 
 
 def _feed(data: ReportData, charts: set[str]) -> str:
@@ -145,7 +123,7 @@ def _feed(data: ReportData, charts: set[str]) -> str:
         return ""
     body += "<h3>Dips</h3>" + tables.feed_dips(data) if data.dips else "<p>The programmed feed is held throughout.</p>"
     lead = "The programmed feed is held wherever the axes can; a dip names the axis and the limit that caused it."
-    return _section("feed", "Feed", lead, body)
+    return section("feed", "Feed", lead, body)
 
 
 def _axes(data: ReportData, charts: set[str]) -> str:
@@ -161,7 +139,7 @@ def _axes(data: ReportData, charts: set[str]) -> str:
         f"<h3>Positions and their limits</h3><div class=grid3>{positions}</div>"
         f"<h3>Peak shares of the limits: {', '.join(key)}</h3><div class=grid3>{ratios}</div>"
     )
-    return _section("axes", "Axes over time", "Dashed lines are the limits.", body)
+    return section("axes", "Axes over time", "Dashed lines are the limits.", body)
 
 
 def _verification(data: ReportData) -> str:
@@ -170,7 +148,7 @@ def _verification(data: ReportData) -> str:
         len(data.excluded_pairs), "Pairs left out of the collision check", tables.excluded_pairs, data, opened=True
     )
     lead = "Done on the written trajectory by code that shares nothing with the planner."
-    return _section("verification", "Verification", lead, body)
+    return section("verification", "Verification", lead, body)
 
 
 def _source(data: ReportData) -> str:
@@ -181,7 +159,7 @@ def _source(data: ReportData) -> str:
     unknown = any(not w.understood for w in data.ignored)
     body += tables.part(len(data.ignored), "Words without effect", tables.cam_words, data, opened=unknown)
     body += tables.part(len(data.events), "Events on the way", tables.events, data)
-    return _section("source", "CAM file", f"What {escape(data.toolpath)} holds beside its points.", body)
+    return section("source", "CAM file", f"What {escape(data.toolpath)} holds beside its points.", body)
 
 
 def _run(data: ReportData) -> str:
@@ -190,14 +168,4 @@ def _run(data: ReportData) -> str:
         body += tables.folded("Options", len(data.options), tables.pairs("Option", "Value", data.options))
     if data.hashes:
         body += tables.folded("Inputs", len(data.hashes), tables.pairs("File", "SHA-256", data.hashes))
-    return _section("run", "This run", "What it was made from, with what settings, in what time.", body)
-
-
-def _asset(name: str) -> str:
-    return (files("machopt.report") / "assets" / name).read_text(encoding="utf-8")
-
-
-def _embedded(specs: Spec) -> str:
-    """JSON that no text inside it can end early."""
-    text = json.dumps(specs, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    return re.sub(r"[<>&]", lambda m: f"\\u{ord(m[0]):04x}", text)
+    return section("run", "This run", "What it was made from, with what settings, in what time.", body)

@@ -1,0 +1,65 @@
+"""What was measured on a real robot: joint positions, loads, displacements or poses, as a recording folder holds them.
+
+Everything is in SI and in the frames the file states; turning it into base axes at the TCP needs kinematics and
+happens in :mod:`machopt.identify.experiment`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Kind = Literal["deflection", "absolute", "motion"]
+Axes = Literal["base", "tool"]
+
+
+@dataclass(frozen=True)
+class StandardUncertainty:
+    """1 sigma as the recording states it; None where it does not."""
+
+    displacement: float | None = None  # m
+    rotation: float | None = None  # rad
+    force: float | None = None  # N
+    moment: float | None = None  # N·m
+    joint: float | None = None  # rad
+
+
+@dataclass(frozen=True)
+class Recording:
+    """N readings. A channel that the file does not have is None."""
+
+    kind: Kind
+    source: str  # folder name, for messages
+    q: Array  # (N, 6) rad, joint positions by encoder
+    pose: Ints  # (N,) same label: same robot pose; numbered by q where the file has no column
+    cycle: Ints  # (N,) same label inside a pose: same load cycle; every reading its own where there is no column
+    session: Ints  # (N,) same label: same day and set-up; all 0 where there is no column
+    line: Ints  # (N,) 1-based line of the data file each reading stands on
+    wrench: Array | None = None  # (N, 6) N, N·m on the robot, axes of wrench_frame, about wrench_point
+    wrench_frame: Axes = "base"
+    wrench_point: Array | None = None  # (3,) m in flange; None: the TCP
+    displacement: Array | None = None  # (N, 3) m, or (N, 6) m and rad; TCP against the unloaded state of its cycle
+    displacement_frame: Axes = "base"
+    position: Array | None = None  # (N, 3) m, measured TCP in base_link
+    quaternion: Array | None = None  # (N, 4) w x y z, measured TCP orientation in base_link, unit length
+    time: Array | None = None  # (N,) s
+    temperature: Array | None = None  # (N,) °C
+    branch: NDArray[np.int8] | None = None  # (N,) +1 loading, −1 unloading, 0 not stated
+    q_command: Array | None = None  # (N, 6) rad
+    q_secondary: Array | None = None  # (N, 6) rad, link-side encoder; NaN where an axis has none
+    velocity: Array | None = None  # (N, 6) rad/s
+    torque: Array | None = None  # (N, 6) N·m at the joint
+    current: Array | None = None  # (N, 6) A
+    registration: Literal["fixed", "fit"] = "fixed"  # "fit": tracker-to-base pose and target position are nominal
+    uncertainty: StandardUncertainty = field(default_factory=StandardUncertainty)
+    notes: str = ""
+    labelled: frozenset[str] = frozenset()  # which of "pose", "cycle", "session" the file itself states
+    warnings: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.q)

@@ -1,0 +1,13 @@
+"""Joint (and further) stiffness from load–deflection readings, and which readings to take.
+
+::
+
+    Recording ─► experiment ─► fit ─► uncertainty ─► Identification ─► stiffness.yaml, identification.json, page
+                 base axes,    weighted,  covariance,      ▲
+                 responses     robust,    identifiability, │
+                 per reading   bounded    held-out error   grid: one set a cell, shrunk to the constant one
+
+    cell ─► candidate poses ─► D-optimal selection ─► poses.csv                       (design)
+
+Unknowns are compliances c (rad/(N·m)): a displacement is linear in them (dumas2011 eqs. 16–26), a stiffness is not.
+"""

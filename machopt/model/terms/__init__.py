@@ -1,0 +1,17 @@
+"""Elastic physics beside the joint springs, composable, each usable by the planner, identify and diagnose.
+
+A term answers one question: which twist δ of the TCP does a wrench w at the TCP cause at a configuration, per unit of
+each of its coefficients x::
+
+    stiffness.yaml terms ──compile_terms──► LinearTerm …           δ = Σ_p x_p B_p(q) w
+                                                │
+    ArmState (q, J, bodies) ──response(state, w)┴─► (M, 6, P)
+
+Compliances of serial parts add at the TCP once they are carried there in the right frames (tian2025 eq. 1,
+zhang2025 eq. 20). One family a file: :mod:`joint` (coupling, posture), :mod:`body` (base, links, tool),
+:mod:`beam` (the matrices of beams and stepped cylinders).
+"""
+
+from machopt.model.terms.base import LinearTerm, compile_terms, term_of, vocabulary
+
+__all__ = ["LinearTerm", "compile_terms", "term_of", "vocabulary"]

@@ -1,0 +1,125 @@
+"""Compliance matrices of beams at their loaded end, clamped at the other; local axes, x along the beam.
+
+Order of rows: translation x, y, z in m, rotation x, y, z in rad; of columns: force, moment. Euler–Bernoulli,
+prismatic, isotropic.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.se3 import skew
+
+Array = NDArray[np.float64]
+
+
+def cantilever_bending(length: float) -> Array:
+    """(6, 6) compliance of bending per unit of 1/(E·I), both planes alike; L³/3, L²/2, L (zhang2025 eq. 19's inverse).
+
+    Args:
+        length: m.
+    """
+    L = length
+    C = np.zeros((6, 6))
+    C[1, 1] = C[2, 2] = L**3 / 3.0
+    C[4, 4] = C[5, 5] = L
+    C[1, 5] = C[5, 1] = L**2 / 2.0  # a moment about z lifts the end along +y
+    C[2, 4] = C[4, 2] = -(L**2) / 2.0
+    return C
+
+
+def cantilever_torsion(length: float) -> Array:
+    """(6, 6) compliance of torsion per unit of 1/(G·J): L on the rotation about the beam."""
+    C = np.zeros((6, 6))
+    C[3, 3] = length
+    return C
+
+
+def cantilever_axial(length: float) -> Array:
+    """(6, 6) compliance of stretching per unit of 1/(E·A): L on the translation along the beam."""
+    C = np.zeros((6, 6))
+    C[0, 0] = length
+    return C
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """One step of a tool: a solid round bar, or a tube."""
+
+    diameter: float  # m
+    length: float  # m
+    youngs: float  # Pa
+    poisson: float = 0.3
+    bore: float = 0.0  # m
+
+    @property
+    def EI(self) -> float:
+        """Bending stiffness E π (D⁴ − d⁴)/64 in N·m². tian2025 calls I "polar"; eq. 2 needs the area moment."""
+        return self.youngs * np.pi * (self.diameter**4 - self.bore**4) / 64.0
+
+    @property
+    def GJ(self) -> float:
+        """Torsional stiffness G π (D⁴ − d⁴)/32 in N·m²."""
+        return self.youngs / (2.0 * (1.0 + self.poisson)) * np.pi * (self.diameter**4 - self.bore**4) / 32.0
+
+    @property
+    def EA(self) -> float:
+        """Axial stiffness E π (D² − d²)/4 in N."""
+        return self.youngs * np.pi * (self.diameter**2 - self.bore**2) / 4.0
+
+
+def cantilever(cylinder: Cylinder) -> Array:
+    """(6, 6) compliance of one cylinder at its end: bending, torsion, stretching."""
+    L = cylinder.length
+    return np.asarray(
+        cantilever_bending(L) / cylinder.EI + cantilever_torsion(L) / cylinder.GJ + cantilever_axial(L) / cylinder.EA
+    )
+
+
+def stepped(cylinders: Sequence[Cylinder]) -> Array:
+    """(6, 6) compliance at the tip of cylinders in series, the clamped one first.
+
+    Each cylinder also carries the moment of the force at the tip and tilts all that follows, which the sum of
+    L³/3EI (tian2025 eq. 3) leaves out: :func:`stepped_as_tian2025`.
+    """
+    C = np.zeros((6, 6))
+    for cylinder in cylinders:
+        C = carried(C, cylinder.length) + cantilever(cylinder)
+    return C
+
+
+def carried(C: Array, distance: float) -> Array:
+    """(6, 6) compliance at a point rigidly ``distance`` m further along local x: G C Gᵀ."""
+    G = np.eye(6)
+    G[:3, 3:] = -skew(np.array([distance, 0.0, 0.0]))
+    return np.asarray(G @ C @ G.T)
+
+
+def stepped_as_tian2025(cylinders: Sequence[Cylinder]) -> float:
+    """Lateral compliance at the tip in m/N as tian2025 eqs. 2–3 have it: Σ L³/(3 E I), lever arms left out.
+
+    For comparison only: a long thin bur behind a stiff holder comes out right, a soft holder far from the tip far
+    too stiff.
+    """
+    return float(sum(c.length**3 / (3.0 * c.EI) for c in cylinders))
+
+
+def planar_beam_as_zhang2025(length: float, EI: float, EA: float) -> Array:
+    """(6, 6) matrix of zhang2025 eqs. 17 and 19 as printed: two nodes of a plane beam, [u, v, θ] at each.
+
+    The paper uses it, through its pseudo-inverse, as if it were the spatial stiffness of one end. It is not: its rows
+    4–6 belong to the other end of the beam, so a force along z meets the axial stiffness of the far node. For
+    comparison only.
+    """
+    L = length
+    a, b, c, d, e = EA / L, 12 * EI / L**3, 6 * EI / L**2, 4 * EI / L, 2 * EI / L
+    return np.array(
+        [
+            [a, 0, 0, -a, 0, 0], [0, b, c, 0, -b, c], [0, c, d, 0, -c, e],
+            [-a, 0, 0, a, 0, 0], [0, -b, -c, 0, b, -c], [0, c, e, 0, -c, d],
+        ]
+    )  # fmt: skip
