@@ -688,7 +688,7 @@ def cutting_cobot() -> CellFiles:
             block("bench", (400, 700, 40), (x + 80, y, z - 160)),
             block("vice", (60, 50, 95), (x, y - 125, z - 92.5)),
         ),
-        stiffness=("tian2025, Table 3, N·m/rad", "[4.68e5, 5.56e5, 4.57e5, 2.75e5, 9.55e5, 8.36e4]"),
+        stiffness=("tian2025, Table 3, N·m/rad", "[4.68e5, 5.56e5, 4.57e5, 2.75e5, 9.55e4, 8.36e4]"),
     )
 
 

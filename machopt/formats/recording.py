@@ -1,0 +1,335 @@
+"""Recording folders: ``recording.yaml`` and its tables of readings, read strictly and written to the printed digit."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from machopt.domain.recording import Ints, Recording, StandardUncertainty
+from machopt.errors import InputError
+from machopt.formats.recording_columns import BRANCHES, CHANNELS, LABELS, VOCABULARY, branches, channels, labels
+from machopt.formats.recording_join import join, number_poses, separate_cycles, wide_poses
+from machopt.formats.recording_table import DataTable, read_table
+from machopt.formats.yamlstrict import Document, Strict, read_yaml, show, validate
+
+Array = NDArray[np.float64]
+
+_YAML, _DATA = "recording.yaml", "data.csv"
+_UNCERTAINTY = {
+    "displacement_mm": ("displacement", 1e-3), "rotation_mrad": ("rotation", 1e-3), "force_N": ("force", 1.0),
+    "moment_Nm": ("moment", 1.0), "joint_deg": ("joint", np.pi / 180.0),
+}  # fmt: skip
+_RADIANS_LOOK = 6.3  # every joint of every reading within a turn in rad: degrees would be a straight arm, hardly moved
+_ROWS_AT_ONCE = 4096
+
+
+class _Uncertainty(Strict):
+    displacement_mm: float | None = Field(default=None, gt=0, description="1 sigma of a coordinate in mm")
+    rotation_mrad: float | None = Field(default=None, gt=0, description="1 sigma of a rotation in mrad")
+    force_N: float | None = Field(default=None, ge=0, description="1 sigma of a force in N")
+    moment_Nm: float | None = Field(default=None, ge=0, description="1 sigma of a moment in N·m")
+    joint_deg: float | None = Field(default=None, ge=0, description="1 sigma of a joint position in degrees")
+
+
+class _RecordingFile(Strict):
+    machopt_recording: Literal[1]
+    kind: Literal["deflection", "absolute", "motion"]
+    data: Any = Field(description="a data file, or a list of them")
+    wrench_frame: Literal["base", "tool"] = "base"
+    displacement_frame: Literal["base", "tool"] = "base"
+    wrench_point_mm: list[float] | None = Field(
+        default=None, min_length=3, max_length=3, description="x, y, z in flange of the point the moments are about"
+    )
+    registration: Literal["fixed", "fit"] = "fixed"
+    standard_uncertainty: _Uncertainty = Field(default=_Uncertainty())
+    notes: str = ""
+
+
+def load_recording(path: Path | str) -> Recording:
+    """Read a recording folder.
+
+    Args:
+        path: the folder, or the ``recording.yaml`` in it.
+
+    Returns:
+        The readings of all its data files in SI. Where ``data`` lists several files, each is a session of its own
+        unless a column ``session`` says otherwise.
+
+    Raises:
+        InputError: names file, key or line and column, what was found and what was expected.
+    """
+    file = _recording_yaml(Path(path))
+    document = read_yaml(file)
+    keys = validate(_RecordingFile, document)
+    data = _data_files(document, keys.data, file.parent)
+    runs = [_read_run(read_table(p, VOCABULARY), keys, file.parent) for p in data]
+    for other, p in zip(runs[1:], data[1:], strict=True):
+        if other.labelled != runs[0].labelled:
+            name = next(n for n in LABELS if (n in other.labelled) != (n in runs[0].labelled))
+            has, not_ = (p, data[0]) if name in other.labelled else (data[0], p)
+            raise InputError(f"has no column {name} but {has.name} has; files of a recording need the same columns",
+                             file=not_)  # fmt: skip
+    recording = join(runs, new_sessions=False)
+    _refuse_falling_time(recording, data)
+    warnings = (
+        *_frames_not_given(document, recording),
+        *recording.warnings,
+        *wide_poses(recording),
+        *_radians(recording),
+    )
+    return replace(recording, warnings=warnings)
+
+
+def load_recordings(paths: Sequence[Path | str]) -> Recording:
+    """Read several recording folders as one recording.
+
+    Sessions of different folders are told apart. Pose labels are kept where equal labels mean equal joint positions
+    (within 0.05°), otherwise renumbered with a warning.
+
+    Args:
+        paths: folders or their ``recording.yaml``, one or more.
+
+    Returns:
+        The readings of all, in the given order.
+
+    Raises:
+        InputError: as :func:`load_recording`; the recordings differ in kind, frames or columns; a folder comes twice.
+    """
+    if not paths:
+        raise InputError("no recordings given; expected one or more recording folders")
+    places = [_recording_yaml(Path(p)).resolve() for p in paths]
+    for k, place in enumerate(places):
+        if place in places[:k]:
+            raise InputError("is given twice; the same readings would count as new ones", file=paths[k])
+    return join([load_recording(p) for p in paths], new_sessions=True)
+
+
+def write_recording(folder: Path | str, recording: Recording) -> None:
+    """Write ``recording.yaml`` and ``data.csv`` so that :func:`load_recording` returns the recording.
+
+    Numbers are printed to 1e-9 degree, 1e-7 mm, 1e-6 N; what is read back and written again gives the same bytes.
+    A column of labels is left out where the reader would give the same labels by itself.
+
+    Args:
+        folder: made where it does not exist; the two files in it are replaced.
+        recording: SI, as in memory.
+
+    Raises:
+        InputError: a number is not finite, no reading, or the folder cannot be written.
+    """
+    target = Path(folder)
+    columns = _columns(recording, target)
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+        with _replacing(target / _DATA) as partial, partial.open("w", encoding="utf-8", newline="\n") as out:
+            out.write(",".join(columns) + "\n")
+            for start in range(0, len(recording), _ROWS_AT_ONCE):
+                cells = [c[start : start + _ROWS_AT_ONCE] for c in columns.values()]
+                out.writelines(",".join(row) + "\n" for row in zip(*cells, strict=True))
+        with _replacing(target / _YAML) as partial:
+            _write_yaml(partial, recording)
+    except OSError as problem:
+        raise InputError(f"cannot be written: {problem.strerror}", file=folder) from None
+
+
+def _recording_yaml(path: Path) -> Path:
+    if not path.exists():
+        raise InputError(f"no such file or folder; expected a recording folder or its {_YAML}", file=path)
+    if not path.is_dir():
+        if path.suffix.lower() not in (".yaml", ".yml"):
+            raise InputError(f"is not a recording; expected a folder with {_YAML}, or that file", file=path)
+        return path
+    if not (path / _YAML).is_file():
+        raise InputError(f"holds no {_YAML}; expected a recording folder", file=path)
+    return path / _YAML
+
+
+def _data_files(document: Document, value: object, folder: Path) -> list[Path]:
+    names = value if isinstance(value, list) else [value]
+    if not names:
+        raise document.error(("data",), "is an empty list; expected one data file or more")
+    out: list[Path] = []
+    for k, name in enumerate(names):
+        loc: tuple[str | int, ...] = ("data", k) if isinstance(value, list) else ("data",)
+        if not isinstance(name, str) or not name or "\0" in name:
+            raise document.error(loc, f"found {show(name)}; expected the name of a data file, e.g. {_DATA}")
+        path = folder / name
+        if not path.resolve().is_relative_to(folder.resolve()):
+            raise document.error(loc, f"{name!r} lies outside the recording folder; expected a file inside it")
+        if not path.is_file():
+            raise document.error(loc, f"no such file: {name!r} (looked for {path})")
+        if path.resolve() in [p.resolve() for p in out]:
+            raise document.error(loc, f"{name!r} is listed twice; keep one")
+        out.append(path)
+    return out
+
+
+def _read_run(table: DataTable, keys: _RecordingFile, folder: Path) -> Recording:
+    """One data file as a recording of its own."""
+    found, warnings = channels(table, keys.kind)
+    n = len(table)
+    given = {name: labels(table, name) for name in LABELS if name in table.numbers}
+    pose = given.get("pose")
+    if pose is None:
+        pose = number_poses(found["q"], keys.kind)
+    session = given.get("session", np.zeros(n, dtype=np.int64))
+    cycle = separate_cycles(pose, given["cycle"], session) if "cycle" in given else np.arange(n, dtype=np.int64)
+    branch = branches(table) if "branch" in table.words else None
+    for array in (pose, session, cycle, branch, table.lines, *found.values()):
+        if array is not None:
+            array.setflags(write=False)
+    return Recording(
+        kind=keys.kind,
+        source=folder.resolve().name,
+        q=found["q"],
+        pose=pose,
+        cycle=cycle,
+        session=session,
+        line=table.lines,
+        wrench=found.get("wrench"),
+        wrench_frame=keys.wrench_frame,
+        wrench_point=None if keys.wrench_point_mm is None else np.array(keys.wrench_point_mm) / 1e3,
+        displacement=found.get("displacement"),
+        displacement_frame=keys.displacement_frame,
+        position=found.get("position"),
+        quaternion=found.get("quaternion"),
+        time=found.get("time"),
+        temperature=found.get("temperature"),
+        branch=branch,
+        q_command=found.get("q_command"),
+        q_secondary=found.get("q_secondary"),
+        velocity=found.get("velocity"),
+        torque=found.get("torque"),
+        current=found.get("current"),
+        registration=keys.registration,
+        uncertainty=_uncertainty(keys.standard_uncertainty),
+        notes=keys.notes,
+        labelled=frozenset(given),
+        warnings=tuple(warnings),
+        files=(table.path.name,),
+    )
+
+
+def _uncertainty(keys: _Uncertainty) -> StandardUncertainty:
+    stated = {key: getattr(keys, key) for key in _UNCERTAINTY}
+    return StandardUncertainty(**{n: None if (v := stated[k]) is None else v * s for k, (n, s) in _UNCERTAINTY.items()})
+
+
+def _refuse_falling_time(recording: Recording, files: Sequence[Path]) -> None:
+    if recording.kind != "motion" or recording.time is None:
+        return
+    order = np.argsort(recording.session, kind="stable")
+    time, session = recording.time[order], recording.session[order]
+    bad = np.flatnonzero((np.diff(time) <= 0) & (np.diff(session) == 0))
+    if bad.size:
+        here, before = int(order[bad[0] + 1]), int(order[bad[0]])
+        file = files[0 if recording.file is None else int(recording.file[here])]
+        raise InputError(
+            f"time does not rise: {time[bad[0] + 1]:.12g} s after {time[bad[0]]:.12g} s in {recording.place(before)}; "
+            "several runs need a column session, or one file a run in a list under data",
+            file=file, where=f"line {recording.line[here]}, column time_s",
+        )  # fmt: skip
+
+
+def _frames_not_given(document: Document, recording: Recording) -> list[str]:
+    """Frames that were taken to be base because no key says so."""
+    keys = document.value if isinstance(document.value, dict) else {}
+    there = {"wrench_frame": recording.wrench, "displacement_frame": recording.displacement}
+    return [
+        f"{recording.source}: {key} is not given; base_link axes are taken"
+        for key, array in there.items()
+        if array is not None and key not in keys
+    ]
+
+
+def _radians(recording: Recording) -> list[str]:
+    q = np.degrees(recording.q)
+    if np.abs(q).max() > _RADIANS_LOOK or np.abs(q - np.round(q)).max() < 1e-6:
+        return []
+    return [
+        f"{recording.source}: q1_deg … q6_deg all lie within ±{_RADIANS_LOOK}; they look like radians, "
+        "degrees are expected and were taken"
+    ]
+
+
+def _columns(recording: Recording, folder: Path) -> dict[str, Sequence[str]]:
+    """The printed cells of each column."""
+    if not len(recording):
+        raise InputError("holds no reading; expected one or more", file=folder)
+    out: dict[str, Sequence[str]] = {}
+    default: dict[str, Callable[[], Ints]] = {
+        "pose": lambda: number_poses(recording.q, recording.kind),
+        "cycle": lambda: np.arange(len(recording), dtype=np.int64),
+        "session": lambda: np.zeros(len(recording), dtype=np.int64),
+    }
+    for name in LABELS:
+        values = getattr(recording, name)
+        if name in recording.labelled or not np.array_equal(values, default[name]()):
+            out[name] = [str(v) for v in values.tolist()]
+    if recording.branch is not None:
+        word = {code: name for name, code in BRANCHES.items()}
+        out["branch"] = [word[b] for b in recording.branch.tolist()]
+    for channel in CHANNELS:
+        array = getattr(recording, channel.field)
+        if array is None:
+            continue
+        array = np.asarray(array, float).reshape(len(recording), -1)
+        for name, column in zip(channel.columns, array.T, strict=False):
+            if channel.rest == "nan" and np.isnan(column).all():
+                continue
+            bad = np.flatnonzero(~np.isfinite(column))
+            if bad.size:
+                found = f"reading {bad[0] + 1} of {name} is {column[bad[0]]}"
+                raise InputError(f"{found}; a recording holds finite numbers", file=folder)
+            # shortest text of the rounded number; adding zero turns -0.0 into 0.0
+            out[name] = list(map(repr, (np.round(column / channel.si, channel.decimals) + 0.0).tolist()))
+    return out
+
+
+def _write_yaml(path: Path, recording: Recording) -> None:
+    from ruamel.yaml import YAML
+
+    data: dict[str, object] = {"machopt_recording": 1, "kind": recording.kind, "data": _DATA}
+    if recording.wrench is not None:
+        data["wrench_frame"] = recording.wrench_frame
+    if recording.wrench_point is not None:
+        data["wrench_point_mm"] = [_printed(v * 1e3) for v in recording.wrench_point.tolist()]
+    if recording.displacement is not None:
+        data["displacement_frame"] = recording.displacement_frame
+    data["registration"] = recording.registration
+    sigma = {k: getattr(recording.uncertainty, name) for k, (name, _) in _UNCERTAINTY.items()}
+    stated = {k: _printed(v / _UNCERTAINTY[k][1]) for k, v in sigma.items() if v is not None}
+    if stated:
+        data["standard_uncertainty"] = stated
+    if recording.notes:
+        data["notes"] = recording.notes
+    yaml = YAML(typ="safe", pure=True)
+    yaml.default_flow_style = False
+    yaml.allow_unicode = True
+    yaml.representer.sort_base_mapping_type_on_output = False
+    with path.open("w", encoding="utf-8", newline="\n") as out:
+        yaml.dump(data, out)
+
+
+def _printed(value: float) -> float:
+    """Twelve digits: 0.015 and not 0.015000000000000001."""
+    return float(f"{value:.12g}")
+
+
+@contextlib.contextmanager
+def _replacing(path: Path) -> Iterator[Path]:
+    """A new file that takes the place of ``path`` once it is whole."""
+    partial = path.with_name(f".{path.name}.partial-{os.getpid()}")
+    try:
+        yield partial
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)

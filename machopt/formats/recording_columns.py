@@ -1,0 +1,159 @@
+"""The columns of a recording: which belong together, in which unit, and for which kind of recording they are needed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.recording import Kind
+from machopt.formats.recording_table import DataTable, Vocabulary
+
+Array = NDArray[np.float64]
+
+LABELS = ("pose", "cycle", "session")
+BRANCHES = {"load": 1, "unload": -1, "": 0}  # an empty cell: not stated
+
+_MOST_LABEL = 2.0**53  # beyond it doubles skip whole numbers
+_UNIT_LENGTH = 2e-3  # of a quaternion; four numbers with three decimals are within it
+_EXACT_LENGTH = 1e-9  # closer than this a quaternion is left as it was printed
+
+
+@dataclass(frozen=True)
+class Channel:
+    """Columns that make one array of a recording."""
+
+    field: str  # of Recording
+    columns: tuple[str, ...]
+    si: float  # SI units in one unit of the file
+    decimals: int  # printed
+    needed: int  # the first so many columns stand together or not at all
+    rest: Literal["all", "zero", "nan"] = "all"  # what the others are where not all of them stand
+
+
+def _six(name: str) -> tuple[str, ...]:
+    return tuple(name.format(i) for i in range(1, 7))
+
+
+_DEG = np.pi / 180.0
+CHANNELS = (
+    Channel("q", _six("q{}_deg"), _DEG, 9, 6),
+    Channel("wrench", ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"), 1.0, 6, 3, "zero"),
+    Channel("displacement", ("dx_mm", "dy_mm", "dz_mm", "rx_mrad", "ry_mrad", "rz_mrad"), 1e-3, 7, 3),
+    Channel("position", ("x_mm", "y_mm", "z_mm"), 1e-3, 7, 3),
+    Channel("quaternion", ("qw", "qx", "qy", "qz"), 1.0, 12, 4),
+    Channel("time", ("time_s",), 1.0, 9, 1),
+    Channel("temperature", ("temperature_C",), 1.0, 5, 1),
+    Channel("q_command", _six("qcmd{}_deg"), _DEG, 9, 6),
+    Channel("q_secondary", _six("qse{}_deg"), _DEG, 9, 0, "nan"),
+    Channel("velocity", _six("qd{}_deg_s"), _DEG, 8, 6),
+    Channel("torque", _six("tau{}_Nm"), 1.0, 6, 6),
+    Channel("current", _six("current{}_A"), 1.0, 7, 6),
+)
+ONE_COLUMN = ("time", "temperature")  # (N,) and not (N, 1)
+
+NEEDED: dict[Kind, tuple[str, ...]] = {
+    "deflection": ("q", "wrench", "displacement"),
+    "absolute": ("q", "position"),
+    "motion": ("q", "time"),
+}
+MOTION_SHOWS = ("q_command", "q_secondary", "torque", "current", "position", "wrench")  # one of them, beside q
+_USELESS: dict[Kind, tuple[str, ...]] = {
+    "deflection": ("position", "quaternion"),
+    "absolute": ("displacement",),
+    "motion": ("displacement",),
+}
+
+VOCABULARY = Vocabulary(
+    numbers=(*LABELS, *(name for channel in CHANNELS for name in channel.columns)),
+    words=("branch",),
+    listed="pose, cycle, session, branch, "
+    + ", ".join(f"{c.columns[0]} … {c.columns[-1]}" if len(c.columns) > 4 else ", ".join(c.columns) for c in CHANNELS),
+    refused={
+        f"q{i}_mm": "prismatic joints are not read yet; an arm has six revolute joints, q1_deg … q6_deg"
+        for i in range(1, 7)
+    },
+)
+
+
+def channels(table: DataTable, kind: Kind) -> tuple[dict[str, Array], list[str]]:
+    """The arrays of a table in SI by field of :class:`~machopt.domain.recording.Recording`, and warnings.
+
+    Raises:
+        InputError: columns that this kind needs are missing, a group is incomplete, a quaternion is not unit.
+    """
+    out = {c.field: array for c in CHANNELS if (array := _channel(table, c)) is not None}
+    columns = {c.field: c.columns[: c.needed or 6] for c in CHANNELS}
+    missing = [name for field in NEEDED[kind] if field not in out for name in columns[field]]
+    if missing:
+        other = next((k for k, fields in NEEDED.items() if all(f in out for f in fields)), None)
+        hint = f"; the columns are those of kind {other}" if other else ""
+        raise table.error(f"kind {kind} needs the columns {', '.join(missing)}; they are missing{hint}")
+    if kind == "motion" and not any(field in out for field in MOTION_SHOWS):
+        shows = ", ".join(columns[field][0] for field in MOTION_SHOWS)
+        raise table.error(f"kind motion needs something to compare q1_deg … q6_deg with; one of {shows} …")
+    warnings = [
+        f"{table.path.name}: {', '.join(columns[field])} are not used in a recording of kind {kind}"
+        for field in _USELESS[kind]
+        if field in out
+    ]
+    if "quaternion" in out:
+        out["quaternion"] = _unit(table, out["quaternion"])
+    return out, warnings
+
+
+def labels(table: DataTable, name: str) -> NDArray[np.int64]:
+    """A column of whole numbers, (N,).
+
+    Raises:
+        InputError: a label is not whole, or too large to be told from its neighbours.
+    """
+    values = table.numbers[name]
+    bad = np.flatnonzero((values != np.round(values)) | (np.abs(values) >= _MOST_LABEL))
+    if bad.size:
+        raise table.error(f"found {values[bad[0]]:.17g}; expected a whole number below 2^53", int(bad[0]), name)
+    return values.astype(np.int64)
+
+
+def branches(table: DataTable) -> NDArray[np.int8]:
+    """The column ``branch`` as +1 load, −1 unload, 0 not stated.
+
+    Raises:
+        InputError: another word.
+    """
+    words = table.words["branch"]
+    unknown = next((k for k, word in enumerate(words) if word not in BRANCHES), None)
+    if unknown is not None:
+        raise table.error(f"found {words[unknown]!r}; expected load or unload", unknown, "branch")
+    return np.array([BRANCHES[word] for word in words], dtype=np.int8)
+
+
+def _channel(table: DataTable, channel: Channel) -> Array | None:
+    names = channel.columns
+    have = [name for name in names if name in table.numbers]
+    if not have:
+        return None
+    wanted = names[: channel.needed]
+    if channel.rest == "all" and len(have) > channel.needed:
+        wanted = names
+    missing = [name for name in wanted if name not in have]
+    if missing:
+        raise table.error(f"column {', '.join(missing)} is missing beside {', '.join(have)}")
+    last = len(names) if len(have) > channel.needed or channel.rest != "all" else channel.needed
+    out = np.full((len(table), last), np.nan if channel.rest == "nan" else 0.0)
+    for k, name in enumerate(names[:last]):
+        if name in table.numbers:
+            out[:, k] = table.numbers[name] * channel.si
+    return out[:, 0] if channel.field in ONE_COLUMN else out
+
+
+def _unit(table: DataTable, quaternion: Array) -> Array:
+    length = np.linalg.norm(quaternion, axis=1)
+    bad = np.flatnonzero(np.abs(length - 1.0) > _UNIT_LENGTH)
+    if bad.size:
+        raise table.error(
+            f"found a quaternion of length {length[bad[0]]:.6g}; expected 1", int(bad[0]), "qw, qx, qy, qz"
+        )
+    return np.where(np.abs(length - 1.0)[:, None] > _EXACT_LENGTH, quaternion / length[:, None], quaternion)

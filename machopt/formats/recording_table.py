@@ -1,0 +1,252 @@
+"""A table of measured numbers, CSV or Parquet: known columns, every cell finite, errors by line and column.
+
+Whole files go through NumPy's parser; only a file that it refuses is read cell by cell, to name the cell.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.errors import InputError
+from machopt.formats.yamlstrict import nearest
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_ROWS_AT_ONCE = 4096
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
+_DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+", re.ASCII)
+_NOT_FINITE = re.compile(r"[-+]?(?:nan|inf|infinity)", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Vocabulary:
+    """The columns a table may have."""
+
+    numbers: tuple[str, ...]  # names of columns of numbers
+    words: tuple[str, ...]  # names of columns of words
+    listed: str  # all names in short, for messages
+    refused: dict[str, str]  # known names that cannot be taken, and why
+
+
+@dataclass(frozen=True)
+class DataTable:
+    """The cells of one file by column."""
+
+    path: Path
+    numbers: dict[str, Array]  # (N,) each, finite, in the file's units
+    words: dict[str, list[str]]  # (N,) each
+    lines: Ints  # (N,) 1-based line of a CSV file, 1-based row of a Parquet file
+    header_line: int  # 0: the header of a Parquet file
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    def error(self, message: str, row: int | None = None, column: str | None = None) -> InputError:
+        """An error at a row (0-based) and column of this file; without a row, at its header."""
+        if row is not None:
+            place = f"{'line' if self.header_line else 'row'} {self.lines[row]}"
+        else:
+            place = f"line {self.header_line}" if self.header_line else "schema"
+        return InputError(message, file=self.path, where=place + ("" if column is None else f", column {column}"))
+
+
+def read_table(path: Path, vocabulary: Vocabulary) -> DataTable:
+    """Read a CSV file (UTF-8, commas, decimal points, one header line, ``#`` comment lines) or a Parquet file.
+
+    Raises:
+        InputError: the file is absent or damaged; a column is unknown, stands twice or cannot be taken; a row has
+            another number of fields than the header; a cell is empty, no number or not finite. Names file, line
+            (row of a Parquet file) and column.
+    """
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError("no such file; expected a table of readings, CSV or Parquet", file=path) from None
+    except OSError as problem:
+        raise InputError(f"cannot be read: {problem.strerror or problem}", file=path) from None
+    if data.startswith(b"PAR1") or path.suffix.lower() == ".parquet":
+        return _read_parquet(path, data, vocabulary)
+    return _read_csv(path, data, vocabulary)
+
+
+def _read_csv(path: Path, data: bytes, vocabulary: Vocabulary) -> DataTable:
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as problem:
+        line = data.count(b"\n", 0, problem.start) + 1
+        raise InputError("is not UTF-8 text; expected CSV in UTF-8", file=path, where=f"line {line}") from None
+    lines: list[int] = []
+    rows: list[str] = []
+    for line, row in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), 1):
+        bare = row.lstrip()
+        if bare and not bare.startswith("#"):
+            lines.append(line)
+            rows.append(row)
+    if not rows:
+        raise InputError("holds no rows; expected a header line and one line a reading", file=path)
+    quoted = '"' in text
+    head, body = rows[0], rows[1:]
+    table = DataTable(path, {}, {}, np.array(lines[1:], dtype=np.int64), lines[0])
+    _refuse_other_separator(table, head, body)
+    header = [name.strip() for name in _split(table, head, quoted, None)]
+    _check_header(table, header, vocabulary)
+    if not body:
+        raise table.error("holds a header but no rows; expected one line a reading")
+    fields = [_split(table, row, True, k) for k, row in enumerate(body)] if quoted else None
+    _check_width(table, header, [len(f) for f in fields] if fields else [row.count(",") + 1 for row in body], body)
+    at = {name: k for k, name in enumerate(header)}
+    words = {
+        name: [(f if fields else row.split(","))[at[name]].strip() for f, row in zip(fields or body, body, strict=True)]
+        for name in vocabulary.words
+        if name in at
+    }
+    names = [name for name in header if name not in words]
+    values = _parse(table, body, fields, names, at)
+    return DataTable(path, dict(zip(names, values.T, strict=True)), words, table.lines, table.header_line)
+
+
+def _parse(
+    table: DataTable, body: list[str], fields: list[list[str]] | None, names: list[str], at: dict[str, int]
+) -> Array:
+    """(N, len(names)) numbers, all finite."""
+    out = np.empty((len(body), len(names)))
+    use = [at[name] for name in names]
+    for start in range(0, len(body) if names else 0, _ROWS_AT_ONCE):
+        part = slice(start, start + _ROWS_AT_ONCE)
+        if fields is None:
+            try:
+                out[part] = np.loadtxt(body[part], delimiter=",", comments=None, ndmin=2, usecols=use)
+            except ValueError:
+                pass  # some cell of this part is no number: find it below
+            else:
+                if np.isfinite(out[part]).all():
+                    continue
+        for k, row in enumerate(body[part], start):
+            cells = row.split(",") if fields is None else fields[k]
+            for c, name in enumerate(names):
+                cell = cells[at[name]].strip()
+                out[k, c] = float(cell) if _NUMBER.fullmatch(cell) else np.nan
+                if not np.isfinite(out[k, c]):
+                    raise table.error(f"found {_shown(cell)}; expected {_wanted(cell)}", k, name)
+    return out
+
+
+def _wanted(cell: str) -> str:
+    if _DECIMAL_COMMA.fullmatch(cell):
+        return f"a number with a decimal point, {cell.replace(',', '.')}"
+    if _NOT_FINITE.fullmatch(cell) or _NUMBER.fullmatch(cell):
+        return "a finite number; leave a reading out rather than write one that is not there"
+    return "a number"
+
+
+def _shown(cell: str) -> str:
+    return repr(cell[:40]) if cell else "an empty cell"
+
+
+def _split(table: DataTable, row: str, quoted: bool, number: int | None) -> list[str]:
+    if not quoted:
+        return row.split(",")
+    try:
+        return next(csv.reader([row], strict=True, skipinitialspace=True))
+    except csv.Error as problem:
+        raise table.error(f"is not CSV: {problem}", number) from None
+
+
+def _refuse_other_separator(table: DataTable, head: str, body: Sequence[str]) -> None:
+    for mark, name in ((";", "semicolons"), ("\t", "tabs")):
+        if mark in head and head.count(mark) > head.count(","):
+            comma = bool(body) and _DECIMAL_COMMA.search(body[0]) is not None
+            raise table.error(
+                f"columns are separated by {name}{' and decimals marked by commas' if comma else ''}; "
+                "expected commas between columns and a decimal point"
+            )
+
+
+def _check_header(table: DataTable, header: Sequence[str], vocabulary: Vocabulary) -> None:
+    if all(_NUMBER.fullmatch(name) for name in header):
+        raise table.error(f"holds numbers; expected a header line with column names: {vocabulary.listed}")
+    known = (*vocabulary.numbers, *vocabulary.words)
+    for k, name in enumerate(header):
+        if not name:
+            raise table.error(f"column {k + 1} has no name; expected one of {vocabulary.listed}")
+        if name in header[:k]:
+            raise table.error(
+                f"column {name!r} stands twice, as columns {header.index(name) + 1} and {k + 1}; keep one"
+            )
+        if name in vocabulary.refused:
+            raise table.error(vocabulary.refused[name], column=name)
+        if name not in known:
+            hint = _near(name, known)
+            raise table.error(f"unknown column {name!r}; {hint}valid: {vocabulary.listed}")
+
+
+def _near(name: str, known: Sequence[str]) -> str:
+    """``did you mean 'fx_N'? `` or nothing."""
+    same = {k.lower(): k for k in known}
+    if name.lower() in same:
+        return f"did you mean {same[name.lower()]!r}? "
+    hint, found, _ = nearest(name.lower(), list(same)).partition("? ")
+    return f"did you mean {same[hint.split(chr(39))[1]]!r}? " if found else ""
+
+
+def _check_width(table: DataTable, header: Sequence[str], widths: list[int], body: Sequence[str]) -> None:
+    for k, width in enumerate(widths):
+        if width != len(header):
+            why = ""
+            if width > len(header) and "." not in body[k]:
+                why = "; a decimal comma would do that: numbers are written with a decimal point"
+            raise table.error(f"found {width} fields; expected {len(header)} as in the header{why}", k)
+
+
+def _read_parquet(path: Path, data: bytes, vocabulary: Vocabulary) -> DataTable:
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError as problem:
+        raise InputError(
+            "is Parquet, which needs pyarrow: pip install machopt[parquet], or save the table as CSV", file=path
+        ) from problem
+    try:
+        content = pyarrow.parquet.ParquetFile(pyarrow.BufferReader(data))
+        header = list(content.schema_arrow.names)
+        table = DataTable(path, {}, {}, np.arange(1, content.metadata.num_rows + 1), 0)
+        _check_header(table, header, vocabulary)
+        columns = content.read()
+    except (pyarrow.ArrowException, OSError) as problem:
+        raise InputError(f"is not readable as Parquet: {problem}", file=path) from problem
+    if not len(table):
+        raise table.error("holds no rows; expected one row a reading")
+    numbers = {n: _arrow_numbers(table, n, columns.column(n), pyarrow) for n in header if n not in vocabulary.words}
+    words = {n: _arrow_words(table, n, columns.column(n)) for n in header if n in vocabulary.words}
+    return DataTable(path, numbers, words, table.lines, 0)
+
+
+def _arrow_numbers(table: DataTable, name: str, column: Any, pyarrow: Any) -> Array:
+    kind = column.type
+    if not (pyarrow.types.is_integer(kind) or pyarrow.types.is_floating(kind)):
+        raise table.error(f"is of type {kind}; expected numbers", column=name)
+    if column.null_count:
+        raise table.error("found an empty cell; expected a number", column.is_null().to_pylist().index(True), name)
+    values = np.asarray(column.to_numpy(), dtype=np.float64)
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise table.error(f"found {values[bad[0]]}; expected {_wanted(str(values[bad[0]]))}", int(bad[0]), name)
+    return values
+
+
+def _arrow_words(table: DataTable, name: str, column: Any) -> list[str]:
+    out: list[str] = []
+    for k, value in enumerate(column.to_pylist()):
+        if value is not None and not isinstance(value, str):
+            raise table.error(f"found {value!r}; expected a word", k, name)
+        out.append(value or "")
+    return out

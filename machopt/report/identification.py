@@ -1,0 +1,94 @@
+"""What the identification page shows; SI, plain arrays, nothing computed from a model here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """One identified number: a joint's stiffness, or a coefficient of a further term."""
+
+    name: str  # "joint 3", "link_compliance link:4 EI"
+    unit: str  # displayed unit
+    value: float  # in ``unit``
+    low: float  # 90 % interval
+    high: float  # may be infinite
+    prior: float  # NaN where there is none
+    identified: bool
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class GridView:
+    """Stiffness per grid cell."""
+
+    shape: tuple[int, int, int]
+    centre: Array  # (G, 3) m in base_link, x fastest
+    k: Array  # (G, 6) N·m/rad
+    std: Array  # (G, 6) N·m/rad
+    readings: Array  # (G,) effective number of readings
+    constant: Array  # (6,) N·m/rad, what the cells were shrunk to
+
+
+@dataclass(frozen=True)
+class SubsetStudy:
+    """Spread of the stiffness over random subsets of the tests (dumas2011 fig. 7)."""
+
+    tests: Ints  # (T,)
+    low: Array  # (T, 6) N·m/rad, 5 %
+    median: Array  # (T, 6)
+    high: Array  # (T, 6), 95 %
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One model among those tried."""
+
+    name: str
+    coefficients: int
+    rmse: float  # m, in sample
+    heldout: float  # m, poses left out
+    chosen: bool
+
+
+@dataclass(frozen=True)
+class IdentificationPage:
+    """Everything on the page; N readings with D = 3 or 6 components."""
+
+    title: str
+    cell: str
+    recording: str
+    version: str
+    tone: str  # "good" | "warn" | "bad"
+    badge: str
+    sentence: str
+    cautions: tuple[str, ...]
+    joints: tuple[Coefficient, ...]
+    terms: tuple[Coefficient, ...]
+    measured: Array  # (N, D) m, rad
+    predicted: Array  # (N, D)
+    heldout: Array  # (N, D) predicted by fits that did not see the pose; NaN where not made
+    sigma: Array  # (N, D) standard uncertainty of each number
+    pose: Ints  # (N,)
+    line: Ints  # (N,)
+    load: Array  # (N,) N, size of the force
+    outlier: NDArray[np.bool_]  # (N,)
+    leverage: Array  # (N,)
+    compliances: Array  # (6,) rad/(N·m)
+    covariance: Array  # (6, 6) (rad/(N·m))²
+    rmse: float  # m
+    heldout_rmse: float  # m
+    displacement: float  # m, rms of what was measured
+    condition_number: float
+    comparisons: tuple[Comparison, ...] = ()
+    subset: SubsetStudy | None = None
+    monte_carlo: Array | None = None  # (6,) relative standard deviation of k
+    grid: GridView | None = None
+    facts: tuple[tuple[str, str], ...] = field(default=())  # name, value: options, hashes, counts
