@@ -38,6 +38,11 @@ def inverse(T: Array) -> Array:
     return transform(R, -np.einsum("...ij,...j->...i", R, T[..., :3, 3]))
 
 
+def apply(T: Array, points: Array) -> Array:
+    """Points (..., N, 3) m moved by transforms (..., 4, 4)."""
+    return np.asarray(np.einsum("...ij,...nj->...ni", T[..., :3, :3], points) + T[..., None, :3, 3])
+
+
 def axis_rotation(axis: Array, angle: Array) -> Array:
     """Rodrigues: rotation (..., 3, 3) by ``angle`` (...,) rad about unit ``axis`` (..., 3)."""
     axis, angle = np.asarray(axis, float), np.asarray(angle, float)
@@ -88,3 +93,48 @@ def tool_rotation(tool_axis: Array, reference: Array, gamma: Array) -> Array:
 def wrap(angle: Array) -> Array:
     """Angle in (−π, π]."""
     return -np.remainder(np.pi - np.asarray(angle, float), 2 * np.pi) + np.pi
+
+
+def quaternion(R: Array) -> Array:
+    """Unit quaternion (..., 4), w x y z with the largest component positive, of a rotation (..., 3, 3).
+
+    The rows of 4 q qᵀ are linear in R; the one with the largest pivot is taken, which is never a small one.
+    """
+    R = np.asarray(R, float)
+    (a, b, c), (d, e, f), (g, h, i) = (np.moveaxis(R[..., k, :], -1, 0) for k in range(3))
+    rows = [
+        [1 + a + e + i, h - f, c - g, d - b],
+        [h - f, 1 + a - e - i, b + d, c + g],
+        [c - g, b + d, 1 - a + e - i, f + h],
+        [d - b, c + g, f + h, 1 - a - e + i],
+    ]
+    Q = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    pivot = np.argmax(np.diagonal(Q, axis1=-2, axis2=-1), axis=-1)
+    return normalise(np.take_along_axis(Q, pivot[..., None, None], axis=-2)[..., 0, :])
+
+
+def quaternion_matrix(q: Array) -> Array:
+    """Rotation (..., 3, 3) of unit quaternions (..., 4), w x y z."""
+    q = np.asarray(q, float)
+    w, v = q[..., :1, None], q[..., 1:]
+    K = skew(v)
+    return np.eye(3) + 2.0 * (w * K + K @ K)
+
+
+def rotation_vector(R: Array) -> Array:
+    """Rotation vector (..., 3) in rad, angle in [0, π], of a rotation (..., 3, 3); to round-off at every angle."""
+    q = quaternion(R)
+    w, v = q[..., 0], q[..., 1:]
+    s = np.linalg.norm(v, axis=-1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        per_sine = np.where(s > 0, 2.0 * np.arctan2(s, np.abs(w)) / s, 2.0)
+    return np.asarray(v * (per_sine * np.where(w < 0, -1.0, 1.0))[..., None])
+
+
+def rotation_from_vector(v: Array) -> Array:
+    """Rotation (..., 3, 3) by the rotation vector (..., 3) rad; inverse of :func:`rotation_vector`."""
+    v = np.asarray(v, float)
+    angle = np.linalg.norm(v, axis=-1)
+    K = skew(v)
+    half = np.sinc(angle / (2.0 * np.pi))[..., None, None]  # sin(a/2)/(a/2)
+    return np.asarray(np.eye(3) + np.sinc(angle / np.pi)[..., None, None] * K + 0.5 * half**2 * (K @ K))

@@ -428,7 +428,7 @@ def test_recordings_together(tmp_path: Path) -> None:
     assert r.pose.tolist() == [1, 1, 7, 1, 1, 7]  # the same joint positions
     assert r.cycle[0] == r.cycle[1] != r.cycle[3] == r.cycle[4]
     assert r.line.tolist() == [4, 5, 6, 4, 5, 6]
-    assert [r.place(k) for k in (0, 5)] == ["data.csv line 4", "data.csv line 6"]
+    assert [r.place(k) for k in (0, 5)] == ["a/data.csv line 4", "b/data.csv line 6"]
     assert r.uncertainty.displacement == pytest.approx(2e-5)
     assert r.notes == "by hand\nnext day"
     assert ["uncertainties of displacement" in w for w in r.warnings] == [True]

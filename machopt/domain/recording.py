@@ -39,7 +39,7 @@ class Recording:
     pose: Ints  # (N,) same label: same robot pose; numbered by q where the file has no column
     cycle: Ints  # (N,) same label inside a pose: same load cycle; every reading its own where there is no column
     session: Ints  # (N,) same label: same day and set-up; all 0 where there is no column
-    line: Ints  # (N,) 1-based line of the data file each reading stands on
+    line: Ints  # (N,) 1-based line of the data file each reading stands on; 1-based row of a Parquet file
     wrench: Array | None = None  # (N, 6) N, N·m on the robot, axes of wrench_frame, about wrench_point
     wrench_frame: Axes = "base"
     wrench_point: Array | None = None  # (3,) m in flange; None: the TCP
@@ -60,6 +60,13 @@ class Recording:
     notes: str = ""
     labelled: frozenset[str] = frozenset()  # which of "pose", "cycle", "session" the file itself states
     warnings: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()  # names of the data files; empty where nothing was read
+    file: Ints | None = None  # (N,) index into files; None: all readings stand in the first
 
     def __len__(self) -> int:
         return len(self.q)
+
+    def place(self, reading: int) -> str:
+        """Where a reading (0-based) stands, for messages: ``line 12``, or ``run_b.csv line 12`` of several files."""
+        name = "" if self.file is None or len(self.files) < 2 else f"{self.files[self.file[reading]]} "
+        return f"{name}line {self.line[reading]}"

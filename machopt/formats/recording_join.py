@@ -125,7 +125,7 @@ def join(recordings: Sequence[Recording], *, new_sessions: bool) -> Recording:
         cycle = separate_cycles(pose, np.concatenate([r.cycle for r in recordings]), session)
     else:
         cycle = np.arange(len(q), dtype=np.int64)
-    files = [r.files or (r.source,) for r in recordings]
+    files = [tuple(f"{r.source}/{f}" if new_sessions else f for f in r.files or ("",)) for r in recordings]
     offset = np.cumsum([0, *(len(f) for f in files)])
     joined["file"] = np.concatenate(
         [

@@ -1,0 +1,119 @@
+"""A recording of load tests as equations: everything in base_link axes, at the TCP, in SI.
+
+Reading n under the wrench w_n obeys δ_n = Σ_j c_j J_j(q_n) (J_j(q_n)ᵀ w_n) + Σ_p x_p B_p(q_n) w_n + error: it is
+linear in the joint compliances c (dumas2011 eqs. 19–24, whose A is ``response`` without terms) and in the terms'
+coefficients x.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.recording import Recording, StandardUncertainty
+from machopt.errors import InputError
+from machopt.model.robot import ArmState, Robot
+from machopt.model.terms import LinearTerm
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """N load tests; D = 3 (translations) or 6 (with rotations)."""
+
+    source: str
+    state: ArmState  # (N, …) at the TCP, with bodies
+    T_base_tcp: Array  # (N, 4, 4)
+    wrench: Array  # (N, 6) N, N·m on the robot at the TCP
+    measured: Array  # (N, D) m, rad
+    pose: Ints  # (N,)
+    cycle: Ints  # (N,) unique over poses and sessions: one label, one load cycle
+    session: Ints  # (N,)
+    line: Ints  # (N,) line of the data file
+    uncertainty: StandardUncertainty = field(default_factory=StandardUncertainty)
+    labelled: frozenset[str] = frozenset({"pose", "cycle"})  # labels that the recording itself states
+    files: tuple[str, ...] = ()  # names of the data files
+    file: Ints | None = None  # (N,) index into files; None: all in the first
+
+    def __len__(self) -> int:
+        return len(self.measured)
+
+    @property
+    def dimensions(self) -> int:
+        return int(self.measured.shape[1])
+
+    def place(self, reading: int) -> str:
+        """Where a reading (0-based) stands, for messages: ``line 12``, or ``run_b.csv line 12`` of several files."""
+        name = "" if self.file is None or len(self.files) < 2 else f"{self.files[self.file[reading]]} "
+        return f"{name}line {self.line[reading]}"
+
+    def take(self, rows: NDArray[np.bool_] | Ints) -> Experiment:
+        """The readings of ``rows`` alone."""
+        s = self.state
+        state = ArmState(
+            s.q[rows], s.T_base_tool[rows], s.J[rows],
+            None if s.R_bodies is None else s.R_bodies[rows], None if s.p_bodies is None else s.p_bodies[rows],
+        )  # fmt: skip
+        return replace(
+            self, state=state, T_base_tcp=self.T_base_tcp[rows], wrench=self.wrench[rows],
+            measured=self.measured[rows], pose=self.pose[rows], cycle=self.cycle[rows], session=self.session[rows],
+            line=self.line[rows], file=None if self.file is None else self.file[rows],
+        )  # fmt: skip
+
+    def response(self, terms: Sequence[LinearTerm] = ()) -> Array:
+        """(N, D, 6 + P) displacement per unit of each joint compliance, then of each term's coefficients."""
+        J = self.state.J
+        tau = np.einsum("nci,nc->ni", J, self.wrench)
+        parts = [J * tau[:, None, :], *(t.response(self.state, self.wrench) for t in terms)]
+        return np.concatenate(parts, axis=-1)[:, : self.dimensions]
+
+
+def experiment(recording: Recording, robot: Robot, T_flange_tcp: Array) -> Experiment:
+    """Turn a deflection recording into equations.
+
+    Args:
+        recording: kind "deflection".
+        robot: the arm whose joints ``recording.q`` are.
+        T_flange_tcp: (4, 4).
+
+    Raises:
+        InputError: another kind of recording, or one without loads or displacements.
+    """
+    if recording.kind != "deflection" or recording.wrench is None or recording.displacement is None:
+        raise InputError(
+            f"is a recording of kind {recording.kind!r}; stiffness is identified from kind 'deflection' "
+            "(loads fx_N … and displacements dx_mm …)",
+            file=recording.source,
+        )
+    state = robot.state(recording.q, T_flange_tcp, bodies=True)
+    R, p = state.T_base_tool[:, :3, :3], state.T_base_tool[:, :3, 3]
+    wrench = recording.wrench
+    if recording.wrench_frame == "tool":
+        wrench = _turned(R, wrench)
+    if recording.wrench_point is not None:  # about that point of the flange → about the TCP
+        flange = robot.fk(recording.q)
+        at = flange[:, :3, 3] + np.einsum("nij,j->ni", flange[:, :3, :3], recording.wrench_point)
+        wrench = wrench.copy()
+        wrench[:, 3:] += np.cross(at - p, wrench[:, :3])
+    measured = recording.displacement
+    if recording.displacement_frame == "tool":
+        measured = _turned(R, measured)
+    _, cycle = np.unique(
+        np.stack([recording.session, recording.pose, recording.cycle], axis=1), axis=0, return_inverse=True
+    )
+    return Experiment(
+        recording.source, state, state.T_base_tool, wrench, measured, recording.pose,
+        cycle.reshape(-1).astype(np.int64), recording.session, recording.line,
+        recording.uncertainty, recording.labelled, recording.files, recording.file,
+    )  # fmt: skip
+
+
+def _turned(R: Array, v: Array) -> Array:
+    """(N, 3) or (N, 6) vectors from TCP axes to base axes."""
+    parts = [np.einsum("nij,nj->ni", R, v[:, a : a + 3]) for a in range(0, v.shape[1], 3)]
+    return np.concatenate(parts, axis=1)
