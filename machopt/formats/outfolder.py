@@ -18,7 +18,7 @@ import numpy as np
 
 from machopt.errors import InputError
 
-RESULT_FILES = ("result.json", "identification.json", "diagnosis.json")
+RESULT_FILES = ("result.json", "identification.json", "diagnosis.json", "plan.json", "map.json", "batch.json")
 """A folder is ours, and may be replaced, if one of these is a JSON object with a key machopt…"""
 
 

@@ -1,4 +1,4 @@
-"""Joint (and further) stiffness from load–deflection readings, and which readings to take.
+"""Joint (and further) stiffness from load–deflection readings: ``machopt identify``.
 
 ::
 
@@ -6,8 +6,6 @@
                  base axes,    weighted,  covariance,      ▲
                  responses     robust,    identifiability, │
                  per reading   bounded    held-out error   grid: one set a cell, shrunk to the constant one
-
-    cell ─► candidate poses ─► D-optimal selection ─► poses.csv                       (design)
 
 Unknowns are compliances c (rad/(N·m)): a displacement is linear in them (dumas2011 eqs. 16–26), a stiffness is not.
 """

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.domain.recording import Recording, StandardUncertainty
+from machopt.domain.recording import Axes, Recording, StandardUncertainty
 from machopt.errors import InputError
 from machopt.model.robot import ArmState, Robot
 from machopt.model.terms import LinearTerm
@@ -36,9 +36,9 @@ class Experiment:
     session: Ints  # (N,)
     line: Ints  # (N,) line of the data file
     uncertainty: StandardUncertainty = field(default_factory=StandardUncertainty)
-    labelled: frozenset[str] = frozenset({"pose", "cycle"})  # labels that the recording itself states
     files: tuple[str, ...] = ()  # names of the data files
     file: Ints | None = None  # (N,) index into files; None: all in the first
+    stated_frames: tuple[Axes, Axes] = ("base", "base")  # axes that the recording states for wrench and displacement
 
     def __len__(self) -> int:
         return len(self.measured)
@@ -109,7 +109,8 @@ def experiment(recording: Recording, robot: Robot, T_flange_tcp: Array) -> Exper
     return Experiment(
         recording.source, state, state.T_base_tool, wrench, measured, recording.pose,
         cycle.reshape(-1).astype(np.int64), recording.session, recording.line,
-        recording.uncertainty, recording.labelled, recording.files, recording.file,
+        recording.uncertainty, recording.files, recording.file,
+        (recording.wrench_frame, recording.displacement_frame),
     )  # fmt: skip
 
 

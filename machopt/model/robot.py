@@ -18,6 +18,7 @@ from machopt.errors import InputError
 from machopt.se3 import axis_rotation, inverse, transform
 
 Array = NDArray[np.float64]
+GRAVITY = 9.80665  # m/s², standard gravity
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,16 @@ class LinkShape:
 
     link: int
     shape: Shape  # placed in base_link coordinates at q = 0
+
+
+@dataclass(frozen=True)
+class Masses:
+    """What gravity pulls at: the links and the tool, each as a point mass (enough for torques at rest)."""
+
+    body: NDArray[np.int64]  # (B,) 1…6: the arm joint that moves it
+    mass: Array  # (B,) kg
+    com: Array  # (B, 3) m, centre of mass in base_link at q = 0
+    gravity: Array  # (3,) m/s² in base_link
 
 
 @dataclass(frozen=True)
@@ -172,6 +183,38 @@ def load_chain(cell: Cell) -> tuple[Robot, tuple[LinkShape, ...]]:
         lower=lower, upper=upper,
     )  # fmt: skip
     return robot, _link_shapes(cell, model, data, T_base_world, ids)
+
+
+def load_masses(cell: Cell) -> Masses:
+    """The URDF's links and the cell's tool as masses; links without inertia are left out, base_link bears nothing.
+
+    Gravity acts along −z of world. Links on other branches count to the arm joint that carries them, at the pose
+    of their own joints at zero.
+    """
+    import pinocchio as pin
+
+    model = pin.buildModelFromUrdf(str(cell.urdf))
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, pin.neutral(model))
+    T_base_world = inverse(data.oMf[_frame(cell, model, cell.base_link)].homogeneous)
+    ids = [model.getJointId(name) for name in cell.arm_joints]
+    found = []
+    for j in range(1, model.njoints):
+        carrier = j
+        while carrier > 0 and carrier not in ids:
+            carrier = model.parents[carrier]
+        if carrier > 0 and model.inertias[j].mass > 0.0:
+            T = T_base_world @ data.oMi[j].homogeneous
+            inertia = model.inertias[j]
+            found.append((ids.index(carrier) + 1, inertia.mass, T[:3, :3] @ inertia.lever + T[:3, 3]))
+    if cell.tool.mass > 0.0:
+        T = T_base_world @ data.oMf[_frame(cell, model, cell.flange_link)].homogeneous
+        found.append((6, cell.tool.mass, T[:3, :3] @ cell.tool.com + T[:3, 3]))
+    return Masses(
+        np.array([b for b, _, _ in found], np.int64), np.array([m for _, m, _ in found], float),
+        np.array([c for _, _, c in found], float).reshape(-1, 3),
+        cell.T_world_base[:3, :3].T @ np.array([0.0, 0.0, -GRAVITY]),
+    )  # fmt: skip
 
 
 def _frame(cell: Cell, model: object, name: str) -> int:

@@ -119,7 +119,8 @@ def _joints(data: IdentificationPage, have: set[str]) -> str:
 
 
 def _fit(data: IdentificationPage, have: set[str]) -> str:
-    body = f"<div class=grid2>{_host('i-parity', have)}{_host('i-parity-rot', have)}</div>"
+    both = _host("i-parity", have) + _host("i-parity-rot", have)
+    body = f"<div class=grid2>{both}</div>" if "i-parity-rot" in have else both
     body += _host("i-residual", have) + _host("i-residual-rot", have)
     body += f"<div class=grid2>{_host('i-load', have)}{_host('i-heldout', have)}</div>"
     lead = "Points on the diagonal are explained; the bars are the standard uncertainty of the reading."
@@ -220,13 +221,13 @@ def _charts(data: IdentificationPage) -> list[Spec]:
 
 
 def _forest(joints: tuple[Coefficient, ...]) -> Spec:
-    at = np.arange(len(joints), dtype=float)
+    at = np.arange(len(joints), dtype=float)[::-1]  # joint 1 on top
     k = np.array([c.value for c in joints])
     high = np.array([c.high for c in joints])
     top = 3.0 * np.nanmax(k)
     layers: list[Spec] = [{
         "type": "points", "name": "before", "color": "#7a8490", "mark": "diamond", "size": 4, "hollow": True,
-        "x": numbers(np.array([c.prior for c in joints])), "y": numbers(at - 0.22),
+        "x": numbers(np.array([c.prior for c in joints])), "y": numbers(at + 0.22),
     }]  # fmt: skip
     for seen, name, color in ((True, "identified", "#1552b8"), (False, "not seen by the data", "#b3261e")):
         pick = [n for n, c in enumerate(joints) if c.identified is seen]
@@ -240,7 +241,7 @@ def _forest(joints: tuple[Coefficient, ...]) -> Spec:
             })  # fmt: skip
     return {
         "id": "i-joints", "title": "90 % intervals", "xlog": True, "xlabel": "Stiffness (N·m/rad)",
-        "ycats": [c.name for c in joints], "left": 70, "height": 40 + 34 * len(joints), "layers": layers,
+        "ycats": [c.name for c in reversed(joints)], "left": 70, "height": 40 + 34 * len(joints), "layers": layers,
     }  # fmt: skip
 
 

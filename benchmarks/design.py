@@ -1,0 +1,71 @@
+"""Time of planning load tests: ``python benchmarks/design.py``.
+
+The shipped KR240 cell; 20,000 candidate poses, 6 ways of loading each, 20 poses chosen. Then what the choice is worth:
+its D-efficiency (at least), and how many times the readings random poses would need.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from machopt.design.accuracy import accuracy
+from machopt.design.candidates import PoseCriteria, PoseScreen, sample_poses
+from machopt.design.certificate import efficiency_bound
+from machopt.design.heuristics import anywhere, draw
+from machopt.design.loadcases import LoadCriteria, load_cases
+from machopt.design.loads import load_ways
+from machopt.design.measurement import ReadingNoise
+from machopt.design.poseplan import problem_of, unknowns_of
+from machopt.design.search import choose, information
+from machopt.formats.cell import load_cell
+from machopt.model.collision import CollisionModel
+from machopt.model.elastic import ArmElasticity
+from machopt.model.kinetostatic import characteristic_length
+from machopt.model.robot import load_chain
+
+CELL = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
+CANDIDATES, POSES = 20_000, 20
+
+
+def main() -> None:
+    cell = load_cell(CELL)
+    robot, shapes = load_chain(cell)
+    T = cell.tool.T_flange_tcp
+    length = characteristic_length(robot, T).length
+    criteria = PoseCriteria(kci=0.1, limit_margin=np.radians(5), floor=0.3, ceiling=2.5)
+    screen = PoseScreen(robot, T, cell.T_world_base, length, criteria, CollisionModel(cell, robot, shapes, 0.02))
+    start = perf_counter()
+    limits = cell.limits.lower, cell.limits.upper
+    pool = sample_poses(screen, limits, cell.home, CANDIDATES, seed=0)
+    print(f"{'candidate poses':<34}{len(pool):>9}{perf_counter() - start:>9.2f} s  ({pool.tried} tried)")
+    noise = ReadingNoise(12e-6, 15e-6, 30e-6, 0.0075)
+    R_base_world = cell.T_world_base[:3, :3].T
+    ways = (*load_ways((50.0,), (), 1, np.zeros((0, 3)), (0.0, 0.2), R_base_world)[:2],
+            *load_ways((), (500.0,), 4, np.zeros((0, 3)), (0.2,), R_base_world)[:4])  # fmt: skip
+    prior = ArmElasticity(robot, T, cell.stiffness)
+    start = perf_counter()
+    cases = load_cases(pool, ways, prior, (), LoadCriteria(1e-4, 5e-3, nu_p=0.05), noise)
+    print(f"{'load cases':<34}{len(cases):>9}{perf_counter() - start:>9.2f} s  ({len(ways)} ways)")
+    rng = np.random.default_rng(0)
+    problem, _ = problem_of(cases, unknowns_of(prior, (), cases), noise, 1.0, rng)
+    for loads in (1, 2):
+        start = perf_counter()
+        design = choose(problem, POSES, loads, rng=rng, starts=2)
+        took = perf_counter() - start
+        found = accuracy(information(problem, design.blocks))
+        every = np.ones(6, bool)
+        chance = [
+            accuracy(information(problem, draw(anywhere(pool), problem, cases, POSES, loads, rng))).rms(every)
+            for _ in range(40)
+        ]
+        ratio = (float(np.median(chance)) / found.rms(every)) ** 2
+        bound = efficiency_bound(problem, design, loads)
+        print(f"{f'{POSES} poses × {loads} loads, two starts':<34}{POSES * loads:>9}{took:>9.2f} s  "
+              f"(D-efficiency ≥ {bound:.2f}; random poses need {ratio:.1f} × the readings)")  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

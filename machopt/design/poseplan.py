@@ -1,0 +1,241 @@
+"""From candidate poses to a measurement plan: admissible loads, D-optimal design, comparison, order of work.
+
+::
+
+    sample_poses ─► load_cases ─► Problem ─► choose ─► Design ─► accuracy
+                                     └─► the papers' heuristics ─► Comparison, same loads, same number of readings
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.design.accuracy import Accuracy, accuracy, efficiency, smallest_number
+from machopt.design.candidates import PosePool, PoseScreen
+from machopt.design.certificate import efficiency_bound
+from machopt.design.heuristics import Chooser, anywhere, as_dumas2011, as_zhang2025, draw, jiao2022_pool
+from machopt.design.loadcases import LoadCases, LoadCriteria, load_cases
+from machopt.design.loads import LoadWay
+from machopt.design.measurement import ReadingNoise
+from machopt.design.schedule import Visit, schedule, shortest_way
+from machopt.design.search import Design, Model, Problem, choose, information, promising
+from machopt.model.elastic import ArmElasticity
+from machopt.model.terms import LinearTerm
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+
+DRAWS = 40  # random designs of each heuristic
+CURVE_DRAWS = 16  # the same at every number of poses of the curve
+BELIEFS = 5  # stiffnesses a Bayesian design is averaged over, the prior among them
+NEAR = 300  # poses that the designs of other sizes are chosen from
+MOST_POSES = 120  # asked for a target accuracy
+QUICK = 2  # rounds of exchange for the designs of other sizes
+
+
+@dataclass(frozen=True)
+class PlanSize:
+    """What is to be planned."""
+
+    poses: int
+    loads: int  # different loads at each pose
+    candidates: int  # poses to choose from
+    target: float | None = None  # relative 1 sigma of the worst unknown
+    belief: float = 1.0  # the prior stiffness may be wrong by this factor either way
+    starts: int = 2
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """P unknowns: six joint compliances, then the coefficients of the terms."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    scale: Array  # (P,) SI; the prior value where there is one
+    relative: Bools  # (P,) True: scale is the prior value, so a sigma is a share of it
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A heuristic beside the design: the same loads, the same number of readings, median over random draws."""
+
+    name: str
+    poses: int  # it draws from
+    rms: tuple[float, float, float]  # 10, 50, 90 % of the draws; relative
+    sigma: Array  # (P,) median
+    efficiency: tuple[float, float, float]  # D, A, E against the design, median
+    readings: float  # times as many for the design's rms accuracy
+    curve: tuple[float, ...]  # rms at the numbers of poses of the plan's curve
+
+
+@dataclass(frozen=True)
+class PosePlan:
+    """A measurement plan."""
+
+    unknowns: Unknowns
+    cases: LoadCases
+    design: Design
+    found: Accuracy
+    judged: Bools  # (P,) relative unknowns that the design sees: rms and worst are over these
+    believed: tuple[Accuracy, ...]  # under each other believed stiffness, in shares of that stiffness
+    bound: float  # least D-efficiency against any design of as many poses and loads
+    comparisons: tuple[Comparison, ...]
+    curve_poses: tuple[int, ...]
+    curve: tuple[float, ...]  # rms of the design of so many poses
+    needed: int | None  # poses for the target; None: no target, or not with MOST_POSES
+    visits: tuple[Visit, ...]
+
+
+def unknowns_of(prior: ArmElasticity, terms: Sequence[LinearTerm], cases: LoadCases) -> Unknowns:
+    """Names and scales of what is to be identified.
+
+    A coefficient without a prior value is scaled to bend the arm as much as a joint does in the root mean square.
+    """
+    known = {(t.effect, t.location): t for t in prior.terms}
+    names = [f"joint {j}" for j in range(1, 7)]
+    units = ["rad/(N·m)"] * 6
+    scale = list(1.0 / prior.stiffness.joints)
+    size = np.sqrt(np.mean(np.sum(cases.response**2, axis=1), axis=0))
+    typical = float(np.sqrt(np.mean((size[:6] * np.array(scale)) ** 2)))
+    relative = [True] * 6
+    for term in terms:
+        before = known.get((term.effect, term.location))
+        same = before is not None and [c.name for c in before.coefficients] == [c.name for c in term.coefficients]
+        for n, c in enumerate(term.coefficients):
+            value = abs(float(before.values[n])) if before is not None and same else 0.0
+            p = len(names)
+            names.append(f"{term.effect} {term.location} {c.name}")
+            units.append(c.unit)
+            relative.append(value > 0.0)
+            scale.append(value if value > 0.0 else typical / size[p] if size[p] > 0.0 else 1.0)
+    return Unknowns(tuple(names), tuple(units), np.array(scale), np.array(relative))
+
+
+def problem_of(
+    cases: LoadCases, unknowns: Unknowns, noise: ReadingNoise, belief: float, rng: np.random.Generator
+) -> tuple[Problem, Array]:
+    """The cases as a problem of design, and the believed values as shares of the prior (K, P), the prior first.
+
+    Scaling an unknown adds a constant to log det, so for constant noise the D-optimal design does not depend on the
+    prior at all. A load known to a share makes the noise grow with the deflection; only there beliefs differ.
+    """
+    A = cases.response * unknowns.scale
+    expected = cases.twist[:, : noise.dimensions]
+    shares = np.ones((1, len(unknowns.scale)))
+    if belief > 1.0 and noise.force > 0.0:
+        drawn = np.exp(np.log(belief) * rng.uniform(-1.0, 1.0, (BELIEFS - 1, len(unknowns.scale))))
+        shares = np.concatenate([shares, np.where(unknowns.relative, drawn, 1.0)])
+    part = np.where(unknowns.relative, shares - 1.0, 0.0)
+    models = tuple(Model(A, noise.covariance(expected + A @ change), 1.0 / len(shares)) for change in part)
+    return Problem(models, cases.pose, noise.shared()), shares
+
+
+def plan_poses(
+    pool: PosePool, cases: LoadCases, screen: PoseScreen, limits: tuple[Array, Array], home: Array, velocity: Array,
+    prior: ArmElasticity, terms: Sequence[LinearTerm], ways: Sequence[LoadWay], criteria: LoadCriteria,
+    noise: ReadingNoise, size: PlanSize, progress: Callable[[str], None] = lambda _: None,
+) -> PosePlan:  # fmt: skip
+    """Choose, judge, compare and order.
+
+    Args:
+        pool, cases: what may be measured; at least one case.
+        screen, limits, prior, terms, ways, criteria, noise: as they were made with.
+        home: (6,) rad; velocity: (6,) rad/s.
+        size: how many of what.
+    """
+    rng = np.random.default_rng(size.seed)
+    unknowns = unknowns_of(prior, terms, cases)
+    problem, shares = problem_of(cases, unknowns, noise, size.belief, rng)
+    progress("choosing readings")
+    design = choose(problem, size.poses, size.loads, rng=rng, starts=size.starts)
+    way = shortest_way(pool.q[cases.pose[[b[0] for b in design.blocks]]], home, velocity)
+    design = replace(design, blocks=tuple(design.blocks[i] for i in way))
+    found = accuracy(information(problem, design.blocks))
+    believed = tuple(
+        accuracy(information(problem, design.blocks, k) * np.outer(shares[k], shares[k])) for k in range(len(shares))
+    )[1:]
+    nominal = replace(problem, models=(replace(problem.models[0], weight=1.0),))
+    bound = efficiency_bound(nominal, design, size.loads)
+    progress("designs of other sizes")
+    smaller, _ = nominal.of_poses(promising(nominal, design, size.loads, NEAR))
+    sigmas = _Sizes(smaller, size.loads, rng, {len(design.blocks): found})
+    numbers = _curve_numbers(len(design.blocks), size.loads * noise.dimensions, len(unknowns.scale))
+    judged = unknowns.relative & found.seen
+    curve = tuple(sigmas(n).rms(judged) for n in numbers)
+    needed = None
+    if size.target is not None and judged.any():
+        needed = smallest_number(lambda n: sigmas(n).worst(judged), size.target, len(design.blocks), MOST_POSES)
+    progress("the papers' ways of choosing")
+    chosen = [anywhere(pool), as_zhang2025(pool), as_dumas2011(pool, cases, screen, limits)]
+    beside = [_compare(c, nominal, cases, found, judged, design, size.loads, numbers, rng) for c in chosen]
+    cube = jiao2022_pool(screen, pool, limits, rng)
+    cube_cases = load_cases(cube, ways, prior, terms, criteria, noise) if len(cube) else None
+    if cube_cases is not None and len(cube_cases):
+        own = problem_of(cube_cases, unknowns, noise, 1.0, rng)[0]
+        chooser = Chooser("jiao2022", np.arange(len(cube)))
+        beside.append(_compare(chooser, own, cube_cases, found, judged, design, size.loads, numbers, rng))
+    visits = schedule(design.blocks, noise.cycles, rng)
+    return PosePlan(
+        unknowns, cases, design, found, judged, believed, bound, tuple(c for c in beside if c is not None), numbers,
+        curve, needed, visits,
+    )  # fmt: skip
+
+
+@dataclass
+class _Sizes:
+    """Accuracy of the best design of any number of poses, each worked out once."""
+
+    problem: Problem
+    loads: int
+    rng: np.random.Generator
+    known: dict[int, Accuracy]
+
+    def __call__(self, n: int) -> Accuracy:
+        if n not in self.known:
+            design = choose(self.problem, n, self.loads, rng=self.rng, starts=1, passes=QUICK)
+            self.known[n] = accuracy(information(self.problem, design.blocks))
+        return self.known[n]
+
+
+def _curve_numbers(poses: int, numbers_a_pose: int, unknowns: int) -> tuple[int, ...]:
+    """Numbers of poses of the curve: a quarter to twice the plan's, none too few to find the unknowns."""
+    least = -(-unknowns // numbers_a_pose)
+    wanted = {max(least + 1, round(poses * f)) for f in (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)}
+    return tuple(sorted(wanted | {poses}))
+
+
+def _compare(
+    chooser: Chooser, problem: Problem, cases: LoadCases, best: Accuracy, judged: Bools, design: Design, loads: int,
+    numbers: tuple[int, ...], rng: np.random.Generator,
+) -> Comparison | None:  # fmt: skip
+    """A heuristic's usual luck; None where it has fewer poses than the plan."""
+    n = len(design.blocks)
+    available = int(np.isin(chooser.poses, cases.pose).sum())
+    if available < n or not judged.any():
+        return None
+
+    def drawn(count: int, times: int) -> list[Accuracy]:
+        return [
+            accuracy(information(problem, draw(chooser, problem, cases, count, loads, rng))) for _ in range(times)
+        ]  # fmt: skip
+
+    at = drawn(n, DRAWS)
+    rms = np.array([a.rms(judged) for a in at])
+    low, middle, high = (float(np.quantile(rms, p, method="nearest")) for p in (0.1, 0.5, 0.9))
+    curve = tuple(
+        float(np.median([a.rms(judged) for a in drawn(m, CURVE_DRAWS)])) if m <= available else float("nan")
+        for m in numbers
+    )
+    efficiencies = np.array([efficiency(a, best) for a in at])
+    sigma = np.quantile(np.array([a.sigma for a in at]), 0.5, axis=0, method="nearest")
+    return Comparison(
+        chooser.name, available, (low, middle, high), sigma,
+        tuple(float(e) for e in np.median(efficiencies, axis=0)),  # type: ignore[arg-type]
+        (middle / best.rms(judged)) ** 2, curve,
+    )  # fmt: skip

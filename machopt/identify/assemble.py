@@ -1,0 +1,151 @@
+"""From the intermediates of an identification to its result: values that are handed on, tables, sentences."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.stiffness import Stiffness, Term
+from machopt.identify.check import Finding
+from machopt.identify.experiment import Experiment
+from machopt.identify.fit import Fit, with_values
+from machopt.identify.grid import GridFit
+from machopt.identify.heldout import errors
+from machopt.identify.identifiability import Settled
+from machopt.identify.influence import influence, outliers
+from machopt.identify.result import Identification, JointResult, ResidualTable, TermResult
+from machopt.identify.sentences import notes, warnings
+from machopt.identify.study import MonteCarlo, SubsetStudy
+from machopt.identify.uncertainty import Uncertainty
+from machopt.model.elastic import joint_stiffness
+from machopt.model.terms import LinearTerm
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Everything that the steps of an identification left."""
+
+    experiment: Experiment
+    fit: Fit
+    uncertainty: Uncertainty
+    settled: Settled
+    known: tuple[LinearTerm, ...]  # terms that were not fitted
+    geometric: bool
+    heldout: Array  # (N, D) residuals of the constant model
+    grid: GridFit | None
+    why_model: str
+    findings: tuple[Finding, ...]
+    said: tuple[str, ...]  # findings as sentences
+    subsets: SubsetStudy | None
+    monte_carlo: MonteCarlo | None
+    equilibrium_influence: Array | None
+
+
+def assemble(parts: Parts) -> Identification:
+    """Put the result together."""
+    fit, sure, settled, grid = parts.fit, parts.uncertainty, parts.settled, parts.grid
+    x = settled.x.copy()
+    if grid is not None:
+        x[6:] = grid.terms
+    residual, left_out, sigma = _residuals(parts, x)
+    own, unseen = errors(fit, residual), errors(fit, left_out)
+    aside = outliers(fit)
+    measured = parts.experiment.measured
+    return Identification(
+        model="constant" if grid is None else "grid",
+        why_model=parts.why_model,
+        readings=len(parts.experiment),
+        poses=fit.clusters.poses,
+        stiffness=_stiffness(parts, x),
+        joints=_joints(fit, sure, settled),
+        terms=_terms(fit, sure, settled, x),
+        combinations=tuple(c.text for c in settled.combinations),
+        errors=own,
+        heldout=unseen if fit.clusters.poses > 1 else None,
+        condition_number=sure.condition,
+        condition_plain=sure.condition_plain,
+        scatter=fit.weighting.scatter(fit.clusters),
+        findings=parts.findings,
+        warnings=(*parts.said, *warnings(fit, sure, settled, own, unseen, aside)),
+        notes=notes(fit, sure, settled),
+        table=ResidualTable(measured, measured - residual, sigma, left_out, fit.weighting.robust),
+        influence=influence(fit, settled),
+        outliers=aside,
+        subsets=parts.subsets,
+        monte_carlo=parts.monte_carlo,
+        fit=fit,
+        uncertainty=sure,
+        settled=settled,
+        grid=grid,
+        equilibrium_influence=parts.equilibrium_influence,
+    )
+
+
+def _residuals(parts: Parts, x: Array) -> tuple[Array, Array, Array]:
+    """(N, D) residual, residual with the pose left out, 1 sigma of the prediction, of the model chosen."""
+    fit, grid = parts.fit, parts.grid
+    A = fit.A
+    C = parts.uncertainty.covariance
+    sigma = np.sqrt(np.maximum(np.einsum("ndp,pq,ndq->nd", A, C, A, optimize=True), 0.0))
+    if grid is None:
+        return fit.y - A @ x, parts.heldout, sigma
+    at = parts.experiment.T_base_tcp[:, :3, 3]
+    k = joint_stiffness(Stiffness(1.0 / parts.settled.x[:6], grid=grid.grid), at).k
+    residual = fit.y - np.einsum("ndj,nj->nd", A[..., :6], 1.0 / k) - A[..., 6:] @ x[6:]
+    left_out = parts.heldout.copy()
+    left_out[grid.inside] = grid.heldout.grid
+    shape = np.array(grid.grid.shape)
+    index = np.clip(np.floor((at - grid.grid.origin) / grid.grid.cell).astype(int), 0, shape - 1)
+    cell = index @ np.array([1, shape[0], shape[0] * shape[1]])
+    rows, joints = grid.inside, A[..., :6]
+    variance = np.einsum("ndj,njk,ndk->nd", joints[rows], grid.covariance[cell[rows]], joints[rows], optimize=True)
+    sigma[rows] = np.sqrt(np.maximum(variance, 0.0))
+    return residual, left_out, sigma
+
+
+def _stiffness(parts: Parts, x: Array) -> Stiffness:
+    """What stiffness.yaml will hold: joints, grid, and the terms that were known or found."""
+    settled = parts.settled
+    identified = [
+        any(s.identified for s, u in zip(settled.standing, parts.fit.unknowns, strict=True) if u.term == t)
+        for t in range(len(parts.fit.terms))
+    ]
+    found = [t.to_file() for t, good in zip(with_values(parts.fit.terms, x), identified, strict=True) if good]
+    geometric = [Term("geometric_stiffness", "arm")] if parts.geometric else []
+    return Stiffness(
+        joints=1.0 / settled.x[:6],
+        covariance=settled.covariance,
+        grid=None if parts.grid is None else parts.grid.grid,
+        terms=(*(t.to_file() for t in parts.known), *found, *geometric),
+    )
+
+
+def _joints(fit: Fit, sure: Uncertainty, settled: Settled) -> tuple[JointResult, ...]:
+    k, interval = 1.0 / settled.x[:6], sure.stiffness_interval()
+    # others that stand at the cell's values can move an identified joint; its interval holds its value all the same
+    low = np.where([s.identified for s in settled.standing[:6]], np.minimum(interval[:, 0], k), interval[:, 0])
+    high = np.where([s.identified for s in settled.standing[:6]], np.maximum(interval[:, 1], k), interval[:, 1])
+    return tuple(
+        JointResult(
+            j + 1, float(k[j]), (float(low[j]), float(high[j])), float(sure.sigma[j]),
+            float(sure.freedom[j]), s.identified, s.reason, s.torque, s.expected, s.inflation,
+        )
+        for j, s in enumerate(settled.standing[:6])
+    )  # fmt: skip
+
+
+def _terms(fit: Fit, sure: Uncertainty, settled: Settled, x: Array) -> tuple[TermResult, ...]:
+    out = []
+    for p, (u, s) in enumerate(zip(fit.unknowns, settled.standing, strict=True)):
+        if u.term is not None:
+            term = fit.terms[u.term]
+            low, high = sure.interval[p]
+            out.append(TermResult(
+                term.effect, term.location, term.coefficients[u.coefficient].name, u.unit, float(x[p]),
+                (float(low), float(high)), float(sure.sigma[p]), s.identified, s.reason,
+            ))  # fmt: skip
+    return tuple(out)

@@ -1,0 +1,102 @@
+"""Variance components from replicates: how much of the error a reading, a load cycle and a visit to a pose has.
+
+Restricted maximum likelihood (Patterson & Thompson 1971) of random shifts; the scale s² is profiled out, so two numbers
+are sought at most, on sums per cycle instead of readings.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from machopt.identify.clusters import Clusters, Components, Sums, normal
+
+Array = NDArray[np.float64]
+LEAST, MOST = 1e-4, 1e4  # variance of a shift per variance of a reading; at the least end it counts as none
+NOTHING = 1e-20  # weight of a coefficient per the largest one; below it the readings say nothing of it
+STARTS = (1e-1, 10.0)
+FLAT = 1e-7  # relative change of the likelihood (thousands) at which the search ends
+TRUST_IN_STATED = 10.0  # degrees of freedom that a stated uncertainty is worth beside the residuals
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """1 sigma of one coordinate of a channel, m or rad; None where replicates cannot tell it."""
+
+    reading: float
+    cycle: float | None
+    visit: float | None
+
+    @property
+    def together(self) -> float:
+        return float(np.sqrt(self.reading**2 + (self.cycle or 0.0) ** 2 + (self.visit or 0.0) ** 2))
+
+
+def components(
+    clusters: Clusters, sums: Sums, unit: float, *, stated: bool, before: Components | None = None
+) -> Components:
+    """Estimate a channel's components.
+
+    Args:
+        clusters: who shares what.
+        sums: of the channel's equations with s² = 1, at outlier weights.
+        unit: m² or rad², typical variance of a reading's coordinate at s² = 1; makes the ratios dimensionless.
+        stated: the readings' uncertainty is stated, so that s² is held near 1 where the residuals are few.
+        before: found earlier on almost the same sums, a good start.
+
+    Returns:
+        scale and ratios; where nothing is left over to judge by, a scale of 1.
+    """
+    rank = _rest(sums.AQA.sum(axis=0), sums.AQy.sum(axis=0), sums.quadratic)[2]
+    free = sums.count - rank
+    use = [clusters.has_cycle, clusters.has_visit]
+
+    def ratios(x: Array) -> tuple[float, float]:
+        full = np.zeros(2)
+        full[use] = np.exp(x) * unit
+        full[full <= 1.01 * LEAST * unit] = 0.0
+        return float(full[0]), float(full[1])
+
+    def misfit(x: Array) -> tuple[float, float]:
+        cycle, visit = ratios(x)
+        n = normal(clusters, sums, Components(1.0, cycle, visit))
+        H, h = n.total()
+        rss, logdet, _ = _rest(H, h, n.yy)
+        return free * np.log(rss) + n.logdet + logdet, rss
+
+    if free < 1:
+        return Components()
+    best = np.full(sum(use), np.log(LEAST))
+    if any(use):
+        bounds = [(np.log(LEAST), np.log(MOST))] * len(best)
+        starts = [best, *(np.full(len(best), np.log(s)) for s in STARTS)]
+        if before is not None:
+            known = np.array([before.cycle, before.visit])[use] / unit
+            starts = [np.log(np.clip(known, LEAST, MOST))]
+        first = min(starts, key=lambda x: misfit(x)[0])
+        found = minimize(lambda x: misfit(x)[0], first, method="L-BFGS-B", bounds=bounds, options={"ftol": FLAT})
+        best = np.asarray(found.x, float)
+    rss = misfit(best)[1]
+    held = TRUST_IN_STATED if stated else 0.0
+    cycle, visit = ratios(best)
+    return Components((held + rss) / (held + free), cycle, visit)
+
+
+def _unit(H: Array) -> Array:
+    """Root of each diagonal element; 1 where the readings say nothing of a coefficient."""
+    d = np.diag(H)
+    return np.asarray(np.sqrt(np.where(d > NOTHING * d.max(), d, 1.0)))
+
+
+def _rest(H: Array, h: Array, yy: float) -> tuple[float, float, int]:
+    """Residual sum of squares at the best coefficients, log det H and rank; directions without data left out."""
+    d = _unit(H)
+    values, vectors = np.linalg.eigh(H / np.outer(d, d))
+    seen = values > 1e-9 * values[-1]
+    along = vectors[:, seen].T @ (h / d)
+    rss = yy - float(np.sum(along**2 / values[seen]))
+    logdet = float(np.log(values[seen]).sum() + 2 * np.log(d).sum())
+    return max(rss, 1e-12 * yy, float(np.finfo(float).tiny)), logdet, int(seen.sum())

@@ -1,0 +1,318 @@
+"""Compliances from a recording: weighted, robust, bounded least squares; dumas2011 eq. 26 is its plain special case.
+
+::
+
+    start (bounded leverage, L1) ─► reading covariance ─► outlier weights ─► variance components ─► coefficients ≥ bound
+                                         ▲──────────────────── repeated until it stands ──────────────────────┘
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.recording import StandardUncertainty
+from machopt.errors import InputError
+from machopt.identify.bounded import minimise
+from machopt.identify.clusters import Clusters, Components, Normal, Sums, clusters, normal, shifts, sums
+from machopt.identify.components import Scatter, components
+from machopt.identify.experiment import Experiment
+from machopt.identify.noise import reading_covariance
+from machopt.identify.robust import scale, start, weights
+from machopt.model.terms import LinearTerm
+
+Array = NDArray[np.float64]
+ROUNDS = 8
+SETTLED = 1e-3  # change of a coefficient per its standard error between rounds
+UNSEEN = 1e-7  # effect of a coefficient per the largest one; below it is rounding and counts as none
+OUT = 0.5  # a coordinate of less weight is an outlier
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One coefficient of the fit."""
+
+    name: str  # "joint 3", or "link_compliance at link:4 1/EI"
+    unit: str
+    lower: float = 0.0
+    joint: int | None = None  # 1 … 6
+    term: int | None = None  # index of its term
+    coefficient: int = 0  # index in its term
+
+
+def unknowns(terms: Sequence[LinearTerm] = ()) -> tuple[Unknown, ...]:
+    """The six joint compliances, then the coefficients of the terms."""
+    out = [Unknown(f"joint {j}", "rad/(N·m)", 0.0, joint=j) for j in range(1, 7)]
+    for t, term in enumerate(terms):
+        for k, c in enumerate(term.coefficients):
+            out.append(Unknown(f"{term.effect} at {term.location} {c.name}", c.unit, c.lower, term=t, coefficient=k))
+    return tuple(out)
+
+
+@dataclass(frozen=True)
+class Weighting:
+    """How the readings count in a fit."""
+
+    covariance: Array  # (C, N, 3, 3) of the readings' own errors for s² = 1; C channels: translation, rotation
+    components: tuple[Components, ...]  # one a channel
+    robust: Array  # (N, D) in [0, 1]
+
+    @cached_property
+    def precision(self) -> Array:
+        """(C, N, 3, 3) inverse covariance for s² = 1; a doubtful coordinate's variance is divided by its weight."""
+        V = self.covariance.copy()
+        for c in range(len(V)):
+            w = np.maximum(self.robust[:, 3 * c : 3 * c + 3], 1e-9)
+            for i in range(3):
+                V[c, :, i, i] /= w[:, i]
+        return np.asarray(np.linalg.inv(V))
+
+    def scatter(self, clusters: Clusters) -> tuple[Scatter, ...]:
+        """1 sigma of each channel's components."""
+        out = []
+        for V, c in zip(self.covariance, self.components, strict=True):
+            s = float(np.sqrt(c.scale))
+            own = s * float(np.sqrt(np.median(V[:, [0, 1, 2], [0, 1, 2]])))
+            cycle = s * float(np.sqrt(c.cycle)) if clusters.has_cycle else None
+            out.append(Scatter(own, cycle, s * float(np.sqrt(c.visit)) if clusters.has_visit else None))
+        return tuple(out)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Coefficients with everything that uncertainty, held-out errors and influence are computed from.
+
+    ``H``, ``h`` and ``column`` are of scaled coefficients x / column; displacements are A · x.
+    """
+
+    experiment: Experiment
+    terms: tuple[LinearTerm, ...]
+    unknowns: tuple[Unknown, ...]
+    A: Array  # (N, D, P) m, rad per unit of each coefficient
+    y: Array  # (N, D) m, rad: measured less what fixed terms and corrections explain
+    x: Array  # (P,) coefficients within their bounds
+    free: Array  # (P,) without bounds; directions without data at zero
+    column: Array  # (P,) unit of each scaled coefficient
+    lower: Array  # (P,) bounds
+    clusters: Clusters
+    weighting: Weighting
+    normal: Normal  # by pose, in scaled coefficients
+    weighted: bool = True
+
+    @property
+    def compliance(self) -> Array:
+        """(6,) rad/(N·m)."""
+        return self.x[:6]
+
+    @property
+    def residual(self) -> Array:
+        """(N, D) m, rad."""
+        return np.asarray(self.y - self.A @ self.x)
+
+    @property
+    def outlier(self) -> NDArray[np.bool_]:
+        """(N,) readings with a coordinate that is put aside."""
+        return np.asarray((self.weighting.robust < OUT).any(axis=1))
+
+    def valued(self, x: Array | None = None) -> tuple[LinearTerm, ...]:
+        """The fitted terms with their values."""
+        return with_values(self.terms, self.x if x is None else x)
+
+
+def with_values(terms: Sequence[LinearTerm], x: Array) -> tuple[LinearTerm, ...]:
+    """Terms with the coefficients that follow the six joints in x."""
+    out, at = [], 6
+    for term in terms:
+        n = len(term.coefficients)
+        out.append(term.with_values(x[at : at + n]))
+        at += n
+    return tuple(out)
+
+
+def fit(
+    experiment: Experiment,
+    terms: Sequence[LinearTerm] = (),
+    fixed: Sequence[LinearTerm] = (),
+    *,
+    uncertainty: StandardUncertainty | None = None,
+    robust: bool = True,
+    weighted: bool = True,
+    bounded: bool = True,
+    groups: Clusters | None = None,
+    weighting: Weighting | None = None,
+) -> Fit:
+    """Identify joint compliances and the coefficients of further terms.
+
+    Least Σ over poses of (y − A x)ᵀ W (y − A x) with x ≥ bound, W the inverse covariance of the readings (their own
+    error, and the shifts that a load cycle or a visit to a pose shares), each coordinate's variance divided by its
+    outlier weight.
+
+    Args:
+        experiment: N readings.
+        terms: physics to be fitted beside the joints; their values are not used.
+        fixed: physics with known values; what they explain is subtracted.
+        uncertainty: of the readings, 1 sigma; None: as the recording states.
+        robust: put gross outliers aside; False: every coordinate counts.
+        weighted: weigh by the noise; False: every coordinate counts alike, metres beside radians, which with
+            ``robust=False, bounded=False`` is dumas2011 eq. 26.
+        bounded: keep compliances ≥ 0 (and every coefficient above its own bound).
+        groups: clusters made before, to save time in repeated fits.
+        weighting: of an earlier fit to the same readings, taken as it is.
+
+    Raises:
+        InputError: fewer coordinates than unknowns, or no load at all.
+
+    Source:
+        Dumas et al. 2011, eqs. 16–26. Invalid where the displacement is not proportional to the load.
+    """
+    what = unknowns(terms)
+    A = experiment.response(terms)
+    y = experiment.measured
+    for term in fixed:
+        y = y - (term.response(experiment.state, experiment.wrench) @ term.values)[:, : experiment.dimensions]
+    if y.size < len(what):
+        raise InputError(
+            f"{len(experiment)} readings of {experiment.dimensions} coordinates are {y.size} equations for {len(what)} "
+            f"unknowns; at least {-(-len(what) // experiment.dimensions)} readings, better three times as many, "
+            "would work",
+            file=experiment.source,
+        )
+    if not experiment.wrench.any():
+        raise InputError("no reading carries a load; every force and moment is zero", file=experiment.source)
+    groups = clusters(experiment) if groups is None else groups
+    lower = np.array([u.lower for u in what]) if bounded else np.full(len(what), -np.inf)
+    column, seen = _columns(A, y)
+    scaled = A * np.where(seen, column, 0.0)  # what is rounding only must not be fitted
+    problem = _Problem(experiment, tuple(terms), scaled, y, column, lower, groups, uncertainty, robust)
+    if weighting is None:
+        weighting = problem.weigh() if weighted else problem.alike()
+    equations = problem.equations(weighting)
+    H, h = equations.total()
+    free = minimise(H, h, np.full(len(what), -np.inf)) * column
+    x = minimise(H, h, lower / column) * column if bounded else free
+    return Fit(
+        experiment, tuple(terms), what, A, y, x, free, column, lower, groups, weighting, equations, weighted
+    )  # fmt: skip
+
+
+def _columns(A: Array, y: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Unit of each coefficient, which explains a displacement of typical size, and whether any reading shows it."""
+    channels = range(0, A.shape[1], 3)
+    size = np.repeat([max(scale(y[:, c : c + 3]), 1e-12) for c in channels], 3)
+    rms = np.sqrt(np.mean((A / size[:, None]) ** 2, axis=(0, 1)))
+    least = max(UNSEEN * float(rms.max()), float(np.finfo(float).tiny))
+    return np.asarray(1.0 / np.maximum(rms, least)), np.asarray(rms > least)
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """One fit on the way: scaled equations, and how their weights are found."""
+
+    experiment: Experiment
+    terms: tuple[LinearTerm, ...]
+    A: Array  # (N, D, P) scaled
+    y: Array
+    column: Array
+    lower: Array
+    clusters: Clusters
+    uncertainty: StandardUncertainty | None
+    robust: bool
+
+    @property
+    def load(self) -> Array:
+        """(N,) size of each load; a metre of lever arm is typical."""
+        w = self.experiment.wrench
+        return np.asarray(np.linalg.norm(w[:, :3], axis=1) + np.linalg.norm(w[:, 3:], axis=1))
+
+    @property
+    def stated(self) -> tuple[bool, bool]:
+        """Whether the errors of translations and rotations are stated."""
+        given = self.experiment.uncertainty if self.uncertainty is None else self.uncertainty
+        return given.displacement is not None, given.rotation is not None
+
+    def alike(self) -> Weighting:
+        """Every coordinate with the same variance, that of the residuals."""
+        N, D = self.y.shape
+        V = np.broadcast_to(np.eye(3), (D // 3, N, 3, 3))
+        doubt = np.ones((N, D))
+        if self.robust:
+            residual = self.y - self.A @ start(self.A, self.y, self.load)
+            for c in range(0, D, 3):
+                part = residual[:, c : c + 3]
+                doubt[:, c : c + 3] = weights(part, np.full(part.shape, max(scale(part, self.A.shape[2]), 1e-12)))
+        draft = Weighting(V, (Components(),) * (D // 3), doubt)
+        H, h = self.equations(draft).total()
+        residual = self.y - self.A @ minimise(H, h, self.lower / self.column)
+        left = max(float(doubt.sum()) - self.A.shape[2], 1.0)
+        common = max(float(np.sum(doubt * residual**2)) / left, float(np.finfo(float).tiny))
+        return Weighting(V, (Components(common),) * (D // 3), doubt)
+
+    def weigh(self) -> Weighting:
+        """Covariance, outlier weights, components and coefficients, in turn until they stand."""
+        stated = self.experiment.uncertainty if self.uncertainty is None else self.uncertainty
+        N, D = self.y.shape
+        x = start(self.A, self.y, self.load)
+        residual = self.y - self.A @ x
+        typical = np.array([scale(residual[:, c : c + 3], len(x)) for c in range(0, D, 3)])
+        weighting: Weighting | None = None
+        found: tuple[Components, ...] = ()
+        for _ in range(ROUNDS):
+            known = with_values(self.terms, x * self.column)
+            V = reading_covariance(self.experiment, x[:6] * self.column[:6], known, stated, typical)
+            doubt = self._doubt(residual, V, weighting) if self.robust else np.ones((N, D))
+            weighting = Weighting(V, (), doubt)
+            parts = self.sums(weighting)
+            found = tuple(
+                components(
+                    self.clusters, s, float(np.median(V[c][:, [0, 1, 2], [0, 1, 2]])),
+                    stated=self.stated[c],
+                    before=found[c] if found else None,
+                )
+                for c, s in enumerate(parts)
+            )  # fmt: skip
+            weighting = Weighting(V, found, doubt)
+            H, h = self._normal(parts, found).total()
+            new = minimise(H, h, self.lower / self.column)
+            error = np.sqrt(np.maximum(np.diag(np.linalg.pinv(H, hermitian=True)), 1e-300))
+            moved, x = np.abs(new - x) / error, new
+            residual = self.y - self.A @ x
+            if moved.max() < SETTLED:
+                break
+        assert weighting is not None  # ROUNDS > 0
+        return weighting
+
+    def _doubt(self, residual: Array, V: Array, before: Weighting | None) -> Array:
+        """Outlier weights: of the residual at first, later of what the shared shifts leave of it."""
+        out = np.empty_like(residual)
+        for c in range(len(V)):
+            part = residual[:, 3 * c : 3 * c + 3]
+            own = np.sqrt(V[c][:, [0, 1, 2], [0, 1, 2]])
+            if before is None:
+                least = 1.0 if self.stated[c] else 1e-12  # not stricter than what is stated
+                typical = max(scale(part / own, self.A.shape[2]), least)
+                out[:, 3 * c : 3 * c + 3] = weights(part / own, np.full(part.shape, typical))
+                continue
+            share = before.components[c]
+            rest = part - shifts(self.clusters, before.precision[c], part, share)
+            out[:, 3 * c : 3 * c + 3] = weights(rest, np.sqrt(share.scale) * own)
+        return out
+
+    def sums(self, weighting: Weighting) -> list[Sums]:
+        Q = weighting.precision
+        out = []
+        for c in range(len(Q)):
+            rows = slice(3 * c, 3 * c + 3)
+            count = float(weighting.robust[:, rows].sum())
+            out.append(sums(self.clusters, Q[c], self.A[:, rows], self.y[:, rows], count))
+        return out
+
+    def equations(self, weighting: Weighting) -> Normal:
+        return self._normal(self.sums(weighting), weighting.components)
+
+    def _normal(self, parts: Sequence[Sums], found: Sequence[Components]) -> Normal:
+        each = [normal(self.clusters, s, c) for s, c in zip(parts, found, strict=True)]
+        return each[0] if len(each) == 1 else each[0].plus(each[1])

@@ -1,0 +1,284 @@
+"""Joint stiffness per cell of a grid of TCP positions (jiao2022 section 2), shrunk to one set of values by the data.
+
+Space is cut into cubes and each has its own six stiffnesses; on a face, edge or corner they are averaged, as
+:func:`machopt.model.elastic.joint_stiffness` does, so a reading there informs every cell that it touches. A cell alone
+would follow its readings' noise, with few readings wildly. Here the cells' log compliances are drawn from one
+distribution per joint, whose width the data choose (:mod:`~machopt.identify.gridevidence`): a cell is moved away from
+the constant model as far as its readings warrant, one without readings stays there with the width as its uncertainty,
+and where nothing varies the grid is the constant model. Logarithms keep every stiffness positive.
+
+Harmonic mean and logarithm are not linear, so cells, prior, noise and outlier weights are found in a few rounds of
+linearised problems.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.stiffness import StiffnessGrid
+from machopt.errors import InputError
+from machopt.identify.bounded import minimise
+from machopt.identify.clusters import normal
+from machopt.identify.fit import OUT, Fit, Weighting
+from machopt.identify.gridcells import Region, kriging, region_of, touched
+from machopt.identify.gridequations import GridEquations
+from machopt.identify.gridevidence import Evidence, Posterior, Prior, sum_of, summed
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+ON_FACE = 1e-3  # m; a pose meant to be on a face is that near it, by the arm's own repeatability
+SEEN = 2.0  # standard errors; a joint whose constant compliance is less does not vary by cell
+UNSEEN = 1e-6  # of the largest reading: less than this is no reading of a joint, whatever its compliance
+MOST_CELLS = 1000  # that readings touch; their unknowns are solved together
+ROUNDS = 6
+STEPS = (30, 10)  # of the likelihood in the first round, in later ones
+SETTLED = 0.15  # change of a log compliance per its standard error between rounds, root mean square
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Errors at readings of poses that the prediction did not see; prior and noise are those of all poses."""
+
+    grid: Array  # (N, D) m, rad
+    constant: Array  # (N, D)
+    pose: Ints  # (N,)
+    counts: Bools  # (N,) False for outliers
+
+    @property
+    def rmse(self) -> tuple[float, float]:
+        """Root mean square of a translation's coordinate in m: grid, constant."""
+        rows = self.counts
+        return tuple(float(np.sqrt(np.mean(e[rows, :3] ** 2))) for e in (self.grid, self.constant))  # type: ignore[return-value]
+
+    @property
+    def gain(self) -> tuple[float, float]:
+        """Constant's mean square less the grid's, per pose, in m², and the standard error of that mean."""
+        rows = self.counts
+        _, pose = np.unique(self.pose[rows], return_inverse=True)
+        square = np.mean(self.constant[rows, :3] ** 2 - self.grid[rows, :3] ** 2, axis=1)
+        each = np.bincount(pose, square) / np.bincount(pose)
+        return float(each.mean()), float(each.std(ddof=1) / np.sqrt(len(each)))
+
+
+@dataclass(frozen=True)
+class GridFit:
+    """A grid of joint stiffness, what it was shrunk to, and how much each cell learned."""
+
+    grid: StiffnessGrid  # with std
+    covariance: Array  # (G, 6, 6) of each cell's joint compliances, (rad/(N·m))²
+    centre: Array  # (6,) N·m/rad: the joints' mean over cells, in log compliance, that cells shrink to
+    centre_covariance: Array  # (6, 6) of the compliances of a cell that nobody measured: mean's error and spread
+    constant: Array  # (6,) N·m/rad of the constant model the comparison is with; inf where its compliance is 0
+    spread: Array  # (6,) 1 sigma of log compliance between cells; 0 for held joints
+    within: Array  # (6,) 1 sigma of log compliance at one TCP about its cell's value; not in ``grid.std``
+    range: float  # m, distance at which cells' correlation has fallen to 1/e; 0 where cells are independent
+    held: tuple[int, ...]  # joints (1 … 6) with the same value in every cell, for want of data
+    readings: Array  # (G,) that inform a cell: shared among the cells touched, outliers by their weight
+    learned: Array  # (G, 6) in 0 … 1: share of a cell's prior variance that the readings removed; 0 for held joints
+    terms: Array  # (T,) coefficients of the terms beside the joints
+    heldout: HeldOut
+    weighting: Weighting  # of the readings inside the grid
+    inside: Bools  # (N,) readings inside the grid, the only ones used
+    rounds: int
+
+
+def fit_grid(
+    constant: Fit,
+    cell: float,
+    origin: Array | None = None,
+    shape: tuple[int, int, int] | None = None,
+    *,
+    smooth: bool = True,
+    robust: bool = True,
+    on_face: float = ON_FACE,
+    hold: Array | None = None,
+    spread: Array | None = None,
+) -> GridFit:
+    """Identify grid-variable joint stiffness.
+
+    z_g,j = log c_g,j ~ N(μ_j, s_j²); at a place touching m cells, c_j = m / Σ_g k_g,j; displacements as in the constant
+    model. s, correlation range and noise by restricted maximum likelihood, cells by their conditional mean.
+
+    Args:
+        constant: fit of the constant model to the same readings, with its terms, weights and groups.
+        cell: edge in m.
+        origin: (3,) m in base_link, lowest corner; None: whole cells about the measured TCPs.
+        shape: cells along x, y, z; None: as many as hold the measured TCPs.
+        smooth: let the data choose a correlation between neighbouring cells; False: cells are independent.
+        robust: find outliers anew with the cells' residuals; False: keep the constant fit's weights.
+        on_face: m; a pose this near a face counts as on it.
+        hold: (6,) N·m/rad of joints that shall be the same everywhere, NaN for the others. Of those, one whose constant
+            compliance is below two standard errors is held too, at that compliance or one standard error.
+        spread: (6,) s_j up to 1 to be taken instead of estimated, and a cell's value holding all over it; 1 leaves the
+            cells to themselves, as the paper does.
+
+    Returns:
+        The grid with standard deviations, and held-out errors by pose against the constant model.
+
+    Raises:
+        InputError: no reading inside the grid; too many cells; a joint that no reading moves and nothing holds.
+
+    Source:
+        jiao2022 sections 2.2, 2.3. Invalid where stiffness depends on the posture at a place rather than on the place.
+    """
+    position, pose_of = _positions(constant)
+    region = region_of(position, cell, origin, shape, on_face, constant.experiment.source)
+    inside_pose = region.contains(position, on_face)
+    inside = inside_pose[pose_of]
+    if not inside.any():
+        low, high = region.origin * 1e3, (region.origin + region.cell * np.array(region.shape)) * 1e3
+        raise InputError(
+            f"no reading lies inside the grid {_mm(low)} to {_mm(high)} mm in base_link; the TCPs measured lie within "
+            f"{_mm(position.min(axis=0) * 1e3)} to {_mm(position.max(axis=0) * 1e3)} mm",
+            file=constant.experiment.source,
+        )
+    places = touched(region, position[inside_pose], on_face)
+    if len(places.cells) > MOST_CELLS:
+        raise InputError(
+            f"the readings touch {len(places.cells)} cells of {cell * 1e3:g} mm, more than the {MOST_CELLS} that are "
+            "solved together; larger cells would work",
+            file=constant.experiment.source,
+        )
+    vary, reference = _varying(constant, hold)
+    work = GridEquations.of(constant, inside, places, vary, reference, smooth)
+    weighting = work.start()
+    prior = work.prior(weighting, spread)
+    beta = work.first_unknowns()
+    for rounds in range(1, ROUNDS + 1):
+        evidence = work.evidence(weighting)
+        prior = evidence.maximise(prior, work.linear(beta), STEPS[min(rounds - 1, 1)], fixed=spread is not None)
+        new = evidence.mode(prior, work.linear, beta)
+        posterior = evidence.posterior(prior, work.linear(new))
+        change = (new - beta) / np.sqrt(np.diag(posterior.covariance))
+        beta = new
+        if np.sqrt(np.mean(change**2)) < SETTLED or rounds == ROUNDS:
+            break
+        weighting = work.doubt(weighting, prior, posterior) if robust else weighting
+    weighting = replace(weighting, components=prior.noise)
+    return _result(work, region, evidence, weighting, prior, posterior, rounds)
+
+
+def _positions(fit: Fit) -> tuple[Array, Ints]:
+    """(G, 3) m of each pose, the mean over its readings, and the pose (N,) of each reading."""
+    pose = fit.clusters.pose
+    count = np.bincount(pose)
+    at = fit.experiment.T_base_tcp[:, :3, 3]
+    return np.stack([np.bincount(pose, at[:, a]) / count for a in range(3)], axis=1), pose
+
+
+def _varying(fit: Fit, hold: Array | None) -> tuple[Bools, Array]:
+    """(6,) which joints vary by cell, and their reference compliance (6,); of the others, their value."""
+    c = fit.compliance
+    held = np.full(6, np.nan) if hold is None else np.asarray(hold, float)
+    M = np.linalg.pinv(fit.normal.total()[0], hermitian=True)
+    sigma = np.sqrt(np.maximum(np.diag(M)[:6], 0.0)) * fit.column[:6]
+    seen = np.abs(fit.A[..., :6]).max(axis=(0, 1)) * c.max() > UNSEEN * np.abs(fit.y).max()
+    vary = ~np.isfinite(held) & seen & (c > SEEN * sigma)
+    blind = ~np.isfinite(held) & ~seen
+    if blind.any():
+        raise InputError(
+            f"no reading moves joint {_joints(blind)}, so that a grid needs its stiffness from elsewhere (hold)",
+            file=fit.experiment.source,
+        )
+    if not vary.any():
+        raise InputError(
+            f"no joint's compliance is known to better than 1/{SEEN:g} of itself; there is nothing to vary by cell. "
+            "More readings, or larger loads, would work",
+            file=fit.experiment.source,
+        )
+    value = np.where(np.isfinite(held), 1.0 / np.where(np.isfinite(held), held, 1.0), np.maximum(c, sigma))
+    return vary, np.where(vary, c, value)
+
+
+def _result(
+    work: GridEquations, region: Region, evidence: Evidence, weighting: Weighting, prior: Prior, posterior: Posterior,
+    rounds: int,
+) -> GridFit:  # fmt: skip
+    fit, vary, used, F, C, G = (
+        work.constant, work.vary, work.places.cells, int(work.vary.sum()), len(work.places.cells), len(region)
+    )  # fmt: skip
+    weight, left, mean = kriging(region, used, prior.range if work.smooth else 0.0)
+    z, cov = posterior.beta[: C * F].reshape(C, F), posterior.covariance[: C * F, : C * F].reshape(C, F, C, F)
+    every = weight @ z  # (G, F)
+    spread2 = prior.spread**2
+    # a cell's covariance: what the measured cells' errors carry to it, and what they leave open
+    full = np.einsum("gc,cidj,gd->gij", weight, cov, weight, optimize=True)
+    full += left[:, None, None] * np.diag(spread2)
+    centre_cov = np.einsum("c,cidj,d->ij", mean, cov, mean, optimize=True)
+    log_c, log_cov = np.zeros((G, 6)), np.zeros((G, 6, 6))
+    log_c[:, vary] = every
+    log_cov[np.ix_(np.arange(G), vary, vary)] = full
+    c = work.reference * np.exp(log_c)
+    sigma = np.sqrt(np.diagonal(log_cov, axis1=1, axis2=2))
+    centre, around = np.ones(6), np.zeros((6, 6))
+    centre[vary] = np.exp(mean @ z)
+    centre *= work.reference
+    around[np.ix_(vary, vary)] = centre_cov + np.diag(spread2)
+    learned, spread, keep = np.zeros((G, 6)), np.zeros(6), work.keep
+    # the prior variance of one cell about the estimated mean; a lone cell has nothing to be compared with
+    apart = spread2 + np.diag(centre_cov)
+    learned[:, vary] = np.clip(1.0 - np.diagonal(full, axis1=1, axis2=2) / apart, 0.0, 1.0)
+    spread[vary] = prior.spread
+    terms = fit.x[6:].copy()
+    terms[keep] = posterior.beta[C * F :] * fit.column[6:][keep]
+    own = weighting.robust.mean(axis=1)
+    per_place = np.bincount(
+        work.places.place[work.places.site[work.groups.pose]], own, minlength=len(work.places.members)
+    )
+    readings = np.zeros(G)
+    readings[used] = per_place @ work.places.share
+    with np.errstate(divide="ignore"):
+        constant = 1.0 / fit.compliance
+    return GridFit(
+        StiffnessGrid(region.origin, region.cell, region.shape, 1.0 / c, sigma / c),
+        c[:, :, None] * c[:, None, :] * log_cov, 1.0 / centre, np.outer(centre, centre) * around, constant,
+        spread, prior.within * spread,
+        prior.range * region.cell if work.smooth else 0.0,
+        tuple(int(j) + 1 for j in np.flatnonzero(~vary)), readings, learned, terms,
+        _held_out(work, evidence, weighting, prior, posterior), weighting, work.rows, rounds,
+    )  # fmt: skip
+
+
+def _held_out(
+    work: GridEquations, evidence: Evidence, weighting: Weighting, prior: Prior, posterior: Posterior
+) -> HeldOut:
+    """Each pose predicted from the others, in closed form.
+
+    What a pose adds to its site's equations, ΔH and Δh with the site's own part integrated out, is taken out of the
+    posterior N(r, W) of the responses there: r₋ = (I − W ΔH)⁻¹ (r − W Δh). The constant model's coefficients solve
+    (H − H_p) x = h − h_p within their bounds.
+    """
+    each = [normal(evidence.clusters, s, c) for s, c in zip(evidence.parts, prior.noise, strict=True)]
+    H, h, site = sum_of([e.H for e in each]), sum_of([e.h for e in each]), evidence.site
+    marginal = evidence.marginal(prior, each)
+    less_H = summed(site, H, len(evidence.place))[site] - H
+    less_h = summed(site, h, len(evidence.place))[site] - h
+    inverse = np.linalg.inv(np.eye(h.shape[1]) + less_H @ marginal.T)
+    dH = marginal.H_site[site] - inverse @ less_H
+    dh = marginal.h_site[site] - np.einsum("gij,gj->gi", inverse, less_h)
+    r, W = posterior.response[evidence.place[site]], posterior.response_covariance[evidence.place[site]]
+    without = np.linalg.solve(np.eye(r.shape[1]) - W @ dH, (r - np.einsum("gij,gj->gi", W, dh))[..., None])[..., 0]
+    fit = work.constant
+    total_H, total_h = fit.normal.total()
+    _, pose = _positions(fit)
+    lower, x = fit.lower / fit.column, np.zeros((fit.clusters.poses, len(fit.x)))
+    for p in np.unique(pose[work.rows]):
+        x[p] = minimise(total_H - fit.normal.H[p], total_h - fit.normal.h[p], lower) * fit.column
+    rows = work.rows
+    constant = fit.y[rows] - np.einsum("ndp,np->nd", fit.A[rows], x[pose[rows]])
+    return HeldOut(
+        work.residual(without), constant, fit.experiment.pose[rows], np.asarray((weighting.robust >= OUT).all(axis=1))
+    )  # fmt: skip
+
+
+def _joints(which: Bools) -> str:
+    return ", ".join(str(j + 1) for j in np.flatnonzero(which))
+
+
+def _mm(point: Array) -> str:
+    return f"({', '.join(f'{v:.0f}' for v in point)})"

@@ -1,0 +1,151 @@
+"""Where to measure for a grid: eight corners and the centre of every cell, in three postures each (jiao2022 section 2).
+
+Neighbouring cells share corners, so a grid of cubes needs far fewer positions than nine a cell; each shared one informs
+all its cells. What the arm cannot reach is kept, with its reason.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.cell import Cell
+from machopt.domain.reason import Reason
+from machopt.identify.gridcells import Region
+from machopt.model.collision import CollisionModel
+from machopt.model.ik import Margins, Solver, branch_reasons, turns
+from machopt.model.robot import Robot
+from machopt.se3 import axis_rotation, inverse, transform
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+ANGLES = (0.0, np.deg2rad(-10.0), np.deg2rad(10.0))  # jiao2022 section 5.1: 3 × 9 = 27 configurations a cell
+
+
+@dataclass(frozen=True)
+class GridPlan:
+    """S positions in A postures each, position by position; M = S·A poses."""
+
+    region: Region
+    position: Array  # (S, 3) m of the TCP in base_link: corners x fastest, then centres in order of the cells
+    angle: Array  # (A,) rad about the tool's y axis
+    T_base_tcp: Array  # (M, 4, 4)
+    q: Array  # (M, 6) rad, NaN where no configuration serves
+    branch: Ints  # (M,) of the inverse kinematics, −1 where none serves
+    reason: NDArray[np.uint8]  # (M,) Reason
+    members: Ints  # (G, 9) positions of each cell: its corners, then its centre
+
+    @property
+    def reached(self) -> Bools:
+        """(M,)."""
+        return np.asarray(self.reason == Reason.OK)
+
+    def of_cell(self, cell: int) -> Ints:
+        """(9·A,) poses of one cell, 27 with three postures."""
+        A = len(self.angle)
+        return np.asarray((self.members[cell][:, None] * A + np.arange(A)).reshape(-1), np.int64)
+
+
+def grid_plan(
+    cell: Cell,
+    robot: Robot,
+    solver: Solver,
+    region: Region,
+    margins: Margins,
+    *,
+    posture: Array | None = None,
+    angles: tuple[float, ...] = ANGLES,
+    branch: int | None = None,
+    collision: CollisionModel | None = None,
+) -> GridPlan:
+    """Poses that sample every cell of a grid.
+
+    Args:
+        cell: home position, joint limits and tool.
+        robot: the cell's arm.
+        solver: its inverse kinematics.
+        region: the grid, in base_link.
+        margins: distance from singularities and joint limits.
+        posture: (3, 3) TCP axes in base_link of the initial posture; None: along the grid's edges, nearest to home's.
+        angles: rad, turns of the posture about the tool's own y.
+        branch: of the inverse kinematics; None: the one that serves the most poses (the first such, home's first), or,
+            where a branch is no lasting assembly mode, at each pose the configuration nearest to home.
+        collision: model to check each pose with, the tool touching nothing; None: not checked, the reasons say so
+            nowhere.
+
+    Source:
+        jiao2022 sections 2.2 and 5.1, fig. 1. The paper turns about any axis; y is what its experiment does.
+    """
+    position, members = _positions(region)
+    R = _along_edges(robot.fk(cell.home, cell.tool.T_flange_tcp)[:3, :3]) if posture is None else posture
+    turned = R @ axis_rotation(np.array([0.0, 1.0, 0.0]), np.array(angles))
+    poses = transform(
+        np.broadcast_to(turned, (len(position), len(angles), 3, 3)),
+        np.broadcast_to(position[:, None], (len(position), len(angles), 3)),
+    ).reshape(-1, 4, 4)
+    T_tcp_flange = inverse(cell.tool.T_flange_tcp)
+    solved = solver.solve(poses @ T_tcp_flange)
+    reason = branch_reasons(solved, margins)
+    q = _nearest_turn(solved.q, cell, margins)
+    reason[(reason == Reason.OK) & ~np.isfinite(q).all(axis=-1)] = Reason.LIMIT
+    if branch is not None:
+        chosen = np.full(len(poses), branch)
+    elif solver.branch_stable:
+        chosen = np.full(len(poses), _most_serving(reason, solver, robot.fk(cell.home), cell.home))
+    else:
+        far = np.where(reason == Reason.OK, np.abs(q - cell.home).sum(axis=-1), np.inf)
+        chosen = np.where(np.isfinite(far).any(axis=1), far.argmin(axis=1), reason.argmax(axis=1))
+    rows = np.arange(len(poses))
+    why, chosen_q = reason[rows, chosen], q[rows, chosen]
+    if collision is not None:
+        ok = np.flatnonzero(why == Reason.OK)
+        why[ok[collision.check(chosen_q[ok], np.zeros(len(ok), bool)).hit]] = Reason.COLLIDING
+    serves = why == Reason.OK
+    return GridPlan(
+        region, position, np.array(angles), poses, np.where(serves[:, None], chosen_q, np.nan),
+        np.where(serves, chosen, -1).astype(np.int64), why, members,
+    )  # fmt: skip
+
+
+def _positions(region: Region) -> tuple[Array, Ints]:
+    nodes = np.array(region.shape) + 1
+    lattice = np.stack(np.unravel_index(np.arange(np.prod(nodes)), nodes, order="F"), axis=1)
+    lower = np.stack(np.unravel_index(np.arange(len(region)), region.shape, order="F"), axis=1)
+    corner = lower[:, None] + np.array(list(np.ndindex(2, 2, 2)))  # (G, 8, 3)
+    number = corner @ np.array([1, nodes[0], nodes[0] * nodes[1]])
+    centre = len(lattice) + np.arange(len(region))
+    position = np.concatenate([region.origin + region.cell * lattice, region.centres()])
+    return position, np.concatenate([number, centre[:, None]], axis=1).astype(np.int64)
+
+
+def _along_edges(R: Array) -> Array:
+    """The rotation by quarter turns about base axes that is nearest to R (3, 3)."""
+    axes = np.concatenate([np.eye(3), -np.eye(3)])
+    found = [np.stack([x, y, np.cross(x, y)], axis=1) for x in axes for y in axes if abs(x @ y) < 0.5]
+    return max(found, key=lambda F: float(np.sum(F * R)))
+
+
+def _nearest_turn(q: Array, cell: Cell, margins: Margins) -> Array:
+    """Each configuration (M, B, 6) by whole turns inside the limits and nearest to home; NaN where none is."""
+    lower, upper = cell.limits.lower[:6] + margins.limit, cell.limits.upper[:6] - margins.limit
+    best, least = np.full(q.shape, np.nan), np.full(q.shape[:-1], np.inf)
+    for turn in turns(lower, upper):
+        told = q + turn
+        with np.errstate(invalid="ignore"):
+            inside = ((told >= lower) & (told <= upper)).all(axis=-1)
+        far = np.where(inside, np.abs(told - cell.home).sum(axis=-1), np.inf)
+        better = far < least
+        best[better], least[better] = told[better], far[better]
+    return best
+
+
+def _most_serving(reason: NDArray[np.uint8], solver: Solver, T_base_flange: Array, home: Array) -> int:
+    served = (reason == Reason.OK).sum(axis=0)
+    at_home = solver.solve(T_base_flange[None]).q[0]
+    off = np.abs(np.angle(np.exp(1j * (at_home - home)))).sum(axis=-1)
+    own = int(np.nanargmin(off)) if np.isfinite(off).any() else 0
+    return own if served[own] == served.max() else int(served.argmax())

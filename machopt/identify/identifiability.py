@@ -1,0 +1,209 @@
+"""What the readings can tell of each joint, and what stands in its place where they cannot.
+
+A joint is judged by the design first: the standard error that these loads and this noise promise, against the
+compliance the cell has for it. Not identified is
+
+- a joint that the loads hardly turn (its error would be large even if it were the only unknown),
+- a joint that cannot be told from another unknown (its error is large because of the others),
+- a joint whose interval reaches zero compliance: only a lower bound of its stiffness is known.
+
+Its value is then the cell's, moved into what the readings allow; without one in the cell, the lower bound of its
+stiffness. Combinations that the readings do show (two joints that always turn together) are kept: the values are drawn
+to the cell's by a weak pull that the data override wherever they speak.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.identify.bounded import minimise
+from machopt.identify.fit import Fit, Unknown
+from machopt.identify.uncertainty import NULL, Uncertainty
+
+Array = NDArray[np.float64]
+MOST_ERROR = 0.5  # standard error per compliance beyond which a joint counts as not identified
+TOLD_APART = 0.95  # correlation of two estimates beyond which they are named together
+PULL = 0.1  # standard deviation per value of the pull towards the cell's compliance
+FIXED = 1e-6  # the same for what is taken as zero, in units of a typical effect
+LEAST_TORQUE = 1e-3  # N·m; rounding in what should be none
+LEAST_STIFFNESS = 1e4  # N·m/rad, the bottom of the range of robot joints; no bound below it is worth stating
+
+
+@dataclass(frozen=True)
+class Standing:
+    """What is known of one unknown."""
+
+    identified: bool
+    reason: str  # empty where identified
+    expected: float  # standard error per compliance that the design promises; NaN where there is no reference
+    inflation: float  # variance against that of the same design with this unknown alone (VIF); inf where not told apart
+    torque: float  # N·m, the largest on the joint in any reading; NaN for terms
+
+
+@dataclass(frozen=True)
+class Combination:
+    """A sum of coefficients that is known although its parts are not."""
+
+    text: str
+    value: float  # in the unit of its coefficients
+    sigma: float
+
+
+@dataclass(frozen=True)
+class Settled:
+    """The coefficients that are handed on, and how every refit has to treat those that are not identified."""
+
+    x: Array  # (P,)
+    standing: tuple[Standing, ...]
+    combinations: tuple[Combination, ...]
+    pull: Array  # (P,) weight of the pull, per scaled coefficient
+    towards: Array  # (P,) scaled
+    replaced: NDArray[np.bool_]  # (P,) set to ``towards`` after solving
+    covariance: Array  # (6, 6) of the joints' compliances; one not identified is as uncertain as its own value
+
+    def solve(self, fit: Fit, H: Array, h: Array) -> Array:
+        """(P,) coefficients for other normal equations in the same scaled coefficients, e.g. without one pose."""
+        x = minimise(H + np.diag(self.pull), h + self.pull * self.towards, fit.lower / fit.column)
+        return np.where(self.replaced, self.towards, x) * fit.column
+
+
+def settle(fit: Fit, uncertainty: Uncertainty, prior: Array | None = None) -> Settled:
+    """Judge every unknown and fix the values of those that are not identified.
+
+    Args:
+        fit: with all unknowns free.
+        uncertainty: of that fit.
+        prior: (6,) N·m/rad, the cell's stiffness; None where it has none.
+    """
+    P = len(fit.unknowns)
+    H, h = fit.normal.total()
+    ridge = NULL * float(np.diag(H).max())
+    M: Array = np.asarray(
+        np.linalg.inv(H + ridge * np.eye(P)), float
+    )  # a direction without data gets a huge variance, not a missing one
+    correlation: Array = np.asarray(M / np.sqrt(np.outer(np.diag(M), np.diag(M))), float)
+    reference = np.full(P, np.nan)
+    # what the readings certainly show counts, too, should the cell's value be far too stiff
+    reference[:6] = np.abs(fit.x[:6]) if prior is None else np.maximum(1.0 / prior, uncertainty.interval[:6, 0])
+    standing = tuple(_judge(fit, uncertainty, H, M, correlation, reference, j) for j in range(P))
+    known = np.array([s.identified for s in standing])
+    _keep_whole_terms(fit.unknowns, known)
+    pull, towards, replaced = np.zeros(P), np.zeros(P), np.zeros(P, bool)
+    blind = np.abs(uncertainty.unseen).max(axis=1, initial=0.0) > 1e-6
+    for j in np.flatnonzero(~known):
+        if j >= 6:  # a term that is not found is none
+            pull[j], replaced[j] = FIXED**-2, True
+            continue
+        k_low, k_high = uncertainty.stiffness_interval()[j]
+        bound = max(k_low, LEAST_STIFFNESS)
+        value = bound if prior is None else min(max(float(prior[j]), k_low), k_high)
+        towards[j] = 1.0 / value / fit.column[j]
+        if prior is None and not blind[j]:
+            replaced[j] = True
+        else:
+            pull[j] = (PULL * towards[j]) ** -2
+    draft = Settled(fit.x, standing, (), pull, towards, replaced, np.zeros((6, 6)))
+    x = fit.x if known.all() else draft.solve(fit, H, h)
+    joints = np.flatnonzero(known[:6])
+    covariance = np.diag(x[:6] ** 2)
+    covariance[np.ix_(joints, joints)] = uncertainty.covariance[np.ix_(joints, joints)]
+    together = _combinations(fit, H, M, correlation, known)
+    return Settled(x, standing, together, pull, towards, replaced, covariance)
+
+
+def _judge(
+    fit: Fit, uncertainty: Uncertainty, H: Array, M: Array, correlation: Array, reference: Array, j: int
+) -> Standing:
+    unknown = fit.unknowns[j]
+    one, among = (np.sqrt(v) * fit.column[j] if v > 0 else np.inf for v in (_inverse(H[j, j]), M[j, j]))
+    inflation = float((among / one) ** 2) if np.isfinite(one) else np.inf
+    inflation = inflation if inflation < 0.01 / NULL else np.inf
+    torque = np.nan
+    if unknown.joint is not None:
+        tau = np.einsum("nc,nc->n", fit.experiment.state.J[:, :, j], fit.experiment.wrench)
+        torque = float(np.abs(tau).max())
+    scale = reference[j]
+    expected = float(among / scale) if scale > 0 else np.nan
+    partner = _partner(fit.unknowns, correlation, uncertainty.unseen, j)
+    reason = ""
+    if not np.isfinite(one) or (scale > 0 and one > MOST_ERROR * scale):
+        if unknown.joint is None:
+            reason = "no reading shows it"
+        else:
+            none = torque < LEAST_TORQUE
+            reason = f"no reading puts {'any torque' if none else f'more than {torque:.3g} N·m'} on {unknown.name}"
+            if np.isfinite(one) and scale > 0 and not none:
+                reason += (
+                    f", which moves the TCP by at most {1e6 * _most_moved(fit, j, scale):.2g} µm at "
+                    f"{1 / scale:.3g} N·m/rad; a load with a longer lever arm about its axis would show it"
+                )
+    elif not np.isfinite(uncertainty.sigma[j]) and not partner:
+        reason = "there are no more equations than unknowns: nothing is left over to judge its error by"
+    elif not np.isfinite(uncertainty.sigma[j]) or (scale > 0 and expected > MOST_ERROR):
+        reason = partner or f"the readings promise no more than ± {100 * expected:.0f} % (1 sigma)"
+    elif _reaches_zero(unknown, uncertainty.interval[j]):
+        reason = "its interval reaches zero compliance" if unknown.joint else "its interval holds zero"
+        if unknown.joint is not None:
+            reason += f": stiffer than {uncertainty.stiffness_interval()[j, 0]:.3g} N·m/rad is all that is known"
+        reason += f"; it {partner}" if partner else ""
+    return Standing(not reason, reason, expected, inflation, torque)
+
+
+def _partner(unknowns: tuple[Unknown, ...], correlation: Array, unseen: Array, j: int) -> str:
+    """What coefficient j cannot be told from; empty where nothing stands out."""
+    others = np.abs(correlation[j]).copy()
+    others[j] = 0.0
+    k = int(np.argmax(others))
+    if unseen.shape[1] and np.abs(unseen[j]).max() > 1e-6:
+        row = unseen[:, int(np.argmax(np.abs(unseen[j])))]
+        names = [unknowns[i].name for i in np.flatnonzero(np.abs(row) > 0.05 * np.abs(row).max()) if i != j]
+        return f"cannot be told from {' and '.join(names)}: the readings move together" if names else ""
+    if others[k] < TOLD_APART:
+        return ""
+    return f"cannot be told from {unknowns[k].name}: correlation {correlation[j, k]:.3f}"
+
+
+def _combinations(
+    fit: Fit, H: Array, M: Array, correlation: Array, known: NDArray[np.bool_]
+) -> tuple[Combination, ...]:
+    """Pairs of joints that are not identified each, but together."""
+    out = []
+    for i in range(6):
+        for j in range(i + 1, 6):
+            if known[i] or known[j] or correlation[i, j] > -TOLD_APART or H[i, i] <= 0:
+                continue
+            weight = H[i, j] / H[i, i]  # of joint j's compliance in joint i's place, scaled
+            ratio = weight * fit.column[i] / fit.column[j]
+            variance = M[i, i] + weight**2 * M[j, j] + 2 * weight * M[i, j]
+            value = float(fit.x[i] + ratio * fit.x[j])
+            sigma = float(np.sqrt(max(variance, 0.0)) * fit.column[i])
+            if sigma < MOST_ERROR * abs(value):
+                out.append(Combination(
+                    f"joint {i + 1} and joint {j + 1} together: c{i + 1} + {ratio:.3g} c{j + 1} = "
+                    f"{value:.3g} ± {sigma:.1g} rad/(N·m)", value, sigma,
+                ))  # fmt: skip
+    return tuple(out)
+
+
+def _keep_whole_terms(unknowns: tuple[Unknown, ...], known: NDArray[np.bool_]) -> None:
+    """A term stands with all its coefficients where one of them is known, so that matrices stay whole."""
+    for t in {u.term for u in unknowns if u.term is not None}:
+        own = np.array([u.term == t for u in unknowns])
+        if known[own].any():
+            known[own] = True
+
+
+def _reaches_zero(unknown: Unknown, interval: Array) -> bool:
+    low, high = interval
+    return bool(low <= 0.0 <= high) if unknown.lower < 0 else bool(low <= 0.0)
+
+
+def _most_moved(fit: Fit, j: int, compliance: float) -> float:
+    return float(np.linalg.norm(fit.A[:, :3, j], axis=1).max() * compliance)
+
+
+def _inverse(value: float) -> float:
+    return 1.0 / value if value > 0 else 0.0

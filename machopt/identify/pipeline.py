@@ -1,0 +1,161 @@
+"""The arrows of an identification; every step's result is kept.
+
+::
+
+    experiment ─► check ─► fit ─► uncertainty ─► settle ─► held-out poses, influence, studies ─► Identification
+                            ▲         (with K_C: about the loaded equilibrium, until it stands)
+                            └─► grid, where asked for or where it predicts unseen poses better
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.stiffness import Stiffness
+from machopt.identify.assemble import Parts, assemble
+from machopt.identify.check import check_experiment, refuse
+from machopt.identify.equilibrium import Equilibrium, refine
+from machopt.identify.experiment import Experiment
+from machopt.identify.fit import Fit, fit, unknowns
+from machopt.identify.grid import GridFit, fit_grid
+from machopt.identify.heldout import heldout
+from machopt.identify.identifiability import Settled, settle
+from machopt.identify.options import IdentifyOptions
+from machopt.identify.result import Identification
+from machopt.identify.study import MonteCarlo, SubsetStudy, monte_carlo, subset_study
+from machopt.identify.uncertainty import Uncertainty, uncertainty
+from machopt.model.robot import Masses, Robot
+from machopt.model.terms import LinearTerm, compile_terms
+
+Array = NDArray[np.float64]
+FEWEST_POSES_FOR_SUBSETS = 6
+FEWEST_POSES_FOR_GRID = 12  # to be tried where it is not asked for
+WORTH_A_GRID = 2.0  # standard errors of the gain on unseen poses; one would take a grid in one of six recordings
+
+
+def identify(
+    experiment: Experiment,
+    robot: Robot,
+    T_flange_tcp: Array,
+    prior: Stiffness | None,
+    options: IdentifyOptions,
+    rng: np.random.Generator,
+    masses: Masses | None = None,
+) -> Identification:
+    """Identify the stiffness of an arm from load tests.
+
+    Args:
+        experiment: the readings.
+        robot, T_flange_tcp: the arm.
+        prior: the cell's stiffness: what stands for joints that the readings cannot see; its terms count as known
+            unless they are to be fitted anew. None where the cell has none.
+        options: what is identified and how.
+        rng: of the studies and of the folds beyond 60 poses.
+        masses: for the weight at the loaded equilibrium; None: without weight.
+
+    Raises:
+        InputError: a record that cannot be right, or that has too few readings; an unknown or unfit term.
+    """
+    model = _model(robot, T_flange_tcp, prior, options)
+    nominal = None if prior is None else prior.joints
+    findings = check_experiment(experiment, robot, T_flange_tcp, nominal, len(unknowns(model.fitted)))
+    said = refuse(experiment, findings, options.accept)
+    solved = _solve(experiment, robot, T_flange_tcp, model, nominal, options, masses)
+    left_out = heldout(solved.fit, solved.settled, rng)
+    subsets, errors_study = _studies(solved, robot, T_flange_tcp, options, rng)
+    grid, why = _grid(solved, options)
+    return assemble(
+        Parts(
+            experiment, solved.fit, solved.uncertainty, solved.settled, model.known, model.geometric, left_out, grid,
+            why, tuple(findings), tuple(said), subsets, errors_study, solved.equilibrium_influence,
+        )
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Model:
+    """Which physics is fitted, which is taken as known."""
+
+    fitted: tuple[LinearTerm, ...]
+    known: tuple[LinearTerm, ...]
+    geometric: bool
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """The constant model with how sure it is."""
+
+    fit: Fit
+    uncertainty: Uncertainty
+    settled: Settled
+    equilibrium_influence: Array | None
+
+
+def _model(robot: Robot, T_flange_tcp: Array, prior: Stiffness | None, options: IdentifyOptions) -> _Model:
+    fitted, geometric = compile_terms(options.terms, robot, T_flange_tcp)
+    again = {(t.effect, t.location) for t in fitted}
+    kept = [] if prior is None else [t for t in prior.terms if (t.effect, t.location) not in again]
+    known, geometric_before = compile_terms(kept, robot, T_flange_tcp)
+    return _Model(fitted, known, options.geometric or geometric or geometric_before)
+
+
+def _solve(
+    experiment: Experiment, robot: Robot, T_flange_tcp: Array, model: _Model, nominal: Array | None,
+    options: IdentifyOptions, masses: Masses | None,
+) -> _Solved:  # fmt: skip
+    def fitted(e: Experiment, before: Fit | None = None) -> _Solved:
+        found = fit(
+            e, model.fitted, model.known, robust=options.robust, weighted=options.weighted, bounded=options.bounded,
+            groups=None if before is None else before.clusters, weighting=None if before is None else before.weighting,
+        )  # fmt: skip
+        sure = uncertainty(found, options.level)
+        return _Solved(found, sure, settle(found, sure, nominal), None)
+
+    plain = fitted(experiment)
+    if not model.geometric:
+        return plain
+    equilibrium = Equilibrium(experiment, robot, T_flange_tcp, masses)
+    about = equilibrium.linear(np.maximum(plain.settled.x[:6], 0.0))
+    weights = fitted(about).fit  # found once about the equilibrium; then only the equilibrium moves
+    settled = refine(equilibrium, plain.settled.x[:6], lambda e: fitted(e, weights).settled.x[:6])
+    last = fitted(settled.linear, weights)
+    return _Solved(last.fit, last.uncertainty, last.settled, settled.influence)
+
+
+def _studies(
+    solved: _Solved, robot: Robot, T_flange_tcp: Array, options: IdentifyOptions, rng: np.random.Generator
+) -> tuple[SubsetStudy | None, MonteCarlo | None]:
+    if not options.studies:
+        return None, None
+    of = "poses" if solved.fit.clusters.poses >= FEWEST_POSES_FOR_SUBSETS else "readings"
+    return (
+        subset_study(solved.fit, solved.settled, rng, of=of),
+        monte_carlo(solved.fit, solved.settled, robot, T_flange_tcp, rng),
+    )
+
+
+def _grid(solved: _Solved, options: IdentifyOptions) -> tuple[GridFit | None, str]:
+    """The grid where it is asked for, or where it is worth it."""
+    if options.model == "constant":
+        return None, ""
+    if options.model == "auto" and solved.fit.clusters.poses < FEWEST_POSES_FOR_GRID:
+        return None, f"constant: fewer than {FEWEST_POSES_FOR_GRID} poses say nothing of a change over space"
+    known = np.array([s.identified for s in solved.settled.standing[:6]])
+    if not known.any():
+        return None, "constant: no joint is identified"
+    hold = np.where(known, np.nan, 1.0 / np.where(known, 1.0, solved.settled.x[:6]))
+    origin = None if options.grid_origin is None else np.array(options.grid_origin)
+    found = fit_grid(
+        solved.fit, options.grid_cell, origin, options.grid_shape, robust=options.robust, hold=hold
+    )  # fmt: skip
+    if options.model == "grid":
+        return found, ""
+    gain, error = found.heldout.gain
+    grid, constant = (1e3 * r for r in found.heldout.rmse)
+    compared = f"held-out error {grid:.4f} mm with the grid, {constant:.4f} mm without"
+    if gain > WORTH_A_GRID * error:
+        return found, f"grid: {compared}; the gain is {gain / error:.1f} standard errors"
+    return None, f"constant: {compared}; no gain beyond {WORTH_A_GRID:g} standard errors"

@@ -1,0 +1,168 @@
+"""What the number of tests does, and what measurement errors do (dumas2011 sections 5.1 and 5.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.recording import StandardUncertainty
+from machopt.identify.clusters import normal, sums
+from machopt.identify.experiment import Experiment
+from machopt.identify.fit import Fit
+from machopt.identify.identifiability import Settled
+from machopt.model.robot import Robot
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+SIZES = 24  # numbers of tests tried at most
+SUBSETS = 60
+DRAWS = 200
+FEWEST_DRAWS = 20
+READINGS_AT_MOST = 100_000  # draws × readings of a Monte-Carlo study
+
+
+@dataclass(frozen=True)
+class SubsetStudy:
+    """Joint stiffness from random subsets of the tests; NaN where a subset does not determine a joint."""
+
+    tests: Ints  # (S,) size of the subset
+    of: str  # "readings" or "poses": what counts as a test
+    k: Array  # (S, R, 6) N·m/rad, R random subsets of each size
+
+    @property
+    def spread(self) -> Array:
+        """(S, 6) standard deviation of the compliance over its mean, i.e. of k to first order."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            c = 1.0 / self.k
+        out = np.full((len(self.tests), 6), np.nan)
+        for s, part in enumerate(c):
+            for j in range(6):
+                good = part[np.isfinite(part[:, j]), j]
+                if len(good) > len(part) // 2:
+                    out[s, j] = good.std() / good.mean()
+        return out
+
+
+@dataclass(frozen=True)
+class MonteCarlo:
+    """Joint compliances under repeated errors of all measurements."""
+
+    compliance: Array  # (R, 6) rad/(N·m), without bounds; NaN for joints not identified
+    uncertainty: StandardUncertainty  # what was drawn
+    assumed: tuple[str, ...]  # channels whose uncertainty comes from the residuals, not from the recording
+
+    @property
+    def spread(self) -> Array:
+        """(6,) standard deviation over mean: the relative error of k to first order."""
+        return np.asarray(self.compliance.std(axis=0, ddof=1) / np.abs(self.compliance.mean(axis=0)))
+
+
+def subset_study(fit: Fit, settled: Settled, rng: np.random.Generator, *, of: str = "readings") -> SubsetStudy:
+    """Stiffness from n random tests, n from the fewest that can do to all; no test twice in a subset.
+
+    Args:
+        fit: its weights hold for every subset.
+        settled: which joints stand at the cell's value in every subset.
+        rng: of the subsets.
+        of: "readings" (the tests of the paper) or "poses" (all readings of a pose at once).
+
+    Source:
+        Dumas et al. 2011, section 5.1 and fig. 7.
+    """
+    if of == "poses":
+        H, h = fit.normal.H, fit.normal.h
+    else:
+        H, h = _by_reading(fit)
+    N, P = h.shape
+    least = 1 if of == "poses" else max(1, -(-P // fit.y.shape[1]))
+    sizes = np.unique(np.round(np.geomspace(least, N, SIZES)).astype(np.int64))
+    together = np.concatenate([H.reshape(N, -1), h], axis=1)
+    k = np.full((len(sizes), SUBSETS, 6), np.nan)
+    identified = np.array([s.identified for s in settled.standing[:6]])
+    for r in range(SUBSETS):
+        order = rng.permutation(N)
+        starts = np.concatenate([[0], sizes[:-1]])
+        parts = np.add.reduceat(together[order], starts, axis=0)
+        for s, total in enumerate(np.cumsum(parts, axis=0)):
+            Hs = total[: P * P].reshape(P, P)
+            values = np.linalg.eigvalsh(Hs + np.diag(settled.pull))
+            if values[0] <= 1e-9 * values[-1]:
+                continue
+            c = settled.solve(fit, Hs, total[P * P :])[:6]
+            k[s, r] = np.where(identified & (c > 0), 1.0 / np.where(c > 0, c, 1.0), np.nan)
+    return SubsetStudy(sizes, of, k)
+
+
+def monte_carlo(
+    fit: Fit, settled: Settled, robot: Robot, T_flange_tcp: Array, rng: np.random.Generator, *, draws: int = DRAWS,
+    uncertainty: StandardUncertainty | None = None,
+) -> MonteCarlo:  # fmt: skip
+    """Perturb displacements, loads and joint positions by their uncertainty and fit again.
+
+    Args:
+        fit: its weights hold for every draw.
+        settled: joints that are not identified get NaN.
+        robot, T_flange_tcp: to compute the equations at perturbed joint positions.
+        rng: of the errors.
+        draws: at most; fewer for long recordings, so that draws × readings stays bounded.
+        uncertainty: None: as the recording states. A displacement that is not stated errs as the residuals do.
+
+    Source:
+        Dumas et al. 2011, section 5.2. Errors are independent from reading to reading, as there.
+    """
+    e = fit.experiment
+    stated = e.uncertainty if uncertainty is None else uncertainty
+    scatter = fit.weighting.scatter(fit.clusters)
+    assumed = []
+    if stated.displacement is None:
+        assumed.append("displacement")
+    if e.dimensions == 6 and stated.rotation is None:
+        assumed.append("rotation")
+    used = StandardUncertainty(
+        scatter[0].together if stated.displacement is None else stated.displacement,
+        (scatter[1].together if stated.rotation is None else stated.rotation) if e.dimensions == 6 else None,
+        stated.force, stated.moment, stated.joint,
+    )  # fmt: skip
+    own = np.repeat([used.displacement or 0.0, used.rotation or 0.0], 3)[: e.dimensions]
+    load = np.repeat([used.force or 0.0, used.moment or 0.0], 3)
+    count = int(np.clip(READINGS_AT_MOST // len(e), FEWEST_DRAWS, draws))
+    out = np.empty((count, 6))
+    for r in range(count):
+        q = e.state.q + (used.joint or 0.0) * rng.standard_normal(e.state.q.shape)
+        state = robot.state(q, T_flange_tcp, bodies=bool(fit.terms)) if used.joint else e.state
+        drawn = Experiment(
+            e.source, state, state.T_base_tool, e.wrench + load * rng.standard_normal(e.wrench.shape), e.measured,
+            e.pose, e.cycle, e.session, e.line,
+        )  # fmt: skip
+        A = drawn.response(fit.terms) * fit.column
+        y = fit.y + own * rng.standard_normal(fit.y.shape)
+        out[r] = _solved(fit, A, y)[:6]
+    out[:, [not s.identified for s in settled.standing[:6]]] = np.nan
+    return MonteCarlo(out, used, tuple(assumed))
+
+
+def _by_reading(fit: Fit) -> tuple[Array, Array]:
+    """Normal equations of each reading by itself: what it shares with others counts as its own error."""
+    N, P = len(fit.y), len(fit.x)
+    H, h = np.zeros((N, P, P)), np.zeros((N, P))
+    w = fit.weighting
+    for c, share in enumerate(w.components):
+        rows = slice(3 * c, 3 * c + 3)
+        V = np.linalg.inv(w.precision[c]) + (share.cycle + share.visit) * np.eye(3)
+        W = np.linalg.inv(V) / share.scale
+        A = fit.A[:, rows] * fit.column
+        H += np.swapaxes(A, 1, 2) @ W @ A
+        h += np.einsum("nip,nij,nj->np", A, W, fit.y[:, rows], optimize=True)
+    return H, h
+
+
+def _solved(fit: Fit, A: Array, y: Array) -> Array:
+    H, h = np.zeros((len(fit.x), len(fit.x))), np.zeros(len(fit.x))
+    for c, share in enumerate(fit.weighting.components):
+        rows = slice(3 * c, 3 * c + 3)
+        parts = sums(fit.clusters, fit.weighting.precision[c], A[:, rows], y[:, rows], 0.0)
+        Hc, hc = normal(fit.clusters, parts, share).total()
+        H, h = H + Hc, h + hc
+    return np.asarray(np.linalg.pinv(H, rcond=1e-10, hermitian=True) @ h * fit.column)

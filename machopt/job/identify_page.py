@@ -1,0 +1,148 @@
+"""The identification page's data from what was found."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+import machopt
+from machopt.domain.cell import Cell
+from machopt.domain.recording import Recording
+from machopt.identify.experiment import Experiment
+from machopt.identify.result import Identification, JointResult, TermResult
+from machopt.report.identification import (
+    Coefficient,
+    Comparison,
+    GridView,
+    IdentificationPage,
+    SubsetStudy,
+)
+
+Array = NDArray[np.float64]
+MOSTLY = 0.5  # share of the displacements' power; real arms show 0.8 and more (dumas2011 section 5.3)
+
+
+def page_of(
+    cell: Cell, recording: Recording, tests: Experiment, found: Identification, facts: tuple[tuple[str, str], ...]
+) -> IdentificationPage:
+    """Collect everything the page shows."""
+    known = [j for j in found.joints if j.identified]
+    unseen = found.heldout
+    t = found.table
+    sigma = np.empty(t.measured.shape)
+    for c, scatter in enumerate(found.scatter):
+        sigma[:, 3 * c : 3 * c + 3] = scatter.together
+    tone, badge = ("good", "IDENTIFIED") if len(known) == 6 else ("warn", "IN PART") if known else ("bad", "NOT SEEN")
+    if tone == "good" and found.warnings:
+        tone = "warn"
+    heldout_rmse = unseen.rmse if unseen is not None else np.nan
+    if found.errors.explained < MOSTLY:  # whatever the intervals say: this arm is not what was measured
+        tone, badge = "bad", "NOT EXPLAINED"
+    prior = None if cell.stiffness is None else cell.stiffness.joints
+    return IdentificationPage(
+        title=f"Stiffness of {cell.name}", cell=cell.name, recording=recording.source, version=machopt.__version__,
+        tone=tone, badge=badge, sentence=_sentence(found, heldout_rmse),
+        cautions=(*recording.warnings, *found.warnings, *found.combinations),
+        joints=tuple(_joint(j, prior) for j in found.joints), terms=tuple(_term(x) for x in found.terms),
+        measured=t.measured, predicted=t.predicted, heldout=t.measured - t.heldout, sigma=sigma, pose=tests.pose,
+        line=tests.line, load=np.linalg.norm(tests.wrench[:, :3], axis=1),
+        outlier=np.asarray((t.weight < 0.5).any(axis=1)), leverage=found.influence.leverage,
+        compliances=1.0 / found.stiffness.joints,
+        covariance=np.zeros((6, 6)) if found.stiffness.covariance is None else found.stiffness.covariance,
+        rmse=found.errors.rmse, heldout_rmse=heldout_rmse,
+        displacement=float(np.sqrt(np.mean(t.measured[:, :3] ** 2))), condition_number=found.condition_number,
+        comparisons=_comparisons(found), subset=_subset(found),
+        monte_carlo=None if found.monte_carlo is None else found.monte_carlo.spread, grid=_grid(found), facts=facts,
+    )  # fmt: skip
+
+
+def _sentence(found: Identification, heldout: float) -> str:
+    known = [j for j in found.joints if j.identified]
+    blind = [j for j in found.joints if not j.identified]
+    if found.errors.explained < MOSTLY:
+        return (
+            f"These readings do not follow an arm of elastic joints: {100 * found.errors.explained:.0f} % of the "
+            "displacements are explained. Do not plan with this stiffness; check loads, frames and units first."
+        )
+    if not known:
+        return "These readings identify no joint by itself; the reasons stand beside each joint."
+    halves = [50.0 * (j.interval[1] - j.interval[0]) / j.k for j in known if isfinite(j.interval[1])]
+    text = f"{_joints(known)} identified"
+    if halves:
+        text += f" to ± {min(halves):.1f} … {max(halves):.1f} %" if len(halves) > 1 else f" to ± {halves[0]:.1f} %"
+    if blind:
+        text += f"; {_joints(blind)} not seen by these readings"
+    if isfinite(heldout):
+        size = float(np.sqrt(np.mean(found.table.measured[:, :3] ** 2)))
+        text += (
+            f". On poses the fit did not see it errs by {1e3 * heldout:.3f} mm where {1e3 * size:.3f} mm were measured"
+        )
+    return text + (" (a stiffness for each grid cell)." if found.grid is not None else ".")
+
+
+def _joints(joints: list[JointResult]) -> str:
+    numbers = [str(j.joint) for j in joints]
+    if len(numbers) == 1:
+        return f"Joint {numbers[0]}"
+    return f"Joints {', '.join(numbers[:-1])} and {numbers[-1]}"
+
+
+def _joint(j: JointResult, prior: Array | None) -> Coefficient:
+    before = np.nan if prior is None else float(prior[j.joint - 1])
+    return Coefficient(f"joint {j.joint}", "N·m/rad", j.k, *j.interval, before, j.identified, j.reason)
+
+
+def _term(t: TermResult) -> Coefficient:
+    return Coefficient(
+        f"{t.effect} {t.location}, {t.name}", t.unit, t.value, *t.interval, np.nan, t.identified, t.reason
+    )
+
+
+def _comparisons(found: Identification) -> tuple[Comparison, ...]:
+    if found.grid is None or found.heldout is None:
+        return ()
+    grid, constant = found.grid.heldout.rmse
+    cells = len(found.grid.readings)
+    inside = found.grid.heldout.counts
+    count = int(inside.sum())
+    return (
+        Comparison("one stiffness for the whole space", 6, found.errors.rmse, constant, False),
+        Comparison(f"a stiffness for each of {cells} cells ({count} readings)", 6 * cells, np.nan, grid, True),
+    )
+
+
+def _subset(found: Identification) -> SubsetStudy | None:
+    s = found.subsets
+    if s is None:
+        return None
+    seen = np.isfinite(s.k).mean(axis=1) > 0.5  # a median of a few lucky subsets says nothing
+    k = np.where(seen[:, None, :], s.k, np.nan)
+    known = np.isfinite(k).any(axis=(1, 2))
+    if known.sum() < 2:
+        return None
+    with np.errstate(all="ignore"):
+        low, median, high = (_quantile(k[known], p) for p in (5, 50, 95))
+    return SubsetStudy(s.tests[known], low, median, high)
+
+
+def _quantile(k: Array, percent: float) -> Array:
+    """(S, 6) percentile over the subsets that determine the joint; NaN where none does."""
+    out = np.full((len(k), 6), np.nan)
+    for s, part in enumerate(k):
+        for j in range(6):
+            column = part[np.isfinite(part[:, j]), j]
+            if len(column):
+                out[s, j] = np.percentile(column, percent)
+    return out
+
+
+def _grid(found: Identification) -> GridView | None:
+    if found.grid is None:
+        return None
+    g = found.grid.grid
+    index = np.stack(np.unravel_index(np.arange(int(np.prod(g.shape))), g.shape, order="F"), axis=1)
+    std = np.zeros_like(g.joints) if g.std is None else g.std
+    centre = g.origin + g.cell * (index + 0.5)
+    return GridView(g.shape, centre, g.joints, std, found.grid.readings, found.grid.centre)

@@ -1,0 +1,269 @@
+"""What the user of ``machopt plan-poses`` asked for, in the user's units, and the same in SI."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import isfinite
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.design.candidates import PoseCriteria
+from machopt.design.loadcases import LoadCriteria
+from machopt.design.loads import GRAVITY, LoadWay, load_ways
+from machopt.design.measurement import ReadingNoise
+from machopt.design.poseplan import PlanSize
+from machopt.domain.cell import Cell, Workpiece
+from machopt.domain.stiffness import Stiffness
+from machopt.errors import InputError
+from machopt.model.robot import Robot
+from machopt.model.terms import LinearTerm, term_of
+from machopt.se3 import inverse
+
+Array = NDArray[np.float64]
+Sensor = Literal["tracker", "tracker3", "dial"]
+SENSORS: dict[Sensor, float] = {"tracker": 0.012, "tracker3": 0.012, "dial": 0.005}
+"""mm, 1 sigma of one coordinate: a laser tracker with one target or three, three dial gauges."""
+MOST_CASES = 1_500_000  # pose × load pairs that fit in memory with their responses (about 2 GB)
+MOST_POSES = 200
+
+
+@dataclass(frozen=True)
+class Request:
+    """One run; lengths in mm, angles in degrees, as typed."""
+
+    cell: Path
+    out: Path
+    poses: int = 10
+    loads: int = 2
+    cycles: int = 2
+    target_percent: float | None = 5.0
+    weights_kg: tuple[float, ...] | None = None
+    pull_N: tuple[float, ...] | None = None  # noqa: N815  the option's name, unit included
+    pull_directions: int = 8
+    anchors_mm: tuple[tuple[float, ...], ...] = ()
+    arms_mm: tuple[float, ...] = (0.0, 200.0)
+    sensor: Sensor = "tracker"
+    displacement_mm: float | None = None
+    targets_mm: float = 200.0
+    cycle_mm: float = 0.015
+    pose_mm: float = 0.03
+    force_percent: float = 0.75
+    min_kci: float = 0.1
+    max_nu_p: float = 0.05
+    max_nu_r_deg: float = 0.05
+    max_deflection_mm: float = 5.0
+    max_load_N: float | None = None  # noqa: N815
+    max_torque_Nm: tuple[float, ...] | None = None  # noqa: N815
+    min_signal: float = 5.0
+    clearance_mm: float = 20.0
+    limit_margin_deg: float = 5.0
+    floor_mm: float = 300.0
+    ceiling_mm: float = 2500.0
+    box_mm: tuple[float, ...] | None = None
+    tracker_mm: tuple[float, ...] | None = None
+    tracker_range_mm: float = 15_000.0
+    tracker_angle_deg: float = 45.0
+    without_workpiece: bool = False
+    no_collision: bool = False
+    terms: tuple[str, ...] = ()
+    prior_Nm_per_rad: tuple[float, ...] | None = None  # noqa: N815
+    prior_factor: float = 1.0
+    candidates: int = 2000
+    starts: int = 2
+    seed: int = 0
+    allow_external: bool = False
+
+
+def check(request: Request) -> None:
+    """Refuse what cannot be planned.
+
+    Raises:
+        InputError: names the option, what was found and what would have worked.
+    """
+    r = request
+    for option, value, least in (("--poses", r.poses, 1), ("--loads", r.loads, 1), ("--cycles", r.cycles, 1),
+                                 ("--candidates", r.candidates, 1), ("--starts", r.starts, 1), ("--seed", r.seed, 0),
+                                 ("--pull-directions", r.pull_directions, 1)):  # fmt: skip
+        if value < least:
+            raise InputError(f"found {value}; expected at least {least}", where=option)
+    if r.poses > MOST_POSES:
+        raise InputError(f"found {r.poses}; expected at most {MOST_POSES}", where="--poses")
+    if r.candidates < r.poses:
+        raise InputError(f"found {r.candidates}; fewer candidates than the {r.poses} poses wanted",
+                         where="--candidates")  # fmt: skip
+    for option, number, strict in (
+        ("--displacement-mm", r.displacement_mm, True), ("--targets-mm", r.targets_mm, True),
+        ("--cycle-mm", r.cycle_mm, False), ("--pose-mm", r.pose_mm, False),
+        ("--force-percent", r.force_percent, False), ("--target-percent", r.target_percent, True),
+        ("--max-deflection-mm", r.max_deflection_mm, True),
+        ("--max-load-N", r.max_load_N, True), ("--max-nu-p", r.max_nu_p, True),
+        ("--max-nu-r-deg", r.max_nu_r_deg, True),
+        ("--min-signal", r.min_signal, False), ("--clearance-mm", r.clearance_mm, False),
+        ("--limit-margin-deg", r.limit_margin_deg, False), ("--tracker-range-mm", r.tracker_range_mm, True),
+        ("--tracker-angle-deg", r.tracker_angle_deg, False), ("--min-kci", r.min_kci, False),
+    ):  # fmt: skip
+        if number is not None and not (isfinite(number) and (number > 0 if strict else number >= 0)):
+            raise InputError(f"found {number:g}; expected {'more than' if strict else 'at least'} zero", where=option)
+    if r.min_kci >= 1:
+        raise InputError(f"found {r.min_kci:g}; a KCI lies between 0 and 1", where="--min-kci")
+    if not r.floor_mm < r.ceiling_mm:
+        raise InputError(f"found {r.floor_mm:g}; expected less than --ceiling-mm, {r.ceiling_mm:g}", where="--floor-mm")
+    if not (isfinite(r.prior_factor) and r.prior_factor >= 1):
+        raise InputError(f"found {r.prior_factor:g}; expected 1 (the prior is trusted) or more", where="--prior-factor")
+    if r.sensor not in SENSORS:
+        raise InputError(f"found {r.sensor!r}; valid: {', '.join(SENSORS)}", where="--sensor")
+    for option, row in (("--weights-kg", r.weights_kg), ("--pull-N", r.pull_N)):
+        for v in row or ():
+            if not (isfinite(v) and v > 0):
+                raise InputError(f"found {v:g}; expected more than zero", where=option)
+    for v in r.arms_mm:
+        if not (isfinite(v) and v >= 0):
+            raise InputError(f"found {v:g}; expected 0 (at the TCP) or the arm's length", where="--arms-mm")
+    if not r.arms_mm:
+        raise InputError("is empty; 0 loads the TCP itself", where="--arms-mm")
+    for option, row, n in (("--box-mm", r.box_mm, 6), ("--tracker", r.tracker_mm, 3),
+                           ("--max-torque-Nm", r.max_torque_Nm, 6), ("--prior", r.prior_Nm_per_rad, 6),
+                           *(("--anchors", a, 3) for a in r.anchors_mm)):  # fmt: skip
+        if row is not None and (len(row) != n or not all(isfinite(v) for v in row)):
+            raise InputError(f"found {len(row)} values; expected {n} finite numbers", where=option)
+    if r.box_mm is not None and not all(a < b for a, b in zip(r.box_mm[:3], r.box_mm[3:], strict=True)):
+        raise InputError("the highest corner is not above the lowest; expected xmin,ymin,zmin,xmax,ymax,zmax",
+                         where="--box-mm")  # fmt: skip
+    for option, row in (("--prior", r.prior_Nm_per_rad), ("--max-torque-Nm", r.max_torque_Nm)):
+        if row is not None and min(row) <= 0:
+            raise InputError(f"found {min(row):g}; expected more than zero", where=option)
+    if r.anchors_mm and r.pull_N is None:
+        raise InputError("ropes to anchors need forces; --pull-N 200,500 for instance", where="--anchors")
+
+
+def noise_of(request: Request) -> ReadingNoise:
+    """What is believed of the measurement, in SI."""
+    r = request
+    sigma = SENSORS[r.sensor] if r.displacement_mm is None else r.displacement_mm
+    targets = r.targets_mm / 1e3 if r.sensor == "tracker3" else None
+    return ReadingNoise(sigma / 1e3, r.cycle_mm / 1e3, r.pose_mm / 1e3, r.force_percent / 100, targets, r.cycles)
+
+
+def pose_criteria(request: Request) -> PoseCriteria:
+    """What a pose must satisfy, in SI."""
+    r = request
+    box = None if r.box_mm is None else np.array(r.box_mm).reshape(2, 3) / 1e3
+    tracker = None if r.tracker_mm is None else np.array(r.tracker_mm) / 1e3
+    return PoseCriteria(
+        r.min_kci, np.radians(r.limit_margin_deg), r.floor_mm / 1e3, r.ceiling_mm / 1e3, box, tracker,
+        r.tracker_range_mm / 1e3, np.radians(r.tracker_angle_deg),
+    )  # fmt: skip
+
+
+def load_criteria(request: Request, noise: ReadingNoise) -> LoadCriteria:
+    """What a load must satisfy, in SI; with a prior that may be wrong, for the softest and the stiffest arm."""
+    r = request
+    return LoadCriteria(
+        r.min_signal * noise.reading * r.prior_factor, r.max_deflection_mm / 1e3 / r.prior_factor,
+        np.inf if r.max_load_N is None else r.max_load_N,
+        None if r.max_torque_Nm is None else np.array(r.max_torque_Nm), r.max_nu_p, np.radians(r.max_nu_r_deg),
+    )  # fmt: skip
+
+
+def plan_size(request: Request) -> PlanSize:
+    """How much is to be planned."""
+    r = request
+    target = None if r.target_percent is None else r.target_percent / 100
+    return PlanSize(r.poses, r.loads, r.candidates, target, r.prior_factor, r.starts, r.seed)
+
+
+def ways_of(request: Request, cell: Cell) -> tuple[tuple[LoadWay, ...], tuple[str, ...]]:
+    """The ways of loading, and what the user should know about them.
+
+    Raises:
+        InputError: no loads were given and the tool's mass does not suggest any.
+    """
+    r = request
+    weights, pulls, warnings = r.weights_kg, r.pull_N, []
+    if weights is None and pulls is None:
+        if not cell.tool.mass > 0:
+            raise InputError(
+                "no loads were given; --weights-kg 20,50 or --pull-N 200,500 would work, within the robot's rated load",
+                where="--weights-kg",
+            )
+        weights, pulls = (cell.tool.mass,), (float(round(cell.tool.mass * GRAVITY)),)
+        warnings.append(
+            f"no loads were given, so the tool's own weight is taken once more: {weights[0]:g} kg hanging, "
+            f"{pulls[0]:g} N pulling; the robot's rated load may allow more, which would need fewer readings"
+        )
+    T_base_world = inverse(cell.T_world_base)
+    anchors = np.array(r.anchors_mm, float).reshape(-1, 3) / 1e3 @ T_base_world[:3, :3].T + T_base_world[:3, 3]
+    ways = load_ways(
+        weights or (), pulls or (), r.pull_directions, anchors, [a / 1e3 for a in r.arms_mm], T_base_world[:3, :3]
+    )
+    if not ways:
+        raise InputError("no loads are left; --weights-kg and --pull-N are both empty", where="--weights-kg")
+    if r.candidates * len(ways) > MOST_CASES:
+        raise InputError(
+            f"{r.candidates} candidates × {len(ways)} ways of loading are more than {MOST_CASES}; fewer of "
+            "--candidates, --anchors, --pull-directions or --arms-mm would work",
+            where="--candidates",
+        )
+    return ways, tuple(warnings)
+
+
+def prior_of(request: Request, cell: Cell) -> Stiffness:
+    """The stiffness believed before the tests.
+
+    Raises:
+        InputError: neither the cell nor the user gives one.
+    """
+    if request.prior_Nm_per_rad is not None:
+        joints = np.array(request.prior_Nm_per_rad)
+        return Stiffness(joints) if cell.stiffness is None else replace(cell.stiffness, joints=joints, grid=None)
+    if cell.stiffness is None:
+        raise InputError(
+            "the cell has no stiffness, and loads cannot be judged without a rough one; --prior with six values in "
+            "N·m/rad would work (a robot of the same payload is near enough)",
+            file=cell.folder / "cell.yaml", where="--prior",
+        )  # fmt: skip
+    return cell.stiffness
+
+
+def terms_of(request: Request, robot: Robot, T_flange_tcp: Array) -> tuple[LinearTerm, ...]:
+    """The physics to be identified beside the joints.
+
+    Raises:
+        InputError: an effect or a place that does not exist, or one that has nothing to fit.
+    """
+    out: list[LinearTerm] = []
+    for text in request.terms:
+        effect, at, location = text.partition("@")
+        if not at:
+            raise InputError(f"found {text!r}; expected EFFECT@LOCATION, e.g. link_compliance@link:4", where="--terms")
+        if effect == "geometric_stiffness":
+            raise InputError("geometric_stiffness follows from load and kinematics; it has nothing to identify",
+                             where="--terms")  # fmt: skip
+        if request.terms.count(text) > 1:
+            raise InputError(f"{text} stands twice; keep one", where="--terms")
+        out.append(term_of(effect, location, robot, T_flange_tcp))
+    return tuple(out)
+
+
+def without_workpiece(cell: Cell) -> Cell:
+    """The cell cleared for the measurement."""
+    return replace(cell, workpiece=Workpiece("world", np.eye(4)))
+
+
+def shown(request: Request) -> list[tuple[str, str]]:
+    """Options as they would be typed, for the page and plan.json."""
+    skip = ("cell", "out", "allow_external")
+    return [(name, _text(value)) for name, value in vars(request).items() if name not in skip]
+
+
+def _text(value: object) -> str:
+    if isinstance(value, str):
+        return value
+    if isinstance(value, Sequence):
+        nested = any(isinstance(v, tuple) for v in value)
+        return (";" if nested else ",").join(_text(v) for v in value) if value else "none"
+    return "none" if value is None else f"{value:g}" if isinstance(value, float) else str(value)

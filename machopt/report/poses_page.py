@@ -1,0 +1,339 @@
+"""The page of ``machopt plan-poses``: how well the stiffness will be known, and what to measure for it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.report.series import numbers
+from machopt.report.shell import page_html, section
+from machopt.report.tables import Column, folded, table
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+Spec = dict[str, Any]  # JSON for assets/xy.js
+
+OURS = "#1552b8"
+COLORS = {"random": "#7a8490", "dumas2011": "#d9730d", "zhang2025": "#2c8a57", "jiao2022": "#8a3fb0"}
+BAR = 0.15  # of a category's width
+
+
+@dataclass(frozen=True)
+class Heuristic:
+    """A paper's way of choosing beside ours."""
+
+    name: str
+    words: str
+    poses: int  # it draws from
+    sigma: Array  # (P,) relative, median
+    rms: tuple[float, float, float]  # 10, 50, 90 % of the draws
+    efficiency: tuple[float, float, float]  # D, A, E
+    readings: float  # times ours for the same rms
+    curve: Array  # rms at each number of poses
+
+
+@dataclass(frozen=True)
+class Work:
+    """N load cycles in the order of work."""
+
+    session: Ints  # (N,) round, from 1
+    pose: Ints  # (N,) from 1
+    cycle: Ints  # (N,) at its pose, from 1
+    q: Array  # (N, 6) rad
+    load: tuple[str, ...]  # (N,) in words
+    deflection: Array  # (N,) m
+    kci: Array  # (N,)
+    nu_p: Array  # (N,)
+    clearance: Array  # (N,) m, NaN where not looked for
+    way_free: tuple[bool | None, ...]  # (N,) straight joint motion from the row before
+
+
+@dataclass(frozen=True)
+class PosesPage:
+    """What the page shows; lengths in m. Without a plan only the reason and the counts."""
+
+    title: str
+    cell: str
+    version: str
+    tried: int
+    passed: int
+    cases: int
+    rejected_poses: tuple[tuple[str, int], ...]
+    rejected_loads: tuple[tuple[str, int], ...]
+    warnings: tuple[str, ...]
+    options: tuple[tuple[str, str], ...]
+    hashes: tuple[tuple[str, str], ...]
+    reason: str = ""  # why there is no plan
+    unknowns: tuple[str, ...] = ()
+    relative: Bools = field(default_factory=lambda: np.zeros(0, bool))  # (P,) sigma is a share of the prior value
+    sigma: Array = field(default_factory=lambda: np.zeros(0))  # (P,) expected 1 sigma; inf where not seen
+    rms: float = math.nan
+    condition: float = math.nan
+    bound: float = math.nan  # least D-efficiency
+    poses: int = 0
+    readings: int = 0
+    per_pose: int = 0  # readings at a pose
+    heuristics: tuple[Heuristic, ...] = ()
+    curve_poses: tuple[int, ...] = ()
+    curve: Array = field(default_factory=lambda: np.zeros(0))
+    target: float = math.nan
+    needed: int | None = None  # poses for the target
+    cloud: Array = field(default_factory=lambda: np.zeros((0, 3)))  # TCPs of candidates, base_link
+    arms: Array = field(default_factory=lambda: np.zeros((0, 8, 3)))  # points along the arm at each pose
+    work: Work | None = None
+
+
+def write_poses_page(path: Path, data: PosesPage) -> None:
+    """Write the page.
+
+    Args:
+        path: the HTML file.
+        data: what to show.
+    """
+    path.write_text(poses_html(data), encoding="utf-8", newline="\n")
+
+
+def poses_html(data: PosesPage) -> str:
+    """The page as text; the same data give the same bytes."""
+    charts = [_bars(data), _curve(data), *_views(data)] if data.work is not None else []
+    sections = [
+        ("verdict", "Verdict", _verdict(data)),
+        ("accuracy", "Expected accuracy", _accuracy(data)),
+        ("amount", "Amount of work", _amount(data)),
+        ("poses", "Poses", _poses(data)),
+        ("work", "Order of work", _work(data)),
+        ("left", "Left out", _left_out(data)),
+        ("run", "This run", _run(data)),
+    ]
+    return page_html(
+        data.title, (("Cell", data.cell),), sections, {"xy": charts}, scripts=("chart.js", "xy.js", "start_xy.js"),
+        footer=f"machopt {escape(data.version)}. Lengths mm, forces N, moments N·m, angles deg. Uncertainties are one "
+        "standard deviation of the joint stiffness as a share of its value. Click a legend entry to hide it.",
+    )  # fmt: skip
+
+
+def _verdict(data: PosesPage) -> str:
+    items = "".join(f"<li>{escape(w)}</li>" for w in data.warnings)
+    if data.work is None:
+        tone, badge, sentence, cards = "bad", "NOTHING TO MEASURE", data.reason[:1].upper() + data.reason[1:] + ".", ""
+        items = "".join(f"<li>{escape(w)}</li>" for w in data.warnings if w != data.reason)
+    else:
+        seen = bool(np.isfinite(data.sigma).all())
+        tone, badge = ("", "READY") if seen else ("warn", "NOT EVERYTHING IS SEEN")
+        sentence, cards = _sentence(data), _cards(data)
+    return (
+        f'<section id=verdict class="verdict {tone}"><span class=badge>{badge}</span>'
+        f"<p class=sentence>{escape(sentence)}</p>{f'<ul>{items}</ul>' if items else ''}"
+        f"<div class=cards>{cards}</div></section>\n"
+    )
+
+
+def _sentence(data: PosesPage) -> str:
+    known = np.asarray(data.sigma[data.relative], float)
+    seen = np.isfinite(known)
+    names = np.array(data.unknowns)[data.relative]
+    out = f"{data.poses} poses, {data.readings} readings: "
+    if not seen.any():
+        return out + "no unknown is seen by itself."
+    worst = int(np.argmax(np.where(seen, known, -1.0)))
+    out += f"joint stiffness to ± {_percent(float(np.sqrt(np.mean(known[seen] ** 2))))} in the root mean square, "
+    out += f"{names[worst]} worst with ± {_percent(known[worst])}"
+    if not seen.all():
+        out += f"; not seen: {', '.join(names[~seen])}"
+    others = [h for h in data.heuristics if math.isfinite(h.readings)]
+    if others:
+        least = min(others, key=lambda h: h.readings)
+        out += f". The best of the other ways of choosing ({least.name}) needs {least.readings:.1f} times the readings"
+    return out + "."
+
+
+def _cards(data: PosesPage) -> str:
+    cards = [
+        ("Poses", str(data.poses), "", f"of {data.passed} candidates"),
+        ("Readings", str(data.readings), "", f"{data.per_pose} at each pose"),
+        ("Condition number", f"{data.condition:.1f}" if math.isfinite(data.condition) else "–", "",
+         "of the whitened design"),
+        ("D-efficiency", f"≥ {100 * data.bound:.0f}", "%", "against any choice of as many"),
+    ]  # fmt: skip
+    if math.isfinite(data.target):
+        value = str(data.needed * data.per_pose) if data.needed is not None else "–"
+        more = f"readings ({data.needed} poses)" if data.needed is not None else "out of reach"
+        cards.append((f"Every joint to {_percent(data.target)}", value, "", more))
+    return "".join(
+        f"<div class=card><div class=name>{escape(n)}</div><div class=value>{escape(v)} <small>{u}</small></div>"
+        f"<div class=more>{escape(m)}</div></div>"
+        for n, v, u, m in cards
+    )
+
+
+def _accuracy(data: PosesPage) -> str:
+    if data.work is None:
+        return ""
+    columns = [
+        Column("Chosen by"), Column("How"), Column("Poses to draw from", "n"), Column("rms (%)", "n"),
+        Column("10–90 % of draws (%)", "n"), Column("D-eff.", "n"), Column("A-eff.", "n"), Column("E-eff.", "n"),
+        Column("Readings for the same", "n"),
+    ]  # fmt: skip
+    rows = [["this plan", "D-optimal", str(data.passed), f"{100 * data.rms:.2f}", "–", "1", "1", "1", "1"]]
+    for h in data.heuristics:
+        rows.append([
+            h.name, h.words, str(h.poses), _number(100 * h.rms[1], 2),
+            f"{_number(100 * h.rms[0], 2)} … {_number(100 * h.rms[2], 2)}",
+            *(f"{e:.2f}" for e in h.efficiency), f"× {_number(h.readings, 1)}",
+        ])  # fmt: skip
+    further = ""
+    if not data.relative.all():
+        rows_further = [
+            [n, _number(100 * s, 1)]
+            for n, s, r in zip(data.unknowns, data.sigma, data.relative, strict=True) if not r
+        ]  # fmt: skip
+        further = "<h3>Further physics without a prior value: one sigma in percent of a joint's usual contribution</h3>"
+        further += table([Column("Unknown"), Column("1 σ (%)", "n")], rows_further)
+    lead = (
+        "One standard deviation of each joint's stiffness as these readings will give it, beside the same number of "
+        "readings with the same loads at poses and loads chosen as the papers do (median of random draws)."
+    )
+    body = '<div class=chart id="p-bars"></div>' + table(columns, rows) + further
+    return section("accuracy", "Expected accuracy", lead, body)
+
+
+def _amount(data: PosesPage) -> str:
+    if data.work is None:
+        return ""
+    lead = "Uncertainty falls with the square root of the work; each point is a design of its own."
+    return section("amount", "Amount of work", lead, '<div class=chart id="p-curve"></div>')
+
+
+def _poses(data: PosesPage) -> str:
+    if data.work is None:
+        return ""
+    lead = "The arm at each pose as a line through its axes; grey dots are candidates, blue dots the chosen TCPs."
+    body = '<div class=grid2><div class=chart id="p-top"></div><div class=chart id="p-side"></div></div>'
+    return section("poses", "Poses", lead, body)
+
+
+def _work(data: PosesPage) -> str:
+    t = data.work
+    if t is None:
+        return ""
+    words = {True: "free", False: "touches: drive round", None: "–"}
+    columns = [
+        Column("#", "n"), Column("Round", "n"), Column("Pose", "n"), Column("Cycle", "n"),
+        Column("q1 … q6 (deg)", "n"), Column("Load", "why"), Column("|d| (mm)", "n"),
+        Column("KCI", "n"), Column("ν_p", "n"), Column("Clearance (mm)", "n"), Column("Straight way"),
+    ]  # fmt: skip
+    rows = [
+        [str(n + 1), str(t.session[n]), str(t.pose[n]), str(t.cycle[n]),
+         "  ".join(f"{v:.1f}".replace("-", "−") for v in np.degrees(t.q[n])), t.load[n],
+         f"{1e3 * t.deflection[n]:.2f}", f"{t.kci[n]:.2f}", f"{t.nu_p[n]:.4f}",
+         _number(1e3 * float(t.clearance[n]), 0), words[t.way_free[n]]]
+        for n in range(len(t.pose))
+    ]  # fmt: skip
+    lead = (
+        "poses.csv holds the same rows with the full wrench. In each row: read the unloaded TCP, load, read, unload, "
+        "read again. The rounds run in opposite directions and the loads are shuffled, so that drift does not look "
+        "like stiffness; recording_template is the folder to fill in."
+    )
+    return section("work", "Order of work", lead, table(columns, rows))
+
+
+def _left_out(data: PosesPage) -> str:
+    body = ""
+    if data.rejected_poses:
+        body += f"<h3>Poses: {data.passed} taken of {data.tried} tried</h3>"
+        body += table([Column("Fails first for"), Column("Poses", "n")], [[r, str(n)] for r, n in data.rejected_poses])
+    if data.rejected_loads:
+        body += f"<h3>Loads: {data.cases} admissible pairs of pose and load</h3>"
+        body += table([Column("Fails first for"), Column("Pairs", "n")], [[r, str(n)] for r, n in data.rejected_loads])
+    return section("left", "Left out", "What was not considered, and why.", body)
+
+
+def _run(data: PosesPage) -> str:
+    body = folded("Options", len(data.options), table([Column("Option"), Column("Value", "mono")], data.options))
+    body += folded("Inputs", len(data.hashes), table([Column("File"), Column("SHA-256", "mono")], data.hashes))
+    return section("run", "This run", "What it was made from, with what settings.", body)
+
+
+def _bars(data: PosesPage) -> Spec:
+    shown = np.flatnonzero(data.relative)
+    entries = [("this plan", data.sigma, OURS), *((h.name, h.sigma, COLORS[h.name]) for h in data.heuristics)]
+    layers: list[Spec] = []
+    for n, (name, sigma, color) in enumerate(entries):
+        at = np.arange(len(shown), dtype=float) + BAR * (n - (len(entries) - 1) / 2)
+        value = np.asarray(100 * sigma[shown], float)
+        seen = np.isfinite(value)
+        layers.append({
+            "type": "points", "name": name, "color": color, "size": 0.1, "bar": 16, "x": numbers(at[seen]),
+            "y": numbers(value[seen]), "lo": [0.0] * int(seen.sum()), "hi": numbers(value[seen]),
+            "labels": [[["unknown", data.unknowns[p]]] for p in shown[seen]],
+        })  # fmt: skip
+    lines = [{"y": 100 * data.target, "fit": False}] if math.isfinite(data.target) else []
+    return {
+        "id": "p-bars", "title": "Expected standard uncertainty of each joint's stiffness", "ymin": 0, "height": 270,
+        "ylabel": "1 σ (% of the stiffness)", "yname": "1 σ (%)", "xcats": [data.unknowns[p] for p in shown],
+        "hlines": lines, "layers": layers,
+    }  # fmt: skip
+
+
+def _curve(data: PosesPage) -> Spec:
+    x = np.array(data.curve_poses, float) * data.per_pose
+    layers: list[Spec] = [
+        {"type": "line", "name": h.name, "color": COLORS[h.name], "dash": "5 4", "x": numbers(x),
+         "y": numbers(100 * h.curve)}
+        for h in data.heuristics
+    ]  # fmt: skip
+    layers.append({"type": "line", "name": "this plan", "color": OURS, "width": 2.4, "x": numbers(x),
+                   "y": numbers(100 * data.curve)})  # fmt: skip
+    layers.append({"type": "points", "color": OURS, "x": numbers(x), "y": numbers(100 * data.curve), "legend": False})
+    return {
+        "id": "p-curve", "title": "Root mean square uncertainty over the number of readings", "xlog": True,
+        "ylog": True, "xlabel": "Readings", "ylabel": "rms 1 σ (%)", "height": 260, "layers": layers,
+    }  # fmt: skip
+
+
+def _views(data: PosesPage) -> list[Spec]:
+    """From above (x, y), and from the side: height over the distance from axis z of base_link."""
+    mm = 1e3
+    cloud, arms = data.cloud * mm, data.arms * mm
+    heading = arms[:, -1, :2]
+    far = np.linalg.norm(heading, axis=1, keepdims=True)
+    heading = heading / np.where(far > 0.0, far, 1.0)
+    along = np.einsum("bkc,bc->bk", arms[:, :, :2], heading)  # each arm turned into the plane of its own TCP
+    views = [
+        ("p-top", "From above", "x (mm)", "y (mm)", cloud[:, 0], cloud[:, 1], arms[:, :, 0], arms[:, :, 1]),
+        ("p-side", "From the side, each arm in the plane of its TCP", "Distance from the base's z axis (mm)", "z (mm)",
+         np.linalg.norm(cloud[:, :2], axis=1), cloud[:, 2], along, arms[:, :, 2]),
+    ]  # fmt: skip
+    return [
+        {
+            "id": name, "title": title, "xlabel": xlabel, "ylabel": ylabel, "equal": True, "height": 510,
+            "layers": [
+                {"type": "points", "name": "candidates", "color": "#c3c9d1", "size": 1.4, "x": numbers(cx, 4),
+                 "y": numbers(cy, 4)},
+                {"type": "line", "name": "arms", "color": "#d9730d", "width": 1.1, "x": _broken(ax), "y": _broken(ay)},
+                {"type": "points", "name": "chosen", "color": OURS, "size": 4, "x": numbers(ax[:, -1], 5),
+                 "y": numbers(ay[:, -1], 5), "labels": [[["pose", str(n + 1)]] for n in range(len(ax))]},
+            ],
+        }
+        for name, title, xlabel, ylabel, cx, cy, ax, ay in views
+    ]  # fmt: skip
+
+
+def _broken(rows: Array) -> list[float | None]:
+    """Rows of points as one list, a gap after each."""
+    return [v for row in rows for v in [*numbers(row, 5), None]]
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %"
+
+
+def _number(value: float, decimals: int) -> str:
+    return f"{value:.{decimals}f}" if math.isfinite(value) else "–"

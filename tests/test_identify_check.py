@@ -1,0 +1,188 @@
+"""What is wrong with a record is said by name, and good records are left alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_up_load_tests import TRUE_K, cell, measured, planned
+
+from machopt.domain.recording import Recording
+from machopt.domain.stiffness import Stiffness
+from machopt.errors import InputError
+from machopt.identify.check import Finding, check_experiment, refuse
+from machopt.identify.experiment import experiment
+from machopt.identify.options import IdentifyOptions
+from machopt.identify.pipeline import identify
+
+TOO_LITTLE = {"few_poses", "few_readings"}
+
+
+def found(record: Recording, prior: np.ndarray | None = TRUE_K) -> dict[str, Finding]:
+    _, robot, T = cell()
+    return {f.code: f for f in check_experiment(experiment(record, robot, T), robot, T, prior)}
+
+
+def good(seed: int = 41, *, rotations: bool = True, **design: object) -> Recording:
+    rng = np.random.default_rng(seed)
+    return measured(planned(rng, **design), rng, rotations=rotations, outliers=0.0)  # type: ignore[arg-type]
+
+
+def rows_of(record: Recording, rows: np.ndarray) -> Recording:
+    names = ("q", "pose", "cycle", "session", "line", "wrench", "displacement")
+    return replace(record, **{name: getattr(record, name)[rows] for name in names})
+
+
+def scaled(record: Recording, displacement: list[float], wrench: list[float]) -> Recording:
+    d, w = np.repeat(displacement, 3), np.repeat(wrench, 3)
+    return replace(record, displacement=record.displacement * d, wrench=record.wrench * w)
+
+
+@pytest.mark.parametrize("prior", [TRUE_K, TRUE_K / 5, None], ids=["nominal", "off by five", "no nominal"])
+@pytest.mark.parametrize(
+    ("displacement", "wrench", "code", "says"),
+    [
+        ([1e-3, 1e-3], [1, 1], "units", "dx_mm … seem to hold metres"),
+        ([1e3, 1e3], [1, 1], "units", "micrometres"),
+        ([1e3, 1], [1, 1], "units", "micrometres"),
+        ([1, 1], [1e-3, 1e-3], "units", "kilonewtons"),
+        ([1, 1], [1, 1e3], "moment_units", "N·mm"),
+        ([1, 1e-3], [1, 1], "rotation_units", "seem to hold rad;"),
+        ([1, np.degrees(1e-3)], [1, 1], "rotation_units", "seem to hold degrees"),
+    ],
+)
+def test_wrong_units_are_refused_by_name(
+    displacement: list[float], wrench: list[float], code: str, says: str, prior: np.ndarray | None
+) -> None:
+    finding = found(scaled(good(), displacement, wrench), prior)[code]
+    assert finding.severity == "error"
+    assert says in finding.message
+
+
+@pytest.mark.parametrize(
+    ("wrench", "displacement", "code"),
+    [("base", "tool", "displacement_frame"), ("tool", "base", "wrench_frame"), ("tool", "tool", "frames")],
+)
+@pytest.mark.parametrize("rotations", [False, True])
+def test_a_frame_stated_wrongly_is_refused(wrench: str, displacement: str, code: str, rotations: bool) -> None:
+    wrong = replace(good(rotations=rotations), wrench_frame=wrench, displacement_frame=displacement)
+    finding = found(wrong)[code]
+    assert finding.severity == "error"
+    assert "base" in finding.message
+    assert not {"units", "rotation_units", "far_from_nominal"} & set(found(wrong))  # no guesses on top
+
+
+def test_tool_axes_taken_for_base_axes_are_refused() -> None:
+    _, robot, T = cell()
+    record = good(rotations=False)
+    R = robot.fk(record.q, T)[:, :3, :3]
+    turned = replace(record, displacement=np.einsum("nji,nj->ni", R, record.displacement))
+    finding = found(turned)["displacement_frame"]
+    assert (finding.severity, "displacement_frame: tool would work" in finding.message) == ("error", True)
+    options = IdentifyOptions(studies=False)
+    with pytest.raises(InputError, match=r"made up: displacement_frame is stated \(or taken\) as base"):
+        identify(experiment(turned, robot, T), robot, T, Stiffness(TRUE_K), options, np.random.default_rng(0))
+    accepted = replace(options, accept=frozenset({"displacement_frame"}))
+    result = identify(experiment(turned, robot, T), robot, T, Stiffness(TRUE_K), accepted, np.random.default_rng(0))
+    assert any("displacement_frame: tool would work" in w for w in result.warnings)
+
+
+def test_load_with_the_opposite_sign_is_refused() -> None:
+    finding = found(replace(good(), wrench=-good().wrench))["load_sign"]
+    assert finding.severity == "error"
+    assert "opposite sign" in finding.message
+
+
+def test_moments_about_another_point_are_found() -> None:
+    _, robot, T = cell()
+    record = good()
+    tcp, flange = robot.fk(record.q, T)[:, :3, 3], robot.fk(record.q)[:, :3, 3]
+    for point, code in ((np.zeros_like(tcp), "moment_at_base"), (flange, "moment_at_flange")):
+        wrench = record.wrench.copy()
+        wrench[:, 3:] += np.cross(tcp - point, wrench[:, :3])
+        assert code in found(replace(record, wrench=wrench))
+
+
+def test_moments_that_no_force_makes_are_found_row_by_row() -> None:
+    record = good(rotations=False)
+    wrench = record.wrench.copy()
+    wrench[:, 3:] = np.cross([0.1, 0.05, -0.2], wrench[:, :3])  # all loads hang in one eye
+    assert "moment_along_force" not in found(replace(record, wrench=wrench))
+    wrench[5, 3:] = wrench[5, [5, 3, 4]]  # columns exchanged
+    finding = found(replace(record, wrench=wrench))["moment_along_force"]
+    assert finding.rows == (5,)
+    assert "line 7" in finding.message
+    wrench[5, 3:] = 40.0 * np.cross([1.0, 0.0, 0.0], wrench[5, :3]) + np.array([0.0, 0.0, 1e4])
+    assert found(replace(record, wrench=wrench))["lever_arm"].rows == (5,)
+
+
+def test_repeated_rows_are_found_unless_the_gauge_is_coarse() -> None:
+    record = good(rotations=False)
+    twice = rows_of(record, np.r_[np.arange(len(record)), 3:9])
+    finding = found(twice)["repeated_rows"]
+    assert finding.rows == tuple(range(len(record), len(record) + 6))
+    coarse = replace(record, displacement=np.round(record.displacement, 5))  # dial gauges of 0.01 mm
+    assert "repeated_rows" not in found(coarse)
+
+
+def test_impossible_and_unloaded_displacements_are_found() -> None:
+    record = good(rotations=False)
+    d, w = record.displacement.copy(), record.wrench.copy()
+    d[9] *= 100.0
+    w[20] = 0.0
+    report = found(replace(record, displacement=d, wrench=w))
+    assert report["impossible_displacement"].rows == (9,)
+    assert report["moved_without_load"].rows == (20,)
+
+
+def test_too_little_data_is_said() -> None:
+    record = good(poses=3, loads=1, repeats=1, rotations=False)
+    assert set(found(record)) == TOO_LITTLE
+    assert "only 3 poses" in found(record)["few_poses"].message
+    two = good(poses=2, loads=6, repeats=2)
+    assert "only 2 poses" in found(two)["few_poses"].message
+
+
+def test_stiffness_far_from_the_cells_is_a_warning() -> None:
+    finding = found(good(), TRUE_K / 12)["far_from_nominal"]
+    assert finding.severity == "warning"
+
+
+def test_nothing_measured_is_refused() -> None:
+    record = good()
+    with pytest.raises(InputError, match="every displacement is zero"):
+        found(replace(record, displacement=np.zeros_like(record.displacement)))
+
+
+def test_errors_are_raised_together_and_name_the_way_out() -> None:
+    _, robot, T = cell()
+    e = experiment(good(), robot, T)
+    findings = [Finding("a", "error", "first"), Finding("b", "error", "second"), Finding("c", "warning", "third")]
+    with pytest.raises(InputError, match=r"first \[a\]; second \[b\]") as raised:
+        refuse(e, findings)
+    assert "accept a" in str(raised.value)
+    assert refuse(e, findings, {"a", "b"}) == ["first", "second", "third"]
+
+
+def test_good_records_raise_no_alarm() -> None:
+    """200 records of all kinds: noise of the trade, hanging weights, few and many poses, weak loads, coarse gauges."""
+    rng = np.random.default_rng(42)
+    alarms = []
+    for n in range(200):
+        poses, loads, repeats = int(rng.integers(4, 20)), int(rng.integers(1, 5)), int(rng.integers(1, 4))
+        size = float(np.exp(rng.uniform(np.log(100), np.log(2500))))
+        k = TRUE_K * np.exp(rng.uniform(-1, 1, 6))
+        wrench = None
+        if rng.random() < 0.4:  # a weight hung from one eye, or a rope pulled in one direction
+            down = np.array([0.0, 0.0, -1.0]) if rng.random() < 0.5 else rng.standard_normal(3)
+            force = np.linspace(0.3, 1.0, loads)[:, None] * size * down / np.linalg.norm(down)
+            wrench = np.concatenate([force, np.cross(rng.uniform(-0.3, 0.3, 3), force)], axis=1)
+        made = planned(rng, poses, loads, repeats, size, float(rng.choice([0.0, 50.0, 200.0])), k, wrench=wrench)
+        record = measured(made, rng, rotations=bool(rng.integers(2)), outliers=0.0)
+        if rng.random() < 0.3:
+            record = replace(record, displacement=np.round(record.displacement, 5))
+        prior = [None, TRUE_K, k][rng.integers(3)]
+        report = found(record, prior)
+        alarms += [(n, f.code, f.message) for f in report.values() if f.code not in TOO_LITTLE]
+    assert len(alarms) < 2, alarms  # less than 1 %

@@ -1,0 +1,468 @@
+"""Grid-variable joint stiffness: geometry, likelihood, shrinkage, honesty about what was not measured."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from machopt.domain.cell import Cell
+from machopt.domain.reason import Reason
+from machopt.domain.stiffness import Stiffness, StiffnessGrid
+from machopt.errors import InputError
+from machopt.formats.cell import load_cell
+from machopt.identify.experiment import experiment
+from machopt.identify.fit import Fit, fit
+from machopt.identify.grid import ON_FACE, GridFit, _positions, fit_grid
+from machopt.identify.gridcells import Region, kriging, touched
+from machopt.identify.gridequations import GridEquations
+from machopt.identify.gridevidence import Prior
+from machopt.identify.gridplan import grid_plan
+from machopt.identify.simulate import Compliance, Noise, Simulated, SmoothField, TrueArm, random_loads, record
+from machopt.model.collision import CollisionModel
+from machopt.model.elastic import FACE_TOLERANCE, joint_stiffness
+from machopt.model.ik import Margins, Solver, solver_for
+from machopt.model.robot import Robot, load_chain, load_robot
+from machopt.model.terms import term_of
+from machopt.se3 import inverse, rotation_from_vector, transform
+
+CELL = Path(__file__).resolve().parents[1] / "cells" / "kr500_milling"
+ORIGIN = np.array([1.8407, -0.6, 0.1843])  # of the calibration space, in base_link
+SIZE = np.array([0.6, 1.2, 0.6])
+MARGINS = Margins(np.radians(5), np.radians(3), 0.05, np.radians(2))
+BRANCH = 5  # elbow up, arm forward, the wrist as at home
+Law = np.ndarray | Compliance
+
+
+class Rig:
+    """The KR 500 and what is needed to load it anywhere in the calibration space."""
+
+    def __init__(self) -> None:
+        self.cell: Cell = load_cell(CELL)
+        self.robot: Robot = load_robot(self.cell)
+        self.solver: Solver = solver_for(self.robot)
+        self.T = self.cell.tool.T_flange_tcp
+        assert self.cell.stiffness is not None
+        self.c = 1.0 / self.cell.stiffness.joints
+
+    def poses(self, position: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """TCP at given positions, tool as at home but for a few degrees either way."""
+        turned = rotation_from_vector(np.radians(12) * rng.uniform(-1, 1, (len(position), 3)))
+        R = self.robot.fk(self.cell.home, self.T)[:3, :3] @ turned
+        q = self.solver.solve(transform(R, position) @ inverse(self.T)).q[:, BRANCH]
+        return q[np.isfinite(q).all(axis=1)]
+
+    def anywhere(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        return self.poses(ORIGIN + SIZE * rng.random((count, 3)), rng)
+
+    def measure(
+        self, law: Law, q: np.ndarray, rng: np.random.Generator, loads: int = 6, share: np.ndarray | None = None,
+        noise: Noise | None = None, rotations: bool = False,
+    ) -> tuple[Fit, Simulated]:  # fmt: skip
+        w = random_loads(rng, len(q), loads, 1000, 300) * (1.0 if share is None else share[:, None, None])
+        arm = TrueArm(self.robot, self.T, law)
+        made = record(arm, q, w, rng, loads_per_cycle=3, noise=noise, rotations=rotations)
+        return fit(experiment(made.recording, self.robot, self.T)), made
+
+    def fresh_error(self, law: Law, stiffness: Stiffness, rng: np.random.Generator) -> float:
+        """rms in m of a predicted coordinate at 80 new poses, against the noise-free truth."""
+        q = self.anywhere(rng, 80)
+        made = record(TrueArm(self.robot, self.T, law), q, random_loads(rng, len(q), 4, 1000, 300), rng,
+                      noise=Noise.none())  # fmt: skip
+        e = experiment(made.recording, self.robot, self.T)
+        k = joint_stiffness(stiffness, e.T_base_tcp[:, :3, 3]).k
+        return float(np.sqrt(np.mean((np.einsum("ndj,nj->nd", e.response(), 1 / k) - e.measured) ** 2)))
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return Rig()
+
+
+def cellwise(region: Region, joints: np.ndarray) -> Stiffness:
+    return Stiffness(joints.mean(axis=0), grid=StiffnessGrid(region.origin, region.cell, region.shape, joints))
+
+
+def law_of(stiffness: Stiffness) -> Compliance:
+    return lambda q, p: 1.0 / joint_stiffness(stiffness, p).k
+
+
+def drawn_cells(rig: Rig, region: Region, rng: np.random.Generator, spread: float) -> np.ndarray:
+    return np.exp(spread * rng.standard_normal((len(region), 6))) / rig.c
+
+
+# ------------------------------------------------------------------------------------------------------- geometry
+
+
+def test_cells_of_a_position_are_those_the_planner_averages() -> None:
+    rng = np.random.default_rng(0)
+    region = Region(np.array([0.1, -0.2, 0.3]), 0.15, (3, 2, 4))
+    inner = region.origin + rng.random((200, 3)) * 0.15 * np.array(region.shape)
+    lattice = region.origin + 0.15 * np.stack(np.meshgrid(*[np.arange(n + 1) for n in region.shape]), -1).reshape(-1, 3)
+    on_edge = lattice + np.array([0.07, 0, 0])
+    on_face = lattice + np.array([0.07, 0.02, 0])
+    position = np.concatenate([inner, lattice, on_edge, on_face, lattice + 5e-7, region.origin - rng.random((20, 3))])
+    stiffness = cellwise(region, rng.uniform(1e5, 1e7, (len(region), 6)))
+    expected = joint_stiffness(stiffness, position)
+    cells = region.cells(position, FACE_TOLERANCE)
+    np.testing.assert_array_equal((cells >= 0).any(axis=1), expected.in_grid)
+    assert stiffness.grid is not None
+    for row, k in zip(cells[expected.in_grid], expected.k[expected.in_grid], strict=True):
+        own = row[row >= 0]
+        assert len(set(own)) == len(own)
+        np.testing.assert_allclose(stiffness.grid.joints[own].mean(axis=0), k, rtol=1e-14)
+    assert ((cells >= 0).sum(axis=1) == 8).sum() >= 2 * (2 * 1 * 3)  # every inner corner, exact and half a µm off
+
+
+def test_the_response_of_a_place_and_its_slope() -> None:
+    """ρ is the harmonic mean of the cells' relative compliances; its slope against finite differences."""
+    rng = np.random.default_rng(1)
+    region = Region(np.zeros(3), 1.0, (2, 2, 1))
+    places = touched(region, np.array([[0.5, 0.5, 0.5], [1, 0.5, 0.5], [1, 1, 0.5], [1.5, 1.5, 0.2]]), ON_FACE)
+    z = 0.3 * rng.standard_normal((len(places.cells), 6))
+    E, u = places.linear(z, 2)
+    beta = np.concatenate([z.ravel(), [0.7, -0.2]])
+    r = u + (E @ beta).reshape(u.shape)
+    np.testing.assert_allclose(r[:, 6:], [[0.7, -0.2]] * len(u), atol=1e-15)
+    for row, share in zip(r, places.share, strict=True):
+        own = share > 0
+        np.testing.assert_allclose(1 / row[:6], np.exp(-z[own]).mean(axis=0), rtol=1e-13)
+    d, h = rng.standard_normal(z.shape), 1e-6
+
+    def exact(z: np.ndarray) -> np.ndarray:
+        E, u = places.linear(z, 0)
+        return u + (E @ z.ravel()).reshape(u.shape)
+
+    slope = (exact(z + h * d) - exact(z - h * d)) / (2 * h)
+    np.testing.assert_allclose(slope.ravel(), places.linear(z, 0)[0] @ d.ravel(), atol=1e-9)
+
+
+def test_unmeasured_cells_follow_their_neighbours_and_the_mean() -> None:
+    region, used = Region(np.zeros(3), 1.0, (4, 1, 1)), np.array([0, 1])
+    weight, left, mean = kriging(region, used, 0.0)
+    np.testing.assert_allclose(weight[2:], [[0.5, 0.5]] * 2)  # independent: the mean
+    np.testing.assert_allclose(left, [0, 0, 1.5, 1.5])  # one for the cell, a half for the mean of two
+    np.testing.assert_allclose(mean, [0.5, 0.5])
+    weight, left, _ = kriging(region, used, 2.0)
+    np.testing.assert_allclose(weight.sum(axis=1), 1.0, atol=1e-12)  # unbiased
+    assert weight[2, 1] > weight[2, 0]
+    assert 0 < left[2] < left[3]
+
+
+def test_the_grid_about_planned_poses_is_the_planned_one(rig: Rig) -> None:
+    rng = np.random.default_rng(0)
+    plan = grid_plan(rig.cell, rig.robot, rig.solver, Region(ORIGIN, 0.3, (2, 4, 2)), MARGINS)
+    f, _ = rig.measure(rig.c, plan.q[plan.reached], rng, loads=3)  # encoders off by fractions of a millimetre
+    g = fit_grid(f, 0.3)
+    assert g.grid.shape == (2, 4, 2)
+    np.testing.assert_allclose(g.grid.origin, ORIGIN, atol=2e-3)
+    assert g.inside.all()
+    assert g.readings.sum() == pytest.approx(g.weighting.robust.mean(axis=1).sum(), rel=1e-9)
+
+
+# ------------------------------------------------------------------------------------------------------ likelihood
+
+
+def work_of(f: Fit, region: Region) -> GridEquations:
+    position, _ = _positions(f)
+    everywhere = np.ones(len(f.y), bool)
+    return GridEquations.of(f, everywhere, touched(region, position, ON_FACE), np.ones(6, bool), f.compliance, True)
+
+
+def test_the_gradient_of_the_likelihood(rig: Rig) -> None:
+    rng = np.random.default_rng(2)
+    region = Region(ORIGIN, 0.3, (2, 4, 2))
+    plan = grid_plan(rig.cell, rig.robot, rig.solver, region, MARGINS)
+    field = SmoothField.draw(rig.c, rng, scale=0.4)
+    f, _ = rig.measure(field, plan.q[plan.reached], rng, rotations=True)
+    work = work_of(f, region)
+    evidence, prior = work.evidence(work.start()), work.prior(work.start(), None)
+    beta = work.first_unknowns() + 0.1 * rng.standard_normal(len(work.first_unknowns()))
+    linear = work.linear(beta)
+    x = evidence.parameters(prior) + 0.2 * rng.standard_normal(len(evidence.parameters(prior)))
+    _, slope = evidence.misfit(evidence.prior(x), linear)
+    assert len(x) == 2 * 3 + 6 + 1 + 1  # two channels' noise, spreads, within, range
+    for i, given in enumerate(slope):
+        d = 1e-4 * np.eye(len(x))[i]
+        ends = [evidence.misfit(evidence.prior(x + s * d), linear)[0] for s in (1, -1)]
+        # one-sided steps of 1e-5 in the noise: 1e-5 of a curvature of the size of the readings' number
+        assert given == pytest.approx((ends[0] - ends[1]) / 2e-4, abs=0.01, rel=1e-4)
+
+
+def test_held_out_poses_in_closed_form_are_those_of_refits(rig: Rig) -> None:
+    rng = np.random.default_rng(3)
+    region = Region(ORIGIN, 0.6, (1, 2, 1))
+    f, _ = rig.measure(SmoothField.draw(rig.c, rng, scale=0.4), rig.anywhere(rng, 24), rng, noise=Noise(outliers=0.0))
+    g = fit_grid(f, 0.6, ORIGIN, (1, 2, 1), robust=False)
+    work = work_of(f, region)
+    pose = work.groups.pose
+    prior = _prior_of(g)
+    linear = work.linear(_unknowns_of(g, work))
+    for p in (0, 7, 23):
+        kept = pose != p
+        places = replace(work.places, site=np.delete(work.places.site, p))
+        rest = GridEquations.of(
+            fit(f.experiment.take(kept)), np.ones(kept.sum(), bool), places, work.vary, work.reference, True
+        )
+        weighting = replace(g.weighting, covariance=g.weighting.covariance[:, kept], robust=g.weighting.robust[kept])
+        posterior = rest.evidence(weighting).posterior(prior, linear)
+        r = posterior.response[work.places.place[work.places.site[p]]]
+        error = work.y[~kept] - work.A[~kept] @ r
+        # the whole fit stopped within a fraction of a standard error of its mode: nanometres of 50 µm
+        np.testing.assert_allclose(g.heldout.grid[~kept], error, atol=2e-7)
+
+
+def _prior_of(g: GridFit) -> Prior:
+    return Prior(g.spread, g.range / g.grid.cell, float(g.within[0] / g.spread[0]), g.weighting.components)
+
+
+def _unknowns_of(g: GridFit, work: GridEquations) -> np.ndarray:
+    return np.log(1 / g.grid.joints / work.reference)[work.places.cells].ravel()
+
+
+# ------------------------------------------------------------------------------------------------- does it work?
+
+
+def test_cells_are_found_and_their_uncertainty_is_right(rig: Rig) -> None:
+    """A truth drawn as the model assumes: errors in units of the stated sigma have variance 1."""
+    region = Region(ORIGIN, 0.3, (2, 4, 2))
+    scores, better = [], []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        truth = drawn_cells(rig, region, rng, 0.2)
+        f, _ = rig.measure(law_of(cellwise(region, truth)), rig.anywhere(rng, 160), rng)
+        g = fit_grid(f, 0.3, ORIGIN, (2, 4, 2), smooth=False)
+        assert g.grid.std is not None
+        error, constant = np.log(g.grid.joints / truth), np.log(1 / f.compliance / truth)
+        scores.append(error / (g.grid.std / g.grid.joints))
+        better.append(np.sqrt(np.mean(error**2) / np.mean(constant**2)))
+        assert (g.grid.joints > 0).all()
+        # 16 cells tell the spread to 18 %, less where a joint is badly seen; 3 sigma
+        np.testing.assert_allclose(np.median(g.spread), 0.2, rtol=0.4)
+        np.testing.assert_allclose(
+            np.sqrt(np.diagonal(g.covariance, axis1=1, axis2=2)) * g.grid.joints**2, g.grid.std, rtol=1e-9
+        )
+    z = np.concatenate(scores)
+    # 64 cells × 6 joints, correlated in a cell: a standard deviation good to about 6 %
+    assert 0.8 < z.std() < 1.25
+    assert 0.84 < np.mean(np.abs(z) < 1.645) < 0.95  # the 90 % interval
+    assert np.max(better) < 0.5  # half of the variation or less is left
+
+
+def test_without_variation_the_grid_is_the_constant_model(rig: Rig) -> None:
+    worse, gains = [], []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        f, _ = rig.measure(rig.c, rig.anywhere(rng, 80), rng)
+        g = fit_grid(f, 0.3, ORIGIN, (2, 4, 2))
+        k = 1 / f.compliance
+        rng = np.random.default_rng(100 + seed)
+        here = rig.fresh_error(rig.c, Stiffness(k, grid=g.grid), rng)
+        rng = np.random.default_rng(100 + seed)
+        worse.append(here - rig.fresh_error(rig.c, Stiffness(k), rng))
+        gains.append(g.heldout.gain)
+        assert np.median(g.spread) < 0.02
+    gain, error = np.array(gains).T
+    # no worse on poses held out, within the standard error over the seeds
+    assert gain.mean() > -gain.std(ddof=1) / np.sqrt(len(gain)) - error.mean() / np.sqrt(len(gain))
+    assert np.mean(worse) < 1e-6  # and at new poses: under a micrometre, of 35 µm noise
+
+
+def test_with_variation_the_grid_is_better_on_held_out_poses(rig: Rig) -> None:
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        field = SmoothField.draw(rig.c, rng, amplitude=0.3, scale=0.5)
+        f, _ = rig.measure(field, rig.anywhere(rng, 120), rng)
+        g = fit_grid(f, 0.3, ORIGIN, (2, 4, 2))
+        gain, error = g.heldout.gain
+        assert gain > 3 * error
+        here, constant = g.heldout.rmse
+        assert here < 0.9 * constant
+        k = 1 / f.compliance
+        fresh = rig.fresh_error(field, Stiffness(k, grid=g.grid), np.random.default_rng(50 + seed))
+        assert fresh < 0.75 * rig.fresh_error(field, Stiffness(k), np.random.default_rng(50 + seed))
+        # a site's own part is seen: the field changes by its own size over 50 cm, and a cell is 30 cm
+        assert (g.within < g.spread + 1e-12).all()
+        assert g.within.max() > 0.01
+
+
+def test_a_badly_measured_cell_stays_near_the_rest_and_says_so(rig: Rig) -> None:
+    """Cell 0 without a reading, cell 1 with one pose under a fiftieth of the load; the others with twenty poses."""
+    rng = np.random.default_rng(4)
+    region = Region(ORIGIN, 0.3, (2, 4, 2))
+    truth = drawn_cells(rig, region, rng, 0.25)
+    many = region.origin + SIZE * rng.random((900, 3))
+    cell = region.cells(many, 0.0)[:, 0]
+    chosen = np.concatenate([np.flatnonzero(cell == n)[: 1 if n == 1 else 20] for n in range(1, 16)])
+    share = np.where(np.arange(len(chosen)) == 0, 0.02, 1.0)
+    f, _ = rig.measure(law_of(cellwise(region, truth)), rig.poses(many[chosen], rng), rng, share=share)
+    g = fit_grid(f, 0.3, ORIGIN, (2, 4, 2), smooth=False)
+    assert g.grid.std is not None
+    relative = g.grid.std / g.grid.joints
+    np.testing.assert_allclose(g.grid.joints[0], g.centre, rtol=1e-9)  # nobody measured: the centre
+    assert (relative[0] >= g.spread).all()  # and the whole spread, with the mean's own error
+    assert (relative[0] < 1.3 * g.spread).all()
+    assert g.readings[0] == 0
+    assert (g.learned[0] < 1e-9).all()
+    assert (relative[1] <= relative[0]).all()
+    assert (relative[1] > relative[2:].mean(axis=0)).all()
+    assert g.learned[1].mean() < g.learned[2:].mean()
+    # and it does not go wild, as the cell's own readings do that are fitted by themselves
+    alone = fit(f.experiment.take(f.experiment.pose == 0)).compliance
+    assert np.abs(1 / g.grid.joints[1] * truth[1] - 1).max() < 0.6  # two and a half times the spread of the truth
+    assert np.abs(alone * truth[1] - 1).max() >= 1.0  # one joint rigid, another twice as soft
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(g.centre_covariance)) * g.centre, relative[0], rtol=1e-6
+    )  # the cell of nobody's
+
+
+def test_neighbours_help_where_the_truth_is_smooth(rig: Rig) -> None:
+    rng = np.random.default_rng(6)
+    field = SmoothField.draw(rig.c, rng, amplitude=0.3, scale=0.6)
+    q = rig.anywhere(rng, 90)
+    f, _ = rig.measure(field, q, rng)
+    errors = []
+    for smooth in (True, False):
+        g = fit_grid(f, 0.2, ORIGIN, (3, 6, 3), smooth=smooth)
+        truth = 1 / field(np.zeros((54, 6)), Region(ORIGIN, 0.2, (3, 6, 3)).centres())
+        errors.append(np.sqrt(np.mean(np.log(g.grid.joints / truth) ** 2)))
+        assert (g.range > 0) == smooth
+    assert errors[0] < 0.9 * errors[1]
+
+
+def test_outliers_do_not_move_cells(rig: Rig) -> None:
+    region = Region(ORIGIN, 0.3, (2, 4, 2))
+    found = []
+    for outliers in (0.0, 0.05):
+        rng = np.random.default_rng(8)
+        truth = drawn_cells(rig, region, rng, 0.2)
+        f, made = rig.measure(
+            law_of(cellwise(region, truth)), rig.anywhere(rng, 120), rng, noise=Noise(outliers=outliers)
+        )
+        g = fit_grid(f, 0.3, ORIGIN, (2, 4, 2), smooth=False)
+        found.append(np.sqrt(np.mean(np.log(g.grid.joints / truth) ** 2)))
+        if outliers:
+            flagged = (g.weighting.robust < 0.5).any(axis=1)
+            assert flagged[made.outlier].mean() > 0.9  # a few of 0.25 mm hide
+            assert flagged[~made.outlier].mean() < 0.05
+    assert found[1] < 1.25 * found[0]  # 5 % of the readings at half a millimetre are worth 5 % of the readings
+
+
+def test_a_joint_that_is_not_seen_is_held(rig: Rig) -> None:
+    """TCP on axis 6, forces without moment: joint 6 does nothing."""
+    rng = np.random.default_rng(0)
+    flange = np.eye(4)
+    q = rig.anywhere(rng, 60)
+    arm = TrueArm(rig.robot, flange, rig.c)
+    made = record(arm, q, random_loads(rng, len(q), 4, 1000), rng, noise=Noise(joint=0.0))
+    f = fit(experiment(made.recording, rig.robot, flange))
+    with pytest.raises(InputError, match="no reading moves joint 6"):
+        fit_grid(f, 0.6)
+    hold = np.array([np.nan] * 5 + [3.49e5])
+    g = fit_grid(f, 0.6, hold=hold)
+    assert g.held == (6,)
+    np.testing.assert_allclose(g.grid.joints[:, 5], 3.49e5, rtol=1e-12)
+    assert g.grid.std is not None
+    assert (g.grid.std[:, 5] == 0).all()
+    assert (g.grid.std[:, :5] > 0).all()
+
+
+def test_a_term_beside_the_joints_is_fitted_along(rig: Rig) -> None:
+    rng = np.random.default_rng(2)
+    region = Region(ORIGIN, 0.6, (1, 2, 1))
+    truth = drawn_cells(rig, region, rng, 0.2)
+    link = term_of("link_compliance", "link:2", rig.robot, rig.T)
+    x = np.array([1 / 4e6, 1 / 3e6])  # per N·m²: 0.2 mm per kN at the end of the upper arm
+    q = rig.anywhere(rng, 150)
+    arm = TrueArm(rig.robot, rig.T, law_of(cellwise(region, truth)))
+    made = record(arm, q, random_loads(rng, len(q), 6, 1000, 300), rng, rotations=True, loads_per_cycle=3)
+    e = experiment(made.recording, rig.robot, rig.T)
+    extra = link.response(e.state, e.wrench) @ x
+    e = replace(e, measured=e.measured + extra)
+    f = fit(e, [link])
+    g = fit_grid(f, 0.6, ORIGIN, (1, 2, 1), smooth=False)
+    with_term = np.sqrt(np.mean(np.log(g.grid.joints / truth) ** 2))
+    without = fit_grid(fit(e), 0.6, ORIGIN, (1, 2, 1), smooth=False)
+    assert with_term < 0.5 * np.sqrt(np.mean(np.log(without.grid.joints / truth) ** 2))
+    np.testing.assert_allclose(g.terms, x, rtol=0.1)  # the bending and torsion of one link against six joints
+
+
+def test_what_makes_no_grid_is_said(rig: Rig) -> None:
+    rng = np.random.default_rng(0)
+    f, _ = rig.measure(rig.c, rig.anywhere(rng, 30), rng)
+    with pytest.raises(InputError, match=r"no reading lies inside the grid .* TCPs measured lie within"):
+        fit_grid(f, 0.3, np.array([10.0, 0, 0]), (2, 2, 2))
+    with pytest.raises(InputError, match="larger cell"):
+        fit_grid(f, 0.001)
+    with pytest.raises(InputError, match="three whole numbers"):
+        fit_grid(f, 0.3, ORIGIN, (0, 2, 2))
+    half = fit_grid(f, 0.3, ORIGIN, (2, 2, 2))  # readings outside do not count, and are told
+    assert 0 < half.inside.sum() < len(half.inside)
+    assert len(half.heldout.grid) == half.inside.sum()
+
+
+@pytest.mark.slow
+def test_ten_thousand_readings_and_128_cells(rig: Rig) -> None:
+    """Two to four seconds on two quiet cores; 15 s leave room for a busy machine."""
+    import time
+
+    rng = np.random.default_rng(0)
+    field = SmoothField.draw(rig.c, rng, scale=0.4)
+    f, made = rig.measure(field, rig.anywhere(rng, 1000), rng, loads=10)
+    assert len(made.recording) > 9900
+    start = time.perf_counter()
+    g = fit_grid(f, 0.15, ORIGIN, (4, 8, 4))
+    assert time.perf_counter() - start < 15
+    assert g.heldout.rmse[0] < 0.75 * g.heldout.rmse[1]
+
+
+# ------------------------------------------------------------------------------------------------------------ plan
+
+
+@pytest.mark.parametrize(("edge", "positions"), [(0.6, 12 + 2), (0.3, 45 + 16), (0.15, 225 + 128)])
+def test_nine_positions_a_cell_and_three_postures(rig: Rig, edge: float, positions: int) -> None:
+    shape = tuple(round(s / edge) for s in SIZE)
+    region = Region(ORIGIN, edge, shape)  # type: ignore[arg-type]
+    plan = grid_plan(rig.cell, rig.robot, rig.solver, region, MARGINS)
+    assert len(plan.position) == positions  # corners are shared
+    assert len(plan.q) == 3 * positions
+    for n in (0, len(region) - 1):
+        rows = plan.of_cell(n)
+        assert len(set(rows.tolist())) == 27
+        p = plan.T_base_tcp[rows, :3, 3]
+        offset = np.unique(np.round((p - region.centres()[n]) / (edge / 2), 9), axis=0)
+        assert {tuple(v) for v in np.abs(offset)} == {(0, 0, 0), (1, 1, 1)}
+        assert len(offset) == 9
+        assert (region.cells(p, ON_FACE) == n).any(axis=1).all()
+    ok = plan.reached
+    assert ok.mean() > 0.9
+    # closed form to rounding
+    np.testing.assert_allclose(rig.robot.fk(plan.q[ok], rig.T), plan.T_base_tcp[ok], atol=1e-9)
+    assert len(set(plan.branch[ok].tolist())) == 1
+    limits = rig.cell.limits
+    assert ((plan.q[ok] > limits.lower[:6]) & (plan.q[ok] < limits.upper[:6])).all()
+    assert np.isnan(plan.q[~ok]).all()
+    assert (plan.branch[~ok] == -1).all()
+    # the initial posture lies along the edges; the others are turned by 10° about the tool's y
+    R = plan.T_base_tcp[:3, :3, :3]
+    assert {0.0, 1.0} == set(np.abs(R[0]).round(12).ravel().tolist())
+    np.testing.assert_allclose(np.degrees(plan.angle), [0, -10, 10])
+    for turned in R[1:]:
+        np.testing.assert_allclose(turned[:, 1], R[0][:, 1], atol=1e-12)
+        assert turned[:, 0] @ R[0][:, 0] == pytest.approx(np.cos(np.radians(10)))
+
+
+def test_what_cannot_be_measured_has_a_reason(rig: Rig) -> None:
+    far = grid_plan(rig.cell, rig.robot, rig.solver, Region(np.array([9.0, 0, 0]), 0.3, (1, 1, 1)), MARGINS)
+    assert (far.reason == Reason.UNREACHABLE).all()
+    assert not far.reached.any()
+    region = Region(ORIGIN, 0.3, (2, 4, 2))
+    robot, shapes = load_chain(rig.cell)
+    collision = CollisionModel(rig.cell, robot, shapes, 0.0)
+    plan = grid_plan(rig.cell, rig.robot, rig.solver, region, MARGINS, collision=collision)
+    assert (plan.reason == Reason.COLLIDING).any()  # the table stands in the calibration space
+    assert collision.check(plan.q[plan.reached], np.zeros(plan.reached.sum(), bool)).hit.sum() == 0
+    other = grid_plan(rig.cell, rig.robot, rig.solver, region, MARGINS, branch=1)
+    assert set(other.branch.tolist()) <= {-1, 1}

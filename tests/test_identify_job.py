@@ -1,0 +1,220 @@
+"""``machopt identify`` from files to files: what is written, what others make of it, what is refused."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from machopt.errors import InputError
+from machopt.formats.cell import load_cell
+from machopt.formats.recording import write_recording
+from machopt.formats.stiffness import load_stiffness
+from machopt.identify.simulate import Simulated, SmoothField, TrueArm, random_loads, record, scattered_poses
+from machopt.job.identify import Outcome, Request, run_identify, term_from_text
+from machopt.model.robot import load_robot
+
+ROOT = Path(__file__).resolve().parent.parent
+CELL = ROOT / "cells" / "kr240_drilling"
+TRUE_K = np.array([1.6e6, 4.4e5, 8.1e5, 3.2e5, 4.3e5, 3.5e5])  # N·m/rad, up to 20 % off the cell's
+MIDDLE = np.radians([0, -90, 100, 20, 60, 30.0])
+
+
+@pytest.fixture(scope="module")
+def simulated() -> Simulated:
+    """16 poses, 4 loads of up to 1500 N, two cycles; trade noise."""
+    cell = load_cell(CELL)
+    robot, rng = load_robot(cell), np.random.default_rng(3)
+    q = scattered_poses(robot, rng, 16, MIDDLE, 0.6)
+    arm = TrueArm(robot, cell.tool.T_flange_tcp, 1.0 / TRUE_K)
+    return record(arm, q, random_loads(rng, 16, 4, 1500.0, 150.0), rng, repeats=2)
+
+
+@pytest.fixture(scope="module")
+def done(simulated: Simulated, tmp_path_factory: pytest.TempPathFactory) -> Outcome:
+    folder = tmp_path_factory.mktemp("identify")
+    write_recording(folder / "recording", simulated.recording)
+    return run_identify(Request(CELL, (folder / "recording",), folder / "out"))
+
+
+def test_files_agree_with_each_other_and_with_the_truth(done: Outcome, simulated: Simulated) -> None:
+    out = done.report.parent
+    assert sorted(p.name for p in out.iterdir()) == [
+        "identification.json", "readings.csv", "report.html", "stiffness.yaml",
+    ]  # fmt: skip
+    result = json.loads((out / "identification.json").read_text())
+    assert result["machopt_identification"] == 1
+    assert (result["readings"], result["poses"], result["model"]) == (128, 16, "constant")
+    written = load_stiffness(out / "stiffness.yaml")
+    inside = 0
+    for joint, k, true in zip(result["joints"], written.joints, TRUE_K, strict=True):
+        assert joint["identified"]
+        assert joint["k_Nm_per_rad"] == pytest.approx(k)
+        assert k == pytest.approx(true, rel=0.15)  # joint 6 is known to 5 %; 3 standard errors
+        inside += joint["ci90"][0] <= true <= joint["ci90"][1]
+    assert inside >= 4  # of six 90 % intervals; fewer happens once in 80 recordings
+    assert written.covariance is not None
+    half = [(j["ci90"][1] - j["ci90"][0]) / 2 / j["k_Nm_per_rad"] for j in result["joints"]]
+    sigma = np.sqrt(np.diag(written.covariance)) * written.joints
+    ratio = np.array(half) / sigma
+    assert ratio.min() > 1.6  # the normal's 1.645, to the curvature of 1/c
+    assert ratio.max() < 2.92  # Student's t for two degrees of freedom; 16 poses have more
+    # unseen poses err as much as the noise: 36 µm a coordinate and 0.75 % of the load
+    assert 0.03 < result["heldout_rmse_mm"] < 0.07
+    assert result["rmse_mm"] <= result["heldout_rmse_mm"]
+    assert len(result["outliers"]) >= simulated.outlier.sum() - 1  # one may hide in the noise
+
+
+def test_readings_are_in_base_axes_with_their_prediction(done: Outcome, simulated: Simulated) -> None:
+    with (done.report.parent / "readings.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(simulated.recording)
+    measured, predicted, unseen = (
+        np.array([[float(r[f"{kind}_d{a}_mm"]) for a in "xyz"] for r in rows])
+        for kind in ("measured", "predicted", "heldout")
+    )
+    assert simulated.recording.displacement is not None
+    np.testing.assert_allclose(measured, 1e3 * simulated.recording.displacement, atol=1e-5)  # as printed
+    good = ~simulated.outlier
+    error = (predicted - 1e3 * simulated.displacement[:, :3])[good]
+    assert np.sqrt(np.mean(error**2)) < 0.03  # mm; 2 mm and more are measured
+    assert np.sqrt(np.mean((unseen - measured)[good] ** 2)) > np.sqrt(np.mean((predicted - measured)[good] ** 2))
+
+
+def test_page_is_self_contained_and_says_the_main_thing(done: Outcome) -> None:
+    html = done.report.read_text(encoding="utf-8")
+    assert "http" not in html.replace("http://www.w3.org", "")  # nothing is fetched
+    assert "Joints 1, 2, 3, 4, 5 and 6 identified to" in html
+    for chart in ("i-joints", "i-parity", "i-residual", "i-ellipse0", "i-subset0"):
+        assert f'id="{chart}"' in html
+
+
+def test_same_input_same_bytes(done: Outcome, simulated: Simulated, tmp_path: Path) -> None:
+    write_recording(tmp_path / "recording", simulated.recording)
+    again = run_identify(Request(CELL, (tmp_path / "recording",), tmp_path / "out"))
+    for name in ("stiffness.yaml", "readings.csv", "identification.json"):
+        assert (again.report.parent / name).read_bytes() == (done.report.parent / name).read_bytes(), name
+
+
+def test_optimize_takes_what_identify_writes(done: Outcome, tmp_path: Path) -> None:
+    shutil.copytree(CELL, tmp_path / "cell")
+    shutil.copy(done.report.parent / "stiffness.yaml", tmp_path / "cell" / "stiffness.yaml")
+    cell = load_cell(tmp_path / "cell")
+    assert cell.stiffness is not None
+    np.testing.assert_allclose(cell.stiffness.joints, TRUE_K, rtol=0.15)
+    assert cell.stiffness.covariance is not None
+
+
+def test_grid_is_taken_where_the_stiffness_varies(tmp_path: Path) -> None:
+    cell = load_cell(CELL)
+    robot, rng = load_robot(cell), np.random.default_rng(5)
+    law = SmoothField.draw(1.0 / TRUE_K, rng, amplitude=0.3, scale=0.35)
+    q = scattered_poses(robot, rng, 90, MIDDLE, 0.4)
+    s = record(TrueArm(robot, cell.tool.T_flange_tcp, law), q, random_loads(rng, 90, 4, 1500.0, 200.0), rng)
+    write_recording(tmp_path / "recording", s.recording)
+    result = run_identify(Request(CELL, (tmp_path / "recording",), tmp_path / "out", studies=False)).result
+    assert result["model"] == "grid"
+    assert result["heldout_rmse_mm"] < 0.8 * result["grid"]["heldout_rmse_constant_mm"]
+    grid = load_stiffness(tmp_path / "out" / "stiffness.yaml").grid
+    assert grid is not None
+    assert grid.std is not None
+    assert grid.joints.shape == (int(np.prod(result["grid"]["shape"])), 6)
+
+
+def test_several_sessions_are_one_identification(simulated: Simulated, tmp_path: Path) -> None:
+    r = simulated.recording
+    first = r.pose < 8
+    for name, rows in (("monday", first), ("tuesday", ~first)):
+        assert r.wrench is not None
+        assert r.displacement is not None
+        part = replace(
+            r, q=r.q[rows], pose=r.pose[rows], cycle=r.cycle[rows], session=r.session[rows], line=r.line[rows],
+            wrench=r.wrench[rows], displacement=r.displacement[rows],
+        )  # fmt: skip
+        write_recording(tmp_path / name, part)
+    both = (tmp_path / "monday", tmp_path / "tuesday")
+    result = run_identify(Request(CELL, both, tmp_path / "out", studies=False)).result
+    assert (result["readings"], result["poses"]) == (128, 16)
+    assert all(j["identified"] for j in result["joints"])
+
+
+def test_term_is_fitted_beside_the_joints_and_written(tmp_path: Path, simulated: Simulated) -> None:
+    write_recording(tmp_path / "recording", simulated.recording)
+    request = Request(
+        CELL, (tmp_path / "recording",), tmp_path / "out", studies=False, terms=("joint_coupling@joint:4-5",)
+    )
+    result = run_identify(request).result
+    (term,) = result["terms"]
+    assert (term["effect"], term["location"]) == ("joint_coupling", "joint:4-5")
+    assert term["ci90"][0] < 0 < term["ci90"][1]  # there is none in the truth
+    assert abs(term["value"]) < 0.2 / 3.2e5  # against joint 4's own compliance
+
+
+@pytest.mark.parametrize("text", ["link_compliance", "@link:4", "tool_compliance@tool{length_mm 3", "x@"])
+def test_terms_that_are_no_terms(text: str) -> None:
+    with pytest.raises(InputError, match="--fit"):
+        term_from_text(text)
+
+
+def test_parameters_of_a_term_to_be_fitted() -> None:
+    term = term_from_text("tool_compliance@tool{length_mm: 400, form: beam}")
+    assert (term.effect, term.location, term.parameters) == (
+        "tool_compliance", "tool", {"length_mm": 400, "form": "beam"},
+    )  # fmt: skip
+
+
+def damaged(simulated: Simulated, factor: float) -> Simulated:
+    assert simulated.recording.displacement is not None
+    return replace(
+        simulated, recording=replace(simulated.recording, displacement=factor * simulated.recording.displacement)
+    )
+
+
+@pytest.mark.parametrize("factor", [1e3, 1e-3])
+def test_units_wrong_by_a_thousand_are_refused_by_name(simulated: Simulated, tmp_path: Path, factor: float) -> None:
+    write_recording(tmp_path / "recording", damaged(simulated, factor).recording)
+    with pytest.raises(InputError, match="unit") as caught:
+        run_identify(Request(CELL, (tmp_path / "recording",), tmp_path / "out"))
+    assert "dx_mm" in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_two_poses_are_not_enough_for_six_joints(simulated: Simulated, tmp_path: Path) -> None:
+    r = simulated.recording
+    rows = r.pose < 1
+    assert r.wrench is not None
+    assert r.displacement is not None
+    part = replace(
+        r, q=r.q[rows], pose=r.pose[rows], cycle=r.cycle[rows], session=r.session[rows], line=r.line[rows],
+        wrench=r.wrench[rows], displacement=r.displacement[rows],
+    )  # fmt: skip
+    write_recording(tmp_path / "recording", part)
+    result = run_identify(Request(CELL, (tmp_path / "recording",), tmp_path / "out", studies=False)).result
+    assert result["heldout_rmse_mm"] is None  # no pose is left to judge by
+    assert any("pose" in w for w in result["warnings"])
+
+
+@pytest.mark.parametrize(
+    ("change", "where"),
+    [({"model": "cubic"}, "--model"), ({"grid_cell_mm": 0.0}, "--grid-cell-mm"), ({"level_percent": 100.0}, "--level"),
+     ({"grid_shape": (1, 0, 1)}, "--grid-shape"), ({"plain": True, "model": "grid"}, "--plain"),
+     ({"terms": ("link_complianc@link:4",)}, "effect")],
+)  # fmt: skip
+def test_options_that_do_not_fit(
+    simulated: Simulated, tmp_path: Path, change: dict[str, object], where: str
+) -> None:  # fmt: skip
+    write_recording(tmp_path / "recording", simulated.recording)
+    with pytest.raises(InputError, match=where):
+        run_identify(replace(Request(CELL, (tmp_path / "recording",), tmp_path / "out"), **change))  # type: ignore[arg-type]
+
+
+def test_published_readings_that_no_arm_explains_are_called_so(tmp_path: Path) -> None:
+    cell = ROOT / "cells" / "irb6700_drilling"
+    done = run_identify(Request(cell, (cell / "recordings" / "zhang2025_table2",), tmp_path / "out"))
+    assert done.result["explained_share"] < 0.5
+    assert "do not follow an arm of elastic joints" in done.report.read_text(encoding="utf-8")
