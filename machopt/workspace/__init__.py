@@ -2,5 +2,8 @@
 
 ::
 
-    what to sample (slice | volume | joint plane | line) ─► configurations ─► fields ─► interpolation ─► data, page
+    samples ─────► postures | along ─────► fields ─────► (idw: measured values beside them)
+    slice, volume  every branch, turn,     stiffness by direction, deflection,
+    line, joints   rotation; a reason      dexterity, ν_p, ν_r, margins
+                   where none will do
 """

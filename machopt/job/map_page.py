@@ -1,0 +1,134 @@
+"""What the page of a map shows, from its results."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import machopt
+from machopt.domain.cell import Cell
+from machopt.domain.reason import Reason
+from machopt.job.map_measured import Comparison
+from machopt.job.map_request import MapOptions
+from machopt.job.map_result import DEG, MM, REASONS, Layer
+from machopt.report.map_data import ArmLines, MapAxis, MapData, MapField, MapLayer, MeasuredView
+from machopt.se3 import inverse
+from machopt.workspace.fields import Field, Setting
+from machopt.workspace.postures import Arm
+from machopt.workspace.samples import XYZ, Samples
+
+Array = NDArray[np.float64]
+
+_GAIN = MapField("gain", "Gain by turning the tool", "share", "more",
+                 "What the best rotation wins over the given one, by the quantity postures are chosen by.")  # fmt: skip
+_ROTATION = MapField("rotation", "Best rotation γ", "rad", "none",
+                     "Rotation about the tool axis at which this place is best; ±180° is the same.")  # fmt: skip
+_FREEDOM = MapField("freedom", "Rotations that can be reached", "share", "more",
+                    "Share of the rotations about the tool axis that have a posture.")  # fmt: skip
+
+
+def page_data(
+    cell: Cell, options: MapOptions, setting: Setting, samples: Samples, arm: Arm, layers: list[Layer],
+    criterion: Field, comparison: Comparison | None, result: dict[str, Any],
+) -> MapData:  # fmt: skip
+    """Everything the page and the picture show."""
+    fields = [MapField(f.key, f.name, f.unit, f.better, f.note) for f in layers[0].values.fields]
+    shown = [_layer(layer, options, criterion) for layer in layers]
+    if len(layers) > 1:
+        gain = _gain(layers[0].values.value[criterion.key], layers[1].values.value[criterion.key], criterion)
+        free = layers[1].postures
+        freedom = np.where(free.ok, free.rotations, np.nan)
+        shown[1].value.update(gain=gain, rotation=_half_turn(free.gamma), freedom=freedom)
+        fields += [_GAIN, _ROTATION, _FREEDOM]
+    if comparison is not None:
+        for f, axis in enumerate(comparison.axes):
+            note = "Inverse distance weighting of the readings; dotted where outside their hull."
+            fields.append(MapField(f"measured_{axis}", f"Measured k_{axis}, interpolated", "N/m", "more", note))
+            for layer in shown:
+                layer.value[f"measured_{axis}"] = np.where(layer.reason == 0, comparison.spread.value[:, f], np.nan)
+                layer.guess[f"measured_{axis}"] = ~comparison.spread.inside
+    T_frame_base = inverse(options.T_base_frame)
+    robot, R = arm.robot, T_frame_base[:3, :3]
+    tcp = robot.T_base_flange_zero @ arm.T_flange_tcp
+    fixed = np.zeros(3)
+    if samples.position is not None:
+        fixed = samples.position[0]
+
+    def moved(p: Array) -> Array:
+        return np.asarray(p @ R.T + T_frame_base[:3, 3])
+
+    return MapData(
+        title=f"Map of {cell.name}", cell=cell.name, version=machopt.__version__, kind=samples.kind,
+        frame=options.frame, place=_place(samples, options), axes=_axes(samples, options), fixed=fixed,
+        end=samples.position[-1] if samples.kind == "line" and samples.position is not None else None,
+        fields=tuple(fields), layers=tuple(shown), criterion=criterion.key,
+        reasons=tuple(REASONS.get(r, r.word.replace("_", " ")) for r in Reason),
+        arm=ArmLines(robot.joints, robot.axis @ R.T, moved(robot.point), moved(np.zeros(3)), R[:, 2],
+                     moved(robot.T_base_flange_zero[:3, 3]), moved(tcp[:3, 3])),
+        verdict=str(result["verdict"]), warnings=tuple(result["warnings"]),
+        measured=None if comparison is None else MeasuredView(
+            comparison.file, comparison.axes, comparison.position, comparison.measured, comparison.left_out,
+            comparison.model, comparison.held, comparison.errors(), comparison.from_joints, comparison.power,
+        ),
+        options=_options(result, setting), hashes=tuple(result["inputs"].items()),
+    )  # fmt: skip
+
+
+def _layer(layer: Layer, options: MapOptions, criterion: Field) -> MapLayer:
+    value = layer.values.value[criterion.key]
+    best = -1
+    if np.isfinite(value).any():
+        best = int(np.nanargmax(value) if criterion.better == "more" else np.nanargmin(value))
+    if options.kind == "joints":
+        title = "postures"
+    else:
+        title = f"rotation γ = {options.gamma[0] * DEG:g}°" if layer.name == "given" else "best rotation γ"
+    p = layer.postures
+    return MapLayer(layer.name, title, dict(layer.values.value), p.reason, p.q, p.gamma, p.shortfall, best)
+
+
+def _gain(given: Array, free: Array, criterion: Field) -> Array:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        gain = free / given - 1.0 if criterion.better == "more" else 1.0 - free / given
+    return np.where(np.isfinite(gain), gain, np.nan)
+
+
+def _half_turn(gamma: Array) -> Array:
+    with np.errstate(invalid="ignore"):
+        turned = gamma - 2 * np.pi * np.ceil((gamma - np.pi) / (2 * np.pi) - 1e-12)
+    return np.asarray(turned)
+
+
+def _axes(samples: Samples, options: MapOptions) -> tuple[MapAxis, ...]:
+    labels = {"s": "way along the line", **{c: f"{c} of {options.frame}" for c in XYZ}}
+    return tuple(MapAxis(a.name, labels.get(a.name, f"joint {a.name}"), a.unit, a.values) for a in samples.axes)
+
+
+def _place(samples: Samples, options: MapOptions) -> str:
+    axes = samples.axes
+    scale, unit = (DEG, "deg") if samples.kind == "joints" else (MM, "mm")
+    spans = ", ".join(f"{a.name} {a.values[0] * scale:g} to {a.values[-1] * scale:g}" for a in axes)
+    if samples.kind == "line":
+        return f"Straight line of {axes[0].values[-1] * MM:g} mm, tool not turning"
+    if samples.kind == "slice":
+        normal = next(c for c in XYZ if c not in options.axes)
+        return f"Slice at {normal} = {options.at * MM:g} mm of {options.frame}: {spans} {unit}"
+    return f"{'Volume' if samples.kind == 'volume' else 'Joint space'}: {spans} {unit}"
+
+
+def _options(result: dict[str, Any], setting: Setting) -> tuple[tuple[str, str], ...]:
+    rows = [(name.replace("_", " "), json.dumps(_plain(value))) for name, value in result["options"].items()
+            if value is not None]  # fmt: skip
+    terms = [] if setting.elasticity is None else [f"{t.effect} at {t.location}" for t in setting.elasticity.terms]
+    rows.append(("characteristic length", f"{setting.length * MM:.1f} mm"))
+    rows.append(("terms beside the joint springs", ", ".join(terms) or "none"))
+    return tuple(rows)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return {k: _plain(v) for k, v in value.items()} if isinstance(value, dict) else value

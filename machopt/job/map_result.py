@@ -1,0 +1,261 @@
+"""What a map is written as: columns of map.csv, the keys of map.json, the sentence for the user."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import machopt
+from machopt.domain.cell import Cell
+from machopt.domain.options import PlanOptions
+from machopt.domain.reason import Reason
+from machopt.formats.fields import Column
+from machopt.job.map_measured import Comparison
+from machopt.job.map_request import MapOptions, Request
+from machopt.se3 import inverse
+from machopt.workspace.fields import Field, Setting, Unit, Values
+from machopt.workspace.postures import Arm, Postures
+from machopt.workspace.samples import Samples, farthest_reach
+
+Array = NDArray[np.float64]
+
+MM, DEG = 1e3, float(np.degrees(1.0))
+SUFFIX: dict[Unit, tuple[str, float]] = {"N/m": ("_N_mm", 1e-3), "m": ("_mm", MM), "rad": ("_deg", DEG), "1": ("", 1.0)}
+"""What a unit of the fields is called in files, and the factor to it."""
+
+REASONS = {
+    Reason.OK: "posture found", Reason.UNREACHABLE: "out of reach", Reason.LIMIT: "beyond a joint limit",
+    Reason.SINGULAR_WRIST: "wrist too near its singularity", Reason.SINGULAR_ELBOW: "elbow too near its singularity",
+    Reason.SINGULAR_SHOULDER: "wrist too near axis 1", Reason.COLLIDING: "collides",
+    Reason.BOUNDS: "in another branch only", Reason.NO_PATH: "only by a jump",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Layer:
+    """One choice of rotation over all samples."""
+
+    name: str  # "given" or "free"
+    postures: Postures
+    values: Values
+
+
+def column_of(field: Field) -> str:
+    return field.key + SUFFIX[field.unit][0]
+
+
+def in_frame(T_base_tcp: Array, options: MapOptions) -> Array:
+    """TCP poses (..., 4, 4) in the map's frame."""
+    return np.asarray(inverse(options.T_base_frame) @ T_base_tcp)
+
+
+def places(samples: Samples, layer: Layer, options: MapOptions) -> Array:
+    """(M, 3) m, where the TCP of each sample is or should be, in the map's frame; NaN where a posture has none."""
+    return in_frame(layer.values.T_base_tcp, options)[:, :3, 3] if samples.position is None else samples.position
+
+
+def map_columns(
+    samples: Samples, layer: Layer, options: MapOptions, given: Layer, comparison: Comparison | None
+) -> list[Column]:
+    """The table of one layer, one row a sample, the last axis fastest."""
+    p, v = layer.postures, layer.values
+    axis = -in_frame(v.T_base_tcp, options)[:, :3, 2]
+    columns = [Column("sample", [str(i) for i in range(len(samples))])]
+    if samples.kind == "line":
+        columns.append(Column("s_mm", samples.axes[0].values * MM, decimals=4))
+    place = places(samples, layer, options)
+    columns += [Column(f"{c}_mm", place[:, i] * MM, decimals=4) for i, c in enumerate("xyz")]
+    columns += [Column(c, axis[:, i]) for i, c in enumerate("ijk")]
+    columns.append(Column("gamma_deg", p.gamma * DEG))
+    columns.append(Column("branch", ["" if b < 0 else str(b) for b in p.branch.tolist()]))
+    joints = p.q if samples.q is None else samples.q
+    columns += [Column(f"q{i + 1}_deg", joints[:, i] * DEG) for i in range(6)]
+    columns += [Column(column_of(f), v.value[f.key] * SUFFIX[f.unit][1], digits=7) for f in v.fields]
+    if v.softest is not None:
+        columns += [Column(f"soft_{c}", v.softest[:, i]) for i, c in enumerate("ijk")]
+    if v.in_grid is not None:
+        known = p.ok.tolist()
+        words = [("grid" if g else "constant") if ok else "" for g, ok in zip(v.in_grid.tolist(), known, strict=True)]
+        columns.append(Column("stiffness_from", words))
+    if samples.q is None:
+        columns.append(Column("postures", [str(n) for n in p.count.tolist()]))
+        columns.append(Column("rotations_percent", p.rotations * 100, decimals=1))
+        columns.append(Column("shortfall_mm", np.where(p.shortfall > 0, p.shortfall * MM, np.nan), decimals=1))
+    if comparison is not None:
+        for f, c in enumerate(comparison.axes):
+            columns.append(Column(f"measured_k{c}_N_mm", comparison.spread.value[:, f] * 1e-3, digits=7))
+        columns.append(Column("measured_nearest_mm", comparison.spread.nearest * MM, decimals=1))
+        inside = zip(comparison.spread.inside.tolist(), np.isfinite(comparison.spread.nearest).tolist(), strict=True)
+        columns.append(Column("measured_hull", [("inside" if i else "outside") if k else "" for i, k in inside]))
+    columns.append(Column("reason", [Reason(r).word for r in p.reason.tolist()]))
+    return columns
+
+
+def map_json(
+    request: Request, cell: Cell, plan: PlanOptions, options: MapOptions, setting: Setting, samples: Samples,
+    arm: Arm, layers: list[Layer], criterion: Field, comparison: Comparison | None,
+) -> tuple[dict[str, object], str]:  # fmt: skip
+    """map.json, and its verdict as one sentence."""
+    message = _sentence(samples, layers, criterion, arm, setting, options)
+    angle = options.kind == "joints"
+    scale = DEG if angle else MM
+    load = setting.load
+    files = {_name(cell, f): hashlib.sha256(f.read_bytes()).hexdigest() for f in cell.files}
+    if request.measured is not None:
+        files[request.measured.name] = hashlib.sha256(request.measured.read_bytes()).hexdigest()
+    result: dict[str, object] = {
+        "machopt_map": 1,
+        "version": machopt.__version__,
+        "verdict": message,
+        "exit_code": 0 if any(layer.postures.ok.any() for layer in layers) else 3,
+        "inputs": files,
+        "cell": cell.name,
+        "kind": samples.kind,
+        "frame": options.frame,
+        "axes": [
+            {"name": a.name, "unit": "deg" if angle else "mm", "from": _tidy(a.values[0] * scale),
+             "to": _tidy(a.values[-1] * scale), "step": _tidy((a.values[1] - a.values[0]) * scale),
+             "count": len(a.values)}
+            for a in samples.axes
+        ],
+        "samples": len(samples),
+        "options": {
+            "at_mm": _tidy(options.at * MM) if options.kind == "slice" else None,
+            "tool_axis": None if angle else [_tidy(v) for v in options.tool_axis.tolist()],
+            "gamma_deg": None if angle else _tidy(options.gamma[0] * DEG),
+            "rotations": None if angle else len(options.gamma),
+            "q_deg": [_tidy(v) for v in (options.q * DEG).tolist()] if angle else None,
+            "pick": options.pick, "by": criterion.key, "collision": options.collision,
+            "load": None if load is None else {
+                "force_N": load.wrench[:3], "moment_Nm": load.wrench[3:], "axes": load.axes,
+            },
+            "limit_margin_deg": 0.0 if angle else _tidy(plan.limit_margin * DEG),
+            "singularity_wrist_deg": None if angle else _tidy(plan.singularity_wrist * DEG),
+            "singularity_elbow_deg": None if angle else _tidy(plan.singularity_elbow * DEG),
+            "singularity_shoulder_mm": None if angle else _tidy(plan.singularity_shoulder * MM),
+        },
+        "characteristic_length_mm": setting.length * MM,
+        "layers": {layer.name: _summary(samples, layer, options) for layer in layers},
+        "measured": None if comparison is None else _measured(comparison),
+        "warnings": [*cell.warnings, *_hints(samples, layers, setting), *(comparison.warnings if comparison else ())],
+    }  # fmt: skip
+    return result, message
+
+
+def statistics(value: Array) -> dict[str, float] | None:
+    """Extremes and percentiles of a field in SI, with the rows of the extremes; None without numbers."""
+    known = np.flatnonzero(np.isfinite(value))
+    if not len(known):
+        return None
+    v = value[known]
+    low, p2, median, p98, high = np.percentile(v, [0, 2, 50, 98, 100])
+    return {"min": float(low), "p2": float(p2), "median": float(median), "p98": float(p98), "max": float(high),
+            "at_min": int(known[np.argmin(v)]), "at_max": int(known[np.argmax(v)]), "count": len(known)}  # fmt: skip
+
+
+def _summary(samples: Samples, layer: Layer, options: MapOptions) -> dict[str, object]:
+    p, v = layer.postures, layer.values
+    place = places(samples, layer, options)
+    codes, counts = np.unique(p.reason, return_counts=True)
+    fields: dict[str, object] = {}
+    for field in v.fields:
+        found = statistics(v.value[field.key])
+        factor = SUFFIX[field.unit][1]
+        if found is None:
+            fields[column_of(field)] = None
+            continue
+        numbers = {name: found[name] * factor for name in ("min", "p2", "median", "p98", "max")}
+        where = {
+            f"at_{end}": {"sample": row, "xyz_mm": (place[row] * MM).round(3), "q_deg": (p.q[row] * DEG).round(4)}
+            for end in ("min", "max") for row in (int(found[f"at_{end}"]),)
+        }  # fmt: skip
+        fields[column_of(field)] = {"name": field.name, "better": field.better, **numbers, **where}
+    return {"reached": int(p.ok.sum()),
+            "reasons": {Reason(c).word: int(n) for c, n in zip(codes.tolist(), counts.tolist(), strict=True)},
+            "fields": fields}  # fmt: skip
+
+
+def _measured(c: Comparison) -> dict[str, object]:
+    return {
+        "file": c.file,
+        "readings": len(c.position),
+        "power": c.power,
+        "neighbours": c.neighbours,
+        "postures": "of the table" if c.from_joints else "of the map's own choice",
+        "relative_error": {f"k{axis}": row for axis, row in c.errors().items()},
+        "samples_inside_hull": int(c.spread.inside.sum()),
+    }
+
+
+def _sentence(
+    samples: Samples, layers: list[Layer], criterion: Field, arm: Arm, setting: Setting, options: MapOptions
+) -> str:
+    most = max(layers, key=lambda layer: int(layer.postures.ok.sum()))
+    count = int(most.postures.ok.sum())
+    if count == 0:
+        reasons = np.bincount(most.postures.reason)
+        worst = Reason(int(np.argmax(reasons)))
+        centre, radius = farthest_reach(arm.robot, arm.T_flange_tcp)
+        T = inverse(options.T_base_frame)
+        middle = (T[:3, :3] @ centre + T[:3, 3]) * MM
+        told = f"none of {len(samples):,} samples has a posture; most are {REASONS[worst]}"
+        if samples.q is not None:
+            return f"{told}: the joint limits are {_limits(setting)}"
+        short = most.postures.shortfall[most.postures.shortfall > 0]
+        miss = f", the nearest by {short.min() * MM:.0f} mm" if worst == Reason.UNREACHABLE and len(short) else ""
+        return (
+            f"{told}{miss}; the tool tip never gets further than {radius * MM:.0f} mm from x {middle[0]:.0f}, "
+            f"y {middle[1]:.0f}, z {middle[2]:.0f} mm of {options.frame}"
+        )
+    unit, factor = SUFFIX[criterion.unit]
+    found = statistics(most.values.value[criterion.key])
+    share = f"{100 * count / len(samples):.0f} % of {len(samples):,} samples have a posture"
+    if found is None:
+        return share
+    word = unit.replace("_N_mm", " N/mm").replace("_", " ")
+    spread = f"{criterion.name[0].lower()}{criterion.name[1:]} {_short(found['min'] * factor)} to "
+    return f"{share}; {spread}{_short(found['max'] * factor)}{word}, median {_short(found['median'] * factor)}"
+
+
+def _limits(setting: Setting) -> str:
+    pairs = zip(setting.robot.joints, setting.lower * DEG, setting.upper * DEG, strict=True)
+    return ", ".join(f"{name} {low:.4g} to {high:.4g}" for name, low, high in pairs) + " deg"
+
+
+def _hints(samples: Samples, layers: list[Layer], setting: Setting) -> list[str]:
+    out = []
+    if setting.elasticity is None:
+        out.append("the cell has no stiffness: only dexterity and distance from the limits are mapped")
+    dexterity = layers[0].values.value["dexterity"]
+    if samples.kind == "joints" and np.isfinite(dexterity).any() and np.nanmax(dexterity) < 0.02:
+        out.append("every posture is all but singular: the fixed joints are (often a straight wrist); --q with the "
+                   "wrist at 45 deg shows the others' part")  # fmt: skip
+    for layer in layers:
+        grid = layer.values.in_grid
+        if grid is not None and layer.postures.ok.any() and not grid[layer.postures.ok].all():
+            share = 1 - grid[layer.postures.ok].mean()
+            out.append(f"{100 * share:.0f} % of the {layer.name} layer lies outside the stiffness grid, where the "
+                       "constant values hold")  # fmt: skip
+    if samples.kind == "line":
+        for layer in layers:
+            jumps = int((layer.postures.reason == Reason.NO_PATH).sum())
+            if jumps:
+                out.append(f"{layer.name} rotation: no unbroken branch along the whole line ({jumps} samples would be "
+                           "reached only by a jump); a finer --step shows whether the jump is real")  # fmt: skip
+    return out
+
+
+def _name(cell: Cell, file: Path) -> str:
+    return str(file.relative_to(cell.folder) if file.is_relative_to(cell.folder) else file)
+
+
+def _tidy(value: float) -> float:
+    return float(f"{value:.9g}")
+
+
+def _short(value: float) -> str:
+    return f"{value:.4g}" if abs(value) < 1e4 else f"{value:,.0f}"

@@ -1,0 +1,125 @@
+"""What the page of a map shows, in SI; :mod:`machopt.job.map_page` fills it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.report.display import ANGLE, BARE, FINE_LENGTH, LENGTH, SHARE, Unit
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+FieldUnit = Literal["N/m", "m", "rad", "1", "share"]
+
+UNITS: dict[FieldUnit, Unit] = {
+    "N/m": Unit(1e-3, "N/mm", 0), "m": FINE_LENGTH, "rad": Unit(ANGLE.factor, "deg", 3), "1": BARE, "share": SHARE,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class MapAxis:
+    """A direction of sampling."""
+
+    name: str  # "x", "a2", "s"
+    label: str  # for the axis of a picture, without unit
+    unit: Literal["m", "rad"]
+    values: Array  # (n,)
+
+    @property
+    def shown(self) -> Unit:
+        return LENGTH if self.unit == "m" else ANGLE
+
+
+@dataclass(frozen=True)
+class MapField:
+    """A quantity that can be looked at."""
+
+    key: str
+    name: str
+    unit: FieldUnit
+    better: Literal["more", "less", "none"]
+    note: str
+
+    @property
+    def shown(self) -> Unit:
+        return UNITS[self.unit]
+
+
+@dataclass(frozen=True)
+class MapLayer:
+    """M samples under one choice of rotation; M runs over the axes, the last fastest."""
+
+    name: str
+    title: str
+    value: dict[str, Array]  # key of a field → (M,), NaN where there is none
+    reason: NDArray[np.uint8]  # (M,) codes into ``MapData.reasons``, 0: a posture was found
+    q: Array  # (M, 6) rad
+    gamma: Array  # (M,) rad
+    shortfall: Array  # (M,) m
+    best: int  # row that is best by the criterion, −1 where none
+    guess: dict[str, Flags] = field(default_factory=dict)  # key → (M,) True: a number, but not to be trusted
+
+
+@dataclass(frozen=True)
+class ArmLines:
+    """The arm as lines, in the map's frame at q = 0."""
+
+    joints: tuple[str, ...]
+    axis: Array  # (6, 3) unit
+    point: Array  # (6, 3) m
+    base: Array  # (3,) m, origin of base_link
+    up: Array  # (3,) unit, z of base_link
+    flange: Array  # (3,) m
+    tcp: Array  # (3,) m
+
+
+@dataclass(frozen=True)
+class MeasuredView:
+    """P readings beside the model."""
+
+    file: str
+    axes: tuple[str, ...]
+    position: Array  # (P, 3) m
+    measured: Array  # (P, F) N/m
+    left_out: Array  # (P, F) N/m
+    model: Array  # (P, F) N/m
+    held: Array  # (P, F) N/m
+    errors: dict[str, dict[str, float | None]]  # axis → left_out_rms, model_rms, held_rms … as shares
+    from_joints: bool
+    power: float
+
+
+@dataclass(frozen=True)
+class MapData:
+    """Everything on the page."""
+
+    title: str
+    cell: str
+    version: str
+    kind: Literal["slice", "volume", "line", "joints"]
+    frame: str
+    place: str  # what was mapped, in words
+    axes: tuple[MapAxis, ...]
+    fixed: Array  # (3,) m, coordinates no axis runs along; for a line its start
+    end: Array | None  # (3,) m, end of a line
+    fields: tuple[MapField, ...]
+    layers: tuple[MapLayer, ...]
+    criterion: str  # key
+    reasons: tuple[str, ...]  # words by code
+    arm: ArmLines
+    verdict: str
+    warnings: tuple[str, ...]
+    measured: MeasuredView | None = None
+    options: tuple[tuple[str, str], ...] = ()
+    hashes: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return tuple(len(a.values) for a in self.axes)
+
+    @property
+    def shown_field(self) -> MapField:
+        return next(f for f in self.fields if f.key == self.criterion)

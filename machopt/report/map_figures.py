@@ -1,0 +1,193 @@
+"""The pictures of a map as plain numbers in displayed units; the page's scripts only draw."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.report.display import ANGLE, LENGTH
+from machopt.report.figures import CHOSEN, DEFAULT, FOURTH, JIAO, LIMIT
+from machopt.report.map_data import MapData, MapField, MapLayer
+from machopt.report.series import keep, numbers, packed_codes
+
+Array = NDArray[np.float64]
+Spec = dict[str, Any]
+
+ANGLE_LEVEL = 0.02  # deg, steps in which the page knows joint angles
+WIDE = 50.0  # ratio above which levels are spaced by ratio: a peak must not cost the rest its digits
+_PEAK = 10.0
+_ARMS = 6  # stick figures beside curves
+COLORS = (CHOSEN, JIAO, FOURTH, "#8e44ad", DEFAULT, LIMIT)
+
+
+def map_specs(data: MapData) -> Spec:
+    """``{"field": … or None, "pair": […], "charts": […]}``."""
+    if len(data.axes) > 1:
+        return {"field": field_spec(data), "charts": [], "arms": None}
+    return {"field": None, "charts": curves(data), "arms": arms_spec(data)}
+
+
+def arms_spec(data: MapData) -> Spec | None:
+    """The arm at a few places along a single axis; None where there is no posture."""
+    layer = next((x for x in reversed(data.layers) if x.best >= 0), None)
+    if layer is None:
+        return None
+    rows = np.flatnonzero(np.isfinite(layer.q).all(axis=1))
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, _ARMS).round().astype(int))]
+    ends = [] if data.end is None else [numbers(p * LENGTH.factor, 7) for p in (data.fixed, data.end)]
+    return {"arm": arm_spec(data), "q": [numbers(q * ANGLE.factor) for q in layer.q[rows]], "line": ends}
+
+
+def field_spec(data: MapData) -> Spec:
+    """A map of colours over two or three axes, every field and layer inside."""
+    fields = [f for f in data.fields if any(np.isfinite(layer.value.get(f.key, np.nan)).any() for layer in data.layers)]
+    return {
+        "id": "field", "kind": data.kind, "frame": data.frame,
+        "axes": [{"name": a.name, "label": a.label, "unit": a.shown.name,
+                  "values": numbers(a.values * a.shown.factor, 9)} for a in data.axes],
+        "fixed": numbers(data.fixed * LENGTH.factor, 9),
+        "fields": [{"key": f.key, "name": f.name, "unit": f.shown.name, "better": f.better, "note": f.note}
+                   for f in fields],
+        "first": data.criterion, "names": list(data.reasons), "angle": ANGLE_LEVEL,
+        "layers": [_layer_spec(layer, fields) for layer in data.layers],
+        "arm": arm_spec(data),
+    }  # fmt: skip
+
+
+def arm_spec(data: MapData) -> Spec:
+    """The arm at q = 0 in mm, for the stick figure."""
+    a = data.arm
+    mm = LENGTH.factor
+    return {
+        "joints": list(a.joints), "axis": [numbers(v, 9) for v in a.axis],
+        "point": [numbers(v * mm, 7) for v in a.point], "base": numbers(a.base * mm, 7), "up": numbers(a.up, 9),
+        "flange": numbers(a.flange * mm, 7), "tcp": numbers(a.tcp * mm, 7),
+    }  # fmt: skip
+
+
+def _layer_spec(layer: MapLayer, fields: Sequence[MapField]) -> Spec:
+    angles = np.round(layer.q * ANGLE.factor / ANGLE_LEVEL)
+    angles = np.where(np.isfinite(angles), angles, -32768).astype("<i2")
+    value: Spec = {}
+    for field in fields:
+        if field.key in layer.value:
+            value[field.key] = levels(layer.value[field.key] * field.shown.factor)
+            if field.key in layer.guess:
+                value[field.key]["guess"] = packed_codes(layer.guess[field.key].astype(np.uint8))
+    return {
+        "name": layer.name, "title": layer.title, "status": packed_codes(layer.reason),
+        "present": [int(c) for c in np.unique(layer.reason)], "best": layer.best,
+        "q": base64.b64encode(angles.tobytes()).decode("ascii"), "value": value,
+        "gamma": levels(layer.gamma * ANGLE.factor), "shortfall": levels(layer.shortfall * LENGTH.factor),
+    }  # fmt: skip
+
+
+def levels(values: Array) -> Spec:
+    """Numbers as 16-bit levels between their extremes, by ratio where they span more than WIDE; 65535 for none.
+
+    ``from`` and ``to`` are the percentiles 2 and 98: single places beside a singularity must not bleach the rest.
+    """
+    known = np.isfinite(values)
+    if not known.any():
+        return {"level": "", "low": 0.0, "high": 1.0, "log": False, "from": 0.0, "to": 1.0, "median": None}
+    v = values[known]
+    low, high = float(v.min()), float(v.max())
+    log = low > 0 and high > WIDE * low
+    a, b = (np.log(low), np.log(high)) if log else (low, high)
+    out = np.full(values.shape, 65535, dtype="<u2")
+    t = (np.log(v) if log else v) - a
+    out[known] = np.round(np.clip(t / ((b - a) or 1.0), 0.0, 1.0) * 65534)
+    p2, median, p98 = (float(x) for x in np.percentile(v, [2, 50, 98]))
+    return {"level": base64.b64encode(out.tobytes()).decode("ascii"), "low": low, "high": high, "log": bool(log),
+            "from": p2, "to": p98, "median": median}  # fmt: skip
+
+
+def curves(data: MapData) -> list[Spec]:
+    """Line charts over one axis: a straight path, or one joint."""
+    axis = data.axes[0]
+    x = axis.values * axis.shown.factor
+    charts: list[Spec | None] = []
+    for layer in data.layers:
+        tail = f", {layer.title}{_at_gamma(layer)}" if data.kind == "line" else ""
+        charts.append(_curve(data, x, f"tip-{layer.name}", f"Stiffness at the tool tip{tail}", [
+            (layer, "k_x"), (layer, "k_y"), (layer, "k_z"), (layer, "k_axial"), (layer, "k_min"),
+        ]))  # fmt: skip
+    charts.append(_curve(data, x, "deflection", "Deflection under the load", _each(data, "deflection")))
+    charts.append(_curve(data, x, "dexterity", "Dexterity 1/κ_F", _each(data, "dexterity")))
+    first = data.layers[0]
+    held = [(first, "held_x"), (first, "held_y"), (first, "held_z")]
+    charts.append(_cut_off(_curve(data, x, "held", "K_m, all else held (tian2025): peaks are singularities", held)))
+    charts.append(_curve(data, x, "nu_p", "ν_p, share of the translation that K_C changes", _each(data, "nu_p")))
+    charts.append(_curve(data, x, "nu_r", "ν_r, rotation that K_C changes", _each(data, "nu_r")))
+    measured = [(first, f.key) for f in data.fields if f.key.startswith("measured_")]
+    model = [(first, f"k_{key[-1]}") for _, key in measured]
+    charts.append(_curve(data, x, "measured", "Measured, interpolated, beside the model", [*measured, *model]))
+    charts.append(_curve(data, x, "limits", "Distance to the nearest joint limit", _each(data, "limit_margin")))
+    charts.append(_joints(data, x, first))
+    return [c for c in charts if c is not None]
+
+
+def _cut_off(chart: Spec | None) -> Spec | None:
+    """Peaks of a singularity reach any height: flat above PEAK times the median, and the title says so."""
+    if chart is None:
+        return None
+    known = [v for s in chart["series"] for v in s["y"] if v is not None]
+    most = float(f"{_PEAK * float(np.median(known)):.1g}")
+    if max(known) <= most:
+        return chart
+    series = [{**s, "y": [v if v is None else min(v, most) for v in s["y"]]} for s in chart["series"]]
+    return {**chart, "series": series, "title": f"{chart['title']}; cut off at {most:,.0f} {chart['unit']}"}
+
+
+def _each(data: MapData, key: str) -> list[tuple[MapLayer, str]]:
+    return [(layer, key) for layer in data.layers]
+
+
+def _at_gamma(layer: MapLayer) -> str:
+    known = layer.gamma[np.isfinite(layer.gamma)]
+    return f" = {np.degrees(known[0]):g}°" if layer.name == "free" and known.size else ""
+
+
+def _curve(data: MapData, x: Array, name: str, title: str, series: Sequence[tuple[MapLayer, str]]) -> Spec | None:
+    fields = {f.key: f for f in data.fields}
+    drawn = [(layer, fields[key]) for layer, key in series if key in fields and np.isfinite(layer.value[key]).any()]
+    if not drawn:
+        return None
+    several = len({layer.name for layer, _ in drawn}) > 1
+    unit = drawn[0][1].shown
+    ys = [layer.value[f.key] * unit.factor for layer, f in drawn]
+    lines: list[tuple[str, Array, str, str]] = []
+    for (layer, f), y in zip(drawn, ys, strict=True):
+        word = f"{layer.title}{_at_gamma(layer)}" if several else f.name
+        same = next((i for i, line in enumerate(lines) if np.allclose(line[1], y, rtol=1e-6, equal_nan=True)), None)
+        if same is not None and not several:  # the tool axis along z: one line, both names
+            lines[same] = (f"{lines[same][0]} and {word.removeprefix('Stiffness ')}", *lines[same][1:])
+            continue
+        dash = "6 3" if f.key.startswith("measured") else ""
+        lines.append((word, y, COLORS[len(lines) % len(COLORS)], dash))
+    return _chart(data, x, f"c-{name}", title, lines, unit.name, zero=True)
+
+
+def _joints(data: MapData, x: Array, layer: MapLayer) -> Spec | None:
+    lines = [(name, layer.q[:, j] * ANGLE.factor, COLORS[j], "") for j, name in enumerate(data.arm.joints)]
+    title = f"Joints, {layer.title}" if data.kind == "line" else "Joints"
+    return _chart(data, x, "c-joints", title, lines, ANGLE.name, zero=False) if np.isfinite(layer.q).any() else None
+
+
+def _chart(
+    data: MapData, x: Array, name: str, title: str, lines: Sequence[tuple[str, Array, str, str]], unit: str,
+    *, zero: bool,
+) -> Spec:  # fmt: skip
+    k = keep([y for _, y, _, _ in lines])
+    axis = data.axes[0]
+    spec: Spec = {
+        "id": name, "title": title, "group": "curve", "x": numbers(x[k], 7), "unit": unit, "height": 240,
+        "xname": f"{axis.name} ({axis.shown.name})", "xlabel": f"{axis.label} ({axis.shown.name})",
+        "ylabel": unit, "xdec": 2,
+        "series": [{"name": n, "y": numbers(y[k]), "color": c, "dash": d} for n, y, c, d in lines],
+    }  # fmt: skip
+    return {**spec, "ymin": 0} if zero else spec

@@ -1,0 +1,332 @@
+"""The page and the picture of a map: they stand alone, keep the numbers, and say why a place is empty."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from machopt.domain.reason import Reason
+from machopt.formats.cell import load_cell
+from machopt.job.map import Request, run_map
+from machopt.job.map_result import REASONS
+from machopt.model.robot import load_robot
+from machopt.report.contours import isolines, round_levels
+from machopt.report.map_data import ArmLines, MapAxis, MapData, MapField, MapLayer, MeasuredView
+from machopt.report.map_figures import ANGLE_LEVEL, curves, field_spec, levels, map_specs
+from machopt.report.map_page import map_page_html, where
+from machopt.report.map_svg import map_svg, pair_svg
+from machopt.report.still import VIRIDIS, colours, hatching
+
+KR240 = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
+ASSETS = Path(__file__).resolve().parents[1] / "machopt" / "report" / "assets"
+VOID = {"meta", "br", "link", "img", "input"}
+NAMES = tuple(REASONS.get(r, r.word) for r in Reason)
+
+
+class Balanced(HTMLParser):
+    """Fails on a tag closed out of order and on anything fetched from elsewhere; collects ids, links and text."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.anchors: list[str] = []
+        self.text = ""
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in VOID:
+            self.open.append(tag)
+        given = dict(attrs)
+        assert "src" not in given
+        href = str(given.get("href", "#"))
+        assert href.startswith(("#", "data:image/png;base64,"))
+        if given.get("id"):
+            self.ids.append(str(given["id"]))
+        if tag == "a":
+            self.anchors.append(href[1:])
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open[-1:] not in (["script"], ["style"]):
+            self.text += data
+
+
+def read(html: str) -> Balanced:
+    page = Balanced()
+    page.feed(html)
+    assert page.open == []
+    assert len(set(page.ids)) == len(page.ids)
+    assert set(page.anchors) <= set(page.ids)
+    return page
+
+
+def embedded(html: str) -> dict:  # type: ignore[type-arg]
+    found = re.search(r'<script id=data type="application/json">(.*?)</script>', html, re.DOTALL)
+    assert found is not None
+    return json.loads(found[1])  # type: ignore[no-any-return]
+
+
+def made_up(kind: str = "slice", **changes: object) -> MapData:
+    """A slice of 6 × 5 places with a hole of each kind, two layers; or a volume, a line, a joint plane."""
+    shape = {"slice": (6, 5), "volume": (6, 5, 4), "line": (7,), "joints": (6, 5)}[kind]
+    names = {"slice": "xz", "volume": "xyz", "line": "s", "joints": ("a2", "a3")}[kind]
+    unit = "rad" if kind == "joints" else "m"
+    axes = tuple(MapAxis(n, f"{n} label", unit, np.linspace(0.1, 1.0, c)) for n, c in zip(names, shape, strict=True))
+    M = int(np.prod(shape))
+    rng = np.random.default_rng(0)
+
+    def layer(name: str, title: str) -> MapLayer:
+        reason = np.zeros(M, np.uint8)
+        reason[:7] = (1, 2, 3, 4, 5, 6, 9) if kind != "line" else (0, 0, 1, 0, 0, 0, 0)
+        q = np.where(reason[:, None] == 0, rng.uniform(-2, 2, (M, 6)), np.nan)
+        k = np.where(reason == 0, rng.uniform(2e5, 9e5, M), np.nan)
+        bend = np.where(reason == 0, rng.uniform(1e-4, 5e-3, M), np.nan)
+        return MapLayer(name, title, {"k_min": k, "k_x": 2 * k, "deflection": bend, "measured_x": 2.2 * k}, reason, q,
+                        np.where(reason == 0, 0.5, np.nan), np.where(reason == 1, 0.123, 0.0), int(np.nanargmax(k)),
+                        {"measured_x": rng.random(M) < 0.5})  # fmt: skip
+
+    fields = (
+        MapField("k_min", "Stiffness, <softest> direction", "N/m", "more", "a note & more"),
+        MapField("k_x", "Stiffness along x", "N/m", "more", "along x"),
+        MapField("deflection", "Deflection under the load", "m", "less", "length"),
+        MapField("measured_x", "Measured k_x, interpolated", "N/m", "more", "IDW"),
+    )
+    arm = ArmLines(tuple("abcdef"), np.tile([0.0, 0, 1], (6, 1)), np.arange(18.0).reshape(6, 3) / 10, np.zeros(3),
+                   np.array([0.0, 0, 1]), np.ones(3), 1.1 * np.ones(3))  # fmt: skip
+    seen = MeasuredView("m<.csv", ("x",), rng.random((4, 3)), np.full((4, 1), 9e5), np.full((4, 1), 8e5),
+                        np.full((4, 1), 7e5), np.full((4, 1), np.nan),
+                        {"x": {"left_out_rms": 0.1, "left_out_median": 0.05, "model_rms": 0.2, "model_median": 0.2,
+                               "held_rms": None}}, True, 2.0)  # fmt: skip
+    data = MapData(
+        title="Map of <a & b>", cell="a <b>", version="0", kind=kind, frame="base", place="Slice <y> = 0",  # type: ignore[arg-type]
+        axes=axes, fixed=np.zeros(3), end=np.ones(3) if kind == "line" else None, fields=fields,
+        layers=(layer("given", "rotation γ = 0°"), layer("free", "best rotation γ")), criterion="k_min", reasons=NAMES,
+        arm=arm, verdict="half of it <can> be reached", warnings=("mind </script> & the gap",), measured=seen,
+        options=(("by", "k_min"),), hashes=(("cell.yaml", "0" * 64),),
+    )  # fmt: skip
+    return replace(data, **changes)  # type: ignore[arg-type]
+
+
+def decoded(spec: dict) -> np.ndarray:  # type: ignore[type-arg]
+    """What the page makes of packed levels."""
+    raw = np.frombuffer(base64.b64decode(spec["level"]), "<u2")
+    share = raw / 65534
+    low, high = spec["low"], spec["high"]
+    value = np.exp(np.log(low) + share * np.log(high / low)) if spec["log"] else low + share * (high - low)
+    return np.where(raw == 65535, np.nan, value)
+
+
+@pytest.mark.parametrize("kind", ["slice", "volume", "line", "joints"])
+def test_every_kind_of_page_stands_alone(kind: str) -> None:
+    data = made_up(kind)
+    html = map_page_html(data)
+    page = read(html)
+    assert map_page_html(data) == html
+    assert "half of it" in page.text.lower()
+    assert "mind </script> & the gap" in page.text
+    assert "<softest>" in page.text  # escaped, not a tag
+    assert "http" not in re.sub(r'"http://www.w3.org/\d+/svg"', "", html)
+    specs = embedded(html)
+    assert (specs["field"] is None) == (kind == "line")
+    assert bool(specs["charts"]) == (kind == "line")
+    for chart in specs["charts"]:
+        assert chart["id"] in page.ids
+    assert ("arms" in page.ids) == (kind == "line")
+    for word in ("Verdict", "Numbers", "What it means", "This run"):
+        assert word in page.text
+    if kind != "line":
+        assert f"{REASONS[Reason.COLLIDING]} {100 / data.layers[0].reason.size:.1f} %" in page.text
+
+
+def test_page_of_nothing_reached_says_so_and_draws_no_number(tmp_path: Path) -> None:
+    outcome = run_map(Request(cell=KR240, out=tmp_path / "m", at=9000.0, steps=("900",), length=600.0))
+    html = (tmp_path / "m" / "report.html").read_text(encoding="utf-8")
+    page = read(html)
+    assert "OUT OF REACH" in page.text
+    assert outcome.message[1:] in page.text
+    assert "nan" not in page.text
+    ET.fromstring((tmp_path / "m" / "map.svg").read_text(encoding="utf-8"))
+
+
+def test_packed_levels_keep_four_digits_and_the_holes() -> None:
+    rng = np.random.default_rng(1)
+    plain, wide = rng.uniform(3.0, 5.0, 500), 10 ** rng.uniform(0, 6, 500)
+    plain[7] = wide[9] = np.nan
+    for values, log in ((plain, False), (wide, True)):
+        spec = levels(values)
+        assert spec["log"] is log
+        # half a level: of the span, or of the span's logarithm
+        np.testing.assert_allclose(decoded(spec), values, rtol=0.6 * np.log(1e6) / 65534, equal_nan=True)
+        known = values[np.isfinite(values)]
+        assert (spec["from"], spec["to"]) == tuple(np.percentile(known, [2, 98]))
+    assert levels(np.full(3, np.nan))["level"] == ""
+    assert np.unique(decoded(levels(np.full(3, 7.0)))).tolist() == [7.0]
+    json.dumps(levels(np.full(3, np.nan)), allow_nan=False)
+
+
+def test_page_knows_joints_reasons_and_units_of_every_sample() -> None:
+    data = made_up()
+    spec = field_spec(data)
+    assert [a["unit"] for a in spec["axes"]] == ["mm", "mm"]
+    np.testing.assert_allclose(spec["axes"][0]["values"], np.linspace(100, 1000, 6))
+    for layer, told in zip(data.layers, spec["layers"], strict=True):
+        status = np.frombuffer(base64.b64decode(told["status"]), np.uint8)
+        np.testing.assert_array_equal(status, layer.reason)
+        assert told["present"] == sorted(set(layer.reason.tolist()))
+        assert max(told["present"]) < len(spec["names"])
+        angle = np.frombuffer(base64.b64decode(told["q"]), "<i2").reshape(-1, 6)
+        np.testing.assert_array_equal(angle[:, 0] == -32768, layer.reason != 0)
+        ok = layer.reason == 0
+        np.testing.assert_allclose(angle[ok] * ANGLE_LEVEL, np.degrees(layer.q[ok]), atol=ANGLE_LEVEL / 2 + 1e-9)
+        np.testing.assert_allclose(decoded(told["value"]["k_min"])[ok], layer.value["k_min"][ok] * 1e-3, rtol=1e-4)
+        np.testing.assert_allclose(decoded(told["value"]["deflection"])[ok], layer.value["deflection"][ok] * 1e3,
+                                   rtol=1e-2, atol=1e-4)  # fmt: skip
+        guess = np.frombuffer(base64.b64decode(told["value"]["measured_x"]["guess"]), np.uint8)
+        np.testing.assert_array_equal(guess.astype(bool), layer.guess["measured_x"])
+    script = (ASSETS / "field.js").read_text(encoding="utf-8")
+    for key in (
+        "level",
+        "low",
+        "high",
+        "log",
+        "from",
+        "to",
+        "guess",
+        "status",
+        "present",
+        "best",
+        "shortfall",
+        "gamma",
+    ):
+        assert re.search(rf"\.{key}\b", script), key  # the script reads what is written
+
+
+def test_stick_figure_data_give_the_robot_s_own_kinematics() -> None:
+    """The page carries lines only; put together as its script does they end where forward kinematics ends."""
+    cell = load_cell(KR240)
+    robot = load_robot(cell)
+    tcp = (robot.T_base_flange_zero @ cell.tool.T_flange_tcp)[:3, 3]
+    q = np.random.default_rng(2).uniform(-2, 2, 6)
+    p = tcp
+    for i in range(5, -1, -1):
+        axis, r = robot.axis[i], p - robot.point[i]
+        c, s = np.cos(q[i]), np.sin(q[i])
+        p = robot.point[i] + r * c + np.cross(axis, r) * s + axis * (axis @ r) * (1 - c)
+    np.testing.assert_allclose(p, robot.fk(q, cell.tool.T_flange_tcp)[:3, 3], atol=1e-12)
+
+
+def test_curves_merge_equal_lines_and_keep_gaps() -> None:
+    data = made_up("line")
+    for layer in data.layers:
+        layer.value["k_axial"] = layer.value["k_x"].copy()
+    more = (*data.fields, MapField("k_axial", "Stiffness along the tool axis", "N/m", "more", ""))
+    charts = {c["id"]: c for c in curves(replace(data, fields=more))}
+    tip = charts["c-tip-given"]
+    assert [s["name"] for s in tip["series"]] == [
+        "Stiffness along x and along the tool axis", "Stiffness, <softest> direction",
+    ]  # fmt: skip
+    assert tip["series"][0]["y"][2] is None
+    assert [s["name"] for s in charts["c-deflection"]["series"]] == ["rotation γ = 0°", "best rotation γ = 28.6479°"]
+    specs = map_specs(data)
+    assert len(specs["arms"]["q"]) == 6
+    assert len(specs["arms"]["line"]) == 2
+
+
+def test_a_singular_peak_is_cut_off_and_the_title_says_so() -> None:
+    data = made_up("line")
+    for layer in data.layers:
+        layer.value["held_x"] = np.array([1e6, 1e6, np.nan, 1e12, 2e6, 1e6, 1e6])
+    held = replace(data, fields=(*data.fields, MapField("held_x", "K_m xx", "N/m", "more", "")))
+    chart = next(c for c in curves(held) if c["id"] == "c-held")
+    assert chart["series"][0]["y"] == [1000.0, 1000.0, None, 10000.0, 2000.0, 1000.0, 1000.0]
+    assert chart["title"].endswith("cut off at 10,000 N/mm")
+
+
+def test_where_names_the_place_of_a_row() -> None:
+    data = made_up("volume")
+    row = int(np.ravel_multi_index((2, 3, 1), data.shape))
+    assert where(data, row) == "x 460.0, y 775.0, z 400.0 mm"
+
+
+@pytest.mark.parametrize("kind", ["slice", "volume", "line", "joints"])
+def test_still_picture_is_one_svg_with_everything_inside(kind: str) -> None:
+    data = made_up(kind)
+    text = map_svg(data)
+    assert map_svg(data) == text
+    root = ET.fromstring(text)
+    name = {"svg": "http://www.w3.org/2000/svg"}
+    words = " ".join(t.text or "" for t in root.iter("{http://www.w3.org/2000/svg}text"))
+    if kind == "line":
+        assert "Stiffness along x" in words
+        assert root.findall("svg:path", name)
+        return
+    images = root.findall("svg:image", name)
+    present = set(np.concatenate([layer.reason for layer in data.layers]).tolist()) - {0}
+    if kind == "volume":
+        level = int(np.unravel_index(data.layers[0].best, data.shape)[2])
+        assert f"shown at z = {data.axes[2].values[level] * 1e3:g} mm" in words
+        present = {int(r) for x in data.layers for r in x.reason.reshape(data.shape)[..., level].ravel()} - {0}
+    assert len(images) == 2 + len(present)  # two layers and a swatch for each reason
+    for code in present:
+        assert NAMES[code] in words
+    assert base64.b64decode(images[0].get("href", "").split(",")[1]).startswith(b"\x89PNG")
+    assert "label (deg)" in words if kind == "joints" else "label (mm)" in words
+
+
+def test_model_and_measured_share_their_colours() -> None:
+    root = ET.fromstring(pair_svg(made_up(), "x"))
+    words = [t.text for t in root.iter("{http://www.w3.org/2000/svg}text")]
+    assert "Model" in words
+    assert "Measured, interpolated" in words
+    assert len(list(root.iter("{http://www.w3.org/2000/svg}image"))) == 2
+
+
+def test_colours_run_from_dark_to_bright_and_hatchings_differ() -> None:
+    np.testing.assert_array_equal(colours(np.array([0.0, 1.0])), VIRIDIS[[0, -1]])
+    brightness = colours(np.linspace(0, 1, 50)).astype(float) @ [0.21, 0.72, 0.07]
+    assert (np.diff(brightness) > 0).all()  # survives a grey print
+    y, x = np.indices((36, 36))
+    seen = {hatching(code, x, y).tobytes() for code in (1, 2, 3, 4, 5, 6, 7)}
+    assert len(seen) == 7
+
+
+def test_isolines_of_a_plane_are_exact_and_stop_at_holes() -> None:
+    i, j = np.meshgrid(np.arange(8.0), np.arange(6.0), indexing="ij")
+    ends = isolines(2 * i + j, 7.3)
+    np.testing.assert_allclose(2 * ends[..., 0] + ends[..., 1], 7.3, rtol=1e-12)
+    assert len(ends) == 7  # it crosses i = 2, 3 and j = 1 … 4 on its way: six lines between seven squares
+    holed = 2 * i + j
+    holed[2, 3] = np.nan
+    away = isolines(holed, 7.3)
+    assert 0 < len(away) < len(ends)
+    assert (np.abs(away.mean(axis=1) - [2, 3]).max(axis=-1) > 1).all()  # none inside the squares at the hole
+    saddle = isolines(np.array([[1.0, -1.0], [-1.0, 1.0]]), 0.1)
+    assert len(saddle) == 2
+    assert isolines(np.zeros((3, 3)), 1.0).shape == (0, 2, 2)
+
+
+def test_round_levels_are_round_and_inside() -> None:
+    for low, high in ((0.013, 0.87), (-1234.0, 5678.0), (1e-9, 3e-9), (99.0, 101.0)):
+        found = round_levels(low, high)
+        assert 3 <= len(found) <= 9
+        assert found[0] >= low * (1 - 1e-9) - 1e-12
+        assert found[-1] <= high * (1 + 1e-9)
+        steps = np.diff(found)
+        np.testing.assert_allclose(steps, steps[0], rtol=1e-6)
+        assert float(f"{steps[0]:.2g}") == pytest.approx(steps[0], rel=1e-6)
+    assert round_levels(1.0, 1.0).size == 0
