@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_path import Rows, toolpath
+from test_path import Rows, length_weight, toolpath
 
 from machopt.domain.options import FixedRotation, PlanOptions, Weights
 from machopt.domain.reason import Reason
@@ -84,10 +84,11 @@ def every_sequence(
     S = len(path.stations)
     vertices = [[tuple(int(x) for x in v) for v in np.argwhere(candidates.feasible[s])] for s in range(S)]
     price = np.full((S, len(candidates.phi)), 0.0)
-    price[counted] = preference(gamma, options)[counted] / counted.sum()
+    weight = length_weight(path)
+    price[counted] = preference(gamma, options)[counted] * weight[counted, None]
 
     def node(s: int, v: Vertex) -> float:
-        share = counted[s] / counted.sum()
+        share = weight[s]
         return float(options.weights.mean * scores.cost[s, v[0], v[1]] / scores.scale * share + price[s, v[0]])
 
     def go(s: int, before: list[Vertex], total: float, worst: float) -> Iterator[tuple[float, float, list[Vertex]]]:

@@ -21,6 +21,7 @@ from machopt.identify.gridequations import GridEquations
 from machopt.identify.gridevidence import Prior
 from machopt.identify.gridplan import grid_plan
 from machopt.identify.simulate import Compliance, Noise, Simulated, SmoothField, TrueArm, random_loads, record
+from machopt.identify.tiled import product, spd_inverse, times
 from machopt.model.collision import CollisionModel
 from machopt.model.elastic import FACE_TOLERANCE, joint_stiffness
 from machopt.model.ik import Margins, Solver, solver_for
@@ -141,11 +142,12 @@ def test_the_response_of_a_place_and_its_slope() -> None:
 
 def test_unmeasured_cells_follow_their_neighbours_and_the_mean() -> None:
     region, used = Region(np.zeros(3), 1.0, (4, 1, 1)), np.array([0, 1])
-    weight, left, mean = kriging(region, used, 0.0)
+    weight, left, mean, unsure = kriging(region, used, 0.0)
     np.testing.assert_allclose(weight[2:], [[0.5, 0.5]] * 2)  # independent: the mean
     np.testing.assert_allclose(left, [0, 0, 1.5, 1.5])  # one for the cell, a half for the mean of two
     np.testing.assert_allclose(mean, [0.5, 0.5])
-    weight, left, _ = kriging(region, used, 2.0)
+    assert unsure == pytest.approx(0.5)
+    weight, left, *_ = kriging(region, used, 2.0)
     np.testing.assert_allclose(weight.sum(axis=1), 1.0, atol=1e-12)  # unbiased
     assert weight[2, 1] > weight[2, 0]
     assert 0 < left[2] < left[3]
@@ -163,6 +165,21 @@ def test_the_grid_about_planned_poses_is_the_planned_one(rig: Rig) -> None:
 
 
 # ------------------------------------------------------------------------------------------------------ likelihood
+
+
+@pytest.mark.parametrize("n", [1, 63, 64, 65, 200])
+def test_tiled_algebra_is_the_plain_one(n: int) -> None:
+    rng = np.random.default_rng(n)
+    X = rng.standard_normal((n, n + 5))
+    A = X @ X.T / n + 0.1 * np.eye(n)
+    inverse, log = spd_inverse(A)
+    np.testing.assert_allclose(inverse @ A, np.eye(n), atol=1e-11)  # rounding times a condition of about 100
+    np.testing.assert_array_equal(inverse, inverse.T)
+    assert log == pytest.approx(np.linalg.slogdet(A)[1], rel=1e-12, abs=1e-12)
+    np.testing.assert_allclose(product(A, X), A @ X, atol=1e-12 * n)
+    np.testing.assert_allclose(times(A, X[:, 0]), A @ X[:, 0], atol=1e-12 * n)
+    with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
+        spd_inverse(A - 1e3 * np.eye(n))
 
 
 def work_of(f: Fit, region: Region) -> GridEquations:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from machopt.cli import main
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.recording import write_recording
@@ -218,3 +219,44 @@ def test_published_readings_that_no_arm_explains_are_called_so(tmp_path: Path) -
     done = run_identify(Request(cell, (cell / "recordings" / "zhang2025_table2",), tmp_path / "out"))
     assert done.result["explained_share"] < 0.5
     assert "do not follow an arm of elastic joints" in done.report.read_text(encoding="utf-8")
+
+
+def test_command_prints_what_the_engineer_needs_first(
+    done: Outcome, simulated: Simulated, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording = tmp_path / "recording"
+    write_recording(recording, simulated.recording)
+    words = ["identify", str(CELL), str(recording), "-o", str(tmp_path / "out"), "--quiet"]
+    assert main([*words[:-1]]) == 0
+    out = capsys.readouterr().out
+    assert "128 readings, 16 poses, constant model" in out
+    assert out.count("N·m/rad") == 6
+    assert main([*words[:-1], "--json", "--fit", "joint_coupling@joint:4-5", "--no-studies"]) == 0
+    assert json.loads(capsys.readouterr().out)["terms"][0]["effect"] == "joint_coupling"
+    assert main([*words, "--grid-shape", "1,1"]) == 2
+    assert "expected three" in capsys.readouterr().err
+    assert main(["identify", str(CELL), str(tmp_path / "none"), "-o", str(tmp_path / "o")]) == 2
+    assert "recording.yaml" in capsys.readouterr().err
+
+
+def test_plan_poses_and_map_are_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Their own tests cover what they do; here every option has to reach the request."""
+    words = [
+        "plan-poses",
+        str(CELL),
+        "-o",
+        str(tmp_path / "poses"),
+        "--poses",
+        "4",
+        "--candidates",
+        "60",
+        "--starts",
+        "1",
+    ]
+    assert main([*words, "--weights-kg", "50,100", "--arms-mm", "0,300", "--no-collision", "--quiet"]) == 0
+    assert (tmp_path / "poses" / "recording_template" / "recording.yaml").is_file()
+    words = ["map", str(CELL), "-o", str(tmp_path / "map"), "--joints", "a2,a3", "--step", "30", "--collision", "none"]
+    assert main([*words, "--force=0,0,-500"]) == 0
+    assert "report:" in capsys.readouterr().out
+    assert main([*words, "--joints", "a9"]) == 2
+    assert "a9" in capsys.readouterr().err

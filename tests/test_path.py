@@ -46,6 +46,17 @@ def swaying(n: int, seed: int) -> Toolpath:
     return toolpath([(tuple(p), tuple(a), Move(int(m))) for p, a, m in zip(position, axis, move, strict=True)])
 
 
+def length_weight(path: Path) -> np.ndarray:
+    """Cut segment by cut segment: half its length to either end, the whole to its end where the start is not cut to."""
+    out = np.zeros(len(path.index))
+    for i in range(1, len(out)):
+        if path.move[i] == Move.CUT:
+            length = float(np.linalg.norm(path.position[i] - path.position[i - 1]))
+            out[i] += length / 2
+            out[i - 1 if path.move[i - 1] == Move.CUT else i] += length / 2
+    return out / out.sum() if out.any() else path.counted / path.counted.sum()
+
+
 def at_point(path: Path, k: int) -> int:
     return int(np.flatnonzero(path.is_point & (np.round(path.index) == k))[0])
 
@@ -91,6 +102,45 @@ def test_length_and_time_count_what_is_not_rapid() -> None:
     assert (np.diff(path.s) >= 0).all()
     two: Rows = [((0, 0, 0), UP, R), ((0.1, 0, 0), UP, C), ((5, 5, 5), UP, R), ((5.1, 5, 5), UP, C)]
     assert build_path(toolpath(two)).s[-1] == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("stations", [1500, 60])
+def test_weights_are_the_length_cut(stations: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(path_module, "MAX_STATIONS", stations)
+    rows: Rows = [((0, 0, 0.05), UP, R), ((0, 0, 0.0), UP, A)]
+    rows += [((x, 0, 0), UP, C) for x in (0.001, 0.002, 0.003, 0.5)] + [((0.5, 0, 0.05), UP, Move.RETRACT)]
+    rows += [((0.7, 0, 0.05), UP, R), ((0.7, 0, 0.045), UP, A), ((0.7, 0, 0.015), UP, C), ((0.7, 0, 0.05), UP, R)]
+    for tp in (toolpath(rows), swaying(200, 7)):
+        path = build_path(tp)
+        np.testing.assert_allclose(path.weight, length_weight(path), atol=1e-15)
+        assert path.weight.sum() == pytest.approx(1.0)
+        assert (path.weight[~path.counted] == 0).all()
+        assert path.station_weight.sum() == pytest.approx(1.0)
+        # a mean over the stations is the mean over all points of what lies on the line between the stations
+        values = np.random.default_rng(1).normal(size=len(path.stations))
+        every = np.interp(np.arange(len(path.index)), path.stations, values)
+        assert path.station_weight @ values == pytest.approx(path.weight @ every, abs=1e-12)
+    path = build_path(toolpath(rows))
+    hole = path.run == path.run[at_point(path, 9)]
+    assert path.weight[hole].sum() == pytest.approx(0.03 / 0.53)  # a hole weighs as deep as it is cut
+    assert path.motion_share[hole] == pytest.approx(0.03 / 0.53)
+    # the same contour told by three points more has the same mean of anything linear along it
+    dense = build_path(toolpath([r for r in rows if r[0][0] not in (0.001, 0.002)]))
+    assert path.weight @ path.position[:, 0] == pytest.approx(dense.weight @ dense.position[:, 0], abs=1e-5)
+    touches = build_path(toolpath([((0, 0, 0), UP, C), ((1, 0, 0), UP, R), ((1, 0, 0), UP, C)]))
+    np.testing.assert_allclose(touches.weight, [0.5, 0, 0.5])
+
+
+def test_corners_get_a_point_just_before_them_where_asked() -> None:
+    tp = toolpath(square())
+    plain, with_corners = build_path(tp), build_path(tp, corners=True)
+    added = np.setdiff1d(with_corners.index, plain.index)
+    # of the closed square's cut: in from the plunge (a plunge is a cut here), and three corners; not the retract
+    np.testing.assert_allclose(added, [1 - 0.002 / 0.05, *(k - 0.002 / 0.1 for k in (2, 3, 4))], atol=1e-12)
+    gentle = [((0.02 * k, 0.0002 * k * k, 0), UP, C) for k in range(10)]  # 1.1° from piece to piece
+    assert len(build_path(toolpath(gentle), corners=True).index) == len(build_path(toolpath(gentle)).index)
+    short = toolpath([((0, 0, 0), UP, R), ((0.003, 0, 0), UP, C), ((0.003, 0.003, 0), UP, C)])
+    assert len(build_path(short, corners=True).index) == 3  # no room: 2 mm and 2 mm again do not fit into 3
 
 
 def test_one_point_and_repeated_points_are_paths_too() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path as FilePath
 import numpy as np
 import pytest
 from small_cell import pose, small_cell
-from test_path import Rows, toolpath
+from test_path import Rows, length_weight, toolpath
 
 from machopt.domain.cell import Shape, Workpiece
 from machopt.domain.options import FixedRotation, PlanOptions, ProcessForce
@@ -97,7 +97,7 @@ def test_objective_is_its_definition(case: str) -> None:
             cost[i] = axial if path.is_drilling[i] else (axial + directional_compliance(J[i], d.k[i], d.normal[i])) / 2
     c = cost[counted] / p.scores.scale
     o = p.chosen.objective
-    assert o.mean == pytest.approx(c.mean(), rel=1e-8)
+    assert o.mean == pytest.approx(length_weight(path)[counted] @ c, rel=1e-8)
     assert o.worst == pytest.approx(c.max(), rel=1e-8)
     share = path.motion_share
     assert o.travel == pytest.approx(

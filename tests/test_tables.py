@@ -17,7 +17,13 @@ import pytest
 from machopt.domain.trajectory import Trajectory
 from machopt.errors import InputError
 from machopt.formats.outfolder import output_folder, write_json
-from machopt.formats.tables import PointsTable, read_trajectory_csv, write_points_csv, write_trajectory_csv
+from machopt.formats.tables import (
+    PointsTable,
+    read_trajectory_csv,
+    write_compensation_csv,
+    write_points_csv,
+    write_trajectory_csv,
+)
 
 
 def smooth_motion(samples: int, external: int = 0, dt: float = 0.012) -> Trajectory:
@@ -100,6 +106,22 @@ def test_columns_are_the_contracts(tmp_path: Path) -> None:
     assert rows[0].startswith('0,"side, ""rough""",cut,0.000000,125.000000,250.000000,0.000000000,')
     assert '"joint 3, 4.2° beyond"' in rows[1]
     assert ",1500.0000,400.0000,0.1000000,," in rows[0]
+
+
+def test_added_columns_stand_last_and_only_where_there_is_something(tmp_path: Path) -> None:
+    table = replace(points_table(3), deflection_std=np.array([1e-6, np.nan, 2e-6]), k_axial_std=np.full(3, 1e4),
+                    compensation=np.array([[1e-4, -2e-4, 0.0]] * 3))  # fmt: skip
+    write_points_csv(tmp_path / "p.csv", table)
+    head, first, second, _ = (tmp_path / "p.csv").read_text(encoding="utf-8").splitlines()
+    assert head.endswith("k_jiao_x_N_mm,deflection_std_mm,k_axial_std_N_mm,comp_dx_mm,comp_dy_mm,comp_dz_mm")
+    assert first.endswith(",0.0010000,10.0000,0.100000,-0.200000,0.000000")
+    assert second.endswith(",,10.0000,0.100000,-0.200000,0.000000")
+    write_compensation_csv(tmp_path / "c.csv", np.array([0.0, 0.5]), np.full((2, 3), 1e-4), np.full((2, 3), 12.5))
+    assert (tmp_path / "c.csv").read_text().splitlines() == [
+        "point,dx_mm,dy_mm,dz_mm,fx_N,fy_N,fz_N",
+        "0.000000000,0.100000,0.100000,0.100000,12.500000,12.500000,12.500000",
+        "0.500000000,0.100000,0.100000,0.100000,12.500000,12.500000,12.500000",
+    ]
 
 
 def test_third_differences_survive_the_rounding(tmp_path: Path) -> None:

@@ -175,6 +175,13 @@ def test_catches_each_damage(cell: Cell, table: dict[str, list[object]], tmp_pat
 
     assert "cutting points visited" in failed(skip)
 
+    def lifted(t: dict[str, list[object]]) -> None:
+        for n in cut:
+            if 2.2 < float(t["point"][n]) < 2.8:  # type: ignore[arg-type]
+                t["move"][n] = "link"
+
+    assert failed(lifted) == {"cut throughout"}  # both its ends are visited, the middle is not
+
     def swapped(t: dict[str, list[object]]) -> None:
         t["point"][middle], t["point"][middle + 4] = t["point"][middle + 4], t["point"][middle]
 

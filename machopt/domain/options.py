@@ -69,4 +69,5 @@ class PlanOptions:
     rapid_scale: float = 0.8  # share of the joint velocity limits used in rapid moves
     limit_scale: float = 0.97  # share of the velocity, acceleration and jerk limits used while cutting
     allow_gaps: bool = False
+    compensate: bool = False  # drive a path shifted against the deflection predicted under ``force``
     seed: int = 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from machopt.domain.toolpath import Array
 from machopt.formats.pathbuilder import Vector
 
 ORTHONORMAL = 1e-3  # axes printed with four decimals are that far from orthonormal
+SAME = 1e-6  # mm and sines: nearer than that, two systems are one
 
 
 class FrameError(ValueError):
@@ -24,13 +26,15 @@ class Frame:
     t: Array  # (3,)
 
     def __post_init__(self) -> None:
-        if not np.isfinite(self.R).all() or np.abs(self.R.T @ self.R - np.eye(3)).max() > ORTHONORMAL:
+        if not (np.isfinite(self.R).all() and np.isfinite(self.t).all()):
+            raise FrameError("a number of the coordinate system is not finite")
+        if np.abs(self.R.T @ self.R - np.eye(3)).max() > ORTHONORMAL:
             raise FrameError("the axes are not unit vectors at right angles")
         if np.linalg.det(self.R) < 0.0:
             raise FrameError("the axes are left-handed")
 
     def same_as(self, other: Frame) -> bool:
-        return bool(np.allclose(self.R, other.R, atol=1e-6) and np.allclose(self.t, other.t, atol=1e-6))
+        return bool(np.allclose(self.R, other.R, atol=SAME) and np.allclose(self.t, other.t, atol=SAME))
 
     def __str__(self) -> str:
         rows = np.column_stack([self.R, self.t])
@@ -39,14 +43,44 @@ class Frame:
 
 @dataclass(frozen=True)
 class Transfer:
-    """Points of a later system in the first one: p₁ = R₁ᵀ(R p + t − t₁)."""
+    """Points of a later system in the first one: p₁ = R p + t (mm)."""
 
     R: Array
     t: Array
 
     @classmethod
     def between(cls, first: Frame, later: Frame) -> Transfer:
+        """p₁ = R₁ᵀ(R p + t − t₁)."""
         return cls(first.R.T @ later.R, first.R.T @ (later.t - first.t))
+
+    @classmethod
+    def shift(cls, x: float, y: float, z: float) -> Transfer:
+        return cls(np.eye(3), np.array([x, y, z]))
+
+    @classmethod
+    def rotation(cls, axis: str, angle_deg: float) -> Transfer:
+        """Right-handed about X, Y or Z."""
+        return cls(turn(axis, angle_deg), np.zeros(3))
+
+    def then(self, outer: Transfer) -> Transfer:
+        """``outer`` applied after this one."""
+        return Transfer(outer.R @ self.R, outer.R @ self.t + outer.t)
+
+    def inverse(self) -> Transfer:
+        return Transfer(self.R.T, -self.R.T @ self.t)
+
+    @property
+    def only_shifts(self) -> bool:
+        return bool(np.abs(self.R - np.eye(3)).max() < SAME)
+
+    @property
+    def nothing(self) -> bool:
+        return self.only_shifts and bool(np.abs(self.t).max() < SAME)
+
+    @property
+    def z(self) -> Vector:
+        """The system's z axis in the first one."""
+        return self.direction((0.0, 0.0, 1.0))
 
     def point(self, p: Vector) -> Vector:
         x, y, z = (self.R @ np.array(p) + self.t).tolist()
@@ -58,3 +92,32 @@ class Transfer:
     def direction(self, d: Vector) -> Vector:
         x, y, z = (self.R @ np.array(d)).tolist()
         return x, y, z
+
+
+def turn(axis: str, angle_deg: float) -> Array:
+    """(3, 3) right-handed rotation about X, Y or Z; whole quarter turns are exact."""
+    angle = math.radians(angle_deg)
+    c, s = math.cos(angle), math.sin(angle)
+    if angle_deg % 90.0 == 0.0:
+        c, s = float(round(c)), float(round(s))
+    if axis == "X":
+        return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    if axis == "Y":
+        return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def about(axis: Vector, angle_deg: float) -> Array:
+    """(3, 3) right-handed rotation about any axis (Rodrigues).
+
+    Raises:
+        FrameError: the axis is zero.
+    """
+    n = np.array(axis)
+    length = float(np.linalg.norm(n))
+    if not length > 1e-9:
+        raise FrameError("the axis of a rotation is zero")
+    x, y, z = n / length
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    angle = math.radians(angle_deg)
+    return np.asarray(np.eye(3) + math.sin(angle) * K + (1.0 - math.cos(angle)) * (K @ K))

@@ -67,6 +67,7 @@ class OptionKeys(Strict):
     rapid_scale: float | None = Field(default=None, gt=0, le=1)
     limit_scale: float | None = Field(default=None, gt=0, le=1)
     allow_gaps: bool | None = None
+    compensate: bool | None = None
     seed: int | None = Field(default=None, ge=0)
 
     @field_validator("rotation_range_deg")
@@ -145,6 +146,7 @@ def options_as_user(options: PlanOptions) -> dict[str, object]:
         "rapid_scale": options.rapid_scale,
         "limit_scale": options.limit_scale,
         "allow_gaps": options.allow_gaps,
+        "compensate": options.compensate,
         "seed": options.seed,
     }
     if options.preferred_rotation is not None:
@@ -202,6 +204,7 @@ def _to_si(keys: OptionKeys) -> PlanOptions:
         "rapid_scale",
         "limit_scale",
         "allow_gaps",
+        "compensate",
         "seed",
     ):
         if getattr(keys, name) is not None:
@@ -236,6 +239,11 @@ def _consistent(options: PlanOptions) -> None:
                 f"{_tidy(degrees(lo))}°…{_tidy(degrees(hi))}°",
                 file="options", where="fixed",
             )  # fmt: skip
+    if options.compensate and not options.force.given:
+        raise InputError(
+            "there is no force to compensate for; the process force as force_N, e.g. force_N={normal: 200}, would work",
+            file="options", where="compensate",
+        )  # fmt: skip
     w = options.weights
     if w.mean == 0 and w.worst == 0:
         raise InputError(

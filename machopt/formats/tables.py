@@ -57,6 +57,9 @@ class PointsTable:
     k_jiao_x: Array  # (N,) N/m, the paper's index along the tool axis
     nearest_pair: tuple[str, ...] = ()  # (N,) the two bodies that come nearest, empty where none is near
     in_grid: NDArray[np.bool_] | None = None  # (N,) False: outside the stiffness grid, the constant values were used
+    deflection_std: Array | None = None  # (N,) m, 1 sigma of ``deflection`` from the stiffness's own uncertainty
+    k_axial_std: Array | None = None  # (N,) N/m, the same of ``k_axial``
+    compensation: Array | None = None  # (N, 3) m in workpiece, added to the commanded path
 
     def __len__(self) -> int:
         return len(self.position)
@@ -202,6 +205,28 @@ def write_points_csv(path: Path, table: PointsTable) -> None:
         columns.append(_Column("nearest_pair", "%s", [_quoted(p) for p in table.nearest_pair]))
     if table.in_grid is not None:
         columns.append(_Column("stiffness_from", "%s", ["grid" if g else "constant" for g in table.in_grid.tolist()]))
+    if table.deflection_std is not None:
+        columns.append(_optional("deflection_std_mm", table.deflection_std * MM_PER_M, 7))
+    if table.k_axial_std is not None:
+        columns.append(_optional("k_axial_std_N_mm", table.k_axial_std * N_MM_PER_N_M, 4))
+    if table.compensation is not None:
+        shift = table.compensation * MM_PER_M
+        columns += [_optional(f"comp_d{c}_mm", shift[:, i], 6) for i, c in enumerate("xyz")]
+    _write(path, columns)
+
+
+def write_compensation_csv(path: Path, index: Array, offset: Array, force: Array) -> None:
+    """Write ``compensation.csv``: the shifted path between its corners, and the force it was shifted against.
+
+    Args:
+        path: the file.
+        index: (P,) fractional toolpath index of each corner of the commanded path, not falling.
+        offset: (P, 3) m in workpiece, added to the toolpath there.
+        force: (P, 3) N in workpiece, of the process on the tool.
+    """
+    columns = [_optional("point", index, 9)]
+    columns += [_optional(f"d{c}_mm", offset[:, i] * MM_PER_M, 6) for i, c in enumerate("xyz")]
+    columns += [_optional(f"f{c}_N", force[:, i], 6) for i, c in enumerate("xyz")]
     _write(path, columns)
 
 

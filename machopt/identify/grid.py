@@ -202,14 +202,14 @@ def _result(
     fit, vary, used, F, C, G = (
         work.constant, work.vary, work.places.cells, int(work.vary.sum()), len(work.places.cells), len(region)
     )  # fmt: skip
-    weight, left, mean = kriging(region, used, prior.range if work.smooth else 0.0)
+    weight, left, mean, unsure = kriging(region, used, prior.range if work.smooth else 0.0)
     z, cov = posterior.beta[: C * F].reshape(C, F), posterior.covariance[: C * F, : C * F].reshape(C, F, C, F)
     every = weight @ z  # (G, F)
     spread2 = prior.spread**2
     # a cell's covariance: what the measured cells' errors carry to it, and what they leave open
     full = np.einsum("gc,cidj,gd->gij", weight, cov, weight, optimize=True)
     full += left[:, None, None] * np.diag(spread2)
-    centre_cov = np.einsum("c,cidj,d->ij", mean, cov, mean, optimize=True)
+    centre_cov = np.einsum("c,cidj,d->ij", mean, cov, mean, optimize=True) + unsure * np.diag(spread2)
     log_c, log_cov = np.zeros((G, 6)), np.zeros((G, 6, 6))
     log_c[:, vary] = every
     log_cov[np.ix_(np.arange(G), vary, vary)] = full

@@ -154,7 +154,7 @@ def touched(region: Region, position: Array, on_face: float) -> Touched:
     )
 
 
-def kriging(region: Region, used: Ints, range_: float) -> tuple[Array, Array, Array]:
+def kriging(region: Region, used: Ints, range_: float) -> tuple[Array, Array, Array, float]:
     """How all cells follow from those with readings, the mean estimated along (universal kriging).
 
     Args:
@@ -163,7 +163,8 @@ def kriging(region: Region, used: Ints, range_: float) -> tuple[Array, Array, Ar
         range_: of the correlation exp(−d/ℓ), in cells; 0 for none.
 
     Returns:
-        weights (G, C), the variance left (G,) in units of s², the mean's own weights (C,).
+        weights (G, C), the variance left (G,) in units of s², the mean's own weights (C,), its
+        variance in s².
     """
     every = region.centres() / region.cell
     d = np.linalg.norm(every[:, None] - every[used][None], axis=-1)
@@ -175,4 +176,4 @@ def kriging(region: Region, used: Ints, range_: float) -> tuple[Array, Array, Ar
     rest = 1.0 - gain.sum(axis=1)
     left = np.maximum(1.0 - np.sum(gain * K, axis=1) + rest**2 / total, 0.0)
     left[used] = 0.0
-    return gain + rest[:, None] * mean, left, mean
+    return gain + rest[:, None] * mean, left, mean, 1.0 / total

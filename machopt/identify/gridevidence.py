@@ -21,13 +21,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
-from scipy.linalg.blas import dgemm
 from scipy.optimize import minimize
 from scipy.sparse import bsr_matrix, csr_matrix
 
 from machopt.identify.clusters import Clusters, Components, Normal, Sums, normal
 from machopt.identify.components import LEAST, MOST, TRUST_IN_STATED
+from machopt.identify.tiled import product, spd_inverse, times
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -190,11 +189,10 @@ class Evidence:
         for _ in range(MODE_STEPS):
             P, b = self._system(H, h, Q, prior, linear)
             d = 1.0 / np.sqrt(np.maximum(np.diag(P), np.finfo(float).tiny))
-            _, found, info = lapack.dposv(P * d[:, None] * d + RIDGE * np.eye(len(b)), d * b, lower=1)
-            step = d * found - beta
+            step = d * times(_inverse(P * d[:, None] * d)[0], d * b) - beta
             step /= max(float(np.abs(step[z]).max(initial=0.0)), 1.0)  # a factor e a step at most
             before = value
-            for _ in range(HALVINGS if info == 0 else 0):
+            for _ in range(HALVINGS):
                 there = linearise(beta + step)
                 value = misfit(beta + step, there)
                 if value <= before:
@@ -217,7 +215,7 @@ class Evidence:
         d = 1.0 / np.sqrt(np.maximum(np.diag(P), np.finfo(float).tiny))
         inverse, log_P = _inverse(P * d[:, None] * d)
         covariance = inverse * d[:, None] * d
-        beta = covariance @ b
+        beta = times(covariance, b)
         response = linear.u + (linear.E @ beta).reshape(L, R)
         fit = float(np.einsum("li,lij,lj->", linear.u, H, linear.u) - 2 * np.sum(linear.u * h) - b @ beta)
         value = m.yy + fit + m.logdet + log_P - 2 * float(np.log(d).sum())
@@ -267,7 +265,7 @@ class Evidence:
         if self.smooth:
             dK = self._kernel(prior.range) * self.distance / prior.range
             # log|K| + log 1ᵀK⁻¹1 has the differential tr(Q dK), and dQ = −Q dK Q
-            slope.append(float(np.sum(Q * dK)) * self.joints - float(np.sum(dgemm(1.0, dgemm(1.0, Q, dK), Q) * second)))
+            slope.append(float(np.sum(Q * dK)) * self.joints - float(np.sum(product(product(Q, dK), Q) * second)))
         return post.value, np.array(slope)
 
     def _equations(self, prior: Prior) -> list[Normal]:
@@ -336,17 +334,7 @@ def sum_of(parts: Sequence[Array]) -> Array:
 
 
 def _inverse(A: Array) -> tuple[Array, float]:
-    """Inverse and log-determinant of a symmetric positive definite matrix of unit diagonal.
-
-    LAPACK and BLAS from SciPy alone: NumPy's are another pool of threads, and the two waiting for each other take
-    twice the time.
-    """
-    factor, info = lapack.dpotrf(A, lower=1)
-    if info != 0:  # a direction that neither readings nor prior hold, but for rounding
-        factor, info = lapack.dpotrf(A + RIDGE * np.eye(len(A)), lower=1)
-    if info != 0:
-        raise np.linalg.LinAlgError("the cells' equations are not positive definite")
-    out, _ = lapack.dpotri(factor, lower=1)
-    upper = np.triu_indices(len(A), 1)
-    out[upper] = out.T[upper]
-    return np.asarray(out), 2 * float(np.log(np.diag(factor)).sum())
+    try:
+        return spd_inverse(A)
+    except np.linalg.LinAlgError:  # a direction that neither readings nor prior hold, but for rounding
+        return spd_inverse(A + RIDGE * np.eye(len(A)))

@@ -9,16 +9,19 @@ import machopt
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.job.points import PointResults, reason_of
+from machopt.plan.compensate import residual
 from machopt.plan.explain import gamma, hints, shortfall_of
 from machopt.plan.pipeline import Plan, Scored
 from machopt.plan.retime import Dip
 from machopt.plan.timeline import Timeline
+from machopt.plan.uncertainty import gains
 from machopt.report import data as page
 from machopt.se3 import wrap
 from machopt.verify import Verification
 
 Array = NDArray[np.float64]
 WORST = 8  # rows of the table of worst points
+_YARDSTICKS = {"cam default": "the CAM's default rotation", "jiao2022": "Jiao 2022"}
 _STATUS = {Reason.BOUNDS: 2, Reason.NO_PATH: 7}  # the page's codes where they differ from Reason's
 _WORDS = {
     Reason.UNREACHABLE: "unreachable", Reason.LIMIT: "joint limit", Reason.SINGULAR_WRIST: "wrist singularity",
@@ -35,7 +38,7 @@ def report_data(
     index = plan.scores.index
     quantity: page.Quantity = index if index in ("deflection", "stiffness") else "index"
     series = {name: _shown(plan, s) for name, s in _assignments(plan)}
-    summary = _summary(plan, points, timeline, verification, quantity, series)
+    summary = _summary(plan, points, timeline, verification, quantity)
     infeasible = tuple(
         page.InfeasiblePoint(
             point=round(plan.path.index[p]), operation=_label(toolpath, plan, p), position=plan.path.position[p],
@@ -77,15 +80,9 @@ def _shown(plan: Plan, scored: Scored) -> Array:
 
 def _summary(
     plan: Plan, points: PointResults, timeline: Timeline | None, verification: Verification | None,
-    quantity: page.Quantity, series: dict[str, Array],
+    quantity: page.Quantity,
 ) -> page.Summary:  # fmt: skip
-    counted = plan.path.counted[points.rows]
-    worst_of = np.max if quantity == "deflection" else np.min
-
-    def figure(name: str, of: object) -> float:
-        values = series[name][counted]
-        return float(of(values)) if len(values) and np.isfinite(values).all() else float("nan")  # type: ignore[operator]
-
+    figures = {name: _figures(plan, scored) for name, scored in _assignments(plan)}
     clearance = points.table.clearance
     nearest = int(np.nanargmin(clearance)) if np.isfinite(clearance).any() else -1
     trajectory = timeline.trajectory if timeline else None
@@ -97,9 +94,9 @@ def _summary(
         outcome=outcome,  # type: ignore[arg-type]
         verification="not run" if verification is None else ("passed" if verification.ok else "failed"),
         quantity=quantity,
-        worst_default=figure("default", worst_of), worst_jiao2022=figure("jiao2022", worst_of),
-        worst_chosen=figure("chosen", worst_of), mean_default=figure("default", np.mean),
-        mean_jiao2022=figure("jiao2022", np.mean), mean_chosen=figure("chosen", np.mean),
+        worst_default=figures["default"][0], worst_jiao2022=figures["jiao2022"][0],
+        worst_chosen=figures["chosen"][0], mean_default=figures["default"][1],
+        mean_jiao2022=figures["jiao2022"][1], mean_chosen=figures["chosen"][1],
         feed_held=timeline.held_share if timeline and feasible else float("nan"),
         cycle_time=float(trajectory.time[-1]) if trajectory else float("nan"),
         cutting_time=float((trajectory.move == Move.CUT).sum() * plan.options.sample) if trajectory else float("nan"),
@@ -107,7 +104,28 @@ def _summary(
         infeasible_points=int(plan.path.is_point[plan.missing].sum()),
         nearest_miss=float(clearance[nearest]) if nearest >= 0 else float("nan"),
         nearest_pair=points.nearest_pair[nearest] if nearest >= 0 else "", nearest_point=nearest,
+        gains=tuple(
+            page.Gain(_YARDSTICKS[g.over], g.mean, g.std, g.interval, g.distinguishable)
+            for g in gains(plan) if g.over != plan.chosen_from
+        ),
+        shift=_shift(plan) if feasible else None,
     )  # fmt: skip
+
+
+def _shift(plan: Plan) -> page.Shift | None:
+    found = residual(plan)
+    return None if found is None else page.Shift(found.shift_worst, found.shift_mean, found.worst, found.mean)
+
+
+def _figures(plan: Plan, scored: Scored) -> tuple[float, float]:
+    """Worst and mean of the objective itself, as deflection in m or stiffness in N/m; NaN where it is not feasible.
+
+    The mean is over the length cut. A mean stiffness is that of the mean compliance, as the objective has it.
+    """
+    found = [plan.scores.scale * v for v in (scored.objective.worst, scored.objective.mean)]
+    shown = found if plan.scores.index == "deflection" else [1.0 / v if v else float("nan") for v in found]
+    worst, mean = (v if np.isfinite(v) and v > 0 else float("nan") for v in shown)
+    return worst, mean
 
 
 def _cut_length(plan: Plan) -> float:
@@ -155,7 +173,7 @@ def _path_series(plan: Plan, toolpath: Toolpath, points: PointResults, series: d
         index_chosen=only_cut(series["chosen"]), k_axial=only_cut(t.k_axial), k_normal=only_cut(t.k_normal),
         k_jiao2022=only_cut(t.k_jiao_x), deflection=only_cut(t.deflection),
         tolerance=toolpath.tolerance, clearance=t.clearance, nearest_pair=points.nearest_pair,
-        singularity=t.singularity, limit_margin=t.limit_margin,
+        singularity=t.singularity, limit_margin=t.limit_margin, shift=t.compensation,
     )  # fmt: skip
 
 
@@ -233,21 +251,26 @@ def _worst_points(
             value_default=float(series["default"][i]), gamma=float(turned[i]), deflection=float(t.deflection[i]),
             tolerance=float(toolpath.tolerance[i]), k_axial=float(t.k_axial[i]), clearance=float(t.clearance[i]),
             reason=_carrier(plan, int(points.rows[i])),
+            deflection_std=float(t.deflection_std[i]) if t.deflection_std is not None else float("nan"),
         )
         for i in picked
     )  # fmt: skip
 
 
 def _carrier(plan: Plan, row: int) -> str:
-    """The joint that carries most of the compliance along the tool axis, and what it could have been."""
+    """The joint or term that carries most of the compliance along the force or the tool axis, and how much of it."""
     elasticity, d = plan.setup.elasticity, plan.directions
-    _, J = elasticity.robot.fk_jacobian(plan.chosen.assignment.q[row], elasticity.T_flange_tcp)
+    elastic = elasticity.at(plan.chosen.assignment.q[row][None], d.k[row][None])
     direction = d.force[row] if plan.options.force.given else d.axial[row]
-    share = (J[:3].T @ direction) ** 2 / d.k[row]
-    share = share / share.sum()
-    joint = int(share.argmax())
+    wrench = np.concatenate([direction, np.zeros(3)])[None]
+    part = dict(zip((f"joint {i}" for i in range(1, 7)), (elastic.state.J[0, :3].T @ direction) ** 2 / d.k[row],
+                    strict=True))  # fmt: skip
+    for term in elasticity.terms:
+        twist = term.response(elastic.state, wrench)[0, :3] @ term.values
+        part[f"{term.effect.replace('_', ' ')} of {term.location.replace(':', ' ')}"] = float(direction @ twist)
+    most = max(part, key=lambda name: part[name])
     along = "the force" if plan.options.force.given else "the tool axis"
-    return f"joint {joint + 1} causes {100 * share[joint]:.0f} % of the deflection along {along}"
+    return f"{most} causes {100 * part[most] / sum(part.values()):.0f} % of the deflection along {along}"
 
 
 def _operations(

@@ -12,6 +12,7 @@ from machopt.domain.toolpath import Toolpath
 from machopt.formats.tables import PointsTable
 from machopt.plan.explain import explain_points, gamma
 from machopt.plan.pipeline import Plan
+from machopt.plan.uncertainty import cost_gradient, spread_of
 
 Array = NDArray[np.float64]
 
@@ -53,6 +54,7 @@ def point_results(plan: Plan, toolpath: Toolpath) -> PointResults:
         paper[ok] = elastic.jiao_index(d.axial[at])
         if plan.options.force.given:
             bend[ok] = np.linalg.norm(elastic.deflection(d.force[at]), axis=-1)
+    bend_std, axial_std = _uncertainty(plan, rows, ok, q, axial)
     clearance, pairs = np.full(n, np.nan), [""] * n
     model = plan.setup.collision
     if model is not None and len(ok):
@@ -74,5 +76,27 @@ def point_results(plan: Plan, toolpath: Toolpath) -> PointResults:
         status=tuple(reason_of(plan, int(p)).word for p in rows), reason=tuple(why.get(int(p), "") for p in rows),
         feed=toolpath.feed, k_jiao_x=paper, nearest_pair=tuple(pairs),
         in_grid=None if plan.setup.elasticity.stiffness.grid is None else plan.directions.in_grid[rows],
+        deflection_std=bend_std, k_axial_std=axial_std,
+        compensation=None if plan.compensation is None else plan.compensation.offset[rows],
     )  # fmt: skip
     return PointResults(table, rows, tuple(pairs))
+
+
+def _uncertainty(
+    plan: Plan, rows: NDArray[np.intp], ok: NDArray[np.intp], q: Array, axial: Array
+) -> tuple[Array | None, Array | None]:
+    """1 sigma of the deflection in m and of the axial stiffness in N/m, (N,) each; None where none is known."""
+    spread = spread_of(plan)
+    if not spread.known:
+        return None, None
+    bend_std, axial_std = np.full(len(rows), np.nan), np.full(len(rows), np.nan)
+    P, at, elasticity = len(plan.path.index), rows[ok], plan.setup.elasticity
+    by_point = np.zeros((P, 6))
+    along = plan.directions.axial[at]
+    by_point[at] = elasticity.at(q[ok], plan.directions.k[at]).sensitivity(along, along, small=True)
+    axial_std[ok] = spread.point_std(by_point)[at] * axial[ok] ** 2  # of 1/c
+    if not plan.options.force.given:
+        return None, axial_std
+    by_point[at] = cost_gradient(elasticity, plan.directions, at, q[ok], "deflection")
+    bend_std[ok] = spread.point_std(by_point)[at]
+    return bend_std, axial_std

@@ -30,7 +30,7 @@ from machopt.model.collision import CollisionModel
 from machopt.model.elastic import ArmElasticity
 from machopt.model.kinetostatic import characteristic_length
 from machopt.model.robot import load_chain
-from machopt.report.poses_page import write_poses_page
+from machopt.report.poses_page import sentence, write_poses_page
 
 __all__ = ["Outcome", "Request", "run_plan_poses"]
 
@@ -42,6 +42,7 @@ class Outcome:
     exit_code: int
     result: dict[str, object]  # plan.json
     report: Path
+    message: str  # one sentence for the user
 
 
 def run_plan_poses(request: Request, progress: Callable[[str], None] = lambda _: None) -> Outcome:
@@ -101,7 +102,7 @@ def run_plan_poses(request: Request, progress: Callable[[str], None] = lambda _:
         page = page_of(request, cell, robot, pool, cases, plan, table, hashes, warnings)
         write_poses_page(folder / "report.html", page)
         write_json(folder / "plan.json", result)
-    return Outcome(0 if plan is not None else 3, result, request.out / "report.html")
+    return Outcome(0 if plan is not None else 3, result, request.out / "report.html", page.reason or sentence(page))
 
 
 def _enough_numbers(request: Request, dimensions: int, unknowns: int) -> None:

@@ -19,14 +19,17 @@ from machopt.formats.cell import load_cell
 from machopt.formats.krl import krl_name, write_krl
 from machopt.formats.options import load_options, options_as_user
 from machopt.formats.outfolder import output_folder, write_json
-from machopt.formats.tables import write_points_csv, write_trajectory_csv
+from machopt.formats.tables import write_compensation_csv, write_points_csv, write_trajectory_csv
 from machopt.formats.toolpath import read_toolpath
 from machopt.job.page import report_data
 from machopt.job.points import PointResults, point_results
 from machopt.job.program import robot_program
+from machopt.plan.compensate import compensate, residual
 from machopt.plan.explain import hints
 from machopt.plan.pipeline import Plan, Scored, Timings, as_driven, plan
+from machopt.plan.refine import with_corners
 from machopt.plan.timeline import Timeline, build_timeline
+from machopt.plan.uncertainty import Gain, gains
 from machopt.report.page import write_report
 from machopt.verify import Verification, verify_output
 
@@ -68,6 +71,9 @@ def optimize(request: Request, progress: Callable[[str], None] = lambda _: None)
         _refuse_fixed_beyond(toolpath, options)
     with output_folder(request.out) as folder:
         the_plan = plan(cell, toolpath, options, timings)
+        if options.compensate:
+            with timings.stage("compensate"):
+                the_plan = compensate(with_corners(the_plan, toolpath))
         timeline = _motion(the_plan, toolpath, options, timings)
         if timeline is not None and timeline.trajectory is not None:
             the_plan = as_driven(the_plan, timeline.phi)
@@ -79,6 +85,9 @@ def optimize(request: Request, progress: Callable[[str], None] = lambda _: None)
             if timeline is not None and timeline.trajectory is not None:
                 labels = [o.label for o in toolpath.operations]
                 write_trajectory_csv(folder / "trajectory.csv", timeline.trajectory, labels)
+                if the_plan.compensation is not None:
+                    c = the_plan.compensation
+                    write_compensation_csv(folder / "compensation.csv", the_plan.path.index, c.offset, c.force)
                 write_krl(folder, krl_name(toolpath.source), robot_program(the_plan, toolpath, timeline))
         if timeline is not None and timeline.trajectory is not None:
             with timings.stage("verify"):
@@ -146,8 +155,10 @@ def _result(
         "index_scale": the_plan.scores.scale,
         "chosen_from": the_plan.chosen_from,
         "objective": {"cam_default": _objective(the_plan.cam_default), "jiao2022": _objective(the_plan.jiao2022),
-                      "grid": vars(the_plan.grid), "chosen": _objective(the_plan.chosen)},
+                      "grid": vars(the_plan.grid), "chosen": _objective(the_plan.chosen),
+                      "gain": [_gain(g) for g in gains(the_plan)]},
         "worst_point": worst,
+        "compensation": _compensation(the_plan) if trajectory is not None else None,
         "infeasible_points": [
             {"point": k, "reason": points.table.reason[k]} for k in (round(the_plan.path.index[p]) for p in missing)
         ],
@@ -172,6 +183,26 @@ def _result(
 def _objective(scored: Scored) -> dict[str, object]:
     feasible = int((scored.assignment.reason == 0).sum())
     return {**vars(scored.objective), "feasible_share": feasible / len(scored.assignment.reason)}
+
+
+def _gain(gain: Gain) -> dict[str, object]:
+    """How much less the mean cost is: of deflection, or of compliance where no force is given; null where unknown."""
+
+    def share(value: float) -> float | None:
+        return 100.0 * value if np.isfinite(value) else None
+
+    return {"over": gain.over, "mean_percent": share(gain.mean), "std_percent": share(gain.std),
+            "ci90": [share(v) for v in gain.interval] if np.isfinite(gain.std) else None,
+            "distinguishable": gain.distinguishable if np.isfinite(gain.std) else None}  # fmt: skip
+
+
+def _compensation(the_plan: Plan) -> dict[str, object] | None:
+    found = residual(the_plan)
+    if found is None:
+        return None
+    return {"max_mm": 1e3 * found.shift_worst, "mean_mm": 1e3 * found.shift_mean,
+            "uncompensated_mean_mm": 1e3 * found.uncompensated,
+            "residual_max_mm": 1e3 * found.worst, "residual_mean_mm": 1e3 * found.mean}  # fmt: skip
 
 
 def _worst(the_plan: Plan, points: PointResults) -> dict[str, object] | None:

@@ -17,10 +17,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.domain.stiffness import Stiffness
+from machopt.domain.stiffness import Stiffness, StiffnessGrid
 from machopt.errors import InputError
+from machopt.model.kinetostatic import geometric_stiffness
 from machopt.model.robot import ArmState, Robot
 from machopt.model.terms.base import LinearTerm, compile_terms
+from machopt.model.terms.body import BodySpring
 
 Array = NDArray[np.float64]
 FACE_TOLERANCE = 1e-6  # m; a TCP this near a face, edge or corner of the grid belongs to all its cells
@@ -45,22 +47,30 @@ def joint_stiffness(stiffness: Stiffness, position: Array) -> JointStiffness:
     grid = stiffness.grid
     if grid is None:
         return JointStiffness(np.broadcast_to(stiffness.joints, (*lead, 6)), np.ones(lead, bool))
-    shape = np.array(grid.shape)
-    x = ((position - grid.origin) / grid.cell).reshape(-1, 3)
-    eps = FACE_TOLERANCE / grid.cell
-    low = np.floor(x - eps).astype(int)  # the cells touched along each axis: low … high (one or two)
-    high = np.floor(x + eps).astype(int)
-    total, count = np.zeros((len(x), 6)), np.zeros(len(x))
-    for corner in np.ndindex(2, 2, 2):
-        pick = np.where(np.array(corner) == 1, high, low)
-        new = np.all((np.array(corner) == 0) | (high != low), axis=1)  # do not count a cell twice
-        inside = new & np.all((pick >= 0) & (pick < shape), axis=1)
-        index = pick[inside, 0] + shape[0] * (pick[inside, 1] + shape[1] * pick[inside, 2])
-        total[inside] += grid.joints[index]
-        count[inside] += 1
+    flat = position.reshape(-1, 3)
+    rows, cells = cells_at(grid, flat)
+    total, count = np.zeros((len(flat), 6)), np.bincount(rows, minlength=len(flat))
+    np.add.at(total, rows, grid.joints[cells])
     found = count > 0
     k = np.where(found[:, None], total / np.maximum(count, 1)[:, None], stiffness.joints)
     return JointStiffness(k.reshape(*lead, 6), found.reshape(lead))
+
+
+def cells_at(grid: StiffnessGrid, position: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The cells that positions (M, 3) in base_link lie in or touch, as pairs of rows (position, cell)."""
+    shape = np.array(grid.shape)
+    x = (position - grid.origin) / grid.cell
+    eps = FACE_TOLERANCE / grid.cell
+    low = np.floor(x - eps).astype(int)  # the cells touched along each axis: low … high (one or two)
+    high = np.floor(x + eps).astype(int)
+    rows, cells = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
+    for corner in np.ndindex(2, 2, 2):
+        pick = np.where(np.array(corner) == 1, high, low)
+        new = np.all((np.array(corner) == 0) | (high != low), axis=1)  # do not count a cell twice
+        inside = np.flatnonzero(new & np.all((pick >= 0) & (pick < shape), axis=1))
+        rows.append(inside)
+        cells.append(pick[inside, 0] + shape[0] * (pick[inside, 1] + shape[1] * pick[inside, 2]))
+    return np.concatenate(rows), np.concatenate(cells)
 
 
 def translational_compliance(J: Array, k: Array) -> Array:
@@ -112,7 +122,7 @@ class Elastic:
 
     state: ArmState  # with bodies where there are terms
     k: Array  # (M, 6) N·m/rad
-    terms: tuple[LinearTerm, ...] = ()  # with their values
+    terms: tuple[LinearTerm, ...] = ()  # with their values; body springs as one matrix
     geometric: bool = False  # count K_C of the load itself (dumas2011 eqs. 8–10)
 
     def respond(self, wrench: Array) -> Array:
@@ -159,13 +169,42 @@ class Elastic:
         S = np.linalg.inv(np.linalg.inv(self.compliance())[..., :3, :3])
         return np.asarray(np.linalg.norm(np.einsum("...ij,...jk,...k->...i", S, S, direction), axis=-1) ** -0.5)
 
-    def sensitivity(self, force: Array, direction: Array) -> Array:
-        """∂(eᵀ C_tt f)/∂c_j (M, 6) in N·m·m: how the displacement along e follows each joint's compliance.
+    def sensitivity(self, force: Array, direction: Array, *, small: bool = False) -> Array:
+        """∂(eᵀ d)/∂c_j (M, 6) in N·m·m: how the displacement d under f along e follows each joint's compliance.
 
-        With the covariance Σ of the compliances the variance of that displacement is gᵀ Σ g.
+        Without K_C that is (J_v,j · e)(J_v,j · f); ``small`` leaves K_C out as :meth:`along` does. With the covariance
+        Σ of the compliances the variance of that displacement is gᵀ Σ g.
         """
         Jv = self.state.J[..., :3, :]
-        return np.asarray(np.einsum("...ci,...c->...i", Jv, direction) * np.einsum("...ci,...c->...i", Jv, force))
+        along, tau = (np.einsum("...ci,...c->...i", Jv, v) for v in (direction, force))
+        if small or not self.geometric:
+            return np.asarray(along * tau)
+        # bent = (K − K_C)⁻¹ τ, so ∂bent/∂c_j = (K − K_C)⁻¹ e_j k_j² bent_j
+        K = _diagonal(self.k) - geometric_stiffness(self.state.J, _as_wrench(force))
+        bent = np.linalg.solve(K, tau[..., None])[..., 0]
+        carried = np.linalg.solve(np.swapaxes(K, -1, -2), along[..., None])[..., 0]
+        return np.asarray(carried * self.k**2 * bent)
+
+    def jiao_sensitivity(self, direction: Array) -> Array:
+        """∂(1/k_x)/∂c_j (M, 6) of :meth:`jiao_index` along unit directions (M, 3), in rad⁻¹·m/N·N·m.
+
+        S = K_fd⁻¹ = P C Pᵀ with P = [1, −C_tr C_rr⁻¹], stationary in P, so ∂S/∂c_j = (P J_j)(P J_j)ᵀ; 1/k_x = |S² e|^½.
+        """
+        C = self.compliance()
+        P = np.concatenate(
+            [np.broadcast_to(np.eye(3), (*C.shape[:-2], 3, 3)),
+             -np.swapaxes(np.linalg.solve(C[..., 3:, 3:], C[..., 3:, :3]), -1, -2)], axis=-1
+        )  # fmt: skip
+        S, turned = P @ C @ np.swapaxes(P, -1, -2), P @ self.state.J  # (M, 3, 3), (M, 3, 6)
+        Se = np.einsum("...ij,...j->...i", S, direction)
+        SSe = np.einsum("...ij,...j->...i", S, Se)
+        size = np.linalg.norm(SSe, axis=-1)[..., None]
+        SSSe = np.einsum("...ij,...j->...i", S, SSe)
+        # (S² e)ᵀ (∂S S + S ∂S) e with ∂S = t tᵀ is (t·SSe)(t·Se) + (t·SSSe)(t·e)
+        on_e, on_Se, on_SSe, on_SSSe = (
+            np.einsum("...ci,...c->...i", turned, v) for v in (direction, Se, SSe, SSSe)
+        )  # fmt: skip
+        return np.asarray(0.5 * size**-1.5 * (on_SSe * on_Se + on_SSSe * on_e))
 
 
 class ArmElasticity:
@@ -185,41 +224,20 @@ class ArmElasticity:
                     f"{', '.join(c.name for c in term.coefficients)}",
                     file=file, where="terms",
                 )  # fmt: skip
+        self._known = tuple(t.folded() if isinstance(t, BodySpring) else t for t in self.terms)
 
     def at(self, q: Array, k: Array | None = None) -> Elastic:
         """Elasticity at configurations q (M, 6) rad; ``k`` (M, 6) saves looking the joint stiffness up again."""
         state = self.robot.state(q, self.T_flange_tcp, bodies=bool(self.terms))
         if k is None:
             k = joint_stiffness(self.stiffness, state.T_base_tool[..., :3, 3]).k
-        return Elastic(state, k, self.terms, self.geometric)
+        return Elastic(state, k, self._known, self.geometric)
 
     def jacobian(self, q: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Jacobian at the TCP (..., 6, 6) in base_link axes, k (..., 6) there, and whether the grid covers it."""
         T, J = self.robot.fk_jacobian(q, self.T_flange_tcp)
         joint = joint_stiffness(self.stiffness, T[..., :3, 3])
         return J, joint.k, joint.in_grid
-
-
-def geometric_stiffness(J: Array, wrench: Array) -> Array:
-    """K_C = [∂Jᵀ/∂θ_i w] (..., 6, 6) N·m/rad of dumas2011 eq. 9, for a wrench constant in base axes at the TCP.
-
-    Column a of J is (z_a × r_a, z_a). Turning joint i ≤ a carries joint a along, ∂J_a/∂θ_i = (z_i × v_a, z_i × z_a);
-    turning i > a moves the TCP only, ∂J_a/∂θ_i = (z_a × v_i, 0). Not symmetric under a moment: a moment with
-    fixed direction is not conservative.
-    """
-    v, z = J[..., :3, :], J[..., 3:, :]
-    force, moment = wrench[..., :3], wrench[..., 3:]
-    out = np.zeros(J.shape)
-    for a in range(6):
-        for i in range(6):
-            if i <= a:
-                row = np.cross(z[..., i], v[..., a]), np.cross(z[..., i], z[..., a])
-                out[..., a, i] = np.einsum("...c,...c->...", row[0], force) + np.einsum(
-                    "...c,...c->...", row[1], moment
-                )
-            else:
-                out[..., a, i] = np.einsum("...c,...c->...", np.cross(z[..., a], v[..., i]), force)
-    return out
 
 
 def _diagonal(k: Array) -> Array:

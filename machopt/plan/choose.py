@@ -164,8 +164,7 @@ def _swing(path: Path, window: Ints) -> Array:
 
 def _node_cost(path: Path, candidates: Candidates, scores: Scores, options: PlanOptions) -> Array:
     """(S, R, B) price of a vertex: its share of the mean index, and the preferred rotation."""
-    counted = path.counted[path.stations]
-    share = counted / max(int(counted.sum()), 1)
+    share = path.station_weight
     gamma = wrap(candidates.phi[None, :] + path.offset[path.stations][:, None])
     price = options.weights.mean * np.where(np.isfinite(scores.cost), scores.cost, 0.0) / scores.scale
     return np.ascontiguousarray((price + preference(gamma, options)[:, :, None]) * share[:, None, None])

@@ -46,6 +46,7 @@ class Stretch:
     band: Corridor
     x: Array  # (n,) m, turning length at the stations
     share: Array  # (n,) weight in the mean index
+    counted: NDArray[np.bool_]  # (n,) the worst index counts here
     weight: float  # of its motion
     pins: dict[int, float]  # fixed offsets by row
     offset: Array  # (n,) rad, found so far
@@ -67,13 +68,13 @@ class Stretch:
         points = path.stations[rows]
         band = corridor(candidates, scores, choice, rows)
         turning = turning_length(path, points[0], points[-1])
-        share = path.counted[points] / max(int(path.counted[path.stations].sum()), 1)
         return cls(
             rows,
             points,
             band,
             turning[points - points[0]],
-            share,
+            path.station_weight[rows],
+            path.counted[points],
             float(path.motion_share[points[0]]),
             _pins(path, rows, band.phi, options),
             np.zeros(len(rows)),
@@ -88,7 +89,7 @@ class Stretch:
 
     def worst(self) -> float:
         """Largest cost where it counts, at the offset as it is."""
-        at = np.flatnonzero(self.share > 0)
+        at = np.flatnonzero(self.counted)
         if not len(at):
             return 0.0
         x = np.clip(self.offset[at] / self.band.step + REACH, 0, 2 * REACH - 1e-9)

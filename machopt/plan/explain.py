@@ -31,6 +31,8 @@ def shortfall_of(plan: Plan, point: int) -> float:
 
 
 def _sentence(plan: Plan, s: int, reason: Reason, point: int) -> str:
+    if plan.compensation is not None and plan.compensation.lost[point]:
+        return _lost_by_shift(plan, reason, point)
     rows = plan.candidates.reason[s]  # (R, B)
     rotations = plan.candidates.reason_of_rotation()[s]
     feasible = int((rotations == Reason.OK).sum())
@@ -52,6 +54,24 @@ def _sentence(plan: Plan, s: int, reason: Reason, point: int) -> str:
     return f"no rotation works: of {len(rotations)} tried, " + ", ".join(parts) + joint
 
 
+def _lost_by_shift(plan: Plan, reason: Reason, point: int) -> str:
+    size = float(np.linalg.norm(plan.compensation.offset[point])) if plan.compensation is not None else 0.0
+    what = f"possible as programmed, but not with the compensation of {1e3 * size:.3f} mm: "
+    if reason == Reason.COLLIDING and plan.check is not None and plan.setup.collision is not None:
+        k = int(plan.check.pair[point])
+        if k >= 0:
+            return f"{what}{plan.setup.collision.pairs[k].name} touch or come nearer than the clearance"
+    return what + _SHIFTED.get(reason, "no configuration of the same branch is there")
+
+
+_SHIFTED = {
+    Reason.UNREACHABLE: "the shifted point is out of reach",
+    Reason.LIMIT: "a joint would leave its range",
+    Reason.SINGULAR_WRIST: "it comes too near the wrist singularity",
+    Reason.SINGULAR_ELBOW: "it comes too near the stretched arm (elbow singularity)",
+    Reason.SINGULAR_SHOULDER: "it comes too near the shoulder singularity",
+    Reason.COLLIDING: "the way there collides",
+}
 _WORDS = {
     Reason.UNREACHABLE: "are out of reach",
     Reason.LIMIT: "break a joint limit",

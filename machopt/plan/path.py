@@ -12,6 +12,7 @@ direction of travel (trajectories) or the workpiece x axis (point operations).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ UNKNOWN_FEED = 0.05  # m/s, for the time of approach moves without a feed
 FASTEST_FEED = 0.3  # m/s; a higher one in a file (air cut, laser path) is a wish and would drown the index in lost time
 MAX_STATIONS = 1500  # of the choice; beyond, the path is decimated evenly
 SEGMENT = 0.02  # m, longest stretch without a planning point
+CORNER = 0.002  # m, how far before a corner of the cut a point is added where asked for
+TURN = np.cos(np.radians(5.0))  # sharper turns of the direction of travel are corners
 SEGMENT_AXIS = np.radians(3.0)  # rad, the same for axis changes
 
 
@@ -57,13 +60,12 @@ class Path:
 
     @property
     def motion_share(self) -> Array:
-        """(P,) weight of the motion into each point: the share of the cutting points that its run has.
+        """(P,) weight of the motion into each point: the share of the length cut that its run has.
 
         Motion and index are so traded run by run alike, whether a job is one contour or a hundred holes. A run
         without cuts counts like the next one that cuts.
         """
-        count = np.bincount(self.run, weights=self.counted).astype(float)
-        share = count / max(count.sum(), 1.0)
+        share = np.bincount(self.run, weights=self.weight).astype(float)
         for k in range(len(share) - 2, -1, -1):
             share[k] = share[k] or share[k + 1]
         for k in range(1, len(share)):
@@ -75,17 +77,48 @@ class Path:
         """(P,) True where the index counts: toolpath points the tool cuts to, and points inside cut segments."""
         return np.asarray(self.move == Move.CUT)
 
+    @cached_property
+    def weight(self) -> Array:
+        """(P,) share of the length cut that each counted point stands for; zero elsewhere, in all 1.
 
-def build_path(toolpath: Toolpath, keep: tuple[int, ...] = ()) -> Path:
+        Half of either neighbouring segment, so that a mean does not depend on how densely a path is sampled. The half
+        at a start that the tool only comes to goes to the first point it cuts to. Holes weigh as deep as they are
+        cut: a job of holes and contours has one unit. Without any length (touches) every counted point weighs alike.
+        """
+        cut = self.counted
+        half = 0.5 * np.r_[0.0, np.linalg.norm(np.diff(self.position, axis=0), axis=1)] * cut
+        out = half + np.r_[half[1:], 0.0] * cut
+        out[1:] += half[1:] * ~cut[:-1]
+        total = float(out.sum())
+        return out / total if total > 0 else cut / max(int(cut.sum()), 1)
+
+    @cached_property
+    def station_weight(self) -> Array:
+        """(S,) the weights carried to the stations, as the points between them take their cost: on the line."""
+        rows = np.arange(len(self.index))
+        after = np.minimum(np.searchsorted(self.stations, rows), len(self.stations) - 1)
+        before = np.maximum(after - 1, 0)
+        span = np.maximum(self.stations[after] - self.stations[before], 1)
+        f = np.where(after > before, (rows - self.stations[before]) / span, 1.0)
+        n = len(self.stations)
+        return np.asarray(
+            np.bincount(after, self.weight * f, n) + np.bincount(before, self.weight * (1.0 - f), n), float
+        )
+
+
+def build_path(toolpath: Toolpath, keep: tuple[int, ...] = (), *, corners: bool = False) -> Path:
     """Split into runs, densify long segments, carry the reference direction, choose stations.
 
     Args:
         keep: toolpath points that must be stations, because the user fixed the rotation there.
+        corners: add a point just before each corner of the cut, where a shift against the deflection must turn.
     """
     n = len(toolpath)
     starts = (toolpath.move == Move.RAPID) | (np.arange(n) == 0)
     run_of_point = np.cumsum(starts) - 1
     index = _densified(toolpath, starts)
+    if corners:
+        index = _with_corners(toolpath, index)
     low = np.clip(np.ceil(index).astype(int) - 1, 0, n - 1)  # the toolpath point before (or at) each
     high = np.ceil(index).astype(int)  # the toolpath point whose segment it lies on
     f = np.where(high > low, index - low, 1.0)[:, None]
@@ -132,6 +165,19 @@ def _densified(toolpath: Toolpath, starts: NDArray[np.bool_]) -> Array:
     for k, m in enumerate(pieces):
         out.append(k + np.arange(1, m + 1) / m if m > 1 else np.array([k + 1.0]))
     return np.concatenate(out)
+
+
+def _with_corners(toolpath: Toolpath, index: Array) -> Array:
+    """The indices with one more CORNER before each corner between two cuts, where the points leave room for it."""
+    step = np.diff(toolpath.position, axis=0)
+    length = np.linalg.norm(step, axis=1)
+    cut = toolpath.cutting[1:]
+    turn = np.einsum("ij,ij->i", step[1:], step[:-1]) < TURN * length[1:] * length[:-1]
+    at = 1 + np.flatnonzero(turn & cut[1:] & cut[:-1] & (length[1:] > 0))  # the corner; segment at − 1 leads to it
+    before = at - CORNER / np.maximum(length[at - 1], CORNER)
+    nearest = index[np.searchsorted(index, at) - 1]  # the last point there is on the way to it
+    room = before - nearest > CORNER / np.maximum(length[at - 1], CORNER)
+    return np.union1d(index, before[room])
 
 
 def _travel(position: Array, axis: Array, joined: NDArray[np.bool_]) -> Array:

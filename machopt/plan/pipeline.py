@@ -4,6 +4,7 @@
 
     path ─► candidates ─► score ─► choose ─► smooth ─► realise ─► check ─► timeline
                              ▲        └───────────◄───────────────┘ forbid what collides, choose again
+                                            (refine ─► compensate ─► timeline, where that is asked for)
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,7 @@ from machopt.plan.baseline import cam_default, jiao2022
 from machopt.plan.candidates import Arm, Candidates, enumerate_candidates
 from machopt.plan.check import PathCheck, check_path, forbid
 from machopt.plan.choose import Choice, choose
+from machopt.plan.compensate import Compensation, rescored
 from machopt.plan.path import Path, build_path
 from machopt.plan.realise import Assignment, realise
 from machopt.plan.score import (
@@ -105,6 +107,7 @@ class Plan:
     jiao2022: Scored
     check: PathCheck | None
     rounds: int
+    compensation: Compensation | None = None  # then ``path`` is the shifted one
 
     @property
     def missing(self) -> NDArray[np.intp]:
@@ -264,12 +267,7 @@ def as_driven(plan: Plan, phi: Array) -> Plan:
     after = realise(plan.path, plan.setup.arm, plan.setup.robot, phi, before.q)
     keep = before.reason != Reason.OK  # what was ruled out stays so
     after.reason[keep] = before.reason[keep]
-    cost = np.full(len(phi), np.nan)
-    ok = np.flatnonzero(after.reason == Reason.OK)
-    cost[ok] = configuration_cost(plan.setup.elasticity, plan.directions, ok, after.q[ok], plan.scores.index)
-    velocity = plan.setup.cell.limits.velocity[:6]
-    value = objective(plan.path, cost, after.q, phi, plan.scores.scale, velocity, plan.options)
-    return replace(plan, chosen=Scored(after, cost, value))
+    return rescored(plan, after)
 
 
 def _as_asked(phi: Array, path: Path, options: PlanOptions) -> bool:

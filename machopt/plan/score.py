@@ -12,10 +12,10 @@ jiao2022        1/k_x along the tool axis (eq. 23)                       m/N
 ==============  =======================================================  =====
 
 Objective J = w_mean·mean(c)/c₀ + w_worst·max(c)/c₀ + w_travel·Σ a|Δq|/π + w_rotation·Σ a|Δφ|/π + w_feed·t_lost/t
-+ w_preferred·mean((1 − cos(γ − γ_preferred))/2), with c₀ the median cost over the feasible candidates and a the run's
-share of the cutting points. Travel and rotation are total variations, so they do not depend on how finely a path is
-sampled. t_lost is the time by which the axes, at AXIS_SPEED of their velocity limits, are slower than the programmed
-feed.
++ w_preferred·mean((1 − cos(γ − γ_preferred))/2), with c₀ the median cost over the feasible candidates, means over the
+length cut (:attr:`machopt.plan.path.Path.weight`) and a the run's share of that length. Travel and rotation are total
+variations, so they do not depend on how finely a path is sampled. t_lost is the time by which the axes, at AXIS_SPEED
+of their velocity limits, are slower than the programmed feed.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ def score_candidates(
 
 @dataclass(frozen=True)
 class Objective:
-    """J and its parts, dimensionless."""
+    """J and its parts, dimensionless; times c₀, ``mean`` and ``worst`` are the index's own."""
 
     total: float
     mean: float
@@ -131,10 +131,11 @@ def objective(
         phi: (P,) rad, continuous inside each run.
         velocity: (6,) rad/s, joint velocity limits.
     """
-    w, counted, share = options.weights, path.counted, path.motion_share
+    w, counted, share, weight = options.weights, path.counted, path.motion_share, path.weight[path.counted]
     c = np.where(np.isfinite(cost[counted]), cost[counted], np.inf) / scale
     if not len(c):
-        c = np.zeros(1)
+        c, weight = np.zeros(1), np.ones(1)
+    mean = float(weight @ c) if np.isfinite(c).all() else float("inf")
     known = np.isfinite(q).all(axis=1)
     travel = float(share[known][1:] @ np.abs(np.diff(q[known], axis=0)).sum(axis=1)) / np.pi
     inside = (path.run[1:] == path.run[:-1]) & np.isfinite(phi[1:]) & np.isfinite(phi[:-1])
@@ -145,11 +146,11 @@ def objective(
     preferred = 0.0
     if options.preferred_rotation is not None:
         gamma = wrap(phi + path.offset)[counted]
-        preferred = float(np.nanmean(preference(gamma, options)))
-    total = w.mean * float(c.mean()) + w.worst * float(c.max()) + w.travel * travel + w.rotation * rotation
-    return Objective(
-        total + w.feed * lost + preferred, float(c.mean()), float(c.max()), travel, rotation, lost, preferred
-    )
+        price = preference(gamma, options)
+        known = np.isfinite(price)
+        preferred = float(weight[known] @ price[known] / max(weight[known].sum(), 1e-300))
+    total = w.mean * mean + w.worst * float(c.max()) + w.travel * travel + w.rotation * rotation
+    return Objective(total + w.feed * lost + preferred, mean, float(c.max()), travel, rotation, lost, preferred)
 
 
 def preference(gamma: Array, options: PlanOptions) -> Array:

@@ -119,7 +119,7 @@ def _constant_rotations(path: Path, parts: list[Stretch], worst: float, options:
             outside = (
                 (delta < low - 1e-12)
                 | (delta > high + 1e-12)
-                | (cost[:, part.share > 0] > worst * (1 + 1e-9)).any(axis=1)
+                | (cost[:, part.counted] > worst * (1 + 1e-9)).any(axis=1)
             )
             if part.pins:
                 delta, node, outside = np.array([next(iter(part.pins.values()))]), np.zeros(1), np.zeros(1, bool)

@@ -83,7 +83,7 @@ def spline_answers(
         + CURVATURE * part.weight * ca.sumsqr(ca.mtimes(ca.sparsify(ca.DM(second)), c))
         + w.feed * part.weight / len(use) * ca.sumsqr(excess)
     )
-    counted = np.flatnonzero(share > 0)
+    counted = np.flatnonzero(np.logical_or.reduceat(part.counted, use))
     g = [delta] + ([cost[counted.tolist()] - tau] if len(counted) else [])
     g += [side for t, v in bounds for side in (t - v, t + v)]
     m = sum(t.shape[0] for t, _ in bounds)
@@ -113,7 +113,7 @@ def spline_answers(
     )
     found = np.asarray(answer["x"]).ravel()[: len(start)]
     places = np.stack([index, np.zeros(len(index))])
-    all_counted = np.flatnonzero(part.share > 0)
+    all_counted = np.flatnonzero(part.counted)
 
     def merit(answer: BSpline, ends: tuple[Array | None, Array | None], elsewhere: float) -> float:
         """The objective with true absolute values; infinite outside the corridor."""

@@ -29,11 +29,13 @@ from machopt.plan.retime import Dip, RunFailure, RunInput, RunTrajectory, retime
 Array = NDArray[np.float64]
 LIFTS = (0.02, 0.05, 0.1, 0.2, 0.4)  # m along the tool axis, tried in this order around obstacles
 BEND = np.radians(0.1)  # rotation that a straight move between two toolpath points may miss before a point is added
+BOW = 2e-6  # m, the same of a shifted path; unshifted it is straight between toolpath points to rounding
 SEARCH = 2000  # extensions of the random tree for a rapid move that nothing simpler frees
 SEARCH_IN_VAIN = 100  # the same once another move is known to be stuck
 GAP_LIFT = 0.05  # m, where the path is interrupted
 WITHDRAWALS = (0.002, 0.005, 0.01, 0.02, 0.035, 0.05, 0.1, 0.2, 0.4)  # m along the tool axis out of the workpiece
-JUMP = np.radians(45.0)  # between neighbouring planning points: another configuration
+JUMP = np.radians(45.0)  # between neighbouring planning points where the choice broke off: another configuration
+FLIP = np.radians(120.0)  # the same anywhere: no rotation about the tool axis that a run was given turns a joint so far
 LIFT_STEP = 0.01  # m between the configurations along a lift
 
 
@@ -151,9 +153,13 @@ class _Builder:
         never reached. Lonely rapid points without a configuration are passed by.
         """
         ok = self.plan.chosen.assignment.reason == Reason.OK
+        broke = np.zeros(len(ok), int)  # how often the choice had broken off until a point
+        broke[self.path.stations[list(self.plan.choice.broken)]] = 1
+        broke = np.cumsum(broke)
         for first, last in self.path.runs:
             rows = first + np.flatnonzero(ok[first : last + 1])
-            apart = (np.diff(rows) != 1) | (np.abs(np.diff(self.q[rows], axis=0)) > JUMP).any(axis=1)
+            step = np.abs(np.diff(self.q[rows], axis=0)).max(axis=1, initial=0.0)
+            apart = (np.diff(rows) != 1) | (step > np.where(np.diff(broke[rows]) > 0, JUMP, FLIP))
             for part in np.split(rows, np.flatnonzero(apart) + 1):
                 begin = part if len(part) and part[0] == first else part[np.cumsum(self.path.is_point[part]) > 0]
                 keep = np.flatnonzero(self.path.is_point[begin])
@@ -293,7 +299,7 @@ class _Builder:
         move = _every_cut_shown(move, local, index, rows, self.path)
         gamma = done.phi + self.path.offset[rows][below]
         self.phi[rows] = np.interp(np.arange(len(rows)), local, done.phi)
-        told = _needed(self.plan.chosen.assignment.phi[rows], self.path.is_point[rows])
+        told = _needed(self.plan.chosen.assignment.phi[rows], self.path.is_point[rows], index, self.path.position[rows])
         told[0] = False  # the move starts there
         cutting = move == Move.CUT
         self.cut_time += float(cutting.sum()) * self.options.sample
@@ -359,12 +365,17 @@ def _every_cut_shown(
     return out
 
 
-def _needed(phi: Array, is_point: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(n,) planning points a program needs: toolpath points, and those where the rotation leaves the straight line."""
+def _needed(phi: Array, is_point: NDArray[np.bool_], index: Array, position: Array) -> NDArray[np.bool_]:
+    """(n,) planning points a program needs: toolpath points, and those where rotation or path leave the straight line.
+
+    The path does so only where it is shifted against a deflection that changes along it.
+    """
     keep = is_point.copy()
     keep[[0, -1]] = True
     at = np.flatnonzero(keep)
-    return np.asarray(keep | (np.abs(phi - np.interp(np.arange(len(phi)), at, phi[at])) > BEND))
+    line = np.column_stack([np.interp(index, index[at], position[at, c]) for c in range(3)])
+    bowed = np.linalg.norm(position - line, axis=1) > BOW
+    return np.asarray(keep | bowed | (np.abs(phi - np.interp(np.arange(len(phi)), at, phi[at])) > BEND))
 
 
 def _name(index: float) -> str:

@@ -29,6 +29,27 @@ STATUS_NAMES = (
 
 
 @dataclass(frozen=True)
+class Gain:
+    """By how much the mean along the path is better than with a yardstick."""
+
+    over: str  # e.g. "Jiao 2022"
+    share: float  # 1 − mean/mean of it, of deflection or compliance; negative: worse; NaN where that is not feasible
+    std: float = float("nan")  # 1 sigma of ``share`` from the stiffness's own uncertainty, NaN where it is not known
+    interval: tuple[float, float] = (float("nan"), float("nan"))  # 90 %
+    distinguishable: bool = True  # False: the interval holds zero
+
+
+@dataclass(frozen=True)
+class Shift:
+    """The commanded path against the programmed one, where the predicted deflection is compensated."""
+
+    worst: float  # m
+    mean: float  # m, over the length cut
+    left_worst: float  # m, predicted distance of the bent tool from the programmed path
+    left_mean: float  # m
+
+
+@dataclass(frozen=True)
 class Summary:
     """What did I gain, and is it safe? NaN for what was not computed."""
 
@@ -38,10 +59,11 @@ class Summary:
     worst_default: float  # at the worst point, with the CAM's default rotation
     worst_jiao2022: float  # with the source paper's method
     worst_chosen: float
-    mean_default: float  # mean along the path
+    mean_default: float  # mean over the length cut; of a stiffness: the stiffness of the mean compliance
     mean_jiao2022: float
     mean_chosen: float
-    gain_sigma: float = float("nan")  # 1 sigma of the relative gain at the worst point, from the stiffness covariance
+    gains: tuple[Gain, ...] = ()  # of the mean, over each yardstick
+    shift: Shift | None = None
     feed_held: float = float("nan")  # share 0…1 of the cutting time at the programmed feed
     cycle_time: float = float("nan")  # s
     cutting_time: float = float("nan")  # s
@@ -87,6 +109,7 @@ class PathSeries:
     nearest_pair: tuple[str, ...]  # (N,)
     singularity: Array  # (N,) rad
     limit_margin: Array  # (N,) rad
+    shift: Array | None = None  # (N, 3) m in workpiece, added to the commanded path
 
 
 @dataclass(frozen=True)
@@ -135,6 +158,7 @@ class WorstPoint:
     k_axial: float  # N/m
     clearance: float  # m
     reason: str  # e.g. "arm stretched; joint 2 carries 61 % of the deflection"
+    deflection_std: float = float("nan")  # m, 1 sigma from the stiffness's own uncertainty
 
 
 @dataclass(frozen=True)

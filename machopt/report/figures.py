@@ -100,6 +100,12 @@ def _path_charts(data: ReportData, p: PathSeries) -> list[Spec]:
             ("axial, at the tip", p.k_axial * STIFFNESS.factor, CHOSEN, ""),
             ("normal, at the tip", p.k_normal * STIFFNESS.factor, FOURTH, ""),
         ], "Stiffness (N/µm)", STIFFNESS, bands=bands, ymin=0, title="Stiffness of the chosen posture", p=p),
+        _chart("c-shift", p.s * LENGTH.factor, [
+            (axis, p.shift[:, n] * FINE_LENGTH.factor, color, dash)
+            for n, (axis, color, dash) in enumerate((("x", CHOSEN, ""), ("y", JIAO, "4 2"), ("z", FOURTH, "")))
+        ], "Shift (mm)", FINE_LENGTH, bands=bands, ymin=None, p=p,
+            title="Commanded path less programmed path, in workpiece axes")
+        if p.shift is not None else None,
         _chart("c-clearance", p.s * LENGTH.factor, [
             ("clearance", p.clearance * LENGTH.factor, CHOSEN, ""),
         ], "Clearance (mm)", LENGTH, bands=bands, ymin=0, title="Clearance to the nearest body", p=p),
@@ -113,7 +119,7 @@ def _path_charts(data: ReportData, p: PathSeries) -> list[Spec]:
 
 def _chart(
     name: str, x: Array, series: Sequence[tuple[str, Array, str, str]], ylabel: str, unit: Unit,
-    *, bands: list[Spec], ymin: float, title: str, p: PathSeries,
+    *, bands: list[Spec], ymin: float | None, title: str, p: PathSeries,
 ) -> Spec | None:  # fmt: skip
     """A picture over path length with point, operation and nearest pair in its tooltip; None without numbers."""
     series = [entry for entry in series if np.isfinite(entry[1]).any()]
@@ -129,7 +135,8 @@ def _chart(
         extra.append({"name": "nearest", "names": pairs, "at": [number[p.nearest_pair[i]] for i in k]})
     return {
         "id": name, "title": title, "group": "path", "x": numbers(x[k], 7), "xname": "path length (mm)",
-        "xlabel": "Path length (mm)", "ylabel": ylabel, "unit": unit.name, "ymin": ymin, "bands": bands,
+        "xlabel": "Path length (mm)", "ylabel": ylabel, "unit": unit.name, "bands": bands,
+        **({} if ymin is None else {"ymin": ymin}),
         "labels": bool(bands), "extra": extra,
         "series": [{"name": n, "y": numbers(y[k]), "color": c, "dash": d} for n, y, c, d in series],
     }  # fmt: skip

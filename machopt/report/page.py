@@ -19,6 +19,13 @@ _STIFFNESS_NOTE = (
     "the tool and is never smaller than the value at the tip."
 )
 
+_SHIFT_NOTE = (
+    "The commanded path is the programmed one less the deflection predicted at each point; the shift fades in along "
+    "the approach and out along the retract. Where the path turns sharply the force turns with it at once, which no "
+    "continuous path can follow: the shift then goes over to the new direction just before the corner, and that is "
+    "where the largest remaining distance lies."
+)
+
 
 def write_report(path: Path, data: ReportData) -> None:
     """Write the page.
@@ -100,7 +107,8 @@ def _map(data: ReportData, specs: Spec) -> str:
 
 
 def _path(charts: set[str]) -> str:
-    wide = _plot("c-index", charts) + _plot("c-deflection", charts)
+    wide = "".join(_plot(name, charts) for name in ("c-index", "c-deflection", "c-shift"))
+    wide += f"<p class=note>{_SHIFT_NOTE}</p>" if "c-shift" in charts else ""
     stiffness = _plot("c-stiffness", charts)
     stiffness += f"<p class=note>{_STIFFNESS_NOTE}</p>" if stiffness else ""
     small = "".join(_plot(name, charts) for name in ("c-clearance", "c-margins"))

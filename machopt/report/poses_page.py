@@ -122,20 +122,20 @@ def poses_html(data: PosesPage) -> str:
 def _verdict(data: PosesPage) -> str:
     items = "".join(f"<li>{escape(w)}</li>" for w in data.warnings)
     if data.work is None:
-        tone, badge, sentence, cards = "bad", "NOTHING TO MEASURE", data.reason[:1].upper() + data.reason[1:] + ".", ""
+        tone, badge, said, cards = "bad", "NOTHING TO MEASURE", data.reason[:1].upper() + data.reason[1:] + ".", ""
         items = "".join(f"<li>{escape(w)}</li>" for w in data.warnings if w != data.reason)
     else:
         seen = bool(np.isfinite(data.sigma).all())
         tone, badge = ("", "READY") if seen else ("warn", "NOT EVERYTHING IS SEEN")
-        sentence, cards = _sentence(data), _cards(data)
+        said, cards = sentence(data), _cards(data)
     return (
         f'<section id=verdict class="verdict {tone}"><span class=badge>{badge}</span>'
-        f"<p class=sentence>{escape(sentence)}</p>{f'<ul>{items}</ul>' if items else ''}"
+        f"<p class=sentence>{escape(said)}</p>{f'<ul>{items}</ul>' if items else ''}"
         f"<div class=cards>{cards}</div></section>\n"
     )
 
 
-def _sentence(data: PosesPage) -> str:
+def sentence(data: PosesPage) -> str:
     known = np.asarray(data.sigma[data.relative], float)
     seen = np.isfinite(known)
     names = np.array(data.unknowns)[data.relative]

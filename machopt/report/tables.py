@@ -55,13 +55,15 @@ def worst_points(data: ReportData) -> str:
     columns = [
         Column("Point", "n"), Column("Operation"), Column(f"{what} ({unit.name})", "n"),
         Column("CAM default", "n"), Column("Change", "n"), *([] if own else [Column("Deflection (mm)", "n")]),
+        Column("± 1 σ (mm)", "n"),
         Column("Tolerance (mm)", "n"), Column("γ (deg)", "n"), Column("k axial (N/µm)", "n"),
         Column("Clearance (mm)", "n"), Column("Why", "why"),
     ]  # fmt: skip
     rows = [
         (
             w.point, w.operation, unit.text(w.value), unit.text(w.value_default), change(w.value_default, w.value),
-            *(() if own else (FINE_LENGTH.text(w.deflection),)), FINE_LENGTH.text(w.tolerance),
+            *(() if own else (FINE_LENGTH.text(w.deflection),)), FINE_LENGTH.text(w.deflection_std),
+            FINE_LENGTH.text(w.tolerance),
             ANGLE.text(w.gamma), STIFFNESS.text(w.k_axial), LENGTH.text(w.clearance), w.reason,
         )
         for w in data.worst

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from machopt.report.data import ReportData, Summary
-from machopt.report.display import LENGTH, QUANTITY, SHARE, TIME, WORDS
+from machopt.report.data import Gain, ReportData, Summary
+from machopt.report.display import FINE_LENGTH, LENGTH, QUANTITY, SHARE, TIME, WORDS
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ def verdict(data: ReportData) -> Verdict:
             "The table of infeasible points says for each what stands in the way and by how much."
         )
         return Verdict("NO FEASIBLE ANSWER", "bad", _joined(sentence, s.note), _cautions(data))
-    parts = [_gain_words(s)]
+    parts = [_gain_words(s), _mean_words(s)]
     if math.isfinite(s.feed_held):
         parts.append(f"feed held on {SHARE.text(s.feed_held, unit=True)} of the cutting time")
     if math.isfinite(s.nearest_miss):
@@ -75,6 +75,9 @@ def cards(data: ReportData) -> list[Card]:
         if math.isfinite(chosen):
             more = f"CAM default {unit.text(default)}" if math.isfinite(default) else "CAM default not feasible"
             out.append(Card(name, unit.text(chosen), unit.name, more))
+    if s.shift is not None:
+        left = f"mean {FINE_LENGTH.text(s.shift.mean)}, leaves {_at_least(s.shift.left_mean)} on average"
+        out.append(Card("compensated by up to", FINE_LENGTH.text(s.shift.worst), "mm", left))
     if math.isfinite(s.feed_held):
         dips = counted(len(data.dips), "dip") if data.dips else "no dips"
         out.append(Card("feed held", SHARE.text(s.feed_held), "%", dips))
@@ -125,11 +128,47 @@ def _gain_words(s: Summary) -> str:
             f"{words.worst} {unit.text(s.worst_chosen, unit=True)}{beside}; "
             "the CAM's default rotation is not feasible along the whole path, so there is no gain over it to state"
         )
-    spread = f" ± {percent(s.gain_sigma, signed=False)}" if math.isfinite(s.gain_sigma) else ""
     return (
         f"{words.worst} {unit.text(s.worst_default)} → {unit.text(s.worst_chosen, unit=True)} "
-        f"({percent(gain)}{spread}) against the CAM's default rotation{beside}"
+        f"({percent(gain)}) against the CAM's default rotation{beside}"
     )
+
+
+def gain_text(gain: Gain) -> str:
+    """``18 % ± 6 %``: a share and its standard uncertainty, with a decimal where that is needed to tell them apart."""
+    number = f"{100 * gain.share:.{_decimals(gain)}f} %".replace("-", "−")
+    return number + (f" ± {100 * gain.std:.{_decimals(gain)}f} %" if math.isfinite(gain.std) else "")
+
+
+def _decimals(gain: Gain) -> int:
+    return int(gain.std < 0.015 or (not math.isfinite(gain.std) and abs(gain.share) < 0.1))
+
+
+def _at_least(length: float) -> str:
+    """A length in mm; what three decimals cannot show is said to be less than the last of them."""
+    return "less than 0.001 mm" if length < 5e-7 else FINE_LENGTH.text(length, unit=True)
+
+
+def _mean_words(s: Summary) -> str:
+    """Mean along the path against each yardstick, and what is shifted against it."""
+    known = [g for g in s.gains if math.isfinite(g.share)]
+    what = "mean deflection" if s.quantity == "deflection" else "mean compliance"
+    parts = []
+    for n, g in enumerate(known):
+        sign, less = (1.0, "less") if g.share >= 0 else (-1.0, "more")
+        low, high = sorted(100 * sign * v for v in g.interval)
+        n_dec = _decimals(g)
+        interval = f" (90 %: {low:.{n_dec}f} to {high:.{n_dec}f} %)".replace("-", "−") if math.isfinite(low) else ""
+        text = f"{gain_text(replace(g, share=sign * g.share))} {less} than with {g.over}{interval}"
+        parts.append(f"{what} {text}" if n == 0 else text)
+    words = [", ".join(parts)] if parts else []
+    if s.shift is not None:
+        words.append(
+            f"the commanded path is shifted by up to {FINE_LENGTH.text(s.shift.worst, unit=True)} against the "
+            f"predicted deflection, which leaves {_at_least(s.shift.left_mean)} on average and "
+            f"{_at_least(s.shift.left_worst)} at worst"
+        )
+    return "; ".join(words)
 
 
 def _cautions(data: ReportData) -> tuple[str, ...]:
@@ -140,8 +179,12 @@ def _cautions(data: ReportData) -> tuple[str, ...]:
         better = gain if WORDS[s.quantity].large_is_good else -gain
         if better <= 0:
             out.append("At the worst point there is no gain over the CAM's default rotation.")
-        elif math.isfinite(s.gain_sigma) and better < 2 * s.gain_sigma:
-            out.append("The gain is smaller than twice the stiffness model's own uncertainty: no recommendation.")
+    if s.outcome != "infeasible":
+        out += [
+            f"The gain over {g.over}, {gain_text(g)} on average, is below the stiffness model's own uncertainty: "
+            "the two are not distinguishable."
+            for g in s.gains if not g.distinguishable
+        ]  # fmt: skip
     if s.outcome != "infeasible" and s.infeasible_points:
         out.append(f"{counted(s.infeasible_points, 'point')} without an answer, left out of the motion.")
     unknown = [w for w in data.ignored if not w.understood]

@@ -83,6 +83,25 @@ class Arm:
         out[:, -1] = out[:, -1] @ self.cell.workpiece.T_link_workpiece
         return out
 
+    def jacobian(self, q: Array) -> tuple[Array, Array, Array]:
+        """Translational Jacobian (3, 6) of the TCP in world axes at q (6,), poses of base_link and workpiece in world.
+
+        External joints at rest.
+        """
+        import pinocchio as pin
+
+        full = self.rest.copy()
+        full[[self.model.idx_qs[j] for j in self.joints]] = q
+        pin.computeJointJacobians(self.model, self._data, full)
+        pin.updateFramePlacements(self.model, self._data)
+        J = pin.getFrameJacobian(self.model, self._data, self._flange, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        J = np.asarray(J[:, [self.model.idx_vs[j] for j in self.joints]], float)
+        lever = self._data.oMf[self._flange].rotation @ self.cell.tool.T_flange_tcp[:3, 3]
+        at_tcp = J[:3] + np.cross(J[3:].T, lever).T
+        places = self.placements(q[None], np.zeros((1, len(self._external))))[0]
+        to_world = self.cell.T_world_base[:3, :3] @ np.linalg.inv(self._data.oMf[self._base].homogeneous)[:3, :3]
+        return to_world @ at_tcp, self.cell.T_world_base, places[-1]
+
     def tcp_in_workpiece(self, q: Array, external: Array) -> Array:
         """(S, 4, 4) pose of the TCP in the CAM frame."""
         T = self.placements(q, external)

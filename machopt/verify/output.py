@@ -13,12 +13,14 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.verify.arm import Arm
 from machopt.verify.contact import contacts
-from machopt.verify.table import Motion, Points, read_motion, read_points
+from machopt.verify.shift import Found, compare_shift, corners
+from machopt.verify.table import Motion, Points, read_motion, read_points, read_shift
 
 Array = NDArray[np.float64]
 
 PATH_MM, AXIS_DEG = 0.02, 0.05  # how far the TCP may leave the toolpath while cutting
 VELOCITY, ACCELERATION, JERK = 1.01, 1.03, 1.10  # differences over the limits: rounding grows with the order
+SPARED, NEAR_M = 2.0, 1e-5  # ways of a sample that a cut may lack, one at either end; m, rounding of the index
 FEED = 1.02  # of the programmed feed
 JITTER_S = 5e-6  # of the control cycle: the time column is rounded
 JOINT_DEG = (
@@ -31,7 +33,7 @@ class Check:
     """One promise and whether it is kept."""
 
     name: str
-    passed: bool
+    passed: bool | None  # None: it could not be run, ``where`` says why
     value: float  # NaN where there was nothing to measure
     limit: float
     unit: str
@@ -48,19 +50,20 @@ class Verification:
 
     @property
     def ok(self) -> bool:
-        return all(check.passed for check in self.checks)
+        return all(check.passed is not False for check in self.checks)
 
     @property
     def failed(self) -> tuple[Check, ...]:
-        return tuple(check for check in self.checks if not check.passed)
+        return tuple(check for check in self.checks if check.passed is False)
 
 
 def verify_output(cell: Cell, toolpath: Toolpath, out: Path, *, options: PlanOptions | None = None) -> Verification:
     """Check ``out/trajectory.csv`` and ``out/points.csv``.
 
-    Path and axis while cutting, every cutting point visited in order, uniform time, joint limits by differences of
-    the samples (at rest before the first and after the last), feed, contacts at and between the samples, and that
-    points.csv tells the same story.
+    Path and axis while cutting, every cutting point visited in order and every cut driven in one go, uniform time,
+    joint limits by differences of the samples (at rest before the first and after the last), feed, contacts at and
+    between the samples, and that points.csv tells the same story. Where points.csv holds a compensation, the commanded
+    path is the toolpath shifted as compensation.csv says, and the shift is held against the deflection computed here.
 
     Args:
         cell: the robot cell.
@@ -76,15 +79,20 @@ def verify_output(cell: Cell, toolpath: Toolpath, out: Path, *, options: PlanOpt
     out = Path(out)
     motion, points = read_motion(out / "trajectory.csv", cell), read_points(out / "points.csv")
     arm = Arm(cell)
+    shift = read_shift(out / "compensation.csv") if points.shift is not None else None
+    index, position = (np.arange(len(toolpath), dtype=float), toolpath.position) if shift is None else (
+        corners(toolpath, shift))  # fmt: skip
     tcp = arm.tcp_in_workpiece(motion.q, motion.external)
     checks = [
         _time(motion),
-        *_path(motion, toolpath, tcp, options),
+        *_path(motion, toolpath, index, position, tcp, options),
         *_visited(motion, toolpath, points, options.allow_gaps),
         *_limits(motion, cell),
         _feed(motion, toolpath, tcp),
         *_points(motion, toolpath, points, arm, cell),
     ]
+    if shift is not None:
+        checks += [_shift_check(f) for f in compare_shift(cell, toolpath, motion, points, shift, arm, options)]
     if options.collision:
         checks.append(_contacts(motion, cell, arm))
     return Verification(tuple(checks), len(motion.time), float(motion.time[-1] - motion.time[0]))
@@ -116,20 +124,32 @@ def _cuts(motion: Motion) -> NDArray[np.int64]:
     return np.flatnonzero(motion.move == Move.CUT)
 
 
-def _path(motion: Motion, toolpath: Toolpath, tcp: Array, options: PlanOptions) -> list[Check]:
-    """Distance from the polyline near the sample's own index, and angle from the axis there."""
+def _shift_check(found: Found) -> Check:
+    if found.not_run:
+        return Check(found.name, None, np.nan, found.limit, found.unit, found.not_run)
+    return _worst(found.name, found.unit, found.values, found.limit, list(found.where))
+
+
+def _path(
+    motion: Motion, toolpath: Toolpath, index: Array, position: Array, tcp: Array, options: PlanOptions
+) -> list[Check]:
+    """Distance from the polyline near the sample's own index, and angle from the axis there.
+
+    ``index`` (P,) and ``position`` (P, 3) are the polyline's corners: the toolpath's points, or a shifted path's.
+    """
     rows = _cuts(motion)
     where = [_at(motion, n) for n in rows]
     if not np.isfinite(motion.point[rows]).all():
         n = rows[np.flatnonzero(~np.isfinite(motion.point[rows]))[0]]
         return [Check("path", False, np.nan, PATH_MM, "mm", f"cutting without a point at {_at(motion, n)}")]
-    position, axis, last = toolpath.position, toolpath.axis, len(toolpath) - 1
+    axis, last, ends = toolpath.axis, len(toolpath) - 1, len(index) - 1
     s = np.clip(motion.point[rows], 0.0, last)
     k = np.minimum(s.astype(int), max(last - 1, 0))
+    on = np.clip(np.searchsorted(index, s, side="right") - 1, 0, max(ends - 1, 0))
     away = np.full(len(rows), np.inf)
-    for near in (k - 1, k, k + 1):
-        a = np.clip(near, 0, last)
-        start, end = position[a], position[np.clip(near + 1, 0, last)]
+    for near in (on - 1, on, on + 1):
+        a = np.clip(near, 0, ends)
+        start, end = position[a], position[np.clip(near + 1, 0, ends)]
         along = end - start
         length = np.einsum("ij,ij->i", along, along)
         share = np.einsum("ij,ij->i", tcp[rows, :3, 3] - start, along) / np.where(length > 0, length, 1.0)
@@ -161,14 +181,38 @@ def _visited(motion: Motion, toolpath: Toolpath, points: Points, allow_gaps: boo
         if not (near or passed):
             missed.append(int(k))
     text = f"{len(missed)} of {int(wanted.sum())} missed, first point {missed[0]}" if missed else "all visited"
+    throughout = _throughout(motion, toolpath, wanted)
     back = np.diff(s)
     n = int(np.argmin(back)) if len(back) else -1
     least = float(-back[n]) if n >= 0 else 0.0
     where = _at(motion, rows[n]) if n >= 0 else ""
     return [
         Check("cutting points visited", not missed, float(len(missed)), 0.0, "points", text),
+        throughout,
         Check("in order", least <= 1e-6, max(0.0, least), 1e-6, "points back", where),
     ]
+
+
+def _throughout(motion: Motion, toolpath: Toolpath, wanted: NDArray[np.bool_]) -> Check:
+    """Every cut between two points is driven in one go: what no two successive cutting samples enclose is short.
+
+    At either end of a cut the way of one sample may belong to the move before or after.
+    """
+    rows = _cuts(motion)
+    s = motion.point[rows]
+    both = np.flatnonzero((np.diff(rows) == 1) & (np.diff(s) >= 0))
+    segments = 1 + np.flatnonzero(wanted[1:] & (wanted[:-1] | ~toolpath.cutting[:-1]))
+    if not len(both) or not len(segments):
+        return Check("cut throughout", not len(segments), np.nan, SPARED, "of a sample's way", "nothing to measure")
+    knots = np.column_stack([s[both], s[both + 1]])
+    driven = np.cumsum(np.column_stack([np.zeros(len(both)), knots[:, 1] - knots[:, 0]]).ravel())
+    ends = np.maximum.accumulate(knots.ravel())
+    share = np.interp(segments, ends, driven) - np.interp(segments - 1, ends, driven)
+    length = np.linalg.norm(toolpath.position[segments] - toolpath.position[segments - 1], axis=1)
+    cycle = (motion.time[-1] - motion.time[0]) / (len(motion.time) - 1)
+    way = np.nan_to_num(toolpath.feed[segments]) * cycle + NEAR_M
+    left = np.clip(1.0 - share, 0.0, 1.0) * length / way
+    return _worst("cut throughout", "of a sample's way", left, SPARED, [f"the cut to point {k}" for k in segments])
 
 
 def _limits(motion: Motion, cell: Cell) -> list[Check]:
@@ -224,7 +268,8 @@ def _points(motion: Motion, toolpath: Toolpath, points: Points, arm: Arm, cell: 
         return checks  # points.csv tells the external axes in columns of its own; the trajectory check holds
     tcp = arm.tcp_in_workpiece(points.q[rows], np.zeros((len(rows), 0)))
     number = points.point[rows]
-    away = np.linalg.norm(tcp[:, :3, 3] - toolpath.position[number], axis=1) * 1e3
+    wanted = toolpath.position[number] + (0.0 if points.shift is None else points.shift[rows])
+    away = np.linalg.norm(tcp[:, :3, 3] - wanted, axis=1) * 1e3
     checks.append(_worst("points.csv on the toolpath", "mm", away, PATH_MM, [f"point {k}" for k in number]))
     cuts = _cuts(motion)
     off = []

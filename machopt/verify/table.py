@@ -34,6 +34,16 @@ class Points:
     point: NDArray[np.int64]  # (N,)
     q: Array  # (N, 6) rad, NaN where the point has none
     status: tuple[str, ...]
+    shift: Array | None = None  # (N, 3) m in workpiece, where the commanded path is shifted
+
+
+@dataclass(frozen=True)
+class Shift:
+    """What compensation.csv says: how the path is shifted at its corners, and against which force."""
+
+    index: Array  # (P,) fractional toolpath index, not falling
+    offset: Array  # (P, 3) m in workpiece
+    force: Array  # (P, 3) N in workpiece
 
 
 def read_motion(file: Path, cell: Cell) -> Motion:
@@ -69,7 +79,25 @@ def read_points(file: Path) -> Points:
     """
     columns = _columns(file)
     number = _numbers(columns, "point", file).astype(int)
-    return Points(number, _joints(columns, file, empty=True), tuple(_column(columns, "status", file)))
+    names = [f"comp_d{c}_mm" for c in "xyz"]
+    shift = np.column_stack([_numbers(columns, n, file) for n in names]) / 1e3 if names[0] in columns else None
+    return Points(number, _joints(columns, file, empty=True), tuple(_column(columns, "status", file)), shift)
+
+
+def read_shift(file: Path) -> Shift:
+    """compensation.csv.
+
+    Raises:
+        InputError: the file, a column or a number is missing, or the index falls.
+    """
+    columns = _columns(file)
+    index = _numbers(columns, "point", file)
+    if (np.diff(index) < 0).any():
+        row = int(np.flatnonzero(np.diff(index) < 0)[0]) + 2
+        raise InputError("the index falls; the corners stand in order", file=file, where=f"data row {row}, point")
+    offset, force = (np.column_stack([_numbers(columns, n, file) for n in names])
+                     for names in (("dx_mm", "dy_mm", "dz_mm"), ("fx_N", "fy_N", "fz_N")))  # fmt: skip
+    return Shift(index, offset / 1e3, force)
 
 
 def _joints(columns: dict[str, list[str]], file: Path, *, empty: bool) -> Array:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -44,28 +45,33 @@ class BodySpring:
     values: Array  # (P,)
     written: Callable[[Array], dict[str, Any]] = field(compare=False)  # values → parameters of the file
 
+    @cached_property
+    def _in_body(self) -> Array:
+        """(6, P·6) the matrices side by side in the axes of the body at q = 0, so that S needs no turning."""
+        turn = np.kron(np.eye(2), self.T_base_spring[:3, :3])
+        return np.asarray((turn @ self.basis @ turn.T).transpose(2, 0, 1).reshape(6, -1))
+
     def response(self, state: ArmState, wrench: Array) -> Array:
         if state.R_bodies is None or state.p_bodies is None:
             raise ValueError("an ArmState with bodies is needed")
-        turned, moved = state.R_bodies[..., self.body, :, :], state.p_bodies[..., self.body, :]
-        R = turned @ self.T_base_spring[:3, :3]
-        origin = np.einsum("...ij,j->...i", turned, self.T_base_spring[:3, 3]) + moved
-        r = state.T_base_tool[..., :3, 3] - origin
-        force, moment = wrench[..., :3], wrench[..., 3:]
+        R, moved = state.R_bodies[..., self.body, :, :], state.p_bodies[..., self.body, :]
+        r = state.T_base_tool[..., :3, 3] - moved - R @ self.T_base_spring[:3, 3]
+        force, moment = wrench[..., :3], wrench[..., 3:] + cross(r, wrench[..., :3])
         local = np.concatenate(
-            [
-                np.einsum("...ji,...j->...i", R, force),
-                np.einsum("...ji,...j->...i", R, moment + np.cross(r, force)),
-            ],
-            axis=-1,
+            [np.einsum("...ji,...j->...i", R, force), np.einsum("...ji,...j->...i", R, moment)], axis=-1
         )
-        twist = np.einsum("pij,...j->...ip", self.basis, local)  # (..., 6, P) in S
-        turn = np.einsum("...ij,...jp->...ip", R, twist[..., 3:, :])
-        shift = np.einsum("...ij,...jp->...ip", R, twist[..., :3, :]) + np.cross(turn, r[..., :, None], axis=-2)
-        return np.concatenate([shift, turn], axis=-2)
+        twist = (local @ self._in_body).reshape(*local.shape[:-1], len(self.basis), 6)
+        turn = np.einsum("...ij,...pj->...pi", R, twist[..., 3:])
+        shift = np.einsum("...ij,...pj->...pi", R, twist[..., :3]) + cross(turn, r[..., None, :])
+        return np.swapaxes(np.concatenate([shift, turn], axis=-1), -1, -2)
 
     def with_values(self, values: Array) -> LinearTerm:
         return replace(self, values=np.asarray(values, float))
+
+    def folded(self) -> BodySpring:
+        """The same spring with its matrices added up into one: what it does under load, in a fraction of the time."""
+        C = np.einsum("p,pij->ij", self.values, self.basis)
+        return replace(self, basis=C[None], coefficients=(Coefficient("scale", "1"),), values=np.ones(1))
 
     def to_file(self) -> Term:
         return Term(self.effect, self.location, self.written(self.values))
@@ -77,12 +83,13 @@ def _link(robot: Robot, T_flange_tcp: Array, parameters: Parameters, location: s
     start = parameters.array("from_mm", (3,), points[link - 1] * 1e3) / 1e3
     end = parameters.array("to_mm", (3,), points[link] * 1e3) / 1e3
     length = float(np.linalg.norm(end - start))
-    if length < LEAST_LENGTH:
+    if length < LEAST_LENGTH and _form(parameters, beam=True) == "beam":
         raise parameters.error(
             "", f"the origins of joint {link} and the next are {length * 1e3:.3g} mm apart, which makes no beam; "
-            "from_mm and to_mm (base_link coordinates with all joints at zero) would say where it is",
+            "from_mm and to_mm (base_link coordinates with all joints at zero) would say where it is; a matrix "
+            "(compliance, compliance_diagonal) needs no length",
         )  # fmt: skip
-    S = transform(_along(end - start), end)
+    S = transform(_along(end - start) if length >= LEAST_LENGTH else np.eye(3), end)
     given = {k: parameters.array(k, (3,)).tolist() for k in ("from_mm", "to_mm") if parameters.has(k)}
     return _spring("link_compliance", location, link, S, length, parameters, given)
 
@@ -217,6 +224,13 @@ def _semidefinite(parameters: Parameters, C: Array) -> None:
 
 def _unit(i: int, j: int) -> str:
     return ("m/N", "1/N", "rad/(N·m)")[(i > 2) + (j > 2)]
+
+
+def cross(a: Array, b: Array) -> Array:
+    """a × b over the last axis; a third of the time of numpy.cross."""
+    x, y, z = a[..., 0], a[..., 1], a[..., 2]
+    u, v, w = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
 
 
 def _along(direction: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The command ``machopt``: parse, call, print. Heavy imports are late so that ``--help`` answers at once."""
+"""The commands about toolpaths: ``optimize``, ``inspect``, ``verify``."""
 
 from __future__ import annotations
 
@@ -6,49 +6,17 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
-import machopt
-from machopt.errors import InputError, MachoptError, VerificationError
+from machopt.cli.display import Display, finite, tree
+from machopt.errors import InputError, VerificationError
 
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; returns the exit code of contracts: 0 done, 1 bug, 2 bad input, 3 infeasible, 4 verification."""
-    args = _parser().parse_args(argv)
-    try:
-        return int(args.run(args))
-    except MachoptError as error:
-        if args.debug:
-            raise
-        print(f"machopt: {error}", file=sys.stderr)
-        return error.exit_code
-    except KeyboardInterrupt:
-        print("machopt: stopped; nothing was written", file=sys.stderr)
-        return 130
-    except BrokenPipeError:
-        return 0
-    except Exception as error:  # the last line of defence: a bug is one message, not a traceback
-        if args.debug:
-            raise
-        print(
-            f"machopt: internal error, please report it: {type(error).__name__}: {error} (--debug shows where)",
-            file=sys.stderr,
-        )
-        return 1
+Commands = Any  # argparse keeps its subparsers' type private
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="machopt", description=machopt.__doc__.splitlines()[0] if machopt.__doc__ else None
-    )
-    parser.add_argument("--version", action="version", version=f"machopt {machopt.__version__}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    common = argparse.ArgumentParser(add_help=False)
-    common.add_argument("--quiet", action="store_true", help="print errors only")
-    common.add_argument("--json", action="store_true", help="print the result as one JSON object")
-    common.add_argument("--debug", action="store_true", help="show tracebacks")
+def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
+    """Add the three commands to the parser."""
     reading = argparse.ArgumentParser(add_help=False)
     reading.add_argument("--unit", choices=("mm", "inch"), help="length unit of a file that does not say")
     reading.add_argument("--machine", help="kinematics behind rotary axes in G-code, e.g. table-ac, head-bc")
@@ -72,6 +40,10 @@ def _parser() -> argparse.ArgumentParser:
     job.add_argument(
         "--allow-gaps", action="store_true", default=None, help="plan the rest where points are unreachable"
     )
+    job.add_argument(
+        "--compensate", action="store_true", default=None,
+        help="shift the commanded path against the deflection predicted under force_N",
+    )  # fmt: skip
     job.add_argument("--sample-ms", type=float, help="time between exported samples (12)")
     job.add_argument("--seed", type=int, help="of the random search around obstacles")
     job.add_argument(
@@ -94,7 +66,6 @@ def _parser() -> argparse.ArgumentParser:
     check.add_argument("toolpath", type=Path)
     check.add_argument("out", type=Path, help="output folder of optimize")
     check.set_defaults(run=_verify)
-    return parser
 
 
 def _optimize(args: argparse.Namespace) -> int:
@@ -104,6 +75,7 @@ def _optimize(args: argparse.Namespace) -> int:
         "method": args.method,
         "index": args.index,
         "allow_gaps": args.allow_gaps,
+        "compensate": args.compensate,
         "sample_ms": args.sample_ms,
         "seed": args.seed,
     }
@@ -111,10 +83,10 @@ def _optimize(args: argparse.Namespace) -> int:
         cell=args.cell, toolpath=args.toolpath, out=args.out, plan_file=args.plan, overrides=tuple(args.set),
         direct=direct, reading=_reading(args), allow_external=args.allow_external,
     )  # fmt: skip
-    with _Display(show=not (args.quiet or args.json)) as display:
+    with Display(show=not (args.quiet or args.json)) as display:
         outcome = optimize(request, display.stage)
     if args.json:
-        print(json.dumps(_finite(outcome.result), ensure_ascii=False))
+        print(json.dumps(finite(outcome.result), ensure_ascii=False))
     elif not args.quiet:
         for line in _summary(outcome.result, outcome.report):
             print(line)
@@ -145,9 +117,9 @@ def _inspect(args: argparse.Namespace) -> int:
 
     summary = summarise(read_toolpath(args.file, **_reading(args)))
     if args.json:
-        print(json.dumps(_finite(summary), ensure_ascii=False))
+        print(json.dumps(finite(summary), ensure_ascii=False))
     elif not args.quiet:
-        print("\n".join(_tree(summary)))
+        print("\n".join(tree(summary)))
     return 0
 
 
@@ -167,54 +139,19 @@ def _verify(args: argparse.Namespace) -> int:
         checks = [vars(c) for c in found.checks]
         print(
             json.dumps(
-                _finite({"passed": found.ok, "samples": found.samples, "duration_s": found.duration, "checks": checks})
+                finite({"passed": found.ok, "samples": found.samples, "duration_s": found.duration, "checks": checks})
             )
         )
     elif not args.quiet:
         for c in found.checks:
+            if c.passed is None:
+                print(f"–    {c.name}: not run, {c.where}")
+                continue
             where = "" if c.passed else f" at {c.where}"
             print(f"{'ok  ' if c.passed else 'FAIL'} {c.name}: {c.value:.4g} {c.unit} (limit {c.limit:.4g}){where}")
     if not found.ok:
         raise VerificationError("verification failed: " + "; ".join(f"{c.name} at {c.where}" for c in found.failed))
     return 0
-
-
-class _Display:
-    """The stage at work, on a terminal as a live line, elsewhere one line a stage."""
-
-    _WORDS: ClassVar[dict[str, str]] = {
-        "load": "reading cell and toolpath", "prepare": "building kinematics and collision model",
-        "candidates": "every branch, turn and rotation", "score": "stiffness of every candidate",
-        "baselines": "CAM default and jiao2022", "choose": "best sequence for the whole path",
-        "smooth": "smooth rotation", "check": "collisions", "compare": "comparing methods",
-        "points": "stiffness and clearance per point", "retime": "feed, acceleration and jerk",
-        "export": "trajectory, tables and program", "verify": "verifying with independent code", "report": "report",
-    }  # fmt: skip
-
-    def __init__(self, *, show: bool) -> None:
-        self._status: Any = None
-        self._last = ""
-        self._show = show
-
-    def __enter__(self) -> _Display:
-        if self._show and sys.stderr.isatty():
-            from rich.console import Console
-
-            self._status = Console(stderr=True).status("starting")
-            self._status.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._status is not None:
-            self._status.stop()
-
-    def stage(self, name: str) -> None:
-        words = self._WORDS.get(name, name)
-        if self._status is not None:
-            self._status.update(words)
-        elif self._show and words != self._last:
-            print(f"… {words}", file=sys.stderr, flush=True)
-        self._last = words
 
 
 def _summary(result: dict[str, Any], report: Path) -> list[str]:
@@ -231,6 +168,7 @@ def _summary(result: dict[str, Any], report: Path) -> list[str]:
         else:
             mean, worst = (_in_words(result, o[key]) for key in ("mean", "worst"))
             lines.append(f"  {name:12} mean {mean}, worst {worst}   (objective {o['total']:.3f})")
+    lines += _gain_lines(result)
     worst = result["worst_point"]
     if worst:
         known = math.isfinite(worst["deflection_mm"])
@@ -238,6 +176,12 @@ def _summary(result: dict[str, Any], report: Path) -> list[str]:
         lines.append(
             f"  worst point {worst['point']}: {worst['k_axial_N_mm']:.0f} N/mm along the tool, "
             f"{worst['k_normal_N_mm']:.0f} N/mm across{bend}"
+        )
+    shift = result["compensation"]
+    if shift:
+        lines.append(
+            f"  compensated by up to {shift['max_mm']:.3f} mm (mean {shift['mean_mm']:.3f}); predicted to leave "
+            f"{shift['residual_mean_mm']:.4f} mm on average, {shift['residual_max_mm']:.4f} at worst"
         )
     if result["cycle_time_s"] is not None:
         dips = len(result["feed_dips"])
@@ -255,6 +199,27 @@ def _summary(result: dict[str, Any], report: Path) -> list[str]:
     if result["verification"] is not None:
         lines.append(f"  verification {'passed' if result['verification']['passed'] else 'FAILED'}")
     lines.append(f"report: {report}")
+    return lines
+
+
+def _gain_lines(result: dict[str, Any]) -> list[str]:
+    """The gain of the mean over each yardstick, with its uncertainty where the stiffness file has one."""
+    what = "mean deflection" if result["index"] == "deflection" else "mean compliance"
+    lines = []
+    for gain in result["objective"]["gain"]:
+        if gain["mean_percent"] is None or gain["over"] == result["chosen_from"]:
+            continue
+        share, std = gain["mean_percent"], gain["std_percent"]
+        decimals = int(abs(share) < 10 if std is None else std < 1.5)
+        text = f"  gain over {gain['over']}: {what} {abs(share):.{decimals}f} %"
+        if std is None:
+            lines.append(f"{text} {'less' if share >= 0 else 'more'}")
+            continue
+        low, high = sorted(v if share >= 0 else -v for v in gain["ci90"])
+        text += f" ± {std:.{decimals}f} % {'less' if share >= 0 else 'more'}"
+        lines.append(f"{text} (90 %: {low:.{decimals}f} to {high:.{decimals}f} %)")
+        if not gain["distinguishable"]:
+            lines.append("    below the stiffness model's own uncertainty: not distinguishable")
     return lines
 
 
@@ -280,44 +245,5 @@ def _failed(result: dict[str, Any]) -> str:
     return "; ".join(
         f"{c['name']} {c['value']:.4g} {c['unit']} at {c['where']}"
         for c in result["verification"]["checks"]
-        if not c["passed"]
+        if c["passed"] is False
     )
-
-
-def _finite(value: Any) -> Any:
-    """NaN and infinities as null, which JSON has no word for."""
-    if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(v) for v in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value.item() if hasattr(value, "item") else value
-
-
-def _tree(value: dict[str, Any], indent: int = 0) -> list[str]:
-    """A dictionary as indented lines."""
-    out = []
-    pad = "  " * indent
-    for key, item in value.items():
-        if isinstance(item, dict):
-            out += [f"{pad}{key}:", *_tree(item, indent + 1)]
-        elif isinstance(item, list | tuple) and item and isinstance(item[0], dict):
-            out.append(f"{pad}{key}:")
-            for row in item:
-                out.append(f"{pad}  - " + ", ".join(f"{k} {_short(v)}" for k, v in row.items()))
-        else:
-            out.append(f"{pad}{key}: {_short(item)}")
-    return out
-
-
-def _short(value: Any) -> str:
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    if isinstance(value, list | tuple):
-        return ", ".join(_short(v) for v in value) if value else "none"
-    return str(value)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

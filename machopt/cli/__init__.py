@@ -1,0 +1,51 @@
+"""The command ``machopt``: parse, call, print. Heavy imports are late so that ``--help`` answers at once."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+import machopt
+from machopt.cli import measure, toolpaths
+from machopt.errors import MachoptError
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit code of contracts: 0 done, 1 bug, 2 bad input, 3 infeasible, 4 verification."""
+    args = _parser().parse_args(argv)
+    try:
+        return int(args.run(args))
+    except MachoptError as error:
+        if args.debug:
+            raise
+        print(f"machopt: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("machopt: stopped; nothing was written", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        return 0
+    except Exception as error:  # the last line of defence: a bug is one message, not a traceback
+        if args.debug:
+            raise
+        print(
+            f"machopt: internal error, please report it: {type(error).__name__}: {error} (--debug shows where)",
+            file=sys.stderr,
+        )
+        return 1
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="machopt", description=machopt.__doc__.splitlines()[0] if machopt.__doc__ else None
+    )
+    parser.add_argument("--version", action="version", version=f"machopt {machopt.__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    common = argparse.ArgumentParser(add_help=False)
+    common.add_argument("--quiet", action="store_true", help="print errors only")
+    common.add_argument("--json", action="store_true", help="print the result as one JSON object")
+    common.add_argument("--debug", action="store_true", help="show tracebacks")
+    toolpaths.add_commands(commands, common)
+    measure.add_commands(commands, common)
+    return parser

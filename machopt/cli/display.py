@@ -1,0 +1,81 @@
+"""What every command prints with: the stage at work, results without NaN, dictionaries as indented lines."""
+
+from __future__ import annotations
+
+import math
+import sys
+from typing import Any, ClassVar
+
+
+class Display:
+    """The stage at work, on a terminal as a live line, elsewhere one line a stage."""
+
+    _WORDS: ClassVar[dict[str, str]] = {
+        "load": "reading cell and toolpath", "prepare": "building kinematics and collision model",
+        "candidates": "every branch, turn and rotation", "score": "stiffness of every candidate",
+        "baselines": "CAM default and jiao2022", "choose": "best sequence for the whole path",
+        "smooth": "smooth rotation", "check": "collisions", "compare": "comparing methods",
+        "compensate": "shifting the path against the deflection",
+        "points": "stiffness and clearance per point", "retime": "feed, acceleration and jerk",
+        "export": "trajectory, tables and program", "verify": "verifying with independent code", "report": "report",
+    }  # fmt: skip
+
+    def __init__(self, *, show: bool) -> None:
+        self._status: Any = None
+        self._last = ""
+        self._show = show
+
+    def __enter__(self) -> Display:
+        if self._show and sys.stderr.isatty():
+            from rich.console import Console
+
+            self._status = Console(stderr=True).status("starting")
+            self._status.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._status is not None:
+            self._status.stop()
+
+    def stage(self, name: str) -> None:
+        words = self._WORDS.get(name, name)
+        if self._status is not None:
+            self._status.update(words)
+        elif self._show and words != self._last:
+            print(f"… {words}", file=sys.stderr, flush=True)
+        self._last = words
+
+
+def finite(value: Any) -> Any:
+    """NaN and infinities as null, which JSON has no word for."""
+    if isinstance(value, dict):
+        return {k: finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value.item() if hasattr(value, "item") else value
+
+
+def tree(value: dict[str, Any], indent: int = 0) -> list[str]:
+    """A dictionary as indented lines."""
+    out = []
+    pad = "  " * indent
+    for key, item in value.items():
+        if isinstance(item, dict):
+            out += [f"{pad}{key}:", *tree(item, indent + 1)]
+        elif isinstance(item, list | tuple) and item and isinstance(item[0], dict):
+            out.append(f"{pad}{key}:")
+            for row in item:
+                out.append(f"{pad}  - " + ", ".join(f"{k} {_short(v)}" for k, v in row.items()))
+        else:
+            out.append(f"{pad}{key}: {_short(item)}")
+    return out
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, list | tuple):
+        return ", ".join(_short(v) for v in value) if value else "none"
+    return str(value)

@@ -1,0 +1,271 @@
+"""The commands about stiffness itself: ``identify``, ``plan-poses``, ``map``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from machopt.cli.display import Display, finite
+
+Commands = Any  # argparse keeps its subparsers' type private
+
+
+def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
+    """Add the three commands to the parser."""
+    cell = argparse.ArgumentParser(add_help=False)
+    cell.add_argument("cell", type=Path, help="cell folder or its cell.yaml")
+    cell.add_argument("-o", "--out", type=Path, required=True, help="output folder")
+    cell.add_argument("--allow-external", action="store_true", help="let the cell use files outside its folder")
+    cell.add_argument("--seed", type=int, default=0, help="same input and seed, same bytes")
+    cell.add_argument("--jobs", type=int, default=1, metavar="N", help="accepted for scripts; runs in one process")
+    parents = [common, cell]
+    _add_identify(
+        commands.add_parser("identify", parents=parents, help="joint stiffness from load–deflection readings")
+    )
+    _add_poses(commands.add_parser("plan-poses", parents=parents, help="which poses and loads to measure"))
+    _add_map(commands.add_parser("map", parents=parents, help="stiffness and dexterity over places and postures"))
+
+
+def _add_identify(p: argparse.ArgumentParser) -> None:
+    p.add_argument("recording", type=Path, nargs="+", help="recording folders (sessions of the same robot)")
+    p.add_argument(
+        "--model",
+        choices=("auto", "constant", "grid"),
+        default="auto",
+        help="auto takes a stiffness per grid cell only where it predicts unseen poses clearly better",
+    )
+    p.add_argument("--grid-cell-mm", type=float, default=300.0, help="edge of a grid cell (300)")
+    p.add_argument("--grid-origin-mm", type=_floats, metavar="X,Y,Z", help="lowest corner in base_link")
+    p.add_argument("--grid-shape", type=_ints, metavar="NX,NY,NZ", help="cells along x, y, z")
+    p.add_argument(
+        "--fit",
+        action="append",
+        default=[],
+        metavar="EFFECT@LOCATION",
+        help="physics to fit beside the joints, e.g. link_compliance@link:4; parameters in braces",
+    )
+    p.add_argument(
+        "--geometric",
+        action="store_true",
+        help="at the loaded equilibrium: K_C of the load, weight and finite turning (dumas2011 eqs. 6–10)",
+    )
+    p.add_argument("--plain", action="store_true", help="unweighted least squares of dumas2011 eq. 26")
+    p.add_argument("--keep-outliers", action="store_true", help="no reading is put aside")
+    p.add_argument("--level", type=float, default=90.0, metavar="PERCENT", help="of the intervals (90)")
+    p.add_argument("--no-studies", action="store_true", help="leave out subsets and repeated measurement errors")
+    p.add_argument("--accept", action="append", default=[], metavar="CODE",
+                   help="take this error of the record as a warning")  # fmt: skip
+    p.set_defaults(run=_identify)
+
+
+def _identify(args: argparse.Namespace) -> int:
+    from machopt.job.identify import Request, run_identify
+
+    request = Request(
+        cell=args.cell, recordings=tuple(args.recording), out=args.out, model=args.model, terms=tuple(args.fit),
+        geometric=args.geometric, plain=args.plain, robust=not args.keep_outliers, grid_cell_mm=args.grid_cell_mm,
+        grid_origin_mm=args.grid_origin_mm, grid_shape=args.grid_shape, level_percent=args.level,
+        studies=not args.no_studies, accept=tuple(args.accept), seed=args.seed, allow_external=args.allow_external,
+    )  # fmt: skip
+    with Display(show=_shown(args)) as display:
+        done = run_identify(request, display.stage)
+    if args.json:
+        print(json.dumps(finite(done.result), ensure_ascii=False))
+    elif not args.quiet:
+        print("\n".join(_identified(done.result)))
+        print(f"report: {done.report}")
+    return 0
+
+
+def _identified(result: dict[str, Any]) -> list[str]:
+    heldout = result["heldout_rmse_mm"]
+    unseen = "no pose left to judge by" if heldout is None else f"{heldout:.4f} mm on unseen poses"
+    lines = [
+        f"{result['readings']} readings, {result['poses']} poses, {result['model']} model: "
+        f"{result['rmse_mm']:.4f} mm a coordinate, {unseen}, {100 * result['explained_share']:.1f} % explained"
+    ]
+    for joint in result["joints"]:
+        low, high = joint["ci90"]
+        if joint["identified"]:
+            text = f"{low:.3g} … {'∞' if high is None else format(high, '.3g')}"
+        else:
+            text = f"not identified: {joint['reason']}"
+        lines.append(f"  joint {joint['joint']}  {joint['k_Nm_per_rad']:10.4g} N·m/rad   {text}")
+    for term in result["terms"]:
+        low, high = term["ci90"]
+        what = f"{term['effect']} {term['location']} {term['coefficient']}"
+        why = "" if term["identified"] else f": {term['reason']}"
+        lines.append(f"  {what}  {term['value']:.4g} {term['unit']}   {_number(low)} … {_number(high)}{why}")
+    lines += [f"  {text}" for text in result["known_combinations"]]
+    lines += [f"  note: {w}" for w in result["warnings"] if not w.startswith("joint ")]
+    return lines
+
+
+def _add_poses(p: argparse.ArgumentParser) -> None:
+    n, real = int, float
+    size = p.add_argument_group("how much to measure")
+    size.add_argument("--poses", type=n, default=10, help="poses to measure (10)")
+    size.add_argument("--loads", type=n, default=2, help="different loads at each pose (2)")
+    size.add_argument("--cycles", type=n, default=2, help="rounds over all poses (2)")
+    size.add_argument("--target-percent", type=real, default=5.0, help="say how many poses bring every joint there (5)")
+    loads = p.add_argument_group("loads")
+    loads.add_argument("--weights-kg", type=_floats, metavar="A,B", help="masses that can be hung")
+    loads.add_argument("--pull-N", type=_floats, metavar="A,B", help="forces of ropes or horizontal pulls")
+    loads.add_argument("--pull-directions", type=n, default=8, help="horizontal directions without anchors (8)")
+    loads.add_argument(
+        "--anchors",
+        type=_floats,
+        action="append",
+        default=[],
+        metavar="X,Y,Z",
+        help="where a rope can be tied, world, mm; may be repeated",
+    )
+    loads.add_argument(
+        "--arms-mm",
+        type=_floats,
+        default=(0.0, 200.0),
+        metavar="A,B",
+        help="lever arms across the tool; 0 is the TCP (0,200)",
+    )
+    loads.add_argument("--max-load-N", type=real, help="rated load")
+    loads.add_argument("--max-torque-Nm", type=_floats, metavar="T1,…,T6", help="joint torque of the load alone")
+    loads.add_argument("--max-deflection-mm", type=real, default=5.0, help="largest expected deflection (5)")
+    loads.add_argument("--min-signal", type=real, default=5.0, help="least deflection, in sigmas of a reading (5)")
+    gauge = p.add_argument_group("measuring")
+    gauge.add_argument(
+        "--sensor",
+        choices=("tracker", "tracker3", "dial"),
+        default="tracker",
+        help="laser tracker with one target, with three (rotations too), or three dial gauges",
+    )
+    gauge.add_argument("--displacement-mm", type=real, help="1 sigma of one coordinate (0.012, dial 0.005)")
+    gauge.add_argument("--targets-mm", type=real, default=200.0, help="targets' distance from the TCP, tracker3 (200)")
+    gauge.add_argument("--cycle-mm", type=real, default=0.015, help="error shared by a load cycle (0.015)")
+    gauge.add_argument("--pose-mm", type=real, default=0.03, help="error shared by a pose (0.03)")
+    gauge.add_argument("--force-percent", type=real, default=0.75, help="error of the load (0.75)")
+    gauge.add_argument("--tracker", type=_floats, metavar="X,Y,Z", help="tracker position, world, mm")
+    gauge.add_argument("--tracker-range-mm", type=real, default=15000.0, help="farthest target (15000)")
+    gauge.add_argument("--tracker-angle-deg", type=real, default=45.0, help="least angle of sight to the flange (45)")
+    posture = p.add_argument_group("postures")
+    posture.add_argument("--min-kci", type=real, default=0.1, help="least dexterity (0.1; zhang2025: 0.45)")
+    posture.add_argument("--max-nu-p", type=real, default=0.05, help="most K_C may change the translation (0.05)")
+    posture.add_argument("--max-nu-r-deg", type=real, default=0.05, help="most K_C may change a rotation (0.05)")
+    posture.add_argument("--clearance-mm", type=real, default=20.0, help="to everything (20)")
+    posture.add_argument("--limit-margin-deg", type=real, default=5.0, help="to joint limits (5)")
+    posture.add_argument("--floor-mm", type=real, default=300.0, help="least height of the TCP in world (300)")
+    posture.add_argument("--ceiling-mm", type=real, default=2500.0, help="greatest height of the TCP in world (2500)")
+    posture.add_argument("--box-mm", type=_floats, metavar="X0,Y0,Z0,X1,Y1,Z1", help="where the TCP may be, world")
+    posture.add_argument("--without-workpiece", action="store_true", help="the workpiece is not there")
+    posture.add_argument("--no-collision", action="store_true", help="do not check collisions")
+    search = p.add_argument_group("search")
+    search.add_argument(
+        "--terms", action="append", default=[], metavar="EFFECT@LOCATION", help="physics to identify too"
+    )
+    search.add_argument("--prior", type=_floats, metavar="K1,…,K6", help="rough stiffness, N·m/rad (the cell's)")
+    search.add_argument("--prior-factor", type=real, default=1.0, help="the prior may be wrong by this factor (1)")
+    search.add_argument("--candidates", type=n, default=2000, help="poses to choose from (2000)")
+    search.add_argument("--starts", type=n, default=2, help="starts of the search (2)")
+    p.set_defaults(run=_plan_poses)
+
+
+def _plan_poses(args: argparse.Namespace) -> int:
+    from machopt.job.poses import Request, run_plan_poses
+
+    renamed = {"anchors": "anchors_mm", "tracker": "tracker_mm", "prior": "prior_Nm_per_rad"}
+    return _run(args, Request, run_plan_poses, renamed)
+
+
+def _add_map(p: argparse.ArgumentParser) -> None:
+    where = p.add_argument_group("where")
+    where.add_argument("--slice", choices=("xy", "xz", "yz"), help="a plane of the frame (default xz)")
+    where.add_argument("--at", type=float, metavar="MM", help="where the slice lies on its normal (0)")
+    where.add_argument("--volume", action="store_true", help="a box instead of a slice")
+    where.add_argument("--joints", metavar="A[,B]", help="one or two joints varied, the others fixed")
+    where.add_argument("--q", help="with --joints: six degrees, or a4=45,a5=45; the rest at home")
+    where.add_argument("--line", metavar="X,Y,Z:X,Y,Z", help="straight path of the TCP, mm, the tool not turning")
+    where.add_argument(
+        "--range",
+        action="append",
+        default=[],
+        dest="ranges",
+        metavar="AXIS=LOW:HIGH",
+        help="mm or degrees; default what the arm reaches, or the joint limits",
+    )
+    where.add_argument(
+        "--step",
+        action="append",
+        default=[],
+        dest="steps",
+        metavar="[AXIS=]STEP",
+        help="mm or degrees; default a step for a map of seconds",
+    )
+    where.add_argument("--frame", choices=("base", "world", "workpiece"), default="base", help="of places and axes")
+    tool = p.add_argument_group("posture")
+    tool.add_argument("--tool-axis", default="0,0,1", metavar="I,J,K", help="tip to shank (0,0,1: tool points down)")
+    tool.add_argument("--gamma", type=float, default=0.0, metavar="DEG", help="given rotation about the tool axis (0)")
+    tool.add_argument("--rotation-step", type=float, default=20.0, metavar="DEG", help="rotations tried (20)")
+    tool.add_argument("--fixed-rotation", action="store_true", help="only the given rotation")
+    tool.add_argument("--pick", default="best", help="branch: best, worst, home or a number (best)")
+    tool.add_argument("--by", metavar="FIELD", help="what best means (deflection under a load, else k_min)")
+    tool.add_argument("--collision", choices=("none", "self", "cell"), default="self", help="what may not touch (self)")
+    load = p.add_argument_group("quantities")
+    load.add_argument("--force", metavar="FX,FY,FZ", help="load in N, for deflection and K_C")
+    load.add_argument("--wrench", metavar="FX,…,MZ", help="load in N and N·m")
+    load.add_argument("--load-axes", choices=("frame", "tool"), default="frame", help="of the load (frame)")
+    load.add_argument("--length", type=float, metavar="MM", help="characteristic length (computed)")
+    load.add_argument("--measured", type=Path, metavar="FILE", help="measured stiffness, shown beside the model")
+    load.add_argument("--power", type=float, default=2.0, help="of inverse distance weighting (2)")
+    load.add_argument("--neighbours", type=int, help="of inverse distance weighting (all)")
+    p.add_argument("--plan", type=Path, metavar="FILE", dest="plan_file", help="planning options as YAML")
+    p.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE",
+                   help="override a planning option")  # fmt: skip
+    p.set_defaults(run=_map)
+
+
+def _map(args: argparse.Namespace) -> int:
+    from machopt.job.map import Request, run_map
+
+    return _run(args, Request, run_map, {})
+
+
+def _run(args: argparse.Namespace, request: Any, run: Any, renamed: dict[str, str]) -> int:
+    """Commands whose request has a field for every option."""
+    from dataclasses import fields
+
+    known = {f.name for f in fields(request)}
+    given = {renamed.get(k, k): tuple(v) if isinstance(v, list) else v for k, v in vars(args).items()}
+    with Display(show=_shown(args)) as display:
+        done = run(request(**{k: v for k, v in given.items() if k in known}), display.stage)
+    if args.json:
+        print(json.dumps(finite(done.result), ensure_ascii=False))
+    if done.exit_code != 0:
+        print(f"machopt: {done.message} (report: {done.report})", file=sys.stderr)
+    elif not (args.quiet or args.json):
+        print(done.message)
+        print(f"report: {done.report}")
+    return int(done.exit_code)
+
+
+def _shown(args: argparse.Namespace) -> bool:
+    return not (args.quiet or args.json)
+
+
+def _number(value: float | None) -> str:
+    return "∞" if value is None else f"{value:.4g}"
+
+
+def _floats(text: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(v) for v in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a list of numbers like 1,2,3") from None
+
+
+def _ints(text: str) -> tuple[int, ...]:
+    try:
+        return tuple(int(v) for v in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a list of whole numbers like 1,2,3") from None

@@ -1,0 +1,52 @@
+"""Which of its postures an arm is in, as the words of robot controllers need it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.model.ik_spherical import SphericalWristSolver, wrist_centre
+from machopt.model.robot import Robot
+from machopt.se3 import axis_rotation
+
+Array = NDArray[np.float64]
+
+
+def posture(
+    robot: Robot, q: Array, front: Array, q1_zero: float = 0.0
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
+    """Side of the wrist root to axis 1, and side of the wrist root to the upper arm.
+
+    f = Rot(h₁, q₁ − q₁₀) front is where the arm faces; n = h₁ × f turns the arm's plane. The wrist root w is
+    behind where (w − p₁)·f < 0; the elbow is up where ((e − s) × (w − e))·n > 0, with s and e the points of
+    axes 2 and 3: the forearm is bent forward out of the line of the upper arm.
+
+    Args:
+        robot: the arm.
+        q: (..., 6) rad.
+        front: (3,) direction in base_link the arm faces where the controller's axis 1 is at zero.
+        q1_zero: rad, joint 1 of the URDF there.
+
+    Returns:
+        ``behind`` (...,) and ``elbow_up`` (...,), or None: the arm has no wrist root or no parallel axes 2 and 3.
+
+    Source: KUKA and ABB describe S bits 0 and 1 and cfx by these two planes; which elbow counts as up is read
+    from points recorded on robots.
+    """
+    centre = wrist_centre(robot)
+    if centre is None or not SphericalWristSolver.fits(robot):
+        return None
+    bodies = robot.link_poses(q)
+
+    def at(link: int, p: Array) -> Array:
+        T = bodies[..., link, :, :]
+        return np.asarray(T[..., :3, :3] @ p + T[..., :3, 3])
+
+    h = robot.axis[0]
+    level = front - (front @ h) * h
+    f = axis_rotation(h, np.asarray(q, float)[..., 0] - q1_zero) @ (level / np.linalg.norm(level))
+    n = np.cross(h * np.sign(h[2] if abs(h[2]) > 1e-6 else 1.0), f)  # h upwards, so that bent forward is positive
+    s, e, w = at(1, robot.point[1]), at(2, robot.point[2]), at(3, centre)  # apart along n too, which n · (…) drops
+    behind = np.sum((w - robot.point[0]) * f, axis=-1) < 0.0
+    up = np.sum(np.cross(e - s, w - e) * n, axis=-1) > 0.0
+    return np.asarray(behind), np.asarray(up)

@@ -1,0 +1,58 @@
+"""More planning points for a plan that is made: the choice stays what it is, the path is followed more closely."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.reason import Reason
+from machopt.domain.toolpath import Toolpath
+from machopt.plan.compensate import rescored
+from machopt.plan.path import Path, build_path
+from machopt.plan.pipeline import Plan, Scored
+from machopt.plan.realise import Assignment, realise
+from machopt.plan.score import directions
+
+Array = NDArray[np.float64]
+
+
+def with_corners(plan: Plan, toolpath: Toolpath) -> Plan:
+    """The plan with a planning point just before each corner of the cut; rotation in between on the line.
+
+    Where the force turns with the path, a shift against the deflection goes over from one direction to the other on
+    the piece before the corner; that piece is then short.
+    """
+    old = plan.path
+    path = build_path(toolpath, tuple(f.point for f in plan.options.fixed), corners=True)
+    if len(path.index) == len(old.index):
+        return plan
+    rows = np.searchsorted(path.index, old.index)
+    path = replace(path, stations=rows[old.stations].astype(np.int32))
+    setup = plan.setup
+    refined = replace(
+        plan, path=path, check=None,
+        directions=directions(path, setup.arm.T_base_workpiece, setup.elasticity, plan.options.force),
+    )  # fmt: skip
+
+    def carried(scored: Scored) -> Scored:
+        assignment = _between(plan, path, rows, scored.assignment)
+        return rescored(replace(refined, chosen=scored), assignment).chosen
+
+    return replace(
+        refined, chosen=carried(plan.chosen), jiao2022=carried(plan.jiao2022), cam_default=carried(plan.cam_default)
+    )
+
+
+def _between(plan: Plan, path: Path, rows: NDArray[np.intp], a: Assignment) -> Assignment:
+    """The assignment at more points; at the old ones (``rows``) to the last bit."""
+    index = plan.path.index
+    phi = np.interp(path.index, index, a.phi)
+    seed = np.column_stack([np.interp(path.index, index, a.q[:, j]) for j in range(6)])
+    found = realise(path, plan.setup.arm, plan.setup.robot, phi, seed)
+    whole = np.interp(path.index, index, (a.reason != Reason.OK).astype(float)) == 0  # both neighbours are
+    out = replace(found, reason=np.where(whole, found.reason, Reason.NO_PATH).astype(np.uint8))
+    for name in ("phi", "q", "branch", "reason", "shoulder", "elbow", "wrist"):
+        getattr(out, name)[rows] = getattr(a, name)
+    return out

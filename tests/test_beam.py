@@ -1,0 +1,99 @@
+"""Beams and stepped cylinders cut into slices, and what two of the papers print in their place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from machopt.model.terms.beam import (
+    Cylinder,
+    cantilever,
+    cantilever_axial,
+    cantilever_bending,
+    cantilever_torsion,
+    planar_beam_as_zhang2025,
+    stepped,
+    stepped_as_tian2025,
+)
+
+EI, GJ, EA = 3.0e5, 2.2e5, 4.0e8  # N·m², N·m², N: a steel tube of about 120 mm
+
+
+def slices(w: np.ndarray, length: float, stiffness: list[tuple[float, float, float, float]], n: int) -> np.ndarray:
+    """Twist (6,) of a clamped bar's end under a wrench there, added up slice by slice; x along the bar.
+
+    ``stiffness``: (up to which share of the length, EI, GJ, EA). Each slice turns by κ dx and stretches by ε dx, and
+    what it turns by moves the end by the lever that is left.
+    """
+    x = (np.arange(n) + 0.5) / n
+    section = np.array(stiffness)[np.searchsorted([s[0] for s in stiffness], x)]
+    lever = length * (1.0 - x)[:, None] * [1.0, 0.0, 0.0]
+    moment = w[3:] + np.cross(lever, w[:3])
+    turn = moment / section[:, [2, 1, 1]] * length / n
+    shift = np.cross(turn, lever) + (w[0] / section[:, 3] * length / n)[:, None] * [1.0, 0.0, 0.0]
+    return np.concatenate([shift.sum(axis=0), turn.sum(axis=0)])
+
+
+def test_cantilever_is_the_beam_equation_integrated() -> None:
+    L = 0.45
+    C = cantilever_bending(L) / EI + cantilever_torsion(L) / GJ + cantilever_axial(L) / EA
+    by_slices = np.column_stack([slices(e, L, [(1.0, EI, GJ, EA)], 4000) for e in np.eye(6)])
+    # the midpoint rule on a quadratic: 1/(4 n²) of it, 1.6e-8
+    np.testing.assert_allclose(C, by_slices, rtol=1e-7, atol=1e-20)
+
+
+def test_stepped_cylinders_are_many_slices_with_their_own_section() -> None:
+    steps = [Cylinder(0.060, 0.09, 210e9, 0.3, 0.025), Cylinder(0.032, 0.03, 210e9), Cylinder(0.020, 0.06, 600e9, 0.22)]
+    total = sum(s.length for s in steps)
+    ends = np.cumsum([s.length for s in steps]) / total
+    parts = [(e + 1e-12, s.EI, s.GJ, s.EA) for e, s in zip(ends, steps, strict=True)]
+    by_slices = np.column_stack([slices(e, total, parts, 6000) for e in np.eye(6)])  # 30 µm, a step never inside one
+    np.testing.assert_allclose(stepped(steps), by_slices, rtol=1e-7, atol=1e-18)
+    # the section moments by adding up rings: ∫ r² dA over the annulus is twice the bending one
+    r = np.linspace(0.0125, 0.030, 200_001)
+    middle = 0.5 * (r[1:] + r[:-1])
+    polar = float(np.sum(2 * np.pi * middle**3 * np.diff(r)))
+    assert steps[0].GJ / (steps[0].youngs / 2.6) == pytest.approx(polar, rel=1e-8)
+    assert steps[0].EI / steps[0].youngs == pytest.approx(polar / 2, rel=1e-8)
+    assert steps[0].EA / steps[0].youngs == pytest.approx(float(np.sum(2 * np.pi * middle * np.diff(r))), rel=1e-8)
+
+
+def test_tian2025_equations_2_and_3_leave_out_the_lever_arms() -> None:
+    """The sum of L³/3EI against the slices: right for one cylinder, a quarter of the truth for two halves.
+
+    With two halves of one bar the sum is 2 (L/2)³/3EI, a quarter of L³/3EI; a soft holder far from the tip is worse.
+    """
+    bar, half = Cylinder(0.02, 0.1, 210e9), Cylinder(0.02, 0.05, 210e9)
+    assert stepped_as_tian2025([bar]) == pytest.approx(stepped([bar])[1, 1], rel=1e-12)
+    assert stepped_as_tian2025([half, half]) == pytest.approx(stepped([half, half])[1, 1] / 4, rel=1e-12)
+    np.testing.assert_allclose(stepped([half, half]), stepped([bar]), rtol=1e-12, atol=1e-22)
+    holder, bur = Cylinder(0.016, 0.06, 110e9), Cylinder(0.008, 0.05, 210e9)  # an aluminium holder, a steel bur
+    right, printed = stepped([holder, bur])[1, 1], stepped_as_tian2025([holder, bur])
+    assert printed / right == pytest.approx(0.56, abs=0.01)  # 1.8 times too stiff
+    area_for_polar = cantilever(replace(bar, youngs=2 * bar.youngs))[1, 1] / cantilever(bar)[1, 1]
+    assert area_for_polar == pytest.approx(0.5)  # and "polar moment of inertia", taken by the word, halves it again
+
+
+def test_zhang2025_equations_17_and_19_are_no_stiffness_of_one_end() -> None:
+    """The printed 6 × 6 is singular and its pseudo-inverse is no cantilever: the figures side by side."""
+    L = 0.4
+    K = planar_beam_as_zhang2025(L, EI, EA)
+    assert np.linalg.matrix_rank(K / np.abs(K).max(), tol=1e-12) == 3  # a free plane beam: three rigid motions
+    for rigid in ([1, 0, 0, 1, 0, 0], [0, 1, 0, 0, 1, 0], [0, 0, 1, 0, L, 1]):
+        assert np.abs(K @ rigid).max() < 1e-9 * np.abs(K).max()
+    # clamped at the first node, which the paper says the beam is, its other half is the cantilever, in the plane
+    right = cantilever_bending(L) / EI + cantilever_torsion(L) / GJ + cantilever_axial(L) / EA
+    plane = np.ix_([0, 1, 5], [0, 1, 5])
+    np.testing.assert_allclose(np.linalg.inv(K[3:, 3:]), right[plane], rtol=1e-9, atol=1e-18)
+    # what the paper inserts instead, read as it does for (x, y, z, rx, ry, rz)
+    P = np.linalg.pinv(K, rcond=1e-12)
+    assert P[0, 0] / right[0, 0] == pytest.approx(0.25, rel=1e-9)  # along x: 4 times too stiff
+    assert P[1, 1] < 0.15 * right[1, 1]  # across: the ends share the motion and turn rigidly
+    # row 3 is the near end's turn about z, but a force along z meets it: the number depends on the unit of length
+    assert P[2, 2] > 0.2 * L / EI
+    assert right[2, 2] == pytest.approx(right[1, 1])  # a round beam bends alike in both planes
+    assert not np.isclose(P[2, 2], P[1, 1], rtol=0.5)
+    assert P[3, 3] == pytest.approx(P[0, 0], rel=1e-9)  # a moment about x meets the other end's stretching
+    assert P[0, 3] == pytest.approx(-P[0, 0], rel=1e-9)  # and stretches the near end

@@ -1,0 +1,194 @@
+"""``machopt optimize --compensate`` as a command: its files, their independent check, and what that catches."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path as FilePath
+
+import numpy as np
+import pytest
+from test_cli import changed_cell, optimize, result
+
+from machopt.cli import main
+from machopt.domain.options import ProcessForce
+from machopt.errors import InputError
+from machopt.formats.cell import load_cell
+from machopt.formats.options import load_options
+from machopt.formats.toolpath import read_toolpath
+from machopt.verify import verify_output
+
+ROOT = FilePath(__file__).resolve().parent.parent
+HEADER = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation\n"
+
+
+@pytest.fixture(scope="module")
+def job(tmp_path_factory: pytest.TempPathFactory) -> tuple[FilePath, FilePath, FilePath]:
+    """The corner on the KR500 with one long segment; toolpath, output without and with compensation."""
+    folder = tmp_path_factory.mktemp("job")
+    rows = ["-100,-60,40,0,0,1,rapid,,c", "-100,-60,-0.5,0,0,1,approach,1000,c", "60,-60,-0.5,0,0,1,cut,1500,c",
+            "60,0,-0.5,0,0,1,cut,1500,c", "60,20,-0.5,0,0,1,cut,1500,c", "60,20,40,0,0,1,retract,1000,c"]  # fmt: skip
+    path = folder / "corner.csv"
+    path.write_text(HEADER + "\n".join(rows) + "\n")
+    coarse = ("--set", "rotation_step_deg=10")  # joint 4 turns by 49° between two planning points of the cut
+    assert optimize(ROOT / "cells" / "kr500_milling", path, folder / "plain", *coarse) == 0
+    assert optimize(ROOT / "cells" / "kr500_milling", path, folder / "shifted", "--compensate", *coarse) == 0
+    return path, folder / "plain", folder / "shifted"
+
+
+def table(file: FilePath) -> list[dict[str, str]]:
+    with file.open() as lines:
+        return list(csv.DictReader(lines))
+
+
+def test_the_command_writes_what_it_shifts(job: tuple[FilePath, FilePath, FilePath]) -> None:
+    path, plain, shifted = job
+    assert not (plain / "compensation.csv").exists()
+    assert "comp_dx_mm" not in table(plain / "points.csv")[0]
+    assert result(plain)["compensation"] is None
+    before, after = table(plain / "points.csv"), table(shifted / "points.csv")
+    for a, b in zip(before, after, strict=True):
+        assert [a[c] for c in ("x_mm", "y_mm", "z_mm", "i")] == [b[c] for c in ("x_mm", "y_mm", "z_mm", "i")]
+        assert float(a["gamma_deg"]) == pytest.approx(float(b["gamma_deg"]), abs=0.1)  # as driven: corners rounded
+    comp = np.array([[float(r[f"comp_d{c}_mm"]) for c in "xyz"] for r in after])
+    size, bend = np.linalg.norm(comp, axis=1), np.array([float(r["deflection_mm"]) for r in after])
+    cut = np.array([r["move"] == "cut" for r in after])
+    np.testing.assert_allclose(size[cut], bend[cut], rtol=0.01)  # the rotation as driven is a little smoother
+    found = result(shifted)["compensation"]
+    assert isinstance(found, dict)
+    rows = np.array([[float(v) for v in r.values()] for r in table(shifted / "compensation.csv")])
+    cutting = (rows[:, 0] > 1 + 1e-9) & (rows[:, 0] <= 4)
+    assert found["max_mm"] == pytest.approx(np.linalg.norm(rows[cutting, 1:4], axis=1).max(), abs=1e-6)
+    assert 0 < found["residual_mean_mm"] < 0.05 * found["uncompensated_mean_mm"]
+    assert found["residual_max_mm"] < 2 * found["max_mm"]  # the jump of the force at the corner, over 2 mm
+    report = (shifted / "report.html").read_text()
+    assert "the commanded path is shifted by up to" in report
+    assert "c-shift" in report
+    assert "c-shift" not in (plain / "report.html").read_text()
+    assert json.loads((shifted / "result.json").read_text())["options"]["compensate"] is True
+    # the program goes to the shifted points, and to those between that leave the line: 160 mm in eight pieces
+    program = (shifted / "corner_csv.src").read_text()
+    lin = np.array([[float(v) for v in m] for m in
+                    re.findall(r"LIN \{X (\S+?),Y (\S+?),Z (\S+?),", program)])  # fmt: skip
+    corners = np.array([[float(r[c]) for c in ("x_mm", "y_mm", "z_mm")] for r in after]) + comp
+    for target in corners[1:]:
+        assert np.linalg.norm(lin - target, axis=1).min() < 2e-4  # four decimals
+    assert len(lin) >= len(table(path)) - 1
+    # the feed is held as it was but at the corner, which is driven round a step of half a millimetre
+    assert result(shifted)["feed_held_share"] > result(plain)["feed_held_share"] - 0.05  # type: ignore[operator]
+    for verdict in (result(plain), result(shifted)):
+        assert verdict["verification"]["passed"]  # type: ignore[index]  # limits, feed, path, contacts
+
+
+def test_page_and_result_tell_one_mean_and_one_worst(job: tuple[FilePath, FilePath, FilePath]) -> None:
+    """Over the length cut, from the objective itself, wherever it is shown."""
+    for out in job[1:]:
+        found = result(out)
+        chosen = found["objective"]["chosen"]  # type: ignore[index]
+        page = (out / "report.html").read_text()
+        for name in ("mean", "worst"):
+            card = re.search(rf"{name} deflection</div><div class=value>(\S+) <small>mm", page)
+            assert card is not None
+            assert float(card[1]) == pytest.approx(1e3 * chosen[name] * found["index_scale"], abs=5.1e-4)
+        gain = {g["over"]: g for g in found["objective"]["gain"]}["jiao2022"]  # type: ignore[index]
+        other = found["objective"]["jiao2022"]["mean"]  # type: ignore[index]
+        # a shifted path is longer by some micrometres, and its weights with it
+        exact = 1e-9 if out == job[1] else 1e-3
+        assert gain["mean_percent"] == pytest.approx(100 * (1 - chosen["mean"] / other), rel=exact)
+        assert gain["std_percent"] is None  # the shipped file states no covariance
+        assert f"mean deflection {gain['mean_percent']:.0f} % less than with Jiao 2022" in page
+
+
+def checks(out: FilePath, path: FilePath, **changes: object) -> dict[str, object]:
+    cell = load_cell(ROOT / "cells" / "kr500_milling")
+    options = replace(load_options(cell.plan), **changes)  # type: ignore[arg-type]
+    return {c.name: c.passed for c in verify_output(cell, read_toolpath(path), out, options=options).checks}
+
+
+def test_the_verification_recomputes_the_shift(job: tuple[FilePath, FilePath, FilePath], tmp_path: FilePath) -> None:
+    path, plain, shifted = job
+    sound = checks(shifted, path)
+    assert all(sound.values())
+    assert {"compensation", "process force", "points.csv and compensation.csv"} <= set(sound)
+    assert main(["verify", str(ROOT / "cells" / "kr500_milling"), str(path), str(shifted), "--quiet"]) == 0
+    assert checks(shifted, path, force=ProcessForce())["process force"] is None  # not stated here: said, not guessed
+    assert checks(shifted, path, force=ProcessForce(travel=120, normal=-250, axial=80))["process force"] is False
+    assert checks(shifted, path, force=ProcessForce(travel=120, normal=250, axial=90))["process force"] is False
+
+    def damaged(name: str, edit: dict[str, str], of: FilePath = shifted) -> set[str]:
+        out = tmp_path / name
+        shutil.copytree(of, out)
+        for file, pattern in edit.items():
+            rows = table(out / file)
+            column, change = pattern.split("=")
+            for r in rows:
+                r[column] = f"{eval(change, {'x': float(r[column])}):.6f}"
+            with (out / file).open("w", newline="") as lines:
+                writer = csv.DictWriter(lines, rows[0])
+                writer.writeheader()
+                writer.writerows(rows)
+        return {n for n, passed in checks(out, path).items() if passed is False}
+
+    both = {"points.csv": "comp_dy_mm=x*1.2-0.01", "compensation.csv": "dy_mm=x*1.2-0.01"}
+    assert {"compensation", "path"} <= damaged("more", both)
+    assert "points.csv and compensation.csv" in damaged("one", {"points.csv": "comp_dz_mm=x+0.001"})
+    assert {"compensation", "process force"} <= damaged("weaker", {"compensation.csv": "fy_N=0.9*x"})
+    # the motion of the unshifted job with the tables of the shifted one
+    out = tmp_path / "swapped"
+    shutil.copytree(shifted, out)
+    shutil.copy(plain / "trajectory.csv", out / "trajectory.csv")
+    assert checks(out, path)["path"] is False
+    (out / "compensation.csv").unlink()
+    with pytest.raises(InputError, match="cannot be read"):
+        checks(out, path)
+
+
+def test_terms_count_in_the_shift_and_the_verification_says_what_it_leaves_out(tmp_path: FilePath) -> None:
+    """irb6700 drilling with link 4 and the tool giving way: softer, shifted more, and honest about the check."""
+    path = tmp_path / "holes.csv"
+    holes = [f"{x},-120,{z},0,0,1,{move},{feed},h" for x in (-150, -110) for z, move, feed in
+             ((25, "rapid", ""), (-12, "cut", "260"), (25, "retract", "1000"))]  # fmt: skip
+    path.write_text(HEADER + "\n".join(holes) + "\n")
+    stiff = ROOT / "cells" / "irb6700_drilling"
+    soft = changed_cell(tmp_path, base=stiff)
+    text = (soft / "stiffness.yaml").read_text()
+    terms = """terms:
+  - {effect: link_compliance, location: "link:4", parameters: {EI_Nm2: 3.0e+5, GJ_Nm2: 2.0e+5}}
+  - {effect: tool_compliance, location: tool, parameters: {EI_Nm2: 2.0e+4, GJ_Nm2: 1.0e+4}}
+  - {effect: geometric_stiffness, location: arm}
+"""
+    (soft / "stiffness.yaml").write_text(text + terms)
+    found = {}
+    for cell, name in ((stiff, "stiff"), (soft, "soft")):
+        out = tmp_path / name
+        assert optimize(cell, path, out, "--compensate", "--set", "rotation_step_deg=10") == 0
+        found[name] = result(out)
+    objective = [found[n]["objective"]["chosen"]["mean"] * found[n]["index_scale"] for n in found]  # type: ignore[index,call-overload]
+    assert objective[1] > 1.05 * objective[0]
+    compensation = [found[n]["compensation"]["mean_mm"] for n in found]  # type: ignore[index,call-overload]
+    assert compensation[1] == pytest.approx(1e3 * objective[1], rel=0.01)
+    assert compensation[0] == pytest.approx(1e3 * objective[0], rel=0.01)
+    states = {c["name"]: c for c in found["soft"]["verification"]["checks"]}  # type: ignore[index,call-overload]
+    assert states["compensation"]["passed"] is None
+    assert "link_compliance at link:4" in states["compensation"]["where"]
+    assert states["path"]["passed"] is True
+    report = (tmp_path / "soft" / "report.html").read_text()
+    assert "not run" in report
+
+
+def test_a_job_lost_by_its_shift_ends_as_infeasible(
+    tmp_path: FilePath, job: tuple[FilePath, FilePath, FilePath]
+) -> None:
+    cell = changed_cell(tmp_path)
+    (cell / "stiffness.yaml").write_text("machopt_stiffness: 1\njoints_Nm_per_rad: [1e3, 1e3, 1e3, 1e3, 1e3, 1e3]\n")
+    out = tmp_path / "out"
+    assert optimize(cell, job[0], out, "--compensate", "--set", "rotation_step_deg=30", "--set", "collision=false") == 3
+    found = result(out)
+    assert found["compensation"] is None
+    reasons = [p["reason"] for p in found["infeasible_points"]]  # type: ignore[attr-defined]
+    assert reasons
+    assert all("possible as programmed, but not with the compensation of" in r for r in reasons)
+    assert not (out / "trajectory.csv").exists()
