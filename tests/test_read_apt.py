@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from reader_samples import CREO, HSM
 
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.errors import InputError
@@ -253,10 +254,11 @@ def test_unknown_words_are_counted_and_strict_refuses_them(tmp_path: Path) -> No
 
 def test_cut_off_files_are_told(tmp_path: Path) -> None:
     t = read(tmp_path, NX_HEAD)
-    assert any("cut off" in w for w in t.warnings)
+    assert t.warnings[0].startswith("INCOMPLETE FILE? no FINI")
     u = read(tmp_path, NX_HEAD + "GOTO/1.0,2.")
     assert len(u) == len(t)
-    assert any("last line is cut off" in w for w in u.warnings)
+    assert u.warnings[0].startswith("INCOMPLETE FILE? line 12: the last line is cut off")
+    assert u.meta["incomplete"]
 
 
 @pytest.mark.parametrize(
@@ -277,7 +279,8 @@ def test_cut_off_files_are_told(tmp_path: Path) -> None:
         ),
         ("UNITS/MM\nFEDRAT/100\nGOTO/1,2,3\nCYCLE81/1,2\nFINI\n", "line 4.*CYCLE81"),
         ("UNITS/MM\nFEDRAT/100\nGOTO/1,2,3\nTRACUT/M1\nFINI\n", "line 4.*TRACUT"),
-        ("UNITS/MM\nFEDRAT/100,IPM\nGOTO/1,2,3\nSET/MODE,INCR\nFINI\n", "line 4.*incremental"),
+        ("UNITS/MM\nSET/MODE,INCR\nFEDRAT/100\nGOTO/1,2,3\nFINI\n", "line 4.*incremental"),
+        ("UNITS/MM\nFEDRAT/100\nGOTO/1,2,3\nTRANS/0,0,5\nFINI\n", "line 4.*TRANS changes"),
         ("partno x\nclprnt\npl1=plane/0,0,1,4\ngoto/1,2,3\nfini\n", "part program"),
     ],
 )
@@ -351,3 +354,82 @@ def test_cycle_forms_of_catia_icam_and_hsm(tmp_path: Path, cycle: str) -> None:
     assert t.feed[t.cutting] == pytest.approx(0.005)
     assert mm(t)[1].tolist() == [5.0, 5.0, 3.0]
     assert mm(t)[-1, 2] == (21.0 if "RETURN" in cycle else 3.0)
+
+
+# ---- Creo, HSM/Fusion, options
+
+
+def test_creo_arc_through_several_points_and_csys_over_lines(tmp_path: Path) -> None:
+    t = read(tmp_path, CREO.text, CREO.name)
+    p = mm(t)
+    arc = p[2 : int(np.argmin(p[:, 0])) + 1]
+    assert t.format == "apt/creo"
+    assert (arc[:-1, 1] > 0.0).all()  # right-handed about +z
+    assert np.array_equal(arc[-1], [-10.0, 0.0, 0.0])  # only the last of the three points is its end
+    assert np.allclose(np.linalg.norm(arc[:, :2], axis=1), 10.0)
+    assert p[t.cutting][-1].tolist() == [30.0, 0.0, -12.0]
+    assert t.feed[t.cutting][-1] == pytest.approx(100.0 / 60e3)
+    assert t.warnings == ()
+    wrong = CREO.text.replace("0.0000000000, 0.0000000000, 1.0000000000, 10.0", "0.0000000000, 0.0, -1.0, 10.0")
+    assert any("off it: check its direction" in w for w in read(tmp_path, wrong, CREO.name).warnings)
+
+
+def test_creo_goto_under_multax_keeps_its_axis(tmp_path: Path) -> None:
+    text = CREO.text.replace("FEDRAT / 300.0", "MULTAX / ON\nFEDRAT / 300.0").replace(
+        "GOTO / 10.0000000000, 0.0000000000, 0.0000000000\n", "GOTO / 10.0, 0.0, 0.0, 0.0, 0.6, 0.8\n", 1
+    )
+    text = text[: text.index("CIRCLE")] + "FINI\n"
+    t = read(tmp_path, text, CREO.name)
+    assert t.axis[-1] == pytest.approx([0.0, 0.6, 0.8])
+    assert len(t) == 2
+
+
+def test_hsm_names_the_bottom_of_a_hole_and_swaps_the_spindle(tmp_path: Path) -> None:
+    t = read(tmp_path, HSM.text, HSM.name)
+    p = mm(t)
+    assert t.format == "apt/hsm"
+    assert [(o.label, o.tool, o.kind) for o in t.operations] == [("Drill1", "3", "point"), ("Swarf", "4", "trajectory")]
+    drill = p[t.operation == 0]
+    assert drill[:, 2].tolist() == [15.0, 5.0, -10.0, 15.0]  # clearance 15, rapid down to 15 - 10, bottom -10
+    assert t.feed[2] == pytest.approx(200.0 / 60e3)
+    assert t.axis[-1] == pytest.approx([0.0, 0.6, 0.8])
+    assert next(e for e in reversed(t.events) if e.kind == "spindle").value == 0.0  # SPINDL/ON switches it off
+    high = HSM.text.replace("15.000000, RAPTO", "4.000000, RAPTO")
+    with pytest.raises(InputError, match="with GOTO as the hole's bottom"):
+        read(tmp_path, high, HSM.name)
+
+
+def test_units_may_change_from_section_to_section(tmp_path: Path) -> None:
+    text = HSM.text.replace("PPRINT/'Swarf'\n", "UNITS/INCHES\nPPRINT/'Swarf'\n").replace(
+        "FEDRAT/500.000000, MMPM", "FEDRAT/20.0, IPM"
+    )
+    t = read(tmp_path, text, HSM.name)
+    assert mm(t)[t.operation == 1][0] == pytest.approx([254.0, 0.0, 508.0])
+    assert t.feed[-1] == pytest.approx(20.0 * 25.4 / 60e3)
+    assert any("unit changes" in w for w in t.warnings)
+
+
+def test_incremental_goto_and_godlta(tmp_path: Path) -> None:
+    text = "UNITS/MM\nTRANS/0,0,5\nFEDRAT/100\nGOTO/1,2,3\nSET/MODE,INCR\nGOTO/1,0,0\nSET/MODE,ABSOL\nGOTO/9,9,9\n"
+    text += "GODLTA/-2\nGODLTA/1,0,0\nFINI\n"
+    t = read(tmp_path, text, "x.apt")
+    assert mm(t).tolist() == [[1, 2, 3], [2, 2, 3], [9, 9, 9], [9, 9, 7], [10, 9, 7]]
+
+
+def test_the_order_of_numbers_in_cycle_is_an_option(tmp_path: Path) -> None:
+    text = "UNITS/MM\nFEDRAT/300,MMPM\nRAPID\nGOTO/5,5,20\nCYCLE/DRILL,2,12,80\nGOTO/5,5,1\nCYCLE/OFF\nFINI\n"
+    t = read(tmp_path, text, "x.apt", cycle_order=("clear", "depth", "feed"))
+    assert mm(t)[t.cutting].tolist() == [[5.0, 5.0, -11.0]]
+    assert t.feed[t.cutting] == pytest.approx(80.0 / 60e3)
+    with pytest.raises(InputError, match="--cycle"):
+        read(tmp_path, text, "x.apt", cycle_order=("deep",))
+
+
+def test_fast_and_slow_lines_read_the_same(tmp_path: Path) -> None:
+    rows = [f"{x * 0.5:.3f},{x * x * 0.01:.4f},-1.5,0.0,0.6,0.8" for x in range(50)]
+    head, tail = "UNITS/MM\nFEDRAT/100\n", "\nFINI\n"
+    plain = read(tmp_path, head + "\n".join(f"GOTO/{r}" for r in rows) + tail, "x.apt")
+    slow = read(tmp_path, head + "\n".join(f"  GOTO / {r.replace(',', ', ')} $$ x" for r in rows) + tail, "x.apt")
+    assert np.array_equal(plain.position, slow.position)
+    assert np.array_equal(plain.axis, slow.axis)
+    assert np.array_equal(plain.line, slow.line)

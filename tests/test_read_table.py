@@ -130,3 +130,86 @@ def test_parquet_or_a_clear_word_about_it(tmp_path: Path, monkeypatch: pytest.Mo
     t = read_toolpath(file)
     assert t.position[1] == pytest.approx([0.002, 0.0, 0.0001])
     assert t.move.tolist() == [Move.RAPID, Move.CUT]
+
+
+# ---- robot poses
+
+
+def _rotation(axis: str, degrees: float) -> np.ndarray:  # type: ignore[type-arg]
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return {
+        "x": np.array([[1, 0, 0], [0, c, -s], [0, s, c]]),
+        "y": np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]),
+        "z": np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]),
+    }[axis]
+
+
+R_TCP = _rotation("z", 25.0) @ _rotation("y", -40.0) @ _rotation("x", 170.0)
+
+
+def _quaternion(R: np.ndarray) -> list[float]:  # type: ignore[type-arg]
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_matrix(R).as_quat().tolist()
+    return [w, x, y, z]
+
+
+def _vector(R: np.ndarray) -> list[float]:  # type: ignore[type-arg]
+    from scipy.spatial.transform import Rotation
+
+    return [float(v) for v in Rotation.from_matrix(R).as_rotvec()]
+
+
+@pytest.mark.parametrize(
+    ("columns", "values"),
+    [
+        ("a_deg,b_deg,c_deg", [25.0, -40.0, 170.0]),
+        ("w_deg,p_deg,r_deg", [170.0, -40.0, 25.0]),
+        ("roll_rad,pitch_rad,yaw_rad", np.radians([170.0, -40.0, 25.0]).tolist()),
+        ("qw,qx,qy,qz", _quaternion(R_TCP)),
+        ("q1,q2,q3,q4", _quaternion(R_TCP)),
+        ("rvx_rad,rvy_rad,rvz_rad", _vector(R_TCP)),
+    ],
+)
+def test_robot_poses_however_they_are_written(tmp_path: Path, columns: str, values: list[float]) -> None:
+    row = ",".join(f"{v:.12f}" for v in values)
+    t = read(tmp_path, f"x_mm,y_mm,z_mm,{columns},feed_mm_min\n1,2,3,{row},600\n4,5,6,{row},600\n")
+    assert np.allclose(t.axis, -R_TCP[:, 2], atol=1e-9)
+    assert np.allclose(t.reference, R_TCP[:, 0], atol=1e-9)
+    assert np.allclose(t.position[0] * 1e3, [1, 2, 3])
+    assert "tool axis -z" in t.meta["attitude"]
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "message"),
+    [
+        ("x_mm,y_mm,z_mm,a,b,c", "1,2,3,0,0,0", "a, b, c carry no unit; name them a_deg"),
+        ("x_mm,y_mm,z_mm,rx_rad,ry_rad,rz_rad", "1,2,3,0,0,0", "rotation vector or angles"),
+        ("x_mm,y_mm,z_mm,qw,qx,qy,qz", "1,2,3,1,1,0,0", "line 2.*not of unit length"),
+        ("x_mm,y_mm,z_mm,qw,qx,qy", "1,2,3,1,0,0", "qz is missing beside"),
+        ("x_mm,y_mm,z_mm,i,j,k,a_deg,b_deg,c_deg", "1,2,3,0,0,1,0,0,0", "expected one of them"),
+        ("x_mm,y_mm,z_mm,qw,qx,qy,qz,a_deg,b_deg,c_deg", "1,2,3,1,0,0,0,0,0,0", "in two ways"),
+        ("x_mm,y_mm,z_mm,feed_mm_min", "1,2,3,1e300", "not larger than 1e\\+15"),
+    ],
+)
+def test_poses_that_are_not_clear(tmp_path: Path, header: str, row: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        read(tmp_path, f"{header}\n{row}\n{row}\n", default_feed=0.01)
+
+
+def test_a_last_line_without_an_end_is_told(tmp_path: Path) -> None:
+    t = read(tmp_path, "x_mm,y_mm,z_mm,feed_mm_min\n1,2,3,60\n4,5,6,60")
+    assert any("last line does not end" in w for w in t.warnings)
+
+
+def test_rows_are_read_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from machopt.formats import csvcolumns
+
+    text = "x_mm,y_mm,z_mm,feed_mm_min,operation\n" + "".join(f"{k},0,0,{60 + k},op{k // 3}\n" for k in range(10))
+    whole = read(tmp_path, text)
+    monkeypatch.setattr(csvcolumns, "_ROWS", 4)
+    parts = read(tmp_path, text)
+    assert np.array_equal(whole.position, parts.position)
+    assert np.array_equal(whole.feed, parts.feed)
+    assert np.array_equal(whole.operation, parts.operation)
+    assert whole.operations == parts.operations

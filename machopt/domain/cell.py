@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.domain.program import Controller
 from machopt.domain.stiffness import Stiffness
 
 Array = NDArray[np.float64]
@@ -82,5 +83,6 @@ class Cell:
     obstacles: tuple[Shape, ...]  # placed in world
     stiffness: Stiffness | None
     plan: dict[str, object] = field(default_factory=dict)  # the cell's planning defaults, validated like --plan
+    controller: Controller = field(default_factory=Controller)  # what programs are written for
     files: tuple[Path, ...] = ()  # every file read for this cell, for the hash of inputs
     warnings: tuple[str, ...] = ()

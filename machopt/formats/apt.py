@@ -1,4 +1,4 @@
-"""APT / cutter location readers: NX CLSF, CATIA aptsource, CAMWorks APT and CLT, HSM/Fusion and plain APT.
+"""APT / cutter location readers: NX CLSF, CATIA aptsource, Creo ncl, CAMWorks APT and CLT, HSM/Fusion, plain APT.
 
 One statement reader serves them all; what differs is kept in :class:`Dialect`. Coordinates stay in the system
 they are printed in, which is ``workpiece``; where a file changes it, later points are brought into the first one.
@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 
 import numpy as np
 
 from machopt.domain.toolpath import Toolpath
-from machopt.formats.apt_cycles import FEED_UNITS, hole_cycle, parse_cycle
-from machopt.formats.apt_dialect import Dialect
+from machopt.formats.apt_cycles import FEED_UNITS, HsmCycle, hole_cycle, parse_cycle
+from machopt.formats.apt_dialect import Dialect, unit_of
+from machopt.formats.apt_fast import plain_gotos, takes_plain_gotos
 from machopt.formats.apt_motion import MotionReader
-from machopt.formats.apt_tokens import COMMENT, fields, number, numbers, numbers_or_none, statements
+from machopt.formats.apt_tokens import COMMENT, fields, number, numbers, numbers_or_none, statement_at
 from machopt.formats.apt_words import NO_EFFECT, REFUSED
 from machopt.formats.frames import Frame, FrameError
 from machopt.formats.holecycle import CycleError
@@ -23,6 +25,7 @@ from machopt.formats.source import ReadOptions, Source
 
 _OPERATION_COMMENT = re.compile(r"\s*(?:OPERATION(?: NAME)?|OPNAME)\s*[:=]\s*(.+)", re.IGNORECASE)
 _ROW = 4  # numbers in one line of a CATIA matrix
+Handler = Callable[[str, str, int], None]
 
 
 def read_apt(source: Source, options: ReadOptions) -> Toolpath:
@@ -38,7 +41,7 @@ class _Reader(MotionReader):
     """Carries out the statements one by one."""
 
     def run(self) -> Toolpath:
-        handlers = {
+        handlers: dict[str, Handler] = {
             "FROM": self.go_from, "GOHOME": self.go_home, "GODLTA": self.go_delta, "RAPID": self.rapid_next,
             "FEDRAT": self.feed_rate, "SPINDL": self.spindle, "COOLNT": self.coolant, "CUTCOM": self.compensation,
             "CYCLE": self.cycle_word, "TRNTYP": self.transfer_type,
@@ -46,33 +49,42 @@ class _Reader(MotionReader):
             "OPFEATSTART": self.feature, "LOADTL": self.load_tool, "LOAD": self.load, "INSERT": self.insert,
             "TLAXIS": self.tool_axis, "DELAY": self.delay, "STOP": self.stop, "OPSTOP": self.stop,
             "SET": self.set_mode, "TOOLNO": self.tool_number, "PPRINT": self.remark, "MSG": self.remark,
-            "ROTABL": self.rotate_table,
+            "ROTABL": self.rotate_table, "UNITS": self.units, "MODE": self.mode, "MULTAX": self.multi_axis,
+            "CUTTER": self.cutter, "TRANS": self.machine_shift, "ORIGIN": self.machine_shift,
             "CIRCLE": self.circle, "MOVARC": self.circle, "INDIRV": self.circle, "TLON": self.drive,
             "NURBS": self.spline, "KNOT": self.spline, "CNTRL": self.spline,
         }  # fmt: skip
-        last_line = len(self.source.lines)
-        for line, word, rest in statements(self.source):
-            if self.ended and word not in (COMMENT, "TOOL PATH", "FINI"):
-                self.out.ignore("text after the end", line, understood=False)
-                continue
-            try:
-                if word == "GOTO":
-                    self.goto(rest, line)
-                elif word == COMMENT:
-                    self.comment(rest, line)
-                elif word in handlers:
-                    if self.curves.spline_open and word not in ("NURBS", "KNOT", "CNTRL"):
-                        self.end_spline(line)
-                    handlers[word](word, rest, line)
-                else:
-                    self.other(word, rest, line)
-            except (CycleError, FrameError, ValueError) as problem:
-                if line == last_line and not self.source.complete and not self.ended:
-                    self.out.warn(f"the last line is cut off and was left out ({problem})", line)
-                    self.out.ignore("cut-off last line", line, understood=False)
-                    continue
+        lines, at = self.source.lines, 0
+        while at < len(lines):
+            if takes_plain_gotos(self):
+                at = plain_gotos(self, at)
+                if at == len(lines):
+                    break
+            at, found = statement_at(lines, at)
+            for line, word, rest in found:
+                self.carry_out(line, word, rest, handlers)
+        return self.finish(len(lines))
+
+    def carry_out(self, line: int, word: str, rest: str, handlers: dict[str, Handler]) -> None:
+        if self.ended and word not in (COMMENT, "TOOL PATH", "FINI"):
+            self.out.ignore("text after the end", line, understood=False)
+            return
+        try:
+            if word == "GOTO":
+                self.goto(rest, line)
+            elif word == COMMENT:
+                self.comment(rest, line)
+            elif word in handlers:
+                if self.curves.spline_open and word not in ("NURBS", "KNOT", "CNTRL"):
+                    self.end_spline(line)
+                handlers[word](word, rest, line)
+            else:
+                self.other(word, rest, line)
+        except (CycleError, FrameError, ValueError) as problem:
+            if line != len(self.source.lines) or self.source.complete or self.ended:
                 raise self.source.error(f"{word[:20]}: {problem}", line) from problem
-        return self.finish(last_line)
+            self.out.cut_off = f"line {line}: the last line is cut off and was left out ({problem})"
+            self.out.ignore("cut-off last line", line, understood=False)
 
     def finish(self, last_line: int) -> Toolpath:
         if self.curves.spline_open:
@@ -80,8 +92,10 @@ class _Reader(MotionReader):
         if self.curves.pending is not None:
             self.out.warn("an arc is not followed by its end point (GOTO) and was left out", self.curves.pending.line)
             self.out.ignore("CIRCLE without GOTO", self.curves.pending.line, understood=False)
-        if not self.ended:
-            self.out.warn("no FINI, END or END-OF-PATH at the end: the file may be cut off", last_line)
+        if not self.ended and self.out.cut_off is None:
+            self.out.cut_off = "no FINI, END or END-OF-PATH at the end" + (
+                "" if self.source.complete else " and the last line does not end: its last number may be cut off"
+            )
         if self.first_frame is not None:
             self.out.meta["frame"] = str(self.first_frame)
         self.out.meta["dialect"] = self.dialect.value
@@ -112,7 +126,11 @@ class _Reader(MotionReader):
         surface = any(p in ("SFM", "SMM", "SFPM", "SMPM") for p in parts)
         if value is not None:
             self.rpm = math.nan if surface else value
-        self.out.event("spindle", f"SPINDL/{rest}", math.nan if value is None or surface else value)
+        text = f"SPINDL/{rest}"
+        if self.dialect is Dialect.HSM and parts[:1] in (["ON"], ["OFF"]):  # its post writes them the wrong way round
+            value = 0.0 if parts[0] == "ON" else self.rpm
+            text = f"spindle {'off' if parts[0] == 'ON' else 'on'} ({text} of HSM/Fusion)"
+        self.out.event("spindle", text, math.nan if value is None or surface else value)
 
     def cycle_word(self, word: str, rest: str, line: int) -> None:
         parts = fields(rest)
@@ -124,7 +142,7 @@ class _Reader(MotionReader):
         if parts[0] == "ON":
             self.cycle = self.last_cycle
             return
-        words = parse_cycle(parts)
+        words = parse_cycle(parts, self.options.cycle_order)
         for strange in words.unknown:
             self.out.ignore(f"CYCLE/{words.name},{strange}", line, understood=False)
         if words.feed is not None:
@@ -135,9 +153,15 @@ class _Reader(MotionReader):
             feed *= self.rpm
         if words.deep and not (words.first_peck or words.next_peck):
             self.out.warn(f"CYCLE/{words.name} gives no peck depth: one stroke", line)
-        self.cycle = self.last_cycle = hole_cycle(
-            words, signed_depth=self.dialect is Dialect.NX, scale=self.scale, feed=feed
-        )
+        if self.dialect is Dialect.HSM:
+            self.out.warn_once(
+                "CYCLE of HSM/Fusion: GOTO is read as the bottom of the hole, the clearance as a height of the section"
+            )
+            self.cycle = self.last_cycle = HsmCycle(words, self.scale, feed)
+        else:
+            self.cycle = self.last_cycle = hole_cycle(
+                words, signed_depth=self.dialect is Dialect.NX, scale=self.scale, feed=feed
+            )
 
     # ---- coordinate systems
 
@@ -156,6 +180,15 @@ class _Reader(MotionReader):
             raise ValueError(f"{len(v)} numbers; expected three rows of four (12)")
         m = np.array(v).reshape(3, 4)
         frame = Frame(m[:, :3], m[:, 3] * self.scale)
+        if self.dialect is Dialect.CREO:
+            if self.first_frame is not None and not frame.same_as(self.first_frame):
+                self.out.warn_once(
+                    "CSYS changes: Creo writes points in the machine's system, which is taken to be one for the whole "
+                    "file",
+                    line,
+                )
+            self.first_frame = self.first_frame or frame
+            return
         if self.dialect is Dialect.CAMWORKS:
             self.count += 1
             if self.cycle is not None:
@@ -230,8 +263,10 @@ class _Reader(MotionReader):
             return  # named again, not changed
         self.tool = parts[0] if parts else ""
         self.out.event("tool", f"{word}/{rest}", math.nan if value is None else value)
-        if self.dialect is Dialect.GENERIC:
+        if self.dialect in (Dialect.GENERIC, Dialect.CREO):
             self.out.begin_operation(f"tool {self.tool}", tool=self.tool)
+        elif self.dialect is Dialect.HSM:
+            self.out.change_tool(self.tool)
 
     def load(self, word: str, rest: str, line: int) -> None:
         parts = rest.split(",")
@@ -269,18 +304,54 @@ class _Reader(MotionReader):
         self.out.event("stop", word)
 
     def remark(self, word: str, rest: str, line: int) -> None:
-        self.out.event("comment", rest)
+        text = rest.strip().strip("'")
+        self.remarks = text or self.remarks
+        self.out.event("comment", text)
 
     def set_mode(self, word: str, rest: str, line: int) -> None:
-        if "INCR" in fields(rest):
-            raise ValueError("incremental coordinates are not supported; export absolute ones")
+        parts = fields(rest)
+        if "INCR" in parts or "ABSOL" in parts:
+            self.incremental = "INCR" in parts
         self.out.ignore(f"SET/{rest[:20]}", line, understood=True)
+
+    def units(self, word: str, rest: str, line: int) -> None:
+        """A further UNITS statement holds for what follows (HSM/Fusion writes one a section)."""
+        scale = unit_of(rest)
+        if scale is not None and scale != self.scale:
+            self.out.warn_once("the unit changes within the file", line)
+            self.scale = scale
+        self.out.ignore(word, line, understood=True)
+
+    def mode(self, word: str, rest: str, line: int) -> None:
+        if "TURN" in fields(rest):
+            self.tool_number(word, rest, line)
+        else:
+            self.out.ignore(word, line, understood=True)
+
+    def multi_axis(self, word: str, rest: str, line: int) -> None:
+        self.multax = "OFF" not in fields(rest)
+        if not self.multax and self.dialect is Dialect.HSM:
+            self.axis = (0.0, 0.0, 1.0)
+        self.out.ignore(word, line, understood=True)
+
+    def cutter(self, word: str, rest: str, line: int) -> None:
+        """HSM/Fusion: the first statement of an operation after its name."""
+        if self.dialect is Dialect.HSM and self.remarks:
+            self.out.begin_operation(self.remarks, tool=self.tool)
+        self.out.ignore(word, line, understood=True)
+
+    def machine_shift(self, word: str, rest: str, line: int) -> None:
+        """TRANS and ORIGIN move the machine's zero, not the part's; another one on the way places the part anew."""
+        values = numbers(rest)
+        if len(self.out) and values != self.shifts.get(word, [0.0] * len(values)):
+            raise self.source.error(
+                f"{word} changes in the middle of the path: the part would stand somewhere else; split the file", line
+            )
+        self.shifts[word] = values
+        self.out.ignore(word, line, understood=True)
 
     def other(self, word: str, rest: str, line: int) -> None:
         if word in REFUSED:
-            if word in ("TRANS", "ORIGIN") and not any(numbers_or_none(rest) or [1.0]):
-                self.out.ignore(word, line, understood=True)
-                return
             raise self.source.error(f"{word}/ is not supported: {REFUSED[word]}", line)
         if re.fullmatch(r"CYCLE\d+", word):
             raise self.source.error(

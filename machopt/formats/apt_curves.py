@@ -33,6 +33,7 @@ class Curves:
     left_handed: bool  # NX: CIRCLE's axis is that of clockwise travel
     tolerance: float  # mm
     pending: Pending | None = None
+    on_the_way: Array | None = None  # (N, 3) mm, points the pending arc should run through
     tangent: list[float] | None = None
     spline_open: bool = False
     knots: list[float] = field(default_factory=list)
@@ -63,9 +64,9 @@ class Curves:
 
     def arc_to(self, start: Array, end: Array, out: PathBuilder) -> Array:
         """Chord ends of the pending arc."""
-        wait = self.pending
+        wait, on_the_way = self.pending, self.on_the_way
         assert wait is not None
-        self.pending = None
+        self.pending = self.on_the_way = None
         turns = wait.turns
         if wait.angle is not None:
             turns = int(wait.angle // math.tau) + 1
@@ -75,6 +76,14 @@ class Curves:
                 turns = max(round((wait.angle - found.sweep) / math.tau) + 1, 1)
             found = arc(start, end, wait.centre, wait.normal, self.tolerance, turns=turns)
         check_radius(found, wait.line, out)
+        if on_the_way is not None:
+            nearest = np.linalg.norm(found.points[:, None, :] - on_the_way[None], axis=2).min(axis=0)
+            chord = found.radius * found.sweep / max(len(found.points), 1)
+            if float(nearest.max()) > chord + RADIUS_WARN:
+                out.warn(
+                    f"a point given on the arc lies {float(nearest.max()):.3g} mm off it: check its direction",
+                    wait.line,
+                )
         if wait.angle is not None and abs(found.sweep - wait.angle) > ANGLE_WARN:
             out.warn(
                 f"the arc's angle is {math.degrees(wait.angle):.2f}° but its end point gives "
@@ -82,6 +91,10 @@ class Curves:
                 wait.line,
             )
         return found.points
+
+    def expect(self, points: Array) -> None:
+        """Points (N, 3) mm on the way of the pending arc."""
+        self.on_the_way = points[:: max(len(points) // 50, 1)]
 
     def drive(self, rest: str, start: Array, scale: float, line: int, out: PathBuilder) -> Array:
         """CATIA's ``TLON,GOFWD/(CIRCLE/c,R),ON,(LINE/c,end)`` after ``INDIRV/tangent``.

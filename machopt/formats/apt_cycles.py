@@ -8,8 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from machopt.formats.apt_tokens import number
 from machopt.formats.holecycle import CycleError, HoleCycle
+from machopt.formats.pathbuilder import Vector
 
 FEED_UNITS = {  # word → (mm per length unit, None: the file's), per revolution
     "MMPM": (1.0, False),
@@ -26,6 +29,7 @@ _FIRST = ("1STPECK", "STEP1", "PECK", "STEP", "INCR")
 _NEXT = ("SUBPECK", "STEP2")
 _FLAGS = {"DEEP", "PECKING", "G98", "G99", "ON", "ORIENT", "CAM", "IN", "OUT"}
 FEED_OUT = ("BORE", "REAM", "TAP")
+POSITIONAL = ("depth", "clear", "retract")  # CATIA's default table; HSM/Fusion the same
 
 
 @dataclass(frozen=True)
@@ -45,9 +49,12 @@ class CycleWords:
     unknown: tuple[str, ...] = ()
 
 
-def parse_cycle(parts: list[str]) -> CycleWords:
+def parse_cycle(parts: list[str], order: tuple[str, ...] = POSITIONAL) -> CycleWords:
     """Read the fields after ``CYCLE/``.
 
+    Args:
+        parts: name, then words and numbers.
+        order: what numbers without a word stand for, one after the other; words that were named are left out.
     Raises:
         CycleError: no cycle name.
     """
@@ -77,6 +84,8 @@ def parse_cycle(parts: list[str]) -> CycleWords:
         elif word in (*_DEPTH, *_CLEAR, *_RETRACT, *_FIRST, *_NEXT, "DWELL") and value is not None:
             values[word] = value
             k += 1
+        elif word == "ORIENT" and value is not None:
+            k += 1  # angle of the spindle
         elif word == "PECKING" and k + 1 < len(parts):  # CLT: PECKING, first, following
             first, following = number(parts[k]), number(parts[k + 1])
             if first is not None and following is not None:
@@ -89,24 +98,24 @@ def parse_cycle(parts: list[str]) -> CycleWords:
     def pick(names: tuple[str, ...]) -> float | None:
         return next((values[n] for n in names if n in values), None)
 
-    depth, clear, retract = pick(_DEPTH), pick(_CLEAR), pick(_RETRACT)
-    if depth is None and loose:
-        depth = loose.pop(0)
-    if clear is None and loose:
-        clear = loose.pop(0)
-    if retract is None and loose:
-        retract = loose.pop(0)
-    unknown.extend(f"{v:g}" for v in loose if v not in (clear, retract))
+    found = {
+        "depth": pick(_DEPTH), "clear": pick(_CLEAR), "retract": pick(_RETRACT), "feed": values.get("FEED"),
+        "peck": pick(_FIRST), "dwell": values.get("DWELL"),
+    }  # fmt: skip
+    for what in order:
+        if found[what] is None and loose:
+            found[what] = loose.pop(0)
+    unknown.extend(f"{v:g}" for v in loose if v not in (found["clear"], found["retract"]))
     return CycleWords(
         name=name,
-        depth=depth,
-        clear=clear,
-        retract=retract,
-        feed=values.get("FEED"),
+        depth=found["depth"],
+        clear=found["clear"],
+        retract=found["retract"],
+        feed=found["feed"],
         feed_word=feed_word,
-        first_peck=pick(_FIRST) or 0.0,
+        first_peck=found["peck"] or 0.0,
         next_peck=pick(_NEXT) or 0.0,
-        dwell=values.get("DWELL", 0.0),
+        dwell=found["dwell"] or 0.0,
         deep=deep,
         unknown=tuple(unknown),
     )
@@ -140,3 +149,47 @@ def hole_cycle(words: CycleWords, *, signed_depth: bool, scale: float, feed: flo
         feed_out=words.name.startswith(FEED_OUT),
         dwell=words.dwell,
     )
+
+
+@dataclass(frozen=True)
+class HsmCycle:
+    """A cycle of HSM/Fusion's APT post: GOTO names the hole's bottom, the clearance is a height of the section.
+
+    Its post writes ``CYCLE/DRILL, depth, MMPM, feed, clearance[, RAPTO, clearance − retract]``. The heights count
+    from the section's zero along the tool axis, so their distance from the hole is known only at the hole.
+    """
+
+    words: CycleWords
+    scale: float  # mm per file unit
+    feed: float  # mm/min
+
+    def at(self, bottom: Vector, axis: Vector) -> HoleCycle:
+        """Heights over the bottom of one hole (mm).
+
+        Raises:
+            CycleError: the numbers do not fit that reading.
+        """
+        w, s = self.words, self.scale
+        if w.depth is None or w.clear is None:
+            raise CycleError(f"CYCLE/{w.name} without a depth or a clearance")
+        high, drop = (w.clear, 0.0) if w.retract is None else (w.retract, w.clear)
+        n = np.array(axis) / max(float(np.linalg.norm(axis)), 1e-12)
+        height = float(np.array(bottom) @ n)
+        clear, top = (high - drop) * s - height, w.depth * s
+        if clear < top - 1e-6:
+            raise CycleError(
+                f"CYCLE/{w.name}: with GOTO as the hole's bottom, its top lies {top - clear:g} mm over the height the "
+                "rapid goes to; export the holes as moves (cycles expanded)"
+            )
+        return HoleCycle(
+            name=w.name,
+            bottom=0.0,
+            clear=clear,
+            retract=max(high * s - height, clear),
+            feed=self.feed,
+            first_peck=w.first_peck * s if w.deep else 0.0,
+            chip_break="BRKCHP" in w.name,
+            feed_out=w.name.startswith(FEED_OUT),
+            dwell=w.dwell,
+            peck_from=top,
+        )

@@ -17,6 +17,8 @@ class Dialect(enum.Enum):
     CATIA = "apt/catia"
     CAMWORKS = "apt/camworks"
     CLT = "apt/camworks-clt"
+    CREO = "apt/creo"
+    HSM = "apt/hsm"
     GENERIC = "apt"
 
 
@@ -31,7 +33,19 @@ def sniff_dialect(source: Source) -> Dialect:
         return Dialect.CLT
     if "CSI_SET_" in head or ("CSYS/" in head and "TRNTYP/" in head):
         return Dialect.CAMWORKS
+    if "PRO/CLFILE" in head or "$$-> MFGNO" in head or "$$-> CSYS" in head or "$$->CSYS" in head:
+        return Dialect.CREO
+    if re.search(r"^\s*MODE\s*/\s*(?:MILL|TURN)", head, re.MULTILINE) and "PARTNO/'" in head:
+        return Dialect.HSM
     return Dialect.GENERIC
+
+
+def unit_of(rest: str) -> float | None:
+    """mm per unit of a UNITS statement, None where it names none."""
+    word = (fields(rest) or [""])[0]
+    if word in ("MM", "METRIC"):
+        return 1.0
+    return MM_PER_INCH if word in ("INCH", "INCHES", "IN", "ENGLISH") else None
 
 
 def unit_scale(source: Source, options: ReadOptions, out: PathBuilder) -> float:
@@ -52,7 +66,9 @@ def unit_scale(source: Source, options: ReadOptions, out: PathBuilder) -> float:
             words = fields(text.partition("/")[2])
             if "IPM" in words or "IPR" in words:
                 feeds.setdefault("inch", line)
-    for where in (named, feeds):
+    if len(named) == 2:
+        feeds = {}  # each section names its own
+    for where in (feeds,):
         if len(where) == 2:
             raise source.error(
                 f"units mm (line {where['mm']}) and inch (line {where['inch']}) are mixed; expected one of them"
@@ -65,7 +81,7 @@ def unit_scale(source: Source, options: ReadOptions, out: PathBuilder) -> float:
         if options.unit is None:
             raise source.error("says nowhere whether it is in mm or inch; give it with --unit mm or --unit inch")
         unit = options.unit
-    elif options.unit is not None and options.unit != unit:
+    elif options.unit is not None and options.unit != unit and len(named) < 2:
         said = (named or feeds).get(unit)
         raise source.error(f"the file is in {unit} but --unit {options.unit} was given", said)
     out.meta["unit"] = unit

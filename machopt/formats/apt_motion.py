@@ -8,8 +8,9 @@ import numpy as np
 
 from machopt.domain.toolpath import Array, Move
 from machopt.formats.apt_curves import Curves
+from machopt.formats.apt_cycles import HsmCycle
 from machopt.formats.apt_dialect import Dialect, sniff_dialect, unit_scale
-from machopt.formats.apt_tokens import fields, leading_numbers, numbers
+from machopt.formats.apt_tokens import LARGEST, fields, leading_numbers, numbers
 from machopt.formats.frames import Frame, Transfer
 from machopt.formats.holecycle import HoleCycle, drill
 from machopt.formats.pathbuilder import PathBuilder, Vector
@@ -20,7 +21,7 @@ class MotionReader:
     """State of the tool while statements are read, and the statements that move it."""
 
     def __init__(self, source: Source, options: ReadOptions) -> None:
-        self.source = source
+        self.source, self.options = source, options
         self.dialect = sniff_dialect(source)
         self.out = PathBuilder(source, options, self.dialect.value)
         self.scale = unit_scale(source, options, self.out)
@@ -30,8 +31,11 @@ class MotionReader:
         self.rapid = False  # holds for the next motion only
         self.feed, self.per_revolution = math.nan, False
         self.rpm = math.nan
-        self.cycle: HoleCycle | None = None
-        self.last_cycle: HoleCycle | None = None
+        self.cycle: HoleCycle | HsmCycle | None = None
+        self.last_cycle: HoleCycle | HsmCycle | None = None
+        self.incremental, self.multax = False, False
+        self.remarks = ""  # the last PPRINT
+        self.shifts: dict[str, list[float]] = {}  # TRANS, ORIGIN
         self.first_frame: Frame | None = None
         self.transfer: Transfer | None = None
         self.world = False  # points are in one system whatever CSYS says
@@ -49,12 +53,20 @@ class MotionReader:
         except ValueError:
             values = numbers(rest)
         count = len(values)
+        if not sum(map(abs, values)) < LARGEST:
+            raise ValueError("a number is not finite or absurdly large")
+        width = 6 if self.multax else 3
+        if self.dialect is Dialect.CREO and count > width and count % width == 0:
+            self.several(values, width, line)  # points on the way of an arc, the last one is its end
+            return
         if count not in (3, 6):
             raise ValueError(f"{count} numbers; expected x, y, z or x, y, z, i, j, k")
-        if not math.isfinite(sum(values)):
-            raise ValueError("a number is not finite")
         s = self.scale
         to: Vector = (values[0] * s, values[1] * s, values[2] * s)
+        if self.incremental:
+            if self.position is None:
+                raise ValueError("incremental (SET/MODE,INCR) before any point is known")
+            to = (self.position[0] + to[0], self.position[1] + to[1], self.position[2] + to[2])
         axis = self.axis if count == 3 else (values[3], values[4], values[5])
         if self.curves.spline_open:
             self.end_spline(line)
@@ -72,6 +84,16 @@ class MotionReader:
             self.position = to
             return
         self.move_to(to, axis, line)
+
+    def several(self, values: list[float], width: int, line: int) -> None:
+        """Creo: GOTO with more than one point; after CIRCLE only the last one counts, the others lie on the arc."""
+        rows = [values[k : k + width] for k in range(0, len(values), width)]
+        if self.curves.pending is not None:
+            on_the_way = np.array(rows[:-1])[:, :3] * self.scale
+            self.curves.expect(on_the_way)
+            rows = rows[-1:]
+        for row in rows:
+            self.goto(",".join(map(repr, row)), line)
 
     def move_to(self, to: Vector, axis: Vector, line: int, *, rapid: bool = False) -> None:
         self.position, self.axis = to, axis
@@ -101,15 +123,15 @@ class MotionReader:
         assert self.cycle is not None
         self.rapid = False
         axis, before = self.axis, self.position
+        cycle = self.cycle.at(hole, axis) if isinstance(self.cycle, HsmCycle) else self.cycle
         if self.transfer is not None:
             turned = self.transfer.direction(axis)
             start = None if before is None else self.transfer.point(before)
-            drill(self.out, self.cycle, self.transfer.point(hole), turned, line, start)
+            height = drill(self.out, cycle, self.transfer.point(hole), turned, line, start)
         else:
-            drill(self.out, self.cycle, hole, axis, line, before)
-        top = self.cycle.retract if not self.cycle.feed_out else max(self.cycle.retract, self.cycle.clear)
+            height = drill(self.out, cycle, hole, axis, line, before)
         n = np.array(axis) / max(float(np.linalg.norm(axis)), 1e-12)
-        x, y, z = (np.array(hole) + top * n).tolist()
+        x, y, z = (np.array(hole) + height * n).tolist()
         self.position = (x, y, z)
         self.check_rotation(line)
 

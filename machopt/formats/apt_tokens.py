@@ -2,50 +2,59 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator
 
 from machopt.formats.source import Source
 
 COMMENT = "$$"
+LARGEST = 1e15  # beyond it no length, angle or feed: squares of it would overflow
 TEXT_WORDS = ("PARTNO", "PPRINT", "INSERT", "TPRINT", "REMARK", "LETTER", "MSG")
 _HEAD = re.compile(r"[A-Z][A-Z0-9_\-]*(?: [A-Z]+|,[A-Z]+)?")
 _SEPARATOR = re.compile(r"[,\s]+")
 
 
-def statements(source: Source) -> Iterator[tuple[int, str, str]]:
-    """Yield (line number, major word in upper case, text after the slash) of each statement.
+Statement = tuple[int, str, str]  # line, major word in upper case, text after the slash
 
-    Comments come as the word ``$$``. A statement continued with ``$`` has its first line's number; a line
-    that does not begin with a word comes with that text as its word, for the reader to count as not understood.
+
+def statements(source: Source) -> Iterator[Statement]:
+    """Every statement of a file, see :func:`statement_at`."""
+    at = 0
+    while at < len(source.lines):
+        at, found = statement_at(source.lines, at)
+        yield from found
+
+
+def statement_at(lines: list[str], at: int) -> tuple[int, list[Statement]]:
+    """The statement that begins at index ``at`` and the comments in it, and the index after it.
+
+    Comments come as the word ``$$``; Creo's ``$$-> WORD / …`` are statements. One continued with ``$`` has its first
+    line's number; a line that does not begin with a word comes with that text as its word, for the reader to count
+    as not understood.
     """
-    joined, start = "", 0
-    for number, raw in enumerate(source.lines, 1):
-        text = raw.strip()
-        if not text:
-            continue
+    found: list[Statement] = []
+    joined, start = "", at + 1
+    while at < len(lines):
+        text = lines[at].strip()
+        at += 1
         comment = text.find("$$")
         if comment == 0 and not joined:
-            yield number, COMMENT, text[2:]
-            continue
+            if not text.startswith("$$->"):
+                found.append((at, COMMENT, text[2:]))
+                return at, found
+            text, comment = text[4:].strip(), -1
         if comment >= 0:
-            yield number, COMMENT, text[comment + 2 :]
+            found.append((at, COMMENT, text[comment + 2 :]))
             text = text[:comment].rstrip()
-            if not text and not joined:
-                continue
         if text.endswith("$"):
-            if not joined:
-                start = number
             joined += text[:-1]
             continue
-        if joined:
-            text, line, joined = joined + text, start, ""
-        else:
-            line = number
-        yield line, *split_statement(text)
+        if text or joined:
+            found.append((start, *split_statement(joined + text)))
+        return at, found
     if joined:
-        yield start, *split_statement(joined)
+        found.append((start, *split_statement(joined)))
+    return at, found
 
 
 def split_statement(text: str) -> tuple[str, str]:
@@ -80,7 +89,7 @@ def number(text: str) -> float | None:
         value = float(text)
     except ValueError:
         return None
-    return value if math.isfinite(value) and "_" not in text else None
+    return value if abs(value) < LARGEST and "_" not in text else None
 
 
 def leading_numbers(parts: list[str]) -> tuple[list[float], list[str]]:

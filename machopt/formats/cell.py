@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.cell import Cell, Cutter, JointLimits, Shape, Tool, Workpiece
+from machopt.domain.program import Controller, JointMap
 from machopt.errors import InputError
-from machopt.formats.cell_schema import CellKeys, PoseKeys, ShapeKeys
+from machopt.formats.cell_schema import CellKeys, JointMapKeys, PoseKeys, ShapeKeys
 from machopt.formats.chain import read_chain, read_home, read_limits
 from machopt.formats.meshfile import Fail, check_mesh
 from machopt.formats.stiffness import load_stiffness
@@ -97,6 +98,7 @@ class _Reader:
             obstacles=obstacles,
             stiffness=stiffness,
             plan={} if keys.plan is None else keys.plan.given(),
+            controller=self.controller(),
             files=tuple(dict.fromkeys(self.files)),
             warnings=tuple(self.warnings),
         )
@@ -183,6 +185,32 @@ class _Reader:
             )
         return _pose(keys)
 
+    def controller(self) -> Controller:
+        """The controller; what the cell does not say stays unknown."""
+        keys = self.keys.controller
+        if keys is None:
+            return Controller()
+        post = keys.post
+        if post.endswith(".toml"):
+            post = str(self.file(("controller", "post"), post))
+        pulses = keys.pulses_per_deg
+        if pulses is not None and 0.0 in pulses:
+            raise self.document.error(
+                ("controller", "pulses_per_deg"), f"found {pulses}; expected numbers other than 0"
+            )
+        return Controller(
+            post=post,
+            joint_map=None if keys.joint_map is None else _joint_map(keys.joint_map),
+            T_base_root=None if keys.root is None else self.pose(("controller", "root"), keys.root),
+            T_flange_mount=None if keys.flange is None else self.pose(("controller", "flange"), keys.flange),
+            tool_number=keys.tool_number,
+            base_number=keys.base_number,
+            pulses_per_deg=None if pulses is None else _frozen(np.array(pulses)),
+            moves_per_part=keys.moves_per_part,
+            nonflip_j5=keys.nonflip_j5,
+            lines={name: line for name, line in keys.lines.model_dump().items() if line is not None},
+        )
+
     def shapes(self, loc: Loc, rows: list[ShapeKeys]) -> tuple[Shape, ...]:
         return tuple(self.shape((*loc, n), loc, row) for n, row in enumerate(rows))
 
@@ -221,6 +249,14 @@ class _Reader:
     def warn(self, message: str | None) -> None:
         if message is not None:
             self.warnings.append(message)
+
+
+def _joint_map(keys: JointMapKeys) -> JointMap:
+    coupling = np.zeros((6, 6))
+    for axis, sources in keys.coupling.items():
+        for other, factor in sources.items():
+            coupling[int(axis[1]) - 1, int(other[1]) - 1] = factor
+    return JointMap(_frozen(np.array(keys.sign)), _frozen(np.array(keys.offset_deg)), _frozen(coupling))
 
 
 def _pose(keys: PoseKeys) -> Array:

@@ -10,6 +10,7 @@ from machopt.formats.options import OptionKeys
 from machopt.formats.yamlstrict import Strict
 
 Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
+Axis = Literal["j1", "j2", "j3", "j4", "j5", "j6"]
 _PER_JOINT = "one per moving joint, in chain order"
 SHAPE_KEYS = ("box_mm", "cylinder_mm", "sphere_mm", "mesh")
 
@@ -83,6 +84,53 @@ class WorkpieceKeys(Strict):
     geometry: list[ShapeKeys] = Field(default=[])
 
 
+class JointMapKeys(Strict):
+    sign: list[Literal[-1, 1]] = Field(default=[1] * 6, min_length=6, max_length=6, description="1 or -1, axes 1 to 6")
+    offset_deg: list[float] = Field(
+        default=[0.0] * 6,
+        min_length=6,
+        max_length=6,
+        description="the controller's axes where the URDF's joints are zero",
+    )
+    coupling: dict[Axis, dict[Axis, float]] = Field(
+        default={}, description="{j3: {j2: 1}}: the controller's axis 3 counts once axis 2 on top"
+    )
+
+    @model_validator(mode="after")
+    def _from_lower_axes(self) -> JointMapKeys:
+        for axis, sources in self.coupling.items():
+            for other in sources:
+                if not other < axis:
+                    raise ValueError(f"coupling: {axis} gains from {other}; expected an axis before {axis}")
+        return self
+
+
+class EventLineKeys(Strict):
+    spindle_on: str | None = None
+    spindle_off: str | None = None
+    coolant_on: str | None = None
+    coolant_off: str | None = None
+    tool: str | None = None
+    dwell: str | None = None
+    stop: str | None = None
+    comment: str | None = None
+
+
+class ControllerKeys(Strict):
+    post: str = Field(default="krl", min_length=1, description="a post's name, or a .toml file in the cell folder")
+    joint_map: JointMapKeys | None = Field(default=None, description="controller = coupling(sign * joint + offset_deg)")
+    root: PoseKeys | None = Field(default=None, description="the controller's robot coordinate system in base_link")
+    flange: PoseKeys | None = Field(default=None, description="the controller's tool 0 in flange_link")
+    tool_number: int | None = Field(default=None, ge=0)
+    base_number: int | None = Field(default=None, ge=0)
+    pulses_per_deg: list[float] | None = Field(default=None, min_length=6, max_length=6, description="encoder pulses")
+    moves_per_part: int | None = Field(default=None, ge=2, description="longer programs are split")
+    nonflip_j5: Literal["negative", "positive"] | None = Field(default=None, description="FANUC: J5 of CONFIG N")
+    lines: EventLineKeys = Field(
+        default=EventLineKeys(), description="program lines for events, with @{value} (rpm, tool number, s) and @{text}"
+    )
+
+
 class CellKeys(Strict):
     machopt_cell: Literal[1]
     name: str = Field(min_length=1, description="a name for reports")
@@ -93,3 +141,4 @@ class CellKeys(Strict):
     obstacles: list[ShapeKeys] = Field(default=[])
     stiffness: str | None = Field(default=None, min_length=1, description="a file in the cell folder")
     plan: OptionKeys | None = None
+    controller: ControllerKeys | None = None

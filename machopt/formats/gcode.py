@@ -1,50 +1,54 @@
-"""G-code reader: three axes, and five axes under tool-centre-point control (G43.4, G234, TRAORI, vectors).
+"""G-code reader: Fanuc, Haas, LinuxCNC, Sinumerik; three axes, 3+2 and five axes.
 
-Coordinates are those of the active work offset, which is ``workpiece``. Without tool-centre-point control X Y Z
-depend on where the machine's rotary axes lie: cuts with a turned axis are refused then.
+Coordinates are those of the first work offset, which is ``workpiece``. Subprograms, loops and expressions are
+carried out as far as the file holds them; tilted planes and tool-centre-point control are followed; without either
+X, Y, Z of turned rotary axes need the machine's kinematics (``--machine``).
 """
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator
 
 import numpy as np
 
 from machopt.domain.toolpath import Toolpath
+from machopt.formats import gcode_flow, siemens_flow
 from machopt.formats.arcs import ArcError
+from machopt.formats.frames import FrameError
 from machopt.formats.gcode_blocks import Block, BlockReader
-from machopt.formats.gcode_cycles import SIEMENS, siemens_cycle
+from machopt.formats.gcode_calls import OPERATION, CallReader
 from machopt.formats.gcode_expr import ExpressionError
-from machopt.formats.gcode_motion import MotionReader
+from machopt.formats.gcode_fast import plain_lines, takes_plain_lines
+from machopt.formats.gcode_flow import FlowError, Item, MacroFlow
 from machopt.formats.gcode_words import (
     CYCLES,
     FEED_MODES,
-    IGNORED_CALLS,
     MACHINE_FRAME,
     MOTION,
     NO_EFFECT,
     NO_EFFECT_M,
+    NO_EFFECT_NAMES,
     OFFSETS,
     PLANES,
     PROGRAM_END,
     REFUSED,
-    REFUSED_CALLS,
     UNITS,
 )
 from machopt.formats.holecycle import CycleError
+from machopt.formats.siemens_flow import SiemensFlow
 from machopt.formats.source import UNIT_NAMES, ReadOptions, Source
 from machopt.formats.unknowns import fill_unknown
 
-_OPERATION = re.compile(r"^\W*(?:OPER(?:ATION)?(?:[ _]*NAME)?|TOOLPATH|PATH)\s*[:=]\s*(.*?)[\s*]*$", re.IGNORECASE)
-_SIEMENS = re.compile(r"\b(?:TRAORI|TRAFOOF|MCALL|CYCLE\d+|MSG|SUPA|DEF\s+REAL|CR\s*=|R\d+\s*=|A3\s*=)")
-_O_WORD = re.compile(r"\s*O\s*(?:<|\d+\s*(?:SUB|IF|ELSE|WHILE|DO|REPEAT|CALL|ENDSUB|RETURN)|\[)")
+_SIEMENS = re.compile(
+    r"\b(?:TRAORI|TRAFOOF|MCALL|CYCLE\d+|MSG|SUPA|DEF\s+REAL|CR\s*=|R\d+\s*=|A3\s*=|GOTO[BF])"
+    r"|^\s*%_N_\w+_[MS]PF",
+    re.IGNORECASE | re.MULTILINE,
+)
 _HALF_WORD = re.compile(r"(?:^|\s)[XYZABCGIJKRFUVW]\s*[-+.\d]|^[-+.\d]")
-_RUN_TOGETHER = re.compile(r"[XYZABCGIJKRFM]+\d\w*")
-_UNIT_WORD = re.compile(r"G0*(20|21|70|71)(?![\d.])")
-_Z = (0.0, 0.0, 1.0)
-_AXES = "XYZ"
+_UNIT_WORD = re.compile(r"G0*(20|21|70|71|700|710)(?![\d.])")
+_MILLPLUS = re.compile(r"^\s*(?:N\d+\s*)?(?:G7\s+A5=|G141\b)", re.MULTILINE)
+_HEAD = 2000  # lines looked at for the control's dialect
 
 
 def read_gcode(source: Source, options: ReadOptions) -> Toolpath:
@@ -56,67 +60,118 @@ def read_gcode(source: Source, options: ReadOptions) -> Toolpath:
     return ProgramReader(source, options).run()
 
 
-class ProgramReader(MotionReader):
-    """Carries out G, M and other words of G-code; Heidenhain's conversational reader builds on it."""
+class ProgramReader(CallReader):
+    """Carries out G, M and other words of G-code; the readers of Heidenhain's programs build on it."""
 
     def __init__(self, source: Source, options: ReadOptions) -> None:
-        self.siemens = any(_SIEMENS.search(t.upper().partition(";")[0]) for t in source.lines[:2000])
+        head = "\n".join(t.partition(";")[0].partition("(")[0] for t in source.lines[:_HEAD])
+        self.siemens = _SIEMENS.search(head) is not None
         self.blocks = BlockReader(parentheses_are_comments=not self.siemens)
         unit, self.unit_from = self.first_unit(source, options)
         super().__init__(source, options, unit)
         self.out.meta.update(unit=unit, unit_from=self.unit_from)
-        self.offset: int | None = None
-        self.next_tool = math.nan
+        self.next_tool, self.next_name = float("nan"), ""
         self.ended = False
+        self.listing = 0  # "====" lines of an information listing; the program starts after the second
+        self.closed = False  # a % after the program began
 
     def run(self) -> Toolpath:
-        for line, text in self.code_lines():
-            try:
-                self.code(line, text)
-            except (ExpressionError, ArcError, CycleError) as problem:
-                raise self.source.error(str(problem), line) from problem
-        if not self.ended and not self.source.complete:
-            self.out.warn("no program end (M30, M2) and no line end: the file may be cut off", len(self.source.lines))
+        flow: MacroFlow | SiemensFlow | None = None
+        try:
+            if self.needs_flow():
+                items = [(n, *found) for n, t in enumerate(self.source.lines, 1) if (found := self.clean(n, t))]
+                flow = SiemensFlow(items) if self.siemens else MacroFlow(items)
+                self.carry_out(flow.run())
+            else:
+                self.carry_out_lines()
+        except FlowError as problem:
+            raise self.source.error(str(problem), problem.line) from problem
+        if flow is not None and flow.only_subroutines and not len(self.out):
+            raise self.source.error("defines subroutines and calls none; give the program that calls them")
+        return self.finish()
+
+    def finish(self) -> Toolpath:
+        if not self.ended and not self.closed:
+            whole = self.source.complete
+            self.out.cut_off = "no program end (M30, M2, M99 or %)" + (
+                "" if whole else " and the last line does not end: its last number may be cut off"
+            )
         if len(self.out):
             self.out.replace_positions(fill_unknown(self.out.positions(), self.out))
         self.compare_rotary_signs()
         return self.out.build()
 
-    def code(self, line: int, text: str) -> None:
-        self.block(self.blocks.block(line, text))
+    def needs_flow(self) -> bool:
+        module = siemens_flow if self.siemens else gcode_flow
+        return self.source.find(module.NEEDS_FLOW) is not None
 
-    def code_lines(self) -> Iterator[tuple[int, str]]:
-        """Line number and code in upper case, comments told and taken out."""
-        listing = 0  # "====" lines of an information listing; the program starts after the second
-        for line, raw in enumerate(self.source.lines, 1):
-            if raw.startswith("====="):
-                listing += 1
-            if listing and (listing < 2 or raw.startswith("=====")):
-                self.out.ignore("information listing header", line, understood=True)
-                continue
-            text = raw.strip(" \t\x1a\f")
-            if not text or text.startswith("%"):
-                continue
+    def plain_from(self, at: int) -> int:
+        """Carry out the plain lines from index ``at`` on; the index of the first that is not plain."""
+        return plain_lines(self, at)
+
+    def carry_out_lines(self) -> None:
+        """A program without jumps, line by line, runs of plain moves at once."""
+        lines, at = self.source.lines, 0
+        while at < len(lines):
+            if not self.ended and takes_plain_lines(self):
+                at = self.plain_from(at)
+                if at >= len(lines):
+                    break
+            found = self.clean(at + 1, lines[at])
+            at += 1
+            if found:
+                self.carry_out(iter([(at, *found)]))
+
+    def carry_out(self, items: Iterator[Item]) -> None:
+        for line, text, comments in items:
             if self.ended:
                 self.out.ignore("text after the program end", line, understood=True)
                 continue
-            if text.startswith("/"):
-                self.out.ignore("/ (block delete; the block is read)", line, understood=True)
-                text = text.lstrip("/0123456789")
-            if "(" in text or ";" in text:
-                text, comments = self.blocks.comments(text)
-                for comment in comments:
-                    self.comment(comment)
-            text = text.upper()
-            if _O_WORD.match(text):
-                raise self.source.error(
-                    "LinuxCNC subroutines and loops (O words) are not followed; expand them first", line
-                )
-            if not text.isspace() and text:
-                yield line, text
+            for comment in comments:
+                self.comment(comment)
+            if not text:
+                continue
+            try:
+                self.code(line, text)
+            except (ExpressionError, ArcError, CycleError, FrameError) as problem:
+                raise self.source.error(str(problem), line) from problem
+
+    def code(self, line: int, text: str) -> None:
+        if text.startswith("%"):
+            return  # the head of a program in an archive
+        self.block(self.blocks.block(line, text))
+
+    def clean(self, line: int, raw: str) -> tuple[str, list[str]] | None:
+        """Code in upper case and comments of one line; None where it holds neither."""
+        if raw.startswith("====="):
+            self.listing += 1
+        if self.listing and (self.listing < 2 or raw.startswith("=====")):
+            self.out.ignore("information listing header", line, understood=True)
+            return None
+        text = raw.strip(" \t\x1a\f")
+        if not text:
+            return None
+        if text.startswith("%"):
+            self.closed = len(self.out) > 0
+            return (text.upper(), []) if text.upper().startswith("%_N_") else None
+        if text.startswith("/"):
+            self.out.ignore("/ (block delete; the block is read)", line, understood=True)
+            text = text.lstrip("/0123456789")
+        comments: list[str] = []
+        if "(" in text or ";" in text:
+            text, comments = self.blocks.comments(text)
+        text = text.strip().upper()
+        return (text, comments) if text or comments else None
 
     def first_unit(self, source: Source, options: ReadOptions) -> tuple[str, str]:
         """The unit by the file's first unit word, else the option's; and where it is from."""
+        at = source.find(_MILLPLUS)
+        if at is not None:
+            raise source.error(
+                "is a program for the MillPlus control (G7 A5=, G141), whose G93, G7 and G141 mean other things than "
+                "in G-code: not supported; post it for Heidenhain, Siemens or Fanuc, or export APT/CL data",
+                at,
+            )
         found: str | None = None
         where: int | None = None
         for line, raw in enumerate(source.lines, 1):
@@ -134,7 +189,7 @@ class ProgramReader(MotionReader):
         return found or unit or "", "G word" if found else "option"
 
     def comment(self, text: str) -> None:
-        found = _OPERATION.match(text)
+        found = OPERATION.match(text)
         if found and found.group(1):
             self.out.begin_operation(found.group(1))
         elif text:
@@ -145,9 +200,7 @@ class ProgramReader(MotionReader):
     def block(self, b: Block) -> None:
         if b.junk:
             if re.match(r"[A-Z]\s*=|[A-Z]\d*\s*=|.*[=(*]", b.junk):
-                raise self.source.error(
-                    f"{b.junk[:30]!r}: variables and formulas are not evaluated; expand the program first", b.line
-                )
+                raise self.source.error(f"{b.junk[:30]!r}: this formula or call is not understood", b.line)
             if b.words or _HALF_WORD.search(b.junk):
                 raise self.source.error(f"found {b.junk[:30]!r}; expected words such as X10.5 or G1", b.line)
             self.out.ignore(b.junk[:24], b.line, understood=False)
@@ -155,27 +208,20 @@ class ProgramReader(MotionReader):
         g_words: list[int] = []
         m_words: list[int] = []
         for letter, value in b.words:
-            if letter == "G":
-                g_words.append(round(value * 10))
-            elif letter == "M":
-                m_words.append(round(value))
-            elif letter in ("N", "O"):
-                continue
-            else:
+            if letter in "GM":
+                if value > 1e5:
+                    raise self.source.error(f"{letter}{value:g} is not a word of any control", b.line)
+                (g_words if letter == "G" else m_words).append(round(value * 10) if letter == "G" else round(value))
+            elif letter not in "NO":
                 if letter in words:
                     raise self.source.error(f"{letter} stands twice in one block", b.line)
                 words[letter] = value
-        for name, args in b.calls:
-            self.call(name, args, words, b.line)
-        if any(name == "MCALL" for name, _ in b.calls):
-            self.once = 0  # the cycle is carried out at the points that follow
+        if self.siemens and "L" in words:
+            b.calls.append((f"L{words.pop('L'):g}", ""))
+        self.calls(b, words)
         for name in b.named:
-            if name not in ("CR", "A3", "B3", "C3", "TURN"):
-                if re.fullmatch(r"R\d+", name):
-                    raise self.source.error(
-                        f"{name}=…: R parameters are not evaluated; expand the program first", b.line
-                    )
-                self.out.ignore(f"{name}=", b.line, understood=False)
+            if name not in ("CR", "A3", "B3", "C3", "TURN", "RPL") and not re.fullmatch(r"R\d+", name):
+                self.out.ignore(f"{name}=", b.line, understood=name in NO_EFFECT_NAMES)
         machine_frame = self.g_words(g_words, words, b)
         if any(name == "SUPA" for name, _ in b.calls) or 91 in m_words:
             machine_frame = "SUPA" if 91 not in m_words else "M91"
@@ -204,7 +250,7 @@ class ProgramReader(MotionReader):
             elif g in PLANES:
                 self.plane = np.array(PLANES[g])
             elif g in (901, 911):
-                self.absolute_centre = g == 901
+                self.centres.absolute = g == 901
             elif g == 800:
                 self.canned = None
             elif g in (980, 990):
@@ -212,9 +258,11 @@ class ProgramReader(MotionReader):
             elif g == 40:
                 self.dwell(words, b)
             elif g in (434, 435, 2340):
-                self.tcp = "vector" if g == 435 else "angles"
+                self.use_tcp("vector" if g == 435 else "angles", b.line)
             elif g == 490:
-                self.tcp = None
+                self.use_tcp(None, b.line)
+            elif g in (2540, 2550):
+                self.dynamic_offset(on=g == 2540)
             elif g in (410, 420):
                 self.out.warn_once(
                     "cutter compensation (G41, G42) is not carried out: the points are as programmed", b.line
@@ -224,11 +272,13 @@ class ProgramReader(MotionReader):
                 machine_frame = MACHINE_FRAME[g]
             elif g in CYCLES:
                 self.begin_cycle(g // 10, b)
-            elif g in (100, 920, 921, 520):
-                self.shift(g, words, b.line)
+            elif g in (100, 520, 920, 921, 922):
+                self.shift_origin(g, words, b.line)
+            elif g in (680, 682, 690, 691, 531, 536):
+                self.plane_word(g, words, b)
             elif g in OFFSETS:
                 self.use_offset(g, words, b.line)
-            elif g == 50 and (not words.keys() & set(_AXES)):
+            elif g == 50 and not words.keys() & set("XYZ"):
                 self.out.ignore("G5", b.line, understood=True)  # G5 P10000: high speed mode
                 words.pop("P", None)
             elif g == 70 and not (words.keys() | b.named.keys()) - {"F", "S"}:
@@ -236,7 +286,7 @@ class ProgramReader(MotionReader):
             elif g in REFUSED:
                 raise self.source.error(f"{REFUSED[g]}: not supported; export without it", b.line)
             elif g in NO_EFFECT:
-                if g in (51, 81, 640, 1870):
+                if g in (51, 80, 81, 640, 1870):
                     words.pop("P", None), words.pop("Q", None)
             else:
                 name = f"G{g / 10:g}"
@@ -245,27 +295,6 @@ class ProgramReader(MotionReader):
                 self.out.ignore(name, b.line, understood=False)
         return machine_frame
 
-    def use_offset(self, g: int, words: dict[str, float], line: int) -> None:
-        number = g * 1000 + (round(words.pop("P", 0.0)) if g == 541 else 0)
-        if self.offset is not None and number != self.offset and len(self.out):
-            raise self.source.error(
-                f"the work offset changes from {_offset_name(self.offset)} to {_offset_name(number)}: how they lie "
-                "to each other is not in the file; split it, one offset in each",
-                line,
-            )
-        self.offset = number
-        self.out.meta["work_offset"] = _offset_name(number)
-
-    def shift(self, g: int, words: dict[str, float], line: int) -> None:
-        axes = words.keys() & set("XYZABC")
-        if g == 520 and not any(words[a] for a in axes):
-            self.out.ignore("G52", line, understood=True)
-        elif len(self.out) and axes:
-            raise self.source.error(f"G{g / 10:g} moves the origin in the middle of the path: not supported", line)
-        else:
-            self.out.ignore(f"G{g / 10:g}", line, understood=True)
-        words.clear()
-
     def numbers(self, words: dict[str, float], b: Block) -> None:
         if "F" in words:
             self.feed = words.pop("F")
@@ -273,8 +302,10 @@ class ProgramReader(MotionReader):
             self.rpm = words.pop("S")
             self.out.event("spindle", f"S{self.rpm:g}", self.rpm)
         if "T" in words:
-            number = words.pop("T")
-            self.next_tool = number
+            self.next_tool, self.next_name = words.pop("T"), ""
+            self.out.ignore("T", b.line, understood=True)
+        if "T" in b.texts:
+            self.next_tool, self.next_name = float("nan"), b.texts["T"]
             self.out.ignore("T", b.line, understood=True)
         for letter in ("H", "D", "E"):
             if letter in words:
@@ -294,62 +325,36 @@ class ProgramReader(MotionReader):
             elif m in (0, 1):
                 self.out.event("stop", f"M{m}")
             elif m == 6:
-                self.out.event("tool", f"T{self.next_tool:g} M6", self.next_tool)
-                tool = "" if math.isnan(self.next_tool) else f"{self.next_tool:g}"
-                self.out.change_tool(tool)
+                number = "" if self.next_tool != self.next_tool else f"{self.next_tool:g}"
+                self.out.event("tool", f"T{self.next_name or number} M6", self.next_tool)
+                self.out.change_tool(self.next_name or number)
             elif m in (97, 98):
-                raise self.source.error(f"M{m} calls a subprogram; expand it into one program first", line)
+                raise self.source.error(
+                    f"M{m} calls a subprogram that is not in this file; expand it into one program, or append it", line
+                )
             elif m in (128, 428):
-                self.tcp = "angles"
-                if m == 428 and self.machine and not self.machine.name.endswith("-reversed"):
+                self.use_tcp("angles", line)
+                machine = self.setup.machine
+                if m == 428 and machine and not machine.name.endswith("-reversed"):
                     self.out.warn_once(
                         "M428 is LinuxCNC's switch; its table kinematics turn the other way: machine …-reversed?", line
                     )
             elif m in (129, 429, 430):
-                self.tcp = None
+                self.use_tcp(None, line)
             elif m not in PROGRAM_END and m != 91:
                 self.out.ignore(f"M{m}", line, understood=m in NO_EFFECT_M)
                 words.pop("P", None)
                 words.pop("Q", None)
 
     def dwell(self, words: dict[str, float], b: Block) -> None:
-        value = math.nan
+        value = float("nan")
         for letter in ("X", "U", "P", "F"):
             if letter in words:
                 value = words.pop(letter)
                 if letter == "P" and "P" in b.integers:
-                    value = value / 1e3 if value >= 100.0 else math.nan  # ms on Fanuc, s on LinuxCNC
-                    if math.isnan(value):
+                    known = value >= 100.0  # ms on Fanuc, s on LinuxCNC
+                    value = value / 1e3 if known else float("nan")
+                    if not known:
                         self.out.warn_once("G4 P without a decimal point: seconds or milliseconds is not known", b.line)
                 break
         self.out.event("dwell", "G4", value)
-
-    def call(self, name: str, args: str, words: dict[str, float], line: int) -> None:
-        if name in REFUSED_CALLS:
-            raise self.source.error(f"{name}: {REFUSED_CALLS[name]}", line)
-        if name == "TRAORI":
-            self.tcp = "angles"
-        elif name in ("TRAFOOF", "TRAOOF"):
-            self.tcp = None
-        elif name == "MCALL":
-            self.modal_call = None
-        elif name == "MSG" and (found := _OPERATION.match(args.strip('"'))):
-            self.out.begin_operation(found.group(1))
-            return
-        elif SIEMENS.fullmatch(name):
-            if not self.out_z():
-                raise self.source.error(f"{name} with a tilted tool axis is not supported", line)
-            feed = words.get("F", self.feed) * self.scale
-            self.modal_call = siemens_cycle(name, args, self.scale, feed)
-            self.once = line
-            return
-        if re.fullmatch(r"L\d+", name):
-            raise self.source.error(f"{name} calls a subprogram; expand it into one program first", line)
-        if _RUN_TOGETHER.fullmatch(name):
-            raise self.source.error(f"found {name!r}; expected words such as X10.5 or G1", line)
-        self.out.ignore(name, line, understood=name in IGNORED_CALLS)
-
-
-def _offset_name(number: int) -> str:
-    g, p = divmod(number, 1000)
-    return f"G{g / 10:g}" + (f" P{p}" if p else "")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
-from machopt.formats.gcode_expr import ExpressionError, Parameters
+from machopt.formats.gcode_expr import ExpressionError
 
 Word = tuple[str, float]
 _WORD = re.compile(r"\s*([A-Z])\s*([+-]?\s*(?:\d+\.?\d*|\.\d+))")
@@ -15,6 +15,7 @@ _SLOW = re.compile(
     r"""\s*(?:
       (?P<switch>[MH]\d+)\s*\([^()]*\)
     | (?P<name>[A-Z][A-Z0-9_]*)\s*=\s*(?P<mode>AC|IC|DC|ACP|ACN)\s*\(\s*(?P<moded>[+-]?[\d.]+)\s*\)
+    | (?P<text>[A-Z][A-Z0-9_]*)\s*=\s*"(?P<string>[^"]*)"
     | (?P<named>[A-Z][A-Z0-9_]*)\s*=\s*(?P<value>[+-]?(?:\d+\.?\d*|\.\d+))(?![\w*/+\-(.])
     | (?P<letter>[A-Z])\s*(?P<number>[+-]?\s*(?:\d+\.?\d*|\.\d+))(?![\d.]|[A-Z_]*[=(\[])
     | (?P<call>[A-Z_][A-Z0-9_]{2,})\s*(?P<args>\([^()]*\))?
@@ -32,16 +33,16 @@ class Block:
     calls: list[tuple[str, str]] = field(default_factory=list)  # (name, text in parentheses)
     named: dict[str, float] = field(default_factory=dict)  # CR, A3, B3, C3, TURN …
     modes: dict[str, str] = field(default_factory=dict)  # X → AC, IC, DC
+    texts: dict[str, str] = field(default_factory=dict)  # T="MILL_10"
     junk: str = ""  # what is left and means nothing
     integers: frozenset[str] = frozenset()  # letters whose number was written without a decimal point
 
 
 class BlockReader:
-    """Splits lines; keeps the variables of LinuxCNC expressions."""
+    """Splits lines."""
 
     def __init__(self, *, parentheses_are_comments: bool) -> None:
         self.parentheses_are_comments = parentheses_are_comments
-        self.parameters = Parameters()
 
     def comments(self, text: str) -> tuple[str, list[str]]:
         """The line without its comments, and the comments."""
@@ -68,16 +69,14 @@ class BlockReader:
         return text, found
 
     def block(self, line: int, text: str) -> Block:
-        """Words of one line in upper case without comments.
+        """Words of one line in upper case without comments and expressions.
 
         Raises:
-            ExpressionError: an expression that cannot be evaluated.
+            ExpressionError: a number that is none.
         """
-        if "#" in text or "[" in text:
-            text = self.parameters.evaluate(text)
         if _PLAIN.fullmatch(text):
             return Block(
-                line, [(a, float(n.replace(" ", ""))) for a, n in _WORD.findall(text)], integers=_integers(text)
+                line, [(a, float("".join(n.split()))) for a, n in _WORD.findall(text)], integers=_integers(text)
             )
         return self._slow(line, text)
 
@@ -103,6 +102,8 @@ class BlockReader:
                 block.words.append((g["name"], value)) if len(g["name"]) == 1 else block.named.update(
                     {g["name"]: value}
                 )
+            elif g["text"]:
+                block.texts[g["text"]] = g["string"]
             elif g["named"]:
                 if len(g["named"]) == 1:
                     block.words.append((g["named"], float(g["value"])))

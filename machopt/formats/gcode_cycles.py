@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+from machopt.formats.gcode_blocks import Block
 from machopt.formats.holecycle import CycleError, HoleCycle
 
 _FEED_OUT = {74, 84, 85, 89}
 _PECK = {73, 83}
-SIEMENS = re.compile(r"CYCLE8[1-9]")
+SIEMENS = re.compile(r"CYCLE(?:8[1-9]|840)")
 
 
 @dataclass
@@ -23,6 +24,25 @@ class Canned:
     dwell: float = 0.0
     initial: float = 0.0  # height at which the cycle was begun, for G98
 
+    def take(self, words: dict[str, float], b: Block, scale: float, *, incremental: bool) -> None:
+        """The cycle's own words of one block; under G91, R counts from the initial height and Z from R."""
+        if "R" in words:
+            self.r = words.pop("R") * scale + (self.initial if incremental else 0.0)
+        if "Z" in words:
+            self.z = words.pop("Z") * scale + ((self.r or 0.0) if incremental else 0.0)
+        for name in ("R2", "CR"):  # cycles of older Siemens controls: reference plane (posts also write it as CR)
+            if name in b.named:
+                self.r = b.named[name] * scale
+        if "R3" in b.named:
+            self.z = b.named["R3"] * scale
+        if "R10" in b.named:
+            self.initial = b.named["R10"] * scale
+        if "Q" in words:
+            self.q = abs(words.pop("Q")) * scale
+        if "P" in words:
+            p = words.pop("P")
+            self.dwell = p / 1e3 if "P" in b.integers and p >= 100.0 else p
+
     def at_hole(self, *, back_to_initial: bool, feed: float) -> HoleCycle:
         """Strokes with heights over the plane z = 0.
 
@@ -31,8 +51,6 @@ class Canned:
         """
         if self.z is None or self.r is None:
             raise CycleError(f"G{self.code} without {'Z' if self.z is None else 'R'}")
-        if self.code in _PECK and not self.q > 0.0:
-            raise CycleError(f"G{self.code} without a peck depth Q above zero")
         return HoleCycle(
             name=f"G{self.code}",
             bottom=self.z,
@@ -76,7 +94,7 @@ def siemens_cycle(name: str, text: str, scale: float, feed: float) -> HoleCycle:
         feed=feed,
         first_peck=max(peck, 0.0) * scale,
         chip_break=name == "CYCLE83" and values[11] in (0.0, None),
-        feed_out=name in ("CYCLE84", "CYCLE85", "CYCLE89"),
+        feed_out=name in ("CYCLE84", "CYCLE840", "CYCLE85", "CYCLE89"),
         dwell=dwell if name in ("CYCLE82", "CYCLE83", "CYCLE86", "CYCLE88", "CYCLE89") else 0.0,
         peck_from=rfp * scale,
     )

@@ -1,4 +1,4 @@
-"""LinuxCNC parameters and expressions: ``#<name> = 5``, ``X[#<a>*10.]``; evaluated fully or refused."""
+"""Parameters and expressions of Fanuc macros and LinuxCNC: ``#1=5``, ``X[#<a>*10.]``; evaluated fully or refused."""
 
 from __future__ import annotations
 
@@ -12,6 +12,19 @@ class ExpressionError(ValueError):
 
 
 _TOKEN = re.compile(r"\s*(\d+\.?\d*|\.\d+|\*\*|[-+*/\[\]#=]|<[^<>]*>|[A-Z]+)")
+_COMPARE: dict[str, Callable[[float, float], bool]] = {
+    "EQ": lambda a, b: abs(a - b) < 1e-6,  # LinuxCNC's own tolerance
+    "NE": lambda a, b: abs(a - b) >= 1e-6,
+    "GT": lambda a, b: a > b,
+    "GE": lambda a, b: a >= b,
+    "LT": lambda a, b: a < b,
+    "LE": lambda a, b: a <= b,
+}
+_LOGIC: dict[str, Callable[[bool, bool], bool]] = {
+    "AND": lambda a, b: a and b,
+    "OR": lambda a, b: a or b,
+    "XOR": lambda a, b: a != b,
+}
 _DEGREES: dict[str, Callable[[float], float]] = {
     "SIN": lambda v: math.sin(math.radians(v)),
     "COS": lambda v: math.cos(math.radians(v)),
@@ -34,6 +47,42 @@ class Parameters:
 
     def __init__(self) -> None:
         self._values: dict[str, float] = {}
+        self._outside: list[dict[str, float]] = []
+
+    def state(self) -> tuple[tuple[str, float], ...]:
+        return tuple(self._values.items())
+
+    def enter(self, arguments: dict[str, float]) -> None:
+        """A subroutine begins: #1 to #33 and names without an underscore are its own."""
+        self._outside.append(self._values)
+        shared = {k: v for k, v in self._values.items() if not _is_local(k)}
+        self._values = {**shared, **arguments}
+
+    def leave(self) -> None:
+        """It ends: its own parameters are forgotten, what it set outside stays."""
+        shared = {k: v for k, v in self._values.items() if not _is_local(k)}
+        self._values = {k: v for k, v in self._outside.pop().items() if _is_local(k)} | shared
+
+    def number(self, text: str) -> float:
+        """The value of one expression.
+
+        Raises:
+            ExpressionError: as for :meth:`evaluate`, or something stands after it.
+        """
+        parser = _Parser(text, 0, self._values)
+        value, at = parser.expression()
+        if text[at:].strip():
+            raise ExpressionError(f"found {text[at:].strip()[:20]!r} after an expression")
+        return value
+
+    def bracketed(self, text: str) -> list[float]:
+        """The values of ``[…] […] …``."""
+        found: list[float] = []
+        at = 0
+        while text[at:].strip():
+            value, at = _Parser(text, at, self._values).factor()
+            found.append(value)
+        return found
 
     def evaluate(self, text: str) -> str:
         """The line with every expression replaced by its number and assignments carried out.
@@ -64,6 +113,12 @@ class Parameters:
                 at += 1
         self._values.update(later)
         return "".join(out)
+
+
+def _is_local(name: str) -> bool:
+    if name.startswith("<"):
+        return not name.startswith("<_")
+    return name.isdigit() and int(name) <= 33
 
 
 def _plain(value: float) -> str:
@@ -99,6 +154,22 @@ class _Parser:
         return token, self.at
 
     def expression(self) -> tuple[float, int]:
+        """Logic over comparisons over sums; both bind from the left."""
+        value, _ = self.comparison()
+        while self.peek() in _LOGIC:
+            operator = self.take()
+            right, _ = self.comparison()
+            value = float(_LOGIC[operator](value != 0.0, right != 0.0))
+        return value, self.at
+
+    def comparison(self) -> tuple[float, int]:
+        value, _ = self.sum()
+        while self.peek() in _COMPARE:
+            operator = self.take()
+            value = float(_COMPARE[operator](value, self.sum()[0]))
+        return value, self.at
+
+    def sum(self) -> tuple[float, int]:
         value, _ = self.term()
         while self.peek() in ("+", "-"):
             value = value + self.term()[0] if self.take() == "+" else value - self.term()[0]
@@ -155,6 +226,13 @@ class _Parser:
         self.take()
         if token and (token[0].isdigit() or token[0] == "."):
             return float(token)
+        if token == "EXISTS":
+            if self.take() != "[" or self.peek() != "#":
+                raise ExpressionError("EXISTS is written EXISTS[#<name>]")
+            name, _ = self.name()
+            if self.take() != "]":
+                raise ExpressionError("a bracket is not closed")
+            return float(name in self.values)
         if token == "ATAN":
             y, _ = self.factor()
             if self.take() != "/":

@@ -1,7 +1,7 @@
-"""Heidenhain conversational programs (``BEGIN PGM``): L, LN, CC, C, CR, drilling cycles 1 and 200 with M99.
+"""Heidenhain conversational programs (``BEGIN PGM``): L, LN, CC, C, CR, LP, CP, PLANE, CYCL DEF, LBL, Q parameters.
 
 The circle centre CC stays until the next one. Under M128 or FUNCTION TCPM the points are the tool tip's; LN gives
-the tool axis as TX, TY, TZ. Subprograms, tilted planes and polar coordinates are refused.
+the tool axis as TX, TY, TZ.
 """
 
 from __future__ import annotations
@@ -9,39 +9,38 @@ from __future__ import annotations
 import math
 import re
 
-import numpy as np
-
 from machopt.domain.toolpath import Toolpath
-from machopt.formats.arcs import ArcError
-from machopt.formats.gcode import ProgramReader
 from machopt.formats.gcode_blocks import Block
-from machopt.formats.holecycle import CycleError, HoleCycle
-from machopt.formats.source import MM_PER_INCH, ReadOptions, Source
+from machopt.formats.gcode_fast import HEIDENHAIN, plain_lines
+from machopt.formats.gcode_flow import FlowError
+from machopt.formats.heidenhain_control import NUMBER, ControlReader, value
+from machopt.formats.heidenhain_cycles import OLD_WORD, old_word
+from machopt.formats.source import ReadOptions, Source
 
-_NUMBER = r"([+-]?\s*(?:\d+\.?\d*|\.\d+))"
-_WORD = re.compile(r"\s*(I?[XYZABC]|T[XYZ]|N[XYZ]|F|R|S)\s*" + _NUMBER)
-_FLAG = re.compile(r"\s*(F\s*MAX|F\s*AUTO|R[0LR]?|DR[+-]|M\s*\d+|M(?![A-Z])|MB\s*MAX|Q\d+\s*=\s*[+-]?[\d.]+)")
-_Q = re.compile(r"\bQ(\d+)\s*=\s*" + _NUMBER)
+_WORD = re.compile(r"\s*(I?[XYZABC]|T[XYZ]|N[XYZ]|I?PR|I?PA|F|R|S)\s*" + NUMBER)
+_FLAG = re.compile(
+    r"\s*(F\s*MAX|F\s*AUTO|R[0LR]?(?![\d.])|DR[+-]|M\s*\d+|M(?![A-Z])|MB\s*MAX|MB\s*[+-]?[\d.]+|F(?=\s|$))"
+)
+_Q = re.compile(r"\bQ(\d+)\s*=\s*" + NUMBER)
+_NEEDS_FLOW = re.compile(r"\b(?:LBL|FN)\b|\bQ\d+(?!\d*\s*=\s*[-+]?[\d.])", re.IGNORECASE)
 _IGNORED = (
     "BLK FORM",
     "TOOL DEF",
     "END PGM",
-    "LBL 0",
+    "LBL",
     "STOP",
-    "CYCLE DEF 9",
-    "CYCL DEF 247",
+    "CYCL DEF 13",
     "CYCL DEF 32",
     "CYCL DEF 9",
+    "FUNCTION MODE",
 )
 _REFUSED = {
-    "CALL LBL": "subprograms are not expanded", "CALL PGM": "other programs are not read", "PLANE": "tilted planes",
-    "CYCL DEF 19": "a tilted working plane", "CYCL DEF 8": "mirroring", "CYCL DEF 10": "rotation",
-    "CYCL DEF 11": "scaling", "LP": "polar coordinates", "CP": "polar coordinates (helix)", "CTP": "polar coordinates",
-    "CT": "tangential arcs", "FN": "formulas", "RND": "corner rounding", "CHF": "chamfers", "APPR": "approach blocks",
-    "DEP": "departure blocks", "FPOL": "free contours", "FL": "free contours", "FC": "free contours",
+    "CYCL DEF 8": "mirroring", "CYCL DEF 26": "scaling", "CTP": "polar tangential arcs", "CT": "tangential arcs",
+    "FN": "formulas", "RND": "corner rounding", "CHF": "chamfers", "APPR": "approach blocks", "DEP": "departure blocks",
+    "FPOL": "free contours", "FLT": "free contours", "FL": "free contours", "FCT": "free contours",
+    "FC": "free contours", "SEL": "other programs and tables", "CYCL CALL PAT": "point patterns",
+    "TRANS": "transformations by TRANS",
 }  # fmt: skip
-_ZERO_PLANE = re.compile(r"PLANE RESET|CYCL DEF 19(?:\.0.*|\.1(?:\s*[ABC]\s*[+-]?0*\.?0*)*)$")
-_Z = (0.0, 0.0, 1.0)
 
 
 def read_heidenhain(source: Source, options: ReadOptions) -> Toolpath:
@@ -53,23 +52,33 @@ def read_heidenhain(source: Source, options: ReadOptions) -> Toolpath:
     return _Reader(source, options).run()
 
 
-class _Reader(ProgramReader):
-    format = "heidenhain"
+class _Reader(ControlReader):
+    def run(self) -> Toolpath:
+        try:
+            if self.source.find(_NEEDS_FLOW) is None and self.scale == 1.0:
+                self.carry_out_lines()
+            else:
+                self.carry_out(self.label_flow().run())
+        except FlowError as problem:
+            raise self.source.error(str(problem), problem.line) from problem
+        toolpath_ends = self.ended
+        self.ended = True
+        if not toolpath_ends:
+            self.out.cut_off = "no END PGM" + (
+                "" if self.source.complete else " and the last line does not end: its last number may be cut off"
+            )
+        return self.finish()
 
-    def __init__(self, source: Source, options: ReadOptions) -> None:
-        super().__init__(source, options)
-        self.blocks.parentheses_are_comments = False
-        self.pole = [math.nan, math.nan, math.nan]
-        self.q: dict[int, float] = {}
-        self.cycle: dict[str, float] | None = None
-        self.datum: dict[str, float] = {}
-        self.first_datum: dict[str, float] | None = None
-        self.absolute_centre = True
+    def plain_from(self, at: int) -> int:
+        return at if self.left_out else plain_lines(self, at, HEIDENHAIN, linear=True)
 
     def first_unit(self, source: Source, options: ReadOptions) -> tuple[str, str]:
-        head = "\n".join(source.lines).upper()
-        found = re.search(r"BEGIN\s+PGM\s+\S.*?\b(MM|INCH|IN)\s*$", head, re.MULTILINE)
-        named = None if not found else "mm" if found.group(1) == "MM" else "inch"
+        named = None
+        for line in source.lines:
+            found = re.search(r"BEGIN\s+PGM\s+\S.*?\b(MM|INCH|IN)\s*$", line, re.IGNORECASE)
+            if found:
+                named = "mm" if found.group(1).upper() == "MM" else "inch"
+                break
         asked = options.unit
         if named is None and asked is None:
             raise source.error("BEGIN PGM names neither MM nor INCH; give --unit mm or --unit inch")
@@ -77,99 +86,168 @@ class _Reader(ProgramReader):
             raise source.error(f"the program is in {named} but --unit {asked} was given")
         return named or asked or "", "BEGIN PGM" if named else "option"
 
+    def clean(self, line: int, raw: str) -> tuple[str, list[str]] | None:
+        found = super().clean(line, raw)
+        if found is None:
+            return None
+        text = re.sub(r"^\s*\d+(?:\s+|$)", "", found[0]).rstrip("~ ").strip()
+        return re.sub(r"\s+", " ", text), found[1]
+
     def code(self, line: int, text: str) -> None:
-        text = re.sub(r"^\s*\d+\s+", "", text).rstrip("~ ").strip()
-        text = re.sub(r"\s+", " ", text)
-        found = _Q.match(text)
-        if found:
-            self.q[int(found.group(1))] = float(found.group(2).replace(" ", ""))
-            return
-        for number, value in _Q.findall(text):
-            self.q[int(number)] = float(value.replace(" ", ""))
-        if not text or text.startswith("BEGIN PGM"):
+        if text.startswith("BEGIN PGM"):
             return
         if text.startswith("END PGM"):
             self.ended = True
             return
+        parameters = _Q.findall(text)
+        if parameters and (text.startswith("Q") or not text.startswith("CYCL DEF")):
+            self.take_parameters(parameters)
+            if text.startswith("Q"):
+                return
         if text.startswith("TOOL CALL"):
-            self.tool_call(text)
-        elif text.startswith("CYCL DEF 7"):
-            self.datum_shift(text, line)
-        elif re.match(r"CYCL DEF\s+(?:1\.|20[0-9]\b|1[ $])", text):
-            self.define_cycle(text, line)
-        elif text.startswith("CYCL CALL"):
+            found = re.match(r"TOOL CALL\s*(\"[^\"]*\"|\d+)?(?:.*?\bS\s*" + NUMBER + ")?", text)
+            rpm = value(found.group(2)) if found and found.group(2) else None
+            self.call_tool((found.group(1) or "").strip('"') if found else "", rpm, text)
+        elif text.startswith("CYCL DEF"):
+            if self.cycle_definition(text, line):
+                self.take_parameters(parameters)
+        elif text.startswith("CYCL CALL POS"):
+            self.statement("L " + text[13:] + " M99", line)
+        elif text == "CYCL CALL" or re.match(r"CYCL CALL (?:M|F)", text):
             self.drill_here(Block(line, []))
+        elif text.startswith("PLANE"):
+            self.plane_statement(text, line)
         elif text.startswith("FUNCTION TCPM"):
-            self.tcp = "angles"
+            self.use_tcp("angles", line)
         elif text.startswith("FUNCTION RESET TCPM"):
-            self.tcp = None
-        elif _ZERO_PLANE.match(text):
-            self.out.ignore(text[:14], line, understood=True)
-        elif text.startswith(_IGNORED) or re.fullmatch(r"LBL \d+", text):
-            if re.fullmatch(r"LBL [1-9]\d*", text):
-                raise self.source.error(f"{text}: subprograms are not expanded; expand the program first", line)
+            self.use_tcp(None, line)
+        elif text.startswith("CALL PGM"):
+            self.left_out = (text[:40], line)
+            self.out.ignore("CALL PGM", line, understood=False)
+        elif text.startswith(_IGNORED):
             self.out.ignore(" ".join(text.split()[:3])[:14], line, understood=True)
-        elif re.match(r"(?:LN?|CC|C|CR|M\s*\d+)(?=[\s]|$|\d)", text):
+            if text.startswith("STOP"):
+                self.out.event("stop", text)
+                if re.search(r"\bM(?:2|30)\b", text):
+                    self.ended = True
+        elif re.match(r"(?:LN?|CC|CR|C|LP|CP|M\s*\d+)(?=\s|$|\d)|I?[XYZABC]\s*[+-]?\.?\d|R0\b|F ?MAX\b|S ?\d", text):
             self.statement(text, line)
         else:
             for word, reason in _REFUSED.items():
                 if re.match(re.escape(word) + r"\b", text):
                     raise self.source.error(f"{text[:24]!r}: {reason} are not supported; export APT/CL data", line)
-            if text.startswith("CYCL DEF"):
-                raise self.source.error(f"{text[:24]!r}: only drilling cycles 1 and 200 are supported", line)
             self.out.ignore(text[:14], line, understood=False)
+
+    def take_parameters(self, found: list[tuple[str, str]]) -> None:
+        for number, text in found:
+            self.q[int(number)] = value(text)
+            if number == "339":
+                self.use_preset(value(text))
+
+    # ---- definitions
+
+    def cycle_definition(self, text: str, line: int) -> bool:
+        """CYCL DEF n or n.m; True where Q parameters of the cycle follow on the line."""
+        found = re.match(r"CYCL DEF\s+(\d+)(?:\.(\d+))?\s*(.*)", text)
+        if not found:
+            raise self.source.error(f"{text[:24]!r}: expected CYCL DEF and a number", line)
+        number, part, rest = int(found.group(1)), found.group(2), found.group(3)
+        if number == 7:
+            if "#" in rest:
+                raise self.source.error("CYCL DEF 7 takes its shift from a datum table that is not in the file", line)
+            if part != "0":
+                self.shift_datum({k: value(v) for k, v in re.findall(r"\b(I?[XYZ])\s*" + NUMBER, rest)}, line)
+        elif number == 19:
+            if part not in (None, "0"):
+                self.tilt_angles({k: value(v) for k, v in re.findall(r"\b([ABC])\s*" + NUMBER, rest)}, line)
+        elif number == 10:
+            angle = re.search(r"\bROT\s*" + NUMBER, rest)
+            if part != "0":
+                self.turn_plane(value(angle.group(1)) if angle else 0.0, line)
+        elif number == 11:
+            factor = re.search(r"\bSCL\s*" + NUMBER, rest)
+            if factor and value(factor.group(1)) != 1.0:
+                raise self.source.error("CYCL DEF 11 scales the coordinates: not supported", line)
+        elif number == 8 and not re.search(r"\b[XYZABC]\b", rest):
+            self.out.ignore("CYCL DEF 8", line, understood=True)
+        elif number == 247:
+            self.out.ignore("CYCL DEF 247", line, understood=True)
+            return True
+        elif number in (9, 13, 32):
+            self.out.ignore(f"CYCL DEF {number}", line, understood=True)
+        elif number in (1, 2, 17):
+            self.old_cycle_line(number, part, rest, line)
+        elif number == 8:
+            raise self.source.error("CYCL DEF 8 mirrors the coordinates: not supported", line)
+        else:
+            self.begin_q_cycle(number, line)
+            return True
+        return False
+
+    def old_cycle_line(self, number: int, part: str | None, rest: str, line: int) -> None:
+        if part in (None, "0"):
+            self.cycle, self.cycle_words = number, {}
+            return
+        word = re.match(OLD_WORD + r"(?:\s*" + NUMBER + ")?", rest)
+        if word is None:
+            raise self.source.error(f"found {rest[:20]!r}; expected SET UP, DEPTH, PECKG, DWELL or F", line)
+        if word.group(2):
+            self.cycle_words[old_word(word.group(1))] = value(word.group(2))
 
     # ---- motion
 
     def statement(self, text: str, line: int) -> None:
-        kind, rest = "M", text
-        found = re.match(r"(LN|L|CC|CR|C)\b", text)
+        kind, rest = "L", text
+        found = re.match(r"(LN|LP|L|CC|CR|CP|C)(?![A-Z])", text)
         if found:
             kind, rest = found.group(1), text[found.end() :]
         words, flags = self.split(rest, line)
         b = Block(line, [])
         if "FMAX" in flags:
             self.motion = 0
-        elif kind in ("L", "LN"):
+        elif kind in ("L", "LN", "LP"):
             self.motion = 1
         if "F" in words:
-            if self.scale != 1.0:
-                self.out.warn_once("F of an inch program is read in tenths of an inch a minute", line)
-            self.feed = words.pop("F") * (MM_PER_INCH * 0.1 if self.scale != 1.0 else 1.0) / self.scale
+            self.feed_word(words.pop("F"), line)
         if "S" in words:
             self.rpm = words.pop("S")
             self.out.event("spindle", f"S{self.rpm:g}", self.rpm)
         if kind == "CC":
-            for k, letter in enumerate("XYZ"):
-                if letter in words:
-                    self.pole[k] = words[letter] * self.scale + self.shift_of(letter)
-                elif "I" + letter in words:
-                    self.pole[k] = self.p[k] + words["I" + letter] * self.scale
+            self.set_pole(words)
             return
         m_words = [int(f[1:]) for f in flags if re.fullmatch(r"M\d+", f)]
-        for letter in "XYZ":  # incremental coordinates and the datum shift become absolute ones
-            k = "XYZ".index(letter)
-            if letter in words:
-                words[letter] += self.shift_of(letter) / self.scale
-            if "I" + letter in words:
-                if math.isnan(self.p[k]):
-                    raise self.source.error(f"incremental {letter} from a place that is not known", line)
-                words[letter] = self.p[k] / self.scale + words.pop("I" + letter)
+        if 89 in m_words:
+            raise self.source.error("M89 (a cycle at every point that follows) is not supported; use M99", line)
         vector = [words.pop("T" + c, math.nan) for c in "XYZ"]
         for c in "XYZ":
             words.pop("N" + c, None)
         radius = words.pop("R", None)
-        self.m_words([m for m in m_words if m not in (91, 92, 99, 140)], {}, line)
-        if any(m in (91, 92, 140) for m in m_words):
-            self.lose(words, "M91" if 140 not in m_words else "M140", line)
+        self.m_words([m for m in m_words if m not in (89, 91, 92, 99, 140)], {}, line)
+        if any(m in (91, 92) for m in m_words):
+            self.lose(words, "M91", line)
             return
+        if 140 in m_words:
+            back = next((f[2:] for f in flags if f.startswith("MB")), "MAX")
+            if back == "MAX":
+                self.lose({"Z": 0.0} if self.along_z() else {}, "M140", line)
+            else:
+                self.retract(value(back) * self.scale, line)
+            return
+        if words or not all(map(math.isnan, vector)):
+            self.other_program(line)
+        self.absolute(words, line)
         if not all(map(math.isnan, vector)):
-            if self.tcp is None:
+            if self.setup.tcp is None:
                 raise self.source.error("a tool vector (TX, TY, TZ) outside of M128", line)
             b.named.update({n: (0.0 if math.isnan(v) else v) for n, v in zip(("A3", "B3", "C3"), vector, strict=True)})
+        left = next((f == "DR+" for f in flags if f.startswith("DR")), None)
         if kind in ("C", "CR"):
-            self.circle(kind, words, flags, radius, b)
+            self.circle(kind, words, left, radius, b)
+        elif kind == "CP":
+            self.polar_circle(words, left, b)
         elif words or b.named:
+            if kind == "LP":
+                self.polar(words, line)
             self.move(words, b)
         if 99 in m_words:
             self.drill_here(b)
@@ -188,7 +266,7 @@ class _Reader(ProgramReader):
                 name = word.group(1)
                 if name in words:
                     raise self.source.error(f"{name} stands twice in one block", line)
-                words[name] = float(word.group(2).replace(" ", ""))
+                words[name] = value(word.group(2))
                 at = word.end()
             elif flag:
                 flags.append(flag.group(1).replace(" ", ""))
@@ -198,105 +276,3 @@ class _Reader(ProgramReader):
             else:
                 raise self.source.error(f"found {rest[at:].strip()[:20]!r}; expected coordinates, F, R or M", line)
         return words, flags
-
-    def circle(self, kind: str, words: dict[str, float], flags: list[str], radius: float | None, b: Block) -> None:
-        turn = next((f for f in flags if f.startswith("DR")), None)
-        if turn is None:
-            raise ArcError(f"{kind} without DR+ or DR-")
-        self.motion = 3 if turn == "DR+" else 2
-        if kind == "CR":
-            if radius is None:
-                raise ArcError("CR without R")
-            b.named["CR"] = radius
-        else:
-            centre = [p if math.isnan(c) else c for c, p in zip(self.pole, self.p, strict=True)]
-            for k, letter in enumerate("IJK"):
-                if not math.isnan(centre[k]):
-                    words[letter] = centre[k] / self.scale
-        if not words.keys() & set("XYZ"):
-            for k, letter in enumerate("XYZ"):
-                if not math.isnan(self.p[k]):
-                    words[letter] = self.p[k] / self.scale
-        self.move(words, b)
-
-    def shift_of(self, letter: str) -> float:
-        if self.first_datum is None:
-            self.first_datum = dict(self.datum)
-        return (self.datum.get(letter, 0.0) - self.first_datum.get(letter, 0.0)) * self.scale
-
-    def datum_shift(self, text: str, line: int) -> None:
-        for letter, value in re.findall(r"\b([XYZ])\s*" + _NUMBER, text):
-            self.datum[letter] = float(value.replace(" ", ""))
-            if len(self.out) and self.shift_of(letter) != 0.0:
-                self.out.warn_once("the datum shifts: points from here on are brought into the first system", line)
-        self.out.ignore("CYCL DEF 7", line, understood=True)
-
-    # ---- tools and cycles
-
-    def tool_call(self, text: str) -> None:
-        found = re.match(r"TOOL CALL\s*(\"[^\"]*\"|\d+)?(?:.*?\bS\s*" + _NUMBER + ")?", text)
-        tool = (found.group(1) or "").strip('"') if found else ""
-        if found and found.group(2):
-            self.rpm = float(found.group(2).replace(" ", ""))
-            self.out.event("spindle", text, self.rpm)
-        if tool:
-            self.out.event("tool", text, float(tool) if tool.isdigit() else math.nan)
-            self.out.change_tool(tool)
-
-    def define_cycle(self, text: str, line: int) -> None:
-        found = re.match(r"CYCL DEF\s+(\d+)(?:\.(\d+))?\s*(.*)", text)
-        assert found is not None
-        number, part, rest = int(found.group(1)), found.group(2), found.group(3)
-        if number not in (1, 200):
-            raise self.source.error(f"{text[:24]!r}: only drilling cycles 1 and 200 are supported", line)
-        if number == 200:
-            self.cycle = {"number": 200.0}
-        elif part == "0" or part is None:
-            self.cycle = {"number": 1.0}
-        elif self.cycle is not None:
-            word = re.match(r"(DIST|SET ?UP|DEPTH|PLNGNG|PECKG|PECKING|DWELL|F)\s*" + _NUMBER, rest)
-            if word is None:
-                raise self.source.error(f"found {rest[:20]!r}; expected DIST, DEPTH, PLNGNG, DWELL or F", line)
-            self.cycle[word.group(1).replace(" ", "")] = float(word.group(2).replace(" ", ""))
-
-    def drill_here(self, b: Block) -> None:
-        """M99 or CYCL CALL: one hole at the present place."""
-        if self.cycle is None:
-            raise CycleError("a cycle call (M99, CYCL CALL) before any drilling cycle was defined")
-        if self.axis != _Z:
-            raise CycleError("a drilling cycle with a tilted tool axis is not supported")
-        if np.isnan(self.p).any():
-            raise CycleError("a drilling cycle where the tool's place is not known")
-        s = self.scale
-        if self.cycle["number"] == 200.0:
-            q = self.q
-            if 201 not in q or 200 not in q:
-                raise CycleError("cycle 200 without Q200 (clearance) or Q201 (depth)")
-            top = q.get(203, 0.0) * s + self.shift_of("Z")
-            plan = HoleCycle(
-                name="CYCL 200",
-                bottom=top - abs(q[201]) * s,
-                clear=top + q[200] * s,
-                retract=max(top + q.get(204, q[200]) * s, top + q[200] * s),
-                feed=q.get(206, math.nan) * s,
-                first_peck=q.get(202, 0.0) * s,
-                dwell=q.get(211, 0.0),
-                peck_from=top,
-            )
-        else:
-            c = self.cycle
-            if ("DIST" not in c and "SETUP" not in c) or "DEPTH" not in c:
-                raise CycleError("cycle 1 without set-up clearance (DIST) or depth (DEPTH)")
-            # the tool stands at the clearance height when cycle 1 is called; DIST is measured down from there
-            top = self.p[2] - abs(c.get("DIST", c.get("SETUP", 0.0))) * s
-            plan = HoleCycle(
-                name="CYCL 1",
-                bottom=top - abs(c["DEPTH"]) * s,
-                clear=self.p[2],
-                retract=self.p[2],
-                feed=c.get("F", math.nan) * s,
-                first_peck=abs(c.get("PLNGNG", c.get("PECKG", c.get("PECKING", 0.0)))) * s,
-                dwell=c.get("DWELL", 0.0),
-                peck_from=top,
-            )
-        self.holes(plan, {}, None, b)

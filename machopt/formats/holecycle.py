@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.domain.toolpath import Move
-from machopt.formats.pathbuilder import PathBuilder, Vector
+from machopt.formats.pathbuilder import MAX_POINTS, PathBuilder, Vector
 
 MAX_PECKS = 10_000
 
@@ -63,12 +63,14 @@ class HoleCycle:
 
 def drill(
     builder: PathBuilder, cycle: HoleCycle, hole: Vector, axis: Vector, line: int, before: Vector | None
-) -> Vector:
-    """Append all moves of one hole; returns where the tip is afterwards.
+) -> float:
+    """Append all moves of one hole; returns the height over ``hole`` at which the tip is afterwards (mm).
 
     Rapid sideways at the present height (raised to the clearance height first where it is lower), rapid down,
     then the strokes. ``before`` is the tip before the hole, None where it is not known.
     """
+    if len(builder) > MAX_POINTS:
+        raise CycleError(f"more than {MAX_POINTS} points of drilling cycles")
     h, n = np.array(hole), np.array(axis)
 
     def at(height: float) -> Vector:
@@ -93,4 +95,4 @@ def drill(
         feed = cycle.feed if move == Move.CUT or (cycle.feed_out and move == Move.RETRACT) else nan
         builder.add(at(height), axis, move, feed, line, cycle=True)
         last = height
-    return at(last)
+    return last

@@ -15,18 +15,20 @@ def summarise(toolpath: Toolpath) -> dict[str, object]:
     tilt = np.degrees(np.arccos(np.clip(t.axis[:, 2], -1.0, 1.0)))
     cut = t.cutting
     operations = []
+    order = np.argsort(t.operation, kind="stable")
+    bounds = np.searchsorted(t.operation[order], np.arange(len(t.operations) + 1))
     for index, o in enumerate(t.operations):
-        mine = t.operation == index
-        feeds = t.feed[mine & cut] * 60e3
+        mine = order[bounds[index] : bounds[index + 1]]
+        feeds = t.feed[mine][cut[mine]] * 60e3
         operations.append(
             {
                 "label": o.label,
                 "kind": o.kind,
                 "tool": o.tool,
-                "points": int(mine.sum()),
-                "cutting_points": int((mine & cut).sum()),
+                "points": len(mine),
+                "cutting_points": int(cut[mine].sum()),
                 "feed_mm_min": _range(feeds),
-                "first_line": int(t.line[mine][0]) if mine.any() else None,
+                "first_line": int(t.line[mine[0]]) if len(mine) else None,
             }
         )
     return {
@@ -48,6 +50,7 @@ def summarise(toolpath: Toolpath) -> dict[str, object]:
             {"word": w.word, "count": w.count, "first_line": w.first_line, "understood": w.understood}
             for w in t.ignored
         ],
+        "incomplete": t.meta.get("incomplete"),
         "warnings": list(t.warnings),
     }
 

@@ -11,20 +11,12 @@ from numpy.typing import NDArray
 
 from machopt.domain.toolpath import Array, Event, IgnoredWord, Move, Operation, Toolpath
 from machopt.formats.arcs import RADIUS_FAULT, RADIUS_WARN, Arc, ArcError
+from machopt.formats.pathchecks import ArcSpan, arc_directions, check_numbers, with_kinds
 from machopt.formats.source import ReadOptions, Source
 
-MAX_COORDINATE_MM = 1e6  # a kilometre: no robot cell is larger, so the number is a fault
-ALONG_AXIS = math.cos(math.radians(1.0))  # a cut within 1° of the tool axis counts as drilling
-TANGENT = math.cos(math.radians(3.0))  # a line that runs within 3° into an arc is meant to be tangential
 MAX_EVENT_TEXT = 200
+MAX_POINTS = 10_000_000  # 0.7 GB: beyond it a loop or a radius is a fault
 Vector = tuple[float, float, float]
-
-
-@dataclass
-class _Arc:
-    first: int  # index of the first chord's end
-    last: int
-    line: int
 
 
 @dataclass
@@ -41,9 +33,10 @@ class PathBuilder:
     _open: bool = False
     _events: list[Event] = field(default_factory=list)
     _ignored: dict[tuple[str, bool], list[int]] = field(default_factory=dict)
-    _arcs: list[_Arc] = field(default_factory=list)
+    _arcs: list[ArcSpan] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     meta: dict[str, str] = field(default_factory=dict)
+    cut_off: str | None = None  # why the file looks as if a part of it were missing
 
     def __len__(self) -> int:
         return len(self._codes) // 4
@@ -51,18 +44,63 @@ class PathBuilder:
     def add(self, p: Vector, axis: Vector, move: int, feed: float, line: int, *, cycle: bool = False) -> None:
         """Append one programmed point (mm, mm/min; feed NaN for rapid moves)."""
         if not self._open:
-            self._operations.append(self._pending)
-            self._open = True
+            self._start_operation()
         if move == Move.CUT and not feed > 0.0:
             feed = self.feed_fallback(feed, line)
         self._numbers.extend((*p, *axis, feed))
         self._codes.extend((move, len(self._operations) - 1, line, cycle))
+
+    def add_many(self, numbers: list[float], moves_and_lines: list[tuple[int, int]]) -> None:
+        """Append plain points at once: x y z i j k feed of each one after the other, and (move, line) of each.
+
+        Cutting moves must have their feed already (:meth:`feed_fallback`).
+        """
+        if not moves_and_lines:
+            return
+        if not self._open:
+            self._start_operation()
+        operation = len(self._operations) - 1
+        self._numbers.extend(numbers)
+        self._codes.extend(code for move, line in moves_and_lines for code in (move, operation, line, 0))
+        if len(self) > MAX_POINTS:
+            raise self.source.error(f"more than {MAX_POINTS} points", moves_and_lines[-1][1])
+
+    def add_table(
+        self, numbers: Array, move: NDArray[np.int32], line: NDArray[np.int32], labels: list[tuple[int, str]]
+    ) -> None:
+        """Append a whole table.
+
+        Args:
+            numbers: (N, 7) x y z i j k feed (mm, mm/min).
+            move, line: (N,) Move codes and source lines.
+            labels: first row and label of each operation; none: they go on in the present one.
+        """
+        lacking = np.flatnonzero((move == Move.CUT) & ~(numbers[:, 6] > 0.0))
+        for row in lacking.tolist():
+            numbers[row, 6] = self.feed_fallback(float(numbers[row, 6]), int(line[row]))
+        codes = np.zeros((len(numbers), 4), dtype=np.int32)
+        codes[:, 0], codes[:, 2] = move, line
+        stops = [start for start, _ in labels[1:]] + [len(numbers)]
+        for (start, label), stop in zip(labels or [(0, "")], stops, strict=True):
+            if labels:
+                self.begin_operation(label)
+            if not self._open:
+                self._start_operation()
+            codes[start:stop, 1] = len(self._operations) - 1
+        self._numbers.frombytes(np.ascontiguousarray(numbers, dtype=np.float64).tobytes())
+        self._codes.frombytes(codes.tobytes())
+
+    def _start_operation(self) -> None:
+        self._operations.append(self._pending)
+        self._open = True
 
     def add_arc(
         self, points: Array, axis: Vector, move: int, feed: float, line: int, *, axis_before: Vector | None = None
     ) -> None:
         """Append the chord ends of an arc or curve; the tool axis goes over from ``axis_before`` on the way."""
         first = len(self)
+        if first + len(points) > MAX_POINTS:
+            raise self.source.error(f"more than {MAX_POINTS} points", line)
         if axis_before is None or axis_before == axis:
             for x, y, z in points.tolist():
                 self.add((x, y, z), axis, move, feed, line)
@@ -72,7 +110,7 @@ class PathBuilder:
             axes /= np.maximum(np.linalg.norm(axes, axis=1), 1e-12)[:, None]
             for (x, y, z), (i, j, k) in zip(points.tolist(), axes.tolist(), strict=True):
                 self.add((x, y, z), (i, j, k), move, feed, line)
-        self._arcs.append(_Arc(first, len(self) - 1, line))
+        self._arcs.append(ArcSpan(first, len(self) - 1, line))
 
     def feed_fallback(self, feed: float, line: int) -> float:
         """The feed of a cut that has none of its own (mm/min).
@@ -136,9 +174,7 @@ class PathBuilder:
 
     def replace_positions(self, p_mm: Array) -> None:
         """Overwrite all positions (N, 3) mm; for coordinates that become known only later."""
-        table = self._table().copy()
-        table[:, :3] = p_mm
-        self._numbers = array("d", table.tobytes())
+        self._table()[:, :3] = p_mm
 
     def _table(self) -> Array:
         return np.frombuffer(self._numbers, dtype=np.float64).reshape(-1, 7)
@@ -153,38 +189,37 @@ class PathBuilder:
         if n == 0:
             raise self.source.error("holds no toolpath points")
         table = self._table()
-        codes = np.array(self._codes, dtype=np.int32).reshape(-1, 4)
-        p, axis, feed = table[:, :3], table[:, 3:6], table[:, 6]
+        codes = np.frombuffer(self._codes, dtype=np.int32).reshape(-1, 4)
         line = codes[:, 2].copy()
-        self._check_numbers(table, line)
+        check_numbers(self.source, table, line)
         move = codes[:, 0].astype(np.int8)
         if not (move == Move.CUT).any():
             raise self.source.error(
                 f"holds {n} points but no cutting move; expected at least one feed move (GOTO after FEDRAT, G1)"
             )
-        length = np.linalg.norm(axis, axis=1)
-        if (length < 1e-6).any():
-            at = int(np.argmax(length < 1e-6))
-            raise self.source.error("the tool axis is zero; expected a direction", int(line[at]))
-        off = np.abs(length - 1.0) > 1e-3
-        if off.any():
-            at = int(np.argmax(off))
-            self.warn(f"{int(off.sum())} tool axes are not of unit length; they were normalised", int(line[at]))
-        axis = axis / length[:, None]
-        self._check_arcs(p)
+        p, axis = table[:, :3], self._unit_axes(table[:, 3:6], line)
+        found = arc_directions(self._arcs, p)
+        if found.against:
+            self.warn(
+                f"{len(found.against)} arcs run against the tangents of their neighbours ({found.agree} run with "
+                f"them), at lines {_some([str(k) for k in found.against])}: check the arc direction"
+            )
         ignored = tuple(
             IgnoredWord(word, count, first, understood) for (word, understood), (count, first) in self._ignored.items()
         )
-        strange = sum(w.count for w in ignored if not w.understood)
+        strange = [w for w in ignored if not w.understood]
         if strange:
-            self.warn(f"{strange} words were not understood: " + _some([w.word for w in ignored if not w.understood]))
+            self.warn(f"{sum(w.count for w in strange)} words were not understood: {_some([w.word for w in strange])}")
+        if self.cut_off is not None:
+            self.meta["incomplete"] = self.cut_off
+            self.warnings.insert(0, f"INCOMPLETE FILE? {self.cut_off}")
         return Toolpath(
             position=p * 1e-3,
             axis=axis,
             move=move,
-            feed=feed / 60e3,
+            feed=table[:, 6] / 60e3,
             operation=codes[:, 1].copy(),
-            operations=self._with_kinds(p, axis, codes),
+            operations=with_kinds(self._operations, p, axis, codes[:, 0], codes[:, 1], codes[:, 3] != 0),
             reference=np.full((n, 3), np.nan) if reference is None else reference,
             tolerance=np.full(n, np.nan) if tolerance_mm is None else tolerance_mm * 1e-3,
             line=line,
@@ -197,62 +232,16 @@ class PathBuilder:
             meta=dict(self.meta),
         )
 
-    def _check_numbers(self, table: Array, line: NDArray[np.int32]) -> None:
-        for columns, what in ((table[:, :3], "coordinate"), (table[:, 3:6], "tool axis")):
-            bad = ~np.isfinite(columns).all(axis=1)
-            if bad.any():
-                at = int(np.argmax(bad))
-                raise self.source.error(f"a {what} is not a finite number", int(line[at]))
-        far = np.abs(table[:, :3]).max(axis=1) > MAX_COORDINATE_MM
-        if far.any():
-            at = int(np.argmax(far))
-            raise self.source.error(
-                f"coordinate {np.abs(table[at, :3]).max():g} mm; expected less than {MAX_COORDINATE_MM:g} mm",
-                int(line[at]),
-            )
-        if np.isinf(table[:, 6]).any():
-            at = int(np.argmax(np.isinf(table[:, 6])))
-            raise self.source.error("the feed is not a finite number", int(line[at]))
-
-    def _with_kinds(self, p: Array, axis: Array, codes: NDArray[np.int32]) -> tuple[Operation, ...]:
-        """Operations with ``kind``: point where every cut runs along the tool axis or comes from a cycle."""
-        count = len(self._operations)
-        step = np.diff(p, axis=0, prepend=p[:1])
-        length = np.linalg.norm(step, axis=1)
-        along = np.abs(np.einsum("ij,ij->i", step, axis)) >= ALONG_AXIS * length  # holds for zero length too
-        cut = codes[:, 0] == Move.CUT
-        sideways = cut & ~(along | (codes[:, 3] != 0))
-        # a cut of zero length proves nothing: only a plunge or a cycle makes a point operation
-        plunge = cut & ((length > 1e-6) | (codes[:, 3] != 0)) & ~sideways
-        plunge[0] = plunge[0] and codes[0, 3] != 0
-        has_sideways = np.bincount(codes[sideways, 1], minlength=count) > 0
-        has_plunge = np.bincount(codes[plunge, 1], minlength=count) > 0
-        return tuple(
-            Operation(o.label, "point" if has_plunge[k] and not has_sideways[k] else "trajectory", o.tool, o.comment)
-            for k, o in enumerate(self._operations)
-        )
-
-    def _check_arcs(self, p: Array) -> None:
-        """Compare each arc's end tangents with the straight moves before and after it."""
-        against: list[int] = []
-        agree = 0
-        for k, arc in enumerate(self._arcs):
-            votes: list[float] = []
-            if arc.first > 1 and not (k and self._arcs[k - 1].last == arc.first - 1):
-                votes.append(_turn(p[arc.first - 2], p[arc.first - 1], p[arc.first]))
-            straight_after = not (k + 1 < len(self._arcs) and self._arcs[k + 1].first == arc.last + 1)
-            if arc.last + 1 < len(p) and straight_after and arc.last > 0:
-                votes.append(_turn(p[arc.last - 1], p[arc.last], p[arc.last + 1]))
-            tangential = [v for v in votes if abs(v) > TANGENT]
-            if tangential and all(v < 0.0 for v in tangential):
-                against.append(arc.line)
-            elif tangential:
-                agree += 1
-        if against:
-            self.warn(
-                f"{len(against)} arcs run against the tangents of their neighbours ({agree} run with them), "
-                f"at lines {_some([str(n) for n in against])}: check the arc direction"
-            )
+    def _unit_axes(self, axis: Array, line: NDArray[np.int32]) -> Array:
+        length = np.sqrt(np.einsum("ij,ij->i", axis, axis))
+        if (length < 1e-6).any():
+            at = int(np.argmax(length < 1e-6))
+            raise self.source.error("the tool axis is zero; expected a direction", int(line[at]))
+        off = np.abs(length - 1.0) > 1e-3
+        if off.any():
+            at = int(np.argmax(off))
+            self.warn(f"{int(off.sum())} tool axes are not of unit length; they were normalised", int(line[at]))
+        return np.asarray(axis / length[:, None])
 
 
 def check_radius(found: Arc, line: int, out: PathBuilder) -> None:
@@ -266,13 +255,6 @@ def check_radius(found: Arc, line: int, out: PathBuilder) -> None:
         raise ArcError(f"start and end of the arc differ by {off:.4g} mm in their distance from the centre")
     if off > RADIUS_WARN:
         out.warn_once("start and end of an arc differ by more than 0.05 mm in their distance from its centre", line)
-
-
-def _turn(a: Array, b: Array, c: Array) -> float:
-    """Cosine between a→b and b→c; 0 where either is too short to have a direction."""
-    u, v = b - a, c - b
-    norm = float(np.linalg.norm(u) * np.linalg.norm(v))
-    return float(u @ v) / norm if norm > 1e-9 else 0.0
 
 
 def _some(words: list[str], most: int = 8) -> str:

@@ -1,18 +1,19 @@
-"""Point tables: CSV and Parquet with the contract's columns, and headerless XYZWPR lists as RoboDK imports them."""
+"""Point tables: CSV and Parquet with the contract's columns, robot poses, and headerless XYZWPR lists (RoboDK)."""
 
 from __future__ import annotations
 
-import csv
 import difflib
 import hashlib
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from machopt.domain.toolpath import Array, Move, Toolpath
 from machopt.errors import InputError
+from machopt.formats.attitude import ATTITUDES, UNIT_QUATERNION, rotations
+from machopt.formats.csvcolumns import Columns, Words, cells_of, data_lines, is_number, number_cell, read_columns
 from machopt.formats.pathbuilder import PathBuilder
 from machopt.formats.source import UNIT_NAMES, ReadOptions, Source
 
@@ -20,18 +21,20 @@ _UNIT_ENDINGS = {"_mm": "mm", "_inch": "inch", "_in": "inch", "": None}
 _POINT = ("x", "y", "z")
 _AXIS = ("i", "j", "k")
 _REFERENCE = ("rx", "ry", "rz")
-_PLAIN = ("i", "j", "k", "move", "operation", "rx", "ry", "rz")
+_WORDS = ("move", "operation")
+_PLAIN = (*_AXIS, *_WORDS, *_REFERENCE)
+_OPTIONAL = ("feed", "tolerance", *_REFERENCE)
 _MOVES = {m.word: m for m in Move}
 _XYZWPR = (6, 7)  # columns of a headerless list: x, y, z, w, p, r and maybe a running number
 
 
 def looks_like_table(source: Source) -> bool:
     """True where the first data line is a header with x, y, z or a row of plain numbers."""
-    first = next((t for t in source.lines if t.strip() and not t.lstrip().startswith("#")), "")
+    first = next((t for _, t in data_lines(source)), "")
     cells = [c.strip().strip('"').lower() for c in first.replace(";", ",").split(",")]
     if len(cells) < 3:
         return False
-    return any(c.startswith("x") and c.rstrip("_minch") == "x" for c in cells) or all(map(_is_number, cells))
+    return any(c.startswith("x") and c.rstrip("_minch") == "x" for c in cells) or all(map(is_number, cells))
 
 
 def read_csv(source: Source, options: ReadOptions) -> Toolpath:
@@ -40,30 +43,26 @@ def read_csv(source: Source, options: ReadOptions) -> Toolpath:
     Raises:
         InputError: see :func:`machopt.formats.toolpath.read_toolpath`.
     """
-    rows: list[list[str]] = []
-    lines: list[int] = []
-    for line, text in enumerate(source.lines, 1):
-        if not text.strip() or text.lstrip().startswith("#"):
-            continue
-        rows.append(next(csv.reader([text])) if '"' in text else text.split(","))
-        lines.append(line)
-    if not rows:
+    data = data_lines(source)
+    line, text = next(data, (0, ""))
+    if not text:
         raise source.error("holds no rows; expected a header line and one row a point")
-    if all(_is_number(c) for c in rows[0]):
-        return _read_xyzwpr(source, options, rows, lines)
-    header = [c.strip() for c in rows[0]]
+    header = [c.strip() for c in cells_of(text)]
+    if all(map(is_number, header)):
+        return _read_xyzwpr(source, options)
     if len(header) == 1 and ";" in header[0]:
-        raise source.error("columns are separated by semicolons; expected commas", lines[0])
-    if len(rows) == 1:
-        raise source.error("holds a header but no rows; expected one row a point", lines[0])
-    for row, line in zip(rows, lines, strict=True):
-        if len(row) != len(header):
-            raise source.error(f"{len(row)} columns; expected {len(header)} as in the header", line)
-    columns = {name: [row[k].strip() for row in rows[1:]] for k, name in enumerate(header)}
-    if len(columns) != len(header):
+        raise source.error("columns are separated by semicolons; expected commas", line)
+    if next(data, None) is None:
+        raise source.error("holds a header but no rows; expected one row a point", line)
+    if len(set(header)) != len(header):
         twice = next(n for k, n in enumerate(header) if n in header[:k])
-        raise source.error(f"column {twice!r} stands twice in the header", lines[0])
-    return _Table(source, options, lines[0], lines[1:], "csv").read(columns)
+        raise source.error(f"column {twice!r} stands twice in the header", line)
+    table = _Table(source, options, line, "csv")
+    table.sort_columns(header)
+    table.columns = read_columns(source, header, table.wanted_numbers(), table.wanted_words())
+    if not source.complete and len(table.columns.line) > 1:
+        table.out.warn("the last line does not end: its last number may be cut off", int(table.columns.line[-1]))
+    return table.build()
 
 
 def read_parquet(path: Path, data: bytes, options: ReadOptions) -> Toolpath:
@@ -80,101 +79,88 @@ def read_parquet(path: Path, data: bytes, options: ReadOptions) -> Toolpath:
             "is Parquet, which needs pyarrow: pip install machopt[parquet], or save the table as CSV", file=path
         ) from problem
     try:
-        table = pyarrow.parquet.read_table(pyarrow.BufferReader(data))
+        found = pyarrow.parquet.read_table(pyarrow.BufferReader(data))
     except (pyarrow.ArrowException, OSError) as problem:
         raise InputError(f"is not readable as Parquet: {problem}", file=path) from problem
     source = Source(path, [], hashlib.sha256(data).hexdigest(), True)
-    if not table.num_rows:
+    if not found.num_rows:
         raise source.error("holds no rows; expected one row a point")
-    columns = {
-        name: ["" if v is None else (v if isinstance(v, str) else repr(v)) for v in table.column(name).to_pylist()]
-        for name in table.column_names
-    }
-    return _Table(source, options, 1, range(1, table.num_rows + 1), "parquet").read(columns)
+    table = _Table(source, options, 1, "parquet")
+    table.sort_columns(list(found.column_names))
+    lines = list(range(1, found.num_rows + 1))
+    numbers: dict[str, Array] = {}
+    for name, empty_allowed in table.wanted_numbers().items():
+        cells = ["" if v is None else str(v) for v in found.column(name).to_pylist()]
+        numbers[name] = np.array(
+            [number_cell(source, name, c, n, empty_allowed) for c, n in zip(cells, lines, strict=True)]
+        )
+    words: dict[str, Words] = {}
+    for name in table.wanted_words():
+        words[name] = Words()
+        cells = ["" if v is None else str(v) for v in found.column(name).to_pylist()]
+        words[name].codes = np.array(words[name].encode(cells), dtype=np.int32)
+    table.columns = Columns(numbers, words, np.array(lines, dtype=np.int32))
+    return table.build()
 
 
 class _Table:
-    def __init__(self, source: Source, options: ReadOptions, header_line: int, lines: Sequence[int], kind: str) -> None:
-        self.source, self.options, self.header_line, self.lines = source, options, header_line, lines
+    """Which column is which, and the toolpath they make."""
+
+    columns: Columns
+
+    def __init__(self, source: Source, options: ReadOptions, header_line: int, kind: str) -> None:
+        self.source, self.options, self.header_line = source, options, header_line
         self.out = PathBuilder(source, options, kind)
+        self.names: dict[str, str] = {}  # quantity → column
+        self.unit = "mm"
+        self.attitude: str | None = None
+        self.angle_unit = 1.0  # rad per printed unit
 
-    def read(self, columns: dict[str, list[str]]) -> Toolpath:
-        names, unit = self.names(list(columns))
-        scale = UNIT_NAMES[unit]
-        n = len(self.lines)
-        p = self.block(columns, [names[c] for c in _POINT]) * scale
-        axis = np.tile((0.0, 0.0, 1.0), (n, 1))
-        if self.all_or_none(names, _AXIS):
-            axis = self.block(columns, [names[c] for c in _AXIS])
-        reference = None
-        if self.all_or_none(names, _REFERENCE):
-            reference = self.reference(self.block(columns, [names[c] for c in _REFERENCE], empty_allowed=True))
-        feed = np.full(n, np.nan)
-        if "feed" in names:
-            feed = self.block(columns, [names["feed"]], empty_allowed=True)[:, 0] * scale
-            if (feed < 0.0).any():
-                at = int(np.argmax(feed < 0.0))
-                raise self.error(f"feed {feed[at] / scale:g}; expected zero or more", at, names["feed"])
-        tolerance = None
-        if "tolerance" in names:
-            tolerance = self.block(columns, [names["tolerance"]], empty_allowed=True)[:, 0] * scale
-            if (tolerance <= 0.0).any():
-                at = int(np.argmax(tolerance <= 0.0))
-                raise self.error("the tolerance is not above zero", at, names["tolerance"])
-        moves = columns.get("move")
-        labels = columns.get("operation")
-        for k in range(n):
-            move = Move.CUT
-            if moves is not None and moves[k]:
-                found = _MOVES.get(moves[k].lower())
-                if found is None:
-                    raise self.error(f"move {moves[k]!r}; expected one of {', '.join(_MOVES)}", k, "move")
-                move = found
-            if labels is not None:
-                self.out.begin_operation(labels[k])
-            rate = float(feed[k])
-            if move == Move.RAPID or (rate == 0.0 and move != Move.CUT):
-                rate = math.nan
-            (x, y, z), (i, j, kk) = p[k].tolist(), axis[k].tolist()
-            self.out.add((x, y, z), (i, j, kk), move, rate, self.lines[k])
-        self.out.meta["unit"] = unit
-        return self.out.build(reference=reference, tolerance_mm=tolerance)
+    # ---- header
 
-    def names(self, header: list[str]) -> tuple[dict[str, str], str]:
-        """Column of each quantity, and the table's unit."""
-        names: dict[str, str] = {}
+    def sort_columns(self, header: list[str]) -> None:
+        """Which column holds which quantity, and the table's unit.
+
+        Raises:
+            InputError: columns are missing, stand twice, or mix units.
+        """
         units: dict[str, str] = {}
+        rest: list[str] = []
         for column in header:
             plain = column.lower()
-            if plain in _PLAIN:
-                names[plain] = column
+            base, unit = (plain, None) if plain in _PLAIN else _split_unit(plain)
+            if base is None:
+                rest.append(column)
                 continue
-            base, unit = _split_unit(plain)
-            if base is not None:
-                if base in names:
-                    raise self.source.error(
-                        f"columns {names[base]!r} and {column!r} mean the same; expected one", self.header_line
-                    )
-                names[base] = column
-                if unit:
-                    units.setdefault(unit, column)
-                continue
-            known = [f"{c}_mm" for c in _POINT] + [*_PLAIN, "feed_mm_min", "tolerance_mm"]
-            near = difflib.get_close_matches(plain, [k for k in known if k not in header], 1, 0.8)
-            if near:
-                raise self.source.error(f"unknown column {column!r}; did you mean {near[0]!r}?", self.header_line)
-            self.out.ignore(f"column {column}", self.header_line, understood=False)
-        missing = [f"{c}_mm" for c in _POINT if c not in names]
+            if base in self.names:
+                raise self.source.error(
+                    f"columns {self.names[base]!r} and {column!r} mean the same; expected one", self.header_line
+                )
+            self.names[base] = column
+            if unit:
+                units.setdefault(unit, column)
+        for column in self.take_attitude(rest):
+            self.unknown(column, header)
+        missing = [f"{c}_mm" for c in _POINT if c not in self.names]
         if missing:
             raise self.source.error(
                 f"columns {', '.join(missing)} are missing; found {', '.join(header)[:200]}", self.header_line
             )
+        for group in (_AXIS, _REFERENCE):
+            have = [c for c in group if c in self.names]
+            if have and len(have) < len(group):
+                lacking = ", ".join(c for c in group if c not in self.names)
+                raise self.source.error(f"column {lacking} is missing beside {', '.join(have)}", self.header_line)
+        if self.attitude and "i" in self.names:
+            raise self.source.error("gives tool axes (i, j, k) and attitudes; expected one of them", self.header_line)
+        self.unit = self.one_unit(units)
+
+    def one_unit(self, units: dict[str, str]) -> str:
         if len(units) == 2:
             raise self.source.error(
                 f"columns {units['mm']!r} and {units['inch']!r} mix mm and inch; expected one unit", self.header_line
             )
-        unit = next(iter(units), None)
-        asked = self.options.unit
+        unit, asked = next(iter(units), None), self.options.unit
         if unit is None and asked is None:
             raise self.source.error(
                 "columns x, y, z carry no unit; name them x_mm, y_mm, z_mm or give --unit mm or --unit inch",
@@ -184,33 +170,126 @@ class _Table:
             raise self.source.error(
                 f"column {units[unit]!r} is in {unit} but --unit {asked} was given", self.header_line
             )
-        return names, unit or asked or "mm"
+        return unit or asked or "mm"
 
-    def all_or_none(self, names: dict[str, str], group: tuple[str, ...]) -> bool:
-        have = [c for c in group if c in names]
-        if have and len(have) < len(group):
+    def take_attitude(self, rest: list[str]) -> list[str]:
+        """Columns of a TCP attitude; returns the columns that are none."""
+        lower = {c.lower(): c for c in rest}
+        if {"rx_rad", "ry_rad", "rz_rad"} & lower.keys() or {"rx_deg", "ry_deg", "rz_deg"} & lower.keys():
             raise self.source.error(
-                f"column {', '.join(c for c in group if c not in names)} is missing beside {', '.join(have)}",
+                "rx, ry, rz with a unit can be a rotation vector or angles: name them rvx_rad, rvy_rad, rvz_rad or "
+                "w_deg, p_deg, r_deg (fixed X, Y, Z)",
                 self.header_line,
             )
-        return bool(have)
+        for kind, one in ATTITUDES.items():
+            endings = ("_deg", "_rad") if one.angles else ("",)
+            for ending in endings:
+                wanted = [c + ending for c in one.columns]
+                have = [c for c in wanted if c in lower]
+                if not have:
+                    continue
+                if len(have) < len(wanted):
+                    lacking = ", ".join(c for c in wanted if c not in lower)
+                    raise self.source.error(f"column {lacking} is missing beside {', '.join(have)}", self.header_line)
+                if self.attitude is not None:
+                    raise self.source.error("gives the attitude in two ways; expected one", self.header_line)
+                self.attitude = kind
+                self.angle_unit = math.pi / 180.0 if ending == "_deg" else 1.0
+                self.names.update({f"attitude{k}": lower[c] for k, c in enumerate(wanted)})
+                rest = [c for c in rest if c.lower() not in wanted]
+            bare = [c for c in one.columns if c in lower]
+            if one.angles and len(bare) == len(one.columns):
+                raise self.source.error(
+                    f"columns {', '.join(bare)} carry no unit; name them {bare[0]}_deg … or {bare[0]}_rad …",
+                    self.header_line,
+                )
+        return rest
 
-    def block(self, columns: dict[str, list[str]], names: list[str], *, empty_allowed: bool = False) -> Array:
-        """(N, len(names)) numbers; empty cells are NaN where allowed."""
-        out = np.empty((len(self.lines), len(names)))
-        for c, name in enumerate(names):
-            cells = columns[name]
-            try:
-                values = [float(v) if v else math.nan for v in cells] if empty_allowed else [float(v) for v in cells]
-            except ValueError:
-                at = next(k for k, v in enumerate(cells) if not (_is_number(v) or (empty_allowed and not v)))
-                raise self.error(f"found {cells[at]!r}; expected a number", at, name) from None
-            out[:, c] = values
-            bad = ~np.isfinite(out[:, c])
-            for row in np.flatnonzero(bad).tolist():
-                if not (empty_allowed and not cells[row]):
-                    raise self.error(f"found {cells[row]!r}; expected a finite number", row, name)
-        return out
+    def unknown(self, column: str, header: list[str]) -> None:
+        known = [f"{c}_mm" for c in _POINT] + [*_PLAIN, "feed_mm_min", "tolerance_mm"]
+        near = difflib.get_close_matches(column.lower(), [k for k in known if k not in header], 1, 0.8)
+        if near:
+            raise self.source.error(f"unknown column {column!r}; did you mean {near[0]!r}?", self.header_line)
+        self.out.ignore(f"column {column}", self.header_line, understood=False)
+
+    def wanted_numbers(self) -> dict[str, bool]:
+        return {column: name in _OPTIONAL for name, column in self.names.items() if name not in _WORDS}
+
+    def wanted_words(self) -> list[str]:
+        return [self.names[w] for w in _WORDS if w in self.names]
+
+    # ---- rows
+
+    def block(self, *names: str) -> Array:
+        """(N, len(names)) of the table, printed units."""
+        return np.column_stack([self.columns.numbers[self.names[n]] for n in names])
+
+    def build(self) -> Toolpath:
+        scale = UNIT_NAMES[self.unit]
+        n = len(self.columns.line)
+        table = np.full((n, 7), np.nan)
+        table[:, :3] = self.block(*_POINT) * scale
+        table[:, 3:6] = (0.0, 0.0, 1.0)
+        reference = None
+        if "i" in self.names:
+            table[:, 3:6] = self.block(*_AXIS)
+        if self.attitude is not None:
+            R = self.attitudes()
+            table[:, 3:6], reference = -R[:, :, 2], R[:, :, 0].copy()
+        if "rx" in self.names:
+            reference = self.reference(self.block(*_REFERENCE))
+        if "feed" in self.names:
+            table[:, 6] = self.positive("feed", zero_allowed=True) * scale
+        tolerance = self.positive("tolerance", zero_allowed=False) * scale if "tolerance" in self.names else None
+        move = self.moves()
+        table[(move == Move.RAPID) | ((table[:, 6] == 0.0) & (move != Move.CUT)), 6] = np.nan
+        self.out.meta["unit"] = self.unit
+        self.out.add_table(table, move, self.columns.line, self.labels())
+        return self.out.build(reference=reference, tolerance_mm=tolerance)
+
+    def attitudes(self) -> Array:
+        assert self.attitude is not None
+        one = ATTITUDES[self.attitude]
+        values = self.block(*(f"attitude{k}" for k in range(len(one.columns)))) * self.angle_unit
+        if not one.angles:
+            off = np.abs(np.linalg.norm(values, axis=1) - 1.0) > UNIT_QUATERNION
+            if off.any():
+                raise self.error("the quaternion is not of unit length", int(np.argmax(off)), ", ".join(one.columns))
+        self.out.meta["attitude"] = f"{one.words}; tool axis -z, reference +x"
+        return rotations(self.attitude, values)
+
+    def positive(self, name: str, *, zero_allowed: bool) -> Array:
+        values = self.block(name)[:, 0]
+        bad = values < 0.0 if zero_allowed else values <= 0.0
+        if bad.any():
+            at = int(np.argmax(bad))
+            wanted = "expected zero or more" if zero_allowed else "is not above zero"
+            raise self.error(
+                f"{name} {values[at]:g}; {wanted}" if zero_allowed else f"the {name} {wanted}", at, self.names[name]
+            )
+        return values
+
+    def moves(self) -> NDArray[np.int32]:
+        n = len(self.columns.line)
+        if "move" not in self.names:
+            return np.full(n, int(Move.CUT), dtype=np.int32)
+        words = self.columns.words[self.names["move"]]
+        codes: list[int] = []
+        for k, name in enumerate(words.names):
+            found = _MOVES.get(name.lower()) if name else Move.CUT
+            if found is None:
+                at = int(np.argmax(words.codes == k))
+                raise self.error(f"move {name!r}; expected one of {', '.join(_MOVES)}", at, "move")
+            codes.append(int(found))
+        return np.array(codes, dtype=np.int32)[words.codes]
+
+    def labels(self) -> list[tuple[int, str]]:
+        """First row and label of each operation."""
+        if "operation" not in self.names:
+            return []
+        words = self.columns.words[self.names["operation"]]
+        starts = np.concatenate([[0], np.flatnonzero(np.diff(words.codes)) + 1])
+        return [(k, words.names[words.codes[k]]) for k in starts.tolist()]
 
     def reference(self, r: Array) -> Array:
         given = ~np.isnan(r).any(axis=1)
@@ -221,7 +300,7 @@ class _Table:
         return np.asarray(r / np.where(given, length, 1.0)[:, None])
 
     def error(self, message: str, row: int, column: str) -> InputError:
-        return self.source.error(message, self.lines[row], column)
+        return self.source.error(message, int(self.columns.line[row]), column)
 
 
 def _split_unit(column: str) -> tuple[str | None, str | None]:
@@ -235,48 +314,35 @@ def _split_unit(column: str) -> tuple[str | None, str | None]:
     return None, None
 
 
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return "_" not in text
-
-
-def _read_xyzwpr(source: Source, options: ReadOptions, rows: list[list[str]], lines: list[int]) -> Toolpath:
+def _read_xyzwpr(source: Source, options: ReadOptions) -> Toolpath:
     """x, y, z in mm and w, p, r in degrees about fixed X, Y, Z: R = Rz(r) Ry(p) Rx(w) is the TCP's attitude.
 
     The tool axis is −z and the reference direction +x of that attitude; every row is a cut at the given feed.
     """
-    width = len(rows[0])
+    rows = [(line, cells_of(text)) for line, text in data_lines(source)]
+    first, width = rows[0][0], len(rows[0][1])
     if width not in _XYZWPR:
         raise source.error(
             f"rows of {width} numbers without a header; expected a header with x_mm, y_mm, z_mm, or six or seven "
             "numbers x, y, z, w, p, r (mm, degrees)",
-            lines[0],
+            first,
         )
     if options.unit == "inch":
         raise source.error("a list of x, y, z, w, p, r is in mm but --unit inch was given")
     table = np.empty((len(rows), width))
-    for k, (row, line) in enumerate(zip(rows, lines, strict=True)):
+    for k, (line, row) in enumerate(rows):
         if len(row) != width:
             raise source.error(f"{len(row)} columns; expected {width}", line)
-        for c, cell in enumerate(row):
-            if not _is_number(cell) or not math.isfinite(float(cell)):
-                raise source.error(f"found {cell.strip()!r}; expected a finite number", line, c + 1)
-            table[k, c] = float(cell)
-    w, p, r = np.radians(table[:, 3:6]).T
-    cw, sw, cp, sp, cr, sr = np.cos(w), np.sin(w), np.cos(p), np.sin(p), np.cos(r), np.sin(r)
-    x_tcp = np.column_stack([cr * cp, sr * cp, -sp])
-    z_tcp = np.column_stack([cr * sp * cw + sr * sw, sr * sp * cw - cr * sw, cp * cw])
+        table[k] = [number_cell(source, str(c + 1), cell, line, False) for c, cell in enumerate(row)]
+    R = rotations("wpr", np.radians(table[:, 3:6]))
     out = PathBuilder(source, options, "csv/xyzwpr")
     out.meta.update(unit="mm", attitude="R = Rz(r) Ry(p) Rx(w), degrees; tool axis -z, reference +x")
     out.warn("no header: rows are read as x, y, z (mm), w, p, r (degrees about fixed X, Y, Z), all of them cuts")
     if width == 7:
-        out.ignore("column 7 (running number)", lines[0], understood=True)
-    feed = math.nan if options.default_feed is None else options.default_feed * 60e3
-    if math.isnan(feed):
-        raise source.error("a list of x, y, z, w, p, r has no feeds; give one with --feed", lines[0])
-    for (x, y, z), (i, j, k3), line in zip(table[:, :3].tolist(), (-z_tcp).tolist(), lines, strict=True):
-        out.add((x, y, z), (i, j, k3), Move.CUT, feed, line)
-    return out.build(reference=x_tcp)
+        out.ignore("column 7 (running number)", first, understood=True)
+    if options.default_feed is None:
+        raise source.error("a list of x, y, z, w, p, r has no feeds; give one with --feed", first)
+    numbers = np.column_stack([table[:, :3], -R[:, :, 2], np.full(len(rows), options.default_feed * 60e3)])
+    move = np.full(len(rows), int(Move.CUT), dtype=np.int32)
+    out.add_table(numbers, move, np.array([line for line, _ in rows], dtype=np.int32), [])
+    return out.build(reference=R[:, :, 0].copy())

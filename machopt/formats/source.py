@@ -4,13 +4,40 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from machopt.errors import InputError
 
 MM_PER_INCH = 25.4
+_CHUNK = 20_000  # lines searched at once
+CYCLE_QUANTITIES = ("depth", "clear", "retract", "feed", "peck", "dwell")
 UNIT_NAMES = {"mm": 1.0, "inch": MM_PER_INCH}
+
+
+Offset = tuple[float, float, float]
+_OFFSET = re.compile(r"\s*(G\d+(?:\.\d)?(?:\s*P\s*\d+)?)\s*=(.*)", re.IGNORECASE)
+
+
+def offsets(texts: Sequence[str]) -> tuple[tuple[str, Offset], ...]:
+    """Options such as ``G55=100,0,0``: where a work offset's origin lies in the first offset of the program, in mm.
+
+    Raises:
+        InputError: the text is not of that form.
+    """
+    found: list[tuple[str, Offset]] = []
+    for text in texts:
+        parts = _OFFSET.fullmatch(text)
+        try:
+            values = [float(v) for v in parts.group(2).split(",")] if parts else []
+        except ValueError:
+            values = []
+        if parts is None or len(values) != 3 or not all(map(math.isfinite, values)):
+            raise InputError(f"{text!r}: expected e.g. G55=100,0,0 (mm)", where="--offset")
+        found.append((" ".join(parts.group(1).upper().replace("P", " P").split()), (values[0], values[1], values[2])))
+    return tuple(found)
 
 
 @dataclass(frozen=True)
@@ -20,8 +47,10 @@ class ReadOptions:
     unit: str | None = None  # "mm" or "inch"
     strict: bool = False  # refuse the first word that is not understood
     arc_tolerance: float = 5e-6  # m, largest distance of a chord from its arc
-    machine: str | None = None  # rotary kinematics, see formats.rotary.MACHINES
+    machine: str | None = None  # rotary kinematics, see formats.rotary
     default_feed: float | None = None  # m/s, where the file gives none
+    offsets: tuple[tuple[str, Offset], ...] = ()  # (work offset, its origin in the first one used, mm)
+    cycle_order: tuple[str, ...] = ("depth", "clear", "retract")  # what numbers without a word in CYCLE/ stand for
 
     def __post_init__(self) -> None:
         if self.unit is not None and self.unit not in UNIT_NAMES:
@@ -30,6 +59,12 @@ class ReadOptions:
             raise InputError(f"the arc tolerance must be positive, found {self.arc_tolerance}", where="arc_tolerance")
         if self.default_feed is not None and not (math.isfinite(self.default_feed) and self.default_feed > 0.0):
             raise InputError(f"the feed must be positive, found {self.default_feed}", where="default_feed")
+        strange = [w for w in self.cycle_order if w not in CYCLE_QUANTITIES]
+        if strange or len(set(self.cycle_order)) != len(self.cycle_order):
+            raise InputError(
+                f"found {','.join(self.cycle_order)!r}; expected some of {', '.join(CYCLE_QUANTITIES)} in their order",
+                where="--cycle",
+            )
 
 
 @dataclass(frozen=True)
@@ -44,6 +79,15 @@ class Source:
     @property
     def name(self) -> str:
         return self.path.name
+
+    def find(self, pattern: re.Pattern[str]) -> int | None:
+        """The first line (1-based) a MULTILINE pattern is found in, looking at many lines at once."""
+        for first in range(0, len(self.lines), _CHUNK):
+            text = "\n".join(self.lines[first : first + _CHUNK])
+            found = pattern.search(text)
+            if found:
+                return first + 1 + text.count("\n", 0, found.start())
+        return None
 
     def error(self, message: str, line: int | None = None, column: int | str | None = None) -> InputError:
         """An InputError that names this file and, where known, line and column."""
@@ -104,6 +148,6 @@ def _refuse_binary(path: Path, data: bytes) -> None:
     if control > 0.01 * len(head):
         raise InputError(
             f"is binary ({control} control bytes in the first {len(head)}); expected text: "
-            "APT/CL, G-code, Heidenhain or CSV (or Parquet)",
+            "APT/CL, G-code, Heidenhain, NCI or CSV (or Parquet)",
             file=path,
         )

@@ -7,7 +7,7 @@ arcs become chords within the arc tolerance, drilling cycles their strokes.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from machopt.domain.toolpath import Toolpath
@@ -15,22 +15,25 @@ from machopt.errors import InputError
 from machopt.formats.apt import read_apt
 from machopt.formats.gcode import read_gcode
 from machopt.formats.heidenhain import read_heidenhain
+from machopt.formats.heidenhain_iso import HEADER, read_heidenhain_iso
+from machopt.formats.nci import NCI, read_nci
 from machopt.formats.pointtable import looks_like_table, read_csv, read_parquet
 from machopt.formats.source import ReadOptions, Source, decode, read_bytes
+from machopt.formats.source import offsets as work_offsets
 
 _READABLE = (
-    "readable are APT/CL data (NX CLSF, CATIA aptsource, CAMWorks), G-code, Heidenhain conversational programs and "
+    "readable are APT/CL data (NX CLSF, CATIA aptsource, Creo ncl, CAMWorks, HSM/Fusion), G-code (Fanuc, Haas, "
+    "Siemens, LinuxCNC), Heidenhain programs, Mastercam NCI, robot programs (KRL, RAPID, FANUC LS, URScript, JBI) and "
     "point tables (CSV, Parquet)"
 )
-_ROBOT = "export the toolpath from the CAM system instead (APT/CL data or a point table with tool axes)"
 _REFUSED = (  # (pattern in the first lines, what it is and what would work)
     (r"^\s*ISO-10303-21", f"is a STEP file: STEP-NC holds features and no tool points; {_READABLE}"),
-    (r"^\s*(?:&ACCESS|DEFDAT\s|DEF\s+\w+\s*\()", f"is a KUKA robot program: its points are the robot's; {_ROBOT}"),
-    (r"^\s*(?:%%%|MODULE\s+\w+|PROC\s+\w+\s*\()", f"is an ABB robot program: its points are the robot's; {_ROBOT}"),
-    (r"^\s*/PROG\b", f"is a FANUC robot program: its points are the robot's; {_ROBOT}"),
-    (r"^\s*/JOB\b", f"is a Yaskawa robot job: its points are the robot's; {_ROBOT}"),
-    (r"^\s*def\s+\w+\(.*\)\s*:|\b(?:movej|movel|servoj)\(", f"is a Universal Robots program; {_ROBOT}"),
     (r"^\s*(?:solid\s|<\?xml|<html|\{\s*\")", f"is not a toolpath; {_READABLE}"),
+)
+_ROBOT_PROGRAM = re.compile(
+    r"^\s*(?:&ACCESS\b|DEFDAT\s|DEF\s+\w+\s*\(|%%%|MODULE\s+\w+|(?:LOCAL\s+)?PROC\s+\w+\s*\(|/PROG\b|/JOB\b"
+    r"|(?:def|thread)\s+\w+\(.*\)\s*:|(?:movej|movel|servoj)\()|^# machopt_program\b|\A\s*\{\s*\"machopt_program\"",
+    re.MULTILINE,
 )
 _PART_PROGRAM = re.compile(
     r"^\s*(?:\w+\s*=\s*(?:point|line|circle|plane|vector|matrix|cylndr|cone|sphere|pattrn|tabcyl)\s*/"
@@ -42,9 +45,10 @@ _CL_DATA = re.compile(
     re.IGNORECASE | re.MULTILINE,
 )
 _G_CODE = re.compile(
-    r"^\s*/?\s*(?:N\s*\d+\s*)?(?:\([^)]*\)\s*)?[GXYZMT]\s*[+-]?\s*\d*\.?\d", re.IGNORECASE | re.MULTILINE
+    r"^\s*/?\s*(?:N\s*\d+\s*)?(?:\([^)]*\)\s*)?(?:[GXYZMT]\s*[+-]?\s*\d*\.?\d|R\d+\s*=)", re.IGNORECASE | re.MULTILINE
 )
 _HEAD_LINES = 3000
+_NCI_LINES = 200
 
 
 def read_toolpath(
@@ -55,6 +59,8 @@ def read_toolpath(
     arc_tolerance: float = 5e-6,
     machine: str | None = None,
     default_feed: float | None = None,
+    offsets: Sequence[str] = (),
+    cycle_order: Sequence[str] = ("depth", "clear", "retract"),
 ) -> Toolpath:
     """Read a CAM export or a point table.
 
@@ -63,21 +69,30 @@ def read_toolpath(
         unit: ``mm`` or ``inch``, where the file does not say; another one than the file's is an error.
         strict: refuse the first word that is not understood.
         arc_tolerance: m, largest distance of a chord from its arc.
-        machine: rotary kinematics of a five-axis G-code program, one of ``formats.rotary.MACHINES``.
+        machine: rotary kinematics of a five-axis program, see :mod:`machopt.formats.rotary`; with the places of its
+            axes (``table-ac@0,0,-50``) programs without tool-centre-point control are read too.
         default_feed: m/s for cutting moves without a feed.
+        cycle_order: what the numbers of ``CYCLE/`` without a word of their own stand for (the post's table decides).
+        offsets: where further work offsets lie in the first one, such as ``("G55=100,0,0",)`` (mm).
     Returns:
         The toolpath in SI units, in the coordinate system the file is written in (``workpiece``).
     Raises:
         InputError: the file or an option is wrong; names file and line, what was found and what would work.
     """
     path = Path(path)
-    options = ReadOptions(unit, strict, arc_tolerance, machine, default_feed)
+    options = ReadOptions(unit, strict, arc_tolerance, machine, default_feed, work_offsets(offsets), tuple(cycle_order))
     data = read_bytes(path)
     if data[:4] == b"PAR1":
         return read_parquet(path, data, options)
     if data[:2] == b"\x1f\x8b" or data[:2] == b"PK":
-        raise InputError(f"is compressed ({'gzip' if data[0] == 0x1F else 'zip'}); {_READABLE}", file=path)
+        packed = "gzip" if data[0] == 0x1F else "zip"
+        what = "a packed PolyScope program; save it as a script" if path.suffix.lower() == ".urp" else "compressed"
+        raise InputError(f"is {what} ({packed}); {_READABLE}", file=path)
     source = decode(path, data)
+    if _ROBOT_PROGRAM.search("\n".join(source.lines[:_HEAD_LINES])):
+        from machopt.formats.programs import read_program_as_toolpath
+
+        return read_program_as_toolpath(path, options)
     reader = _sniff(source)
     return reader(source, options)
 
@@ -86,16 +101,15 @@ def _sniff(source: Source) -> Callable[[Source, ReadOptions], Toolpath]:
     head = "\n".join(source.lines[:_HEAD_LINES])
     if looks_like_table(source):
         return read_csv
+    if NCI.match("\n".join(source.lines[:_NCI_LINES]) + "\n"):
+        return read_nci
     for pattern, reason in _REFUSED:
         if re.search(pattern, head, re.MULTILINE):
             raise source.error(reason)
     if re.search(r"^\s*\d*\s*BEGIN\s+PGM\b", head, re.IGNORECASE | re.MULTILINE):
         return read_heidenhain
-    if re.search(r"^\s*%\s*\w+\s+G7[01]\b", head, re.MULTILINE):
-        raise source.error(
-            "is a Heidenhain DIN/ISO program, whose centres and cycles differ from G-code's: not supported; post it as "
-            "a conversational program (BEGIN PGM), as G-code, or export APT/CL data"
-        )
+    if HEADER.search(head):
+        return read_heidenhain_iso
     if _CL_DATA.search(head):
         if _PART_PROGRAM.search(head) and not re.search(r"TOOL PATH/|\*CATIA", head):
             line = head[: _PART_PROGRAM.search(head).start()].count("\n") + 1  # type: ignore[union-attr]

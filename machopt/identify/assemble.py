@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.stiffness import Stiffness, Term
-from machopt.identify.check import Finding
 from machopt.identify.experiment import Experiment
+from machopt.identify.finding import Finding
 from machopt.identify.fit import Fit, with_values
 from machopt.identify.grid import GridFit
 from machopt.identify.heldout import errors
@@ -43,6 +43,7 @@ class Parts:
     subsets: SubsetStudy | None
     monte_carlo: MonteCarlo | None
     equilibrium_influence: Array | None
+    notes: tuple[str, ...] = ()  # on how the equations came about
 
 
 def assemble(parts: Parts) -> Identification:
@@ -71,7 +72,7 @@ def assemble(parts: Parts) -> Identification:
         scatter=fit.weighting.scatter(fit.clusters),
         findings=parts.findings,
         warnings=(*parts.said, *warnings(fit, sure, settled, own, unseen, aside)),
-        notes=notes(fit, sure, settled),
+        notes=(*parts.notes, *notes(fit, sure, settled)),
         table=ResidualTable(measured, measured - residual, sigma, left_out, fit.weighting.robust),
         influence=influence(fit, settled),
         outliers=aside,

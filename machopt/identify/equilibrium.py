@@ -106,6 +106,8 @@ class Equilibrium:
     def _settle(self, c: Array, wrench: Array) -> tuple[ArmState, Array]:
         """State at rest and ∂θ/∂c (N, 6, 6)."""
         command = self.experiment.state.q
+        if self.masses is None and not wrench.any():  # nothing turns a joint
+            return self.experiment.state, np.zeros((len(command), 6, 6))
         theta, eye = command.copy(), np.eye(6)
         for _ in range(MOST_STEPS):
             state, tau, H = self._torque(theta, wrench)

@@ -39,6 +39,7 @@ class Experiment:
     files: tuple[str, ...] = ()  # names of the data files
     file: Ints | None = None  # (N,) index into files; None: all in the first
     stated_frames: tuple[Axes, Axes] = ("base", "base")  # axes that the recording states for wrench and displacement
+    wrench_point: Array | None = None  # (3,) m in the TCP's axes, from the TCP to where moments are stated; None: there
 
     def __len__(self) -> int:
         return len(self.measured)
@@ -46,6 +47,13 @@ class Experiment:
     @property
     def dimensions(self) -> int:
         return int(self.measured.shape[1])
+
+    @property
+    def lever(self) -> Array:
+        """(N, 3) m in base_link axes, from the TCP to the point that the recording's moments are about."""
+        if self.wrench_point is None:
+            return np.zeros((len(self), 3))
+        return np.asarray(self.T_base_tcp[:, :3, :3] @ self.wrench_point)
 
     def place(self, reading: int) -> str:
         """Where a reading (0-based) stands, for messages: ``line 12``, or ``run_b.csv line 12`` of several files."""
@@ -92,7 +100,7 @@ def experiment(recording: Recording, robot: Robot, T_flange_tcp: Array) -> Exper
         )
     state = robot.state(recording.q, T_flange_tcp, bodies=True)
     R, p = state.T_base_tool[:, :3, :3], state.T_base_tool[:, :3, 3]
-    wrench = recording.wrench
+    wrench, point = recording.wrench, None
     if recording.wrench_frame == "tool":
         wrench = _turned(R, wrench)
     if recording.wrench_point is not None:  # about that point of the flange → about the TCP
@@ -100,6 +108,7 @@ def experiment(recording: Recording, robot: Robot, T_flange_tcp: Array) -> Exper
         at = flange[:, :3, 3] + np.einsum("nij,j->ni", flange[:, :3, :3], recording.wrench_point)
         wrench = wrench.copy()
         wrench[:, 3:] += np.cross(at - p, wrench[:, :3])
+        point = T_flange_tcp[:3, :3].T @ (recording.wrench_point - T_flange_tcp[:3, 3])
     measured = recording.displacement
     if recording.displacement_frame == "tool":
         measured = _turned(R, measured)
@@ -110,7 +119,7 @@ def experiment(recording: Recording, robot: Robot, T_flange_tcp: Array) -> Exper
         recording.source, state, state.T_base_tool, wrench, measured, recording.pose,
         cycle.reshape(-1).astype(np.int64), recording.session, recording.line,
         recording.uncertainty, recording.files, recording.file,
-        (recording.wrench_frame, recording.displacement_frame),
+        (recording.wrench_frame, recording.displacement_frame), point,
     )  # fmt: skip
 
 

@@ -15,6 +15,8 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 SITE = 0.05  # of a cell's edge; positions rounded alike are one site
 
+MOST_CELLS_IN_ALL = 8000  # each has a row in stiffness.yaml and on the page
+
 
 @dataclass(frozen=True)
 class Region:
@@ -87,6 +89,12 @@ def region_of(
         raise InputError(
             f"a grid of {shape} cells from {low.tolist()} m is none; three whole numbers of at least 1 and three "
             "coordinates would work",
+            file=source,
+        )
+    if np.prod([float(n) for n in shape]) > MOST_CELLS_IN_ALL:
+        raise InputError(
+            f"{' × '.join(map(str, shape))} cells of {cell * 1e3:g} mm are more than the {MOST_CELLS_IN_ALL} that a grid "
+            "may have; larger cells, or a smaller part of the space, would work",
             file=source,
         )
     if origin is None:

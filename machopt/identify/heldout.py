@@ -58,7 +58,8 @@ def heldout(fit: Fit, settled: Settled, rng: np.random.Generator) -> Array:
     H, h = fit.normal.total()
     out = np.full(fit.y.shape, np.nan)
     for group in folds(fit.clusters.poses, rng):
-        without = settled.solve(fit, H - fit.normal.H[group].sum(axis=0), h - fit.normal.h[group].sum(axis=0))
+        H_rest, h_rest = H - fit.normal.H[group].sum(axis=0), h - fit.normal.h[group].sum(axis=0)
+        without = settled.solve(fit, H_rest, h_rest, matrices=bool(settled.mended))
         rows = np.concatenate([fit.clusters.readings(g) for g in group])
         out[rows] = fit.y[rows] - fit.A[rows] @ without
     return out

@@ -14,17 +14,20 @@ to the cell's by a weak pull that the data override wherever they speak.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
+from machopt.identify.admissible import FittedMatrix, fitted_matrices, gives_way, nearest
 from machopt.identify.bounded import minimise
 from machopt.identify.fit import Fit, Unknown
 from machopt.identify.uncertainty import NULL, Uncertainty
 
 Array = NDArray[np.float64]
 MOST_ERROR = 0.5  # standard error per compliance beyond which a joint counts as not identified
+FEW = 3  # coefficients of a term that are judged each by itself
 TOLD_APART = 0.95  # correlation of two estimates beyond which they are named together
 PULL = 0.1  # standard deviation per value of the pull towards the cell's compliance
 FIXED = 1e-6  # the same for what is taken as zero, in units of a typical effect
@@ -63,11 +66,24 @@ class Settled:
     towards: Array  # (P,) scaled
     replaced: NDArray[np.bool_]  # (P,) set to ``towards`` after solving
     covariance: Array  # (6, 6) of the joints' compliances; one not identified is as uncertain as its own value
+    matrices: tuple[FittedMatrix, ...] = ()  # terms whose matrix must not give way against a load
+    mended: tuple[int, ...] = ()  # terms whose matrix did
 
-    def solve(self, fit: Fit, H: Array, h: Array) -> Array:
-        """(P,) coefficients for other normal equations in the same scaled coefficients, e.g. without one pose."""
-        x = minimise(H + np.diag(self.pull), h + self.pull * self.towards, fit.lower / fit.column)
-        return np.where(self.replaced, self.towards, x) * fit.column
+    def solve(self, fit: Fit, H: Array, h: Array, *, matrices: bool = False) -> Array:
+        """(P,) coefficients for other normal equations in the same scaled coefficients, e.g. without one pose.
+
+        Args:
+            fit: bounds and scales.
+            H, h: the equations.
+            matrices: keep fitted matrices positive semidefinite, too; slow.
+        """
+        H, h = H + np.diag(self.pull), h + self.pull * self.towards
+        x = minimise(H, h, fit.lower / fit.column)
+        x = np.where(self.replaced, self.towards, x) * fit.column
+        for part in self.matrices if matrices else ():
+            if gives_way(part.matrix(x)):
+                x = nearest(fit, part, H, h, x, self.replaced)
+        return x
 
 
 def settle(fit: Fit, uncertainty: Uncertainty, prior: Array | None = None) -> Settled:
@@ -89,6 +105,7 @@ def settle(fit: Fit, uncertainty: Uncertainty, prior: Array | None = None) -> Se
     # what the readings certainly show counts, too, should the cell's value be far too stiff
     reference[:6] = np.abs(fit.x[:6]) if prior is None else np.maximum(1.0 / prior, uncertainty.interval[:6, 0])
     standing = tuple(_judge(fit, uncertainty, H, M, correlation, reference, j) for j in range(P))
+    standing = _not_by_chance(fit, uncertainty, standing)
     known = np.array([s.identified for s in standing])
     _keep_whole_terms(fit.unknowns, known)
     pull, towards, replaced = np.zeros(P), np.zeros(P), np.zeros(P, bool)
@@ -107,11 +124,15 @@ def settle(fit: Fit, uncertainty: Uncertainty, prior: Array | None = None) -> Se
             pull[j] = (PULL * towards[j]) ** -2
     draft = Settled(fit.x, standing, (), pull, towards, replaced, np.zeros((6, 6)))
     x = fit.x if known.all() else draft.solve(fit, H, h)
+    whole = tuple(m for m in fitted_matrices(fit) if known[m.at].all())
+    mended = tuple(m.term for m in whole if gives_way(m.matrix(x)))
+    if mended:
+        x = replace(draft, matrices=whole).solve(fit, H, h, matrices=True)
     joints = np.flatnonzero(known[:6])
     covariance = np.diag(x[:6] ** 2)
     covariance[np.ix_(joints, joints)] = uncertainty.covariance[np.ix_(joints, joints)]
     together = _combinations(fit, H, M, correlation, known)
-    return Settled(x, standing, together, pull, towards, replaced, covariance)
+    return Settled(x, standing, together, pull, towards, replaced, covariance, whole, mended)
 
 
 def _judge(
@@ -185,6 +206,23 @@ def _combinations(
                     f"joint {i + 1} and joint {j + 1} together: c{i + 1} + {ratio:.3g} c{j + 1} = "
                     f"{value:.3g} ± {sigma:.1g} rad/(N·m)", value, sigma,
                 ))  # fmt: skip
+    return tuple(out)
+
+
+def _not_by_chance(fit: Fit, uncertainty: Uncertainty, standing: tuple[Standing, ...]) -> tuple[Standing, ...]:
+    """A term of many coefficients needs one that is clearer of zero: of 21 intervals of 90 %, two miss by chance."""
+    out = list(standing)
+    for t in range(len(fit.terms)):
+        own = [p for p, u in enumerate(fit.unknowns) if u.term == t]
+        known = [p for p in own if standing[p].identified]
+        if len(own) <= FEW or not known:
+            continue
+        sure = 1.0 - (1.0 - uncertainty.level) / 2 / len(own)
+        clear = [abs(fit.free[p]) > stdtrit(uncertainty.freedom[p], sure) * uncertainty.sigma[p] for p in known]
+        if not any(clear):
+            for p in known:
+                reason = f"as far from zero as one of {len(own)} coefficients comes by chance"
+                out[p] = replace(standing[p], identified=False, reason=reason)
     return tuple(out)
 
 

@@ -17,6 +17,7 @@ class IdentifyOptions:
     model: Model = "constant"  # auto: the grid where it predicts unseen poses clearly better
     terms: tuple[Term, ...] = ()  # physics to be fitted beside the joints: effect, location, geometry
     geometric: bool = False  # at the loaded equilibrium: K_C, and weight where masses are known
+    load_effect: bool = False  # K_C of the load alone, where it would move a joint beyond the noise
     weighted: bool = True  # False: every coordinate counts alike (dumas2011 eq. 26 with robust and bounded off)
     robust: bool = True  # put gross outliers aside
     bounded: bool = True  # compliances ≥ 0

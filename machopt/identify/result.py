@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.stiffness import Stiffness
-from machopt.identify.check import Finding
 from machopt.identify.components import Scatter
+from machopt.identify.finding import Finding
 from machopt.identify.fit import Fit
 from machopt.identify.grid import GridFit
 from machopt.identify.heldout import Errors

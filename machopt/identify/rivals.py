@@ -11,9 +11,12 @@ from numpy.typing import NDArray
 from machopt.identify.bounded import minimise
 from machopt.identify.experiment import Experiment
 from machopt.identify.robust import scale, start
+from machopt.model.robot import Robot
 
 Array = NDArray[np.float64]
 STEPS = 12
+FORCE_UNITS = {"kilograms": 9.80665, "pounds": 4.44822, "kilonewtons": 1e3}  # newtons in one
+MOST_RADIANS = 6.3  # a turn; degrees within it would be an arm that hardly moved
 MOST_READINGS = 600  # enough to tell frames apart; more only cost time
 
 
@@ -26,17 +29,18 @@ class Reading:
     unexplained: float  # Σ|y − A x| / Σ|y| with compliances ≥ 0; 0 perfect, 1 nothing explained
     by_pose: Array  # (G,) the same per pose
     compliance: Array  # (6,) rad/(N·m)
+    effect: Array  # (6,) mean size of what each joint does, per that of what was measured
 
 
-def readings(experiment: Experiment, T_base_flange: Array) -> list[Reading]:
+def readings(experiment: Experiment, robot: Robot, T_flange_tcp: Array) -> list[Reading]:
     """The record as stated, then its rivals.
 
     Args:
         experiment: as stated.
-        T_base_flange: (N, 4, 4) at the recorded joints.
+        robot, T_flange_tcp: (4, 4), the arm.
     """
-    rows = _spread(len(experiment))
-    e, flange = experiment.take(rows), T_base_flange[rows, :3, 3]
+    e = experiment.take(_spread(len(experiment)))
+    flange = robot.fk(e.state.q)[:, :3, 3]
     R, p = e.T_base_tcp[:, :3, :3], e.T_base_tcp[:, :3, 3]
     force, moment = e.wrench[:, :3], e.wrench[:, 3:]
     stated_wrench, stated_displacement = e.stated_frames
@@ -79,7 +83,34 @@ def readings(experiment: Experiment, T_base_flange: Array) -> list[Reading]:
                 "would work", about_flange, e.measured,
             ),
         ]  # fmt: skip
-    return [_judge(e, *case) for case in cases]
+        for unit, newtons in FORCE_UNITS.items():  # forces and moments that do not belong together
+            as_newtons = np.concatenate([force * newtons, moment + (newtons - 1.0) * np.cross(e.lever, force)], axis=1)
+            what = f"the columns fx_N … seem to hold {unit}" + (" (or mx_Nm … N·mm)" if newtons == 1e3 else "")
+            cases.append((
+                "force_units", f"forces and moments fit each other only where {what}; newtons and N·m would work",
+                as_newtons, e.measured,
+            ))  # fmt: skip
+    out = [_judge(e, *case) for case in cases]
+    turns = _as_radians(e, robot, T_flange_tcp)
+    return out if turns is None else [*out, turns]
+
+
+def _as_radians(e: Experiment, robot: Robot, T_flange_tcp: Array) -> Reading | None:
+    """The columns q1_deg … as radians; None where they are too large for that."""
+    q = np.degrees(e.state.q)
+    if np.abs(q).max() > MOST_RADIANS or not q.any():
+        return None
+    state = robot.state(q, T_flange_tcp, bodies=True)
+    there, R = state.T_base_tool, np.swapaxes(e.T_base_tcp[:, :3, :3], 1, 2)
+    turn = there[:, :3, :3] @ R
+    parts = []
+    for v, frame in zip((e.wrench, e.measured), e.stated_frames, strict=True):
+        turned = np.einsum("nij,nbj->nbi", turn, v.reshape(len(v), -1, 3)).reshape(v.shape)
+        parts.append(turned if frame == "tool" else v)
+    return _judge(
+        replace(e, state=state, T_base_tcp=there), "joint_units",
+        "the columns q1_deg … q6_deg seem to hold radians; degrees would work", *parts,
+    )  # fmt: skip
 
 
 def _judge(e: Experiment, name: str, message: str, wrench: Array, measured: Array) -> Reading:
@@ -91,7 +122,9 @@ def _judge(e: Experiment, name: str, message: str, wrench: Array, measured: Arra
     wrong, whole = np.abs(y - A @ x).sum(axis=1), np.abs(y).sum(axis=1)
     _, pose = np.unique(e.pose, return_inverse=True)
     by_pose = np.bincount(pose.reshape(-1), wrong) / np.maximum(np.bincount(pose.reshape(-1), whole), 1e-300)
-    return Reading(name, message, float(wrong.sum() / max(whole.sum(), 1e-300)), by_pose, x)
+    total = max(float(whole.sum()), 1e-300)
+    effect = np.abs(A).sum(axis=(0, 1)) * x / total
+    return Reading(name, message, float(wrong.sum() / total), by_pose, x, effect)
 
 
 def bounded_absolute(A: Array, y: Array, load: Array) -> Array:

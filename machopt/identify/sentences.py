@@ -43,8 +43,19 @@ def warnings(
                 f"{abs(fit.free[p]) / sure.sigma[p]:.1f} standard errors: the model lacks something, or the record is "
                 "wrong"
             )
+    for t in settled.mended:
+        term = fit.terms[t]
+        out.append(
+            f"{term.effect} at {term.location}: as fitted it would move against a load in some direction, which no "
+            "structure does; the best fit that does not is given instead, fewer coefficients (form: diagonal) would be "
+            "surer"
+        )
     if own.explained < EXPLAINS_LITTLE:
-        out.append(f"the model explains only {100 * own.explained:.0f} % of the displacements")
+        out.append(
+            f"the model explains only {100 * own.explained:.0f} % of the displacements"
+            if own.explained > 0
+            else "the model explains none of the displacements"
+        )
     if unseen.rmse > OVERFITTED * own.rmse:
         out.append(
             f"poses that the fit has not seen err by {1e3 * unseen.rmse:.3g} mm, seen ones by {1e3 * own.rmse:.3g} mm: "

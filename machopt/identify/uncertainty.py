@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit  # scipy.stats would take a second to load
 
 from machopt.identify.bounded import profile
 from machopt.identify.fit import Fit
@@ -121,7 +121,7 @@ def cluster_robust(H: Array, h: Array, M: Array) -> tuple[Array, Array]:
 
 def _intervals(fit: Fit, H: Array, sigma: Array, model: Array, freedom: Array, level: float) -> Array:
     """(P, 2) in scaled coefficients: ± t σ, or the profile of the quadratic where a bound is near."""
-    t = student.ppf(0.5 + level / 2, freedom)
+    t = stdtrit(freedom, 0.5 + level / 2)
     lower = fit.lower / fit.column
     free, x = fit.free / fit.column, fit.x / fit.column
     with np.errstate(invalid="ignore"):

@@ -22,6 +22,7 @@ from machopt.formats.readings import write_readings_csv
 from machopt.formats.recording import load_recording, load_recordings
 from machopt.formats.stiffness import write_stiffness
 from machopt.formats.yamlstrict import parse_yaml
+from machopt.identify.check import CODES
 from machopt.identify.experiment import experiment
 from machopt.identify.options import IdentifyOptions
 from machopt.identify.pipeline import identify
@@ -117,11 +118,14 @@ def _options(request: Request) -> IdentifyOptions:
         raise InputError(
             "the plain least squares of dumas2011 has no grid; --model constant would work", where="--plain"
         )
+    for code in request.accept:
+        if code not in CODES:
+            raise InputError(f"found {code!r}; valid: {', '.join(CODES)}", where="--accept")
     origin, shape = request.grid_origin_mm, request.grid_shape
     return IdentifyOptions(
         model="constant" if request.plain else request.model,  # type: ignore[arg-type]
         terms=tuple(term_from_text(t) for t in request.terms),
-        geometric=request.geometric,
+        geometric=request.geometric, load_effect=not request.plain,
         weighted=not request.plain, robust=request.robust and not request.plain, bounded=not request.plain,
         grid_cell=request.grid_cell_mm / 1e3,
         grid_origin=None if origin is None else (origin[0] / 1e3, origin[1] / 1e3, origin[2] / 1e3),

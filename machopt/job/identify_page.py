@@ -63,8 +63,8 @@ def _sentence(found: Identification, heldout: float) -> str:
     blind = [j for j in found.joints if not j.identified]
     if found.errors.explained < MOSTLY:
         return (
-            f"These readings do not follow an arm of elastic joints: {100 * found.errors.explained:.0f} % of the "
-            "displacements are explained. Do not plan with this stiffness; check loads, frames and units first."
+            f"These readings do not follow an arm of elastic joints: {max(100 * found.errors.explained, 0.0):.0f} % of "
+            "the displacements are explained. Do not plan with this stiffness; check loads, frames and units first."
         )
     if not known:
         return "These readings identify no joint by itself; the reasons stand beside each joint."

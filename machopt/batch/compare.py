@@ -1,0 +1,121 @@
+"""What differs between two batches of the same toolpaths, e.g. planned with two stiffness models."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from machopt.batch.summary import Line
+
+_TURNED = 1.0  # deg; a rotation that differs less is the same choice
+
+COLUMNS = (
+    "job", "toolpath", "variant", "verdict_before", "verdict", "rotation_mean_deg", "rotation_worst_deg",
+    "worst_at_point", "turned_share", "branch_changes", "unit", "mean_before", "mean", "worst_before", "worst",
+    "cycle_time_before_s", "cycle_time_s", "note",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Rows with :data:`COLUMNS` as keys, those that changed most first."""
+
+    other: str  # name of the other batch's folder
+    rows: tuple[dict[str, Any], ...]
+    only_here: tuple[str, ...]  # toolpaths
+    only_there: tuple[str, ...]
+
+    @property
+    def verdicts_changed(self) -> int:
+        return sum(row["verdict"] != row["verdict_before"] for row in self.rows)
+
+    @property
+    def rotations_changed(self) -> int:
+        return sum(bool(row["turned_share"]) for row in self.rows)
+
+
+def compare(jobs: Path, lines: Sequence[Line], other: Path, result: dict[str, Any]) -> Comparison:
+    """Pair the jobs of two batches by toolpath and variant, and take the differences.
+
+    Jobs are paired by their folder's label where both have it; the others, whose cell stands in another place, by
+    toolpath and variant where these name one job on both sides.
+
+    Args:
+        jobs: folder of this batch's jobs.
+        lines: this batch.
+        other: output folder of the other batch ("before").
+        result: its batch.json.
+    """
+    theirs = {row["job"]: row for row in result["jobs"]}
+    mine = {line.job.label: line for line in lines}
+    pairs = {label: label for label in mine if label in theirs}
+    rest = {label: (line.job.shown, line.job.variant) for label, line in mine.items() if label not in pairs}
+    found = {label: (row["toolpath"], row["variant"]) for label, row in theirs.items() if label not in pairs}
+    once_here, once_there = _unique(rest), _unique(found)
+    pairs |= {once_here[what]: once_there[what] for what in once_here if what in once_there}
+    rows = [_row(jobs, mine[a], other / "jobs", theirs[b]) for a, b in pairs.items()]
+    rows.sort(key=lambda r: (r["verdict"] == r["verdict_before"], -(r["rotation_worst_deg"] or 0.0), r["job"]))
+    return Comparison(
+        other.resolve().name, tuple(rows),
+        tuple(sorted(line.job.shown for label, line in mine.items() if label not in pairs)),
+        tuple(sorted(row["toolpath"] for label, row in theirs.items() if label not in pairs.values())),
+    )  # fmt: skip
+
+
+def _unique(what: dict[str, tuple[str, str]]) -> dict[tuple[str, str], str]:
+    times = Counter(what.values())
+    return {key: label for label, key in what.items() if times[key] == 1}
+
+
+def _row(jobs: Path, line: Line, others: Path, before: dict[str, Any]) -> dict[str, Any]:
+    row = line.row
+    out: dict[str, Any] = {
+        "job": line.job.label, "toolpath": line.job.shown, "variant": line.job.variant,
+        "verdict_before": before["verdict"], "verdict": line.verdict, "unit": row.get("unit") or before.get("unit"),
+        "cycle_time_before_s": before.get("cycle_time_s"), "cycle_time_s": row.get("cycle_time_s"),
+    }  # fmt: skip
+    same_unit = row.get("unit") is None or before.get("unit") is None or row["unit"] == before["unit"]
+    for name in ("mean", "worst"):
+        out[f"{name}_before"] = before.get(name) if same_unit else None
+        out[name] = row.get(name)
+    note = "" if same_unit else "the two were planned for different quantities"
+    a, b = _points(others / before["job"] / "points.csv"), _points(jobs / line.job.label / "points.csv")
+    out |= _turned(a, b) if a is not None and b is not None and len(a) == len(b) else _turned([], [])
+    if a is not None and b is not None and len(a) != len(b):
+        note = f"the toolpath had {len(a)} points before and has {len(b)}"
+    return {name: {**out, "note": note}.get(name) for name in COLUMNS}
+
+
+def _points(file: Path) -> list[tuple[float, str]] | None:
+    """Rotation in degrees (NaN where not cutting or none) and branch of every point."""
+    try:
+        with file.open(encoding="utf-8", newline="") as text:
+            return [(_number(r["gamma_deg"] if r["move"] == "cut" else ""), r["branch"]) for r in csv.DictReader(text)]
+    except (OSError, KeyError, csv.Error):
+        return None
+
+
+def _turned(before: Iterable[tuple[float, str]], after: Iterable[tuple[float, str]]) -> dict[str, Any]:
+    """How the chosen rotation and branch differ at the cutting points that both have."""
+    pairs = [
+        (k, abs(math.remainder(b - a, 360.0)), p != q)
+        for k, ((a, p), (b, q)) in enumerate(zip(before, after, strict=True))
+        if math.isfinite(a) and math.isfinite(b)
+    ]
+    if not pairs:
+        return {}
+    at, worst, _ = max(pairs, key=lambda p: (p[1], -p[0]))
+    return {
+        "rotation_mean_deg": math.fsum(p[1] for p in pairs) / len(pairs), "rotation_worst_deg": worst,
+        "worst_at_point": at, "turned_share": sum(p[1] > _TURNED for p in pairs) / len(pairs),
+        "branch_changes": sum(p[2] for p in pairs),
+    }  # fmt: skip
+
+
+def _number(text: str) -> float:
+    return float(text) if text else math.nan

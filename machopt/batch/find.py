@@ -1,0 +1,184 @@
+"""From what the user named to jobs: folders, patterns, lists and single toolpaths."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import unicodedata
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from machopt.batch.request import Request
+from machopt.errors import InputError
+from machopt.formats.joblist import ListedJob, is_job_table, matching, read_joblist
+from machopt.formats.outfolder import is_machopt_output
+
+LISTS = (".yaml", ".yml")
+NO_TOOLPATHS = frozenset({  # what lies beside toolpaths; files with other names are tried, and refused with a reason
+    ".7z", ".bak", ".bat", ".bmp", ".catpart", ".dae", ".doc", ".docx", ".gif", ".gz", ".htm", ".html", ".iges", ".igs",
+    ".ipynb", ".jpeg", ".jpg", ".json", ".log", ".md", ".obj", ".pdf", ".ply", ".png", ".prt", ".py", ".rar", ".rst",
+    ".sh", ".sldprt", ".step", ".stl", ".stp", ".svg", ".tgz", ".toml", ".urdf", ".webp", ".x_t", ".xacro", ".xls",
+    ".xlsx", ".xml", ".yaml", ".yml", ".zip",
+})  # fmt: skip
+_SLUG = 40  # letters of each part of a label
+
+
+@dataclass(frozen=True)
+class Job:
+    """One job: what it reads, what steers it, and its name."""
+
+    label: str  # name of its folder: readable, and unique by its last eight digits
+    cell: Path
+    toolpath: Path
+    shown: str  # toolpath as the user finds it: below the folder or list that named it
+    variant: str  # name of the job or of its options, empty where it has none
+    options: dict[str, object]
+    reading: dict[str, object]
+    time_limit: float | None  # s, of this job alone
+    memory_limit: int | None  # bytes
+    where: str  # the list and place it stands in, for messages
+
+
+@dataclass(frozen=True)
+class Found:
+    """The jobs in the user's order, and the files that were taken for no toolpath."""
+
+    jobs: tuple[Job, ...]
+    left_out: tuple[str, ...] = field(default=())
+
+
+def find_jobs(request: Request) -> Found:
+    """All jobs of a request.
+
+    Raises:
+        InputError: a list is wrong, a file or cell is missing, a job stands twice, or there is none.
+    """
+    jobs: dict[str, Job] = {}
+    left_out: list[str] = []
+    for word in request.jobs:
+        base, listed = _expand(word, left_out)
+        for item in listed:
+            job = _job(item, base, request)
+            if job.label in jobs:
+                raise InputError(
+                    f"{job.shown} with the same cell and options stands twice, first in {jobs[job.label].where}; "
+                    "keep one, or name them differently (name: …)",
+                    file=item.file, where=item.where,
+                )  # fmt: skip
+            jobs[job.label] = job
+    if not jobs:
+        raise InputError(
+            "no toolpath found; a folder of CAM files, a pattern in quotes ('parts/*.nc') or a list (YAML, CSV) would "
+            f"work{_but(left_out)}", file=", ".join(request.jobs),
+        )  # fmt: skip
+    return Found(tuple(jobs.values()), tuple(left_out))
+
+
+def _expand(word: str, left_out: list[str]) -> tuple[Path, Iterable[ListedJob]]:
+    """The folder that names are relative to, and the jobs of one argument."""
+    path = Path(word).expanduser()
+    if path.is_dir():
+        return path, list(_in_folder(path, path, None, left_out))
+    if path.suffix.lower() in LISTS or is_job_table(path):
+        return path.parent, read_joblist(path)
+    if path.is_file():
+        return path.parent, [_plain(path, _cell_beside(path.parent))]
+    if set(word) & set("*?["):
+        fixed = Path(*_before_pattern(path))
+        found = [f for f in matching(Path(), word) if f.suffix.lower() not in NO_TOOLPATHS]
+        if not found:
+            raise InputError("no toolpath matches this pattern", file=word)
+        return fixed, [_plain(f, _cell_beside(f.parent)) for f in found]
+    raise InputError("no such file or folder; a folder, a pattern in quotes or a list would work", file=word)
+
+
+def _before_pattern(path: Path) -> Iterator[str]:
+    for part in path.parts:
+        if set(part) & set("*?["):
+            return
+        yield part
+
+
+def _in_folder(folder: Path, base: Path, cell: Path | None, left_out: list[str]) -> Iterator[ListedJob]:
+    """Files of a folder with the cell beside them, else the one above; then the folders inside."""
+    beside = folder / "cell"
+    if (beside / "cell.yaml").is_file():
+        cell = beside
+    inside = sorted(folder.iterdir())
+    for item in inside:
+        if item.is_file() and not item.name.startswith("."):
+            if item.suffix.lower() in NO_TOOLPATHS:
+                left_out.append(str(item.relative_to(base)))
+            else:
+                yield _plain(item, cell)
+    for item in inside:
+        ours = item.name.startswith(".") or item == beside or (item / "cell.yaml").is_file() or is_machopt_output(item)
+        if item.is_dir() and not item.is_symlink() and not ours:
+            yield from _in_folder(item, base, cell, left_out)
+
+
+def _cell_beside(folder: Path) -> Path | None:
+    return folder / "cell" if (folder / "cell" / "cell.yaml").is_file() else None
+
+
+def _plain(toolpath: Path, cell: Path | None) -> ListedJob:
+    return ListedJob(cell, toolpath, "", {}, {}, None, None, toolpath, "")
+
+
+def _job(item: ListedJob, base: Path, request: Request) -> Job:
+    cell = item.cell or request.cell
+    if cell is None:
+        raise InputError(
+            "has no cell; --cell FOLDER, a folder named cell beside it, or the key cell in a list would work",
+            file=item.toolpath if not item.where else item.file, where=item.where or None,
+        )  # fmt: skip
+    toolpath, cell = item.toolpath.resolve(), cell.expanduser().resolve()
+    base = base.resolve()
+    place = _relative(toolpath, base)
+    shown = place if not place.startswith("..") else "/".join(toolpath.parts[-2:])
+    variant = item.name
+    what = json.dumps(
+        [base.name, place, _relative(cell, base), variant, item.options, item.reading],
+        sort_keys=True,
+        ensure_ascii=True,
+    )
+    digits = hashlib.sha256(what.encode()).hexdigest()[:8]
+    stem = shown.rpartition(".")[0] or shown
+    cell_name = cell.parent.name if cell.suffix.lower() in LISTS and cell.stem == "cell" else cell.stem
+    words = [stem, cell_name, variant or _short(item.options)]
+    label = "-".join([*(s for s in map(slug, words) if s), digits])
+    reading = {**{k: v for k, v in request.reading.items() if v is not None}, **item.reading}
+    where = f"{item.file}: {item.where}" if item.where else str(item.file)
+    return Job(
+        label, cell, toolpath, shown, variant or _short(item.options), item.options, reading, item.time_limit,
+        item.memory_limit, where,
+    )  # fmt: skip
+
+
+def slug(text: str) -> str:
+    """Letters, digits, dots and underscores of a text, the rest as single hyphens; at most forty letters."""
+    plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
+    return re.sub(r"[^A-Za-z0-9_.]+", "-", plain).strip("-.")[-_SLUG:].strip("-.")
+
+
+def _short(options: dict[str, object]) -> str:
+    """``method=jiao2022 rotation_step_deg=2``."""
+    return " ".join(f"{k}={v if not isinstance(v, dict) else json.dumps(v)}" for k, v in sorted(options.items()))
+
+
+def _relative(path: Path, base: Path) -> str:
+    import os.path
+
+    try:
+        return Path(os.path.relpath(path, base)).as_posix()
+    except ValueError:  # another drive
+        return path.as_posix()
+
+
+def _but(left_out: list[str]) -> str:
+    if not left_out:
+        return ""
+    names = ", ".join(left_out[:4]) + (" …" if len(left_out) > 4 else "")
+    return f" (left out by their names: {names})"

@@ -1,0 +1,117 @@
+"""The key of a job: a hash of everything its result depends on. Two jobs with one key have one result."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import machopt
+from machopt.batch.find import Job
+from machopt.batch.request import Request
+from machopt.domain.cell import Cell
+from machopt.errors import InputError
+from machopt.formats.cell import load_cell
+from machopt.formats.options import load_options, options_as_user
+
+
+@functools.cache
+def program_version() -> str:
+    """Version and a hash of the program's own sources: a changed source is another program, same number or not."""
+    root = Path(machopt.__file__).parent
+    total = hashlib.sha256(f"{sys.version_info[:2]}".encode())
+    for file in sorted(root.rglob("*")):
+        if file.suffix in (".py", ".js", ".css"):
+            total.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
+    return f"{machopt.__version__}+{total.hexdigest()[:12]}"
+
+
+@dataclass(frozen=True)
+class Ready:
+    """A job that can start."""
+
+    job: Job
+    key: str
+    cell_name: str
+    inputs: dict[str, str]  # file → SHA-256, as read when the key was made
+
+
+@dataclass(frozen=True)
+class Refused:
+    """A job that cannot start, and why."""
+
+    job: Job
+    reason: str
+
+
+@dataclass
+class Keys:
+    """Makes keys; every cell and file is read once."""
+
+    request: Request
+    version: str
+    _cells: dict[Path, Cell | InputError] = field(default_factory=dict)
+    _sha: dict[Path, str] = field(default_factory=dict)
+
+    def of(self, job: Job) -> Ready | Refused:
+        """The key of a job, or the reason that the planner would give for refusing its cell, file or options."""
+        request = self.request
+        try:
+            cell = self._cell(job.cell)
+            options = load_options(cell.plan, request.plan_file, list(request.overrides), **job.options)
+            key = self._key(job, cell, options_as_user(options))
+            more = [f for f in (request.plan_file, *request.extra.values()) if isinstance(f, Path) and f.is_file()]
+            inputs = {str(f.resolve()): self.sha(f) for f in (*cell.files, job.toolpath, *more)}
+        except InputError as problem:
+            return Refused(job, str(problem))
+        return Ready(job, key, cell.name, inputs)
+
+    def _key(self, job: Job, cell: Cell, options: dict[str, object]) -> str:
+        parts: dict[str, Any] = {
+            "version": self.version,
+            "entry": self.request.entry,
+            "cell": {_name(cell, f): self.sha(f) for f in cell.files},
+            "toolpath": [job.toolpath.name, self.sha(job.toolpath)],  # the name stands in the program and the report
+            "options": options,
+            "reading": job.reading,
+            "allow_external": self.request.allow_external,
+            "extra": {k: self._value(v) for k, v in self.request.extra.items()},
+        }
+        return hashlib.sha256(json.dumps(parts, sort_keys=True, ensure_ascii=True, default=str).encode()).hexdigest()
+
+    def _value(self, value: object) -> object:
+        """A file counts by its bytes."""
+        return [value.name, self.sha(value)] if isinstance(value, Path) and value.is_file() else value
+
+    def _cell(self, path: Path) -> Cell:
+        if path not in self._cells:
+            try:
+                self._cells[path] = load_cell(path, allow_external=self.request.allow_external)
+            except InputError as problem:
+                self._cells[path] = problem
+        found = self._cells[path]
+        if isinstance(found, InputError):
+            raise found
+        return found
+
+    def sha(self, file: Path) -> str:
+        if file not in self._sha:
+            try:
+                self._sha[file] = sha256(file)
+            except OSError as problem:
+                raise InputError(f"cannot be read: {problem.strerror}", file=file) from None
+        return self._sha[file]
+
+
+def sha256(file: Path) -> str:
+    """SHA-256 of a file's bytes."""
+    with file.open("rb") as data:
+        return hashlib.file_digest(data, "sha256").hexdigest()
+
+
+def _name(cell: Cell, file: Path) -> str:
+    return file.relative_to(cell.folder).as_posix() if file.is_relative_to(cell.folder) else str(file)

@@ -1,0 +1,85 @@
+"""What the user asked of ``machopt batch``, what is told on the way, and what came out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+TIME_LIMIT = 3600.0  # s
+
+
+@dataclass(frozen=True)
+class Request:
+    """The options of ``machopt batch``."""
+
+    jobs: tuple[str, ...]  # folders, patterns, lists (YAML, CSV) or toolpath files
+    out: Path
+    cell: Path | None = None  # for toolpaths that have no cell of their own
+    plan_file: Path | None = None
+    overrides: tuple[str, ...] = ()  # key=value; a job's own options in a list win over these
+    reading: dict[str, Any] = field(default_factory=dict)  # keywords of formats.toolpath.read_toolpath
+    allow_external: bool = False
+    workers: int | None = None  # of the local cluster; None: one a core
+    scheduler: str | None = None  # address of a running Dask scheduler; None: a local cluster
+    time_limit: float = TIME_LIMIT  # s a job may take
+    memory_limit: int | None = None  # bytes a job may use; None: an even share of 90 % of a local machine's
+    keep_failed: bool = False  # do not try crashed, hung and oversized jobs again
+    compare: Path | None = None  # another batch's output folder
+    extra: dict[str, Any] = field(default_factory=dict)  # further fields of job.run.Request, the same for all jobs
+    entry: str = "machopt.batch.task"  # module whose run(job, out) does a job and whose warm(folder) prepares for it
+    version: str | None = None  # what of the program goes into the hash of a job; None: its version and sources
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a batch is; told once at the start and after every job."""
+
+    total: int
+    kept: int  # finished in an earlier run
+    done: int  # finished in this run
+    trouble: int  # of all finished: without an answer, or failing verification
+    elapsed: float  # s since the first job was started
+    last: str  # label and verdict of the job that just finished, empty at the start
+
+    @property
+    def rate(self) -> float | None:
+        """Jobs a second in this run, None before the first one is finished."""
+        return self.done / self.elapsed if self.done and self.elapsed > 0 else None
+
+    @property
+    def left(self) -> float | None:
+        """Seconds until all are finished at this rate."""
+        todo = self.total - self.kept - self.done
+        return 0.0 if todo == 0 else None if self.rate is None else todo / self.rate
+
+    @property
+    def line(self) -> str:
+        """``12/60 jobs, 2 in trouble, 8.4 a minute, 5:43 left; last part7: done``."""
+        words = [f"{self.kept + self.done}/{self.total} jobs"]
+        words += [f"{self.trouble} in trouble"] if self.trouble else []
+        words += [f"{60 * self.rate:.3g} a minute"] if self.rate is not None else []
+        words += [f"{clock(self.left)} left"] if self.left else []
+        return ", ".join(words) + (f"; last {self.last}" if self.last else "")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came out; the summary on disk says the same.
+
+    ``exit_code``: 0 all jobs done; 4 the verification of some job failed; 1 some job crashed or hit a bug; 3 some job
+    has no answer (infeasible, refused, over its limits), the worst of them in this order; 130 stopped by the user.
+    """
+
+    exit_code: int
+    result: dict[str, object]  # batch.json
+    report: Path  # summary.html
+    done: int  # jobs run now
+    kept: int  # jobs kept from earlier runs
+
+
+def clock(seconds: float) -> str:
+    """``1:02:03``, ``5:43``."""
+    minutes, s = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{s:02d}" if hours else f"{minutes}:{s:02d}"

@@ -1,0 +1,98 @@
+"""What a job's own process does: ``machopt optimize``, and its result as one row of the summary."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from machopt.errors import MachoptError
+
+
+def run(job: Mapping[str, Any], out: Path) -> dict[str, object]:
+    """Do one job.
+
+    Args:
+        job: ``request``, the fields of :class:`machopt.job.run.Request` with paths as text.
+        out: the job's result folder, written whole or not at all.
+
+    Returns:
+        ``exit_code``, ``verdict``, ``reason`` and the numbers of the summary; no folder where the input is refused.
+    """
+    from machopt.job.run import Request, optimize
+
+    fields = dict(job["request"])
+    for name in ("cell", "toolpath", "plan_file"):
+        fields[name] = Path(fields[name]) if fields[name] is not None else None
+    fields["overrides"] = tuple(fields["overrides"])
+    try:
+        outcome = optimize(Request(out=out, **fields))
+    except MachoptError as problem:
+        return {"exit_code": problem.exit_code, "verdict": "refused", "reason": str(problem)}
+    return row(outcome.result)
+
+
+def warm(folder: Path) -> None:
+    """Import and compile what every job needs, by doing a tiny one."""
+    from machopt.batch.warm import tiny_job
+
+    tiny_job(folder)
+
+
+def row(result: Mapping[str, Any]) -> dict[str, object]:
+    """The numbers of the summary from result.json.
+
+    ``mean`` and ``worst`` are in ``unit``: deflection in mm, or stiffness along the tool in N/mm.
+    """
+    objective, path = result["objective"], result["toolpath"]
+    done = result["exit_code"] != 3
+    gains = {g["over"]: g for g in objective["gain"]} if done else {}
+    gain, paper = gains.get("cam default"), gains.get("jiao2022")
+    worst = result["worst_point"] or {}
+    return {
+        "exit_code": result["exit_code"],
+        "verdict": result["verdict"],
+        "reason": _reason(result),
+        "points": path["points"],
+        "infeasible_points": len(result["infeasible_points"]),
+        "gain_percent": None if gain is None else gain["mean_percent"],
+        "gain_std_percent": None if gain is None else gain["std_percent"],
+        "distinguishable": None if gain is None else gain["distinguishable"],
+        "gain_over_jiao2022_percent": None if paper is None else paper["mean_percent"],
+        "unit": "mm" if result["index"] == "deflection" else "N/mm",
+        "mean": _shown(result, objective["chosen"]["mean"]) if done else None,
+        "worst": _shown(result, objective["chosen"]["worst"]) if done else None,
+        "mean_cam_default": _shown(result, objective["cam_default"]["mean"]) if done else None,
+        "worst_cam_default": _shown(result, objective["cam_default"]["worst"]) if done else None,
+        "worst_point": worst.get("point"),
+        "deflection_mm": worst.get("deflection_mm"),
+        "k_axial_N_mm": worst.get("k_axial_N_mm"),
+        "cycle_time_s": result["cycle_time_s"],
+        "feed_held_percent": None if result["feed_held_share"] is None else 100.0 * result["feed_held_share"],
+        "warnings": [
+            *result["warnings"],
+            *(f"not understood: {w['word']} ×{w['count']}" for w in path["ignored"] if not w["understood"]),
+        ],
+    }
+
+
+def _shown(result: Mapping[str, Any], cost: float) -> float | None:
+    """A cost of the objective as deflection in mm or stiffness in N/mm, None where there is none."""
+    value = cost * result["index_scale"]
+    if not 0.0 < value < float("inf"):
+        return None
+    return float(1e3 * value if result["index"] == "deflection" else 1e-3 / value)
+
+
+def _reason(result: Mapping[str, Any]) -> str:
+    if result["exit_code"] == 4:
+        failed = [c for c in result["verification"]["checks"] if c["passed"] is False]
+        return "; ".join(f"{c['name']} at {c['where']}" for c in failed)
+    if result["exit_code"] != 3:
+        return ""
+    points, stops = result["infeasible_points"], result["obstructions"]
+    if points:
+        return f"{len(points)} of {result['toolpath']['points']} points, the first is {points[0]['point']}: " + str(
+            points[0]["reason"]
+        )
+    return str(stops[0]["reason"]) if stops else "no continuous sequence of configurations was found"

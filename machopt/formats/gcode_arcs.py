@@ -1,0 +1,96 @@
+"""Centres of G2 and G3: relative, absolute or unsigned I, J, K, and radii that stay in effect.
+
+Controls agree on I, J, K from the start point and on a radius for one block only. Posts do not always write that;
+what else is tried is tried only where the usual reading is impossible, it must fit the arc's end, and it is told.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from machopt.domain.toolpath import Array
+from machopt.formats.arcs import RADIUS_FAULT, RADIUS_WARN, ArcError, from_radius
+from machopt.formats.pathbuilder import PathBuilder
+
+
+@dataclass
+class Centres:
+    """How a program writes its arc centres, as found so far. Lengths in mm."""
+
+    out: PathBuilder
+    absolute: bool = False  # G90.1
+    radius_stays: float = math.nan  # of the arc before, for posts that leave R out when it does not change
+    wrong_signs: int = 0
+    full_circles: list[int] = field(default_factory=list)  # lines
+
+    def by_radius(self, start: Array, end: Array, radius: float, normal: Array) -> Array:
+        self.radius_stays = radius
+        return from_radius(start, end, radius, normal)
+
+    def without_any(self, start: Array, end: Array, normal: Array, line: int) -> Array:
+        """An arc block without I, J, K and R.
+
+        Raises:
+            ArcError: no radius of an arc before fits.
+        """
+        flat = 1.0 - np.abs(normal)
+        if math.isnan(self.radius_stays) or not float(np.linalg.norm((end - start) * flat)) > 1e-9:
+            raise ArcError("an arc without I, J, K or R (they hold for one block only); was G1 meant?")
+        centre = from_radius(start, end, self.radius_stays, normal)
+        self.out.warn_once(
+            "arcs without I, J, K or R take the radius of the arc before them, as the post leaves an unchanged R out "
+            "(a control without modal R would go straight)",
+            line,
+        )
+        return centre
+
+    def by_offsets(self, start: Array, end: Array, offsets: Array, normal: Array, line: int) -> Array:
+        """Centre from I, J, K (NaN where not given).
+
+        Raises:
+            ArcError: a full circle in a program whose I, J, K have lost their signs.
+        """
+        self.radius_stays = math.nan
+        flat = 1.0 - np.abs(normal)
+        relative = start + np.nan_to_num(offsets)
+        absolute = np.where(np.isnan(offsets), start, offsets)
+        first, second = (absolute, relative) if self.absolute else (relative, absolute)
+
+        def mismatch(c: Array) -> float:
+            return abs(float(np.linalg.norm((start - c) * flat)) - float(np.linalg.norm((end - c) * flat)))
+
+        if float(np.linalg.norm((end - start) * flat)) < 1e-6:
+            self.full_circles.append(line)
+            self._check_circles()
+            return first
+        if mismatch(first) <= RADIUS_WARN:
+            return first
+        if mismatch(second) <= RADIUS_WARN:
+            word = "offsets" if self.absolute else "absolute"
+            self.out.warn_once(f"I, J, K fit only as {word} centres; read that way", line)
+            return second
+        if self.absolute or mismatch(first) <= min(RADIUS_FAULT * float(np.linalg.norm((start - first) * flat)), 0.5):
+            return first
+        signs = [np.array(s) for s in itertools.product((1.0, -1.0), repeat=3)]
+        others = {tuple((start + s * np.nan_to_num(offsets)).tolist()) for s in signs}
+        fitting = [np.array(c) for c in sorted(others) if mismatch(np.array(c)) <= RADIUS_WARN]
+        if len(fitting) != 1:
+            return first  # the check of the radius will refuse it
+        self.wrong_signs += 1
+        self.out.warn_once(
+            "I, J, K fit only with another sign: the post writes them wrong; read so that they fit", line
+        )
+        self._check_circles()
+        return fitting[0]
+
+    def _check_circles(self) -> None:
+        if self.wrong_signs and self.full_circles:
+            raise ArcError(
+                "other arcs of this program have I, J, K with a wrong sign (or none), so on which side of its start "
+                f"the full circle in line {self.full_circles[0]} lies is not known; post it with signed I, J, K or "
+                "with arcs of less than a full turn"
+            )

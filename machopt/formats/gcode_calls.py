@@ -1,0 +1,70 @@
+"""Calls by name in Sinumerik programs: TRAORI, CYCLE81 … 89, CYCLE800, MCALL, MSG, frames."""
+
+from __future__ import annotations
+
+import re
+
+from machopt.formats.gcode_blocks import Block
+from machopt.formats.gcode_cycles import SIEMENS, siemens_cycle
+from machopt.formats.gcode_frames import FrameReader
+from machopt.formats.gcode_words import IGNORED_CALLS, REFUSED_CALLS
+
+OPERATION = re.compile(r"^\W*(?:OPER(?:ATION)?(?:[ _]*NAME)?|TOOLPATH|PATH)\s*[:=]\s*(.*?)[\s*]*$", re.IGNORECASE)
+_RUN_TOGETHER = re.compile(r"[XYZABCGIJKRFM]+\d\w*")
+_FRAMES = ("TRANS", "ATRANS", "ROT", "AROT")
+
+
+class CallReader(FrameReader):
+    """Carries out what is called by name."""
+
+    def calls(self, b: Block, words: dict[str, float]) -> None:
+        for name, args in b.calls:
+            self.call(name, args, words, b)
+        if any(name == "MCALL" for name, _ in b.calls):
+            self.once = 0  # the cycle is carried out at the points that follow
+
+    def call(self, name: str, args: str, words: dict[str, float], b: Block) -> None:
+        line = b.line
+        if name in _FRAMES:
+            self.siemens_frame(name, words, b)
+            return
+        if name == "CYCLE800":
+            self.swivel(args, line)
+            return
+        if name in REFUSED_CALLS:
+            raise self.source.error(f"{name}: {REFUSED_CALLS[name]}", line)
+        if name == "TRAORI":
+            self.use_tcp("angles", line)
+        elif name in ("TRAFOOF", "TRAOOF"):
+            self.use_tcp(None, line)
+        elif name == "MCALL":
+            self.modal_call = None
+        elif name in ("TOROT", "TOFRAME"):
+            self.torot(name, line)
+        elif name == "MSG" and (found := OPERATION.match(args.strip('"'))):
+            self.out.begin_operation(found.group(1))
+            return
+        elif SIEMENS.fullmatch(name):
+            feed = words.get("F", self.feed) * self.scale
+            self.modal_call = siemens_cycle(name, args, self.scale, feed)
+            self.once = line
+            return
+        if re.fullmatch(r"L\d+", name):
+            raise self.source.error(
+                f"{name} calls a subprogram that is not in this file; expand it into one program, or append it", line
+            )
+        if re.fullmatch(r"(?:CYCLE\d+|POCKET\d|SLOT\d|HOLES\d)", name) and name not in (*IGNORED_CALLS, "CYCLE80"):
+            raise self.source.error(f"{name} is not supported: export its motion as G0 and G1", line)
+        if _RUN_TOGETHER.fullmatch(name):
+            raise self.source.error(f"found {name!r}; expected words such as X10.5 or G1", line)
+        self.out.ignore(name, line, understood=name in IGNORED_CALLS)
+
+    def torot(self, name: str, line: int) -> None:
+        """TOROT turns the coordinates to the tool; read only where the plane was already tilted that way."""
+        if self.setup.tilted != "aligned":
+            raise self.source.error(f"{name} makes a coordinate system of the tool's direction: not supported", line)
+
+    def use_tcp(self, mode: str | None, line: int) -> None:
+        """Tool-centre-point control on ("angles", "vector") or off (None)."""
+        self.change_setup(tcp=mode)
+        self.setup.check_letters(line)

@@ -1,0 +1,109 @@
+"""The hot path of long programs: plain ``G1 X Y Z A B C F`` lines, many at a time.
+
+Only what changes nothing but coordinates and feed is taken here; every other line goes the long way.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+
+from machopt.domain.toolpath import Move
+from machopt.formats.gcode_motion import MotionReader
+from machopt.formats.gcode_setup import turned
+
+_NUMBER = r"\s*([-+]?(?:\d+\.?\d*|\.\d+))\s*"
+PLAIN = re.compile(
+    r"\s*(?:N\d+\s*)?(?:G0?([01])(?![\d.])\s*)?"
+    rf"(?:X{_NUMBER})?(?:Y{_NUMBER})?(?:Z{_NUMBER})?(?:A{_NUMBER})?(?:B{_NUMBER})?(?:C{_NUMBER})?(?:F{_NUMBER})?"
+)
+HEIDENHAIN = re.compile(
+    r"\s*(?:\d+\s+)?()L\s+"
+    rf"(?:X{_NUMBER})?(?:Y{_NUMBER})?(?:Z{_NUMBER})?(?:A{_NUMBER})?(?:B{_NUMBER})?(?:C{_NUMBER})?(?:R0\s*)?(?:F{_NUMBER})?"
+)
+_AT_ONCE = 50_000  # points kept before they are handed over
+
+
+def takes_plain_lines(r: MotionReader) -> bool:
+    """True while the program's modes let plain lines be carried out by :func:`plain_lines`."""
+    s = r.setup
+    return (
+        r.motion in (0, 1)
+        and r.canned is None
+        and r.modal_call is None
+        and not r.incremental
+        and r.feed_mode == "minute"
+        and s.first_datum is not None
+        and s.transfer is None
+        and not s.tilted
+        and not s.nowhere
+        and not s.unaligned
+        and s.vector is None
+        and (s.tcp == "angles" or (s.tcp is None and not turned(s.angles)))
+        and not any(map(math.isnan, r.p))
+    )
+
+
+def plain_lines(r: MotionReader, at: int, pattern: re.Pattern[str] = PLAIN, *, linear: bool = False) -> int:
+    """Carry out plain lines from index ``at`` on; returns the index of the first one that is not.
+
+    Args:
+        r: the reader, whose modes :func:`takes_plain_lines` has looked at.
+        at: index of a line.
+        pattern: what a plain line is; groups are the G word (0 or 1), X, Y, Z, A, B, C and F.
+        linear: lines without a G word are feed moves, whatever the one before was.
+    """
+    lines, match, scale = r.source.lines, pattern.fullmatch, r.scale
+    x, y, z = r.p
+    motion, feed, angles = r.motion or 0, r.feed, r.setup.angles
+    with_tcp, machine = r.setup.tcp is not None, r.setup.machine
+    i, j, k = r.axis
+    nan = math.nan
+    numbers: list[float] = []
+    places: list[tuple[int, int]] = []
+    extend, append = numbers.extend, places.append
+    end = len(lines)
+    while at < end:
+        found = match(lines[at])
+        if found is None:
+            break
+        g, xs, ys, zs, a, b, c, f = found.groups()
+        new = int(g) if g else (1 if linear else motion)
+        if with_tcp and new != motion:
+            break  # plunges after a rapid are kept for the check of the rotary signs
+        if (xs is None and ys is None and zs is None) or (f is not None and new == 0):
+            break
+        rate = feed if f is None else float(f)
+        if new == 1 and not 0.0 < rate < math.inf:
+            break
+        if a is not None or b is not None or c is not None:
+            if not with_tcp or machine is None:
+                break
+            given = {n: float(v) for n, v in (("A", a), ("B", b), ("C", c)) if v is not None}
+            if not given.keys() <= set(machine.letters):
+                break
+            angles = {**angles, **given}
+            i, j, k = machine.tool_axis(angles)
+        if xs is not None:
+            x = float(xs) * scale
+        if ys is not None:
+            y = float(ys) * scale
+        if zs is not None:
+            z = float(zs) * scale
+        motion, feed = new, rate
+        at += 1
+        if new:
+            extend((x, y, z, i, j, k, feed * scale))
+            append((Move.CUT.value, at))
+        else:
+            extend((x, y, z, i, j, k, nan))
+            append((Move.RAPID.value, at))
+        if len(places) >= _AT_ONCE:
+            r.out.add_many(numbers, places)
+            numbers.clear()
+            places.clear()
+    r.out.add_many(numbers, places)
+    r.p, r.axis, r.motion, r.feed = [x, y, z], (i, j, k), motion, feed
+    if angles is not r.setup.angles:
+        r.setup = r.setup.changed(angles=angles)
+    return at

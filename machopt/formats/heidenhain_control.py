@@ -1,0 +1,310 @@
+"""What Heidenhain's conversational and DIN/ISO programs share: pole, polar moves, datum chain, cycles, tools."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+
+from machopt.formats.arcs import ArcError
+from machopt.formats.frames import FrameError, Transfer
+from machopt.formats.gcode import ProgramReader
+from machopt.formats.gcode_blocks import Block
+from machopt.formats.gcode_planes import sequence, spatial
+from machopt.formats.gcode_words import PLANES
+from machopt.formats.heidenhain_cycles import SUPPORTED, old_cycle, q_cycle
+from machopt.formats.heidenhain_flow import LabelFlow
+from machopt.formats.holecycle import CycleError
+from machopt.formats.source import MM_PER_INCH, ReadOptions, Source
+
+NUMBER = r"([+-]?\s*(?:\d+\.?\d*|\.\d+))"
+_ANGLE = re.compile(r"(SP[ABC]|EUL(?:PR|NU|ROT)|[BN][XYZ])\s*" + NUMBER)
+_ZERO = (0.0, 0.0, 0.0)
+
+
+def value(text: str) -> float:
+    return float("".join(text.split()))
+
+
+class ControlReader(ProgramReader):
+    """State and moves of the control."""
+
+    format = "heidenhain"
+
+    def __init__(self, source: Source, options: ReadOptions) -> None:
+        super().__init__(source, options)
+        self.siemens = False
+        self.blocks.parentheses_are_comments = False
+        self.pole = [math.nan, math.nan, math.nan]  # mm, in the program's coordinates
+        self.pole_axes = "XY"
+        self.q: dict[int, float] = {}
+        self.cycle: int | None = None  # number
+        self.cycle_words: dict[str, float] = {}
+        self.chain: dict[str, Transfer] = {}  # datum, plane, turn: in the order they were switched on
+        self.preset: float | None = None
+        self.left_out: tuple[str, int] | None = None  # another program that was called
+        self.centres.absolute = True
+
+    def needs_flow(self) -> bool:
+        return True
+
+    def label_flow(self) -> LabelFlow:
+        items = [(n, *found) for n, t in enumerate(self.source.lines, 1) if (found := self.clean(n, t))]
+        return LabelFlow(items)
+
+    # ---- moves
+
+    def feed_word(self, f: float, line: int) -> None:
+        if self.scale != 1.0:
+            self.out.warn_once("F of an inch program is read in tenths of an inch a minute", line)
+        self.feed = f * (MM_PER_INCH * 0.1 if self.scale != 1.0 else 1.0) / self.scale
+
+    def other_program(self, line: int) -> None:
+        if self.left_out is not None:
+            name, at = self.left_out
+            raise self.source.error(
+                f"{name} is called in line {at}; that program is not in this file, so where the tool stands after it "
+                "is not known: expand it",
+                line,
+            )
+
+    def absolute(self, words: dict[str, float], line: int) -> None:
+        """Incremental coordinates IX … as absolute ones, in place; program units."""
+        for k, letter in enumerate("XYZ"):
+            if "I" + letter in words:
+                if math.isnan(self.p[k]):
+                    raise self.source.error(f"incremental {letter} from a place that is not known", line)
+                words[letter] = self.p[k] / self.scale + words.pop("I" + letter)
+        for letter in "ABC":
+            if "I" + letter in words:
+                words[letter] = self.setup.angles.get(letter, 0.0) + words.pop("I" + letter)
+
+    def set_pole(self, words: dict[str, float]) -> None:
+        given = ""
+        for k, letter in enumerate("XYZ"):
+            if letter in words:
+                self.pole[k] = words[letter] * self.scale
+                given += letter
+            elif "I" + letter in words:
+                self.pole[k] = self.p[k] + words["I" + letter] * self.scale
+                given += letter
+        self.pole_axes = given or self.pole_axes
+        self.plane = np.array({"YZ": PLANES[190], "XZ": PLANES[180]}.get(self.pole_axes, PLANES[170]))
+
+    def circle(self, kind: str, words: dict[str, float], left: bool | None, radius: float | None, b: Block) -> None:
+        """C about the pole or CR by its radius; ``left``: DR+."""
+        if left is None:
+            raise ArcError(f"{kind} without DR+ or DR-")
+        self.motion = 3 if left else 2
+        if kind == "CR":
+            if radius is None:
+                raise ArcError("CR without R")
+            b.named["CR"] = radius
+        else:
+            if self.pole_axes == "XYZ":
+                raise ArcError("a circle about a pole (CC) of three coordinates: in which plane it lies is not said")
+            centre = [p if math.isnan(c) else c for c, p in zip(self.pole, self.p, strict=True)]
+            for k, letter in enumerate("IJK"):
+                if not math.isnan(centre[k]):
+                    words[letter] = centre[k] / self.scale
+        if not words.keys() & set("XYZ"):
+            for k, letter in enumerate("XYZ"):
+                if not math.isnan(self.p[k]):
+                    words[letter] = self.p[k] / self.scale
+        self.move(words, b)
+
+    def polar(self, words: dict[str, float], line: int) -> None:
+        """PR, PA (IPR, IPA) about the pole become X and Y, in place; only in the XY plane."""
+        if math.isnan(self.pole[0]) or math.isnan(self.pole[1]):
+            raise self.source.error("polar coordinates before a pole (CC) was set", line)
+        dx, dy = self.p[0] - self.pole[0], self.p[1] - self.pole[1]
+        radius = (
+            words.pop("PR") * self.scale if "PR" in words else math.hypot(dx, dy) + words.pop("IPR", 0.0) * self.scale
+        )
+        angle = words.pop("PA") if "PA" in words else math.degrees(math.atan2(dy, dx)) + words.pop("IPA", 0.0)
+        if not (math.isfinite(radius) and math.isfinite(angle)):
+            raise self.source.error("polar coordinates from a place that is not known", line)
+        words["X"] = (self.pole[0] + radius * math.cos(math.radians(angle))) / self.scale
+        words["Y"] = (self.pole[1] + radius * math.sin(math.radians(angle))) / self.scale
+
+    def polar_circle(self, words: dict[str, float], left: bool | None, b: Block) -> None:
+        """CP: an arc or helix about the pole by its angle; IPA may be more than a turn."""
+        if left is None:
+            raise ArcError("CP without DR+ or DR-")
+        sweep = words.get("IPA")
+        if sweep is not None and (sweep > 0.0) != left and sweep:
+            self.out.warn_once(
+                "IPA and DR of CP have opposite signs: DR holds, the angle is taken that way round", b.line
+            )
+            words["IPA"] = sweep = -sweep
+        self.polar(words, b.line)
+        turns = 1
+        if sweep is not None:
+            if abs(sweep) > 1e6:
+                raise ArcError(f"an arc of {sweep:g}°")
+            turns = max(math.ceil(abs(sweep) / 360.0 - 1e-9), 1)
+            if abs(abs(sweep) - 360.0 * turns) < 1e-9:  # whole turns end exactly where they start
+                words["X"], words["Y"] = self.p[0] / self.scale, self.p[1] / self.scale
+        words["P"] = float(turns)
+        self.circle("C", words, left, None, b)
+
+    def retract(self, distance: float, line: int) -> None:
+        """M140 MB: back along the tool axis."""
+        if self.along_z():
+            words = {"Z": (self.p[2] + distance) / self.scale}
+            if not math.isnan(self.p[2]):
+                self.motion = 0
+                self.move(words, Block(line, []))
+            return
+        self.lose({}, "M140", line)
+
+    # ---- coordinate systems
+
+    def chain_changed(self) -> None:
+        """The datum outside of a tilted plane is a shift, everything else a plane of its own."""
+        shift = self.chain.get("datum") if next(iter(self.chain), None) == "datum" else None
+        self.shifts["datum"] = [0.0] * 3 if shift is None else shift.t.tolist()
+        x, y, z = self.shifts["datum"]
+        local: Transfer | None = None
+        for name, one in reversed(self.chain.items()):
+            if not (name == "datum" and shift is not None):
+                local = one if local is None else local.then(one)
+        if local is not None and local.nothing:
+            local = None
+        plane = self.chain.get("plane")
+        leaving = plane is None and self.setup.tilted != ""
+        if leaving:
+            self.untilt()
+        self.change_setup(datum=(x, y, z), local=local)
+        if len(self.out) and self.setup.datum != self.setup.first_datum:
+            self.out.warn_once("the datum shifts: points from here on are brought into the first system")
+
+    def shift_datum(self, words: dict[str, float], line: int) -> None:
+        """CYCL DEF 7; inside a tilted plane it shifts along the tilted axes."""
+        name = "datum" if "plane" not in self.chain or next(iter(self.chain)) == "datum" else "inner"
+        if "plane" in self.chain:
+            name = "inner"
+        now = self.chain[name].t.copy() if name in self.chain else np.zeros(3)
+        for k, letter in enumerate("XYZ"):
+            if letter in words:
+                now[k] = words[letter] * self.scale
+            elif "I" + letter in words:
+                now[k] += words["I" + letter] * self.scale
+        if name in self.chain or now.any():
+            self.chain[name] = Transfer(np.eye(3), now)
+        if not now.any():
+            self.chain.pop(name, None)
+            self.chain.pop("inner", None)
+        self.chain_changed()
+        self.out.ignore("CYCL DEF 7", line, understood=True)
+
+    def turn_plane(self, degrees: float, line: int) -> None:
+        """CYCL DEF 10: rotation in the plane."""
+        self.chain.pop("turn", None)
+        if degrees:
+            self.chain["turn"] = Transfer.rotation("Z", degrees)
+        self.chain_changed()
+        self.out.ignore("CYCL DEF 10", line, understood=True)
+
+    def set_plane(self, plane: Transfer | None, line: int) -> None:
+        """PLANE … or CYCL DEF 19: the tool stands upright on it."""
+        self.chain.pop("plane", None)
+        self.chain.pop("inner", None)
+        if plane is None or plane.nothing:
+            self.chain_changed()
+            return
+        self.chain["plane"] = plane
+        self.chain_changed()
+        upright = abs(plane.z[2] - 1.0) < 1e-9
+        self.change_setup(tilted="" if upright else "aligned", stood_up=not upright)
+        self.out.meta["tilted_planes"] = str(int(self.out.meta.get("tilted_planes", "0")) + 1)
+
+    def plane_statement(self, text: str, line: int) -> None:
+        kind = text.split()[1] if len(text.split()) > 1 else ""
+        v = {name: value(n) for name, n in _ANGLE.findall(text)}
+        if kind == "RESET":
+            self.set_plane(None, line)
+        elif kind == "SPATIAL":
+            self.set_plane(spatial(v.get("SPA", 0.0), v.get("SPB", 0.0), v.get("SPC", 0.0)), line)
+        elif kind == "EULER":
+            angles = (v.get("EULPR", 0.0), v.get("EULNU", 0.0), v.get("EULROT", 0.0))
+            self.set_plane(sequence("ZXZ", angles, _ZERO), line)
+        elif kind.startswith("RELATIV"):
+            more = spatial(v.get("SPA", 0.0), v.get("SPB", 0.0), v.get("SPC", 0.0))
+            self.set_plane(more.then(self.chain["plane"]) if "plane" in self.chain else more, line)
+        elif kind == "VECTOR":
+            self.set_plane(
+                _by_vectors([v.get("B" + c, 0.0) for c in "XYZ"], [v.get("N" + c, 0.0) for c in "XYZ"]), line
+            )
+        else:
+            raise self.source.error(
+                f"{text[:24]!r}: PLANE {kind} (by points, projections or axis angles) is not supported; use PLANE "
+                "SPATIAL, EULER or VECTOR",
+                line,
+            )
+
+    def tilt_angles(self, angles: dict[str, float], line: int) -> None:
+        """CYCL DEF 19 (G80): read as spatial angles."""
+        if sum(v != 0.0 for v in angles.values()) > 1:
+            self.out.warn_once(
+                "cycle 19 is read as spatial angles A, B, C; a machine setting can make them axis angles", line
+            )
+        a, b, c = (angles.get(k, 0.0) for k in "ABC")
+        self.set_plane(spatial(a, b, c), line)
+
+    def use_preset(self, number: float) -> None:
+        """CYCL DEF 247: another datum of the preset table is another work offset."""
+        if self.preset is None or not len(self.out):
+            self.preset = number
+        self.take_offset(f"preset {number:g}", f"preset {self.preset:g}")
+
+    # ---- tools and cycles
+
+    def call_tool(self, tool: str, rpm: float | None, text: str) -> None:
+        if rpm is not None:
+            self.rpm = rpm
+            self.out.event("spindle", text, self.rpm)
+        if tool:
+            self.out.event("tool", text, float(tool) if tool.isdigit() else math.nan)
+            self.out.change_tool(tool)
+
+    def begin_q_cycle(self, number: int, line: int) -> None:
+        if number not in SUPPORTED:
+            raise self.source.error(
+                f"cycle {number}: only the drilling cycles {', '.join(map(str, SUPPORTED))} are supported; export its "
+                "motion as blocks, or APT/CL data",
+                line,
+            )
+        if number == 204:
+            self.out.warn_once("cycle 204 (back boring) is read without its step beside the axis", line)
+        self.cycle, self.cycle_words = number, {}
+        for name in [k for k in self.q if k >= 200]:
+            del self.q[name]  # each cycle names its own
+
+    def drill_here(self, b: Block) -> None:
+        """M99, CYCL CALL or G79: one hole at the present place."""
+        if self.cycle is None:
+            raise CycleError("a cycle call (M99, CYCL CALL, G79) before any drilling cycle was defined")
+        if np.isnan(self.p).any():
+            raise CycleError("a drilling cycle where the tool's place is not known")
+        if self.cycle >= 200:
+            plan = q_cycle(self.cycle, self.q, self.scale, self.rpm)
+        else:
+            plan = old_cycle(self.cycle, self.cycle_words, self.p[2], self.scale, self.rpm)
+        self.holes(plan, {}, None, b)
+
+
+def _by_vectors(base: list[float], normal: list[float]) -> Transfer:
+    """PLANE VECTOR: z along the normal, x along the base vector made square to it."""
+    z = np.array(normal)
+    length = float(np.linalg.norm(z))
+    if not length > 1e-9:
+        raise FrameError("PLANE VECTOR with a zero normal (NX, NY, NZ)")
+    z = z / length
+    x = np.array(base) - float(np.array(base) @ z) * z
+    length = float(np.linalg.norm(x))
+    if not length > 1e-9:
+        raise FrameError("PLANE VECTOR with a base vector (BX, BY, BZ) that is zero or along the normal")
+    x = x / length
+    return Transfer(np.column_stack([x, np.cross(z, x), z]), np.zeros(3))

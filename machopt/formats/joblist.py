@@ -1,0 +1,242 @@
+"""Lists of jobs, YAML or CSV → :class:`ListedJob`: cell × toolpath × options, checked before anything starts.
+
+YAML: ``cells``, ``toolpaths`` and ``options`` (named variants) are combined, each with each; ``jobs`` stand for
+themselves. CSV: one row a job; the columns are the keys of a job, of its reading, and planning options by their name
+(``method``, ``force_N.normal``). Paths are relative to the list's folder; toolpaths may be patterns (``*.nc``).
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+
+from machopt.errors import InputError
+from machopt.formats.options import ForceKeys, OptionKeys, WeightKeys
+from machopt.formats.yamlstrict import Document, Loc, Strict, nearest, parse_yaml, read_yaml, validate
+
+_MIB = 2**20
+_PATTERN = set("*?[")
+
+
+class ReadingKeys(Strict):
+    """What a toolpath file may not say itself."""
+
+    unit: Literal["mm", "inch"] | None = None
+    machine: str | None = Field(default=None, min_length=1, description="kinematics behind rotary axes, e.g. table-ac")
+    feed_mm_min: float | None = Field(default=None, gt=0, description="feed of cutting moves in a file that has none")
+    strict: bool | None = None
+
+
+class LimitKeys(Strict):
+    time_limit_s: float | None = Field(default=None, gt=0, description="seconds a job may take")
+    memory_limit_MiB: float | None = Field(default=None, gt=0, description="memory a job may use")
+
+
+class JobKeys(LimitKeys):
+    cell: str | None = Field(default=None, min_length=1, description="cell folder or its cell.yaml")
+    toolpath: str = Field(min_length=1, description="a CAM file or point table, or a pattern such as *.nc")
+    name: str | None = Field(default=None, min_length=1, description="a name for the job's folder and the summary")
+    options: OptionKeys | None = None
+    reading: ReadingKeys | None = None
+
+
+class ListKeys(LimitKeys):
+    machopt_batch: Literal[1]
+    cells: list[str] = Field(default=[], description="cell folders, or their cell.yaml")
+    toolpaths: list[str] = Field(default=[], description="CAM files, point tables or patterns such as parts/*.nc")
+    options: dict[str, OptionKeys] = Field(default={}, description="planning options by the name of the variant")
+    reading: ReadingKeys | None = None
+    jobs: list[JobKeys] = Field(default=[])
+
+
+@dataclass(frozen=True)
+class ListedJob:
+    """One job as the list names it."""
+
+    cell: Path | None  # None: the cell given beside the list
+    toolpath: Path
+    name: str  # of the job or of the variant of options; empty where it has none
+    options: dict[str, object]  # planning options under the user's keys
+    reading: dict[str, object]  # keywords of formats.toolpath.read_toolpath
+    time_limit: float | None  # s
+    memory_limit: int | None  # bytes
+    file: Path
+    where: str  # place in the list, for messages
+
+
+def read_joblist(path: Path) -> tuple[ListedJob, ...]:
+    """Read a list of jobs.
+
+    Args:
+        path: a ``.csv`` file, or YAML.
+
+    Raises:
+        InputError: the list is damaged, a key or column is unknown, a value is wrong, a file it names is missing or
+            it names no job; says file, line, key (or column), what was found and what was expected.
+    """
+    jobs = tuple(_csv_jobs(path) if path.suffix.lower() == ".csv" else _yaml_jobs(path))
+    if not jobs:
+        raise InputError("names no job; cells and toolpaths, or jobs, would work", file=path)
+    return jobs
+
+
+def is_job_table(path: Path) -> bool:
+    """True if a CSV file's header has a column ``toolpath``: a list of jobs and no table of points."""
+    try:
+        with path.open(encoding="utf-8-sig", errors="replace") as lines:
+            header = next((line for line in lines if line.strip() and not line.startswith("#")), "")
+    except OSError:
+        return False
+    return "toolpath" in [name.strip() for name in header.split(",")]
+
+
+def reading_si(keys: ReadingKeys | None) -> dict[str, object]:
+    """What is given, as keywords of :func:`machopt.formats.toolpath.read_toolpath`; the feed in m/s."""
+    given = {} if keys is None else keys.model_dump(exclude_none=True)
+    if "feed_mm_min" in given:
+        given["default_feed"] = given.pop("feed_mm_min") / 60e3
+    return given
+
+
+def _yaml_jobs(path: Path) -> Iterator[ListedJob]:
+    document = read_yaml(path)
+    keys = validate(ListKeys, document)
+    if keys.cells and not keys.toolpaths:
+        raise document.error(("cells",), "cells are combined with toolpaths, and there is no key toolpaths")
+    cells: list[Path | None] = [_cell(document, ("cells", n), name) for n, name in enumerate(keys.cells)]
+    files = [f for n, name in enumerate(keys.toolpaths) for f in _toolpaths(document, ("toolpaths", n), name)]
+    variants = {name: o.given() for name, o in keys.options.items()} or {"": {}}
+    for c, cell in enumerate(cells or [None]):
+        for file in files:
+            for name, options in variants.items():
+                where = document.where(("cells", c) if cell is not None else ("toolpaths",))
+                yield _job(keys, JobKeys(toolpath=str(file)), cell, file, name, options, path, where)
+    for n, job in enumerate(keys.jobs):
+        yield from _explicit(document, ("jobs", n), keys, job, path)
+
+
+def _csv_jobs(path: Path) -> Iterator[ListedJob]:
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except OSError as problem:
+        raise InputError(f"cannot be read: {problem.strerror}", file=path) from None
+    except UnicodeDecodeError as problem:
+        raise InputError(f"is not UTF-8 text (byte {problem.start})", file=path) from None
+    reader = csv.reader(io.StringIO(text), skipinitialspace=True)
+    header: list[str] | None = None
+    try:
+        for row in reader:
+            if not any(cell.strip() for cell in row) or row[0].startswith("#"):
+                continue
+            if header is None:
+                header = _header(path, reader.line_num, [name.strip() for name in row])
+            else:
+                document = _row(path, reader.line_num, header, row)
+                job = validate(JobKeys, document)
+                yield from _explicit(document, (), ListKeys(machopt_batch=1), job, path)
+    except csv.Error as problem:
+        raise InputError(f"is not CSV: {problem}", file=path, where=f"line {reader.line_num}") from None
+
+
+def _columns() -> dict[str, Loc]:
+    """Column → key path inside a job."""
+    out: dict[str, Loc] = {name: (name,) for name in JobKeys.model_fields if name not in ("options", "reading")}
+    out |= {name: ("reading", name) for name in ReadingKeys.model_fields}
+    inner: dict[str, type[Strict]] = {"force_N": ForceKeys, "weights": WeightKeys}
+    for name in OptionKeys.model_fields:
+        if name in inner:
+            out |= {f"{name}.{part}": ("options", name, part) for part in inner[name].model_fields}
+        elif name != "machopt_plan":
+            out[name] = ("options", name)
+    return out
+
+
+def _header(path: Path, line: int, header: list[str]) -> list[str]:
+    columns = _columns()
+    for name in header:
+        if name not in columns:
+            where = f"line {line}, column {name!r}"
+            raise InputError(f"unknown column; {nearest(name, list(columns))}", file=path, where=where)
+        if header.count(name) > 1:
+            raise InputError("column stands twice; keep one", file=path, where=f"line {line}, column {name!r}")
+    if "toolpath" not in header:
+        raise InputError("column toolpath is missing; a list of jobs needs it", file=path, where=f"line {line}")
+    return header
+
+
+def _row(path: Path, line: int, header: list[str], row: list[str]) -> Document:
+    if len(row) != len(header):
+        raise InputError(f"found {len(row)} fields; expected {len(header)} as in the header", file=path,
+                         where=f"line {line}")  # fmt: skip
+    columns, value, lines = _columns(), dict[str, object](), dict[Loc, int]({(): line})
+    for name, cell in zip(header, row, strict=True):
+        text, loc = cell.strip(), columns[name]
+        if not text:
+            continue
+        plain = loc in (("cell",), ("toolpath",), ("name",), ("reading", "machine"))
+        inside = value
+        for part in loc[:-1]:
+            inside = inside.setdefault(str(part), {})  # type: ignore[assignment]
+        inside[str(loc[-1])] = text if plain else parse_yaml(text, f"{path}: line {line}, column {name}").value
+        lines |= {loc[:n]: line for n in range(1, len(loc) + 1)}
+    return Document(value, lines, path)
+
+
+def _explicit(document: Document, loc: Loc, keys: ListKeys, job: JobKeys, path: Path) -> Iterator[ListedJob]:
+    cell = None if job.cell is None else _cell(document, (*loc, "cell"), job.cell)
+    options = {} if job.options is None else job.options.given()
+    for file in _toolpaths(document, (*loc, "toolpath"), job.toolpath):
+        yield _job(keys, job, cell, file, job.name or "", options, path, document.where(loc) or _line(document))
+
+
+def _job(
+    keys: ListKeys, job: JobKeys, cell: Path | None, file: Path, name: str, options: dict[str, object], path: Path,
+    where: str,
+) -> ListedJob:  # fmt: skip
+    """A job with the list's own reading and limits under it."""
+    time = job.time_limit_s or keys.time_limit_s
+    memory = job.memory_limit_MiB or keys.memory_limit_MiB
+    return ListedJob(
+        cell=cell, toolpath=file, name=name, options=options,
+        reading={**reading_si(keys.reading), **reading_si(job.reading)}, time_limit=time,
+        memory_limit=None if memory is None else int(memory * _MIB), file=path, where=where,
+    )  # fmt: skip
+
+
+def _cell(document: Document, loc: Loc, name: str) -> Path:
+    path = Path(document.file).parent / Path(name).expanduser()
+    if path.is_dir() and not (path / "cell.yaml").is_file():
+        raise document.error(loc, f"no cell.yaml in the folder {name}")
+    if not path.exists():
+        raise document.error(loc, f"no such cell: {name} (looked for {path})")
+    return path
+
+
+def _toolpaths(document: Document, loc: Loc, name: str) -> list[Path]:
+    folder, given = Path(document.file).parent, Path(name).expanduser()
+    if _PATTERN & set(name) and not (folder / given).exists():
+        found = matching(folder, name)
+        if not found:
+            raise document.error(loc, f"no file matches {name} (looked in {folder})")
+        return found
+    if not (folder / given).is_file():
+        raise document.error(loc, f"no such toolpath: {name} (looked for {folder / given})")
+    return [folder / given]
+
+
+def matching(folder: Path, pattern: str) -> list[Path]:
+    """The files a pattern finds below ``folder`` (``**`` for any depth), in the order of their names."""
+    from glob import glob
+
+    found = (folder / name for name in glob(str(Path(pattern).expanduser()), root_dir=folder, recursive=True))
+    return sorted(f for f in found if f.is_file())
+
+
+def _line(document: Document) -> str:
+    return f"line {document.lines[()]}" if () in document.lines else ""

@@ -1,0 +1,118 @@
+"""What a finished list of points is looked over for: numbers, tool axes, arc directions, kinds of operations."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.toolpath import Array, Move, Operation
+from machopt.formats.source import Source
+
+MAX_COORDINATE_MM = 1e6  # a kilometre: no robot cell is larger, so the number is a fault
+MAX_FEED_MM_MIN = 1e9  # 1,000 km/h: demonstration files run at 4.5e6 mm/min
+ALONG_AXIS = math.cos(math.radians(1.0))  # a cut within 1° of the tool axis counts as drilling
+TANGENT = math.cos(math.radians(3.0))  # a line that runs within 3° into an arc is meant to be tangential
+
+
+@dataclass(frozen=True)
+class ArcSpan:
+    """Where the chords of one arc stand among the points."""
+
+    first: int  # index of the first chord's end
+    last: int
+    line: int
+
+
+@dataclass(frozen=True)
+class ArcDirections:
+    """Arcs whose end tangents run with, or against, the straight moves beside them."""
+
+    agree: int
+    against: tuple[int, ...]  # lines
+
+
+def check_numbers(source: Source, table: Array, line: NDArray[np.int32]) -> None:
+    """Coordinates, tool axes and feeds are finite and of a sane size.
+
+    Args:
+        source: the file, for messages.
+        table: (N, 7) x y z (mm) i j k feed (mm/min).
+        line: (N,) lines of the source.
+    Raises:
+        InputError: the first one that is not.
+    """
+    for columns, what in ((table[:, :3], "coordinate"), (table[:, 3:6], "tool axis")):
+        bad = ~np.isfinite(columns).all(axis=1)
+        if bad.any():
+            at = int(np.argmax(bad))
+            raise source.error(f"a {what} is not a finite number", int(line[at]))
+    far = np.abs(table[:, :3]).max(axis=1) > MAX_COORDINATE_MM
+    if far.any():
+        at = int(np.argmax(far))
+        raise source.error(
+            f"coordinate {np.abs(table[at, :3]).max():g} mm; expected less than {MAX_COORDINATE_MM:g} mm", int(line[at])
+        )
+    feed = table[:, 6]
+    wild = np.isinf(feed) | (feed > MAX_FEED_MM_MIN)
+    if wild.any():
+        at = int(np.argmax(wild))
+        raise source.error(f"a feed of {feed[at]:g} mm/min; expected a finite, sane number", int(line[at]))
+
+
+def with_kinds(
+    operations: Sequence[Operation], p: Array, axis: Array, move: NDArray[np.int32], operation: NDArray[np.int32],
+    from_cycle: NDArray[np.bool_],
+) -> tuple[Operation, ...]:  # fmt: skip
+    """Operations with ``kind``: point where every cut runs along the tool axis or comes from a cycle.
+
+    Args:
+        operations: as collected.
+        p, axis: (N, 3) mm and unit vectors.
+        move, operation: (N,) Move codes and indices into ``operations``.
+        from_cycle: (N,) strokes of drilling cycles.
+    """
+    count = len(operations)
+    step = np.diff(p, axis=0, prepend=p[:1])
+    length = np.sqrt(np.einsum("ij,ij->i", step, step))
+    along = np.abs(np.einsum("ij,ij->i", step, axis)) >= ALONG_AXIS * length  # holds for zero length too
+    cut = move == Move.CUT
+    sideways = cut & ~(along | from_cycle)
+    # a cut of zero length proves nothing: only a plunge or a cycle makes a point operation
+    plunge = cut & ((length > 1e-6) | from_cycle) & ~sideways
+    plunge[0] = plunge[0] and bool(from_cycle[0])
+    has_sideways = np.bincount(operation[sideways], minlength=count) > 0
+    has_plunge = np.bincount(operation[plunge], minlength=count) > 0
+    return tuple(
+        Operation(o.label, "point" if has_plunge[k] and not has_sideways[k] else "trajectory", o.tool, o.comment)
+        for k, o in enumerate(operations)
+    )
+
+
+def arc_directions(arcs: Sequence[ArcSpan], p: Array) -> ArcDirections:
+    """Compare each arc's end tangents with the straight moves before and after it; (N, 3) points."""
+    against: list[int] = []
+    agree = 0
+    for k, arc in enumerate(arcs):
+        votes: list[float] = []
+        if arc.first > 1 and not (k and arcs[k - 1].last == arc.first - 1):
+            votes.append(_turn(p[arc.first - 2], p[arc.first - 1], p[arc.first]))
+        straight_after = not (k + 1 < len(arcs) and arcs[k + 1].first == arc.last + 1)
+        if arc.last + 1 < len(p) and straight_after and arc.last > 0:
+            votes.append(_turn(p[arc.last - 1], p[arc.last], p[arc.last + 1]))
+        tangential = [v for v in votes if abs(v) > TANGENT]
+        if tangential and all(v < 0.0 for v in tangential):
+            against.append(arc.line)
+        elif tangential:
+            agree += 1
+    return ArcDirections(agree, tuple(against))
+
+
+def _turn(a: Array, b: Array, c: Array) -> float:
+    """Cosine between a→b and b→c; 0 where either is too short to have a direction."""
+    u, v = b - a, c - b
+    norm = float(np.linalg.norm(u) * np.linalg.norm(v))
+    return float(u @ v) / norm if norm > 1e-9 else 0.0

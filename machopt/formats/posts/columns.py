@@ -1,0 +1,207 @@
+"""The fields templates may use: one value a move, and values of the whole program. README.md lists them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.program import LIN, Controller, JointMap, RobotProgram
+from machopt.domain.toolpath import Move
+from machopt.formats.posts.orientation import abc_deg, quaternion, rotation_vector, xyz_deg
+from machopt.formats.posts.template import Column, Value
+from machopt.se3 import inverse
+
+Array = NDArray[np.float64]
+MM, MM_MIN = 1e3, 6e4
+UR_JOINT_SPEED = 1.05  # rad/s, Universal Robots' own default for movej, where the axis limits are not given
+LEAST_BLEND = 1e-6  # m; a shorter radius is a stop
+
+
+@dataclass(frozen=True)
+class Job:
+    """A program with its controller, and what every dialect computes from the two."""
+
+    program: RobotProgram
+    controller: Controller
+    axes_deg: Array  # (M, 6) as the controller counts them
+    blend: Array  # (M,) m, rounding at the end of the move, never overlapping its neighbours'
+
+    @classmethod
+    def of(cls, program: RobotProgram, controller: Controller, moves_per_part: int | None = None) -> Job:
+        axes = (controller.joint_map or JointMap()).axes_deg(program.q)
+        return cls(program, controller, axes, rounding(program, moves_per_part))
+
+    @property
+    def T_mount_tcp(self) -> Array:
+        """(4, 4) the tool in the controller's own flange frame."""
+        T, mount = self.program.T_flange_tcp, self.controller.T_flange_mount
+        return T if mount is None else inverse(mount) @ T
+
+    @property
+    def T_root_workpiece(self) -> Array:
+        """(4, 4) the workpiece in the controller's robot coordinate system."""
+        T, root = self.program.T_base_workpiece, self.controller.T_base_root
+        return T if root is None else inverse(root) @ T
+
+
+def rounding(program: RobotProgram, moves_per_part: int | None = None) -> Array:
+    """(M,) m: corner radius at each move's end, 0 for an exact stop, also where a part of the program ends.
+
+    A cutting LIN that runs on into another of the same operation without an event between is rounded by at
+    most ``program.blend`` and by less than half of either of its two lines, so that no two corners overlap.
+    """
+    n = len(program)
+    out = np.zeros(n)
+    if program.blend <= 0.0 or n < 2:
+        return out
+    cut = program.cutting & (program.kind == LIN)
+    on = cut[:-1] & cut[1:] & (program.operation[:-1] == program.operation[1:])
+    step = np.linalg.norm(np.diff(program.T_workpiece_tcp[:, :3, 3], axis=0), axis=1)  # (n − 1,) to the next move's end
+    before = np.concatenate([[np.inf], step[:-1]])  # of the move itself; the first move is a PTP
+    room = 0.49 * np.minimum(before, step)
+    out[:-1] = np.where(on, np.minimum(program.blend, room), 0.0)
+    out[[e.index - 1 for e in program.events if 0 < e.index < n]] = 0.0
+    if moves_per_part is not None:
+        out[moves_per_part - 1 :: moves_per_part] = 0.0
+    out[out < LEAST_BLEND] = 0.0
+    return out
+
+
+def pose_fields(prefix: str, T: Array) -> dict[str, Callable[[], Array]]:
+    """Every way to write the poses (..., 4, 4): mm, m, and the orientation of each maker."""
+    p, R = T[..., :3, 3], T[..., :3, :3]
+
+    def named(names: str, make: Callable[[], Array]) -> dict[str, Callable[[], Array]]:
+        memory: list[Array] = []
+
+        def column(k: int) -> Array:
+            if not memory:
+                memory.append(make())
+            return np.asarray(memory[0][..., k])
+
+        return {prefix + name: (lambda k=k: column(k)) for k, name in enumerate(names.split())}  # type: ignore[misc]
+
+    return {
+        **named("x y z", lambda: p * MM),
+        **named("x_m y_m z_m", lambda: p),
+        **named("a b c", lambda: abc_deg(R)),
+        **named("r p w", lambda: abc_deg(R)),
+        **named("qw qx qy qz", lambda: quaternion(R)),
+        **named("rvx rvy rvz", lambda: rotation_vector(R)),
+        **named("ex ey ez", lambda: xyz_deg(R)),
+        **named("i j k", lambda: -R[..., :, 2]),
+    }
+
+
+def move_columns(job: Job) -> dict[str, Callable[[], Column]]:
+    """Fields of every move, computed when they are asked for."""
+    p, c = job.program, job.controller
+    n = len(p)
+    out: dict[str, Callable[[], Column]] = {**pose_fields("", p.T_workpiece_tcp)}
+    for k in range(6):
+        out[f"a{k + 1}"] = lambda k=k: job.axes_deg[:, k]  # type: ignore[misc]
+        out[f"a{k + 1}_rad"] = lambda k=k: np.radians(job.axes_deg[:, k])  # type: ignore[misc]
+        out[f"q{k + 1}"] = lambda k=k: p.q[:, k]  # type: ignore[misc]
+        out[f"q{k + 1}_deg"] = lambda k=k: np.degrees(p.q[:, k])  # type: ignore[misc]
+        pulses = None if c.pulses_per_deg is None else c.pulses_per_deg[k]
+        out[f"pulse{k + 1}"] = lambda k=k, s=pulses: (  # type: ignore[misc]
+            np.full(n, np.nan) if s is None else job.axes_deg[:, k] * s
+        )
+        out[f"e{k + 1}"] = lambda k=k: _external(p, k)  # type: ignore[misc]
+        unit = ("mm" if p.external_prismatic[k] else "deg") if k < len(p.external_prismatic) else ""
+        out[f"e{k + 1}_unit"] = lambda unit=unit: [unit] * n  # type: ignore[misc]
+    words = [m.word for m in sorted(Move)]
+    labels = [*p.operations, ""]
+    out |= {
+        "index": lambda: np.arange(n),
+        "kind_index": lambda: np.where(p.kind == LIN, np.cumsum(p.kind == LIN), np.cumsum(p.kind != LIN)) - 1,
+        "feed_m_s": lambda: p.feed,
+        "feed_mm_s": lambda: p.feed * MM,
+        "feed_mm_min": lambda: p.feed * MM_MIN,
+        "blend_m": lambda: job.blend,
+        "blend_mm": lambda: job.blend * MM,
+        "rounded": (job.blend > 0.0).tolist,
+        "move": lambda: [words[m] for m in p.moves.tolist()],
+        "kind": lambda: ["lin" if k == LIN else "ptp" for k in p.kind.tolist()],
+        "operation": lambda: [labels[o] for o in p.operation.tolist()],
+        "time": lambda: np.full(n, np.nan) if p.time is None else p.time,
+        "step": lambda: np.full(n, np.nan) if p.time is None else np.diff(p.time, prepend=np.nan),
+    }
+    return out
+
+
+def program_fields(job: Job) -> dict[str, Value]:
+    """Fields of the whole program."""
+    p, c = job.program, job.controller
+    out: dict[str, Value] = {
+        "total": len(p),
+        "source": p.source,
+        "ptp_percent": p.ptp_speed * 100.0,
+        "ptp_share": p.ptp_speed,
+        "ptp_rad_s": p.ptp_speed * (UR_JOINT_SPEED if p.axis_velocity is None else float(np.min(p.axis_velocity))),
+        "ptps": max(int((p.kind != LIN).sum()), 1),
+        "lins": max(int((p.kind == LIN).sum()), 1),
+        "corner_mm": p.blend * MM if p.blend > 0.0 else float("nan"),
+        "corner_m": p.blend if p.blend > 0.0 else float("nan"),
+        "tool_number": float("nan") if c.tool_number is None else c.tool_number,
+        "base_number": float("nan") if c.base_number is None else c.base_number,
+        "mass": p.tool_mass,
+        "externals": len(p.external_prismatic),
+        "exact": p.blend <= 0.0,
+    }
+    mount = np.eye(4) if c.T_flange_mount is None else c.T_flange_mount
+    com = inverse(mount)[:3] @ np.append(p.tool_com, 1.0) * MM
+    out |= {f"com_{axis}": float(v) for axis, v in zip("xyz", com, strict=True)}
+    out |= {f"joint_{k + 1}": name for k, name in enumerate(p.joint_names)}
+    for prefix, T in (("tool_", job.T_mount_tcp), ("base_", job.T_root_workpiece)):
+        out |= {name: float(make()) for name, make in pose_fields(prefix, T).items()}
+    return out
+
+
+def common_notes(job: Job, used: frozenset[str], mapped: bool, samples: bool) -> list[str]:
+    """What the reader of any program must know: where frames and angles are from, and what was not given."""
+    p, c = job.program, job.controller
+    notes = [f"written by machopt{f' from {p.source}' if p.source else ''}",
+             f"{len(p)} moves. First run slowly and by hand"]  # fmt: skip
+    if mapped and c.joint_map is None:
+        notes.append("no controller.joint_map in the cell: axis angles are the URDF's joints")
+    if mapped and c.T_base_root is None:
+        notes.append("no controller.root in the cell: the robot's own coordinate system is base_link")
+    if mapped and c.T_flange_mount is None:
+        notes.append("no controller.flange in the cell: tool 0 is the URDF's flange link")
+    if p.external_prismatic:
+        notes.append("the workpiece frame holds with the external axes at zero")
+    if samples:
+        notes.append("control samples: the controller interpolates between them")
+    elif p.blend > 0.0 and used & {"rounded", "blend_m", "blend_mm"}:
+        notes.append(f"cutting moves are rounded within {p.blend * MM:g} mm of their points")
+    else:
+        notes.append("no rounding: the robot stops exactly at every point")
+    return notes
+
+
+def _external(p: RobotProgram, k: int) -> Array:
+    if k >= len(p.external_prismatic):
+        return np.full(len(p), np.nan)
+    return np.asarray(p.external[:, k] * (MM if p.external_prismatic[k] else 180.0 / np.pi))
+
+
+class Columns(Mapping[str, Column]):
+    """Columns computed once, when first used."""
+
+    def __init__(self, makers: Mapping[str, Callable[[], Column]]) -> None:
+        self._makers, self._made = makers, dict[str, Column]()
+
+    def __getitem__(self, name: str) -> Column:
+        if name not in self._made:
+            self._made[name] = self._makers[name]()
+        return self._made[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._makers)
+
+    def __len__(self) -> int:
+        return len(self._makers)

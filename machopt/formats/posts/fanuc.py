@@ -1,0 +1,94 @@
+"""FANUC: CONFIG of Cartesian positions.
+
+Turn numbers count how often J1, J4 and J6 have passed ±180°: sign(a) · floor((|a| + 180°) / 360°). F or N is the
+flip of the wrist by the sign of J5, which documents give either way: the cell must say it
+(``controller.nonflip_j5``). U or D is the elbow, T or B the side of the wrist root to J1. The post fanuc_joint
+writes joint positions only and needs none of this.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from machopt.domain.program import LIN
+from machopt.errors import InputError
+from machopt.formats.posts.columns import Array, Job
+from machopt.formats.posts.dialect import Dialect
+from machopt.formats.posts.orientation import abc_deg
+
+PRINTED = 4
+SLOWEST = 1e-4  # m/s: speeds are printed in tenths of mm/s
+
+
+def turns(axis_deg: Array) -> Array:
+    """Turn number of an axis (...,) deg."""
+    a = np.round(axis_deg, PRINTED)
+    return np.asarray(np.sign(a) * np.floor((np.abs(a) + 180.0) / 360.0) + 0.0)
+
+
+def _flip(job: Job) -> list[str]:
+    negative = np.round(job.axes_deg[:, 4], PRINTED) < 0.0
+    nonflip = negative if job.controller.nonflip_j5 == "negative" else ~negative
+    return ["N" if v else "F" for v in nonflip.tolist()]
+
+
+def _check(job: Job, used: frozenset[str]) -> None:
+    check_slowest(job)
+    if not used & {"flip", "elbow", "front"}:
+        return
+    if job.controller.nonflip_j5 is None:
+        raise InputError(
+            "FANUC's CONFIG needs to know which sign of J5 is N (non-flip) on this robot: give negative or positive, "
+            "or use the post fanuc_joint, which needs no CONFIG", where="controller.nonflip_j5",
+        )  # fmt: skip
+    if job.program.behind is None:
+        raise InputError("the posture of this arm is not known, so there is no CONFIG; use the post fanuc_joint",
+                         where="controller.post")  # fmt: skip
+
+
+def _notes(job: Job, used: frozenset[str]) -> Sequence[str]:
+    c = job.controller
+    notes = []
+    if c.tool_number is None or c.base_number is None:
+        notes.append("no controller.tool_number or base_number in the cell: 1 is taken")
+    if c.joint_map is None or not np.any(c.joint_map.coupling[2]):
+        notes.append("J3 is not coupled to J2 in the cell's joint_map: right only where this robot counts it so")
+    notes += [
+        _frame("UFRAME", job.T_root_workpiece),
+        _frame("UTOOL", job.T_mount_tcp),
+        "feeds are rounded to 0.1 mm/sec",
+    ]
+    return notes
+
+
+def check_slowest(job: Job) -> None:
+    """Refuse a feed that would be printed as another one.
+
+    Raises:
+        InputError: a feed below a tenth of a mm/s.
+    """
+    least = np.nanmin(job.program.feed) if (job.program.kind == LIN).any() else 1.0
+    if least < SLOWEST:
+        raise InputError(f"a feed of {least * 6e4:.3g} mm/min cannot be written: the format has steps of 6 mm/min",
+                         where="post")  # fmt: skip
+
+
+def _frame(name: str, T: Array) -> str:
+    r, p, w = abc_deg(T[:3, :3])
+    numbers = [*(T[:3, 3] * 1e3), w, p, r]
+    return f"{name} must be " + " ".join(f"{k} {v + 0.0:.3f}" for k, v in zip("XYZWPR", numbers, strict=True))
+
+
+DIALECT = Dialect(
+    columns=lambda job: {
+        **{f"t{k}": (lambda k=k: turns(job.axes_deg[:, k - 1])) for k in (1, 4, 6)},  # type: ignore[misc]
+        "flip": lambda: _flip(job),
+        "elbow": lambda: ["U" if v else "D" for v in np.asarray(job.program.elbow_up).tolist()],
+        "front": lambda: ["B" if v else "T" for v in np.asarray(job.program.behind).tolist()],
+    },
+    values=lambda job: {"tool": job.controller.tool_number or 1, "base": job.controller.base_number or 1},
+    notes=_notes,
+    check=_check,
+)

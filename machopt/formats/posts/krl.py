@@ -1,0 +1,56 @@
+"""KUKA: turn T and status S of a position, as KSS reads them on PTP (LIN ignores both).
+
+Documents disagree; this reading agrees with points recorded on robots, such as S 2,T 35 and S 6,T 50:
+
+* T, bit i: axis i+1 stands below 0°.
+* S, bit 0: the wrist root point lies behind A1.
+* S, bit 1: the elbow is up (A3 above the angle at which the arm is stretched).
+* S, bit 2: A5 is below 0°.
+
+Bits 0 and 1 come from the arm's geometry; where it has no wrist root, S is left out, never guessed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.formats.posts.columns import Array, Job
+from machopt.formats.posts.dialect import Dialect
+
+PRINTED = 5  # decimals of axis angles: a bit must agree with the number beside it
+
+
+def turn_bits(axes_deg: Array) -> NDArray[np.int64]:
+    """T (...,) of axes (..., 6) in the controller's degrees: bit i set where axis i+1 is below 0°."""
+    return np.asarray((np.round(axes_deg, PRINTED) < 0.0) @ (1 << np.arange(6)), dtype=np.int64)
+
+
+def status_bits(axes_deg: Array, behind: NDArray[np.bool_], elbow_up: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """S (...,): see the head of this file."""
+    flip = np.round(np.asarray(axes_deg)[..., 4], PRINTED) < 0.0
+    return np.asarray(behind.astype(np.int64) | elbow_up.astype(np.int64) << 1 | flip.astype(np.int64) << 2)
+
+
+def _status(job: Job) -> Array | NDArray[np.int64]:
+    p = job.program
+    if p.behind is None or p.elbow_up is None:
+        return np.full(len(p), np.nan)
+    return status_bits(job.axes_deg, p.behind, p.elbow_up)
+
+
+def _notes(job: Job, used: frozenset[str]) -> Sequence[str]:
+    notes = ["lengths mm, angles deg, $VEL.CP m/s"]
+    if job.controller.T_base_root is None:
+        notes.append("where $ROBROOT is not zero, shift MO_BASE")
+    if "status" in used and job.program.behind is None:
+        notes.append("S is left out: the arm's posture is not known (LIN does not read it)")
+    notes.append("check $LOAD for this tool before the first run; first run in T1")
+    return notes
+
+
+DIALECT = Dialect(
+    columns=lambda job: {"status": lambda: _status(job), "turn": lambda: turn_bits(job.axes_deg)}, notes=_notes
+)

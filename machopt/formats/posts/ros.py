@@ -1,0 +1,31 @@
+"""ROS trajectory_msgs/JointTrajectory: radians of the URDF's joints, times strictly rising."""
+
+from __future__ import annotations
+
+import math
+
+from machopt.errors import InputError
+from machopt.formats.posts.columns import Job
+from machopt.formats.posts.dialect import Dialect
+from machopt.formats.posts.template import Column
+
+
+def _check(job: Job, used: frozenset[str]) -> None:
+    if job.program.time is None:
+        raise InputError("a JointTrajectory needs the time of every point; write it from the control samples",
+                         where="post")  # fmt: skip
+
+
+def _seconds(job: Job, rest: bool) -> Column:
+    time = job.program.time
+    if time is None:
+        return [""] * len(job.program)
+    nano = [round(t * 1e9) for t in time.tolist()]
+    return [n % 1_000_000_000 if rest else math.floor(n / 1_000_000_000) for n in nano]
+
+
+DIALECT = Dialect(
+    columns=lambda job: {"sec": lambda: _seconds(job, False), "nanosec": lambda: _seconds(job, True)},
+    check=_check,
+    maker=False,
+)

@@ -1,0 +1,24 @@
+"""Universal Robots: everything in m, rad and rotation vectors; blend radii never overlap (columns.rounding)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from machopt.errors import InputError
+from machopt.formats.posts.columns import Job
+from machopt.formats.posts.dialect import Dialect
+
+
+def _notes(job: Job, used: frozenset[str]) -> Sequence[str]:
+    notes = ["lengths m, angles rad, speeds m/s and rad/s"]
+    if job.controller.T_base_root is None:
+        notes.append("ROS models turn base_link by 180 deg about z against the controller's base: see controller.root")
+    return notes
+
+
+def _check(job: Job, used: frozenset[str]) -> None:
+    if "step" in used and job.program.time is None:
+        raise InputError("servoj needs the time of every move; write it from the control samples", where="post")
+
+
+DIALECT = Dialect(notes=_notes, check=_check)

@@ -1,0 +1,102 @@
+"""Robot programs read back: the readers that prove our own programs, and that take foreign ones as toolpaths.
+
+They share no code with the writers in :mod:`machopt.formats.posts`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+from machopt.domain.toolpath import Toolpath
+from machopt.errors import InputError
+from machopt.formats.programs.fanuc import read_fanuc
+from machopt.formats.programs.jbi import read_jbi
+from machopt.formats.programs.krl import read_krl
+from machopt.formats.programs.parsed import ParsedProgram
+from machopt.formats.programs.rapid import read_rapid
+from machopt.formats.programs.ros import read_ros
+from machopt.formats.programs.tables import read_csv_program, read_json_program
+from machopt.formats.programs.toolpath import Forward, to_toolpath
+from machopt.formats.programs.urscript import read_urscript
+from machopt.formats.programs.val3 import read_val3
+from machopt.formats.source import ReadOptions, Source, decode, read_bytes
+
+__all__ = ["ParsedProgram", "is_program", "read_program", "read_program_as_toolpath"]
+
+_HEAD_LINES = 400
+
+
+def _has(pattern: str) -> re.Pattern[str]:
+    return re.compile(pattern, re.MULTILINE)
+
+
+_READERS: tuple[tuple[str, re.Pattern[str], Callable[[Source, float, bool], ParsedProgram]], ...] = (
+    ("URScript", _has(r"^\s*(?:def|thread)\s+\w+\(.*\)\s*:|^\s*(?:movej|movel|movep|servoj)\("), read_urscript),
+    ("KUKA KRL", _has(r"(?i)^\s*(?:&ACCESS|(?:GLOBAL\s+)?DEF(?:DAT)?\s+\w+)"), read_krl),
+    ("ABB RAPID", _has(r"(?i)^\s*(?:%%%|MODULE\s+\w+|(?:LOCAL\s+)?PROC\s+\w+\s*\()"), read_rapid),
+    ("FANUC", _has(r"^\s*/PROG\b"), read_fanuc),
+    ("Yaskawa", _has(r"^\s*/JOB\b"), read_jbi),
+    ("Staubli VAL3", _has(r"staubli\.com/robotics/VAL3|<Project[\s>]|<Programs[\s>]|<Database[\s>]"), read_val3),
+    ("program table", _has(r"^# machopt_program\b|^item,.*\bq1_deg\b"), read_csv_program),
+    ("program JSON", _has(r'\A\s*\{\s*"machopt_program"'), read_json_program),
+    ("ROS JointTrajectory", _has(r'^"?joint_names"?\s*:|^\s*\{.*"joint_names"\s*:'), read_ros),
+)
+
+
+def is_program(source: Source) -> bool:
+    """True where the text is a robot program of a kind that is read here."""
+    return _reader(source) is not None
+
+
+def read_program(path: Path | str, options: ReadOptions | None = None) -> ParsedProgram:
+    """Read a robot program with what it calls from its own folder.
+
+    Args:
+        path: .src, .mod, .ls, .script, .pjx, .JBI, .csv, .json or .yaml; the content decides.
+        options: arc tolerance and strictness.
+
+    Raises:
+        InputError: names file and line, what was found and what would work.
+    """
+    options = options or ReadOptions()
+    source = _source(Path(path))
+    reader = _reader(source)
+    if reader is None:
+        known = ", ".join(name for name, _, _ in _READERS)
+        raise source.error(f"is not recognised as a robot program; readable are {known}")
+    return reader(source, options.arc_tolerance, options.strict)
+
+
+def read_program_as_toolpath(
+    path: Path | str, options: ReadOptions | None = None, *, tool_axis: str = "-z", forward: Forward | None = None
+) -> Toolpath:
+    """Read a robot program as a toolpath.
+
+    Args:
+        path: as for :func:`read_program`.
+        options: default feed, strictness, arc tolerance.
+        tool_axis: the direction of the program's tool frame that points from the tip to the shank: −z where the tool
+            frame's z points out of the tool, as it should.
+        forward: poses of joint targets, where the robot is known.
+
+    Raises:
+        InputError: see :func:`read_program`, and where the program has no path that could be planned anew.
+    """
+    options = options or ReadOptions()
+    program = read_program(path, options)
+    return to_toolpath(program, _source(Path(path)), options, tool_axis, forward)
+
+
+def _source(path: Path) -> Source:
+    data = read_bytes(path)
+    if data[:2] in (b"\x1f\x8b", b"PK"):
+        what = "a PolyScope program (.urp)" if path.suffix.lower() == ".urp" else "compressed"
+        raise InputError(f"is {what}, which is packed; save it as a script or text program", file=path)
+    return decode(path, data)
+
+
+def _reader(source: Source) -> Callable[[Source, float, bool], ParsedProgram] | None:
+    head = "\n".join(source.lines[:_HEAD_LINES])
+    return next((reader for _, pattern, reader in _READERS if pattern.search(head)), None)

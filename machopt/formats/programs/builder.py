@@ -1,0 +1,293 @@
+"""Collects moves, frames, events and unknown words while a reader follows a program."""
+
+from __future__ import annotations
+
+import math
+import re
+from array import array
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from machopt.domain.toolpath import Event, IgnoredWord, Move
+from machopt.errors import InputError
+from machopt.formats.arcs import ArcError, arc
+from machopt.formats.programs.parsed import JOINT, LINEAR, Array, Frame, ParsedProgram
+from machopt.formats.programs.rotations import Rows, between
+from machopt.formats.source import Source
+
+MOST_MOVES = 1_000_000
+MOST_STEPS = 2_000_000  # statements carried out: loops that end are shorter
+FARTHEST = 1e3  # m; no robot cell is larger, so the number is a fault
+MOST_DEGREES = 1e5  # of an axis
+NO_TIME = math.nan
+_MOVES = {m.word: m for m in Move}
+_CAM_KINDS = (
+    (re.compile(r"\s*(?:SPINDL|S\d|M0?[345]\b)", re.IGNORECASE), "spindle"),
+    (re.compile(r"\s*(?:COOLNT|M0?[789]\b)", re.IGNORECASE), "coolant"),
+    (re.compile(r"\s*(?:LOADTL|TURRET|TOOLNO|T\d)", re.IGNORECASE), "tool"),
+    (re.compile(r"\s*(?:DELAY|DWELL|G0?4\b)", re.IGNORECASE), "dwell"),
+    (re.compile(r"\s*(?:STOP|OPSTOP|M0?[01]\b)", re.IGNORECASE), "stop"),
+)
+_LABEL = re.compile(r"\s*(operation|move|CAM)\s*:\s?(.*)", re.IGNORECASE)
+
+
+@dataclass
+class Builder:
+    """One program in the making. Positions in m, angles in deg, feeds in m/s."""
+
+    source: Source
+    dialect: str
+    arc_tolerance: float
+    strict: bool = False
+    name: str = ""
+    files: list[Path] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    feed: float = math.nan
+    last: Array | None = None  # (4, 4) the pose the robot stands at in the active base, None where unknown
+    _numbers: array[float] = field(default_factory=lambda: array("d"))  # 6 axes, 12 pose, feed, blend, time
+    _codes: array[int] = field(default_factory=lambda: array("i"))  # kind base tool move operation line
+    _external: list[tuple[float, ...]] = field(default_factory=list)
+    _configuration: list[Mapping[str, object]] = field(default_factory=list)
+    _bases: list[Frame] = field(default_factory=list)
+    _tools: list[Frame] = field(default_factory=list)
+    _base: int = 0
+    _tool: int = 0
+    _events: list[Event] = field(default_factory=list)
+    _fresh: bool = False  # the last event is a comment from the CAM file that a statement may still explain
+    _operations: list[str] = field(default_factory=list)
+    _operation: int = -1
+    _word: Move = Move.CUT
+    _told: bool = False  # a comment said what kind of move follows
+    _ignored: dict[tuple[str, bool], list[int]] = field(default_factory=dict)
+    _steps: int = 0
+
+    def __len__(self) -> int:
+        return len(self._codes) // 6
+
+    def error(self, message: str, line: int | None = None, source: Source | None = None) -> InputError:
+        return (source or self.source).error(message, line)
+
+    def step(self, line: int) -> None:
+        """Count a statement that is carried out.
+
+        Raises:
+            InputError: the program does not end.
+        """
+        self._steps += 1
+        if self._steps > MOST_STEPS:
+            raise self.error(f"more than {MOST_STEPS} statements are carried out: a loop does not end here", line)
+
+    # ---- moves
+
+    def joint(
+        self, axes_deg: Sequence[float], line: int, *, kind: int = JOINT, feed: float = math.nan,
+        blend: float = 0.0, time: float = NO_TIME, external: Sequence[float] = (),
+        configuration: Mapping[str, object] | None = None, pose: Array | None = None,
+    ) -> None:  # fmt: skip
+        """A target in axes (6 numbers; NaN where only pulses are known); ``pose`` where the file gives it too."""
+        for value in axes_deg:
+            if abs(value) > MOST_DEGREES or math.isinf(value):
+                raise self.error(f"axis at {value:g} degrees; expected a position of a robot's axis", line)
+        self._add(kind, tuple(axes_deg), pose, feed, blend, time, external, configuration, line)
+        self.last = pose
+
+    def pose(
+        self, kind: int, rows: Rows, x: float, y: float, z: float, line: int, *, feed: float = math.nan,
+        blend: float = 0.0, external: Sequence[float] = (), configuration: Mapping[str, object] | None = None,
+    ) -> None:  # fmt: skip
+        """A target as a pose, position in m."""
+        a, b, c, d, e, f, g, h, i = rows
+        T = np.array([[a, b, c, x], [d, e, f, y], [g, h, i, z], [0.0, 0.0, 0.0, 1.0]])
+        self.placed(kind, T, line, feed=feed, blend=blend, external=external, configuration=configuration)
+
+    def placed(
+        self, kind: int, T: Array, line: int, *, feed: float = math.nan, blend: float = 0.0,
+        external: Sequence[float] = (), configuration: Mapping[str, object] | None = None,
+    ) -> None:  # fmt: skip
+        """A target as a pose (4, 4)."""
+        x, y, z = T[:3, 3].tolist()
+        if not all(math.isfinite(v) and abs(v) <= FARTHEST for v in (x, y, z)):
+            raise self.error(f"target at {x:g}, {y:g}, {z:g} m; expected a place in a robot cell", line)
+        self._add(kind, None, T, feed, blend, NO_TIME, external, configuration, line)
+        self.last = T
+
+    def circle(
+        self, via: Array, end: Array, line: int, *, feed: float, blend: float, external: Sequence[float] = (),
+        configuration: Mapping[str, object] | None = None, sweep: float | None = None,
+    ) -> None:  # fmt: skip
+        """An arc from where the robot stands through ``via`` to ``end``, poses (4, 4), as chords.
+
+        Raises:
+            InputError: the start is not known, or the three points lie on a line.
+        """
+        if sweep is not None:
+            raise self.error("an arc given by its angle is not read; one that ends at its end point would work", line)
+        if self.last is None:
+            raise self.error("an arc begins at a joint target, whose place is not known without the robot", line)
+        start = self.last
+        p0, p1, p2 = start[:3, 3], via[:3, 3], end[:3, 3]
+        normal = np.cross(p1 - p0, p2 - p1)
+        length = np.linalg.norm(normal)
+        if not length > 1e-12:
+            raise self.error("the three points of an arc lie on a line", line)
+        n = normal / length
+        # the centre is equally far from all three points, in their plane
+        A = np.array([p1 - p0, p2 - p0, n])
+        half = np.array([(p1 @ p1 - p0 @ p0) / 2.0, (p2 @ p2 - p0 @ p0) / 2.0, n @ p0])
+        try:
+            centre = np.linalg.solve(A, half)
+            found = arc(p0, p2, centre, n, self.arc_tolerance)
+        except (ArcError, np.linalg.LinAlgError) as problem:
+            raise self.error(f"no arc through these points: {problem}", line) from None
+        share = np.arange(1, len(found.points) + 1) / len(found.points)
+        turned = between(start[:3, :3], end[:3, :3], share)
+        for k, (point, R) in enumerate(zip(found.points.tolist(), turned, strict=True)):
+            final = k + 1 == len(share)
+            T = np.eye(4)
+            T[:3, :3], T[:3, 3] = R, point
+            self.placed(LINEAR, T, line, feed=feed, blend=blend if final else math.nan, external=external,
+                        configuration=configuration)  # fmt: skip
+
+    def _add(
+        self, kind: int, axes: tuple[float, ...] | None, T: Array | None, feed: float, blend: float, time: float,
+        external: Sequence[float], configuration: Mapping[str, object] | None, line: int,
+    ) -> None:  # fmt: skip
+        if len(self) >= MOST_MOVES:
+            raise self.error(f"more than {MOST_MOVES} moves", line)
+        nan = math.nan
+        self._numbers.extend(axes if axes is not None else (nan,) * 6)
+        self._numbers.extend(T[:3].ravel().tolist() if T is not None else (nan,) * 12)
+        self._numbers.extend((feed if feed > 0.0 and math.isfinite(feed) else nan, blend, time))
+        move = Move.RAPID if kind == JOINT else self._word
+        if not self._bases:
+            self.set_base(Frame("base", None))
+        if not self._tools:
+            self.set_tool(Frame("tool", None))
+        self._codes.extend((kind, self._base, self._tool, move, self._operation, line))
+        self._external.append(tuple(external))
+        self._configuration.append(configuration or {})
+        self._fresh = False
+
+    # ---- frames
+
+    def set_base(self, frame: Frame) -> None:
+        """The frame that poses are given in from here on."""
+        self._base = _index(self._bases, frame)
+
+    def set_tool(self, frame: Frame) -> None:
+        self._tool = _index(self._tools, frame)
+
+    # ---- what is no move
+
+    def comment(self, text: str) -> None:
+        """A comment: our own ones name operations, kinds of move and events of the CAM file."""
+        found = _LABEL.fullmatch(text)
+        if found is None:
+            return
+        word, rest = found.group(1).lower(), found.group(2).strip()
+        if word == "operation":
+            self.begin(rest)
+        elif word == "move":
+            self.word(rest.lower())
+            self._told = True
+        else:
+            self.event(rest, fresh=True)
+
+    def begin(self, label: str) -> None:
+        """Moves from here on belong to this operation."""
+        if not label or (self._operation >= 0 and self._operations[self._operation] == label):
+            return
+        if label not in self._operations:
+            self._operations.append(label)
+        self._operation = self._operations.index(label)
+
+    def word(self, word: str) -> None:
+        """Moves from here on are of this kind."""
+        self._word = _MOVES.get(word, self._word)
+
+    @property
+    def streamed_kind(self) -> int:
+        """Kind of a streamed joint target: linear where a comment says that the tool is led along the path."""
+        return LINEAR if self._told and self._word != Move.RAPID else JOINT
+
+    def event(self, text: str, kind: str | None = None, value: float = math.nan, *, fresh: bool = False) -> None:
+        """Something that happens before the next move; a statement right after a CAM comment explains that one."""
+        if self._fresh and not fresh:
+            last = self._events[-1]
+            known = kind if kind is not None and kind != "comment" else last.kind
+            self._events[-1] = Event(last.index, known, last.text, value if math.isfinite(value) else last.value)  # type: ignore[arg-type]
+            self._fresh = False
+            return
+        if kind is None:
+            kind = next((k for pattern, k in _CAM_KINDS if pattern.match(text)), "comment")
+        self._events.append(Event(len(self), kind, text[:200], value))  # type: ignore[arg-type]
+        self._fresh = fresh
+
+    def ignore(self, word: str, line: int, *, understood: bool) -> None:
+        """Count a statement without effect here; with ``strict`` the first not understood one is refused."""
+        key = (word[:40], understood)
+        entry = self._ignored.setdefault(key, [0, line])
+        entry[0] += 1
+        if self.strict and not understood and entry[0] == 1:
+            raise self.error(f"{word[:40]!r} is not understood and strict reading was asked for", line)
+
+    def warn_once(self, message: str, line: int | None = None) -> None:
+        if not any(w.endswith(message) for w in self.warnings):
+            self.warnings.append(message if line is None else f"line {line}: {message}")
+
+    def build(self) -> ParsedProgram:
+        """The finished program.
+
+        Raises:
+            InputError: it moves nothing.
+        """
+        n = len(self)
+        if n == 0:
+            raise self.error("holds no moves that can be read; expected a program with joint or linear moves")
+        numbers = np.frombuffer(self._numbers, dtype=np.float64).reshape(n, 21)
+        codes = np.frombuffer(self._codes, dtype=np.int32).reshape(n, 6)
+        T = np.full((n, 4, 4), np.nan)
+        T[:, :3] = numbers[:, 6:18].reshape(n, 3, 4)
+        T[:, 3] = 0.0, 0.0, 0.0, 1.0
+        most = max(len(e) for e in self._external)
+        external = np.full((n, most), np.nan)
+        for k, row in enumerate(self._external):
+            external[k, : len(row)] = row
+        strange = [w for (w, understood) in self._ignored if not understood]
+        if strange:
+            some = ", ".join(strange[:8]) + (f" and {len(strange) - 8} more" if len(strange) > 8 else "")
+            self.warnings.append(f"not understood: {some}")
+        return ParsedProgram(
+            dialect=self.dialect, name=self.name or self.source.path.stem,
+            files=tuple(dict.fromkeys([self.source.path, *self.files])),
+            kind=codes[:, 0].astype(np.int8), axes_deg=numbers[:, :6].copy(), T_base_tcp=T, feed=numbers[:, 18].copy(),
+            blend=numbers[:, 19].copy(), time=numbers[:, 20].copy(), external=external,
+            configuration=tuple(self._configuration), base=codes[:, 1].copy(), tool=codes[:, 2].copy(),
+            bases=tuple(self._bases), tools=tuple(self._tools), move=codes[:, 3].astype(np.int8),
+            operation=codes[:, 4].copy(), operations=tuple(self._operations), events=tuple(self._events),
+            line=codes[:, 5].copy(), warnings=tuple(self.warnings),
+            ignored=tuple(IgnoredWord(w, c, at, u) for (w, u), (c, at) in self._ignored.items()),
+        )  # fmt: skip
+
+
+def _index(frames: list[Frame], frame: Frame) -> int:
+    for k, other in enumerate(frames):
+        same = (frame.T is None and other.T is None) or (
+            frame.T is not None and other.T is not None and np.array_equal(frame.T, other.T)
+        )
+        if other.name == frame.name and same:
+            return k
+    frames.append(frame)
+    return len(frames) - 1
+
+
+def number(text: str) -> float | None:
+    """A finite number, or None."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) and "_" not in text else None

@@ -1,0 +1,321 @@
+"""FANUC TP programs as text (.ls): motion lines of /MN with the positions of /POS."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+
+from machopt.formats.programs.builder import Builder, number
+from machopt.formats.programs.nearby import called
+from machopt.formats.programs.parsed import JOINT, LINEAR, Array, Frame, ParsedProgram
+from machopt.formats.programs.rotations import fixed_xyz, matrix
+from machopt.formats.source import Source
+
+_LINE = re.compile(r"\s*(\d*)\s*:\s*(.*)")
+_MOTION = re.compile(r"([JLCA])\s+(PR?)\s*\[\s*(\d+)\s*(?::[^\]]*)?\]\s*(.*)")
+_POSITION = re.compile(r"(PR?)\s*\[\s*(\d+)\s*(?::[^\]]*)?\]\s*(.*)")
+_SPEED = re.compile(r"(\d*\.?\d+)\s*(%|mm/sec|cm/min|inch/min|in/min|deg/sec|msec|sec)", re.IGNORECASE)
+_END = re.compile(r"\b(FINE|CNT\s*\d+|CD\s*\d+|CR\s*\d+|CNT\s*R\[\d+\])", re.IGNORECASE)
+_P = re.compile(r"P\s*\[\s*(\d+)\s*(?::[^\]]*)?\]\s*\{(.*?)\}\s*;", re.DOTALL)
+_GROUP = re.compile(r"GP(\d)\s*:?")
+_ITEM = re.compile(r"\b([XYZWPRJE]\d?)\s*=\s*([-+.\d]+(?:[eE][-+]?\d+)?|\*+)\s*(mm|deg|in)?")
+_FRAME = re.compile(r"\b(UF|UT)\s*:\s*(\d+|F)")
+_CONFIG = re.compile(r"CONFIG\s*:?\s*'([^']*)'")
+_FRAME_NUMBER = re.compile(r"(UFRAME|UTOOL)_NUM\s*=\s*(\d+)")
+_TO_M_S = {"mm/sec": 1e-3, "cm/min": 1e-2 / 60.0, "inch/min": 0.0254 / 60.0, "in/min": 0.0254 / 60.0}
+_MODIFIER = re.compile(
+    r"(?:ACC\s*\d+|COORD|PTH|WJNT|RTCP|BREAK|MROT|EV\s*\d+%?|IND|AP_LD[\d.]*|RT_LD[\d.]*|PSPD\s*\d+|CR\s*\d+)$"
+)
+_QUIET = re.compile(
+    r"(?:PAYLOAD|TOOL_OFFSET CONDITION|OVERRIDE|JOINT_MAX_SPEED|LINEAR_MAX_SPEED|COL |\$|TIMER|MESSAGE|REMARK|UALM|"
+    r"RSR|"
+    r"PARAM|LOCK|UNLOCK|MONITOR|R\[|PR\[|SR\[|F\[|GO\[|AO\[|POINT_LOGIC|-+$|TC_ONLINE|PALLETIZING)"
+)
+_EVENT = re.compile(r"(?:DO|RO|SO|M)\[|ARC |Arc |Weave|WEAVE|SPOT|Spot|WAIT|PULSE")
+_JUMP = re.compile(r"(?:JMP\b|FOR\b|ENDFOR\b|SELECT\b|SKIP\b|.*\bJMP\s+LBL)")
+_DEEPEST = 20
+
+
+@dataclass(frozen=True)
+class Position:
+    """One P[n]: a pose or axes of group 1, and the other groups' axes."""
+
+    line: int
+    values: dict[str, float]
+    user_frame: int | None
+    tool: int | None
+    configuration: dict[str, object]
+    others: tuple[float, ...]
+    fault: str = ""
+
+
+@dataclass
+class Part:
+    """One .ls file."""
+
+    source: Source
+    name: str = ""
+    lines: list[tuple[int, str]] = field(default_factory=list)
+    positions: dict[int, Position] = field(default_factory=dict)
+    ended: bool = False
+
+
+def read_fanuc(source: Source, arc_tolerance: float, strict: bool = False) -> ParsedProgram:
+    """Read a FANUC program.
+
+    Raises:
+        InputError: names file and line, what was found and what would work.
+    """
+    out = Builder(source, "fanuc", arc_tolerance, strict)
+    return _Reader(out).run()
+
+
+class _Reader:
+    def __init__(self, out: Builder) -> None:
+        self.out = out
+        self.user_frame: int | None = None
+        self.tool: int | None = None
+        self.moves = 0
+        self.jump: tuple[int, str, Source] | None = None
+
+    def run(self) -> ParsedProgram:
+        part = _split(self.out.source)
+        self.out.name = part.name or self.out.source.path.stem
+        if not part.ended:
+            self.out.warn_once("no /END: the file may be cut off", len(self.out.source.lines))
+        self.follow(part, 0)
+        if self.jump is not None and self.moves:
+            line, text, source = self.jump
+            raise self.out.error(f"{text[:30]!r} decides while the robot runs: the order of moves is not known here; "
+                                 "expand the program first", line, source)  # fmt: skip
+        return self.out.build()
+
+    def follow(self, part: Part, depth: int) -> None:
+        if depth > _DEEPEST:
+            raise self.out.error(f"calls are nested more than {_DEEPEST} deep, or {part.name} calls itself")
+        pending: tuple[int, str, str, str, int] | None = None  # C with its first point
+        for line, text in part.lines:
+            self.out.step(line)
+            if pending is not None:
+                second = _POSITION.match(text)
+                if second is None:
+                    raise self.out.error("a circular move C has no second position", line, part.source)
+                self.circle(part, pending, second, line)
+                pending = None
+                continue
+            motion = _MOTION.fullmatch(text)
+            if motion is None:
+                self.other(text, line, part, depth)
+                continue
+            if motion.group(1) == "A":
+                raise self.out.error("circular moves A are not read; C or L would work", line, part.source)
+            if motion.group(1) == "C":
+                second = re.search(r"(PR?)\s*\[\s*(\d+)\s*(?::[^\]]*)?\]\s*(.*)", motion.group(4))
+                first = (line, motion.group(1), motion.group(2), motion.group(3), line)
+                if second is not None:
+                    self.circle(part, first, second, line)
+                else:
+                    pending = first
+                continue
+            self.motion(part, motion, line)
+        if pending is not None:
+            raise self.out.error("a circular move C has no second position", pending[0], part.source)
+
+    # ---- motion
+
+    def position(self, part: Part, kind: str, index: str, line: int) -> Position:
+        if kind == "PR":
+            raise self.out.error(
+                f"PR[{index}] is a position register: the controller holds it, the program does not", line, part.source
+            )
+        found = part.positions.get(int(index))
+        if found is None:
+            raise self.out.error(f"P[{index}] is not in /POS", line, part.source)
+        if found.fault:
+            raise self.out.error(f"P[{index}]: {found.fault}", found.line, part.source)
+        if found.user_frame is not None and self.user_frame is not None and found.user_frame != self.user_frame:
+            self.out.warn_once(
+                f"P[{index}] is taught in user frame {found.user_frame}, but {self.user_frame} is active", line
+            )
+        frame = found.user_frame if found.user_frame is not None else self.user_frame
+        tool = found.tool if found.tool is not None else self.tool
+        self.out.set_base(Frame(f"UFRAME {frame}" if frame is not None else "UFRAME", None))
+        self.out.set_tool(Frame(f"UTOOL {tool}" if tool is not None else "UTOOL", None))
+        return found
+
+    def motion(self, part: Part, motion: re.Match[str], line: int) -> None:
+        self.moves += 1
+        found = self.position(part, motion.group(2), motion.group(3), line)
+        kind = JOINT if motion.group(1) == "J" else LINEAR
+        feed, blend = self.tail(motion.group(4), line, part)
+        if "J1" in found.values:
+            axes = [found.values.get(f"J{k}", math.nan) for k in range(1, 7)]
+            if any(math.isnan(v) for v in axes):
+                raise self.out.error(f"P[{motion.group(3)}] has no six axes", found.line, part.source)
+            self.out.joint(axes, line, kind=kind, feed=feed if kind == LINEAR else math.nan, blend=blend,
+                           external=found.others)  # fmt: skip
+            return
+        v = found.values
+        rows = fixed_xyz(v["W"], v["P"], v["R"])
+        self.out.pose(kind, rows, v["X"] * 1e-3, v["Y"] * 1e-3, v["Z"] * 1e-3, line,
+                      feed=feed if kind == LINEAR else math.nan, blend=blend, external=found.others,
+                      configuration=found.configuration)  # fmt: skip
+
+    def circle(self, part: Part, first: tuple[int, str, str, str, int], second: re.Match[str], line: int) -> None:
+        self.moves += 1
+        via = self.position(part, first[2], first[3], first[0])
+        end = self.position(part, second.group(1), second.group(2), line)
+        feed, blend = self.tail(second.group(3), line, part)
+        poses = []
+        for p in (via, end):
+            if "X" not in p.values:
+                raise self.out.error("a circular move needs Cartesian positions", line, part.source)
+            poses.append(_pose(p.values))
+        self.out.circle(
+            poses[0], poses[1], line, feed=feed, blend=blend, external=end.others, configuration=end.configuration
+        )
+
+    def tail(self, text: str, line: int, part: Part) -> tuple[float, float]:
+        """Feed in m/s and blend in m of what stands behind a position."""
+        feed, blend = math.nan, math.nan
+        speed = _SPEED.search(text)
+        if speed is not None:
+            factor = _TO_M_S.get(speed.group(2).lower())
+            feed = float(speed.group(1)) * factor if factor is not None else math.nan
+            text = text[: speed.start()] + text[speed.end() :]
+        end = _END.search(text)
+        if end is not None:
+            word = end.group(1).upper()
+            blend = 0.0 if word == "FINE" else float(word[2:]) * 1e-3 if word.startswith(("CR", "CD")) else math.nan
+            text = text[: end.start()] + text[end.end() :]
+        for word in re.split(r"[\s]+", text.strip()):
+            if not word or _MODIFIER.match(word.upper()):
+                continue
+            if word.upper() in ("INC", "INC,"):
+                raise self.out.error("incremental moves are not read; absolute ones would work", line, part.source)
+            if re.match(r"(?:TOOL_)?OFFSET|VOFFSET", word.upper()):
+                self.out.warn_once(
+                    f"{word.rstrip(',')} shifts points while the robot runs; the points are taken as they stand", line
+                )
+            self.out.ignore(re.sub(r"\d+", "n", word), line, understood=False)
+        return feed, blend
+
+    # ---- what is no motion
+
+    def other(self, text: str, line: int, part: Part, depth: int) -> None:
+        if not text:
+            return
+        if text.startswith("!"):
+            self.out.comment(text[1:].strip())
+        elif found := _FRAME_NUMBER.match(text):
+            n = int(found.group(2))
+            if found.group(1) == "UFRAME":
+                self.user_frame = n
+                self.out.last = None
+            else:
+                self.tool = n
+        elif text.startswith("CALL"):
+            self.call(text[4:].strip(), line, part, depth)
+        elif _JUMP.match(text):
+            self.jump = self.jump or (line, text, part.source)
+            self.out.ignore(re.split(r"[\s\[]", text)[0], line, understood=True)
+        elif text.startswith(("PAUSE", "ABORT")):
+            self.out.event(text, "stop")
+        elif found := re.match(r"WAIT\s+([\d.]+)\s*\(?sec\)?", text):
+            seconds = number(found.group(1))
+            self.out.event(text, "dwell", math.nan if seconds is None else seconds)
+        elif _EVENT.match(text):
+            self.out.event(text, "comment")
+        elif text.startswith(("LBL", "IF", "ENDIF", "ELSE", "END")) or _QUIET.match(text):
+            if text.startswith("IF") and re.search(r"\bCALL\b", text):
+                self.jump = self.jump or (line, text, part.source)
+            self.out.ignore(re.split(r"[\s\[(]", text)[0], line, understood=True)
+        else:
+            self.out.ignore(re.split(r"[\s\[(]", text)[0], line, understood=False)
+
+    def call(self, name: str, line: int, part: Part, depth: int) -> None:
+        plain = re.split(r"[\s(;]", name)[0]
+        other = called(part.source.path, plain, (".ls",)) if re.fullmatch(r"\w+", plain) else None
+        if other is None:
+            self.out.event(f"CALL {name}")
+            self.out.ignore(f"CALL {plain}, which is not in this folder", line, understood=False)
+            return
+        self.out.files.append(other.path)
+        self.follow(_split(other), depth + 1)
+
+
+def _split(source: Source) -> Part:
+    """The sections of a file."""
+    part = Part(source)
+    section = ""
+    open_line, text = 0, ""
+    pos_from = len(source.lines)
+    for n, raw in enumerate(source.lines, 1):
+        word = raw.strip()
+        if word.startswith("/"):
+            section = word.split()[0].upper()
+            if section == "/PROG":
+                part.name = [*word.split(), ""][1]
+            elif section == "/POS":
+                pos_from = n
+            elif section.startswith("/END"):
+                part.ended = True
+                break
+            continue
+        if section != "/MN" or not word:
+            continue
+        found = _LINE.fullmatch(raw)
+        body = found.group(2) if found is not None else word
+        open_line, text = (n, body) if not text else (open_line, f"{text} {body}")
+        if ";" in text:
+            part.lines.append((open_line, text.split(";")[0].strip()))
+            text = ""
+    if text:
+        part.lines.append((open_line, text.strip()))
+    _positions(part, pos_from)
+    return part
+
+
+def _positions(part: Part, start: int) -> None:
+    text = "\n".join(part.source.lines[start:])
+    line, at = start + 1, 0
+    for found in _P.finditer(text):
+        line += text.count("\n", at, found.start())
+        at = found.start()
+        index, body = int(found.group(1)), found.group(2)
+        groups = _GROUP.split(body)
+        sections = {groups[k]: groups[k + 1] for k in range(1, len(groups) - 1, 2)} or {"1": body}
+        first = sections.get("1", "")
+        values, fault = _values(first)
+        frames = {k: (None if v == "F" else int(v)) for k, v in _FRAME.findall(first)}
+        bits: dict[str, object] = {}
+        config = _CONFIG.search(first)
+        if config is not None:
+            words = [w.strip() for w in config.group(1).split(",")]
+            bits["config"] = "".join(words[0].split())
+            turns = [number(w) for w in words[1:]]
+            bits["turns"] = tuple(int(t) for t in turns if t is not None)
+        others = [values[k] for k in sorted(values) if k.startswith("E")]
+        for group in sorted(sections):
+            if group != "1":
+                more, trouble = _values(sections[group])
+                fault = fault or trouble
+                others += [more[k] for k in sorted(more)]
+        if not fault and "J1" not in values and not {"X", "Y", "Z", "W", "P", "R"} <= set(values):
+            fault = "found neither J1 … J6 nor X, Y, Z, W, P, R"
+        part.positions[index] = Position(line, values, frames.get("UF"), frames.get("UT"), bits, tuple(others), fault)
+
+
+def _values(text: str) -> tuple[dict[str, float], str]:
+    out: dict[str, float] = {}
+    for name, value, unit in _ITEM.findall(text):
+        known = number(value)
+        if known is None:
+            return out, f"{name} is not taught ({value[:12]})"
+        out[name] = known * (25.4 if unit == "in" else 1.0)
+    return out, ""
+
+
+def _pose(v: dict[str, float]) -> Array:
+    return matrix(fixed_xyz(v["W"], v["P"], v["R"]), v["X"] * 1e-3, v["Y"] * 1e-3, v["Z"] * 1e-3)

@@ -1,0 +1,212 @@
+"""Yaskawa INFORM jobs (.JBI): positions of //POS with the instructions of //INST."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+
+from machopt.formats.programs.builder import Builder, number
+from machopt.formats.programs.nearby import called
+from machopt.formats.programs.parsed import JOINT, LINEAR, Frame, ParsedProgram
+from machopt.formats.programs.rotations import fixed_xyz
+from machopt.formats.source import Source
+
+_POSITION = re.compile(r"((?:E|B)?(?:C|P|EX|BP)\d+)\s*=\s*(.*)")
+_REFERENCE = re.compile(r"\b((?:C|P)\d+)\b")
+_OPTION = re.compile(r"\b(VJ|VR|VE|V|PL|CR|ACC|DEC|NWAIT|FPT)\s*=?\s*(\d+\.?\d*|\.\d+)?")
+_QUIET = re.compile(
+    r"(?:NOP|END|SETE|SETTOOL|MSG|COMM|SPEED|CLEAR|SET|INC|DEC|ADD|SUB|MUL|DIV|ARATION|REFP|SFTON|SFTOF|GETE|GETS|MFRAME|CNVRT)\b"
+)
+_EVENT = re.compile(r"(?:DOUT|AOUT|PULSE|WAIT|ARCON|ARCOF|TOOLON|TOOLOF|SPINDLE|AND|OR|NOT)\b")
+_JUMP = re.compile(r"(?:JUMP|IFTHEN|ELSE|ENDIF|WHILE|ENDWHILE|FOR|NEXT|CASE|SWITCH|RET)\b")
+_DEEPEST = 20
+_DEFAULT_V = "V is taken in mm/s, the default of the controller's unit setting"
+
+
+@dataclass(frozen=True)
+class Position:
+    line: int
+    kind: str  # PULSE, ANGLE, RECTAN
+    values: tuple[float, ...]
+    base: str
+    tool: str
+    configuration: dict[str, object]
+
+
+@dataclass
+class Job:
+    source: Source
+    name: str = ""
+    lines: list[tuple[int, str]] = field(default_factory=list)
+    positions: dict[str, Position] = field(default_factory=dict)
+    ended: bool = False
+
+
+def read_jbi(
+    source: Source, arc_tolerance: float, strict: bool = False, pulses_per_deg: tuple[float, ...] | None = None
+) -> ParsedProgram:
+    """Read a job.
+
+    Args:
+        source: the .JBI.
+        arc_tolerance: m, of chords.
+        strict: refuse the first word that is not understood.
+        pulses_per_deg: six numbers that turn pulses into degrees; without them pulse positions have no axes.
+
+    Raises:
+        InputError: names file and line, what was found and what would work.
+    """
+    return _Reader(Builder(source, "jbi", arc_tolerance, strict), pulses_per_deg).run()
+
+
+class _Reader:
+    def __init__(self, out: Builder, pulses_per_deg: tuple[float, ...] | None) -> None:
+        self.out, self.scale = out, pulses_per_deg
+        self.jump: tuple[int, str, Source] | None = None
+
+    def run(self) -> ParsedProgram:
+        job = _split(self.out)
+        self.out.name = job.name or self.out.source.path.stem
+        if not job.ended:
+            self.out.warn_once("no END: the file may be cut off", len(self.out.source.lines))
+        self.follow(job, 0)
+        if self.jump is not None and len(self.out):
+            line, text, source = self.jump
+            raise self.out.error(f"{text[:30]!r} decides while the robot runs: the order of moves is not known here; "
+                                 "expand the job first", line, source)  # fmt: skip
+        return self.out.build()
+
+    def follow(self, job: Job, depth: int) -> None:
+        if depth > _DEEPEST:
+            raise self.out.error(f"calls are nested more than {_DEEPEST} deep, or {job.name} calls itself")
+        for line, text in job.lines:
+            self.out.step(line)
+            word = text.split(" ")[0]
+            if text.startswith("'"):
+                self.out.comment(text[1:].strip())
+            elif word in ("MOVJ", "MOVL", "IMOV", "MOVC", "MOVS", "EIMOVL", "SMOVJ", "SMOVL"):
+                self.motion(job, word, text[len(word) :], line)
+            elif word == "CALL":
+                self.call(job, text, line, depth)
+            elif word == "TIMER":
+                seconds = number(text.split("=")[-1].strip())
+                self.out.event(text, "dwell", math.nan if seconds is None else seconds)
+            elif word in ("PAUSE", "ABORT"):
+                self.out.event(text, "stop")
+            elif _EVENT.match(text):
+                self.out.event(text, "comment")
+            elif _JUMP.match(text):
+                self.jump = self.jump or (line, text, job.source)
+                self.out.ignore(word, line, understood=True)
+            else:
+                known = bool(_QUIET.match(text)) or text.startswith(("*", "///"))
+                self.out.ignore("label" if text.startswith("*") else word, line, understood=known)
+
+    def motion(self, job: Job, word: str, rest: str, line: int) -> None:
+        if word not in ("MOVJ", "MOVL"):
+            raise self.out.error(f"{word} is not read; MOVJ and MOVL would work", line, job.source)
+        reference = _REFERENCE.search(rest)
+        if reference is None:
+            raise self.out.error(f"{word} without a position", line, job.source)
+        found = job.positions.get(reference.group(1))
+        if found is None:
+            raise self.out.error(
+                f"{reference.group(1)} is not in //POS: the controller holds it, the job does not", line, job.source
+            )
+        options = {k: number(v) for k, v in _OPTION.findall(rest)}
+        for strange in _OPTION.sub(" ", _REFERENCE.sub(" ", rest)).split():
+            self.out.ignore(strange, line, understood=False)
+        kind = JOINT if word == "MOVJ" else LINEAR
+        feed = math.nan
+        if kind == LINEAR and options.get("V") is not None:
+            feed = float(options["V"] or 0.0) * 1e-3
+            self.out.warn_once(_DEFAULT_V)
+        blend = 0.0 if options.get("PL") == 0.0 else math.nan  # without PL the controller rounds as it is set up
+        if options.get("CR") is not None:
+            blend = float(options["CR"] or 0.0) * 1e-3
+        self.out.set_base(Frame(found.base, None))
+        self.out.set_tool(Frame(found.tool, None))
+        if found.kind == "RECTAN":
+            x, y, z, w, p, r = found.values[:6]
+            self.out.pose(kind, fixed_xyz(w, p, r), x * 1e-3, y * 1e-3, z * 1e-3, line, feed=feed, blend=blend,
+                          external=found.values[6:], configuration=found.configuration)  # fmt: skip
+            return
+        axes = list(found.values[:6])
+        configuration = dict(found.configuration)
+        if found.kind == "PULSE":
+            configuration["pulses"] = tuple(int(v) for v in axes)
+            axes = [math.nan] * 6 if self.scale is None else [v / s for v, s in zip(axes, self.scale, strict=True)]
+        self.out.joint(
+            axes, line, kind=kind, feed=feed, blend=blend, external=found.values[6:], configuration=configuration
+        )
+
+    def call(self, job: Job, text: str, line: int, depth: int) -> None:
+        found = re.match(r"CALL\s+JOB\s*:\s*(\S+)", text)
+        name = found.group(1) if found else ""
+        other = called(job.source.path, name, (".jbi",)) if re.fullmatch(r"[\w.-]+", name) else None
+        if other is None:
+            self.out.event(text)
+            self.out.ignore(f"{text[:24]}, which is not in this folder", line, understood=False)
+            return
+        self.out.files.append(other.path)
+        self.follow(_split(self.out, other), depth + 1)
+
+
+def _split(out: Builder, source: Source | None = None) -> Job:
+    """Positions and instructions of a job."""
+    job = Job(source or out.source)
+    section, kind, base, tool = "", "PULSE", "robot", "TOOL 0"
+    rconf: dict[str, object] = {}
+    for n, raw in enumerate(job.source.lines, 1):
+        text = raw.strip()
+        if not text:
+            continue
+        if text.startswith("//") and not text.startswith("///"):
+            section = text.split()[0].upper()
+            if section == "//NAME":
+                job.name = text[6:].strip()
+            continue
+        if section == "//INST":
+            if text == "END":
+                job.ended = True
+                break
+            if not text.startswith("///"):
+                job.lines.append((n, text))
+            continue
+        if section != "//POS":
+            continue
+        words = text.split()
+        head = words[0].upper()
+        if head == "///TOOL":
+            tool = f"TOOL {words[1]}" if len(words) > 1 else tool
+        elif head == "///USER":
+            base = f"USER {words[1]}" if len(words) > 1 else base
+        elif head == "///POSTYPE":
+            what = words[1].upper() if len(words) > 1 else ""
+            base = base if what == "USER" else what.lower() or base
+        elif head in ("///PULSE", "///ANGLE", "///RECTAN", "///CYLNDR", "///POLAR"):
+            kind = head[3:]
+        elif head == "///RCONF":
+            bits = [number(w) for w in text[8:].split(",")]
+            rconf = {"rconf": tuple(int(b) for b in bits[:6] if b is not None)}
+        elif not text.startswith("///"):
+            _position(out, job, text, n, kind, base, tool, rconf)
+    return job
+
+
+def _position(
+    out: Builder, job: Job, text: str, line: int, kind: str, base: str, tool: str, rconf: dict[str, object]
+) -> None:  # fmt: skip
+    found = _POSITION.fullmatch(text)
+    if found is None:
+        out.ignore(text[:24], line, understood=False)
+        return
+    name = found.group(1)
+    values = [number(v) for v in found.group(2).split(",")]
+    known = tuple(v for v in values if v is not None)
+    if len(known) != len(values) or (len(known) < 6 and name[0] in "CP"):
+        raise out.error(f"{name} has {len(known)} numbers; expected at least 6", line, job.source)
+    if kind not in ("PULSE", "ANGLE", "RECTAN"):
+        raise out.error(f"positions as {kind} are not read; PULSE, ANGLE or RECTAN would work", line, job.source)
+    job.positions[name] = Position(line, kind, known, base, tool, dict(rconf) if kind == "RECTAN" else {})

@@ -1,0 +1,377 @@
+"""KUKA KRL: a ``.src`` with its ``.dat``, followed as the controller would, without formulas and branches."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from machopt.formats.programs.builder import MOST_MOVES, Builder
+from machopt.formats.programs.krl_files import OPENS, Line, Routine, first_word, read_module
+from machopt.formats.programs.krl_values import KrlError, Memory, Value, evaluate, split_name, whole
+from machopt.formats.programs.nearby import called, opened, siblings
+from machopt.formats.programs.parsed import JOINT, LINEAR, Array, Frame, ParsedProgram
+from machopt.formats.programs.rotations import fixed_xyz, matrix
+from machopt.formats.source import Source
+
+_MOVE = re.compile(r"((?:S?(?:PTP|LIN|CIRC)|SPL)(?:_REL)?)\s*(?=[\s{])(.*)", re.IGNORECASE)
+_DECLARE = re.compile(
+    r"(?:DECL\s+|GLOBAL\s+|CONST\s+)*(?!PTP\b|LIN\b|RETURN\b|WAIT\b)([A-Za-z_]\w*)\s+(?:GLOBAL\s+)?(\$?[A-Za-z_]\w*)\s*"
+    r"(\[[^\]]*\])?\s*((?:,[^=]*)?)(?:=(.*))?", re.IGNORECASE)  # fmt: skip
+_ASSIGN = re.compile(r"(\$?[A-Za-z_]\w*\s*(?:\[[^\]]*\])?\s*(?:\.\s*\w+\s*)*)=(?!=)(.*)")
+_CALL = re.compile(r"([A-Za-z_]\w*)\s*\((.*)\)\s*")
+_FOR = re.compile(r"FOR\s+(\w+)\s*=\s*(.+?)\s+TO\s+(.+?)(?:\s+STEP\s+(.+))?", re.IGNORECASE)
+_WITHOUT_EFFECT = re.compile(
+    r"(?:INTERRUPT|GLOBAL\s+INTERRUPT|CONTINUE|SPLINE|ENDSPLINE|INI|EXT|EXTFCT|ENDDAT|IMPORT|SIGNAL|STRUC|ENUM)\b",
+    re.IGNORECASE,
+)
+_DEEPEST = 20
+_AXES = tuple(f"A{k}" for k in range(1, 7))
+_POSE = ("X", "Y", "Z", "A", "B", "C")
+_QUIET = frozenset((
+    "$ADVANCE", "$IPO_MODE", "$ORI_TYPE", "$CIRC_TYPE", "$APO", "$ACC", "$ACC_AXIS", "$VEL_AXIS", "$OV_PRO",
+    "$BWDSTART", "$LOAD", "$VEL", "$ACT_BASE", "$ACT_TOOL", "$H_POS", "$JERK", "$ORI_CHECK",
+))  # fmt: skip
+EVENTFUL = ("$OUT", "$ANOUT", "$CYCFLAG", "$FLAG")
+
+
+def read_krl(source: Source, arc_tolerance: float, strict: bool = False) -> ParsedProgram:
+    """Read a KRL program.
+
+    Raises:
+        InputError: names file and line, what was found and what would work.
+    """
+    return _Reader(Builder(source, "krl", arc_tolerance, strict)).run()
+
+
+class _Reader:
+    def __init__(self, out: Builder) -> None:
+        self.out, self.memory, self.routines = out, Memory(), dict[str, Routine]()
+        self.corner = 0.0  # m, $APO.CDIS
+        self.returned = False  # a RETURN was reached in the routine that is followed
+        self.pose: dict[str, float] = {}  # last components, for aggregates that leave some out
+        self.axes: dict[str, float] = {}
+        self.memory.plain["$NULLFRAME"] = dict.fromkeys(_POSE, 0.0)
+
+    def run(self) -> ParsedProgram:
+        source = self.out.source
+        first = self.load(source)
+        own = called(source.path, source.path.stem, (".dat", ".src"))  # the other half of the module
+        if own is not None:
+            other = self.load(own)
+            first = first or other
+            self.out.files.append(own.path)
+        if first is None:
+            raise self.out.error("is a data list without a program; give the .src that moves to its points")
+        self.out.name = first.name
+        self.globals(source)
+        self.follow(first, 0, len(first.lines), 0)
+        return self.out.build()
+
+    # ---- reading files
+
+    def load(self, source: Source) -> Routine | None:
+        """Take in the routines and data of a file; its first routine is its program."""
+        module = read_module(source)
+        for routine in module.routines:
+            self.routines.setdefault(routine.name.upper(), routine)
+        if module.routines:
+            for line in module.strays:
+                self.out.ignore("text outside of DEF … END", line.number, understood=False)
+        if module.cut_off:
+            self.out.warn_once("the program has no END: the file may be cut off", len(source.lines))
+        for line in module.data:
+            self.declaration(line.code, line.number, source)
+        return module.routines[0] if module.routines else None
+
+    def globals(self, source: Source) -> None:
+        """GLOBAL data of the other data lists in the folder, for names that are not declared here."""
+        mine = {*self.memory.plain, *self.memory.arrays}
+        own_stem = source.path.stem.lower()
+        needed = {
+            m.group(1).upper()
+            for r in self.routines.values() for line in r.lines
+            if (m := re.match(r"(?:S?PTP|S?LIN|SPL|S?CIRC)\s+([A-Za-z_]\w*)", line.code, re.IGNORECASE))
+        } - mine  # fmt: skip
+        if not needed:
+            return
+        for file in siblings(source.path, (".dat",)):
+            if file.stem.lower() == own_stem:
+                continue
+            other = opened(file)
+            if other is None or not any("GLOBAL" in t.upper() for t in other.lines[:200]):
+                continue
+            head = "\n".join(other.lines).upper()
+            if any(re.search(rf"\b{re.escape(name)}\b", head) for name in needed):
+                self.load(other)
+                self.out.files.append(file)
+
+    def declaration(self, code: str, line: int, source: Source) -> None:
+        try:
+            assigned = _ASSIGN.fullmatch(code)
+            if assigned is not None:
+                self.assign(assigned.group(1), assigned.group(2), line)
+                return
+            found = _DECLARE.fullmatch(code)
+            if found is None:
+                self.out.ignore(first_word(code), line, understood=bool(_WITHOUT_EFFECT.match(code)))
+                return
+            name = found.group(2).upper()
+            if found.group(5) is not None:
+                value = _quietly(found.group(5), self.memory)
+                if found.group(3) is None:
+                    self.memory.put(name, None, [], value)
+            elif found.group(3) is not None:
+                self.memory.arrays.setdefault(name, {})
+            else:
+                for other in [name, *(w.strip().upper() for w in (found.group(4) or "").split(",") if w.strip())]:
+                    self.memory.plain.setdefault(other, None)
+        except KrlError as problem:
+            raise self.out.error(str(problem), line, source) from None
+
+    # ---- following the program
+
+    def follow(self, routine: Routine, start: int, stop: int, depth: int) -> None:
+        if depth > _DEEPEST:
+            raise self.out.error(f"{routine.name} calls itself, or calls are nested more than {_DEEPEST} deep")
+        k = start
+        while k < stop and not self.returned:
+            line = routine.lines[k]
+            if line.comment:
+                self.out.comment(line.comment)
+            if line.code:
+                self.out.step(line.number)
+                try:
+                    k = self.statement(routine, k, depth)
+                except KrlError as problem:
+                    raise self.out.error(str(problem), line.number, routine.source) from None
+            k += 1
+
+    def statement(self, routine: Routine, k: int, depth: int) -> int:
+        """Carry out line k; returns the last line that is done with."""
+        line = routine.lines[k]
+        code = line.code
+        word = first_word(code)
+        if word in OPENS:
+            return self.block(routine, k, word, depth)
+        if found := _MOVE.fullmatch(code):
+            self.motion(found.group(1).upper(), found.group(2), line, routine)
+        elif word in ("GOTO", "EXIT", "RETURN", "RESUME") or code.endswith(":"):
+            if word == "GOTO":
+                raise self.out.error(
+                    "GOTO: jumps are not followed; expand the program first", line.number, routine.source
+                )
+            self.out.ignore(word, line.number, understood=code.endswith(":"))
+            self.returned = word == "RETURN"
+        elif word == "WAIT":
+            seconds = (
+                _quietly(code[4:].strip()[3:], self.memory) if code[4:].strip().upper().startswith("SEC") else None
+            )
+            dwell = isinstance(seconds, float)
+            self.out.event(code, "dwell" if dwell else "comment", seconds if isinstance(seconds, float) else math.nan)
+        elif word == "HALT":
+            self.out.event(code, "stop")
+        elif found := _ASSIGN.fullmatch(code):
+            self.assign(found.group(1), found.group(2), line.number)
+        elif found := _CALL.fullmatch(code):
+            self.call(found.group(1), found.group(2), line, routine, depth)
+        elif _WITHOUT_EFFECT.match(code):
+            self.out.ignore(word, line.number, understood=True)
+        elif _DECLARE.fullmatch(code) and word not in ("PULSE", "TRIGGER", "ANIN", "ANOUT", "BRAKE", "CWRITE"):
+            self.declaration(code, line.number, routine.source)
+        else:
+            self.out.ignore(word or code, line.number, understood=False)
+        return k
+
+    def block(self, routine: Routine, k: int, word: str, depth: int) -> int:
+        line, end = routine.lines[k], routine.ends[k]
+        loop = _FOR.fullmatch(line.code) if word == "FOR" else None
+        if loop is not None:
+            first, last = whole(loop.group(2), self.memory), whole(loop.group(3), self.memory)
+            step = whole(loop.group(4), self.memory) if loop.group(4) else 1
+            if step == 0:
+                raise KrlError("FOR … STEP 0 never ends")
+            if abs(last - first) > MOST_MOVES * abs(step):
+                raise KrlError(f"FOR runs {abs(last - first) // abs(step) + 1} times; expected {MOST_MOVES} at most")
+            for value in range(first, last + (1 if step > 0 else -1), step):
+                self.memory.put(loop.group(1).upper(), None, [], float(value))
+                self.out.step(line.number)
+                self.follow(routine, k + 1, end, depth)
+            return end
+        for inner in routine.lines[k + 1 : end]:
+            calls = _CALL.fullmatch(inner.code)
+            if _MOVE.fullmatch(inner.code) or (calls and calls.group(1).upper() in self.routines):
+                raise self.out.error(f"{word} decides about moves while the robot runs: they are not known here; "
+                                     "expand the program first", line.number, routine.source)  # fmt: skip
+        self.out.ignore(f"{word} without moves inside", line.number, understood=True)
+        return end
+
+    def call(self, name: str, arguments: str, line: Line, routine: Routine, depth: int) -> None:
+        upper = name.upper()
+        if upper == "BAS":
+            self.bas(arguments)
+            return
+        target = self.routines.get(upper)
+        if target is None:
+            other = called(routine.source.path, name, (".src",))
+            if other is not None:
+                self.load(other)
+                self.out.files.append(other.path)
+                target = self.routines.get(upper)
+        if target is None:
+            self.out.event(f"{name}( )")
+            self.out.ignore(f"call of {name}, which is not in this folder", line.number, understood=False)
+            return
+        self.follow(target, 0, len(target.lines), depth + 1)
+        self.returned = False
+
+    def bas(self, arguments: str) -> None:
+        """KUKA's own set-up routine: speeds and numbered frames."""
+        what, _, value = arguments.partition(",")
+        what = what.strip().upper()
+        if what in ("#VEL_CP", "#CP_PARAMS"):
+            speed = evaluate(value, self.memory)
+            self.out.feed = speed if isinstance(speed, float) else math.nan
+        elif what == "#BASE":
+            self.frame("$BASE", f"BASE_DATA[{value.strip()}]")
+        elif what == "#TOOL":
+            self.frame("$TOOL", f"TOOL_DATA[{value.strip()}]")
+
+    def assign(self, left: str, right: str, line: int) -> None:
+        name = split_name(left, self.memory)
+        if name is None:
+            raise KrlError(f"{left.strip()[:30]!r} cannot be assigned to")
+        word, index, fields = name
+        if word in ("$BASE", "$TOOL") and not fields:
+            self.frame(word, right.strip())
+            return
+        value = _quietly(right, self.memory)
+        self.memory.put(word, index, fields, value)
+        if word == "$VEL" and (fields == ["CP"] or (not fields and isinstance(value, dict) and "CP" in value)):
+            speed = value if fields or not isinstance(value, dict) else value["CP"]
+            self.out.feed = speed if isinstance(speed, float) else math.nan
+        elif word == "$APO" and fields == ["CDIS"]:
+            self.corner = value * 1e-3 if isinstance(value, float) else math.nan
+        elif word in EVENTFUL:
+            self.out.event(f"{left.strip()}={right.strip()}", "comment")
+        elif word.startswith("$") and word not in _QUIET:
+            self.out.ignore(f"{word}=", line, understood=False)
+
+    def frame(self, word: str, text: str) -> None:
+        value = _quietly(text, self.memory)
+        known = isinstance(value, dict) and all(isinstance(value.get(c), float) for c in _POSE)
+        frame = Frame(text, _placed({c: float(value[c]) for c in _POSE}) if known else None)  # type: ignore[index]
+        if word == "$BASE":
+            self.out.set_base(frame)
+            self.out.last = None
+        else:
+            self.out.set_tool(frame)
+
+    # ---- motion
+
+    def motion(self, word: str, rest: str, line: Line, routine: Routine) -> None:
+        if word.endswith("_REL"):
+            raise self.out.error("relative moves are not read; absolute ones would work", line.number, routine.source)
+        targets, flags = self.targets(rest, 2 if "CIRC" in word else 1)
+        kind = JOINT if "PTP" in word else LINEAR
+        blend = 0.0
+        if flags:
+            blend = self.corner if "C_DIS" in flags else math.nan
+        if word == "SPL":
+            self.out.warn_once("SPL: the curve between the points is the controller's own; straight lines are taken")
+        feed = self.out.feed if kind == LINEAR else math.nan
+        with_speed = re.search(r"\$VEL\.CP\s*=\s*([-+.\dEe]+)", rest, re.IGNORECASE)
+        if with_speed:
+            value = _quietly(with_speed.group(1), self.memory)
+            feed = value if isinstance(value, float) and kind == LINEAR else feed
+        target = targets[-1]
+        if any(a in target for a in _AXES):
+            self.axes |= {a: _numeric(target, a) for a in _AXES if a in target}
+            missing = [a for a in _AXES if a not in self.axes]
+            if missing:
+                raise KrlError(f"{missing[0]} is not given and stands nowhere before")
+            self.out.joint([self.axes[a] for a in _AXES], line.number, kind=kind, feed=feed, blend=blend,
+                           external=_externals(target))  # fmt: skip
+            return
+        via = self.full(targets[0]) if len(targets) == 2 else None
+        full = self.full(target)
+        bits = {w: int(_numeric(target, w)) for w in ("S", "T") if isinstance(target.get(w), float)}
+        T = _placed(full)
+        if via is not None:
+            angle = re.search(r"\bCA\s+([-+.\d]+)", rest, re.IGNORECASE)
+            self.out.circle(_placed(via), T, line.number, feed=feed, blend=blend, external=_externals(target),
+                            configuration=bits, sweep=float("nan") if angle else None)  # fmt: skip
+            return
+        rows = fixed_xyz(full["C"], full["B"], full["A"])
+        x, y, z = (full[c] * 1e-3 for c in "XYZ")
+        self.out.pose(
+            kind, rows, x, y, z, line.number, feed=feed, blend=blend, external=_externals(target), configuration=bits
+        )
+
+    def full(self, target: dict[str, object]) -> dict[str, float]:
+        """All six components; those left out are the last ones."""
+        self.pose |= {c: _numeric(target, c) for c in _POSE if c in target}
+        missing = [c for c in _POSE if c not in self.pose]
+        if missing:
+            raise KrlError(f"{missing[0]} is not given and stands nowhere before")
+        return dict(self.pose)
+
+    def targets(self, text: str, count: int) -> tuple[list[dict[str, object]], list[str]]:
+        """The targets of a motion, and the approximation words after them."""
+        text = re.split(r"\s+WITH\s", text, maxsplit=1, flags=re.IGNORECASE)[0]
+        out: list[dict[str, object]] = []
+        rest = text.strip()
+        for _ in range(count):
+            if rest.startswith("{"):
+                end = _closing(rest)
+                one, rest = rest[: end + 1], rest[end + 1 :].lstrip()
+            else:
+                found = re.match(r"[^\s,]+(?:\s*\[[^\]]*\])?", rest)
+                if found is None:
+                    raise KrlError("a move without a target")
+                one, rest = found.group(0), rest[found.end() :].lstrip()
+            rest = rest.removeprefix(",").lstrip()
+            value = evaluate(one, self.memory)
+            if not isinstance(value, dict):
+                raise KrlError(f"{one[:30]!r} is no target; expected a position such as {{X 1,Y 2,Z 3,A 0,B 90,C 0}}")
+            out.append(value)
+        flags = re.findall(r"\bC_\w+", rest, re.IGNORECASE)
+        other = re.sub(r"\bC_\w+|\bCA\s+[-+.\d]+|,|#\w+", " ", rest, flags=re.IGNORECASE).strip()
+        if other.startswith(":"):
+            raise KrlError(f"{other[:30]!r}: frames chained by a colon are not evaluated; expand the program first")
+        if other:
+            raise KrlError(f"found {other[:30]!r} behind a target; expected C_DIS, C_VEL, C_PTP or nothing")
+        return out, [w.upper() for w in flags]
+
+
+def _numeric(target: dict[str, object], component: str) -> float:
+    value = target[component]
+    if not isinstance(value, float):
+        raise KrlError(f"{component} is no number")
+    return value
+
+
+def _externals(target: dict[str, object]) -> list[float]:
+    most = max((k for k in range(1, 7) if f"E{k}" in target), default=0)
+    return [_numeric(target, f"E{k}") if f"E{k}" in target else math.nan for k in range(1, most + 1)]
+
+
+def _placed(full: dict[str, float]) -> Array:
+    rows = fixed_xyz(full["C"], full["B"], full["A"])
+    return matrix(rows, full["X"] * 1e-3, full["Y"] * 1e-3, full["Z"] * 1e-3)
+
+
+def _closing(text: str) -> int:
+    depth = 0
+    for k, c in enumerate(text):
+        depth += (c == "{") - (c == "}")
+        if depth == 0:
+            return k
+    raise KrlError("a brace is not closed")
+
+
+def _quietly(text: str, memory: Memory) -> Value:
+    """The value, or None where it cannot be had: it may never be needed."""
+    try:
+        return evaluate(text, memory)
+    except KrlError:
+        return None

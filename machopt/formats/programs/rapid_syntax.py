@@ -1,0 +1,357 @@
+"""RAPID text as tokens, routines and values."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from machopt.formats.programs.builder import number
+from machopt.formats.source import Source
+
+_TOKEN = re.compile(
+    r'[ \t\f]+|(!.*)|("(?:[^"]|"")*"?)|((?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)|([A-Za-z_]\w*)|(:=|<>|<=|>=|.)'
+)
+_DECLARE = ("CONST", "PERS", "VAR", "TASK", "LOCAL")
+BLOCKS = {"IF": "ENDIF", "FOR": "ENDFOR", "WHILE": "ENDWHILE", "TEST": "ENDTEST"}
+_LINE_WORDS = frozenset((
+    "ELSE", "ENDIF", "ENDFOR", "ENDWHILE", "ENDTEST", "ERROR", "UNDO", "BACKWARD", "ENDPROC", "ENDFUNC",
+    "ENDTRAP", "ENDMODULE", "ENDRECORD", "DEFAULT",
+))  # fmt: skip
+_NUMBERS = re.compile(r"\[[-+.,\d\seE\[\]]{0,2000}\](?=\s*[,;\\])")
+MOST_DEPTH = 30
+NONE_EXTERNAL = 8.9e9  # 9E9 says: no such axis
+
+
+class Token(NamedTuple):
+    kind: str  # comment, text, number, name, sign, list
+    text: str
+    line: int
+    value: object = None  # of a list of numbers
+
+
+class RapidError(ValueError):
+    """What cannot be read; the reader adds file and line."""
+
+
+@dataclass
+class Statement:
+    """The tokens up to a semicolon, or a block word; comments stand alone."""
+
+    line: int
+    tokens: list[Token]
+
+    @property
+    def word(self) -> str:
+        return self.tokens[0].text.upper() if self.tokens and self.tokens[0].kind == "name" else ""
+
+
+@dataclass
+class Proc:
+    name: str
+    source: Source
+    parameters: frozenset[str] = frozenset()
+    statements: list[Statement] = field(default_factory=list)
+    ends: dict[int, int] = field(default_factory=dict)  # of block statements
+
+
+@dataclass
+class Module:
+    procs: list[Proc] = field(default_factory=list)
+    data: list[Statement] = field(default_factory=list)
+    cut_off: bool = False
+
+
+@dataclass(frozen=True)
+class Name:
+    """A variable, in upper case, with its index and component where there are any."""
+
+    text: str
+    tail: str = ""
+    shown: str = ""  # as it is written
+
+
+@dataclass(frozen=True)
+class Call:
+    """A function and its arguments."""
+
+    name: str
+    arguments: tuple[object, ...]
+
+
+def read_module(source: Source) -> Module:
+    """Split a file into declarations and procedures.
+
+    Raises:
+        InputError: blocks that do not match.
+    """
+    out = Module()
+    current: Proc | None = None
+    skipping = ""
+    for s in _statements(source):
+        word = s.word
+        if current is None and not skipping:
+            kind = _routine(s)
+            if kind == "PROC":
+                current = _proc(s, source)
+                out.procs.append(current)
+            elif kind:
+                skipping = {"FUNC": "ENDFUNC", "TRAP": "ENDTRAP", "RECORD": "ENDRECORD"}[kind]
+            elif word in _DECLARE:
+                out.data.append(s)
+        elif skipping:
+            skipping = "" if word == skipping else skipping
+        elif word == "ENDPROC":
+            current = None
+        elif current is not None:
+            if word in ("ERROR", "UNDO", "BACKWARD") and len(s.tokens) == 1:
+                current, skipping = None, "ENDPROC"  # handlers run only when something goes wrong
+            else:
+                current.statements.append(s)
+    out.cut_off = current is not None
+    for proc in out.procs:
+        _match(proc)
+    return out
+
+
+def _statements(source: Source) -> list[Statement]:
+    out: list[Statement] = []
+    open_tokens: list[Token] = []
+
+    def close() -> None:
+        if open_tokens:
+            out.append(Statement(open_tokens[0].line, list(open_tokens)))
+            open_tokens.clear()
+
+    for n, raw in enumerate(source.lines, 1):
+        at, end = 0, len(raw)
+        while at < end:
+            found = _TOKEN.match(raw, at)
+            assert found is not None  # its last branch takes any character
+            at, group = found.end(), found.lastindex
+            if group is None:
+                continue
+            if group == 5 and found.group(5) == "[" and (whole := _NUMBERS.match(raw, found.start())):
+                value = _plain_list(whole.group(0))
+                if value is not None:
+                    at = whole.end()
+                    open_tokens.append(Token("list", whole.group(0), n, value))
+                    continue
+            text = found.group(group)
+            if group == 1:
+                comment = Statement(n, [Token("comment", text[1:].strip(), n)])
+                behind = bool(out) and out[-1].tokens[-1].line == n and out[-1].tokens[0].kind != "comment"
+                out.insert(len(out) - behind, comment)  # a comment behind a statement explains it
+                continue
+            if group == 5 and text == ";":
+                close()
+                continue
+            open_tokens.append(Token(("", "comment", "text", "number", "name", "sign")[group], text, n))
+            word = text.upper() if group == 4 else ""
+            if word in ("THEN", "DO") or (word in _LINE_WORDS and len(open_tokens) == 1):
+                close()
+        if open_tokens and open_tokens[0].kind == "name" and (
+            open_tokens[0].text.upper() in ("MODULE", "TEST", "CASE", "TRAP", "RECORD")
+            or (_routine(Statement(n, open_tokens)) and open_tokens[-1].text == ")")
+        ):  # fmt: skip
+            close()
+    close()
+    return out
+
+
+def _plain_list(text: str) -> object:
+    """A list of numbers at once: JSON reads most of them; None where it does not and tokens are needed."""
+    if text.count("[") > MOST_DEPTH:
+        return None
+    try:
+        return json.loads(text, parse_int=float, parse_float=_finite)
+    except ValueError:
+        return None
+
+
+def _finite(text: str) -> float:
+    value = number(text)
+    if value is None:
+        raise ValueError(text)
+    return value
+
+
+def _routine(s: Statement) -> str:
+    """PROC, FUNC, TRAP or RECORD where the statement is the head of one."""
+    words = [t.text.upper() for t in s.tokens[:2] if t.kind == "name"]
+    if words and words[0] in ("LOCAL", "TASK") and len(words) > 1:
+        words = words[1:]
+    return words[0] if words and words[0] in ("PROC", "FUNC", "TRAP", "RECORD") else ""
+
+
+def _proc(s: Statement, source: Source) -> Proc:
+    names = [t.text for t in s.tokens if t.kind == "name"]
+    at = next(k for k, name in enumerate(names) if name.upper() == "PROC")
+    inside = [t.text.upper() for k, t in enumerate(s.tokens[1:], 1) if t.kind == "name" and k + 1 < len(s.tokens)
+              and s.tokens[k + 1].text in (",", ")", "{")]  # fmt: skip
+    return Proc(names[at + 1] if at + 1 < len(names) else "", source, frozenset(inside))
+
+
+def _match(proc: Proc) -> None:
+    opened: list[tuple[int, str]] = []
+    for k, s in enumerate(proc.statements):
+        word = s.word
+        if word in BLOCKS and (word == "TEST" or s.tokens[-1].text.upper() in ("THEN", "DO")):
+            opened.append((k, BLOCKS[word]))
+        elif word in BLOCKS.values():
+            if not opened or opened[-1][1] != word:
+                raise proc.source.error(f"{word} without its beginning", s.line)
+            proc.ends[opened.pop()[0]] = k
+    if opened:
+        at, word = opened[-1]
+        raise proc.source.error(f"{proc.statements[at].word} without {word}", proc.statements[at].line)
+
+
+class Reader:
+    """Values from a statement's tokens; a cursor that only goes forward."""
+
+    def __init__(self, tokens: list[Token]) -> None:
+        self.tokens, self.at = tokens, 0
+
+    @property
+    def more(self) -> bool:
+        return self.at < len(self.tokens)
+
+    def peek(self) -> str:
+        return self.tokens[self.at].text if self.more else ""
+
+    def take(self, text: str | None = None) -> Token:
+        if not self.more or (text is not None and self.tokens[self.at].text != text):
+            raise RapidError(f"found {self.peek()[:20] or 'the end'!r}; expected {text or 'a value'!r}")
+        self.at += 1
+        return self.tokens[self.at - 1]
+
+    def value(self, depth: int = 0) -> object:
+        """A number, text, list, :class:`Name` or :class:`Call`.
+
+        Raises:
+            RapidError: something else, such as a formula.
+        """
+        if depth > MOST_DEPTH:
+            raise RapidError("brackets are nested too deeply")
+        token = self.take()
+        out: object
+        if token.text in ("-", "+"):
+            inner = self.value(depth + 1)
+            if not isinstance(inner, float):
+                raise RapidError("formulas are not evaluated; expand the program first")
+            return -inner if token.text == "-" else inner
+        if token.kind == "list":
+            return token.value
+        if token.kind == "number":
+            known = number(token.text)
+            if known is None:
+                raise RapidError(f"{token.text[:20]!r} is no number")
+            out = known
+        elif token.kind == "text":
+            out = token.text
+        elif token.text == "[":
+            out = self.items(depth)
+        elif token.kind == "name":
+            out = self.name(token, depth)
+        else:
+            raise RapidError(f"found {token.text[:20]!r}; expected a value")
+        if self.peek() in ("+", "-", "*", "/", "DIV", "MOD"):
+            raise RapidError("formulas are not evaluated; expand the program first")
+        return out
+
+    def items(self, depth: int) -> list[object]:
+        out: list[object] = []
+        if self.peek() == "]":
+            self.take()
+            return out
+        while True:
+            out.append(self.value(depth + 1))
+            if self.take().text == "]":
+                return out
+            if self.tokens[self.at - 1].text != ",":
+                raise RapidError(f"found {self.tokens[self.at - 1].text[:20]!r} in a list; expected a comma or ]")
+
+    def name(self, token: Token, depth: int) -> object:
+        if self.peek() == "(":
+            self.take()
+            arguments: list[object] = []
+            while self.peek() != ")":
+                if self.peek() == "\\":
+                    raise RapidError(f"{token.text} with optional arguments is not evaluated")
+                arguments.append(self.value(depth + 1))
+                if self.peek() == ",":
+                    self.take()
+            self.take(")")
+            return Call(token.text.upper(), tuple(arguments))
+        tail = ""
+        while self.peek() in ("{", "."):
+            if self.take().text == ".":
+                tail += "." + self.take().text.lower()
+                continue
+            tail += "{"
+            while self.peek() != "}":
+                tail += self.take().text
+            tail += self.take("}").text
+        return Name(token.text.upper(), tail, token.text)
+
+    def arguments(self) -> tuple[list[object], dict[str, object]]:
+        """Positional and optional (``\\Name:=value``) arguments of an instruction."""
+        values: list[object] = []
+        options: dict[str, object] = {}
+        while self.more:
+            if self.peek() == ",":
+                self.take()
+            elif self.peek() == "\\":
+                self.take()
+                name = self.take().text.upper()
+                options[name] = True
+                if self.peek() == ":=":
+                    self.take()
+                    options[name] = self.value()
+            else:
+                values.append(self.value())
+        return values, options
+
+
+def numbers(value: object, count: int) -> list[float] | None:
+    """A list of so many numbers, or None."""
+    if not isinstance(value, list) or len(value) != count:
+        return None
+    found = [v for v in value if isinstance(v, float)]
+    return found if len(found) == count else None
+
+
+def robtarget(value: object) -> tuple[float, float, float, tuple[float, float, float, float], list[object]]:
+    """x, y, z, quaternion and the rest (confdata, external axes) of a robtarget."""
+    if isinstance(value, list) and len(value) >= 2:
+        p, q = numbers(value[0], 3), numbers(value[1], 4)
+        if p is not None and q is not None:
+            return p[0], p[1], p[2], (q[0], q[1], q[2], q[3]), value[2:]
+    raise RapidError("found no robtarget; expected [[x,y,z],[q1,q2,q3,q4],[cf1,cf4,cf6,cfx],[external axes]]")
+
+
+def jointtarget(value: object) -> tuple[list[float], list[float]]:
+    """The axes and external axes of a jointtarget."""
+    if isinstance(value, list) and value:
+        axes = numbers(value[0], 6)
+        if axes is not None:
+            return axes, external(value[1]) if len(value) > 1 else []
+    raise RapidError("found no jointtarget; expected [[six axes],[external axes]]")
+
+
+def external(value: object) -> list[float]:
+    """External axes as far as they are used; NaN for one that is not."""
+    axes = numbers(value, 6) or []
+    used = [math.nan if v >= NONE_EXTERNAL else v for v in axes]
+    while used and math.isnan(used[-1]):
+        used.pop()
+    return used
+
+
+def confdata(value: object) -> dict[str, object]:
+    """Quarter turns and cfx."""
+    found = numbers(value, 4)
+    return dict(zip(("cf1", "cf4", "cf6", "cfx"), map(int, found), strict=True)) if found is not None else {}

@@ -1,0 +1,120 @@
+"""ROS trajectory_msgs/JointTrajectory as YAML or JSON, with what our comments or events file say beside it."""
+
+from __future__ import annotations
+
+import json
+import math
+
+from machopt.errors import InputError
+from machopt.formats.programs.builder import Builder
+from machopt.formats.programs.nearby import opened
+from machopt.formats.programs.parsed import ParsedProgram
+from machopt.formats.programs.tables import load_json
+from machopt.formats.source import Source
+from machopt.formats.yamlstrict import parse_yaml
+
+JOINTS = 6
+
+
+def read_ros(source: Source, arc_tolerance: float, strict: bool = False) -> ParsedProgram:
+    """Read a JointTrajectory.
+
+    Every point is a joint move; where an ``.events.json`` or comments say that a part of it cuts, those points are
+    linear, as they were planned.
+
+    Raises:
+        InputError: says what was found and what was expected.
+    """
+    out = Builder(source, "ros", arc_tolerance, strict)
+    is_json = next((t.strip()[:1] for t in source.lines if t.strip() and not t.lstrip().startswith("#")), "") == "{"
+    document = load_json(out, source) if is_json else _yaml(out, source)
+    names, points = document.get("joint_names"), document.get("points")
+    if not isinstance(names, list) or not isinstance(points, list) or not points:
+        raise out.error("expected joint_names and a list of points, as trajectory_msgs/JointTrajectory has them")
+    if len(names) != JOINTS or not all(isinstance(n, str) for n in names):
+        raise out.error(f"moves {len(names)} joints; expected the {JOINTS} of the arm")
+    told = _told_json(out, source) if is_json else _told_yaml(source)
+    previous = -math.inf
+    for n, point in enumerate(points, 1):
+        for kind, text in told.get(n, ()):
+            out.comment(f"{kind}: {text}")
+        positions, time = _point(out, point, n)
+        if not time > previous:
+            raise out.error(f"points[{n - 1}]: time_from_start {time:g} s does not rise")
+        previous = time
+        out.joint([math.degrees(v) for v in positions], n, kind=out.streamed_kind, blend=math.nan, time=time)
+    for kind, text in told.get(len(points) + 1, ()):
+        out.comment(f"{kind}: {text}")
+    return out.build()
+
+
+def _yaml(out: Builder, source: Source) -> dict[str, object]:
+    value = parse_yaml("\n".join(source.lines), source.path).value
+    if not isinstance(value, dict):
+        raise out.error("is YAML, but no mapping")
+    return value
+
+
+def _point(out: Builder, point: object, n: int) -> tuple[list[float], float]:
+    where = f"points[{n - 1}]"
+    if not isinstance(point, dict):
+        raise out.error(f"{where}: expected positions and time_from_start")
+    positions = _numbers(out, point.get("positions"), f"{where}.positions")
+    if len(positions) != JOINTS:
+        raise out.error(f"{where}.positions: found {len(positions)} numbers, expected {JOINTS}")
+    for key in ("velocities", "accelerations", "effort"):
+        if key in point and len(_numbers(out, point[key], f"{where}.{key}")) not in (0, JOINTS):
+            raise out.error(f"{where}.{key}: expected none or {JOINTS} numbers")
+    time = point.get("time_from_start")
+    if not isinstance(time, dict):
+        raise out.error(f"{where}.time_from_start: expected sec and nanosec")
+    sec = _numbers(out, [time.get("sec", 0)], f"{where}.time_from_start")[0]
+    nano = _numbers(out, [time.get("nanosec", time.get("nsec", 0))], f"{where}.time_from_start")[0]
+    return positions, sec + nano * 1e-9
+
+
+def _numbers(out: Builder, value: object, where: str) -> list[float]:
+    if not isinstance(value, list):
+        raise out.error(f"{where}: expected a list of numbers")
+    for v in value:
+        if isinstance(v, bool) or not isinstance(v, int | float) or not math.isfinite(v) or abs(v) > 1e12:
+            raise out.error(f"{where}: expected finite numbers")
+    return [float(v) for v in value]
+
+
+def _told_yaml(source: Source) -> dict[int, list[tuple[str, str]]]:
+    """Comments between the points, by the number of the point that follows."""
+    out: dict[int, list[tuple[str, str]]] = {}
+    n, inside = 1, False
+    for raw in source.lines:
+        text = raw.strip()
+        if text.startswith("points:"):
+            inside = True
+        elif text.startswith("- "):
+            n += inside
+        elif inside and text.startswith("#"):
+            kind, colon, rest = text[1:].strip().partition(": ")
+            if colon and kind in ("operation", "move", "CAM"):
+                out.setdefault(n, []).append((kind, rest))
+    return out
+
+
+def _told_json(out: Builder, source: Source) -> dict[int, list[tuple[str, str]]]:
+    """The events file beside a JSON message."""
+    path = source.path.with_name(source.path.stem + ".events.json")
+    other = opened(path) if path.is_file() else None
+    if other is None:
+        return {}
+    out.files.append(path)
+    try:
+        value = json.loads("\n".join(other.lines))
+        told: dict[int, list[tuple[str, str]]] = {}
+        for event in value["events"]:
+            kind = next(k for k in ("operation", "move", "event") if k in event)
+            label = "CAM" if kind == "event" else kind
+            told.setdefault(int(event["before"]), []).append((label, str(event[kind])))
+    except (ValueError, KeyError, TypeError, StopIteration, RecursionError):
+        raise InputError(
+            "is no events file; expected events with before and operation, move or event", file=path
+        ) from None
+    return told

@@ -1,0 +1,240 @@
+"""Universal Robots script: a program's functions followed from its call, without branches on inputs."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from machopt.formats.programs.builder import Builder
+from machopt.formats.programs.parsed import JOINT, LINEAR, Frame, ParsedProgram
+from machopt.formats.programs.rotations import matrix
+from machopt.formats.programs.urscript_values import Pose, ScriptError, Unknown, arguments, evaluate
+from machopt.formats.source import Source
+
+_DEF = re.compile(r"(def|thread)\s+(\w+)\s*\((.*)\)\s*:")
+_ASSIGN = re.compile(r"(?:global\s+|local\s+)?([A-Za-z_]\w*)\s*=(?!=)\s*(.+)")
+_CALL = re.compile(r"([A-Za-z_]\w*)\s*\((.*)\)")
+_OPENS = ("if", "while", "for", "sec", "switch")
+_MOVES = ("movej", "movel", "movep", "movec", "servoj", "servoc", "speedj", "speedl", "optimovej", "optimovel")
+_QUIET = re.compile(
+    r"(?:set_(?:gravity|payload|safety_mode|tool_voltage|analog|configurable|target_payload|conveyor)|textmsg|sync|stopj|"
+    r"stopl|zero_ftsensor|enter_critical|exit_critical|force_mode|end_force_mode|protect|modbus|rtde|socket_|popup|return)\w*"
+)
+_EVENT = re.compile(r"set_\w*(?:digital_out|analog_out|flag)\w*|write_output\w*")
+_DEEPEST = 20
+
+
+@dataclass(frozen=True)
+class Line:
+    number: int
+    code: str
+    comment: str
+
+
+@dataclass
+class Body:
+    """A function: its own lines, without those of functions defined inside it."""
+
+    name: str
+    parameters: tuple[str, ...] = ()
+    lines: list[Line] = field(default_factory=list)
+    ends: dict[int, int] = field(default_factory=dict)
+    thread: bool = False
+
+
+def read_urscript(source: Source, arc_tolerance: float, strict: bool = False) -> ParsedProgram:
+    """Read a script.
+
+    Raises:
+        InputError: names file and line, what was found and what would work.
+    """
+    return _Reader(Builder(source, "urscript", arc_tolerance, strict)).run()
+
+
+class _Reader:
+    def __init__(self, out: Builder) -> None:
+        self.out = out
+        self.bodies: dict[str, Body] = {}
+        self.top = Body("")
+        self.memory: dict[str, object] = {"True": 1.0, "False": 0.0, "pi": math.pi}
+
+    def run(self) -> ParsedProgram:
+        self.load()
+        self.out.set_base(Frame("base", np.eye(4)))
+        self.follow(self.top, 0, len(self.top.lines), 0)
+        if not len(self.out):  # defined and not called: a controller runs the one that was sent
+            called = {c.group(1) for b in self.bodies.values() for line in b.lines if (c := _CALL.fullmatch(line.code))}
+            free = [b for b in self.bodies.values() if b.name not in called and not b.thread]
+            moving = [b for b in free if self.moves(b)]
+            if len(moving) > 1:
+                raise self.out.error(f"defines {len(moving)} programs that nothing calls "
+                                     f"({', '.join(b.name for b in moving[:5])}); "
+                                     "keep the one to be read, or call them in their order")  # fmt: skip
+            for body in moving:
+                self.out.name = body.name
+                self.follow(body, 0, len(body.lines), 0)
+        return self.out.build()
+
+    def load(self) -> None:
+        stack: list[tuple[Body, str, int]] = [(self.top, "", 0)]
+        for n, raw in enumerate(self.out.source.lines, 1):
+            code, comment = _parted(raw)
+            body = stack[-1][0]
+            word = re.match(r"\w*", code).group(0)  # type: ignore[union-attr]
+            if found := _DEF.fullmatch(code):
+                names = tuple(p.split("=")[0].strip() for p in found.group(3).split(",") if p.strip())
+                inner = Body(found.group(2), names, thread=found.group(1) == "thread")
+                self.bodies.setdefault(inner.name, inner)
+                stack.append((inner, "def", 0))
+                continue
+            if word in _OPENS and code.endswith(":"):
+                body.lines.append(Line(n, code, comment))
+                stack.append((body, word, len(body.lines) - 1))
+                continue
+            if code == "end":
+                if len(stack) == 1:
+                    raise self.out.error("end without its beginning", n)
+                owner, what, at = stack.pop()
+                if what != "def":
+                    owner.lines.append(Line(n, code, comment))
+                    owner.ends[at] = len(owner.lines) - 1
+                continue
+            if code or comment:
+                body.lines.append(Line(n, code, comment))
+        if len(stack) > 1:
+            raise self.out.error(
+                f"{len(stack) - 1} blocks have no end: the file may be cut off", len(self.out.source.lines)
+            )
+
+    def moves(self, body: Body, depth: int = 0) -> bool:
+        for line in body.lines:
+            found = _CALL.search(line.code)
+            if found is None or depth > _DEEPEST:
+                continue
+            if found.group(1) in _MOVES:
+                return True
+            inner = self.bodies.get(found.group(1))
+            if inner is not None and inner is not body and self.moves(inner, depth + 1):
+                return True
+        return False
+
+    def follow(self, body: Body, start: int, stop: int, depth: int) -> None:
+        if depth > _DEEPEST:
+            raise self.out.error(f"{body.name} calls itself, or calls are nested more than {_DEEPEST} deep")
+        k = start
+        while k < stop:
+            line = body.lines[k]
+            if line.comment:
+                self.out.comment(line.comment)
+            if line.code:
+                self.out.step(line.number)
+                try:
+                    k = self.statement(body, k, depth)
+                except ScriptError as problem:
+                    raise self.out.error(str(problem), line.number) from None
+            k += 1
+
+    def statement(self, body: Body, k: int, depth: int) -> int:
+        line = body.lines[k]
+        code = line.code
+        if k in body.ends:
+            inside = Body("", lines=body.lines[k + 1 : body.ends[k]])
+            if self.moves(inside):
+                raise ScriptError(f"{code[:30]!r} decides about moves while the robot runs: they are not "
+                                  "known here; expand the program first")  # fmt: skip
+            self.out.ignore(f"{code.split()[0]} without moves inside", line.number, understood=True)
+            return body.ends[k]
+        if found := _ASSIGN.fullmatch(code):
+            self.memory[found.group(1)] = evaluate(found.group(2), self.memory, quietly=True)
+        elif found := _CALL.fullmatch(code):
+            self.call(found.group(1), found.group(2), line, depth)
+        elif code == "halt":
+            self.out.event(code, "stop")
+        else:
+            quiet = code.split(" ")[0] in ("return", "global", "local", "run", "kill", "join", "pass", "elif", "else:")
+            self.out.ignore(code.split(" ")[0], line.number, understood=quiet)
+        return k
+
+    def call(self, name: str, text: str, line: Line, depth: int) -> None:
+        if name in _MOVES:
+            self.motion(name, text, line)
+        elif name in self.bodies:
+            body = self.bodies[name]
+            if not self.moves(body):
+                self.out.event(f"{name}({text})")
+                return
+            given, _ = arguments(text, self.memory, quietly=True)
+            self.memory |= dict(zip(body.parameters, given, strict=False))
+            self.follow(body, 0, len(body.lines), depth + 1)
+        elif name == "set_tcp":
+            given, _ = arguments(text, self.memory, quietly=True)
+            pose = given[0] if given else None
+            self.out.set_tool(Frame("tcp", _matrix(pose) if isinstance(pose, Pose) else None))
+        elif name == "sleep":
+            given, _ = arguments(text, self.memory, quietly=True)
+            self.out.event(f"sleep({text})", "dwell", given[0] if given and isinstance(given[0], float) else math.nan)
+        elif _EVENT.fullmatch(name):
+            self.out.event(f"{name}({text})", "comment")
+        elif name == "set_reference":
+            raise ScriptError("set_reference is not followed; poses in the base would work")
+        else:
+            self.out.ignore(name, line.number, understood=bool(_QUIET.fullmatch(name)))
+
+    def motion(self, name: str, text: str, line: Line) -> None:
+        if name not in ("movej", "movel", "movep", "movec", "servoj"):
+            raise ScriptError(f"{name} is not read; movej, movel, movep, movec or servoj would work")
+        values, options = arguments(text, self.memory)
+        order = {"movej": ("pose", "a", "v", "t", "r"), "movel": ("pose", "a", "v", "t", "r"),
+                 "movep": ("pose", "a", "v", "r"), "movec": ("via", "pose", "a", "v", "r", "mode"),
+                 "servoj": ("pose", "a", "v", "t", "lookahead_time", "gain")}[name]  # fmt: skip
+        options = dict(zip(order, values, strict=False)) | options
+        if "q" in options:
+            options["pose"] = options["q"]
+        target = options.get("pose")
+        kind = JOINT if name in ("movej", "servoj") else LINEAR
+
+        def length(key: str) -> float:
+            value = options.get(key, 0.0)
+            return value if isinstance(value, float) else math.nan
+
+        feed = length("v") if kind == LINEAR and not length("t") > 0.0 else math.nan
+        if isinstance(target, list) and len(target) == 6 and all(isinstance(v, float) for v in target):
+            axes = [math.degrees(v) for v in target]
+            step = {"step_s": length("t")} if name == "servoj" else {}
+            if name == "servoj":
+                kind = self.out.streamed_kind
+            self.out.joint(axes, line.number, kind=kind, feed=feed, blend=length("r"), configuration=step)
+            return
+        if not isinstance(target, Pose):
+            shown = "a value known only while the robot runs" if isinstance(target, Unknown) else "no target"
+            raise ScriptError(f"{name} goes to {shown}; expected p[x,y,z,rx,ry,rz] or six joints")
+        if name == "movec":
+            via = options.get("via")
+            if not isinstance(via, Pose):
+                raise ScriptError("movec without a pose on its way")
+            self.out.circle(_matrix(via), _matrix(target), line.number, feed=feed, blend=length("r"))
+            return
+        self.out.set_base(Frame(target.base, np.eye(4) if target.base_matrix is None else target.base_matrix))
+        x, y, z = target.position
+        self.out.pose(kind, target.rows, x, y, z, line.number, feed=feed, blend=length("r"))
+
+
+def _matrix(pose: Pose) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    out = matrix(pose.rows, *pose.position)
+    return out if pose.base_matrix is None else np.asarray(pose.base_matrix @ out)
+
+
+def _parted(raw: str) -> tuple[str, str]:
+    """Code and comment; a # inside quotes starts no comment."""
+    at = raw.find("#")
+    if at > 0 and '"' in raw[:at]:
+        quoted, at = False, -1
+        for k, c in enumerate(raw):
+            quoted ^= c == '"'
+            if c == "#" and not quoted:
+                at = k
+                break
+    return (raw.strip(), "") if at < 0 else (raw[:at].strip(), raw[at + 1 :].strip())

@@ -1,0 +1,208 @@
+"""URScript values: numbers, lists, poses, ``pose_trans``; arithmetic of numbers, nothing that runs."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.formats.programs.builder import number
+from machopt.formats.programs.parsed import Array
+from machopt.formats.programs.rotations import Rows, from_vector, matrix
+
+_TOKEN = re.compile(r'\s+|(\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+(?:[eE][-+]?\d+)?)|([A-Za-z_]\w*)|("[^"]*"?)|(.)')
+MOST_DEPTH = 30
+FARTHEST_TURN = 1e4  # rad of a rotation vector
+
+
+class ScriptError(ValueError):
+    """What cannot be read; the reader adds file and line."""
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A value that only the running robot knows."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Pose:
+    """p[…], or pose_trans of a named frame and p[…]: then in that frame."""
+
+    position: tuple[float, float, float]  # m
+    rows: Rows
+    base: str = "base"
+    base_matrix: Array | None = None
+
+
+def evaluate(text: str, memory: Mapping[str, object], quietly: bool = False) -> object:
+    """The value of an expression; :class:`Unknown` with ``quietly`` where it cannot be had.
+
+    Raises:
+        ScriptError: it cannot be had.
+    """
+    try:
+        parser = _Parser(text, memory)
+        value = parser.expression(0)
+        if parser.at < len(parser.tokens):
+            raise ScriptError(f"found {parser.tokens[parser.at][1][:20]!r} behind a value")
+        return value
+    except ScriptError:
+        if quietly:
+            return Unknown(text[:40])
+        raise
+
+
+def arguments(text: str, memory: Mapping[str, object], quietly: bool = False) -> tuple[list[object], dict[str, object]]:
+    """Positional and named arguments of a call.
+
+    Raises:
+        ScriptError: one cannot be had, and not ``quietly``.
+    """
+    values: list[object] = []
+    named: dict[str, object] = {}
+    for part in _split(text):
+        found = re.match(r"\s*([A-Za-z_]\w*)\s*=(?!=)(.*)", part, re.DOTALL)
+        if found:
+            named[found.group(1)] = evaluate(found.group(2), memory, quietly)
+        else:
+            values.append(evaluate(part, memory, quietly))
+    return values, named
+
+
+class _Parser:
+    def __init__(self, text: str, memory: Mapping[str, object]) -> None:
+        self.tokens = [(m.lastindex, m.group(m.lastindex)) for m in _TOKEN.finditer(text) if m.lastindex]
+        self.memory, self.at = memory, 0
+
+    def peek(self) -> str:
+        return self.tokens[self.at][1] if self.at < len(self.tokens) else ""
+
+    def take(self, text: str = "") -> tuple[int | None, str]:
+        if self.at >= len(self.tokens) or (text and self.tokens[self.at][1] != text):
+            raise ScriptError(f"found {self.peek()[:20] or 'the end'!r}; expected {text or 'a value'!r}")
+        self.at += 1
+        return self.tokens[self.at - 1]
+
+    def expression(self, depth: int) -> object:
+        out = self.product(depth)
+        while self.peek() in ("+", "-"):
+            sign = self.take()[1]
+            out = _number(out) + (1.0 if sign == "+" else -1.0) * _number(self.product(depth))
+        return out
+
+    def product(self, depth: int) -> object:
+        out = self.unary(depth)
+        while self.peek() in ("*", "/"):
+            sign = self.take()[1]
+            right = _number(self.unary(depth))
+            if sign == "/" and right == 0.0:
+                raise ScriptError("division by zero")
+            out = _number(out) * right if sign == "*" else _number(out) / right
+        return out
+
+    def unary(self, depth: int) -> object:
+        if depth > MOST_DEPTH:
+            raise ScriptError("brackets are nested too deeply")
+        kind, text = self.take()
+        if text in ("-", "+"):
+            value = _number(self.unary(depth + 1))
+            return -value if text == "-" else value
+        if kind == 1:
+            known = number(text)
+            if known is None:
+                raise ScriptError(f"{text[:20]!r} is no number")
+            return known
+        if kind == 3:
+            return text
+        if text == "(":
+            inner = self.expression(depth + 1)
+            self.take(")")
+            return inner
+        if text == "[":
+            return self.list(depth, "]")
+        if kind == 2:
+            return self.name(text, depth)
+        raise ScriptError(f"found {text[:20]!r}; expected a value")
+
+    def list(self, depth: int, end: str) -> list[object]:
+        out: list[object] = []
+        while self.peek() != end:
+            out.append(self.expression(depth + 1))
+            if self.peek() == ",":
+                self.take()
+            elif self.peek() != end:
+                raise ScriptError(f"found {self.peek()[:20] or 'the end'!r} in a list; expected a comma or {end}")
+        self.take(end)
+        return out
+
+    def name(self, name: str, depth: int) -> object:
+        if name == "p" and self.peek() == "[":
+            self.take()
+            return _pose(self.list(depth, "]"))
+        if self.peek() == "(":
+            self.take()
+            first = self.tokens[self.at][1] if self.at < len(self.tokens) else ""
+            values = self.list(depth, ")")
+            return _function(name, values, first)
+        if name not in self.memory:
+            raise ScriptError(f"{name} is not set before it is used")
+        value = self.memory[name]
+        if isinstance(value, Unknown):
+            raise ScriptError(f"{name} = {value.text}: known only while the robot runs")
+        if self.peek() == "[":
+            self.take()
+            index = self.list(depth, "]")
+            if not (isinstance(value, list) and len(index) == 1 and isinstance(index[0], float)
+                    and 0 <= index[0] < len(value)):  # fmt: skip
+                raise ScriptError(f"{name} has no such element")
+            return value[int(index[0])]
+        return value
+
+
+def _function(name: str, values: list[object], first: str) -> object:
+    if name == "d2r" and len(values) == 1:
+        return math.radians(_number(values[0]))
+    if name == "pose_trans" and len(values) == 2:
+        frame, pose = values
+        if isinstance(frame, Pose) and isinstance(pose, Pose):
+            outer = matrix(frame.rows, *frame.position)
+            outer = outer if frame.base_matrix is None else frame.base_matrix @ outer
+            if pose.base_matrix is not None:
+                raise ScriptError("pose_trans inside pose_trans is not read; one named frame would work")
+            named = re.fullmatch(r"[A-Za-z_]\w*", first) and first != "p"
+            return Pose(pose.position, pose.rows, first if named else "frame", np.asarray(outer))
+    raise ScriptError(f"{name}(…) is known only while the robot runs")
+
+
+def _pose(values: list[object]) -> Pose:
+    if len(values) != 6:
+        raise ScriptError(f"a pose of {len(values)} numbers; expected p[x,y,z,rx,ry,rz]")
+    x, y, z, rx, ry, rz = (_number(v) for v in values)
+    if max(abs(rx), abs(ry), abs(rz)) > FARTHEST_TURN:
+        raise ScriptError("a rotation vector longer than any turn")
+    return Pose((x, y, z), from_vector(rx, ry, rz))
+
+
+def _number(value: object) -> float:
+    if not isinstance(value, float) or not math.isfinite(value):
+        raise ScriptError("found something else where a number is expected")
+    return value
+
+
+def _split(text: str) -> list[str]:
+    """At commas outside of brackets and quotes."""
+    out, depth, start, quoted = [], 0, 0, False
+    for k, c in enumerate(text):
+        quoted ^= c == '"'
+        if quoted:
+            continue
+        depth += (c in "([") - (c in ")]")
+        if c == "," and depth == 0:
+            out.append(text[start:k])
+            start = k + 1
+    return [*out, text[start:]] if text.strip() else []

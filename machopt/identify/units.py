@@ -1,0 +1,166 @@
+"""Sizes in a record that point to another unit: displacement per load, rotation per translation, moment per force."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.identify.experiment import Experiment
+from machopt.identify.finding import Finding, places
+from machopt.identify.rivals import Reading
+from machopt.identify.robust import start
+from machopt.model.robot import Robot
+
+Array = NDArray[np.float64]
+GENERIC_STIFFNESS, GENERIC_REACH = 1e6, 2.5  # N·m/rad of a joint of an arm that reaches so far (m); grows with reach³
+MOST_GENERIC = 60.0  # ratio to the generic arm beyond which units are wrong, where the cell has no stiffness
+MOST_GENERIC_TOO = 15.0  # the same where the cell's stiffness is off by more than a hundred, too
+MOST_NOMINAL, DOUBTFUL_NOMINAL = 100.0, 8.0  # ratio to the cell's stiffness: wrong units, and worth a warning
+DOUBTFUL_GENERIC = 6.0  # the arms that we know lie within 3.3 of the generic one
+DOUBTFUL_ROTATION = 8.0  # rotation per translation against what the joints imply
+EXPLAINS = 0.9  # unexplained share beyond which a record says nothing about units
+LEAST_MOMENT = 1.0  # N·m
+READ_AS = {"rad": 1e-3, "degrees": float(np.degrees(1e-3)), "µrad": 1e3}  # number read per number meant, for mrad
+NEAR_UNIT = 3.0  # factor within which a rotation's size names its unit
+SUSPECTS = {  # displacement per load as read, per what it is
+    "displacements in metres": 1e-3, "displacements in inches": 1 / 25.4, "displacements in centimetres": 0.1,
+    "displacements in hundredths of a millimetre": 100.0, "displacements in micrometres": 1e3,
+    "loads in kilograms": 9.80665, "loads in pounds": 4.44822, "loads in kilonewtons": 1e3,
+}  # fmt: skip
+NEAR_SUSPECT = 2.2  # factor: stiffness is rarely known better beforehand
+
+
+def unit_findings(e: Experiment, stated: Reading, reach: float, prior: Array | None) -> list[Finding]:
+    """Displacement per load against the cell's stiffness and against robots of this size.
+
+    Args:
+        e: as the recording states it.
+        stated: how well the joints explain it so.
+        reach: m.
+        prior: (6,) N·m/rad; None where the cell has no stiffness.
+    """
+    generic = _generic(reach)
+    s = _ratio(e, generic, slice(0, 3))
+    nominal = _ratio(e, prior, slice(0, 3)) if prior is not None else np.nan
+    if stated.unexplained > EXPLAINS or not s > 0:
+        return []
+    out = []
+    if prior is None:
+        wrong = _off(s, MOST_GENERIC)
+        doubtful, against, seen = _off(s, DOUBTFUL_GENERIC), "that of robots of this reach", s
+    else:
+        wrong = _off(nominal, MOST_NOMINAL) and _off(s, MOST_GENERIC_TOO)
+        doubtful, against, seen = _off(nominal, DOUBTFUL_NOMINAL), "what the cell's stiffness gives", nominal
+    if wrong:
+        out.append(Finding("units", "error", f"displacement per load is {_times(seen)} {against}: {_culprit(e, s)}"))
+    elif doubtful:
+        out.append(Finding(
+            "far_from_nominal", "warning",
+            f"displacement per load is {_times(seen)} {against}{_suspects(seen)}; check the units of load and "
+            f"displacement{', or the stiffness in the cell' if prior is not None else ''}",
+        ))  # fmt: skip
+    turned = _ratio(e, generic, slice(3, 6)) if e.dimensions == 6 else np.nan
+    if turned > 0 and _off(turned / s, DOUBTFUL_ROTATION) and not wrong:
+        out.append(_rotation(turned / s, doubtful))
+    return out
+
+
+def lever_findings(e: Experiment, reach: float, prior: Array | None) -> list[Finding]:
+    """Moments far beyond what the forces can make on an arm of this size."""
+    force, moment = np.linalg.norm(e.wrench[:, :3], axis=1), np.linalg.norm(e.wrench[:, 3:], axis=1)
+    both = (force > 0) & (moment > LEAST_MOMENT)
+    if not both.any():
+        return []
+    lever: Array = np.where(both, moment / np.where(both, force, 1.0), 0.0)
+    typical = float(np.median(lever[both]))
+    if typical > 10.0 * reach:
+        return [Finding("moment_units", "error", (
+            f"moments are {typical:.3g} m times the forces, the arm reaches {reach:.2g} m: "
+            + _forces_or_moments(e, reach, prior)
+        ))]  # fmt: skip
+    rows = np.flatnonzero(lever > max(3.0 * reach, 20.0 * typical))
+    if not len(rows):
+        return []
+    return [Finding(
+        "lever_arm", "warning",
+        f"{places(e, rows)}: the moment is more than {lever[rows].min():.2g} m times the force, beyond the arm's "
+        f"reach of {reach:.2g} m; check the moments there", tuple(rows.tolist()),
+    )]  # fmt: skip
+
+
+def reach_of(robot: Robot, T_flange_tcp: Array) -> float:
+    """m, no more than the arm can stretch from its second axis, roughly."""
+    points = [*robot.point[1:], robot.T_base_flange_zero[:3, 3]]
+    arm = sum(float(np.linalg.norm(b - a)) for a, b in pairwise(points))
+    return arm + float(np.linalg.norm(T_flange_tcp[:3, 3]))
+
+
+def _forces_or_moments(e: Experiment, reach: float, prior: Array | None) -> str:
+    """Which of the two is in another unit: the one whose unit makes the displacements of a usual size."""
+    from dataclasses import replace
+
+    as_kilonewtons, as_newton_millimetres = e.wrench.copy(), e.wrench.copy()
+    as_kilonewtons[:, :3] *= 1e3
+    as_newton_millimetres[:, 3:] *= 1e-3
+    expected = _generic(reach) if prior is None else prior
+    off = [abs(np.log(_ratio(replace(e, wrench=w), expected, slice(0, 3)) or np.nan))
+           for w in (as_kilonewtons, as_newton_millimetres)]  # fmt: skip
+    if off[0] < off[1]:
+        return "columns fx_N … seem to hold kilonewtons; newtons would work"
+    return "columns mx_Nm … seem to hold N·mm; N·m would work"
+
+
+def _rotation(ratio: float, displacement_doubtful: bool) -> Finding:
+    """Rotations and translations that do not belong together."""
+    start = f"rotations are {_times(ratio)} what the translations of the same readings imply: "
+    guess = min(READ_AS, key=lambda unit: abs(np.log(ratio / READ_AS[unit])))
+    if _off(ratio / READ_AS[guess], NEAR_UNIT) or displacement_doubtful:
+        return Finding("rotation_units", "error", start + "one of them is in another unit; mm and mrad would work")
+    return Finding("rotation_units", "error", f"{start}columns rx_mrad … seem to hold {guess}; mrad would work")
+
+
+def _generic(reach: float) -> Array:
+    return np.full(6, GENERIC_STIFFNESS * (reach / GENERIC_REACH) ** 3)
+
+
+def _ratio(e: Experiment, stiffness: Array, rows: slice) -> float:
+    """Measured displacement per displacement that a stiffness predicts, robustly; NaN where there is none."""
+    predicted = e.response()[:, rows, :6] @ (1.0 / stiffness)
+    load = np.linalg.norm(e.wrench[:, :3], axis=1) + np.linalg.norm(e.wrench[:, 3:], axis=1)
+    if not predicted.any() or not e.measured[:, rows].any():
+        return float("nan")
+    return float(start(predicted[:, :, None], e.measured[:, rows], load)[0])
+
+
+def _off(ratio: float, factor: float) -> bool:
+    return not 1 / factor < ratio < factor
+
+
+def _suspects(ratio: float) -> str:
+    """What could make that ratio, the nearest first."""
+    off = {name: abs(float(np.log(ratio / value))) for name, value in SUSPECTS.items()}
+    near = [name for name in sorted(off, key=lambda n: off[n]) if off[name] < np.log(NEAR_SUSPECT)]
+    return f", as {' or '.join(near)} would make it" if near else ""
+
+
+def _culprit(e: Experiment, ratio: float) -> str:
+    """Which column seems to be in another unit."""
+    force = float(np.median(np.linalg.norm(e.wrench[:, :3], axis=1)))
+    moved = float(np.median(np.linalg.norm(e.measured[:, :3], axis=1)))
+    if ratio < 1:
+        return (
+            f"with a median displacement of {1e3 * moved:.2g} mm under {force:.3g} N the columns dx_mm … seem to hold "
+            "metres; millimetres would work"
+        )
+    if force < 10.0:  # N; nothing bends visibly under less
+        return f"with a median force of {force:.2g} N the columns fx_N … seem to hold kilonewtons; newtons would work"
+    return (
+        f"with a median displacement of {1e3 * moved:.3g} mm under {force:.3g} N the columns dx_mm … seem to hold "
+        "micrometres (or fx_N … a thousandth of newtons); millimetres would work"
+    )
+
+
+def _times(ratio: float) -> str:
+    return f"{ratio:.3g} times" if ratio >= 1 else f"1/{1 / ratio:.3g} of"

@@ -1,0 +1,150 @@
+"""``inspect --html``: what a CAM file holds, on one self-contained page with pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import machopt
+from machopt.domain.toolpath import Move, Toolpath
+from machopt.report.shell import page_html, section
+from machopt.report.tables import Column, folded, table
+from machopt.report.toolpath_svg import COLOURS, VIEWS, view_svg
+
+
+def write_toolpath_page(path: Path, toolpath: Toolpath, summary: Mapping[str, Any]) -> None:
+    """Write the page.
+
+    Args:
+        path: the HTML file.
+        toolpath: what was read.
+        summary: of :func:`machopt.formats.inspect.summarise`.
+    """
+    path.write_text(toolpath_page(toolpath, summary), encoding="utf-8", newline="\n")
+
+
+def toolpath_page(toolpath: Toolpath, summary: Mapping[str, Any]) -> str:
+    """The page as text; the same toolpath gives the same bytes."""
+    unknown = [w for w in summary["ignored"] if not w["understood"]]
+    sections = [
+        ("read", "As read", _verdict(summary, unknown)),
+        ("views", "Pictures", _views(toolpath)),
+        ("operations", "Operations", _operations(summary["operations"])),
+        ("extent", "Extent", _extent(summary)),
+        ("words", "Words", _words(summary["ignored"], unknown)),
+        ("events", "Events", _events(toolpath)),
+    ]
+    head = (("File", str(summary["source"])), ("Format", str(summary["format"])), ("Unit", str(summary["unit"])))
+    return page_html(
+        f"Toolpath {summary['source']}", head, sections, {}, scripts=(),
+        footer=f"machopt {escape(machopt.__version__)}. Lengths mm, feeds mm/min, angles deg. SHA-256 "
+        f"{escape(str(summary['sha256']))}.",
+    )  # fmt: skip
+
+
+def _verdict(summary: Mapping[str, Any], unknown: Sequence[Mapping[str, Any]]) -> str:
+    incomplete = summary.get("incomplete")
+    warnings = [w for w in summary["warnings"] if not str(w).startswith("INCOMPLETE")]
+    tone, badge = (
+        ("bad", "INCOMPLETE FILE?") if incomplete else ("warn", "READ, WITH NOTES") if warnings else ("", "READ")
+    )
+    moves = summary["moves"]
+    sentence = (
+        f"{summary['points']} points in {len(summary['operations'])} operations: "
+        + ", ".join(f"{n} {name}" for name, n in moves.items() if n)
+        + "."
+    )
+    items = ([f"<b>{escape(str(incomplete))}</b>"] if incomplete else []) + [escape(str(w)) for w in warnings]
+    cards = [
+        ("Cut", _number(summary["length_mm"]["cut"], 1), "mm"),
+        ("Rapid", _number(summary["length_mm"]["rapid"], 1), "mm"),
+        ("Feed", _range(summary["feed_mm_min"], 0), "mm/min"),
+        ("Tilt of the tool", _range(summary["tilt_deg"]), "deg"),
+        ("Words not understood", str(sum(w["count"] for w in unknown)), ""),
+    ]
+    boxes = "".join(
+        f"<div class=card><div class=name>{name}</div>"
+        f"<div class=value>{escape(value)} <small>{unit}</small></div></div>"
+        for name, value, unit in cards
+    )
+    notes = f"<ul>{''.join(f'<li>{i}</li>' for i in items)}</ul>" if items else ""
+    return (
+        f'<section id=read class="verdict {tone}"><span class=badge>{badge}</span>'
+        f"<p class=sentence>{escape(sentence)}</p>{notes}<div class=cards>{boxes}</div></section>\n"
+    )
+
+
+def _views(toolpath: Toolpath) -> str:
+    present = [m for m in Move if bool((toolpath.move == m).any())]
+    key = "".join(
+        f'<span><svg width=26 height=8><line x1=1 x2=25 y1=4 y2=4 stroke="{COLOURS[m]}" stroke-width=2'
+        f"{' stroke-dasharray=4' if m is Move.RAPID else ''} /></svg>{m.word}</span>"
+        for m in present
+    )
+    drawn = "".join(
+        f"<div class=chart><div class=chart-title>{view.title}</div>{view_svg(toolpath, view)}</div>" for view in VIEWS
+    )
+    lead = "Lines by move; red strokes point along the tool axis where it is tilted; the green dot is the first point."
+    return section("views", "Pictures", lead, f"<div class=map-key>{key}</div><div class=grid2>{drawn}</div>")
+
+
+def _operations(operations: Sequence[Mapping[str, Any]]) -> str:
+    columns = [
+        Column("No.", "n"), Column("Operation"), Column("Kind"), Column("Tool"), Column("Points", "n"),
+        Column("Cutting", "n"), Column("Feed (mm/min)", "n"), Column("First line", "n"),
+    ]  # fmt: skip
+    rows = [
+        (
+            k + 1, o["label"], o["kind"], o["tool"] or "–", o["points"], o["cutting_points"],
+            _range(o["feed_mm_min"]), o["first_line"] if o["first_line"] is not None else "–",
+        )
+        for k, o in enumerate(operations)
+    ]  # fmt: skip
+    lead = "A point operation drills: every cut runs along the tool axis or comes from a cycle."
+    return section("operations", "Operations", lead, table(columns, rows))
+
+
+def _extent(summary: Mapping[str, Any]) -> str:
+    columns = [Column(""), *(Column(f"{c} {side} (mm)", "n") for c in "xyz" for side in ("from", "to"))]
+    rows = []
+    for name, key in (("all moves", "extent_mm"), ("cuts", "cutting_extent_mm")):
+        box = summary[key]
+        rows.append((name, *(_number(box[side][k], 3) for k in range(3) for side in ("min", "max"))))
+    meta = table([Column("What the file says"), Column("", "mono")], sorted(summary["meta"].items()))
+    return section(
+        "extent", "Extent", "In the file's own coordinate system, which is the workpiece.", table(columns, rows) + meta
+    )
+
+
+def _words(ignored: Sequence[Mapping[str, Any]], unknown: Sequence[Mapping[str, Any]]) -> str:
+    columns = [Column("Word", "mono"), Column("Times", "n"), Column("First in line", "n")]
+    body = ""
+    if unknown:
+        rows = [(w["word"], w["count"], w["first_line"]) for w in unknown]
+        body += "<h3>Not understood</h3>" + table(columns, rows)
+    known = [(w["word"], w["count"], w["first_line"]) for w in ignored if w["understood"]]
+    if known:
+        body += folded("Understood, without effect on the path", len(known), table(columns, known))
+    lead = "Words of the file that move nothing here. Strict reading refuses those not understood."
+    return section("words", "Words", lead, body)
+
+
+def _events(toolpath: Toolpath) -> str:
+    columns = [Column("Before point", "n"), Column("What"), Column("Words of the file", "mono")]
+    rows = [(e.index, e.kind, e.text) for e in toolpath.events]
+    body = folded("Events on the way", len(rows), table(columns, rows)) if rows else ""
+    return section("events", "Events", "Spindle, coolant, tools, dwells, stops and comments, where they stand.", body)
+
+
+def _range(values: Sequence[float] | None, decimals: int = 1) -> str:
+    if values is None:
+        return "–"
+    low, high = (_number(v, decimals) for v in values)
+    return low if low == high else f"{low} … {high}"
+
+
+def _number(value: float, decimals: int) -> str:
+    text = f"{value:.{decimals}f}"
+    return (text.rstrip("0").rstrip(".") if "." in text else text).replace("-", "−")

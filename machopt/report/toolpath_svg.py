@@ -1,0 +1,186 @@
+"""Views of a toolpath as SVG: from above, from the front, from the side and slanted, coloured by move."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.toolpath import Array, Move, Toolpath
+
+COLOURS = {
+    Move.CUT: "#1552b8",
+    Move.RAPID: "#d9730d",
+    Move.APPROACH: "#2c8a57",
+    Move.RETRACT: "#7a8490",
+    Move.LINK: "#8a4fbf",
+}
+_DASHED = {Move.RAPID: "4 3"}
+_AXIS_COLOUR = "#b3261e"
+_WIDTH, _MARGIN = 560.0, 46.0
+_HEIGHT_SHARE = (0.45, 0.95)  # of the width: least and most height of a view
+_CELL = 0.35  # of a pixel: steps smaller than that cannot be told apart
+_MOST_STEPS = 12_000  # drawn in one view; beyond it the cell grows
+_COARSEST = 8.0  # pixels
+_AXES_SHOWN = 120
+_AXIS_LENGTH = 16.0  # pixels of a tool axis seen from the side
+_GRID = 1 << 15  # cells of a picture's side, more than there are
+
+
+@dataclass(frozen=True)
+class View:
+    """A direction to look from: ``right`` and ``up`` of the picture in the workpiece."""
+
+    name: str
+    title: str
+    right: tuple[float, float, float]
+    up: tuple[float, float, float]
+    labels: tuple[str, str] | None  # of the axes; None: slanted, no scales
+
+
+_A, _B = math.radians(30.0), math.radians(35.264)
+VIEWS = (
+    View("top", "From above", (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), ("x (mm)", "y (mm)")),
+    View("front", "From the front", (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), ("x (mm)", "z (mm)")),
+    View("side", "From the side", (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), ("y (mm)", "z (mm)")),
+    View(
+        "slanted", "Slanted", (math.cos(_A), math.sin(_A), 0.0),
+        (-math.sin(_A) * math.sin(_B), math.cos(_A) * math.sin(_B), math.cos(_B)), None,
+    ),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Scale:
+    low: Array  # (2,) mm
+    per_mm: float
+    left: float
+    bottom: float
+
+    def __call__(self, flat: Array) -> Array:
+        """(N, 2) mm → pixels."""
+        return np.column_stack(
+            [
+                self.left + (flat[:, 0] - self.low[0]) * self.per_mm,
+                self.bottom - (flat[:, 1] - self.low[1]) * self.per_mm,
+            ]
+        )
+
+
+def view_svg(toolpath: Toolpath, view: View) -> str:
+    """One view; the same toolpath gives the same bytes."""
+    flat = toolpath.position * 1e3 @ np.array([view.right, view.up]).T
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    span = np.maximum(high - low, 1e-3)
+    room = _WIDTH - 2.0 * _MARGIN
+    tallest = _WIDTH * _HEIGHT_SHARE[1] - 2.0 * _MARGIN
+    per_mm = float(min(room / span[0], tallest / span[1]))
+    height = max(float(span[1]) * per_mm + 2.0 * _MARGIN, _WIDTH * _HEIGHT_SHARE[0])
+    left = _MARGIN + (room - float(span[0]) * per_mm) / 2.0
+    bottom = height - _MARGIN - (height - 2.0 * _MARGIN - float(span[1]) * per_mm) / 2.0
+    scale = _Scale(low, per_mm, left, bottom)
+    pixels = scale(flat)
+    parts = [f'<svg class=plot viewBox="0 0 {_WIDTH:g} {height:.0f}" role=img><title>{escape(view.title)}</title>']
+    if view.labels is not None:
+        parts.append(_scales(view.labels, low, high, scale, height))
+    for move in (Move.RAPID, Move.RETRACT, Move.LINK, Move.APPROACH, Move.CUT):  # cuts on top
+        parts.append(_move(pixels, np.asarray(toolpath.move), move))
+    parts.append(_tool_axes(toolpath, pixels, view))
+    x, y = pixels[0].tolist()
+    parts.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3.5" fill="#14703c"><title>first point</title></circle></svg>')
+    return "".join(parts)
+
+
+def _move(pixels: Array, move: NDArray[np.int8], which: Move) -> str:
+    """All lines of one kind of move as one SVG path."""
+    ends = np.flatnonzero(move == which)
+    ends = ends[ends > 0]
+    if not len(ends):
+        return ""
+    breaks = np.flatnonzero(np.diff(ends) > 1) + 1
+    drawn = [_thinned(pixels[run[0] - 1 : run[-1] + 1], _CELL) for run in np.split(ends, breaks)]
+    if sum(map(len, drawn)) <= _MOST_STEPS + 2 * len(drawn) and len(drawn) <= _MOST_STEPS:
+        d = "".join("M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points.tolist()) for points in drawn)
+    else:
+        d = "".join(f"M{a:.1f} {b:.1f}L{c:.1f} {e:.1f}" for a, b, c, e in _distinct(drawn).tolist())
+    dash = f' stroke-dasharray="{_DASHED[which]}"' if which in _DASHED else ""
+    width = 1.3 if which is Move.CUT else 0.9
+    return (
+        f'<path class=line d="{d}" stroke="{COLOURS[which]}" stroke-width="{width}"{dash}>'
+        f"<title>{which.word}</title></path>"
+    )
+
+
+def _thinned(points: Array, cell: float) -> Array:
+    """Points that fall into another cell than the one before; both ends stay."""
+    cells = np.round(points / cell)
+    keep = np.ones(len(points), dtype=bool)
+    keep[1:-1] = (np.diff(cells, axis=0) != 0.0).any(axis=1)[:-1]
+    return np.asarray(points[keep])
+
+
+def _distinct(drawn: list[Array]) -> Array:
+    """(M, 4) strokes of long paths: those that fall on one another are drawn once, on a grid as fine as it may be."""
+    strokes = np.vstack([np.column_stack([points[:-1], points[1:]]) for points in drawn])
+    cell = _CELL
+    while True:
+        grid = np.round(strokes / cell).astype(np.int64)
+        moved = (grid[:, :2] != grid[:, 2:]).any(axis=1)
+        keys = ((grid[:, 0] * _GRID + grid[:, 1]) * _GRID + grid[:, 2]) * _GRID + grid[:, 3]
+        keep = np.unique(keys[moved], return_index=True)[1]
+        strokes = strokes[np.flatnonzero(moved)[np.sort(keep)]] if len(keep) else strokes[:1]
+        if len(strokes) <= _MOST_STEPS or cell > _COARSEST:
+            return np.asarray(strokes[:: max(len(strokes) // _MOST_STEPS, 1)])
+        cell *= 1.6
+
+
+def _tool_axes(toolpath: Toolpath, pixels: Array, view: View) -> str:
+    """Short strokes along the tool axis where it is not the same everywhere, or not upright."""
+    cut = np.flatnonzero(toolpath.cutting)
+    axis = toolpath.axis[cut]
+    if not len(cut) or (axis[:, 2] > 1.0 - 1e-9).all():
+        return ""
+    pick = np.unique(np.linspace(0, len(cut) - 1, min(len(cut), _AXES_SHOWN)).round().astype(int))
+    flat = axis[pick] @ np.array([view.right, view.up]).T * _AXIS_LENGTH
+    at = pixels[cut[pick]]
+    d = "".join(f"M{x:.1f} {y:.1f}l{u:.1f} {-v:.1f}" for (x, y), (u, v) in zip(at.tolist(), flat.tolist(), strict=True))
+    return f'<path class=line d="{d}" stroke="{_AXIS_COLOUR}" stroke-width="0.8"><title>tool axis</title></path>'
+
+
+def _scales(labels: tuple[str, str], low: Array, high: Array, scale: _Scale, height: float) -> str:
+    parts: list[str] = []
+    for value in _ticks(float(low[0]), float(high[0])):
+        x = scale.left + (value - float(low[0])) * scale.per_mm
+        parts.append(
+            f'<line class=grid x1="{x:.1f}" x2="{x:.1f}" y1="{_MARGIN / 2:g}" y2="{height - _MARGIN + 8:.1f}"/>'
+        )
+        parts.append(
+            f'<text class=tick x="{x:.1f}" y="{height - _MARGIN + 20:.1f}" text-anchor=middle>{value:g}</text>'
+        )
+    for value in _ticks(float(low[1]), float(high[1])):
+        y = scale.bottom - (value - float(low[1])) * scale.per_mm
+        parts.append(f'<line class=grid x1="{_MARGIN - 8:g}" x2="{_WIDTH - _MARGIN / 2:g}" y1="{y:.1f}" y2="{y:.1f}"/>')
+        parts.append(f'<text class=tick x="{_MARGIN - 11:g}" y="{y + 4:.1f}" text-anchor=end>{value:g}</text>')
+    parts.append(f'<text class=label x="{_WIDTH / 2:g}" y="{height - 6:.1f}" text-anchor=middle>{labels[0]}</text>')
+    parts.append(
+        f'<text class=label x="12" y="{height / 2:.1f}" text-anchor=middle '
+        f'transform="rotate(-90 12 {height / 2:.1f})">{labels[1]}</text>'
+    )
+    return "".join(parts)
+
+
+def _ticks(low: float, high: float) -> list[float]:
+    """Round values between low and high, about five."""
+    span = high - low
+    if not span > 1e-3:
+        return [round(low, 3)]
+    step = 10.0 ** math.floor(math.log10(span / 4.0))
+    for factor in (1.0, 2.0, 5.0, 10.0):
+        if span / (step * factor) <= 6.0:
+            step *= factor
+            break
+    first = math.ceil(low / step - 1e-9)
+    return [round(k * step, 6) + 0.0 for k in range(first, math.floor(high / step + 1e-9) + 1)]

@@ -1,0 +1,45 @@
+"""Jobs for the tests of a batch: what a job does stands in its toolpath file."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+
+def run(job: Mapping[str, Any], out: Path) -> dict[str, object]:
+    """Count that it ran, do what the file's comment says, write a result that depends on the file alone."""
+    path = Path(job["request"]["toolpath"])
+    words = path.read_text().splitlines()[0].removeprefix("#").split()
+    count = path.parents[1] / "ran"
+    if count.is_dir():
+        with (count / path.name).open("a") as file:
+            file.write(f"{os.getpid()}\n")
+    what, *more = words
+    if what == "sleep":
+        time.sleep(float(more[0]))
+    elif what == "segfault":
+        ctypes.string_at(0)
+    elif what == "exit":
+        os._exit(0)
+    elif what == "raise":
+        raise RuntimeError("the arm fell off")
+    elif what == "hang":
+        while True:  # deaf to everything but SIGKILL, with a child of its own
+            if os.fork() == 0:
+                time.sleep(1000)
+            time.sleep(1000)
+    elif what == "eat":
+        hoard = [bytearray(os.urandom(1)) * (16 * 2**20) for _ in range(int(more[0]) // 16)]
+        time.sleep(1000 + len(hoard))
+    gain = float(len(path.read_text())) % 37
+    if what in ("infeasible", "unverified"):
+        return {"exit_code": {"infeasible": 3, "unverified": 4}[what], "verdict": what, "reason": "as told"}
+    out.mkdir()
+    (out / "points.csv").write_text("gamma_deg,move,branch\n" + f"{gain},cut,1\n" * 3)
+    (out / "report.html").write_text(f"<p>{path.name}</p>")
+    return {"exit_code": 0, "verdict": "done", "reason": "", "gain_percent": gain, "unit": "mm",
+            "mean": 1.0 / (1 + gain), "warnings": []}  # fmt: skip

@@ -1,0 +1,138 @@
+/PROG  GOLDEN
+/ATTR
+OWNER		= MNEDITOR;
+COMMENT		= "machopt";
+PROG_SIZE	= 0;
+CREATE		= DATE 00-01-01  TIME 00:00:00;
+MODIFIED	= DATE 00-01-01  TIME 00:00:00;
+FILE_NAME	= ;
+VERSION		= 0;
+LINE_COUNT	= 43;
+MEMORY_SIZE	= 0;
+PROTECT		= READ_WRITE;
+TCD:  STACK_SIZE	= 0,
+      TASK_PRIORITY	= 50,
+      TIME_SLICE	= 0,
+      BUSY_LAMP_OFF	= 0,
+      ABORT_REQUEST	= 0,
+      PAUSE_REQUEST	= 0;
+DEFAULT_GROUP	= 1,*,*,*,*;
+CONTROL_CODE	= 00000000 00000000;
+/MN
+   1:  !written by machopt from golden ;
+   2:  !cell part.apt ;
+   3:  !12 moves. First run slowly and ;
+   4:  !by hand ;
+   5:  !cutting moves are rounded within ;
+   6:  !0.1 mm of their points ;
+   7:  !UFRAME must be X 1340.378 Y ;
+   8:  !-658.397 Z 300.000 W 0.000 P ;
+   9:  !0.000 R 6.870 ;
+  10:  !UTOOL must be X -20.000 Y ;
+  11:  !-180.000 Z 420.000 W 0.000 P ;
+  12:  !53.130 R -90.000 ;
+  13:  !feeds are rounded to 0.1 mm/sec ;
+  14:  UFRAME_NUM=2 ;
+  15:  UTOOL_NUM=3 ;
+  16:J P[1] 80% FINE ;
+  17:  !operation: Bohren ?6 ;
+  18:  !CAM: LOADTL/12 ;
+  19:J P[2] 80% FINE ;
+  20:  !CAM: SPINDL/9000,RPM,CLW ;
+  21:  !move: approach ;
+  22:L P[3] 20.0mm/sec FINE ;
+  23:  !move: cut ;
+  24:L P[4] 2.5mm/sec FINE ;
+  25:  !CAM: DELAY/0.5 ;
+  26:  WAIT 0.50(sec) ;
+  27:  !move: retract ;
+  28:L P[5] 20.0mm/sec FINE ;
+  29:  !operation: face <1> "fine" ;
+  30:J P[6] 80% FINE ;
+  31:  !CAM: COOLNT/ON ;
+  32:  !move: cut ;
+  33:L P[7] 25.0mm/sec CNT0 ;
+  34:L P[8] 25.0mm/sec FINE ;
+  35:  !CAM: PPRINT/look ;
+  36:L P[9] 25.0mm/sec CNT0 ;
+  37:L P[10] 12.5mm/sec FINE ;
+  38:  !move: retract ;
+  39:L P[11] 50.0mm/sec FINE ;
+  40:  !CAM: SPINDL/OFF ;
+  41:  !CAM: STOP ;
+  42:  PAUSE ;
+  43:J P[12] 80% FINE ;
+/POS
+P[1]{
+   GP1:
+	UF : 2, UT : 3,
+	J1= -30.00000 deg,	J2= 0.00000 deg,	J3= 0.00000 deg,
+	J4= 0.00000 deg,	J5= 45.00000 deg,	J6= 180.00000 deg
+};
+P[2]{
+   GP1:
+	UF : 2, UT : 3,
+	J1= -20.00000 deg,	J2= 20.00000 deg,	J3= 30.00000 deg,
+	J4= -10.00000 deg,	J5= 40.00000 deg,	J6= 200.00000 deg
+};
+P[3]{
+   GP1:
+	UF : 2, UT : 3,		CONFIG : 'F U T, 0, 0, 1',
+	X = 252.9064 mm,	Y = -6.2753 mm,	Z = 11.2729 mm,
+	W = -178.12658 deg,	P = -31.80124 deg,	R = 138.37954 deg
+};
+P[4]{
+   GP1:
+	UF : 2, UT : 3,		CONFIG : 'F U T, 0, 0, 1',
+	X = 285.8667 mm,	Y = -22.9752 mm,	Z = -4.4112 mm,
+	W = -178.12658 deg,	P = -31.80124 deg,	R = 138.37954 deg
+};
+P[5]{
+   GP1:
+	UF : 2, UT : 3,		CONFIG : 'F U T, 0, 0, 1',
+	X = 252.9064 mm,	Y = -6.2753 mm,	Z = 11.2729 mm,
+	W = -178.12658 deg,	P = -31.80124 deg,	R = 138.37954 deg
+};
+P[6]{
+   GP1:
+	UF : 2, UT : 3,
+	J1= -30.00000 deg,	J2= 10.00000 deg,	J3= 30.00000 deg,
+	J4= 0.00000 deg,	J5= 60.00000 deg,	J6= -10.00000 deg
+};
+P[7]{
+   GP1:
+	UF : 2, UT : 3,		CONFIG : 'F U T, 0, 0, 0',
+	X = 53.4625 mm,	Y = -50.2601 mm,	Z = 24.2851 mm,
+	W = -172.59776 deg,	P = -49.57396 deg,	R = -35.30937 deg
+};
+P[8]{
+   GP1:
+	UF : 2, UT : 3,		CONFIG : 'F U T, 0, 0, 0',
+	X = 40.9234 mm,	Y = -104.6351 mm,	Z = 7.9109 mm,
+	W = -172.64485 deg,	P = -50.71538 deg,	R = -35.42588 deg
+};
+P[9]{
+   GP1:
+	UF : 2, UT : 3,		CONFIG : 'F U T, 0, 0, 0',
+	X = 25.6622 mm,	Y = -158.8768 mm,	Z = -8.5164 mm,
+	W = -172.81378 deg,	P = -51.84903 deg,	R = -35.44298 deg
+};
+P[10]{
+   GP1:
+	UF : 2, UT : 3,		CONFIG : 'F U T, 0, 0, 0',
+	X = 80.0174 mm,	Y = -190.4723 mm,	Z = 11.6394 mm,
+	W = -172.15121 deg,	P = -55.05269 deg,	R = -34.71783 deg
+};
+P[11]{
+   GP1:
+	UF : 2, UT : 3,		CONFIG : 'F U T, 0, 0, 0',
+	X = 80.9199 mm,	Y = -191.2532 mm,	Z = 104.1872 mm,
+	W = -172.98352 deg,	P = -59.02706 deg,	R = -34.01905 deg
+};
+P[12]{
+   GP1:
+	UF : 2, UT : 3,
+	J1= -30.00000 deg,	J2= 0.00000 deg,	J3= 0.00000 deg,
+	J4= 0.00000 deg,	J5= 45.00000 deg,	J6= 180.00000 deg
+};
+/END

@@ -1,0 +1,63 @@
+"""Writes the golden programs: ``python tests/golden/make_golden.py`` (from the repository's root).
+
+One short job for every post: rapid moves, a drilled hole with dwell and spindle, a milled corner with rounding. Look
+at what changes before committing it: a golden file is what an engineer has read once with the controller's manual
+beside it.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE.parent), str(HERE.parents[1])]
+
+from made_up_program import ARM, MAPPED, TOOL, WORKPIECE, standing_of  # noqa: E402
+
+from machopt.domain.program import LIN, PTP, RobotProgram  # noqa: E402
+from machopt.domain.toolpath import Event, Move  # noqa: E402
+from machopt.formats.posts import post_names, program_name, write_program  # noqa: E402
+
+
+def job() -> RobotProgram:
+    """Twelve moves whose joints are round numbers."""
+    degrees = np.array([
+        [0, -90, 90, 0, 45, 0], [-10, -70, 100, 10, 40, -20], [-10, -68, 98, 10, 40, -20], [-10, -66, 96, 10, 40, -20],
+        [-10, -68, 98, 10, 40, -20], [0, -80, 110, 0, 60, 190], [0, -78, 112, -5, 60, 190], [2, -77, 112, -5, 58, 192],
+        [4, -76, 112, -5, 56, 194], [4, -75, 110, -6, 54, 196], [4, -79, 110, -6, 54, 196], [0, -90, 90, 0, 45, 0],
+    ], float)  # fmt: skip
+    q = np.radians(degrees)
+    kind = np.array([PTP, PTP, LIN, LIN, LIN, PTP, LIN, LIN, LIN, LIN, LIN, PTP], np.int8)
+    move = np.array([1, 1, 2, 0, 3, 1, 0, 0, 0, 0, 3, 1], np.int8)
+    feed = np.array([np.nan, np.nan, 0.02, 0.0025, 0.02, np.nan, 0.025, 0.025, 0.025, 0.0125, 0.05, np.nan])
+    behind, up = standing_of(ARM, q, MAPPED)  # type: ignore[misc]
+    return RobotProgram(
+        kind=kind, q=q, T_workpiece_tcp=np.linalg.inv(WORKPIECE) @ ARM.fk(q, TOOL), feed=feed, move=move,
+        cutting=(kind == LIN) & (move == Move.CUT), operation=np.array([-1, 0, 0, 0, 0, *[1] * 6, -1], np.int32),
+        operations=("Bohren ø6", "face <1>; \"fine\""), T_flange_tcp=TOOL, T_base_workpiece=WORKPIECE,
+        events=(Event(1, "tool", "LOADTL/12", 12.0), Event(2, "spindle", "SPINDL/9000,RPM,CLW", 9000.0),
+                Event(4, "dwell", "DELAY/0.5", 0.5), Event(6, "coolant", "COOLNT/ON"),
+                Event(8, "comment", "PPRINT/look"), Event(11, "spindle", "SPINDL/OFF", 0.0), Event(11, "stop", "STOP")),
+        blend=1e-4, source="golden cell; part.apt", behind=behind, elbow_up=up, time=np.arange(12) * 0.5,
+        joint_names=ARM.joints, tool_mass=45.0, tool_com=np.array([0.01, 0.0, 0.15]),
+    )  # fmt: skip
+
+
+def write(folder: Path, post: str) -> list[Path]:
+    folder.mkdir(parents=True, exist_ok=True)
+    return write_program(folder, program_name("golden", post), job(), post, MAPPED)
+
+
+def main() -> None:
+    for post in post_names():
+        shutil.rmtree(HERE / post, ignore_errors=True)
+        for path in write(HERE / post, post):
+            sys.stdout.write(f"{path.relative_to(HERE)}\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,130 @@
+"""Damaged robot programs: what editors, transfers and cut-off downloads make of them, and worse."""
+
+from __future__ import annotations
+
+import random
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from made_up_program import MAPPED, Recipe, program
+
+from machopt.errors import InputError
+from machopt.formats.posts import program_name, write_program
+from machopt.formats.programs import read_program
+from machopt.formats.programs.parsed import ParsedProgram
+from machopt.formats.programs.toolpath import to_toolpath
+from machopt.formats.source import ReadOptions, decode, read_bytes
+
+FORMATS = {
+    "krl": ("krl", "krl_pos", "krl_spline"), "rapid": ("rapid",), "fanuc": ("fanuc", "fanuc_joint"),
+    "urscript": ("urscript", "urscript_movep", "urscript_servoj"), "val3": ("val3",), "jbi": ("jbi", "jbi_rectan"),
+    "csv": ("csv",), "json": ("json",), "ros": ("ros_yaml", "ros_json"),
+}  # fmt: skip
+MAIN_SUFFIXES = (".src", ".mod", ".ls", ".script", ".pjx", ".jbi", ".csv", ".json", ".yaml")
+_WORDS = (
+    "PTP", "LIN", "CIRC", "SPL", "FOR i = 1 TO 99999999", "ENDFOR", "END", "IF", "MoveL", "MoveC", "PROC x()",
+    "ENDPROC", "{", "}", "[", "]", "[[", "(", ")", "p[", "movel(", "def f():", "end", "P[1]", "C P[2]", "J", "L",
+    "/POS", "/END", "//INST", "///PULSE", "C00001", "MOVC", "CALL X", "9E9", "1e308", "-1e999", "nan", "inf", "--",
+    "$VEL.CP=0", "$BASE=", "\\WObj:=", ":=", ";", ",", '"', "'", '<Value key="x"', "]]>", "&amp;", "<!DOCTYPE a>",
+    "positions", "true", "null", "#", "!", "0x10", "1_0", "\x00", "\xff", "ä",
+)  # fmt: skip
+
+
+def seeds(folder: Path, form: str) -> list[Path]:
+    """Folders with a small sound program each; the first file is the one to be read."""
+    out = []
+    for post in FORMATS[form]:
+        for n, split in ((0, None), (1, 5)):
+            place = folder / f"{post}_{n}"
+            place.mkdir(parents=True)
+            controller = replace(MAPPED, moves_per_part=split)
+            recipe = Recipe(n, moves=9, blend=1e-4 * n)
+            write_program(place, program_name("part", post), program(recipe, controller), post, controller)
+            out.append(place)
+    return out
+
+
+def main_file(place: Path) -> Path:
+    files = [f for f in sorted(place.rglob("*")) if f.suffix.lower() in MAIN_SUFFIXES and "events" not in f.name]
+    return min(files, key=lambda f: len(f.name))  # the parts have longer names
+
+
+def damaged(data: bytes, rng: random.Random) -> bytes:
+    """One to six faults: cut off, bytes changed, lines lost, doubled or swapped, numbers and words replaced."""
+    out = bytearray(data)
+    for _ in range(rng.randint(1, 6)):
+        if not out:
+            break
+        choice, at = rng.random(), rng.randrange(len(out))
+        if choice < 0.08:
+            del out[at:]
+        elif choice < 0.3:
+            out[at] = rng.randrange(256)
+        elif choice < 0.4:
+            del out[at : at + rng.randint(1, 30)]
+        elif choice < 0.6:
+            word = rng.choice(_WORDS).encode("latin-1")
+            out[at : at + rng.randint(0, len(word))] = word
+        elif choice < 0.8:
+            lines = bytes(out).split(b"\n")
+            k, j = rng.randrange(len(lines)), rng.randrange(len(lines))
+            what = rng.random()
+            if what < 0.3:
+                lines.insert(j, lines[k])
+            elif what < 0.6:
+                del lines[k]
+            else:
+                lines[k], lines[j] = lines[j], lines[k]
+            out = bytearray(b"\n".join(lines))
+        else:
+            digits = [k for k in range(max(at - 60, 0), min(at + 60, len(out))) if 48 <= out[k] <= 57]
+            if digits:
+                k = rng.choice(digits)
+                out[k : k + rng.randint(1, 3)] = rng.choice(
+                    (b"9", b"", b"-", b".", b"e", b"99999999", b"1.2.3", b"\xc2\xb2")
+                )
+    return bytes(out)
+
+
+def run(
+    place: Path, count: int, rng: random.Random, told: Callable[[int, float], None] | None = None
+) -> tuple[int, int]:
+    """Read ``count`` damaged versions of a program; (read, refused). Anything but an InputError comes through."""
+    target = main_file(place)
+    files = [f for f in sorted(place.rglob("*")) if f.is_file()]
+    sound = {f: f.read_bytes() for f in files}
+    options = ReadOptions(default_feed=0.01)
+    read = refused = 0
+    for n in range(count):
+        victim = rng.choice(files) if rng.random() < 0.5 else target
+        victim.write_bytes(damaged(sound[victim], rng))  # left as it is where something else than InputError comes
+        start = time.perf_counter()
+        try:
+            parsed = read_program(target)
+            sensible(parsed)
+            read += 1
+            to_toolpath(parsed, decode(target, read_bytes(target)), options)
+        except InputError:
+            refused += 1
+        if told is not None:
+            told(n, time.perf_counter() - start)
+        victim.write_bytes(sound[victim])
+    return read, refused
+
+
+def sensible(p: ParsedProgram) -> None:
+    """No nonsense: every target is finite where it is given, every index is inside."""
+    assert len(p) > 0
+    joint = ~p.has_pose
+    pulses = np.array(["pulses" in c for c in p.configuration])
+    assert np.isfinite(p.axes_deg[joint & ~pulses]).all()
+    assert np.isfinite(p.T_base_tcp[p.has_pose]).all()
+    R = p.T_base_tcp[p.has_pose][:, :3, :3]
+    assert np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(initial=0.0) < 1e-6
+    assert ((p.feed > 0) | np.isnan(p.feed)).all()
+    assert all(0 <= e.index <= len(p) for e in p.events)
+    assert (p.base < len(p.bases)).all()
+    assert (p.operation < len(p.operations)).all()

@@ -1,0 +1,325 @@
+"""One small file of every dialect the toolpath readers know, written for the tests from the formats' rules."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A file's text, how it is called, and what the user would have to say to read it."""
+
+    name: str
+    text: str
+    options: dict[str, object] = field(default_factory=dict)
+    end: str = ""  # the first line that says the file is whole; none: the format has no such line
+
+
+NX = Sample(
+    "nx.cls",
+    """TOOL PATH/PROFILE,TOOL,END_MILL_10
+TLDATA/MILL,10.0,0.0,75.0,0.0,0.0
+MSYS/0.0,0.0,0.0,1.0,0.0,0.0,0.0,1.0,0.0
+$$ centerline data
+PAINT/COLOR,186
+RAPID
+GOTO/10.0,0.0,50.0,0.0,0.0,1.0
+FEDRAT/MMPM,600.0
+GOTO/10.0,0.0,0.0
+CIRCLE/0.0,0.0,0.0,0.0,0.0,-1.0,10.0,0.06,0.5,10.0,0.0
+GOTO/-10.0,0.0,0.0
+NURBS/
+KNOT/0.5,1.0
+CNTRL/-20,5,0
+CNTRL/-30,9,0
+CNTRL/-40,0,0
+CNTRL/-50,0,0
+GOTO/-60.0,0.0,0.0
+END-OF-PATH
+TOOL PATH/HOLES,TOOL,DRILL_8
+MSYS/100.0,0.0,0.0,0.0,1.0,0.0,-1.0,0.0,0.0
+CYCLE/DRILL,RAPTO,3.0,FEDTO,-12.0,MMPM,250.0
+GOTO/66.0,0.0,24.0,0.0,0.0,1.0
+GOTO/0.0,0.0,24.0
+CYCLE/OFF
+END-OF-PATH
+""",
+    end="END-OF-PATH",
+)
+CATIA = Sample(
+    "catia.aptsource",
+    """$$ CATIA APT VERSION 1.0
+$$*CATIA0
+$$ Program.1
+$$     1.00000     0.00000     0.00000     5.00000
+$$     0.00000     1.00000     0.00000     0.00000
+$$     0.00000     0.00000     1.00000    60.00000
+PARTNO PART TO BE MACHINED
+$$ OPERATION NAME : Contour.1
+MULTAX
+LOADTL/1
+SPINDL/  2000.0000,RPM,CLW
+RAPID
+GOTO  /   10.00000,    0.00000,    1.00000, 0.000000, 0.000000, 1.000000
+FEDRAT/    0.1000,MMPR
+GOTO  /   10.00000,    0.00000,    0.00000, 0.000000, 0.000000, 1.000000
+INDIRV/  0.00000,  1.00000,  0.00000
+TLON,GOFWD/ (CIRCLE/ 0.00000, 0.00000, 0.00000,$
+  10.00000),ON,(LINE/ 0.00000, 0.00000, 0.00000,$
+  -10.00000, 0.00000, 0.00000)
+GOTO  /  -10.00000,   -5.00000,    0.00000, 0.000000, 0.600000, 0.800000
+FINI
+""",
+    end="FINI",
+)
+CREO = Sample(
+    "creo.ncl",
+    """$$*         Pro/CLfile  Version 7.0
+$$-> MFGNO / MFG0001
+PARTNO / MFG0001
+$$-> FEATNO / 21
+MACHIN / UNCX01, 1
+UNITS / MM
+LOADTL / 1
+$$-> CUTTER / 20.000000
+$$-> CSYS / 1.0000000000, 0.0000000000, 0.0000000000, 0.0000000000, $
+            0.0000000000, 1.0000000000, 0.0000000000, 0.0000000000, $
+            0.0000000000, 0.0000000000, 1.0000000000, 0.0000000000
+SPINDL / RPM, 1000.000000,  CLW
+RAPID
+GOTO / 10.0000000000, 0.0000000000, 10.0000000000
+FEDRAT / 300.000000,  MMPM
+GOTO / 10.0000000000, 0.0000000000, 0.0000000000
+CIRCLE / 0.0000000000, 0.0000000000, 0.0000000000, $
+         0.0000000000, 0.0000000000, 1.0000000000, 10.0000000000
+GOTO / 0.0000000000, 10.0000000000, 0.0000000000, $
+       -7.0710678119, 7.0710678119, 0.0000000000, $
+       -10.0000000000, 0.0000000000, 0.0000000000
+CYCLE / DRILL, DEPTH, 12.000000, MMPM, 100.000000, CLEAR, 2.000000
+GOTO / 30.0000000000, 0.0000000000, 0.0000000000
+CYCLE / OFF
+$$-> END /
+FINI
+""",
+    end="$$-> END /",
+)
+HSM = Sample(
+    "hsm.apt",
+    """MODE/MILL
+PARTNO/'1001'
+PPRINT/'1001'
+UNITS/MM
+MULTAX/OFF
+PPRINT/'Drill1'
+CUTTER/10.000000, 0.000000, 0.000000, 0.000000, 0.000000, 59.000000, 30.000000
+LOADTL/3, 0, 60.000000, 3
+SPINDL/2000.000000, RPM, CLW
+RAPID
+GOTO/5.000000, 5.000000, 15.000000
+CYCLE/DRILL, 10.000000, MMPM, 200.000000, 15.000000, RAPTO, 10.000000
+FEDRAT/200.000000, MMPM
+GOTO/5.000000, 5.000000, -10.000000
+CYCLE/OFF
+MULTAX/ON
+PPRINT/'Swarf'
+CUTTER/12.000000, 0.000000, 0.000000, 0.000000, 0.000000, 0.000000, 30.000000
+LOADTL/4, 0, 60.000000, 4
+RAPID
+GOTO/10.000000, 0.000000, 20.000000, 0.000000000, 0.600000000, 0.800000000
+FEDRAT/500.000000, MMPM
+GOTO/10.000000, 0.000000, 0.000000, 0.000000000, 0.600000000, 0.800000000
+MOVARC/0.000000, 0.000000, 0.000000, 0.000000, 0.000000, 1.000000, 10.000000, ANGLE, 90.000000
+GOTO/0.000000, 10.000000, 0.000000, 0.000000000, 0.600000000, 0.800000000
+SPINDL/ON
+END
+FINI
+""",
+    end="END",
+)
+CAMWORKS = Sample(
+    "camworks.apt",
+    """PARTNO/1
+UNIT/MM
+INSERT/[HOLDER=X] 12MM MILL
+CSI_SET_FLUTE_LENGTH/15.
+LOAD/TOOL,15
+SPINDL/1334,RPM,CLW
+TRNTYP/WORLD,0,0,0
+CSYS/1.,0,0,0,0,1.,0,0,0,0,1.,0
+RAPID/
+GOTO/10.,0,5.
+FEDRAT/120.5,MMPM
+GOTO/10.,0,0
+CIRCLE/0,0,0,0,0,1.
+GOTO/-10.,0,0
+CYCLE/DEEP2,FEDTO,8.,1STPECK,5.,SUBPECK,2.,MMPM,300.,RAPTO,3.,RTRCTO,25.
+GOTO/8.,15.,0
+CYCLE/OFF
+FINI
+""",
+    end="FINI",
+)
+FANUC = Sample(
+    "fanuc.nc",
+    """%
+O0001 (PART)
+G21 G90 G17 G40 G49 G80 G54
+(OPERATION: FACE)
+T5 M6
+S8000 M3
+G0 X0. Y0.
+G43 H5 Z50.
+G1 Z-1. F300.
+X50. F600.
+G2 X60. Y-10. I0. J-10.
+G3 X70. Y-20. R10.
+G91 G1 X5.
+G90 G81 G98 X80. Y0. Z-8. R2. F100.
+X90.
+G80
+M98 P100 L2
+G68.2 X0. Y0. Z0. I0. J30. K0.
+G53.1
+G0 X0. Y0. Z20.
+G1 Z0. F200.
+X10.
+G69
+G0 B0. C0.
+G0 Z100.
+M30
+O0100
+G91 G1 X1. F100.
+G90
+M99
+%
+""",
+    end="M30",
+)
+FIVE_AXES = Sample(
+    "five.nc",
+    "%\nO2\nG21 G90 G54\nT1 M6\nG43.4 H1\nG0 X0 Y0 Z9 A30. C50.\nG1 X1. F500.\nX2. A31. C52.\nX3. A32. C54.\n"
+    "G49\nG43.5 H1\nG0 X0 Y0 Z9 I0 J3 K4\nG1 X1. F99. I0 J3 K4\nM30\n%\n",
+    {"machine": "table-ac@0,0,-50"},
+    end="M30",
+)
+WITHOUT_TCP = Sample(
+    "trunnion.nc",
+    "%\nO3\nG21 G90 G54\nT1 M6\nG0 X0 Y0 Z50. A0. C0.\nG1 Z1. F500.\nG0 Z50.\nG0 A30. C45.\nX5. Y5.\nG1 Z2. F200.\n"
+    "X9. A31. C46.\nG93 X8. F10.\nG94 G0 Z60.\nA0. C0.\nM30\n%\n",
+    {"machine": "table-ac@0,0,-50"},
+    end="M30",
+)
+LINUXCNC = Sample(
+    "linuxcnc.ngc",
+    "G21 G90\n#<depth> = 2\n#1 = 10\no100 sub\n#5 = [#1 + #2]\nG1 X#5 Z-[#<_d>] F300\no100 endsub\n"
+    "#<_d> = #<depth>\nG0 X0 Y0 Z5\no101 while [#1 GT 7]\n  o100 call [#1] [1]\n  #1 = [#1 - 1]\no101 endwhile\n"
+    "o102 if [#1 EQ 7]\nG1 Y[SIN[30] * 4]\no102 else\nG1 Y9\no102 endif\no103 repeat [2]\nG91 G1 X1\no103 endrepeat\n"
+    "G90 G2 X20 Y5 R30\nM2\n",
+    end="M2",
+)
+SIEMENS = Sample(
+    "siemens.mpf",
+    'N10 G71 G90 G17 G54\nN20 DEF REAL DEPTH=4, STEP\nN30 R1=10 R2=0\nN40 MSG("TOOLPATH :SLOT")\nN50 T1 M6\n'
+    "N60 G0 X0 Y0 Z=R1\nN70 START:\nN80 R2=R2+1\nN90 STEP=DEPTH*R2/2\nN100 G1 Z=-STEP F300\nN110 X=R1*COS(30*R2)\n"
+    "N120 IF R2<2 GOTOB START\nN130 FOR R3=1 TO 2\nN140 G1 Y=R3*5\nN150 ENDFOR\nN160 G2 X20 Y10 CR=30\n"
+    "N170 G0 Z50\nN180 F120\nN190 MCALL CYCLE81(53,50,3,40,)\nN200 X5 Y5\nN210 MCALL\n"
+    'N220 CYCLE800(1,"TC",0,57,0,0,0,30,0,0,0,0,0,1)\nN230 G0 X0 Y0 Z20\nN240 G1 Z0 F100\nN250 X=IC(5)\n'
+    "N260 CYCLE800()\n"
+    "N270 TRAORI\nN280 G0 X0 Y0 Z30 A3=0 B3=3 C3=4\nN290 G1 X5 A3=0 B3=0 C3=1\nN300 TRAFOOF\nN310 M30\n",
+    end="N310 M30",
+)
+HEIDENHAIN = Sample(
+    "heidenhain.h",
+    """0 BEGIN PGM TEST MM
+1 BLK FORM 0.1 Z X+0 Y+0 Z-20
+2 TOOL CALL 7 Z S2000
+3 Q1 = +5
+4 L X+10 Y+0 Z+5 R0 FMAX M3
+5 L Z+0 F200
+6 CC X+0 Y+0
+7 C X-10 Y+0 DR+
+8 CR X+0 Y-10 R+10 DR+
+9 CP IPA+90 IZ-1 DR+
+10 LP PR+12 PA+45
+11 CALL LBL 1 REP 2
+12 L Z+50 FMAX
+13 CYCL DEF 200 DRILLING ~
+    Q200=2 ;SET-UP CLEARANCE ~
+    Q201=-9 ;DEPTH ~
+    Q206=150 ;FEED ~
+    Q202=4 ;PECK ~
+    Q203=+1 ;SURFACE ~
+    Q204=20
+14 L X+30 Y+30 FMAX M99
+15 CYCL DEF 7.0 DATUM SHIFT
+16 CYCL DEF 7.1 X+10
+17 PLANE SPATIAL SPA+0 SPB+30 SPC+0 TURN FMAX
+18 L X+0 Y+0 Z+20 FMAX
+19 L Z+0 F100
+20 L IX+Q1
+21 PLANE RESET STAY
+22 L B+0 C+0 FMAX
+23 M128
+24 LN X+0 Y+0 Z+30 NX0 NY0 NZ1 TX+0 TY+0.6 TZ+0.8 F200
+25 M129
+26 L Z+100 FMAX M30
+27 LBL 1
+28 L IX+1 F300
+29 LBL 0
+30 END PGM TEST MM
+""".replace("11 CALL LBL 1 REP 2\n", "11 CALL LBL 1\n"),
+    end="26 L Z+100 FMAX M30",
+)
+DIN_ISO = Sample(
+    "iso.i",
+    """%ISO G71 *
+N10 G30 G17 X+0 Y+0 Z-20 *
+N20 T1 G17 S1000 *
+N30 G00 G40 G90 X+10 Y+0 Z+50 M3 *
+N40 G01 Z+0 F250 *
+N50 I+0 J+0 *
+N60 G03 X-10 Y+0 *
+N70 G02 X+0 Y+10 I+0 J+0 *
+N80 G11 R20 H45 *
+N90 G91 G01 X+1 *
+N100 G90 G00 Z+50 *
+N110 G200 DRILLING
+Q200=2
+Q201=-9
+Q206=150
+Q202=9
+Q203=+0
+Q204=20
+N120 G00 X+30 Y+30 M99 *
+N130 L1,0 *
+N140 M30 *
+N150 G98 L1 *
+N160 G01 X+40 F300 *
+N170 G98 L0 *
+N99999999 %ISO G71 *
+""",
+    end="N140 M30 *",
+)
+NCI = Sample(
+    "part.nci",
+    "1050\n10 7 0 0 20 1\n1012\n0 0 0\n1014\n1. 0. 0. 0. 1. 0. 0. 0. 1.\n1008\nContour\n1002\n1 100 10 5 5 5 0 1000.\n"
+    "0\n40 10. 0. 25. -2. 0\n1\n40 10. 0. -1. 250. 0\n1\n40 10. 5. -1. -1. 0\n3\n40 0 0. 15. -1. 0. 5. -1. 250. 0\n"
+    "1\n40 -10. 5. -1. -1. 0\n11\n40 -10. 5. 0. 0. 0.6 0.8 300. 0\n11\n40 -12. 5. 0. 0. 0. 1. -1. 0\n1003\n0\n",
+    {"unit": "mm"},
+    end="1003",
+)
+TABLE = Sample(
+    "table.csv",
+    "# by hand\nx_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation,rx,ry,rz,tolerance_mm\n0,0,10,0,0,1,rapid,,drill,,,,\n"
+    "0,0,0,0,0,1,cut,120,drill,1,0,0,0.05\n0,0,10,0,0,1,retract,,drill,,,,\n50,0,0,0,0,2,approach,,face,0,2,0,0.1\n"
+    "60,0,0,0,0.6,0.8,,600,face,0,1,0,\n",
+)
+POSES = Sample(
+    "poses.csv",
+    "x_mm,y_mm,z_mm,qw,qx,qy,qz,feed_mm_min\n0,0,10,0,1,0,0,600\n10,0,10,0,1,0,0,600\n"
+    "20,0,10,0.0871557,0.9961947,0,0,600\n",
+)
+SAMPLES = (
+    NX, CATIA, CREO, HSM, CAMWORKS, FANUC, FIVE_AXES, WITHOUT_TCP, LINUXCNC, SIEMENS, HEIDENHAIN, DIN_ISO, NCI, TABLE,
+    POSES,
+)  # fmt: skip

@@ -1,0 +1,495 @@
+"""``machopt batch``: what runs, what is refused, what a crash, a hang or a kill leaves, and what is done again."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import psutil
+import pytest
+
+from machopt.batch.find import find_jobs
+from machopt.batch.request import Outcome, Progress, Request
+from machopt.batch.run import run_batch
+from machopt.batch.supervise import Server, Spec
+from machopt.errors import InputError
+
+ROOT = Path(__file__).resolve().parents[1]
+CELL = ROOT / "cells" / "s420f_handling"
+TOOLPATHS = ROOT / "toolpaths"
+OF_THE_CLOCK = {"timing.json", "timings.csv", "timings.js", "log.txt", ".lock"}
+"""Files that say how long something took or where it broke; all others are the same bytes in every run."""
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+
+
+@pytest.fixture(scope="module")
+def scheduler() -> Iterator[str]:
+    """A running cluster with two workers, as a lab would have one."""
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None, memory_limit=0, silence_logs=50
+    ) as cluster:
+        yield cluster.scheduler_address
+
+
+def folder_of(place: Path, **words: str) -> Path:
+    """A folder of toolpaths for batch_stub, and one in which they note that they ran."""
+    jobs = place / "jobs"
+    jobs.mkdir(parents=True)
+    (place / "ran").mkdir()
+    for name, text in words.items():
+        (jobs / f"{name}.nc").write_text(f"#{text}\n{name * 5}")
+    return jobs
+
+
+def request_for(jobs: Path | str, out: Path, **changes: object) -> Request:
+    base = Request((str(jobs),), out, cell=CELL, entry="batch_stub", version="test", time_limit=60.0)
+    return replace(base, **changes)  # type: ignore[arg-type]
+
+
+def rows(out: Path) -> dict[str, dict[str, str]]:
+    with (out / "summary.csv").open(encoding="utf-8") as lines:
+        return {row["toolpath"].partition(".")[0].removeprefix("jobs/"): row for row in csv.DictReader(lines)}
+
+
+def times_run(place: Path) -> dict[str, int]:
+    return {f.stem: len(f.read_text().splitlines()) for f in (place / "ran").iterdir()}
+
+
+def contents(out: Path) -> dict[str, bytes]:
+    return {
+        str(f.relative_to(out)): f.read_bytes() for f in out.rglob("*") if f.is_file() and f.name not in OF_THE_CLOCK
+    }
+
+
+# ── what goes wrong in one job stays there ──────────────────────────────────────────────────────────────────────────
+
+
+def test_a_job_that_crashes_hangs_or_eats_memory_is_told_and_takes_no_other_with_it(
+    scheduler: str, tmp_path: Path
+) -> None:
+    bad = {"boom": "segfault", "gone": "exit", "error": "raise", "deaf": "hang", "fat": "eat 4000"}
+    good = {f"good{n}": "sleep 0" for n in range(4)}
+    jobs = folder_of(tmp_path, **bad, **good, no="infeasible", open="unverified")
+    told: list[Progress] = []
+    listed = tmp_path / "list.csv"
+    limits = {"deaf": "1,", "fat": ",150"}  # s, MiB; a stub job needs some 10 ms and 25 MiB
+    listed.write_text(
+        "toolpath,time_limit_s,memory_limit_MiB\n"
+        + "".join(f"jobs/{f.name},{limits.get(f.stem, ',')}\n" for f in sorted(jobs.iterdir()))
+    )
+    request = request_for(listed, tmp_path / "out", scheduler=scheduler)
+    outcome = run_batch(request, told.append)
+    assert outcome.exit_code == 4  # one failed verification outranks the crashes
+    found = rows(tmp_path / "out")
+    assert {name for name, row in found.items() if row["verdict"] == "done"} == set(good)
+    assert "killed by SIGSEGV" in found["boom"]["reason"]
+    assert "code 0 and no result" in found["gone"]["reason"]
+    assert "RuntimeError: the arm fell off" in found["error"]["reason"]
+    assert found["deaf"]["reason"] == "was not finished after its time limit of 1 s"
+    assert found["fat"]["reason"] == "needed more memory than 150 MiB"
+    assert (found["no"]["exit_code"], found["open"]["exit_code"]) == ("3", "4")
+    boom = next((tmp_path / "out" / "jobs").glob("jobs-boom-*"))
+    assert "Segmentation fault" in (boom / "log.txt").read_text()
+    assert times_run(tmp_path) == dict.fromkeys((*bad, *good, "no", "open"), 1)
+    pids = {int((tmp_path / "ran" / f"{name}.nc").read_text()) for name in bad}
+    left = [p for p in psutil.process_iter(["status"]) if _group(p.pid) in pids and p.info["status"] != "zombie"]
+    assert left == []  # the children of the deaf one have ended with it
+    assert (told[0].done, told[-1].done, told[-1].total, told[-1].trouble) == (0, 11, 11, 7)
+    assert told[-1].left == 0.0
+
+
+def _group(pid: int) -> int:
+    try:
+        return os.getpgid(pid)
+    except (ProcessLookupError, PermissionError):
+        return -1
+
+
+def test_finished_jobs_stay_and_failed_ones_get_another_try(scheduler: str, tmp_path: Path) -> None:
+    jobs = folder_of(tmp_path, a="sleep 0", b="sleep 0", broken="raise", no="infeasible")
+    out = tmp_path / "out"
+    request = request_for(jobs, out, scheduler=scheduler)
+    first = run_batch(request)
+    assert (first.exit_code, first.done, first.kept) == (1, 4, 0)
+    before = contents(out)
+    again = run_batch(request)
+    assert (again.done, again.kept) == (1, 3)
+    assert times_run(tmp_path) == {"a": 1, "b": 1, "broken": 2, "no": 1}
+    assert contents(out) == before
+    assert run_batch(replace(request, keep_failed=True)).done == 0
+    (jobs / "a.nc").write_text("#sleep 0\nanother shape")
+    changed = run_batch(replace(request, keep_failed=True))
+    assert (changed.done, changed.kept) == (1, 3)
+    assert times_run(tmp_path) == {"a": 2, "b": 1, "broken": 2, "no": 1}
+    # an option that all jobs have changes all; one that says what holds anyway changes none
+    assert run_batch(replace(request, overrides=("seed=0",), keep_failed=True)).done == 0
+    assert run_batch(replace(request, overrides=("seed=1",), keep_failed=True)).done == 4
+
+
+def test_a_changed_cell_file_and_a_lost_result_are_noticed(scheduler: str, tmp_path: Path) -> None:
+    jobs = folder_of(tmp_path, a="sleep 0", b="sleep 0")
+    cell = tmp_path / "cell"
+    shutil.copytree(CELL, cell)
+    request = request_for(jobs, tmp_path / "out", scheduler=scheduler, cell=cell)
+    assert run_batch(request).done == 2
+    next((tmp_path / "out" / "jobs").glob("a-*")).joinpath("points.csv").unlink()
+    assert run_batch(request).done == 1
+    stiffness = cell / "stiffness.yaml"
+    stiffness.write_text(stiffness.read_text() + "# measured again\n")
+    assert run_batch(request).done == 2
+    moved = tmp_path / "moved"
+    jobs.rename(moved)  # other labels, same jobs: taken over
+    assert run_batch(replace(request, jobs=(str(moved),))).done == 0
+    assert len(list((tmp_path / "out" / "jobs").iterdir())) == 2
+
+
+def test_a_process_for_each_job_where_forking_is_not_safe(tmp_path: Path) -> None:
+    jobs = folder_of(tmp_path, good="sleep 0", boom="segfault", deaf="hang")
+    for name, how in (("good", "ended"), ("boom", "crashed"), ("deaf", "time")):
+        work = tmp_path / name
+        work.mkdir()
+        server = Server("test", "batch_stub", forks=False)
+        job = {"request": {"toolpath": str(jobs / f"{name}.nc")}}
+        try:
+            # 10 s are for the start of an interpreter on a busy machine; the deaf one gets 0.5 s
+            limit = 0.5 if name == "deaf" else 10.0
+            ended = server.run(Spec(name, "key", "test", str(tmp_path), "batch_stub", job, limit, None), str(work))
+        finally:
+            server.close()
+        assert ended.how == how
+    assert (tmp_path / "good" / "out" / "points.csv").exists()
+
+
+# ── stopped half-way ────────────────────────────────────────────────────────────────────────────────────────────────
+
+_DRIVE = """
+import sys
+from pathlib import Path
+from machopt.batch.request import Request
+from machopt.batch.run import run_batch
+jobs, out, cell = sys.argv[1:]
+request = Request((jobs,), Path(out), cell=Path(cell), entry="batch_stub", version="test", workers=2)
+sys.exit(run_batch(request, lambda p: print(p.kept + p.done, flush=True)).exit_code)
+"""
+
+
+def driver(jobs: Path, out: Path) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", _DRIVE, str(jobs), str(out), str(CELL)], stdout=subprocess.PIPE, text=True,
+        env={**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"}, start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler) and None,  # noqa: PLW1509
+    )  # fmt: skip
+
+
+def wait_for(process: subprocess.Popen[str], number: int) -> None:
+    """Until the driver says that so many jobs are finished."""
+    assert process.stdout is not None
+    for line in process.stdout:
+        if int(line) >= number:
+            return
+    raise AssertionError(f"the driver ended before {number} jobs, code {process.wait()}")
+
+
+def finished(out: Path) -> set[str]:
+    return {f.parent.name.partition("-")[0] for f in (out / "jobs").glob("*/job.json")}
+
+
+@pytest.mark.slow
+def test_sixty_jobs_killed_half_way_and_resumed_give_the_bytes_of_an_undisturbed_run(
+    scheduler: str, tmp_path: Path
+) -> None:
+    names = {f"job{n:02d}": "sleep 0.1" for n in range(58)}
+    jobs = folder_of(tmp_path, **names, no="infeasible", boom="segfault")
+    whole, out = tmp_path / "whole", tmp_path / "out"
+    undisturbed = run_batch(request_for(jobs, whole, scheduler=scheduler))
+    assert (undisturbed.exit_code, undisturbed.done) == (1, 60)
+    for f in (tmp_path / "ran").iterdir():
+        f.unlink()
+
+    with driver(jobs, out) as process:
+        wait_for(process, 20)
+        servers = servers_of(process)
+        process.kill()
+    had = finished(out)
+    assert 20 <= len(had) < 60
+    assert not (out / "summary.csv").exists()
+    assert json.loads((out / "batch.json").read_text())["complete"] is False
+    for name in had - {"boom"}:
+        assert times_run(tmp_path)[name] == 1
+    wait_until_gone(servers)
+
+    with driver(jobs, out) as process:
+        wait_for(process, len(had) + 10)
+        workers = [p for p in psutil.Process(process.pid).children() if any(nursery(c) for c in p.children())]
+        assert workers
+        workers[0].kill()  # Dask starts another, which takes its job again
+        assert process.wait(timeout=50) == 1
+
+    count = times_run(tmp_path)
+    assert set(count) == {*names, "no", "boom"}
+    assert all(count[name] == 1 for name in had - {"boom"})
+    # at most the job on either worker at the first kill, the one on the killed worker, and the crash of the first run
+    assert sum(count.values()) <= 60 + 4
+    assert contents(out) == contents(whole)
+    assert run_batch(request_for(jobs, out, scheduler=scheduler, keep_failed=True)).done == 0
+
+
+def nursery(process: psutil.Process) -> bool:
+    try:
+        return "machopt.batch.nursery" in process.cmdline()
+    except psutil.Error:
+        return False
+
+
+def servers_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
+    """The process servers of a driver and the jobs they run."""
+    family = psutil.Process(process.pid).children(recursive=True)
+    found = [p for p in family if nursery(p)]
+    assert found
+    return found
+
+
+def wait_until_gone(servers: list[psutil.Process]) -> None:
+    """No process server or job outlives its driver; 10 s is for a loaded machine, it takes some 10 ms."""
+    _, alive = psutil.wait_procs(servers, timeout=10.0)
+    assert alive == []
+
+
+@pytest.mark.slow
+def test_ctrl_c_keeps_what_is_finished_and_says_what_is_not(tmp_path: Path) -> None:
+    jobs = folder_of(tmp_path, **{f"a{n}": "sleep 0" for n in range(4)}, z0="hang", z1="hang", z2="sleep 0")
+    out = tmp_path / "out"
+    with driver(jobs, out) as process:
+        wait_for(process, 4)
+        servers = servers_of(process)
+        os.killpg(process.pid, signal.SIGINT)
+        assert process.wait(timeout=30) == 130
+    result = json.loads((out / "batch.json").read_text())
+    assert result["complete"] is False
+    assert result["counts"] == {"done": 4, "waiting": 3}
+    assert "STOPPED" in (out / "summary.html").read_text()
+    assert not (out / ".work").exists()
+    wait_until_gone(servers)
+
+
+def test_two_batches_in_one_folder_are_refused(tmp_path: Path) -> None:
+    import fcntl
+
+    jobs = folder_of(tmp_path, a="sleep 0")
+    out = tmp_path / "out"
+    (out / "jobs").mkdir(parents=True)
+    with (out / ".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with pytest.raises(InputError, match="another batch is at work"):
+            run_batch(request_for(jobs, out))
+
+
+# ── real jobs ───────────────────────────────────────────────────────────────────────────────────────────────────────
+
+
+@pytest.mark.slow
+def test_real_jobs_give_what_the_single_command_gives_and_batches_are_compared(scheduler: str, tmp_path: Path) -> None:
+    from machopt.job.run import Request as Single
+    from machopt.job.run import optimize
+
+    place = tmp_path / "parts"
+    place.mkdir()
+    rows_ = (TOOLPATHS / "castings.csv").read_text().splitlines(keepends=True)
+    (place / "three.csv").write_text("".join(rows_[:13]))
+    (place / "broken.csv").write_text("".join(rows_[:5]).replace("cut", "mill"))
+    shutil.copytree(CELL, tmp_path / "softer")
+    stiffness = tmp_path / "softer" / "stiffness.yaml"
+    stiffness.write_text(re.sub(r"(joints_Nm_per_rad: \[[^,]*,)[^,]*", r"\1 1.0e6", stiffness.read_text()))
+    list_text = "machopt_batch: 1\ncells: [{}]\ntoolpaths: [parts/*.csv]\noptions:\n  all: {{rotation_step_deg: 10}}\n"
+    outs = []
+    for name, cell in (("one", CELL), ("two", tmp_path / "softer")):
+        jobs = tmp_path / f"{name}.yaml"
+        jobs.write_text(list_text.format(cell))
+        request = Request((str(jobs),), tmp_path / name, scheduler=scheduler, compare=outs[-1] if outs else None)
+        outcome = run_batch(replace(request, version="test"))
+        outs.append(tmp_path / name)
+        assert (outcome.exit_code, outcome.done) == (3, 2)
+        assert "expected one of cut, rapid" in rows(outs[-1])["parts/broken"]["reason"]
+    single = Single(CELL, place / "three.csv", tmp_path / "single", direct={"rotation_step_deg": 10.0})
+    assert optimize(single).exit_code == 0
+    made = next((tmp_path / "one" / "jobs").glob("parts-three-*"))
+    for name in ("points.csv", "trajectory.csv"):
+        assert (made / name).read_bytes() == (tmp_path / "single" / name).read_bytes(), name
+    row = rows(tmp_path / "one")["parts/three"]
+    found = json.loads((tmp_path / "single" / "result.json").read_text())
+    assert float(row["gain_percent"]) == pytest.approx(found["objective"]["gain"][0]["mean_percent"], rel=1e-5)  # %.6g
+    assert (tmp_path / "one" / row["report"]).exists()
+    with (tmp_path / "two" / "compare.csv").open() as lines:
+        differences = {r["toolpath"]: r for r in csv.DictReader(lines)}
+    three = differences["parts/three.csv"]
+    assert three["verdict_before"] == three["verdict"] == "done"
+    assert float(three["mean"]) < float(three["mean_before"])  # stiffness, with a softer second joint
+
+
+@pytest.mark.slow
+def test_the_warm_up_compiles_all_that_jobs_need(tmp_path: Path) -> None:
+    code = """
+import sys, numba
+from pathlib import Path
+from machopt.batch.warm import tiny_job
+from machopt.job.run import Request, optimize
+def compiled():
+    found = [v for name, m in list(sys.modules.items()) if name.startswith("machopt")
+             for v in vars(m).values() if isinstance(v, numba.core.registry.CPUDispatcher)]
+    return {(f.py_func.__qualname__, str(s)) for f in found for s in f.signatures}
+place, root = Path(sys.argv[1]), Path(sys.argv[2])
+(place / "warm").mkdir()
+assert tiny_job(place / "warm") == 0
+warm = compiled()
+assert len(warm) > 10, warm
+assert optimize(Request(root / "cells/s420f_handling", root / "toolpaths/castings.csv", place / "out")).exit_code == 0
+assert compiled() == warm, compiled() - warm
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path), str(ROOT)], capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+
+
+# ── what is a job, and what is refused ──────────────────────────────────────────────────────────────────────────────
+
+
+def test_folders_patterns_and_cells_beside(tmp_path: Path) -> None:
+    jobs = folder_of(tmp_path, a="sleep 0", b="sleep 0")
+    (jobs / "README.md").write_text("notes")
+    (jobs / ".hidden").write_text("no")
+    inner = jobs / "deep"
+    (inner / "cell").mkdir(parents=True)
+    (inner / "cell" / "cell.yaml").write_text("machopt_cell: 1\n")
+    (inner / "c.nc").write_text("#sleep 0")
+    found = find_jobs(request_for(jobs, tmp_path / "out"))
+    assert [(j.shown, j.cell.name) for j in found.jobs] == [
+        ("a.nc", "s420f_handling"), ("b.nc", "s420f_handling"), ("deep/c.nc", "cell"),
+    ]  # fmt: skip
+    assert found.left_out == ("README.md",)
+    assert len({j.label for j in found.jobs}) == 3
+    pattern = find_jobs(request_for(f"{jobs}/**/*.nc", tmp_path / "out"))
+    assert {j.label for j in pattern.jobs} == {j.label for j in found.jobs}
+    with pytest.raises(InputError, match=r"a\.nc: has no cell; --cell FOLDER"):
+        find_jobs(request_for(jobs, tmp_path / "out", cell=None))
+    with pytest.raises(InputError, match="no toolpath matches this pattern"):
+        find_jobs(request_for(f"{jobs}/*.cls", tmp_path / "out"))
+    with pytest.raises(InputError, match="stands twice"):
+        find_jobs(replace(request_for(jobs, tmp_path / "out"), jobs=(str(jobs), str(jobs / "a.nc"))))
+
+
+def test_lists_combine_and_name(tmp_path: Path) -> None:
+    jobs = folder_of(tmp_path, a="sleep 0", b="sleep 0")
+    yaml = tmp_path / "list.yaml"
+    yaml.write_text(
+        f"machopt_batch: 1\ntime_limit_s: 5\ncells: [{CELL}]\ntoolpaths: [jobs/*.nc]\n"
+        "options:\n  fine: {rotation_step_deg: 2}\n  paper: {method: jiao2022}\n"
+        "jobs:\n  - {toolpath: jobs/a.nc, name: Ünique / name, time_limit_s: 9, reading: {feed_mm_min: 600}}\n"
+    )
+    found = find_jobs(request_for(yaml, tmp_path / "out", reading={"unit": "mm", "machine": None})).jobs
+    assert [(j.shown, j.variant, j.time_limit) for j in found] == [
+        ("jobs/a.nc", "fine", 5), ("jobs/a.nc", "paper", 5), ("jobs/b.nc", "fine", 5), ("jobs/b.nc", "paper", 5),
+        ("jobs/a.nc", "Ünique / name", 9),
+    ]  # fmt: skip
+    assert found[1].options == {"method": "jiao2022"}
+    assert found[4].reading == {"unit": "mm", "default_feed": pytest.approx(0.01)}  # 600 mm/min in m/s
+    assert found[4].label.startswith("jobs-a-s420f_handling-Unique-name-")
+    table = tmp_path / "list.csv"
+    table.write_text(
+        "# a comment\ntoolpath,cell,force_N.normal,memory_limit_MiB\n"
+        f"jobs/a.nc,{CELL},200,500\njobs/b.nc,,,\n"
+    )  # fmt: skip
+    a, b = find_jobs(request_for(table, tmp_path / "out")).jobs
+    assert (a.options, a.memory_limit) == ({"force_N": {"normal": 200}}, 500 * 2**20)
+    assert (b.options, b.cell) == ({}, CELL)
+    assert jobs.is_dir()
+
+
+GOOD = "machopt_batch: 1\njobs:\n  - {cell: CELL, toolpath: jobs/a.nc}\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("l.yaml", "", "is empty; expected a mapping with"),
+        ("l.yaml", "machopt_batch: 1\n", "names no job"),
+        ("l.yaml", GOOD + "jbos: []\n", r"line 4: jbos: unknown key 'jbos'; did you mean 'jobs'"),
+        ("l.yaml", GOOD.replace("toolpath:", "toolpth:"), r"line 3: jobs\[0\].toolpth: unknown key 'toolpth'; did you"),
+        ("l.yaml", GOOD.replace("a.nc", "x.nc"), r"line 3: jobs\[0\].toolpath: no such toolpath: jobs/x.nc"),
+        ("l.yaml", GOOD.replace("CELL", "nowhere"), r"line 3: jobs\[0\].cell: no such cell: nowhere"),
+        ("l.yaml", GOOD.replace("CELL", "jobs"), r"line 3: jobs\[0\].cell: no cell.yaml in the folder jobs"),
+        ("l.yaml", GOOD.replace("a.nc}", "a.nc, time_limit_s: 0}"), r"time_limit_s: found 0; expected greater than 0"),
+        ("l.yaml", GOOD.replace("a.nc}", "a.nc, time_limit_s: .nan}"), "expected a finite number"),
+        ("l.yaml", GOOD.replace("a.nc}", "a.nc, options: {metod: x}}"), r"options.metod: unknown key .* 'method'"),
+        ("l.yaml", GOOD + GOOD.splitlines()[2] + "\n", r"line 4: jobs\[1\]: .*stands twice, first in .*line 3"),
+        ("l.yaml", "machopt_batch: 1\ncells: [CELL]\n", "there is no key toolpaths"),
+        ("l.yaml", "machopt_batch: 1\ntoolpaths: ['*.cls']\n", r"line 2: toolpaths\[0\]: no file matches \*.cls"),
+        ("l.yaml", "machopt_batch: [\n", "is not YAML"),
+        ("l.csv", "toolpath,cel\njobs/a.nc,CELL\n", "line 1, column 'cel': unknown column; did you mean 'cell'"),
+        ("l.csv", "toolpath,cell\njobs/a.nc\n", "line 2: found 1 fields; expected 2"),
+        ("l.csv", "toolpath,cell,seed\njobs/a.nc,CELL,x\n", "line 2: options.seed: found the text 'x'; expected"),
+        ("l.csv", "toolpath,cell\njobs/a.nc,nowhere\n", "line 2: cell: no such cell: nowhere"),
+        ("l.csv", "toolpath,toolpath\na,b\n", "column stands twice"),
+    ],
+)  # fmt: skip
+def test_a_bad_list_starts_nothing_and_says_where(name: str, text: str, words: str, tmp_path: Path) -> None:
+    folder_of(tmp_path, a="sleep 0")
+    file = tmp_path / name
+    file.write_text(text.replace("CELL", str(CELL)))
+    with pytest.raises(InputError, match=words) as caught:
+        run_batch(request_for(file, tmp_path / "out", cell=None))
+    assert str(caught.value).startswith(str(file))
+    assert caught.value.exit_code == 2
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_can_be_known_before_is_refused_before(tmp_path: Path) -> None:
+    jobs = folder_of(tmp_path, a="sleep 0")
+    request = request_for(jobs, tmp_path / "out")
+    bad_cell = tmp_path / "cell"
+    shutil.copytree(CELL, bad_cell)
+    (bad_cell / "stiffness.yaml").unlink()
+    foreign = tmp_path / "mine"
+    foreign.mkdir()
+    (foreign / "thesis.txt").write_text("precious")
+    cases = {
+        "none of 1 jobs can start; the first: .*no such file: stiffness.yaml": {"cell": bad_cell},
+        "exists and is no batch's output": {"out": foreign},
+        "--jobs: found 0; more than zero": {"workers": 0},
+        "--time-limit-s: found -1": {"time_limit": -1.0},
+        "--compare: is no batch's output": {"compare": foreign},
+        "--scheduler: no Dask scheduler answers at nonsense": {"scheduler": "nonsense"},
+        "unknown key 'metod'": {"overrides": ("metod=jiao2022",)},
+        "no such file or folder": {"jobs": (str(tmp_path / "nowhere"),)},
+    }
+    for words, change in cases.items():
+        with pytest.raises(InputError, match=words):
+            run_batch(replace(request, **change))  # type: ignore[arg-type]
+    assert [f.name for f in foreign.iterdir()] == ["thesis.txt"]
+
+
+def test_a_job_whose_cell_is_broken_leaves_the_others_alone(scheduler: str, tmp_path: Path) -> None:
+    jobs = folder_of(tmp_path, a="sleep 0")
+    (jobs / "other" / "cell").mkdir(parents=True)
+    (jobs / "other" / "cell" / "cell.yaml").write_text("machopt_cell: 1\n")
+    (jobs / "other" / "c.nc").write_text("#sleep 0")
+    outcome: Outcome = run_batch(request_for(jobs, tmp_path / "out", scheduler=scheduler))
+    assert (outcome.exit_code, outcome.done) == (3, 1)
+    found = rows(tmp_path / "out")
+    assert found["other/c"]["verdict"] == "refused"
+    assert "required key is missing" in found["other/c"]["reason"]
+    page = (tmp_path / "out" / "summary.html").read_text()
+    assert "SOME HAVE NO ANSWER" in page
+    assert "required key is missing" in page

@@ -1,0 +1,183 @@
+"""Mutated and truncated files of every dialect: a clear refusal or a sane toolpath, never a crash, never a hang.
+
+A small sample runs here. ``python tests/test_fuzz_readers.py 100000`` runs that many cases a dialect, and
+``… 100000 fanuc.nc`` one dialect only; it stops at the first failure and prints the case.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+from reader_samples import SAMPLES, Sample
+
+from machopt.domain.toolpath import Move, Toolpath
+from machopt.errors import InputError
+from machopt.formats.toolpath import read_toolpath
+
+CASES = 120  # a dialect
+SLOW = 20.0  # s for one small file: a reader that takes that long hangs, even on a busy machine
+NUMBERS = ("1e308", "-1e308", "nan", "inf", "99999999999", "0", "-0.", ".", "1e-300", "--3", "1.2.3", "1_0", "\u0663")
+WORDS = (
+    "G2", "G3", "G1", "G0", "G68.2", "G53.1", "G69", "G91", "G93", "G81", "G18", "G43.4", "M98 P100", "M99", "M30",
+    "GOTO 10", "WHILE[1 EQ 1]DO1", "END1", "IF R1<1E9 GOTOB START", "R1=1/0", "#1=#1", "o1 while [1]", "o1 endwhile",
+    "LBL 1", "CALL LBL 1", "CALL LBL 1 REP 99999", "CYCL CALL", "PLANE SPATIAL SPA+90 SPB+90 SPC+90", "CC X+0 Y+0",
+    "C DR+", "CP IPA+99999 DR+", "CYCLE/OFF", "CIRCLE/0,0,0,0,0,1", "RAPID", "SET/MODE,INCR", "UNITS/INCHES", "MSYS/0",
+    "NURBS/", "FINI", "END", "MULTAX", "1003", "11", "A90", "B45", "C1e9", "F0", "F-1", "S0", "TRAORI", "CYCLE800()",
+    "X=IC(5)", "FOR R9=1 TO 1E9", "ENDFOR", "REPEAT", "UNTIL 0", "TIMES,1e9", "Q201=-1e9", "Q202=1e-9", "L99999", "$",
+    "~", "(", ")", "/", "%", "\x00", "\ufeff",
+)  # fmt: skip
+
+
+def mutated(rng: np.random.Generator, text: str) -> str:
+    """The text with one to four faults."""
+    for _ in range(int(rng.integers(1, 5))):
+        lines = text.split("\n")
+        at = int(rng.integers(len(lines)))
+        match int(rng.integers(10)):
+            case 0:  # cut off
+                text = text[: int(rng.integers(len(text) + 1))]
+            case 1:
+                lines.pop(at)
+                text = "\n".join(lines)
+            case 2:
+                lines.insert(at, lines[int(rng.integers(len(lines)))])
+                text = "\n".join(lines)
+            case 3:
+                k = int(rng.integers(len(lines)))
+                lines[at], lines[k] = lines[k], lines[at]
+                text = "\n".join(lines)
+            case 4 | 5:
+                lines.insert(at, str(rng.choice(WORDS)))
+                text = "\n".join(lines)
+            case 6:
+                lines[at] += " " + str(rng.choice(WORDS))
+                text = "\n".join(lines)
+            case 7:  # another number
+                digits = [k for k, c in enumerate(text) if c.isdigit()]
+                if digits:
+                    k = digits[int(rng.integers(len(digits)))]
+                    text = text[:k] + str(rng.choice(NUMBERS)) + text[k + 1 :]
+            case 8:  # another character
+                if text:
+                    k = int(rng.integers(len(text)))
+                    text = text[:k] + chr(int(rng.integers(9, 300))) + text[k + 1 :]
+            case 9:
+                a, b = sorted(int(v) for v in rng.integers(len(text) + 1, size=2))
+                text = text[:a] + text[min(b, a + 40) :]
+        if not text:
+            return "\n"
+    return text
+
+
+def check(toolpath: Toolpath, lines: int) -> None:
+    """What holds for every toolpath, whatever the file was."""
+    n = len(toolpath)
+    assert n > 0
+    assert toolpath.cutting.any()
+    assert np.isfinite(toolpath.position).all()
+    assert np.abs(toolpath.position).max() <= 1e3  # m: the readers' own limit
+    assert np.allclose(np.linalg.norm(toolpath.axis, axis=1), 1.0, atol=1e-9)
+    assert (toolpath.feed[toolpath.cutting] > 0.0).all()
+    assert np.isfinite(toolpath.feed[toolpath.cutting]).all()
+    assert set(np.unique(toolpath.move).tolist()) <= {int(m) for m in Move}
+    assert ((toolpath.operation >= 0) & (toolpath.operation < len(toolpath.operations))).all()
+    assert (np.diff(toolpath.operation) >= 0).all()
+    assert ((toolpath.line >= 1) & (toolpath.line <= max(lines, n))).all()
+    assert all(0 <= e.index <= n for e in toolpath.events)
+    assert all(w.count >= 1 for w in toolpath.ignored)
+    if any(not w.understood for w in toolpath.ignored):
+        assert any("not understood" in w for w in toolpath.warnings)
+
+
+def read(file: Path, sample: Sample, rng: np.random.Generator) -> Toolpath | None:
+    """The toolpath, None where the file is refused; anything else fails."""
+    options: dict[str, object] = {**sample.options, "default_feed": 0.01}
+    if rng.random() < 0.5:
+        options.setdefault("unit", "mm")
+    if rng.random() < 0.3:
+        options.setdefault("machine", "table-ac@0,0,-50")
+    try:
+        return read_toolpath(file, strict=bool(rng.random() < 0.1), **options)  # type: ignore[arg-type]
+    except InputError as error:
+        if not error.reason.strip():
+            raise
+        return None
+
+
+def run(sample: Sample, cases: int, seed: int, folder: Path) -> Counter[str]:
+    """So many mutated files of one dialect.
+
+    Raises:
+        AssertionError: a case that crashes, hangs or gives nonsense; the file is left in ``folder``.
+    """
+    rng = np.random.default_rng(seed)
+    file = folder / sample.name
+    count: Counter[str] = Counter()
+    for case in range(cases):
+        text = mutated(rng, sample.text)
+        file.write_bytes(text.replace("\n", "\r\n").encode() if rng.random() < 0.1 else text.encode())
+        start = time.perf_counter()
+        try:
+            toolpath = read(file, sample, rng)
+            if toolpath is not None:
+                check(toolpath, text.count("\n") + text.count("\r") + 2)
+            took = time.perf_counter() - start
+            assert took < SLOW, f"took {took:.1f} s"
+        except Exception as error:
+            error.add_note(f"{sample.name}, case {case} of seed {seed}:\n{text}")
+            raise
+        count["read" if toolpath is not None else "refused"] += 1
+        count["slowest_ms"] = max(count["slowest_ms"], round(took * 1e3))
+    return count
+
+
+@pytest.mark.parametrize("sample", SAMPLES, ids=lambda s: s.name)
+def test_mutated_files_are_refused_or_read_sanely(sample: Sample, tmp_path: Path) -> None:
+    count = run(sample, CASES, 1, tmp_path)
+    assert count["refused"] > 0
+    assert count["read"] > 0
+
+
+@pytest.mark.parametrize("sample", SAMPLES, ids=lambda s: s.name)
+def test_every_sample_is_read_without_a_word_unknown(sample: Sample, tmp_path: Path) -> None:
+    file = tmp_path / sample.name
+    file.write_text(sample.text, encoding="utf-8")
+    t = read_toolpath(file, strict=True, **sample.options)  # type: ignore[arg-type]
+    check(t, sample.text.count("\n") + 1)
+    assert "incomplete" not in t.meta
+
+
+@pytest.mark.parametrize("sample", [s for s in SAMPLES if s.end], ids=lambda s: s.name)
+def test_a_file_cut_anywhere_is_refused_or_called_incomplete(sample: Sample, tmp_path: Path) -> None:
+    """Cut after every line: what is still read says first of all that a part may be missing."""
+    file = tmp_path / sample.name
+    lines = sample.text.split("\n")
+    told = 0
+    for k in range(3, lines.index(sample.end)):
+        file.write_text("\n".join(lines[:k]) + "\n", encoding="utf-8")
+        try:
+            t = read_toolpath(file, default_feed=0.01, **{"unit": "mm", **sample.options})  # type: ignore[arg-type]
+        except InputError:
+            continue
+        told += 1
+        assert t.warnings[0].startswith("INCOMPLETE FILE?"), (k, t.warnings)
+        assert t.meta["incomplete"]
+    assert told > 0
+
+
+if __name__ == "__main__":
+    import tempfile
+
+    wanted = sys.argv[2:]
+    for one in SAMPLES:
+        if wanted and one.name not in wanted:
+            continue
+        with tempfile.TemporaryDirectory() as place:
+            began = time.perf_counter()
+            found = run(one, int(sys.argv[1]), 2, Path(place))
+            print(f"{one.name:<18}{dict(found)}  {time.perf_counter() - began:.0f} s", flush=True)  # noqa: T201

@@ -1,0 +1,218 @@
+"""KUKA's own rules: S and T, angles, names, what a program must begin with, and the cell's words at events."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from made_up_program import ARM, PLAIN, Recipe, program
+
+from machopt.domain.program import LIN, Controller, RobotProgram
+from machopt.errors import InputError
+from machopt.formats.posts import program_name, write_program
+from machopt.formats.posts.krl import status_bits, turn_bits
+from machopt.formats.posts.orientation import abc_deg, quaternion, rotation_vector, xyz_deg
+from machopt.formats.programs import read_program
+from machopt.formats.programs.rotations import fixed_xyz, from_quaternion, from_vector, moving_xyz
+from machopt.model.posture import posture
+from machopt.model.robot import Robot
+
+X = np.array([1.0, 0.0, 0.0])
+KR = replace(ARM, point=np.array([[0, 0, 0.675], [0.35, 0, 0.675], [1.6, 0, 0.675], *[[2.7, 0, 0.62]] * 3]))
+"""As KUKA draws it: 0.35 m to axis 2, upper arm 1.25 m, forearm 1.1 m, axis 4 0.055 m below axis 3."""
+
+
+def rz_ry_rx(a: float, b: float, c: float) -> np.ndarray:
+    """KUKA's definition, written out from three elementary rotations."""
+    a, b, c = np.radians([a, b, c])
+    rz = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
+    ry = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
+    rx = np.array([[1, 0, 0], [0, np.cos(c), -np.sin(c)], [0, np.sin(c), np.cos(c)]])
+    return rz @ ry @ rx
+
+
+def status(robot: Robot, axes_deg: np.ndarray) -> int:
+    standing = posture(robot, np.radians(axes_deg), X)
+    assert standing is not None
+    return int(status_bits(axes_deg, *standing))
+
+
+@pytest.mark.parametrize(
+    ("axes", "expected"),
+    [
+        ((0, -90, 90, 0, 30, 0), 0b010),  # the pose of the data sheet: in front, elbow up
+        ((0, -90, 90, 0, -30, 0), 0b110),
+        ((0, -120, -60, 0, 30, 0), 0b001),  # folded back over the shoulder, elbow down: x = 0.35 − 0.63 − 1.1
+        ((0, -20, -10, 0, 30, 0), 0b000),  # almost stretched, elbow below the line
+        ((0, -170, 10, 0, 30, 0), 0b011),  # lying back
+        ((170, -90, 90, 0, 30, 0), 0b010),  # turned about: the same posture
+    ],
+)
+def test_status_of_known_postures(axes: tuple[float, ...], expected: int) -> None:
+    assert status(KR, np.array(axes, float)) == expected
+
+
+def test_the_elbow_bit_changes_where_the_arm_is_stretched() -> None:
+    """Distance from axis 2 to the wrist root is longest exactly where bit 1 changes."""
+    a3 = np.linspace(-30, 30, 60_001)
+    x = 1.25 + 1.1 * np.cos(np.radians(a3)) - 0.055 * np.sin(np.radians(a3))
+    z = -1.1 * np.sin(np.radians(a3)) - 0.055 * np.cos(np.radians(a3))
+    longest = a3[np.argmax(np.hypot(x, z))]
+    axes = np.zeros((len(a3), 6))
+    axes[:, 2], axes[:, 4] = a3, 10
+    standing = posture(KR, np.radians(axes), X)
+    assert standing is not None
+    assert a3[np.argmax(standing[1])] == pytest.approx(longest, abs=0.0011)  # the grid's step
+
+
+def test_a_robot_that_faces_elsewhere_at_zero_stands_the_same() -> None:
+    turned = np.array([0.0, 1.0, 0.0])
+    q = np.radians([[-90, -90, 90, 0, 30, 0], [90, -90, 90, 0, 30, 0]])  # axis 1 points down: −90° turns to +y
+    standing = posture(KR, q, turned, q1_zero=np.radians(-90.0))
+    assert standing is not None
+    assert standing[0].tolist() == [False, False]
+    assert standing[1].tolist() == [True, True]
+
+
+def test_an_arm_without_wrist_root_has_no_posture() -> None:
+    bent = replace(ARM, point=ARM.point + np.array([[0, 0, 0]] * 5 + [[0, 0.1, 0.05]]))
+    assert posture(bent, np.zeros((1, 6)), X) is None
+
+
+def test_turn_bits_agree_with_points_seen_on_robots() -> None:
+    assert turn_bits(np.array([-5.0, -60, 90, 10, 40, -3])) == 35  # S 2,T 35
+    assert turn_bits(np.array([5.0, -60, 90, 10, -40, -3])) == 50  # S 6,T 50
+
+
+def test_bits_agree_with_the_printed_number() -> None:
+    assert turn_bits(np.array([-4e-6, -6e-6, 0, 0, 0, 0])) == 0b10  # −0.00000 and −0.00001 in print
+
+
+def test_status_is_left_out_rather_than_guessed(tmp_path: Path) -> None:
+    p = program(Recipe(2))
+    write_program(tmp_path, "known", p, "krl", PLAIN)
+    write_program(tmp_path, "unknown", replace(p, behind=None, elbow_up=None), "krl", PLAIN)
+    lin = np.flatnonzero(p.kind == LIN)
+    assert all(set(read_program(tmp_path / "known.src").configuration[k]) == {"S", "T"} for k in lin)
+    assert all(set(read_program(tmp_path / "unknown.src").configuration[k]) == {"T"} for k in lin)
+    assert "S is left out" in (tmp_path / "unknown.src").read_text()
+    with pytest.raises(InputError, match=r"no value for @\{status\}"):
+        write_program(tmp_path, "cartesian", replace(p, behind=None, elbow_up=None), "krl_pos", PLAIN)
+
+
+@settings(max_examples=100, deadline=None)
+@given(*[st.floats(-180, 180)] * 3)
+def test_every_notation_turns_back_into_the_rotation(a: float, b: float, c: float) -> None:
+    R = rz_ry_rx(a, b, c)
+    A, B, C = abc_deg(R)
+    np.testing.assert_allclose(rz_ry_rx(A, B, C), R, atol=1e-9)
+    np.testing.assert_allclose(np.reshape(fixed_xyz(C, B, A), (3, 3)), R, atol=1e-9)
+    np.testing.assert_allclose(np.reshape(moving_xyz(*xyz_deg(R)), (3, 3)), R, atol=1e-9)
+    q = quaternion(R)
+    assert q[0] >= 0
+    np.testing.assert_allclose(np.reshape(from_quaternion(*q) or (), (3, 3)), R, atol=1e-12)
+    np.testing.assert_allclose(np.reshape(from_vector(*rotation_vector(R)), (3, 3)), R, atol=1e-9)
+
+
+@pytest.mark.parametrize("b", [90.0, -90.0, 89.9999999])
+def test_notations_at_their_poles(b: float) -> None:
+    """Where the middle angle is 90° its cosine below 1e-9 is taken as 0."""
+    R = rz_ry_rx(20.0, b, -50.0)
+    np.testing.assert_allclose(rz_ry_rx(*abc_deg(R)), R, atol=5e-9)
+    turned = np.reshape(moving_xyz(20.0, b, -50.0), (3, 3))
+    np.testing.assert_allclose(np.reshape(moving_xyz(*xyz_deg(turned)), (3, 3)), turned, atol=5e-9)
+
+
+@pytest.mark.parametrize("axis", [X, np.array([0.0, -0.6, 0.8])])
+def test_half_turns(axis: np.ndarray) -> None:
+    R = 2 * np.outer(axis, axis) - np.eye(3)
+    np.testing.assert_allclose(np.reshape(from_quaternion(*quaternion(R)) or (), (3, 3)), R, atol=1e-12)
+    np.testing.assert_allclose(np.reshape(from_vector(*rotation_vector(R)), (3, 3)), R, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("post", "text", "name"),
+    [
+        ("krl", "2nd op-A", "p2nd_op_A"), ("krl", "part", "part"), ("krl", "ü", "p"), ("krl", "x" * 40, "x" * 24),
+        ("fanuc", "2nd op-A", "P2ND_OP_A"), ("val3", "x" * 40, "x" * 15),
+    ],
+)  # fmt: skip
+def test_names(post: str, text: str, name: str) -> None:
+    assert program_name(text, post) == name
+
+
+def test_what_no_program_can_hold_is_refused(tmp_path: Path) -> None:
+    p = program(Recipe(1, moves=3))
+    with pytest.raises(InputError, match="no program name"):
+        write_program(tmp_path, "1part", p, "krl")
+    with pytest.raises(ValueError, match="begins with a PTP"):
+        replace(p, kind=np.full(3, LIN, np.int8))
+    with pytest.raises(ValueError, match="needs a feed"):
+        replace(p, kind=np.array([0, 1, 1], np.int8), feed=np.array([np.nan, np.nan, 0.1]))
+    with pytest.raises(ValueError, match="external_prismatic"):
+        replace(p, external_prismatic=(True,))
+    with pytest.raises(ValueError, match="must rise"):
+        replace(p, time=np.zeros(3))
+    slow = replace(p, kind=np.array([0, 1, 1], np.int8), feed=np.array([np.nan, 5e-5, 0.1]))
+    with pytest.raises(InputError, match="steps of 6 mm/min"):
+        write_program(tmp_path, "PART", slow, "fanuc_joint")
+
+
+def with_externals() -> RobotProgram:
+    p = program(Recipe(4, moves=9))
+    return replace(p, external=np.linspace(0, 1, 18).reshape(9, 2), external_prismatic=(True, False))
+
+
+@pytest.mark.parametrize(
+    ("post", "file"), [("krl", "part.src"), ("rapid", "part.mod"), ("fanuc_joint", "PART.ls"), ("csv", "part.csv")]
+)
+def test_external_axes(tmp_path: Path, post: str, file: str) -> None:
+    p = with_externals()
+    write_program(tmp_path, Path(file).stem, p, post, PLAIN)
+    parsed = read_program(tmp_path / file)
+    expected = p.external * np.array([1e3, 180 / np.pi])  # mm and degrees
+    np.testing.assert_allclose(parsed.external, expected, atol=0.51e-4, rtol=0)
+
+
+def test_the_cells_own_words_follow_the_event(tmp_path: Path) -> None:
+    p = program(Recipe(1))
+    from machopt.domain.toolpath import Event
+
+    p = replace(
+        p,
+        events=(
+            Event(1, "spindle", "SPINDL/9000,RPM", 9000.0),
+            Event(3, "spindle", "SPINDL/OFF", 0.0),
+            Event(4, "coolant", "M8"),
+        ),
+    )
+    own = {"spindle_on": "SPINDLE_ON(@{value:.0f})", "spindle_off": "$OUT[7]=FALSE", "coolant_on": "$OUT[8]=TRUE"}
+    write_program(tmp_path, "part", p, "krl", Controller(lines=own))
+    lines = (tmp_path / "part.src").read_text().splitlines()
+    for comment, line in (
+        ("; CAM: SPINDL/9000,RPM", "SPINDLE_ON(9000)"),
+        ("; CAM: SPINDL/OFF", "$OUT[7]=FALSE"),
+        ("; CAM: M8", "$OUT[8]=TRUE"),
+    ):
+        assert lines[lines.index(comment) + 1] == line
+    parsed = read_program(tmp_path / "part.src")
+    assert [(e.index, e.text) for e in parsed.events] == [(e.index, e.text) for e in p.events]
+    with pytest.raises(InputError, match=r"needs @\{value\}, but 'M8' gives none"):
+        write_program(tmp_path, "part", p, "krl", Controller(lines={"coolant_on": "X(@{value})"}))
+    with pytest.raises(InputError, match="no field is named 'rpm'"):
+        write_program(tmp_path, "part", p, "krl", Controller(lines={"spindle_on": "X(@{rpm})"}))
+
+
+def test_the_head_says_what_the_cell_did_not(tmp_path: Path) -> None:
+    p = program(Recipe(1))
+    write_program(tmp_path, "bare", p, "krl", Controller())
+    head = (tmp_path / "bare.src").read_text()
+    for word in ("controller.joint_map", "controller.root", "controller.flange", "$ROBROOT"):
+        assert word in head
+    assert "$BASE=MO_BASE" in head
+    write_program(tmp_path, "numbered", p, "krl", Controller(tool_number=4, base_number=7))
+    assert "$TOOL=TOOL_DATA[4]" in (tmp_path / "numbered.src").read_text()

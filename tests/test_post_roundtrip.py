@@ -1,0 +1,308 @@
+"""Every post: path → CSV → program → read back by a reader that shares nothing with the writer → CSV."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from made_up_program import ARM, MAPPED, PLAIN, ROOT, TOOL, WORKPIECE, Recipe, program
+
+from machopt.domain.program import LIN, Controller, RobotProgram
+from machopt.domain.toolpath import Move, Toolpath
+from machopt.formats.posts import needs_samples, post_names, program_name, write_program
+from machopt.formats.programs import read_program, read_program_as_toolpath
+from machopt.formats.programs.joints import urdf_joints
+from machopt.formats.programs.parsed import ParsedProgram
+from machopt.formats.source import ReadOptions
+from machopt.formats.toolpath import read_toolpath
+from machopt.se3 import tool_rotation
+
+MAIN = {
+    "rapid": "{}.mod", "fanuc": "{}.ls", "fanuc_joint": "{}.ls", "val3": "{0}/{0}.pjx", "jbi": "{}.JBI",
+    "jbi_rectan": "{}.JBI", "csv": "{}.csv", "json": "{}.json", "ros_yaml": "{}.yaml", "ros_json": "{}.json",
+}  # fmt: skip
+JOINTS_ONLY = ("fanuc_joint", "jbi", "ros_yaml", "ros_json", "urscript_servoj")
+NO_MAP = ("csv", "json", "ros_yaml", "ros_json")
+# half of the last printed decimal: mm and axis angle in deg; orientation in deg: three such angles may add up, and a
+# quaternion of four numbers printed to e turns by 4 e rad at most
+POSITION_MM = {"csv": 0.5e-6, "json": 0.5e-6}
+AXIS_DEG = {"csv": 0.5e-9, "json": 0.5e-9, "ros_yaml": 3e-9, "ros_json": 3e-9, "urscript": 3e-7, "jbi": 0.5e-4}
+TURN_DEG = {"rapid": 1.0e-6, "urscript": 1.2e-6, "jbi_rectan": 1.5e-4, "csv": 2e-7, "json": 2e-7}
+
+
+def main_file(post: str, name: str) -> str:
+    return MAIN.get(post, "{}.src" if post.startswith("krl") else "{}.script").format(name)
+
+
+def tolerance(table: dict[str, float], post: str, other: float) -> float:
+    return table.get(post, table.get(post.split("_", maxsplit=1)[0], other))
+
+
+def written(folder: Path, p: RobotProgram, post: str, controller: Controller) -> Path:
+    name = program_name("part", post)
+    write_program(folder, name, p, post, controller)
+    return folder / main_file(post, name)
+
+
+def urdf_q(parsed: ParsedProgram, post: str, controller: Controller) -> np.ndarray:
+    if post in NO_MAP or controller.joint_map is None:
+        return np.radians(parsed.axes_deg)
+    m = controller.joint_map
+    return urdf_joints(parsed.axes_deg, m.sign, m.offset_deg, m.coupling)
+
+
+def forward(post: str, controller: Controller):
+    """Poses of axes as the program counts them: the way a user with the robot's model reads a program."""
+    m = controller.joint_map
+
+    def poses(axes_deg: np.ndarray) -> np.ndarray:
+        mapped = m is not None and post not in NO_MAP
+        q = urdf_joints(axes_deg, m.sign, m.offset_deg, m.coupling) if mapped else np.radians(axes_deg)
+        return np.linalg.inv(WORKPIECE) @ ARM.fk(q, TOOL)
+
+    return poses
+
+
+def turned(R0: np.ndarray, R1: np.ndarray) -> float:
+    """Largest angle in degrees between rotations, exact for small ones."""
+    return float(np.degrees(2 * np.arcsin(np.linalg.norm(R0 - R1, axis=(-2, -1)).max() / math.sqrt(8))))
+
+
+def check(p: RobotProgram, parsed: ParsedProgram, post: str, controller: Controller) -> None:
+    """Moves in order with targets, feeds, kinds, operations and events, within the printed decimals."""
+    assert len(parsed) == len(p)
+    np.testing.assert_array_equal(parsed.kind, p.kind)
+    lin = p.kind == LIN
+    np.testing.assert_array_equal(parsed.move[lin], p.moves[lin])
+    joint = ~parsed.has_pose | (post in ("csv", "json"))
+    q = urdf_q(parsed, post, controller)
+    axis = tolerance(AXIS_DEG, post, 0.5e-5)
+    np.testing.assert_allclose(
+        np.degrees(q[joint]), np.degrees(p.q[joint]), rtol=0, atol=2.01 * axis
+    )  # coupling adds two
+    T = np.linalg.inv(WORKPIECE) @ ARM.fk(q[joint], TOOL)
+    # six joints, each off by the last decimal, at most 4 m away from the tool tip
+    np.testing.assert_allclose(
+        T[:, :3, 3], p.T_workpiece_tcp[joint][:, :3, 3], rtol=0, atol=6 * 2.01 * np.radians(axis) * 4 + 1e-12
+    )
+    pose = parsed.has_pose
+    position = tolerance(POSITION_MM, post, 0.5e-4) * 1.001
+    np.testing.assert_allclose(
+        parsed.T_base_tcp[pose][:, :3, 3] * 1e3, p.T_workpiece_tcp[pose][:, :3, 3] * 1e3, rtol=0, atol=position
+    )
+    if pose.any():
+        assert turned(parsed.T_base_tcp[pose][:, :3, :3], p.T_workpiece_tcp[pose][:, :3, :3]) < tolerance(
+            TURN_DEG, post, 1.5e-5
+        )
+    steps = 0.5e-4 * 1.001 if post in ("fanuc", "fanuc_joint", "jbi", "jbi_rectan") else 0.51e-6
+    if not post.startswith("ros") and post != "urscript_servoj":
+        np.testing.assert_allclose(parsed.feed[lin], p.feed[lin], rtol=0, atol=steps)
+    if np.isfinite(parsed.time).any():
+        np.testing.assert_allclose(parsed.time, p.time, rtol=0, atol=1e-9)
+    labels = [p.operations[o] for o in p.operation]
+    assert [parsed.operations[o] for o in parsed.operation] == labels
+    assert [(e.index, e.text) for e in parsed.events] == [(e.index, e.text) for e in p.events]
+    told = [e.kind for e in p.events if e.kind != "stop"]
+    assert [e.kind for e in parsed.events if e.kind != "stop"] == told
+    root = np.eye(4) if controller.T_base_root is None else controller.T_base_root
+    mount = np.eye(4) if controller.T_flange_mount is None else controller.T_flange_mount
+    if post in NO_MAP:
+        root = mount = np.eye(4)
+    used = [parsed.bases[b] for b in set(parsed.base[pose].tolist())]
+    frames = [(f, np.linalg.inv(root) @ WORKPIECE) for f in used] + [
+        (f, np.linalg.inv(mount) @ TOOL) for f in parsed.tools
+    ]
+    for frame, expected in frames:
+        if frame.T is not None:
+            np.testing.assert_allclose(frame.T[:3, 3], expected[:3, 3], rtol=0, atol=1.01e-7)
+            assert turned(frame.T[:3, :3], expected[:3, :3]) < 1.5e-5
+
+
+@pytest.mark.parametrize("controller", [PLAIN, MAPPED], ids=["plain", "mapped"])
+@pytest.mark.parametrize("post", post_names())
+def test_a_program_comes_back(tmp_path: Path, post: str, controller: Controller) -> None:
+    for seed in range(3):
+        p = program(Recipe(seed, moves=30, blend=2e-4 * (seed % 2)), controller)
+        check(p, read_program(written(tmp_path, p, post, controller)), post, controller)
+
+
+@pytest.mark.parametrize("post", [p for p in post_names() if not needs_samples(p) and p not in ("csv", "json")])
+def test_a_long_program_is_split_and_comes_back(tmp_path: Path, post: str) -> None:
+    controller = replace(MAPPED, moves_per_part=17)
+    p = program(Recipe(5, moves=60, blend=1e-4), controller)
+    file = written(tmp_path, p, post, controller)
+    parsed = read_program(file)
+    check(p, parsed, post, controller)
+    if not post.startswith(("krl", "urscript")):
+        assert len(list(file.parent.iterdir())) >= 4  # parts in files of their own
+    ends = np.flatnonzero(p.kind == LIN)
+    exact = np.isfinite(parsed.blend)
+    assert not (parsed.blend[16::17][exact[16::17]] > 0).any()  # no rounding over the end of a part
+    assert len(ends)
+
+
+@pytest.mark.parametrize("post", ["krl", "rapid", "urscript", "val3", "csv"])
+def test_corners_are_rounded_only_inside_a_cut_and_never_overlap(tmp_path: Path, post: str) -> None:
+    p = program(Recipe(8, moves=60, blend=5e-3))
+    parsed = read_program(written(tmp_path, p, post, PLAIN))
+    stops = {e.index - 1 for e in p.events}
+    for k in range(60):
+        inside = (
+            k + 1 < 60 and p.cutting[k] and p.cutting[k + 1] and p.operation[k] == p.operation[k + 1] and k not in stops
+        )
+        assert (parsed.blend[k] > 0) == bool(inside), k
+    if post in ("urscript", "csv"):
+        step = np.linalg.norm(np.diff(p.T_workpiece_tcp[:, :3, 3], axis=0), axis=1)
+        both = parsed.blend[:-1] + parsed.blend[1:]
+        assert (both <= step + 1e-9)[(parsed.blend[:-1] > 0) | (parsed.blend[1:] > 0)].all()
+
+
+def test_configuration_bits_and_turns_are_those_of_the_joints(tmp_path: Path) -> None:
+    """Counted again here, bit by bit, from the joints alone."""
+    p = program(Recipe(11, moves=200), MAPPED)
+    a = (MAPPED.joint_map or MAPPED).axes_deg(p.q)
+    assert (a.min(axis=0) < -90).any()
+    assert (a.max(axis=0) > 180).any()
+    parsed = {post: read_program(written(tmp_path / post, p, post, MAPPED)) for post in _folders(tmp_path)}
+    for k in np.flatnonzero(p.kind == LIN):
+        below = [axis < 0 for axis in a[k].round(5)]
+        krl = parsed["krl"].configuration[k]
+        assert krl["T"] == sum(1 << i for i, b in enumerate(below) if b)
+        assert krl["S"] == p.behind[k] * 1 + p.elbow_up[k] * 2 + below[4] * 4
+        abb = parsed["rapid"].configuration[k]
+        for name, axis in (("cf1", 0), ("cf4", 3), ("cf6", 5)):
+            quarter = abb[name]
+            assert quarter * 90 <= a[k, axis] < (quarter + 1) * 90, (name, a[k, axis])
+        assert abb["cfx"] == p.behind[k] * 4 + (not p.elbow_up[k]) * 2 + below[4] * 1
+        fanuc = parsed["fanuc"].configuration[k]
+        assert fanuc["config"] == ("N" if below[4] else "F") + "DU"[int(p.elbow_up[k])] + "TB"[int(p.behind[k])]
+        for turn, axis in zip(fanuc["turns"], (0, 3, 5), strict=True):
+            assert -180 < a[k, axis] - 360 * turn <= 180 or a[k, axis] - 360 * turn == -180
+        assert parsed["val3"].configuration[k]["wrist"] == ("wnegative" if below[4] else "wpositive")
+        rconf = parsed["jbi_rectan"].configuration[k]["rconf"]
+        assert rconf == (int(below[4]), int(not p.elbow_up[k]), int(p.behind[k]),
+                         *(int(abs(a[k, axis]) >= 180) for axis in (3, 5, 0)))  # fmt: skip
+
+
+def _folders(tmp_path: Path) -> list[str]:
+    posts = ["krl", "rapid", "fanuc", "val3", "jbi_rectan"]
+    for post in posts:
+        (tmp_path / post).mkdir()
+    return posts
+
+
+def test_pulses_of_a_yaskawa(tmp_path: Path) -> None:
+    scale = np.array([1341.4, -1341.4, 1000.0, 900.5, 700.0, 500.0])
+    controller = replace(MAPPED, pulses_per_deg=scale)
+    p = program(Recipe(3, moves=20), controller)
+    from machopt.formats.programs.jbi import read_jbi
+    from machopt.formats.source import decode, read_bytes
+
+    file = written(tmp_path, p, "jbi", controller)
+    parsed = read_jbi(decode(file, read_bytes(file)), 5e-6, pulses_per_deg=tuple(scale))
+    q = urdf_q(parsed, "jbi", controller)
+    half = np.abs(0.5 / scale)  # half a pulse; axis 3 is coupled to axis 2
+    np.testing.assert_allclose(
+        np.degrees(q), np.degrees(p.q), rtol=0, atol=(half + np.array([0, 0, half[1], 0, 0, 0])).max()
+    )
+    assert np.isnan(read_program(file).axes_deg).all()  # without the scale nothing is made up
+    assert [c["pulses"] for c in parsed.configuration] == [
+        tuple(np.round(row * scale).astype(int)) for row in controller.joint_map.axes_deg(p.q)
+    ]
+
+
+# ---- the whole way: CSV → toolpath → program → toolpath → CSV
+
+TEXT = st.text(st.characters(min_codepoint=32, max_codepoint=126, exclude_characters='";,#]['), min_size=1, max_size=12)
+LABELS = st.lists(TEXT.map(lambda t: " ".join(t.split())).filter(bool), min_size=1, max_size=3, unique=True)
+
+
+@st.composite
+def recipes(draw: st.DrawFn) -> Recipe:
+    return Recipe(
+        seed=draw(st.integers(0, 2**32 - 1)), moves=draw(st.integers(2, 14)),
+        blend=draw(st.sampled_from([0.0, 1e-4, 1e-2])),
+        slowest=draw(st.sampled_from([2e-4, 1e-2])), feeds=draw(st.integers(1, 4)), operations=tuple(draw(LABELS)),
+        events=draw(st.integers(0, 4)),
+    )  # fmt: skip
+
+
+def csv_text(t: Toolpath | None, p: RobotProgram | None = None) -> str:
+    """A point table by the contract's columns."""
+    rows = ["x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation"]
+    if t is None:
+        assert p is not None
+        position, axis = p.T_workpiece_tcp[:, :3, 3], -p.T_workpiece_tcp[:, :3, 2]
+        moves, feed, label = p.moves, p.feed, [p.operations[o] for o in p.operation]
+    else:
+        position, axis, moves, feed = t.position, t.axis, t.move, t.feed
+        label = [t.operations[o].label for o in t.operation]
+    for x, a, m, f, o in zip(position * 1e3, axis, moves, feed * 6e4, label, strict=True):
+        numbers = ",".join(f"{v + 0.0:.6f}" for v in (*x, *a))
+        rows.append(f"{numbers},{Move(m).word},{'' if math.isnan(f) else f'{f:.6f}'},{o}")
+    return "\n".join(rows) + "\n"
+
+
+def numbers(text: str) -> tuple[np.ndarray, list[str], np.ndarray, list[str]]:
+    rows = [r.split(",") for r in text.splitlines()[1:]]
+    feed = np.array([float(r[7] or "nan") for r in rows])
+    return np.array([[float(v) for v in r[:6]] for r in rows]), [r[6] for r in rows], feed, [r[8] for r in rows]
+
+
+def csv_round_trip(recipe: Recipe, post: str, controller: Controller, folder: Path) -> None:
+    """CSV → toolpath → program → parsed → toolpath → CSV within the printed decimals."""
+    made = program(recipe, controller)
+    if not made.cutting.any():
+        return
+    first = csv_text(None, made)
+    (folder / "path.csv").write_text(first)
+    path = read_toolpath(folder / "path.csv")
+    T = made.T_workpiece_tcp.copy()
+    T[:, :3, 3] = path.position
+    T[:, :3, :3] = tool_rotation(path.axis, T[:, :3, 0], np.zeros(len(T)))
+    p = replace(made, T_workpiece_tcp=T, feed=np.where(made.kind == LIN, path.feed, np.nan),
+                operations=tuple(o.label for o in path.operations), operation=path.operation)  # fmt: skip
+    file = written(folder, p, post, controller)
+    options = ReadOptions(default_feed=0.01)
+    again = read_program_as_toolpath(file, options, forward=forward(post, controller))
+    a, b = numbers(first), numbers(csv_text(again))
+    joint = np.array(JOINTS_ONLY) == post
+    by_axes = np.full(len(a[0]), joint.any()) | (p.kind != LIN)
+    axis = tolerance(AXIS_DEG, post, 0.5e-5)
+    lever = 6 * 2.01 * math.radians(axis) * 4e3 + 1.6e-6  # mm; two CSV files rounded at the sixth decimal
+    place = np.where(by_axes, lever, tolerance(POSITION_MM, post, 0.5e-4) + 1.6e-6)
+    assert (np.abs(a[0][:, :3] - b[0][:, :3]) <= place[:, None]).all()
+    turn = np.where(by_axes, 6 * 2.01 * math.radians(axis), math.radians(tolerance(TURN_DEG, post, 1.5e-5)))
+    assert (np.abs(a[0][:, 3:] - b[0][:, 3:]) <= turn[:, None] + 2.1e-6).all()
+    assert a[1] == b[1]
+    if not post.startswith("ros") and post != "urscript_servoj":
+        lin = p.kind == LIN
+        steps = 3.01 if post in ("fanuc", "fanuc_joint", "jbi", "jbi_rectan") else 0.035  # mm/min: 0.05 mm/s, 5e-7 m/s
+        np.testing.assert_allclose(a[2][lin], b[2][lin], rtol=0, atol=steps)
+    assert a[3] == b[3]
+    assert [e.text for e in again.events] == [e.text for e in p.events]
+
+
+@pytest.mark.parametrize("post", post_names())
+def test_csv_to_program_and_back(post: str) -> None:
+    @settings(max_examples=12, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck), database=None)
+    @given(recipes(), st.sampled_from([PLAIN, MAPPED]))
+    def round_trip(recipe: Recipe, controller: Controller) -> None:
+        with tempfile.TemporaryDirectory() as name:
+            csv_round_trip(recipe, post, controller, Path(name))
+
+    round_trip()
+
+
+def test_root_and_flange_are_in_the_frames(tmp_path: Path) -> None:
+    p = program(Recipe(1), MAPPED)
+    parsed = read_program(written(tmp_path, p, "rapid", MAPPED))
+    base = next(f for f in parsed.bases if f.name == "mo_wobj")
+    assert base.T is not None
+    np.testing.assert_allclose(ROOT @ base.T, WORKPIECE, atol=1e-7)
