@@ -62,17 +62,17 @@ def main() -> None:
         )
         for workers in (1, 2):
             out = place / f"nothing{workers}"
-            request = Request((str(empty),), out, cell=CELL, entry=Path(__file__).stem, workers=workers)
+            request = Request((str(empty),), out, cell=CELL, entry=Path(__file__).stem, workers=workers, version="1")
             _, total, first, rate = timed(request)
             print(
-                f"{NOTHING} jobs that do nothing, {workers} worker(s): first after {first:.1f} s, then {1e3 / rate:.0f} ms "
-                f"a job, {1e3 * workers / rate:.0f} ms of a worker; {total:.1f} s in all"
+                f"{NOTHING} jobs that do nothing, {workers} worker(s): first after {first:.1f} s, then "
+                f"{1e3 / rate:.0f} ms a job, {1e3 * workers / rate:.0f} ms of a worker; {total:.1f} s in all"
             )
         start = time.perf_counter()
         outcome = run_batch(request)
         print(f"resumed when all are done: {time.perf_counter() - start:.1f} s, {outcome.done} done again")
         for workers in (1, 2):
-            request = Request((str(listed),), place / f"real{workers}", workers=workers)
+            request = Request((str(listed),), place / f"real{workers}", workers=workers, version="1")
             outcome, total, first, rate = timed(request)
             print(
                 f"{real} real jobs, {workers} worker(s): exit {outcome.exit_code}, first after {first:.1f} s, then "

@@ -6,8 +6,13 @@ import ctypes
 import os
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+from machopt.batch.request import Request
+
+CELL = Path(__file__).resolve().parents[1] / "cells" / "s420f_handling"
 
 
 def run(job: Mapping[str, Any], out: Path) -> dict[str, object]:
@@ -43,3 +48,18 @@ def run(job: Mapping[str, Any], out: Path) -> dict[str, object]:
     (out / "report.html").write_text(f"<p>{path.name}</p>")
     return {"exit_code": 0, "verdict": "done", "reason": "", "gain_percent": gain, "unit": "mm",
             "mean": 1.0 / (1 + gain), "warnings": []}  # fmt: skip
+
+
+def folder_of(place: Path, **words: str) -> Path:
+    """A folder of toolpaths for batch_stub, and one in which they note that they ran."""
+    jobs = place / "jobs"
+    jobs.mkdir(parents=True)
+    (place / "ran").mkdir()
+    for name, text in words.items():
+        (jobs / f"{name}.nc").write_text(f"#{text}\n{name * 5}")
+    return jobs
+
+
+def request_for(jobs: Path | str, out: Path, **changes: object) -> Request:
+    base = Request((str(jobs),), out, cell=CELL, entry="batch_stub", version="test", time_limit=60.0)
+    return replace(base, **changes)  # type: ignore[arg-type]

@@ -52,7 +52,7 @@ def ls(line: str, position: str = "", more: str = "") -> str:
         ("a.mod", "MODULE m\nPROC a()\nENDPROC\nPROC b()\nENDPROC\nENDMODULE\n", "2 procedures that nothing calls"),
         ("a.ls", ls("L P[1] 10mm/sec FINE"), r"line 3: P\[1\] is not in /POS"),
         ("a.ls", ls("L PR[1] 10mm/sec FINE"), "position register"),
-        ("a.ls", ls("L P[1] 10mm/sec FINE", "P[1]{ X = 1, Y = 1, Z = 1, W = 0, P = 0, R = 0 };", "2:JMP LBL[1] ;\n"), "order of"),
+        ("a.ls", ls("L P[1] 10mm/sec FINE", "P[1]{ X=1, Y=1, Z=1, W=0, P=0, R=0 };", "2:JMP LBL[1] ;\n"), "order"),
         ("a.ls", ls("L P[1] 10mm/sec FINE", "P[1]{ GP1: X = ****** mm, Y = 1 mm };"), "X is not taught"),
         ("a.JBI", "/JOB\n//POS\n///PULSE\nC00000=1,2,3\n//INST\nNOP\nEND\n", "C00000 has 3 numbers"),
         ("a.JBI", "/JOB\n//POS\n//INST\nMOVC C00000 V=1\nEND\n", "MOVC is not read"),

@@ -12,18 +12,18 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from machopt.domain.options import PlanOptions
 from machopt.domain.program import LIN, PTP, Controller, RobotProgram
-from machopt.domain.toolpath import Move, Toolpath
+from machopt.domain.toolpath import Event, Move, Toolpath
 from machopt.formats.cell import load_cell
 from machopt.formats.posts import needs_samples, post_names, program_name, write_program
 from machopt.formats.programs import read_program
 from machopt.formats.toolpath import read_toolpath
 from machopt.job.program import robot_program, sampled_program
+from machopt.job.readback import read_back
 from machopt.plan.pipeline import Plan, plan
 from machopt.plan.timeline import Timeline, build_timeline
 
 ROOT = Path(__file__).resolve().parents[1]
 pytestmark = pytest.mark.slow
-MAIN = (".src", ".mod", ".ls", ".script", ".pjx", ".JBI", ".csv", ".json", ".yaml")
 
 
 @cache
@@ -107,14 +107,32 @@ def test_every_post_writes_the_job_and_it_comes_back(tmp_path: Path, post: str) 
         columns = ("kind", "q", "T_workpiece_tcp", "feed", "cutting", "operation", "move", "time", "behind", "elbow_up")
         p = replace(p, **{f: getattr(p, f)[:400] for f in columns}, events=())
     files = write_program(tmp_path, program_name(t.source, post), p, post, Controller(nonflip_j5="positive"))
-    main = next(f for f in files if f.suffix in MAIN)
-    parsed = read_program(main)
-    assert len(parsed) == len(p)
-    if post != "ros_yaml":
-        np.testing.assert_array_equal(parsed.kind, p.kind)
-    joint = ~parsed.has_pose
-    axes = np.degrees(p.q)[joint]
-    np.testing.assert_allclose(parsed.axes_deg[joint], axes, atol=0.51e-4)  # JBI prints four decimals
+    found = read_back(p, Controller(nonflip_j5="positive"), files[0], the_plan.setup.robot)
+    assert found.ok, found
+    assert found.moves == len(p)
+    assert found.position_error < 4e-6  # JBI's four decimals of a degree, three metres away; the others are far below
+    parsed = read_program(files[0])
     pose = parsed.has_pose
     np.testing.assert_allclose(parsed.T_base_tcp[pose][:, :3, 3], p.T_workpiece_tcp[pose][:, :3, 3], atol=0.51e-7)
-    assert [e.text for e in parsed.events] == [" ".join(e.text.split()) for e in p.events]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "difference"),
+    [
+        (b"LIN {X -", b"LIN {X 1", "goes elsewhere"), (b",B -", b",B 1", "turns elsewhere"),
+        (b"$VEL.CP=0", b"$VEL.CP=1", "feed"), (b"LIN {X ", b"LIN {X 1", "cannot be read back"),
+        (b"; CAM: ", b"; CAM: not ", "events"),
+        (b"END\r\n", b"LIN {X 0,Y 0,Z 0,A 0,B 0,C 0}\r\nEND\r\n", "moves instead of"),
+        (b"PTP {A1 ", b"PTP {A1 9", "goes elsewhere"),
+    ],
+)  # fmt: skip
+def test_what_was_changed_is_noticed(tmp_path: Path, old: bytes, new: bytes, difference: str) -> None:
+    the_plan, t, timeline = job("kr240_drilling", "panel_holes.csv")
+    p = replace(robot_program(the_plan, t, timeline), events=(Event(3, "spindle", "SPINDL/9000", 9000.0),))
+    files = write_program(tmp_path, "part", p, "krl")
+    assert read_back(p, Controller(), files[0], the_plan.setup.robot).ok
+    data = files[0].read_bytes()
+    assert old in data
+    files[0].write_bytes(data.replace(old, new, 1))
+    found = read_back(p, Controller(), files[0], the_plan.setup.robot)
+    assert any(difference in d for d in found.differences), found

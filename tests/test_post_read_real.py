@@ -9,7 +9,8 @@ import pytest
 
 from machopt.domain.toolpath import Move
 from machopt.errors import InputError
-from machopt.formats.programs import read_program, read_program_as_toolpath
+from machopt.formats.programs import is_program, read_program, read_program_as_toolpath
+from machopt.formats.programs.nearby import opened
 from machopt.formats.source import ReadOptions
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "cam"
@@ -109,6 +110,14 @@ def test_numbers_of_known_lines() -> None:
     krl = read_program(DATA / "robot_kuka/HugoDanielson__CNCTEST.src")
     np.testing.assert_allclose(krl.T_base_tcp[0, :3, 3] * 1e3, [13.228, 351.691, -0.2])
     assert np.isnan(krl.feed).all()
+
+
+def test_no_cam_file_is_taken_for_a_robot_program() -> None:
+    for file in DATA.glob("*/*"):
+        if file.parent.name.startswith("robot_") or not file.is_file():
+            continue
+        source = opened(file)
+        assert source is None or not is_program(source), file.name
 
 
 def test_a_missing_feed_is_asked_for() -> None:

@@ -111,9 +111,11 @@ def test_refusals(tmp_path: Path, text: str, message: str) -> None:
 def test_rotation_dwell_and_retract_along_the_tool(tmp_path: Path) -> None:
     t = read(
         tmp_path,
-        HEAD + "CYCL DEF 10.0\nCYCL DEF 10.1 ROT+90\nL X+10 Y+0 Z+0 F100\nCYCL DEF 10.1 ROT+0\nL M140 MB 30\n" + TAIL,
+        HEAD + "CYCL DEF 9.0 DWELL\nCYCLE DEF 9.1 DWELL 2\nCYCL DEF 10.0\nCYCL DEF 10.1 ROT+90\n"
+        "L X+10 Y+0 Z+0 F100\nCYCL DEF 10.1 ROT+0\nL M140 MB 30\n" + TAIL,
     )
     assert np.allclose(mm(t)[1:], [[0, 10, 0], [0, 10, 30]])
+    assert [(e.kind, e.value) for e in t.events if e.kind == "dwell"] == [("dwell", 2.0)]
 
 
 def test_preset_change_is_another_zero(tmp_path: Path) -> None:

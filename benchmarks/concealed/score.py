@@ -225,6 +225,9 @@ def table(answers: list[Answer]) -> tuple[list[Line], list[str]]:
         "",
         None,
     )
+    # a diagnosis that states high limits excuses itself: how much of that a perfect test would have seen
+    excused = [a for a in quiet if (a.truth["effects"][0]["noncentrality"] or 0.0) >= TWICE]
+    add("  of these plain to a perfect test", len(excused), len(quiet), "", None)
     pairs = [
         a for a in answers if a.truth["group"] == "pair" and all(above_limit(e, a.said) for e in a.truth["effects"])
     ]

@@ -82,10 +82,8 @@ class Engine:
                     "work", file=work.parent, where="--scheduler",
                 )  # fmt: skip
             if self._version is None and version != program_version():
-                raise InputError(
-                    f"worker {worker} has machopt {version}, here is {program_version()}; install the same there",
-                    where="--scheduler",
-                )
+                same = "install the same there" if self._address else "it was changed this moment; start again"
+                raise InputError(f"worker {worker} has machopt {version}, here is {program_version()}; {same}")
 
     def run(self, specs: Sequence[tuple[str, Spec]]) -> Generator[tuple[str, Ended], None, None]:
         """Hand out all jobs in order; yields each with its end as they finish.
@@ -126,6 +124,14 @@ def _words(problem: BaseException) -> str:
     if type(problem).__name__ == "KilledWorker":
         return "every worker that took it was killed"
     return f"{type(problem).__name__}: {problem}"
+
+
+def machine_memory() -> int:
+    """Bytes of memory that this machine, or the container around us, has."""
+    _distributed()
+    from distributed.system import MEMORY_LIMIT
+
+    return int(MEMORY_LIMIT)
 
 
 def _distributed() -> Any:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from machopt.batch.compare import Comparison, compare
-from machopt.batch.engine import Engine
+from machopt.batch.engine import Engine, machine_memory
 from machopt.batch.find import Job, find_jobs
 from machopt.batch.key import Keys, Ready, Refused, program_version, sha256
 from machopt.batch.request import Outcome, Progress, Request
@@ -266,6 +266,4 @@ def _cores() -> Sequence[int]:
 
 def _share(workers: int) -> int:
     """Bytes of memory for each of some workers on this machine, a tenth left for the rest."""
-    import psutil
-
-    return int(0.9 * psutil.virtual_memory().total / workers)
+    return int(0.9 * machine_memory() / workers)

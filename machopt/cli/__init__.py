@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from typing import NoReturn
 
 import machopt
-from machopt.cli import measure, toolpaths
+from machopt.cli import batch, measure, toolpaths
 from machopt.errors import MachoptError
 
 
@@ -36,10 +37,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 1
 
 
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line, without two screens of usage above it."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"machopt: {message} ({self.prog} --help lists the options)\n")
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="machopt", description=machopt.__doc__.splitlines()[0] if machopt.__doc__ else None
-    )
+    parser = _Parser(prog="machopt", description=machopt.__doc__.splitlines()[0] if machopt.__doc__ else None)
     parser.add_argument("--version", action="version", version=f"machopt {machopt.__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     common = argparse.ArgumentParser(add_help=False)
@@ -48,4 +54,5 @@ def _parser() -> argparse.ArgumentParser:
     common.add_argument("--debug", action="store_true", help="show tracebacks")
     toolpaths.add_commands(commands, common)
     measure.add_commands(commands, common)
+    batch.add_commands(commands, common)
     return parser

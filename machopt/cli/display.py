@@ -1,7 +1,8 @@
-"""What every command prints with: the stage at work, results without NaN, dictionaries as indented lines."""
+"""What every command reads and prints with: whole numbers; the stage at work, results without NaN, indented lines."""
 
 from __future__ import annotations
 
+import argparse
 import math
 import sys
 from typing import Any, ClassVar
@@ -44,6 +45,26 @@ class Display:
         elif self._show and words != self._last:
             print(f"… {words}", file=sys.stderr, flush=True)
         self._last = words
+
+
+def natural(text: str) -> int:
+    """A whole number from 0 on."""
+    return _whole(text, 0)
+
+
+def positive(text: str) -> int:
+    """A whole number from 1 on."""
+    return _whole(text, 1)
+
+
+def _whole(text: str, least: int) -> int:
+    try:
+        value = int(text)
+    except ValueError:
+        value = least - 1
+    if value < least:
+        raise argparse.ArgumentTypeError(f"found {text!r}; expected a whole number from {least} on")
+    return value
 
 
 def finite(value: Any) -> Any:

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from machopt.cli.display import Display, finite
+from machopt.cli.display import Display, finite, natural, positive
 
 Commands = Any  # argparse keeps its subparsers' type private
 
@@ -19,8 +19,8 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     cell.add_argument("cell", type=Path, help="cell folder or its cell.yaml")
     cell.add_argument("-o", "--out", type=Path, required=True, help="output folder")
     cell.add_argument("--allow-external", action="store_true", help="let the cell use files outside its folder")
-    cell.add_argument("--seed", type=int, default=0, help="same input and seed, same bytes")
-    cell.add_argument("--jobs", type=int, default=1, metavar="N", help="accepted for scripts; runs in one process")
+    cell.add_argument("--seed", type=natural, default=0, help="same input and seed, same bytes")
+    cell.add_argument("--jobs", type=positive, default=1, metavar="N", help="accepted for scripts; one process runs")
     parents = [common, cell]
     _add_identify(
         commands.add_parser("identify", parents=parents, help="joint stiffness from load–deflection readings")
@@ -50,7 +50,8 @@ def _add_identify(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         "--geometric",
         action="store_true",
-        help="at the loaded equilibrium: K_C of the load, weight and finite turning (dumas2011 eqs. 6–10)",
+        help="at the loaded equilibrium with the arm's weight (dumas2011 eqs. 6–10), and K_C in stiffness.yaml; "
+        "without it, K_C of the load alone is counted where it matters",
     )
     p.add_argument("--plain", action="store_true", help="unweighted least squares of dumas2011 eq. 26")
     p.add_argument("--keep-outliers", action="store_true", help="no reading is put aside")
@@ -84,7 +85,7 @@ def _identified(result: dict[str, Any]) -> list[str]:
     heldout = result["heldout_rmse_mm"]
     unseen = "no pose left to judge by" if heldout is None else f"{heldout:.4f} mm on unseen poses"
     lines = [
-        f"{result['readings']} readings, {result['poses']} poses, {result['model']} model: "
+        f"{result['readings']} readings, {_count(result['poses'], 'pose')}, {result['model']} model: "
         f"{result['rmse_mm']:.4f} mm a coordinate, {unseen}, {100 * result['explained_share']:.1f} % explained"
     ]
     for joint in result["joints"]:
@@ -92,7 +93,7 @@ def _identified(result: dict[str, Any]) -> list[str]:
         if joint["identified"]:
             text = f"{low:.3g} … {'∞' if high is None else format(high, '.3g')}"
         else:
-            text = f"not identified: {joint['reason']}"
+            text = f"not identified, the cell's value or a bound: {joint['reason']}"
         lines.append(f"  joint {joint['joint']}  {joint['k_Nm_per_rad']:10.4g} N·m/rad   {text}")
     for term in result["terms"]:
         low, high = term["ci90"]
@@ -241,16 +242,21 @@ def _run(args: argparse.Namespace, request: Any, run: Any, renamed: dict[str, st
         done = run(request(**{k: v for k, v in given.items() if k in known}), display.stage)
     if args.json:
         print(json.dumps(finite(done.result), ensure_ascii=False))
+    notes = [f"  note: {w}" for w in done.result["warnings"] if w != done.message]
     if done.exit_code != 0:
         print(f"machopt: {done.message} (report: {done.report})", file=sys.stderr)
+        print("\n".join(notes), end="\n" if notes else "", file=sys.stderr)  # often the cause
     elif not (args.quiet or args.json):
-        print(done.message)
-        print(f"report: {done.report}")
+        print("\n".join([done.message, *notes, f"report: {done.report}"]))
     return int(done.exit_code)
 
 
 def _shown(args: argparse.Namespace) -> bool:
     return not (args.quiet or args.json)
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def _number(value: float | None) -> str:

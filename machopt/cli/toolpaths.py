@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from machopt.cli.display import Display, finite, tree
+from machopt.cli.display import Display, finite, natural, positive, tree
 from machopt.errors import InputError, VerificationError
 
 Commands = Any  # argparse keeps its subparsers' type private
@@ -45,9 +45,9 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         help="shift the commanded path against the deflection predicted under force_N",
     )  # fmt: skip
     job.add_argument("--sample-ms", type=float, help="time between exported samples (12)")
-    job.add_argument("--seed", type=int, help="of the random search around obstacles")
+    job.add_argument("--seed", type=natural, help="of the random search around obstacles")
     job.add_argument(
-        "--jobs", type=int, default=1, metavar="N", help="accepted for scripts; one plan runs in one process"
+        "--jobs", type=positive, default=1, metavar="N", help="accepted for scripts; one plan runs in one process"
     )
     job.set_defaults(run=_optimize)
 
@@ -81,7 +81,7 @@ def _optimize(args: argparse.Namespace) -> int:
     }
     request = Request(
         cell=args.cell, toolpath=args.toolpath, out=args.out, plan_file=args.plan, overrides=tuple(args.set),
-        direct=direct, reading=_reading(args), allow_external=args.allow_external,
+        direct=direct, reading=reading(args), allow_external=args.allow_external,
     )  # fmt: skip
     with Display(show=not (args.quiet or args.json)) as display:
         outcome = optimize(request, display.stage)
@@ -103,7 +103,7 @@ def _optimize(args: argparse.Namespace) -> int:
     return outcome.exit_code
 
 
-def _reading(args: argparse.Namespace) -> dict[str, Any]:
+def reading(args: argparse.Namespace) -> dict[str, Any]:
     """Options of the toolpath readers, in SI."""
     if args.feed is not None and not args.feed > 0:
         raise InputError(f"a feed of {args.feed:g} mm/min; more than zero would work", where="--feed")
@@ -115,7 +115,7 @@ def _inspect(args: argparse.Namespace) -> int:
     from machopt.formats.inspect import summarise
     from machopt.formats.toolpath import read_toolpath
 
-    summary = summarise(read_toolpath(args.file, **_reading(args)))
+    summary = summarise(read_toolpath(args.file, **reading(args)))
     if args.json:
         print(json.dumps(finite(summary), ensure_ascii=False))
     elif not args.quiet:
@@ -133,7 +133,7 @@ def _verify(args: argparse.Namespace) -> int:
         raise InputError("is not a folder; give the output folder of optimize", file=args.out)
     cell = load_cell(args.cell, allow_external=args.allow_external)
     options = load_options(cell.plan, args.plan, list(args.set))
-    toolpath = read_toolpath(args.toolpath, **_reading(args))
+    toolpath = read_toolpath(args.toolpath, **reading(args))
     found = verify_output(cell, toolpath, args.out, options=options)
     if args.json:
         checks = [vars(c) for c in found.checks]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -47,3 +48,4 @@ class Stiffness:
     covariance: Array | None = None  # (6, 6) of the joint compliances, (rad/(N·m))²
     grid: StiffnessGrid | None = None
     terms: tuple[Term, ...] = ()
+    file: Path | None = field(default=None, compare=False)  # it was read from, for messages

@@ -94,6 +94,8 @@ class _Reader(ControlReader):
         return re.sub(r"\s+", " ", text), found[1]
 
     def code(self, line: int, text: str) -> None:
+        if text.startswith("CYCLE DEF"):
+            text = "CYCL DEF" + text[9:]
         if text.startswith("BEGIN PGM"):
             return
         if text.startswith("END PGM"):
@@ -174,6 +176,9 @@ class _Reader(ControlReader):
             self.out.ignore("CYCL DEF 247", line, understood=True)
             return True
         elif number in (9, 13, 32):
+            dwell = re.search(NUMBER, rest) if (number, part) == (9, "1") else None
+            if dwell:
+                self.out.event("dwell", text, value(dwell.group(1)))
             self.out.ignore(f"CYCL DEF {number}", line, understood=True)
         elif number in (1, 2, 17):
             self.old_cycle_line(number, part, rest, line)

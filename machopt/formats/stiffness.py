@@ -57,7 +57,8 @@ def load_stiffness(path: Path | str) -> Stiffness:
     joints = _positive(document, ("joints_Nm_per_rad",), data.joints_Nm_per_rad)
     covariance = None if data.covariance is None else _covariance(document, data.covariance)
     grid = None if data.grid is None else _grid(document, data.grid)
-    return Stiffness(joints, covariance, grid, tuple(Term(t.effect, t.location, t.parameters) for t in data.terms))
+    terms = tuple(Term(t.effect, t.location, t.parameters) for t in data.terms)
+    return Stiffness(joints, covariance, grid, terms, Path(path))
 
 
 def write_stiffness(path: Path | str, stiffness: Stiffness) -> None:

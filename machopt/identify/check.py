@@ -166,8 +166,8 @@ def _repeated(e: Experiment) -> list[Finding]:
     original = e.place(int(first[back.reshape(-1)[rows[0]]]))
     return [Finding(
         "repeated_rows", "warning",
-        f"{places(e, rows)}: the same loads and displacements to the last digit as before ({original} at first); copies "
-        "make the result look surer than it is, remove them", tuple(rows.tolist()),
+        f"{places(e, rows)}: the same loads and displacements to the last digit as before ({original} at first); "
+        "copies make the result look surer than it is, remove them", tuple(rows.tolist()),
     )]  # fmt: skip
 
 
@@ -193,8 +193,8 @@ def _unloaded(e: Experiment) -> list[Finding]:
         return []
     return [Finding(
         "moved_without_load", "warning",
-        f"{places(e, rows)}: displaced although no load is recorded; displacements count from the unloaded state of the "
-        "same cycle", tuple(rows.tolist()),
+        f"{places(e, rows)}: displaced although no load is recorded; displacements count from the unloaded state of "
+        "the same cycle", tuple(rows.tolist()),
     )]  # fmt: skip
 
 
@@ -211,7 +211,7 @@ def _outside_limits(e: Experiment, robot: Robot) -> list[Finding]:
     return [Finding(
         "outside_limits", "warning",
         f"{places(e, rows)}: joint {joint + 1} stands outside its limits ({worst:.1f}° where the robot of the cell "
-        f"has {low:.0f}° to {high:.0f}°); check zero, sign and order of the q columns, or the robot",
+        f"goes from {low:.0f}° to {high:.0f}°); check zero, sign and order of the q columns, or the robot",
         tuple(rows.tolist()),
     )]  # fmt: skip
 

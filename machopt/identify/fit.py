@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 ROUNDS = 8
 SETTLED = 1e-3  # change of a coefficient per its standard error between rounds
 UNSEEN = 1e-7  # effect of a coefficient per the largest one; below it is rounding and counts as none
+ENOUGH_TO_DOUBT = 2  # equations per unknown; with fewer nothing tells a wrong reading from a right one
 OUT = 0.5  # a coordinate of less weight is an outlier
 
 
@@ -156,7 +157,7 @@ def fit(
         terms: physics to be fitted beside the joints; their values are not used.
         fixed: physics with known values; what they explain is subtracted.
         uncertainty: of the readings, 1 sigma; None: as the recording states.
-        robust: put gross outliers aside; False: every coordinate counts.
+        robust: put gross outliers aside, where there are equations enough to tell; False: every coordinate counts.
         weighted: weigh by the noise; False: every coordinate counts alike, metres beside radians, which with
             ``robust=False, bounded=False`` is dumas2011 eq. 26.
         bounded: keep compliances ≥ 0 (and every coefficient above its own bound).
@@ -164,7 +165,7 @@ def fit(
         weighting: of an earlier fit to the same readings, taken as it is.
 
     Raises:
-        InputError: fewer coordinates than unknowns, or no load at all.
+        InputError: no more coordinates than unknowns (nothing to judge errors by), or no load at all.
 
     Source:
         Dumas et al. 2011, eqs. 16–26. Invalid where the displacement is not proportional to the load.
@@ -174,15 +175,16 @@ def fit(
     y = experiment.measured
     for term in fixed:
         y = y - (term.response(experiment.state, experiment.wrench) @ term.values)[:, : experiment.dimensions]
-    if y.size < len(what):
+    if y.size <= len(what):
         raise InputError(
-            f"{len(experiment)} readings of {experiment.dimensions} coordinates are {y.size} equations for {len(what)} "
-            f"unknowns; at least {-(-len(what) // experiment.dimensions)} readings, better three times as many, "
-            "would work",
+            f"{len(experiment)} reading{'s' if len(experiment) > 1 else ''} of {experiment.dimensions} coordinates: "
+            f"{y.size} equations for {len(what)} unknowns; at least "
+            f"{len(what) // experiment.dimensions + 1} readings, better three times as many, would work",
             file=experiment.source,
         )
     if not experiment.wrench.any():
         raise InputError("no reading carries a load; every force and moment is zero", file=experiment.source)
+    robust = robust and y.size >= ENOUGH_TO_DOUBT * len(what)
     groups = clusters(experiment) if groups is None else groups
     lower = np.array([u.lower for u in what]) if bounded else np.full(len(what), -np.inf)
     column, seen = _columns(A, y)

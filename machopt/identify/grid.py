@@ -37,6 +37,7 @@ UNSEEN = 1e-6  # of the largest reading: less than this is no reading of a joint
 MOST_CELLS = 1000  # that readings touch; their unknowns are solved together
 ROUNDS = 6
 STEPS = (30, 10)  # of the likelihood in the first round, in later ones
+DRAFT_STEPS = 5
 SETTLED = 0.15  # change of a log compliance per its standard error between rounds, root mean square
 
 
@@ -98,6 +99,7 @@ def fit_grid(
     on_face: float = ON_FACE,
     hold: Array | None = None,
     spread: Array | None = None,
+    draft: bool = False,
 ) -> GridFit:
     """Identify grid-variable joint stiffness.
 
@@ -116,6 +118,7 @@ def fit_grid(
             compliance is below two standard errors is held too, at that compliance or one standard error.
         spread: (6,) s_j up to 1 to be taken instead of estimated, and a cell's value holding all over it; 1 leaves the
             cells to themselves, as the paper does.
+        draft: one round of a few steps, enough to see whether a grid predicts unseen poses better at all.
 
     Returns:
         The grid with standard deviations, and held-out errors by pose against the constant model.
@@ -151,12 +154,13 @@ def fit_grid(
     beta = work.first_unknowns()
     for rounds in range(1, ROUNDS + 1):
         evidence = work.evidence(weighting)
-        prior = evidence.maximise(prior, work.linear(beta), STEPS[min(rounds - 1, 1)], fixed=spread is not None)
+        steps = DRAFT_STEPS if draft else STEPS[min(rounds - 1, 1)]
+        prior = evidence.maximise(prior, work.linear(beta), steps, fixed=spread is not None)
         new = evidence.mode(prior, work.linear, beta)
         posterior = evidence.posterior(prior, work.linear(new))
         change = (new - beta) / np.sqrt(np.diag(posterior.covariance))
         beta = new
-        if np.sqrt(np.mean(change**2)) < SETTLED or rounds == ROUNDS:
+        if np.sqrt(np.mean(change**2)) < SETTLED or rounds == ROUNDS or draft:
             break
         weighting = work.doubt(weighting, prior, posterior) if robust else weighting
     weighting = replace(weighting, components=prior.noise)

@@ -93,8 +93,8 @@ def region_of(
         )
     if np.prod([float(n) for n in shape]) > MOST_CELLS_IN_ALL:
         raise InputError(
-            f"{' × '.join(map(str, shape))} cells of {cell * 1e3:g} mm are more than the {MOST_CELLS_IN_ALL} that a grid "
-            "may have; larger cells, or a smaller part of the space, would work",
+            f"{' × '.join(map(str, shape))} cells of {cell * 1e3:g} mm are more than the {MOST_CELLS_IN_ALL} that a "
+            "grid may have; larger cells, or a smaller part of the space, would work",
             file=source,
         )
     if origin is None:

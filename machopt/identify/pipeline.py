@@ -183,13 +183,15 @@ def _grid(solved: _Solved, options: IdentifyOptions) -> tuple[GridFit | None, st
     hold = np.where(known, np.nan, 1.0 / np.where(known, 1.0, solved.settled.x[:6]))
     origin = None if options.grid_origin is None else np.array(options.grid_origin)
     try:
-        found = fit_grid(
-            solved.fit, options.grid_cell, origin, options.grid_shape, robust=options.robust, hold=hold
-        )  # fmt: skip
+        if options.model == "auto":
+            draft = fit_grid(solved.fit, options.grid_cell, origin, options.grid_shape, hold=hold, draft=True)
+            if draft.heldout.gain[0] <= 0:
+                return None, "constant: a stiffness per grid cell predicts poses that it has not seen no better"
+        found = fit_grid(solved.fit, options.grid_cell, origin, options.grid_shape, robust=options.robust, hold=hold)
     except InputError as problem:
         if options.model == "grid":
             raise
-        return None, f"constant: no grid can be fitted ({problem.message})"
+        return None, f"constant: no grid can be fitted ({problem.reason})"
     if options.model == "grid":
         return found, ""
     gain, error = found.heldout.gain
@@ -198,5 +200,6 @@ def _grid(solved: _Solved, options: IdentifyOptions) -> tuple[GridFit | None, st
     if gain > WORTH_A_GRID * error and grid < (1.0 - LEAST_GAIN) * constant:
         return found, f"grid: {compared}; the gain is {gain / error:.1f} standard errors"
     return None, (
-        f"constant: {compared}; a grid is taken for a gain of {100 * LEAST_GAIN:g} % and {WORTH_A_GRID:g} standard errors"
+        f"constant: {compared}; a grid is taken for a gain of {100 * LEAST_GAIN:g} % and {WORTH_A_GRID:g} standard "
+        "errors"
     )

@@ -29,6 +29,7 @@ from machopt.identify.pipeline import identify
 from machopt.identify.result import Identification
 from machopt.job.identify_page import page_of
 from machopt.model.robot import load_masses, load_robot
+from machopt.model.terms import compile_terms
 from machopt.report.identification_page import write_identification
 
 FILES = ("recording.yaml", "recording.yml")
@@ -72,18 +73,23 @@ def run_identify(request: Request, progress: Callable[[str], None] = lambda _: N
         InputError: bad cell, recording, options or output folder; a record that cannot be right.
     """
     options = _options(request)
-    progress("load")
+    progress("reading cell and recording")
     cell = load_cell(request.cell, allow_external=request.allow_external)
     recording = _recording(request.recordings)
     robot = load_robot(cell)
     tests = experiment(recording, robot, cell.tool.T_flange_tcp)
+    for text, term in zip(request.terms, options.terms, strict=True):
+        try:
+            compile_terms((term,), robot, cell.tool.T_flange_tcp)
+        except InputError as problem:
+            raise InputError(problem.reason, where=f"--fit {text}") from None
     masses = load_masses(cell) if options.geometric else None
     with output_folder(request.out) as folder:
-        progress("identify")
+        progress("identifying")
         found = identify(
             tests, robot, cell.tool.T_flange_tcp, cell.stiffness, options, np.random.default_rng(options.seed), masses
         )
-        progress("export")
+        progress("writing stiffness and tables")
         result = result_of(request, cell, recording, found)
         write_stiffness(folder / "stiffness.yaml", found.stiffness)
         t = found.table

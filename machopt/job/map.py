@@ -109,9 +109,10 @@ def _arm(cell: Cell, robot: Robot, options: PlanOptions) -> Arm:
 
 def _setting(cell: Cell, robot: Robot, options: MapOptions) -> Setting:
     tool = cell.tool.T_flange_tcp
-    elasticity = None if cell.stiffness is None else ArmElasticity(robot, tool, cell.stiffness)
+    lower, upper = cell.limits.lower[:6], cell.limits.upper[:6]
+    elasticity = None if cell.stiffness is None else ArmElasticity(robot, tool, cell.stiffness, (lower, upper))
     length = options.length or characteristic_length(robot, tool).length
-    return Setting(robot, tool, elasticity, length, cell.limits.lower[:6], cell.limits.upper[:6],
+    return Setting(robot, tool, elasticity, length, lower, upper,
                    options.T_base_frame[:3, :3], options.load)  # fmt: skip
 
 

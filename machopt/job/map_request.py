@@ -100,7 +100,7 @@ def resolve(request: Request, cell: Cell) -> MapOptions:
     if np.linalg.norm(tool_axis) < 1e-9:
         raise InputError("the tool axis has no length; 0,0,1 is a tool that points down", where="--tool-axis")
     if request.at is not None and (kind != "slice" or not isfinite(request.at)):
-        raise InputError("goes with --slice and takes a number in mm", where="--at")
+        raise InputError(f"found {request.at:g}; it goes with --slice and takes a number in mm", where="--at")
     if request.frame not in ("base", "world", "workpiece"):
         raise InputError(f"found {request.frame!r}, expected base, world or workpiece", where="--frame")
     if request.by is not None and request.by not in {field.key for field in FIELDS}:
@@ -232,9 +232,10 @@ def _steps(words: tuple[str, ...], axes: tuple[str, ...], kind: Kind, unit: floa
 
 
 def _rotations(request: Request) -> Array:
-    if not (isfinite(request.gamma) and isfinite(request.rotation_step) and 1 <= request.rotation_step <= 180):
-        raise InputError(f"found {request.rotation_step:g} deg (rotation {request.gamma:g} deg); "
-                         "1 to 180 deg would work", where="--rotation-step")  # fmt: skip
+    if not isfinite(request.gamma):
+        raise InputError(f"found {request.gamma:g}, expected a rotation in deg", where="--gamma")
+    if not 1 <= request.rotation_step <= 180:
+        raise InputError(f"found {request.rotation_step:g} deg; 1 to 180 deg would work", where="--rotation-step")
     count = 1 if request.fixed_rotation else round(360.0 / request.rotation_step)
     return np.asarray(radians(request.gamma) + np.arange(count) * (2 * np.pi / count), float)
 

@@ -27,6 +27,8 @@ MM, DEG = 1e3, float(np.degrees(1.0))
 SUFFIX: dict[Unit, tuple[str, float]] = {"N/m": ("_N_mm", 1e-3), "m": ("_mm", MM), "rad": ("_deg", DEG), "1": ("", 1.0)}
 """What a unit of the fields is called in files, and the factor to it."""
 
+LARGE = 0.02  # m; a deflection beyond the small displacements that linear elasticity holds for
+
 REASONS = {
     Reason.OK: "posture found", Reason.UNREACHABLE: "out of reach", Reason.LIMIT: "beyond a joint limit",
     Reason.SINGULAR_WRIST: "wrist too near its singularity", Reason.SINGULAR_ELBOW: "elbow too near its singularity",
@@ -230,6 +232,14 @@ def _hints(samples: Samples, layers: list[Layer], setting: Setting) -> list[str]
     out = []
     if setting.elasticity is None:
         out.append("the cell has no stiffness: only dexterity and distance from the limits are mapped")
+    for layer in layers:
+        bent = layer.values.value.get("deflection", np.empty(0))[layer.postures.ok]
+        if np.isfinite(bent).any() and np.nanmedian(bent) > LARGE:
+            out.append(f"the load bends the arm by {np.nanmedian(bent) * MM:,.0f} mm (median of the {layer.name} layer), "
+                       "more than linear elasticity holds for; is it in N?")  # fmt: skip
+        if len(bent) and np.isnan(bent).any():
+            out.append(f"at {100 * np.isnan(bent).mean():.0f} % of the {layer.name} layer the joint springs do not hold "
+                       "the load: with geometric_stiffness the arm would buckle")  # fmt: skip
     dexterity = layers[0].values.value["dexterity"]
     if samples.kind == "joints" and np.isfinite(dexterity).any() and np.nanmax(dexterity) < 0.02:
         out.append("every posture is all but singular: the fixed joints are (often a straight wrist); --q with the "

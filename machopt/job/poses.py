@@ -70,9 +70,9 @@ def run_plan_poses(request: Request, progress: Callable[[str], None] = lambda _:
     terms = terms_of(request, robot, T)
     _enough_numbers(request, noise.dimensions, 6 + sum(len(t.coefficients) for t in terms))
     ways, warnings = ways_of(request, cell)
-    prior = ArmElasticity(robot, T, prior_of(request, cell), cell.folder / "stiffness.yaml")
-    progress("building kinematics and collision model")
     limits = cell.limits.lower[:6], cell.limits.upper[:6]
+    prior = ArmElasticity(robot, T, prior_of(request, cell), limits)
+    progress("building kinematics and collision model")
     bare = without_workpiece(cell) if request.without_workpiece else cell
     collision = None if request.no_collision else CollisionModel(bare, robot, shapes, request.clearance_mm / 1e3)
     length = characteristic_length(robot, T).length

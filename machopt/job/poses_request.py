@@ -28,7 +28,7 @@ Sensor = Literal["tracker", "tracker3", "dial"]
 SENSORS: dict[Sensor, float] = {"tracker": 0.012, "tracker3": 0.012, "dial": 0.005}
 """mm, 1 sigma of one coordinate: a laser tracker with one target or three, three dial gauges."""
 MOST_CASES = 1_500_000  # pose × load pairs that fit in memory with their responses (about 2 GB)
-MOST_POSES = 200
+MOST_POSES, MOST_LOADS, MOST_CYCLES, MOST_STARTS = 100, 12, 50, 50  # beyond these a plan takes hours, to no end
 
 
 @dataclass(frozen=True)
@@ -90,8 +90,10 @@ def check(request: Request) -> None:
                                  ("--pull-directions", r.pull_directions, 1)):  # fmt: skip
         if value < least:
             raise InputError(f"found {value}; expected at least {least}", where=option)
-    if r.poses > MOST_POSES:
-        raise InputError(f"found {r.poses}; expected at most {MOST_POSES}", where="--poses")
+    for option, value, most in (("--poses", r.poses, MOST_POSES), ("--loads", r.loads, MOST_LOADS),
+                                ("--cycles", r.cycles, MOST_CYCLES), ("--starts", r.starts, MOST_STARTS)):  # fmt: skip
+        if value > most:
+            raise InputError(f"found {value}; expected at most {most}", where=option)
     if r.candidates < r.poses:
         raise InputError(f"found {r.candidates}; fewer candidates than the {r.poses} poses wanted",
                          where="--candidates")  # fmt: skip
@@ -108,6 +110,8 @@ def check(request: Request) -> None:
     ):  # fmt: skip
         if number is not None and not (isfinite(number) and (number > 0 if strict else number >= 0)):
             raise InputError(f"found {number:g}; expected {'more than' if strict else 'at least'} zero", where=option)
+    if r.tracker_angle_deg >= 180:
+        raise InputError(f"found {r.tracker_angle_deg:g}; expected less than 180", where="--tracker-angle-deg")
     if r.min_kci >= 1:
         raise InputError(f"found {r.min_kci:g}; a KCI lies between 0 and 1", where="--min-kci")
     if not r.floor_mm < r.ceiling_mm:
@@ -129,7 +133,8 @@ def check(request: Request) -> None:
                            ("--max-torque-Nm", r.max_torque_Nm, 6), ("--prior", r.prior_Nm_per_rad, 6),
                            *(("--anchors", a, 3) for a in r.anchors_mm)):  # fmt: skip
         if row is not None and (len(row) != n or not all(isfinite(v) for v in row)):
-            raise InputError(f"found {len(row)} values; expected {n} finite numbers", where=option)
+            found = f"{len(row)} values" if len(row) != n else ",".join(f"{v:g}" for v in row)
+            raise InputError(f"found {found}; expected {n} finite numbers", where=option)
     if r.box_mm is not None and not all(a < b for a, b in zip(r.box_mm[:3], r.box_mm[3:], strict=True)):
         raise InputError("the highest corner is not above the lowest; expected xmin,ymin,zmin,xmax,ymax,zmax",
                          where="--box-mm")  # fmt: skip
@@ -245,7 +250,10 @@ def terms_of(request: Request, robot: Robot, T_flange_tcp: Array) -> tuple[Linea
                              where="--terms")  # fmt: skip
         if request.terms.count(text) > 1:
             raise InputError(f"{text} stands twice; keep one", where="--terms")
-        out.append(term_of(effect, location, robot, T_flange_tcp))
+        try:
+            out.append(term_of(effect, location, robot, T_flange_tcp))
+        except InputError as error:
+            raise InputError(f"found {text!r}: {error.reason}", where="--terms") from None
     return tuple(out)
 
 

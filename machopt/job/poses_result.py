@@ -88,7 +88,7 @@ def cautions(
     """What the user should know before measuring."""
     out = []
     if plan is None:
-        return (why_nothing(request, pool, cases, noise),)
+        return (why_nothing(request, pool, cases, noise, ways),)
     if len(pool) < request.candidates:
         out.append(f"only {len(pool)} candidate poses of {request.candidates} were found in {pool.tried} tried")
     if len(plan.design.blocks) < request.poses:
@@ -113,21 +113,31 @@ def cautions(
     return tuple(out)
 
 
-def why_nothing(request: Request, pool: PosePool, cases: LoadCases, noise: ReadingNoise) -> str:
+_HELP = {
+    "TCP too low": "--floor-mm", "TCP too high": "--ceiling-mm", "TCP outside the box": "--box-mm",
+    "too far from the tracker": "--tracker-range-mm", "hidden from the tracker": "--tracker-angle-deg",
+    "KCI too low": "--min-kci", "collision or too little clearance": "--clearance-mm or --without-workpiece",
+}  # fmt: skip
+
+
+def why_nothing(
+    request: Request, pool: PosePool, cases: LoadCases, noise: ReadingNoise, ways: Sequence[LoadWay]
+) -> str:
     """One sentence: what stands in the way of any load test, and what would help."""
     if not len(pool):
-        reason, count = max(pool.rejected.items(), key=lambda item: item[1])
-        help_ = {
-            "TCP too low": "--floor-mm", "TCP too high": "--ceiling-mm", "TCP outside the box": "--box-mm",
-            "too far from the tracker": "--tracker-range-mm", "hidden from the tracker": "--tracker-angle-deg",
-            "KCI too low": "--min-kci", "collision or too little clearance": "--clearance-mm or --without-workpiece",
-        }[reason]  # fmt: skip
-        return f"none of {pool.tried} poses passes; {count} fail for {reason!r}, see {help_}"
+        # each pose counts where it fails first, so the last reason is what all that came so far fail for
+        left = list(pool.rejected)[-1]
+        most = max(pool.rejected, key=lambda reason: pool.rejected[reason])
+        told = [f"all {pool.rejected[left]:,} that come so far fail for {left!r}, see {_HELP[left]}"]
+        if most != left:
+            told.insert(0, f"{pool.rejected[most]:,} fail for {most!r}, see {_HELP[most]}")
+        return f"none of {pool.tried:,} poses passes; {'; '.join(told)}"
     reason, count = max(cases.rejected.items(), key=lambda item: item[1])
     least = 1e3 * request.min_signal * noise.reading * request.prior_factor
+    least_load = min(way.magnitudes[0] for way in ways)
     help_ = {
         "rope too short": "anchors farther from the TCP would work",
-        "load above the limit": f"smaller loads, or a --max-load-N above {request.max_load_N}, would work",
+        "load above the limit": f"smaller loads, or a --max-load-N of {least_load:.4g} and more, would work",
         "deflection above the limit": f"smaller loads, or a --max-deflection-mm above {request.max_deflection_mm:g}, "
         "would work",
         "joint torque above the limit": "smaller loads or shorter --arms-mm would work",

@@ -12,7 +12,6 @@ tool leaves force and translation unchanged while rotation is zero, K_fd does no
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from machopt.model.kinetostatic import geometric_stiffness
 from machopt.model.robot import ArmState, Robot
 from machopt.model.terms.base import LinearTerm, compile_terms
 from machopt.model.terms.body import BodySpring
+from machopt.model.terms.joint import against_load
 
 Array = NDArray[np.float64]
 FACE_TOLERANCE = 1e-6  # m; a TCP this near a face, edge or corner of the grid belongs to all its cells
@@ -126,11 +126,17 @@ class Elastic:
     geometric: bool = False  # count K_C of the load itself (dumas2011 eqs. 8–10)
 
     def respond(self, wrench: Array) -> Array:
-        """Twist (M, 6) of the TCP in m and rad under a wrench (M, 6) in N and N·m."""
+        """Twist (M, 6) of the TCP in m and rad under a wrench (M, 6) in N and N·m.
+
+        NaN where K_C counts and the springs do not hold the load (K_θ − K_C not positive definite).
+        """
         J = self.state.J
         tau = np.einsum("...ci,...c->...i", J, wrench)
         if self.geometric:
-            bent = np.linalg.solve(_diagonal(self.k) - geometric_stiffness(J, wrench), tau[..., None])[..., 0]
+            K = _diagonal(self.k) - geometric_stiffness(J, wrench)
+            holds = _holds(K, self.k)[..., None]
+            bent = np.linalg.solve(np.where(holds[..., None], K, np.eye(6)), tau[..., None])[..., 0]
+            bent = np.where(holds, bent, np.nan)
         else:
             bent = tau / self.k
         twist = np.einsum("...ci,...i->...c", J, bent)
@@ -210,12 +216,20 @@ class Elastic:
 class ArmElasticity:
     """The arm with its tool and stiffness: everything elastic at a set of configurations.
 
+    Args:
+        robot, T_flange_tcp: arm and tool.
+        stiffness: its springs and terms.
+        limits: lower and upper (6,) rad, where springs that change with their angle must hold; None: at any angle.
+
     Raises:
-        InputError: a term of the stiffness that does not exist or does not fit the arm.
+        InputError: a term of the stiffness that does not exist, does not fit the arm or gives way against the load.
     """
 
-    def __init__(self, robot: Robot, T_flange_tcp: Array, stiffness: Stiffness, file: Path | None = None) -> None:
+    def __init__(
+        self, robot: Robot, T_flange_tcp: Array, stiffness: Stiffness, limits: tuple[Array, Array] | None = None
+    ) -> None:
         self.robot, self.T_flange_tcp, self.stiffness = robot, T_flange_tcp, stiffness
+        file = stiffness.file
         self.terms, self.geometric = compile_terms(stiffness.terms, robot, T_flange_tcp, file)
         for term in self.terms:
             if not np.isfinite(term.values).all():
@@ -224,6 +238,12 @@ class ArmElasticity:
                     f"{', '.join(c.name for c in term.coefficients)}",
                     file=file, where="terms",
                 )  # fmt: skip
+        k = stiffness.joints[None]
+        wrong = against_load(
+            self.terms, k if stiffness.grid is None else np.concatenate([k, stiffness.grid.joints]), limits
+        )
+        if wrong:
+            raise InputError(wrong, file=file, where="terms")
         self._known = tuple(t.folded() if isinstance(t, BodySpring) else t for t in self.terms)
 
     def at(self, q: Array, k: Array | None = None) -> Elastic:
@@ -242,6 +262,16 @@ class ArmElasticity:
 
 def _diagonal(k: Array) -> Array:
     return k[..., :, None] * np.eye(6)
+
+
+def _holds(K: Array, k: Array) -> NDArray[np.bool_]:
+    """(...,) K = K_θ − K_C is positive definite; looked at only where K_C is not small beside the softest joint."""
+    off = np.linalg.norm(K - _diagonal(k), axis=(-2, -1))
+    holds = np.asarray(off < k.min(axis=-1))
+    if not holds.all():
+        doubtful = 0.5 * (K[~holds] + np.swapaxes(K[~holds], -1, -2))
+        holds[~holds] = np.linalg.eigvalsh(doubtful)[..., 0] > 0.0
+    return holds
 
 
 def _as_wrench(force: Array) -> Array:

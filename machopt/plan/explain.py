@@ -11,6 +11,7 @@ from machopt.se3 import wrap
 
 Array = NDArray[np.float64]
 NEARLY_PARALLEL = np.radians(8.0)
+LARGE = 0.02  # m; a deflection beyond the small displacements that linear elasticity holds for
 BESIDE = 0.02  # m; a tip farther from axis 6 moves the wrist noticeably when it turns
 
 
@@ -117,6 +118,10 @@ def hints(plan: Plan) -> tuple[str, ...]:
         share = 1.0 - float(plan.directions.in_grid[plan.path.counted].mean()) if plan.path.counted.any() else 1.0
         out.append(f"{100 * share:.0f} % of the cutting points lie outside the identified stiffness grid; "
                    "the constant values are used there.")  # fmt: skip
+    bent = plan.chosen.cost[plan.path.counted & np.isfinite(plan.chosen.cost)]
+    if plan.scores.index == "deflection" and bent.max(initial=0.0) > LARGE:
+        out.append(f"The force bends the arm by up to {1e3 * bent.max():,.0f} mm, more than linear elasticity holds for; "
+                   "is force_N in N, and the stiffness in N·m/rad?")  # fmt: skip
     changes = _changes(plan)
     if changes:
         more = f"; and {len(changes) - 6} more" if len(changes) > 6 else ""

@@ -143,7 +143,9 @@ def prepare(cell: Cell, options: PlanOptions) -> Setup:
         )
     robot, shapes = load_chain(cell)
     arm = Arm.of(cell, solver_for(robot), options)
-    elasticity = ArmElasticity(robot, cell.tool.T_flange_tcp, cell.stiffness, cell.folder / "cell.yaml")
+    elasticity = ArmElasticity(
+        robot, cell.tool.T_flange_tcp, cell.stiffness, (cell.limits.lower[:6], cell.limits.upper[:6])
+    )
     collision = CollisionModel(cell, robot, shapes, options.clearance) if options.collision else None
     return Setup(cell, robot, arm, elasticity, collision)
 

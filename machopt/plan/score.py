@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.options import Index, PlanOptions, ProcessForce
+from machopt.errors import InputError
 from machopt.model.elastic import ArmElasticity, joint_stiffness
 from machopt.plan.candidates import Candidates
 from machopt.plan.path import Path
@@ -77,7 +78,11 @@ def directions(path: Path, T_base_workpiece: Array, elasticity: ArmElasticity, f
 def configuration_cost(
     elasticity: ArmElasticity, d: Directions, points: NDArray[np.integer[Any]], q: Array, index: Index
 ) -> Array:
-    """Cost (M,) of configurations q (M, 6) at planning points (M,)."""
+    """Cost (M,) of configurations q (M, 6) at planning points (M,).
+
+    Raises:
+        InputError: a force the joint springs do not hold.
+    """
     out = np.empty(len(q))
     for a in range(0, len(q), CHUNK):
         part = slice(a, a + CHUNK)
@@ -85,6 +90,12 @@ def configuration_cost(
         elastic = elasticity.at(q[part], d.k[p])
         if index == "deflection":
             out[part] = np.linalg.norm(elastic.deflection(d.force[p]), axis=-1)
+            if not np.isfinite(out[part]).all():
+                raise InputError(
+                    f"the joint springs do not hold {np.linalg.norm(d.force[p], axis=-1).max():.4g} N: with "
+                    "geometric_stiffness the arm would buckle; a force in N, or a file without that term, would work",
+                    file="options", where="force_N",
+                )  # fmt: skip
         elif index == "jiao2022":
             out[part] = 1.0 / elastic.jiao_index(d.axial[p])
         else:

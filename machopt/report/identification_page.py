@@ -24,6 +24,7 @@ JOINTS = ("#1552b8", "#d9730d", "#2c8a57", "#8a3fb0", "#b3261e", "#5b6673")
 CHI2_90 = 4.605  # 90 % of a two-dimensional normal
 MOST_POINTS = 4000  # readings drawn; the files hold all
 ELLIPSES = 6
+MOST_HALF = 100.0  # %
 
 
 def write_identification(path: Path, data: IdentificationPage) -> None:
@@ -62,7 +63,9 @@ def stiffness_text(k: float) -> str:
     """N·m/rad with three digits: 3.80e6."""
     if not math.isfinite(k):
         return "∞" if k > 0 else "–"
-    return f"{k:.3g}" if k < 1e4 else f"{k / 10 ** math.floor(math.log10(k)):.2f}e{math.floor(math.log10(k))}"
+    if k < 1e4:
+        return f"{k:.0f}" if k >= 1e3 else f"{k:.3g}"
+    return f"{k / 10 ** math.floor(math.log10(k)):.2f}e{math.floor(math.log10(k))}"
 
 
 def _verdict(data: IdentificationPage) -> str:
@@ -93,8 +96,10 @@ def _coefficient_rows(rows: tuple[Coefficient, ...], *, arcmin: bool) -> list[li
     for c in rows:
         spread = f"{stiffness_text(c.low)} … {stiffness_text(c.high)}"
         half = 50.0 * (c.high - c.low) / c.value if math.isfinite(c.high) and c.value else math.nan
+        half = half if half <= MOST_HALF else math.nan  # so wide that the two sides are nothing alike
+        name = c.name.replace(" ", "\u00a0", 1)  # "joint 1" on one line
         out.append([
-            c.name, stiffness_text(c.value), *([f"{c.value * ARCMIN:.0f}"] if arcmin else [c.unit]), spread,
+            name, stiffness_text(c.value), *([f"{c.value * ARCMIN:.0f}"] if arcmin else [c.unit]), spread,
             f"± {half:.1f} %" if math.isfinite(half) else "–", stiffness_text(c.prior),
             '<span class="pass">yes</span>' if c.identified else '<span class="fail">no</span>', c.reason,
         ])  # fmt: skip
@@ -132,14 +137,14 @@ def _uncertainty(data: IdentificationPage, have: set[str]) -> str:
     body = f"<div class=grid3>{body}</div>" if body else ""
     if body:
         body = "<h3>Pairs of joints with the strongest correlation, 90 % ellipses of the compliances</h3>" + body
-    if "i-subset0" in have:
+    if any(f"i-subset{j}" in have for j in range(6)):
         small = "".join(_host(f"i-subset{j}", have) for j in range(6))
         body += (
             "<h3>Random subsets of the tests: median and 5–95 % of the identified stiffness</h3>"
             f"<div class=grid3>{small}</div>"
         )
     if data.monte_carlo is not None:
-        rows = [[c.name, f"± {100 * s:.1f} %"] for c, s in zip(data.joints, data.monte_carlo, strict=True)]
+        rows = [[c.name, f"± {100 * s:.1f} %" if math.isfinite(s) else "–"] for c, s in zip(data.joints, data.monte_carlo, strict=True)]
         body += "<h3>Repeated with measurement errors drawn anew: one standard deviation of the stiffness</h3>"
         body += table([Column("Joint"), Column("Spread", "n")], rows)
     return section("uncertainty", "Uncertainty", "What other readings of the same quality would have given.", body)
@@ -214,7 +219,7 @@ def _charts(data: IdentificationPage) -> list[Spec]:
     if np.isfinite(data.heldout).any():
         charts.append(_heldout(data))
     if data.subset is not None:
-        charts += [_subset(data.subset, j) for j in range(6)]
+        charts += [_subset(data.subset, j) for j in range(6) if np.isfinite(data.subset.median[:, j]).any()]
     if data.grid is not None:
         charts += [_grid_chart(data.grid, j) for j in range(6)]
     return charts

@@ -6,7 +6,7 @@ They share no code with the writers in :mod:`machopt.formats.posts`.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from machopt.domain.toolpath import Toolpath
@@ -34,11 +34,11 @@ def _has(pattern: str) -> re.Pattern[str]:
 
 _READERS: tuple[tuple[str, re.Pattern[str], Callable[[Source, float, bool], ParsedProgram]], ...] = (
     ("URScript", _has(r"^\s*(?:def|thread)\s+\w+\(.*\)\s*:|^\s*(?:movej|movel|movep|servoj)\("), read_urscript),
-    ("KUKA KRL", _has(r"(?i)^\s*(?:&ACCESS|(?:GLOBAL\s+)?DEF(?:DAT)?\s+\w+)"), read_krl),
+    ("KUKA KRL", _has(r"(?i)^\s*(?:&ACCESS|(?:GLOBAL\s+)?DEF\s+\w+\s*\(|DEFDAT\s+\w+)"), read_krl),
     ("ABB RAPID", _has(r"(?i)^\s*(?:%%%|MODULE\s+\w+|(?:LOCAL\s+)?PROC\s+\w+\s*\()"), read_rapid),
     ("FANUC", _has(r"^\s*/PROG\b"), read_fanuc),
     ("Yaskawa", _has(r"^\s*/JOB\b"), read_jbi),
-    ("Staubli VAL3", _has(r"staubli\.com/robotics/VAL3|<Project[\s>]|<Programs[\s>]|<Database[\s>]"), read_val3),
+    ("Staubli VAL3", _has(r"staubli\.com/robotics/VAL3"), read_val3),
     ("program table", _has(r"^# machopt_program\b|^item,.*\bq1_deg\b"), read_csv_program),
     ("program JSON", _has(r'\A\s*\{\s*"machopt_program"'), read_json_program),
     ("ROS JointTrajectory", _has(r'^"?joint_names"?\s*:|^\s*\{.*"joint_names"\s*:'), read_ros),
@@ -50,12 +50,15 @@ def is_program(source: Source) -> bool:
     return _reader(source) is not None
 
 
-def read_program(path: Path | str, options: ReadOptions | None = None) -> ParsedProgram:
+def read_program(
+    path: Path | str, options: ReadOptions | None = None, *, pulses_per_deg: Sequence[float] | None = None
+) -> ParsedProgram:
     """Read a robot program with what it calls from its own folder.
 
     Args:
         path: .src, .mod, .ls, .script, .pjx, .JBI, .csv, .json or .yaml; the content decides.
         options: arc tolerance and strictness.
+        pulses_per_deg: six numbers, for Yaskawa jobs in pulses; without them their joint targets have no angles.
 
     Raises:
         InputError: names file and line, what was found and what would work.
@@ -66,6 +69,8 @@ def read_program(path: Path | str, options: ReadOptions | None = None) -> Parsed
     if reader is None:
         known = ", ".join(name for name, _, _ in _READERS)
         raise source.error(f"is not recognised as a robot program; readable are {known}")
+    if reader is read_jbi and pulses_per_deg is not None:
+        return read_jbi(source, options.arc_tolerance, options.strict, tuple(pulses_per_deg))
     return reader(source, options.arc_tolerance, options.strict)
 
 

@@ -38,6 +38,8 @@ def to_toolpath(
     """
     if tool_axis not in AXES:
         raise InputError(f"unknown tool axis {tool_axis!r}: known are {', '.join(AXES)}", where="tool_axis")
+    if options.unit not in (None, "mm"):
+        raise source.error(f"robot programs are in mm (URScript in m), but --unit {options.unit} was given")
     column, sign = AXES[tool_axis]
     out = PathBuilder(source, options, f"robot/{program.dialect}")
     T, known = _in_first_base(program, source, out)

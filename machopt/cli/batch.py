@@ -1,0 +1,101 @@
+"""The command ``batch``: many cells × toolpaths × options, resumable."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from machopt.cli.display import finite
+
+Commands = Any  # argparse keeps its subparsers' type private
+
+
+def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
+    """Add the command to the parser."""
+    job = commands.add_parser(
+        "batch", parents=[common], help="many cells × toolpaths × options, each job in a process of its own, resumable"
+    )
+    job.add_argument(
+        "toolpaths", nargs="+", metavar="JOBS",
+        help="folders of toolpaths, patterns in quotes ('parts/*.nc'), toolpath files, or lists of jobs (YAML, CSV)",
+    )  # fmt: skip
+    job.add_argument("-o", "--out", type=Path, required=True, help="output folder; the same goes on where it stopped")
+    job.add_argument("--cell", type=Path, help="cell of toolpaths with no folder named cell beside or above them")
+    job.add_argument("--jobs", type=int, metavar="N", help="jobs at a time on this machine (one a core)")
+    job.add_argument("--scheduler", metavar="ADDRESS", help="use a running Dask scheduler, e.g. tcp://10.0.0.5:8786")
+    job.add_argument("--time-limit-s", type=float, default=3600.0, metavar="S", help="seconds a job may take (3600)")
+    job.add_argument("--memory-limit-mib", type=float, metavar="MIB", help="memory a job may use (an even share)")
+    job.add_argument("--keep-failed", action="store_true", help="do not try crashed and oversized jobs again")
+    job.add_argument("--compare", type=Path, metavar="OTHER_OUT", help="also say what differs from another batch")
+    job.add_argument("--unit", choices=("mm", "inch"), help="length unit of files that do not say")
+    job.add_argument("--machine", help="kinematics behind rotary axes in G-code, e.g. table-ac, head-bc")
+    job.add_argument("--feed", type=float, metavar="MM_MIN", help="feed of cutting moves in files that have none")
+    job.add_argument("--strict", action="store_true", help="refuse words that are not understood")
+    job.add_argument("--plan", type=Path, metavar="FILE", help="planning options for all jobs as YAML")
+    job.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a planning option for all jobs")
+    job.add_argument("--seed", type=int, help="of the random search around obstacles, for all jobs")
+    job.add_argument("--allow-external", action="store_true", help="let cells use files outside their folders")
+    job.set_defaults(run=_batch)
+
+
+def _batch(args: argparse.Namespace) -> int:
+    from machopt.batch.request import Request
+    from machopt.batch.run import run_batch
+    from machopt.cli.toolpaths import reading
+
+    overrides = [*args.set, *([] if args.seed is None else [f"seed={args.seed}"])]
+    request = Request(
+        jobs=tuple(args.toolpaths), out=args.out, cell=args.cell, plan_file=args.plan, overrides=tuple(overrides),
+        reading=reading(args), allow_external=args.allow_external, workers=args.jobs, scheduler=args.scheduler,
+        time_limit=args.time_limit_s, keep_failed=args.keep_failed, compare=args.compare,
+        memory_limit=None if args.memory_limit_mib is None else int(args.memory_limit_mib * 2**20),
+    )  # fmt: skip
+    with _Bar(show=not (args.quiet or args.json)) as bar:
+        outcome = run_batch(request, bar.told)
+    counts = outcome.result["counts"]
+    assert isinstance(counts, dict)
+    if args.json:
+        print(json.dumps(finite(outcome.result), ensure_ascii=False))
+    elif not args.quiet:
+        words = ", ".join(f"{n} {state}" for state, n in counts.items())
+        print(f"{words} ({outcome.done} done now, {outcome.kept} kept)")
+        print(f"summary: {outcome.report}")
+    if outcome.exit_code == 130:
+        print("machopt: stopped; finished jobs are kept, the same command goes on", file=sys.stderr)
+    elif outcome.exit_code:
+        bad = ", ".join(f"{n} {state}" for state, n in counts.items() if state != "done")
+        print(f"machopt: {bad}; {outcome.report} says why", file=sys.stderr)
+    return outcome.exit_code
+
+
+class _Bar:
+    """How far the batch is: on a terminal a bar, elsewhere a line after every job."""
+
+    def __init__(self, *, show: bool) -> None:
+        self._show = show
+        self._bar: Any = None
+        self._task: Any = None
+
+    def __enter__(self) -> _Bar:
+        if self._show and sys.stderr.isatty():
+            from rich.console import Console
+            from rich.progress import BarColumn, Progress, TextColumn
+
+            self._bar = Progress(BarColumn(30), TextColumn("{task.description}"), console=Console(stderr=True))
+            self._task = self._bar.add_task("starting workers", total=None)
+            self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def told(self, progress: Any) -> None:
+        if self._bar is not None:
+            self._bar.update(self._task, total=progress.total, completed=progress.kept + progress.done,
+                             description=progress.line)  # fmt: skip
+        elif self._show:
+            print(progress.line, file=sys.stderr, flush=True)
