@@ -89,14 +89,14 @@ def _identified(result: dict[str, Any]) -> list[str]:
         f"{result['rmse_mm']:.4f} mm a coordinate, {unseen}, {100 * result['explained_share']:.1f} % explained"
     ]
     for joint in result["joints"]:
-        low, high = joint["ci90"]
+        low, high = joint["interval"]
         if joint["identified"]:
             text = f"{low:.3g} … {'∞' if high is None else format(high, '.3g')}"
         else:
             text = f"not identified, the cell's value or a bound: {joint['reason']}"
         lines.append(f"  joint {joint['joint']}  {joint['k_Nm_per_rad']:10.4g} N·m/rad   {text}")
     for term in result["terms"]:
-        low, high = term["ci90"]
+        low, high = term["interval"]
         what = f"{term['effect']} {term['location']} {term['coefficient']}"
         why = "" if term["identified"] else f": {term['reason']}"
         lines.append(f"  {what}  {term['value']:.4g} {term['unit']}   {_number(low)} … {_number(high)}{why}")

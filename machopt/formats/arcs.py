@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -56,37 +57,38 @@ def arc(
     Raises:
         ArcError: no radius, no axis, or more than MAX_CHORDS chords.
     """
-    length = float(np.linalg.norm(normal))
+    nx, ny, nz = (float(v) for v in normal)
+    length = math.sqrt(nx * nx + ny * ny + nz * nz)
     if not length > 1e-9:
         raise ArcError("the arc's axis is zero")
-    n = normal / length
-    to_start, to_end = start - centre, end - centre
-    height = float((end - start) @ n)
-    u0 = to_start - (to_start @ n) * n
-    u1 = to_end - (to_end @ n) * n
-    r0, r1 = float(np.linalg.norm(u0)), float(np.linalg.norm(u1))
+    n = (nx / length, ny / length, nz / length)
+    to_start, to_end = (start - centre).tolist(), (end - centre).tolist()
+    low, high = _dot(to_start, n), _dot(to_end, n)
+    u0 = [a - low * b for a, b in zip(to_start, n, strict=True)]
+    u1 = [a - high * b for a, b in zip(to_end, n, strict=True)]
+    r0, r1 = math.sqrt(_dot(u0, u0)), math.sqrt(_dot(u1, u1))
     if not (math.isfinite(r0) and math.isfinite(r1) and min(r0, r1) > 1e-9):
         raise ArcError(f"the arc's radius is {r0:g} at its start and {r1:g} at its end")
-    u = u0 / r0
-    v = np.cross(n, u)
-    sweep = math.atan2(float(u1 @ v), float(u1 @ u)) % math.tau
-    if (
-        float(np.linalg.norm(u1 - u0)) <= closed_within and (sweep < 0.1 or sweep > math.tau - 0.1)
-    ) or sweep < FULL_CIRCLE:
+    u = [a / r0 for a in u0]
+    v = [n[1] * u[2] - n[2] * u[1], n[2] * u[0] - n[0] * u[2], n[0] * u[1] - n[1] * u[0]]
+    sweep = math.atan2(_dot(u1, v), _dot(u1, u)) % math.tau
+    if (math.dist(u0, u1) <= closed_within and (sweep < 0.1 or sweep > math.tau - 0.1)) or sweep < FULL_CIRCLE:
         sweep = math.tau
     sweep += math.tau * (max(turns, 1) - 1)
     count = chord_count(max(r0, r1), sweep, tolerance)
-    theta = np.linspace(0.0, sweep, count + 1)[1:]
-    share = (theta / sweep)[:, None]
+    theta = np.arange(1, count + 1) * (sweep / count)
+    share = theta / sweep
     radius = r0 + (r1 - r0) * share
-    height_of_centre = float(to_start @ n)
-    points = (
-        centre
-        + radius * (np.cos(theta)[:, None] * u + np.sin(theta)[:, None] * v)
-        + (height_of_centre + height * share) * n
-    )
+    points = np.empty((count, 3))
+    cosine, sine, height = radius * np.cos(theta), radius * np.sin(theta), low + (high - low) * share
+    for k in range(3):
+        points[:, k] = float(centre[k]) + cosine * u[k] + sine * v[k] + height * n[k]
     points[-1] = end
     return Arc(points, sweep, r0, r0 - r1)
+
+
+def _dot(a: Sequence[float], b: Sequence[float]) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def chord_count(radius: float, sweep: float, tolerance: float) -> int:

@@ -19,7 +19,7 @@ from machopt.formats.frames import FrameError
 from machopt.formats.gcode_blocks import Block, BlockReader
 from machopt.formats.gcode_calls import OPERATION, CallReader
 from machopt.formats.gcode_expr import ExpressionError
-from machopt.formats.gcode_fast import plain_lines, takes_plain_lines
+from machopt.formats.gcode_fast import PLAIN, SIEMENS, plain_lines, takes_plain_lines
 from machopt.formats.gcode_flow import FlowError, Item, MacroFlow
 from machopt.formats.gcode_words import (
     CYCLES,
@@ -107,7 +107,7 @@ class ProgramReader(CallReader):
 
     def plain_from(self, at: int) -> int:
         """Carry out the plain lines from index ``at`` on; the index of the first that is not plain."""
-        return plain_lines(self, at)
+        return plain_lines(self, at, SIEMENS if self.siemens else PLAIN)
 
     def carry_out_lines(self) -> None:
         """A program without jumps, line by line, runs of plain moves at once."""

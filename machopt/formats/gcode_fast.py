@@ -13,15 +13,19 @@ from machopt.formats.gcode_motion import MotionReader
 from machopt.formats.gcode_setup import turned
 
 _NUMBER = r"\s*([-+]?(?:\d+\.?\d*|\.\d+))\s*"
-PLAIN = re.compile(
-    r"\s*(?:N\d+\s*)?(?:G0?([01])(?![\d.])\s*)?"
-    rf"(?:X{_NUMBER})?(?:Y{_NUMBER})?(?:Z{_NUMBER})?(?:A{_NUMBER})?(?:B{_NUMBER})?(?:C{_NUMBER})?(?:F{_NUMBER})?"
-)
+_POINT = rf"(?:X{_NUMBER})?(?:Y{_NUMBER})?(?:Z{_NUMBER})?"
+_ANGLES = rf"(?:A{_NUMBER})?(?:B{_NUMBER})?(?:C{_NUMBER})?"
+_G = r"\s*(?:N\d+\s*)?(?:G0?([01])(?![\d.])\s*)?"
+_FEED = rf"(?:F{_NUMBER})?"
+# groups: G (0 or 1), X, Y, Z, A, B, C, three of the tool vector, F
+PLAIN = re.compile(_G + _POINT + _ANGLES + rf"(?:I{_NUMBER})?(?:J{_NUMBER})?(?:K{_NUMBER})?" + _FEED)
+SIEMENS = re.compile(_G + _POINT + _ANGLES + rf"(?:A3\s*={_NUMBER}B3\s*={_NUMBER}C3\s*={_NUMBER})?" + _FEED)
 HEIDENHAIN = re.compile(
-    r"\s*(?:\d+\s+)?()L\s+"
-    rf"(?:X{_NUMBER})?(?:Y{_NUMBER})?(?:Z{_NUMBER})?(?:A{_NUMBER})?(?:B{_NUMBER})?(?:C{_NUMBER})?(?:R0\s*)?(?:F{_NUMBER})?"
+    rf"\s*(?:\d+\s+)?()LN?\s+{_POINT}{_ANGLES}(?:NX[-+.\d]+\s+NY[-+.\d]+\s+NZ[-+.\d]+\s*)?"
+    rf"(?:TX{_NUMBER}TY{_NUMBER}TZ{_NUMBER})?(?:R0\s*)?{_FEED}"
 )
 _AT_ONCE = 50_000  # points kept before they are handed over
+_SHORTEST, _LONGEST = 1e-6, 1e9  # tool vectors
 
 
 def takes_plain_lines(r: MotionReader) -> bool:
@@ -38,8 +42,7 @@ def takes_plain_lines(r: MotionReader) -> bool:
         and not s.tilted
         and not s.nowhere
         and not s.unaligned
-        and s.vector is None
-        and (s.tcp == "angles" or (s.tcp is None and not turned(s.angles)))
+        and (s.tcp is not None or not turned(s.angles))
         and not any(map(math.isnan, r.p))
     )
 
@@ -50,13 +53,14 @@ def plain_lines(r: MotionReader, at: int, pattern: re.Pattern[str] = PLAIN, *, l
     Args:
         r: the reader, whose modes :func:`takes_plain_lines` has looked at.
         at: index of a line.
-        pattern: what a plain line is; groups are the G word (0 or 1), X, Y, Z, A, B, C and F.
+        pattern: what a plain line is, one of those above.
         linear: lines without a G word are feed moves, whatever the one before was.
     """
     lines, match, scale = r.source.lines, pattern.fullmatch, r.scale
     x, y, z = r.p
     motion, feed, angles = r.motion or 0, r.feed, r.setup.angles
-    with_tcp, machine = r.setup.tcp is not None, r.setup.machine
+    with_tcp, machine, vector = r.setup.tcp is not None, r.setup.machine, r.setup.vector
+    takes_vectors = r.setup.tcp == "vector" or (with_tcp and pattern is not PLAIN)
     i, j, k = r.axis
     nan = math.nan
     numbers: list[float] = []
@@ -67,7 +71,7 @@ def plain_lines(r: MotionReader, at: int, pattern: re.Pattern[str] = PLAIN, *, l
         found = match(lines[at])
         if found is None:
             break
-        g, xs, ys, zs, a, b, c, f = found.groups()
+        g, xs, ys, zs, a, b, c, u, v, w, f = found.groups()
         new = int(g) if g else (1 if linear else motion)
         if with_tcp and new != motion:
             break  # plunges after a rapid are kept for the check of the rotary signs
@@ -77,13 +81,19 @@ def plain_lines(r: MotionReader, at: int, pattern: re.Pattern[str] = PLAIN, *, l
         if new == 1 and not 0.0 < rate < math.inf:
             break
         if a is not None or b is not None or c is not None:
-            if not with_tcp or machine is None:
+            if not with_tcp or machine is None or vector is not None:
                 break
             given = {n: float(v) for n, v in (("A", a), ("B", b), ("C", c)) if v is not None}
             if not given.keys() <= set(machine.letters):
                 break
             angles = {**angles, **given}
             i, j, k = machine.tool_axis(angles)
+        if u is not None or v is not None or w is not None:
+            x1, y1, z1 = float(u or 0.0), float(v or 0.0), float(w or 0.0)
+            length = math.sqrt(x1 * x1 + y1 * y1 + z1 * z1)
+            if not takes_vectors or not _SHORTEST < length < _LONGEST:
+                break
+            vector = i, j, k = x1 / length, y1 / length, z1 / length
         if xs is not None:
             x = float(xs) * scale
         if ys is not None:
@@ -104,6 +114,6 @@ def plain_lines(r: MotionReader, at: int, pattern: re.Pattern[str] = PLAIN, *, l
             places.clear()
     r.out.add_many(numbers, places)
     r.p, r.axis, r.motion, r.feed = [x, y, z], (i, j, k), motion, feed
-    if angles is not r.setup.angles:
-        r.setup = r.setup.changed(angles=angles)
+    if angles is not r.setup.angles or vector is not r.setup.vector:
+        r.setup = r.setup.changed(angles=angles, vector=vector)
     return at

@@ -15,6 +15,7 @@ from machopt.formats.pathbuilder import Vector
 from machopt.formats.source import ReadOptions, Source
 
 _XYZ = "XYZ"
+_DIRECTION = 13  # place of DIR in CYCLE800: 0 moves no axis
 
 
 class FrameReader(MotionReader):
@@ -170,6 +171,8 @@ class FrameReader(MotionReader):
         if plane is None:
             if not (round(stage) % 10 and self.setup.local is not None):
                 self.untilt()
+                if len(values) > _DIRECTION and values[_DIRECTION]:  # swivelled to zero by the cycle itself
+                    self.change_setup(unaligned=False, angles={})
             return
         if round(stage) % 10 == 1 and self.setup.local is not None:
             plane = plane.then(self.setup.local)

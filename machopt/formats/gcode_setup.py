@@ -51,6 +51,8 @@ class Setup:
 
     def turned_to(self, angles: dict[str, float]) -> Setup:
         """Rotary words; in a tilted plane they are those that put the tool upright on it."""
+        if self.unaligned:
+            self.out.warn_once("rotary axes that are not named after a tilted plane are taken to stand at 0")
         after = self.changed(angles={**self.angles, **angles}, unaligned=False, vector=None, stood_up=False)
         if not self.tilted:
             return after
@@ -85,14 +87,14 @@ class Setup:
                 "cuts in a tilted plane before the tool was put upright on it (G53.1 or rotary words): where "
                 "the tool points is not known"
             )
-        if self.tcp is not None or self.tilted or self.by_machine:
+        if self.tcp is not None or self.tilted:
             return None
         if self.unaligned:
             return (
                 "cuts after a tilted plane was left and before any rotary word: where the rotary axes stand is not "
                 "known; post the rotary words after the plane is cancelled"
             )
-        if not turned(self.angles):
+        if self.by_machine or not turned(self.angles):
             return None
         angles = " ".join(f"{c}{v:g}" for c, v in sorted(self.angles.items()))
         return (

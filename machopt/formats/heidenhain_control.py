@@ -225,6 +225,8 @@ class ControlReader(ProgramReader):
         v = {name: value(n) for name, n in _ANGLE.findall(text)}
         if kind == "RESET":
             self.set_plane(None, line)
+            if re.search(r"\b(?:TURN|MOVE)\b", text):  # the control brings the rotary axes to zero
+                self.change_setup(unaligned=False, angles={})
         elif kind == "SPATIAL":
             self.set_plane(spatial(v.get("SPA", 0.0), v.get("SPB", 0.0), v.get("SPC", 0.0)), line)
         elif kind == "EULER":

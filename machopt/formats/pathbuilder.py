@@ -101,15 +101,20 @@ class PathBuilder:
         first = len(self)
         if first + len(points) > MAX_POINTS:
             raise self.source.error(f"more than {MAX_POINTS} points", line)
+        if not self._open:
+            self._start_operation()
+        if move == Move.CUT and not feed > 0.0:
+            feed = self.feed_fallback(feed, line)
+        table = np.empty((len(points), 7))
+        table[:, :3], table[:, 6] = points, feed
         if axis_before is None or axis_before == axis:
-            for x, y, z in points.tolist():
-                self.add((x, y, z), axis, move, feed, line)
+            table[:, 3:6] = axis
         else:
             share = (np.arange(1, len(points) + 1) / len(points))[:, None]
             axes = (1.0 - share) * np.array(axis_before) + share * np.array(axis)
-            axes /= np.maximum(np.linalg.norm(axes, axis=1), 1e-12)[:, None]
-            for (x, y, z), (i, j, k) in zip(points.tolist(), axes.tolist(), strict=True):
-                self.add((x, y, z), (i, j, k), move, feed, line)
+            table[:, 3:6] = axes / np.maximum(np.linalg.norm(axes, axis=1), 1e-12)[:, None]
+        self._numbers.frombytes(table.tobytes())
+        self._codes.extend((move, len(self._operations) - 1, line, 0) * len(points))
         self._arcs.append(ArcSpan(first, len(self) - 1, line))
 
     def feed_fallback(self, feed: float, line: int) -> float:

@@ -27,12 +27,13 @@ from machopt.identify.experiment import experiment
 from machopt.identify.options import IdentifyOptions
 from machopt.identify.pipeline import identify
 from machopt.identify.result import Identification
+from machopt.identify.uncertainty import uncertainty
 from machopt.job.identify_page import page_of
 from machopt.model.robot import load_masses, load_robot
 from machopt.model.terms import compile_terms
 from machopt.report.identification_page import write_identification
 
-FILES = ("recording.yaml", "recording.yml")
+CI90 = 0.9
 
 
 @dataclass(frozen=True)
@@ -162,6 +163,7 @@ def term_from_text(text: str) -> Term:
 def result_of(request: Request, cell: Cell, recording: Recording, found: Identification) -> dict[str, Any]:
     """``identification.json``."""
     errors, unseen = found.errors, found.heldout
+    joints90, terms90 = _ninety(found)
     out: dict[str, Any] = {
         "machopt_identification": 1,
         "version": machopt.__version__,
@@ -171,15 +173,16 @@ def result_of(request: Request, cell: Cell, recording: Recording, found: Identif
         "readings": found.readings,
         "poses": found.poses,
         "joints": [
-            {"joint": j.joint, "k_Nm_per_rad": j.k, "ci90": [j.interval[0], _finite(j.interval[1])],
+            {"joint": j.joint, "k_Nm_per_rad": j.k, "ci90": [low, _finite(high)],
              "identified": j.identified, "reason": j.reason, "largest_torque_Nm": j.torque,
-             "compliance_sigma_rad_per_Nm": _finite(j.sigma)}
-            for j in found.joints
+             "compliance_sigma_rad_per_Nm": _finite(j.sigma), "interval": [j.interval[0], _finite(j.interval[1])]}
+            for j, (low, high) in zip(found.joints, joints90, strict=True)
         ],
         "terms": [
             {"effect": t.effect, "location": t.location, "coefficient": t.name, "unit": t.unit, "value": t.value,
-             "ci90": [_finite(v) for v in t.interval], "identified": t.identified, "reason": t.reason}
-            for t in found.terms
+             "ci90": [_finite(v) for v in ci90], "identified": t.identified, "reason": t.reason,
+             "interval": [_finite(v) for v in t.interval]}
+            for t, ci90 in zip(found.terms, terms90, strict=True)
         ],
         "known_combinations": list(found.combinations),
         "rmse_mm": 1e3 * errors.rmse,
@@ -234,6 +237,18 @@ def _scatter(found: Identification) -> dict[str, float | None]:
         return None if value is None else 1e3 * value
 
     return {"reading": mm(s.reading), "cycle": mm(s.cycle), "pose": mm(s.visit)}
+
+
+def _ninety(found: Identification) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
+    """90 % intervals of joints and of terms' coefficients, whatever level was asked for."""
+    if found.uncertainty.level == CI90:
+        return [j.interval for j in found.joints], [t.interval for t in found.terms]
+    sure = uncertainty(found.fit, CI90)
+    joints = [
+        (min(float(low), j.k), max(float(high), j.k)) if j.identified else (float(low), float(high))
+        for j, (low, high) in zip(found.joints, sure.stiffness_interval(), strict=True)
+    ]
+    return joints, [(float(low), float(high)) for low, high in sure.interval[6:]]
 
 
 def _finite(value: float) -> float | None:

@@ -53,6 +53,7 @@ def page_of(
         covariance=np.zeros((6, 6)) if found.stiffness.covariance is None else found.stiffness.covariance,
         rmse=found.errors.rmse, heldout_rmse=heldout_rmse,
         displacement=float(np.sqrt(np.mean(t.measured[:, :3] ** 2))), condition_number=found.condition_number,
+        level=found.uncertainty.level,
         comparisons=_comparisons(found), subset=_subset(found),
         monte_carlo=None if found.monte_carlo is None else found.monte_carlo.spread, grid=_grid(found), facts=facts,
     )  # fmt: skip

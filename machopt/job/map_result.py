@@ -233,7 +233,9 @@ def _hints(samples: Samples, layers: list[Layer], setting: Setting) -> list[str]
     if setting.elasticity is None:
         out.append("the cell has no stiffness: only dexterity and distance from the limits are mapped")
     for layer in layers:
-        bent = layer.values.value.get("deflection", np.empty(0))[layer.postures.ok]
+        if "deflection" not in layer.values.value:
+            break
+        bent = layer.values.value["deflection"][layer.postures.ok]
         if np.isfinite(bent).any() and np.nanmedian(bent) > LARGE:
             out.append(f"the load bends the arm by {np.nanmedian(bent) * MM:,.0f} mm (median of the {layer.name} layer), "
                        "more than linear elasticity holds for; is it in N?")  # fmt: skip

@@ -18,7 +18,7 @@ class Coefficient:
     name: str  # "joint 3", "link_compliance link:4 EI"
     unit: str  # displayed unit
     value: float  # in ``unit``
-    low: float  # 90 % interval
+    low: float  # interval of the page's level
     high: float  # may be infinite
     prior: float  # NaN where there is none
     identified: bool
@@ -87,6 +87,7 @@ class IdentificationPage:
     heldout_rmse: float  # m
     displacement: float  # m, rms of what was measured
     condition_number: float
+    level: float = 0.9  # of the intervals
     comparisons: tuple[Comparison, ...] = ()
     subset: SubsetStudy | None = None
     monte_carlo: Array | None = None  # (6,) relative standard deviation of k

@@ -54,8 +54,8 @@ def identification_html(data: IdentificationPage) -> str:
     return page_html(
         data.title, (("Cell", data.cell), ("Recording", data.recording)), sections, {"xy": charts},
         scripts=("chart.js", "xy.js", "start_xy.js"),
-        footer=f"machopt {escape(data.version)}. Lengths mm, angles mrad, stiffness N·m/rad. Bars and ellipses are "
-        "90 % regions. Click a legend entry to hide it.",
+        footer=f"machopt {escape(data.version)}. Lengths mm, angles mrad, stiffness N·m/rad. Bars of "
+        f"stiffness are {100 * data.level:g} % intervals, ellipses 90 % regions. Click a legend entry to hide it.",
     )  # fmt: skip
 
 
@@ -108,8 +108,8 @@ def _coefficient_rows(rows: tuple[Coefficient, ...], *, arcmin: bool) -> list[li
 
 def _joints(data: IdentificationPage, have: set[str]) -> str:
     columns = [
-        Column("Joint"), Column("k (N·m/rad)", "n"), Column("N·m/arcmin", "n"), Column("90 % interval", "n"),
-        Column("", "n"), Column("Before (N·m/rad)", "n"), Column("Identified", "html"), Column("Why", "why"),
+        Column("Joint"), Column("k (N·m/rad)", "n"), Column("N·m/arcmin", "n"),
+        Column(f"{100 * data.level:g} % interval", "n"), Column("", "n"), Column("Before (N·m/rad)", "n"), Column("Identified", "html"), Column("Why", "why"),
     ]  # fmt: skip
     body = table(columns, _coefficient_rows(data.joints, arcmin=True))
     if data.terms:
@@ -144,7 +144,10 @@ def _uncertainty(data: IdentificationPage, have: set[str]) -> str:
             f"<div class=grid3>{small}</div>"
         )
     if data.monte_carlo is not None:
-        rows = [[c.name, f"± {100 * s:.1f} %" if math.isfinite(s) else "–"] for c, s in zip(data.joints, data.monte_carlo, strict=True)]
+        rows = [
+            [c.name, f"± {100 * s:.1f} %" if math.isfinite(s) else "–"]
+            for c, s in zip(data.joints, data.monte_carlo, strict=True)
+        ]
         body += "<h3>Repeated with measurement errors drawn anew: one standard deviation of the stiffness</h3>"
         body += table([Column("Joint"), Column("Spread", "n")], rows)
     return section("uncertainty", "Uncertainty", "What other readings of the same quality would have given.", body)
@@ -212,7 +215,7 @@ def _host(name: str, have: set[str]) -> str:
 
 
 def _charts(data: IdentificationPage) -> list[Spec]:
-    charts = [_forest(data.joints), _parity(data, 0), _residual(data, 0), _over_load(data)]
+    charts = [_forest(data.joints, data.level), _parity(data, 0), _residual(data, 0), _over_load(data)]
     if data.measured.shape[1] == 6:
         charts += [_parity(data, 3), _residual(data, 3)]
     charts += _ellipses(data)
@@ -225,7 +228,7 @@ def _charts(data: IdentificationPage) -> list[Spec]:
     return charts
 
 
-def _forest(joints: tuple[Coefficient, ...]) -> Spec:
+def _forest(joints: tuple[Coefficient, ...], level: float) -> Spec:
     at = np.arange(len(joints), dtype=float)[::-1]  # joint 1 on top
     k = np.array([c.value for c in joints])
     high = np.array([c.high for c in joints])
@@ -245,7 +248,7 @@ def _forest(joints: tuple[Coefficient, ...]) -> Spec:
                 "labels": [[["joint", joints[n].name]] for n in pick],
             })  # fmt: skip
     return {
-        "id": "i-joints", "title": "90 % intervals", "xlog": True, "xlabel": "Stiffness (N·m/rad)",
+        "id": "i-joints", "title": f"{100 * level:g} % intervals", "xlog": True, "xlabel": "Stiffness (N·m/rad)",
         "ycats": [c.name for c in reversed(joints)], "left": 70, "height": 40 + 34 * len(joints), "layers": layers,
     }  # fmt: skip
 
@@ -284,7 +287,8 @@ def _residual(data: IdentificationPage, first: int) -> Spec:
         r = 1e3 * (data.measured - data.predicted)[rows, first + a]
         s = 1e3 * data.sigma[rows, first + a]
         layers.append({"type": "points", "name": f"{'r' if first else 'd'}{name}", "color": color, "size": 2.4,
-                       "x": numbers(np.asarray(at, float) + 0.22 * (a - 1)), "y": numbers(r), "lo": numbers(r - s), "hi": numbers(r + s),
+                       "x": numbers(np.asarray(at, float) + 0.22 * (a - 1)), "y": numbers(r),
+                       "lo": numbers(r - s), "hi": numbers(r + s),
                        "labels": labels})  # fmt: skip
     return {"id": "i-residual-rot" if first else "i-residual", "title": f"Residual per pose ({unit})", "height": 250,
             "xlabel": "Pose", "ylabel": f"Measured − predicted ({unit})", "xcats": [str(p) for p in poses],
