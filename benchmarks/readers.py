@@ -65,6 +65,13 @@ def five_axes(f: TextIO, n: int) -> None:
     f.write("M30\n%\n")
 
 
+def vectors(f: TextIO, n: int) -> None:
+    f.write("G71 G90 G17\nT1 M6\nS5000 M3\nTRAORI\nG0 X0 Y0 Z50\nG1 Z0 F3000\n")
+    for k, (x, y, z) in enumerate(points(n)):
+        f.write(f"N{k} X{x:.4f} Y{y:.4f} Z{z:.4f} A3={x * 1e-3:.6f} B3={y * 1e-3:.6f} C3=0.994987\n")
+    f.write("M30\n")
+
+
 def heidenhain(f: TextIO, n: int) -> None:
     f.write("0 BEGIN PGM LONG MM\n1 TOOL CALL 1 Z S5000\n2 L X+0 Y+0 Z+50 R0 FMAX M3\n3 L Z+0 F3000\n")
     for k, (x, y, z) in enumerate(points(n)):
@@ -79,8 +86,8 @@ def table(f: TextIO, n: int) -> None:
 
 
 FILES = {
-    "long.apt": apt, "arcs.cls": clsf_with_arcs, "three.nc": gcode, "five.nc": five_axes, "long.h": heidenhain,
-    "long.csv": table,
+    "long.apt": apt, "arcs.cls": clsf_with_arcs, "three.nc": gcode, "five.nc": five_axes,
+    "vectors.mpf": vectors, "long.h": heidenhain, "long.csv": table,
 }  # fmt: skip
 
 

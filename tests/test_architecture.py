@@ -20,7 +20,20 @@ MADE = {"out", "build", "dist"}  # what commands leave behind; git ignores it
 MOST_LINES = 400
 LONGER: dict[str, str] = {}  # file: why it is longer
 
-HEAVY = ("pinocchio", "casadi", "scipy", "trimesh", "fcl", "plotly", "numba", "ssik", "ruckig", "pyarrow", "distributed", "psutil")
+HEAVY = (
+    "pinocchio",
+    "casadi",
+    "scipy",
+    "trimesh",
+    "fcl",
+    "plotly",
+    "numba",
+    "ssik",
+    "ruckig",
+    "pyarrow",
+    "distributed",
+    "psutil",
+)
 
 
 def python(code: str) -> str:

@@ -11,9 +11,9 @@ from made_up_load_tests import TRUE_K, cell, measured, planned
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Stiffness
 from machopt.errors import InputError
-from machopt.identify.check import check_experiment, refuse
-from machopt.identify.finding import Finding
+from machopt.identify.check import CODES, check_experiment, refuse
 from machopt.identify.experiment import experiment
+from machopt.identify.finding import Finding
 from machopt.identify.options import IdentifyOptions
 from machopt.identify.pipeline import identify
 
@@ -187,3 +187,91 @@ def test_good_records_raise_no_alarm() -> None:
         report = found(record, prior)
         alarms += [(n, f.code, f.message) for f in report.values() if f.code not in TOO_LITTLE]
     assert len(alarms) < 2, alarms  # less than 1 %
+
+
+@pytest.mark.parametrize(("unit", "newtons"), [("kilograms", 9.80665), ("kilonewtons", 1e3)])
+def test_forces_in_another_unit_than_their_moments_are_refused(unit: str, newtons: float) -> None:
+    """Forces alone are scaled: no stiffness explains both parts of the load."""
+    record = good(rotations=False)
+    lever = np.array([0.03, -0.02, 0.05])  # m: with kN, moment per force still is within an arm's reach
+    wrench = record.wrench.copy()
+    wrench[:, 3:] = 1e-3 * wrench[:, 3:] + np.cross(lever, wrench[:, :3])
+    A = experiment(replace(record, wrench=wrench), *cell()[1:]).response()
+    exact = replace(record, wrench=wrench, displacement=A @ (1.0 / TRUE_K))
+    assert "force_units" not in found(exact)
+    finding = found(replace(exact, wrench=wrench / np.repeat([newtons, 1.0], 3)))
+    code = "force_units" if "force_units" in finding else "moment_units"
+    assert finding[code].severity == "error"
+    assert unit in finding[code].message
+
+
+def test_which_of_force_and_moment_is_in_another_unit_follows_from_the_displacement() -> None:
+    for displacement, wrench, says in (([1, 1], [1e-3, 1], "kilonewtons"), ([1, 1], [1, 1e3], "N·mm")):
+        finding = found(scaled(good(), displacement, wrench))["moment_units"]
+        assert says in finding.message
+
+
+@pytest.mark.parametrize("frame", ["base", "tool"])
+def test_joint_positions_in_radians_are_refused(frame: str) -> None:
+    _, robot, T = cell()
+    record = good(rotations=False)
+    R = robot.fk(record.q, T)[:, :3, :3]
+    if frame == "tool":
+        turned = [np.einsum("nji,nbj->nbi", R, v.reshape(len(v), -1, 3)).reshape(v.shape)
+                  for v in (record.wrench, record.displacement)]  # fmt: skip
+        record = replace(record, wrench=turned[0], displacement=turned[1], wrench_frame="tool",
+                         displacement_frame="tool")  # fmt: skip
+        assert not {"frames", "joint_units"} & set(found(record))
+    finding = found(replace(record, q=np.radians(record.q)))["joint_units"]
+    assert finding.severity == "error"
+    assert "radians" in finding.message
+
+
+@pytest.mark.parametrize(
+    ("factor", "says"), [(1 / 25.4, "inches"), (9.80665, "loads in kilograms"), (60.0, "hundredths of a millimetre")]
+)
+@pytest.mark.parametrize("prior", [TRUE_K, TRUE_K * 1.5], ids=["nominal", "softer"])
+def test_units_wrong_by_ten_to_a_hundred_are_suspected_by_name(factor: float, says: str, prior: np.ndarray) -> None:
+    warning = found(scaled(good(rotations=False), [factor], [1, 1]), prior)["far_from_nominal"]
+    assert warning.severity == "warning"
+    assert says in warning.message
+
+
+def test_a_unit_of_a_hundred_is_named_in_the_error() -> None:
+    assert "hundredths" in found(scaled(good(rotations=False), [120.0], [1, 1]))["units"].message
+
+
+def test_without_a_stiffness_in_the_cell_the_size_of_the_robot_judges() -> None:
+    assert not found(good(rotations=False), None)
+    assert (
+        "kilograms" in found(scaled(good(rotations=False), [1], [1 / 9.81, 1 / 9.81]), None)["far_from_nominal"].message
+    )
+
+
+def test_a_wrong_frame_is_refused_although_noise_hides_most_of_the_load() -> None:
+    """The right reading explains a third; a ratio of what is left over would not tell, poses do."""
+    rng = np.random.default_rng(44)
+    record = measured(planned(rng, force=60.0, moment=6.0), rng, outliers=0.0)
+    assert not set(found(record)) & set(CODES)
+    for sign, frame, code in ((-1.0, "base", "load_sign"), (1.0, "tool", "displacement_frame")):
+        wrong = replace(record, wrench=sign * record.wrench, displacement_frame=frame)
+        assert found(wrong)[code].severity == "error"
+
+
+def test_moments_about_the_base_are_refused_where_they_change_the_stiffness() -> None:
+    """Three quarters are explained as stated, but with compliances off by a factor."""
+    _, robot, T = cell()
+    record = good(rotations=False)
+    wrench = record.wrench.copy()
+    wrench[:, 3:] += np.cross(robot.fk(record.q, T)[:, :3, 3], wrench[:, :3])
+    assert found(replace(record, wrench=wrench))["moment_at_base"].severity == "error"
+
+
+def test_joint_positions_that_the_arm_cannot_take_are_named() -> None:
+    record = good(rotations=False)
+    assert "outside_limits" not in found(record)
+    q = record.q.copy()
+    q[4, 1] += 2 * np.pi
+    finding = found(replace(record, q=q))["outside_limits"]
+    assert finding.rows == (4,)
+    assert "line 6: joint 2 stands outside its limits" in finding.message

@@ -260,3 +260,41 @@ def test_plan_poses_and_map_are_commands(tmp_path: Path, capsys: pytest.CaptureF
     assert "report:" in capsys.readouterr().out
     assert main([*words, "--joints", "a9"]) == 2
     assert "a9" in capsys.readouterr().err
+
+
+def test_ninety_percent_intervals_stay_ninety_percent(simulated: Simulated, done: Outcome, tmp_path: Path) -> None:
+    """Other programs read ci90; another level stands beside it."""
+    write_recording(tmp_path / "recording", simulated.recording)
+    request = Request(CELL, (tmp_path / "recording",), tmp_path / "out", level_percent=99.0, studies=False)
+    wide = run_identify(request)
+    for a, b in zip(done.result["joints"], wide.result["joints"], strict=True):
+        assert a["ci90"] == pytest.approx(b["ci90"], rel=1e-9)
+        assert b["interval"][0] < b["ci90"][0]
+        assert b["interval"][1] > b["ci90"][1]
+    assert "99 % interval" in wide.report.read_text(encoding="utf-8")
+
+
+def test_an_error_code_that_there_is_not_is_refused(simulated: Simulated, tmp_path: Path) -> None:
+    write_recording(tmp_path / "recording", simulated.recording)
+    with pytest.raises(InputError, match="--accept: found 'unit'; valid: displacement_frame"):
+        run_identify(Request(CELL, (tmp_path / "recording",), tmp_path / "out", accept=("unit",)))
+    with pytest.raises(InputError, match=r"--fit joint_friction@joint:1: effect 'joint_friction' is not known"):
+        run_identify(Request(CELL, (tmp_path / "recording",), tmp_path / "out", terms=("joint_friction@joint:1",)))
+
+
+def test_a_page_of_few_readings_has_no_nan(simulated: Simulated, tmp_path: Path) -> None:
+    r = simulated.recording
+    rows = r.pose < 2
+    assert r.wrench is not None
+    assert r.displacement is not None
+    down = np.zeros_like(r.wrench[rows])
+    down[:, 2] = -200.0  # no torque on joint 1
+    part = replace(
+        r, q=r.q[rows], pose=r.pose[rows], cycle=r.cycle[rows], session=r.session[rows], line=r.line[rows],
+        wrench=down, displacement=r.displacement[rows],
+    )  # fmt: skip
+    write_recording(tmp_path / "recording", part)
+    done = run_identify(Request(CELL, (tmp_path / "recording",), tmp_path / "out", accept=("load_sign",)))
+    page = done.report.read_text(encoding="utf-8")
+    assert "nan %" not in page
+    assert "nan mm" not in page

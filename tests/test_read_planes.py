@@ -282,3 +282,45 @@ def test_dynamic_work_offset_turns_about_the_programs_zero(tmp_path: Path) -> No
     cuts = mm(t)[t.cutting]
     assert np.allclose(cuts, [[0, 0, 0], [0, 8.0 * C30, 8.0 * S30]])
     assert np.allclose(t.axis[t.cutting], [0.0, -S30, C30])
+
+
+@pytest.mark.parametrize(
+    ("head", "row", "name"),
+    [
+        ("G21 G90\nG43.5 H1\nG0 X0 Y0 Z9\nG1 Z0 F500\n", "X{x} Y{y} I{i} J{j} K{k}", "a.nc"),
+        ("G71 G90\nTRAORI\nG0 X0 Y0 Z9\nG1 Z0 F500\n", "X{x} Y{y} A3={i} B3={j} C3={k}", "a.mpf"),
+        ("BEGIN PGM A MM\nM128\nL X0 Y0 Z9 FMAX\nL Z0 F500\n", "LN X{x} Y{y} NX0 NY0 NZ1 TX{i} TY{j} TZ{k}", "a.h"),
+    ],
+)
+def test_tool_vectors_fast_and_slow_read_the_same(tmp_path: Path, head: str, row: str, name: str) -> None:
+    angle = np.arange(40) * 0.1
+    rows = [
+        row.format(x=f"{10 * a:.3f}", y=f"{a * a:.3f}", i=f"{np.sin(a):.5f}", j="0.25", k=f"{np.cos(a):.5f}")
+        for a in angle.tolist()
+    ]
+    tail = "\nEND PGM A MM\n" if name == "a.h" else "\nM30\n"
+    plain = read(tmp_path, head + "\n".join(rows) + tail, name)
+    slow = read(tmp_path, head + "\n".join(f"{r} ;c" for r in rows) + tail, name)
+    assert len(plain) == 42
+    assert np.array_equal(plain.position, slow.position)
+    assert np.allclose(plain.axis, slow.axis, atol=1e-15)
+    expected = np.column_stack([np.sin(angle), np.full(40, 0.25), np.cos(angle)]) / np.sqrt(1.0625)
+    assert np.allclose(plain.axis[2:], expected, atol=1e-5)  # five printed decimals
+
+
+def test_planes_left_with_the_axes_brought_to_zero(tmp_path: Path) -> None:
+    body = "L X+0 Y+0 Z+20 FMAX\nL Z+0 F100\n"
+    head = "BEGIN PGM A MM\nTOOL CALL 1 Z S1\nPLANE SPATIAL SPA+30 SPB+0 SPC+0 TURN\n"
+    t = read(tmp_path, head + body + "PLANE RESET TURN FMAX\nL X+1 Y+1 Z+5 F100\nEND PGM A MM\n", "a.h")
+    assert mm(t)[-1].tolist() == [1.0, 1.0, 5.0]
+    assert t.axis[-1].tolist() == [0.0, 0.0, 1.0]
+    with pytest.raises(InputError, match="where the rotary axes stand is not known"):
+        read(tmp_path, head + body + "PLANE RESET STAY\nL X+1 Y+1 Z+5 F100\nEND PGM A MM\n", "a.h")
+    siemens = (
+        "G71 G90 G17\nT1 M6\nG0 X0 Y0 Z100\n"
+        'CYCLE800(1,"TC",0,57,0,0,0,0,30,0,0,0,0,1)\nG0 X0 Y0 Z9\nG1 Z0 F9\n{}\nG1 X5 Y5 Z5\nM30\n'
+    )
+    u = read(tmp_path, siemens.format('CYCLE800(1,"TC",0,57,0,0,0,0,0,0,0,0,0,1)'), "a.mpf")
+    assert mm(u)[-1].tolist() == [5.0, 5.0, 5.0]
+    with pytest.raises(InputError, match="where the rotary axes stand is not known"):
+        read(tmp_path, siemens.format("CYCLE800()"), "a.mpf")

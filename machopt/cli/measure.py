@@ -91,7 +91,7 @@ def _identified(result: dict[str, Any]) -> list[str]:
     for joint in result["joints"]:
         low, high = joint["interval"]
         if joint["identified"]:
-            text = f"{low:.3g} … {'∞' if high is None else format(high, '.3g')}"
+            text = f"{low:.4g} … {_number(high)}"
         else:
             text = f"not identified, the cell's value or a bound: {joint['reason']}"
         lines.append(f"  joint {joint['joint']}  {joint['k_Nm_per_rad']:10.4g} N·m/rad   {text}")

@@ -38,7 +38,7 @@ class Centres:
             ArcError: no radius of an arc before fits.
         """
         flat = 1.0 - np.abs(normal)
-        if math.isnan(self.radius_stays) or not float(np.linalg.norm((end - start) * flat)) > 1e-9:
+        if math.isnan(self.radius_stays) or not _length((end - start) * flat) > 1e-9:
             raise ArcError("an arc without I, J, K or R (they hold for one block only); was G1 meant?")
         centre = from_radius(start, end, self.radius_stays, normal)
         self.out.warn_once(
@@ -56,14 +56,15 @@ class Centres:
         """
         self.radius_stays = math.nan
         flat = 1.0 - np.abs(normal)
-        relative = start + np.nan_to_num(offsets)
-        absolute = np.where(np.isnan(offsets), start, offsets)
+        missing = np.isnan(offsets)
+        known = np.where(missing, 0.0, offsets)
+        relative, absolute = start + known, np.where(missing, start, offsets)
         first, second = (absolute, relative) if self.absolute else (relative, absolute)
 
         def mismatch(c: Array) -> float:
-            return abs(float(np.linalg.norm((start - c) * flat)) - float(np.linalg.norm((end - c) * flat)))
+            return abs(_length((start - c) * flat) - _length((end - c) * flat))
 
-        if float(np.linalg.norm((end - start) * flat)) < 1e-6:
+        if _length((end - start) * flat) < 1e-6:
             self.full_circles.append(line)
             self._check_circles()
             return first
@@ -73,10 +74,10 @@ class Centres:
             word = "offsets" if self.absolute else "absolute"
             self.out.warn_once(f"I, J, K fit only as {word} centres; read that way", line)
             return second
-        if self.absolute or mismatch(first) <= min(RADIUS_FAULT * float(np.linalg.norm((start - first) * flat)), 0.5):
+        if self.absolute or mismatch(first) <= min(RADIUS_FAULT * _length((start - first) * flat), 0.5):
             return first
         signs = [np.array(s) for s in itertools.product((1.0, -1.0), repeat=3)]
-        others = {tuple((start + s * np.nan_to_num(offsets)).tolist()) for s in signs}
+        others = {tuple((start + s * known).tolist()) for s in signs}
         fitting = [np.array(c) for c in sorted(others) if mismatch(np.array(c)) <= RADIUS_WARN]
         if len(fitting) != 1:
             return first  # the check of the radius will refuse it
@@ -94,3 +95,8 @@ class Centres:
                 f"the full circle in line {self.full_circles[0]} lies is not known; post it with signed I, J, K or "
                 "with arcs of less than a full turn"
             )
+
+
+def _length(v: Array) -> float:
+    x, y, z = v.tolist()
+    return math.sqrt(x * x + y * y + z * z)

@@ -230,14 +230,14 @@ class MotionReader:
         return feed
 
     def arc(self, to: list[float], axis: Vector, words: dict[str, float], b: Block) -> None:
-        unknown = np.isnan(np.array(self.p))
-        if unknown.any():
+        unknown = [math.isnan(v) for v in self.p]
+        if any(unknown):
             needed = [_AXES[k] for k in range(3) if unknown[k] and (self.plane[k] == 0.0 or self.setup.rotated)]
             if needed:
                 hint = "; a turning program (X and Z only) holds no milling path" if needed == ["Y"] else ""
                 raise self.source.error(f"an arc starts where {''.join(needed)} is not known{hint}", b.line)
-        start = np.nan_to_num(np.array(self.p))
-        end = np.where(np.isnan(to), start, to)
+        start = np.array([0.0 if math.isnan(v) else v for v in self.p])
+        end = np.array([a if math.isnan(b) else b for a, b in zip(start.tolist(), to, strict=True)])
         normal = self.plane * (1.0 if self.motion == 3 else -1.0)
         radius = b.named.get("CR", words.get("R"))
         turns = max(round(words.get("P", 1.0)), 1) + round(b.named.get("TURN", 0.0))
@@ -255,7 +255,7 @@ class MotionReader:
         self.begin_path()
         length = found.sweep * found.radius
         feed = self.feed_mm_min(math.hypot(length, float((end - start) @ self.plane)), b.line)
-        points = np.where(unknown, np.nan, found.points) if unknown.any() else found.points
+        points = np.where(unknown, np.nan, found.points) if any(unknown) else found.points
         self.out.add_arc(self.setup.points(points), axis, Move.CUT, feed, b.line, axis_before=self.axis)
         x, y, z = points[-1].tolist()
         self.p, self.axis = [x, y, z], axis

@@ -42,7 +42,11 @@ def output_folder(path: Path | str) -> Iterator[Path]:
         raise InputError(f"the output folder cannot be created: {error.strerror}", file=path) from None
     with _Signals() as signals:
         try:
-            yield partial
+            try:
+                yield partial
+            except Exception:
+                signals.again()  # compiled code turns the exception of a signal into one of its own
+                raise
             signals.hold()
             _refuse_foreign(target, Path(path))  # it may have appeared meanwhile
             _swap(partial, target)
@@ -123,6 +127,7 @@ class _Signals:
 
     def __init__(self) -> None:
         self._held = False
+        self._came: int | None = None
         self._waiting: list[int] = []
         self._former: dict[int, Any] = {}
 
@@ -144,7 +149,13 @@ class _Signals:
         """From here to the end of the block, signals wait."""
         self._held = True
 
+    def again(self) -> None:
+        """Raise for a signal that has come already."""
+        if self._came is not None:
+            self._raise(self._came)
+
     def _on_signal(self, number: int, _: FrameType | None) -> None:
+        self._came = number
         if self._held:
             self._waiting.append(number)
         else:

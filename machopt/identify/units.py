@@ -29,6 +29,7 @@ SUSPECTS = {  # displacement per load as read, per what it is
     "displacements in hundredths of a millimetre": 100.0, "displacements in micrometres": 1e3,
     "loads in kilograms": 9.80665, "loads in pounds": 4.44822, "loads in kilonewtons": 1e3,
 }  # fmt: skip
+THOUSANDS = ("displacements in metres", "displacements in micrometres", "loads in kilonewtons")
 NEAR_SUSPECT = 2.2  # factor: stiffness is rarely known better beforehand
 
 
@@ -54,7 +55,10 @@ def unit_findings(e: Experiment, stated: Reading, reach: float, prior: Array | N
         wrong = _off(nominal, MOST_NOMINAL) and _off(s, MOST_GENERIC_TOO)
         doubtful, against, seen = _off(nominal, DOUBTFUL_NOMINAL), "what the cell's stiffness gives", nominal
     if wrong:
-        out.append(Finding("units", "error", f"displacement per load is {_times(seen)} {against}: {_culprit(e, s)}"))
+        near = _near(seen)
+        other = near and not set(near) & set(THOUSANDS)
+        cause = f"{' or '.join(near)} would make it so; mm and N would work" if other else _culprit(e, s)
+        out.append(Finding("units", "error", f"displacement per load is {_times(seen)} {against}: {cause}"))
     elif doubtful:
         out.append(Finding(
             "far_from_nominal", "warning",
@@ -138,10 +142,14 @@ def _off(ratio: float, factor: float) -> bool:
     return not 1 / factor < ratio < factor
 
 
-def _suspects(ratio: float) -> str:
+def _near(ratio: float) -> list[str]:
     """What could make that ratio, the nearest first."""
     off = {name: abs(float(np.log(ratio / value))) for name, value in SUSPECTS.items()}
-    near = [name for name in sorted(off, key=lambda n: off[n]) if off[name] < np.log(NEAR_SUSPECT)]
+    return [name for name in sorted(off, key=lambda n: off[n]) if off[name] < np.log(NEAR_SUSPECT)]
+
+
+def _suspects(ratio: float) -> str:
+    near = _near(ratio)
     return f", as {' or '.join(near)} would make it" if near else ""
 
 

@@ -59,13 +59,13 @@ def identification_html(data: IdentificationPage) -> str:
     )  # fmt: skip
 
 
-def stiffness_text(k: float) -> str:
-    """N·m/rad with three digits: 3.80e6."""
+def stiffness_text(k: float, digits: int = 3) -> str:
+    """N·m/rad with so many digits: 3.80e6."""
     if not math.isfinite(k):
         return "∞" if k > 0 else "–"
     if k < 1e4:
-        return f"{k:.0f}" if k >= 1e3 else f"{k:.3g}"
-    return f"{k / 10 ** math.floor(math.log10(k)):.2f}e{math.floor(math.log10(k))}"
+        return f"{k:.0f}" if k >= 1e3 else f"{k:.{digits}g}"
+    return f"{k / 10 ** math.floor(math.log10(k)):.{digits - 1}f}e{math.floor(math.log10(k))}"
 
 
 def _verdict(data: IdentificationPage) -> str:
@@ -94,7 +94,7 @@ def _verdict(data: IdentificationPage) -> str:
 def _coefficient_rows(rows: tuple[Coefficient, ...], *, arcmin: bool) -> list[list[str]]:
     out = []
     for c in rows:
-        spread = f"{stiffness_text(c.low)} … {stiffness_text(c.high)}"
+        spread = f"{stiffness_text(c.low, 4)} … {stiffness_text(c.high, 4)}"
         half = 50.0 * (c.high - c.low) / c.value if math.isfinite(c.high) and c.value else math.nan
         half = half if half <= MOST_HALF else math.nan  # so wide that the two sides are nothing alike
         name = c.name.replace(" ", "\u00a0", 1)  # "joint 1" on one line
@@ -109,7 +109,8 @@ def _coefficient_rows(rows: tuple[Coefficient, ...], *, arcmin: bool) -> list[li
 def _joints(data: IdentificationPage, have: set[str]) -> str:
     columns = [
         Column("Joint"), Column("k (N·m/rad)", "n"), Column("N·m/arcmin", "n"),
-        Column(f"{100 * data.level:g} % interval", "n"), Column("", "n"), Column("Before (N·m/rad)", "n"), Column("Identified", "html"), Column("Why", "why"),
+        Column(f"{100 * data.level:g} % interval", "n"), Column("", "n"), Column("Before (N·m/rad)", "n"),
+        Column("Identified", "html"), Column("Why", "why"),
     ]  # fmt: skip
     body = table(columns, _coefficient_rows(data.joints, arcmin=True))
     if data.terms:

@@ -1,0 +1,171 @@
+"""Hanging loads turn the lever arms always the same way; fitted matrices never give way against a load."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_up_load_tests import TRUE_K, cell, draw, measured, planned
+
+from machopt.domain.stiffness import Stiffness, Term
+from machopt.errors import InputError
+from machopt.formats.stiffness import load_stiffness, write_stiffness
+from machopt.identify.admissible import fitted_matrices, gives_way, nearest
+from machopt.identify.experiment import Experiment, experiment
+from machopt.identify.fit import fit
+from machopt.identify.options import IdentifyOptions
+from machopt.identify.pipeline import identify
+from machopt.identify.result import Identification
+from machopt.identify.simulate import TrueArm
+from machopt.model.terms import compile_terms, term_of
+
+SOFT = TRUE_K / 3.0
+
+
+def hanging(seed: int, noise: float = 1.0) -> Experiment:
+    """Weights of up to 150 kg on arms of up to 0.3 m, at the exact equilibrium."""
+    rng = np.random.default_rng(seed)
+    _, robot, T = cell()
+    force = np.zeros((20, 4, 3))
+    force[..., 2] = -rng.uniform(500.0, 1500.0, (20, 4))
+    arm = 0.3 * rng.uniform(-1, 1, (20, 4, 3))
+    made = planned(rng, k=SOFT, wrench=np.concatenate([force, np.cross(arm, force)], axis=-1))
+    exact = TrueArm(robot, T, 1.0 / SOFT).displacement(made.q, made.wrench)
+    return experiment(measured(replace(made, exact=exact), rng, noise=noise, outliers=0.0), robot, T)
+
+
+def found(e: Experiment, **options: object) -> Identification:
+    _, robot, T = cell()
+    return identify(e, robot, T, Stiffness(SOFT), IdentifyOptions(studies=False, **options), np.random.default_rng(0))  # type: ignore[arg-type]
+
+
+def test_hanging_loads_bias_the_linear_law_and_the_load_effect_mends_it() -> None:
+    e = hanging(1, noise=0.0)
+    error = {}
+    for on in (False, True):
+        result = found(e, load_effect=on)
+        seen = np.array([j.identified for j in result.joints])
+        error[on] = np.abs(result.stiffness.joints / SOFT - 1)[seen].max()
+        assert result.stiffness.terms == ()  # a correction of the readings, not a term for the planner
+        assert any("K_C" in note for note in result.notes) == on
+    assert error[False] > 2e-3
+    assert error[True] < 0.05 * error[False]  # one round: the square of the effect is left
+
+
+@pytest.mark.slow
+def test_intervals_of_hanging_loads_cover_with_the_load_effect() -> None:
+    inside, outside = {False: 0, True: 0}, {False: 0, True: 0}
+    for seed in range(12):
+        e = hanging(100 + seed, noise=0.3)
+        for on in (False, True):
+            for j, k in zip(found(e, load_effect=on).joints, SOFT, strict=True):
+                if j.identified:
+                    hit = j.interval[0] <= k <= j.interval[1]
+                    inside[on] += hit
+                    outside[on] += not hit
+    share = {on: inside[on] / (inside[on] + outside[on]) for on in inside}
+    assert share[True] > 0.78  # 60 intervals of 90 %: fewer happens once in 200
+    assert share[False] < share[True] - 0.1
+
+
+def test_an_effect_inside_the_noise_is_left_alone() -> None:
+    e = draw(np.random.default_rng(5))
+    stiff, plain = (found(e, load_effect=on) for on in (True, False))
+    if not any("K_C" in n for n in stiff.notes):
+        np.testing.assert_array_equal(stiff.stiffness.joints, plain.stiffness.joints)
+    np.testing.assert_allclose(stiff.stiffness.joints, plain.stiffness.joints, rtol=0.01)
+
+
+def test_a_record_that_no_spring_holds_falls_back_to_the_linear_law() -> None:
+    e = draw(np.random.default_rng(6))
+    huge = replace(e, wrench=1e3 * e.wrench, measured=1e3 * e.measured)  # metres of displacement
+    assert not any("K_C" in n for n in found(huge, load_effect=True, accept=frozenset({"units"})).notes)
+
+
+@pytest.fixture(scope="module")
+def full() -> tuple[Experiment, Term]:
+    """A base with three angular compliances, fitted with all 21 coefficients."""
+    _, robot, T = cell()
+    e = draw(np.random.default_rng(7), poses=20)
+    law = term_of("base_compliance", "base", robot, T, compliance_diagonal=[0, 0, 0, 3e-7, 2.5e-7, 0])
+    return replace(e, measured=e.measured + (law.response(e.state, e.wrench) @ law.values)[:, :3]), Term(
+        "base_compliance", "base", {"form": "full"}
+    )
+
+
+def test_a_fitted_matrix_never_gives_way_and_the_planner_takes_it(
+    full: tuple[Experiment, Term], tmp_path: Path
+) -> None:
+    _, robot, T = cell()
+    e, term = full
+    free = fit(e, compile_terms((term,), robot, T)[0])
+    assert gives_way(fitted_matrices(free)[0].matrix(free.x))  # noise does it
+    result = identify(
+        e, robot, T, Stiffness(TRUE_K), IdentifyOptions(terms=(term,), studies=False), np.random.default_rng(0)
+    )
+    assert any("would move against a load" in w for w in result.warnings)
+    write_stiffness(tmp_path / "stiffness.yaml", result.stiffness)
+    read = load_stiffness(tmp_path / "stiffness.yaml")
+    compile_terms(read.terms, robot, T)  # refuses what gives way
+    C = np.array(read.terms[0].parameters["compliance"])
+    assert np.diag(C)[3] == pytest.approx(3e-7, rel=0.1)  # readings know the tilt to some percent
+    assert result.heldout is not None
+    assert result.heldout.rmse < 1.3 * result.errors.rmse
+
+
+def test_the_mended_matrix_is_the_minimum(full: tuple[Experiment, Term]) -> None:
+    """No admissible neighbour has a smaller sum of squares (the problem is convex)."""
+    _, robot, T = cell()
+    e, term = full
+    free = fit(e, compile_terms((term,), robot, T)[0])
+    part = fitted_matrices(free)[0]
+    H, h = free.normal.total()
+    H = H + 1e-9 * np.trace(H) / len(H) * np.eye(len(H))  # one minimum, also in directions without data
+    x = nearest(free, part, H, h, free.x, np.zeros(len(free.x), bool))
+    assert not gives_way(part.matrix(x))
+
+    def value(x: np.ndarray) -> float:
+        u = x / free.column
+        return float(0.5 * u @ H @ u - h @ u)
+
+    rng = np.random.default_rng(0)
+    for size in (1e-1, 1e-3):
+        for _ in range(30):
+            other = x.copy()
+            root = np.linalg.cholesky(part.matrix(x) + 1e-12 * np.eye(6) * np.trace(part.matrix(x)))
+            turned = root @ (np.eye(6) + size * rng.standard_normal((6, 6)))
+            other[part.at] = (turned @ turned.T)[part.row, part.column]
+            other[:6] *= 1 + size * rng.standard_normal(6)
+            assert value(other) > value(x) - 1e-3  # in squared standard errors
+
+
+@pytest.mark.slow
+def test_a_matrix_that_noise_alone_moves_is_not_found() -> None:
+    _, robot, T = cell()
+    kept = 0
+    for seed in range(8):
+        e = draw(np.random.default_rng(60 + seed), poses=15)
+        term = Term("tool_compliance", "tool", {"form": "full"})
+        options = IdentifyOptions(terms=(term,), studies=False)
+        result = identify(e, robot, T, Stiffness(TRUE_K), options, np.random.default_rng(0))
+        kept += bool(result.stiffness.terms)
+    assert kept <= 3  # at 10 % each: more happens once in 200
+
+
+def test_no_redundancy_is_refused_and_few_equations_keep_every_reading() -> None:
+    with pytest.raises(InputError, match="6 equations for 6 unknowns; at least 3 readings"):
+        found(draw(np.random.default_rng(8), poses=1, loads=2, repeats=1))
+    few = found(draw(np.random.default_rng(8), poses=3, loads=1, repeats=1))
+    assert not few.outliers
+    assert np.isfinite(few.errors.rmse)
+
+
+def test_a_grid_of_millions_of_cells_is_refused_and_auto_stays_constant() -> None:
+    e = draw(np.random.default_rng(9), poses=14)
+    with pytest.raises(InputError, match="more than the 8000 that a grid may have"):
+        found(e, model="grid", grid_cell=0.005)
+    result = found(e, model="auto", grid_cell=0.005)
+    assert result.model == "constant"
+    assert "no grid can be fitted" in result.why_model
