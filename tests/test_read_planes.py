@@ -324,3 +324,10 @@ def test_planes_left_with_the_axes_brought_to_zero(tmp_path: Path) -> None:
     assert mm(u)[-1].tolist() == [5.0, 5.0, 5.0]
     with pytest.raises(InputError, match="where the rotary axes stand is not known"):
         read(tmp_path, siemens.format("CYCLE800()"), "a.mpf")
+
+
+def test_a_post_that_means_an_offset_by_g53(tmp_path: Path) -> None:
+    text = "G21 G90\nG0 G53 X1 Y2 Z9\nG1 Z0 F100\nM30\n"
+    with pytest.raises(InputError, match=r"line 3: cuts while X is not known.*--offset G53=0,0,0"):
+        read(tmp_path, text)
+    assert mm(read(tmp_path, text, offsets=("G53=0,0,0",))).tolist() == [[1, 2, 9], [1, 2, 0]]

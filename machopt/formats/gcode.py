@@ -268,6 +268,8 @@ class ProgramReader(CallReader):
                     "cutter compensation (G41, G42) is not carried out: the points are as programmed", b.line
                 )
                 self.out.ignore(f"G{g // 10}", b.line, understood=True)
+            elif g == 530 and self.g53_is_an_offset:
+                self.use_offset(g, words, b.line)
             elif g in MACHINE_FRAME and not (g == 740 and {"R", "Z"} <= words.keys()):
                 machine_frame = MACHINE_FRAME[g]
             elif g in CYCLES:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from machopt.formats.gcode_expr import ExpressionError, Parameters
 
 Item = tuple[int, str, list[str]]  # line, code in upper case, comments
-MAX_STEPS = 200_000  # lines carried out in one program, beyond twice the lines it has
+MAX_STEPS = 300_000  # lines carried out in one program, beyond twice the lines it has
 MAX_IDLE = 100_000  # of them one after the other that hold nothing for the control
 MAX_CALLS = 50  # nested
 

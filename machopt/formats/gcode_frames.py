@@ -26,6 +26,7 @@ class FrameReader(MotionReader):
         self.work_offset: int | None = None
         self.first_offset: int | None = None
         self.shifts: dict[str, list[float]] = {}  # G52, G92, CYCL DEF 7 in mm
+        self.g53_is_an_offset = "G53" in dict(options.offsets)  # as some posts mean it; told by the user only
         self.given_centres = self.setup.machine.centres if self.setup.machine else ()
 
     # ---- origins

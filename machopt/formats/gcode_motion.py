@@ -185,8 +185,8 @@ class MotionReader:
         name = self.lost[k]
         if name in ("G53", "G153", "SUPA"):
             return (
-                f": {name} moves in the machine's frame. Where the post writes G53 for fixture offset 0, set the "
-                "operation's fixture offset to 1 (G54) and post again"
+                f": {name} moves in the machine's frame. Where the post writes G53 for its fixture offset 0, set the "
+                "operation's fixture offset to 1 (G54) and post again, or give --offset G53=0,0,0"
             )
         if name.startswith(("G", "M")):
             return f": {name} moved it in the machine's frame, and the program does not say where it went"

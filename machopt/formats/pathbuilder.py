@@ -203,6 +203,8 @@ class PathBuilder:
                 f"holds {n} points but no cutting move; expected at least one feed move (GOTO after FEDRAT, G1)"
             )
         p, axis = table[:, :3], self._unit_axes(table[:, 3:6], line)
+        if self._arcs:
+            self.meta["arcs"] = str(len(self._arcs))
         found = arc_directions(self._arcs, p)
         if found.against:
             self.warn(

@@ -73,17 +73,27 @@ class Variables:
 
     def part(self, text: str, at: int) -> tuple[float, int]:
         """The value of the expression that begins at ``at``, and the place after it."""
+        expression, end = self._parsed(text, at)
+        try:
+            value = expression(self.values)
+        except (ZeroDivisionError, ValueError, OverflowError) as problem:
+            if isinstance(problem, ExpressionError):
+                raise
+            raise ExpressionError(f"an expression has no value there: {problem}") from problem
+        if not math.isfinite(value) or abs(value) > 1e12:
+            raise ExpressionError(f"an expression gives {value}")
+        return value, end
+
+    def end_of(self, text: str, at: int) -> int:
+        """The place after the expression that begins at ``at``."""
+        return self._parsed(text, at)[1]
+
+    def _parsed(self, text: str, at: int) -> tuple[Expression, int]:
         found = self._read.get((text, at))
         if found is None:
             parser = _Parser(text, at)
             found = self._read[text, at] = (parser.level(0), parser.at)
-        try:
-            value = found[0](self.values)
-        except (ZeroDivisionError, ValueError, OverflowError) as problem:
-            raise ExpressionError(f"an expression has no value there: {problem}") from problem
-        if not math.isfinite(value) or abs(value) > 1e12:
-            raise ExpressionError(f"an expression gives {value}")
-        return value, found[1]
+        return found
 
 
 class _Parser:

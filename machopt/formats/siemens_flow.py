@@ -8,7 +8,7 @@ with every expression replaced by its number.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from machopt.formats.gcode_expr import ExpressionError
 from machopt.formats.gcode_flow import MAX_CALLS, FlowError, Item, StepGuard
@@ -60,6 +60,7 @@ class SiemensFlow:
         self.loop_of: dict[int, int] = {}  # closing word → opening word
         self.limits: dict[int, float] = {}  # FOR → its end value
         self.frames: list[int] = []  # where calls go back to
+        self._parts: dict[str, list[str | Callable[[], str]]] = {}  # lines split once
         self.plain: set[int] = set()  # places of lines that only assign and move
         self.called = False
         self._index()
@@ -222,44 +223,61 @@ class SiemensFlow:
 
     def _evaluated(self, code: str) -> str:
         """The line with assignments carried out and every address' expression as a number."""
+        parts = self._parts.get(code)
+        if parts is None:
+            parts = self._parts[code] = self._split_line(code)
         out: list[str] = []
+        for part in parts:
+            out.append(part if isinstance(part, str) else part())
+        text = "".join(out).strip()
+        return "" if _ONLY_PARAMETERS.fullmatch(text) else text
+
+    def _split_line(self, code: str) -> list[str | Callable[[], str]]:
+        """Text as it stands, and what is to be evaluated each time."""
+        parts: list[str | Callable[[], str]] = []
         at = 0
         while at < len(code):
             found = _ASSIGN.match(code, at)
             if found and code[found.end() : found.end() + 1] != '"':
-                at = self._assign(code, found, out)
+                one, at = self._assignment(code, found)
+                parts.append(one)
                 continue
             call = _CALL.match(code, at)
             if call and not _NOT_EVALUATED.match(code, at):
                 end = _closing(code, call.end())
-                inside = code[call.end() : end]
-                out.append(code[at : call.end()] + ",".join(map(self._argument, _split(inside))) + ")")
+                parts.append(self._called(code[at : call.end()], _split(code[call.end() : end])))
                 at = end + 1
                 continue
             step = _STEP.match(code, at)
             assert step is not None
-            out.append(step.group())
+            parts.append(step.group())
             at = step.end()
-        text = "".join(out).strip()
-        return "" if _ONLY_PARAMETERS.fullmatch(text) else text
+        return parts
 
-    def _assign(self, code: str, found: re.Match[str], out: list[str]) -> int:
-        """One ``name = expression``; what stays a word of the block goes to ``out``. Returns the place after it."""
+    def _called(self, head: str, arguments: list[str]) -> Callable[[], str]:
+        return lambda: head + ",".join(map(self._argument, arguments)) + ")"
+
+    def _assignment(self, code: str, found: re.Match[str]) -> tuple[Callable[[], str], int]:
+        """One ``name = expression`` and the place after it; what stays a word of the block comes back as text."""
         name = _ARRAY_R.sub(r"R\1", found.group(1).replace(" ", ""))
         parameter = _PARAMETER.fullmatch(name) is not None
-        variable = parameter or name in self.variables.values or not _ADDRESS.fullmatch(name)
+        address = _ADDRESS.fullmatch(name) is not None
         mode = _MODE.match(code, found.end())
-        value, at = self.variables.part(code, found.end() if mode is None else mode.end())
-        if mode is not None:
-            if code[at : at + 1] != ")":
-                raise ExpressionError(f"{mode.group(1)}( is not closed")
-            out.append(f" {name}={mode.group(1)}({value:.9f}) ")
-            return at + 1
-        if variable:
-            self.variables.values[name] = value
-        if parameter or not variable:  # older drilling cycles take R2, R3, R10 as words
-            out.append(f" {name}={value:.9f} ")
-        return at
+        begin = found.end() if mode is None else mode.end()
+        end = self.variables.end_of(code, begin)
+        if mode is not None and code[end : end + 1] != ")":
+            raise ExpressionError(f"{mode.group(1)}( is not closed")
+
+        def carry_out() -> str:
+            value = self.variables.part(code, begin)[0]
+            if mode is not None:
+                return f" {name}={mode.group(1)}({value:.9f}) "
+            if parameter or not address or name in self.variables.values:
+                self.variables.values[name] = value
+                return f" {name}={value:.9f} " if parameter else ""  # older drilling cycles take R2, R3, R10 as words
+            return f" {name}{value:.9f} " if len(name) == 1 else f" {name}={value:.9f} "
+
+        return carry_out, end if mode is None else end + 1
 
     def _argument(self, text: str) -> str:
         part = text.strip()

@@ -55,7 +55,7 @@ def unit_findings(e: Experiment, stated: Reading, reach: float, prior: Array | N
         wrong = _off(nominal, MOST_NOMINAL) and _off(s, MOST_GENERIC_TOO)
         doubtful, against, seen = _off(nominal, DOUBTFUL_NOMINAL), "what the cell's stiffness gives", nominal
     if wrong:
-        near = _near(seen)
+        near = [name for name in _near(seen) if name in _near(s)]  # by the cell's stiffness and by the robot's size
         other = near and not set(near) & set(THOUSANDS)
         cause = f"{' or '.join(near)} would make it so; mm and N would work" if other else _culprit(e, s)
         out.append(Finding("units", "error", f"displacement per load is {_times(seen)} {against}: {cause}"))
