@@ -237,10 +237,10 @@ def _hints(samples: Samples, layers: list[Layer], setting: Setting) -> list[str]
             break
         bent = layer.values.value["deflection"][layer.postures.ok]
         if np.isfinite(bent).any() and np.nanmedian(bent) > LARGE:
-            out.append(f"the load bends the arm by {np.nanmedian(bent) * MM:,.0f} mm (median of the {layer.name} layer), "
+            out.append(f"the load bends the arm by {np.nanmedian(bent) * MM:,.0f} mm (median, {layer.name} layer), "
                        "more than linear elasticity holds for; is it in N?")  # fmt: skip
         if len(bent) and np.isnan(bent).any():
-            out.append(f"at {100 * np.isnan(bent).mean():.0f} % of the {layer.name} layer the joint springs do not hold "
+            out.append(f"at {100 * np.isnan(bent).mean():.0f} % of the {layer.name} layer the springs do not hold "
                        "the load: with geometric_stiffness the arm would buckle")  # fmt: skip
     dexterity = layers[0].values.value["dexterity"]
     if samples.kind == "joints" and np.isfinite(dexterity).any() and np.nanmax(dexterity) < 0.02:

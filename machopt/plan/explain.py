@@ -120,7 +120,7 @@ def hints(plan: Plan) -> tuple[str, ...]:
                    "the constant values are used there.")  # fmt: skip
     bent = plan.chosen.cost[plan.path.counted & np.isfinite(plan.chosen.cost)]
     if plan.scores.index == "deflection" and bent.max(initial=0.0) > LARGE:
-        out.append(f"The force bends the arm by up to {1e3 * bent.max():,.0f} mm, more than linear elasticity holds for; "
+        out.append(f"The force bends the arm by up to {1e3 * bent.max():,.0f} mm, beyond linear elasticity; "
                    "is force_N in N, and the stiffness in N·m/rad?")  # fmt: skip
     changes = _changes(plan)
     if changes:

@@ -113,7 +113,7 @@ def against_load(terms: Sequence[LinearTerm], k: Array, limits: tuple[Array, Arr
     i, j = (int(v) for v in np.unravel_index(int(share.argmax()), share.shape))
     return (
         f"with a joint_coupling of {coupling[i, j]:.3g} rad/(N·m) between joints {i + 1} and {j + 1} some load moves "
-        f"the arm towards itself; √(c{i + 1} c{j + 1}) = {scale[row, i] * scale[row, j]:.3g} is the most two joints allow"
+        f"the arm towards itself; at most √(c{i + 1} c{j + 1}) = {scale[row, i] * scale[row, j]:.3g} is possible"
     )
 
 
