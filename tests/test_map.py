@@ -582,7 +582,7 @@ def test_every_field_is_offered_where_there_is_all_it_needs(setting: Setting) ->
         ({"line": "0,0,0"}, r"--line: found '0,0,0', expected start and end"),
         ({"line": "1,2,3:1,2,3"}, r"a line has a length"),
         ({"line": "0,0,0:1,0,0", "ranges": ("x=0:1",)}, r"a line has its own ends"),
-        ({"at": 5.0, "volume": True}, r"--at: found 5; it goes with --slice"),
+        ({"at": 5.0, "volume": True}, r"--at: goes with --slice"),
         ({"tool_axis": "0,0,0"}, r"--tool-axis: the tool axis has no length"),
         ({"tool_axis": "up"}, r"--tool-axis: found 'up', expected 3 numbers"),
         ({"frame": "tool"}, r"--frame: found 'tool', expected base, world or workpiece"),

@@ -100,7 +100,7 @@ def resolve(request: Request, cell: Cell) -> MapOptions:
     if np.linalg.norm(tool_axis) < 1e-9:
         raise InputError("the tool axis has no length; 0,0,1 is a tool that points down", where="--tool-axis")
     if request.at is not None and (kind != "slice" or not isfinite(request.at)):
-        raise InputError(f"found {request.at:g}; it goes with --slice and takes a number in mm", where="--at")
+        raise InputError(f"goes with --slice and takes a number in mm, found {request.at:g}", where="--at")
     if request.frame not in ("base", "world", "workpiece"):
         raise InputError(f"found {request.frame!r}, expected base, world or workpiece", where="--frame")
     if request.by is not None and request.by not in {field.key for field in FIELDS}:
