@@ -1,4 +1,4 @@
-"""Time and memory of reading long toolpath files: ``python benchmarks/readers.py [LINES]`` (1,000,000).
+"""Time and memory of reading long toolpath files: ``python benchmarks/readers.py [LINES [FILE …]]`` (1,000,000, all).
 
 Each file is made up, read in a process of its own and removed; the CPU time counts start-up too. The aim is less than
 20 s and 1 GiB for a million lines, whatever the format.
@@ -85,18 +85,35 @@ def table(f: TextIO, n: int) -> None:
         f.write(f"{x:.5f},{y:.5f},{z:.5f},{x * 1e-3:.7f},{y * 1e-3:.7f},0.9949874,cut,3000,op{k // 50_000}\n")
 
 
+def krl(f: TextIO, n: int) -> None:
+    f.write("&ACCESS RVP\nDEF long( )\n$BASE={X 0,Y 0,Z 0,A 0,B 0,C 0}\n$VEL.CP=0.05\n")
+    for x, y, z in points(n):
+        f.write(f"LIN {{X {x:.4f},Y {y:.4f},Z {z:.4f},A {x:.4f},B 0.0000,C 180.0000}} C_DIS\n")
+    f.write("END\n")
+
+
+def rapid(f: TextIO, n: int) -> None:
+    f.write("MODULE m\nPROC main()\n")
+    for x, y, z in points(n):
+        f.write(f"MoveL [[{x:.4f},{y:.4f},{z:.4f}],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v50,z0,tool0;\n")
+    f.write("ENDPROC\nENDMODULE\n")
+
+
 FILES = {
     "long.apt": apt, "arcs.cls": clsf_with_arcs, "three.nc": gcode, "five.nc": five_axes,
     "vectors.mpf": vectors, "long.h": heidenhain, "long.csv": table,
+    "robot.src": krl, "robot.mod": rapid,
 }  # fmt: skip
 
 
 def main() -> int:
     n = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
     late = 0
-    print(f"{'file':<12}{'lines':>10}{'MB':>7}{'points':>10}{'s':>7}{'CPU s':>7}{'GiB':>7}")
+    print(f"{'file':<12}{'lines':>10}{'MB':>7}{'points':>10}{'s':>7}{'CPU s':>7}{'lines/CPU s':>13}{'GiB':>7}")
     with tempfile.TemporaryDirectory() as folder:
         for name, write in FILES.items():
+            if sys.argv[2:] and name not in sys.argv[2:]:
+                continue
             file = Path(folder) / name
             with file.open("w", encoding="ascii") as f:
                 write(f, n)
@@ -105,7 +122,7 @@ def main() -> int:
             done = subprocess.run([sys.executable, "-c", _READ, str(file)], capture_output=True, text=True, check=True)
             read, took, cpu, memory = done.stdout.split()
             print(f"{name:<12}{lines:>10,}{file.stat().st_size / 1e6:>7.0f}{int(read):>10,}{float(took):>7.1f}"
-                  f"{float(cpu):>7.1f}{float(memory):>7.2f}", flush=True)  # fmt: skip
+                  f"{float(cpu):>7.1f}{lines / float(cpu):>13,.0f}{float(memory):>7.2f}", flush=True)  # fmt: skip
             late += float(took) > MOST_SECONDS * max(n / 1e6, 0.1) or float(memory) > MOST_GIB * max(n / 1e6, 0.5)
             file.unlink()
     return 1 if late else 0

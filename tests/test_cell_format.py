@@ -245,7 +245,7 @@ SCHEMA = [
     ("sphere_mm: 80", "sphere_mm: 80, box_mm: [1, 2, 3]", ["obstacles[1]", "found box_mm, sphere_mm", "exactly one"]),
     (", sphere_mm: 80", "", ["obstacles[1]", "found no shape", "exactly one of box_mm"]),
     ("sphere_mm: 80", "sphere_mm: 80, scale: 2", ["obstacles[1]", "scale belongs to a mesh"]),
-    ("obstacles:", "kinematics: k.yaml\nobstacles:", ["line 22: kinematics", "not supported yet"]),
+    ("obstacles:", "kinematics: k.yaml\nobstacles:", ["line 22: kinematics", "no such file: k.yaml"]),
     ("rotation_step_deg: 10", "rotation_step: 10", ["plan.rotation_step", "did you mean 'rotation_step_deg'?"]),
     ("rotation_step_deg: 10", "rotation_step_deg: 100", ["plan.rotation_step_deg", "found 100", "0.5 to 90"]),
     ("name: ball", "name: post", ["two bodies are named 'post'"]),

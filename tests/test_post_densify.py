@@ -1,108 +1,110 @@
-"""Way points so dense that the controller's own interpolation keeps to the plan."""
+"""Way points so dense that the controller's own interpolation keeps to the motion."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 import pytest
 from made_up_program import ARM, TOOL
+from scipy.spatial.transform import Rotation, Slerp
 
-from machopt.formats.posts.densify import Tolerance, densify
+from machopt.formats.posts.densify import Tolerance, densify, departure
 
 Array = np.ndarray
-
-
-def fk(q: Array) -> Array:
-    return ARM.fk(q, TOOL)
+SAMPLES = 2001
+WIDE = float(np.radians(30.0))  # an angle that nothing here exceeds
 
 
 def bent(s: Array) -> Array:
     """Joints that turn smoothly: the tool tip draws a curve about 0.6 m long and turns by about 70°."""
-    s = np.asarray(s, float)
     start = np.radians([0, -80, 95, 20, 50, -30])
     way = np.radians([20, 6, -8, 25, -20, 60])
     wave = np.radians([0, 2, 3, 5, 4, 8])
     return start + s[:, None] * way + np.sin(2 * np.pi * s)[:, None] * wave
 
 
-def slerp(T0: Array, T1: Array, share: Array) -> Array:
-    """What LIN does, by another library: a straight line, and an even turn."""
-    from scipy.spatial.transform import Rotation, Slerp
-
-    out = np.tile(np.eye(4), (len(share), 1, 1))
-    out[:, :3, :3] = Slerp([0, 1], Rotation.from_matrix([T0[:3, :3], T1[:3, :3]]))(share).as_matrix()
-    out[:, :3, 3] = (1 - share[:, None]) * T0[:3, 3] + share[:, None] * T1[:3, 3]
-    return out
+MOTION = ARM.fk(bent(np.linspace(0, 1, SAMPLES)), TOOL)
+FINER = ARM.fk(bent(np.linspace(0, 1, 4 * (SAMPLES - 1) + 1)), TOOL)
 
 
-def worst(q_of_s: Callable[[Array], Array], s: Array, how: Literal["lin", "joint"]) -> tuple[float, float]:
-    """Largest distance of the plan from the controller's lines, and largest angle, probed far more densely."""
-    gap = angle = 0.0
-    for a, b in pairwise(s.tolist()):
-        plan = fk(q_of_s(np.linspace(a, b, 41)))
-        if how == "lin":
-            ends = fk(q_of_s(np.array([a, b])))
-            line = slerp(ends[0], ends[1], np.linspace(0, 1, 401))
-        else:
-            q = q_of_s(np.array([a, b]))
-            line = fk(q[0] + np.linspace(0, 1, 401)[:, None] * (q[1] - q[0]))
+def thickened(ends: Array, tolerance: Tolerance) -> Array:
+    """Rows of MOTION that are targets in the end."""
+    added = densify(MOTION, MOTION[ends], ends.astype(float), np.ones(len(ends), bool), tolerance)
+    assert not set(added.tolist()) & set(ends.tolist())
+    return np.sort(np.concatenate([ends, added]))
+
+
+def drawn(targets: Array) -> tuple[float, float, float]:
+    """Farthest of the finer motion from the lines, by another library's slerp: distance, tool axis, orientation."""
+    worst = np.zeros(3)
+    for a, b in pairwise(targets.tolist()):
+        T0, T1, plan = MOTION[a], MOTION[b], FINER[4 * a : 4 * b + 1]
+        share = np.linspace(0, 1, 801)
+        line = (1 - share[:, None]) * T0[:3, 3] + share[:, None] * T1[:3, 3]
+        turned = Slerp([0, 1], Rotation.from_matrix([T0[:3, :3], T1[:3, :3]]))(share).as_matrix()
         for T in plan:
-            d = np.linalg.norm(line[:, :3, 3] - T[:3, 3], axis=1)
+            d = np.linalg.norm(line - T[:3, 3], axis=1)
             k = int(np.argmin(d))
-            gap = max(gap, float(d[k]))
-            angle = max(angle, float(2 * np.arcsin(np.linalg.norm(line[k, :3, :3] - T[:3, :3]) / np.sqrt(8))))
-    return gap, angle
+            axis = np.arccos(np.clip(turned[k, :, 2] @ T[:3, 2], -1, 1))
+            whole = 2 * np.arcsin(np.linalg.norm(turned[k] - T[:3, :3]) / np.sqrt(8))
+            worst = np.maximum(worst, [d[k], axis, whole])
+    return tuple(worst.tolist())
 
 
-@pytest.mark.parametrize("how", ["lin", "joint"])
-def test_the_controllers_line_keeps_to_the_plan(how: Literal["lin", "joint"]) -> None:
-    tolerance = Tolerance(position=2e-4, angle=np.radians(0.3))
-    coarse = np.linspace(0, 1, 4)
-    before = worst(bent, coarse, how)
-    assert before[0] > 5 * tolerance.position  # otherwise the test shows nothing
-    done = densify(bent, coarse, fk, tolerance, how)
-    gap, angle = worst(bent, done.s, how)
-    # the probe line has 401 places, at most 0.1 mm apart: half of that across is negligible, along the angle 0.01°
-    assert gap <= tolerance.position
-    assert angle <= tolerance.angle + np.radians(0.02)
-    assert done.complete
-    assert done.position_error <= tolerance.position
-    assert set(coarse) <= set(done.s)
-    assert (~done.added).sum() == len(coarse)
-    assert 4 < len(done.s) < 200
+@pytest.mark.parametrize(
+    "tolerance",
+    [Tolerance(2e-4, WIDE, WIDE), Tolerance(1.0, np.radians(0.05), WIDE), Tolerance(1.0, WIDE, np.radians(0.1))],
+    ids=["place", "tool axis", "orientation"],
+)
+def test_the_controllers_line_keeps_to_the_motion(tolerance: Tolerance) -> None:
+    coarse = np.array([0, 700, 1400, SAMPLES - 1])
+    limits = np.array([tolerance.position, tolerance.axis, tolerance.turn])
+    assert (drawn(coarse) / limits).max() > 4  # otherwise the test shows nothing
+    rows = thickened(coarse, tolerance)
+    # looked at between the samples too; the 801 places of a line are up to 0.3 mm apart at first, 0.02° of turn
+    assert (np.array(drawn(rows)) <= limits + np.array([1e-6, np.radians(0.02), np.radians(0.02)])).all()
+    assert 4 < len(rows) < 200
+    off = departure(MOTION, MOTION[rows], rows.astype(float), np.ones(len(rows), bool))
+    assert off.share(tolerance).max() <= 0.8  # the rest is for what lies between the samples
+    assert off.worst() == pytest.approx(drawn(rows), rel=0.2, abs=2e-5)
 
 
 def test_nothing_is_added_where_nothing_bends() -> None:
-    q = np.radians([[0, -80, 95, 0, 50, 0], [0, -80, 95, 0, 50, 40]])
+    """The last axis only, which turns about the flange's own axis: an even turn on the spot."""
+    q = np.radians([0, -80, 95, 0, 50, 0]) + np.linspace(0, 1, 300)[:, None] ** 3 * np.radians([0, 0, 0, 0, 0, 40])
+    T = ARM.fk(q)
+    ends = np.array([0.0, 120.5, 299.0])
+    targets = ARM.fk(np.array([q[0], (q[120] + q[121]) / 2, q[299]]))
+    off = departure(T, targets, ends, np.ones(3, bool))
+    assert off.worst() == pytest.approx((0, 0, 0), abs=1e-7)
+    assert len(off.sample) == 299  # all but the first, which no line leads to
+    assert not len(densify(T, targets, ends, np.ones(3, bool), Tolerance(1e-6, 1e-6, 1e-6)))
 
-    def turning(s: Array) -> Array:  # the last axis only, which turns about the flange's own axis
-        return q[0] + np.asarray(s)[:, None] * (q[1] - q[0])
 
-    def flange(x: Array) -> Array:
-        return ARM.fk(x)
-
-    done = densify(turning, np.array([0.0, 0.5, 1.0]), flange)
-    assert not done.added.any()
-    assert done.angle_error < 1e-7
-    joint = densify(bent, np.linspace(0, 1, 50), fk, Tolerance(1.0, 3.0))
-    assert not joint.added.any()
+def test_joint_moves_are_no_lines() -> None:
+    ends, linear = np.array([0.0, 1000.0, 2000.0]), np.array([False, False, True])
+    off = departure(MOTION, MOTION[[0, 1000, 2000]], ends, linear)
+    assert off.sample.min() == 1001
+    assert set(off.move.tolist()) == {2}
+    rows = densify(MOTION, MOTION[[0, 1000, 2000]], ends, linear, Tolerance(1e-4, WIDE, WIDE))
+    assert rows.min() > 1000
 
 
 def test_finer_tolerances_need_more_points_and_error_falls_with_the_square() -> None:
-    counts = [len(densify(bent, np.array([0.0, 1.0]), fk, Tolerance(t, 1.0)).s) for t in (1e-3, 1e-4, 1e-5)]
+    ends = np.array([0, SAMPLES - 1])
+    counts = [len(thickened(ends, Tolerance(t, WIDE, WIDE))) for t in (1e-3, 1e-4, 1e-5)]
     assert counts == sorted(counts)
     assert 2 < counts[1] / counts[0] < 5  # √10, as chords of a curve do
     assert 2 < counts[2] / counts[1] < 5
 
 
-def test_a_tolerance_that_cannot_be_had_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("machopt.formats.posts.densify.MOST_HALVINGS", 3)
-    done = densify(bent, np.array([0.0, 1.0]), fk, Tolerance(1e-9, 1.0))
-    assert not done.complete
-    assert len(done.s) == 9  # 2³ stretches
-    assert done.position_error > 1e-9
-    with pytest.raises(ValueError, match="must rise"):
-        densify(bent, np.array([0.0, 0.0, 1.0]), fk)
+def test_where_samples_run_out_the_lines_stay_as_far_off_as_they_are() -> None:
+    """The targets lie 1 mm beside the motion: no sample between them mends that, and the search ends."""
+    few = MOTION[::500]
+    targets = few.copy()
+    targets[:, 2, 3] += 1e-3
+    at = np.arange(len(few)) + 0.5
+    at[0] = 0.0
+    rows = densify(few, targets, at, np.ones(len(few), bool), Tolerance(1e-5, WIDE, WIDE))
+    assert rows.tolist() == [1, 2, 3, 4]

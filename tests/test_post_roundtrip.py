@@ -16,7 +16,7 @@ from made_up_program import ARM, MAPPED, PLAIN, ROOT, TOOL, WORKPIECE, Recipe, p
 from machopt.domain.program import LIN, Controller, RobotProgram
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.formats.posts import needs_samples, post_names, program_name, write_program
-from machopt.formats.programs import read_program, read_program_as_toolpath
+from machopt.formats.programs import KnownRobot, read_program, read_program_as_toolpath
 from machopt.formats.programs.joints import urdf_joints
 from machopt.formats.programs.parsed import ParsedProgram
 from machopt.formats.source import ReadOptions
@@ -57,16 +57,9 @@ def urdf_q(parsed: ParsedProgram, post: str, controller: Controller) -> np.ndarr
     return urdf_joints(parsed.axes_deg, m.sign, m.offset_deg, m.coupling)
 
 
-def forward(post: str, controller: Controller):
-    """Poses of axes as the program counts them: the way a user with the robot's model reads a program."""
-    m = controller.joint_map
-
-    def poses(axes_deg: np.ndarray) -> np.ndarray:
-        mapped = m is not None and post not in NO_MAP
-        q = urdf_joints(axes_deg, m.sign, m.offset_deg, m.coupling) if mapped else np.radians(axes_deg)
-        return np.linalg.inv(WORKPIECE) @ ARM.fk(q, TOOL)
-
-    return poses
+def known(controller: Controller) -> KnownRobot:
+    """The robot, as a user with its model reads a program."""
+    return KnownRobot(ARM.fk, controller, TOOL, WORKPIECE)
 
 
 def turned(R0: np.ndarray, R1: np.ndarray) -> float:
@@ -270,7 +263,7 @@ def csv_round_trip(recipe: Recipe, post: str, controller: Controller, folder: Pa
                 operations=tuple(o.label for o in path.operations), operation=path.operation)  # fmt: skip
     file = written(folder, p, post, controller)
     options = ReadOptions(default_feed=0.01)
-    again = read_program_as_toolpath(file, options, forward=forward(post, controller))
+    again = read_program_as_toolpath(file, options, robot=known(controller))
     a, b = numbers(first), numbers(csv_text(again))
     joint = np.array(JOINTS_ONLY) == post
     by_axes = np.full(len(a[0]), joint.any()) | (p.kind != LIN)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 import machopt
-from machopt.cli import batch, measure, toolpaths
+from machopt.cli import batch, diagnose, measure, toolpaths
 from machopt.errors import MachoptError
 
 
@@ -54,5 +54,6 @@ def _parser() -> argparse.ArgumentParser:
     common.add_argument("--debug", action="store_true", help="show tracebacks")
     toolpaths.add_commands(commands, common)
     measure.add_commands(commands, common)
+    diagnose.add_commands(commands, common)
     batch.add_commands(commands, common)
     return parser

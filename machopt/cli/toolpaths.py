@@ -16,11 +16,16 @@ Commands = Any  # argparse keeps its subparsers' type private
 
 
 def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
-    """Add the three commands to the parser."""
+    """Add the commands to the parser."""
     reading = argparse.ArgumentParser(add_help=False)
     reading.add_argument("--unit", choices=("mm", "inch"), help="length unit of a file that does not say")
     reading.add_argument("--machine", help="kinematics behind rotary axes in G-code, e.g. table-ac, head-bc")
     reading.add_argument("--feed", type=float, metavar="MM_MIN", help="feed of cutting moves in a file that has none")
+    reading.add_argument(
+        "--tool-axis", metavar="AXIS", default="-z",
+        help="direction from tip to shank in the tool frame of robot programs and pose tables: -z (default), "
+        "--tool-axis=+z where the frame's z points into the spindle",
+    )  # fmt: skip
     reading.add_argument("--strict", action="store_true", help="refuse words that are not understood")
     planning = argparse.ArgumentParser(add_help=False)
     planning.add_argument("--plan", type=Path, metavar="FILE", help="planning options as YAML")
@@ -44,6 +49,15 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         "--compensate", action="store_true", default=None,
         help="shift the commanded path against the deflection predicted under force_N",
     )  # fmt: skip
+    job.add_argument(
+        "--post", action="append", default=[], metavar="POST",
+        help="robot program to write: krl, rapid, fanuc, urscript, val3, jbi, csv, json, ros, … or a template file; "
+        "may be repeated (the cell's controller.post, else krl)",
+    )  # fmt: skip
+    job.add_argument(
+        "--program-tolerance-mm", type=float, metavar="MM",
+        help="how far straight lines between a program's points may leave the motion before a point is added (0.05)",
+    )  # fmt: skip
     job.add_argument("--sample-ms", type=float, help="time between exported samples (12)")
     job.add_argument("--seed", type=natural, help="of the random search around obstacles")
     job.add_argument(
@@ -57,6 +71,9 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         help="what a CAM file holds: points, operations, feeds, words not understood",
     )
     look.add_argument("file", type=Path)
+    look.add_argument("--html", type=Path, metavar="OUT.html", help="write a page with pictures of the path")
+    look.add_argument("--cell", type=Path, help="cell whose robot a program with joint positions was written for")
+    look.add_argument("--allow-external", action="store_true", help="let the cell use files outside its folder")
     look.set_defaults(run=_inspect)
 
     check = commands.add_parser(
@@ -81,7 +98,8 @@ def _optimize(args: argparse.Namespace) -> int:
     }
     request = Request(
         cell=args.cell, toolpath=args.toolpath, out=args.out, plan_file=args.plan, overrides=tuple(args.set),
-        direct=direct, reading=reading(args), allow_external=args.allow_external,
+        direct=direct, reading=reading(args), allow_external=args.allow_external, posts=tuple(args.post),
+        program_tolerance_mm=args.program_tolerance_mm,
     )  # fmt: skip
     with Display(show=not (args.quiet or args.json)) as display:
         outcome = optimize(request, display.stage)
@@ -108,18 +126,35 @@ def reading(args: argparse.Namespace) -> dict[str, Any]:
     if args.feed is not None and not args.feed > 0:
         raise InputError(f"a feed of {args.feed:g} mm/min; more than zero would work", where="--feed")
     feed = None if args.feed is None else args.feed / 60e3
-    return {"unit": args.unit, "machine": args.machine, "strict": args.strict, "default_feed": feed}
+    return {"unit": args.unit, "machine": args.machine, "strict": args.strict, "default_feed": feed,
+            "tool_axis": getattr(args, "tool_axis", "-z")}  # fmt: skip
 
 
 def _inspect(args: argparse.Namespace) -> int:
     from machopt.formats.inspect import summarise
     from machopt.formats.toolpath import read_toolpath
 
-    summary = summarise(read_toolpath(args.file, **reading(args)))
+    robot = None
+    if args.cell is not None:
+        from machopt.formats.cell import load_cell
+        from machopt.job.knownrobot import known_robot
+
+        robot = known_robot(load_cell(args.cell, allow_external=args.allow_external))
+    toolpath = read_toolpath(args.file, robot=robot, **reading(args))
+    summary = summarise(toolpath)
+    if args.html is not None:
+        from machopt.report.toolpath_page import write_toolpath_page
+
+        try:
+            write_toolpath_page(args.html, toolpath, summary)
+        except OSError as problem:
+            raise InputError(f"cannot be written: {problem.strerror}", file=args.html) from None
     if args.json:
         print(json.dumps(finite(summary), ensure_ascii=False))
     elif not args.quiet:
         print("\n".join(tree(summary)))
+        if args.html is not None:
+            print(f"pictures: {args.html}")
     return 0
 
 
@@ -127,13 +162,14 @@ def _verify(args: argparse.Namespace) -> int:
     from machopt.formats.cell import load_cell
     from machopt.formats.options import load_options
     from machopt.formats.toolpath import read_toolpath
+    from machopt.job.knownrobot import known_robot
     from machopt.verify import verify_output
 
     if not args.out.is_dir():
         raise InputError("is not a folder; give the output folder of optimize", file=args.out)
     cell = load_cell(args.cell, allow_external=args.allow_external)
     options = load_options(cell.plan, args.plan, list(args.set))
-    toolpath = read_toolpath(args.toolpath, **reading(args))
+    toolpath = read_toolpath(args.toolpath, robot=known_robot(cell), **reading(args))
     found = verify_output(cell, toolpath, args.out, options=options)
     if args.json:
         checks = [vars(c) for c in found.checks]
@@ -196,6 +232,7 @@ def _summary(result: dict[str, Any], report: Path) -> list[str]:
         words = ", ".join(f"{w['word']} ×{w['count']} (line {w['first_line']})" for w in unknown[:6])
         lines.append(f"  not understood in the CAM file: {words}{' …' if len(unknown) > 6 else ''}")
     lines += [f"  note: {w}" for w in result["warnings"][:6]]
+    lines += _programs(result)
     if result["verification"] is not None:
         lines.append(f"  verification {'passed' if result['verification']['passed'] else 'FAILED'}")
     lines.append(f"report: {report}")
@@ -241,9 +278,25 @@ def _first_reason(result: dict[str, Any]) -> str:
     return "no continuous sequence of configurations was found"
 
 
+def _programs(result: dict[str, Any]) -> list[str]:
+    """One line a robot program: where it is and what came back when it was read."""
+    lines = []
+    for p in result["programs"]:
+        c = p["checked"]
+        state = (
+            f"reads back within {c['positions_max_mm']:.1g} mm"
+            if not p["differences"]
+            else "DOES NOT READ BACK AS WRITTEN"
+        )
+        if math.isfinite(c["path_max_mm"]):
+            state += f", its lines keep to the motion within {c['path_max_mm']:.3f} mm"
+        added = f" ({p['moves_added']} added for that)" if p["moves_added"] else ""
+        lines.append(f"  program {p['files'][0]}: {c['moves']} moves{added}, {state}")
+    return lines
+
+
 def _failed(result: dict[str, Any]) -> str:
-    return "; ".join(
-        f"{c['name']} {c['value']:.4g} {c['unit']} at {c['where']}"
-        for c in result["verification"]["checks"]
-        if c["passed"] is False
-    )
+    wrong = [f"program {p['files'][0]}: {p['differences'][0]}" for p in result["programs"] if p["differences"]]
+    checks = result["verification"]["checks"] if result["verification"] else []
+    wrong += [f"{c['name']} {c['value']:.4g} {c['unit']} at {c['where']}" for c in checks if c["passed"] is False]
+    return "; ".join(wrong)

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.domain.kinematics import Kinematics
 from machopt.domain.program import Controller
 from machopt.domain.stiffness import Stiffness
 
@@ -84,5 +85,6 @@ class Cell:
     stiffness: Stiffness | None
     plan: dict[str, object] = field(default_factory=dict)  # the cell's planning defaults, validated like --plan
     controller: Controller = field(default_factory=Controller)  # what programs are written for
+    kinematics: Kinematics | None = None  # between encoder and true joint angles; home and limits are encoder angles
     files: tuple[Path, ...] = ()  # every file read for this cell, for the hash of inputs
     warnings: tuple[str, ...] = ()

@@ -14,6 +14,7 @@ from machopt.domain.program import Controller, JointMap
 from machopt.errors import InputError
 from machopt.formats.cell_schema import CellKeys, JointMapKeys, PoseKeys, ShapeKeys
 from machopt.formats.chain import read_chain, read_home, read_limits
+from machopt.formats.kinematics import load_kinematics
 from machopt.formats.meshfile import Fail, check_mesh
 from machopt.formats.stiffness import load_stiffness
 from machopt.formats.urdf import Urdf, find_mesh, read_urdf
@@ -41,8 +42,6 @@ def load_cell(path: Path | str, *, allow_external: bool = False) -> Cell:
         if not file.exists():
             raise InputError("no cell.yaml in this folder", file=path)
     document = read_yaml(file)
-    if isinstance(document.value, dict) and "kinematics" in document.value:
-        raise document.error(("kinematics",), "kinematic corrections are not supported yet; remove the key")
     keys = validate(CellKeys, document)
     return _Reader(document, keys, file.resolve().parent, allow_external).cell()
 
@@ -69,6 +68,9 @@ class _Reader:
         stiffness = None
         if keys.stiffness is not None:
             stiffness = load_stiffness(self.file(("stiffness",), keys.stiffness))
+        kinematics = None
+        if keys.kinematics is not None:
+            kinematics = load_kinematics(self.file(("kinematics",), keys.kinematics))
         tool, workpiece = self.tool(), self.workpiece()
         obstacles = self.shapes(("obstacles",), keys.obstacles)
         self.different_names(*tool.geometry, *workpiece.geometry, *obstacles)
@@ -99,6 +101,7 @@ class _Reader:
             stiffness=stiffness,
             plan={} if keys.plan is None else keys.plan.given(),
             controller=self.controller(),
+            kinematics=kinematics,
             files=tuple(dict.fromkeys(self.files)),
             warnings=tuple(self.warnings),
         )

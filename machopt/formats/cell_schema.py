@@ -140,5 +140,6 @@ class CellKeys(Strict):
     workpiece: WorkpieceKeys
     obstacles: list[ShapeKeys] = Field(default=[])
     stiffness: str | None = Field(default=None, min_length=1, description="a file in the cell folder")
+    kinematics: str | None = Field(default=None, min_length=1, description="a file in the cell folder")
     plan: OptionKeys | None = None
     controller: ControllerKeys | None = None

@@ -50,7 +50,8 @@ class Canned:
             CycleError: Z or R was never given.
         """
         if self.z is None or self.r is None:
-            raise CycleError(f"G{self.code} without {'Z' if self.z is None else 'R'}")
+            letter, what = ("Z", "the depth") if self.z is None else ("R", "the height the feed begins at")
+            raise CycleError(f"G{self.code} without {letter}: {what} is not said; post the cycle with its {letter}")
         return HoleCycle(
             name=f"G{self.code}",
             bottom=self.z,

@@ -15,6 +15,7 @@ from machopt.formats.pathchecks import ArcSpan, arc_directions, check_numbers, w
 from machopt.formats.source import ReadOptions, Source
 
 MAX_EVENT_TEXT = 200
+FAST_MM_MIN = 100e3  # no robot cuts faster: a slip of units, or a placeholder
 MAX_POINTS = 10_000_000  # 0.7 GB: beyond it a loop or a radius is a fault
 Vector = tuple[float, float, float]
 
@@ -214,6 +215,9 @@ class PathBuilder:
         ignored = tuple(
             IgnoredWord(word, count, first, understood) for (word, understood), (count, first) in self._ignored.items()
         )
+        fast = np.flatnonzero((move == Move.CUT) & (table[:, 6] > FAST_MM_MIN))
+        if len(fast):
+            self.warn(f"{len(fast)} cuts at up to {table[fast, 6].max():.3g} mm/min", int(line[fast[0]]))
         strange = [w for w in ignored if not w.understood]
         if strange:
             self.warn(f"{sum(w.count for w in strange)} words were not understood: {_some([w.word for w in strange])}")

@@ -15,7 +15,7 @@ from machopt.errors import InputError
 from machopt.formats.attitude import ATTITUDES, UNIT_QUATERNION, rotations
 from machopt.formats.csvcolumns import Columns, Words, cells_of, data_lines, is_number, number_cell, read_columns
 from machopt.formats.pathbuilder import PathBuilder
-from machopt.formats.source import UNIT_NAMES, ReadOptions, Source
+from machopt.formats.source import TOOL_AXES, UNIT_NAMES, ReadOptions, Source
 
 _UNIT_ENDINGS = {"_mm": "mm", "_inch": "inch", "_in": "inch", "": None}
 _POINT = ("x", "y", "z")
@@ -235,7 +235,8 @@ class _Table:
             table[:, 3:6] = self.block(*_AXIS)
         if self.attitude is not None:
             R = self.attitudes()
-            table[:, 3:6], reference = -R[:, :, 2], R[:, :, 0].copy()
+            column, sign = TOOL_AXES[self.options.tool_axis]
+            table[:, 3:6], reference = sign * R[:, :, column], R[:, :, _across(column)].copy()
         if "rx" in self.names:
             reference = self.reference(self.block(*_REFERENCE))
         if "feed" in self.names:
@@ -255,7 +256,7 @@ class _Table:
             off = np.abs(np.linalg.norm(values, axis=1) - 1.0) > UNIT_QUATERNION
             if off.any():
                 raise self.error("the quaternion is not of unit length", int(np.argmax(off)), ", ".join(one.columns))
-        self.out.meta["attitude"] = f"{one.words}; tool axis -z, reference +x"
+        self.out.meta["attitude"] = f"{one.words}; tool axis {self.options.tool_axis}"
         return rotations(self.attitude, values)
 
     def positive(self, name: str, *, zero_allowed: bool) -> Array:
@@ -317,7 +318,7 @@ def _split_unit(column: str) -> tuple[str | None, str | None]:
 def _read_xyzwpr(source: Source, options: ReadOptions) -> Toolpath:
     """x, y, z in mm and w, p, r in degrees about fixed X, Y, Z: R = Rz(r) Ry(p) Rx(w) is the TCP's attitude.
 
-    The tool axis is −z and the reference direction +x of that attitude; every row is a cut at the given feed.
+    Every row is a cut at the given feed.
     """
     rows = [(line, cells_of(text)) for line, text in data_lines(source)]
     first, width = rows[0][0], len(rows[0][1])
@@ -336,13 +337,19 @@ def _read_xyzwpr(source: Source, options: ReadOptions) -> Toolpath:
         table[k] = [number_cell(source, str(c + 1), cell, line, False) for c, cell in enumerate(row)]
     R = rotations("wpr", np.radians(table[:, 3:6]))
     out = PathBuilder(source, options, "csv/xyzwpr")
-    out.meta.update(unit="mm", attitude="R = Rz(r) Ry(p) Rx(w), degrees; tool axis -z, reference +x")
+    column, sign = TOOL_AXES[options.tool_axis]
+    out.meta.update(unit="mm", attitude=f"R = Rz(r) Ry(p) Rx(w), degrees; tool axis {options.tool_axis}")
     out.warn("no header: rows are read as x, y, z (mm), w, p, r (degrees about fixed X, Y, Z), all of them cuts")
     if width == 7:
         out.ignore("column 7 (running number)", first, understood=True)
     if options.default_feed is None:
         raise source.error("a list of x, y, z, w, p, r has no feeds; give one with --feed", first)
-    numbers = np.column_stack([table[:, :3], -R[:, :, 2], np.full(len(rows), options.default_feed * 60e3)])
+    numbers = np.column_stack([table[:, :3], sign * R[:, :, column], np.full(len(rows), options.default_feed * 60e3)])
     move = np.full(len(rows), int(Move.CUT), dtype=np.int32)
     out.add_table(numbers, move, np.array([line for line, _ in rows], dtype=np.int32), [])
-    return out.build(reference=R[:, :, 0].copy())
+    return out.build(reference=R[:, :, _across(column)].copy())
+
+
+def _across(column: int) -> int:
+    """The column of the tool frame that gives the reference direction: x, or y where x is the tool's axis."""
+    return 0 if column != 0 else 1

@@ -15,6 +15,8 @@ MM_PER_INCH = 25.4
 _CHUNK = 20_000  # lines searched at once
 CYCLE_QUANTITIES = ("depth", "clear", "retract", "feed", "peck", "dwell")
 UNIT_NAMES = {"mm": 1.0, "inch": MM_PER_INCH}
+TOOL_AXES = {"-z": (2, -1.0), "+z": (2, 1.0), "-x": (0, -1.0), "+x": (0, 1.0), "-y": (1, -1.0), "+y": (1, 1.0)}
+"""Column of the tool frame and its sign: the direction from the tip to the shank, in robot programs and pose tables."""
 
 
 Offset = tuple[float, float, float]
@@ -51,6 +53,7 @@ class ReadOptions:
     default_feed: float | None = None  # m/s, where the file gives none
     offsets: tuple[tuple[str, Offset], ...] = ()  # (work offset, its origin in the first one used, mm)
     cycle_order: tuple[str, ...] = ("depth", "clear", "retract")  # what numbers without a word in CYCLE/ stand for
+    tool_axis: str = "-z"  # one of TOOL_AXES
 
     def __post_init__(self) -> None:
         if self.unit is not None and self.unit not in UNIT_NAMES:
@@ -59,6 +62,10 @@ class ReadOptions:
             raise InputError(f"the arc tolerance must be positive, found {self.arc_tolerance}", where="arc_tolerance")
         if self.default_feed is not None and not (math.isfinite(self.default_feed) and self.default_feed > 0.0):
             raise InputError(f"the feed must be positive, found {self.default_feed}", where="default_feed")
+        if self.tool_axis not in TOOL_AXES:
+            raise InputError(
+                f"unknown tool axis {self.tool_axis!r}: known are {', '.join(TOOL_AXES)}", where="--tool-axis"
+            )
         strange = [w for w in self.cycle_order if w not in CYCLE_QUANTITIES]
         if strange or len(set(self.cycle_order)) != len(self.cycle_order):
             raise InputError(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
@@ -21,19 +22,17 @@ from machopt.formats.pointtable import looks_like_table, read_csv, read_parquet
 from machopt.formats.source import ReadOptions, Source, decode, read_bytes
 from machopt.formats.source import offsets as work_offsets
 
+if TYPE_CHECKING:
+    from machopt.formats.programs import KnownRobot
+
 _READABLE = (
     "readable are APT/CL data (NX CLSF, CATIA aptsource, Creo ncl, CAMWorks, HSM/Fusion), G-code (Fanuc, Haas, "
-    "Siemens, LinuxCNC), Heidenhain programs, Mastercam NCI, robot programs (KRL, RAPID, FANUC LS, URScript, JBI) and "
-    "point tables (CSV, Parquet)"
+    "Siemens, LinuxCNC), Heidenhain programs, Mastercam NCI, robot programs (KRL, RAPID, FANUC LS, URScript, VAL3, "
+    "JBI, ROS trajectories) and point tables (CSV, Parquet)"
 )
 _REFUSED = (  # (pattern in the first lines, what it is and what would work)
     (r"^\s*ISO-10303-21", f"is a STEP file: STEP-NC holds features and no tool points; {_READABLE}"),
     (r"^\s*(?:solid\s|<\?xml|<html|\{\s*\")", f"is not a toolpath; {_READABLE}"),
-)
-_ROBOT_PROGRAM = re.compile(
-    r"^\s*(?:&ACCESS\b|DEFDAT\s|DEF\s+\w+\s*\(|%%%|MODULE\s+\w+|(?:LOCAL\s+)?PROC\s+\w+\s*\(|/PROG\b|/JOB\b"
-    r"|(?:def|thread)\s+\w+\(.*\)\s*:|(?:movej|movel|servoj)\()|^# machopt_program\b|\A\s*\{\s*\"machopt_program\"",
-    re.MULTILINE,
 )
 _PART_PROGRAM = re.compile(
     r"^\s*(?:\w+\s*=\s*(?:point|line|circle|plane|vector|matrix|cylndr|cone|sphere|pattrn|tabcyl)\s*/"
@@ -61,6 +60,8 @@ def read_toolpath(
     default_feed: float | None = None,
     offsets: Sequence[str] = (),
     cycle_order: Sequence[str] = ("depth", "clear", "retract"),
+    tool_axis: str = "-z",
+    robot: KnownRobot | None = None,
 ) -> Toolpath:
     """Read a CAM export or a point table.
 
@@ -73,6 +74,9 @@ def read_toolpath(
             axes (``table-ac@0,0,-50``) programs without tool-centre-point control are read too.
         default_feed: m/s for cutting moves without a feed.
         cycle_order: what the numbers of ``CYCLE/`` without a word of their own stand for (the post's table decides).
+        tool_axis: the direction of the tool frame that points from the tip to the shank, in robot programs and pose
+            tables: ``-z`` where the frame's z points out of the tool.
+        robot: places of joint targets in robot programs.
         offsets: where further work offsets lie in the first one, such as ``("G55=100,0,0",)`` (mm).
     Returns:
         The toolpath in SI units, in the coordinate system the file is written in (``workpiece``).
@@ -80,7 +84,8 @@ def read_toolpath(
         InputError: the file or an option is wrong; names file and line, what was found and what would work.
     """
     path = Path(path)
-    options = ReadOptions(unit, strict, arc_tolerance, machine, default_feed, work_offsets(offsets), tuple(cycle_order))
+    options = ReadOptions(unit, strict, arc_tolerance, machine, default_feed, work_offsets(offsets), tuple(cycle_order),
+                          tool_axis)  # fmt: skip
     data = read_bytes(path)
     if data[:4] == b"PAR1":
         return read_parquet(path, data, options)
@@ -88,11 +93,11 @@ def read_toolpath(
         packed = "gzip" if data[0] == 0x1F else "zip"
         what = "a packed PolyScope program; save it as a script" if path.suffix.lower() == ".urp" else "compressed"
         raise InputError(f"is {what} ({packed}); {_READABLE}", file=path)
-    source = decode(path, data)
-    if _ROBOT_PROGRAM.search("\n".join(source.lines[:_HEAD_LINES])):
-        from machopt.formats.programs import read_program_as_toolpath
+    from machopt.formats.programs import is_program, read_program_as_toolpath  # every reader of its own: late
 
-        return read_program_as_toolpath(path, options)
+    source = decode(path, data)
+    if is_program(source):
+        return read_program_as_toolpath(path, options, robot=robot)
     reader = _sniff(source)
     return reader(source, options)
 

@@ -21,6 +21,8 @@ class Finding:
     severity: Literal["error", "warning"]
     message: str  # what, and what would work
     rows: tuple[int, ...] = ()  # 0-based readings it concerns; empty: all
+    column: str = ""  # first column of the group that is in another unit
+    factor: float = 1.0  # what its values as read have to be multiplied by
 
 
 def places(e: Experiment, rows: NDArray[np.int64]) -> str:

@@ -57,8 +57,14 @@ def unit_findings(e: Experiment, stated: Reading, reach: float, prior: Array | N
     if wrong:
         near = [name for name in _near(seen) if name in _near(s)]  # by the cell's stiffness and by the robot's size
         other = near and not set(near) & set(THOUSANDS)
-        cause = f"{' or '.join(near)} would make it so; mm and N would work" if other else _culprit(e, s)
-        out.append(Finding("units", "error", f"displacement per load is {_times(seen)} {against}: {cause}"))
+        if other:
+            cause = f"{' or '.join(near)} would make it so; mm and N would work"
+            column = "dx_mm" if near[0].startswith("displacements") else "fx_N"
+            factor = 1.0 / SUSPECTS[near[0]] if column == "dx_mm" else SUSPECTS[near[0]]
+        else:
+            cause, column, factor = _culprit(e, s)
+        message = f"displacement per load is {_times(seen)} {against}: {cause}"
+        out.append(Finding("units", "error", message, column=column, factor=factor))
     elif doubtful:
         out.append(Finding(
             "far_from_nominal", "warning",
@@ -80,10 +86,12 @@ def lever_findings(e: Experiment, reach: float, prior: Array | None) -> list[Fin
     lever: Array = np.where(both, moment / np.where(both, force, 1.0), 0.0)
     typical = float(np.median(lever[both]))
     if typical > 10.0 * reach:
-        return [Finding("moment_units", "error", (
-            f"moments are {typical:.3g} m times the forces, the arm reaches {reach:.2g} m: "
-            + _forces_or_moments(e, reach, prior)
-        ))]  # fmt: skip
+        cause, column, factor = _forces_or_moments(e, reach, prior)
+        return [Finding(
+            "moment_units", "error",
+            f"moments are {typical:.3g} m times the forces, the arm reaches {reach:.2g} m: {cause}",
+            column=column, factor=factor,
+        )]  # fmt: skip
     rows = np.flatnonzero(lever > max(3.0 * reach, 20.0 * typical))
     if not len(rows):
         return []
@@ -101,8 +109,12 @@ def reach_of(robot: Robot, T_flange_tcp: Array) -> float:
     return arm + float(np.linalg.norm(T_flange_tcp[:3, 3]))
 
 
-def _forces_or_moments(e: Experiment, reach: float, prior: Array | None) -> str:
-    """Which of the two is in another unit: the one whose unit makes the displacements of a usual size."""
+def _forces_or_moments(e: Experiment, reach: float, prior: Array | None) -> tuple[str, str, float]:
+    """Which of the two is in another unit: the one whose unit makes the displacements of a usual size.
+
+    Returns:
+        words, first column of the group, factor to the right unit.
+    """
     from dataclasses import replace
 
     as_kilonewtons, as_newton_millimetres = e.wrench.copy(), e.wrench.copy()
@@ -112,8 +124,8 @@ def _forces_or_moments(e: Experiment, reach: float, prior: Array | None) -> str:
     off = [abs(np.log(_ratio(replace(e, wrench=w), expected, slice(0, 3)) or np.nan))
            for w in (as_kilonewtons, as_newton_millimetres)]  # fmt: skip
     if off[0] < off[1]:
-        return "columns fx_N … seem to hold kilonewtons; newtons would work"
-    return "columns mx_Nm … seem to hold N·mm; N·m would work"
+        return "columns fx_N … seem to hold kilonewtons; newtons would work", "fx_N", 1e3
+    return "columns mx_Nm … seem to hold N·mm; N·m would work", "mx_Nm", 1e-3
 
 
 def _rotation(ratio: float, displacement_doubtful: bool) -> Finding:
@@ -121,8 +133,12 @@ def _rotation(ratio: float, displacement_doubtful: bool) -> Finding:
     start = f"rotations are {_times(ratio)} what the translations of the same readings imply: "
     guess = min(READ_AS, key=lambda unit: abs(np.log(ratio / READ_AS[unit])))
     if _off(ratio / READ_AS[guess], NEAR_UNIT) or displacement_doubtful:
-        return Finding("rotation_units", "error", start + "one of them is in another unit; mm and mrad would work")
-    return Finding("rotation_units", "error", f"{start}columns rx_mrad … seem to hold {guess}; mrad would work")
+        return Finding(
+            "rotation_units", "error", start + "one of them is in another unit; mm and mrad would work",
+            column="rx_mrad", factor=1.0 / ratio,
+        )  # fmt: skip
+    message = f"{start}columns rx_mrad … seem to hold {guess}; mrad would work"
+    return Finding("rotation_units", "error", message, column="rx_mrad", factor=1.0 / READ_AS[guess])
 
 
 def _generic(reach: float) -> Array:
@@ -153,21 +169,22 @@ def _suspects(ratio: float) -> str:
     return f", as {' or '.join(near)} would make it" if near else ""
 
 
-def _culprit(e: Experiment, ratio: float) -> str:
-    """Which column seems to be in another unit."""
+def _culprit(e: Experiment, ratio: float) -> tuple[str, str, float]:
+    """Which column seems to be in another unit: words, first column of the group, factor to the right unit."""
     force = float(np.median(np.linalg.norm(e.wrench[:, :3], axis=1)))
     moved = float(np.median(np.linalg.norm(e.measured[:, :3], axis=1)))
     if ratio < 1:
         return (
             f"with a median displacement of {1e3 * moved:.2g} mm under {force:.3g} N the columns dx_mm … seem to hold "
-            "metres; millimetres would work"
-        )
+            "metres; millimetres would work", "dx_mm", 1e3,
+        )  # fmt: skip
     if force < 10.0:  # N; nothing bends visibly under less
-        return f"with a median force of {force:.2g} N the columns fx_N … seem to hold kilonewtons; newtons would work"
+        words = f"with a median force of {force:.2g} N the columns fx_N … seem to hold kilonewtons; newtons would work"
+        return words, "fx_N", 1e3
     return (
         f"with a median displacement of {1e3 * moved:.3g} mm under {force:.3g} N the columns dx_mm … seem to hold "
-        "micrometres (or fx_N … a thousandth of newtons); millimetres would work"
-    )
+        "micrometres (or fx_N … a thousandth of newtons); millimetres would work", "dx_mm", 1e-3,
+    )  # fmt: skip
 
 
 def _times(ratio: float) -> str:

@@ -43,7 +43,9 @@ def point_results(plan: Plan, toolpath: Toolpath) -> PointResults:
     """Stiffness, deflection, clearance and margins of the chosen configuration at every toolpath point."""
     rows = np.flatnonzero(plan.path.is_point)
     n, a = len(rows), plan.chosen.assignment
-    q = a.q[rows]
+    q = a.q[rows]  # true angles; the table holds what the encoders say
+    known = plan.setup.correction
+    told = q if known is None else known.encoder_angles(q)
     ok = np.flatnonzero(a.reason[rows] == Reason.OK)
     axial, normal, paper, bend = (np.full(n, np.nan) for _ in range(4))
     if len(ok):
@@ -63,7 +65,7 @@ def point_results(plan: Plan, toolpath: Toolpath) -> PointResults:
         for i, k in zip(ok, near.pair, strict=True):
             pairs[i] = model.pairs[k].name if k >= 0 else ""
     lower, upper = plan.setup.cell.limits.lower[:6], plan.setup.cell.limits.upper[:6]
-    margin = np.minimum(q - lower, upper - q).min(axis=1)
+    margin = np.minimum(told - lower, upper - told).min(axis=1)
     shoulder = np.arctan2(a.shoulder[rows], 1.0)  # as an angle seen over 1 m, to compare with the others
     singular = np.fmin(np.fmin(a.wrist[rows], a.elbow[rows]), shoulder)
     why = explain_points(plan)
@@ -71,7 +73,7 @@ def point_results(plan: Plan, toolpath: Toolpath) -> PointResults:
         position=toolpath.position, axis=toolpath.axis, move=toolpath.move, operation=toolpath.operation,
         operations=tuple(o.label for o in toolpath.operations),
         gamma=np.where(a.reason[rows] == Reason.OK, gamma(plan)[rows], np.nan),
-        branch=a.branch[rows].astype(np.int8), q=q, external=np.empty((n, 0)), external_prismatic=(),
+        branch=a.branch[rows].astype(np.int8), q=told, external=np.empty((n, 0)), external_prismatic=(),
         k_axial=axial, k_normal=normal, deflection=bend, clearance=clearance, limit_margin=margin, singularity=singular,
         status=tuple(reason_of(plan, int(p)).word for p in rows), reason=tuple(why.get(int(p), "") for p in rows),
         feed=toolpath.feed, k_jiao_x=paper, nearest_pair=tuple(pairs),

@@ -2,46 +2,97 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.domain.program import LEAST_FEED, LIN, PTP, RobotProgram
+from machopt.domain.program import LEAST_FEED, LIN, PTP, Controller, RobotProgram
 from machopt.domain.toolpath import Event, Move, Toolpath
+from machopt.domain.trajectory import Trajectory
+from machopt.formats.posts.densify import Tolerance, densify
 from machopt.model.posture import posture
+from machopt.model.robot import Robot
 from machopt.plan.pipeline import Plan
 from machopt.plan.timeline import Leg, Timeline
 
 Array = NDArray[np.float64]
 
 
-def robot_program(plan: Plan, toolpath: Toolpath, timeline: Timeline) -> RobotProgram:
-    """Home first, then every leg of the timeline as moves to its way points."""
-    legs = timeline.legs
+@dataclass(frozen=True)
+class Programmed:
+    """A program beside the motion it stands for."""
+
+    program: RobotProgram
+    at: Array  # (M,) row of the trajectory each move ends at, fractional, not falling
+    added: int  # moves put in so that the controller's lines keep to the motion
+
+
+def robot_program(plan: Plan, toolpath: Toolpath, timeline: Timeline, tolerance: Tolerance | None = None) -> Programmed:
+    """Home first, then every leg of the timeline as moves to its way points.
+
+    Where a straight line between two of them would leave the driven motion by more than the tolerance, samples of the
+    motion become way points too.
+
+    Raises:
+        ValueError: the timeline has no trajectory.
+    """
+    trajectory, legs = _driven(timeline), timeline.legs
     Q = np.vstack([plan.setup.cell.home[None], *(leg.waypoints for leg in legs)])
-    at = np.concatenate([[np.nan], *(leg.waypoint_index for leg in legs)])
+    index = np.concatenate([[np.nan], *(leg.waypoint_index for leg in legs)])
     feed = np.concatenate([[np.nan], *(leg.waypoint_feed for leg in legs)])
     move = np.concatenate([[np.int8(Move.RAPID)], *(_moves(leg, toolpath) for leg in legs)]).astype(np.int8)
+    at = _rows(legs)
+    robot, T_flange_tcp = plan.setup.robot, plan.setup.cell.tool.T_flange_tcp
+    added = densify(
+        robot.fk(trajectory.q, T_flange_tcp), robot.fk(Q, T_flange_tcp), at, np.isfinite(feed), tolerance or Tolerance()
+    )
+    if len(added):
+        place = np.searchsorted(at, added, side="left")  # each goes before the target of its line
+        Q = np.insert(Q, place, trajectory.q[added], axis=0)
+        index, feed = np.insert(index, place, trajectory.point[added]), np.insert(feed, place, feed[place])
+        move, at = np.insert(move, place, move[place]), np.insert(at, place, added)
     kind = np.where(np.isfinite(feed), LIN, PTP).astype(np.int8)
-    operation = np.where(np.isfinite(at), toolpath.operation[_point(at)], -1).astype(np.int32)
-    return replace(_base(plan, toolpath, Q, kind, feed, move, operation, at), blend=plan.options.path_tolerance)
+    operation = np.where(np.isfinite(index), toolpath.operation[_point(index)], -1).astype(np.int32)
+    made = _base(plan, toolpath, Q, kind, feed, move, operation, index)
+    return Programmed(replace(made, blend=plan.options.path_tolerance), at, len(added))
 
 
-def sampled_program(plan: Plan, toolpath: Toolpath, timeline: Timeline) -> RobotProgram:
+def sampled_program(plan: Plan, toolpath: Toolpath, timeline: Timeline) -> Programmed:
     """Every control sample of the trajectory with its time, for posts that stream joints.
 
     Raises:
         ValueError: the timeline has no trajectory.
     """
-    trajectory = timeline.trajectory
-    if trajectory is None:
-        raise ValueError("a blocked motion has no samples")
+    trajectory = _driven(timeline)
     kind = np.where(trajectory.move == Move.RAPID, PTP, LIN).astype(np.int8)
     kind[0] = PTP
     feed = np.where(kind == LIN, np.maximum(trajectory.feed, LEAST_FEED), np.nan)
     made = _base(plan, toolpath, trajectory.q, kind, feed, trajectory.move, trajectory.operation, trajectory.point)
-    return replace(made, time=trajectory.time)
+    return Programmed(replace(made, time=trajectory.time), np.arange(len(trajectory.time), dtype=float), 0)
+
+
+def _driven(timeline: Timeline) -> Trajectory:
+    if timeline.trajectory is None:
+        raise ValueError("a blocked motion is no program")
+    return timeline.trajectory
+
+
+def _rows(legs: tuple[Leg, ...]) -> Array:
+    """(M,) trajectory rows at which the moves end; legs share their ends there."""
+    out, start = [np.zeros(1)], 0
+    for leg in legs:
+        last = len(leg.q) - 1
+        if leg.name == "run" and len(leg.q) > 1 and leg.index[-1] > leg.index[0]:
+            rows = np.interp(leg.waypoint_index, leg.index, np.arange(last + 1))
+        elif len(leg.waypoints) > 1:  # a rapid move around something: each way point is a sample
+            rows = np.array([np.abs(leg.q - w).max(axis=1).argmin() for w in leg.waypoints], float)
+        else:
+            rows = np.zeros(len(leg.waypoints))
+        rows[-1:] = last
+        out.append(start + np.maximum.accumulate(rows))
+        start += last
+    return np.concatenate(out)
 
 
 def _base(
@@ -50,7 +101,7 @@ def _base(
 ) -> RobotProgram:  # fmt: skip
     cell, robot = plan.setup.cell, plan.setup.robot
     T = robot.fk(q, cell.tool.T_flange_tcp)
-    standing = _posture(plan, q)
+    standing = posture_of(robot, q, cell.controller)
     return RobotProgram(
         kind=kind, q=q, T_workpiece_tcp=np.linalg.inv(plan.setup.arm.T_base_workpiece) @ T, feed=feed,
         cutting=(kind == LIN) & (move == Move.CUT), operation=operation, move=move,
@@ -63,13 +114,12 @@ def _base(
     )  # fmt: skip
 
 
-def _posture(plan: Plan, q: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
+def posture_of(robot: Robot, q: Array, controller: Controller) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
     """Front is the x axis of the controller's own robot system, at its axis 1 at zero."""
-    controller = plan.setup.cell.controller
     front = np.array([1.0, 0.0, 0.0]) if controller.T_base_root is None else controller.T_base_root[:3, 0]
     joints = controller.joint_map
     zero = 0.0 if joints is None else float(np.radians(-joints.offset_deg[0] * joints.sign[0]))
-    return posture(plan.setup.robot, q, front, zero)
+    return posture(robot, q, front, zero)
 
 
 def _moves(leg: Leg, toolpath: Toolpath) -> NDArray[np.int8]:
@@ -85,9 +135,9 @@ def _point(at: Array) -> NDArray[np.intp]:
 
 
 def _events(toolpath: Toolpath, index: Array) -> tuple[Event, ...]:
-    """Each event before the first move that goes to or beyond its point; what comes after the last point at the end."""
+    """Each event before the first move from the point before its own; what comes after the last point at the end."""
     out = []
     for event in toolpath.events:
-        later = np.flatnonzero(np.isfinite(index) & (index >= event.index - 1e-9))
+        later = np.flatnonzero(np.isfinite(index) & (index > event.index - 1 + 1e-9))
         out.append(replace(event, index=int(later[0]) if len(later) else len(index) - 1))
     return tuple(out)

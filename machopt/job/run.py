@@ -16,14 +16,14 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
-from machopt.formats.krl import krl_name, write_krl
 from machopt.formats.options import load_options, options_as_user
 from machopt.formats.outfolder import output_folder, write_json
 from machopt.formats.tables import write_compensation_csv, write_points_csv, write_trajectory_csv
 from machopt.formats.toolpath import read_toolpath
+from machopt.job.knownrobot import known_robot
 from machopt.job.page import report_data
 from machopt.job.points import PointResults, point_results
-from machopt.job.program import robot_program
+from machopt.job.posts import Written, tolerance_of, wanted_posts, write_programs
 from machopt.plan.compensate import compensate, residual
 from machopt.plan.explain import hints
 from machopt.plan.pipeline import Plan, Scored, Timings, as_driven, plan
@@ -46,6 +46,8 @@ class Request:
     direct: dict[str, object] | None = None  # options by their user key, e.g. {"method": "jiao2022"}
     reading: dict[str, Any] = field(default_factory=dict)  # keywords of formats.toolpath.read_toolpath
     allow_external: bool = False
+    posts: tuple[str, ...] = ()  # names or template files; none: the cell's own
+    program_tolerance_mm: float | None = None  # 0.05, or twice path_tolerance_mm where that is more
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,8 @@ def optimize(request: Request, progress: Callable[[str], None] = lambda _: None)
     with timings.stage("load"):
         cell = load_cell(request.cell, allow_external=request.allow_external)
         options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
-        toolpath = read_toolpath(request.toolpath, **request.reading)
+        posts, tolerance = wanted_posts(cell, request.posts), tolerance_of(request.program_tolerance_mm, options)
+        toolpath = read_toolpath(request.toolpath, robot=known_robot(cell), **request.reading)
         _refuse_fixed_beyond(toolpath, options)
     with output_folder(request.out) as folder:
         the_plan = plan(cell, toolpath, options, timings)
@@ -79,7 +82,7 @@ def optimize(request: Request, progress: Callable[[str], None] = lambda _: None)
             the_plan = as_driven(the_plan, timeline.phi)
         with timings.stage("points"):
             points = point_results(the_plan, toolpath)
-        verification = None
+        verification, programs = None, tuple[Written, ...]()
         with timings.stage("export"):
             write_points_csv(folder / "points.csv", points.table)
             if timeline is not None and timeline.trajectory is not None:
@@ -88,11 +91,14 @@ def optimize(request: Request, progress: Callable[[str], None] = lambda _: None)
                 if the_plan.compensation is not None:
                     c = the_plan.compensation
                     write_compensation_csv(folder / "compensation.csv", the_plan.path.index, c.offset, c.force)
-                write_krl(folder, krl_name(toolpath.source), robot_program(the_plan, toolpath, timeline))
         if timeline is not None and timeline.trajectory is not None:
+            with timings.stage("programs"):
+                programs = write_programs(folder, posts, the_plan, toolpath, timeline, tolerance)
             with timings.stage("verify"):
                 verification = verify_output(cell, toolpath, folder, options=options)
-        result = _result(request, cell, toolpath, options, the_plan, points, timeline, verification, timings.seconds)
+        result = _result(
+            request, cell, toolpath, options, the_plan, points, timeline, verification, programs, timings.seconds
+        )
         with timings.stage("report"):
             data = report_data(
                 the_plan, toolpath, points, timeline, verification, hashes=result["inputs"],  # type: ignore[arg-type]
@@ -128,12 +134,13 @@ def _motion(the_plan: Plan, toolpath: Toolpath, options: PlanOptions, timings: T
 
 def _result(
     request: Request, cell: Cell, toolpath: Toolpath, options: PlanOptions, the_plan: Plan, points: PointResults,
-    timeline: Timeline | None, verification: Verification | None, seconds: dict[str, float],
+    timeline: Timeline | None, verification: Verification | None, programs: tuple[Written, ...],
+    seconds: dict[str, float],
 ) -> dict[str, object]:  # fmt: skip
     trajectory = timeline.trajectory if timeline else None
     if trajectory is None:
         exit_code, verdict = 3, "infeasible"
-    elif verification is not None and not verification.ok:
+    elif (verification is not None and not verification.ok) or not all(p.checked.ok for p in programs):
         exit_code, verdict = 4, "verification failed"
     else:
         exit_code, verdict = 0, "done" if not len(the_plan.missing) else "done with gaps"
@@ -175,6 +182,7 @@ def _result(
             "passed": verification.ok,
             "checks": [vars(c) for c in verification.checks],
         },
+        "programs": [p.as_result() for p in programs],
         "warnings": [*cell.warnings, *toolpath.warnings, *hints(the_plan)],
         "timings_s": {name: round(value, 3) for name, value in seconds.items()},
     }  # fmt: skip

@@ -11,20 +11,24 @@ tool leaves force and translation unchanged while rotation is zero, K_fd does no
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.stiffness import Stiffness, StiffnessGrid
 from machopt.errors import InputError
+from machopt.model.gravity import gravity_torque
 from machopt.model.kinetostatic import geometric_stiffness
-from machopt.model.robot import ArmState, Robot
+from machopt.model.robot import ArmState, Masses, Robot
+from machopt.model.terms.against import against_load, within_reach
 from machopt.model.terms.base import LinearTerm, compile_terms
 from machopt.model.terms.body import BodySpring
-from machopt.model.terms.joint import against_load
+from machopt.model.terms.compensator import GravityCompensator
+from machopt.model.terms.laws import TorqueLaw
 
 Array = NDArray[np.float64]
+TOOL = 6  # the body that also carries the tool, whose mass is known without those of the links
 FACE_TOLERANCE = 1e-6  # m; a TCP this near a face, edge or corner of the grid belongs to all its cells
 
 
@@ -118,12 +122,19 @@ def jiao_normal_index(k_y: Array, k_z: Array, theta: Array) -> Array:
 
 @dataclass(frozen=True)
 class Elastic:
-    """Elasticity at M configurations: what a small wrench at the TCP does. base_link axes throughout."""
+    """Elasticity at M configurations: what a wrench at the TCP does on top of weight. base_link axes throughout.
+
+    Terms that follow the joint's torque along a curve answer the wrench they are given in :meth:`respond` and
+    :meth:`deflection`; where a compliance stands for itself (:meth:`along`, :meth:`compliance`, :meth:`jiao_index`)
+    they count with the tangent under weight alone.
+    """
 
     state: ArmState  # with bodies where there are terms
-    k: Array  # (M, 6) N·m/rad
-    terms: tuple[LinearTerm, ...] = ()  # with their values; body springs as one matrix
+    k: Array  # (M, 6) N·m/rad; with a gravity compensator, gear and spring together
+    terms: tuple[LinearTerm, ...] = ()  # with their values; body springs as one matrix; a compensator is in k
     geometric: bool = False  # count K_C of the load itself (dumas2011 eqs. 8–10)
+    weight: Array | None = None  # (M, 6) N·m, torque of links and tool at the joints; None: zero
+    gears: Array | None = None  # (M, 6) N·m/rad of the gears alone where a spring stands beside one; None: k
 
     def respond(self, wrench: Array) -> Array:
         """Twist (M, 6) of the TCP in m and rad under a wrench (M, 6) in N and N·m.
@@ -141,7 +152,7 @@ class Elastic:
             bent = tau / self.k
         twist = np.einsum("...ci,...i->...c", J, bent)
         for term in self.terms:
-            twist = twist + term.response(self.state, wrench) @ term.values
+            twist = twist + self._response(term, wrench) @ term.values
         return np.asarray(twist)
 
     def deflection(self, force: Array) -> Array:
@@ -154,7 +165,7 @@ class Elastic:
         """eᵀ C_tt e in m/N for unit directions (M, 3), for a small load (without K_C)."""
         bare = directional_compliance(self.state.J, self.k, direction)
         for term in self.terms:
-            twist = term.response(self.state, _as_wrench(direction)) @ term.values
+            twist = self._response(term, _as_wrench(direction), small=True) @ term.values
             bare = bare + np.einsum("...c,...c->...", twist[..., :3], direction)
         return np.asarray(bare)
 
@@ -165,7 +176,7 @@ class Elastic:
         for term in self.terms:
             for c in range(6):
                 unit = np.broadcast_to(np.eye(6)[c], (*J.shape[:-2], 6))
-                C[..., :, c] += term.response(self.state, unit) @ term.values
+                C[..., :, c] += self._response(term, unit, small=True) @ term.values
         return np.asarray(C)
 
     def jiao_index(self, direction: Array) -> Array:
@@ -179,8 +190,12 @@ class Elastic:
         """∂(eᵀ d)/∂c_j (M, 6) in N·m·m: how the displacement d under f along e follows each joint's compliance.
 
         Without K_C that is (J_v,j · e)(J_v,j · f); ``small`` leaves K_C out as :meth:`along` does. With the covariance
-        Σ of the compliances the variance of that displacement is gᵀ Σ g.
+        Σ of the compliances the variance of that displacement is gᵀ Σ g. c_j is that of the gear alone; what a term
+        makes of the joint's torque does not depend on it.
         """
+        if self.gears is not None:  # c = 1/(1/c_gear + spring), so ∂c/∂c_gear = (k_gear/k)²
+            together = replace(self, gears=None).sensitivity(force, direction, small=small)
+            return np.asarray(together * (self.gears / self.k) ** 2)
         Jv = self.state.J[..., :3, :]
         along, tau = (np.einsum("...ci,...c->...i", Jv, v) for v in (direction, force))
         if small or not self.geometric:
@@ -196,6 +211,8 @@ class Elastic:
 
         S = K_fd⁻¹ = P C Pᵀ with P = [1, −C_tr C_rr⁻¹], stationary in P, so ∂S/∂c_j = (P J_j)(P J_j)ᵀ; 1/k_x = |S² e|^½.
         """
+        if self.gears is not None:
+            return np.asarray(replace(self, gears=None).jiao_sensitivity(direction) * (self.gears / self.k) ** 2)
         C = self.compliance()
         P = np.concatenate(
             [np.broadcast_to(np.eye(3), (*C.shape[:-2], 3, 3)),
@@ -212,6 +229,11 @@ class Elastic:
         )  # fmt: skip
         return np.asarray(0.5 * size**-1.5 * (on_SSe * on_Se + on_SSSe * on_e))
 
+    def _response(self, term: LinearTerm, wrench: Array, *, small: bool = False) -> Array:
+        if not isinstance(term, TorqueLaw):
+            return term.response(self.state, wrench)
+        return (term.small if small else term.response)(self.state, wrench, self.weight)
+
 
 class ArmElasticity:
     """The arm with its tool and stiffness: everything elastic at a set of configurations.
@@ -220,44 +242,76 @@ class ArmElasticity:
         robot, T_flange_tcp: arm and tool.
         stiffness: its springs and terms.
         limits: lower and upper (6,) rad, where springs that change with their angle must hold; None: at any angle.
+        masses: of links and tool, for terms that depend on the whole torque of a joint; None: weight counts as zero.
+            ``warnings`` says so where it matters.
 
     Raises:
         InputError: a term of the stiffness that does not exist, does not fit the arm or gives way against the load.
     """
 
     def __init__(
-        self, robot: Robot, T_flange_tcp: Array, stiffness: Stiffness, limits: tuple[Array, Array] | None = None
-    ) -> None:
+        self, robot: Robot, T_flange_tcp: Array, stiffness: Stiffness, limits: tuple[Array, Array] | None = None,
+        masses: Masses | None = None,
+    ) -> None:  # fmt: skip
         self.robot, self.T_flange_tcp, self.stiffness = robot, T_flange_tcp, stiffness
         file = stiffness.file
-        self.terms, self.geometric = compile_terms(stiffness.terms, robot, T_flange_tcp, file)
-        for term in self.terms:
-            if not np.isfinite(term.values).all():
+        compiled, self.geometric = compile_terms(stiffness.terms, robot, T_flange_tcp, file)
+        for term in compiled:
+            lacking = [c.name for c, v in zip(term.coefficients, term.values, strict=True) if not np.isfinite(v)]
+            lacking += term.lacking if isinstance(term, TorqueLaw | GravityCompensator) else ()
+            if lacking:
                 raise InputError(
-                    f"{term.effect} at {term.location} lacks values for "
-                    f"{', '.join(c.name for c in term.coefficients)}",
-                    file=file, where="terms",
-                )  # fmt: skip
+                    f"{term.effect} at {term.location} lacks values for {', '.join(lacking)}", file=file, where="terms"
+                )
         k = stiffness.joints[None]
-        wrong = against_load(
-            self.terms, k if stiffness.grid is None else np.concatenate([k, stiffness.grid.joints]), limits
-        )
+        if stiffness.grid is not None:
+            k = np.concatenate([k, stiffness.grid.joints])
+        compiled = within_reach(compiled, k, limits)
+        wrong = against_load(compiled, k, limits)
         if wrong:
             raise InputError(wrong, file=file, where="terms")
-        self._known = tuple(t.folded() if isinstance(t, BodySpring) else t for t in self.terms)
+        self.terms = tuple(
+            replace(t, gear=self._gears) if isinstance(t, GravityCompensator) else t for t in compiled
+        )  # fmt: skip
+        self._known = tuple(
+            t.folded() if isinstance(t, BodySpring) else t for t in self.terms if not isinstance(t, GravityCompensator)
+        )
+        self._balancers = tuple(t for t in self.terms if isinstance(t, GravityCompensator))
+        weighed = [t for t in self.terms if isinstance(t, TorqueLaw) and t.weighs]
+        self._masses = masses if weighed else None
+        self.warnings: tuple[str, ...] = ()
+        if weighed and (masses is None or not (masses.body < TOOL).any()):
+            names = ", ".join(f"{t.effect} at {t.location}" for t in weighed)
+            self.warnings = (
+                f"{names}: depends on the whole torque of the joint, but the URDF states no mass of a link; the weight "
+                "of the arm counts as zero (an <inertial> in each link would tell).",
+            )
 
     def at(self, q: Array, k: Array | None = None) -> Elastic:
         """Elasticity at configurations q (M, 6) rad; ``k`` (M, 6) saves looking the joint stiffness up again."""
         state = self.robot.state(q, self.T_flange_tcp, bodies=bool(self.terms))
         if k is None:
-            k = joint_stiffness(self.stiffness, state.T_base_tool[..., :3, 3]).k
-        return Elastic(state, k, self._known, self.geometric)
+            k = self._gears(state)
+        weight = None if self._masses is None else gravity_torque(self.robot, self._masses, state)[0]
+        if not self._balancers:
+            return Elastic(state, k, self._known, self.geometric, weight)
+        return Elastic(state, self._balanced(k, q), self._known, self.geometric, weight, k)
+
+    def _gears(self, state: ArmState) -> Array:
+        """(..., 6) N·m/rad of the joints' own springs at the TCP's position."""
+        return joint_stiffness(self.stiffness, state.T_base_tool[..., :3, 3]).k
+
+    def _balanced(self, k: Array, q: Array) -> Array:
+        out = np.array(k)
+        for term in self._balancers:
+            out[..., term.i] += term.added(np.asarray(q, float)[..., term.i])
+        return out
 
     def jacobian(self, q: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Jacobian at the TCP (..., 6, 6) in base_link axes, k (..., 6) there, and whether the grid covers it."""
         T, J = self.robot.fk_jacobian(q, self.T_flange_tcp)
         joint = joint_stiffness(self.stiffness, T[..., :3, 3])
-        return J, joint.k, joint.in_grid
+        return J, self._balanced(joint.k, q) if self._balancers else joint.k, joint.in_grid
 
 
 def _diagonal(k: Array) -> Array:

@@ -157,7 +157,7 @@ def _with_room(setup: Setup) -> Setup:
     The margins asked of the choice are there to be used by what comes after it; a point chosen on its margin would
     otherwise be lost for a shift of a few tenths of a millimetre.
     """
-    limits, m = setup.cell.limits, setup.arm.margins
+    limits, m = setup.driven.limits, setup.arm.margins
     margins = replace(m, wrist=KEPT * m.wrist, elbow=KEPT * m.elbow, shoulder=KEPT * m.shoulder)
     arm: Arm = replace(setup.arm, lower=limits.lower[:6], upper=limits.upper[:6], margins=margins)
     return replace(setup, arm=arm)

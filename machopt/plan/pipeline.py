@@ -12,7 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
 from machopt.model.collision import CollisionModel
+from machopt.model.correction import Correction, correction_of
 from machopt.model.elastic import ArmElasticity
 from machopt.model.ik import solver_for
 from machopt.model.robot import Robot, load_chain
@@ -54,13 +55,19 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Setup:
-    """The cell made ready for planning."""
+    """The cell made ready for planning.
 
-    cell: Cell
+    All configurations of a plan are true angles: where the arm stands. The encoders say others where the cell has
+    kinematic corrections; :mod:`machopt.plan.timeline` turns to them, and what is exported is theirs.
+    """
+
+    cell: Cell  # as written: home and limits are encoder angles
     robot: Robot
     arm: Arm
     elasticity: ArmElasticity
     collision: CollisionModel | None
+    driven: Cell  # the same with home and position limits as true angles
+    correction: Correction | None = None  # between the two; None: they are the same
 
 
 @dataclass(frozen=True)
@@ -142,12 +149,16 @@ def prepare(cell: Cell, options: PlanOptions) -> Setup:
             where="robot.external_joints",
         )
     robot, shapes = load_chain(cell)
-    arm = Arm.of(cell, solver_for(robot), options)
+    correction = correction_of(cell.kinematics)
+    driven = cell if correction is None else replace(
+        cell, home=correction.true_angles(cell.home), limits=correction.true_limits(cell.limits)
+    )  # fmt: skip
+    arm = Arm.of(driven, solver_for(robot), options)
     elasticity = ArmElasticity(
         robot, cell.tool.T_flange_tcp, cell.stiffness, (cell.limits.lower[:6], cell.limits.upper[:6])
     )
-    collision = CollisionModel(cell, robot, shapes, options.clearance) if options.collision else None
-    return Setup(cell, robot, arm, elasticity, collision)
+    collision = CollisionModel(driven, robot, shapes, options.clearance) if options.collision else None
+    return Setup(cell, robot, arm, elasticity, collision, driven, correction)
 
 
 def plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Timings | None = None) -> Plan:
@@ -177,8 +188,8 @@ def plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Timings 
         )
 
     with stage("baselines"):
-        default = scored(_free(cam_default(path, setup.arm, cell.home), path, setup, options))
-        by_paper = jiao2022(path, setup.arm, setup.elasticity, d, setup.collision, cell.home, options)
+        default = scored(_free(cam_default(path, setup.arm, setup.driven.home), path, setup, options))
+        by_paper = jiao2022(path, setup.arm, setup.elasticity, d, setup.collision, setup.driven.home, options)
         paper = scored(_free(by_paper, path, setup, options))
 
     if options.method == "global":

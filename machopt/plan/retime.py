@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.cell import JointLimits
+from machopt.model.correction import Correction
 from machopt.model.robot import Robot
 from machopt.plan.blend import Curve, build_curves
 from machopt.plan.feedrate import Bounds, TimeLaw, node_caps, time_law
@@ -40,7 +41,7 @@ class RunInput:
     axis: Array  # (n, 3) unit, tip to shank
     reference: Array  # (n, 3) direction of TCP x at phi = 0
     phi: Array  # (n,) rad, continuous
-    q: Array  # (n, 6) rad, continuous
+    q: Array  # (n, 6) rad, true angles, continuous
     feed: Array  # (n,) m/s of the move that ends here; feed[0] is not used
     T_base_workpiece: Array
     T_flange_tcp: Array
@@ -52,6 +53,11 @@ class RunInput:
     limit_scale: float = 0.97
     point_feed: Array | None = None  # (n,) m/s: the feed is also held below the line between these; default: feed
     phi_curve: Callable[[Array], Array] | None = None  # phi as a smooth function of blend.path_parameter
+    correction: Correction | None = None  # limits hold for encoder angles; None: those are the true ones
+
+    def told(self, q: Array) -> Array:
+        """(S, 6) rad by encoder, of true angles."""
+        return q if self.correction is None else self.correction.encoder_angles(q)
 
 
 @dataclass(frozen=True)
@@ -74,7 +80,7 @@ class Dip:
 class RunTrajectory:
     """S samples, the first at rest at point 0 and the last at rest at point n − 1."""
 
-    q: Array  # (S, 6) rad
+    q: Array  # (S, 6) rad by encoder
     point: Array  # (S,) fractional point index
     speed: Array  # (S,) m/s of the TCP at the sample
     phi: Array  # (S,) rad
@@ -116,7 +122,9 @@ def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
     if not curves:  # no length: stand still for one sample
         ends = [0, n - 1]
         none = np.zeros(2)
-        return RunTrajectory(run.q[ends], np.array(ends, float), none, run.phi[ends], none > 0, (), run.sample, 0.0)
+        return RunTrajectory(
+            run.told(run.q[ends]), np.array(ends, float), none, run.phi[ends], none > 0, (), run.sample, 0.0
+        )
     parts: list[_Part] = []
     for k, curve in enumerate(curves):
         part = _drive(run, curve, "start" if k == 0 else "reversal", "stop" if k == len(curves) - 1 else "reversal")
@@ -146,12 +154,13 @@ def _drive(run: RunInput, curve: Curve, begin: Where, finish: Where) -> _Part | 
         return RunFailure(
             float(index[failed]), "the pose cannot be reached in the branch chosen at the points around it"
         )
-    out = (D[:, 0] < run.limits.lower[:6] - 1e-9) | (D[:, 0] > run.limits.upper[:6] + 1e-9)
+    E = D if run.correction is None else run.correction.encoder_path(D)
+    out = (E[:, 0] < run.limits.lower[:6] - 1e-9) | (E[:, 0] > run.limits.upper[:6] + 1e-9)
     if out.any():
         node, joint = np.argwhere(out)[0]
         return RunFailure(float(index[node]), f"axis {joint + 1} leaves its range between the points")
     v, a, j = (run.limit_scale * x[:6] for x in (run.limits.velocity, run.limits.acceleration, run.limits.jerk))
-    derivatives = np.ascontiguousarray(D[:, 1:].transpose(0, 2, 1))
+    derivatives = np.ascontiguousarray(E[:, 1:].transpose(0, 2, 1))
     cap, single = node_caps(derivatives, _feed_cap(run, curve, u, p1), v, a, j)
     for attempt in range(ROUNDS + 1):
         law = time_law(Bounds(u, derivatives, cap, v, a, j), run.sample / STEPS_PER_SAMPLE)
@@ -202,7 +211,7 @@ def _sampled(
         return RunFailure(
             float(curve.index(at[failed : failed + 1])[0]), "the pose between the points cannot be reached"
         )
-    return law, at, pose, q, phi
+    return law, at, pose, run.told(q), phi
 
 
 def _excess(q: Array, velocity: Array, acceleration: Array, jerk: Array, sample: float) -> Array:

@@ -5,6 +5,10 @@ space (:mod:`machopt.plan.rapids`) and are checked for collisions like everythin
 (``allow_gaps``) the tool lifts along its axis, goes over by a rapid move and comes down again. Where the CAM file
 leaves or enters the workpiece in a rapid move (a drill drawn out, a cut without approach), the tool goes straight
 along its axis at a feed until it is out, and only then in rapid.
+
+Where the cell has kinematic corrections, the plan's configurations are true angles and everything in the result is told
+to the robot, so in encoder angles: runs are timed in them, rapid moves are straight in them. Rapid moves were checked
+for collisions straight in true angles, which differ by how much the corrections change on the way.
 """
 
 from __future__ import annotations
@@ -23,7 +27,7 @@ from machopt.domain.trajectory import Trajectory
 from machopt.model.ik import refine
 from machopt.plan.path import Path, tcp_poses
 from machopt.plan.pipeline import Plan
-from machopt.plan.rapids import Blocked, plan_rapid
+from machopt.plan.rapids import Blocked, plan_rapid, time_legs
 from machopt.plan.retime import Dip, RunFailure, RunInput, RunTrajectory, retime_run
 
 Array = NDArray[np.float64]
@@ -44,12 +48,12 @@ class Leg:
     """A stretch of the motion from rest to rest."""
 
     name: str  # "rapid", "run", "lift"
-    q: Array  # (S, 6) rad
+    q: Array  # (S, 6) rad by encoder
     index: Array  # (S,) fractional toolpath index, NaN from and to home
     move: NDArray[np.int8]  # (S,)
     operation: NDArray[np.int32]  # (S,)
     gamma: Array  # (S,) rad, NaN in rapid moves
-    waypoints: Array  # (W, 6) rad, targets in order, without the start
+    waypoints: Array  # (W, 6) rad by encoder, targets in order, without the start
     waypoint_index: Array  # (W,) fractional toolpath index
     waypoint_feed: Array  # (W,) m/s of the straight move that ends there, NaN in rapid moves
 
@@ -99,7 +103,7 @@ class _Builder:
         self.rng = np.random.default_rng(self.options.seed)
 
     def build(self) -> Timeline:
-        here, index, axis_row = self.cell.home, float("nan"), -1
+        here, index, axis_row = self.plan.setup.driven.home, float("nan"), -1
         stretches = list(self._stretches())
         for n, (first, last) in enumerate(stretches):
             gap_in = first > 0 and self.path.run[first] == self.path.run[first - 1]
@@ -125,7 +129,7 @@ class _Builder:
                 self._straight(self.q[last], end, last, Move.RETRACT, lift_out)
             here, index, axis_row = end, float(self.path.index[last]), last
             self.progress((n + 1) / max(len(stretches), 1))
-        self._rapid(here, self.cell.home, index, float("nan"), axis_row, -1)
+        self._rapid(here, self.plan.setup.driven.home, index, float("nan"), axis_row, -1)
         if self.withdrawn:
             places = ", ".join(f"{index:g}" for index, _ in self.withdrawn[:8]) + (
                 " …" if len(self.withdrawn) > 8 else ""
@@ -179,7 +183,7 @@ class _Builder:
 
     def _rapid(self, a: Array, b: Array, index_a: float, index_b: float, row_a: int, row_b: int) -> None:
         move = plan_rapid(
-            a, b, limits=self.cell.limits, scale=self.options.rapid_scale, sample=self.options.sample,
+            a, b, limits=self.plan.setup.driven.limits, scale=self.options.rapid_scale, sample=self.options.sample,
             collision=self.plan.setup.collision, step=self.options.collision_step, rng=self.rng,
             detours=lambda: self._detours(row_a, row_b),
             iterations=SEARCH if not self.obstructions else SEARCH_IN_VAIN,
@@ -192,16 +196,18 @@ class _Builder:
             )
             self.obstructions.append(Obstruction(index_a, index_b, why))
             return
-        n = len(move.q)
+        q, waypoints = move.q, move.waypoints
+        if self.plan.setup.correction is not None:
+            waypoints = self._told(waypoints)
+            q = time_legs(waypoints, self.cell.limits, self.options.rapid_scale, self.options.sample)
+        n = len(q)
         if move.kind != "direct":
-            self.detours.append(
-                f"{_name(index_a)} → {_name(index_b)}: {move.kind}, {len(move.waypoints) - 2} way points"
-            )
+            self.detours.append(f"{_name(index_a)} → {_name(index_b)}: {move.kind}, {len(waypoints) - 2} way points")
         operation = self.toolpath.operation[round(index_b)] if np.isfinite(index_b) else -1
-        self.legs.append(Leg("rapid", move.q, np.linspace(index_a, index_b, n) if n > 1 else np.array([index_b]),
+        self.legs.append(Leg("rapid", q, np.linspace(index_a, index_b, n) if n > 1 else np.array([index_b]),
                              np.full(n, Move.RAPID, np.int8), np.full(n, operation, np.int32), np.full(n, np.nan),
-                             move.waypoints[1:], np.full(len(move.waypoints) - 1, index_b),
-                             np.full(len(move.waypoints) - 1, np.nan)))  # fmt: skip
+                             waypoints[1:], np.full(len(waypoints) - 1, index_b),
+                             np.full(len(waypoints) - 1, np.nan)))  # fmt: skip
 
     def _detours(self, row_a: int, row_b: int) -> Iterator[Array]:
         """Way points that lift the tool off at either end, or both."""
@@ -263,8 +269,8 @@ class _Builder:
             return
         n = len(done.q)
         self.legs.append(Leg("lift", done.q, np.full(n, self.path.index[row]), np.full(n, move, np.int8),
-                             np.full(n, self._operation(rows[:1])[0], np.int32), np.full(n, np.nan), b[None],
-                             self.path.index[rows[:1]], np.array([feed])))  # fmt: skip
+                             np.full(n, self._operation(rows[:1])[0], np.int32), np.full(n, np.nan),
+                             self._told(b[None]), self.path.index[rows[:1]], np.array([feed])))  # fmt: skip
 
     def _touch(self, first: int, last: int) -> None:
         """Points without any way between them: the tool stands there for a sample each."""
@@ -272,12 +278,12 @@ class _Builder:
         n = len(rows)
         leg = Leg(
             name="run",
-            q=np.repeat(self.q[first][None], n, axis=0),
+            q=np.repeat(self._told(self.q[first][None]), n, axis=0),
             index=self.path.index[rows],
             move=self.path.move[rows],
             operation=self._operation(rows.astype(np.int32)),
             gamma=np.full(n, np.nan),
-            waypoints=self.q[[last]],
+            waypoints=self._told(self.q[[last]]),
             waypoint_index=self.path.index[[last]],
             waypoint_feed=np.array([self.options.approach_feed]),
         )
@@ -306,7 +312,7 @@ class _Builder:
         self.held_time += float((cutting & done.held).sum()) * self.options.sample
         self.legs.append(Leg("run", done.q, np.interp(local, np.arange(len(rows)), index), move,
                              self._operation(rows[segment]), gamma,
-                             self.q[rows][told], index[told], feed[told]))  # fmt: skip
+                             self._told(self.q[rows][told]), index[told], feed[told]))  # fmt: skip
         self.dips += [dip.at(np.interp([dip.first, dip.last], np.arange(len(rows)), index)) for dip in done.dips]
 
     def _retime(self, position: Array, rows: NDArray[np.int32], q: Array, feed: Array) -> RunTrajectory | RunFailure:
@@ -317,8 +323,13 @@ class _Builder:
             T_base_workpiece=setup.arm.T_base_workpiece, T_flange_tcp=setup.arm.T_flange_tcp, robot=setup.robot,
             limits=self.cell.limits, sample=self.options.sample, path_tolerance=self.options.path_tolerance,
             axis_tolerance=self.options.axis_tolerance, limit_scale=self.options.limit_scale,
-            point_feed=self.point_feed[rows],
+            point_feed=self.point_feed[rows], correction=setup.correction,
         ))  # fmt: skip
+
+    def _told(self, q: Array) -> Array:
+        """(W, 6) encoder angles of true angles."""
+        correction = self.plan.setup.correction
+        return q if correction is None else correction.encoder_angles(q)
 
     def _operation(self, rows: NDArray[np.int32]) -> NDArray[np.int32]:
         return np.asarray(self.toolpath.operation[np.ceil(self.path.index[rows] - 1e-12).astype(int)])
@@ -331,7 +342,9 @@ class _Builder:
             return np.concatenate([getattr(first, name), *(getattr(leg, name)[1:] for leg in later)])
 
         q = join("q")
-        T = self.plan.setup.robot.fk(q, self.cell.tool.T_flange_tcp)
+        correction = self.plan.setup.correction
+        stands = q if correction is None else correction.true_angles(q)
+        T = self.plan.setup.robot.fk(stands, self.cell.tool.T_flange_tcp)
         speed = np.r_[0.0, np.linalg.norm(np.diff(T[:, :3, 3], axis=0), axis=1) / self.options.sample]
         return Trajectory(
             time=np.arange(len(q), dtype=float) * self.options.sample,

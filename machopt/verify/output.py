@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.verify.arm import Arm
 from machopt.verify.contact import contacts
+from machopt.verify.encoder import true_angles
 from machopt.verify.shift import Found, compare_shift, corners
 from machopt.verify.table import Motion, Points, read_motion, read_points, read_shift
 
@@ -64,6 +65,7 @@ def verify_output(cell: Cell, toolpath: Toolpath, out: Path, *, options: PlanOpt
     joint limits by differences of the samples (at rest before the first and after the last), feed, contacts at and
     between the samples, and that points.csv tells the same story. Where points.csv holds a compensation, the commanded
     path is the toolpath shifted as compensation.csv says, and the shift is held against the deflection computed here.
+    Joint columns are encoder angles, limits hold for them; where the arm stands follows with the cell's corrections.
 
     Args:
         cell: the robot cell.
@@ -82,19 +84,21 @@ def verify_output(cell: Cell, toolpath: Toolpath, out: Path, *, options: PlanOpt
     shift = read_shift(out / "compensation.csv") if points.shift is not None else None
     index, position = (np.arange(len(toolpath), dtype=float), toolpath.position) if shift is None else (
         corners(toolpath, shift))  # fmt: skip
-    tcp = arm.tcp_in_workpiece(motion.q, motion.external)
+    stands = replace(motion, q=true_angles(cell.kinematics, motion.q))
+    stood = replace(points, q=true_angles(cell.kinematics, points.q))
+    tcp = arm.tcp_in_workpiece(stands.q, motion.external)
     checks = [
         _time(motion),
         *_path(motion, toolpath, index, position, tcp, options),
         *_visited(motion, toolpath, points, options.allow_gaps),
         *_limits(motion, cell),
         _feed(motion, toolpath, tcp),
-        *_points(motion, toolpath, points, arm, cell),
+        *_points(motion, toolpath, points, stood, arm, cell),
     ]
     if shift is not None:
-        checks += [_shift_check(f) for f in compare_shift(cell, toolpath, motion, points, shift, arm, options)]
+        checks += [_shift_check(f) for f in compare_shift(cell, toolpath, stands, stood, shift, arm, options)]
     if options.collision:
-        checks.append(_contacts(motion, cell, arm))
+        checks.append(_contacts(stands, cell, arm))
     return Verification(tuple(checks), len(motion.time), float(motion.time[-1] - motion.time[0]))
 
 
@@ -255,8 +259,10 @@ def _feed(motion: Motion, toolpath: Toolpath, tcp: Array) -> Check:
     return _worst("feed", "of the programmed feed", ratio, FEED, [_at(motion, n) for n in rows])
 
 
-def _points(motion: Motion, toolpath: Toolpath, points: Points, arm: Arm, cell: Cell) -> list[Check]:
-    """points.csv: the tool is on its point, and the joints are those the trajectory passes through there."""
+def _points(
+    motion: Motion, toolpath: Toolpath, points: Points, stood: Points, arm: Arm, cell: Cell
+) -> list[Check]:  # fmt: skip
+    """points.csv: the tool is on its point (``stood``: true angles), the joints are the trajectory's there."""
     known = np.isfinite(points.q).all(axis=1)
     inside = (points.point >= 0) & (points.point < len(toolpath))
     complete = len(points.point) == len(toolpath) and bool(inside.all())
@@ -266,7 +272,7 @@ def _points(motion: Motion, toolpath: Toolpath, points: Points, arm: Arm, cell: 
     rows = rows[toolpath.cutting[points.point[rows]]]
     if cell.external_joints or not len(rows):
         return checks  # points.csv tells the external axes in columns of its own; the trajectory check holds
-    tcp = arm.tcp_in_workpiece(points.q[rows], np.zeros((len(rows), 0)))
+    tcp = arm.tcp_in_workpiece(stood.q[rows], np.zeros((len(rows), 0)))
     number = points.point[rows]
     wanted = toolpath.position[number] + (0.0 if points.shift is None else points.shift[rows])
     away = np.linalg.norm(tcp[:, :3, 3] - wanted, axis=1) * 1e3

@@ -7,6 +7,7 @@ dialect. Nothing here is shared with the readers in :mod:`machopt.formats.progra
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from pathlib import Path
 
 from machopt.domain.program import Controller, RobotProgram
@@ -26,16 +27,18 @@ DIALECTS = {
 
 
 def write_program(
-    folder: Path, name: str, program: RobotProgram, post: str | Path | None = None, controller: Controller | None = None
-) -> list[Path]:
+    folder: Path | None, name: str, program: RobotProgram, post: str | Path | None = None,
+    controller: Controller | None = None, *, reserved: Collection[str] = (),
+) -> list[Path]:  # fmt: skip
     """Write a program.
 
     Args:
-        folder: existing folder.
+        folder: existing folder; None makes the texts and writes nothing.
         name: the program's name; see :func:`program_name` for one that the controller takes.
         program: the moves.
         post: a post's name (:func:`post_names`) or a template file; the controller's own by default.
         controller: what the cell says of the controller.
+        reserved: names in ``folder`` that are taken.
 
     Returns:
         The files, in the order of the post.
@@ -63,7 +66,11 @@ def write_program(
             else loaded.origin
         )
         raise InputError(problem.reason, file=file, where=problem.where) from None
-    return save(folder, files, keys.encoding, keys.line_end)
+    taken = [f for f in files if f.lower() in {r.lower() for r in reserved}]
+    if taken:
+        raise InputError(f"writes {taken[0]}, which is a name of the output folder's own",
+                         file=loaded.origin, where="file.name")  # fmt: skip
+    return [] if folder is None else save(folder, files, keys.encoding, keys.line_end)
 
 
 def program_name(text: str, post: str | Path) -> str:

@@ -1,15 +1,12 @@
-"""Way points close enough that what a controller draws between them is the plan, within a stated tolerance.
+"""Way points close enough that what a controller draws between them is the motion, within a stated tolerance.
 
-Between two targets a controller moves the tool tip on a straight line and turns it evenly about one axis (LIN), or
-moves every joint evenly (PTP, servoj, a joint trajectory). The plan q(s) does neither exactly. Each stretch is halved
-until the plan stays within the tolerances of the controller's line at eight places of it.
+Between two Cartesian targets a controller leads the tool tip on a straight line and turns it evenly about one axis. The
+planned motion is known by its samples; where they leave that line, the sample that is farthest off becomes a target.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,103 +15,119 @@ from machopt.se3 import axis_rotation
 
 Array = NDArray[np.float64]
 
-MOST_HALVINGS = 16
-PROBES = (np.arange(8) + 0.5) / 8  # where a stretch is compared with the plan
-SHARE = 0.8  # of the tolerance allowed at the probes: between them the deviation may be a little larger
+SHORT = 1e-4  # m; on a shorter line the place says nothing about how far the tool has turned
+APART = 1e-4  # m from another target: moves of a few micrometres make a controller stumble
+SHARE = 0.8  # of the tolerance at the samples: between them the motion may be off a little more
+AT_ONCE = 100_000  # samples
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How far the controller's line may leave the plan."""
+    """How far the controller's lines may leave the motion."""
 
-    position: float = 2e-5  # m
-    angle: float = float(np.radians(0.02))  # rad
+    position: float = 5e-5  # m
+    axis: float = float(np.radians(0.05))  # rad between the tool axes
+    turn: float = float(np.radians(0.6))  # rad between the whole orientations, mostly about the tool's own axis
 
 
 @dataclass(frozen=True)
-class Densified:
-    """Parameters of the way points, old and new, and how far the controller's motion is from the plan."""
+class Departure:
+    """How far the samples are from the controller's lines."""
 
-    s: Array  # (W,) rising
-    added: NDArray[np.bool_]  # (W,) True where a point was put in
-    position_error: float  # m, largest at the probes
-    angle_error: float  # rad
-    complete: bool  # False: a stretch was halved as often as allowed and still leaves the plan
+    sample: NDArray[np.intp]  # (K,) those that belong to a line
+    move: NDArray[np.intp]  # (K,) the move whose line it is
+    position: Array  # (K,) m
+    axis: Array  # (K,) rad
+    turn: Array  # (K,) rad
+
+    def worst(self) -> tuple[float, float, float]:
+        """Largest distance (m), angle between tool axes and between orientations (rad)."""
+        return tuple(float(v.max(initial=0.0)) for v in (self.position, self.axis, self.turn))  # type: ignore[return-value]
+
+    def share(self, tolerance: Tolerance) -> Array:
+        """(K,) of the tolerance."""
+        parts = (self.position / tolerance.position, self.axis / tolerance.axis, self.turn / tolerance.turn)
+        return np.asarray(np.max(parts, axis=0))
 
 
-def densify(
-    q_of_s: Callable[[Array], Array], s: Array, fk: Callable[[Array], Array],
-    tolerance: Tolerance | None = None, interpolation: Literal["lin", "joint"] = "lin",
-) -> Densified:  # fmt: skip
-    """Add way points until the controller's interpolation keeps to the plan.
+def departure(
+    T: Array, targets: Array, at: Array, linear: NDArray[np.bool_], samples: NDArray[np.intp] | None = None
+) -> Departure:  # fmt: skip
+    """Samples of a motion against the straight lines between the targets of a program.
 
-    The position is compared with the nearest point of the controller's line, because where on the line the robot is at
-    a time is a matter of feed; the orientation with the one the controller has there.
+    The distance is that to the line's nearest place, because when the robot is where is a matter of feed; orientations
+    are compared with the one the controller has at that place.
 
     Args:
-        q_of_s: the plan, (N, 6) rad at parameters (N,).
-        s: (W,) strictly rising parameters of the way points, W ≥ 2.
-        fk: poses (N, 4, 4) of the tool in any fixed frame.
-        tolerance: position and angle.
-        interpolation: what the controller does between the points.
-
-    Raises:
-        ValueError: ``s`` does not rise.
+        T: (S, 4, 4) poses of the tool at the samples, in any fixed frame.
+        targets: (M, 4, 4) at the ends of the moves, in the same frame.
+        at: (M,) place of each target among the samples, fractional, not falling.
+        linear: (M,) True where the move is a straight line.
+        samples: those to look at; all by default.
 
     Invalid for: corner rounding and curves that the controller draws by itself (SPL); they come on top.
     """
-    tolerance = tolerance or Tolerance()
-    s = np.asarray(s, float)
-    if len(s) < 2 or not (np.diff(s) > 0).all():
-        raise ValueError("the way points' parameters must rise, at least two of them")
-    points, added = s.copy(), np.zeros(len(s), bool)
-    open_stretch = np.ones(len(s) - 1, bool)
-    done = np.zeros((len(s) - 1, 2))  # deviations of each stretch, once they are known
-    for halvings in range(MOST_HALVINGS + 1):
-        at = np.flatnonzero(open_stretch)
-        done[at] = _deviation(q_of_s, points[at], points[at + 1], fk, interpolation)
-        bad = at[(done[at, 0] > SHARE * tolerance.position) | (done[at, 1] > SHARE * tolerance.angle)]
-        open_stretch[:] = False
-        if not len(bad) or halvings == MOST_HALVINGS:
-            open_stretch[bad] = True
+    rows = np.arange(len(T)) if samples is None else samples
+    move = np.searchsorted(at, rows, side="left")
+    inside = (move > 0) & (move < len(at))
+    inside[inside] = linear[move[inside]]
+    rows, move = rows[inside], move[inside]
+    parts = [
+        _off(T[rows[k : k + AT_ONCE]], targets[move[k : k + AT_ONCE] - 1], targets[move[k : k + AT_ONCE]])
+        for k in range(0, len(rows), AT_ONCE)
+    ]
+    off = np.vstack(parts) if parts else np.empty((0, 3))
+    return Departure(rows, move, off[:, 0], off[:, 1], off[:, 2])
+
+
+def densify(
+    T: Array, targets: Array, at: Array, linear: NDArray[np.bool_], tolerance: Tolerance
+) -> NDArray[np.intp]:  # fmt: skip
+    """Samples to be made targets so that all samples keep to the lines; arguments as for :func:`departure`.
+
+    Returns:
+        (A,) rising. Where no sample is left to add, the lines stay as far off as they are; nothing is added within a
+        tenth of a millimetre of another target, unless the tool turns on the spot.
+    """
+    added: list[NDArray[np.intp]] = []
+    samples: NDArray[np.intp] = np.arange(len(T))
+    while len(samples):
+        off = departure(T, targets, at, linear, samples)
+        share = off.share(tolerance)
+        here = T[off.sample, :3, 3]
+        ends = np.stack([np.linalg.norm(here - targets[off.move - k, :3, 3], axis=-1) for k in (0, 1)])
+        turning = np.linalg.norm(targets[off.move, :3, 3] - targets[off.move - 1, :3, 3], axis=-1) < SHORT
+        free = ((ends > APART).all(axis=0) | turning) & ~np.isin(off.sample, at)  # no target twice
+        bad = np.flatnonzero((share > SHARE) & free)
+        order = bad[np.lexsort((share[bad], off.move[bad]))]
+        last = np.append(np.diff(off.move[order]) > 0, True)[: len(order)]
+        worst = order[last]  # of each move
+        rows = off.sample[worst]
+        if not len(rows):
             break
-        middle = (points[bad] + points[bad + 1]) / 2.0
-        points, added = np.insert(points, bad + 1, middle), np.insert(added, bad + 1, True)
-        done = np.insert(done, bad + 1, 0.0, axis=0)
-        open_stretch = np.insert(open_stretch, bad + 1, True)
-        open_stretch[bad + np.arange(len(bad))] = True  # the first halves; each insertion moved the later ones on
-    worst = done.max(axis=0)
-    return Densified(points, added, float(worst[0]), float(worst[1]), not open_stretch.any())
+        samples = off.sample[np.isin(off.move, off.move[worst])]
+        added.append(rows)
+        place = off.move[worst]  # before the target that ends the move
+        at, linear = np.insert(at, place, rows), np.insert(linear, place, True)
+        targets = np.insert(targets, place, T[rows], axis=0)
+    return np.sort(np.concatenate(added)) if added else np.empty(0, np.intp)
 
 
-def _deviation(
-    q_of_s: Callable[[Array], Array], a: Array, b: Array, fk: Callable[[Array], Array], interpolation: str
-) -> Array:  # fmt: skip
-    """(K, 2) m and rad: largest deviations on the K stretches a…b."""
-    n, probes = len(a), len(PROBES)
-    places = a[:, None] + (b - a)[:, None] * PROBES
-    q_plan = q_of_s(places.ravel())
-    T_plan = fk(q_plan).reshape(n, probes, 4, 4)
-    q_a, q_b = q_of_s(a), q_of_s(b)
-    if interpolation == "joint":
-        q_line = q_a[:, None] + (q_b - q_a)[:, None] * PROBES[:, None]
-        T_line = fk(q_line.reshape(-1, 6)).reshape(n, probes, 4, 4)
-        gap = np.linalg.norm(T_plan[..., :3, 3] - T_line[..., :3, 3], axis=-1)
-        return np.stack([gap.max(axis=1), _angle(T_plan[..., :3, :3], T_line[..., :3, :3]).max(axis=1)], axis=-1)
-    T_a, T_b = fk(q_a), fk(q_b)
-    p = T_plan[..., :3, 3]
-    start, way = T_a[:, None, :3, 3], (T_b - T_a)[:, None, :3, 3]
+def _off(T: Array, A: Array, B: Array) -> Array:
+    """(K, 3) m, rad, rad: poses against the lines A → B."""
+    p, start = T[:, :3, 3], A[:, :3, 3]
+    way = B[:, :3, 3] - start
     length2 = np.sum(way * way, axis=-1)
-    # on a stretch that only turns there is no place on the line to go by: the share of the parameter is taken
-    turning = length2 < 1e-16
-    share = np.where(turning, PROBES, np.sum((p - start) * way, axis=-1) / np.where(turning, 1.0, length2))
+    turning = length2 < SHORT**2
+    share = np.sum((p - start) * way, axis=-1) / np.where(length2 > 0.0, length2, 1.0)
     share = np.clip(share, 0.0, 1.0)
-    gap = np.linalg.norm(p - start - share[..., None] * way, axis=-1)
-    turn = np.swapaxes(T_a[:, :3, :3], -1, -2) @ T_b[:, :3, :3]
-    axis, angle = _axis_angle(turn)
-    partial = axis_rotation(axis[:, None], share * angle[:, None])
-    R_line = T_a[:, None, :3, :3] @ partial
-    return np.stack([gap.max(axis=1), _angle(T_plan[..., :3, :3], R_line).max(axis=1)], axis=-1)
+    gap = np.linalg.norm(p - start - share[:, None] * way, axis=-1)
+    axis, angle = _axis_angle(np.swapaxes(A[:, :3, :3], -1, -2) @ B[:, :3, :3])
+    done = _angle(A[:, :3, :3], T[:, :3, :3])
+    share = np.where(turning, np.clip(done / np.where(angle > 1e-12, angle, 1.0), 0.0, 1.0), share)
+    R = A[:, :3, :3] @ axis_rotation(axis, share * angle)
+    z = np.linalg.norm(R[:, :, 2] - T[:, :3, 2], axis=-1)
+    return np.column_stack([gap, 2.0 * np.arcsin(np.clip(z / 2.0, 0.0, 1.0)), _angle(R, T[:, :3, :3])])
 
 
 def _angle(R0: Array, R1: Array) -> Array:

@@ -18,6 +18,7 @@ from machopt.formats.posts.template import Template, compile_template
 from machopt.formats.yamlstrict import Document, Strict, nearest, validate
 
 _TEMPLATES = "machopt.formats.posts"
+ALIASES = {"ros": "ros_yaml"}
 ITEMS = (
     "call", "note", "part", "speed", "operation", "move", "ptp_change", "lin_change", "ptp", "lin", "run_begin", "run",
     "run_end", *EVENT_LINES,
@@ -104,8 +105,9 @@ def post_text(name: str) -> str:
     Raises:
         InputError: there is no such post.
     """
+    name = ALIASES.get(name, name)
     if name not in post_names():
-        raise InputError(f"no post is named {name!r}; {nearest(name, list(post_names()))}", where="post")
+        raise InputError(f"no post is named {name!r}; {nearest(name, [*post_names(), *ALIASES])}", where="post")
     return (resources.files(_TEMPLATES) / "templates" / f"{name}.toml").read_text(encoding="utf-8")
 
 

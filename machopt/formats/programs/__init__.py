@@ -18,12 +18,12 @@ from machopt.formats.programs.parsed import ParsedProgram
 from machopt.formats.programs.rapid import read_rapid
 from machopt.formats.programs.ros import read_ros
 from machopt.formats.programs.tables import read_csv_program, read_json_program
-from machopt.formats.programs.toolpath import Forward, to_toolpath
+from machopt.formats.programs.toolpath import KnownRobot, to_toolpath
 from machopt.formats.programs.urscript import read_urscript
 from machopt.formats.programs.val3 import read_val3
 from machopt.formats.source import ReadOptions, Source, decode, read_bytes
 
-__all__ = ["ParsedProgram", "is_program", "read_program", "read_program_as_toolpath"]
+__all__ = ["KnownRobot", "ParsedProgram", "is_program", "read_program", "read_program_as_toolpath"]
 
 _HEAD_LINES = 400
 
@@ -75,23 +75,22 @@ def read_program(
 
 
 def read_program_as_toolpath(
-    path: Path | str, options: ReadOptions | None = None, *, tool_axis: str = "-z", forward: Forward | None = None
+    path: Path | str, options: ReadOptions | None = None, *, robot: KnownRobot | None = None
 ) -> Toolpath:
     """Read a robot program as a toolpath.
 
     Args:
         path: as for :func:`read_program`.
-        options: default feed, strictness, arc tolerance.
-        tool_axis: the direction of the program's tool frame that points from the tip to the shank: −z where the tool
-            frame's z points out of the tool, as it should.
-        forward: poses of joint targets, where the robot is known.
+        options: default feed, strictness, arc tolerance, the tool frame's direction to the shank.
+        robot: places of joint targets, where the robot is known.
 
     Raises:
         InputError: see :func:`read_program`, and where the program has no path that could be planned anew.
     """
     options = options or ReadOptions()
-    program = read_program(path, options)
-    return to_toolpath(program, _source(Path(path)), options, tool_axis, forward)
+    pulses = None if robot is None or robot.controller.pulses_per_deg is None else robot.controller.pulses_per_deg
+    program = read_program(path, options, pulses_per_deg=None if pulses is None else pulses.tolist())
+    return to_toolpath(program, _source(Path(path)), options, robot)
 
 
 def _source(path: Path) -> Source:

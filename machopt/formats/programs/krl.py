@@ -7,7 +7,7 @@ import re
 
 from machopt.formats.programs.builder import MOST_MOVES, Builder
 from machopt.formats.programs.krl_files import OPENS, Line, Routine, first_word, read_module
-from machopt.formats.programs.krl_values import KrlError, Memory, Value, evaluate, split_name, whole
+from machopt.formats.programs.krl_values import KrlError, Memory, Value, evaluate, plain_aggregate, split_name, whole
 from machopt.formats.programs.nearby import called, opened, siblings
 from machopt.formats.programs.parsed import JOINT, LINEAR, Array, Frame, ParsedProgram
 from machopt.formats.programs.rotations import fixed_xyz, matrix
@@ -324,6 +324,10 @@ class _Reader:
             if rest.startswith("{"):
                 end = _closing(rest)
                 one, rest = rest[: end + 1], rest[end + 1 :].lstrip()
+                if (plain := plain_aggregate(one)) is not None:
+                    out.append(plain)
+                    rest = rest.removeprefix(",").lstrip()
+                    continue
             else:
                 found = re.match(r"[^\s,]+(?:\s*\[[^\]]*\])?", rest)
                 if found is None:
@@ -334,6 +338,8 @@ class _Reader:
             if not isinstance(value, dict):
                 raise KrlError(f"{one[:30]!r} is no target; expected a position such as {{X 1,Y 2,Z 3,A 0,B 90,C 0}}")
             out.append(value)
+        if not rest:
+            return out, []
         flags = re.findall(r"\bC_\w+", rest, re.IGNORECASE)
         other = re.sub(r"\bC_\w+|\bCA\s+[-+.\d]+|,|#\w+", " ", rest, flags=re.IGNORECASE).strip()
         if other.startswith(":"):
@@ -361,7 +367,9 @@ def _placed(full: dict[str, float]) -> Array:
 
 
 def _closing(text: str) -> int:
-    depth = 0
+    depth, first = 0, text.find("}")
+    if first >= 0 and text.find("{", 1, first) < 0:
+        return first
     for k, c in enumerate(text):
         depth += (c == "{") - (c == "}")
         if depth == 0:

@@ -123,6 +123,21 @@ def evaluate(text: str, memory: Memory, depth: int = 0) -> Value:
     return memory.get(*name)
 
 
+def plain_aggregate(text: str) -> Aggregate | None:
+    """``{X 1.5,Y -2}`` at once; None where it has anything but different components and their numbers."""
+    out: Aggregate = {}
+    items = text[1:-1].split(",")
+    for item in items:
+        pair = item.split()
+        if len(pair) != 2 or not (pair[0].isascii() and pair[0].isalnum() and pair[0][0].isalpha()):
+            return None
+        value = number(pair[1])
+        if value is None:
+            return None
+        out[pair[0].upper()] = value
+    return out if len(out) == len(items) else None
+
+
 def _aggregate(inner: str, memory: Memory, depth: int) -> Aggregate:
     head, colon, rest = inner.partition(":")
     if colon and re.fullmatch(r"\s*[A-Za-z_]\w*\s*", head):

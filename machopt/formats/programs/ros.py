@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 
 from machopt.errors import InputError
 from machopt.formats.programs.builder import Builder
@@ -14,6 +15,7 @@ from machopt.formats.source import Source
 from machopt.formats.yamlstrict import parse_yaml
 
 JOINTS = 6
+_KEY = re.compile(r"\b([a-z_]+):(?=\s)")
 
 
 def read_ros(source: Source, arc_tolerance: float, strict: bool = False) -> ParsedProgram:
@@ -49,10 +51,49 @@ def read_ros(source: Source, arc_tolerance: float, strict: bool = False) -> Pars
 
 
 def _yaml(out: Builder, source: Source) -> dict[str, object]:
+    points = _points_by_line(source)
+    if points is not None:
+        at = source.lines.index("points:")
+        value = parse_yaml("\n".join([*source.lines[:at], "points: []"]), source.path).value
+        if isinstance(value, dict):
+            return {**value, "points": points}
     value = parse_yaml("\n".join(source.lines), source.path).value
     if not isinstance(value, dict):
         raise out.error("is YAML, but no mapping")
     return value
+
+
+def _points_by_line(source: Source) -> list[object] | None:
+    """The points where each stands on a line of its own as ``- {…}`` and nothing follows them, read as JSON.
+
+    A trajectory of minutes has so many numbers that the strict YAML reader takes minutes too. None where the file is
+    written otherwise, or has anything that JSON would read differently.
+    """
+    if source.lines.count("points:") != 1:
+        return None
+    out: list[object] = []
+    for raw in source.lines[source.lines.index("points:") + 1 :]:
+        text = raw.strip()
+        if not text or text.startswith("#"):
+            continue
+        if not (raw[:1] == " " and text.startswith("- {") and text.endswith("}")):
+            return None
+        try:
+            out.append(json.loads(_KEY.sub(r'"\1":', text[2:]), object_pairs_hook=_once, parse_constant=_no_number))
+        except (ValueError, RecursionError):
+            return None
+    return out
+
+
+def _once(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    out = dict(pairs)
+    if len(out) != len(pairs):
+        raise ValueError("a key twice")
+    return out
+
+
+def _no_number(word: str) -> float:
+    raise ValueError(word)
 
 
 def _point(out: Builder, point: object, n: int) -> tuple[list[float], float]:

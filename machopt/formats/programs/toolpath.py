@@ -3,52 +3,82 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.domain.program import Controller
 from machopt.domain.toolpath import Move, Toolpath
-from machopt.errors import InputError
 from machopt.formats.pathbuilder import PathBuilder
+from machopt.formats.programs.joints import urdf_joints
 from machopt.formats.programs.parsed import Array, ParsedProgram
 from machopt.formats.programs.rotations import inverted
-from machopt.formats.source import ReadOptions, Source
+from machopt.formats.source import TOOL_AXES, ReadOptions, Source
 
-AXES = {"-z": (2, -1.0), "+z": (2, 1.0), "-x": (0, -1.0), "+x": (0, 1.0), "-y": (1, -1.0), "+y": (1, 1.0)}
-Forward = Callable[[Array], Array]
+URDF_JOINTS = ("csv", "json", "ros")  # dialects whose angles no joint map touches
+SAME_PLACE = 1e-4  # m; frames farther apart are told
+
+
+@dataclass(frozen=True)
+class KnownRobot:
+    """The robot a program was written for: gives joint targets their places."""
+
+    fk: Callable[[Array, Array], Array]  # q (M, 6) rad and the tool in the flange (4, 4) → (M, 4, 4) in base_link
+    controller: Controller
+    T_flange_tcp: Array  # (4, 4) of the cell, where the program does not give its tool
+    T_base_workpiece: Array  # (4, 4)
+
+    def poses(self, program: ParsedProgram, rows: NDArray[np.intp]) -> Array:
+        """(M, 4, 4) in base_link, with the program's own tool frame where it gives one."""
+        c, axes = self.controller, program.axes_deg[rows]
+        m = None if program.dialect in URDF_JOINTS else c.joint_map
+        q = np.radians(axes) if m is None else urdf_joints(axes, m.sign, m.offset_deg, m.coupling)
+        T = np.empty((len(rows), 4, 4))
+        for number in np.unique(program.tool[rows]).tolist():
+            mine = program.tool[rows] == number
+            tool = program.tools[number].T
+            if tool is not None and c.T_flange_mount is not None and program.dialect not in URDF_JOINTS:
+                tool = c.T_flange_mount @ tool
+            T[mine] = self.fk(q[mine], self.T_flange_tcp if tool is None else tool)
+        return T
+
+    def frame(self, T_root_frame: Array, dialect: str) -> Array:
+        """(4, 4) in base_link of a frame given in the controller's robot coordinate system."""
+        root = self.controller.T_base_root
+        return T_root_frame if root is None or dialect in URDF_JOINTS else root @ T_root_frame
 
 
 def to_toolpath(
-    program: ParsedProgram, source: Source, options: ReadOptions, tool_axis: str = "-z", forward: Forward | None = None
+    program: ParsedProgram, source: Source, options: ReadOptions, robot: KnownRobot | None = None
 ) -> Toolpath:
     """Points of the tool tip in the program's first base frame.
 
-    Joint targets have no place without the robot: with ``forward`` they get one, without they are left out and
-    counted.
+    Joint targets have no place without the robot: with ``robot`` they get one, without they are left out and counted.
+    Where a program has joint targets only, its points are in the cell's workpiece frame.
 
     Args:
         program: as read.
         source: the file, for messages and its hash.
-        options: default feed, strictness.
-        tool_axis: the direction of the tool frame that points from the tip to the shank.
-        forward: poses (M, 4, 4) of the tool in the workpiece from axes (M, 6) in the program's degrees.
+        options: default feed, strictness, the direction of the tool frame that points to the shank.
+        robot: what the cell says of the robot.
 
     Raises:
         InputError: no linear move, frames that only the controller knows change, a cut without a feed.
     """
-    if tool_axis not in AXES:
-        raise InputError(f"unknown tool axis {tool_axis!r}: known are {', '.join(AXES)}", where="tool_axis")
+    column, sign = TOOL_AXES[options.tool_axis]
     if options.unit not in (None, "mm"):
         raise source.error(f"robot programs are in mm (URScript in m), but --unit {options.unit} was given")
-    column, sign = AXES[tool_axis]
     out = PathBuilder(source, options, f"robot/{program.dialect}")
     T, known = _in_first_base(program, source, out)
-    if forward is not None and (~known).any():
-        rows = np.flatnonzero(~known & np.isfinite(program.axes_deg).all(axis=1))
-        T[rows] = forward(program.axes_deg[rows])
+    base = program.bases[int(program.base[known][0])].name if known.any() else ""
+    rows = np.flatnonzero(~known & np.isfinite(program.axes_deg).all(axis=1))
+    if robot is not None and len(rows):
+        T[rows] = inverted(_base(program, robot, known, out)) @ robot.poses(program, rows)
+        base = base or "the cell's workpiece"
         known[rows] = True
     if not (known & (program.move == Move.CUT)).any():
-        raise source.error(_nothing_to_cut(program, known))
+        raise source.error(_nothing_to_cut(program, known, robot))
     events = sorted(program.events, key=lambda e: e.index)  # stable: in order at one move
     operation, told = -2, 0
     for k in range(len(program)):
@@ -72,8 +102,9 @@ def to_toolpath(
         for _ in range(word.count):
             out.ignore(word.word, word.first_line, understood=word.understood)
     out.warnings.extend(w for w in program.warnings if not w.startswith("not understood"))
-    out.meta |= {"unit": "mm", "program": program.name, "tool_axis": f"{tool_axis} of the tool frame",
-                 "base": program.bases[int(program.base[known][0])].name}  # fmt: skip
+    _warn_upside_down(out, sign * T[known & (program.move == Move.CUT), 2, column], options.tool_axis)
+    out.meta |= {"unit": "mm", "program": program.name, "tool_axis": f"{options.tool_axis} of the tool frame",
+                 "base": base}  # fmt: skip
     return out.build(reference=T[known][:, :3, 0 if column != 0 else 1])
 
 
@@ -108,11 +139,47 @@ def _in_first_base(program: ParsedProgram, source: Source, out: PathBuilder) -> 
     return T, known
 
 
-def _nothing_to_cut(program: ParsedProgram, known: NDArray[np.bool_]) -> str:
-    linear = int((program.move == Move.CUT).sum())
-    if linear:
-        return (
-            f"holds {linear} linear moves, but all of them to joint positions, whose places are not known without the "
-            "robot; a program with Cartesian targets would work"
+def _base(program: ParsedProgram, robot: KnownRobot, known: NDArray[np.bool_], out: PathBuilder) -> Array:
+    """(4, 4) in base_link: the frame that the points are given in."""
+    if not known.any():
+        return robot.T_base_workpiece
+    frame = program.bases[int(program.base[known][0])]
+    if frame.T is None:
+        out.warn(
+            f"the program names its base {frame.name} without numbers: joint targets are placed as if it were the "
+            "cell's workpiece"
         )
-    return f"holds {len(program)} joint moves and no linear one: there is no path to plan anew"
+        return robot.T_base_workpiece
+    T = robot.frame(frame.T, program.dialect)
+    apart = float(np.linalg.norm(T[:3, 3] - robot.T_base_workpiece[:3, 3]))
+    if apart > SAME_PLACE:
+        out.warn(
+            f"the program's base {frame.name} lies {1e3 * apart:.1f} mm from the cell's workpiece; the points keep "
+            "their numbers, so the job moves with the workpiece"
+        )
+    return T
+
+
+def _warn_upside_down(out: PathBuilder, up: Array, tool_axis: str) -> None:
+    """A shank below every point of a cut is more often a tool frame that looks the other way."""
+    if len(up) and float(up.max()) < -0.7:
+        other = ("-" if tool_axis[0] == "+" else "+") + tool_axis[1]
+        out.warn(
+            f"the tool comes from below throughout: if the tool frame's {other} axis points to the shank, give "
+            f"--tool-axis={other}"
+        )
+
+
+def _nothing_to_cut(program: ParsedProgram, known: NDArray[np.bool_], robot: KnownRobot | None) -> str:
+    linear = int((program.move == Move.CUT).sum())
+    if not linear:
+        return f"holds {len(program)} joint moves and no linear one: there is no path to plan anew"
+    if np.isnan(program.axes_deg).all() and program.dialect == "jbi":
+        return (
+            f"holds {linear} linear moves to positions in encoder pulses; a cell with controller.pulses_per_deg would "
+            "tell their angles"
+        )
+    wanted = "a program with Cartesian targets would work" + (
+        ", or a cell: optimize has one, inspect takes one with --cell" if robot is None else ""
+    )
+    return f"holds {linear} linear moves, but all of them to joint positions without a known place; {wanted}"

@@ -27,7 +27,11 @@ class Coefficient:
 
 
 class LinearTerm(Protocol):
-    """Elastic physics whose twist at the TCP is linear in the wrench and in its coefficients."""
+    """Elastic physics whose twist at the TCP is linear in its coefficients, and in the wrench but for two families.
+
+    :class:`machopt.model.terms.laws.TorqueLaw` follows the joint's torque along a curve, and
+    :class:`machopt.model.terms.compensator.GravityCompensator` is a spring beside one of the joints.
+    """
 
     @property
     def effect(self) -> str: ...
@@ -102,6 +106,34 @@ class Parameters:
             raise self.error(key, f"found {value:g}; expected more than zero")
         return float(value)
 
+    @property
+    def empty(self) -> bool:
+        """Nothing is stated: a term to be found."""
+        return not self._data
+
+    def choice(self, key: str, valid: Sequence[str], default: str) -> str:
+        """One of a few words."""
+        if not self.has(key):
+            return default
+        value = self._data[key]
+        if value not in valid:
+            raise self.error(key, f"found {value!r}; valid: {', '.join(valid)}")
+        return str(value)
+
+    def row(self, key: str, *, least: float = -np.inf) -> Array:
+        """One or more finite numbers in a list, none below ``least``; empty where the key is missing."""
+        if not self.has(key):
+            return np.empty(0)
+        value = self._data[key]
+        if not isinstance(value, list) or not value:
+            raise self.error(key, f"found {value!r}; expected a list of numbers")
+        for n, entry in enumerate(value):
+            if isinstance(entry, bool) or not isinstance(entry, int | float) or not np.isfinite(entry):
+                raise self.error(f"{key}[{n}]", f"found {entry!r}; expected a number")
+            if entry < least:
+                raise self.error(f"{key}[{n}]", f"found {entry:g}; expected at least {least:g}")
+        return np.array(value, dtype=float)
+
     def array(self, key: str, shape: tuple[int, ...], default: Array | None = None) -> Array:
         """Finite numbers of a given shape."""
         if not self.has(key):
@@ -143,6 +175,11 @@ def vocabulary() -> dict[str, tuple[str, ...]]:
         "tool_compliance": ("tool",),
         "joint_coupling": tuple(f"joint:{i}-{j}" for i in range(1, 7) for j in range(i + 1, 7)),
         "joint_pose_dependent_stiffness": joints,
+        "joint_nonlinear_stiffness": joints,
+        "joint_backlash": joints,
+        "joint_hysteresis": joints,
+        "joint_creep": joints,
+        "gravity_compensator": ("joint:2",),
         "geometric_stiffness": ("arm",),
     }
 
@@ -204,9 +241,9 @@ def _check_place(term: Term, where: str, file: Any) -> None:
 
 
 def _maker(effect: str) -> Maker:
-    from machopt.model.terms import body, joint
+    from machopt.model.terms import body, compensator, joint, laws
 
-    return {**joint.MAKERS, **body.MAKERS}[effect]
+    return {**joint.MAKERS, **laws.MAKERS, **compensator.MAKERS, **body.MAKERS}[effect]
 
 
 def _some(words: Sequence[str]) -> str:

@@ -89,7 +89,7 @@ def _link(robot: Robot, T_flange_tcp: Array, parameters: Parameters, location: s
             "from_mm and to_mm (base_link coordinates with all joints at zero) would say where it is; a matrix "
             "(compliance, compliance_diagonal) needs no length",
         )  # fmt: skip
-    S = transform(_along(end - start) if length >= LEAST_LENGTH else np.eye(3), end)
+    S = transform(beam_axes(end - start) if length >= LEAST_LENGTH else np.eye(3), end)
     given = {k: parameters.array(k, (3,)).tolist() for k in ("from_mm", "to_mm") if parameters.has(k)}
     return _spring("link_compliance", location, link, S, length, parameters, given)
 
@@ -106,7 +106,7 @@ def _tool(robot: Robot, T_flange_tcp: Array, parameters: Parameters, location: s
     reach = abs(float(axis @ (T_base_tcp[:3, 3] - robot.T_base_flange_zero[:3, 3])))
     length = parameters.number("length_mm", reach * 1e3 if reach > LEAST_LENGTH else None) / 1e3
     given = {"length_mm": length * 1e3} if parameters.has("length_mm") else {}
-    S = transform(_along(axis), T_base_tcp[:3, 3])  # at the TCP, x out of the tool
+    S = transform(beam_axes(axis), T_base_tcp[:3, 3])  # at the TCP, x out of the tool
     if parameters.has("cylinders"):
         fixed, stated = _tool_stack(robot, T_base_tcp, S, parameters)
         scale = Coefficient("scale", "1")
@@ -233,7 +233,7 @@ def cross(a: Array, b: Array) -> Array:
     return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
 
 
-def _along(direction: Array) -> Array:
+def beam_axes(direction: Array) -> Array:
     """(3, 3) rotation whose x is along ``direction``."""
     x = normalise(direction)
     helper = np.eye(3)[int(np.abs(x).argmin())]

@@ -1,11 +1,11 @@
-"""Joint-level terms: coupling of two joints, and a spring that changes with its joint's own angle.
+"""Joint-level terms that are linear in the load: coupling, a spring that changes with its joint's angle, creep.
 
-Their coefficients may be negative, so a file can ask for springs that give way against the load: :func:`against_load`.
+Their coefficients may be negative, so a file can ask for springs that give way against the load:
+:func:`machopt.model.terms.against.against_load`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from machopt.model.robot import ArmState, Robot
 from machopt.model.terms.base import Coefficient, LinearTerm, Maker, Parameters, plain
 
 Array = NDArray[np.float64]
+HARMONICS = ("cos_rad_per_Nm", "sin_rad_per_Nm", "cos2_rad_per_Nm", "sin2_rad_per_Nm")
 
 
 @dataclass(frozen=True)
@@ -44,77 +45,93 @@ class JointCoupling:
 
 @dataclass(frozen=True)
 class PoseDependentSpring:
-    """c_i(q_i) = c_i + a cos q_i + b sin q_i; c_i is the joint's own constant spring."""
+    """c_i(q_i) = c_i + Σ_n (a_n cos n q_i + b_n sin n q_i); c_i is the joint's own constant spring."""
 
     location: str  # joint:i
     i: int  # 0-based
-    values: Array  # (2,) rad/(N·m)
+    values: Array  # (2,) or (4,) rad/(N·m): a_1, b_1, a_2, b_2
     effect: str = "joint_pose_dependent_stiffness"
-    coefficients: tuple[Coefficient, ...] = (
-        Coefficient("cos_rad_per_Nm", "rad/(N·m)", -np.inf),
-        Coefficient("sin_rad_per_Nm", "rad/(N·m)", -np.inf),
-    )
+
+    @property
+    def coefficients(self) -> tuple[Coefficient, ...]:
+        return tuple(Coefficient(name, "rad/(N·m)", -np.inf) for name in HARMONICS[: len(self.values)])
 
     def response(self, state: ArmState, wrench: Array) -> Array:
         column = state.J[..., :, self.i]
         twist = column * np.einsum("...c,...c->...", column, wrench)[..., None]
         angle = state.q[..., self.i]
-        return np.stack([twist * np.cos(angle)[..., None], twist * np.sin(angle)[..., None]], axis=-1)
+        waves = [f(n * angle) for n in range(1, len(self.values) // 2 + 1) for f in (np.cos, np.sin)]
+        return np.stack([twist * wave[..., None] for wave in waves], axis=-1)
+
+    def own(self, angle: Array) -> Array:
+        """(...,) rad/(N·m) beside c_i at joint angles (...,) rad."""
+        waves = [f(n * angle) for n in range(1, len(self.values) // 2 + 1) for f in (np.cos, np.sin)]
+        return np.asarray(np.stack(waves, axis=-1) @ self.values)
 
     def with_values(self, values: Array) -> LinearTerm:
         return replace(self, values=np.asarray(values, float))
 
     def to_file(self) -> Term:
-        names = ("cos_rad_per_Nm", "sin_rad_per_Nm")
-        return Term(self.effect, self.location, dict(zip(names, map(float, self.values), strict=True)))
+        return Term(self.effect, self.location, dict(zip(HARMONICS, map(float, self.values), strict=False)))
 
 
-LEAST = 1e-9  # of the joints' own compliances: less than that in some direction is rounding or negative
+@dataclass(frozen=True)
+class SectorSpring:
+    """c_i(q_i) = c_i + a exp(−½((q_i − q₀)/σ)²): teeth that give over a part of the turn; angles are not wrapped."""
+
+    location: str  # joint:i
+    i: int  # 0-based
+    centre: float  # rad, q₀
+    width: float  # rad, σ
+    values: Array  # (1,) rad/(N·m): a
+    effect: str = "joint_pose_dependent_stiffness"
+    coefficients: tuple[Coefficient, ...] = (Coefficient("extra_rad_per_Nm", "rad/(N·m)", -np.inf),)
+
+    def response(self, state: ArmState, wrench: Array) -> Array:
+        column = state.J[..., :, self.i]
+        twist = column * np.einsum("...c,...c->...", column, wrench)[..., None]
+        return np.asarray((twist * self._share(state.q[..., self.i])[..., None])[..., None])
+
+    def own(self, angle: Array) -> Array:
+        """(...,) rad/(N·m) beside c_i at joint angles (...,) rad."""
+        return np.asarray(self.values[0] * self._share(angle))
+
+    def _share(self, angle: Array) -> Array:
+        return np.asarray(np.exp(-0.5 * ((angle - self.centre) / self.width) ** 2))
+
+    def with_values(self, values: Array) -> LinearTerm:
+        return replace(self, values=np.asarray(values, float))
+
+    def to_file(self) -> Term:
+        return Term(self.effect, self.location, plain({
+            "law": "sector", "extra_rad_per_Nm": float(self.values[0]), "centre_deg": float(np.degrees(self.centre)),
+            "width_deg": float(np.degrees(self.width))}))  # fmt: skip
 
 
-def against_load(terms: Sequence[LinearTerm], k: Array, limits: tuple[Array, Array] | None) -> str:
-    """What makes the joints' compliance matrix not positive somewhere, in words; empty where nothing does.
+@dataclass(frozen=True)
+class Creep:
+    """What a joint gives in the end beside c_i τ: T ẋ + x = a τ fully relaxed, x = a τ.
 
-    The matrix is diag(1/k + a cos q + b sin q) with the couplings beside the diagonal; each joint is looked at where
-    it is stiffest within its limits.
-
-    Args:
-        terms: of a stiffness file; those of bodies are positive by themselves.
-        k: (C, 6) N·m/rad, of each grid cell and of the constant model.
-        limits: lower and upper (6,) rad; None: any angle.
+    The worst case, reached after a few T of steady load; a shorter cut bends the arm less, by exp(−t/T) of this.
     """
-    least, angle = np.zeros(6), np.zeros(6)
-    coupling = np.zeros((6, 6))
-    for term in terms:
-        if isinstance(term, PoseDependentSpring):
-            i = term.i
-            low, high = (-np.pi, np.pi) if limits is None else (limits[0][i], limits[1][i])
-            at = np.arctan2(-term.values[1], -term.values[0])  # where a cos q + b sin q is least
-            at += 2 * np.pi * np.arange(np.ceil((low - at) / (2 * np.pi)), np.floor((high - at) / (2 * np.pi)) + 1)
-            at = np.concatenate([at, [low, high]])
-            value = term.values[0] * np.cos(at) + term.values[1] * np.sin(at)
-            least[i], angle[i] = value.min(), at[value.argmin()]
-        elif isinstance(term, JointCoupling):
-            coupling[term.i, term.j] = coupling[term.j, term.i] = term.values[0]
-    own = 1.0 / np.asarray(k, float)
-    lost = own + least <= LEAST * own
-    if lost.any():
-        row, i = np.argwhere(lost)[0]
-        return (
-            f"joint_pose_dependent_stiffness takes {-least[i]:.3g} rad/(N·m) from joint {i + 1} at "
-            f"{np.degrees(angle[i]):.0f} deg, which has {own[row, i]:.3g} (1/stiffness); less than that would work"
-        )
-    scale = np.sqrt(own + least)
-    values = np.linalg.eigvalsh(np.eye(6) + coupling / scale[:, :, None] / scale[:, None, :])
-    row = int(values[:, 0].argmin())
-    if values[row, 0] > LEAST:
-        return ""
-    share = np.abs(coupling) / np.outer(scale[row], scale[row])
-    i, j = (int(v) for v in np.unravel_index(int(share.argmax()), share.shape))
-    return (
-        f"with a joint_coupling of {coupling[i, j]:.3g} rad/(N·m) between joints {i + 1} and {j + 1} some load moves "
-        f"the arm towards itself; at most √(c{i + 1} c{j + 1}) = {scale[row, i] * scale[row, j]:.3g} is possible"
-    )
+
+    location: str  # joint:i
+    i: int  # 0-based
+    values: Array  # (1,) rad/(N·m): a
+    constant: float | None = None  # s, T; kept for the file, a plan at rest has no use for it
+    effect: str = "joint_creep"
+    coefficients: tuple[Coefficient, ...] = (Coefficient("extra_rad_per_Nm", "rad/(N·m)"),)
+
+    def response(self, state: ArmState, wrench: Array) -> Array:
+        column = state.J[..., :, self.i]
+        return np.asarray((column * np.einsum("...c,...c->...", column, wrench)[..., None])[..., None])
+
+    def with_values(self, values: Array) -> LinearTerm:
+        return replace(self, values=np.asarray(values, float))
+
+    def to_file(self) -> Term:
+        time = {} if self.constant is None else {"time_constant_s": self.constant}
+        return Term(self.effect, self.location, plain({"extra_rad_per_Nm": float(self.values[0]), **time}))
 
 
 def _coupling(robot: Robot, T_flange_tcp: Array, parameters: Parameters, location: str) -> LinearTerm:
@@ -124,8 +141,24 @@ def _coupling(robot: Robot, T_flange_tcp: Array, parameters: Parameters, locatio
 
 
 def _pose_dependent(robot: Robot, T_flange_tcp: Array, parameters: Parameters, location: str) -> LinearTerm:
-    values = [parameters.number(f"{f}_rad_per_Nm", np.nan, positive=False) for f in ("cos", "sin")]
-    return PoseDependentSpring(location, int(location.removeprefix("joint:")) - 1, np.array(values))
+    i = int(location.removeprefix("joint:")) - 1
+    if parameters.choice("law", ("harmonics", "sector"), "harmonics") == "sector":
+        centre, width = parameters.number("centre_deg", positive=False), parameters.number("width_deg")
+        extra = parameters.number("extra_rad_per_Nm", np.nan, positive=False)
+        return SectorSpring(location, i, float(np.radians(centre)), float(np.radians(width)), np.array([extra]))
+    values = [parameters.number(name, np.nan, positive=False) for name in HARMONICS]
+    second = parameters.has(HARMONICS[2]) or parameters.has(HARMONICS[3])
+    return PoseDependentSpring(location, i, np.array(values if second else values[:2]))
 
 
-MAKERS: dict[str, Maker] = {"joint_coupling": _coupling, "joint_pose_dependent_stiffness": _pose_dependent}
+def _creep(robot: Robot, T_flange_tcp: Array, parameters: Parameters, location: str) -> LinearTerm:
+    value = parameters.number("extra_rad_per_Nm", np.nan, positive=False)
+    if value < 0:
+        raise parameters.error("extra_rad_per_Nm", f"found {value:g}; expected at least zero")
+    constant = parameters.number("time_constant_s") if parameters.has("time_constant_s") else None
+    return Creep(location, int(location.removeprefix("joint:")) - 1, np.array([value]), constant)
+
+
+MAKERS: dict[str, Maker] = {
+    "joint_coupling": _coupling, "joint_pose_dependent_stiffness": _pose_dependent, "joint_creep": _creep,
+}  # fmt: skip

@@ -1,0 +1,115 @@
+"""The command ``diagnose``: where model and recording differ, and which physics is missing."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from machopt.cli.display import Display, finite, natural, positive
+
+Commands = Any  # argparse keeps its subparsers' type private
+
+_VERDICTS = {
+    "consistent": "consistent: nothing repeatable above the noise",
+    "explained": "explained",
+    "partly_explained": "explained in part",
+    "unexplained": "not explained: a repeatable mismatch that no law of the catalogue predicts",
+}
+
+
+def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
+    """Add the command to the parser."""
+    p = commands.add_parser(
+        "diagnose", parents=[common], help="where model and recording differ, and which physics is missing"
+    )
+    p.add_argument("cell", type=Path, help="cell folder or its cell.yaml")
+    p.add_argument("recording", type=Path, nargs="+", help="recording folders (sessions or runs of the same robot)")
+    p.add_argument("-o", "--out", type=Path, required=True, help="output folder")
+    p.add_argument(
+        "--channel",
+        choices=("auto", "torque", "link", "tip"),
+        default="auto",
+        help="what is predicted of a motion: joint torque, link-side against motor-side joints, or the tip's position",
+    )
+    p.add_argument("--toolpath", type=Path, metavar="FILE", help="say what the findings change for this toolpath")
+    p.add_argument("--terms", type=Path, action="append", default=[], metavar="FILE.py",
+                   help="laws of your own to try too; may be repeated")  # fmt: skip
+    p.add_argument("--max-findings", type=natural, default=3, metavar="N", help="most effects named at once (3)")
+    p.add_argument("--accept", action="append", default=[], metavar="CODE",
+                   help="take this error of the record as a warning")  # fmt: skip
+    p.add_argument("--allow-external", action="store_true", help="let the cell use files outside its folder")
+    p.add_argument("--seed", type=natural, default=0, help="same input and seed, same bytes")
+    p.add_argument("--jobs", type=positive, default=1, metavar="N", help="accepted for scripts; one process runs")
+    p.set_defaults(run=_diagnose)
+
+
+def _diagnose(args: argparse.Namespace) -> int:
+    from machopt.job.diagnose import Request, run_diagnose
+
+    request = Request(
+        cell=args.cell, recordings=tuple(args.recording), out=args.out, channel=args.channel, toolpath=args.toolpath,
+        terms=tuple(args.terms), max_findings=args.max_findings, accept=tuple(args.accept), seed=args.seed,
+        allow_external=args.allow_external,
+    )  # fmt: skip
+    with Display(show=not (args.quiet or args.json)) as display:
+        done = run_diagnose(request, display.stage)
+    if args.json:
+        print(json.dumps(finite(done.result), ensure_ascii=False))
+    elif not args.quiet:
+        print("\n".join(summary(done.result)))
+        print(f"report: {done.report}")
+    return 0
+
+
+def summary(result: dict[str, Any]) -> list[str]:
+    """What diagnosis.json says, for a terminal."""
+    unit = result["rmse_unit"]
+    first, last = result["baseline"], result["final"]
+    lines = [
+        result["sentence"],
+        f"  verdict: {_VERDICTS[result['verdict']]}",
+        f"  held-out error {_size(first['heldout_rmse'], unit)} → {_size(last['heldout_rmse'], unit)}, noise floor "
+        f"{_size(first['noise_floor'], unit)}, repeatable {_size(first['repeatable_rmse'], unit)}"
+        + (f", {100 * last['explained_share']:.0f} % of it closed" if last["explained_share"] is not None else ""),
+    ]
+    for number, f in enumerate(result["findings"], 1):
+        lines.append(f"  {number}. {_name(f)}{f', {note}' if (note := f['note']) else ''} ({f['law']})")
+        for name, p in f["parameters"].items():
+            low, high = p["ci90"]
+            sure = f"   {_number(low)} … {_number(high)}" if low != high else ""
+            lines.append(f"       {name.replace('_', ' ')} {_number(p['value'])} {p['unit']}{sure}")
+        lines.append(
+            f"       held-out {_size(f['heldout_rmse_before'], unit)} → {_size(f['heldout_rmse_after'], unit)}, "
+            f"p {_number(f['p_value'])}"
+        )
+        others = [f"{effect} {location}" for effect, location in f["one_of"][1:]]
+        if others:
+            lines.append(f"       these data cannot tell it from: {', '.join(others)}")
+    if result["verdict"] in ("unexplained", "partly_explained"):
+        where = sorted(result["mismatch"], key=lambda s: -(s["share"] or 0.0))[:3]
+        if where:
+            lines.append("  lives in: " + ", ".join(f"{s['axis']} {100 * (s['share'] or 0.0):.0f} %" for s in where))
+    if result["outliers"] is not None:
+        count = len(result["outliers"]["rows"])
+        lines.append(f"  put aside: {count} reading{'' if count == 1 else 's'} ({result['outliers']['location']})")
+    if result["effect_on_job"] is not None and result["effect_on_job"].get("sentence"):
+        lines.append(f"  the job: {result['effect_on_job']['sentence']}")
+    if result["next_experiment"]:
+        lines.append(f"  next: {result['next_experiment']}")
+    return lines + [f"  note: {w}" for w in result["warnings"]]
+
+
+def _name(f: dict[str, Any]) -> str:
+    return f"{f['effect']} {f['location']}"
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3g}"
+
+
+def _size(value: float | None, unit: str) -> str:
+    if value is not None and unit == "mm" and abs(value) < 0.5:
+        return f"{1e3 * value:.3g} µm"
+    return f"{_number(value)} {unit}"

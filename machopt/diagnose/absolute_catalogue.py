@@ -1,0 +1,108 @@
+"""What measured TCP poses may show beyond the refitted base, and what they cannot.
+
+A zero offset of joint 1 *is* a turn of the tracker frame, one of joint 6 a shift of the target where no orientation is
+measured: what the base takes up altogether is not offered but listed as untestable. A step with the sign of a torque
+that weight keeps on one side is a zero offset, and offered as such alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.diagnose import laws_environment, laws_joint, laws_kinematic, laws_weight
+from machopt.diagnose.problem import Catalogue, Hypothesis, Problem, Untestable
+from machopt.diagnose.readings import Readings
+
+Array = NDArray[np.float64]
+LEVER = 0.5  # m: an error of rotation counts as the shift it makes this far away, while nothing is known of the noise
+ABSORBED = 1e-3  # of a column's length that the base leaves: less is nothing but rounding of the geometry
+DISTINCT = 0.3  # of what the base leaves of a law: less beside a zero offset of the joint, and it is one
+
+
+def catalogue(r: Readings, problem: Problem) -> Catalogue:
+    """Every effect that measured poses can show, without those that the base takes up altogether."""
+    offered: list[Hypothesis] = [
+        *laws_kinematic.zero_offsets(r), *laws_kinematic.transmission_errors(r), *laws_kinematic.couplings(r),
+        *laws_environment.payload(r), *laws_environment.compensator(r), *laws_environment.thermal(r),
+        *laws_weight.bodies(r),
+    ]  # fmt: skip
+    missing = list(_untestable(r))
+    drives = np.quantile(np.abs(r.torque), 0.9, axis=0)
+    for j in range(6):
+        where = f"joint:{j + 1}"
+        if drives[j] <= 1e-3 * max(drives.max(), 1e-12):
+            missing.append(Untestable("joint_pose_dependent_stiffness", where, "neither weight nor load turns it"))
+            continue
+        offered += laws_joint.pose_dependent(r, j)
+        for h in (*laws_joint.nonlinear(r, j), *laws_joint.backlash(r, j)):
+            shapes = tuple(s for s in h.shapes if _own(h.columns(s), problem.base, r, j))
+            if shapes:
+                offered.append(replace(h, shapes=shapes))
+            else:
+                missing.append(Untestable(h.effect, where, "weight keeps its torque on one side: it is a zero offset"))
+    if r.recording.registration == "fixed":
+        offered += laws_environment.frame(r)
+    kept = []
+    for h in offered:
+        if left(h.columns(h.shapes[len(h.shapes) // 2]), problem.base) > ABSORBED:
+            kept.append(h)
+        elif (h.effect, h.location) not in {(m.effect, m.location) for m in missing}:
+            missing.append(Untestable(h.effect, h.location, _taken_up(h, r)))
+    axes = {"session": r.session.astype(float)}
+    if np.abs(r.wrench).max() > 0.0:
+        axes["load"] = np.linalg.norm(r.wrench[:, :3], axis=1)
+    for name, values in (("time", r.recording.time), ("temperature", r.recording.temperature)):
+        if values is not None:
+            axes[name] = values
+    p = r.state.T_base_tool[:, :3, 3]
+    axes |= {name: p[:, k] for k, name in enumerate("xyz")} | {f"q{j + 1}": r.state.q[:, j] for j in range(6)}
+    named = {(h.effect, h.location) for h in kept}
+    return Catalogue(tuple(kept), tuple(m for m in missing if (m.effect, m.location) not in named), axes)
+
+
+def left(columns: Array, base: Array) -> float:
+    """Share of a hypothesis' columns (N, D, p), by length, that the base (N, D, P) cannot make up."""
+    weight = np.array([1.0] * 3 + [LEVER] * 3)[: columns.shape[1], None]
+    A, B = ((m * weight).reshape(-1, m.shape[2]) for m in (columns, base))
+    sizes = np.linalg.norm(B, axis=0)
+    B = B[:, sizes > 0] / sizes[sizes > 0]
+    U, s, _ = np.linalg.svd(B, full_matrices=False)
+    U = U[:, s > 1e-9 * s[0]] if len(s) else U
+    size = float(np.linalg.norm(A))
+    return float(np.linalg.norm(A - U @ (U.T @ A))) / size if size > 0 else 0.0
+
+
+def _own(columns: Array, base: Array, r: Readings, j: int) -> bool:
+    """A law on joint j's torque shows more in these poses than a zero offset of the joint would."""
+    offset = r.lift(j, np.ones(len(r)))
+    alone = left(columns, base)
+    return alone > ABSORBED and left(columns, np.concatenate([base, offset], axis=2)) > DISTINCT * alone
+
+
+def _untestable(r: Readings) -> list[Untestable]:
+    out = [
+        Untestable("geometric_stiffness", "arm", "counted exactly: the arm is in equilibrium where it really stands"),
+        Untestable(
+            "joint_hysteresis", "joint:1", "measured poses do not say how the torque came there; load cycles do"
+        ),
+        Untestable("joint_creep", "joint:1", "measured poses do not say since when the torque has been there"),
+    ]
+    if r.masses is None:
+        out += [
+            Untestable("payload", "tool", "the URDF has no masses; with them weight would show it"),
+            Untestable("gravity_compensator", "joint:2", "the URDF has no masses to tell its torque from weight"),
+        ]
+    if r.recording.time is None and r.recording.temperature is None:
+        out.append(Untestable("thermal_drift", "environment", "the recording has neither time_s nor temperature_C"))
+    return out
+
+
+def _taken_up(h: Hypothesis, r: Readings) -> str:
+    if h.effect in ("joint_zero_offset", "joint_coupling") and h.location == "joint:1":
+        return "it turns everything about an axis that stands still: the fitted tracker frame takes it up"
+    if h.effect == "joint_zero_offset" and h.location == "joint:6" and r.dimensions == 3:
+        return "it shifts the target in the flange, which is fitted; measured orientations would show it"
+    return "what is refitted in any case takes it up altogether in these poses"

@@ -1,0 +1,183 @@
+"""Load tests: how far the TCP moves under a known load; the channel that shows elasticity of every kind.
+
+y is the measured displacement less what is known beyond the linear law (K_C of load and weight, exact); the base is
+the six joint compliances and, from the second session on, a gain of the force per session, which no recording of a
+robot is free of.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.diagnose import laws_body, laws_compensator, laws_joint, laws_sensor
+from machopt.diagnose.problem import Catalogue, Family, Hypothesis, Problem, Unknown, Untestable
+from machopt.diagnose.readings import Readings
+from machopt.domain.recording import Recording
+from machopt.errors import InputError
+from machopt.identify.clusters import clusters
+from machopt.identify.equilibrium import Equilibrium
+from machopt.identify.experiment import Experiment
+from machopt.identify.robust import start
+from machopt.model.robot import Masses, Robot
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+SAME_LOAD = 0.08  # of the largest load of a pose: readings so near are of the same load
+GEOMETRIC = "K_C"
+KNOWN_TO = 0.2  # share of K_C that the compliances found leave open
+GAIN_PRIOR = 0.02  # of the force, between sessions
+MOST_COMPLIANCE = 1e-4  # rad/(N·m)
+
+
+def build(
+    recording: Recording, tests: Experiment, robot: Robot, T_flange_tcp: Array, masses: Masses | None,
+    compliance: Array | None = None, memo: dict[tuple[object, ...], Array] | None = None,
+) -> tuple[Problem, Catalogue, Readings]:  # fmt: skip
+    """Equations and hypotheses of a load test.
+
+    Args:
+        recording: kind "deflection", as corrected by the record checks.
+        tests: the same in base axes.
+        robot, T_flange_tcp: the arm.
+        masses: of links and tool; None where the URDF has none.
+        compliance: (6,) rad/(N·m) found before; None: by least absolute deviations.
+        memo: histories of an earlier call for the same tests.
+
+    Raises:
+        InputError: springs that hold no load at all.
+    """
+    load = np.linalg.norm(tests.wrench[:, :3], axis=1) + np.linalg.norm(tests.wrench[:, 3:], axis=1)
+    A = tests.response()
+    c = start(A, tests.measured, load) if compliance is None else compliance
+    known, curved = _known(tests, robot, T_flange_tcp, masses, np.clip(c, 0.0, MOST_COMPLIANCE))
+    y = tests.measured - known
+    c = np.clip(start(A, y, load) if compliance is None else compliance, 0.0, MOST_COMPLIANCE)
+    labels = clusters(tests)
+    _, visit = np.unique(np.stack([tests.pose, tests.session], axis=1), axis=0, return_inverse=True)
+    _, session = np.unique(tests.session, return_inverse=True)
+    readings = Readings(
+        recording, robot, T_flange_tcp, masses, tests.state, tests.wrench, tests.dimensions, True, c,
+        session.reshape(-1), visit.reshape(-1), tests.cycle, {} if memo is None else memo,
+    )  # fmt: skip
+    predicted = A @ c
+    gains = [predicted * (session == s)[:, None] for s in range(1, int(session.max()) + 1)]
+    base = np.concatenate([A, *(g[:, :, None] for g in gains)], axis=2)
+    unknowns = [Unknown(f"joint {j}", "rad/(N·m)", 0.0, f"joint:{j}") for j in range(1, 7)]
+    unknowns += [
+        Unknown(f"force gain, session {s + 1}", "1", location="sensor:force", prior=GAIN_PRIOR)
+        for s in range(1, len(gains) + 1)
+    ]
+    if curved is not None:  # known but for the compliances in it
+        base = np.concatenate([base, curved[:, :, None]], axis=2)
+        unknowns.append(Unknown(GEOMETRIC, "1", location="arm", prior=KNOWN_TO))
+    u = tests.uncertainty
+    families = [Family("translation", (0, 1, 2), "mm", 1e3, u.displacement)]
+    if tests.dimensions == 6:
+        families.append(Family("rotation", (3, 4, 5), "mrad", 1e3, u.rotation))
+    problem = Problem(
+        "deflection", y, base, tuple(unknowns), tuple(families), tests.pose, readings.visit,
+        tests.cycle if labels.has_cycle else readings.visit, readings.session, replicates(tests, recording),
+        tests.line, np.arange(1, len(tests) + 1), scale=predicted, known=known if curved is not None else None,
+        weight_known=masses is not None,
+    )  # fmt: skip
+    return problem, catalogue(readings, curved), readings
+
+
+def catalogue(r: Readings, curved: Array | None) -> Catalogue:
+    """Every effect that load tests can show."""
+    out: list[Hypothesis] = []
+    missing: list[Untestable] = []
+    drives = np.quantile(np.abs(r.load_torque), 0.9, axis=0)
+    for j in range(6):
+        if drives[j] < 1e-3 * drives.max():
+            missing.append(Untestable("joint_nonlinear_stiffness", f"joint:{j + 1}", "no load turns this joint"))
+            continue
+        out += laws_joint.nonlinear(r, j)
+        clicks = laws_joint.backlash(r, j)
+        if not clicks:
+            missing.append(Untestable(
+                "joint_backlash", f"joint:{j + 1}", "weight keeps the torque of this joint on one side in every pose; "
+                "loads that overcome it would show a step"))  # fmt: skip
+        out += clicks
+        out += laws_joint.hysteresis(r, j)
+        late = laws_joint.creep(r, j)
+        if not late:
+            missing.append(Untestable("joint_creep", f"joint:{j + 1}", "the recording has no time_s"))
+        out += late
+        out += laws_joint.pose_dependent(r, j)
+    out += laws_compensator.apparent(r)
+    out += [*laws_body.coupling(r), *laws_body.links(r), *laws_body.base(r), *laws_body.tool(r)]
+    out += [*laws_sensor.force_sensor(r), *laws_sensor.displacement_frame(r), *laws_sensor.load_geometry(r)]
+    if curved is None:
+        missing.append(Untestable("geometric_stiffness", "arm", "the springs found do not hold the recorded loads"))
+    for effect, where, why in (
+        ("joint_zero_offset", "joint:2", "displacements under load hardly depend on it"),
+        ("transmission_error", "joint:2", "it needs no load and cancels in displacements"),
+        ("payload", "tool", "weight cancels in displacements"),
+        ("thermal_drift", "environment", "displacements count from the unloaded state of the same minute"),
+    ):
+        missing.append(Untestable(effect, where, why))
+    force = np.linalg.norm(r.wrench[:, :3], axis=1)
+    axes = {"load": force, "session": r.session.astype(float)}
+    if r.recording.branch is not None:
+        axes["branch"] = r.recording.branch.astype(float)
+    if r.recording.time is not None:
+        axes["time"] = r.recording.time
+    axes |= {f"q{j + 1}": r.state.q[:, j] for j in range(6)}
+    return Catalogue(tuple(out), tuple(missing), axes)
+
+
+def _known(
+    tests: Experiment, robot: Robot, T_flange_tcp: Array, masses: Masses | None, c: Array
+) -> tuple[Array, Array | None]:
+    """What the exact equilibrium adds to the linear law (K_C), and the same as a column; zero where nothing holds."""
+    try:
+        d, _ = Equilibrium(tests, robot, T_flange_tcp, masses).predict(c)
+    except InputError:
+        return np.zeros_like(tests.measured), None
+    more = d - tests.response() @ c
+    return more, more
+
+
+def replicates(tests: Experiment, recording: Recording) -> Ints:
+    """(N,) label of readings of the same pose, load and branch; −1 for a reading without a twin."""
+    out = np.full(len(tests), -1, np.int64)
+    branch = np.zeros(len(tests)) if recording.branch is None else recording.branch
+    if recording.branch is None:  # rising or falling: the order tells
+        size = np.linalg.norm(tests.wrench[:, :3], axis=1)
+        for label in np.unique(tests.cycle):
+            rows = np.flatnonzero(tests.cycle == label)
+            peak = int(np.argmax(size[rows]))
+            branch[rows] = np.where(np.arange(len(rows)) <= peak, 1, -1)
+    n = 0
+    for pose in np.unique(tests.pose):
+        rows = np.flatnonzero(tests.pose == pose)
+        w = tests.wrench[rows].copy()
+        force, moment = np.linalg.norm(w[:, :3], axis=1).max(), np.linalg.norm(w[:, 3:], axis=1).max()
+        w[:, :3] /= max(force, 1e-9)
+        w[:, 3:] /= max(moment, 1e-9)
+        free = np.ones(len(rows), bool)
+        for k in range(len(rows)):
+            if not free[k]:
+                continue
+            near = free & (branch[rows] == branch[rows[k]]) & (np.abs(w - w[k]).max(axis=1) < SAME_LOAD)
+            free[near] = False
+            if near.sum() > 1:
+                out[rows[near]] = n
+                n += 1
+    return out
+
+
+def corrected(recording: Recording, rows: Ints) -> Recording:
+    """The recording without some rows (0-based)."""
+    keep = np.ones(len(recording), bool)
+    keep[rows] = False
+    parts = {
+        name: value[keep]
+        for name, value in vars(recording).items()
+        if isinstance(value, np.ndarray) and value.shape[:1] == keep.shape
+    }
+    return replace(recording, **parts)

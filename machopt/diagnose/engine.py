@@ -1,0 +1,258 @@
+"""The steps of a diagnosis in order, the same for every channel.
+
+::
+
+    base, robust ─► noise from twins ─► whiten ─► search ─► once more about what was found ─► findings, limits, proof
+                         ▲                                        │
+                         └────────── outliers, noise, known physics again ──────────┘
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.diagnose import heldout, limits, mismatch, noise, words
+from machopt.diagnose.findings import estimates, rivals, sandwich
+from machopt.diagnose.grams import Model, Tried, base_model, tried
+from machopt.diagnose.heldout import Fitted
+from machopt.diagnose.known import geometric_finding
+from machopt.diagnose.noise import Noise
+from machopt.diagnose.problem import Catalogue, Problem
+from machopt.diagnose.proof import prove
+from machopt.diagnose.result import Coefficient, Diagnosis, Errors, Finding, Share, Verdict
+from machopt.diagnose.screen import score
+from machopt.diagnose.select import Chosen, select, with_chosen
+from machopt.diagnose.whitening import Whitening, whitening
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+ROUNDS = 3
+CLIPS = 4
+CERTAIN = 0.005  # chance of the repeatable power below which there is a mismatch
+RESTLESS = 1.2  # variance of whitened residuals that no noise makes
+MATTERS = 0.3  # repeatable rmse per noise of one reading that matters
+CLOSED, PARTLY = 0.6, 0.55  # shares of the repeatable power; below, what was found is withdrawn
+
+Rebuild = Callable[[Array], tuple[Problem, Catalogue]]
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a diagnosis is made."""
+
+    most: int = 3  # effects
+    predicted: str = ""  # the channel in words
+    progress: Callable[[str], None] = lambda _: None
+
+
+@dataclass(frozen=True)
+class State:
+    """One round of the search."""
+
+    problem: Problem
+    catalogue: Catalogue
+    used: Flags
+    noise: Noise
+    w: Whitening
+    base: Model
+    unit: Array
+    tried: tuple[Tried, ...]
+    chosen: tuple[Chosen, ...]
+
+    def fitted(self, chosen: Sequence[Chosen]) -> Fitted:
+        """Base and some effects with their columns in SI."""
+        columns, unit = [self.problem.base], [self.unit]
+        for c in chosen:
+            columns.append(c.tried.hypothesis.columns(c.tried.shapes[c.scored.shape]))
+            unit.append(c.tried.unit[c.scored.shape])
+        return Fitted(
+            with_chosen(self.base, chosen), np.concatenate(columns, axis=2), np.concatenate(unit), self.problem.y
+        )
+
+
+def diagnose(
+    problem: Problem, catalogue: Catalogue, options: Options, rng: np.random.Generator, rebuild: Rebuild | None = None
+) -> Diagnosis:
+    """Find what a model leaves out of a recording.
+
+    Args:
+        problem: what was measured, and what is refitted in any case.
+        catalogue: what may explain the rest.
+        options: how many effects at most.
+        rng: of sign flips, folds and directions.
+        rebuild: problem and catalogue once more about base coefficients (P,) SI that were found; None: they stand.
+    """
+    seed = int(rng.integers(2**31))
+    state = _search(problem, catalogue, options, seed, rebuild)
+    options.progress("rivals and intervals")
+    return _assemble(state, options, np.random.default_rng([seed, 1]))
+
+
+def _search(problem: Problem, catalogue: Catalogue, options: Options, seed: int, rebuild: Rebuild | None) -> State:
+    """Search, and search again with noise, outliers and known physics about what was found."""
+    residual, used = _robust(problem)
+    state: State | None = None
+    for number in range(ROUNDS):
+        options.progress(f"search, round {number + 1}")
+        found = noise.estimate(problem, residual, used)
+        w = whitening(problem, found, used)
+        base, unit = base_model(problem, w, np.random.default_rng([seed, 2]))
+        each = tuple(tried(problem, w, catalogue.hypotheses, base.y))
+        chosen = tuple(select(base, each, options.most, np.random.default_rng([seed, 3])))
+        before, state = state, State(problem, catalogue, used, found, w, base, unit, each, chosen)
+        fitted = state.fitted(chosen)
+        residual = fitted.residual
+        again = _good(problem, residual) & _allowed(problem)
+        same = before is not None and _names(before.chosen) == _names(chosen) and np.array_equal(again, used)
+        if same or number == ROUNDS - 1:
+            break
+        used = again
+        if rebuild is not None:
+            problem, catalogue = rebuild(fitted.x[: problem.base.shape[2]])
+    assert state is not None  # ROUNDS > 0
+    return state
+
+
+def _names(chosen: Sequence[Chosen]) -> list[tuple[str, str, str]]:
+    return [(*c.tried.hypothesis.name, c.tried.hypothesis.law) for c in chosen]
+
+
+def _allowed(problem: Problem) -> Flags:
+    return np.ones(len(problem), bool) if problem.excluded is None else ~problem.excluded
+
+
+def _robust(problem: Problem) -> tuple[Array, Flags]:
+    """Residuals (N, D) of the base by least squares with gross errors put aside, and which readings remain."""
+    used = _allowed(problem)
+    scale = np.ones(problem.dimensions)
+    for family in problem.families:
+        columns = list(family.columns)
+        scale[columns] = 1.0 / max(noise.robust_sigma(problem.y[used][:, columns]), 1e-12)
+    prior = np.array([0.0 if u.prior is None else 1.0 / u.prior for u in problem.unknowns])
+    residual = problem.y
+    for _ in range(CLIPS):
+        A = (problem.base[used] * scale[:, None]).reshape(-1, problem.base.shape[2])
+        size = np.sqrt(np.mean(A**2, axis=0))
+        size = np.where(size > 0, size, 1.0)
+        held = np.diag(prior / size)
+        b = np.concatenate([(problem.y[used] * scale).reshape(-1), np.zeros(len(prior))])
+        x = np.linalg.lstsq(np.concatenate([A / size, held]), b, rcond=1e-10)[0] / size
+        residual = problem.y - problem.base @ x
+        good = _good(problem, residual) & _allowed(problem)
+        if np.array_equal(good, used):
+            break
+        used = good
+    return residual, used
+
+
+def _good(problem: Problem, residual: Array) -> Flags:
+    """(N,) readings without a gross error in any coordinate."""
+    out = np.ones(len(residual), bool)
+    for family in problem.families:
+        e = residual[:, list(family.columns)]
+        typical = max(noise.robust_sigma(e), family.stated or 0.0, float(np.finfo(float).tiny))
+        out &= (np.abs(e) <= noise.GROSS * typical).all(axis=1)
+    return out
+
+
+def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagnosis:
+    problem, used, floor_noise = state.problem, state.used, state.noise
+    plain, final = state.fitted(()), state.fitted(state.chosen)
+    before, after = plain.heldout(), final.heldout()
+    known = geometric_finding(state)
+    if known is not None:  # K_C was counted from the start: without it the mismatch would have been larger
+        before = known.residual_without
+    there = mismatch.repeatable(problem, before, used, floor_noise, rng)
+    rest = mismatch.repeatable(problem, after, used, floor_noise, rng)
+    unit_noise = floor_noise.together(0)
+    power = max(there.power, 0.0)
+    explained = float(np.clip(1.0 - max(rest.power, 0.0) / power, 0.0, 1.0)) if power > 0 else 0.0
+    sure = np.isnan(there.p_value) or there.p_value <= CERTAIN or state.base.spread > RESTLESS
+    real = bool(sure and np.sqrt(power) > MATTERS * unit_noise)
+    findings = [_finding(state, k) for k in range(len(state.chosen))]
+    withdrawn: list[Finding] = []
+    if state.chosen and explained < PARTLY and real:
+        findings, withdrawn = [], findings
+        after, final, explained = before, plain, 0.0
+    if known is not None:
+        findings.append(known.finding)
+    verdict: Verdict
+    if findings:
+        verdict = "explained" if explained >= CLOSED or not real else "partly_explained"
+    else:
+        verdict = "unexplained" if real or withdrawn else "consistent"
+    scored = score(state.base, state.tried)
+    beyond = max(state.base.rss - len(state.base.y) + state.base.X.shape[1], 1.0)
+    machine = mismatch.in_the_machine(scored, beyond) if verdict != "consistent" else []
+    data = (
+        mismatch.in_the_data(problem, before, used, floor_noise, state.catalogue.axes)
+        if verdict != "consistent"
+        else []
+    )
+    shares = _shares(state, findings, machine) + data[:3]
+    options.progress("detection limits")
+    seen = limits.limits(with_chosen(state.base, () if withdrawn else state.chosen), state.tried, rng)
+    options.progress("proof on readings that no step saw")
+    proof = prove(state, options.most, rng) if findings or withdrawn else None
+    by_group, groups = heldout.by_group(problem, (before, after), used)
+    factor = problem.families[0].factor
+    rows = problem.row[~used]
+    result = Diagnosis(
+        problem.channel, options.predicted, verdict, "", problem.families[0].unit,
+        heldout.rmse(problem, before, used), heldout.floor(problem, floor_noise, used), factor * float(np.sqrt(power)),
+        there.p_value, heldout.rmse(problem, after, used), explained, factor * float(np.sqrt(max(rest.power, 0.0))),
+        tuple(findings), tuple(shares), tuple(seen), state.catalogue.untestable,
+        tuple(_coefficients(state, () if withdrawn else state.chosen)), Errors(before, after, by_group, groups), proof,
+        used, rows, state.catalogue.axes, sum(len(t.shapes) for t in state.tried),
+        notes=tuple(words.withdrawn(withdrawn)) + words.noise_note(floor_noise),
+    )  # fmt: skip
+    return replace(result, sentence=words.sentence(result), next_experiment=words.next_experiment(result))
+
+
+def _finding(state: State, k: int) -> Finding:
+    c = state.chosen[k]
+    h, shape = c.tried.hypothesis, c.tried.shapes[c.scored.shape]
+    x = c.scored.x * c.tried.unit[c.scored.shape]
+    without = state.fitted([o for i, o in enumerate(state.chosen) if i != k]).heldout()
+    full = state.fitted(state.chosen)
+    others, names = rivals(state.base, state.chosen, k, state.tried)
+    curve = None if h.curve is None else h.curve(x, shape)
+    left = None if curve is None else _along(full.residual, h.columns(shape), x, curve.per_reading)
+    return Finding(
+        h.effect, h.location, h.law, h.equation, h.note, tuple(names), estimates(state.base, state.chosen, k),
+        heldout.rmse(state.problem, without, state.used), heldout.rmse(state.problem, full.heldout(), state.used),
+        c.p_value, tuple(others), h.correction(x, shape), curve, left, h.family == "sensor",
+    )  # fmt: skip
+
+
+def _along(residual: Array, columns: Array, x: Array, law: Array) -> Array:
+    """(N,) residual along what the law does to each reading, in the law's own unit."""
+    moved = columns @ x  # (N, D)
+    power = np.einsum("nd,nd->n", moved, moved)
+    share = np.einsum("nd,nd->n", moved, residual) / np.maximum(power, 1e-300)
+    return np.where(power > 1e-4 * np.quantile(power, 0.9), share * law, np.nan)
+
+
+def _shares(state: State, findings: Sequence[Finding], machine: list[Share]) -> list[Share]:
+    """What was found first, by what it explains; then the other places that explain some of it alone."""
+    total = {c.tried.hypothesis.location: max(c.scored.total, 0.0) for c in state.chosen}
+    whole = sum(total.values())
+    beyond = max(state.base.rss - len(state.base.y) + state.base.X.shape[1], whole, 1e-9)
+    out = [Share(f.location, float(np.clip(total.get(f.location, 0.0) / beyond, 0.0, 1.0)), f.note) for f in findings]
+    named = {f.location for f in findings}
+    return out + [s for s in machine if s.axis not in named][:6]
+
+
+def _coefficients(state: State, chosen: Sequence[Chosen]) -> list[Coefficient]:
+    x, covariance, _ = sandwich(with_chosen(state.base, chosen))
+    P = len(state.unit)
+    before = state.base.coefficients * state.unit
+    sigma = np.sqrt(np.maximum(np.diag(covariance)[:P], 0.0)) * state.unit
+    return [
+        Coefficient(u, float(b), float(v), float(s))
+        for u, b, v, s in zip(state.problem.unknowns, before, x[:P] * state.unit, sigma, strict=True)
+    ]

@@ -1,0 +1,132 @@
+"""From a chosen law to a finding: its numbers with intervals, its rivals, and what these data cannot tell it from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtr, stdtrit
+
+from machopt.diagnose.grams import Model, Tried, ridged_inverse
+from machopt.diagnose.problem import Shape
+from machopt.diagnose.result import Estimate, Name, Rival
+from machopt.diagnose.screen import Scored, score
+from machopt.diagnose.select import Chosen, with_chosen
+
+Array = NDArray[np.float64]
+AS_GOOD = 9.0  # difference of gains (three standard deviations) below which a rival is not excluded
+PAIRED = 0.005  # chance of the paired difference over groups below which it is
+MOST_OF = 0.6  # of the gain on unseen groups that a rival must reach; an effect in few groups alone pairs badly
+NEAR_SHAPE = 3.84  # loss of gain within which another shape is as likely (95 %)
+SHOWN = 10
+
+
+def rivals(model: Model, chosen: Sequence[Chosen], k: int, tried: Sequence[Tried]) -> tuple[list[Rival], list[Name]]:
+    """What else could stand in place of the k-th effect, the others being there.
+
+    Returns:
+        rivals, the closest first; names not excluded, the chosen one first.
+    """
+    others = [c for i, c in enumerate(chosen) if i != k]
+    beside = with_chosen(model, others)
+    taken = {c.tried.hypothesis.name for c in others}
+    mine = chosen[k].tried.hypothesis
+    scored = score(beside, [t for t in tried if t.hypothesis.name not in taken])
+    best: dict[Name, Scored] = {}
+    for s in scored:
+        name = s.tried.hypothesis.name
+        if name not in best or s.total > best[name].total:
+            best[name] = s
+    own = next(s for s in scored if s.tried is chosen[k].tried)
+    spread = with_chosen(model, chosen).spread
+    out: list[Rival] = []
+    names: list[Name] = [mine.name]
+    for name, s in sorted(best.items(), key=lambda item: -item[1].total):
+        if name == mine.name:
+            continue
+        h = s.tried.hypothesis
+        d = own.heldout - s.heldout
+        p = _paired(d)
+        close = float(d.sum()) / spread < AS_GOOD or (own.gain - s.gain) / spread < AS_GOOD
+        maybe = s.total > 0 and (close or (p > PAIRED and s.total > MOST_OF * own.total))
+        if maybe:
+            names.append(name)
+        out.append(Rival(
+            h.effect, h.location, h.law, float(np.clip(s.total / max(own.total, 1e-12), -1.0, 2.0)),
+            "not excluded" if maybe else "rejected", p, h.effect == mine.effect,
+        ))  # fmt: skip
+    return [r for n, r in enumerate(out) if n < SHOWN or r.standing == "not excluded"], names
+
+
+def estimates(model: Model, chosen: Sequence[Chosen], k: int) -> dict[str, Estimate]:
+    """The parameters of the k-th effect with 90 and 95 % intervals, over the shapes that are as likely."""
+    c = chosen[k]
+    beside = with_chosen(model, [o for i, o in enumerate(chosen) if i != k])
+    h, p = c.tried.hypothesis, c.tried.X.shape[2]
+    value = h.quantities(c.scored.x * c.tried.unit[c.scored.shape], c.tried.shapes[c.scored.shape])
+    ends: dict[str, list[Array]] = {name: [] for name in value}
+    for s in range(len(c.tried.shapes)):
+        m = beside.with_columns(c.tried.at(s))
+        if s != c.scored.shape and m.rss - _rss(beside, c) > NEAR_SHAPE * m.spread:
+            continue
+        x, covariance, freedom = sandwich(m)
+        low_high = _quantity_intervals(
+            c, x[-p:], covariance[-p:, -p:], freedom, c.tried.shapes[s], c.tried.unit[s]
+        )  # fmt: skip
+        for name, interval in low_high.items():
+            if name in ends:
+                ends[name].append(interval)
+    out = {}
+    for name, q in value.items():
+        both = np.array(ends[name]) if ends[name] else np.full((1, 2, 2), q.value)
+        low, high = both[:, :, 0].min(axis=0), both[:, :, 1].max(axis=0)
+        out[name] = Estimate(
+            q.value, q.unit, (min(float(low[0]), q.value), max(float(high[0]), q.value)),
+            (min(float(low[1]), q.value), max(float(high[1]), q.value)),
+        )  # fmt: skip
+    return out
+
+
+def sandwich(model: Model) -> tuple[Array, Array, float]:
+    """Coefficients, cluster-robust covariance (folds as clusters) and degrees of freedom."""
+    M, x = ridged_inverse(model.normal), model.coefficients
+    u = model.by_fold(model.Xy) - np.einsum("fij,j->fi", model.by_fold(model.XX), x)
+    G, P = model.folds, len(x)
+    robust = M @ (u.T @ u) @ M * G / max(G - 1, 1)
+    # few groups: the robust part alone is noisy, and too small as often as too large
+    grow = np.sqrt(np.maximum(np.diag(M) * model.spread / np.maximum(np.diag(robust), 1e-300), 1.0))
+    return x, robust * np.outer(grow, grow), float(max(G - P // 2, 4))
+
+
+def _quantity_intervals(
+    c: Chosen, x: Array, covariance: Array, freedom: float, shape: Shape, unit: Array
+) -> dict[str, Array]:
+    """(2, 2) ends of the 90 and 95 % intervals of each quantity, by its slope in the coefficients."""
+    h = c.tried.hypothesis
+    centre = h.quantities(x * unit, shape)
+    slopes: dict[str, list[float]] = {name: [] for name in centre}
+    for i in range(len(x)):
+        step = np.zeros(len(x))
+        step[i] = 1e-3 * max(float(np.sqrt(covariance[i, i])), abs(float(x[i])), 1e-12)
+        up, down = h.quantities((x + step) * unit, shape), h.quantities((x - step) * unit, shape)
+        for name in centre:
+            slopes[name].append((up[name].value - down[name].value) / (2 * step[i]))
+    out = {}
+    for name, q in centre.items():
+        g = np.array(slopes[name])
+        sigma = float(np.sqrt(max(g @ covariance @ g, 0.0)))
+        t = stdtrit(freedom, np.array([0.95, 0.975]))
+        out[name] = np.stack([q.value - t * sigma, q.value + t * sigma], axis=1)
+    return out
+
+
+def _rss(beside: Model, c: Chosen) -> float:
+    return beside.with_columns(c.columns).rss
+
+
+def _paired(d: Array) -> float:
+    """One-sided chance of a mean difference so large, Student's t over folds."""
+    n = len(d)
+    error = float(d.std(ddof=1)) / np.sqrt(n) if n > 1 else 0.0
+    return float(stdtr(n - 1, -float(d.mean()) / error)) if error > 0 else float(d.mean() <= 0)

@@ -1,0 +1,149 @@
+"""Whitened equations summed up by visit: all that fits, folds and resamples need.
+
+A model is a set of whitened columns; its sums XᵀX, Xᵀy per visit are enough to refit it without any group, to hold that
+group against it, and to flip the signs of a visit's scores.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.diagnose.problem import Hypothesis, Problem, Shape
+from machopt.diagnose.whitening import Whitening
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+RIDGE = 1e-9  # of each column's own square: keeps directions that no reading shows from exploding
+ABSORBED = 1e-4  # of a column's square left beside the base; less cannot be told from the base
+MOST_FOLDS = 40
+
+
+@dataclass(frozen=True)
+class Model:
+    """Columns that are fitted together, whitened."""
+
+    w: Whitening
+    X: Array  # (M, P)
+    y: Array  # (M,)
+    fold: Ints  # (V,) which visits are held out together
+    folds: int
+    XX: Array  # (V, P, P)
+    Xy: Array  # (V, P)
+    yy: Array  # (V,)
+    prior: Array  # (P,) precision of what is known beforehand, zero for what is not
+
+    @property
+    def normal(self) -> Array:
+        """(P, P) of all readings and of what is known beforehand."""
+        return np.asarray(self.XX.sum(axis=0) + np.diag(self.prior))
+
+    @property
+    def inverse(self) -> Array:
+        return ridged_inverse(self.normal)
+
+    @property
+    def coefficients(self) -> Array:
+        """(P,) of all readings."""
+        return np.asarray(self.inverse @ self.Xy.sum(axis=0))
+
+    @property
+    def residual(self) -> Array:
+        """(M,) whitened, of the fit to all readings."""
+        return np.asarray(self.y - self.X @ self.coefficients)
+
+    @property
+    def rss(self) -> float:
+        return float(np.sum(self.residual**2))
+
+    @property
+    def spread(self) -> float:
+        """Variance of a whitened residual, at least 1: what the noise model leaves out makes every test stricter."""
+        return max(1.0, self.rss / max(len(self.y) - self.X.shape[1], 1))
+
+    def by_fold(self, visits: Array) -> Array:
+        out = np.zeros((self.folds, *visits.shape[1:]))
+        np.add.at(out, self.fold, visits)
+        return out
+
+    def with_columns(self, more: Array) -> Model:
+        """The model with further whitened columns (M, p)."""
+        prior = np.concatenate([self.prior, np.zeros(more.shape[1])])
+        return model(self.w, np.concatenate([self.X, more], axis=1), self.y, self.fold, prior)
+
+
+@dataclass(frozen=True)
+class Tried:
+    """One hypothesis, whitened, at all its shapes."""
+
+    hypothesis: Hypothesis
+    X: Array  # (M, S, p)
+    unit: Array  # (S, p) SI coefficient per fitted one: columns are scaled to a whitened rms of one
+    XX: Array  # (V, S, p, p)
+    Xy: Array  # (V, S, p)
+    index: int = field(default=0, compare=False)
+
+    def at(self, shape: int) -> Array:
+        """(M, p) whitened columns of one shape."""
+        return np.asarray(self.X[:, shape])
+
+    @property
+    def shapes(self) -> tuple[Shape, ...]:
+        return self.hypothesis.shapes
+
+
+def model(w: Whitening, X: Array, y: Array, fold: Ints, prior: Array) -> Model:
+    """Sum up whitened columns by visit."""
+    XX = np.stack([x.T @ x for x in _visits(w, X)])
+    return Model(w, X, y, fold, int(fold.max()) + 1, XX, w.by_visit(X * y[:, None]), w.by_visit(y**2), prior)
+
+
+def base_model(problem: Problem, w: Whitening, rng: np.random.Generator) -> tuple[Model, Array]:
+    """The base alone, and the SI value of each fitted unit (P,)."""
+    X = w.apply(problem.base)
+    unit = _unit(X)
+    known = np.array([np.inf if u.prior is None else u.prior for u in problem.unknowns])
+    return model(w, X * unit, w.apply(problem.y), _folds(w, rng), (unit / known) ** 2), unit
+
+
+def tried(problem: Problem, w: Whitening, hypotheses: Sequence[Hypothesis], y: Array) -> list[Tried]:
+    """Whiten every hypothesis at every shape; those without any column that moves a reading are left out."""
+    out: list[Tried] = []
+    for h in hypotheses:
+        raw = np.stack([h.columns(s) for s in h.shapes], axis=2)  # (N, D, S, p)
+        N, D, S, p = raw.shape
+        X = w.apply(raw.reshape(N, D, S * p))
+        unit = _unit(X)
+        if not np.isfinite(X).all() or not np.any(X):
+            continue
+        X = (X * unit).reshape(-1, S, p)
+        XX = np.stack([np.einsum("msi,msj->sij", x, x) for x in _visits(w, X)])
+        out.append(Tried(h, X, unit.reshape(S, p), XX, w.by_visit(X * y[:, None, None]), len(out)))
+    return out
+
+
+def ridged_inverse(H: Array) -> Array:
+    """Inverse of one or many normal matrices with a relative ridge."""
+    d = np.sqrt(np.maximum(np.diagonal(H, axis1=-2, axis2=-1), 1e-300))
+    scaled = H / (d[..., :, None] * d[..., None, :])
+    scaled = scaled + RIDGE * np.eye(H.shape[-1])
+    return np.asarray(np.linalg.inv(scaled) / (d[..., :, None] * d[..., None, :]))
+
+
+def _folds(w: Whitening, rng: np.random.Generator) -> Ints:
+    groups = len(w.groups)
+    if groups <= MOST_FOLDS:
+        return w.group_of_visit
+    return rng.permutation(np.arange(groups) % MOST_FOLDS)[w.group_of_visit]
+
+
+def _unit(X: Array) -> Array:
+    size = np.sqrt(np.mean(X**2, axis=0))
+    return np.asarray(1.0 / np.where(size > 0, size, 1.0))
+
+
+def _visits(w: Whitening, X: Array) -> list[Array]:
+    return np.split(X, w.visit_starts[1:-1])

@@ -1,0 +1,72 @@
+"""Residuals of readings whose group took no part in the coefficients that predict them, in SI."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.diagnose.grams import Model, ridged_inverse
+from machopt.diagnose.noise import Noise
+from machopt.diagnose.problem import Problem
+from machopt.diagnose.result import rms
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A model with its columns in SI."""
+
+    model: Model
+    columns: Array  # (N, D, P) SI
+    unit: Array  # (P,) SI coefficient per fitted one
+    y: Array  # (N, D)
+
+    @property
+    def x(self) -> Array:
+        """(P,) SI."""
+        return np.asarray(self.model.coefficients * self.unit)
+
+    @property
+    def residual(self) -> Array:
+        """(N, D) of the fit to all used readings."""
+        return np.asarray(self.y - self.columns @ self.x)
+
+    def heldout(self) -> Array:
+        """(N, D); readings that were put aside get the fit to all."""
+        m = self.model
+        out = self.residual
+        XX, Xy = m.by_fold(m.XX), m.by_fold(m.Xy)
+        x = np.einsum("fij,fj->fi", ridged_inverse(m.normal - XX), m.Xy.sum(axis=0) - Xy) * self.unit
+        D = self.y.shape[1]
+        starts = m.w.visit_starts // D
+        for v in range(len(m.fold)):
+            rows = m.w.index[starts[v] : starts[v + 1]]
+            out[rows] = self.y[rows] - self.columns[rows] @ x[m.fold[v]]
+        return np.asarray(out)
+
+
+def rmse(problem: Problem, residual: Array, used: Flags) -> float:
+    """Per coordinate of the first family, in its report unit, outliers apart."""
+    family = problem.families[0]
+    return family.factor * rms(residual[used][:, list(family.columns)])
+
+
+def floor(problem: Problem, noise: Noise, used: Flags) -> float:
+    """What noise alone would leave in the first family, in its report unit."""
+    family = problem.families[0]
+    gain = 0.0
+    if problem.scale is not None:
+        gain = noise.gain * rms(problem.scale[used][:, list(family.columns)])
+    return family.factor * float(np.hypot(noise.together(0), gain))
+
+
+def by_group(problem: Problem, residuals: Sequence[Array], used: Flags) -> tuple[Array, NDArray[np.int64]]:
+    """(G, K) rmse of the first family for each of K residuals, and the labels (G,)."""
+    groups = np.unique(problem.group)
+    out = np.array([[rmse(problem, r, used & (problem.group == g)) for r in residuals] for g in groups])
+    return out, groups

@@ -1,0 +1,70 @@
+"""The spring that balances joint 2: between two pivots, so that its torque and its slope change with q2.
+
+Length s² = a² + L² + 2 a L cos(α + q₂), force F₀ + k s, torque −F ds/dq.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.diagnose.problem import Hypothesis, Quantity, Shape
+from machopt.diagnose.readings import Readings
+from machopt.domain.stiffness import Term
+from machopt.identify.noise import joint_sensitivity
+
+Array = NDArray[np.float64]
+RATIOS = (0.15, 0.35, 0.7)  # a/L
+ANGLES = tuple(np.radians(np.arange(0.0, 360.0, 30.0)).tolist())
+
+
+def length(q: Array, ratio: float, alpha: float) -> tuple[Array, Array, Array]:
+    """s/L, and its first and second derivative by q."""
+    angle = alpha + q
+    s = np.sqrt(ratio**2 + 1.0 + 2.0 * ratio * np.cos(angle))
+    ds = -ratio * np.sin(angle) / s
+    dds = (-ratio * np.cos(angle) - ds**2) / s
+    return s, ds, dds
+
+
+def torques(q: Array, ratio: float, alpha: float) -> tuple[Array, Array]:
+    """(N, 2) torque per F₀ L and per k L², and its derivative by q."""
+    s, ds, dds = length(q, ratio, alpha)
+    torque = np.stack([-ds, -s * ds], axis=1)
+    return torque, np.stack([-dds, -(ds**2 + s * dds)], axis=1)
+
+
+def apparent(r: Readings) -> list[Hypothesis]:
+    """In load tests: a spring beside the gear, k₂(q₂) = k₂ − ∂τ_spring/∂q."""
+    q, tau, c = r.state.q[:, 1], r.load_torque[:, 1], r.compliance[1]
+    if c <= 0 or np.ptp(q) < np.radians(15.0):
+        return []
+
+    # the spring also moves the arm at rest, and with it every lever arm of the load
+    moved = joint_sensitivity(r.state.J, r.wrench, r.compliance)[:, : r.dimensions, 1]
+
+    def columns(shape: Shape) -> Array:
+        torque, slope = torques(q, shape[0], shape[1])
+        return r.lift(1, c**2 * tau[:, None] * slope) + moved[:, :, None] * (c * torque)[:, None, :]
+
+    def sizes(x: Array, shape: Shape) -> Mapping[str, Quantity]:
+        _, slope = torques(np.linspace(q.min(), q.max(), 60), shape[0], shape[1])
+        return {"variation": Quantity(50.0 * float(np.ptp(slope @ x)) * c, "%"),
+                "force_times_length": Quantity(float(x[0]), "N·m"),
+                "rate_times_length_squared": Quantity(float(x[1]), "N·m")}  # fmt: skip
+
+    def correction(x: Array, s: Shape) -> Term:
+        return Term("gravity_compensator", "joint:2", {
+            "force_times_length_Nm": float(x[0]), "rate_times_length2_Nm": float(x[1]), "ratio": s[0],
+            "angle_deg": float(np.degrees(s[1]))})  # fmt: skip
+
+    return [
+        Hypothesis(
+            "gravity_compensator", "joint:2", "spring between two pivots",
+            "k₂(q₂) = k₂ + d²U/dq², U of a spring F₀ + k s, s² = a² + L² + 2aL cos(α + q₂)", columns, sizes,
+            tuple((a, b) for a in RATIOS for b in ANGLES), correction=correction, family="joint",
+            note="joint 2 only, by its angle", penalty=4.0,
+        )
+    ]  # fmt: skip

@@ -1,0 +1,147 @@
+"""Where the arm stands without any load: zeros of the encoders, waves of the gears, wrist joints that drag each other.
+
+Each is an extra angle Δ_j of one joint at encoder angles q, lifted by J_j; compensated in the exported joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.diagnose.problem import Curve, Hypothesis, Quantity, Shape
+from machopt.diagnose.readings import Readings
+from machopt.domain.kinematics import KinematicCorrection
+
+Array = NDArray[np.float64]
+DEG = np.pi / 180.0
+ARCSEC = np.pi / 648000.0
+LOW_ORDERS = 12  # per turn of the joint: what turns with the output (rings, pins, bearings) comes round a few times
+HIGH_ORDER = 200.0  # per turn: about the largest ratio of a robot's reducer, what turns with the motor
+LOSS = 0.7  # rad, half the phase that neighbouring orders may part by at the ends of the range: 8 % of amplitude
+POSES_PER_ORDER = 3.0  # distinct angles that each order of the grid asks for
+LEAST_WAYS = np.radians(10.0)  # range of a joint below which a wave is a zero offset and a slope
+BALANCER = 3.0  # per turn of joint 2, the lowest order that is not a balancer's
+WRIST = ((4, 5), (4, 6), (5, 6))
+
+
+def zero_offsets(r: Readings) -> list[Hypothesis]:
+    """The encoder's zero is not the joint's: Δ_j = offset (mastering error)."""
+    out = []
+    for j in range(6):
+        where = f"joint:{j + 1}"
+
+        def correction(x: Array, shape: Shape, where: str = where) -> KinematicCorrection:
+            return KinematicCorrection("joint_zero_offset", where, {"offset_deg": float(x[0] / DEG)})
+
+        out.append(Hypothesis(
+            "joint_zero_offset", where, "constant angle",
+            "Δ_j = δ, at the TCP J_j δ (Mooring, Roth & Driels 1991, Fundamentals of Manipulator Calibration)",
+            lambda s, j=j: r.lift(j, np.ones(len(r))),  # type: ignore[misc]
+            lambda x, s: {"offset": Quantity(float(x[0] / DEG), "deg")}, correction=correction, family="kinematic",
+            note="without load, smooth over the poses",
+        ))  # fmt: skip
+    return out
+
+
+def transmission_errors(r: Readings) -> list[Hypothesis]:
+    """Waves of a gear over its joint's angle: one order, or an order and its double."""
+    out = []
+    for j in range(6):
+        orders = wave_orders(r, j)
+        if not orders:
+            continue
+        out.append(_waves(r, j, "one wave", "Δ_j = a cos Nq_j + b sin Nq_j", tuple((n,) for n in orders), 0.0))
+        double = tuple((n, 2.0 * n) for n in orders if 2.0 * n <= orders[-1])
+        if double:
+            out.append(
+                _waves(r, j, "a wave and its double", "Δ_j = Σ_{n = N, 2N} a_n cos nq_j + b_n sin nq_j", double, 2.0)
+            )
+    return out
+
+
+def wave_orders(r: Readings, j: int) -> tuple[float, ...]:
+    """Orders per turn that these angles of joint j can show and tell apart.
+
+    A balancer's torque on joint 2 has the first two orders: there these are offered as gravity_compensator alone.
+    Whole orders up to LOW_ORDERS (parts that turn with the output). Above, a grid as fine as the range asks for, up
+    to one order for every POSES_PER_ORDER distinct angles: with fewer, some order among many fits any noise.
+    """
+    q = r.state.q[:, j]
+    distinct = len(np.unique(np.round(q, 3)))  # poses that are returned to differ by less
+    span = float(np.ptp(q))
+    if span < LEAST_WAYS or distinct < 8:
+        return ()
+    step = 2.0 * LOSS / (0.5 * span)
+    first = max(
+        1.0 if j != 1 else BALANCER, np.ceil(0.5 * np.pi / span)
+    )  # a quarter of a wave is an offset and a slope
+    low = np.arange(first, LOW_ORDERS + 0.5)
+    budget = int(distinct / POSES_PER_ORDER) - len(low)
+    high = LOW_ORDERS + step * np.arange(1, max(budget, 0) + 1)
+    return tuple(float(n) for n in np.concatenate([low, high[high <= HIGH_ORDER]]))
+
+
+def _waves(r: Readings, j: int, law: str, equation: str, shapes: tuple[Shape, ...], penalty: float) -> Hypothesis:
+    q, where = r.state.q[:, j], f"joint:{j + 1}"
+
+    def angle(at: Array, shape: Shape) -> Array:
+        return np.stack([f(n * at) for n in shape for f in (np.cos, np.sin)], axis=1)
+
+    def sizes(x: Array, shape: Shape) -> Mapping[str, Quantity]:
+        out = {"amplitude": Quantity(float(np.hypot(x[0], x[1]) / ARCSEC), "arcsec")}
+        out["order"] = Quantity(shape[0], "1/rev")
+        if len(shape) > 1:
+            out["second_amplitude"] = Quantity(float(np.hypot(x[2], x[3]) / ARCSEC), "arcsec")
+            # the first number must vanish with the coefficients only: the larger of the two waves
+            out["amplitude"] = max(out["amplitude"], out["second_amplitude"], key=lambda v: v.value)
+        return out
+
+    def correction(x: Array, shape: Shape) -> KinematicCorrection:
+        parts = {"per_turn": shape, "cos_arcsec": x[0::2] / ARCSEC, "sin_arcsec": x[1::2] / ARCSEC}
+        lists = {key: [float(v) for v in value] for key, value in parts.items()}
+        return KinematicCorrection(
+            "transmission_error", where, {k: v[0] if len(v) == 1 else v for k, v in lists.items()}
+        )
+
+    def curve(x: Array, shape: Shape) -> Curve:
+        at = np.linspace(q.min(), q.max(), 400)
+        return Curve(
+            at / DEG, angle(at, shape) @ x / ARCSEC, f"joint {j + 1} in deg", "angle in arcsec", q / DEG,
+            angle(q, shape) @ x / ARCSEC,
+        )  # fmt: skip
+
+    return Hypothesis(
+        "transmission_error", where, law, f"{equation}, at the TCP J_j Δ_j (Whitney, Lozinski & Rourke 1986)",
+        lambda s: r.lift(j, angle(q, s)), sizes, shapes, correction=correction, family="kinematic",
+        note="without load, periodic over the joint's angle", curve=curve, penalty=penalty,
+    )  # fmt: skip
+
+
+def couplings(r: Readings) -> list[Hypothesis]:
+    """A wrist joint drags the next one, through the gears (Δ_j = κ q_i) or under torque (Δ_j = c_ij τ_i)."""
+    out = []
+    for i, j in WRIST:
+        where, a, b = f"joint:{i}-{j}", i - 1, j - 1
+
+        def elastic(shape: Shape, a: int = a, b: int = b) -> Array:
+            tau = r.torque
+            return r.lift(a, tau[:, b]) + r.lift(b, tau[:, a])
+
+        out.append(Hypothesis(
+            "joint_coupling", where, "gears drag the next joint",
+            f"Δ_{j} = κ q_{i} (hollow wrist: the shaft of joint {j} runs through joint {i})",
+            lambda s, a=a, b=b: r.lift(b, r.state.q[:, a]),  # type: ignore[misc]
+            lambda x, s: {"ratio": Quantity(abs(float(x[0])), "rad/rad")},
+            correction=lambda x, s, where=where: KinematicCorrection(  # type: ignore[misc]
+                "joint_coupling", where, {"ratio": float(x[0])}),
+            family="kinematic", note=f"joint {j} without load, in proportion to joint {i}",
+        ))  # fmt: skip
+        if np.abs(r.torque[:, [a, b]]).max() > 0.0:
+            out.append(Hypothesis(
+                "joint_coupling", where, "elastic coupling", "Δ_i = c_ij τ_j, Δ_j = c_ij τ_i under weight and load",
+                elastic, lambda x, s: {"compliance": Quantity(abs(float(x[0])), "rad/(N·m)")}, family="joint",
+                note="with the torque of the other joint",
+            ))  # fmt: skip
+    return out

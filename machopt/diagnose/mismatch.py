@@ -1,0 +1,127 @@
+"""Is there a mismatch that comes back, and where does it live.
+
+Repeatable power S = mean of r⁽¹⁾·r⁽²⁾ over pairs of readings of the same thing on two visits: independent noise cancels,
+what the model misses stays. Its chance is judged by flipping the signs of whole visits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.diagnose.noise import Noise
+from machopt.diagnose.problem import Problem
+from machopt.diagnose.result import Share
+from machopt.diagnose.screen import Scored
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+FLIPS = 999
+BINS = 3
+CONCENTRATED = 1.35  # power of a bin per the mean before it is worth a word
+
+
+@dataclass(frozen=True)
+class Repeatable:
+    """What comes back in repeats."""
+
+    power: float  # SI², per coordinate of the first family; may be slightly negative by chance
+    p_value: float
+
+
+def repeatable(
+    problem: Problem, residual: Array, used: Flags, noise: Noise, rng: np.random.Generator
+) -> Repeatable:  # fmt: skip
+    """Measure it.
+
+    Where nothing was measured twice, power is what exceeds the noise, and chance is not judged (NaN).
+    """
+    columns = list(problem.families[0].columns)
+    e = residual[:, columns]
+    sums, weight = _products(problem, e, used)
+    if weight <= 0:
+        return Repeatable(float(np.mean(e[used] ** 2)) - noise.together(0) ** 2, float("nan"))
+    pairs, products = sums
+    power = float(products.sum() / weight)
+    visits, label = np.unique(pairs, return_inverse=True)
+    label = label.reshape(pairs.shape)
+    signs = rng.choice([-1.0, 1.0], (FLIPS, len(visits)))
+    drawn = (signs[:, label[0]] * signs[:, label[1]]) @ products / weight
+    return Repeatable(power, float((1 + np.sum(drawn >= power)) / (FLIPS + 1)))
+
+
+def _products(problem: Problem, e: Array, used: Flags) -> tuple[tuple[Array, Array], float]:
+    """Sums of products by pair of visits ((2, K), (K,)), and the number of coordinates behind them."""
+    rows = np.flatnonzero(used & (problem.replicate >= 0))
+    order = rows[np.argsort(problem.replicate[rows], kind="stable")]
+    found: dict[tuple[int, int], float] = {}
+    weight = 0.0
+    starts = np.flatnonzero(np.diff(problem.replicate[order], prepend=-2)) if len(order) else np.zeros(0, int)
+    for block in np.split(order, starts[1:]) if len(order) else []:
+        visits = problem.visit[block]
+        if len(np.unique(visits)) < 2:
+            continue
+        means = {int(v): e[block[visits == v]].mean(axis=0) for v in np.unique(visits)}
+        names = sorted(means)
+        share = 1.0 / (len(names) - 1)  # each kind counts with its number of visits
+        for a, one in enumerate(names):
+            for two in names[a + 1 :]:
+                found[one, two] = found.get((one, two), 0.0) + share * float(means[one] @ means[two])
+                weight += share * e.shape[1]
+    pairs = np.array(list(found), dtype=float).reshape(-1, 2).T
+    return (pairs, np.array(list(found.values()))), weight
+
+
+def in_the_machine(scored: Sequence[Scored], power: float) -> list[Share]:
+    """Share of the whitened mismatch that each place can explain by itself, best law, on unseen groups.
+
+    Args:
+        scored: every hypothesis beside the base.
+        power: whitened sum of squares beyond the noise.
+    """
+    best: dict[str, Scored] = {}
+    for s in scored:
+        place = s.tried.hypothesis.location
+        if place not in best or s.total > best[place].total:
+            best[place] = s
+    out = [
+        Share(place, float(np.clip(s.total / max(power, 1e-12), 0.0, 1.0)), s.tried.hypothesis.note)
+        for place, s in best.items()
+        if s.total > 0
+    ]
+    return sorted(out, key=lambda s: -s.share)
+
+
+def in_the_data(problem: Problem, residual: Array, used: Flags, noise: Noise, axes: Mapping[str, Array]) -> list[Share]:
+    """Where along load, branch, time, joints … the power beyond the noise is higher than on average."""
+    columns = list(problem.families[0].columns)
+    power = np.mean(residual[:, columns] ** 2, axis=1) - noise.together(0) ** 2
+    total = float(power[used].sum())
+    if total <= 0:
+        return []
+    out = []
+    for name, values in axes.items():
+        values = np.asarray(values, float)
+        levels = np.unique(values[used])
+        if len(levels) < 2:
+            continue
+        if len(levels) <= BINS:
+            parts = [(f"{v:g}", values == v) for v in levels]
+        else:
+            edges = np.quantile(values[used], np.linspace(0, 1, BINS + 1))
+            parts = [
+                (f"{a:.4g} … {b:.4g}", (values >= a) & (values <= b if k == BINS - 1 else values < b))
+                for k, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True))
+            ]
+        found = [
+            (float(power[used & m].sum()) / total, words, float((used & m).sum()) / used.sum()) for words, m in parts
+        ]
+        share, words, fair = max(found, key=lambda f: f[0] - f[2])
+        if share > CONCENTRATED * fair:
+            out.append(
+                Share(name, float(np.clip(share, 0.0, 1.0)), f"{words}: {100 * fair:.0f} % of the readings", "data")
+            )
+    return sorted(out, key=lambda s: -s.share)

@@ -1,0 +1,89 @@
+"""Link-side encoders against motor-side ones: y = q_secondary − q, the twist of the gear itself.
+
+Refitted in any case, for each joint that has a second encoder: an offset (mounting and zero) and the compliance under
+the torque that the gear carries.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machopt.diagnose.motion_clock import skew, valley
+from machopt.diagnose.motion_frame import ARCSEC, Fit, Scene
+from machopt.diagnose.motion_gears import drive, gear_laws
+from machopt.diagnose.motion_loads import ripple
+from machopt.diagnose.motion_torque import motion_axes
+from machopt.diagnose.problem import Array, Catalogue, Family, Hypothesis, Problem, Unknown, Untestable
+from machopt.errors import InputError
+
+
+def seen(scene: Scene) -> list[int]:
+    """Joints with a second encoder that moves."""
+    other = scene.recording.q_secondary
+    if other is None:
+        return []
+    part = other[scene.motion.index, : scene.joints]
+    finite = np.isfinite(part).all(axis=0)
+    return [j for j in np.flatnonzero(finite).tolist() if np.ptp(part[:, j]) > 1e-6 and scene.moves(j)]
+
+
+def build(scene: Scene, joints: list[int]) -> tuple[Problem, Catalogue]:
+    """Equations and catalogue of the channel link.
+
+    Args:
+        scene: with D = len(joints), ``lift`` mapping joints to coordinates.
+        joints: 0-based, that have a second encoder.
+
+    Raises:
+        InputError: no second encoder moves.
+    """
+    m, rec = scene.motion, scene.recording
+    if not joints or rec.q_secondary is None:
+        raise InputError(f"{rec.source}: no link-side encoder moves; qse1_deg … are needed for the channel link")
+    y = m.within(m.mean(rec.q_secondary[m.index][:, joints] - m.q[:, joints]))
+    offset = np.concatenate([scene.column(j, np.ones(len(m.q))) for j in joints], axis=2)
+    found = drive(scene)
+    base, unknowns = offset, [Unknown(f"offset {j + 1}", "rad", location=f"joint:{j + 1}") for j in joints]
+    out: list[Hypothesis] = []
+    untestable: list[Untestable] = []
+    inertia = None if scene.dynamics is None else scene.dynamics.own_inertia(m.q)
+    if found is None:
+        reason = "neither torques are recorded nor does the URDF have inertias"
+        untestable += [
+            Untestable(effect, f"joint:{j + 1}", reason)
+            for j in joints
+            for effect in ("joint_hysteresis", "joint_backlash", "joint_nonlinear_stiffness", "joint_creep")
+        ]
+    else:
+        load, words = found
+        scene.notes.append(f"gears are loaded by the {words}")
+        base = np.concatenate([offset, *(scene.column(j, load[:, j]) for j in joints)], axis=2)
+        unknowns += [Unknown(f"compliance {j + 1}", "rad/(N·m)", 0.0, f"joint:{j + 1}") for j in joints]
+    # encoders of one kind have one noise, whatever the joints leave
+    fit = Fit(y, base, np.ones(len(joints)))
+    for j in joints:
+        if found is not None:
+            out += gear_laws(scene, j, found[0][:, j], None if inertia is None else inertia[:, j], fit)
+        out += ripple(scene, j, "arcsec", 1.0 / ARCSEC, torque=False)
+    problem = Problem(
+        channel="position",
+        y=y,
+        base=base,
+        unknowns=tuple(unknowns),
+        families=(Family("link-side angle", tuple(range(len(joints))), "mrad", 1e3),),
+        group=m.group, visit=m.visit, cycle=m.cycle, session=m.first(m.session), replicate=m.replicate,
+        line=m.first(rec.line[m.index]), row=m.first(m.index) + 1,
+    )  # fmt: skip
+    q = m.q[:, joints]
+
+    def late(d: float) -> Array:
+        return m.within(m.mean(m.late(q, d) - q))
+
+    best = valley(lambda d: fit.misfit(late(d)))
+    out.append(skew(scene, "qse", late, best))
+
+    def early(d: float) -> Array:  # the motor side late by d: the difference shows as if it were early
+        return -late(-d)
+
+    out.append(skew(scene, "q", early, -best, penalty=2.0))
+    return problem, Catalogue(tuple(out), tuple(untestable), motion_axes(scene))

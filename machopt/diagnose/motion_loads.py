@@ -1,0 +1,174 @@
+"""What joint torques show beside friction: a payload, a compensator, a clock, ripple of a gear, a springy joint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from machopt.diagnose.motion_frame import Scene, curve, joint_law
+from machopt.diagnose.problem import (
+    Array,
+    Correction,
+    Curve,
+    Hypothesis,
+    KinematicCorrection,
+    Quantity,
+    RecordCorrection,
+    Shape,
+)
+
+ORDERS = 60  # highest gear order per turn of a joint that is looked for
+TURNS = 1.5  # waves within the range of the joint, at least: fewer are no ripple
+ANGLES, LEVERS = 12, (0.15, 0.35, 0.7)  # of a compensator: phase, lever over distance
+BANDS = (3.0, 4.5, 6.5, 9.5, 14.0, 20.0)  # Hz
+
+
+def payload(scene: Scene, columns: Array) -> list[Hypothesis]:
+    """Mass and first moments on the tool side beyond the cell's.
+
+    Args:
+        scene: channel torque.
+        columns: (N, D, 4) of :meth:`machopt.model.rigid.Dynamics.regressors`.
+    """
+    assert scene.dynamics is not None
+    com = scene.dynamics.tool_com
+    source = "τ += Y(q, q̇, q̈) (Δm, Δm c); Atkeson, An & Hollerbach, IJRR 5 (1986) 101"
+
+    def sizes(x: Array, s: Shape) -> Mapping[str, Quantity]:
+        moment = x[0] * com + (x[1:4] if len(x) > 1 else 0.0)
+        out = {"mass": Quantity(float(x[0]), "kg")}
+        return out | {f"moment_{a}": Quantity(float(h), "kg·m") for a, h in zip("xyz", moment, strict=True)}
+
+    def shifted(x: Array, s: Shape) -> Mapping[str, Quantity]:
+        out = {"moment": Quantity(float(np.linalg.norm(x)), "kg·m")}
+        return out | {f"moment_{a}": Quantity(float(h), "kg·m") for a, h in zip("xyz", x, strict=True)}
+
+    def fix(x: Array, s: Shape) -> Correction:
+        return RecordCorrection("payload", "tool", {k: q.value for k, q in sizes(x, s).items()})
+
+    return [
+        Hypothesis("payload", "tool", "mass and centre of mass", source, lambda s: columns, sizes, family="body",
+                   correction=fix, note="with gravity and acceleration of the tool"),
+        Hypothesis("payload", "tool", "mass at the tool's centre of mass", source, lambda s: columns[:, :, :1], sizes,
+                   family="body", correction=fix, note="with gravity and acceleration of the tool"),
+        Hypothesis("payload", "tool", "centre of mass elsewhere", source, lambda s: columns[:, :, 1:], shifted,
+                   family="body", note="with gravity and acceleration of the tool"),
+    ]  # fmt: skip
+
+
+def compensator(scene: Scene) -> list[Hypothesis]:
+    """A spring between two pins that helps joint 2: harmonic, or with the length of the spring."""
+    if scene.joints < 2 or not scene.moves(1) or scene.prismatic[1]:
+        return []
+    q = scene.motion.q[:, 1]
+
+    def harmonic(s: Shape) -> Array:
+        return np.stack([np.cos(q), np.sin(q)], axis=1)
+
+    def linkage(s: Shape) -> Array:
+        # s² = 1 + ρ² + 2 ρ cos(q + α) in units of the distance of the pins; τ = −F ds/dq, F = F₀ + k s
+        angle, rho = q + s[0], s[1]
+        length = np.sqrt(1.0 + rho**2 + 2.0 * rho * np.cos(angle))
+        return np.stack([np.sin(angle), np.sin(angle) / length], axis=1)
+
+    def law(name: str, equation: str, signal, shapes):  # type: ignore[no-untyped-def]
+        def sizes(x: Array, s: Shape) -> Mapping[str, Quantity]:
+            pull = signal(s) @ x
+            return {"peak_torque": Quantity(float(np.abs(pull).max()), "N·m"),
+                    "variation": Quantity(float(np.ptp(pull)), "N·m")}  # fmt: skip
+
+        return joint_law(
+            scene, 1, "gravity_compensator", name, equation, signal, sizes, shapes, family="compensator",
+            curve=lambda x, s: curve(scene, np.degrees(q), signal(s) @ x, "joint 2 in degrees", "torque in N·m"),
+            note="with the angle of joint 2",
+            correction=lambda x, s: RecordCorrection("gravity_compensator", "joint:2", {
+                "law": name, "coefficients_Nm": [float(v) for v in x], "shape": [float(v) for v in s]}),
+        )  # fmt: skip
+
+    grid = tuple((float(a), r) for r in LEVERS for a in 2.0 * np.pi * np.arange(ANGLES) / ANGLES)
+    return [
+        law("harmonic", "τ₂ += a cos q₂ + b sin q₂: a spring with no length of its own", harmonic, ((),)),
+        law("spring between two pins", "τ₂ += (F₀ + k s) ∂s/∂q₂, s² = a² + L² + 2 a L cos(α + q₂)", linkage, grid),
+    ]
+
+
+def orders(scene: Scene, joint: int) -> tuple[Shape, ...]:
+    """Gear orders per turn that this range of a joint can show."""
+    spread = float(np.ptp(scene.motion.q[:, joint]))
+    least = max(2, int(np.ceil(TURNS * 2.0 * np.pi / max(spread, 1e-9))))
+    return tuple((float(n),) for n in range(least, ORDERS + 1))
+
+
+def ripple(scene: Scene, joint: int, unit: str, factor: float, *, torque: bool) -> list[Hypothesis]:
+    """A sin(Nq + φ) of one joint, with and without its second harmonic.
+
+    Args:
+        scene: any channel.
+        joint: 0-based.
+        unit, factor: of the amplitude, report unit per SI unit.
+        torque: of torques; else of angles, which the controller can compensate.
+    """
+    if not scene.moves(joint) or scene.prismatic[joint]:
+        return []
+    q, where = scene.motion.q[:, joint], f"joint:{joint + 1}"
+    shapes = orders(scene, joint)
+    if not shapes:
+        return []
+
+    def waves(s: Shape, harmonics: int) -> Array:
+        parts = [f(k * s[0] * q) for k in range(1, harmonics + 1) for f in (np.cos, np.sin)]
+        return np.stack(parts, axis=1)
+
+    def law(harmonics: int) -> Hypothesis:
+        def sizes(x: Array, s: Shape) -> Mapping[str, Quantity]:
+            out = {"amplitude": Quantity(float(np.hypot(x[0], x[1])) * factor, unit), "order": Quantity(s[0], "1/rev")}
+            if harmonics > 1:
+                out["second"] = Quantity(float(np.hypot(x[2], x[3])) * factor, unit)
+            return out
+
+        def fix(x: Array, s: Shape) -> Correction:
+            if torque:
+                return RecordCorrection("transmission_error", where, {
+                    "order": s[0], "cos_Nm": float(x[0]), "sin_Nm": float(x[1])})  # fmt: skip
+            return KinematicCorrection("transmission_error", where, {
+                "per_turn": s[0], "cos_arcsec": float(x[0] * factor), "sin_arcsec": float(x[1] * factor)})  # fmt: skip
+
+        def line(x: Array, s: Shape) -> Curve:
+            return curve(scene, np.degrees(np.mod(q, 2 * np.pi / s[0])), waves(s, harmonics) @ x * factor,
+                         f"joint {joint + 1} within one of {s[0]:g} waves a turn in degrees", f"in {unit}")  # fmt: skip
+
+        words = "one wave" if harmonics == 1 else "wave and its second harmonic"
+        return joint_law(
+            scene, joint, "transmission_error", words, "A sin(N q + φ)" + (" + B sin(2N q + ψ)" if harmonics > 1 else ""),
+            lambda s: waves(s, harmonics), sizes, shapes, family="kinematic", curve=line, correction=fix,
+            note="periodic with the gear",
+        )  # fmt: skip
+
+    return [law(1), law(2)]
+
+
+def springy(scene: Scene, joint: int) -> list[Hypothesis]:
+    """Motor torque of an elastic joint: what is behind it moves by −τ/k more, M_j ẍ comes on top."""
+    if scene.dynamics is None or scene.predicted is None or scene.prismatic[joint] or not scene.moves(joint):
+        return []
+    m = scene.motion
+    inertia = scene.dynamics.own_inertia(m.q)[:, joint]
+    load = -scene.predicted[:, joint]
+
+    def response(s: Shape) -> Array:
+        from machopt.diagnose.motion_memory import mass_on_spring
+
+        k = float(np.mean(inertia)) * (2.0 * np.pi * s[0]) ** 2
+        x = mass_on_spring(load, inertia, scene.step, scene.first, k, 0.04)
+        return inertia * m.differentiate(m.differentiate(x))
+
+    def sizes(x: Array, s: Shape) -> Mapping[str, Quantity]:
+        k = float(np.mean(inertia)) * (2.0 * np.pi * s[0]) ** 2
+        return {"compliance": Quantity(float(x[0]) / k, "rad/(N·m)"), "frequency": Quantity(s[0], "Hz")}
+
+    return [
+        joint_law(scene, joint, "joint_elasticity", "mass on a spring", "τ += M ẍ, M ẍ + 2ζ√(kM) ẋ + k x = −τ", response,
+                  sizes, tuple((f,) for f in BANDS if f < 0.4 * m.rate), lower=(0.0,), family="vibration",
+                  note="after accelerations change")
+    ]  # fmt: skip

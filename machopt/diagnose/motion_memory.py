@@ -1,0 +1,114 @@
+"""Operators with memory on sampled signals: presliding, play, lag, and a mass on a spring; compiled, one pass each."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machopt.diagnose.problem import Array, Ints
+from machopt.model.ik_newton import compiled
+
+
+@compiled
+def _presliding(way: Array, sign: Array, first: Ints, distance: float) -> Array:
+    out = np.empty_like(way)
+    z = 0.0
+    for n in range(len(way)):
+        if first[n]:
+            z = sign[n]
+        z = sign[n] + (z - sign[n]) * np.exp(-abs(way[n]) / distance)
+        out[n] = z
+    return out
+
+
+@compiled
+def _play(x: Array, first: Ints, half: float) -> Array:
+    out = np.empty_like(x)
+    y = 0.0
+    for n in range(len(x)):
+        if first[n]:
+            y = x[n] - half if x[n] > half else (x[n] + half if x[n] < -half else 0.0)
+        y = min(max(y, x[n] - half), x[n] + half)
+        out[n] = y
+    return out
+
+
+@compiled
+def _lag(x: Array, step: Array, first: Ints, constant: float) -> Array:
+    out = np.empty_like(x)
+    y = 0.0
+    for n in range(len(x)):
+        y = x[n] if first[n] else x[n] + (y - x[n]) * np.exp(-step[n] / constant)
+        out[n] = y
+    return out
+
+
+@compiled
+def _mass_on_spring(load: Array, inertia: Array, step: Array, first: Ints, k: float, damping: float) -> Array:
+    out = np.empty_like(load)
+    x, v = 0.0, 0.0
+    for n in range(len(load)):
+        if first[n]:
+            x, v = load[n] / k, 0.0
+            out[n] = x
+            continue
+        w = np.sqrt(k / inertia[n])
+        h, z = step[n], damping
+        wd = w * np.sqrt(1.0 - z * z)
+        # exact over a step with the load held at its mean
+        rest = 0.5 * (load[n] + load[n - 1]) / k
+        a = x - rest
+        b = (v + z * w * a) / wd
+        e, c, s = np.exp(-z * w * h), np.cos(wd * h), np.sin(wd * h)
+        x = rest + e * (a * c + b * s)
+        v = e * ((b * wd - z * w * a) * c - (a * wd + z * w * b) * s)
+        out[n] = x
+    return out
+
+
+def presliding(v: Array, dt: float, first: Ints, distance: float) -> Array:
+    """Direction of motion with a breakaway path: dz = (sgn q̇ − z) |dq| / d.
+
+    Args:
+        v: (M,) rad/s.
+        dt: s between samples.
+        first: (M,) 1 where a segment begins.
+        distance: d, rad; 0: the sign itself.
+
+    Returns:
+        (M,) −1 … 1.
+
+    Source:
+        Dahl, A solid friction model, TOR-158, Aerospace Corp. (1968).
+    """
+    sign = np.sign(v)
+    return sign if distance <= 0 else np.asarray(_presliding(v * dt, sign, first, distance))
+
+
+def play(x: Array, first: Ints, half: float) -> Array:
+    """Play operator P_r, y follows x when |x − y| reaches r; from zero at the start of a segment.
+
+    Source:
+        Krasnosel'skii & Pokrovskii, Systems with Hysteresis (1989), ch. 1.
+    """
+    return np.asarray(_play(np.ascontiguousarray(x), first, half))
+
+
+def lag(x: Array, step: Array, first: Ints, constant: float) -> Array:
+    """First-order lag T ẏ + y = x, at rest at the start of a segment."""
+    return np.asarray(_lag(np.ascontiguousarray(x), step, first, constant))
+
+
+def mass_on_spring(load: Array, inertia: Array, step: Array, first: Ints, k: float, damping: float) -> Array:
+    """Twist (M,) rad of m(t) ẍ + 2 ζ √(k m) ẋ + k x = load, from rest under the first load.
+
+    Args:
+        load: (M,) N·m.
+        inertia: (M,) kg·m² behind the spring.
+        step: (M,) s since the sample before.
+        first: (M,) 1 where a segment begins.
+        k: N·m/rad.
+        damping: ζ.
+    """
+    return np.asarray(
+        _mass_on_spring(np.ascontiguousarray(load), np.ascontiguousarray(inertia), step, first, k, damping)
+    )

@@ -1,0 +1,154 @@
+"""The nouns of a diagnosis: what was measured, what is refitted in any case, and what may explain the rest.
+
+All in SI. N readings (rows of a recording, or samples of a motion), D coordinates each, flattened nowhere but in
+:mod:`machopt.diagnose.whitening`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.kinematics import KinematicCorrection
+from machopt.domain.stiffness import Term
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+Channel = Literal["deflection", "position", "torque"]
+Shape = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One coefficient of the base model."""
+
+    name: str  # "joint 3", "registration x", "friction 2 viscous"
+    unit: str  # SI
+    lower: float = -np.inf
+    location: str = ""  # where in the machine: "joint:3", "base" …
+    prior: float | None = None  # 1 sigma about zero, SI, of what is known to be small; None: nothing is known
+
+
+@dataclass(frozen=True)
+class Family:
+    """Coordinates that share a unit and a level of noise."""
+
+    name: str  # "translation", "rotation", "joint 3"
+    columns: tuple[int, ...]  # indices in D
+    unit: str  # of reports, e.g. "mm"
+    factor: float  # report unit per SI unit, e.g. 1e3
+    stated: float | None = None  # 1 sigma of a reading as the recording states it, SI
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What was measured less what the nominal model predicts, as equations linear in the base unknowns."""
+
+    channel: Channel
+    y: Array  # (N, D) m, rad or N·m
+    base: Array  # (N, D, P) per unit of each base unknown
+    unknowns: tuple[Unknown, ...]
+    families: tuple[Family, ...]  # the first is the one that errors are reported in
+    group: Ints  # (N,) held out and resampled together: the pose; in motion a stretch of time
+    visit: Ints  # (N,) one arrival at a pose (pose in a session); inside a group
+    cycle: Ints  # (N,) one load cycle; inside a visit
+    session: Ints  # (N,)
+    replicate: Ints  # (N,) readings with the same label (≥ 0) measured the same thing; −1: no twin
+    line: Ints  # (N,) line of the data file
+    row: Ints  # (N,) 1-based data row
+    scale: Array | None = None  # (N, D) size of what a gain error acts on (predicted displacement); None: no such noise
+    excluded: Flags | None = None  # (N,) rows that the record checks put aside
+    known: Array | None = None  # (N, D) K_C of load and weight, already taken off y; a base unknown holds its doubt
+    weight_known: bool = True  # masses of links and tool are stated
+
+    def __len__(self) -> int:
+        return len(self.y)
+
+    @property
+    def dimensions(self) -> int:
+        return int(self.y.shape[1])
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One number of a finding in the unit of the trade."""
+
+    value: float
+    unit: str  # "arcmin", "N·m/arcmin", "%", "ms" …
+
+
+Quantities = Callable[[Array, Shape], Mapping[str, Quantity]]
+
+
+@dataclass(frozen=True)
+class RecordCorrection:
+    """What is wrong with the record, never with the robot: stays in the diagnosis."""
+
+    effect: str
+    location: str
+    parameters: Mapping[str, Any]
+
+
+Correction = Term | KinematicCorrection | RecordCorrection
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One law of one effect at one place: columns that are fitted beside the base.
+
+    The first entry of ``quantities`` is the effect's size: detection limits are stated in it, and it must grow with
+    the coefficients (twice the coefficients, twice the size).
+    """
+
+    effect: str  # a word of the vocabulary, or a user's own
+    location: str
+    law: str  # which of the rival laws, in words: "play", "dead zone on total torque"
+    equation: str  # with its source
+    columns: Callable[[Shape], Array]  # (N, D, p) per unit of each coefficient; SI
+    quantities: Quantities
+    shapes: tuple[Shape, ...] = ((),)  # grid of what is not linear: threshold, time constant, order …
+    lower: tuple[float, ...] = ()  # bounds of the coefficients; empty: free
+    correction: Callable[[Array, Shape], Correction | None] = lambda x, shape: None
+    note: str = ""  # where it shows, e.g. "on load reversal"
+    family: str = ""  # effects that are rivals of one kind: "joint", "body", "sensor", "kinematic", "environment"
+    curve: Callable[[Array, Shape], Curve] | None = None  # the law itself, for the report
+    penalty: float = 0.0  # beyond that of its coefficients; for laws that are flexible enough to fit anything
+
+    @property
+    def name(self) -> tuple[str, str]:
+        return self.effect, self.location
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A law as a line over what drives it, and each reading's place on that axis, for the report's picture."""
+
+    x: Array  # (M,) in report units
+    law: Array  # (M,)
+    x_label: str  # "torque at joint 3 in N·m"
+    y_label: str  # "twist in arcmin"
+    data_x: Array  # (N,)
+    per_reading: Array  # (N,) the law at each reading, y units; data = this + residual along the column
+
+
+@dataclass(frozen=True)
+class Untestable:
+    """An effect whose signals the recording does not have."""
+
+    effect: str
+    location: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Catalogue:
+    """Everything that is tried on a problem."""
+
+    hypotheses: tuple[Hypothesis, ...]
+    untestable: tuple[Untestable, ...] = ()
+    axes: Mapping[str, Array] = field(default_factory=dict)  # name → (N,) for locating a mismatch in the data

@@ -1,0 +1,56 @@
+"""The one evaluation on groups that no step saw: the whole search again without them, then its predictions of them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.diagnose import heldout
+from machopt.diagnose.grams import Tried, base_model, tried
+from machopt.diagnose.result import Proof
+from machopt.diagnose.select import select, with_chosen
+from machopt.diagnose.whitening import whitening
+
+if TYPE_CHECKING:
+    from machopt.diagnose.engine import State
+
+Array = NDArray[np.float64]
+LOCKED = 0.22  # share of the groups
+FEWEST = 8  # groups, below which none can be spared
+FLIPS = 4096
+
+
+def prove(state: State, most: int, rng: np.random.Generator) -> Proof | None:
+    """Lock some groups away, search among the rest, predict what was locked away.
+
+    Returns:
+        None where there are too few groups to spare any.
+    """
+    problem = state.problem
+    groups = np.unique(problem.group)
+    if len(groups) < FEWEST:
+        return None
+    locked = np.sort(rng.choice(groups, max(2, round(LOCKED * len(groups))), replace=False))
+    away = np.isin(problem.group, locked)
+    used = state.used & ~away
+    w = whitening(problem, state.noise, used)
+    base, unit = base_model(problem, w, rng)
+    laws: list[Tried] = tried(problem, w, [t.hypothesis for t in state.tried], base.y)
+    chosen = select(base, laws, most, rng)
+    parts = [problem.base, *(c.tried.hypothesis.columns(c.tried.shapes[c.scored.shape]) for c in chosen)]
+    scale = np.concatenate([unit, *(c.tried.unit[c.scored.shape] for c in chosen)])
+    x = with_chosen(base, chosen).coefficients * scale
+    before = problem.y - problem.base @ (base.coefficients * unit)
+    after = problem.y - np.concatenate(parts, axis=2) @ x
+    seen = state.used & away
+    each = np.array([[heldout.rmse(problem, r, seen & (problem.group == g)) for r in (before, after)] for g in locked])
+    won = each[:, 0] ** 2 - each[:, 1] ** 2
+    won = won[np.isfinite(won)]
+    signs = rng.choice([-1.0, 1.0], (FLIPS, len(won)))
+    p = float((1 + np.sum(signs @ won >= won.sum())) / (FLIPS + 1)) if len(won) else float("nan")
+    return Proof(
+        locked, heldout.rmse(problem, before, seen), heldout.rmse(problem, after, seen),
+        heldout.floor(problem, state.noise, seen), int((won > 0).sum()), len(won), p,
+    )  # fmt: skip

@@ -1,0 +1,97 @@
+"""A recording of an arm at rest, ready for laws: states, torques, and in which order things happened.
+
+``deflection``: a reading is the arm under load against the same arm without it, so a law φ counts as
+φ(with load) − φ(without). ``absolute``: a reading is where the arm is, so φ counts as it is, weight included.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.recording import Recording
+from machopt.model.gravity import gravity_torque
+from machopt.model.robot import ArmState, Masses, Robot
+from machopt.model.terms import LinearTerm
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Readings:
+    """N readings of an arm at rest, base_link axes, SI."""
+
+    recording: Recording
+    robot: Robot
+    T_flange_tcp: Array  # (4, 4)
+    masses: Masses | None  # None: the URDF has none, weight is unknown
+    state: ArmState  # (N, …) at the TCP, with bodies, at the encoder's joints
+    wrench: Array  # (N, 6) N, N·m on the robot at the TCP; zero where nothing is recorded
+    dimensions: int  # 3 or 6
+    differences: bool  # deflection: loaded less unloaded
+    compliance: Array  # (6,) rad/(N·m) of the first base fit: what sensor errors act through
+    session: Ints  # (N,)
+    visit: Ints  # (N,)
+    cycle: Ints  # (N,) unique over poses and sessions
+    memo: dict[tuple[object, ...], Array] = field(default_factory=dict, compare=False)  # histories computed before
+
+    def __len__(self) -> int:
+        return len(self.wrench)
+
+    @cached_property
+    def load_torque(self) -> Array:
+        """(N, 6) N·m, Jᵀw."""
+        return np.asarray(np.einsum("nci,nc->ni", self.state.J, self.wrench))
+
+    @cached_property
+    def weight_torque(self) -> Array:
+        """(N, 6) N·m of links and tool; zero where masses are unknown."""
+        if self.masses is None:
+            return np.zeros((len(self), 6))
+        return gravity_torque(self.robot, self.masses, self.state)[0]
+
+    @property
+    def torque(self) -> Array:
+        """(N, 6) N·m that the joints bear."""
+        return self.load_torque + self.weight_torque
+
+    @cached_property
+    def order(self) -> Ints:
+        """(N,) rows in the order they were measured: session, then time, then row."""
+        time = self.recording.time
+        when = np.arange(len(self), dtype=float) if time is None else time
+        return np.lexsort((np.arange(len(self)), when, self.session))
+
+    @cached_property
+    def cycles(self) -> tuple[Ints, ...]:
+        """Rows of each load cycle in the order they were measured, cycles in order too."""
+        label = self.cycle[self.order]
+        starts = np.flatnonzero(np.diff(label, prepend=label[0] - 1))
+        return tuple(np.split(self.order, starts[1:]))
+
+    def lift(self, joint: int, twist: Array) -> Array:
+        """What a twist of one joint does to the reading.
+
+        Args:
+            joint: 0-based.
+            twist: (N,) or (N, p) rad per unit of each coefficient, already as the reading counts it (see ``counted``).
+
+        Returns:
+            (N, D, p) m, rad.
+        """
+        t = twist[:, None] if twist.ndim == 1 else twist
+        return np.asarray(self.state.J[:, : self.dimensions, joint][:, :, None] * t[:, None, :])
+
+    def through(self, wrench: Array) -> Array:
+        """(N, D) displacement that a wrench (N, 6) at the TCP causes through the joints' compliance so far."""
+        J = self.state.J
+        tau = np.einsum("nci,nc->ni", J, wrench)
+        return np.asarray(np.einsum("nci,ni->nc", J, tau * self.compliance))[:, : self.dimensions]
+
+    def elastic(self, term: LinearTerm) -> Array:
+        """(N, D, P) of a linear elastic term under the recorded wrench (weight apart)."""
+        return term.response(self.state, self.wrench)[:, : self.dimensions]

@@ -1,0 +1,222 @@
+"""The record before the robot: units, frames, signs, rows that cannot be; mended, and said like any other finding.
+
+A broken record explains more mismatches than exotic physics does. What a check is sure of is mended before any physics
+is tried; what it only suspects stays a warning.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.diagnose.problem import RecordCorrection
+from machopt.diagnose.result import Diagnosis, Estimate, Finding
+from machopt.domain.recording import Axes, Recording
+from machopt.identify.check import check_experiment
+from machopt.identify.experiment import Experiment, experiment
+from machopt.identify.finding import Finding as Problem
+from machopt.identify.robust import start
+from machopt.model.robot import Robot
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+MOST_REPAIRS = 3
+ORDINARY = 0.015  # share of gross errors that any tracker makes; more is worth a finding
+CLERICAL = 2  # slipped decimals or copies that are no accident of the tracker
+SLIP = (10.0, 100.0, 1000.0)
+FITS = 3.0  # noise within which a slipped decimal, put right, meets the prediction
+DIFFERENT_LOAD = 0.05  # of the largest load: readings under loads so unlike do not agree to the last digit
+LENGTHS = {"metres": 1e3, "centimetres": 10.0, "inches": 25.4, "micrometres": 1e-3}
+CLEARLY = 0.1  # misfit of another unit per that of the stated one
+FRAMES = {
+    "displacement_frame": ("displacement_frame", "sensor:displacement"),
+    "wrench_frame": ("force_sensor_frame", "sensor:force"),
+    "frames": ("displacement_frame", "sensor:displacement"),
+    "load_sign": ("load_geometry", "sensor:force"), "moment_at_base": ("load_geometry", "sensor:force"),
+    "moment_at_flange": ("load_geometry", "sensor:force"),
+}  # fmt: skip
+
+
+def mend(
+    recording: Recording, robot: Robot, T_flange_tcp: Array, prior: Array | None, accept: Collection[str] = ()
+) -> tuple[Recording, list[Finding], list[str]]:
+    """Check and mend a recording of load tests or poses.
+
+    Args:
+        recording: as read.
+        robot, T_flange_tcp: the arm.
+        prior: (6,) N·m/rad of the cell; None where it has none.
+        accept: codes of errors that the user says are none.
+
+    Returns:
+        the recording as it should have been, what was mended, warnings.
+
+    Raises:
+        InputError: no load or no displacement at all.
+    """
+    if recording.kind == "absolute":
+        return _poses(recording, robot, T_flange_tcp, accept)
+    findings: list[Finding] = []
+    warnings: list[str] = []
+    for _ in range(MOST_REPAIRS):
+        tests = experiment(recording, robot, T_flange_tcp)
+        found = check_experiment(tests, robot, T_flange_tcp, prior)
+        error = next((f for f in found if f.severity == "error" and f.code not in accept), None)
+        warnings = [f.message for f in found if f is not error]
+        if error is None:
+            break
+        before = _misfit(tests)
+        mended = _mended(recording, error, robot, T_flange_tcp)
+        if mended is None:
+            warnings.insert(0, error.message)
+            break
+        recording = mended
+        after = _misfit(experiment(recording, robot, T_flange_tcp))
+        findings.append(_said(error, before, after))
+    return recording, findings, warnings
+
+
+def outliers(recording: Recording, diagnosis: Diagnosis, copies: Flags) -> Finding | None:
+    """Gross rows as a finding, where they are more than a tracker makes, or plainly a clerk's.
+
+    Args:
+        recording: as diagnosed.
+        diagnosis: with the readings put aside.
+        copies: (N,) rows that repeat the displacement of the row before under another load.
+    """
+    aside = ~diagnosis.used
+    if not aside.any():
+        return None
+    measured = recording.displacement if recording.kind == "deflection" else None
+    slips = np.zeros(len(aside), bool)
+    if measured is not None:
+        d = measured[:, :3]
+        predicted = d - diagnosis.errors.final[:, :3]
+        noise = 1e-3 * diagnosis.noise_floor
+        for f in (s for factor in SLIP for s in (factor, 1.0 / factor)):
+            near = np.abs(d / f - predicted) < FITS * noise * max(1.0, 1.0 / f)
+            slips |= aside & (near & (np.abs(predicted) > FITS * noise)).any(axis=1)
+    clerical = int((slips | (copies & aside)).sum())
+    share = float(aside.mean())
+    if share <= ORDINARY and clerical < CLERICAL:
+        return None
+    rows = ",".join(str(r) for r in diagnosis.outliers)
+    count = float(aside.sum())
+    return Finding(
+        "outliers", f"rows:{rows}", "gross errors", "residual beyond six robust standard deviations",
+        f"{clerical} look like slipped decimals or copied rows" if clerical else "",
+        (("outliers", f"rows:{rows}"),), {"rows": Estimate(count, "1", (count, count), (count, count))},
+        diagnosis.heldout_before, diagnosis.heldout_after, 0.0,
+        correction=RecordCorrection("outliers", f"rows:{rows}", {"rows": rows}), record=True,
+    )  # fmt: skip
+
+
+def copied(recording: Recording) -> Flags:
+    """(N,) rows that repeat the measured values of the row before although the load or the pose is another."""
+    values = recording.displacement if recording.kind == "deflection" else recording.position
+    out = np.zeros(len(recording), bool)
+    if values is None:
+        return out
+    step = 5e-6  # m; readings rounded more coarsely agree by chance
+    v = values[:, :3]
+    if np.abs(v / step - np.round(v / step)).max() < 0.02:
+        return out
+    same = (v[1:] == v[:-1]).all(axis=1) & v[1:].any(axis=1)
+    moved = (recording.q[1:] != recording.q[:-1]).any(axis=1) & (recording.pose[1:] != recording.pose[:-1])
+    if recording.wrench is not None:
+        size = max(float(np.linalg.norm(recording.wrench[:, :3], axis=1).max()), 1e-9)
+        change = np.linalg.norm(np.diff(recording.wrench[:, :3], axis=0), axis=1)
+        moved |= change > DIFFERENT_LOAD * size
+    out[1:] = same & moved
+    return out
+
+
+def _mended(recording: Recording, error: Problem, robot: Robot, T_flange_tcp: Array) -> Recording | None:
+    """The recording read the way the check says; None where that is not known."""
+    if error.code == "joint_units":
+        return replace(recording, q=np.degrees(recording.q))
+    if error.code == "displacement_frame":
+        return replace(recording, displacement_frame=_other(recording.displacement_frame))
+    if error.code == "wrench_frame":
+        return replace(recording, wrench_frame=_other(recording.wrench_frame))
+    if error.code == "frames":
+        return replace(
+            recording, wrench_frame=_other(recording.wrench_frame),
+            displacement_frame=_other(recording.displacement_frame),
+        )  # fmt: skip
+    assert recording.wrench is not None and recording.displacement is not None  # the check read them
+    if error.code == "load_sign":
+        return replace(recording, wrench=-recording.wrench)
+    if error.code == "moment_at_flange":
+        return replace(recording, wrench_point=np.zeros(3))
+    if error.code == "moment_at_base" and recording.wrench_frame == "base":
+        p = robot.fk(recording.q, T_flange_tcp)[:, :3, 3]
+        w = recording.wrench.copy()
+        w[:, 3:] -= np.cross(p, w[:, :3])
+        return replace(recording, wrench=w)
+    if error.code in ("units", "rotation_units", "moment_units", "force_units") and error.column:
+        w, d = recording.wrench.copy(), recording.displacement.copy()
+        target, columns = {
+            "fx_N": (w, slice(0, 3)), "mx_Nm": (w, slice(3, 6)), "dx_mm": (d, slice(0, 3)), "rx_mrad": (d, slice(3, 6)),
+        }[error.column]  # fmt: skip
+        target[:, columns] *= error.factor
+        return replace(recording, wrench=w, displacement=d)
+    return None
+
+
+def _said(error: Problem, before: float, after: float) -> Finding:
+    if error.code in FRAMES:
+        effect, where = FRAMES[error.code]
+        parameters: dict[str, Estimate] = {}
+    else:
+        column = "q1_deg" if error.code == "joint_units" else error.column
+        effect, where = "units", f"column:{column}"
+        factor = float(np.degrees(1.0)) if error.code == "joint_units" else error.factor
+        parameters = {"factor": Estimate(1.0 / factor, "1", (1.0 / factor,) * 2, (1.0 / factor,) * 2)}
+    return Finding(
+        effect, where, "the record, read as stated", "", error.message, ((effect, where),), parameters, 1e3 * before,
+        1e3 * after, 0.0, correction=RecordCorrection(effect, where, {"message": error.message}), record=True,
+    )  # fmt: skip
+
+
+def _misfit(tests: Experiment) -> float:
+    """m, robust rms of what refitted joints leave of the translations."""
+    load = np.linalg.norm(tests.wrench[:, :3], axis=1) + np.linalg.norm(tests.wrench[:, 3:], axis=1)
+    A = tests.response()[:, :3]
+    e = tests.measured[:, :3] - A @ start(A, tests.measured[:, :3], load)
+    return float(1.4826 * np.median(np.abs(e)))
+
+
+def _poses(
+    recording: Recording, robot: Robot, T_flange_tcp: Array, accept: Collection[str]
+) -> tuple[Recording, list[Finding], list[str]]:
+    """Length of the position columns and angle of the joint columns, against forward kinematics."""
+    if recording.position is None or "units" in accept:
+        return recording, [], []
+
+    def misfit(q: Array, x: Array) -> float:
+        p = robot.fk(q, T_flange_tcp)[:, :3, 3]
+        return float(np.median(np.linalg.norm(x - p, axis=1)))
+
+    stated = misfit(recording.q, recording.position)
+    ways = {("x_mm", name): (recording.q, recording.position * f, f) for name, f in LENGTHS.items()}
+    if np.abs(np.degrees(recording.q)).max() < 2.1 * np.pi:
+        ways["q1_deg", "radians"] = (np.degrees(recording.q), recording.position, float(np.degrees(1.0)))
+    (column, name), (q, x, factor) = min(ways.items(), key=lambda w: misfit(w[1][0], w[1][1]))
+    best = misfit(q, x)
+    if best > CLEARLY * stated:
+        return recording, [], []
+    said = Finding(
+        "units", f"column:{column}", "the record, read as stated", "", f"the columns {column} … seem to hold {name}",
+        (("units", f"column:{column}"),), {"factor": Estimate(1 / factor, "1", (1 / factor,) * 2, (1 / factor,) * 2)},
+        1e3 * stated, 1e3 * best, 0.0, record=True,
+        correction=RecordCorrection("units", f"column:{column}", {"message": f"{column} … seem to hold {name}"}),
+    )  # fmt: skip
+    return replace(recording, q=q, position=x), [said], []
+
+
+def _other(frame: Axes) -> Axes:
+    return "tool" if frame == "base" else "base"

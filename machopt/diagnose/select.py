@@ -1,0 +1,212 @@
+"""Which effects together: forward by the gain on unseen groups, each step judged against the whole search by chance.
+
+After every step what was chosen before may be exchanged or dropped, and pairs among the leading hypotheses are tried
+exhaustively, because one effect can stand in for two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.diagnose.grams import Model, Tried
+from machopt.diagnose.problem import Hypothesis
+from machopt.diagnose.screen import Scored, by_chance, score
+
+Array = NDArray[np.float64]
+CHANCE = 0.01  # of naming anything in a recording without a mismatch
+GAIN = 30.0  # squared noncentrality an effect must have: five and a half standard deviations
+PER_COEFFICIENT = 4.0
+SHARE = 0.008  # of the whitened sum of squares: less does not matter, however long the recording
+GENERALISES = 0.4  # of the gain that must come back on unseen groups
+WITHOUT_BEST = 0.25  # of it that must not hang on a single group
+SIMPLER = 4.0  # gain on unseen groups that a second coefficient of the same effect must bring
+BESIDE, BESIDE_HERE = (
+    0.06,
+    0.3,
+)  # of the largest gain so far: a law that is not quite the true one leaves as much, most of it at its own place
+PAIRS_AMONG = 6
+PAIR_MUST_WIN = 8.0
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """One effect in the final model."""
+
+    scored: Scored  # beside the others
+    p_value: float
+
+    @property
+    def tried(self) -> Tried:
+        return self.scored.tried
+
+    @property
+    def columns(self) -> Array:
+        return self.scored.tried.at(self.scored.shape)
+
+
+def least_gain(model: Model, s: Scored) -> float:
+    """Gain that a hypothesis has to reach, per unit of the residual's variance."""
+    h = s.tried.hypothesis
+    p = s.tried.X.shape[2]
+    return max(GAIN + PER_COEFFICIENT * (p - 1) + h.penalty, SHARE * len(model.y))
+
+
+def holds(model: Model, s: Scored) -> bool:
+    """Whether a hypothesis is large enough, on readings that did not choose it and not in one group alone."""
+    if s.gain / model.spread < least_gain(model, s):
+        return False
+    return s.total > GENERALISES * s.gain and s.total - float(s.heldout.max()) > WITHOUT_BEST * s.total
+
+
+def select(model: Model, tried: Sequence[Tried], most: int, rng: np.random.Generator) -> list[Chosen]:
+    """Choose up to ``most`` effects.
+
+    Args:
+        model: the base.
+        tried: all hypotheses.
+        most: effects at most.
+        rng: of the sign flips.
+    """
+    search = _Search(tuple(tried), _greedy(model, tried, most).residual, rng)
+    chosen: list[Chosen] = []
+    while len(chosen) < most:
+        step = search.step(with_chosen(model, chosen), chosen)
+        if step is None:
+            break
+        chosen.append(step)
+        if len(chosen) == 2:
+            chosen = _pairs(model, tried, chosen)
+        chosen = search.exchange(model, chosen)
+    return _backward(model, chosen)
+
+
+def _greedy(model: Model, tried: Sequence[Tried], most: int) -> Model:
+    """The model with the best hypotheses that hold, whatever chance may say of them."""
+    taken: set[tuple[str, str]] = set()
+    for _ in range(most):
+        scored = [s for s in score(model, [t for t in tried if t.hypothesis.name not in taken]) if holds(model, s)]
+        if not scored:
+            break
+        best = simplest(model, scored)
+        taken.add(best.tried.hypothesis.name)
+        model = model.with_columns(best.tried.at(best.shape))
+    return model
+
+
+def with_chosen(model: Model, chosen: Sequence[Chosen]) -> Model:
+    """The model with the columns of what was chosen."""
+    for c in chosen:
+        model = model.with_columns(c.columns)
+    return model
+
+
+@dataclass(frozen=True)
+class _Search:
+    """What every step of the search shares."""
+
+    tried: tuple[Tried, ...]
+    residual: Array  # (M,) whitened, of a model with everything that may be there
+    rng: np.random.Generator
+
+    def step(self, model: Model, chosen: Sequence[Chosen]) -> Chosen | None:
+        """The best further effect beside what was chosen; None where nothing holds."""
+        taken = {c.tried.hypothesis.name for c in chosen}
+        scored = score(model, [t for t in self.tried if t.hypothesis.name not in taken])
+        chance = by_chance(model, scored, self.residual, self.rng)
+        good = [
+            k for k, s in enumerate(scored)
+            if chance[k] <= CHANCE and s.gain > _law_error(s, chosen) and holds(model, s)
+        ]  # fmt: skip
+        if not good:
+            return None
+        best = simplest(model, [scored[k] for k in good])
+        return Chosen(best, float(chance[[s is best for s in scored].index(True)]))
+
+    def exchange(self, model: Model, chosen: list[Chosen]) -> list[Chosen]:
+        """Each effect once more beside the others: another may take its place."""
+        out = list(chosen)
+        for k in range(len(out) if len(out) > 1 else 0):
+            others = out[:k] + out[k + 1 :]
+            again = self.step(with_chosen(model, others), others)
+            if again is not None:
+                out[k] = again
+        return out
+
+
+def _law_error(s: Scored, chosen: Sequence[Chosen]) -> float:
+    """Gain that the laws chosen so far may leave because they are not quite the true ones."""
+    return max(
+        (c.scored.gain * (BESIDE_HERE if _near(c.tried.hypothesis, s.tried.hypothesis) else BESIDE) for c in chosen),
+        default=0.0,
+    )
+
+
+def _near(a: Hypothesis, b: Hypothesis) -> bool:
+    """Whether what one law leaves of its effect looks like the other: the same place, or the next body."""
+    if a.location == b.location:
+        return True
+    bodies = {"base": 0, "tool": 6} | {f"link:{i}": i for i in range(1, 7)}
+    both = [bodies.get(h.location) for h in (a, b)]
+    return both[0] is not None and both[1] is not None and abs(both[0] - both[1]) <= 1
+
+
+def simplest(model: Model, scored: Sequence[Scored]) -> Scored:
+    """The best on unseen groups, or a law of the same effect with fewer coefficients that is hardly worse."""
+
+    def worth(s: Scored) -> float:
+        return s.total / model.spread - s.tried.hypothesis.penalty - SIMPLER * (s.tried.X.shape[2] - 1)
+
+    return max(scored, key=worth)
+
+
+def _pairs(model: Model, tried: Sequence[Tried], chosen: list[Chosen]) -> list[Chosen]:
+    """All pairs among the leading hypotheses; taken where they beat what was found one by one."""
+    scored = sorted(score(model, tried), key=lambda s: -s.total)
+    leading: list[Scored] = []
+    for s in scored:
+        if s.tried.hypothesis.name not in {o.tried.hypothesis.name for o in leading}:
+            leading.append(s)
+        if len(leading) == PAIRS_AMONG:
+            break
+    best, pair = _together(model, chosen), chosen
+    for a, b in combinations(leading, 2):
+        for one, two in ((a, b), (b, a)):
+            m = model.with_columns(one.tried.at(one.shape))
+            second = score(m, [two.tried])[0]
+            if one.total + second.total <= best + PAIR_MUST_WIN * model.spread:
+                continue
+            first = score(model.with_columns(second.tried.at(second.shape)), [one.tried])[0]
+            both = [Chosen(first, chosen[0].p_value), Chosen(second, chosen[1].p_value)]
+            if holds(m, second) and _together(model, both) > best + PAIR_MUST_WIN * model.spread:
+                best, pair = _together(model, both), both
+    return pair
+
+
+def _together(model: Model, chosen: Sequence[Chosen]) -> float:
+    """Gain of several effects on unseen groups, one after the other."""
+    total = 0.0
+    for c in chosen:
+        total += score(model, [c.tried])[0].total
+        model = model.with_columns(c.columns)
+    return total
+
+
+def _backward(model: Model, chosen: list[Chosen]) -> list[Chosen]:
+    """Leave out what is not needed beside the others; the rest with their gains beside each other."""
+    out = list(chosen)
+    while True:
+        again = []
+        for k, c in enumerate(out):
+            beside = with_chosen(model, out[:k] + out[k + 1 :])
+            again.append((beside, score(beside, [c.tried])[0]))
+        weak = [k for k, (m, s) in enumerate(again) if not holds(m, s)]
+        if not weak:
+            kept = [Chosen(s, c.p_value) for c, (_, s) in zip(out, again, strict=True)]
+            return sorted(kept, key=lambda c: -c.scored.total)
+        worst = min(weak, key=lambda k: again[k][1].total)
+        out = out[:worst] + out[worst + 1 :]

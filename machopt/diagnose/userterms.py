@@ -1,0 +1,77 @@
+"""Laws of a user's own, tried beside the catalogue: from a Python file, or from an installed package.
+
+A file or entry point (group ``machopt.diagnose``) offers ``hypotheses(readings)``, a function that takes the
+:class:`~machopt.diagnose.readings.Readings` of a load test or of poses and yields
+:class:`~machopt.diagnose.problem.Hypothesis` objects. See ``docs`` in the package's README for one in twenty lines.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import numpy as np
+
+from machopt.diagnose.problem import Hypothesis
+from machopt.diagnose.readings import Readings
+from machopt.errors import InputError
+
+GROUP = "machopt.diagnose"
+Offer = Callable[[Readings], Iterable[Hypothesis]]
+
+
+def load(files: Sequence[Path]) -> list[tuple[str, Offer]]:
+    """Functions that offer laws, with where they come from.
+
+    Args:
+        files: Python files; those of installed packages come first.
+
+    Raises:
+        InputError: a file that is missing, does not run, or has no function ``hypotheses``.
+    """
+    out: list[tuple[str, Offer]] = [(e.value, e.load()) for e in entry_points(group=GROUP)]
+    for n, file in enumerate(files):
+        if not file.is_file():
+            raise InputError("there is no such file; a Python file with a function hypotheses(readings) would work",
+                             file=file)  # fmt: skip
+        spec = importlib.util.spec_from_file_location(f"machopt_user_terms_{n}", file)
+        if spec is None or spec.loader is None:
+            raise InputError("is not a Python file; one with a function hypotheses(readings) would work", file=file)
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[spec.name] = module
+        try:
+            spec.loader.exec_module(module)
+        except (ImportError, SyntaxError, NameError, TypeError, ValueError, AttributeError) as problem:
+            raise InputError(f"does not run: {type(problem).__name__}: {problem}", file=file) from problem
+        offer = getattr(module, "hypotheses", None)
+        if not callable(offer):
+            raise InputError("has no function hypotheses(readings); one that yields Hypothesis objects would work",
+                             file=file)  # fmt: skip
+        out.append((str(file), offer))
+    return out
+
+
+def offered(sources: Sequence[tuple[str, Offer]], readings: Readings) -> list[Hypothesis]:
+    """The laws themselves, checked.
+
+    Raises:
+        InputError: something that is no Hypothesis, or columns of the wrong shape or with NaN.
+    """
+    out: list[Hypothesis] = []
+    for source, offer in sources:
+        for h in offer(readings):
+            if not isinstance(h, Hypothesis):
+                raise InputError(f"hypotheses() gave {type(h).__name__}; Hypothesis objects would work", file=source)
+            for shape in h.shapes:
+                columns = np.asarray(h.columns(shape), float)
+                wanted = (len(readings), readings.dimensions)
+                if columns.ndim != 3 or columns.shape[:2] != wanted or not np.isfinite(columns).all():
+                    raise InputError(
+                        f"columns of {h.effect} at {h.location} have the shape {columns.shape} (or NaN); finite "
+                        f"({wanted[0]}, {wanted[1]}, p) would work", file=source,
+                    )  # fmt: skip
+            out.append(h)
+    return out

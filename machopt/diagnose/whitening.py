@@ -1,0 +1,118 @@
+"""Readings with shared errors as independent ones: W such that W Σ Wᵀ = I, visit by visit.
+
+Σ = D + U Uᵀ in a visit: D the readings' own variances, U one column per shift that a cycle or the visit shares, per
+coordinate, and per gain error of a cycle. With Q s Rᵀ the singular values of D^(−½) U,
+W = (I − Q (1 − 1/√(1 + s²)) Qᵀ) D^(−½) exactly. Rows are sorted by group, so that sums over a group are slices.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.diagnose.noise import Noise
+from machopt.diagnose.problem import Problem
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Block:
+    """One visit."""
+
+    rows: slice  # of the flattened, sorted rows
+    Q: Array  # (n D, r)
+    shrink: Array  # (r,)
+
+
+@dataclass(frozen=True)
+class Whitening:
+    """Turns (N, D, …) columns into (M, …) rows with independent unit errors; M = used readings × D."""
+
+    index: Ints  # (n,) used readings, sorted by group and visit
+    sigma: Array  # (D,) own 1 sigma of each coordinate, SI
+    blocks: tuple[Block, ...]
+    visit_starts: Ints  # (V + 1,) rows at which visits begin
+    group_of_visit: Ints  # (V,) index of its group, ascending
+    groups: Ints  # (G,) labels
+
+    def apply(self, x: Array) -> Array:
+        """(N, D) or (N, D, p) → (M,) or (M, p)."""
+        flat = (x[self.index] / (self.sigma if x.ndim == 2 else self.sigma[:, None])).reshape(
+            len(self.index) * len(self.sigma), *x.shape[2:]
+        )
+        out = np.ascontiguousarray(flat)
+        for b in self.blocks:
+            part = out[b.rows]
+            along = b.Q.T @ part
+            part -= b.Q @ (b.shrink[:, None] * along if out.ndim > 1 else b.shrink * along)
+        return out
+
+    def by_visit(self, values: Array) -> Array:
+        """(V, …) sums of whitened rows."""
+        return np.asarray(np.add.reduceat(values, self.visit_starts[:-1], axis=0))
+
+    def by_group(self, visits: Array) -> Array:
+        """(G, …) sums of visits."""
+        out = np.zeros((len(self.groups), *visits.shape[1:]))
+        np.add.at(out, self.group_of_visit, visits)
+        return out
+
+
+def whitening(problem: Problem, noise: Noise, used: Flags) -> Whitening:
+    """Prepare a problem's readings.
+
+    Args:
+        problem: groups, visits and cycles.
+        noise: per family.
+        used: (N,) False: left out.
+    """
+    D = problem.dimensions
+    family = np.zeros(D, np.int64)
+    for f, part in enumerate(problem.families):
+        family[list(part.columns)] = f
+    sigma = noise.own[family]
+    rows = np.flatnonzero(used)
+    groups, group = np.unique(problem.group[rows], return_inverse=True)
+    order = np.lexsort((rows, problem.visit[rows], group))
+    index, group = rows[order], group[order]
+    visit = problem.visit[index]
+    starts = np.flatnonzero(np.r_[True, (np.diff(visit) != 0) | (np.diff(group) != 0)])
+    ends = np.r_[starts[1:], len(index)]
+    blocks = []
+    for a, b in zip(starts, ends, strict=True):
+        U = _shared(problem, noise, family, sigma, index[a:b])
+        if U.shape[1]:
+            Q, s, _ = np.linalg.svd(U, full_matrices=False)
+            keep = s > 1e-6
+            blocks.append(Block(slice(a * D, b * D), Q[:, keep], 1.0 - 1.0 / np.sqrt(1.0 + s[keep] ** 2)))
+    return Whitening(index, sigma, tuple(blocks), np.r_[starts, len(index)] * D, group[starts].astype(np.int64), groups)
+
+
+def _shared(problem: Problem, noise: Noise, family: Ints, sigma: Array, rows: Ints) -> Array:
+    """(n D, r) what the errors of one visit share, per own 1 sigma."""
+    D, n = len(family), len(rows)
+    columns: list[Array] = []
+
+    def shift(among: Flags, size: Array) -> None:
+        for d in range(D):
+            if size[family[d]] > 0:
+                u = np.zeros((n, D))
+                u[among, d] = size[family[d]] / sigma[d]
+                columns.append(u.reshape(-1))
+
+    labels = np.unique(problem.cycle[rows])
+    for label in labels:
+        among = problem.cycle[rows] == label
+        if len(labels) > 1:
+            shift(among, noise.cycle)
+        if noise.gain > 0 and problem.scale is not None:
+            u = np.where(among[:, None], problem.scale[rows], 0.0) * noise.gain / sigma
+            columns.append(u.reshape(-1))
+    everyone = np.ones(n, bool)
+    shift(everyone, np.hypot(noise.visit, noise.cycle) if len(labels) == 1 else noise.visit)
+    return np.stack(columns, axis=1) if columns else np.zeros((n * D, 0))

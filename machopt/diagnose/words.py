@@ -1,0 +1,107 @@
+"""What an engineer reads: the sentence at the top, what to measure next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from machopt.diagnose.noise import Noise
+from machopt.diagnose.result import Diagnosis, Finding
+
+NAMES = {
+    "joint_nonlinear_stiffness": "nonlinear stiffness", "joint_backlash": "backlash", "joint_hysteresis": "hysteresis",
+    "joint_creep": "creep", "joint_pose_dependent_stiffness": "stiffness that changes with its angle",
+    "joint_zero_offset": "zero offset", "transmission_error": "transmission error", "joint_friction": "friction",
+    "joint_coupling": "coupling", "gravity_compensator": "gravity compensator", "link_compliance": "link compliance",
+    "base_compliance": "base compliance", "tool_compliance": "tool compliance", "payload": "wrong payload",
+    "geometric_stiffness": "stiffness of the load itself (K_C)", "force_sensor_offset": "zero of the force sensor",
+    "force_sensor_gain": "gain of the force sensor", "force_sensor_frame": "axes of the force sensor",
+    "displacement_frame": "axes of the displacement", "load_geometry": "where or which way the load acted",
+    "units": "units", "time_skew": "a clock that is off", "outliers": "outlying rows", "thermal_drift": "thermal drift",
+    "servo_lag": "servo lag", "joint_elasticity": "vibration of a flexible joint",
+}  # fmt: skip
+
+
+def human(effect: str, location: str) -> str:
+    """``hysteresis of joint 3``."""
+    name = NAMES.get(effect, effect.replace("_", " "))
+    kind, _, number = location.partition(":")
+    if kind in ("joint", "link"):
+        return f"{name} of {'joints' if '-' in number else kind} {number.replace('-', ' and ')}"
+    if kind in ("rows", "column"):
+        return f"{name} ({location})"
+    return name
+
+
+def sentence(d: Diagnosis) -> str:
+    """How much, where, what, how sure, what is not excluded, what next."""
+    error = f"{_number(d.heldout_before)} {d.unit} on {d.predicted or 'readings'} that no fit saw"
+    if d.verdict == "consistent":
+        return (
+            f"Consistent: the refitted model leaves {error}, noise alone {_number(d.noise_floor)} {d.unit}; nothing that "
+            "comes back in repeats is left to explain."
+        )
+    left = f"{_number(d.repeatable)} {d.unit} of it {'come' if d.repeatable != 1 else 'comes'} back in repeats"
+    if d.verdict == "unexplained":
+        where = ", ".join(s.axis for s in d.mismatch if s.kind == "machine")[:60]
+        data = next((f"; in the data it lives at {s.axis} {s.note}" for s in d.mismatch if s.kind == "data"), "")
+        return (
+            f"Unexplained: the refitted model leaves {error}; {left}, and no law of the catalogue explains it. Nearest "
+            f"places: {where or 'none'}{data}."
+        )
+    parts = [_found(f) for f in d.findings]
+    head = "Explained" if d.verdict == "explained" else "Partly explained"
+    open_ = sorted({human(*n) for f in d.findings for n in f.one_of[1:]})
+    return (
+        f"{head}: {'; '.join(parts)}. Unseen {d.predicted or 'readings'}: {_number(d.heldout_before)} → "
+        f"{_number(d.heldout_after)} {d.unit} (noise {_number(d.noise_floor)}), {100 * d.explained:.0f} % of the "
+        f"repeatable mismatch closed. "
+        + (f"These data cannot exclude {', '.join(open_[:4])}{' …' if len(open_) > 4 else ''}."
+           if open_ else "No other explanation of the catalogue does as well.")
+    )  # fmt: skip
+
+
+def next_experiment(d: Diagnosis) -> str:
+    """The next measurement worth making, in words."""
+    sets = [f for f in d.findings if len(f.one_of) > 1]
+    if sets:
+        f = sets[0]
+        others = ", ".join(human(*n) for n in f.one_of[1:4])
+        return (
+            f"To tell {human(f.effect, f.location)} from {others}: machopt plan-poses CELL --discriminate OUT chooses "
+            "poses and loads at which their predictions differ most."
+        )
+    if d.verdict == "unexplained":
+        place = next((s.axis for s in d.mismatch if s.kind == "machine"), "the arm")
+        return f"Repeat the readings that are worst with a second target behind {place}: what moves between the two?"
+    if d.findings:
+        f = d.findings[0]
+        return f"Confirm {human(f.effect, f.location)} on another day at poses not measured yet."
+    return "None needed for the effects above their detection limits; smaller ones need more repeats or larger loads."
+
+
+def withdrawn(findings: Sequence[Finding]) -> list[str]:
+    """What came nearest without explaining enough to be named."""
+    if not findings:
+        return []
+    said = ", ".join(human(f.effect, f.location) for f in findings)
+    return [f"nearest of the catalogue, but most of the mismatch stays with it: {said}; so it is not named"]
+
+
+def noise_note(noise: Noise) -> tuple[str, ...]:
+    """Where the noise was taken from."""
+    if noise.replicated:
+        return ("noise is taken from readings of the same thing on different visits",)
+    return (
+        "nothing was measured twice: noise is taken from what the model leaves, so small effects pass for noise; a second "
+        "session over the same poses and loads would tell them apart",
+    )
+
+
+def _found(f: Finding) -> str:
+    first = next(iter(f.parameters.values()), None)
+    size = "" if first is None else f", {_number(first.value)} {first.unit}"
+    return f"{human(f.effect, f.location)}{size}{f' ({f.note})' if f.note else ''}"
+
+
+def _number(value: float) -> str:
+    return f"{value:.3g}"

@@ -1,0 +1,156 @@
+"""kinematics.yaml: joint offsets, transmission errors and wrist couplings, compensated in the exported joints.
+
+::
+
+    machopt_kinematics: 1
+    corrections:
+      - {effect: joint_zero_offset, location: "joint:3", parameters: {offset_deg: 0.02}}
+      - {effect: transmission_error, location: "joint:1", parameters: {per_turn: 3, cos_arcsec: 8.1, sin_arcsec: -2.5}}
+      - {effect: joint_coupling, location: "joint:4-5", parameters: {ratio: 2.5e-5}}
+
+The true angle of a joint is q + Δ(q), q what its encoder says. The joints of trajectory.csv, points.csv and of robot
+programs are encoder angles: with this file those that bring the arm to the programmed path.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from machopt.domain.kinematics import KinematicCorrection, Kinematics, waves
+from machopt.formats.yamlstrict import Document, Loc, Strict, nearest, read_yaml, show, validate
+
+PARAMETERS = {
+    "joint_zero_offset": ("offset_deg",),
+    "transmission_error": ("per_turn", "cos_arcsec", "sin_arcsec"),
+    "joint_coupling": ("ratio",),
+}
+_MOST = {"offset_deg": 10.0, "per_turn": 1e4, "cos_arcsec": 7200.0, "sin_arcsec": 7200.0, "ratio": 0.1}
+_UNITS = {"offset_deg": "degrees", "per_turn": "waves a turn of the joint", "cos_arcsec": "arcsec",
+          "sin_arcsec": "arcsec", "ratio": "rad/rad"}  # fmt: skip
+_STEEPEST = 0.5  # |Δ'|: beyond it encoder and true angle are hardly one to one, and the file is in another unit
+_JOINTS = tuple(f"joint:{j}" for j in range(1, 7))
+_PAIRS = tuple(f"joint:{i}-{j}" for i in range(1, 7) for j in range(i + 1, 7))
+
+
+class _Correction(Strict):
+    effect: str = Field(min_length=1, description=", ".join(PARAMETERS))
+    location: str = Field(min_length=1, description="joint:1 … joint:6, or joint:4-5 of a coupling")
+    parameters: dict[str, Any]
+
+
+class _KinematicsFile(Strict):
+    machopt_kinematics: Literal[1]
+    corrections: list[_Correction]
+
+
+def load_kinematics(path: Path | str) -> Kinematics:
+    """Read kinematics.yaml.
+
+    Raises:
+        InputError: names file, line and key, what was found and what was expected.
+    """
+    document = read_yaml(Path(path))
+    data = validate(_KinematicsFile, document)
+    seen: dict[tuple[str, str], int] = {}
+    out = []
+    for n, c in enumerate(data.corrections):
+        loc: Loc = ("corrections", n)
+        _check_place(document, loc, c.effect, c.location)
+        if (c.effect, c.location) in seen:
+            raise document.error(loc, f"{c.effect} at {c.location} stands twice; keep one (waves of a transmission "
+                                 "error stand in lists)")  # fmt: skip
+        seen[(c.effect, c.location)] = n
+        out.append(KinematicCorrection(c.effect, c.location, _parameters(document, (*loc, "parameters"), c)))
+    found = Kinematics(tuple(out), Path(path))
+    for joint, slope in enumerate(_slopes(found), start=1):
+        if slope >= _STEEPEST:
+            raise document.error(
+                ("corrections",),
+                f"the corrections of joint {joint} change by up to {slope:.2g} rad per rad, less than {_STEEPEST:g} "
+                "would work (per_turn × amplitude, and ratios, add up)",
+            )
+    return found
+
+
+def write_kinematics(path: Path | str, kinematics: Kinematics) -> None:
+    """Write kinematics.yaml so that :func:`load_kinematics` returns the same numbers."""
+    lines = ["machopt_kinematics: 1", "corrections:" if kinematics else "corrections: []"]
+    for c in kinematics.corrections:
+        inner = ", ".join(f"{key}: {_number(value)}" for key, value in c.parameters.items())
+        lines.append(f'  - {{effect: {c.effect}, location: "{c.location}", parameters: {{{inner}}}}}')
+    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
+
+
+def _check_place(document: Document, loc: Loc, effect: str, location: str) -> None:
+    if effect not in PARAMETERS:
+        raise document.error((*loc, "effect"), f"found {effect!r}; {nearest(effect, list(PARAMETERS))} "
+                             "(what is elastic belongs into stiffness.yaml)")  # fmt: skip
+    places = _PAIRS if effect == "joint_coupling" else _JOINTS
+    if location not in places:
+        wanted = "joint:i-j, i < j, e.g. joint:4-5" if effect == "joint_coupling" else "joint:1 … joint:6"
+        raise document.error((*loc, "location"), f"found {location!r}; expected {wanted}")
+
+
+def _parameters(document: Document, loc: Loc, c: _Correction) -> Mapping[str, Any]:
+    wanted = PARAMETERS[c.effect]
+    for key in c.parameters:
+        if key not in wanted:
+            raise document.error((*loc, key), f"unknown key {key!r}; {nearest(key, list(wanted))}")
+    for key in wanted:
+        if key not in c.parameters:
+            raise document.error(loc, f"{key} is missing; {c.effect} needs {', '.join(wanted)}")
+    lengths = set()
+    for key in wanted:
+        value = c.parameters[key]
+        if isinstance(value, list) and c.effect == "transmission_error":
+            lengths.add(len(value))
+            if not value:
+                raise document.error((*loc, key), "found an empty list; expected at least one number")
+            for n, v in enumerate(value):
+                _check_number(document, (*loc, key, n), key, v)
+        else:
+            lengths.add(-1)
+            _check_number(document, (*loc, key), key, value)
+    if len(lengths) > 1:
+        raise document.error(loc, f"{', '.join(wanted)} differ in length; expected three numbers, or three lists of "
+                             "the same length")  # fmt: skip
+    if c.effect == "transmission_error":
+        orders = [order for order, _, _ in waves(c.parameters)]
+        if len(set(orders)) < len(orders):
+            raise document.error((*loc, "per_turn"), f"found {show(c.parameters['per_turn'])}; each order once")
+    return dict(c.parameters)
+
+
+def _check_number(document: Document, loc: Loc, key: str, value: object) -> None:
+    most = _MOST[key]
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise document.error(loc, f"found {show(value)}; expected a number ({_UNITS[key]})")
+    if key == "per_turn" and not 0.0 < value <= most:
+        raise document.error(loc, f"found {value:g}; expected more than 0 and at most {most:g} {_UNITS[key]}")
+    if abs(value) > most:
+        raise document.error(loc, f"found {value:g}; expected at most {most:g} {_UNITS[key]} to either side")
+
+
+def _slopes(kinematics: Kinematics) -> list[float]:
+    """(6,) most that Δ of each joint can change per rad of any joints."""
+    slope = [0.0] * 6
+    for c in kinematics.corrections:
+        joint = int(c.location.removeprefix("joint:").split("-")[-1]) - 1
+        if c.effect == "joint_coupling":
+            slope[joint] += abs(float(c.parameters["ratio"]))
+        elif c.effect == "transmission_error":
+            slope[joint] += sum(n * float(np.hypot(a, b)) * np.pi / 648000.0 for n, a, b in waves(c.parameters))
+    return slope
+
+
+def _number(value: Any) -> str:
+    """Shortest exact decimal; ``1.0e-07`` and not ``1e-07``, which YAML 1.1 readers take for text."""
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_number(v) for v in value)}]"
+    text = repr(float(value)) if not isinstance(value, int) else repr(value)
+    return text.replace("e", ".0e") if "e" in text and "." not in text else text

@@ -1,0 +1,266 @@
+"""``machopt diagnose``: from a cell and a recording to what the model leaves out, the extended model, and a page."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.diagnose import absolute, deflection, engine, motion, record, userterms
+from machopt.diagnose.problem import Catalogue, KinematicCorrection, Problem
+from machopt.diagnose.result import Diagnosis, Finding
+from machopt.diagnose.words import sentence
+from machopt.domain.cell import Cell
+from machopt.domain.kinematics import Kinematics, extended
+from machopt.domain.recording import Recording
+from machopt.domain.stiffness import Stiffness, Term
+from machopt.errors import InputError
+from machopt.formats.cell import load_cell
+from machopt.formats.kinematics import write_kinematics
+from machopt.formats.outfolder import output_folder, write_json
+from machopt.formats.recording import load_recording, load_recordings
+from machopt.formats.stiffness import load_stiffness, write_stiffness
+from machopt.identify.experiment import experiment
+from machopt.job.diagnose_result import page_of, result_of, write_residuals
+from machopt.model.robot import Masses, Robot, load_masses, load_robot
+from machopt.report.diagnosis_page import write_diagnosis
+
+Array = NDArray[np.float64]
+Progress = Callable[[str], None]
+LEAST_COMPLIANCE = 1e-10  # rad/(N·m), of a joint that no load moved
+CERTAIN_JOINT = 0.5  # standard error per compliance from which on a joint keeps the cell's value
+
+
+@dataclass(frozen=True)
+class Request:
+    """One run."""
+
+    cell: Path
+    recordings: tuple[Path, ...]
+    out: Path
+    channel: str = "auto"
+    toolpath: Path | None = None
+    terms: tuple[Path, ...] = ()  # Python files with laws of the user's own
+    max_findings: int = 3
+    accept: tuple[str, ...] = ()
+    seed: int = 0
+    allow_external: bool = False
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came out."""
+
+    diagnosis: Diagnosis
+    result: dict[str, Any]  # diagnosis.json
+    report: Path
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A diagnosis with what the files are written from."""
+
+    diagnosis: Diagnosis
+    problem: Problem
+    recording: Recording
+
+
+def run_diagnose(request: Request, progress: Progress = lambda _: None) -> Outcome:
+    """Diagnose a recording of a cell's robot.
+
+    Raises:
+        InputError: bad cell, recording, laws or output folder.
+    """
+    progress("reading cell and recording")
+    cell = load_cell(request.cell, allow_external=request.allow_external)
+    paths = request.recordings
+    recording = load_recording(paths[0]) if len(paths) == 1 else load_recordings(paths)
+    laws = userterms.load(request.terms)
+    options = engine.Options(most=request.max_findings, progress=progress)
+    with output_folder(request.out) as folder:
+        if recording.kind == "motion":
+            found = _motion(request, cell, recording, options)
+        else:
+            found = _at_rest(request, cell, recording, options, laws)
+        d = found.diagnosis
+        progress("writing the model and tables")
+        before, after = _stiffness(cell, d)
+        model = _write_model(folder, after)
+        kinematics = _write_kinematics(folder, cell, d)
+        effect = None
+        if request.toolpath is not None and after is not None and before is not None:
+            from machopt.job.diagnose_effect import effect_on_job  # the planner takes a second to load
+
+            progress("what it changes for the toolpath")
+            effect = effect_on_job(cell, before, after, request.toolpath)
+        inputs = _hashes(request, cell)
+        said = {"channel": request.channel, "max_findings": request.max_findings, "seed": request.seed,
+                "accept": list(request.accept), "terms": [p.name for p in request.terms]}  # fmt: skip
+        result = result_of(
+            cell, found.recording, d, model=model, kinematics=kinematics, effect_on_job=effect, options=said,
+            inputs=inputs,
+        )  # fmt: skip
+        write_residuals(folder / "residuals.csv", found.recording, d, found.problem)
+        progress("report")
+        facts = tuple((k, str(v)) for k, v in (said | inputs).items())
+        write_diagnosis(
+            folder / "report.html", page_of(cell, found.recording, d, facts, effect, problem=found.problem)
+        )
+        write_json(folder / "diagnosis.json", result)
+    return Outcome(d, result, request.out / "report.html")
+
+
+def _at_rest(
+    request: Request, cell: Cell, recording: Recording, options: engine.Options,
+    laws: list[tuple[str, userterms.Offer]],
+) -> _Found:  # fmt: skip
+    """Load tests and poses."""
+    robot, T = load_robot(cell), cell.tool.T_flange_tcp
+    masses = _masses(cell)
+    prior = None if cell.stiffness is None else cell.stiffness.joints
+    options.progress("checking the record")
+    recording, mended, warnings = record.mend(recording, robot, T, prior, request.accept)
+    copies = record.copied(recording)
+    rng = np.random.default_rng(request.seed)
+    rebuild: engine.Rebuild | None = None
+    if recording.kind == "deflection":
+        problem, catalogue, rebuild = _load_tests(recording, robot, T, masses, laws)
+        predicted = "load tests"
+        notes: tuple[str, ...] = ()
+    else:
+        problem, catalogue, notes = absolute.build(recording, cell, robot, masses, rng)
+        predicted = "poses"
+    if copies.any():
+        problem = replace(problem, excluded=copies)
+    d = engine.diagnose(problem, catalogue, replace(options, predicted=predicted), rng, _excluding(rebuild, copies))
+    gross = record.outliers(recording, d, copies)
+    said = (*recording.warnings, *warnings)
+    return _Found(_with_record(d, mended, gross, notes, said), problem, recording)
+
+
+def _load_tests(
+    recording: Recording, robot: Robot, T: Array, masses: Masses | None, laws: list[tuple[str, userterms.Offer]]
+) -> tuple[Problem, Catalogue, engine.Rebuild]:
+    tests = experiment(recording, robot, T)
+    memo: dict[tuple[object, ...], Array] = {}
+
+    def build(compliance: Array | None) -> tuple[Problem, Catalogue]:
+        problem, catalogue, readings = deflection.build(recording, tests, robot, T, masses, compliance, memo)
+        own = userterms.offered(laws, readings)
+        return problem, replace(catalogue, hypotheses=(*catalogue.hypotheses, *own))
+
+    problem, catalogue = build(None)
+    return problem, catalogue, lambda x: build(np.maximum(x[:6], 0.0))
+
+
+def _excluding(rebuild: engine.Rebuild | None, rows: NDArray[np.bool_]) -> engine.Rebuild | None:
+    if rebuild is None or not rows.any():
+        return rebuild
+
+    def again(x: Array) -> tuple[Problem, Catalogue]:
+        problem, catalogue = rebuild(x)
+        return replace(problem, excluded=rows), catalogue
+
+    return again
+
+
+def _motion(request: Request, cell: Cell, recording: Recording, options: engine.Options) -> _Found:
+    """Time series."""
+    possible = motion.channels(recording, cell)
+    if not possible:
+        raise InputError(
+            "nothing that was recorded can be predicted: joint torque with inertias in the URDF, link-side encoders "
+            "(qse1_deg …) or a tracked TCP (x_mm …) would work",
+            file=recording.source,
+        )
+    channel = possible[0] if request.channel == "auto" else request.channel
+    if channel not in possible:
+        raise InputError(f"found {channel}; this recording allows {', '.join(possible)}", where="--channel")
+    rng = np.random.default_rng(request.seed)
+    options.progress(f"signals and equations, channel {channel}")
+    problem, catalogue, notes, found = motion.build(recording, cell, channel, rng)  # type: ignore[arg-type]
+    words = {"torque": "stretches of joint torque", "link": "stretches of link-side position", "tip": "stretches of tip"}
+    d = engine.diagnose(problem, catalogue, replace(options, predicted=words[channel]), rng)
+    return _Found(_with_record(d, list(found), None, notes, recording.warnings), problem, recording)
+
+
+def _with_record(
+    d: Diagnosis, mended: list[Finding], gross: Finding | None, notes: tuple[str, ...], warnings: tuple[str, ...]
+) -> Diagnosis:
+    """The diagnosis with what was wrong with the record: mended things first, gross rows last."""
+    findings = (*mended, *d.findings, *(() if gross is None else (gross,)))
+    verdict = "explained" if findings and d.verdict == "consistent" else d.verdict
+    before = max([d.heldout_before, *(f.before for f in mended)])
+    out = replace(
+        d, findings=findings, verdict=verdict, heldout_before=before, notes=(*d.notes, *notes), warnings=warnings
+    )
+    return replace(out, sentence=sentence(out)) if findings != d.findings else out
+
+
+def _masses(cell: Cell) -> Masses | None:
+    try:
+        masses = load_masses(cell)
+    except InputError:
+        return None
+    return masses if masses.mass.sum() > 0 else None
+
+
+def _stiffness(cell: Cell, d: Diagnosis) -> tuple[Stiffness | None, Stiffness | None]:
+    """Refitted joints without and with what was found; None where the channel does not show joints."""
+    joints = [c for c in d.coefficients if c.unknown.name.startswith("joint ") and c.unknown.unit == "rad/(N·m)"]
+    if len(joints) != 6:
+        return cell.stiffness, cell.stiffness
+    prior = None if cell.stiffness is None else cell.stiffness.joints
+
+    def stiffness(values: list[float]) -> Array:
+        out = []
+        for j, (c, v) in enumerate(zip(joints, values, strict=True)):
+            sure = v > LEAST_COMPLIANCE and c.sigma < CERTAIN_JOINT * v
+            if not sure and prior is not None:
+                out.append(float(prior[j]))
+            else:
+                out.append(1.0 / max(v, LEAST_COMPLIANCE))
+        return np.array(out)
+
+    terms = tuple(f.correction for f in d.findings if isinstance(f.correction, Term))
+    known = () if cell.stiffness is None else cell.stiffness.terms
+    new = {(t.effect, t.location) for t in terms}
+    kept = tuple(t for t in known if (t.effect, t.location) not in new)
+    return (
+        Stiffness(stiffness([c.before for c in joints]), terms=known),
+        Stiffness(stiffness([c.value for c in joints]), terms=(*kept, *terms)),
+    )
+
+
+def _write_model(folder: Path, stiffness: Stiffness | None) -> str | None:
+    if stiffness is None:
+        return None
+    write_stiffness(folder / "stiffness.yaml", stiffness)
+    load_stiffness(folder / "stiffness.yaml")  # what optimize cannot read is not written
+    return "stiffness.yaml"
+
+
+def _write_kinematics(folder: Path, cell: Cell, d: Diagnosis) -> str | None:
+    found = tuple(f.correction for f in d.findings if isinstance(f.correction, KinematicCorrection))
+    if not found:
+        return None
+    known: Kinematics | None = cell.kinematics
+    write_kinematics(folder / "kinematics.yaml", extended(known, found))
+    return "kinematics.yaml"
+
+
+def _hashes(request: Request, cell: Cell) -> dict[str, str]:
+    out = {}
+    for file in cell.files:
+        name = str(file.relative_to(cell.folder) if file.is_relative_to(cell.folder) else file.name)
+        out[name] = hashlib.sha256(file.read_bytes()).hexdigest()
+    for path in request.recordings:
+        folder = path if path.is_dir() else path.parent
+        for file in sorted(p for p in folder.iterdir() if p.is_file()):
+            out[f"{folder.name}/{file.name}"] = hashlib.sha256(file.read_bytes()).hexdigest()
+    return out

@@ -1,0 +1,192 @@
+"""What the found physics changes for one toolpath: the choice so far, what becomes of it, and a better one.
+
+::
+
+    stiffness as refitted alone ──plan──► old choice ──┬─► its deflection as the old model believes   (before)
+                                                       └─► its deflection under the new model         (unchanged)
+    the same with what was found ──plan──► new choice ───► its deflection under the new model         (after)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.cell import Cell
+from machopt.domain.options import PlanOptions
+from machopt.domain.reason import Reason
+from machopt.domain.stiffness import Stiffness
+from machopt.errors import InputError
+from machopt.formats.options import load_options
+from machopt.formats.toolpath import read_toolpath
+from machopt.job.knownrobot import known_robot
+from machopt.plan.explain import explain_points, gamma
+from machopt.plan.pipeline import Plan, plan
+from machopt.se3 import wrap
+
+Array = NDArray[np.float64]
+CHANGED = np.radians(1.0)  # a rotation that differs by less is the same choice
+TEST_FORCE = 1000.0  # N along the tool axis, where the cell's plan states no process force
+
+
+def effect_on_job(
+    cell: Cell, stiffness_before: Stiffness, stiffness_after: Stiffness, toolpath_path: Path | str,
+    options: PlanOptions | None = None, reading: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """Plan a toolpath with the model as it was and with what was found, and compare.
+
+    Deflections are those of the programmed path, without compensation; means are over the length cut. A force that the
+    plan does not state is taken as 1 kN along the tool axis, and ``force`` says so.
+
+    Args:
+        cell: the cell; its own stiffness is not used.
+        stiffness_before: joint springs refitted alone.
+        stiffness_after: joint springs refitted together with the terms found.
+        toolpath_path: a CAM file or table.
+        options: of planning; None: the cell's own.
+        reading: keywords of :func:`machopt.formats.toolpath.read_toolpath`.
+
+    Returns:
+        the block ``effect_on_job`` of diagnosis.json: ``toolpath``, ``sentence``, ``reason`` (None, or why nothing can
+        be said), ``rotation``, ``deflection_mm``, ``worst_point``, ``changes``, and curves with one value a point.
+
+    Raises:
+        InputError: the toolpath cannot be read, or an option does not hold.
+    """
+    options = load_options(cell.plan) if options is None else options
+    toolpath = read_toolpath(toolpath_path, robot=known_robot(cell), **dict(reading or {}))
+    try:
+        old, new = (plan(replace(cell, stiffness=s), toolpath, options) for s in (stiffness_before, stiffness_after))
+    except InputError as error:  # a cell that is not planned for, or springs that hold no load: nothing to compare
+        return _nothing(toolpath.source, str(error))
+    found = _compare(old, new)
+    if found is None:
+        return _nothing(toolpath.source, _why(old) or _why(new))
+    return _block(toolpath.source, found, old, new)
+
+
+@dataclass(frozen=True)
+class _Compared:
+    """Both choices at the planning points that both reach."""
+
+    both: NDArray[np.bool_]  # (P,) cut, and reached by both
+    weight: Array  # (P,) of the length cut there, in all 1
+    turned: Array  # (P,) rad, new less old rotation
+    before: Array  # (P,) m, old choice, old model
+    unchanged: Array  # (P,) m, old choice, new model
+    after: Array  # (P,) m, new choice, new model
+
+    def mean(self, deflection: Array) -> float:
+        return float(self.weight[self.both] @ deflection[self.both])
+
+    def worst(self, deflection: Array) -> int:
+        """Row of the planning point that bends most."""
+        return int(np.where(self.both, deflection, -np.inf).argmax())
+
+
+def _compare(old: Plan, new: Plan) -> _Compared | None:
+    """None where no point that is cut is reached with both models."""
+    path = old.path
+    before, unchanged, after = _deflection(old, old), _deflection(old, new), _deflection(new, new)
+    both = path.counted & np.isfinite(before) & np.isfinite(unchanged) & np.isfinite(after)
+    if not both.any():
+        return None
+    weight = np.where(both, path.weight, 0.0)
+    weight = weight / weight.sum() if weight.sum() > 0.0 else both / both.sum()
+    return _Compared(both, weight, np.asarray(wrap(gamma(new) - gamma(old))), before, unchanged, after)
+
+
+def _deflection(choice: Plan, model: Plan) -> Array:
+    """(P,) m, |d| of one plan's configurations under another's model; NaN where there is none."""
+    out = np.full(len(choice.path.index), np.nan)
+    a, d = choice.chosen.assignment, model.directions
+    ok = np.flatnonzero(a.reason == Reason.OK)
+    force = d.force[ok] if model.options.force.given else TEST_FORCE * d.axial[ok]
+    out[ok] = np.linalg.norm(model.setup.elasticity.at(a.q[ok], d.k[ok]).deflection(force), axis=-1)
+    return out
+
+
+def _block(name: str, c: _Compared, old: Plan, new: Plan) -> dict[str, Any]:
+    path, rows = old.path, np.flatnonzero(old.path.is_point)
+    angle = np.degrees(np.abs(c.turned[c.both]))
+    share = float((angle > np.degrees(CHANGED)).mean())
+    cases = {"before": c.before, "unchanged": c.unchanged, "after": c.after}
+    mean = {case: 1e3 * c.mean(value) for case, value in cases.items()}
+    place = {case: c.worst(value) for case, value in cases.items()}
+    worst = {case: 1e3 * float(value[place[case]]) for case, value in cases.items()}
+    point = {case: float(path.index[row]) for case, row in place.items()}
+    lost = int((path.counted & ~c.both).sum())
+    force = "process force" if new.options.force.given else f"{TEST_FORCE:g} N along the tool axis"
+    reached = [
+        np.where(p.chosen.assignment.reason == Reason.OK, np.degrees(gamma(p)), np.nan)[rows] for p in (old, new)
+    ]
+    return {
+        "toolpath": name,
+        "sentence": _sentence(mean, worst, point, float(angle.mean()), share, force, lost, int(path.counted.sum())),
+        "reason": None,
+        "force": force,
+        "points_compared": int(c.both.sum()),
+        "points_not_reached": lost,
+        "not_reached_because": (_why(old) or _why(new)) if lost else None,
+        "rotation": {"mean_change_deg": float(angle.mean()), "max_change_deg": float(angle.max()),
+                     "changed_share": share},
+        "deflection_mm": {case: {"mean": mean[case], "worst": worst[case]} for case in cases},
+        "worst_point": point,
+        "changes": [
+            _change("deflection of the choice so far, mean", mean["before"], mean["unchanged"], "mm"),
+            _change("deflection of the choice so far, worst", worst["before"], worst["unchanged"], "mm"),
+            _change("deflection under the new model, mean", mean["unchanged"], mean["after"], "mm"),
+            _change("deflection under the new model, worst", worst["unchanged"], worst["after"], "mm"),
+        ],
+        "warnings": list(new.setup.elasticity.warnings),
+        "point": path.index[rows].tolist(),
+        "gamma_before_deg": reached[0].tolist(),
+        "gamma_after_deg": reached[1].tolist(),
+        "deflection_before_mm": (1e3 * c.before[rows]).tolist(),
+        "deflection_unchanged_mm": (1e3 * c.unchanged[rows]).tolist(),
+        "deflection_after_mm": (1e3 * c.after[rows]).tolist(),
+    }  # fmt: skip
+
+
+def _sentence(
+    mean: Mapping[str, float], worst: Mapping[str, float], point: Mapping[str, float], turned: float, share: float,
+    force: str, lost: int, cut: int,
+) -> str:  # fmt: skip
+    out = (
+        f"Under the {force} the rotation chosen so far bends by {mean['unchanged']:.3f} mm in the mean (believed: "
+        f"{mean['before']:.3f}), at worst {worst['unchanged']:.3f} mm at point {point['unchanged']:g} (believed: "
+        f"{worst['before']:.3f} at point {point['before']:g})"
+    )
+    if share > 0.0:
+        out += (
+            f"; chosen anew, {100.0 * share:.0f} % of the points turn, all by {turned:.0f}° in the mean, and it is "
+            f"{mean['after']:.3f} mm in the mean and {worst['after']:.3f} mm at worst"
+        )
+    else:
+        out += "; the rotation stays as it is"
+    return out + (f". {lost} of {cut} planning points that are cut cannot be compared." if lost else ".")
+
+
+def _nothing(name: str, reason: str) -> dict[str, Any]:
+    return {"toolpath": name, "sentence": f"What this changes for the toolpath cannot be said: {reason}",
+            "reason": reason, "changes": []}  # fmt: skip
+
+
+def _why(of: Plan) -> str:
+    """Why the first point that is cut and not reached is not; empty where all are."""
+    a, path = of.chosen.assignment, of.path
+    missing = np.flatnonzero(path.counted & (a.reason != Reason.OK))
+    if not len(missing):
+        return "" if path.counted.any() else "the toolpath cuts nothing"
+    row = int(missing[0])
+    said = explain_points(of).get(row) or Reason(int(a.reason[row])).word
+    return f"point {path.index[row]:g}: {said}"
+
+
+def _change(what: str, before: float, after: float, unit: str) -> dict[str, Any]:
+    return {"what": what, "before": before, "after": after, "unit": unit}

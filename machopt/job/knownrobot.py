@@ -1,0 +1,29 @@
+"""The cell's robot, for programs whose targets are joint positions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machopt.domain.cell import Cell
+from machopt.formats.programs.parsed import Array
+from machopt.formats.programs.toolpath import KnownRobot
+from machopt.model.robot import Robot, load_chain
+from machopt.se3 import inverse
+
+
+def known_robot(cell: Cell) -> KnownRobot | None:
+    """Places of joint targets by the cell's kinematics, which are loaded when the first one is asked for.
+
+    None where the workpiece is carried by another link: its place then depends on that axis.
+    """
+    if cell.workpiece.link != "world":
+        return None
+    loaded: list[Robot] = []
+
+    def fk(q: Array, T_flange_tool: Array) -> Array:
+        if not loaded:
+            loaded.append(load_chain(cell)[0])
+        return np.asarray(loaded[0].fk(q, T_flange_tool))
+
+    T_base_workpiece = inverse(cell.T_world_base) @ cell.workpiece.T_link_workpiece
+    return KnownRobot(fk, cell.controller, cell.tool.T_flange_tcp, T_base_workpiece)

@@ -1,0 +1,162 @@
+"""Robot programs of a job: which posts, whether they can be written at all, written, and read back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from machopt.domain.cell import Cell
+from machopt.domain.options import PlanOptions
+from machopt.domain.program import LIN, PTP, Controller, RobotProgram
+from machopt.domain.toolpath import Move, Toolpath
+from machopt.errors import InputError
+from machopt.formats.posts import load_post, needs_samples, program_name, write_program
+from machopt.formats.posts.densify import Tolerance
+from machopt.formats.posts.postfile import post_names
+from machopt.job.program import Programmed, posture_of, robot_program, sampled_program
+from machopt.job.readback import ReadBack, read_back
+from machopt.model.robot import load_chain
+from machopt.plan.blend import SPIN_TOLERANCE
+from machopt.plan.pipeline import Plan
+from machopt.plan.timeline import BEND, Timeline
+
+TOLERANCE_MM = 0.05
+OWN_FILES = ("points.csv", "trajectory.csv", "compensation.csv", "result.json", "report.html")
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """One post of a job."""
+
+    post: str | Path
+    label: str  # as the user gave it; a file by its name
+    folder: str  # inside the output folder, empty for the output folder itself
+
+
+@dataclass(frozen=True)
+class Written:
+    """One program of a job."""
+
+    label: str
+    files: tuple[str, ...]  # relative to the output folder, the one that is run first
+    lines: int
+    added: int  # moves put in to keep to the tolerance
+    tolerance: float  # m
+    checked: ReadBack
+
+    def as_result(self) -> dict[str, object]:
+        """For result.json."""
+        return {
+            "post": self.label, "files": list(self.files), "lines": self.lines,
+            "tolerance_mm": self.tolerance * 1e3, "moves_added": self.added,
+            "checked": self.checked.as_result(), "differences": list(self.checked.differences),
+        }  # fmt: skip
+
+
+def wanted_posts(cell: Cell, asked: Sequence[str]) -> tuple[Wanted, ...]:
+    """The posts asked for, or the cell's own; each is tried on a program of two moves before anything is planned.
+
+    One post writes into the output folder itself, several into folders of their own.
+
+    Raises:
+        InputError: no such post, a faulty template, the same one twice, or the cell does not say what it needs.
+    """
+    out: list[Wanted] = []
+    for text in asked or (cell.controller.post,):
+        file = text.endswith(".toml") or (text not in post_names() and Path(text).is_file())
+        post: str | Path = Path(text) if file else text
+        label = Path(text).name if file else text
+        folder = Path(text).stem if file else text
+        if any(w.folder.lower() == folder.lower() for w in out):
+            raise InputError(f"{text!r} is asked for twice, or two files have one name", where="--post")
+        out.append(Wanted(post, label, folder if len(asked) > 1 else ""))
+    for one in out:
+        _try(cell, one)
+    return tuple(out)
+
+
+def tolerance_of(mm: float | None, options: PlanOptions) -> Tolerance:
+    """The tolerance between the controller's lines and the motion; None takes 0.05 mm.
+
+    The angles leave room for what the motion itself smooths at the corners of the path.
+
+    Raises:
+        InputError: it is below the rounding of corners, which no program of straight lines can follow.
+    """
+    least = options.path_tolerance * 1e3
+    if mm is None:
+        mm = max(TOLERANCE_MM, 2.0 * least)
+    if not (np.isfinite(mm) and mm > least):
+        raise InputError(
+            f"{mm:g} mm; more than path_tolerance_mm = {least:g} would work: by that much the motion rounds corners, "
+            "and the program's points are the corners", where="--program-tolerance-mm",
+        )  # fmt: skip
+    return Tolerance(
+        position=mm * 1e-3, axis=max(Tolerance.axis, 1.5 * options.axis_tolerance),
+        turn=max(Tolerance.turn, 2.0 * SPIN_TOLERANCE + BEND + options.axis_tolerance),
+    )  # fmt: skip
+
+
+def write_programs(
+    folder: Path, wanted: Sequence[Wanted], plan: Plan, toolpath: Toolpath, timeline: Timeline, tolerance: Tolerance
+) -> tuple[Written, ...]:
+    """Write every post's program and read it back.
+
+    Raises:
+        InputError: a post cannot write this program.
+        ValueError: the timeline has no trajectory.
+    """
+    if timeline.trajectory is None:
+        raise ValueError("a blocked motion is no program")
+    made: dict[bool, Programmed] = {}
+    out: list[Written] = []
+    for one in wanted:
+        controller = controller_for(plan.setup.cell, one)
+        samples = needs_samples(one.post)
+        if samples not in made:
+            made[samples] = (
+                sampled_program(plan, toolpath, timeline)
+                if samples
+                else robot_program(plan, toolpath, timeline, tolerance)
+            )
+        target = folder / one.folder
+        target.mkdir(exist_ok=True)
+        program = made[samples]
+        files = write_program(
+            target, program_name(toolpath.source, one.post), program.program, one.post, controller,
+            reserved=() if one.folder else OWN_FILES,
+        )  # fmt: skip
+        checked = read_back(program, controller, files[0], plan.setup.robot, timeline.trajectory.q, tolerance)
+        lines = sum(f.read_bytes().count(b"\n") for f in files)
+        names = tuple(f.relative_to(folder).as_posix() for f in files)
+        out.append(Written(one.label, names, lines, program.added, tolerance.position, checked))
+    return tuple(out)
+
+
+def controller_for(cell: Cell, one: Wanted) -> Controller:
+    """The cell's controller; its own lines for events are in its own language and stay out of other programs."""
+    own, other = (load_post(post).keys.dialect for post in (cell.controller.post, one.post))
+    return cell.controller if own == other else replace(cell.controller, lines={})
+
+
+def _try(cell: Cell, one: Wanted) -> None:
+    """Fill the post once, into nothing: what would fail after the plan should fail before it."""
+    keys = load_post(one.post).keys
+    robot = load_chain(cell)[0]
+    q = np.tile(cell.home, (2, 1))
+    controller = controller_for(cell, one)
+    standing = posture_of(robot, q, controller)
+    program = RobotProgram(
+        kind=np.array([PTP, LIN], np.int8), q=q, T_workpiece_tcp=robot.fk(q, cell.tool.T_flange_tcp),
+        feed=np.array([np.nan, 0.01]), cutting=np.array([False, True]), operation=np.zeros(2, np.int32),
+        operations=("cut",), T_flange_tcp=cell.tool.T_flange_tcp, T_base_workpiece=np.eye(4),
+        move=np.array([Move.RAPID, Move.CUT], np.int8), time=np.arange(2.0), joint_names=cell.arm_joints,
+        behind=None if standing is None else standing[0], elbow_up=None if standing is None else standing[1],
+    )  # fmt: skip
+    name = program_name("part", one.post)
+    write_program(None, name, program, one.post, controller)
+    if keys.moves_per_part is not None:  # the same in two parts, whose calls are templates of their own
+        write_program(None, name, program, one.post, replace(controller, moves_per_part=1))

@@ -1,0 +1,100 @@
+"""The spring that balances joint 2, as an apparent spring beside its gear.
+
+Between two pivots s apart, s² = a² + L² + 2 a L cos(α + q₂), with the force F₀ + k s it gives the torque
+τ_s = −(F₀ + k s) ds/dq on joint 2. A process force turns the joint by δ, which changes τ_s, so the gear and the spring
+share the load: (k₂ − ∂τ_s/∂q) δ = τ. The lengths come as the ratio a/L; F₀ L and k L² are torques.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.stiffness import Term
+from machopt.errors import InputError
+from machopt.model.robot import ArmState, Robot
+from machopt.model.terms.base import Coefficient, LinearTerm, Maker, Parameters, plain
+
+Array = NDArray[np.float64]
+LEAST_DISTANCE = 1e-3  # of L: pivots that come nearer than this to each other hold no spring
+
+
+@dataclass(frozen=True)
+class GravityCompensator:
+    """Stiffness beside joint 2: −∂τ_s/∂q = F₀ L s'' + k L² (s'² + s s''), s in units of L."""
+
+    location: str
+    ratio: float  # a/L
+    alpha: float  # rad
+    values: Array  # (2,) N·m: F₀ L and k L²
+    gear: Callable[[ArmState], Array] | None = field(default=None, compare=False)  # (M, 6) N·m/rad of the joints
+    effect: str = "gravity_compensator"
+    coefficients: tuple[Coefficient, ...] = (
+        Coefficient("force_times_length_Nm", "N·m", -np.inf),
+        Coefficient("rate_times_length2_Nm", "N·m", -np.inf),
+    )
+
+    @property
+    def i(self) -> int:
+        """0-based joint."""
+        return 1
+
+    @property
+    def lacking(self) -> tuple[str, ...]:
+        """Keys of the file without which the spring has no place."""
+        return tuple(key for key, v in (("ratio", self.ratio), ("angle_deg", self.alpha)) if not np.isfinite(v))
+
+    def added(self, q2: Array) -> Array:
+        """Stiffness (...,) N·m/rad beside the gear at joint angles q2 (...,) rad; negative where it takes some away."""
+        rho, angle = self.ratio, self.alpha + q2
+        s = np.sqrt(rho**2 + 1.0 + 2.0 * rho * np.cos(angle))
+        slope = -rho * np.sin(angle) / s
+        bend = -(rho * np.cos(angle) + slope**2) / s
+        return np.asarray(self.values[0] * bend + self.values[1] * (slope**2 + s * bend))
+
+    def response(self, state: ArmState, wrench: Array) -> Array:
+        """What the spring adds to the twist of the gear alone (M, 6, 2), shared out between its two coefficients.
+
+        τ/(k₂ + x·A) − τ/k₂ = −x·A τ/(k₂ (k₂ + x·A)), A the stiffness per unit of each coefficient.
+
+        Raises:
+            InputError: the gear's own stiffness is not known here.
+        """
+        if self.gear is None or self.lacking:
+            raise InputError(
+                "gravity_compensator at joint:2 is a spring beside the gear, which must be known first; without the "
+                "term, or with the balancer in machopt diagnose, this would work",
+                where="terms",
+            )  # fmt: skip
+        column, q2 = state.J[..., :, self.i], state.q[..., self.i]
+        per = np.stack([replace(self, values=unit).added(q2) for unit in np.eye(2)], axis=-1)
+        k = self.gear(state)[..., self.i]
+        load = np.einsum("...c,...c->...", column, wrench)
+        turned = -per * (load / (k * (k + per @ self.values)))[..., None]
+        return np.asarray(column[..., :, None] * turned[..., None, :])
+
+    def with_values(self, values: Array) -> LinearTerm:
+        return replace(self, values=np.asarray(values, float))
+
+    def to_file(self) -> Term:
+        return Term(self.effect, self.location, plain({
+            "force_times_length_Nm": float(self.values[0]), "rate_times_length2_Nm": float(self.values[1]),
+            "ratio": self.ratio, "angle_deg": float(np.degrees(self.alpha))}))  # fmt: skip
+
+
+def _compensator(robot: Robot, T_flange_tcp: Array, parameters: Parameters, location: str) -> LinearTerm:
+    names = ("force_times_length_Nm", "rate_times_length2_Nm")
+    values = np.array([parameters.number(n, np.nan, positive=False) for n in names])
+    ratio = parameters.number("ratio", np.nan)
+    if abs(ratio - 1.0) < LEAST_DISTANCE:
+        raise parameters.error(
+            "ratio", f"found {ratio:g}; with 1 the pivots meet at some angle, anything else would work"
+        )
+    alpha = float(np.radians(parameters.number("angle_deg", np.nan, positive=False)))
+    return GravityCompensator(location, ratio, alpha, values)
+
+
+MAKERS: dict[str, Maker] = {"gravity_compensator": _compensator}

@@ -1,0 +1,351 @@
+"""The page of ``machopt diagnose``: how much differs, where it lives, what is missing, how sure, what next."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+from machopt.diagnose.result import Coefficient, Diagnosis
+from machopt.report.diagnosis import DiagnosisPage
+from machopt.report.diagnosis_figures import Spec, job_charts, law, over_axis, per_group
+from machopt.report.diagnosis_finding import cards_html, finding_html
+from machopt.report.diagnosis_limits import limits_html
+from machopt.report.diagnosis_svg import LEAST, machine_strip, share_bars
+from machopt.report.diagnosis_words import (
+    VERDICTS,
+    axis_note,
+    axis_words,
+    chance,
+    digits,
+    listed,
+    named,
+    percent,
+    place,
+    plural,
+    sized,
+)
+from machopt.report.shell import page_html, section
+from machopt.report.tables import Column, folded, table
+
+ARCMIN = math.pi / 180 / 60
+Z90 = 1.645
+COMPLIANCE = ("rad/(N·m)", "rad/Nm", "rad/(Nm)", "rad/N·m")
+SHOWN = {
+    "m": ("mm", 1e3),
+    "rad": ("mrad", 1e3),
+    "s": ("ms", 1e3),
+    "1": ("", 1.0),
+    "m/K": ("µm/K", 1e6),
+    "rad/K": ("µrad/K", 1e6),
+}
+MOST_AXES = 2  # of the data, drawn
+OPEN = 12  # coefficients and rows: more are folded
+
+
+def write_diagnosis(path: Path, data: DiagnosisPage) -> None:
+    """Write the page.
+
+    Args:
+        path: the HTML file.
+        data: what to show; parts that are missing leave no gap.
+    """
+    path.write_text(diagnosis_html(data), encoding="utf-8", newline="\n")
+
+
+def diagnosis_html(data: DiagnosisPage) -> str:
+    """The page as text; the same data give the same bytes."""
+    charts = _charts(data)
+    have = {c["id"] for c in charts}
+    sections = [
+        ("verdict", "Verdict", _verdict(data)),
+        ("where", "Where", _where(data)),
+        ("errors", "Before and after", _errors(data, have)),
+        ("findings", "What is missing", _findings(data, have)),
+        ("proof", "Proof", _proof(data)),
+        ("limits", "Detection limits", _limits(data.diagnosis)),
+        ("record", "Record", _record(data)),
+        ("model", "Model", _model(data.diagnosis)),
+        ("job", "The job", _job(data, have)),
+        ("next", "Next", _next(data.diagnosis)),
+        ("run", "This run", _run(data)),
+    ]
+    d = data.diagnosis
+    head = (("Cell", data.cell), ("Recording", data.recording), ("Predicted", d.predicted))
+    return page_html(
+        data.title, head, sections, {"xy": charts}, scripts=("chart.js", "xy.js", "start_xy.js"),
+        footer=f"machopt {escape(data.version)}. Errors are rms per coordinate of readings that no fit saw, outliers "
+        "apart. Intervals in brackets are 90 %. Click a legend entry to hide it.",
+    )  # fmt: skip
+
+
+def _verdict(data: DiagnosisPage) -> str:
+    d = data.diagnosis
+    badge, tone = VERDICTS[d.verdict]
+    if tone == "good" and any(f.record for f in d.findings):
+        badge, tone = f"{badge}: CHECK THE RECORD", "warn"
+    items = "".join(f"<li>{escape(w)}</li>" for w in d.warnings)
+    left = "nothing was added" if not d.findings else f"with {len(d.findings)} found"
+    cards = [
+        ("Held-out error before", sized(d.heldout_before, d.unit), "the nominal structure, refitted"),
+        ("Held-out error after", sized(d.heldout_after, d.unit), left),
+        ("Noise floor", sized(d.noise_floor, d.unit), "what repeats of a reading scatter"),
+    ]
+    if d.verdict == "consistent":
+        cards.append(("Repeatable mismatch", f"p {chance(d.mismatch_p)}", "chance that noise alone does this"))
+    else:
+        cards.append(("Closed", percent(d.explained), f"of the repeatable {sized(d.repeatable, d.unit)}"))
+    return (
+        f'<section id=verdict class="verdict {tone}"><span class=badge>{badge}</span>'
+        f"<p class=sentence>{escape(d.sentence)}</p>{f'<ul>{items}</ul>' if items else ''}"
+        f"{cards_html(cards)}</section>\n"
+    )
+
+
+def _where(data: DiagnosisPage) -> str:
+    d = data.diagnosis
+    machine = [s for s in d.mismatch if s.kind == "machine" and math.isfinite(s.share)]
+    places = [s for s in d.mismatch if s.kind == "data"]
+    if not machine and not places and not d.findings:
+        return ""
+    body = machine_strip(d)
+    if d.findings:
+        body += (
+            "<p class=lead>Orange bars and full marks: where a finding sits. Dashed marks: where these data would "
+            "place it just as well.</p>"
+        )
+    notes = [
+        [place(s.axis), percent(s.share), s.note]
+        for s in sorted(machine, key=lambda s: -s.share) if s.share >= LEAST and s.note
+    ]  # fmt: skip
+    if notes:
+        columns = [Column("Part of the machine"), Column("Share", "n"), Column("Shows")]
+        body += folded("Parts of the machine", len(notes), table(columns, notes))
+    if places:
+        body += "<h3>In the data</h3><p class=lead>How much of it sits in which part of the readings.</p>"
+        body += share_bars(places, "Share of the mismatch by part of the data")
+    lead = (
+        f"Repeatable mismatch of the refitted model: {sized(d.repeatable, d.unit)} rms (p {chance(d.mismatch_p)} that "
+        "noise alone does this). A bar says how much of it that part could take up, driven by its own load. Parts "
+        "compete for the same mismatch, so bars need not add up to 100 %."
+    )
+    return section("where", "Where the mismatch lives", lead, body)
+
+
+def _axes(d: Diagnosis) -> list[str]:
+    """Axes to draw: what carries the mismatch, and the load."""
+    ranked = [s.axis for s in sorted(d.mismatch, key=lambda s: -s.share) if s.kind == "data" and s.axis in d.axes]
+    return (
+        list(dict.fromkeys([*ranked[: MOST_AXES - 1], *(name for name in d.axes if "load" in name), *ranked]))
+        or list(d.axes)[:1]
+    )
+
+
+def _charts(data: DiagnosisPage) -> list[Spec]:
+    d = data.diagnosis
+    charts = [c for c in [per_group(data)] if c is not None]
+    drawn = 0
+    for name in _axes(d):
+        chart = over_axis(data, name, f"d-axis{drawn}") if drawn < MOST_AXES else None
+        if chart is not None:
+            charts.append(chart)
+            drawn += 1
+    laws = (law(data, n, f) for n, f in enumerate(d.findings, 1))
+    charts += [c for c in laws if c is not None]
+    return charts + (job_charts(data.job) if data.job is not None else [])
+
+
+def _errors(data: DiagnosisPage, have: set[str]) -> str:
+    body = _host("d-groups", have)
+    axes = "".join(_host(f"d-axis{n}", have) for n in range(MOST_AXES))
+    if axes:
+        body += f"<div class=grid2>{axes}</div>"
+    lead = (
+        f"Each {data.group_word} is predicted by fits that never saw it. Residuals at the noise floor cannot get "
+        "smaller."
+    )
+    return section("errors", "Before and after", lead, body)
+
+
+def _findings(data: DiagnosisPage, have: set[str]) -> str:
+    d = data.diagnosis
+    if d.findings:
+        body = "<hr>".join(finding_html(n, f, d.unit, have) for n, f in enumerate(d.findings, 1))
+        lead = f"{d.tried} combinations of law, place and shape were tried; base and candidates were refitted together."
+        if d.verdict == "partly_explained":
+            body += f"<p class=note>{escape(_open(d))}</p>"
+        return section("findings", "What is missing", lead, body)
+    if d.verdict == "consistent":
+        said = (
+            "Nothing is missing that these data could show: what is left does not come back when a reading is "
+            "repeated. An effect below its detection limit may still be there; the limits are listed below."
+        )
+    else:
+        said = _open(d)
+    return section(
+        "findings", "What is missing", f"{d.tried} combinations of law, place and shape were tried.",
+        f"<p class=note>{escape(said)}</p>",
+    )  # fmt: skip
+
+
+def _open(d: Diagnosis) -> str:
+    """What is there that no term explains: how much; and where, while the shares still speak of it."""
+    if d.findings:
+        return (
+            f"{sized(d.repeatable_after, d.unit)} rms still come back in every repeat. No further law of the catalogue "
+            "predicts them on unseen readings, so no more is named; above, shares are of the whole mismatch."
+        )
+    ranked = sorted((s for s in d.mismatch if math.isfinite(s.share) and s.share >= LEAST), key=lambda s: -s.share)
+    machine = [f"{place(s.axis)} ({percent(s.share)})" for s in ranked if s.kind == "machine"][:3]
+    data = [
+        f"{axis_words(s.axis)}{f', {axis_note(s.axis, s.note)}' if s.note else ''} ({percent(s.share)})"
+        for s in ranked if s.kind == "data"
+    ][:3]  # fmt: skip
+    out = f"{sized(d.repeatable, d.unit)} rms come back in every repeat and no law of the catalogue predicts them"
+    out += " on unseen readings, so none is named."
+    if machine:
+        out += f" In the machine a free deflection takes up most at {listed(machine, 'and')}."
+    if data:
+        out += f" In the data it gathers along {'; '.join(data)}."
+    return out
+
+
+def _proof(data: DiagnosisPage) -> str:
+    p = data.diagnosis.proof
+    if p is None:
+        return ""
+    unit = data.diagnosis.unit
+    cards = [
+        ("Before", sized(p.before, unit), "error on what was locked away"),
+        (
+            "After",
+            sized(p.after, unit),
+            "with what was found" if data.diagnosis.findings else "with what was withdrawn",
+        ),
+        ("Noise floor", sized(p.noise_floor, unit), "of the same readings"),
+        ("Better", f"{p.wins} of {p.of}", plural(data.group_word)),
+        ("p", chance(p.p_value), "of so many by chance"),
+    ]
+    names = dict(zip(data.diagnosis.errors.groups.tolist(), data.group_names, strict=True))
+    locked = [names.get(g, str(g)) for g in p.groups.tolist()]
+    which = f"{data.group_word if len(locked) == 1 else plural(data.group_word)} {listed(locked, 'and')}"
+    body = cards_html(cards) + f"<p class=lead>Locked away: {escape(which)}.</p>"
+    lead = (
+        f"{len(p.groups)} {plural(data.group_word)} were locked away before anything was fitted, searched or decided, "
+        "and were predicted once, at the end."
+    )
+    return section("proof", "Proof on data that no step saw", lead, body)
+
+
+def _limits(d: Diagnosis) -> str:
+    lead = (
+        "The least size that this recording would have shown in nine of ten repeats. In brackets: it would have been "
+        "seen, but only as one of a set. A cross: these data cannot show it; the reason is in the list."
+    )
+    return section("limits", "What would have been seen", lead, limits_html(d))
+
+
+def _record(data: DiagnosisPage) -> str:
+    d = data.diagnosis
+    body = "".join(f"<li>{escape(n)}</li>" for n in d.notes)
+    body = f"<ul>{body}</ul>" if body else ""
+    out = np.flatnonzero(~d.used)
+    if len(out):
+        size = np.full(len(d.used), np.nan)
+        main = [n for n, c in enumerate(data.coordinates) if c.main]
+        size[out] = np.abs(d.errors.residual[out][:, main]).max(axis=1) * data.coordinates[main[0]].factor
+        rows = [
+            [str(data.row[n]), f"{data.file[n]} line {data.line[n]}" if data.file else str(data.line[n]),
+             str(data.pose[n]), str(data.session[n]), sized(float(size[n]), d.unit)]
+            for n in out
+        ]  # fmt: skip
+        columns = [Column("Row", "n"), Column("Line", "n"), Column(data.group_word.capitalize(), "n"),
+                   Column("Session", "n"), Column("Largest residual", "n")]  # fmt: skip
+        body += folded("Readings put aside", len(rows), table(columns, rows), opened=len(rows) <= OPEN)
+    lead = f"{len(d.used)} readings, {len(out)} put aside; no fit and no error figure uses those."
+    if not len(out):
+        lead = f"{len(d.used)} readings, none put aside."
+    return section("record", "The record", lead, body or "<p>Nothing to report.</p>")
+
+
+def _model(d: Diagnosis) -> str:
+    joints = [c for c in d.coefficients if c.unknown.unit in COMPLIANCE]
+    others = [c for c in d.coefficients if c.unknown.unit not in COMPLIANCE]
+    body = ""
+    if joints:
+        columns = [Column("Joint"), Column("k (N·m/rad)", "n"), Column("N·m/arcmin", "n"),
+                   Column("90 % interval (N·m/rad)", "n"), Column("Before (N·m/rad)", "n"),
+                   Column("Change", "n")]  # fmt: skip
+        body += table(columns, [_stiffness_row(c) for c in joints])
+    if others:
+        columns = [Column("Coefficient"), Column("Value", "n"), Column("± 90 %", "n"), Column("Before", "n"),
+                   Column("Unit")]  # fmt: skip
+        rows = [_plain_row(c) for c in others]
+        body += folded("Other coefficients", len(rows), table(columns, rows), opened=len(rows) <= OPEN)
+    lead = (
+        "The base model with everything that was found in it, and as it came out alone. A base coefficient that "
+        "changes much had taken up a share of what was missing."
+    )
+    return section("model", "The base model, before and after", lead, body)
+
+
+def _stiffness_row(c: Coefficient) -> list[str]:
+    k, before = _inverse(c.value), _inverse(c.before)
+    low, high = _inverse(c.value + Z90 * c.sigma), _inverse(c.value - Z90 * c.sigma)
+    change = 100 * (k / before - 1.0) if math.isfinite(k) and math.isfinite(before) else math.nan
+    return [
+        _joint(c), digits(k), digits(k * ARCMIN),
+        f"{digits(low)} … {digits(high)}" if math.isfinite(c.sigma) else "–", digits(before),
+        f"{change:+.1f} %".replace("-", "−") if math.isfinite(change) else "–",
+    ]  # fmt: skip
+
+
+def _joint(c: Coefficient) -> str:
+    where = c.unknown.location
+    return (place(where) if where.startswith("joint:") else c.unknown.name).replace(" ", "\u00a0", 1)
+
+
+def _inverse(compliance: float) -> float:
+    return math.nan if math.isnan(compliance) else 1.0 / compliance if compliance > 0.0 else math.inf
+
+
+def _plain_row(c: Coefficient) -> list[str]:
+    unit, factor = SHOWN.get(c.unknown.unit, (c.unknown.unit, 1.0))
+    half = Z90 * c.sigma * factor
+    return [c.unknown.name, digits(c.value * factor), digits(half, 2), digits(c.before * factor), unit]
+
+
+def _job(data: DiagnosisPage, have: set[str]) -> str:
+    job = data.job
+    if job is None:
+        return ""
+    rows = []
+    for c in job.changes:
+        change = 100 * (c.after / c.before - 1.0) if c.before and math.isfinite(c.before + c.after) else math.nan
+        rows.append([c.what, digits(c.before), digits(c.after), c.unit,
+                     f"{change:+.0f} %".replace("-", "−") if math.isfinite(change) else "–"])  # fmt: skip
+    columns = [Column(""), Column("Before", "n"), Column("After", "n"), Column("Unit"), Column("Change", "n")]
+    body = (f"<p>{escape(job.sentence)}</p>" if job.sentence else "") + (table(columns, rows) if rows else "")
+    both = _host("d-gamma", have) + _host("d-deflection", have)
+    body += f"<div class=grid2>{both}</div>" if both else ""
+    return section("job", "What it changes for the job", f"Toolpath {escape(job.toolpath)}.", body)
+
+
+def _next(d: Diagnosis) -> str:
+    if not d.next_experiment:
+        return ""
+    split = [listed([named(*name) for name in f.one_of], "and") for f in d.findings if len(f.one_of) > 1]
+    lead = f"It would tell apart: {escape('; '.join(split))}." if split else "What would teach most."
+    return section("next", "The next measurement", lead, f"<p class=note>{escape(d.next_experiment)}</p>")
+
+
+def _run(data: DiagnosisPage) -> str:
+    body = table([Column("What"), Column("Value", "mono")], data.facts) if data.facts else ""
+    return section("run", "This run", "What it was made from, with what settings.", body)
+
+
+def _host(name: str, have: set[str] | Sequence[str]) -> str:
+    return f'<div class=chart id="{name}"></div>' if name in have else ""

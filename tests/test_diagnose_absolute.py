@@ -1,0 +1,443 @@
+"""Measured TCP poses: the base is the physics, every law's columns are what the law does, and the right one wins.
+
+Recordings are made here with an equilibrium of their own (joint springs under weight, finite rotations), then an effect
+is put in where it acts: in the angles, the masses, the lengths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from machopt.diagnose import absolute, laws_weight
+from machopt.diagnose.absolute_catalogue import left
+from machopt.diagnose.laws_kinematic import wave_orders
+from machopt.diagnose.problem import Catalogue, Hypothesis, Problem
+from machopt.diagnose.readings import Readings
+from machopt.domain.cell import Cell
+from machopt.domain.kinematics import KinematicCorrection, Kinematics
+from machopt.domain.recording import Recording
+from machopt.errors import InputError
+from machopt.formats.cell import load_cell
+from machopt.model.gravity import gravity_torque
+from machopt.model.robot import Masses, Robot, load_masses, load_robot
+from machopt.model.terms import term_of
+from machopt.se3 import quaternion, rotation_from_vector
+
+Array = NDArray[np.float64]
+CELL = Path(__file__).resolve().parents[1] / "cells" / "irb6700_drilling"
+ARCSEC = np.pi / 648000
+POSES, VISITS = 60, 3
+SOFTER = np.array([1.0, 1.25, 0.85, 1.1, 0.9, 1.2])  # springs are never as the cell says
+
+
+@cache
+def arm() -> tuple[Cell, Robot, Masses]:
+    cell = load_cell(CELL)
+    return cell, load_robot(cell), load_masses(cell)
+
+
+@cache
+def poses() -> Array:
+    """(N, 6) rad; every pose visited VISITS times."""
+    cell = arm()[0]
+    rng = np.random.default_rng(5)
+    low, high = cell.limits.lower[:6], cell.limits.upper[:6]
+    middle, half = 0.5 * (low + high), np.minimum(0.35 * (high - low), 1.8)
+    return np.asarray(np.tile(rng.uniform(middle - half, middle + half, (POSES, 6)), (VISITS, 1)))
+
+
+def measure(
+    *,
+    delta: Callable[[Array], Array] = np.zeros_like,
+    masses: Masses | None = None,
+    load: Array | None = None,
+    grow: Array | None = None,
+    noise: float = 0.0,
+    six: bool = False,
+    registration: str = "fit",
+    frame: tuple[Array, Array, Array] | None = None,
+) -> Recording:
+    """What a tracker sees: springs under weight and load (N, 6), angles q + delta(q), links longer by grow (N, 3)."""
+    cell, robot, own = arm()
+    assert cell.stiffness is not None
+    carried = own if masses is None else masses
+    q, c = poses(), SOFTER / cell.stiffness.joints
+    shift, turn, target = frame if frame is not None else (np.zeros(3), np.zeros(3), np.zeros(3))
+    T = cell.tool.T_flange_tcp.copy()
+    T[:3, 3] += target
+    theta = q + delta(q)
+    for _ in range(12):
+        state = robot.state(theta, T, bodies=True)
+        tau = gravity_torque(robot, carried, state)[0]
+        if load is not None:
+            tau = tau + np.einsum("nci,nc->ni", state.J, load)
+        theta = q + delta(q) + c * tau
+    state = robot.state(theta, T, bodies=True)
+    p, R = state.T_base_tool[:, :3, 3].copy(), state.T_base_tool[:, :3, :3]
+    if grow is not None:
+        assert state.R_bodies is not None
+        points = [*robot.point, robot.T_base_flange_zero[:3, 3]]
+        for n, group in enumerate(((1,), (2,), (3, 4, 5, 6))):
+            for i in group:
+                p += grow[:, n : n + 1] * (state.R_bodies[:, i] @ (points[i] - points[i - 1]))
+    Q = rotation_from_vector(turn)
+    p = p @ Q.T + shift
+    rng = np.random.default_rng(11)
+    p += noise * rng.normal(size=p.shape)
+    turned = rotation_from_vector(2 * noise * rng.normal(size=p.shape)) @ Q @ R
+    N = len(q)
+    return Recording(
+        kind="absolute", source="made up", q=q, pose=np.tile(np.arange(POSES), VISITS),
+        cycle=np.repeat(np.arange(VISITS), POSES), session=np.repeat(np.arange(VISITS), POSES),
+        line=np.arange(2, N + 2), wrench=load, position=p, quaternion=quaternion(turned) if six else None,
+        time=np.concatenate([1e5 * v + 60.0 * np.arange(POSES) for v in range(VISITS)]),
+        temperature=np.concatenate([21 + 4 * (1 - np.exp(-np.arange(POSES) / 25.0)) for _ in range(VISITS)]),
+        registration="fit" if registration == "fit" else "fixed",
+    )  # fmt: skip
+
+
+def build(recording: Recording, **changes: object) -> tuple[Problem, Catalogue]:
+    cell, robot, masses = arm()
+    found = absolute.build(
+        recording,
+        replace(cell, **changes),
+        robot,
+        masses,
+        np.random.default_rng(0),  # type: ignore[arg-type]
+    )
+    return found[0], found[1]
+
+
+def fitted(problem: Problem, columns: Array | None = None) -> tuple[Array, Array]:
+    """(coefficients, residual (N, D)) of plain least squares; rotations count as shifts 0.5 m away."""
+    A = problem.base if columns is None else np.concatenate([problem.base, columns], axis=2)
+    w = np.array([1.0] * 3 + [0.5] * 3)[: problem.dimensions]
+    flat = (A * w[:, None]).reshape(-1, A.shape[2])
+    size = np.linalg.norm(flat, axis=0)
+    x = np.linalg.lstsq(flat / size, (problem.y * w).reshape(-1), rcond=1e-12)[0] / size
+    return x, problem.y - A @ x
+
+
+def only(catalogue: Catalogue, effect: str, where: str, law: str = "") -> Hypothesis:
+    return next(h for h in catalogue.hypotheses if h.name == (effect, where) and h.law.startswith(law))
+
+
+def gains(problem: Problem, catalogue: Catalogue) -> dict[tuple[str, str], float]:
+    """Fall of the residual's squares per coefficient, each name's best law and shape."""
+    before = float(np.sum(fitted(problem)[1] ** 2))
+    out: dict[tuple[str, str], float] = {}
+    for h in catalogue.hypotheses:
+        for shape in h.shapes:
+            columns = h.columns(shape)
+            after = float(np.sum(fitted(problem, columns)[1] ** 2))
+            out[h.name] = max(out.get(h.name, 0.0), (before - after) / columns.shape[2])
+    return out
+
+
+# the base -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("six", [False, True])
+def test_base_takes_up_springs_frame_and_target_exactly(six: bool) -> None:
+    """A tracker 3 mm and 1 mrad off, a target 2 mm off, springs a quarter softer: 0.2 µm of the first fit are left."""
+    cell = arm()[0]
+    assert cell.stiffness is not None
+    frame = np.array([2e-3, -3e-3, 1e-3]), np.array([5e-4, -1e-3, 2e-4]), np.array([1e-3, 2e-3, -5e-4])
+    problem, _ = build(measure(six=six, frame=frame))
+    x, rest = fitted(problem)
+    assert np.abs(rest).max() < 2e-7
+    found = {u.name: v for u, v in zip(problem.unknowns, x, strict=True)}
+    for j in (2, 3, 5):  # weight turns these; 1 not at all, 4 and 6 hardly
+        assert found[f"joint {j}"] == pytest.approx(SOFTER[j - 1] / cell.stiffness.joints[j - 1], rel=2e-3)
+    np.testing.assert_allclose([found[f"target {a}"] for a in "xyz"], frame[2], atol=2e-6)
+    assert "joint 1" not in found
+    assert [f.name for f in problem.families] == ["translation", "rotation"][: 1 + six]
+
+
+def test_outliers_and_a_foreign_unit_do_not_break_the_first_fit() -> None:
+    recording = measure(noise=1e-5)
+    assert recording.position is not None
+    bad = recording.position.copy()
+    bad[::20, 0] += 0.05
+    problem, _ = build(replace(recording, position=bad))
+    good = np.ones(len(problem), bool)
+    good[::20] = False
+    clean, _ = build(recording)
+    np.testing.assert_allclose(problem.y[good], clean.y[good], atol=5e-6)  # the start moved, what is measured did not
+    metres, _ = build(replace(recording, position=1e-3 * recording.position))
+    assert np.isfinite(metres.y).all()
+    assert np.isfinite(metres.base).all()
+
+
+def test_known_corrections_of_the_cell_are_counted() -> None:
+    known = Kinematics((KinematicCorrection("joint_zero_offset", "joint:3", {"offset_deg": 0.05}),))
+    recording = measure(delta=lambda q: np.radians(0.05) * np.eye(6)[2] + 0 * q)
+    assert np.abs(fitted(build(recording)[0])[1]).max() > 2e-5
+    assert np.abs(fitted(build(recording, kinematics=known)[0])[1]).max() < 2e-7
+
+
+def test_arrivals_and_repeats_are_labelled() -> None:
+    N = POSES * VISITS
+    load = np.zeros((N, 6))
+    load[::2, 2] = -800.0  # every other pose hangs a mass
+    load[:, 0] = np.linspace(-5, 5, N)  # and the sensor drifts a little
+    problem, _ = build(measure(load=load))
+    assert len(np.unique(problem.visit)) == N  # one reading each arrival
+    np.testing.assert_array_equal(problem.replicate[:POSES], problem.replicate[POSES : 2 * POSES])
+    assert len(np.unique(problem.replicate)) == POSES
+    assert problem.scale is not None
+    recording = measure(load=load)
+    mixed = replace(recording, pose=np.repeat(np.arange(N // 2), 2))  # a pose with load and without: two things
+    assert (build(mixed)[0].replicate == -1).all()
+
+
+def test_refusals() -> None:
+    cell, robot, masses = arm()
+    for bad in (replace(measure(), kind="deflection"), replace(measure(), position=None)):
+        with pytest.raises(InputError, match="absolute"):
+            absolute.build(bad, cell, robot, masses, np.random.default_rng(0))
+
+
+# what can be told -----------------------------------------------------------------------------------------------
+
+
+def names(catalogue: Catalogue, effect: str) -> set[str]:
+    return {h.location for h in catalogue.hypotheses if h.effect == effect}
+
+
+def test_what_the_frame_or_the_target_takes_up_is_not_offered() -> None:
+    three, six = build(measure())[1], build(measure(six=True))[1]
+    fixed = build(measure(registration="fixed"))[1]
+    assert names(three, "joint_zero_offset") == {f"joint:{j}" for j in (2, 3, 4, 5)}
+    assert names(six, "joint_zero_offset") == {f"joint:{j}" for j in (2, 3, 4, 5, 6)}
+    assert names(fixed, "joint_zero_offset") == {f"joint:{j}" for j in range(1, 7)}
+    reasons = {(u.effect, u.location): u.reason for u in three.untestable}
+    assert "tracker frame" in reasons["joint_zero_offset", "joint:1"]
+    assert "orientations" in reasons["joint_zero_offset", "joint:6"]
+    assert not names(three, "displacement_frame")
+    assert names(fixed, "displacement_frame") == {"sensor:displacement"}
+    for catalogue in (three, six, fixed):  # what is offered never vanishes, and nothing is both
+        assert not {h.name for h in catalogue.hypotheses} & {(u.effect, u.location) for u in catalogue.untestable}
+    problem, _ = build(measure())
+    assert all(left(h.columns(h.shapes[0]), problem.base) > 1e-3 for h in three.hypotheses if len(h.shapes) == 1)
+
+
+def test_without_masses_weight_is_unknown() -> None:
+    cell, robot, _ = arm()
+    problem, catalogue, notes = absolute.build(measure(), cell, robot, None, np.random.default_rng(0))
+    missing = {u.effect for u in catalogue.untestable}
+    assert {"payload", "gravity_compensator"} <= missing
+    assert not names(catalogue, "link_compliance")
+    assert [u.name for u in problem.unknowns if u.location.startswith("joint")] == []  # no torque, no spring
+    assert any("masses" in n for n in notes)
+
+
+def test_heat_needs_a_clock_or_a_thermometer() -> None:
+    recording = replace(measure(), time=None, temperature=None)
+    catalogue = build(recording)[1]
+    assert not names(catalogue, "thermal_drift")
+    assert "thermal_drift" in {u.effect for u in catalogue.untestable}
+    assert {h.law.split()[-1] for h in build(replace(recording, time=measure().time))[1].hypotheses
+            if h.effect == "thermal_drift"} == {"session"}  # fmt: skip
+
+
+def test_orders_follow_what_the_angles_can_show() -> None:
+    cell, robot, masses = arm()
+    q = poses()
+
+    def orders(angles: Array) -> tuple[float, ...]:
+        state = robot.state(angles, cell.tool.T_flange_tcp, bodies=True)
+        none = np.zeros(len(angles), np.int64)
+        r = Readings(measure(), robot, cell.tool.T_flange_tcp, masses, state, np.zeros((len(angles), 6)), 3, False,
+                     np.full(6, 1e-6), none, none, none)  # fmt: skip
+        return wave_orders(r, 3)
+
+    many = orders(q)
+    assert many[:12] == tuple(float(n) for n in range(1, 13))
+    assert len(many) == POSES // 3  # one for every three distinct angles
+    few = q.copy()
+    few[:, 3] = q[0, 3]
+    assert orders(few) == ()
+    few[:, 3] = np.linspace(0.0, np.radians(20), len(q))
+    assert orders(few)[0] == 5.0  # 20° are a quarter of a wave of order 4.5
+
+
+# the laws -------------------------------------------------------------------------------------------------------
+
+
+def unit(joint: int) -> Array:
+    return np.eye(6)[joint - 1]
+
+
+def heavier(mass: float, at: Array) -> Masses:
+    _, robot, own = arm()
+    flange = robot.T_base_flange_zero
+    com = flange[:3, :3] @ at + flange[:3, 3]
+    return Masses(np.r_[own.body, 6], np.r_[own.mass, mass], np.vstack([own.com, com]), own.gravity)
+
+
+def wave(joint: int, order: float, cos: float, sin: float) -> Callable[[Array], Array]:
+    return lambda q: (
+        ARCSEC * (cos * np.cos(order * q[:, joint - 1]) + sin * np.sin(order * q[:, joint - 1]))[:, None] * unit(joint)
+    )
+
+
+def warmed() -> Array:
+    temperature = measure().temperature
+    assert temperature is not None
+    return np.asarray((temperature - 21.0)[:, None] * 1.2e-5 * np.array([1.0, 1.0, 1.0]))
+
+
+Case = tuple[str, str, str, dict[str, object], tuple[float, ...], float]
+CASES: list[Case] = [
+    ("joint_zero_offset", "joint:3", "constant", {"delta": lambda q: np.radians(0.01) * unit(3) + 0 * q}, (),
+     np.radians(0.01)),
+    ("transmission_error", "joint:4", "one", {"delta": wave(4, 5.0, 12.0, 0.0)}, (5.0,), 12 * ARCSEC),
+    ("transmission_error", "joint:3", "a wave",
+     {"delta": lambda q: wave(3, 4.0, 8.0, 0.0)(q) + wave(3, 8.0, 3.0, 4.0)(q)}, (4.0, 8.0), 8 * ARCSEC),
+    ("joint_coupling", "joint:4-5", "gears", {"delta": lambda q: 6e-5 * q[:, 3:4] * unit(5)}, (), 6e-5),
+    ("joint_coupling", "joint:5-6", "gears", {"delta": lambda q: 2e-4 * q[:, 4:5] * unit(6), "six": True}, (), 2e-4),
+    ("payload", "tool", "another mass at another", {"masses": "heavier"}, (), 8.0),
+    ("thermal_drift", "environment", "the arm grows with", {"grow": "warmed"}, (), 1.2e-5),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES, ids=[f"{c[0]}@{c[1]}" for c in CASES])
+def test_the_right_law_is_found_and_measured(case: Case) -> None:
+    """Own columns close the mismatch to a few percent of it and give the size back; nothing else gains as much."""
+    effect, where, law, put, shape, size = case
+    put = dict(put)
+    if "masses" in put:
+        put["masses"] = heavier(8.0, np.array([0.02, 0.0, 0.15]))
+    if "grow" in put:
+        put["grow"] = warmed()
+    problem, catalogue = build(measure(**put))  # type: ignore[arg-type]
+    base = fitted(problem)[1]
+    h = only(catalogue, effect, where, law)
+    x, rest = fitted(problem, h.columns(shape))
+    own = x[problem.base.shape[2] :]
+    # a payload's columns lean on springs of the first fit, which took part of it up: a few percent
+    most, close = (0.1, 0.1) if effect == "payload" else (0.03, 0.02)
+    assert np.sum(rest[:, :3] ** 2) < most**2 * np.sum(base[:, :3] ** 2)
+    assert own[0] == pytest.approx(size, rel=close)
+    ranking = gains(problem, catalogue)
+    assert max(ranking, key=lambda name: ranking[name]) == (effect, where)
+    quantities = h.quantities(own, shape)
+    first = next(iter(quantities.values()))
+    double = next(iter(h.quantities(2 * own, shape).values()))
+    assert double.value == pytest.approx(2 * first.value)  # limits are stated in it
+
+
+def test_findings_compensate_what_was_put_in() -> None:
+    """The correction of a finding, as the cell's kinematics, takes the mismatch away."""
+    delta = wave(5, 3.0, 9.0, -4.0)
+    problem, catalogue = build(measure(delta=delta))
+    h = only(catalogue, "transmission_error", "joint:5", "one")
+    x, _ = fitted(problem, h.columns((3.0,)))
+    found = h.correction(x[problem.base.shape[2] :], (3.0,))
+    assert isinstance(found, KinematicCorrection)
+    assert found.parameters["per_turn"] == 3.0
+    assert found.parameters["cos_arcsec"] == pytest.approx(9.0, rel=0.01)
+    assert found.parameters["sin_arcsec"] == pytest.approx(-4.0, rel=0.02)
+    known = Kinematics((KinematicCorrection(found.effect, found.location, found.parameters),))
+    before = np.abs(fitted(problem)[1]).max()
+    assert np.abs(fitted(build(measure(delta=delta), kinematics=known)[0])[1]).max() < 0.02 * before
+
+
+def test_a_compensator_bends_joint_2_by_its_angle() -> None:
+    """Spring between two pivots made from its geometry: no other law of as few coefficients leaves as little."""
+    cell = arm()[0]
+    assert cell.stiffness is not None
+    c = SOFTER[1] / cell.stiffness.joints[1]
+    a, L, alpha, rate, preload = 0.25, 0.9, 2.2, 4e4, 2e3
+
+    def delta(q: Array) -> Array:
+        s = np.sqrt(a**2 + L**2 + 2 * a * L * np.cos(alpha + q[:, 1]))
+        torque = (preload + rate * (s - 0.6)) * a * L * np.sin(alpha + q[:, 1]) / s  # −F ds/dq
+        return np.asarray((c * torque)[:, None] * unit(2))
+
+    problem, catalogue = build(measure(delta=delta))
+    rest = {
+        (h.name, h.law): min(float(np.sum(fitted(problem, h.columns(s))[1] ** 2)) for s in h.shapes)
+        for h in catalogue.hypotheses
+        if h.columns(h.shapes[0]).shape[2] <= 2
+    }
+    best = min(rest, key=lambda name: rest[name])
+    assert best == (("gravity_compensator", "joint:2"), "spring between two pivots")
+    assert rest[best] < 0.02 * np.sum(fitted(problem)[1] ** 2)
+
+
+# weight on bodies -----------------------------------------------------------------------------------------------
+
+
+def readings(masses: Masses | None, load: Array, q: Array) -> Readings:
+    cell, robot, _ = arm()
+    T = cell.tool.T_flange_tcp
+    none = np.zeros(len(q), np.int64)
+    return Readings(measure(), robot, T, masses, robot.state(q, T, bodies=True), load, 6, False, np.full(6, 1e-6), none,
+                    none, none)  # fmt: skip
+
+
+@pytest.mark.parametrize("link", [2, 4])
+def test_a_beam_under_load_alone_is_the_term_of_stiffness_yaml(link: int) -> None:
+    q = poses()[:8]
+    load = np.random.default_rng(1).normal(size=(8, 6)) * np.array([500, 500, 500, 80, 80, 80.0])
+    r = readings(None, load, q)
+    h = next(h for h in laws_weight.bodies(r) if h.name == ("link_compliance", f"link:{link}") and h.law == "bends")
+    term = term_of("link_compliance", f"link:{link}", r.robot, r.T_flange_tcp)
+    expected = term.response(r.state, load)[:, :, 0]
+    np.testing.assert_allclose(h.columns(())[:, :, 0], expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
+    both = next(h for h in laws_weight.bodies(r) if h.location == f"link:{link}" and h.law.startswith("bends in two"))
+    x = np.array([2e-7, 5e-8, 1e-7])  # its matrix in stiffness.yaml does what its columns do
+    written = both.correction(x, ())
+    assert written is not None
+    spring = term_of(written.effect, written.location, r.robot, r.T_flange_tcp, **dict(written.parameters))
+    d = spring.response(r.state, load) @ spring.values
+    np.testing.assert_allclose(both.columns(()) @ x, d, rtol=1e-9, atol=1e-12 * np.abs(d).max())
+
+
+def test_a_link_bends_under_its_own_weight_as_a_beam_does() -> None:
+    """w L⁴/8EI and w L³/6EI at the end of the horizontal forearm, carried to the TCP along it."""
+    _, robot, own = arm()
+    start, end = robot.point[3], robot.point[4]
+    L = float(np.linalg.norm(end - start))
+    g = own.gravity
+    alone = Masses(np.array([4]), np.array([60.0]), (0.5 * (start + end))[None], g)
+    r = readings(alone, np.zeros((1, 6)), np.zeros((1, 6)))  # the forearm lies along x with all joints at zero
+    h = next(h for h in laws_weight.bodies(r) if h.name == ("link_compliance", "link:4") and h.law == "bends")
+    w = 60.0 * 9.80665 / L
+    column = h.columns(())[0, :, 0]
+    turn = w * L**3 / 6  # about y, nose down
+    beyond = r.state.T_base_tool[0, :3, 3] - end
+    sag = np.array([0.0, 0.0, -w * L**4 / 8]) + np.cross([0.0, turn, 0.0], beyond)
+    np.testing.assert_allclose(column, [*sag, 0.0, turn, 0.0], rtol=1e-9, atol=1e-9)
+
+
+def test_weight_of_everything_is_the_torque_of_gravity() -> None:
+    """The wrench of all bodies beyond joint i, through J_i, is the torque that gravity.py says."""
+    _, robot, masses = arm()
+    r = readings(masses, np.zeros((8, 6)), poses()[:8])
+    torque = gravity_torque(robot, masses, r.state)[0]
+    for i in range(6):
+        w = laws_weight.weight_wrench(r, masses.body > i)
+        np.testing.assert_allclose(np.einsum("nc,nc->n", r.state.J[:, :, i], w), torque[:, i], atol=1e-8)
+
+
+def test_orientations_count_in_base_axes() -> None:
+    """6-D, registration fixed: a tracker turned by 1 mrad about base z shows as (0, 0, 1) mrad beside the springs."""
+    recording = measure(six=True, registration="fixed", frame=(np.zeros(3), np.array([0, 0, 1e-3]), np.zeros(3)))
+    problem, catalogue = build(recording)
+    h = only(catalogue, "displacement_frame", "sensor:displacement")
+    x, rest = fitted(problem, h.columns(()))
+    np.testing.assert_allclose(x[problem.base.shape[2] + 3 :], [0.0, 0.0, 1e-3], atol=2e-6)  # rest: 1 mrad squared
+    assert np.abs(rest).max() < 3e-6  # m, 1 mrad² over 2 m
+    assert dict(h.quantities(x[problem.base.shape[2] :], ()))["angle"].value == pytest.approx(
+        np.degrees(1e-3), rel=5e-3
+    )

@@ -1,0 +1,468 @@
+"""From a Diagnosis to its page, diagnosis.json, residuals.csv and the terminal: nothing lost, nothing made up."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import re
+import sys
+from dataclasses import dataclass, fields, replace
+from html.parser import HTMLParser
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import made_up_diagnosis as made_up
+import numpy as np
+import pytest
+
+from machopt.cli import diagnose as command
+from machopt.diagnose.result import Diagnosis, Estimate
+from machopt.formats.cell import load_cell
+from machopt.formats.outfolder import write_json
+from machopt.job.diagnose_result import page_of, result_of, rows_location, write_residuals
+from machopt.report.diagnosis_figures import binned_mean, binned_rms, law, over_axis, per_group, window
+from machopt.report.diagnosis_limits import limits_html
+from machopt.report.diagnosis_page import diagnosis_html, write_diagnosis
+from machopt.report.diagnosis_svg import machine_strip, share_bars
+from machopt.report.diagnosis_words import EFFECTS, alternatives, axis_note, measured, named, numeral, place, sized
+
+CELL = load_cell(Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling")
+CASES = ("explained", "consistent", "unexplained", "three", "torque")
+VOID = {"meta", "hr", "br"}
+VOCABULARY = {
+    "joint_nonlinear_stiffness", "joint_backlash", "joint_hysteresis", "joint_creep",
+    "joint_pose_dependent_stiffness", "joint_zero_offset", "transmission_error", "joint_friction", "joint_coupling",
+    "gravity_compensator", "link_compliance", "base_compliance", "tool_compliance", "payload",
+    "geometric_stiffness", "force_sensor_offset", "force_sensor_gain", "force_sensor_frame", "displacement_frame",
+    "load_geometry", "units", "time_skew", "outliers", "thermal_drift", "servo_lag", "joint_elasticity",
+}  # fmt: skip
+
+
+class Balanced(HTMLParser):
+    """Fails on a tag closed out of order and on anything fetched from elsewhere; collects ids, links and text."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.anchors: list[str] = []
+        self.text = ""
+        self.feed(html)
+        assert not self.open
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = dict(attrs)
+        assert "src" not in given
+        assert str(given.get("href", "#")).startswith("#")
+        if tag not in VOID:
+            self.open.append(tag)
+        if given.get("id"):
+            self.ids.append(str(given["id"]))
+        if tag == "a":
+            self.anchors.append(str(given["href"])[1:])
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if not self.open or self.open[-1] not in ("script", "style"):
+            self.text += data
+
+
+def page(name: str | Diagnosis, **changes: Any) -> Any:
+    d: Diagnosis = getattr(made_up, name)() if isinstance(name, str) else name
+    r = made_up.recording(motion=d.channel == "torque")
+    job = made_up.job() if len(d.findings) in (1, 3) and d.channel != "torque" else None
+    return replace(page_of(CELL, r, d, (("seed", "0"),), job, problem=made_up.problem(d)), **changes)
+
+
+def read(name: str | Diagnosis) -> Balanced:
+    return Balanced(diagnosis_html(page(name)))
+
+
+def specs(html: str) -> list[dict[str, Any]]:
+    text = re.search(r'<script id=data type="application/json">(.*?)</script>', html)
+    assert text is not None
+    return list(json.loads(text[1])["xy"])
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_page_stands_alone(name: str, tmp_path: Path) -> None:
+    """One file: tags balanced, nothing fetched, every menu entry leads somewhere, every chart has its place."""
+    write_diagnosis(tmp_path / "report.html", page(name))
+    html = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert html == diagnosis_html(page(name))  # the same data, the same bytes
+    seen = Balanced(html)
+    assert set(seen.anchors) <= set(seen.ids)
+    assert len(seen.ids) == len(set(seen.ids))
+    drawn = [c["id"] for c in specs(html)]
+    assert drawn
+    assert set(drawn) <= set(seen.ids)
+    d = page(name).diagnosis
+    assert d.sentence in seen.text
+    for word in ("nan", "None", "inf "):
+        assert not re.search(rf"\b{word}\b", seen.text)
+
+
+def test_finding_says_size_place_law_and_rivals() -> None:
+    text = read("explained").text
+    assert "Hysteresis of joint 3: 0.90 arcmin (0.82 … 0.98), on load reversal" in text
+    assert "play operator on the joint torque" in text
+    assert "61 µm" in text
+    assert "25 µm" in text
+    assert "backlash of joint 3dead zone on total torque31 %" in text
+    assert "placebo: hysteresis of joint 2" in text
+    assert "2 of 2 did" in text
+    assert "These data single it out" in text
+    assert "6 of 6" in text
+    assert "Load joint 3 through zero" in text
+    assert "410" in text  # N·m/arcmin of 1.41e6 N·m/rad: 1.41e6 · π/10800
+
+
+def test_sets_are_said_in_words_and_drawn() -> None:
+    text = read("three").text
+    assert "These data cannot tell it from coupling of joints 4 and 5 or compliance of the tool." in text
+    assert "These data cannot tell it from misalignment of the tracker." in text
+    assert "Goes into stiffness.yaml as a term, which optimize takes: link_compliance link:4 (EI_Nm2 3.1e+06" in text
+    assert "Goes into kinematics.yaml" in text
+    assert "38 µm rms still come back in every repeat" in text
+    strip = machine_strip(made_up.three())
+    assert strip.count("<circle") - strip.count('r="10.5"') == 3 + 3  # three found, and three other places of the sets
+    assert strip.count("stroke-dasharray") == 3
+
+
+def test_strip_gathers_what_concerns_the_record() -> None:
+    """Rows and columns are one place; two findings of one joint stand side by side."""
+    d = made_up.three()
+    spoilt = replace(made_up.frame(), effect="outliers", location="rows:1,2", one_of=(("outliers", "rows:1,2"),))
+    strip = machine_strip(replace(d, findings=(made_up.hysteresis(), spoilt, replace(made_up.hysteresis(), note="b"))))
+    assert strip.count(">record<") == 1
+    assert re.findall(r'font-weight="700" fill="#fff">(\d)<', strip) == [
+        "1",
+        "3",
+        "2",
+    ]  # joint 3 first, then the record
+    at = [float(x) for x in re.findall(r'<circle cx="([\d.]+)" cy="[\d.]+" r="9"', strip)]
+    assert abs(at[1] - at[0]) >= 18.0  # two marks of radius 9 do not overlap
+
+
+def test_nothing_found_says_what_would_have_been_seen() -> None:
+    text = read("consistent").text
+    assert "CONSISTENT" in text
+    assert "Nothing is missing that these data could show" in text
+    assert "Backlasharcmin0.200.150.110.150.20✕" in text
+    assert "Where the mismatch lives" not in text
+    assert "Proof" not in text
+    assert "the recording has neither time nor temperature" in text
+
+
+def test_unexplained_says_where_and_how_much() -> None:
+    text = read("unexplained").text
+    assert "NOT EXPLAINED" in text
+    assert "57 µm rms come back in every repeat and no law of the catalogue predicts them" in text
+    assert "joint 3 (78 %), link 3 (41 %) and joint 2 (19 %)" in text
+    assert "loading and unloading, unloading against loading (71 %)" in text
+    assert "single it out" not in text
+
+
+def test_a_broken_record_is_not_a_green_page() -> None:
+    d = replace(made_up.explained(), findings=(made_up.frame(),))
+    assert "CHECK THE RECORD" in read(d).text
+    assert "Stays in the diagnosis, the robot's model is not touched by it" in read(d).text
+
+
+def test_law_is_drawn_through_what_the_readings_show() -> None:
+    data = page("explained")
+    f = data.diagnosis.findings[0]
+    spec = law(data, 1, f)
+    assert spec is not None
+    by_name = {x["name"]: x for x in spec["layers"]}
+    line = by_name["fitted law: play operator on the joint torque"]
+    # six digits are written
+    assert np.allclose(line["y"], f.curve.law, rtol=1e-5, atol=1e-9)
+    shown = np.array(by_name["loading"]["y"] + by_name["unloading"]["y"])
+    value = (f.curve.per_reading + f.curve_residual)[data.diagnosis.used]
+    assert value.max() > 30
+    assert np.abs(shown).max() < 5  # the reading that hardly sees the joint does not flatten the rest
+    left = int(re.search(r"(\d+) readings lie outside", spec["title"])[1])  # type: ignore[index]
+    assert len(shown) + left == len(value)  # none silently dropped
+    # loops of the two branches, as averaged, lie on their sides of the law: readings were made around it
+    up, down = by_name["loading, averaged"], by_name["unloading, averaged"]
+    assert np.median(up["y"]) > 0.3 > -0.3 > np.median(down["y"])
+
+
+def test_window_keeps_the_law_whole() -> None:
+    low, high = window(np.array([0.0, 0.1, -0.1, 0.05, 500.0]), np.array([-3.0, 2.0]))
+    assert low <= -3.0
+    assert 2.0 <= high < 500.0
+
+
+def test_bins_lose_no_power() -> None:
+    rng = np.random.default_rng(2)
+    x, r = np.sort(rng.integers(0, 40, 500)).astype(float), rng.normal(size=500)
+    at, mean = binned_rms(x, np.abs(r), few=True)
+    count = np.array([(x == v).sum() for v in at])
+    assert np.isclose((count * mean**2).sum(), (r**2).sum(), rtol=1e-12)  # a sum in another order
+    middle, height, half = binned_mean(x, 2 * x + 0.1 * r)
+    # values stand one apart and slope is 2: the two medians of a bin differ by one step at most, and by 5 σ of 0.022
+    assert np.abs(height - 2 * middle).max() < 2.11
+    assert (half > 0).all()
+
+
+def test_groups_worst_first_and_named_as_the_recording_names_them() -> None:
+    data = page("explained")
+    spec = per_group(data)
+    assert spec is not None
+    before = next(x for x in spec["layers"] if x["name"] == "model as it was, refitted")["y"]
+    assert before == sorted(before, reverse=True)
+    worst = int(np.argmax(data.diagnosis.errors.by_group[:, 0]))
+    assert spec["xcats"][0] == str(worst + 1)  # poses of the recording start at 1, groups at 0
+    # µm of a few mm/1000
+    assert np.isclose(before[0], 1e3 * data.diagnosis.errors.by_group[worst, 0], rtol=1e-5)
+
+
+def test_motion_shows_the_joint_that_carries_it() -> None:
+    spec = over_axis(page("torque"), "qd2", "a")
+    assert spec is not None
+    assert spec["title"] == "Size of the residual of joint 2 over velocity of joint 2"
+    assert "(N·m)" in spec["ylabel"]
+    before = next(x for x in spec["layers"] if x["name"] == "rms, before")["y"]
+    # made with 14 N·m of friction and 6 N·m of noise: 15.2; a bin of 30 readings errs by 2 or so
+    assert np.abs(np.array(before) - 15.2).max() < 4
+    assert (
+        over_axis(page("torque", diagnosis=replace(made_up.torque(), used=np.zeros(made_up.N, bool))), "qd2", "a")
+        is None
+    )
+
+
+def test_axis_without_numbers_is_not_drawn() -> None:
+    d = made_up.explained()
+    data = page(replace(d, axes={"temperature": np.full(made_up.N, np.nan), "session": np.zeros(made_up.N)}))
+    assert over_axis(data, "temperature", "a") is None
+    assert over_axis(data, "session", "a") is None
+
+
+def test_json_is_what_the_contract_says() -> None:
+    d = replace(made_up.three(), explained=np.nan, repeatable_after=np.inf)
+    got = result_of(CELL, made_up.recording(), d, kinematics="kinematics.yaml", effect_on_job=made_up.job())
+    assert json.loads(json.dumps(got, allow_nan=False)) == got
+    assert got["machopt_diagnosis"] == 1
+    assert (got["verdict"], got["channel"], got["rmse_unit"]) == ("partly_explained", "deflection", "mm")
+    assert got["baseline"]["heldout_rmse"] == 0.061
+    assert got["baseline"]["noise_floor"] == 0.022
+    assert got["baseline"]["repeatable_rmse"] == 0.057
+    assert got["final"] == {"heldout_rmse": 0.0423, "explained_share": None, "repeatable_rmse": None}
+    assert got["mismatch"][0] == {"axis": "joint:3", "share": 0.78, "note": "on load reversal", "kind": "machine"}
+    first, second, _ = got["findings"]
+    assert first["one_of"] == [["joint_hysteresis", "joint:3"]]
+    assert second["one_of"][0] == ["link_compliance", "link:4"]
+    width = first["parameters"]["width"]
+    assert (width["value"], width["unit"]) == (0.9, "arcmin")
+    assert width["ci95"] == pytest.approx([0.804, 0.996])
+    assert (first["heldout_rmse_before"], first["heldout_rmse_after"], first["p_value"]) == (0.061, 0.03, 0.0004)
+    assert {"effect": "joint_backlash", "location": "joint:3", "value": 0.11, "unit": "arcmin"}.items() <= next(
+        x for x in got["detection_limits"] if (x["effect"], x["location"]) == ("joint_backlash", "joint:3")
+    ).items()
+    blind = next(x for x in got["detection_limits"] if x["standing"] == "not testable")
+    assert blind["value"] is None  # infinite: JSON has no word for it
+    assert isinstance(got["next_experiment"], str)
+    assert (got["model"], got["kinematics"]) == ("stiffness.yaml", "kinematics.yaml")
+    assert got["outliers"] == {"location": "rows:41,134,401", "rows": [41, 134, 401]}
+    assert got["effect_on_job"]["deflection_after_mm"][-1] is None
+
+
+def test_the_named_one_stands_first_in_its_set() -> None:
+    """Even where an engine leaves it out or puts it last."""
+    f = replace(made_up.link(), one_of=(("tool_compliance", "tool"), ("link_compliance", "link:4")))
+    got = result_of(CELL, made_up.recording(), replace(made_up.explained(), findings=(f,)))
+    assert got["findings"][0]["one_of"] == [["link_compliance", "link:4"], ["tool_compliance", "tool"]]
+    assert "cannot tell it from compliance of the tool." in read(replace(made_up.explained(), findings=(f,))).text
+
+
+def test_json_takes_numpy_inside_corrections(tmp_path: Path) -> None:
+    f = made_up.frame()
+    assert f.correction is not None
+    f = replace(f, correction=replace(f.correction, parameters={"R": np.eye(2), "n": np.int64(3), "bad": np.nan}))
+    got = result_of(CELL, made_up.recording(), replace(made_up.explained(), findings=(f,)))
+    assert got["findings"][0]["correction"]["parameters"] == {"R": [[1.0, 0.0], [0.0, 1.0]], "n": 3, "bad": None}
+    assert got["findings"][0]["correction"]["of"] == "record"
+    write_json(tmp_path / "diagnosis.json", got)
+    assert json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8")) == got
+
+
+def test_outlier_rows_as_a_location() -> None:
+    assert rows_location([12, 3, 7]) == "rows:3,7,12"
+    assert place("rows:3,7,12") == "rows 3, 7 and 12"
+    assert place("rows:" + ",".join(map(str, range(1, 41)))) == "40 rows (1, 2, 3, 4 …)"
+
+
+@pytest.mark.parametrize("name", ["three", "torque"])
+def test_residuals_come_back_from_the_table(name: str, tmp_path: Path) -> None:
+    d: Diagnosis = getattr(made_up, name)()
+    final = d.errors.final.copy()
+    final[5, 1] = np.nan
+    d = replace(d, errors=replace(d.errors, final=final))
+    write_residuals(tmp_path / "residuals.csv", made_up.recording(motion=name == "torque"), d, made_up.problem(d))
+    with (tmp_path / "residuals.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == made_up.N
+    names = ["dx_mm", "dy_mm", "dz_mm"] if name == "three" else [f"joint{j}_Nm" for j in range(1, 7)]
+    factor = 1e3 if name == "three" else 1.0
+    got = np.array([[float(r[f"before_{n}"]) for n in names] for r in rows])
+    assert np.abs(got - factor * d.errors.residual).max() <= 5.1e-7  # six decimals
+    assert rows[5][f"after_{names[1]}"] == ""
+    assert [r["used"] for r in rows].count("0") == int((~d.used).sum())
+    assert [int(r["line"]) for r in rows] == made_up.recording().line.tolist()
+
+
+def test_several_files_say_which_one() -> None:
+    d = made_up.explained()
+    r = made_up.recording()
+    two = replace(r, files=("monday.csv", "tuesday.csv"), file=(r.session > 0).astype(np.int64))
+    text = Balanced(diagnosis_html(page_of(CELL, two, d, ()))).text
+    assert "401tuesday.csv line 402" in text
+    apart = [replace(r, source="a", files=("a.csv",)), replace(r, source="b", files=("b.csv",))]
+    assert page_of(CELL, apart, d, ()).recording == "a, b"
+
+
+def test_text_from_outside_cannot_end_the_page() -> None:
+    bad = "</script><b onclick=x>"
+    d = made_up.three()
+    f = replace(d.findings[0], law=bad, note=bad, equation=bad)
+    html = diagnosis_html(page(replace(d, sentence=bad, findings=(f, *d.findings[1:]), warnings=(bad,)), cell=bad))
+    assert bad not in html
+    assert Balanced(html).text.count(bad) >= 4
+
+
+def test_every_word_of_the_vocabulary_has_a_name() -> None:
+    assert set(EFFECTS) == VOCABULARY
+    assert named("joint_hysteresis", "joint:3") == "hysteresis of joint 3"
+    assert named("joint_coupling", "joint:4-5") == "coupling of joints 4 and 5"
+    assert named("units", "column:fx_N") == "wrong unit in column fx_N"
+    assert named("time_skew", "sensor:tau") == "time skew of the torque channel"
+    assert named("my_own_law", "link:2") == "my own law of link 2"
+    assert alternatives((("base_compliance", "base"), ("joint_creep", "joint:1"))) == (
+        "These data cannot tell it from creep of joint 1."
+    )
+
+
+@pytest.mark.parametrize(
+    ("value", "low", "high", "texts"),
+    [
+        (0.9, 0.82, 0.98, ("0.90", "0.82", "0.98")),
+        (212.4, 181.2, 243.3, ("212", "181", "243")),
+        (1.41e6, 1.3e6, 1.5e6, ("1.41e6", "1.30e6", "1.50e6")),
+        (-0.5, -0.6, -0.4, ("−0.50", "−0.60", "−0.40")),
+        (3e-7, 1e-7, 5e-7, ("3.00e−7", "1.00e−7", "5.00e−7")),
+        (2.0, np.nan, np.nan, ("2", "–", "–")),
+    ],
+)
+def test_numbers_carry_the_digits_their_interval_deserves(
+    value: float, low: float, high: float, texts: tuple[str, str, str]
+) -> None:
+    assert numeral(value, low, high) == texts
+
+
+def test_compliances_read_in_small_units() -> None:
+    assert (
+        measured(Estimate(2.4e-7, "rad/(N·m)", (2.0e-7, 2.8e-7), (1.9e-7, 2.9e-7))) == "0.24 µrad/(N·m) (0.20 … 0.28)"
+    )
+    assert sized(0.0613, "mm") == "61.3 µm"
+    assert sized(1.25, "mm") == "1.25 mm"
+    assert sized(np.nan, "mm") == "–"
+
+
+def test_notes_on_the_data_leave_si() -> None:
+    assert axis_note("q3", "0.7854 … 1.5708: 33 % of the readings") == "45.0 … 90.0 deg, 33 % of the readings"
+    assert axis_note("branch", "-1: 50 % of the readings") == "unloading, 50 % of the readings"
+    assert axis_note("load", "5e+02 … 1e+03: 20 % of the readings") == "500 … 1000 N, 20 % of the readings"
+    assert axis_note("q3", "where joint 3 is stretched") == "where joint 3 is stretched"
+
+
+def test_limits_name_sets_and_reasons() -> None:
+    html = limits_html(made_up.explained())
+    assert 'title="cannot be told from compliance of the base">(11)</span>' in html
+    text = Balanced(html).text
+    assert "Creep (joints 1, 2, 3, 4, 5 and 6)the recording has no time" in text.replace("; ", "; ")
+    assert limits_html(replace(made_up.explained(), limits=(), untestable=())) == ""
+
+
+def test_shares_of_the_data_are_bars_in_order() -> None:
+    bars = share_bars([s for s in made_up.explained().mismatch if s.kind == "data"], "data")
+    widths = [float(w) for w in re.findall(r'width="([\d.]+)" height="15" fill="#1552b8"', bars)]
+    assert np.allclose(np.array(widths) / widths[0], np.array([0.71, 0.22, 0.11, 0.02]) / 0.71, atol=2e-3)  # 0.1 px
+    assert share_bars([], "data") == ""
+
+
+def test_terminal_summary() -> None:
+    lines = command.summary(result_of(CELL, made_up.recording(), made_up.three(), effect_on_job=made_up.job()))
+    text = "\n".join(lines)
+    assert lines[0] == made_up.three().sentence
+    assert "held-out error 61 µm → 42.3 µm, noise floor 22 µm, repeatable 57 µm, 55 % of it closed" in text
+    assert "1. joint_hysteresis joint:3, on load reversal" in text
+    assert "these data cannot tell it from: joint_coupling joint:4-5, tool_compliance tool" in text
+    assert "put aside: 3 readings (rows:41,134,401)" in text
+    assert "lives in: joint:3 78 %" in text
+    empty = replace(made_up.consistent(), explained=np.nan, heldout_before=np.nan)
+    quiet = "\n".join(command.summary(result_of(CELL, made_up.recording(), empty)))
+    assert "nothing repeatable above the noise" in quiet
+    assert "nan" not in quiet
+
+
+@pytest.mark.parametrize("verdict", CASES[:4])
+def test_command_passes_its_options_on_and_every_verdict_is_success(
+    verdict: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    @dataclass(frozen=True)
+    class Request:
+        cell: Path
+        recordings: tuple[Path, ...]
+        out: Path
+        channel: str
+        toolpath: Path | None
+        terms: tuple[Path, ...]
+        max_findings: int
+        accept: tuple[str, ...]
+        seed: int
+        allow_external: bool
+
+    @dataclass(frozen=True)
+    class Outcome:
+        result: dict[str, Any]
+        report: Path
+
+    seen: list[Request] = []
+
+    def run(request: Request, progress: Any) -> Outcome:
+        progress("screening")
+        seen.append(request)
+        return Outcome(result_of(CELL, made_up.recording(), getattr(made_up, verdict)()), request.out / "report.html")
+
+    stub = ModuleType("machopt.job.diagnose")
+    stub.Request, stub.run_diagnose = Request, run  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "machopt.job.diagnose", stub)
+    common = argparse.ArgumentParser(add_help=False)
+    for flag in ("--quiet", "--json", "--debug"):
+        common.add_argument(flag, action="store_true")
+    parser = argparse.ArgumentParser()
+    command.add_commands(parser.add_subparsers(), common)
+    typed = (
+        "diagnose cell mon tue -o out --channel torque --toolpath t.apt --terms a.py --terms b.py --max-findings 2 "
+        "--accept units --seed 7 --allow-external --jobs 2"
+    )
+    args = parser.parse_args(typed.split())
+    assert args.run(args) == 0
+    out = capsys.readouterr().out
+    assert getattr(made_up, verdict)().sentence in out
+    assert "report: out/report.html" in out
+    expected = Request(
+        Path("cell"), (Path("mon"), Path("tue")), Path("out"), "torque", Path("t.apt"), (Path("a.py"), Path("b.py")), 2,
+        ("units",), 7, True,
+    )  # fmt: skip
+    assert seen == [expected]
+    assert len(fields(Request)) == 10  # no option is dropped on the way
+    args = parser.parse_args([*typed.split(), "--json"])
+    assert args.run(args) == 0
+    assert json.loads(capsys.readouterr().out)["verdict"] == getattr(made_up, verdict)().verdict

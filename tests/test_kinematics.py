@@ -1,0 +1,235 @@
+"""kinematics.yaml end to end: reader, map between encoder and true angles, planned and verified motion."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_cli import KR500, PASS, changed_cell, optimize, toolpath
+
+from machopt.domain.cell import JointLimits
+from machopt.domain.kinematics import KinematicCorrection, Kinematics, extended
+from machopt.errors import InputError
+from machopt.formats.cell import load_cell
+from machopt.formats.kinematics import load_kinematics, write_kinematics
+from machopt.formats.options import load_options
+from machopt.formats.toolpath import read_toolpath
+from machopt.model.correction import Correction, correction_of
+from machopt.model.robot import load_robot
+from machopt.verify import verify_output
+from machopt.verify.encoder import true_angles
+
+OFFSET = KinematicCorrection("joint_zero_offset", "joint:3", {"offset_deg": 0.2})
+WAVES = KinematicCorrection(
+    "transmission_error", "joint:1", {"per_turn": [3, 100.5], "cos_arcsec": [30.0, 40.0], "sin_arcsec": [-12.0, 20.0]}
+)
+WAVE = KinematicCorrection("transmission_error", "joint:5", {"per_turn": 2, "cos_arcsec": 60.0, "sin_arcsec": 0.0})
+COUPLING = KinematicCorrection("joint_coupling", "joint:4-5", {"ratio": 1e-3})
+ALL = Kinematics((OFFSET, WAVES, WAVE, COUPLING))
+HEAD = "machopt_kinematics: 1\ncorrections:\n"
+
+
+def correction(kinematics: Kinematics = ALL) -> Correction:
+    made = correction_of(kinematics)
+    assert made is not None
+    return made
+
+
+# the file -------------------------------------------------------------------------------------------------------
+
+
+def test_what_is_written_is_read_back(tmp_path: Path) -> None:
+    write_kinematics(tmp_path / "k.yaml", ALL)
+    assert load_kinematics(tmp_path / "k.yaml") == ALL
+    small = Kinematics((KinematicCorrection("joint_coupling", "joint:5-6", {"ratio": 1e-7}),))
+    write_kinematics(tmp_path / "k.yaml", small)  # 1e-07 would be text to a YAML 1.1 reader
+    assert load_kinematics(tmp_path / "k.yaml") == small
+    assert "1.0e-07" in (tmp_path / "k.yaml").read_text()
+    write_kinematics(tmp_path / "k.yaml", Kinematics())
+    assert correction_of(load_kinematics(tmp_path / "k.yaml")) is None
+
+
+def entry(effect: str, location: str, parameters: str) -> str:
+    return f'  - {{effect: {effect}, location: "{location}", parameters: {{{parameters}}}}}\n'
+
+
+REFUSED = [
+    (entry("joint_zero_ofset", "joint:1", "offset_deg: 1"), ["line 3", "did you mean 'joint_zero_offset'?"]),
+    (entry("link_compliance", "link:1", "EI: 1"), ["link_compliance", "stiffness.yaml"]),
+    (entry("joint_zero_offset", "joint:7", "offset_deg: 1"), ["corrections[0].location", "'joint:7'", "joint:6"]),
+    (entry("joint_coupling", "joint:5-4", "ratio: 0.001"), ["'joint:5-4'", "i < j"]),
+    (entry("joint_zero_offset", "joint:1", "offset_rad: 1"), ["unknown key 'offset_rad'", "offset_deg"]),
+    (entry("joint_zero_offset", "joint:1", ""), ["offset_deg is missing"]),
+    (entry("joint_zero_offset", "joint:1", "offset_deg: x"), ["found the text 'x'", "degrees"]),
+    (entry("joint_zero_offset", "joint:1", "offset_deg: [1]"), ["found a list of 1", "a number"]),
+    (entry("joint_zero_offset", "joint:1", "offset_deg: 30"), ["found 30", "at most 10 degrees"]),
+    (entry("transmission_error", "joint:1", "per_turn: 0, cos_arcsec: 1, sin_arcsec: 1"), ["per_turn", "more than 0"]),
+    (entry("transmission_error", "joint:1", "per_turn: [1, 2], cos_arcsec: 1, sin_arcsec: 1"), ["differ in length"]),
+    (entry("transmission_error", "joint:1", "per_turn: [2, 2], cos_arcsec: [1, 1], sin_arcsec: [1, 1]"),
+     ["each order once"]),
+    (entry("transmission_error", "joint:2", "per_turn: 200, cos_arcsec: 600, sin_arcsec: 0"),
+     ["joint 2", "0.58 rad per rad", "0.5"]),
+    (2 * entry("joint_zero_offset", "joint:1", "offset_deg: 1"), ["line 4", "stands twice"]),
+    ("  - {effect: joint_zero_offset}\n", ["required key is missing"]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("rows", "parts"), REFUSED)
+def test_refusals_name_place_found_and_expected(tmp_path: Path, rows: str, parts: list[str]) -> None:
+    (tmp_path / "k.yaml").write_text(HEAD + rows)
+    with pytest.raises(InputError) as caught:
+        load_kinematics(tmp_path / "k.yaml")
+    message = str(caught.value)
+    assert "k.yaml" in message
+    for part in parts:
+        assert part in message, message
+
+
+def test_what_is_found_comes_on_top_of_what_is_known() -> None:
+    more = (
+        KinematicCorrection("joint_zero_offset", "joint:3", {"offset_deg": -0.05}),
+        KinematicCorrection("joint_zero_offset", "joint:2", {"offset_deg": 0.01}),
+        KinematicCorrection("transmission_error", "joint:5", {"per_turn": 2, "cos_arcsec": 1.0, "sin_arcsec": 4.0}),
+        KinematicCorrection("transmission_error", "joint:5", {"per_turn": 7, "cos_arcsec": 5.0, "sin_arcsec": 6.0}),
+    )
+    both = extended(ALL, more)
+    assert {(c.effect, c.location): c.parameters for c in both.corrections}["transmission_error", "joint:5"] == {
+        "per_turn": [2.0, 7.0], "cos_arcsec": [61.0, 5.0], "sin_arcsec": [4.0, 6.0]}  # fmt: skip
+    q = np.random.default_rng(1).uniform(-2, 2, (5, 6))
+    parts = (
+        correction().delta(q) + correction(Kinematics(more[:3])).delta(q) + correction(Kinematics(more[3:])).delta(q)
+    )
+    np.testing.assert_allclose(correction(both).delta(q), parts, atol=1e-15)
+    assert extended(None, ()) == Kinematics()
+
+
+# the map --------------------------------------------------------------------------------------------------------
+
+
+def test_there_and_back_again_by_two_programs() -> None:
+    q = np.random.default_rng(0).uniform(-3, 3, (500, 6))
+    stands = correction().true_angles(q)
+    np.testing.assert_allclose(correction().encoder_angles(stands), q, atol=2e-15)  # round-off of 3 rad
+    np.testing.assert_allclose(true_angles(ALL, q), stands, atol=2e-15)  # the verifier's own code
+    assert np.degrees(stands - q)[0, 2] == pytest.approx(0.2, abs=1e-12)
+    np.testing.assert_allclose(stands[:, 4] - q[:, 4], 1e-3 * q[:, 3] + np.radians(1 / 60) * np.cos(2 * q[:, 4]),
+                               atol=2e-15)  # fmt: skip
+    q[3, 2] = np.nan
+    assert np.isnan(correction().encoder_angles(q)[3, 2])
+    assert np.isfinite(correction().encoder_angles(q)[4]).all()
+
+
+def test_a_path_of_encoder_angles_has_the_derivatives_of_the_path() -> None:
+    """Taylor series at h against the map itself: the rest is of fourth order."""
+    rng = np.random.default_rng(2)
+    D = rng.normal(size=(40, 4, 6)) * np.array([1.0, 0.3, 0.3, 0.3])[None, :, None]
+    E = correction().encoder_path(D)
+    errors = []
+    for h in (2e-3, 1e-3):
+        powers = np.array([1.0, h, h**2 / 2, h**3 / 6])
+        exact = correction().encoder_angles(np.einsum("k,mkj->mj", powers, D))
+        errors.append(np.abs(np.einsum("k,mkj->mj", powers, E) - exact).max())
+    assert errors[1] < errors[0] / 12  # 16 without rounding
+    assert errors[1] < 1e-9
+
+
+def test_limits_of_true_angles_keep_the_encoders_within_theirs() -> None:
+    ones = np.ones(6)
+    low, high = -np.array([3.0, 2.0, 2.5, 6.0, 2.0, 6.0]), np.array([3.0, 1.0, 2.5, 6.0, 2.0, 6.0])
+    limits = JointLimits(low, high, ones, ones, ones)
+    inner = correction().true_limits(limits)
+    rng = np.random.default_rng(3)
+    corners = np.where(rng.random((2000, 6)) < 0.5, inner.lower, inner.upper)
+    q = correction().encoder_angles(corners)
+    assert (q >= limits.lower - 1e-12).all()
+    assert (q <= limits.upper + 1e-12).all()
+    # and no more is given away than the coupling could take: 6e-3 rad at joint 5
+    np.testing.assert_allclose(inner.upper - correction().offset, limits.upper, atol=2 * 6e-3 + 1e-3)
+    np.testing.assert_allclose(
+        (inner.lower - correction().offset)[[1, 2, 3, 5]], limits.lower[[1, 2, 3, 5]], atol=1e-15
+    )
+
+
+# the job --------------------------------------------------------------------------------------------------------
+
+
+def driven(folder: Path, kinematics: Kinematics | None) -> tuple[Path, Path, Path]:
+    """(cell, toolpath, out) of one pass of milling."""
+    folder.mkdir()
+    edits = [("stiffness: stiffness.yaml", "stiffness: stiffness.yaml\nkinematics: kinematics.yaml")]
+    cell = changed_cell(folder, *edits if kinematics is not None else ())
+    if kinematics is not None:
+        write_kinematics(cell / "kinematics.yaml", kinematics)
+    table = toolpath(folder, PASS)
+    assert optimize(cell, table, folder / "out") == 0
+    return cell, table, folder / "out"
+
+
+def joints(file: Path) -> np.ndarray:
+    with file.open() as lines:
+        rows = list(csv.DictReader(lines))
+    return np.radians([[float(r[f"q{i}_deg"]) for i in range(1, 7)] for r in rows])
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
+    return driven(tmp_path_factory.mktemp("job") / "plain", None)
+
+
+@pytest.fixture(scope="module", params=["offset", "all"])
+def corrected(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
+    kinematics = Kinematics((OFFSET,)) if request.param == "offset" else ALL
+    return driven(tmp_path_factory.mktemp("job") / request.param, kinematics)
+
+
+def test_exported_joints_bring_the_arm_to_the_toolpath(corrected: tuple[Path, Path, Path]) -> None:
+    """To 1 µm at every point of points.csv (six decimals of a degree are 0.05 µm at 3 m), by the verifier's map."""
+    cell = load_cell(corrected[0])
+    robot, path = load_robot(cell), read_toolpath(corrected[1])
+    q = joints(corrected[2] / "points.csv")
+    T = np.linalg.inv(np.linalg.inv(cell.T_world_base) @ cell.workpiece.T_link_workpiece)
+    placed = T @ robot.fk(true_angles(cell.kinematics, q), cell.tool.T_flange_tcp)
+    assert np.linalg.norm(placed[:, :3, 3] - path.position, axis=1).max() < 1e-6
+    naive = T @ robot.fk(q, cell.tool.T_flange_tcp)
+    assert np.linalg.norm(naive[:, :3, 3] - path.position, axis=1).min() > 1e-4  # the test would see it left out
+    motion = joints(corrected[2] / "trajectory.csv")
+    np.testing.assert_allclose(motion[[0, -1]], cell.home[None].repeat(2, 0), atol=1e-11)  # home is what encoders say
+
+
+def test_verification_counts_the_corrections_by_itself(corrected: tuple[Path, Path, Path]) -> None:
+    cell, path = load_cell(corrected[0]), read_toolpath(corrected[1])
+    options = load_options(cell.plan, None, [])
+    found = verify_output(cell, path, corrected[2], options=options)
+    assert found.ok
+    assert next(c for c in found.checks if c.name == "path").value < 0.02  # mm, corners rounded by up to 15 µm
+    without = verify_output(replace(cell, kinematics=None), path, corrected[2], options=options)
+    assert {c.name for c in without.failed} >= {"path", "points.csv on the toolpath"}
+
+
+def test_result_names_the_file_and_limits_hold(corrected: tuple[Path, Path, Path]) -> None:
+    result = json.loads((corrected[2] / "result.json").read_text())
+    assert "kinematics.yaml" in result["inputs"]
+    checks = {c["name"]: c for c in result["verification"]["checks"]}
+    for name in ("joint velocity", "joint acceleration", "joint jerk"):  # on what is exported
+        assert checks[name]["passed"]
+
+
+def test_a_zero_offset_alone_shifts_one_column(plain: tuple[Path, Path, Path], tmp_path: Path) -> None:
+    """Where nothing else changes, q3 by encoder is the true q3 less 0.2° while cutting, and no other joint differs."""
+    _, _, out = driven(tmp_path / "offset", Kinematics((OFFSET,)))
+    a, b = joints(plain[2] / "points.csv"), joints(out / "points.csv")
+    np.testing.assert_allclose(np.degrees(b - a), np.array([[0, 0, -0.2, 0, 0, 0]]).repeat(len(a), 0), atol=2e-6)
+
+
+def test_a_file_without_corrections_changes_no_byte(plain: tuple[Path, Path, Path], tmp_path: Path) -> None:
+    _, _, out = driven(tmp_path / "empty", Kinematics())
+    for name in ("trajectory.csv", "points.csv", "pass_csv.src", "pass_csv.dat"):
+        assert (out / name).read_bytes() == (plain[2] / name).read_bytes()
+
+
+def test_shipped_cell_has_no_corrections() -> None:
+    assert load_cell(KR500).kinematics is None

@@ -1,0 +1,263 @@
+"""``machopt optimize --post``: programs for several makers, read back and compared, from one command."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import machopt.job.posts
+from machopt.cli import main
+from machopt.domain.options import FixedRotation, PlanOptions
+from machopt.domain.program import LIN, Controller
+from machopt.formats.cell import load_cell
+from machopt.formats.posts import post_text, write_program
+from machopt.formats.posts.densify import Tolerance, departure
+from machopt.formats.programs import read_program
+from machopt.formats.toolpath import read_toolpath
+from machopt.job.program import robot_program
+from machopt.job.readback import read_back
+from machopt.plan.pipeline import plan
+from machopt.plan.timeline import build_timeline
+
+CELLS = Path(__file__).resolve().parents[1] / "cells"
+# a pass over the head with everything a program must say in its place
+APT = """UNITS/MM
+LOADTL/4
+SPINDL/1500,RPM,CLW
+RAPID
+GOTO/-100,0,60
+FEDRAT/1000,MMPM
+GOTO/-100,0,5
+COOLNT/ON
+FEDRAT/1500,MMPM
+GOTO/-100,0,-0.5
+GOTO/-96,0,-0.5
+DELAY/1.5
+GOTO/-92,0,-0.5
+GOTO/-88,4,-0.5
+FEDRAT/900,MMPM
+GOTO/-84,4,-0.5
+GOTO/-80,4,-0.5
+GOTO/-80,4,5
+COOLNT/OFF
+RAPID
+GOTO/-80,4,60
+SPINDL/OFF
+FINI
+"""
+CONTROLLER = """
+controller:
+  joint_map: {sign: [-1, 1, 1, -1, 1, -1], offset_deg: [0, -90, 90, 0, 0, 0], coupling: {j3: {j2: 1}}}
+  root: {xyz_mm: [0, 0, 450], rpy_deg: [0, 0, 180]}
+  flange: {xyz_mm: [0, 0, 10], rpy_deg: [0, 0, 0]}
+  pulses_per_deg: [1000, 1001, 1002, 1003, 1004, -1005]
+  nonflip_j5: negative
+  lines: {spindle_on: "SPINDLE(@{value:.0f})"}
+"""
+POSTS = ("krl", "rapid", "fanuc", "urscript", "val3", "jbi", "csv", "json", "ros_json")
+
+
+def copied(folder: Path, more: str = "") -> Path:
+    shutil.copytree(CELLS / "kr500_milling", folder / "cell")
+    file = folder / "cell" / "cell.yaml"
+    file.write_text(file.read_text(encoding="utf-8") + more, encoding="utf-8")
+    (folder / "part.apt").write_text(APT, encoding="ascii")
+    return folder / "cell"
+
+
+def optimize(folder: Path, *options: str) -> int:
+    return main(["optimize", str(folder / "cell"), str(folder / "part.apt"), "-o", str(folder / "out"),
+                 "--method", "default", *options])  # fmt: skip
+
+
+def result(folder: Path) -> dict[str, Any]:
+    value = json.loads((folder / "out" / "result.json").read_text(encoding="utf-8"))
+    assert isinstance(value, dict)
+    return value
+
+
+@pytest.fixture(scope="module")
+def job(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One job with a program for every maker and a post of the user's own."""
+    folder = tmp_path_factory.mktemp("posts")
+    copied(folder, CONTROLLER)
+    mine = post_text("krl").replace("moves_per_part = 4000", "moves_per_part = 6").replace("C_DIS", "C_VEL")
+    (folder / "mine.toml").write_text(mine, encoding="utf-8")
+    asked = [w for post in (*POSTS, str(folder / "mine.toml")) for w in ("--post", post)]
+    assert optimize(folder, "--quiet", *asked) == 0
+    return folder
+
+
+def test_every_program_is_written_read_back_and_told(job: Path) -> None:
+    programs = result(job)["programs"]
+    assert [p["post"] for p in programs] == [*POSTS, "mine.toml"]
+    for p in programs:
+        checked = p["checked"]
+        files = [job / "out" / f for f in p["files"]]
+        assert all(f.is_file() for f in files), p
+        assert p["lines"] == sum(f.read_bytes().count(b"\n") for f in files)
+        assert p["differences"] == []
+        assert checked["moves"] >= 12  # ten points, from home and back
+        # five printed decimals of a degree, three metres away; a Yaskawa has whole pulses of 1/1000 degree
+        assert checked["positions_max_mm"] < (0.05 if p["post"] == "jbi" else 5e-4), p
+        assert checked["path_max_mm"] < 0.05, p
+        assert checked["events_equal"] is True
+        with_words = p["post"] in ("krl", "rapid", "fanuc", "val3", "mine.toml")
+        assert checked["configuration_equal"] is (True if with_words else None), p
+        if p["post"] in ("fanuc", "jbi"):
+            assert checked["joints_max_deg"] is not None
+
+
+def test_the_makers_words_are_there(job: Path) -> None:
+    out = job / "out"
+    assert "E6AXIS" not in (out / "krl" / "part_apt.src").read_text()  # axis PTP as aggregates
+    assert "MoveAbsJ" in (out / "rapid" / "part_apt.mod").read_text()
+    assert "CONFIG" in (out / "fanuc" / "PART_APT.ls").read_text()
+    assert "movel(" in (out / "urscript" / "part_apt.script").read_text()
+    assert "MOVJ" in (out / "jbi" / "PART_APT.JBI").read_text()
+    assert json.loads((out / "ros_json" / "part_apt.json").read_text())["joint_names"]
+    own = (out / "mine" / "part_apt.src").read_text()
+    assert "part_apt_001( )" in own  # split, six moves a part
+    assert own.count("DEF ") == 1 + -(-result(job)["programs"][-1]["checked"]["moves"] // 6)
+
+
+@pytest.mark.parametrize("file", ["krl/part_apt.src", "mine/part_apt.src", "rapid/part_apt.mod", "csv/part_apt.csv"])
+def test_spindle_coolant_and_feeds_stand_where_the_cam_file_has_them(job: Path, file: str) -> None:
+    """Looked up by place, not by number: what happens between which two points of the toolpath."""
+    program = read_program(job / "out" / file)
+    by = {e.text: e.index for e in program.events}
+    place = program.T_base_tcp[:, :3, 3] * 1e3
+
+    def towards(text: str) -> list[float]:
+        """End of the first Cartesian move at or behind an event."""
+        rows = by[text] + np.flatnonzero(np.isfinite(place[by[text] :, 0]))
+        return [round(float(v), 3) + 0.0 for v in place[rows[0]]]
+
+    assert by["SPINDL/1500,RPM,CLW"] <= 1  # before anything but home
+    assert towards("COOLNT/ON") == [-100, 0, -0.5]
+    assert towards("DELAY/1.5") == [-92, 0, -0.5]
+    last = next(k for k, p in enumerate(place) if np.allclose(p, [-80, 4, 5], atol=1e-3))
+    assert by["COOLNT/OFF"] == last + 1
+    assert by["SPINDL/OFF"] > by["COOLNT/OFF"]
+    for point, feed in (([-92, 0, -0.5], 1500), ([-84, 4, -0.5], 900), ([-100, 0, -0.5], 1500)):
+        row = next(k for k, p in enumerate(place) if np.allclose(p, point, atol=1e-3) and np.isfinite(program.feed[k]))
+        assert program.feed[row] * 6e4 == pytest.approx(feed, abs=0.03)  # six decimals of m/s
+
+
+def test_the_cells_own_lines_are_taken(job: Path) -> None:
+    assert "SPINDLE(1500)" in (job / "out" / "krl" / "part_apt.src").read_text()
+    assert "SPINDLE" not in (job / "out" / "csv" / "part_apt.csv").read_text()  # a table has no such lines
+
+
+def test_one_post_lies_in_the_output_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    copied(
+        tmp_path, CONTROLLER.replace("lines: {", "post: rapid\n  lines: {").replace("(@{value:.0f})", " @{value:.0f};")
+    )
+    assert optimize(tmp_path) == 0
+    assert (tmp_path / "out" / "part_apt.mod").is_file()  # the cell's own post
+    assert "program part_apt.mod: " in capsys.readouterr().out
+    assert optimize(tmp_path, "--quiet", "--post", "krl") == 0
+    assert {"part_apt.src", "part_apt.dat"} <= {f.name for f in (tmp_path / "out").iterdir()}
+    assert not (tmp_path / "out" / "part_apt.mod").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--post", "karel"], "no post is named 'karel'"),
+        (["--post", "nowhere.toml"], "no such file"),
+        (["--post", "fanuc"], "controller.nonflip_j5"),
+        (["--post", "krl", "--post", "krl"], "asked for twice"),
+        (["--post", "FIELD"], "no field is named 'a7'"),
+        (["--post", "TAKEN"], "result.json, which is a name of the output folder's own"),
+        (["--post", "UNCALLED"], "does not say how to run one"),
+        (["--program-tolerance-mm", "0.01"], "more than path_tolerance_mm = 0.015 would work"),
+        (["--program-tolerance-mm", "nan"], "--program-tolerance-mm"),
+    ],
+)
+def test_what_cannot_be_written_is_refused_before_the_plan(
+    options: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copied(tmp_path)
+    krl = post_text("krl")
+    made = {
+        "FIELD": krl.replace("A6 @{a6:.5f}", "A6 @{a7:.5f}"),
+        "TAKEN": post_text("json").replace("@{name}.json", "result.json"),
+        "UNCALLED": krl.replace('call = "@{part}( )"\n', ""),
+    }
+    for name, text in made.items():
+        (tmp_path / f"{name}.toml").write_text(text, encoding="utf-8")
+    words_given = [str(tmp_path / f"{o}.toml") if o in made else o for o in options]
+    assert optimize(tmp_path, *words_given) == 2
+    told = capsys.readouterr()
+    assert words in told.err
+    assert "collisions" not in told.err  # no stage of the plan was begun
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [(b"LIN {X -9", b"LIN {X -8", "goes elsewhere"), (b",T ", b",T 1", "names another configuration"),
+     (b"; CAM: COOLNT/ON", b"; cam", "events differ")],
+)  # fmt: skip
+def test_a_program_that_says_something_else_is_exit_4(
+    old: bytes, new: bytes, words: str, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    copied(tmp_path)
+
+    def faulty(folder: Path | None, *rest: Any, **more: Any) -> list[Path]:
+        files = write_program(folder, *rest, **more)
+        for file in files[:1]:
+            data = file.read_bytes()
+            assert old in data
+            file.write_bytes(data.replace(old, new, 1))
+        return files
+
+    monkeypatch.setattr(machopt.job.posts, "write_program", faulty)
+    assert optimize(tmp_path, "--quiet") == 4
+    told = capsys.readouterr().err
+    assert words in told
+    assert "program part_apt.src" in told
+    found = result(tmp_path)
+    assert found["exit_code"] == 4
+    assert found["verification"]["passed"] is True  # the motion is right, its program is not
+    assert any(words in d for d in found["programs"][0]["differences"])
+
+
+def test_points_are_added_where_the_controllers_line_would_leave_the_motion(tmp_path: Path) -> None:
+    """The tool tilts by 50° and turns by 60° on one long stretch: an even turn about one axis is another motion."""
+    table = tmp_path / "tilt.csv"
+    s, c = np.sin(np.radians(25)), np.cos(np.radians(25))
+    table.write_text(
+        f"x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min\n-60,0,90,0,{-s},{c},rapid,\n-60,0,80,0,{-s},{c},cut,600\n"
+        f"60,0,80,0,{s},{c},cut,600\n60,0,90,0,{s},{c},cut,600\n"
+    )
+    t = read_toolpath(table)
+    fixed = (FixedRotation(1, np.radians(-30)), FixedRotation(2, np.radians(30)))
+    the_plan = plan(load_cell(CELLS / "kr500_milling"), t, PlanOptions(collision=False, fixed=fixed))
+    timeline = build_timeline(the_plan, t)
+    assert timeline.trajectory is not None
+    robot, motion = the_plan.setup.robot, timeline.trajectory.q
+    tight = Tolerance(axis=np.radians(0.05), turn=np.radians(0.25))  # the default
+    loose, close = (robot_program(the_plan, t, timeline, x) for x in (Tolerance(1.0, 3.0, 3.0), tight))
+    assert loose.added == 0
+    assert 0 < close.added < 40
+    samples = np.linalg.inv(close.program.T_base_workpiece) @ robot.fk(motion, close.program.T_flange_tcp)
+    for made, inside in ((loose, False), (close, True)):
+        off = departure(samples, made.program.T_workpiece_tcp, made.at, made.program.kind == LIN)
+        assert (off.share(tight).max() <= 1.0) is np.bool_(inside)
+        file = write_program(tmp_path, "tilt", made.program, "krl")[0]
+        found = read_back(made, Controller(), file, robot, motion, tight)
+        assert found.ok is inside
+        assert inside or "straight line leaves the motion" in found.differences[0]
+    assert (np.diff(close.at) >= 0).all()
+    cut = close.program.cutting
+    assert close.program.feed[cut] == pytest.approx(0.01)
+    x = close.program.T_workpiece_tcp[cut, 0, 3]
+    assert (np.diff(x) >= -1e-6).all()  # in the order of the path
