@@ -125,3 +125,46 @@ def test_a_program_follows_its_calls_and_data(tmp_path: Path) -> None:
     assert parsed.bases[parsed.base[1]].name == "BASE_DATA[3]"
     assert parsed.axes_deg[5, 4] == 45
     assert [f.name for f in parsed.files] == ["job.src", "job.dat", "OTHER.SRC"]
+
+
+POINT = "{positions: [0.1, -0.2, 0.3, 0, 0.5, 0], velocities: [], time_from_start: {sec: %d, nanosec: 5}}"
+ROS = "joint_names: [a, b, c, d, e, f]\npoints:\n  # move: cut\n" + "".join(f"  - {POINT % k}\n" for k in range(3))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        ROS,  # line by line
+        ROS.replace("points:\n", "points: \n"),  # the same by the strict YAML reader
+        ROS.replace("{positions: [0.1,", "{positions: [.1,"),  # a number of YAML and not of JSON
+        ROS.replace("0.1, -0.2", "\n      0.1, -0.2"),
+    ],
+)
+def test_a_trajectory_is_the_same_however_its_yaml_is_laid_out(tmp_path: Path, text: str) -> None:
+    (tmp_path / "a.yaml").write_text(text)
+    parsed = read_program(tmp_path / "a.yaml")
+    np.testing.assert_allclose(np.radians(parsed.axes_deg), [[0.1, -0.2, 0.3, 0, 0.5, 0]] * 3, atol=1e-15)
+    np.testing.assert_allclose(parsed.time, [5e-9, 1 + 5e-9, 2 + 5e-9])
+    assert parsed.kind.tolist() == [1, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("sec: 2,", "sec: 2, sec: 3,", "twice|duplicate"), ("sec: 2,", "sec: 0,", "does not rise"),
+        ("sec: 2,", "sec: .nan,", "finite|nan"), ("velocities: []", "velocities: [1]", "none or 6"),
+        ("  # move: cut\n", "  # move: cut\n  - 3\n", "expected positions"),
+        ("0.1, ", "0.1, &a 1, ", "found 7 numbers|alias"),
+        ("0.1, ", "'0.1', ", "finite numbers"),
+    ],
+)  # fmt: skip
+def test_faults_of_a_trajectory_are_named(tmp_path: Path, old: str, new: str, message: str) -> None:
+    (tmp_path / "a.yaml").write_text(ROS.replace(old, new, 1))
+    with pytest.raises(InputError, match=message):
+        read_program(tmp_path / "a.yaml")
+
+
+def test_a_trajectory_of_minutes_is_read_in_seconds(tmp_path: Path) -> None:
+    """A quarter of an hour every 12 ms: more numbers than the strict YAML reader takes at all."""
+    (tmp_path / "a.yaml").write_text(ROS + "".join(f"  - {POINT % k}\n" for k in range(3, 75_000)))
+    assert len(read_program(tmp_path / "a.yaml")) == 75_000

@@ -27,6 +27,7 @@ from machopt.plan.timeline import build_timeline
 CELLS = Path(__file__).resolve().parents[1] / "cells"
 # a pass over the head with everything a program must say in its place
 APT = """UNITS/MM
+PPRINT/Fräsen; Ø10 "fein" 100% <A&B> {x} [y] !
 LOADTL/4
 SPINDL/1500,RPM,CLW
 RAPID
@@ -66,7 +67,7 @@ def copied(folder: Path, more: str = "") -> Path:
     shutil.copytree(CELLS / "kr500_milling", folder / "cell")
     file = folder / "cell" / "cell.yaml"
     file.write_text(file.read_text(encoding="utf-8") + more, encoding="utf-8")
-    (folder / "part.apt").write_text(APT, encoding="ascii")
+    (folder / "part.apt").write_text(APT, encoding="latin-1")
     return folder / "cell"
 
 
@@ -123,6 +124,7 @@ def test_the_makers_words_are_there(job: Path) -> None:
     assert json.loads((out / "ros_json" / "part_apt.json").read_text())["joint_names"]
     own = (out / "mine" / "part_apt.src").read_text()
     assert "part_apt_001( )" in own  # split, six moves a part
+    assert str(job / "mine.toml") in result(job)["inputs"]  # hashed with the rest
     assert own.count("DEF ") == 1 + -(-result(job)["programs"][-1]["checked"]["moves"] // 6)
 
 
@@ -198,6 +200,46 @@ def test_what_cannot_be_written_is_refused_before_the_plan(
     assert words in told.err
     assert "collisions" not in told.err  # no stage of the plan was begun
     assert not (tmp_path / "out").exists()
+
+
+OWN = """machopt_post = 1
+dialect = "krl"
+title = "a language of its own"
+name = { pattern = "[a-z_]+", length = 40 }
+[[file]]
+name = "@{name}.own"
+text = '''
+@{body}
+'''
+[block.moves]
+ptp = "GO @{a1:.3f} @{a2:.3f}"
+lin = "CUT @{x:.3f} @{y:.3f} @{z:.3f}"
+"""
+
+
+def test_a_language_nobody_here_reads_is_written_unchecked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    copied(tmp_path)
+    (tmp_path / "own.toml").write_text(OWN, encoding="utf-8")
+    assert optimize(tmp_path, "--post", str(tmp_path / "own.toml")) == 0
+    assert "program part_apt.own: NOT CHECKED" in capsys.readouterr().out
+    found = result(tmp_path)["programs"][0]
+    assert (found["checked"], found["differences"]) == (None, [])
+    lines = (tmp_path / "out" / "part_apt.own").read_text().splitlines()
+    assert sum(line.startswith("CUT ") for line in lines) == 8
+    # in KRL's own clothes it is read, and what is missing is told
+    krl = OWN.replace("text = '''\n", "text = '''\nDEF @{name}( )\n").replace("@{body}\n", "@{body}\nEND\n")
+    (tmp_path / "own.toml").write_text(krl, encoding="utf-8")
+    assert optimize(tmp_path, "--quiet", "--post", str(tmp_path / "own.toml")) == 4
+    assert "cannot be read back" in capsys.readouterr().err
+
+
+def test_an_arm_of_unknown_posture_gets_no_status(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tracks = Path(__file__).resolve().parents[1] / "toolpaths" / "bone_tracks.csv"
+    job = ["optimize", str(CELLS / "cutting_cobot"), str(tracks), "-o", str(tmp_path / "out"), "--post", "krl_pos"]
+    assert main(job) == 2
+    told = capsys.readouterr().err
+    assert "so there is no S; the post krl works without" in told
+    assert "collisions" not in told  # before the plan
 
 
 @pytest.mark.parametrize(

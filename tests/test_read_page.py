@@ -105,3 +105,11 @@ def test_a_long_path_makes_a_small_page(tmp_path: Path) -> None:
     top = view_svg(t, VIEWS[0])
     xs = [float(v) for v in re.findall(r"[ML]([\d.]+) ", top)]
     assert max(xs) - min(xs) > 400.0  # pixels: the whole width is still drawn
+
+
+def test_numbers_of_a_flat_view_do_not_lie_on_each_other(tmp_path: Path) -> None:
+    t = read(tmp_path, TABLE, "x_mm,y_mm,z_mm,feed_mm_min\n0,0,0,600\n400,0,10,600\n400,300,10,600\n")
+    front = view_svg(t, VIEWS[1])
+    heights = [float(v) for v in re.findall(r'<text class=tick x="35" y="([\d.]+)"', front)]
+    assert heights
+    assert min(np.abs(np.diff(sorted(heights))), default=99.0) > 15  # pixels; the letters are 11 high

@@ -283,11 +283,12 @@ def _programs(result: dict[str, Any]) -> list[str]:
     lines = []
     for p in result["programs"]:
         c = p["checked"]
-        state = (
-            f"reads back within {c['positions_max_mm']:.1g} mm"
-            if not p["differences"]
-            else "DOES NOT READ BACK AS WRITTEN"
-        )
+        if c is None:
+            lines.append(f"  program {p['files'][0]}: NOT CHECKED: in a language that no reader here knows")
+            continue
+        state = f"reads back within {c['positions_max_mm']:.1g} mm"
+        if p["differences"]:
+            state = "DOES NOT READ BACK AS WRITTEN"
         if math.isfinite(c["path_max_mm"]):
             state += f", its lines keep to the motion within {c['path_max_mm']:.3f} mm"
         added = f" ({p['moves_added']} added for that)" if p["moves_added"] else ""

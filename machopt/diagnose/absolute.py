@@ -101,7 +101,7 @@ def build(
     problem = Problem(
         "position", y, base, tuple(unknowns), tuple(families), recording.pose, visit, visit, readings.session,
         replicate, recording.line, np.arange(1, len(recording) + 1),
-        scale=readings.through(readings.wrench) if loaded else None,
+        scale=readings.through(readings.wrench) if loaded else None, time=recording.time,
     )  # fmt: skip
     readings = replace(readings, visit=visit, cycle=visit)
     return problem, catalogue(readings, problem), model.notes(frame)

@@ -193,6 +193,9 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
         if verdict != "consistent"
         else []
     )
+    if there.lasting and real:
+        lasts = Share("environment", 1.0, "what one visit shows, the next one shows too, at another pose: it lasts over time")
+        machine = [lasts, *(s for s in machine if s.axis != "environment")]
     shares = _shares(state, findings, machine) + data[:3]
     options.progress("detection limits")
     seen = limits.limits(with_chosen(state.base, () if withdrawn else state.chosen), state.tried, rng)

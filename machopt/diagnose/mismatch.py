@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 FLIPS = 999
 BINS = 3
+LEAST_VISITS = 12
+PERMITTED = 0.005  # chance of what lasts over time
 CONCENTRATED = 1.35  # power of a bin per the mean before it is worth a word
 
 
@@ -30,6 +32,7 @@ class Repeatable:
 
     power: float  # SI², per coordinate of the first family; may be slightly negative by chance
     p_value: float
+    lasting: bool = False  # what comes back does so over time, not over poses
 
 
 def repeatable(
@@ -37,10 +40,41 @@ def repeatable(
 ) -> Repeatable:  # fmt: skip
     """Measure it.
 
-    Where nothing was measured twice, power is what exceeds the noise, and chance is not judged (NaN).
+    Where time matters, what visits share with the next one (of another pose) comes back, too: heat, a tracker that
+    moved. Where nothing was measured twice, power is what exceeds the noise, and chance is not judged (NaN).
     """
     columns = list(problem.families[0].columns)
     e = residual[:, columns]
+    again = _twins(problem, e, used, noise, rng)
+    if problem.time is None:
+        return again
+    lasting = _lasting(problem, e, used, problem.time, rng)
+    return lasting if lasting.power > again.power and lasting.p_value <= PERMITTED else again
+
+
+def _lasting(problem: Problem, e: Array, used: Flags, time: Array, rng: np.random.Generator) -> Repeatable:
+    """Mean product of the mean residuals of visits that follow each other; chance by shuffling their order."""
+    rows = np.flatnonzero(used)
+    visits, label = np.unique(problem.visit[rows], return_inverse=True)
+    count = np.bincount(label).astype(float)
+    mean = np.stack([np.bincount(label, e[rows, d]) for d in range(e.shape[1])], axis=1) / count[:, None]
+    when = np.bincount(label, time[rows]) / count
+    session = np.zeros(len(visits))
+    session[label] = problem.session[rows]
+    order = np.lexsort((when, session))
+    if len(order) < LEAST_VISITS:
+        return Repeatable(0.0, 1.0)
+    own = mean[order]
+    power = float(np.mean(np.sum(own[1:] * own[:-1], axis=1)) / e.shape[1])
+    drawn = np.empty(FLIPS)
+    for n in range(FLIPS):
+        x = own[rng.permutation(len(own))]
+        drawn[n] = np.mean(np.sum(x[1:] * x[:-1], axis=1)) / e.shape[1]
+    return Repeatable(power, float((1 + np.sum(drawn >= power)) / (FLIPS + 1)), True)
+
+
+def _twins(problem: Problem, e: Array, used: Flags, noise: Noise, rng: np.random.Generator) -> Repeatable:
+    """What twins on different visits share."""
     sums, weight = _products(problem, e, used)
     if weight <= 0:
         return Repeatable(float(np.mean(e[used] ** 2)) - noise.together(0) ** 2, float("nan"))

@@ -54,7 +54,8 @@ def skew(
     def sizes(x: Array, s: Shape) -> Mapping[str, Quantity]:
         return {"late": Quantity(1e3 * float(x[0]), "ms")}
 
-    shapes: tuple[Shape, ...] = ((0.0,),) if abs(best) < 4 * STILL else ((0.0,), (best,))
+    # one column, so that two names of one difference of clocks are one and the same
+    shapes: tuple[Shape, ...] = ((best if abs(best) > STILL else 0.0,),)
     return Hypothesis(
         "time_skew", f"sensor:{sensor}", "clock of its own", "f_recorded(t) = f(t − d)", columns, sizes, shapes,
         correction=lambda x, s: RecordCorrection("time_skew", f"sensor:{sensor}", {"late_ms": 1e3 * float(x[0])}),

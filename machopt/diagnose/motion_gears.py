@@ -12,7 +12,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from machopt.diagnose.motion_frame import ARCMIN, Fit, Scene, curve, joint_law, one_joint
-from machopt.diagnose.motion_memory import lag, mass_on_spring, play
+from machopt.diagnose.motion_memory import bouc_wen, lag, mass_on_spring, play
 from machopt.diagnose.motion_torque import gear_load
 from machopt.diagnose.problem import Array, Hypothesis, Quantity, Shape
 from machopt.domain.stiffness import Term
@@ -21,6 +21,7 @@ CLICK = (0.004, 0.01, 0.025, 0.06)  # threshold per largest torque: a step, soft
 KNEE = (0.1, 0.2, 0.3, 0.45, 0.6, 0.75)
 PLAY = (0.02, 0.05, 0.1, 0.18, 0.3, 0.45)
 PAIRS = ((0.02, 0.1), (0.02, 0.3), (0.05, 0.18), (0.05, 0.3), (0.1, 0.3), (0.1, 0.45), (0.18, 0.45))
+DRAGS = tuple((r, b) for r in (0.1, 0.2, 0.4, 0.8, 1.6) for b in (0.5, 0.65, 0.8))
 CREEP = (0.5, 1.5, 4.0, 12.0, 40.0)  # s
 BANDS = tuple(float(f) for f in np.geomspace(0.8, 20.0, 17).round(2))  # Hz
 DAMPING = (0.01, 0.02, 0.03, 0.045, 0.07, 0.1)
@@ -86,12 +87,24 @@ def _memory(scene: Scene, joint: int, load: Array, around: float) -> list[Hypoth
         return Term("joint_hysteresis", where, {
             "law": "play", "weights_rad_per_Nm": [float(v) for v in x], "thresholds_Nm": [float(r * around) for r in s]})  # fmt: skip
 
+    def drag(s: Shape) -> Array:
+        return -bouc_wen(load, first, s[0] * around, s[1])
+
+    def drag_width(x: Array, s: Shape) -> Mapping[str, Quantity]:
+        # twist between the branches where a full cycle crosses zero torque
+        up = np.concatenate([np.linspace(0, 1, 40), np.linspace(1, -1, 80), np.linspace(-1, 1, 80)]) * around
+        z = bouc_wen(up, np.zeros(len(up), np.int64), s[0] * around, s[1])
+        return {"width": Quantity(float(x[0]) * abs(float(z[160] - z[80])) / ARCMIN, "arcmin"),
+                "reach": Quantity(s[0] * around, "N·m")}  # fmt: skip
+
     equation = "φ = c τ + Σ a P_r[τ], P_r the play operator of half-width r (Prandtl–Ishlinskii)"
     return [
         _law(scene, joint, "joint_hysteresis", "play", equation, plays, load, width, tuple((r,) for r in PLAY), (0.0,),
              "on load reversal", term),
         _law(scene, joint, "joint_hysteresis", "two plays", equation, plays, load, width, PAIRS, (0.0, 0.0),
              "on load reversal", term),
+        _law(scene, joint, "joint_hysteresis", "Bouc–Wen", "φ = c τ − a z, dz = [1 − |z| (β sgn(z dτ) + 1 − β)] dτ/r", drag,
+             load, drag_width, DRAGS, (0.0,), "on load reversal"),
     ]  # fmt: skip
 
 

@@ -24,7 +24,8 @@ STRETCH = 1.0  # s that are held out together, at least
 STRETCHES = 24  # so many where the record is long enough
 SHORT_CYCLE = 0.25  # s whose errors may be correlated
 SAME = 0.02  # of the spread of the joints; a motion that comes back closer than this is periodic
-TOP = 20.0  # Hz, no drive of a large arm is asked for more
+TOP = 80.0  # Hz, no drive of an arm is asked for more
+RATE = 50.0  # Hz of readings at least, where the record has so many; faster is mostly noise of the drives
 
 
 @dataclass(frozen=True)
@@ -157,7 +158,7 @@ def signals(recording: Recording, joints: int, readings: int = READINGS) -> Moti
         v[s] = sosfiltfilt(sos, speed[s], axis=0, padlen=min(len(q[s]) - 1, 3 * round(rate / cutoff)))
         a[s] = np.gradient(v[s], time[s], axis=0)
     period, length = _periods(recording, index, time, session, q, spans, rate)
-    step = max(1, -(-len(q) // readings))
+    step = max(1, -(-len(q) // readings), int(rate / RATE))
     starts = _blocks(segment, period, step)
     ends = np.r_[starts[1:], len(q)]
     edge = 0.5 / cutoff

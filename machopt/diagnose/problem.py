@@ -64,6 +64,7 @@ class Problem:
     scale: Array | None = None  # (N, D) size of what a gain error acts on (predicted displacement); None: no such noise
     excluded: Flags | None = None  # (N,) rows that the record checks put aside
     known: Array | None = None  # (N, D) K_C of load and weight, already taken off y; a base unknown holds its doubt
+    time: Array | None = None  # (N,) s, where readings of one hour may share an error that those of another do not
     weight_known: bool = True  # masses of links and tool are stated
 
     def __len__(self) -> int:

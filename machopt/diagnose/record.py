@@ -24,7 +24,7 @@ from machopt.model.robot import Robot
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 MOST_REPAIRS = 3
-ORDINARY = 0.015  # share of gross errors that any tracker makes; more is worth a finding
+ORDINARY = 0.04  # share of gross errors that trackers make now and then; more is worth a finding
 CLERICAL = 2  # slipped decimals or copies that are no accident of the tracker
 SLIP = (10.0, 100.0, 1000.0)
 FITS = 3.0  # noise within which a slipped decimal, put right, meets the prediction

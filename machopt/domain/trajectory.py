@@ -15,7 +15,7 @@ class Trajectory:
     """Uniformly sampled joint motion from home through the toolpath and back home."""
 
     time: Array  # (S,) s, uniform
-    q: Array  # (S, 6) rad
+    q: Array  # (S, 6) rad, encoder angles: kinematic corrections of the cell are in them
     external: Array  # (S, E) rad or m
     point: Array  # (S,) fractional index along the toolpath's points; NaN before the first and after the last
     move: NDArray[np.int8]  # (S,) Move codes

@@ -42,7 +42,7 @@ class PointsTable:
     operations: tuple[str, ...]  # labels
     gamma: Array  # (N,) rad
     branch: NDArray[np.int8]  # (N,)
-    q: Array  # (N, 6) rad
+    q: Array  # (N, 6) rad, encoder angles: kinematic corrections of the cell are in them
     external: Array  # (N, E) rad or m
     external_prismatic: tuple[bool, ...]  # (E,)
     k_axial: Array  # (N,) N/m, 1/(eᵀCe) along the tool axis
@@ -112,6 +112,9 @@ def write_trajectory_csv(
 ) -> None:
     """Write ``trajectory.csv``.
 
+    The columns q1_deg … q6_deg are what the encoders say, kinematics.yaml of the cell counted in; no other column is
+    touched by it (gamma, point and feed belong to the tool where it really is).
+
     Joints carry nine decimals: third differences of the samples over (12 ms)³ are held against jerk limits,
     and 1e-9 deg of rounding is 5e-3 deg/s³ there.
 
@@ -178,7 +181,11 @@ def read_trajectory_csv(path: Path) -> TrajectoryTable:
 
 
 def write_points_csv(path: Path, table: PointsTable) -> None:
-    """Write ``points.csv``, one row a toolpath point, numbered from 0."""
+    """Write ``points.csv``, one row a toolpath point, numbered from 0.
+
+    q1_deg … q6_deg and limit_margin_deg are of encoder angles, kinematics.yaml of the cell counted in; stiffness,
+    clearance and singularity of where the arm really stands.
+    """
     n = len(table)
     move, operation = _words(table.move, table.operation, table.operations)
     columns = [

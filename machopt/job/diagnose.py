@@ -108,9 +108,7 @@ def run_diagnose(request: Request, progress: Progress = lambda _: None) -> Outco
         write_residuals(folder / "residuals.csv", found.recording, d, found.problem)
         progress("report")
         facts = tuple((k, str(v)) for k, v in (said | inputs).items())
-        write_diagnosis(
-            folder / "report.html", page_of(cell, found.recording, d, facts, effect, problem=found.problem)
-        )
+        write_diagnosis(folder / "report.html", page_of(cell, found.recording, d, facts, effect, problem=found.problem))
         write_json(folder / "diagnosis.json", result)
     return Outcome(d, result, request.out / "report.html")
 
@@ -134,6 +132,7 @@ def _at_rest(
         notes: tuple[str, ...] = ()
     else:
         problem, catalogue, notes = absolute.build(recording, cell, robot, masses, rng)
+        problem = replace(problem, time=recording.time)
         predicted = "poses"
     if copies.any():
         problem = replace(problem, excluded=copies)
@@ -184,7 +183,11 @@ def _motion(request: Request, cell: Cell, recording: Recording, options: engine.
     rng = np.random.default_rng(request.seed)
     options.progress(f"signals and equations, channel {channel}")
     problem, catalogue, notes, found = motion.build(recording, cell, channel, rng)  # type: ignore[arg-type]
-    words = {"torque": "stretches of joint torque", "link": "stretches of link-side position", "tip": "stretches of tip"}
+    words = {
+        "torque": "stretches of joint torque",
+        "link": "stretches of link-side position",
+        "tip": "stretches of tip",
+    }
     d = engine.diagnose(problem, catalogue, replace(options, predicted=words[channel]), rng)
     return _Found(_with_record(d, list(found), None, notes, recording.warnings), problem, recording)
 

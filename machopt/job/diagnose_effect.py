@@ -31,6 +31,7 @@ from machopt.se3 import wrap
 
 Array = NDArray[np.float64]
 CHANGED = np.radians(1.0)  # a rotation that differs by less is the same choice
+WORTH = 0.01  # share of the deflection; to turn the tool for less is of no use
 TEST_FORCE = 1000.0  # N along the tool axis, where the cell's plan states no process force
 
 
@@ -66,7 +67,7 @@ def effect_on_job(
         return _nothing(toolpath.source, str(error))
     found = _compare(old, new)
     if found is None:
-        return _nothing(toolpath.source, _why(old) or _why(new))
+        return _nothing(toolpath.source, _why(old) or _why(new) or "no point that both models hold")
     return _block(toolpath.source, found, old, new)
 
 
@@ -75,6 +76,7 @@ class _Compared:
     """Both choices at the planning points that both reach."""
 
     both: NDArray[np.bool_]  # (P,) cut, and reached by both
+    is_point: NDArray[np.bool_]  # (P,) points of the toolpath itself
     weight: Array  # (P,) of the length cut there, in all 1
     turned: Array  # (P,) rad, new less old rotation
     before: Array  # (P,) m, old choice, old model
@@ -85,8 +87,9 @@ class _Compared:
         return float(self.weight[self.both] @ deflection[self.both])
 
     def worst(self, deflection: Array) -> int:
-        """Row of the planning point that bends most."""
-        return int(np.where(self.both, deflection, -np.inf).argmax())
+        """Row of the toolpath point that bends most; of any planning point where no point itself is compared."""
+        named = self.both & self.is_point
+        return int(np.where(named if named.any() else self.both, deflection, -np.inf).argmax())
 
 
 def _compare(old: Plan, new: Plan) -> _Compared | None:
@@ -98,7 +101,7 @@ def _compare(old: Plan, new: Plan) -> _Compared | None:
         return None
     weight = np.where(both, path.weight, 0.0)
     weight = weight / weight.sum() if weight.sum() > 0.0 else both / both.sum()
-    return _Compared(both, weight, np.asarray(wrap(gamma(new) - gamma(old))), before, unchanged, after)
+    return _Compared(both, path.is_point, weight, np.asarray(wrap(gamma(new) - gamma(old))), before, unchanged, after)
 
 
 def _deflection(choice: Plan, model: Plan) -> Array:
@@ -164,9 +167,11 @@ def _sentence(
     )
     if share > 0.0:
         out += (
-            f"; chosen anew, {100.0 * share:.0f} % of the points turn, all by {turned:.0f}° in the mean, and it is "
-            f"{mean['after']:.3f} mm in the mean and {worst['after']:.3f} mm at worst"
+            f"; chosen anew, the rotation differs at {100.0 * share:.0f} % of the points (by {turned:.0f}° in the mean "
+            f"over all) and leaves {mean['after']:.3f} mm in the mean and {worst['after']:.3f} mm at worst"
         )
+        if mean["after"] > (1.0 - WORTH) * mean["unchanged"] and worst["after"] > (1.0 - WORTH) * worst["unchanged"]:
+            out += ", hardly less"
     else:
         out += "; the rotation stays as it is"
     return out + (f". {lost} of {cut} planning points that are cut cannot be compared." if lost else ".")
@@ -182,7 +187,7 @@ def _why(of: Plan) -> str:
     a, path = of.chosen.assignment, of.path
     missing = np.flatnonzero(path.counted & (a.reason != Reason.OK))
     if not len(missing):
-        return "" if path.counted.any() else "the toolpath cuts nothing"
+        return ""
     row = int(missing[0])
     said = explain_points(of).get(row) or Reason(int(a.reason[row])).word
     return f"point {path.index[row]:g}: {said}"

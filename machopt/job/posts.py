@@ -16,9 +16,10 @@ from machopt.errors import InputError
 from machopt.formats.posts import load_post, needs_samples, program_name, write_program
 from machopt.formats.posts.densify import Tolerance
 from machopt.formats.posts.postfile import post_names
+from machopt.formats.programs import recognised
 from machopt.job.program import Programmed, posture_of, robot_program, sampled_program
 from machopt.job.readback import ReadBack, read_back
-from machopt.model.robot import load_chain
+from machopt.model.robot import Robot, load_chain
 from machopt.plan.blend import SPIN_TOLERANCE
 from machopt.plan.pipeline import Plan
 from machopt.plan.timeline import BEND, Timeline
@@ -45,19 +46,25 @@ class Written:
     lines: int
     added: int  # moves put in to keep to the tolerance
     tolerance: float  # m
-    checked: ReadBack
+    checked: ReadBack | None  # None: a user's own post in a language that no reader here knows
+
+    @property
+    def ok(self) -> bool:
+        """False where it says something else than the motion."""
+        return self.checked is None or self.checked.ok
 
     def as_result(self) -> dict[str, object]:
         """For result.json."""
         return {
             "post": self.label, "files": list(self.files), "lines": self.lines,
             "tolerance_mm": self.tolerance * 1e3, "moves_added": self.added,
-            "checked": self.checked.as_result(), "differences": list(self.checked.differences),
+            "checked": None if self.checked is None else self.checked.as_result(),
+            "differences": [] if self.checked is None else list(self.checked.differences),
         }  # fmt: skip
 
 
 def wanted_posts(cell: Cell, asked: Sequence[str]) -> tuple[Wanted, ...]:
-    """The posts asked for, or the cell's own; each is tried on a program of two moves before anything is planned.
+    """The posts asked for, or the cell's own; each is tried on a program of three moves before anything is planned.
 
     One post writes into the output folder itself, several into folders of their own.
 
@@ -66,16 +73,22 @@ def wanted_posts(cell: Cell, asked: Sequence[str]) -> tuple[Wanted, ...]:
     """
     out: list[Wanted] = []
     for text in asked or (cell.controller.post,):
-        file = text.endswith(".toml") or (text not in post_names() and Path(text).is_file())
+        file = is_post_file(text)
         post: str | Path = Path(text) if file else text
         label = Path(text).name if file else text
         folder = Path(text).stem if file else text
         if any(w.folder.lower() == folder.lower() for w in out):
             raise InputError(f"{text!r} is asked for twice, or two files have one name", where="--post")
         out.append(Wanted(post, label, folder if len(asked) > 1 else ""))
+    robot = load_chain(cell)[0]
     for one in out:
-        _try(cell, one)
+        _try(cell, robot, one)
     return tuple(out)
+
+
+def is_post_file(text: str) -> bool:
+    """A template file rather than the name of a shipped post."""
+    return text.endswith(".toml") or (text not in post_names() and Path(text).is_file())
 
 
 def tolerance_of(mm: float | None, options: PlanOptions) -> Tolerance:
@@ -129,7 +142,11 @@ def write_programs(
             target, program_name(toolpath.source, one.post), program.program, one.post, controller,
             reserved=() if one.folder else OWN_FILES,
         )  # fmt: skip
-        checked = read_back(program, controller, files[0], plan.setup.robot, timeline.trajectory.q, tolerance)
+        foreign = isinstance(one.post, Path) and not recognised(files[0])
+        checked = None if foreign else read_back(
+            program, controller, files[0], plan.setup.robot, timeline.trajectory.q, tolerance,
+            load_post(one.post).keys.forbid,
+        )  # fmt: skip
         lines = sum(f.read_bytes().count(b"\n") for f in files)
         names = tuple(f.relative_to(folder).as_posix() for f in files)
         out.append(Written(one.label, names, lines, program.added, tolerance.position, checked))
@@ -142,18 +159,17 @@ def controller_for(cell: Cell, one: Wanted) -> Controller:
     return cell.controller if own == other else replace(cell.controller, lines={})
 
 
-def _try(cell: Cell, one: Wanted) -> None:
+def _try(cell: Cell, robot: Robot, one: Wanted) -> None:
     """Fill the post once, into nothing: what would fail after the plan should fail before it."""
     keys = load_post(one.post).keys
-    robot = load_chain(cell)[0]
-    q = np.tile(cell.home, (2, 1))
+    q = np.tile(cell.home, (3, 1))
     controller = controller_for(cell, one)
     standing = posture_of(robot, q, controller)
     program = RobotProgram(
-        kind=np.array([PTP, LIN], np.int8), q=q, T_workpiece_tcp=robot.fk(q, cell.tool.T_flange_tcp),
-        feed=np.array([np.nan, 0.01]), cutting=np.array([False, True]), operation=np.zeros(2, np.int32),
+        kind=np.array([PTP, LIN, PTP], np.int8), q=q, T_workpiece_tcp=robot.fk(q, cell.tool.T_flange_tcp),
+        feed=np.array([np.nan, 0.01, np.nan]), cutting=np.array([False, True, False]), operation=np.zeros(3, np.int32),
         operations=("cut",), T_flange_tcp=cell.tool.T_flange_tcp, T_base_workpiece=np.eye(4),
-        move=np.array([Move.RAPID, Move.CUT], np.int8), time=np.arange(2.0), joint_names=cell.arm_joints,
+        move=np.array([Move.RAPID, Move.CUT, Move.RAPID], np.int8), time=np.arange(3.0), joint_names=cell.arm_joints,
         behind=None if standing is None else standing[0], elbow_up=None if standing is None else standing[1],
     )  # fmt: skip
     name = program_name("part", one.post)

@@ -67,8 +67,9 @@ class ReadBack:
 
 
 def read_back(
-    made: Programmed, controller: Controller, file: Path, robot: Robot, motion: Array, tolerance: Tolerance
-) -> ReadBack:
+    made: Programmed, controller: Controller, file: Path, robot: Robot, motion: Array, tolerance: Tolerance,
+    forbidden: str = "",
+) -> ReadBack:  # fmt: skip
     """Compare a program with the motion it was written from, move by move and sample by sample.
 
     Args:
@@ -78,6 +79,7 @@ def read_back(
         robot: for the places of joint targets and samples.
         motion: (S, 6) rad, the exported trajectory.
         tolerance: how far the controller's straight lines may be from it.
+        forbidden: characters that the post takes out of free text.
 
     Invalid for: what the controller makes of the program; only that it says what it should.
     """
@@ -116,7 +118,7 @@ def read_back(
     )  # fmt: skip
     if first is not None:
         wrong.append(f"move {first + 1} (line {int(parsed.line[first])}) names another configuration")
-    events = [(e.index, e.text) for e in parsed.events] == [(e.index, _told(e.text, parsed)) for e in program.events]
+    events = _events_equal(parsed, program, forbidden)
     if not events:
         wrong.append("events differ")
     path, axis, whole = _along(T, made, robot, motion, tolerance, wrong)
@@ -214,7 +216,16 @@ def _angle(T0: Array, T1: Array) -> Array:
     return np.asarray(2.0 * np.arcsin(np.clip(chord, 0.0, 1.0)))
 
 
-def _told(text: str, parsed: ParsedProgram) -> str:
-    """An event's text as far as the program's comments have room for it."""
-    plain = " ".join(text.split())
-    return next((e.text for e in parsed.events if e.text and plain.startswith(e.text)), plain)
+def _events_equal(parsed: ParsedProgram, program: RobotProgram, forbidden: str) -> bool:
+    """The same events before the same moves; texts as far as a program's comments can hold them."""
+
+    def kept(text: str) -> str:
+        return "".join(c for c in text if c.isascii() and c not in f" ?<>&{forbidden}")
+
+    if len(parsed.events) != len(program.events):
+        return False
+    for read, written in zip(parsed.events, program.events, strict=True):
+        back, text = kept(read.text), kept(written.text)
+        if read.index != written.index or not text.startswith(back) or bool(text) != bool(back):
+            return False
+    return True

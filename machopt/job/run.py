@@ -23,7 +23,7 @@ from machopt.formats.toolpath import read_toolpath
 from machopt.job.knownrobot import known_robot
 from machopt.job.page import report_data
 from machopt.job.points import PointResults, point_results
-from machopt.job.posts import Written, tolerance_of, wanted_posts, write_programs
+from machopt.job.posts import Written, is_post_file, tolerance_of, wanted_posts, write_programs
 from machopt.plan.compensate import compensate, residual
 from machopt.plan.explain import hints
 from machopt.plan.pipeline import Plan, Scored, Timings, as_driven, plan
@@ -140,7 +140,7 @@ def _result(
     trajectory = timeline.trajectory if timeline else None
     if trajectory is None:
         exit_code, verdict = 3, "infeasible"
-    elif (verification is not None and not verification.ok) or not all(p.checked.ok for p in programs):
+    elif (verification is not None and not verification.ok) or not all(p.ok for p in programs):
         exit_code, verdict = 4, "verification failed"
     else:
         exit_code, verdict = 0, "done" if not len(the_plan.missing) else "done with gaps"
@@ -151,7 +151,8 @@ def _result(
         "version": machopt.__version__,
         "verdict": verdict,
         "exit_code": exit_code,
-        "inputs": {**{_name_in(cell, f): _sha(f) for f in cell.files}, toolpath.source: toolpath.sha256},
+        "inputs": {**{_name_in(cell, f): _sha(f) for f in cell.files}, toolpath.source: toolpath.sha256,
+                   **{text: _sha(Path(text)) for text in request.posts if is_post_file(text)}},
         "options": options_as_user(options),
         "cell": cell.name,
         "toolpath": {"source": toolpath.source, "format": toolpath.format, "points": len(toolpath),

@@ -152,7 +152,7 @@ class Elastic:
             bent = tau / self.k
         twist = np.einsum("...ci,...i->...c", J, bent)
         for term in self.terms:
-            twist = twist + self._response(term, wrench) @ term.values
+            twist = twist + self.twist_of(term, wrench)
         return np.asarray(twist)
 
     def deflection(self, force: Array) -> Array:
@@ -165,7 +165,7 @@ class Elastic:
         """eᵀ C_tt e in m/N for unit directions (M, 3), for a small load (without K_C)."""
         bare = directional_compliance(self.state.J, self.k, direction)
         for term in self.terms:
-            twist = self._response(term, _as_wrench(direction), small=True) @ term.values
+            twist = self.twist_of(term, _as_wrench(direction), small=True)
             bare = bare + np.einsum("...c,...c->...", twist[..., :3], direction)
         return np.asarray(bare)
 
@@ -176,7 +176,7 @@ class Elastic:
         for term in self.terms:
             for c in range(6):
                 unit = np.broadcast_to(np.eye(6)[c], (*J.shape[:-2], 6))
-                C[..., :, c] += self._response(term, unit, small=True) @ term.values
+                C[..., :, c] += self.twist_of(term, unit, small=True)
         return np.asarray(C)
 
     def jiao_index(self, direction: Array) -> Array:
@@ -229,10 +229,15 @@ class Elastic:
         )  # fmt: skip
         return np.asarray(0.5 * size**-1.5 * (on_SSe * on_Se + on_SSSe * on_e))
 
-    def _response(self, term: LinearTerm, wrench: Array, *, small: bool = False) -> Array:
+    def twist_of(self, term: LinearTerm, wrench: Array, *, small: bool = False) -> Array:
+        """Twist (M, 6) in m and rad that one of the terms adds under a wrench (M, 6) in N and N·m on top of weight.
+
+        ``small``: as if the wrench were so small that the tangent under weight holds.
+        """
         if not isinstance(term, TorqueLaw):
-            return term.response(self.state, wrench)
-        return (term.small if small else term.response)(self.state, wrench, self.weight)
+            return np.asarray(term.response(self.state, wrench) @ term.values)
+        law = term.small if small else term.response
+        return np.asarray(law(self.state, wrench, self.weight) @ term.values)
 
 
 class ArmElasticity:
@@ -283,8 +288,8 @@ class ArmElasticity:
         if weighed and (masses is None or not (masses.body < TOOL).any()):
             names = ", ".join(f"{t.effect} at {t.location}" for t in weighed)
             self.warnings = (
-                f"{names}: depends on the whole torque of the joint, but the URDF states no mass of a link; the weight "
-                "of the arm counts as zero (an <inertial> in each link would tell).",
+                f"{names}: depends on the whole torque of the joint, but no mass of a link is known; the arm's weight "
+                "counts as zero (an <inertial> in each link of the URDF would tell).",
             )
 
     def at(self, q: Array, k: Array | None = None) -> Elastic:

@@ -104,7 +104,7 @@ class Dynamics:
         data = self.model.createData()
         P, T, L = np.empty((len(q), n, 4)), np.empty((len(q), n, 1)), np.empty((len(q), n, len(self.bodies)))
         for k in range(len(q)):
-            Y = pin.computeJointTorqueRegressor(self.model, data, q[k], v[k], a[k])
+            Y = pin.computeJointTorqueRegressor(self.model, data, q[k], v[k], a[k]).reshape(n, -1)
             P[k], T[k, :, 0], L[k] = Y[:, last] @ tool, Y[:, last] @ ball, Y @ scale
         return P, T, L
 

@@ -52,7 +52,8 @@ def _verdict(summary: Mapping[str, Any], unknown: Sequence[Mapping[str, Any]]) -
     )
     moves = summary["moves"]
     sentence = (
-        f"{summary['points']} points in {len(summary['operations'])} operations: "
+        f"{summary['points']} points in {len(summary['operations'])} "
+        f"operation{'s' if len(summary['operations']) != 1 else ''}: "
         + ", ".join(f"{n} {name}" for name, n in moves.items() if n)
         + "."
     )

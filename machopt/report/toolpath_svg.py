@@ -26,6 +26,7 @@ _CELL = 0.35  # of a pixel: steps smaller than that cannot be told apart
 _MOST_STEPS = 12_000  # drawn in one view; beyond it the cell grows
 _COARSEST = 8.0  # pixels
 _AXES_SHOWN = 120
+_TICK_ROOM = 18.0  # pixels a number takes
 _AXIS_LENGTH = 16.0  # pixels of a tool axis seen from the side
 _GRID = 1 << 15  # cells of a picture's side, more than there are
 
@@ -152,7 +153,7 @@ def _tool_axes(toolpath: Toolpath, pixels: Array, view: View) -> str:
 
 def _scales(labels: tuple[str, str], low: Array, high: Array, scale: _Scale, height: float) -> str:
     parts: list[str] = []
-    for value in _ticks(float(low[0]), float(high[0])):
+    for value in _apart(_ticks(float(low[0]), float(high[0])), scale.per_mm):
         x = scale.left + (value - float(low[0])) * scale.per_mm
         parts.append(
             f'<line class=grid x1="{x:.1f}" x2="{x:.1f}" y1="{_MARGIN / 2:g}" y2="{height - _MARGIN + 8:.1f}"/>'
@@ -160,7 +161,7 @@ def _scales(labels: tuple[str, str], low: Array, high: Array, scale: _Scale, hei
         parts.append(
             f'<text class=tick x="{x:.1f}" y="{height - _MARGIN + 20:.1f}" text-anchor=middle>{value:g}</text>'
         )
-    for value in _ticks(float(low[1]), float(high[1])):
+    for value in _apart(_ticks(float(low[1]), float(high[1])), scale.per_mm):
         y = scale.bottom - (value - float(low[1])) * scale.per_mm
         parts.append(f'<line class=grid x1="{_MARGIN - 8:g}" x2="{_WIDTH - _MARGIN / 2:g}" y1="{y:.1f}" y2="{y:.1f}"/>')
         parts.append(f'<text class=tick x="{_MARGIN - 11:g}" y="{y + 4:.1f}" text-anchor=end>{value:g}</text>')
@@ -170,6 +171,13 @@ def _scales(labels: tuple[str, str], low: Array, high: Array, scale: _Scale, hei
         f'transform="rotate(-90 12 {height / 2:.1f})">{labels[1]}</text>'
     )
     return "".join(parts)
+
+
+def _apart(values: list[float], per_mm: float) -> list[float]:
+    """As many of evenly spaced values as have room for their numbers; both directions have one scale."""
+    if len(values) < 2:
+        return values
+    return values[:: max(math.ceil(_TICK_ROOM / ((values[1] - values[0]) * per_mm)), 1)]
 
 
 def _ticks(low: float, high: float) -> list[float]:

@@ -65,7 +65,9 @@ def write_program(
             if problem.file is not None or (problem.where or "").startswith("controller")
             else loaded.origin
         )
-        raise InputError(problem.reason, file=file, where=problem.where) from None
+        known = DIALECTS[keys.dialect].absent
+        why = next((text for name, text in known.items() if f"no value for @{{{name}}}" in problem.reason), "")
+        raise InputError(why or problem.reason, file=file, where=problem.where) from None
     taken = [f for f in files if f.lower() in {r.lower() for r in reserved}]
     if taken:
         raise InputError(f"writes {taken[0]}, which is a name of the output folder's own",

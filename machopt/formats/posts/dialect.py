@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from machopt.formats.posts.columns import Job
 from machopt.formats.posts.template import Column, Value
@@ -19,4 +19,6 @@ class Dialect:
     """Remarks for the head of the program; the names tell which fields the post uses."""
     check: Callable[[Job, frozenset[str]], None] = lambda _, __: None
     """Raises InputError where a field that the post uses cannot be had."""
+    absent: Mapping[str, str] = field(default_factory=dict)
+    """Why a field may have no value, and what would work; said where a template cannot do without it."""
     maker: bool = True  # False: angles are the URDF's, whatever the cell's joint map says

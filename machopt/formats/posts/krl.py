@@ -52,5 +52,7 @@ def _notes(job: Job, used: frozenset[str]) -> Sequence[str]:
 
 
 DIALECT = Dialect(
-    columns=lambda job: {"status": lambda: _status(job), "turn": lambda: turn_bits(job.axes_deg)}, notes=_notes
+    columns=lambda job: {"status": lambda: _status(job), "turn": lambda: turn_bits(job.axes_deg)},
+    notes=_notes,
+    absent={"status": "the posture of this arm is not known, so there is no S; the post krl works without"},
 )

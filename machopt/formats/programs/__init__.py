@@ -23,7 +23,7 @@ from machopt.formats.programs.urscript import read_urscript
 from machopt.formats.programs.val3 import read_val3
 from machopt.formats.source import ReadOptions, Source, decode, read_bytes
 
-__all__ = ["KnownRobot", "ParsedProgram", "is_program", "read_program", "read_program_as_toolpath"]
+__all__ = ["KnownRobot", "ParsedProgram", "is_program", "read_program", "read_program_as_toolpath", "recognised"]
 
 _HEAD_LINES = 400
 
@@ -48,6 +48,15 @@ _READERS: tuple[tuple[str, re.Pattern[str], Callable[[Source, float, bool], Pars
 def is_program(source: Source) -> bool:
     """True where the text is a robot program of a kind that is read here."""
     return _reader(source) is not None
+
+
+def recognised(path: Path) -> bool:
+    """True where a file is a robot program of a kind that is read here.
+
+    Raises:
+        InputError: it cannot be read at all.
+    """
+    return is_program(_source(path))
 
 
 def read_program(

@@ -60,7 +60,7 @@ def _verdicts(
             cfx = int(said["cfx"])  # type: ignore[call-overload]
             out += [bool(cfx & 4) == standing[0], bool(cfx & 2) != standing[1], bool(cfx & 1) in below[4]]
     elif dialect == "fanuc" and "config" in said:
-        flip, elbow, front = str(said["config"])
+        flip, elbow, front = tuple(str(said["config"]).ljust(3)[:3])
         if standing is not None:
             out += [elbow == "DU"[standing[1]], front == "TB"[standing[0]]]
         if nonflip is not None:

@@ -3,6 +3,9 @@
 Between two pivots s apart, s² = a² + L² + 2 a L cos(α + q₂), with the force F₀ + k s it gives the torque
 τ_s = −(F₀ + k s) ds/dq on joint 2. A process force turns the joint by δ, which changes τ_s, so the gear and the spring
 share the load: (k₂ − ∂τ_s/∂q) δ = τ. The lengths come as the ratio a/L; F₀ L and k L² are torques.
+
+What τ_s does without a load, a posture some hundredths of a degree beside the encoder's, counts as little as that of
+weight, which it mostly cancels: a plan knows neither.
 """
 
 from __future__ import annotations

@@ -1,0 +1,157 @@
+"""What a finding changes for a toolpath: both plans, and the old choice under the new model."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from machopt.domain.stiffness import Stiffness, Term
+from machopt.errors import InputError
+from machopt.formats.cell import load_cell
+from machopt.formats.options import load_options
+from machopt.formats.toolpath import read_toolpath
+from machopt.job.diagnose_effect import TEST_FORCE, effect_on_job
+from machopt.job.diagnose_result import job_effect
+from machopt.model.elastic import ArmElasticity
+from machopt.plan.explain import gamma
+from machopt.plan.pipeline import Plan, plan
+
+ROOT = Path(__file__).resolve().parent.parent
+CELL = load_cell(ROOT / "cells" / "kr500_milling")
+assert CELL.stiffness is not None
+OLD = CELL.stiffness
+C = 1.0 / OLD.joints
+FOUND = Term("joint_hysteresis", "joint:4",
+             {"law": "play", "weights_rad_per_Nm": [2.0 * float(C[3])], "thresholds_Nm": [20.0]})  # fmt: skip
+NEW = replace(OLD, terms=(*OLD.terms, FOUND))
+PATH = ROOT / "toolpaths" / "plain.csv"
+# the mean alone counts, so that the planner cannot but lower it
+ONLY_MEAN = ["rotation_step_deg=20", "collision=false", "weights={mean: 1, worst: 0, travel: 0, rotation: 0, feed: 0}"]
+OPTIONS = load_options(CELL.plan, None, ONLY_MEAN)
+
+
+@pytest.fixture(scope="module")
+def effect() -> dict[str, Any]:
+    return effect_on_job(CELL, OLD, NEW, PATH, OPTIONS)
+
+
+@pytest.fixture(scope="module")
+def plans() -> tuple[Plan, Plan]:
+    toolpath = read_toolpath(PATH)
+    old, new = (plan(replace(CELL, stiffness=s), toolpath, OPTIONS) for s in (OLD, NEW))
+    return old, new
+
+
+def bent(choice: Plan, stiffness: Stiffness) -> np.ndarray:
+    """(P,) mm of the choice's configurations, from joint springs and the play's dead zone alone."""
+    d, q = choice.directions, choice.chosen.assignment.q
+    J = ArmElasticity(choice.setup.robot, CELL.tool.T_flange_tcp, OLD).jacobian(q)[0]
+    tau = np.einsum("mci,mc->mi", J[:, :3], d.force)
+    turned = tau * C
+    for term in stiffness.terms:
+        weight, threshold = term.parameters["weights_rad_per_Nm"][0], term.parameters["thresholds_Nm"][0]
+        turned[:, 3] += weight * np.sign(tau[:, 3]) * np.maximum(np.abs(tau[:, 3]) - threshold, 0.0)
+    return np.asarray(1e3 * np.linalg.norm(np.einsum("mci,mi->mc", J[:, :3], turned), axis=1))
+
+
+def test_the_numbers_are_those_of_two_plans(effect: dict[str, Any], plans: tuple[Plan, Plan]) -> None:
+    """1e-9: the same arithmetic in another order."""
+    old, new = plans
+    path = old.path
+    cases = {"before": bent(old, OLD), "unchanged": bent(old, NEW), "after": bent(new, NEW)}
+    cut = path.counted
+    for case, value in cases.items():
+        assert effect["deflection_mm"][case]["mean"] == pytest.approx(path.weight[cut] @ value[cut], rel=1e-9)
+        points = np.where(cut & path.is_point, value, 0.0)
+        assert effect["deflection_mm"][case]["worst"] == pytest.approx(points.max(), rel=1e-9)
+        assert effect["worst_point"][case] == path.index[points.argmax()]
+        np.testing.assert_allclose(effect[f"deflection_{case}_mm"], value[path.is_point], rtol=1e-9)
+    turned = np.degrees(np.abs(np.angle(np.exp(1j * (gamma(new) - gamma(old))))))[cut]
+    rotation = effect["rotation"]
+    assert rotation["mean_change_deg"] == pytest.approx(turned.mean(), abs=1e-9)
+    assert rotation["max_change_deg"] == pytest.approx(turned.max(), abs=1e-9)
+    assert rotation["changed_share"] == pytest.approx((turned > 1.0).mean())
+    assert effect["points_compared"] == cut.sum()
+    assert effect["points_not_reached"] == 0
+    assert effect["reason"] is None
+
+
+def test_the_finding_costs_and_choosing_anew_wins_some_back(effect: dict[str, Any]) -> None:
+    d = effect["deflection_mm"]
+    assert d["unchanged"]["mean"] > 1.1 * d["before"]["mean"]  # the gear gives up to three times as much
+    assert d["after"]["mean"] < 0.97 * d["unchanged"]["mean"]
+    assert effect["rotation"]["changed_share"] > 0.2
+    assert f"{d['unchanged']['mean']:.3f} mm in the mean (believed: {d['before']['mean']:.3f})" in effect["sentence"]
+    assert f"leaves {d['after']['mean']:.3f} mm" in effect["sentence"]
+
+
+def test_the_page_and_the_file_take_it(effect: dict[str, Any]) -> None:
+    json.dumps(effect, allow_nan=False)  # every point of this path is reached, so no NaN
+    page = job_effect(effect)
+    assert page.toolpath == "plain.csv"
+    assert (
+        len(page.point)
+        == len(page.gamma_before)
+        == len(page.gamma_after)
+        == len(page.deflection_after)
+        == len(read_toolpath(PATH))
+    )
+    assert [c.unit for c in page.changes] == ["mm"] * 4
+    assert page.changes[0].after > page.changes[0].before
+
+
+def test_nothing_found_changes_nothing() -> None:
+    same = effect_on_job(CELL, OLD, OLD, PATH, OPTIONS)
+    assert same["rotation"] == {"mean_change_deg": 0.0, "max_change_deg": 0.0, "changed_share": 0.0}
+    assert same["deflection_mm"]["before"] == same["deflection_mm"]["unchanged"] == same["deflection_mm"]["after"]
+    assert "the rotation stays as it is" in same["sentence"]
+
+
+def test_without_a_process_force_a_stated_one_is_taken() -> None:
+    options = replace(OPTIONS, force=replace(OPTIONS.force, travel=0.0, normal=0.0, axial=0.0))
+    found = effect_on_job(CELL, OLD, NEW, PATH, options)
+    assert found["force"] == f"{TEST_FORCE:g} N along the tool axis"
+    assert found["deflection_mm"]["unchanged"]["mean"] >= found["deflection_mm"]["before"]["mean"]
+    assert found["force"] in found["sentence"]
+
+
+def _table(folder: Path, x: float) -> Path:
+    file = folder / "path.csv"
+    rows = [f"{x},0,50,0,0,1,rapid,,a", f"{x},0,0,0,0,1,approach,900,a", f"{x + 40},0,0,0,0,1,cut,900,a",
+            f"{x + 40},0,50,0,0,1,retract,900,a"]  # fmt: skip
+    file.write_text("x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation\n" + "\n".join(rows) + "\n")
+    return file
+
+
+def test_what_cannot_be_planned_is_a_reason(tmp_path: Path) -> None:
+    far = effect_on_job(CELL, OLD, NEW, _table(tmp_path, 9000.0), OPTIONS)
+    assert "out of reach" in far["reason"]
+    assert far["reason"] in far["sentence"]
+    assert job_effect(far).changes == ()
+    hard = Term("joint_nonlinear_stiffness", "joint:3",
+                {"law": "knee", "extra_rad_per_Nm": -2.0 * float(C[2]), "knee_Nm": 300.0})  # fmt: skip
+    against = effect_on_job(CELL, OLD, replace(OLD, terms=(hard,)), _table(tmp_path, 0.0), OPTIONS)
+    assert "joint_nonlinear_stiffness takes" in against["reason"]
+
+
+def test_points_that_are_out_of_reach_are_left_out_and_counted(tmp_path: Path) -> None:
+    file = _table(tmp_path, 0.0)
+    rows = "\n".join(["9000,0,50,0,0,1,rapid,,b", "9000,0,0,0,0,1,approach,900,b", "9040,0,0,0,0,1,cut,900,b"])
+    file.write_text(file.read_text() + rows + "\n")
+    options = load_options(CELL.plan, None, [*ONLY_MEAN, "allow_gaps=true"])
+    found = effect_on_job(CELL, OLD, NEW, file, options)
+    assert found["reason"] is None
+    assert found["points_not_reached"] > 0
+    assert "out of reach" in found["not_reached_because"]
+    assert "cannot be compared" in found["sentence"]
+    assert np.isfinite(found["deflection_mm"]["after"]["mean"])
+
+
+def test_a_toolpath_that_cannot_be_read_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"none\.csv"):
+        effect_on_job(CELL, OLD, NEW, tmp_path / "none.csv", OPTIONS)

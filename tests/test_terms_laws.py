@@ -1,0 +1,456 @@
+"""What diagnose writes into stiffness.yaml, in the planner: each law again from scratch, and as diagnose fits it.
+
+Nothing of machopt's Jacobian or gravity is used on the other side: torques come from pinocchio, displacements from
+turning one joint of the arm by the law's angle.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from test_cli import changed_cell, optimize, result
+
+from machopt.diagnose import laws_body, laws_compensator, laws_joint
+from machopt.diagnose.problem import Hypothesis
+from machopt.diagnose.readings import Readings
+from machopt.domain.recording import Recording
+from machopt.domain.stiffness import Stiffness, StiffnessGrid, Term
+from machopt.errors import InputError
+from machopt.formats.cell import load_cell
+from machopt.formats.stiffness import load_stiffness, write_stiffness
+from machopt.model.elastic import ArmElasticity
+from machopt.model.robot import GRAVITY, load_masses, load_robot
+from machopt.model.terms import compile_terms, term_of, vocabulary
+
+ROOT = Path(__file__).resolve().parent.parent
+CELL = load_cell(ROOT / "cells" / "kr240_drilling")
+ROBOT, TOOL, MASSES = load_robot(CELL), CELL.tool.T_flange_tcp, load_masses(CELL)
+assert CELL.stiffness is not None
+K = CELL.stiffness.joints
+C = 1.0 / K
+ARCMIN = np.pi / 180 / 60
+LAWS: dict[str, tuple[str, str, dict[str, Any]]] = {
+    "knee": ("joint_nonlinear_stiffness", "joint:3",
+             {"law": "knee", "extra_rad_per_Nm": 0.4 * C[2], "knee_Nm": 2000.0}),
+    "harder below the knee": ("joint_nonlinear_stiffness", "joint:2",
+                              {"law": "knee", "extra_rad_per_Nm": -0.3 * C[1], "knee_Nm": 1500.0}),
+    "knees": ("joint_nonlinear_stiffness", "joint:5",
+              {"law": "knees", "extra_rad_per_Nm": [0.5 * C[4], 0.2 * C[4]], "knees_Nm": [40.0, 160.0]}),
+    "cubic": ("joint_nonlinear_stiffness", "joint:3", {"law": "cubic", "cubic_rad_per_Nm3": -1e-8 * C[2]}),
+    "softening cubic": ("joint_nonlinear_stiffness", "joint:4", {"law": "cubic", "cubic_rad_per_Nm3": 2e-6 * C[3]}),
+    "backlash": ("joint_backlash", "joint:5", {"width_arcmin": 0.6, "transition_Nm": 30.0}),
+    "hysteresis": ("joint_hysteresis", "joint:2",
+                   {"law": "play", "weights_rad_per_Nm": [0.3 * C[1], 0.2 * C[1]], "thresholds_Nm": [80.0, 400.0]}),
+    "creep": ("joint_creep", "joint:3", {"extra_rad_per_Nm": 0.1 * C[2], "time_constant_s": 20.0}),
+    "harmonics": ("joint_pose_dependent_stiffness", "joint:2",
+                  {"cos_rad_per_Nm": 0.1 * C[1], "sin_rad_per_Nm": -0.2 * C[1], "cos2_rad_per_Nm": 0.15 * C[1],
+                   "sin2_rad_per_Nm": 0.1 * C[1]}),
+    "sector": ("joint_pose_dependent_stiffness", "joint:3",
+               {"law": "sector", "extra_rad_per_Nm": 0.5 * C[2], "centre_deg": 100.0, "width_deg": 15.0}),
+    "compensator": ("gravity_compensator", "joint:2",
+                    {"force_times_length_Nm": -3e5, "rate_times_length2_Nm": 6e4, "ratio": 0.35, "angle_deg": 40.0}),
+}  # fmt: skip
+
+
+def elasticity(*terms: Term, weight: bool = True, k: np.ndarray = K, **more: Any) -> ArmElasticity:
+    limits = CELL.limits.lower[:6], CELL.limits.upper[:6]
+    return ArmElasticity(ROBOT, TOOL, Stiffness(k, terms=terms, **more), limits, MASSES if weight else None)
+
+
+def postures(n: int = 6, seed: int = 0) -> np.ndarray:
+    spread = np.radians([40, 20, 20, 50, 30, 60])
+    return np.radians([0, -90, 100, 0, 60, 0]) + np.random.default_rng(seed).uniform(-1, 1, (n, 6)) * spread
+
+
+def wrenches(n: int, seed: int = 1) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return np.concatenate([rng.uniform(-900, 900, (n, 3)), rng.uniform(-150, 150, (n, 3))], axis=1)
+
+
+# --- by pinocchio -------------------------------------------------------------------------------------------
+
+
+def _model() -> tuple[Any, int]:
+    model = pin.buildModelFromUrdf(str(CELL.urdf))
+    model.gravity.linear = np.array([0.0, 0.0, -GRAVITY])
+    flange = model.frames[model.getFrameId(CELL.flange_link)]
+    payload = pin.Inertia(CELL.tool.mass, np.array(CELL.tool.com), np.zeros((3, 3)))
+    model.inertias[6] = model.inertias[6] + flange.placement.act(payload)
+    tcp = model.addFrame(pin.Frame("tcp", 6, 0, flange.placement * pin.SE3(TOOL), pin.FrameType.OP_FRAME))
+    return model, tcp
+
+
+MODEL, TCP = _model()
+
+
+def weight_torque(q: np.ndarray) -> np.ndarray:
+    """(6,) what weight does to the joints."""
+    return -pin.computeGeneralizedGravity(MODEL, MODEL.createData(), q)
+
+
+def load_torque(q: np.ndarray, w: np.ndarray) -> np.ndarray:
+    J = pin.computeFrameJacobian(MODEL, MODEL.createData(), q, TCP, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+    return np.asarray(J.T @ w)
+
+
+def turned(q: np.ndarray, j: int, angle: float) -> np.ndarray:
+    """(6,) twist of the TCP that turning joint j by a small angle makes, to first order: central differences."""
+    step, places = 1e-5, []
+    for sign in (1.0, -1.0):
+        data, there = MODEL.createData(), q.copy()
+        there[j] += sign * step
+        pin.framesForwardKinematics(MODEL, data, there)
+        places.append(data.oMf[TCP])
+    shift = places[0].translation - places[1].translation
+    turn = pin.log3(places[0].rotation @ places[1].rotation.T)
+    return np.concatenate([shift, turn]) * angle / (2 * step)
+
+
+# --- each law again, a number at a time --------------------------------------------------------------------
+
+
+def _played(tau: float, threshold: float) -> float:
+    """A play operator driven up to τ in small steps."""
+    state = 0.0
+    for value in np.linspace(0.0, tau, 400):
+        state = min(max(state, value - threshold), value + threshold)
+    return state
+
+
+def _crept(tau: float, constant: float) -> float:
+    """T ẋ + x = τ over thirty time constants, by the implicit midpoint rule."""
+    x, dt = 0.0, constant / 20.0
+    for _ in range(600):
+        x += dt / constant * (tau - x) / (1.0 + 0.5 * dt / constant)
+    return x
+
+
+def _spring_energy(q2: float, p: dict[str, Any]) -> float:
+    """F₀ s + ½ k s² of a spring between pivots at 1 and at a/L, seen from joint 2."""
+    angle = q2 + np.radians(p["angle_deg"])
+    s = float(np.hypot(1.0 + p["ratio"] * np.cos(angle), p["ratio"] * np.sin(angle)))
+    return float(p["force_times_length_Nm"] * s + 0.5 * p["rate_times_length2_Nm"] * s**2)
+
+
+def _extra(name: str, j: int, q: np.ndarray, w: np.ndarray) -> float:
+    """rad by which joint j turns more under the wrench, weight at work before and after."""
+    p, tau, g = LAWS[name][2], load_torque(q, w)[j], weight_torque(q)[j]
+
+    def counted(law: Callable[[float], float]) -> float:
+        return law(g + tau) - law(g)
+
+    def clip(value: float, t: float) -> float:
+        return max(-t, min(t, value))
+
+    if "knee_Nm" in p:
+        return counted(lambda t: p["extra_rad_per_Nm"] * clip(t, p["knee_Nm"]))
+    if "knees_Nm" in p:
+        pairs = list(zip(p["extra_rad_per_Nm"], p["knees_Nm"], strict=True))
+        return counted(lambda t: sum(a * clip(t, knee) for a, knee in pairs))
+    if "cubic_rad_per_Nm3" in p:
+        return counted(lambda t: p["cubic_rad_per_Nm3"] * t**3)
+    if name == "backlash":
+        return counted(lambda t: 0.5 * p["width_arcmin"] * ARCMIN * clip(t / p["transition_Nm"], 1.0))
+    if name == "hysteresis":
+        pairs = list(zip(p["weights_rad_per_Nm"], p["thresholds_Nm"], strict=True))
+        return sum(a * _played(tau, r) for a, r in pairs)
+    if name == "creep":
+        return float(p["extra_rad_per_Nm"] * _crept(tau, p["time_constant_s"]))
+    if name == "harmonics":
+        waves = (np.cos(q[j]), np.sin(q[j]), np.cos(2 * q[j]), np.sin(2 * q[j]))
+        return float(tau * sum(a * wave for a, wave in zip(p.values(), waves, strict=True)))
+    if name == "sector":
+        away = (np.degrees(q[j]) - p["centre_deg"]) / p["width_deg"]
+        return float(p["extra_rad_per_Nm"] * np.exp(-(away**2) / 2) * tau)
+    assert name == "compensator"
+    step = 1e-4  # second difference of the energy: the spring's own stiffness about joint 2
+    bend = (_spring_energy(q[1] + step, p) - 2 * _spring_energy(q[1], p) + _spring_energy(q[1] - step, p)) / step**2
+    return float(tau / (K[1] + bend) - tau / K[1])
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_each_law_against_its_own_direct_computation(name: str) -> None:
+    """Twist with the term less twist without it. 1e-6: differences of the second difference and of fk; the rest is
+    exact."""
+    term = Term(*LAWS[name])
+    q, w = postures(), wrenches(6)
+    j = int(term.location.removeprefix("joint:")) - 1
+    more = elasticity(term).at(q).respond(w) - elasticity().at(q).respond(w)
+    expected = np.array([turned(a, j, _extra(name, j, a, b)) for a, b in zip(q, w, strict=True)])
+    size = np.abs(expected[:, :3]).max()
+    assert size > 2e-6  # m: the cases do exercise the law
+    np.testing.assert_allclose(more, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
+    np.testing.assert_allclose(elasticity(term).at(q).deflection(w[:, :3])[0],
+                               elasticity(term).at(q).respond(w * [1, 1, 1, 0, 0, 0])[0, :3], rtol=1e-12)  # fmt: skip
+
+
+def test_weight_decides_where_a_law_stands() -> None:
+    """The same force with weight and without, for the laws on the whole torque; play and creep know no weight."""
+    q, w = postures(), wrenches(6)
+    for name, (effect, location, parameters) in LAWS.items():
+        term = Term(effect, location, parameters)
+        known, unknown = elasticity(term), elasticity(term, weight=False)
+        depends = effect in ("joint_nonlinear_stiffness", "joint_backlash")
+        same = np.allclose(known.at(q).respond(w), unknown.at(q).respond(w), rtol=1e-12, atol=0)
+        assert same != depends, name
+        assert not known.warnings
+        assert bool(unknown.warnings) == depends, name
+        assert all(effect in text and "counts as zero" in text for text in unknown.warnings)
+    bare = replace(MASSES, body=MASSES.body[-1:], mass=MASSES.mass[-1:], com=MASSES.com[-1:])  # the tool alone
+    stiffness = Stiffness(K, terms=(Term(*LAWS["backlash"]),))
+    assert ArmElasticity(ROBOT, TOOL, stiffness, None, bare).warnings
+
+
+def test_a_small_load_meets_the_tangent_under_weight() -> None:
+    """compliance() against differences of respond() about no load; of play the slope once it is taken up."""
+    q = postures(4, seed=3)
+    for name, case in LAWS.items():
+        term = Term(*case)
+        elastic = elasticity(term).at(q)
+        found = elastic.compliance()
+        if name == "hysteresis":
+            soft = np.array(C)
+            soft[1] += sum(case[2]["weights_rad_per_Nm"])
+            J = elastic.state.J
+            expected = np.einsum("mci,i,mdi->mcd", J, soft, J)
+        else:
+            step = 1e-2  # N, N·m: far from the corners of the curves, which no posture here meets
+            each = [
+                (elastic.respond(np.tile(step * e, (4, 1))) - elastic.respond(np.tile(-step * e, (4, 1))))
+                for e in np.eye(6)
+            ]
+            expected = np.stack(each, axis=-1) / (2 * step)
+        np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max(), err_msg=name)
+        e = np.array([0.0, 0.6, 0.8])
+        np.testing.assert_allclose(elastic.along(np.tile(e, (4, 1))), e @ found[:, :3, :3] @ e, rtol=1e-9)
+        assert np.isfinite(elastic.jiao_index(np.tile(e, (4, 1)))).all()
+
+
+# --- what diagnose fits is what the planner takes ----------------------------------------------------------
+
+
+def _readings() -> Readings:
+    """Two load cycles a pose, each rising, an hour between readings: what is slow has come to rest."""
+    n, poses = 8, 10
+    q = np.repeat(postures(poses, seed=5), n, axis=0)
+    direction = np.repeat(wrenches(2 * poses, seed=6), n // 2, axis=0)
+    w = direction * np.tile(np.linspace(0.25, 1.0, n // 2), 2 * poses)[:, None]
+    pose, cycle = np.repeat(np.arange(poses), n), np.repeat(np.arange(2 * poses), n // 2)
+    rows, zero = np.arange(n * poses), np.zeros(n * poses, np.int64)
+    recording = Recording("deflection", "made up", q, pose, cycle, zero, rows, wrench=w, time=3600.0 * rows)
+    state = ROBOT.state(q, TOOL, bodies=True)
+    return Readings(recording, ROBOT, TOOL, MASSES, state, w, 6, True, np.array(C), zero, pose, cycle)
+
+
+def _hypotheses(r: Readings) -> list[Hypothesis]:
+    out = [*laws_compensator.apparent(r), *laws_body.coupling(r), *laws_body.links(r), *laws_body.base(r),
+           *laws_body.tool(r)]  # fmt: skip
+    for j in range(6):
+        for family in ("nonlinear", "backlash", "hysteresis", "creep", "pose_dependent"):
+            out += getattr(laws_joint, family)(r, j)
+    return out
+
+
+def test_every_elastic_law_of_diagnose_is_a_term_and_predicts_what_it_fitted(tmp_path: Path) -> None:
+    """Through the file: column · coefficient of the hypothesis = what the term adds to the planner's twist."""
+    r = _readings()
+    seen = set()
+    for h in _hypotheses(r):
+        shape = h.shapes[0]  # of memory: each cycle begins relaxed
+        columns = h.columns(shape)
+        unit = np.abs(columns[:, :3]).max(axis=(0, 1))
+        x = 2e-5 / np.where(unit > 0, unit, np.inf)  # m: each column moves the TCP so far
+        x = x / len(x) if h.effect != "gravity_compensator" else 0.01 * x
+        if h.law.startswith("round") or h.law.startswith("bends about"):
+            x[2] = 0.0  # what couples the two may be of either sign; without it the matrix is positive
+        term = h.correction(x, shape)
+        assert isinstance(term, Term), h.name
+        assert term.location in vocabulary()[term.effect]
+        file = tmp_path / "stiffness.yaml"
+        write_stiffness(file, Stiffness(np.array(K), terms=(term,)))
+        read = load_stiffness(file)
+        model = ArmElasticity(ROBOT, TOOL, read, None, MASSES)
+        more = model.at(r.state.q).respond(r.wrench) - elasticity().at(r.state.q).respond(r.wrench)
+        predicted = columns @ x
+        if h.effect == "gravity_compensator":  # less what the spring moves without any load, as weight does too
+            bend = laws_compensator.torques(r.state.q[:, 1], *shape)[1]
+            predicted = r.lift(1, C[1] ** 2 * r.load_torque[:, 1, None] * bend) @ x
+        # a compensator is fitted to first order in its share of joint 2's stiffness, here less than 1e-3
+        tolerance = 1e-3 if h.effect == "gravity_compensator" else 1e-6
+        size = np.abs(predicted).max(axis=0)
+        assert (np.abs(more - predicted) < tolerance * size + 1e-15).all(), f"{h.name} {h.law}"
+        again = model.terms[0].to_file()
+        assert (again.effect, again.location) == (term.effect, term.location)
+        assert set(term.parameters) <= set(again.parameters)
+        seen.add(h.effect)
+    elastic = set(vocabulary()) - {"geometric_stiffness"}
+    assert seen == elastic
+
+
+# --- what cannot be -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("effect", "location", "parameters", "message", "where"),
+    [
+        ("joint_nonlinear_stiffness", "joint:1", {"knee_Nm": 3.0}, "is missing; valid: knee, knees, cubic", ".law"),
+        ("joint_nonlinear_stiffness", "joint:1", {"law": "kne"}, "found 'kne'; valid: knee, knees, cubic", ".law"),
+        ("joint_nonlinear_stiffness", "joint:1", {"law": "knee", "knees_Nm": [1.0]}, "did you mean 'knee_Nm'",
+         "knees_Nm"),
+        ("joint_nonlinear_stiffness", "joint:1", {"law": "knee", "knee_Nm": -1.0}, "expected more than zero",
+         "knee_Nm"),
+        ("joint_nonlinear_stiffness", "joint:1", {"law": "knees", "extra_rad_per_Nm": [1.0], "knees_Nm": [1.0, 2.0]},
+         "found 1 numbers; expected 2", "extra_rad_per_Nm"),
+        ("joint_nonlinear_stiffness", "joint:1", {"law": "knees", "extra_rad_per_Nm": 1.0, "knees_Nm": [1.0]},
+         "found 1.0; expected a list of numbers", "extra_rad_per_Nm"),
+        ("joint_backlash", "joint:2", {"width_arcmin": -0.1, "transition_Nm": 3.0}, "at least zero", "width_arcmin"),
+        ("joint_backlash", "joint:7", {}, "cannot be at 'joint:7'", "terms[0].location"),
+        ("joint_hysteresis", "joint:2", {"weights_rad_per_Nm": [-1e-7], "thresholds_Nm": [3.0]}, "found -1e-07",
+         "weights_rad_per_Nm[0]"),
+        ("joint_hysteresis", "joint:2", {"weights_rad_per_Nm": [1e-7], "thresholds_Nm": [0.0]}, "torques above zero",
+         "thresholds_Nm"),
+        ("joint_hysteresis", "joint:2", {"law": "bouc-wen"}, "valid: play", ".law"),
+        ("joint_creep", "joint:2", {"extra_rad_per_Nm": -1e-9}, "at least zero", "extra_rad_per_Nm"),
+        ("joint_creep", "joint:2", {"time_constant_s": 0}, "more than zero", "time_constant_s"),
+        ("joint_pose_dependent_stiffness", "joint:2", {"law": "sector"}, "centre_deg is needed", "centre_deg"),
+        ("joint_pose_dependent_stiffness", "joint:2", {"cos3_rad_per_Nm": 1.0}, "did you mean 'cos", "cos3_rad_per_Nm"),
+        ("gravity_compensator", "joint:3", {}, "cannot be at 'joint:3'; valid: joint:2", "location"),
+        ("gravity_compensator", "joint:2", {"ratio": 1.0}, "the pivots meet", "ratio"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_said_with_its_place(
+    effect: str, location: str, parameters: dict[str, Any], message: str, where: str
+) -> None:
+    with pytest.raises(InputError) as caught:
+        compile_terms((Term(effect, location, parameters),), ROBOT, TOOL, Path("stiffness.yaml"))
+    assert message in str(caught.value)
+    assert where in str(caught.value)
+    assert "stiffness.yaml" in str(caught.value)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_law_without_its_numbers_is_refused_by_the_planner_and_by_a_fit(name: str) -> None:
+    effect, location, parameters = LAWS[name]
+    for key in parameters:
+        if key in ("law", "time_constant_s", "sin2_rad_per_Nm", "centre_deg", "width_deg"):
+            continue  # what has a default, or is asked for when the file is read
+        lacking = {k: v for k, v in parameters.items() if k != key}
+        with pytest.raises(InputError, match=f"lacks values for {key.removesuffix('_arcmin')}"):
+            elasticity(Term(effect, location, lacking))
+    if name in ("knee", "backlash", "hysteresis", "compensator"):  # identify asks the term itself
+        state = ROBOT.state(postures(1), TOOL, bodies=True)
+        with pytest.raises(InputError, match="machopt diagnose"):
+            term_of(effect, location, ROBOT, TOOL).response(state, wrenches(1))
+
+
+def test_springs_that_give_way_against_the_load_are_refused() -> None:
+    def joint(effect: str, n: int, **parameters: Any) -> Term:
+        return Term(effect, f"joint:{n}", parameters)
+
+    knee = joint("joint_nonlinear_stiffness", 3, law="knee", extra_rad_per_Nm=-1.01 * C[2], knee_Nm=300.0)
+    with pytest.raises(InputError, match=r"joint_nonlinear_stiffness takes .* from joint 3, which has"):
+        elasticity(knee)
+    knees = {"law": "knees", "extra_rad_per_Nm": [0.5 * C[2], -0.8 * C[2]], "knees_Nm": [100.0, 300.0]}
+    elasticity(joint("joint_nonlinear_stiffness", 3, **knees))  # −0.8 beyond the first knee, −0.3 below it
+    swapped = {**knees, "knees_Nm": [300.0, 100.0]}  # −0.3 below the first knee, +0.5 to the second
+    elasticity(joint("joint_nonlinear_stiffness", 3, **swapped))
+    together = joint("joint_pose_dependent_stiffness", 3, law="sector", extra_rad_per_Nm=-0.3 * C[2], centre_deg=90.0,
+                     width_deg=10.0)  # fmt: skip
+    with pytest.raises(InputError, match="with the joint's other terms"):
+        elasticity(joint("joint_nonlinear_stiffness", 3, **knees), together)
+    second = joint("joint_pose_dependent_stiffness", 2, cos_rad_per_Nm=0.0, sin_rad_per_Nm=0.0,
+                   cos2_rad_per_Nm=1.05 * C[1], sin2_rad_per_Nm=0.0)  # fmt: skip
+    with pytest.raises(InputError, match=r"takes .* from joint 2 at -90 deg"):
+        elasticity(second)
+    effect, location, p = LAWS["compensator"]
+    with pytest.raises(InputError, match="gravity_compensator takes up to"):
+        elasticity(Term(effect, location, {**p, "force_times_length_Nm": 2e6}))
+
+
+def test_a_hardening_cubic_stays_a_spring_beyond_its_reach() -> None:
+    """Torque and twist grow together at any load, and the slope is never under a tenth of the joint's own."""
+    term = Term("joint_nonlinear_stiffness", "joint:1", {"law": "cubic", "cubic_rad_per_Nm3": -1e-6 * C[0]})
+    model = elasticity(term)
+    size = np.linspace(0.0, 5e3, 400)
+    q = np.tile(np.radians([0, -90, 90, 0, 90, 0]), (len(size), 1))
+    side = np.zeros((len(size), 6))
+    side[:, 1] = size  # N across the arm
+    elastic = model.at(q)
+    tau = np.einsum("mci,mc->mi", elastic.state.J, side)[:, 0]
+    plain = elasticity().at(q).respond(side)
+    own = (elastic.respond(side) - plain)[:, 5] / elastic.state.J[:, 5, 0] + C[0] * tau  # twist of joint 1
+    slope = np.diff(own) / np.diff(tau)
+    assert slope.max() == pytest.approx(C[0], rel=1e-3)
+    assert slope.min() == pytest.approx(0.1 * C[0], rel=1e-6)
+    cubic = C[0] * tau - 1e-6 * C[0] * tau**3
+    near = np.abs(tau) < np.sqrt(0.9 / 3e-6)
+    np.testing.assert_allclose(own[near], cubic[near], rtol=1e-9, atol=1e-18)
+    assert 20 < near.sum() < len(near) - 20
+
+
+def test_the_compensator_counts_in_every_use_of_joint_stiffness() -> None:
+    """Grid, Jacobian, sensitivity to the gear's compliance, and its own share: all against differences."""
+    effect, location, p = LAWS["compensator"]
+    term, q, w = Term(effect, location, p), postures(5), wrenches(5)
+    grid = StiffnessGrid(np.array([0.5, -1.5, -0.5]), 1.5, (2, 2, 2), K * np.linspace(0.7, 1.3, 8)[:, None])
+    model = elasticity(term, grid=grid)
+    elastic, plain = model.at(q), elasticity(grid=grid).at(q)
+    assert len(np.unique(plain.k[:, 1])) > 1  # cells differ
+    np.testing.assert_allclose(model.jacobian(q)[1], elastic.k, rtol=1e-12)
+    more = model.terms[0].response(elastic.state, w) @ model.terms[0].values
+    np.testing.assert_allclose(elastic.respond(w) - plain.respond(w), more, rtol=1e-9, atol=1e-12)
+    e, step = np.tile([0.0, 0.6, 0.8], (5, 1)), 1e-4
+    for j in range(6):
+        ends = []
+        for sign in (1.0, -1.0):
+            k = K / (1.0 + sign * step * (np.arange(6) == j))
+            ends.append(elasticity(term, k=k).at(q))
+        along = (ends[0].along(e) - ends[1].along(e)) / (2 * step * C[j])
+        jiao = (1 / ends[0].jiao_index(e) - 1 / ends[1].jiao_index(e)) / (2 * step * C[j])
+        here = elasticity(term).at(q)
+        np.testing.assert_allclose(here.sensitivity(e, e, small=True)[:, j], along, rtol=1e-5, atol=1e-9)
+        np.testing.assert_allclose(here.jiao_sensitivity(e)[:, j], jiao, rtol=1e-4, atol=1e-7)
+
+
+# --- in the planner -----------------------------------------------------------------------------------------
+
+
+def test_72_000_candidates_with_every_law_take_seconds() -> None:
+    names = ("knee", "backlash", "hysteresis", "creep", "harmonics", "compensator", "softening cubic", "sector")
+    model = elasticity(*(Term(*LAWS[n]) for n in names))
+    q = np.tile(postures(4500, seed=9), (4, 1))
+    force = np.tile([0.0, 0.0, 250.0], (len(q), 1))
+    start = time.perf_counter()
+    for _ in range(4):
+        model.at(q).deflection(force)
+    assert time.perf_counter() - start < 12.0  # about 1.5 s alone on one core; others may be at work
+
+
+def test_optimize_takes_the_laws_and_bends_more(tmp_path: Path) -> None:
+    """The command, with terms that all soften: the predicted deflection grows at every point of the same rotation."""
+    names = ("knees", "softening cubic", "hysteresis", "creep", "sector")
+    toolpath = tmp_path / "holes.csv"
+    rows = [f"{40 * k},{60 * (k % 2)},{z},0,0,1,{move},{feed},drill" for k in range(3) for z, move, feed in
+            ((60, "rapid", ""), (10, "approach", 900), (-5, "cut", 300), (30, "retract", 900))]  # fmt: skip
+    toolpath.write_text("x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation\n" + "\n".join(rows) + "\n")
+    worst = {}
+    for case in ("plain", "laws"):
+        folder = changed_cell(tmp_path / case, base=ROOT / "cells" / "kr240_drilling")
+        if case == "laws":
+            stiffness = load_stiffness(folder / "stiffness.yaml")
+            write_stiffness(folder / "stiffness.yaml", replace(stiffness, terms=tuple(Term(*LAWS[n]) for n in names)))
+        assert (
+            optimize(
+                folder, toolpath, tmp_path / case / "out", "--set", "rotation_step_deg=20", "--set", "collision=false"
+            )
+            == 0
+        )
+        worst[case] = result(tmp_path / case / "out")["worst_point"]["deflection_mm"]
+    assert 1.05 * worst["plain"] < worst["laws"] < 2.5 * worst["plain"]
