@@ -14,11 +14,13 @@ import machopt.job.posts
 from machopt.cli import main
 from machopt.domain.options import FixedRotation, PlanOptions
 from machopt.domain.program import LIN, Controller
+from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.posts import post_text, write_program
 from machopt.formats.posts.densify import Tolerance, departure
 from machopt.formats.programs import read_program
 from machopt.formats.toolpath import read_toolpath
+from machopt.job.posts import tolerance_of
 from machopt.job.program import robot_program
 from machopt.job.readback import read_back
 from machopt.plan.pipeline import plan
@@ -270,6 +272,17 @@ def test_a_program_that_says_something_else_is_exit_4(
     assert found["exit_code"] == 4
     assert found["verification"]["passed"] is True  # the motion is right, its program is not
     assert any(words in d for d in found["programs"][0]["differences"])
+
+
+def test_the_tolerance_leaves_room_for_what_the_cell_allows() -> None:
+    plain, wide = PlanOptions(), PlanOptions(path_tolerance=1e-4, axis_tolerance=np.radians(1.0))
+    assert tolerance_of(None, plain).position == pytest.approx(5e-5)
+    assert tolerance_of(0.02, plain).position == pytest.approx(2e-5)
+    assert tolerance_of(None, wide).position == pytest.approx(2e-4)  # corners alone are off by 0.1 mm
+    assert tolerance_of(None, wide).axis > wide.axis_tolerance
+    assert tolerance_of(None, wide).turn > wide.axis_tolerance
+    with pytest.raises(InputError, match=r"0\.05 mm; more than path_tolerance_mm = 0\.1"):
+        tolerance_of(0.05, wide)
 
 
 def test_points_are_added_where_the_controllers_line_would_leave_the_motion(tmp_path: Path) -> None:

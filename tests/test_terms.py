@@ -317,7 +317,7 @@ def test_terms_still_to_be_fitted_have_coefficients_without_values(arm: tuple[Ro
     ("effect", "location", "parameters", "message", "where"),
     [
         ("link_complianse", "link:4", {}, "did you mean 'link_compliance'", "terms[0].effect"),
-        ("joint_backlash", "joint:2", {}, "is not known", "terms[0].effect"),
+        ("joint_zero_offset", "joint:2", {}, "is not known", "terms[0].effect"),
         ("link_compliance", "link:7", {}, "cannot be at 'link:7'; valid: link:1", "terms[0].location"),
         ("joint_coupling", "joint:5-4", {}, "valid: joint:1-2, joint:1-3", "terms[0].location"),
         ("link_compliance", "link:4", {"EI_Nm": 1.0}, "did you mean 'EI_Nm2'", "terms[0].parameters.EI_Nm"),

@@ -24,10 +24,12 @@ from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Stiffness, StiffnessGrid, Term
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
+from machopt.formats.options import load_options
 from machopt.formats.stiffness import load_stiffness, write_stiffness
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import GRAVITY, load_masses, load_robot
 from machopt.model.terms import compile_terms, term_of, vocabulary
+from machopt.plan.pipeline import prepare
 
 ROOT = Path(__file__).resolve().parent.parent
 CELL = load_cell(ROOT / "cells" / "kr240_drilling")
@@ -431,6 +433,15 @@ def test_72_000_candidates_with_every_law_take_seconds() -> None:
     for _ in range(4):
         model.at(q).deflection(force)
     assert time.perf_counter() - start < 12.0  # about 1.5 s alone on one core; others may be at work
+
+
+def test_the_planner_knows_the_weight_of_the_cell() -> None:
+    """Masses of the URDF and the tool: the same twist as with pinocchio's torques above, and no warning."""
+    term, q, w = Term(*LAWS["backlash"]), postures(), wrenches(6)
+    cell = replace(CELL, stiffness=Stiffness(K, terms=(term,)))
+    model = prepare(cell, load_options(CELL.plan, None, ["collision=false"])).elasticity
+    assert not model.warnings
+    np.testing.assert_allclose(model.at(q).respond(w), elasticity(term).at(q).respond(w), rtol=1e-12)
 
 
 def test_optimize_takes_the_laws_and_bends_more(tmp_path: Path) -> None:

@@ -89,10 +89,12 @@ def cell(folder: Path) -> Path:
         "  pose: {xyz_mm: [0, 0, 0], rpy_deg: [0, 0, 0]}\n"
         "  home_deg: [0, -90, 90, 0, 0, 0]\n"
         "  limits:\n    velocity_deg_s: [105, 107, 114, 179, 172, 219]\n"
-        "    acceleration_deg_s2: [300, 300, 300, 500, 500, 600]\n    jerk_deg_s3: [2000, 2000, 2000, 4000, 4000, 5000]\n"
+        "    acceleration_deg_s2: [300, 300, 300, 500, 500, 600]\n"
+        "    jerk_deg_s3: [2000, 2000, 2000, 4000, 4000, 5000]\n"
         "tool:\n  tcp: {xyz_mm: [0, 0, 200], rpy_deg: [0, 0, 0]}\n  mass_kg: 0\n  com_mm: [0, 0, 0]\n  geometry: []\n"
         "  cutter: {diameter_mm: 10, length_mm: 40}\n"
-        "workpiece:\n  link: world\n  pose: {xyz_mm: [2000, 0, 800], rpy_deg: [0, 0, 0]}\n  geometry: []\nobstacles: []\n",
+        "workpiece:\n  link: world\n  pose: {xyz_mm: [2000, 0, 800], rpy_deg: [0, 0, 0]}\n  geometry: []\n"
+        "obstacles: []\n",
         encoding="utf-8",
     )
     return folder

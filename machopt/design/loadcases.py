@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,7 +109,7 @@ def _one_way(
     unit, point = unit_wrench(way, pool.T_base_tcp)
     possible = np.asarray(np.isfinite(unit).all(axis=1))
     unit = np.where(possible[:, None], unit, 0.0)
-    linear = Elastic(elastic.state, elastic.k, elastic.terms).respond(unit)  # per newton
+    linear = replace(elastic, geometric=False).respond(unit)  # per newton
     tau = np.einsum("pci,pc->pi", J, unit)
     most_torque = np.full(6, np.inf) if criteria.most_torque is None else criteria.most_torque
     caps = {  # N, what each limit allows
@@ -137,7 +137,7 @@ def _one_way(
         open_ = bad[level[bad] >= 0]
     magnitude = np.where(reason < 0, sizes[np.maximum(level, 0)], 0.0)
     wrench = unit * magnitude[:, None]
-    twist = Elastic(elastic.state, elastic.k, elastic.terms, geometric=elastic.geometric).respond(wrench)
+    twist = elastic.respond(wrench)
     small = np.linalg.norm(twist[:, :3], axis=1) < criteria.least_deflection
     reason[(reason < 0) & small] = REASONS.index("too small to measure")
     parts = [J * np.einsum("pci,pc->pi", J, wrench)[:, None, :], *(t.response(pool.state, wrench) for t in terms)]

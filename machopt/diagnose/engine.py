@@ -23,7 +23,7 @@ from machopt.diagnose.known import geometric_finding
 from machopt.diagnose.noise import Noise
 from machopt.diagnose.problem import Catalogue, Problem
 from machopt.diagnose.proof import prove
-from machopt.diagnose.result import Coefficient, Diagnosis, Errors, Finding, Share, Verdict
+from machopt.diagnose.result import Coefficient, Diagnosis, Errors, Finding, Limit, Share, Verdict
 from machopt.diagnose.screen import score
 from machopt.diagnose.select import Chosen, select, with_chosen
 from machopt.diagnose.whitening import Whitening, whitening
@@ -198,7 +198,7 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
         machine = [lasts, *(s for s in machine if s.axis != "environment")]
     shares = _shares(state, findings, machine) + data[:3]
     options.progress("detection limits")
-    seen = limits.limits(with_chosen(state.base, () if withdrawn else state.chosen), state.tried, rng)
+    seen = _limits(state, () if withdrawn else state.chosen, rng)
     options.progress("proof on readings that no step saw")
     proof = prove(state, options.most, rng) if findings or withdrawn else None
     by_group, groups = heldout.by_group(problem, (before, after), used)
@@ -214,6 +214,17 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
         notes=tuple(words.withdrawn(withdrawn)) + words.noise_note(floor_noise),
     )  # fmt: skip
     return replace(result, sentence=words.sentence(result), next_experiment=words.next_experiment(result))
+
+
+def _limits(state: State, chosen: Sequence[Chosen], rng: np.random.Generator) -> list[Limit]:
+    """Limits beside what was found; of what was found, beside the rest of it."""
+    found = {c.tried.hypothesis.name for c in chosen}
+    rest = {t.hypothesis.name for t in state.tried} - found
+    out = limits.limits(with_chosen(state.base, chosen), [t for t in state.tried if t.hypothesis.name in rest], rng, rest)
+    for c in chosen:
+        others = [o for o in chosen if o is not c]
+        out += limits.limits(with_chosen(state.base, others), state.tried, rng, {c.tried.hypothesis.name})
+    return out
 
 
 def _finding(state: State, k: int) -> Finding:

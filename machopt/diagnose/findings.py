@@ -95,7 +95,7 @@ def sandwich(model: Model) -> tuple[Array, Array, float]:
     G, P = model.folds, len(x)
     robust = M @ (u.T @ u) @ M * G / max(G - 1, 1)
     # few groups: the robust part alone is noisy, and too small as often as too large
-    grow = np.sqrt(np.maximum(np.diag(M) * model.spread / np.maximum(np.diag(robust), 1e-300), 1.0))
+    grow = np.sqrt(np.maximum(np.diag(M) * model.spread / np.maximum(np.diag(robust), 1e-12 * np.diag(M)), 1.0))
     return x, robust * np.outer(grow, grow), float(max(G - P // 2, 4))
 
 

@@ -20,6 +20,7 @@ Ints = NDArray[np.int64]
 RIDGE = 1e-9  # of each column's own square: keeps directions that no reading shows from exploding
 ABSORBED = 1e-4  # of a column's square left beside the base; less cannot be told from the base
 MOST_FOLDS = 40
+NOTHING = 1e-3  # whitened square of a column that moves nothing
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,7 @@ def tried(problem: Problem, w: Whitening, hypotheses: Sequence[Hypothesis], y: A
 
 def ridged_inverse(H: Array) -> Array:
     """Inverse of one or many normal matrices with a relative ridge."""
-    d = np.sqrt(np.maximum(np.diagonal(H, axis1=-2, axis2=-1), 1e-300))
+    d = np.sqrt(np.maximum(np.diagonal(H, axis1=-2, axis2=-1), NOTHING))
     scaled = H / (d[..., :, None] * d[..., None, :])
     scaled = scaled + RIDGE * np.eye(H.shape[-1])
     return np.asarray(np.linalg.inv(scaled) / (d[..., :, None] * d[..., None, :]))

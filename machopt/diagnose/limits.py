@@ -6,14 +6,14 @@ design decides how large an effect that takes: its columns, with the base refitt
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.diagnose.grams import ABSORBED, Model, Tried, ridged_inverse
+from machopt.diagnose.grams import ABSORBED, NOTHING, Model, Tried, ridged_inverse
 from machopt.diagnose.result import Limit, Name
-from machopt.diagnose.screen import NOTHING, bounded
+from machopt.diagnose.screen import bounded
 from machopt.diagnose.select import GAIN, PER_COEFFICIENT, SHARE
 
 Array = NDArray[np.float64]
@@ -23,13 +23,16 @@ APART = 6.0  # gain that a rival must leave at twice the limit to be told from t
 MOST_SHAPES = 6
 
 
-def limits(model: Model, tried: Sequence[Tried], rng: np.random.Generator) -> list[Limit]:
+def limits(
+    model: Model, tried: Sequence[Tried], rng: np.random.Generator, of: Collection[Name]
+) -> list[Limit]:
     """One limit per effect and place, of its first law.
 
     Args:
         model: the base (with what was found).
         tried: every hypothesis.
         rng: directions of laws with several coefficients.
+        of: effects and places that limits are wanted for; the others are what they may be confused with.
     """
     M = ridged_inverse(model.normal)
     first: dict[Name, tuple[Tried, int]] = {}
@@ -39,7 +42,7 @@ def limits(model: Model, tried: Sequence[Tried], rng: np.random.Generator) -> li
     out: list[Limit] = []
     for t in tried:
         name = t.hypothesis.name
-        if name in first:
+        if name in first or name not in of:
             continue
         first[name] = (t, 0)
         p = t.X.shape[2]

@@ -64,12 +64,19 @@ def _lasting(problem: Problem, e: Array, used: Flags, time: Array, rng: np.rando
     order = np.lexsort((when, session))
     if len(order) < LEAST_VISITS:
         return Repeatable(0.0, 1.0)
-    own = mean[order]
-    power = float(np.mean(np.sum(own[1:] * own[:-1], axis=1)) / e.shape[1])
+    mean, session = mean[order], session[order]
+    spans = np.split(np.arange(len(order)), np.flatnonzero(np.diff(session)) + 1)
+    # a shift of a whole session is noise of the set-up
+    own = np.concatenate([mean[s] - mean[s].mean(axis=0) for s in spans])
+    inside = np.diff(session) == 0
+
+    def product(x: Array) -> float:
+        return float(np.mean(np.sum(x[1:] * x[:-1], axis=1)[inside]) / e.shape[1]) if inside.any() else 0.0
+
+    power = product(own)
     drawn = np.empty(FLIPS)
     for n in range(FLIPS):
-        x = own[rng.permutation(len(own))]
-        drawn[n] = np.mean(np.sum(x[1:] * x[:-1], axis=1)) / e.shape[1]
+        drawn[n] = product(own[np.concatenate([rng.permutation(s) for s in spans])])
     return Repeatable(power, float((1 + np.sum(drawn >= power)) / (FLIPS + 1)), True)
 
 

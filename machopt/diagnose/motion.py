@@ -70,7 +70,9 @@ def build(
         found += more
         warnings += words
     prismatic = tuple(dynamics is not None and dynamics.prismatic(j) for j in range(n))
-    scene = Scene(recording, cell, motion, dynamics, predicted, n, one_joint(motion, n), prismatic, notes=[*motion.notes])
+    scene = Scene(
+        recording, cell, motion, dynamics, predicted, n, one_joint(motion, n), prismatic, notes=[*motion.notes]
+    )
     scene.notes.extend(warnings)
     if channel == "torque":
         problem, catalogue = motion_torque.build(scene)

@@ -125,7 +125,7 @@ def quality(recording: Recording, joints: int) -> list[str]:
 
 
 def following(recording: Recording, joints: int) -> tuple[Array, float, Array]:
-    """How the encoders follow the command: delay of each joint (n,) s, share explained, and rms before and after (2,) rad."""
+    """How the encoders follow the command: delays (n,) s, share explained, rms before and after (2,) rad."""
     m = signals(recording, joints)
     assert recording.q_command is not None
     asked = recording.q_command[m.index, :joints]

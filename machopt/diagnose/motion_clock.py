@@ -59,5 +59,5 @@ def skew(
     return Hypothesis(
         "time_skew", f"sensor:{sensor}", "clock of its own", "f_recorded(t) = f(t − d)", columns, sizes, shapes,
         correction=lambda x, s: RecordCorrection("time_skew", f"sensor:{sensor}", {"late_ms": 1e3 * float(x[0])}),
-        note="in proportion to speed, all joints by the same time", family="sensor", penalty=penalty,
+        note="in proportion to speed, all joints by the same time", family="sensor", penalty=penalty, exact=True,
     )  # fmt: skip

@@ -36,7 +36,7 @@ class Scene:
     @property
     def first(self) -> Ints:
         """(M,) 1 where a segment begins."""
-        return (np.diff(self.motion.segment, prepend=self.motion.segment[0] - 1) != 0).astype(np.int64)
+        return np.asarray(np.diff(self.motion.segment, prepend=self.motion.segment[0] - 1) != 0, np.int64)
 
     @property
     def step(self) -> Array:

@@ -28,7 +28,7 @@ def direction(scene: Scene, joint: int, path: float) -> Array:
 
 
 def breakaway(scene: Scene, joint: int, y: Array) -> float:
-    """The breakaway path (rad) of the base that suits a joint's torque (N,) best, Coulomb, viscous and inertia beside."""
+    """The breakaway path (rad) that suits a joint's torque (N,) best, Coulomb, viscous and inertia beside."""
     m = scene.motion
     rest = m.within(m.mean(np.stack([np.ones(len(m.q)), m.v[:, joint], m.a[:, joint]], axis=1)))
     best, found = np.inf, 0.0
@@ -83,7 +83,7 @@ def friction(scene: Scene, joint: int, path: float) -> list[Hypothesis]:
     fast = float(np.quantile(np.abs(v), 0.98))
     heavy = max(float(np.quantile(load, 0.98)), 1e-9)
     heat, by = warmth(scene)
-    unit = "N" if scene.prismatic[joint] else "N·m"
+    unit, way, angle = ("N", "mm", 1e3) if scene.prismatic[joint] else ("N·m", "deg", 180.0 / np.pi)
 
     def stribeck(s: Shape) -> Array:
         return z * np.exp(-np.abs(v) / (s[0] * fast))
@@ -120,14 +120,20 @@ def friction(scene: Scene, joint: int, path: float) -> list[Hypothesis]:
 
         def line(x: Array, s: Shape):  # type: ignore[no-untyped-def]
             part = signal(s)
-            return curve(scene, v if at is None else at, part * x[0] if part.ndim == 1 else part @ x,
-                         f"speed of joint {joint + 1} in rad/s", f"friction beyond Coulomb and viscous in {unit}")  # fmt: skip
+            over = f"speed of joint {joint + 1} in {'m' if scene.prismatic[joint] else 'rad'}/s"
+            return curve(
+                scene,
+                v if at is None else at,
+                part * x[0] if part.ndim == 1 else part @ x,
+                over,
+                f"friction beyond Coulomb and viscous in {unit}",
+            )
 
         return joint_law(scene, joint, "joint_friction", name, equation, signal, sizes, shapes, note=note, curve=line,
                          family="friction")  # fmt: skip
 
     def knee(x: Array, s: Shape) -> Mapping[str, Quantity]:
-        return {"stribeck_speed": Quantity(float(np.degrees(s[0] * fast)), "deg/s")}
+        return {"stribeck_speed": Quantity(s[0] * fast * angle, f"{way}/s")}
 
     slow = tuple((k,) for k in STRIBECK)
     both = tuple((k, h[0]) for k in STRIBECK for h in heat) or slow
@@ -142,7 +148,7 @@ def friction(scene: Scene, joint: int, path: float) -> list[Hypothesis]:
             "τ_f += (z F_s + F_d) exp(−|q̇|/v_s) + μ z |τ| + d_w w q̇; w " + by + source, all_of_it, both, "stribeck",
             knee, "over speed, load and warmth"),
         law("dragged along", "τ_f += F z, dz = (sgn q̇ − z) |dq|/d with a long path d: cables, hoses, seals",
-            dragged, tuple((d,) for d in DRAG), "torque", lambda x, s: {"path": Quantity(float(np.degrees(s[0])), "deg")},
+            dragged, tuple((d,) for d in DRAG), "torque", lambda x, s: {"path": Quantity(s[0] * angle, way)},
             "after reversals", m.q[:, joint]),
     ]  # fmt: skip
     if scene.predicted is not None and np.ptp(load) > 0.05 * heavy:

@@ -1,11 +1,11 @@
-"""What a gear does under the torque of a moving arm, as a twist of its joint: loops, clearance, hardening, creep, vibration.
+"""What a gear does under the torque of a moving arm, as a twist of its joint: loops, clearance, slopes, creep, swing.
 
 ``load`` is the torque that bends the joint forward: minus what the motor side must give to the link side.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from scipy.signal import butter, sosfiltfilt
 from machopt.diagnose.motion_frame import ARCMIN, Fit, Scene, curve, joint_law, one_joint
 from machopt.diagnose.motion_memory import bouc_wen, lag, mass_on_spring, play
 from machopt.diagnose.motion_torque import gear_load
-from machopt.diagnose.problem import Array, Hypothesis, Quantity, Shape
+from machopt.diagnose.problem import Array, Curve, Hypothesis, Quantity, Shape
 from machopt.domain.stiffness import Term
 
 CLICK = (0.004, 0.01, 0.025, 0.06)  # threshold per largest torque: a step, softened
@@ -51,7 +51,8 @@ def gear_laws(scene: Scene, joint: int, load: Array, inertia: Array | None, fit:
         out.append(
             _law(scene, joint, "joint_creep", "one time constant", "T φ̇ + φ = κ c τ",
                  lambda s: lag(load, step, first, s[0]), load,
-                 lambda x, s: {"size": Quantity(float(x[0]) * around / ARCMIN, "arcmin"), "slowest": Quantity(s[0], "s")},
+                 lambda x, s: {"size": Quantity(float(x[0]) * around / ARCMIN, "arcmin"),
+                               "slowest": Quantity(s[0], "s")},
                  slow, (0.0,), "late after the load",
                  lambda x, s: Term("joint_creep", f"joint:{joint + 1}", {
                      "extra_rad_per_Nm": float(x[0]), "time_constant_s": s[0]}))
@@ -61,8 +62,21 @@ def gear_laws(scene: Scene, joint: int, load: Array, inertia: Array | None, fit:
     return out
 
 
-def _law(scene, joint, effect, words, equation, signal, driver, sizes, shapes, lower, note, term=None):  # type: ignore[no-untyped-def]
-    def line(x: Array, s: Shape):  # type: ignore[no-untyped-def]
+def _law(
+    scene: Scene,
+    joint: int,
+    effect: str,
+    words: str,
+    equation: str,
+    signal: Callable[[Shape], Array],
+    driver: Array,
+    sizes: Callable[[Array, Shape], Mapping[str, Quantity]],
+    shapes: tuple[Shape, ...],
+    lower: tuple[float, ...],
+    note: str,
+    term: Callable[[Array, Shape], Term] | None = None,
+) -> Hypothesis:
+    def line(x: Array, s: Shape) -> Curve:
         part = signal(s)
         twist = part * x[0] if part.ndim == 1 else part @ x
         return curve(scene, driver, twist / ARCMIN, f"load torque at joint {joint + 1} in N·m", "twist in arcmin")
@@ -85,7 +99,8 @@ def _memory(scene: Scene, joint: int, load: Array, around: float) -> list[Hypoth
 
     def term(x: Array, s: Shape) -> Term:
         return Term("joint_hysteresis", where, {
-            "law": "play", "weights_rad_per_Nm": [float(v) for v in x], "thresholds_Nm": [float(r * around) for r in s]})  # fmt: skip
+            "law": "play", "weights_rad_per_Nm": [float(v) for v in x],
+            "thresholds_Nm": [float(r * around) for r in s]})  # fmt: skip
 
     def drag(s: Shape) -> Array:
         return -bouc_wen(load, first, s[0] * around, s[1])
@@ -103,8 +118,9 @@ def _memory(scene: Scene, joint: int, load: Array, around: float) -> list[Hypoth
              "on load reversal", term),
         _law(scene, joint, "joint_hysteresis", "two plays", equation, plays, load, width, PAIRS, (0.0, 0.0),
              "on load reversal", term),
-        _law(scene, joint, "joint_hysteresis", "Bouc–Wen", "φ = c τ − a z, dz = [1 − |z| (β sgn(z dτ) + 1 − β)] dτ/r", drag,
-             load, drag_width, DRAGS, (0.0,), "on load reversal"),
+        _law(scene, joint, "joint_hysteresis", "Bouc–Wen",
+             "φ = c τ − a z, dz = [1 − |z| (β sgn(z dτ) + 1 − β)] dτ/r", drag, load, drag_width, DRAGS, (0.0,),
+             "on load reversal"),
     ]  # fmt: skip
 
 
@@ -114,7 +130,8 @@ def _instant(scene: Scene, joint: int, load: Array, largest: float) -> list[Hypo
     where = f"joint:{joint + 1}"
     if min(np.mean(load > CLICK[0] * largest), np.mean(load < -CLICK[0] * largest)) > 0.01:
         out.append(
-            _law(scene, joint, "joint_backlash", "step with the sign of the torque", "φ = c τ + ½ w sgn(τ), weight included",
+            _law(scene, joint, "joint_backlash", "step with the sign of the torque",
+                 "φ = c τ + ½ w sgn(τ), weight included",
                  lambda s: 0.5 * np.clip(load / (s[0] * largest), -1.0, 1.0), load,
                  lambda x, s: {"width": Quantity(float(x[0]) / ARCMIN, "arcmin")},
                  tuple((s,) for s in CLICK), (0.0,), "where the torque changes its sign",
@@ -173,7 +190,7 @@ def _vibration(scene: Scene, joint: int, load: Array, inertia: Array, fit: Fit) 
     return _law(
         scene, joint, "joint_elasticity", "mass on a spring", "M(q) φ̈ + 2ζ√(kM) φ̇ + k φ = τ: beyond c τ it swings",
         response, load, sizes, shapes, (0.0,), "after the load changes",
-    )  # type: ignore[no-any-return]  # fmt: skip
+    )  # fmt: skip
 
 
 def drive(scene: Scene) -> tuple[Array, str] | None:

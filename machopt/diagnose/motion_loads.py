@@ -12,11 +12,11 @@ from machopt.diagnose.problem import (
     Correction,
     Curve,
     Hypothesis,
-    KinematicCorrection,
     Quantity,
     RecordCorrection,
     Shape,
 )
+from machopt.domain.kinematics import KinematicCorrection
 
 ORDERS = 60  # highest gear order per turn of a joint that is looked for
 TURNS = 1.5  # waves within the range of the joint, at least: fewer are no ripple
@@ -132,8 +132,10 @@ def ripple(scene: Scene, joint: int, unit: str, factor: float, *, torque: bool) 
             if torque:
                 return RecordCorrection("transmission_error", where, {
                     "order": s[0], "cos_Nm": float(x[0]), "sin_Nm": float(x[1])})  # fmt: skip
+            cos, sin = ([float(v * factor) for v in x[k::2]] for k in (0, 1))
             return KinematicCorrection("transmission_error", where, {
-                "per_turn": s[0], "cos_arcsec": float(x[0] * factor), "sin_arcsec": float(x[1] * factor)})  # fmt: skip
+                "per_turn": [s[0] * (k + 1) for k in range(harmonics)],
+                "cos_arcsec": cos, "sin_arcsec": sin})  # fmt: skip
 
         def line(x: Array, s: Shape) -> Curve:
             return curve(scene, np.degrees(np.mod(q, 2 * np.pi / s[0])), waves(s, harmonics) @ x * factor,
@@ -141,7 +143,7 @@ def ripple(scene: Scene, joint: int, unit: str, factor: float, *, torque: bool) 
 
         words = "one wave" if harmonics == 1 else "wave and its second harmonic"
         return joint_law(
-            scene, joint, "transmission_error", words, "A sin(N q + φ)" + (" + B sin(2N q + ψ)" if harmonics > 1 else ""),
+            scene, joint, "transmission_error", words, "A sin(Nq + φ)" + (" + B sin(2Nq + ψ)" if harmonics > 1 else ""),
             lambda s: waves(s, harmonics), sizes, shapes, family="kinematic", curve=line, correction=fix,
             note="periodic with the gear",
         )  # fmt: skip
@@ -169,7 +171,7 @@ def springy(scene: Scene, joint: int) -> list[Hypothesis]:
         return {"compliance": Quantity(float(x[0]) / k, "rad/(N·m)"), "frequency": Quantity(s[0], "Hz")}
 
     return [
-        joint_law(scene, joint, "joint_elasticity", "mass on a spring", "τ += M ẍ, M ẍ + 2ζ√(kM) ẋ + k x = −τ", response,
-                  sizes, tuple((f,) for f in BANDS if f < 0.4 * m.rate), lower=(0.0,), family="vibration",
+        joint_law(scene, joint, "joint_elasticity", "mass on a spring", "τ += M ẍ, M ẍ + 2ζ√(kM) ẋ + k x = −τ",
+                  response, sizes, tuple((f,) for f in BANDS if f < 0.4 * m.rate), lower=(0.0,), family="vibration",
                   note="after accelerations change")
     ]  # fmt: skip

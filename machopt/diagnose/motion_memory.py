@@ -7,15 +7,23 @@ import numpy as np
 from machopt.diagnose.problem import Array, Ints
 from machopt.model.ik_newton import compiled
 
+PARTS = 8  # of a sampling interval
+SHARP = 1e-9  # rad
+
 
 @compiled
-def _presliding(way: Array, sign: Array, first: Ints, distance: float) -> Array:
-    out = np.empty_like(way)
+def _presliding(v: Array, dt: float, first: Ints, distance: float, parts: int) -> Array:
+    out = np.empty_like(v)
     z = 0.0
-    for n in range(len(way)):
+    for n in range(len(v)):
         if first[n]:
-            z = sign[n]
-        z = sign[n] + (z - sign[n]) * np.exp(-abs(way[n]) / distance)
+            z = np.sign(v[n])
+        else:
+            # a reversal lies between samples; one step a sample would put it half an interval off
+            for k in range(parts):
+                now = v[n - 1] + (v[n] - v[n - 1]) * (k + 0.5) / parts
+                s = np.sign(now)
+                z = s + (z - s) * np.exp(-abs(now) * dt / parts / distance)
         out[n] = z
     return out
 
@@ -90,7 +98,7 @@ def presliding(v: Array, dt: float, first: Ints, distance: float) -> Array:
         v: (M,) rad/s.
         dt: s between samples.
         first: (M,) 1 where a segment begins.
-        distance: d, rad; 0: the sign itself.
+        distance: d, rad (m); below SHARP it is the sign itself.
 
     Returns:
         (M,) −1 … 1.
@@ -98,8 +106,7 @@ def presliding(v: Array, dt: float, first: Ints, distance: float) -> Array:
     Source:
         Dahl, A solid friction model, TOR-158, Aerospace Corp. (1968).
     """
-    sign = np.sign(v)
-    return sign if distance <= 0 else np.asarray(_presliding(v * dt, sign, first, distance))
+    return np.asarray(_presliding(np.ascontiguousarray(v), dt, first, max(distance, SHARP), PARTS))
 
 
 def play(x: Array, first: Ints, half: float) -> Array:

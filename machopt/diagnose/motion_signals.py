@@ -1,4 +1,4 @@
-"""A recorded motion as signals at one rate: velocity, acceleration, periods, and the stretches that are held out together.
+"""A recorded motion as signals at one rate: velocity, acceleration, periods, and what is held out together.
 
 Velocities and accelerations come from zero-phase filters at the rate of the recording; everything nonlinear is
 evaluated there too, and only then averaged over blocks of samples, so that a record of 100 000 samples becomes a few
@@ -181,7 +181,7 @@ def _spans(segment: Ints) -> list[slice]:
 
 
 def _cutoff(speed: Array, spans: list[slice], rate: float) -> float:
-    """Hz: one and a half times the highest frequency at which some joint's velocity stands ten times above its noise."""
+    """Hz: half beyond the highest frequency at which some joint's velocity stands ten times above its noise."""
     longest = max(spans, key=lambda s: s.stop - s.start)
     f, power = welch(speed[longest], rate, nperseg=min(longest.stop - longest.start, 1024), axis=0)
     floor = np.median(power[2 * len(f) // 3 :], axis=0)

@@ -182,9 +182,7 @@ def _late_encoders(y: Array, base: Array, scene: Scene, followed: Array, lag: Ar
     ]  # fmt: skip
 
 
-def _servo(
-    scene: Scene, fit: Fit, robot: Robot, asked: Array, followed: Array, lag: Array
-) -> list[Hypothesis]:
+def _servo(scene: Scene, fit: Fit, robot: Robot, asked: Array, followed: Array, lag: Array) -> list[Hypothesis]:
     """The arm follows its command late: as the encoders show it, and as one delay of all joints."""
     m = scene.motion
     T_tool = scene.cell.tool.T_flange_tcp
@@ -206,7 +204,7 @@ def _servo(
             Hypothesis(
                 "servo_lag", "controller", "as the encoders show it",
                 "TCP = f(q) and not f(q_command): the encoders stay behind by Σ J_j q̇_j T_j", lambda s: own, sizes,
-                correction=fix, note="in proportion to speed", family="controller",
+                correction=fix, note="in proportion to speed", family="controller", exact=True,
             )
         )  # fmt: skip
 

@@ -21,6 +21,7 @@ from machopt.errors import InputError
 
 CLOCK_PATH = 5e-5  # rad, a breakaway path as gears have it
 TENTH = 0.1  # of the range of a joint's torque
+LINK_SCALE = 0.15  # 1 sigma of what a URDF states of a link
 INERTIA_GAIN = 0.02  # share of the held-out error that scales of link masses must take beyond what a payload takes
 
 
@@ -55,7 +56,10 @@ def build(scene: Scene) -> tuple[Problem, Catalogue]:
     rivals = np.concatenate([P, *(h.columns(h.shapes[0]) for h in compensator(scene)[:1])], axis=2)
     if n > 1 and _links_off(y, base, rivals, L, m.group):
         base = np.concatenate([base, L], axis=2)
-        unknowns += [Unknown(f"mass of link {b + 1}, relative", "1", location=f"link:{b + 1}") for b in dynamics.bodies]
+        unknowns += [
+            Unknown(f"mass of link {b + 1}, relative", "1", location=f"link:{b + 1}", prior=LINK_SCALE)
+            for b in dynamics.bodies
+        ]
         scene.notes.append("masses of several links differ from the URDF's: a scale of each is refitted, so that a "
                            "payload shows only where no link could have it")  # fmt: skip
     problem = Problem(
@@ -156,7 +160,9 @@ def _clock(scene: Scene, measured: Array) -> tuple[float, Array]:
     m = scene.motion
     assert scene.predicted is not None
     parts = [
-        np.stack([scene.predicted[:, j], np.ones(len(m.q)), direction(scene, j, CLOCK_PATH), m.v[:, j], m.a[:, j]], axis=1)
+        np.stack(
+            [scene.predicted[:, j], np.ones(len(m.q)), direction(scene, j, CLOCK_PATH), m.v[:, j], m.a[:, j]], axis=1
+        )
         for j in range(scene.joints)
     ]
     tau = m.within(m.mean(measured))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.diagnose.problem import RecordCorrection
+from machopt.diagnose.contradiction import contradictions
 from machopt.diagnose.result import Diagnosis, Estimate, Finding
 from machopt.domain.recording import Axes, Recording
 from machopt.identify.check import check_experiment
@@ -76,7 +77,8 @@ def mend(
         recording = mended
         after = _misfit(experiment(recording, robot, T_flange_tcp))
         findings.append(_said(error, before, after))
-    return recording, findings, warnings
+    recording, more = contradictions(recording, robot, T_flange_tcp)
+    return recording, findings + more, warnings
 
 
 def outliers(recording: Recording, diagnosis: Diagnosis, copies: Flags) -> Finding | None:

@@ -13,12 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.diagnose.grams import ABSORBED, Model, Tried, ridged_inverse
+from machopt.diagnose.grams import ABSORBED, NOTHING, Model, Tried, ridged_inverse
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 FLIPS = 499
-NOTHING = 1e-3  # whitened square of a column that moves nothing
 
 
 @dataclass(frozen=True)

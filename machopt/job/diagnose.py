@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.diagnose import absolute, deflection, engine, motion, record, userterms
-from machopt.diagnose.problem import Catalogue, KinematicCorrection, Problem
+from machopt.diagnose.problem import Catalogue, Problem
 from machopt.diagnose.result import Diagnosis, Finding
 from machopt.diagnose.words import sentence
 from machopt.domain.cell import Cell
-from machopt.domain.kinematics import Kinematics, extended
+from machopt.domain.kinematics import KinematicCorrection, Kinematics, extended
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Stiffness, Term
 from machopt.errors import InputError
@@ -197,11 +197,18 @@ def _with_record(
 ) -> Diagnosis:
     """The diagnosis with what was wrong with the record: mended things first, gross rows last."""
     findings = (*mended, *d.findings, *(() if gross is None else (gross,)))
-    verdict = "explained" if findings and d.verdict == "consistent" else d.verdict
-    before = max([d.heldout_before, *(f.before for f in mended)])
+    before, explained, verdict = d.heldout_before, d.explained, d.verdict
+    if mended:  # the record was part of the mismatch: counted from what it left as it was
+        before = max([before, *(f.before for f in mended if np.isfinite(f.before))])
+        beyond, left = before**2 - d.noise_floor**2, max(d.heldout_after**2 - d.noise_floor**2, 0.0)
+        explained = float(np.clip(1.0 - left / beyond, 0.0, 1.0)) if beyond > 0 else d.explained
+    if len(findings) > len(d.findings):
+        verdict = "explained" if d.verdict in ("consistent", "explained") or explained >= engine.CLOSED else (
+            "partly_explained")  # fmt: skip
     out = replace(
-        d, findings=findings, verdict=verdict, heldout_before=before, notes=(*d.notes, *notes), warnings=warnings
-    )
+        d, findings=findings, verdict=verdict, heldout_before=before, explained=explained, notes=(*d.notes, *notes),
+        warnings=warnings,
+    )  # fmt: skip
     return replace(out, sentence=sentence(out)) if findings != d.findings else out
 
 

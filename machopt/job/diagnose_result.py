@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import machopt
-from machopt.diagnose.problem import Correction, KinematicCorrection, Problem, RecordCorrection
+from machopt.diagnose.problem import Correction, Problem, RecordCorrection
 from machopt.diagnose.result import Diagnosis, Estimate, Finding
 from machopt.domain.cell import Cell
+from machopt.domain.kinematics import KinematicCorrection
 from machopt.domain.recording import Recording
 from machopt.formats.residuals import write_residuals_csv
 from machopt.report.diagnosis import Coordinate, DiagnosisPage, JobChange, JobEffect

@@ -25,7 +25,7 @@ from machopt.model.collision import CollisionModel
 from machopt.model.elastic import ArmElasticity
 from machopt.model.ik import Margins, solver_for
 from machopt.model.kinetostatic import characteristic_length
-from machopt.model.robot import LinkShape, Robot, load_chain
+from machopt.model.robot import LinkShape, Robot, load_chain, load_masses
 from machopt.report.map_page import write_map_page
 from machopt.report.map_svg import write_map_svg
 from machopt.workspace.along import follow
@@ -110,7 +110,9 @@ def _arm(cell: Cell, robot: Robot, options: PlanOptions) -> Arm:
 def _setting(cell: Cell, robot: Robot, options: MapOptions) -> Setting:
     tool = cell.tool.T_flange_tcp
     lower, upper = cell.limits.lower[:6], cell.limits.upper[:6]
-    elasticity = None if cell.stiffness is None else ArmElasticity(robot, tool, cell.stiffness, (lower, upper))
+    elasticity = None
+    if cell.stiffness is not None:
+        elasticity = ArmElasticity(robot, tool, cell.stiffness, (lower, upper), load_masses(cell))
     length = options.length or characteristic_length(robot, tool).length
     return Setting(robot, tool, elasticity, length, lower, upper,
                    options.T_base_frame[:3, :3], options.load)  # fmt: skip

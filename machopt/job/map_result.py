@@ -232,6 +232,8 @@ def _hints(samples: Samples, layers: list[Layer], setting: Setting) -> list[str]
     out = []
     if setting.elasticity is None:
         out.append("the cell has no stiffness: only dexterity and distance from the limits are mapped")
+    else:
+        out += setting.elasticity.warnings
     for layer in layers:
         if "deflection" not in layer.values.value:
             break

@@ -266,7 +266,7 @@ def _carrier(plan: Plan, row: int) -> str:
     part = dict(zip((f"joint {i}" for i in range(1, 7)), (elastic.state.J[0, :3].T @ direction) ** 2 / d.k[row],
                     strict=True))  # fmt: skip
     for term in elasticity.terms:
-        twist = term.response(elastic.state, wrench)[0, :3] @ term.values
+        twist = elastic.twist_of(term, wrench, small=not plan.options.force.given)[0, :3]
         part[f"{term.effect.replace('_', ' ')} of {term.location.replace(':', ' ')}"] = float(direction @ twist)
     most = max(part, key=lambda name: part[name])
     along = "the force" if plan.options.force.given else "the tool axis"

@@ -29,7 +29,7 @@ from machopt.job.poses_result import cautions, input_hashes, page_of, poses_tabl
 from machopt.model.collision import CollisionModel
 from machopt.model.elastic import ArmElasticity
 from machopt.model.kinetostatic import characteristic_length
-from machopt.model.robot import load_chain
+from machopt.model.robot import load_chain, load_masses
 from machopt.report.poses_page import sentence, write_poses_page
 
 __all__ = ["Outcome", "Request", "run_plan_poses"]
@@ -71,7 +71,7 @@ def run_plan_poses(request: Request, progress: Callable[[str], None] = lambda _:
     _enough_numbers(request, noise.dimensions, 6 + sum(len(t.coefficients) for t in terms))
     ways, warnings = ways_of(request, cell)
     limits = cell.limits.lower[:6], cell.limits.upper[:6]
-    prior = ArmElasticity(robot, T, prior_of(request, cell), limits)
+    prior = ArmElasticity(robot, T, prior_of(request, cell), limits, load_masses(cell))
     progress("building kinematics and collision model")
     bare = without_workpiece(cell) if request.without_workpiece else cell
     collision = None if request.no_collision else CollisionModel(bare, robot, shapes, request.clearance_mm / 1e3)

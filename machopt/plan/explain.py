@@ -122,6 +122,7 @@ def hints(plan: Plan) -> tuple[str, ...]:
     if plan.scores.index == "deflection" and bent.max(initial=0.0) > LARGE:
         out.append(f"The force bends the arm by up to {1e3 * bent.max():,.0f} mm, beyond linear elasticity; "
                    "is force_N in N, and the stiffness in N·m/rad?")  # fmt: skip
+    out += plan.setup.elasticity.warnings
     changes = _changes(plan)
     if changes:
         more = f"; and {len(changes) - 6} more" if len(changes) > 6 else ""

@@ -26,7 +26,7 @@ from machopt.model.collision import CollisionModel
 from machopt.model.correction import Correction, correction_of
 from machopt.model.elastic import ArmElasticity
 from machopt.model.ik import solver_for
-from machopt.model.robot import Robot, load_chain
+from machopt.model.robot import Robot, load_chain, load_masses
 from machopt.plan.baseline import cam_default, jiao2022
 from machopt.plan.candidates import Arm, Candidates, enumerate_candidates
 from machopt.plan.check import PathCheck, check_path, forbid
@@ -66,8 +66,12 @@ class Setup:
     arm: Arm
     elasticity: ArmElasticity
     collision: CollisionModel | None
-    driven: Cell  # the same with home and position limits as true angles
-    correction: Correction | None = None  # between the two; None: they are the same
+    correction: Correction | None = None  # from encoder to true angles; None: they are the same
+
+    @property
+    def driven(self) -> Cell:
+        """The cell with home and position limits as true angles."""
+        return in_true_angles(self.cell, self.correction)
 
 
 @dataclass(frozen=True)
@@ -150,15 +154,20 @@ def prepare(cell: Cell, options: PlanOptions) -> Setup:
         )
     robot, shapes = load_chain(cell)
     correction = correction_of(cell.kinematics)
-    driven = cell if correction is None else replace(
-        cell, home=correction.true_angles(cell.home), limits=correction.true_limits(cell.limits)
-    )  # fmt: skip
+    driven = in_true_angles(cell, correction)
     arm = Arm.of(driven, solver_for(robot), options)
     elasticity = ArmElasticity(
-        robot, cell.tool.T_flange_tcp, cell.stiffness, (cell.limits.lower[:6], cell.limits.upper[:6])
+        robot, cell.tool.T_flange_tcp, cell.stiffness, (cell.limits.lower[:6], cell.limits.upper[:6]), load_masses(cell)
     )
     collision = CollisionModel(driven, robot, shapes, options.clearance) if options.collision else None
-    return Setup(cell, robot, arm, elasticity, collision, driven, correction)
+    return Setup(cell, robot, arm, elasticity, collision, correction)
+
+
+def in_true_angles(cell: Cell, correction: Correction | None) -> Cell:
+    """The cell with home and position limits as true angles."""
+    if correction is None:
+        return cell
+    return replace(cell, home=correction.true_angles(cell.home), limits=correction.true_limits(cell.limits))
 
 
 def plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Timings | None = None) -> Plan:

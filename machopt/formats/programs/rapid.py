@@ -152,7 +152,7 @@ class _Reader:
             self.block(proc, k)
             return proc.ends[k]
         if word in _MOVES:
-            values, options = Reader(s.tokens[1:]).arguments()
+            values, options = s.plain or Reader(s.tokens[1:]).arguments()
             self.motion(word, values, options, s.line, proc)
         elif word in ("CONST", "PERS", "VAR"):
             self.declare(s)

@@ -21,6 +21,11 @@ _LINE_WORDS = frozenset((
     "ENDTRAP", "ENDMODULE", "ENDRECORD", "DEFAULT",
 ))  # fmt: skip
 _NUMBERS = re.compile(r"\[[-+.,\d\seE\[\]]{0,2000}\](?=\s*[,;\\])")
+_PLAIN_MOVE = re.compile(
+    r"\s*(Move(?:L|J|AbsJ))\s+(\[[-+.,\d\seE\[\]]{0,2000}\])\s*,\s*([A-Za-z_]\w*)\s*,\s*([A-Za-z_]\w*)\s*,"
+    r"\s*([A-Za-z_]\w*)\s*(?:\\(WObj)\s*:=\s*([A-Za-z_]\w*)\s*)?;\s*",
+    re.IGNORECASE,
+)
 MOST_DEPTH = 30
 NONE_EXTERNAL = 8.9e9  # 9E9 says: no such axis
 
@@ -42,6 +47,7 @@ class Statement:
 
     line: int
     tokens: list[Token]
+    plain: tuple[list[object], dict[str, object]] | None = None  # arguments, where the whole was read at once
 
     @property
     def word(self) -> str:
@@ -125,7 +131,14 @@ def _statements(source: Source) -> list[Statement]:
             out.append(Statement(open_tokens[0].line, list(open_tokens)))
             open_tokens.clear()
 
+    names: dict[str, Name] = {}
     for n, raw in enumerate(source.lines, 1):
+        move = None if open_tokens else _PLAIN_MOVE.fullmatch(raw)
+        if move is not None and (target := _plain_list(move.group(2))) is not None:
+            used = [names.setdefault(w, Name(w.upper(), "", w)) for w in move.group(3, 4, 5, 7) if w]
+            option: dict[str, object] = {"WOBJ": used[3]} if move.group(6) else {}
+            out.append(Statement(n, [Token("name", move.group(1), n)], ([target, *used[:3]], option)))
+            continue
         at, end = 0, len(raw)
         while at < end:
             found = _TOKEN.match(raw, at)

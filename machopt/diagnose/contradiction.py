@@ -1,0 +1,135 @@
+"""Loads and displacements that no arm could have had together: computed moments, a weight recorded as something else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.diagnose.problem import RecordCorrection
+from machopt.diagnose.result import Estimate, Finding
+from machopt.domain.recording import Recording
+from machopt.identify.experiment import experiment
+from machopt.identify.rivals import bounded_absolute
+from machopt.model.robot import Robot
+from machopt.se3 import skew
+
+Array = NDArray[np.float64]
+HOPELESS = 0.6  # unexplained share of the displacement from which on another reading of the load is looked for
+HALVED = 0.5  # a reading must leave less than this of what the stated one leaves
+AGAINST = 0.9  # share of readings that move against their load
+ONE_LEVER = 0.98  # share of the moments that one lever explains in all postures
+TURNED = np.radians(30.0)  # spread of the tool's attitude at which one lever in base axes is no longer a tool's
+FEWEST = 5  # poses
+STEPS = 40  # of reweighting
+WORD = "the record, read as stated"
+
+
+def contradictions(recording: Recording, robot: Robot, T_flange_tcp: Array) -> tuple[Recording, list[Finding]]:
+    """Look for loads that were computed, or that acted otherwise than recorded, and mend what is certain.
+
+    Args:
+        recording: kind deflection, units and frames mended.
+        robot, T_flange_tcp: the arm.
+    """
+    out: list[Finding] = []
+    recording, lever = _one_lever(recording, robot, T_flange_tcp)
+    out += lever
+    stated = _unexplained(recording, robot, T_flange_tcp)
+    if stated < HOPELESS:
+        return recording, out
+    assert recording.wrench is not None and recording.displacement is not None  # kind deflection
+    w, d = recording.wrench, recording.displacement
+    hung = np.zeros_like(w)
+    hung[:, 2] = -np.linalg.norm(w[:, :3], axis=1)
+    ways: dict[tuple[str, int], Recording] = {}
+    for load, wrench, frame in (("recorded", w, recording.wrench_frame), ("hung", hung, "base")):
+        for axis in (-1, 0, 1, 2):
+            turned = d.copy()
+            if axis >= 0:
+                turned[:, axis] *= -1.0
+            ways[load, axis] = replace(recording, wrench=wrench, wrench_frame=frame, displacement=turned)
+    left = {k: _unexplained(r, robot, T_flange_tcp) for k, r in ways.items()}
+    load, axis = best = min(left, key=lambda k: left[k])
+    if left[best] > HALVED * stated:
+        return recording, out
+    before, after = (1e3 * v * float(np.mean(np.abs(d[:, :3]))) for v in (stated, left[best]))
+    against = float(np.mean(np.einsum("nc,nc->n", w[:, :3], d[:, :3]) < 0))
+    chance = 0.5 ** len(np.unique(recording.pose))  # that every pose agrees by accident
+    said = f"{100 * against:.0f} % of the readings move against their load. " if against > AGAINST else ""
+    if load == "hung":
+        out.append(_finding(
+            "load_geometry", "sensor:force",
+            f"{said}Displacements fit a weight of the recorded size that hangs straight down, not the recorded "
+            "directions", before, after, chance,
+        ))  # fmt: skip
+        said = ""
+    if axis >= 0:
+        name = "xyz"[axis]
+        out.append(_finding(
+            "displacement_frame", "sensor:displacement", f"{said}d{name} counts against {name} of the stated axes",
+            before, after, chance,
+        ))  # fmt: skip
+    return ways[best], out
+
+
+def _one_lever(recording: Recording, robot: Robot, T_flange_tcp: Array) -> tuple[Recording, list[Finding]]:
+    """Moments that are one lever in base axes times the force in every posture: computed, not measured at the TCP."""
+    w = recording.wrench
+    assert w is not None  # kind deflection
+    tests = experiment(recording, robot, T_flange_tcp)
+    f, m = tests.wrench[:, :3], w[:, 3:]
+    if recording.wrench_frame != "base" or not m.any() or len(np.unique(tests.pose)) < FEWEST:
+        return recording, []
+    R = tests.T_base_tcp[:, :3, :3]
+    spread = float(np.linalg.norm((R - R.mean(axis=0)).reshape(-1, 9), axis=1).mean() / np.sqrt(2.0))
+    if spread < TURNED:
+        return recording, []
+    A = np.concatenate([-skew(f), np.broadcast_to(np.eye(3), (len(f), 3, 3))], axis=2).reshape(-1, 6)
+    y, weight = m.reshape(-1), np.ones(m.size)
+    x = np.zeros(6)
+    for _ in range(STEPS):  # least absolute deviations: a misprint must not hide it
+        x = np.linalg.lstsq(A * weight[:, None], y * weight, rcond=None)[0]
+        weight = 1.0 / np.sqrt(np.maximum(np.abs(y - A @ x), 1e-3))
+    share = 1.0 - float(np.median(np.abs(y - A @ x)) / max(np.median(np.abs(y)), 1e-9))
+    if share < ONE_LEVER:
+        return recording, []
+    bare = w.copy()
+    bare[:, 3:] = 0.0
+    forces = replace(recording, wrench=bare, wrench_point=None)
+    stated, without = _unexplained(recording, robot, T_flange_tcp), _unexplained(forces, robot, T_flange_tcp)
+    r = 1e3 * x[:3]
+    size = float(np.linalg.norm(r))
+    typical = 1e3 * float(np.mean(np.abs(tests.measured[:, :3])))
+    words = (
+        f"the moments are, to {100 * (1 - share):.1g} % in the middle, one lever of base_link axes ({r[0]:.0f}, {r[1]:.0f}, {r[2]:.0f} mm) times "
+        f"the force plus a constant, in postures that turn the tool by {np.degrees(spread):.0f}°: no load at the tool "
+        f"gives that; {'they were left out' if without < stated else 'they were kept'}"
+    )
+    found = _finding(
+        "load_geometry",
+        "sensor:force",
+        words,
+        typical * stated,
+        typical * min(stated, without),
+        0.5 ** len(np.unique(tests.pose)),
+    )
+    exact = Estimate(size, "mm", (size, size), (size, size))
+    return (forces if without < stated else recording), [replace(found, parameters={"lever": exact})]
+
+
+def _finding(effect: str, where: str, words: str, before: float, after: float, p_value: float) -> Finding:
+    return Finding(
+        effect, where, WORD, "", words, ((effect, where),), {}, before, after, p_value,
+        correction=RecordCorrection(effect, where, {"message": words}), record=True,
+    )  # fmt: skip
+
+
+def _unexplained(recording: Recording, robot: Robot, T_flange_tcp: Array) -> float:
+    """Share of the translations that six joint compliances ≥ 0 leave, by absolute deviations."""
+    tests = experiment(recording, robot, T_flange_tcp)
+    A, y = tests.response()[:, :3], tests.measured[:, :3]
+    load = np.linalg.norm(tests.wrench[:, :3], axis=1) + np.linalg.norm(tests.wrench[:, 3:], axis=1)
+    x = bounded_absolute(A, y, load)
+    return float(np.abs(y - A @ x).sum() / max(np.abs(y).sum(), 1e-300))

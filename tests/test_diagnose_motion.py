@@ -1,0 +1,298 @@
+"""Diagnosis of motions: rigid bodies, operators with memory, stretches of time, record checks, and whole diagnoses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from machopt.diagnose import engine, motion, motion_checks
+from machopt.diagnose.motion_memory import bouc_wen, lag, mass_on_spring, play, presliding
+from machopt.diagnose.motion_signals import signals
+from machopt.domain.cell import Cell, JointLimits, Tool, Workpiece
+from machopt.domain.recording import Recording
+from machopt.errors import InputError
+from machopt.model.rigid import load_dynamics
+from machopt.model.robot import GRAVITY
+
+MASS, LENGTH, INERTIA = 20.0, 0.7, 1.5  # kg, m, kg·m² about the centre
+LINK = (
+    '<link name="l{i}"><inertial><origin xyz="{c} 0 0"/><mass value="{m}"/>'
+    '<inertia ixx="{I}" iyy="{I}" izz="{I}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    '<joint name="a{i}" type="{kind}"><parent link="{parent}"/><child link="l{i}"/><origin xyz="{at} 0 0"/>'
+    '<axis xyz="{axis}"/><limit lower="-3" upper="3" velocity="5" effort="0"/></joint>'
+)
+
+
+def arm(folder: Path, joints: int = 1, kind: str = "revolute", tool: float = 0.0) -> Cell:
+    """Horizontal axes (y) in a row, or one slide along x."""
+    axis = "1 0 0" if kind == "prismatic" else "0 -1 0"
+    parts, parent = [], "base"
+    for i in range(1, joints + 1):
+        parts.append(LINK.format(i=i, c=LENGTH, m=MASS, I=INERTIA, kind=kind, parent=parent, axis=axis,
+                                 at=0.0 if i == 1 else 1.0))  # fmt: skip
+        parent = f"l{i}"
+    urdf = folder / "arm.urdf"
+    urdf.write_text(f'<robot name="arm"><link name="base"/>{"".join(parts)}</robot>', encoding="utf-8")
+    one = np.ones(joints)
+    return Cell(
+        "bench", folder, urdf, {}, "base", parent, tuple(f"a{i}" for i in range(1, joints + 1)), (), (),
+        np.zeros(joints), np.zeros(0), np.eye(4), JointLimits(-one, one, one, one, one),
+        Tool(np.eye(4), tool, np.array([0.2, 0.0, 0.1])), Workpiece("world", np.eye(4)), (), None,
+    )  # fmt: skip
+
+
+def excited(joints: int, rng: np.random.Generator, *, periods: int = 4, rate: float = 100.0, period: float = 6.0):
+    """Time, q, q̇, q̈ of a Fourier series that repeats."""
+    t = np.arange(int(periods * period * rate)) / rate
+    q, v, a = (np.zeros((len(t), joints)) for _ in range(3))
+    for j in range(joints):
+        for k in range(1, 5):
+            w, phase, size = 2 * np.pi * k / period, rng.uniform(0, 6.28), rng.uniform(0.1, 0.5) / k
+            q[:, j] += size * np.sin(w * t + phase)
+            v[:, j] += size * w * np.cos(w * t + phase)
+            a[:, j] -= size * w**2 * np.sin(w * t + phase)
+    return t, q, v, a
+
+
+def recorded(t, q, v, tau=None, **more) -> Recording:
+    zeros = np.zeros(len(t), np.int64)
+    return Recording("motion", "bench", q, zeros, np.arange(len(t)), zeros, np.arange(len(t)) + 2, time=t, velocity=v,
+                     torque=tau, **more)  # fmt: skip
+
+
+def diagnosed(recording: Recording, cell: Cell, channel):
+    problem, catalogue, notes, first = motion.build(recording, cell, channel, np.random.default_rng(0))
+    found = engine.diagnose(problem, catalogue, engine.Options(), np.random.default_rng(0))
+    return found, notes, first
+
+
+def test_torque_of_a_pendulum(tmp_path: Path) -> None:
+    """τ = (m l² + I) q̈ + m g l cos q; exact to rounding."""
+    dynamics = load_dynamics(arm(tmp_path))
+    q = np.linspace(-2, 2, 9)[:, None]
+    a = np.linspace(3, -1, 9)[:, None]
+    expected = (MASS * LENGTH**2 + INERTIA) * a + MASS * GRAVITY * LENGTH * np.cos(q)
+    assert dynamics.torque(q, 0 * q, a) == pytest.approx(expected, rel=1e-12, abs=1e-9)
+    assert dynamics.own_inertia(q) == pytest.approx(np.full((9, 1), MASS * LENGTH**2 + INERTIA), rel=1e-12)
+
+
+def test_regressors_are_what_changing_the_tool_does(tmp_path: Path) -> None:
+    """More mass at the tool's centre changes torques by the first payload column, exactly linear."""
+    rng = np.random.default_rng(1)
+    _, q, v, a = excited(3, rng, periods=1, rate=5.0)
+    light, heavy = (load_dynamics(arm(tmp_path, 3, tool=m)) for m in (5.0, 7.5))
+    P, _, L = light.regressors(q, v, a)
+    assert 2.5 * P[:, :, 0] == pytest.approx(heavy.torque(q, v, a) - light.torque(q, v, a), rel=1e-9, abs=1e-9)
+    # all links scaled by one: the whole torque, tool (in the last link) included
+    assert L.sum(axis=2) == pytest.approx(light.torque(q, v, a), rel=1e-9, abs=1e-9)
+
+
+def test_gravity_follows_how_the_robot_is_mounted(tmp_path: Path) -> None:
+    """On a wall the axis stands upright and weight does nothing."""
+    turned = np.eye(4)
+    turned[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
+    dynamics = load_dynamics(replace(arm(tmp_path), T_world_base=turned))
+    q = np.linspace(-1, 1, 5)[:, None]
+    assert dynamics.torque(q, 0 * q, 0 * q) == pytest.approx(0 * q, abs=1e-9)
+
+
+def test_urdf_without_inertias_is_refused(tmp_path: Path) -> None:
+    cell = arm(tmp_path)
+    text = cell.urdf.read_text(encoding="utf-8")
+    start, end = text.index("<inertial>"), text.index("</inertial>") + len("</inertial>")
+    cell.urdf.write_text(text[:start] + text[end:], encoding="utf-8")
+    with pytest.raises(InputError, match="inertial"):
+        load_dynamics(cell)
+
+
+def test_play_and_presliding() -> None:
+    """Play keeps half its width behind at a turn; presliding turns over exponentially with the way."""
+    first = np.array([1, 0, 0, 0, 0], np.int64)
+    assert play(np.array([0.0, 1.0, 3.0, 2.5, 0.0]), first, 1.0) == pytest.approx([0.0, 0.0, 2.0, 2.0, 1.0])
+    v = np.full(101, 1e-3)
+    v[0] = -1e-3
+    first = np.zeros(101, np.int64)
+    first[0] = 1
+    z = presliding(v, 0.01, first, 5e-4)
+    # speed turns within the first interval: a quarter of it forward, then 49 whole ones: 4.925e-4 rad
+    assert z[50] == pytest.approx(1.0 - 2.0 * np.exp(-0.985), abs=1e-6)
+
+
+def test_bouc_wen_closes_its_loop_only_without_ratchet() -> None:
+    """β = ½: after a full cycle z is back; β > ½ under a one-sided load: it is not."""
+    up = np.concatenate([np.linspace(0, 2, 100), np.linspace(2, 1, 50), np.linspace(1, 2, 50)])
+    first = np.zeros(len(up), np.int64)
+    first[0] = 1
+    closed, creeping = (bouc_wen(up, first, 1.0, b) for b in (0.5, 0.8))
+    assert abs(creeping[-1] - creeping[99]) > 3 * abs(closed[-1] - closed[99])
+    assert np.all(np.diff(closed[:100]) > 0)
+
+
+def test_lag_and_spring_follow_their_closed_forms() -> None:
+    """A step through a lag, and the free swing of a mass on a spring: both exact over a step with held input."""
+    n, h = 400, 0.005
+    first = np.zeros(n, np.int64)
+    first[0] = 1
+    x = np.ones(n)
+    x[0] = 0.0
+    t = h * np.arange(n)
+    assert lag(x, np.full(n, h), first, 0.3) == pytest.approx(1 - np.exp(-t / 0.3), abs=1e-12)
+    load = np.zeros(n)
+    load[0] = 100.0
+    swing = mass_on_spring(load, np.full(n, 2.0), np.full(n, h), first, 5000.0, 0.05)
+    w = 50.0 * np.sqrt(1 - 0.05**2)
+    # the load is taken as falling over the first step: the phase may be half a step off, the decay is not
+    peak = np.abs(swing[200:]).max() / np.abs(swing[:40]).max()
+    assert peak == pytest.approx(np.exp(-0.05 * 50.0 * 1.0), rel=0.15)
+    crossings = np.flatnonzero(np.diff(np.sign(swing)) != 0)
+    assert np.mean(np.diff(crossings)) * h == pytest.approx(np.pi / w, rel=0.02)
+
+
+def test_periods_groups_and_twins_of_a_repeating_motion(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    t, q, v, a = excited(1, rng)
+    m = signals(recorded(t, q, v), 1)
+    assert m.length == pytest.approx(6.0, abs=0.011)  # one sample
+    assert len(np.unique(m.group)) >= 6
+    # twins stand at the same joint angle and in other periods
+    label = m.replicate[m.replicate >= 0]
+    assert len(label) > 0.9 * len(m)
+    position = m.mean(m.q[:, 0])[m.replicate >= 0]
+    kind = np.unique(label)[5]
+    assert np.ptp(position[label == kind]) < 1e-6
+    # twins never stand in different groups, or one would tell of the other
+    assert all(len(np.unique(m.group[m.replicate == k])) == 1 for k in np.unique(label)[::17])
+    # derivative of the filtered speed: the series is slow against the filter; a part in a thousand of its range
+    inside = slice(100, -100)
+    assert np.abs(m.a[inside] - a[inside]).max() < 2e-3 * np.ptp(a)
+
+
+def test_an_offset_of_one_period_is_not_physics(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    t, q, v, _ = excited(1, rng)
+    m = signals(recorded(t, q, v), 1)
+    x = 3.0 + m.first(m.period).astype(float)
+    assert m.within(x[:, None]) == pytest.approx(np.full((len(m), 1), x.mean()), abs=1e-9)
+
+
+def test_gaps_split_and_short_records_are_refused() -> None:
+    rng = np.random.default_rng(2)
+    t, q, v, _ = excited(1, rng)
+    keep = (t < 10.0) | (t > 11.0)
+    m = signals(recorded(t[keep], q[keep], v[keep]), 1)
+    assert len(m.segments()) == 2
+    assert any("gap" in n for n in m.notes)
+    with pytest.raises(InputError, match="no stretch"):
+        signals(recorded(t[:20], q[:20], v[:20]), 1)
+    twice = t.copy()
+    twice[7] = twice[6]
+    with pytest.raises(InputError, match="time stands still"):
+        signals(recorded(twice, q, v), 1)
+
+
+def test_speeds_in_radians_are_put_right_and_said() -> None:
+    rng = np.random.default_rng(3)
+    t, q, v, _ = excited(2, rng)
+    fixed, found = motion_checks.units(recorded(t, 20 * q, 20 * v * np.pi / 180.0), 2)
+    assert [(f.effect, f.location) for f in found] == [("units", "column:qd1_deg_s")]
+    assert fixed.velocity == pytest.approx(20 * v, rel=1e-12)
+    _, none = motion_checks.units(recorded(t, q, v), 2)
+    assert not none
+    with pytest.raises(InputError, match="runs against"):
+        motion_checks.units(recorded(t, q, -v), 2)
+
+
+def test_torque_before_the_gear_is_refused(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    cell = arm(tmp_path, 2)
+    t, q, v, a = excited(2, rng)
+    tau = load_dynamics(cell).torque(q, v, a) / np.array([120.0, 90.0])
+    with pytest.raises(InputError, match="before their gears"):
+        motion.build(recorded(t, q, v, tau), cell, "torque", rng)
+
+
+def test_channels_follow_the_signals(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    cell = arm(tmp_path, 1)
+    t, q, v, _ = excited(1, rng)
+    assert motion.channels(recorded(t, q, v, q), cell) == ("torque",)
+    assert motion.channels(recorded(t, q, v, q, q_secondary=q), cell)[0] == "link"
+    assert motion.channels(recorded(t, q, v), cell) == ()
+
+
+@pytest.mark.parametrize("late", [-0.0043, 0.0, 0.0121])
+def test_delay_of_torque_is_found_to_a_fifth_of_a_millisecond(tmp_path: Path, late: float) -> None:
+    """Friction that steps at reversals must be late together with the rigid bodies; noise 0.5 N·m of 140."""
+    rng = np.random.default_rng(4)
+    cell = arm(tmp_path)
+    t, q, v, _ = excited(1, rng)
+    fine, qf, vf, af = excited(1, np.random.default_rng(4), rate=2000.0)
+    tau = load_dynamics(cell).torque(qf, vf, af)[:, 0] + 8.0 * np.sign(vf[:, 0]) + 3.0 * vf[:, 0]
+    seen = np.interp(t - late, fine, tau)[:, None] + 0.5 * rng.normal(size=(len(t), 1))
+    _, catalogue, _, _ = motion.build(recorded(t, q, v, seen), cell, "torque", rng)
+    clock = next(h for h in catalogue.hypotheses if h.effect == "time_skew")
+    assert clock.shapes[0][0] == pytest.approx(late, abs=2e-4)
+
+
+def shaken(tmp_path: Path, joints: int, seed: int):
+    rng = np.random.default_rng(seed)
+    cell = arm(tmp_path, joints, tool=5.0)
+    t, q, v, a = excited(joints, rng, periods=5)
+    tau = load_dynamics(cell).torque(q, v, a) + 6.0 * np.sign(v) + 2.0 * v
+    return rng, cell, t, q, v, tau
+
+
+def test_nothing_is_named_where_nothing_is_left_out(tmp_path: Path) -> None:
+    rng, cell, t, q, v, tau = shaken(tmp_path, 2, 5)
+    found, notes, first = diagnosed(recorded(t, q, v, tau + rng.normal(size=q.shape)), cell, "torque")
+    assert found.verdict == "consistent"
+    assert not found.findings
+    assert not first
+    assert "low-pass" in notes[0]
+
+
+def test_friction_that_falls_with_speed_is_named_at_its_joint(tmp_path: Path) -> None:
+    """A Stribeck peak of 6 N·m in 1 N·m of noise; a hyperbola here, an exponential in the catalogue."""
+    rng, cell, t, q, v, tau = shaken(tmp_path, 2, 6)
+    tau[:, 1] += 6.0 * np.sign(v[:, 1]) / (1.0 + (v[:, 1] / 0.06) ** 2)
+    found, _, _ = diagnosed(recorded(t, q, v, tau + rng.normal(size=q.shape)), cell, "torque")
+    assert [(f.effect, f.location) for f in found.findings] == [("joint_friction", "joint:2")]
+    assert found.heldout_after < found.heldout_before
+    # within a fifth of the noise of a reading (two samples averaged at most): the law is not the very same
+    assert found.heldout_after < 1.2 * max(found.noise_floor, 0.7)
+
+
+def test_clearance_of_a_gear_is_named_from_link_side_encoders(tmp_path: Path) -> None:
+    """Half a step of 0.1 mrad with the sign of the torque, rounded by contact; noise 20 µrad."""
+    rng, cell, t, q, v, tau = shaken(tmp_path, 1, 7)
+    load = -(tau - 6.0 * np.sign(v) - 2.0 * v)
+    other = q + load / 2e6 + 5e-5 * np.tanh(load / 2.0) + 2e-5 * rng.normal(size=q.shape)
+    found, _, _ = diagnosed(recorded(t, q, v, tau, q_secondary=other), cell, "link")
+    assert [(f.effect, f.location) for f in found.findings] == [("joint_backlash", "joint:1")]
+    width = found.findings[0].parameters["width"]
+    assert width.value == pytest.approx(1e-4 * 10800 / np.pi, rel=0.1)  # arcmin; the knee is tanh here, a ramp there
+
+
+def test_encoders_behind_their_command_are_said(tmp_path: Path) -> None:
+    rng, _, t, q, v, tau = shaken(tmp_path, 2, 8)
+    asked = q + 0.012 * v
+    lags = motion_checks.servo_lag(recorded(t, q, v, tau, q_command=asked), 2)
+    assert [(f.effect, f.location) for f in lags] == [("servo_lag", "controller")]
+    assert lags[0].parameters["delay"].value == pytest.approx(12.0, abs=0.3)  # ms; the derivative of a delayed command
+    assert not motion_checks.servo_lag(recorded(t, q, v, tau, q_command=q + 1e-6 * rng.normal(size=q.shape)), 2)
+
+
+def test_a_slide_is_a_chain_too(tmp_path: Path) -> None:
+    """One prismatic joint: force, not torque, and nothing asks for six joints."""
+    rng = np.random.default_rng(9)
+    cell = arm(tmp_path, 1, "prismatic")
+    t, q, v, a = excited(1, rng)
+    force = MASS * a + 5.0 * np.sign(v) + 0.2 * rng.normal(size=q.shape)
+    problem, _, _, _ = motion.build(recorded(t, q, v, force), cell, "torque", rng)
+    assert problem.families[0].unit == "N"
+    x = np.linalg.lstsq(problem.base[:, 0], problem.y[:, 0], rcond=None)[0]
+    coulomb = next(k for k, u in enumerate(problem.unknowns) if u.name.startswith("Coulomb"))
+    assert x[coulomb] == pytest.approx(5.0, abs=0.1)  # noise 0.2 N over a thousand readings
