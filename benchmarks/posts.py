@@ -1,15 +1,13 @@
-"""Robot programs: speed, random round trips and damaged files, for every post and reader.
+"""Robot programs: speed and random round trips, for every post (damaged files: ``fuzz.py``).
 
-Run: ``python benchmarks/posts.py [--moves N] [--paths N] [--fuzz N] [FORMAT …]``. Prints how long a program of N moves
-takes to write and to read back; makes ``--paths`` random valid paths for every post and takes each from CSV to
-program and back to CSV within the printed decimals; reads ``--fuzz`` damaged programs of every format and stops at
-anything that is not a plain refusal.
+Run: ``python benchmarks/posts.py [--moves N] [--paths N] [POST …]``. Prints how long a program of N moves takes to
+write and to read back; makes ``--paths`` random valid paths for every post and takes each from CSV to program and back
+to CSV within the printed decimals.
 """
 
 from __future__ import annotations
 
 import argparse
-import random
 import sys
 import tempfile
 import time
@@ -21,7 +19,6 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 from made_up_program import MAPPED, PLAIN, Recipe, program  # noqa: E402
-from mutations import FORMATS, run, seeds  # noqa: E402
 from test_post_roundtrip import csv_round_trip, main_file  # noqa: E402
 
 from machopt.formats.posts import post_names, program_name, write_program  # noqa: E402
@@ -61,44 +58,16 @@ def paths(count: int, posts: list[str]) -> None:
         print(f"{post:16} {count} random paths came back within print, {time.perf_counter() - start:.0f} s")
 
 
-def fuzz(count: int, formats: list[str]) -> None:
-    for form in formats:
-        slowest, total = 0.0, time.perf_counter()
-
-        def told(_: int, seconds: float) -> None:
-            nonlocal slowest
-            slowest = max(slowest, seconds)
-
-        with tempfile.TemporaryDirectory() as name:
-            places = seeds(Path(name), form)
-            read = refused = 0
-            for k, place in enumerate(places):
-                share = count * (k + 1) // len(places) - count * k // len(places)
-                try:
-                    a, b = run(place, share, random.Random(1000 * k + len(form)), told)
-                except Exception:
-                    print(
-                        "left as it was:", [(f.name, f.read_bytes()) for f in sorted(place.rglob("*")) if f.is_file()]
-                    )
-                    raise
-                read, refused = read + a, refused + b
-        print(f"{form:10} {count} damaged programs: {read} read, {refused} refused, no crash; "
-              f"slowest {1e3 * slowest:.0f} ms, {time.perf_counter() - total:.0f} s")  # fmt: skip
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--moves", type=int, default=0)
     parser.add_argument("--paths", type=int, default=0)
-    parser.add_argument("--fuzz", type=int, default=0)
-    parser.add_argument("formats", nargs="*", help="posts or formats; all by default")
+    parser.add_argument("posts", nargs="*", help="all by default")
     args = parser.parse_args()
     if args.moves:
-        speed(args.moves, args.formats or list(post_names()))
+        speed(args.moves, args.posts or list(post_names()))
     if args.paths:
-        paths(args.paths, args.formats or list(post_names()))
-    if args.fuzz:
-        fuzz(args.fuzz, args.formats or list(FORMATS))
+        paths(args.paths, args.posts or list(post_names()))
 
 
 if __name__ == "__main__":

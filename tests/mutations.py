@@ -1,19 +1,23 @@
-"""Damaged robot programs: what editors, transfers and cut-off downloads make of them, and worse."""
+"""Damaged robot programs: what editors, transfers and cut-off downloads make of them; and what must hold then."""
 
 from __future__ import annotations
 
+import contextlib
 import random
+import signal
 import time
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from made_up_program import MAPPED, Recipe, program
+from made_up_program import ARM, MAPPED, TOOL, WORKPIECE, Recipe, program
 
+from machopt.domain.toolpath import Move, Toolpath
 from machopt.errors import InputError
 from machopt.formats.posts import program_name, write_program
-from machopt.formats.programs import read_program
+from machopt.formats.programs import KnownRobot, read_program
 from machopt.formats.programs.parsed import ParsedProgram
 from machopt.formats.programs.toolpath import to_toolpath
 from machopt.formats.source import ReadOptions, decode, read_bytes
@@ -23,6 +27,9 @@ FORMATS = {
     "urscript": ("urscript", "urscript_movep", "urscript_servoj"), "val3": ("val3",), "jbi": ("jbi", "jbi_rectan"),
     "csv": ("csv",), "json": ("json",), "ros": ("ros_yaml", "ros_json"),
 }  # fmt: skip
+ROBOT = KnownRobot(ARM.fk, MAPPED, TOOL, WORKPIECE)
+HANG = 30.0  # s for one small file: a reader that takes that long hangs, even on a busy machine
+MOST_POINTS = 1_000_000  # of a file of a hundred lines
 MAIN_SUFFIXES = (".src", ".mod", ".ls", ".script", ".pjx", ".jbi", ".csv", ".json", ".yaml")
 _WORDS = (
     "PTP", "LIN", "CIRC", "SPL", "FOR i = 1 TO 99999999", "ENDFOR", "END", "IF", "MoveL", "MoveC", "PROC x()",
@@ -89,30 +96,75 @@ def damaged(data: bytes, rng: random.Random) -> bytes:
     return bytes(out)
 
 
-def run(
-    place: Path, count: int, rng: random.Random, told: Callable[[int, float], None] | None = None
-) -> tuple[int, int]:
-    """Read ``count`` damaged versions of a program; (read, refused). Anything but an InputError comes through."""
+def run(place: Path, count: int, rng: random.Random) -> Counter[str]:
+    """Read ``count`` damaged versions of a program, and take them as toolpaths: how many were read, refused.
+
+    Raises:
+        Exception: anything but a plain refusal; the damaged files are left as they are.
+    """
     target = main_file(place)
     files = [f for f in sorted(place.rglob("*")) if f.is_file()]
     sound = {f: f.read_bytes() for f in files}
     options = ReadOptions(default_feed=0.01)
-    read = refused = 0
-    for n in range(count):
+    out: Counter[str] = Counter()
+    for _ in range(count):
         victim = rng.choice(files) if rng.random() < 0.5 else target
-        victim.write_bytes(damaged(sound[victim], rng))  # left as it is where something else than InputError comes
+        victim.write_bytes(damaged(sound[victim], rng))
         start = time.perf_counter()
-        try:
-            parsed = read_program(target)
-            sensible(parsed)
-            read += 1
-            to_toolpath(parsed, decode(target, read_bytes(target)), options)
-        except InputError:
-            refused += 1
-        if told is not None:
-            told(n, time.perf_counter() - start)
+        with within(HANG):
+            try:
+                parsed = read_program(target)
+                sensible(parsed)
+                check(to_toolpath(parsed, decode(target, read_bytes(target)), options, ROBOT), None)
+                out["read"] += 1
+            except InputError as error:
+                if not error.reason.strip():
+                    raise
+                out["refused"] += 1
+        out["slowest_ms"] = max(out["slowest_ms"], round(1e3 * (time.perf_counter() - start)))
         victim.write_bytes(sound[victim])
-    return read, refused
+    return out
+
+
+def check(toolpath: Toolpath, lines: int | None) -> None:
+    """What holds for every toolpath, whatever the file was; ``lines`` of the file, None where it calls others."""
+    n = len(toolpath)
+    assert 0 < n <= MOST_POINTS
+    assert toolpath.cutting.any()
+    assert np.isfinite(toolpath.position).all()
+    assert np.abs(toolpath.position).max() <= 1e3  # m: the readers' own limit
+    assert np.allclose(np.linalg.norm(toolpath.axis, axis=1), 1.0, atol=1e-9)
+    assert (toolpath.feed[toolpath.cutting] > 0.0).all()
+    assert np.isfinite(toolpath.feed[toolpath.cutting]).all()
+    assert set(np.unique(toolpath.move).tolist()) <= {int(m) for m in Move}
+    assert ((toolpath.operation >= 0) & (toolpath.operation < len(toolpath.operations))).all()
+    assert (np.diff(toolpath.operation) >= 0).all()
+    assert (toolpath.line >= 1).all()
+    assert lines is None or (toolpath.line <= max(lines, n)).all()
+    assert all(0 <= e.index <= n for e in toolpath.events)
+    assert all(w.count >= 1 for w in toolpath.ignored)
+    if any(not w.understood for w in toolpath.ignored):
+        assert any("not understood" in w for w in toolpath.warnings)
+
+
+class HangError(AssertionError):
+    """A reader took too long."""
+
+
+@contextlib.contextmanager
+def within(seconds: float) -> Iterator[None]:
+    """Raise :class:`HangError` where the body takes longer."""
+
+    def late(*_: object) -> None:
+        raise HangError(f"took longer than {seconds:g} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def sensible(p: ParsedProgram) -> None:

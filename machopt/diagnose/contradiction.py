@@ -1,4 +1,4 @@
-"""Loads and displacements that no arm could have had together: computed moments, a weight recorded as something else."""
+"""Loads and displacements that no arm could have had together: computed moments, a hung weight recorded otherwise."""
 
 from __future__ import annotations
 
@@ -39,7 +39,8 @@ def contradictions(recording: Recording, robot: Robot, T_flange_tcp: Array) -> t
     stated = _unexplained(recording, robot, T_flange_tcp)
     if stated < HOPELESS:
         return recording, out
-    assert recording.wrench is not None and recording.displacement is not None  # kind deflection
+    assert recording.wrench is not None  # kind deflection
+    assert recording.displacement is not None
     w, d = recording.wrench, recording.displacement
     hung = np.zeros_like(w)
     hung[:, 2] = -np.linalg.norm(w[:, :3], axis=1)
@@ -88,7 +89,7 @@ def _one_lever(recording: Recording, robot: Robot, T_flange_tcp: Array) -> tuple
         return recording, []
     A = np.concatenate([-skew(f), np.broadcast_to(np.eye(3), (len(f), 3, 3))], axis=2).reshape(-1, 6)
     y, weight = m.reshape(-1), np.ones(m.size)
-    x = np.zeros(6)
+    x: Array = np.zeros(6)
     for _ in range(STEPS):  # least absolute deviations: a misprint must not hide it
         x = np.linalg.lstsq(A * weight[:, None], y * weight, rcond=None)[0]
         weight = 1.0 / np.sqrt(np.maximum(np.abs(y - A @ x), 1e-3))
@@ -102,9 +103,10 @@ def _one_lever(recording: Recording, robot: Robot, T_flange_tcp: Array) -> tuple
     r = 1e3 * x[:3]
     size = float(np.linalg.norm(r))
     typical = 1e3 * float(np.mean(np.abs(tests.measured[:, :3])))
+    place = f"({r[0]:.0f}, {r[1]:.0f}, {r[2]:.0f} mm)"
     words = (
-        f"the moments are, to {100 * (1 - share):.1g} % in the middle, one lever of base_link axes ({r[0]:.0f}, {r[1]:.0f}, {r[2]:.0f} mm) times "
-        f"the force plus a constant, in postures that turn the tool by {np.degrees(spread):.0f}°: no load at the tool "
+        f"the moments are, to {100 * (1 - share):.1g} % in the middle, one lever of base_link axes {place} times the "
+        f"force plus a constant, in postures that turn the tool by {np.degrees(spread):.0f}°: no load at the tool "
         f"gives that; {'they were left out' if without < stated else 'they were kept'}"
     )
     found = _finding(

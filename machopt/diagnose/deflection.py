@@ -7,8 +7,6 @@ robot is free of.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -169,15 +167,3 @@ def replicates(tests: Experiment, recording: Recording) -> Ints:
                 out[rows[near]] = n
                 n += 1
     return out
-
-
-def corrected(recording: Recording, rows: Ints) -> Recording:
-    """The recording without some rows (0-based)."""
-    keep = np.ones(len(recording), bool)
-    keep[rows] = False
-    parts = {
-        name: value[keep]
-        for name, value in vars(recording).items()
-        if isinstance(value, np.ndarray) and value.shape[:1] == keep.shape
-    }
-    return replace(recording, **parts)

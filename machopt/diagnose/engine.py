@@ -194,7 +194,7 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
         else []
     )
     if there.lasting and real:
-        lasts = Share("environment", 1.0, "what one visit shows, the next one shows too, at another pose: it lasts over time")
+        lasts = Share("environment", 1.0, "what one visit shows, the next one shows too, at another pose: it lasts")
         machine = [lasts, *(s for s in machine if s.axis != "environment")]
     shares = _shares(state, findings, machine) + data[:3]
     options.progress("detection limits")
@@ -220,10 +220,11 @@ def _limits(state: State, chosen: Sequence[Chosen], rng: np.random.Generator) ->
     """Limits beside what was found; of what was found, beside the rest of it."""
     found = {c.tried.hypothesis.name for c in chosen}
     rest = {t.hypothesis.name for t in state.tried} - found
-    out = limits.limits(with_chosen(state.base, chosen), [t for t in state.tried if t.hypothesis.name in rest], rng, rest)
+    others = [t for t in state.tried if t.hypothesis.name in rest]
+    out = limits.limits(with_chosen(state.base, chosen), others, rng, rest)
     for c in chosen:
-        others = [o for o in chosen if o is not c]
-        out += limits.limits(with_chosen(state.base, others), state.tried, rng, {c.tried.hypothesis.name})
+        beside = with_chosen(state.base, [o for o in chosen if o is not c])
+        out += limits.limits(beside, state.tried, rng, {c.tried.hypothesis.name})
     return out
 
 

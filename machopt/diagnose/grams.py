@@ -63,7 +63,7 @@ class Model:
     @property
     def spread(self) -> float:
         """Variance of a whitened residual, at least 1: what the noise model leaves out makes every test stricter."""
-        return max(1.0, self.rss / max(len(self.y) - self.X.shape[1], 1))
+        return float(max(1.0, self.rss / max(len(self.y) - self.X.shape[1], 1)))
 
     def by_fold(self, visits: Array) -> Array:
         out = np.zeros((self.folds, *visits.shape[1:]))

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.diagnose.laws_weight import beam, two_planes
 from machopt.diagnose.problem import Hypothesis, Quantity, Shape
 from machopt.diagnose.readings import Readings
 from machopt.domain.stiffness import Term
@@ -16,6 +18,7 @@ from machopt.model.terms.body import beam_axes
 
 Array = NDArray[np.float64]
 COUPLED = ((2, 3), (4, 5), (4, 6), (5, 6), (1, 2), (3, 4))
+NOTE = "out of what the joints' torques explain"
 BEAMS = (1, 2, 3, 4, 5)  # link 6 and the tool are one body
 
 
@@ -34,7 +37,7 @@ def coupling(r: Readings) -> list[Hypothesis]:
 
 def links(r: Readings) -> list[Hypothesis]:
     """Link as a beam: bends, twists (zhang2025 eq. 20; L³/3EI, L²/2EI, L/EI, L/GJ)."""
-    out = []
+    out, bare = [], replace(r, masses=None)  # weight cancels in displacements under load
     for i in BEAMS:
         where = f"link:{i}"
         try:
@@ -51,6 +54,7 @@ def links(r: Readings) -> list[Hypothesis]:
                 r, term, which, law, "cantilever: L³/3EI, L²/2EI, L/EI, L/GJ at the link's end",
                 lambda x, which=which, named=named: named(x, which), (0.0,) * len(which), "body",
             ))  # fmt: skip
+        out.append(two_planes(bare, i, beam(bare, i), NOTE))
     return out
 
 
@@ -145,9 +149,9 @@ def _in_axes(C: Array, turn: Array, names: list[str]) -> Array:
 
 
 def _linear(
-    r: Readings, term: LinearTerm, which: tuple[int, ...], law: str, equation: str, sizes, lower: tuple[float, ...],
-    family: str,
-) -> Hypothesis:  # type: ignore[no-untyped-def]  # fmt: skip
+    r: Readings, term: LinearTerm, which: tuple[int, ...], law: str, equation: str,
+    sizes: Callable[[Array], Mapping[str, Quantity]], lower: tuple[float, ...], family: str,
+) -> Hypothesis:  # fmt: skip
     def columns(shape: Shape) -> Array:
         return r.elastic(term)[:, :, list(which)]
 
@@ -158,14 +162,5 @@ def _linear(
 
     return Hypothesis(
         term.effect, term.location, law, equation, columns, lambda x, s: sizes(x), lower=lower, correction=correction,
-        family=family, note="out of what the joints' torques explain",
-    )  # fmt: skip
-
-
-def geometric(more: Array) -> Hypothesis:
-    """What load and weight do to the lever arms; known, so its coefficient is 1 and it is always counted."""
-    return Hypothesis(
-        "geometric_stiffness", "arm", "loaded equilibrium", "K_C of dumas2011 eqs. 8–10, solved instead of linearised",
-        lambda s: more[:, :, None], lambda x, s: {"share": Quantity(100.0 * float(x[0]), "%")},
-        correction=lambda x, s: Term("geometric_stiffness", "arm", {}), family="known", note="grows with the load squared",
+        family=family, note=NOTE,
     )  # fmt: skip

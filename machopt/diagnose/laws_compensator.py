@@ -47,7 +47,7 @@ def apparent(r: Readings) -> list[Hypothesis]:
 
     def columns(shape: Shape) -> Array:
         torque, slope = torques(q, shape[0], shape[1])
-        return r.lift(1, c**2 * tau[:, None] * slope) + moved[:, :, None] * (c * torque)[:, None, :]
+        return np.asarray(r.lift(1, c**2 * tau[:, None] * slope) + moved[:, :, None] * (c * torque)[:, None, :])
 
     def sizes(x: Array, shape: Shape) -> Mapping[str, Quantity]:
         _, slope = torques(np.linspace(q.min(), q.max(), 60), shape[0], shape[1])

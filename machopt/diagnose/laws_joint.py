@@ -6,7 +6,7 @@ joint bears, weight included; a reading of a load test counts φ(with load) − 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -166,7 +166,8 @@ def creep(r: Readings, j: int) -> list[Hypothesis]:
     def late(shape: Shape) -> Array:
         return r.lift(j, np.stack([relaxed(r, j, t, int(shape[-1])) for t in shape[:-1]], axis=1))
 
-    pairs = tuple((a, b, k) for k in (0.0, 1.0, 2.0, 3.0) for a, b in ((3.0, 20.0), (3.0, 60.0), (8.0, 60.0), (8.0, 200.0)))
+    two = ((3.0, 20.0), (3.0, 60.0), (8.0, 60.0), (8.0, 200.0))
+    pairs = tuple((a, b, k) for k in (0.0, 1.0, 2.0, 3.0) for a, b in two)
     return [
         Hypothesis(
             "joint_creep", where, "two time constants", "T ẋ + x = κ c τ, two of them, beside c τ", late,
@@ -213,12 +214,13 @@ def pose_dependent(r: Readings, j: int) -> list[Hypothesis]:
         return Term("joint_pose_dependent_stiffness", where, {
             "cos_rad_per_Nm": float(x[0]), "sin_rad_per_Nm": float(x[1])})  # fmt: skip
 
+    by_angle = "changes with the joint's angle"
     law = "c(q) = c + Σ (a_n cos nq + b_n sin nq)"
     centres = np.linspace(low, high, 7)
     widths = (0.12 * (high - low), 0.25 * (high - low))
     return [
         Hypothesis("joint_pose_dependent_stiffness", where, "one harmonic", law, lambda s: harmonics((1,)),
-                   lambda x, s: swing(x, (1,)), correction=first, family="joint", note="changes with the joint's angle"),
+                   lambda x, s: swing(x, (1,)), correction=first, family="joint", note=by_angle),
         Hypothesis("joint_pose_dependent_stiffness", where, "soft sector", "c(q) = c + a exp(−½((q − q₀)/σ)²)", sector,
                    lambda x, s: {"variation": Quantity(50.0 * abs(x[0]) / c if c > 0 else np.inf, "%"),
                                  "centre": Quantity(float(np.degrees(s[0])), "deg"),
@@ -227,9 +229,9 @@ def pose_dependent(r: Readings, j: int) -> list[Hypothesis]:
                    correction=lambda x, s: Term("joint_pose_dependent_stiffness", where, {
                        "law": "sector", "extra_rad_per_Nm": float(x[0]), "centre_deg": float(np.degrees(s[0])),
                        "width_deg": float(np.degrees(s[1]))}),
-                   family="joint", note="changes with the joint's angle"),
+                   family="joint", note=by_angle),
         Hypothesis("joint_pose_dependent_stiffness", where, "two harmonics", law, lambda s: harmonics((1, 2)),
-                   lambda x, s: swing(x, (1, 2)), family="joint", note="changes with the joint's angle",
+                   lambda x, s: swing(x, (1, 2)), family="joint", note=by_angle,
                    correction=lambda x, s: Term("joint_pose_dependent_stiffness", where, {
                        "cos_rad_per_Nm": float(x[0]), "sin_rad_per_Nm": float(x[1]),
                        "cos2_rad_per_Nm": float(x[2]), "sin2_rad_per_Nm": float(x[3])})),
@@ -271,8 +273,8 @@ def relaxed(r: Readings, j: int, constant: float, memory: int) -> Array:
     as readings stand apart.
 
     Args:
-        memory: 0: each cycle starts at rest; 1: what a cycle left goes on fading in the next one of the visit; 2: weight
-            creeps too, from the arrival at the pose on; 3: the same, with what earlier poses left.
+        memory: 0: each cycle starts at rest; 1: what a cycle left goes on fading in the next one of the visit;
+            2: weight creeps too, from the arrival at the pose on; 3: the same, with what earlier poses left.
     """
     key = ("relaxed", constant, memory)
     if key not in r.memo:
@@ -309,7 +311,7 @@ def _play_path(path: Array, threshold: float) -> Array:
     return out
 
 
-def _counted(r: Readings, j: int, law) -> Array:  # type: ignore[no-untyped-def]
+def _counted(r: Readings, j: int, law: Callable[[Array], Array]) -> Array:
     loaded = law(r.torque[:, j])
     return np.asarray(loaded - law(r.weight_torque[:, j]) if r.differences else loaded)
 
@@ -318,7 +320,9 @@ def _largest(tau: Array) -> float:
     return max(float(np.quantile(np.abs(tau), 0.98)), float(np.finfo(float).tiny))
 
 
-def _torque_curve(r: Readings, j: int, law):  # type: ignore[no-untyped-def]
+def _torque_curve(
+    r: Readings, j: int, law: Callable[[Array, Array, Shape], Array]
+) -> Callable[[Array, Shape], Curve]:
     def curve(x: Array, shape: Shape) -> Curve:
         tau = r.torque[:, j]
         span = float(np.abs(tau).max())

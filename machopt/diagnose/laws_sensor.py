@@ -7,7 +7,7 @@ Errors of the load act on the displacement through the compliance found so far: 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,7 +104,10 @@ def _vector(name: str, x: Array, unit: str) -> dict[str, Quantity]:
     return {f"{name}_{a}": Quantity(float(v), unit) for a, v in zip("xyz", x, strict=True)}
 
 
-def _record(effect: str, where: str, law: str, equation: str, columns, sizes, shapes=((),)) -> Hypothesis:  # type: ignore[no-untyped-def]
+def _record(
+    effect: str, where: str, law: str, equation: str, columns: Callable[[Shape], Array],
+    sizes: Callable[[Array, Shape], Mapping[str, Quantity]], shapes: tuple[Shape, ...] = ((),),
+) -> Hypothesis:  # fmt: skip
     def correction(x: Array, shape: Shape) -> RecordCorrection:
         return RecordCorrection(effect, where, {k: q.value for k, q in sizes(x, shape).items()})
 

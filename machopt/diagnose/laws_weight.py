@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 BEAMS = (1, 2, 3, 4, 5)  # link 6 and the tool are one body
 LEAST_LENGTH = 1e-3  # m; joints nearer than this make no beam
 SECTIONS = 4  # Gauss points: exact up to x⁷, and a uniform beam under its own weight has x⁴
+NOTE = "under weight, out of what the joints' torques explain"
 CANTILEVER = "cantilever under weight and load: L³/3EI, L²/2EI, L/EI, L/GJ (zhang2025 eq. 19)"
 
 
@@ -43,7 +44,7 @@ def bodies(r: Readings) -> list[Hypothesis]:
     """Links as beams, the base as a tilting plate, the tool as a beam, each under what it carries."""
     out = []
     for i in BEAMS:
-        columns = _beam(r, i)
+        columns = beam(r, i)
         if not np.abs(columns).max() > 0.0:
             continue
         term = term_of("link_compliance", f"link:{i}", r.robot, r.T_flange_tcp)
@@ -57,7 +58,7 @@ def bodies(r: Readings) -> list[Hypothesis]:
                 r, term, which, law, CANTILEVER, lambda s, made=made: made,  # type: ignore[misc]
                 lambda x, which=which: _beam_sizes(x, which),  # type: ignore[misc]
             ))  # fmt: skip
-        out.append(_two_planes(r, i, columns))
+        out.append(two_planes(r, i, columns))
     everything = np.ones(0 if r.masses is None else len(r.masses.body), bool)
     load = r.wrench + weight_wrench(r, everything)
     if not np.abs(load).max() > 0.0:
@@ -84,7 +85,7 @@ def bodies(r: Readings) -> list[Hypothesis]:
     return out
 
 
-def _beam(r: Readings, i: int) -> Array:
+def beam(r: Readings, i: int) -> Array:
     """Link i as a beam, (N, D, 3) per unit of 1/EI in the arm's plane, 1/EI across it, 1/GJ.
 
     A section at x carries m(x), the moment of all loads beyond it; it turns by m·n/EI a length about each of its
@@ -139,7 +140,7 @@ def _beam_sizes(x: Array, which: tuple[int, ...]) -> Mapping[str, Quantity]:
     return {("1/EI", "1/GJ")[k]: Quantity(abs(float(v)), "1/(N·m²)") for k, v in zip(which, x, strict=True)}
 
 
-def _two_planes(r: Readings, i: int, columns: Array) -> Hypothesis:
+def two_planes(r: Readings, i: int, columns: Array, note: str = NOTE) -> Hypothesis:
     """A box is stiffer one way than the other."""
     L = float(np.linalg.norm(r.robot.point[i] - r.robot.point[i - 1]))
 
@@ -161,8 +162,7 @@ def _two_planes(r: Readings, i: int, columns: Array) -> Hypothesis:
 
     return Hypothesis(
         "link_compliance", f"link:{i}", "bends in two planes and twists", f"{CANTILEVER}, EI of each principal axis",
-        lambda s: columns, sizes, lower=(0.0,) * 3, correction=correction, family="body",
-        note="under weight, out of what the joints' torques explain",
+        lambda s: columns, sizes, lower=(0.0,) * 3, correction=correction, family="body", note=note,
     )  # fmt: skip
 
 
@@ -177,5 +177,5 @@ def _hypothesis(
 
     return Hypothesis(
         term.effect, term.location, law, equation, columns, lambda x, s: sizes(x), lower=(0.0,) * len(which),
-        correction=correction, family="body", note="under weight, out of what the joints' torques explain",
+        correction=correction, family="body", note=NOTE,
     )  # fmt: skip

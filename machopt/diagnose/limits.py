@@ -62,12 +62,12 @@ def limits(
                 n = float(np.sqrt(max(x @ S @ x, 0.0)))
                 if n <= 1e-9 * float(np.sqrt(whole.max())):
                     continue
-                x *= need / n
-                quantity = next(iter(t.hypothesis.quantities(x * t.unit[s], t.shapes[s]).values()))
+                least = x * need / n
+                quantity = next(iter(t.hypothesis.quantities(least * t.unit[s], t.shapes[s]).values()))
                 sizes.append(abs(quantity.value))
                 units[name] = quantity.unit
                 if name not in signals or len(sizes) == 1:
-                    signals[name] = rest @ x
+                    signals[name] = rest @ least
                     first[name] = (t, s)
         if sizes and np.isfinite(np.median(sizes)):
             values[name] = float(np.median(sizes))

@@ -1,13 +1,14 @@
 """Is there a mismatch that comes back, and where does it live.
 
-Repeatable power S = mean of r⁽¹⁾·r⁽²⁾ over pairs of readings of the same thing on two visits: independent noise cancels,
-what the model misses stays. Its chance is judged by flipping the signs of whole visits.
+Repeatable power S = mean of r⁽¹⁾·r⁽²⁾ over pairs of readings of the same thing on two visits: independent noise
+cancels, what the model misses stays. Its chance is judged by flipping the signs of whole visits.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,8 +145,8 @@ def in_the_data(problem: Problem, residual: Array, used: Flags, noise: Noise, ax
     if total <= 0:
         return []
     out = []
-    for name, values in axes.items():
-        values = np.asarray(values, float)
+    for name, given in axes.items():
+        values = np.asarray(given, float)
         levels = np.unique(values[used])
         if len(levels) < 2:
             continue
@@ -155,7 +156,7 @@ def in_the_data(problem: Problem, residual: Array, used: Flags, noise: Noise, ax
             edges = np.quantile(values[used], np.linspace(0, 1, BINS + 1))
             parts = [
                 (f"{a:.4g} … {b:.4g}", (values >= a) & (values <= b if k == BINS - 1 else values < b))
-                for k, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True))
+                for k, (a, b) in enumerate(pairwise(edges))
             ]
         found = [
             (float(power[used & m].sum()) / total, words, float((used & m).sum()) / used.sum()) for words, m in parts

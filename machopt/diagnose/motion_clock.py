@@ -14,22 +14,26 @@ from machopt.diagnose.motion_frame import Scene
 from machopt.diagnose.problem import Array, Hypothesis, Quantity, RecordCorrection, Shape
 
 LONGEST, GRID = 0.08, 41  # s, and how many delays are tried within ± that
-REFINE = 16  # thirds taken from a valley: below a hundredth of a millisecond
+REFINE = 12  # thirds taken from a valley: below a tenth of a millisecond
+VALLEYS = 2
 STILL = 2e-5  # s; a secant over less is the tangent
 
 
 def valley(misfit: Callable[[float], float]) -> float:
     """The delay (s) of the least misfit within ± LONGEST: a grid, then thirds of the best interval."""
     grid = np.linspace(-LONGEST, LONGEST, GRID)
-    k = int(np.argmin([misfit(float(d)) for d in grid]))
-    low, high = float(grid[max(k - 1, 0)]), float(grid[min(k + 1, GRID - 1)])
-    for _ in range(REFINE):
-        third = (high - low) / 3.0
-        if misfit(low + third) < misfit(high - third):
-            high -= third
-        else:
-            low += third
-    return 0.5 * (low + high)
+    rough = np.array([misfit(float(d)) for d in grid])
+    found = []
+    for k in np.argsort(rough)[:VALLEYS]:
+        low, high = float(grid[max(k - 1, 0)]), float(grid[min(k + 1, GRID - 1)])
+        for _ in range(REFINE):
+            third = (high - low) / 3.0
+            if misfit(low + third) < misfit(high - third):
+                high -= third
+            else:
+                low += third
+        found.append((misfit(0.5 * (low + high)), 0.5 * (low + high)))
+    return min(found)[1]
 
 
 def skew(

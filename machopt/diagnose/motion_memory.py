@@ -7,7 +7,7 @@ import numpy as np
 from machopt.diagnose.problem import Array, Ints
 from machopt.model.ik_newton import compiled
 
-PARTS = 8  # of a sampling interval
+PARTS = 4  # of a sampling interval
 SHARP = 1e-9  # rad
 
 

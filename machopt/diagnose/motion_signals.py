@@ -215,7 +215,8 @@ def _periods(
                 break
         if not best:
             return none, 0.0
-        fine = np.arange(max(1, (best - 1) * thin), min(n // 2, (best + 3) * thin) + 1)
+        # the first lag that is near enough lies before the valley; its bottom is not far behind
+        fine = np.arange(max(1, (best - 1) * thin), min(n // 2, int(1.15 * best + 3) * thin) + 1)
         part = q[s] / spread
         off = [float(np.mean(np.abs(part[k:] - part[:-k]))) for k in fine]
         lag = int(fine[int(np.argmin(off))])

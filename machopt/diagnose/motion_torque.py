@@ -8,6 +8,7 @@ explains, a scale of each link's mass is refitted too and that is said.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -16,10 +17,11 @@ from machopt.diagnose.motion_clock import skew, valley
 from machopt.diagnose.motion_frame import Scene, one_joint
 from machopt.diagnose.motion_friction import breakaway, direction, friction, rest_of
 from machopt.diagnose.motion_loads import compensator, payload, ripple, springy
+from machopt.diagnose.motion_memory import presliding
 from machopt.diagnose.problem import Array, Catalogue, Family, Hypothesis, Ints, Problem, Unknown, Untestable
 from machopt.errors import InputError
 
-CLOCK_PATH = 5e-5  # rad, a breakaway path as gears have it
+CLOCK_PATHS = (0.0, 2e-5, 5e-5, 2e-4)  # rad (m); late friction and a long breakaway path look alike at one joint
 TENTH = 0.1  # of the range of a joint's torque
 LINK_SCALE = 0.15  # 1 sigma of what a URDF states of a link
 INERTIA_GAIN = 0.02  # share of the held-out error that scales of link masses must take beyond what a payload takes
@@ -151,44 +153,59 @@ def heldout(y: Array, X: Array, group: Ints, weight: Array) -> Array:
     return out
 
 
-def _clock(scene: Scene, measured: Array) -> tuple[float, Array]:
+def _clock(scene: Scene, measured: Array) -> tuple[float, Callable[[float], Array]]:
     """How late the torques are (s), each joint's friction and motor inertia refitted at every delay; and the torque
-    (M, n) that they should have shown.
+    (M, n) that they should have shown, late by any d.
 
     Friction steps where a joint reverses, so it has to be late together with the rigid bodies.
     """
     m = scene.motion
     assert scene.predicted is not None
-    parts = [
-        np.stack(
-            [scene.predicted[:, j], np.ones(len(m.q)), direction(scene, j, CLOCK_PATH), m.v[:, j], m.a[:, j]], axis=1
-        )
-        for j in range(scene.joints)
-    ]
-    tau = m.within(m.mean(measured))
+    predicted, first = scene.predicted, scene.first
     moving = [j for j in range(scene.joints) if scene.moves(j)]
+    tau = m.within(m.mean(measured))
 
-    def left(d: float) -> list[tuple[Array, Array]]:
+    def smooth(d: float) -> tuple[Array, Array, Array]:
+        return m.late(predicted, d), m.late(m.v, d), m.late(m.a, d)
+
+    def turning(v: Array, j: int, k: int) -> Array:
+        # from the late speed: a late step between two samples would come out as a ramp
+        return presliding(v[:, j], 1.0 / m.rate, first, CLOCK_PATHS[k])
+
+    def left(d: float) -> list[tuple[Array, Array, int]]:
+        """Residual, coefficients and which breakaway path, for each moving joint."""
+        body, v, a = smooth(d)
         out = []
         for j in moving:
-            X = m.within(m.mean(m.late(parts[j], d)))
-            out.append(rest_of(tau[:, j] - X[:, 0], X[:, 1:]))
+            z = [turning(v, j, k) for k in range(len(CLOCK_PATHS))]
+            X = m.within(m.mean(np.stack([body[:, j], np.ones(len(v)), v[:, j], a[:, j], *z], axis=1)))
+            fits = []
+            for k in range(len(CLOCK_PATHS)):
+                r, x = rest_of(tau[:, j] - X[:, 0], X[:, [1, 2, 3, 4 + k]])
+                fits.append((r, x, k))
+            out.append(min(fits, key=lambda f: float(f[0] @ f[0])))
         return out
 
-    power = np.array([float(np.mean(r**2)) for r, _ in left(0.0)])
+    power = np.array([float(np.mean(r**2)) for r, _, _ in left(0.0)])
 
     def misfit(d: float) -> float:
-        return float(sum(np.log(np.mean(r**2) + 1e-6 * p) for (r, _), p in zip(left(d), power, strict=True)))
+        return float(sum(np.log(np.mean(r**2) + 1e-6 * p) for (r, _, _), p in zip(left(d), power, strict=True)))
 
     best = valley(misfit) if moving else 0.0
-    rough = scene.predicted.copy()
-    for j, (_, x) in zip(moving, left(best), strict=True):
-        rough[:, j] += parts[j][:, 1:] @ x
+    fitted = left(best)
+
+    def rough(d: float) -> Array:
+        body, v, a = smooth(d)
+        out = body.copy()
+        for j, (_, x, k) in zip(moving, fitted, strict=True):
+            out[:, j] += x[0] + x[1] * v[:, j] + x[2] * a[:, j] + x[3] * turning(v, j, k)
+        return out
+
     return best, rough
 
 
-def _catalogue(scene: Scene, P: Array, paths: list[float], best: float, rough: Array) -> Catalogue:
-    m, n = scene.motion, scene.joints
+def _catalogue(scene: Scene, P: Array, paths: list[float], best: float, rough: Callable[[float], Array]) -> Catalogue:
+    n = scene.joints
     out: list[Hypothesis] = []
     for j in range(n):
         out += friction(scene, j, paths[j])
@@ -201,8 +218,10 @@ def _catalogue(scene: Scene, P: Array, paths: list[float], best: float, rough: A
     else:
         untestable.append(Untestable("payload", "tool", "one joint cannot tell a payload from its own inertia"))
 
+    now = rough(0.0)
+
     def late(d: float) -> Array:
-        return scene.everywhere(m.late(rough, d) - rough)
+        return scene.everywhere(rough(d) - now)
 
     out.append(skew(scene, "tau", late, best))
     out.append(skew(scene, "q", late, best, sign=-1.0, penalty=2.0))
@@ -221,7 +240,7 @@ def gear_load(scene: Scene) -> Array | None:
         return scene.predicted
     measured = scene.recording.torque[m.index, : scene.joints]
     y = m.within(m.mean(measured - scene.predicted))
-    base, unknowns = _base(scene, [CLOCK_PATH] * scene.joints)
+    base, unknowns = _base(scene, [CLOCK_PATHS[1]] * scene.joints)
     P, T, _ = dynamics.regressors(m.q, m.v, m.a)
     own = np.concatenate([P, T], axis=2)
     X = np.concatenate([base, scene.everywhere(own)], axis=2)

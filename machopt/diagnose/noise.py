@@ -96,7 +96,7 @@ def _split(problem: Problem, family: Family, e: Array, rows: Flags) -> tuple[flo
     scale = None if problem.scale is None else problem.scale[:, columns]
     at = np.flatnonzero(good)
     order = at[np.argsort(problem.cycle[at], kind="stable")]
-    starts = np.flatnonzero(np.diff(problem.cycle[order], prepend=problem.cycle[order[0]] - 1)) if len(order) else []
+    starts = np.flatnonzero(np.r_[True, np.diff(problem.cycle[order]) != 0]) if len(order) else np.zeros(1, np.int64)
     squares, freedom = 0.0, 0.0
     shifts, leverage, visits, slopes, errors = [], [], [], [], []
     for block in np.split(order, starts[1:]) if len(order) else []:

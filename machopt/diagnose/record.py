@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.diagnose.problem import RecordCorrection
 from machopt.diagnose.contradiction import contradictions
+from machopt.diagnose.problem import RecordCorrection
 from machopt.diagnose.result import Diagnosis, Estimate, Finding
 from machopt.domain.recording import Axes, Recording
 from machopt.identify.check import check_experiment
@@ -26,9 +26,10 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 MOST_REPAIRS = 3
 ORDINARY = 0.04  # share of gross errors that trackers make now and then; more is worth a finding
-CLERICAL = 2  # slipped decimals or copies that are no accident of the tracker
+CLERICAL = 2  # slipped decimals or copies; a tracker's own outliers look like one now and then
 SLIP = (10.0, 100.0, 1000.0)
-FITS = 3.0  # noise within which a slipped decimal, put right, meets the prediction
+MOSTLY = 0.4  # of the gross rows
+FITS = 2.0  # noise within which a slipped decimal, put right, meets the prediction
 DIFFERENT_LOAD = 0.05  # of the largest load: readings under loads so unlike do not agree to the last digit
 LENGTHS = {"metres": 1e3, "centimetres": 10.0, "inches": 25.4, "micrometres": 1e-3}
 CLEARLY = 0.1  # misfit of another unit per that of the stated one
@@ -97,13 +98,14 @@ def outliers(recording: Recording, diagnosis: Diagnosis, copies: Flags) -> Findi
     if measured is not None:
         d = measured[:, :3]
         predicted = d - diagnosis.errors.final[:, :3]
-        noise = 1e-3 * diagnosis.noise_floor
-        for f in (s for factor in SLIP for s in (factor, 1.0 / factor)):
-            near = np.abs(d / f - predicted) < FITS * noise * max(1.0, 1.0 / f)
-            slips |= aside & (near & (np.abs(predicted) > FITS * noise)).any(axis=1)
+        noise = FITS * 1e-3 * diagnosis.noise_floor
+        for f in SLIP:
+            large = (np.abs(d / f - predicted) < noise) & (np.abs(predicted) > 2.0 * noise)
+            small = (np.abs(d - predicted / f) < noise) & (np.abs(predicted) > 5.0 * noise)
+            slips |= aside & (large | small).any(axis=1)
     clerical = int((slips | (copies & aside)).sum())
     share = float(aside.mean())
-    if share <= ORDINARY and clerical < CLERICAL:
+    if share <= ORDINARY and (clerical < CLERICAL or clerical < MOSTLY * aside.sum()):
         return None
     rows = ",".join(str(r) for r in diagnosis.outliers)
     count = float(aside.sum())
@@ -149,7 +151,8 @@ def _mended(recording: Recording, error: Problem, robot: Robot, T_flange_tcp: Ar
             recording, wrench_frame=_other(recording.wrench_frame),
             displacement_frame=_other(recording.displacement_frame),
         )  # fmt: skip
-    assert recording.wrench is not None and recording.displacement is not None  # the check read them
+    assert recording.wrench is not None  # the check read them
+    assert recording.displacement is not None
     if error.code == "load_sign":
         return replace(recording, wrench=-recording.wrench)
     if error.code == "moment_at_flange":

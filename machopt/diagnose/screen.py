@@ -100,7 +100,7 @@ def bounded(S: Array, u: Array, lower: tuple[float, ...]) -> tuple[Array, Array]
             held = held + np.einsum("bi,ij->bij", active.astype(float), np.eye(x.shape[1]))
             x = np.where(active, 0.0, np.linalg.solve(held, np.where(active, 0.0, u)[..., None])[..., 0])
     gain = 2 * np.einsum("bi,bi->b", u, x) - np.einsum("bi,bij,bj->b", x, S, x)
-    return x, gain
+    return np.asarray(x), np.asarray(gain)
 
 
 def by_chance(

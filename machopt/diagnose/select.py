@@ -53,7 +53,7 @@ def least_gain(model: Model, s: Scored) -> float:
     """Gain that a hypothesis has to reach, per unit of the residual's variance."""
     h = s.tried.hypothesis
     p = s.tried.X.shape[2]
-    return max(GAIN + PER_COEFFICIENT * (p - 1) + h.penalty, SHARE * len(model.y))
+    return float(max(GAIN + PER_COEFFICIENT * (p - 1) + h.penalty, SHARE * len(model.y)))
 
 
 def holds(model: Model, s: Scored) -> bool:
@@ -159,7 +159,7 @@ def simplest(model: Model, scored: Sequence[Scored]) -> Scored:
     """The best on unseen groups, or a law of the same effect with fewer coefficients that is hardly worse."""
 
     def worth(s: Scored) -> float:
-        return s.total / model.spread - s.tried.hypothesis.penalty - SIMPLER * (s.tried.X.shape[2] - 1)
+        return float(s.total / model.spread) - s.tried.hypothesis.penalty - SIMPLER * (s.tried.X.shape[2] - 1)
 
     return max(scored, key=worth)
 

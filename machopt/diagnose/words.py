@@ -37,8 +37,8 @@ def sentence(d: Diagnosis) -> str:
     error = f"{_number(d.heldout_before)} {d.unit} on {d.predicted or 'readings'} that no fit saw"
     if d.verdict == "consistent":
         return (
-            f"Consistent: the refitted model leaves {error}, noise alone {_number(d.noise_floor)} {d.unit}; nothing that "
-            "comes back in repeats is left to explain."
+            f"Consistent: the refitted model leaves {error}, noise alone {_number(d.noise_floor)} {d.unit}; nothing "
+            "that comes back in repeats is left to explain."
         )
     left = f"{_number(d.repeatable)} {d.unit} of it {'come' if d.repeatable != 1 else 'comes'} back in repeats"
     if d.verdict == "unexplained":
@@ -92,8 +92,8 @@ def noise_note(noise: Noise) -> tuple[str, ...]:
     if noise.replicated:
         return ("noise is taken from readings of the same thing on different visits",)
     return (
-        "nothing was measured twice: noise is taken from what the model leaves, so small effects pass for noise; a second "
-        "session over the same poses and loads would tell them apart",
+        "nothing was measured twice: noise is taken from what the model leaves, so small effects pass for noise; a "
+        "second session over the same poses and loads would tell them apart",
     )
 
 

@@ -182,7 +182,7 @@ def _motion(request: Request, cell: Cell, recording: Recording, options: engine.
         raise InputError(f"found {channel}; this recording allows {', '.join(possible)}", where="--channel")
     rng = np.random.default_rng(request.seed)
     options.progress(f"signals and equations, channel {channel}")
-    problem, catalogue, notes, found = motion.build(recording, cell, channel, rng)  # type: ignore[arg-type]
+    problem, catalogue, notes, found = motion.build(recording, cell, channel, rng)
     words = {
         "torque": "stretches of joint torque",
         "link": "stretches of link-side position",

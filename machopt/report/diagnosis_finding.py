@@ -8,8 +8,9 @@ from collections.abc import Mapping
 from html import escape
 from typing import Any
 
-from machopt.diagnose.problem import Correction, KinematicCorrection, RecordCorrection
+from machopt.diagnose.problem import Correction, RecordCorrection
 from machopt.diagnose.result import Estimate, Finding, Rival
+from machopt.domain.kinematics import KinematicCorrection
 from machopt.report.diagnosis_words import (
     alternatives,
     chance,
