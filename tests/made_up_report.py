@@ -14,6 +14,7 @@ from machopt.report.data import (
     MotionSeries,
     OperationRow,
     PathSeries,
+    Program,
     ReportData,
     RotationMap,
     Summary,
@@ -41,7 +42,7 @@ def full_result(points: int = 800, rotations: int = 72, samples: int = 20_000) -
     status[(G < -2.0) & (G > -2.6) & (U > 0.8)] = 5
     status[(G > 1.5) & (U > 0.72) & (U < 0.85)] = 6
     index[(status != 0) & (status != 7)] = np.nan
-    nan = np.full(points, np.nan)
+    nan, nan_ = np.full(points, np.nan), float("nan")
     chosen = 9.0e-5 * (1 + 0.2 * np.sin(7 * u))
     operation = np.minimum((u * 4).astype(np.int32), 3)
     labels = ("face rough", "slot", "contour finish", "drill d6")
@@ -106,6 +107,13 @@ def full_result(points: int = 800, rotations: int = 72, samples: int = 20_000) -
             Check("TCP follows the toolpath", True, "3.1 µm", "15 µm", "t = 71.244 s"),
             Check("joint velocity", True, "96.8 %", "100 %", "a4, t = 71.3 s"),
             Check("collision between samples", None, "", "", "no meshes"),
+        ),
+        programs=(
+            Program("krl", ("krl/bracket_op10.src", "krl/bracket_op10.dat"), 1210, 3, 5e-5, 812, 2.1e-8, 2.4e-7, nan_,
+                    9e-8, 1.6e-5, 1.2e-4, 8e-4, True),
+            Program("jbi", ("jbi/BRACKET.JBI",), 1650, 3, 5e-5, 812, 2.6e-6, 8e-6, 8e-6, 8e-7, 1.8e-5, 1.4e-4, 9e-4),
+            Program("ros_json", ("ros_json/bracket_op10.json",), 20100, 0, 5e-5, 20000, 1e-9, 1e-9, 1e-9),
+            Program("mine.toml", ("mine/bracket_op10.own",), 900, 3, 5e-5, checked=False),
         ),
         timings=(("read", 0.21), ("candidates", 0.12), ("score", 0.2), ("choose", 0.31), ("smooth", 0.4)),
         events=(Event(0, "spindle", "SPINDL/9000,RPM,CLW", 9000.0), Event(200, "coolant", "COOLNT/ON")),

@@ -231,7 +231,7 @@ def test_channels_follow_the_signals(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("late", [-0.0043, 0.0, 0.0121])
 def test_delay_of_torque_is_found_to_a_millisecond(tmp_path: Path, late: float) -> None:
-    """Friction must be late together with the rigid bodies. Samples every 10 ms; its turning is smoother than the base's."""
+    """Friction must be late together with the rigid bodies; samples every 10 ms, 0.5 N·m of noise on 140."""
     rng = np.random.default_rng(4)
     cell = arm(tmp_path)
     t, q, v, _ = excited(1, rng)

@@ -129,6 +129,21 @@ def test_every_sample_is_read_without_a_word_unknown(sample: Sample, tmp_path: P
     assert "incomplete" not in t.meta
 
 
+FOUND = (  # what a long run found: the sample, what is replaced in it, and what is told now
+    ("nx.cls", "KNOT/0.5,1.0", "KNOT/0.1e-300,1.0", "(inf|nan) chords in one span of a spline"),
+    ("part.nci", "1\n40 -10. 5. -1. -1. 0\n11\n", "3\n1\n11\n", "an arc of 1 numbers; expected 8"),
+)
+
+
+@pytest.mark.parametrize(("name", "old", "new", "message"), FOUND)
+def test_what_was_found_once_is_refused(name: str, old: str, new: str, message: str, tmp_path: Path) -> None:
+    sample = next(s for s in SAMPLES if s.name == name)
+    assert old in sample.text
+    (tmp_path / name).write_text(sample.text.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(InputError, match=message):
+        read_toolpath(tmp_path / name, default_feed=0.01, **sample.options)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("sample", [s for s in SAMPLES if s.end], ids=lambda s: s.name)
 def test_a_file_cut_anywhere_is_refused_or_called_incomplete(sample: Sample, tmp_path: Path) -> None:
     """Cut after every line: what is still read says first of all that a part may be missing."""

@@ -127,7 +127,9 @@ def above_limit(effect: dict[str, Any], said: dict[str, Any] | None) -> bool:
         return True
     size = effect["size"]
     for limit in (said or {}).get("detection_limits", []):
-        if (limit["effect"], limit["location"]) == (effect["effect"], effect["location"]):
+        if (limit["effect"], limit["location"]) == (effect["effect"], effect["location"]) and limit[
+            "value"
+        ] is not None:
             value = same_dimension(float(limit["value"]), str(limit["unit"]), size["unit"])
             if value is not None:
                 return bool(in_si(size["value"], size["unit"]) >= 2.0 * value)
@@ -158,6 +160,8 @@ def intervals(answers: Iterable[Answer]) -> tuple[int, int]:
                 for name, true in effect["parameters"].items():
                     for other, said in finding.get("parameters", {}).items():
                         ends = said.get("ci90", said.get("ci95")) if isinstance(said, dict) else None
+                        if ends is not None and None in ends:
+                            ends = None
                         if ends is None or not named_alike(name, other):
                             continue
                         low, high = (same_dimension(float(v), str(said["unit"]), true["unit"]) for v in ends)

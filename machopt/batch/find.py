@@ -12,7 +12,7 @@ from pathlib import Path
 
 from machopt.batch.request import Request
 from machopt.errors import InputError
-from machopt.formats.joblist import ListedJob, is_job_table, matching, read_joblist
+from machopt.formats.joblist import ListedJob, is_job_table, matching, post_named, read_joblist
 from machopt.formats.outfolder import is_machopt_output
 
 LISTS = (".yaml", ".yml")
@@ -39,6 +39,7 @@ class Job:
     time_limit: float | None  # s, of this job alone
     memory_limit: int | None  # bytes
     where: str  # the list and place it stands in, for messages
+    posts: tuple[str | Path, ...] = ()  # robot programs to write: names, or template files
 
 
 @dataclass(frozen=True)
@@ -139,11 +140,10 @@ def _job(item: ListedJob, base: Path, request: Request) -> Job:
     place = _relative(toolpath, base)
     shown = place if not place.startswith("..") else "/".join(toolpath.parts[-2:])
     variant = item.name
-    what = json.dumps(
-        [base.name, place, _relative(cell, base), variant, item.options, item.reading],
-        sort_keys=True,
-        ensure_ascii=True,
-    )
+    named: list[object] = [base.name, place, _relative(cell, base), variant, item.options, item.reading]
+    if item.posts:
+        named.append([_relative(p, base) if isinstance(p, Path) else p for p in item.posts])
+    what = json.dumps(named, sort_keys=True, ensure_ascii=True)
     digits = hashlib.sha256(what.encode()).hexdigest()[:8]
     stem = shown.rpartition(".")[0] or shown
     cell_name = cell.parent.name if cell.suffix.lower() in LISTS and cell.stem == "cell" else cell.stem
@@ -153,8 +153,16 @@ def _job(item: ListedJob, base: Path, request: Request) -> Job:
     where = f"{item.file}: {item.where}" if item.where else str(item.file)
     return Job(
         label, cell, toolpath, shown, variant or _short(item.options), item.options, reading, item.time_limit,
-        item.memory_limit, where,
+        item.memory_limit, where, item.posts or _posts(request),
     )  # fmt: skip
+
+
+def _posts(request: Request) -> tuple[str | Path, ...]:
+    """The posts for jobs that name none."""
+    try:
+        return tuple(post_named(text, Path.cwd()) for text in request.posts)
+    except InputError as problem:
+        raise InputError(problem.reason, where="--post") from None
 
 
 def slug(text: str) -> str:

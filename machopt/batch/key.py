@@ -17,6 +17,7 @@ from machopt.domain.cell import Cell
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options, options_as_user
+from machopt.formats.posts import load_post
 
 
 @functools.cache
@@ -63,8 +64,11 @@ class Keys:
         try:
             cell = self._cell(job.cell)
             options = load_options(cell.plan, request.plan_file, list(request.overrides), **job.options)
+            for post in job.posts:
+                load_post(post)  # a faulty template
             key = self._key(job, cell, options_as_user(options))
-            more = [f for f in (request.plan_file, *request.extra.values()) if isinstance(f, Path) and f.is_file()]
+            others = (request.plan_file, *request.extra.values(), *job.posts)
+            more = [f for f in others if isinstance(f, Path) and f.is_file()]
             inputs = {str(f.resolve()): self.sha(f) for f in (*cell.files, job.toolpath, *more)}
         except InputError as problem:
             return Refused(job, str(problem))
@@ -78,6 +82,7 @@ class Keys:
             "toolpath": [job.toolpath.name, self.sha(job.toolpath)],  # the name stands in the program and the report
             "options": options,
             "reading": job.reading,
+            "posts": [self._value(p) for p in job.posts],
             "allow_external": self.request.allow_external,
             "extra": {k: self._value(v) for k, v in self.request.extra.items()},
         }

@@ -26,6 +26,7 @@ class Request:
     memory_limit: int | None = None  # bytes a job may use; None: an even share of 90 % of a local machine's
     keep_failed: bool = False  # do not try crashed, hung and oversized jobs again
     compare: Path | None = None  # another batch's output folder
+    posts: tuple[str, ...] = ()  # robot programs to write, for jobs that name none themselves; none: the cell's own
     extra: dict[str, Any] = field(default_factory=dict)  # further fields of job.run.Request, the same for all jobs
     entry: str = "machopt.batch.task"  # module whose run(job, out) does a job and whose warm(folder) prepares for it
     version: str | None = None  # what of the program goes into the hash of a job; None: its version and sources

@@ -139,7 +139,7 @@ def _spec(plan: Ready, request: Request, store: Store, memory: int | None) -> Sp
         "cell": str(job.cell), "toolpath": str(job.toolpath),
         "plan_file": None if request.plan_file is None else str(request.plan_file.resolve()),
         "overrides": list(request.overrides), "direct": job.options, "reading": job.reading,
-        "allow_external": request.allow_external,
+        "allow_external": request.allow_external, "posts": [str(p) for p in job.posts],
         **{k: str(v) if isinstance(v, Path) else v for k, v in request.extra.items()},
     }  # fmt: skip
     return Spec(

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 COLUMNS = (
     "rank", "job", "toolpath", "cell", "variant", "verdict", "exit_code", "gain_percent", "gain_std_percent",
     "gain_over_jiao2022_percent", "unit", "mean", "mean_cam_default", "worst", "worst_cam_default", "worst_point",
-    "deflection_mm", "k_axial_N_mm", "cycle_time_s", "feed_held_percent", "points", "infeasible_points", "warnings",
-    "reason", "report",
+    "deflection_mm", "k_axial_N_mm", "cycle_time_s", "feed_held_percent", "points", "infeasible_points", "programs",
+    "warnings", "reason", "report",
 )  # fmt: skip
 _ORDER = ("done", "verification failed", "infeasible", "refused", "over time", "over memory", "crashed", "waiting")
 _TIMES = ("wall_s", "cpu_s", "peak_MiB", "worker")
@@ -124,10 +124,11 @@ def write_summary(
 
 
 def _cells(rank: int, line: Line) -> dict[str, object]:
-    warnings = line.row.get("warnings", ())
+    warnings, programs = line.row.get("warnings", ()), line.row.get("programs", ())
     return {
         **line.row, "rank": rank, "job": line.job.label, "toolpath": line.job.shown, "cell": line.cell_name,
-        "variant": line.job.variant, "verdict": line.verdict, "warnings": len(warnings), "report": line.report,
+        "variant": line.job.variant, "verdict": line.verdict, "programs": " ".join(programs),
+        "warnings": len(warnings), "report": line.report,
     }  # fmt: skip
 
 

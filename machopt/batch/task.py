@@ -24,7 +24,7 @@ def run(job: Mapping[str, Any], out: Path) -> dict[str, object]:
     fields = dict(job["request"])
     for name in ("cell", "toolpath", "plan_file"):
         fields[name] = Path(fields[name]) if fields[name] is not None else None
-    fields["overrides"] = tuple(fields["overrides"])
+    fields |= {name: tuple(fields.get(name, ())) for name in ("overrides", "posts")}
     try:
         outcome = optimize(Request(out=out, **fields))
     except MachoptError as problem:
@@ -68,6 +68,7 @@ def row(result: Mapping[str, Any]) -> dict[str, object]:
         "deflection_mm": worst.get("deflection_mm"),
         "k_axial_N_mm": worst.get("k_axial_N_mm"),
         "cycle_time_s": result["cycle_time_s"],
+        "programs": [program["files"][0] for program in result["programs"]],
         "feed_held_percent": None if result["feed_held_share"] is None else 100.0 * result["feed_held_share"],
         "warnings": [
             *result["warnings"],
@@ -87,7 +88,8 @@ def _shown(result: Mapping[str, Any], cost: float) -> float | None:
 def _reason(result: Mapping[str, Any]) -> str:
     if result["exit_code"] == 4:
         failed = [c for c in result["verification"]["checks"] if c["passed"] is False]
-        return "; ".join(f"{c['name']} at {c['where']}" for c in failed)
+        wrong = [f"program {p['files'][0]}: {p['differences'][0]}" for p in result["programs"] if p["differences"]]
+        return "; ".join([*wrong, *(f"{c['name']} at {c['where']}" for c in failed)])
     if result["exit_code"] != 3:
         return ""
     points, stops = result["infeasible_points"], result["obstructions"]

@@ -33,7 +33,20 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     job.add_argument("--unit", choices=("mm", "inch"), help="length unit of files that do not say")
     job.add_argument("--machine", help="kinematics behind rotary axes in G-code, e.g. table-ac, head-bc")
     job.add_argument("--feed", type=float, metavar="MM_MIN", help="feed of cutting moves in files that have none")
+    job.add_argument(
+        "--tool-axis", metavar="AXIS", default="-z",
+        help="direction from tip to shank in the tool frame of robot programs and pose tables (-z)",
+    )  # fmt: skip
     job.add_argument("--strict", action="store_true", help="refuse words that are not understood")
+    job.add_argument(
+        "--post", action="append", default=[], metavar="POST",
+        help="robot program of every job: krl, rapid, fanuc, urscript, … or a template file; may be repeated "
+        "(the job's own post in a list, else this, else the cell's controller.post, else krl)",
+    )  # fmt: skip
+    job.add_argument(
+        "--program-tolerance-mm", type=float, metavar="MM",
+        help="how far straight lines between a program's points may leave the motion before a point is added (0.05)",
+    )  # fmt: skip
     job.add_argument("--plan", type=Path, metavar="FILE", help="planning options for all jobs as YAML")
     job.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a planning option for all jobs")
     job.add_argument("--seed", type=int, help="of the random search around obstacles, for all jobs")
@@ -51,6 +64,8 @@ def _batch(args: argparse.Namespace) -> int:
         jobs=tuple(args.toolpaths), out=args.out, cell=args.cell, plan_file=args.plan, overrides=tuple(overrides),
         reading=reading(args), allow_external=args.allow_external, workers=args.jobs, scheduler=args.scheduler,
         time_limit=args.time_limit_s, keep_failed=args.keep_failed, compare=args.compare,
+        posts=tuple(args.post),
+        extra={} if args.program_tolerance_mm is None else {"program_tolerance_mm": args.program_tolerance_mm},
         memory_limit=None if args.memory_limit_mib is None else int(args.memory_limit_mib * 2**20),
     )  # fmt: skip
     with _Bar(show=not (args.quiet or args.json)) as bar:

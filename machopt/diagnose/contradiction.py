@@ -91,7 +91,7 @@ def _one_lever(recording: Recording, robot: Robot, T_flange_tcp: Array) -> tuple
     y, weight = m.reshape(-1), np.ones(m.size)
     x: Array = np.zeros(6)
     for _ in range(STEPS):  # least absolute deviations: a misprint must not hide it
-        x = np.linalg.lstsq(A * weight[:, None], y * weight, rcond=None)[0]
+        x = np.asarray(np.linalg.lstsq(A * weight[:, None], y * weight, rcond=None)[0], float)
         weight = 1.0 / np.sqrt(np.maximum(np.abs(y - A @ x), 1e-3))
     share = 1.0 - float(np.median(np.abs(y - A @ x)) / max(np.median(np.abs(y)), 1e-9))
     if share < ONE_LEVER:

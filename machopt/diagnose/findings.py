@@ -10,7 +10,7 @@ from scipy.special import stdtr, stdtrit
 
 from machopt.diagnose.grams import Model, Tried, ridged_inverse
 from machopt.diagnose.problem import Shape
-from machopt.diagnose.result import Estimate, Name, Rival
+from machopt.diagnose.result import Estimate, Fit, Name, Rival
 from machopt.diagnose.screen import Scored, score
 from machopt.diagnose.select import Chosen, with_chosen
 
@@ -20,6 +20,9 @@ PAIRED = 0.005  # chance of the paired difference over groups below which it is
 MOST_OF = 0.6  # of the gain on unseen groups that a rival must reach; an effect in few groups alone pairs badly
 NEAR_SHAPE = 3.84  # loss of gain within which another shape is as likely (95 %)
 SHOWN = 10
+FORM = 0.08  # relative 1 sigma of a size for the law's own form: no gear, beam or loop is quite like its equation
+FORMS = {"joint_hysteresis": 0.2, "joint_creep": 0.25, "joint_pose_dependent_stiffness": 0.2, "gravity_compensator": 0.2,
+         "transmission_error": 0.1, "thermal_drift": 0.2, "payload": 0.12}  # fmt: skip
 
 
 def rivals(model: Model, chosen: Sequence[Chosen], k: int, tried: Sequence[Tried]) -> tuple[list[Rival], list[Name]]:
@@ -39,6 +42,12 @@ def rivals(model: Model, chosen: Sequence[Chosen], k: int, tried: Sequence[Tried
         if name not in best or s.total > best[name].total:
             best[name] = s
     own = next(s for s in scored if s.tried is chosen[k].tried)
+
+    def fit(s: Scored) -> Fit:
+        x, shape = s.x * s.tried.unit[s.shape], s.tried.shapes[s.shape]
+        return Fit(tuple(float(v) for v in x), tuple(shape), s.tried.hypothesis.correction(x, shape))
+
+    named = fit(chosen[k].scored)
     spread = with_chosen(model, chosen).spread
     out: list[Rival] = []
     names: list[Name] = [mine.name]
@@ -54,7 +63,7 @@ def rivals(model: Model, chosen: Sequence[Chosen], k: int, tried: Sequence[Tried
             names.append(name)
         out.append(Rival(
             h.effect, h.location, h.law, float(np.clip(s.total / max(own.total, 1e-12), -1.0, 2.0)),
-            "not excluded" if maybe else "rejected", p, h.effect == mine.effect,
+            "not excluded" if maybe else "rejected", p, h.effect == mine.effect, fit(s), named,
         ))  # fmt: skip
     return [r for n, r in enumerate(out) if n < SHOWN or r.standing == "not excluded"], names
 
@@ -108,14 +117,15 @@ def _quantity_intervals(
     slopes: dict[str, list[float]] = {name: [] for name in centre}
     for i in range(len(x)):
         step = np.zeros(len(x))
-        step[i] = 1e-3 * max(float(np.sqrt(covariance[i, i])), abs(float(x[i])), 1e-12)
+        step[i] = 1e-3 * max(float(np.sqrt(max(covariance[i, i], 0.0))), abs(float(x[i])), 1e-12)
         up, down = h.quantities((x + step) * unit, shape), h.quantities((x - step) * unit, shape)
         for name in centre:
             slopes[name].append((up[name].value - down[name].value) / (2 * step[i]))
     out = {}
+    form = FORMS.get(h.effect, FORM)
     for name, q in centre.items():
         g = np.array(slopes[name])
-        sigma = float(np.sqrt(max(g @ covariance @ g, 0.0)))
+        sigma = float(np.hypot(np.sqrt(max(g @ covariance @ g, 0.0)), form * q.value if g.any() else 0.0))
         t = stdtrit(freedom, np.array([0.95, 0.975]))
         out[name] = np.stack([q.value - t * sigma, q.value + t * sigma], axis=1)
     return out

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from machopt.diagnose.engine import State
 
 Array = NDArray[np.float64]
-NAMED = 0.09  # gain per whitened coordinate: three tenths of the noise; it is there in every recording, and counted
+NAMED = 0.08  # gain per whitened coordinate: three tenths of the noise; it is there in every recording, and counted
 
 
 @dataclass(frozen=True)

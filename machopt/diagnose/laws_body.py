@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,7 @@ def coupling(r: Readings) -> list[Hypothesis]:
         term = term_of("joint_coupling", where, r.robot, r.T_flange_tcp)
         out.append(_linear(
             r, term, (0,), "elastic coupling", "Δq_i = c_ij τ_j, Δq_j = c_ij τ_i (wrist gears on one shaft)",
-            lambda x: {"compliance": Quantity(abs(float(x[0])), "rad/(N·m)")}, (-np.inf,), "joint",
+            lambda x: {"compliance": Quantity(float(x[0]), "rad/(N·m)")}, (-np.inf,), "joint",
         ))  # fmt: skip
     return out
 
@@ -45,17 +46,18 @@ def links(r: Readings) -> list[Hypothesis]:
         except InputError:  # the next joint is at the same place: no beam
             continue
 
-        def named(x: Array, which: tuple[int, ...]) -> Mapping[str, Quantity]:
-            units = ("1/EI", "1/GJ")
-            return {units[k]: Quantity(abs(float(v)), "1/(N·m²)") for k, v in zip(which, x, strict=True)}
-
         for which, law in (((0,), "bends"), ((1,), "twists"), ((0, 1), "bends and twists")):
             out.append(_linear(
                 r, term, which, law, "cantilever: L³/3EI, L²/2EI, L/EI, L/GJ at the link's end",
-                lambda x, which=which, named=named: named(x, which), (0.0,) * len(which), "body",
+                partial(_beam_sizes, which), (0.0,) * len(which), "body",
             ))  # fmt: skip
         out.append(two_planes(bare, i, beam(bare, i), NOTE))
     return out
+
+
+def _beam_sizes(which: tuple[int, ...], x: Array) -> Mapping[str, Quantity]:
+    units = ("1/EI", "1/GJ")
+    return {units[k]: Quantity(abs(float(v)), "1/(N·m²)") for k, v in zip(which, x, strict=True)}
 
 
 def base(r: Readings) -> list[Hypothesis]:
@@ -97,6 +99,7 @@ def tool(r: Readings) -> list[Hypothesis]:
     out.append(_linear(r, spring, each, "spring at the tool", "R C Rᵀ w, C diagonal in tool axes", sizes,
                        (0.0,) * len(each), "body"))  # fmt: skip
     out += _round(r)
+    out.append(_full(r))
     return out
 
 
@@ -128,6 +131,35 @@ def _round(r: Readings) -> list[Hypothesis]:
             lower=(0.0, 0.0, -np.inf), correction=correction, family="body", note="constant in the tool frame",
         ))  # fmt: skip
     return out
+
+
+def _full(r: Readings) -> Hypothesis:
+    """Any symmetric compliance at the TCP in tool axes; of what the loads and readings can show."""
+    full = term_of("tool_compliance", "tool", r.robot, r.T_flange_tcp, form="full")
+    turning = r.dimensions == 6 or bool(r.wrench[:, 3:].any())
+    which = [k for k, c in enumerate(full.coefficients) if turning or "r" not in c.name]
+
+    def correction(x: Array, shape: Shape) -> Term:
+        values = np.zeros(len(full.coefficients))
+        values[which] = x
+        pairs = [(i, j) for i in range(6) for j in range(i, 6)]
+        C = np.zeros((6, 6))
+        for (i, j), v in zip(pairs, values, strict=True):
+            C[i, j] = C[j, i] = v
+        size = np.sqrt(np.maximum(np.diag(C), 1e-30))
+        w, V = np.linalg.eigh(C / np.outer(size, size))  # noise may leave a direction that pushes back
+        C = (V * np.maximum(w, 0.0)) @ V.T * np.outer(size, size)
+        return full.with_values(np.array([C[i, j] for i, j in pairs])).to_file()
+
+    def sizes(x: Array, shape: Shape) -> Mapping[str, Quantity]:
+        named = {full.coefficients[k].name: float(v) for k, v in zip(which, x, strict=True)}
+        return {"lateral_compliance": Quantity(1e6 * max(abs(named[n]) for n in ("ty", "tz")), "µm/N")}
+
+    return Hypothesis(
+        "tool_compliance", "tool", "gives way in every direction", "R C Rᵀ w at the TCP, C symmetric",
+        lambda s: r.elastic(full)[:, :, which], sizes, correction=correction, family="body",
+        note="constant in the tool frame",
+    )  # fmt: skip
 
 
 def _revolved() -> tuple[Array, Array, Array]:

@@ -33,8 +33,12 @@ def nonlinear(r: Readings, j: int) -> list[Hypothesis]:
         return r.lift(j, _counted(r, j, lambda tau: np.clip(tau, -t, t)))
 
     def knees(shape: Shape) -> Array:
-        return r.lift(j, np.stack(
-            [_counted(r, j, lambda tau, t=s * largest: np.clip(tau, -t, t)) for s in shape], axis=1))  # fmt: skip
+        parts = []
+        for t in (s * largest for s in shape):
+            parts.append(np.clip(r.torque[:, j], -t, t))
+            if r.differences:
+                parts[-1] = parts[-1] - np.clip(r.weight_torque[:, j], -t, t)
+        return r.lift(j, np.stack(parts, axis=1))
 
     def cubic(shape: Shape) -> Array:
         return r.lift(j, _counted(r, j, lambda tau: tau**3 / largest**2))
@@ -320,9 +324,7 @@ def _largest(tau: Array) -> float:
     return max(float(np.quantile(np.abs(tau), 0.98)), float(np.finfo(float).tiny))
 
 
-def _torque_curve(
-    r: Readings, j: int, law: Callable[[Array, Array, Shape], Array]
-) -> Callable[[Array, Shape], Curve]:
+def _torque_curve(r: Readings, j: int, law: Callable[[Array, Array, Shape], Array]) -> Callable[[Array, Shape], Curve]:
     def curve(x: Array, shape: Shape) -> Curve:
         tau = r.torque[:, j]
         span = float(np.abs(tau).max())

@@ -48,11 +48,16 @@ def force_sensor(r: Readings) -> list[Hypothesis]:
         _record("force_sensor_offset", FORCE, "zero of the force", "w_recorded = w + b, b constant in the sensor",
                 offset, lambda x, s: {"offset": Quantity(float(np.linalg.norm(x)), "N"), **_vector("offset", x, "N")}),
         _record("force_sensor_gain", FORCE, "gain of one axis", "f_k recorded = (1 + g) f_k", gain,
-                lambda x, s: {"gain": Quantity(100.0 * abs(float(x[0])), "%"), "axis": Quantity(s[0] + 1.0, "")},
+                lambda x, s: {"gain": Quantity(100.0 * _gain(float(x[0])), "%"), "axis": Quantity(s[0] + 1.0, "")},
                 ((0.0,), (1.0,), (2.0,))),
         _record("force_sensor_frame", FORCE, "axes turned", "w_recorded = (I + [φ]×) w: C w breaks Maxwell reciprocity",
                 frame, lambda x, s: angle(x)),
     ]  # fmt: skip
+
+
+def _gain(x: float) -> float:
+    """|g| of f_recorded = (1 + g) f, from the share x of the recorded force that is too much."""
+    return abs(x / (1.0 - x)) if x < 0.9 else 9.0
 
 
 def displacement_frame(r: Readings) -> list[Hypothesis]:

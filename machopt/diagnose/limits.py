@@ -23,9 +23,7 @@ APART = 6.0  # gain that a rival must leave at twice the limit to be told from t
 MOST_SHAPES = 6
 
 
-def limits(
-    model: Model, tried: Sequence[Tried], rng: np.random.Generator, of: Collection[Name]
-) -> list[Limit]:
+def limits(model: Model, tried: Sequence[Tried], rng: np.random.Generator, of: Collection[Name]) -> list[Limit]:
     """One limit per effect and place, of its first law.
 
     Args:

@@ -43,7 +43,7 @@ def channels(recording: Recording, cell: Cell) -> tuple[Predicted, ...]:
 
 
 def build(
-    recording: Recording, cell: Cell, channel: Predicted, rng: np.random.Generator
+    recording: Recording, cell: Cell, channel: Predicted, rng: np.random.Generator, *, repeats: bool = True
 ) -> tuple[Problem, Catalogue, tuple[str, ...], tuple[Finding, ...]]:
     """Equations of one channel of a motion, and what may explain what they leave.
 
@@ -52,6 +52,7 @@ def build(
         cell: with the URDF; of its chain only the arm joints count.
         channel: one of :func:`channels`.
         rng: not used by these channels, which leave nothing to chance.
+        repeats: hold a phase of a motion that repeats out of all periods at once; False: stretches of time alone.
 
     Returns:
         Problem, catalogue, notes for the reader, and findings about the record.
@@ -62,7 +63,7 @@ def build(
     n = min(len(cell.arm_joints), recording.q.shape[1])
     recording, found = motion_checks.units(recording, n)
     warnings = motion_checks.quality(recording, n)
-    motion = signals(recording, n)
+    motion = signals(recording, n, repeats=repeats)
     dynamics = _dynamics(cell)
     predicted: Array | None = None if dynamics is None else dynamics.torque(motion.q, motion.v, motion.a)
     if predicted is not None and channel == "torque":

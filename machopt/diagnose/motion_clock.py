@@ -13,8 +13,8 @@ import numpy as np
 from machopt.diagnose.motion_frame import Scene
 from machopt.diagnose.problem import Array, Hypothesis, Quantity, RecordCorrection, Shape
 
-LONGEST, GRID = 0.08, 41  # s, and how many delays are tried within ± that
-REFINE = 12  # thirds taken from a valley: below a tenth of a millisecond
+LONGEST, GRID = 0.06, 31  # s, and how many delays are tried within ± that
+REFINE = 10  # thirds taken from a valley: below a tenth of a millisecond
 VALLEYS = 2
 STILL = 2e-5  # s; a secant over less is the tangent
 

@@ -15,28 +15,40 @@ from machopt.diagnose.motion_frame import Scene, curve, joint_law
 from machopt.diagnose.motion_memory import presliding
 from machopt.diagnose.problem import Array, Hypothesis, Quantity, Shape
 
-PATHS = (0.0, 2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3)  # rad (m); breakaway paths of the base
+Turn = tuple[float, float]
+# how friction turns over at a reversal in the base: breakaway path in rad (m), or speed in rad/s (m/s) of a tanh
+TURNS = (
+    (0.0, 0.0), (2e-5, 0.0), (5e-5, 0.0), (1e-4, 0.0), (2e-4, 0.0), (5e-4, 0.0), (1e-3, 0.0),
+    (0.0, 0.003), (0.0, 0.01), (0.0, 0.03), (0.0, 0.1),
+)  # fmt: skip
 DRAG = (0.01, 0.03, 0.08, 0.2)  # rad; slip on paths this long is no breakaway of a gear but something dragged along
 STRIBECK = (0.03, 0.06, 0.12, 0.25, 0.5)  # of the joint's largest speed
 WARM = (15.0, 60.0, 300.0)  # s
 
 
-def direction(scene: Scene, joint: int, path: float) -> Array:
+def direction(scene: Scene, joint: int, turn: Turn) -> Array:
     """(M,) −1 … 1, which way a joint's friction points."""
-    m = scene.motion
-    return presliding(m.v[:, joint], 1.0 / m.rate, scene.first, path)
+    return turned(scene, scene.motion.v[:, joint], turn)
 
 
-def breakaway(scene: Scene, joint: int, y: Array) -> float:
-    """The breakaway path (rad) that suits a joint's torque (N,) best, Coulomb, viscous and inertia beside."""
+def turned(scene: Scene, v: Array, turn: Turn) -> Array:
+    """The same of a speed (M,) rad/s: after a breakaway path, which is late, or over a speed, which is not."""
+    path, speed = turn
+    if speed > 0:
+        return np.asarray(np.tanh(v / speed))
+    return presliding(v, 1.0 / scene.motion.rate, scene.first, path)
+
+
+def breakaway(scene: Scene, joint: int, y: Array) -> Turn:
+    """The turn-over that suits a joint's torque (N,) best, Coulomb, viscous and inertia beside."""
     m = scene.motion
     rest = m.within(m.mean(np.stack([np.ones(len(m.q)), m.v[:, joint], m.a[:, joint]], axis=1)))
-    best, found = np.inf, 0.0
-    for path in PATHS:
-        z = m.within(m.mean(direction(scene, joint, path)[:, None]))
+    best, found = np.inf, TURNS[0]
+    for turn in TURNS:
+        z = m.within(m.mean(direction(scene, joint, turn)[:, None]))
         power = float(np.sum(rest_of(y, np.concatenate([rest, z], axis=1))[0] ** 2))
         if power < 0.995 * best:
-            best, found = power, path
+            best, found = power, turn
     return found
 
 
@@ -67,18 +79,18 @@ def warm(scene: Scene, constant: float) -> Array:
     return np.asarray(1.0 - np.exp(-since / constant))
 
 
-def friction(scene: Scene, joint: int, path: float) -> list[Hypothesis]:
+def friction(scene: Scene, joint: int, turn: Turn) -> list[Hypothesis]:
     """Rival laws for one joint.
 
     Args:
         scene: channel torque, with the predicted torque.
         joint: 0-based.
-        path: breakaway path of the base, rad.
+        turn: how friction turns over in the base.
     """
     m = scene.motion
     if not scene.moves(joint):
         return []
-    v, z = m.v[:, joint], direction(scene, joint, path)
+    v, z = m.v[:, joint], direction(scene, joint, turn)
     load = np.zeros_like(v) if scene.predicted is None else np.abs(scene.predicted[:, joint])
     fast = float(np.quantile(np.abs(v), 0.98))
     heavy = max(float(np.quantile(load, 0.98)), 1e-9)

@@ -102,13 +102,14 @@ class Motion:
         return [slice(int(a), int(b)) for a, b in zip(starts, np.r_[starts[1:], len(self.segment)], strict=True)]
 
 
-def signals(recording: Recording, joints: int, readings: int = READINGS) -> Motion:
+def signals(recording: Recording, joints: int, readings: int = READINGS, *, repeats: bool = True) -> Motion:
     """Order, differentiate, find periods, and cut a motion into stretches.
 
     Args:
         recording: of kind motion.
         joints: n, the moving joints of the arm.
         readings: N at most; block averages where the record has more samples.
+        repeats: look for periods; a phase is then held out of all periods at once.
 
     Raises:
         InputError: no time, time that does not rise, or too short a record.
@@ -157,7 +158,9 @@ def signals(recording: Recording, joints: int, readings: int = READINGS) -> Moti
     for s in spans:
         v[s] = sosfiltfilt(sos, speed[s], axis=0, padlen=min(len(q[s]) - 1, 3 * round(rate / cutoff)))
         a[s] = np.gradient(v[s], time[s], axis=0)
-    period, length = _periods(recording, index, time, session, q, spans, rate)
+    period, length = np.full(len(q), -1, np.int64), 0.0
+    if repeats:
+        period, length = _periods(recording, index, time, session, q, spans, rate)
     step = max(1, -(-len(q) // readings), int(rate / RATE))
     starts = _blocks(segment, period, step)
     ends = np.r_[starts[1:], len(q)]
@@ -281,7 +284,7 @@ def _labels(
         group = group.reshape(-1).astype(np.int64)
         visit, replicate = group.copy(), np.full(len(at), -1, np.int64)
         phase = local
-        notes.append(f"the motion does not repeat; held out together: {width:.2g} s at a time "
+        notes.append(f"no repeats are used; held out together: {width:.2g} s at a time "
                      f"({len(np.unique(group))} groups)")  # fmt: skip
     part = (phase / max(SHORT_CYCLE, 4.0 * block)).astype(np.int64)
     cycle = np.unique(np.stack([visit, part]), axis=1, return_inverse=True)[1].reshape(-1).astype(np.int64)

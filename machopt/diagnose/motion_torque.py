@@ -15,13 +15,13 @@ import numpy as np
 
 from machopt.diagnose.motion_clock import skew, valley
 from machopt.diagnose.motion_frame import Scene, one_joint
-from machopt.diagnose.motion_friction import breakaway, direction, friction, rest_of
+from machopt.diagnose.motion_friction import Turn, breakaway, direction, friction, rest_of, turned
 from machopt.diagnose.motion_loads import compensator, payload, ripple, springy
-from machopt.diagnose.motion_memory import presliding
 from machopt.diagnose.problem import Array, Catalogue, Family, Hypothesis, Ints, Problem, Unknown, Untestable
 from machopt.errors import InputError
 
-CLOCK_PATHS = (0.0, 2e-5, 5e-5, 2e-4)  # rad (m); late friction and a long breakaway path look alike at one joint
+# late friction and a long breakaway path look alike at one joint
+CLOCK_TURNS = ((0.0, 0.0), (5e-5, 0.0), (2e-4, 0.0), (0.0, 0.01), (0.0, 0.05))
 TENTH = 0.1  # of the range of a joint's torque
 LINK_SCALE = 0.15  # 1 sigma of what a URDF states of a link
 INERTIA_GAIN = 0.02  # share of the held-out error that scales of link masses must take beyond what a payload takes
@@ -41,7 +41,7 @@ def build(scene: Scene) -> tuple[Problem, Catalogue]:
     y = m.within(m.mean(measured - scene.predicted))
     best, rough = _clock(scene, measured)
     aligned = m.within(m.mean(m.late(measured, -best) - scene.predicted))
-    paths = [breakaway(scene, j, aligned[:, j]) if scene.moves(j) else 0.0 for j in range(n)]
+    paths = [breakaway(scene, j, aligned[:, j]) if scene.moves(j) else CLOCK_TURNS[0] for j in range(n)]
     base, unknowns = _base(scene, paths)
     if n > 1:
         scale = _alike(y, base, m.segment[m.starts][m.keep])
@@ -76,7 +76,7 @@ def build(scene: Scene) -> tuple[Problem, Catalogue]:
     return problem, _catalogue(scene, P, paths, best, rough)
 
 
-def _base(scene: Scene, paths: list[float]) -> tuple[Array, list[Unknown]]:
+def _base(scene: Scene, paths: list[Turn]) -> tuple[Array, list[Unknown]]:
     m, n = scene.motion, scene.joints
     parts, unknowns = [], []
     for j in range(n):
@@ -161,7 +161,7 @@ def _clock(scene: Scene, measured: Array) -> tuple[float, Callable[[float], Arra
     """
     m = scene.motion
     assert scene.predicted is not None
-    predicted, first = scene.predicted, scene.first
+    predicted = scene.predicted
     moving = [j for j in range(scene.joints) if scene.moves(j)]
     tau = m.within(m.mean(measured))
 
@@ -170,17 +170,17 @@ def _clock(scene: Scene, measured: Array) -> tuple[float, Callable[[float], Arra
 
     def turning(v: Array, j: int, k: int) -> Array:
         # from the late speed: a late step between two samples would come out as a ramp
-        return presliding(v[:, j], 1.0 / m.rate, first, CLOCK_PATHS[k])
+        return turned(scene, v[:, j], CLOCK_TURNS[k])
 
     def left(d: float) -> list[tuple[Array, Array, int]]:
         """Residual, coefficients and which breakaway path, for each moving joint."""
         body, v, a = smooth(d)
         out = []
         for j in moving:
-            z = [turning(v, j, k) for k in range(len(CLOCK_PATHS))]
+            z = [turning(v, j, k) for k in range(len(CLOCK_TURNS))]
             X = m.within(m.mean(np.stack([body[:, j], np.ones(len(v)), v[:, j], a[:, j], *z], axis=1)))
             fits = []
-            for k in range(len(CLOCK_PATHS)):
+            for k in range(len(CLOCK_TURNS)):
                 r, x = rest_of(tau[:, j] - X[:, 0], X[:, [1, 2, 3, 4 + k]])
                 fits.append((r, x, k))
             out.append(min(fits, key=lambda f: float(f[0] @ f[0])))
@@ -204,7 +204,7 @@ def _clock(scene: Scene, measured: Array) -> tuple[float, Callable[[float], Arra
     return best, rough
 
 
-def _catalogue(scene: Scene, P: Array, paths: list[float], best: float, rough: Callable[[float], Array]) -> Catalogue:
+def _catalogue(scene: Scene, P: Array, paths: list[Turn], best: float, rough: Callable[[float], Array]) -> Catalogue:
     n = scene.joints
     out: list[Hypothesis] = []
     for j in range(n):
@@ -240,7 +240,7 @@ def gear_load(scene: Scene) -> Array | None:
         return scene.predicted
     measured = scene.recording.torque[m.index, : scene.joints]
     y = m.within(m.mean(measured - scene.predicted))
-    base, unknowns = _base(scene, [CLOCK_PATHS[1]] * scene.joints)
+    base, unknowns = _base(scene, [CLOCK_TURNS[1]] * scene.joints)
     P, T, _ = dynamics.regressors(m.q, m.v, m.a)
     own = np.concatenate([P, T], axis=2)
     X = np.concatenate([base, scene.everywhere(own)], axis=2)

@@ -112,7 +112,7 @@ def outliers(recording: Recording, diagnosis: Diagnosis, copies: Flags) -> Findi
     return Finding(
         "outliers", f"rows:{rows}", "gross errors", "residual beyond six robust standard deviations",
         f"{clerical} look like slipped decimals or copied rows" if clerical else "",
-        (("outliers", f"rows:{rows}"),), {"rows": Estimate(count, "1", (count, count), (count, count))},
+        (("outliers", f"rows:{rows}"),), {"count": Estimate(count, "1", (count, count), (count, count))},
         diagnosis.heldout_before, diagnosis.heldout_after, 0.0,
         correction=RecordCorrection("outliers", f"rows:{rows}", {"rows": rows}), record=True,
     )  # fmt: skip

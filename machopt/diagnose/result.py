@@ -25,6 +25,15 @@ class Estimate:
 
 
 @dataclass(frozen=True)
+class Fit:
+    """A law as fitted to the recording, SI; with it the law can be predicted where nothing was measured yet."""
+
+    coefficients: tuple[float, ...]
+    shape: tuple[float, ...]  # in shares of this recording's torques where the law counts so
+    correction: Correction | None = None  # the same in absolute units
+
+
+@dataclass(frozen=True)
 class Rival:
     """Another explanation of the same mismatch, and what became of it."""
 
@@ -35,6 +44,8 @@ class Rival:
     standing: Literal["rejected", "not excluded"]
     p_value: float  # that it does as well, paired over held-out groups
     placebo: bool = False  # a law that must lose: the same at a wrong place, or with its driver shuffled
+    fit: Fit | None = None
+    named: Fit | None = None  # of the law it was compared with
 
 
 @dataclass(frozen=True)

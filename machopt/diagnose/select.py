@@ -30,6 +30,12 @@ BESIDE, BESIDE_HERE = (
     0.3,
 )  # of the largest gain so far: a law that is not quite the true one leaves as much, most of it at its own place
 PAIRS_AMONG = 6
+PLAUSIBLE = {  # by effect and unit of its size: beyond, a law is stretched to fit something else
+    ("joint_backlash", "arcmin"): 30.0, ("joint_hysteresis", "arcmin"): 30.0, ("joint_zero_offset", "deg"): 10.0,
+    ("transmission_error", "arcsec"): 3600.0, ("joint_creep", "%"): 100.0, ("force_sensor_gain", "%"): 60.0,
+    ("force_sensor_frame", "deg"): 25.0, ("displacement_frame", "deg"): 25.0, ("load_geometry", "deg"): 25.0,
+    ("load_geometry", "mm"): 1000.0, ("thermal_drift", "mm"): 5.0,
+}  # fmt: skip
 PAIR_MUST_WIN = 8.0
 
 
@@ -58,9 +64,15 @@ def least_gain(model: Model, s: Scored) -> float:
 
 def holds(model: Model, s: Scored) -> bool:
     """Whether a hypothesis is large enough, on readings that did not choose it and not in one group alone."""
-    if s.gain / model.spread < least_gain(model, s):
+    if s.gain / model.spread < least_gain(model, s) or not _plausible(s):
         return False
     return s.total > GENERALISES * s.gain and s.total - float(s.heldout.max()) > WITHOUT_BEST * s.total
+
+
+def _plausible(s: Scored) -> bool:
+    h = s.tried.hypothesis
+    size = next(iter(h.quantities(s.x * s.tried.unit[s.shape], s.tried.shapes[s.shape]).values()))
+    return abs(size.value) <= PLAUSIBLE.get((h.effect, size.unit), np.inf)
 
 
 def select(model: Model, tried: Sequence[Tried], most: int, rng: np.random.Generator) -> list[Chosen]:
@@ -159,7 +171,8 @@ def simplest(model: Model, scored: Sequence[Scored]) -> Scored:
     """The best on unseen groups, or a law of the same effect with fewer coefficients that is hardly worse."""
 
     def worth(s: Scored) -> float:
-        return float(s.total / model.spread) - s.tried.hypothesis.penalty - SIMPLER * (s.tried.X.shape[2] - 1)
+        cost = s.tried.hypothesis.penalty + SIMPLER * (s.tried.X.shape[2] - 1)
+        return float(s.total / model.spread - cost)
 
     return max(scored, key=worth)
 

@@ -34,13 +34,13 @@ def human(effect: str, location: str) -> str:
 
 def sentence(d: Diagnosis) -> str:
     """How much, where, what, how sure, what is not excluded, what next."""
-    error = f"{_number(d.heldout_before)} {d.unit} on {d.predicted or 'readings'} that no fit saw"
+    error = f"{_size(d.heldout_before, d.unit)} on {d.predicted or 'readings'} that no fit saw"
     if d.verdict == "consistent":
         return (
-            f"Consistent: the refitted model leaves {error}, noise alone {_number(d.noise_floor)} {d.unit}; nothing "
+            f"Consistent: the refitted model leaves {error}, noise alone {_size(d.noise_floor, d.unit)}; nothing "
             "that comes back in repeats is left to explain."
         )
-    left = f"{_number(d.repeatable)} {d.unit} of it {'come' if d.repeatable != 1 else 'comes'} back in repeats"
+    left = f"{_size(d.repeatable, d.unit)} of it comes back in repeats"
     if d.verdict == "unexplained":
         where = ", ".join(s.axis for s in d.mismatch if s.kind == "machine")[:60]
         data = next((f"; in the data it lives at {s.axis} {s.note}" for s in d.mismatch if s.kind == "data"), "")
@@ -52,8 +52,8 @@ def sentence(d: Diagnosis) -> str:
     head = "Explained" if d.verdict == "explained" else "Partly explained"
     open_ = sorted({human(*n) for f in d.findings for n in f.one_of[1:]})
     return (
-        f"{head}: {'; '.join(parts)}. Unseen {d.predicted or 'readings'}: {_number(d.heldout_before)} → "
-        f"{_number(d.heldout_after)} {d.unit} (noise {_number(d.noise_floor)}), {100 * d.explained:.0f} % of the "
+        f"{head}: {'; '.join(parts)}. Unseen {d.predicted or 'readings'}: {_size(d.heldout_before, d.unit)} → "
+        f"{_size(d.heldout_after, d.unit)} (noise {_size(d.noise_floor, d.unit)}), {100 * d.explained:.0f} % of the "
         f"repeatable mismatch closed. "
         + (f"These data cannot exclude {', '.join(open_[:4])}{' …' if len(open_) > 4 else ''}."
            if open_ else "No other explanation of the catalogue does as well.")
@@ -101,6 +101,10 @@ def _found(f: Finding) -> str:
     first = next(iter(f.parameters.values()), None)
     size = "" if first is None else f", {_number(first.value)} {first.unit}"
     return f"{human(f.effect, f.location)}{size}{f' ({f.note})' if f.note else ''}"
+
+
+def _size(value: float, unit: str) -> str:
+    return f"{_number(1e3 * value)} µm" if unit == "mm" and abs(value) < 0.5 else f"{_number(value)} {unit}"
 
 
 def _number(value: float) -> str:

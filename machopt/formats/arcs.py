@@ -148,11 +148,12 @@ def cubic_spline(control: Array, knots: Array, tolerance: float) -> Array:
     spans = np.unique(knots)
     for a, b in pairwise(spans):
         inside = a + (b - a) * np.array([1e-9, 1.0 - 1e-9])
-        most = float(np.linalg.norm(bend(inside), axis=1).max())
-        count = max(math.ceil((b - a) * math.sqrt(most / (8.0 * tolerance))), 1)
-        if count > MAX_CHORDS:
-            raise ArcError(f"{count} chords in one span of a spline; the limit is {MAX_CHORDS}")
-        parameters.append(np.linspace(a, b, count + 1)[1:])
+        with np.errstate(over="ignore", invalid="ignore"):  # knots that all but coincide
+            most = float(np.linalg.norm(bend(inside), axis=1).max())
+        wanted = (b - a) * math.sqrt(most / (8.0 * tolerance))
+        if not wanted <= MAX_CHORDS:
+            raise ArcError(f"{wanted:.0f} chords in one span of a spline; the limit is {MAX_CHORDS}")
+        parameters.append(np.linspace(a, b, max(math.ceil(wanted), 1) + 1)[1:])
     points = np.asarray(curve(np.concatenate(parameters)))
     points[-1] = control[-1]
     return points

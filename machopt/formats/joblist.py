@@ -3,6 +3,7 @@
 YAML: ``cells``, ``toolpaths`` and ``options`` (named variants) are combined, each with each; ``jobs`` stand for
 themselves. CSV: one row a job; the columns are the keys of a job, of its reading, and planning options by their name
 (``method``, ``force_N.normal``). Paths are relative to the list's folder; toolpaths may be patterns (``*.nc``).
+``post: krl`` or ``posts: [rapid, mine.toml]`` name the robot programs of a job, or of all that name none themselves.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from pydantic import Field
 
 from machopt.errors import InputError
 from machopt.formats.options import ForceKeys, OptionKeys, WeightKeys
+from machopt.formats.posts import post_names
+from machopt.formats.posts.postfile import ALIASES
 from machopt.formats.yamlstrict import Document, Loc, Strict, nearest, parse_yaml, read_yaml, validate
 
 _MIB = 2**20
@@ -31,14 +34,21 @@ class ReadingKeys(Strict):
     machine: str | None = Field(default=None, min_length=1, description="kinematics behind rotary axes, e.g. table-ac")
     feed_mm_min: float | None = Field(default=None, gt=0, description="feed of cutting moves in a file that has none")
     strict: bool | None = None
+    tool_axis: Literal["-z", "+z", "-x", "+x", "-y", "+y"] | None = Field(
+        default=None, description="direction from tip to shank in the tool frame of robot programs, e.g. -z"
+    )
 
 
-class LimitKeys(Strict):
+class CommonKeys(Strict):
+    """What stands for a job, or for all jobs of a list."""
+
     time_limit_s: float | None = Field(default=None, gt=0, description="seconds a job may take")
     memory_limit_MiB: float | None = Field(default=None, gt=0, description="memory a job may use")
+    post: str | None = Field(default=None, min_length=1, description="robot program to write: a post's name or file")
+    posts: list[str] | None = Field(default=None, min_length=1, description="the same, several of them")
 
 
-class JobKeys(LimitKeys):
+class JobKeys(CommonKeys):
     cell: str | None = Field(default=None, min_length=1, description="cell folder or its cell.yaml")
     toolpath: str = Field(min_length=1, description="a CAM file or point table, or a pattern such as *.nc")
     name: str | None = Field(default=None, min_length=1, description="a name for the job's folder and the summary")
@@ -46,7 +56,7 @@ class JobKeys(LimitKeys):
     reading: ReadingKeys | None = None
 
 
-class ListKeys(LimitKeys):
+class ListKeys(CommonKeys):
     machopt_batch: Literal[1]
     cells: list[str] = Field(default=[], description="cell folders, or their cell.yaml")
     toolpaths: list[str] = Field(default=[], description="CAM files, point tables or patterns such as parts/*.nc")
@@ -68,6 +78,7 @@ class ListedJob:
     memory_limit: int | None  # bytes
     file: Path
     where: str  # place in the list, for messages
+    posts: tuple[str | Path, ...] = ()  # names, or template files
 
 
 def read_joblist(path: Path) -> tuple[ListedJob, ...]:
@@ -104,6 +115,25 @@ def reading_si(keys: ReadingKeys | None) -> dict[str, object]:
     return given
 
 
+def post_named(text: str, folder: Path) -> str | Path:
+    """A post's name as it is, a template file by its full path.
+
+    Args:
+        text: what the user wrote.
+        folder: what a file's path is relative to.
+
+    Raises:
+        InputError: there is neither.
+    """
+    known = (*post_names(), *ALIASES)
+    file = folder / Path(text).expanduser()
+    if text in known:
+        return text
+    if not file.is_file():
+        raise InputError(f"no such post or template file: {text} (looked for {file}); {nearest(text, list(known))}")
+    return file.resolve()
+
+
 def _yaml_jobs(path: Path) -> Iterator[ListedJob]:
     document = read_yaml(path)
     keys = validate(ListKeys, document)
@@ -112,13 +142,14 @@ def _yaml_jobs(path: Path) -> Iterator[ListedJob]:
     cells: list[Path | None] = [_cell(document, ("cells", n), name) for n, name in enumerate(keys.cells)]
     files = [f for n, name in enumerate(keys.toolpaths) for f in _toolpaths(document, ("toolpaths", n), name)]
     variants = {name: o.given() for name, o in keys.options.items()} or {"": {}}
+    posts = _posts(document, (), keys)
     for c, cell in enumerate(cells or [None]):
         for file in files:
             for name, options in variants.items():
                 where = document.where(("cells", c) if cell is not None else ("toolpaths",))
-                yield _job(keys, JobKeys(toolpath=str(file)), cell, file, name, options, path, where)
+                yield _job(keys, JobKeys(toolpath=str(file)), cell, file, name, options, posts, path, where)
     for n, job in enumerate(keys.jobs):
-        yield from _explicit(document, ("jobs", n), keys, job, path)
+        yield from _explicit(document, ("jobs", n), keys, job, posts, path)
 
 
 def _csv_jobs(path: Path) -> Iterator[ListedJob]:
@@ -139,7 +170,7 @@ def _csv_jobs(path: Path) -> Iterator[ListedJob]:
             else:
                 document = _row(path, reader.line_num, header, row)
                 job = validate(JobKeys, document)
-                yield from _explicit(document, (), ListKeys(machopt_batch=1), job, path)
+                yield from _explicit(document, (), ListKeys(machopt_batch=1), job, (), path)
     except csv.Error as problem:
         raise InputError(f"is not CSV: {problem}", file=path, where=f"line {reader.line_num}") from None
 
@@ -179,7 +210,7 @@ def _row(path: Path, line: int, header: list[str], row: list[str]) -> Document:
         text, loc = cell.strip(), columns[name]
         if not text:
             continue
-        plain = loc in (("cell",), ("toolpath",), ("name",), ("reading", "machine"))
+        plain = loc in (("cell",), ("toolpath",), ("name",), ("post",), ("reading", "machine"))
         inside = value
         for part in loc[:-1]:
             inside = inside.setdefault(str(part), {})  # type: ignore[assignment]
@@ -188,16 +219,19 @@ def _row(path: Path, line: int, header: list[str], row: list[str]) -> Document:
     return Document(value, lines, path)
 
 
-def _explicit(document: Document, loc: Loc, keys: ListKeys, job: JobKeys, path: Path) -> Iterator[ListedJob]:
+def _explicit(
+    document: Document, loc: Loc, keys: ListKeys, job: JobKeys, posts: tuple[str | Path, ...], path: Path
+) -> Iterator[ListedJob]:
     cell = None if job.cell is None else _cell(document, (*loc, "cell"), job.cell)
     options = {} if job.options is None else job.options.given()
+    posts = _posts(document, loc, job) or posts
     for file in _toolpaths(document, (*loc, "toolpath"), job.toolpath):
-        yield _job(keys, job, cell, file, job.name or "", options, path, document.where(loc) or _line(document))
+        yield _job(keys, job, cell, file, job.name or "", options, posts, path, document.where(loc) or _line(document))
 
 
 def _job(
-    keys: ListKeys, job: JobKeys, cell: Path | None, file: Path, name: str, options: dict[str, object], path: Path,
-    where: str,
+    keys: ListKeys, job: JobKeys, cell: Path | None, file: Path, name: str, options: dict[str, object],
+    posts: tuple[str | Path, ...], path: Path, where: str,
 ) -> ListedJob:  # fmt: skip
     """A job with the list's own reading and limits under it."""
     time = job.time_limit_s or keys.time_limit_s
@@ -205,7 +239,7 @@ def _job(
     return ListedJob(
         cell=cell, toolpath=file, name=name, options=options,
         reading={**reading_si(keys.reading), **reading_si(job.reading)}, time_limit=time,
-        memory_limit=None if memory is None else int(memory * _MIB), file=path, where=where,
+        memory_limit=None if memory is None else int(memory * _MIB), file=path, where=where, posts=posts,
     )  # fmt: skip
 
 
@@ -216,6 +250,23 @@ def _cell(document: Document, loc: Loc, name: str) -> Path:
     if not path.exists():
         raise document.error(loc, f"no such cell: {name} (looked for {path})")
     return path
+
+
+def _posts(document: Document, loc: Loc, keys: CommonKeys) -> tuple[str | Path, ...]:
+    """The posts that stand in one place; files are looked for beside the list."""
+    if keys.post is not None and keys.posts is not None:
+        raise document.error((*loc, "posts"), "post and posts stand together; keep one")
+    out: list[str | Path] = []
+    for n, text in enumerate(keys.posts or ([] if keys.post is None else [keys.post])):
+        at: Loc = (*loc, "post") if keys.post is not None else (*loc, "posts", n)
+        try:
+            post = post_named(text, Path(document.file).parent)
+        except InputError as problem:
+            raise document.error(at, problem.reason) from None
+        if post in out:
+            raise document.error(at, f"{text} stands twice; keep one")
+        out.append(post)
+    return tuple(out)
 
 
 def _toolpaths(document: Document, loc: Loc, name: str) -> list[Path]:

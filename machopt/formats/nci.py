@@ -173,6 +173,9 @@ class _Reader:
         plane, end, centre, feed = _ARC_LAYOUTS[self.arc_layout]
         if self.position is None:
             raise ArcError("an arc before any point")
+        needed = max(plane + 1, end + 3, centre + 3)
+        if len(r.values) < needed:
+            raise ArcError(f"an arc of {len(r.values)} numbers; expected {needed} as in the other arcs")
         if r.values[plane] != 0.0:
             raise ArcError(f"an arc in plane {r.values[plane]:g}; only those in XY (0) are read")
         self.take_feed(r.values, feed)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import machopt
 from machopt.diagnose.problem import Correction, Problem, RecordCorrection
-from machopt.diagnose.result import Diagnosis, Estimate, Finding
+from machopt.diagnose.result import Diagnosis, Estimate, Finding, Fit
 from machopt.domain.cell import Cell
 from machopt.domain.kinematics import KinematicCorrection
 from machopt.domain.recording import Recording
@@ -21,6 +21,7 @@ from machopt.report.diagnosis import Coordinate, DiagnosisPage, JobChange, JobEf
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+ABSORBED = "what is refitted in any case takes it up on these readings"
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
 _UNITS = {"N·m": "Nm", "µm": "um"}  # in column names
 _CURVES = (
@@ -74,9 +75,13 @@ def result_of(
         "detection_limits": [
             {"effect": x.effect, "location": x.location, "value": x.value, "unit": x.unit, "standing": x.standing,
              "one_of": [list(name) for name in x.one_of]}
-            for x in d.limits
+            for x in d.limits if np.isfinite(x.value)
         ],
-        "not_testable": [{"effect": u.effect, "location": u.location, "reason": u.reason} for u in d.untestable],
+        "not_testable": [
+            *({"effect": u.effect, "location": u.location, "reason": u.reason} for u in d.untestable),
+            *({"effect": x.effect, "location": x.location, "reason": ABSORBED} for x in d.limits
+              if not np.isfinite(x.value)),
+        ],
         "next_experiment": d.next_experiment,
         "model": model,
         "kinematics": kinematics,
@@ -113,11 +118,19 @@ def _finding(f: Finding, d: Diagnosis) -> dict[str, Any]:
         "law": f.law, "equation": f.equation, "note": f.note, "of_the_record": f.record,
         "rivals": [
             {"effect": r.effect, "location": r.location, "law": r.law, "closed_share": r.closed,
-             "standing": r.standing, "p_value": r.p_value, "placebo": r.placebo}
+             "standing": r.standing, "p_value": r.p_value, "placebo": r.placebo, "fit": _fit(r.fit)}
             for r in f.rivals
         ],
         "correction": _correction(f.correction),
+        "fit": _fit(f.rivals[0].named) if f.rivals else None,
     }  # fmt: skip
+
+
+def _fit(fit: Fit | None) -> dict[str, Any] | None:
+    """What plan-poses needs to predict a law at poses not measured yet."""
+    if fit is None:
+        return None
+    return {"coefficients": list(fit.coefficients), "shape": list(fit.shape), "correction": _correction(fit.correction)}
 
 
 def _estimate(e: Estimate) -> dict[str, Any]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +12,7 @@ import machopt
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.job.points import PointResults, reason_of
+from machopt.job.posts import Written
 from machopt.plan.compensate import residual
 from machopt.plan.explain import gamma, hints, shortfall_of
 from machopt.plan.pipeline import Plan, Scored
@@ -32,13 +36,16 @@ _WORDS = {
 
 def report_data(
     plan: Plan, toolpath: Toolpath, points: PointResults, timeline: Timeline | None, verification: Verification | None,
-    *, hashes: dict[str, str], options: dict[str, object], timings: dict[str, float],
+    programs: Sequence[Written] = (), *, hashes: dict[str, str], options: dict[str, object], timings: dict[str, float],
 ) -> page.ReportData:  # fmt: skip
     """Collect everything the page shows; parts that were not reached stay empty."""
     index = plan.scores.index
     quantity: page.Quantity = index if index in ("deflection", "stiffness") else "index"
     series = {name: _shown(plan, s) for name, s in _assignments(plan)}
     summary = _summary(plan, points, timeline, verification, quantity)
+    wrong = [f"the program {p.files[0]}: {p.checked.differences[0]}" for p in programs if p.checked and not p.ok]
+    if wrong:
+        summary = replace(summary, outcome="verification_failed", note=f"But {'; '.join(wrong)}.")
     infeasible = tuple(
         page.InfeasiblePoint(
             point=round(plan.path.index[p]), operation=_label(toolpath, plan, p), position=plan.path.position[p],
@@ -64,7 +71,19 @@ def report_data(
             page.Check(c.name, c.passed, f"{c.value:.4g} {c.unit}", f"{c.limit:.4g} {c.unit}", c.where)
             for c in (verification.checks if verification else ())
         ),
-        timings=tuple(timings.items()), events=toolpath.events,
+        programs=tuple(map(_program, programs)), timings=tuple(timings.items()), events=toolpath.events,
+    )  # fmt: skip
+
+
+def _program(p: Written) -> page.Program:
+    c = p.checked
+    if c is None:
+        return page.Program(p.label, p.files, p.lines, p.added, p.tolerance, checked=False)
+    return page.Program(
+        p.label, p.files, p.lines, p.added, p.tolerance, moves=c.moves, position_error=c.position_error,
+        angle_error=c.angle_error, joint_error=c.joint_error, feed_error=c.feed_error, path_error=c.path_error,
+        axis_error=c.axis_error, turn_error=c.turn_error, events_equal=c.events_equal, differences=c.differences,
+        configuration_equal=c.configuration_equal if c.configurations else None,
     )  # fmt: skip
 
 

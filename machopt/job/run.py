@@ -101,7 +101,7 @@ def optimize(request: Request, progress: Callable[[str], None] = lambda _: None)
         )
         with timings.stage("report"):
             data = report_data(
-                the_plan, toolpath, points, timeline, verification, hashes=result["inputs"],  # type: ignore[arg-type]
+                the_plan, toolpath, points, timeline, verification, programs, hashes=result["inputs"],  # type: ignore[arg-type]
                 options=options_as_user(options), timings=timings.seconds,
             )  # fmt: skip
             write_report(folder / "report.html", data)

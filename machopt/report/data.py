@@ -199,6 +199,29 @@ class Check:
 
 
 @dataclass(frozen=True)
+class Program:
+    """One robot program that was written, and what came back when it was read. NaN for what a format does not say."""
+
+    post: str
+    files: tuple[str, ...]  # relative to the page, the one that is run first
+    lines: int
+    added: int  # moves put in to keep to the tolerance
+    tolerance: float  # m, allowed between the controller's lines and the motion
+    moves: int = 0
+    position_error: float = float("nan")  # m, largest over all targets
+    angle_error: float = float("nan")  # rad
+    joint_error: float = float("nan")  # rad, of joint targets
+    feed_error: float = float("nan")  # m/s
+    path_error: float = float("nan")  # m, between the motion and the lines the controller draws
+    axis_error: float = float("nan")  # rad, the same between tool axes
+    turn_error: float = float("nan")  # rad, the same between orientations
+    configuration_equal: bool | None = None  # None: its targets have none
+    events_equal: bool = True
+    differences: tuple[str, ...] = ()  # what is not as it should be, in words
+    checked: bool = True  # False: no reader here knows its language
+
+
+@dataclass(frozen=True)
 class ExcludedPair:
     first: str
     second: str
@@ -227,6 +250,7 @@ class ReportData:
     warnings: tuple[str, ...] = ()
     excluded_pairs: tuple[ExcludedPair, ...] = ()
     checks: tuple[Check, ...] = ()
+    programs: tuple[Program, ...] = ()
     timings: tuple[tuple[str, float], ...] = ()  # stage, s
     events: tuple[Event, ...] = ()
     created: str = ""  # date as text; left empty the page is byte for byte reproducible

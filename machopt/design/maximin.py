@@ -1,0 +1,216 @@
+"""Readings that tell several laws apart at once: the pair that is told apart worst is told apart as well as can be.
+
+A contest takes one law as true and lets a rival explain what it sees with everything the rival may refit. What is left,
+λ = min_a |s − A a|²_W, is the noncentrality of the test between the two (Atkinson & Fedorov 1975, Biometrika 62, 57,
+eq. 2.2; for two laws Hunter & Reiner 1965, Technometrics 7, 307). Both ways round and over all pairs, a design makes
+the least λ as large as it can. Readings are added greedily, then exchanged one by one (Fedorov's exchange).
+
+While readings are chosen, the error that readings of one pose share counts in each of them by itself; the
+noncentrality of a finished design (:func:`power`) takes it as shared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import ncx2, norm
+
+from machopt.design.discriminate import noncentrality
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+SHARPNESS = 4.0  # of the power mean that stands for the minimum: smooth, so that no contest is forgotten
+SMALL = 1e-3  # noncentrality that counts as none
+FIRST, LAST = 1.0, 1e-6  # information on each unknown before any reading: while too few are chosen, and in the end
+FOCUS = 400  # readings an exchange looks at, the best by themselves
+PASSES = 6
+LEVEL, POWER = 0.01, 0.9
+
+
+@dataclass(frozen=True)
+class Contest:
+    """One law as the truth against one that is refitted; R numbers a reading."""
+
+    truth: int  # label of the law
+    rival: int
+    columns: Array  # (N, R, P) what the rival refits: base and its own coefficients
+    signal: Array  # (N, R) what the truth adds to the base
+
+
+def needed_noncentrality(level: float = LEVEL, chance: float = POWER) -> float:
+    """Noncentrality of a χ² test of one degree of freedom that rejects with probability ``chance``; 14.9 by default."""
+    critical = float(norm.isf(level / 2.0) ** 2)
+    guess = float((norm.isf(level / 2.0) + norm.ppf(chance)) ** 2)
+    assert abs(float(ncx2.sf(critical, 1, guess)) - chance) < 1e-3  # the far tail of the other sign adds nothing
+    return guess
+
+
+def best_readings(
+    contests: Sequence[Contest], covariance: Array, shared: Array, pose: Ints, poses: int, loads: int,
+    rng: np.random.Generator, starts: int = 1,
+) -> tuple[tuple[int, ...], ...]:  # fmt: skip
+    """Choose ``poses`` poses with up to ``loads`` readings each.
+
+    Args:
+        contests: of the same N readings; those that nothing can split must be left out.
+        covariance: (N, R, R) own error of each reading.
+        shared: (R, R) of the error that readings of a pose share.
+        pose: (N,) labels.
+        rng: of the starts after the first.
+        starts: of the greedy search.
+
+    Returns:
+        indices of readings, one tuple a pose.
+    """
+    search = _Search(contests, covariance + shared, pose, poses, loads)
+    best: list[int] = []
+    value = -np.inf
+    for start in range(max(starts, 1)):
+        first = [] if start == 0 else search.random(rng, (poses + 1) // 2)
+        chosen = search.exchange(search.greedy(first))
+        v = search.value(chosen)
+        if v > value:
+            best, value = chosen, v
+    return _blocks(best, pose)
+
+
+def random_readings(pose: Ints, poses: int, loads: int, rng: np.random.Generator) -> tuple[tuple[int, ...], ...]:
+    """As many readings at random poses under random loads."""
+    out = []
+    for p in rng.permutation(np.unique(pose))[:poses]:
+        out.append(tuple(int(n) for n in rng.permutation(np.flatnonzero(pose == p))[:loads]))
+    return tuple(out)
+
+
+def power(
+    contest: Contest, covariance: Array, shared: Array, pose: Ints, blocks: Sequence[Sequence[int]]
+) -> float:  # fmt: skip
+    """Noncentrality of a design in one contest, the error of a pose shared by its readings."""
+    rows = np.array(sorted(n for b in blocks for n in b), np.int64)
+    at = {int(n): k for k, n in enumerate(rows)}
+    inner = [[at[n] for n in b] for b in blocks]
+    return noncentrality(contest.columns[rows], contest.signal[rows], covariance[rows], pose[rows], shared, inner)
+
+
+def left_of_all(contest: Contest, covariance: Array) -> tuple[float, float]:
+    """λ of all N readings together, and the square of the signal itself, both in units of the noise."""
+    W = np.linalg.inv(np.linalg.cholesky(covariance))
+    A = W @ contest.columns
+    y = np.einsum("nij,nj->ni", W, contest.signal).reshape(-1)
+    A = A.reshape(-1, A.shape[2])
+    size = np.sqrt(np.mean(A**2, axis=0))
+    A = A / np.where(size > 0, size, 1.0)
+    rest = y - A @ np.linalg.lstsq(A, y, rcond=1e-10)[0]
+    return float(rest @ rest), float(y @ y)
+
+
+@dataclass(frozen=True)
+class _Sums:
+    """AᵀA, Aᵀs, sᵀs of each reading in one contest, whitened; unknowns scaled."""
+
+    AA: Array  # (N, P, P)
+    As: Array  # (N, P)
+    ss: Array  # (N,)
+
+    def after(self, chosen: Sequence[int], ridge: float, among: Ints) -> Array:
+        """λ once each of the readings ``among`` has been added to those chosen."""
+        rows = list(chosen)
+        A = self.AA[rows].sum(axis=0) + ridge * np.eye(self.AA.shape[1]) + self.AA[among]
+        b = self.As[rows].sum(axis=0) + self.As[among]
+        s = float(self.ss[rows].sum()) + self.ss[among]
+        x = np.linalg.solve(A, b[..., None])[..., 0]
+        return np.asarray(np.maximum(s - np.einsum("np,np->n", b, x), 0.0))
+
+    def of(self, chosen: Sequence[int]) -> float:
+        rows = list(chosen)
+        A = self.AA[rows].sum(axis=0) + LAST * np.eye(self.AA.shape[1])
+        b = self.As[rows].sum(axis=0)
+        return max(float(self.ss[rows].sum() - b @ np.linalg.solve(A, b)), 0.0)
+
+
+class _Search:
+    def __init__(self, contests: Sequence[Contest], covariance: Array, pose: Ints, poses: int, loads: int) -> None:
+        self.pose, self.poses, self.loads = pose, poses, loads
+        W = np.linalg.inv(np.linalg.cholesky(covariance))
+        grams: dict[int, tuple[Array, Array]] = {}  # contests of one rival share its columns
+        self.sums = []
+        for c in contests:
+            if id(c.columns) not in grams:
+                A = W @ c.columns
+                most = np.sqrt(np.einsum("nrp,nrp->np", A, A).max(axis=0))
+                A = A / np.where(most > 0.0, most, 1.0)
+                grams[id(c.columns)] = A, np.swapaxes(A, 1, 2) @ A
+            A, AA = grams[id(c.columns)]
+            s = np.einsum("nij,nj->ni", W, c.signal)
+            self.sums.append(_Sums(AA, np.einsum("nrp,nr->np", A, s), np.einsum("nr,nr->n", s, s)))
+
+    def value(self, chosen: Sequence[int]) -> float:
+        return float(_together(np.array([[s.of(chosen)] for s in self.sums]))[0])
+
+    def greedy(self, chosen: list[int]) -> list[int]:
+        chosen = list(chosen)
+        while len(chosen) < self.poses * self.loads:
+            free = self._free(chosen)
+            if not len(free):
+                break
+            ridge = FIRST if len(chosen) < self.poses * self.loads / 2 else LAST
+            chosen.append(int(free[np.argmax(self._values(chosen, free, ridge))]))
+        return chosen
+
+    def exchange(self, chosen: list[int]) -> list[int]:
+        """Each reading for a better one until none is, first among the most promising."""
+        chosen = list(chosen)
+        everything = np.arange(len(self.pose))
+        order = np.argsort(-self._values(chosen, everything, LAST), kind="stable")
+        focus = np.zeros(len(self.pose), bool)
+        focus[order[:FOCUS]] = True
+        value = self.value(chosen)
+        for _ in range(PASSES):
+            before = value
+            for k in range(len(chosen)):
+                rest = chosen[:k] + chosen[k + 1 :]
+                free = self._free(rest)
+                free = free[focus[free]]
+                if not len(free):
+                    continue
+                values = self._values(rest, free, LAST)
+                best = int(np.argmax(values))
+                if values[best] > value * (1.0 + 1e-9):
+                    chosen[k], value = int(free[best]), float(values[best])
+            if value <= before * (1.0 + 1e-3):
+                break
+        return chosen
+
+    def random(self, rng: np.random.Generator, poses: int) -> list[int]:
+        return [n for b in random_readings(self.pose, poses, self.loads, rng) for n in b]
+
+    def _values(self, chosen: Sequence[int], among: Ints, ridge: float) -> Array:
+        return _together(np.stack([s.after(chosen, ridge, among) for s in self.sums]))
+
+    def _free(self, chosen: Sequence[int]) -> Ints:
+        """Readings that may still be added: not taken, their pose not full, no pose too many."""
+        open_, count = np.unique(self.pose[list(chosen)], return_counts=True)
+        free = np.ones(len(self.pose), bool)
+        free[list(chosen)] = False
+        free &= ~np.isin(self.pose, open_[count >= self.loads])
+        if len(open_) >= self.poses:
+            free &= np.isin(self.pose, open_)
+        return np.flatnonzero(free)
+
+
+def _together(noncentralities: Array) -> Array:
+    """(n,) power mean over the contests (C, n), close to the least."""
+    x = noncentralities + SMALL
+    least = x.min(axis=0)
+    return np.asarray(least * np.mean((x / least) ** -SHARPNESS, axis=0) ** (-1.0 / SHARPNESS))
+
+
+def _blocks(chosen: Sequence[int], pose: Ints) -> tuple[tuple[int, ...], ...]:
+    out: dict[int, list[int]] = {}
+    for n in chosen:
+        out.setdefault(int(pose[n]), []).append(n)
+    return tuple(tuple(b) for b in out.values())

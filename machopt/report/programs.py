@@ -1,0 +1,94 @@
+"""The block about robot programs: what was written, what came back, what happens between the points."""
+
+from __future__ import annotations
+
+import math
+from html import escape
+
+from machopt.report.data import Program, ReportData
+from machopt.report.display import Unit
+from machopt.report.shell import section
+from machopt.report.tables import Column, table
+
+_FILES = 4  # named of a program that has many
+_BAR = 110  # pixels that stand for the tolerance
+_LEAD = (
+    "Each program was read back by a reader that shares nothing with its writer, and compared with the trajectory. "
+    "<b>Targets</b>: the largest difference between what is read and what was meant, joint targets through forward "
+    "kinematics. <b>Between the points</b>: on linear moves a controller draws straight lines and turns the tool "
+    "evenly; shown is how far those are from the trajectory, beside the tolerance for which points are added. How it "
+    "rounds corners or draws splines is its own matter."
+)
+_SMALL_LENGTH, _SMALL_ANGLE = Unit(1e3, "mm", 4), Unit(180 / math.pi, "deg", 4)
+_SHORT, _TURN = Unit(1e3, "mm", 3), Unit(180 / math.pi, "deg", 3)
+_FEED = Unit(6e4, "mm/min", 3)
+
+
+def programs(data: ReportData) -> str:
+    """The section, empty where no program was written."""
+    if not data.programs:
+        return ""
+    columns = [
+        Column("Post"), Column("Files", "html"), Column("Lines", "n"), Column("Moves", "n"), Column("Added", "n"),
+        Column("Targets (mm)", "n"), Column("Orientation (deg)", "n"), Column("Joints (deg)", "n"),
+        Column("Feeds (mm/min)", "n"), Column("Configuration"), Column("Events"),
+        Column("Between the points", "html"), Column("Check", "html"),
+    ]  # fmt: skip
+    body = table(columns, [_row(p) for p in data.programs])
+    wrong = [(p.files[0], text) for p in data.programs for text in p.differences]
+    if wrong:
+        items = "".join(f"<li><b>{escape(file)}</b>: {escape(text)}</li>" for file, text in wrong)
+        body = f'<p class="fail">Do not run these:</p><ul>{items}</ul>{body}'
+    return section("programs", "Robot programs", _LEAD, body)
+
+
+def _row(p: Program) -> tuple[object, ...]:
+    if not p.checked:
+        unknown = "no reader here knows its language"
+        return (
+            p.post,
+            _files(p),
+            p.lines,
+            *"–" * 6,
+            "–",
+            "–",
+            "–",
+            f'<span class="none">not checked: {unknown}</span>',
+        )
+    configuration = {None: "–", True: "equal", False: "differs"}[p.configuration_equal]
+    state = '<span class="fail">differs</span>' if p.differences else '<span class="pass">reads back</span>'
+    return (
+        p.post, _files(p), p.lines, p.moves, p.added, _least(p.position_error, _SMALL_LENGTH),
+        _least(p.angle_error, _SMALL_ANGLE), _least(p.joint_error, _SMALL_ANGLE), _least(p.feed_error, _FEED),
+        configuration, "equal" if p.events_equal else "differ", _between(p), state,
+    )  # fmt: skip
+
+
+def _files(p: Program) -> str:
+    links = [f'<a href="{escape(f)}">{escape(f)}</a>' for f in p.files[:_FILES]]
+    more = [f"… and {len(p.files) - _FILES} more"] if len(p.files) > _FILES else []
+    return "<br>".join([*links, *more])
+
+
+def _least(value: float, unit: Unit) -> str:
+    """The value; where the decimals cannot show it, that it is less than the last of them."""
+    step = 10.0**-unit.decimals
+    return f"< {step:.{unit.decimals}f}" if 0.0 < value * unit.factor < 0.5 * step else unit.text(value)
+
+
+def _between(p: Program) -> str:
+    """A bar of the tolerance with what of it is used, and the numbers."""
+    if not math.isfinite(p.path_error):
+        return "no lines: joints are interpolated"
+    share = min(p.path_error / p.tolerance, 1.25) if p.tolerance else 0.0
+    colour = "#a61b1b" if share > 1.0 else "#1552b8"
+    bar = (
+        f'<svg width="{1.25 * _BAR + 1:g}" height="11" role="img" aria-label="share of the tolerance">'
+        f'<rect y="1" width="{_BAR}" height="9" fill="#e8ebee"/>'
+        f'<rect y="1" width="{share * _BAR:.1f}" height="9" fill="{colour}"/>'
+        f'<path d="M{_BAR} 0V11" stroke="#b3261e"/></svg>'
+    )
+    return (
+        f"{bar}<br>{_SHORT.text(p.path_error)} of {_SHORT.text(p.tolerance, unit=True)}; axis "
+        f"{_TURN.text(p.axis_error)}, orientation {_TURN.text(p.turn_error, unit=True)}"
+    )

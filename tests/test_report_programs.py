@@ -1,0 +1,59 @@
+"""The block about robot programs in report.html: what was written, the check, and what a failed one looks like."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+from made_up_report import full_result
+
+from machopt.report.data import Program, ReportData
+from machopt.report.page import report_html
+from machopt.report.verdict import verdict
+
+
+def block(data: ReportData) -> str:
+    found = re.search(r"<section id=programs>.*?</section>", report_html(data), re.S)
+    assert found
+    return found[0]
+
+
+def test_the_block_names_files_differences_and_what_lies_between_the_points() -> None:
+    html = block(full_result(points=50, samples=300))
+    rows = re.findall(r"<tr>(.*?)</tr>", html.partition("<tbody>")[2])
+    krl, jbi, ros, mine = (re.sub(r"<[^>]+>", " ", row) for row in rows)
+    assert 'href="krl/bracket_op10.src"' in rows[0]
+    for words in ("1210", "812", " < 0.0001 ", "0.016 of 0.050 mm; axis 0.007, orientation 0.046 deg", "equal"):
+        assert words in krl
+    assert "0.0026" in jbi  # mm: 2.6 µm of whole pulses
+    assert "no lines: joints are interpolated" in ros
+    assert "not checked: no reader here knows its language" in mine
+    assert [row.count("reads back") for row in rows] == [1, 1, 1, 0]
+    assert "Do not run" not in html
+
+
+def test_a_program_that_differs_is_told_first_and_spoils_the_verdict() -> None:
+    data = full_result(points=50, samples=300)
+    bad = Program("krl", ("part<1>.src",), 12, 0, 5e-5, 10, 0.05, path_error=8e-5, events_equal=False,
+                  configuration_equal=False, differences=("move 3 (line 14) goes elsewhere", "events differ"))  # fmt: skip
+    summary = replace(data.summary, outcome="verification_failed", note="But the program part.src: events differ.")
+    data = replace(data, programs=(bad,), summary=summary)
+    html = block(data)
+    assert html.index("Do not run these") < html.index("<table")
+    assert "<b>part&lt;1&gt;.src</b>: move 3 (line 14) goes elsewhere" in html
+    assert "reads back" not in html.partition("<tbody>")[2]
+    v = verdict(data)
+    assert v.badge == "VERIFICATION FAILED: DO NOT RUN"
+    assert v.sentence.endswith("But the program part.src: events differ.")
+
+
+def test_a_result_without_programs_has_no_block() -> None:
+    assert "id=programs" not in report_html(replace(full_result(points=50, samples=300), programs=()))
+
+
+def test_many_files_are_counted() -> None:
+    data = full_result(points=50, samples=300)
+    parts = tuple(f"part_{n:03d}.src" for n in range(20))
+    html = block(replace(data, programs=(replace(data.programs[0], files=parts),)))
+    assert html.count("<a href=") == 4
+    assert "… and 16 more" in html
