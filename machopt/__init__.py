@@ -12,7 +12,8 @@ Pipeline of the main job (``machopt optimize CELL TOOLPATH -o OUT``)::
 Each step is one file in :mod:`machopt.plan` and owns its result type; ``plan/pipeline.py`` draws the
 arrows. Imports point one way::
 
-    cli → report | formats → plan → model → domain → se3 → errors
+    cli → batch → job → report | formats | verify → diagnose → plan | identify | design | workspace
+        → model → domain → se3 → errors
 
 Frames: ``world`` → ``base_link`` → joints → ``flange`` → ``tcp``; ``workpiece`` is the frame of the CAM
 coordinates. ``T_a_b`` maps coordinates in b to coordinates in a. Twists and wrenches: linear part first.

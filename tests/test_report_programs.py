@@ -23,9 +23,10 @@ def test_the_block_names_files_differences_and_what_lies_between_the_points() ->
     rows = re.findall(r"<tr>(.*?)</tr>", html.partition("<tbody>")[2])
     krl, jbi, ros, mine = (re.sub(r"<[^>]+>", " ", row) for row in rows)
     assert 'href="krl/bracket_op10.src"' in rows[0]
-    for words in ("1210", "812", " < 0.0001 ", "0.016 of 0.050 mm; axis 0.007, orientation 0.046 deg", "equal"):
+    for words in ("812 moves", "3 of them added", "1210 lines", "&lt; 0.0001 mm", "0.005 mm/min", "0.016 of 0.050 mm",
+                  "tool axis 0.007 deg", "orientation 0.046 deg", "equal"):  # fmt: skip
         assert words in krl
-    assert "0.0026" in jbi  # mm: 2.6 µm of whole pulses
+    assert "0.0026 mm" in jbi  # mm: 2.6 µm of whole pulses
     assert "no lines: joints are interpolated" in ros
     assert "not checked: no reader here knows its language" in mine
     assert [row.count("reads back") for row in rows] == [1, 1, 1, 0]
@@ -34,8 +35,9 @@ def test_the_block_names_files_differences_and_what_lies_between_the_points() ->
 
 def test_a_program_that_differs_is_told_first_and_spoils_the_verdict() -> None:
     data = full_result(points=50, samples=300)
+    differences = ("move 3 (line 14) goes elsewhere", "events differ")
     bad = Program("krl", ("part<1>.src",), 12, 0, 5e-5, 10, 0.05, path_error=8e-5, events_equal=False,
-                  configuration_equal=False, differences=("move 3 (line 14) goes elsewhere", "events differ"))  # fmt: skip
+                  configuration_equal=False, differences=differences)  # fmt: skip
     summary = replace(data.summary, outcome="verification_failed", note="But the program part.src: events differ.")
     data = replace(data, programs=(bad,), summary=summary)
     html = block(data)

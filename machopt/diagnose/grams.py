@@ -121,9 +121,21 @@ def tried(problem: Problem, w: Whitening, hypotheses: Sequence[Hypothesis], y: A
         if not np.isfinite(X).all() or not np.any(X):
             continue
         X = (X * unit).reshape(-1, S, p)
-        XX = np.stack([np.einsum("msi,msj->sij", x, x) for x in _visits(w, X)])
+        XX = np.stack([own(x) for x in _visits(w, X)])
         out.append(Tried(h, X, unit.reshape(S, p), XX, w.by_visit(X * y[:, None, None]), len(out)))
     return out
+
+
+def own(x: Array) -> Array:
+    """Σ_m x_msi x_msj of columns (m, S, p), (S, p, p); matmul, because einsum does not use BLAS here."""
+    t = x.transpose(1, 2, 0)
+    return np.asarray(t @ x.transpose(1, 0, 2))
+
+
+def cross(x: Array, y: Array) -> Array:
+    """Σ_m x_msi y_mp of columns (m, S, p) and (m, P), (S, p, P)."""
+    m, S, p = x.shape
+    return np.asarray(x.reshape(m, S * p).T @ y).reshape(S, p, -1)
 
 
 def ridged_inverse(H: Array) -> Array:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.diagnose.grams import ABSORBED, NOTHING, Model, Tried, ridged_inverse
+from machopt.diagnose.grams import ABSORBED, NOTHING, Model, Tried, cross, ridged_inverse
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -48,16 +48,15 @@ def score(model: Model, tried: Sequence[Tried]) -> list[Scored]:
 
 
 def _one(model: Model, t: Tried, H: Array, h: Array, M: Array, folds: tuple[Array, ...]) -> Scored:
-    cross = np.stack([np.einsum("msi,mp->sip", a, b) for a, b in zip(_split(model, t.X), _split(model, model.X),
-                                                                      strict=True)])  # (V, S, p, P)  # fmt: skip
-    C, XXc, Xyc = cross.sum(axis=0), t.XX.sum(axis=0), t.Xy.sum(axis=0)
+    mixed = np.stack([cross(a, b) for a, b in zip(_split(model, t.X), _split(model, model.X), strict=True)])
+    C, XXc, Xyc = mixed.sum(axis=0), t.XX.sum(axis=0), t.Xy.sum(axis=0)
     S, u = XXc - np.einsum("sip,pq,sjq->sij", C, M, C), Xyc - C @ (M @ h)
     S, visible = _regular(S, XXc)
     x, gain = bounded(S, u, t.hypothesis.lower)
     best = int(np.argmax(gain))
     # the same without each fold
     XX, Xy, yy, M_fold, x_fold, loss = folds
-    C_f, XX_f, Xy_f = model.by_fold(cross), model.by_fold(t.XX), model.by_fold(t.Xy)
+    C_f, XX_f, Xy_f = model.by_fold(mixed), model.by_fold(t.XX), model.by_fold(t.Xy)
     C_r, XX_r, Xy_r = C - C_f, XXc - XX_f, Xyc - Xy_f
     S_r = XX_r - np.einsum("fsip,fpq,fsjq->fsij", C_r, M_fold, C_r, optimize=True)
     u_r = Xy_r - np.einsum("fsip,fp->fsi", C_r, x_fold)
@@ -125,7 +124,7 @@ def by_chance(
     own = np.empty(len(scored))
     for k, s in enumerate(scored):
         t = s.tried
-        C = np.einsum("msi,mp->sip", t.X, model.X, optimize=True)
+        C = cross(t.X, model.X)
         XX = t.XX.sum(axis=0)
         S, _ = _regular(XX - np.einsum("sip,pq,sjq->sij", C, M, C), XX)
         scores = model.w.by_group(model.w.by_visit(t.X * r[:, None, None])) - np.einsum(

@@ -153,7 +153,11 @@ class _Search:
 def _law_error(s: Scored, chosen: Sequence[Chosen]) -> float:
     """Gain that the laws chosen so far may leave because they are not quite the true ones."""
     return max(
-        (c.scored.gain * (BESIDE_HERE if _near(c.tried.hypothesis, s.tried.hypothesis) else BESIDE) for c in chosen),
+        (
+            c.scored.gain * (BESIDE_HERE if _near(c.tried.hypothesis, s.tried.hypothesis) else BESIDE)
+            for c in chosen
+            if not c.tried.hypothesis.exact
+        ),
         default=0.0,
     )
 

@@ -2,7 +2,7 @@
 
 A file or entry point (group ``machopt.diagnose``) offers ``hypotheses(readings)``, a function that takes the
 :class:`~machopt.diagnose.readings.Readings` of a load test or of poses and yields
-:class:`~machopt.diagnose.problem.Hypothesis` objects. See ``docs`` in the package's README for one in twenty lines.
+:class:`~machopt.diagnose.problem.Hypothesis` objects. The README has one in twenty lines.
 """
 
 from __future__ import annotations

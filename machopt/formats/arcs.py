@@ -143,12 +143,13 @@ def cubic_spline(control: Array, knots: Array, tolerance: float) -> Array:
     if not np.isfinite(knots).all() or (np.diff(knots) < 0.0).any() or not knots[-1] > knots[0]:
         raise ArcError("the knots do not rise")
     curve = BSpline(knots, control, 3)
-    bend = curve.derivative(2)
+    with np.errstate(over="ignore", invalid="ignore"):  # knots that all but coincide
+        bend = curve.derivative(2)
     parameters: list[Array] = []
     spans = np.unique(knots)
     for a, b in pairwise(spans):
         inside = a + (b - a) * np.array([1e-9, 1.0 - 1e-9])
-        with np.errstate(over="ignore", invalid="ignore"):  # knots that all but coincide
+        with np.errstate(over="ignore", invalid="ignore"):
             most = float(np.linalg.norm(bend(inside), axis=1).max())
         wanted = (b - a) * math.sqrt(most / (8.0 * tolerance))
         if not wanted <= MAX_CHORDS:

@@ -86,6 +86,7 @@ def result_of(
         "model": model,
         "kinematics": kinematics,
         "readings": len(d.used),
+        "recorded": _recorded(recording, d),
         "outliers": {"location": rows_location(d.outliers), "rows": d.outliers.tolist()} if len(d.outliers) else None,
         "proof": None if d.proof is None else {
             "groups": d.proof.groups.tolist(), "heldout_rmse_before": d.proof.before,
@@ -124,6 +125,34 @@ def _finding(f: Finding, d: Diagnosis) -> dict[str, Any]:
         "correction": _correction(f.correction),
         "fit": _fit(f.rivals[0].named) if f.rivals else None,
     }  # fmt: skip
+
+
+def _recorded(recording: Recording | Sequence[Recording], d: Diagnosis) -> dict[str, Any]:
+    """How it was measured and how far readings scattered, for whoever plans the next measurement.
+
+    The scatter is what the findings leave on unseen readings, split into a reading's own and what a visit shares.
+    """
+    parts = _parts(recording)
+    first, residual = parts[0], d.errors.final
+    out: dict[str, Any] = {
+        "kind": first.kind, "coordinates": residual.shape[1], "wrench_frame": first.wrench_frame,
+        "displacement_frame": first.displacement_frame, "registration": first.registration,
+    }  # fmt: skip
+    if first.kind == "motion" or sum(len(r) for r in parts) != len(residual):
+        return out
+    labels = np.concatenate([np.stack([np.full(len(r), n), r.session, r.pose], axis=1) for n, r in enumerate(parts)])
+    visit = np.unique(labels, axis=0, return_inverse=True)[1].reshape(-1)[d.used]
+    count = np.bincount(visit).astype(float)
+    for name, columns in (("m", slice(0, 3)), ("rad", slice(3, 6))):
+        e = residual[d.used][:, columns]
+        if e.shape[1] == 0:
+            continue
+        mean = np.stack([np.bincount(visit, x) for x in e.T], axis=1) / np.maximum(count, 1.0)[:, None]
+        freedom = float(np.sum(np.maximum(count - 1.0, 0.0)))
+        whole = float(np.mean(e**2))
+        own = float(np.sum(np.mean((e - mean[visit]) ** 2, axis=1))) / freedom if freedom > 0 else whole
+        out[f"scatter_{name}"] = {"own": own**0.5, "visit": max(whole - own, 0.0) ** 0.5}
+    return out
 
 
 def _fit(fit: Fit | None) -> dict[str, Any] | None:

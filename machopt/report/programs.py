@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from html import escape
 
 from machopt.report.data import Program, ReportData
@@ -29,10 +30,9 @@ def programs(data: ReportData) -> str:
     if not data.programs:
         return ""
     columns = [
-        Column("Post"), Column("Files", "html"), Column("Lines", "n"), Column("Moves", "n"), Column("Added", "n"),
-        Column("Targets (mm)", "n"), Column("Orientation (deg)", "n"), Column("Joints (deg)", "n"),
-        Column("Feeds (mm/min)", "n"), Column("Configuration"), Column("Events"),
-        Column("Between the points", "html"), Column("Check", "html"),
+        Column("Post"), Column("Files", "html"), Column("Moves", "html"), Column("Targets off by", "html"),
+        Column("Feeds off by", "n"), Column("Configuration"), Column("Events"), Column("Between the points", "html"),
+        Column("Check", "html"),
     ]  # fmt: skip
     body = table(columns, [_row(p) for p in data.programs])
     wrong = [(p.files[0], text) for p in data.programs for text in p.differences]
@@ -43,25 +43,23 @@ def programs(data: ReportData) -> str:
 
 
 def _row(p: Program) -> tuple[object, ...]:
+    lines = [f"{p.lines} lines"]
     if not p.checked:
-        unknown = "no reader here knows its language"
-        return (
-            p.post,
-            _files(p),
-            p.lines,
-            *"–" * 6,
-            "–",
-            "–",
-            "–",
-            f'<span class="none">not checked: {unknown}</span>',
-        )
+        state = '<span class="none">not checked: no reader here knows its language</span>'
+        return (p.post, _files(p), _unbroken(lines), *"–" * 5, state)
+    moves = _unbroken([f"{p.moves} moves", *([f"{p.added} of them added"] if p.added else []), *lines])
     configuration = {None: "–", True: "equal", False: "differs"}[p.configuration_equal]
+    events = "equal" if p.events_equal else "differ"
     state = '<span class="fail">differs</span>' if p.differences else '<span class="pass">reads back</span>'
     return (
-        p.post, _files(p), p.lines, p.moves, p.added, _least(p.position_error, _SMALL_LENGTH),
-        _least(p.angle_error, _SMALL_ANGLE), _least(p.joint_error, _SMALL_ANGLE), _least(p.feed_error, _FEED),
-        configuration, "equal" if p.events_equal else "differ", _between(p), state,
+        p.post, _files(p), moves, _targets(p), _least(p.feed_error, _FEED), configuration, events, _between(p), state,
     )  # fmt: skip
+
+
+def _targets(p: Program) -> str:
+    words = [_least(p.position_error, _SMALL_LENGTH), _least(p.angle_error, _SMALL_ANGLE)]
+    words += [f"joints {_least(p.joint_error, _SMALL_ANGLE)}"] if math.isfinite(p.joint_error) else []
+    return _unbroken(words)
 
 
 def _files(p: Program) -> str:
@@ -70,10 +68,15 @@ def _files(p: Program) -> str:
     return "<br>".join([*links, *more])
 
 
+def _unbroken(lines: Sequence[str]) -> str:
+    return "<br>".join(f'<span style="white-space:nowrap">{escape(line)}</span>' for line in lines)
+
+
 def _least(value: float, unit: Unit) -> str:
     """The value; where the decimals cannot show it, that it is less than the last of them."""
     step = 10.0**-unit.decimals
-    return f"< {step:.{unit.decimals}f}" if 0.0 < value * unit.factor < 0.5 * step else unit.text(value)
+    small = 0.0 < value * unit.factor < 0.5 * step
+    return f"< {step:.{unit.decimals}f} {unit.name}" if small else unit.text(value, unit=True)
 
 
 def _between(p: Program) -> str:
@@ -88,7 +91,8 @@ def _between(p: Program) -> str:
         f'<rect y="1" width="{share * _BAR:.1f}" height="9" fill="{colour}"/>'
         f'<path d="M{_BAR} 0V11" stroke="#b3261e"/></svg>'
     )
-    return (
-        f"{bar}<br>{_SHORT.text(p.path_error)} of {_SHORT.text(p.tolerance, unit=True)}; axis "
-        f"{_TURN.text(p.axis_error)}, orientation {_TURN.text(p.turn_error, unit=True)}"
-    )
+    words = [
+        f"{_SHORT.text(p.path_error)} of {_SHORT.text(p.tolerance, unit=True)}",
+        f"tool axis {_least(p.axis_error, _TURN)}", f"orientation {_least(p.turn_error, _TURN)}",
+    ]  # fmt: skip
+    return f"{bar}<br>{_unbroken(words)}"

@@ -1,0 +1,261 @@
+"""What each law of a diagnosis would show at poses and under loads that nobody has measured yet.
+
+Deflection: a load test is a cycle, up to the full load and back, with a reading after each step where a law asks how
+the load came there; one reading at full load where none does. Position: the arm stands still, with or without a load.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.design.loadcases import LoadCases
+from machopt.design.measurement import ReadingNoise
+from machopt.diagnose import absolute, deflection, userterms
+from machopt.diagnose.problem import Hypothesis
+from machopt.diagnose.readings import Readings
+from machopt.domain.cell import Cell
+from machopt.domain.recording import Recording
+from machopt.job.poses_rivals import NOTHING, Diagnosed, Stand
+from machopt.model.gravity import gravity_torque
+from machopt.model.robot import Masses, Robot
+from machopt.se3 import matrix_quaternion
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+UP_AND_DOWN = (0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.25, 0.0)
+HOLD = 10.0  # s between the readings of a cycle
+REST = 1e4  # s between cycles: in which order they come is not known yet, so none feels the one before
+REMEMBER = ("joint_hysteresis", "joint_creep", "joint_backlash", "joint_nonlinear_stiffness")  # depend on how and how much
+SAME = 1e-3  # relative, of the absolute parameters of a law once its shape has been brought to other torques
+SETTLED = 3  # fixed-point steps to the arm's place under weight
+SHAPES = 2  # further shapes that a refitted rival may take
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """N cases of K steps each, D coordinates a step."""
+
+    steps: tuple[float, ...]  # share of the full load at each reading of a cycle
+    dimensions: int
+    base: Array  # (N, K·D, P) refitted whatever is true
+    hypotheses: tuple[Hypothesis, ...]
+    count: int
+
+    def columns(self, h: Hypothesis, shape: tuple[float, ...]) -> Array:
+        """(N, K·D, p) of a law."""
+        return _by_case(h.columns(shape), self.count)
+
+
+@dataclass(frozen=True)
+class Law:
+    """A law of the diagnosis at the poses of the plan."""
+
+    stand: Stand
+    signal: Array  # (N, K·D) m, rad that it adds as fitted
+    columns: tuple[Array, ...]  # (N, K·D, p) that it may refit, at its shape and at others
+
+
+def steps_for(stands: Sequence[Stand]) -> tuple[float, ...]:
+    """The readings of a load cycle that these laws ask for."""
+    return UP_AND_DOWN if any(s.effect in REMEMBER for s in stands) else (1.0,)
+
+
+def load_tests(
+    found: Diagnosed, cases: LoadCases, q: Array, robot: Robot, T_flange_tcp: Array, masses: Masses | None,
+    compliance: Array, steps: tuple[float, ...], dimensions: int,
+) -> Predicted:  # fmt: skip
+    """Cases of a load test.
+
+    Args:
+        found: the diagnosis.
+        cases: N poses × loads.
+        q: (N, 6) rad of each case.
+        robot, T_flange_tcp, masses: the arm.
+        compliance: (6,) rad/(N·m) as the diagnosis has it.
+        steps: of a cycle.
+        dimensions: 3 or 6.
+    """
+    N, K = len(cases), len(steps)
+    factor = np.tile(np.array(steps), N)
+    wrench = np.repeat(cases.wrench, K, axis=0) * factor[:, None]
+    case = np.repeat(np.arange(N), K)
+    branch = np.tile(np.where(np.arange(K) <= int(np.argmax(steps)), 1, -1), N).astype(np.int8)
+    recording = Recording(
+        "deflection", "plan", np.repeat(q, K, axis=0), case, case, np.zeros(N * K, np.int64), np.arange(1, N * K + 1),
+        wrench=wrench, displacement=np.zeros((N * K, dimensions)), time=case * REST + HOLD * np.tile(np.arange(1, K + 1), N),
+        branch=branch, wrench_frame="tool" if found.wrench_frame == "tool" else "base",
+        displacement_frame="tool" if found.displacement_frame == "tool" else "base",
+    )  # fmt: skip
+    readings = Readings(
+        recording, robot, T_flange_tcp, masses, robot.state(recording.q, T_flange_tcp, bodies=True), wrench, dimensions,
+        True, compliance, np.zeros(N * K, np.int64), case, case,
+    )  # fmt: skip
+    laws = [*deflection.catalogue(readings, None).hypotheses, *userterms.offered(userterms.load(()), readings)]
+    J = readings.state.J[:, :dimensions]
+    base = J * readings.load_torque[:, None, :]
+    return Predicted(steps, dimensions, _by_case(base, N), tuple(laws), N)
+
+
+def standing(
+    found: Diagnosed, cases: LoadCases, q: Array, cell: Cell, robot: Robot, masses: Masses | None, compliance: Array,
+    dimensions: int, rng: np.random.Generator,
+) -> Predicted:  # fmt: skip
+    """Cases of measured poses, with the load of each case or none."""
+    T, c = cell.tool.T_flange_tcp, compliance
+    theta = q
+    for _ in range(SETTLED):
+        state = robot.state(theta, T)
+        tau = np.einsum("nci,nc->ni", state.J, cases.wrench)
+        if masses is not None:
+            tau = tau + gravity_torque(robot, masses, robot.state(theta, T, bodies=True))[0]
+        theta = q + c * tau
+    pose = robot.fk(theta, T)
+    N = len(cases)
+    recording = Recording(
+        "absolute", "plan", q, cases.pose, np.arange(N), np.zeros(N, np.int64), np.arange(1, N + 1), wrench=cases.wrench,
+        position=pose[:, :3, 3], quaternion=matrix_quaternion(pose[:, :3, :3]) if dimensions == 6 else None,
+        registration="fit" if found.registration == "fit" else "fixed",
+    )  # fmt: skip
+    problem, catalogue, _ = absolute.build(recording, cell, robot, masses, rng)
+    return Predicted((1.0,), dimensions, _by_case(problem.base, N), catalogue.hypotheses, N)
+
+
+def law_of(stand: Stand, at: Predicted, coordinates: float) -> Law | None:
+    """A law at the poses of the plan; None where the catalogue does not have it there.
+
+    Args:
+        stand: of the diagnosis.
+        at: the cases.
+        coordinates: rows of a reading that are translations, as a share.
+    """
+    if stand is NOTHING:
+        return Law(stand, np.zeros(at.base.shape[:2]), (np.zeros((*at.base.shape[:2], 0)),))
+    if stand.rms is not None:
+        h = next((h for h in at.hypotheses if h.location == stand.location), None)
+    else:
+        h = next((h for h in at.hypotheses if h.name == stand.name and stand.law in ("", h.law)), None)
+    if h is None:
+        return None
+    if stand.coefficients:
+        brought = in_shares(h, np.array(stand.coefficients), stand.shape, stand.correction)
+        if brought is None:
+            return None
+        x, shape = brought
+        columns = at.columns(h, shape)
+    else:
+        shape = h.shapes[len(h.shapes) // 2]
+        columns = at.columns(h, shape)
+        x = _sized(h, stand, shape, columns, coordinates)
+        if x is None:
+            return None
+    others = [s for s in _around(h.shapes) if s != shape]
+    return Law(stand, columns @ x, (columns, *(at.columns(h, s) for s in others)))
+
+
+def in_shares(
+    h: Hypothesis, x: Array, shape: tuple[float, ...], stated: Mapping[str, Any] | None
+) -> tuple[Array, tuple[float, ...]] | None:
+    """Coefficients and shape that make a law here what it was where it was fitted.
+
+    Laws count thresholds in shares of the largest torque of their readings; at other poses the same share is another
+    threshold. Their absolute parameters are powers of coefficients and shapes: the exponents are found by doubling
+    each, and the scales by least squares in logarithms.
+
+    Args:
+        h: the law at the new poses.
+        x: (p,) SI, as fitted.
+        shape: as fitted.
+        stated: absolute parameters as fitted; None: there are none, and the law does not depend on torques.
+
+    Returns:
+        None where the absolute parameters cannot be met.
+    """
+    here = _absolute(h, x, shape)
+    if stated is None or here is None:
+        return x, shape
+    wanted = _flat(stated)
+    if len(wanted) != len(here):
+        return None
+    if np.allclose(here, wanted, rtol=SAME, atol=0.0):
+        return x, shape
+    z = np.concatenate([x, np.array(shape)])
+    p, seen = len(x), (here != 0.0) & (wanted != 0.0)
+    exponents = np.zeros((int(seen.sum()), len(z)))
+    for i in range(len(z)):
+        doubled = z.copy()
+        doubled[i] *= 2.0
+        there = _absolute(h, doubled[:p], tuple(doubled[p:]))
+        if there is not None and len(there) == len(here):
+            exponents[:, i] = np.log2(np.maximum(np.abs(there[seen] / here[seen]), 1e-12))
+    powers = np.linalg.lstsq(exponents, np.log(np.abs(wanted[seen] / here[seen])), rcond=1e-9)[0]
+    z = z * np.exp(powers)
+    brought = _absolute(h, z[:p], tuple(z[p:]))
+    if brought is None or not np.allclose(brought, wanted, rtol=SAME, atol=0.0):
+        return None
+    return z[:p], tuple(float(v) for v in z[p:])
+
+
+def noise_of_cases(cases: LoadCases, noise: ReadingNoise, steps: tuple[float, ...]) -> tuple[Array, Array]:
+    """(N, K·D, K·D) own error of each case, and (K·D, K·D) of what readings of a pose share.
+
+    The steps of a cycle share the cycle's error and that of the load; each has the instrument's by itself.
+    """
+    D, K, n = noise.dimensions, len(steps), noise.cycles
+    rows = np.ones(D) if noise.targets is None else np.repeat([1.0, 1.0 / noise.targets], 3)
+    instrument = noise.covariance(np.zeros((1, D)))[0] - np.diag(noise.cycle**2 / n * rows**2)
+    cycle = np.diag(noise.cycle**2 / n * rows**2)
+    moved = (np.array(steps)[None, :, None] * cases.twist[:, None, :D]).reshape(len(cases), K * D)
+    own = np.kron(np.eye(K), instrument) + np.kron(np.ones((K, K)), cycle)
+    gain = noise.force**2 * moved[:, :, None] * moved[:, None, :]
+    return own + gain, np.kron(np.ones((K, K)), noise.shared())
+
+
+def _sized(h: Hypothesis, stand: Stand, shape: tuple[float, ...], columns: Array, share: float) -> Array | None:
+    """Coefficients of a law of which only the size, or the motion it makes, is known; all columns alike."""
+    each = np.sqrt(np.mean(columns**2, axis=(0, 1)))
+    if not np.all(each > 0.0):
+        return None
+    x = np.asarray(1.0 / each)
+    if stand.rms is not None:
+        made = float(np.sqrt(np.mean((columns @ x) ** 2) / share))
+        return np.asarray(x * stand.rms / made)
+    unit = abs(next(iter(h.quantities(x, shape).values())).value)
+    if stand.size is None or not (np.isfinite(unit) and unit > 0.0):
+        return None
+    return np.asarray(x * stand.size / unit)
+
+
+def _around(shapes: tuple[tuple[float, ...], ...]) -> list[tuple[float, ...]]:
+    """Some shapes spread over the grid."""
+    if len(shapes) <= SHAPES:
+        return list(shapes)
+    return [shapes[int(k)] for k in np.linspace(0, len(shapes) - 1, SHAPES + 2)[1:-1]]
+
+
+def _absolute(h: Hypothesis, x: Array, shape: tuple[float, ...]) -> Array | None:
+    made = h.correction(x, shape)
+    return None if made is None else _flat(made.parameters)
+
+
+def _flat(value: Any) -> Array:
+    """Every number of nested parameters, keys in order."""
+    if isinstance(value, Mapping):
+        parts = [_flat(value[k]) for k in sorted(value)]
+    elif isinstance(value, list | tuple):
+        parts = [_flat(v) for v in value]
+    elif isinstance(value, int | float | np.number) and not isinstance(value, bool):
+        return np.array([float(value)])
+    else:
+        return np.zeros(0)
+    return np.concatenate(parts) if parts else np.zeros(0)
+
+
+def _by_case(columns: Array, count: int) -> Array:
+    """(N K, D, p) → (N, K·D, p)."""
+    return columns.reshape(count, -1, columns.shape[2])

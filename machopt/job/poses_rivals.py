@@ -1,0 +1,168 @@
+"""What a diagnosis left open, read from its folder: which laws the next measurement has to tell apart."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+from machopt.errors import InputError
+
+MOST = 5  # rivals of one finding: the nearest
+REJECTED = 2  # nearest rejected rivals that a finding without open ones is held against
+PLACES = 3  # of a mismatch that no law explains
+HIDDEN = 3  # effects that could hide most
+
+
+@dataclass(frozen=True)
+class Stand:
+    """A law that may be true, as the diagnosis has it."""
+
+    effect: str
+    location: str
+    law: str = ""  # empty: the first law of the effect
+    coefficients: tuple[float, ...] = ()  # SI; empty: see size and rms
+    shape: tuple[float, ...] = ()
+    correction: Mapping[str, Any] | None = None  # its parameters in absolute units
+    size: float | None = None  # of the first quantity, where only a detection limit is known
+    rms: float | None = None  # m a coordinate, where only the mismatch at its place is known
+
+    @property
+    def name(self) -> tuple[str, str]:
+        return self.effect, self.location
+
+
+NOTHING = Stand("nothing", "")
+
+
+@dataclass(frozen=True)
+class Dispute:
+    """Laws of which one is true, pair by pair; what else was found is refitted with each."""
+
+    why: str
+    stands: tuple[Stand, ...]
+    pairs: tuple[tuple[int, int], ...]
+    beside: tuple[Stand, ...] = ()
+
+
+@dataclass(frozen=True)
+class Diagnosed:
+    """The part of a diagnosis that a plan needs."""
+
+    channel: str  # deflection or position
+    verdict: str
+    coordinates: int  # 3 or 6
+    wrench_frame: str
+    displacement_frame: str
+    registration: str
+    scatter: tuple[float, float] | None  # m, own and shared by a visit
+    turn: float | None  # rad, own
+    compliance: Mapping[int, float]  # joint from 1: rad/(N·m)
+    disputes: tuple[Dispute, ...]
+    notes: tuple[str, ...]  # what cannot be planned for, and why
+
+
+def diagnosed(folder: Path) -> Diagnosed:
+    """Read ``diagnosis.json``.
+
+    Raises:
+        InputError: no diagnosis, one of a motion, or one of another version.
+    """
+    file = folder / "diagnosis.json" if folder.is_dir() else folder
+    try:
+        data = json.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError("no such file; the folder that machopt diagnose wrote would work",
+                         file=file, where="--discriminate") from None  # fmt: skip
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise InputError(f"is not JSON: {error}", file=file) from None
+    if not isinstance(data, dict) or data.get("machopt_diagnosis") != 1:
+        raise InputError("is not a diagnosis of machopt; machopt_diagnosis: 1 expected", file=file)
+    try:
+        return _read(data, file)
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as problem:
+        raise InputError(f"does not hold what a plan needs ({type(problem).__name__}: {problem}); a fresh machopt "
+                         "diagnose writes it", file=file) from None  # fmt: skip
+
+
+def _read(data: dict[str, Any], file: Path) -> Diagnosed:
+    if data["channel"] not in ("deflection", "position"):
+        raise InputError(
+            f"is a diagnosis of a motion (channel {data['channel']}); poses and loads can be planned for load tests and "
+            f"measured poses. What it says itself: {data['next_experiment']}",
+            file=file, where="channel",
+        )  # fmt: skip
+    recorded = data["recorded"]
+    scatter, turn = recorded.get("scatter_m"), recorded.get("scatter_rad")
+    compliance = {
+        int(c["name"][6:]): float(c["value"]) for c in data["coefficients"]
+        if c["name"].startswith("joint ") and c["unit"] == "rad/(N·m)"
+    }  # fmt: skip
+    disputes, notes = _disputes(data)
+    return Diagnosed(
+        data["channel"], data["verdict"], int(recorded["coordinates"]), recorded["wrench_frame"],
+        recorded["displacement_frame"], recorded["registration"],
+        None if scatter is None else (float(scatter["own"]), float(scatter["visit"])),
+        None if turn is None else float(turn["own"]), compliance, tuple(disputes), tuple(notes),
+    )  # fmt: skip
+
+
+def _disputes(data: dict[str, Any]) -> tuple[list[Dispute], list[str]]:
+    findings = [f for f in data["findings"] if f.get("fit") is not None]
+    notes = [
+        f"{f['effect']} {f['location']} is no matter of poses and loads" for f in data["findings"]
+        if f.get("fit") is None
+    ]  # fmt: skip
+    if findings:
+        open_ = [f for f in findings if len(f["one_of"]) > 1]
+        return [_about(f, [o for o in findings if o is not f]) for f in open_ or findings], notes
+    if data["verdict"] == "unexplained":
+        return _places(data), notes
+    hidden = [
+        Stand(x["effect"], x["location"], size=float(x["value"])) for x in data["detection_limits"]
+        if x["value"] is not None and x["standing"] != "not testable"
+    ]  # fmt: skip
+    if not hidden:
+        return [], notes
+    stands = (NOTHING, *hidden)
+    why = "nothing was found; these effects could hide most below their detection limits"
+    return [Dispute(why, stands, tuple((0, k) for k in range(1, len(stands))))], notes
+
+
+def _about(f: Mapping[str, Any], others: Sequence[Mapping[str, Any]]) -> Dispute:
+    """A finding against the rivals left; where none is left, against the nearest that were rejected and nothing."""
+    own = _stand(f, f["fit"])
+    names = [tuple(n) for n in f["one_of"][1:]]
+    rivals = [(_stand(r, r["fit"]), r) for r in f["rivals"] if r.get("fit") is not None]
+    beside = tuple(_stand(o, o["fit"]) for o in others)
+    if names:
+        left = [s for s, _ in rivals if s.name in names][: MOST - 1]
+        stands = (own, *left)
+        why = f"{own.effect} {own.location} was found, these could not be excluded"
+        return Dispute(why, stands, tuple(combinations(range(len(stands)), 2)), beside)
+    stands = (own, *(s for s, _ in rivals[:REJECTED]), NOTHING)
+    why = f"{own.effect} {own.location} was found alone: against nothing and the nearest that were rejected"
+    return Dispute(why, stands, tuple((0, k) for k in range(1, len(stands))), beside)
+
+
+def _stand(named: Mapping[str, Any], fit: Mapping[str, Any]) -> Stand:
+    correction = fit["correction"]
+    return Stand(
+        str(named["effect"]), str(named["location"]), str(named["law"]),
+        tuple(float(v) for v in fit["coefficients"]), tuple(float(v) for v in fit["shape"]),
+        None if correction is None else dict(correction["parameters"]),
+    )  # fmt: skip
+
+
+def _places(data: dict[str, Any]) -> list[Dispute]:
+    factor = {"mm": 1e-3}[data["rmse_unit"]]
+    rms = factor * float(data["baseline"]["repeatable_rmse"])
+    shares = sorted((s for s in data["mismatch"] if s["kind"] == "machine"), key=lambda s: -(s["share"] or 0.0))
+    stands = tuple(Stand("", s["axis"], rms=rms) for s in shares)
+    if not stands:
+        return []
+    why = "no law explains the mismatch; these are the nearest places"
+    return [Dispute(why, stands, tuple(combinations(range(len(stands)), 2)))]
