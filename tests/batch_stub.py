@@ -24,7 +24,10 @@ def run(job: Mapping[str, Any], out: Path) -> dict[str, object]:
         with (count / path.name).open("a") as file:
             file.write(f"{os.getpid()}\n")
     what, *more = words
-    if what == "sleep":
+    if what == "gate":
+        while not (path.parents[1] / more[0]).exists():
+            time.sleep(0.01)
+    elif what == "sleep":
         time.sleep(float(more[0]))
     elif what == "segfault":
         ctypes.string_at(0)

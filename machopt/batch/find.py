@@ -147,8 +147,8 @@ def _job(item: ListedJob, base: Path, request: Request) -> Job:
     digits = hashlib.sha256(what.encode()).hexdigest()[:8]
     stem = shown.rpartition(".")[0] or shown
     cell_name = cell.parent.name if cell.suffix.lower() in LISTS and cell.stem == "cell" else cell.stem
-    words = [stem, cell_name, variant or _short(item.options)]
-    label = "-".join([*(s for s in map(slug, words) if s), digits])
+    words = [slug(stem), slug(cell_name), slug(variant or _short(item.options), from_start=True)]
+    label = "-".join([*(s for s in words if s), digits])
     reading = {**{k: v for k, v in request.reading.items() if v is not None}, **item.reading}
     where = f"{item.file}: {item.where}" if item.where else str(item.file)
     return Job(
@@ -165,10 +165,11 @@ def _posts(request: Request) -> tuple[str | Path, ...]:
         raise InputError(problem.reason, where="--post") from None
 
 
-def slug(text: str) -> str:
-    """Letters, digits, dots and underscores of a text, the rest as single hyphens; at most forty letters."""
+def slug(text: str, *, from_start: bool = False) -> str:
+    """Letters, digits, dots and underscores of a text, the rest as hyphens; the last (or first) forty letters."""
     plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
-    return re.sub(r"[^A-Za-z0-9_.]+", "-", plain).strip("-.")[-_SLUG:].strip("-.")
+    whole = re.sub(r"[^A-Za-z0-9_.]+", "-", plain).strip("-.")
+    return (whole[:_SLUG] if from_start else whole[-_SLUG:]).strip("-.")
 
 
 def _short(options: dict[str, object]) -> str:

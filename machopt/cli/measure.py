@@ -165,6 +165,12 @@ def _add_poses(p: argparse.ArgumentParser) -> None:
     search.add_argument(
         "--terms", action="append", default=[], metavar="EFFECT@LOCATION", help="physics to identify too"
     )
+    search.add_argument(
+        "--discriminate",
+        type=Path,
+        metavar="OUT_OF_DIAGNOSE",
+        help="tell apart what this diagnosis could not; as many rounds as that takes, --cycles at least",
+    )
     search.add_argument("--prior", type=_floats, metavar="K1,…,K6", help="rough stiffness, N·m/rad (the cell's)")
     search.add_argument("--prior-factor", type=real, default=1.0, help="the prior may be wrong by this factor (1)")
     search.add_argument("--candidates", type=n, default=2000, help="poses to choose from (2000)")

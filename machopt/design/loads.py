@@ -35,7 +35,9 @@ class LoadWay:
     words: str  # where it pulls and at which point, for the table
 
     def describe(self, magnitude: float) -> str:
-        """``50 kg hanging at the TCP``, ``500 N rope to anchor 1, arm +x 200 mm``."""
+        """``50 kg hanging at the TCP``, ``500 N rope to anchor 1, arm +x 200 mm``, ``no load``."""
+        if magnitude == 0.0:
+            return "no load"
         size = f"{magnitude / GRAVITY:.4g} kg" if self.kind == "weight" else f"{magnitude:.4g} N"
         return f"{size} {self.words}"
 

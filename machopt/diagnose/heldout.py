@@ -37,9 +37,11 @@ class Fitted:
         return np.asarray(self.y - self.columns @ self.x)
 
     def heldout(self) -> Array:
-        """(N, D); readings that were put aside get the fit to all."""
+        """(N, D); readings that were put aside get the fit to all, and so do all of a single group."""
         m = self.model
         out = self.residual
+        if m.folds < 2:  # without its only group no fit is left to hold against it
+            return out
         XX, Xy = m.by_fold(m.XX), m.by_fold(m.Xy)
         x = np.einsum("fij,fj->fi", ridged_inverse(m.normal - XX), m.Xy.sum(axis=0) - Xy) * self.unit
         D = self.y.shape[1]

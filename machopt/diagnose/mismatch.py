@@ -24,6 +24,8 @@ FLIPS = 999
 BINS = 3
 LEAST_VISITS = 12
 PERMITTED = 0.005  # chance of what lasts over time
+TRUSTED = 3.0  # times the stated 1 sigma: cycles and returns to a pose err by more than a single reading
+UNSURE = 1.5  # noise power that was taken from few readings may be so much larger
 CONCENTRATED = 1.35  # power of a bin per the mean before it is worth a word
 
 
@@ -85,7 +87,7 @@ def _twins(problem: Problem, e: Array, used: Flags, noise: Noise, rng: np.random
     """What twins on different visits share."""
     sums, weight = _products(problem, e, used)
     if weight <= 0:
-        return Repeatable(float(np.mean(e[used] ** 2)) - noise.together(0) ** 2, float("nan"))
+        return Repeatable(float(np.mean(e[used] ** 2)) - _allowed(problem, used, noise), float("nan"))
     pairs, products = sums
     power = float(products.sum() / weight)
     visits, label = np.unique(pairs, return_inverse=True)
@@ -93,6 +95,21 @@ def _twins(problem: Problem, e: Array, used: Flags, noise: Noise, rng: np.random
     signs = rng.choice([-1.0, 1.0], (FLIPS, len(visits)))
     drawn = (signs[:, label[0]] * signs[:, label[1]]) @ products / weight
     return Repeatable(power, float((1 + np.sum(drawn >= power)) / (FLIPS + 1)))
+
+
+def _allowed(problem: Problem, used: Flags, noise: Noise) -> float:
+    """SI², what unseen readings may err by where nothing was measured twice.
+
+    Noise is then what the fit leaves, and says nothing against the model; unseen groups err by more, as there are few
+    of them for so many unknowns. Only what the recording itself states its readings to be good for speaks against it.
+    """
+    family = problem.families[0]
+    if family.stated is not None:
+        return (TRUSTED * family.stated) ** 2
+    groups = len(np.unique(problem.group[used])) * len(family.columns)
+    free = max(groups - problem.base.shape[2], 1)
+    gain = 0.0 if problem.scale is None else noise.gain**2 * float(np.mean(problem.scale[used][:, family.columns] ** 2))
+    return UNSURE * (noise.together(0) ** 2 + gain) * (groups / free) ** 2
 
 
 def _products(problem: Problem, e: Array, used: Flags) -> tuple[tuple[Array, Array], float]:

@@ -20,7 +20,8 @@ from machopt.identify.check import check_experiment
 from machopt.identify.experiment import Experiment, experiment
 from machopt.identify.finding import Finding as Problem
 from machopt.identify.robust import start
-from machopt.model.robot import Robot
+from machopt.model.gravity import gravity_torque
+from machopt.model.robot import Masses, Robot
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -32,6 +33,7 @@ MOSTLY = 0.4  # of the gross rows
 FITS = 2.0  # noise within which a slipped decimal, put right, meets the prediction
 DIFFERENT_LOAD = 0.05  # of the largest load: readings under loads so unlike do not agree to the last digit
 LENGTHS = {"metres": 1e3, "centimetres": 10.0, "inches": 25.4, "micrometres": 1e-3}
+SOFTEST, MOST_TURN = 1e-4, 0.05  # rad/(N·m) of a joint, rad of its twist: more is no arm
 CLEARLY = 0.1  # misfit of another unit per that of the stated one
 FRAMES = {
     "displacement_frame": ("displacement_frame", "sensor:displacement"),
@@ -77,9 +79,34 @@ def mend(
             break
         recording = mended
         after = _misfit(experiment(recording, robot, T_flange_tcp))
-        findings.append(_said(error, before, after))
+        findings = _joined(findings, _said(error, before, after))
     recording, more = contradictions(recording, robot, T_flange_tcp)
     return recording, findings + more, warnings
+
+
+def where_it_stands(tests: Experiment, recording: Recording, robot: Robot, T_flange_tcp: Array, masses: Masses | None
+                    ) -> Experiment:  # fmt: skip
+    """A wrench read in tool axes, in base axes by where load and weight put the tool, not by where encoders say it is.
+
+    R(q + c τ) instead of R(q): springs that sag by 5 mrad turn a sensor by as much, and its axes would seem askew.
+
+    Args:
+        tests: of the recording.
+        recording: as mended.
+        robot, T_flange_tcp: the arm.
+        masses: of links and tool; None: unknown, the load alone turns the tool.
+    """
+    if recording.wrench_frame != "tool":
+        return tests
+    load = np.linalg.norm(tests.wrench[:, :3], axis=1) + np.linalg.norm(tests.wrench[:, 3:], axis=1)
+    c = np.clip(start(tests.response(), tests.measured, load), 0.0, SOFTEST)
+    tau = np.einsum("nci,nc->ni", tests.state.J, tests.wrench)
+    if masses is not None:
+        tau = tau + gravity_torque(robot, masses, tests.state)[0]
+    bend = np.clip(c * tau, -MOST_TURN, MOST_TURN)
+    turned = robot.fk(recording.q + bend, T_flange_tcp)[:, :3, :3] @ np.swapaxes(tests.T_base_tcp[:, :3, :3], 1, 2)
+    wrench = np.einsum("nij,nbj->nbi", turned, tests.wrench.reshape(len(tests), -1, 3)).reshape(tests.wrench.shape)
+    return replace(tests, wrench=wrench)
 
 
 def outliers(recording: Recording, diagnosis: Diagnosis, copies: Flags) -> Finding | None:
@@ -185,6 +212,19 @@ def _said(error: Problem, before: float, after: float) -> Finding:
         effect, where, "the record, read as stated", "", error.message, ((effect, where),), parameters, 1e3 * before,
         1e3 * after, 0.0, correction=RecordCorrection(effect, where, {"message": error.message}), record=True,
     )  # fmt: skip
+
+
+def _joined(findings: list[Finding], new: Finding) -> list[Finding]:
+    """The same columns mended twice are one finding with one factor."""
+    old = next((f for f in findings if (f.effect, f.location) == (new.effect, new.location)), None)
+    if old is None:
+        return [*findings, new]
+    parameters = dict(new.parameters)
+    for name, p in old.parameters.items():
+        value = p.value * parameters[name].value
+        parameters[name] = Estimate(value, p.unit, (value, value), (value, value))
+    both = replace(new, parameters=parameters, before=old.before, note=f"{old.note}; then {new.note}")
+    return [both if f is old else f for f in findings]
 
 
 def _misfit(tests: Experiment) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from machopt.diagnose.noise import Noise
@@ -40,7 +41,8 @@ def sentence(d: Diagnosis) -> str:
             f"Consistent: the refitted model leaves {error}, noise alone {_size(d.noise_floor, d.unit)}; nothing "
             "that comes back in repeats is left to explain."
         )
-    left = f"{_size(d.repeatable, d.unit)} of it comes back in repeats"
+    twins = math.isfinite(d.mismatch_p)
+    left = f"{_size(d.repeatable, d.unit)} of it {'comes back in repeats' if twins else 'is more than the noise'}"
     if d.verdict == "unexplained":
         where = ", ".join(s.axis for s in d.mismatch if s.kind == "machine")[:60]
         data = next((f"; in the data it lives at {s.axis} {s.note}" for s in d.mismatch if s.kind == "data"), "")
@@ -53,8 +55,8 @@ def sentence(d: Diagnosis) -> str:
     open_ = sorted({human(*n) for f in d.findings for n in f.one_of[1:]})
     return (
         f"{head}: {'; '.join(parts)}. Unseen {d.predicted or 'readings'}: {_size(d.heldout_before, d.unit)} → "
-        f"{_size(d.heldout_after, d.unit)} (noise {_size(d.noise_floor, d.unit)}), {100 * d.explained:.0f} % of the "
-        f"repeatable mismatch closed. "
+        f"{_size(d.heldout_after, d.unit)} (noise {_size(d.noise_floor, d.unit)})"
+        + (f", {100 * d.explained:.0f} % of the mismatch closed. " if d.explained > 0 else ". ")
         + (f"These data cannot exclude {', '.join(open_[:4])}{' …' if len(open_) > 4 else ''}."
            if open_ else "No other explanation of the catalogue does as well.")
     )  # fmt: skip

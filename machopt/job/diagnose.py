@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,6 +26,7 @@ from machopt.formats.recording import load_recording, load_recordings
 from machopt.formats.stiffness import load_stiffness, write_stiffness
 from machopt.identify.experiment import experiment
 from machopt.job.diagnose_result import page_of, result_of, write_residuals
+from machopt.job.inputs import input_hashes
 from machopt.model.robot import Masses, Robot, load_masses, load_robot
 from machopt.report.diagnosis_page import write_diagnosis
 
@@ -98,7 +98,7 @@ def run_diagnose(request: Request, progress: Progress = lambda _: None) -> Outco
 
             progress("what it changes for the toolpath")
             effect = effect_on_job(cell, before, after, request.toolpath)
-        inputs = _hashes(request, cell)
+        inputs = input_hashes(cell, request.recordings)
         said = {"channel": request.channel, "max_findings": request.max_findings, "seed": request.seed,
                 "accept": list(request.accept), "terms": [p.name for p in request.terms]}  # fmt: skip
         result = result_of(
@@ -136,16 +136,30 @@ def _at_rest(
         predicted = "poses"
     if copies.any():
         problem = replace(problem, excluded=copies)
+    _refuse_too_few(problem, recording)
     d = engine.diagnose(problem, catalogue, replace(options, predicted=predicted), rng, _excluding(rebuild, copies))
     gross = record.outliers(recording, d, copies)
     said = (*recording.warnings, *warnings)
     return _Found(_with_record(d, mended, gross, notes, said), problem, recording)
 
 
+def _refuse_too_few(problem: Problem, recording: Recording) -> None:
+    """Raise where what is refitted in any case could make up every reading."""
+    unknowns = sum(u.prior is None for u in problem.unknowns)
+    if problem.y.size >= 2 * unknowns:
+        return
+    count = f"{len(problem)} reading{'' if len(problem) == 1 else 's'}"
+    raise InputError(
+        f"{count} of {problem.dimensions} coordinates cannot be held against a model that refits {unknowns} numbers to "
+        f"them; {-(-2 * unknowns // problem.dimensions)} readings or more in several poses would work",
+        file=recording.source,
+    )
+
+
 def _load_tests(
     recording: Recording, robot: Robot, T: Array, masses: Masses | None, laws: list[tuple[str, userterms.Offer]]
 ) -> tuple[Problem, Catalogue, engine.Rebuild]:
-    tests = experiment(recording, robot, T)
+    tests = record.where_it_stands(experiment(recording, robot, T), recording, robot, T, masses)
     memo: dict[tuple[object, ...], Array] = {}
 
     def build(compliance: Array | None) -> tuple[Problem, Catalogue]:
@@ -262,15 +276,3 @@ def _write_kinematics(folder: Path, cell: Cell, d: Diagnosis) -> str | None:
     known: Kinematics | None = cell.kinematics
     write_kinematics(folder / "kinematics.yaml", extended(known, found))
     return "kinematics.yaml"
-
-
-def _hashes(request: Request, cell: Cell) -> dict[str, str]:
-    out = {}
-    for file in cell.files:
-        name = str(file.relative_to(cell.folder) if file.is_relative_to(cell.folder) else file.name)
-        out[name] = hashlib.sha256(file.read_bytes()).hexdigest()
-    for path in request.recordings:
-        folder = path if path.is_dir() else path.parent
-        for file in sorted(p for p in folder.iterdir() if p.is_file()):
-            out[f"{folder.name}/{file.name}"] = hashlib.sha256(file.read_bytes()).hexdigest()
-    return out

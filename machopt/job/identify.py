@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import isfinite
@@ -29,6 +28,7 @@ from machopt.identify.pipeline import identify
 from machopt.identify.result import Identification
 from machopt.identify.uncertainty import uncertainty
 from machopt.job.identify_page import page_of
+from machopt.job.inputs import input_hashes
 from machopt.model.robot import load_masses, load_robot
 from machopt.model.terms import compile_terms
 from machopt.report.identification_page import write_identification
@@ -210,7 +210,7 @@ def result_of(request: Request, cell: Cell, recording: Recording, found: Identif
             "model": request.model, "fit": list(request.terms), "geometric": request.geometric, "plain": request.plain,
             "robust": request.robust, "grid_cell_mm": request.grid_cell_mm, "seed": request.seed,
         },
-        "inputs": _hashes(request, cell),
+        "inputs": input_hashes(cell, request.recordings),
     }  # fmt: skip
     if found.grid is not None:
         g = found.grid
@@ -253,18 +253,6 @@ def _ninety(found: Identification) -> tuple[list[tuple[float, float]], list[tupl
 
 def _finite(value: float) -> float | None:
     return float(value) if isfinite(value) else None
-
-
-def _hashes(request: Request, cell: Cell) -> dict[str, str]:
-    out = {}
-    for file in cell.files:
-        name = str(file.relative_to(cell.folder) if file.is_relative_to(cell.folder) else file.name)
-        out[name] = hashlib.sha256(file.read_bytes()).hexdigest()
-    for path in request.recordings:
-        folder = path if path.is_dir() else path.parent
-        for file in sorted(p for p in folder.iterdir() if p.is_file()):
-            out[f"{folder.name}/{file.name}"] = hashlib.sha256(file.read_bytes()).hexdigest()
-    return out
 
 
 def _facts(result: dict[str, Any]) -> tuple[tuple[str, str], ...]:

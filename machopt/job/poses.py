@@ -9,10 +9,12 @@ from pathlib import Path
 from machopt.design.candidates import PoseScreen, sample_poses
 from machopt.design.loadcases import load_cases
 from machopt.design.poseplan import PosePlan, plan_poses
+from machopt.domain.stiffness import Stiffness
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.outfolder import output_folder, write_json
 from machopt.formats.poses import write_poses_csv, write_recording_template
+from machopt.job.poses_discriminate import Discriminating, compliance_for, discriminating, noise_for
 from machopt.job.poses_request import (
     Request,
     check,
@@ -25,7 +27,9 @@ from machopt.job.poses_request import (
     ways_of,
     without_workpiece,
 )
-from machopt.job.poses_result import cautions, input_hashes, page_of, poses_table, result_of, template_of
+from machopt.job.poses_result import cautions, input_hashes, page_of, poses_table, result_of, stepped, template_of
+from machopt.job.poses_rivals import diagnosed
+from machopt.job.poses_standing import cases_at_rest, weights_of
 from machopt.model.collision import CollisionModel
 from machopt.model.elastic import ArmElasticity
 from machopt.model.kinetostatic import characteristic_length
@@ -66,12 +70,21 @@ def run_plan_poses(request: Request, progress: Callable[[str], None] = lambda _:
         raise InputError("has external joints; poses are planned for arms that stand still", file=request.cell)
     robot, shapes = load_chain(cell)
     T = cell.tool.T_flange_tcp
-    noise, size = noise_of(request), plan_size(request)
+    found = None if request.discriminate is None else diagnosed(request.discriminate)
+    if found is not None and not found.disputes:
+        raise InputError("this diagnosis leaves nothing that poses and loads could tell apart",
+                         file=request.discriminate, where="--discriminate")  # fmt: skip
+    noise = noise_of(request) if found is None else noise_for(request, found, 1)
+    size = plan_size(request)
     terms = terms_of(request, robot, T)
     _enough_numbers(request, noise.dimensions, 6 + sum(len(t.coefficients) for t in terms))
     ways, warnings = ways_of(request, cell)
     limits = cell.limits.lower[:6], cell.limits.upper[:6]
-    prior = ArmElasticity(robot, T, prior_of(request, cell), limits, load_masses(cell))
+    masses = load_masses(cell)
+    believed = prior_of(request, cell)
+    if found is not None:  # as the diagnosis has it
+        believed = Stiffness(1.0 / compliance_for(found, believed.joints))
+    prior = ArmElasticity(robot, T, believed, limits, masses)
     progress("building kinematics and collision model")
     bare = without_workpiece(cell) if request.without_workpiece else cell
     collision = None if request.no_collision else CollisionModel(bare, robot, shapes, request.clearance_mm / 1e3)
@@ -80,9 +93,19 @@ def run_plan_poses(request: Request, progress: Callable[[str], None] = lambda _:
     progress("looking for poses that can be measured")
     pool = sample_poses(screen, limits, cell.home, size.candidates, size.seed)
     criteria = load_criteria(request, noise)
-    cases = load_cases(pool, ways, prior, terms, criteria, noise)
+    if found is not None and found.channel == "position":
+        ways = weights_of(request, ways)
+        cases = cases_at_rest(pool, ways, prior, criteria, noise, masses)
+    else:
+        cases = load_cases(pool, ways, prior, terms, criteria, noise)
     plan: PosePlan | None = None
-    if len(cases):
+    apart: Discriminating | None = None
+    if len(cases) and found is not None:
+        weight = masses if masses.mass.sum() > 0 else None
+        apart = discriminating(request, found, cell, robot, weight, pool, cases, ways, prior, size, progress)
+        plan, cases, noise = apart.plan, apart.plan.cases, apart.noise
+        warnings = (*warnings, *apart.notes)
+    elif len(cases):
         plan = plan_poses(
             pool, cases, screen, limits, cell.home, cell.limits.velocity[:6], prior, terms, ways, criteria, noise,
             size, progress,
@@ -91,15 +114,19 @@ def run_plan_poses(request: Request, progress: Callable[[str], None] = lambda _:
     with output_folder(request.out) as folder:
         progress("order of work, clearances, tables")
         hashes = input_hashes(cell)
-        result = result_of(request, cell, pool, cases, plan, noise, warnings, hashes, length, ways)
+        result = result_of(request, cell, pool, cases, plan, noise, warnings, hashes, length, ways, apart)
         if plan is not None:
             table = poses_table(plan, pool, ways, collision, cell.home, noise)
+            if apart is not None:
+                table = stepped(table, apart.steps)
             write_poses_csv(folder / "poses.csv", table)
-            write_recording_template(folder / "recording_template", template_of(table, plan, noise, request))
+            if found is None or found.channel == "deflection":
+                template = template_of(table, plan, noise, request, () if apart is None else apart.steps)
+                write_recording_template(folder / "recording_template", template)
         else:
             table = None
         progress("report")
-        page = page_of(request, cell, robot, pool, cases, plan, table, hashes, warnings)
+        page = page_of(request, cell, robot, pool, cases, plan, table, hashes, warnings, apart)
         write_poses_page(folder / "report.html", page)
         write_json(folder / "plan.json", result)
     return Outcome(0 if plan is not None else 3, result, request.out / "report.html", page.reason or sentence(page))

@@ -23,7 +23,7 @@ from machopt.domain.recording import Recording
 from machopt.job.poses_rivals import NOTHING, Diagnosed, Stand
 from machopt.model.gravity import gravity_torque
 from machopt.model.robot import Masses, Robot
-from machopt.se3 import matrix_quaternion
+from machopt.se3 import quaternion
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -31,7 +31,12 @@ Ints = NDArray[np.int64]
 UP_AND_DOWN = (0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.25, 0.0)
 HOLD = 10.0  # s between the readings of a cycle
 REST = 1e4  # s between cycles: in which order they come is not known yet, so none feels the one before
-REMEMBER = ("joint_hysteresis", "joint_creep", "joint_backlash", "joint_nonlinear_stiffness")  # depend on how and how much
+REMEMBER = (
+    "joint_hysteresis",
+    "joint_creep",
+    "joint_backlash",
+    "joint_nonlinear_stiffness",
+)  # depend on how and how much
 SAME = 1e-3  # relative, of the absolute parameters of a law once its shape has been brought to other torques
 SETTLED = 3  # fixed-point steps to the arm's place under weight
 SHAPES = 2  # further shapes that a refitted rival may take
@@ -86,10 +91,10 @@ def load_tests(
     wrench = np.repeat(cases.wrench, K, axis=0) * factor[:, None]
     case = np.repeat(np.arange(N), K)
     branch = np.tile(np.where(np.arange(K) <= int(np.argmax(steps)), 1, -1), N).astype(np.int8)
+    time = case * REST + HOLD * np.tile(np.arange(1, K + 1), N)
     recording = Recording(
         "deflection", "plan", np.repeat(q, K, axis=0), case, case, np.zeros(N * K, np.int64), np.arange(1, N * K + 1),
-        wrench=wrench, displacement=np.zeros((N * K, dimensions)), time=case * REST + HOLD * np.tile(np.arange(1, K + 1), N),
-        branch=branch, wrench_frame="tool" if found.wrench_frame == "tool" else "base",
+        wrench=wrench, displacement=np.zeros((N * K, dimensions)), time=time, branch=branch, wrench_frame="tool" if found.wrench_frame == "tool" else "base",
         displacement_frame="tool" if found.displacement_frame == "tool" else "base",
     )  # fmt: skip
     readings = Readings(
@@ -118,8 +123,8 @@ def standing(
     pose = robot.fk(theta, T)
     N = len(cases)
     recording = Recording(
-        "absolute", "plan", q, cases.pose, np.arange(N), np.zeros(N, np.int64), np.arange(1, N + 1), wrench=cases.wrench,
-        position=pose[:, :3, 3], quaternion=matrix_quaternion(pose[:, :3, :3]) if dimensions == 6 else None,
+        "absolute", "plan", q, cases.pose, np.arange(N), np.zeros(N, np.int64), np.arange(1, N + 1),
+        wrench=cases.wrench, position=pose[:, :3, 3], quaternion=quaternion(pose[:, :3, :3]) if dimensions == 6 else None,
         registration="fit" if found.registration == "fit" else "fixed",
     )  # fmt: skip
     problem, catalogue, _ = absolute.build(recording, cell, robot, masses, rng)

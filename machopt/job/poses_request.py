@@ -72,6 +72,7 @@ class Request:
     terms: tuple[str, ...] = ()
     prior_Nm_per_rad: tuple[float, ...] | None = None  # noqa: N815
     prior_factor: float = 1.0
+    discriminate: Path | None = None  # folder of a diagnosis whose rivals are to be told apart
     candidates: int = 2000
     starts: int = 2
     seed: int = 0

@@ -14,12 +14,16 @@ import machopt
 from machopt.design.candidates import PosePool
 from machopt.design.loadcases import LoadCases
 from machopt.design.loads import LoadWay
-from machopt.design.measurement import ReadingNoise
+from machopt.design.maximin import LEVEL, POWER, needed_noncentrality
+from machopt.design.measurement import UNLOADED_TWICE, ReadingNoise
 from machopt.design.poseplan import MOST_POSES, Comparison, PosePlan
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording, StandardUncertainty
 from machopt.formats.poses import PosesTable
+from machopt.job.poses_discriminate import Discriminating, described
+from machopt.job.poses_predicted import HOLD
 from machopt.job.poses_request import Request, shown
+from machopt.job.poses_rivals import Stand
 from machopt.model.collision import LONGEST, CollisionModel
 from machopt.model.robot import Robot
 from machopt.report import poses_page as page
@@ -27,6 +31,7 @@ from machopt.report import poses_page as page
 Array = NDArray[np.float64]
 
 CLOUD = 600  # candidates drawn on the page
+BETWEEN = 60.0  # s between load cycles in the template
 SOURCES = {
     "random": "any pose that can be reached and loaded", "dumas2011": "zones of good dexterity with low ν_p",
     "zhang2025": "KCI above 0.45", "jiao2022": "corners and centre of a cube, ±10°",
@@ -61,24 +66,68 @@ def poses_table(
     )  # fmt: skip
 
 
-def template_of(table: PosesTable, plan: PosePlan, noise: ReadingNoise, request: Request) -> Recording:
-    """The recording the measurements go into; its displacements are still zero."""
+def stepped(table: PosesTable, steps: Sequence[float]) -> PosesTable:
+    """Each load cycle as its readings: up to the full load and back."""
+    K = len(steps)
+    if K == 1:
+        return table
+    factor = np.tile(np.array(steps), len(table))
+    load = tuple(_share_of(f, words) for words in table.load for f in steps)
+    spread = {name: np.repeat(value, K, axis=0) for name, value in vars(table).items() if isinstance(value, np.ndarray)}
+    first = np.arange(len(factor)) % K == 0
+    way_free = tuple(free if head else True for free, head in zip(
+        np.repeat(np.array(table.way_free, object), K).tolist(), first.tolist(), strict=True))  # fmt: skip
+    return PosesTable(**{
+        **spread, "load": load, "way_free": way_free, "wrench": spread["wrench"] * factor[:, None],
+        "displacement": spread["displacement"] * factor[:, None],
+    })  # fmt: skip
+
+
+def _share_of(factor: float, words: str) -> str:
+    if factor == 0.0:
+        return "unloaded"
+    return words if factor == 1.0 else f"{100 * factor:.0f} % of {words}"
+
+
+def template_of(
+    table: PosesTable, plan: PosePlan, noise: ReadingNoise, request: Request, steps: Sequence[float] = ()
+) -> Recording:
+    """The recording the measurements go into; its displacements are still zero.
+
+    Args:
+        steps: shares of the full load that the rows of a load cycle pass through; empty: each row is a cycle.
+    """
     own = float(np.sqrt(noise.reading**2 - noise.pose**2))
     force = np.linalg.norm(table.wrench[:, :3], axis=1)
     return Recording(
         kind="deflection", source="recording_template", q=table.q, pose=table.pose, cycle=table.cycle,
         session=table.session, line=np.arange(2, len(table) + 2), wrench=table.wrench,
-        displacement=np.zeros_like(table.displacement),
+        displacement=np.zeros_like(table.displacement), **_in_steps(table, steps),
         uncertainty=StandardUncertainty(
             displacement=own, rotation=None if noise.targets is None else own / noise.targets,
             force=float(noise.force * np.sqrt(np.mean(force**2))) or None,
         ),
         notes=(
+            "Each cycle: read the unloaded TCP, load step by step and unload step by step, hold each step as time_s "
+            "says and read; enter each reading minus the unloaded one at the start of its cycle, in base_link axes at "
+            "the TCP. Replace joints, loads and times by what was really set."
+            if len(steps) > 1 else
             "Each row: read the unloaded TCP, load, read, unload, read; enter loaded minus the mean of the two "
             "unloaded readings, in base_link axes at the TCP. Replace joints and loads by what was really set."
         ),
         labelled=frozenset({"pose", "cycle", "session"}),
     )  # fmt: skip
+
+
+def _in_steps(table: PosesTable, steps: Sequence[float]) -> dict[str, Any]:
+    """Branch and time of each reading of stepped cycles."""
+    K = len(steps)
+    if K < 2:
+        return {}
+    rising = np.arange(K) <= int(np.argmax(np.array(steps)))
+    cycles = len(table) // K
+    time = np.repeat(np.arange(cycles) * (K * HOLD + BETWEEN), K) + HOLD * np.tile(np.arange(1, K + 1), cycles)
+    return {"branch": np.tile(np.where(rising, 1, -1), cycles).astype(np.int8), "time": time.astype(float)}
 
 
 def cautions(
@@ -151,6 +200,7 @@ def why_nothing(
 def result_of(
     request: Request, cell: Cell, pool: PosePool, cases: LoadCases, plan: PosePlan | None, noise: ReadingNoise,
     warnings: Sequence[str], hashes: dict[str, str], length: float, ways: Sequence[LoadWay],
+    apart: Discriminating | None = None,
 ) -> dict[str, object]:  # fmt: skip
     """plan.json; relative uncertainties are shares of the prior value."""
     head: dict[str, object] = {
@@ -173,7 +223,7 @@ def result_of(
     worst = [a.worst(plan.judged) for a in plan.believed]
     return head | {
         "poses": poses,
-        "readings": len(plan.visits),
+        "readings": len(plan.visits) * (1 if apart is None else len(apart.steps)),
         "load_cases_chosen": readings,
         "unknowns": [
             {"name": n, "unit": unit, "scale": s, "relative": r, "standard_uncertainty": e,
@@ -195,7 +245,28 @@ def result_of(
         "curve": {"poses": list(plan.curve_poses), "rms": list(plan.curve)},
         "heuristics": [_comparison(c) for c in plan.comparisons],
         "order": [{"pose": v.pose + 1, "cycle": v.cycle + 1, "session": v.round + 1} for v in plan.visits],
+    } | ({} if apart is None else {"discriminate": _apart(apart)})  # fmt: skip
+
+
+def _apart(a: Discriminating) -> dict[str, object]:
+    enough = needed_noncentrality()
+    return {
+        "level": LEVEL, "power": POWER, "noncentrality_needed": enough,
+        "noise_mm": {"own": a.noise.displacement * UNLOADED_TWICE**0.5 * 1e3, "pose": a.noise.pose * 1e3},
+        "steps": list(a.steps), "cycles": a.noise.cycles,
+        "least_noncentrality_per_cycle": a.least, "random_least_noncentrality_per_cycle": a.random,
+        "pairs": [
+            {"one": _stand(p.one), "two": _stand(p.two), "words": described(p), "why": p.why,
+             "noncentrality_per_cycle": p.per_cycle, "noncentrality_planned": p.planned,
+             "cycles_for_power": p.cycles, "random_noncentrality_per_cycle": p.random,
+             "told_apart": p.planned >= enough, "otherwise": p.advice or None}
+            for p in a.pairs
+        ],
     }  # fmt: skip
+
+
+def _stand(s: Stand) -> dict[str, object]:
+    return {"effect": s.effect, "location": s.location, "law": s.law}
 
 
 def _comparison(c: Comparison) -> dict[str, object]:
@@ -208,11 +279,11 @@ def _comparison(c: Comparison) -> dict[str, object]:
 
 def page_of(
     request: Request, cell: Cell, robot: Robot, pool: PosePool, cases: LoadCases, plan: PosePlan | None,
-    table: PosesTable | None, hashes: dict[str, str], warnings: Sequence[str],
+    table: PosesTable | None, hashes: dict[str, str], warnings: Sequence[str], apart: Discriminating | None = None,
 ) -> page.PosesPage:  # fmt: skip
     """Everything the page shows."""
     common: dict[str, Any] = {
-        "title": f"Load tests for {cell.name}", "cell": cell.name, "version": machopt.__version__,
+        "title": f"{'Load tests' if apart is None else 'Next measurement'} for {cell.name}", "cell": cell.name, "version": machopt.__version__,
         "tried": pool.tried, "passed": len(pool), "cases": len(cases),
         "rejected_poses": tuple(pool.rejected.items()), "rejected_loads": tuple(cases.rejected.items()),
         "warnings": tuple(warnings), "options": tuple(shown(request)), "hashes": tuple(hashes.items()),
@@ -225,11 +296,14 @@ def page_of(
         page.Heuristic(c.name, SOURCES[c.name], c.poses, c.sigma, c.rms, c.efficiency, c.readings, np.array(c.curve))
         for c in plan.comparisons
     )
+    rows = () if apart is None else tuple(
+        page.Apart(described(p), p.why, p.per_cycle, p.planned, p.cycles, p.random, p.advice) for p in apart.pairs
+    )  # fmt: skip
     return page.PosesPage(
-        **common,
+        **common, apart=rows, rounds=0 if apart is None else apart.noise.cycles, enough=needed_noncentrality(),
         unknowns=u.names, relative=u.relative, sigma=plan.found.sigma, rms=plan.found.rms(plan.judged),
         condition=plan.found.condition, bound=plan.bound, poses=len(chosen), readings=len(plan.visits),
-        per_pose=request.loads * request.cycles, heuristics=heuristics,
+        per_pose=request.loads * len(plan.visits) // max(len(plan.design.readings), 1), heuristics=heuristics,
         curve_poses=plan.curve_poses, curve=np.array(plan.curve), target=_share(request.target_percent),
         needed=plan.needed, cloud=pool.T_base_tcp[:CLOUD, :3, 3], arms=_arm_points(robot, chosen, cell),
         work=page.Work(table.session, table.pose, table.cycle, table.q, table.load,

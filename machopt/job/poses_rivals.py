@@ -91,8 +91,8 @@ def diagnosed(folder: Path) -> Diagnosed:
 def _read(data: dict[str, Any], file: Path) -> Diagnosed:
     if data["channel"] not in ("deflection", "position"):
         raise InputError(
-            f"is a diagnosis of a motion (channel {data['channel']}); poses and loads can be planned for load tests and "
-            f"measured poses. What it says itself: {data['next_experiment']}",
+            f"is a diagnosis of a motion (channel {data['channel']}); poses and loads can be planned for load tests "
+            f"and measured poses. What it says itself: {data['next_experiment']}",
             file=file, where="channel",
         )  # fmt: skip
     recorded = data["recorded"]

@@ -56,6 +56,19 @@ class Work:
 
 
 @dataclass(frozen=True)
+class Apart:
+    """Two explanations and how well the plan tells them apart."""
+
+    pair: str
+    why: str
+    per_cycle: float  # noncentrality of one round, the worse way round
+    planned: float  # of all rounds
+    cycles: int | None  # for 90 % at the 1 % level
+    random: float  # of one round at random poses and loads, median
+    advice: str  # what would split them where this cannot
+
+
+@dataclass(frozen=True)
 class PosesPage:
     """What the page shows; lengths in m. Without a plan only the reason and the counts."""
 
@@ -88,6 +101,9 @@ class PosesPage:
     cloud: Array = field(default_factory=lambda: np.zeros((0, 3)))  # TCPs of candidates, base_link
     arms: Array = field(default_factory=lambda: np.zeros((0, 8, 3)))  # points along the arm at each pose
     work: Work | None = None
+    apart: tuple[Apart, ...] = ()  # of a plan that discriminates
+    rounds: int = 0
+    enough: float = math.nan  # noncentrality for 90 % at the 1 % level
 
 
 def write_poses_page(path: Path, data: PosesPage) -> None:
@@ -102,9 +118,10 @@ def write_poses_page(path: Path, data: PosesPage) -> None:
 
 def poses_html(data: PosesPage) -> str:
     """The page as text; the same data give the same bytes."""
-    charts = [_bars(data), _curve(data), *_views(data)] if data.work is not None else []
+    charts = [_bars(data), *([] if data.apart else [_curve(data)]), *_views(data)] if data.work is not None else []
     sections = [
         ("verdict", "Verdict", _verdict(data)),
+        ("apart", "What it tells apart", _apart(data)),
         ("accuracy", "Expected accuracy", _accuracy(data)),
         ("amount", "Amount of work", _amount(data)),
         ("poses", "Poses", _poses(data)),
@@ -127,6 +144,9 @@ def _verdict(data: PosesPage) -> str:
     else:
         seen = bool(np.isfinite(data.sigma).all())
         tone, badge = ("", "READY") if seen else ("warn", "NOT EVERYTHING IS SEEN")
+        if data.apart:
+            split = all(a.planned >= data.enough for a in data.apart)
+            tone, badge = ("", "READY") if split else ("warn", "NOT EVERYTHING IS TOLD APART")
         said, cards = sentence(data), _cards(data)
     return (
         f'<section id=verdict class="verdict {tone}"><span class=badge>{badge}</span>'
@@ -136,6 +156,8 @@ def _verdict(data: PosesPage) -> str:
 
 
 def sentence(data: PosesPage) -> str:
+    if data.apart:
+        return _told(data)
     known = np.asarray(data.sigma[data.relative], float)
     seen = np.isfinite(known)
     names = np.array(data.unknowns)[data.relative]
@@ -154,14 +176,64 @@ def sentence(data: PosesPage) -> str:
     return out + "."
 
 
+def _told(data: PosesPage) -> str:
+    """Which pairs the plan splits, which it does not, and what would."""
+    split = [a for a in data.apart if a.planned >= data.enough]
+    rest = [a for a in data.apart if a.planned < data.enough]
+    rounds = "round" if data.rounds == 1 else "rounds"
+    out = f"{data.poses} poses, {data.rounds} {rounds}, {data.readings} readings: "
+    if split:
+        worst = min(split, key=lambda a: a.planned)
+        out += f"{len(split)} of {len(data.apart)} pairs are told apart in nine of ten cases, {worst.pair} the hardest "
+        out += f"(noncentrality {worst.planned:.0f}, {data.enough:.1f} needed"
+        if worst.random > 0.0 and worst.per_cycle > worst.random:
+            out += f"; random poses need {worst.per_cycle / worst.random:.1f} times the rounds"
+        out += ")"
+    else:
+        out += "no pair is told apart"
+    if rest:
+        out += f". Not told apart: {rest[0].pair}"
+        out += f" and {len(rest) - 1} more" if len(rest) > 1 else ""
+        out += f"; {rest[0].advice} would" if rest[0].advice else "; more poses or larger loads would"
+    return out + "."
+
+
+def _apart(data: PosesPage) -> str:
+    if data.work is None or not data.apart:
+        return ""
+    columns = [
+        Column("Explanations"), Column("Noncentrality a round", "n"), Column("Planned", "n"),
+        Column("Rounds for 90 %", "n"), Column("Random poses, a round", "n"), Column("Otherwise", "why"),
+    ]  # fmt: skip
+    body = ""
+    for why in dict.fromkeys(a.why for a in data.apart):
+        rows = [
+            [a.pair, _number(a.per_cycle, 1), _number(a.planned, 1), "–" if a.cycles is None else str(a.cycles),
+             _number(a.random, 1), a.advice]
+            for a in data.apart if a.why == why
+        ]  # fmt: skip
+        body += f"<h3>{escape(why[:1].upper() + why[1:])}</h3>" + table(columns, rows)
+    lead = (
+        "Each explanation in turn is taken as true, as the diagnosis fitted it; the other may refit its own numbers "
+        "and every joint. What it still misses, squared and in units of the noise, is the noncentrality, the worse way "
+        f"round. {data.enough:.1f} finds the difference in nine of ten measurements at the 1 % level. Poses and loads "
+        "make the least of them as large as they can (Atkinson &amp; Fedorov 1975)."
+    )
+    return section("apart", "What it tells apart", lead, body)
+
+
 def _cards(data: PosesPage) -> str:
     cards = [
         ("Poses", str(data.poses), "", f"of {data.passed} candidates"),
         ("Readings", str(data.readings), "", f"{data.per_pose} at each pose"),
         ("Condition number", f"{data.condition:.1f}" if math.isfinite(data.condition) else "–", "",
          "of the whitened design"),
-        ("D-efficiency", f"≥ {100 * data.bound:.0f}", "%", "against any choice of as many"),
     ]  # fmt: skip
+    if math.isfinite(data.bound):
+        cards.append(("D-efficiency", f"≥ {100 * data.bound:.0f}", "%", "against any choice of as many"))
+    if data.apart:
+        told = sum(a.planned >= data.enough for a in data.apart)
+        cards.append(("Told apart", f"{told} of {len(data.apart)}", "", "pairs of explanations"))
     if math.isfinite(data.target):
         value = str(data.needed * data.per_pose) if data.needed is not None else "–"
         more = f"readings ({data.needed} poses)" if data.needed is not None else "out of reach"
@@ -181,7 +253,8 @@ def _accuracy(data: PosesPage) -> str:
         Column("10–90 % of draws (%)", "n"), Column("D-eff.", "n"), Column("A-eff.", "n"), Column("E-eff.", "n"),
         Column("Readings for the same", "n"),
     ]  # fmt: skip
-    rows = [["this plan", "D-optimal", str(data.passed), f"{100 * data.rms:.2f}", "–", "1", "1", "1", "1"]]
+    how = "tells explanations apart" if data.apart else "D-optimal"
+    rows = [["this plan", how, str(data.passed), f"{100 * data.rms:.2f}", "–", "1", "1", "1", "1"]]
     for h in data.heuristics:
         rows.append([
             h.name, h.words, str(h.poses), _number(100 * h.rms[1], 2),
@@ -197,15 +270,19 @@ def _accuracy(data: PosesPage) -> str:
         further = "<h3>Further physics without a prior value: one sigma in percent of a joint's usual contribution</h3>"
         further += table([Column("Unknown"), Column("1 σ (%)", "n")], rows_further)
     lead = (
-        "One standard deviation of each joint's stiffness as these readings will give it, beside the same number of "
-        "readings with the same loads at poses and loads chosen as the papers do (median of random draws)."
+        "One standard deviation of each joint's stiffness as these readings give it by themselves."
+        if data.apart
+        else (
+            "One standard deviation of each joint's stiffness as these readings will give it, beside the same number of "
+            "readings with the same loads at poses and loads chosen as the papers do (median of random draws)."
+        )
     )
     body = '<div class=chart id="p-bars"></div>' + table(columns, rows) + further
     return section("accuracy", "Expected accuracy", lead, body)
 
 
 def _amount(data: PosesPage) -> str:
-    if data.work is None:
+    if data.work is None or data.apart:
         return ""
     lead = "Uncertainty falls with the square root of the work; each point is a design of its own."
     return section("amount", "Amount of work", lead, '<div class=chart id="p-curve"></div>')

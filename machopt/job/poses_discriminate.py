@@ -1,0 +1,304 @@
+"""``machopt plan-poses --discriminate``: poses and loads at which the explanations that a diagnosis left differ most.
+
+::
+
+    diagnosis.json ─► disputes ─► laws at candidate poses × loads ─► contests ─► least separation, maximised ─► PosePlan
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.design.accuracy import accuracy
+from machopt.design.candidates import PosePool
+from machopt.design.loadcases import LoadCases
+from machopt.design.loads import LoadWay
+from machopt.design.maximin import (
+    Contest,
+    best_readings,
+    left_of_all,
+    needed_noncentrality,
+    power,
+    random_readings,
+)
+from machopt.design.measurement import UNLOADED_TWICE, ReadingNoise
+from machopt.design.poseplan import PlanSize, PosePlan, problem_of, unknowns_of
+from machopt.design.schedule import schedule, shortest_way
+from machopt.design.search import Design, information
+from machopt.diagnose.words import human
+from machopt.domain.cell import Cell
+from machopt.job.poses_predicted import Law, Predicted, law_of, load_tests, noise_of_cases, standing, steps_for
+from machopt.job.poses_request import Request, noise_of
+from machopt.job.poses_rivals import HIDDEN, MOST, NOTHING, PLACES, Diagnosed, Dispute, Stand
+from machopt.model.elastic import ArmElasticity
+from machopt.model.robot import Masses, Robot
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+ROWS = 9000  # numbers × cases looked at: more take minutes and change nothing
+LEFT = 1e-3  # of a law's own square that no rival imitates, over all candidates; less is the same by mechanics
+MOST_CYCLES = 10  # that a plan asks for by itself
+LOOKED = 50  # cycles counted up to
+DRAWS = 30  # random designs beside
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two laws and how well the plan tells them apart."""
+
+    one: Stand
+    two: Stand
+    why: str  # which finding
+    per_cycle: float  # noncentrality of one round over all poses, the worse way round
+    planned: float  # of all rounds
+    cycles: int | None  # for 90 % at the 1 % level; None: not within 50
+    random: float  # median noncentrality of one round at random poses and loads
+    advice: str  # what would split them where this cannot
+
+    @property
+    def possible(self) -> bool:
+        return not self.advice
+
+
+@dataclass(frozen=True)
+class Discriminating:
+    """A plan that tells explanations apart."""
+
+    plan: PosePlan
+    noise: ReadingNoise  # with the plan's cycles
+    steps: tuple[float, ...]
+    pairs: tuple[Pair, ...]
+    least: float  # noncentrality per round of the worst pair that can be split
+    random: float
+    notes: tuple[str, ...]
+
+
+def noise_for(request: Request, found: Diagnosed, cycles: int) -> ReadingNoise:
+    """Noise of ``cycles`` rounds: what the diagnosis saw, or what was typed."""
+    if found.scatter is None or request.displacement_mm is not None:
+        stated = noise_of(request)
+        return replace(stated, cycles=cycles, targets=stated.targets if found.coordinates == 6 else None)
+    own, visit = found.scatter
+    targets = None
+    if found.coordinates == 6:
+        targets = own / found.turn if found.turn else request.targets_mm / 1e3
+    # each round arrives anew, so what a visit shares is new in each
+    return ReadingNoise(
+        own / np.sqrt(UNLOADED_TWICE), 0.0, visit / np.sqrt(cycles), request.force_percent / 100, targets, cycles
+    )
+
+
+def compliance_for(found: Diagnosed, stiffness: Array) -> Array:
+    """(6,) rad/(N·m) of the diagnosis; the cell's where it has none."""
+    return np.array([found.compliance.get(j, 0.0) or 1.0 / stiffness[j - 1] for j in range(1, 7)])
+
+
+def discriminating(
+    request: Request, found: Diagnosed, cell: Cell, robot: Robot, masses: Masses | None, pool: PosePool,
+    cases: LoadCases, ways: Sequence[LoadWay], prior: ArmElasticity, size: PlanSize,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Discriminating:  # fmt: skip
+    """Choose poses, loads and rounds.
+
+    Args:
+        request: sizes and options.
+        found: the diagnosis.
+        cell, robot, masses: the arm.
+        pool, cases, ways: what may be measured; at least one case.
+        prior: stiffness of the arm as diagnosed.
+        size: poses, loads, seed.
+    """
+    rng = np.random.default_rng(size.seed)
+    noise = noise_for(request, found, 1)
+    compliance = compliance_for(found, prior.stiffness.joints)
+    stands = [s for d in found.disputes for s in (*d.stands, *d.beside)]
+    steps = steps_for(stands) if found.channel == "deflection" else (1.0,)
+    few = _thinned(cases, ROWS // (len(steps) * noise.dimensions), rng)
+    progress("what each explanation predicts")
+    q = pool.q[few.pose]
+    if found.channel == "deflection":
+        T = cell.tool.T_flange_tcp
+        at = load_tests(found, few, q, robot, T, masses, compliance, steps, noise.dimensions)
+    else:
+        at = standing(found, few, q, cell, robot, masses, compliance, noise.dimensions, rng)
+    covariance, shared = noise_of_cases(few, noise, steps)
+    open_, closed, notes = _contests(found, at, covariance + shared, noise.dimensions)
+    progress("choosing poses and loads")
+    if open_:
+        flat = [c for _, both in open_ for c in both]
+        blocks = best_readings(flat, covariance, shared, few.pose, size.poses, size.loads, rng, size.starts)
+    else:
+        blocks = random_readings(few.pose, size.poses, size.loads, rng)
+    home, velocity = cell.home[:6], cell.limits.velocity[:6]
+    blocks = tuple(blocks[i] for i in shortest_way(pool.q[few.pose[[b[0] for b in blocks]]], home, velocity))
+    draws = [random_readings(few.pose, size.poses, size.loads, rng) for _ in range(DRAWS)]
+    progress("how well they tell apart")
+    enough = needed_noncentrality()
+    each = [_separation(both, covariance, shared, few.pose, blocks) for _, both in open_]
+    chance = np.array([[_separation(both, covariance, shared, few.pose, b) for b in draws] for _, both in open_])
+    wanted = []
+    for (_, both), first in zip(open_, each, strict=True):
+        wanted.append(_cycles(request, found, few, steps, both, blocks, first, enough))
+    most = max((min(c or MOST_CYCLES, MOST_CYCLES) for c in wanted), default=1)
+    cycles = max(request.cycles, most)
+    final = noise_for(request, found, cycles)
+    own, together = noise_of_cases(few, final, steps)
+    pairs = []
+    for k, (pair, both) in enumerate(open_):
+        planned = _separation(both, own, together, few.pose, blocks)
+        advice = "" if wanted[k] is not None else _advice(pair.one, pair.two)
+        luck = float(np.median(chance[k]))
+        pairs.append(
+            replace(pair, per_cycle=each[k], planned=planned, cycles=wanted[k], random=luck, advice=advice)
+        )
+    plan = _plan(prior, few, Design(blocks, min(each, default=0.0)), final, rng)
+    least = min(each, default=0.0)
+    worst = float(np.median(chance.min(axis=0))) if len(open_) else 0.0
+    return Discriminating(plan, final, steps, (*pairs, *closed), least, worst, (*found.notes, *notes))
+
+
+def _contests(
+    found: Diagnosed, at: Predicted, covariance: Array, dimensions: int
+) -> tuple[list[tuple[Pair, list[Contest]]], list[Pair], list[str]]:
+    """Pairs that can be split with their contests, pairs that nothing here can split, and what was left out."""
+    share = 3.0 / dimensions
+    open_: list[tuple[Pair, list[Contest]]] = []
+    closed: list[Pair] = []
+    notes: list[str] = []
+    made: dict[tuple[int, int], Array] = {}
+    for number, d in enumerate(found.disputes):
+        laws, pairs = _laws(d, at, covariance, share, notes)
+        beside = [law_of(s, at, share) for s in d.beside]
+        base = np.concatenate([at.base, *(b.columns[0] for b in beside if b is not None)], axis=2)
+        for i, j in pairs:
+            one, two = laws[i], laws[j]
+            pair = Pair(one.stand, two.stand, d.why, 0.0, 0.0, None, 0.0, "")
+            contests: list[Contest] = []
+            for t, r in ((i, j), (j, i)):
+                if laws[t].stand is NOTHING:
+                    continue
+                for n, columns in enumerate(laws[r].columns):
+                    key = (number * 1000 + r, n)
+                    if key not in made:
+                        made[key] = np.concatenate([base, columns], axis=2)
+                    contests.append(Contest(t, r, made[key], laws[t].signal))
+            left = [left_of_all(c, covariance) for c in contests]
+            if min(rest / max(whole, 1e-300) for rest, whole in left) < LEFT:
+                closed.append(replace(pair, advice=_advice(one.stand, two.stand)))
+            else:
+                open_.append((pair, contests))
+    return open_, closed, notes
+
+
+def _laws(
+    d: Dispute, at: Predicted, covariance: Array, share: float, notes: list[str]
+) -> tuple[list[Law], list[tuple[int, int]]]:
+    """The laws of a dispute at these poses, as many as can be told apart in time."""
+    found = {k: law_of(s, at, share) for k, s in enumerate(d.stands)}
+    for k, law in found.items():
+        if law is None and d.stands[k].coefficients:
+            s = d.stands[k]
+            notes.append(f"{_words(s)} ({s.law}) cannot be predicted at these poses and is left out")
+    kept = [k for k, law in found.items() if law is not None]
+    sized = [k for k in kept if d.stands[k].size is not None]
+    if sized:  # detection limits: what could hide most
+        moves = {k: float(np.mean(_signal(found, k) ** 2)) for k in sized}
+        kept = [k for k in kept if k not in sized] + sorted(sized, key=lambda k: -moves[k])[:HIDDEN]
+    elif any(d.stands[k].rms is not None for k in kept):
+        kept = kept[:PLACES]
+    else:
+        kept = kept[:MOST] if NOTHING not in d.stands else kept
+    place = {k: n for n, k in enumerate(kept)}
+    laws = [law for k in kept if (law := found[k]) is not None]
+    return laws, [(place[i], place[j]) for i, j in d.pairs if i in place and j in place]
+
+
+def _signal(found: dict[int, Law | None], k: int) -> Array:
+    law = found[k]
+    assert law is not None  # kept are those that were found
+    return law.signal
+
+
+def _separation(
+    contests: Sequence[Contest], covariance: Array, shared: Array, pose: Ints, blocks: Sequence[Sequence[int]]
+) -> float:
+    return min(power(c, covariance, shared, pose, blocks) for c in contests)
+
+
+def _cycles(
+    request: Request, found: Diagnosed, cases: LoadCases, steps: tuple[float, ...], contests: Sequence[Contest],
+    blocks: Sequence[Sequence[int]], first: float, enough: float,
+) -> int | None:  # fmt: skip
+    """The least number of rounds that separates a pair; the load's own error does not average."""
+    if first >= enough:
+        return 1
+    n = int(np.ceil(enough / max(first, 1e-12))) if first * LOOKED >= enough else LOOKED + 1
+    while n <= LOOKED:
+        own, shared = noise_of_cases(cases, noise_for(request, found, n), steps)
+        if _separation(contests, own, shared, cases.pose, blocks) >= enough:
+            return n
+        n += 1 + n // 8
+    return None
+
+
+def _thinned(cases: LoadCases, most: int, rng: np.random.Generator) -> LoadCases:
+    """At most so many cases: whole poses, the first of the quasi-random sequence, which fill the space evenly."""
+    if len(cases) <= most:
+        return cases
+    keep = np.flatnonzero(cases.pose <= cases.pose[min(most, len(cases) - 1)])
+    if len(np.unique(cases.pose[keep])) < 100:  # too few poses: rather fewer loads at each
+        keep = np.sort(rng.permutation(len(cases))[:most])
+    return LoadCases(
+        cases.pose[keep], cases.way[keep], cases.magnitude[keep], cases.wrench[keep], cases.point[keep],
+        cases.twist[keep], cases.response[keep], cases.nu_p[keep], cases.nu_r[keep], cases.rejected,
+    )  # fmt: skip
+
+
+def _plan(
+    prior: ArmElasticity, cases: LoadCases, design: Design, noise: ReadingNoise, rng: np.random.Generator
+) -> PosePlan:
+    """The design as plan-poses writes it out; joints are identified on the way."""
+    unknowns = unknowns_of(prior, (), cases)
+    problem, _ = problem_of(cases, unknowns, noise, 1.0, rng)
+    seen = accuracy(information(problem, design.blocks))
+    judged = unknowns.relative & seen.seen
+    visits = schedule(design.blocks, noise.cycles, rng)
+    poses = len(design.blocks)
+    return PosePlan(
+        unknowns, cases, design, seen, judged, (), float("nan"), (), (poses,), (seen.rms(judged),), None, visits
+    )
+
+
+def _words(s: Stand) -> str:
+    if s is NOTHING:
+        return "nothing"
+    return human(s.effect, s.location) if s.effect else f"something at {s.location}"
+
+
+def described(pair: Pair) -> str:
+    """``link compliance of link 3 | link compliance of link 4``."""
+    return f"{_words(pair.one)} | {_words(pair.two)}"
+
+
+_SENSOR = ("force_sensor_offset", "force_sensor_gain", "force_sensor_frame", "load_geometry")
+_UNLOADED = ("joint_zero_offset", "transmission_error", "thermal_drift")
+
+
+def _advice(one: Stand, two: Stand) -> str:
+    """What would split two laws that poses and loads cannot."""
+    effects = {one.effect, two.effect}
+    if effects & set(_SENSOR):
+        return "known weights hung where the load acts, or a second force sensor, instead of the one in doubt"
+    if "displacement_frame" in effects:
+        return "register the displacement's axes anew, with the arm moved along base_link's axes"
+    if effects & set(_UNLOADED):
+        return "the same poses without load and with one, and a record of temperature over a day"
+    if NOTHING in (one, two):
+        return "larger loads or a quieter gauge; at this size it moves the tool by less than readings scatter"
+    places = " and ".join(dict.fromkeys(s.location for s in (one, two)))
+    return f"a second target on the arm between {places}, read together with the one at the tool"

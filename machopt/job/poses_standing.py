@@ -1,0 +1,64 @@
+"""Poses to measure where the arm stands still, unloaded or with a weight hung on it, as cases of a plan."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from machopt.design.candidates import PosePool
+from machopt.design.loadcases import LoadCases, LoadCriteria, load_cases
+from machopt.design.loads import LoadWay
+from machopt.design.measurement import ReadingNoise
+from machopt.job.poses_request import Request
+from machopt.model.elastic import ArmElasticity
+from machopt.model.gravity import gravity_torque
+from machopt.model.robot import Masses
+
+NO_LOAD = "nothing hangs on the arm"
+
+
+def weights_of(request: Request, ways: Sequence[LoadWay]) -> tuple[LoadWay, ...]:
+    """No load, then the weights that were offered, hung at the TCP."""
+    none = LoadWay("weight", np.array([0.0, 0.0, -1.0]), None, np.zeros(3), (0.0,), NO_LOAD)
+    hung = () if request.weights_kg is None else tuple(w for w in ways if w.kind == "weight" and not w.arm.any())
+    return (none, *hung)
+
+
+def cases_at_rest(
+    pool: PosePool, ways: Sequence[LoadWay], prior: ArmElasticity, criteria: LoadCriteria, noise: ReadingNoise,
+    masses: Masses,
+) -> LoadCases:  # fmt: skip
+    """Every pose without load, and with each weight that its limits allow.
+
+    Args:
+        pool: P poses.
+        ways: of :func:`weights_of`.
+        prior: stiffness as diagnosed.
+        criteria: limits of loads.
+        noise: of a reading.
+        masses: of links and tool, which bend the arm in any case.
+    """
+    P, zero = len(pool), np.zeros(len(pool))
+    six = np.zeros((P, 6))
+    bare = LoadCases(
+        np.arange(P), np.zeros(P, np.int64), zero, six, pool.T_base_tcp[:, :3, 3], six,
+        np.zeros((P, noise.dimensions, 6)), zero, zero, {},
+    )  # fmt: skip
+    parts = [bare]
+    if len(ways) > 1 and P:
+        hung = load_cases(pool, ways[1:], prior, (), criteria, noise)
+        parts.append(replace(hung, way=hung.way + 1))
+    pose = np.concatenate([p.pose for p in parts])
+    order = np.argsort(pose, kind="stable")
+
+    def both(name: str) -> np.ndarray:  # type: ignore[type-arg]
+        return np.asarray(np.concatenate([getattr(p, name) for p in parts])[order])
+
+    tau = gravity_torque(prior.robot, masses, pool.state)[0]
+    weight = (pool.state.J * tau[:, None, :])[:, : noise.dimensions]
+    return LoadCases(
+        both("pose"), both("way"), both("magnitude"), both("wrench"), both("point"), both("twist"),
+        both("response") + weight[pose[order]], both("nu_p"), both("nu_r"), parts[-1].rejected,
+    )  # fmt: skip

@@ -1,0 +1,59 @@
+"""Real jobs for the tests of a batch, some of which crash or hang, and some of which wait for a gate to be opened."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from machopt.batch import task
+
+ROOT = Path(__file__).resolve().parents[1]
+JOBS, GATED = 60, 30  # the jobs from the thirtieth on wait for the gate
+CELLS = {  # and a toolpath for each, with how many of its rows make a small job
+    "s420f_handling": ("castings", 4), "cutting_cobot": ("bone_tracks", 4), "irb6700_drilling": ("plate_holes", 4),
+    "kr240_drilling": ("panel_holes", 4), "kr500_milling": ("plain", 9),
+}  # fmt: skip
+METHODS = ("global", "default", "jiao2022")
+
+
+def run(job: Mapping[str, Any], out: Path) -> dict[str, object]:
+    """Count that it ran, then crash, hang or do the real job; ``seed`` is its number."""
+    path, number = Path(job["request"]["toolpath"]), job["request"]["direct"]["seed"]
+    place = path.parents[1]
+    with (place / "ran" / f"{number:02d}").open("a", encoding="ascii") as file:
+        file.write(f"{os.getpid()}\n")
+    while number >= GATED and not (place / "gate").exists():
+        time.sleep(0.02)
+    if path.stem == "boom":
+        ctypes.string_at(0)
+    while path.stem == "deaf":
+        time.sleep(1000)
+    return task.run(job, out)
+
+
+warm = task.warm
+
+
+def small_jobs(place: Path) -> Path:
+    """A list of sixty jobs: five cells with a small toolpath each, different options, one crash and one that hangs."""
+    (place / "parts").mkdir()
+    (place / "ran").mkdir()
+    lines = ["machopt_batch: 1", "post: krl", "jobs:"]
+    for number in range(JOBS):
+        cell, (name, rows) = list(CELLS.items())[number % len(CELLS)]
+        name, limit = {3: ("boom", ""), 7: ("deaf", ", time_limit_s: 1.5")}.get(number, (name, ""))
+        source = CELLS[cell][0]
+        text = (ROOT / "toolpaths" / f"{source}.csv").read_text(encoding="utf-8").splitlines(keepends=True)
+        table = [line for line in text if not line.startswith("#")]
+        (place / "parts" / f"{name}.csv").write_text("".join(table[: rows + 1]), encoding="utf-8")
+        options = f"seed: {number}, method: {METHODS[number % 3]}, rotation_step_deg: 30, sample_ms: 50"
+        options += "" if number % 3 == 0 else ", collision: false"  # the slowest part of a small job
+        lines.append(
+            f"  - {{cell: {ROOT / 'cells' / cell}, toolpath: parts/{name}.csv, options: {{{options}}}{limit}}}"
+        )
+    (place / "list.yaml").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return place / "list.yaml"
