@@ -23,6 +23,7 @@ from machopt.batch.request import Outcome, Progress, Request
 from machopt.batch.run import run_batch
 from machopt.batch.supervise import Server, Spec
 from machopt.errors import InputError
+from machopt.formats.posts import post_text
 
 ROOT = Path(__file__).resolve().parents[1]
 TOOLPATHS = ROOT / "toolpaths"
@@ -359,21 +360,26 @@ def test_real_jobs_give_what_the_single_command_gives_and_batches_are_compared(s
     stiffness = tmp_path / "softer" / "stiffness.yaml"
     stiffness.write_text(re.sub(r"(joints_Nm_per_rad: \[[^,]*,)[^,]*", r"\1 1.0e6", stiffness.read_text()))
     list_text = "machopt_batch: 1\ncells: [{}]\ntoolpaths: [parts/*.csv]\noptions:\n  all: {{rotation_step_deg: 10}}\n"
+    (tmp_path / "mine.toml").write_text(post_text("urscript"))
+    posts = ("krl", str(tmp_path / "mine.toml"))
     outs = []
     for name, cell in (("one", CELL), ("two", tmp_path / "softer")):
         jobs = tmp_path / f"{name}.yaml"
         jobs.write_text(list_text.format(cell))
-        request = Request((str(jobs),), tmp_path / name, scheduler=scheduler, compare=outs[-1] if outs else None)
+        request = Request((str(jobs),), tmp_path / name, scheduler=scheduler, compare=outs[-1] if outs else None,
+                          posts=posts)  # fmt: skip
         outcome = run_batch(replace(request, version="test"))
         outs.append(tmp_path / name)
         assert (outcome.exit_code, outcome.done) == (3, 2)
         assert "expected one of cut, rapid" in rows(outs[-1])["parts/broken"]["reason"]
-    single = Single(CELL, place / "three.csv", tmp_path / "single", direct={"rotation_step_deg": 10.0})
+    single = Single(CELL, place / "three.csv", tmp_path / "single", direct={"rotation_step_deg": 10.0}, posts=posts)
     assert optimize(single).exit_code == 0
     made = next((tmp_path / "one" / "jobs").glob("parts-three-*"))
-    for name in ("points.csv", "trajectory.csv"):
+    programs = ("krl/three_csv.src", "krl/three_csv.dat", "mine/three_csv.script")
+    for name in ("points.csv", "trajectory.csv", *programs):
         assert (made / name).read_bytes() == (tmp_path / "single" / name).read_bytes(), name
     row = rows(tmp_path / "one")["parts/three"]
+    assert row["programs"] == "krl/three_csv.src mine/three_csv.script"
     found = json.loads((tmp_path / "single" / "result.json").read_text())
     assert float(row["gain_percent"]) == pytest.approx(found["objective"]["gain"][0]["mean_percent"], rel=1e-5)  # %.6g
     assert (tmp_path / "one" / row["report"]).exists()

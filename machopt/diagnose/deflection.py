@@ -7,6 +7,8 @@ robot is free of.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,7 +34,7 @@ MOST_COMPLIANCE = 1e-4  # rad/(N·m)
 
 def build(
     recording: Recording, tests: Experiment, robot: Robot, T_flange_tcp: Array, masses: Masses | None,
-    compliance: Array | None = None, memo: dict[tuple[object, ...], Array] | None = None,
+    compliance: Array | None = None, memo: dict[tuple[object, ...], Array] | None = None, terms: Array | None = None,
 ) -> tuple[Problem, Catalogue, Readings]:  # fmt: skip
     """Equations and hypotheses of a load test.
 
@@ -43,10 +45,13 @@ def build(
         masses: of links and tool; None where the URDF has none.
         compliance: (6,) rad/(N·m) found before; None: by least absolute deviations.
         memo: histories of an earlier call for the same tests.
+        terms: (N, 6) m, rad, what the cell's own terms explain; None: it has none.
 
     Raises:
         InputError: springs that hold no load at all.
     """
+    if terms is not None:
+        tests = replace(tests, measured=tests.measured - terms[:, : tests.dimensions])
     load = np.linalg.norm(tests.wrench[:, :3], axis=1) + np.linalg.norm(tests.wrench[:, 3:], axis=1)
     A = tests.response()
     c = start(A, tests.measured, load) if compliance is None else compliance

@@ -27,12 +27,14 @@ from machopt.formats.stiffness import load_stiffness, write_stiffness
 from machopt.identify.experiment import experiment
 from machopt.job.diagnose_result import page_of, result_of, write_residuals
 from machopt.job.inputs import input_hashes
+from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import Masses, Robot, load_masses, load_robot
 from machopt.report.diagnosis_page import write_diagnosis
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 LEAST_COMPLIANCE = 1e-10  # rad/(N·m), of a joint that no load moved
+GEOMETRIC = "geometric_stiffness"  # counted in any case
 CERTAIN_JOINT = 0.5  # standard error per compliance from which on a joint keeps the cell's value
 
 
@@ -121,58 +123,68 @@ def _at_rest(
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
     masses = _masses(cell)
     prior = None if cell.stiffness is None else cell.stiffness.joints
+    if laws and recording.kind != "deflection":
+        raise InputError("laws of your own are tried on load tests (kind deflection) only", where="--terms",
+                         file=recording.source)  # fmt: skip
     options.progress("checking the record")
     recording, mended, warnings = record.mend(recording, robot, T, prior, request.accept)
     copies = record.copied(recording)
-    rng = np.random.default_rng(request.seed)
-    rebuild: engine.Rebuild | None = None
+    said = [*recording.warnings, *warnings]
     if recording.kind == "deflection":
-        problem, catalogue, rebuild = _load_tests(recording, robot, T, masses, laws)
-        predicted = "load tests"
+        known = None
+        if cell.stiffness is not None:
+            terms = tuple(t for t in cell.stiffness.terms if t.effect != GEOMETRIC)
+            known = Stiffness(cell.stiffness.joints, terms=terms)
+        d, problem = _load_tests(request, recording, robot, T, masses, laws, known, copies, options)
+        held = () if known is None else known.terms
+        again = {(f.effect, f.location) for f in d.findings} & {(t.effect, t.location) for t in held}
+        if known is not None and again:  # a law that the cell holds already is fitted anew, not on top of itself
+            options.progress("once more without what the cell holds of it")
+            known = replace(known, terms=tuple(t for t in held if (t.effect, t.location) not in again))
+            d, problem = _load_tests(request, recording, robot, T, masses, laws, known, copies, options)
         notes: tuple[str, ...] = ()
+        if held:
+            notes = (f"the cell's own terms count as known: {', '.join(f'{t.effect} {t.location}' for t in held)}",)
     else:
+        rng = np.random.default_rng(request.seed)
         problem, catalogue, notes = absolute.build(recording, cell, robot, masses, rng)
-        problem = replace(problem, time=recording.time)
-        predicted = "poses"
-    if copies.any():
-        problem = replace(problem, excluded=copies)
-    _refuse_too_few(problem, recording)
-    d = engine.diagnose(problem, catalogue, replace(options, predicted=predicted), rng, _excluding(rebuild, copies))
+        problem = replace(problem, time=recording.time, excluded=copies if copies.any() else None)
+        d = engine.diagnose(problem, catalogue, replace(options, predicted="poses"), rng)
     gross = record.outliers(recording, d, copies)
-    said = (*recording.warnings, *warnings)
-    return _Found(_with_record(d, mended, gross, notes, said), problem, recording)
-
-
-def _refuse_too_few(problem: Problem, recording: Recording) -> None:
-    """Raise where what is refitted in any case could make up every reading."""
-    unknowns = sum(u.prior is None for u in problem.unknowns)
-    if problem.y.size >= 2 * unknowns:
-        return
-    count = f"{len(problem)} reading{'' if len(problem) == 1 else 's'}"
-    raise InputError(
-        f"{count} of {problem.dimensions} coordinates cannot be held against a model that refits {unknowns} numbers to "
-        f"them; {-(-2 * unknowns // problem.dimensions)} readings or more in several poses would work",
-        file=recording.source,
-    )
+    return _Found(_with_record(d, mended, gross, notes, tuple(said)), problem, recording)
 
 
 def _load_tests(
-    recording: Recording, robot: Robot, T: Array, masses: Masses | None, laws: list[tuple[str, userterms.Offer]]
-) -> tuple[Problem, Catalogue, engine.Rebuild]:
-    tests = record.where_it_stands(experiment(recording, robot, T), recording, robot, T, masses)
+    request: Request, recording: Recording, robot: Robot, T: Array, masses: Masses | None,
+    laws: list[tuple[str, userterms.Offer]], known: Stiffness | None, copies: NDArray[np.bool_],
+    options: engine.Options,
+) -> tuple[Diagnosis, Problem]:  # fmt: skip
+    tests = experiment(recording, robot, T)
     memo: dict[tuple[object, ...], Array] = {}
+    terms = None
+    if known is not None and known.terms:  # what they add to the springs
+        whole = ArmElasticity(robot, T, known, masses=masses).at(recording.q)
+        springs = ArmElasticity(robot, T, Stiffness(known.joints)).at(recording.q)
+        terms = whole.respond(tests.wrench) - springs.respond(tests.wrench)
 
     def build(compliance: Array | None) -> tuple[Problem, Catalogue]:
-        problem, catalogue, readings = deflection.build(recording, tests, robot, T, masses, compliance, memo)
+        problem, catalogue, readings = deflection.build(
+            recording, tests, robot, T, masses, compliance, memo, terms
+        )  # fmt: skip
         own = userterms.offered(laws, readings)
         return problem, replace(catalogue, hypotheses=(*catalogue.hypotheses, *own))
 
     problem, catalogue = build(None)
-    return problem, catalogue, lambda x: build(np.maximum(x[:6], 0.0))
+    if copies.any():
+        problem = replace(problem, excluded=copies)
+    rebuild = _excluding(lambda x: build(np.maximum(x[:6], 0.0)), copies)
+    rng = np.random.default_rng(request.seed)
+    d = engine.diagnose(problem, catalogue, replace(options, predicted="load tests"), rng, rebuild)
+    return d, problem
 
 
-def _excluding(rebuild: engine.Rebuild | None, rows: NDArray[np.bool_]) -> engine.Rebuild | None:
-    if rebuild is None or not rows.any():
+def _excluding(rebuild: engine.Rebuild, rows: NDArray[np.bool_]) -> engine.Rebuild:
+    if not rows.any():
         return rebuild
 
     def again(x: Array) -> tuple[Problem, Catalogue]:

@@ -103,7 +103,7 @@ def run_plan_poses(request: Request, progress: Callable[[str], None] = lambda _:
     if len(cases) and found is not None:
         weight = masses if masses.mass.sum() > 0 else None
         apart = discriminating(request, found, cell, robot, weight, pool, cases, ways, prior, size, progress)
-        plan, cases, noise = apart.plan, apart.plan.cases, apart.noise
+        plan, noise = apart.plan, apart.noise
         warnings = (*warnings, *apart.notes)
     elif len(cases):
         plan = plan_poses(

@@ -40,7 +40,8 @@ from machopt.model.robot import Masses, Robot
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-ROWS = 9000  # numbers × cases looked at: more take minutes and change nothing
+ROWS = 60_000  # numbers × cases looked at: more take minutes and change nothing
+FEWEST = 200  # poses looked at; rather fewer loads at each
 LEFT = 1e-3  # of a law's own square that no rival imitates, over all candidates; less is the same by mechanics
 MOST_CYCLES = 10  # that a plan asks for by itself
 LOOKED = 50  # cycles counted up to
@@ -153,9 +154,7 @@ def discriminating(
         planned = _separation(both, own, together, few.pose, blocks)
         advice = "" if wanted[k] is not None else _advice(pair.one, pair.two)
         luck = float(np.median(chance[k]))
-        pairs.append(
-            replace(pair, per_cycle=each[k], planned=planned, cycles=wanted[k], random=luck, advice=advice)
-        )
+        pairs.append(replace(pair, per_cycle=each[k], planned=planned, cycles=wanted[k], random=luck, advice=advice))
     plan = _plan(prior, few, Design(blocks, min(each, default=0.0)), final, rng)
     least = min(each, default=0.0)
     worst = float(np.median(chance.min(axis=0))) if len(open_) else 0.0
@@ -247,12 +246,13 @@ def _cycles(
 
 
 def _thinned(cases: LoadCases, most: int, rng: np.random.Generator) -> LoadCases:
-    """At most so many cases: whole poses, the first of the quasi-random sequence, which fill the space evenly."""
+    """At most so many cases, of poses that come first in the quasi-random sequence: they fill the space evenly."""
     if len(cases) <= most:
         return cases
-    keep = np.flatnonzero(cases.pose <= cases.pose[min(most, len(cases) - 1)])
-    if len(np.unique(cases.pose[keep])) < 100:  # too few poses: rather fewer loads at each
-        keep = np.sort(rng.permutation(len(cases))[:most])
+    poses = np.unique(cases.pose)
+    enough = max(FEWEST, most * len(poses) // len(cases))
+    keep = np.flatnonzero(np.isin(cases.pose, poses[:enough]))
+    keep = np.sort(rng.permutation(keep)[:most])
     return LoadCases(
         cases.pose[keep], cases.way[keep], cases.magnitude[keep], cases.wrench[keep], cases.point[keep],
         cases.twist[keep], cases.response[keep], cases.nu_p[keep], cases.nu_r[keep], cases.rejected,

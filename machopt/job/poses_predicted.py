@@ -94,7 +94,8 @@ def load_tests(
     time = case * REST + HOLD * np.tile(np.arange(1, K + 1), N)
     recording = Recording(
         "deflection", "plan", np.repeat(q, K, axis=0), case, case, np.zeros(N * K, np.int64), np.arange(1, N * K + 1),
-        wrench=wrench, displacement=np.zeros((N * K, dimensions)), time=time, branch=branch, wrench_frame="tool" if found.wrench_frame == "tool" else "base",
+        wrench=wrench, displacement=np.zeros((N * K, dimensions)), time=time, branch=branch,
+        wrench_frame="tool" if found.wrench_frame == "tool" else "base",
         displacement_frame="tool" if found.displacement_frame == "tool" else "base",
     )  # fmt: skip
     readings = Readings(
@@ -124,7 +125,8 @@ def standing(
     N = len(cases)
     recording = Recording(
         "absolute", "plan", q, cases.pose, np.arange(N), np.zeros(N, np.int64), np.arange(1, N + 1),
-        wrench=cases.wrench, position=pose[:, :3, 3], quaternion=quaternion(pose[:, :3, :3]) if dimensions == 6 else None,
+        wrench=cases.wrench, position=pose[:, :3, 3],
+        quaternion=quaternion(pose[:, :3, :3]) if dimensions == 6 else None,
         registration="fit" if found.registration == "fit" else "fixed",
     )  # fmt: skip
     problem, catalogue, _ = absolute.build(recording, cell, robot, masses, rng)

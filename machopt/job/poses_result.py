@@ -151,7 +151,12 @@ def cautions(
             kinds = {w.kind for w in ways}
             hint = "a horizontal pull" if kinds == {"weight"} else "a load on an arm (--arms-mm)"
             out.append(f"{words} is not seen by any of these loads; {hint} may show it")
-    if request.target_percent is not None and plan.needed is None and plan.judged.any():
+    if (
+        request.discriminate is None
+        and request.target_percent is not None
+        and plan.needed is None
+        and plan.judged.any()
+    ):
         worst = names[int(np.argmax(np.where(plan.judged, plan.found.sigma, -np.inf)))]
         out.append(
             f"{request.target_percent:g} % of every joint is out of reach with {MOST_POSES} poses of these loads; "
@@ -283,7 +288,8 @@ def page_of(
 ) -> page.PosesPage:  # fmt: skip
     """Everything the page shows."""
     common: dict[str, Any] = {
-        "title": f"{'Load tests' if apart is None else 'Next measurement'} for {cell.name}", "cell": cell.name, "version": machopt.__version__,
+        "title": f"{'Load tests' if apart is None else 'Next measurement'} for {cell.name}", "cell": cell.name,
+        "version": machopt.__version__,
         "tried": pool.tried, "passed": len(pool), "cases": len(cases),
         "rejected_poses": tuple(pool.rejected.items()), "rejected_loads": tuple(cases.rejected.items()),
         "warnings": tuple(warnings), "options": tuple(shown(request)), "hashes": tuple(hashes.items()),

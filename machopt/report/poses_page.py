@@ -270,13 +270,11 @@ def _accuracy(data: PosesPage) -> str:
         further = "<h3>Further physics without a prior value: one sigma in percent of a joint's usual contribution</h3>"
         further += table([Column("Unknown"), Column("1 σ (%)", "n")], rows_further)
     lead = (
-        "One standard deviation of each joint's stiffness as these readings give it by themselves."
-        if data.apart
-        else (
-            "One standard deviation of each joint's stiffness as these readings will give it, beside the same number of "
-            "readings with the same loads at poses and loads chosen as the papers do (median of random draws)."
-        )
+        "One standard deviation of each joint's stiffness as these readings will give it, beside the same number of "
+        "readings with the same loads at poses and loads chosen as the papers do (median of random draws)."
     )
+    if data.apart:
+        lead = "One standard deviation of each joint's stiffness as these readings give it by themselves."
     body = '<div class=chart id="p-bars"></div>' + table(columns, rows) + further
     return section("accuracy", "Expected accuracy", lead, body)
 

@@ -1,0 +1,148 @@
+"""Robot programs of a batch: ``--post``, ``post`` and ``posts`` in lists, and template files as part of a job's key."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from batch_stub import CELL, folder_of, request_for
+
+import machopt.batch.run
+from machopt.batch.find import find_jobs
+from machopt.batch.key import Keys, Ready, Refused
+from machopt.batch.request import Outcome, Request
+from machopt.batch.task import row
+from machopt.cli import main
+from machopt.errors import InputError
+from machopt.formats.posts import post_text
+
+
+def key_of(request: Request) -> Ready | Refused:
+    (job,) = find_jobs(request).jobs
+    return Keys(request, "test").of(job)
+
+
+def key(request: Request) -> str:
+    found = key_of(request)
+    assert isinstance(found, Ready)
+    return found.key
+
+
+def test_a_job_has_its_own_posts_else_those_of_the_list_else_those_of_the_command(tmp_path: Path) -> None:
+    folder_of(tmp_path, a="sleep 0", b="sleep 0")
+    mine = tmp_path / "mine.toml"
+    mine.write_text(post_text("krl"))
+    jobs = (
+        "  - {toolpath: jobs/a.nc, post: rapid}\n  - {toolpath: jobs/a.nc, posts: [krl_pos, mine.toml]}\n"
+        "  - {toolpath: jobs/b.nc}\n"
+    )
+    listed = tmp_path / "list.yaml"
+    request = request_for(listed, tmp_path / "out", posts=("ros", "json"))
+    listed.write_text(f"machopt_batch: 1\njobs:\n{jobs}")
+    assert [j.posts for j in find_jobs(request).jobs] == [("rapid",), ("krl_pos", mine), ("ros", "json")]
+    listed.write_text(
+        f"machopt_batch: 1\npost: val3\ntoolpaths: [jobs/*.nc]\njobs:\n{jobs}".replace("b.nc}", "b.nc, name: x}")
+    )
+    found = find_jobs(request).jobs
+    assert [j.posts for j in found] == [("val3",), ("val3",), ("rapid",), ("krl_pos", mine), ("val3",)]
+    assert len({j.label for j in found}) == 5
+    table = tmp_path / "list.csv"
+    table.write_text('toolpath,post,posts\njobs/a.nc,mine.toml,\njobs/b.nc,,"[csv, json]"\njobs/a.nc,,\n')
+    found = find_jobs(replace(request, jobs=(str(table),))).jobs
+    assert [j.posts for j in found] == [(mine,), ("csv", "json"), ("ros", "json")]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("post: karel", r"line 2: post: no such post or template file: karel \(looked for .*karel\)"),
+        ("post: my.toml", r"line 2: post: no such post or template file: my\.toml \(looked for .*my\.toml\)"),
+        ("posts: [krl, krl]", r"line 2: posts\[1\]: krl stands twice; keep one"),
+        ("posts: []", r"line 2: posts: "),
+        ("posts: [krl]\npost: krl", r"posts: post and posts stand together; keep one"),
+        ("jobs: [{toolpath: jobs/a.nc, post: krll}]", r"line 2: jobs\[0\]\.post: no such post .*did you mean 'krl'"),
+    ],
+)  # fmt: skip
+def test_a_wrong_post_in_a_list_is_told_with_its_place(text: str, words: str, tmp_path: Path) -> None:
+    folder_of(tmp_path, a="sleep 0")
+    listed = tmp_path / "list.yaml"
+    more = "" if text.startswith("jobs") else "\ntoolpaths: [jobs/a.nc]"
+    listed.write_text(f"machopt_batch: 1\n{text}{more}\n")
+    with pytest.raises(InputError, match=words) as caught:
+        find_jobs(request_for(listed, tmp_path / "out"))
+    assert str(caught.value).startswith(str(listed))
+
+
+def test_the_key_holds_names_and_the_bytes_of_template_files(tmp_path: Path) -> None:
+    jobs = folder_of(tmp_path, a="sleep 0")
+    mine = tmp_path / "mine.toml"
+    mine.write_text(post_text("krl"))
+    plain = request_for(jobs, tmp_path / "out")
+    keys = [key(plain), *(key(replace(plain, posts=p)) for p in (("krl",), ("rapid",), ("krl", "rapid"), (str(mine),)))]
+    assert len(set(keys)) == 5
+    with_file = replace(plain, posts=(str(mine),))
+    before = key_of(with_file)
+    assert isinstance(before, Ready)
+    assert str(mine) in before.inputs  # a job whose template changes while it runs is no result
+    moved = tmp_path / "elsewhere" / "mine.toml"
+    moved.parent.mkdir()
+    moved.write_text(mine.read_text())
+    assert key(replace(plain, posts=(str(moved),))) == before.key
+    mine.write_text(post_text("krl").replace("C_DIS", "C_VEL"))
+    assert key(with_file) != before.key
+    mine.write_text(post_text("krl").replace("A6 @{a6:.5f}", "A6 @{a7"))
+    faulty = key_of(with_file)
+    assert isinstance(faulty, Refused)  # before any job is started
+    assert "mine.toml" in faulty.reason
+
+
+def test_the_template_of_a_cell_is_in_the_key_too(tmp_path: Path) -> None:
+    import shutil
+
+    jobs = folder_of(tmp_path, a="sleep 0")
+    shutil.copytree(CELL, tmp_path / "cell")
+    file, post = tmp_path / "cell" / "cell.yaml", tmp_path / "cell" / "own.toml"
+    file.write_text(file.read_text() + "\ncontroller: {post: own.toml}\n")
+    post.write_text(post_text("krl"))
+    request = request_for(jobs, tmp_path / "out", cell=tmp_path / "cell")
+    before = key(request)
+    post.write_text(post_text("krl").replace("C_DIS", "C_VEL"))
+    assert key(request) != before
+
+
+def test_the_command_passes_posts_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    jobs = folder_of(tmp_path, a="sleep 0")
+    asked: list[Request] = []
+
+    def noted(request: Request, _: object) -> Outcome:
+        asked.append(request)
+        return Outcome(0, {"counts": {}}, tmp_path / "summary.html", 0, 0)
+
+    words = ["batch", str(jobs), "--cell", str(CELL), "-o", str(tmp_path / "out"), "--quiet"]
+    with monkeypatch.context() as patch:
+        patch.setattr(machopt.batch.run, "run_batch", noted)
+        assert main([*words, "--post", "krl", "--post", "rapid", "--program-tolerance-mm", "0.1"]) == 0
+    assert asked[0].posts == ("krl", "rapid")
+    assert asked[0].extra == {"program_tolerance_mm": 0.1}
+    assert main([*words, "--post", "nowhere.toml"]) == 2
+    assert "--post: no such post or template file: nowhere.toml" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_program_that_does_not_read_back_is_the_reason_in_the_summary() -> None:
+    part = {"mean": 1e-8, "worst": 1e-8}
+    result = {
+        "exit_code": 4, "verdict": "verification failed", "index": "deflection", "index_scale": 1.0,
+        "worst_point": None,
+        "objective": {"gain": [], "chosen": part, "cam_default": part}, "infeasible_points": [], "obstructions": [],
+        "toolpath": {"points": 3, "ignored": []}, "cycle_time_s": 1.0, "feed_held_share": 1.0, "warnings": [],
+        "verification": {"checks": [{"name": "cut throughout", "passed": True, "where": ""}]},
+        "programs": [{"files": ["krl/a.src", "krl/a.dat"], "differences": ["move 3 (line 9) goes elsewhere"]},
+                     {"files": ["a.csv"], "differences": []}],
+    }  # fmt: skip
+    found = row(result)
+    assert found["reason"] == "program krl/a.src: move 3 (line 9) goes elsewhere"
+    assert found["programs"] == ["krl/a.src", "a.csv"]
