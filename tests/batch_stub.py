@@ -12,6 +12,9 @@ from typing import Any
 
 from machopt.batch.request import Request
 
+OF_THE_CLOCK = {"timing.json", "timings.csv", "timings.js", "log.txt", ".lock"}
+"""Files that say how long something took or where it broke; all others are the same bytes in every run."""
+
 CELL = Path(__file__).resolve().parents[1] / "cells" / "s420f_handling"
 
 
@@ -66,3 +69,13 @@ def folder_of(place: Path, **words: str) -> Path:
 def request_for(jobs: Path | str, out: Path, **changes: object) -> Request:
     base = Request((str(jobs),), out, cell=CELL, entry="batch_stub", version="test", time_limit=60.0)
     return replace(base, **changes)  # type: ignore[arg-type]
+
+
+def times_run(place: Path) -> dict[str, int]:
+    return {f.stem: len(f.read_text().splitlines()) for f in (place / "ran").iterdir()}
+
+
+def contents(out: Path) -> dict[str, bytes]:
+    return {
+        str(f.relative_to(out)): f.read_bytes() for f in out.rglob("*") if f.is_file() and f.name not in OF_THE_CLOCK
+    }

@@ -22,7 +22,9 @@ ARCMIN = np.pi / 10800
 GRAVITY = np.array([0.0, 0.0, -9.80665])
 SETTLED = 8  # rounds; each takes a deflection's hundredth off the error, from 5 mm down to nothing
 Array = np.ndarray
-Twist = Callable[[Array, Array, Array], Array]  # torque (T,), own angle (T,), time (T,) in order → rad beyond the spring
+Twist = Callable[
+    [Array, Array, Array], Array
+]  # torque (T,), own angle (T,), time (T,) in order → rad beyond the spring
 
 
 @dataclass(frozen=True)
@@ -124,7 +126,7 @@ def planned(
     a: Arm, rng: np.random.Generator, *, poses: int = 16, sessions: int = 2, loads: int = 4, directions: int = 2,
     force: float = 1500.0, moment: float = 0.0, spread: float = 1.0,
 ) -> Plan:  # fmt: skip
-    """Postures about home; at each, cycles in random directions up and down in equal steps, sessions in random order."""
+    """Postures about home; at each, cycles in random directions up and down in equal steps; poses in random order."""
     reach = spread * np.radians([60, 28, 35, 90, 45, 120])
     q = np.clip(a.home + rng.uniform(-1, 1, (poses, 6)) * reach, a.lower + 0.05, a.upper - 0.05)
     way = rng.standard_normal((poses, directions, 6))
@@ -159,7 +161,6 @@ def stand(a: Arm, truth: Truth, plan: Plan) -> tuple[Array, Array, Array, Array]
     for _ in range(SETTLED):
         R, p, tcp, turn, heavy, hinge = _chain(a, theta, bend)
         along = np.einsum("tjik,jk->tji", R, a.axis)
-        force = plan.wrench[:, None, :3]
         at = tcp + np.einsum("tij,j->ti", turn @ a.tcp[:3, :3].T, truth.hook)
 
         def moment(point: Array, first: int, at: Array = at, heavy: Array = heavy) -> Array:
@@ -177,7 +178,6 @@ def stand(a: Arm, truth: Truth, plan: Plan) -> tuple[Array, Array, Array, Array]
             here = np.einsum("tji,tj->ti", turned, moment(point, max(k - 1, 0)))
             bend[k] = here @ C.T
     J = np.concatenate([np.cross(along, tcp[:, None] - p), along], axis=2)
-    assert force.shape == (T, 1, 3)
     return tcp, turn, np.swapaxes(J, 1, 2), tau
 
 
@@ -227,15 +227,13 @@ def displaced(a: Arm, truth: Truth, plan: Plan, *, rotations: bool = False) -> A
 def hidden(a: Arm, truth: Truth, plan: Plan) -> float:
     """m, r.m.s. per coordinate of what a perfect refit of the six springs leaves of the left-out physics."""
     plain = Truth(truth.stiffness)
-    more = displaced(a, truth, plan) - displaced(a, plain, plan)
-    recorded = plan.wrench[plan.loaded] @ np.zeros((6, 6))
+    base = displaced(a, plain, plan)
     _, turn, J, _ = stand(a, plain, plan)
-    turn, J = turn[plan.loaded], J[plan.loaded]
-    sensed = _blocks(turn, _blocks(np.swapaxes(turn, 1, 2), plan.wrench[plan.loaded]) @ truth.recorded.T)
-    recorded = sensed - plan.wrench[plan.loaded]
-    more = more + (displaced(a, plain, plan) @ truth.shown.T - displaced(a, plain, plan))
-    more = more - np.einsum("tci,tki,tk->tc", J[:, :3] / truth.stiffness, J, recorded)
-    A = (J[:, :3] * np.einsum("tki,tk->ti", J, plan.wrench[plan.loaded])[:, None, :]).reshape(-1, 6)
+    turn, J, w = turn[plan.loaded], J[plan.loaded], plan.wrench[plan.loaded]
+    sensed = _blocks(turn, _blocks(np.swapaxes(turn, 1, 2), w) @ truth.recorded.T)
+    more = displaced(a, truth, plan) - base + base @ (truth.shown - np.eye(3)).T
+    more = more - np.einsum("tci,tki,tk->tc", J[:, :3] / truth.stiffness, J, sensed - w)
+    A = (J[:, :3] * np.einsum("tki,tk->ti", J, w)[:, None, :]).reshape(-1, 6)
     A = A / np.linalg.norm(A, axis=0)
     return float(np.sqrt(np.mean((more.reshape(-1) - A @ np.linalg.lstsq(A, more.reshape(-1), rcond=None)[0]) ** 2)))
 

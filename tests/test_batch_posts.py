@@ -122,11 +122,13 @@ def test_the_command_passes_posts_on(
         return Outcome(0, {"counts": {}}, tmp_path / "summary.html", 0, 0)
 
     words = ["batch", str(jobs), "--cell", str(CELL), "-o", str(tmp_path / "out"), "--quiet"]
+    scheduler = "tcp://127.0.0.1:8786"
     with monkeypatch.context() as patch:
         patch.setattr(machopt.batch.run, "run_batch", noted)
-        assert main([*words, "--post", "krl", "--post", "rapid", "--program-tolerance-mm", "0.1"]) == 0
+        more = ["--program-tolerance-mm", "0.1", "--scheduler", scheduler]
+        assert main([*words, "--post", "krl", "--post", "rapid", *more]) == 0
     assert asked[0].posts == ("krl", "rapid")
-    assert asked[0].extra == {"program_tolerance_mm": 0.1}
+    assert (asked[0].extra, asked[0].scheduler) == ({"program_tolerance_mm": 0.1}, scheduler)
     assert main([*words, "--post", "nowhere.toml"]) == 2
     assert "--post: no such post or template file: nowhere.toml" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

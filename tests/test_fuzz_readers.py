@@ -99,7 +99,7 @@ def run(sample: Sample, cases: int, seed: int, folder: Path) -> Counter[str]:
     for case in range(cases):
         text = mutated(rng, sample.text)
         file.write_bytes(text.replace("\n", "\r\n").encode() if rng.random() < 0.1 else text.encode())
-        start = time.perf_counter()
+        start = time.process_time()
         try:
             with within(HANG):
                 toolpath = read(file, sample, rng)
@@ -109,7 +109,7 @@ def run(sample: Sample, cases: int, seed: int, folder: Path) -> Counter[str]:
             error.add_note(f"{sample.name}, case {case} of seed {seed}:\n{text}")
             raise
         count["read" if toolpath is not None else "refused"] += 1
-        count["slowest_ms"] = max(count["slowest_ms"], round(1e3 * (time.perf_counter() - start)))
+        count["slowest_ms"] = max(count["slowest_ms"], round(1e3 * (time.process_time() - start)))
     return count
 
 

@@ -64,6 +64,20 @@ def test_lists_combine_and_name(tmp_path: Path) -> None:
     assert jobs.is_dir()
 
 
+def test_the_list_in_the_readme_is_one(tmp_path: Path) -> None:
+    readme = (Path(__file__).resolve().parents[1] / "README.md").read_text(encoding="utf-8")
+    listed = tmp_path / "jobs.yaml"
+    listed.write_text(next(t for t in readme.split("```yaml\n")[1:] if "machopt_batch" in t).partition("```")[0])
+    for file in ("cells/a/cell.yaml", "cells/b/cell.yaml", "parts/x.cls", "old/flange.src"):
+        (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / file).touch()
+    found = find_jobs(request_for(listed, tmp_path / "out")).jobs
+    assert [(j.cell.name, j.toolpath.name, j.variant) for j in found[:4]] == [
+        ("a", "x.cls", "fine"), ("a", "x.cls", "paper"), ("b", "x.cls", "fine"), ("b", "x.cls", "paper"),
+    ]  # fmt: skip
+    assert (found[4].reading, found[4].time_limit, found[4].posts) == ({"tool_axis": "+z"}, 600.0, ("krl",))
+
+
 GOOD = "machopt_batch: 1\njobs:\n  - {cell: CELL, toolpath: jobs/a.nc}\n"
 
 

@@ -162,6 +162,20 @@ def test_faults_of_a_trajectory_are_named(tmp_path: Path, old: str, new: str, me
         read_program(tmp_path / "a.yaml")
 
 
+@pytest.mark.parametrize("before", ["1e999", "NaN", "true", "1.5", '"1"'])
+def test_an_event_stands_before_a_whole_number(tmp_path: Path, before: str) -> None:
+    """1e999 was found by a long run."""
+    joints = '"joint_names": ["a","b","c","d","e","f"]'
+    point = '{"positions": [0,0,0,0,0,0], "time_from_start": {"sec": 1, "nanosec": 0}}'
+    (tmp_path / "a.json").write_text(f'{{{joints}, "points": [{point}]}}\n')
+    events = tmp_path / "a.events.json"
+    events.write_text('{"events": [{"before": 1, "move": "cut"}]}')
+    assert len(read_program(tmp_path / "a.json")) == 1
+    events.write_text(f'{{"events": [{{"before": {before}, "move": "cut"}}]}}')
+    with pytest.raises(InputError, match="is no events file; expected events with before"):
+        read_program(tmp_path / "a.json")
+
+
 def test_a_trajectory_of_minutes_is_read_in_seconds(tmp_path: Path) -> None:
     """A quarter of an hour every 12 ms: more numbers than the strict YAML reader takes at all."""
     (tmp_path / "a.yaml").write_text(ROS + "".join(f"  - {POINT % k}\n" for k in range(3, 75_000)))

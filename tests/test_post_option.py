@@ -272,6 +272,9 @@ def test_a_program_that_says_something_else_is_exit_4(
     assert found["exit_code"] == 4
     assert found["verification"]["passed"] is True  # the motion is right, its program is not
     assert any(words in d for d in found["programs"][0]["differences"])
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "VERIFICATION FAILED: DO NOT RUN" in page
+    assert words in page.partition("<section id=programs>")[2]
 
 
 def test_the_tolerance_leaves_room_for_what_the_cell_allows() -> None:

@@ -1,7 +1,7 @@
 """KUKA KR300 R2500 ultra, motor- and link-side encoders and motor torque: ``python benchmarks/real/kr300.py DATA OUT``.
 
-Converts the three runs into a cell folder and a recording folder under OUT (readable by ``machopt diagnose``), then
-runs the same code as the command on both channels that the signals allow. The data are those of Weigand,
+Converts the three runs into a cell folder and a recording folder under OUT, then runs the command ``machopt diagnose``
+on them, once for each channel that the signals allow. The data are those of Weigand,
 Robot_Identification (MIT licence); nothing of them is stored in the project. The nominal numbers are the source's
 published parameters; its link inertias and the payload are not, so the channel torque refits motor inertias and may
 name a payload.
@@ -10,16 +10,17 @@ name a payload.
 from __future__ import annotations
 
 import argparse
+import json
+import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy.io
 
-from machopt.diagnose import engine, motion
 from machopt.domain.recording import Recording
-from machopt.formats.cell import load_cell
-from machopt.formats.recording import load_recording, write_recording
+from machopt.formats.recording import write_recording
 from machopt.se3 import transform
 
 D = (-0.675, -0.189, 0.189, -1.0, 0.0, -0.24)
@@ -124,33 +125,41 @@ def recording(data: Path, folder: Path) -> Path:
     return folder
 
 
+def report(said: dict[str, Any]) -> None:
+    """One channel's diagnosis.json for a terminal."""
+    unit, first, last = said["rmse_unit"], said["baseline"], said["final"]
+    print(f"\n{said['predicted']}: {said['sentence']}")
+    print(*(f"  {n}" for n in said["notes"]), sep="\n")
+    print(f"  {said['verdict']}: held-out error {first['heldout_rmse']:.4g} → {last['heldout_rmse']:.4g} {unit}, noise "
+          f"{first['noise_floor']:.4g}")  # fmt: skip
+    for f in said["findings"]:
+        sizes = ", ".join(f"{k} {v['value']:.4g} {v['unit']}" for k, v in list(f["parameters"].items())[:4])
+        others = ", ".join(f"{e} {where}" for e, where in f["one_of"][1:])
+        print(f"  {f['effect']} {f['location']} ({f['law']}): {sizes}" + (f"; or {others}" if others else ""))
+    for s in said["mismatch"][:4]:
+        print(f"    mismatch at {s['axis']}: {100 * s['share']:.0f} % {s['note']}")
+    for c in said["coefficients"]:
+        extra = ""
+        if c["name"].startswith("motor inertia"):
+            j = int(c["name"].split()[-1]) - 1
+            extra = f" (published {MOTOR[j] * RATIO[j] ** 2:.4g})"
+        print(f"    {c['name']}: {c['value']:.4g} ± {c['sigma']:.2g} {c['unit']}{extra}")
+
+
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data", type=Path, help="folder with run_A.mat, run_B.mat, run_C.mat")
     parser.add_argument("out", type=Path)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args(arguments)
-    place = load_cell(cell(options.out / "cell"))
-    record = load_recording(recording(options.data, options.out / "recording"))
-    for channel in motion.channels(record, place):
-        problem, catalogue, notes, first = motion.build(record, place, channel, np.random.default_rng(options.seed))
-        found = engine.diagnose(
-            problem, catalogue, engine.Options(predicted=motion.WORDS[channel]), np.random.default_rng(options.seed)
-        )
-        print(f"\n{motion.WORDS[channel]}: {found.verdict}")
-        print(*(f"  {n}" for n in (*notes, *found.notes)), sep="\n")
-        print(f"  held-out error {found.heldout_before:.4g} → {found.heldout_after:.4g} {found.unit}, "
-              f"noise {found.noise_floor:.4g}")  # fmt: skip
-        for f in (*first, *found.findings):
-            sizes = ", ".join(f"{k} {v.value:.4g} {v.unit}" for k, v in list(f.parameters.items())[:4])
-            others = ", ".join(f"{e} {where}" for e, where in f.one_of[1:])
-            print(f"  {f.effect} {f.location} ({f.law}): {sizes}" + (f"; or {others}" if others else ""))
-        for c in found.coefficients:
-            extra = ""
-            if c.unknown.name.startswith("motor inertia"):
-                j = int(c.unknown.name.split()[-1]) - 1
-                extra = f" (published {MOTOR[j] * RATIO[j] ** 2:.4g})"
-            print(f"    {c.unknown.name}: {c.value:.4g} ± {c.sigma:.2g} {c.unknown.unit}{extra}")
+    place, record = cell(options.out / "cell"), recording(options.data, options.out / "recording")
+    for channel in ("link", "torque"):
+        result = options.out / channel
+        subprocess.run(
+            [sys.executable, "-m", "machopt.cli", "diagnose", str(place), str(record), "-o", str(result), "--channel",
+             channel, "--seed", str(options.seed), "--quiet"], check=True,
+        )  # fmt: skip
+        report(json.loads((result / "diagnosis.json").read_text(encoding="utf-8")))
     print(f"\nbeside it: {LITERATURE}")
     return 0
 

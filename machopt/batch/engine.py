@@ -15,6 +15,8 @@ from machopt.errors import InputError, MachoptError
 CONNECT = 15.0  # s to reach a scheduler
 WORKERS = 60.0  # s to wait for its first worker
 PROBE = "probe.txt"
+ANY_PORT = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
+"""Dask's scheduler listens for its status pages on port 8787 without any too, and warns where another one does."""
 
 
 class Engine:
@@ -29,7 +31,7 @@ class Engine:
         distributed = _distributed()
         if self._address is None:
             self._cluster = distributed.LocalCluster(
-                n_workers=self._workers, threads_per_worker=1, processes=True, dashboard_address=None,
+                n_workers=self._workers, threads_per_worker=1, processes=True, scheduler_kwargs=ANY_PORT,
                 memory_limit=0, silence_logs=logging.CRITICAL,  # the workers only supervise; limits are the jobs' own
             )  # fmt: skip
         try:

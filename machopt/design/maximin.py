@@ -12,7 +12,7 @@ noncentrality of a finished design (:func:`power`) takes it as shared.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from machopt.design.discriminate import noncentrality
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-SHARPNESS = 4.0  # of the power mean that stands for the minimum: smooth, so that no contest is forgotten
+SMOOTH, SHARP = 4.0, 40.0  # of the power mean that stands for the minimum: no contest is forgotten; the least alone
 SMALL = 1e-3  # noncentrality that counts as none
 FIRST, LAST = 1.0, 1e-6  # information on each unknown before any reading: while too few are chosen, and in the end
 FOCUS = 400  # readings an exchange looks at, the best by themselves
@@ -71,8 +71,8 @@ def best_readings(
     value = -np.inf
     for start in range(max(starts, 1)):
         first = [] if start == 0 else search.random(rng, (poses + 1) // 2)
-        chosen = search.exchange(search.greedy(first))
-        v = search.value(chosen)
+        chosen = search.exchange(search.exchange(search.greedy(first), SMOOTH), SHARP)
+        v = search.value(chosen, SHARP)
         if v > value:
             best, value = chosen, v
     return _blocks(best, pose)
@@ -96,16 +96,30 @@ def power(
     return noncentrality(contest.columns[rows], contest.signal[rows], covariance[rows], pose[rows], shared, inner)
 
 
+def by_pose(contest: Contest, covariance: Array, blocks: Sequence[Sequence[int]]) -> Array:
+    """(B,) what each pose of a design adds to λ, its readings taken as independent."""
+    sizes = [len(b) for b in blocks]
+    rows = np.array([n for b in blocks for n in b], np.int64)
+    rest, _ = _rest(replace(contest, columns=contest.columns[rows], signal=contest.signal[rows]), covariance[rows])
+    return np.asarray(np.add.reduceat(np.sum(rest**2, axis=1), np.cumsum([0, *sizes[:-1]])))
+
+
 def left_of_all(contest: Contest, covariance: Array) -> tuple[float, float]:
     """λ of all N readings together, and the square of the signal itself, both in units of the noise."""
+    rest, y = _rest(contest, covariance)
+    return float(np.sum(rest**2)), float(np.sum(y**2))
+
+
+def _rest(contest: Contest, covariance: Array) -> tuple[Array, Array]:
+    """(N, R) whitened: what the refitted rival leaves of the signal, and the signal."""
     W = np.linalg.inv(np.linalg.cholesky(covariance))
     A = W @ contest.columns
-    y = np.einsum("nij,nj->ni", W, contest.signal).reshape(-1)
+    y = np.einsum("nij,nj->ni", W, contest.signal)
     A = A.reshape(-1, A.shape[2])
     size = np.sqrt(np.mean(A**2, axis=0))
     A = A / np.where(size > 0, size, 1.0)
-    rest = y - A @ np.linalg.lstsq(A, y, rcond=1e-10)[0]
-    return float(rest @ rest), float(y @ y)
+    x = np.linalg.lstsq(A, y.reshape(-1), rcond=1e-10)[0]
+    return y - (A @ x).reshape(y.shape), y
 
 
 @dataclass(frozen=True)
@@ -148,27 +162,29 @@ class _Search:
             s = np.einsum("nij,nj->ni", W, c.signal)
             self.sums.append(_Sums(AA, np.einsum("nrp,nr->np", A, s), np.einsum("nr,nr->n", s, s)))
 
-    def value(self, chosen: Sequence[int]) -> float:
-        return float(_together(np.array([[s.of(chosen)] for s in self.sums]))[0])
+    def value(self, chosen: Sequence[int], sharpness: float) -> float:
+        return float(_together(np.array([[s.of(chosen)] for s in self.sums]), sharpness)[0])
 
-    def greedy(self, chosen: list[int]) -> list[int]:
+    def greedy(self, chosen: list[int], among: NDArray[np.bool_] | None = None, sharpness: float = SMOOTH) -> list[int]:
+        """Add the best reading, of all or of some, until there are enough."""
         chosen = list(chosen)
         while len(chosen) < self.poses * self.loads:
             free = self._free(chosen)
+            free = free if among is None else free[among[free]]
             if not len(free):
                 break
             ridge = FIRST if len(chosen) < self.poses * self.loads / 2 else LAST
-            chosen.append(int(free[np.argmax(self._values(chosen, free, ridge))]))
+            chosen.append(int(free[np.argmax(self._values(chosen, free, ridge, sharpness))]))
         return chosen
 
-    def exchange(self, chosen: list[int]) -> list[int]:
-        """Each reading for a better one until none is, first among the most promising."""
+    def exchange(self, chosen: list[int], sharpness: float) -> list[int]:
+        """Each reading for a better one, each pose with its readings for a better one, among the most promising."""
         chosen = list(chosen)
         everything = np.arange(len(self.pose))
-        order = np.argsort(-self._values(chosen, everything, LAST), kind="stable")
+        order = np.argsort(-self._values(chosen, everything, LAST, sharpness), kind="stable")
         focus = np.zeros(len(self.pose), bool)
         focus[order[:FOCUS]] = True
-        value = self.value(chosen)
+        value = self.value(chosen, sharpness)
         for _ in range(PASSES):
             before = value
             for k in range(len(chosen)):
@@ -177,10 +193,15 @@ class _Search:
                 free = free[focus[free]]
                 if not len(free):
                     continue
-                values = self._values(rest, free, LAST)
+                values = self._values(rest, free, LAST, sharpness)
                 best = int(np.argmax(values))
                 if values[best] > value * (1.0 + 1e-9):
                     chosen[k], value = int(free[best]), float(values[best])
+            for p in np.unique(self.pose[chosen]):
+                again = self.greedy([n for n in chosen if self.pose[n] != p], focus, sharpness)
+                v = self.value(again, sharpness)
+                if len(again) == len(chosen) and v > value * (1.0 + 1e-9):
+                    chosen, value = again, v
             if value <= before * (1.0 + 1e-3):
                 break
         return chosen
@@ -188,8 +209,8 @@ class _Search:
     def random(self, rng: np.random.Generator, poses: int) -> list[int]:
         return [n for b in random_readings(self.pose, poses, self.loads, rng) for n in b]
 
-    def _values(self, chosen: Sequence[int], among: Ints, ridge: float) -> Array:
-        return _together(np.stack([s.after(chosen, ridge, among) for s in self.sums]))
+    def _values(self, chosen: Sequence[int], among: Ints, ridge: float, sharpness: float) -> Array:
+        return _together(np.stack([s.after(chosen, ridge, among) for s in self.sums]), sharpness)
 
     def _free(self, chosen: Sequence[int]) -> Ints:
         """Readings that may still be added: not taken, their pose not full, no pose too many."""
@@ -202,11 +223,11 @@ class _Search:
         return np.flatnonzero(free)
 
 
-def _together(noncentralities: Array) -> Array:
+def _together(noncentralities: Array, sharpness: float) -> Array:
     """(n,) power mean over the contests (C, n), close to the least."""
     x = noncentralities + SMALL
     least = x.min(axis=0)
-    return np.asarray(least * np.mean((x / least) ** -SHARPNESS, axis=0) ** (-1.0 / SHARPNESS))
+    return np.asarray(least * np.mean((x / least) ** -sharpness, axis=0) ** (-1.0 / sharpness))
 
 
 def _blocks(chosen: Sequence[int], pose: Ints) -> tuple[tuple[int, ...], ...]:

@@ -124,7 +124,10 @@ def _quantity_intervals(
     out = {}
     form = FORMS.get(h.effect, FORM)
     for name, q in centre.items():
-        g = np.array(slopes[name])
+        if not np.isfinite(q.value):  # a share of a compliance that was found to be zero
+            out[name] = np.full((2, 2), q.value)
+            continue
+        g = np.nan_to_num(np.array(slopes[name]), posinf=0.0, neginf=0.0)
         sigma = float(np.hypot(np.sqrt(max(g @ covariance @ g, 0.0)), form * q.value if g.any() else 0.0))
         t = stdtrit(freedom, np.array([0.95, 0.975]))
         out[name] = np.stack([q.value - t * sigma, q.value + t * sigma], axis=1)

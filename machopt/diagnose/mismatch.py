@@ -109,7 +109,7 @@ def _allowed(problem: Problem, used: Flags, noise: Noise) -> float:
     groups = len(np.unique(problem.group[used])) * len(family.columns)
     free = max(groups - problem.base.shape[2], 1)
     gain = 0.0 if problem.scale is None else noise.gain**2 * float(np.mean(problem.scale[used][:, family.columns] ** 2))
-    return UNSURE * (noise.together(0) ** 2 + gain) * (groups / free) ** 2
+    return float(UNSURE * (noise.together(0) ** 2 + gain) * (groups / free) ** 2)
 
 
 def _products(problem: Problem, e: Array, used: Flags) -> tuple[tuple[Array, Array], float]:

@@ -6,13 +6,14 @@ torque against rigid-body dynamics from the URDF's inertias.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
 from machopt.diagnose import motion_checks, motion_link, motion_tip, motion_torque
 from machopt.diagnose.motion_frame import Scene, one_joint
-from machopt.diagnose.motion_signals import signals
+from machopt.diagnose.motion_signals import Motion, signals
 from machopt.diagnose.problem import Array, Catalogue, Problem, Untestable
 from machopt.diagnose.result import Finding
 from machopt.domain.cell import Cell
@@ -35,11 +36,30 @@ def channels(recording: Recording, cell: Cell) -> tuple[Predicted, ...]:
     other = recording.q_secondary
     if other is not None and any(np.isfinite(x).all() and np.ptp(x) > 1e-6 for x in other.T):
         out.append("link")
-    if recording.position is not None and len(cell.arm_joints) == 6:
+    if recording.position is not None and len(cell.arm_joints) == 6 and not cell.arm_prismatic:
         out.append("tip")
     if recording.torque is not None and _dynamics(cell) is not None:
         out.append("torque")
     return tuple(out)
+
+
+def refuse_other_joints(recording: Recording, cell: Cell) -> None:
+    """Raise where the recording's joints are not the cell's."""
+    n = recording.q.shape[1]
+    slides = cell.arm_prismatic or (False,) * len(cell.arm_joints)
+    if n != len(slides):
+        raise InputError(
+            f"the recording has {n} joint{'s' if n > 1 else ''}, the cell's arm {len(slides)}: "
+            f"{', '.join(cell.arm_joints)}; one column q1_deg (q1_mm where it slides) … for each of them would work",
+            file=recording.source,
+        )
+    for j, (own, name) in enumerate(zip(slides, cell.arm_joints, strict=True)):
+        if own != (recording.prismatic or (False,) * n)[j]:
+            found, right = ("deg", "mm") if own else ("mm", "deg")
+            raise InputError(
+                f"q{j + 1}_{found} is of a joint that {'turns' if own else 'slides'}, but {name!r} of the cell "
+                f"{'slides' if own else 'turns'}; q{j + 1}_{right} is expected", file=recording.source,
+            )  # fmt: skip
 
 
 def build(
@@ -61,36 +81,22 @@ def build(
         InputError: the signals that the channel needs are missing or make no sense.
     """
     n = min(len(cell.arm_joints), recording.q.shape[1])
-    recording, found = motion_checks.units(recording, n)
-    warnings = motion_checks.quality(recording, n)
-    motion = signals(recording, n, repeats=repeats)
+    mended, found = motion_checks.units(recording, n)
+    mended, warnings = motion_checks.quality(mended, n)
+    motion = signals(mended, n, repeats=repeats)
     dynamics = _dynamics(cell)
     predicted: Array | None = None if dynamics is None else dynamics.torque(motion.q, motion.v, motion.a)
     if predicted is not None and channel == "torque":
-        recording, more, words = motion_checks.torque_side(recording, motion, predicted)
-        found += more
-        warnings += words
-    prismatic = tuple(dynamics is not None and dynamics.prismatic(j) for j in range(n))
-    scene = Scene(
-        recording, cell, motion, dynamics, predicted, n, one_joint(motion, n), prismatic, notes=[*motion.notes]
-    )
+        mended, of_torque = motion_checks.torque_side(mended, motion, predicted)
+        found += of_torque
+    scene = _scene(mended, cell, motion, dynamics, predicted)
     scene.notes.extend(warnings)
-    if channel == "torque":
-        problem, catalogue = motion_torque.build(scene)
-    elif channel == "link":
-        joints = motion_link.seen(scene)
-        scene = Scene(recording, cell, motion, dynamics, predicted, len(joints), one_joint(motion, len(joints), joints),
-                      prismatic, notes=scene.notes)  # fmt: skip
-        problem, catalogue = motion_link.build(scene, joints)
-    else:
-        from machopt.model.robot import load_robot
-
-        if n != 6:
-            raise InputError(f"{recording.source}: a tracked TCP needs an arm of six joints; the cell has {n}")
-        problem, catalogue, more = motion_tip.build(scene, load_robot(cell))
-        found += more
+    problem, catalogue, more = _equations(scene, channel)
     if channel != "tip":
-        found += motion_checks.servo_lag(recording, n)
+        found += motion_checks.servo_lag(mended, motion)
+    if found:
+        errors = _errors(problem), _as_stated(recording, cell, channel, repeats) if mended is not recording else None
+        found = [_weighed(f, *errors) for f in found]
     missing = [*catalogue.untestable]
     if float(np.ptp(motion.time)) < LONG:
         missing.append(
@@ -98,7 +104,62 @@ def build(
         )
     if recording.q_command is None and channel != "tip":
         missing.append(Untestable("servo_lag", "controller", "the commanded joints are not recorded"))
-    return problem, Catalogue(catalogue.hypotheses, tuple(missing), catalogue.axes), tuple(scene.notes), tuple(found)
+    catalogue = Catalogue(catalogue.hypotheses, tuple(missing), catalogue.axes)
+    return problem, catalogue, tuple(scene.notes), (*found, *more)
+
+
+def _scene(
+    recording: Recording, cell: Cell, motion: Motion, dynamics: Dynamics | None, predicted: Array | None
+) -> Scene:  # fmt: skip
+    n = motion.q.shape[1]
+    prismatic = tuple(dynamics is not None and dynamics.prismatic(j) for j in range(n))
+    return Scene(
+        recording, cell, motion, dynamics, predicted, n, one_joint(motion, n), prismatic, notes=[*motion.notes]
+    )
+
+
+def _equations(scene: Scene, channel: Predicted) -> tuple[Problem, Catalogue, list[Finding]]:
+    if channel == "torque":
+        return *motion_torque.build(scene), []
+    if channel == "link":
+        joints = motion_link.seen(scene)
+        lift = one_joint(scene.motion, len(joints), joints)
+        return *motion_link.build(replace(scene, dimensions=len(joints), lift=lift), joints), []
+    from machopt.model.robot import load_robot
+
+    if scene.joints != 6:
+        raise InputError(
+            f"{scene.recording.source}: a tracked TCP needs an arm of six joints; the cell has {scene.joints}"
+        )
+    return motion_tip.build(scene, load_robot(scene.cell))
+
+
+def _as_stated(recording: Recording, cell: Cell, channel: Predicted, repeats: bool) -> Array | None:
+    """Errors of the record as it stands; None where no equations can be made of it."""
+    motion = signals(recording, min(len(cell.arm_joints), recording.q.shape[1]), repeats=repeats)
+    dynamics = _dynamics(cell)
+    predicted = None if dynamics is None else dynamics.torque(motion.q, motion.v, motion.a)
+    scene = _scene(recording, cell, motion, dynamics, predicted)
+    if channel == "link" and not motion_link.seen(scene):
+        return None  # joints that seem to stand still
+    return _errors(_equations(scene, channel)[0])
+
+
+def _errors(problem: Problem) -> Array:
+    """(G,) rmse of the first family by group, in its report unit, of the base fitted without the group."""
+    left = motion_torque.heldout(problem.y, problem.base, problem.group, np.ones(problem.dimensions))
+    return problem.families[0].factor * np.sqrt(
+        left / np.unique(problem.group, return_counts=True)[1] / problem.dimensions
+    )
+
+
+def _weighed(found: Finding, errors: Array, stated: Array | None) -> Finding:
+    """A finding of the record with the median error of stretches that no fit saw, as stated and as put right."""
+    if np.isfinite(found.before):
+        return found
+    after = float(np.median(errors))
+    before = after if stated is None or not found.record else float(np.median(stated))
+    return replace(found, before=before, after=after)
 
 
 def _dynamics(cell: Cell) -> Dynamics | None:

@@ -1,26 +1,31 @@
 """Is the record itself right? Units, motor side or joint side, channels that never change or saturate, clocks of q.
 
-What can be put right is put right and said as a finding; what cannot is one clear error.
+What can be put right is put right and said as a finding; what cannot is one clear error. How sure a finding is comes
+from stretches of time: on how many of them the record as put right agrees better than as stated. What it does to the
+error of the channel is for :mod:`machopt.diagnose.motion` to add, which builds the equations with and without it.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
+from scipy.stats import binom
 
-from machopt.diagnose.motion_signals import Motion, signals
+from machopt.diagnose.motion_signals import Motion
 from machopt.diagnose.problem import Array, RecordCorrection
 from machopt.diagnose.result import Estimate, Finding
 from machopt.domain.recording import Recording
 from machopt.errors import InputError
 
-Field = Literal["velocity", "torque", "q_secondary", "q_command", "position", "current"]
-FIRST = {"velocity": "qd1_deg_s", "torque": "tau1_Nm", "q_secondary": "qse1_deg", "q_command": "qcmd1_deg",
-         "position": "x_mm", "q": "q1_deg"}  # fmt: skip
-FACTORS = {np.pi / 180.0: "radians for degrees", 180.0 / np.pi: "degrees twice", 1e-3: "a thousandth of the unit",
-           1e3: "a thousand times the unit"}  # fmt: skip
+COLUMNS = {"q": "q{}_deg q{}_mm", "velocity": "qd{}_deg_s qd{}_mm_s", "torque": "tau{}_Nm tau{}_N",
+           "q_secondary": "qse{}_deg qse{}_mm", "q_command": "qcmd{}_deg qcmd{}_mm"}  # fmt: skip
+THOUSANDS = {1e-3: "a thousandth of the unit", 1e3: "a thousand times the unit"}
+FACTORS = {np.pi / 180.0: "radians for degrees", 180.0 / np.pi: "degrees twice", **THOUSANDS}
+FEW_DEGREES, FEW_MILLIMETRES = 6.3, 5.0  # a range that is rather radians, metres
+STRETCHES = 24
+MOVES = 2e-3  # rad (m)
+SLOW = 0.5  # s between samples: a clock in milliseconds rather than a motion
 NEAR = 0.08  # relative, of a slope to the factor of a unit
 ALIKE = 0.9  # correlation from which a slope says something
 MOTOR_SIDE = 0.2  # torque below this share of what the arm needs, joint by joint another: before the gear
@@ -38,143 +43,229 @@ def slope(x: Array, y: Array) -> tuple[float, float]:
     return xy / xx, xy / float(np.sqrt(xx * yy))
 
 
+def column(recording: Recording, field: str, joint: int) -> str:
+    """The name of a joint's (0-based) column."""
+    turns, slides = COLUMNS[field].split()
+    return (slides if recording.prismatic and recording.prismatic[joint] else turns).format(joint + 1)
+
+
+def sign_test(before: Array, after: Array) -> float:
+    """One-sided chance that a coin wins on as many stretches (S,) as ``after`` is below ``before``."""
+    wins = int(np.sum(after < before))
+    return float(binom.sf(wins - 1, len(before), 0.5))
+
+
+def by_stretch(x: Array) -> Array:
+    """(S,) medians of |x| (N,) over equal parts of the record."""
+    parts = np.array_split(np.abs(x), min(STRETCHES, len(x)))
+    return np.array([np.median(p) for p in parts])
+
+
 def units(recording: Recording, joints: int) -> tuple[Recording, list[Finding]]:
-    """Angles and speeds in another unit than the others: put right, and said."""
+    """Angles, lengths and speeds in another unit than the others: put right, and said."""
     found: list[Finding] = []
+    slides = np.array((recording.prismatic or (False,) * joints)[:joints])
     for name in ("velocity", "q_secondary", "q_command"):
-        values = getattr(recording, name)
-        if values is None or recording.time is None:
-            continue
-        order = np.lexsort((recording.time, recording.session))
-        q, x = recording.q[order, :joints], values[order, :joints]
-        if name == "velocity":
-            steps = np.diff(recording.time[order])
-            good = (np.diff(recording.session[order]) == 0) & (steps > 0)
-            q, x = (np.diff(q, axis=0)[good] / steps[good, None]), (0.5 * (x[1:] + x[:-1]))[good]
-        pairs = [slope(q[:, j], x[:, j]) for j in range(joints) if np.isfinite(x[:, j]).all() and np.ptp(x[:, j]) > 0]
-        sure = [s for s, r in pairs if abs(r) > ALIKE]
-        if not sure:
-            continue
-        factor = float(np.median(sure))
-        known = [f for f in FACTORS if abs(factor / f - 1.0) < NEAR]
-        if known and max(abs(s / factor - 1.0) for s in sure) < NEAR:
-            # all joints within a few degrees and everything else 57 times larger: the encoders are the odd ones
-            odd = "q" if known[0] > 1.0 and np.abs(np.degrees(recording.q)).max() < 6.3 else name
-            scale = known[0] if odd == "q" else 1.0 / known[0]
-            recording = replace(recording, **{odd: getattr(recording, odd) * scale})
-            found.append(_units(odd, 1.0 / scale, FACTORS[known[0]] if odd != "q" else "radians for degrees"))
-        elif min(sure) < 0 < max(sure) or factor < 0:
-            bad = [j + 1 for j, (s, r) in enumerate(pairs) if s < 0 and abs(r) > ALIKE]
-            raise InputError(
-                f"{recording.source}: {FIRST[name].replace('1', str(bad[0]))} runs against q{bad[0]}_deg; "
-                "the same sign as the encoder would work"
-            )
+        for of in (False, True):
+            those = np.flatnonzero(slides == of).tolist()
+            if those and getattr(recording, name) is not None and recording.time is not None:
+                recording, more = _units_of(recording, name, those)
+                found += more
     return recording, found
 
 
-def torque_side(recording: Recording, motion: Motion, predicted: Array) -> tuple[Recording, list[Finding], list[str]]:
+def _units_of(recording: Recording, name: str, joints: list[int]) -> tuple[Recording, list[Finding]]:
+    """One channel of the joints that turn, or of those that slide."""
+    x, q = _against_encoders(recording, name)
+    pairs = {j: slope(q[:, j], x[:, j]) for j in joints if np.isfinite(x[:, j]).all() and np.ptp(x[:, j]) > 0}
+    sure = {j: s for j, (s, r) in pairs.items() if abs(r) > ALIKE}
+    if not sure:
+        return recording, []
+    against = [j for j, s in sure.items() if s < 0]
+    if against:
+        raise InputError(
+            f"{recording.source}: {column(recording, name, against[0])} runs against "
+            f"{column(recording, 'q', against[0])}; the same sign as the encoder would work"
+        )
+    factor = float(np.median(list(sure.values())))
+    slides = bool(recording.prismatic) and recording.prismatic[joints[0]]
+    known = [f for f in (THOUSANDS if slides else FACTORS) if abs(factor / f - 1.0) < NEAR]
+    if known and name == "velocity" and known[0] > 1.0 and np.median(np.diff(np.sort(recording.time))) > SLOW:
+        return _milliseconds(recording, joints)
+    if not known or max(abs(s / factor - 1.0) for s in sure.values()) > NEAR:
+        return recording, []
+    # all joints within a few degrees and everything else 57 times larger: the encoders are the odd ones
+    own = recording.q[:, joints]
+    few = np.abs(1e3 * own).max() < FEW_MILLIMETRES if slides else np.abs(np.degrees(own)).max() < FEW_DEGREES
+    odd, scale = ("q", known[0]) if known[0] > 1.0 and few else (name, 1.0 / known[0])
+    values = getattr(recording, odd).copy()
+    values[:, joints] *= scale
+    words = FACTORS[known[0]] if odd != "q" else "metres for millimetres" if slides else "radians for degrees"
+    mended = replace(recording, **{odd: values})
+    misfit = [np.sum([by_stretch(_off(a[:, j]) - _off(b[:, j])) for j in sure], axis=0)
+              for a, b in (_against_encoders(r, name) for r in (recording, mended))]  # fmt: skip
+    where = column(recording, odd, joints[0])
+    return mended, [_units(where, 1.0 / scale, words, sign_test(misfit[0], misfit[1]))]
+
+
+def _milliseconds(recording: Recording, joints: list[int]) -> tuple[Recording, list[Finding]]:
+    """The clock counts milliseconds: encoders move a thousand times too slowly for the velocities."""
+    assert recording.time is not None
+    mended = replace(recording, time=recording.time / 1e3)
+    before, after = (
+        np.sum([by_stretch(x[:, j] - q[:, j]) for j in joints], axis=0)
+        for x, q in (_against_encoders(r, "velocity") for r in (recording, mended))
+    )
+    return mended, [_units("time_s", 1e3, "milliseconds for seconds", sign_test(before, after))]
+
+
+def _against_encoders(recording: Recording, name: str) -> tuple[Array, Array]:
+    """A channel and what the encoders say of it, in the order of time."""
+    assert recording.time is not None
+    order = np.lexsort((recording.time, recording.session))
+    q, x = recording.q[order], getattr(recording, name)[order]
+    if name != "velocity":
+        return x, q
+    steps = np.diff(recording.time[order])
+    good = (np.diff(recording.session[order]) == 0) & (steps > 0)
+    return (0.5 * (x[1:] + x[:-1]))[good], np.diff(q, axis=0)[good] / steps[good, None]
+
+
+def _off(x: Array) -> Array:
+    return x - float(np.median(x))
+
+
+def torque_side(recording: Recording, motion: Motion, predicted: Array) -> tuple[Recording, list[Finding]]:
     """Torque in another unit, or of the motors before their gears, against what the arm needs."""
     if recording.torque is None:
-        return recording, [], []
+        return recording, []
     tau = recording.torque[motion.index, : predicted.shape[1]]
     needed = np.ptp(predicted, axis=0)
     pairs = [slope(predicted[:, j], tau[:, j]) for j in range(predicted.shape[1])]
     sure = [j for j, (s, r) in enumerate(pairs) if abs(r) > ALIKE and needed[j] > 0.02 * needed.max()]
     if len(sure) < min(2, predicted.shape[1]):
-        return recording, [], []
+        return recording, []
     slopes = np.array([pairs[j][0] for j in sure])
     middle = float(np.median(slopes))
     known = [f for f in (1e-3, 1e3) if abs(middle / f - 1.0) < 0.5]
     if known and np.ptp(slopes) < 0.5 * abs(middle):
         factor = known[0]
-        return (replace(recording, torque=recording.torque / factor), [_units("torque", factor, FACTORS[factor])], [])
+        # against the nominal arm: refitted masses of links would make up for any factor
+        before, after = (
+            np.sqrt(np.mean([by_stretch(_off(t[:, j] - predicted[:, j])) ** 2 for j in sure], axis=0))
+            for t in (tau, tau / factor)
+        )
+        said = _units(column(recording, "torque", 0), factor, FACTORS[factor], sign_test(before, after))
+        said = replace(said, before=float(np.median(before)), after=float(np.median(after)))
+        return replace(recording, torque=recording.torque / factor), [said]
     if np.all(np.abs(slopes) < MOTOR_SIDE):
         shares = ", ".join(f"{100 * pairs[j][0]:.2g} %" for j in sure)
         raise InputError(
-            f"{recording.source}: tau{sure[0] + 1}_Nm is {shares} of what the arm needs at joints "
+            f"{recording.source}: {column(recording, 'torque', sure[0])} is {shares} of what the arm needs at joints "
             f"{', '.join(str(j + 1) for j in sure)}: torque of the motors before their gears? Torque at the joint "
             "(times the gear ratio) would work"
         )
-    warnings = []
-    reversed_ = [j + 1 for j in sure if pairs[j][0] < 0]
-    if reversed_:
-        warnings.append(f"torque of joint {reversed_[0]} runs against what the arm needs: another sign than q?")
-    return recording, [], warnings
+    against = [j for j in sure if pairs[j][0] < 0]
+    if against:
+        raise InputError(
+            f"{recording.source}: {column(recording, 'torque', against[0])} runs against what the arm needs there by "
+            "its masses; the sign of torques that drive the joint forward would work"
+        )
+    return recording, []
 
 
-def quality(recording: Recording, joints: int) -> list[str]:
-    """Channels that never change, and torques cut off at a limit."""
+def quality(recording: Recording, joints: int) -> tuple[Recording, list[str]]:
+    """Channels that never change, and torques cut off at a limit; velocities that are not there are left out.
+
+    Raises:
+        InputError: no joint moves, or a torque stands still though its joint moves.
+    """
     out = []
+    moves = np.ptp(recording.q[:, :joints], axis=0) > MOVES
+    if not moves.any():
+        raise InputError(f"{recording.source}: no joint moves by more than {np.degrees(MOVES):.2g}° (or "
+                         f"{1e3 * MOVES:g} mm); there is no motion to diagnose")  # fmt: skip
     for name in ("velocity", "torque"):
         values = getattr(recording, name)
         if values is None:
             continue
         for j in range(joints):
-            x, label = values[:, j], FIRST[name].replace("1", str(j + 1))
-            if np.ptp(x) == 0 and np.ptp(recording.q[:, j]) > 2e-3:
-                out.append(f"{label} never changes though joint {j + 1} moves")
-                continue
+            x, label = values[:, j], column(recording, name, j)
+            if np.ptp(x) == 0 and moves[j]:
+                if name == "torque":
+                    raise InputError(f"{recording.source}: {label} never changes though joint {j + 1} moves; a "
+                                     "recording without it, or with what it was, would work")  # fmt: skip
+                out.append(f"{label} never changes though joint {j + 1} moves: velocities are differentiated from the "
+                           "encoders instead")  # fmt: skip
+                recording = replace(recording, velocity=None)
+                break
             if name == "torque":
                 top = np.abs(x).max()
                 share = float(np.mean(np.abs(x) >= top * (1.0 - 1e-9)))
                 if top > 0 and share > CLIPPED:
                     out.append(f"{label} is at ±{top:.4g} in {100 * share:.1f} % of the samples: cut off at a limit")
-    if recording.velocity is not None and all("never changes" in w for w in out) and len(out) >= joints > 0:
-        raise InputError(f"{recording.source}: no column qd1_deg_s … changes though the arm moves")
-    return out
+    return recording, out
 
 
-def following(recording: Recording, joints: int) -> tuple[Array, float, Array]:
-    """How the encoders follow the command: delays (n,) s, share explained, rms before and after (2,) rad."""
-    m = signals(recording, joints)
-    assert recording.q_command is not None
-    asked = recording.q_command[m.index, :joints]
-    speed = m.differentiate(asked)
-    out, before, after = np.zeros(joints), 0.0, 0.0
-    for j in range(joints):
-        behind = asked[:, j] - m.q[:, j]
-        behind = behind - behind.mean()
-        x = speed[:, j] - speed[:, j].mean()
-        if np.ptp(asked[:, j]) < 2e-3 or not float(x @ x) > 0:
-            continue
-        out[j] = float(x @ behind) / float(x @ x)
-        before += float(np.mean(behind**2))
-        after += float(np.mean((behind - out[j] * x) ** 2))
-    share = 1.0 - after / before if before > 0 else 0.0
-    return out, share, np.sqrt(np.array([before, after]) / joints)
+def servo_lag(recording: Recording, motion: Motion) -> list[Finding]:
+    """The encoders stay behind the command in proportion to speed; said where the channel itself does not show it.
 
-
-def servo_lag(recording: Recording, joints: int) -> list[Finding]:
-    """The encoders stay behind the command in proportion to speed; said where the channel itself does not show it."""
+    Args:
+        recording: with or without a command.
+        motion: its signals.
+    """
     if recording.q_command is None:
         return []
-    delay, share, rms = following(recording, joints)
+    n = motion.q.shape[1]
+    asked = recording.q_command[motion.index, :n]
+    speed = motion.differentiate(asked)
+    parts = np.array_split(np.arange(len(asked)), STRETCHES)
+    delay, sure = np.zeros(n), np.zeros(n)
+    before, after = np.zeros(STRETCHES), np.zeros(STRETCHES)
+    for j in range(n):
+        behind, x = _centred(asked[:, j] - motion.q[:, j]), _centred(speed[:, j])
+        if np.ptp(asked[:, j]) < 2e-3 or not float(x @ x) > 0:
+            continue
+        delay[j] = float(x @ behind) / float(x @ x)
+        local = [float(x[p] @ behind[p]) / float(x[p] @ x[p]) for p in parts if float(x[p] @ x[p]) > 0]
+        sure[j] = 1.4826 * float(np.median(np.abs(np.array(local) - delay[j]))) / np.sqrt(len(local))
+        left = behind - delay[j] * x
+        before += [float(behind[p] @ behind[p]) for p in parts]
+        after += [float(left[p] @ left[p]) for p in parts]
     moving = delay[np.abs(delay) > 0]
+    share = 1.0 - after.sum() / before.sum() if before.sum() > 0 else 0.0
     if not len(moving) or share < EXPLAINS or abs(float(np.mean(moving))) < LATE:
         return []
-    mean = 1e3 * float(np.mean(moving))
-    parameters = {"delay": _exact(mean, "ms", 1e3 * float(np.std(moving)) / np.sqrt(len(moving)))}
-    parameters |= {f"delay_{j + 1}": _exact(1e3 * float(d), "ms", 0.0) for j, d in enumerate(delay)}
+    mean, unit = float(np.mean(moving)), "mm" if recording.prismatic and all(recording.prismatic) else "mrad"
+    error = 1e3 * np.sqrt(np.array([before.sum(), after.sum()]) / asked.size)
+    parameters = {"delay": _sure(1e3 * mean, "ms", 1e3 * float(np.sqrt(np.sum(sure**2))) / len(moving))}
+    parameters |= {f"delay_{j + 1}": _sure(1e3 * float(d), "ms", 1e3 * float(sure[j])) for j, d in enumerate(delay)}
+    parameters |= {"following_error": _sure(float(error[0]), unit, 0.0),
+                   "following_error_left": _sure(float(error[1]), unit, 0.0)}  # fmt: skip
     return [
         Finding(
             "servo_lag", "controller", "encoders behind the command", "q(t) = q_command(t − T), joint by joint",
             "in proportion to speed", (("servo_lag", "controller"), ("time_skew", "sensor:qcmd")), parameters,
-            1e3 * float(rms[0]), 1e3 * float(rms[1]), 1e-6,
+            float("nan"), float("nan"), sign_test(before, after),
             correction=RecordCorrection("servo_lag", "controller", {"delay_ms": (1e3 * delay).tolist()}),
         )
     ]  # fmt: skip
 
 
-def _exact(value: float, unit: str, sigma: float) -> Estimate:
+def _centred(x: Array) -> Array:
+    return x - float(x.mean())
+
+
+def _sure(value: float, unit: str, sigma: float) -> Estimate:
     return Estimate(
         value, unit, (value - 1.645 * sigma, value + 1.645 * sigma), (value - 1.96 * sigma, value + 1.96 * sigma)
     )
 
 
-def _units(field: str, factor: float, words: str) -> Finding:
-    where = f"column:{FIRST[field]}"
+def _units(name: str, factor: float, words: str, p_value: float) -> Finding:
+    where = f"column:{name}"
     return Finding(
         "units", where, words, "column = factor × what its name says", "in the record, not in the robot",
-        (("units", where),), {"factor": _exact(factor, "1", 0.0)}, float("nan"), float("nan"), 1e-6,
+        (("units", where),), {"factor": _sure(factor, "1", 0.0)}, float("nan"), float("nan"), p_value,
         correction=RecordCorrection("units", where, {"factor": factor}), record=True,
     )  # fmt: skip

@@ -56,9 +56,16 @@ def build(scene: Scene, joints: list[int]) -> tuple[Problem, Catalogue]:
         ]
     else:
         load, words = found
+        by_bodies = words.startswith("torque by")
         scene.notes.append(f"gears are loaded by the {words}")
         base = np.concatenate([offset, *(scene.column(j, load[:, j]) for j in joints)], axis=2)
         unknowns += [Unknown(f"compliance {j + 1}", "rad/(N·m)", 0.0, f"joint:{j + 1}") for j in joints]
+        if not by_bodies:
+            for j in joints:  # the motor's torque holds friction that never reaches the gear
+                way = np.stack([np.sign(m.v[:, j]), m.v[:, j]], axis=1)
+                base = np.concatenate([base, scene.column(j, way)], axis=2)
+                unknowns += [Unknown(f"friction in the torque {j + 1}, {k}", u, location=f"joint:{j + 1}")
+                             for k, u in (("Coulomb", "rad"), ("viscous", "s"))]  # fmt: skip
     # encoders of one kind have one noise, whatever the joints leave
     fit = Fit(y, base, np.ones(len(joints)))
     for j in joints:

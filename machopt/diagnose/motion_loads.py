@@ -170,8 +170,11 @@ def springy(scene: Scene, joint: int) -> list[Hypothesis]:
         k = float(np.mean(inertia)) * (2.0 * np.pi * s[0]) ** 2
         return {"compliance": Quantity(float(x[0]) / k, "rad/(N·m)"), "frequency": Quantity(s[0], "Hz")}
 
+    shapes = tuple((f,) for f in BANDS if f < 0.4 * m.rate)
+    if not shapes:
+        return []
     return [
         joint_law(scene, joint, "joint_elasticity", "mass on a spring", "τ += M ẍ, M ẍ + 2ζ√(kM) ẋ + k x = −τ",
-                  response, sizes, tuple((f,) for f in BANDS if f < 0.4 * m.rate), lower=(0.0,), family="vibration",
+                  response, sizes, shapes, lower=(0.0,), family="vibration",
                   note="after accelerations change")
     ]  # fmt: skip

@@ -18,6 +18,9 @@ def _presliding(v: Array, dt: float, first: Ints, distance: float, parts: int) -
     for n in range(len(v)):
         if first[n]:
             z = np.sign(v[n])
+        elif distance <= SHARP:
+            # at once; parts of the interval would make it late by half a part. At rest it stays as it was
+            z = np.sign(v[n]) if v[n] != 0.0 else z
         else:
             # a reversal lies between samples; one step a sample would put it half an interval off
             for k in range(parts):

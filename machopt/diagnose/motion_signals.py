@@ -18,7 +18,8 @@ from machopt.domain.recording import Recording
 from machopt.errors import InputError
 
 READINGS = 6000  # rows that a problem has at most
-GAP = 3.0  # sampling intervals; a longer pause starts a new segment
+GAP, PAUSE = 3.0, 0.03  # sampling intervals and s; a longer pause than both starts a new segment
+UNEVEN = 0.05  # mean scatter of the sampling intervals from which on filters need an even grid
 SHORTEST = 0.5  # s; shorter segments are left out
 STRETCH = 1.0  # s that are held out together, at least
 STRETCHES = 24  # so many where the record is long enough
@@ -128,15 +129,15 @@ def signals(recording: Recording, joints: int, readings: int = READINGS, *, repe
         raise InputError(f"{recording.source}: time stands still at {recording.place(int(index[k]))}; "
                          "every sample needs its own time_s")  # fmt: skip
     dt = float(np.median(steps[same]))
-    breaks = ~same | (steps > GAP * dt)
+    breaks = ~same | (steps > max(GAP * dt, PAUSE))
     segment = np.r_[0, np.cumsum(breaks)].astype(np.int64)
     notes = []
     gaps = int(np.sum(breaks & same))
     if gaps:
         notes.append(f"{gaps} gap{'s' if gaps > 1 else ''} in time; velocities are not taken across")
-    uneven = float(np.median(np.abs(steps[same & ~breaks] - dt))) / dt
-    if uneven > 0.05:
-        notes.append(f"sampling intervals scatter by {100 * uneven:.0f} %")
+    uneven = float(np.mean(np.abs(steps[same & ~breaks] - dt))) / dt
+    if uneven > UNEVEN:
+        notes.append(f"sampling intervals scatter by {100 * uneven:.0f} %; filters run on an even grid between them")
     least = max(round(SHORTEST / dt), 24)
     long = np.bincount(segment)[segment] >= least
     if not long.any():
@@ -152,12 +153,17 @@ def signals(recording: Recording, joints: int, readings: int = READINGS, *, repe
         speed = np.zeros_like(q)
         for s in spans:
             speed[s] = np.gradient(q[s], time[s], axis=0)
-    cutoff = _cutoff(speed, spans, rate)
+    longest = max(spans, key=lambda s: s.stop - s.start)
+    known, window = (speed, "hann") if recording.velocity is not None else (q, "blackmanharris")
+    grid, on_grid = _even(time[longest], known[longest], dt if uneven > UNEVEN else 0.0)
+    cutoff = _cutoff(on_grid, rate, window)
     v, a = np.empty_like(q), np.empty_like(q)
     sos = butter(4, min(cutoff, 0.45 * rate), fs=rate, output="sos")
     for s in spans:
-        v[s] = sosfiltfilt(sos, speed[s], axis=0, padlen=min(len(q[s]) - 1, 3 * round(rate / cutoff)))
-        a[s] = np.gradient(v[s], time[s], axis=0)
+        grid, on_grid = _even(time[s], speed[s], dt if uneven > UNEVEN else 0.0)
+        smooth = sosfiltfilt(sos, on_grid, axis=0, padlen=min(len(grid) - 1, 3 * round(rate / cutoff)))
+        v[s] = _at(time[s], grid, smooth)
+        a[s] = _at(time[s], grid, np.gradient(smooth, grid, axis=0))
     period, length = np.full(len(q), -1, np.int64), 0.0
     if repeats:
         period, length = _periods(recording, index, time, session, q, spans, rate)
@@ -183,10 +189,24 @@ def _spans(segment: Ints) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in zip(starts, np.r_[starts[1:], len(segment)], strict=True)]
 
 
-def _cutoff(speed: Array, spans: list[slice], rate: float) -> float:
-    """Hz: half beyond the highest frequency at which some joint's velocity stands ten times above its noise."""
-    longest = max(spans, key=lambda s: s.stop - s.start)
-    f, power = welch(speed[longest], rate, nperseg=min(longest.stop - longest.start, 1024), axis=0)
+def _even(time: Array, x: Array, dt: float) -> tuple[Array, Array]:
+    """Times and values (…, n) at equal steps of ``dt``, linear between samples; as they are where ``dt`` is 0."""
+    if dt <= 0:
+        return time, x
+    grid = time[0] + dt * np.arange(int(np.ceil((time[-1] - time[0]) / dt - 1e-6)) + 1)
+    return grid, _at(grid, time, x)
+
+
+def _at(t: Array, time: Array, x: Array) -> Array:
+    return x if t is time else np.stack([np.interp(t, time, c) for c in x.T], axis=1)
+
+
+def _cutoff(x: Array, rate: float, window: str) -> float:
+    """Hz: half beyond the highest frequency at which some joint's velocity stands ten times above its noise.
+
+    Of encoders alone their positions (M, n) tell: noise is even there, but grows with frequency in their derivative.
+    """
+    f, power = welch(x, rate, window=window, nperseg=min(len(x), 1024), axis=0)
     floor = np.median(power[2 * len(f) // 3 :], axis=0)
     above = np.flatnonzero((power > 10.0 * floor).any(axis=1) & (f > 0))
     highest = float(f[above[-1]]) if len(above) else TOP

@@ -12,11 +12,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from machopt.diagnose.motion_checks import sign_test
 from machopt.diagnose.motion_clock import skew, valley
 from machopt.diagnose.motion_frame import ARCSEC, Fit, Scene
 from machopt.diagnose.motion_gears import drive, gear_laws
 from machopt.diagnose.motion_loads import ripple
-from machopt.diagnose.motion_torque import motion_axes
+from machopt.diagnose.motion_torque import heldout, motion_axes
 from machopt.diagnose.problem import (
     Array,
     Catalogue,
@@ -169,14 +170,17 @@ def _late_encoders(y: Array, base: Array, scene: Scene, followed: Array, lag: Ar
     if share > 0.3 or np.std(moving) > 0.2 * abs(float(np.mean(moving))):
         return []
     late, sigma = 1e3 * float(np.mean(moving)), 1e3 * float(np.std(moving)) / np.sqrt(len(moving))
-    before = 1e3 * float(np.sqrt(np.mean(own**2)))
+    # predicted from the encoders as recorded, and with their clock put right, which is from the command
+    group, even = scene.motion.group, np.ones(3)
+    count = 3.0 * np.unique(group, return_counts=True)[1]
+    before, after = (1e3 * np.sqrt(heldout(e, base, group, even) / count) for e in (y - own[:, :, 0], y))
     return [
         Finding(
             "time_skew", "sensor:q", "clock of its own", "q_recorded(t) = q(t − d)", "in proportion to speed",
             (("time_skew", "sensor:q"),),
             {"late": Estimate(late, "ms", (late - 1.645 * sigma, late + 1.645 * sigma),
                               (late - 1.96 * sigma, late + 1.96 * sigma))},
-            before, before * abs(share), 1e-6,
+            float(np.median(before)), float(np.median(after)), sign_test(before, after),
             correction=RecordCorrection("time_skew", "sensor:q", {"late_ms": late}), record=True,
         )
     ]  # fmt: skip

@@ -18,6 +18,7 @@ from machopt.diagnose.problem import Family, Problem
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 GROSS = 6.0  # robust standard deviations beyond which a residual takes no part
+LEAST_SIGMA = 1e-9  # m, rad or N·m: exact readings, made up or rounded to nothing, must not divide by zero
 LEAST_TWINS = 12  # readings with a twin in another visit; with fewer, residuals have to serve
 LEAST_FREEDOM = 20  # of a cycle's own errors
 
@@ -91,7 +92,7 @@ def _split(problem: Problem, family: Family, e: Array, rows: Flags) -> tuple[flo
     columns = list(family.columns)
     x = e[:, columns]
     typical = robust_sigma(x[rows])
-    tiny = float(np.finfo(float).tiny)
+    tiny = LEAST_SIGMA
     good = rows & (np.abs(x) <= GROSS * max(typical, tiny)).all(axis=1)
     scale = None if problem.scale is None else problem.scale[:, columns]
     at = np.flatnonzero(good)
@@ -124,7 +125,7 @@ def _split(problem: Problem, family: Family, e: Array, rows: Flags) -> tuple[flo
     together = float(np.mean(x[good] ** 2)) if good.any() else typical**2
     if freedom < LEAST_FREEDOM:  # one reading a cycle: nothing tells its error from the cycle's
         return max(float(np.sqrt(together)), tiny), 0.0, 0.0, 0.0
-    own2 = squares / freedom
+    own2 = max(squares / freedom, tiny**2)
     mean2 = np.mean(np.array(shifts) ** 2, axis=1)
     shift2 = max(float(np.mean(mean2 - own2 * np.array(leverage))), 0.0)
     visit2 = min(_between(np.array(shifts), np.array(visits)), shift2)

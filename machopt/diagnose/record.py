@@ -13,13 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.diagnose.contradiction import contradictions
+from machopt.diagnose.problem import Problem as Equations
 from machopt.diagnose.problem import RecordCorrection
 from machopt.diagnose.result import Diagnosis, Estimate, Finding
 from machopt.domain.recording import Axes, Recording
 from machopt.identify.check import check_experiment
 from machopt.identify.experiment import Experiment, experiment
 from machopt.identify.finding import Finding as Problem
+from machopt.identify.rivals import FORCE_UNITS
 from machopt.identify.robust import start
+from machopt.identify.units import reach_of
 from machopt.model.gravity import gravity_torque
 from machopt.model.robot import Masses, Robot
 
@@ -27,6 +30,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 MOST_REPAIRS = 3
 ORDINARY = 0.04  # share of gross errors that trackers make now and then; more is worth a finding
+ALIKE, LIKE_SIZE = 0.8, 3.0  # cosine and ratio of errors that are the same
 CLERICAL = 2  # slipped decimals or copies; a tracker's own outliers look like one now and then
 SLIP = (10.0, 100.0, 1000.0)
 MOSTLY = 0.4  # of the gross rows
@@ -34,6 +38,11 @@ FITS = 2.0  # noise within which a slipped decimal, put right, meets the predict
 DIFFERENT_LOAD = 0.05  # of the largest load: readings under loads so unlike do not agree to the last digit
 LENGTHS = {"metres": 1e3, "centimetres": 10.0, "inches": 25.4, "micrometres": 1e-3}
 SOFTEST, MOST_TURN = 1e-4, 0.05  # rad/(N·m) of a joint, rad of its twist: more is no arm
+SIZES = (  # displacement per load as read, per what it is; thousands show against any robot and are checked first
+    ("inches", 1 / 25.4, "dx_mm", 25.4), ("centimetres", 0.1, "dx_mm", 10.0), ("kilograms", 9.80665, "fx_N", 9.80665),
+)  # fmt: skip
+FAR, NEAR, UNUSUAL = 5.0, 1.6, 10.0  # factors: from the cell's stiffness, of a unit, of a robot of this size
+HALF = 0.5  # share of the displacement that may be left over
 CLEARLY = 0.1  # misfit of another unit per that of the stated one
 FRAMES = {
     "displacement_frame": ("displacement_frame", "sensor:displacement"),
@@ -69,6 +78,11 @@ def mend(
         tests = experiment(recording, robot, T_flange_tcp)
         found = check_experiment(tests, robot, T_flange_tcp, prior)
         error = next((f for f in found if f.severity == "error" and f.code not in accept), None)
+        size = None if "units" in accept else _by_size(tests, prior, reach_of(robot, T_flange_tcp))
+        if size is not None and (error is None or error.code == "rotation_units"):
+            error = size
+        elif error is not None and error.code == "force_units":
+            error = _force_unit(error, recording, robot, T_flange_tcp)
         warnings = [f.message for f in found if f is not error]
         if error is None:
             break
@@ -109,15 +123,16 @@ def where_it_stands(tests: Experiment, recording: Recording, robot: Robot, T_fla
     return replace(tests, wrench=wrench)
 
 
-def outliers(recording: Recording, diagnosis: Diagnosis, copies: Flags) -> Finding | None:
+def outliers(recording: Recording, diagnosis: Diagnosis, copies: Flags, problem: Equations) -> Finding | None:
     """Gross rows as a finding, where they are more than a tracker makes, or plainly a clerk's.
 
     Args:
         recording: as diagnosed.
         diagnosis: with the readings put aside.
         copies: (N,) rows that repeat the displacement of the row before under another load.
+        problem: which readings are twins.
     """
-    aside = ~diagnosis.used
+    aside = ~diagnosis.used & ~_comes_back(diagnosis, problem)
     if not aside.any():
         return None
     measured = recording.displacement if recording.kind == "deflection" else None
@@ -134,7 +149,7 @@ def outliers(recording: Recording, diagnosis: Diagnosis, copies: Flags) -> Findi
     share = float(aside.mean())
     if share <= ORDINARY and (clerical < CLERICAL or clerical < MOSTLY * aside.sum()):
         return None
-    rows = ",".join(str(r) for r in diagnosis.outliers)
+    rows = ",".join(str(r) for r in problem.row[aside])
     count = float(aside.sum())
     return Finding(
         "outliers", f"rows:{rows}", "gross errors", "residual beyond six robust standard deviations",
@@ -143,6 +158,18 @@ def outliers(recording: Recording, diagnosis: Diagnosis, copies: Flags) -> Findi
         diagnosis.heldout_before, diagnosis.heldout_after, 0.0,
         correction=RecordCorrection("outliers", f"rows:{rows}", {"rows": rows}), record=True,
     )  # fmt: skip
+
+
+def _comes_back(diagnosis: Diagnosis, problem: Equations) -> Flags:
+    """(N,) readings whose twins of another visit are off by the same: what comes back is no gross error."""
+    e, out = diagnosis.errors.final[:, :3], np.zeros(len(problem), bool)
+    for n in np.flatnonzero(~diagnosis.used & (problem.replicate >= 0)):
+        twins = (problem.replicate == problem.replicate[n]) & (problem.visit != problem.visit[n])
+        if twins.any():
+            other = e[twins].mean(axis=0)
+            size = float(np.linalg.norm(e[n])), float(np.linalg.norm(other))
+            out[n] = float(e[n] @ other) > ALIKE * size[0] * size[1] and LIKE_SIZE * size[1] > size[0]
+    return out
 
 
 def copied(recording: Recording) -> Flags:
@@ -195,6 +222,8 @@ def _mended(recording: Recording, error: Problem, robot: Robot, T_flange_tcp: Ar
             "fx_N": (w, slice(0, 3)), "mx_Nm": (w, slice(3, 6)), "dx_mm": (d, slice(0, 3)), "rx_mrad": (d, slice(3, 6)),
         }[error.column]  # fmt: skip
         target[:, columns] *= error.factor
+        if error.code == "units" and error.column == "fx_N":  # forces and moments fit each other as they are
+            w[:, 3:] *= error.factor
         return replace(recording, wrench=w, displacement=d)
     return None
 
@@ -212,6 +241,45 @@ def _said(error: Problem, before: float, after: float) -> Finding:
         effect, where, "the record, read as stated", "", error.message, ((effect, where),), parameters, 1e3 * before,
         1e3 * after, 0.0, correction=RecordCorrection(effect, where, {"message": error.message}), record=True,
     )  # fmt: skip
+
+
+def _by_size(tests: Experiment, prior: Array | None, reach: float) -> Problem | None:
+    """Another unit that makes the whole arm as stiff as the cell says, and nearer to robots of its size; else None.
+
+    A common factor on all displacements, or on all loads, leaves no other trace where only forces are read.
+    """
+    if prior is None:
+        return None
+    y, load = tests.measured[:, :3], np.linalg.norm(tests.wrench, axis=1)
+
+    def ratio(stiffness: Array) -> tuple[float, Array]:
+        predicted = tests.response()[:, :3] @ (1.0 / stiffness)
+        return float(start(predicted[:, :, None], y, load)[0]), predicted
+
+    seen, predicted = ratio(prior)
+    if not seen > 0 or 1 / FAR < seen < FAR or np.abs(y - seen * predicted).sum() > HALF * np.abs(y).sum():
+        return None
+    usual, _ = ratio(np.full(6, 1e6 * (reach / 2.5) ** 3))  # arms that we know lie within 3.3 of this
+    for name, value, column, factor in SIZES:
+        nearer = abs(np.log(max(usual, 1e-300) / value)) < min(abs(np.log(max(usual, 1e-300))), np.log(UNUSUAL))
+        if abs(np.log(seen / value)) < np.log(NEAR) and nearer:
+            return Problem(
+                "units", "error", f"displacement per load is {seen:.3g} times what the cell's stiffness gives: the "
+                f"columns {column} … seem to hold {name}", column=column, factor=factor,
+            )  # fmt: skip
+    return None
+
+
+def _force_unit(error: Problem, recording: Recording, robot: Robot, T_flange_tcp: Array) -> Problem:
+    """The unit of forces that fits the moments best."""
+    assert recording.wrench is not None  # the check read it
+
+    def misfit(factor: float) -> float:
+        w = recording.wrench.copy()  # type: ignore[union-attr]
+        w[:, :3] *= factor
+        return _misfit(experiment(replace(recording, wrench=w), robot, T_flange_tcp))
+
+    return replace(error, column="fx_N", factor=min(FORCE_UNITS.values(), key=misfit))
 
 
 def _joined(findings: list[Finding], new: Finding) -> list[Finding]:

@@ -20,6 +20,10 @@ from machopt.diagnose.readings import Readings
 from machopt.errors import InputError
 
 GROUP = "machopt.diagnose"
+BROKEN = (  # what code of a user's own may raise
+    ArithmeticError, AssertionError, AttributeError, ImportError, LookupError, NameError, OSError, RuntimeError,
+    TypeError, ValueError,
+)  # fmt: skip
 Offer = Callable[[Readings], Iterable[Hypothesis]]
 
 
@@ -44,7 +48,7 @@ def load(files: Sequence[Path]) -> list[tuple[str, Offer]]:
         sys.modules[spec.name] = module
         try:
             spec.loader.exec_module(module)
-        except (ImportError, SyntaxError, NameError, TypeError, ValueError, AttributeError) as problem:
+        except (SyntaxError, *BROKEN) as problem:
             raise InputError(f"does not run: {type(problem).__name__}: {problem}", file=file) from problem
         offer = getattr(module, "hypotheses", None)
         if not callable(offer):
@@ -62,16 +66,31 @@ def offered(sources: Sequence[tuple[str, Offer]], readings: Readings) -> list[Hy
     """
     out: list[Hypothesis] = []
     for source, offer in sources:
-        for h in offer(readings):
-            if not isinstance(h, Hypothesis):
-                raise InputError(f"hypotheses() gave {type(h).__name__}; Hypothesis objects would work", file=source)
-            for shape in h.shapes:
-                columns = np.asarray(h.columns(shape), float)
-                wanted = (len(readings), readings.dimensions)
-                if columns.ndim != 3 or columns.shape[:2] != wanted or not np.isfinite(columns).all():
-                    raise InputError(
-                        f"columns of {h.effect} at {h.location} have the shape {columns.shape} (or NaN); finite "
-                        f"({wanted[0]}, {wanted[1]}, p) would work", file=source,
-                    )  # fmt: skip
-            out.append(h)
+        try:
+            laws = list(offer(readings))
+            for h in laws:
+                _check(h, readings, source)
+        except BROKEN as problem:
+            raise InputError(
+                f"hypotheses() does not run: {type(problem).__name__}: {problem}", file=source
+            ) from problem
+        out += laws
     return out
+
+
+def _check(h: object, readings: Readings, source: str) -> None:
+    if not isinstance(h, Hypothesis):
+        raise InputError(f"hypotheses() gave {type(h).__name__}; Hypothesis objects would work", file=source)
+    wanted = (len(readings), readings.dimensions)
+    for shape in h.shapes:
+        columns = np.asarray(h.columns(shape), float)
+        if columns.ndim != 3 or columns.shape[:2] != wanted or not np.isfinite(columns).all():
+            raise InputError(
+                f"columns of {h.effect} at {h.location} have the shape {columns.shape} (or NaN); finite "
+                f"({wanted[0]}, {wanted[1]}, p) would work", file=source,
+            )  # fmt: skip
+        if not h.quantities(np.ones(columns.shape[2]), shape):
+            raise InputError(
+                f"quantities of {h.effect} at {h.location} are empty; the size of the effect as the first would work",
+                file=source,
+            )

@@ -72,10 +72,10 @@ class Cell:
     packages: dict[str, Path]  # package:// names to folders
     base_link: str
     flange_link: str
-    arm_joints: tuple[str, ...]  # six revolute joints in chain order
+    arm_joints: tuple[str, ...]  # in chain order; six revolute joints but where only a motion is diagnosed
     external_joints: tuple[str, ...]
     external_prismatic: tuple[bool, ...]
-    home: Array  # (6,) rad
+    home: Array  # (6,) rad; one a joint of the arm
     external_home: Array  # (E,) rad or m
     T_world_base: Array  # (4, 4)
     limits: JointLimits
@@ -88,3 +88,4 @@ class Cell:
     kinematics: Kinematics | None = None  # between encoder and true joint angles; home and limits are encoder angles
     files: tuple[Path, ...] = ()  # every file read for this cell, for the hash of inputs
     warnings: tuple[str, ...] = ()
+    arm_prismatic: tuple[bool, ...] = ()  # which joints of the arm slide; empty: all turn

@@ -35,7 +35,7 @@ class Recording:
 
     kind: Kind
     source: str  # folder name, for messages
-    q: Array  # (N, 6) rad, joint positions by encoder
+    q: Array  # (N, n) rad (m of a joint that slides), joint positions by encoder; n = 6 but in motion
     pose: Ints  # (N,) same label: same robot pose; numbered by q where the file has no column
     cycle: Ints  # (N,) same label inside a pose: same load cycle; every reading its own where there is no column
     session: Ints  # (N,) same label: same day and set-up; all 0 where there is no column
@@ -50,11 +50,12 @@ class Recording:
     time: Array | None = None  # (N,) s
     temperature: Array | None = None  # (N,) °C
     branch: NDArray[np.int8] | None = None  # (N,) +1 loading, −1 unloading, 0 not stated
-    q_command: Array | None = None  # (N, 6) rad
-    q_secondary: Array | None = None  # (N, 6) rad, link-side encoder; NaN where an axis has none
-    velocity: Array | None = None  # (N, 6) rad/s
-    torque: Array | None = None  # (N, 6) N·m at the joint
-    current: Array | None = None  # (N, 6) A
+    q_command: Array | None = None  # (N, n) rad (m)
+    q_secondary: Array | None = None  # (N, n) rad (m), link-side encoder; NaN where an axis has none
+    velocity: Array | None = None  # (N, n) rad/s (m/s)
+    torque: Array | None = None  # (N, n) N·m (N) at the joint
+    current: Array | None = None  # (N, n) A
+    prismatic: tuple[bool, ...] = ()  # which joints slide; empty: all turn
     registration: Literal["fixed", "fit"] = "fixed"  # "fit": tracker-to-base pose and target position are nominal
     uncertainty: StandardUncertainty = field(default_factory=StandardUncertainty)
     notes: str = ""

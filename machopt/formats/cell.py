@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from machopt.domain.cell import Cell, Cutter, JointLimits, Shape, Tool, Workpiece
 from machopt.domain.program import Controller, JointMap
 from machopt.errors import InputError
-from machopt.formats.cell_schema import CellKeys, JointMapKeys, PoseKeys, ShapeKeys
+from machopt.formats.cell_schema import AnyChainKeys, CellKeys, JointMapKeys, PoseKeys, ShapeKeys
 from machopt.formats.chain import read_chain, read_home, read_limits
 from machopt.formats.kinematics import load_kinematics
 from machopt.formats.meshfile import Fail, check_mesh
@@ -26,12 +26,14 @@ Array = NDArray[np.float64]
 _METRES_LOOK = 5.0  # mm; a tool or workpiece frame this near its parent, yet not on it, is rather in metres
 
 
-def load_cell(path: Path | str, *, allow_external: bool = False) -> Cell:
+def load_cell(path: Path | str, *, allow_external: bool = False, any_chain: bool = False) -> Cell:
     """Read a cell folder.
 
     Args:
         path: the cell folder, or its cell.yaml.
         allow_external: accept files outside the cell folder.
+        any_chain: accept any number of revolute and prismatic joints between base and flange, and no tool and no
+            workpiece: for a recorded motion, which needs no more than the chain's dynamics.
 
     Raises:
         InputError: names file, line and key, what was found and what was expected.
@@ -42,8 +44,8 @@ def load_cell(path: Path | str, *, allow_external: bool = False) -> Cell:
         if not file.exists():
             raise InputError("no cell.yaml in this folder", file=path)
     document = read_yaml(file)
-    keys = validate(CellKeys, document)
-    return _Reader(document, keys, file.resolve().parent, allow_external).cell()
+    keys = validate(AnyChainKeys if any_chain else CellKeys, document)
+    return _Reader(document, keys, file.resolve().parent, allow_external, any_chain).cell()
 
 
 @dataclass
@@ -54,6 +56,7 @@ class _Reader:
     keys: CellKeys
     folder: Path
     allow_external: bool
+    any_chain: bool = False
     files: list[Path] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
@@ -61,7 +64,7 @@ class _Reader:
         keys, robot = self.keys, self.keys.robot
         self.files.append(Path(self.document.file).resolve())
         urdf = read_urdf(self.file(("robot", "urdf"), robot.urdf))
-        chain = read_chain(urdf, keys, self.document)
+        chain = read_chain(urdf, keys, self.document, any_chain=self.any_chain)
         limits = read_limits(chain, keys, self.document, self.warnings)
         home = read_home(chain, limits, keys, self.document)
         packages = self.urdf_meshes(urdf, self.packages())
@@ -76,6 +79,7 @@ class _Reader:
         self.different_names(*tool.geometry, *workpiece.geometry, *obstacles)
         self.missing_bodies(tool, workpiece)
         order = chain.order
+        arm_prismatic = tuple(j.kind == "prismatic" for j in chain.arm)
         return Cell(
             name=keys.name,
             folder=self.folder,
@@ -86,8 +90,9 @@ class _Reader:
             arm_joints=tuple(j.name for j in chain.arm),
             external_joints=tuple(j.name for j in chain.external),
             external_prismatic=tuple(j.kind == "prismatic" for j in chain.external),
-            home=_frozen(home[order[:6]]),
-            external_home=_frozen(home[order[6:]]),
+            arm_prismatic=arm_prismatic if any(arm_prismatic) else (),
+            home=_frozen(home[order[: len(chain.arm)]]),
+            external_home=_frozen(home[order[len(chain.arm) :]]),
             T_world_base=self.pose(("robot", "pose"), robot.pose),
             limits=JointLimits(
                 *(

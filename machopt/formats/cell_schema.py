@@ -143,3 +143,16 @@ class CellKeys(Strict):
     kinematics: str | None = Field(default=None, min_length=1, description="a file in the cell folder")
     plan: OptionKeys | None = None
     controller: ControllerKeys | None = None
+
+
+class AnyChainRobotKeys(RobotKeys):
+    arm_joints: list[str] | None = Field(default=None, min_length=1, description="names of the joints in chain order")
+    home_deg: list[float] = Field(min_length=1, description=f"degrees (mm if prismatic), {_PER_JOINT}")
+
+
+class AnyChainKeys(CellKeys):
+    """A cell whose robot may be any chain of joints, a single axis on a bench too: nothing is planned for it."""
+
+    robot: AnyChainRobotKeys
+    tool: ToolKeys = ToolKeys(tcp=PoseKeys())
+    workpiece: WorkpieceKeys = WorkpieceKeys(pose=PoseKeys())

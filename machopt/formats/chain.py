@@ -46,8 +46,11 @@ class Chain:
         return ", ".join(j.name for j in self.moving)
 
 
-def read_chain(urdf: Urdf, keys: CellKeys, document: Document) -> Chain:
-    """Find the arm and the external joints, and check that nothing else moves flange or workpiece."""
+def read_chain(urdf: Urdf, keys: CellKeys, document: Document, *, any_chain: bool = False) -> Chain:
+    """Find the arm and the external joints, and check that nothing else moves flange or workpiece.
+
+    The arm is six revolute joints; with ``any_chain`` one or more that turn or slide.
+    """
     robot = keys.robot
     for key, link in (("base_link", robot.base_link), ("flange_link", robot.flange_link)):
         if link not in urdf.links:
@@ -63,7 +66,7 @@ def read_chain(urdf: Urdf, keys: CellKeys, document: Document) -> Chain:
         )
     own = [j for j in to_flange[len(to_base) :] if j.moves]
     external = _external(urdf, keys, document)
-    arm = _arm([j for j in own if j not in external], urdf, keys, document)
+    arm = _arm([j for j in own if j not in external], urdf, keys, document, any_chain)
     if own[own.index(arm[0]) :] != arm:
         raise document.error(
             ("robot", "external_joints"),
@@ -116,8 +119,8 @@ def read_limits(chain: Chain, keys: CellKeys, document: Document, warnings: list
                 raise document.error((*loc, i), f"{found}; the URDF allows {urdf_range}, which may only be narrowed")
             lower[i], upper[i] = (lo, hi) if j.kind == "continuous" else (max(lo, lower[i]), min(hi, upper[i]))
     speed = rates["velocity_deg_s"]
-    turning = [i for i, j in enumerate(chain.moving) if j in chain.arm]
-    if max(limits.velocity_deg_s[i] for i in turning) < _RAD_LOOK:
+    turning = [limits.velocity_deg_s[i] for i, j in enumerate(chain.moving) if j in chain.arm and j.kind != "prismatic"]
+    if turning and max(turning) < _RAD_LOOK:
         warnings.append(f"robot.limits.velocity_deg_s {limits.velocity_deg_s} looks like rad/s; deg/s is expected")
     fast = [j.name for i, j in enumerate(chain.moving) if speed[i] > _FASTER * j.velocity]  # NaN compares false
     if fast:
@@ -126,10 +129,10 @@ def read_limits(chain: Chain, keys: CellKeys, document: Document, warnings: list
 
 
 def read_home(chain: Chain, limits: JointLimits, keys: CellKeys, document: Document) -> Array:
-    """Home in SI, in the order of ``chain.moving``; six values leave the external joints at zero."""
+    """Home in SI, in the order of ``chain.moving``; as many values as the arm has joints leave the external at zero."""
     values = keys.robot.home_deg
     full = values
-    if len(values) == 6 < len(chain.moving):
+    if len(values) == len(chain.arm) < len(chain.moving):
         given = iter(values)
         full = [next(given) if j in chain.arm else 0.0 for j in chain.moving]
     _length(chain, document, ("robot", "home_deg"), len(full))
@@ -155,23 +158,27 @@ def _external(urdf: Urdf, keys: CellKeys, document: Document) -> list[UrdfJoint]
     return out
 
 
-def _arm(chain: list[UrdfJoint], urdf: Urdf, keys: CellKeys, document: Document) -> list[UrdfJoint]:
-    """The six arm joints among the moving joints base → flange that are not external."""
+def _arm(
+    chain: list[UrdfJoint], urdf: Urdf, keys: CellKeys, document: Document, any_chain: bool
+) -> list[UrdfJoint]:  # fmt: skip
+    """The arm's joints among the moving joints base → flange that are not external."""
+    kinds = ("revolute", "continuous", "prismatic") if any_chain else ("revolute", "continuous")
+    wanted = "revolute or prismatic" if any_chain else "revolute"
     names = keys.robot.arm_joints
     for i, name in enumerate(names or ()):
         loc: Loc = ("robot", "arm_joints", i)
         joint = _named(urdf, name, document, loc)
         if name in (names or ())[:i]:
             raise document.error(loc, f"joint {name!r} is named twice")
-        if joint.kind not in ("revolute", "continuous"):
-            raise document.error(loc, f"joint {name!r} is {joint.kind}; expected a revolute joint")
+        if joint.kind not in kinds:
+            raise document.error(loc, f"joint {name!r} is {joint.kind}; expected a {wanted} joint")
     found = ", ".join(f"{j.name} ({j.kind})" for j in chain) or "no moving joint"
     span = f"from {keys.robot.base_link!r} to {keys.robot.flange_link!r}"
     where: Loc = ("robot", "arm_joints") if names is not None else ("robot", "flange_link")
-    if len(chain) != 6 or any(j.kind not in ("revolute", "continuous") for j in chain):
+    if not chain or (len(chain) != 6 and not any_chain) or any(j.kind not in kinds for j in chain):
         raise document.error(
             where,
-            f"the chain {span} has {found}; expected six revolute joints "
+            f"the chain {span} has {found}; expected {'one or more' if any_chain else 'six'} {wanted} joints "
             "(a rail or positioner joint goes into external_joints)",
         )
     if names is not None and names != [j.name for j in chain]:

@@ -15,7 +15,16 @@ from pydantic import Field
 
 from machopt.domain.recording import Ints, Recording, StandardUncertainty
 from machopt.errors import InputError
-from machopt.formats.recording_columns import BRANCHES, CHANNELS, LABELS, VOCABULARY, branches, channels, labels
+from machopt.formats.recording_columns import (
+    BRANCHES,
+    CHANNELS,
+    LABELS,
+    branches,
+    chain,
+    channels,
+    labels,
+    vocabulary,
+)
 from machopt.formats.recording_join import join, number_poses, separate_cycles, wide_poses
 from machopt.formats.recording_table import DataTable, read_table
 from machopt.formats.yamlstrict import Document, Strict, read_yaml, show, validate
@@ -70,7 +79,7 @@ def load_recording(path: Path | str) -> Recording:
     document = read_yaml(file)
     keys = validate(_RecordingFile, document)
     data = _data_files(document, keys.data, file.parent)
-    runs = [_read_run(read_table(p, VOCABULARY), keys, file.parent) for p in data]
+    runs = [_read_run(read_table(p, vocabulary(keys.kind)), keys, file.parent) for p in data]
     for other, p in zip(runs[1:], data[1:], strict=True):
         if other.labelled != runs[0].labelled:
             name = next(n for n in LABELS if (n in other.labelled) != (n in runs[0].labelled))
@@ -174,7 +183,8 @@ def _data_files(document: Document, value: object, folder: Path) -> list[Path]:
 
 def _read_run(table: DataTable, keys: _RecordingFile, folder: Path) -> Recording:
     """One data file as a recording of its own."""
-    found, warnings = channels(table, keys.kind)
+    prismatic = chain(table, keys.kind)
+    found, warnings = channels(table, keys.kind, prismatic)
     n = len(table)
     given = {name: labels(table, name) for name in LABELS if name in table.numbers}
     pose = given.get("pose")
@@ -209,6 +219,7 @@ def _read_run(table: DataTable, keys: _RecordingFile, folder: Path) -> Recording
         velocity=found.get("velocity"),
         torque=found.get("torque"),
         current=found.get("current"),
+        prismatic=prismatic if any(prismatic) else (),
         registration=keys.registration,
         uncertainty=_uncertainty(keys.standard_uncertainty),
         notes=keys.notes,
@@ -251,12 +262,12 @@ def _frames_not_given(document: Document, recording: Recording) -> list[str]:
 
 
 def _radians(recording: Recording) -> list[str]:
-    q = np.degrees(recording.q)
-    if np.abs(q).max() > _RADIANS_LOOK or np.abs(q - np.round(q)).max() < 1e-6:
+    q = np.degrees(recording.q[:, [not p for p in recording.prismatic] or slice(None)])
+    if not q.shape[1] or np.abs(q).max() > _RADIANS_LOOK or np.abs(q - np.round(q)).max() < 1e-6:
         return []
     return [
-        f"{recording.source}: q1_deg … q6_deg all lie within ±{_RADIANS_LOOK}; they look like radians, "
-        "degrees are expected and were taken"
+        f"{recording.source}: q1_deg … q{recording.q.shape[1]}_deg all lie within ±{_RADIANS_LOOK}; they look like "
+        "radians, degrees are expected and were taken"
     ]
 
 
@@ -282,7 +293,10 @@ def _columns(recording: Recording, folder: Path) -> dict[str, Sequence[str]]:
         if array is None:
             continue
         array = np.asarray(array, float).reshape(len(recording), -1)
-        for name, column in zip(channel.columns, array.T, strict=False):
+        prismatic = recording.prismatic or (False,) * recording.q.shape[1]
+        names = channel.names(prismatic)
+        units = channel.units(prismatic if channel.turns else ())
+        for name, unit, column in zip(names, units, array.T, strict=False):
             if channel.rest == "nan" and np.isnan(column).all():
                 continue
             bad = np.flatnonzero(~np.isfinite(column))
@@ -290,7 +304,7 @@ def _columns(recording: Recording, folder: Path) -> dict[str, Sequence[str]]:
                 found = f"reading {bad[0] + 1} of {name} is {column[bad[0]]}"
                 raise InputError(f"{found}; a recording holds finite numbers", file=folder)
             # shortest text of the rounded number; adding zero turns -0.0 into 0.0
-            out[name] = list(map(repr, (np.round(column / channel.si, channel.decimals) + 0.0).tolist()))
+            out[name] = list(map(repr, (np.round(column / unit, channel.decimals) + 0.0).tolist()))
     return out
 
 

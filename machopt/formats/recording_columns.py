@@ -16,6 +16,9 @@ Array = NDArray[np.float64]
 LABELS = ("pose", "cycle", "session")
 BRANCHES = {"load": 1, "unload": -1, "": 0}  # an empty cell: not stated
 
+MOST_JOINTS = 12  # of a chain in motion
+Prismatic = tuple[bool, ...]  # one entry a joint: True where it slides
+
 _MOST_LABEL = 2.0**53  # beyond it doubles skip whole numbers
 _UNIT_LENGTH = 2e-3  # of a quaternion; four numbers with three decimals are within it
 _EXACT_LENGTH = 1e-9  # closer than this a quaternion is left as it was printed
@@ -31,26 +34,43 @@ class Channel:
     decimals: int  # printed
     needed: int  # the first so many columns stand together or not at all
     rest: Literal["all", "zero", "nan"] = "all"  # what the others are where not all of them stand
+    turns: str = ""  # name at joint {} that turns; empty: not one column a joint
+    slides: str = ""  # name at joint {} that slides; empty: the same
+
+    def names(self, prismatic: Prismatic) -> tuple[str, ...]:
+        """The columns for a chain of joints."""
+        if not self.turns:
+            return self.columns
+        return tuple((self.slides or self.turns if p else self.turns).format(i) for i, p in enumerate(prismatic, 1))
+
+    def units(self, prismatic: Prismatic) -> tuple[float, ...]:
+        """SI units in one unit of each of these columns."""
+        slide = 1e-3 if self.slides.endswith(("_mm", "_mm_s")) else self.si
+        return tuple(slide if p and self.turns else self.si for p in prismatic or (False,) * len(self.columns))
 
 
 def _six(name: str) -> tuple[str, ...]:
     return tuple(name.format(i) for i in range(1, 7))
 
 
+def _joints(field: str, turns: str, slides: str, si: float, decimals: int, needed: int = 6) -> Channel:
+    return Channel(field, _six(turns), si, decimals, needed, "all" if needed else "nan", turns, slides)
+
+
 _DEG = np.pi / 180.0
 CHANNELS = (
-    Channel("q", _six("q{}_deg"), _DEG, 9, 6),
+    _joints("q", "q{}_deg", "q{}_mm", _DEG, 9),
     Channel("wrench", ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"), 1.0, 6, 3, "zero"),
     Channel("displacement", ("dx_mm", "dy_mm", "dz_mm", "rx_mrad", "ry_mrad", "rz_mrad"), 1e-3, 7, 3),
     Channel("position", ("x_mm", "y_mm", "z_mm"), 1e-3, 7, 3),
     Channel("quaternion", ("qw", "qx", "qy", "qz"), 1.0, 12, 4),
     Channel("time", ("time_s",), 1.0, 9, 1),
     Channel("temperature", ("temperature_C",), 1.0, 5, 1),
-    Channel("q_command", _six("qcmd{}_deg"), _DEG, 9, 6),
-    Channel("q_secondary", _six("qse{}_deg"), _DEG, 9, 0, "nan"),
-    Channel("velocity", _six("qd{}_deg_s"), _DEG, 8, 6),
-    Channel("torque", _six("tau{}_Nm"), 1.0, 6, 6),
-    Channel("current", _six("current{}_A"), 1.0, 7, 6),
+    _joints("q_command", "qcmd{}_deg", "qcmd{}_mm", _DEG, 9),
+    _joints("q_secondary", "qse{}_deg", "qse{}_mm", _DEG, 9, 0),
+    _joints("velocity", "qd{}_deg_s", "qd{}_mm_s", _DEG, 8),
+    _joints("torque", "tau{}_Nm", "tau{}_N", 1.0, 6),
+    _joints("current", "current{}_A", "", 1.0, 7),
 )
 ONE_COLUMN = ("time", "temperature")  # (N,) and not (N, 1)
 
@@ -66,25 +86,71 @@ _USELESS: dict[Kind, tuple[str, ...]] = {
     "motion": ("displacement",),
 }
 
-VOCABULARY = Vocabulary(
+_AT_REST = Vocabulary(
     numbers=(*LABELS, *(name for channel in CHANNELS for name in channel.columns)),
     words=("branch",),
     listed="pose, cycle, session, branch, "
     + ", ".join(f"{c.columns[0]} … {c.columns[-1]}" if len(c.columns) > 4 else ", ".join(c.columns) for c in CHANNELS),
     refused={
-        f"q{i}_mm": "prismatic joints are not read yet; an arm has six revolute joints, q1_deg … q6_deg"
+        f"q{i}_mm": "prismatic joints are not read yet but in recordings of kind motion; an arm has six revolute "
+        "joints, q1_deg … q6_deg"
         for i in range(1, 7)
     },
 )
+_ANY_JOINT = [
+    pattern.format(i)
+    for channel in CHANNELS
+    for i in range(1, MOST_JOINTS + 1)
+    for pattern in dict.fromkeys((channel.turns, channel.slides))
+    if pattern
+]
+_IN_MOTION = Vocabulary(
+    numbers=tuple(dict.fromkeys((*_AT_REST.numbers, *_ANY_JOINT))),
+    words=_AT_REST.words,
+    listed=f"{_AT_REST.listed}; of a joint that slides q1_mm, qcmd1_mm, qse1_mm, qd1_mm_s, tau1_N",
+    refused={},
+)
 
 
-def channels(table: DataTable, kind: Kind) -> tuple[dict[str, Array], list[str]]:
-    """The arrays of a table in SI by field of :class:`~machopt.domain.recording.Recording`, and warnings.
+def vocabulary(kind: Kind) -> Vocabulary:
+    """The columns that a recording of this kind may have: in motion any chain of joints, else an arm of six."""
+    return _IN_MOTION if kind == "motion" else _AT_REST
+
+
+def chain(table: DataTable, kind: Kind) -> Prismatic:
+    """Which joints slide, one entry for each joint that the table has.
 
     Raises:
-        InputError: columns that this kind needs are missing, a group is incomplete, a quaternion is not unit.
+        InputError: a joint is left out, or stands as an angle and as a length.
     """
-    out = {c.field: array for c in CHANNELS if (array := _channel(table, c)) is not None}
+    if kind != "motion":
+        return (False,) * 6
+    turns, slides = ({i for i in range(1, MOST_JOINTS + 1) if name.format(i) in table.numbers}
+                     for name in ("q{}_deg", "q{}_mm"))  # fmt: skip
+    both = sorted(turns & slides)
+    if both:
+        raise table.error(f"q{both[0]}_deg and q{both[0]}_mm both stand; a joint turns or slides, keep one")
+    there = sorted(turns | slides)
+    left_out = [i for i in range(1, max(there, default=0)) if i not in there]
+    if left_out:
+        have = ", ".join(f"q{i}_mm" if i in slides else f"q{i}_deg" for i in there)
+        raise table.error(f"column q{left_out[0]}_deg is missing beside {have}")
+    return tuple(i in slides for i in there) or (False,) * 6
+
+
+def channels(table: DataTable, kind: Kind, prismatic: Prismatic) -> tuple[dict[str, Array], list[str]]:
+    """The arrays of a table in SI by field of :class:`~machopt.domain.recording.Recording`, and warnings.
+
+    Args:
+        table: as read with :func:`vocabulary`.
+        kind: of the recording.
+        prismatic: which joints slide, see :func:`chain`.
+
+    Raises:
+        InputError: columns that this kind needs are missing, a group is incomplete, a column is of a joint that is
+            not there or moves otherwise, a quaternion is not unit.
+    """
+    out = {c.field: array for c in CHANNELS if (array := _channel(table, c, prismatic)) is not None}
     columns = {c.field: c.columns[: c.needed or 6] for c in CHANNELS}
     missing = [name for field in NEEDED[kind] if field not in out for name in columns[field]]
     if missing:
@@ -130,23 +196,48 @@ def branches(table: DataTable) -> NDArray[np.int8]:
     return np.array([BRANCHES[word] for word in words], dtype=np.int8)
 
 
-def _channel(table: DataTable, channel: Channel) -> Array | None:
-    names = channel.columns
+def _channel(table: DataTable, channel: Channel, prismatic: Prismatic) -> Array | None:
+    names = _names(table, channel, prismatic)
     have = [name for name in names if name in table.numbers]
     if not have:
         return None
-    wanted = names[: channel.needed]
+    units = channel.units(prismatic if channel.turns else ())
+    wanted = names if channel.turns and channel.needed else names[: channel.needed]
     if channel.rest == "all" and len(have) > channel.needed:
         wanted = names
     missing = [name for name in wanted if name not in have]
     if missing:
         raise table.error(f"column {', '.join(missing)} is missing beside {', '.join(have)}")
-    last = len(names) if len(have) > channel.needed or channel.rest != "all" else channel.needed
+    every = bool(channel.turns) or len(have) > channel.needed or channel.rest != "all"
+    last = len(names) if every else channel.needed
     out = np.full((len(table), last), np.nan if channel.rest == "nan" else 0.0)
     for k, name in enumerate(names[:last]):
         if name in table.numbers:
-            out[:, k] = table.numbers[name] * channel.si
+            out[:, k] = table.numbers[name] * units[k]
     return out[:, 0] if channel.field in ONE_COLUMN else out
+
+
+def _names(table: DataTable, channel: Channel, prismatic: Prismatic) -> tuple[str, ...]:
+    """The columns of a channel for this chain; a force of a joint that slides may be named a torque."""
+    names = list(channel.names(prismatic))
+    if not channel.turns:
+        return tuple(names)
+    for i in range(1, MOST_JOINTS + 1):
+        for pattern in dict.fromkeys((channel.turns, channel.slides or channel.turns)):
+            name = pattern.format(i)
+            if name not in table.numbers or name in names:
+                continue
+            if i > len(prismatic):
+                raise table.error(f"column {name} is of joint {i}, which has no column q{i}_deg or q{i}_mm")
+            right = names[i - 1]
+            if channel.field == "torque" and prismatic[i - 1] and right not in table.numbers:
+                names[i - 1] = name
+                continue
+            way, q = ("slides", f"q{i}_mm") if prismatic[i - 1] else ("turns", f"q{i}_deg")
+            if right in table.numbers:
+                raise table.error(f"{right} and {name} both stand; keep one")
+            raise table.error(f"found column {name}; joint {i} {way} ({q}), so {right} is expected")
+    return tuple(names)
 
 
 def _unit(table: DataTable, quaternion: Array) -> Array:

@@ -19,7 +19,7 @@ SAME_Q = np.radians(0.02)  # readings without pose labels: encoders return to a 
 SAME_LABEL = np.radians(0.05)  # files that mean the same pose by a label differ by less
 _MOTION_Q = np.radians(1e-3)  # in motion a "pose" is only a place that is passed again
 
-_SAME = ("kind", "wrench_frame", "displacement_frame", "registration", "wrench_point")
+_SAME = ("kind", "prismatic", "wrench_frame", "displacement_frame", "registration", "wrench_point")
 
 
 def number_poses(q: Array, kind: Kind) -> Ints:

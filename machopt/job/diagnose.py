@@ -79,13 +79,14 @@ def run_diagnose(request: Request, progress: Progress = lambda _: None) -> Outco
         InputError: bad cell, recording, laws or output folder.
     """
     progress("reading cell and recording")
-    cell = load_cell(request.cell, allow_external=request.allow_external)
     paths = request.recordings
     recording = load_recording(paths[0]) if len(paths) == 1 else load_recordings(paths)
+    in_motion = recording.kind == "motion"
+    cell = load_cell(request.cell, allow_external=request.allow_external, any_chain=in_motion)
     laws = userterms.load(request.terms)
     options = engine.Options(most=request.max_findings, progress=progress)
     with output_folder(request.out) as folder:
-        if recording.kind == "motion":
+        if in_motion:
             found = _motion(request, cell, recording, options)
         else:
             found = _at_rest(request, cell, recording, options, laws)
@@ -149,8 +150,9 @@ def _at_rest(
         rng = np.random.default_rng(request.seed)
         problem, catalogue, notes = absolute.build(recording, cell, robot, masses, rng)
         problem = replace(problem, time=recording.time, excluded=copies if copies.any() else None)
+        _refuse_too_few(problem, recording)
         d = engine.diagnose(problem, catalogue, replace(options, predicted="poses"), rng)
-    gross = record.outliers(recording, d, copies)
+    gross = record.outliers(recording, d, copies, problem)
     return _Found(_with_record(d, mended, gross, notes, tuple(said)), problem, recording)
 
 
@@ -159,7 +161,7 @@ def _load_tests(
     laws: list[tuple[str, userterms.Offer]], known: Stiffness | None, copies: NDArray[np.bool_],
     options: engine.Options,
 ) -> tuple[Diagnosis, Problem]:  # fmt: skip
-    tests = experiment(recording, robot, T)
+    tests = record.where_it_stands(experiment(recording, robot, T), recording, robot, T, masses)
     memo: dict[tuple[object, ...], Array] = {}
     terms = None
     if known is not None and known.terms:  # what they add to the springs
@@ -177,10 +179,26 @@ def _load_tests(
     problem, catalogue = build(None)
     if copies.any():
         problem = replace(problem, excluded=copies)
+    _refuse_too_few(problem, recording)
     rebuild = _excluding(lambda x: build(np.maximum(x[:6], 0.0)), copies)
     rng = np.random.default_rng(request.seed)
     d = engine.diagnose(problem, catalogue, replace(options, predicted="load tests"), rng, rebuild)
     return d, problem
+
+
+def _refuse_too_few(problem: Problem, recording: Recording) -> None:
+    """Raise where what is refitted in any case could make up every reading."""
+    unknowns = sum(u.prior is None for u in problem.unknowns)
+    distinct = min(len(problem), 2 * len(np.unique(problem.group)))  # more repeats of one posture tell no more
+    if distinct * problem.dimensions > unknowns and problem.y.size >= 2 * unknowns:
+        return
+    poses = len(np.unique(problem.group))
+    raise InputError(
+        f"{len(problem)} reading{'' if len(problem) == 1 else 's'} of {problem.dimensions} coordinates in {poses} "
+        f"pose{'' if poses == 1 else 's'} cannot be held against a model that refits {unknowns} numbers to them; ten "
+        "poses or more would work (machopt plan-poses chooses them)",
+        file=recording.source,
+    )
 
 
 def _excluding(rebuild: engine.Rebuild, rows: NDArray[np.bool_]) -> engine.Rebuild:
@@ -196,13 +214,19 @@ def _excluding(rebuild: engine.Rebuild, rows: NDArray[np.bool_]) -> engine.Rebui
 
 def _motion(request: Request, cell: Cell, recording: Recording, options: engine.Options) -> _Found:
     """Time series."""
+    motion.refuse_other_joints(recording, cell)
+    if request.toolpath is not None and (len(cell.arm_joints) != 6 or cell.arm_prismatic):
+        raise InputError("a toolpath needs an arm of six revolute joints; without it the motion is diagnosed all the "
+                         "same", where="--toolpath")  # fmt: skip
     possible = motion.channels(recording, cell)
     if not possible:
         raise InputError(
             "nothing that was recorded can be predicted: joint torque with inertias in the URDF, link-side encoders "
-            "(qse1_deg …) or a tracked TCP (x_mm …) would work",
+            "(qse1_deg …) or a tracked TCP (x_mm …) would work"
+            + ("; of current1_A … nothing says the torque: times torque constant and gear ratio it is tau1_Nm"
+               if recording.current is not None else ""),
             file=recording.source,
-        )
+        )  # fmt: skip
     channel = possible[0] if request.channel == "auto" else request.channel
     if channel not in possible:
         raise InputError(f"found {channel}; this recording allows {', '.join(possible)}", where="--channel")

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from machopt.design.accuracy import accuracy
 from machopt.design.candidates import PosePool
@@ -20,6 +21,7 @@ from machopt.design.loads import LoadWay
 from machopt.design.maximin import (
     Contest,
     best_readings,
+    by_pose,
     left_of_all,
     needed_noncentrality,
     power,
@@ -29,6 +31,8 @@ from machopt.design.measurement import UNLOADED_TWICE, ReadingNoise
 from machopt.design.poseplan import PlanSize, PosePlan, problem_of, unknowns_of
 from machopt.design.schedule import schedule, shortest_way
 from machopt.design.search import Design, information
+from machopt.diagnose.findings import AS_GOOD, MOST_OF, PAIRED
+from machopt.diagnose.limits import NINE_OF_TEN
 from machopt.diagnose.words import human
 from machopt.domain.cell import Cell
 from machopt.job.poses_predicted import Law, Predicted, law_of, load_tests, noise_of_cases, standing, steps_for
@@ -58,6 +62,9 @@ class Pair:
     per_cycle: float  # noncentrality of one round over all poses, the worse way round
     planned: float  # of all rounds
     cycles: int | None  # for 90 % at the 1 % level; None: not within 50
+    until: (
+        int | None
+    )  # until diagnose, given these readings alone, excludes the wrong one; None: more poses, not rounds
     random: float  # median noncentrality of one round at random poses and loads
     advice: str  # what would split them where this cannot
 
@@ -154,7 +161,11 @@ def discriminating(
         planned = _separation(both, own, together, few.pose, blocks)
         advice = "" if wanted[k] is not None else _advice(pair.one, pair.two)
         luck = float(np.median(chance[k]))
-        pairs.append(replace(pair, per_cycle=each[k], planned=planned, cycles=wanted[k], random=luck, advice=advice))
+        until = max((_until(c, covariance + shared, blocks, at) or LOOKED + 1 for c in both), default=LOOKED + 1)
+        pairs.append(replace(
+            pair, per_cycle=each[k], planned=planned, cycles=wanted[k], until=until if until <= LOOKED else None,
+            random=luck, advice=advice,
+        ))  # fmt: skip
     plan = _plan(prior, few, Design(blocks, min(each, default=0.0)), final, rng)
     least = min(each, default=0.0)
     worst = float(np.median(chance.min(axis=0))) if len(open_) else 0.0
@@ -176,7 +187,7 @@ def _contests(
         base = np.concatenate([at.base, *(b.columns[0] for b in beside if b is not None)], axis=2)
         for i, j in pairs:
             one, two = laws[i], laws[j]
-            pair = Pair(one.stand, two.stand, d.why, 0.0, 0.0, None, 0.0, "")
+            pair = Pair(one.stand, two.stand, d.why, 0.0, 0.0, None, None, 0.0, "")
             contests: list[Contest] = []
             for t, r in ((i, j), (j, i)):
                 if laws[t].stand is NOTHING:
@@ -211,7 +222,10 @@ def _laws(
     elif any(d.stands[k].rms is not None for k in kept):
         kept = kept[:PLACES]
     else:
-        kept = kept[:MOST] if NOTHING not in d.stands else kept
+        most = kept if NOTHING in d.stands else kept[:MOST]
+        notes += [f"{_words(d.stands[k])} stands too, but the nearest {MOST} are enough at once" for k in kept[MOST:]
+                  if k not in most]  # fmt: skip
+        kept = most
     place = {k: n for n, k in enumerate(kept)}
     laws = [law for k in kept if (law := found[k]) is not None]
     return laws, [(place[i], place[j]) for i, j in d.pairs if i in place and j in place]
@@ -242,6 +256,26 @@ def _cycles(
         if _separation(contests, own, shared, cases.pose, blocks) >= enough:
             return n
         n += 1 + n // 8
+    return None
+
+
+def _until(contest: Contest, covariance: Array, blocks: Sequence[Sequence[int]], at: Predicted) -> int | None:
+    """Rounds after which diagnose excludes the rival in nine of ten cases.
+
+    It asks for a gain that is clearly larger, and where the rival reaches most of the gain, for one that is larger pose
+    by pose too: Student's t of the differences, whose mean is λ_g at pose g and whose variance is 4 λ_g.
+    """
+    each = by_pose(contest, covariance, blocks)
+    whole = by_pose(replace(contest, columns=at.base), covariance, blocks).sum()
+    G, total, spread = len(each), float(each.sum()), float(each.var(ddof=1)) if len(each) > 1 else 0.0
+    if total <= 0.0 or G < 2:
+        return None
+    critical = float(stdtrit(G - 1, 1.0 - PAIRED)) + NINE_OF_TEN
+    alone = 1.0 - total / whole < MOST_OF  # the rival does not reach most of the gain
+    for n in range(1, LOOKED + 1):
+        larger = n * total - NINE_OF_TEN * 2.0 * np.sqrt(n * total) >= AS_GOOD
+        if larger and (alone or n * total / np.sqrt(G * n**2 * spread + 4.0 * n * total) >= critical):
+            return n
     return None
 
 

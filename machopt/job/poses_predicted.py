@@ -158,9 +158,10 @@ def law_of(stand: Stand, at: Predicted, coordinates: float) -> Law | None:
     else:
         shape = h.shapes[len(h.shapes) // 2]
         columns = at.columns(h, shape)
-        x = _sized(h, stand, shape, columns, coordinates)
-        if x is None:
+        sized = _sized(h, stand, shape, columns, coordinates)
+        if sized is None:
             return None
+        x = sized
     others = [s for s in _around(h.shapes) if s != shape]
     return Law(stand, columns @ x, (columns, *(at.columns(h, s) for s in others)))
 
@@ -220,7 +221,7 @@ def noise_of_cases(cases: LoadCases, noise: ReadingNoise, steps: tuple[float, ..
     moved = (np.array(steps)[None, :, None] * cases.twist[:, None, :D]).reshape(len(cases), K * D)
     own = np.kron(np.eye(K), instrument) + np.kron(np.ones((K, K)), cycle)
     gain = noise.force**2 * moved[:, :, None] * moved[:, None, :]
-    return own + gain, np.kron(np.ones((K, K)), noise.shared())
+    return own + gain, np.asarray(np.kron(np.ones((K, K)), noise.shared()))
 
 
 def _sized(h: Hypothesis, stand: Stand, shape: tuple[float, ...], columns: Array, share: float) -> Array | None:

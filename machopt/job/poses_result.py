@@ -263,7 +263,8 @@ def _apart(a: Discriminating) -> dict[str, object]:
         "pairs": [
             {"one": _stand(p.one), "two": _stand(p.two), "words": described(p), "why": p.why,
              "noncentrality_per_cycle": p.per_cycle, "noncentrality_planned": p.planned,
-             "cycles_for_power": p.cycles, "random_noncentrality_per_cycle": p.random,
+             "cycles_for_power": p.cycles, "cycles_until_diagnose_excludes": p.until,
+             "random_noncentrality_per_cycle": p.random,
              "told_apart": p.planned >= enough, "otherwise": p.advice or None}
             for p in a.pairs
         ],
@@ -303,12 +304,13 @@ def page_of(
         for c in plan.comparisons
     )
     rows = () if apart is None else tuple(
-        page.Apart(described(p), p.why, p.per_cycle, p.planned, p.cycles, p.random, p.advice) for p in apart.pairs
+        page.Apart(described(p), p.why, p.per_cycle, p.planned, p.cycles, p.until, p.random, p.advice)
+        for p in apart.pairs
     )  # fmt: skip
     return page.PosesPage(
         **common, apart=rows, rounds=0 if apart is None else apart.noise.cycles, enough=needed_noncentrality(),
         unknowns=u.names, relative=u.relative, sigma=plan.found.sigma, rms=plan.found.rms(plan.judged),
-        condition=plan.found.condition, bound=plan.bound, poses=len(chosen), readings=len(plan.visits),
+        condition=plan.found.condition, bound=plan.bound, poses=len(chosen), readings=len(table),
         per_pose=request.loads * len(plan.visits) // max(len(plan.design.readings), 1), heuristics=heuristics,
         curve_poses=plan.curve_poses, curve=np.array(plan.curve), target=_share(request.target_percent),
         needed=plan.needed, cloud=pool.T_base_tcp[:CLOUD, :3, 3], arms=_arm_points(robot, chosen, cell),

@@ -139,7 +139,7 @@ def _about(f: Mapping[str, Any], others: Sequence[Mapping[str, Any]]) -> Dispute
     rivals = [(_stand(r, r["fit"]), r) for r in f["rivals"] if r.get("fit") is not None]
     beside = tuple(_stand(o, o["fit"]) for o in others)
     if names:
-        left = [s for s, _ in rivals if s.name in names][: MOST - 1]
+        left = [s for s, _ in rivals if s.name in names]
         stands = (own, *left)
         why = f"{own.effect} {own.location} was found, these could not be excluded"
         return Dispute(why, stands, tuple(combinations(range(len(stands)), 2)), beside)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -53,7 +54,7 @@ def cases_at_rest(
     pose = np.concatenate([p.pose for p in parts])
     order = np.argsort(pose, kind="stable")
 
-    def both(name: str) -> np.ndarray:  # type: ignore[type-arg]
+    def both(name: str) -> Any:  # an array of the field's own type
         return np.asarray(np.concatenate([getattr(p, name) for p in parts])[order])
 
     tau = gravity_torque(prior.robot, masses, pool.state)[0]

@@ -153,7 +153,10 @@ def _told_json(out: Builder, source: Source) -> dict[int, list[tuple[str, str]]]
         for event in value["events"]:
             kind = next(k for k in ("operation", "move", "event") if k in event)
             label = "CAM" if kind == "event" else kind
-            told.setdefault(int(event["before"]), []).append((label, str(event[kind])))
+            before = event["before"]
+            if type(before) is not int:  # true and 1e999 are numbers too
+                raise TypeError
+            told.setdefault(before, []).append((label, str(event[kind])))
     except (ValueError, KeyError, TypeError, StopIteration, RecursionError):
         raise InputError(
             "is no events file; expected events with before and operation, move or event", file=path

@@ -1,0 +1,311 @@
+"""``machopt diagnose`` as a user runs it: files, bytes, messages, laws of one's own, what a killed run leaves."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_up_loads import ARCMIN, CELLS, Truth, arm, clicking, load_tests, planned, stand
+
+from machopt.cli import main
+from machopt.domain.recording import Recording
+from machopt.formats.kinematics import load_kinematics
+from machopt.formats.recording import write_recording
+from machopt.formats.stiffness import load_stiffness
+
+CELL = CELLS / "kr240_drilling"
+VERDICTS = {"consistent", "explained", "partly_explained", "unexplained"}
+SMALL = {"poses": 12, "sessions": 2, "loads": 3, "directions": 2}
+
+LAW = '''"""Joint 3 softens as joint 1 turns away from its middle: a bundle of cables that pulls."""
+import numpy as np
+from machopt.diagnose.problem import Hypothesis, Quantity
+
+
+def hypotheses(readings):
+    tau, q = readings.load_torque[:, 2], readings.state.q[:, 0]
+
+    def columns(shape):
+        return readings.lift(2, tau * np.abs(q))
+
+    def size(x, shape):
+        return {"softening": Quantity(1e6 * float(x[0]), "1/(MN·m)")}
+
+    yield Hypothesis("cable_bundle", "joint:3", "softer to either side", "phi = c tau + a tau |q1|", columns, size,
+                     note="away from the middle of joint 1", family="joint")
+'''
+
+
+def recorded(folder: Path, truth=None, *, cell: Path = CELL, force: float = 1500.0, **design) -> Recording:
+    """Write a recording of a made-up arm."""
+    rng = np.random.default_rng(8)
+    a = arm(cell.name)
+    k = a.nominal * rng.uniform(0.8, 1.25, 6)
+    plan = planned(a, rng, **(SMALL | {"force": force} | design))
+    recording = load_tests(a, Truth(k) if truth is None else truth(k), plan, rng)
+    write_recording(folder, recording)
+    return recording
+
+
+def soft_link(k: np.ndarray) -> Truth:
+    return Truth(k, hinges={3: np.diag([1.0, 0.8, 1.2]) * 0.7 / k[2]})
+
+
+def run(out: Path, recording: Path, *options: str, cell: Path = CELL, code: int = 0) -> dict:
+    assert main(["diagnose", str(cell), str(recording), "-o", str(out), "--quiet", *options]) == code
+    return json.loads((out / "diagnosis.json").read_text(), parse_constant=_refused) if code == 0 else {}
+
+
+def _refused(word: str) -> None:
+    raise AssertionError(f"{word} is not JSON")
+
+
+def test_what_is_written_is_what_the_contract_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recording = recorded(tmp_path / "rec", soft_link, poses=16)
+    result = run(tmp_path / "out", tmp_path / "rec", "--json")
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == result
+    assert result["machopt_diagnosis"] == 1
+    assert result["verdict"] == "explained"
+    assert (result["channel"], result["rmse_unit"]) == ("deflection", "mm")
+    first, last = result["baseline"], result["final"]
+    assert first["heldout_rmse"] > last["heldout_rmse"] > 0.8 * first["noise_floor"]
+    assert 0.6 <= last["explained_share"] <= 1.0
+    found = result["findings"][0]
+    assert (found["effect"], found["location"]) == ("link_compliance", "link:3")
+    assert found["one_of"][0] == ["link_compliance", "link:3"]
+    assert found["heldout_rmse_after"] < found["heldout_rmse_before"]
+    assert 0 <= found["p_value"] < 0.01
+    for p in found["parameters"].values():
+        assert p["ci95"][0] <= p["ci90"][0] <= p["value"] <= p["ci90"][1] <= p["ci95"][1]
+        assert p["unit"]
+    assert result["mismatch"][0]["axis"] == "link:3"
+    assert {(x["effect"], x["location"]) for x in result["detection_limits"]} >= {("joint_backlash", "joint:1")}
+    assert "link compliance of link 3" in result["sentence"]
+    rows = (tmp_path / "out" / "residuals.csv").read_text().splitlines()
+    assert len([x for x in rows if not x.startswith("#")]) == len(recording) + 1
+    page = (tmp_path / "out" / "report.html").read_text()
+    words = re.sub(r"<(script|style).*?</\1>", "", page, flags=re.DOTALL)
+    assert not re.search(r"\b(NaN|nan|undefined|inf|None)\b(?! needed)", words)
+    assert result["sentence"][:40] in words
+
+
+def test_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
+    recorded(tmp_path / "rec", soft_link, poses=8)
+    files = []
+    for name in ("a", "b"):
+        run(tmp_path / name, tmp_path / "rec", "--seed", "3")
+        files.append({p.name: p.read_bytes() for p in sorted((tmp_path / name).iterdir())})
+    assert files[0].keys() == files[1].keys()
+    for name in files[0]:
+        assert files[0][name] == files[1][name], name
+
+
+def test_the_extended_stiffness_is_a_cell_s(tmp_path: Path) -> None:
+    """A cell with what was found, diagnosed with the same recording, has nothing left to name."""
+    recorded(tmp_path / "rec", soft_link, poses=16)
+    run(tmp_path / "out", tmp_path / "rec")
+    found = load_stiffness(tmp_path / "out" / "stiffness.yaml")
+    assert ("link_compliance", "link:3") in {(t.effect, t.location) for t in found.terms}
+    shutil.copytree(CELL, tmp_path / "cell")
+    shutil.copy(tmp_path / "out" / "stiffness.yaml", tmp_path / "cell" / "stiffness.yaml")
+    again = run(tmp_path / "again", tmp_path / "rec", cell=tmp_path / "cell")
+    assert not [f for f in again["findings"] if f["effect"] != "geometric_stiffness"]
+    assert again["final"]["heldout_rmse"] < 1.2 * again["baseline"]["noise_floor"]
+
+
+def test_a_zero_offset_goes_into_kinematics(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    a = arm(CELL.name)
+    zero = np.zeros(6)
+    zero[2] = 3e-4
+    plan = planned(a, rng, poses=50, sessions=2, loads=1, directions=1, force=1e-6)
+    plan = replace(plan, loaded=~plan.loaded)
+    p, _, _, _ = stand(a, Truth(a.nominal * 1.1, zero=zero), plan)
+    keep = plan.loaded
+    N = int(keep.sum())
+    write_recording(tmp_path / "rec", Recording(
+        kind="absolute", source="made up", q=plan.q[keep], pose=plan.pose[keep], cycle=plan.cycle[keep],
+        session=plan.session[keep], line=np.arange(2, N + 2), position=p[keep] + 20e-6 * rng.standard_normal((N, 3)),
+        time=plan.time[keep], registration="fit", labelled=frozenset({"pose", "cycle", "session"}),
+    ))  # fmt: skip
+    result = run(tmp_path / "out", tmp_path / "rec")
+    assert [(f["effect"], f["location"]) for f in result["findings"]] == [("joint_zero_offset", "joint:3")]
+    size = next(iter(result["findings"][0]["parameters"].values()))
+    assert size["value"] == pytest.approx(np.degrees(3e-4), rel=0.15)
+    written = load_kinematics(tmp_path / "out" / "kinematics.yaml")
+    assert written is not None
+
+
+def test_a_law_of_one_s_own_is_named_where_it_is_true_and_nowhere_else(tmp_path: Path) -> None:
+    law = tmp_path / "bundle.py"
+    law.write_text(LAW)
+
+    def pulled(k: np.ndarray) -> Truth:
+        def twist(tau: np.ndarray, q: np.ndarray, t: np.ndarray) -> np.ndarray:
+            return 0.9 / k[2] * tau * np.abs(seen)
+
+        rng = np.random.default_rng(8)
+        rng.uniform(0.8, 1.25, 6)
+        seen = planned(arm(CELL.name), rng, **(SMALL | {"poses": 16, "force": 1500.0})).q[:, 0]
+        return Truth(k, {2: twist})
+
+    recorded(tmp_path / "rec", pulled, poses=16)
+    result = run(tmp_path / "out", tmp_path / "rec", "--terms", str(law))
+    assert (result["findings"][0]["effect"], result["findings"][0]["location"]) == ("cable_bundle", "joint:3")
+    assert result["verdict"] == "explained"
+    recorded(tmp_path / "null")
+    result = run(tmp_path / "none", tmp_path / "null", "--terms", str(law))
+    assert "cable_bundle" not in {f["effect"] for f in result["findings"]}
+
+
+@pytest.mark.parametrize(
+    ("code", "said"),
+    [
+        ("def hypotheses(:\n", "SyntaxError"),
+        ("x = 1\n", "no function hypotheses(readings)"),
+        ("def hypotheses(r):\n    return 1 / 0\n", "ZeroDivisionError"),
+        ("def hypotheses(r):\n    return None\n", "TypeError"),
+        ("def hypotheses(r):\n    return [1]\n", "gave int"),
+        ("{}['a']\n", "KeyError"),
+        (LAW.replace("tau * np.abs(q))", "tau[:3])"), "does not run"),
+        (LAW.replace('{"softening": Quantity(1e6 * float(x[0]), "1/(MN·m)")}', "{}"), "quantities"),
+    ],
+)
+def test_a_broken_law_is_one_message(tmp_path: Path, capsys: pytest.CaptureFixture[str], code: str, said: str) -> None:
+    recorded(tmp_path / "rec", poses=6, loads=2)
+    (tmp_path / "law.py").write_text(code)
+    run(tmp_path / "out", tmp_path / "rec", "--terms", str(tmp_path / "law.py"), code=2)
+    error = capsys.readouterr().err
+    assert said in error
+    assert "law.py" in error
+    assert not (tmp_path / "out").exists()
+
+
+BROKEN = [
+    ("data.csv", lambda t: t.replace("\n", "\n", 1)[: len(t) // 2], "expected"),
+    ("data.csv", lambda t: t.split("\n")[0] + "\n", "no rows"),
+    ("data.csv", lambda t: "", "no rows"),
+    ("data.csv", lambda t: t.replace("dz_mm", "dzz_mm"), "unknown column 'dzz_mm'"),
+    ("data.csv", lambda t: re.sub(r",[^,]*\n", ",nan\n", t.replace("\n", "#", 1)).replace("#", "\n", 1), "finite"),
+    ("data.csv", lambda t: re.sub(r",[^,]*$", ",abc", t.rstrip("\n")) + "\n", "expected a number"),
+    ("recording.yaml", lambda t: t.replace("deflection\n", "absolute\n", 1), "x_mm"),
+    ("recording.yaml", lambda t: t.replace("deflection\n", "bending\n", 1), "'bending'"),
+    ("recording.yaml", lambda t: t + "foo: 1\n", "unknown key 'foo'"),
+]
+
+
+@pytest.mark.parametrize(("name", "change", "said"), BROKEN)
+def test_a_broken_recording_is_one_message(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, change, said: str
+) -> None:
+    recorded(tmp_path / "rec", poses=4, loads=2)
+    file = tmp_path / "rec" / name
+    file.write_text(change(file.read_text()))
+    run(tmp_path / "out", tmp_path / "rec", code=2)
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+    assert list(tmp_path.iterdir()) == [tmp_path / "rec"]  # no output, no half of one
+
+
+def _written(tmp_path: Path, recording: Recording, **changes) -> Path:
+    write_recording(tmp_path / "rec", replace(recording, **changes))
+    return tmp_path / "rec"
+
+
+def test_records_that_say_nothing_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    r = recorded(tmp_path / "rec", poses=6, loads=2)
+    assert r.wrench is not None
+    assert r.displacement is not None
+    for changes, said in (
+        ({"wrench": 0 * r.wrench}, "load is zero"), ({"displacement": 0 * r.displacement}, "displacement is zero"),
+    ):  # fmt: skip
+        run(tmp_path / "out", _written(tmp_path, r, **changes), code=2)
+        assert said in capsys.readouterr().err
+    for count in (1, 3):
+        parts = {k: v[:count] for k, v in vars(r).items() if isinstance(v, np.ndarray) and len(v) == len(r)}
+        run(tmp_path / "out", _written(tmp_path, r, **parts), code=2)
+        assert "cannot be held against a model" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("poses", [2, 3, 4])
+def test_few_poses_are_answered_without_a_claim(tmp_path: Path, poses: int) -> None:
+    recorded(tmp_path / "rec", poses=poses)
+    result = run(tmp_path / "out", tmp_path / "rec")
+    assert {f["effect"] for f in result["findings"]} <= {"geometric_stiffness"}
+    assert result["verdict"] in ("consistent", "explained")
+    if poses < 4:
+        assert any("pose" in w for w in result["warnings"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cell", ["nothing", "no stiffness", "no masses"])
+def test_a_cell_that_knows_less_still_answers(tmp_path: Path, cell: str) -> None:
+    shutil.copytree(CELL, tmp_path / "cell")
+    yaml, urdf = tmp_path / "cell" / "cell.yaml", tmp_path / "cell" / "robot.urdf"
+    if cell != "no masses":
+        yaml.write_text(yaml.read_text().replace("stiffness: stiffness.yaml\n", ""))
+    if cell != "no stiffness":
+        urdf.write_text(re.sub(r"<inertial>.*?</inertial>", "", urdf.read_text(), flags=re.DOTALL))
+    recorded(tmp_path / "rec", soft_link, poses=16)
+    result = run(tmp_path / "out", tmp_path / "rec", cell=tmp_path / "cell")
+    assert ("link_compliance", "link:3") in {(f["effect"], f["location"]) for f in result["findings"]}
+
+
+def test_slipped_decimals_and_copies_are_listed_by_row(tmp_path: Path) -> None:
+    r = recorded(tmp_path / "rec", poses=16)
+    assert r.displacement is not None
+    d = r.displacement.copy()
+    big = [int(n) for n in np.argsort(-np.abs(d).max(axis=1))[:60]][::15]
+    for n in big:
+        d[n, int(np.argmax(np.abs(d[n])))] *= 10.0
+    copy = next(n for n in range(20, len(r)) if n not in big and n - 1 not in big and r.pose[n] == r.pose[n - 1])
+    d[copy] = d[copy - 1]
+    result = run(tmp_path / "out", _written(tmp_path, r, displacement=d))
+    found = next(f for f in result["findings"] if f["effect"] == "outliers")
+    rows = {int(n) for n in found["location"].removeprefix("rows:").split(",")}
+    assert {n + 1 for n in (*big, copy)} <= rows
+    assert len(rows) <= len(big) + 1 + 0.03 * len(r)  # a hundredth are a tracker's own
+    assert not {f["effect"] for f in result["findings"]} & {"joint_hysteresis", "link_compliance", "joint_backlash"}
+
+
+def test_a_killed_run_leaves_nothing(tmp_path: Path) -> None:
+    recorded(tmp_path / "rec", poses=24, loads=4)
+    out = tmp_path / "result" / "out"
+    out.parent.mkdir()
+    code = "import sys; from machopt.cli import main; sys.exit(main())"
+    child = subprocess.Popen(
+        [sys.executable, "-c", code, "diagnose", str(CELL), str(tmp_path / "rec"), "-o", str(out)],
+        stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True,
+    )  # fmt: skip
+    assert child.stderr is not None
+    for line in child.stderr:
+        if "search" in line:
+            break
+    child.send_signal(signal.SIGTERM)
+    child.wait(timeout=20)
+    child.stderr.close()
+    assert child.returncode != 0
+    assert not out.exists()
+
+
+@pytest.mark.slow
+def test_a_thousand_readings_take_less_than_a_minute(tmp_path: Path) -> None:
+    def both(k: np.ndarray) -> Truth:
+        return Truth(k, {0: clicking(0.4 * ARCMIN, 60.0)}, hinges={2: np.eye(3) * 2e-7})
+
+    r = recorded(tmp_path / "rec", both, poses=36, loads=4)
+    assert len(r) > 1000
+    start = time.monotonic()
+    run(tmp_path / "out", tmp_path / "rec")
+    assert time.monotonic() - start < 60.0  # s, as promised for two cores; 4 s alone on one

@@ -1,0 +1,170 @@
+"""The record before the robot: units, frames, signs and copies are found, named by their column, and put right."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from made_up_loads import ARCMIN, CELLS, Dirt, Truth, arm, clicking, load_tests, planned
+
+from machopt.diagnose import record
+from machopt.diagnose.result import Finding
+from machopt.domain.recording import Recording
+from machopt.formats.cell import load_cell
+from machopt.identify.experiment import experiment
+from machopt.model.robot import Robot, load_masses, load_robot
+
+CELL = "kr240_drilling"
+
+
+@cache
+def robot(cell: str = CELL) -> tuple[Robot, np.ndarray, np.ndarray]:
+    found = load_cell(CELLS / cell)
+    assert found.stiffness is not None
+    return load_robot(found), found.tool.T_flange_tcp, found.stiffness.joints
+
+
+@cache
+def sound(rotations: bool = False, frame: str = "base", cell: str = CELL, force: float = 1500.0) -> Recording:
+    """Forces of 1.5 kN; with rotations moments of 200 N·m beside them."""
+    rng = np.random.default_rng(3)
+    a = arm(cell)
+    truth = Truth(a.nominal * rng.uniform(0.75, 1.3, 6), {2: clicking(0.3 * ARCMIN, 80.0)})
+    plan = planned(a, rng, poses=12, loads=3, force=force, moment=0.13 * force if rotations else 0.0)
+    return load_tests(a, truth, plan, rng, Dirt(outliers=0.0), rotations=rotations, frame=frame)
+
+
+def scaled(r: Recording, group: str, factor: float) -> Recording:
+    """One group of columns read in another unit."""
+    assert r.wrench is not None
+    assert r.displacement is not None
+    if group == "q1_deg":
+        return replace(r, q=factor * r.q)
+    w, d = r.wrench.copy(), r.displacement.copy()
+    target, columns = {"fx_N": (w, slice(0, 3)), "mx_Nm": (w, slice(3, 6)), "dx_mm": (d, slice(0, 3)),
+                       "rx_mrad": (d, slice(3, 6))}[group]  # fmt: skip
+    target[:, columns] *= factor
+    return replace(r, wrench=w, displacement=d)
+
+
+def mend(r: Recording, cell: str = CELL, **options) -> tuple[Recording, list[Finding], list[str]]:
+    arm_, T, prior = robot(cell)
+    return record.mend(r, arm_, T, prior, **options)
+
+
+def test_a_sound_record_is_left_as_it_is() -> None:
+    for r in (sound(), sound(rotations=True), sound(frame="tool")):
+        mended, findings, _ = mend(r)
+        assert findings == []
+        assert mended is r
+
+
+UNITS = [
+    ("dx_mm", 1e-3, False), ("dx_mm", 1 / 25.4, False), ("dx_mm", 1e3, False), ("dx_mm", 0.1, False),
+    ("dx_mm", 1e-3, True), ("dx_mm", 1 / 25.4, True), ("dx_mm", 1e3, True),
+    ("fx_N", 1e-3, False), ("fx_N", 1 / 9.80665, False), ("fx_N", 1e-3, True), ("fx_N", 1 / 9.80665, True),
+    ("mx_Nm", 1e3, True),
+    ("rx_mrad", 1e-3, True), ("rx_mrad", float(np.degrees(1e-3)), True), ("rx_mrad", 1e3, True),
+    ("q1_deg", float(np.pi / 180), False), ("q1_deg", float(np.pi / 180), True),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("group", "factor", "rotations"), UNITS)
+def test_another_unit_is_named_by_its_columns_and_put_right(group: str, factor: float, rotations: bool) -> None:
+    r = sound(rotations)
+    mended, findings, _ = mend(scaled(r, group, factor))
+    assert [(f.effect, f.location) for f in findings] == [("units", f"column:{group}")]
+    assert findings[0].parameters["factor"].value == pytest.approx(factor, rel=1e-9)
+    assert findings[0].record
+    for name in ("q", "wrench", "displacement"):
+        assert np.allclose(getattr(mended, name), getattr(r, name), rtol=1e-12, atol=0.0)
+
+
+def test_kilograms_throughout_are_mended_throughout() -> None:
+    r = sound(rotations=True)
+    kilograms = scaled(scaled(r, "fx_N", 1 / 9.80665), "mx_Nm", 1 / 9.80665)
+    mended, findings, _ = mend(kilograms)
+    assert [f.location for f in findings] == ["column:fx_N"]
+    assert np.allclose(mended.wrench, r.wrench)  # type: ignore[arg-type]
+
+
+def test_a_million_is_one_finding() -> None:
+    r = sound()
+    mended, findings, _ = mend(scaled(r, "dx_mm", 1e6))
+    assert [f.location for f in findings] == ["column:dx_mm"]
+    assert findings[0].parameters["factor"].value == pytest.approx(1e6)
+    assert np.allclose(mended.displacement, r.displacement)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("factor", [0.3, 3.0])
+def test_springs_three_times_off_the_cell_are_no_unit(factor: float) -> None:
+    arm_, T, prior = robot()
+    r = sound()
+    mended, findings, _ = record.mend(r, arm_, T, prior * factor)
+    assert findings == []
+    assert mended is r
+
+
+def test_what_the_user_accepts_is_not_mended() -> None:
+    r = scaled(sound(), "dx_mm", 1 / 25.4)
+    mended, findings, _ = mend(r, accept=("units",))
+    assert findings == []
+    assert mended is r
+
+
+def test_other_frames_and_signs_are_named_and_put_right() -> None:
+    r, tool = sound(), sound(frame="tool")
+    assert r.wrench is not None
+    cases = [
+        (replace(tool, wrench_frame="base"), "force_sensor_frame", "sensor:force", tool.wrench, "tool"),
+        (replace(r, wrench_frame="tool"), "force_sensor_frame", "sensor:force", r.wrench, "base"),
+        (replace(r, displacement_frame="tool"), "displacement_frame", "sensor:displacement", r.wrench, "base"),
+        (replace(r, wrench=-r.wrench), "load_geometry", "sensor:force", r.wrench, "base"),
+    ]
+    for wrong, effect, where, wrench, frame in cases:
+        mended, findings, _ = mend(wrong)
+        assert [(f.effect, f.location) for f in findings] == [(effect, where)]
+        assert np.allclose(mended.wrench, wrench)  # type: ignore[arg-type]
+        assert (mended.wrench_frame, mended.displacement_frame) == (frame, "base")
+
+
+def test_moments_about_the_flange_are_named_and_put_right() -> None:
+    r = sound(rotations=True)
+    arm_, T, _ = robot()
+    assert r.wrench is not None
+    lever = arm_.fk(r.q, T)[:, :3, 3] - arm_.fk(r.q)[:, :3, 3]
+    w = r.wrench.copy()
+    w[:, 3:] += np.cross(lever, w[:, :3])
+    mended, findings, _ = mend(replace(r, wrench=w))
+    assert [(f.effect, f.location) for f in findings] == [("load_geometry", "sensor:force")]
+    told, want = experiment(mended, arm_, T), experiment(r, arm_, T)
+    assert np.abs(told.wrench - want.wrench).max() < 1e-9
+
+
+def test_copies_are_told_from_repeats() -> None:
+    r = sound()
+    assert r.displacement is not None
+    assert not record.copied(r).any()
+    d = r.displacement.copy()
+    for n in (12, 33, 51):
+        d[n] = d[n - 1]
+    assert np.flatnonzero(record.copied(replace(r, displacement=d))).tolist() == [12, 33, 51]
+    coarse = replace(r, displacement=np.round(d, 5))  # read to 0.01 mm: equal neighbours mean nothing
+    assert not record.copied(coarse).any()
+
+
+def test_a_wrench_in_tool_axes_turns_with_the_sagging_tool() -> None:
+    """The simulator's sensor stands where weight puts it; the encoders do not know."""
+    arm_, T, _ = robot()
+    base, tool = sound(), sound(frame="tool")
+    masses = load_masses(load_cell(CELLS / CELL))
+    true = experiment(base, arm_, T).wrench
+    tests = experiment(tool, arm_, T)
+    straight = np.abs(tests.wrench - true).max()
+    turned = np.abs(record.where_it_stands(tests, tool, arm_, T, masses).wrench - true).max()
+    assert straight > 5.0  # N of 1500: 3 mrad
+    assert turned < 0.2 * straight  # springs are known to some per cent, backlash and the load's own turn apart
+    told = experiment(base, arm_, T)
+    assert record.where_it_stands(told, base, arm_, T, masses) is told

@@ -1,0 +1,277 @@
+"""Telling rivals of a diagnosis apart: the search, the laws carried to other poses, the command."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from itertools import combinations, product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from machopt.design.candidates import PoseScreen, sample_poses
+from machopt.design.loadcases import LoadCases, LoadCriteria, load_cases
+from machopt.design.loads import load_ways
+from machopt.design.maximin import Contest, best_readings, by_pose, left_of_all, needed_noncentrality, power
+from machopt.design.measurement import ReadingNoise
+from machopt.domain.cell import Cell
+from machopt.domain.stiffness import Stiffness
+from machopt.errors import InputError
+from machopt.formats.cell import load_cell
+from machopt.formats.poses import read_poses_csv
+from machopt.job.poses import Outcome, Request, run_plan_poses
+from machopt.job.poses_discriminate import _contests
+from machopt.job.poses_predicted import Predicted, law_of, load_tests, noise_of_cases, steps_for
+from machopt.job.poses_rivals import NOTHING, Diagnosed, Dispute, Stand, diagnosed
+from machopt.model.elastic import ArmElasticity
+from machopt.model.robot import load_masses, load_robot
+
+CELL = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
+COMPLIANCE = 1.0 / np.array([1.41e6, 4.01e5, 9.35e5, 3.60e5, 3.70e5, 3.80e5])
+LINK_3 = Stand("link_compliance", "link:3", "bends", (6e-8,), (), None)
+LINK_4 = Stand("link_compliance", "link:4", "bends", (8e-8,), (), None)
+TWIST_4 = Stand("link_compliance", "link:4", "twists", (2e-7,), (), None)
+
+
+def small(rng: np.random.Generator) -> tuple[list[Contest], np.ndarray, np.ndarray, np.ndarray]:
+    """Six poses with two readings each, three laws against each other."""
+    N, R, P = 12, 3, 2
+    base = rng.normal(size=(N, R, P))
+    laws = [rng.normal(size=(N, R, 1)) for _ in range(3)]
+    contests = [
+        Contest(t, r, np.concatenate([base, laws[r]], axis=2), 3.0 * laws[t][:, :, 0])
+        for t, r in product(range(3), repeat=2) if t != r
+    ]  # fmt: skip
+    return contests, np.broadcast_to(np.eye(R), (N, R, R)), np.zeros((R, R)), np.repeat(np.arange(6), 2)
+
+
+def test_needed_noncentrality_is_the_textbook_value() -> None:
+    # (2.576 + 1.282)²: two-sided 1 %, power 90 %; tables of Pearson & Hartley give 14.88
+    assert needed_noncentrality() == pytest.approx(14.88, abs=0.005)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_least_separation_is_near_the_best_of_all_designs(seed: int) -> None:
+    contests, own, shared, pose = small(np.random.default_rng(seed))
+
+    def least(blocks: Any) -> float:
+        return min(power(c, own, shared, pose, blocks) for c in contests)
+
+    def blocks_of(chosen: tuple[int, ...]) -> list[tuple[int, ...]]:
+        return [(2 * p, 2 * p + 1) for p in chosen]
+
+    best = max(least(blocks_of(chosen)) for chosen in combinations(range(6), 3))
+    found = best_readings(contests, own, shared, pose, 3, 2, np.random.default_rng(0), starts=6)
+    assert sorted(len(b) for b in found) == [2, 2, 2]
+    # exchanges of single readings may end a little short of the best of all designs
+    assert least(found) >= 0.9 * best
+
+
+def test_noncentrality_is_what_the_rival_leaves_on_average() -> None:
+    rng = np.random.default_rng(7)
+    contests, own, shared, _ = small(rng)
+    pose = np.arange(12)
+    c, blocks = contests[0], [(n,) for n in range(12)]
+    A, s = c.columns.reshape(36, -1), c.signal.reshape(-1)
+    keep = np.eye(36) - A @ np.linalg.pinv(A)
+    noisy = s + rng.normal(size=(4000, 36))
+    left = np.einsum("ki,ij,kj->k", noisy, keep, noisy).mean() - (36 - A.shape[1])
+    expected = power(c, own, shared, pose, blocks)
+    assert left == pytest.approx(expected, abs=4 * np.sqrt((2 * 33 + 4 * expected) / 4000))  # four standard errors
+    assert by_pose(c, own, blocks).sum() == pytest.approx(expected, rel=1e-9)
+    assert left_of_all(c, own)[0] == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.fixture(scope="module")
+def cell() -> Cell:
+    return load_cell(CELL)
+
+
+@pytest.fixture(scope="module")
+def tests(cell: Cell) -> tuple[LoadCases, np.ndarray]:
+    robot, T = load_robot(cell), cell.tool.T_flange_tcp
+    limits = cell.limits.lower[:6], cell.limits.upper[:6]
+    pool = sample_poses(PoseScreen(robot, T, cell.T_world_base, 1.0, _no_criteria()), limits, cell.home, 40, 0)
+    prior = ArmElasticity(robot, T, Stiffness(1.0 / COMPLIANCE))
+    ways = load_ways((50.0,), (300.0, 1500.0), 3, np.zeros((0, 3)), (0.0,), np.eye(3))
+    cases = load_cases(pool, ways, prior, (), LoadCriteria(), ReadingNoise(1e-5))
+    return cases, pool.q[cases.pose]
+
+
+def _no_criteria() -> Any:
+    from machopt.design.candidates import PoseCriteria
+
+    return PoseCriteria()
+
+
+def open_(*stands: Stand, pairs: tuple[tuple[int, int], ...] = ((0, 1),)) -> Diagnosed:
+    dispute = Dispute("made up", stands, pairs)
+    return Diagnosed("deflection", "explained", 3, "base", "base", "fixed", (2e-5, 1e-5), None, {}, (dispute,), ())
+
+
+def predicted(cell: Cell, cases: LoadCases, q: np.ndarray, steps: tuple[float, ...]) -> Predicted:
+    robot = load_robot(cell)
+    return load_tests(
+        open_(), cases, q, robot, cell.tool.T_flange_tcp, load_masses(cell), COMPLIANCE, steps, 3
+    )  # fmt: skip
+
+
+def fewer(cases: LoadCases, keep: np.ndarray) -> LoadCases:
+    parts = {k: v[keep] for k, v in vars(cases).items() if isinstance(v, np.ndarray)}
+    return replace(cases, **parts)
+
+
+@pytest.mark.parametrize(
+    ("effect", "law"),
+    [("joint_nonlinear_stiffness", "two slopes"), ("joint_nonlinear_stiffness", "three slopes"),
+     ("joint_nonlinear_stiffness", "cubic"), ("joint_hysteresis", "play"), ("joint_hysteresis", "two plays"),
+     ("joint_creep", "one time constant"), ("joint_pose_dependent_stiffness", "soft sector")],
+)  # fmt: skip
+def test_a_law_is_the_same_beside_other_readings(
+    cell: Cell, tests: tuple[LoadCases, np.ndarray], effect: str, law: str
+) -> None:
+    cases, q = tests
+    steps = steps_for([Stand(effect, "joint:3")])
+    light = np.flatnonzero(cases.magnitude < 600.0)  # the hanging weights: other largest torques than all loads have
+    few = predicted(cell, fewer(cases, light), q[light], steps)
+    h = next(h for h in few.hypotheses if h.name == (effect, "joint:3") and h.law == law)
+    shape = h.shapes[0]
+    x = np.full(h.columns(shape).shape[2], 2e-7)
+    made = h.correction(x, shape)
+    stand = Stand(effect, "joint:3", law, tuple(x), shape, None if made is None else dict(made.parameters))  # type: ignore[union-attr]
+    everywhere = law_of(stand, predicted(cell, cases, q, steps), 1.0)
+    alone = law_of(stand, few, 1.0)
+    assert everywhere is not None
+    assert alone is not None
+    assert np.abs(alone.signal).max() > 1e-6  # it shows
+    # the same twist at the same reading; thresholds are brought over to 1e-3
+    np.testing.assert_allclose(everywhere.signal[light], alone.signal, atol=2e-3 * np.abs(alone.signal).max())
+
+
+def test_twist_of_the_forearm_is_joint_4_for_every_experiment(cell: Cell, tests: tuple[LoadCases, np.ndarray]) -> None:
+    cases, q = tests
+    at = predicted(cell, cases, q, (1.0,))
+    own, shared = noise_of_cases(cases, ReadingNoise(1e-5), (1.0,))
+    possible, impossible, _ = _contests(open_(TWIST_4, NOTHING), at, own + shared, 3)
+    assert not possible
+    assert "second target" in impossible[0].advice or "larger loads" in impossible[0].advice
+    possible, impossible, _ = _contests(open_(LINK_3, LINK_4), at, own + shared, 3)
+    assert len(possible) == 1
+    assert not impossible
+
+
+def diagnosis(folder: Path, findings: list[dict[str, Any]], **changes: Any) -> Path:
+    folder.mkdir(parents=True)
+    data = {
+        "machopt_diagnosis": 1, "verdict": "explained", "channel": "deflection", "rmse_unit": "mm",
+        "baseline": {"repeatable_rmse": 0.05}, "findings": findings, "mismatch": [], "detection_limits": [],
+        "next_experiment": "measure again", "coefficients": [
+            {"name": f"joint {j + 1}", "unit": "rad/(N·m)", "value": float(c)} for j, c in enumerate(COMPLIANCE)
+        ],
+        "recorded": {"kind": "deflection", "coordinates": 3, "wrench_frame": "base", "displacement_frame": "base",
+                     "registration": "fixed", "scatter_m": {"own": 1.7e-5, "visit": 1e-5}},
+    } | changes  # fmt: skip
+    (folder / "diagnosis.json").write_text(json.dumps(data))
+    return folder
+
+
+def finding(own: Stand, *rivals: Stand, open_too: bool = True) -> dict[str, Any]:
+    def as_fitted(s: Stand) -> dict[str, Any]:
+        fit = {"coefficients": list(s.coefficients), "shape": list(s.shape), "correction": None}
+        return {"effect": s.effect, "location": s.location, "law": s.law, "fit": fit}
+
+    names = [list(s.name) for s in (own, *(rivals if open_too else ()))]
+    return as_fitted(own) | {"one_of": names, "rivals": [as_fitted(r) for r in rivals]}
+
+
+def test_what_is_open_is_read_from_the_diagnosis(tmp_path: Path) -> None:
+    sets = diagnosed(diagnosis(tmp_path / "a", [finding(LINK_4, LINK_3, TWIST_4)]))
+    assert sets.disputes[0].pairs == ((0, 1), (0, 2), (1, 2))
+    assert sets.scatter == (1.7e-5, 1e-5)
+    alone = diagnosed(diagnosis(tmp_path / "b", [finding(LINK_4, LINK_3, open_too=False)]))
+    assert alone.disputes[0].stands == (LINK_4, LINK_3, NOTHING)
+    limit = {"effect": "joint_backlash", "location": "joint:2", "value": 0.2, "unit": "arcmin", "standing": "testable"}
+    quiet = diagnosed(diagnosis(tmp_path / "c", [], verdict="consistent", detection_limits=[limit]))
+    assert quiet.disputes[0].stands == (NOTHING, Stand("joint_backlash", "joint:2", size=0.2))
+    share = [{"axis": a, "share": s, "note": "", "kind": "machine"} for a, s in (("link:2", 0.2), ("joint:3", 0.7))]
+    lost = diagnosed(diagnosis(tmp_path / "d", [], verdict="unexplained", mismatch=share))
+    assert [s.location for s in lost.disputes[0].stands] == ["joint:3", "link:2"]
+    assert lost.disputes[0].stands[0].rms == pytest.approx(5e-5)
+
+
+def test_what_cannot_be_planned_for_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="diagnosis of a motion"):
+        diagnosed(diagnosis(tmp_path / "m", [], channel="torque"))
+    with pytest.raises(InputError, match="machopt diagnose wrote"):
+        diagnosed(tmp_path / "nowhere")
+    old = diagnosis(tmp_path / "old", [])
+    data = json.loads((old / "diagnosis.json").read_text())
+    del data["recorded"]
+    (old / "diagnosis.json").write_text(json.dumps(data))
+    with pytest.raises(InputError, match="fresh machopt diagnose"):
+        diagnosed(old)
+    with pytest.raises(InputError, match="leaves nothing"):
+        run_plan_poses(
+            Request(CELL, tmp_path / "out", discriminate=diagnosis(tmp_path / "n", [], verdict="consistent"))
+        )
+
+
+def plan(folder: Path, *stands: Stand) -> Outcome:
+    found = diagnosis(folder / "diagnosis", [finding(*stands)])
+    request = Request(
+        CELL, folder / "out", discriminate=found, candidates=200, poses=6, cycles=1, starts=1, weights_kg=(50.0, 100.0),
+        pull_N=(500.0, 1000.0), max_load_N=2000.0, no_collision=True,
+    )  # fmt: skip
+    return run_plan_poses(request)
+
+
+def test_command_plans_what_tells_two_links_apart(tmp_path: Path) -> None:
+    done = plan(tmp_path, LINK_4, LINK_3)
+    folder = done.report.parent
+    assert sorted(p.name for p in folder.iterdir()) == ["plan.json", "poses.csv", "recording_template", "report.html"]
+    told = json.loads((folder / "plan.json").read_text())["discriminate"]
+    (pair,) = told["pairs"]
+    assert {pair["one"]["location"], pair["two"]["location"]} == {"link:3", "link:4"}
+    assert pair["told_apart"]
+    assert pair["noncentrality_planned"] >= told["noncentrality_needed"]
+    assert pair["noncentrality_per_cycle"] > 2.0 * pair["random_noncentrality_per_cycle"]  # else the search is idle
+    assert told["cycles"] >= pair["cycles_for_power"]
+    table = read_poses_csv(folder / "poses.csv")
+    assert len(np.unique(table.pose)) == 6
+    assert "What it tells apart" in (folder / "report.html").read_text()
+    assert "told apart" in done.message
+
+
+def test_cycles_are_stepped_where_a_law_remembers(tmp_path: Path) -> None:
+    play = Stand("joint_hysteresis", "joint:3", "play", (1.5e-7,), (0.3, 0.0))
+    late = Stand("joint_creep", "joint:3", "one time constant", (1.5e-7,), (20.0, 0.0))
+    done = plan(tmp_path, play, late)
+    folder = done.report.parent
+    told = done.result["discriminate"]
+    assert isinstance(told, dict)
+    assert told["steps"] == [0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.25, 0.0]
+    table = read_poses_csv(folder / "poses.csv")
+    first = np.linalg.norm(table.wrench[:8, :3], axis=1)
+    np.testing.assert_allclose(first, first[3] * np.array(told["steps"]), atol=1e-3)  # N, as printed
+    with (folder / "recording_template" / "data.csv").open(encoding="utf-8") as text:
+        rows = list(csv.DictReader(text))
+    assert [r["branch"] for r in rows[:8]] == ["load"] * 4 + ["unload"] * 4
+    assert float(rows[1]["time_s"]) - float(rows[0]["time_s"]) == pytest.approx(10.0)
+
+
+def test_measured_poses_are_planned_too(tmp_path: Path) -> None:
+    zero = Stand("joint_zero_offset", "joint:2", "constant angle", (5e-5,))
+    heavy = Stand("payload", "tool", "another mass at the stated centre", (12.0,))
+    recorded = {"kind": "absolute", "coordinates": 3, "wrench_frame": "base", "displacement_frame": "base",
+                "registration": "fit", "scatter_m": {"own": 3e-5, "visit": 0.0}}  # fmt: skip
+    found = diagnosis(tmp_path / "d", [finding(zero, heavy)], channel="position", recorded=recorded)
+    request = Request(CELL, tmp_path / "out", discriminate=found, candidates=200, poses=8, starts=1,
+                      weights_kg=(80.0,), no_collision=True)  # fmt: skip
+    told = run_plan_poses(request).result["discriminate"]
+    assert isinstance(told, dict)
+    (pair,) = told["pairs"]
+    assert pair["noncentrality_per_cycle"] > pair["random_noncentrality_per_cycle"] > 0.0
+    assert {"no load"} & set(read_poses_csv(tmp_path / "out" / "poses.csv").load)
