@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
+import long_motion
 import numpy as np
 import pytest
 
+from machopt.cli import main
 from machopt.diagnose import engine, motion, motion_checks
 from machopt.diagnose.motion_memory import bouc_wen, lag, mass_on_spring, play, presliding
 from machopt.diagnose.motion_signals import signals
 from machopt.domain.cell import Cell, JointLimits, Tool, Workpiece
 from machopt.domain.recording import Recording
 from machopt.errors import InputError
+from machopt.formats.cell import load_cell
+from machopt.formats.recording import load_recording, write_recording
 from machopt.model.rigid import load_dynamics
 from machopt.model.robot import GRAVITY
 
@@ -310,3 +315,131 @@ def test_a_slide_is_a_chain_too(tmp_path: Path) -> None:
     x = np.linalg.lstsq(problem.base[:, 0], problem.y[:, 0], rcond=None)[0]
     coulomb = next(k for k, u in enumerate(problem.unknowns) if u.name.startswith("Coulomb"))
     assert x[coulomb] == pytest.approx(5.0, abs=0.1)  # noise 0.2 N over a thousand readings
+
+
+def bench(folder: Path, data: str, urdf: str) -> tuple[Path, Path]:
+    """Cell and recording folders of one slide, without tool, workpiece or stiffness."""
+    cell, record = folder / "cell", folder / "rec"
+    cell.mkdir()
+    record.mkdir()
+    (cell / "arm.urdf").write_text(urdf, encoding="utf-8")
+    (cell / "cell.yaml").write_text(
+        "machopt_cell: 1\nname: bench\nrobot:\n  urdf: arm.urdf\n  base_link: base\n  flange_link: l1\n"
+        "  home_deg: [0]\n  limits: {velocity_deg_s: [500], acceleration_deg_s2: [5000], jerk_deg_s3: [9e4]}\n",
+        encoding="utf-8",
+    )
+    (record / "recording.yaml").write_text("machopt_recording: 1\nkind: motion\ndata: data.csv\n", encoding="utf-8")
+    (record / "data.csv").write_text(data, encoding="utf-8")
+    return cell, record
+
+
+def slide(folder: Path, force: str = "tau1_N", q: str = "q1_mm") -> tuple[Path, Path]:
+    rng = np.random.default_rng(11)
+    t, x, v, a = excited(1, rng, periods=3)
+    f = MASS * a + 5.0 * np.sign(v) + 0.2 * rng.normal(size=x.shape)
+    rows = np.column_stack([t, 1e3 * x, 1e3 * v, f])
+    head = f"time_s,{q},{q.replace('q', 'qd')}_s,{force}"
+    text = "\n".join([head, *(",".join(f"{n:.9g}" for n in r) for r in rows.tolist()), ""])
+    return bench(folder, text, arm(folder, 1, "prismatic").urdf.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("force", ["tau1_N", "tau1_Nm"])
+def test_one_slide_goes_through_the_command(tmp_path: Path, force: str) -> None:
+    """Millimetres and newtons at the edge; other commands still refuse such a cell."""
+    cell, record = slide(tmp_path, force)
+    out = tmp_path / "out"
+    assert main(["diagnose", str(cell), str(record), "-o", str(out), "--quiet"]) == 0
+    said = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
+    assert (said["verdict"], said["rmse_unit"], said["model"]) == ("consistent", "N", None)
+    coulomb = next(c for c in said["coefficients"] if c["name"] == "Coulomb friction 1")
+    assert coulomb["value"] == pytest.approx(5.0, abs=0.1)  # noise 0.2 N over a thousand readings
+    assert (out / "report.html").stat().st_size > 1000
+    with pytest.raises(InputError, match="home_deg"):
+        load_cell(cell)
+
+
+def test_joints_of_cell_and_recording_must_agree(tmp_path: Path) -> None:
+    cell, record = slide(tmp_path, q="q1_deg", force="tau1_Nm")
+    loaded = load_cell(cell, any_chain=True)
+    with pytest.raises(InputError, match="q1_mm is expected"):
+        motion.refuse_other_joints(load_recording(record), loaded)
+    data = (record / "data.csv").read_text(encoding="utf-8")
+    (record / "data.csv").write_text(data.replace("q1_deg", "q1_mm", 1), encoding="utf-8")
+    with pytest.raises(InputError, match="found column qd1_deg_s; joint 1 slides"):
+        load_recording(record)
+    t, q, v, a = excited(2, np.random.default_rng(0), periods=1)
+    with pytest.raises(InputError, match="has 2 joints, the cell's arm 1"):
+        motion.refuse_other_joints(recorded(t, q, v, a), loaded)
+
+
+def test_slides_are_written_and_read_again(tmp_path: Path) -> None:
+    t, q, v, a = excited(2, np.random.default_rng(1), periods=1)
+    before = replace(recorded(t, q, v, a, q_secondary=q), prismatic=(False, True))
+    write_recording(tmp_path / "r", before)
+    names = (tmp_path / "r" / "data.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
+    assert {"q1_deg", "q2_mm", "qd2_mm_s", "qse2_mm", "tau1_Nm", "tau2_N"} <= set(names)
+    after = load_recording(tmp_path / "r")
+    assert after.prismatic == (False, True)
+    for name in ("q", "velocity", "q_secondary", "torque"):
+        assert getattr(after, name) == pytest.approx(getattr(before, name), abs=1e-6)  # printed to 1e-6 N·m, 1e-8 deg/s
+
+
+def test_friction_that_turns_at_once_is_not_late() -> None:
+    """Its sign is that of the sample; half a part of the interval late, a clock would be named for it."""
+    v = np.sin(np.linspace(0.1, 20.0, 4000))
+    first = np.zeros(len(v), np.int64)
+    first[0] = 1
+    assert np.array_equal(presliding(v, 0.004, first, 0.0), np.sign(v))
+
+
+def test_lost_samples_do_not_bend_velocities() -> None:
+    """Three in ten samples are missing: filters that took the rest as even would be far off."""
+    rng = np.random.default_rng(12)
+    t, q, v, a = excited(1, rng, rate=250.0, periods=2)
+    keep = np.sort(rng.choice(len(t), int(0.7 * len(t)), replace=False))
+    m = signals(recorded(t[keep], q[keep], v[keep]), 1)
+    assert any("even grid" in n for n in m.notes)
+    inside = slice(100, -100)
+    assert np.abs(m.a[inside, 0] - a[keep][m.index][inside, 0]).max() < 0.02 * np.ptp(a)
+
+
+def test_records_that_are_no_motion_are_refused(tmp_path: Path) -> None:
+    rng = np.random.default_rng(13)
+    t, q, v, a = excited(2, rng, periods=2)
+    cell = arm(tmp_path, 2)
+    tau = load_dynamics(cell).torque(q, v, a) + rng.normal(size=q.shape)
+    with pytest.raises(InputError, match="no joint moves"):
+        motion.build(recorded(t, 0 * q, 0 * v, tau), cell, "torque", rng)
+    with pytest.raises(InputError, match="tau2_Nm never changes"):
+        motion.build(recorded(t, q, v, tau * [1, 0]), cell, "torque", rng)
+    with pytest.raises(InputError, match="tau2_Nm runs against"):
+        motion.build(recorded(t, q, v, tau * [1, -1]), cell, "torque", rng)
+    fixed, words = motion_checks.quality(recorded(t, q, v * [1, 0], tau), 2)
+    assert fixed.velocity is None
+    assert "qd2_deg_s never changes" in words[0]
+
+
+def test_a_clock_in_milliseconds_and_torques_in_kilo_are_put_right(tmp_path: Path) -> None:
+    rng = np.random.default_rng(14)
+    cell = arm(tmp_path, 2)
+    t, q, v, a = excited(2, rng)
+    tau = load_dynamics(cell).torque(q, v, a) + 6.0 * np.sign(v) + rng.normal(size=q.shape)
+    for record, where in (
+        (recorded(100.0 * 1e3 * t, q, 1e-2 * v, tau), "column:time_s"),
+        (recorded(t, q, v, tau / 1e3), "column:tau1_Nm"),
+    ):
+        _, _, _, found = motion.build(record, cell, "torque", rng)
+        assert [(f.effect, f.location) for f in found] == [("units", where)]
+        assert found[0].after < found[0].before
+        assert found[0].p_value < 1e-6  # better on all of 24 stretches
+
+
+@pytest.mark.slow
+def test_a_long_motion_in_which_nothing_is_left_out(tmp_path: Path) -> None:
+    """A tenth of a hundred thousand samples; dynamics by a recursion of its own, no two periods alike."""
+    cell, record = long_motion.write(tmp_path, 10_000, 250.0, 1)
+    out = tmp_path / "out"
+    assert main(["diagnose", str(cell), str(record), "-o", str(out), "--quiet"]) == 0
+    said = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
+    assert said["verdict"] == "consistent"
+    assert not said["findings"]

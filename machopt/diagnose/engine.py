@@ -33,7 +33,7 @@ Flags = NDArray[np.bool_]
 ROUNDS = 3
 CLIPS = 4
 CERTAIN = 0.005  # chance of the repeatable power below which there is a mismatch
-RESTLESS = 1.2  # variance of whitened residuals that no noise makes
+RESTLESS = 0.2  # variance of whitened residuals beyond 1 that no noise makes, however many visits
 MATTERS = 0.3  # repeatable rmse per noise of one reading that matters
 CLOSED, PARTLY = 0.6, 0.55  # shares of the repeatable power; below, what was found is withdrawn
 
@@ -117,6 +117,11 @@ def _search(problem: Problem, catalogue: Catalogue, options: Options, seed: int,
     return state
 
 
+def _restless(state: State) -> float:
+    """Variance of whitened residuals beyond 1 from which on there is a mismatch; more where visits are few."""
+    return max(RESTLESS, 1.5 * float(np.sqrt(2.0 / len(state.w.group_of_visit))))
+
+
 def _names(chosen: Sequence[Chosen]) -> list[tuple[str, str, str]]:
     return [(*c.tried.hypothesis.name, c.tried.hypothesis.law) for c in chosen]
 
@@ -171,7 +176,7 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
     unit_noise = floor_noise.together(0)
     power = max(there.power, 0.0)
     explained = float(np.clip(1.0 - max(rest.power, 0.0) / power, 0.0, 1.0)) if power > 0 else 0.0
-    sure = np.isnan(there.p_value) or there.p_value <= CERTAIN or state.base.spread > RESTLESS
+    sure = np.isnan(there.p_value) or there.p_value <= CERTAIN or state.base.spread > 1.0 + _restless(state)
     real = bool(sure and np.sqrt(power) > MATTERS * unit_noise)
     findings = [_finding(state, k) for k in range(len(state.chosen))]
     withdrawn: list[Finding] = []

@@ -20,13 +20,14 @@ ARCMIN = np.pi / 10800.0
 CLICK = (0.01, 0.025, 0.06)  # threshold per largest torque: a step, softened
 KNEE = (0.12, 0.2, 0.3, 0.45, 0.6)
 PLAY = (0.03, 0.08, 0.15, 0.3, 0.5)
+LEAST_SOFT = 1e-9  # rad/(N·m), that sizes in percent are of
 CREEP = (3.0, 8.0, 20.0, 50.0, 120.0, 300.0)  # s
 LEAST_RANGE = 0.02  # share of the largest load torque of all joints, scaled by lever: less drives nothing
 
 
 def nonlinear(r: Readings, j: int) -> list[Hypothesis]:
     """Softer below a knee (lost motion, pin play that closes), or cubic hardening; odd in the torque."""
-    largest, c = _largest(r.torque[:, j]), r.compliance[j]
+    largest, c = _largest(r.torque[:, j]), max(r.compliance[j], LEAST_SOFT)
 
     def knee(shape: Shape) -> Array:
         t = shape[0] * largest
@@ -116,14 +117,14 @@ def hysteresis(r: Readings, j: int) -> list[Hypothesis]:
     largest, where = _largest(r.load_torque[:, j]), f"joint:{j + 1}"
 
     def one(shape: Shape) -> Array:
-        return r.lift(j, play(r, j, shape[0], carried=shape[1] > 0))
+        return r.lift(j, play(r, j, shape[0], int(shape[1])))
 
     def two(shape: Shape) -> Array:
-        parts = [play(r, j, s, carried=shape[2] > 0) for s in shape[:2]]
+        parts = [play(r, j, s, int(shape[2])) for s in shape[:2]]
         return r.lift(j, np.stack(parts, axis=1))
 
     def law(x: Array, shape: Shape, thresholds: tuple[float, ...]) -> Curve:
-        parts = [play(r, j, s, carried=shape[-1] > 0) for s in thresholds]
+        parts = [play(r, j, s, int(shape[-1])) for s in thresholds]
         size = sum(float(a) * p for a, p in zip(x, parts, strict=True))
         up = np.linspace(0.0, largest, 60)
         path = np.concatenate([up, up[::-1]])
@@ -146,11 +147,13 @@ def hysteresis(r: Readings, j: int) -> list[Hypothesis]:
             "thresholds_Nm": [float(s * largest) for s in thresholds]})  # fmt: skip
 
     equation = "φ = c τ + Σ a P_r[τ], P_r the play operator of half-width r (Prandtl–Ishlinskii); rate-independent"
-    pairs = tuple((a, b, k) for k in (0.0, 1.0) for a, b in ((0.03, 0.15), (0.03, 0.3), (0.08, 0.3), (0.15, 0.5)))
+    pairs = tuple(
+        (a, b, k) for k in (0.0, 1.0, 2.0, 3.0) for a, b in ((0.03, 0.15), (0.03, 0.3), (0.08, 0.3), (0.15, 0.5))
+    )
     return [
         Hypothesis(
             "joint_hysteresis", where, "play", equation, one, lambda x, s: width(x, s[:1]),
-            tuple((s, k) for k in (0.0, 1.0) for s in PLAY), (0.0,), lambda x, s: term(x, s[:1]),
+            tuple((s, k) for k in (0.0, 1.0, 2.0, 3.0) for s in PLAY), (0.0,), lambda x, s: term(x, s[:1]),
             note="on load reversal", family="joint", curve=lambda x, s: law(x, s, s[:1]),
         ),
         Hypothesis(
@@ -162,7 +165,7 @@ def hysteresis(r: Readings, j: int) -> list[Hypothesis]:
 
 def creep(r: Readings, j: int) -> list[Hypothesis]:
     """A part of the twist that comes late: τ_c ẋ + x = τ."""
-    c, where = r.compliance[j], f"joint:{j + 1}"
+    c, where = max(r.compliance[j], LEAST_SOFT), f"joint:{j + 1}"
     time = r.recording.time
     if time is None:
         return []
@@ -195,7 +198,11 @@ def creep(r: Readings, j: int) -> list[Hypothesis]:
 
 def pose_dependent(r: Readings, j: int) -> list[Hypothesis]:
     """A spring that changes with the joint's own angle: a harmonic, two, or a soft sector."""
-    q, tau, c = r.state.q[:, j], r.load_torque[:, j] if r.differences else r.torque[:, j], r.compliance[j]
+    q, tau, c = (
+        r.state.q[:, j],
+        r.load_torque[:, j] if r.differences else r.torque[:, j],
+        max(r.compliance[j], LEAST_SOFT),
+    )
     where = f"joint:{j + 1}"
     low, high = np.quantile(q, [0.02, 0.98])
     if high - low < np.radians(15.0):
@@ -242,26 +249,26 @@ def pose_dependent(r: Readings, j: int) -> list[Hypothesis]:
     ]  # fmt: skip
 
 
-def play(r: Readings, j: int, share: float, *, carried: bool) -> Array:
-    """(N,) output of a play operator on the load torque of a joint.
-
-    Each load cycle starts unloaded; ``carried``: with what the cycle before left in the gear, else relaxed. A reading
-    counts from the unloaded state of its cycle.
+def play(r: Readings, j: int, share: float, memory: int) -> Array:
+    """(N,) output of a play operator on the torque of a joint; a reading counts from the unloaded state of its cycle.
 
     Args:
         share: half-width per largest load torque of the joint.
+        memory: 0: each cycle starts relaxed; 1: with what the cycle before left in the gear; 2: weight winds the gear up
+            on arrival, from rest; 3: the same, from what the pose before left.
     """
-    key = ("play", share, carried)
+    key = ("play", share, memory)
     if key not in r.memo:
         threshold = share * np.array([_largest(t) for t in r.load_torque.T])
-        out, state, visit = np.zeros((len(r), 6)), np.zeros(6), -1
+        out, state, visit, session = np.zeros((len(r), 6)), np.zeros(6), -1, -1
         for rows in r.cycles:
-            here = int(r.visit[rows[0]])
-            if not carried or here != visit:
+            here, weight = int(r.visit[rows[0]]), r.weight_torque[rows[0]] if memory > 1 else np.zeros(6)
+            arrived, same = here != visit, int(r.session[rows[0]]) == session
+            if memory == 0 or (arrived and not (memory == 3 and same)):
                 state = np.zeros(6)
-            visit = here
-            state = np.clip(state, -threshold, threshold)  # unloaded
-            start, tau = state, r.load_torque[rows]
+            visit, session = here, int(r.session[rows[0]])
+            state = np.clip(state, weight - threshold, weight + threshold)  # unloaded
+            start, tau = state, r.load_torque[rows] + weight
             low, high = tau - threshold, tau + threshold
             for k, n in enumerate(rows):
                 state = np.minimum(np.maximum(state, low[k]), high[k])

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import binom
 
+from machopt.diagnose.motion_friction import rest_of
 from machopt.diagnose.motion_signals import Motion
 from machopt.diagnose.problem import Array, RecordCorrection
 from machopt.diagnose.result import Estimate, Finding
@@ -90,6 +91,7 @@ def _units_of(recording: Recording, name: str, joints: list[int]) -> tuple[Recor
     factor = float(np.median(list(sure.values())))
     slides = bool(recording.prismatic) and recording.prismatic[joints[0]]
     known = [f for f in (THOUSANDS if slides else FACTORS) if abs(factor / f - 1.0) < NEAR]
+    assert recording.time is not None  # the caller looked
     if known and name == "velocity" and known[0] > 1.0 and np.median(np.diff(np.sort(recording.time))) > SLOW:
         return _milliseconds(recording, joints)
     if not known or max(abs(s / factor - 1.0) for s in sure.values()) > NEAR:
@@ -141,6 +143,14 @@ def torque_side(recording: Recording, motion: Motion, predicted: Array) -> tuple
         return recording, []
     tau = recording.torque[motion.index, : predicted.shape[1]]
     needed = np.ptp(predicted, axis=0)
+    for j in np.flatnonzero(needed > 0.02 * needed.max()).tolist():
+        v = motion.v[:, j]
+        friction = np.stack([np.ones(len(v)), np.sign(v), v], axis=1)  # it can hide which way the rest points
+        if slope(rest_of(predicted[:, j], friction)[0], rest_of(tau[:, j], friction)[0])[1] < -ALIKE:
+            raise InputError(
+                f"{recording.source}: {column(recording, 'torque', j)} runs against what the arm needs there by its "
+                "masses; the sign of torques that drive the joint forward would work"
+            )
     pairs = [slope(predicted[:, j], tau[:, j]) for j in range(predicted.shape[1])]
     sure = [j for j, (s, r) in enumerate(pairs) if abs(r) > ALIKE and needed[j] > 0.02 * needed.max()]
     if len(sure) < min(2, predicted.shape[1]):
@@ -164,12 +174,6 @@ def torque_side(recording: Recording, motion: Motion, predicted: Array) -> tuple
             f"{recording.source}: {column(recording, 'torque', sure[0])} is {shares} of what the arm needs at joints "
             f"{', '.join(str(j + 1) for j in sure)}: torque of the motors before their gears? Torque at the joint "
             "(times the gear ratio) would work"
-        )
-    against = [j for j in sure if pairs[j][0] < 0]
-    if against:
-        raise InputError(
-            f"{recording.source}: {column(recording, 'torque', against[0])} runs against what the arm needs there by "
-            "its masses; the sign of torques that drive the joint forward would work"
         )
     return recording, []
 

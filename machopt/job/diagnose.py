@@ -239,7 +239,9 @@ def _motion(request: Request, cell: Cell, recording: Recording, options: engine.
         "tip": "stretches of tip",
     }
     d = engine.diagnose(problem, catalogue, replace(options, predicted=words[channel]), rng)
-    return _Found(_with_record(d, list(found), None, notes, recording.warnings), problem, recording)
+    # what leaves the record as it is, like a lag behind the command, changes no error of this channel
+    beside = [f if f.record else replace(f, before=d.heldout_before, after=d.heldout_before) for f in found]
+    return _Found(_with_record(d, beside, None, notes, recording.warnings), problem, recording)
 
 
 def _with_record(

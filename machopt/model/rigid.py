@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,7 +121,7 @@ def load_dynamics(cell: Cell) -> Dynamics:
     """
     import pinocchio as pin
 
-    full = pin.buildModelFromUrdf(str(cell.urdf))
+    full = pin.buildModelFromXML(_bounded(cell))
     wanted = set(cell.arm_joints)
     missing = [name for name in cell.arm_joints if not full.existJointName(name)]
     if missing:
@@ -155,6 +156,20 @@ def load_dynamics(cell: Cell) -> Dynamics:
     return Dynamics(
         model, bodies, np.array(at.rotation), np.array(at.translation), np.array(com), float(cell.tool.mass)
     )
+
+
+def _bounded(cell: Cell) -> str:
+    """The URDF with joints that turn without end as joints with an angle: pinocchio has cos and sin for those."""
+    root = ElementTree.parse(cell.urdf).getroot()
+    for joint in root.iter("joint"):
+        if joint.get("type") == "continuous":
+            joint.set("type", "revolute")
+            limit = joint.find("limit")
+            if limit is None:
+                limit = ElementTree.SubElement(joint, "limit", velocity="10", effort="0")
+            limit.set("lower", "-1000")
+            limit.set("upper", "1000")
+    return ElementTree.tostring(root, encoding="unicode")
 
 
 def _six(I: Array) -> Array:  # noqa: E741 - the field's own symbol

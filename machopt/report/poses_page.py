@@ -6,23 +6,17 @@ import math
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.report.series import numbers
+from machopt.report.poses_figures import bars, curve, views
 from machopt.report.shell import page_html, section
 from machopt.report.tables import Column, folded, table
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
-Spec = dict[str, Any]  # JSON for assets/xy.js
-
-OURS = "#1552b8"
-COLORS = {"random": "#7a8490", "dumas2011": "#d9730d", "zhang2025": "#2c8a57", "jiao2022": "#8a3fb0"}
-BAR = 0.15  # of a category's width
 
 
 @dataclass(frozen=True)
@@ -119,7 +113,7 @@ def write_poses_page(path: Path, data: PosesPage) -> None:
 
 def poses_html(data: PosesPage) -> str:
     """The page as text; the same data give the same bytes."""
-    charts = [_bars(data), *([] if data.apart else [_curve(data)]), *_views(data)] if data.work is not None else []
+    charts = [bars(data), *([] if data.apart else [curve(data)]), *views(data)] if data.work is not None else []
     sections = [
         ("verdict", "Verdict", _verdict(data)),
         ("apart", "What it tells apart", _apart(data)),
@@ -338,76 +332,6 @@ def _run(data: PosesPage) -> str:
     body = folded("Options", len(data.options), table([Column("Option"), Column("Value", "mono")], data.options))
     body += folded("Inputs", len(data.hashes), table([Column("File"), Column("SHA-256", "mono")], data.hashes))
     return section("run", "This run", "What it was made from, with what settings.", body)
-
-
-def _bars(data: PosesPage) -> Spec:
-    shown = np.flatnonzero(data.relative)
-    entries = [("this plan", data.sigma, OURS), *((h.name, h.sigma, COLORS[h.name]) for h in data.heuristics)]
-    layers: list[Spec] = []
-    for n, (name, sigma, color) in enumerate(entries):
-        at = np.arange(len(shown), dtype=float) + BAR * (n - (len(entries) - 1) / 2)
-        value = np.asarray(100 * sigma[shown], float)
-        seen = np.isfinite(value)
-        layers.append({
-            "type": "points", "name": name, "color": color, "size": 0.1, "bar": 16, "x": numbers(at[seen]),
-            "y": numbers(value[seen]), "lo": [0.0] * int(seen.sum()), "hi": numbers(value[seen]),
-            "labels": [[["unknown", data.unknowns[p]]] for p in shown[seen]],
-        })  # fmt: skip
-    lines = [{"y": 100 * data.target, "fit": False}] if math.isfinite(data.target) else []
-    return {
-        "id": "p-bars", "title": "Expected standard uncertainty of each joint's stiffness", "ymin": 0, "height": 270,
-        "ylabel": "1 σ (% of the stiffness)", "yname": "1 σ (%)", "xcats": [data.unknowns[p] for p in shown],
-        "hlines": lines, "layers": layers,
-    }  # fmt: skip
-
-
-def _curve(data: PosesPage) -> Spec:
-    x = np.array(data.curve_poses, float) * data.per_pose
-    layers: list[Spec] = [
-        {"type": "line", "name": h.name, "color": COLORS[h.name], "dash": "5 4", "x": numbers(x),
-         "y": numbers(100 * h.curve)}
-        for h in data.heuristics
-    ]  # fmt: skip
-    layers.append({"type": "line", "name": "this plan", "color": OURS, "width": 2.4, "x": numbers(x),
-                   "y": numbers(100 * data.curve)})  # fmt: skip
-    layers.append({"type": "points", "color": OURS, "x": numbers(x), "y": numbers(100 * data.curve), "legend": False})
-    return {
-        "id": "p-curve", "title": "Root mean square uncertainty over the number of readings", "xlog": True,
-        "ylog": True, "xlabel": "Readings", "ylabel": "rms 1 σ (%)", "height": 260, "layers": layers,
-    }  # fmt: skip
-
-
-def _views(data: PosesPage) -> list[Spec]:
-    """From above (x, y), and from the side: height over the distance from axis z of base_link."""
-    mm = 1e3
-    cloud, arms = data.cloud * mm, data.arms * mm
-    heading = arms[:, -1, :2]
-    far = np.linalg.norm(heading, axis=1, keepdims=True)
-    heading = heading / np.where(far > 0.0, far, 1.0)
-    along = np.einsum("bkc,bc->bk", arms[:, :, :2], heading)  # each arm turned into the plane of its own TCP
-    views = [
-        ("p-top", "From above", "x (mm)", "y (mm)", cloud[:, 0], cloud[:, 1], arms[:, :, 0], arms[:, :, 1]),
-        ("p-side", "From the side, each arm in the plane of its TCP", "Distance from the base's z axis (mm)", "z (mm)",
-         np.linalg.norm(cloud[:, :2], axis=1), cloud[:, 2], along, arms[:, :, 2]),
-    ]  # fmt: skip
-    return [
-        {
-            "id": name, "title": title, "xlabel": xlabel, "ylabel": ylabel, "equal": True, "height": 510,
-            "layers": [
-                {"type": "points", "name": "candidates", "color": "#c3c9d1", "size": 1.4, "x": numbers(cx, 4),
-                 "y": numbers(cy, 4)},
-                {"type": "line", "name": "arms", "color": "#d9730d", "width": 1.1, "x": _broken(ax), "y": _broken(ay)},
-                {"type": "points", "name": "chosen", "color": OURS, "size": 4, "x": numbers(ax[:, -1], 5),
-                 "y": numbers(ay[:, -1], 5), "labels": [[["pose", str(n + 1)]] for n in range(len(ax))]},
-            ],
-        }
-        for name, title, xlabel, ylabel, cx, cy, ax, ay in views
-    ]  # fmt: skip
-
-
-def _broken(rows: Array) -> list[float | None]:
-    """Rows of points as one list, a gap after each."""
-    return [v for row in rows for v in [*numbers(row, 5), None]]
 
 
 def _percent(share: float) -> str:
