@@ -21,8 +21,10 @@ MOST_OF = 0.6  # of the gain on unseen groups that a rival must reach; an effect
 NEAR_SHAPE = 3.84  # loss of gain within which another shape is as likely (95 %)
 SHOWN = 10
 FORM = 0.08  # relative 1 sigma of a size for the law's own form: no gear, beam or loop is quite like its equation
-FORMS = {"joint_hysteresis": 0.2, "joint_creep": 0.25, "joint_pose_dependent_stiffness": 0.2, "gravity_compensator": 0.2,
-         "transmission_error": 0.1, "thermal_drift": 0.2, "payload": 0.12}  # fmt: skip
+FORMS = {
+    "joint_hysteresis": 0.2, "joint_creep": 0.25, "joint_pose_dependent_stiffness": 0.2, "gravity_compensator": 0.2,
+    "transmission_error": 0.1, "thermal_drift": 0.2, "payload": 0.12,
+}  # fmt: skip
 
 
 def rivals(model: Model, chosen: Sequence[Chosen], k: int, tried: Sequence[Tried]) -> tuple[list[Rival], list[Name]]:

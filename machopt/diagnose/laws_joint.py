@@ -254,8 +254,8 @@ def play(r: Readings, j: int, share: float, memory: int) -> Array:
 
     Args:
         share: half-width per largest load torque of the joint.
-        memory: 0: each cycle starts relaxed; 1: with what the cycle before left in the gear; 2: weight winds the gear up
-            on arrival, from rest; 3: the same, from what the pose before left.
+        memory: 0: each cycle starts relaxed; 1: with what the cycle before left in the gear; 2: weight winds the gear
+            up on arrival, from rest; 3: the same, from what the pose before left.
     """
     key = ("play", share, memory)
     if key not in r.memo:

@@ -137,7 +137,7 @@ def by_chance(
         if p == 1 and t.hypothesis.lower and np.isfinite(t.hypothesis.lower[0]):
             drawn = np.maximum(drawn, 0.0)
         largest = np.maximum(largest, _normal((drawn**2).sum(axis=2), p).max(axis=1))
-        own[k] = _normal(np.array(s.gain / model.spread), p)
+        own[k] = _normal(np.array(s.gain), p)  # as drawn: both carry whatever variance the noise leaves out
     return np.asarray((1.0 + (largest[None, :] >= own[:, None]).sum(axis=1)) / (flips + 1.0))
 
 
