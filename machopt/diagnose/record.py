@@ -29,11 +29,11 @@ from machopt.model.robot import Masses, Robot
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 MOST_REPAIRS = 3
-ORDINARY = 0.04  # share of gross errors that trackers make now and then; more is worth a finding
+ORDINARY = 0.08  # share of gross errors and heavy tails that trackers make now and then; more is worth a finding
 ALIKE, LIKE_SIZE = 0.8, 3.0  # cosine and ratio of errors that are the same
-CLERICAL = 2  # slipped decimals or copies; a tracker's own outliers look like one now and then
+CLERICAL = 3  # slipped decimals or copies; a tracker's own outliers look like one now and then
 SLIP = (10.0, 100.0, 1000.0)
-MOSTLY = 0.4  # of the gross rows
+MOSTLY = 0.5  # of the gross rows
 FITS = 2.0  # noise within which a slipped decimal, put right, meets the prediction
 DIFFERENT_LOAD = 0.05  # of the largest load: readings under loads so unlike do not agree to the last digit
 LENGTHS = {"metres": 1e3, "centimetres": 10.0, "inches": 25.4, "micrometres": 1e-3}
@@ -135,7 +135,7 @@ def outliers(recording: Recording, diagnosis: Diagnosis, copies: Flags, problem:
     aside = ~diagnosis.used & ~_comes_back(diagnosis, problem)
     if not aside.any():
         return None
-    measured = recording.displacement if recording.kind == "deflection" else None
+    measured = recording.displacement if recording.kind == "deflection" else recording.position
     slips = np.zeros(len(aside), bool)
     if measured is not None:
         d = measured[:, :3]
