@@ -29,6 +29,7 @@ BESIDE, BESIDE_HERE = (
     0.06,
     0.3,
 )  # of the largest gain so far: a law that is not quite the true one leaves as much, most of it at its own place
+BESIDE_EXACT = 5e-6  # the same of a clock or a lag, which its column holds to first order
 PAIRS_AMONG = 6
 PLAUSIBLE = {  # by effect and unit of its size: beyond, a law is stretched to fit something else
     ("joint_backlash", "arcmin"): 30.0, ("joint_hysteresis", "arcmin"): 30.0, ("joint_zero_offset", "deg"): 10.0,
@@ -152,14 +153,13 @@ class _Search:
 
 def _law_error(s: Scored, chosen: Sequence[Chosen]) -> float:
     """Gain that the laws chosen so far may leave because they are not quite the true ones."""
-    return max(
-        (
-            c.scored.gain * (BESIDE_HERE if _near(c.tried.hypothesis, s.tried.hypothesis) else BESIDE)
-            for c in chosen
-            if not c.tried.hypothesis.exact
-        ),
-        default=0.0,
-    )
+
+    def share(c: Chosen) -> float:
+        if c.tried.hypothesis.exact:
+            return BESIDE_EXACT
+        return BESIDE_HERE if _near(c.tried.hypothesis, s.tried.hypothesis) else BESIDE
+
+    return max((c.scored.gain * share(c) for c in chosen), default=0.0)
 
 
 def _near(a: Hypothesis, b: Hypothesis) -> bool:
