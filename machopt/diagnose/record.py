@@ -11,8 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import bdtrc, ndtr
 
 from machopt.diagnose.contradiction import contradictions
+from machopt.diagnose.noise import GROSS
 from machopt.diagnose.problem import Problem as Equations
 from machopt.diagnose.problem import RecordCorrection
 from machopt.diagnose.result import Diagnosis, Estimate, Finding
@@ -92,8 +94,10 @@ def mend(
             warnings.insert(0, error.message)
             break
         recording = mended
-        after = _misfit(experiment(recording, robot, T_flange_tcp))
-        findings = _joined(findings, _said(error, before, after))
+        right = experiment(recording, robot, T_flange_tcp)
+        usual = _usual(prior, reach_of(robot, T_flange_tcp))
+        chance = _votes(tests.pose, _off_by_pose(tests, usual), _off_by_pose(right, usual))
+        findings = _joined(findings, _said(error, before, _misfit(right), chance))
     recording, more = contradictions(recording, robot, T_flange_tcp)
     return recording, findings + more, warnings
 
@@ -151,11 +155,13 @@ def outliers(recording: Recording, diagnosis: Diagnosis, copies: Flags, problem:
         return None
     rows = ",".join(str(r) for r in problem.row[aside])
     count = float(aside.sum())
+    # that Gaussian noise makes even one of these rows
+    by_noise = float(min(2.0 * ndtr(-GROSS) * diagnosis.errors.final.size, 1.0))
     return Finding(
         "outliers", f"rows:{rows}", "gross errors", "residual beyond six robust standard deviations",
         f"{clerical} look like slipped decimals or copied rows" if clerical else "",
         (("outliers", f"rows:{rows}"),), {"count": Estimate(count, "1", (count, count), (count, count))},
-        diagnosis.heldout_before, diagnosis.heldout_after, 0.0,
+        diagnosis.heldout_before, diagnosis.heldout_after, by_noise,
         correction=RecordCorrection("outliers", f"rows:{rows}", {"rows": rows}), record=True,
     )  # fmt: skip
 
@@ -228,7 +234,7 @@ def _mended(recording: Recording, error: Problem, robot: Robot, T_flange_tcp: Ar
     return None
 
 
-def _said(error: Problem, before: float, after: float) -> Finding:
+def _said(error: Problem, before: float, after: float, p_value: float) -> Finding:
     if error.code in FRAMES:
         effect, where = FRAMES[error.code]
         parameters: dict[str, Estimate] = {}
@@ -239,7 +245,7 @@ def _said(error: Problem, before: float, after: float) -> Finding:
         parameters = {"factor": Estimate(1.0 / factor, "1", (1.0 / factor,) * 2, (1.0 / factor,) * 2)}
     return Finding(
         effect, where, "the record, read as stated", "", error.message, ((effect, where),), parameters, 1e3 * before,
-        1e3 * after, 0.0, correction=RecordCorrection(effect, where, {"message": error.message}), record=True,
+        1e3 * after, p_value, correction=RecordCorrection(effect, where, {"message": error.message}), record=True,
     )  # fmt: skip
 
 
@@ -259,7 +265,7 @@ def _by_size(tests: Experiment, prior: Array | None, reach: float) -> Problem | 
     seen, predicted = ratio(prior)
     if not seen > 0 or 1 / FAR < seen < FAR or np.abs(y - seen * predicted).sum() > HALF * np.abs(y).sum():
         return None
-    usual, _ = ratio(np.full(6, 1e6 * (reach / 2.5) ** 3))  # arms that we know lie within 3.3 of this
+    usual, _ = ratio(_usual(None, reach))
     for name, value, column, factor in SIZES:
         nearer = abs(np.log(max(usual, 1e-300) / value)) < min(abs(np.log(max(usual, 1e-300))), np.log(UNUSUAL))
         if abs(np.log(seen / value)) < np.log(NEAR) and nearer:
@@ -295,6 +301,31 @@ def _joined(findings: list[Finding], new: Finding) -> list[Finding]:
     return [both if f is old else f for f in findings]
 
 
+def _usual(prior: Array | None, reach: float) -> Array:
+    """(6,) N·m/rad of the cell, or of an arm of this reach (m); arms that we know lie within 3.3 of it."""
+    return np.full(6, 1e6 * (reach / 2.5) ** 3) if prior is None else prior
+
+
+def _off_by_pose(tests: Experiment, stiffness: Array) -> Array:
+    """(G,) how far the readings of each pose are from a stiffness, 0 … 1, translations and rotations alike."""
+    predicted = tests.response()[:, :, :6] @ (1.0 / stiffness)
+    poses = np.unique(tests.pose)
+    out = np.zeros(len(poses))
+    for c in range(0, tests.dimensions, 3):
+        y, p = tests.measured[:, c : c + 3], predicted[:, c : c + 3]
+        for g, pose in enumerate(poses):
+            rows = tests.pose == pose
+            whole = float(np.abs(y[rows]).sum() + np.abs(p[rows]).sum())
+            out[g] += float(np.abs(y[rows] - p[rows]).sum()) / max(whole, 1e-300)
+    return out
+
+
+def _votes(pose: NDArray[np.int64], before: Array, after: Array) -> float:
+    """Chance that so many poses come nearer by accident: a sign test of (G,) misfits before and after."""
+    better, n = int(np.sum(after < before)), len(np.unique(pose))
+    return float(bdtrc(better - 1, n, 0.5)) if better > 0 else 1.0
+
+
 def _misfit(tests: Experiment) -> float:
     """m, robust rms of what refitted joints leave of the translations."""
     load = np.linalg.norm(tests.wrench[:, :3], axis=1) + np.linalg.norm(tests.wrench[:, 3:], axis=1)
@@ -322,10 +353,15 @@ def _poses(
     best = misfit(q, x)
     if best > CLEARLY * stated:
         return recording, [], []
+    before, after = (
+        np.array([np.median(np.linalg.norm(x_ - robot.fk(q_, T_flange_tcp)[:, :3, 3], axis=1)[recording.pose == g])
+                  for g in np.unique(recording.pose)])
+        for q_, x_ in ((recording.q, recording.position), (q, x))
+    )  # fmt: skip
     said = Finding(
         "units", f"column:{column}", "the record, read as stated", "", f"the columns {column} … seem to hold {name}",
         (("units", f"column:{column}"),), {"factor": Estimate(1 / factor, "1", (1 / factor,) * 2, (1 / factor,) * 2)},
-        1e3 * stated, 1e3 * best, 0.0, record=True,
+        1e3 * stated, 1e3 * best, _votes(recording.pose, before, after), record=True,
         correction=RecordCorrection("units", f"column:{column}", {"message": f"{column} … seem to hold {name}"}),
     )  # fmt: skip
     return replace(recording, q=q, position=x), [said], []

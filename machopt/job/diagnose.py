@@ -84,6 +84,14 @@ def run_diagnose(request: Request, progress: Progress = lambda _: None) -> Outco
     in_motion = recording.kind == "motion"
     cell = load_cell(request.cell, allow_external=request.allow_external, any_chain=in_motion)
     laws = userterms.load(request.terms)
+    if request.toolpath is not None and not request.toolpath.is_file():  # said before minutes of work, not after
+        raise InputError("there is no such file; a toolpath that optimize reads would work", file=request.toolpath,
+                         where="--toolpath")  # fmt: skip
+    if request.channel != "auto" and recording.kind != "motion":
+        raise InputError(
+            f"found {request.channel}; channels are of a motion, this recording is of kind {recording.kind!r}",
+            where="--channel",
+        )
     options = engine.Options(most=request.max_findings, progress=progress)
     with output_folder(request.out) as folder:
         if in_motion:
