@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
-from machopt.formats.gcode_expr import ExpressionError, Parameters
-from machopt.formats.siemens_expr import Variables
+from machopt.formats.cam.gcode.expr import ExpressionError, Parameters
+from machopt.formats.cam.siemens.expr import Variables
 from machopt.formats.toolpath import read_toolpath
 
 

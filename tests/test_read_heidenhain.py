@@ -10,7 +10,7 @@ from reader_samples import DIN_ISO
 
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
-from machopt.formats.heidenhain_cycles import q_cycle
+from machopt.formats.cam.heidenhain.cycles import q_cycle
 from machopt.formats.holecycle import CycleError
 from machopt.formats.toolpath import read_toolpath
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.errors import InputError
+from machopt.formats.cam.gcode.planes import cycle800, g68_2, spatial
 from machopt.formats.frames import Transfer, turn
-from machopt.formats.gcode_planes import cycle800, g68_2, spatial
 from machopt.formats.rotary import Rotary, machine
 from machopt.formats.source import offsets
 from machopt.formats.toolpath import read_toolpath

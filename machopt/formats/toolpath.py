@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
-from machopt.formats.apt import read_apt
-from machopt.formats.gcode import read_gcode
-from machopt.formats.heidenhain import read_heidenhain
-from machopt.formats.heidenhain_iso import HEADER, read_heidenhain_iso
-from machopt.formats.nci import NCI, read_nci
+from machopt.formats.cam.apt.reader import read_apt
+from machopt.formats.cam.gcode.reader import read_gcode
+from machopt.formats.cam.heidenhain.iso import HEADER, read_heidenhain_iso
+from machopt.formats.cam.heidenhain.reader import read_heidenhain
+from machopt.formats.cam.nci import NCI, read_nci
 from machopt.formats.pointtable import looks_like_table, read_csv, read_parquet
 from machopt.formats.source import ReadOptions, Source, decode, read_bytes
 from machopt.formats.source import offsets as work_offsets

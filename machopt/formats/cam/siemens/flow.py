@@ -10,9 +10,9 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 
-from machopt.formats.gcode_expr import ExpressionError
-from machopt.formats.gcode_flow import MAX_CALLS, FlowError, Item, StepGuard
-from machopt.formats.siemens_expr import Variables
+from machopt.formats.cam.gcode.expr import ExpressionError
+from machopt.formats.cam.gcode.flow import MAX_CALLS, FlowError, Item, StepGuard
+from machopt.formats.cam.siemens.expr import Variables
 
 NEEDS_FLOW = re.compile(
     r"\bR\[?\d+\]?\s*=|=\s*[-+]?\s*\(?\s*[A-Z]|\b(?:GOTO[BF]?|WHILE|ENDWHILE|REPEAT|UNTIL|LOOP|DEF|IF|FOR)\b|\bPROC\s|%_N_\w+_SPF",

@@ -7,10 +7,10 @@ import math
 
 import numpy as np
 
+from machopt.formats.cam.gcode.blocks import Block
+from machopt.formats.cam.gcode.motion import MotionReader
+from machopt.formats.cam.gcode.planes import cycle800, g68, g68_2, siemens_rot
 from machopt.formats.frames import FrameError, Transfer
-from machopt.formats.gcode_blocks import Block
-from machopt.formats.gcode_motion import MotionReader
-from machopt.formats.gcode_planes import cycle800, g68, g68_2, siemens_rot
 from machopt.formats.pathbuilder import Vector
 from machopt.formats.source import ReadOptions, Source
 

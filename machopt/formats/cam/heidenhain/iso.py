@@ -10,9 +10,9 @@ import math
 import re
 
 from machopt.domain.toolpath import Toolpath
-from machopt.formats.gcode_blocks import Block
-from machopt.formats.gcode_flow import FlowError
-from machopt.formats.heidenhain_control import NUMBER, ControlReader, value
+from machopt.formats.cam.gcode.blocks import Block
+from machopt.formats.cam.gcode.flow import FlowError
+from machopt.formats.cam.heidenhain.control import NUMBER, ControlReader, value
 from machopt.formats.source import ReadOptions, Source
 
 HEADER = re.compile(r"^[ \t]*%(?!_N_)[ \t]*\S+[ \t]+G7([01])\b", re.IGNORECASE | re.MULTILINE)

@@ -11,7 +11,7 @@ import re
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
 
-from machopt.formats.gcode_expr import ExpressionError, Parameters
+from machopt.formats.cam.gcode.expr import ExpressionError, Parameters
 
 Item = tuple[int, str, list[str]]  # line, code in upper case, comments
 MAX_STEPS = 300_000  # lines carried out in one program, beyond twice the lines it has

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
-from machopt.formats.gcode_expr import ExpressionError
+from machopt.formats.cam.gcode.expr import ExpressionError
 
 Word = tuple[str, float]
 _WORD = re.compile(r"\s*([A-Z])\s*([+-]?\s*(?:\d+\.?\d*|\.\d+))")

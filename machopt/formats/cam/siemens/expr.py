@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Callable
 
-from machopt.formats.gcode_expr import MAX_DEPTH, ExpressionError
+from machopt.formats.cam.gcode.expr import MAX_DEPTH, ExpressionError
 
 _TOKEN = re.compile(r"\s*(\d+\.?\d*(?:EX[-+]?\d+)?|\.\d+|==|<>|>=|<=|<<|[-+*/()\[\],<>=]|\$?[A-Z_][A-Z0-9_]*)")
 _RADIANS = math.radians

@@ -8,13 +8,13 @@ import re
 import numpy as np
 
 from machopt.formats.arcs import ArcError
+from machopt.formats.cam.gcode.blocks import Block
+from machopt.formats.cam.gcode.planes import sequence, spatial
+from machopt.formats.cam.gcode.reader import ProgramReader
+from machopt.formats.cam.gcode.words import PLANES
+from machopt.formats.cam.heidenhain.cycles import SUPPORTED, old_cycle, q_cycle
+from machopt.formats.cam.heidenhain.flow import LabelFlow
 from machopt.formats.frames import FrameError, Transfer
-from machopt.formats.gcode import ProgramReader
-from machopt.formats.gcode_blocks import Block
-from machopt.formats.gcode_planes import sequence, spatial
-from machopt.formats.gcode_words import PLANES
-from machopt.formats.heidenhain_cycles import SUPPORTED, old_cycle, q_cycle
-from machopt.formats.heidenhain_flow import LabelFlow
 from machopt.formats.holecycle import CycleError
 from machopt.formats.source import MM_PER_INCH, ReadOptions, Source
 

@@ -9,8 +9,8 @@ import math
 import re
 
 from machopt.domain.toolpath import Move
-from machopt.formats.gcode_motion import MotionReader
-from machopt.formats.gcode_setup import turned
+from machopt.formats.cam.gcode.motion import MotionReader
+from machopt.formats.cam.gcode.setup import turned
 
 _NUMBER = r"\s*([-+]?(?:\d+\.?\d*|\.\d+))\s*"
 _POINT = rf"(?:X{_NUMBER})?(?:Y{_NUMBER})?(?:Z{_NUMBER})?"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from machopt.domain.toolpath import Move
-from machopt.formats.apt_motion import MotionReader
-from machopt.formats.apt_tokens import LARGEST
+from machopt.formats.cam.apt.motion import MotionReader
+from machopt.formats.cam.apt.tokens import LARGEST
 
 _AT_ONCE = 50_000  # points kept before they are handed over
 

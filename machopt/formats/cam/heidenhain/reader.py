@@ -10,11 +10,11 @@ import math
 import re
 
 from machopt.domain.toolpath import Toolpath
-from machopt.formats.gcode_blocks import Block
-from machopt.formats.gcode_fast import HEIDENHAIN, plain_lines
-from machopt.formats.gcode_flow import FlowError
-from machopt.formats.heidenhain_control import NUMBER, ControlReader, value
-from machopt.formats.heidenhain_cycles import OLD_WORD, old_word
+from machopt.formats.cam.gcode.blocks import Block
+from machopt.formats.cam.gcode.fast import HEIDENHAIN, plain_lines
+from machopt.formats.cam.gcode.flow import FlowError
+from machopt.formats.cam.heidenhain.control import NUMBER, ControlReader, value
+from machopt.formats.cam.heidenhain.cycles import OLD_WORD, old_word
 from machopt.formats.source import ReadOptions, Source
 
 _WORD = re.compile(r"\s*(I?[XYZABC]|T[XYZ]|N[XYZ]|I?PR|I?PA|F|R|S)\s*" + NUMBER)

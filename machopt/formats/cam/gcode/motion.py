@@ -13,11 +13,11 @@ import numpy as np
 from machopt.domain.toolpath import Array, Move
 from machopt.formats import rotary
 from machopt.formats.arcs import arc
+from machopt.formats.cam.gcode.arcs import Centres
+from machopt.formats.cam.gcode.blocks import Block
+from machopt.formats.cam.gcode.cycles import Canned
+from machopt.formats.cam.gcode.setup import Setup, turned
 from machopt.formats.frames import Transfer
-from machopt.formats.gcode_arcs import Centres
-from machopt.formats.gcode_blocks import Block
-from machopt.formats.gcode_cycles import Canned
-from machopt.formats.gcode_setup import Setup, turned
 from machopt.formats.holecycle import CycleError, HoleCycle, drill
 from machopt.formats.pathbuilder import PathBuilder, Vector, check_radius
 from machopt.formats.source import UNIT_NAMES, ReadOptions, Source

@@ -13,12 +13,12 @@ from collections.abc import Callable
 import numpy as np
 
 from machopt.domain.toolpath import Toolpath
-from machopt.formats.apt_cycles import FEED_UNITS, HsmCycle, hole_cycle, parse_cycle
-from machopt.formats.apt_dialect import Dialect, unit_of
-from machopt.formats.apt_fast import plain_gotos, takes_plain_gotos
-from machopt.formats.apt_motion import MotionReader
-from machopt.formats.apt_tokens import COMMENT, fields, number, numbers, numbers_or_none, statement_at
-from machopt.formats.apt_words import NO_EFFECT, REFUSED
+from machopt.formats.cam.apt.cycles import FEED_UNITS, HsmCycle, hole_cycle, parse_cycle
+from machopt.formats.cam.apt.dialect import Dialect, unit_of
+from machopt.formats.cam.apt.fast import plain_gotos, takes_plain_gotos
+from machopt.formats.cam.apt.motion import MotionReader
+from machopt.formats.cam.apt.tokens import COMMENT, fields, number, numbers, numbers_or_none, statement_at
+from machopt.formats.cam.apt.words import NO_EFFECT, REFUSED
 from machopt.formats.frames import Frame, FrameError
 from machopt.formats.holecycle import CycleError
 from machopt.formats.source import ReadOptions, Source

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from machopt.formats.gcode_blocks import Block
+from machopt.formats.cam.gcode.blocks import Block
 from machopt.formats.holecycle import CycleError, HoleCycle
 
 _FEED_OUT = {74, 84, 85, 89}

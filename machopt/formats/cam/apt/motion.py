@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from machopt.domain.toolpath import Array, Move
-from machopt.formats.apt_curves import Curves
-from machopt.formats.apt_cycles import HsmCycle
-from machopt.formats.apt_dialect import Dialect, sniff_dialect, unit_scale
-from machopt.formats.apt_tokens import LARGEST, fields, leading_numbers, numbers
+from machopt.formats.cam.apt.curves import Curves
+from machopt.formats.cam.apt.cycles import HsmCycle
+from machopt.formats.cam.apt.dialect import Dialect, sniff_dialect, unit_scale
+from machopt.formats.cam.apt.tokens import LARGEST, fields, leading_numbers, numbers
 from machopt.formats.frames import Frame, Transfer
 from machopt.formats.holecycle import HoleCycle, drill
 from machopt.formats.pathbuilder import PathBuilder, Vector

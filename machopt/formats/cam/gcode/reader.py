@@ -13,15 +13,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from machopt.domain.toolpath import Toolpath
-from machopt.formats import gcode_flow, siemens_flow
 from machopt.formats.arcs import ArcError
-from machopt.formats.frames import FrameError
-from machopt.formats.gcode_blocks import Block, BlockReader
-from machopt.formats.gcode_calls import OPERATION, CallReader
-from machopt.formats.gcode_expr import ExpressionError
-from machopt.formats.gcode_fast import PLAIN, SIEMENS, plain_lines, takes_plain_lines
-from machopt.formats.gcode_flow import FlowError, Item, MacroFlow
-from machopt.formats.gcode_words import (
+from machopt.formats.cam.gcode import flow as gcode_flow
+from machopt.formats.cam.gcode.blocks import Block, BlockReader
+from machopt.formats.cam.gcode.calls import OPERATION, CallReader
+from machopt.formats.cam.gcode.expr import ExpressionError
+from machopt.formats.cam.gcode.fast import PLAIN, SIEMENS, plain_lines, takes_plain_lines
+from machopt.formats.cam.gcode.flow import FlowError, Item, MacroFlow
+from machopt.formats.cam.gcode.words import (
     CYCLES,
     FEED_MODES,
     MACHINE_FRAME,
@@ -35,8 +34,10 @@ from machopt.formats.gcode_words import (
     REFUSED,
     UNITS,
 )
+from machopt.formats.cam.siemens import flow as siemens_flow
+from machopt.formats.cam.siemens.flow import SiemensFlow
+from machopt.formats.frames import FrameError
 from machopt.formats.holecycle import CycleError
-from machopt.formats.siemens_flow import SiemensFlow
 from machopt.formats.source import UNIT_NAMES, ReadOptions, Source
 from machopt.formats.unknowns import fill_unknown
 

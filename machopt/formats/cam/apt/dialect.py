@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import re
 
-from machopt.formats.apt_tokens import fields
+from machopt.formats.cam.apt.tokens import fields
 from machopt.formats.pathbuilder import PathBuilder
 from machopt.formats.source import MM_PER_INCH, ReadOptions, Source
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 
-from machopt.formats.gcode_blocks import Block
-from machopt.formats.gcode_cycles import SIEMENS, siemens_cycle
-from machopt.formats.gcode_frames import FrameReader
-from machopt.formats.gcode_words import IGNORED_CALLS, REFUSED_CALLS
+from machopt.formats.cam.gcode.blocks import Block
+from machopt.formats.cam.gcode.cycles import SIEMENS, siemens_cycle
+from machopt.formats.cam.gcode.frames import FrameReader
+from machopt.formats.cam.gcode.words import IGNORED_CALLS, REFUSED_CALLS
 
 OPERATION = re.compile(r"^\W*(?:OPER(?:ATION)?(?:[ _]*NAME)?|TOOLPATH|PATH)\s*[:=]\s*(.*?)[\s*]*$", re.IGNORECASE)
 _RUN_TOGETHER = re.compile(r"[XYZABCGIJKRFM]+\d\w*")

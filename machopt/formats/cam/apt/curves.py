@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from machopt.domain.toolpath import Array
-from machopt.formats.apt_tokens import groups, leading_numbers, number
 from machopt.formats.arcs import RADIUS_FAULT, RADIUS_WARN, ArcError, arc, cubic_spline
+from machopt.formats.cam.apt.tokens import groups, leading_numbers, number
 from machopt.formats.pathbuilder import PathBuilder, check_radius
 
 ANGLE_WARN = 0.02  # rad

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 
-from machopt.formats.gcode_expr import ExpressionError
-from machopt.formats.gcode_flow import MAX_CALLS, FlowError, Item, StepGuard
-from machopt.formats.siemens_expr import Variables
+from machopt.formats.cam.gcode.expr import ExpressionError
+from machopt.formats.cam.gcode.flow import MAX_CALLS, FlowError, Item, StepGuard
+from machopt.formats.cam.siemens.expr import Variables
 
 _LABEL = re.compile(r"(?:LBL\s*|G98\s*L\s*)(\d+|\"[^\"]*\")\s*\*?")
 _CALL = re.compile(r"(?:CALL\s+LBL\s*(\d+|\"[^\"]*\")(?:\s*REP\s*(\d+))?(?:/\d+)?|L\s*(\d+)\s*,\s*(\d+))\s*\*?")

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machopt.formats.apt_tokens import number
+from machopt.formats.cam.apt.tokens import number
 from machopt.formats.holecycle import CycleError, HoleCycle
 from machopt.formats.pathbuilder import Vector
 

@@ -1,0 +1,1 @@
+"""Readers of CAM exports: APT/CL, G-code, Sinumerik, Heidenhain, Mastercam NCI."""

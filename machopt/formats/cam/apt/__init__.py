@@ -1,0 +1,1 @@
+"""APT / cutter location data of NX, CATIA, Creo, CAMWorks, HSM/Fusion and others."""

@@ -1,0 +1,1 @@
+"""Heidenhain: conversational programs and DIN/ISO."""

@@ -1,0 +1,1 @@
+"""What Sinumerik programs add to G-code: expressions, jumps and loops."""
