@@ -51,7 +51,6 @@ class RunInput:
     path_tolerance: float = 15e-6  # m
     axis_tolerance: float = float(np.radians(0.03))
     limit_scale: float = 0.97
-    point_feed: Array | None = None  # (n,) m/s: the feed is also held below the line between these; default: feed
     phi_curve: Callable[[Array], Array] | None = None  # phi as a smooth function of blend.path_parameter
     correction: Correction | None = None  # limits hold for encoder angles; None: those are the true ones
 
@@ -231,28 +230,20 @@ def _speed_there(law: TimeLaw, at: Array, s: int) -> float:
 
 
 def programmed(run: RunInput, point: Array) -> Array:
-    """Programmed feed at fractional indices: of the segment, and below the line between the feeds of its points."""
-    n = len(run.position)
-    ends = _point_feed(run)
-    on = np.clip(np.ceil(point - 1e-12).astype(int), 1, n - 1)
-    return np.asarray(np.minimum(run.feed[on], np.interp(point, np.arange(n), ends)))
-
-
-def _point_feed(run: RunInput) -> Array:
-    feed = np.array(run.feed if run.point_feed is None else run.point_feed, float)
-    good = np.isfinite(feed) & (feed > 0)
-    return np.where(good, feed, np.r_[run.feed[1], run.feed[1:]])
+    """Programmed feed at fractional indices: that of the move to the next point, over its whole length."""
+    return np.asarray(run.feed[np.clip(np.ceil(point - 1e-12).astype(int), 1, len(run.position) - 1)])
 
 
 def _feed_cap(run: RunInput, curve: Curve, u: Array, slope: Array) -> Array:
-    """Largest du/dt (M,) the feed allows at the nodes; a lower feed is reached a sample before it holds."""
-    ends = _point_feed(run)
-    a, b = curve.last[:-1], curve.first[1:]  # the segment a → b
-    begin, end = np.minimum(run.feed[b], ends[a]), np.minimum(run.feed[b], ends[b])
-    i = np.clip(np.searchsorted(curve.u, u, side="right") - 1, 0, len(a) - 1)
-    f = (u - curve.u[i]) / (curve.u[i + 1] - curve.u[i])
-    cap = np.minimum(run.feed[b[i]], ends[a[i]] + f * (ends[b[i]] - ends[a[i]]))
-    vertex = np.minimum(np.r_[begin[0], end], np.r_[begin, end[-1]])
+    """Largest du/dt (M,) the feed allows at the nodes.
+
+    Each move has its own feed from end to end: a higher one holds at once behind its first point, a lower one is
+    reached a sample before it holds, since the step between two samples is judged by the move it ends on.
+    """
+    feed = run.feed[curve.first[1:]]  # of the piece between two vertices: the move to the point it leads to
+    i = np.clip(np.searchsorted(curve.u, u, side="right") - 1, 0, len(feed) - 1)
+    cap = feed[i]
+    vertex = np.minimum(np.r_[feed[0], feed], np.r_[feed, feed[-1]])
     before = np.clip(np.searchsorted(u, curve.u, side="right") - 1, 0, len(u) - 1)
     np.minimum.at(cap, before, vertex)
     inside = curve.u > u[before]

@@ -92,7 +92,7 @@ class _Builder:
         self.options: PlanOptions = plan.options
         self.path: Path = plan.path
         self.q = plan.chosen.assignment.q
-        self.point_feed = self._feed_between_points()
+        self.feed_after = self._feed_after()
         self.phi = plan.chosen.assignment.phi.copy()
         self.legs: list[Leg] = []
         self.dips: list[Dip] = []
@@ -171,15 +171,13 @@ class _Builder:
                 if len(whole) > 1 or (len(whole) == 1 and first == last):
                     yield int(whole[0]), int(whole[-1])
 
-    def _feed_between_points(self) -> Array:
-        """(P,) m/s on the line between the feeds of the toolpath's points, where rapid points take the next one's."""
-        feed = np.where(self.toolpath.feed > 0, self.toolpath.feed, np.nan)
-        for k in range(len(feed) - 2, -1, -1):
-            if not np.isfinite(feed[k]):
-                feed[k] = feed[k + 1]
-        return np.interp(
-            self.path.index, np.arange(len(feed)), np.where(np.isfinite(feed), feed, self.options.approach_feed)
-        )
+    def _feed_after(self) -> Array:
+        """(P,) m/s of the move to each point, of the next one with a feed where that is a rapid move."""
+        feed = np.where(self.path.feed > 0, self.path.feed, np.nan)
+        known = np.flatnonzero(np.isfinite(feed))
+        if not len(known):
+            return np.full(len(feed), self.options.approach_feed)
+        return feed[known[np.minimum(np.searchsorted(known, np.arange(len(feed))), len(known) - 1)]]
 
     def _rapid(self, a: Array, b: Array, index_a: float, index_b: float, row_a: int, row_b: int) -> None:
         move = plan_rapid(
@@ -259,7 +257,7 @@ class _Builder:
         up = np.asarray([height, 0.0]) if move is Move.APPROACH else np.asarray([0.0, height])
         position = self.path.position[rows] + up[:, None] * self.path.axis[rows]
         feed = (
-            min(self.options.approach_feed, float(self.point_feed[row]))
+            min(self.options.approach_feed, float(self.feed_after[row]))
             if move is Move.APPROACH
             else self.options.approach_feed
         )
@@ -323,7 +321,7 @@ class _Builder:
             T_base_workpiece=setup.arm.T_base_workpiece, T_flange_tcp=setup.arm.T_flange_tcp, robot=setup.robot,
             limits=self.cell.limits, sample=self.options.sample, path_tolerance=self.options.path_tolerance,
             axis_tolerance=self.options.axis_tolerance, limit_scale=self.options.limit_scale,
-            point_feed=self.point_feed[rows], correction=setup.correction,
+            correction=setup.correction,
         ))  # fmt: skip
 
     def _told(self, q: Array) -> Array:
