@@ -20,8 +20,8 @@ import pytest
 from machopt.cli import diagnose as command
 from machopt.diagnose.result import Diagnosis, Estimate
 from machopt.formats.cell import load_cell
-from machopt.formats.outfolder import write_json
 from machopt.job.diagnose_result import page_of, result_of, rows_location, write_residuals
+from machopt.output import write_json
 from machopt.report.diagnosis_figures import binned_mean, binned_rms, law, over_axis, per_group, window
 from machopt.report.diagnosis_limits import limits_html
 from machopt.report.diagnosis_page import diagnosis_html, write_diagnosis

@@ -16,7 +16,6 @@ import pytest
 
 from machopt.domain.trajectory import Trajectory
 from machopt.errors import InputError
-from machopt.formats.outfolder import output_folder, write_json
 from machopt.formats.tables import (
     PointsTable,
     read_trajectory_csv,
@@ -24,6 +23,7 @@ from machopt.formats.tables import (
     write_points_csv,
     write_trajectory_csv,
 )
+from machopt.output import output_folder, write_json
 
 
 def smooth_motion(samples: int, external: int = 0, dt: float = 0.012) -> Trajectory:
@@ -230,7 +230,7 @@ def test_a_foreign_folder_is_not_replaced(tmp_path: Path, monkeypatch: pytest.Mo
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
 def test_a_killed_run_leaves_nothing(tmp_path: Path, number: signal.Signals, code: int) -> None:
     script = (
-        "import signal, sys, time\nfrom machopt.formats.outfolder import output_folder\n"
+        "import signal, sys, time\nfrom machopt.output import output_folder\n"
         # a shell starts background jobs with SIGINT ignored, and children inherit that
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "with output_folder(sys.argv[1]) as f:\n (f / 'half').write_text('1')\n"

@@ -13,7 +13,7 @@ from pathlib import Path
 from machopt.batch.request import Request
 from machopt.errors import InputError
 from machopt.formats.joblist import ListedJob, is_job_table, matching, post_named, read_joblist
-from machopt.formats.outfolder import is_machopt_output
+from machopt.output import is_machopt_output
 
 LISTS = (".yaml", ".yml")
 NO_TOOLPATHS = frozenset({  # what lies beside toolpaths; files with other names are tried, and refused with a reason

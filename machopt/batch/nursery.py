@@ -35,7 +35,7 @@ def main(argv: list[str]) -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the driver, which closes our input
     channel = os.dup(1)
     os.dup2(2, 1)  # what libraries print must not get between the answers
-    importlib.import_module("machopt.formats.outfolder")  # every job writes with it
+    importlib.import_module("machopt.output")  # every job writes with it
     entry = importlib.import_module(argv[0])
     with tempfile.TemporaryDirectory(prefix="machopt-warm-") as folder:
         if hasattr(entry, "warm"):
@@ -140,7 +140,7 @@ def _do(entry: ModuleType, job: dict[str, Any]) -> None:
 
 
 def _write(folder: Path, value: dict[str, object]) -> None:
-    from machopt.formats.outfolder import write_json
+    from machopt.output import write_json
 
     write_json(folder / OUTCOME, value)
 

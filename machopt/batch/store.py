@@ -19,7 +19,7 @@ from typing import Any
 from machopt.batch.nursery import LOG
 from machopt.batch.supervise import Ended, attempts
 from machopt.errors import InputError
-from machopt.formats.outfolder import write_json
+from machopt.output import write_json
 
 JOBS, WORK, LOCK = "jobs", ".work", ".lock"
 RECORD, TIMING = "job.json", "timing.json"

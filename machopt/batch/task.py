@@ -68,7 +68,7 @@ def row(result: Mapping[str, Any]) -> dict[str, object]:
         "deflection_mm": worst.get("deflection_mm"),
         "k_axial_N_mm": worst.get("k_axial_N_mm"),
         "cycle_time_s": result["cycle_time_s"],
-        "programs": [program["files"][0] for program in result["programs"]],
+        "programs": [program["files"][0] for program in result["programs"] if program["files"]],
         "feed_held_percent": None if result["feed_held_share"] is None else 100.0 * result["feed_held_share"],
         "warnings": [
             *result["warnings"],
@@ -88,7 +88,7 @@ def _shown(result: Mapping[str, Any], cost: float) -> float | None:
 def _reason(result: Mapping[str, Any]) -> str:
     if result["exit_code"] == 4:
         failed = [c for c in result["verification"]["checks"] if c["passed"] is False]
-        wrong = [f"program {p['files'][0]}: {p['differences'][0]}" for p in result["programs"] if p["differences"]]
+        wrong = [f"program for {p['post']}: {p['differences'][0]}" for p in result["programs"] if p["differences"]]
         return "; ".join([*wrong, *(f"{c['name']} at {c['where']}" for c in failed)])
     if result["exit_code"] != 3:
         return ""

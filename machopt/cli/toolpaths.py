@@ -7,10 +7,13 @@ import json
 import math
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from machopt.cli.display import Display, finite, natural, positive, tree
 from machopt.errors import InputError, VerificationError
+
+if TYPE_CHECKING:
+    from machopt.verify import Check
 
 Commands = Any  # argparse keeps its subparsers' type private
 
@@ -22,7 +25,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     reading.add_argument("--machine", help="kinematics behind rotary axes in G-code, e.g. table-ac, head-bc")
     reading.add_argument("--feed", type=float, metavar="MM_MIN", help="feed of cutting moves in a file that has none")
     reading.add_argument(
-        "--tool-axis", metavar="AXIS", default="-z",
+        "--tool-axis", metavar="AXIS",
         help="direction from tip to shank in the tool frame of robot programs and pose tables: -z (default), "
         "--tool-axis=+z where the frame's z points into the spindle",
     )  # fmt: skip
@@ -122,12 +125,13 @@ def _optimize(args: argparse.Namespace) -> int:
 
 
 def reading(args: argparse.Namespace) -> dict[str, Any]:
-    """Options of the toolpath readers, in SI."""
+    """Options of the toolpath readers that were given, in SI."""
     if args.feed is not None and not args.feed > 0:
         raise InputError(f"a feed of {args.feed:g} mm/min; more than zero would work", where="--feed")
     feed = None if args.feed is None else args.feed / 60e3
-    return {"unit": args.unit, "machine": args.machine, "strict": args.strict, "default_feed": feed,
-            "tool_axis": getattr(args, "tool_axis", "-z")}  # fmt: skip
+    given = {"unit": args.unit, "machine": args.machine, "strict": args.strict or None, "default_feed": feed,
+             "tool_axis": getattr(args, "tool_axis", None)}  # fmt: skip
+    return {key: value for key, value in given.items() if value is not None}
 
 
 def _inspect(args: argparse.Namespace) -> int:
@@ -159,35 +163,33 @@ def _inspect(args: argparse.Namespace) -> int:
 
 
 def _verify(args: argparse.Namespace) -> int:
-    from machopt.formats.cell import load_cell
-    from machopt.formats.options import load_options
-    from machopt.formats.toolpath import read_toolpath
-    from machopt.job.knownrobot import known_robot
-    from machopt.verify import verify_output
+    from machopt.job.verify import Request, verify
 
-    if not args.out.is_dir():
-        raise InputError("is not a folder; give the output folder of optimize", file=args.out)
-    cell = load_cell(args.cell, allow_external=args.allow_external)
-    options = load_options(cell.plan, args.plan, list(args.set))
-    toolpath = read_toolpath(args.toolpath, robot=known_robot(cell), **reading(args))
-    found = verify_output(cell, toolpath, args.out, options=options)
+    done = verify(Request(
+        cell=args.cell, toolpath=args.toolpath, out=args.out, plan_file=args.plan, overrides=tuple(args.set),
+        reading=reading(args), allow_external=args.allow_external,
+    ))  # fmt: skip
+    found = done.verification
     if args.json:
         checks = [vars(c) for c in found.checks]
-        print(
-            json.dumps(
-                finite({"passed": found.ok, "samples": found.samples, "duration_s": found.duration, "checks": checks})
-            )
-        )
+        value = {"passed": found.ok, "verdict": done.line, "samples": found.samples, "duration_s": found.duration,
+                 "notes": done.notes, "checks": checks}  # fmt: skip
+        print(json.dumps(finite(value), ensure_ascii=False))
     elif not args.quiet:
-        for c in found.checks:
-            if c.passed is None:
-                print(f"–    {c.name}: not run, {c.where}")
-                continue
-            where = "" if c.passed else f" at {c.where}"
-            print(f"{'ok  ' if c.passed else 'FAIL'} {c.name}: {c.value:.4g} {c.unit} (limit {c.limit:.4g}){where}")
+        print("\n".join(map(_check_line, found.checks)))
+        print("\n".join([*(f"note: {n}" for n in done.notes), *([done.line] if found.ok else [])]))
     if not found.ok:
-        raise VerificationError("verification failed: " + "; ".join(f"{c.name} at {c.where}" for c in found.failed))
-    return 0
+        raise VerificationError(f"{done.line}: " + "; ".join(f"{c.name}: {c.where}" for c in found.failed))
+    return done.exit_code
+
+
+def _check_line(c: Check) -> str:
+    if c.passed is None:
+        return f"–    {c.name}: not run, {c.where}"
+    where = "" if c.passed or not c.where else f" at {c.where}"
+    if math.isnan(c.value) and math.isnan(c.limit):
+        return f"{'ok  ' if c.passed else 'FAIL'} {c.name}{where.replace(' at ', ': ', 1)}"
+    return f"{'ok  ' if c.passed else 'FAIL'} {c.name}: {c.value:.4g} {c.unit} (limit {c.limit:.4g}){where}"
 
 
 def _summary(result: dict[str, Any], report: Path) -> list[str]:
@@ -283,6 +285,9 @@ def _programs(result: dict[str, Any]) -> list[str]:
     lines = []
     for p in result["programs"]:
         c = p["checked"]
+        if p["withheld"]:
+            lines.append(f"  program for {p['post']} withheld: {p['withheld']}")
+            continue
         if c is None:
             lines.append(f"  program {p['files'][0]}: NOT CHECKED: in a language that no reader here knows")
             continue
@@ -297,7 +302,7 @@ def _programs(result: dict[str, Any]) -> list[str]:
 
 
 def _failed(result: dict[str, Any]) -> str:
-    wrong = [f"program {p['files'][0]}: {p['differences'][0]}" for p in result["programs"] if p["differences"]]
+    wrong = [f"program for {p['post']}: {p['differences'][0]}" for p in result["programs"] if p["differences"]]
     checks = result["verification"]["checks"] if result["verification"] else []
     wrong += [f"{c['name']} {c['value']:.4g} {c['unit']} at {c['where']}" for c in checks if c["passed"] is False]
     return "; ".join(wrong)

@@ -21,7 +21,6 @@ from machopt.domain.stiffness import Stiffness, Term
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.kinematics import write_kinematics
-from machopt.formats.outfolder import output_folder, write_json
 from machopt.formats.recording import load_recording, load_recordings
 from machopt.formats.stiffness import load_stiffness, write_stiffness
 from machopt.identify.experiment import experiment
@@ -29,6 +28,7 @@ from machopt.job.diagnose_result import page_of, result_of, write_residuals
 from machopt.job.inputs import input_hashes
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import Masses, Robot, load_masses, load_robot
+from machopt.output import output_folder, write_json
 from machopt.report.diagnosis_page import write_diagnosis
 
 Array = NDArray[np.float64]

@@ -16,7 +16,6 @@ from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Term
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
-from machopt.formats.outfolder import output_folder, write_json
 from machopt.formats.readings import write_readings_csv
 from machopt.formats.recording import load_recording, load_recordings
 from machopt.formats.stiffness import write_stiffness
@@ -31,6 +30,7 @@ from machopt.job.identify_page import page_of
 from machopt.job.inputs import input_hashes
 from machopt.model.robot import load_masses, load_robot
 from machopt.model.terms import compile_terms
+from machopt.output import output_folder, write_json
 from machopt.report.identification_page import write_identification
 
 CI90 = 0.9

@@ -1,22 +1,74 @@
-"""Hashes of what a job was given, so that a result can say which files it belongs to."""
+"""What a job was given, by hash, so that a result can say which files it belongs to."""
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from machopt.domain.cell import Cell
+from machopt.domain.manifest import ManifestFile
+from machopt.output.hashes import entry, sha256_of
+
+_MARKS = {b"machopt_stiffness": "stiffness", b"machopt_kinematics": "kinematics", b"machopt_cell": "cell"}
+_HEAD = 4096  # bytes in which a YAML file of ours says what it is
+_SUFFIXES = {".urdf": "urdf", ".xacro": "urdf", ".srdf": "srdf"}
 
 
-def input_hashes(cell: Cell, recordings: Sequence[Path]) -> dict[str, str]:
-    """SHA-256 of a cell's files and of everything in the recordings' folders, by name."""
-    out = {}
-    for file in cell.files:
-        name = str(file.relative_to(cell.folder) if file.is_relative_to(cell.folder) else file.name)
-        out[name] = hashlib.sha256(file.read_bytes()).hexdigest()
+def cell_inputs(cell: Cell) -> tuple[ManifestFile, ...]:
+    """Every file a cell is made of, with its role, named relative to the cell.
+
+    Raises:
+        InputError: a file cannot be read any more.
+    """
+    return tuple(entry(f, name_in(cell, f), _role(f)) for f in cell.files)
+
+
+def recording_inputs(recordings: Sequence[Path]) -> tuple[ManifestFile, ...]:
+    """Everything in the recordings' folders."""
+    out = []
     for path in recordings:
         folder = path if path.is_dir() else path.parent
-        for file in sorted(p for p in folder.iterdir() if p.is_file()):
-            out[f"{folder.name}/{file.name}"] = hashlib.sha256(file.read_bytes()).hexdigest()
-    return out
+        files = sorted(p for p in folder.iterdir() if p.is_file())
+        out += [entry(f, f"{folder.name}/{f.name}", "recording") for f in files]
+    return tuple(out)
+
+
+def single(file: Path, role: str) -> ManifestFile:
+    """One file the user named, under its own name."""
+    return entry(file, file.name, role)
+
+
+def distinct(files: Iterable[ManifestFile]) -> tuple[ManifestFile, ...]:
+    """The same files, two of one name told apart by their role: a plan.yaml in the cell and one beside it."""
+    out: dict[str, ManifestFile] = {}
+    for f in files:
+        name, n = f.name, 1
+        while name in out:
+            n += 1
+            name = f"{f.role}:{f.name}" if n == 2 else f"{f.role}:{n}:{f.name}"
+        out[name] = ManifestFile(name, f.role, f.sha256, f.size)
+    return tuple(out.values())
+
+
+def hashes_of(files: Iterable[ManifestFile]) -> dict[str, str]:
+    """SHA-256 by name, as the result files have it."""
+    return {f.name: f.sha256 for f in files}
+
+
+def input_hashes(cell: Cell, recordings: Sequence[Path] = ()) -> dict[str, str]:
+    """SHA-256 of a cell's files and of everything in the recordings' folders, by name."""
+    own = {name_in(cell, f): sha256_of(f) for f in cell.files}
+    return {**own, **hashes_of(recording_inputs(recordings))}
+
+
+def name_in(cell: Cell, file: Path) -> str:
+    """A file's name relative to its cell; as it stands where it lies elsewhere."""
+    return file.relative_to(cell.folder).as_posix() if file.is_relative_to(cell.folder) else file.as_posix()
+
+
+def _role(file: Path) -> str:
+    if file.suffix.lower() in (".yaml", ".yml"):
+        with file.open("rb") as data:
+            head = data.read(_HEAD)
+        return next((role for mark, role in _MARKS.items() if mark in head), "cell")
+    return _SUFFIXES.get(file.suffix.lower(), "mesh")

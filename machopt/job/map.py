@@ -15,7 +15,6 @@ from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.fields import read_measured_stiffness, write_map_csv
 from machopt.formats.options import load_options
-from machopt.formats.outfolder import output_folder, write_json
 from machopt.job.map_measured import compare
 from machopt.job.map_page import page_data
 from machopt.job.map_request import MapOptions, Request, resolve
@@ -26,6 +25,7 @@ from machopt.model.elastic import ArmElasticity
 from machopt.model.ik import Margins, solver_for
 from machopt.model.kinetostatic import characteristic_length
 from machopt.model.robot import LinkShape, Robot, load_chain, load_masses
+from machopt.output import output_folder, write_json
 from machopt.report.map_page import write_map_page
 from machopt.report.map_svg import write_map_svg
 from machopt.workspace.along import follow

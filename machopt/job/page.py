@@ -43,7 +43,7 @@ def report_data(
     quantity: page.Quantity = index if index in ("deflection", "stiffness") else "index"
     series = {name: _shown(plan, s) for name, s in _assignments(plan)}
     summary = _summary(plan, points, timeline, verification, quantity)
-    wrong = [f"the program {p.files[0]}: {p.checked.differences[0]}" for p in programs if p.checked and not p.ok]
+    wrong = [f"the program for {p.label}: {p.checked.differences[0]}" for p in programs if p.checked and not p.ok]
     if wrong:
         summary = replace(summary, outcome="verification_failed", note=f"But {'; '.join(wrong)}.")
     infeasible = tuple(
@@ -78,12 +78,12 @@ def report_data(
 def _program(p: Written) -> page.Program:
     c = p.checked
     if c is None:
-        return page.Program(p.label, p.files, p.lines, p.added, p.tolerance, checked=False)
+        return page.Program(p.label, p.files, p.lines, p.added, p.tolerance, checked=False, withheld=p.withheld)
     return page.Program(
         p.label, p.files, p.lines, p.added, p.tolerance, moves=c.moves, position_error=c.position_error,
         angle_error=c.angle_error, joint_error=c.joint_error, feed_error=c.feed_error, path_error=c.path_error,
         axis_error=c.axis_error, turn_error=c.turn_error, events_equal=c.events_equal, differences=c.differences,
-        configuration_equal=c.configuration_equal if c.configurations else None,
+        configuration_equal=c.configuration_equal if c.configurations else None, withheld=p.withheld,
     )  # fmt: skip
 
 

@@ -12,7 +12,6 @@ from machopt.design.poseplan import PosePlan, plan_poses
 from machopt.domain.stiffness import Stiffness
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
-from machopt.formats.outfolder import output_folder, write_json
 from machopt.formats.poses import write_poses_csv, write_recording_template
 from machopt.job.poses_discriminate import Discriminating, compliance_for, discriminating, noise_for
 from machopt.job.poses_request import (
@@ -34,6 +33,7 @@ from machopt.model.collision import CollisionModel
 from machopt.model.elastic import ArmElasticity
 from machopt.model.kinetostatic import characteristic_length
 from machopt.model.robot import load_chain, load_masses
+from machopt.output import output_folder, write_json
 from machopt.report.poses_page import sentence, write_poses_page
 
 __all__ = ["Outcome", "Request", "run_plan_poses"]

@@ -47,6 +47,7 @@ class Written:
     added: int  # moves put in to keep to the tolerance
     tolerance: float  # m
     checked: ReadBack | None  # None: a user's own post in a language that no reader here knows
+    withheld: str = ""  # why no file of it is left; empty where it lies there
 
     @property
     def ok(self) -> bool:
@@ -57,7 +58,7 @@ class Written:
         """For result.json."""
         return {
             "post": self.label, "files": list(self.files), "lines": self.lines,
-            "tolerance_mm": self.tolerance * 1e3, "moves_added": self.added,
+            "tolerance_mm": self.tolerance * 1e3, "moves_added": self.added, "withheld": self.withheld or None,
             "checked": None if self.checked is None else self.checked.as_result(),
             "differences": [] if self.checked is None else list(self.checked.differences),
         }  # fmt: skip
@@ -151,6 +152,21 @@ def write_programs(
         names = tuple(f.relative_to(folder).as_posix() for f in files)
         out.append(Written(one.label, names, lines, program.added, tolerance.position, checked))
     return tuple(out)
+
+
+def withheld(wanted: Sequence[Wanted], tolerance: Tolerance, why: str) -> tuple[Written, ...]:
+    """What stands for programs that are not written at all."""
+    return tuple(Written(one.label, (), 0, 0, tolerance.position, None, why) for one in wanted)
+
+
+def withdrawn(folder: Path, programs: Sequence[Written], why: str) -> tuple[Written, ...]:
+    """Remove programs that nobody may load, with folders of their own."""
+    for name in (name for p in programs for name in p.files):
+        file = folder / name
+        file.unlink(missing_ok=True)
+        if file.parent != folder and not any(file.parent.iterdir()):
+            file.parent.rmdir()
+    return tuple(replace(p, files=(), withheld=why) for p in programs)
 
 
 def controller_for(cell: Cell, one: Wanted) -> Controller:

@@ -219,6 +219,7 @@ class Program:
     events_equal: bool = True
     differences: tuple[str, ...] = ()  # what is not as it should be, in words
     checked: bool = True  # False: no reader here knows its language
+    withheld: str = ""  # why none of its files is left
 
 
 @dataclass(frozen=True)

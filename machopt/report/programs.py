@@ -35,7 +35,7 @@ def programs(data: ReportData) -> str:
         Column("Check", "html"),
     ]  # fmt: skip
     body = table(columns, [_row(p) for p in data.programs])
-    wrong = [(p.files[0], text) for p in data.programs for text in p.differences]
+    wrong = [(p.files[0] if p.files else p.post, text) for p in data.programs for text in p.differences]
     if wrong:
         items = "".join(f"<li><b>{escape(file)}</b>: {escape(text)}</li>" for file, text in wrong)
         body = f'<p class="fail">Do not run these:</p><ul>{items}</ul>{body}'
@@ -44,6 +44,8 @@ def programs(data: ReportData) -> str:
 
 def _row(p: Program) -> tuple[object, ...]:
     lines = [f"{p.lines} lines"]
+    if p.withheld:
+        return (p.post, "none", "–", *"–" * 5, f'<span class="fail">withheld: {escape(p.withheld)}</span>')
     if not p.checked:
         state = '<span class="none">not checked: no reader here knows its language</span>'
         return (p.post, _files(p), _unbroken(lines), *"–" * 5, state)

@@ -1,0 +1,150 @@
+"""result.json of optimize: what was asked, what came out, and the hash of everything it belongs to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+import machopt
+from machopt.domain.cell import Cell
+from machopt.domain.manifest import Manifest, ManifestProgram
+from machopt.domain.options import PlanOptions
+from machopt.domain.toolpath import Toolpath
+from machopt.formats.options import options_as_user
+from machopt.job.inputs import hashes_of
+from machopt.job.points import PointResults
+from machopt.job.posts import Written
+from machopt.job.scope import with_scope
+from machopt.output.hashes import sha256_of
+from machopt.output.manifest import listed
+from machopt.plan.compensate import residual
+from machopt.plan.explain import hints
+from machopt.plan.pipeline import Plan, Scored
+from machopt.plan.timeline import Timeline
+from machopt.plan.uncertainty import Gain, gains
+from machopt.verify import Verification
+
+
+@dataclass(frozen=True, kw_only=True)
+class Made:
+    """Everything one run came to, before it is told."""
+
+    cell: Cell
+    toolpath: Toolpath
+    options: PlanOptions
+    plan: Plan
+    points: PointResults
+    timeline: Timeline | None
+    verification: Verification | None
+    programs: tuple[Written, ...]
+    manifest: Manifest  # without files; names inputs, reading options and what is not checked
+
+    @property
+    def exit_code(self) -> int:
+        """0 done, 3 no feasible answer, 4 verification failed."""
+        if self.timeline is None or self.timeline.trajectory is None:
+            return 3
+        held = self.verification is None or self.verification.ok
+        return 0 if held and all(p.ok for p in self.programs) else 4
+
+    @property
+    def verdict(self) -> str:
+        """The verdict with what it does not cover."""
+        word = {3: "infeasible", 4: "verification failed"}.get(self.exit_code)
+        word = word or ("done" if not len(self.plan.missing) else "done with gaps")
+        return with_scope(word, self.manifest.unchecked)
+
+    def with_programs(self, programs: tuple[Written, ...]) -> Made:
+        """The same with these programs, in the manifest too; one that is withheld has no files."""
+        named = tuple(ManifestProgram(p.label, p.files) for p in programs if p.files)
+        return replace(self, programs=programs, manifest=replace(self.manifest, programs=named))
+
+
+def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> dict[str, object]:
+    """The result as result.json has it; ``outputs`` are the files that lie in ``folder`` by now."""
+    cell, toolpath, the_plan, points = made.cell, made.toolpath, made.plan, made.points
+    timeline, verification, programs = made.timeline, made.verification, made.programs
+    trajectory = timeline.trajectory if timeline else None
+    worst = _worst(the_plan, points)
+    missing = [int(p) for p in the_plan.missing if the_plan.path.is_point[p]]
+    return {
+        "machopt_result": 1,
+        "version": machopt.__version__,
+        "verdict": made.verdict,
+        "exit_code": made.exit_code,
+        "unchecked": list(made.manifest.unchecked),
+        "inputs": hashes_of(made.manifest.inputs),
+        "outputs": {name: sha256_of(folder / name) for name in sorted(listed(folder))},
+        "options": options_as_user(made.options),
+        "reading": made.manifest.reading,
+        "cell": cell.name,
+        "toolpath": {"source": toolpath.source, "format": toolpath.format, "points": len(toolpath),
+                     "cutting_points": int(toolpath.cutting.sum()),
+                     "operations": [o.label for o in toolpath.operations],
+                     "ignored": [vars(w) for w in toolpath.ignored]},
+        "index": the_plan.scores.index,
+        "index_scale": the_plan.scores.scale,
+        "chosen_from": the_plan.chosen_from,
+        "objective": {"cam_default": _objective(the_plan.cam_default), "jiao2022": _objective(the_plan.jiao2022),
+                      "grid": vars(the_plan.grid), "chosen": _objective(the_plan.chosen),
+                      "gain": [_gain(g) for g in gains(the_plan)]},
+        "worst_point": worst,
+        "compensation": _compensation(the_plan) if trajectory is not None else None,
+        "infeasible_points": [
+            {"point": k, "reason": points.table.reason[k]} for k in (round(the_plan.path.index[p]) for p in missing)
+        ],
+        "cycle_time_s": float(trajectory.time[-1]) if trajectory else None,
+        "feed_held_share": timeline.held_share if trajectory and timeline else None,
+        "feed_dips": [
+            {"first_point": d.first, "last_point": d.last, "lowest_ratio": d.ratio, "where": d.where,
+             "axis": d.joint, "limit": d.limit}
+            for d in (timeline.dips if timeline else ())
+        ],
+        "rapid_detours": list(timeline.detours) if timeline else [],
+        "obstructions": [vars(o) for o in (timeline.obstructions if timeline else ())],
+        "verification": None if verification is None else {
+            "passed": verification.ok,
+            "checks": [vars(c) for c in verification.checks],
+        },
+        "programs": [p.as_result() for p in programs],
+        "warnings": [*cell.warnings, *toolpath.warnings, *hints(the_plan)],
+        "timings_s": {name: round(value, 3) for name, value in seconds.items()},
+    }  # fmt: skip
+
+
+def _objective(scored: Scored) -> dict[str, object]:
+    feasible = int((scored.assignment.reason == 0).sum())
+    return {**vars(scored.objective), "feasible_share": feasible / len(scored.assignment.reason)}
+
+
+def _gain(gain: Gain) -> dict[str, object]:
+    """How much less the mean cost is: of deflection, or of compliance where no force is given; null where unknown."""
+
+    def share(value: float) -> float | None:
+        return 100.0 * value if np.isfinite(value) else None
+
+    return {"over": gain.over, "mean_percent": share(gain.mean), "std_percent": share(gain.std),
+            "ci90": [share(v) for v in gain.interval] if np.isfinite(gain.std) else None,
+            "distinguishable": gain.distinguishable if np.isfinite(gain.std) else None}  # fmt: skip
+
+
+def _compensation(the_plan: Plan) -> dict[str, object] | None:
+    found = residual(the_plan)
+    if found is None:
+        return None
+    return {"max_mm": 1e3 * found.shift_worst, "mean_mm": 1e3 * found.shift_mean,
+            "uncompensated_mean_mm": 1e3 * found.uncompensated,
+            "residual_max_mm": 1e3 * found.worst, "residual_mean_mm": 1e3 * found.mean}  # fmt: skip
+
+
+def _worst(the_plan: Plan, points: PointResults) -> dict[str, object] | None:
+    cost = np.where(the_plan.path.counted, the_plan.chosen.cost, np.nan)[points.rows]
+    if not np.isfinite(cost).any():
+        return None
+    i = int(np.nanargmax(cost))
+    t = points.table
+    return {"point": i, "k_axial_N_mm": t.k_axial[i] / 1e3, "k_normal_N_mm": t.k_normal[i] / 1e3,
+            "deflection_mm": t.deflection[i] * 1e3, "gamma_deg": float(np.degrees(t.gamma[i])),
+            "k_jiao_x_N_mm": t.k_jiao_x[i] / 1e3, "q_deg": np.degrees(t.q[i]).round(4).tolist()}  # fmt: skip

@@ -1,0 +1,66 @@
+"""What a verification covers and what it does not: the one place that words it, for verdict, result, report, manifest.
+
+A reader of the verdict must not have to notice that a row is missing: whatever is switched off, widened or left out of
+the cell stands in the sentence itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from math import degrees
+
+from machopt.domain.cell import Cell
+from machopt.domain.manifest import Covered
+from machopt.domain.options import PlanOptions
+from machopt.verify.output import AXIS_DEG, PATH_MM
+
+_ROUNDING = 1e-9  # of a limit: what the conversion from user units leaves
+
+
+def unchecked(cell: Cell, options: PlanOptions) -> tuple[str, ...]:
+    """What is switched off, wider than the contract's or not there to be checked, in the words of the verdict."""
+    out = []
+    if not options.collision:
+        out.append("collisions NOT checked")
+    else:
+        missing = [
+            name
+            for name, there in (
+                ("workpiece", cell.workpiece.geometry), ("tool", cell.tool.geometry), ("cutter", cell.tool.cutter),
+                ("obstacles", cell.obstacles),
+            ) if not there
+        ]  # fmt: skip
+        if missing:
+            out.append(f"collisions with {_listed(missing)} NOT checked (not in the cell)")
+    for name, found, limit, unit in (
+        ("path", 1e3 * options.path_tolerance, PATH_MM, "mm"),
+        ("tool axis", degrees(options.axis_tolerance), AXIS_DEG, "deg"),
+    ):
+        if found > limit * (1 + _ROUNDING):
+            out.append(f"{name} tolerance {found:.4g} {unit} instead of {limit:g} {unit}")
+    if options.allow_gaps:
+        out.append("gaps allowed")
+    return tuple(out)
+
+
+def checked(options: PlanOptions) -> tuple[Covered, ...]:
+    """What was checked, and how finely."""
+    out = [
+        Covered("path", f"every cutting sample within {max(PATH_MM, 1e3 * options.path_tolerance):.4g} mm"),
+        Covered("tool axis", f"every cutting sample within {max(AXIS_DEG, degrees(options.axis_tolerance)):.4g} deg"),
+        Covered("joint limits", "position, velocity, acceleration and jerk, by differences of all samples"),
+        Covered("feed", "every cutting sample against the CAM file"),
+    ]
+    if options.collision:
+        out.append(Covered("contacts", "at and between all samples"))
+    return tuple(out)
+
+
+def with_scope(verdict: str, missing: Sequence[str]) -> str:
+    """``done, collisions NOT checked``: the verdict and what it does not cover."""
+    return ", ".join([verdict, *missing])
+
+
+def _listed(names: Iterable[str]) -> str:
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last

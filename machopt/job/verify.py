@@ -1,0 +1,178 @@
+"""``machopt verify`` and the last step of ``machopt optimize``: everything in an output folder held against its inputs.
+
+Both commands go through :func:`content_checks` and :func:`verify_folder`, so they cannot disagree.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from machopt.domain.cell import Cell
+from machopt.domain.manifest import Manifest, ManifestFile
+from machopt.domain.options import PlanOptions
+from machopt.domain.toolpath import Toolpath
+from machopt.errors import InputError
+from machopt.formats.cell import load_cell
+from machopt.formats.options import load_options, options_as_user
+from machopt.formats.toolpath import read_toolpath
+from machopt.job.inputs import cell_inputs, distinct, single
+from machopt.job.knownrobot import known_robot
+from machopt.job.reading import reading_from_user
+from machopt.job.scope import unchecked, with_scope
+from machopt.output.manifest import MANIFEST, differences, read_manifest
+from machopt.verify import Check, Verification, verify_output
+
+NAN = float("nan")
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the user asked for; what was not given is taken from the folder's manifest."""
+
+    cell: Path
+    toolpath: Path
+    out: Path
+    plan_file: Path | None = None
+    overrides: tuple[str, ...] = ()
+    reading: dict[str, Any] = field(default_factory=dict)  # keywords of read_toolpath that were given
+    allow_external: bool = False
+
+
+@dataclass(frozen=True)
+class Verified:
+    """What was found."""
+
+    verification: Verification
+    exit_code: int  # 0, 3 (intact, but no feasible answer in it) or 4
+    line: str  # the verdict with what it does not cover
+    notes: tuple[str, ...]  # options that the user gave and the folder was not made with
+
+
+def verify(request: Request) -> Verified:
+    """Check an output folder of optimize against cell and toolpath.
+
+    Raises:
+        InputError: cell, toolpath or an option is wrong, or ``out`` is no folder.
+    """
+    if not request.out.is_dir():
+        raise InputError("is not a folder; give the output folder of optimize", file=request.out)
+    cell = load_cell(request.cell, allow_external=request.allow_external)
+    try:
+        manifest: Manifest | None = read_manifest(request.out)[0]
+    except InputError:
+        manifest = None  # a failed check of its own, below
+    options, reading, notes = _in_force(request, cell, manifest)
+    toolpath = read_toolpath(request.toolpath, robot=known_robot(cell), **reading)
+    found = verify_folder(cell, toolpath, request.out, options=options,
+                          inputs=distinct((*cell_inputs(cell), single(request.toolpath, "toolpath"))))  # fmt: skip
+    word = "verification passed" if found.ok else "verification failed"
+    return Verified(found, 0 if found.ok else 4, with_scope(word, unchecked(cell, options)), notes)
+
+
+def _in_force(
+    request: Request, cell: Cell, manifest: Manifest | None
+) -> tuple[PlanOptions, dict[str, Any], tuple[str, ...]]:
+    """Options and reading options: the user's where given, else the manifest's, else the cell's and the defaults."""
+    given = {k: v for k, v in request.reading.items() if v not in (None, False)}
+    if manifest is None:
+        return load_options(cell.plan, request.plan_file, list(request.overrides)), given, ()
+    recorded = reading_from_user(manifest.reading)
+    options = load_options(dict(manifest.options), request.plan_file, list(request.overrides))
+    said = options_as_user(options)
+    notes = [
+        f"{key} is {said[key]} here, OUT was made with {manifest.options.get(key)}"
+        for key in said if said[key] != manifest.options.get(key)
+    ]  # fmt: skip
+    notes += [
+        f"{key} is {value} here, OUT was made with {recorded.get(key, 'none')}"
+        for key, value in given.items() if recorded.get(key) != value
+    ]  # fmt: skip
+    return options, {**recorded, **given}, tuple(notes)
+
+
+def verify_folder(
+    cell: Cell, toolpath: Toolpath, folder: Path, *, options: PlanOptions, inputs: tuple[ManifestFile, ...],
+    contents: Verification | None = None,
+) -> Verification:  # fmt: skip
+    """Check every file of an output folder of optimize.
+
+    Args:
+        cell: the robot cell as it is now.
+        toolpath: what was to be followed, read with the manifest's reading options.
+        folder: the output folder.
+        options: the planning options in force.
+        inputs: the files of cell and toolpath as they are now.
+        contents: what :func:`content_checks` found, where that has been done already.
+
+    Returns:
+        one list of checks: manifest and inputs first, then tables and programs. Files that are missing or unreadable
+        are failed checks, never exceptions.
+    """
+    manifest, checks = manifest_checks(folder, inputs)
+    found = contents or content_checks(cell, toolpath, folder, options=options, manifest=manifest)
+    return replace(found, checks=(*checks, *found.checks))
+
+
+def content_checks(
+    cell: Cell, toolpath: Toolpath, folder: Path, *, options: PlanOptions, manifest: Manifest | None
+) -> Verification:  # fmt: skip
+    """What the tables and programs of a folder say, recomputed from cell and toolpath; hashes play no part.
+
+    Args:
+        manifest: names the programs and their tolerance; in optimize it is not written yet and lists no files.
+    """
+    try:
+        found = verify_output(cell, toolpath, folder, options=options)
+    except InputError as problem:
+        found = Verification((failed("tables", str(problem)),), 0, NAN)
+    return found
+
+
+def manifest_checks(folder: Path, inputs: tuple[ManifestFile, ...]) -> tuple[Manifest | None, list[Check]]:
+    """The manifest itself, the folder's files against it, and the inputs it names against those given."""
+    try:
+        manifest, sealed = read_manifest(folder)
+    except InputError as problem:
+        return None, [failed(MANIFEST, _no_manifest(folder, problem))]
+    checks = [_check(MANIFEST, [] if sealed else ["was edited after it was written: its seal does not fit"])]
+    checks.append(_check("files as listed", [f"{d.name} {d.what}" for d in differences(folder, manifest)]))
+    checks.append(_check("made from these inputs", input_differences(manifest.inputs, inputs)))
+    return manifest, checks
+
+
+def input_differences(recorded: tuple[ManifestFile, ...], given: tuple[ManifestFile, ...]) -> list[str]:
+    """Inputs of the cell and the toolpath that are not those recorded, by name and hash."""
+    out = []
+    roles = {f.role for f in given} | {f.role for f in recorded if f.role not in ("plan", "post")}
+    for role in sorted(roles):
+        then = {f.name: f.sha256 for f in recorded if f.role == role}
+        now = {f.name: f.sha256 for f in given if f.role == role}
+        if sorted(then.values()) == sorted(now.values()):
+            continue  # the same bytes; a moved cell or a renamed file is the same input
+        for name in sorted(then.keys() | now.keys()):
+            old, new = then.get(name), now.get(name)
+            if old != new:
+                made = f"sha256 {old[:12]}…" if old else "nothing of that name"
+                here = f"sha256 {new[:12]}…" if new else "not there"
+                out.append(f"another {role}: {name} is {here}, OUT was made from {made}")
+    return out
+
+
+def failed(name: str, why: str) -> Check:
+    """A check that failed without a number."""
+    return Check(name, False, NAN, NAN, "", why)
+
+
+def _check(name: str, wrong: list[str]) -> Check:
+    return Check(name, not wrong, float(len(wrong)), 0.0, "differences", "; ".join(wrong))
+
+
+def _no_manifest(folder: Path, problem: InputError) -> str:
+    if not (folder / MANIFEST).exists():
+        return (
+            f"{folder} holds no {MANIFEST}: it was written by a version before manifests, or the file was removed. "
+            "What the files say is checked, that they are the ones written is not; optimize again for a folder that is"
+        )
+    return str(problem)

@@ -1,0 +1,246 @@
+"""Output folders that are whole or not there: written into a temporary sibling, synced, swapped at the end.
+
+Beside an output folder ``OUT`` there may stand, all hidden and all with a hash of its name in theirs:
+
+- ``.OUT.<hash>.lock``: held by the run at work; the system drops the lock when that process ends;
+- ``.OUT.<hash>.partial-<random>``: what a run is writing, or what a killed one left; the next run takes it away;
+- ``.OUT.<hash>.old-<random>``: the former OUT for the moment of the swap, only where the file system cannot exchange
+  two folders in one step; if a run is killed in that moment, the next one puts it back.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import hashlib
+import os
+import secrets
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+from machopt.errors import InputError
+from machopt.output.jsonfile import read_json
+from machopt.output.lock import locked
+from machopt.output.manifest import MANIFEST, listed, read_manifest
+from machopt.output.signals import Signals
+from machopt.output.swap import exchange, sync_folder, sync_tree
+
+RESULT_FILES = ("result.json", "identification.json", "diagnosis.json", "plan.json", "map.json", "batch.json")
+"""A folder is ours, and may be replaced, if one of these is a JSON object with a key machopt…"""
+_SHOWN = 40  # letters of the name in those of its siblings, which may be no longer than 255 bytes
+
+
+@contextlib.contextmanager
+def output_folder(path: Path | str) -> Iterator[Path]:
+    """Yield a temporary sibling of ``path``; put it in the place of ``path`` on success, remove it on any failure.
+
+    An existing ``path`` is replaced only if it is an empty folder or an earlier machopt output in which nobody else
+    has put anything. Only one run at a time writes one ``path``. Ctrl-C and SIGTERM inside the block remove the
+    temporary folder; while the swap runs they wait until it is done. SIGKILL may leave hidden siblings, which the next
+    run recovers or removes, never a half-written ``path``.
+
+    Raises:
+        InputError: ``path`` is a file, a folder that is not ours, the working directory or in use by another run; or
+            the disk does not take what is written.
+    """
+    named = Path(path)
+    target = _resolved(named)
+    place = _Place(target)
+    with contextlib.ExitStack() as held:
+        try:
+            _refuse_foreign(target, named)
+            held.callback(_remove_empty, _make_parents(target.parent))
+            held.enter_context(locked(place.lock, "another run is writing this folder; wait for it, or name another",
+                                      named))  # fmt: skip
+            place.recover()
+            _refuse_foreign(target, named)
+            partial = place.new("partial")
+        except OSError as problem:
+            raise _refused(problem, named) from None
+        signals = held.enter_context(Signals())
+        try:
+            try:
+                yield partial
+            except OSError as problem:
+                if _of_the_disk(problem, partial):
+                    raise _refused(problem, named) from problem
+                raise
+            except Exception:
+                signals.again()  # compiled code turns the exception of a signal into one of its own
+                raise
+            try:
+                sync_tree(partial)
+                signals.hold()
+                _refuse_foreign(target, named)  # it may have appeared meanwhile
+                place.swap(partial)
+            except OSError as problem:
+                raise _refused(problem, named) from problem
+        finally:
+            signals.hold()
+            shutil.rmtree(partial, ignore_errors=True)
+
+
+def is_machopt_output(folder: Path) -> bool:
+    """True if ``folder`` carries a result file of ours."""
+    return any(_carries_our_key(folder / name) for name in (*RESULT_FILES, MANIFEST))
+
+
+class _Place:
+    """An output folder's place and the names beside it."""
+
+    def __init__(self, target: Path) -> None:
+        digits = hashlib.sha256(os.fsencode(target.name)).hexdigest()[:8]
+        shown = target.name.encode()[:_SHOWN].decode(errors="ignore")
+        self.target = target
+        self._stem = f".{shown}.{digits}"
+        self.lock = target.parent / f"{self._stem}.lock"
+
+    def new(self, kind: str) -> Path:
+        """A new folder beside the target, under a name that nobody can foresee."""
+        sibling = self._free(kind)
+        sibling.mkdir()
+        return sibling
+
+    def recover(self) -> None:
+        """Put back a folder that was caught in the swap, and remove what killed runs left. Only under the lock."""
+        former = self._left("old")
+        if former and not self.target.exists():
+            latest = max(former, key=lambda p: p.stat().st_mtime_ns)
+            latest.rename(self.target)
+        for left in (*self._left("old"), *self._left("partial")):
+            shutil.rmtree(left, ignore_errors=True)
+
+    def swap(self, partial: Path) -> None:
+        """Put ``partial`` in the target's place; an existing target goes, or stays if that fails."""
+        if not self.target.exists():
+            partial.rename(self.target)
+        elif not exchange(partial, self.target):
+            former = self._free("old")
+            self.target.rename(former)
+            try:
+                partial.rename(self.target)
+            except OSError:
+                former.rename(self.target)
+                raise
+            sync_folder(self.target.parent)
+            shutil.rmtree(former, ignore_errors=True)
+            return
+        sync_folder(self.target.parent)
+
+    def _free(self, kind: str) -> Path:
+        return self.target.parent / f"{self._stem}.{kind}-{secrets.token_hex(8)}"
+
+    def _left(self, kind: str) -> list[Path]:
+        """Folders of the user's own that such a run may have left."""
+        found = [p for p in self.target.parent.iterdir() if p.name.startswith(f"{self._stem}.{kind}-")]
+        return [p for p in found if not p.is_symlink() and p.is_dir() and _own(p)]
+
+
+def _own(path: Path) -> bool:
+    """In a folder that others may write, what somebody else has put under our name is not ours."""
+    return not hasattr(os, "getuid") or path.stat().st_uid == os.getuid()
+
+
+def _resolved(named: Path) -> Path:
+    try:
+        target = named.expanduser().resolve()
+    except (OSError, RuntimeError) as problem:
+        why = getattr(problem, "strerror", None) or "the links go round in a circle"
+        raise InputError(f"cannot be used as output folder: {why}", file=named) from None
+    if not target.name:
+        raise InputError("is the root of the file system; name a folder inside it", file=named)
+    return target
+
+
+def _carries_our_key(file: Path) -> bool:
+    try:
+        value = read_json(file)
+    except InputError:
+        return False
+    return any(str(key).startswith("machopt") for key in value)
+
+
+def _refuse_foreign(target: Path, named: Path) -> None:
+    if not target.exists():
+        return
+    if not target.is_dir():
+        raise InputError("is a file; a folder that is new, empty or an earlier output would work", file=named)
+    here = Path.cwd()
+    if target == here or target in here.parents:
+        raise InputError("is the working directory or above it; name a folder inside it", file=named)
+    if _is_mount(target):
+        raise InputError("is a mount point, which cannot be replaced as a whole; name a folder inside it", file=named)
+    if not any(target.iterdir()):
+        return
+    if not is_machopt_output(target):
+        raise InputError(
+            f"exists and is not an earlier machopt output (none of {', '.join(RESULT_FILES)} of ours in it); "
+            "name a new folder, or empty this one",
+            file=named,
+        )
+    foreign = _not_written_by_us(target)
+    if foreign:
+        more = f" and {len(foreign) - 1} more" if len(foreign) > 1 else ""
+        raise InputError(
+            f"holds {foreign[0]}{more}, which machopt did not write and would remove with the folder; move it away, "
+            "or name a new folder",
+            file=named,
+        )
+
+
+def _not_written_by_us(target: Path) -> list[str]:
+    """Files that are not in the folder's manifest; nothing can be told where there is none."""
+    try:
+        manifest, _ = read_manifest(target)
+    except InputError:
+        return []
+    return sorted(listed(target) - {f.name for f in manifest.files} - {MANIFEST})
+
+
+def _is_mount(target: Path) -> bool:
+    if os.path.ismount(target):
+        return True
+    try:  # a folder of the same file system bound here has the same device number
+        lines = Path("/proc/self/mountinfo").read_text(encoding="utf-8", errors="surrogateescape").splitlines()
+    except OSError:
+        return False
+    escaped = str(target).replace("\\", "\\134").replace(" ", "\\040").replace("\t", "\\011").replace("\n", "\\012")
+    return any(line.split()[4] == escaped for line in lines)
+
+
+def _make_parents(folder: Path) -> list[Path]:
+    """Make a folder and those above it; returns what was made, the deepest first."""
+    missing = [folder, *folder.parents]
+    missing = missing[: next(n for n, p in enumerate(missing) if p.exists())]
+    folder.mkdir(parents=True, exist_ok=True)
+    return missing
+
+
+def _remove_empty(folders: list[Path]) -> None:
+    for folder in folders:
+        with contextlib.suppress(OSError):
+            folder.rmdir()
+
+
+def _of_the_disk(problem: OSError, partial: Path) -> bool:
+    """An error of writing the output, not of reading something else."""
+    if problem.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO):
+        return True
+    return problem.filename is not None and partial in Path(str(problem.filename)).parents
+
+
+def _refused(problem: OSError, named: Path) -> InputError:
+    why = problem.strerror or str(problem)
+    hint = {
+        errno.ENOSPC: "; free some space, or name a folder on another disk",
+        errno.EDQUOT: "; free some space, or name a folder on another disk",
+        errno.EFBIG: "; the process may not write files of that size (ulimit -f)",
+        errno.ENAMETOOLONG: "; a shorter name would work",
+        errno.EACCES: "; name a folder in a place you may write to",
+        errno.EPERM: "; name a folder in a place you may write to",
+        errno.EROFS: "; name a folder in a place you may write to",
+        errno.ENOTDIR: "; something above it is a file, no folder",
+        errno.EBUSY: "; it is in use by the system, perhaps a mount point: name a folder inside it",
+    }.get(problem.errno or 0, "")
+    return InputError(f"the output folder cannot be written: {why}{hint}. What was there is unchanged", file=named)

@@ -1,0 +1,37 @@
+"""SHA-256 of files."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+from machopt.domain.manifest import ManifestFile
+from machopt.errors import InputError
+
+
+def sha256_of(file: Path) -> str:
+    """SHA-256 of a file's bytes as lower-case hexadecimal.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    try:
+        with file.open("rb") as data:
+            return hashlib.file_digest(data, "sha256").hexdigest()
+    except OSError as problem:
+        raise InputError(f"cannot be read: {problem.strerror}", file=file) from None
+
+
+def entry(file: Path, name: str, role: str) -> ManifestFile:
+    """A file as a manifest lists it.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    sha256 = sha256_of(file)
+    return ManifestFile(name, role, sha256, file.stat().st_size)
+
+
+def digest(data: bytes) -> str:
+    """SHA-256 of bytes as lower-case hexadecimal."""
+    return hashlib.sha256(data).hexdigest()

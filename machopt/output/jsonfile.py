@@ -1,0 +1,84 @@
+"""JSON files as machopt writes and reads them: strict, in one style, NaN as null."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from machopt.errors import InputError
+
+MOST_BYTES = 256 << 20  # a result of a million points is below a tenth of it
+
+
+def write_json(path: Path, value: Mapping[str, object]) -> None:
+    """Write JSON with the keys in the given order, one-space indent, NaN and infinities as null.
+
+    NumPy scalars and arrays, tuples and paths are taken as they come; anything else is refused.
+    """
+    text = json.dumps(plain(value), indent=1, ensure_ascii=False, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8", newline="\n")
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Read a JSON object.
+
+    Raises:
+        InputError: the file is missing or too large, is no JSON, holds a key twice, or is no object.
+    """
+    try:
+        if path.is_symlink() or not path.is_file():
+            raise InputError("is missing" if not path.exists() else "is not a plain file", file=path)
+        if path.stat().st_size > MOST_BYTES:
+            raise InputError(f"has {path.stat().st_size} bytes; {MOST_BYTES} at most are read", file=path)
+        text = path.read_bytes().decode("utf-8")
+    except UnicodeDecodeError as problem:
+        raise InputError(f"is not UTF-8 at byte {problem.start}", file=path) from None
+    except OSError as problem:
+        raise InputError(f"cannot be read: {problem.strerror}", file=path) from None
+    try:
+        found = json.loads(text, object_pairs_hook=_once, parse_constant=_no_constant)
+    except json.JSONDecodeError as problem:
+        place = f"line {problem.lineno}, column {problem.colno}"
+        raise InputError(f"is no JSON: {problem.msg}", file=path, where=place) from None
+    except (ValueError, RecursionError) as problem:
+        raise InputError(f"is no JSON of ours: {problem or 'nested too deeply'}", file=path) from None
+    if not isinstance(found, dict):
+        raise InputError(f"holds {type(found).__name__}; a JSON object was expected", file=path)
+    return found
+
+
+def plain(value: object) -> Any:
+    """The value in JSON's own types."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Path):
+        return value.as_posix()
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    raise TypeError(f"{type(value).__name__} has no JSON form here: {value!r}")
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    out: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in out:
+            raise ValueError(f"the key {key!r} stands twice")
+        out[key] = value
+    return out
+
+
+def _no_constant(word: str) -> Any:
+    raise ValueError(f"{word} is not JSON; null stands for what is not finite")

@@ -1,0 +1,194 @@
+"""``manifest.json``: written last, read strictly, and held against what lies in the folder."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from machopt.domain.manifest import Covered, Manifest, ManifestFile, ManifestProgram
+from machopt.errors import InputError
+from machopt.output.hashes import digest, entry, sha256_of
+from machopt.output.jsonfile import plain, read_json, write_json
+
+MANIFEST = "manifest.json"
+FORMAT = 1
+NOT_OURS = frozenset({".DS_Store", "Thumbs.db", "desktop.ini"})  # file managers leave these wherever one looks
+_SHA = re.compile(r"[0-9a-f]{64}")
+_KEYS: dict[str, Any] = {
+    "machopt_manifest": int, "command": str, "verdict": str, "exit_code": int, "versions": dict, "inputs": dict,
+    "reading": dict, "options": dict, "programs": list, "program_tolerance_mm": (int, float, type(None)),
+    "checked": list, "unchecked": list, "files": dict, "seal": str,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A file of the folder that is not as the manifest lists it."""
+
+    name: str
+    what: str
+
+
+def write_manifest(folder: Path, manifest: Manifest, roles: Mapping[str, str]) -> Manifest:
+    """Hash every file of the folder and write manifest.json.
+
+    Args:
+        folder: holds everything but the manifest.
+        manifest: all but its ``files``.
+        roles: role by file name; what is not named has the role ``other``.
+
+    Returns:
+        the manifest with its files.
+    """
+    programs = {name: "program" for program in manifest.programs for name in program.files}
+    known = {**programs, **roles}
+    files = tuple(
+        entry(folder / name, name, known.get(name, "other")) for name in sorted(listed(folder)) if name != MANIFEST
+    )
+    whole = replace(manifest, files=files)
+    value = _as_json(whole)
+    write_json(folder / MANIFEST, {**value, "seal": seal(value)})
+    return whole
+
+
+def seal(value: Mapping[str, object]) -> str:
+    """SHA-256 of a manifest's own content: shows that it was edited, not by whom."""
+    text = json.dumps(
+        plain({k: v for k, v in value.items() if k != "seal"}), sort_keys=True, ensure_ascii=True, separators=(",", ":")
+    )
+    return digest(text.encode())
+
+
+def read_manifest(folder: Path) -> tuple[Manifest, bool]:
+    """Read manifest.json; the flag tells whether its seal holds.
+
+    Raises:
+        InputError: it is missing, no JSON, or not of the form that machopt writes; says where and what was expected.
+    """
+    file = folder / MANIFEST
+    value = read_json(file)
+    unknown = sorted(set(value) - set(_KEYS))
+    if unknown:
+        raise InputError(f"found the key {unknown[0]!r}; known are {', '.join(_KEYS)}", file=file)
+    for key, kind in _KEYS.items():
+        if key not in value:
+            raise InputError(f"the key {key!r} is missing", file=file)
+        if not isinstance(value[key], kind) or (isinstance(value[key], bool)):
+            raise InputError(f"found {_short(value[key])}", file=file, where=key)
+    if value["machopt_manifest"] != FORMAT:
+        raise InputError(f"found format {value['machopt_manifest']}; this version reads {FORMAT}", file=file)
+    return _read(value, file), value["seal"] == seal(value)
+
+
+def listed(folder: Path) -> set[str]:
+    """Names of everything in a folder and below it that is not a folder itself; links are names too, not followed."""
+    out: set[str] = set()
+    for place, folders, files in os.walk(folder):
+        here = Path(place)
+        links = [name for name in folders if (here / name).is_symlink()]
+        empty = [name for name in folders if name not in links and not any((here / name).iterdir())]
+        names = [*files, *links, *(f"{name}/" for name in empty)]
+        out |= {(here / name).relative_to(folder).as_posix() + ("/" if name.endswith("/") else "") for name in names}
+    return {name for name in out if PurePosixPath(name).name not in NOT_OURS}
+
+
+def differences(folder: Path, manifest: Manifest) -> tuple[Difference, ...]:
+    """What is missing from the folder, changed in it, or there without being listed."""
+    there = listed(folder) - {MANIFEST}
+    out = [Difference(name, "is not in the manifest") for name in sorted(there - {f.name for f in manifest.files})]
+    for f in manifest.files:
+        path = folder / f.name
+        if f.name not in there:
+            out.append(Difference(f.name, "is missing"))
+        elif path.is_symlink() or not path.is_file():
+            out.append(Difference(f.name, "is not a plain file"))
+        else:
+            out += _changed(path, f)
+    return tuple(out)
+
+
+def _changed(path: Path, f: ManifestFile) -> Iterable[Difference]:
+    try:
+        size, found = path.stat().st_size, sha256_of(path)
+    except (OSError, InputError) as problem:
+        return (Difference(f.name, f"cannot be read: {problem}"),)
+    if size != f.size:
+        return (Difference(f.name, f"is changed: {size} bytes, {f.size} were written"),)
+    if found != f.sha256:
+        return (Difference(f.name, f"is changed: sha256 {found[:12]}…, {f.sha256[:12]}… was written"),)
+    return ()
+
+
+def _as_json(m: Manifest) -> dict[str, Any]:
+    def files(some: Iterable[ManifestFile]) -> dict[str, object]:
+        return {f.name: {"role": f.role, "sha256": f.sha256, "size": f.size} for f in some}
+
+    found = plain({
+        "machopt_manifest": FORMAT, "command": m.command, "verdict": m.verdict, "exit_code": m.exit_code,
+        "versions": m.versions, "inputs": files(m.inputs), "reading": m.reading, "options": m.options,
+        "programs": [{"post": p.post, "files": p.files} for p in m.programs],
+        "program_tolerance_mm": m.program_tolerance_mm,
+        "checked": [{"what": c.what, "how": c.how} for c in m.checked], "unchecked": m.unchecked,
+        "files": files(m.files),
+    })  # fmt: skip
+    return dict(found)
+
+
+def _read(value: Mapping[str, Any], file: Path) -> Manifest:
+    def wrong(where: str, found: object, expected: str) -> InputError:
+        return InputError(f"found {_short(found)}; expected {expected}", file=file, where=where)
+
+    def files(key: str) -> tuple[ManifestFile, ...]:
+        out = []
+        for name, item in value[key].items():
+            where = f"{key}.{name}"
+            if not isinstance(item, dict) or set(item) != {"role", "sha256", "size"}:
+                raise wrong(where, item, "role, sha256 and size")
+            role, sha256, size = item["role"], item["sha256"], item["size"]
+            if not isinstance(role, str) or not isinstance(size, int) or isinstance(size, bool) or size < 0:
+                raise wrong(where, item, "a word as role and a count of bytes as size")
+            if not isinstance(sha256, str) or not _SHA.fullmatch(sha256):
+                raise wrong(f"{where}.sha256", sha256, "64 hexadecimal digits")
+            if key == "files" and not _inside(name):
+                raise wrong(where, name, "a name inside the folder")
+            out.append(ManifestFile(name, role, sha256, size))
+        return tuple(out)
+
+    def words(key: str, items: object) -> tuple[str, ...]:
+        if not isinstance(items, list) or not all(isinstance(i, str) for i in items):
+            raise wrong(key, items, "a list of words")
+        return tuple(items)
+
+    def pairs(key: str, names: tuple[str, str]) -> list[tuple[Any, Any]]:
+        for n, item in enumerate(value[key]):
+            if not isinstance(item, dict) or set(item) != set(names) or not isinstance(item[names[0]], str):
+                raise wrong(f"{key}.{n}", item, " and ".join(names))
+        return [(item[names[0]], item[names[1]]) for item in value[key]]
+
+    versions = value["versions"]
+    if not all(isinstance(v, str) for v in versions.values()):
+        raise wrong("versions", versions, "a word for each name")
+    tolerance = value["program_tolerance_mm"]
+    return Manifest(
+        command=value["command"], verdict=value["verdict"], exit_code=value["exit_code"], versions=versions,
+        inputs=files("inputs"), files=files("files"), options=value["options"], reading=value["reading"],
+        programs=tuple(ManifestProgram(p, words("programs", f)) for p, f in pairs("programs", ("post", "files"))),
+        program_tolerance_mm=None if tolerance is None else float(tolerance),
+        checked=tuple(Covered(what, str(how)) for what, how in pairs("checked", ("what", "how"))),
+        unchecked=words("unchecked", value["unchecked"]),
+    )  # fmt: skip
+
+
+def _inside(name: str) -> bool:
+    path = PurePosixPath(name)
+    return bool(name) and not path.is_absolute() and ".." not in path.parts and "\\" not in name and "\0" not in name
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "…"
