@@ -1,0 +1,63 @@
+"""No damage of a finished plan passes the verification, with the manifest's hashes or without them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+from damages.damage import JOBS, Damage, Job, copy_of, reseal
+
+from machopt.job.verify import Request, verify
+from machopt.verify import Verification
+
+PARTS = sorted(p.stem for p in (Path(__file__).parent / "damages").glob("*.py") if p.stem not in ("__init__", "damage"))
+DAMAGES: list[Damage] = [d for part in PARTS for d in import_module(f"damages.{part}").DAMAGES]
+
+
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Job]:
+    """Each job, planned at its first use."""
+    done: dict[str, Job] = {}
+
+    def get(name: str) -> Job:
+        if name not in done:
+            done[name] = JOBS[name](tmp_path_factory.mktemp(name))
+        return done[name]
+
+    return get
+
+
+def found_in(job: Job) -> Verification:
+    return verify(Request(cell=job.cell, toolpath=job.toolpath, out=job.out)).verification
+
+
+@pytest.mark.parametrize("name", list(JOBS))
+def test_the_intact_plan_passes(name: str, planned: Callable[[str], Job], tmp_path: Path) -> None:
+    """Also after the forger's hand, which must change nothing where there is nothing to hide."""
+    job = copy_of(planned(name), tmp_path)
+    assert found_in(job).failed == ()
+    reseal(job.out)
+    assert found_in(job).failed == ()
+
+
+@pytest.mark.parametrize("damage", DAMAGES, ids=lambda d: d.name)
+def test_a_damage_is_caught_by_hash(damage: Damage, planned: Callable[[str], Job], tmp_path: Path) -> None:
+    job = copy_of(planned(damage.job), tmp_path)
+    damage.apply(job)
+    assert damage.as_is in {c.name for c in found_in(job).failed}
+
+
+@pytest.mark.parametrize("damage", [d for d in DAMAGES if d.reseal and not d.by_hash_alone], ids=lambda d: d.name)
+def test_a_damage_is_caught_by_what_it_says(damage: Damage, planned: Callable[[str], Job], tmp_path: Path) -> None:
+    job = copy_of(planned(damage.job), tmp_path)
+    damage.apply(job)
+    reseal(job.out)
+    failed = [c.name for c in found_in(job).failed]
+    assert any(name.startswith(damage.caught_by) for name in failed), failed
+
+
+def test_names_are_unique() -> None:
+    names = [d.name for d in DAMAGES]
+    assert len(names) == len(set(names))
