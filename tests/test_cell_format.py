@@ -161,7 +161,7 @@ def test_continuous_joint_gets_two_turns_and_a_warning(folder: Path) -> None:
 
 
 def test_rail_and_positioner_stand_at_their_place_in_the_chain(folder: Path) -> None:
-    rail = joint("rail", "floor", "base", "prismatic", '<limit lower="0" upper="4" velocity="1"/>')
+    rail = joint("rail", "floor", "base", "prismatic", '<limit lower="0" upper="4" velocity="1" effort="0"/>')
     turn = joint("turn", "floor", "table")
     (folder / "robot.urdf").write_text(urdf('<link name="floor"/><link name="table"/>', turn, rail))
     change(
@@ -341,7 +341,7 @@ def test_urdf_refusals(folder: Path, text: str, parts: list[str]) -> None:
 
 
 def test_mimic_joint_in_the_chain_is_refused(folder: Path) -> None:
-    text = urdf().replace('velocity="9" effort="0"/>', 'velocity="9"/><mimic joint="a2"/>', 1)
+    text = urdf().replace('velocity="9" effort="0"/>', 'velocity="9" effort="0"/><mimic joint="a2"/>', 1)
     (folder / "robot.urdf").write_text(text)
     expect(refusal(folder), "joint 'a1' mimics 'a2'")
 

@@ -147,13 +147,14 @@ class _Reader:
 
     def urdf_meshes(self, urdf: Urdf, packages: dict[str, Path]) -> dict[str, Path]:
         """Check every collision mesh; returns all packages, the map's and those found beside the URDF."""
+        self.warnings += urdf.warnings
         if not urdf.has_collision:
             self.warnings.append(f"{urdf.path.name} has no collision geometry, so the arm's own body is not checked")
         found = dict(packages)
         for mesh in urdf.meshes:
 
-            def fail(message: str, link: str = mesh.link) -> InputError:
-                return InputError(message, file=urdf.path, where=f"collision mesh of link {link!r}")
+            def fail(message: str, link: str = mesh.link, line: int = mesh.line) -> InputError:
+                return InputError(message, file=urdf.path, where=f"line {line}: collision mesh of link {link!r}")
 
             hit = find_mesh(urdf, mesh.uri, packages, self.folder, fail)
             path = self.inside(hit.path, mesh.uri, fail)
@@ -162,7 +163,7 @@ class _Reader:
             if hit.package is not None and hit.folder is not None:
                 found[hit.package] = hit.folder
             self.files.append(path)
-            self.warn(check_mesh(path, max(mesh.scale), fail, 'scale="0.001 0.001 0.001" in the URDF'))
+            self.warn(check_mesh(path, mesh.scale, fail, 'scale="0.001 0.001 0.001" in the URDF'))
         return found
 
     def tool(self) -> Tool:

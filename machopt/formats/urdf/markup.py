@@ -1,0 +1,101 @@
+"""XML as a tree with line numbers, read the way a URDF parser reads it: raw names, no entities, no other files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.parsers import expat
+
+from machopt.errors import InputError
+from machopt.formats.opener import MARKUP, read_text
+
+_DEEPEST = 100  # levels; a URDF has six, what its simulators add a dozen
+_MOST = 500_000  # elements; the largest robots have some thousand
+
+
+@dataclass
+class Element:
+    """One element; ``text`` is what stands between its children, stripped."""
+
+    tag: str  # as written, a prefix included
+    attributes: dict[str, str]
+    line: int  # of its first character, 1-based
+    children: list[Element] = field(default_factory=list)
+    text: str = ""
+
+    def named(self, tag: str) -> list[Element]:
+        return [c for c in self.children if c.tag == tag]
+
+    def first(self, tag: str) -> Element | None:
+        return next((c for c in self.children if c.tag == tag), None)
+
+    def descendants(self) -> list[Element]:
+        out = list(self.children)
+        for c in out:  # grows while it is walked
+            out.extend(c.children)
+        return out
+
+
+def read_markup(path: Path, expected: str) -> Element:
+    """The root element of an XML file.
+
+    Raises:
+        InputError: unreadable, not UTF-8, not well-formed, too deep or too large, or it declares entities or a
+            document type that lies elsewhere.
+    """
+    text = read_text(path, expected=expected, most=MARKUP)
+    if not text.strip():
+        raise InputError(f"is empty; expected {expected}", file=path)
+    builder = _Builder(path)
+    try:
+        builder.parser.Parse(text.encode("utf-8"), True)
+    except expat.ExpatError as problem:
+        where = f"line {problem.lineno}, column {problem.offset + 1}"
+        raise InputError(f"is not XML: {expat.ErrorString(problem.code)}", file=path, where=where) from None
+    assert builder.root is not None  # a document without a root is an ExpatError
+    return builder.root
+
+
+class _Builder:
+    def __init__(self, path: Path) -> None:
+        self.path, self._count = path, 0
+        self.root: Element | None = None
+        self._open: list[Element] = []
+        self.parser = expat.ParserCreate("utf-8")
+        self.parser.StartElementHandler = self._start
+        self.parser.EndElementHandler = self._end
+        self.parser.CharacterDataHandler = self._data
+        self.parser.StartDoctypeDeclHandler = self._doctype
+        self.parser.EntityDeclHandler = self._entity
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        self._count += 1
+        line = self.parser.CurrentLineNumber
+        if len(self._open) >= _DEEPEST or self._count > _MOST:
+            raise InputError(f"is nested deeper than {_DEEPEST} levels or holds more than {_MOST} elements",
+                             file=self.path, where=f"line {line}")  # fmt: skip
+        element = Element(tag, dict(attributes), line)
+        if self._open:
+            self._open[-1].children.append(element)
+        else:
+            self.root = element
+        self._open.append(element)
+
+    def _end(self, _: str) -> None:
+        done = self._open.pop()
+        done.text = done.text.strip()
+
+    def _data(self, text: str) -> None:
+        if len(self._open[-1].text) < 1000:  # only its beginning is ever shown
+            self._open[-1].text += text
+
+    def _doctype(self, name: str, system: str | None, public: str | None, internal: bool) -> None:
+        if system or public or internal:
+            self._refuse("declares a document type of its own")
+
+    def _entity(self, *_: object) -> None:
+        self._refuse("declares XML entities")
+
+    def _refuse(self, what: str) -> None:
+        raise InputError(f"{what}; a plain URDF without <!DOCTYPE> and entities would work", file=self.path,
+                         where=f"line {self.parser.CurrentLineNumber}")  # fmt: skip

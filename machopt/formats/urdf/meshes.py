@@ -1,0 +1,43 @@
+"""Which file a mesh URI of a URDF means."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from os.path import isdir
+from pathlib import Path
+
+from machopt.errors import InputError
+from machopt.formats.urdf.tree import Urdf
+
+Fail = Callable[[str], InputError]
+_SCHEMES = ("package", "model", "file")
+
+
+@dataclass(frozen=True)
+class FoundMesh:
+    path: Path
+    package: str | None  # the package:// name it was found through
+    folder: Path | None  # and that package's folder
+
+
+def find_mesh(urdf: Urdf, uri: str, packages: dict[str, Path], cell_folder: Path, fail: Fail) -> FoundMesh:
+    """File behind a mesh URI.
+
+    ``package://name/rest`` is looked up in ``packages``, else as a folder ``name`` beside the URDF or in the
+    cell folder; ``file://`` is absolute; anything else is relative to the URDF.
+    """
+    scheme, mark, _ = uri.partition("://")
+    if mark and scheme not in _SCHEMES:
+        raise fail(f"{uri}: files are not fetched by {scheme}://; a path relative to the URDF would work")
+    if not uri.startswith(("package://", "model://")):
+        return FoundMesh(urdf.path.parent / uri.removeprefix("file://"), None, None)
+    name, _, rest = uri.split("://", 1)[1].partition("/")
+    folders = [packages[name]] if name in packages else [urdf.path.parent / name, cell_folder / name]
+    folder = next((f for f in folders if isdir(f)), None)
+    if folder is None:
+        raise fail(
+            f"{uri}: package {name!r} is not in the cell's packages ({', '.join(packages) or 'none'}) and no "
+            f"folder of that name stands beside the URDF; `packages: {{{name}: its_folder}}` would work"
+        )
+    return FoundMesh(folder / rest, name, folder)

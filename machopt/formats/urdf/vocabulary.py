@@ -1,0 +1,155 @@
+"""Which elements and attributes a URDF has, and what becomes of the others.
+
+The parser behind the robot model drops what it does not know, or knows but cannot read, with a line on the log; a
+link then is lighter, or is not there in the collision check. So inside links and joints everything unknown is
+refused. Beside them stands what other programs keep in the same file: on :data:`ELSEWHERE` what is known to say
+nothing about bodies, masses and joints is counted; the rest is refused where its name is near one of the URDF's or
+where it holds links, joints or bodies, and warned of otherwise.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+from machopt.errors import InputError
+from machopt.formats.urdf.markup import Element
+
+ELSEWHERE = frozenset({
+    "material", "transmission", "gazebo", "ros2_control", "ros_control", "sensor", "plugin", "mujoco", "group",
+    "webots", "isaac_sim", "rviz", "compiler", "actuator",
+})  # fmt: skip
+"""Of a robot: appearance, drives, simulators, sensors."""
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What an element may hold: ``one`` at most once, ``ignored`` what says nothing that is used and is not opened."""
+
+    attributes: tuple[str, ...] = ()
+    one: tuple[str, ...] = ()
+    many: tuple[str, ...] = ()
+    ignored: tuple[str, ...] = ()
+
+
+_SHAPE = ("mesh", "box", "cylinder", "sphere", "capsule")
+RULES = {
+    "robot": Rule(("name", "version"), many=("link", "joint")),
+    "link": Rule(("name", "type"), ("inertial",), ("visual", "collision"),
+                 ("sensor", "gazebo", "self_collision_checking", "contact")),
+    "inertial": Rule((), ("origin", "mass", "inertia")),
+    "visual": Rule(("name",), ("origin", "geometry"), ignored=("material", "gazebo")),
+    "collision": Rule(("name", "group"), ("origin", "geometry"),
+                      ignored=("material", "contact_coefficients", "verbose", "surface")),
+    "geometry": Rule((), _SHAPE),
+    "origin": Rule(("xyz", "rpy")),
+    "mass": Rule(("value",)),
+    "inertia": Rule(("ixx", "ixy", "ixz", "iyy", "iyz", "izz")),
+    "mesh": Rule(("filename", "scale")),
+    "box": Rule(("size",)), "sphere": Rule(("radius",)),
+    "cylinder": Rule(("radius", "length")), "capsule": Rule(("radius", "length")),
+    "joint": Rule(("name", "type"), ("origin", "parent", "child", "axis", "limit", "mimic", "dynamics", "calibration",
+                                     "safety_controller"), ignored=("sensor", "gazebo", "transmission", "actuator")),
+    "parent": Rule(("link",)), "child": Rule(("link",)), "axis": Rule(("xyz",)),
+    "limit": Rule(("lower", "upper", "velocity", "effort", "acceleration", "deceleration", "jerk")),
+    "mimic": Rule(("joint", "multiplier", "offset")),
+    "dynamics": Rule(("damping", "friction", "armature")),
+    "calibration": Rule(("rising", "falling", "reference_position")),
+    "safety_controller": Rule(("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity")),
+}  # fmt: skip
+_NEAR = 0.6  # share of letters in common from which a word is taken for a misspelling
+_HOLDS_BODIES = {"link", "joint", "inertial", "visual", "collision", "geometry"}
+
+
+@dataclass(frozen=True)
+class Unused:
+    """What a URDF holds beside links and joints."""
+
+    counts: dict[str, int]  # element → how often; nothing in them is used
+    warnings: tuple[str, ...]  # of elements nobody here knows
+
+
+def check_vocabulary(path: Path, robot: Element) -> Unused:
+    """Refuse every word that may be a body, a mass or a joint that is not read.
+
+    Raises:
+        InputError: names file, line and element, what was found and what would work.
+    """
+    counts: Counter[str] = Counter()
+    warnings: list[str] = []
+    for child in robot.children:
+        if child.tag in RULES["robot"].many:
+            _check(path, child, child.tag, counts)
+        elif child.tag in ELSEWHERE or (":" in child.tag and not _like_ours(_local(child.tag))):
+            counts[child.tag] += 1
+        elif _like_ours(child.tag) or any(d.tag in _HOLDS_BODIES for d in child.descendants()):
+            raise _unknown(path, child, "robot")
+        else:
+            counts[child.tag] += 1
+            warnings.append(f"{path.name}: line {child.line}: <{child.tag}> is no element of a URDF; it was not read")
+    _check_attributes(path, robot, "robot")
+    if robot.text:
+        warnings.append(
+            f"{path.name}: line {robot.line}: the text {robot.text[:40]!r} between the elements was not read"
+        )
+    return Unused(dict(counts), tuple(warnings))
+
+
+def _check(path: Path, element: Element, context: str, counts: Counter[str]) -> None:
+    """An element of a link or joint, and all in it."""
+    rule = RULES[element.tag]
+    _check_attributes(path, element, context)
+    if element.text:
+        raise InputError(
+            f"the text {element.text[:40]!r} inside {context} is not read by any URDF parser; "
+            "an attribute, or leaving it out, would work", file=path, where=f"line {element.line}",
+        )  # fmt: skip
+    for k, child in enumerate(element.children):
+        inside = child.tag if context == child.tag else f"{context} > {child.tag}"
+        if child.tag in rule.one:
+            if any(c.tag == child.tag for c in element.children[:k]):
+                raise InputError(f"{inside} stands twice, and only the first would be read; keep one", file=path,
+                                 where=f"line {child.line}")  # fmt: skip
+            _check(path, child, inside, counts)
+        elif child.tag in rule.many:
+            _check(path, child, inside, counts)
+        elif child.tag in rule.ignored or (":" in child.tag and not _like_ours(_local(child.tag))):
+            counts[child.tag] += child.tag != "material"
+        else:
+            raise _unknown(path, child, context, (*rule.one, *rule.many))
+
+
+def _check_attributes(path: Path, element: Element, context: str) -> None:
+    known = RULES[element.tag].attributes
+    for name in element.attributes:
+        if name in known or name == "xmlns" or ":" in name:
+            continue
+        raise InputError(
+            f"<{element.tag}> of {context} has an unknown attribute {name!r}"
+            f"{_hint(name, known)}; valid: {', '.join(known) or 'none'}",
+            file=path, where=f"line {element.line}",
+        )  # fmt: skip
+
+
+def _unknown(path: Path, element: Element, context: str, valid: tuple[str, ...] = ("link", "joint")) -> InputError:
+    return InputError(
+        f"<{element.tag}> inside {context} is no element of a URDF and would be dropped"
+        f"{_hint(element.tag, valid)}; valid: {', '.join(valid) or 'nothing'}",
+        file=path, where=f"line {element.line}",
+    )  # fmt: skip
+
+
+def _hint(word: str, valid: tuple[str, ...]) -> str:
+    close = difflib.get_close_matches(_local(word).lower(), valid, n=1, cutoff=_NEAR)
+    return f"; did you mean {close[0]!r}?" if close else ""
+
+
+def _like_ours(tag: str) -> bool:
+    """Whether a name may be meant for one of the URDF's elements."""
+    return bool(difflib.get_close_matches(tag.lower(), list(RULES), n=1, cutoff=_NEAR))
+
+
+def _local(tag: str) -> str:
+    return tag.rpartition(":")[2]
