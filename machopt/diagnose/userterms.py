@@ -11,6 +11,7 @@ import importlib.util
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from importlib.metadata import entry_points
+from os.path import isfile
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +39,7 @@ def load(files: Sequence[Path]) -> list[tuple[str, Offer]]:
     """
     out: list[tuple[str, Offer]] = [(e.value, e.load()) for e in entry_points(group=GROUP)]
     for n, file in enumerate(files):
-        if not file.is_file():
+        if not isfile(file):
             raise InputError("there is no such file; a Python file with a function hypotheses(readings) would work",
                              file=file)  # fmt: skip
         spec = importlib.util.spec_from_file_location(f"machopt_user_terms_{n}", file)

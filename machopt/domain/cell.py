@@ -88,4 +88,5 @@ class Cell:
     kinematics: Kinematics | None = None  # between encoder and true joint angles; home and limits are encoder angles
     files: tuple[Path, ...] = ()  # every file read for this cell, for the hash of inputs
     warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what was read and is not used; nothing to worry about
     arm_prismatic: tuple[bool, ...] = ()  # which joints of the arm slide; empty: all turn

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import partial
+from os.path import exists, isdir
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from machopt.formats.cell_schema import AnyChainKeys, CellKeys, JointMapKeys, Po
 from machopt.formats.chain import read_chain, read_home, read_limits
 from machopt.formats.kinematics import load_kinematics
 from machopt.formats.meshfile import Fail, check_mesh
+from machopt.formats.opener import check_file
 from machopt.formats.stiffness import load_stiffness
 from machopt.formats.urdf import Urdf, find_mesh, read_urdf
 from machopt.formats.yamlstrict import Document, Loc, read_yaml, validate
@@ -23,6 +25,7 @@ from machopt.se3 import rpy_matrix, transform
 
 Array = NDArray[np.float64]
 
+_ANY_SIZE = 1 << 62  # bytes; each reader has its own limit
 _METRES_LOOK = 5.0  # mm; a tool or workpiece frame this near its parent, yet not on it, is rather in metres
 
 
@@ -39,9 +42,9 @@ def load_cell(path: Path | str, *, allow_external: bool = False, any_chain: bool
         InputError: names file, line and key, what was found and what was expected.
     """
     file = Path(path)
-    if file.is_dir():
+    if isdir(file):
         file = file / "cell.yaml"
-        if not file.exists():
+        if not exists(file):
             raise InputError("no cell.yaml in this folder", file=path)
     document = read_yaml(file)
     keys = validate(AnyChainKeys if any_chain else CellKeys, document)
@@ -109,15 +112,14 @@ class _Reader:
             kinematics=kinematics,
             files=tuple(dict.fromkeys(self.files)),
             warnings=tuple(self.warnings),
+            notes=_unused(urdf),
         )
 
     def file(self, loc: Loc, name: str) -> Path:
         """A file the cell names, resolved, and noted for the hash of inputs."""
         fail = partial(self.document.error, loc)
         path = self.inside(self.folder / name, name, fail)
-        if not path.is_file():
-            raise fail(f"no such file: {name} (looked for {path})")
-        self.files.append(path)
+        self.files.append(self.existing(path, name, fail))
         return path
 
     def inside(self, path: Path, name: str, fail: Fail) -> Path:
@@ -125,9 +127,19 @@ class _Reader:
         try:
             path = path.resolve()
         except (OSError, RuntimeError, ValueError):  # links in a circle, or a null byte
-            raise fail(f"found {name!r}; expected a path") from None
+            raise fail(f"found {name!r}; expected a path (no NUL character in it, no links in a circle)") from None
         if not self.allow_external and not path.is_relative_to(self.folder):
             raise fail(f"{name} lies outside the cell folder ({path}); copy it in, or allow it with --allow-external")
+        return path
+
+    def existing(self, path: Path, name: str, fail: Fail) -> Path:
+        """``path``, which must be a regular file."""
+        if not exists(path):
+            raise fail(f"no such file: {name} (looked for {path})")
+        try:
+            check_file(path, expected="a file", most=_ANY_SIZE)
+        except InputError as problem:
+            raise fail(f"{name} {problem.reason}") from None
         return path
 
     def packages(self) -> dict[str, Path]:
@@ -141,7 +153,7 @@ class _Reader:
         for n, (loc, folder) in named.items():
             fail = partial(self.document.error, loc)
             out[n] = self.inside(self.folder / folder, folder, fail)
-            if not out[n].is_dir():
+            if not isdir(out[n]):
                 raise fail(f"no such folder: {folder} (looked for {out[n]})")
         return out
 
@@ -150,6 +162,10 @@ class _Reader:
         self.warnings += urdf.warnings
         if not urdf.has_collision:
             self.warnings.append(f"{urdf.path.name} has no collision geometry, so the arm's own body is not checked")
+        drawn = [p.name for p in urdf.parts if p.visuals and not p.collisions]
+        if urdf.has_collision and drawn:
+            self.warnings.append(f"{urdf.path.name} has no collision geometry for the links {', '.join(drawn)}: what "
+                                 "touches them is not seen")  # fmt: skip
         found = dict(packages)
         for mesh in urdf.meshes:
 
@@ -158,8 +174,7 @@ class _Reader:
 
             hit = find_mesh(urdf, mesh.uri, packages, self.folder, fail)
             path = self.inside(hit.path, mesh.uri, fail)
-            if not path.is_file():
-                raise fail(f"no such file: {mesh.uri} (looked for {path})")
+            self.existing(path, mesh.uri, fail)
             if hit.package is not None and hit.folder is not None:
                 found[hit.package] = hit.folder
             self.files.append(path)
@@ -258,6 +273,13 @@ class _Reader:
     def warn(self, message: str | None) -> None:
         if message is not None:
             self.warnings.append(message)
+
+
+def _unused(urdf: Urdf) -> tuple[str, ...]:
+    if not urdf.unused:
+        return ()
+    found = ", ".join(f"{tag} ({n})" for tag, n in urdf.unused.items())
+    return (f"{urdf.path.name}: elements that say nothing of bodies, masses and joints, not used: {found}",)
 
 
 def _joint_map(keys: JointMapKeys) -> JointMap:

@@ -12,12 +12,14 @@ import csv
 import io
 from collections.abc import Iterator
 from dataclasses import dataclass
+from os.path import isfile
 from pathlib import Path
 from typing import Literal
 
 from pydantic import Field
 
 from machopt.errors import InputError
+from machopt.formats.opener import YAML, read_text
 from machopt.formats.options import ForceKeys, OptionKeys, WeightKeys
 from machopt.formats.posts import post_names
 from machopt.formats.posts.postfile import ALIASES
@@ -99,6 +101,8 @@ def read_joblist(path: Path) -> tuple[ListedJob, ...]:
 
 def is_job_table(path: Path) -> bool:
     """True if a CSV file's header has a column ``toolpath``: a list of jobs and no table of points."""
+    if not isfile(path):  # a pipe would wait
+        return False
     try:
         with path.open(encoding="utf-8-sig", errors="replace") as lines:
             header = next((line for line in lines if line.strip() and not line.startswith("#")), "")
@@ -153,12 +157,7 @@ def _yaml_jobs(path: Path) -> Iterator[ListedJob]:
 
 
 def _csv_jobs(path: Path) -> Iterator[ListedJob]:
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except OSError as problem:
-        raise InputError(f"cannot be read: {problem.strerror}", file=path) from None
-    except UnicodeDecodeError as problem:
-        raise InputError(f"is not UTF-8 text (byte {problem.start})", file=path) from None
+    text = read_text(path, expected="a list of jobs", most=YAML)
     reader = csv.reader(io.StringIO(text), skipinitialspace=True)
     header: list[str] | None = None
     try:

@@ -38,12 +38,14 @@ def read_file(path: Path, *, expected: str, most: int) -> bytes:
         InputError: absent, no regular file, not readable, too large, or a name that no file can have.
     """
     handle = _open(path, expected)
-    with os.fdopen(handle, "rb") as file:
+    try:
         _check(path, os.fstat(handle), expected, most)
-        try:
+        with os.fdopen(handle, "rb", closefd=False) as file:
             data = file.read(most + 1)  # it may have grown since, and the sizes of /proc are zero
-        except OSError as problem:
-            raise _unreadable(path, problem, expected) from None
+    except OSError as problem:
+        raise _unreadable(path, problem, expected) from None
+    finally:
+        os.close(handle)
     if len(data) > most:
         raise _too_large(path, f"more than {_size(most)}", expected, most)
     return data
@@ -80,6 +82,11 @@ def check_file(path: Path, *, expected: str, most: int) -> int:
 
 
 def _open(path: Path, expected: str) -> int:
+    name = str(path)
+    if "\0" not in name and not name.isprintable():  # it would go on into reports and program comments, line by line
+        raise InputError(
+            f"the name {name!r} holds control characters or is no UTF-8; expected {expected} of a plain name"
+        )
     try:
         return os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)  # a pipe without a writer must not wait
     except (OSError, ValueError) as problem:

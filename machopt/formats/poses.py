@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from machopt.domain.recording import Recording
 from machopt.errors import InputError
+from machopt.formats.opener import TABLE, read_text
 from machopt.formats.recording import write_recording
 
 Array = NDArray[np.float64]
@@ -165,13 +167,11 @@ def _quoted(text: str) -> str:
 
 
 def _rows(file: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    text = read_text(file, expected="a table of poses", most=TABLE)
     try:
-        with file.open(encoding="utf-8-sig", newline="") as text:
-            rows = list(_filled(csv.reader(text)))
-    except FileNotFoundError:
-        raise InputError("no such file", file=file) from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"not UTF-8 text: {error}", file=file) from None
+        rows = list(_filled(csv.reader(io.StringIO(text, newline=""))))
+    except csv.Error as error:
+        raise InputError(f"not a CSV table: {error}", file=file) from None
     if len(rows) < 2:
         raise InputError("found no rows, expected a header and at least one row", file=file)
     header = [name.strip() for name in rows[0][1]]

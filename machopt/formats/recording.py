@@ -6,6 +6,7 @@ import contextlib
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from os.path import exists, isdir
 from pathlib import Path
 from typing import Any, Literal
 
@@ -150,13 +151,13 @@ def write_recording(folder: Path | str, recording: Recording) -> None:
 
 
 def _recording_yaml(path: Path) -> Path:
-    if not path.exists():
+    if not exists(path):
         raise InputError(f"no such file or folder; expected a recording folder or its {_YAML}", file=path)
-    if not path.is_dir():
+    if not isdir(path):
         if path.suffix.lower() not in (".yaml", ".yml"):
             raise InputError(f"is not a recording; expected a folder with {_YAML}, or that file", file=path)
         return path
-    if not (path / _YAML).is_file():
+    if not exists(path / _YAML):
         raise InputError(f"holds no {_YAML}; expected a recording folder", file=path)
     return path / _YAML
 
@@ -171,9 +172,13 @@ def _data_files(document: Document, value: object, folder: Path) -> list[Path]:
         if not isinstance(name, str) or not name or "\0" in name:
             raise document.error(loc, f"found {show(name)}; expected the name of a data file, e.g. {_DATA}")
         path = folder / name
-        if not path.resolve().is_relative_to(folder.resolve()):
+        try:
+            inside = path.resolve().is_relative_to(folder.resolve())
+        except (OSError, RuntimeError):  # links in a circle
+            raise document.error(loc, f"{name!r} leads in a circle of links; expected a file") from None
+        if not inside:
             raise document.error(loc, f"{name!r} lies outside the recording folder; expected a file inside it")
-        if not path.is_file():
+        if not exists(path):
             raise document.error(loc, f"no such file: {name!r} (looked for {path})")
         if path.resolve() in [p.resolve() for p in out]:
             raise document.error(loc, f"{name!r} is listed twice; keep one")

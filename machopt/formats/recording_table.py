@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.errors import InputError
+from machopt.formats.opener import TABLE, read_file
 from machopt.formats.yamlstrict import nearest
 
 Array = NDArray[np.float64]
@@ -67,12 +68,7 @@ def read_table(path: Path, vocabulary: Vocabulary) -> DataTable:
             another number of fields than the header; a cell is empty, no number or not finite. Names file, line
             (row of a Parquet file) and column.
     """
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError("no such file; expected a table of readings, CSV or Parquet", file=path) from None
-    except OSError as problem:
-        raise InputError(f"cannot be read: {problem.strerror or problem}", file=path) from None
+    data = read_file(path, expected="a table of readings, CSV or Parquet", most=TABLE)
     if data.startswith(b"PAR1") or path.suffix.lower() == ".parquet":
         return _read_parquet(path, data, vocabulary)
     return _read_csv(path, data, vocabulary)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from machopt.errors import InputError
+from machopt.formats.opener import TOOLPATH, read_file
 
 MM_PER_INCH = 25.4
 _CHUNK = 20_000  # lines searched at once
@@ -106,14 +107,9 @@ def read_bytes(path: Path) -> bytes:
     """The file's bytes.
 
     Raises:
-        InputError: it is absent, a directory, not readable or empty.
+        InputError: it is absent, no regular file, not readable, too large or empty.
     """
-    if path.is_dir():
-        raise InputError("is a directory; expected a toolpath file", file=path)
-    try:
-        data = path.read_bytes()
-    except OSError as problem:
-        raise InputError(f"cannot be read: {problem.strerror or problem}", file=path) from problem
+    data = read_file(path, expected="a toolpath file", most=TOOLPATH)
     if not data.strip():
         raise InputError("is empty; expected toolpath points", file=path)
     return data

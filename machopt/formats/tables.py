@@ -7,6 +7,7 @@ exist is an empty field.
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from math import isfinite
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from machopt.domain.toolpath import Move
 from machopt.domain.trajectory import Trajectory
 from machopt.errors import InputError
+from machopt.formats.opener import TABLE, read_text
 
 Array = NDArray[np.float64]
 
@@ -298,13 +300,9 @@ def _blocks(columns: Sequence[_Column]) -> Iterator[str]:
 
 
 def _read(path: Path) -> tuple[list[str], _Rows]:
+    text = read_text(path, expected="a table", most=TABLE)
     try:
-        with path.open(encoding="utf-8-sig", newline="") as text:
-            return _read_text(path, text)
-    except FileNotFoundError:
-        raise InputError("no such file", file=path) from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"not UTF-8 text: {error}", file=path) from None
+        return _read_text(path, io.StringIO(text, newline=""))
     except csv.Error as error:
         raise InputError(f"not a CSV table: {error}", file=path) from None
 

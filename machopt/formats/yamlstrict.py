@@ -20,6 +20,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from machopt.errors import InputError
+from machopt.formats.opener import YAML, read_text
 
 Loc = tuple[str | int, ...]
 M = TypeVar("M", bound=BaseModel)
@@ -68,23 +69,15 @@ def read_yaml(path: Path) -> Document:
     Raises:
         InputError: missing or unreadable file, not UTF-8, not YAML, a duplicate key, a non-finite number.
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise InputError("no such file", file=path) from None
-    except UnicodeDecodeError as err:
-        raise InputError(f"is not UTF-8 text (byte {err.start})", file=path) from None
-    except OSError as err:
-        raise InputError(f"cannot be read: {err.strerror}", file=path) from None
-    return parse_yaml(text, path)
+    return parse_yaml(read_text(path, expected="a YAML file", most=YAML), path)
 
 
 def parse_yaml(text: str, file: Path | str) -> Document:
     """Parse YAML 1.2 text; ``file`` names its source in messages."""
-    from ruamel.yaml import YAML
+    from ruamel import yaml as ruamel
     from ruamel.yaml.error import YAMLError
 
-    yaml = YAML(typ="safe", pure=True)
+    yaml = ruamel.YAML(typ="safe", pure=True)
     yaml.version = (1, 2)
     try:
         node = yaml.compose(text)

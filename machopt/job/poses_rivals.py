@@ -6,10 +6,12 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from os.path import isdir
 from pathlib import Path
 from typing import Any
 
 from machopt.errors import InputError
+from machopt.formats.opener import TABLE, read_text
 
 MOST = 5  # rivals of one finding: the nearest
 REJECTED = 2  # nearest rejected rivals that a finding without open ones is held against
@@ -71,13 +73,10 @@ def diagnosed(folder: Path) -> Diagnosed:
     Raises:
         InputError: no diagnosis, one of a motion, or one of another version.
     """
-    file = folder / "diagnosis.json" if folder.is_dir() else folder
+    file = folder / "diagnosis.json" if isdir(folder) else folder
     try:
-        data = json.loads(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError("no such file; the folder that machopt diagnose wrote would work",
-                         file=file, where="--discriminate") from None  # fmt: skip
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        data = json.loads(read_text(file, expected="the folder that machopt diagnose wrote", most=TABLE))
+    except (json.JSONDecodeError, RecursionError) as error:
         raise InputError(f"is not JSON: {error}", file=file) from None
     if not isinstance(data, dict) or data.get("machopt_diagnosis") != 1:
         raise InputError("is not a diagnosis of machopt; machopt_diagnosis: 1 expected", file=file)

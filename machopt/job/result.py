@@ -109,6 +109,7 @@ def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> dict[str, 
             "checks": [vars(c) for c in verification.checks],
         },
         "programs": [p.as_result() for p in programs],
+        "notes": list(cell.notes),
         "warnings": [*cell.warnings, *toolpath.warnings, *hints(the_plan)],
         "timings_s": {name: round(value, 3) for name, value in seconds.items()},
     }  # fmt: skip

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,7 +145,7 @@ def load_chain(cell: Cell) -> tuple[Robot, tuple[LinkShape, ...]]:
     """The arm's kinematics and its collision bodies, both read from the URDF at q = 0."""
     import pinocchio as pin
 
-    model = pin.buildModelFromUrdf(str(cell.urdf))
+    model = _urdf_model(cell)
     data = model.createData()
     pin.framesForwardKinematics(model, data, pin.neutral(model))
     base = _frame(cell, model, cell.base_link)
@@ -193,7 +194,7 @@ def load_masses(cell: Cell) -> Masses:
     """
     import pinocchio as pin
 
-    model = pin.buildModelFromUrdf(str(cell.urdf))
+    model = _urdf_model(cell)
     data = model.createData()
     pin.framesForwardKinematics(model, data, pin.neutral(model))
     T_base_world = inverse(data.oMf[_frame(cell, model, cell.base_link)].homogeneous)
@@ -217,6 +218,20 @@ def load_masses(cell: Cell) -> Masses:
     )  # fmt: skip
 
 
+def _urdf_model(cell: Cell) -> Any:
+    import pinocchio as pin
+
+    try:
+        return pin.buildModelFromUrdf(str(cell.urdf))
+    except ValueError as problem:
+        raise InputError(f"the robot model cannot be built: {problem}", file=cell.urdf) from None
+
+
+def _collision_elements(text: str) -> int:
+    """How many collision bodies the links of a URDF describe."""
+    return len(ElementTree.fromstring(text).findall("{*}link/{*}collision"))
+
+
 def _frame(cell: Cell, model: object, name: str) -> int:
     if not model.existFrame(name):  # type: ignore[attr-defined]
         links = ", ".join(f.name for f in model.frames if str(f.type) == "BODY")  # type: ignore[attr-defined]
@@ -238,6 +253,12 @@ def _link_shapes(cell: Cell, model: object, data: object, T_base_world: Array, i
     geometry = pin.buildGeomFromUrdfString(
         model, text, pin.GeometryType.COLLISION, package_dirs=[str(cell.urdf.parent), str(cell.folder)]
     )
+    described = _collision_elements(text)
+    if len(geometry.geometryObjects) != described:  # the parser drops what it cannot read, with a line on the log
+        raise InputError(
+            f"describes {described} collision bodies, of which the robot model has {len(geometry.geometryObjects)}; "
+            "a body that is not there cannot be checked", file=cell.urdf,
+        )  # fmt: skip
     shapes = []
     for g in geometry.geometryObjects:
         joint, link = g.parentJoint, 0

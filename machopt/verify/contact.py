@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.cell import Cell, Cutter, Shape
+from machopt.errors import InputError
 from machopt.verify.arm import Arm
 
 Array = NDArray[np.float64]
@@ -257,6 +259,10 @@ def _bodies(cell: Cell, arm: Arm) -> list[Body]:
         text = text.replace(f"package://{name}/", f"{folder}/")
     folders = [str(cell.urdf.parent), str(cell.folder)]
     geometry = pin.buildGeomFromUrdfString(arm.model, text, pin.GeometryType.COLLISION, package_dirs=folders)
+    described = len(ElementTree.fromstring(text).findall("{*}link/{*}collision"))
+    if len(geometry.geometryObjects) != described:
+        raise InputError(f"describes {described} collision bodies, of which {len(geometry.geometryObjects)} can be "
+                         "checked", file=cell.urdf)  # fmt: skip
     out = []
     for g in geometry.geometryObjects:
         joint = int(g.parentJoint)

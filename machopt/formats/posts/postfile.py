@@ -14,6 +14,7 @@ from pydantic import Field
 
 from machopt.domain.program import EVENT_LINES
 from machopt.errors import InputError
+from machopt.formats.opener import TEMPLATE, read_text
 from machopt.formats.posts.template import Template, compile_template
 from machopt.formats.yamlstrict import Document, Strict, nearest, validate
 
@@ -120,13 +121,8 @@ def load_post(post: str | Path) -> Post:
     if isinstance(post, str) and not post.endswith(".toml"):
         return _compile(post_text(post), f"post {post}")
     path = Path(post)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise InputError(f"no such file; a name would work too: {', '.join(post_names())}", file=path) from None
-    except (OSError, UnicodeDecodeError) as problem:
-        raise InputError(f"cannot be read as UTF-8 text: {problem}", file=path) from None
-    return _compile(text, path)
+    expected = f"a post template, or a name: {', '.join(post_names())}"
+    return _compile(read_text(path, expected=expected, most=TEMPLATE), path)
 
 
 def _compile(text: str, origin: Path | str) -> Post:

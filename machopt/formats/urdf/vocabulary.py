@@ -59,8 +59,9 @@ RULES = {
     "calibration": Rule(("rising", "falling", "reference_position")),
     "safety_controller": Rule(("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity")),
 }  # fmt: skip
-_NEAR = 0.6  # share of letters in common from which a word is taken for a misspelling
-_HOLDS_BODIES = {"link", "joint", "inertial", "visual", "collision", "geometry"}
+_NEAR = 0.6  # share of letters in common from which a word is offered for another
+_NEARER = 0.7  # and from which it is taken for a misspelling of it: "lnik" has 0.75, "acceleration" less of anything
+_BODIES = {"link", "joint", "inertial", "visual", "collision", "geometry"}
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ def check_vocabulary(path: Path, robot: Element) -> Unused:
             _check(path, child, child.tag, counts)
         elif child.tag in ELSEWHERE or (":" in child.tag and not _like_ours(_local(child.tag))):
             counts[child.tag] += 1
-        elif _like_ours(child.tag) or any(d.tag in _HOLDS_BODIES for d in child.descendants()):
+        elif _like_ours(child.tag) or any(d.tag in _BODIES for d in child.descendants()):
             raise _unknown(path, child, "robot")
         else:
             counts[child.tag] += 1
@@ -136,7 +137,7 @@ def _check_attributes(path: Path, element: Element, context: str) -> None:
 def _unknown(path: Path, element: Element, context: str, valid: tuple[str, ...] = ("link", "joint")) -> InputError:
     return InputError(
         f"<{element.tag}> inside {context} is no element of a URDF and would be dropped"
-        f"{_hint(element.tag, valid)}; valid: {', '.join(valid) or 'nothing'}",
+        f"{_hint(element.tag, valid)}; valid: {', '.join(v for v in valid if v != 'capsule') or 'nothing'}",
         file=path, where=f"line {element.line}",
     )  # fmt: skip
 
@@ -147,8 +148,8 @@ def _hint(word: str, valid: tuple[str, ...]) -> str:
 
 
 def _like_ours(tag: str) -> bool:
-    """Whether a name may be meant for one of the URDF's elements."""
-    return bool(difflib.get_close_matches(tag.lower(), list(RULES), n=1, cutoff=_NEAR))
+    """Whether a name may be meant for a link, a joint or a body."""
+    return bool(difflib.get_close_matches(tag.lower(), list(_BODIES), n=1, cutoff=_NEARER))
 
 
 def _local(tag: str) -> str:

@@ -1,0 +1,213 @@
+"""Damages of a URDF: nothing of a robot vanishes because a parser could not read it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from damaged_cell import change, make, refusal, urdf
+
+from machopt.errors import InputError
+from machopt.formats.cell import load_cell
+from machopt.formats.urdf import read_urdf
+from machopt.model.robot import load_chain, load_masses
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return make(tmp_path / "cell")
+
+
+def test_the_sound_cell_has_every_body_and_mass(folder: Path) -> None:
+    cell = load_cell(folder)
+    assert cell.warnings == ()
+    assert len(load_chain(cell)[1]) == 6
+    np.testing.assert_allclose(load_masses(cell).mass, [190.0] * 6 + [45.0])
+
+
+BOX, MESH = '<box size="0.2 0.2 0.3"/>', '<mesh filename="link.stl"/>'
+DAMAGES = [  # what stands in the file, what it becomes (once), what the refusal says beside file and line
+    ('value="190"', 'value="190,0"', ["mass of link 'l1'", "'190,0'", "decimal points"]),
+    ('value="190"', 'value="nan"', ["mass of link 'l1'", "'nan'", "finite"]),
+    ('value="190"', 'value="1e400"', ["'1e400'", "finite"]),
+    ('value="190"', 'value="1_90"', ["'1_90'"]),
+    ('value="190"', 'value="0x10"', ["'0x10'"]),
+    ('value="190"', 'value=""', ["mass of link 'l1'", "''"]),
+    ('value="190"', 'value="-190"', ["-190 kg", "expected 0 to"]),
+    ('value="190"', 'value="1e30"', ["1e+30 kg", "expected 0 to"]),
+    ('value="190"', 'valeu="190"', ["unknown attribute 'valeu'", "did you mean 'value'?"]),
+    ('<mass value="190"/>', "<mass>190</mass>", ["the text '190'"]),
+    ('<mass value="190"/>', '<mass value="190"/><mass value="1"/>', ["mass stands twice"]),
+    ("<inertial>", "<inertail>", ["<inertail>", "did you mean 'inertial'?"]),
+    ('ixx="2" ', "", ["inertia of link 'l1' has no 'ixx'"]),
+    ('izz="1"', 'izz="1,5"', ["izz is '1,5'"]),
+    ("<collision>", "<colision>", ["<colision> inside link", "did you mean 'collision'?"]),
+    ("<collision>", "<Collision>", ["<Collision> inside link", "did you mean 'collision'?"]),
+    ("<collision>", "<x:collision>", ["<x:collision>", "did you mean 'collision'?"]),
+    ("<visual>", "<visaul>", ["<visaul>", "did you mean 'visual'?"]),
+    (BOX, '<capsule radius="0.1" length="0.3"/>', ["<capsule>", "a cylinder and two spheres"]),
+    (BOX, '<cone radius="0.1" length="0.3"/>', ["<cone> inside link > collision > geometry", "valid: mesh, box"]),
+    (BOX, '<box size="0.2 0.3"/>', ["box of collision of link 'l1'", "'0.2 0.3'", "three finite numbers"]),
+    (BOX, '<box size="0.2 0.2 0.3 0.4"/>', ["three finite numbers"]),
+    (BOX, '<box size="0,2 0,2 0,3"/>', ["three finite numbers", "decimal points"]),
+    (BOX, '<box size="0.2 0 0.3"/>', ["sizes above 0"]),
+    (BOX, '<box size="0.2 -1 0.3"/>', ["sizes above 0"]),
+    (BOX, '<box dimension="0.2 0.2 0.3"/>', ["unknown attribute 'dimension'"]),
+    (BOX, '<sphere radius="0"/>', ["sizes above 0"]),
+    (BOX, '<sphere/>', ["sphere of collision of link 'l1' has no 'radius'"]),
+    (BOX, '<cylinder radius="0.1"/>', ["has no 'length'"]),
+    (BOX, '<cylinder radius="0.1" length="inf"/>', ["'inf'", "finite"]),
+    (BOX, BOX + BOX, ["box stands twice"]),
+    (BOX, BOX + '<sphere radius="1"/>', ["holds box, sphere", "expected one"]),
+    (BOX, "", ["holds nothing", "expected one"]),
+    (f"<geometry>{BOX}</geometry>", "", ["collision of link 'l1' has no <geometry>"]),
+    (f"<geometry>{BOX}</geometry>", BOX, ["<box> inside", "collision", "valid: origin, geometry"]),
+    (MESH, '<mesh file="link.stl"/>', ["unknown attribute 'file'", "did you mean 'filename'?"]),
+    (MESH, "<mesh/>", ["has no 'filename'"]),
+    (MESH, '<mesh filename="lost.stl"/>', ["no such file: lost.stl"]),
+    (MESH, '<mesh filename="http://x/link.stl"/>', ["files are not fetched by http://"]),
+    (MESH, '<mesh filename="link.stl" scale="1"/>', ["scale '1'", "three positive numbers"]),
+    (MESH, '<mesh filename="link.stl" scale="1 1 -1"/>', ["three positive numbers"]),
+    (MESH, '<mesh filename="link.stl" scale="1 1 2"/>', ["scaled unevenly"]),
+    ('<origin xyz="0 0 0.15" rpy="0 0 0"/>', '<origin xyz="0 0.15"/>', ["origin of collision", "'0 0.15'"]),
+    ('<origin xyz="0 0 0.15" rpy="0 0 0"/>', '<origin xyz="0 0 nan"/>', ["origin of collision", "'0 0 nan'"]),
+    ('<origin xyz="0 0 0.15" rpy="0 0 0"/>', '<origin xyz="0 0 0.15" ryp="0 1 0"/>', ["did you mean 'rpy'?"]),
+    ('<origin xyz="0 0 0.15" rpy="0 0 0"/>', '<origin xyz="0 0 0.15" rpy="0 90 0"/>', ["radians", "1.5708"]),
+    ('<origin xyz="0 0 0.15" rpy="0 0 0"/>', '<origin quat_xyzw="0 0 0 1"/>', ["unknown attribute 'quat_xyzw'"]),
+    ('<origin xyz="0 0 0.3" rpy="0 0 0"/>', '<origin xyz="0 0 3000"/>', ["if it is in mm, 0 0 3 would work"]),
+    ('<origin xyz="0 0 0.3" rpy="0 0 0"/>', '<orign xyz="0 0 0.3"/>', ["<orign> inside joint", "did you mean"]),
+    ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', ["axis of joint 'a1'", "no direction"]),
+    ('<axis xyz="0 0 1"/>', '<axis xyz="0 1"/>', ["axis of joint 'a1'", "three finite numbers"]),
+    ('<axis xyz="0 0 1"/>', '<axes xyz="0 0 1"/>', ["<axes>", "did you mean 'axis'?"]),
+    ('lower="-3"', 'lower="-3,1"', ["limit of joint 'a1'", "'-3,1'"]),
+    ('lower="-3"', 'lower="3"', ["joint 'a1'", "lower < upper"]),
+    ('lower="-3"', 'lower="4"', ["joint 'a1'", "lower < upper"]),
+    ('upper="3"', 'uper="3"', ["unknown attribute 'uper'", "did you mean 'upper'?"]),
+    ('upper="3"', 'upper="inf"', ["'inf'"]),
+    (' effort="100"', "", ["limit of joint 'a1' has no 'effort'"]),
+    (' velocity="9"', "", ["limit of joint 'a1' has no 'velocity'"]),
+    ("<limit ", "<limits ", ["<limits>", "did you mean 'limit'?"]),
+    ('type="revolute"', 'type="hinge"', ["joint 'a1' has type 'hinge'", "valid: revolute"]),
+    ('type="revolute"', "", ["joint 'a1' has type ''"]),
+    ('<child link="l1"/>', '<child lnk="l1"/>', ["unknown attribute 'lnk'", "did you mean 'link'?"]),
+    ('<child link="l1"/>', '<child link="l1"/><dynamics/>', ["neither damping nor friction"]),
+    ('<link name="l1">', '<link name="l2">', ["link 'l2' stands twice, first in line 2"]),
+    ('<link name="l1">', "<link>", ["a link has no 'name'"]),
+    ('<link name="l1">', '<lnik name="l1">', ["<lnik> inside robot", "did you mean 'link'?"]),
+    ('<joint name="a1"', '<jiont name="a1"', ["<jiont> inside robot", "did you mean 'joint'?"]),
+    ('<link name="base"/>', '<link name="base"/><bodies><link name="l9"/></bodies>', ["<bodies> inside robot"]),
+    ('<robot name="r">', '<!DOCTYPE r [<!ENTITY a "b">]>\n<robot name="r">', ["document type", "without <!DOCTYPE>"]),
+    ('<robot name="r">', '<!DOCTYPE r SYSTEM "file:///etc/passwd">\n<robot name="r">', ["document type"]),
+    ('<link name="base"/>', '<link name="&bodies;"/>', ["is not XML: undefined entity"]),
+    ("</robot>", "", ["is not XML: no element found"]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "parts"), DAMAGES, ids=[f"{n} {d[2][0]}" for n, d in enumerate(DAMAGES)])
+def test_damages_are_refused_with_file_and_line(folder: Path, old: str, new: str, parts: list[str]) -> None:
+    text = urdf()
+    line = text[: text.index(old)].count("\n") + 1
+    if old in ("<inertial>", "<collision>", "<visual>", '<link name="l1">', '<joint name="a1"'):  # the end goes along
+        tag, becomes = old.strip("<>").split()[0], new.strip("<>").split()[0]
+        if tag != becomes:
+            at = text.index(old)
+            end = text.index(f"</{tag}>", at)
+            text = text[:end] + f"</{becomes}>" + text[end + len(tag) + 3 :]
+    (folder / "robot.urdf").write_text(text.replace(old, new, 1))
+    if "stands twice, first" in parts[0]:
+        line = 10  # of the second link of that name
+    elif "lower < upper" in parts:
+        line = 4  # a range is judged where the cell names the URDF
+    elif "has no <geometry>" in parts[0]:
+        line = 6  # of the body
+    elif old == "</robot>":
+        line = 96  # the file ends there
+    refusal(folder, "robot.urdf", f"line {line}", *parts)
+
+
+def test_billion_laughs_are_refused_unexpanded(folder: Path) -> None:
+    laughs = "".join(f'<!ENTITY l{n} "{f"&l{n - 1};" * 10}">' for n in range(1, 10))
+    text = urdf().replace('<robot name="r">', f'<!DOCTYPE r [<!ENTITY l0 "ha">{laughs}]>\n<robot name="&l9;">')
+    (folder / "robot.urdf").write_text(text)
+    refusal(folder, "robot.urdf", "line 1", "document type")
+
+
+@pytest.mark.parametrize("text", ["", " \n", "<robot", "\ufeff", "<robot>\0</robot>"])
+def test_empty_and_cut_files(folder: Path, text: str) -> None:
+    (folder / "robot.urdf").write_text(text)
+    refusal(folder, "robot.urdf")
+
+
+def test_other_encodings_are_refused(folder: Path) -> None:
+    (folder / "robot.urdf").write_bytes(urdf().replace("l1", "ä1").encode("latin-1"))
+    refusal(folder, "robot.urdf", "line 2", "not UTF-8")
+    (folder / "robot.urdf").write_bytes(urdf().encode("utf-16"))
+    refusal(folder, "robot.urdf", "not UTF-8")
+
+
+def test_deep_nesting_is_stopped(folder: Path) -> None:
+    (folder / "robot.urdf").write_text('<robot name="r">' + "<gazebo>" * 100_000)
+    refusal(folder, "robot.urdf", "line 1", "nested deeper than 100 levels")
+
+
+def test_what_others_keep_in_a_urdf_is_counted_and_not_refused(folder: Path) -> None:
+    more = (
+        '<material name="red"><color rgba="1 0 0 1"/></material><gazebo reference="l1"><mu1>0.2</mu1></gazebo>'
+        '<transmission name="t"><joint name="a1"><hardwareInterface>x</hardwareInterface></joint></transmission>'
+        '<ros2_control name="c" type="system"><joint name="a1"><command_interface name="position"/></joint>'
+        '</ros2_control><drake:acceleration value="1"/>'
+    )
+    text = urdf().replace('<robot name="r">', '<robot name="r" xmlns:xacro="http://ros.org/wiki/xacro" xmlns="x">')
+    (folder / "robot.urdf").write_text(text.replace('<link name="base"/>', f'<link name="base"/>{more}'))
+    found = read_urdf(folder / "robot.urdf")
+    assert found.unused == {"material": 1, "gazebo": 1, "transmission": 1, "ros2_control": 1, "drake:acceleration": 1}
+    cell = load_cell(folder)
+    assert cell.warnings == ()
+    assert any("gazebo (1)" in note for note in cell.notes)
+
+
+def test_strange_elements_beside_the_links_are_warned_of(folder: Path) -> None:
+    line = change(folder, '<link name="base"/>', '<link name="base"/><weather wind="3"/>', "robot.urdf")
+    assert f"line {line}: <weather> is no element of a URDF; it was not read" in load_cell(folder).warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "part", "place"),
+    [
+        ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 2"/>', "axis of joint 'a1' is 2 long; only its direction", 0),
+        ('<axis xyz="0 0 1"/>', "", "joint 'a1' has no <axis>; it is taken along x", -4),
+        ('ixx="2"', 'ixx="-2"', "inertia of link 'l1' is that of no body", 0),
+        ('value="190"', 'value="0"', "link 'l1' has inertia but no mass", 1),
+    ],
+)
+def test_what_is_merely_odd_is_a_warning(folder: Path, old: str, new: str, part: str, place: int) -> None:
+    line = change(folder, old, new, "robot.urdf", 1)
+    warnings = load_cell(folder).warnings
+    assert any(part in w for w in warnings), warnings
+    assert f"line {line + place}" in warnings[0]
+
+
+def test_a_link_that_is_only_drawn_is_named(folder: Path) -> None:
+    text = urdf()
+    start = text.index("<collision>", text.index('<link name="l3">'))
+    (folder / "robot.urdf").write_text(text[:start] + text[text.index("<visual>", start) :])
+    assert any("no collision geometry for the links l3" in w for w in load_cell(folder).warnings)
+
+
+def test_the_robot_model_counts_its_bodies(folder: Path) -> None:
+    """Whatever the strict reader lets through: a body that the model's own parser drops is not lost."""
+    cell = load_cell(folder)
+    change(folder, BOX, '<capsule radius="0.1" length="0.3"/>', "robot.urdf", 1)
+    with pytest.raises(InputError, match=r"robot\.urdf: describes 6 collision bodies, of which the robot model has 5"):
+        load_chain(cell)
+
+
+def test_the_verifier_counts_bodies_by_its_own_reading(folder: Path) -> None:
+    from machopt.verify.arm import Arm
+    from machopt.verify.contact import contacts
+
+    cell = load_cell(folder)
+    change(folder, BOX, '<capsule radius="0.1" length="0.3"/>', "robot.urdf", 1)
+    with pytest.raises(InputError, match="describes 6 collision bodies, of which 5 can be checked"):
+        contacts(cell, Arm(cell), np.zeros((2, 6)), np.zeros((2, 0)), np.zeros(2, bool))
