@@ -236,7 +236,8 @@ def _summary(result: dict[str, Any], report: Path) -> list[str]:
     lines += [f"  note: {w}" for w in result["warnings"][:6]]
     lines += _programs(result)
     if result["verification"] is not None:
-        lines.append(f"  verification {'passed' if result['verification']['passed'] else 'FAILED'}")
+        passed = "passed" if result["verification"]["passed"] else "FAILED"
+        lines.append("  " + ", ".join([f"verification {passed}", *result["unchecked"]]))
     lines.append(f"report: {report}")
     return lines
 

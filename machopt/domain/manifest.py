@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 
@@ -56,3 +56,8 @@ class Manifest:
     def inputs_of(self, role: str) -> tuple[ManifestFile, ...]:
         """The inputs of one role."""
         return tuple(f for f in self.inputs if f.role == role)
+
+
+def with_scope(verdict: str, unchecked: Iterable[str]) -> str:
+    """``done, collisions NOT checked``: a verdict with what it does not cover, the same words wherever it is said."""
+    return ", ".join([verdict, *unchecked])

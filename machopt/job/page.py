@@ -36,13 +36,13 @@ _WORDS = {
 
 def report_data(
     plan: Plan, toolpath: Toolpath, points: PointResults, timeline: Timeline | None, verification: Verification | None,
-    programs: Sequence[Written] = (), *, hashes: dict[str, str], options: dict[str, object], timings: dict[str, float],
+    programs: Sequence[Written] = (), *, unchecked: tuple[str, ...] = (), hashes: dict[str, str], options: dict[str, object], timings: dict[str, float],
 ) -> page.ReportData:  # fmt: skip
     """Collect everything the page shows; parts that were not reached stay empty."""
     index = plan.scores.index
     quantity: page.Quantity = index if index in ("deflection", "stiffness") else "index"
     series = {name: _shown(plan, s) for name, s in _assignments(plan)}
-    summary = _summary(plan, points, timeline, verification, quantity)
+    summary = replace(_summary(plan, points, timeline, verification, quantity), unchecked=unchecked)
     wrong = [f"the program for {p.label}: {p.checked.differences[0]}" for p in programs if p.checked and not p.ok]
     if wrong:
         summary = replace(summary, outcome="verification_failed", note=f"But {'; '.join(wrong)}.")

@@ -9,14 +9,14 @@ import numpy as np
 
 import machopt
 from machopt.domain.cell import Cell
-from machopt.domain.manifest import Manifest, ManifestProgram
+from machopt.domain.manifest import Manifest, ManifestProgram, with_scope
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.formats.options import options_as_user
 from machopt.job.inputs import hashes_of
 from machopt.job.points import PointResults
 from machopt.job.posts import Written
-from machopt.job.scope import with_scope
+from machopt.job.scope import not_run
 from machopt.output.hashes import sha256_of
 from machopt.output.manifest import listed
 from machopt.plan.compensate import residual
@@ -54,7 +54,12 @@ class Made:
         """The verdict with what it does not cover."""
         word = {3: "infeasible", 4: "verification failed"}.get(self.exit_code)
         word = word or ("done" if not len(self.plan.missing) else "done with gaps")
-        return with_scope(word, self.manifest.unchecked)
+        return with_scope(word, self.unchecked)
+
+    @property
+    def unchecked(self) -> tuple[str, ...]:
+        """What the verdict does not cover."""
+        return (*self.manifest.unchecked, *(not_run(self.verification.checks) if self.verification else ()))
 
     def with_programs(self, programs: tuple[Written, ...]) -> Made:
         """The same with these programs, in the manifest too; one that is withheld has no files."""
@@ -74,7 +79,7 @@ def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> dict[str, 
         "version": machopt.__version__,
         "verdict": made.verdict,
         "exit_code": made.exit_code,
-        "unchecked": list(made.manifest.unchecked),
+        "unchecked": list(made.unchecked),
         "inputs": hashes_of(made.manifest.inputs),
         "outputs": {name: sha256_of(folder / name) for name in sorted(listed(folder))},
         "options": options_as_user(made.options),

@@ -119,14 +119,15 @@ def _tell(made: Made, folder: Path, timings: Timings) -> dict[str, object]:
     with timings.stage("report"):
         data = report_data(
             made.plan, made.toolpath, made.points, made.timeline, made.verification, made.programs,
-            hashes=hashes_of(made.manifest.inputs), options=options_as_user(made.options), timings=timings.seconds,
+            unchecked=made.unchecked, hashes=hashes_of(made.manifest.inputs), options=options_as_user(made.options), timings=timings.seconds,
         )  # fmt: skip
         write_report(folder / "report.html", data)
     for name in ("result.json", MANIFEST):
         (folder / name).unlink(missing_ok=True)
     result = result_of(made, folder, timings.seconds)
     write_json(folder / "result.json", result)
-    write_manifest(folder, replace(made.manifest, verdict=made.verdict, exit_code=made.exit_code), ROLES)
+    told = replace(made.manifest, verdict=made.verdict, exit_code=made.exit_code, unchecked=made.unchecked)
+    write_manifest(folder, told, ROLES)
     return result
 
 

@@ -6,30 +6,32 @@ the cell stands in the sentence itself.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from math import degrees
 
 from machopt.domain.cell import Cell
 from machopt.domain.manifest import Covered
 from machopt.domain.options import PlanOptions
+from machopt.verify import Check
 from machopt.verify.output import AXIS_DEG, PATH_MM
 
 _ROUNDING = 1e-9  # of a limit: what the conversion from user units leaves
 
 
 def unchecked(cell: Cell, options: PlanOptions) -> tuple[str, ...]:
-    """What is switched off, wider than the contract's or not there to be checked, in the words of the verdict."""
+    """What is switched off, wider than the contract's or not there to be checked, in the words of the verdict.
+
+    It follows from cell and options alone, so that whoever verifies finds the same words as whoever planned.
+    """
     out = []
     if not options.collision:
         out.append("collisions NOT checked")
     else:
-        missing = [
-            name
-            for name, there in (
-                ("workpiece", cell.workpiece.geometry), ("tool", cell.tool.geometry), ("cutter", cell.tool.cutter),
-                ("obstacles", cell.obstacles),
-            ) if not there
-        ]  # fmt: skip
+        there = {
+            "robot": _has_bodies(cell), "workpiece": cell.workpiece.geometry, "tool": cell.tool.geometry,
+            "cutter": cell.tool.cutter, "obstacles": cell.obstacles,
+        }  # fmt: skip
+        missing = [name for name, bodies in there.items() if not bodies]
         if missing:
             out.append(f"collisions with {_listed(missing)} NOT checked (not in the cell)")
     for name, found, limit, unit in (
@@ -56,9 +58,14 @@ def checked(options: PlanOptions) -> tuple[Covered, ...]:
     return tuple(out)
 
 
-def with_scope(verdict: str, missing: Sequence[str]) -> str:
-    """``done, collisions NOT checked``: the verdict and what it does not cover."""
-    return ", ".join([verdict, *missing])
+def not_run(checks: Iterable[Check]) -> tuple[str, ...]:
+    """Checks that had to be left out, in the same words."""
+    return tuple(f"{c.name} NOT checked" for c in checks if c.passed is None)
+
+
+def _has_bodies(cell: Cell) -> bool:
+    """The robot's own file describes bodies that can touch anything."""
+    return b"<collision" in cell.urdf.read_bytes()
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -74,6 +74,7 @@ class Summary:
     nearest_pair: str = ""  # e.g. "link5 – fixture"
     nearest_point: int = -1
     note: str = ""  # one further sentence for the verdict
+    unchecked: tuple[str, ...] = ()  # what was switched off or left out, in the words of the verdict
 
 
 @dataclass(frozen=True)

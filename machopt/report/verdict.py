@@ -40,7 +40,7 @@ def verdict(data: ReportData) -> Verdict:
             f"No answer for {number} of {s.points} points as the cell stands{why}; no trajectory was written. "
             "The table of infeasible points says for each what stands in the way and by how much."
         )
-        return Verdict("NO FEASIBLE ANSWER", "bad", _joined(sentence, s.note), _cautions(data))
+        return Verdict(_with_scope("NO FEASIBLE ANSWER", s), "bad", _joined(sentence, s.note), _cautions(data))
     parts = [_gain_words(s), _mean_words(s)]
     if math.isfinite(s.feed_held):
         parts.append(f"feed held on {SHARE.text(s.feed_held, unit=True)} of the cutting time")
@@ -49,15 +49,16 @@ def verdict(data: ReportData) -> Verdict:
         parts.append(
             f"nearest miss at the points {LENGTH.text(s.nearest_miss, unit=True)}{f' ({where})' if where else ''}"
         )
-    parts.append({"passed": "verification passed", "failed": "verification failed",
-                  "not run": "verification not run"}[s.verification])  # fmt: skip
+    parts.append(_with_scope({"passed": "verification passed", "failed": "verification failed",
+                              "not run": "verification not run"}[s.verification], s))  # fmt: skip
     sentence = "; ".join(p for p in parts if p)
     sentence = _joined(sentence[:1].upper() + sentence[1:] + ".", s.note)
     if s.verification == "failed" or s.outcome == "verification_failed":
-        return Verdict("VERIFICATION FAILED: DO NOT RUN", "bad", sentence, _cautions(data))
+        return Verdict(_with_scope("VERIFICATION FAILED: DO NOT RUN", s), "bad", sentence, _cautions(data))
     if s.verification == "not run":
-        return Verdict("NOT VERIFIED", "warn", sentence, _cautions(data))
-    return Verdict("VERIFIED", "warn" if s.infeasible_points else "", sentence, _cautions(data))
+        return Verdict(_with_scope("NOT VERIFIED", s), "warn", sentence, _cautions(data))
+    tone = "warn" if s.infeasible_points or s.unchecked else ""
+    return Verdict(_with_scope("VERIFIED", s), tone, sentence, _cautions(data))
 
 
 def cards(data: ReportData) -> list[Card]:
@@ -197,6 +198,11 @@ def _cautions(data: ReportData) -> tuple[str, ...]:
     if data.warnings:
         out.append(f"{counted(len(data.warnings), 'warning')}, listed below.")
     return tuple(out)
+
+
+def _with_scope(words: str, s: Summary) -> str:
+    """The words and what they do not cover."""
+    return ", ".join([words, *s.unchecked])
 
 
 def _joined(sentence: str, note: str) -> str:
