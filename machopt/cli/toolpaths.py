@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from machopt.cli.display import Display, finite, natural, positive, tree
+from machopt.domain.manifest import with_scope
 from machopt.errors import InputError, VerificationError
 
 if TYPE_CHECKING:
@@ -237,7 +238,7 @@ def _summary(result: dict[str, Any], report: Path) -> list[str]:
     lines += _programs(result)
     if result["verification"] is not None:
         passed = "passed" if result["verification"]["passed"] else "FAILED"
-        lines.append("  " + ", ".join([f"verification {passed}", *result["unchecked"]]))
+        lines.append("  " + with_scope(f"verification {passed}", result["unchecked"]))
     lines.append(f"report: {report}")
     return lines
 

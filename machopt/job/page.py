@@ -36,7 +36,8 @@ _WORDS = {
 
 def report_data(
     plan: Plan, toolpath: Toolpath, points: PointResults, timeline: Timeline | None, verification: Verification | None,
-    programs: Sequence[Written] = (), *, unchecked: tuple[str, ...] = (), hashes: dict[str, str], options: dict[str, object], timings: dict[str, float],
+    programs: Sequence[Written] = (), *, unchecked: tuple[str, ...] = (),
+    hashes: dict[str, str], options: dict[str, object], timings: dict[str, float],
 ) -> page.ReportData:  # fmt: skip
     """Collect everything the page shows; parts that were not reached stay empty."""
     index = plan.scores.index

@@ -119,7 +119,8 @@ def _tell(made: Made, folder: Path, timings: Timings) -> dict[str, object]:
     with timings.stage("report"):
         data = report_data(
             made.plan, made.toolpath, made.points, made.timeline, made.verification, made.programs,
-            unchecked=made.unchecked, hashes=hashes_of(made.manifest.inputs), options=options_as_user(made.options), timings=timings.seconds,
+            unchecked=made.unchecked, hashes=hashes_of(made.manifest.inputs),
+            options=options_as_user(made.options), timings=timings.seconds,
         )  # fmt: skip
         write_report(folder / "report.html", data)
     for name in ("result.json", MANIFEST):

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from machopt.domain.cell import Cell
-from machopt.domain.manifest import Manifest, ManifestFile
+from machopt.domain.manifest import Manifest, ManifestFile, with_scope
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
@@ -20,7 +20,7 @@ from machopt.formats.toolpath import read_toolpath
 from machopt.job.inputs import cell_inputs, distinct, single
 from machopt.job.knownrobot import known_robot
 from machopt.job.reading import reading_from_user
-from machopt.job.scope import not_run, unchecked, with_scope
+from machopt.job.scope import not_run, unchecked
 from machopt.output.manifest import MANIFEST, differences, read_manifest
 from machopt.verify import Check, Verification, verify_output
 
@@ -68,9 +68,8 @@ def verify(request: Request) -> Verified:
     found = verify_folder(cell, toolpath, request.out, options=options,
                           inputs=distinct((*cell_inputs(cell), single(request.toolpath, "toolpath"))))  # fmt: skip
     word = "verification passed" if found.ok else "verification failed"
-    return Verified(
-        found, 0 if found.ok else 4, with_scope(word, (*unchecked(cell, options), *not_run(found.checks))), notes
-    )
+    line = with_scope(word, (*unchecked(cell, options), *not_run(found.checks)))
+    return Verified(found, 0 if found.ok else 4, line, notes)
 
 
 def _in_force(

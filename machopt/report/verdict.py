@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from machopt.domain.manifest import with_scope
 from machopt.report.data import Gain, ReportData, Summary
 from machopt.report.display import FINE_LENGTH, LENGTH, QUANTITY, SHARE, TIME, WORDS
 
@@ -40,7 +41,7 @@ def verdict(data: ReportData) -> Verdict:
             f"No answer for {number} of {s.points} points as the cell stands{why}; no trajectory was written. "
             "The table of infeasible points says for each what stands in the way and by how much."
         )
-        return Verdict(_with_scope("NO FEASIBLE ANSWER", s), "bad", _joined(sentence, s.note), _cautions(data))
+        return Verdict(with_scope("NO FEASIBLE ANSWER", s.unchecked), "bad", _joined(sentence, s.note), _cautions(data))
     parts = [_gain_words(s), _mean_words(s)]
     if math.isfinite(s.feed_held):
         parts.append(f"feed held on {SHARE.text(s.feed_held, unit=True)} of the cutting time")
@@ -49,16 +50,16 @@ def verdict(data: ReportData) -> Verdict:
         parts.append(
             f"nearest miss at the points {LENGTH.text(s.nearest_miss, unit=True)}{f' ({where})' if where else ''}"
         )
-    parts.append(_with_scope({"passed": "verification passed", "failed": "verification failed",
-                              "not run": "verification not run"}[s.verification], s))  # fmt: skip
+    parts.append(with_scope({"passed": "verification passed", "failed": "verification failed",
+                              "not run": "verification not run"}[s.verification], s.unchecked))  # fmt: skip
     sentence = "; ".join(p for p in parts if p)
     sentence = _joined(sentence[:1].upper() + sentence[1:] + ".", s.note)
     if s.verification == "failed" or s.outcome == "verification_failed":
-        return Verdict(_with_scope("VERIFICATION FAILED: DO NOT RUN", s), "bad", sentence, _cautions(data))
+        return Verdict(with_scope("VERIFICATION FAILED: DO NOT RUN", s.unchecked), "bad", sentence, _cautions(data))
     if s.verification == "not run":
-        return Verdict(_with_scope("NOT VERIFIED", s), "warn", sentence, _cautions(data))
+        return Verdict(with_scope("NOT VERIFIED", s.unchecked), "warn", sentence, _cautions(data))
     tone = "warn" if s.infeasible_points or s.unchecked else ""
-    return Verdict(_with_scope("VERIFIED", s), tone, sentence, _cautions(data))
+    return Verdict(with_scope("VERIFIED", s.unchecked), tone, sentence, _cautions(data))
 
 
 def cards(data: ReportData) -> list[Card]:
@@ -198,11 +199,6 @@ def _cautions(data: ReportData) -> tuple[str, ...]:
     if data.warnings:
         out.append(f"{counted(len(data.warnings), 'warning')}, listed below.")
     return tuple(out)
-
-
-def _with_scope(words: str, s: Summary) -> str:
-    """The words and what they do not cover."""
-    return ", ".join([words, *s.unchecked])
 
 
 def _joined(sentence: str, note: str) -> str:
