@@ -9,7 +9,14 @@ from pathlib import Path
 import pytest
 from damages.damage import JOBS, Damage, Job, copy_of, reseal
 
-from machopt.job.verify import Request, verify
+from machopt.domain.cell import Cell
+from machopt.domain.manifest import Manifest
+from machopt.domain.options import PlanOptions
+from machopt.domain.toolpath import Toolpath
+from machopt.job import verify as service
+from machopt.job.inforce import Request
+from machopt.job.verify import verify
+from machopt.output.hashes import digest, sha256_of
 from machopt.verify import Verification
 
 PARTS = sorted(p.stem for p in (Path(__file__).parent / "damages").glob("*.py") if p.stem not in ("__init__", "damage"))
@@ -27,6 +34,30 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Job]:
         return done[name]
 
     return get
+
+
+@pytest.fixture(autouse=True)
+def _remembered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tables and programs of the same bytes, with the same inputs and options, are checked once: most rows damage
+    neither, and the checks take a second."""
+    monkeypatch.setattr(service, "content_checks", _remembering)
+
+
+_FOUND: dict[str, Verification] = {}
+_CHECKS = service.content_checks
+
+
+def _remembering(cell: Cell, toolpath: Toolpath, folder: Path, *, options: PlanOptions, manifest: Manifest | None
+                 ) -> Verification:  # fmt: skip
+    told = {"result.json", "report.html", "manifest.json"}
+    files = [f for f in (*folder.rglob("*"), *cell.folder.rglob("*")) if f.is_file() and f.name not in told]
+    bytes_of = sorted((f.name, sha256_of(f)) for f in files)
+    asked = None if manifest is None else (manifest.programs, manifest.program_tolerance_mm)
+    read = digest(toolpath.position.tobytes() + toolpath.axis.tobytes() + toolpath.feed.tobytes())
+    key = repr((bytes_of, read, options, asked))
+    if key not in _FOUND:
+        _FOUND[key] = _CHECKS(cell, toolpath, folder, options=options, manifest=manifest)
+    return _FOUND[key]
 
 
 def found_in(job: Job) -> Verification:

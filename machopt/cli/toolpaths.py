@@ -164,7 +164,8 @@ def _inspect(args: argparse.Namespace) -> int:
 
 
 def _verify(args: argparse.Namespace) -> int:
-    from machopt.job.verify import Request, verify
+    from machopt.job.inforce import Request
+    from machopt.job.verify import verify
 
     done = verify(Request(
         cell=args.cell, toolpath=args.toolpath, out=args.out, plan_file=args.plan, overrides=tuple(args.set),

@@ -5,9 +5,8 @@ Both commands go through :func:`content_checks` and :func:`verify_folder`, so th
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from machopt.domain.cell import Cell
 from machopt.domain.manifest import Manifest, ManifestFile, with_scope
@@ -15,29 +14,14 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
-from machopt.formats.options import load_options, options_as_user
-from machopt.formats.toolpath import read_toolpath
+from machopt.job.inforce import Request, failed, in_force
 from machopt.job.inputs import cell_inputs, distinct, single
-from machopt.job.knownrobot import known_robot
-from machopt.job.reading import reading_from_user
+from machopt.job.resultcheck import result_checks
 from machopt.job.scope import not_run, unchecked
 from machopt.output.manifest import MANIFEST, differences, read_manifest
 from machopt.verify import Check, Verification, verify_output
 
 NAN = float("nan")
-
-
-@dataclass(frozen=True)
-class Request:
-    """What the user asked for; what was not given is taken from the folder's manifest."""
-
-    cell: Path
-    toolpath: Path
-    out: Path
-    plan_file: Path | None = None
-    overrides: tuple[str, ...] = ()
-    reading: dict[str, Any] = field(default_factory=dict)  # keywords of read_toolpath that were given
-    allow_external: bool = False
 
 
 @dataclass(frozen=True)
@@ -63,34 +47,19 @@ def verify(request: Request) -> Verified:
         manifest: Manifest | None = read_manifest(request.out)[0]
     except InputError:
         manifest = None  # a failed check of its own, below
-    options, reading, notes = _in_force(request, cell, manifest)
-    toolpath = read_toolpath(request.toolpath, robot=known_robot(cell), **reading)
-    found = verify_folder(cell, toolpath, request.out, options=options,
-                          inputs=distinct((*cell_inputs(cell), single(request.toolpath, "toolpath"))))  # fmt: skip
-    word = "verification passed" if found.ok else "verification failed"
-    line = with_scope(word, (*unchecked(cell, options), *not_run(found.checks)))
-    return Verified(found, 0 if found.ok else 4, line, notes)
-
-
-def _in_force(
-    request: Request, cell: Cell, manifest: Manifest | None
-) -> tuple[PlanOptions, dict[str, Any], tuple[str, ...]]:
-    """Options and reading options: the user's where given, else the manifest's, else the cell's and the defaults."""
-    given = {k: v for k, v in request.reading.items() if v not in (None, False)}
-    if manifest is None:
-        return load_options(cell.plan, request.plan_file, list(request.overrides)), given, ()
-    recorded = reading_from_user(manifest.reading)
-    options = load_options(dict(manifest.options), request.plan_file, list(request.overrides))
-    said = options_as_user(options)
-    notes = [
-        f"{key} is {said[key]} here, OUT was made with {manifest.options.get(key)}"
-        for key in said if said[key] != manifest.options.get(key)
-    ]  # fmt: skip
-    notes += [
-        f"{key} is {value} here, OUT was made with {recorded.get(key, 'none')}"
-        for key, value in given.items() if recorded.get(key) != value
-    ]  # fmt: skip
-    return options, {**recorded, **given}, tuple(notes)
+    used = in_force(request, cell, manifest)
+    found = verify_folder(
+        cell, used.toolpath, request.out, options=used.options,
+        inputs=distinct((*cell_inputs(cell), single(request.toolpath, "toolpath"))),
+    )  # fmt: skip
+    found = replace(found, checks=(*used.checks, *found.checks))
+    missing = (*unchecked(cell, used.options), *not_run(found.checks))
+    if not found.ok:
+        return Verified(found, 4, with_scope("verification failed", missing), used.notes)
+    if not found.samples:
+        words = "intact, but without a motion: there was no feasible answer"
+        return Verified(found, 3, with_scope(words, missing), used.notes)
+    return Verified(found, 0, with_scope("verification passed", missing), used.notes)
 
 
 def verify_folder(
@@ -112,7 +81,12 @@ def verify_folder(
         are failed checks, never exceptions.
     """
     manifest, checks = manifest_checks(folder, inputs)
-    found = contents or content_checks(cell, toolpath, folder, options=options, manifest=manifest)
+    if manifest is not None and manifest.exit_code == 3 and not (folder / "trajectory.csv").exists():
+        found = Verification((), 0, 0.0)
+        checks += result_checks(folder, cell, toolpath, options, inputs, manifest, None)
+    else:
+        found = contents or content_checks(cell, toolpath, folder, options=options, manifest=manifest)
+        checks += result_checks(folder, cell, toolpath, options, inputs, manifest, found)
     return replace(found, checks=(*checks, *found.checks))
 
 
@@ -159,11 +133,6 @@ def input_differences(recorded: tuple[ManifestFile, ...], given: tuple[ManifestF
                 here = f"sha256 {new[:12]}…" if new else "not there"
                 out.append(f"another {role}: {name} is {here}, OUT was made from {made}")
     return out
-
-
-def failed(name: str, why: str) -> Check:
-    """A check that failed without a number."""
-    return Check(name, False, NAN, NAN, "", why)
 
 
 def _check(name: str, wrong: list[str]) -> Check:

@@ -100,6 +100,15 @@ def read_shift(file: Path) -> Shift:
     return Shift(index, offset / 1e3, force)
 
 
+def read_columns(file: Path) -> dict[str, list[str]]:
+    """A table's columns by name, as words.
+
+    Raises:
+        InputError: the file cannot be read, holds no rows, or a row has more or fewer fields than the header.
+    """
+    return _columns(file)
+
+
 def _joints(columns: dict[str, list[str]], file: Path, *, empty: bool) -> Array:
     degrees = [_numbers(columns, f"q{i}_deg", file, empty=empty) for i in range(1, 7)]
     return np.deg2rad(np.column_stack(degrees))

@@ -110,6 +110,8 @@ def editing(file: Path) -> Iterator[dict[str, Any]]:
     try:
         value = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError):
+        value = None
+    if not isinstance(value, dict):
         yield {"files": {}}
         return
     yield value

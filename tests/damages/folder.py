@@ -2,23 +2,227 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
-from damages.damage import Damage, edited, one
+from damages.damage import Damage, Job, edited, in_text, one
 
-DAMAGES = [
-    Damage("points.csv removed", "1 file", lambda job: (job.out / "points.csv").unlink(), "files as listed",
-           reseal=False),
-    Damage("a stray file", "1 file", lambda job: (job.out / "notes.txt").write_text("x") and None, "files as listed",
-           reseal=False),
-    Damage("a program cut in half", "50 %", lambda job: _cut(one(job.out, "*.src"), 0.5), "files as listed",
-           reseal=False),
-    Damage("manifest: collision switched off afterwards", "1 word",
-           edited("manifest.json", lambda m: m["options"].update(collision=False)), "manifest.json", reseal=False,
-           as_is="manifest.json"),
-]  # fmt: skip
+LISTED, MANIFEST, INPUTS = "files as listed", "manifest.json", "made from these inputs"
 
 
-def _cut(file: Path, share: float) -> None:
+def at(file: str, act: Callable[[Path], object]) -> Callable[[Job], None]:
+    """Something done to one file of the folder."""
+
+    def apply(job: Job) -> None:
+        act(one(job.out, file))
+
+    return apply
+
+
+def in_cell(file: str, old: str, new: str) -> Callable[[Job], None]:
+    """The cell that the folder is held against is another one."""
+
+    def apply(job: Job) -> None:
+        path = job.cell / file
+        text = path.read_text(encoding="utf-8")
+        assert old in text
+        path.write_text(text.replace(old, new, 1), encoding="utf-8")
+
+    return apply
+
+
+def in_manifest(change: Callable[[dict[str, Any]], None]) -> Callable[[Job], None]:
+    return edited("manifest.json", change)
+
+
+def in_result(change: Callable[[dict[str, Any]], None]) -> Callable[[Job], None]:
+    return edited("result.json", change)
+
+
+def scaled(value: dict[str, Any], key: str, factor: float) -> None:
+    value[key] *= factor
+
+
+def cut(file: Path, share: float) -> None:
+    """The first share of a file."""
     data = file.read_bytes()
     file.write_bytes(data[: int(share * len(data))])
+
+
+def longer(file: Path, data: bytes) -> None:
+    with file.open("ab") as stream:
+        stream.write(data)
+
+
+def flipped(file: Path, where: int | None = None) -> None:
+    """One bit of a byte, in the middle unless told."""
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2 if where is None else where] ^= 1
+    file.write_bytes(data)
+
+
+def elsewhere(file: Path) -> None:
+    """The same bytes, by a link from outside the folder."""
+    target = file.parent.parent / f"{file.name}.away"
+    shutil.move(file, target)
+    os.symlink(target, file)
+
+
+def as_folder(file: Path) -> None:
+    file.unlink()
+    file.mkdir()
+
+
+FILES = [
+    Damage("points.csv removed", "1 file", at("points.csv", Path.unlink), "tables"),
+    Damage("trajectory.csv removed", "1 file", at("trajectory.csv", Path.unlink), "tables"),
+    Damage("result.json removed", "1 file", at("result.json", Path.unlink), "result.json"),
+    Damage("report.html removed", "1 file", at("report.html", Path.unlink), LISTED, by_hash_alone=True),
+    Damage("the program removed", "1 of 2 files", at("*.src", Path.unlink), "result.json programs"),
+    Damage("the program's data file removed", "1 of 2 files", at("*.dat", Path.unlink), "result.json programs"),
+    Damage("a stray file", "1 byte", lambda job: bool((job.out / "notes.txt").write_text("x")) and None, LISTED,
+           reseal=False),
+    Damage("a second program", "1 file", lambda job: bool(shutil.copy(one(job.out, "*.src"), job.out / "b.src"))
+           and None, LISTED, reseal=False),
+    Damage("a stray empty folder", "1 folder", lambda job: (job.out / "more").mkdir(), LISTED, reseal=False),
+    Damage("the program renamed", "1 file", at("*.src", lambda f: f.rename(f.with_name("other.src"))),
+           "result.json programs"),
+    Damage("trajectory.csv renamed", "1 file", at("trajectory.csv", lambda f: f.rename(f.with_name("t.csv"))),
+           "tables"),
+    Damage("the program cut in half", "50 %", at("*.src", lambda f: cut(f, 0.5)), "result.json programs"),
+    Damage("trajectory.csv cut", "last 5 %", at("trajectory.csv", lambda f: cut(f, 0.95)), "tables"),
+    Damage("points.csv cut to its header", "all rows", at("points.csv", lambda f: cut(f, 0.05)), "tables"),
+    Damage("trajectory.csv emptied", "all", at("trajectory.csv", lambda f: cut(f, 0.0)), "tables"),
+    Damage("result.json cut", "50 %", at("result.json", lambda f: cut(f, 0.5)), "result.json"),
+    Damage("result.json is a list", "all", at("result.json", lambda f: f.write_text("[]")), "result.json"),
+    Damage("one bit of trajectory.csv", "1 bit", at("trajectory.csv", flipped), LISTED, by_hash_alone=True),
+    Damage("one bit of the report", "1 bit", at("report.html", flipped), LISTED, by_hash_alone=True),
+    Damage("lines appended to the program", "1 line", at("*.src", lambda f: longer(f, b"; more\n")),
+           "result.json programs"),
+    Damage("bytes appended to points.csv", "1 row", at("points.csv", lambda f: longer(f, b"99,x\n")), "tables"),
+    Damage("points.csv by a link", "0 bytes", at("points.csv", elsewhere), LISTED, reseal=False),
+    Damage("points.csv a folder", "1 file", at("points.csv", as_folder), LISTED, reseal=False),
+    Damage("the report says otherwise", "1 word", in_text("report.html", "VERIFIED", "GOOD"), LISTED,
+           by_hash_alone=True),
+]  # fmt: skip
+
+MANIFESTS = [
+    Damage(f"manifest: {name}", how_much, apply, MANIFEST, reseal=False, as_is=MANIFEST)
+    for name, how_much, apply in (
+        ("removed", "1 file", at("manifest.json", Path.unlink)),
+        ("cut", "half of it", at("manifest.json", lambda f: cut(f, 0.5))),
+        ("emptied", "all", at("manifest.json", lambda f: cut(f, 0.0))),
+        ("no JSON", "all", at("manifest.json", lambda f: f.write_text("files:\n  points.csv: ok\n"))),
+        ("no UTF-8", "1 byte", at("manifest.json", lambda f: longer(f, b"\xff"))),
+        ("written by hand", "all", at("manifest.json", lambda f: f.write_text('{"files": {"points.csv": "ok"}}'))),
+        ("nested too deeply", "all", at("manifest.json", lambda f: f.write_text("[" * 100_000))),
+        ("a key twice", "1 key", in_text("manifest.json", '"exit_code"', '"exit_code": 0,\n "exit_code"')),
+        ("of the next format", "1 number", in_manifest(lambda m: m.update(machopt_manifest=2))),
+        ("an unknown key", "1 key", in_manifest(lambda m: m.update(approved="yes"))),
+        ("a key missing", "1 key", in_manifest(lambda m: m.pop("unchecked") and None)),
+        ("a hash that is none", "1 word",
+         in_manifest(lambda m: m["files"]["points.csv"].update(sha256="trust me"))),
+        ("a size below zero", "1 number", in_manifest(lambda m: m["files"]["points.csv"].update(size=-1))),
+        ("a file outside the folder", "1 entry",
+         in_manifest(lambda m: m["files"].update({"../x": dict(m["files"]["points.csv"])}))),
+        ("collision switched off", "1 word", in_manifest(lambda m: m["options"].update(collision=False))),
+        ("another version", "1 word", in_manifest(lambda m: m["versions"].update(machopt="9.9"))),
+        ("a check more", "1 entry", in_manifest(lambda m: m["checked"].append({"what": "all", "how": "well"}))),
+        ("a program's name", "1 word", in_manifest(lambda m: m["programs"][0].update(post="rapid"))),
+    )
+]  # fmt: skip
+
+# resealed: the manifest's own hashes fit again, what it says does not
+FORGED_MANIFESTS = [
+    Damage(f"manifest, resealed: {name}", how_much, in_manifest(change), caught_by, as_is=MANIFEST)
+    for name, how_much, change, caught_by in (
+        ("verdict", "1 word", lambda m: m.update(verdict="done, all checked"), "result.json verdict"),
+        ("exit code", "0 → 4", lambda m: m.update(exit_code=4), "result.json verdict"),
+        ("collision switched off", "1 word", lambda m: m["options"].update(collision=False), "result.json options"),
+        ("path tolerance", "0.015 → 5 mm", lambda m: m["options"].update(path_tolerance_mm=5.0),
+         "result.json options"),
+        ("an option that is none", "1 key", lambda m: m["options"].update(colision=False), "options"),
+        ("a reading option", "tool axis +z", lambda m: m["reading"].update(tool_axis="+z"), "result.json options"),
+        ("a reading option that is none", "1 key", lambda m: m["reading"].update(units="inch"),
+         "reading options"),
+        ("no programs", "1 of 1", lambda m: m.update(programs=[]), "result.json programs"),
+        ("program tolerance", "0.05 → 5 mm", lambda m: m.update(program_tolerance_mm=5.0), "result.json programs"),
+        ("stiffness hash", "1 digit",
+         lambda m: m["inputs"]["stiffness.yaml"].update(sha256="0" * 64), INPUTS),
+        ("an input left out", "1 of 14", lambda m: m["inputs"].pop("robot.urdf") and None, INPUTS),
+        ("what was not checked", "1 entry", lambda m: m.update(unchecked=["weather"]), "result.json verdict"),
+        ("version", "1 word", lambda m: m["versions"].update(machopt="9.9"), "result.json verdict"),
+    )
+]  # fmt: skip
+
+RESULTS = [
+    Damage(f"result: {name}", how_much, in_result(change), caught_by)
+    for name, how_much, change, caught_by in (
+        ("verdict", "1 word", lambda r: r.update(verdict="infeasible"), "result.json verdict"),
+        ("exit code", "0 → 3", lambda r: r.update(exit_code=3), "result.json verdict"),
+        ("version", "1 word", lambda r: r.update(version="9.9"), "result.json verdict"),
+        ("worst point's deflection", "−10 %", lambda r: scaled(r["worst_point"], "deflection_mm", 0.9),
+         "result.json worst point"),
+        ("worst point's stiffness", "+0.01 %", lambda r: scaled(r["worst_point"], "k_axial_N_mm", 1.0001),
+         "result.json worst point"),
+        ("worst point's number", "another point", lambda r: r["worst_point"].update(point=3),
+         "result.json worst point"),
+        ("worst point's joint", "0.001°", lambda r: r["worst_point"]["q_deg"].__setitem__(1, 12.345),
+         "result.json worst point"),
+        ("cycle time", "−1 ms", lambda r: r.update(cycle_time_s=r["cycle_time_s"] - 1e-3), "result.json times"),
+        ("a stage's time", "below zero", lambda r: r["timings_s"].update(verify=-1.0), "result.json times"),
+        ("cutting points", "−1", lambda r: r["toolpath"].update(cutting_points=5), "result.json toolpath"),
+        ("operations", "1 name", lambda r: r["toolpath"].update(operations=["other"]), "result.json toolpath"),
+        ("a word not understood left out", "all words",
+         lambda r: r["toolpath"].update(ignored=[{"word": "G95", "count": 1, "first_line": 1, "understood": True}]),
+         "result.json toolpath"),
+        ("an infeasible point made up", "1 point",
+         lambda r: r["infeasible_points"].append({"point": 2, "reason": "why not"}), "result.json infeasible"),
+        ("objective's mean", "−1 %", lambda r: scaled(r["objective"]["chosen"], "mean", 0.99), "result.json objective"),
+        ("objective's total", "−1 %", lambda r: scaled(r["objective"]["chosen"], "total", 0.99),
+         "result.json objective"),
+        ("the grid optimum's mean", "+1 %", lambda r: scaled(r["objective"]["grid"], "mean", 1.01),
+         "result.json objective"),
+        ("the scale of the index", "÷ 2", lambda r: scaled(r, "index_scale", 0.5), "result.json objective"),
+        ("gain", "+1 %", lambda r: r["objective"]["gain"][1].update(mean_percent=99.0), "result.json objective"),
+        ("index", "1 word", lambda r: r.update(index="jiao2022"), "result.json options"),
+        ("an option", "1 word", lambda r: r["options"].update(clearance_mm=50.0), "result.json options"),
+        ("an input's hash", "1 digit", lambda r: r["inputs"].update({"stiffness.yaml": "0" * 64}),
+         "result.json inputs"),
+        ("the cell's name", "1 word", lambda r: r.update(cell="other"), "result.json inputs"),
+        ("a check left out", "1 of 18", lambda r: r["verification"]["checks"].pop() and None,
+         "result.json verification"),
+        ("a check's limit", "0.02 → 2 mm", lambda r: r["verification"]["checks"][1].update(limit=2.0),
+         "result.json verification"),
+        ("a check's value", "made up", lambda r: r["verification"]["checks"][1].update(value=0.01),
+         "result.json verification"),
+        ("verification failed", "1 word", lambda r: r["verification"].update(passed=False),
+         "result.json verification"),
+        ("a program withheld", "1 word", lambda r: r["programs"][0].update(withheld="no reason"),
+         "result.json programs"),
+        ("a program's name", "1 word", lambda r: r["programs"][0].update(post="rapid"), "result.json programs"),
+        ("what was not checked", "1 entry", lambda r: r["unchecked"].append("weather"), "result.json verdict"),
+        ("a compensation made up", "1 figure", lambda r: r.update(compensation={"max_mm": 0.1}),
+         "result.json compensation"),
+        ("of another shape", "1 key", lambda r: r.update(objective=[1, 2]), "result.json objective"),
+        ("a key missing", "1 key", lambda r: r.pop("programs") and None, "result.json programs"),
+    )
+]  # fmt: skip
+
+OTHERS = [
+    Damage("another stiffness", "joint 2, −20 %", in_cell("stiffness.yaml", "e6", "0e6"), INPUTS, as_is=INPUTS,
+           reseal=False),
+    Damage("another cell", "1 mm in the tool", in_cell("cell.yaml", "mass_kg: ", "mass_kg: 1"), INPUTS, as_is=INPUTS,
+           reseal=False),
+    Damage("another mesh", "1 bit of its title", lambda job: flipped(job.cell / "meshes/link1.stl", 20), INPUTS,
+           as_is=INPUTS, reseal=False),
+    Damage("another toolpath", "1 feed", lambda job: bool(job.toolpath.write_text(
+        job.toolpath.read_text().replace("1500", "1400", 1))) and None, INPUTS, as_is=INPUTS, reseal=False),
+    Damage("another toolpath by one comment", "1 line", lambda job: longer(job.toolpath, b"# seen\n"), INPUTS,
+           as_is=INPUTS, reseal=False),
+]  # fmt: skip
+
+DAMAGES = [*FILES, *MANIFESTS, *FORGED_MANIFESTS, *RESULTS, *OTHERS]

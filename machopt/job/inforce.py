@@ -1,0 +1,86 @@
+"""With which options a folder is verified: the user's where given, else its manifest's, else the cell's own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from machopt.domain.cell import Cell
+from machopt.domain.manifest import Manifest
+from machopt.domain.options import PlanOptions
+from machopt.domain.toolpath import Toolpath
+from machopt.errors import InputError
+from machopt.formats.options import load_options, options_as_user
+from machopt.formats.toolpath import read_toolpath
+from machopt.job.knownrobot import known_robot
+from machopt.job.reading import reading_from_user
+from machopt.output.jsonfile import plain
+from machopt.verify import Check
+
+NAN = float("nan")
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the user asked for; what was not given is taken from the folder's manifest."""
+
+    cell: Path
+    toolpath: Path
+    out: Path
+    plan_file: Path | None = None
+    overrides: tuple[str, ...] = ()
+    reading: dict[str, Any] = field(default_factory=dict)  # keywords of read_toolpath that were given
+    allow_external: bool = False
+
+
+@dataclass(frozen=True)
+class InForce:
+    """What a folder is held against."""
+
+    options: PlanOptions
+    toolpath: Toolpath
+    notes: tuple[str, ...] = ()  # options that the user gave and the folder was not made with
+    checks: tuple[Check, ...] = ()  # what the manifest records and nobody can use
+
+
+def in_force(request: Request, cell: Cell, manifest: Manifest | None) -> InForce:
+    """Options and toolpath; what a manifest records wrongly is a failed check, and the defaults stand in for it.
+
+    Raises:
+        InputError: the toolpath or an option that the user gave is wrong.
+    """
+    robot, recorded = known_robot(cell), {} if manifest is None else manifest.options
+    given = {k: v for k, v in request.reading.items() if v not in (None, False)}
+    checks: list[Check] = []
+    below, reading = cell.plan, dict[str, Any]()
+    if manifest is not None:
+        try:
+            load_options(dict(recorded))
+            below = dict(recorded)
+        except InputError as problem:
+            checks.append(failed("options", f"the manifest's cannot be used: {problem.reason}"))
+        try:
+            reading = reading_from_user(manifest.reading)
+            toolpath = read_toolpath(request.toolpath, robot=robot, **{**reading, **given})
+        except InputError as problem:
+            checks.append(failed("reading options", f"the toolpath cannot be read with the manifest's: {problem}"))
+            reading = {}
+    if not reading:
+        toolpath = read_toolpath(request.toolpath, robot=robot, **given)
+    options = load_options(below, request.plan_file, list(request.overrides))
+    notes = _contradictions(plain(options_as_user(options)), below) if manifest is not None and not checks else []
+    notes += _contradictions(given, reading) if manifest is not None else []
+    return InForce(options, toolpath, tuple(notes), tuple(checks))
+
+
+def failed(name: str, why: str) -> Check:
+    """A check that failed without a number."""
+    return Check(name, False, NAN, NAN, "", why)
+
+
+def _contradictions(used: dict[str, Any], recorded: dict[str, Any]) -> list[str]:
+    return [
+        f"{key} = {used[key]} here, but the folder was made with {recorded.get(key, 'none')}"
+        for key in used if used[key] != recorded.get(key)
+    ]  # fmt: skip

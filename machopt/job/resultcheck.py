@@ -1,0 +1,351 @@
+"""result.json held against what it was drawn from: tables, inputs, options, the manifest and the verification itself.
+
+What is not checked here follows from the planner alone: the two yardsticks' costs (their sums and the gains made of
+them are), the standard deviations of the gains, stage times, and the hints among the warnings.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.cell import Cell
+from machopt.domain.manifest import Manifest, ManifestFile, with_scope
+from machopt.domain.options import PlanOptions
+from machopt.domain.toolpath import Toolpath
+from machopt.errors import InputError
+from machopt.formats.options import options_as_user
+from machopt.job.scope import not_run, unchecked
+from machopt.output.hashes import sha256_of
+from machopt.output.jsonfile import plain, read_json
+from machopt.output.manifest import MANIFEST, listed
+from machopt.verify import Check, Verification
+from machopt.verify.table import read_columns
+
+Array = NDArray[np.float64]
+PRINTED = 2e-6  # relative: tables print seven significant digits
+DIGITS = 1e-9  # relative: sums and ratios of figures that stand in the same file
+AGREE = 1e-2  # of a check's limit: between two runs, and machines, a measured value moves by rounding only
+BETWEEN = 1.5  # a planning point between toolpath points is no softer than this times the worst of them
+NINETY = 1.6448536269514722  # standard deviations of a 90 % interval
+VERDICTS = {0: ("done", "done with gaps"), 3: ("infeasible",), 4: ("verification failed",)}
+
+
+@dataclass(frozen=True)
+class Told:
+    """result.json, and everything it may be held against."""
+
+    result: Mapping[str, Any]
+    folder: Path
+    cell: Cell
+    toolpath: Toolpath
+    options: PlanOptions
+    inputs: tuple[ManifestFile, ...]  # as recorded, where there is a manifest
+    manifest: Manifest | None
+    contents: Verification | None  # None where there is no motion
+
+
+def result_checks(
+    folder: Path, cell: Cell, toolpath: Toolpath, options: PlanOptions, inputs: tuple[ManifestFile, ...],
+    manifest: Manifest | None, contents: Verification | None,
+) -> list[Check]:  # fmt: skip
+    """One check for each part of result.json; a part that is missing or malformed fails its check."""
+    try:
+        result = read_json(folder / "result.json")
+    except InputError as problem:
+        return [_check("result.json", [str(problem)])]
+    told = Told(result, folder, cell, toolpath, options, manifest.inputs if manifest else inputs, manifest, contents)
+    return [_check(f"result.json {name}", _tried(part, told)) for name, part in _PARTS.items()]
+
+
+def _tried(part: Callable[[Told], Iterable[str]], told: Told) -> list[str]:
+    """The part's findings; what somebody else wrote into the file may be of any shape."""
+    try:
+        return list(part(told))
+    except InputError as problem:
+        return [str(problem)]
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as problem:
+        return [f"is not of the form that machopt writes: {type(problem).__name__} {problem}"]
+
+
+def _check(name: str, wrong: list[str]) -> Check:
+    more = f"; and {len(wrong) - 3} more" if len(wrong) > 3 else ""
+    return Check(name, not wrong, float(len(wrong)), 0.0, "differences", "; ".join(wrong[:3]) + more)
+
+
+def _verdict(t: Told) -> Iterable[str]:
+    code, found = t.result["exit_code"], t.contents
+    expected = 3 if found is None else (0 if found.ok else 4)
+    yield from _same("exit_code", code, expected)
+    missing = (*unchecked(t.cell, t.options), *(not_run(found.checks) if found else ()))
+    yield from _same("unchecked", t.result["unchecked"], list(missing))
+    words = [with_scope(word, missing) for word in VERDICTS[expected]]
+    if t.result["infeasible_points"]:
+        words = words[-1:]  # without them there may still be gaps, on the way of rapid moves
+    if t.result["verdict"] not in words:
+        yield f"verdict is {_short(t.result['verdict'])}, {' or '.join(words)} follows"
+    if t.manifest is not None:
+        for key, value in (("verdict", t.manifest.verdict), ("exit_code", t.manifest.exit_code)):
+            yield from _same(f"{key} (of the manifest)", value, t.result[key])
+        yield from _same("unchecked (of the manifest)", list(t.manifest.unchecked), list(missing))
+        yield from _same("version", t.result["version"], t.manifest.versions.get("machopt"))
+    yield from _same("machopt_result", t.result["machopt_result"], 1)
+
+
+def _inputs(t: Told) -> Iterable[str]:
+    yield from _same_items("inputs", t.result["inputs"], {f.name: f.sha256 for f in t.inputs})
+    yield from _same("cell", t.result["cell"], t.cell.name)
+
+
+def _outputs(t: Told) -> Iterable[str]:
+    there = {name: sha256_of(t.folder / name) for name in listed(t.folder) - {"result.json", MANIFEST}}
+    yield from _same_items("outputs", t.result["outputs"], there)
+
+
+def _options(t: Told) -> Iterable[str]:
+    recorded = t.manifest.options if t.manifest else plain(options_as_user(t.options))
+    yield from _same_items("options", t.result["options"], recorded)
+    if t.manifest is not None:
+        yield from _same_items("reading", t.result["reading"], t.manifest.reading)
+    index = t.options.index
+    if index == "auto":
+        index = "deflection" if t.options.force.given else "stiffness"
+    yield from _same("index", t.result["index"], index)
+    own = {"global": ("smooth", "grid", "jiao2022", "cam default"), "jiao2022": ("jiao2022",),
+           "default": ("cam default",)}[t.options.method]  # fmt: skip
+    if t.result["chosen_from"] not in own:
+        yield f"chosen_from is {t.result['chosen_from']!r}; method {t.options.method} gives {', '.join(own)}"
+
+
+def _toolpath(t: Told) -> Iterable[str]:
+    found, path = t.result["toolpath"], t.toolpath
+    recorded = [f.name for f in t.inputs if f.role == "toolpath"]
+    expected = {
+        "source": recorded[0] if recorded else path.source, "format": path.format, "points": len(path),
+        "cutting_points": int(path.cutting.sum()), "operations": [o.label for o in path.operations],
+        "ignored": [vars(w) for w in path.ignored],
+    }  # fmt: skip
+    yield from _same_items("toolpath", found, plain(expected))
+
+
+def _worst(t: Told) -> Iterable[str]:
+    points = _Points.read(t)
+    worst = t.result["worst_point"]
+    cost = points.cost(t)
+    if not np.isfinite(cost).any():
+        yield from _same("worst_point", worst, None)
+        return
+    n, most = worst["point"], float(np.nanmax(cost))
+    if not cost[n] >= most * (1 - PRINTED):
+        yield f"worst_point is {n}, but point {int(np.nanargmax(cost))} is softer"
+    for key in ("k_axial_N_mm", "k_normal_N_mm", "deflection_mm", "k_jiao_x_N_mm", "gamma_deg"):
+        yield from _near(f"worst_point.{key}", worst[key], points.number(key)[n], PRINTED, 1e-6)
+    for joint, degrees in enumerate(worst["q_deg"], 1):  # to four decimals
+        yield from _near(f"worst_point.q{joint}", degrees, points.number(f"q{joint}_deg")[n], 0.0, 6e-5)
+    yield from _same("worst_point.q_deg", len(worst["q_deg"]), 6)
+
+
+def _infeasible(t: Told) -> Iterable[str]:
+    points = _Points.read(t)
+    status, reason = points.columns["status"], points.columns["reason"]
+    expected = [{"point": n, "reason": reason[n]} for n, word in enumerate(status) if word != "ok"]
+    found = [{"point": p["point"], "reason": p["reason"]} for p in t.result["infeasible_points"]]
+    if found != expected:
+        yield f"{len(found)} infeasible points are named, points.csv has {len(expected)} or gives other reasons"
+    if t.contents is not None and t.result["obstructions"]:
+        yield "names obstructions, yet there is a motion"
+
+
+def _times(t: Told) -> Iterable[str]:
+    if t.contents is None:
+        yield from _same("cycle_time_s", t.result["cycle_time_s"], None)
+        return
+    motion = read_columns(t.folder / "trajectory.csv")
+    yield from _near("cycle_time_s", t.result["cycle_time_s"], float(motion["time_s"][-1]), 0.0, 1e-5)
+    for name, seconds in t.result["timings_s"].items():
+        if not (isinstance(seconds, float | int) and math.isfinite(seconds) and seconds >= 0):
+            yield f"timings_s.{name} is {seconds!r}"
+
+
+def _objective(t: Told) -> Iterable[str]:
+    parts, w = t.result["objective"], t.options.weights
+    for name in ("cam_default", "jiao2022", "grid", "chosen"):
+        o = parts[name]
+        if o["mean"] is None or o["worst"] is None:
+            yield from _same(f"objective.{name}.total", o["total"], None)
+            continue
+        total = (
+            w.mean * o["mean"] + w.worst * o["worst"] + w.travel * o["travel"] + w.rotation * o["rotation"]
+            + w.feed * o["feed"] + o["preferred"]
+        )  # fmt: skip
+        yield from _near(f"objective.{name}.total", o["total"], total, DIGITS, DIGITS)
+    own = parts["chosen"]
+    cost = _Points.read(t).cost(t)
+    if own["worst"] is not None and np.isfinite(cost).any():
+        told, most = own["worst"] * t.result["index_scale"], float(np.nanmax(cost))
+        if not most * (1 - PRINTED) <= told <= most * BETWEEN:
+            yield f"objective.chosen.worst is {told:.6g} in the index's unit, points.csv has {most:.6g}"
+        if not 0.0 < own["mean"] <= own["worst"]:
+            yield "objective.chosen.mean is not between nothing and the worst"
+    for gain in parts["gain"]:
+        yield from _gain(gain, own, parts[{"cam default": "cam_default"}.get(gain["over"], gain["over"])])
+    yield from _same("objective.gain", [g["over"] for g in parts["gain"]], ["cam default", "jiao2022"])
+
+
+def _gain(gain: Mapping[str, Any], own: Mapping[str, Any], other: Mapping[str, Any]) -> Iterable[str]:
+    name = f"gain over {gain['over']}"
+    if gain["mean_percent"] is None:
+        return
+    expected = 100.0 * (1.0 - own["mean"] / other["mean"])
+    yield from _near(f"{name}: mean_percent", gain["mean_percent"], expected, DIGITS, 1e-7)
+    if gain["std_percent"] is not None:
+        half = NINETY * gain["std_percent"]
+        for value, sign in zip(gain["ci90"], (-1.0, 1.0), strict=True):
+            yield from _near(f"{name}: ci90", value, gain["mean_percent"] + sign * half, 1e-3, 1e-3)
+        yield from _same(f"{name}: distinguishable", gain["distinguishable"], not abs(gain["mean_percent"]) <= half)
+
+
+def _verification(t: Told) -> Iterable[str]:
+    told, found = t.result["verification"], t.contents
+    if found is None:
+        yield from _same("verification", told, None)
+        return
+    yield from _same("verification.passed", told["passed"], all(c["passed"] is not False for c in told["checks"]))
+    if told["passed"] != found.ok:
+        yield f"says verification {'passed' if told['passed'] else 'failed'}, which is not so"
+    expected = {c.name: c for c in found.checks}
+    names = [c["name"] for c in told["checks"]]
+    if names != list(expected):
+        missing, more = sorted(set(expected) - set(names)), sorted(set(names) - set(expected))
+        yield f"lists other checks: {', '.join(missing) or 'none'} missing, {', '.join(more) or 'none'} added"
+        return
+    for c in told["checks"]:
+        e = expected[c["name"]]
+        yield from _same(f"{e.name}: passed", c["passed"], e.passed)
+        yield from _same(f"{e.name}: unit", c["unit"], e.unit)
+        yield from _near(f"{e.name}: limit", c["limit"], e.limit, DIGITS, DIGITS)
+        room = AGREE * abs(e.limit) if math.isfinite(e.limit) and e.limit else 1e-9
+        yield from _near(f"{e.name}: value", c["value"], e.value, AGREE, room)
+
+
+def _programs(t: Told) -> Iterable[str]:
+    told = t.result["programs"]
+    there = {f.name for f in t.manifest.files if f.role == "program"} if t.manifest else None
+    named = [name for p in told for name in p["files"]]
+    for p in told:
+        if p["files"]:
+            lines = sum((t.folder / name).read_bytes().count(b"\n") for name in p["files"] if _is_file(t, name))
+            yield from _same(f"{p['post']}: lines", p["lines"], lines)
+            yield from _same(f"{p['post']}: withheld", p["withheld"], None)
+            yield from _same(f"{p['post']}: differences", p["differences"], [])
+        elif not p["withheld"]:
+            yield f"{p['post']}: has no files and was not withheld"
+    for name in named:
+        if not _is_file(t, name):
+            yield f"{name} is named and not there"
+    if t.manifest is not None and there is not None:
+        listed_programs = [[p.post, list(p.files)] for p in t.manifest.programs]
+        yield from _same("programs", [[p["post"], p["files"]] for p in told if p["files"]], listed_programs)
+        for name in sorted(there - set(named)):
+            yield f"{name} is a program and not named"
+        tolerance = t.manifest.program_tolerance_mm
+        for p in told:
+            yield from _near(f"{p['post']}: tolerance_mm", p["tolerance_mm"], tolerance, DIGITS, 0.0)
+    if t.result["exit_code"] != 0 and named:
+        yield f"exit code {t.result['exit_code']}, yet there is a robot program: {named[0]}"
+
+
+def _warnings(t: Told) -> Iterable[str]:
+    expected = [*t.cell.warnings, *t.toolpath.warnings]
+    yield from _same("warnings", t.result["warnings"][: len(expected)], expected)
+
+
+def _compensation(t: Told) -> Iterable[str]:
+    told, file = t.result["compensation"], t.folder / "compensation.csv"
+    if not t.options.compensate or t.contents is None:
+        yield from _same("compensation", told, None)
+        return
+    columns = read_columns(file)
+    index = np.array(columns["point"], float)
+    shift = np.linalg.norm(np.array([columns[f"d{c}_mm"] for c in "xyz"], float), axis=0)
+    at = np.clip(np.ceil(index - 1e-9).astype(int), 0, len(t.toolpath) - 1)
+    yield from _near("compensation.max_mm", told["max_mm"], float(shift[t.toolpath.cutting[at]].max()), PRINTED, 1e-5)
+    for small, large in (("mean_mm", "max_mm"), ("residual_mean_mm", "residual_max_mm")):
+        if not 0.0 <= told[small] <= told[large] * (1 + PRINTED):
+            yield f"compensation.{small} is not between nothing and {large}"
+
+
+_PARTS: dict[str, Callable[[Told], Iterable[str]]] = {
+    "verdict": _verdict, "inputs": _inputs, "outputs": _outputs, "options": _options, "toolpath": _toolpath,
+    "worst point": _worst, "infeasible points": _infeasible, "times": _times, "objective": _objective,
+    "compensation": _compensation, "verification": _verification, "programs": _programs, "warnings": _warnings,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Points:
+    """points.csv as words."""
+
+    columns: Mapping[str, list[str]]
+
+    @classmethod
+    def read(cls, t: Told) -> _Points:
+        columns = read_columns(t.folder / "points.csv")
+        if len(columns["status"]) != len(t.toolpath):
+            raise ValueError(f"points.csv has {len(columns['status'])} rows, the toolpath {len(t.toolpath)} points")
+        return cls(columns)
+
+    def number(self, name: str) -> Array:
+        return np.array([float(v) if v else np.nan for v in self.columns[name]])
+
+    def cost(self, t: Told) -> Array:
+        """(N,) the index at the points that are cut to, in SI, less is better; NaN elsewhere."""
+        counts = t.toolpath.cutting & np.array([s == "ok" for s in self.columns["status"]])
+        index = t.result["index"]
+        if index == "deflection":
+            out = 1e-3 * self.number("deflection_mm")
+        elif index == "jiao2022":
+            out = 1e-3 / self.number("k_jiao_x_N_mm")
+        else:
+            axial, normal = 1e-3 / self.number("k_axial_N_mm"), 1e-3 / self.number("k_normal_N_mm")
+            drilling = np.array([o.kind == "point" for o in t.toolpath.operations])[t.toolpath.operation]
+            out = np.where(drilling, axial, 0.5 * (axial + normal))
+        return np.where(counts, out, np.nan)
+
+
+def _is_file(t: Told, name: str) -> bool:
+    return name in listed(t.folder) and (t.folder / name).is_file()
+
+
+def _same(name: str, found: object, expected: object) -> Iterable[str]:
+    if found != expected or isinstance(found, bool) != isinstance(expected, bool):
+        yield f"{name} is {_short(found)}, {_short(expected)} follows"
+
+
+def _same_items(name: str, found: Mapping[str, object], expected: Mapping[str, object]) -> Iterable[str]:
+    for key in sorted(found.keys() | expected.keys()):
+        if key not in expected:
+            yield f"{name}.{key} is {_short(found[key])}, nothing of that name follows"
+        elif key not in found:
+            yield f"{name}.{key} is missing"
+        else:
+            yield from _same(f"{name}.{key}", found[key], expected[key])
+
+
+def _near(name: str, found: Any, expected: float | None, relative: float, absolute: float) -> Iterable[str]:
+    """Null stands for what is not finite."""
+    if expected is None or not math.isfinite(expected):
+        yield from _same(name, found, None)
+    elif found is None or not abs(found - expected) <= relative * abs(expected) + absolute:
+        yield f"{name} is {_short(found)}, {_short(expected)} follows"
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else text[:77] + "…"
