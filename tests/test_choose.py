@@ -13,7 +13,8 @@ from machopt.domain.options import FixedRotation, PlanOptions, Weights
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Move
 from machopt.plan.candidates import Candidates, _forbid_by_user
-from machopt.plan.choose import CAP_SHARES, JUMP, NEAR, TURNING, Choice, _windows, choose
+from machopt.plan.caps import GAP, SOLVES, Capped, trade
+from machopt.plan.choose import JUMP, NEAR, TURNING, Choice, _windows, choose
 from machopt.plan.path import Path, build_path
 from machopt.plan.score import AXIS_SPEED, Scores, preference
 from machopt.se3 import wrap
@@ -23,6 +24,7 @@ C, R = Move.CUT, Move.RAPID
 VELOCITY = np.array([2.0, 2.0, 2.0, 3.0, 3.0, 4.0])
 NO_TURN = np.zeros((1, 6))
 Vertex = tuple[int, int, int]
+Rapid = tuple[int, ...]
 
 
 def line(n: int, rapid: tuple[int, ...] = (0,), spacing: float = 0.019) -> Path:
@@ -133,26 +135,46 @@ def test_cheapest_of_all_sequences(seed: int) -> None:
         np.testing.assert_array_equal(choice.q[s], told(candidates, s, v))
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_worst_index_is_traded_as_well_as_the_caps_allow(seed: int) -> None:
-    path, candidates, scores = random_problem(seed)
-    options = PlanOptions(weights=Weights(mean=1.0, worst=1.0, travel=0.3, rotation=0.4))
-    every = list(every_sequence(path, candidates, scores, options))
-    if not every:
-        pytest.skip("this draw has no continuous sequence")
-    choice = choose(path, candidates, scores, VELOCITY, options)
-    total, worst = price_of(sequence(choice), path, candidates, scores, options)
-    free = min(every, key=lambda x: x[0])
-    counted = path.counted[path.stations]
-    floor = max(np.nanmin(scores.cost[s]) for s in np.flatnonzero(counted))
-    caps = [np.inf] + [floor + share * (free[1] - floor) for share in CAP_SHARES]
-    at_caps = min(min((t for t, w, _ in every if w <= cap), default=np.inf) + options.weights.worst * min(
-        (w for t, w, _ in every if w <= cap and t <= min(t for t, w, _ in every if w <= cap) + 1e-12), default=np.inf)
-        for cap in caps)  # fmt: skip
-    assert total + worst == pytest.approx(at_caps, rel=1e-9)
-    ideal = min(t + w for t, w, _ in every)
-    assert ideal - 1e-9 <= total + worst <= free[0] + free[1] + 1e-9
-    assert total + worst <= ideal * 1.05  # five caps leave little on these
+@pytest.mark.parametrize("rapid", [(0, 3), (0,), (0, 2, 4)])
+@pytest.mark.parametrize("seed", range(12))
+def test_no_sequence_is_better_than_the_bound_and_the_chosen_one_is_within_the_gap(seed: int, rapid: Rapid) -> None:
+    path, candidates, scores = random_problem(seed, rapid)
+    for worst in (0.05, 0.5, 4.0):
+        options = PlanOptions(weights=Weights(mean=1.0, worst=worst, travel=0.3, rotation=0.4))
+        ideal = min((t + worst * w for t, w, _ in every_sequence(path, candidates, scores, options)), default=None)
+        choice = choose(path, candidates, scores, VELOCITY, options)
+        if ideal is None:
+            assert choice.broken
+            continue
+        total, high = price_of(sequence(choice), path, candidates, scores, options)
+        assert choice.total == pytest.approx(total + worst * high, rel=1e-12)
+        assert choice.bound <= ideal * (1 + 1e-12)
+        assert ideal * (1 - 1e-12) <= choice.total <= ideal * (1 + 1.01 * GAP)
+        assert choice.total - choice.bound <= 1.01 * GAP * choice.total
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_caps_are_searched_until_nothing_better_is_left(seed: int) -> None:
+    """Sequences as pairs (value, worst) alone, in numbers that no job has."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 200))
+    value, worst = rng.gamma(2.0, size=n), rng.gamma(2.0, size=n)
+    weight = float(rng.uniform(0.01, 3.0))
+    asked = []
+
+    def at(k: int) -> Capped:
+        return Capped(np.full((1, 3), k, np.int32), float(value[k]), float(worst[k]))
+
+    def solve(cap: float, limit: float) -> Capped | None:
+        asked.append(cap)
+        inside = np.flatnonzero((worst <= cap) & (value < limit))
+        return at(int(inside[np.argmin(value[inside])])) if len(inside) else None
+
+    found = trade(at(int(np.argmin(value))), float(worst.min()), weight, solve)
+    ideal = float((value + weight * worst).min())
+    assert found.bound <= ideal <= found.total <= ideal * (1 + 1.01 * GAP)
+    assert found.gap <= 1.01 * GAP
+    assert len(asked) <= SOLVES
 
 
 def test_unstable_branch_indices_may_be_left_for_the_continuous_one() -> None:

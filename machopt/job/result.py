@@ -93,7 +93,7 @@ def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> dict[str, 
         "index_scale": the_plan.scores.scale,
         "chosen_from": the_plan.chosen_from,
         "objective": {"cam_default": _objective(the_plan.cam_default), "jiao2022": _objective(the_plan.jiao2022),
-                      "grid": vars(the_plan.grid), "chosen": _objective(the_plan.chosen),
+                      "grid": vars(the_plan.grid), "search": _search(the_plan), "chosen": _objective(the_plan.chosen),
                       "gain": [_gain(g) for g in gains(the_plan)]},
         "worst_point": worst,
         "compensation": _compensation(the_plan) if trajectory is not None else None,
@@ -123,6 +123,14 @@ def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> dict[str, 
 def _objective(scored: Scored) -> dict[str, object]:
     feasible = int((scored.assignment.reason == 0).sum())
     return {**vars(scored.objective), "feasible_share": feasible / len(scored.assignment.reason)}
+
+
+def _search(the_plan: Plan) -> dict[str, object] | None:
+    """How good the best sequence found over the grid is at least; null where it has breaks or gaps to go round."""
+    total, bound = the_plan.choice.total, the_plan.choice.bound
+    if not np.isfinite(total) or the_plan.choice.broken:
+        return None
+    return {"sequence": total, "lower_bound": bound, "gap_percent": 100.0 * (1.0 - bound / total) if total > 0 else 0.0}
 
 
 def _gain(gain: Gain) -> dict[str, object]:

@@ -2,8 +2,8 @@
 
 Dynamic programming over the stations. Inside a run a vertex is joined to the vertices of the station before
 whose rotation differs by at most a window, in the same branch, with the turn that continuity gives; over a
-rapid move anything may follow anything, at the price of the joint travel. The worst index is traded by
-solving under a few caps on the cost and keeping the best total, which is exact at those caps.
+rapid move anything may follow anything, at the price of the joint travel. The worst index is traded exactly, by branch
+and bound over a cap on it (:mod:`machopt.plan.caps`), and what the best sequence of the grid costs at least is told.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from machopt.domain.options import PlanOptions
 from machopt.plan.candidates import Candidates
+from machopt.plan.caps import Capped, trade
 from machopt.plan.path import Path
 from machopt.plan.score import AXIS_SPEED, Scores, preference
 from machopt.se3 import wrap
@@ -24,10 +25,9 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 JUMP = np.radians(40.0)  # largest joint step between neighbouring stations that still counts as continuous
 TURNING = 0.5  # share of the slowest axis's velocity limit that rotation about the tool axis may take
-MAX_WINDOW = 8  # grid steps
-FREE_PREDECESSORS = 64  # over a rapid move only the cheapest so many are tried
-CAP_SHARES = (0.7, 0.4, 0.2, 0.1, 0.03)  # between the least possible worst cost and the unconstrained one
+MAX_TURN = np.radians(45.0)  # of the rotation between neighbouring stations
 NEAR = 0.5  # m: rapid moves shorter than this should not turn the arm over
+GROUP = 6  # rotations whose vertices are bounded together where a rapid move comes from any of them
 FREE, LIFT = -1, -2
 
 
@@ -40,6 +40,8 @@ class Choice:
     turn: Ints  # (S,)
     q: Array  # (S, 6) rad, NaN where dropped
     broken: tuple[int, ...]  # stations that no continuous way leads to from the station before
+    total: float = np.nan  # what the sequence costs, by the prices of the grid
+    bound: float = np.nan  # no sequence over the grid costs less
 
     @property
     def dropped(self) -> NDArray[np.bool_]:
@@ -66,7 +68,7 @@ def choose(path: Path, candidates: Candidates, scores: Scores, velocity: Array, 
     price_r = options.weights.rotation / np.pi * (2 * np.pi / len(candidates.phi)) * share
     raw = np.where(np.isfinite(scores.cost), scores.cost / scores.scale, np.inf)
 
-    def solve(mask: NDArray[np.bool_]) -> tuple[Ints, float, int]:
+    def solve(mask: NDArray[np.bool_], limit: float = np.inf) -> tuple[Ints, float, int]:
         answer: tuple[Ints, float, int] = _sequence(
             node,
             candidates.q,
@@ -80,6 +82,7 @@ def choose(path: Path, candidates: Candidates, scores: Scores, velocity: Array, 
             price_q,
             price_r,
             price_t,
+            limit,
         )
         return answer
 
@@ -92,27 +95,20 @@ def choose(path: Path, candidates: Candidates, scores: Scores, velocity: Array, 
     kept = vertex[:, 0] >= 0
     at = np.flatnonzero(kept & counted)
 
-    def worst(v: Ints) -> float:
-        return float(raw[at, v[at, 0], v[at, 1]].max(initial=0.0))
+    def capped(vertex: Ints, value: float) -> Capped:
+        return Capped(vertex, value, float(raw[at, vertex[at, 0], vertex[at, 1]].max(initial=0.0)))
 
-    best, best_total = vertex, value + options.weights.worst * worst(vertex)
-    floor = float(raw[at].min(axis=(1, 2)).max(initial=0.0))
-    start = worst(vertex)
-    for cap_share in CAP_SHARES:
-        cap = floor + cap_share * (start - floor)
-        if options.weights.worst == 0 or start <= floor * (1 + 1e-9):
-            break
+    def under(cap: float, limit: float) -> Capped | None:
         allowed = (raw <= cap) | ~counted[:, None, None]
-        vertex, value, stop = solve(feasible & allowed[..., None])
-        if stop >= 0 or ((vertex[:, 0] < 0) & kept).any():
-            break  # a tighter cap cannot work either
-        total = value + options.weights.worst * worst(vertex)
-        if total < best_total:
-            best, best_total = vertex, total
-    r, b, t = best.T
+        vertex, value, stop = solve(feasible & allowed[..., None], limit)
+        return None if stop >= 0 or ((vertex[:, 0] < 0) & kept).any() else capped(vertex, value)
+
+    floor = float(raw[at].min(axis=(1, 2)).max(initial=0.0))
+    traded = trade(capped(vertex, value), floor, options.weights.worst, under)
+    r, b, t = traded.best.vertex.T
     q = candidates.q[np.arange(len(r)), r, b] + candidates.turns[t]
     q[~kept] = np.nan
-    return Choice(rotation=r, branch=b, turn=t, q=q, broken=tuple(broken))
+    return Choice(rotation=r, branch=b, turn=t, q=q, broken=tuple(broken), total=traded.total, bound=traded.bound)
 
 
 def _windows(path: Path, candidates: Candidates, slowest: float) -> tuple[Ints, Array]:
@@ -140,7 +136,7 @@ def _windows(path: Path, candidates: Candidates, slowest: float) -> tuple[Ints, 
         else:
             since += seconds[s]
             if since >= 0.999 * tick:
-                out[s] = min(int(since / tick + 1e-3), MAX_WINDOW)
+                out[s] = min(int(since / tick + 1e-3), max(1, int(MAX_TURN * len(candidates.phi) / (2 * np.pi) + 1e-6)))
                 seconds[s], since = since, 0.0
     out[0] = FREE
     return out, seconds
@@ -171,117 +167,192 @@ def _node_cost(path: Path, candidates: Candidates, scores: Scores, options: Plan
 
 
 @njit(cache=True)
-def _sequence(node, q, turns, feasible, window, stable, shift, seconds, slowness, price_q, price_r, price_t):  # type: ignore[no-untyped-def]  # numba infers
+def _groups(before, q, turns):  # type: ignore[no-untyped-def]  # numba infers
+    """The vertices that can be come from, in groups that lie near each other: what a rapid move is bounded by.
+
+    Returns (K,) the vertices, (G, 2) where each group begins and ends in them, (G, 2, 6) rad its corners in joint space
+    and (G,) its least cost to come; the groups with the least cost first.
+    """
+    R, B, _ = q.shape
+    T = len(turns)
+    members = np.empty(len(before), np.int64)
+    most = ((R + GROUP - 1) // GROUP) * B * T
+    group, corner = np.zeros((most, 2), np.int64), np.empty((most, 2, 6))
+    cheapest = np.empty(most)
+    G, n = 0, 0
+    for first in range(0, R, GROUP):
+        for b in range(B):
+            for t in range(T):
+                start = n
+                for r in range(first, min(first + GROUP, R)):
+                    u = (r * B + b) * T + t
+                    if before[u] < np.inf:
+                        x = q[r, b] + turns[t]
+                        if n == start:
+                            corner[G, 0], corner[G, 1], cheapest[G] = x, x, before[u]
+                        corner[G, 0], corner[G, 1] = np.minimum(corner[G, 0], x), np.maximum(corner[G, 1], x)
+                        cheapest[G] = min(cheapest[G], before[u])
+                        members[n] = u
+                        n += 1
+                if n > start:
+                    group[G, 0], group[G, 1] = start, n
+                    G += 1
+    order = np.argsort(cheapest[:G])
+    return members[:n], group[:G][order], corner[:G][order], cheapest[:G][order]
+
+
+@njit(cache=True)
+def _sequence(node, q, turns, feasible, window, stable, shift, seconds, slowness, price_q, price_r, price_t, limit):  # type: ignore[no-untyped-def]  # numba infers
     """Cheapest sequence; returns (S, 3) rotation, branch, turn (−1 where dropped), its value, and where it stopped.
 
-    ``stop`` ≥ 0 is the first station inside a run that no vertex of the station before reaches continuously.
+    ``stop`` ≥ 0 is the first station inside a run that no vertex of the station before reaches continuously. With a
+    finite ``limit`` only sequences below it are looked for, and ``stop`` is where the last of them ends.
     """
     S, R, B, T = feasible.shape
     inf = np.inf
     V = R * B * T
     back = np.full((S, V), -1, np.int32)
     before = np.full(V, inf)  # cost to come at the last kept station
+    least = np.full((R, B), inf)  # and the least over its turns
     now = np.empty(V)
     best = np.full((S, 3), -1, np.int32)
     last = -1  # last kept station
     twopi = 2 * np.pi
-    # turn index from whole turns per joint, −1 where that combination does not occur
+    usable = np.zeros((S, R, B), np.bool_)
+    to_go = np.zeros(S + 1)  # the nodes from a station on cost at least this much
+    for s in range(S - 1, -1, -1):
+        low = inf
+        for r in range(R):
+            for b in range(B):
+                if feasible[s, r, b].any():
+                    usable[s, r, b] = True
+                    low = min(low, node[s, r, b])
+        to_go[s] = to_go[s + 1] + (low if low < inf else 0.0)
+    # the turn before from the turn now and the whole turns between two base configurations, −1 where there is none
     lookup = np.full(3**6, -1, np.int32)
     for t in range(T):
         code = 0
         for i in range(6):
             code = 3 * code + round(turns[t, i] / twopi) + 1
         lookup[code] = t
+    source_turn = np.full((3**6, T), -1, np.int32)
+    for code in range(3**6):
+        for t in range(T):
+            rest, other, unit = code, 0, 1
+            for i in range(5, -1, -1):
+                digit = rest % 3 - 1 + round(turns[t, i] / twopi)
+                rest //= 3
+                if abs(digit) > 1:
+                    other = -1
+                    break
+                other += unit * (digit + 1)
+                unit *= 3
+            if other >= 0:
+                source_turn[code, t] = lookup[other]
+    values, sources = np.empty(T), np.empty(T, np.int64)
+    members, group, corner, cheapest = _groups(before, q[0], turns)
     for s in range(S):
-        any_here = False
+        any_here, exists = False, False
         now[:] = inf
         fresh = last < 0
         free = window[s] < 0
-        if free and not fresh:  # the cheapest predecessors, by partial selection
-            top = np.full(FREE_PREDECESSORS, -1, np.int64)
-            cost = np.full(FREE_PREDECESSORS, inf)
-            for v in range(V):
-                if before[v] < cost[-1]:
-                    j = FREE_PREDECESSORS - 1
-                    while j > 0 and cost[j - 1] > before[v]:
-                        cost[j] = cost[j - 1]
-                        top[j] = top[j - 1]
-                        j -= 1
-                    cost[j] = before[v]
-                    top[j] = v
-        exists = False
+        if free and not fresh:
+            members, group, corner, cheapest = _groups(before, q[last], turns)
         for r in range(R):
             for b in range(B):
-                for t in range(T):
-                    if not feasible[s, r, b, t]:
-                        continue
-                    exists = True
-                    v = (r * B + b) * T + t
-                    value, source = inf, -1
-                    if fresh:
-                        value = 0.0
-                    elif free:
-                        for j in range(FREE_PREDECESSORS):
-                            u = top[j]
-                            if u < 0 or cost[j] >= value:
-                                break
-                            ru, bu, tu = u // (B * T), u // T % B, u % T
-                            step = 0.0
-                            for i in range(6):
-                                step += abs(q[s, r, b, i] + turns[t, i] - q[last, ru, bu, i] - turns[tu, i])
-                            if cost[j] + price_q[s] * step < value:
-                                value, source = cost[j] + price_q[s] * step, u
-                        # and the same posture before, however dear: the arm may have turned over earlier
-                        for tu in range(T):
-                            u = (((r + shift[s]) % R) * B + b) * T + tu
-                            if before[u] < value:
-                                step = 0.0
+                if not usable[s, r, b]:
+                    continue
+                exists = True
+                most = limit - node[s, r, b] - to_go[s + 1]  # what the way here may cost
+                if fresh:
+                    values[:], sources[:] = 0.0, -1
+                elif free:
+                    ru = (r + shift[s]) % R
+                    for t in range(T):
+                        value, source = most, -1
+                        if feasible[s, r, b, t]:
+                            for tu in range(T):  # first the same posture before: near, so that few others need a look
+                                u = (ru * B + b) * T + tu
+                                if before[u] < value:
+                                    step = 0.0
+                                    for i in range(6):
+                                        step += abs(q[s, r, b, i] + turns[t, i] - q[last, ru, b, i] - turns[tu, i])
+                                    if before[u] + price_q[s] * step < value:
+                                        value, source = before[u] + price_q[s] * step, u
+                            for g in range(len(cheapest)):
+                                if cheapest[g] >= value:
+                                    break
+                                away = 0.0
                                 for i in range(6):
-                                    ru = (r + shift[s]) % R
-                                    step += abs(q[s, r, b, i] + turns[t, i] - q[last, ru, b, i] - turns[tu, i])
-                                if before[u] + price_q[s] * step < value:
-                                    value, source = before[u] + price_q[s] * step, u
-                    else:
-                        for dr in range(-window[s], window[s] + 1):
-                            ru = (r + dr) % R
-                            for bu in range(b if stable else 0, b + 1 if stable else B):
-                                code = 0
-                                step = 0.0
-                                slow = 0.0
-                                for i in range(6):
-                                    qi = q[s, r, b, i] + turns[t, i]
-                                    whole = (qi - q[last, ru, bu, i]) / twopi
-                                    if not (abs(whole) < 1.5):  # also a branch that does not exist there (NaN)
-                                        code = -1
-                                        break
-                                    k = round(whole)
-                                    d = abs(qi - q[last, ru, bu, i] - twopi * k)
-                                    if d > JUMP:
-                                        code = -1
-                                        break
-                                    step += d
-                                    slow = max(slow, d * slowness[i])
-                                    code = 3 * code + int(k) + 1
-                                if code < 0 or lookup[code] < 0:
+                                    x = q[s, r, b, i] + turns[t, i]
+                                    away += max(corner[g, 0, i] - x, 0.0) + max(x - corner[g, 1, i], 0.0)
+                                if cheapest[g] + price_q[s] * away >= value:
                                     continue
-                                u = (ru * B + bu) * T + lookup[code]
-                                total = (
-                                    before[u]
-                                    + price_q[s] * step
-                                    + price_r[s] * abs(dr)
-                                    + price_t * max(slow - seconds[s], 0.0)
-                                )
-                                if total < value:
-                                    value, source = total, u
-                    if value < inf:
+                                for j in range(group[g, 0], group[g, 1]):
+                                    u = members[j]
+                                    if before[u] >= value:
+                                        continue
+                                    rj, bj, tj = u // (B * T), u // T % B, u % T
+                                    step = 0.0
+                                    for i in range(6):
+                                        step += abs(q[s, r, b, i] + turns[t, i] - q[last, rj, bj, i] - turns[tj, i])
+                                    if before[u] + price_q[s] * step < value:
+                                        value, source = before[u] + price_q[s] * step, u
+                        values[t], sources[t] = value, source
+                else:
+                    values[:], sources[:] = most, -1
+                    highest = most  # of the values found so far: what cannot beat it is of no use to any turn
+                    for k in range(2 * window[s] + 1):
+                        dr = (k + 1) // 2 if k % 2 else -(k // 2)
+                        ru = (r + dr) % R
+                        for bu in range(b if stable else 0, b + 1 if stable else B):
+                            if not (least[ru, bu] + price_r[s] * abs(dr) < highest):
+                                continue
+                            code = 0
+                            step = 0.0
+                            slow = 0.0
+                            for i in range(6):
+                                apart = q[s, r, b, i] - q[last, ru, bu, i]
+                                if not (abs(apart) < 1.5 * twopi):  # also a branch that does not exist there (NaN)
+                                    code = -1
+                                    break
+                                whole = round(apart / twopi)
+                                d = abs(apart - twopi * whole)
+                                if d > JUMP:
+                                    code = -1
+                                    break
+                                step += d
+                                slow = max(slow, d * slowness[i])
+                                code = 3 * code + int(whole) + 1
+                            if code < 0:
+                                continue
+                            edge = price_q[s] * step + price_r[s] * abs(dr) + price_t * max(slow - seconds[s], 0.0)
+                            better = False
+                            for t in range(T):
+                                tu = source_turn[code, t]
+                                if tu < 0 or not feasible[s, r, b, t]:
+                                    continue
+                                u = (ru * B + bu) * T + tu
+                                if before[u] + edge < values[t]:
+                                    values[t], sources[t], better = before[u] + edge, u, True
+                            if better:
+                                highest = 0.0
+                                for t in range(T):
+                                    if feasible[s, r, b, t]:
+                                        highest = max(highest, values[t])
+                for t in range(T):
+                    if feasible[s, r, b, t] and (fresh or sources[t] >= 0) and values[t] < inf and values[t] <= most:
                         any_here = True
-                        now[v] = value + node[s, r, b]
-                        back[s, v] = source
+                        now[(r * B + b) * T + t] = values[t] + node[s, r, b]
+                        back[s, (r * B + b) * T + t] = sources[t]
         if not exists:
             continue  # dropped: nothing is feasible here
         if not any_here:
             return best, inf, s
         before[:] = now
+        for r in range(R):
+            for b in range(B):
+                least[r, b] = before[(r * B + b) * T : (r * B + b + 1) * T].min()
         last = s
     if last < 0:
         return best, 0.0, -1

@@ -17,7 +17,8 @@ from machopt.plan.score import Scores
 from machopt.se3 import wrap
 
 Array = NDArray[np.float64]
-REACH = 16  # grid steps to either side of the chosen rotation that the corridor may span
+REACH = 16  # steps to either side of the chosen rotation that the corridor may span
+STEP = np.radians(5.0)  # of the corridor, or one of the grid where that is wider
 SIDE_STEP = np.radians(30.0)  # largest joint step between neighbouring rotations of one branch
 
 Merit = Callable[[BSpline, tuple[Array | None, Array | None], float], float]
@@ -33,7 +34,7 @@ class Corridor:
     high: Array  # (n,) rad ≥ 0
     cost: Array  # (n, 2·REACH+1), dimensionless, edge values repeated beyond the corridor
     slope: Array  # (n, 6) dq/dphi at the chosen rotation
-    step: float  # rad, of the grid
+    step: float  # rad
     q: Array  # (n, 6) rad at the chosen rotation
 
 
@@ -106,6 +107,7 @@ def corridor(candidates: Candidates, scores: Scores, choice: Choice, rows: NDArr
     """Walk from the chosen vertex to both sides while the same branch and turn stay feasible."""
     R = len(candidates.phi)
     grid = 2 * np.pi / R
+    stride = max(1, round(STEP / grid))  # a finer grid is walked step by step, so that its corridor is as wide
     r, b = choice.rotation[rows], choice.branch[rows]
     phi = np.unwrap(candidates.phi[r])
     n = len(rows)
@@ -115,7 +117,8 @@ def corridor(candidates: Candidates, scores: Scores, choice: Choice, rows: NDArr
     neighbour = np.stack([choice.q[rows], choice.q[rows]])
     for side, sign in ((0, -1), (1, 1)):
         alive, previous = np.ones(n, bool), choice.q[rows]
-        for j in range(1, REACH + 1):
+        seen = cost[:, REACH]
+        for j in range(1, min(REACH * stride, R) + 1):
             rj = (r + sign * j) % R
             base = candidates.q[rows, rj, b]
             q = previous + wrap(base - previous)
@@ -123,14 +126,17 @@ def corridor(candidates: Candidates, scores: Scores, choice: Choice, rows: NDArr
             alive &= (candidates.feasible[rows, rj, b] & turn).any(axis=1)
             alive &= np.abs(q - previous).max(axis=1) < SIDE_STEP
             limit[alive, side] = sign * j * grid
-            column = REACH + sign * j
-            cost[:, column] = np.where(alive, scores.cost[rows, rj, b], cost[:, column - sign])
+            seen = np.where(alive, scores.cost[rows, rj, b], seen)
+            if j % stride == 0:
+                cost[:, REACH + sign * (j // stride)] = seen
             previous = np.where(alive[:, None], q, previous)
             if j == 1:
                 neighbour[side], reached[:, side] = previous, alive * grid
+        for column in range(min(REACH * stride, R) // stride + 1, REACH + 1):  # once round
+            cost[:, REACH + sign * column] = seen
     span = np.maximum(reached.sum(axis=1), 1e-12)[:, None]
     return Corridor(phi=phi, low=limit[:, 0], high=limit[:, 1], cost=cost / scores.scale,
-                    slope=(neighbour[1] - neighbour[0]) / span, step=grid, q=choice.q[rows])  # fmt: skip
+                    slope=(neighbour[1] - neighbour[0]) / span, step=stride * grid, q=choice.q[rows])  # fmt: skip
 
 
 def turning_length(path: Path, first: int, last: int) -> Array:
