@@ -155,9 +155,13 @@ def test_an_earlier_output_is_replaced_and_a_foreign_folder_is_not(
 ) -> None:
     table, out = toolpath(tmp_path, PASS), tmp_path / "out"
     assert optimize(KR500, table, out) == 0
-    (out / "stale.txt").write_text("from before")
+    (out / "report.html").write_text("spoilt")
     assert optimize(KR500, table, out) == 0
-    assert not (out / "stale.txt").exists()
+    assert (out / "report.html").read_text() != "spoilt"
+    (out / "notes.txt").write_text("the user's own")
+    assert optimize(KR500, table, out) == 2
+    assert "notes.txt, which machopt did not write" in capsys.readouterr().err
+    assert (out / "notes.txt").read_text() == "the user's own"
     mine = tmp_path / "mine"
     mine.mkdir()
     (mine / "thesis.txt").write_text("precious")

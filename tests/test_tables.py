@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
-import signal
-import subprocess
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +18,7 @@ from machopt.formats.tables import (
     write_points_csv,
     write_trajectory_csv,
 )
-from machopt.output import output_folder, write_json
+from machopt.output import write_json
 
 
 def smooth_motion(samples: int, external: int = 0, dt: float = 0.012) -> Trajectory:
@@ -187,63 +182,6 @@ def test_an_external_axis_without_a_kind_is_a_bug(tmp_path: Path) -> None:
         write_trajectory_csv(tmp_path / "t.csv", smooth_motion(5, external=1), ("a", "b"))
     with pytest.raises(ValueError, match="external axes"):
         write_points_csv(tmp_path / "p.csv", replace(points_table(3), external=np.zeros((3, 1))))
-
-
-def test_an_output_folder_appears_whole(tmp_path: Path) -> None:
-    out = tmp_path / "new" / "out"
-    with output_folder(out) as folder:
-        write_json(folder / "result.json", {"machopt_result": 1, "a": np.float64(0.1), "b": np.array([1.0, np.nan])})
-        assert not out.exists()
-    assert json.loads((out / "result.json").read_text()) == {"machopt_result": 1, "a": 0.1, "b": [1.0, None]}
-    with output_folder(out) as folder:  # ours: replaced, not merged
-        write_json(folder / "result.json", {"machopt_result": 2})
-    assert [p.name for p in out.iterdir()] == ["result.json"]
-    assert [p.name for p in out.parent.iterdir()] == ["out"]
-
-
-def test_a_failure_leaves_the_old_output(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    with output_folder(out) as folder:
-        write_json(folder / "result.json", {"machopt_result": 1})
-    with pytest.raises(RuntimeError), output_folder(out) as folder:  # noqa: PT012
-        (folder / "half.csv").write_text("1")
-        raise RuntimeError
-    assert [p.name for p in out.iterdir()] == ["result.json"]
-    assert [p.name for p in tmp_path.iterdir()] == ["out"]
-
-
-def test_a_foreign_folder_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "photos").mkdir()
-    (tmp_path / "photos" / "result.json").write_text('{"score": 1}')
-    (tmp_path / "file").write_text("x")
-    monkeypatch.chdir(tmp_path)
-    for name, message in (
-        ("photos", "not an earlier machopt output"),
-        ("file", "is a file"),
-        (".", "working"),
-    ):
-        with pytest.raises(InputError, match=message), output_folder(tmp_path / name):
-            pytest.fail("not reached")
-    assert (tmp_path / "photos" / "result.json").exists()
-
-
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
-def test_a_killed_run_leaves_nothing(tmp_path: Path, number: signal.Signals, code: int) -> None:
-    script = (
-        "import signal, sys, time\nfrom machopt.output import output_folder\n"
-        # a shell starts background jobs with SIGINT ignored, and children inherit that
-        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "with output_folder(sys.argv[1]) as f:\n (f / 'half').write_text('1')\n"
-        " print('in', flush=True)\n time.sleep(60)\n"
-    )
-    env = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
-    with subprocess.Popen([sys.executable, "-c", script, str(tmp_path / "out")], env=env,
-                          stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as run:  # fmt: skip
-        assert run.stdout is not None
-        run.stdout.readline()
-        run.send_signal(number)
-        assert run.wait(20) in (code, -number)
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_json_refuses_what_it_cannot_say(tmp_path: Path) -> None:

@@ -213,6 +213,8 @@ def _make_parents(folder: Path) -> list[Path]:
     """Make a folder and those above it; returns what was made, the deepest first."""
     missing = [folder, *folder.parents]
     missing = missing[: next(n for n, p in enumerate(missing) if p.exists())]
+    if not missing and not folder.is_dir():
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(folder))
     folder.mkdir(parents=True, exist_ok=True)
     return missing
 
