@@ -73,24 +73,29 @@ class Row:
 def look(file: Path, folder: Path, options: dict[str, Any], ask: bool) -> Row:
     """Read one file, giving what it asks for where that is allowed."""
     row = Row(file.relative_to(folder).as_posix())
-    options, start_options = dict(options), set(options)
     start = time.perf_counter()
-    machines = iter(MACHINES)
-    while True:
-        try:
-            describe(row, read_toolpath(file, **options))
-            row.refused = ""
-            break
-        except InputError as problem:
-            row.refused = (f"{problem.where}: " if problem.where else "") + problem.reason
-            if not ask or not (given := _answer(problem.reason, options, machines)):
-                break
-            options |= given
+    toolpath, given, row.refused = read_or_ask(file, options, ask)
+    if toolpath is not None:
+        describe(row, toolpath)
     row.given = [f"--{'feed' if k == 'default_feed' else k} {v:g}" if isinstance(v, float) else f"--{k} {v}"
-                 for k, v in options.items() if k not in start_options]  # fmt: skip
+                 for k, v in given.items()]  # fmt: skip
     row.given = [g.replace("0.0166667", "1000") for g in row.given]
     row.seconds = time.perf_counter() - start
     return row
+
+
+def read_or_ask(file: Path, options: dict[str, Any], ask: bool) -> tuple[Toolpath | None, dict[str, Any], str]:
+    """The path, what had to be given for it beyond ``options``, and why it is refused (empty where it is not)."""
+    given: dict[str, Any] = {}
+    machines = iter(MACHINES)
+    while True:
+        try:
+            return read_toolpath(file, **options, **given), given, ""
+        except InputError as problem:
+            more = _answer(problem.reason, options | given, machines) if ask else {}
+            if not more:
+                return None, given, (f"{problem.where}: " if problem.where else "") + problem.reason
+            given |= more
 
 
 def _answer(reason: str, options: dict[str, Any], machines: Iterator[str]) -> dict[str, Any]:
