@@ -1,8 +1,8 @@
 """machopt's reader and the second reader (benchmarks/secondreader) on the same files, difference by difference.
 
-Run: ``python benchmarks/cam_judge.py FOLDER [--only WORD] [--csv OUT.csv]``. Both read every file of the folder, each by
-its own code; a file that asks for a unit, a feed or a machine gets mm, 1000 mm/min and the usual ones, as
-``cam_table.py --ask`` gives them. Compared are:
+Run: ``python benchmarks/cam_judge.py FOLDER [--only WORD] [--csv OUT.csv]``. Each reads every file of the folder by its
+own code; a file that asks for a unit, a feed or a machine gets mm, 1000 mm/min and the usual ones, as with
+``cam_table.py --ask``. Compared are:
 
 - the ends of the second reader's moves: each must be a point of machopt's, in order;
 - machopt's points: each must lie on the second reader's path;
@@ -71,7 +71,7 @@ def judge(file: Path, name: str) -> Verdict:
     other: Path3 | None = None
     try:
         other = secondreader.read(file)
-    except secondreader.NotRead as reason:
+    except secondreader.NotReadError as reason:
         v.second = str(reason)
     if mine is not None:
         v.dialect, v.points = mine.format, len(mine)

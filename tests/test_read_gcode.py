@@ -254,8 +254,8 @@ def test_heidenhain_inch_datum_and_cycle_one(tmp_path: Path) -> None:
         "5 CYCL DEF 7.1 X+6\n6 CYCL DEF 1.0 PECKING\n7 CYCL DEF 1.1 DIST1.0\n8 CYCL DEF 1.2 DEPTH-.5\n"
         "9 CYCL DEF 1.3 PLNGNG.2\n10 CYCL DEF 1.4 DWELL0\n11 CYCL DEF 1.5 F50\n12 L X+0 FMAX M99\n13 END PGM A INCH\n",
     )
-    assert mm(t)[1, 0] == pytest.approx(25.4)
-    assert mm(t)[-1, 0] == pytest.approx(25.4)  # X0 of the second datum
+    assert mm(t)[1, 0] == pytest.approx(6 * 25.4)  # the first datum lies at X5 of the preset
+    assert mm(t)[-1, 0] == pytest.approx(6 * 25.4)  # X0 of the second datum
     assert mm(t)[-2:, 2] / 25.4 == pytest.approx([-0.5, 1.0])
     assert t.feed[1] == pytest.approx(5 * 25.4 / 60e3)
     assert any("tenths of an inch" in w for w in t.warnings)
@@ -284,3 +284,19 @@ def test_a_siemens_five_axis_program_as_a_post_writes_it(tmp_path: Path) -> None
     assert t.operations[0].tool == "MILL_D10"
     assert t.warnings == ()
     assert t.meta["unit"] == "mm"
+
+
+@pytest.mark.parametrize(
+    ("name", "head", "tail"),
+    [
+        ("a.nc", "G21 G90\nG52 X10 Y-4\nG0 X0 Y0 Z5\nG1 Z-1 F50\nX20\n", ""),
+        ("a.mpf", "G71 G90\nTRANS X10 Y-4\nG0 X0 Y0 Z5\nG1 Z-1 F50\nX20\n", ""),
+        ("a.h", "BEGIN PGM A MM\nCYCL DEF 7.0\nCYCL DEF 7.1 X+10\nCYCL DEF 7.2 Y-4\nL X+0 Y+0 Z+5 FMAX\nL Z-1 F50\n"
+                "L X+20\n", "END PGM A MM\n"),
+    ],
+)  # fmt: skip
+def test_a_shift_before_the_first_move_moves_every_point(tmp_path: Path, name: str, head: str, tail: str) -> None:
+    """The shift's numbers stand in the file, so the path is told from the work offset, whenever the shift comes."""
+    (tmp_path / name).write_text(head + tail)
+    t = read_toolpath(tmp_path / name)
+    assert np.allclose(mm(t), [[10, -4, 5], [10, -4, -1], [30, -4, -1]])

@@ -2,27 +2,27 @@
 
 It imports nothing of machopt and was written from the formats' manuals and real files without a look at machopt's
 readers. It is a line scanner with regular expressions and modal state, on purpose simple: what it does not know it
-refuses with a reason (`NotRead`). It serves to judge: extents, counts, lengths and feeds of both readers are compared by
-``benchmarks/cam_judge.py``, and ``tests/test_second_reader.py`` does the same on samples made by hand.
+refuses with a reason. It serves to judge: ``benchmarks/cam_judge.py`` compares extents, counts, lengths and feeds of
+both readers, ``tests/test_second_reader.py`` does the same on samples made by hand.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from secondreader.path import NotRead, Path3
+from secondreader.path import NotReadError, Path3
 from secondreader.sniff import reader_for
 
-__all__ = ["NotRead", "Path3", "read"]
+__all__ = ["NotReadError", "Path3", "read"]
 
 
 def read(file: Path) -> Path3:
     """The path of one file.
 
     Raises:
-        NotRead: The file is of no family known here, or holds something this reader does not do.
+        NotReadError: The file is of no family known here, or holds something this reader does not do.
     """
     raw = file.read_bytes()
     if b"\0" in raw:
-        raise NotRead("binary")
+        raise NotReadError("binary")
     return reader_for(file, raw.decode("latin-1"))

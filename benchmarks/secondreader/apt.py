@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 
 import numpy as np
 
-from secondreader.path import NotRead, Path3, Vector
+from secondreader.path import NotReadError, Path3, Vector
 
 NUM = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][-+]?\d+)?")
 WAYS = {"MMPM": 1.0, "MMPR": math.nan, "IPM": 25.4, "IPR": math.nan, "PERMIN": 1.0}
@@ -87,7 +88,9 @@ class Reader:
         self.path.line_to(bottom, rapid=False, feed=feed, line=line, axis=self.axis)
         if tap:
             self.path.line_to(clear, rapid=False, feed=feed, line=line, axis=self.axis)
-        self.path.line_to(back, rapid=not tap or bool(np.linalg.norm(back - clear)), feed=0.0, line=line, axis=self.axis)
+        self.path.line_to(
+            back, rapid=not tap or bool(np.linalg.norm(back - clear)), feed=0.0, line=line, axis=self.axis
+        )
 
 
 def read(text: str) -> Path3:
@@ -95,9 +98,9 @@ def read(text: str) -> Path3:
     every = statements(text)
     body = "\n".join(s for _, s in every)
     if re.search(r"^\w+\s*=\s*(POINT|LINE|CIRCLE|PLANE|CYLNDR)/?|^(CONTRL|LOOPST|GOLFT|GORGT)", body, re.M):
-        raise NotRead("an APT part program without points")
-    dialect = next((d for words, d in (("TOOL PATH/", "nx"), ("OPFEATSTART", "clt"), ("TRNTYP", "camworks"),
-                                       ("CSI_SET", "camworks"), ("MOVARC", "hsm")) if words in body), "catia")  # fmt: skip
+        raise NotReadError("an APT part program without points")
+    telling = {"TOOL PATH/": "nx", "OPFEATSTART": "clt", "TRNTYP": "camworks", "CSI_SET": "camworks", "MOVARC": "hsm"}
+    dialect = next((d for words, d in telling.items() if words in body), "catia")
     r = Reader(dialect)
     k = 0
     while k < len(every):
@@ -110,7 +113,7 @@ def read(text: str) -> Path3:
             r.rapid = True
         elif word in ("FROM", "GODLTA"):
             if word == "GODLTA":
-                raise NotRead(f"line {line}: GODLTA")
+                raise NotReadError(f"line {line}: GODLTA")
             r.path.line_to(np.array(numbers(rest)[:3]) * r.unit, rapid=True, feed=0.0, line=line)
         elif word == "GOHOME":
             if len(numbers(rest)) < 3:
@@ -145,7 +148,7 @@ def read(text: str) -> Path3:
         elif word == "SET" and "MODE" in rest:
             r.incremental = "INCR" in rest
         elif word in ("MOVARC", "CALLSUB", "TRANS", "COPY", "HELICAL", "TRACUT"):
-            raise NotRead(f"line {line}: {word}")
+            raise NotReadError(f"line {line}: {word}")
     return r.path
 
 
@@ -156,9 +159,9 @@ def cycle(rest: str, r: Reader) -> dict[str, float] | None:
     if re.match(r"(INIT|ON)\b", rest):
         return r.cycle
     parts = [p for p in re.split(r"[,\s]+", rest) if p]
-    r.path.pecks |= "PECK" in rest or "DEEP" in rest and r.dialect != "nx"
+    r.path.pecks |= "PECK" in rest or ("DEEP" in rest and r.dialect != "nx")
     given: dict[str, float] = {"TAP": 1.0 if parts[0] == "TAP" else 0.0}
-    for a, b in zip(parts, parts[1:], strict=False):
+    for a, b in itertools.pairwise(parts):
         if a in ("RAPTO", "FEDTO", "RTRCTO", "MMPM", "IPM") and NUM.fullmatch(b):
             given["FEED" if a in WAYS else a] = float(b) * (25.4 if a == "IPM" else r.unit)
     if r.dialect == "nx":
@@ -179,7 +182,7 @@ def tlon(r: Reader, s: str, line: int) -> None:
     """CATIA's arc: the circle's centre and radius, the end on a line from the centre."""
     m = re.search(r"\(CIRCLE/([^)]*)\),ON,(2,INTOF,)?\(LINE/([^)]*)\)", s.replace(" ", ""))
     if not m or r.start_direction is None or r.path.at is None or m[2]:
-        raise NotRead(f"line {line}: {s[:40]}")
+        raise NotReadError(f"line {line}: {s[:40]}")
     c, end = np.array(numbers(m[1])[:3]) * r.unit, np.array(numbers(m[3])[3:6]) * r.unit
     normal = np.cross(r.path.at - c, r.start_direction)
     r.path.arc_to(end, c, normal.tolist(), feed=r.feed, line=line, rapid=r.rapid, axis=r.axis)
@@ -201,7 +204,7 @@ def nurbs(r: Reader, every: list[tuple[int, str]], k: int, line: int) -> int:
         k += 1
     knots = [0.0] * 4 + inner + [inner[-1]] * 3
     if len(knots) != len(control) + 4:
-        raise NotRead(f"line {line}: {len(control)} control points and {len(inner)} knots")
+        raise NotReadError(f"line {line}: {len(control)} control points and {len(inner)} knots")
     places = np.array(control)
     t = np.unique(np.concatenate([np.linspace(a, b, 60) for a, b in zip([0.0, *inner], inner, strict=False)]))[1:]
     pts = np.array([de_boor(places, knots, v) for v in t])

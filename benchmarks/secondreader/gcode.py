@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 
-from secondreader.path import NotRead, Path3, Vector
+from secondreader.path import NotReadError, Path3, Vector
 
 NUMBER = r"[-+]?\s*(?:\d+\.?\d*|\.\d+)"
 WORD = re.compile(rf"([A-Z])\s*({NUMBER})")
@@ -70,7 +70,7 @@ class Control:
         self.place = list(place)
         if not any(math.isnan(v) for v in place):
             if any(abs(v % 360) > 1e-9 for v in self.rotary.values()) and not self.tip:
-                raise NotRead(f"line {line}: cuts with turned rotary axes and without tool-centre-point control")
+                raise NotReadError(f"line {line}: cuts with turned rotary axes and without tool-centre-point control")
             self.path.line_to(np.array(place), rapid=rapid, feed=self.feed if feed is None else feed, line=line)
 
     def arc(self, words: dict[str, tuple[float, str]], line: int) -> None:
@@ -81,7 +81,7 @@ class Control:
             if math.isnan(start[axis]):
                 start[axis] = end[axis]
         if any(math.isnan(v) for v in end + start):
-            raise NotRead(f"line {line}: an arc from a place that is not known")
+            raise NotReadError(f"line {line}: an arc from a place that is not known")
         if self.path.at is None:
             self.path.at = np.array(start)
         normal = np.zeros(3)
@@ -94,7 +94,7 @@ class Control:
         if radius is not None:
             centre = self.by_radius(np.array(start), np.array(end), radius, normal, (i, j), line)
         elif not any(w in words for w in "IJK"):
-            raise NotRead(f"line {line}: an arc without centre or radius")
+            raise NotReadError(f"line {line}: an arc without centre or radius")
         else:
             for axis, word in ((0, "I"), (1, "J"), (2, "K")):
                 if word in words and axis != k:
@@ -119,9 +119,9 @@ class Control:
             d[m] = e[m] - s[m]
         chord = float(np.linalg.norm(d))
         if chord < 1e-9:
-            raise NotRead(f"line {line}: a full circle by its radius")
+            raise NotReadError(f"line {line}: a full circle by its radius")
         if chord > 2 * abs(r) * 1.01:
-            raise NotRead(f"line {line}: a radius of {abs(r):.4f} mm for a chord of {chord:.4f} mm")
+            raise NotReadError(f"line {line}: a radius of {abs(r):.4f} mm for a chord of {chord:.4f} mm")
         height = math.sqrt(max(0.0, r * r - chord * chord / 4))
         left = np.cross(n, d / chord)  # counter-clockwise about n: the centre of a minor arc is on the left
         out: Vector = s + d / 2 + left * (height if r > 0 else -height)
@@ -149,25 +149,32 @@ class Control:
         depth = self.cycle.get(name, math.nan)
         depth = clear + depth if not self.absolute else depth
         if math.isnan(depth):
-            raise NotRead(f"line {line}: a hole without a depth")
+            raise NotReadError(f"line {line}: a hole without a depth")
         repeat = int(next((words[w][0] for w in ("L", "K") if w in words), 1))
         step = [b - a for a, b in zip(self.place, place, strict=True)]
         for n in range(repeat if not self.absolute else min(repeat, 1)):
             if n:
                 place = [p + s for p, s in zip(place, step, strict=True)]
-            self.drill(place, clear, depth, max(initial, clear) if self.to_initial else clear, int(self.motion), line, k)
+            self.drill(
+                place, clear, depth, max(initial, clear) if self.to_initial else clear, int(self.motion), line, k
+            )
 
     def drill(
         self, place: list[float], clear: float, depth: float, back: float, cycle: int, line: int, k: int = 2
     ) -> None:
         place = list(place)
-        for level, rapid in ((place[k], True), (clear, True), (depth, False), (back, cycle not in FEED_OUT)):
+        feed_out = cycle in FEED_OUT
+        for level, rapid in (
+            (place[k], True),
+            (clear, True),
+            (depth, False),
+            (clear if feed_out else back, not feed_out),
+        ):
             place[k] = level
-            if not rapid and level == back and back > clear:  # at feed to the clearance, rapid from there
-                place[k] = clear
-                self.go(place, False, line)
-                place[k], rapid = level, True
             self.go(place, rapid, line)
+        if feed_out and back > clear:  # at feed to the clearance, rapid from there
+            place[k] = back
+            self.go(place, True, line)
 
     def siemens_hole(self, words: dict[str, tuple[float, str]], line: int) -> None:
         assert self.siemens_cycle is not None
@@ -188,11 +195,11 @@ def read(text: str, dialect: str = "gcode", unit: float = 1.0) -> Path3:
     c = Control(dialect, unit)
     lines = [strip(raw, siemens) for raw in text.splitlines()]
     if any(re.search(r"\bG7\s+[A-C]5=|\bG141\b", s) for s in lines):
-        raise NotRead("a MillPlus program")
+        raise NotReadError("a MillPlus program")
     for number, code in enumerate(lines, 1):
         if not code or code.startswith(("%", "O", "=")) or re.match(r"(INFORMATION|DATE|CURRENT|NODE)\b", code):
             if code.startswith("O<"):
-                raise NotRead(f"line {number}: subroutines and expressions")
+                raise NotReadError(f"line {number}: subroutines and expressions")
             continue
         block(c, code, number, siemens)
     c.path.unit = "inch" if c.scale == INCH else "mm"
@@ -204,12 +211,12 @@ def read(text: str, dialect: str = "gcode", unit: float = 1.0) -> Path3:
 def block(c: Control, code: str, number: int, siemens: bool) -> None:
     """One block."""
     if PROGRAM_WORDS.search(code) and not re.match(r"(MCALL\s+)?CYCLE", code):
-        raise NotRead(f"line {number}: an expression or program flow: {code[:40]}")
+        raise NotReadError(f"line {number}: an expression or program flow: {code[:40]}")
     if EXPONENT.search(code):
-        raise NotRead(f"line {number}: a number with an exponent")
+        raise NotReadError(f"line {number}: a number with an exponent")
     if code.startswith(FRAME_WORDS):
-        raise NotRead(f"line {number}: a frame: {code[:40]}")
-    if siemens and "MCALL" in code or re.match(r"CYCLE8", code):
+        raise NotReadError(f"line {number}: a frame: {code[:40]}")
+    if (siemens and "MCALL" in code) or re.match(r"CYCLE8", code):
         found = SIEMENS_CYCLE.search(code)
         c.siemens_cycle, c.siemens_number = None, 0
         if found and found[2] != "80":
@@ -244,7 +251,7 @@ def block(c: Control, code: str, number: int, siemens: bool) -> None:
         if letter in words:
             c.rotary[letter] = words[letter][0]
     moves = any(w in AXES for w in words) and not {4.0, 10.0} & set(gs)
-    if {28.0, 30.0, 53.0, 74.0, 75.0} & set(gs) and not (74.0 in gs and c.motion == 74) or "SUPA" in code or 91 in ms:
+    if ({28.0, 30.0, 53.0, 74.0, 75.0} & set(gs) and not (74.0 in gs and c.motion == 74)) or "SUPA" in code or 91 in ms:
         for w in words:
             if w in AXES:
                 c.place[AXES[w]] = math.nan
@@ -266,13 +273,12 @@ def modal(
 ) -> None:
     """Take over what holds from this block on."""
     for g in gs:
-        if g in MODAL_MOTION or g in CYCLES:
-            if g in CYCLES and not (g == 74 and siemens):
-                if c.motion not in CYCLES:
-                    c.initial, c.cycle = c.place[PLANES[c.plane][2]], {}
-                c.motion = int(g)
-            elif g in MODAL_MOTION:
-                c.motion = int(g)
+        if g in MODAL_MOTION:
+            c.motion = int(g)
+        elif g in CYCLES and not (g == 74 and siemens):
+            if c.motion not in CYCLES:
+                c.initial, c.cycle = c.place[PLANES[c.plane][2]], {}
+            c.motion = int(g)
         elif g == 80:
             c.motion = 0
         elif g in PLANES:
@@ -295,9 +301,8 @@ def modal(
             c.tip = False
         elif 54 <= g < 60 and f"G{g:g}" not in c.offsets:
             c.offsets.append(f"G{g:g}")
-        elif g in (5.1, 68.2, 52, 92, 16, 51):
-            if g != 5.1 and any(v[0] for v in words.values()):
-                raise NotRead(f"line {number}: a frame G{g:g}")
+        elif g in (68.2, 52, 92, 16, 51) and any(v[0] for v in words.values()):
+            raise NotReadError(f"line {number}: a frame G{g:g}")
     for m in ms:
         if m in (428, 429):
             c.tip = m == 428

@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 
-from secondreader.path import NotRead, Path3, Vector, rot
+from secondreader.path import NotReadError, Path3, Vector, rot
 
 NUM = r"[-+]?\s*(?:\d+\.?\d*|\.\d+)"
 COORD = re.compile(rf"(?<![A-Z])(I?[XYZABC])\s*({NUM})")
@@ -27,7 +27,7 @@ def read(text: str) -> Path3:
         n += 1
         if m := re.match(r'CALL LBL\s+("?\w+"?)(\s+REP\s*(\d+))?', s):
             if m[2]:
-                raise NotRead(f"line {number}: a repeated program part")
+                raise NotReadError(f"line {number}: a repeated program part")
             back.append(n)
             n = labels[m[1]] + 1
         elif re.match(r"LBL\s+0", s) and back:
@@ -74,7 +74,7 @@ class Tnc:
 
     def block(self, s: str, line: int) -> None:
         if re.match(r"BEGIN PGM", s):
-            self.scale = 25.4 if s.endswith("INCH") or s.endswith(" IN") else 1.0
+            self.scale = 25.4 if s.endswith(("INCH", " IN")) else 1.0
             self.path.unit = "inch" if self.scale > 1 else "mm"
         elif m := re.match(r"TOOL CALL\s+(\S+)", s):
             self.path.tool(m[1])
@@ -86,11 +86,11 @@ class Tnc:
             if s.startswith("CALL PGM"):
                 self.path.note(f"line {line}: {s} is another file")
                 return
-            raise NotRead(f"line {line}: {s[:30]}")
+            raise NotReadError(f"line {line}: {s[:30]}")
         elif re.match(r"CC\b", s):
             for name, v in self.words(s[2:]):
                 if name[-1] not in "XY":
-                    raise NotRead(f"line {line}: an arc in another plane than XY")
+                    raise NotReadError(f"line {line}: an arc in another plane than XY")
                 k = "XY".index(name[-1])
                 self.pole[k] = v + (self.place[k] if name[0] == "I" else 0.0)
         elif re.match(r"L\b|C\b|CR\b|CP\b", s):
@@ -108,7 +108,7 @@ class Tnc:
             a, b, c = (float(v) for v in m.groups())
             self.tilt, self.tilted = rot("Z", c) @ rot("Y", b) @ rot("X", a), True
         else:
-            raise NotRead(f"line {line}: {s[:30]}")
+            raise NotReadError(f"line {line}: {s[:30]}")
         self.place = [math.nan] * 3  # the same place has other coordinates now
 
     def define(self, s: str, line: int) -> None:
@@ -116,7 +116,7 @@ class Tnc:
         number, part = (int(m[1]), m[2]) if m else (0, None)
         if number == 7 and part != "0":
             if "#" in s:
-                raise NotRead(f"line {line}: a datum of the control's table")
+                raise NotReadError(f"line {line}: a datum of the control's table")
             for name, v in self.words(s.split(maxsplit=3)[-1]):
                 k = "XYZ".index(name[-1])
                 self.place[k] += self.shift[k] - (v + (self.shift[k] if name[0] == "I" else 0.0))
@@ -126,7 +126,7 @@ class Tnc:
             self.tilt = rot("Z", angles.get("C", 0)) @ rot("Y", angles.get("B", 0)) @ rot("X", angles.get("A", 0))
             self.tilted, self.place = bool(angles), [math.nan] * 3
         elif number in (8, 10, 11, 26):
-            raise NotRead(f"line {line}: {s[:30]}")
+            raise NotReadError(f"line {line}: {s[:30]}")
         elif number == 1 and part != "0":
             if w := re.search(rf"\b(DIST|DEPTH|PLNGNG|F)\s*({NUM})", s):
                 self.old[w[1]] = float(w[2]) * self.scale
@@ -135,13 +135,13 @@ class Tnc:
             self.number = number
             self.cycle = {int(a): float(re.sub(r"\s", "", b)) for a, b in KEYED.findall(s)}
         elif number > 199 and number != 247:
-            raise NotRead(f"line {line}: cycle {number}")
+            raise NotReadError(f"line {line}: cycle {number}")
 
     def world(self, place: list[float]) -> Vector:
         return self.tilt @ np.array(place) + self.shift
 
     def move(self, s: str, line: int) -> None:
-        kind = s.split()[0]
+        kind = s.split(maxsplit=1)[0]
         if re.search(r"\bM128\b", s):
             self.tip = True
         if re.search(r"\bM129\b", s):
@@ -183,7 +183,7 @@ class Tnc:
         if any(math.isnan(v) for v in place):
             return
         if any(abs(v % 360) > 1e-9 for v in self.rotary.values()) and not self.tip and not self.tilted:
-            raise NotRead(f"line {line}: turned rotary axes without M128 or PLANE")
+            raise NotReadError(f"line {line}: turned rotary axes without M128 or PLANE")
         axis = self.tilt @ np.array([0.0, 0.0, 1.0])
         self.path.line_to(
             self.world(place), rapid=rapid, feed=self.feed if feed is None else feed, line=line, axis=axis.tolist()
@@ -192,7 +192,7 @@ class Tnc:
     def arc(self, kind: str, s: str, end: list[float], line: int) -> None:
         way = re.search(r"DR\s*([-+])", s)
         if not way:
-            raise NotRead(f"line {line}: an arc without DR")
+            raise NotReadError(f"line {line}: an arc without DR")
         normal = [0.0, 0.0, 1.0 if way[1] == "+" else -1.0]
         centre = np.array([*self.pole, self.place[2]])
         turns = 0
@@ -216,7 +216,7 @@ class Tnc:
             end[0] = self.pole[0] + radius * math.cos(math.radians(angle))
             end[1] = self.pole[1] + radius * math.sin(math.radians(angle))
         if any(math.isnan(v) for v in end + self.place):
-            raise NotRead(f"line {line}: an arc from a place that is not known")
+            raise NotReadError(f"line {line}: an arc from a place that is not known")
         axis = self.tilt @ np.array([0.0, 0.0, 1.0])
         self.path.at = self.world(self.place)
         self.path.arc_to(
@@ -227,7 +227,7 @@ class Tnc:
 
     def drill(self, line: int) -> None:
         if self.cycle is None:
-            raise NotRead(f"line {line}: a cycle call without a cycle")
+            raise NotReadError(f"line {line}: a cycle call without a cycle")
         c, k = self.cycle, self.scale
         self.path.pecks |= self.number in (1, 203, 205) or 0.0 < c.get(202, 0.0) < abs(c.get(201, 0.0))
         if self.number == 1:

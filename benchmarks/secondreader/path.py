@@ -15,7 +15,7 @@ TURN = 2.0 * math.pi
 SAGITTA = 5e-4  # mm: how far the chords of a sampled arc leave it, a twentieth of what is compared
 
 
-class NotRead(Exception):
+class NotReadError(Exception):
     """Why a file, or a construct in it, is not read here."""
 
 
@@ -56,7 +56,7 @@ class Path3:
     ) -> None:  # fmt: skip
         """A counter-clockwise arc or helix about ``normal``; start = end is a full circle where ``full``."""
         if self.at is None:
-            raise NotRead(f"line {line}: an arc without a known start")
+            raise NotReadError(f"line {line}: an arc without a known start")
         start, end = self.at, np.asarray(end, dtype=float)
         n = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
         a, b = start - centre, end - centre
@@ -64,9 +64,9 @@ class Path3:
         a, b = a - (a @ n) * n, b - (b @ n) * n
         ra, rb = float(np.linalg.norm(a)), float(np.linalg.norm(b))
         if ra < 1e-9 or rb < 1e-9:
-            raise NotRead(f"line {line}: an arc of no radius")
+            raise NotReadError(f"line {line}: an arc of no radius")
         if abs(ra - rb) > max(0.05, 0.02 * ra):
-            raise NotRead(f"line {line}: the arc's radius is {ra:.4f} at its start and {rb:.4f} at its end")
+            raise NotReadError(f"line {line}: the arc's radius is {ra:.4f} at its start and {rb:.4f} at its end")
         u, v = a / ra, np.cross(n, a / ra)
         sweep = math.atan2(float(b @ v), float(b @ u)) % TURN
         near = float(np.linalg.norm(b - a)) < 1e-6 * max(1.0, ra)
@@ -126,7 +126,7 @@ def circle_through(a: Vector, b: Vector, c: Vector) -> tuple[Vector, Vector]:
     n = np.cross(ab, ac)
     nn = float(n @ n)
     if nn < 1e-18:
-        raise NotRead("three points of an arc lie on a line")
+        raise NotReadError("three points of an arc lie on a line")
     centre = a + (np.cross(n, ab) * float(ac @ ac) + np.cross(ac, n) * float(ab @ ab)) / (2 * nn)
     return centre, n / math.sqrt(nn)
 

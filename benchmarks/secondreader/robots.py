@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from secondreader.path import NotRead, Path3, Vector, circle_through, rot
+from secondreader.path import NotReadError, Path3, Vector, circle_through, rot
 
 NUM = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?"
 Frame = tuple[Vector, Vector]  # place mm, rotation
@@ -25,7 +25,7 @@ def move(p: Path3, f: Frame, rapid: bool, feed: float, line: int) -> None:
 
 def arc(p: Path3, via: Frame, end: Frame, feed: float, line: int) -> None:
     if p.at is None:
-        raise NotRead(f"line {line}: an arc without a known start")
+        raise NotReadError(f"line {line}: an arc without a known start")
     centre, normal = circle_through(p.at, via[0], end[0])
     p.arc_to(end[0], centre, normal.tolist(), feed=feed, line=line, axis=axis_of(end[1]))
 
@@ -58,13 +58,13 @@ def krl(text: str, data: str = "") -> Path3:
             continue
         kind, rest = m[1].lstrip("S"), re.sub(r"\bC_\w+", "", m[3])
         if m[2]:
-            raise NotRead(f"line {number}: a relative move")
+            raise NotReadError(f"line {number}: a relative move")
         targets = re.findall(r"\{[^}]*\}|[A-Z_$][\w$]*(?:\[\s*\d+\s*\])?", rest)
         frames = []
         for t in targets[: 2 if kind == "CIRC" else 1]:
             found = t if t.startswith("{") else named.get(re.sub(r"\s", "", t))
             if found is None:
-                raise NotRead(f"line {number}: {t} is declared nowhere")
+                raise NotReadError(f"line {number}: {t} is declared nowhere")
             frames.append(krl_frame(found, last))
         if any(f is None for f in frames):
             axes += 1
@@ -75,7 +75,7 @@ def krl(text: str, data: str = "") -> Path3:
             move(p, frames[0], kind == "PTP", feed, number)  # type: ignore[arg-type]
         last = frames[-1]
     if not p.moves:
-        raise NotRead(f"no move to a place ({axes} joint moves)")
+        raise NotReadError(f"no move to a place ({axes} joint moves)")
     return p
 
 
@@ -88,7 +88,7 @@ def unrolled(text: str) -> list[tuple[int, str]]:
         if m := re.match(r"\s*FOR\s+(\w+)\s*=\s*(\d+)\s+TO\s+(\d+)\s*$", raw, re.I):
             var, low, high, loop = m[1], int(m[2]), int(m[3]), []
         elif re.match(r"\s*(FOR|WHILE|IF|LOOP|REPEAT|SWITCH)\b", raw, re.I):
-            raise NotRead(f"line {number}: program flow")
+            raise NotReadError(f"line {number}: program flow")
         elif re.match(r"\s*ENDFOR", raw, re.I) and loop is not None:
             for i in range(low, high + 1):
                 out += [(n, re.sub(rf"\[\s*{var}\s*\]", f"[{i}]", s, flags=re.I)) for n, s in loop]
@@ -113,7 +113,7 @@ def rapid(text: str) -> Path3:
     p = Path3("rapid")
     clean = re.sub(r"!.*", "", text)
     if m := re.search(r"^\s*(FOR|WHILE)\b", clean, re.M):
-        raise NotRead(f"program flow: {m[1]}")
+        raise NotReadError(f"program flow: {m[1]}")
     targets = {m[1]: m[2] for m in re.finditer(r"robtarget\s+(\w+)\s*:=\s*(\[\[.*?\]\s*\])\s*;", clean, re.S)}
     speeds = {m[1]: float(m[2]) for m in re.finditer(rf"speeddata\s+(\w+)\s*:=\s*\[\s*({NUM})", clean)}
 
@@ -126,7 +126,7 @@ def rapid(text: str) -> Path3:
         t = targets.get(t, t)
         v = [float(n) for n in re.findall(NUM, t)]
         if not t.startswith("[") or len(v) < 7:
-            raise NotRead(f"line {line}: target {t[:20]} is not declared here")
+            raise NotReadError(f"line {line}: target {t[:20]} is not declared here")
         return np.array(v[:3]), quaternion(v[3:7])
 
     for m in re.finditer(r"\b(MoveL|MoveJ|MoveC|MoveAbsJ)\s+([^;]*);", clean):
@@ -144,7 +144,7 @@ def rapid(text: str) -> Path3:
         else:
             move(p, frames[0], m[1] == "MoveJ", sp * 60, line)
     if not p.moves:
-        raise NotRead("no move to a place")
+        raise NotReadError("no move to a place")
     return p
 
 
@@ -169,7 +169,7 @@ def fanuc(text: str) -> Path3:
     body, _, pos = text.partition("/POS")
     places: dict[int, Frame] = {}
     for m in re.finditer(r"P\[(\d+)[^\]]*\]\s*\{(.*?)\};", pos, re.S):
-        v = {a: float(b) for a, b in re.findall(rf"\b([XYZWPR])\s*=\s*({NUM})", m[2].split("GP2")[0])}
+        v = {a: float(b) for a, b in re.findall(rf"\b([XYZWPR])\s*=\s*({NUM})", m[2].partition("GP2")[0])}
         if len(v) == 6:
             r = rot("Z", v["R"]) @ rot("Y", v["P"]) @ rot("X", v["W"])
             places[int(m[1])] = np.array([v[k] for k in "XYZ"]), r
@@ -179,9 +179,9 @@ def fanuc(text: str) -> Path3:
         if not m:
             continue
         if int(m[2]) not in places:
-            raise NotRead(f"line {number}: P[{m[2]}] has no place")
+            raise NotReadError(f"line {number}: P[{m[2]}] has no place")
         if re.search(r"\bINC\b|Offset", m[3], re.I):
-            raise NotRead(f"line {number}: {m[3].strip()[-24:]}")
+            raise NotReadError(f"line {number}: {m[3].strip()[-24:]}")
         f = places[int(m[2])]
         s = re.search(r"([\d.]+)\s*(mm/sec|cm/min|mm/min|inch/min|m/sec)", m[3])
         feed = float(s[1]) * FANUC_SPEED[s[2]] if s else math.nan
@@ -193,7 +193,7 @@ def fanuc(text: str) -> Path3:
         else:
             move(p, f, m[1] == "J", feed, number)
     if not p.moves:
-        raise NotRead("no move to a place")
+        raise NotReadError("no move to a place")
     return p
 
 
@@ -217,7 +217,7 @@ def urscript(text: str) -> Path3:
         return np.array(v[:3]) * 1e3, np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
 
     def value(t: str) -> float:
-        t = t.split("=")[-1].strip()
+        t = t.rsplit("=", maxsplit=1)[-1].strip()
         return numbers[t] if t in numbers else float(t)
 
     for number, s in enumerate(lines, 1):
@@ -229,7 +229,7 @@ def urscript(text: str) -> Path3:
         frames = [pose(a) for a in args[:n]]
         if any(f is None for f in frames):
             if m[1] != "movej":
-                raise NotRead(f"line {number}: {s.strip()[:40]}")
+                raise NotReadError(f"line {number}: {s.strip()[:40]}")
             p.note("joint moves are left out")
             continue
         speed = value(args[n + 1]) * 60e3 if len(args) > n + 1 and m[1] != "movej" else math.nan
@@ -238,7 +238,7 @@ def urscript(text: str) -> Path3:
         else:
             move(p, frames[0], m[1] == "movej", speed, number)  # type: ignore[arg-type]
     if not p.moves:
-        raise NotRead("no move to a place")
+        raise NotReadError("no move to a place")
     return p
 
 
@@ -270,5 +270,5 @@ def jbi(text: str) -> Path3:
             arcs = []
             move(p, places[m[2]], m[1] == "MOVJ", feed, number)
     if not p.moves:
-        raise NotRead("no move to a place")
+        raise NotReadError("no move to a place")
     return p

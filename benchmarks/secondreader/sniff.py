@@ -6,14 +6,14 @@ import re
 from pathlib import Path
 
 from secondreader import apt, gcode, heidenhain, robots
-from secondreader.path import NotRead, Path3
+from secondreader.path import NotReadError, Path3
 
 
 def reader_for(file: Path, text: str) -> Path3:
     """Read ``text`` by the scanner that fits."""
     end, head = file.suffix.lower(), text[:20000].upper()
     if end in (".p21", ".stp") or "ISO-10303" in head:
-        raise NotRead("STEP-NC holds features, no points")
+        raise NotReadError("STEP-NC holds features, no points")
     if re.search(r"^\s*MODULE\s|^\s*MODULE\s*\w+\(", head, re.M) or end in (".mod", ".prg"):
         return robots.rapid(text)
     if end in (".src", ".dat") or head.lstrip().startswith(("DEF ", "&ACCESS")):
@@ -27,8 +27,12 @@ def reader_for(file: Path, text: str) -> Path3:
     if re.search(r"BEGIN PGM", head):
         return heidenhain.read(text)
     if re.search(r"^%\s*\d+\s+G7[01]", head, re.M):
-        raise NotRead("Heidenhain ISO")
-    if "CATIA0" in head or "CATIA APT" in head or re.search(r"^\s*(TOOL PATH|PARTNO|UNITS?|GOTO\s*|RAPID/)", head, re.M):
+        raise NotReadError("Heidenhain ISO")
+    if (
+        "CATIA0" in head
+        or "CATIA APT" in head
+        or re.search(r"^\s*(TOOL PATH|PARTNO|UNITS?|GOTO\s*|RAPID/)", head, re.M)
+    ):
         return apt.read(text)
     siemens = end in (".mpf", ".spf") or re.search(r"CYCLE8|TRAORI|CR=|MCALL|=AC\(", head) is not None
     return gcode.read(text, "siemens" if siemens else "gcode")

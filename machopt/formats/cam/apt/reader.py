@@ -192,8 +192,10 @@ class _Reader(MotionReader):
         if self.dialect is Dialect.CAMWORKS:
             self.count += 1
             if self.cycle is not None:
-                self.out.warn("the cycle before has no CYCLE/OFF; the new operation ends it", line)
-                self.cycle = None
+                raise ValueError(
+                    "a new operation begins and the drilling cycle before it was not ended: whether its points are "
+                    "holes too is not said; put CYCLE/OFF where it ends, or repeat the CYCLE in the new operation"
+                )
             self.out.begin_operation(f"{self.count} {self.tool_text}".strip(), tool=self.tool)
         if self.world:
             i, j, k = frame.R[:, 2].tolist()

@@ -37,7 +37,6 @@ def takes_plain_lines(r: MotionReader) -> bool:
         and r.modal_call is None
         and not r.incremental
         and r.feed_mode == "minute"
-        and s.first_datum is not None
         and s.transfer is None
         and not s.tilted
         and not s.nowhere

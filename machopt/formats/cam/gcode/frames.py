@@ -97,6 +97,8 @@ class FrameReader(MotionReader):
 
     def use_shifts(self) -> None:
         x, y, z = (sum(s[k] for s in self.shifts.values()) for k in range(3))
+        if "G52" in self.shifts and (x, y, z) != (0.0, 0.0, 0.0):
+            self.out.warn_once("G52 shifts the zero: points count from the work offset before the shift")
         self.change_setup(datum=(x, y, z))
 
     def dynamic_offset(self, *, on: bool) -> None:

@@ -72,11 +72,6 @@ class MotionReader:
                 self.lost[k] = self.lost[k] or "before the coordinate system turned"
         self.p = p
 
-    def begin_path(self) -> None:
-        """The first point fixes which datum is the workpiece."""
-        if self.setup.first_datum is None:
-            self.setup = self.setup.changed(first_datum=self.setup.datum)
-
     def lose(self, words: dict[str, float], name: str, line: int) -> None:
         """A move in the machine's frame: where the tip is in the workpiece is not known after it."""
         axes = [k for k in range(3) if _AXES[k] in words]
@@ -169,7 +164,6 @@ class MotionReader:
 
     def go(self, to: list[float], axis: Vector, move: int, feed: float, line: int) -> None:
         """One point at ``to`` (programmed coordinates)."""
-        self.begin_path()
         for k in range(3):
             if not math.isnan(to[k]):
                 self.lost[k] = ""
@@ -205,7 +199,6 @@ class MotionReader:
     def swept_cut(self, to: list[float], angles: dict[str, float], line: int) -> None:
         """Linear and rotary axes at once without tool-centre-point control: the tip's way is curved."""
         points, axes = self.setup.sweep(self.p, to, angles, self.tolerance)
-        self.begin_path()
         start = self.setup.before_turn(angles, self.p)
         length = float(np.linalg.norm(np.diff(np.vstack([start, points]), axis=0), axis=1).sum())
         if self.feed_mode == "minute":
@@ -252,7 +245,6 @@ class MotionReader:
                 centre = self.centres.by_offsets(start, end, offsets, normal, b.line)
         found = arc(start, end, centre, normal, self.tolerance, turns=turns)
         check_radius(found, b.line, self.out)
-        self.begin_path()
         length = found.sweep * found.radius
         feed = self.feed_mm_min(math.hypot(length, float((end - start) @ self.plane)), b.line)
         points = np.where(unknown, np.nan, found.points) if any(unknown) else found.points
@@ -378,7 +370,6 @@ class MotionReader:
         x, y = (self.p[0], self.p[1]) if target is None else (target[0], target[1])
         if math.isnan(x) or math.isnan(y):
             raise self.source.error("a drilling cycle where X or Y is not known", b.line)
-        self.begin_path()
         dx, dy = (x - self.p[0], y - self.p[1]) if self.incremental else (0.0, 0.0)
         for n in range(repeats):
             hole = (x + n * dx, y + n * dy, 0.0)

@@ -2,7 +2,7 @@
 
 p_workpiece = T_machine ∘ T_offset ∘ T_datum ∘ T_local p. T_machine is that of the rotary axes without
 tool-centre-point control (see :mod:`machopt.formats.rotary`), T_offset another work offset than the first, T_datum a
-shift of the origin (G52, G92, CYCL DEF 7) since the path began, T_local a turned or tilted plane.
+shift of the origin by the program (G52, CYCL DEF 7, G92 once the path began), T_local a turned or tilted plane.
 """
 
 from __future__ import annotations
@@ -34,8 +34,7 @@ class Setup:
 
     machine: Rotary | None
     out: PathBuilder
-    datum: Vector = (0.0, 0.0, 0.0)  # mm, shift of the origin by the program itself
-    first_datum: Vector | None = None  # what held when the path began is the workpiece
+    datum: Vector = (0.0, 0.0, 0.0)  # mm, shift of the origin by the program itself, from its work offset
     offset: Transfer | None = None
     local: Transfer | None = None
     tilted: str = ""  # "not yet": a plane, the tool not upright on it; "aligned"; "followed": by rotary words of TCP
@@ -136,8 +135,8 @@ class Setup:
     def transfer(self) -> Transfer | None:
         """Programmed coordinates in the workpiece; None: they are equal."""
         found = self.local
-        if self.first_datum is not None and self.datum != self.first_datum:
-            shift = Transfer.shift(*(a - b for a, b in zip(self.datum, self.first_datum, strict=True)))
+        if any(self.datum):
+            shift = Transfer.shift(*self.datum)
             found = shift if found is None else found.then(shift)
         if self.offset is not None:
             found = self.offset if found is None else found.then(self.offset)

@@ -177,8 +177,11 @@ class ControlReader(ProgramReader):
         if leaving:
             self.untilt()
         self.change_setup(datum=(x, y, z), local=local)
-        if len(self.out) and self.setup.datum != self.setup.first_datum:
-            self.out.warn_once("the datum shifts: points from here on are brought into the first system")
+        if any(self.setup.datum):
+            self.out.warn_once(
+                "the program shifts its datum: points count from the preset before the shift (where the "
+                "cell's workpiece is the shifted datum, take the shift out of the file)"
+            )
 
     def shift_datum(self, words: dict[str, float], line: int) -> None:
         """CYCL DEF 7; inside a tilted plane it shifts along the tilted axes."""
