@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from os.path import exists, isdir
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +18,18 @@ from machopt.errors import InputError
 from machopt.formats.cell_schema import AnyChainKeys, CellKeys, JointMapKeys, PoseKeys, ShapeKeys
 from machopt.formats.chain import read_chain, read_home, read_limits
 from machopt.formats.kinematics import load_kinematics
-from machopt.formats.meshfile import Fail, check_mesh
+from machopt.formats.mesh import Fail, Scene, Sized, Surface, judge_size, open_surfaces, read_surface
+from machopt.formats.mesh.size import Role
 from machopt.formats.opener import check_file
+from machopt.formats.plausible import (
+    box_extent,
+    check_arm,
+    check_limits,
+    check_pose,
+    check_stiffness,
+    check_tool,
+    reach,
+)
 from machopt.formats.stiffness import load_stiffness
 from machopt.formats.urdf import Urdf, find_mesh, read_urdf
 from machopt.formats.yamlstrict import Document, Loc, read_yaml, validate
@@ -26,7 +38,6 @@ from machopt.se3 import rpy_matrix, transform
 Array = NDArray[np.float64]
 
 _ANY_SIZE = 1 << 62  # bytes; each reader has its own limit
-_METRES_LOOK = 5.0  # mm; a tool or workpiece frame this near its parent, yet not on it, is rather in metres
 
 
 def load_cell(path: Path | str, *, allow_external: bool = False, any_chain: bool = False) -> Cell:
@@ -62,25 +73,36 @@ class _Reader:
     any_chain: bool = False
     files: list[Path] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+    read: dict[Path, Surface] = field(default_factory=dict)
+    surfaces: list[Surface] = field(default_factory=list)  # of all meshes
+    reach: float = 0.0  # m, of the arm; 0 where it is not known
+    scene: Scene = field(default_factory=lambda: Scene(0.0))
 
     def cell(self) -> Cell:
         keys, robot = self.keys, self.keys.robot
         self.files.append(Path(self.document.file).resolve())
         urdf = read_urdf(self.file(("robot", "urdf"), robot.urdf))
         chain = read_chain(urdf, keys, self.document, any_chain=self.any_chain)
+        self.reach = reach(urdf, keys, chain)
+        check_arm(urdf, chain, self.reach, self.document)
         limits = read_limits(chain, keys, self.document, self.warnings)
+        check_limits(keys, chain, self.document, self.warnings)
+        self.scene = Scene(self.reach + sum(_travel(limits.lower[i], limits.upper[i])
+                                            for i, j in enumerate(chain.moving) if j.kind == "prismatic"))  # fmt: skip
         home = read_home(chain, limits, keys, self.document)
         packages = self.urdf_meshes(urdf, self.packages())
+        tool, workpiece = self.tool(), self.workpiece()
         stiffness = None
         if keys.stiffness is not None:
             stiffness = load_stiffness(self.file(("stiffness",), keys.stiffness))
+            check_stiffness(stiffness, keys, self.reach, self.document, self.warnings)
         kinematics = None
         if keys.kinematics is not None:
             kinematics = load_kinematics(self.file(("kinematics",), keys.kinematics))
-        tool, workpiece = self.tool(), self.workpiece()
         obstacles = self.shapes(("obstacles",), keys.obstacles)
         self.different_names(*tool.geometry, *workpiece.geometry, *obstacles)
         self.missing_bodies(tool, workpiece)
+        self.warnings += open_surfaces(self.surfaces)
         order = chain.order
         arm_prismatic = tuple(j.kind == "prismatic" for j in chain.arm)
         return Cell(
@@ -178,12 +200,32 @@ class _Reader:
             if hit.package is not None and hit.folder is not None:
                 found[hit.package] = hit.folder
             self.files.append(path)
-            self.warn(check_mesh(path, mesh.scale, fail, 'scale="0.001 0.001 0.001" in the URDF'))
+            scale = mesh.scale
+
+            def scaled(factor: float, scale: float = scale) -> str:
+                return f'scale="{" ".join([f"{scale * factor:g}"] * 3)}" in the URDF'
+
+            self.mesh(path, mesh.scale, "link", fail, scaled)
+        for solid in urdf.solids:
+
+            def at(message: str, link: str = solid.link, line: int = solid.line) -> InputError:
+                return InputError(message, file=urdf.path, where=f"line {line}: collision of link {link!r}")
+
+            self.warn(judge_size(Sized(f"a {solid.kind}", "link", solid.size, "its sizes {:g} times as large".format),
+                                 self.scene, at))  # fmt: skip
         return found
+
+    def mesh(self, path: Path, scale: float, role: Role, fail: Fail, remedy: Callable[[float], str]) -> None:
+        """Read a mesh, judge its size, and note what surface it has."""
+        surface = self.read.get(path) or read_surface(path, fail)
+        self.read[path] = surface
+        self.surfaces.append(surface)
+        self.warn(judge_size(Sized(f"mesh {path.name}", role, surface.extent * scale, remedy), self.scene, fail))
 
     def tool(self) -> Tool:
         keys = self.keys.tool
         cutter = keys.cutter
+        check_tool(keys, ("tool",), self.reach, self.document, self.warnings)
         return Tool(
             T_flange_tcp=self.pose(("tool", "tcp"), keys.tcp),
             mass=keys.mass_kg,
@@ -202,11 +244,7 @@ class _Reader:
 
     def pose(self, loc: Loc, keys: PoseKeys) -> Array:
         """(4, 4) in SI of a frame; small positions are suspected to be metres."""
-        xyz = np.array(keys.xyz_mm)
-        if xyz.any() and np.abs(xyz).max() < _METRES_LOOK:
-            self.warnings.append(
-                f"{self.document.where((*loc, 'xyz_mm'))}: {keys.xyz_mm} looks like metres; mm is expected"
-            )
+        check_pose(keys, loc, self.document, self.warnings)
         return _pose(keys)
 
     def controller(self) -> Controller:
@@ -240,17 +278,31 @@ class _Reader:
 
     def shape(self, loc: Loc, group: Loc, keys: ShapeKeys) -> Shape:
         name = keys.name or f"{'obstacle' if group[0] == 'obstacles' else group[0]}_{loc[-1]}"
+        check_pose(keys, loc, self.document, self.warnings, near=False)
         T = _pose(keys)
-        if keys.box_mm is not None:
-            return Shape(name, "box", tuple(v / 1e3 for v in keys.box_mm), None, T)
-        if keys.cylinder_mm is not None:
-            return Shape(name, "cylinder", tuple(v / 1e3 for v in keys.cylinder_mm), None, T)
-        if keys.sphere_mm is not None:
-            return Shape(name, "sphere", (keys.sphere_mm / 1e3,), None, T)
+        role: Role = "obstacle" if group[0] == "obstacles" else "tool" if group[0] == "tool" else "workpiece"
+        if keys.mesh is None:
+            return self.solid(loc, name, role, keys, T)
         scale = 1.0 if keys.scale is None else keys.scale
-        path = self.file((*loc, "mesh"), keys.mesh or "")  # the schema lets exactly one shape through
-        self.warn(check_mesh(path, scale, partial(self.document.error, (*loc, "mesh")), f"scale: {scale * 1e-3:g}"))
+        path = self.file((*loc, "mesh"), keys.mesh)
+        fail = partial(self.document.error, (*loc, "mesh"))
+        self.mesh(path, scale, role, fail, lambda factor: f"scale: {scale * factor:g}")
         return Shape(name, "mesh", (scale,), path, T)
+
+    def solid(self, loc: Loc, name: str, role: Role, keys: ShapeKeys, T: Array) -> Shape:
+        """A box, cylinder or sphere; the schema lets exactly one through."""
+        kind: Literal["box", "cylinder", "sphere"]
+        if keys.box_mm is not None:
+            kind, given = "box", keys.box_mm
+        elif keys.cylinder_mm is not None:
+            kind, given = "cylinder", keys.cylinder_mm
+        else:
+            kind, given = "sphere", [keys.sphere_mm or 0.0]
+        size = tuple(v / 1e3 for v in given)
+        body = Sized(f"{kind}_mm {given}", role, box_extent(size, kind),
+                     lambda factor: str([float(f"{v * factor:.6g}") for v in given]))  # fmt: skip
+        self.warn(judge_size(body, self.scene, partial(self.document.error, (*loc, f"{kind}_mm"))))
+        return Shape(name, kind, size, None, T)
 
     def different_names(self, *shapes: Shape) -> None:
         seen: set[str] = set()
@@ -273,6 +325,10 @@ class _Reader:
     def warn(self, message: str | None) -> None:
         if message is not None:
             self.warnings.append(message)
+
+
+def _travel(lower: float, upper: float) -> float:
+    return float(upper - lower)
 
 
 def _unused(urdf: Urdf) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ TOOLPATH = 512 * MIB  # some twenty million blocks; the readers hold every line
 TABLE = 1024 * MIB  # an hour of a motion at 1 kHz with thirty columns
 YAML = 8 * MIB  # the parser takes half a million values, which is less
 MARKUP = 32 * MIB  # a URDF of a whole factory is under 1 MiB
-MESH = 256 * MIB  # five million triangles in binary STL
+MESH = 128 * MIB  # two and a half million triangles in binary STL
 TEMPLATE = 4 * MIB
 
 _KINDS = (

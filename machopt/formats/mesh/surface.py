@@ -1,0 +1,124 @@
+"""What surface a mesh file holds: triangles that enclose something, wholly or nearly."""
+
+from __future__ import annotations
+
+import io
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.formats.mesh.integrity import Fail, declared_counts, whole_mesh
+
+Array = NDArray[np.float64]
+
+_LEAST_TRIANGLES = 4  # a tetrahedron; fewer enclose nothing
+_FLAT = 1e-7  # thickness over width below which single precision cannot tell a body from a sheet
+_HOLLOW = 1e-9  # volume over that of the box around it, likewise
+_NAMED = 6  # meshes in one warning
+# what trimesh's readers let through on a broken file
+_BROKEN = (ValueError, KeyError, IndexError, TypeError, AttributeError, OSError, EOFError, struct.error, ImportError,
+           NotImplementedError, OverflowError, ZeroDivisionError)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A mesh in the file's own unit."""
+
+    name: str
+    extent: float  # longest side of its box
+    open_edges: int  # edges that not exactly two triangles share, run through once each way
+    inward: bool  # closed, with the triangles facing inwards
+
+
+def read_surface(path: Path, fail: Fail) -> Surface:
+    """Read a mesh.
+
+    Args:
+        path: the file.
+        fail: makes the error that names where the mesh is used.
+
+    Raises:
+        InputError: not whole (see :mod:`machopt.formats.mesh.integrity`), not readable, coordinates that are not
+            finite, fewer than four triangles, flat or without volume.
+    """
+    data = whole_mesh(path, fail)
+    from trimesh import load_mesh
+    from trimesh.exchange.stl import HeaderError
+
+    try:
+        with np.errstate(all="ignore"):  # of numbers that are not finite, which are refused below
+            mesh: Any = load_mesh(io.BytesIO(data), file_type=path.suffix.lower()[1:], process=False)
+        vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64).reshape(-1, 3)
+        used = vertices[np.unique(faces)]
+    except (*_BROKEN, HeaderError) as err:
+        raise fail(f"mesh {path.name} cannot be read: {err or type(err).__name__}") from None
+    if not len(used):
+        raise fail(f"mesh {path.name} holds no triangles")
+    promised = declared_counts(path, data, fail)
+    if promised is not None and (len(vertices) < promised[0] or len(faces) < promised[1]):
+        raise fail(f"mesh {path.name} is cut: its header counts {promised[0]} vertices and {promised[1]} faces, and it "
+                   f"holds {len(vertices)} and {len(faces)}; a fresh export would work")  # fmt: skip
+    if not np.isfinite(used).all():
+        raise fail(f"mesh {path.name} holds coordinates that are not finite")
+    if len(faces) < _LEAST_TRIANGLES:
+        raise fail(f"mesh {path.name} holds {len(faces)} triangle{'s'[: len(faces) > 1]}, which enclose nothing; "
+                   "a body, or a box in its place, would work")  # fmt: skip
+    box = np.ptp(used, axis=0)
+    thickness = np.linalg.svd((used - used.mean(0)) / max(float(box.max()), 1e-300), compute_uv=False)
+    if not box.max() > 0.0 or thickness[-1] <= _FLAT * thickness[0]:
+        raise fail(f"mesh {path.name} is flat and encloses nothing; a body, or a box in its place, would work")
+    mesh.merge_vertices()
+    vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
+    open_edges = _open_edges(faces)
+    volume = 0.0 if open_edges else _volume(vertices - used.mean(0), faces)
+    if not open_edges and abs(volume) <= _HOLLOW * float(np.prod(box)):
+        raise fail(f"mesh {path.name} has no volume: its triangles face each other; a body would work")
+    return Surface(path.name, float(box.max()), open_edges, volume < 0.0)
+
+
+def open_surfaces(surfaces: Sequence[Surface]) -> list[str]:
+    """Warnings of the meshes that bound no body, and what that means for collision checks."""
+    out = []
+    gaps = list(dict.fromkeys(f"{s.name} ({s.open_edges} open edges)" for s in surfaces if s.open_edges))
+    if gaps:
+        out.append(
+            f"meshes that are not closed: {_listed(gaps)}. Contact with their surface is found; a body that lies "
+            "wholly inside one is not. A closed mesh would work"
+        )
+    turned = list(dict.fromkeys(s.name for s in surfaces if s.inward))
+    if turned:
+        out.append(
+            f"meshes whose triangles face inwards: {_listed(turned)}. They are taken as hollow: what lies wholly "
+            "inside one does not collide. Flipped normals would work"
+        )
+    return out
+
+
+def _listed(names: list[str]) -> str:
+    more = len(names) - _NAMED
+    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
+
+
+def _open_edges(faces: NDArray[np.int64]) -> int:
+    """Edges not run through once in each direction."""
+    faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
+    if not len(faces):
+        return 0
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    n = int(faces.max()) + 1
+    low, high = edges.min(axis=1), edges.max(axis=1)
+    code, place = np.unique(low * n + high, return_inverse=True)
+    forth = np.bincount(place, weights=edges[:, 0] == low, minlength=len(code))
+    back = np.bincount(place, weights=edges[:, 0] != low, minlength=len(code))
+    return int(np.count_nonzero(forth != back))
+
+
+def _volume(vertices: Array, faces: NDArray[np.int64]) -> float:
+    """Signed; positive where the triangles face outwards."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)

@@ -1,0 +1,171 @@
+"""Damages of mesh files: cut, empty, flat, of another unit, huge, of a type that is not loaded everywhere."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from damaged_cell import change, make, refusal
+
+from machopt.formats.cell import load_cell
+
+BOX = trimesh.creation.box((0.1, 0.2, 0.3))
+FACET = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return make(tmp_path / "cell")
+
+
+def exported(kind: str, mesh: trimesh.Trimesh = BOX, **options: str) -> bytes:
+    data = mesh.export(file_type=kind, **options)
+    return data.encode() if isinstance(data, str) else data
+
+
+def shown(*triangles: list[list[float]]) -> bytes:
+    corners = np.array(triangles, dtype="<f4")
+    body = b"".join(struct.pack("<12fH", 0, 0, 1, *t.ravel(), 0) for t in corners)
+    return bytes(80) + struct.pack("<I", len(corners)) + body
+
+
+STL, ASCII, PLY = exported("stl"), exported("stl_ascii"), exported("ply")
+ASCII_PLY, OFF, OBJ = exported("ply", encoding="ascii"), exported("off"), exported("obj")
+SHEET = shown(*[[[0, 0, 0], [1, n, 0], [0, n + 1, 0]] for n in range(6)])  # type: ignore[list-item]
+FOLDED = exported("stl", trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]],
+                                         [[0, 1, 2], [2, 1, 0], [0, 1, 3], [3, 1, 0]], process=False))  # fmt: skip
+DAMAGES = [  # suffix, content, what the refusal says
+    ("stl", b"", ["is empty"]),
+    ("stl", STL[:-1], ["is cut", "counts 12 triangles, which take 684 bytes, and it holds 683"]),
+    ("stl", STL[:100], ["is cut", "12 triangles"]),
+    ("stl", STL[:60], ["60 bytes are too few for binary STL"]),
+    ("stl", STL + b"\0", ["is damaged", "684 bytes, and it holds 685"]),
+    ("stl", STL[:80] + struct.pack("<I", 3_000_000) + STL[84:], ["is cut", "3000000 triangles"]),
+    ("stl", bytes(84), ["holds no triangles"]),
+    ("stl", ASCII[: len(ASCII) // 2], ["is cut or damaged", "is the last"]),
+    ("stl", ASCII[: ASCII.rindex(b"endsolid")], ["is cut or damaged: 12 facets begin, 12 end"]),
+    ("stl", ASCII.replace(b"vertex", b"vertx", 1), ["35 corners of 36"]),
+    ("stl", ASCII.replace(b"0.05", b"0,05", 1), ["cannot be read"]),
+    ("stl", ASCII.replace(b"0.05", b"nan", 1), ["not finite"]),
+    ("stl", ASCII.replace(b"0.05", b"inf", 1), ["not finite"]),
+    ("stl", f"solid x\n{FACET}endsolid x\n".encode(), ["holds 1 triangle, which enclose nothing"]),
+    ("stl", f"solid x\n{FACET * 8}endsolid x\n".encode(), ["is flat and encloses nothing"]),
+    ("stl", SHEET, ["is flat"]),
+    ("stl", FOLDED, ["has no volume"]),
+    ("stl", shown(*[[[1, 1, 1]] * 3] * 8), ["is flat"]),
+    ("ply", PLY[:-30], ["cannot be read"]),
+    ("ply", PLY[:30], ["does not begin with a PLY header"]),
+    ("ply", ASCII_PLY[:-30], ["is cut", "its header counts 8 vertices and 12 faces"]),
+    ("ply", ASCII_PLY.replace(b"element face 12", b"element face 0"), ["holds no triangles"]),
+    ("ply", ASCII_PLY.replace(b"vertex 8", b"vertex 99999999999"), ["is cut", "99999999999 vertices"]),
+    ("off", OFF[:-20], ["is cut", "8 vertices and 12 faces"]),
+    ("off", b"8 12 0\n", ["does not begin with OFF"]),
+    ("obj", b"hello\n", ["holds no triangles"]),
+    ("obj", OBJ + b"\nf 1 2 99\n", ["cannot be read"]),
+    ("obj", STL, ["is binary, and OBJ is text"]),
+    ("dae", b"<COLLADA/>", ["is of type '.dae'", ".stl, .obj, .ply, .off"]),
+    ("step", b"ISO-10303-21;", ["is of type '.step'"]),
+    ("", STL, ["is of type 'none'"]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("suffix", "data", "parts"), DAMAGES, ids=[f"{n} {d[0]}" for n, d in enumerate(DAMAGES)])
+def test_a_damaged_mesh_of_the_tool_is_refused(folder: Path, suffix: str, data: bytes, parts: list[str]) -> None:
+    name = f"broken.{suffix}" if suffix else "broken"
+    (folder / name).write_bytes(data)
+    line = change(folder, "mesh: spindle.stl", f"mesh: {name}")
+    refusal(folder, f"cell.yaml: line {line}: tool.geometry[0].mesh: mesh {name}", *parts)
+
+
+def test_a_damaged_mesh_of_a_link_is_refused_at_its_line(folder: Path) -> None:
+    (folder / "link.stl").write_bytes(STL[:-1])
+    refusal(folder, "robot.urdf: line 47: collision mesh of link 'l6': mesh link.stl is cut")
+
+
+def test_sound_files_of_every_type_load_and_planner_and_verifier_see_the_same_body(folder: Path) -> None:
+    import coal
+
+    for name, data in {
+        "a.stl": STL,
+        "b.stl": ASCII,
+        "c.ply": PLY,
+        "d.ply": ASCII_PLY,
+        "e.off": OFF,
+        "f.obj": OBJ,
+    }.items():
+        (folder / name).write_bytes(data)
+        old = (folder / "cell.yaml").read_text()
+        change(folder, "mesh: spindle.stl", f"mesh: {name}")
+        assert load_cell(folder).warnings == ()
+        (folder / "cell.yaml").write_text(old)
+        seen = coal.MeshLoader().load(str(folder / name), np.ones(3))
+        seen.computeLocalAABB()
+        np.testing.assert_allclose(seen.aabb_local.max_, [0.05, 0.1, 0.15], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("size", "parts"),
+    [
+        (1e3, ["spindle.stl is 300 m wide, the robot reaches 1.8 m", "if it is in mm, scale: 0.001 would work"]),
+        (70.0, ["spindle.stl is 21 m wide", "scale: 0.001 would work"]),
+        (1e-3, ["spindle.stl is only 0.3 mm wide", "if it is in m, scale: 1000 would work"]),
+    ],
+)
+def test_another_unit_is_told_with_what_would_work(folder: Path, size: float, parts: list[str]) -> None:
+    (folder / "spindle.stl").write_bytes(exported("stl", BOX.copy().apply_scale(size)))
+    refusal(folder, "tool.geometry[0].mesh", *parts)
+    change(folder, "mesh: spindle.stl", f"mesh: spindle.stl, scale: {1 / size}")
+    assert load_cell(folder).warnings == ()
+
+
+def test_a_link_in_another_unit(folder: Path) -> None:
+    (folder / "link.stl").write_bytes(exported("stl", BOX.copy().apply_scale(1e3)))
+    refusal(folder, "robot.urdf: line 47", 'scale="0.001 0.001 0.001" in the URDF would work')
+    change(folder, 'filename="link.stl"', 'filename="link.stl" scale="0.001 0.001 0.001"', "robot.urdf")
+    assert load_cell(folder).warnings == ()
+    change(folder, 'size="0.2 0.2 0.3"', 'size="200 200 300"', "robot.urdf", 1)
+    refusal(folder, "robot.urdf: line 7: collision of link 'l1': a box is 300 m wide", "0.001 times as large")
+
+
+def test_open_and_inward_surfaces_are_said_with_what_that_means(folder: Path) -> None:
+    (folder / "spindle.stl").write_bytes(exported("stl", trimesh.Trimesh(BOX.vertices, BOX.faces[:-1], process=False)))
+    turned = BOX.copy()
+    turned.invert()
+    (folder / "link.stl").write_bytes(exported("stl", turned))
+    warnings = load_cell(folder).warnings
+    assert len(warnings) == 2
+    assert "not closed: spindle.stl (3 open edges)" in warnings[0]
+    assert "wholly inside one is not" in warnings[0]
+    assert "face inwards: link.stl" in warnings[1]
+
+
+def test_a_huge_file_is_refused_unread(folder: Path) -> None:
+    with (folder / "spindle.stl").open("wb") as file:
+        file.truncate(3 << 30)
+    refusal(folder, "tool.geometry[0].mesh", "spindle.stl holds 3 GiB; expected a mesh of at most 128 MiB")
+
+
+def test_millions_of_triangles_are_refused_before_they_are_laid_out(folder: Path) -> None:
+    with (folder / "spindle.stl").open("wb") as file:
+        file.write(bytes(80) + struct.pack("<I", 2_500_000))
+        file.truncate(84 + 50 * 2_500_000)
+    refusal(folder, "tool.geometry[0].mesh", "holds 2500000 triangles; expected at most 2000000", "decimated")
+
+
+def test_a_mesh_may_not_be_a_pipe_or_a_folder(folder: Path) -> None:
+    import os
+
+    (folder / "spindle.stl").unlink()
+    os.mkfifo(folder / "spindle.stl")
+    refusal(folder, "tool.geometry[0].mesh", "spindle.stl is a named pipe")
+    (folder / "spindle.stl").unlink()
+    (folder / "spindle.stl").mkdir()
+    refusal(folder, "tool.geometry[0].mesh", "spindle.stl is a directory")
+    (folder / "spindle.stl").rmdir()
+    (folder / "spindle.stl").symlink_to("spindle.stl")
+    refusal(folder, "tool.geometry[0].mesh", "links in a circle")
+    change(folder, "spindle.stl", "x" * 300 + ".stl")
+    refusal(folder, "tool.geometry[0].mesh", "no such file: xxx")
