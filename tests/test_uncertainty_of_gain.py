@@ -219,3 +219,9 @@ def test_a_gain_below_its_uncertainty_is_said_to_be_none() -> None:
         "  gain over jiao2022: mean deflection 18 % ± 6 % less (90 %: 8 to 28 %)"
     )
     assert "5.0 % ± 0.4 % more (90 %: 4.3 to 5.7 %)" in lines(Gain("jiao2022", -0.05, 0.004))
+
+
+def test_a_difference_in_the_last_digits_is_no_gain() -> None:
+    assert not Gain("jiao2022", -4e-16, 7e-19).distinguishable
+    assert not Gain("jiao2022", 5e-5, float("nan")).distinguishable
+    assert Gain("jiao2022", 0.02, float("nan")).distinguishable

@@ -252,6 +252,9 @@ def _gain_lines(result: dict[str, Any]) -> list[str]:
         if gain["mean_percent"] is None or gain["over"] == result["chosen_from"]:
             continue
         share, std = gain["mean_percent"], gain["std_percent"]
+        if std is None and not gain["distinguishable"]:
+            lines.append(f"  no gain over {gain['over']}: the same {what}")
+            continue
         decimals = int(abs(share) < 10 if std is None else std < 1.5)
         text = f"  gain over {gain['over']}: {what} {abs(share):.{decimals}f} %"
         if std is None:
@@ -261,7 +264,7 @@ def _gain_lines(result: dict[str, Any]) -> list[str]:
         text += f" ± {std:.{decimals}f} % {'less' if share >= 0 else 'more'}"
         lines.append(f"{text} (90 %: {low:.{decimals}f} to {high:.{decimals}f} %)")
         if not gain["distinguishable"]:
-            lines.append("    below the stiffness model's own uncertainty: not distinguishable")
+            lines.append("    less than rounding or the stiffness model's own uncertainty: not distinguishable")
     return lines
 
 

@@ -141,7 +141,7 @@ def _gain(gain: Gain) -> dict[str, object]:
 
     return {"over": gain.over, "mean_percent": share(gain.mean), "std_percent": share(gain.std),
             "ci90": [share(v) for v in gain.interval] if np.isfinite(gain.std) else None,
-            "distinguishable": gain.distinguishable if np.isfinite(gain.std) else None}  # fmt: skip
+            "distinguishable": gain.distinguishable if np.isfinite(gain.mean) else None}  # fmt: skip
 
 
 def _compensation(the_plan: Plan) -> dict[str, object] | None:

@@ -34,6 +34,7 @@ DIGITS = 1e-9  # relative: sums and ratios of figures that stand in the same fil
 AGREE = 1e-2  # of a check's limit: between two runs, and machines, a measured value moves by rounding only
 BETWEEN = 1.5  # a planning point between toolpath points is no softer than this times the worst of them
 NINETY = 1.6448536269514722  # standard deviations of a 90 % interval
+NONE_PERCENT = 0.01  # a smaller difference of the means is no gain
 VERDICTS = {0: ("done", "done with gaps"), 3: ("infeasible",), 4: ("verification failed",)}
 
 
@@ -204,11 +205,14 @@ def _gain(gain: Mapping[str, Any], own: Mapping[str, Any], other: Mapping[str, A
         return
     expected = 100.0 * (1.0 - own["mean"] / other["mean"])
     yield from _near(f"{name}: mean_percent", gain["mean_percent"], expected, DIGITS, 1e-7)
+    half = NONE_PERCENT
     if gain["std_percent"] is not None:
-        half = NINETY * gain["std_percent"]
+        half = max(half, NINETY * gain["std_percent"])
         for value, sign in zip(gain["ci90"], (-1.0, 1.0), strict=True):
-            yield from _near(f"{name}: ci90", value, gain["mean_percent"] + sign * half, 1e-3, 1e-3)
-        yield from _same(f"{name}: distinguishable", gain["distinguishable"], not abs(gain["mean_percent"]) <= half)
+            yield from _near(
+                f"{name}: ci90", value, gain["mean_percent"] + sign * NINETY * gain["std_percent"], 1e-3, 1e-3
+            )
+    yield from _same(f"{name}: distinguishable", gain["distinguishable"], not abs(gain["mean_percent"]) <= half)
 
 
 def _verification(t: Told) -> Iterable[str]:

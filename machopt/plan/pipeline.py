@@ -304,8 +304,8 @@ def _as_asked(phi: Array, path: Path, options: PlanOptions) -> bool:
 
 
 def _free(assignment: Assignment, path: Path, setup: Setup, options: PlanOptions) -> Assignment:
-    """A yardstick with its collisions marked, where it is feasible otherwise: only then is it worth a check."""
-    if setup.collision is not None and (assignment.reason == Reason.OK).all():
+    """A yardstick with its collisions marked, where it can be driven otherwise: a gain over it is stated only then."""
+    if setup.collision is not None and (assignment.reason[path.may_touch] == Reason.OK).all():
         hit = check_path(path, assignment.q, setup.collision, options).hit
         assignment.reason[hit] = Reason.COLLIDING
     return assignment

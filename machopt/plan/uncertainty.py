@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 NINETY = 1.6448536269514722  # half-width of the 90 % interval of a normal distribution, in σ
+NONE = 1e-4  # of the mean: a smaller difference is rounding of the smoothing, not a gain
 
 
 @dataclass(frozen=True)
@@ -106,8 +107,8 @@ class Gain:
 
     @property
     def distinguishable(self) -> bool:
-        """The 90 % interval leaves out zero; True where no uncertainty is known."""
-        return not abs(self.mean) <= NINETY * self.std
+        """More than NONE, and the 90 % interval leaves out zero where an uncertainty is known."""
+        return not (abs(self.mean) <= NONE or abs(self.mean) <= NINETY * self.std)
 
 
 def cost_gradient(
@@ -150,9 +151,9 @@ def gains(plan: Plan) -> tuple[Gain, ...]:
 
 
 def _mean(plan: Plan, scored: Scored, spread: Spread) -> tuple[float, Array] | None:
-    """Mean cost over the length cut, and its gradient (B, 6); None where a counted point has none."""
+    """Mean cost over the length cut, and its gradient (B, 6); None where it cannot be driven in or near the part."""
     rows = np.flatnonzero(plan.path.counted)
-    if not len(rows) or (scored.assignment.reason[rows] != Reason.OK).any():
+    if not len(rows) or (scored.assignment.reason[plan.path.may_touch] != Reason.OK).any():
         return None
     gradient = np.zeros((len(plan.path.index), 6))
     q = scored.assignment.q[rows]

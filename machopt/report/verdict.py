@@ -183,8 +183,8 @@ def _cautions(data: ReportData) -> tuple[str, ...]:
             out.append("At the worst point there is no gain over the CAM's default rotation.")
     if s.outcome != "infeasible":
         out += [
-            f"The gain over {g.over}, {gain_text(g)} on average, is below the stiffness model's own uncertainty: "
-            "the two are not distinguishable."
+            f"The gain over {g.over}, {gain_text(g)} on average, is below the stiffness model's own uncertainty "
+            "or rounding: the two are not distinguishable."
             for g in s.gains if not g.distinguishable
         ]  # fmt: skip
     if s.outcome != "infeasible" and s.infeasible_points:
