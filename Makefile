@@ -1,5 +1,6 @@
 # make run     build .venv from python3 alone, install machopt, do the main job on the shipped cell
-# make test    the tests            make lint    format, lint, imports, types
+# make quick   unit tests, a minute  make test    all tests     (JOBS=n processes; the cores of this machine)
+# make lint    format, lint, imports, types
 # make check   lint, then test      make clean   remove .venv and out/
 PYTHON ?= python3
 VENV   ?= .venv
@@ -7,16 +8,26 @@ BIN    := $(VENV)/bin
 CELL   ?= cells/kr500_milling
 PATHS  ?= toolpaths/cylinder_head_face.cls
 OUT    ?= out/cylinder_head
+JOBS   ?= auto
 SOURCES := pyproject.toml $(shell find machopt -name '*.py')
 
-.PHONY: run test lint check clean
+# one module, one process: its fixtures are made once; conftest.py says which modules come first
+PYTEST := $(BIN)/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder --strict-skips
+
+# the tests start hundreds of processes; each would compile the package anew
+unexport PYTHONDONTWRITEBYTECODE
+
+.PHONY: run quick test lint check clean
 .DELETE_ON_ERROR:
 
 run: $(VENV)/.installed
 	$(BIN)/machopt optimize $(CELL) $(PATHS) -o $(OUT)
 
+quick: $(VENV)/.installed-dev
+	$(PYTEST) -m 'not slow'
+
 test: $(VENV)/.installed-dev
-	$(BIN)/python -m pytest
+	$(PYTEST)
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff format --check .

@@ -1,10 +1,39 @@
-"""What several test modules share."""
+"""What several test modules share, and how the whole suite is run: order, seeds of the properties, skips.
+
+``--strict-skips`` (``make test``) fails the run where a test was skipped for a reason that is not in
+:data:`EXPECTED_SKIPS`: a package or a tool that went missing must not turn a proof into silence.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import contextlib
+import hashlib
+import os
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
+import hypothesis
 import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+EXPECTED_SKIPS = (
+    r"(is|are) not here",  # the real data beside a development checkout
+    r"is absent",
+    r"could not import 'eaik",  # a third independent solver, with thirty packages behind it: extra `compare`
+    r"POSIX signals",
+    r"no symbolic links",
+)
+"""Patterns of reasons for which a test may be skipped; any other is a hole in the environment."""
+
+hypothesis.settings.register_profile(  # the same examples in every run, whatever the machine's load
+    "ci", derandomize=True, deadline=None, database=None, print_blob=True
+)
+hypothesis.settings.register_profile("dev", deadline=None)
+hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "dev")
+
+_skips: Counter[str] = Counter()
 
 
 @pytest.fixture(scope="module")
@@ -17,3 +46,84 @@ def scheduler() -> Iterator[str]:
         n_workers=2, threads_per_worker=1, scheduler_kwargs=ANY_PORT, memory_limit=0, silence_logs=50
     ) as cluster:
         yield cluster.scheduler_address
+
+
+@pytest.fixture(scope="session")
+def planned(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """``planned(cell, toolpath, *options)``: OUT of ``machopt optimize``, made once for all tests and processes.
+
+    ``cell`` and ``toolpath`` are names in cells/ and toolpaths/ or paths. Nobody writes into OUT: a test that damages
+    something copies it first. OUT stands beside a file ``exit_code``.
+    """
+    base = tmp_path_factory.getbasetemp()
+    shared = (base.parent if os.environ.get("PYTEST_XDIST_WORKER") else base) / "planned"
+
+    def plan(cell: Path | str, toolpath: Path | str, *options: str) -> Path:
+        from machopt.cli import main
+
+        words = [str(ROOT / "cells" / cell), str(ROOT / "toolpaths" / toolpath), *options]
+        place = shared / hashlib.sha256("\0".join(words).encode()).hexdigest()[:16]
+        place.mkdir(parents=True, exist_ok=True)
+        with _alone(place / "lock"):
+            if not (place / "exit_code").exists():
+                code = main(["optimize", *words[:2], "-o", str(place / "out"), "--quiet", *options])
+                (place / "exit_code").write_text(str(code), encoding="ascii")
+        code = int((place / "exit_code").read_text(encoding="ascii"))
+        assert code == 0, f"machopt optimize {' '.join(words)} ended with {code}"
+        return place / "out"
+
+    return plan
+
+
+@contextlib.contextmanager
+def _alone(lock: Path) -> Iterator[None]:
+    """Of several test processes, one at a time."""
+    import fcntl
+
+    with lock.open("a") as handle:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--strict-skips", action="store_true", help="fail where a test is skipped for no expected reason")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Modules with slow tests first: the last module that two processes share out must be a short one."""
+    slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
+    items.sort(key=lambda item: -slow[item.path])
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    _note_skip(report)
+
+
+def pytest_collectreport(report: pytest.CollectReport) -> None:
+    _note_skip(report)
+
+
+def _note_skip(report: pytest.TestReport | pytest.CollectReport) -> None:
+    if report.skipped and not hasattr(report, "wasxfail"):
+        reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+        _skips[reason.removeprefix("Skipped: ")] += 1
+
+
+def unexpected_skips(skips: Counter[str]) -> Counter[str]:
+    """Those whose reason no pattern of :data:`EXPECTED_SKIPS` names."""
+    return Counter({why: n for why, n in skips.items() if not any(re.search(p, why) for p in EXPECTED_SKIPS)})
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    strict = session.config.getoption("--strict-skips") and not hasattr(session.config, "workerinput")
+    if strict and unexpected_skips(_skips) and session.exitstatus == pytest.ExitCode.OK:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    for why, n in sorted(unexpected_skips(_skips).items()):
+        terminalreporter.write_line(f"UNEXPECTED SKIP ×{n}: {why}", red=True)
+    expected = _skips - unexpected_skips(_skips)
+    if expected:
+        words = "; ".join(f"{n} × {why}" for why, n in sorted(expected.items()))
+        terminalreporter.write_line(f"expected skips: {words}")

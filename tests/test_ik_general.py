@@ -5,6 +5,7 @@ Exactness is judged by pinocchio on a URDF written here, so an error in our own 
 
 from __future__ import annotations
 
+import functools
 import itertools
 from pathlib import Path
 
@@ -84,8 +85,13 @@ GENERAL = {
     "spherical wrist": industrial(0.0, 0.0),
     "random": random_arm(1),
 }
-SOLVERS = {name: GeneralSolver.for_robot(arm) for name, arm in (CLOSED | GENERAL).items()}
-ARMS = list(SOLVERS)
+ARMS = list(CLOSED | GENERAL)
+
+
+@functools.cache
+def solver_of(name: str) -> GeneralSolver:
+    """Made once and when first asked for: choosing its eliminations takes a second."""
+    return GeneralSolver.for_robot((CLOSED | GENERAL)[name])
 
 
 def random_poses(arm: Robot, count: int, seed: int) -> tuple[Array, Array]:
@@ -141,7 +147,7 @@ def text(v: Array) -> str:
 
 @pytest.mark.parametrize("name", ARMS)
 def test_every_solution_reaches_its_pose_by_pinocchio(name: str, tmp_path: Path) -> None:
-    arm, solver = (CLOSED | GENERAL)[name], SOLVERS[name]
+    arm, solver = (CLOSED | GENERAL)[name], solver_of(name)
     _, T = random_poses(arm, 200, seed=3)
     q = solver.solve(T)
     assert q.shape == (200, solver.branches, 6)
@@ -157,7 +163,7 @@ def test_every_solution_reaches_its_pose_by_pinocchio(name: str, tmp_path: Path)
 
 @pytest.mark.parametrize("name", ARMS)
 def test_the_configuration_a_pose_came_from_is_among_the_branches(name: str) -> None:
-    arm, solver = (CLOSED | GENERAL)[name], SOLVERS[name]
+    arm, solver = (CLOSED | GENERAL)[name], solver_of(name)
     q, T = random_poses(arm, 1000, seed=4)
     missing = int((gaps(solver.solve(T), q).min(axis=1) > SAME).sum())
     assert missing <= (0 if name in CLOSED else 5), f"{missing} of 1000 configurations not found again"
@@ -175,7 +181,7 @@ def test_random_arms_are_solved_completely(seed: int) -> None:
 @pytest.mark.parametrize("name", GENERAL)  # the closed form's fixed order shows coinciding roots in both places
 def test_no_general_solution_appears_twice(name: str) -> None:
     _, T = random_poses(GENERAL[name], 200, seed=5)
-    q = SOLVERS[name].solve(T)
+    q = solver_of(name).solve(T)
     for a, b in itertools.combinations(range(q.shape[1]), 2):
         apart = np.abs(wrap(q[:, a] - q[:, b])).max(axis=-1)
         assert not np.any(apart < 1e-6)
@@ -225,7 +231,7 @@ def test_same_solutions_as_ssik(name: str) -> None:
     arm = (CLOSED | GENERAL)[name]
     other = ssik_arm(arm)
     _, T = random_poses(arm, 100, seed=11)
-    mine = SOLVERS[name].solve(T)
+    mine = solver_of(name).solve(T)
     for m, wanted in enumerate(as_ssik(arm, T)):
         theirs = [s.q for s in other.solve(wanted, respect_limits=False)]  # type: ignore[attr-defined]
         assert len(theirs) == counts(mine[m])
@@ -259,7 +265,7 @@ def test_same_solutions_as_eaik(name: str) -> None:
     ends = np.vstack([np.zeros(3), arm.point, arm.T_base_flange_zero[:3, 3]])
     other = eaik.HPRobot(arm.axis, np.diff(ends, axis=0))
     _, T = random_poses(arm, 100, seed=13)
-    mine = SOLVERS[name].solve(T)
+    mine = solver_of(name).solve(T)
     total = 0
     for m, wanted in enumerate(as_ssik(arm, T)):
         answer = other.IK(wanted)
@@ -286,7 +292,7 @@ def machining_grid(arm: Robot, points: int, rotations: int, seed: int) -> Array:
 @pytest.mark.parametrize("name", ["crx", "offset wrist 50, 200", "random"])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_grid_holds_what_every_single_pose_holds(name: str, seed: int) -> None:
-    arm, solver = GENERAL[name], SOLVERS[name]
+    arm, solver = GENERAL[name], solver_of(name)
     T = machining_grid(arm, 25, 72, seed)
     grid = solver.solve_grid(T)
     single = solver.solve(T.reshape(-1, 4, 4)).reshape(grid.shape)
@@ -299,7 +305,7 @@ def test_the_grid_holds_what_every_single_pose_holds(name: str, seed: int) -> No
 
 @pytest.mark.parametrize("name", ARMS)
 def test_one_index_is_one_branch_along_the_path(name: str) -> None:
-    arm, solver = (CLOSED | GENERAL)[name], SOLVERS[name]
+    arm, solver = (CLOSED | GENERAL)[name], solver_of(name)
     q0 = np.array([0.3, -0.6, 1.2, 0.4, 0.9, 0.2])
     T = np.repeat(arm.fk(q0)[None], 40, axis=0)
     T[:, :3, 3] += np.linspace(-0.01, 0.01, 40)[:, None] * np.array([0.6, 0.0, 0.8])
@@ -318,7 +324,7 @@ def test_closed_form_indices_name_the_assembly_mode(seed: int) -> None:
     _, T = random_poses(UR5, 1, seed)
     angle = 0.7
     turned = transform(axis_rotation(UR5.axis[0], np.array(angle)), np.zeros(3)) @ T
-    a, b = SOLVERS["ur5"].solve(T)[0], SOLVERS["ur5"].solve(turned)[0]
+    a, b = solver_of("ur5").solve(T)[0], solver_of("ur5").solve(turned)[0]
     both = np.isfinite(a[:, 0]) & np.isfinite(b[:, 0])
     assert both.any()
     assert np.abs(wrap(b - a - angle * np.eye(6)[0]))[both].max() < SAME
@@ -329,7 +335,7 @@ def test_closed_form_indices_name_the_assembly_mode(seed: int) -> None:
 
 def test_unreachable_and_undefined_poses_are_nan_and_do_not_disturb_others() -> None:
     for name in ("ur5", "crx"):
-        arm, solver = (CLOSED | GENERAL)[name], SOLVERS[name]
+        arm, solver = (CLOSED | GENERAL)[name], solver_of(name)
         _, T = random_poses(arm, 3, seed=14)
         alone = solver.solve(T[1:2])
         T[0, :3, 3] = 50.0
@@ -344,7 +350,7 @@ def test_unreachable_and_undefined_poses_are_nan_and_do_not_disturb_others() -> 
 
 def test_stretched_and_wrist_singular_poses_are_answered() -> None:
     q = np.array([[0.2, -0.7, 0.0, 0.3, 0.8, 0.1], [0.2, -0.7, 1.1, 0.3, 0.0, 0.1]])
-    found = SOLVERS["ur5"].solve(UR5.fk(q))
+    found = solver_of("ur5").solve(UR5.fk(q))
     assert np.all(counts(found) > 0)
     assert np.nanmax(np.abs(UR5.fk(found) - UR5.fk(q)[:, None])) < EXACT
 
