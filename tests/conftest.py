@@ -39,18 +39,18 @@ _skips: Counter[str] = Counter()
 @pytest.fixture(scope="module")
 def scheduler() -> Iterator[str]:
     """A running cluster with two workers, as a lab would have one."""
-    from machopt.batch.engine import ANY_PORT
+    from distributed import LocalCluster
 
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, scheduler_kwargs=ANY_PORT, memory_limit=0, silence_logs=50
+    pages = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}  # Dask opens its port 8787 without any, too
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, scheduler_kwargs=pages, memory_limit=0, silence_logs=50
     ) as cluster:
         yield cluster.scheduler_address
 
 
 @pytest.fixture(scope="session")
-def planned(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
-    """``planned(cell, toolpath, *options)``: OUT of ``machopt optimize``, made once for all tests and processes.
+def shipped_plan(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """``shipped_plan(cell, toolpath, *options)``: OUT of ``machopt optimize``, made once for all tests and processes.
 
     ``cell`` and ``toolpath`` are names in cells/ and toolpaths/ or paths. Nobody writes into OUT: a test that damages
     something copies it first. OUT stands beside a file ``exit_code``.

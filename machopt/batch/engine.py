@@ -1,9 +1,18 @@
-"""The jobs on Dask: a local cluster or a running scheduler hands each to a worker, which supervises it."""
+"""The jobs on Dask: workers in this process, or those of a running scheduler, supervise one job each.
+
+A local batch opens no port: its scheduler and workers are threads of this process, which talk in memory, and Dask's
+status pages are left out. There is nothing for another user of the machine to reach, and no worker to lose: what can
+be killed are the process servers that :mod:`machopt.batch.supervise` starts, and it starts others.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import logging
+import queue
+import tempfile
+import time
 from collections.abc import Generator, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,10 +22,9 @@ from machopt.batch.supervise import Ended, Spec, stop_servers, supervise
 from machopt.errors import InputError, MachoptError
 
 CONNECT = 15.0  # s to reach a scheduler
-WORKERS = 60.0  # s to wait for its first worker
+WORKERS = 60.0  # s to wait for its first worker, and for another where all are gone
+LOOK = 5.0  # s between two looks whether the scheduler and a worker are there
 PROBE = "probe.txt"
-ANY_PORT = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
-"""Dask's scheduler listens for its status pages on port 8787 without any too, and warns where another one does."""
 
 
 class Engine:
@@ -24,32 +32,33 @@ class Engine:
 
     def __init__(self, batch: str, *, scheduler: str | None, workers: int, version: str | None) -> None:
         self.batch, self._address, self._workers, self._version = batch, scheduler, workers, version
-        self._cluster: Any = None
         self._client: Any = None
+        self._held = contextlib.ExitStack()
+        self._seen = 0.0  # when a worker was seen last, monotonic
 
     def __enter__(self) -> Engine:
         distributed = _distributed()
-        if self._address is None:
-            self._cluster = distributed.LocalCluster(
-                n_workers=self._workers, threads_per_worker=1, processes=True, scheduler_kwargs=ANY_PORT,
-                memory_limit=0, silence_logs=logging.CRITICAL,  # the workers only supervise; limits are the jobs' own
-            )  # fmt: skip
         try:
-            self._client = distributed.Client(self._cluster or self._address, timeout=CONNECT, set_as_default=False)
+            where = self._address or self._held.enter_context(_local_cluster(self._workers))
+            self._client = distributed.Client(where, timeout=CONNECT, set_as_default=False)
         except (OSError, ValueError, TypeError) as problem:
+            self._held.close()
             raise InputError(
                 f"no Dask scheduler answers at {self._address} ({problem}); its address as `dask scheduler` prints it, "
                 "e.g. tcp://127.0.0.1:8786, would work", where="--scheduler",
             ) from None  # fmt: skip
+        self._seen = time.monotonic()
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._client is not None:
-            with contextlib.suppress(OSError, RuntimeError):  # a scheduler that is gone
-                self._client.run(stop_servers, self.batch)
-            self._client.close()
-        if self._cluster is not None:
-            self._cluster.close(timeout=5.0)
+        with self._held:
+            if self._address is None:
+                stop_servers(self.batch)  # the workers are this process
+            elif self._client is not None:
+                with contextlib.suppress(OSError, RuntimeError, TimeoutError):  # a scheduler that is gone
+                    self._client.run(stop_servers, self.batch)
+            if self._client is not None:
+                self._client.close(timeout=LOOK)
 
     def check_workers(self, work: Path) -> None:
         """Make sure that the workers run this program and see the output folder.
@@ -93,23 +102,78 @@ class Engine:
         Raises:
             MachoptError: the scheduler is gone.
         """
-        distributed = _distributed()
         names = {f"{self.batch}-{name}": name for name, _ in specs}
+        ends: queue.SimpleQueue[Any] = queue.SimpleQueue()
         futures = [
             self._client.submit(supervise, spec, key=key, pure=False)
             for key, (_, spec) in zip(names, specs, strict=True)
         ]
-        for future in distributed.as_completed(futures, loop=self._client.loop, raise_errors=False):
+        for future in futures:
+            future.add_done_callback(ends.put)
+        for _ in specs:
+            future = self._next(ends)
             if future.status == "finished":
                 ended = Ended(**future.result())
             elif future.status == "error":
                 ended = Ended("server", "", text=_words(future.exception()))
             else:
-                raise MachoptError(
-                    "the Dask scheduler is gone; finished jobs are kept, the same command goes on with the rest"
-                )
+                raise _gone("the Dask scheduler is gone")
             future.release()
             yield names[future.key], ended
+
+    def _next(self, ends: queue.SimpleQueue[Any]) -> Any:
+        """The next future that is over; never waits for a scheduler or workers that are no more."""
+        while True:
+            with contextlib.suppress(queue.Empty):
+                return ends.get(timeout=LOOK)
+            self._look()
+
+    def _look(self) -> None:
+        if self._client.status in ("closed", "closing"):
+            raise _gone("the Dask scheduler is gone")
+        try:
+            workers = self._client.sync(self._client.scheduler.ncores, callback_timeout=CONNECT)
+        except (OSError, TimeoutError, _distributed().TimeoutError):
+            workers = {}
+        now = time.monotonic()
+        if workers:
+            self._seen = now
+        elif now - self._seen > WORKERS:
+            raise _gone(f"no Dask worker has been there for {WORKERS:.0f} s")
+
+
+@contextlib.contextmanager
+def _local_cluster(workers: int) -> Generator[Any, None, None]:
+    """A scheduler and workers as threads of this process, without a port."""
+    with tempfile.TemporaryDirectory(prefix="machopt-dask-") as scratch:
+        scheduler, worker = _portless()
+        options = {"nthreads": 1, "memory_limit": 0, "dashboard": False, "local_directory": scratch}
+        cluster = _distributed().SpecCluster(
+            scheduler={"cls": scheduler, "options": {"protocol": "inproc", "dashboard": False}},
+            workers={n: {"cls": worker, "options": options} for n in range(workers)},
+            silence_logs=logging.CRITICAL,
+        )
+        try:
+            yield cluster
+        finally:
+            cluster.close(timeout=LOOK)
+
+
+@functools.cache
+def _portless() -> tuple[type, type]:
+    """Dask's scheduler and worker without the status pages, which it serves to the network even where told not to."""
+    distributed = _distributed()
+
+    class Portless:
+        def start_http_server(self, *_: object, **__: object) -> None:
+            """Serve nothing."""
+
+    scheduler = type("PortlessScheduler", (Portless, distributed.Scheduler), {})
+    return scheduler, type("PortlessWorker", (Portless, distributed.Worker), {})
+
+
+def _gone(what: str) -> MachoptError:
+    return MachoptError(f"{what}; finished jobs are kept, the same command goes on with the rest")
 
 
 def _probe(file: str) -> tuple[str, str | None]:

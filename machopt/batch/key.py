@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import importlib.metadata
 import json
 import sys
 from dataclasses import dataclass, field
@@ -18,17 +19,35 @@ from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options, options_as_user
 from machopt.formats.posts import load_post
+from machopt.formats.programs import read_program, recognised
+
+NUMERIC = ("numpy", "scipy", "pin", "casadi", "ruckig", "trimesh", "python-fcl", "coal", "numba", "llvmlite",
+           "ruamel.yaml", "pydantic", "pyarrow")  # fmt: skip
+"""Packages whose version may move a number or the reading of a file."""
+_MADE = frozenset({".pyc", ".pyo", ".nbi", ".nbc"})  # what Python and numba store beside the sources
 
 
 @functools.cache
 def program_version() -> str:
-    """Version and a hash of the program's own sources: a changed source is another program, same number or not."""
+    """Version and a hash of the program: every file it ships, Python, and the packages it computes with.
+
+    A changed source, built-in post or page style is another program, same number or not.
+    """
     root = Path(machopt.__file__).parent
     total = hashlib.sha256(f"{sys.version_info[:2]}".encode())
-    for file in sorted(root.rglob("*")):
-        if file.suffix in (".py", ".js", ".css"):
-            total.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
+    for name in NUMERIC:
+        total.update(f"{name} {_version(name)}\0".encode())
+    for file in sorted(p for p in root.rglob("*") if p.suffix not in _MADE and p.is_file()):
+        data = file.read_bytes()
+        total.update(f"{file.relative_to(root).as_posix()}\0{len(data)}\0".encode() + data)
     return f"{machopt.__version__}+{total.hexdigest()[:12]}"
+
+
+def _version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return "none"
 
 
 @dataclass(frozen=True)
@@ -57,6 +76,7 @@ class Keys:
     version: str
     _cells: dict[Path, Cell | InputError] = field(default_factory=dict)
     _sha: dict[Path, str] = field(default_factory=dict)
+    _called: dict[Path, tuple[Path, ...]] = field(default_factory=dict)
 
     def of(self, job: Job) -> Ready | Refused:
         """The key of a job, or the reason that the planner would give for refusing its cell, file or options."""
@@ -69,7 +89,7 @@ class Keys:
             key = self._key(job, cell, options_as_user(options))
             others = (request.plan_file, *request.extra.values(), *job.posts)
             more = [f for f in others if isinstance(f, Path) and f.is_file()]
-            inputs = {str(f.resolve()): self.sha(f) for f in (*cell.files, job.toolpath, *more)}
+            inputs = {str(f.resolve()): self.sha(f) for f in (*cell.files, *self._read_with(job.toolpath), *more)}
         except InputError as problem:
             return Refused(job, str(problem))
         return Ready(job, key, cell.name, inputs)
@@ -79,7 +99,8 @@ class Keys:
             "version": self.version,
             "entry": self.request.entry,
             "cell": {_name(cell, f): self.sha(f) for f in cell.files},
-            "toolpath": [job.toolpath.name, self.sha(job.toolpath)],  # the name stands in the program and the report
+            # names stand in the program and the report
+            "toolpath": [[file.name, self.sha(file)] for file in self._read_with(job.toolpath)],
             "options": options,
             "reading": job.reading,
             "posts": [self._value(p) for p in job.posts],
@@ -87,6 +108,16 @@ class Keys:
             "extra": {k: self._value(v) for k, v in self.request.extra.items()},
         }
         return hashlib.sha256(json.dumps(parts, sort_keys=True, ensure_ascii=True, default=str).encode()).hexdigest()
+
+    def _read_with(self, toolpath: Path) -> tuple[Path, ...]:
+        """A toolpath, and where it is a robot program the files beside it that it takes its points from."""
+        if toolpath not in self._called:
+            try:
+                files = read_program(toolpath).files[1:] if recognised(toolpath) else ()
+            except InputError:
+                files = ()  # the job itself says what is wrong
+            self._called[toolpath] = (toolpath, *files)
+        return self._called[toolpath]
 
     def _value(self, value: object) -> object:
         """A file counts by its bytes."""

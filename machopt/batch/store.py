@@ -10,19 +10,25 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import shutil
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from machopt.batch.nursery import LOG
 from machopt.batch.supervise import Ended, attempts
+from machopt.batch.task import DISK
 from machopt.errors import InputError
-from machopt.output import write_json
+from machopt.output import MANIFEST, read_manifest, write_json, write_manifest
+from machopt.output.lock import locked
+from machopt.output.manifest import differences
+from machopt.output.swap import exchange, sync_folder, sync_tree
 
 JOBS, WORK, LOCK = "jobs", ".work", ".lock"
 RECORD, TIMING = "job.json", "timing.json"
+OURS = {RECORD: "record", TIMING: "timing", LOG: "log"}
+"""Role by name of what a batch writes beside a job's own result."""
 MAIN = "batch.json"
 SUMMARY = ("summary.csv", "summary.html", "compare.csv")
 TIMINGS = ("timings.csv", "timings.js")
@@ -62,13 +68,13 @@ class Store:
         return sorted(set(self._records) - labels)
 
     def load(self) -> None:
-        """Read the records of all finished jobs whose files are still there."""
+        """Read the records of all finished jobs whose files are still there, and still what was written."""
         for folder in sorted(self.jobs.iterdir()):
             try:
                 record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-                if all((folder / name).exists() for name in record["files"]) and isinstance(record["key"], str):
+                if isinstance(record["key"], str) and _intact(folder, record):
                     self._records[folder.name] = record
-            except (OSError, ValueError, KeyError, TypeError):
+            except (OSError, ValueError, KeyError, TypeError, InputError):
                 continue  # no record of ours: the job is done again and its folder replaced
 
     def commit(self, label: str, made: Path | None, record: dict[str, Any], timing: dict[str, Any]) -> None:
@@ -80,14 +86,16 @@ class Store:
             record: of the result; the same for the same job.
             timing: what differs from run to run.
         """
-        ready = self.work / f"{label}.ready"
-        ready.mkdir() if made is None or not (made / "out").is_dir() else (made / "out").rename(ready)
-        record["files"] = sorted(f.name for f in ready.iterdir())
+        ready = self.work / f"{label}.none" if made is None else made / "out"
+        ready.mkdir(exist_ok=True)
+        record["files"] = sorted(f.name for f in ready.iterdir() if f.name not in OURS)
         if made is not None and record["state"] in ("crashed", "over time", "over memory"):
-            with contextlib.suppress(OSError):
-                (made / LOG).rename(ready / LOG)
+            with contextlib.suppress(FileNotFoundError):
+                shutil.copyfile(made / LOG, ready / LOG)
         write_json(ready / TIMING, timing)
         write_json(ready / RECORD, record)
+        _list_in_manifest(ready)
+        sync_tree(ready)
         self._replace(ready, label)
         self._records[label] = json.loads((self.jobs / label / RECORD).read_text(encoding="utf-8"))
         if made is not None:
@@ -95,7 +103,8 @@ class Store:
 
     def left_behind(self) -> list[tuple[str, str, Ended]]:
         """Label, key and end of jobs that ended in an earlier run and were not put away before it was killed."""
-        return [found for work in sorted(self.work.parent.iterdir()) for found in attempts(work)]
+        ended = [found for work in sorted(self.work.parent.iterdir()) for found in attempts(work)]
+        return [found for found in ended if not _taken(found[2])]
 
     def timing(self, label: str) -> dict[str, Any]:
         """What a finished job took."""
@@ -109,7 +118,7 @@ class Store:
         """Replace a file of the summary in one step."""
         new = self.work / name
         new.write_text(text, encoding="utf-8", newline="\n")
-        new.replace(self.folder / name)
+        self._put(new)
 
     def begin(self, value: dict[str, object]) -> None:
         """Say in batch.json that the batch is not complete, and take away the summary of an earlier run."""
@@ -120,14 +129,60 @@ class Store:
     def write_main(self, value: dict[str, object]) -> None:
         """Replace batch.json in one step."""
         write_json(self.work / MAIN, value)
-        (self.work / MAIN).replace(self.folder / MAIN)
+        self._put(self.work / MAIN)
+
+    def _put(self, new: Path) -> None:
+        """A file of the work folder in the place of the one of its name."""
+        sync_tree(self.work)
+        new.replace(self.folder / new.name)
 
     def _replace(self, ready: Path, label: str) -> None:
+        """Put a folder in the place of a job's; that is the old one or the new one at any moment."""
         target = self.jobs / label
-        if target.exists():
-            target.rename(self.work / f"{label}.old")
-        ready.rename(target)
-        shutil.rmtree(self.work / f"{label}.old", ignore_errors=True)
+        if not target.exists():
+            ready.rename(target)
+        elif exchange(ready, target):
+            shutil.rmtree(ready, ignore_errors=True)
+        else:  # a file system without such a step: a kill in between means that the job is done again
+            former = Path(tempfile.mkdtemp(dir=self.work))
+            target.rename(former / label)
+            ready.rename(target)
+            shutil.rmtree(former, ignore_errors=True)
+        sync_folder(self.jobs)
+
+
+def _taken(ended: Ended) -> bool:
+    """The result of a job that is done is not where it was made: it has been put away, whatever became of it then."""
+    done = ended.outcome is not None and ended.outcome.get("exit_code") == 0
+    return done and not (Path(ended.folder) / "out").is_dir()
+
+
+def _list_in_manifest(folder: Path) -> None:
+    """Add what the batch writes beside a job's result to the manifest of that result, if it made one."""
+    if (folder / MANIFEST).exists():
+        manifest, _ = read_manifest(folder)
+        write_manifest(folder, manifest, {f.name: f.role for f in manifest.files} | OURS)
+
+
+def _intact(folder: Path, record: dict[str, Any]) -> bool:
+    """All files of a finished job are there, and where it has a manifest they are as they were written."""
+    if not all((folder / name).exists() for name in record["files"]):
+        return False
+    return not (folder / MANIFEST).exists() or not differences(folder, read_manifest(folder)[0])
+
+
+@contextlib.contextmanager
+def told(folder: Path) -> Iterator[None]:
+    """Say in words when the disk does not take what the batch writes."""
+    try:
+        yield
+    except OSError as problem:
+        if problem.errno not in DISK:
+            raise
+        raise InputError(
+            f"cannot be written: {problem.strerror}; what is finished is kept, the same command goes on when there is "
+            "space and the right to write", file=folder,
+        ) from problem  # fmt: skip
 
 
 @contextlib.contextmanager
@@ -142,12 +197,14 @@ def open_store(folder: Path, batch: str) -> Iterator[Store]:
     with contextlib.ExitStack() as held:
         try:
             store.jobs.mkdir(parents=True, exist_ok=True)
-            held.enter_context(_locked(folder))
+            busy = "another batch is at work in this folder; wait for it, or name another"
+            held.enter_context(locked(folder / LOCK, busy, folder, keep=True))
             store.work.mkdir(parents=True)
             store.load()
         except OSError as problem:
             raise InputError(f"cannot be written: {problem.strerror}", file=problem.filename or folder) from None
         held.callback(shutil.rmtree, folder / WORK, ignore_errors=True)
+        held.enter_context(told(folder))
         yield store
 
 
@@ -175,24 +232,3 @@ def read_main(folder: Path) -> dict[str, Any] | None:
     except (OSError, ValueError):
         return None
     return found if isinstance(found, dict) and found.get("machopt_batch") == 1 else None
-
-
-@contextlib.contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Hold the folder's lock; the system drops it when this process ends, however it ends."""
-    try:
-        import fcntl
-    except ImportError:  # Windows: two batches in one folder are the user's to avoid
-        yield
-        return
-    handle = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
-    try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise InputError(
-                "another batch is at work in this folder; wait for it, or name another", file=folder
-            ) from None
-        yield
-    finally:
-        os.close(handle)

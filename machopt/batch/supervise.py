@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import queue
 import signal
@@ -27,6 +28,7 @@ How = Literal["ended", "crashed", "time", "memory", "server", "stopped"]
 ENDED = "ended.json"
 FORKS = sys.platform == "linux"  # elsewhere system libraries do not promise to survive a fork
 WARM_LIMIT = 900.0  # s a server may take to import and compile, or to wait for another that does
+GRACE = 10.0  # s in which a server ends the job it was told to end; one that does not is ended with it
 LOOK = 0.05  # s between two looks at a job's memory and time
 LOOKS_A_FAMILY = 20  # finding what a job has started itself takes milliseconds: not at every look
 ONE_THREAD = dict.fromkeys(
@@ -152,6 +154,7 @@ class Server:
             env={**os.environ, **ONE_THREAD, "PYTHONPATH": os.pathsep.join(p or os.getcwd() for p in sys.path)},
         )  # fmt: skip
         self._answers: queue.Queue[dict[str, Any] | None] = queue.Queue()
+        self._silent = threading.Event()  # no answer will come any more
         threading.Thread(target=self._listen, daemon=True).start()
         self._ready = False
         with _LOCK:
@@ -159,7 +162,8 @@ class Server:
 
     @property
     def alive(self) -> bool:
-        return self._process.poll() is None
+        """It can take a job. A killed process closes its pipe a moment before the system says that it has ended."""
+        return not self._silent.is_set() and self._process.poll() is None
 
     def run(self, spec: Spec, folder: str) -> Ended:
         """Do one job, within its limits."""
@@ -174,7 +178,7 @@ class Server:
         broken, status, peak = self._watch(spec, int(started["pid"]), begin)
         wall = time.monotonic() - begin
         if status is None:
-            return Ended("server", folder, text=self._last_words(), wall=wall)
+            return Ended(broken or "server", folder, text=self._last_words(), wall=wall, peak=peak, worker=_here())
         code = os.waitstatus_to_exitcode(status["status"]) if self._forks else status["status"]
         outcome = _outcome(Path(folder))
         how: How = broken or ("ended" if code == 0 and outcome is not None else "crashed")
@@ -199,6 +203,7 @@ class Server:
         """Wait for the end; returns the limit that was broken, the end as told, and the largest memory seen."""
         broken: How | None = None
         peak = looks = 0
+        told_at = math.inf
         family = _family(pid)
         while True:
             with contextlib.suppress(queue.Empty):
@@ -206,8 +211,12 @@ class Server:
                 if told is None and not self._forks:  # it was the job itself
                     told = {"status": self._process.wait()}
                 return broken, told, peak
-            if broken is not None:
-                continue  # killed already
+            if broken is not None:  # killed already, unless the server itself is stopped or lost
+                if self._forks and time.monotonic() - told_at > GRACE:
+                    self._process.kill()
+                    _kill_all(family)
+                    told_at = math.inf
+                continue
             looks += 1
             family = family if looks % LOOKS_A_FAMILY else _family(pid)
             memory = _memory(family)
@@ -217,14 +226,15 @@ class Server:
             elif spec.memory_limit is not None and memory > spec.memory_limit:
                 broken = "memory"
             if broken is not None:
+                told_at = time.monotonic()
+                family = _family(pid)
                 self._kill(pid)
 
     def _kill(self, pid: int) -> None:
         if self._forks:
             self._send("kill")
             return
-        for process in _family(pid):
-            process.kill()
+        _kill_all(_family(pid))
 
     def _wait_ready(self) -> bool:
         self._ready = self._answer(WARM_LIMIT) is not None
@@ -234,16 +244,20 @@ class Server:
         return self._ready
 
     def _answer(self, timeout: float) -> dict[str, Any] | None:
+        """The next answer; None where none comes in time, or ever."""
         try:
-            return self._answers.get(timeout=timeout)
+            told = self._answers.get(timeout=timeout)
         except queue.Empty:
             return None
+        if told is None:
+            self._answers.put(None)  # whoever asks next must not wait either
+        return told
 
     def _send(self, line: str) -> bool:
         try:
             self._process.stdin.write(line.encode() + b"\n")  # type: ignore[union-attr]
             self._process.stdin.flush()  # type: ignore[union-attr]
-        except OSError:
+        except (OSError, ValueError):  # ValueError: closed by stop_servers
             return False
         return True
 
@@ -251,6 +265,7 @@ class Server:
         with contextlib.suppress(ValueError):  # closed while reading
             for line in self._process.stdout or ():
                 self._answers.put(json.loads(line))
+        self._silent.set()
         self._answers.put(None)
 
     def _last_words(self) -> str:
@@ -306,6 +321,14 @@ def _family(pid: int) -> list[Any]:
         return [process, *process.children(recursive=True)]
     except psutil.Error:
         return []
+
+
+def _kill_all(family: list[Any]) -> None:
+    import psutil
+
+    for process in family:
+        with contextlib.suppress(psutil.Error):
+            process.kill()
 
 
 def _here() -> str:

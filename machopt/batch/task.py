@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from machopt.errors import MachoptError
+
+DISK = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EFBIG, errno.EACCES, errno.EPERM})
+"""Errors of a place that takes no more, whatever is to be written."""
+NOT_WRITTEN = "not written"
 
 
 def run(job: Mapping[str, Any], out: Path) -> dict[str, object]:
@@ -28,8 +33,19 @@ def run(job: Mapping[str, Any], out: Path) -> dict[str, object]:
     try:
         outcome = optimize(Request(out=out, **fields))
     except MachoptError as problem:
+        if _of_the_disk(problem):  # nothing to do with the job: to be tried again
+            return {"exit_code": 1, "verdict": NOT_WRITTEN, "reason": str(problem)}
         return {"exit_code": problem.exit_code, "verdict": "refused", "reason": str(problem)}
     return row(outcome.result)
+
+
+def _of_the_disk(problem: BaseException | None) -> bool:
+    """An error, or what led to it, is of a disk that takes no more."""
+    while problem is not None:
+        if isinstance(problem, OSError) and problem.errno in DISK:
+            return True
+        problem = problem.__cause__ or problem.__context__
+    return False
 
 
 def warm(folder: Path) -> None:

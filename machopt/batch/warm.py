@@ -6,10 +6,8 @@ Only one process of a machine compiles; the others wait for it and load what it 
 from __future__ import annotations
 
 import contextlib
-import getpass
 import hashlib
 import os
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -89,24 +87,31 @@ def _general_arm(cell: Path) -> None:
 @contextlib.contextmanager
 def one_at_a_time() -> Iterator[None]:
     """The first warm-up of this program on this machine goes alone; the later ones find its mark and do not wait."""
-    place = Path(tempfile.gettempdir())
     compiled_for = hashlib.sha256(f"{program_version()} {os.environ.get('NUMBA_CACHE_DIR')}".encode()).hexdigest()[:12]
-    name = f"machopt-warm-{getpass.getuser()}-{compiled_for}"
-    mark = place / f"{name}.done"
-    try:
-        import fcntl
-    except ImportError:  # Windows: all compile
+    with contextlib.ExitStack() as held:
+        mark: Path | None = None
+        with contextlib.suppress(ImportError, OSError, RuntimeError):  # Windows, or no place of one's own: all compile
+            import fcntl
+
+            place = _own_place()
+            mark = place / f"warm-{compiled_for}.done"
+            if not mark.exists():
+                lock = held.enter_context((place / f"warm-{compiled_for}.lock").open("a"))
+                fcntl.flock(lock, fcntl.LOCK_EX)
+                if mark.exists():  # another one did it meanwhile
+                    fcntl.flock(lock, fcntl.LOCK_UN)
         yield
-        return
-    if mark.exists():
-        yield
-        return
-    with (place / f"{name}.lock").open("a") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if mark.exists():  # another one did it meanwhile
-            fcntl.flock(lock, fcntl.LOCK_UN)
-        yield
-        mark.touch()
+        if mark is not None:
+            with contextlib.suppress(OSError):
+                mark.touch()
+
+
+def _own_place() -> Path:
+    """A folder of the user's own, where nobody else can lay a file or a link in the way."""
+    base = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    place = Path(base).expanduser() / "machopt"
+    place.mkdir(mode=0o700, parents=True, exist_ok=True)
+    return place
 
 
 def _urdf(wrist_offset: float = 0.0) -> str:
