@@ -166,6 +166,8 @@ def test_two_batches_in_one_folder_are_refused(tmp_path: Path) -> None:
 def test_real_jobs_give_what_the_single_command_gives_and_batches_are_compared(scheduler: str, tmp_path: Path) -> None:
     from machopt.job.run import Request as Single
     from machopt.job.run import optimize
+    from machopt.job.verify import Request as Verify
+    from machopt.job.verify import verify
 
     place = tmp_path / "parts"
     place.mkdir()
@@ -194,6 +196,8 @@ def test_real_jobs_give_what_the_single_command_gives_and_batches_are_compared(s
     programs = ("krl/three_csv.src", "krl/three_csv.dat", "mine/three_csv.script")
     for name in ("points.csv", "trajectory.csv", *programs):
         assert (made / name).read_bytes() == (tmp_path / "single" / name).read_bytes(), name
+    checked = Verify(cell=CELL, toolpath=place / "three.csv", out=made)
+    assert verify(checked).exit_code == 0  # the batch's own files beside the result are in its manifest
     row = rows(tmp_path / "one")["parts/three"]
     assert row["programs"] == "krl/three_csv.src mine/three_csv.script"
     found = json.loads((tmp_path / "single" / "result.json").read_text())

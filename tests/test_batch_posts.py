@@ -142,9 +142,9 @@ def test_a_program_that_does_not_read_back_is_the_reason_in_the_summary() -> Non
         "objective": {"gain": [], "chosen": part, "cam_default": part}, "infeasible_points": [], "obstructions": [],
         "toolpath": {"points": 3, "ignored": []}, "cycle_time_s": 1.0, "feed_held_share": 1.0, "warnings": [],
         "verification": {"checks": [{"name": "cut throughout", "passed": True, "where": ""}]},
-        "programs": [{"files": ["krl/a.src", "krl/a.dat"], "differences": ["move 3 (line 9) goes elsewhere"]},
-                     {"files": ["a.csv"], "differences": []}],
+        "programs": [{"post": "krl", "files": [], "differences": ["move 3 (line 9) goes elsewhere"]},
+                     {"post": "csv", "files": [], "differences": []}],
     }  # fmt: skip
     found = row(result)
-    assert found["reason"] == "program krl/a.src: move 3 (line 9) goes elsewhere"
-    assert found["programs"] == ["krl/a.src", "a.csv"]
+    assert found["reason"] == "program for krl: move 3 (line 9) goes elsewhere"
+    assert found["programs"] == []  # none is left in OUT

@@ -33,14 +33,20 @@ def program_version() -> str:
 
     A changed source, built-in post or page style is another program, same number or not.
     """
-    root = Path(machopt.__file__).parent
     total = hashlib.sha256(f"{sys.version_info[:2]}".encode())
     for name in NUMERIC:
         total.update(f"{name} {_version(name)}\0".encode())
-    for file in sorted(p for p in root.rglob("*") if p.suffix not in _MADE and p.is_file()):
-        data = file.read_bytes()
-        total.update(f"{file.relative_to(root).as_posix()}\0{len(data)}\0".encode() + data)
+    total.update(shipped(Path(machopt.__file__).parent).encode())
     return f"{machopt.__version__}+{total.hexdigest()[:12]}"
+
+
+def shipped(package: Path) -> str:
+    """SHA-256 of all files of a package by name and content, but for what Python and numba store beside them."""
+    total = hashlib.sha256()
+    for file in sorted(p for p in package.rglob("*") if p.suffix not in _MADE and p.is_file()):
+        data = file.read_bytes()
+        total.update(f"{file.relative_to(package).as_posix()}\0{len(data)}\0".encode() + data)
+    return total.hexdigest()
 
 
 def _version(package: str) -> str:
