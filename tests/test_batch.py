@@ -206,7 +206,8 @@ def test_real_jobs_give_what_the_single_command_gives_and_batches_are_compared(s
     with (tmp_path / "two" / "compare.csv").open() as lines:
         differences = {r["toolpath"]: r for r in csv.DictReader(lines)}
     three = differences["parts/three.csv"]
-    assert three["verdict_before"] == three["verdict"] == "done"
+    assert three["verdict_before"] == three["verdict"]
+    assert three["verdict"].startswith("done")
     assert float(three["mean"]) < float(three["mean_before"])  # stiffness, with a softer second joint
 
 

@@ -23,6 +23,7 @@ from machopt.errors import InputError, MachoptError
 
 CONNECT = 15.0  # s to reach a scheduler
 WORKERS = 60.0  # s to wait for its first worker, and for another where all are gone
+CLOSE = 5.0  # s to part from a scheduler
 LOOK = 5.0  # s between two looks whether the scheduler and a worker are there
 PROBE = "probe.txt"
 
@@ -58,7 +59,8 @@ class Engine:
                 with contextlib.suppress(OSError, RuntimeError, TimeoutError):  # a scheduler that is gone
                     self._client.run(stop_servers, self.batch)
             if self._client is not None:
-                self._client.close(timeout=LOOK)
+                with contextlib.suppress(TimeoutError):
+                    self._client.close(timeout=CLOSE)
 
     def check_workers(self, work: Path) -> None:
         """Make sure that the workers run this program and see the output folder.
@@ -156,7 +158,7 @@ def _local_cluster(workers: int) -> Generator[Any, None, None]:
         try:
             yield cluster
         finally:
-            cluster.close(timeout=LOOK)
+            cluster.close(timeout=CLOSE)
 
 
 @functools.cache
