@@ -481,7 +481,7 @@ def test_same_input_same_bytes(tmp_path: Path) -> None:
              "length": 600.0}  # fmt: skip
     make_map(tmp_path / "a", **asked)
     make_map(tmp_path / "b", **asked)
-    names = {"map.csv", "map_free.csv", "map.json", "map.svg", "report.html"}
+    names = {"map.csv", "map_free.csv", "map.json", "map.svg", "report.html", "manifest.json"}
     assert {p.name for p in (tmp_path / "a").iterdir()} == names
     for name in names:
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes(), name

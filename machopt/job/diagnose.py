@@ -25,7 +25,8 @@ from machopt.formats.recording import load_recording, load_recordings
 from machopt.formats.stiffness import load_stiffness, write_stiffness
 from machopt.identify.experiment import experiment
 from machopt.job.diagnose_result import page_of, result_of, write_residuals
-from machopt.job.inputs import input_hashes
+from machopt.job.inputs import input_hashes, recording_inputs, single
+from machopt.job.manifest import write_command_manifest
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import Masses, Robot, load_masses, load_robot
 from machopt.output import output_folder, write_json
@@ -121,6 +122,12 @@ def run_diagnose(request: Request, progress: Progress = lambda _: None) -> Outco
         facts = tuple((k, str(v)) for k, v in (said | inputs).items())
         write_diagnosis(folder / "report.html", page_of(cell, found.recording, d, facts, effect, problem=found.problem))
         write_json(folder / "diagnosis.json", result)
+        read = [single(f, "terms") for f in request.terms]
+        read += [] if request.toolpath is None else [single(request.toolpath, "toolpath")]
+        write_command_manifest(
+            folder, "diagnose", request, cell, verdict=str(result["verdict"]),
+            inputs=(*recording_inputs(request.recordings), *read),
+        )  # fmt: skip
     return Outcome(d, result, request.out / "report.html")
 
 

@@ -27,7 +27,8 @@ from machopt.identify.pipeline import identify
 from machopt.identify.result import Identification
 from machopt.identify.uncertainty import uncertainty
 from machopt.job.identify_page import page_of
-from machopt.job.inputs import input_hashes
+from machopt.job.inputs import input_hashes, recording_inputs
+from machopt.job.manifest import write_command_manifest
 from machopt.model.robot import load_masses, load_robot
 from machopt.model.terms import compile_terms
 from machopt.output import output_folder, write_json
@@ -102,6 +103,9 @@ def run_identify(request: Request, progress: Callable[[str], None] = lambda _: N
         progress("report")
         write_identification(folder / "report.html", page_of(cell, recording, tests, found, _facts(result)))
         write_json(folder / "identification.json", result)
+        write_command_manifest(
+            folder, "identify", request, cell, verdict="identified", inputs=recording_inputs(request.recordings)
+        )
     return Outcome(found, result, request.out / "report.html")
 
 

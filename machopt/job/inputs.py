@@ -23,13 +23,13 @@ def cell_inputs(cell: Cell) -> tuple[ManifestFile, ...]:
     return tuple(entry(f, name_in(cell, f), _role(f)) for f in cell.files)
 
 
-def recording_inputs(recordings: Sequence[Path]) -> tuple[ManifestFile, ...]:
+def recording_inputs(recordings: Sequence[Path], role: str = "recording") -> tuple[ManifestFile, ...]:
     """Everything in the recordings' folders."""
     out = []
     for path in recordings:
         folder = path if path.is_dir() else path.parent
         files = sorted(p for p in folder.iterdir() if p.is_file())
-        out += [entry(f, f"{folder.name}/{f.name}", "recording") for f in files]
+        out += [entry(f, f"{folder.name}/{f.name}", role) for f in files]
     return tuple(out)
 
 

@@ -3,24 +3,34 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import machopt
 from machopt.domain.cell import Cell
-from machopt.domain.manifest import Manifest, ManifestFile
+from machopt.domain.manifest import Covered, Manifest, ManifestFile, with_scope
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.formats.options import options_as_user
 from machopt.formats.posts.densify import Tolerance
+from machopt.job import scope
 from machopt.job.inputs import cell_inputs, distinct, single
 from machopt.job.reading import reading_as_user
-from machopt.job.scope import checked, unchecked
+from machopt.output import write_manifest
+from machopt.output.jsonfile import plain
 
-ROLES = {"points.csv": "points", "trajectory.csv": "trajectory", "compensation.csv": "compensation",
-         "result.json": "result", "report.html": "report"}  # fmt: skip
+ROLES = {
+    "points.csv": "points", "trajectory.csv": "trajectory", "compensation.csv": "compensation",
+    "result.json": "result", "identification.json": "result", "diagnosis.json": "result", "plan.json": "result",
+    "map.json": "result", "batch.json": "result", "report.html": "report", "summary.html": "report",
+    "map.svg": "report", "stiffness.yaml": "stiffness", "kinematics.yaml": "kinematics", "readings.csv": "table",
+    "residuals.csv": "table", "poses.csv": "table", "map.csv": "table", "map_free.csv": "table",
+    "summary.csv": "table", "compare.csv": "table", "timings.csv": "table",
+}  # fmt: skip
+_PLACES = ("cell", "out", "recordings", "toolpath", "measured", "plan_file", "discriminate")  # inputs, by hash
 _LIBRARIES = ("numpy", "scipy", "numba", "pin", "coal", "python-fcl", "trimesh")  # whose numbers are in the output
 
 
@@ -37,8 +47,27 @@ def optimize_manifest(
         command="optimize", verdict="", exit_code=0, versions=versions(),
         inputs=distinct((*cell_inputs(cell), *named)), options=options_as_user(options),
         reading=reading_as_user(reading), program_tolerance_mm=float(f"{1e3 * tolerance.position:.12g}"),
-        checked=checked(options), unchecked=unchecked(cell, options),
+        checked=scope.checked(options), unchecked=scope.unchecked(cell, options),
     )  # fmt: skip
+
+
+def write_command_manifest(
+    folder: Path, command: str, request: object, cell: Cell, *, verdict: str, exit_code: int = 0,
+    inputs: Iterable[ManifestFile] = (), checked: Iterable[Covered] = (), unchecked: Iterable[str] = (),
+) -> None:  # fmt: skip
+    """manifest.json of a command that plans no toolpath, beside everything else it wrote.
+
+    Args:
+        request: the command's own dataclass; its fields but the paths named here are the options.
+        inputs: what it read beside the cell.
+    """
+    asked = {f.name: getattr(request, f.name) for f in fields(request) if f.name not in _PLACES}  # type: ignore[arg-type]
+    manifest = Manifest(
+        command=command, verdict=with_scope(verdict, unchecked), exit_code=exit_code, versions=versions(),
+        inputs=distinct((*cell_inputs(cell), *inputs)), options=plain(asked), checked=tuple(checked),
+        unchecked=tuple(unchecked),
+    )  # fmt: skip
+    write_manifest(folder, manifest, ROLES)
 
 
 def versions() -> dict[str, str]:

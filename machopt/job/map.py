@@ -10,11 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.cell import Cell
+from machopt.domain.manifest import with_scope
 from machopt.domain.options import PlanOptions
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.fields import read_measured_stiffness, write_map_csv
 from machopt.formats.options import load_options
+from machopt.job.inputs import single
+from machopt.job.manifest import write_command_manifest
 from machopt.job.map_measured import compare
 from machopt.job.map_page import page_data
 from machopt.job.map_request import MapOptions, Request, resolve
@@ -34,6 +37,7 @@ from machopt.workspace.postures import Arm, Collides, Goodness, Postures, choose
 from machopt.workspace.samples import Samples
 
 Array = NDArray[np.float64]
+_UNCHECKED = {"none": ("collisions NOT checked",), "self": (), "cell": ()}  # "self" is what a map means, not less
 
 __all__ = ["Outcome", "Request", "run_map"]
 
@@ -70,6 +74,7 @@ def run_map(request: Request, progress: Callable[[str], None] = lambda _: None) 
     if isinstance(options.pick, int) and options.pick >= arm.solver.branches:
         raise InputError(f"found branch {options.pick}; the arm has 0 to {arm.solver.branches - 1}", where="--pick")
     collides = _collides(cell, robot, shapes, plan_options, options)
+    unchecked = _UNCHECKED[request.collision]
     with output_folder(request.out) as folder:
         progress("samples")
         samples = build_samples(cell, arm, options)
@@ -93,8 +98,13 @@ def run_map(request: Request, progress: Callable[[str], None] = lambda _: None) 
         write_map_page(folder / "report.html", data)
         write_map_svg(folder / "map.svg", data)
         write_json(folder / "map.json", result)
+        read = [single(f, role) for f, role in ((request.measured, "measured"), (request.plan_file, "plan")) if f]
+        write_command_manifest(
+            folder, "map", request, cell, verdict=message, exit_code=int(str(result["exit_code"])), inputs=read,
+            unchecked=unchecked,
+        )  # fmt: skip
     reached = any(layer.postures.ok.any() for layer in layers)
-    return Outcome(0 if reached else 3, result, request.out / "report.html", message)
+    return Outcome(0 if reached else 3, result, request.out / "report.html", with_scope(message, unchecked))
 
 
 def _arm(cell: Cell, robot: Robot, options: PlanOptions) -> Arm:

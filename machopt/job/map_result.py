@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +12,10 @@ from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
 from machopt.formats.fields import Column
+from machopt.job.inputs import input_hashes
 from machopt.job.map_measured import Comparison
 from machopt.job.map_request import MapOptions, Request
+from machopt.output.hashes import sha256_of
 from machopt.se3 import inverse
 from machopt.workspace.fields import Field, Setting, Unit, Values
 from machopt.workspace.postures import Arm, Postures
@@ -106,9 +106,9 @@ def map_json(
     angle = options.kind == "joints"
     scale = DEG if angle else MM
     load = setting.load
-    files = {_name(cell, f): hashlib.sha256(f.read_bytes()).hexdigest() for f in cell.files}
+    files = input_hashes(cell)
     if request.measured is not None:
-        files[request.measured.name] = hashlib.sha256(request.measured.read_bytes()).hexdigest()
+        files[request.measured.name] = sha256_of(request.measured)
     result: dict[str, object] = {
         "machopt_map": 1,
         "version": machopt.__version__,
@@ -261,10 +261,6 @@ def _hints(samples: Samples, layers: list[Layer], setting: Setting) -> list[str]
                 out.append(f"{layer.name} rotation: no unbroken branch along the whole line ({jumps} samples would be "
                            "reached only by a jump); a finer --step shows whether the jump is real")  # fmt: skip
     return out
-
-
-def _name(cell: Cell, file: Path) -> str:
-    return str(file.relative_to(cell.folder) if file.is_relative_to(cell.folder) else file)
 
 
 def _tidy(value: float) -> float:

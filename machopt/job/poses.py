@@ -9,10 +9,13 @@ from pathlib import Path
 from machopt.design.candidates import PoseScreen, sample_poses
 from machopt.design.loadcases import load_cases
 from machopt.design.poseplan import PosePlan, plan_poses
+from machopt.domain.manifest import with_scope
 from machopt.domain.stiffness import Stiffness
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.poses import write_poses_csv, write_recording_template
+from machopt.job.inputs import input_hashes, recording_inputs
+from machopt.job.manifest import write_command_manifest
 from machopt.job.poses_discriminate import Discriminating, compliance_for, discriminating, noise_for
 from machopt.job.poses_request import (
     Request,
@@ -23,10 +26,11 @@ from machopt.job.poses_request import (
     pose_criteria,
     prior_of,
     terms_of,
+    unchecked_poses,
     ways_of,
     without_workpiece,
 )
-from machopt.job.poses_result import cautions, input_hashes, page_of, poses_table, result_of, stepped, template_of
+from machopt.job.poses_result import cautions, page_of, poses_table, result_of, stepped, template_of
 from machopt.job.poses_rivals import diagnosed
 from machopt.job.poses_standing import cases_at_rest, weights_of
 from machopt.model.collision import CollisionModel
@@ -110,7 +114,8 @@ def run_plan_poses(request: Request, progress: Callable[[str], None] = lambda _:
             pool, cases, screen, limits, cell.home, cell.limits.velocity[:6], prior, terms, ways, criteria, noise,
             size, progress,
         )  # fmt: skip
-    warnings = (*cell.warnings, *warnings, *cautions(request, pool, cases, plan, noise, ways))
+    unchecked = unchecked_poses(request)
+    warnings = (*unchecked, *cell.warnings, *warnings, *cautions(request, pool, cases, plan, noise, ways))
     with output_folder(request.out) as folder:
         progress("order of work, clearances, tables")
         hashes = input_hashes(cell)
@@ -127,9 +132,15 @@ def run_plan_poses(request: Request, progress: Callable[[str], None] = lambda _:
             table = None
         progress("report")
         page = page_of(request, cell, robot, pool, cases, plan, table, hashes, warnings, apart)
+        said = page.reason or sentence(page)
         write_poses_page(folder / "report.html", page)
         write_json(folder / "plan.json", result)
-    return Outcome(0 if plan is not None else 3, result, request.out / "report.html", page.reason or sentence(page))
+        write_command_manifest(
+            folder, "plan-poses", request, cell, verdict=said, exit_code=0 if plan is not None else 3,
+            inputs=() if request.discriminate is None else recording_inputs([request.discriminate], "diagnosis"),
+            unchecked=unchecked,
+        )  # fmt: skip
+    return Outcome(0 if plan is not None else 3, result, request.out / "report.html", with_scope(said, unchecked))
 
 
 def _enough_numbers(request: Request, dimensions: int, unknowns: int) -> None:

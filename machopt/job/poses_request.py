@@ -258,6 +258,13 @@ def terms_of(request: Request, robot: Robot, T_flange_tcp: Array) -> tuple[Linea
     return tuple(out)
 
 
+def unchecked_poses(request: Request) -> tuple[str, ...]:
+    """What the poses are not checked for, in the words of the verdict."""
+    if request.no_collision:
+        return ("collisions NOT checked",)
+    return ("collisions with workpiece NOT checked (left out)",) if request.without_workpiece else ()
+
+
 def without_workpiece(cell: Cell) -> Cell:
     """The cell cleared for the measurement."""
     return replace(cell, workpiece=Workpiece("world", np.eye(4)))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -320,11 +318,6 @@ def page_of(
     )  # fmt: skip
 
 
-def input_hashes(cell: Cell) -> dict[str, str]:
-    """SHA-256 of every file the cell is made of."""
-    return {_name(cell, f): hashlib.sha256(f.read_bytes()).hexdigest() for f in cell.files}
-
-
 def _share(percent: float | None) -> float:
     return float("nan") if percent is None else percent / 100
 
@@ -335,7 +328,3 @@ def _arm_points(robot: Robot, q: Array, cell: Cell) -> Array:
     on_axes = [np.einsum("bij,j->bi", bodies[:, i, :3, :3], robot.point[i]) + bodies[:, i, :3, 3] for i in range(6)]
     ends = [robot.fk(q)[:, :3, 3], robot.fk(q, cell.tool.T_flange_tcp)[:, :3, 3]]
     return np.stack([*on_axes, *ends], axis=1)
-
-
-def _name(cell: Cell, file: Path) -> str:
-    return str(file.relative_to(cell.folder) if file.is_relative_to(cell.folder) else file)
