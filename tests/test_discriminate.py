@@ -231,7 +231,8 @@ def plan(folder: Path, *stands: Stand) -> Outcome:
 def test_command_plans_what_tells_two_links_apart(tmp_path: Path) -> None:
     done = plan(tmp_path, LINK_4, LINK_3)
     folder = done.report.parent
-    assert sorted(p.name for p in folder.iterdir()) == ["plan.json", "poses.csv", "recording_template", "report.html"]
+    assert sorted(p.name for p in folder.iterdir()) == [
+        "manifest.json", "plan.json", "poses.csv", "recording_template", "report.html"]  # fmt: skip
     told = json.loads((folder / "plan.json").read_text())["discriminate"]
     (pair,) = told["pairs"]
     assert {pair["one"]["location"], pair["two"]["location"]} == {"link:3", "link:4"}

@@ -46,7 +46,7 @@ def done(simulated: Simulated, tmp_path_factory: pytest.TempPathFactory) -> Outc
 def test_files_agree_with_each_other_and_with_the_truth(done: Outcome, simulated: Simulated) -> None:
     out = done.report.parent
     assert sorted(p.name for p in out.iterdir()) == [
-        "identification.json", "readings.csv", "report.html", "stiffness.yaml",
+        "identification.json", "manifest.json", "readings.csv", "report.html", "stiffness.yaml",
     ]  # fmt: skip
     result = json.loads((out / "identification.json").read_text())
     assert result["machopt_identification"] == 1

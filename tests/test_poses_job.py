@@ -36,7 +36,8 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
 def test_folder_holds_what_the_contract_says(done: Outcome) -> None:
     folder = done.report.parent
     assert done.exit_code == 0
-    assert sorted(p.name for p in folder.iterdir()) == ["plan.json", "poses.csv", "recording_template", "report.html"]
+    assert sorted(p.name for p in folder.iterdir()) == [
+        "manifest.json", "plan.json", "poses.csv", "recording_template", "report.html"]  # fmt: skip
     result = json.loads((folder / "plan.json").read_text())
     assert result["machopt_poses"] == 1
     json.dumps(done.result)  # plain numbers, for --json
@@ -169,7 +170,7 @@ def test_nothing_to_measure_is_an_answer(tmp_path: Path, options: dict[str, Any]
     assert found.result["verdict"] == "infeasible"
     assert any(words in w for w in found.result["warnings"])  # type: ignore[attr-defined]
     assert "NOTHING TO MEASURE" in found.report.read_text()
-    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["plan.json", "report.html"]
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["manifest.json", "plan.json", "report.html"]
 
 
 @pytest.mark.parametrize(
