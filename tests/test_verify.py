@@ -21,7 +21,8 @@ from machopt.model.robot import Robot, load_chain, load_robot
 from machopt.plan.rapids import time_legs
 from machopt.verify import Verification, verify_output
 from machopt.verify.arm import Arm
-from machopt.verify.contact import _bodies, _pairs, contacts
+from machopt.verify.bodies import all_bodies, pairs
+from machopt.verify.contact import contacts
 
 CYCLE = 0.012
 FEED = 0.05  # m/s
@@ -287,7 +288,7 @@ def test_catches_a_contact_between_samples(cell: Cell, table: dict[str, list[obj
 def coal_distance(cell: Cell, arm: Arm, q: np.ndarray, pair: Pair) -> float:
     import coal
 
-    bodies = {b.name: b for b in _bodies(cell, arm)}
+    bodies = {b.name: b for b in all_bodies(cell, arm)}
     world = arm.placements(q[None], np.zeros((1, 0)))[0]
     ends = []
     for name in (pair.a, pair.b):
@@ -312,7 +313,7 @@ def test_agrees_with_the_planner_s_collision_model(tmp_path: Path, name: str) ->
         a = robot.lower + (robot.upper - robot.lower) * rng.random(6)
         q = a + np.linspace(0, 1, 8)[:, None] * rng.uniform(-0.8, 0.8, 6)
         rapid = np.ones(8, bool)
-        theirs = contacts(cell, arm, q, np.zeros((8, 0)), rapid)
+        theirs = contacts(arm, pairs(cell, arm, all_bodies(cell, arm)), q, np.zeros((8, 0)), rapid)
         ours = model.check_motion(q, ~rapid, np.deg2rad(1))
         named = {c.pair for c in theirs}
         for n in np.flatnonzero(ours.hit):
@@ -359,5 +360,5 @@ def test_planner_and_verification_check_the_same_pairs_in_the_shipped_cells(name
     cell = load_cell(CELLS / name)
     robot, shapes = load_chain(cell)
     model, arm = CollisionModel(cell, robot, shapes, 0.002), Arm(cell)
-    assert {f"{a.name} ~ {b.name}" for a, b in _pairs(cell, arm, _bodies(cell, arm))} == {p.name for p in model.pairs}
+    assert {f"{a.name} ~ {b.name}" for a, b in pairs(cell, arm, all_bodies(cell, arm))} == {p.name for p in model.pairs}
     assert not model.suspicious

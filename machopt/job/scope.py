@@ -13,7 +13,8 @@ from machopt.domain.cell import Cell
 from machopt.domain.manifest import Covered
 from machopt.domain.options import PlanOptions
 from machopt.verify import Check
-from machopt.verify.output import AXIS_DEG, PATH_MM
+from machopt.verify.output import SWITCHED_OFF
+from machopt.verify.ride import AXIS_DEG, PATH_MM
 
 _ROUNDING = 1e-9  # of a limit: what the conversion from user units leaves
 
@@ -48,10 +49,12 @@ def unchecked(cell: Cell, options: PlanOptions) -> tuple[str, ...]:
 def checked(options: PlanOptions) -> tuple[Covered, ...]:
     """What was checked, and how finely."""
     out = [
-        Covered("path", f"every cutting sample within {max(PATH_MM, 1e3 * options.path_tolerance):.4g} mm"),
-        Covered("tool axis", f"every cutting sample within {max(AXIS_DEG, degrees(options.axis_tolerance)):.4g} deg"),
+        Covered("points.csv, trajectory.csv", "every column recomputed, to what its printed decimals explain"),
+        Covered("moves", "every sample against the CAM file, whatever it calls itself"),
+        Covered("path", f"every sample at a feed within {max(PATH_MM, 1e3 * options.path_tolerance):.4g} mm"),
+        Covered("tool axis", f"every sample at a feed within {max(AXIS_DEG, degrees(options.axis_tolerance)):.4g} deg"),
         Covered("joint limits", "position, velocity, acceleration and jerk, by differences of all samples"),
-        Covered("feed", "every cutting sample against the CAM file"),
+        Covered("feed", "every sample against the CAM file"),
     ]
     if options.collision:
         out.append(Covered("contacts", "at and between all samples"))
@@ -59,8 +62,8 @@ def checked(options: PlanOptions) -> tuple[Covered, ...]:
 
 
 def not_run(checks: Iterable[Check]) -> tuple[str, ...]:
-    """Checks that had to be left out, in the same words."""
-    return tuple(f"{c.name} NOT checked" for c in checks if c.passed is None)
+    """Checks that had to be left out, in the same words; what the options switch off is worded by :func:`unchecked`."""
+    return tuple(f"{c.name} NOT checked" for c in checks if c.passed is None and c.name != SWITCHED_OFF)
 
 
 def _has_bodies(cell: Cell) -> bool:

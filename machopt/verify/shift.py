@@ -1,7 +1,6 @@
 """A path shifted against the predicted deflection: what was shifted, against which force, and whether that is right.
 
-The deflection is computed again here, C = J_v K_θ⁻¹ J_vᵀ by pinocchio and K_θ from the stiffness file, constant or by
-grid cell. Further terms of the stiffness are not modelled a second time: then the check says that it was not run.
+The deflection is computed again by :mod:`machopt.verify.elastic`.
 """
 
 from __future__ import annotations
@@ -13,13 +12,13 @@ from numpy.typing import NDArray
 
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
-from machopt.domain.stiffness import Stiffness
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.verify.arm import Arm
+from machopt.verify.elastic import Elasticity
+from machopt.verify.springs import UnknownTermError
 from machopt.verify.table import Motion, Points, Shift
 
 Array = NDArray[np.float64]
-TOUCH = 1e-6  # m; a point this near a face of the stiffness grid belongs to the cells on both sides
 RELATIVE, ABSOLUTE_MM = 0.02, 0.002  # of the deflection, which the last smoothing of the rotation changes a little
 FORCE_N = 0.01  # the file has six decimals; the rest is the direction of travel at short steps
 SAME_MM = 1e-5  # the same number in both files
@@ -124,29 +123,17 @@ def _deflection(cell: Cell, toolpath: Toolpath, joints: dict[int, Array], shift:
     unit = f"of {100 * RELATIVE:g} % and {1e3 * ABSOLUTE_MM:g} µm"
     if cell.stiffness is None:
         return Found(name, unit, limit, np.empty(0), (), "the cell names no stiffness")
-    if cell.stiffness.terms:
-        terms = ", ".join(f"{t.effect} at {t.location}" for t in cell.stiffness.terms)
-        return Found(name, unit, limit, np.empty(0), (), f"only joint stiffness is computed a second time, not {terms}")
+    if not joints:
+        return Found(name, unit, limit, np.empty(0), (), "no corner of the path is cut")
+    try:
+        law = Elasticity(cell, arm, cell.stiffness)
+    except UnknownTermError as error:
+        return Found(name, unit, limit, np.empty(0), (), f"no second law is written for {error}")
     index, commanded = corners(toolpath, shift)
-    off = np.empty(len(joints))
-    for i, (row, q) in enumerate(joints.items()):
-        J, base, workpiece = arm.jacobian(q)
-        programmed = workpiece @ np.append(commanded[row] - shift.offset[row], 1.0)
-        k = joint_stiffness(cell.stiffness, (np.linalg.inv(base) @ programmed)[:3])
-        d = workpiece[:3, :3].T @ (J @ (J.T @ (workpiece[:3, :3] @ shift.force[row]) / k))
-        off[i] = np.linalg.norm(shift.offset[row] + d) / (RELATIVE * np.linalg.norm(d) + ABSOLUTE_MM * 1e-3)
+    rows, T = np.array(list(joints)), arm.T_base_workpiece
+    R = T[:3, :3]
+    programmed = (commanded[rows] - shift.offset[rows]) @ R.T + T[:3, 3]
+    d = law.at(arm.stance(np.array(list(joints.values()))), programmed).displacement(shift.force[rows] @ R.T) @ R
+    size = np.linalg.norm(d, axis=1)
+    off = np.linalg.norm(shift.offset[rows] + d, axis=1) / (RELATIVE * size + ABSOLUTE_MM * 1e-3)
     return Found(name, unit, limit, off, tuple(f"point {index[row]:g}" for row in joints))
-
-
-def joint_stiffness(stiffness: Stiffness, position: Array) -> Array:
-    """K_θ (6,) N·m/rad at one position (3,) in base_link: the mean over the closed grid cells that hold it."""
-    grid = stiffness.grid
-    if grid is None:
-        return stiffness.joints
-    nx, ny, nz = grid.shape
-    held = []
-    for n in range(nx * ny * nz):
-        low = grid.origin + grid.cell * np.array([n % nx, n // nx % ny, n // (nx * ny)])
-        if (position >= low - TOUCH).all() and (position <= low + grid.cell + TOUCH).all():
-            held.append(grid.joints[n])
-    return np.mean(held, axis=0) if held else stiffness.joints

@@ -1,8 +1,13 @@
-"""trajectory.csv and points.csv as the verification reads them: header by name, ``#`` comments, nothing assumed."""
+"""trajectory.csv, points.csv and compensation.csv as the verification reads them: by name, nothing assumed.
+
+Every column of the contract must be there once, every number be finite where the column has no right to be empty, and
+no column may stand there that nothing here looks at.
+"""
 
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,26 +20,56 @@ from machopt.errors import InputError
 
 Array = NDArray[np.float64]
 
+JOINTS = tuple(f"q{i}_deg" for i in range(1, 7))
+SHIFT = ("comp_dx_mm", "comp_dy_mm", "comp_dz_mm")
+MOTION = ("time_s", "point", "operation", "move", *JOINTS, "gamma_deg", "feed_mm_min")
+POINTS = (
+    "point", "operation", "move", "x_mm", "y_mm", "z_mm", "i", "j", "k", "gamma_deg", "branch", *JOINTS, "k_axial_N_mm",
+    "k_normal_N_mm", "deflection_mm", "clearance_mm", "limit_margin_deg", "singularity", "status", "reason",
+)  # fmt: skip
+FURTHER = ("feed_mm_min", "k_jiao_x_N_mm", "nearest_pair", "stiffness_from", "deflection_std_mm", "k_axial_std_N_mm")
+WORDS = tuple(move.word for move in Move)
+
 
 @dataclass(frozen=True)
 class Motion:
-    """What trajectory.csv says, in SI."""
+    """What trajectory.csv says, in SI; S rows."""
 
     time: Array  # (S,) s
     point: Array  # (S,) NaN where empty
     move: NDArray[np.int64]  # (S,) Move codes
     q: Array  # (S, 6) rad
     external: Array  # (S, E) rad or m
+    operation: tuple[str, ...]  # (S,) labels, empty for none
+    gamma: Array  # (S,) rad, NaN where empty
+    feed: Array  # (S,) m/s
+
+    @property
+    def cycle(self) -> float:
+        """s between two samples."""
+        return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
+
+    def at(self, n: int | np.int64) -> str:
+        """Where row n is, for people."""
+        point = f", point {self.point[n]:.3f}" if np.isfinite(self.point[n]) else ""
+        return f"sample {n}, {self.time[n]:.3f} s{point}"
 
 
 @dataclass(frozen=True)
 class Points:
-    """What points.csv says."""
+    """What points.csv says, N rows; numbers as the file has them but for point, joints and shift."""
 
     point: NDArray[np.int64]  # (N,)
-    q: Array  # (N, 6) rad, NaN where the point has none
+    q: Array  # (N, 6) rad by encoder, NaN where the point has none
     status: tuple[str, ...]
+    numbers: dict[str, Array]  # every further column of numbers, in the file's units, NaN where empty
+    words: dict[str, tuple[str, ...]]  # operation, move, reason, nearest_pair, stiffness_from
     shift: Array | None = None  # (N, 3) m in workpiece, where the commanded path is shifted
+
+    @property
+    def ok(self) -> NDArray[np.bool_]:
+        """(N,) the planner says that the point has a configuration."""
+        return np.array([s == "ok" for s in self.status])
 
 
 @dataclass(frozen=True)
@@ -50,24 +85,20 @@ def read_motion(file: Path, cell: Cell) -> Motion:
     """trajectory.csv.
 
     Raises:
-        InputError: the file, a column or a number is missing.
+        InputError: the file, a column or a number is missing, or a column is unknown.
     """
     columns = _columns(file)
-    words = [move.word for move in Move]
-    moves = _column(columns, "move", file)
-    for line, word in enumerate(moves, start=1):
-        if word not in words:
-            raise InputError(f"{word!r} is no move; {', '.join(words)} are", file=file, where=f"data row {line}, move")
-    external = []
-    for n, prismatic in enumerate(cell.external_prismatic, start=1):
-        values = _numbers(columns, f"e{n}_mm" if prismatic else f"e{n}_deg", file)
-        external.append(values / 1e3 if prismatic else np.deg2rad(values))
+    axes = [f"e{n}_mm" if prismatic else f"e{n}_deg" for n, prismatic in enumerate(cell.external_prismatic, start=1)]
+    _check_names(columns, (*MOTION, *axes), ("tool",), file)
+    external = [_numbers(columns, name, file) / (1e3 if name.endswith("mm") else 180.0 / np.pi) for name in axes]
     time = _numbers(columns, "time_s", file)
     if len(time) < 2:
         raise InputError(f"{len(time)} samples; a motion has two or more", file=file)
     return Motion(
-        time, _numbers(columns, "point", file, empty=True), np.array([words.index(w) for w in moves]),
-        _joints(columns, file, empty=False), np.array(external).T.reshape(len(time), -1),
+        time=time, point=_numbers(columns, "point", file, empty=True), move=_moves(columns, file),
+        q=_joints(columns, file, empty=False), external=np.array(external).T.reshape(len(time), -1),
+        operation=tuple(columns["operation"]), gamma=np.deg2rad(_numbers(columns, "gamma_deg", file, empty=True)),
+        feed=_numbers(columns, "feed_mm_min", file) / 6e4,
     )  # fmt: skip
 
 
@@ -75,13 +106,24 @@ def read_points(file: Path) -> Points:
     """points.csv.
 
     Raises:
-        InputError: the file or a column is missing.
+        InputError: the file, a column or a number is missing, or a column is unknown.
     """
     columns = _columns(file)
-    number = _numbers(columns, "point", file).astype(int)
-    names = [f"comp_d{c}_mm" for c in "xyz"]
-    shift = np.column_stack([_numbers(columns, n, file) for n in names]) / 1e3 if names[0] in columns else None
-    return Points(number, _joints(columns, file, empty=True), tuple(_column(columns, "status", file)), shift)
+    shifted = any(name in columns for name in SHIFT)
+    _check_names(columns, (*POINTS, *(SHIFT if shifted else ())), FURTHER, file)
+    number = _numbers(columns, "point", file)
+    if (number != np.round(number)).any():
+        row = int(np.flatnonzero(number != np.round(number))[0])
+        raise InputError(f"{number[row]:g} is no point number", file=file, where=f"data row {row + 1}, point")
+    _moves(columns, file)
+    text = ("operation", "move", "reason", "nearest_pair", "stiffness_from")
+    skip = {"point", "status", *text, *JOINTS, *SHIFT}
+    shift = np.column_stack([_numbers(columns, n, file) for n in SHIFT]) / 1e3 if shifted else None
+    return Points(
+        number.astype(int), _joints(columns, file, empty=True), tuple(columns["status"]),
+        {name: _numbers(columns, name, file, empty=name not in POINTS[3:9]) for name in columns if name not in skip},
+        {name: tuple(columns[name]) for name in text if name in columns}, shift,
+    )  # fmt: skip
 
 
 def read_shift(file: Path) -> Shift:
@@ -91,6 +133,8 @@ def read_shift(file: Path) -> Shift:
         InputError: the file, a column or a number is missing, or the index falls.
     """
     columns = _columns(file)
+    for name in ("point", "dx_mm", "dy_mm", "dz_mm", "fx_N", "fy_N", "fz_N"):
+        _column(columns, name, file)
     index = _numbers(columns, "point", file)
     if (np.diff(index) < 0).any():
         row = int(np.flatnonzero(np.diff(index) < 0)[0]) + 2
@@ -109,20 +153,41 @@ def read_columns(file: Path) -> dict[str, list[str]]:
     return _columns(file)
 
 
+def _check_names(columns: dict[str, list[str]], needed: Sequence[str], further: Sequence[str], file: Path) -> None:
+    for name in needed:
+        _column(columns, name, file)
+    for name in columns:
+        if name not in needed and name not in further:
+            raise InputError(f"column {name!r} is not known; known are {', '.join((*needed, *further))}", file=file)
+
+
+def _moves(columns: dict[str, list[str]], file: Path) -> NDArray[np.int64]:
+    moves = _column(columns, "move", file)
+    for line, word in enumerate(moves, start=1):
+        if word not in WORDS:
+            raise InputError(f"{word!r} is no move; {', '.join(WORDS)} are", file=file, where=f"data row {line}, move")
+    return np.array([WORDS.index(w) for w in moves])
+
+
 def _joints(columns: dict[str, list[str]], file: Path, *, empty: bool) -> Array:
-    degrees = [_numbers(columns, f"q{i}_deg", file, empty=empty) for i in range(1, 7)]
-    return np.deg2rad(np.column_stack(degrees))
+    return np.deg2rad(np.column_stack([_numbers(columns, name, file, empty=empty) for name in JOINTS]))
 
 
 def _columns(file: Path) -> dict[str, list[str]]:
     try:
         text = file.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file=file) from error
-    rows = list(csv.reader(line for line in text.splitlines() if line.strip() and not line.startswith("#")))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot be read: {getattr(error, 'strerror', None) or error}", file=file) from error
+    try:
+        rows = list(csv.reader(line for line in text.splitlines() if line.strip() and not line.startswith("#")))
+    except csv.Error as error:
+        raise InputError(f"is no CSV table: {error}", file=file) from error
     if len(rows) < 2:
         raise InputError("holds no rows", file=file)
     header = [name.strip() for name in rows[0]]
+    twice = sorted({name for name in header if header.count(name) > 1})
+    if twice:
+        raise InputError(f"column {twice[0]!r} stands there twice", file=file)
     for number, row in enumerate(rows[1:], start=1):
         if len(row) != len(header):
             raise InputError(f"{len(row)} fields, the header has {len(header)}", file=file, where=f"data row {number}")
@@ -139,14 +204,20 @@ def _column(columns: dict[str, list[str]], name: str, file: Path) -> list[str]:
 
 
 def _numbers(columns: dict[str, list[str]], name: str, file: Path, *, empty: bool = False) -> Array:
-    out = np.full(len(_column(columns, name, file)), np.nan)
-    for n, field in enumerate(columns[name]):
-        if empty and field.lower() in ("", "nan"):
-            continue
-        try:
-            out[n] = float(field)
-        except ValueError:
-            out[n] = np.nan
-        if not np.isfinite(out[n]):
-            raise InputError(f"{field!r} is not a finite number", file=file, where=f"data row {n + 1}, {name}")
+    texts = _column(columns, name, file)
+    try:
+        out = np.array([text or "nan" for text in texts], dtype=float)
+    except ValueError:
+        out = np.array([_float_or_inf(text) for text in texts])
+    bad = ~np.isfinite(out) if not empty else ~np.isfinite(out) & np.array([text != "" for text in texts])
+    if bad.any():
+        row = int(np.flatnonzero(bad)[0])
+        raise InputError(f"{texts[row]!r} is not a finite number", file=file, where=f"data row {row + 1}, {name}")
     return out
+
+
+def _float_or_inf(text: str) -> float:
+    try:
+        return float(text or "nan")
+    except ValueError:
+        return np.inf

@@ -1,0 +1,174 @@
+"""Everything that can touch, as coal geometry: collision shapes of the URDF, tool, cutter, workpiece, obstacles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.cell import Cell, Cutter, Shape
+from machopt.verify.arm import Arm
+
+Array = NDArray[np.float64]
+
+DRAWN_IN = 1e-4  # m, cutter smaller in rapid moves, which may start and end where it just touches
+POSES = 120  # random poses that tell link pairs that touch by construction
+TOUCHING, COARSE = 0.90, 0.40  # share of them in touch: any pair; links two apart (their meshes often overlap)
+
+
+@dataclass(frozen=True)
+class Body:
+    name: str
+    kind: str  # link, tool, cutter, grazing (the cutter drawn in), workpiece, obstacle
+    link: int  # 0 … 6; the tool side 7; −1 what does not belong to the robot
+    carrier: int  # entry of Arm.placements that carries it, −1 the world
+    place: Array  # (4, 4) in the carrier
+    shape: Any  # coal geometry
+    middle: Array  # (3,) m, centre of its own axis-aligned box
+    half: Array  # (3,) m
+    balls: Array  # (K, 3) m, centres of spheres that cover the box
+    radius: float  # m
+
+
+def gap(a: Body, b: Body, T: Array) -> Array:
+    """(K,) m, a bound below the distance: spheres around one against the box around the other."""
+    if a.radius < b.radius:
+        a, b, T = b, a, inverse(T)
+    balls = b.balls @ b.place[:3, :3].T + b.place[:3, 3]
+    seen = np.einsum("nij,kj->nki", T[:, :3, :3], balls) + T[:, None, :3, 3]
+    local = (seen - a.place[:3, 3]) @ a.place[:3, :3] - a.middle
+    away = np.linalg.norm(np.maximum(np.abs(local) - a.half, 0.0), axis=2).min(axis=1)
+    bound: Array = away - b.radius
+    return bound
+
+
+def pairs(cell: Cell, arm: Arm, bodies: list[Body]) -> list[tuple[Body, Body]]:
+    """What must not touch: (still or lower, moving or higher).
+
+    Everything on the robot from link 2 on against workpiece and obstacles; links and tool against links at least two
+    apart; the cutter against obstacles and links 0 … 4, drawn in against the workpiece. Pairs of links that touch in
+    most random poses are built touching and left out, like link 1 and what the robot stands on.
+    """
+    out: list[tuple[Body, Body]] = []
+    robot: list[tuple[Body, Body]] = []
+    for a in bodies:
+        for b in bodies:
+            if a.kind in ("workpiece", "obstacle"):
+                if b.kind in ("cutter", "grazing"):
+                    wanted = (b.kind == "grazing") == (a.kind == "workpiece")
+                    out += [(a, b)] if wanted else []
+                elif b.link >= 1:
+                    (out if b.link >= 2 else robot).append((a, b))
+            elif a.kind == "link" and b.kind == "cutter" and a.link <= 4:
+                out.append((a, b))
+            elif a.kind == "link" and b.kind in ("link", "tool") and b.link - a.link >= 2:
+                robot.append((a, b))
+    rng = np.random.default_rng(20)  # the planner's poses are others
+    lower, upper = cell.limits.lower[:6], cell.limits.upper[:6]
+    q = lower + (upper - lower) * rng.random((POSES, 6))
+    world = arm.placements(q, np.tile(cell.external_home, (POSES, 1)))
+    for a, b in robot:
+        T = world[:, b.carrier] if a.carrier < 0 else inverse(world[:, a.carrier]) @ world[:, b.carrier]
+        share = np.mean([near(a, b, x) for x in T])
+        coarse = a.kind == "link" and b.link - a.link == 2 and share > COARSE
+        if share <= TOUCHING and not coarse:
+            out.append((a, b))
+    return out
+
+
+def all_bodies(cell: Cell, arm: Arm) -> list[Body]:
+    """Every body of the cell, as pinocchio and coal load it."""
+    import pinocchio as pin
+
+    text = cell.urdf.read_text(encoding="utf-8")
+    for name, folder in cell.packages.items():  # a package's folder may have another name than the package
+        text = text.replace(f"package://{name}/", f"{folder}/")
+    folders = [str(cell.urdf.parent), str(cell.folder)]
+    geometry = pin.buildGeomFromUrdfString(arm.model, text, pin.GeometryType.COLLISION, package_dirs=folders)
+    out = []
+    for g in geometry.geometryObjects:
+        joint = int(g.parentJoint)
+        out.append(_body(g.name, "link", arm.link_of(joint), joint, g.placement.homogeneous, g.geometry))
+    flange, part = arm.model.njoints, arm.model.njoints + 1
+    out += [_body(s.name, "tool", 7, flange, s.T_parent_shape, _shape(s)) for s in cell.tool.geometry]
+    out += [_body(s.name, "workpiece", -1, part, s.T_parent_shape, _shape(s)) for s in cell.workpiece.geometry]
+    out += [_body(s.name, "obstacle", -1, -1, s.T_parent_shape, _shape(s)) for s in cell.obstacles]
+    if cell.tool.cutter is not None:
+        out += [_cutter(cell.tool.cutter, cell.tool.T_flange_tcp, flange, kind) for kind in ("cutter", "grazing")]
+    return out
+
+
+def _cutter(cutter: Cutter, T_flange_tcp: Array, flange: int, kind: str) -> Body:
+    """From the TCP back along −z; drawn in where it may graze: what it cuts it may touch when a rapid move starts."""
+    import coal
+
+    less = DRAWN_IN if kind == "grazing" else 0.0
+    radius = max(cutter.diameter / 2 - less, cutter.diameter / 4)
+    length = max(cutter.length - less, cutter.length / 2)
+    back = np.eye(4)
+    back[2, 3] = length / 2 - cutter.length
+    return _body("cutter", kind, 7, flange, T_flange_tcp @ back, coal.Cylinder(radius, length))
+
+
+def _shape(shape: Shape) -> Any:
+    import coal
+
+    if shape.kind == "box":
+        return coal.Box(*shape.size)
+    if shape.kind == "cylinder":
+        return coal.Cylinder(*shape.size)
+    if shape.kind == "sphere":
+        return coal.Sphere(*shape.size)
+    return coal.MeshLoader().load(str(shape.mesh), np.full(3, shape.size[0]))
+
+
+def reach(b: Body) -> float:
+    """m, farthest point from the carrier's origin."""
+    return float(np.linalg.norm(b.place[:3, 3]) + np.linalg.norm(b.middle) + np.linalg.norm(b.half))
+
+
+def inverse(T: Array) -> Array:
+    """Of rigid transforms (..., 4, 4)."""
+    out = T.copy()
+    out[..., :3, :3] = np.swapaxes(T[..., :3, :3], -1, -2)
+    out[..., :3, 3] = -(out[..., :3, :3] @ T[..., :3, 3:])[..., 0]
+    return out
+
+
+def near(a: Body, b: Body, T: Array, margin: float = 0.0) -> bool:
+    """b is within ``margin`` m of a, T (4, 4) being b's carrier seen from a's."""
+    import coal
+
+    request = coal.CollisionRequest()
+    request.security_margin = margin
+    return bool(coal.collide(a.shape, _placed(a.place), b.shape, _placed(T @ b.place), request,
+                             coal.CollisionResult()))  # fmt: skip
+
+
+def distance(a: Body, b: Body, T: Array) -> float:
+    """m between a and b, at most 0 in contact."""
+    import coal
+
+    return float(coal.distance(a.shape, _placed(a.place), b.shape, _placed(T @ b.place), coal.DistanceRequest(),
+                               coal.DistanceResult()))  # fmt: skip
+
+
+def _placed(T: Array) -> Any:
+    import coal
+
+    return coal.Transform3s(T[:3, :3], T[:3, 3])
+
+
+def _body(name: str, kind: str, link: int, carrier: int, place: Array, shape: Any) -> Body:
+    shape.computeLocalAABB()
+    low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
+    middle, half = (low + high) / 2, (high - low) / 2
+    long = int(np.argmax(half))
+    across = float(np.linalg.norm(np.delete(half, long)))
+    count = int(np.clip(np.ceil(half[long] / max(across, 1e-6)), 1, 8))
+    balls = np.tile(middle, (count, 1))
+    balls[:, long] += half[long] * ((2 * np.arange(count) + 1) / count - 1)
+    return Body(name, kind, link, carrier, np.asarray(place), shape, middle, half, balls,
+                float(np.hypot(half[long] / count, across)))  # fmt: skip

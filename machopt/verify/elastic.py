@@ -1,0 +1,186 @@
+"""Stiffness, deflection and their uncertainty recomputed: C = J A Jᵀ + what bodies give, J by pinocchio.
+
+A is the compliance of the joints, 1/k on its diagonal plus the terms of the stiffness file (:mod:`springs`); k is that
+of the grid cell that the programmed TCP position lies in (the mean of all cells it touches, the constant model
+outside). With ``geometric_stiffness`` the springs are those of the loaded arm: (K − K_C) δ = Jᵀf.
+
+Columns of points.csv, e the tool axis, n = e × travel, f the process force (``travel`` along the direction of travel,
+``normal`` along n, ``axial`` along e):
+
+==================  =============================================================================================
+k_axial, k_normal   1/(eᵀ C_tt e) and 1/(nᵀ C_tt n), for a small load: tangents under weight, without K_C
+deflection          |d| of the TCP under f without moment, laws and K_C at that load; empty without a force
+k_jiao_x            |S² e|^(−1/2), S the inverse of the top-left block of C⁻¹
+stiffness_from      whether a cell of the grid holds the place
+k_axial_std         √(gᵀ Σ g) k_axial², g_i = (J_i·e)² (k_gear/k)²; Σ of the file, of a cell 1σ of each joint
+deflection_std      √(gᵀ Σ g), g_i the derivative of d·d/|d| by the compliance of joint i
+==================  =============================================================================================
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.cell import Cell
+from machopt.domain.stiffness import Stiffness, StiffnessGrid
+from machopt.verify import springs
+from machopt.verify.arm import Arm, Stance
+
+Array = NDArray[np.float64]
+TOUCH = 1e-6  # m; a point this near a face of the stiffness grid belongs to the cells on both sides
+
+
+@dataclass(frozen=True)
+class Softness:
+    """What gives at N configurations, base_link axes."""
+
+    J: Array  # (N, 6, 6) at the TCP
+    gear: Array  # (N, 6) N·m/rad
+    k: Array  # (N, 6) N·m/rad, with the balancer beside the gear of joint 2
+    linear: Array  # (N, 6, 6) rad/(N·m) of terms in the joints
+    curves: tuple[springs.Curve, ...]
+    weight: Array  # (N, 6) N·m
+    bodies: Array  # (N, 6, 6) compliance of base, links and tool at the TCP
+    geometric: bool
+    holds: tuple[tuple[NDArray[np.int64], Array], ...]  # of each row: cells of the grid, ∂c/∂c_cell (cells, 6)
+
+    @cached_property
+    def small(self) -> Array:
+        """(N, 6, 6) compliance at the TCP for a small load."""
+        A = self.linear + (1.0 / self.k)[:, :, None] * np.eye(6)
+        for curve in self.curves:
+            weight = self.weight[:, curve.joint] * curve.feels_weight
+            A[:, curve.joint, curve.joint] += curve.slope(weight)
+        return np.asarray(self.J @ A @ np.swapaxes(self.J, 1, 2) + self.bodies)
+
+    def along(self, e: Array) -> Array:
+        """(N,) N/m, stiffness along unit vectors (N, 3)."""
+        return np.asarray(1.0 / np.einsum("ni,nij,nj->n", e, self.small[:, :3, :3], e))
+
+    def held(self, e: Array) -> Array:
+        """(N,) N/m, k_x of jiao2022 along unit vectors (N, 3)."""
+        S = np.linalg.inv(np.linalg.inv(self.small)[:, :3, :3])
+        return np.asarray(1.0 / np.sqrt(np.linalg.norm(np.einsum("nij,njk,nk->ni", S, S, e), axis=1)))
+
+    def displacement(self, force: Array) -> Array:
+        """(N, 3) m of the TCP under forces (N, 3) N."""
+        tau = np.einsum("nci,nc->ni", self.J[:, :3], force)
+        turn = np.einsum("nij,nj->ni", self.linear, tau)
+        turn += np.linalg.solve(self._loaded(force), tau[..., None])[..., 0]
+        for curve in self.curves:
+            before = self.weight[:, curve.joint] * curve.feels_weight
+            turn[:, curve.joint] += curve.turn(before + tau[:, curve.joint]) - curve.turn(before)
+        given = np.einsum("nij,nj->ni", self.bodies[:, :3, :3], force)
+        return np.asarray(np.einsum("nci,ni->nc", self.J[:, :3], turn) + given)
+
+    def axial_gradient(self, e: Array) -> Array:
+        """(N, 6) how eᵀ C e follows each gear's compliance."""
+        return np.asarray(np.einsum("nci,nc->ni", self.J[:, :3], e) ** 2 * (self.gear / self.k) ** 2)
+
+    def bend_gradient(self, force: Array) -> Array:
+        """(N, 6) how |d| follows each gear's compliance."""
+        d = self.displacement(force)
+        e = d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), np.finfo(float).tiny)
+        along, tau = (np.einsum("nci,nc->ni", self.J[:, :3], v) for v in (e, force))
+        K = self._loaded(force)
+        bent = np.linalg.solve(K, tau[..., None])[..., 0]
+        back = np.linalg.solve(np.swapaxes(K, 1, 2), along[..., None])[..., 0]
+        return np.asarray(bent * back * self.k**2 * (self.gear / self.k) ** 2)
+
+    def _loaded(self, force: Array) -> Array:
+        """(N, 6, 6) K − K_C; K_C the change of Jᵀf with the joints, f·(z_l × (z_h × (p − o_h))), l ≤ h."""
+        K = self.k[:, :, None] * np.eye(6)
+        if not self.geometric:
+            return np.asarray(K)
+        z, moved = np.swapaxes(self.J[:, 3:], 1, 2), np.swapaxes(self.J[:, :3], 1, 2)
+        low, high = np.minimum.outer(range(6), range(6)), np.maximum.outer(range(6), range(6))
+        return np.asarray(K - np.einsum("nijc,nc->nij", np.cross(z[:, low], moved[:, high]), force))
+
+
+class Elasticity:
+    """The stiffness of a cell, ready to be asked.
+
+    Raises:
+        UnknownTermError: a term that nothing here has a law for.
+    """
+
+    def __init__(self, cell: Cell, arm: Arm, stiffness: Stiffness) -> None:
+        self.cell, self.arm, self.stiffness = cell, arm, stiffness
+        unknown = [f"{t.effect} at {t.location}" for t in stiffness.terms if t.effect not in springs.KNOWN]
+        if unknown:
+            raise springs.UnknownTermError(", ".join(unknown))
+        every = stiffness.joints[None]
+        if stiffness.grid is not None:
+            every = np.vstack([every, stiffness.grid.joints])
+        self._curves = tuple(
+            springs.curves(stiffness.terms, every, cell.limits.lower[:6], cell.limits.upper[:6])
+        )  # fmt: skip
+        zero = arm.stance(np.zeros((1, 6)))
+        self._zero = zero.frames[0]
+        self._springs = springs.body_springs(
+            stiffness.terms, zero.origin[0], zero.flange[0], cell.tool.T_flange_tcp
+        )  # fmt: skip
+
+    def at(self, stance: Stance, position: Array) -> Softness:
+        """Args: position (N, 3) m of the programmed TCP in base_link."""
+        gear, holds = self.gears(position)
+        k = gear.copy()
+        k[:, 1] += springs.balancer(self.stiffness.terms, stance.q[:, 1])
+        weighs = any(c.feels_weight for c in self._curves)
+        weight = self.arm.gravity(stance.q) if weighs else np.zeros((len(gear), 6))
+        bodies = np.zeros((len(gear), 6, 6))
+        for body, S, C in self._springs:
+            now = stance.frames[:, body] @ np.linalg.inv(self._zero[body]) @ S
+            bodies += springs.carried(springs.turned(C, now[:, :3, :3]), stance.tcp[:, :3, 3] - now[:, :3, 3])
+        return Softness(
+            stance.J, gear, k, springs.joint_compliance(self.stiffness.terms, stance.q), self._curves, weight, bodies,
+            any(t.effect == "geometric_stiffness" for t in self.stiffness.terms), holds,
+        )  # fmt: skip
+
+    def gears(self, position: Array) -> tuple[Array, tuple[tuple[NDArray[np.int64], Array], ...]]:
+        """(N, 6) N·m/rad at positions (N, 3) in base_link, and what they are made of."""
+        grid = self.stiffness.grid
+        k = np.tile(self.stiffness.joints, (len(position), 1))
+        holds: list[tuple[NDArray[np.int64], Array]] = []
+        for n, cells in enumerate([] if grid is None else cells_holding(grid, position)):
+            if grid is not None and len(cells):
+                k[n] = grid.joints[cells].mean(axis=0)
+                # c = n/Σ k_cell, so ∂c/∂c_cell = (k_cell/k)²/n
+                holds.append((cells, (grid.joints[cells] / k[n]) ** 2 / len(cells)))
+            else:
+                holds.append((cells, np.empty((0, 6))))
+        return k, tuple(holds) or tuple((np.empty(0, np.int64), np.empty((0, 6))) for _ in position)
+
+    def std(self, softness: Softness, gradient: Array) -> Array:
+        """(N,) 1σ of what follows the compliances with a gradient (N, 6); NaN where the file does not say."""
+        grid, out = self.stiffness.grid, np.full(len(gradient), np.nan)
+        for n, (cells, share) in enumerate(softness.holds):
+            if not len(cells) and self.stiffness.covariance is not None:
+                out[n] = np.sqrt(max(gradient[n] @ self.stiffness.covariance @ gradient[n], 0.0))
+            elif len(cells) and grid is not None and grid.std is not None:
+                sigma = grid.std[cells] / grid.joints[cells] ** 2
+                out[n] = np.linalg.norm(share * gradient[n] * sigma)
+        return out
+
+    @property
+    def scatters(self) -> bool:
+        """The file says how sure its stiffness is."""
+        grid = self.stiffness.grid
+        return self.stiffness.covariance is not None or (grid is not None and grid.std is not None)
+
+
+def cells_holding(grid: StiffnessGrid, position: Array) -> list[NDArray[np.int64]]:
+    """Cells whose closed box holds each position (N, 3), faces taken TOUCH wide."""
+    nx, ny, nz = grid.shape
+    n = np.arange(nx * ny * nz)
+    low = grid.origin + grid.cell * np.column_stack([n % nx, n // nx % ny, n // (nx * ny)])
+    return [np.flatnonzero(((p >= low - TOUCH) & (p <= low + grid.cell + TOUCH)).all(axis=1)) for p in position]
+
+
+def force_at(travel: Array, axis: Array, along: float, across: float, axial: float) -> Array:
+    """(N, 3) N: along the direction of travel, along axis × travel, along the axis."""
+    return np.asarray(along * travel + across * np.cross(axis, travel) + axial * axis)

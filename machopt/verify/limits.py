@@ -1,0 +1,62 @@
+"""Time, joint limits by differences of the samples, and where the motion begins and ends."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.cell import Cell
+from machopt.domain.options import PlanOptions
+from machopt.verify.check import Check, worst
+from machopt.verify.table import Motion
+
+Array = NDArray[np.float64]
+VELOCITY, ACCELERATION, JERK = 1.01, 1.03, 1.10  # differences over the limits: rounding grows with the order
+JITTER_S = 5e-6  # of the control cycle: the time column is rounded
+HOME_DEG = 1e-6  # joints are printed with nine decimals
+
+
+def check_limits(motion: Motion, cell: Cell, options: PlanOptions) -> list[Check]:
+    """At rest before the first and after the last sample; joint columns are encoder angles, and so are the limits."""
+    return [*_time(motion, options), _home(motion, cell), *_limits(motion, cell)]
+
+
+def _time(motion: Motion, options: PlanOptions) -> list[Check]:
+    step = np.diff(motion.time)
+    off = np.abs(step - motion.cycle) if motion.cycle > 0 else np.full(len(step), np.inf)
+    n = int(np.argmax(off))
+    even = Check("uniform time", bool(off[n] <= JITTER_S and (step > 0).all()), float(off[n]), JITTER_S, "s",
+                 motion.at(n + 1))  # fmt: skip
+    wrong = np.array([abs(motion.cycle - options.sample), abs(motion.time[0])])
+    told = (f"{1e3 * motion.cycle:g} ms from row to row, {1e3 * options.sample:g} asked for", "the first row")
+    return [even, worst("control cycle and start", "s", wrong, JITTER_S, told)]
+
+
+def _home(motion: Motion, cell: Cell) -> Check:
+    home = np.concatenate([cell.home, cell.external_home])
+    ends = np.hstack([motion.q, motion.external])[[0, -1]]
+    off = np.degrees(np.abs(ends - home).max(axis=1))
+    return worst("from home to home", "deg", off, HOME_DEG, ("the first row", "the last row"))
+
+
+def _limits(motion: Motion, cell: Cell) -> list[Check]:
+    q = np.hstack([motion.q, motion.external])
+    limits = cell.limits
+    beyond = np.maximum(limits.lower - q, q - limits.upper)
+    n, j = np.unravel_index(np.argmax(beyond), beyond.shape)
+    where = f"axis {j + 1}, {motion.at(int(n))}"
+    out = [Check("joint positions", bool(beyond[n, j] <= 1e-8), float(np.degrees(beyond[n, j])), 0.0,
+                 "deg beyond the limit", where)]  # fmt: skip
+    x = np.vstack([np.repeat(q[:1], 3, axis=0), q, np.repeat(q[-1:], 3, axis=0)])
+    orders = (
+        ("velocity", limits.velocity, VELOCITY),
+        ("acceleration", limits.acceleration, ACCELERATION),
+        ("jerk", limits.jerk, JERK),
+    )
+    for name, limit, most in orders:
+        x = np.diff(x, axis=0) / motion.cycle
+        ratio = np.abs(x) / limit
+        n, j = np.unravel_index(np.argmax(ratio), ratio.shape)
+        where = f"axis {j + 1}, {motion.at(int(np.clip(n - 2, 0, len(q) - 1)))}"
+        out.append(Check(f"joint {name}", bool(ratio[n, j] <= most), float(ratio[n, j]), most, "of the limit", where))
+    return out

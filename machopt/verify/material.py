@@ -1,0 +1,147 @@
+"""The cutter where it does not cut: contacts told with depth and place, and the level of the cuts without a mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.cell import Cell
+from machopt.domain.toolpath import Toolpath
+from machopt.verify.arm import Arm
+from machopt.verify.bodies import Body, inverse, near
+from machopt.verify.check import Check, not_run
+from machopt.verify.contact import Contact
+from machopt.verify.ride import Ride
+from machopt.verify.table import Motion
+
+Array = NDArray[np.float64]
+TOUCHED, LOOKED_AT = 400, 48  # samples asked whether they touch, and how deep
+DEEPEST = 1.0  # m
+FINE = 1e-4  # m, of a depth
+BELOW = 2e-4  # m under the level of a cut; twice what the drawn-in cutter may graze
+SAME_SIDE = np.cos(np.radians(30.0))  # a tool more oblique than this to a cut's axis says nothing about its level
+
+
+def told_contacts(found: list[Contact], motion: Motion, arm: Arm, bodies: list[Body]) -> Check:
+    """The contacts of the whole motion, the cutter's with the workpiece with their greatest depth."""
+    texts = []
+    for contact in found[:5]:
+        text = f"{contact.pair} first at {motion.at(contact.sample)}"
+        parts = [b for b in bodies if b.kind == "workpiece" and contact.pair == f"{b.name} ~ cutter"]
+        if parts:
+            depth, at = deepest(motion, arm, bodies, np.array(contact.stretches))
+            if np.isfinite(depth):
+                text += f", not on a feed move of the CAM file, {1e3 * depth:.1f} mm deep at {motion.at(at)}"
+        texts.append(text)
+    return Check("contacts", not found, float(len(found)), 0.0, "pairs", "; ".join(texts) or "none")
+
+
+def deepest(motion: Motion, arm: Arm, bodies: list[Body], rows: NDArray[np.int64]) -> tuple[float, int]:
+    """m by which the cutter must be drawn back along its axis to be free of the workpiece, the most of some rows.
+
+    Returns:
+        depth and row; NaN and −1 where it touches in none of them.
+    """
+    cutters, parts = ([b for b in bodies if b.kind == kind] for kind in ("grazing", "workpiece"))
+    rows = _some(np.unique(rows), TOUCHED)
+    world = arm.placements(motion.q[rows], motion.external[rows])
+    met = [
+        (n, cutter, part)
+        for n in range(len(rows)) for cutter in cutters for part in parts
+        if near(part, cutter, inverse(world[n, part.carrier]) @ world[n, cutter.carrier])
+    ]  # fmt: skip
+    best, at = float("nan"), -1
+    for i in _some(np.arange(len(met)), LOOKED_AT):
+        n, cutter, part = met[i]
+        d = _depth(cutter, part, world[n], arm.cell.tool.T_flange_tcp[:3, 2])
+        if not d <= best:
+            best, at = d, int(rows[n])
+    return best, at
+
+
+def _some(rows: NDArray[np.int64], most: int) -> NDArray[np.int64]:
+    """At most so many of them, evenly."""
+    return np.asarray(rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), most)).round().astype(int))])
+
+
+def _depth(cutter: Body, part: Body, places: Array, z_flange: Array) -> float:
+    T = inverse(places[part.carrier]) @ places[cutter.carrier]
+
+    def touches(height: float) -> bool:
+        back = T.copy()
+        back[:3, 3] -= height * (T[:3, :3] @ z_flange)
+        return near(part, cutter, back)
+
+    free = 1e-3
+    while touches(free) and free < DEEPEST:
+        free *= 2.0
+    held = 0.0 if free == 1e-3 else free / 2.0
+    while free - held > FINE and free < DEEPEST:
+        middle = (free + held) / 2.0
+        held, free = (middle, free) if touches(middle) else (held, middle)
+    return min(free, DEEPEST)
+
+
+def outside_cuts(motion: Motion, toolpath: Toolpath, ride: Ride, arm: Arm, bodies: list[Body]) -> list[Check]:
+    """Where the CAM file itself drives the cutter into the workpiece in a move that is no cut: passed, and told."""
+    name = "cutter in the workpiece outside cuts"
+    if arm.cell.tool.cutter is None or not arm.cell.workpiece.geometry:
+        return []  # nothing to look at, which the verdict says of the cell
+    rows = np.flatnonzero((ride.fed & ~toolpath.cutting[ride.toward]) | ride.lifted)
+    depth, at = deepest(motion, arm, bodies, rows) if len(rows) else (float("nan"), -1)
+    if not np.isfinite(depth):
+        return [Check(name, True, 0.0, DEEPEST * 1e3, "mm", "nowhere")]
+    why = "the CAM file moves at a feed there" if ride.fed[at] else "the CAM file begins or ends a move there"
+    return [Check(name, True, 1e3 * depth, DEEPEST * 1e3, "mm", f"{motion.at(at)}: {why}")]
+
+
+def level(motion: Motion, toolpath: Toolpath, ride: Ride, cell: Cell) -> list[Check]:
+    """Without a workpiece mesh: a free tip must not be under what is cut right above it, and is told where it is under
+    the level of the nearest cut.
+
+    Right above is a place of a cut less than the cutter's radius aside of the tip (of the tip alone without a cutter),
+    seen along the cut's axis. The tip may be below one cut where another one near by goes as deep.
+    """
+    name = "level of the cuts"
+    if cell.workpiece.geometry:
+        return []
+    rows = np.flatnonzero(ride.free & np.isfinite(motion.point))
+    cuts = 1 + np.flatnonzero(toolpath.cutting[1:])
+    if not len(rows) or not len(cuts):
+        return [Check(name, True, 0.0, 1e3 * BELOW, "mm", "no free move near a cut")]
+    radius = cell.tool.cutter.diameter / 2.0 if cell.tool.cutter is not None else 1e-3
+    place, axis = _along(toolpath, cuts, max(radius, 1e-3))
+    under, beside = np.zeros(len(rows)), np.zeros(len(rows))
+    for i, n in enumerate(rows):
+        x, shank = ride.tcp[n, :3, 3], -ride.tcp[n, :3, 2]
+        up = x - place
+        height = np.einsum("ij,ij->i", up, axis)
+        aside = np.linalg.norm(up - height[:, None] * axis, axis=1)
+        side = axis @ shank > SAME_SIDE
+        close = side & (aside <= radius)
+        if close.any():
+            under[i] = max(0.0, -float(height[close].max()))
+        elif side.any():
+            nearest = int(np.argmin(np.where(side, aside, np.inf)))
+            wide = side & (aside <= 2.0 * aside[nearest])
+            beside[i] = max(0.0, -float(height[wide].max()))
+    k, m = int(np.argmax(under)), int(np.argmax(beside))
+    out = [Check(name, bool(under[k] <= BELOW), 1e3 * float(under[k]), 1e3 * BELOW, "mm", motion.at(rows[k]))]
+    if beside[m] > BELOW:
+        out.append(not_run(
+            "level beside the cuts",
+            f"the tip goes {1e3 * beside[m]:.1f} mm under the nearest cuts at {motion.at(rows[m])}; "
+            "without workpiece geometry nothing tells whether material is there", "mm"))  # fmt: skip
+    return out
+
+
+def _along(toolpath: Toolpath, cuts: NDArray[np.intp], step: float) -> tuple[Array, Array]:
+    """Places (M, 3) and axes (M, 3) along the cuts, at most ``step`` m apart (20 a cut)."""
+    places, axes = [], []
+    for k in cuts:
+        a, b = toolpath.position[k - 1], toolpath.position[k]
+        count = int(np.clip(np.ceil(np.linalg.norm(b - a) / step), 1, 20))
+        f = np.linspace(0.0, 1.0, count + 1)[:, None]
+        places.append(a + f * (b - a))
+        axes.append((1.0 - f) * toolpath.axis[k - 1] + f * toolpath.axis[k])
+    return np.concatenate(places), np.concatenate(axes)

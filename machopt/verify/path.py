@@ -1,0 +1,165 @@
+"""Does the motion go where the CAM file says: path, axis, index, every point and every move, in order and in one go."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.toolpath import Move, Toolpath
+from machopt.verify.check import Check, counted, worst
+from machopt.verify.reference import SAME
+from machopt.verify.ride import Ride
+from machopt.verify.table import Motion, Points
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+SPARED, NEAR_M = 2.0, 1e-5  # ways of a sample that a cut may lack, one at either end; m, rounding of the index
+REACHED_MM = 0.02  # a rapid point, which the motion rests at: no corner is rounded there
+LINEAR = 3e-6  # of an index with six decimals, of second differences
+
+
+def check_path(motion: Motion, toolpath: Toolpath, points: Points, ride: Ride, allow_gaps: bool) -> list[Check]:
+    """All of it; with ``allow_gaps`` points that points.csv gives up need not be visited."""
+    wanted = toolpath.cutting.copy()
+    given_up = np.zeros(len(toolpath), bool)
+    inside = (points.point >= 0) & (points.point < len(toolpath))
+    given_up[points.point[inside & ~points.ok]] = True
+    if allow_gaps:
+        wanted &= ~given_up
+    return [
+        *_on_path(motion, toolpath, ride),
+        _index(motion, ride),
+        _visited(motion, wanted),
+        _throughout("cut throughout", motion, toolpath, motion.move == Move.CUT, wanted),
+        _throughout("feed moves driven", motion, toolpath, ride.fed | ride.lifted,
+                    (toolpath.move != Move.RAPID) & ~(given_up & allow_gaps)),
+        _rapid_points(motion, toolpath, ride, given_up),
+        _order(motion),
+        _not_driven(motion, ride, points),
+    ]  # fmt: skip
+
+
+def _on_path(motion: Motion, toolpath: Toolpath, ride: Ride) -> list[Check]:
+    """Distance from the polyline near the sample's index, and angle from the axis there, of all but rapid moves.
+
+    A row counts where it says that it is no rapid move, or where the file makes none there.
+    """
+    rows = np.flatnonzero((motion.move != Move.RAPID) | ride.fed)
+    away, angle = 1e3 * ride.off_path[rows], np.degrees(ride.off_axis[rows])
+    away = np.where(ride.lifted[rows] & (motion.move[rows] != Move.CUT), 0.0, away)
+
+    def where(n: int) -> str:
+        return f"{motion.at(rows[n])}, {motion_word(motion, rows[n])}"
+
+    if not (motion.move == Move.CUT).any():
+        return [
+            Check("path", False, np.nan, 1e3 * ride.path_limit, "mm", "no row cuts"),
+            Check("tool axis", False, np.nan, float(np.degrees(ride.axis_limit)), "deg", "no row cuts"),
+        ]
+    return [
+        worst("path", "mm", away, 1e3 * ride.path_limit, where),
+        worst("tool axis", "deg", angle, float(np.degrees(ride.axis_limit)), where),
+    ]
+
+
+def motion_word(motion: Motion, n: int | np.int64) -> str:
+    """What the row calls its move."""
+    return Move(int(motion.move[n])).word
+
+
+def _index(motion: Motion, ride: Ride) -> Check:
+    """The index names the place where the tool is; corners are rounded by as much as the path may be left."""
+    rows = np.flatnonzero(ride.fed)
+    if not len(rows):
+        return Check("index of the samples", False, np.nan, 1e3 * ride.path_limit, "mm", "no sample is on the toolpath")
+    return worst("index of the samples", "mm", 1e3 * ride.off_index[rows], 1e3 * ride.path_limit,
+                 lambda n: motion.at(rows[n]))  # fmt: skip
+
+
+def _visited(motion: Motion, wanted: Bools) -> Check:
+    rows = np.flatnonzero(motion.move == Move.CUT)
+    s = motion.point[rows]
+    pairs = np.flatnonzero((np.diff(rows) == 1) & (s[:-1] <= s[1:])) if len(s) > 1 else np.empty(0, int)
+    rises = np.sort(s[np.isfinite(s)])
+    missed = []
+    for k in np.flatnonzero(wanted):
+        at = int(np.searchsorted(rises, k - 0.51))
+        near = at < len(rises) and rises[at] <= k + 0.51
+        if not near and not ((s[pairs] <= k) & (s[pairs + 1] >= k)).any():
+            missed.append(int(k))
+    text = f"{len(missed)} of {int(wanted.sum())} missed, first point {missed[0]}" if missed else "all visited"
+    return Check("cutting points visited", not missed, float(len(missed)), 0.0, "points", text)
+
+
+def _throughout(name: str, motion: Motion, toolpath: Toolpath, driven: Bools, wanted: Bools) -> Check:
+    """Every such move between two points is driven in one go: what no two successive samples enclose is short.
+
+    At either end of a cut the way of one sample may belong to the move before or after.
+    """
+    rows = np.flatnonzero(driven & np.isfinite(motion.point))
+    s = motion.point[rows]
+    both = np.flatnonzero((np.diff(rows) == 1) & (np.diff(s) >= 0))
+    kind = toolpath.cutting if name == "cut throughout" else toolpath.move != Move.RAPID
+    segments = 1 + np.flatnonzero(wanted[1:] & (wanted[:-1] | ~kind[:-1]))
+    length = np.linalg.norm(toolpath.position[segments] - toolpath.position[segments - 1], axis=1)
+    unit = "of a sample's way"
+    if not len(segments):
+        return Check(name, True, 0.0, SPARED, unit, "there are none")
+    if not len(both):
+        return Check(name, not (length > 0).any(), np.nan, SPARED, unit, "nothing to measure")
+    knots = np.column_stack([s[both], s[both + 1]])
+    covered = np.cumsum(np.column_stack([np.zeros(len(both)), knots[:, 1] - knots[:, 0]]).ravel())
+    ends = np.maximum.accumulate(knots.ravel())
+    share = np.interp(segments, ends, covered) - np.interp(segments - 1, ends, covered)
+    way = np.nan_to_num(toolpath.feed[segments]) * motion.cycle + NEAR_M
+    left = np.clip(1.0 - share, 0.0, 1.0) * length / way
+    return worst(name, unit, left, SPARED, lambda n: f"the move to point {segments[n]}")
+
+
+def _rapid_points(motion: Motion, toolpath: Toolpath, ride: Ride, given_up: Bools) -> Check:
+    """The points that rapid moves lead to are where the file has them; one given up may be passed by."""
+    rows = np.flatnonzero(np.isfinite(motion.point) & (np.abs(motion.point - np.round(motion.point)) <= SAME))
+    nearest = np.full(len(toolpath), np.inf)
+    k = np.round(motion.point[rows]).astype(int)
+    inside = (k >= 0) & (k < len(toolpath))
+    np.minimum.at(nearest, k[inside], ride.off_index[rows[inside]])
+    asked = np.flatnonzero((toolpath.move == Move.RAPID) & ~given_up)
+    if not len(asked):
+        return Check("rapid points reached", True, 0.0, REACHED_MM, "mm", "there are none")
+    return worst("rapid points reached", "mm", 1e3 * nearest[asked], REACHED_MM, lambda n: f"point {asked[n]}")
+
+
+def _order(motion: Motion) -> Check:
+    """The index never falls, is empty only on the way from and to home, and rises evenly along a rapid move."""
+    s = motion.point
+    known = np.flatnonzero(np.isfinite(s))
+    if not len(known):
+        return Check("in order", False, np.nan, 1e-6, "points back", "no row has a point")
+    first, last = int(known[0]), int(known[-1])
+    if last - first + 1 != len(known):
+        n = first + int(np.flatnonzero(np.isnan(s[first:last]))[0])
+        return Check("in order", False, np.nan, 1e-6, "points back", f"no point at {motion.at(n)}")
+    n = first + int(np.argmin(np.diff(s[first : last + 1]))) if last > first else first
+    least = float(max(0.0, s[n] - s[n + 1])) if last > first else 0.0
+    if least > 1e-6:
+        return Check("in order", False, least, 1e-6, "points back", motion.at(n + 1))
+    rapid = motion.move == Move.RAPID
+    middle = np.arange(first + 1, last)
+    inner = rapid[middle - 1] & rapid[middle] & rapid[middle + 1] & (np.abs(s[middle] - np.round(s[middle])) > SAME)
+    bend = np.abs(s[middle + 1] - 2.0 * s[middle] + s[middle - 1]) * inner
+    if len(bend) and bend.max() > LINEAR:
+        at = int(middle[np.argmax(bend)])
+        return Check("in order", False, float(bend.max()), LINEAR, "points uneven", f"rapid move at {motion.at(at)}")
+    return Check("in order", True, least, 1e-6, "points back", motion.at(n))
+
+
+def _not_driven(motion: Motion, ride: Ride, points: Points) -> Check:
+    """No point that points.csv gives up is passed by the tool on the toolpath."""
+    s, on = motion.point, ride.fed
+    both = np.flatnonzero(on[1:] & on[:-1])
+    wrong = []
+    for k, status in zip(points.point[~points.ok], np.array(points.status)[~points.ok], strict=True):
+        hit = both[(s[both] <= k) & (s[both + 1] >= k)]
+        if len(hit):
+            wrong.append(f"point {k} is called {status} and driven at {motion.at(hit[0])}")
+    return counted("points given up are not driven", wrong, "points")

@@ -1,0 +1,248 @@
+"""points.csv, every column recomputed: from the CAM file what it gives, from the joints what follows from them.
+
+========================================  =========================================================================
+column                                    recomputed as
+========================================  =========================================================================
+point, operation, move, x … z, i … k,     the CAM file's; numbers complete and in order
+feed_mm_min
+q1 … q6                                   forward kinematics of the true angles lies on the point (shifted where the
+path
+                                          is compensated) and along the axis; the motion passes them at the point's
+                                          index
+gamma_deg                                 the contract's, :mod:`machopt.verify.reference`
+branch, singularity, limit_margin_deg     :mod:`machopt.verify.posture`
+k_*, deflection_*, stiffness_from         :mod:`machopt.verify.elastic`
+clearance_mm, nearest_pair                :mod:`machopt.verify.clearance`
+status, reason                            ok: every column is there and no reason; else a reason and no stiffness,
+                                          rotation or clearance. What is driven or not: :mod:`machopt.verify.path`
+========================================  =========================================================================
+
+A limit is what the printed decimals explain: half of the last digit, and what half of the joints' last digit (5e-7
+deg, six joints) makes of the column.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.cell import Cell
+from machopt.domain.options import PlanOptions
+from machopt.domain.reason import Reason
+from machopt.domain.toolpath import Toolpath
+from machopt.verify import elastic, posture, reference
+from machopt.verify.arm import Arm, Stance
+from machopt.verify.check import Check, counted, not_run, worst
+from machopt.verify.ride import Ride
+from machopt.verify.springs import UnknownTermError
+from machopt.verify.table import WORDS, Motion, Points
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+PLACE_MM, AXIS, FEED_MM_MIN = 1e-6, 1e-9, 1e-3  # six, nine and three decimals, without the joints
+ON_MM, ON_DEG = 1e-3, 1e-5  # FK: 6 × 5e-7 deg over a reach of metres is 2e-4 mm
+GAMMA_DEG = 1e-5
+ANGLE_DEG = 2e-5  # five decimals
+RELATIVE = 5e-6  # of stiffness and deflection: 5e-8 rad in all joints, squared levers
+STIFF_N_MM, BEND_MM = 1e-4, 2e-7  # four and seven decimals
+JOINT_DEG = 0.1  # of the samples around the point: corners are rounded by up to 15 µm, over a short lever
+
+
+class PointsCheck:
+    """The rows of points.csv beside the CAM file's points and the arm at their joints.
+
+    Args:
+        stance: the arm at the rows' true angles, in base_link; NaN joints stand at zero.
+    """
+
+    def __init__(
+        self, cell: Cell, toolpath: Toolpath, points: Points, arm: Arm, stance: Stance, options: PlanOptions
+    ) -> None:  # fmt: skip
+        self.cell, self.toolpath, self.points, self.options = cell, toolpath, points, options
+        self.arm, self.stance = arm, stance
+        self.inside = (points.point >= 0) & (points.point < len(toolpath))
+        self.k = np.clip(points.point, 0, len(toolpath) - 1)  # point of each row
+        self.known: Bools = np.asarray(np.isfinite(points.q).all(axis=1))
+        self.live = self.known & points.ok & self.inside
+        self.directions = reference.at_points(toolpath)
+        self.tcp = np.linalg.inv(arm.T_base_workpiece) @ stance.tcp
+
+    def where(self, rows: NDArray[np.intp]) -> list[str]:
+        return [f"point {self.points.point[n]}" for n in rows]
+
+    def all(self, motion: Motion, ride: Ride) -> list[Check]:
+        """Every check but clearance and compensation."""
+        checks = [self._complete(), *self._given(), self._status()]
+        if self.live.any():
+            checks += [*self._placed(), self._driven(motion, ride), *self._posture(), *self._stiffness()]
+        return checks
+
+    def column(
+        self, name: str, wanted: Array, rows: NDArray[np.intp], unit: str, limit: float, share: float = 0.0
+    ) -> Check:
+        """One column of numbers on some rows, ``wanted`` (rows,) in the file's unit; a missing number is the worst.
+
+        ``share``: of the value, allowed beside the limit; what is said is then in parts of both.
+        """
+        told = self.points.numbers.get(name)
+        if told is None:
+            return Check(f"points.csv {name}", False, np.nan, limit, unit, "the column is missing")
+        off = np.abs(told[rows] - wanted)
+        off = np.where(np.isnan(told[rows]) & np.isnan(wanted), 0.0, off)
+        if not share:
+            return worst(f"points.csv {name}", unit, off, limit, self.where(rows))
+        parts = off / (limit + share * np.abs(wanted))
+        return worst(f"points.csv {name}", f"of {limit:g} {unit} and {share:g} of it", parts, 1.0, self.where(rows))
+
+    def _complete(self) -> Check:
+        have, n = self.points.point, len(self.toolpath)
+        complete = len(have) == n and bool((have == np.arange(n)).all())
+        if complete or len(have) != n:
+            where = "one row a toolpath point, numbered from 0"
+        else:
+            row = int(np.flatnonzero(have != np.arange(n))[0])
+            where = f"data row {row + 1} is point {have[row]}, not {row}"
+        return Check("points.csv complete", complete, float(len(have)), float(n), "rows", where)
+
+    def _given(self) -> list[Check]:
+        """What the CAM file gives."""
+        t, k, every = self.toolpath, self.k, np.arange(len(self.k))
+        label = np.array([" ".join(o.label.split()) for o in t.operations] or [""], dtype=object)[t.operation[k]]
+        move = np.array(WORDS, dtype=object)[t.move[k]]
+        place = np.column_stack([self.points.numbers[f"{c}_mm"] for c in "xyz"]) - 1e3 * t.position[k]
+        axis = np.column_stack([self.points.numbers[c] for c in "ijk"]) - t.axis[k]
+        words = [(have, wanted) for have, wanted in zip(self.points.words["operation"], label, strict=True)]
+        out = [
+            worst("points.csv x y z", "mm", np.abs(place).max(axis=1), PLACE_MM, self.where(every)),
+            worst("points.csv i j k", "1", np.abs(axis).max(axis=1), AXIS, self.where(every)),
+            counted("points.csv operation", [f"point {p} is of {a!r}, the toolpath says {b!r}" for p, (a, b)
+                    in zip(self.points.point, words, strict=True) if a != b]),
+            counted("points.csv move", [f"point {p} is called {a}, the toolpath says {b}" for p, a, b
+                    in zip(self.points.point, self.points.words["move"], move, strict=True) if a != b]),
+        ]  # fmt: skip
+        if "feed_mm_min" in self.points.numbers:
+            out.append(self.column("feed_mm_min", 6e4 * t.feed[k], every, "mm/min", FEED_MM_MIN))
+        return out
+
+    def _status(self) -> Check:
+        """Words that exist; an ok point tells everything and no reason, any other a reason and nothing else."""
+        wrong = []
+        words = {reason.word for reason in Reason}
+        numbers = self.points.numbers
+        for n, status in enumerate(self.points.status):
+            at, reason = f"point {self.points.point[n]}", self.points.words["reason"][n]
+            if status not in words:
+                wrong.append(f"{at}: {status!r} is no status")
+            elif status == "ok":
+                lacks = [name for name in ("gamma_deg", "branch", "limit_margin_deg", "singularity")
+                         if not np.isfinite(numbers[name][n])]  # fmt: skip
+                lacks += [] if self.known[n] else ["joints"]
+                wrong += [f"{at} is ok and lacks {', '.join(lacks)}"] if lacks else []
+                wrong += [f"{at} is ok and has a reason"] if reason else []
+            else:
+                more = [name for name in ("gamma_deg", "k_axial_N_mm", "k_normal_N_mm", "deflection_mm", "clearance_mm")
+                        if np.isfinite(numbers[name][n])]  # fmt: skip
+                wrong += [f"{at} is {status} and has {', '.join(more)}"] if more else []
+                wrong += [] if reason else [f"{at} is {status} without a reason"]
+        return counted("points.csv status", wrong, "points")
+
+    def _placed(self) -> list[Check]:
+        """Tool on its point and along its axis; and the rotation."""
+        rows = np.flatnonzero(self.live)
+        shift = 0.0 if self.points.shift is None else self.points.shift[rows]
+        away = np.linalg.norm(self.tcp[rows, :3, 3] - self.toolpath.position[self.k[rows]] - shift, axis=1)
+        tilt = np.linalg.norm(np.cross(-self.tcp[rows, :3, 2], self.toolpath.axis[self.k[rows]]), axis=1)
+        tilt = np.where(np.einsum("ij,ij->i", self.tcp[rows, :3, 2], self.toolpath.axis[self.k[rows]]) < 0, tilt, np.pi)
+        found = self.directions.gamma(self.tcp[self._row_of_point()])[self.k[rows]]
+        told = np.radians(self.points.numbers["gamma_deg"][rows])
+        turn = np.abs((found - told[:, None] + np.pi) % (2.0 * np.pi) - np.pi)
+        return [
+            worst("points.csv on the toolpath", "mm", 1e3 * away, ON_MM, self.where(rows)),
+            worst("points.csv along the axis", "deg", np.degrees(tilt), ON_DEG, self.where(rows)),
+            worst("points.csv gamma_deg", "deg", np.degrees(np.fmin(turn[:, 0], turn[:, 1])), GAMMA_DEG,
+                  self.where(rows)),
+        ]  # fmt: skip
+
+    def _row_of_point(self) -> NDArray[np.intp]:
+        """(P,) a row of the table for each point of the toolpath; 0 where it has none."""
+        out = np.zeros(len(self.toolpath), np.intp)
+        out[self.k] = np.arange(len(self.k))
+        return out
+
+    def _driven(self, motion: Motion, ride: Ride) -> Check:
+        """Where the motion has the point's index, its joints are the row's."""
+        rows = np.flatnonzero(self.live & (self.toolpath.move[self.k] != 1))
+        s = motion.point
+        on = np.flatnonzero(np.isfinite(s) & (ride.fed | ride.lifted))
+        if not len(rows) or not len(on):
+            return Check("points.csv as driven", not len(rows), np.nan, JOINT_DEG, "deg", "nothing to measure")
+        at = self.points.point[rows]
+        after = np.searchsorted(s[on], at, side="left")
+        before = np.searchsorted(s[on], at, side="right") - 1
+        a, b = on[np.clip(before, 0, len(on) - 1)], on[np.clip(after, 0, len(on) - 1)]
+        low, high = np.minimum(motion.q[a], motion.q[b]), np.maximum(motion.q[a], motion.q[b])
+        q = self.points.q[rows]
+        off = np.degrees(np.maximum(low - q, q - high).max(axis=1))
+        return worst("points.csv as driven", "deg", np.maximum(off, 0.0), JOINT_DEG, self.where(rows))
+
+    def _posture(self) -> list[Check]:
+        rows = np.flatnonzero(self.known & self.inside)
+        limits = self.cell.limits
+        margin = posture.limit_margin(self.points.q[rows], limits.lower[:6], limits.upper[:6])
+        stands = posture.posture(self.stance.rows(rows))
+        out = [
+            self.column("limit_margin_deg", np.degrees(margin), rows, "deg", ANGLE_DEG),
+            self.column("singularity", np.degrees(stands.singularity), rows, "deg", ANGLE_DEG),
+        ]
+        if stands.branch is None:
+            why = "this arm has no branches by shape: they are numbered by the planner's solver"
+            return [*out, not_run("points.csv branch", why)]
+        return [*out, self.column("branch", stands.branch.astype(float), rows, "1", 0.0)]
+
+    def _stiffness(self) -> list[Check]:
+        """The columns of :mod:`machopt.verify.elastic`."""
+        name = "points.csv stiffness and deflection"
+        if self.cell.stiffness is None:
+            return [not_run(name, "the cell names no stiffness")]
+        try:
+            law = elastic.Elasticity(self.cell, self.arm, self.cell.stiffness)
+        except UnknownTermError as error:
+            return [not_run(name, f"no second law is written for {error}")]
+        rows = np.flatnonzero(self.live)
+        k, T = self.k[rows], self.arm.T_base_workpiece
+        R = T[:3, :3]
+        soft = law.at(self.stance.rows(rows), self.toolpath.position[k] @ R.T + T[:3, 3])
+        axis, travel = self.toolpath.axis[k], self.directions.travel[k]
+        e, across = axis @ R.T, np.cross(axis, travel) @ R.T
+        out = [
+            self.column("k_axial_N_mm", soft.along(e) / 1e3, rows, "N/mm", STIFF_N_MM, RELATIVE),
+            self.column("k_normal_N_mm", soft.along(across) / 1e3, rows, "N/mm", STIFF_N_MM, RELATIVE),
+        ]  # fmt: skip
+        if "k_jiao_x_N_mm" in self.points.numbers:
+            out.append(self.column("k_jiao_x_N_mm", soft.held(e) / 1e3, rows, "N/mm", STIFF_N_MM, RELATIVE))
+        o = self.options.force
+        force = elastic.force_at(travel, axis, o.travel, o.normal, o.axial) @ R.T
+        bend = np.linalg.norm(soft.displacement(force), axis=1) if o.given else np.full(len(rows), np.nan)
+        out.append(self.column("deflection_mm", 1e3 * bend, rows, "mm", BEND_MM, RELATIVE if o.given else 0.0))
+        if law.scatters:
+            sigma = law.std(soft, soft.axial_gradient(e)) * soft.along(e) ** 2
+            out.append(self.column("k_axial_std_N_mm", sigma / 1e3, rows, "N/mm", STIFF_N_MM, RELATIVE))
+            if o.given:
+                sigma = law.std(soft, soft.bend_gradient(force))
+                out.append(self.column("deflection_std_mm", 1e3 * sigma, rows, "mm", BEND_MM, RELATIVE))
+        if law.stiffness.grid is not None:
+            out.append(self._grid(law))
+        return out
+
+    def _grid(self, law: elastic.Elasticity) -> Check:
+        """Which rows rest on a cell of the grid: all rows, whether or not they have a configuration."""
+        T = self.arm.T_base_workpiece
+        _, holds = law.gears(self.toolpath.position[self.k] @ T[:3, :3].T + T[:3, 3])
+        told = self.points.words.get("stiffness_from", ())
+        if not told:
+            return Check("points.csv stiffness_from", False, np.nan, 0.0, "rows", "the column is missing")
+        wanted = ["grid" if len(cells) else "constant" for cells, _ in holds]
+        return counted("points.csv stiffness_from", [
+            f"point {p} rests on the {a}, not the {b}" for p, a, b in zip(self.points.point, told, wanted, strict=True)
+            if a != b])  # fmt: skip

@@ -1,0 +1,115 @@
+"""Branch, distance from singularities and distance from joint limits of points.csv, from the lines of the six axes.
+
+With z_i and o_i the direction and origin of axis i, w the point where axes 4, 5 and 6 meet (spherical wrist):
+
+* (z₁ × (w − o₁))·z₂ says how fast joint 1 moves w along axis 2. Its size is the distance of w from the
+  shoulder singularity in m.
+* a = o₃ − o₂, b = w − o₃: joint 3 turns b about z₃; how far it is from folding or stretching the arm is
+  atan2(|a·(z₃ × b)|, a·b − (a·z₃)(b·z₃)), counted from 0 or 180°, the nearer.
+* the same of z₄ and z₆ about z₅ for the wrist.
+
+``branch`` is 4·[(z₁ × (w − o₁))·z₂ < 0] + 2·[(w − o₂)·(z₃ × b) > 0] + [z₄·(z₅ × z₆) > 0]. ``singularity`` is the least
+of wrist, elbow and the shoulder's distance seen as an angle over 1 m, in deg.
+
+Arms with three parallel axes 2, 3 and 4: wrist = angle between the lines of axes 4 and 6; elbow = angle of the two
+links, flat on the common direction, from one line; shoulder = distance of o₅ from the plane of z₁ and z₂ through o₁.
+``branch`` is 4·[(z₁ × (w − o₁))·z₂ < 0] + 2·[z₂·(z₅ × z₆) > 0] + [(o₄ − o₂)·(z₃ × (o₄ − o₃)) > 0], w where axes 5 and
+6 meet. Other arms: the least singular value of the flange's Jacobian with lengths over 0.5 m. Their branches are
+numbered by a solver, not by the arm's shape, so that the column cannot be recomputed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.verify.arm import Stance
+
+Array = NDArray[np.float64]
+PARALLEL = 1e-6  # rad; axes of a URDF with printed decimals
+MEETING = 2e-6  # m
+LENGTH = 0.5  # m, what linear rows of a Jacobian are divided by
+Kind = Literal["spherical", "three_parallel", "general"]
+
+
+@dataclass(frozen=True)
+class Posture:
+    """How N configurations stand."""
+
+    kind: Kind
+    branch: NDArray[np.int64] | None  # (N,); None: numbered by a solver
+    singularity: Array  # (N,) rad
+
+
+def posture(stance: Stance) -> Posture:
+    """Branch and singularity of N ≥ 1 configurations."""
+    z, o = stance.axis, stance.origin
+    parallel = bool(np.linalg.norm(np.cross(z[0, 1], z[0, 2])) < PARALLEL)
+    w, off = _meeting(z[:, 3:], o[:, 3:])
+    skewed = all(np.linalg.norm(np.cross(z[0, i], z[0, j])) > 0.1 for i, j in ((0, 1), (3, 4), (4, 5)))
+    if parallel and skewed and float(off.max()) < MEETING:
+        return _spherical(z, o, w)
+    if parallel and np.linalg.norm(np.cross(z[0, 1], z[0, 3])) < PARALLEL:
+        return _three_parallel(z, o)
+    J = np.swapaxes(np.concatenate([np.cross(z, stance.flange[:, None, :3, 3] - o), z], axis=-1), 1, 2)
+    J[:, :3] /= LENGTH
+    _, sigma, Vt = np.linalg.svd(J)
+    moved = (
+        Vt[:, -1] ** 2
+    )  # the group that moves most gives the singularity its name; the shoulder's counts as a length
+    shoulder = (moved[:, 0] >= moved[:, 1] + moved[:, 2]) & (moved[:, 0] >= moved[:, 3:].sum(axis=1))
+    least = sigma[:, -1]
+    return Posture("general", None, np.where(shoulder, np.arctan(least * LENGTH), least))
+
+
+def limit_margin(q: Array, lower: Array, upper: Array) -> Array:
+    """(N,) rad by encoder to the nearest joint limit, negative beyond it."""
+    return np.asarray(np.minimum(q - lower, upper - q).min(axis=1))
+
+
+def _spherical(z: Array, o: Array, w: Array) -> Posture:
+    shoulder = _dot(np.cross(z[:, 0], w - o[:, 0]), z[:, 1])
+    a, b = o[:, 2] - o[:, 1], w - o[:, 2]
+    bent = _dot(w - o[:, 1], np.cross(z[:, 2], b))
+    flipped = _dot(z[:, 3], np.cross(z[:, 4], z[:, 5]))
+    elbow = _from_line(_dot(a, np.cross(z[:, 2], b)), _dot(a, b) - _dot(a, z[:, 2]) * _dot(b, z[:, 2]))
+    wrist = _from_line(flipped, _dot(z[:, 3], z[:, 5]) - _dot(z[:, 3], z[:, 4]) * _dot(z[:, 4], z[:, 5]))
+    branch = 4 * (shoulder < 0) + 2 * (bent > 0) + (flipped > 0)
+    return Posture("spherical", branch, np.minimum(np.minimum(wrist, elbow), np.arctan(np.abs(shoulder))))
+
+
+def _three_parallel(z: Array, o: Array) -> Posture:
+    def flat(v: Array) -> Array:
+        return np.asarray(v - _dot(v, z[:, 1])[:, None] * z[:, 1])
+
+    wrist, elbow = _between_lines(z[:, 3], z[:, 5]), _between_lines(flat(o[:, 2] - o[:, 1]), flat(o[:, 3] - o[:, 2]))
+    normal = np.cross(z[:, 0], z[:, 1])
+    shoulder = np.abs(_dot(o[:, 4] - o[:, 0], normal)) / np.linalg.norm(normal, axis=1)
+    w = _meeting(z[:, 4:], o[:, 4:])[0]
+    back = _dot(np.cross(z[:, 0], w - o[:, 0]), z[:, 1]) < 0
+    bent = _dot(o[:, 3] - o[:, 1], np.cross(z[:, 2], o[:, 3] - o[:, 2])) > 0
+    branch = 4 * back + 2 * (_dot(z[:, 1], np.cross(z[:, 4], z[:, 5])) > 0) + bent
+    return Posture("three_parallel", branch, np.minimum(np.minimum(wrist, elbow), np.arctan(shoulder)))
+
+
+def _meeting(z: Array, o: Array) -> tuple[Array, Array]:
+    """The point (N, 3) nearest to three lines, and how far (N,) the farthest of them passes."""
+    P = np.eye(3) - np.einsum("nki,nkj->nkij", z, z)
+    w = np.linalg.solve(P.sum(axis=1) + 1e-15 * np.eye(3), np.einsum("nkij,nkj->ni", P, o)[..., None])[..., 0]
+    return w, np.linalg.norm(np.einsum("nkij,nkj->nki", P, w[:, None] - o), axis=2).max(axis=1)
+
+
+def _from_line(sine: Array, cosine: Array) -> Array:
+    angle = np.arctan2(np.abs(sine), cosine)
+    return np.asarray(np.minimum(angle, np.pi - angle))
+
+
+def _between_lines(a: Array, b: Array) -> Array:
+    return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.abs(_dot(a, b))))
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.asarray(np.einsum("ij,ij->i", a, b))

@@ -1,0 +1,144 @@
+"""Where gamma is zero, by the contract's words, from the CAM file's points alone.
+
+gamma turns the TCP about its own z (which points out of the tool, so −z is the CAM axis), right-handed. gamma = 0 is,
+projected on the plane normal to the tool axis: the file's own reference direction where it gives one; workpiece x for
+point operations (y where x is within 1° of the axis); else the direction of travel. The direction of travel at a point
+is that of the move that leaves it, at the end of a run that of the move that comes to it. Where that move runs along
+the tool axis (within 1°) it is that of the next move of the run that does not, else of the one before, else workpiece
+x or y. A run begins at each rapid move.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.toolpath import Move, Toolpath
+
+Array = NDArray[np.float64]
+ALONG = np.radians(1.0)  # a move this near the tool axis has no direction across it
+
+
+@dataclass(frozen=True)
+class Directions:
+    """At M places of the path: where gamma is zero and where the tool travels, both normal to the axis there.
+
+    ``second`` is the reference where the direction of travel may also be taken from farther on: along a plunge the axis
+    may turn, so that the same move leaves the 1° on its way. NaN where there is only one.
+    """
+
+    axis: Array  # (M, 3) unit, tip to shank
+    travel: Array  # (M, 3) unit
+    zero: Array  # (M, 3) unit, TCP x at gamma = 0
+    second: Array  # (M, 3)
+
+    def gamma(self, tcp: Array) -> Array:
+        """(M, 2) rad, the rotation of TCP poses (M, 4, 4) from either reference; the TCP's own z is turned about."""
+        x, z = tcp[:, :3, 0], tcp[:, :3, 2]
+        out = np.full((len(x), 2), np.nan)
+        for c, zero in enumerate((self.zero, self.second)):
+            out[:, c] = np.arctan2(np.einsum("ij,ij->i", np.cross(zero, x), z), np.einsum("ij,ij->i", zero, x))
+        return out
+
+
+def at_points(toolpath: Toolpath) -> Directions:
+    """Directions at every point of the toolpath."""
+    n = len(toolpath)
+    joined = joined_to_next(toolpath)
+    step = np.diff(toolpath.position, axis=0)
+    move = np.zeros((n, 3))
+    move[:-1][joined] = step[joined]
+    ends = np.r_[False, joined] & ~np.r_[joined, False]
+    move[1:][ends[1:]] = step[ends[1:]]
+    travel = _filled(move, toolpath.axis, np.r_[False, joined])
+    later = np.vstack([toolpath.axis[1:], toolpath.axis[-1:]])
+    turning = np.r_[joined, False] & ~_across(move, toolpath.axis)[1] & (np.abs(later - toolpath.axis).max(axis=1) > 0)
+    second = np.where(turning[:, None], _flat(move, later), np.nan)
+    return _directions(toolpath, np.arange(n), toolpath.axis, travel, second)
+
+
+def between(toolpath: Toolpath, known: Directions, index: Array, *, leaving: bool) -> Directions:
+    """Directions at fractional indices (M,) inside moves that are not rapid.
+
+    Args:
+        known: those at the points.
+        leaving: at a whole index take the move that leaves the point instead of the one that comes to it.
+    """
+    last = len(toolpath) - 1
+    if leaving:
+        low = np.clip(np.floor(index + SAME).astype(int), 0, last)
+        low = np.where(joined_to_next(toolpath, padded=True)[low], low, np.maximum(low - 1, 0))
+    else:
+        low = np.clip(np.ceil(index - SAME).astype(int) - 1, 0, last)
+    high = np.minimum(low + 1, last)
+    part = np.clip(index - low, 0.0, 1.0)[:, None]
+    axis = _unit((1.0 - part) * toolpath.axis[low] + part * toolpath.axis[high])
+    move = toolpath.position[high] - toolpath.position[low]
+    size, good = _across(move, axis)
+    travel = np.where(good[:, None], _flat(move, axis), _flat(known.travel[low], axis))
+    del size
+    return _directions(toolpath, high, axis, travel, np.full_like(axis, np.nan))
+
+
+SAME = 1e-6  # of an index, which is printed with six decimals
+
+
+def joined_to_next(toolpath: Toolpath, *, padded: bool = False) -> NDArray[np.bool_]:
+    """(N − 1,) the move from each point to the next is not a rapid one; padded (N,) with False at the end."""
+    joined = np.asarray(toolpath.move[1:] != Move.RAPID)
+    return np.r_[joined, False] if padded else joined
+
+
+def _filled(move: Array, axis: Array, joined: NDArray[np.bool_]) -> Array:
+    """(N, 3) direction of travel, taken from the next, else the last move of the run that has one."""
+    flat, good = _flat(move, axis), _across(move, axis)[1]
+    n = len(move)
+    run = np.cumsum(~joined)
+    rows = np.arange(n)
+    after = np.minimum.accumulate(np.where(good, rows, n)[::-1])[::-1]  # nearest good one at or after
+    before = np.maximum.accumulate(np.where(good, rows, -1))
+    use_after = (after < n) & (run[np.minimum(after, n - 1)] == run)
+    use_before = (before >= 0) & (run[np.maximum(before, 0)] == run)
+    source = np.where(use_after, np.minimum(after, n - 1), np.maximum(before, 0))
+    out = np.where((use_after | use_before)[:, None], flat[source], _workpiece_x(axis))
+    return _unit(out)
+
+
+def _directions(toolpath: Toolpath, of: NDArray[np.intp], axis: Array, travel: Array, second: Array) -> Directions:
+    """``of``: (M,) the point whose move, operation and reference direction count at each place."""
+    drilling = np.array([o.kind == "point" for o in toolpath.operations])[toolpath.operation[of]]
+    given = toolpath.reference[of]
+    with np.errstate(invalid="ignore"):
+        size, useful = _across(given, axis)
+    del size
+    own = np.where(useful[:, None], _flat(np.nan_to_num(given), axis), 0.0)
+
+    def zero(across: Array) -> Array:
+        out = np.where(drilling[:, None], _unit(_workpiece_x(axis)), across)
+        return np.where(useful[:, None], own, _flat(out, axis))
+
+    return Directions(axis, travel, zero(travel), zero(second))
+
+
+def _across(v: Array, axis: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Length of v (M, 3) across the axis, and whether it says a direction there."""
+    size = np.linalg.norm(np.cross(axis, v), axis=1)
+    return size, (size > np.sin(ALONG) * np.linalg.norm(v, axis=1)) & (size > 0)
+
+
+def _flat(v: Array, axis: Array) -> Array:
+    """Unit vectors of v (M, 3) projected on the plane normal to the axis; zero where nothing is left."""
+    return _unit(v - np.einsum("ij,ij->i", v, axis)[:, None] * axis)
+
+
+def _workpiece_x(axis: Array) -> Array:
+    """Workpiece x projected on the plane normal to the axis; y where x is along the axis."""
+    x = np.where((np.abs(axis[:, 0]) > np.cos(ALONG))[:, None], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0])
+    return np.asarray(x - np.einsum("ij,ij->i", x, axis)[:, None] * axis)
+
+
+def _unit(v: Array) -> Array:
+    size = np.linalg.norm(v, axis=1, keepdims=True)
+    return np.asarray(v / np.where(size > 0, size, 1.0))

@@ -1,0 +1,96 @@
+"""Where each sample of the motion is against the CAM file: on one of its moves, lifted off one of its points, or free.
+
+Nothing here reads a label. A sample is *fed* where the tool is on a move that the CAM file makes at a feed, point and
+axis within the tolerances; *lifted* where it stands above a point of the file, straight along that point's tool axis
+(so the tool is drawn out of the workpiece and let in again where the file itself begins or ends in it); else it is
+free. A free tool has no business in the workpiece, whatever the row calls itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.options import PlanOptions
+from machopt.domain.toolpath import Move, Toolpath
+from machopt.verify.reference import SAME
+from machopt.verify.table import Motion
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+PATH_MM, AXIS_DEG = 0.02, 0.05  # how far the TCP may leave the toolpath at a feed
+HIGHEST = 0.5  # m, to which the tool is lifted along its axis
+
+
+@dataclass(frozen=True)
+class Ride:
+    """S samples against the toolpath; what does not exist is inf or False."""
+
+    tcp: Array  # (S, 4, 4) in workpiece
+    toward: NDArray[np.int64]  # (S,) point that the move of the file at the sample's index leads to
+    off_path: Array  # (S,) m from the polyline near the sample's index
+    off_index: Array  # (S,) m from the place that the index names
+    off_axis: Array  # (S,) rad between the tool and the file's axis at the index
+    fed: Bools  # (S,)
+    lifted: Bools  # (S,)
+    path_limit: float  # m
+    axis_limit: float  # rad
+
+    @property
+    def free(self) -> Bools:
+        """(S,) on no move of the file at a feed, nor lifted off it."""
+        return np.asarray(~(self.fed | self.lifted))
+
+
+def ride(motion: Motion, toolpath: Toolpath, corners: Array, position: Array, tcp: Array, options: PlanOptions) -> Ride:
+    """Hold each sample against the CAM file.
+
+    Args:
+        corners, position: (P,), (P, 3) m: fractional index and place of the commanded polyline's corners: the
+        toolpath's
+            points, or those of the shifted path.
+        tcp: (S, 4, 4) in workpiece.
+        options: tolerances the run was asked to keep, where wider than the contract's.
+    """
+    path_limit = max(PATH_MM / 1e3, options.path_tolerance)
+    axis_limit = max(np.radians(AXIS_DEG), options.axis_tolerance)
+    last, x = len(toolpath) - 1, tcp[:, :3, 3]
+    known = np.isfinite(motion.point)
+    s = np.clip(np.nan_to_num(motion.point), 0.0, last)
+    toward = np.clip(np.ceil(s - SAME), 0, last).astype(int)
+    low = np.minimum(s.astype(int), max(last - 1, 0))
+    part = (s - low)[:, None]
+    axis = (1.0 - part) * toolpath.axis[low] + part * toolpath.axis[np.minimum(low + 1, last)]
+    shank = -tcp[:, :3, 2]
+    angle = np.arctan2(np.linalg.norm(np.cross(shank, axis), axis=1), np.einsum("ij,ij->i", shank, axis))
+    there = np.column_stack([np.interp(s, corners, position[:, c]) for c in range(3)])
+    off_index = np.where(known, np.linalg.norm(x - there, axis=1), np.inf)
+    off_path = np.where(known, _from_polyline(x, s, corners, position), np.inf)
+    straight = known & (angle <= axis_limit)
+    fed = straight & (off_path <= path_limit) & (toolpath.move[toward] != Move.RAPID) & (toward > 0)
+    whole = np.abs(s - np.round(s)) <= SAME
+    up = x - there
+    height = np.einsum("ij,ij->i", up, axis)
+    aside = np.linalg.norm(up - height[:, None] * axis, axis=1)
+    lifted = straight & whole & ~fed & (aside <= path_limit) & (height >= -path_limit) & (height <= HIGHEST)
+    return Ride(
+        tcp, toward, off_path, off_index, np.where(known, angle, np.inf), fed, lifted, path_limit, float(axis_limit)
+    )
+
+
+def _from_polyline(x: Array, s: Array, corners: Array, position: Array) -> Array:
+    """(S,) m from the segment that index s lies on, the one before or the one after."""
+    ends = len(corners) - 1
+    on = np.clip(np.searchsorted(corners, s, side="right") - 1, 0, max(ends - 1, 0))
+    away = np.full(len(x), np.inf)
+    for near in (on - 1, on, on + 1):
+        a = np.clip(near, 0, ends)
+        start, end = position[a], position[np.clip(near + 1, 0, ends)]
+        along = end - start
+        length = np.einsum("ij,ij->i", along, along)
+        share = np.einsum("ij,ij->i", x - start, along) / np.where(length > 0, length, 1.0)
+        foot = start + np.clip(share, 0.0, 1.0)[:, None] * along
+        away = np.minimum(away, np.linalg.norm(x - foot, axis=1))
+    return away

@@ -1,0 +1,271 @@
+"""The terms of a stiffness file read a second time: what each makes of the joints or of the bodies.
+
+Every law is written from its description in the README and in the stiffness file, on pinocchio's frames:
+
+* in the joints, linear: coupling, springs by angle (harmonics or a sector), creep fully relaxed → a 6×6 compliance;
+* in one joint, along a curve φ of its torque: knees and the cubic over weight and process together, backlash likewise,
+  hysteresis over the process alone. A process torque τ on top of weight g turns the joint by φ(g + τ) − φ(g), a small
+  one by φ'(g) τ (hysteresis: the slope beyond its threshold);
+* the balancer of joint 2: a second spring beside the gear;
+* between two halves of a body: base, link, tool → a 6×6 compliance in a frame that moves with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.stiffness import Term
+
+Array = NDArray[np.float64]
+BY_ANGLE = "joint_pose_dependent_stiffness"
+HARMONICS = ("cos_rad_per_Nm", "sin_rad_per_Nm", "cos2_rad_per_Nm", "sin2_rad_per_Nm")
+STEEPEST = 0.9  # of a joint's compliance that a hardening cubic may take before it goes on along its tangent
+
+
+class UnknownTermError(ValueError):
+    """A term this file has no law for."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A joint whose twist is a curve over its torque."""
+
+    joint: int  # 0-based
+    form: str  # clipped | cubic | play
+    size: Array  # (P,) rad/(N·m), of the cubic rad/(N·m)³
+    bound: Array  # (P,) N·m, where each piece ends (of the cubic: where its tangent takes over)
+
+    @property
+    def feels_weight(self) -> bool:
+        return self.form != "play"
+
+    def turn(self, torque: Array) -> Array:
+        """φ (N,) rad at torques (N,) N·m."""
+        t = torque[:, None]
+        near = np.clip(t, -self.bound, self.bound)
+        if self.form == "cubic":
+            slope = np.where(np.isfinite(self.bound), 3.0 * np.minimum(np.abs(t), self.bound) ** 2, 0.0)
+            return np.asarray((near**3 + slope * (t - near)) @ self.size)
+        return np.asarray((t - near if self.form == "play" else near) @ self.size)
+
+    def slope(self, torque: Array) -> Array:
+        """φ' (N,) rad/(N·m); of play beyond its thresholds."""
+        t = np.abs(torque)[:, None]
+        if self.form == "cubic":
+            return np.asarray(3.0 * np.minimum(t, self.bound) ** 2 @ self.size)
+        return np.asarray(np.where((t < self.bound) | (self.form == "play"), self.size, 0.0).sum(axis=1))
+
+
+def joint_compliance(terms: Sequence[Term], q: Array) -> Array:
+    """(N, 6, 6) rad/(N·m) of the linear joint terms at true angles q (N, 6)."""
+    out = np.zeros((len(q), 6, 6))
+    for term in terms:
+        if term.effect == "joint_coupling":
+            i, j = (int(n) - 1 for n in term.location.split(":")[1].split("-"))
+            out[:, i, j] += term.parameters["compliance_rad_per_Nm"]
+            out[:, j, i] += term.parameters["compliance_rad_per_Nm"]
+        elif term.effect in (BY_ANGLE, "joint_creep"):
+            i = _joint(term)
+            out[:, i, i] += by_angle(term, q[:, i])
+    return out
+
+
+def by_angle(term: Term, angle: Array) -> Array:
+    """(N,) rad/(N·m) that a spring by angle or a creep adds to its joint."""
+    p = term.parameters
+    if term.effect == "joint_creep":
+        return np.full(angle.shape, float(p["extra_rad_per_Nm"]))
+    if p.get("law") == "sector":
+        off = (angle - np.radians(p["centre_deg"])) / np.radians(p["width_deg"])
+        return np.asarray(p["extra_rad_per_Nm"] * np.exp(-(off**2) / 2.0))
+    a1, b1, a2, b2 = (float(p.get(name, 0.0)) for name in HARMONICS)
+    return np.asarray((a1 + 1j * b1).conjugate() * np.exp(1j * angle) + (a2 - 1j * b2) * np.exp(2j * angle)).real
+
+
+def balancer(terms: Sequence[Term], q2: Array) -> Array:
+    """(N,) N·m/rad that springs between two pivots add beside the gear of joint 2 at its angle q2 (N,).
+
+    U(q) = F₀ s + ½ k s² of the distance s of the pivots, s² = a² + L² + 2 a L cos(α + q); the stiffness is U''.
+    """
+    out = np.zeros(q2.shape)
+    for term in terms:
+        if term.effect == "gravity_compensator":
+            p = term.parameters
+            rho, angle = float(p["ratio"]), np.radians(p["angle_deg"]) + q2
+            s = np.sqrt(1.0 + rho * rho + 2.0 * rho * np.cos(angle))
+            first = -rho * np.sin(angle) / s
+            second = (-rho * np.cos(angle) - first**2) / s
+            # ½ (s²)'' = −ρ cos
+            out += p["force_times_length_Nm"] * second - p["rate_times_length2_Nm"] * rho * np.cos(angle)
+    return out
+
+
+def curves(terms: Sequence[Term], k: Array, lower: Array, upper: Array) -> list[Curve]:
+    """The laws over a joint's torque.
+
+    Args:
+        k: (C, 6) N·m/rad of every grid cell and of the constant model; a cubic that hardens must leave a tenth of it.
+        lower, upper: (6,) rad, range of the joints.
+    """
+    out: list[Curve] = []
+    hardening: list[Curve] = []
+    for term in terms:
+        p, i = term.parameters, _joint(term)
+        if term.effect == "joint_backlash":
+            bound = np.atleast_1d(float(p["transition_Nm"]))
+            out.append(Curve(i, "clipped", np.radians(p["width_arcmin"] / 60.0) / (2.0 * bound), bound))
+        elif term.effect == "joint_hysteresis":
+            out.append(Curve(i, "play", _row(p, "weights_rad_per_Nm"), _row(p, "thresholds_Nm")))
+        elif term.effect == "joint_nonlinear_stiffness" and p["law"] == "cubic":
+            size = _row(p, "cubic_rad_per_Nm3")
+            (hardening if size[0] < 0 else out).append(Curve(i, "cubic", size, np.array([np.inf])))
+        elif term.effect == "joint_nonlinear_stiffness":
+            knee = "knee_Nm" if p["law"] == "knee" else "knees_Nm"
+            out.append(Curve(i, "clipped", _row(p, "extra_rad_per_Nm"), _row(p, knee)))
+    for curve in hardening:
+        i = curve.joint
+        angle = np.linspace(lower[i], upper[i], 20001)
+        beside = balancer(terms, angle).max() if i == 1 else 0.0
+        least = [float(by_angle(t, angle).min()) for t in terms if t.effect == BY_ANGLE and _joint(t) == i]
+        least += [float(c.slope(np.append(0.999999 * c.bound, 1e12)).min()) for c in out if c.joint == i]
+        left = (1.0 / (k[:, i] + beside)).min() + sum(min(v, 0.0) for v in least)
+        reach = np.sqrt(STEEPEST * max(left, 0.0) / (3.0 * abs(curve.size[0])))
+        out.append(Curve(i, "cubic", curve.size, np.array([reach])))
+    return out
+
+
+def body_springs(
+    terms: Sequence[Term], origin: Array, flange: Array, T_flange_tcp: Array
+) -> list[tuple[int, Array, Array]]:
+    """Springs of base, links and tool: the body (0 base_link … 6), the frame S (4, 4) in base_link at q = 0, and the
+    compliance (6, 6) in S.
+
+    A beam is clamped at the joint's own origin and loaded at the next one's (link) or at the TCP (tool); S is at its
+    loaded end with x along it. Matrices stand in base_link's axes, those of the tool in its beam's axes: y = u × x
+    with u the coordinate axis that x is least along.
+
+    Args:
+        origin: (6, 3) m, of the joints' frames at q = 0, in base_link.
+        flange: (4, 4) at q = 0.
+    """
+    out = []
+    for term in terms:
+        p = term.parameters
+        if term.effect == "link_compliance":
+            body = int(term.location.split(":")[1])
+            points = [*origin, flange[:3, 3]]
+            start = np.asarray(p["from_mm"]) / 1e3 if "from_mm" in p else points[body - 1]
+            end = np.asarray(p["to_mm"]) / 1e3 if "to_mm" in p else points[body]
+            out.append((body, *_spring(p, end, end - start, float(np.linalg.norm(end - start)), tool=False)))
+        elif term.effect == "base_compliance":
+            at = np.asarray(p.get("at_mm", np.zeros(3))) / 1e3
+            out.append((0, *_spring(p, at, np.zeros(3), 0.0, tool=False)))
+        elif term.effect == "tool_compliance":
+            tcp = flange @ T_flange_tcp
+            reach = abs(float(tcp[:3, 2] @ (tcp[:3, 3] - flange[:3, 3])))
+            length = float(p["length_mm"]) / 1e3 if "length_mm" in p else reach
+            if "cylinders" in p:
+                S = _frame(tcp[:3, 3], tcp[:3, 2])
+                out.append((6, S, float(p.get("scale", 1.0)) * _stack(p, S, flange)))
+            else:
+                out.append((6, *_spring(p, tcp[:3, 3], tcp[:3, 2], length, tool=True)))
+    return out
+
+
+KNOWN = {
+    "joint_coupling", BY_ANGLE, "joint_creep", "joint_nonlinear_stiffness", "joint_backlash", "joint_hysteresis",
+    "gravity_compensator", "link_compliance", "base_compliance", "tool_compliance", "geometric_stiffness",
+}  # fmt: skip
+
+
+def carried(C: Array, r: Array) -> Array:
+    """(..., 6, 6) compliance C of a point, seen from another one that is rigidly r (..., 3) m away, same axes.
+
+    A wrench (f, m) there is (f, m + r × f) here; the twist goes back the same way.
+    """
+    G = np.zeros((*r.shape[:-1], 6, 6))
+    G[..., range(6), range(6)] = 1.0
+    x, y, z = r[..., 0], r[..., 1], r[..., 2]
+    G[..., 0, 4], G[..., 0, 5], G[..., 1, 5] = z, -y, x
+    G[..., 1, 3], G[..., 2, 3], G[..., 2, 4] = -z, y, -x
+    return np.asarray(G @ C @ np.swapaxes(G, -1, -2))
+
+
+def _spring(p: Mapping[str, Any], at: Array, along: Array, length: float, *, tool: bool) -> tuple[Array, Array]:
+    if "compliance" in p:
+        C = np.asarray(p["compliance"], float)
+        return (_frame(at, along) if tool else _frame(at, None)), np.triu(C) + np.triu(C, 1).T
+    if "compliance_diagonal" in p:
+        return (_frame(at, along) if tool else _frame(at, None)), np.diag(np.asarray(p["compliance_diagonal"], float))
+    C = np.zeros((6, 6))
+    if "EI_Nm2" in p:
+        C += _bar(length, 1.0 / float(p["EI_Nm2"]), 0.0, 0.0)
+    if "GJ_Nm2" in p:
+        C += _bar(length, 0.0, 1.0 / float(p["GJ_Nm2"]), 0.0)
+    if "EA_N" in p:
+        C += _bar(length, 0.0, 0.0, 1.0 / float(p["EA_N"]))
+    return _frame(at, along), C
+
+
+def _bar(length: float, bend: float, twist: float, stretch: float) -> Array:
+    """(6, 6) at the loaded end of a clamped bar along x, by integrating the compliance of its slices."""
+    C = np.zeros((6, 6))
+    C[0, 0], C[3, 3] = length * stretch, length * twist
+    # a slice at distance u from the end turns by bend·(m + u f) and is seen u away: ∫ 1, u, u² du
+    one, first, second = length, length**2 / 2.0, length**3 / 3.0
+    for shift, turn, sign in ((1, 5, 1.0), (2, 4, -1.0)):
+        C[shift, shift], C[turn, turn] = bend * second, bend * one
+        C[shift, turn] = C[turn, shift] = sign * bend * first
+    return C
+
+
+def _stack(p: Mapping[str, Any], S: Array, flange: Array) -> Array:
+    """Cylinders in series from flange to tip, and a sensor with its own stiffness at the flange, seen from S."""
+    C = np.zeros((6, 6))
+    for step in p["cylinders"]:
+        D, d, L = (float(step.get(key, 0.0)) / 1e3 for key in ("diameter_mm", "bore_mm", "length_mm"))
+        E = float(step["youngs_GPa"]) * 1e9
+        area, inertia = np.pi * (D**2 - d**2) / 4.0, np.pi * (D**4 - d**4) / 64.0
+        G = E / (2.0 * (1.0 + float(step.get("poisson", 0.3))))
+        C = carried(C, np.array([L, 0.0, 0.0])) + _bar(
+            L, 1.0 / (E * inertia), 1.0 / (G * 2.0 * inertia), 1.0 / (E * area)
+        )
+    soft = np.zeros(6)
+    if "sensor_N_per_mm" in p:
+        soft[:3] = 1e-3 / np.asarray(p["sensor_N_per_mm"], float)
+    if "sensor_Nm_per_rad" in p:
+        soft[3:] = 1.0 / np.asarray(p["sensor_Nm_per_rad"], float)
+    own = turned(np.diag(soft), flange[:3, :3])
+    return C + turned(carried(own, S[:3, 3] - flange[:3, 3]), S[:3, :3].T)
+
+
+def turned(C: Array, R: Array) -> Array:
+    """(..., 6, 6) the compliance C in the axes that R (..., 3, 3) takes its own axes to."""
+    Z = np.zeros((*R.shape[:-2], 6, 6))
+    Z[..., :3, :3] = Z[..., 3:, 3:] = R
+    return np.asarray(Z @ C @ np.swapaxes(Z, -1, -2))
+
+
+def _frame(at: Array, along: Array | None) -> Array:
+    T = np.eye(4)
+    T[:3, 3] = at
+    if along is not None:
+        x = along / np.linalg.norm(along)
+        y = np.cross(np.eye(3)[int(np.abs(x).argmin())], x)
+        T[:3, 0], T[:3, 1] = x, y / np.linalg.norm(y)
+        T[:3, 2] = np.cross(x, T[:3, 1])
+    return T
+
+
+def _joint(term: Term) -> int:
+    word = term.location.split(":")[-1].split("-")[0]
+    return int(word) - 1 if word.isdigit() else -1
+
+
+def _row(p: Mapping[str, Any], key: str) -> Array:
+    return np.atleast_1d(np.asarray(p[key], float))
