@@ -86,6 +86,11 @@ def test_finished_jobs_stay_and_failed_ones_get_another_try(scheduler: str, tmp_
     first = run_batch(request)
     assert (first.exit_code, first.done, first.kept) == (1, 4, 0)
     before = contents(out)
+    manifest, sealed = read_manifest(out)
+    assert sealed
+    assert {f.name for f in manifest.files} >= {"batch.json", "summary.csv", "summary.html", "timings.csv"}
+    assert all(sha256_of(out / f.name) == f.sha256 for f in manifest.files)
+    assert {Path(f.name).name for f in manifest.inputs} >= {"a.nc", "b.nc", "cell.yaml", "robot.urdf"}
     again = run_batch(request)
     assert (again.done, again.kept) == (1, 3)
     assert times_run(tmp_path) == {"a": 1, "b": 1, "broken": 2, "no": 1}
@@ -164,7 +169,9 @@ def test_two_batches_in_one_folder_are_refused(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_real_jobs_give_what_the_single_command_gives_and_batches_are_compared(scheduler: str, tmp_path: Path) -> None:
-    from machopt.job.run import Request as Single
+    from machopt.output import read_manifest
+from machopt.output.hashes import sha256_of
+from machopt.job.run import Request as Single
     from machopt.job.run import optimize
     from machopt.job.verify import Request as Verify
     from machopt.job.verify import verify

@@ -19,7 +19,10 @@ from machopt.batch.request import Outcome, Progress, Request
 from machopt.batch.store import Store, open_store, read_main
 from machopt.batch.summary import Line, exit_code_of, result_of, write_summary
 from machopt.batch.supervise import Ended, Spec, log_tail, signal_name
+from machopt.domain.manifest import Manifest, ManifestFile
 from machopt.errors import InputError
+from machopt.job.manifest import versions
+from machopt.job.reading import reading_as_user
 
 STOPPED = 130
 FAILED = ("crashed", "over time", "over memory")
@@ -71,7 +74,8 @@ def run_batch(request: Request, progress: Callable[[Progress], None] = lambda _:
         result = result_of(found, lines, keys.version, complete=not stopped, others=store.others(_labels(plans)),
                            compared=compared)  # fmt: skip
         write_summary(store, lines, result, compared)
-    code = STOPPED if stopped else exit_code_of(lines)
+        code = STOPPED if stopped else exit_code_of(lines)
+        store.write_manifest(_manifest(request, plans, "stopped" if stopped else "complete", code))
     return Outcome(code, result, request.out / "summary.html", clock.done, clock.kept)
 
 
@@ -82,6 +86,25 @@ def _check(request: Request) -> None:
             raise InputError(f"found {value:g}; more than zero would work", where=name)
     if request.plan_file is not None and not request.plan_file.is_file():
         raise InputError("no such file", file=request.plan_file, where="--plan")
+
+
+def _manifest(request: Request, plans: Sequence[Ready | Refused], verdict: str, code: int) -> Manifest:
+    """What the batch was made from: every file of every job, by the hash that its key was made of."""
+    read = {name: sha for plan in plans if isinstance(plan, Ready) for name, sha in plan.inputs.items()}
+    inputs = tuple(ManifestFile(name, "input", sha, _size(Path(name))) for name, sha in sorted(read.items()))
+    return Manifest(
+        command="batch", verdict=verdict, exit_code=code, versions=versions(), inputs=inputs,
+        options={"overrides": list(request.overrides), "posts": list(map(str, request.posts))},
+        reading=reading_as_user(request.reading),
+    )  # fmt: skip
+
+
+def _size(file: Path) -> int:
+    """Bytes of a file as it is now; 0 where it has gone since its hash was taken."""
+    try:
+        return file.stat().st_size
+    except OSError:
+        return 0
 
 
 def _first_reason(plans: Sequence[Ready | Refused]) -> str:

@@ -19,6 +19,7 @@ from typing import Any
 from machopt.batch.nursery import LOG
 from machopt.batch.supervise import Ended, attempts
 from machopt.batch.task import DISK
+from machopt.domain.manifest import Manifest
 from machopt.errors import InputError
 from machopt.output import MANIFEST, read_manifest, write_json, write_manifest
 from machopt.output.lock import locked
@@ -123,13 +124,20 @@ class Store:
     def begin(self, value: dict[str, object]) -> None:
         """Say in batch.json that the batch is not complete, and take away the summary of an earlier run."""
         self.write_main(value)
-        for name in (*SUMMARY, *TIMINGS):
+        for name in (*SUMMARY, *TIMINGS, MANIFEST):
             (self.folder / name).unlink(missing_ok=True)
 
     def write_main(self, value: dict[str, object]) -> None:
         """Replace batch.json in one step."""
         write_json(self.work / MAIN, value)
         self._put(self.work / MAIN)
+
+    def write_manifest(self, manifest: Manifest) -> None:
+        """Replace manifest.json in one step; a job's files are listed in the manifest of the job."""
+        jobs = [f"{JOBS}/{label}/{name}" for label in sorted(self._records) for name in (MANIFEST, RECORD)]
+        names = [name for name in (MAIN, *SUMMARY, *TIMINGS, *jobs) if (self.folder / name).is_file()]
+        write_manifest(self.folder, manifest, dict.fromkeys(jobs, "job"), names, into=self.work)
+        self._put(self.work / MANIFEST)
 
     def _put(self, new: Path) -> None:
         """A file of the work folder in the place of the one of its name."""

@@ -111,6 +111,8 @@ def manifest_checks(folder: Path, inputs: tuple[ManifestFile, ...]) -> tuple[Man
         manifest, sealed = read_manifest(folder)
     except InputError as problem:
         return None, [failed(MANIFEST, _no_manifest(folder, problem))]
+    if manifest.command != "optimize":
+        return manifest, [failed(MANIFEST, f"is of machopt {manifest.command}; only what optimize wrote is verified")]
     checks = [_check(MANIFEST, [] if sealed else ["was edited after it was written: its seal does not fit"])]
     checks.append(_check("files as listed", [f"{d.name} {d.what}" for d in differences(folder, manifest)]))
     checks.append(_check("made from these inputs", input_differences(manifest.inputs, inputs)))

@@ -34,13 +34,18 @@ class Difference:
     what: str
 
 
-def write_manifest(folder: Path, manifest: Manifest, roles: Mapping[str, str]) -> Manifest:
+def write_manifest(
+    folder: Path, manifest: Manifest, roles: Mapping[str, str], names: Iterable[str] | None = None, *,
+    into: Path | None = None,
+) -> Manifest:  # fmt: skip
     """Hash every file of the folder and write manifest.json.
 
     Args:
         folder: holds everything but the manifest.
         manifest: all but its ``files``.
         roles: role by file name; what is not named has the role ``other``.
+        names: the files to list, where not all of them.
+        into: where to write manifest.json, where not into the folder at once.
 
     Returns:
         the manifest with its files.
@@ -48,11 +53,13 @@ def write_manifest(folder: Path, manifest: Manifest, roles: Mapping[str, str]) -
     programs = {name: "program" for program in manifest.programs for name in program.files}
     known = {**programs, **roles}
     files = tuple(
-        entry(folder / name, name, known.get(name, "other")) for name in sorted(listed(folder)) if name != MANIFEST
+        entry(folder / name, name, known.get(name, "other"))
+        for name in sorted(listed(folder) if names is None else names)
+        if name != MANIFEST
     )
     whole = replace(manifest, files=files)
     value = _as_json(whole)
-    write_json(folder / MANIFEST, {**value, "seal": seal(value)})
+    write_json((into or folder) / MANIFEST, {**value, "seal": seal(value)})
     return whole
 
 
