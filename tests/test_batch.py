@@ -23,6 +23,8 @@ from machopt.batch.run import run_batch
 from machopt.batch.supervise import Server, Spec
 from machopt.errors import InputError
 from machopt.formats.posts import post_text
+from machopt.output import read_manifest
+from machopt.output.hashes import sha256_of
 
 ROOT = Path(__file__).resolve().parents[1]
 TOOLPATHS = ROOT / "toolpaths"
@@ -169,11 +171,9 @@ def test_two_batches_in_one_folder_are_refused(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_real_jobs_give_what_the_single_command_gives_and_batches_are_compared(scheduler: str, tmp_path: Path) -> None:
-    from machopt.output import read_manifest
-from machopt.output.hashes import sha256_of
-from machopt.job.run import Request as Single
+    from machopt.job.inforce import Request as Verify
+    from machopt.job.run import Request as Single
     from machopt.job.run import optimize
-    from machopt.job.verify import Request as Verify
     from machopt.job.verify import verify
 
     place = tmp_path / "parts"
