@@ -22,6 +22,7 @@ MOST_MOVES = 1_000_000
 MOST_STEPS = 2_000_000  # statements carried out: loops that end are shorter
 FARTHEST = 1e3  # m; no robot cell is larger, so the number is a fault
 MOST_DEGREES = 1e5  # of an axis
+SAME_ATTITUDE = 1e-6  # of a rotation matrix: programs carry six digits at most
 NO_TIME = math.nan
 _MOVES = {m.word: m for m in Move}
 _CAM_KINDS = (
@@ -116,15 +117,15 @@ class Builder:
 
     def circle(
         self, via: Array, end: Array, line: int, *, feed: float, blend: float, external: Sequence[float] = (),
-        configuration: Mapping[str, object] | None = None, sweep: float | None = None,
+        configuration: Mapping[str, object] | None = None, sweep_deg: float | None = None,
     ) -> None:  # fmt: skip
         """An arc from where the robot stands through ``via`` to ``end``, poses (4, 4), as chords.
 
+        With ``sweep_deg`` it ends after that angle instead, the other way round where negative (KUKA's CA).
+
         Raises:
-            InputError: the start is not known, or the three points lie on a line.
+            InputError: the start is not known, or the three points lie on a line; or, with an angle, the tool turns.
         """
-        if sweep is not None:
-            raise self.error("an arc given by its angle is not read; one that ends at its end point would work", line)
         if self.last is None:
             raise self.error("an arc begins at a joint target, whose place is not known without the robot", line)
         start = self.last
@@ -139,12 +140,17 @@ class Builder:
         half = np.array([(p1 @ p1 - p0 @ p0) / 2.0, (p2 @ p2 - p0 @ p0) / 2.0, n @ p0])
         try:
             centre = np.linalg.solve(A, half)
-            found = arc(p0, p2, centre, n, self.arc_tolerance)
+            if sweep_deg is None:
+                points = arc(p0, p2, centre, n, self.arc_tolerance).points
+            else:
+                if np.abs(end[:3, :3] - start[:3, :3]).max() > SAME_ATTITUDE:
+                    raise ArcError("an angle (CA) is read for a tool that does not turn; end the arc at its end point")
+                points = _swept(p0 - centre, n, math.radians(sweep_deg), self.arc_tolerance) + centre
         except (ArcError, np.linalg.LinAlgError) as problem:
             raise self.error(f"no arc through these points: {problem}", line) from None
-        share = np.arange(1, len(found.points) + 1) / len(found.points)
+        share = np.arange(1, len(points) + 1) / len(points)
         turned = between(start[:3, :3], end[:3, :3], share)
-        for k, (point, R) in enumerate(zip(found.points.tolist(), turned, strict=True)):
+        for k, (point, R) in enumerate(zip(points.tolist(), turned, strict=True)):
             final = k + 1 == len(share)
             T = np.eye(4)
             T[:3, :3], T[:3, 3] = R, point
@@ -271,6 +277,17 @@ class Builder:
             line=codes[:, 5].copy(), warnings=tuple(self.warnings),
             ignored=tuple(IgnoredWord(w, c, at, u) for (w, u), (c, at) in self._ignored.items()),
         )  # fmt: skip
+
+
+def _swept(spoke: Array, n: Array, angle: float, tolerance: float) -> Array:
+    """(N, 3) chord ends of the arc that ``spoke`` (3,), square to ``n``, sweeps by ``angle`` (rad)."""
+    radius = float(np.linalg.norm(spoke))
+    if not 0.0 < abs(angle) < 1e3:
+        raise ArcError(f"an arc of {math.degrees(angle):g} degrees")
+    step = 2.0 * math.acos(max(1.0 - tolerance / radius, 0.0))
+    t = angle * np.arange(1, (count := max(math.ceil(abs(angle) / step), 2)) + 1)[:, None] / count
+    out: Array = np.cos(t) * spoke + np.sin(t) * np.cross(n, spoke)
+    return out
 
 
 def _index(frames: list[Frame], frame: Frame) -> int:

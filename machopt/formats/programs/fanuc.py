@@ -6,6 +6,8 @@ import math
 import re
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from machopt.formats.programs.builder import Builder, number
 from machopt.formats.programs.nearby import called
 from machopt.formats.programs.parsed import JOINT, LINEAR, Array, Frame, ParsedProgram
@@ -16,6 +18,7 @@ _LINE = re.compile(r"\s*(\d*)\s*:\s*(.*)")
 _MOTION = re.compile(r"([JLCA])\s+(PR?)\s*\[\s*(\d+)\s*(?::[^\]]*)?\]\s*(.*)")
 _POSITION = re.compile(r"(PR?)\s*\[\s*(\d+)\s*(?::[^\]]*)?\]\s*(.*)")
 _SPEED = re.compile(r"(\d*\.?\d+)\s*(%|mm/sec|cm/min|inch/min|in/min|deg/sec|msec|sec)", re.IGNORECASE)
+_SECONDS = re.compile(r"(\d*\.?\d+)\s*(m?)sec\b", re.IGNORECASE)
 _END = re.compile(r"\b(FINE|CNT\s*\d+|CD\s*\d+|CR\s*\d+|CNT\s*R\[\d+\])", re.IGNORECASE)
 _P = re.compile(r"P\s*\[\s*(\d+)\s*(?::[^\]]*)?\]\s*\{(.*?)\}\s*;", re.DOTALL)
 _GROUP = re.compile(r"GP(\d)\s*:?")
@@ -23,6 +26,7 @@ _ITEM = re.compile(r"\b([XYZWPRJE]\d?)\s*=\s*([-+.\d]+(?:[eE][-+]?\d+)?|\*+)\s*(
 _FRAME = re.compile(r"\b(UF|UT)\s*:\s*(\d+|F)")
 _CONFIG = re.compile(r"CONFIG\s*:?\s*'([^']*)'")
 _FRAME_NUMBER = re.compile(r"(UFRAME|UTOOL)_NUM\s*=\s*(\d+)")
+_FLAT = 1e-18  # m³·m²: three places within a micrometre of a line
 _TO_M_S = {"mm/sec": 1e-3, "cm/min": 1e-2 / 60.0, "inch/min": 0.0254 / 60.0, "in/min": 0.0254 / 60.0}
 _MODIFIER = re.compile(
     r"(?:ACC\s*\d+|COORD|PTH|WJNT|RTCP|BREAK|MROT|EV\s*\d+%?|IND|AP_LD[\d.]*|RT_LD[\d.]*|PSPD\s*\d+|CR\s*\d+)$"
@@ -77,6 +81,7 @@ class _Reader:
         self.user_frame: int | None = None
         self.tool: int | None = None
         self.moves = 0
+        self.row: list[tuple[Array, re.Match[str], int]] = []  # A moves so far: pose, words, line
         self.jump: tuple[int, str, Source] | None = None
 
     def run(self) -> ParsedProgram:
@@ -109,7 +114,9 @@ class _Reader:
                 self.other(text, line, part, depth)
                 continue
             if motion.group(1) == "A":
-                raise self.out.error("circular moves A are not read; C or L would work", line, part.source)
+                self.arc_point(part, motion, line)
+                continue
+            self.end_of_arcs(part)
             if motion.group(1) == "C":
                 second = re.search(r"(PR?)\s*\[\s*(\d+)\s*(?::[^\]]*)?\]\s*(.*)", motion.group(4))
                 first = (line, motion.group(1), motion.group(2), motion.group(3), line)
@@ -121,6 +128,7 @@ class _Reader:
             self.motion(part, motion, line)
         if pending is not None:
             raise self.out.error("a circular move C has no second position", pending[0], part.source)
+        self.end_of_arcs(part)
 
     # ---- motion
 
@@ -148,7 +156,11 @@ class _Reader:
         self.moves += 1
         found = self.position(part, motion.group(2), motion.group(3), line)
         kind = JOINT if motion.group(1) == "J" else LINEAR
-        feed, blend = self.tail(motion.group(4), line, part)
+        tail, incremental = re.subn(r"\bINC\b,?", " ", motion.group(4), flags=re.IGNORECASE)
+        feed, blend = self.tail(tail, line, part)
+        if incremental:
+            self.step(found, kind, feed, blend, line, part)
+            return
         if "J1" in found.values:
             axes = [found.values.get(f"J{k}", math.nan) for k in range(1, 7)]
             if any(math.isnan(v) for v in axes):
@@ -157,10 +169,53 @@ class _Reader:
                            external=found.others)  # fmt: skip
             return
         v = found.values
+        if kind == LINEAR and (seconds := _SECONDS.search(tail)) and self.out.last is not None:
+            way = float(np.linalg.norm(_pose(v)[:3, 3] - self.out.last[:3, 3]))
+            feed = way / (float(seconds.group(1)) * (1e-3 if seconds.group(2) else 1.0) or math.inf)
         rows = fixed_xyz(v["W"], v["P"], v["R"])
         self.out.pose(kind, rows, v["X"] * 1e-3, v["Y"] * 1e-3, v["Z"] * 1e-3, line,
                       feed=feed if kind == LINEAR else math.nan, blend=blend, external=found.others,
                       configuration=found.configuration)  # fmt: skip
+
+    def step(self, by: Position, kind: int, feed: float, blend: float, line: int, part: Part) -> None:
+        """INC: the position's numbers are added to the place where the robot stands, along the user frame."""
+        if "X" not in by.values or self.out.last is None:
+            raise self.out.error(
+                "INC starts where the robot stands, and the program does not say where that is (or gives axes); "
+                "absolute positions would work", line, part.source,
+            )  # fmt: skip
+        if any(by.values[c] for c in "WPR"):
+            raise self.out.error(
+                "INC that turns the tool is not read; absolute positions would work", line, part.source
+            )
+        T = self.out.last.copy()
+        T[:3, 3] += [by.values[c] * 1e-3 for c in "XYZ"]
+        self.out.placed(kind, T, line, feed=feed if kind == LINEAR else math.nan, blend=blend, external=by.others)
+
+    def arc_point(self, part: Part, motion: re.Match[str], line: int) -> None:
+        """A: straight to the first of a row; from the third on, the arc through it and the two before."""
+        if not self.row:
+            self.motion(part, motion, line)
+            self.row = [(self.out.last, motion, line)] if self.out.last is not None else []
+            return
+        found = self.position(part, motion.group(2), motion.group(3), line)
+        if "X" not in found.values:
+            raise self.out.error("a circular move needs Cartesian positions", line, part.source)
+        self.moves += 1
+        self.row.append((_pose(found.values), motion, line))
+        if len(self.row) < 3:
+            return
+        feed, blend = self.tail(motion.group(4), line, part)
+        a, b, c = (row[0] for row in self.row[-3:])
+        via = b if len(self.row) == 3 else _halfway(a, b, c)
+        self.out.circle(via, c, line, feed=feed, blend=blend, external=found.others, configuration=found.configuration)
+
+    def end_of_arcs(self, part: Part) -> None:
+        if len(self.row) == 2:
+            raise self.out.error(
+                "two moves A in a row: an arc needs three points; L would work", self.row[1][2], part.source
+            )
+        self.row = []
 
     def circle(self, part: Part, first: tuple[int, str, str, str, int], second: re.Match[str], line: int) -> None:
         self.moves += 1
@@ -192,12 +247,13 @@ class _Reader:
         for word in re.split(r"[\s]+", text.strip()):
             if not word or _MODIFIER.match(word.upper()):
                 continue
-            if word.upper() in ("INC", "INC,"):
-                raise self.out.error("incremental moves are not read; absolute ones would work", line, part.source)
+            if word.upper().rstrip(",") == "INC":
+                raise self.out.error("INC in a circular move is not read; absolute ones would work", line, part.source)
             if re.match(r"(?:TOOL_)?OFFSET|VOFFSET", word.upper()):
-                self.out.warn_once(
-                    f"{word.rstrip(',')} shifts points while the robot runs; the points are taken as they stand", line
-                )
+                raise self.out.error(
+                    f"{word.rstrip(',')} shifts the point by a register that the controller holds and the program does "
+                    "not: post the points where they lie", line, part.source,
+                )  # fmt: skip
             self.out.ignore(re.sub(r"\d+", "n", word), line, understood=False)
         return feed, blend
 
@@ -243,6 +299,22 @@ class _Reader:
             return
         self.out.files.append(other.path)
         self.follow(_split(other), depth + 1)
+
+
+def _halfway(a: Array, b: Array, c: Array) -> Array:
+    """A pose on the circle through three places, half-way from the second to the third."""
+    p, q, r = (T[:3, 3] for T in (a, b, c))
+    n = np.cross(q - p, r - q)
+    rows = np.array([q - p, r - p, n])
+    if abs(np.linalg.det(rows)) < _FLAT:
+        return b  # on a line: the arc through it says so
+    centre = np.linalg.solve(rows, [(q @ q - p @ p) / 2.0, (r @ r - p @ p) / 2.0, n @ p])
+    u, w = q - centre, r - centre
+    v = np.cross(n / np.linalg.norm(n), u)
+    half = (math.atan2(float(w @ v), float(w @ u)) % (2.0 * math.pi)) / 2.0
+    out = b.copy()
+    out[:3, 3] = centre + math.cos(half) * u + math.sin(half) * v
+    return out
 
 
 def _split(source: Source) -> Part:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import re
 
+import numpy as np
+
 from machopt.formats.programs.builder import MOST_MOVES, Builder
 from machopt.formats.programs.krl_files import OPENS, Line, Routine, first_word, read_module
 from machopt.formats.programs.krl_values import KrlError, Memory, Value, evaluate, plain_aggregate, split_name, whole
@@ -31,6 +33,8 @@ _QUIET = frozenset((
     "$ADVANCE", "$IPO_MODE", "$ORI_TYPE", "$CIRC_TYPE", "$APO", "$ACC", "$ACC_AXIS", "$VEL_AXIS", "$OV_PRO",
     "$BWDSTART", "$LOAD", "$VEL", "$ACT_BASE", "$ACT_TOOL", "$H_POS", "$JERK", "$ORI_CHECK",
 ))  # fmt: skip
+_HERE = re.compile(r"\$(?:AXIS|POS)_(?:ACT|INT|RET|FOR)(?:_ME?A?S)?\s*", re.IGNORECASE)  # where the robot stands
+_HOME = re.compile(r"(?:X?HOME\d*|\$H_POS)\s*", re.IGNORECASE)
 EVENTFUL = ("$OUT", "$ANOUT", "$CYCFLAG", "$FLAG")
 
 
@@ -50,6 +54,7 @@ class _Reader:
         self.returned = False  # a RETURN was reached in the routine that is followed
         self.pose: dict[str, float] = {}  # last components, for aggregates that leave some out
         self.axes: dict[str, float] = {}
+        self.framed: dict[str, str] = {}  # base and tool that an inline form has set
         self.memory.plain["$NULLFRAME"] = dict.fromkeys(_POSE, 0.0)
 
     def run(self) -> ParsedProgram:
@@ -228,6 +233,8 @@ class _Reader:
         """KUKA's own set-up routine: speeds and numbered frames."""
         what, _, value = arguments.partition(",")
         what = what.strip().upper()
+        if what in ("#CP_PARAMS", "#PTP_PARAMS"):
+            self.inline_frames()
         if what in ("#VEL_CP", "#CP_PARAMS"):
             speed = evaluate(value, self.memory)
             self.out.feed = speed if isinstance(speed, float) else math.nan
@@ -235,6 +242,17 @@ class _Reader:
             self.frame("$BASE", f"BASE_DATA[{value.strip()}]")
         elif what == "#TOOL":
             self.frame("$TOOL", f"TOOL_DATA[{value.strip()}]")
+
+    def inline_frames(self) -> None:
+        """The numbers of base and tool in the data of an inline form (FDAT_ACT = F…) hold from here on."""
+        data = self.memory.plain.get("FDAT_ACT")
+        for word, key, table in (("$BASE", "BASE_NO", "BASE_DATA"), ("$TOOL", "TOOL_NO", "TOOL_DATA")):
+            number = data.get(key) if isinstance(data, dict) else None
+            if isinstance(number, float):
+                name = "$NULLFRAME" if number == 0.0 else f"{table}[{number:.0f}]"
+                if self.framed.get(word) != name:
+                    self.frame(word, name)
+                    self.framed[word] = name
 
     def assign(self, left: str, right: str, line: int) -> None:
         name = split_name(left, self.memory)
@@ -269,8 +287,20 @@ class _Reader:
     # ---- motion
 
     def motion(self, word: str, rest: str, line: Line, routine: Routine) -> None:
+        name = re.split(r"\s+C_", rest.strip())[0]
+        if _HERE.fullmatch(name):
+            self.out.ignore(f"{word} {name} (to where the robot stands)", line.number, understood=True)
+            self.out.warn_once("a move to where the robot stands is no part of the path: left out", line.number)
+            return
+        if "PTP" in word and _HOME.fullmatch(name) and not self.memory.plain.get(name.strip().upper()):
+            self.out.warn_once(
+                f"{word} {name.strip()} without a data list that says where it is: left out", line.number
+            )
+            self.somewhere(line.number)
+            return
         if word.endswith("_REL"):
-            raise self.out.error("relative moves are not read; absolute ones would work", line.number, routine.source)
+            self.relative(word, rest, line.number)
+            return
         targets, flags = self.targets(rest, 2 if "CIRC" in word else 1)
         kind = JOINT if "PTP" in word else LINEAR
         blend = 0.0
@@ -299,7 +329,7 @@ class _Reader:
         if via is not None:
             angle = re.search(r"\bCA\s+([-+.\d]+)", rest, re.IGNORECASE)
             self.out.circle(_placed(via), T, line.number, feed=feed, blend=blend, external=_externals(target),
-                            configuration=bits, sweep=float("nan") if angle else None)  # fmt: skip
+                            configuration=bits, sweep_deg=float(angle.group(1)) if angle else None)  # fmt: skip
             return
         rows = fixed_xyz(full["C"], full["B"], full["A"])
         x, y, z = (full[c] * 1e-3 for c in "XYZ")
@@ -314,6 +344,36 @@ class _Reader:
         if missing:
             raise KrlError(f"{missing[0]} is not given and stands nowhere before")
         return dict(self.pose)
+
+    def somewhere(self, line: int) -> None:
+        """A joint move to a place that is not known: nothing of the last target holds any more."""
+        self.out.joint([math.nan] * 6, line)
+        self.pose, self.axes = {}, {}
+
+    def relative(self, word: str, rest: str, line: int) -> None:
+        """LIN_REL, PTP_REL: what is added to the last target, along the base's axes or (#TOOL) the tool's."""
+        if "CIRC" in word or word == "SPL_REL":
+            raise KrlError(f"{word} is not read; LIN_REL, or absolute targets, would work")
+        (delta,), flags = self.targets(re.sub(r"#(?:BASE|TOOL)\b", " ", rest, flags=re.IGNORECASE), 1)
+        blend = 0.0 if not flags else self.corner if "C_DIS" in flags else math.nan
+        kind = JOINT if "PTP" in word else LINEAR
+        feed = self.out.feed if kind == LINEAR else math.nan
+        if any(a in delta for a in _AXES):
+            if not self.axes or self.out.last is not None or kind == LINEAR:
+                self.somewhere(line)  # axes of a pose: only the robot knows them
+                return
+            self.axes |= {a: self.axes[a] + _numeric(delta, a) for a in _AXES if a in delta}
+            self.out.joint([self.axes[a] for a in _AXES], line, blend=blend)
+            return
+        if self.out.last is None:
+            raise KrlError(f"{word} starts where the robot stands, and the program does not say where that is")
+        if any(_numeric(delta, c) for c in ("A", "B", "C") if c in delta):
+            raise KrlError(f"{word} that turns the tool is not read; absolute targets would work")
+        step = np.array([_numeric(delta, c) * 1e-3 if c in delta else 0.0 for c in ("X", "Y", "Z")])
+        T = self.out.last.copy()
+        T[:3, 3] += T[:3, :3] @ step if re.search(r"#TOOL\b", rest, re.IGNORECASE) else step
+        self.out.placed(kind, T, line, feed=feed, blend=blend)
+        self.pose |= {c: float(v) * 1e3 for c, v in zip("XYZ", T[:3, 3].tolist(), strict=True)}
 
     def targets(self, text: str, count: int) -> tuple[list[dict[str, object]], list[str]]:
         """The targets of a motion, and the approximation words after them."""

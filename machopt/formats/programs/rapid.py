@@ -48,6 +48,7 @@ _EVENTS = frozenset((
 ))  # fmt: skip
 _STOPS = frozenset(("STOP", "EXIT", "BREAK"))
 _ZONE = re.compile(r"Z(\d{1,3})")
+Quaternion = tuple[float, float, float, float]  # w first
 _SPEED = re.compile(r"V(\d{1,5})")
 
 
@@ -244,7 +245,13 @@ class _Reader:
     def shifted(self, value: Call, depth: int) -> object:
         """Offs(point, x, y, z) along the work object's axes, RelTool(point, x, y, z) along the tool's."""
         numbers = value.arguments[1:]
-        if value.name not in ("OFFS", "RELTOOL") or len(numbers) != 3 or not all(isinstance(v, float) for v in numbers):
+        if value.name in ("CROBT", "CJOINTT", "CPOS"):
+            raise RapidError(f"{value.name.lower()}() is where the robot stands: known only while it runs")
+        turns = dict(value.options)
+        known = all(isinstance(v, float) for v in (*numbers, *turns.values()))
+        if value.name not in ("OFFS", "RELTOOL") or len(numbers) != 3 or not known or (
+            turns and (value.name == "OFFS" or not set(turns) <= {"RX", "RY", "RZ"})
+        ):  # fmt: skip
             raise RapidError(f"{value.name.lower()}(…) is not evaluated; expand the program first")
         point = self.resolved(value.arguments[0], depth + 1)
         x, y, z, q, rest = robtarget(point)
@@ -254,6 +261,9 @@ class _Reader:
             if rows is None:
                 raise RapidError("a quaternion is not of unit length")
             d = np.array(rows).reshape(3, 3) @ d
+        for axis in ("RX", "RY", "RZ"):  # about the tool's axes as they lie after the turn before
+            if axis in turns:
+                q = _turned(q, axis, float(turns[axis]))  # type: ignore[arg-type]
         return [[x + d[0], y + d[1], z + d[2]], list(q), *rest]
 
     def look_around(self, name: str) -> None:
@@ -298,6 +308,10 @@ class _Reader:
                 "GO",
             ):
                 self.out.ignore(f"\\{option}", line, understood=False)
+        if isinstance(values[0], Call) and values[0].name in ("CROBT", "CJOINTT"):
+            self.out.ignore(f"{word} {values[0].name} (to where the robot stands)", line, understood=True)
+            self.out.warn_once("a move to where the robot stands is no part of the path: left out", line)
+            return
         targets = [self.resolved(v) for v in values[:count]]
         feed = self.speed(values[count], line, proc)
         if isinstance(options.get("V"), float):
@@ -395,3 +409,17 @@ class _Reader:
 
 def _plain(s: Statement) -> str:
     return " ".join(t.text for t in s.tokens)[:120]
+
+
+def _turned(q: Quaternion, axis: str, degrees: float) -> Quaternion:
+    """``q`` turned about one of its own axes."""
+    half = math.radians(degrees) / 2.0
+    b = [math.cos(half), 0.0, 0.0, 0.0]
+    b[("RX", "RY", "RZ").index(axis) + 1] = math.sin(half)
+    w, x, y, z = q
+    return (
+        w * b[0] - x * b[1] - y * b[2] - z * b[3],
+        w * b[1] + x * b[0] + y * b[3] - z * b[2],
+        w * b[2] - x * b[3] + y * b[0] + z * b[1],
+        w * b[3] + x * b[2] - y * b[1] + z * b[0],
+    )

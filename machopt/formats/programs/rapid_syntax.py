@@ -85,6 +85,7 @@ class Call:
 
     name: str
     arguments: tuple[object, ...]
+    options: tuple[tuple[str, object], ...] = ()  # \Name:=value
 
 
 def read_module(source: Source) -> Module:
@@ -291,14 +292,19 @@ class Reader:
         if self.peek() == "(":
             self.take()
             arguments: list[object] = []
+            options: list[tuple[str, object]] = []
             while self.peek() != ")":
                 if self.peek() == "\\":
-                    raise RapidError(f"{token.text} with optional arguments is not evaluated")
-                arguments.append(self.value(depth + 1))
+                    self.take()
+                    word = self.take().text.upper()
+                    self.take(":=")
+                    options.append((word, self.value(depth + 1)))
+                else:
+                    arguments.append(self.value(depth + 1))
                 if self.peek() == ",":
                     self.take()
             self.take(")")
-            return Call(token.text.upper(), tuple(arguments))
+            return Call(token.text.upper(), tuple(arguments), tuple(options))
         tail = ""
         while self.peek() in ("{", "."):
             if self.take().text == ".":

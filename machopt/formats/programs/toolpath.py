@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -81,6 +82,7 @@ def to_toolpath(
         raise source.error(_nothing_to_cut(program, known, robot))
     events = sorted(program.events, key=lambda e: e.index)  # stable: in order at one move
     operation, told = -2, 0
+    away = 0  # line of a joint move without a place that came after the last point, 0 where there is none
     for k in range(len(program)):
         while told < len(events) and events[told].index <= k:
             out.event(events[told].kind, events[told].text, events[told].value)
@@ -88,6 +90,7 @@ def to_toolpath(
         line = int(program.line[k])
         if not known[k]:
             out.ignore("joint move (no place without the robot)", line, understood=True)
+            away = line if len(out) else 0
             continue
         if program.operation[k] != operation:
             operation = int(program.operation[k])
@@ -95,7 +98,16 @@ def to_toolpath(
                 out.begin_operation(program.operations[operation])
         x, y, z = (T[k, :3, 3] * 1e3).tolist()
         i, j, c = (sign * T[k, :3, column]).tolist()
-        out.add((x, y, z), (i, j, c), int(program.move[k]), float(program.feed[k]) * 6e4, line)
+        move, feed = int(program.move[k]), float(program.feed[k]) * 6e4
+        if away and move != Move.RAPID:
+            out.warn_once(
+                f"a linear move follows joint moves without a known place (line {away}): its start is not known, so "
+                "the way to its end is taken as a rapid one; with a cell (inspect --cell) its start is known",
+                line,
+            )
+            move, feed = int(Move.RAPID), math.nan
+        away = 0
+        out.add((x, y, z), (i, j, c), move, feed, line)
     for event in events[told:]:
         out.event(event.kind, event.text, event.value)
     for word in program.ignored:

@@ -186,6 +186,10 @@ class _Reader:
     def motion(self, name: str, text: str, line: Line) -> None:
         if name not in ("movej", "movel", "movep", "movec", "servoj"):
             raise ScriptError(f"{name} is not read; movej, movel, movep, movec or servoj would work")
+        if re.match(r"\s*get_(?:actual|target)_(?:tcp_pose|joint_positions)\s*\(\s*\)\s*(?:,|$)", text):
+            self.out.ignore(f"{name} to where the robot stands", line.number, understood=True)
+            self.out.warn_once("a move to where the robot stands is no part of the path: left out", line.number)
+            return
         values, options = arguments(text, self.memory)
         order = {"movej": ("pose", "a", "v", "t", "r"), "movel": ("pose", "a", "v", "t", "r"),
                  "movep": ("pose", "a", "v", "r"), "movec": ("via", "pose", "a", "v", "r", "mode"),

@@ -1,0 +1,152 @@
+"""Words of robot programs that are no plain target: carried out, left out and said, or refused with their cause."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from machopt.domain.toolpath import Move, Toolpath
+from machopt.errors import InputError
+from machopt.formats.toolpath import read_toolpath
+
+HEAD = "DEF a()\n$VEL.CP=0.01\n"
+START = "LIN {X 0,Y 0,Z 5,A 0,B 0,C 0}\n"
+P0 = "[[0,0,5],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+MODULE = f"MODULE m\nCONST robtarget p0:={P0};\nPROC main()\n%s\nENDPROC\nENDMODULE\n"
+
+
+def read(folder: Path, name: str, text: str) -> Toolpath:
+    (folder / name).write_text(text)
+    return read_toolpath(folder / name)
+
+
+def krl(folder: Path, body: str) -> Toolpath:
+    return read(folder, "a.src", HEAD + body + "\nEND\n")
+
+
+def mm(t: Toolpath) -> list[list[float]]:
+    return (np.round(t.position * 1e3, 9) + 0.0).tolist()  # metres and back costs the last bits
+
+
+@pytest.mark.parametrize("here", ["PTP $AXIS_ACT", "PTP $POS_ACT", "LIN $POS_ACT C_DIS", "SPTP $AXIS_ACT", "PTP XHOME",
+                                  "PTP  XHOME  C_PTP", "PTP HOME", "SPTP XHOME"])  # fmt: skip
+def test_krl_begins_where_the_robot_stands(tmp_path: Path, here: str) -> None:
+    t = krl(tmp_path, f"{here}\n{START}LIN {{X 10}}")
+    assert mm(t) == [[0, 0, 5], [10, 0, 5]]
+    assert any(w.startswith("line 3:") and "left out" in w for w in t.warnings)
+
+
+def test_krl_home_of_the_data_list_is_used_and_another_name_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.dat").write_text("DEFDAT a\nDECL E6POS XHOME={X 1,Y 2,Z 3,A 0,B 0,C 0}\nENDDAT\n")
+    t = krl(tmp_path, f"PTP XHOME\n{START}")
+    assert mm(t) == [[1, 2, 3], [0, 0, 5]]
+    with pytest.raises(InputError, match=r"line 3: XP7 is declared in none"):
+        krl(tmp_path, f"PTP XP7\n{START}")
+
+
+def test_a_cut_after_a_joint_move_of_unknown_place_is_no_cut_from_the_last_point(tmp_path: Path) -> None:
+    """The arm leaves the path for a place only its axes name: a straight cut from the last point would be made up."""
+    t = krl(
+        tmp_path,
+        START + "LIN {X 10}\nPTP {A1 0,A2 -90,A3 90,A4 0,A5 0,A6 0}\nLIN {X 90,Y 80,Z 5,A 0,B 0,C 0}\nLIN {X 95}",
+    )
+    assert t.move.tolist() == [Move.CUT, Move.CUT, Move.RAPID, Move.CUT]
+    assert math.isnan(t.feed[2])
+    assert any("line 6" in w and "joint moves without a known place (line 5)" in w for w in t.warnings)
+
+
+def test_krl_relative_moves_add_to_the_last_target(tmp_path: Path) -> None:
+    t = krl(
+        tmp_path, "LIN {X 1,Y 2,Z 3,A 90,B 0,C 0}\nLIN_REL {X 10,Z -1}\nLIN_REL {X 5} #TOOL\nPTP_REL {Y 3}\nLIN {X 0}"
+    )
+    assert mm(t) == [[1, 2, 3], [11, 2, 2], [11, 7, 2], [11, 10, 2], [0, 10, 2]]
+    assert t.move.tolist() == [0, 0, 0, 1, 0]
+    with pytest.raises(InputError, match="line 3: LIN_REL starts where the robot stands"):
+        krl(tmp_path, "LIN_REL {X 10}\n" + START)
+    with pytest.raises(InputError, match="line 4: LIN_REL that turns the tool"):
+        krl(tmp_path, START + "LIN_REL {A 10}")
+
+
+def test_krl_an_arc_by_its_angle_goes_round_the_circle_of_its_points(tmp_path: Path) -> None:
+    t = krl(tmp_path, START + "CIRC {X 5,Y 5,Z 5},{X 10,Y 0,Z 5},CA 360\nCIRC {X 5,Y 5,Z 5},{X 10,Y 0,Z 5},CA -90")
+    p = t.position * 1e3
+    assert np.allclose(np.linalg.norm(p[1:, :2] - [5, 0], axis=1), 5.0)
+    assert np.allclose(p[t.line == 4][-1], [0, 0, 5])
+    assert np.allclose(p[t.line == 5][-1], [5, -5, 5])  # the other way round: away from the auxiliary point
+    length = np.linalg.norm(np.diff(p[t.line <= 4], axis=0), axis=1).sum()
+    assert length == pytest.approx(10 * math.pi, rel=2e-3)  # chords
+
+
+def test_krl_inline_forms_set_base_and_speed(tmp_path: Path) -> None:
+    data = "".join(
+        f"DECL E6POS XP{k}={{X {k},Y 0,Z 0,A 0,B 0,C 0,S 2,T 35}}\nDECL FDAT FP{k}={{TOOL_NO 1,BASE_NO {b}}}\n"
+        for k, b in ((1, 2), (2, 2), (3, 3))
+    )
+    (tmp_path / "a.dat").write_text(f"DEFDAT a PUBLIC\n{data}ENDDAT\n")
+    form = ";FOLD LIN P{0} Vel={1} m/s CPDAT1;%{{PE}}\nFDAT_ACT=FP{0}\nBAS(#CP_PARAMS,{1})\nLIN XP{0}\n;ENDFOLD\n"
+    t = krl(tmp_path, form.format(1, 0.1) + form.format(2, 0.2))
+    assert mm(t) == [[1, 0, 0], [2, 0, 0]]
+    assert (t.feed * 60e3).tolist() == pytest.approx([6000, 12000])
+    with pytest.raises(InputError, match=r"BASE_DATA\[2\], BASE_DATA\[3\]"):
+        krl(tmp_path, form.format(1, 0.1) + form.format(3, 0.2))
+
+
+def test_rapid_turns_and_present_positions(tmp_path: Path) -> None:
+    body = "MoveL CRobT(\\Tool:=tool0),v10,fine,tool0;\nMoveL p0,v10,fine,tool0;\n"
+    body += "MoveL RelTool(p0,0,0,2\\Rx:=30\\Ry:=20),v10,fine,tool0;"
+    t = read(tmp_path, "a.mod", MODULE % body)
+    assert mm(t)[0] == [0, 0, 5]
+    assert np.allclose(t.position[1] * 1e3, [0, 0, 3])
+    a, b = np.radians([30.0, 20.0])  # Rx(180) Rx(a) Ry(b): minus its z column
+    assert np.allclose(t.axis[1], [-math.sin(b), -math.sin(a) * math.cos(b), math.cos(a) * math.cos(b)])
+    with pytest.raises(InputError, match=r"line 4: crobt\(\) is where the robot stands"):
+        read(tmp_path, "a.mod", MODULE % "MoveL Offs(CRobT(),0,0,5),v10,fine,tool0;")
+    with pytest.raises(InputError, match="line 4: PDISPSET: displacements"):
+        read(tmp_path, "a.mod", MODULE % "PDispSet [[1,0,0],[1,0,0,0]];\nMoveL p0,v10,fine,tool0;")
+
+
+def fanuc(folder: Path, lines: str, **positions: tuple[float, float]) -> Toolpath:
+    at = "".join(
+        f"{name[0].upper()}[{name[1:]}]{{\n GP1:\n UF : 1, UT : 1, CONFIG : 'N U T, 0, 0, 0',\n X = {x} mm, "
+        f"Y = {y} mm, Z = 5 mm,\n W = 180 deg, P = 0 deg, R = 0 deg\n}};\n"
+        for name, (x, y) in positions.items()
+    )
+    return read(folder, "a.ls", f"/PROG A\n/ATTR\n/MN\n{lines}/POS\n{at}/END\n")
+
+
+def test_fanuc_arcs_by_single_points(tmp_path: Path) -> None:
+    angles = np.radians([180, 120, 60, 0, -80])
+    at = {f"p{k + 1}": (50 * math.cos(a), 50 * math.sin(a)) for k, a in enumerate(angles)}
+    lines = "".join(f" {k}: A P[{k}] 100mm/sec CNT100 ;\n" for k in range(1, 6))
+    t = fanuc(tmp_path, lines, **at)
+    p = t.position * 1e3
+    assert np.allclose(np.linalg.norm(p[:, :2], axis=1), 50.0, atol=1e-6)
+    assert np.allclose(p[-1, :2], at["p5"])
+    swept = np.degrees(np.unwrap(np.arctan2(p[:, 1], p[:, 0])))
+    assert (np.diff(swept) < 0).all()  # one way round, no turn back
+    assert swept[0] - swept[-1] == pytest.approx(260.0)
+    with pytest.raises(InputError, match="line 5: two moves A in a row"):
+        fanuc(tmp_path, " 1: A P[1] 100mm/sec FINE ;\n 2: A P[2] 100mm/sec FINE ;\n", **at)
+
+
+def test_fanuc_registers_are_refused_and_times_are_speeds(tmp_path: Path) -> None:
+    at = {"p1": (0.0, 0.0), "p2": (30.0, 40.0)}
+    first = " 1: L P[1] 100mm/sec FINE ;\n"
+    t = fanuc(tmp_path, first + " 2: L P[2] 2.0sec FINE ;\n", **at)
+    assert t.feed[1] * 60e3 == pytest.approx(50 / 2 * 60)
+    for tail, cause in (("Offset,PR[1]", "a register that the controller holds"), ("INC", "INC that turns the tool")):
+        with pytest.raises(InputError, match=f"line 5: .*{cause}"):
+            fanuc(tmp_path, first + f" 2: L P[2] 100mm/sec FINE {tail} ;\n", **at)
+    with pytest.raises(InputError, match=r"line 5: PR\[2\] is a position register"):
+        fanuc(tmp_path, first + " 2: L PR[2] 100mm/sec FINE ;\n", **at)
+
+
+def test_urscript_leaves_out_a_move_to_where_it_stands(tmp_path: Path) -> None:
+    t = read(tmp_path, "a.script", "def a():\n  movel(get_actual_tcp_pose(),1.2,0.01)\n"
+             "  movel(p[0,0,0.005,3.141592653589793,0,0],1.2,0.01)\n"
+             "  movel(p[0.01,0,0.005,3.141592653589793,0,0],1.2,0.01)\n"
+             "end\na()\n")  # fmt: skip
+    assert mm(t) == [[0, 0, 5], [10, 0, 5]]
