@@ -116,8 +116,8 @@ def _directions(toolpath: Toolpath, of: NDArray[np.intp], axis: Array, travel: A
     own = np.where(useful[:, None], _flat(np.nan_to_num(given), axis), 0.0)
 
     def zero(across: Array) -> Array:
-        out = np.where(drilling[:, None], _unit(_workpiece_x(axis)), across)
-        return np.where(useful[:, None], own, _flat(out, axis))
+        out = np.where(drilling[:, None] & ~np.isnan(across), _unit(_workpiece_x(axis)), across)
+        return np.where(useful[:, None] & ~np.isnan(across), own, _flat(out, axis))
 
     return Directions(axis, travel, zero(travel), zero(second))
 

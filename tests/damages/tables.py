@@ -1,7 +1,7 @@
 """Damages of points.csv and trajectory.csv: every column, small and large, units, signs, rows, labels, and dips.
 
-``how_much`` is the smallest size that this kind of damage is caught at, where it has one; what lies below is within the printed
-decimals. Columns that a forger keeps consistent with each other are made so (a dip has its time, index and feed).
+``how_much`` is the smallest size that this kind of damage is caught at, where it has one; what lies below is within the
+printed decimals. Columns that a forger keeps consistent with each other are made so (a dip has its time, index, feed).
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from damages.damage import Damage, Job, in_table, in_text
 
+from damages.damage import Damage, Job, in_table, in_text
 from machopt.formats.cell import load_cell
 from machopt.model.ik import refine
 from machopt.model.robot import load_robot
@@ -153,7 +153,7 @@ def turned(degrees: float) -> Callable[[Job], None]:
 
 
 def dip(depth_mm: float, word: str) -> Callable[[Job], None]:
-    """At the end of the retract the tool goes straight down and up again, smoothly, with time, index and feed to fit."""
+    """At the end of the retract the tool goes straight down and up again, with time, index and feed to fit."""
 
     def apply(job: Job) -> None:
         cell = load_cell(job.cell)
@@ -290,10 +290,10 @@ DAMAGES: list[Damage] = [
     motion("rapid called link", "one row", rapids("link"), "moves of the samples"),
     motion("move made up", "one word", put("move", "fly", slice(500, 501)), f"{T} {READ}"),
     # --- trajectory.csv: joints
-    motion("joint 2 of one cut row", "1e-6 deg", cutting(add("q2_deg", 1e-6), slice(40, 41)), "feed column"),
-    motion("joint 1 of one cut row", "0.001 deg", cutting(add("q1_deg", 0.001), slice(40, 41)), "path"),
+    motion("joint 1 of one cut row", "0.001 deg", cutting(add("q1_deg", 0.001), slice(40, 41)), "joint jerk"),
+    motion("joint 2 of one cut row", "0.002 deg", cutting(add("q2_deg", 0.002), slice(40, 41)), "path"),
     motion("joint 4 everywhere", "0.2 deg", add("q4_deg", 0.2), "from home to home"),
-    motion("joint 4 in the cuts", "0.2 deg", cutting(add("q4_deg", 0.2)), "tool axis"),
+    motion("joint 4 in the cuts", "0.2 deg", cutting(add("q4_deg", 0.2)), "path"),
     motion("joints in rad", "unit", times(JOINTS, np.pi / 180.0), "from home to home"),
     motion("joints 2 and 3 exchanged", "columns", swap("q2_deg", "q3_deg"), "from home to home"),
     motion("joints a row late", "one row", slip(JOINTS), "feed column"),
@@ -320,5 +320,5 @@ DAMAGES: list[Damage] = [
     Damage(f"{T} dip called rapid", "60 mm", dip(60.0, "rapid"), "contacts"),
     Damage(f"{T} dip called cut", "60 mm", dip(60.0, "cut"), "contacts"),
     Damage(f"{T} shallow dip", "6 mm, 1 mm deep", dip(6.0, "approach"), "contacts"),
-    Damage(f"{T} dip above the part", "4 mm, touches nothing", dip(4.0, "link"), "path"),
+    Damage(f"{T} dip above the part", "4 mm, touches nothing", dip(4.0, "link"), "index of the samples"),
 ]

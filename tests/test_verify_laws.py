@@ -1,0 +1,217 @@
+"""The verifier's own laws against the planner's: two pieces of code that share nothing must agree on any arm."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_cell import small_cell
+
+from machopt.domain.cell import Cell
+from machopt.domain.stiffness import Stiffness, StiffnessGrid, Term
+from machopt.domain.toolpath import Move, Operation, Toolpath
+from machopt.formats.cell import load_cell
+from machopt.model.elastic import ArmElasticity
+from machopt.model.ik import solver_for
+from machopt.model.robot import load_masses, load_robot
+from machopt.plan.path import build_path
+from machopt.plan.uncertainty import Spread
+from machopt.verify import posture, reference
+from machopt.verify.arm import Arm
+from machopt.verify.bodies import all_bodies, pairs
+from machopt.verify.elastic import Elasticity
+from machopt.verify.inventory import check_inventory
+
+CELLS = Path(__file__).resolve().parents[1] / "cells"
+K = np.array([1.4e6, 4.0e5, 9.4e5, 3.6e5, 3.7e5, 3.8e5])  # N·m/rad
+FULL = (np.diag([3e-9, 2e-9, 4e-9, 5e-8, 6e-8, 7e-8]) + 2e-10).tolist()
+TERMS = {
+    "coupling": Term("joint_coupling", "joint:4-5", {"compliance_rad_per_Nm": 4e-7}),
+    "harmonics": Term("joint_pose_dependent_stiffness", "joint:2",
+                      {"cos_rad_per_Nm": 3e-7, "sin_rad_per_Nm": -2e-7, "cos2_rad_per_Nm": 1e-7,
+                       "sin2_rad_per_Nm": 5e-8}),
+    "sector": Term("joint_pose_dependent_stiffness", "joint:3",
+                   {"law": "sector", "extra_rad_per_Nm": 6e-7, "centre_deg": 40.0, "width_deg": 30.0}),
+    "creep": Term("joint_creep", "joint:1", {"extra_rad_per_Nm": 2e-7, "time_constant_s": 10.0}),
+    "knee": Term("joint_nonlinear_stiffness", "joint:3", {"law": "knee", "extra_rad_per_Nm": 8e-7, "knee_Nm": 900.0}),
+    "knees": Term("joint_nonlinear_stiffness", "joint:2",
+                  {"law": "knees", "extra_rad_per_Nm": [5e-7, 3e-7], "knees_Nm": [300.0, 1200.0]}),
+    "softening": Term("joint_nonlinear_stiffness", "joint:2", {"law": "cubic", "cubic_rad_per_Nm3": 2e-13}),
+    "hardening": Term("joint_nonlinear_stiffness", "joint:2", {"law": "cubic", "cubic_rad_per_Nm3": -4e-13}),
+    "backlash": Term("joint_backlash", "joint:5", {"width_arcmin": 0.8, "transition_Nm": 60.0}),
+    "hysteresis": Term("joint_hysteresis", "joint:4",
+                       {"weights_rad_per_Nm": [4e-7, 2e-7], "thresholds_Nm": [20.0, 90.0]}),
+    "balancer": Term("gravity_compensator", "joint:2", {
+        "force_times_length_Nm": 4e3, "rate_times_length2_Nm": 3e4, "ratio": 0.3, "angle_deg": 50.0}),
+    "link beam": Term("link_compliance", "link:2", {"EI_Nm2": 3e6, "GJ_Nm2": 2e6, "EA_N": 5e8}),
+    "link placed": Term("link_compliance", "link:4",
+                        {"EI_Nm2": 8e5, "from_mm": [1.5e3, 0, 700], "to_mm": [2.2e3, 0, 710]}),
+    "link matrix": Term("link_compliance", "link:3", {"compliance": FULL}),
+    "base": Term("base_compliance", "base",
+                 {"compliance_diagonal": [2e-9, 2e-9, 1e-9, 3e-8, 3e-8, 1e-8], "at_mm": [10, 20, 30]}),
+    "tool beam": Term("tool_compliance", "tool", {"EI_Nm2": 4e4, "GJ_Nm2": 3e4}),
+    "tool matrix": Term("tool_compliance", "tool", {"compliance": FULL}),
+    "tool stack": Term("tool_compliance", "tool", {
+        "cylinders": [{"diameter_mm": 60, "length_mm": 120, "youngs_GPa": 210, "bore_mm": 20},
+                      {"diameter_mm": 16, "length_mm": 80, "youngs_GPa": 600, "poisson": 0.22}],
+        "sensor_N_per_mm": [4e4, 4e4, 9e4], "sensor_Nm_per_rad": [5e4, 5e4, 8e4], "scale": 1.1}),
+    "K_C": Term("geometric_stiffness", "arm", {}),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
+    """The small cell with a weight in every link, and base_link turned and tilted in the world."""
+    made = small_cell(tmp_path_factory.mktemp("cell"))
+    text = made.urdf.read_text()
+    inertial = (
+        '<inertial><origin xyz="0.2 0.05 0.1"/><mass value="{}"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+    for n in range(1, 7):
+        text = text.replace(f'<link name="link_{n}">', f'<link name="link_{n}">' + inertial.format(160 - 20 * n))
+    made.urdf.write_text(text)
+    tool = replace(made.tool, com=np.array([0.02, -0.03, 0.12]))
+    tilt = np.eye(4)
+    tilt[:3, :3] = np.array([[0.8, 0, 0.6], [0, 1, 0], [-0.6, 0, 0.8]])
+    tilt[:3, 3] = 0.1, -0.2, 0.3
+    return replace(made, tool=tool, T_world_base=tilt)
+
+
+def poses(cell: Cell, n: int = 12) -> np.ndarray:
+    rng = np.random.default_rng(7)
+    lower, upper = cell.limits.lower, cell.limits.upper
+    return np.asarray(lower + (upper - lower) * (0.2 + 0.6 * rng.random((n, 6))))
+
+
+@pytest.mark.parametrize("name", [*TERMS, "everything"])
+def test_every_term_of_a_stiffness_file_is_recomputed(cell: Cell, name: str) -> None:
+    """Small-load compliance, displacement under load and the paper's index, to rounding of 1e-9 of themselves."""
+    terms = (TERMS[name],) if name != "everything" else tuple(
+        TERMS[n] for n in ("coupling", "harmonics", "knee", "backlash", "hysteresis", "balancer", "link beam", "base",
+                           "tool stack", "K_C"))  # fmt: skip
+    stiffness = Stiffness(K, terms=terms)
+    robot, arm, q = load_robot(cell), Arm(cell), poses(cell)
+    theirs = ArmElasticity(
+        robot, cell.tool.T_flange_tcp, stiffness, (cell.limits.lower, cell.limits.upper), load_masses(cell)
+    ).at(q)
+    stance = arm.stance(q)
+    ours = Elasticity(cell, arm, stiffness).at(stance, stance.tcp[:, :3, 3])
+    rng = np.random.default_rng(3)
+    e = rng.normal(size=(len(q), 3))
+    e /= np.linalg.norm(e, axis=1, keepdims=True)
+    for size in (5.0, 800.0):
+        np.testing.assert_allclose(ours.displacement(size * e), theirs.deflection(size * e), rtol=1e-7, atol=1e-13)
+    np.testing.assert_allclose(ours.along(e), 1.0 / theirs.along(e), rtol=1e-9)
+    np.testing.assert_allclose(ours.held(e), theirs.jiao_index(e), rtol=1e-6)
+    np.testing.assert_allclose(ours.axial_gradient(e), theirs.sensitivity(e, e, small=True), rtol=1e-9, atol=1e-15)
+
+
+def test_grid_and_uncertainty_are_recomputed(cell: Cell) -> None:
+    rng = np.random.default_rng(5)
+    joints = K * rng.uniform(0.8, 1.2, (8, 6))
+    grid = StiffnessGrid(np.array([0.0, -2.0, -1.0]), 2.0, (2, 2, 2), joints, 0.05 * joints)
+    A = rng.normal(size=(6, 6)) * 1e-8
+    stiffness = Stiffness(K, A @ A.T, grid)
+    arm, q = Arm(cell), poses(cell, 20)
+    position = rng.uniform(-1.5, 4.5, (20, 3))
+    position[3] = [2.0, 0.0, 1.0]  # a corner of all eight
+    position[4] = [2.0, 0.5, 0.3]  # a face of two
+    law = Elasticity(cell, arm, stiffness)
+    soft = law.at(arm.stance(q), position)
+    theirs = Spread.of(stiffness, position)
+    gradient = rng.normal(size=(20, 6))
+    np.testing.assert_allclose(law.std(soft, gradient), theirs.point_std(gradient), rtol=1e-9)
+    assert len(soft.holds[3][0]) == 8
+    assert len(soft.holds[4][0]) == 2
+
+
+@pytest.mark.parametrize("name", ["kr500_milling", "cutting_cobot", "irb6700_drilling"])
+def test_posture_is_the_solver_s(name: str) -> None:
+    """Branch and distance from the singularities of 200 random configurations."""
+    cell = load_cell(CELLS / name)
+    robot, arm = load_robot(cell), Arm(cell)
+    q = np.random.default_rng(1).uniform(-3.0, 3.0, (200, 6))
+    found = solver_for(robot).solve(robot.fk(q))
+    off = np.abs(np.angle(np.exp(1j * (found.q - q[:, None])))).max(axis=2)
+    branch = np.where(np.isfinite(off), off, np.inf).argmin(axis=1)
+    rows = np.flatnonzero(off[np.arange(200), branch] < 1e-6)  # near a singularity some are found less exactly
+    assert len(rows) > 190
+    stands = posture.posture(arm.stance(q[rows]))
+    assert stands.branch is not None
+    np.testing.assert_array_equal(stands.branch, branch[rows])
+    at = rows, branch[rows]
+    least = np.minimum(np.minimum(found.wrist[at], found.elbow[at]), np.arctan(found.shoulder[at]))
+    np.testing.assert_allclose(stands.singularity, least, atol=1e-7)
+
+
+def some_path(kind: str) -> Toolpath:
+    """A path that plunges, ramps, turns its axis, stops, drills; rapid moves in between."""
+    rng = np.random.default_rng(11)
+    n = 40
+    position = np.cumsum(rng.normal(scale=0.01, size=(n, 3)), axis=0)
+    axis = np.array([0.0, 0.0, 1.0]) + 0.2 * np.cumsum(rng.normal(scale=0.05, size=(n, 3)), axis=0)
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    axis[20:26] = axis[20]
+    position[22] = position[21] - 0.02 * axis[21]  # a plunge
+    position[30] = position[29]  # a point twice
+    move = np.full(n, Move.CUT, np.int8)
+    move[[0, 8, 19, 33]] = Move.RAPID
+    move[[1, 34]] = Move.APPROACH
+    reference_direction = np.full((n, 3), np.nan)
+    if kind == "given":
+        reference_direction[5:15] = [0.3, 0.5, 0.1]
+    drilling = "point" if kind == "drilling" else "trajectory"
+    return Toolpath(
+        position, axis, move, np.where(move == Move.RAPID, np.nan, 0.02), np.zeros(n, np.int32),
+        (Operation("a", drilling),), reference_direction, np.full(n, np.nan), np.arange(1, n + 1, dtype=np.int32), "p",  # type: ignore[arg-type]
+        "csv", "",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["travel", "given", "drilling"])
+def test_the_reference_direction_is_the_planner_s(kind: str) -> None:
+    """gamma = 0 and the direction of travel at every point of a path."""
+    toolpath = some_path(kind)
+    path = build_path(toolpath)
+    known = reference.at_points(toolpath)
+    at = np.flatnonzero(path.is_point)
+    tcp = np.zeros((len(toolpath), 4, 4))
+    tcp[:, :3, 0], tcp[:, :3, 2] = path.reference[at], -toolpath.axis
+    apart = np.abs((known.gamma(tcp) - path.offset[at][:, None] + np.pi) % (2 * np.pi) - np.pi)
+    assert np.nanmin(apart, axis=1).max() < 1e-9
+    cross = np.linalg.norm(np.cross(known.travel, path.travel[at]), axis=1)
+    plain = np.isnan(known.second[:, 0])
+    assert cross[plain].max() < 0.02  # a plunge's travel is that of the next cut, seen along another axis
+    assert (cross[plain] < 1e-12).mean() > 0.9
+
+
+def test_a_body_or_a_mass_that_vanished_is_named(cell: Cell, tmp_path: Path) -> None:
+    """Whatever a parser drops: the file itself is counted."""
+
+    def told(old: str, new: str) -> list[str]:
+        text = cell.urdf.read_text()
+        assert old in text
+        arm = Arm(cell)
+        bodies = all_bodies(cell, arm)
+        wanted = pairs(cell, arm, bodies)
+        urdf = tmp_path / "robot.urdf"
+        urdf.write_text(text.replace(old, new, 1))
+        return [c.where for c in check_inventory(replace(cell, urdf=urdf), arm, bodies, wanted) if c.passed is False]
+
+    assert told("<robot", "<robot") == []
+    (where,) = told(
+        '<link name="flange"/>',
+        '<link name="flange"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>',
+    )
+    assert "'flange'" in where
+    (where,) = told('<sphere radius="0.09"/>', '<sphere radius="0.19"/>')
+    assert "link 'link_5'" in where
+    (where,) = told('mass value="140"', 'mass value="1400"')
+    assert "link_1" in where
+    (where,) = told('mass value="140"', 'mass value="140,0"')
+    assert "link_1" in where
+    (where,) = told('<box size="0.9 0.26 0.26"/>', '<capsule radius="0.1" length="0.2"/>')
+    assert "link_3" in where
