@@ -99,7 +99,7 @@ def run_diagnose(request: Request, progress: Progress = lambda _: None) -> Outco
             found = _motion(request, cell, recording, options)
         else:
             found = _at_rest(request, cell, recording, options, laws)
-        d = found.diagnosis
+        d = replace(found.diagnosis, warnings=(*cell.warnings, *found.diagnosis.warnings))
         progress("writing the model and tables")
         before, after = _stiffness(cell, d)
         model = _write_model(folder, after)

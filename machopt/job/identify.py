@@ -208,7 +208,7 @@ def result_of(request: Request, cell: Cell, recording: Recording, found: Identif
             {"code": f.code, "severity": f.severity, "message": f.message, "rows": [r + 1 for r in f.rows]}
             for f in found.findings
         ],
-        "warnings": [*recording.warnings, *found.warnings],
+        "warnings": [*cell.warnings, *recording.warnings, *found.warnings],
         "notes": [*found.notes, *([found.why_model] if found.why_model else [])],
         "options": {
             "model": request.model, "fit": list(request.terms), "geometric": request.geometric, "plain": request.plain,

@@ -44,7 +44,7 @@ def page_of(
     return IdentificationPage(
         title=f"Stiffness of {cell.name}", cell=cell.name, recording=recording.source, version=machopt.__version__,
         tone=tone, badge=badge, sentence=_sentence(found, heldout_rmse),
-        cautions=(*recording.warnings, *found.warnings, *found.combinations),
+        cautions=(*cell.warnings, *recording.warnings, *found.warnings, *found.combinations),
         joints=tuple(_joint(j, prior) for j in found.joints), terms=tuple(_term(x) for x in found.terms),
         measured=t.measured, predicted=t.predicted, heldout=t.measured - t.heldout, sigma=sigma, pose=tests.pose,
         line=tests.line, load=np.linalg.norm(tests.wrench[:, :3], axis=1),

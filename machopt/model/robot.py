@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 from xml.etree import ElementTree
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
@@ -224,7 +225,12 @@ def _urdf_model(cell: Cell) -> Any:
     try:
         return pin.buildModelFromUrdf(str(cell.urdf))
     except ValueError as problem:
-        raise InputError(f"the robot model cannot be built: {problem}", file=cell.urdf) from None
+        raise InputError(f"the robot model cannot be built: {_short(problem)}", file=cell.urdf) from None
+
+
+def _short(problem: ValueError) -> str:
+    """The beginning of a loader's message, which may hold the rest of the file."""
+    return " ".join(str(problem).split())[:200]
 
 
 def _collision_elements(text: str) -> int:
@@ -247,12 +253,14 @@ def _link_shapes(cell: Cell, model: object, data: object, T_base_world: Array, i
     """Collision bodies of the URDF, placed in base_link at q = 0; those on other branches of the tree count as base."""
     import pinocchio as pin
 
-    text = cell.urdf.read_text(encoding="utf-8")
+    text = cell.urdf.read_text(encoding="utf-8-sig")
     for name, folder in cell.packages.items():  # a package's folder may have another name than the package
-        text = text.replace(f"package://{name}/", f"{folder}/")
-    geometry = pin.buildGeomFromUrdfString(
-        model, text, pin.GeometryType.COLLISION, package_dirs=[str(cell.urdf.parent), str(cell.folder)]
-    )
+        text = text.replace(f"package://{name}/", quoteattr(f"{folder}/")[1:-1])
+    folders = [str(cell.urdf.parent), str(cell.folder)]
+    try:
+        geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION, package_dirs=folders)
+    except ValueError as problem:
+        raise InputError(f"its collision bodies cannot be loaded: {_short(problem)}", file=cell.urdf) from None
     described = _collision_elements(text)
     if len(geometry.geometryObjects) != described:  # the parser drops what it cannot read, with a line on the log
         raise InputError(

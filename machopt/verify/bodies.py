@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
+from xml.etree import ElementTree
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.cell import Cell, Cutter, Shape
+from machopt.errors import InputError
 from machopt.verify.arm import Arm
 
 Array = NDArray[np.float64]
@@ -82,11 +85,18 @@ def all_bodies(cell: Cell, arm: Arm) -> list[Body]:
     """Every body of the cell, as pinocchio and coal load it."""
     import pinocchio as pin
 
-    text = cell.urdf.read_text(encoding="utf-8")
+    text = cell.urdf.read_text(encoding="utf-8-sig")
+    described = len(ElementTree.fromstring(text).findall("{*}link/{*}collision"))
     for name, folder in cell.packages.items():  # a package's folder may have another name than the package
-        text = text.replace(f"package://{name}/", f"{folder}/")
+        text = text.replace(f"package://{name}/", quoteattr(f"{folder}/")[1:-1])
     folders = [str(cell.urdf.parent), str(cell.folder)]
-    geometry = pin.buildGeomFromUrdfString(arm.model, text, pin.GeometryType.COLLISION, package_dirs=folders)
+    try:
+        geometry = pin.buildGeomFromUrdfString(arm.model, text, pin.GeometryType.COLLISION, package_dirs=folders)
+    except ValueError as problem:
+        raise InputError(f"its collision bodies cannot be loaded: {_short(problem)}", file=cell.urdf) from None
+    if len(geometry.geometryObjects) != described:  # its parser drops what it cannot read, with a line on the log
+        raise InputError(f"describes {described} collision bodies, of which {len(geometry.geometryObjects)} can be "
+                         "checked", file=cell.urdf)  # fmt: skip
     out = []
     for g in geometry.geometryObjects:
         joint = int(g.parentJoint)
@@ -121,7 +131,15 @@ def _shape(shape: Shape) -> Any:
         return coal.Cylinder(*shape.size)
     if shape.kind == "sphere":
         return coal.Sphere(*shape.size)
-    return coal.MeshLoader().load(str(shape.mesh), np.full(3, shape.size[0]))
+    try:
+        return coal.MeshLoader().load(str(shape.mesh), np.full(3, shape.size[0]))
+    except ValueError as problem:
+        raise InputError(f"mesh of {shape.name!r} cannot be loaded: {_short(problem)}", file=shape.mesh) from None
+
+
+def _short(problem: ValueError) -> str:
+    """The beginning of a loader's message, which may hold the rest of the file."""
+    return " ".join(str(problem).split())[:200]
 
 
 def reach(b: Body) -> float:

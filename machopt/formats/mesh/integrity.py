@@ -7,18 +7,24 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Callable
 from pathlib import Path
 
 from machopt.errors import InputError
+from machopt.formats.mesh.fail import Fail
+from machopt.formats.mesh.ply import check_off, check_ply
 from machopt.formats.opener import MESH, read_file
-
-Fail = Callable[[str], InputError]
 
 READABLE = (".stl", ".obj", ".ply", ".off")
 _MOST_TRIANGLES = 2_000_000  # distances to more take gigabytes and minutes; a collision mesh has some thousand
 _STL_HEAD, _STL_FACET = 84, 50  # bytes
-_BLANK = re.compile(rb"[ \t\r\n]+")
+_N = rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_STL_LINE = re.compile(  # lower case; the normals are not used, and exporters write nan there
+    rb"\s*(?:facet\s+normal\s+\S+\s+\S+\s+\S+|vertex\s+%b\s+%b\s+%b|outer\s+loop|endloop|endfacet|"
+    rb"(?:end)?solid\b.*)?\s*" % (_N, _N, _N)
+)
+_OBJ_LINE = re.compile(
+    rb"\s*(?:v\s+%b\s+%b\s+%b(?:\s+%b)*|f(?:\s+-?\d+(?:/-?\d*){0,2}){3,}|v[tnp]\s.*|[^vf\s].*)?\s*" % (_N, _N, _N, _N)
+)
 
 
 def whole_mesh(path: Path, fail: Fail) -> bytes:
@@ -44,21 +50,14 @@ def whole_mesh(path: Path, fail: Fail) -> bytes:
     if suffix == ".stl":
         _check_stl(path.name, data, fail)
     elif suffix in (".ply", ".off"):
-        vertices, faces = (_ply_counts if suffix == ".ply" else _off_counts)(path.name, data, fail)
-        _refuse_too_many(path.name, faces, fail)
-        if vertices < 1 or faces < 1:
-            raise fail(f"mesh {path.name} holds no triangles: its head counts {vertices} vertices and {faces} faces")
-    elif b"\0" in data[:4096]:
-        raise fail(f"mesh {path.name} cannot be read: it is binary, and OBJ is text")
+        counts = (check_ply if suffix == ".ply" else check_off)(path.name, data, fail)
+        _refuse_too_many(path.name, counts.faces, fail)
+        if counts.vertices < 1 or counts.faces < 1:
+            raise fail(f"mesh {path.name} holds no triangles: its head counts {counts.vertices} vertices and "
+                       f"{counts.faces} faces")  # fmt: skip
+    else:
+        _check_obj(path.name, data, fail)
     return data
-
-
-def declared_counts(path: Path, data: bytes, fail: Fail) -> tuple[int, int] | None:
-    """(vertices, faces) that the head promises; None where the format counts nothing."""
-    suffix = path.suffix.lower()
-    if suffix == ".ply":
-        return _ply_counts(path.name, data, fail)
-    return _off_counts(path.name, data, fail) if suffix == ".off" else None
 
 
 def _check_stl(name: str, data: bytes, fail: Fail) -> None:
@@ -90,27 +89,19 @@ def _check_ascii_stl(name: str, data: bytes, fail: Fail) -> None:
     if not begun:
         raise fail(f"mesh {name} holds no triangles")
     _refuse_too_many(name, begun, fail)
+    _check_lines(name, words, _STL_LINE, fail)
 
 
-def _ply_counts(name: str, data: bytes, fail: Fail) -> tuple[int, int]:
-    head, mark, _ = data[:65536].partition(b"end_header")
-    if not head.startswith(b"ply") or not mark:
-        raise fail(f"mesh {name} cannot be read: it does not begin with a PLY header")
-    found = {what: int(n) for what, n in re.findall(rb"^element\s+(vertex|face)\s+(\d{1,12})\s*$", head, re.MULTILINE)}
-    if set(found) != {b"vertex", b"face"}:
-        raise fail(f"mesh {name} cannot be read: its header does not count both vertices and faces")
-    if found[b"vertex"] * 3 + found[b"face"] > len(data):  # a coordinate takes a byte and more
-        raise fail(f"mesh {name} is cut: its header counts {found[b'vertex']} vertices and {found[b'face']} faces, and "
-                   f"it holds {len(data)} bytes")  # fmt: skip
-    return found[b"vertex"], found[b"face"]
+def _check_obj(name: str, data: bytes, fail: Fail) -> None:
+    if b"\0" in data:
+        raise fail(f"mesh {name} cannot be read: it is binary, and OBJ is text")
+    _check_lines(name, data, _OBJ_LINE, fail)
 
 
-def _off_counts(name: str, data: bytes, fail: Fail) -> tuple[int, int]:
-    lines = [line.split(b"#")[0] for line in data[:65536].splitlines()]
-    words = _BLANK.split(b" ".join(lines).strip(), maxsplit=4)
-    if len(words) < 4 or words[0] != b"OFF" or not all(re.fullmatch(rb"\d{1,12}", w) for w in words[1:3]):
-        raise fail(f"mesh {name} cannot be read: it does not begin with OFF and the counts of vertices and faces")
-    return int(words[1]), int(words[2])
+def _check_lines(name: str, data: bytes, pattern: re.Pattern[bytes], fail: Fail) -> None:
+    for n, line in enumerate(data.splitlines(), 1):
+        if not pattern.fullmatch(line):
+            raise fail(f"mesh {name} is damaged in its line {n}: found {line[:60]!r}; a fresh export would work")
 
 
 def _refuse_too_many(name: str, count: int, fail: Fail) -> None:

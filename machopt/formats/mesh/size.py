@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from machopt.formats.mesh.integrity import Fail
+from machopt.formats.mesh.fail import Fail
 
 _LARGE, _SMALL = 10.0, 1 / 500.0  # of the robot's reach: a thousand times off any part lies far beyond, both ways
 _LARGEST = 50.0  # m; what stands in a hall beside the robot

@@ -1,0 +1,25 @@
+"""A small share of ``benchmarks/fuzz_cells.py``: damaged cells and recordings are refused, or sane, never a crash."""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+
+import pytest
+from cell_mutations import FORMATS, Case, run, sane_cell, sane_mesh
+
+CASES = {"urdf": 60, "mesh": 80, "cell": 60, "stiffness": 60, "recording": 80, "options": 150}
+
+
+@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # of numbers that the libraries below meet before we refuse them
+def test_damaged_files_are_refused_or_sane(name: str, tmp_path: Path) -> None:
+    found = run(Case(name, tmp_path), CASES[name], random.Random(f"7 {name}"))
+    assert found["refused"] > 0.2 * CASES[name]  # the faults are faults
+    assert found["read"] > 0  # and not everything is refused
+
+
+def test_the_sound_cell_passes_the_same_checks(tmp_path: Path) -> None:
+    case = Case("urdf", tmp_path)
+    sane_cell(case.folder)
+    sane_mesh(case.folder)
