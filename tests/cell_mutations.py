@@ -97,7 +97,9 @@ def damaged_bytes(data: bytes, rng: random.Random) -> bytes:
             break
         at = rng.randrange(len(out))
         match rng.randrange(9):
-            case 7 | 8 if len(out) == 84 + 50 * struct.unpack_from("<I", out, 80)[0]:  # triangles lost, and counted so
+            case 7 | 8 if (
+                len(out) >= 84 and len(out) == 84 + 50 * struct.unpack_from("<I", out, 80)[0]
+            ):  # triangles lost, and counted so
                 del out[84 : 84 + 50 * rng.randint(1, 8)]
                 out[80:84] = struct.pack("<I", (len(out) - 84) // 50)
             case 0:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
-from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -86,7 +85,6 @@ def all_bodies(cell: Cell, arm: Arm) -> list[Body]:
     import pinocchio as pin
 
     text = cell.urdf.read_text(encoding="utf-8-sig")
-    described = len(ElementTree.fromstring(text).findall("{*}link/{*}collision"))
     for name, folder in cell.packages.items():  # a package's folder may have another name than the package
         text = text.replace(f"package://{name}/", quoteattr(f"{folder}/")[1:-1])
     folders = [str(cell.urdf.parent), str(cell.folder)]
@@ -94,9 +92,6 @@ def all_bodies(cell: Cell, arm: Arm) -> list[Body]:
         geometry = pin.buildGeomFromUrdfString(arm.model, text, pin.GeometryType.COLLISION, package_dirs=folders)
     except ValueError as problem:
         raise InputError(f"its collision bodies cannot be loaded: {_short(problem)}", file=cell.urdf) from None
-    if len(geometry.geometryObjects) != described:  # its parser drops what it cannot read, with a line on the log
-        raise InputError(f"describes {described} collision bodies, of which {len(geometry.geometryObjects)} can be "
-                         "checked", file=cell.urdf)  # fmt: skip
     out = []
     for g in geometry.geometryObjects:
         joint = int(g.parentJoint)
