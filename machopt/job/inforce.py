@@ -14,7 +14,7 @@ from machopt.errors import InputError
 from machopt.formats.options import load_options, options_as_user
 from machopt.formats.toolpath import read_toolpath
 from machopt.job.knownrobot import known_robot
-from machopt.job.reading import reading_from_user
+from machopt.job.reading import reading_as_user, reading_from_user
 from machopt.output.jsonfile import plain
 from machopt.verify import Check
 
@@ -70,7 +70,7 @@ def in_force(request: Request, cell: Cell, manifest: Manifest | None) -> InForce
         toolpath = read_toolpath(request.toolpath, robot=robot, **given)
     options = load_options(below, request.plan_file, list(request.overrides))
     notes = _contradictions(plain(options_as_user(options)), below) if manifest is not None and not checks else []
-    notes += _contradictions(given, reading) if manifest is not None else []
+    notes += _contradictions(reading_as_user(given), reading_as_user(reading)) if manifest is not None else []
     return InForce(options, toolpath, tuple(notes), tuple(checks))
 
 

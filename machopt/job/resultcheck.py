@@ -1,14 +1,13 @@
 """result.json held against what it was drawn from: tables, inputs, options, the manifest and the verification itself.
 
 What is not checked here follows from the planner alone: the two yardsticks' costs (their sums and the gains made of
-them are), the standard deviations of the gains, stage times, and the hints among the warnings.
+them are), the standard deviations of the gains, stage times, the detours, and the hints among the warnings.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +17,11 @@ from numpy.typing import NDArray
 from machopt.domain.cell import Cell
 from machopt.domain.manifest import Manifest, ManifestFile, with_scope
 from machopt.domain.options import PlanOptions
-from machopt.domain.toolpath import Toolpath
+from machopt.domain.toolpath import Move, Toolpath
 from machopt.errors import InputError
 from machopt.formats.options import options_as_user
 from machopt.job.scope import not_run, unchecked
+from machopt.job.told import Points, Told, is_file, near, same, same_items, short
 from machopt.output.hashes import sha256_of
 from machopt.output.jsonfile import plain, read_json
 from machopt.output.manifest import MANIFEST, listed
@@ -35,21 +35,10 @@ AGREE = 1e-2  # of a check's limit: between two runs, and machines, a measured v
 BETWEEN = 1.5  # a planning point between toolpath points is no softer than this times the worst of them
 NINETY = 1.6448536269514722  # standard deviations of a 90 % interval
 NONE_PERCENT = 0.01  # a smaller difference of the means is no gain
+HELD = 0.95  # of the programmed feed: what counts as held
+ON_POINT = 1e-6  # of a point index: printed with six decimals or more
+FEED = 1e-4  # of the programmed feed: feeds are printed to 0.001 mm/min
 VERDICTS = {0: ("done", "done with gaps"), 3: ("infeasible",), 4: ("verification failed",)}
-
-
-@dataclass(frozen=True)
-class Told:
-    """result.json, and everything it may be held against."""
-
-    result: Mapping[str, Any]
-    folder: Path
-    cell: Cell
-    toolpath: Toolpath
-    options: PlanOptions
-    inputs: tuple[ManifestFile, ...]  # as recorded, where there is a manifest
-    manifest: Manifest | None
-    contents: Verification | None  # None where there is no motion
 
 
 def result_checks(
@@ -83,41 +72,41 @@ def _check(name: str, wrong: list[str]) -> Check:
 def _verdict(t: Told) -> Iterable[str]:
     code, found = t.result["exit_code"], t.contents
     expected = 3 if found is None else (0 if found.ok else 4)
-    yield from _same("exit_code", code, expected)
+    yield from same("exit_code", code, expected)
     missing = (*unchecked(t.cell, t.options), *(not_run(found.checks) if found else ()))
-    yield from _same("unchecked", t.result["unchecked"], list(missing))
+    yield from same("unchecked", t.result["unchecked"], list(missing))
     words = [with_scope(word, missing) for word in VERDICTS[expected]]
     if t.result["infeasible_points"]:
         words = words[-1:]  # without them there may still be gaps, on the way of rapid moves
     if t.result["verdict"] not in words:
-        yield f"verdict is {_short(t.result['verdict'])}, {' or '.join(words)} follows"
+        yield f"verdict is {short(t.result['verdict'])}, {' or '.join(words)} follows"
     if t.manifest is not None:
         for key, value in (("verdict", t.manifest.verdict), ("exit_code", t.manifest.exit_code)):
-            yield from _same(f"{key} (of the manifest)", value, t.result[key])
-        yield from _same("unchecked (of the manifest)", list(t.manifest.unchecked), list(missing))
-        yield from _same("version", t.result["version"], t.manifest.versions.get("machopt"))
-    yield from _same("machopt_result", t.result["machopt_result"], 1)
+            yield from same(f"{key} (of the manifest)", value, t.result[key])
+        yield from same("unchecked (of the manifest)", list(t.manifest.unchecked), list(missing))
+        yield from same("version", t.result["version"], t.manifest.versions.get("machopt"))
+    yield from same("machopt_result", t.result["machopt_result"], 1)
 
 
 def _inputs(t: Told) -> Iterable[str]:
-    yield from _same_items("inputs", t.result["inputs"], {f.name: f.sha256 for f in t.inputs})
-    yield from _same("cell", t.result["cell"], t.cell.name)
+    yield from same_items("inputs", t.result["inputs"], {f.name: f.sha256 for f in t.inputs})
+    yield from same("cell", t.result["cell"], t.cell.name)
 
 
 def _outputs(t: Told) -> Iterable[str]:
     there = {name: sha256_of(t.folder / name) for name in listed(t.folder) - {"result.json", MANIFEST}}
-    yield from _same_items("outputs", t.result["outputs"], there)
+    yield from same_items("outputs", t.result["outputs"], there)
 
 
 def _options(t: Told) -> Iterable[str]:
     recorded = t.manifest.options if t.manifest else plain(options_as_user(t.options))
-    yield from _same_items("options", t.result["options"], recorded)
+    yield from same_items("options", t.result["options"], recorded)
     if t.manifest is not None:
-        yield from _same_items("reading", t.result["reading"], t.manifest.reading)
+        yield from same_items("reading", t.result["reading"], t.manifest.reading)
     index = t.options.index
     if index == "auto":
         index = "deflection" if t.options.force.given else "stiffness"
-    yield from _same("index", t.result["index"], index)
+    yield from same("index", t.result["index"], index)
     own = {"global": ("smooth", "grid", "jiao2022", "cam default"), "jiao2022": ("jiao2022",),
            "default": ("cam default",)}[t.options.method]  # fmt: skip
     if t.result["chosen_from"] not in own:
@@ -132,28 +121,28 @@ def _toolpath(t: Told) -> Iterable[str]:
         "cutting_points": int(path.cutting.sum()), "operations": [o.label for o in path.operations],
         "ignored": [vars(w) for w in path.ignored],
     }  # fmt: skip
-    yield from _same_items("toolpath", found, plain(expected))
+    yield from same_items("toolpath", found, plain(expected))
 
 
 def _worst(t: Told) -> Iterable[str]:
-    points = _Points.read(t)
+    points = Points.read(t)
     worst = t.result["worst_point"]
     cost = points.cost(t)
     if not np.isfinite(cost).any():
-        yield from _same("worst_point", worst, None)
+        yield from same("worst_point", worst, None)
         return
     n, most = worst["point"], float(np.nanmax(cost))
     if not cost[n] >= most * (1 - PRINTED):
         yield f"worst_point is {n}, but point {int(np.nanargmax(cost))} is softer"
     for key in ("k_axial_N_mm", "k_normal_N_mm", "deflection_mm", "k_jiao_x_N_mm", "gamma_deg"):
-        yield from _near(f"worst_point.{key}", worst[key], points.number(key)[n], PRINTED, 1e-6)
+        yield from near(f"worst_point.{key}", worst[key], points.number(key)[n], PRINTED, 1e-6)
     for joint, degrees in enumerate(worst["q_deg"], 1):  # to four decimals
-        yield from _near(f"worst_point.q{joint}", degrees, points.number(f"q{joint}_deg")[n], 0.0, 6e-5)
-    yield from _same("worst_point.q_deg", len(worst["q_deg"]), 6)
+        yield from near(f"worst_point.q{joint}", degrees, points.number(f"q{joint}_deg")[n], 0.0, 6e-5)
+    yield from same("worst_point.q_deg", len(worst["q_deg"]), 6)
 
 
 def _infeasible(t: Told) -> Iterable[str]:
-    points = _Points.read(t)
+    points = Points.read(t)
     status, reason = points.columns["status"], points.columns["reason"]
     expected = [{"point": n, "reason": reason[n]} for n, word in enumerate(status) if word != "ok"]
     found = [{"point": p["point"], "reason": p["reason"]} for p in t.result["infeasible_points"]]
@@ -165,13 +154,49 @@ def _infeasible(t: Told) -> Iterable[str]:
 
 def _times(t: Told) -> Iterable[str]:
     if t.contents is None:
-        yield from _same("cycle_time_s", t.result["cycle_time_s"], None)
+        yield from same("cycle_time_s", t.result["cycle_time_s"], None)
         return
     motion = read_columns(t.folder / "trajectory.csv")
-    yield from _near("cycle_time_s", t.result["cycle_time_s"], float(motion["time_s"][-1]), 0.0, 1e-5)
+    yield from near("cycle_time_s", t.result["cycle_time_s"], float(motion["time_s"][-1]), 0.0, 1e-5)
     for name, seconds in t.result["timings_s"].items():
         if not (isinstance(seconds, float | int) and math.isfinite(seconds) and seconds >= 0):
             yield f"timings_s.{name} is {seconds!r}"
+
+
+def _feed(t: Told) -> Iterable[str]:
+    """Share of the cutting time near the programmed feed, and where it falls short of it, from the samples."""
+    share, dips = t.result["feed_held_share"], t.result["feed_dips"]
+    if t.contents is None:
+        yield from same("feed_held_share", share, None)
+        yield from same("feed_dips", dips, [])
+        return
+    motion = read_columns(t.folder / "trajectory.csv")
+    number = {k: np.array([float(v) if v else np.nan for v in motion[k]]) for k in ("point", "feed_mm_min")}
+    fed = (np.array(motion["move"]) != Move.RAPID.word) & np.isfinite(number["point"])  # dips begin in approaches too
+    cut, at = (np.array(motion["move"]) == Move.CUT.word)[fed], number["point"][fed]
+    programmed = np.where(np.isfinite(t.toolpath.feed), t.toolpath.feed, t.options.approach_feed)
+    ends = np.clip(np.ceil(at - ON_POINT).astype(int), 0, len(t.toolpath) - 1)
+    # the step to a sample just behind a point was driven before it for the most part: either point's feed may be meant
+    either = np.stack([programmed[ends], programmed[np.r_[ends[:1], ends[:-1]]]])
+    ratio = np.sort(number["feed_mm_min"][fed] / 60e3 / either, axis=0)
+    runs = 1 + int((np.diff(np.flatnonzero(np.array(motion["move"]) == Move.CUT.word)) > 1).sum())
+    slack = (2 * runs + 0.5) / max(int(cut.sum()), 1)  # the sample at either end of each may count or not
+    least, most = ((row[cut] >= HELD).mean() for row in ratio)
+    if not least - slack <= share <= most + slack:
+        yield f"feed_held_share is {share:.6g}, {least:.6g} to {most:.6g} follows"
+    inside = np.zeros(len(at), bool)
+    for n, dip in enumerate(dips):
+        first, last, lowest = dip["first_point"], dip["last_point"], dip["lowest_ratio"]
+        closed = (at >= first - ON_POINT) & (at <= last + ON_POINT)
+        opened = (at > first + ON_POINT) & (at < last - ON_POINT)
+        inside |= closed
+        if not (0.0 <= lowest < HELD and 1 <= dip["axis"] <= 6 and first <= last):
+            yield f"feed_dips.{n} is none: {short(dip)}"
+        elif opened.any() and not ratio[0, closed].min() - FEED <= lowest <= ratio[1, opened].min() + FEED:
+            yield f"feed_dips.{n}.lowest_ratio is {lowest:.6g}, {ratio[1, opened].min():.6g} follows"
+    missed = int((cut & (ratio[1] < HELD - FEED) & ~inside).sum())
+    if missed > 2 * runs:
+        yield f"{missed} samples below {HELD:g} of the programmed feed are in no feed_dips"
 
 
 def _objective(t: Told) -> Iterable[str]:
@@ -179,15 +204,15 @@ def _objective(t: Told) -> Iterable[str]:
     for name in ("cam_default", "jiao2022", "grid", "chosen"):
         o = parts[name]
         if o["mean"] is None or o["worst"] is None:
-            yield from _same(f"objective.{name}.total", o["total"], None)
+            yield from same(f"objective.{name}.total", o["total"], None)
             continue
         total = (
             w.mean * o["mean"] + w.worst * o["worst"] + w.travel * o["travel"] + w.rotation * o["rotation"]
             + w.feed * o["feed"] + o["preferred"]
         )  # fmt: skip
-        yield from _near(f"objective.{name}.total", o["total"], total, DIGITS, DIGITS)
+        yield from near(f"objective.{name}.total", o["total"], total, DIGITS, DIGITS)
     own = parts["chosen"]
-    cost = _Points.read(t).cost(t)
+    cost = Points.read(t).cost(t)
     if own["worst"] is not None and np.isfinite(cost).any():
         told, most = own["worst"] * t.result["index_scale"], float(np.nanmax(cost))
         if not most * (1 - PRINTED) <= told <= most * BETWEEN:
@@ -196,7 +221,7 @@ def _objective(t: Told) -> Iterable[str]:
             yield "objective.chosen.mean is not between nothing and the worst"
     for gain in parts["gain"]:
         yield from _gain(gain, own, parts[{"cam default": "cam_default"}.get(gain["over"], gain["over"])])
-    yield from _same("objective.gain", [g["over"] for g in parts["gain"]], ["cam default", "jiao2022"])
+    yield from same("objective.gain", [g["over"] for g in parts["gain"]], ["cam default", "jiao2022"])
 
 
 def _gain(gain: Mapping[str, Any], own: Mapping[str, Any], other: Mapping[str, Any]) -> Iterable[str]:
@@ -204,23 +229,23 @@ def _gain(gain: Mapping[str, Any], own: Mapping[str, Any], other: Mapping[str, A
     if gain["mean_percent"] is None:
         return
     expected = 100.0 * (1.0 - own["mean"] / other["mean"])
-    yield from _near(f"{name}: mean_percent", gain["mean_percent"], expected, DIGITS, 1e-7)
+    yield from near(f"{name}: mean_percent", gain["mean_percent"], expected, DIGITS, 1e-7)
     half = NONE_PERCENT
     if gain["std_percent"] is not None:
         half = max(half, NINETY * gain["std_percent"])
         for value, sign in zip(gain["ci90"], (-1.0, 1.0), strict=True):
-            yield from _near(
+            yield from near(
                 f"{name}: ci90", value, gain["mean_percent"] + sign * NINETY * gain["std_percent"], 1e-3, 1e-3
             )
-    yield from _same(f"{name}: distinguishable", gain["distinguishable"], not abs(gain["mean_percent"]) <= half)
+    yield from same(f"{name}: distinguishable", gain["distinguishable"], not abs(gain["mean_percent"]) <= half)
 
 
 def _verification(t: Told) -> Iterable[str]:
     told, found = t.result["verification"], t.contents
     if found is None:
-        yield from _same("verification", told, None)
+        yield from same("verification", told, None)
         return
-    yield from _same("verification.passed", told["passed"], all(c["passed"] is not False for c in told["checks"]))
+    yield from same("verification.passed", told["passed"], all(c["passed"] is not False for c in told["checks"]))
     if told["passed"] != found.ok:
         yield f"says verification {'passed' if told['passed'] else 'failed'}, which is not so"
     expected = {c.name: c for c in found.checks}
@@ -231,11 +256,11 @@ def _verification(t: Told) -> Iterable[str]:
         return
     for c in told["checks"]:
         e = expected[c["name"]]
-        yield from _same(f"{e.name}: passed", c["passed"], e.passed)
-        yield from _same(f"{e.name}: unit", c["unit"], e.unit)
-        yield from _near(f"{e.name}: limit", c["limit"], e.limit, DIGITS, DIGITS)
+        yield from same(f"{e.name}: passed", c["passed"], e.passed)
+        yield from same(f"{e.name}: unit", c["unit"], e.unit)
+        yield from near(f"{e.name}: limit", c["limit"], e.limit, DIGITS, DIGITS)
         room = AGREE * abs(e.limit) if math.isfinite(e.limit) and e.limit else 1e-9
-        yield from _near(f"{e.name}: value", c["value"], e.value, AGREE, room)
+        yield from near(f"{e.name}: value", c["value"], e.value, AGREE, room)
 
 
 def _programs(t: Told) -> Iterable[str]:
@@ -244,42 +269,43 @@ def _programs(t: Told) -> Iterable[str]:
     named = [name for p in told for name in p["files"]]
     for p in told:
         if p["files"]:
-            lines = sum((t.folder / name).read_bytes().count(b"\n") for name in p["files"] if _is_file(t, name))
-            yield from _same(f"{p['post']}: lines", p["lines"], lines)
-            yield from _same(f"{p['post']}: withheld", p["withheld"], None)
-            yield from _same(f"{p['post']}: differences", p["differences"], [])
+            lines = sum((t.folder / name).read_bytes().count(b"\n") for name in p["files"] if is_file(t, name))
+            yield from same(f"{p['post']}: lines", p["lines"], lines)
+            yield from same(f"{p['post']}: withheld", p["withheld"], None)
+            yield from same(f"{p['post']}: differences", p["differences"], [])
         elif not p["withheld"]:
             yield f"{p['post']}: has no files and was not withheld"
     for name in named:
-        if not _is_file(t, name):
+        if not is_file(t, name):
             yield f"{name} is named and not there"
     if t.manifest is not None and there is not None:
         listed_programs = [[p.post, list(p.files)] for p in t.manifest.programs]
-        yield from _same("programs", [[p["post"], p["files"]] for p in told if p["files"]], listed_programs)
+        yield from same("programs", [[p["post"], p["files"]] for p in told if p["files"]], listed_programs)
         for name in sorted(there - set(named)):
             yield f"{name} is a program and not named"
         tolerance = t.manifest.program_tolerance_mm
         for p in told:
-            yield from _near(f"{p['post']}: tolerance_mm", p["tolerance_mm"], tolerance, DIGITS, 0.0)
+            yield from near(f"{p['post']}: tolerance_mm", p["tolerance_mm"], tolerance, DIGITS, 0.0)
     if t.result["exit_code"] != 0 and named:
         yield f"exit code {t.result['exit_code']}, yet there is a robot program: {named[0]}"
 
 
 def _warnings(t: Told) -> Iterable[str]:
     expected = [*t.cell.warnings, *t.toolpath.warnings]
-    yield from _same("warnings", t.result["warnings"][: len(expected)], expected)
+    yield from same("warnings", t.result["warnings"][: len(expected)], expected)
+    yield from same("notes", t.result["notes"], list(t.cell.notes))
 
 
 def _compensation(t: Told) -> Iterable[str]:
     told, file = t.result["compensation"], t.folder / "compensation.csv"
     if not t.options.compensate or t.contents is None:
-        yield from _same("compensation", told, None)
+        yield from same("compensation", told, None)
         return
     columns = read_columns(file)
     index = np.array(columns["point"], float)
     shift = np.linalg.norm(np.array([columns[f"d{c}_mm"] for c in "xyz"], float), axis=0)
     at = np.clip(np.ceil(index - 1e-9).astype(int), 0, len(t.toolpath) - 1)
-    yield from _near("compensation.max_mm", told["max_mm"], float(shift[t.toolpath.cutting[at]].max()), PRINTED, 1e-5)
+    yield from near("compensation.max_mm", told["max_mm"], float(shift[t.toolpath.cutting[at]].max()), PRINTED, 1e-5)
     for small, large in (("mean_mm", "max_mm"), ("residual_mean_mm", "residual_max_mm")):
         if not 0.0 <= told[small] <= told[large] * (1 + PRINTED):
             yield f"compensation.{small} is not between nothing and {large}"
@@ -287,69 +313,6 @@ def _compensation(t: Told) -> Iterable[str]:
 
 _PARTS: dict[str, Callable[[Told], Iterable[str]]] = {
     "verdict": _verdict, "inputs": _inputs, "outputs": _outputs, "options": _options, "toolpath": _toolpath,
-    "worst point": _worst, "infeasible points": _infeasible, "times": _times, "objective": _objective,
+    "worst point": _worst, "infeasible points": _infeasible, "times": _times, "feed": _feed, "objective": _objective,
     "compensation": _compensation, "verification": _verification, "programs": _programs, "warnings": _warnings,
 }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class _Points:
-    """points.csv as words."""
-
-    columns: Mapping[str, list[str]]
-
-    @classmethod
-    def read(cls, t: Told) -> _Points:
-        columns = read_columns(t.folder / "points.csv")
-        if len(columns["status"]) != len(t.toolpath):
-            raise ValueError(f"points.csv has {len(columns['status'])} rows, the toolpath {len(t.toolpath)} points")
-        return cls(columns)
-
-    def number(self, name: str) -> Array:
-        return np.array([float(v) if v else np.nan for v in self.columns[name]])
-
-    def cost(self, t: Told) -> Array:
-        """(N,) the index at the points that are cut to, in SI, less is better; NaN elsewhere."""
-        counts = t.toolpath.cutting & np.array([s == "ok" for s in self.columns["status"]])
-        index = t.result["index"]
-        if index == "deflection":
-            out = 1e-3 * self.number("deflection_mm")
-        elif index == "jiao2022":
-            out = 1e-3 / self.number("k_jiao_x_N_mm")
-        else:
-            axial, normal = 1e-3 / self.number("k_axial_N_mm"), 1e-3 / self.number("k_normal_N_mm")
-            drilling = np.array([o.kind == "point" for o in t.toolpath.operations])[t.toolpath.operation]
-            out = np.where(drilling, axial, 0.5 * (axial + normal))
-        return np.where(counts, out, np.nan)
-
-
-def _is_file(t: Told, name: str) -> bool:
-    return name in listed(t.folder) and (t.folder / name).is_file()
-
-
-def _same(name: str, found: object, expected: object) -> Iterable[str]:
-    if found != expected or isinstance(found, bool) != isinstance(expected, bool):
-        yield f"{name} is {_short(found)}, {_short(expected)} follows"
-
-
-def _same_items(name: str, found: Mapping[str, object], expected: Mapping[str, object]) -> Iterable[str]:
-    for key in sorted(found.keys() | expected.keys()):
-        if key not in expected:
-            yield f"{name}.{key} is {_short(found[key])}, nothing of that name follows"
-        elif key not in found:
-            yield f"{name}.{key} is missing"
-        else:
-            yield from _same(f"{name}.{key}", found[key], expected[key])
-
-
-def _near(name: str, found: Any, expected: float | None, relative: float, absolute: float) -> Iterable[str]:
-    """Null stands for what is not finite."""
-    if expected is None or not math.isfinite(expected):
-        yield from _same(name, found, None)
-    elif found is None or not abs(found - expected) <= relative * abs(expected) + absolute:
-        yield f"{name} is {_short(found)}, {_short(expected)} follows"
-
-
-def _short(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 80 else text[:77] + "…"

@@ -1,0 +1,99 @@
+"""What result.json tells, beside everything it may be held against, and the comparisons that are made."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.cell import Cell
+from machopt.domain.manifest import Manifest, ManifestFile
+from machopt.domain.options import PlanOptions
+from machopt.domain.toolpath import Toolpath
+from machopt.output.manifest import listed
+from machopt.verify import Verification
+from machopt.verify.table import read_columns
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Told:
+    """result.json, and everything it may be held against."""
+
+    result: Mapping[str, Any]
+    folder: Path
+    cell: Cell
+    toolpath: Toolpath
+    options: PlanOptions
+    inputs: tuple[ManifestFile, ...]  # as recorded, where there is a manifest
+    manifest: Manifest | None
+    contents: Verification | None  # None where there is no motion
+
+
+@dataclass(frozen=True)
+class Points:
+    """points.csv as words."""
+
+    columns: Mapping[str, list[str]]
+
+    @classmethod
+    def read(cls, t: Told) -> Points:
+        columns = read_columns(t.folder / "points.csv")
+        if len(columns["status"]) != len(t.toolpath):
+            raise ValueError(f"points.csv has {len(columns['status'])} rows, the toolpath {len(t.toolpath)} points")
+        return cls(columns)
+
+    def number(self, name: str) -> Array:
+        return np.array([float(v) if v else np.nan for v in self.columns[name]])
+
+    def cost(self, t: Told) -> Array:
+        """(N,) the index at the points that are cut to, in SI, less is better; NaN elsewhere."""
+        counts = t.toolpath.cutting & np.array([s == "ok" for s in self.columns["status"]])
+        index = t.result["index"]
+        if index == "deflection":
+            out = 1e-3 * self.number("deflection_mm")
+        elif index == "jiao2022":
+            out = 1e-3 / self.number("k_jiao_x_N_mm")
+        else:
+            axial, normal = 1e-3 / self.number("k_axial_N_mm"), 1e-3 / self.number("k_normal_N_mm")
+            drilling = np.array([o.kind == "point" for o in t.toolpath.operations])[t.toolpath.operation]
+            out = np.where(drilling, axial, 0.5 * (axial + normal))
+        return np.where(counts, out, np.nan)
+
+
+def is_file(t: Told, name: str) -> bool:
+    return name in listed(t.folder) and (t.folder / name).is_file()
+
+
+def same(name: str, found: object, expected: object) -> Iterable[str]:
+    if found != expected or isinstance(found, bool) != isinstance(expected, bool):
+        yield f"{name} is {short(found)}, {short(expected)} follows"
+
+
+def same_items(name: str, found: Mapping[str, object], expected: Mapping[str, object]) -> Iterable[str]:
+    for key in sorted(found.keys() | expected.keys()):
+        if key not in expected:
+            yield f"{name}.{key} is {short(found[key])}, nothing of that name follows"
+        elif key not in found:
+            yield f"{name}.{key} is missing"
+        else:
+            yield from same(f"{name}.{key}", found[key], expected[key])
+
+
+def near(name: str, found: Any, expected: float | None, relative: float, absolute: float) -> Iterable[str]:
+    """Null stands for what is not finite."""
+    if expected is None or not math.isfinite(expected):
+        yield from same(name, found, None)
+    elif found is None or not abs(found - expected) <= relative * abs(expected) + absolute:
+        yield f"{name} is {short(found)}, {short(expected)} follows"
+
+
+def short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else text[:77] + "…"

@@ -1,0 +1,223 @@
+"""``machopt verify`` as a command: what it takes from the manifest, what it says, and how it ends."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from damages.damage import CELLS, HEADER, PASS, Job, copy_of, plan_table
+
+from machopt.cli import main
+from machopt.domain.manifest import with_scope
+from machopt.formats.cell import load_cell
+from machopt.formats.options import load_options
+from machopt.job import scope
+from machopt.job.resultcheck import result_checks
+from machopt.job.run import Request, optimize
+from machopt.output import read_manifest
+from machopt.verify import Check, Verification
+from machopt.verify.output import verify_output
+
+KR500 = CELLS / "kr500_milling"
+NOT_CHECKED = "collisions NOT checked"
+
+
+@pytest.fixture(scope="module")
+def without_collision(tmp_path_factory: pytest.TempPathFactory) -> Job:
+    """A plan with most things switched off."""
+    wide = ("collision=false", "path_tolerance_mm=0.5", "axis_tolerance_deg=0.2", "allow_gaps=true")
+    return plan_table(tmp_path_factory.mktemp("off"), KR500, PASS, overrides=wide)
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Job:
+    return plan_table(tmp_path_factory.mktemp("plain"), KR500, PASS)
+
+
+def verified(job: Job, *options: str) -> int:
+    return main(["verify", str(job.cell), str(job.toolpath), str(job.out), *options])
+
+
+def test_what_is_switched_off_stands_everywhere_in_the_same_words(
+    without_collision: Job, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = (NOT_CHECKED, "path tolerance 0.5 mm instead of 0.02 mm",
+             "tool axis tolerance 0.2 deg instead of 0.05 deg", "gaps allowed")  # fmt: skip
+    out = without_collision.out
+    result = json.loads((out / "result.json").read_text())
+    manifest, _ = read_manifest(out)
+    assert tuple(result["unchecked"]) == manifest.unchecked == words
+    assert result["verdict"] == manifest.verdict == with_scope("done", words)
+    assert with_scope("VERIFIED", words) in (out / "report.html").read_text()
+    assert "contacts" not in {c.what for c in manifest.checked}
+    assert verified(without_collision) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == with_scope("verification passed", words)
+
+
+def test_what_a_cell_leaves_out_stands_in_the_verdict(tmp_path: Path) -> None:
+    shutil.copytree(KR500, tmp_path / "cell")
+    text = (tmp_path / "cell" / "cell.yaml").read_text()
+    cell = load_cell(tmp_path / "cell")
+    assert scope.unchecked(cell, load_options(cell.plan)) == ()
+    lines = [line for line in text.splitlines() if not line.strip().startswith(("geometry:", "cutter:"))]
+    kept = "\n".join(lines)
+    start = kept.index("obstacles:")
+    end = kept.index("stiffness:")
+    (tmp_path / "cell" / "cell.yaml").write_text(kept[:start] + kept[end:])
+    cell = load_cell(tmp_path / "cell")
+    assert scope.unchecked(cell, load_options(cell.plan)) == (
+        "collisions with workpiece, tool, cutter and obstacles NOT checked (not in the cell)",
+    )
+
+
+def test_a_check_that_could_not_run_stands_in_the_verdict() -> None:
+    checks = [Check("path", True, 0.0, 1.0, "mm", ""), Check("program a.src", None, 0.0, 0.0, "", "no reader")]
+    assert scope.not_run(checks) == ("program a.src NOT checked",)
+
+
+def test_options_and_reading_come_from_the_manifest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The table has no feed of its own and tolerances are wide: without the manifest the check could not pass."""
+    toolpath = tmp_path / "pass.csv"
+    toolpath.write_text("x_mm,y_mm,z_mm,i,j,k,move\n" + "".join(f"{x},{y},{z},0,0,1,{m}\n" for x, y, z, m, _ in PASS))
+    wide = ("path_tolerance_mm=0.4", "rotation_step_deg=15")
+    asked = Request(cell=KR500, toolpath=toolpath, out=tmp_path / "out", overrides=wide,
+                    reading={"default_feed": 1100 / 60e3})  # fmt: skip
+    assert optimize(asked).exit_code == 0
+    assert read_manifest(tmp_path / "out")[0].reading == {"feed_mm_min": 1100.0}
+    job = Job(KR500, toolpath, tmp_path / "out")
+    assert verified(job) == 0
+    told = capsys.readouterr().out
+    assert "note:" not in told
+    assert told.splitlines()[-1] == "verification passed, path tolerance 0.4 mm instead of 0.02 mm"
+    assert verified(job, "--set", "collision=false", "--feed", "500") == 4  # driven faster than that
+    told = capsys.readouterr().out
+    assert "note: collision = False here, but the folder was made with True" in told
+    assert "note: feed_mm_min = 500.0 here, but the folder was made with 1100.0" in told
+
+
+def test_verify_says_what_the_folder_was_made_from(
+    plain: Job, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = copy_of(plain, tmp_path)
+    file = job.cell / "stiffness.yaml"
+    recorded = next(f for f in read_manifest(job.out)[0].inputs if f.role == "stiffness")
+    file.write_text(file.read_text() + "# measured again\n")
+    assert verified(job) == 4
+    told = capsys.readouterr()
+    assert "another stiffness: stiffness.yaml" in told.err
+    assert recorded.sha256[:12] in told.err
+
+
+def test_the_same_files_elsewhere_are_the_same_inputs(plain: Job, tmp_path: Path) -> None:
+    job = copy_of(plain, tmp_path)
+    renamed = job.toolpath.with_name("renamed.csv")
+    job.toolpath.rename(renamed)
+    assert verified(Job(job.cell, renamed, job.out)) == 0
+
+
+def test_a_folder_without_manifest_is_checked_and_fails_by_name(
+    plain: Job, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = copy_of(plain, tmp_path)
+    (job.out / "manifest.json").unlink()
+    assert verified(job, "--set", "rotation_step_deg=15") == 4
+    told = capsys.readouterr()
+    assert "was written by a version before manifests, or the file was removed" in told.err
+    assert "ok   path" in told.out  # what the tables say is checked all the same
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "null", "[]", '{"machopt_manifest": 1}', "\x00\x01", "{" * 5000, '{"files": {"x": NaN}}']
+)
+def test_any_manifest_is_a_named_failure(
+    text: str, plain: Job, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = copy_of(plain, tmp_path)
+    (job.out / "manifest.json").write_text(text)
+    assert verified(job, "--quiet") == 4
+    assert "manifest.json" in capsys.readouterr().err
+
+
+def test_an_infeasible_plan_leaves_no_program_and_verifies_as_such(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    toolpath = tmp_path / "far.csv"
+    toolpath.write_text(HEADER + "\n9000,0,0,0,0,1,cut,1000\n9010,0,0,0,0,1,cut,1000\n")
+    out = tmp_path / "out"
+    assert main(["optimize", str(KR500), str(toolpath), "-o", str(out), "--quiet", "--post", "krl",
+                 "--post", "rapid"]) == 3  # fmt: skip
+    assert {f.name for f in out.iterdir()} == {"manifest.json", "points.csv", "report.html", "result.json"}
+    result = json.loads((out / "result.json").read_text())
+    assert [(p["post"], p["files"]) for p in result["programs"]] == [("krl", []), ("rapid", [])]
+    assert all("no motion" in p["withheld"] for p in result["programs"])
+    assert "withheld" in (out / "report.html").read_text()
+    assert read_manifest(out)[0].programs == ()
+    capsys.readouterr()
+    assert verified(Job(KR500, toolpath, out)) == 3
+    assert "intact, but without a motion" in capsys.readouterr().out
+    text = (out / "points.csv").read_text()
+    (out / "points.csv").write_text(text.replace("unreachable", "ok", 1))
+    assert verified(Job(KR500, toolpath, out)) == 4
+
+
+def test_a_plan_that_does_not_hold_leaves_no_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*args: object, **options: object) -> Verification:
+        found = verify_output(*args, **options)  # type: ignore[arg-type]
+        return Verification((*found.checks, Check("weather", False, 1.0, 0.0, "drops", "above")), found.samples, 1.0)
+
+    monkeypatch.setattr("machopt.job.verify.verify_output", broken)
+    toolpath = tmp_path / "pass.csv"
+    toolpath.write_text(HEADER + "\n" + "".join(f"{x},{y},{z},0,0,1,{move},{feed}\n" for x, y, z, move, feed in PASS))
+    out = tmp_path / "out"
+    done = optimize(Request(cell=KR500, toolpath=toolpath, out=out, overrides=("rotation_step_deg=15",),
+                            posts=("krl", "urscript")))  # fmt: skip
+    assert done.exit_code == 4
+    assert {f.name for f in out.iterdir()} == {
+        "manifest.json", "points.csv", "report.html", "result.json", "trajectory.csv",
+    }  # fmt: skip
+    result = json.loads((out / "result.json").read_text())
+    assert [p["withheld"] for p in result["programs"]] == ["verification failed", "verification failed"]
+    assert read_manifest(out)[0].programs == ()
+    assert "withheld: verification failed" in (out / "report.html").read_text()
+
+
+def test_what_other_commands_wrote_is_refused_by_name(
+    plain: Job, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["map", str(KR500), "-o", str(tmp_path / "map"), "--quiet", "--step", "800", "--collision", "none",
+                 "--rotation-step", "90"]) == 0  # fmt: skip
+    manifest, sealed = read_manifest(tmp_path / "map")
+    assert sealed
+    assert manifest.unchecked == (NOT_CHECKED,)
+    assert manifest.verdict.endswith(NOT_CHECKED)
+    assert {f.role for f in manifest.inputs} >= {"cell", "urdf", "stiffness"}
+    assert verified(Job(plain.cell, plain.toolpath, tmp_path / "map"), "--quiet") == 4
+    assert "is of machopt map" in capsys.readouterr().err
+
+
+def test_no_part_of_a_result_goes_unlooked_at(plain: Job, tmp_path: Path) -> None:
+    """Every key of result.json that is taken away fails a check, but the few that follow from the planner alone."""
+    told: Callable[[Path], list[str]] = lambda out: [  # noqa: E731
+        c.name for c in result_checks(out, cell, toolpath, options, manifest.inputs, manifest, contents) if not c.passed
+    ]
+    cell = load_cell(plain.cell)
+    manifest, _ = read_manifest(plain.out)
+    options = load_options(dict(manifest.options))
+    from machopt.formats.toolpath import read_toolpath
+
+    toolpath = read_toolpath(plain.toolpath)
+    from machopt.job.verify import content_checks
+
+    contents = content_checks(cell, toolpath, plain.out, options=options, manifest=manifest)
+    assert told(plain.out) == []
+    job = copy_of(plain, tmp_path)
+    whole = json.loads((job.out / "result.json").read_text())
+    unlooked = set()
+    for key in whole:
+        (job.out / "result.json").write_text(json.dumps({k: v for k, v in whole.items() if k != key}))
+        if not told(job.out):
+            unlooked.add(key)
+    assert unlooked == {"rapid_detours"}
