@@ -255,6 +255,34 @@ def cobot_arm(
     )
 
 
+# --- controllers: what a program must know of them ------------------------------------------------------------
+
+SAME_AXES = """\
+  joint_map: {sign: [1, 1, 1, 1, 1, 1], offset_deg: [0, 0, 0, 0, 0, 0]}   # the URDF counts as the controller
+  root: {xyz_mm: [0, 0, 0], rpy_deg: [0, 0, 0]}
+  flange: {xyz_mm: [0, 0, 0], rpy_deg: [0, 0, 0]}"""
+KUKA = f"""\
+  post: krl   # tool and base stand in the program itself: no numbers
+{SAME_AXES}"""
+ABB = f"""\
+  post: rapid
+{SAME_AXES}"""
+UR = f"""\
+  post: urscript   # an assumption: README.md
+{SAME_AXES}"""
+FANUC = """\
+  post: fanuc
+  joint_map:   # J2 forwards, J3 from the horizontal whatever J2 does, J4 and J6 turn the other way: README.md
+    sign: [1, -1, 1, -1, 1, -1]
+    offset_deg: [0, 0, 0, 0, 0, 0]
+    coupling: {j3: {j2: -1}}
+  root: {xyz_mm: [0, 0, 900], rpy_deg: [0, 0, 0]}   # on axis 1 at the height of axis 2
+  flange: {xyz_mm: [0, 0, 0], rpy_deg: [0, 0, 180]}
+  tool_number: 1
+  base_number: 1
+  nonflip_j5: negative"""
+
+
 # --- cells -------------------------------------------------------------------------------------------------
 
 
@@ -272,6 +300,7 @@ class CellFiles:
     workpiece_mesh: trimesh.Trimesh  # in the CAM frame
     obstacles: tuple[str, ...]
     stiffness: tuple[str, ...]  # comment lines, then the six values as a YAML list
+    controller: str  # YAML of the controller
     extra: dict[str, str] = field(default_factory=dict)
     force: str = ""  # YAML of the process force, in path axes
 
@@ -330,6 +359,7 @@ def kr500_milling() -> CellFiles:
             block("table_stand", (700, 1000, z - 190), (x, y, (z - 190) / 2)),
             *four("clamp", (70, 50, 75), (x, y, z - 92.5), (150, 150)),
         ),
+        controller=KUKA,
         stiffness=(
             "jiao2022, eq. 38 (one set for the whole space), N·mm/rad there",
             "[1.58e7, 6.12e6, 5.28e6, 4.66e5, 2.19e5, 3.49e5]",
@@ -493,6 +523,7 @@ def kr240_drilling() -> CellFiles:
             *four("leg", (80, 80, beam - 50), (x, 0, (beam - 50) / 2), (310, 530)),
             *four("clamp", (40, 60, 90), (x, 0, z - sag), (365, 420)),
         ),
+        controller=KUKA,
         stiffness=(
             "Dumas et al. (2011) as cited by Góra and Trela; see README.md",
             "[1.41e6, 4.01e5, 9.35e5, 3.60e5, 3.70e5, 3.80e5]",
@@ -569,6 +600,7 @@ def irb6700_drilling() -> CellFiles:
             *four("leg", (80, 80, z - 130), (x, 0, (z - 130) / 2), (340, 540)),
             *four("clamp", (60, 40, 70), (x, 0, z - 45), (230, 222)),
         ),
+        controller=ABB,
         stiffness=("zhang2025, section 3 (Table 2 poses), N·m/rad", "[2.61e6, 9.37e5, 6.58e5, 9.20e5, 4.43e4, 2.74e4]"),
     )
 
@@ -619,6 +651,7 @@ def s420f_handling() -> CellFiles:
             block("conveyor", (700, 800, z - 100), (x, 0, (z - 100) / 2)),
             "{name: fence_post, cylinder_mm: [60, 2200], xyz_mm: [1300, 1500, 1100]}",
         ),
+        controller=FANUC,
         stiffness=(
             "Joints 1 to 3: PUMA 560 ratios (66.23 : 66.50 : 11.61) as in gora-trela, scaled so that the vertical",
             "compliance at its pose is the measured 0.0059 mm/N; joints 4 to 6: those of the KR240-2 (dumas2011),",
@@ -688,6 +721,7 @@ def cutting_cobot() -> CellFiles:
             block("bench", (400, 700, 40), (x + 80, y, z - 160)),
             block("vice", (60, 50, 95), (x, y - 125, z - 92.5)),
         ),
+        controller=UR,
         stiffness=("tian2025, Table 3, N·m/rad", "[4.68e5, 5.56e5, 4.57e5, 2.75e5, 9.55e4, 8.36e4]"),
     )
 
@@ -787,6 +821,8 @@ workpiece:
 obstacles:
 {obstacles}
 stiffness: stiffness.yaml
+controller:
+{cell.controller}
 """
     if cell.force:
         text += f"plan:\n  force_N: {cell.force}  # an assumption: README.md\n"

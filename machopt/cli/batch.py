@@ -41,7 +41,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     job.add_argument(
         "--post", action="append", default=[], metavar="POST",
         help="robot program of every job: krl, rapid, fanuc, urscript, … or a template file; may be repeated "
-        "(the job's own post in a list, else this, else the cell's controller.post, else krl)",
+        "(the job's own post in a list, else this, else the cell's controller.post; without any no program)",
     )  # fmt: skip
     job.add_argument(
         "--program-tolerance-mm", type=float, metavar="MM",

@@ -56,7 +56,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     job.add_argument(
         "--post", action="append", default=[], metavar="POST",
         help="robot program to write: krl, rapid, fanuc, urscript, val3, jbi, csv, json, ros, … or a template file; "
-        "may be repeated (the cell's controller.post, else krl)",
+        "may be repeated (the cell's controller.post; without either no robot program is written)",
     )  # fmt: skip
     job.add_argument(
         "--program-tolerance-mm", type=float, metavar="MM",
@@ -289,6 +289,8 @@ def _first_reason(result: dict[str, Any]) -> str:
 def _programs(result: dict[str, Any]) -> list[str]:
     """One line a robot program: where it is and what came back when it was read."""
     lines = []
+    if not result["programs"] and result["exit_code"] == 0:
+        lines.append("  no robot program: the cell names no controller.post and no --post was given, e.g. --post krl")
     for p in result["programs"]:
         c = p["checked"]
         if p["withheld"]:
@@ -296,19 +298,27 @@ def _programs(result: dict[str, Any]) -> list[str]:
             continue
         if c is None:
             lines.append(f"  program {p['files'][0]}: NOT CHECKED: in a language that no reader here knows")
-            continue
-        state = f"reads back within {c['positions_max_mm']:.1g} mm"
-        if p["differences"]:
-            state = "DOES NOT READ BACK AS WRITTEN"
-        if math.isfinite(c["path_max_mm"]):
-            state += f", its lines keep to the motion within {c['path_max_mm']:.3f} mm"
-        added = f" ({p['moves_added']} added for that)" if p["moves_added"] else ""
-        lines.append(f"  program {p['files'][0]}: {c['moves']} moves{added}, {state}")
+        else:
+            state = f"reads back within {c['positions_max_mm']:.1g} mm"
+            if p["differences"]:
+                state = "DOES NOT READ BACK AS WRITTEN"
+            if math.isfinite(c["path_max_mm"]):
+                state += f", its lines keep to the motion within {c['path_max_mm']:.3f} mm"
+            added = f" ({p['moves_added']} added for that)" if p["moves_added"] else ""
+            lines.append(f"  program {p['files'][0]}: {c['moves']} moves{added}, {state}")
+        feed = p["feed_model"]
+        if feed is not None:
+            lines.append(
+                f"    by the model of its controller it holds {feed['mean_percent']:.0f} % of the programmed feed "
+                f"({feed['lowest_percent']:.0f} % in the slowest move, {feed['exact_stops']} exact stops), rounding "
+                f"points by {feed['rounding_max_mm']:.3f} mm at most"
+            )
+        lines += [f"    WARNING: {text}" for text in p["not_in_program"]]
+        lines += [f"    assumed: {text}" for text in p["assumed"]]
     return lines
 
 
 def _failed(result: dict[str, Any]) -> str:
-    wrong = [f"program for {p['post']}: {p['differences'][0]}" for p in result["programs"] if p["differences"]]
     checks = result["verification"]["checks"] if result["verification"] else []
-    wrong += [f"{c['name']} {c['value']:.4g} {c['unit']} at {c['where']}" for c in checks if c["passed"] is False]
+    wrong = [f"{c['name']} {c['value']:.4g} {c['unit']} at {c['where']}" for c in checks if c["passed"] is False]
     return "; ".join(wrong)

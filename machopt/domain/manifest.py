@@ -48,6 +48,7 @@ class Manifest:
     program_tolerance_mm: float | None = None
     checked: tuple[Covered, ...] = ()
     unchecked: tuple[str, ...] = ()  # what was switched off or left out, in the words of the verdict
+    warnings: tuple[str, ...] = ()  # what somebody has to see to before a program runs
 
     def file(self, name: str) -> ManifestFile | None:
         """The entry of one file of the folder."""

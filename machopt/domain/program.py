@@ -48,13 +48,14 @@ class JointMap:
 class Controller:
     """What a post must know of the robot's controller; everything optional, and what is missing is told."""
 
-    post: str = "krl"  # a post's name, or a template file
+    post: str | None = None  # a post's name, or a template file; None: no maker is known and none is assumed
     joint_map: JointMap | None = None  # None: the URDF's joints are taken as they are
     T_base_root: Array | None = None  # (4, 4) the controller's own robot coordinate system in base_link
     T_flange_mount: Array | None = None  # (4, 4) the controller's flange (tool 0) in the URDF's flange link
     tool_number: int | None = None
     base_number: int | None = None
     pulses_per_deg: Array | None = None  # (6,) Yaskawa
+    position_levels: Array | None = None  # (8,) m, Yaskawa's PL=1 … 8, rising
     moves_per_part: int | None = None  # instead of the template's
     nonflip_j5: Literal["negative", "positive"] | None = None  # FANUC: the sign of J5 that its N stands for
     lines: Mapping[str, str] = field(default_factory=dict)  # program lines by event, keys EVENT_LINES
@@ -80,7 +81,7 @@ class RobotProgram:
     external_prismatic: tuple[bool, ...] = ()  # (E,)
     events: tuple[Event, ...] = ()  # ``index`` is the move that the event comes before
     ptp_speed: float = 0.8  # share of the axis velocity limits on PTP moves
-    blend: float = 0.0  # m, corner rounding allowed between cutting moves; 0 stops exactly at every point
+    blend: float = 0.0  # m by which rounded corners may pass a point between cutting moves; 0 stops exactly at each
     source: str = ""  # what it was made from, for the head comment
     move: NDArray[np.int8] | None = None  # (M,) Move codes; by default rapid, cut or link from kind and cutting
     behind: NDArray[np.bool_] | None = None  # (M,) the wrist root lies behind axis 1
@@ -88,6 +89,7 @@ class RobotProgram:
     time: Array | None = None  # (M,) s from the start, rising; for posts that give times
     joint_names: tuple[str, ...] = tuple(f"joint_{i}" for i in range(1, 7))
     axis_velocity: Array | None = None  # (6,) rad/s, limits that ``ptp_speed`` is a share of
+    axis_acceleration: Array | None = None  # (6,) rad/s², limits that say how fast corners can be driven
     tool_mass: float = float("nan")  # kg
     tool_com: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, in flange
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
@@ -253,12 +254,17 @@ class _Reader:
         if keys is None:
             return Controller()
         post = keys.post
-        if post.endswith(".toml"):
+        if post is not None and post.endswith(".toml"):
             post = str(self.file(("controller", "post"), post))
         pulses = keys.pulses_per_deg
         if pulses is not None and 0.0 in pulses:
             raise self.document.error(
                 ("controller", "pulses_per_deg"), f"found {pulses}; expected numbers other than 0"
+            )
+        levels = keys.position_levels_mm
+        if levels is not None and not (levels[0] > 0.0 and all(a < b for a, b in itertools.pairwise(levels))):
+            raise self.document.error(
+                ("controller", "position_levels_mm"), f"found {levels}; expected eight rising distances of PL=1 … 8"
             )
         return Controller(
             post=post,
@@ -268,6 +274,7 @@ class _Reader:
             tool_number=keys.tool_number,
             base_number=keys.base_number,
             pulses_per_deg=None if pulses is None else _frozen(np.array(pulses)),
+            position_levels=None if levels is None else _frozen(np.array(levels) / 1e3),
             moves_per_part=keys.moves_per_part,
             nonflip_j5=keys.nonflip_j5,
             lines={name: line for name, line in keys.lines.model_dump().items() if line is not None},

@@ -117,13 +117,18 @@ class EventLineKeys(Strict):
 
 
 class ControllerKeys(Strict):
-    post: str = Field(default="krl", min_length=1, description="a post's name, or a .toml file in the cell folder")
+    post: str | None = Field(
+        default=None, min_length=1, description="a post's name, or a .toml file in the cell folder; none is assumed"
+    )
     joint_map: JointMapKeys | None = Field(default=None, description="controller = coupling(sign * joint + offset_deg)")
     root: PoseKeys | None = Field(default=None, description="the controller's robot coordinate system in base_link")
     flange: PoseKeys | None = Field(default=None, description="the controller's tool 0 in flange_link")
     tool_number: int | None = Field(default=None, ge=0)
     base_number: int | None = Field(default=None, ge=0)
     pulses_per_deg: list[float] | None = Field(default=None, min_length=6, max_length=6, description="encoder pulses")
+    position_levels_mm: list[float] | None = Field(
+        default=None, min_length=8, max_length=8, description="Yaskawa: how far from a point PL=1 … 8 begin, rising"
+    )
     moves_per_part: int | None = Field(default=None, ge=2, description="longer programs are split")
     nonflip_j5: Literal["negative", "positive"] | None = Field(default=None, description="FANUC: J5 of CONFIG N")
     lines: EventLineKeys = Field(

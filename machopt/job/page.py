@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -44,9 +45,6 @@ def report_data(
     quantity: page.Quantity = index if index in ("deflection", "stiffness") else "index"
     series = {name: _shown(plan, s) for name, s in _assignments(plan)}
     summary = replace(_summary(plan, points, timeline, verification, quantity), unchecked=unchecked)
-    wrong = [f"the program for {p.label}: {p.checked.differences[0]}" for p in programs if p.checked and not p.ok]
-    if wrong:
-        summary = replace(summary, outcome="verification_failed", note=f"But {'; '.join(wrong)}.")
     infeasible = tuple(
         page.InfeasiblePoint(
             point=round(plan.path.index[p]), operation=_label(toolpath, plan, p), position=plan.path.position[p],
@@ -78,13 +76,23 @@ def report_data(
 
 def _program(p: Written) -> page.Program:
     c = p.checked
-    if c is None:
-        return page.Program(p.label, p.files, p.lines, p.added, p.tolerance, checked=False, withheld=p.withheld)
-    return page.Program(
-        p.label, p.files, p.lines, p.added, p.tolerance, moves=c.moves, position_error=c.position_error,
-        angle_error=c.angle_error, joint_error=c.joint_error, feed_error=c.feed_error, path_error=c.path_error,
-        axis_error=c.axis_error, turn_error=c.turn_error, events_equal=c.events_equal, differences=c.differences,
-        configuration_equal=c.configuration_equal if c.configurations else None, withheld=p.withheld,
+    held = p.feed
+    said = page.Program(
+        p.label, p.files, p.lines, p.added, p.tolerance, assumed=p.assumed, unstarted=p.unstarted, withheld=p.withheld,
+        feed_mean=float("nan") if held is None else held.mean_share,
+        feed_lowest=float("nan") if held is None else held.lowest_share,
+        feed_deviation=float("nan") if held is None else held.deviation,
+    )  # fmt: skip
+    if c is None or not c.readable:
+        return replace(said, checked=False)
+    return replace(
+        said, moves=c.moves, position_error=c.worst("targets on the motion") / 1e3,
+        angle_error=math.radians(c.worst("orientation at targets")),
+        joint_error=math.radians(c.worst("joints at targets")), feed_error=c.worst("CAM feed") / 6e4,
+        path_error=c.worst("lines along the motion") / 1e3,
+        axis_error=math.radians(c.worst("tool axis along lines")),
+        turn_error=math.radians(c.worst("orientation along lines")), events_equal=c.passed("events") is not False,
+        differences=c.differences, configuration_equal=c.passed("configuration"),
     )  # fmt: skip
 
 

@@ -10,22 +10,31 @@ import numpy as np
 
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
-from machopt.domain.program import LIN, PTP, Controller, RobotProgram
+from machopt.domain.program import LIN, PTP, RobotProgram
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.errors import InputError
-from machopt.formats.posts import load_post, needs_samples, program_name, write_program
+from machopt.formats.posts import (
+    HeldFeed,
+    assumptions,
+    load_post,
+    model_feed,
+    needs_samples,
+    program_name,
+    unstarted,
+    write_program,
+)
 from machopt.formats.posts.densify import Tolerance
 from machopt.formats.posts.postfile import post_names
-from machopt.formats.programs import recognised
 from machopt.job.program import Programmed, posture_of, robot_program, sampled_program
-from machopt.job.readback import ReadBack, read_back
+from machopt.job.readback import Compared, Posted, controller_for
 from machopt.model.robot import Robot, load_chain
 from machopt.plan.blend import SPIN_TOLERANCE
 from machopt.plan.pipeline import Plan
 from machopt.plan.timeline import BEND, Timeline
+from machopt.verify import Verification
 
 TOLERANCE_MM = 0.05
-OWN_FILES = ("points.csv", "trajectory.csv", "compensation.csv", "result.json", "report.html")
+OWN_FILES = ("points.csv", "trajectory.csv", "compensation.csv", "result.json", "manifest.json", "report.html")
 
 
 @dataclass(frozen=True)
@@ -46,26 +55,36 @@ class Written:
     lines: int
     added: int  # moves put in to keep to the tolerance
     tolerance: float  # m
-    checked: ReadBack | None  # None: a user's own post in a language that no reader here knows
+    post: str | Path = ""
+    feed: HeldFeed | None = None  # by the controller's model; None: it streams the motion's own samples
+    assumed: tuple[str, ...] = ()  # of the controller, because the cell does not say it
+    unstarted: tuple[str, ...] = ()  # spindle, coolant and tool words of the CAM file that are comments only
+    checked: Compared | None = None  # what came back; None: it has not been read yet, or is not there
     withheld: str = ""  # why no file of it is left; empty where it lies there
 
     @property
     def ok(self) -> bool:
-        """False where it says something else than the motion."""
-        return self.checked is None or self.checked.ok
+        """False where it says something else than motion and CAM file."""
+        return self.checked is None or not self.checked.differences
+
+    @property
+    def posted(self) -> Posted:
+        return Posted(self.label, self.post, self.files)
 
     def as_result(self) -> dict[str, object]:
         """For result.json."""
         return {
             "post": self.label, "files": list(self.files), "lines": self.lines,
             "tolerance_mm": self.tolerance * 1e3, "moves_added": self.added, "withheld": self.withheld or None,
+            "feed_model": None if self.feed is None else self.feed.as_result(),
+            "assumed": list(self.assumed), "not_in_program": list(self.unstarted),
             "checked": None if self.checked is None else self.checked.as_result(),
             "differences": [] if self.checked is None else list(self.checked.differences),
         }  # fmt: skip
 
 
 def wanted_posts(cell: Cell, asked: Sequence[str]) -> tuple[Wanted, ...]:
-    """The posts asked for, or the cell's own; each is tried on a program of three moves before anything is planned.
+    """The posts asked for, or the cell's own, or none; each is tried on a short program before anything is planned.
 
     One post writes into the output folder itself, several into folders of their own.
 
@@ -73,7 +92,7 @@ def wanted_posts(cell: Cell, asked: Sequence[str]) -> tuple[Wanted, ...]:
         InputError: no such post, a faulty template, the same one twice, or the cell does not say what it needs.
     """
     out: list[Wanted] = []
-    for text in asked or (cell.controller.post,):
+    for text in asked or ([] if cell.controller.post is None else [cell.controller.post]):
         file = is_post_file(text)
         post: str | Path = Path(text) if file else text
         label = Path(text).name if file else text
@@ -117,7 +136,7 @@ def tolerance_of(mm: float | None, options: PlanOptions) -> Tolerance:
 def write_programs(
     folder: Path, wanted: Sequence[Wanted], plan: Plan, toolpath: Toolpath, timeline: Timeline, tolerance: Tolerance
 ) -> tuple[Written, ...]:
-    """Write every post's program and read it back.
+    """Write every post's program.
 
     Raises:
         InputError: a post cannot write this program.
@@ -127,8 +146,9 @@ def write_programs(
         raise ValueError("a blocked motion is no program")
     made: dict[bool, Programmed] = {}
     out: list[Written] = []
+    cell = plan.setup.cell
     for one in wanted:
-        controller = controller_for(plan.setup.cell, one)
+        controller = controller_for(cell, one.post)
         samples = needs_samples(one.post)
         if samples not in made:
             made[samples] = (
@@ -138,25 +158,29 @@ def write_programs(
             )
         target = folder / one.folder
         target.mkdir(exist_ok=True)
-        program = made[samples]
+        program = made[samples].program
         files = write_program(
-            target, program_name(toolpath.source, one.post), program.program, one.post, controller,
+            target, program_name(toolpath.source, one.post), program, one.post, controller,
             reserved=() if one.folder else OWN_FILES,
-        )  # fmt: skip
-        foreign = isinstance(one.post, Path) and not recognised(files[0])
-        checked = None if foreign else read_back(
-            program, controller, files[0], plan.setup.robot, timeline.trajectory.q, tolerance,
-            load_post(one.post).keys.forbid,
         )  # fmt: skip
         lines = sum(f.read_bytes().count(b"\n") for f in files)
         names = tuple(f.relative_to(folder).as_posix() for f in files)
-        out.append(Written(one.label, names, lines, program.added, tolerance.position, checked))
+        out.append(Written(
+            one.label, names, lines, made[samples].added, tolerance.position, one.post,
+            model_feed(program, one.post, controller), assumptions(program, one.post, controller),
+            unstarted(one.post, program, controller),
+        ))  # fmt: skip
     return tuple(out)
+
+
+def read_back(programs: Sequence[Written], verification: Verification) -> tuple[Written, ...]:
+    """The programs with what the verification says of each."""
+    return tuple(replace(p, checked=Compared.of(p.posted, verification.checks)) if p.files else p for p in programs)
 
 
 def withheld(wanted: Sequence[Wanted], tolerance: Tolerance, why: str) -> tuple[Written, ...]:
     """What stands for programs that are not written at all."""
-    return tuple(Written(one.label, (), 0, 0, tolerance.position, None, why) for one in wanted)
+    return tuple(Written(one.label, (), 0, 0, tolerance.position, one.post, withheld=why) for one in wanted)
 
 
 def withdrawn(folder: Path, programs: Sequence[Written], why: str) -> tuple[Written, ...]:
@@ -164,22 +188,17 @@ def withdrawn(folder: Path, programs: Sequence[Written], why: str) -> tuple[Writ
     for name in (name for p in programs for name in p.files):
         file = folder / name
         file.unlink(missing_ok=True)
-        if file.parent != folder and not any(file.parent.iterdir()):
-            file.parent.rmdir()
+        while file.parent != folder and not any(file.parent.iterdir()):
+            file = file.parent
+            file.rmdir()
     return tuple(replace(p, files=(), withheld=why) for p in programs)
-
-
-def controller_for(cell: Cell, one: Wanted) -> Controller:
-    """The cell's controller; its own lines for events are in its own language and stay out of other programs."""
-    own, other = (load_post(post).keys.dialect for post in (cell.controller.post, one.post))
-    return cell.controller if own == other else replace(cell.controller, lines={})
 
 
 def _try(cell: Cell, robot: Robot, one: Wanted) -> None:
     """Fill the post once, into nothing: what would fail after the plan should fail before it."""
     keys = load_post(one.post).keys
     q = np.tile(cell.home, (3, 1))
-    controller = controller_for(cell, one)
+    controller = controller_for(cell, one.post)
     standing = posture_of(robot, q, controller)
     program = RobotProgram(
         kind=np.array([PTP, LIN, PTP], np.int8), q=q, T_workpiece_tcp=robot.fk(q, cell.tool.T_flange_tcp),

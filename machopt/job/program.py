@@ -55,7 +55,7 @@ def robot_program(plan: Plan, toolpath: Toolpath, timeline: Timeline, tolerance:
     kind = np.where(np.isfinite(feed), LIN, PTP).astype(np.int8)
     operation = np.where(np.isfinite(index), toolpath.operation[_point(index)], -1).astype(np.int32)
     made = _base(plan, toolpath, Q, kind, feed, move, operation, index)
-    return Programmed(replace(made, blend=plan.options.path_tolerance), at, len(added))
+    return Programmed(replace(made, blend=(tolerance or Tolerance()).position), at, len(added))
 
 
 def sampled_program(plan: Plan, toolpath: Toolpath, timeline: Timeline) -> Programmed:
@@ -109,7 +109,7 @@ def _base(
         T_base_workpiece=plan.setup.arm.T_base_workpiece, ptp_speed=plan.options.rapid_scale,
         events=_events(toolpath, at), source=f"{cell.name}; {toolpath.source}", joint_names=cell.arm_joints,
         behind=None if standing is None else standing[0], elbow_up=None if standing is None else standing[1],
-        axis_velocity=cell.limits.velocity[:6], tool_com=cell.tool.com,
+        axis_velocity=cell.limits.velocity[:6], axis_acceleration=cell.limits.acceleration[:6], tool_com=cell.tool.com,
         tool_mass=cell.tool.mass if cell.tool.mass > 0.0 else float("nan"),
     )  # fmt: skip
 

@@ -1,231 +1,442 @@
-"""The written program, read back by code that its writer does not share, against the motion it was made from."""
+"""The robot programs of an output folder, read back and held against everything they follow from.
+
+Each program is read by code that its writer does not share and compared with the motion and with the CAM file
+(:mod:`machopt.verify.program`, :mod:`machopt.verify.programcam`). What no comparison of targets sees (head, frames,
+loads, speeds, zones, events in the controller's words, END, files beside) must be, word by word, what the post writes
+for such targets (:mod:`machopt.formats.posts.wording`). ``optimize`` and ``verify`` both call :func:`check_programs`.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.domain.cell import Cell
+from machopt.domain.options import PlanOptions
 from machopt.domain.program import LIN, Controller, RobotProgram
+from machopt.domain.readprogram import ReadProgram
+from machopt.domain.toolpath import Move, Toolpath
 from machopt.errors import InputError
-from machopt.formats.posts.densify import Tolerance, departure
-from machopt.formats.programs import ParsedProgram, read_program
+from machopt.formats.posts import expected_text, load_post
+from machopt.formats.posts.densify import Tolerance
+from machopt.formats.posts.rounding import rounding
+from machopt.formats.posts.wording import difference
+from machopt.formats.programs import ParsedProgram, read_program, recognised
 from machopt.formats.programs.configuration import first_difference
 from machopt.formats.programs.joints import urdf_joints
 from machopt.formats.programs.toolpath import URDF_JOINTS
-from machopt.job.program import Programmed
-from machopt.model.robot import Robot
-from machopt.se3 import inverse
+from machopt.job.program import posture_of
+from machopt.job.zonelaw import zone_check
+from machopt.model.robot import load_chain
+from machopt.verify.arm import Arm
+from machopt.verify.encoder import true_angles
+from machopt.verify.check import Check
+from machopt.verify.program import Allowed, along_motion
+from machopt.verify.programcam import Cuts, against_cam
+from machopt.verify.shift import corners
+from machopt.verify.table import Motion, read_motion, read_points, read_shift
 
 Array = NDArray[np.float64]
-POSITION = 5e-6  # m: angles printed to 1e-4° move a tool four metres away by that much
-ANGLE = float(np.radians(2e-3))
 PULSES = 3.0  # of an encoder: joints may be off by that much, by rounding and by coupling
-FEED = 5.1e-5  # m/s: tenths of mm/s are the coarsest print
-FRAME = 1e-6  # m: frames are printed to 1e-3 mm at least, FANUC's in a comment only
-NAN = float("nan")
+REACH = 5.0  # m: what a joint's last digit is worth there
+COARSE = 5.1e-5  # m/s: FANUC and Yaskawa print tenths of mm/s
+SAME = 1e-8  # rad: places ten metres away by a tenth of a micrometre
+FRAME = 1e-6  # m: frames are printed to 1e-3 mm at least
+FRAME_ANGLE = float(np.radians(2e-3))
+MOVES, COMPARED = "moves read", "compared with motion and CAM file"
+NOT_PROGRAMS = frozenset(("points.csv", "trajectory.csv", "compensation.csv", "result.json", "manifest.json",
+                          "report.html"))  # fmt: skip
 
 
 @dataclass(frozen=True)
-class ReadBack:
-    """What came back; errors are the largest over all moves."""
+class Posted:
+    """One program of an output folder, as the folder's manifest lists it."""
 
-    file: str
+    label: str  # the post, as the user gave it
+    post: str | Path | None  # to write it again; None: the template is not at hand
+    files: tuple[str, ...]  # inside the folder, the one that is run first
+
+
+@dataclass(frozen=True)
+class Compared:
+    """What came of one program."""
+
+    posted: Posted
     moves: int
-    differences: tuple[str, ...]  # anything that is not as it should be, in words
-    position_error: float = NAN  # m of the tool tip, joint targets through forward kinematics
-    angle_error: float = NAN  # rad
-    joint_error: float = NAN  # rad of joint targets; NaN where the program has none
-    feed_error: float = NAN  # m/s on linear moves; NaN where the format has no feeds
-    path_error: float = NAN  # m between the motion and the lines the controller draws; NaN where it draws none
-    axis_error: float = NAN  # rad, the same between tool axes
-    turn_error: float = NAN  # rad, the same between orientations
-    configurations: int = 0  # moves whose status, turns or confdata were counted again
-    configuration_equal: bool = False
-    events_equal: bool = False
+    checks: tuple[Check, ...]
+    readable: bool = True  # False: no reader here knows its language
+
+    @classmethod
+    def of(cls, posted: Posted, checks: Sequence[Check]) -> Compared:
+        """From the checks of a whole folder those of one program."""
+        mine = tuple(c for c in checks if c.name.startswith(f"{posted.files[0]}: "))
+        moves = next((c.value for c in mine if c.name.endswith(f": {MOVES}")), 0.0)
+        return cls(posted, int(moves), mine, not any(c.name.endswith(f": {COMPARED}") for c in mine))
 
     @property
-    def ok(self) -> bool:
-        return not self.differences
+    def differences(self) -> tuple[str, ...]:
+        """What is not as it should be, in words."""
+        return tuple(
+            f"{c.name.partition(': ')[2]}: {c.where}" + (f" ({c.value:.4g} {c.unit})" if np.isfinite(c.value) else "")
+            for c in self.checks if c.passed is False
+        )  # fmt: skip
 
-    def as_result(self) -> dict[str, object]:
-        """For result.json: mm, deg, mm/min; null where a post has no such thing."""
+    def worst(self, what: str) -> float:
+        """The value of a check by its name behind the file's; NaN where it was not made."""
+        return next((c.value for c in self.checks if c.name.partition(": ")[2] == what), float("nan"))
+
+    def passed(self, what: str) -> bool | None:
+        """The same of its verdict; None where it was not made."""
+        return next((c.passed for c in self.checks if c.name.partition(": ")[2] == what), None)
+
+    def as_result(self) -> dict[str, object] | None:
+        """For result.json: mm, deg, mm/min; null where a post has no such thing, or nobody reads it."""
+        if not self.readable:
+            return None
         return {
             "moves": self.moves,
-            "positions_max_mm": self.position_error * 1e3,
-            "orientations_max_deg": float(np.degrees(self.angle_error)),
-            "joints_max_deg": float(np.degrees(self.joint_error)),
-            "feeds_max_mm_min": self.feed_error * 6e4,
-            "path_max_mm": self.path_error * 1e3,
-            "path_axis_max_deg": float(np.degrees(self.axis_error)),
-            "path_turn_max_deg": float(np.degrees(self.turn_error)),
-            "configuration_equal": self.configuration_equal if self.configurations else None,
-            "events_equal": self.events_equal,
+            "positions_max_mm": self.worst("targets on the motion"),
+            "orientations_max_deg": self.worst("orientation at targets"),
+            "joints_max_deg": self.worst("joints at targets"),
+            "feeds_max_mm_min": self.worst("CAM feed"),
+            "path_max_mm": self.worst("lines along the motion"),
+            "path_axis_max_deg": self.worst("tool axis along lines"),
+            "path_turn_max_deg": self.worst("orientation along lines"),
+            "configuration_equal": self.passed("configuration"),
+            "events_equal": self.passed("events"),
         }
 
 
-def read_back(
-    made: Programmed, controller: Controller, file: Path, robot: Robot, motion: Array, tolerance: Tolerance,
-    forbidden: str = "",
-) -> ReadBack:  # fmt: skip
-    """Compare a program with the motion it was written from, move by move and sample by sample.
+def check_programs(
+    cell: Cell, toolpath: Toolpath, out: Path, posted: Sequence[Posted], *, options: PlanOptions, tolerance: Tolerance,
+    source: str | None = None,
+) -> tuple[Compared, ...]:  # fmt: skip
+    """Compare every robot program of an output folder with motion and CAM file.
 
     Args:
-        made: what was written.
-        controller: what the post was told.
-        file: the first of the written files.
-        robot: for the places of joint targets and samples.
-        motion: (S, 6) rad, the exported trajectory.
-        tolerance: how far the controller's straight lines may be from it.
-        forbidden: characters that the post takes out of free text.
+        cell: with its controller.
+        toolpath: the CAM file.
+        out: the folder, with trajectory.csv and points.csv.
+        posted: the programs that ought to be there.
+        options: as for the plan.
+        tolerance: between the controller's lines and the motion.
+        source: what the programs' heads say they are from; cell and toolpath by default.
 
-    Invalid for: what the controller makes of the program; only that it says what it should.
+    Returns:
+        One entry a program; and one for files that look like a program but belong to none.
+
+    Raises:
+        InputError: a table of the folder cannot be read.
     """
-    program = made.program
-    pulses = None if controller.pulses_per_deg is None else controller.pulses_per_deg.tolist()
-    try:
-        parsed = read_program(file, pulses_per_deg=pulses)
-    except InputError as problem:
-        return ReadBack(file.name, 0, (f"cannot be read back: {problem}",))
-    if len(parsed) != len(program):
-        return ReadBack(file.name, len(parsed), (f"{len(parsed)} moves instead of {len(program)}",))
-    wrong: list[str] = []
-
-    def told(bad: NDArray[np.bool_], what: str) -> None:
-        if bad.any():
-            k = int(np.argmax(bad))
-            wrong.append(f"move {k + 1} (line {int(parsed.line[k])}) {what}")
-
-    told(parsed.kind != program.kind, "is of another kind")
-    q, T = _placed(parsed, program, controller, robot)
-    joint = np.isfinite(q).all(axis=1)
-    off = np.where(joint, np.abs(q - program.q).max(axis=1), 0.0)
-    coarse = PULSES / min(map(abs, pulses)) if pulses and parsed.dialect == "jbi" else 0.0
-    lever = float(np.radians(coarse)) * 6.0  # of six joints
-    gap = np.linalg.norm(T[:, :3, 3] - program.T_workpiece_tcp[:, :3, 3], axis=1)
-    turn = _angle(T, program.T_workpiece_tcp)
-    told(~(gap <= POSITION + lever * 5.0), "goes elsewhere")  # five metres away; a NaN is a difference too
-    told(~(turn <= ANGLE + lever), "turns elsewhere")
-    told(~(off <= ANGLE + lever), "goes there with other joints")
-    feed = _feeds(parsed, program, wrong)
-    _frames(parsed, program, controller, wrong)
-    told_of, first = first_difference(
-        parsed.dialect, parsed.configuration, _axes(program, controller),
-        None if program.behind is None or program.elbow_up is None else (program.behind, program.elbow_up),
-        controller.nonflip_j5,
-    )  # fmt: skip
-    if first is not None:
-        wrong.append(f"move {first + 1} (line {int(parsed.line[first])}) names another configuration")
-    events = _events_equal(parsed, program, forbidden)
-    if not events:
-        wrong.append("events differ")
-    path, axis, whole = _along(T, made, robot, motion, tolerance, wrong)
-    return ReadBack(
-        file.name, len(parsed), tuple(wrong), float(gap.max()), float(turn.max()),
-        float(off[joint].max()) if joint.any() else NAN, feed, path, axis, whole, told_of, first is None, events,
-    )  # fmt: skip
+    out = Path(out)
+    strays = _strays(out, posted)
+    if not posted:
+        return strays
+    ground = _Ground.of(cell, toolpath, out, options, tolerance, source or f"{cell.name}; {toolpath.source}")
+    return (*(ground.compare(one) for one in posted), *strays)
 
 
-def _along(
-    T: Array, made: Programmed, robot: Robot, motion: Array, tolerance: Tolerance, wrong: list[str]
-) -> tuple[float, float, float]:
-    """Largest departures (m, rad, rad) of the trajectory from the lines as they were read."""
-    program = made.program
-    samples = np.linalg.inv(program.T_base_workpiece) @ robot.fk(motion, program.T_flange_tcp)
-    off = departure(samples, T, made.at, program.kind == LIN)
-    if not len(off.sample):
-        return NAN, NAN, NAN
-    share = off.share(tolerance)
-    worst = int(np.argmax(~(share <= 1.0)))
-    if not share[worst] <= 1.0:
-        wrong.append(
-            f"on its way to move {int(off.move[worst]) + 1} the controller's straight line leaves the motion: "
-            f"{1e3 * off.position[worst]:.3f} mm, tool axis {np.degrees(off.axis[worst]):.3f} deg, "
-            f"orientation {np.degrees(off.turn[worst]):.3f} deg"
+def _strays(out: Path, posted: Sequence[Posted]) -> tuple[Compared, ...]:
+    mine = {name for one in posted for name in one.files}
+    found = []
+    for file in sorted(p for p in out.rglob("*") if p.is_file()):
+        name = file.relative_to(out).as_posix()
+        if name in mine or name in NOT_PROGRAMS or file.is_symlink():
+            continue
+        try:
+            program = recognised(file)
+        except InputError:
+            program = False
+        if program:
+            check = Check(f"{name}: a program of this job", False, 1.0, 0.0, "files",
+                          "a robot program that belongs to no post of this folder")  # fmt: skip
+            found.append(Compared(Posted("", None, (name,)), 0, (check,)))
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class _Ground:
+    """What every program of the folder is compared with, computed once."""
+
+    cell: Cell
+    toolpath: Toolpath
+    out: Path
+    options: PlanOptions
+    tolerance: Tolerance
+    source: str
+    motion: Motion
+    arm: Arm
+    tcp: Array  # (S, 4, 4) in workpiece by nominal kinematics
+    offset: Array  # (S, 3) m from there to the true place
+    wanted: NDArray[np.bool_]  # (N,)
+    corners: tuple[Array, Array]
+    T_base_workpiece: Array
+
+    @classmethod
+    def of(
+        cls, cell: Cell, toolpath: Toolpath, out: Path, options: PlanOptions, tolerance: Tolerance, source: str
+    ) -> _Ground:  # fmt: skip
+        motion, points = read_motion(out / "trajectory.csv", cell), read_points(out / "points.csv")
+        arm = Arm(cell)
+        tcp = arm.tcp_in_workpiece(motion.q, motion.external)
+        offset = np.zeros((len(tcp), 3))
+        if cell.kinematics is not None:
+            true = arm.tcp_in_workpiece(true_angles(cell.kinematics, motion.q), motion.external)
+            offset = true[:, :3, 3] - tcp[:, :3, 3]
+        wanted = toolpath.cutting.copy()
+        if options.allow_gaps:
+            given_up = [
+                k for k, s in zip(points.point, points.status, strict=True) if s != "ok" and 0 <= k < len(wanted)
+            ]
+            wanted[given_up] = False
+        shifted = points.shift is not None
+        line = corners(toolpath, read_shift(out / "compensation.csv")) if shifted else (
+            np.arange(len(toolpath), dtype=float), toolpath.position)  # fmt: skip
+        rest = arm.placements(cell.home[None], np.zeros((1, len(cell.external_joints))))[0]
+        return cls(cell, toolpath, out, options, tolerance, source, motion, arm, tcp, offset, wanted, line,
+                   np.linalg.inv(cell.T_world_base) @ rest[-1])  # fmt: skip
+
+    def compare(self, posted: Posted) -> Compared:
+        name = posted.files[0]
+        missing = [f for f in posted.files if not (self.out / f).is_file()]
+        if missing:
+            return Compared(posted, 0, (_said(name, "files there", f"{missing[0]} is missing"),))
+        controller, other = _controller(self.cell, posted)
+        pulses = None if controller.pulses_per_deg is None else controller.pulses_per_deg.tolist()
+        try:
+            if other and not recognised(self.out / name):
+                return Compared(posted, 0, (_unread(name),), readable=False)
+            parsed = read_program(self.out / name, pulses_per_deg=pulses)
+        except InputError as problem:
+            return Compared(posted, 0, (_said(name, "readable", str(problem.reason)),))
+        said = self._in_cell_terms(name, parsed, controller)
+        if not np.isfinite(said.T_workpiece_tcp).all():
+            return Compared(posted, len(said), (_said(name, "readable", "a target has neither place nor joints"),))
+        o = self.options
+        allowed = Allowed(self.tolerance.position, self.tolerance.axis, self.tolerance.turn, o.path_tolerance,
+                          o.axis_tolerance)  # fmt: skip
+        read = Check(f"{name}: {MOVES}", True, float(len(said)), float(len(said)), "moves", f"{parsed.dialect}")
+        checks, at = along_motion(said, self.motion, self.tcp, allowed)
+        rows = np.clip(np.nan_to_num(at), 0, len(self.tcp) - 1)
+        offset = np.column_stack([np.interp(rows, np.arange(len(self.tcp)), self.offset[:, c]) for c in range(3)])
+        position = np.column_stack([
+            np.interp(np.arange(len(self.toolpath)), self.corners[0], self.corners[1][:, c]) for c in range(3)
+        ])  # fmt: skip
+        cuts = Cuts(self.toolpath, position, self.corners, self.wanted, o.path_tolerance, o.approach_feed, offset)
+        checks += against_cam(said, cuts, _index_at(self.motion, at))
+        checks += self._terms(name, parsed, said, controller, rows)
+        if posted.post is None:
+            checks.append(
+                Check(f"{name}: wording", None, np.nan, 0.0, "", "not checked: the post's template is not at hand")
+            )
+        else:
+            checks += self._wording(posted, parsed, said, controller, rows)
+        return Compared(posted, len(said), (read, *checks))
+
+    def _in_cell_terms(self, name: str, parsed: ParsedProgram, controller: Controller) -> ReadProgram:
+        """Joints of the URDF; poses of joint targets by forward kinematics."""
+        m = controller.joint_map
+        mapped = m is not None and parsed.dialect not in URDF_JOINTS
+        axes = parsed.axes_deg
+        q = urdf_joints(axes, m.sign, m.offset_deg, m.coupling) if mapped and m is not None else np.radians(axes)
+        T = parsed.T_base_tcp.copy()
+        joint = ~parsed.has_pose & np.isfinite(q).all(axis=1)
+        if len(q) == len(self.motion.q):  # streamed: the motion's own samples have been placed already
+            same = joint & (np.abs(q - self.motion.q).max(axis=1) < SAME)
+            T[same], joint = self.tcp[same], joint & ~same
+        if joint.any():
+            T[joint] = self.arm.tcp_in_workpiece(q[joint], np.zeros((int(joint.sum()), len(self.cell.external_joints))))
+        pulses = controller.pulses_per_deg
+        coarse = (
+            float(np.radians(PULSES / np.abs(pulses).min())) if pulses is not None and parsed.dialect == "jbi" else 0.0
         )
-    return off.worst()
+        steps = np.array([float(c["step_s"]) if "step_s" in c else np.nan for c in parsed.configuration])  # type: ignore[arg-type]
+        streamed = bool(np.isfinite(steps).any() or np.isfinite(parsed.time).any())
+        time = parsed.time if np.isfinite(parsed.time).any() else np.where(
+            np.isfinite(steps), np.cumsum(np.nan_to_num(steps)), np.nan)  # fmt: skip
+        labels = [*parsed.operations, ""]
+        return ReadProgram(
+            file=name, kind=parsed.kind, q=q, T_workpiece_tcp=T, feed=parsed.feed, move=parsed.move,
+            operation=tuple(labels[k] for k in parsed.operation.tolist()), events=parsed.events, line=parsed.line,
+            time=time, streamed=streamed, feed_step=COARSE if parsed.dialect in ("fanuc", "jbi") else 1e-6,
+            place_step=coarse * REACH, joint_step=coarse * 6.0,
+        )  # fmt: skip
+
+    def _terms(
+        self, name: str, parsed: ParsedProgram, said: ReadProgram, controller: Controller, rows: Array
+    ) -> list[Check]:  # fmt: skip
+        """Frames, configuration and words that nobody understood."""
+        wrong = _frames(parsed, controller, self.T_base_workpiece, self.cell.tool.T_flange_tcp)
+        checks = [
+            Check(
+                f"{name}: tool and base", not wrong, float(len(wrong)), 0.0, "frames", "; ".join(wrong) or "the cell's"
+            )
+        ]
+        q = self._joints_at(said, rows)
+        standing = posture_of(load_chain(self.cell)[0], q, controller)
+        told, first = first_difference(
+            parsed.dialect, parsed.configuration, _axes(q, controller), standing, controller.nonflip_j5
+        )  # fmt: skip
+        if told:
+            where = "" if first is None else f"move {first + 1}, line {int(parsed.line[first])} names another one"
+            checks.append(Check(f"{name}: configuration", first is None, float(first is not None), 0.0, "moves",
+                                where or "of all moves as their joints are"))  # fmt: skip
+        strange = [w.word for w in parsed.ignored if not w.understood]
+        strange += [w for w in parsed.warnings if "cut off" in w]
+        checks.append(Check(f"{name}: every word understood", not strange, float(len(strange)), 0.0, "words",
+                            ", ".join(strange[:4]) or "all"))  # fmt: skip
+        return checks
+
+    def _joints_at(self, said: ReadProgram, rows: Array) -> Array:
+        """(M,) rad: joints of the motion where each move ends."""
+        s = np.arange(len(self.motion.q))
+        return np.column_stack([np.interp(rows, s, self.motion.q[:, k]) for k in range(6)])
+
+    def _wording(
+        self, posted: Posted, parsed: ParsedProgram, said: ReadProgram, controller: Controller, rows: Array
+    ) -> list[Check]:  # fmt: skip
+        """The whole text as the post writes it, and zones by the law that the post follows."""
+        name = posted.files[0]
+        post = posted.post
+        assert post is not None
+        keys = load_post(post).keys
+        program = self._again(parsed, said, controller, rows)
+        law = rounding(program, controller.moves_per_part or keys.moves_per_part if keys.moves_per_part else None)
+        checks = [] if said.streamed else zone_check(name, parsed, program, law, controller)
+        blend = np.where(np.isfinite(parsed.blend), parsed.blend, 0.0)
+        stem = Path(name).stem
+        columns = _said_columns(parsed)
+        try:
+            texts = expected_text(stem, program, post, controller, said=columns, zone=replace(law, distance=blend))
+        except InputError as problem:
+            return [*checks, _said(name, "wording", str(problem.reason))]
+        folder = Path(name).parent if parsed.dialect != "val3" else Path(name).parent.parent
+        wanted = {(folder / f).as_posix(): text for f, text in texts.items()}
+        if set(wanted) != set(posted.files):
+            odd = sorted(set(wanted) ^ set(posted.files))
+            return [*checks, _said(name, "wording", f"{odd[0]} is " + ("missing" if odd[0] in wanted else "not of it"))]
+        wrong = []
+        for file, text in wanted.items():
+            off = difference(_text(self.out / file), [text])
+            if off is not None:
+                wrong.append(f"{file}, line {off.line}: {off.found[:70]!r} where the post writes {off.expected[:70]!r}")
+        return [*checks, Check(f"{name}: wording", not wrong, float(len(wrong)), 0.0, "files",
+                               "; ".join(wrong[:2]) or "every line as the post writes it")]  # fmt: skip
+
+    def _again(self, parsed: ParsedProgram, said: ReadProgram, controller: Controller, rows: Array) -> RobotProgram:
+        """The program as the post took it, from what was read; joints are the motion's, which only zones look at."""
+        cell, n = self.cell, len(said)
+        q = self._joints_at(said, rows)
+        standing = posture_of(load_chain(cell)[0], q, controller)
+        labels = list(dict.fromkeys(o for o in said.operation if o))
+        own = self.toolpath.events
+        events = tuple(replace(e, index=r.index) for e, r in zip(own, parsed.events, strict=True)) if (
+            len(own) == len(parsed.events)) else parsed.events  # fmt: skip
+        linear = said.kind == LIN
+        feed = np.where(linear, np.where(said.feed > 0.0, said.feed, 1.0), np.nan)
+        kind = said.kind.copy()
+        kind[0] = 0  # a program begins with a joint move; that this one does is seen in its text
+        feed[0] = np.nan
+        cycle = float(self.motion.time[1] - self.motion.time[0])
+        return RobotProgram(
+            kind=kind, q=q, T_workpiece_tcp=said.T_workpiece_tcp, feed=feed,
+            cutting=(kind == LIN) & (said.move == Move.CUT), move=said.move,
+            operation=np.array([labels.index(o) if o else -1 for o in said.operation], np.int32),
+            operations=tuple(labels), T_flange_tcp=cell.tool.T_flange_tcp, T_base_workpiece=self.T_base_workpiece,
+            ptp_speed=self.options.rapid_scale, events=events, blend=0.0 if said.streamed else self.tolerance.position,
+            source=self.source, joint_names=cell.arm_joints, time=cycle * np.arange(n) if said.streamed else None,
+            behind=None if standing is None else standing[0], elbow_up=None if standing is None else standing[1],
+            axis_velocity=cell.limits.velocity[:6], axis_acceleration=cell.limits.acceleration[:6],
+            tool_com=cell.tool.com, tool_mass=cell.tool.mass if cell.tool.mass > 0.0 else float("nan"),
+        )  # fmt: skip
 
 
-def _feeds(parsed: ParsedProgram, program: RobotProgram, wrong: list[str]) -> float:
-    linear = program.kind == LIN
-    known = linear & np.isfinite(parsed.feed)
-    if not known.any():
-        return NAN
-    feed = np.abs(parsed.feed - program.feed)[known]
-    if not known[linear].all() or (feed > FEED).any():
-        wrong.append("a feed differs")
-    return float(feed.max())
+def _said(file: str, what: str, text: str) -> Check:
+    return Check(f"{file}: {what}", False, float("nan"), 0.0, "", text)
 
 
-def _frames(parsed: ParsedProgram, program: RobotProgram, controller: Controller, wrong: list[str]) -> None:
+def _unread(file: str) -> Check:
+    return Check(f"{file}: {COMPARED}", None, float("nan"), 0.0, "",
+                 "NOT CHECKED: the program is in a language that no reader here knows")  # fmt: skip
+
+
+def _text(file: Path) -> str:
+    try:
+        return file.read_bytes().decode("utf-8")
+    except (OSError, UnicodeDecodeError):
+        return ""  # differs from any program
+
+
+def _controller(cell: Cell, posted: Posted) -> tuple[Controller, bool]:
+    """The cell's controller as the post took it, and whether the post is a user's own."""
+    if posted.post is None:
+        return cell.controller, True
+    return controller_for(cell, posted.post), isinstance(posted.post, Path)
+
+
+def controller_for(cell: Cell, post: str | Path) -> Controller:
+    """The cell's controller; its own lines for events are in its own language and stay out of other programs."""
+    named = cell.controller.post
+    own = None if named is None else load_post(named).keys.dialect
+    return cell.controller if own == load_post(post).keys.dialect else replace(cell.controller, lines={})
+
+
+def _said_columns(parsed: ParsedProgram) -> dict[str, Sequence[object]]:
+    """Columns whose last digit may hang on rounding, as the program says them; their law is checked beside."""
+    words = parsed.configuration
+    if parsed.dialect == "fanuc":
+        cnt = [int(w.get("cnt", 0)) for w in words]  # type: ignore[call-overload]
+        return {"cnt": cnt, "continuous": [n > 0 for n in cnt]}
+    if parsed.dialect == "jbi":
+        rconf = [w.get("rconf") for w in words]
+        return {"pl": [int(w.get("pl", 0)) for w in words],  # type: ignore[call-overload]
+                "rconf": [",".join(map(str, r)) if isinstance(r, tuple) else "" for r in rconf]}  # fmt: skip
+    return {}
+
+
+def _index_at(motion: Motion, at: Array) -> Array:
+    """(M,) toolpath index where each move ends; NaN where it is not known."""
+    rows = np.clip(np.nan_to_num(at), 0, len(motion.point) - 1)
+    low = np.floor(rows).astype(int)
+    high = np.minimum(low + 1, len(motion.point) - 1)
+    share = rows - low
+    value = np.where(share < 1e-9, motion.point[low], (1.0 - share) * motion.point[low] + share * motion.point[high])
+    return np.where(np.isfinite(at), value, np.nan)
+
+
+def _frames(parsed: ParsedProgram, controller: Controller, T_base_workpiece: Array, T_flange_tcp: Array) -> list[str]:
     """Tool and base, where the program gives their numbers."""
     own = parsed.dialect in URDF_JOINTS  # of the URDF, whatever the cell says of its controller
     root = np.eye(4) if own or controller.T_base_root is None else controller.T_base_root
     mount = np.eye(4) if own or controller.T_flange_mount is None else controller.T_flange_mount
-    pose = parsed.has_pose
-    for frames, wanted, name in (
-        ([parsed.bases[k] for k in np.unique(parsed.base[pose])], inverse(root) @ program.T_base_workpiece, "base"),
-        ([parsed.tools[k] for k in np.unique(parsed.tool[pose])], inverse(mount) @ program.T_flange_tcp, "tool"),
+    pose, wrong = parsed.has_pose, []
+    for frames, T, name in (
+        ([parsed.bases[k] for k in np.unique(parsed.base[pose])], np.linalg.inv(root) @ T_base_workpiece, "base"),
+        ([parsed.tools[k] for k in np.unique(parsed.tool)], np.linalg.inv(mount) @ T_flange_tcp, "tool"),
     ):
+        wrong += [f"{len(frames)} {name} frames"] if len(frames) > 1 else []
         for frame in frames:
             if frame.T is None:
                 continue
-            gap, turn = np.linalg.norm(frame.T[:3, 3] - wanted[:3, 3]), float(_angle(frame.T, wanted))
-            if not (gap <= FRAME and turn <= ANGLE):
-                wrong.append(f"the {name} frame {frame.name} lies elsewhere")
+            gap = float(np.linalg.norm(frame.T[:3, 3] - T[:3, 3]))
+            chord = float(np.linalg.norm(frame.T[:3, :3] - T[:3, :3]) / np.sqrt(2.0))  # the angle where it is small
+            if not (gap <= FRAME and chord <= FRAME_ANGLE):
+                wrong.append(f"the {name} frame {frame.name} lies {1e3 * gap:.3f} mm, {np.degrees(chord):.3f} deg off")
+    return wrong
 
 
-def _placed(
-    parsed: ParsedProgram, program: RobotProgram, controller: Controller, robot: Robot
-) -> tuple[Array, Array]:  # fmt: skip
-    """Joints (M, 6), NaN where the target is a pose only, and tool in workpiece (M, 4, 4).
-
-    Targets without a pose are taken through the robot's forward kinematics.
-    """
-    T = parsed.T_base_tcp.copy()
-    m = controller.joint_map
-    mapped = m is not None and parsed.dialect not in URDF_JOINTS
-    axes = parsed.axes_deg
-    q = urdf_joints(axes, m.sign, m.offset_deg, m.coupling) if mapped and m is not None else np.radians(axes)
-    joint = ~parsed.has_pose
-    if joint.any():
-        T[joint] = np.linalg.inv(program.T_base_workpiece) @ robot.fk(q[joint], program.T_flange_tcp)
-    return q, T
-
-
-def _axes(program: RobotProgram, controller: Controller) -> Array:
+def _axes(q: Array, controller: Controller) -> Array:
     """(M, 6) deg as the controller counts them: C (sign · q + offset), added up here axis by axis."""
     m = controller.joint_map
-    degrees = np.degrees(program.q)
+    degrees = np.degrees(q)
     if m is None:
         return np.asarray(degrees)
-    out = np.empty_like(degrees)
-    for k in range(6):
-        out[:, k] = m.sign[k] * degrees[:, k] + m.offset_deg[k]
-    plain = out.copy()
+    plain = np.column_stack([m.sign[k] * degrees[:, k] + m.offset_deg[k] for k in range(6)])
+    out = plain.copy()
     for k, j in zip(*np.nonzero(m.coupling), strict=True):
         out[:, k] += m.coupling[k, j] * plain[:, j]
     return out
-
-
-def _angle(T0: Array, T1: Array) -> Array:
-    """Angle between orientations (..., 4, 4), exact for small ones."""
-    chord = np.linalg.norm(T0[..., :3, :3] - T1[..., :3, :3], axis=(-2, -1)) / np.sqrt(8.0)
-    return np.asarray(2.0 * np.arcsin(np.clip(chord, 0.0, 1.0)))
-
-
-def _events_equal(parsed: ParsedProgram, program: RobotProgram, forbidden: str) -> bool:
-    """The same events before the same moves; texts as far as a program's comments can hold them."""
-
-    def kept(text: str) -> str:
-        return "".join(c for c in text if c.isascii() and c not in f" ?<>&{forbidden}")
-
-    if len(parsed.events) != len(program.events):
-        return False
-    for read, written in zip(parsed.events, program.events, strict=True):
-        back, text = kept(read.text), kept(written.text)
-        if read.index != written.index or not text.startswith(back) or bool(text) != bool(back):
-            return False
-    return True

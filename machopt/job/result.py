@@ -15,7 +15,7 @@ from machopt.domain.toolpath import Toolpath
 from machopt.formats.options import options_as_user
 from machopt.job.inputs import hashes_of
 from machopt.job.points import PointResults
-from machopt.job.posts import Written
+from machopt.job.posts import Written, read_back
 from machopt.job.scope import not_run
 from machopt.output.hashes import sha256_of
 from machopt.output.manifest import listed
@@ -64,7 +64,12 @@ class Made:
     def with_programs(self, programs: tuple[Written, ...]) -> Made:
         """The same with these programs, in the manifest too; one that is withheld has no files."""
         named = tuple(ManifestProgram(p.label, p.files) for p in programs if p.files)
-        return replace(self, programs=programs, manifest=replace(self.manifest, programs=named))
+        said = tuple(f"{p.files[0]}: {text}" for p in programs if p.files for text in (*p.unstarted, *p.assumed))
+        return replace(self, programs=programs, manifest=replace(self.manifest, programs=named, warnings=said))
+
+    def verified(self, found: Verification) -> Made:
+        """The same with what the verification found, of each program too."""
+        return replace(self, verification=found, programs=read_back(self.programs, found))
 
 
 def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> dict[str, object]:

@@ -102,7 +102,7 @@ def optimize(request: Request, progress: Callable[[str], None] = lambda _: None)
                 made = made.with_programs(write_programs(folder, posts, the_plan, toolpath, timeline, tolerance))
             with timings.stage("verify"):
                 found = content_checks(cell, toolpath, folder, options=options, manifest=made.manifest)
-                made = replace(made, verification=found)
+                made = made.verified(found)
         result = _tell(made, folder, timings)
         if made.verification is not None:
             whole = verify_folder(cell, toolpath, folder, options=options, inputs=manifest.inputs,

@@ -55,6 +55,7 @@ def checked(options: PlanOptions) -> tuple[Covered, ...]:
         Covered("tool axis", f"every sample at a feed within {max(AXIS_DEG, degrees(options.axis_tolerance)):.4g} deg"),
         Covered("joint limits", "position, velocity, acceleration and jerk, by differences of all samples"),
         Covered("feed", "every sample against the CAM file"),
+        Covered("robot programs", "every target against motion and CAM file, every other word as the post writes it"),
     ]
     if options.collision:
         out.append(Covered("contacts", "at and between all samples"))

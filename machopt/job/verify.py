@@ -14,10 +14,14 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
+from machopt.formats.posts.postfile import ALIASES, post_names
 from machopt.job.inforce import Request, failed, in_force
 from machopt.job.inputs import cell_inputs, distinct, single
+from machopt.job.posts import tolerance_of
+from machopt.job.readback import Posted, check_programs
 from machopt.job.resultcheck import result_checks
 from machopt.job.scope import not_run, unchecked
+from machopt.output.hashes import sha256_of
 from machopt.output.manifest import MANIFEST, differences, read_manifest
 from machopt.verify import Check, Verification, verify_output
 
@@ -102,7 +106,33 @@ def content_checks(
         found = verify_output(cell, toolpath, folder, options=options)
     except InputError as problem:
         found = Verification((failed("tables", str(problem)),), 0, NAN)
-    return found
+    return replace(found, checks=(*found.checks, *_programs(cell, toolpath, folder, options, manifest)))
+
+
+def _programs(
+    cell: Cell, toolpath: Toolpath, folder: Path, options: PlanOptions, manifest: Manifest | None
+) -> list[Check]:  # fmt: skip
+    """The robot programs that the manifest lists, and files that look like one and belong to none."""
+    listed = () if manifest is None else manifest.programs
+    posted = [Posted(p.post, _post(p.post, cell, manifest), p.files) for p in listed if p.files]
+    try:
+        tolerance = tolerance_of(None if manifest is None else manifest.program_tolerance_mm, options)
+        found = check_programs(cell, toolpath, folder, posted, options=options, tolerance=tolerance)
+    except InputError as problem:
+        return [failed("robot programs", str(problem))]
+    return [check for one in found for check in one.checks]
+
+
+def _post(label: str, cell: Cell, manifest: Manifest | None) -> str | Path | None:
+    """The post of that label: a shipped one's name, a template file that is still what it was, or None."""
+    if label in post_names() or label in ALIASES:
+        return label
+    recorded = {f.name: f.sha256 for f in (() if manifest is None else manifest.inputs_of("post"))}
+    places = [*recorded, *([cell.controller.post] if cell.controller.post else [])]
+    for file in (Path(place) for place in places if Path(place).name == label):
+        if file.is_file() and recorded.get(str(file), sha256_of(file)) == sha256_of(file):
+            return file
+    return None
 
 
 def manifest_checks(folder: Path, inputs: tuple[ManifestFile, ...]) -> tuple[Manifest | None, list[Check]]:

@@ -22,7 +22,7 @@ _SHA = re.compile(r"[0-9a-f]{64}")
 _KEYS: dict[str, Any] = {
     "machopt_manifest": int, "command": str, "verdict": str, "exit_code": int, "versions": dict, "inputs": dict,
     "reading": dict, "options": dict, "programs": list, "program_tolerance_mm": (int, float, type(None)),
-    "checked": list, "unchecked": list, "files": dict, "seal": str,
+    "checked": list, "unchecked": list, "warnings": list, "files": dict, "seal": str,
 }  # fmt: skip
 
 
@@ -141,6 +141,7 @@ def _as_json(m: Manifest) -> dict[str, Any]:
         "programs": [{"post": p.post, "files": p.files} for p in m.programs],
         "program_tolerance_mm": m.program_tolerance_mm,
         "checked": [{"what": c.what, "how": c.how} for c in m.checked], "unchecked": m.unchecked,
+        "warnings": m.warnings,
         "files": files(m.files),
     })  # fmt: skip
     return dict(found)
@@ -187,7 +188,7 @@ def _read(value: Mapping[str, Any], file: Path) -> Manifest:
         programs=tuple(ManifestProgram(p, words("programs", f)) for p, f in pairs("programs", ("post", "files"))),
         program_tolerance_mm=None if tolerance is None else float(tolerance),
         checked=tuple(Covered(what, str(how)) for what, how in pairs("checked", ("what", "how"))),
-        unchecked=words("unchecked", value["unchecked"]),
+        unchecked=words("unchecked", value["unchecked"]), warnings=words("warnings", value["warnings"]),
     )  # fmt: skip
 
 

@@ -221,6 +221,11 @@ class Program:
     differences: tuple[str, ...] = ()  # what is not as it should be, in words
     checked: bool = True  # False: no reader here knows its language
     withheld: str = ""  # why none of its files is left
+    assumed: tuple[str, ...] = ()  # of the controller, because the cell does not say it
+    unstarted: tuple[str, ...] = ()  # words of the CAM file that are comments in it
+    feed_mean: float = float("nan")  # share of the programmed feed held by the controller's model; NaN for streams
+    feed_lowest: float = float("nan")  # the same of the slowest cutting move
+    feed_deviation: float = float("nan")  # m by which rounded corners pass their points
 
 
 @dataclass(frozen=True)

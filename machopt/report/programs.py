@@ -32,13 +32,15 @@ def programs(data: ReportData) -> str:
     columns = [
         Column("Post"), Column("Files", "html"), Column("Moves", "html"), Column("Targets off by", "html"),
         Column("Feeds off by", "n"), Column("Configuration"), Column("Events"), Column("Between the points", "html"),
-        Column("Check", "html"),
+        Column("Feed by the controller's model", "html"), Column("Check", "html"),
     ]  # fmt: skip
     body = table(columns, [_row(p) for p in data.programs])
     wrong = [(p.files[0] if p.files else p.post, text) for p in data.programs for text in p.differences]
     if wrong:
         items = "".join(f"<li><b>{escape(file)}</b>: {escape(text)}</li>" for file, text in wrong)
         body = f'<p class="fail">Do not run these:</p><ul>{items}</ul>{body}'
+    body = _said(data.programs, "unstarted", "Words of the CAM file that no line of the program carries out") + body
+    body += _said(data.programs, "assumed", "Assumed of the controller, because the cell does not say it")
     return section("programs", "Robot programs", _LEAD, body)
 
 
@@ -48,14 +50,37 @@ def _row(p: Program) -> tuple[object, ...]:
         return (p.post, "none", "–", *"–" * 5, f'<span class="fail">withheld: {escape(p.withheld)}</span>')
     if not p.checked:
         state = '<span class="none">not checked: no reader here knows its language</span>'
-        return (p.post, _files(p), _unbroken(lines), *"–" * 5, state)
+        return (p.post, _files(p), _unbroken(lines), *"–" * 5, _feed(p), state)
     moves = _unbroken([f"{p.moves} moves", *([f"{p.added} of them added"] if p.added else []), *lines])
     configuration = {None: "–", True: "equal", False: "differs"}[p.configuration_equal]
     events = "equal" if p.events_equal else "differ"
     state = '<span class="fail">differs</span>' if p.differences else '<span class="pass">reads back</span>'
     return (
-        p.post, _files(p), moves, _targets(p), _least(p.feed_error, _FEED), configuration, events, _between(p), state,
+        p.post, _files(p), moves, _targets(p), _least(p.feed_error, _FEED), configuration, events,
+        _between(p), _feed(p), state,
     )  # fmt: skip
+
+
+def _said(rows: Sequence[Program], what: str, title: str) -> str:
+    """What the programs have to say, each sentence once with the posts it is of."""
+    of: dict[str, list[str]] = {}
+    for p in rows:
+        for text in getattr(p, what):
+            of.setdefault(text, []).append(p.post)
+    items = "".join(
+        f"<li>{escape(text)} <small>({escape(', '.join(posts))})</small></li>" for text, posts in of.items()
+    )
+    return f'<p class="fail">{escape(title)}:</p><ul>{items}</ul>' if of else ""
+
+
+def _feed(p: Program) -> str:
+    """What the controller will hold of the programmed feed, at which deviation."""
+    if not math.isfinite(p.feed_mean):
+        return "the motion's own: it is streamed, or no model is known"
+    return _unbroken([
+        f"{100 * p.feed_mean:.0f} % on average, {100 * p.feed_lowest:.0f} % in the slowest move",
+        f"points passed by {_SHORT.text(p.feed_deviation, unit=True)} at most",
+    ])  # fmt: skip
 
 
 def _targets(p: Program) -> str:

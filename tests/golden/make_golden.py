@@ -44,6 +44,7 @@ def job() -> RobotProgram:
                 Event(8, "comment", "PPRINT/look"), Event(11, "spindle", "SPINDL/OFF", 0.0), Event(11, "stop", "STOP")),
         blend=1e-4, source="golden cell; part.apt", behind=behind, elbow_up=up, time=np.arange(12) * 0.5,
         joint_names=ARM.joints, tool_mass=45.0, tool_com=np.array([0.01, 0.0, 0.15]),
+        axis_acceleration=np.radians([300.0, 290.0, 300.0, 390.0, 370.0, 590.0]),
     )  # fmt: skip
 
 

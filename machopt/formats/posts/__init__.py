@@ -6,24 +6,42 @@ dialect. Nothing here is shared with the readers in :mod:`machopt.formats.progra
 
 from __future__ import annotations
 
+import hashlib
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from machopt.domain.program import Controller, RobotProgram
 from machopt.errors import InputError
 from machopt.formats.posts import fanuc, jbi, krl, rapid, ros, tables, urscript, val3
-from machopt.formats.posts.columns import Columns, Job, common_notes, move_columns, program_fields
-from machopt.formats.posts.engine import Engine, part_length, save
+from machopt.formats.posts.columns import Columns, Job, common_assumptions, common_notes, move_columns, program_fields
+from machopt.formats.posts.dialect import Dialect
+from machopt.formats.posts.engine import Engine, event_item, part_length, save
+from machopt.formats.posts.feedmodel import HeldFeed, held_feed
 from machopt.formats.posts.postfile import Post, load_post, post_names, post_text
+from machopt.formats.posts.rounding import Rounding
+from machopt.formats.posts.wording import marked
 from machopt.formats.yamlstrict import nearest
 
-__all__ = ["load_post", "needs_samples", "post_names", "post_text", "program_name", "write_program"]
+__all__ = [
+    "HeldFeed", "assumptions", "expected_text", "load_post", "model_feed", "needs_samples", "post_names", "post_text",
+    "program_name", "unstarted", "write_program",
+]  # fmt: skip
 
 DIALECTS = {
     "krl": krl.DIALECT, "rapid": rapid.DIALECT, "fanuc": fanuc.DIALECT, "urscript": urscript.DIALECT,
     "val3": val3.DIALECT, "jbi": jbi.DIALECT, "table": tables.DIALECT, "ros": ros.DIALECT,
 }  # fmt: skip
+
+
+SILENT = {
+    "spindle_on": "starts no spindle", "spindle_off": "stops no spindle", "coolant_on": "switches no coolant on",
+    "coolant_off": "switches no coolant off", "tool": "changes no tool",
+}  # fmt: skip
+MARK = 4  # hexadecimal digits: a chance of 1 in 65,000 that two names that begin alike clash
 
 
 def write_program(
@@ -47,7 +65,12 @@ def write_program(
         InputError: the name does not fit, the post is wrong, or needs what program or controller do not give.
     """
     controller = controller or Controller()
-    loaded = load_post(post if post is not None else controller.post)
+    post = post if post is not None else controller.post
+    if post is None:
+        raise InputError(
+            f"no post is given and the cell names none; {', '.join(post_names())} are shipped", where="post"
+        )
+    loaded = load_post(post)
     keys = loaded.keys
     if not re.fullmatch(keys.name.pattern, name) or len(name) > keys.name.length:
         raise InputError(
@@ -76,10 +99,17 @@ def write_program(
 
 
 def program_name(text: str, post: str | Path) -> str:
-    """The nearest name the post's controller takes: ``"2nd op-A"`` becomes ``p2nd_op_A``."""
+    """The nearest name the post's controller takes: ``"2nd op-A"`` becomes ``p2nd_op_A``.
+
+    Names that were cut short end in a mark of the whole, so that two programs of one controller keep two names; words
+    of the language get a ``p`` in front.
+    """
     keys = load_post(post).keys.name
     name = re.sub(r"[^A-Za-z0-9_]+", "_", text).strip("_")
-    name = (name if name[:1].isalpha() else f"p{name}")[: keys.length]
+    name = name if name[:1].isalpha() and name.lower() not in keys.reserved else f"p{name}"
+    if len(name) > keys.length:
+        mark = hashlib.sha256(text.encode()).hexdigest()[:MARK]
+        name = f"{name[: keys.length - MARK - 1].rstrip('_')}_{mark}"
     return name.upper() if keys.upper else name
 
 
@@ -88,14 +118,84 @@ def needs_samples(post: str | Path) -> bool:
     return load_post(post).keys.samples
 
 
-def _engine(post: Post, name: str, program: RobotProgram, controller: Controller) -> Engine:
+def expected_text(
+    name: str, program: RobotProgram, post: str | Path, controller: Controller, *, said: Mapping[str, Sequence[object]],
+    zone: Rounding,
+) -> dict[str, str]:  # fmt: skip
+    """Every file of a program with marks for coordinates: see :mod:`machopt.formats.posts.wording`.
+
+    Args:
+        name, program, post, controller: as for :func:`write_program`; of the program's poses only the lines between
+            them count, of its joints nothing.
+        said: columns as the program says them.
+        zone: of the moves' ends, as the program says it.
+
+    Raises:
+        InputError: the post cannot write it.
+    """
+    return _engine(load_post(post), name, program, controller, said=said, zone=zone).files()
+
+
+def model_feed(program: RobotProgram, post: str | Path, controller: Controller) -> HeldFeed | None:
+    """The feed that the post's program will hold by the model of :mod:`machopt.formats.posts.feedmodel`.
+
+    None where the post streams samples, or nothing is known of the axes' accelerations.
+    """
+    loaded = load_post(post)
+    if loaded.keys.samples:
+        return None
+    dialect = DIALECTS[loaded.keys.dialect]
+    job = Job.of(program, controller, part_length(loaded, controller))
+    passing = dialect.passing(job, loaded.used)
+    distance = passing.distance
+    rounded = distance > 0.0
+    if "run" in loaded.blocks.get("moves", {}):  # a spline leads through its points
+        distance, rounded = np.where(job.zone.room > 0.0, job.zone.room, distance), rounded & (job.zone.room <= 0.0)
+    return held_feed(program, job.zone, distance, passing.cap, rounded)
+
+
+def assumptions(program: RobotProgram, post: str | Path, controller: Controller) -> tuple[str, ...]:
+    """What the post takes of the controller because the cell does not say it."""
+    loaded = load_post(post)
+    job = Job.of(program, controller)
+    return tuple(_assumptions(job, loaded.used, DIALECTS[loaded.keys.dialect]))
+
+
+def _assumptions(job: Job, used: frozenset[str], dialect: Dialect) -> list[str]:
+    return [*common_assumptions(job), *dialect.assumed(job, used)] if dialect.maker else []
+
+
+def unstarted(post: Post | str | Path, program: RobotProgram, controller: Controller) -> tuple[str, ...]:
+    """What stands in the CAM file as spindle, coolant or tool word and in the program as a comment only.
+
+    A sentence for each, with the key of the cell that would make it a line of the program.
+    """
+    loaded = post if isinstance(post, Post) else load_post(post)
+    lines = controller.lines if DIALECTS[loaded.keys.dialect].maker else {}
+    own = {*lines, *(item for items in loaded.blocks.values() if "ptp" in items for item in items)}
+    out: dict[str, str] = {}
+    for event in program.events:
+        item = event_item(event)
+        if item in SILENT and item not in own:
+            why = f"{event.text!r} is a comment in it, because the cell has no controller.lines.{item}"
+            out.setdefault(item, f"the program {SILENT[item]}: {why}")
+    return tuple(out.values())
+
+
+def _engine(
+    post: Post, name: str, program: RobotProgram, controller: Controller, *,
+    said: Mapping[str, Sequence[object]] | None = None, zone: Rounding | None = None,
+) -> Engine:  # fmt: skip
     dialect = DIALECTS[post.keys.dialect]
     if not dialect.maker:
         controller = Controller()  # joints and frames stay those of the URDF
     job = Job.of(program, controller, part_length(post, controller))
+    job = job if zone is None else replace(job, zone=zone)
     used = post.used
     dialect.check(job, used)
-    columns = Columns({**move_columns(job), **dialect.columns(job)})
+    makers = {**move_columns(job), **dialect.columns(job)}
+    columns = Columns(makers) if said is None else marked(makers, said)
     values = {**program_fields(job), **dialect.values(job)}
-    notes = [*common_notes(job, used, dialect.maker, post.keys.samples), *dialect.notes(job, used)]
+    notes = [*common_notes(job, used, post.keys.samples), *_assumptions(job, used, dialect),
+             *unstarted(post, program, controller), *dialect.notes(job, used)]  # fmt: skip
     return Engine(post, job, name, columns, values, notes, dialect.maker)

@@ -11,13 +11,16 @@ from numpy.typing import NDArray
 from machopt.domain.program import LIN, Controller, JointMap, RobotProgram
 from machopt.domain.toolpath import Move
 from machopt.formats.posts.orientation import abc_deg, quaternion, rotation_vector, xyz_deg
+from machopt.formats.posts.rounding import Rounding, rounding
 from machopt.formats.posts.template import Column, Value
 from machopt.se3 import inverse
 
 Array = NDArray[np.float64]
 MM, MM_MIN = 1e3, 6e4
+ROUNDED = frozenset(
+    ("rounded", "blend_m", "blend_mm", "zone_number", "corner", "corner_number", "cnt", "pl")
+)  # fields of zones
 UR_JOINT_SPEED = 1.05  # rad/s, Universal Robots' own default for movej, where the axis limits are not given
-LEAST_BLEND = 1e-6  # m; a shorter radius is a stop
 
 
 @dataclass(frozen=True)
@@ -27,12 +30,17 @@ class Job:
     program: RobotProgram
     controller: Controller
     axes_deg: Array  # (M, 6) as the controller counts them
-    blend: Array  # (M,) m, rounding at the end of the move, never overlapping its neighbours'
+    zone: Rounding  # of the move's ends
 
     @classmethod
     def of(cls, program: RobotProgram, controller: Controller, moves_per_part: int | None = None) -> Job:
         axes = (controller.joint_map or JointMap()).axes_deg(program.q)
         return cls(program, controller, axes, rounding(program, moves_per_part))
+
+    @property
+    def blend(self) -> Array:
+        """(M,) m before and behind each move's end at which the controller may leave the line."""
+        return self.zone.distance
 
     @property
     def T_mount_tcp(self) -> Array:
@@ -41,33 +49,16 @@ class Job:
         return T if mount is None else inverse(mount) @ T
 
     @property
+    def com_mm(self) -> Array:
+        """(3,) mm, the tool's centre of mass in the controller's own flange frame."""
+        mount = np.eye(4) if self.controller.T_flange_mount is None else self.controller.T_flange_mount
+        return np.asarray(inverse(mount)[:3] @ np.append(self.program.tool_com, 1.0) * MM)
+
+    @property
     def T_root_workpiece(self) -> Array:
         """(4, 4) the workpiece in the controller's robot coordinate system."""
         T, root = self.program.T_base_workpiece, self.controller.T_base_root
         return T if root is None else inverse(root) @ T
-
-
-def rounding(program: RobotProgram, moves_per_part: int | None = None) -> Array:
-    """(M,) m: corner radius at each move's end, 0 for an exact stop, also where a part of the program ends.
-
-    A cutting LIN that runs on into another of the same operation without an event between is rounded by at
-    most ``program.blend`` and by less than half of either of its two lines, so that no two corners overlap.
-    """
-    n = len(program)
-    out = np.zeros(n)
-    if program.blend <= 0.0 or n < 2:
-        return out
-    cut = program.cutting & (program.kind == LIN)
-    on = cut[:-1] & cut[1:] & (program.operation[:-1] == program.operation[1:])
-    step = np.linalg.norm(np.diff(program.T_workpiece_tcp[:, :3, 3], axis=0), axis=1)  # (n − 1,) to the next move's end
-    before = np.concatenate([[np.inf], step[:-1]])  # of the move itself; the first move is a PTP
-    room = 0.49 * np.minimum(before, step)
-    out[:-1] = np.where(on, np.minimum(program.blend, room), 0.0)
-    out[[e.index - 1 for e in program.events if 0 < e.index < n]] = 0.0
-    if moves_per_part is not None:
-        out[moves_per_part - 1 :: moves_per_part] = 0.0
-    out[out < LEAST_BLEND] = 0.0
-    return out
 
 
 def pose_fields(prefix: str, T: Array) -> dict[str, Callable[[], Array]]:
@@ -136,6 +127,7 @@ def move_columns(job: Job) -> dict[str, Callable[[], Column]]:
 def program_fields(job: Job) -> dict[str, Value]:
     """Fields of the whole program."""
     p, c = job.program, job.controller
+    largest = float(job.blend.max(initial=0.0))
     out: dict[str, Value] = {
         "total": len(p),
         "source": p.source,
@@ -144,43 +136,56 @@ def program_fields(job: Job) -> dict[str, Value]:
         "ptp_rad_s": p.ptp_speed * (UR_JOINT_SPEED if p.axis_velocity is None else float(np.min(p.axis_velocity))),
         "ptps": max(int((p.kind != LIN).sum()), 1),
         "lins": max(int((p.kind == LIN).sum()), 1),
-        "corner_mm": p.blend * MM if p.blend > 0.0 else float("nan"),
-        "corner_m": p.blend if p.blend > 0.0 else float("nan"),
+        "corner_mm": largest * MM if largest > 0.0 else float("nan"),
+        "corner_m": largest if largest > 0.0 else float("nan"),
         "tool_number": float("nan") if c.tool_number is None else c.tool_number,
         "base_number": float("nan") if c.base_number is None else c.base_number,
         "mass": p.tool_mass,
         "externals": len(p.external_prismatic),
-        "exact": p.blend <= 0.0,
+        "exact": largest <= 0.0,
     }
-    mount = np.eye(4) if c.T_flange_mount is None else c.T_flange_mount
-    com = inverse(mount)[:3] @ np.append(p.tool_com, 1.0) * MM
+    com = job.com_mm
     out |= {f"com_{axis}": float(v) for axis, v in zip("xyz", com, strict=True)}
+    out |= {f"com_{axis}_m": float(v) / MM for axis, v in zip("xyz", com, strict=True)}
     out |= {f"joint_{k + 1}": name for k, name in enumerate(p.joint_names)}
     for prefix, T in (("tool_", job.T_mount_tcp), ("base_", job.T_root_workpiece)):
         out |= {name: float(make()) for name, make in pose_fields(prefix, T).items()}
     return out
 
 
-def common_notes(job: Job, used: frozenset[str], mapped: bool, samples: bool) -> list[str]:
+def common_notes(job: Job, used: frozenset[str], samples: bool) -> list[str]:
     """What the reader of any program must know: where frames and angles are from, and what was not given."""
-    p, c = job.program, job.controller
+    p = job.program
     notes = [f"written by machopt{f' from {p.source}' if p.source else ''}",
              f"{len(p)} moves. First run slowly and by hand"]  # fmt: skip
-    if mapped and c.joint_map is None:
-        notes.append("no controller.joint_map in the cell: axis angles are the URDF's joints")
-    if mapped and c.T_base_root is None:
-        notes.append("no controller.root in the cell: the robot's own coordinate system is base_link")
-    if mapped and c.T_flange_mount is None:
-        notes.append("no controller.flange in the cell: tool 0 is the URDF's flange link")
     if p.external_prismatic:
         notes.append("the workpiece frame holds with the external axes at zero")
     if samples:
         notes.append("control samples: the controller interpolates between them")
-    elif p.blend > 0.0 and used & {"rounded", "blend_m", "blend_mm"}:
-        notes.append(f"cutting moves are rounded within {p.blend * MM:g} mm of their points")
+    elif p.blend > 0.0 and used & ROUNDED:
+        notes.append(
+            f"cutting moves run on where that passes a point by {p.blend * MM:g} mm at most, elsewhere exact stops"
+        )
     else:
         notes.append("no rounding: the robot stops exactly at every point")
     return notes
+
+
+def common_assumptions(job: Job) -> list[str]:
+    """What is taken of a controller because the cell does not say it, for makers' programs."""
+    c = job.controller
+    out = []
+    if c.joint_map is None:
+        out.append(
+            "no controller.joint_map in the cell: axis angles are the URDF's joints, same sign, same zero, no coupling"
+        )
+    if c.T_base_root is None:
+        out.append("no controller.root in the cell: the robot's own coordinate system is base_link")
+    if c.T_flange_mount is None:
+        out.append("no controller.flange in the cell: tool 0 is the URDF's flange link")
+    if not np.isfinite(job.program.tool_mass):
+        out.append("no tool.mass_kg in the cell: set the load on the controller")
+    return out
 
 
 def _external(p: RobotProgram, k: int) -> Array:

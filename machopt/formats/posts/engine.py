@@ -20,10 +20,23 @@ from machopt.formats.posts.postfile import Post
 from machopt.formats.posts.template import Template, Value, check_names, compile_template
 
 PART_FIELDS = ("name", "part", "part_number", "first_move", "last_move", "count", "parts", "single", "speeds_count",
-               "line_count")  # fmt: skip
-MOVE_FIELDS = ("number", "first", "speed", "speed_number")  # beside the columns
+               "zones_count", "corners_count", "line_count")  # fmt: skip
+MOVE_FIELDS = (
+    "number",
+    "first",
+    "speed",
+    "speed_number",
+    "zone_number",
+    "corner",
+    "corner_number",
+)  # beside the columns
 ITEM_FIELDS = ("number", "text", "value")  # of items that are no moves
 SPEED_FIELDS = ("speed", "number", "feed_m_s", "feed_mm_s", "feed_mm_min")
+ZONE_FIELDS = ("number", "blend_m", "blend_mm")
+TABLES: Mapping[str, Sequence[str]] = {
+    "speed": SPEED_FIELDS, "zone": ZONE_FIELDS, "corner": ("corner", *SPEED_FIELDS[1:], *ZONE_FIELDS[1:]),
+}  # fmt: skip
+FEED_DIGITS = 7  # of m/s: feeds that print alike are one speed
 OF_MOVES = ("ptp", "lin", "run", "ptp_change", "lin_change")
 
 
@@ -57,9 +70,15 @@ class Engine:
 
     def __post_init__(self) -> None:
         n = len(self.job.program)
-        speeds = [f"{v:.9g}" if math.isfinite(v) else "" for v in self.job.program.feed.tolist()]
+        speeds = [f"{round(v, FEED_DIGITS):.9g}" if math.isfinite(v) else "" for v in self.job.program.feed.tolist()]
+        zones = [f"{d:.6g}" if d > 0.0 else "" for d in self.job.blend.tolist()]
+        corners = [(s, z) if s and z else ("", "") for s, z in zip(speeds, zones, strict=True)]
         self.distinct = {s: k for k, s in enumerate(dict.fromkeys(s for s in speeds if s))}
+        self.zones = {z: k for k, z in enumerate(dict.fromkeys(z for z in zones if z))}
+        self.corners = {c: k for k, c in enumerate(dict.fromkeys(c for c in corners if c[0]))}
         self.speed_of = [self.distinct.get(s, -1) for s in speeds]
+        self.zone_of = [self.zones.get(z, -1) for z in zones]
+        self.corner_of = [self.corners.get(c, -1) for c in corners]
         self._check_fields()
         self._lines = dict(self.post.blocks)
         for key, line in self.job.controller.lines.items() if self.own_lines else ():
@@ -74,7 +93,8 @@ class Engine:
             for k, s in enumerate(starts)
         ]
         self.values |= {"parts": len(self.parts), "single": len(self.parts) == 1, "name": self.name,
-                        "speeds_count": max(len(self.distinct), 1), "line_count": "@{line_count}"}  # fmt: skip
+                        "speeds_count": max(len(self.distinct), 1), "zones_count": max(len(self.zones), 1),
+                        "corners_count": max(len(self.corners), 1), "line_count": "@{line_count}"}  # fmt: skip
 
     def _check_fields(self) -> None:
         """Every field of the post exists where it stands."""
@@ -83,7 +103,7 @@ class Engine:
             check_names(template, general)
         for items in self.post.blocks.values():
             for item, template in items.items():
-                more: Sequence[str] = SPEED_FIELDS if item == "speed" else ITEM_FIELDS
+                more: Sequence[str] = TABLES.get(item, ITEM_FIELDS)
                 check_names(template, [*general, *(([*self.columns, *MOVE_FIELDS]) if item in OF_MOVES else more)])
 
     def files(self) -> dict[str, str]:
@@ -135,12 +155,12 @@ class Engine:
             width = self.post.keys.comment_length
             texts = [self._safe(t) for note in self.notes for t in textwrap.wrap(note, width)]
             lines = [items["note"].one({**self.values, "text": t}) for t in texts]
-        elif "speed" in items:
+        elif table := next((name for name in TABLES if name in items), ""):
+            rows = {"speed": [(s, "") for s in self.distinct], "zone": [("", z) for z in self.zones]}
             lines = [
-                items["speed"].one({**self.values, "speed": k, "number": k + 1, "feed_m_s": float(s),
-                                    "feed_mm_s": float(s) * 1e3, "feed_mm_min": float(s) * 6e4})
-                for s, k in self.distinct.items()
-            ]  # fmt: skip
+                items[table].one({**self.values, "number": k + 1, table: k, **_feeds(s), **_zones(z)})
+                for k, (s, z) in enumerate(rows.get(table, self.corners))
+            ]
         elif "part" in items:
             parts = self.parts if len(self.parts) > 1 else []
             lines = [items["part"].one({**self.values, **p.fields()}) for p in parts]
@@ -218,6 +238,9 @@ class Engine:
             "first": (at == part.start).tolist,
             "speed": lambda: np.asarray(self.speed_of),
             "speed_number": lambda: np.asarray(self.speed_of) + 1,
+            "zone_number": lambda: np.asarray(self.zone_of) + 1,
+            "corner": lambda: np.asarray(self.corner_of),
+            "corner_number": lambda: np.asarray(self.corner_of) + 1,
             "operation": lambda: [labels[o] for o in self.job.program.operation.tolist()],
         }
         return Columns({**fixed, **makers, **more})
@@ -268,6 +291,16 @@ class Engine:
                 raise InputError(f"{last - first} lines, but the controller counts to {number.most}; "
                                  "fewer moves in a part would work", where="moves_per_part")  # fmt: skip
         return "".join(line + "\n" for line in lines)
+
+
+def _feeds(text: str) -> dict[str, Value]:
+    v = float(text or "nan")
+    return {"feed_m_s": v, "feed_mm_s": v * 1e3, "feed_mm_min": v * 6e4}
+
+
+def _zones(text: str) -> dict[str, Value]:
+    d = float(text or "nan")
+    return {"blend_m": d, "blend_mm": d * 1e3}
 
 
 def event_item(event: Event) -> str:

@@ -15,7 +15,8 @@ import numpy as np
 from machopt.domain.program import LIN
 from machopt.errors import InputError
 from machopt.formats.posts.columns import Array, Job
-from machopt.formats.posts.dialect import Dialect
+from machopt.formats.posts.dialect import Dialect, Passing
+from machopt.formats.posts.feedmodel import acceleration
 from machopt.formats.posts.orientation import abc_deg
 
 PRINTED = 4
@@ -26,6 +27,29 @@ def turns(axis_deg: Array) -> Array:
     """Turn number of an axis (...,) deg."""
     a = np.round(axis_deg, PRINTED)
     return np.asarray(np.sign(a) * np.floor((np.abs(a) + 180.0) / 360.0) + 0.0)
+
+
+def continuous(job: Job) -> Array:
+    """(M,) n of CNTn at each move's end, 0 for FINE; see the head of this file."""
+    p, zone = job.program, job.zone
+    a = acceleration(p)
+    n = np.zeros(len(p))
+    if a is not None:
+        rows = np.flatnonzero(zone.distance > 0.0)
+        speed = np.sqrt(2.0 * np.minimum(a[rows], a[rows + 1]) * zone.distance[rows])
+        n[rows] = np.floor(100.0 * np.minimum(speed / np.maximum(p.feed[rows], SLOWEST), 1.0))
+    n[zone.free] = 100.0
+    return n
+
+
+def _passing(job: Job, used: frozenset[str]) -> Passing:
+    n, p, a = continuous(job), job.program, acceleration(job.program)
+    if a is None or "cnt" not in used:
+        return Passing(np.zeros(len(p)), np.full(len(p), np.inf))
+    speed = np.where(n > 0.0, n / 100.0 * np.nan_to_num(p.feed), 0.0)
+    both = np.minimum(a, np.append(a[1:], np.inf))
+    distance = np.where(n > 0.0, np.minimum(speed**2 / (2.0 * np.nan_to_num(both, nan=np.inf)), job.zone.room), 0.0)
+    return Passing(distance, np.where(n > 0.0, speed, np.inf))
 
 
 def _flip(job: Job) -> list[str]:
@@ -49,18 +73,27 @@ def _check(job: Job, used: frozenset[str]) -> None:
 
 
 def _notes(job: Job, used: frozenset[str]) -> Sequence[str]:
-    c = job.controller
-    notes = []
-    if c.tool_number is None or c.base_number is None:
-        notes.append("no controller.tool_number or base_number in the cell: 1 is taken")
-    if c.joint_map is None or not np.any(c.joint_map.coupling[2]):
-        notes.append("J3 is not coupled to J2 in the cell's joint_map: right only where this robot counts it so")
-    notes += [
+    notes = [
         _frame("UFRAME", job.T_root_workpiece),
         _frame("UTOOL", job.T_mount_tcp),
         "feeds are rounded to 0.1 mm/sec",
     ]
+    mass, com = job.program.tool_mass, job.com_mm
+    if np.isfinite(mass):
+        numbers = " ".join(f"{k} {v + 0.0:.1f}" for k, v in zip("XYZ", com, strict=True))
+        notes.append(f"PAYLOAD must be {mass:.2f} kg at {numbers}")
     return notes
+
+
+def _assumed(job: Job, used: frozenset[str]) -> Sequence[str]:
+    c, out = job.controller, []
+    if c.tool_number is None:
+        out.append("no controller.tool_number in the cell: UTOOL 1 is taken")
+    if c.base_number is None:
+        out.append("no controller.base_number in the cell: UFRAME 1 is taken")
+    if c.joint_map is None or not np.any(c.joint_map.coupling[2]):
+        out.append("J3 is not coupled to J2 in the cell's joint_map: right only where this robot counts it so")
+    return out
 
 
 def check_slowest(job: Job) -> None:
@@ -86,9 +119,13 @@ DIALECT = Dialect(
         **{f"t{k}": (lambda k=k: turns(job.axes_deg[:, k - 1])) for k in (1, 4, 6)},  # type: ignore[misc]
         "flip": lambda: _flip(job),
         "elbow": lambda: ["U" if v else "D" for v in np.asarray(job.program.elbow_up).tolist()],
+        "cnt": lambda: continuous(job).astype(int),
+        "continuous": lambda: list(continuous(job) > 0.0),
         "front": lambda: ["B" if v else "T" for v in np.asarray(job.program.behind).tolist()],
     },
     values=lambda job: {"tool": job.controller.tool_number or 1, "base": job.controller.base_number or 1},
     notes=_notes,
+    assumed=_assumed,
     check=_check,
+    passing=_passing,
 )

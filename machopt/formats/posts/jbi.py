@@ -2,6 +2,11 @@
 
 RCONF, as the NX100's job format lists it: flip 0 or no-flip 1 (here by the sign of the B axis), upper arm 0 or lower
 arm 1, front 0 or rear 1, then for R, T and S: 0 below 180°, 1 from 180°.
+
+Positioning levels PL=0 … 8 are distances that parameters of the controller hold (S1CxG33 and on, as users describe
+them), so a program cannot know them: the cell may state them (``controller.position_levels_mm``), and then the largest
+that keeps to the tolerance is taken. Without them PL=1 stands only where rounding over half of the shorter line, which
+no level exceeds, keeps to it; everywhere else PL=0, an exact stop.
 """
 
 from __future__ import annotations
@@ -9,10 +14,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from machopt.errors import InputError
 from machopt.formats.posts.columns import Job
-from machopt.formats.posts.dialect import Dialect
+from machopt.formats.posts.dialect import Dialect, Passing
 from machopt.formats.posts.fanuc import check_slowest
 
 PRINTED = 4
@@ -26,15 +32,34 @@ def _rconf(job: Job) -> list[str]:
     return [",".join(map(str, row)) for row in np.column_stack(bits).astype(int).tolist()]
 
 
-def _notes(job: Job, used: frozenset[str]) -> Sequence[str]:
-    c = job.controller
-    notes = []
+def levels(job: Job) -> NDArray[np.int64]:
+    """(M,) PL at each move's end; see the head of this file."""
+    zone, stated = job.zone, job.controller.position_levels
+    if stated is None:
+        return zone.free.astype(np.int64)
+    limit = np.where(np.isfinite(zone.turn), np.where(zone.free, np.inf, zone.distance), 0.0)
+    return np.asarray(np.searchsorted(stated, limit * (1.0 + 1e-9), side="right"), np.int64)
+
+
+def _passing(job: Job, used: frozenset[str]) -> Passing:
+    level, stated = levels(job), job.controller.position_levels
+    room = job.zone.room
+    size = room if stated is None else np.minimum(np.append(0.0, stated)[level], room)
+    distance = np.where(level > 0, size, 0.0) if "pl" in used else np.zeros(len(level))
+    return Passing(distance, np.full(len(level), np.inf))
+
+
+def _assumed(job: Job, used: frozenset[str]) -> Sequence[str]:
+    c, out = job.controller, []
     if c.tool_number is None:
-        notes.append("no controller.tool_number in the cell: 0 is taken")
-    notes.append("feeds are rounded to 0.1 mm/s")
+        out.append("no controller.tool_number in the cell: TOOL 0 is taken")
     if "x" in used and c.base_number is None:
-        notes.append("no controller.base_number in the cell: user frame 1 is taken")
-    return notes
+        out.append("no controller.base_number in the cell: user frame 1 is taken")
+    if c.pulses_per_deg is None:
+        out.append("no controller.pulses_per_deg in the cell: joint positions stand in degrees, not in pulses")
+    if c.position_levels is None and "pl" in used:
+        out.append("no controller.position_levels_mm in the cell: PL=1 where any rounding would do, else PL=0")
+    return out
 
 
 def _check(job: Job, used: frozenset[str]) -> None:
@@ -45,12 +70,14 @@ def _check(job: Job, used: frozenset[str]) -> None:
 
 
 DIALECT = Dialect(
-    columns=lambda job: {"rconf": lambda: _rconf(job)},
+    columns=lambda job: {"rconf": lambda: _rconf(job), "pl": lambda: levels(job)},
     values=lambda job: {
         "tool": job.controller.tool_number or 0,
         "user": job.controller.base_number or 1,
         "in_pulses": job.controller.pulses_per_deg is not None,
     },
-    notes=_notes,
+    notes=lambda _, __: ("feeds are rounded to 0.1 mm/s",),
+    assumed=_assumed,
     check=_check,
+    passing=_passing,
 )

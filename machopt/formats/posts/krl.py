@@ -43,16 +43,21 @@ def _status(job: Job) -> Array | NDArray[np.int64]:
 
 def _notes(job: Job, used: frozenset[str]) -> Sequence[str]:
     notes = ["lengths mm, angles deg, $VEL.CP m/s"]
-    if job.controller.T_base_root is None:
-        notes.append("where $ROBROOT is not zero, shift MO_BASE")
     if "status" in used and job.program.behind is None:
         notes.append("S is left out: the arm's posture is not known (LIN does not read it)")
-    notes.append("check $LOAD for this tool before the first run; first run in T1")
+    if np.isfinite(job.program.tool_mass):
+        notes.append("$LOAD holds mass and centre of mass of the cell's tool; its inertia is not known and stands as 0")
+    notes.append("first run in T1")
     return notes
+
+
+def _assumed(job: Job, used: frozenset[str]) -> Sequence[str]:
+    return ["$ROBROOT is zero; where it is not, shift MO_BASE"] if job.controller.T_base_root is None else []
 
 
 DIALECT = Dialect(
     columns=lambda job: {"status": lambda: _status(job), "turn": lambda: turn_bits(job.axes_deg)},
     notes=_notes,
+    assumed=_assumed,
     absent={"status": "the posture of this arm is not known, so there is no S; the post krl works without"},
 )

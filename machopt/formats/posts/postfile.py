@@ -21,7 +21,8 @@ from machopt.formats.yamlstrict import Document, Strict, nearest, validate
 _TEMPLATES = "machopt.formats.posts"
 ALIASES = {"ros": "ros_yaml"}
 ITEMS = (
-    "call", "note", "part", "speed", "operation", "move", "ptp_change", "lin_change", "ptp", "lin", "run_begin", "run",
+    "call", "note", "part", "speed", "zone", "corner", "operation",
+    "move", "ptp_change", "lin_change", "ptp", "lin", "run_begin", "run",
     "run_end", *EVENT_LINES,
 )  # fmt: skip
 
@@ -36,6 +37,7 @@ class NameKeys(Strict):
     pattern: str = Field(description="what the controller takes as a name, as a regular expression")
     length: int = Field(gt=3, description="longest name")
     upper: bool = False
+    reserved: list[str] = Field(default=[], description="words the controller's language keeps, whatever the case")
 
 
 class NumberKeys(Strict):

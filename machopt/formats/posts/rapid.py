@@ -34,10 +34,12 @@ def _notes(job: Job, used: frozenset[str]) -> Sequence[str]:
     if "cfx" in used and job.program.behind is None:
         notes.append("cfx is not known for this arm: it stands as 0 and the configuration is not monitored")
     if "ptp_share" not in used:
-        notes.append("rapid moves run at the TCP speed of mo_rapid, not at a share of the axis limits")
-    if not np.isfinite(job.program.tool_mass):
-        notes.append("the tool's mass is not given: tooldata says 1 kg; set the load")
+        notes.append("rapid moves run at a TCP speed of 1000 mm/s, not at a share of the axis limits")
     return notes
+
+
+def _assumed(job: Job, used: frozenset[str]) -> Sequence[str]:
+    return [] if np.isfinite(job.program.tool_mass) else ["tooldata says 1 kg"]
 
 
 DIALECT = Dialect(
@@ -47,4 +49,5 @@ DIALECT = Dialect(
     },
     values=lambda job: {"monitored": job.program.behind is not None},
     notes=_notes,
+    assumed=_assumed,
 )

@@ -210,6 +210,12 @@ class Builder:
             self._operations.append(label)
         self._operation = self._operations.index(label)
 
+    def begin_or_none(self, label: str) -> None:
+        """As :meth:`begin`, for formats that say it of every move: without a label it belongs to none."""
+        self.begin(label)
+        if not label:
+            self._operation = -1
+
     def word(self, word: str) -> None:
         """Moves from here on are of this kind."""
         self._word = _MOVES.get(word, self._word)

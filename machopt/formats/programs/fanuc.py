@@ -161,12 +161,14 @@ class _Reader:
         if incremental:
             self.step(found, kind, feed, blend, line, part)
             return
+        percent = re.search(r"\bCNT\s*(\d+)", motion.group(4), re.IGNORECASE)
+        words = {**found.configuration, "cnt": int(percent.group(1)) if percent is not None else 0}
         if "J1" in found.values:
             axes = [found.values.get(f"J{k}", math.nan) for k in range(1, 7)]
             if any(math.isnan(v) for v in axes):
                 raise self.out.error(f"P[{motion.group(3)}] has no six axes", found.line, part.source)
             self.out.joint(axes, line, kind=kind, feed=feed if kind == LINEAR else math.nan, blend=blend,
-                           external=found.others)  # fmt: skip
+                           external=found.others, configuration=words)  # fmt: skip
             return
         v = found.values
         if kind == LINEAR and (seconds := _SECONDS.search(tail)) and self.out.last is not None:
@@ -175,7 +177,7 @@ class _Reader:
         rows = fixed_xyz(v["W"], v["P"], v["R"])
         self.out.pose(kind, rows, v["X"] * 1e-3, v["Y"] * 1e-3, v["Z"] * 1e-3, line,
                       feed=feed if kind == LINEAR else math.nan, blend=blend, external=found.others,
-                      configuration=found.configuration)  # fmt: skip
+                      configuration=words)  # fmt: skip
 
     def step(self, by: Position, kind: int, feed: float, blend: float, line: int, part: Part) -> None:
         """INC: the position's numbers are added to the place where the robot stands, along the user frame."""

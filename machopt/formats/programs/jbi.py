@@ -127,13 +127,14 @@ class _Reader:
             blend = float(options["CR"] or 0.0) * 1e-3
         self.out.set_base(Frame(found.base, None))
         self.out.set_tool(Frame(found.tool, None))
+        level = options.get("PL")
+        configuration = {**found.configuration, **({} if level is None else {"pl": int(level)})}
         if found.kind == "RECTAN":
             x, y, z, w, p, r = found.values[:6]
             self.out.pose(kind, fixed_xyz(w, p, r), x * 1e-3, y * 1e-3, z * 1e-3, line, feed=feed, blend=blend,
-                          external=found.values[6:], configuration=found.configuration)  # fmt: skip
+                          external=found.values[6:], configuration=configuration)  # fmt: skip
             return
         axes = list(found.values[:6])
-        configuration = dict(found.configuration)
         if found.kind == "PULSE":
             configuration["pulses"] = tuple(int(v) for v in axes)
             axes = [math.nan] * 6 if self.scale is None else [v / s for v, s in zip(axes, self.scale, strict=True)]

@@ -135,8 +135,7 @@ def _row(out: Builder, row: Mapping[str, str], line: int) -> None:
         return
     if item not in _KINDS:
         raise out.error(f"item {item[:20]!r}; expected ptp, lin, event or dwell", line)
-    if row.get("operation"):
-        out.begin(row["operation"])
+    out.begin_or_none(row.get("operation", ""))
     kind = _KINDS[item]
     if kind == LINEAR and row.get("move"):
         out.word(row["move"])

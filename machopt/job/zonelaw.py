@@ -1,0 +1,94 @@
+"""Zones of a program that was read back: rounded only where, and only as far as, the tolerance lets it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machopt.domain.program import LIN, Controller, RobotProgram
+from machopt.formats.posts.feedmodel import acceleration
+from machopt.formats.posts.rounding import HALF, LEAST, Rounding
+from machopt.formats.programs import ParsedProgram
+from machopt.verify.output import Check
+
+STEP = 1.7  # between two preferred numbers: coordinates are printed, so a zone may fall to its neighbour
+BEYOND = 1.2  # of the tolerance, for the same reason
+PRINTED = 1e-6  # m, of a distance
+PERCENT = (
+    12.0  # of CNT: joints at a target are the motion's beside it, which moves the acceleration that n follows from
+)
+
+
+def zone_check(
+    file: str, parsed: ParsedProgram, program: RobotProgram, law: Rounding, controller: Controller
+) -> list[Check]:  # fmt: skip
+    """One check; none where the format has no zones."""
+    if parsed.dialect == "fanuc":
+        bad = _continuous(parsed, program, law)
+    elif parsed.dialect == "jbi":
+        bad = _levels(parsed, law, controller)
+    elif parsed.dialect in ("ros",):
+        return []
+    else:
+        bad = _distances(parsed, program, law)
+    named = [f"move {k + 1}, line {int(parsed.line[k])}: {text}" for k, text in bad]
+    return [Check(f"{file}: zones", not bad, float(len(bad)), 0.0, "moves",
+                  "; ".join(named[:3]) or "exact or rounded as the tolerance lets them")]  # fmt: skip
+
+
+def _distances(parsed: ParsedProgram, program: RobotProgram, law: Rounding) -> list[tuple[int, str]]:
+    d, out = parsed.blend, []
+    inside = np.isfinite(law.turn)
+    most = np.where(inside, law.room / HALF * 0.5 + PRINTED, 0.0)
+    passed = np.where(inside, d * np.tan(np.nan_to_num(law.turn) / 4.0), 0.0)
+    spline = np.isnan(d)
+    for k in np.flatnonzero(spline | (d > most) | (passed > BEYOND * program.blend) | (d * STEP**2 < law.distance)):
+        if spline[k]:
+            text = "no distance is known of its zone"
+        elif not inside[k] or d[k] > most[k]:
+            text = f"rounded over {1e3 * d[k]:.3f} mm where {1e3 * most[k]:.3f} are allowed"
+        elif passed[k] > BEYOND * program.blend:
+            text = f"passes its point by {1e3 * passed[k]:.3f} mm, the tolerance is {1e3 * program.blend:g}"
+        else:
+            text = f"brakes: rounded over {1e3 * d[k]:.3f} mm where {1e3 * law.distance[k]:.3f} would keep to it"
+        out.append((int(k), text))
+    return out
+
+
+def _continuous(parsed: ParsedProgram, program: RobotProgram, law: Rounding) -> list[tuple[int, str]]:
+    said = np.array([int(w.get("cnt", 0)) for w in parsed.configuration], float)  # type: ignore[call-overload]
+    a, feed = acceleration(program), np.round(np.nan_to_num(program.feed, nan=1.0), 4)
+    n = np.zeros(len(said))
+    if a is not None:
+        rows = np.flatnonzero(law.distance > 0.0)
+        n[rows] = 100.0 * np.minimum(
+            np.sqrt(2.0 * np.minimum(a[rows], a[rows + 1]) * law.distance[rows]) / feed[rows], 1.0
+        )
+    n[law.free] = 100.0
+    exact = ~np.isfinite(law.turn) | (program.kind != LIN)
+    off = np.where(exact, said > 0.0, np.abs(said - n) > np.maximum(PERCENT, 0.35 * n))
+    near = ~exact & (law.room > 0.0) & (law.distance <= LEAST * STEP) & (said <= 100.0)  # on the edge of a stop
+    return [
+        (int(k), f"CNT{said[k]:.0f} where CNT{n[k]:.0f} keeps to the tolerance") for k in np.flatnonzero(off & ~near)
+    ]
+
+
+def _levels(parsed: ParsedProgram, law: Rounding, controller: Controller) -> list[tuple[int, str]]:
+    out = []
+    stated = controller.position_levels
+    for k, words in enumerate(parsed.configuration):
+        level = int(words.get("pl", 0))  # type: ignore[call-overload]
+        if level == 0 and not law.free[k]:
+            continue
+        room, reach = float(law.room[k]), float(law.distance[k])
+        if not np.isfinite(law.turn[k]):
+            out += [(k, f"PL={level} where the robot has to stop")] if level else []
+            continue
+        size = room if stated is None or not 0 < level <= len(stated) else min(float(stated[level - 1]), room)
+        edge = room <= reach * STEP  # half the line is about what the tolerance lets it
+        if level and size > max(reach * STEP, 0.0) and not law.free[k] and not edge:
+            out.append((k, f"PL={level} begins {1e3 * size:.2f} mm before it, {1e3 * reach:.2f} keep to the tolerance"))
+        elif level == 0 and law.free[k] and not edge:
+            out.append((k, "PL=0 brakes where any rounding keeps to the tolerance"))
+        elif stated is None and level > 1:
+            out.append((k, f"PL={level}, but no controller.position_levels_mm say how far that is"))
+    return out

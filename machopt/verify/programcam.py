@@ -1,0 +1,225 @@
+"""A robot program held against the CAM file itself, without the motion in between.
+
+Every cut of the CAM file is found in the program in order, on linear moves only, at the feed of the file and within
+0.02 mm of its line; and every event stands between the moves it belongs between.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.program import LIN
+from machopt.domain.readprogram import ReadProgram
+from machopt.domain.toolpath import Toolpath
+from machopt.verify.check import Check
+from machopt.verify.ride import AXIS_DEG, PATH_MM
+
+Array = NDArray[np.float64]
+
+FEED_SHARE = 1e-4  # of the feed: what is left of a number printed to six digits
+MOST_NAMED = 3
+INDEX = 5e-5  # of a toolpath index: rounding of trajectory.csv's point column
+UNREADABLE = " ?<>&"  # characters that comments of some controllers cannot hold, and what stands for them
+
+
+@dataclass(frozen=True)
+class Cuts:
+    """What the CAM file wants of the program."""
+
+    toolpath: Toolpath
+    position: Array  # (N, 3) m, its points; shifted where the path is commanded against a deflection
+    corners: tuple[Array, Array]  # (P,) toolpath index and (P, 3) m of the commanded path's corners
+    wanted: NDArray[np.bool_]  # (N,) cutting points that the program must reach
+    corner: float  # m, beyond 0.02 mm, that the user allowed
+    approach_feed: float  # m/s where the CAM file has none
+    offset: Array  # (M, 3) m from where a controller's nominal kinematics put the tool to where it truly is
+
+
+def against_cam(said: ReadProgram, cuts: Cuts, at_index: Array) -> list[Check]:
+    """Compare a program with the CAM file.
+
+    Args:
+        said: the program.
+        cuts: what is wanted.
+        at_index: (M,) toolpath index by the motion at each move's end, NaN where there is none.
+    """
+    place = said.T_workpiece_tcp[:, :3, 3] + cuts.offset
+    shank = -said.T_workpiece_tcp[:, :3, 2]
+    limit = max(PATH_MM * 1e-3, cuts.corner) + said.place_step
+    reached, gap, tilt = _reached(place, shank, cuts, limit)
+    points = np.flatnonzero(cuts.wanted)
+    missing = points[reached[points] < 0]
+    text = (f"{len(missing)} of {len(points)} are not reached in order, first point {missing[0]} "
+            f"({1e3 * gap[missing[0]]:.3f} mm off)") if len(missing) else "all reached in order"  # fmt: skip
+    checks = [Check(f"{said.file}: CAM points", not len(missing), float(len(missing)), 0.0, "points", text)]
+    there = points[reached[points] >= 0]
+    if len(there):
+        worst = int(there[np.argmax(tilt[there])])
+        most = float(max(AXIS_DEG, np.degrees(cuts.corner / 1e-1))) + float(np.degrees(said.joint_step))
+        checks.append(Check(f"{said.file}: CAM tool axis", bool(np.degrees(tilt[worst]) <= most),
+                            float(np.degrees(tilt[worst])), most, "deg", f"point {worst}"))  # fmt: skip
+        checks += _cut_moves(said, place, cuts, reached, limit)
+    checks += [*_events(said, cuts, reached, at_index), _operations(said, cuts, reached)]
+    return checks
+
+
+def _reached(place: Array, shank: Array, cuts: Cuts, limit: float) -> tuple[NDArray[np.int64], Array, Array]:
+    """(N,) the move on whose line each wanted point lies first, in order, −1 for none; m; rad between the axes.
+
+    A missing point leaves the place where the next is looked for as it was.
+    """
+    n = len(cuts.position)
+    reached, gap, tilt = np.full(n, -1), np.full(n, np.nan), np.full(n, np.nan)
+    start, way = place[:-1], np.diff(place, axis=0)
+    length2 = np.einsum("ij,ij->i", way, way)
+    safe = np.where(length2 > 0.0, length2, 1.0)
+    here, passed, missed = 1, -1.0, 0
+    for k in np.flatnonzero(cuts.wanted):
+        window, found, nearest = 64, None, np.inf
+        while found is None and missed < 100 and here < len(place):
+            rows = slice(here - 1, min(here - 1 + window, len(way)))
+            share = np.clip(np.einsum("ij,ij->i", cuts.position[k] - start[rows], way[rows]) / safe[rows], 0.0, 1.0)
+            off = np.linalg.norm(start[rows] + share[:, None] * way[rows] - cuts.position[k], axis=1)
+            if passed >= 0.0 and rows.start == here - 1:  # on the line of the last point only what lies behind it
+                off[0] = off[0] if share[0] * np.sqrt(length2[here - 1]) >= passed - limit else np.inf
+            nearest = min(nearest, float(off.min()))
+            if (off <= limit).any():
+                found = int(np.argmax(off <= limit))
+                j = here + found
+                axis = (1.0 - share[found]) * shank[j - 1] + share[found] * shank[j]
+                reached[k], gap[k] = j, off[found]
+                sine, cosine = np.linalg.norm(np.cross(axis, cuts.toolpath.axis[k])), axis @ cuts.toolpath.axis[k]
+                tilt[k] = float(np.arctan2(sine, cosine))
+                here, passed = j, float(share[found] * np.sqrt(length2[j - 1]))
+            elif rows.stop >= len(way):
+                break
+            window *= 8
+        if reached[k] < 0:
+            missed += 1
+            gap[k] = nearest
+    return reached, gap, tilt
+
+
+def _cut_moves(
+    said: ReadProgram, place: Array, cuts: Cuts, reached: NDArray[np.int64], limit: float
+) -> list[Check]:  # fmt: skip
+    """The moves of each cut: linear, at the file's feed, on the file's line, none of them twice."""
+    index, corner = cuts.corners
+    path = cuts.toolpath
+    joint, fast, off_line, double = [], [], [], []
+    worst_feed, worst_line = 0.0, 0.0
+    for k in np.flatnonzero(cuts.wanted & (reached >= 0)):
+        j = int(reached[k])
+        first = j
+        if k > 0:
+            before = _arrives(place, cuts.position[k - 1], j, limit) if reached[k - 1] < 0 else int(reached[k - 1])
+            first = min(before + 1, j) if before >= 0 else j
+        moves = np.arange(first, j + 1)
+        name = f"move {j + 1}, line {int(said.line[j])}, to point {k}"
+        if (said.kind[moves] != LIN).any() and not said.streamed:
+            joint.append(name)
+            continue
+        if not said.streamed:
+            want = float(path.feed[k])
+            off = np.abs(said.feed[moves] - want)
+            off = np.where(np.isnan(off), np.inf, off)
+            if not (off <= said.feed_step + FEED_SHARE * want).all() and np.isfinite(want):
+                fast.append(f"{name}: {6e4 * said.feed[moves[int(np.argmax(off))]]:g} instead of {6e4 * want:g} mm/min")
+            worst_feed = max(worst_feed, float(off.max()) if np.isfinite(want) else 0.0)
+        if k > 0 and len(moves) > 1 and first < j:
+            inner = place[first:j]
+            on = (index >= k - 1 - 1e-9) & (index <= k + 1e-9)
+            away = _from_polyline(inner, corner[on]) if on.sum() > 1 else np.zeros(len(inner))
+            worst_line = max(worst_line, float(away.max()))
+            if (away > limit).any():
+                off_line.append(f"{name}: {1e3 * away.max():.3f} mm beside the cut")
+            if not said.streamed:
+                same = np.abs(np.diff(said.T_workpiece_tcp[first - 1 : j + 1], axis=0)).max(axis=(1, 2)) < 1e-9
+                twice = same & (np.linalg.norm(path.position[k] - path.position[k - 1]) > 1e-6)
+                double += [name] if twice.any() else []
+    return [
+        _listed(said, "cuts are linear", joint, "cuts"),
+        Check(f"{said.file}: CAM feed", not fast, 6e4 * worst_feed, 6e4 * said.feed_step, "mm/min",
+              "; ".join(fast[:MOST_NAMED]) or "all as in the file"),
+        Check(f"{said.file}: on the CAM lines", not off_line, 1e3 * worst_line, 1e3 * limit, "mm",
+              "; ".join(off_line[:MOST_NAMED]) or "all"),
+        _listed(said, "no move twice", double, "moves"),
+    ]  # fmt: skip
+
+
+def _listed(said: ReadProgram, what: str, wrong: list[str], unit: str) -> Check:
+    return Check(
+        f"{said.file}: {what}", not wrong, float(len(wrong)), 0.0, unit, "; ".join(wrong[:MOST_NAMED]) or "all"
+    )
+
+
+def _arrives(place: Array, point: Array, before: int, limit: float) -> int:
+    """The last move ahead of ``before`` that ends at ``point``, among the few before it; −1 for none."""
+    rows = place[max(before - 64, 0) : before]
+    near = np.flatnonzero(np.linalg.norm(rows - point, axis=1) <= limit)
+    return int(near[-1]) + max(before - 64, 0) if len(near) else -1
+
+
+def _from_polyline(points: Array, corners: Array) -> Array:
+    """(K,) m of points (K, 3) to the nearest line between successive corners (C, 3)."""
+    best = np.full(len(points), np.inf)
+    for a, b in itertools.pairwise(corners):
+        way = b - a
+        share = np.clip((points - a) @ way / max(float(way @ way), 1e-18), 0.0, 1.0)
+        best = np.minimum(best, np.linalg.norm(points - a - share[:, None] * way, axis=1))
+    return best
+
+
+def _events(said: ReadProgram, cuts: Cuts, reached: NDArray[np.int64], at_index: Array) -> list[Check]:
+    """The file's events, all and in order, each between the moves it belongs between."""
+    events = cuts.toolpath.events
+    name = f"{said.file}: events"
+    if len(said.events) != len(events):
+        return [Check(name, False, float(len(said.events)), float(len(events)), "events", _first_missing(said, cuts))]
+    wrong: list[str] = []
+    points = np.flatnonzero(cuts.wanted & (reached >= 0))
+    finite = np.flatnonzero(np.isfinite(at_index))
+    known = at_index.copy()
+    if len(finite):  # on the way from home as to the first point; on the way home behind all
+        known[: finite[0]], known[finite[-1] + 1 :] = at_index[finite[0]], np.inf
+    for read, event in zip(said.events, events, strict=True):
+        text, back = _kept(event.text), _kept(read.text)
+        if not text.startswith(back) or bool(text) != bool(back):
+            wrong.append(f"{read.text[:30]!r} instead of {event.text[:30]!r}")
+            continue
+        before, after = points[points <= event.index - 1], points[points >= event.index]
+        early = len(before) > 0 and read.index <= reached[before[-1]]
+        late = len(after) > 0 and read.index > reached[after[0]]
+        if len(finite) and 0 < read.index < len(known):
+            slack = INDEX + np.spacing(max(event.index, 1.0))
+            early |= bool(known[read.index] <= event.index - 1 + slack) and bool(np.isfinite(known[read.index]))
+            late |= bool(known[read.index - 1] > event.index - 1 + slack) and bool(np.isfinite(known[read.index - 1]))
+        if early or late:
+            wrong.append(f"{event.text[:30]!r} stands too {'early' if early else 'late'}: before move {read.index + 1}")
+    return [Check(name, not wrong, float(len(wrong)), 0.0, "events", "; ".join(wrong[:MOST_NAMED]) or "all in place")]
+
+
+def _first_missing(said: ReadProgram, cuts: Cuts) -> str:
+    for read, event in zip(said.events, cuts.toolpath.events, strict=False):
+        if not _kept(event.text).startswith(_kept(read.text)):
+            return f"{len(said.events)} for {len(cuts.toolpath.events)}; first other: {read.text[:40]!r}"
+    return f"{len(said.events)} for {len(cuts.toolpath.events)} of the CAM file"
+
+
+def _operations(said: ReadProgram, cuts: Cuts, reached: NDArray[np.int64]) -> Check:
+    """The moves of a cut carry its operation's label, as far as a comment can hold it."""
+    path, wrong = cuts.toolpath, []
+    for k in np.flatnonzero(cuts.wanted & (reached >= 0)):
+        label = _kept(path.operations[int(path.operation[k])].label)
+        back = _kept(said.operation[int(reached[k])])
+        if said.operation[int(reached[k])] and not label.startswith(back):
+            wrong.append(f"point {k} is cut in {said.operation[int(reached[k])][:30]!r}")
+    return _listed(said, "operations", wrong, "points")
+
+
+def _kept(text: str) -> str:
+    return "".join(c for c in text if c.isascii() and c.isalnum())
