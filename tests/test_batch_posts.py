@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from batch_stub import CELL, folder_of, request_for
+from controllers import without_controller
 
 import machopt.batch.run
 from machopt.batch.find import find_jobs
@@ -103,6 +104,7 @@ def test_the_template_of_a_cell_is_in_the_key_too(tmp_path: Path) -> None:
     jobs = folder_of(tmp_path, a="sleep 0")
     shutil.copytree(CELL, tmp_path / "cell")
     file, post = tmp_path / "cell" / "cell.yaml", tmp_path / "cell" / "own.toml"
+    without_controller(tmp_path / "cell")
     file.write_text(file.read_text() + "\ncontroller: {post: own.toml}\n")
     post.write_text(post_text("krl"))
     request = request_for(jobs, tmp_path / "out", cell=tmp_path / "cell")

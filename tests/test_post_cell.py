@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from controllers import without_controller
 
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
@@ -34,7 +35,7 @@ controller:
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     shutil.copytree(CELLS / "kr240_drilling", tmp_path / "cell")
-    return tmp_path / "cell"
+    return without_controller(tmp_path / "cell")
 
 
 def add(folder: Path, text: str) -> Path:
@@ -45,7 +46,7 @@ def add(folder: Path, text: str) -> Path:
 
 def test_a_cell_without_controller_knows_nothing(folder: Path) -> None:
     c = load_cell(folder).controller
-    assert c.post == "krl"
+    assert c.post is None  # and no maker is assumed
     assert (c.joint_map, c.T_base_root, c.T_flange_mount, c.tool_number, c.base_number, c.nonflip_j5) == (None,) * 6
     assert c.lines == {}
 

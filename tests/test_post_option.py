@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from controllers import without_controller
+from posted import posted
 
 import machopt.job.posts
 from machopt.cli import main
 from machopt.domain.options import FixedRotation, PlanOptions
-from machopt.domain.program import LIN, Controller
+from machopt.domain.program import LIN
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.posts import post_text, write_program
@@ -22,7 +24,6 @@ from machopt.formats.programs import read_program
 from machopt.formats.toolpath import read_toolpath
 from machopt.job.posts import tolerance_of
 from machopt.job.program import robot_program
-from machopt.job.readback import read_back
 from machopt.plan.pipeline import plan
 from machopt.plan.timeline import build_timeline
 
@@ -55,6 +56,7 @@ FINI
 """
 CONTROLLER = """
 controller:
+  post: krl
   joint_map: {sign: [-1, 1, 1, -1, 1, -1], offset_deg: [0, -90, 90, 0, 0, 0], coupling: {j3: {j2: 1}}}
   root: {xyz_mm: [0, 0, 450], rpy_deg: [0, 0, 180]}
   flange: {xyz_mm: [0, 0, 10], rpy_deg: [0, 0, 0]}
@@ -67,7 +69,7 @@ POSTS = ("krl", "rapid", "fanuc", "urscript", "val3", "jbi", "csv", "json", "ros
 
 def copied(folder: Path, more: str = "") -> Path:
     shutil.copytree(CELLS / "kr500_milling", folder / "cell")
-    file = folder / "cell" / "cell.yaml"
+    file = without_controller(folder / "cell") / "cell.yaml"
     file.write_text(file.read_text(encoding="utf-8") + more, encoding="utf-8")
     (folder / "part.apt").write_text(APT, encoding="latin-1")
     return folder / "cell"
@@ -159,9 +161,7 @@ def test_the_cells_own_lines_are_taken(job: Path) -> None:
 
 
 def test_one_post_lies_in_the_output_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    copied(
-        tmp_path, CONTROLLER.replace("lines: {", "post: rapid\n  lines: {").replace("(@{value:.0f})", " @{value:.0f};")
-    )
+    copied(tmp_path, CONTROLLER.replace("post: krl", "post: rapid").replace("(@{value:.0f})", " @{value:.0f};"))
     assert optimize(tmp_path) == 0
     assert (tmp_path / "out" / "part_apt.mod").is_file()  # the cell's own post
     assert "program part_apt.mod: " in capsys.readouterr().out
@@ -232,7 +232,7 @@ def test_a_language_nobody_here_reads_is_written_unchecked(tmp_path: Path, capsy
     krl = OWN.replace("text = '''\n", "text = '''\nDEF @{name}( )\n").replace("@{body}\n", "@{body}\nEND\n")
     (tmp_path / "own.toml").write_text(krl, encoding="utf-8")
     assert optimize(tmp_path, "--quiet", "--post", str(tmp_path / "own.toml")) == 4
-    assert "cannot be read back" in capsys.readouterr().err
+    assert "readable" in capsys.readouterr().err
 
 
 def test_an_arm_of_unknown_posture_gets_no_status(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -246,14 +246,14 @@ def test_an_arm_of_unknown_posture_gets_no_status(tmp_path: Path, capsys: pytest
 
 @pytest.mark.parametrize(
     ("old", "new", "words"),
-    [(b"LIN {X -9", b"LIN {X -8", "goes elsewhere"), (b",T ", b",T 1", "names another configuration"),
-     (b"; CAM: COOLNT/ON", b"; cam", "events differ")],
+    [(b"LIN {X -9", b"LIN {X -8", "CAM points"), (b",T ", b",T 1", "names another one"),
+     (b"; CAM: COOLNT/ON", b"; cam", "of the CAM file")],
 )  # fmt: skip
 def test_a_program_that_says_something_else_is_exit_4(
     old: bytes, new: bytes, words: str, tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
-    copied(tmp_path)
+    copied(tmp_path, "controller: {post: krl}\n")
 
     def faulty(folder: Path | None, *rest: Any, **more: Any) -> list[Path]:
         files = write_program(folder, *rest, **more)
@@ -270,7 +270,8 @@ def test_a_program_that_says_something_else_is_exit_4(
     assert "program part_apt.src" in told
     found = result(tmp_path)
     assert found["exit_code"] == 4
-    assert found["verification"]["passed"] is True  # the motion is right, its program is not
+    assert found["verification"]["passed"] is False  # the motion is right, its program is not
+    assert all(".src" in c["name"] for c in found["verification"]["checks"] if c["passed"] is False)
     assert any(words in d for d in found["programs"][0]["differences"])
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "VERIFICATION FAILED: DO NOT RUN" in page
@@ -310,10 +311,9 @@ def test_points_are_added_where_the_controllers_line_would_leave_the_motion(tmp_
     for made, inside in ((loose, False), (close, True)):
         off = departure(samples, made.program.T_workpiece_tcp, made.at, made.program.kind == LIN)
         assert (off.share(tight).max() <= 1.0) is np.bool_(inside)
-        file = write_program(tmp_path, "tilt", made.program, "krl")[0]
-        found = read_back(made, Controller(), file, robot, motion, tight)
-        assert found.ok is inside
-        assert inside or "straight line leaves the motion" in found.differences[0]
+        found = posted(tmp_path / str(inside), the_plan, t, timeline, made, tight, "krl")
+        assert (not found.differences) is inside, found.differences
+        assert inside or any("along lines" in d for d in found.differences)
     assert (np.diff(close.at) >= 0).all()
     cut = close.program.cutting
     assert close.program.feed[cut] == pytest.approx(0.01)

@@ -149,6 +149,12 @@ def test_corners_are_rounded_only_inside_a_cut_and_never_overlap(tmp_path: Path,
         inside = (
             k + 1 < 60 and p.cutting[k] and p.cutting[k + 1] and p.operation[k] == p.operation[k + 1] and k not in stops
         )
+        if inside:
+            a, b = np.diff(p.T_workpiece_tcp[k - 1 : k + 2, :3, 3], axis=0)
+            turn = np.arccos(np.clip(a @ b / np.linalg.norm(a) / np.linalg.norm(b), -1, 1))
+            inside = turn < np.radians(120)
+            passed = parsed.blend[k] * np.tan(turn / 4)  # an arc of that reach passes its point by so much
+            assert passed <= 5e-3 + 1e-9
         assert (parsed.blend[k] > 0) == bool(inside), k
     if post in ("urscript", "csv"):
         step = np.linalg.norm(np.diff(p.T_workpiece_tcp[:, :3, 3], axis=0), axis=1)
@@ -296,6 +302,6 @@ def test_csv_to_program_and_back(post: str) -> None:
 def test_root_and_flange_are_in_the_frames(tmp_path: Path) -> None:
     p = program(Recipe(1), MAPPED)
     parsed = read_program(written(tmp_path, p, "rapid", MAPPED))
-    base = next(f for f in parsed.bases if f.name == "mo_wobj")
+    base = next(f for f in parsed.bases if f.name == f"w_{parsed.name}")
     assert base.T is not None
     np.testing.assert_allclose(ROOT @ base.T, WORKPIECE, atol=1e-7)

@@ -104,8 +104,7 @@ def _shown(result: Mapping[str, Any], cost: float) -> float | None:
 def _reason(result: Mapping[str, Any]) -> str:
     if result["exit_code"] == 4:
         failed = [c for c in result["verification"]["checks"] if c["passed"] is False]
-        wrong = [f"program for {p['post']}: {p['differences'][0]}" for p in result["programs"] if p["differences"]]
-        return "; ".join([*wrong, *(f"{c['name']} at {c['where']}" for c in failed)])
+        return "; ".join(f"{c['name']} at {c['where']}" for c in failed)
     if result["exit_code"] != 3:
         return ""
     points, stops = result["infeasible_points"], result["obstructions"]

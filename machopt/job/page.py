@@ -86,7 +86,7 @@ def _program(p: Written) -> page.Program:
     if c is None or not c.readable:
         return replace(said, checked=False)
     return replace(
-        said, moves=c.moves, position_error=c.worst("targets on the motion") / 1e3,
+        said, moves=c.moves, position_error=c.worst("CAM points") / 1e3,
         angle_error=math.radians(c.worst("orientation at targets")),
         joint_error=math.radians(c.worst("joints at targets")), feed_error=c.worst("CAM feed") / 6e4,
         path_error=c.worst("lines along the motion") / 1e3,

@@ -8,6 +8,7 @@ for such targets (:mod:`machopt.formats.posts.wording`). ``optimize`` and ``veri
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,20 +18,18 @@ from numpy.typing import NDArray
 
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
-from machopt.domain.program import LIN, Controller, RobotProgram
+from machopt.domain.program import Controller
 from machopt.domain.readprogram import ReadProgram
-from machopt.domain.toolpath import Move, Toolpath
+from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
-from machopt.formats.posts import expected_text, load_post
+from machopt.formats.posts import load_post
 from machopt.formats.posts.densify import Tolerance
-from machopt.formats.posts.rounding import rounding
-from machopt.formats.posts.wording import difference
 from machopt.formats.programs import ParsedProgram, read_program, recognised
 from machopt.formats.programs.configuration import first_difference
 from machopt.formats.programs.joints import urdf_joints
 from machopt.formats.programs.toolpath import URDF_JOINTS
 from machopt.job.program import posture_of
-from machopt.job.zonelaw import zone_check
+from machopt.job.rewritten import Rewritten, failed_check
 from machopt.model.robot import load_chain
 from machopt.verify.arm import Arm
 from machopt.verify.encoder import true_angles
@@ -99,7 +98,7 @@ class Compared:
             return None
         return {
             "moves": self.moves,
-            "positions_max_mm": self.worst("targets on the motion"),
+            "positions_max_mm": self.worst("CAM points"),
             "orientations_max_deg": self.worst("orientation at targets"),
             "joints_max_deg": self.worst("joints at targets"),
             "feeds_max_mm_min": self.worst("CAM feed"),
@@ -204,7 +203,7 @@ class _Ground:
         name = posted.files[0]
         missing = [f for f in posted.files if not (self.out / f).is_file()]
         if missing:
-            return Compared(posted, 0, (_said(name, "files there", f"{missing[0]} is missing"),))
+            return Compared(posted, 0, (failed_check(name, "files there", f"{missing[0]} is missing"),))
         controller, other = _controller(self.cell, posted)
         pulses = None if controller.pulses_per_deg is None else controller.pulses_per_deg.tolist()
         try:
@@ -212,10 +211,12 @@ class _Ground:
                 return Compared(posted, 0, (_unread(name),), readable=False)
             parsed = read_program(self.out / name, pulses_per_deg=pulses)
         except InputError as problem:
-            return Compared(posted, 0, (_said(name, "readable", str(problem.reason)),))
+            return Compared(posted, 0, (failed_check(name, "readable", str(problem.reason)),))
         said = self._in_cell_terms(name, parsed, controller)
         if not np.isfinite(said.T_workpiece_tcp).all():
-            return Compared(posted, len(said), (_said(name, "readable", "a target has neither place nor joints"),))
+            return Compared(
+                posted, len(said), (failed_check(name, "readable", "a target has neither place nor joints"),)
+            )
         o = self.options
         allowed = Allowed(self.tolerance.position, self.tolerance.axis, self.tolerance.turn, o.path_tolerance,
                           o.axis_tolerance)  # fmt: skip
@@ -234,7 +235,9 @@ class _Ground:
                 Check(f"{name}: wording", None, np.nan, 0.0, "", "not checked: the post's template is not at hand")
             )
         else:
-            checks += self._wording(posted, parsed, said, controller, rows)
+            job = Rewritten(self.cell, self.toolpath, self.out, self.options, self.tolerance, self.source)
+            q = self._joints_at(said, rows)
+            checks += job.checks(posted.files, posted.post, parsed, said, controller, q, self.T_base_workpiece)
         return Compared(posted, len(said), (read, *checks))
 
     def _in_cell_terms(self, name: str, parsed: ParsedProgram, controller: Controller) -> ReadProgram:
@@ -263,7 +266,7 @@ class _Ground:
             file=name, kind=parsed.kind, q=q, T_workpiece_tcp=T, feed=parsed.feed, move=parsed.move,
             operation=tuple(labels[k] for k in parsed.operation.tolist()), events=parsed.events, line=parsed.line,
             time=time, streamed=streamed, feed_step=COARSE if parsed.dialect in ("fanuc", "jbi") else 1e-6,
-            place_step=coarse * REACH, joint_step=coarse * 6.0,
+            place_step=self.tolerance.position if streamed else coarse * REACH, joint_step=coarse * 6.0,
         )  # fmt: skip
 
     def _terms(
@@ -285,7 +288,8 @@ class _Ground:
             where = "" if first is None else f"move {first + 1}, line {int(parsed.line[first])} names another one"
             checks.append(Check(f"{name}: configuration", first is None, float(first is not None), 0.0, "moves",
                                 where or "of all moves as their joints are"))  # fmt: skip
-        strange = [w.word for w in parsed.ignored if not w.understood]
+        own = set(re.findall(r"\w+", " ".join(controller.lines.values())))  # of the cell: nobody here knows its words
+        strange = [w.word for w in parsed.ignored if not w.understood and own.isdisjoint(re.findall(r"\w+", w.word))]
         strange += [w for w in parsed.warnings if "cut off" in w]
         checks.append(Check(f"{name}: every word understood", not strange, float(len(strange)), 0.0, "words",
                             ", ".join(strange[:4]) or "all"))  # fmt: skip
@@ -296,79 +300,10 @@ class _Ground:
         s = np.arange(len(self.motion.q))
         return np.column_stack([np.interp(rows, s, self.motion.q[:, k]) for k in range(6)])
 
-    def _wording(
-        self, posted: Posted, parsed: ParsedProgram, said: ReadProgram, controller: Controller, rows: Array
-    ) -> list[Check]:  # fmt: skip
-        """The whole text as the post writes it, and zones by the law that the post follows."""
-        name = posted.files[0]
-        post = posted.post
-        assert post is not None
-        keys = load_post(post).keys
-        program = self._again(parsed, said, controller, rows)
-        law = rounding(program, controller.moves_per_part or keys.moves_per_part if keys.moves_per_part else None)
-        checks = [] if said.streamed else zone_check(name, parsed, program, law, controller)
-        blend = np.where(np.isfinite(parsed.blend), parsed.blend, 0.0)
-        stem = Path(name).stem
-        columns = _said_columns(parsed)
-        try:
-            texts = expected_text(stem, program, post, controller, said=columns, zone=replace(law, distance=blend))
-        except InputError as problem:
-            return [*checks, _said(name, "wording", str(problem.reason))]
-        folder = Path(name).parent if parsed.dialect != "val3" else Path(name).parent.parent
-        wanted = {(folder / f).as_posix(): text for f, text in texts.items()}
-        if set(wanted) != set(posted.files):
-            odd = sorted(set(wanted) ^ set(posted.files))
-            return [*checks, _said(name, "wording", f"{odd[0]} is " + ("missing" if odd[0] in wanted else "not of it"))]
-        wrong = []
-        for file, text in wanted.items():
-            off = difference(_text(self.out / file), [text])
-            if off is not None:
-                wrong.append(f"{file}, line {off.line}: {off.found[:70]!r} where the post writes {off.expected[:70]!r}")
-        return [*checks, Check(f"{name}: wording", not wrong, float(len(wrong)), 0.0, "files",
-                               "; ".join(wrong[:2]) or "every line as the post writes it")]  # fmt: skip
-
-    def _again(self, parsed: ParsedProgram, said: ReadProgram, controller: Controller, rows: Array) -> RobotProgram:
-        """The program as the post took it, from what was read; joints are the motion's, which only zones look at."""
-        cell, n = self.cell, len(said)
-        q = self._joints_at(said, rows)
-        standing = posture_of(load_chain(cell)[0], q, controller)
-        labels = list(dict.fromkeys(o for o in said.operation if o))
-        own = self.toolpath.events
-        events = tuple(replace(e, index=r.index) for e, r in zip(own, parsed.events, strict=True)) if (
-            len(own) == len(parsed.events)) else parsed.events  # fmt: skip
-        linear = said.kind == LIN
-        feed = np.where(linear, np.where(said.feed > 0.0, said.feed, 1.0), np.nan)
-        kind = said.kind.copy()
-        kind[0] = 0  # a program begins with a joint move; that this one does is seen in its text
-        feed[0] = np.nan
-        cycle = float(self.motion.time[1] - self.motion.time[0])
-        return RobotProgram(
-            kind=kind, q=q, T_workpiece_tcp=said.T_workpiece_tcp, feed=feed,
-            cutting=(kind == LIN) & (said.move == Move.CUT), move=said.move,
-            operation=np.array([labels.index(o) if o else -1 for o in said.operation], np.int32),
-            operations=tuple(labels), T_flange_tcp=cell.tool.T_flange_tcp, T_base_workpiece=self.T_base_workpiece,
-            ptp_speed=self.options.rapid_scale, events=events, blend=0.0 if said.streamed else self.tolerance.position,
-            source=self.source, joint_names=cell.arm_joints, time=cycle * np.arange(n) if said.streamed else None,
-            behind=None if standing is None else standing[0], elbow_up=None if standing is None else standing[1],
-            axis_velocity=cell.limits.velocity[:6], axis_acceleration=cell.limits.acceleration[:6],
-            tool_com=cell.tool.com, tool_mass=cell.tool.mass if cell.tool.mass > 0.0 else float("nan"),
-        )  # fmt: skip
-
-
-def _said(file: str, what: str, text: str) -> Check:
-    return Check(f"{file}: {what}", False, float("nan"), 0.0, "", text)
-
 
 def _unread(file: str) -> Check:
     return Check(f"{file}: {COMPARED}", None, float("nan"), 0.0, "",
                  "NOT CHECKED: the program is in a language that no reader here knows")  # fmt: skip
-
-
-def _text(file: Path) -> str:
-    try:
-        return file.read_bytes().decode("utf-8")
-    except (OSError, UnicodeDecodeError):
-        return ""  # differs from any program
 
 
 def _controller(cell: Cell, posted: Posted) -> tuple[Controller, bool]:
@@ -385,26 +320,15 @@ def controller_for(cell: Cell, post: str | Path) -> Controller:
     return cell.controller if own == load_post(post).keys.dialect else replace(cell.controller, lines={})
 
 
-def _said_columns(parsed: ParsedProgram) -> dict[str, Sequence[object]]:
-    """Columns whose last digit may hang on rounding, as the program says them; their law is checked beside."""
-    words = parsed.configuration
-    if parsed.dialect == "fanuc":
-        cnt = [int(w.get("cnt", 0)) for w in words]  # type: ignore[call-overload]
-        return {"cnt": cnt, "continuous": [n > 0 for n in cnt]}
-    if parsed.dialect == "jbi":
-        rconf = [w.get("rconf") for w in words]
-        return {"pl": [int(w.get("pl", 0)) for w in words],  # type: ignore[call-overload]
-                "rconf": [",".join(map(str, r)) if isinstance(r, tuple) else "" for r in rconf]}  # fmt: skip
-    return {}
-
-
 def _index_at(motion: Motion, at: Array) -> Array:
     """(M,) toolpath index where each move ends; NaN where it is not known."""
     rows = np.clip(np.nan_to_num(at), 0, len(motion.point) - 1)
     low = np.floor(rows).astype(int)
     high = np.minimum(low + 1, len(motion.point) - 1)
     share = rows - low
-    value = np.where(share < 1e-9, motion.point[low], (1.0 - share) * motion.point[low] + share * motion.point[high])
+    near = np.where(share < 0.5, motion.point[low], motion.point[high])  # beside the ends of what has an index
+    value = (1.0 - share) * motion.point[low] + share * motion.point[high]
+    value = np.where(np.isfinite(value), value, near)
     return np.where(np.isfinite(at), value, np.nan)
 
 

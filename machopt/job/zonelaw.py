@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 import numpy as np
 
 from machopt.domain.program import LIN, Controller, RobotProgram
@@ -19,9 +22,19 @@ PERCENT = (
 
 
 def zone_check(
-    file: str, parsed: ParsedProgram, program: RobotProgram, law: Rounding, controller: Controller
+    file: str, parsed: ParsedProgram, program: RobotProgram, law: Rounding, controller: Controller, *, zones: bool,
+    own: bool,
 ) -> list[Check]:  # fmt: skip
-    """One check; none where the format has no zones."""
+    """One check; none where the format has no zones.
+
+    Args:
+        file, parsed: the program.
+        program: as the post took it.
+        law: of its ends.
+        controller: of the cell.
+        zones: the post prints some; else every end is a stop.
+        own: a user's post, which may round by other words than distances: those are not judged.
+    """
     if parsed.dialect == "fanuc":
         bad = _continuous(parsed, program, law)
     elif parsed.dialect == "jbi":
@@ -29,20 +42,21 @@ def zone_check(
     elif parsed.dialect in ("ros",):
         return []
     else:
-        bad = _distances(parsed, program, law)
+        stops = replace(law, distance=np.zeros(len(program)), room=np.zeros(len(program)))
+        bad = _distances(parsed, program, law if zones else stops, own)
     named = [f"move {k + 1}, line {int(parsed.line[k])}: {text}" for k, text in bad]
     return [Check(f"{file}: zones", not bad, float(len(bad)), 0.0, "moves",
                   "; ".join(named[:3]) or "exact or rounded as the tolerance lets them")]  # fmt: skip
 
 
-def _distances(parsed: ParsedProgram, program: RobotProgram, law: Rounding) -> list[tuple[int, str]]:
+def _distances(parsed: ParsedProgram, program: RobotProgram, law: Rounding, own: bool) -> list[tuple[int, str]]:
     d, out = parsed.blend, []
     inside = np.isfinite(law.turn)
     most = np.where(inside, law.room / HALF * 0.5 + PRINTED, 0.0)
     passed = np.where(inside, d * np.tan(np.nan_to_num(law.turn) / 4.0), 0.0)
-    spline = np.isnan(d)
-    for k in np.flatnonzero(spline | (d > most) | (passed > BEYOND * program.blend) | (d * STEP**2 < law.distance)):
-        if spline[k]:
+    unknown = np.isnan(d) & (not own)
+    for k in np.flatnonzero(unknown | (d > most) | (passed > BEYOND * program.blend) | (d * STEP**2 < law.distance)):
+        if unknown[k]:
             text = "no distance is known of its zone"
         elif not inside[k] or d[k] > most[k]:
             text = f"rounded over {1e3 * d[k]:.3f} mm where {1e3 * most[k]:.3f} are allowed"
@@ -55,7 +69,7 @@ def _distances(parsed: ParsedProgram, program: RobotProgram, law: Rounding) -> l
 
 
 def _continuous(parsed: ParsedProgram, program: RobotProgram, law: Rounding) -> list[tuple[int, str]]:
-    said = np.array([int(w.get("cnt", 0)) for w in parsed.configuration], float)  # type: ignore[call-overload]
+    said = np.array([_whole(w, "cnt") for w in parsed.configuration], dtype=np.float64)
     a, feed = acceleration(program), np.round(np.nan_to_num(program.feed, nan=1.0), 4)
     n = np.zeros(len(said))
     if a is not None:
@@ -76,7 +90,7 @@ def _levels(parsed: ParsedProgram, law: Rounding, controller: Controller) -> lis
     out = []
     stated = controller.position_levels
     for k, words in enumerate(parsed.configuration):
-        level = int(words.get("pl", 0))  # type: ignore[call-overload]
+        level = _whole(words, "pl")
         if level == 0 and not law.free[k]:
             continue
         room, reach = float(law.room[k]), float(law.distance[k])
@@ -92,3 +106,8 @@ def _levels(parsed: ParsedProgram, law: Rounding, controller: Controller) -> lis
         elif stated is None and level > 1:
             out.append((k, f"PL={level}, but no controller.position_levels_mm say how far that is"))
     return out
+
+
+def _whole(words: Mapping[str, object], name: str) -> int:
+    value = words.get(name, 0)
+    return value if isinstance(value, int) else 0

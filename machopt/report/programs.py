@@ -47,7 +47,7 @@ def programs(data: ReportData) -> str:
 def _row(p: Program) -> tuple[object, ...]:
     lines = [f"{p.lines} lines"]
     if p.withheld:
-        return (p.post, "none", "–", *"–" * 5, f'<span class="fail">withheld: {escape(p.withheld)}</span>')
+        return (p.post, "none", "–", *"–" * 6, f'<span class="fail">withheld: {escape(p.withheld)}</span>')
     if not p.checked:
         state = '<span class="none">not checked: no reader here knows its language</span>'
         return (p.post, _files(p), _unbroken(lines), *"–" * 5, _feed(p), state)

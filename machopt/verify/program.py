@@ -32,6 +32,7 @@ GIVEN_UP = 25  # targets that lie nowhere: enough to say so
 FIRST_WINDOW = 128  # samples
 SHORT = 1e-4  # m: on a shorter line the place does not tell how far the tool has turned
 RAPID_DEG = 0.1  # deg: between rapid way points joints go straight; corners there are rounded in time only
+BRANCH = 3.0  # of the orientation's tolerance: joints of a pose that has been compared only tell which branch it is
 AT_ONCE = 50_000  # samples
 
 
@@ -63,8 +64,7 @@ def along_motion(
     at, gap, tilt, turn, joints = _matched(said, motion, tcp, allowed)
     where = [f"move {k + 1}, line {line}" for k, line in enumerate(said.line.tolist())]
     linear = said.kind == LIN
-    place = max(PATH_MM * 1e-3, allowed.corner) + said.place_step
-    joint_targets = np.isfinite(joints)
+    place = max(PATH_MM * 1e-3, allowed.corner, allowed.position) + said.place_step  # corners lie between samples
     checks = [
         _worst(said, "targets on the motion", "mm", 1e3 * gap, 1e3 * place, where),
         _worst(said, "tool axis at targets", "deg", np.degrees(tilt),
@@ -72,10 +72,14 @@ def along_motion(
         _worst(said, "orientation at targets", "deg", np.degrees(turn),
                np.degrees(allowed.turn + said.joint_step), where),
     ]  # fmt: skip
-    if joint_targets.any():
-        rows = np.flatnonzero(joint_targets)
-        checks.append(_worst(said, "joints at targets", "deg", np.degrees(joints[rows]),
-                             JOINT_DEG + np.degrees(said.joint_step), [where[k] for k in rows]))  # fmt: skip
+    for rows, what, most in (
+        (np.isfinite(joints) & ~linear, "joints at targets", JOINT_DEG),
+        (np.isfinite(joints) & linear, "joints on lines", BRANCH * float(np.degrees(allowed.turn))),
+    ):  # fmt: skip
+        if rows.any():
+            k = np.flatnonzero(rows)
+            checks.append(_worst(said, what, "deg", np.degrees(joints[k]), most + np.degrees(said.joint_step),
+                                 [where[n] for n in k]))  # fmt: skip
     checks.append(_whole(said, motion, at))
     checks += [*_lines(said, motion, tcp, at, allowed, where), _kinds(said, motion, at, linear, where)]
     if said.streamed:
@@ -100,7 +104,7 @@ def _matched(
     p, R = tcp[:, :3, 3], tcp[:, :3, :3]
     near = max(NEAR, 3.0 * (allowed.corner + said.place_step))
     near_joint = max(NEAR_JOINT, 3.0 * said.joint_step)
-    known = np.isfinite(said.q).all(axis=1)
+    known: NDArray[np.bool_] = np.isfinite(said.q).all(axis=1)
     if said.streamed and n == len(p) and known.all():
         turn = np.asarray(Rotation.from_matrix(np.swapaxes(R, -1, -2) @ said.T_workpiece_tcp[:, :3, :3]).magnitude())
         return (np.arange(n, dtype=float), np.linalg.norm(p - said.T_workpiece_tcp[:, :3, 3], axis=1),
@@ -118,7 +122,7 @@ def _matched(
             way = np.sum((p[rows] - T[:3, 3]) ** 2, axis=1)
             return np.asarray(np.sqrt(way + LEVER**2 * chord) / near)
 
-        off = joint_off if known[k] else pose_off
+        off = joint_off if known[k] and said.kind[k] != LIN else pose_off
         found = _ahead(off, int(here), len(p)) if lost < GIVEN_UP else None
         if found is None:
             lost += 1
@@ -139,7 +143,7 @@ def _ahead(off: Callable[[slice], Array], start: int, stop: int) -> int | None:
     while True:
         end = min(start + window, stop)
         values = off(slice(start, end))
-        below = values < 1.0
+        below: NDArray[np.bool_] = np.asarray(values < 1.0)
         if below.any():
             first = int(np.argmax(below))
             after = int(np.argmax(~below[first:])) if not below[first:].all() else len(below) - first
@@ -168,9 +172,9 @@ def _foot(sample: int, here: float, T: Array, p: Array, R: Array) -> tuple[float
     b = min(a + 1, len(p) - 1)
     gap = float(np.linalg.norm((1 - share) * p[a] + share * p[b] - T[:3, 3]))
     nearest = a if share < 0.5 else b
-    z = np.minimum(np.linalg.norm(R[a, :, 2] - T[:3, 2]), np.linalg.norm(R[b, :, 2] - T[:3, 2]))
+    ends = min(float(np.linalg.norm(R[n, :, 2] - T[:3, 2])) for n in (a, b))
     blend = (1 - share) * R[a, :, 2] + share * R[b, :, 2]
-    z = min(float(z), float(np.linalg.norm(blend / max(np.linalg.norm(blend), 1e-12) - T[:3, 2])))
+    z = min(ends, float(np.linalg.norm(blend / max(float(np.linalg.norm(blend)), 1e-12) - T[:3, 2])))
     turned = min(_angle(R[nearest], T[:3, :3]), _angle((1 - share) * R[a] + share * R[b], T[:3, :3]))
     return at, gap, float(2.0 * np.arcsin(np.clip(z / 2.0, 0.0, 1.0))), turned
 

@@ -91,4 +91,4 @@ def _preferred(distance: Array) -> Array:
     """The next preferred number below, 0 below the least."""
     ladder = np.append(0.0, LADDER_MM * 1e-3)
     ladder = ladder[(ladder == 0.0) | (ladder >= LEAST)]
-    return ladder[np.searchsorted(ladder, distance * (1.0 + 1e-9), side="right") - 1]
+    return np.asarray(ladder[np.searchsorted(ladder, distance * (1.0 + 1e-9), side="right") - 1])

@@ -2,6 +2,11 @@ MODULE mo_golden
   ! written by machopt from golden cell; part.apt
   ! 12 moves. First run slowly and by hand
   ! cutting moves run on where that passes a point by 0.1 mm at most, elsewhere exact stops
+  ! the program changes no tool: 'LOADTL/12' is a comment in it, because the cell has no controller.lines.tool
+  ! the program starts no spindle: 'SPINDL/9000,RPM,CLW' is a comment in it, because the cell has no
+  ! controller.lines.spindle_on
+  ! the program switches no coolant on: 'COOLNT/ON' is a comment in it, because the cell has no controller.lines.coolant_on
+  ! the program stops no spindle: 'SPINDL/OFF' is a comment in it, because the cell has no controller.lines.spindle_off
   ! rapid moves run at a TCP speed of 1000 mm/s, not at a share of the axis limits
   ! workpiece (frame of the CAM coordinates) and tool of the cell
   PERS tooldata t_golden:=[TRUE,[[-20.0000,-180.0000,420.0000],[0.63245553,0.31622777,0.31622777,-0.63245553]],[45.000,[0.00,-10.00,140.00],[1,0,0,0],0,0,0]];

@@ -1,0 +1,137 @@
+"""A program written a second time from what was read of it: every word beside the coordinates has to be the same."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.cell import Cell
+from machopt.domain.options import PlanOptions
+from machopt.domain.program import LIN, Controller, RobotProgram
+from machopt.domain.readprogram import ReadProgram
+from machopt.domain.toolpath import Move, Toolpath
+from machopt.errors import InputError
+from machopt.formats.posts import expected_text, load_post
+from machopt.formats.posts.columns import ROUNDED
+from machopt.formats.posts.densify import Tolerance
+from machopt.formats.posts.rounding import rounding
+from machopt.formats.posts.wording import difference
+from machopt.formats.programs import ParsedProgram
+from machopt.job.program import posture_of
+from machopt.job.zonelaw import zone_check
+from machopt.model.robot import load_chain
+from machopt.verify.output import Check
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Rewritten:
+    """What a post is given beside the moves."""
+
+    cell: Cell
+    toolpath: Toolpath
+    out: Path
+    options: PlanOptions
+    tolerance: Tolerance
+    source: str  # what the program's head says it is from
+
+    def checks(
+        self, files: Sequence[str], post: str | Path, parsed: ParsedProgram, said: ReadProgram, controller: Controller,
+        q: Array, T_base_workpiece: Array,
+    ) -> list[Check]:  # fmt: skip
+        """Compare the whole text with the post's, and its zones with the law that the post follows.
+
+        Args:
+            files: of the program, the one that is run first.
+            post: what wrote it.
+            parsed: the program as it was read.
+            said: the same in the cell's terms.
+            controller: as the post took it.
+            q: (M, 6) rad, the motion's joints where its moves end.
+            T_base_workpiece: (4, 4).
+        """
+        name = files[0]
+        keys = load_post(post).keys
+        program = self._again(parsed, said, controller, q, T_base_workpiece)
+        law = rounding(program, controller.moves_per_part or keys.moves_per_part if keys.moves_per_part else None)
+        zones, own = bool(load_post(post).used & ROUNDED), isinstance(post, Path)
+        checks = [] if said.streamed else zone_check(name, parsed, program, law, controller, zones=zones, own=own)
+        blend = np.where(np.isfinite(parsed.blend), parsed.blend, law.distance)
+        columns = _said_columns(parsed)
+        try:
+            texts = expected_text(
+                Path(name).stem, program, post, controller, said=columns, zone=replace(law, distance=blend)
+            )
+        except InputError as problem:
+            return [*checks, failed_check(name, "wording", str(problem.reason))]
+        folder = Path(name).parent if parsed.dialect != "val3" else Path(name).parent.parent
+        wanted = {(folder / f).as_posix(): text for f, text in texts.items()}
+        if set(wanted) != set(files):
+            odd = sorted(set(wanted) ^ set(files))
+            return [
+                *checks,
+                failed_check(name, "wording", f"{odd[0]} is " + ("missing" if odd[0] in wanted else "not of it")),
+            ]
+        wrong = []
+        for file, text in wanted.items():
+            off = difference(_text(self.out / file), [text])
+            if off is not None:
+                wrong.append(f"{file}, line {off.line}: {off.found[:70]!r} where the post writes {off.expected[:70]!r}")
+        return [*checks, Check(f"{name}: wording", not wrong, float(len(wrong)), 0.0, "files",
+                               "; ".join(wrong[:2]) or "every line as the post writes it")]  # fmt: skip
+
+    def _again(
+        self, parsed: ParsedProgram, said: ReadProgram, controller: Controller, q: Array, T_base_workpiece: Array
+    ) -> RobotProgram:  # fmt: skip
+        """The program as the post took it, from what was read; joints are the motion's, which only zones look at."""
+        cell, n = self.cell, len(said)
+        standing = posture_of(load_chain(cell)[0], q, controller)
+        labels = list(dict.fromkeys(o for o in said.operation if o))
+        own = self.toolpath.events
+        events = tuple(replace(e, index=r.index) for e, r in zip(own, parsed.events, strict=True)) if (
+            len(own) == len(parsed.events)) else parsed.events  # fmt: skip
+        linear = said.kind == LIN
+        feed = np.where(linear, np.where(said.feed > 0.0, said.feed, 1.0), np.nan)
+        kind = said.kind.copy()
+        kind[0] = 0  # a program begins with a joint move; that this one does is seen in its text
+        feed[0] = np.nan
+        return RobotProgram(
+            kind=kind, q=q, T_workpiece_tcp=said.T_workpiece_tcp, feed=feed,
+            cutting=(kind == LIN) & (said.move == Move.CUT), move=said.move,
+            operation=np.array([labels.index(o) if o else -1 for o in said.operation], np.int32),
+            operations=tuple(labels), T_flange_tcp=cell.tool.T_flange_tcp, T_base_workpiece=T_base_workpiece,
+            ptp_speed=self.options.rapid_scale, events=events, blend=0.0 if said.streamed else self.tolerance.position,
+            source=self.source, joint_names=cell.arm_joints, time=np.arange(n, dtype=float) if said.streamed else None,
+            behind=None if standing is None else standing[0], elbow_up=None if standing is None else standing[1],
+            axis_velocity=cell.limits.velocity[:6], axis_acceleration=cell.limits.acceleration[:6],
+            tool_com=cell.tool.com, tool_mass=cell.tool.mass if cell.tool.mass > 0.0 else float("nan"),
+        )  # fmt: skip
+
+
+def failed_check(file: str, what: str, text: str) -> Check:
+    return Check(f"{file}: {what}", False, float("nan"), 0.0, "", text)
+
+
+def _text(file: Path) -> str:
+    try:
+        return file.read_bytes().decode("utf-8")
+    except (OSError, UnicodeDecodeError):
+        return ""  # differs from any program
+
+
+def _said_columns(parsed: ParsedProgram) -> dict[str, Sequence[object]]:
+    """Columns whose last digit may hang on rounding, as the program says them; their law is checked beside."""
+    words = parsed.configuration
+    if parsed.dialect == "fanuc":
+        cnt = [int(w.get("cnt", 0)) for w in words]  # type: ignore[call-overload]
+        return {"cnt": cnt, "continuous": [n > 0 for n in cnt]}
+    if parsed.dialect == "jbi":
+        rconf = [w.get("rconf") for w in words]
+        return {"pl": [int(w.get("pl", 0)) for w in words],  # type: ignore[call-overload]
+                "rconf": [",".join(map(str, r)) if isinstance(r, tuple) else "" for r in rconf]}  # fmt: skip
+    return {}
