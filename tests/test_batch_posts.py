@@ -143,10 +143,11 @@ def test_a_program_that_does_not_read_back_is_the_reason_in_the_summary() -> Non
         "worst_point": None,
         "objective": {"gain": [], "chosen": part, "cam_default": part}, "infeasible_points": [], "obstructions": [],
         "toolpath": {"points": 3, "ignored": []}, "cycle_time_s": 1.0, "feed_held_share": 1.0, "warnings": [],
-        "verification": {"checks": [{"name": "cut throughout", "passed": True, "where": ""}]},
+        "verification": {"checks": [{"name": "cut throughout", "passed": True, "where": ""},
+                                    {"name": "a.src: CAM points", "passed": False, "where": "point 3 is missing"}]},
         "programs": [{"post": "krl", "files": [], "differences": ["move 3 (line 9) goes elsewhere"]},
                      {"post": "csv", "files": [], "differences": []}],
     }  # fmt: skip
     found = row(result)
-    assert found["reason"] == "program for krl: move 3 (line 9) goes elsewhere"
+    assert found["reason"] == "a.src: CAM points at point 3 is missing"
     assert found["programs"] == []  # none is left in OUT

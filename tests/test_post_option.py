@@ -109,7 +109,8 @@ def test_every_program_is_written_read_back_and_told(job: Path) -> None:
         assert p["differences"] == []
         assert checked["moves"] >= 12  # ten points, from home and back
         # five printed decimals of a degree, three metres away; a Yaskawa has whole pulses of 1/1000 degree
-        assert checked["positions_max_mm"] < (0.05 if p["post"] == "jbi" else 5e-4), p
+        most = {"jbi": 0.05, "ros_json": 0.07}  # samples lie beside a corner by half their way
+        assert checked["positions_max_mm"] < most.get(p["post"], 5e-4), p
         assert checked["path_max_mm"] < 0.05, p
         assert checked["events_equal"] is True
         with_words = p["post"] in ("krl", "rapid", "fanuc", "val3", "mine.toml")
@@ -128,7 +129,7 @@ def test_the_makers_words_are_there(job: Path) -> None:
     assert json.loads((out / "ros_json" / "part_apt.json").read_text())["joint_names"]
     own = (out / "mine" / "part_apt.src").read_text()
     assert "part_apt_001( )" in own  # split, six moves a part
-    assert str(job / "mine.toml") in result(job)["inputs"]  # hashed with the rest
+    assert any(name.endswith("mine.toml") for name in result(job)["inputs"])  # hashed with the rest
     assert own.count("DEF ") == 1 + -(-result(job)["programs"][-1]["checked"]["moves"] // 6)
 
 
@@ -246,8 +247,8 @@ def test_an_arm_of_unknown_posture_gets_no_status(tmp_path: Path, capsys: pytest
 
 @pytest.mark.parametrize(
     ("old", "new", "words"),
-    [(b"LIN {X -9", b"LIN {X -8", "CAM points"), (b",T ", b",T 1", "names another one"),
-     (b"; CAM: COOLNT/ON", b"; cam", "of the CAM file")],
+    [(b"LIN {X -9", b"LIN {X -8", "targets on the motion"), (b",T ", b",T 1", "names another one"),
+     (b"; CAM: COOLNT/ON", b"; cam", "6 for 7")],
 )  # fmt: skip
 def test_a_program_that_says_something_else_is_exit_4(
     old: bytes, new: bytes, words: str, tmp_path: Path,
@@ -267,7 +268,7 @@ def test_a_program_that_says_something_else_is_exit_4(
     assert optimize(tmp_path, "--quiet") == 4
     told = capsys.readouterr().err
     assert words in told
-    assert "program part_apt.src" in told
+    assert "part_apt.src: " in told
     found = result(tmp_path)
     assert found["exit_code"] == 4
     assert found["verification"]["passed"] is False  # the motion is right, its program is not

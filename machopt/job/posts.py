@@ -163,6 +163,8 @@ def write_programs(
             target, program_name(toolpath.source, one.post), program, one.post, controller,
             reserved=() if one.folder else OWN_FILES,
         )  # fmt: skip
+        if isinstance(one.post, Path) and str(one.post) != cell.controller.post:
+            (folder / one.label).write_bytes(one.post.read_bytes())  # who verifies has no other way to it
         lines = sum(f.read_bytes().count(b"\n") for f in files)
         names = tuple(f.relative_to(folder).as_posix() for f in files)
         out.append(Written(

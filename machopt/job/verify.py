@@ -114,7 +114,7 @@ def _programs(
 ) -> list[Check]:  # fmt: skip
     """The robot programs that the manifest lists, and files that look like one and belong to none."""
     listed = () if manifest is None else manifest.programs
-    posted = [Posted(p.post, _post(p.post, cell, manifest), p.files) for p in listed if p.files]
+    posted = [Posted(p.post, _post(p.post, folder, cell, manifest), p.files) for p in listed if p.files]
     try:
         tolerance = tolerance_of(None if manifest is None else manifest.program_tolerance_mm, options)
         found = check_programs(cell, toolpath, folder, posted, options=options, tolerance=tolerance)
@@ -123,16 +123,16 @@ def _programs(
     return [check for one in found for check in one.checks]
 
 
-def _post(label: str, cell: Cell, manifest: Manifest | None) -> str | Path | None:
-    """The post of that label: a shipped one's name, a template file that is still what it was, or None."""
+def _post(label: str, folder: Path, cell: Cell, manifest: Manifest | None) -> str | Path | None:
+    """The post of that label: a shipped one's name, the cell's own, the folder's copy of a user's template, or None."""
     if label in post_names() or label in ALIASES:
         return label
-    recorded = {f.name: f.sha256 for f in (() if manifest is None else manifest.inputs_of("post"))}
-    places = [*recorded, *([cell.controller.post] if cell.controller.post else [])]
-    for file in (Path(place) for place in places if Path(place).name == label):
-        if file.is_file() and recorded.get(str(file), sha256_of(file)) == sha256_of(file):
-            return file
-    return None
+    own = cell.controller.post
+    if own is not None and Path(own).name == label and Path(own).is_file():
+        return Path(own)
+    copy = folder / label
+    recorded = {f.sha256 for f in (() if manifest is None else manifest.inputs_of("post"))}
+    return copy if copy.is_file() and sha256_of(copy) in recorded else None
 
 
 def manifest_checks(folder: Path, inputs: tuple[ManifestFile, ...]) -> tuple[Manifest | None, list[Check]]:

@@ -104,7 +104,7 @@ def _matched(
     p, R = tcp[:, :3, 3], tcp[:, :3, :3]
     near = max(NEAR, 3.0 * (allowed.corner + said.place_step))
     near_joint = max(NEAR_JOINT, 3.0 * said.joint_step)
-    known: NDArray[np.bool_] = np.isfinite(said.q).all(axis=1)
+    known: NDArray[np.bool_] = np.asarray(np.isfinite(said.q).all(axis=1))
     if said.streamed and n == len(p) and known.all():
         turn = np.asarray(Rotation.from_matrix(np.swapaxes(R, -1, -2) @ said.T_workpiece_tcp[:, :3, :3]).magnitude())
         return (np.arange(n, dtype=float), np.linalg.norm(p - said.T_workpiece_tcp[:, :3, 3], axis=1),

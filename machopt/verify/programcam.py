@@ -200,7 +200,7 @@ def _events(said: ReadProgram, cuts: Cuts, reached: NDArray[np.int64], at_index:
         if len(finite) and 0 < read.index < len(known):
             slack = _beside(cuts, event.index, 0.0 if said.streamed else BESIDE + said.place_step)
             early |= bool(known[read.index] <= event.index - 1 + slack)
-            settled = read.index > finite[0]  # the way to the first point has no index of its own
+            settled = finite[0] < read.index and event.index < len(cuts.position)  # the ways from and to home have none
             late |= settled and bool(known[read.index - 1] > event.index - 1 + slack)
         if early or late:
             wrong.append(f"{event.text[:30]!r} stands too {'early' if early else 'late'}: before move {read.index + 1}")
