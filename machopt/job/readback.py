@@ -32,8 +32,8 @@ from machopt.job.program import posture_of
 from machopt.job.rewritten import Rewritten, failed_check
 from machopt.model.robot import load_chain
 from machopt.verify.arm import Arm
-from machopt.verify.encoder import true_angles
 from machopt.verify.check import Check
+from machopt.verify.encoder import true_angles
 from machopt.verify.program import Allowed, along_motion
 from machopt.verify.programcam import Cuts, against_cam
 from machopt.verify.shift import corners

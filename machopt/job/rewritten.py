@@ -24,7 +24,7 @@ from machopt.formats.programs import ParsedProgram
 from machopt.job.program import posture_of
 from machopt.job.zonelaw import zone_check
 from machopt.model.robot import load_chain
-from machopt.verify.output import Check
+from machopt.verify.check import Check
 
 Array = NDArray[np.float64]
 

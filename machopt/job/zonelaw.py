@@ -11,7 +11,7 @@ from machopt.domain.program import LIN, Controller, RobotProgram
 from machopt.formats.posts.feedmodel import acceleration
 from machopt.formats.posts.rounding import HALF, LEAST, Rounding
 from machopt.formats.programs import ParsedProgram
-from machopt.verify.output import Check
+from machopt.verify.check import Check
 
 STEP = 1.7  # between two preferred numbers: coordinates are printed, so a zone may fall to its neighbour
 BEYOND = 1.2  # of the tolerance, for the same reason
