@@ -140,7 +140,7 @@ def check_programs(
 
 
 def _strays(out: Path, posted: Sequence[Posted]) -> tuple[Compared, ...]:
-    mine = {name for one in posted for name in one.files}
+    mine = {name for one in posted for name in (*one.files, one.label)}  # a user's template lies under its label
     found = []
     for file in sorted(p for p in out.rglob("*") if p.is_file()):
         name = file.relative_to(out).as_posix()
