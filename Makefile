@@ -46,11 +46,16 @@ $(VENV)/.python:
 	$(PYTHON) -m venv $(VENV)
 	@touch $@
 
+# Packages come from the lock files, each by version and hash; benchmarks/lock.sh makes these anew. Then machopt itself.
+PIP  := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+SELF := $(PIP) --no-deps --no-build-isolation
+
 # the development install is editable and serves `run` too, so nothing is installed over it
-$(VENV)/.installed: $(VENV)/.python $(SOURCES)
-	test -e $(VENV)/.installed-dev || $(BIN)/python -m pip install --quiet .
+$(VENV)/.installed: $(VENV)/.python requirements.lock $(SOURCES)
+	test -e $(VENV)/.installed-dev || { $(PIP) --require-hashes -r requirements.lock && $(SELF) .; }
 	@touch $@
 
-$(VENV)/.installed-dev: $(VENV)/.python pyproject.toml
-	$(BIN)/python -m pip install --quiet -e '.[dev,parquet]'
+$(VENV)/.installed-dev: $(VENV)/.python .requirements-test.lock pyproject.toml
+	$(PIP) --require-hashes -r .requirements-test.lock
+	$(SELF) -e .
 	@touch $@

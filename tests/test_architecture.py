@@ -13,7 +13,7 @@ PACKAGE = ROOT / "machopt"
 
 TOP_LEVEL = {
     "pyproject.toml", "machopt", "tests", "cells", "toolpaths", "README.md",
-    "LICENSE", "CHANGELOG.md", "Makefile", "benchmarks",
+    "LICENSE", "CHANGELOG.md", "Makefile", "benchmarks", "requirements.lock",
 }  # fmt: skip
 MADE = {"out", "build", "dist"}  # what commands leave behind; git ignores it
 

@@ -1,0 +1,20 @@
+#!/usr/bin/env bash
+# Make the two lock files anew from pyproject.toml; needs `uv` (pip install uv). Then run the tests, and say in the
+# changelog what moved.
+#   requirements.lock         what `make run` installs         .requirements-test.lock   what `make test` installs
+set -euo pipefail
+cd "$(dirname "$0")/.."
+made=$(mktemp -d)
+trap 'rm -rf "$made"' EXIT
+sed -n 's/^requires = \["\(.*\)"\]$/\1/p' pyproject.toml > "$made/build.in"  # the build tool is pinned too
+
+lock() {  # FILE WHAT OPTIONS…
+  local file=$1 what=$2
+  shift 2
+  uv pip compile --quiet pyproject.toml "$made/build.in" "$@" --universal --python-version 3.11 --generate-hashes \
+    --no-header --no-annotate --no-emit-index-url --output-file "$made/lock"
+  { echo "# $what: versions that were tried together, with hashes. Made by benchmarks/lock.sh"; cat "$made/lock"; } > "$file"
+  rm "$made/lock"
+}
+lock .requirements-test.lock 'What `make test` installs' --extra dev --extra parquet
+lock requirements.lock 'What `make run` installs' --constraint .requirements-test.lock

@@ -1,0 +1,114 @@
+"""Every import is declared, and what ``make run`` installs is pinned to what was tried."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+import tomllib
+from collections.abc import Iterator
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+LOCK, TEST_LOCK = ROOT / "requirements.lock", ROOT / ".requirements-test.lock"
+DISTRIBUTION = {"pinocchio": "pin", "coal": "coal", "eaik": "eaik", "hppfcl": "coal"}
+"""Import name → distribution, of what installs outside the usual folder or need not be there."""
+TOOLS = {"ruff", "mypy", "import-linter", "pytest-xdist"}  # called as commands or loaded by pytest, never imported
+
+
+def name_of(requirement: str) -> str:
+    """Normalised as the index does it."""
+    found = re.match(r"[A-Za-z0-9._-]+", requirement)
+    assert found, requirement
+    return re.sub(r"[-_.]+", "-", found[0]).lower()
+
+
+def declared(*extras: str) -> set[str]:
+    lists = [PROJECT["dependencies"], *(PROJECT["optional-dependencies"][e] for e in extras)]
+    return {name_of(r) for requirements in lists for r in requirements}
+
+
+def imported(folder: str) -> Iterator[tuple[str, str]]:
+    """Top-level packages that the Python files of a folder import, also late or as words, with where."""
+    files = sorted((ROOT / folder).rglob("*.py"))
+    assert files
+    for file in files:
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            names: list[str] = []
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+                names = [node.module]
+            elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+                first = node.args[0] if node.args else None
+                late = node.func.attr in ("importorskip", "import_module")
+                if late and isinstance(first, ast.Constant) and isinstance(first.value, str):
+                    names = [first.value]
+            for name in names:
+                yield name.partition(".")[0], f"{file.relative_to(ROOT)}:{node.lineno}"
+
+
+def own(folder: str) -> set[str]:
+    """Modules beside the importing one: tests and benchmarks import each other."""
+    return {p.stem for p in (ROOT / folder).rglob("*.py")} | {p.name for p in (ROOT / folder).rglob("*") if p.is_dir()}
+
+
+@pytest.mark.parametrize(
+    ("folder", "extras"),
+    [
+        ("machopt", ("parquet",)),
+        ("tests", ("parquet", "dev", "compare")),
+        ("benchmarks", ("parquet", "dev")),
+        ("cells", ()),
+        ("toolpaths", ()),
+    ],
+)
+def test_every_import_is_declared(folder: str, extras: tuple[str, ...]) -> None:
+    known = packages_distributions()
+    mine = {"machopt", "tests", "benchmarks", "cells", "toolpaths"} | own(folder)
+    mine |= own("tests") | own("benchmarks") if folder in ("tests", "benchmarks") else set()
+    lacking = []
+    for name, where in imported(folder):
+        if name in sys.stdlib_module_names or name in mine:
+            continue
+        distributions = {name_of(d) for d in known.get(name, [DISTRIBUTION.get(name, name)])}
+        if not distributions & declared(*extras):
+            lacking.append(f"{where} imports {name}, of {' or '.join(sorted(distributions))}")
+    assert lacking == []
+
+
+def test_nothing_is_declared_that_nobody_imports() -> None:
+    known = packages_distributions()
+    everywhere = {name for folder in ("machopt", "tests", "benchmarks") for name, _ in imported(folder)}
+    used = {name_of(d) for name in everywhere for d in known.get(name, [DISTRIBUTION.get(name, name)])}
+    assert declared("parquet", "dev", "compare") - used - TOOLS == set()
+
+
+def test_every_bound_is_from_a_version_to_none_and_says_which() -> None:
+    """Upper bounds are set where a newer version was tried and failed; the table in benchmarks/README.md says so."""
+    lists = [PROJECT["dependencies"], *PROJECT["optional-dependencies"].values()]
+    for requirement in (r for requirements in lists for r in requirements):
+        assert re.search(r">=\d", requirement), requirement
+
+
+def pins(lock: Path) -> dict[str, str]:
+    text = lock.read_text(encoding="utf-8")
+    return {name_of(n): v for n, v in re.findall(r"^([A-Za-z0-9._-]+)==([^\s;\\]+)", text, re.MULTILINE)}
+
+
+@pytest.mark.parametrize(("lock", "extras"), [(LOCK, ()), (TEST_LOCK, ("parquet", "dev"))])
+def test_a_lock_holds_all_that_is_declared_with_hashes_and_no_place(lock: Path, extras: tuple[str, ...]) -> None:
+    text = lock.read_text(encoding="utf-8")
+    assert declared(*extras) | {"hatchling"} <= set(pins(lock))
+    entries = re.split(r"^(?=[A-Za-z0-9])", text, flags=re.MULTILINE)[1:]
+    assert all("--hash=sha256:" in entry for entry in entries)
+    told = re.sub(r"#.*", "", text)
+    assert not re.search(r"/|^-|--(?!hash=)", told, re.MULTILINE)  # no host, no path, no option of an installer
+
+
+def test_the_job_runs_on_the_versions_that_are_tested() -> None:
+    assert pins(LOCK).items() <= pins(TEST_LOCK).items()
