@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from machopt.batch.find import Found, Job
+from machopt.formats.celltext import as_cell
 from machopt.report.batch_page import BatchData, batch_html
 
 if TYPE_CHECKING:
@@ -146,7 +147,8 @@ def _text(value: object) -> str:
         return ""
     if isinstance(value, float):
         return f"{value:.6g}"
-    return " ".join(str(value).split())
+    text = " ".join(str(value).split())
+    return text if isinstance(value, int) else as_cell(text)
 
 
 def _page(lines: Sequence[Line], result: Mapping[str, object], compared: Comparison | None) -> BatchData:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,8 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     )
     p.add_argument("--toolpath", type=Path, metavar="FILE", help="say what the findings change for this toolpath")
     p.add_argument("--terms", type=Path, action="append", default=[], metavar="FILE.py",
-                   help="laws of your own to try too; may be repeated")  # fmt: skip
+                   help="laws of your own to try too; RUNS the code in FILE.py with your rights, so give only files "
+                   "you trust; may be repeated")  # fmt: skip
     p.add_argument("--max-findings", type=natural, default=3, metavar="N", help="most effects named at once (3)")
     p.add_argument("--accept", action="append", default=[], metavar="CODE",
                    help="take this error of the record as a warning")  # fmt: skip
@@ -53,6 +55,9 @@ def _diagnose(args: argparse.Namespace) -> int:
         terms=tuple(args.terms), max_findings=args.max_findings, accept=tuple(args.accept), seed=args.seed,
         allow_external=args.allow_external,
     )  # fmt: skip
+    if not args.quiet:
+        for file in args.terms:
+            print(f"machopt: --terms runs the code in {file} with your rights", file=sys.stderr)
     with Display(show=not (args.quiet or args.json)) as display:
         done = run_diagnose(request, display.stage)
     if args.json:

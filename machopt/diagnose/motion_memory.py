@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from machopt.diagnose.problem import Array, Ints
-from machopt.model.ik_newton import compiled
+from machopt.model.compiled import compiled
 
 PARTS = 4  # of a sampling interval
 SHARP = 1e-9  # rad

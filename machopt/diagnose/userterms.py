@@ -3,6 +3,9 @@
 A file or entry point (group ``machopt.diagnose``) offers ``hypotheses(readings)``, a function that takes the
 :class:`~machopt.diagnose.readings.Readings` of a load test or of poses and yields
 :class:`~machopt.diagnose.problem.Hypothesis` objects. The README has one in twenty lines.
+
+Either is code: loading it runs it, with all the rights of whoever started machopt. A package offers its laws by being
+installed; a file is run only where ``--terms`` names it.
 """
 
 from __future__ import annotations
@@ -29,7 +32,7 @@ Offer = Callable[[Readings], Iterable[Hypothesis]]
 
 
 def load(files: Sequence[Path]) -> list[tuple[str, Offer]]:
-    """Functions that offer laws, with where they come from.
+    """Functions that offer laws, with where they come from. Runs the code of the files.
 
     Args:
         files: Python files; those of installed packages come first.

@@ -23,6 +23,7 @@ from machopt.formats.opener import YAML, read_text
 from machopt.formats.options import ForceKeys, OptionKeys, WeightKeys
 from machopt.formats.posts import post_names
 from machopt.formats.posts.postfile import ALIASES
+from machopt.formats.source import offsets as work_offsets
 from machopt.formats.yamlstrict import Document, Loc, Strict, nearest, parse_yaml, read_yaml, validate
 
 _MIB = 2**20
@@ -38,6 +39,12 @@ class ReadingKeys(Strict):
     strict: bool | None = None
     tool_axis: Literal["-z", "+z", "-x", "+x", "-y", "+y"] | None = Field(
         default=None, description="direction from tip to shank in the tool frame of robot programs, e.g. -z"
+    )
+    offsets: list[str] | None = Field(
+        default=None, min_length=1, description="work offsets in the first one, mm, e.g. [G55=100,0,0]"
+    )
+    cycle_order: list[Literal["depth", "clear", "retract"]] | None = Field(
+        default=None, min_length=3, max_length=3, description="what the bare numbers of CYCLE/ stand for"
     )
 
 
@@ -116,6 +123,7 @@ def reading_si(keys: ReadingKeys | None) -> dict[str, object]:
     given = {} if keys is None else keys.model_dump(exclude_none=True)
     if "feed_mm_min" in given:
         given["default_feed"] = given.pop("feed_mm_min") / 60e3
+    work_offsets(given.get("offsets", ()))  # refused here, with the list's other faults
     return given
 
 

@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.formats.celltext import as_cell
+
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 DECIMALS = 6
@@ -32,7 +34,7 @@ def write_residuals_csv(
         before, after: (N, D) held-out residuals of the base alone and with the findings; NaN is an empty field.
     """
     labels: list[tuple[str, Sequence[object]]] = [
-        ("row", row.tolist()), ("line", line.tolist()), *([("file", list(file))] if len(file) else []),
+        ("row", row.tolist()), ("line", line.tolist()), *([("file", [as_cell(f) for f in file])] if len(file) else []),
         ("pose", pose.tolist()), ("session", session.tolist()), ("used", used.astype(int).tolist()),
     ]  # fmt: skip
     scale = np.asarray(factors, float)

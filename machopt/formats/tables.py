@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from machopt.domain.toolpath import Move
 from machopt.domain.trajectory import Trajectory
 from machopt.errors import InputError
+from machopt.formats.celltext import as_cell, from_cell
 from machopt.formats.opener import TABLE, read_text
 
 Array = NDArray[np.float64]
@@ -161,7 +162,7 @@ def read_trajectory_csv(path: Path) -> TrajectoryTable:
         row = int(np.flatnonzero(np.diff(time) <= 0)[0]) + 1
         raise InputError(f"time does not rise: {time[row]:g} s after {time[row - 1]:g} s",
                          file=path, where=f"line {rows.lines[row]}, column time_s")  # fmt: skip
-    labels = rows.columns["operation"]
+    labels = tuple(from_cell(cell) for cell in rows.columns["operation"])
     operations = tuple(dict.fromkeys(label for label in labels if label))
     number = {"": -1, **{label: i for i, label in enumerate(operations)}}
     return TrajectoryTable(
@@ -277,7 +278,7 @@ def _time_decimals(time: Array) -> int:
 
 
 def _quoted(text: str) -> str:
-    text = " ".join(text.split())
+    text = as_cell(" ".join(text.split()))
     return '"' + text.replace('"', '""') + '"' if any(c in text for c in ',"') else text
 
 

@@ -7,29 +7,18 @@ does not converge comes back as NaN.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, TypeVar
-
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.model.compiled import compiled
+
 Array = NDArray[np.float64]
-F = TypeVar("F", bound=Callable[..., Any])
 
 CONVERGED = 1e-12  # m and rad: three digits under what solve promises, three above rounding at arm's length
 ACCEPTED = 1e-10  # m and rad: beside a singularity rounding keeps the iteration from CONVERGED
 STEP = 0.5  # rad, the longest Newton step from a rough start
 TRACK_MOVE = 0.35  # rad a joint may turn in one tracking step; beyond it the step is halved
 TRACK_HALVINGS = 7  # the shortest tracking step is 2⁻⁷ of the way between two neighbours
-
-
-def compiled(function: F) -> F:
-    """numba.njit, cached on disk where there is a writable place for it."""
-    try:
-        return numba.njit(cache=True)(function)  # type: ignore[no-any-return]
-    except RuntimeError:  # numba finds no folder it may write to
-        return numba.njit(function)  # type: ignore[no-any-return]
 
 
 @compiled

@@ -21,7 +21,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.model.ik_newton import compiled
+from machopt.model.compiled import compiled
 from machopt.plan.taylor import curve_derivatives, frame_derivatives
 from machopt.se3 import normalise, tool_rotation
 

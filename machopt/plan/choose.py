@@ -11,10 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from machopt.domain.options import PlanOptions
+from machopt.model.compiled import compiled
 from machopt.plan.candidates import Candidates
 from machopt.plan.caps import Capped, trade
 from machopt.plan.path import Path
@@ -166,7 +166,7 @@ def _node_cost(path: Path, candidates: Candidates, scores: Scores, options: Plan
     return np.ascontiguousarray((price + preference(gamma, options)[:, :, None]) * share[:, None, None])
 
 
-@njit(cache=True)
+@compiled
 def _groups(before, q, turns):  # type: ignore[no-untyped-def]  # numba infers
     """The vertices that can be come from, in groups that lie near each other: what a rapid move is bounded by.
 
@@ -201,7 +201,7 @@ def _groups(before, q, turns):  # type: ignore[no-untyped-def]  # numba infers
     return members[:n], group[:G][order], corner[:G][order], cheapest[:G][order]
 
 
-@njit(cache=True)
+@compiled
 def _sequence(node, q, turns, feasible, window, stable, shift, seconds, slowness, price_q, price_r, price_t, limit):  # type: ignore[no-untyped-def]  # numba infers
     """Cheapest sequence; returns (S, 3) rotation, branch, turn (−1 where dropped), its value, and where it stopped.
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.model.ik_newton import compiled
+from machopt.model.compiled import compiled
 
 Array = NDArray[np.float64]
 FEED = 0.999  # of the programmed feed is aimed at

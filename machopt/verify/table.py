@@ -192,9 +192,15 @@ def _columns(file: Path) -> dict[str, list[str]]:
         if len(row) != len(header):
             raise InputError(f"{len(row)} fields, the header has {len(header)}", file=file, where=f"data row {number}")
     return {
-        name: [field.strip() for field in column]
+        name: [_shown(field.strip()) for field in column]
         for name, column in zip(header, zip(*rows[1:], strict=True), strict=True)
     }
+
+
+def _shown(field: str) -> str:
+    """A field without the apostrophe that keeps a spreadsheet from running it."""
+    formula = field.lstrip("'").lstrip(" ").startswith(("=", "+", "-", "@", "＝", "＋", "－", "＠"))
+    return field[1:] if formula and field.startswith("'") else field
 
 
 def _column(columns: dict[str, list[str]], name: str, file: Path) -> list[str]:

@@ -1,0 +1,73 @@
+"""The user's words in CSV cells: nothing that a spreadsheet would run, and every word back as it was."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import pytest
+from batch_stub import CELL, request_for
+from hypothesis import given
+from hypothesis import strategies as st
+
+from machopt.batch.run import run_batch
+from machopt.domain.toolpath import Move
+from machopt.formats.celltext import as_cell, from_cell
+from machopt.formats.tables import read_trajectory_csv, write_trajectory_csv
+from machopt.verify.table import read_columns
+
+BAD = ("=HYPERLINK(1)", "+1", "-1", "@SUM(A1)", "'=1", "''@x", " =1", "＝1+1")
+RUN = tuple("=+-@\t\r＝＋－＠")
+
+
+@given(st.text(alphabet="='+-@ a\t\r＝", max_size=6))
+def test_every_text_comes_back_and_none_is_a_formula(text: str) -> None:
+    assert from_cell(as_cell(text)) == text
+    assert not as_cell(text).lstrip(" ").startswith(RUN)
+
+
+def test_words_and_numbers_that_are_harmless_stay_as_they_are() -> None:
+    for text in ("", "drill 5", "it's", "'quoted'", "Ünique", "5-1"):
+        assert as_cell(text) == text
+
+
+@pytest.mark.parametrize("label", BAD)
+def test_labels_of_operations_survive_the_trajectory_and_both_readers_agree(label: str, tmp_path: Path) -> None:
+    import numpy as np
+
+    from machopt.domain.trajectory import Trajectory
+
+    n = 3
+    t = Trajectory(
+        time=np.arange(n) * 0.012, point=np.arange(n, dtype=float), operation=np.zeros(n, np.int32),
+        move=np.full(n, int(Move.CUT), np.int8), q=np.zeros((n, 6)), external=np.zeros((n, 0)), gamma=np.zeros(n),
+        feed=np.full(n, 0.01),
+    )  # fmt: skip
+    file = tmp_path / "trajectory.csv"
+    write_trajectory_csv(file, t, (label,))
+    want = " ".join(label.split())
+    assert read_trajectory_csv(file).operations == (want,)
+    assert set(read_columns(file)["operation"]) == {want}
+    for row in csv.reader(io.StringIO(file.read_text(encoding="utf-8"))):
+        assert not row[2].startswith(RUN)
+
+
+def test_names_of_files_and_jobs_and_reasons_in_the_summary_of_a_batch(tmp_path: Path) -> None:
+    (tmp_path / "jobs").mkdir()
+    (tmp_path / "jobs" / "=cmd|x.nc").write_text("#raise\n")
+    (tmp_path / "list.yaml").write_text(
+        f"machopt_batch: 1\njobs:\n  - {{cell: {CELL}, toolpath: 'jobs/=cmd|x.nc', name: '@SUM(A1)'}}\n"
+    )
+    run_batch(request_for(tmp_path / "list.yaml", tmp_path / "out", workers=1))
+    run_batch(request_for(tmp_path / "list.yaml", tmp_path / "out2", workers=1, compare=tmp_path / "out"))
+    for file in (
+        tmp_path / "out" / "summary.csv",
+        tmp_path / "out2" / "summary.csv",
+        tmp_path / "out2" / "compare.csv",
+    ):
+        rows = list(csv.DictReader(io.StringIO(file.read_text(encoding="utf-8"))))
+        assert rows, file
+        words = [v for row in rows for k, v in row.items() if k in ("job", "toolpath", "variant", "reason", "cell")]
+        assert any("cmd" in word for word in words)
+        assert not [word for word in words if word.startswith(RUN)]
