@@ -12,8 +12,8 @@ from typing import Any
 
 from machopt.batch.request import Request
 
-OF_THE_CLOCK = {"timing.json", "timings.csv", "timings.js", "log.txt", ".lock"}
-"""Files that say how long something took or where it broke; all others are the same bytes in every run."""
+OF_THE_CLOCK = {"timing.json", "timings.csv", "timings.js", "log.txt", ".lock", "manifest.json"}
+"""Files that say how long something took or where it broke, and their hashes; all others are the same in every run."""
 
 CELL = Path(__file__).resolve().parents[1] / "cells" / "s420f_handling"
 

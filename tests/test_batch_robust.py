@@ -228,6 +228,25 @@ def test_a_job_that_the_disk_did_not_take_is_tried_again(tmp_path: Path, monkeyp
     assert (found["exit_code"], found["verdict"]) == (1, task.NOT_WRITTEN)  # 1 is tried again, 2 is an answer
 
 
+def test_the_manifest_of_a_batch_holds_its_summary_and_is_gone_while_it_runs(tmp_path: Path) -> None:
+    from machopt.output.manifest import differences, read_manifest
+
+    jobs = folder_of(tmp_path, a="sleep 0", broken="raise")
+    out = tmp_path / "out"
+    seen: list[bool] = []
+    request = request_for(jobs, out, workers=1)
+    for _ in range(2):
+        assert run_batch(request, lambda _: seen.append((out / "manifest.json").exists())).exit_code == 1
+    assert not any(seen)
+    manifest, sealed = read_manifest(out)
+    assert (manifest.command, manifest.exit_code, sealed) == ("batch", 1, True)
+    assert {Path(f.name).name for f in manifest.inputs} >= {"a.nc", "broken.nc", "cell.yaml"}
+    assert not [d for d in differences(out, manifest) if d.what != "is not in the manifest"]
+    (out / "summary.csv").write_text("nothing went wrong\n")
+    changed = [d.name for d in differences(out, manifest) if d.what != "is not in the manifest"]
+    assert changed == ["summary.csv"]
+
+
 def test_a_result_that_was_edited_is_made_again(tmp_path: Path) -> None:
     """As far as it has a manifest; the jobs here have none, so one is written for them."""
     from machopt.domain.manifest import Manifest

@@ -9,6 +9,7 @@ and bound over a cap on it (:mod:`machopt.plan.caps`), and what the best sequenc
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -167,7 +168,7 @@ def _node_cost(path: Path, candidates: Candidates, scores: Scores, options: Plan
 
 
 @compiled
-def _groups(before, q, turns):  # type: ignore[no-untyped-def]  # numba infers
+def _groups(before: Array, q: Array, turns: Array) -> Any:  # numba infers
     """The vertices that can be come from, in groups that lie near each other: what a rapid move is bounded by.
 
     Returns (K,) the vertices, (G, 2) where each group begins and ends in them, (G, 2, 6) rad its corners in joint space
@@ -202,7 +203,10 @@ def _groups(before, q, turns):  # type: ignore[no-untyped-def]  # numba infers
 
 
 @compiled
-def _sequence(node, q, turns, feasible, window, stable, shift, seconds, slowness, price_q, price_r, price_t, limit):  # type: ignore[no-untyped-def]  # numba infers
+def _sequence(
+    node: Any, q: Any, turns: Any, feasible: Any, window: Any, stable: Any, shift: Any, seconds: Any, slowness: Any,
+    price_q: Any, price_r: Any, price_t: Any, limit: float,
+) -> Any:  # numba infers  # fmt: skip
     """Cheapest sequence; returns (S, 3) rotation, branch, turn (−1 where dropped), its value, and where it stopped.
 
     ``stop`` ≥ 0 is the first station inside a run that no vertex of the station before reaches continuously. With a
