@@ -174,6 +174,9 @@ def fanuc(text: str) -> Path3:
             r = rot("Z", v["R"]) @ rot("Y", v["P"]) @ rot("X", v["W"])
             places[int(m[1])] = np.array([v[k] for k in "XYZ"]), r
     via: Frame | None = None
+    body = re.sub(
+        r"(C\s+P\[\d+\])[ \t]*\n\s*:", r"\1 ;\n :", body
+    )  # the second point of a C stands on a line of its own
     for number, raw in enumerate(body.splitlines(), 1):
         m = re.match(r"\s*\d*\s*:\s*([JLC])?\s*P\[(\d+)[^\]]*\]\s*(.*?);", raw)
         if not m:

@@ -14,6 +14,8 @@ def reader_for(file: Path, text: str) -> Path3:
     end, head = file.suffix.lower(), text[:20000].upper()
     if end in (".p21", ".stp") or "ISO-10303" in head:
         raise NotReadError("STEP-NC holds features, no points")
+    if end == ".script":
+        return robots.urscript(text)
     if re.search(r"^\s*MODULE\s|^\s*MODULE\s*\w+\(", head, re.M) or end in (".mod", ".prg"):
         return robots.rapid(text)
     if end in (".src", ".dat") or head.lstrip().startswith(("DEF ", "&ACCESS")):
@@ -22,8 +24,6 @@ def reader_for(file: Path, text: str) -> Path3:
         return robots.fanuc(text)
     if head.lstrip().startswith("/JOB"):
         return robots.jbi(text)
-    if end == ".script":
-        return robots.urscript(text)
     if re.search(r"BEGIN PGM", head):
         return heidenhain.read(text)
     if re.search(r"^%\s*\d+\s+G7[01]", head, re.M):

@@ -42,7 +42,9 @@ from machopt.formats.source import UNIT_NAMES, ReadOptions, Source
 from machopt.formats.unknowns import fill_unknown
 
 _SIEMENS = re.compile(
-    r"\b(?:TRAORI|TRAFOOF|MCALL|CYCLE\d+|MSG|SUPA|DEF\s+REAL|CR\s*=|R\d+\s*=|A3\s*=|GOTO[BF])"
+    r"\b(?:TRAORI|TRAFOOF|MCALL|CYCLE\d+|MSG|SUPA|DEF\s+REAL|CR\s*=|R\d+\s*=|A3\s*=|GOTO[BF]|"
+    r"(?:TURN|AR|RND|CHF|CHR)\s*=|A?(?:TRANS|ROT|MIRROR|SCALE)\b|CIP\b|HOLES[12]\b)"
+    r"|=\s*(?:AC|IC|DC|ACP|ACN)\b"
     r"|^\s*%_N_\w+_[MS]PF",
     re.IGNORECASE | re.MULTILINE,
 )
