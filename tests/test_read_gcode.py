@@ -204,7 +204,7 @@ def test_heidenhain_circles_pole_and_drilling(tmp_path: Path) -> None:
         ("G21\nG0 X0 Y0 Z0\nG1 X1.5.2 F5\n", "line 3: found 'X1.5.2 F5'"),
         ("G21\nG0 X0 Y0 Z0\nG1 F5 XY10\n", "line 3: found 'XY10'"),
         ('G71 G90\nMSG("A")\nG0 X0 Y0 Z0\nL140(1)\nG1 X1 F5\n', "line 4: L140"),
-        ("G21\nG0 X0 Y0 Z0\nG51 X2\nG1 X1 F5\n", "line 3: G51 scales"),
+        ("G21\nG0 X0 Y0 Z0\nG51 X2\nG1 X1 F5\n", "line 3: G51 without a factor"),
         ("G21\nG0 X0 Y0 Z0\nG68.2 P2 X0\nG1 X1 F5\n", "line 3: G68.2 P2"),
         ("G21\nG0 X0 Y0 Z0\nG68.2 X0 Y0 Z0 I0 J30 K0\nG1 X1 F5\n", "line 4: cuts in a tilted plane before"),
         ("G21\nG0 X0 Y0 Z9\nG18 G81 X1 Z-3 R1 F5\n", "line 3: G81 outside of G17"),
@@ -217,9 +217,9 @@ def test_heidenhain_circles_pole_and_drilling(tmp_path: Path) -> None:
         ("G21\nG0 X0 Y0 Z0\nG1 X9 F5\nG2 X0 Y10 I3 J0\n", "line 4: start and end"),
         ("G21\nG0 X0 Y0 Z0\nG1 X9 F5\nG2 X0 Y10 R2\n", "line 4: radius"),
         ("G21\nG0 X0 Y0 Z9\nG81 X1 Z-3 F5\n", "line 3: G81 without R"),
-        ("G21\nG0 X0 Y0 Z9\nG123 X1\nG1 X1 F5\n", "line 3: G123 is not known"),
+        ("G21\nG0 X0 Y0 Z9\nG223 X1\nG1 X1 F5\n", "line 3: G223 is not known"),
         ("G21\nG0 X0 Y0 Z0\nG0 X5\n", "no cutting move"),
-        ("G21\nG0 X0 Y0 Z0\nG1 X9999999 F5\n", "line 3: coordinate"),
+        ("G21\nG0 X0 Y0 Z0\nG1 X9999999. F5\n", "line 3: coordinate"),
         ("ISO-10303-21;\nHEADER;\n", "STEP"),
         ("hello\nworld\n", "not recognised"),
         ("BEGIN PGM A MM\nL X0 Y0 Z0 FMAX\nCALL LBL 3\nEND PGM A MM\n", "line 3: label 3 is not in this file"),
@@ -238,7 +238,7 @@ def test_binary_is_refused(tmp_path: Path) -> None:
     file.write_bytes(b"\x1f\x8b\x08\x00abc")
     with pytest.raises(InputError, match="gzip"):
         read_toolpath(file)
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="no such file"):
         read_toolpath(tmp_path / "absent.nc")
 
 

@@ -244,7 +244,7 @@ def test_a_second_work_offset_needs_its_place(tmp_path: Path) -> None:
     t = read(tmp_path, text, offsets=("G55=100,20,-3",))
     assert mm(t)[-1].tolist() == [101.0, 21.0, -3.0]
     assert t.meta["work_offset"] == "G54"
-    assert offsets(["g54.1 p2 = 1,2,3"]) == (("G54.1 P2", (1.0, 2.0, 3.0)),)
+    assert offsets(["g54.1 p2 = 1,2,3"]) == (("G54.1P2", (1.0, 2.0, 3.0)),)
     with pytest.raises(InputError, match="--offset"):
         read(tmp_path, text, offsets=("G55",))
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from machopt.cli.display import finite
+from machopt.cli.readingoptions import reading, reading_parser
 
 Commands = Any  # argparse keeps its subparsers' type private
 
@@ -16,7 +17,9 @@ Commands = Any  # argparse keeps its subparsers' type private
 def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     """Add the command to the parser."""
     job = commands.add_parser(
-        "batch", parents=[common], help="many cells × toolpaths × options, each job in a process of its own, resumable"
+        "batch",
+        parents=[common, reading_parser()],
+        help="many cells × toolpaths × options, each job in a process of its own, resumable",
     )
     job.add_argument(
         "toolpaths", nargs="+", metavar="JOBS",
@@ -30,14 +33,6 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     job.add_argument("--memory-limit-mib", type=float, metavar="MIB", help="memory a job may use (an even share)")
     job.add_argument("--keep-failed", action="store_true", help="do not try crashed and oversized jobs again")
     job.add_argument("--compare", type=Path, metavar="OTHER_OUT", help="also say what differs from another batch")
-    job.add_argument("--unit", choices=("mm", "inch"), help="length unit of files that do not say")
-    job.add_argument("--machine", help="kinematics behind rotary axes in G-code, e.g. table-ac, head-bc")
-    job.add_argument("--feed", type=float, metavar="MM_MIN", help="feed of cutting moves in files that have none")
-    job.add_argument(
-        "--tool-axis", metavar="AXIS", default="-z",
-        help="direction from tip to shank in the tool frame of robot programs and pose tables (-z)",
-    )  # fmt: skip
-    job.add_argument("--strict", action="store_true", help="refuse words that are not understood")
     job.add_argument(
         "--post", action="append", default=[], metavar="POST",
         help="robot program of every job: krl, rapid, fanuc, urscript, … or a template file; may be repeated "
@@ -57,7 +52,6 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
 def _batch(args: argparse.Namespace) -> int:
     from machopt.batch.request import Request
     from machopt.batch.run import run_batch
-    from machopt.cli.toolpaths import reading
 
     overrides = [*args.set, *([] if args.seed is None else [f"seed={args.seed}"])]
     request = Request(

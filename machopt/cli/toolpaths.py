@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from machopt.cli.display import Display, finite, natural, positive, tree
+from machopt.cli.readingoptions import reading, reading_parser
 from machopt.domain.manifest import with_scope
 from machopt.errors import InputError, VerificationError
 
@@ -21,16 +22,6 @@ Commands = Any  # argparse keeps its subparsers' type private
 
 def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     """Add the commands to the parser."""
-    reading = argparse.ArgumentParser(add_help=False)
-    reading.add_argument("--unit", choices=("mm", "inch"), help="length unit of a file that does not say")
-    reading.add_argument("--machine", help="kinematics behind rotary axes in G-code, e.g. table-ac, head-bc")
-    reading.add_argument("--feed", type=float, metavar="MM_MIN", help="feed of cutting moves in a file that has none")
-    reading.add_argument(
-        "--tool-axis", metavar="AXIS",
-        help="direction from tip to shank in the tool frame of robot programs and pose tables: -z (default), "
-        "--tool-axis=+z where the frame's z points into the spindle",
-    )  # fmt: skip
-    reading.add_argument("--strict", action="store_true", help="refuse words that are not understood")
     planning = argparse.ArgumentParser(add_help=False)
     planning.add_argument("--plan", type=Path, metavar="FILE", help="planning options as YAML")
     planning.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a planning option")
@@ -38,7 +29,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
 
     job = commands.add_parser(
         "optimize",
-        parents=[common, reading, planning],
+        parents=[common, reading_parser(), planning],
         help="the main job: the stiffest smooth trajectory for a toolpath",
     )
     job.add_argument("cell", type=Path, help="cell folder or its cell.yaml")
@@ -71,7 +62,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
 
     look = commands.add_parser(
         "inspect",
-        parents=[common, reading],
+        parents=[common, reading_parser()],
         help="what a CAM file holds: points, operations, feeds, words not understood",
     )
     look.add_argument("file", type=Path)
@@ -81,7 +72,9 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     look.set_defaults(run=_inspect)
 
     check = commands.add_parser(
-        "verify", parents=[common, reading, planning], help="re-check an exported trajectory with independent code"
+        "verify",
+        parents=[common, reading_parser(), planning],
+        help="re-check an exported trajectory with independent code",
     )
     check.add_argument("cell", type=Path)
     check.add_argument("toolpath", type=Path)
@@ -123,16 +116,6 @@ def _optimize(args: argparse.Namespace) -> int:
     elif outcome.exit_code == VerificationError.exit_code:
         print(f"machopt: verification failed: {_failed(outcome.result)}", file=sys.stderr)
     return outcome.exit_code
-
-
-def reading(args: argparse.Namespace) -> dict[str, Any]:
-    """Options of the toolpath readers that were given, in SI."""
-    if args.feed is not None and not args.feed > 0:
-        raise InputError(f"a feed of {args.feed:g} mm/min; more than zero would work", where="--feed")
-    feed = None if args.feed is None else args.feed / 60e3
-    given = {"unit": args.unit, "machine": args.machine, "strict": args.strict or None, "default_feed": feed,
-             "tool_axis": getattr(args, "tool_axis", None)}  # fmt: skip
-    return {key: value for key, value in given.items() if value is not None}
 
 
 def _inspect(args: argparse.Namespace) -> int:

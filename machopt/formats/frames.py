@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -43,7 +44,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Transfer:
-    """Points of a later system in the first one: p₁ = R p + t (mm)."""
+    """Points of a later system in the first one: p₁ = R p + t (mm); R is a rotation, or one mirrored or scaled too."""
 
     R: Array
     t: Array
@@ -66,8 +67,21 @@ class Transfer:
         """``outer`` applied after this one."""
         return Transfer(outer.R @ self.R, outer.R @ self.t + outer.t)
 
+    @classmethod
+    def factors(cls, x: float, y: float, z: float, about: Vector = (0.0, 0.0, 0.0)) -> Transfer:
+        """Scales (or, below zero, mirrors) along X, Y and Z about a point: p₁ = c + S (p − c)."""
+        S, c = np.diag([x, y, z]), np.array(about)
+        return cls(S, c - S @ c)
+
+    @cached_property
+    def rigid(self) -> bool:
+        """Neither scaled nor mirrored."""
+        return bool(np.abs(self.R.T @ self.R - np.eye(3)).max() < SAME) and float(np.linalg.det(self.R)) > 0.0
+
     def inverse(self) -> Transfer:
-        return Transfer(self.R.T, -self.R.T @ self.t)
+        orthonormal = np.abs(self.R.T @ self.R - np.eye(3)).max() < SAME
+        back = np.asarray(self.R.T if orthonormal else np.linalg.inv(self.R), dtype=np.float64)
+        return Transfer(back, -back @ self.t)
 
     @property
     def only_shifts(self) -> bool:
@@ -90,7 +104,8 @@ class Transfer:
         return np.asarray(p @ self.R.T + self.t)
 
     def direction(self, d: Vector) -> Vector:
-        x, y, z = (self.R @ np.array(d)).tolist()
+        turned = self.R @ np.array(d)
+        x, y, z = turned.tolist() if self.rigid else (turned * np.linalg.norm(d) / np.linalg.norm(turned)).tolist()
         return x, y, z
 
 

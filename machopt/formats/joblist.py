@@ -46,6 +46,8 @@ class ReadingKeys(Strict):
     cycle_order: list[Literal["depth", "clear", "retract"]] | None = Field(
         default=None, min_length=3, max_length=3, description="what the bare numbers of CYCLE/ stand for"
     )
+    decimals: int | None = Field(default=None, ge=0, le=6, description="places of G-code numbers without a point")
+    max_extent_mm: float | None = Field(default=None, gt=0, description="longest path that is believed")
 
 
 class CommonKeys(Strict):
@@ -124,6 +126,8 @@ def reading_si(keys: ReadingKeys | None) -> dict[str, object]:
     if "feed_mm_min" in given:
         given["default_feed"] = given.pop("feed_mm_min") / 60e3
     work_offsets(given.get("offsets", ()))  # refused here, with the list's other faults
+    if "max_extent_mm" in given:
+        given["max_extent"] = given.pop("max_extent_mm") * 1e-3
     return given
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from machopt.domain.toolpath import Array, Event, IgnoredWord, Move, Operation, Toolpath
 from machopt.formats.arcs import RADIUS_FAULT, RADIUS_WARN, Arc, ArcError
-from machopt.formats.pathchecks import ArcSpan, arc_directions, check_numbers, with_kinds
+from machopt.formats.pathchecks import ArcSpan, arc_directions, check_extent, check_numbers, with_kinds
 from machopt.formats.source import ReadOptions, Source
 
 MAX_EVENT_TEXT = 200
@@ -118,6 +118,24 @@ class PathBuilder:
         self._codes.extend((move, len(self._operations) - 1, line, 0) * len(points))
         self._arcs.append(ArcSpan(first, len(self) - 1, line))
 
+    def replace_points(self, first: int, points: Array) -> None:
+        """Let the points from index ``first`` on be (N, 3) others (mm), with the axis, feed and line of the first.
+
+        Events after the last point stay there; arcs of the replaced points are one arc where N > 1.
+        """
+        old, row, codes = len(self), self._numbers[7 * first : 7 * first + 7], self._codes[4 * first : 4 * first + 4]
+        arcs = [a for a in self._arcs if a.first >= first]
+        del self._numbers[7 * first :], self._codes[4 * first :]
+        if arcs:
+            self._arcs[-len(arcs) :] = [ArcSpan(first, first + len(points) - 1, arcs[0].line)]
+        for p in points.tolist():
+            self._numbers.extend((*p, *row[3:]))
+            self._codes.extend(codes)
+        if len(self) != old:
+            for k, e in enumerate(self._events):
+                if e.index >= old:
+                    self._events[k] = Event(len(self), e.kind, e.text, e.value)
+
     def feed_fallback(self, feed: float, line: int) -> float:
         """The feed of a cut that has none of its own (mm/min).
 
@@ -198,6 +216,7 @@ class PathBuilder:
         codes = np.frombuffer(self._codes, dtype=np.int32).reshape(-1, 4)
         line = codes[:, 2].copy()
         check_numbers(self.source, table, line)
+        check_extent(self.source, table[:, :3], line, self.options.max_extent * 1e3)
         move = codes[:, 0].astype(np.int8)
         if not (move == Move.CUT).any():
             raise self.source.error(

@@ -54,13 +54,35 @@ def check_numbers(source: Source, table: Array, line: NDArray[np.int32]) -> None
     if far.any():
         at = int(np.argmax(far))
         raise source.error(
-            f"coordinate {np.abs(table[at, :3]).max():g} mm; expected less than {MAX_COORDINATE_MM:g} mm", int(line[at])
+            f"coordinate {np.abs(table[at, :3]).max():g} mm; expected less than {MAX_COORDINATE_MM:g} mm. "
+            "If its numbers have implied decimals give --decimals N, if the file says no unit give --unit",
+            int(line[at]),
         )
     feed = table[:, 6]
     wild = np.isinf(feed) | (feed > MAX_FEED_MM_MIN)
     if wild.any():
         at = int(np.argmax(wild))
         raise source.error(f"a feed of {feed[at]:g} mm/min; expected a finite, sane number", int(line[at]))
+
+
+def check_extent(source: Source, p: Array, line: NDArray[np.int32], limit: float) -> None:
+    """The path is no longer along X, Y or Z than ``limit`` (mm); (N, 3) points in mm.
+
+    Raises:
+        InputError: it is: a slip of units or of implied decimals, or a very large part, which is for the user to say.
+    """
+    low, high = p.min(axis=0), p.max(axis=0)
+    k = int(np.argmax(high - low))
+    if not high[k] - low[k] > limit:
+        return
+    middle = 0.5 * (low[k] + high[k])
+    at = int(np.argmax(np.abs(p[:, k] - middle)))
+    raise source.error(
+        f"the path is {(high[k] - low[k]) * 1e-3:.4g} m long in {'XYZ'[k]} ({low[k]:g} … {high[k]:g} mm); expected "
+        f"less than {limit * 1e-3:g} m. If its numbers have implied decimals give --decimals N, if the file says no "
+        "unit give the right one with --unit, and if the part is that large give --max-extent MM",
+        int(line[at]),
+    )
 
 
 def with_kinds(

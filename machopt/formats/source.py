@@ -21,14 +21,18 @@ TOOL_AXES = {"-z": (2, -1.0), "+z": (2, 1.0), "-x": (0, -1.0), "+x": (0, 1.0), "
 
 
 Offset = tuple[float, float, float]
-_OFFSET = re.compile(r"\s*(G\d+(?:\.\d)?(?:\s*P\s*\d+)?)\s*=(.*)", re.IGNORECASE)
+_OFFSET = re.compile(r"\s*(G\d+(?:\.\d)?(?:\s*[PH]\s*\d+)?|PRESET\s*\d+)\s*=(.*)", re.IGNORECASE)
+MAX_EXTENT = 50.0  # m: longer than any machining cell; a path beyond it is a slip of units or decimals
+MOST_DECIMALS = 6
 
 
 def offsets(texts: Sequence[str]) -> tuple[tuple[str, Offset], ...]:
     """Options such as ``G55=100,0,0``: where a work offset's origin lies in the first offset of the program, in mm.
 
+    Args:
+        texts: names as the messages print them (``G55``, ``G54.1P2``, ``G505``, ``preset2``), with three numbers.
     Raises:
-        InputError: the text is not of that form.
+        InputError: a text is not of that form, or an offset is named twice.
     """
     found: list[tuple[str, Offset]] = []
     for text in texts:
@@ -38,9 +42,17 @@ def offsets(texts: Sequence[str]) -> tuple[tuple[str, Offset], ...]:
         except ValueError:
             values = []
         if parts is None or len(values) != 3 or not all(map(math.isfinite, values)):
-            raise InputError(f"{text!r}: expected e.g. G55=100,0,0 (mm)", where="--offset")
-        found.append((" ".join(parts.group(1).upper().replace("P", " P").split()), (values[0], values[1], values[2])))
+            raise InputError(f"{text!r}: expected e.g. G55=100,0,0, G54.1P2=… or preset2=… (mm)", where="--offset")
+        name = offset_key(parts.group(1))
+        if any(name == one for one, _ in found):
+            raise InputError(f"{text!r}: {name} is given twice; keep one", where="--offset")
+        found.append((name, (values[0], values[1], values[2])))
     return tuple(found)
+
+
+def offset_key(name: str) -> str:
+    """One spelling of an offset's name: without blanks, in upper case."""
+    return "".join(name.upper().split())
 
 
 @dataclass(frozen=True)
@@ -55,6 +67,8 @@ class ReadOptions:
     offsets: tuple[tuple[str, Offset], ...] = ()  # (work offset, its origin in the first one used, mm)
     cycle_order: tuple[str, ...] = ("depth", "clear", "retract")  # what numbers without a word in CYCLE/ stand for
     tool_axis: str = "-z"  # one of TOOL_AXES
+    decimals: int | None = None  # places of G-code numbers without a point; 0: they stand as they are; None: not said
+    max_extent: float = MAX_EXTENT  # m, along one axis
 
     def __post_init__(self) -> None:
         if self.unit is not None and self.unit not in UNIT_NAMES:
@@ -71,8 +85,12 @@ class ReadOptions:
         if strange or len(set(self.cycle_order)) != len(self.cycle_order):
             raise InputError(
                 f"found {','.join(self.cycle_order)!r}; expected some of {', '.join(CYCLE_QUANTITIES)} in their order",
-                where="--cycle",
+                where="--cycle-order",
             )
+        if self.decimals is not None and not 0 <= self.decimals <= MOST_DECIMALS:
+            raise InputError(f"found {self.decimals}; expected 0 to {MOST_DECIMALS} decimals", where="--decimals")
+        if not (math.isfinite(self.max_extent) and self.max_extent > 0.0):
+            raise InputError(f"the extent must be positive, found {self.max_extent} m", where="--max-extent")
 
 
 @dataclass(frozen=True)

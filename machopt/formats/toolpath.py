@@ -19,7 +19,7 @@ from machopt.formats.cam.heidenhain.iso import HEADER, read_heidenhain_iso
 from machopt.formats.cam.heidenhain.reader import read_heidenhain
 from machopt.formats.cam.nci import NCI, read_nci
 from machopt.formats.pointtable import looks_like_table, read_csv, read_parquet
-from machopt.formats.source import ReadOptions, Source, decode, read_bytes
+from machopt.formats.source import MAX_EXTENT, ReadOptions, Source, decode, read_bytes
 from machopt.formats.source import offsets as work_offsets
 
 if TYPE_CHECKING:
@@ -61,6 +61,8 @@ def read_toolpath(
     offsets: Sequence[str] = (),
     cycle_order: Sequence[str] = ("depth", "clear", "retract"),
     tool_axis: str = "-z",
+    decimals: int | None = None,
+    max_extent: float = MAX_EXTENT,
     robot: KnownRobot | None = None,
 ) -> Toolpath:
     """Read a CAM export or a point table.
@@ -78,6 +80,9 @@ def read_toolpath(
             tables: ``-z`` where the frame's z points out of the tool.
         robot: places of joint targets in robot programs.
         offsets: where further work offsets lie in the first one, such as ``("G55=100,0,0",)`` (mm).
+        decimals: G-code numbers without a decimal point count this decimal (3: ``X1500`` is 1.5); 0: as they stand;
+            None: a file in which that matters is refused.
+        max_extent: m, the longest path along one axis that is believed.
     Returns:
         The toolpath in SI units, in the coordinate system the file is written in (``workpiece``).
     Raises:
@@ -85,7 +90,7 @@ def read_toolpath(
     """
     path = Path(path)
     options = ReadOptions(unit, strict, arc_tolerance, machine, default_feed, work_offsets(offsets), tuple(cycle_order),
-                          tool_axis)  # fmt: skip
+                          tool_axis, decimals, max_extent)  # fmt: skip
     data = read_bytes(path)
     if data[:4] == b"PAR1":
         return read_parquet(path, data, options)

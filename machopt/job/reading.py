@@ -15,7 +15,9 @@ _FEED, _PER_MINUTE = "feed_mm_min", 60e3
 def reading_as_user(reading: Mapping[str, Any]) -> dict[str, object]:
     """Keywords of ``read_toolpath`` that were given, the feed in mm/min."""
     out: dict[str, Any] = {
-        k: list(v) if isinstance(v, tuple) else v for k, v in reading.items() if v not in (None, False, (), [])
+        k: list(v) if isinstance(v, tuple) else v
+        for k, v in reading.items()
+        if v is not None and v is not False and v not in ((), [])  # 0 decimals are said, not left out
     }
     feed = out.pop("default_feed", None)
     return out if feed is None else {**out, _FEED: float(f"{feed * _PER_MINUTE:.12g}")}
@@ -36,7 +38,11 @@ def reading_from_user(user: Mapping[str, Any]) -> dict[str, Any]:
             raise InputError(f"found {key!r}; known are {', '.join(sorted(known))}", where="reading")
         number = isinstance(value, int | float) and not isinstance(value, bool)
         words = isinstance(value, list) and all(isinstance(v, str) for v in value)
-        if not (number if key.endswith(("_feed", "_mm_min", "_tolerance")) else isinstance(value, str | bool) or words):
+        if not (
+            number
+            if key.endswith(("_feed", "_mm_min", "_tolerance", "decimals", "max_extent"))
+            else isinstance(value, str | bool) or words
+        ):
             raise InputError(f"found {value!r}", where=f"reading.{key}")
     out: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in user.items()}
     feed = out.pop(_FEED, None)

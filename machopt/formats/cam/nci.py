@@ -15,16 +15,13 @@ import numpy as np
 
 from machopt.domain.toolpath import Array, Move, Toolpath
 from machopt.formats.arcs import ArcError, arc
+from machopt.formats.cam import reviewed
 from machopt.formats.frames import Frame, FrameError, Transfer
 from machopt.formats.pathbuilder import PathBuilder, Vector, check_radius
 from machopt.formats.source import UNIT_NAMES, ReadOptions, Source
 
 NCI = re.compile(r"\A\s*\d{1,5}\s*\n.*\n\s*\d{1,5}\s*\n(?:.*\n)*?\s*(?:1002|1001|1000|1011|1012|1013|1014|1050)\s*\n")
 _COMMENTS = {1005, 1006, 1007, 1008, 1025, 1026}
-_NO_EFFECT = {
-    1009, 1010, 1011, 1012, 1013, 1015, 1016, 1017, 1018, 1019, 1020, 1021, 1022, 1023, 1024, 1027, 1028, 1040, 1050,
-    1051, 1052, 1053, 1054, 1055, 950, 951, 952, 953, 960, 970, 999,
-}  # fmt: skip
 _DRILLING = range(81, 201)
 _ARC_LAYOUTS = {  # places of (plane, end, centre, feed)
     "cc plane end centre": (1, 2, 5, 8),
@@ -138,7 +135,7 @@ class _Reader:
                 r.line,
             )
         else:
-            known = r.code in _NO_EFFECT or r.code >= 10_000
+            known = r.code in reviewed.NCI or r.code >= 10_000
             self.out.ignore("parameters (10000 …)" if r.code >= 10_000 else str(r.code), r.line, understood=known)
 
     # ---- motion

@@ -37,7 +37,9 @@ class MotionReader:
         self.remarks = ""  # the last PPRINT
         self.shifts: dict[str, list[float]] = {}  # TRANS, ORIGIN
         self.first_frame: Frame | None = None
-        self.transfer: Transfer | None = None
+        self.transfer: Transfer | None = None  # printed points in the first system
+        self.of_frame: Transfer | None = None  # its part by MSYS, CSYS or a CATIA matrix
+        self.placement: dict[str, Transfer] = {}  # its parts by SCALE and TRANS
         self.world = False  # points are in one system whatever CSYS says
         self.catia_rows: list[list[float]] | None = None
         self.tool, self.tool_text, self.count = "", "", 0
@@ -211,14 +213,33 @@ class MotionReader:
         if self.first_frame is None or (not len(self.out) and self.transfer is None):
             self.first_frame = frame
             return
-        before = self.transfer
-        self.transfer = None if frame.same_as(self.first_frame) else Transfer.between(self.first_frame, frame)
-        if self.transfer is not None:
+        self.of_frame = None if frame.same_as(self.first_frame) else Transfer.between(self.first_frame, frame)
+        if self.of_frame is not None:
             self.out.warn_once(
                 "the coordinate system changes: points from here on are brought into the first one", line
             )
-        if self.transfer is not before:
+        self.place()
+
+    def change_placement(self, one: Transfer, name: str) -> None:
+        """TRANS and SCALE: points are scaled, then shifted, in the present coordinate system."""
+        self.placement.pop(name, None)
+        if not one.nothing:
+            self.placement[name] = one
+        self.place()
+
+    def place(self) -> None:
+        """What brings printed points into the first system; the tool's place in the new one is not known."""
+        before, found = self.transfer, None
+        for one in (self.placement.get("SCALE"), self.placement.get("TRANS"), self.of_frame):
+            if one is not None:
+                found = one if found is None else found.then(one)
+        self.transfer = None if found is None or found.nothing else found
+        if self.transfer is not None or before is not None:
+            here = self.position
             self.position = None
+            if here is not None and self.of_frame is None:
+                back = before.point(here) if before is not None else here
+                self.position = back if self.transfer is None else self.transfer.inverse().point(back)
 
     def check_rotation(self, line: int) -> None:
         """CLT: coordinates are those of the turned table; one position only can be ``workpiece``."""

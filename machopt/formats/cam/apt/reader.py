@@ -13,12 +13,13 @@ from collections.abc import Callable
 import numpy as np
 
 from machopt.domain.toolpath import Toolpath
+from machopt.formats.cam import reviewed
 from machopt.formats.cam.apt.cycles import FEED_UNITS, HsmCycle, hole_cycle, parse_cycle
 from machopt.formats.cam.apt.dialect import Dialect, unit_of
 from machopt.formats.cam.apt.fast import plain_gotos, takes_plain_gotos
-from machopt.formats.cam.apt.motion import MotionReader
+from machopt.formats.cam.apt.systems import SystemReader
 from machopt.formats.cam.apt.tokens import COMMENT, fields, number, numbers, numbers_or_none, statement_at
-from machopt.formats.cam.apt.words import NO_EFFECT, REFUSED
+from machopt.formats.cam.apt.words import REFUSED
 from machopt.formats.frames import Frame, FrameError
 from machopt.formats.holecycle import CycleError
 from machopt.formats.source import ReadOptions, Source
@@ -37,7 +38,7 @@ def read_apt(source: Source, options: ReadOptions) -> Toolpath:
     return _Reader(source, options).run()
 
 
-class _Reader(MotionReader):
+class _Reader(SystemReader):
     """Carries out the statements one by one."""
 
     def run(self) -> Toolpath:
@@ -50,7 +51,8 @@ class _Reader(MotionReader):
             "TLAXIS": self.tool_axis, "DELAY": self.delay, "STOP": self.stop, "OPSTOP": self.stop,
             "SET": self.set_mode, "TOOLNO": self.tool_number, "PPRINT": self.remark, "MSG": self.remark,
             "ROTABL": self.rotate_table, "UNITS": self.units, "MODE": self.mode, "MULTAX": self.multi_axis,
-            "CUTTER": self.cutter, "TRANS": self.machine_shift, "ORIGIN": self.machine_shift,
+            "CUTTER": self.cutter, "TRANS": self.shift, "SCALE": self.enlarge, "ORIGIN": self.origin,
+            "TRACUT": self.coordinate_word, "COPY": self.coordinate_word, "MIRROR": self.coordinate_word,
             "CIRCLE": self.circle, "MOVARC": self.circle, "INDIRV": self.circle, "TLON": self.drive,
             "NURBS": self.spline, "KNOT": self.spline, "CNTRL": self.spline,
         }  # fmt: skip
@@ -109,7 +111,7 @@ class _Reader(MotionReader):
         value = next((v for p in parts if (v := number(p)) is not None), None)
         strange = [p for p in parts if p and p not in FEED_UNITS and number(p) is None]
         for p in strange:
-            self.out.ignore(f"FEDRAT/{p}", line, understood=p in ("LOCK", "ON", "OFF"))
+            self.out.ignore(f"FEDRAT/{p}", line, understood=p in reviewed.APT_FEDRAT)
         if value is None:
             if strange:
                 return
@@ -137,7 +139,12 @@ class _Reader(MotionReader):
         if not parts or parts[0] in ("OFF", "NOMORE"):
             self.cycle = None
             return
-        if parts[0] in ("INIT",):
+        if parts[0] == "CLEAR":
+            self.cycle = self.last_cycle = None
+            self.out.ignore("CYCLE/CLEAR", line, understood=True)
+            return
+        if parts[0] == "INIT":
+            self.out.ignore("CYCLE/INIT", line, understood=True)
             return
         if parts[0] == "ON":
             self.cycle = self.last_cycle
@@ -165,48 +172,6 @@ class _Reader(MotionReader):
 
     # ---- coordinate systems
 
-    def msys(self, word: str, rest: str, line: int) -> None:
-        v = numbers(rest)
-        if len(v) != 9:
-            raise ValueError(f"{len(v)} numbers; expected origin, x axis and y axis (9)")
-        x, y = np.array(v[3:6]), np.array(v[6:9])
-        self.use_frame(Frame(np.column_stack([x, y, np.cross(x, y)]), np.array(v[:3]) * self.scale), line)
-
-    def csys(self, word: str, rest: str, line: int) -> None:
-        """Three rows of four. CAMWorks prints points in the world system (TRNTYP/WORLD) and here only how the tool
-        stands in it: the third column is the tool axis (seen on 127 plunges and drilled holes, none against)."""
-        v = numbers(rest)
-        if len(v) != 12:
-            raise ValueError(f"{len(v)} numbers; expected three rows of four (12)")
-        m = np.array(v).reshape(3, 4)
-        frame = Frame(m[:, :3], m[:, 3] * self.scale)
-        if self.dialect is Dialect.CREO:
-            if self.first_frame is not None and not frame.same_as(self.first_frame):
-                self.out.warn_once(
-                    "CSYS changes: Creo writes points in the machine's system, which is taken to be one for the whole "
-                    "file",
-                    line,
-                )
-            self.first_frame = self.first_frame or frame
-            return
-        if self.dialect is Dialect.CAMWORKS:
-            self.count += 1
-            if self.cycle is not None:
-                raise ValueError(
-                    "a new operation begins and the drilling cycle before it was not ended: whether its points are "
-                    "holes too is not said; put CYCLE/OFF where it ends, or repeat the CYCLE in the new operation"
-                )
-            self.out.begin_operation(f"{self.count} {self.tool_text}".strip(), tool=self.tool)
-        if self.world:
-            i, j, k = frame.R[:, 2].tolist()
-            self.axis = (i, j, k)
-        else:
-            self.use_frame(frame, line)
-
-    def transfer_type(self, word: str, rest: str, line: int) -> None:
-        self.world = (fields(rest) or [""])[0] == "WORLD"
-        self.out.ignore("TRNTYP", line, understood=self.world)
-
     def comment(self, rest: str, line: int) -> None:
         if self.catia_rows is not None:
             values = numbers_or_none(rest)
@@ -227,15 +192,6 @@ class _Reader(MotionReader):
         if found:
             self.out.begin_operation(found.group(1), tool=self.tool)
         self.out.ignore("$$ comment", line, understood=True)
-
-    def rotate_table(self, word: str, rest: str, line: int) -> None:
-        parts = fields(rest)
-        angle = number(parts[0]) if parts else None
-        name = next((p for p in parts if p.endswith("AXIS")), None)
-        if angle is None or name is None:
-            raise ValueError("expected angle, axis")
-        self.rotations[name] = round(self.rotations.get(name, 0.0) + angle, 6)
-        self.out.ignore("ROTABL", line, understood=True)
 
     def tool_axis(self, word: str, rest: str, line: int) -> None:
         values = numbers(rest)
@@ -314,7 +270,8 @@ class _Reader(MotionReader):
         parts = fields(rest)
         if "INCR" in parts or "ABSOL" in parts:
             self.incremental = "INCR" in parts
-        self.out.ignore(f"SET/{rest[:20]}", line, understood=True)
+        name = parts[0] if parts else ""
+        self.out.ignore(f"SET/{name[:20]}", line, understood=name in reviewed.APT_SET)
 
     def units(self, word: str, rest: str, line: int) -> None:
         """A further UNITS statement holds for what follows (HSM/Fusion writes one a section)."""
@@ -325,7 +282,10 @@ class _Reader(MotionReader):
         self.out.ignore(word, line, understood=True)
 
     def mode(self, word: str, rest: str, line: int) -> None:
-        if "TURN" in fields(rest):
+        parts = fields(rest)
+        if "INCR" in parts or "ABSOL" in parts:
+            self.incremental = "INCR" in parts
+        if "TURN" in parts:
             self.tool_number(word, rest, line)
         else:
             self.out.ignore(word, line, understood=True)
@@ -340,16 +300,6 @@ class _Reader(MotionReader):
         """HSM/Fusion: the first statement of an operation after its name."""
         if self.dialect is Dialect.HSM and self.remarks:
             self.out.begin_operation(self.remarks, tool=self.tool)
-        self.out.ignore(word, line, understood=True)
-
-    def machine_shift(self, word: str, rest: str, line: int) -> None:
-        """TRANS and ORIGIN move the machine's zero, not the part's; another one on the way places the part anew."""
-        values = numbers(rest)
-        if len(self.out) and values != self.shifts.get(word, [0.0] * len(values)):
-            raise self.source.error(
-                f"{word} changes in the middle of the path: the part would stand somewhere else; split the file", line
-            )
-        self.shifts[word] = values
         self.out.ignore(word, line, understood=True)
 
     def other(self, word: str, rest: str, line: int) -> None:
@@ -367,4 +317,4 @@ class _Reader(MotionReader):
                 self.cycle = None
         if self.curves.spline_open and word != "PAINT":
             self.end_spline(line)
-        self.out.ignore(word, line, understood=word in NO_EFFECT)
+        self.out.ignore(word, line, understood=word in reviewed.APT)

@@ -1,73 +1,6 @@
-"""What each CL word means to a toolpath: nothing, an event, or a reason to refuse the file."""
+"""CL words that refuse a file; those that change nothing stand in :mod:`machopt.formats.cam.reviewed`."""
 
 from __future__ import annotations
-
-# Known and without effect on where the tool tip goes.
-NO_EFFECT = frozenset(
-    [
-        "PAINT",
-        "AUTOPS",
-        "ISN",
-        "PPFUN",
-        "REWIND",
-        "TLDATA",
-        "MACHIN",
-        "PARTNO",
-        "MFGNO",
-        "FEATNO",
-        "CUTCOM_GEOMETRY_TYPE",
-        "OFSTNO",
-        "CUTTER_TYPE",
-        "SET_FLUTE_LENGTH",
-        "TOOL_NAME",
-        "INTOL",
-        "OUTTOL",
-        "TOLER",
-        "DISPLY",
-        "SELECT",
-        "SETUP",
-        "TRNTYP",
-        "SWITCH",
-        "BOX",
-        "TPRINT",
-        "SEQNO",
-        "REMARK",
-        "PRINT",
-        "OPSKIP",
-        "LEADER",
-        "TMARK",
-        "PREFUN",
-        "AUXFUN",
-        "CLAMP",
-        "FINI",
-        "END",
-        "UNIT",
-        "END-OF-PATH",
-        "OPFEATEND",
-        "CSI_SET_FLUTE_LENGTH",
-        "CSI_SET_EXTENSION_LENGTH",
-        "LINTOL",
-        "ARCSLP",
-        "PIVOTZ",
-        "PLABEL",
-        "BREAK",
-        "CLDIST",
-        "CLRSRF",
-        "NOPOST",
-        "POSTN",
-        "OPTION",
-        "THREAD",
-        "VTLAXS",
-        "GRID",
-        "LINCIR",
-        "SLOWDN",
-        "PROBE",
-        "TOOLPN",
-        "HEAD",
-        "CUTANG",
-        "WPLANE",
-    ]
-)
 
 # They move the tool, the part or the coordinates in a way this reader does not follow.
 REFUSED = {
@@ -76,7 +9,20 @@ REFUSED = {
         "drive-surface motion needs the APT processor; export the cutter location file instead",
     ),
     **dict.fromkeys(
-        ("ROTATE", "ROTHED", "INDEX", "COPY", "TRACUT", "REFSYS", "TRANSL"),
+        (
+            "ROTATE",
+            "ROTHED",
+            "INDEX",
+            "COPY",
+            "TRACUT",
+            "REFSYS",
+            "TRANSL",
+            "MIRROR",
+            "MIRRX",
+            "MIRRY",
+            "MATRIX",
+            "MOVE",
+        ),
         "it moves or copies the coordinates that follow; export without it, in one machining axis system",
     ),
     **dict.fromkeys(
@@ -84,7 +30,7 @@ REFUSED = {
         "program logic is not followed; export the expanded cutter location file",
     ),
     **dict.fromkeys(
-        ("HELICAL", "SPLINE", "TURN", "LATHE"),
+        ("HELICAL", "SPLINE", "TURN", "LATHE", "THREAD", "PROBE", "POCKET", "ARCMOV", "GOCLER"),
         "this kind of motion is not supported; export it as GOTO points or CIRCLE",
     ),
 }

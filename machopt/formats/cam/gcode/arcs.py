@@ -31,6 +31,13 @@ class Centres:
         self.radius_stays = radius
         return from_radius(start, end, radius, normal)
 
+    def as_said(self, start: Array, offsets: Array, modes: list[str]) -> Array:
+        """Centre from I, J, K that say themselves what they count from: AC the zero, IC and nothing the start."""
+        self.radius_stays = math.nan
+        absolute = [m not in ("", "IC") for m in modes]
+        given = np.where(np.isnan(offsets), 0.0, offsets)
+        return np.where(absolute, given, start + given)
+
     def without_any(self, start: Array, end: Array, normal: Array, line: int) -> Array:
         """An arc block without I, J, K and R.
 

@@ -10,15 +10,19 @@ from machopt.formats.cam.gcode.expr import ExpressionError
 Word = tuple[str, float]
 _WORD = re.compile(r"\s*([A-Z])\s*([+-]?\s*(?:\d+\.?\d*|\.\d+))")
 _PLAIN = re.compile(r"(?:\s*[A-Z]\s*[+-]?\s*(?:\d+\.?\d*|\.\d+))+\s*")
-_PAREN = re.compile(r"\([^()]*\)")
+_EXPONENT = re.compile(r"(?<![A-Z0-9_\"])[A-Z][A-Z]?\d?\s*=?\s*[-+]?\s*(?:\d+\.?\d*|\.\d+)E[-+]?\d+")
+_QUOTED = re.compile(r"\"[^\"]*\"")
+LARGEST = 1e15  # beyond it no length, angle or feed
 _SLOW = re.compile(
     r"""\s*(?:
       (?P<switch>[MH]\d+)\s*\([^()]*\)
-    | (?P<name>[A-Z][A-Z0-9_]*)\s*=\s*(?P<mode>AC|IC|DC|ACP|ACN)\s*\(\s*(?P<moded>[+-]?[\d.]+)\s*\)
+    | (?P<name>[A-Z][A-Z0-9_]*)\s*=\s*(?P<mode>AC|IC|DC|ACP|ACN)\s*\(\s*
+      (?P<moded>[+-]?(?:\d+\.?\d*|\.\d+)(?:EX[-+]?\d+)?)\s*\)
     | (?P<text>[A-Z][A-Z0-9_]*)\s*=\s*"(?P<string>[^"]*)"
-    | (?P<named>[A-Z][A-Z0-9_]*)\s*=\s*(?P<value>[+-]?(?:\d+\.?\d*|\.\d+))(?![\w*/+\-(.])
-    | (?P<letter>[A-Z])\s*(?P<number>[+-]?\s*(?:\d+\.?\d*|\.\d+))(?![\d.]|[A-Z_]*[=(\[])
-    | (?P<call>[A-Z_][A-Z0-9_]{2,})\s*(?P<args>\([^()]*\))?
+    | (?P<named>[A-Z][A-Z0-9_]*)\s*=\s*(?P<value>[+-]?(?:\d+\.?\d*|\.\d+)(?:EX[-+]?\d+)?)(?![\w*/+\-(.])
+    | (?P<comma>,\s*[RCA])\s*(?P<size>[+-]?\s*(?:\d+\.?\d*|\.\d+))
+    | (?P<letter>[A-Z])\s*(?P<number>[+-]?\s*(?:\d+\.?\d*|\.\d+)(?:EX[-+]?\d+)?)(?![\d.]|[A-Z_]*[=(\[])
+    | (?P<call>[A-Z_][A-Z0-9_]{2,}|CT(?=\s|$))\s*(?P<args>\([^()]*\))?
     )""",
     re.VERBOSE,
 )
@@ -35,7 +39,11 @@ class Block:
     modes: dict[str, str] = field(default_factory=dict)  # X → AC, IC, DC
     texts: dict[str, str] = field(default_factory=dict)  # T="MILL_10"
     junk: str = ""  # what is left and means nothing
-    integers: frozenset[str] = frozenset()  # letters whose number was written without a decimal point
+    text: str = ""  # as it stands
+
+    def bare(self, letter: str) -> bool:
+        """True where the letter's number was written without a decimal point."""
+        return re.search(rf"{letter}\s*[-+]?\s*\d+(?![\d.])", self.text) is not None
 
 
 class BlockReader:
@@ -75,13 +83,11 @@ class BlockReader:
             ExpressionError: a number that is none.
         """
         if _PLAIN.fullmatch(text):
-            return Block(
-                line, [(a, float("".join(n.split()))) for a, n in _WORD.findall(text)], integers=_integers(text)
-            )
+            return Block(line, [(a, float("".join(n.split()))) for a, n in _WORD.findall(text)], text=text)
         return self._slow(line, text)
 
     def _slow(self, line: int, text: str) -> Block:
-        block = Block(line, [], integers=_integers(text))
+        block = Block(line, [], text=text)
         at = 0
         text = text.rstrip()
         while at < len(text):
@@ -94,10 +100,7 @@ class BlockReader:
             if g["switch"]:
                 block.words.append((g["switch"][0], float(g["switch"][1:])))
             elif g["mode"]:
-                try:
-                    value = float(g["moded"])
-                except ValueError:
-                    raise ExpressionError(f"{g['moded']!r} is not a number") from None
+                value = _number(g["moded"])
                 block.modes[g["name"]] = g["mode"]
                 block.words.append((g["name"], value)) if len(g["name"]) == 1 else block.named.update(
                     {g["name"]: value}
@@ -106,17 +109,35 @@ class BlockReader:
                 block.texts[g["text"]] = g["string"]
             elif g["named"]:
                 if len(g["named"]) == 1:
-                    block.words.append((g["named"], float(g["value"])))
+                    block.words.append((g["named"], _number(g["value"])))
                 else:
-                    block.named[g["named"]] = float(g["value"])
+                    block.named[g["named"]] = _number(g["value"])
+            elif g["comma"]:
+                block.named["," + g["comma"][-1]] = _number(g["size"])
             elif g["letter"]:
-                block.words.append((g["letter"], float(re.sub(r"\s", "", g["number"]))))
+                block.words.append((g["letter"], _number(g["number"])))
             else:
                 block.calls.append((g["call"], (g["args"] or "").strip("()").strip()))
         return block
 
 
-def _integers(text: str) -> frozenset[str]:
-    if "P" not in text:
-        return frozenset()
-    return frozenset("P") if re.search(r"P\s*\d+(?![\d.])", text) else frozenset()
+def _number(text: str) -> float:
+    """A number with blanks in it; ``EX`` is Sinumerik's exponent."""
+    value = float("".join(text.split()).replace("EX", "e"))
+    if not abs(value) < LARGEST:
+        raise ExpressionError(f"{text} is not a number of a sane size")
+    return value
+
+
+def refuse_exponent(text: str) -> None:
+    """Refuse ``Z-5.0E-1``: a control reads −5 and a word E, or nothing.
+
+    Raises:
+        ExpressionError: the code in upper case holds such a number.
+    """
+    found = _EXPONENT.search(_QUOTED.sub("", text))
+    if found:
+        raise ExpressionError(
+            f"{found.group()!r}: numbers with an exponent are none on this control (it would read "
+            f"{found.group().partition('E')[0]} and a word E); post them as plain decimals"
+        )

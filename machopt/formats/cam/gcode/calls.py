@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import re
 
+from machopt.formats.cam import reviewed
 from machopt.formats.cam.gcode.blocks import Block
 from machopt.formats.cam.gcode.cycles import SIEMENS, siemens_cycle
 from machopt.formats.cam.gcode.frames import FrameReader
-from machopt.formats.cam.gcode.words import IGNORED_CALLS, REFUSED_CALLS
+from machopt.formats.cam.gcode.motion import TANGENTIAL, THROUGH
+from machopt.formats.cam.gcode.patterns import MOST_HOLES, circle, row
+from machopt.formats.cam.gcode.words import REFUSED_CALLS
 
 OPERATION = re.compile(r"^\W*(?:OPER(?:ATION)?(?:[ _]*NAME)?|TOOLPATH|PATH)\s*[:=]\s*(.*?)[\s*]*$", re.IGNORECASE)
 _RUN_TOGETHER = re.compile(r"[XYZABCGIJKRFM]+\d\w*")
-_FRAMES = ("TRANS", "ATRANS", "ROT", "AROT")
+_FRAMES = ("TRANS", "ATRANS", "ROT", "AROT", "SCALE", "ASCALE", "MIRROR", "AMIRROR")
+_KNOWN = ("SUPA", "TRAORI", "TRAFOOF", "TRAOOF", "MCALL", "TOROT", "TOFRAME")  # carried out
+_DEFAULT_FGROUP = {"X", "Y", "Z"}
 
 
 class CallReader(FrameReader):
@@ -30,6 +35,12 @@ class CallReader(FrameReader):
             return
         if name == "CYCLE800":
             self.swivel(args, line)
+            return
+        if name in ("CIP", "CT"):
+            self.motion, self.canned = (THROUGH if name == "CIP" else TANGENTIAL), None
+            return
+        if name in ("HOLES1", "HOLES2"):
+            self.pattern(name, args, line)
             return
         if name in REFUSED_CALLS:
             raise self.source.error(f"{name}: {REFUSED_CALLS[name]}", line)
@@ -53,11 +64,17 @@ class CallReader(FrameReader):
             raise self.source.error(
                 f"{name} calls a subprogram that is not in this file; expand it into one program, or append it", line
             )
-        if re.fullmatch(r"(?:CYCLE\d+|POCKET\d|SLOT\d|HOLES\d)", name) and name not in (*IGNORED_CALLS, "CYCLE80"):
+        if re.fullmatch(r"(?:CYCLE\d+|POCKET\d|SLOT\d|HOLES\d)", name) and name not in (
+            *reviewed.SINUMERIK_CALLS,
+            "CYCLE80",
+        ):
             raise self.source.error(f"{name} is not supported: export its motion as G0 and G1", line)
         if _RUN_TOGETHER.fullmatch(name):
             raise self.source.error(f"found {name!r}; expected words such as X10.5 or G1", line)
-        self.out.ignore(name, line, understood=name in IGNORED_CALLS)
+        known = name in reviewed.SINUMERIK_CALLS or name in _KNOWN
+        if name == "FGROUP":
+            known = {a.strip() for a in args.split(",") if a.strip()} in (set(), _DEFAULT_FGROUP)
+        self.out.ignore(name, line, understood=known)
 
     def torot(self, name: str, line: int) -> None:
         """TOROT turns the coordinates to the tool; read only where the plane was already tilted that way."""
@@ -68,3 +85,21 @@ class CallReader(FrameReader):
         """Tool-centre-point control on ("angles", "vector") or off (None)."""
         self.change_setup(tcp=mode)
         self.setup.check_letters(line)
+        self.check_mirror()
+
+    def pattern(self, name: str, text: str, line: int) -> None:
+        """HOLES1(SPCA, SPCO, STA1, FDIS, DBH, NUM): a row; HOLES2(CPA, CPO, RAD, STA1, INDA, NUM): a circle.
+
+        The modal cycle (MCALL) is carried out at every hole.
+        """
+        if self.modal_call is None:
+            raise self.source.error(f"{name} without a modal cycle (MCALL CYCLE81 …) before it", line)
+        try:
+            v = [float(part) if part.strip() else 0.0 for part in text.split(",")]
+        except ValueError:
+            raise self.source.error(f"{name}({text}): expected six numbers", line) from None
+        if len(v) != 6 or v[5] != round(v[5]) or not 0 < v[5] <= MOST_HOLES:
+            raise self.source.error(f"{name}({text}): expected six numbers, the last one of holes", line)
+        count, s = round(v[5]), self.scale
+        for place in row(v, count) if name == "HOLES1" else circle(v, count):
+            self.holes(self.modal_call, {}, [place[0] * s, place[1] * s, self.p[2]], Block(line, []))

@@ -41,7 +41,7 @@ class Canned:
             self.q = abs(words.pop("Q")) * scale
         if "P" in words:
             p = words.pop("P")
-            self.dwell = p / 1e3 if "P" in b.integers and p >= 100.0 else p
+            self.dwell = p / 1e3 if b.bare("P") and p >= 100.0 else p
 
     def at_hole(self, *, back_to_initial: bool, feed: float) -> HoleCycle:
         """Strokes with heights over the plane z = 0.

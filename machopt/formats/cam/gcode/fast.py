@@ -8,7 +8,10 @@ from __future__ import annotations
 import math
 import re
 
+import numpy as np
+
 from machopt.domain.toolpath import Move
+from machopt.formats.cam.gcode.contour import Segment
 from machopt.formats.cam.gcode.motion import MotionReader
 from machopt.formats.cam.gcode.setup import turned
 
@@ -36,6 +39,9 @@ def takes_plain_lines(r: MotionReader) -> bool:
         and r.canned is None
         and r.modal_call is None
         and not r.incremental
+        and r.corner is None
+        and r.modal_corner is None
+        and not r.polar.on
         and r.feed_mode == "minute"
         and s.transfer is None
         and not s.tilted
@@ -112,6 +118,10 @@ def plain_lines(r: MotionReader, at: int, pattern: re.Pattern[str] = PLAIN, *, l
             numbers.clear()
             places.clear()
     r.out.add_many(numbers, places)
+    before = numbers[-14:-11] if len(places) > 1 else list(r.p) if places else []
+    r.segment = None
+    if before and motion == 1 and not with_tcp:  # a corner may follow
+        r.segment = Segment(np.array(before), np.array([x, y, z]), len(r.out) - 1, feed * scale)
     r.p, r.axis, r.motion, r.feed = [x, y, z], (i, j, k), motion, feed
     if angles is not r.setup.angles or vector is not r.setup.vector:
         r.setup = r.setup.changed(angles=angles, vector=vector)

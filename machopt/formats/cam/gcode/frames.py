@@ -10,11 +10,14 @@ import numpy as np
 from machopt.formats.cam.gcode.blocks import Block
 from machopt.formats.cam.gcode.motion import MotionReader
 from machopt.formats.cam.gcode.planes import cycle800, g68, g68_2, siemens_rot
+from machopt.formats.cam.gcode.words import MANY_OFFSETS
 from machopt.formats.frames import FrameError, Transfer
 from machopt.formats.pathbuilder import Vector
-from machopt.formats.source import ReadOptions, Source
+from machopt.formats.source import Offset, ReadOptions, Source, offset_key
 
 _XYZ = "XYZ"
+_FIRST = 540_000  # G54
+_INNER = ("mirror", "scale", "rotation", "program")  # the order they are applied in; "program": Sinumerik's
 _DIRECTION = 13  # place of DIR in CYCLE800: 0 moves no axis
 
 
@@ -27,14 +30,22 @@ class FrameReader(MotionReader):
         self.first_offset: int | None = None
         self.shifts: dict[str, list[float]] = {}  # G52, G92, CYCL DEF 7 in mm
         self.g53_is_an_offset = "G53" in dict(options.offsets)  # as some posts mean it; told by the user only
+        self.table: dict[str, Offset] = {}  # offsets the program itself sets by G10 L2 before its path
+        self.tilted_plane: Transfer | None = None
+        self.inner: dict[str, Transfer] = {}  # of _INNER, inside of the tilted plane
+        self.mirrors: dict[int, float] = {}  # axis → place, G51.1
         self.given_centres = self.setup.machine.centres if self.setup.machine else ()
 
     # ---- origins
 
     def use_offset(self, g: int, words: dict[str, float], line: int) -> None:
         """G54 … G59.3, G54.1 P, G505 …: another one than the first needs its place given."""
-        number = g * 1000 + (round(words.pop("P", 0.0)) if g == 541 else 0)
-        if self.first_offset is None and len(self.out):
+        number = g * 1000 + (round(words.pop("P", 0.0)) if g in MANY_OFFSETS or g == 540 else 0)
+        number += round(words.pop("H", 0.0)) if g == 150 else 0  # Okuma's G15 H
+        told = offset_key(offset_name(number)) in {**self.table, **dict(self.options.offsets)}
+        if self.first_offset is None and len(self.out) and told:
+            self.first_offset = _FIRST  # what controls start with
+        elif self.first_offset is None and len(self.out):
             self.out.warn(f"points before {offset_name(number)} name no work offset; they are taken in the same", line)
         if self.first_offset is None or not len(self.out):
             self.first_offset = number
@@ -45,12 +56,13 @@ class FrameReader(MotionReader):
 
     def take_offset(self, name: str, first: str) -> None:
         """Coordinates from here on count from work offset ``name``; moves are refused where its place is not given."""
-        places = dict(self.options.offsets)
+        places = {**self.table, **dict(self.options.offsets)}
         nowhere = ""
         offset = None
         if name != first:
-            if name in places:
-                origin = np.array(places[name]) - np.array(places.get(first, (0.0, 0.0, 0.0)))
+            key = offset_key(name)
+            if key in places:
+                origin = np.array(places[key]) - np.array(places.get(offset_key(first), (0.0, 0.0, 0.0)))
                 offset = Transfer.shift(*origin.tolist())
             else:
                 nowhere = (
@@ -70,6 +82,10 @@ class FrameReader(MotionReader):
         name = f"G{g / 10:g}"
         if g == 100 and len(self.out) and words.keys() & set("XYZABC"):
             raise self.source.error(f"{name} changes offsets in the middle of the path: not supported", line)
+        if g == 100 and words.get("L") in (2.0, 20.0) and len(axes) == 3 and not self.incremental:
+            n, x, y, z = round(words.get("P", 0.0)), *(words[c] * self.scale for c in _XYZ)
+            names = [f"G54.1P{n}"] if words["L"] == 20.0 else ([f"G{53 + n}"] if 1 <= n <= 6 else [])
+            self.table.update((name, (x, y, z)) for name in names)
         if words.keys() & set("ABC") and len(self.out):
             raise self.source.error(f"{name} shifts a rotary axis in the middle of the path: not supported", line)
         if g == 520 and axes:
@@ -112,20 +128,21 @@ class FrameReader(MotionReader):
 
     def plane_word(self, g: int, words: dict[str, float], b: Block) -> None:
         """G68, G69, G68.2 with G53.1 or G53.6."""
-        try:
-            if g in (680, 682):
-                origin = self.taken_point(words)
-                plane = g68_2(words, origin) if g == 682 else g68(words, origin, self.plane_normal())
-                self.tilt(plane, "not yet")
-                words.clear()
-            elif g in (531, 536):
-                if not self.setup.tilted:
-                    raise FrameError("G53.1 without a tilted plane (G68.2) before it")
-                self.stand_upright()
+        if g in (680, 682):
+            origin = self.taken_point(words)
+            plane = g68_2(words, origin) if g == 682 else g68(words, origin, self.plane_normal())
+            words.clear()
+            if g == 680 and upright(plane):
+                self.use_inner("rotation", plane)
             else:
-                self.untilt()
-        except FrameError as problem:
-            raise self.source.error(str(problem), b.line) from problem
+                self.tilt(plane, "not yet")
+        elif g in (531, 536):
+            if not self.setup.tilted:
+                raise FrameError("G53.1 without a tilted plane (G68.2) before it")
+            self.stand_upright()
+        else:
+            self.inner.pop("rotation", None)
+            self.untilt()
 
     def plane_normal(self) -> Vector:
         x, y, z = self.plane.tolist()
@@ -137,11 +154,12 @@ class FrameReader(MotionReader):
 
     def tilt(self, plane: Transfer, tilted: str) -> None:
         """Coordinates from here on are those of ``plane``; a former one ends."""
-        upright = abs(plane.z[2] - 1.0) < 1e-9
+        self.tilted_plane = None if plane.nothing else plane
+        level = upright(plane)
         self.change_setup(
-            local=None if plane.nothing else plane,
-            tilted="" if upright and tilted == "not yet" else tilted,
-            stood_up=tilted == "aligned" and not upright,
+            local=self.local(),
+            tilted="" if level and tilted == "not yet" else tilted,
+            stood_up=tilted == "aligned" and not level,
         )
         self.out.meta["tilted_planes"] = str(int(self.out.meta.get("tilted_planes", "0")) + 1)
 
@@ -152,9 +170,90 @@ class FrameReader(MotionReader):
     def untilt(self) -> None:
         """Back to the untilted system; after a turn by the control the rotary axes' place is not known."""
         setup = self.setup
+        self.tilted_plane = None
         moved = setup.stood_up and setup.transfer is not None and setup.transfer.z[2] < 1.0 - 1e-9
         angles = {} if moved else setup.angles
-        self.change_setup(local=None, tilted="", stood_up=False, unaligned=moved or setup.unaligned, angles=angles)
+        self.change_setup(
+            local=self.local(), tilted="", stood_up=False, unaligned=moved or setup.unaligned, angles=angles
+        )
+
+    def local(self) -> Transfer | None:
+        """Programmed coordinates in the datum's: mirrored, then scaled, then turned, then in the tilted plane."""
+        found: Transfer | None = None
+        for one in (*(self.inner.get(name) for name in _INNER), self.tilted_plane):
+            if one is not None:
+                found = one if found is None else found.then(one)
+        return None if found is None or found.nothing else found
+
+    # ---- mirrors, scales, rotations in the plane
+
+    def use_inner(self, name: str, one: Transfer | None) -> None:
+        """A mirror, scale, rotation or programmable frame inside of the plane; None or no change: it ends.
+
+        Raises:
+            FrameError: Z or a tool vector would be mirrored.
+        """
+        if one is None or one.nothing:
+            self.inner.pop(name, None)
+        else:
+            self.inner[name] = one
+        self.change_setup(local=self.local())
+        self.check_mirror()
+
+    def check_mirror(self) -> None:
+        """Refuse what mirrors the tool, or its vectors.
+
+        Raises:
+            FrameError: it does.
+        """
+        if all(one.rigid for one in self.inner.values()):
+            return
+        if any(one.R[2, 2] < 0.0 and not one.rigid for one in self.inner.values()):
+            raise FrameError("mirrors Z: the tool would come from below; not supported")
+        if self.setup.tcp is not None:
+            raise FrameError("mirrors or scales the coordinates under tool-centre-point control: not supported")
+        if not self.setup.even and self.modal_corner is not None:
+            raise FrameError("scales X and Y differently while corners are rounded (RNDM): not supported")
+
+    def mirror_word(self, g: int, words: dict[str, float]) -> None:
+        """G51.1 mirrors about X, Y, Z; G50.1 ends that for the axes it names (none: all)."""
+        axes = [k for k in range(3) if _XYZ[k] in words]
+        for k in axes or (range(3) if g == 501 else ()):
+            self.mirrors.pop(k, None)
+            value = words.pop(_XYZ[k], 0.0) * self.scale
+            if g == 511:
+                self.mirrors[k] = value
+        x, y, z = (-1.0 if k in self.mirrors else 1.0 for k in range(3))
+        about = (self.mirrors.get(0, 0.0), self.mirrors.get(1, 0.0), self.mirrors.get(2, 0.0))
+        self.use_inner("mirror", Transfer.factors(x, y, z, about=about) if self.mirrors else None)
+
+    def scale_word(self, words: dict[str, float], b: Block) -> None:
+        """G51 X Y Z P, or I J K: scales about a point; factors below zero mirror.
+
+        Raises:
+            FrameError: no factor, or one whose decimals the control's parameters decide.
+        """
+        about = self.taken_point({c: words.get(c, self.p[k] / self.scale) for k, c in enumerate(_XYZ)})
+        for c in _XYZ:
+            words.pop(c, None)
+        given = {c: words.pop(c) for c in "PIJK" if c in words}
+        if not given:
+            raise FrameError("G51 without a factor (P, or I, J, K): which one holds stands in the control's parameters")
+        for c, v in given.items():
+            if b.bare(c) and not (c != "P" and abs(v) == 1000.0):
+                raise FrameError(
+                    f"G51 {c}{v:g}: a factor without a decimal point counts thousandths or hundred-thousandths by the "
+                    "control's parameters; write it with one (P2.5)"
+                )
+            if not abs(v) > 1e-6:
+                raise FrameError(f"G51 with a factor of {v:g}")
+        unit = {c: math.copysign(1.0, v) if c != "P" and b.bare(c) else v for c, v in given.items()}
+        x, y, z = ((unit["P"],) * 3) if "P" in unit else (unit.get("I", 1.0), unit.get("J", 1.0), unit.get("K", 1.0))
+        where = tuple(0.0 if math.isnan(v) else v for v in about)
+        for k, factor in enumerate((x, y, z)):
+            if factor != 1.0 and math.isnan(about[k]):
+                raise FrameError(f"G51 scales {_XYZ[k]} about a place that is not known")
+        self.use_inner("scale", Transfer.factors(x, y, z, about=(where[0], where[1], where[2])))
 
     # ---- Siemens frames
 
@@ -166,41 +265,61 @@ class FrameReader(MotionReader):
                 values.append(float(part) if part.strip() and '"' not in part else None)
             except ValueError:
                 raise self.source.error(f"CYCLE800: argument {part.strip()!r} is not a number", line) from None
-        try:
-            plane = cycle800(values, self.scale)
-        except FrameError as problem:
-            raise self.source.error(str(problem), line) from problem
+        plane = cycle800(values, self.scale)
         stage = values[2] if len(values) > 2 and values[2] is not None else 0.0
+        additive = round(stage) % 10 != 0
+        if not additive:
+            self.inner.clear()  # a new swivelled plane deletes programmed frames too
         if plane is None:
-            if not (round(stage) % 10 and self.setup.local is not None):
+            if not (additive and self.tilted_plane is not None):
                 self.untilt()
                 if len(values) > _DIRECTION and values[_DIRECTION]:  # swivelled to zero by the cycle itself
                     self.change_setup(unaligned=False, angles={})
             return
-        if round(stage) % 10 == 1 and self.setup.local is not None:
-            plane = plane.then(self.setup.local)
+        if round(stage) % 10 == 1 and self.tilted_plane is not None:
+            plane = plane.then(self.tilted_plane)
         self.tilt(plane, "aligned")
 
     def siemens_frame(self, name: str, words: dict[str, float], b: Block) -> None:
-        """TRANS, ATRANS, ROT, AROT: the programmable frame; without A the former one ends."""
-        if "RPL" in b.named:
+        """TRANS, ROT, SCALE, MIRROR replace the programmable frame, with A before them they add to it.
+
+        It lies inside of a swivelled plane (CYCLE800), which stays.
+        """
+        kind = name.removeprefix("A") if name != "ASCALE" else "SCALE"
+        additive = name.startswith("A")
+        if kind == "SCALE":
+            x, y, z = (words.pop(c, 1.0) for c in _XYZ)
+            if not min(x, y, z) > 0.0:
+                raise FrameError(f"{name} with a factor that is not above zero")
+            one = Transfer.factors(x, y, z)
+        elif kind == "MIRROR":
+            x, y, z = (-1.0 if c in words else 1.0 for c in _XYZ)
+            one = Transfer.factors(x, y, z)
+        elif "RPL" in b.named:
             x, y, z = self.plane.tolist()
-            turned = g68({"R": b.named["RPL"]}, (0.0, 0.0, 0.0), (x, y, z))
-        elif name.endswith("ROT"):
-            turned = siemens_rot(words)
+            one = g68({"R": b.named["RPL"]}, (0.0, 0.0, 0.0), (x, y, z))
+        elif kind == "ROT":
+            one = siemens_rot(words)
         else:
-            turned = Transfer.shift(*self.taken_point(words))
-        if name.startswith("A") and self.setup.local is not None:
-            turned = turned.then(self.setup.local)
+            one = Transfer.shift(*self.taken_point(words))
         for c in _XYZ:
             words.pop(c, None)
-        if turned.nothing:
-            self.untilt()
+        if additive and "program" in self.inner:
+            one = one.then(self.inner["program"])
+        self.use_inner("program", one)
+        if upright(one) or (one.nothing and self.tilted_plane is None):
+            if self.setup.tilted == "not yet":
+                self.change_setup(tilted="" if self.tilted_plane is None else "aligned")
         else:
-            self.tilt(turned, "not yet")
+            self.change_setup(tilted="not yet", stood_up=False)
+
+
+def upright(plane: Transfer) -> bool:
+    """Its z axis is that of the system it lies in."""
+    return abs(plane.z[2] - 1.0) < 1e-9
 
 
 def offset_name(number: int) -> str:
     """G54, G59.3, G54.1 P2 … from ten thousand times the G number plus P."""
     g, p = divmod(number, 1000)
-    return f"G{g / 10:g}" + (f" P{p}" if p else "")
+    return f"G{g / 10:g}" + (f" {'H' if g == 150 else 'P'}{p}" if p else "")

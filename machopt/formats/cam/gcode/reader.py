@@ -14,24 +14,26 @@ import numpy as np
 
 from machopt.domain.toolpath import Toolpath
 from machopt.formats.arcs import ArcError
+from machopt.formats.cam import reviewed
 from machopt.formats.cam.gcode import flow as gcode_flow
-from machopt.formats.cam.gcode.blocks import Block, BlockReader
+from machopt.formats.cam.gcode.blocks import Block, BlockReader, refuse_exponent
 from machopt.formats.cam.gcode.calls import OPERATION, CallReader
+from machopt.formats.cam.gcode.decimals import check_decimals, with_points
 from machopt.formats.cam.gcode.expr import ExpressionError
 from machopt.formats.cam.gcode.fast import PLAIN, SIEMENS, plain_lines, takes_plain_lines
 from machopt.formats.cam.gcode.flow import FlowError, Item, MacroFlow
+from machopt.formats.cam.gcode.head import first_unit, is_siemens
 from machopt.formats.cam.gcode.words import (
     CYCLES,
     FEED_MODES,
     MACHINE_FRAME,
     MOTION,
-    NO_EFFECT,
-    NO_EFFECT_M,
-    NO_EFFECT_NAMES,
     OFFSETS,
     PLANES,
+    POLES,
     PROGRAM_END,
     REFUSED,
+    REFUSED_CALLS,
     UNITS,
 )
 from machopt.formats.cam.siemens import flow as siemens_flow
@@ -41,17 +43,9 @@ from machopt.formats.holecycle import CycleError
 from machopt.formats.source import UNIT_NAMES, ReadOptions, Source
 from machopt.formats.unknowns import fill_unknown
 
-_SIEMENS = re.compile(
-    r"\b(?:TRAORI|TRAFOOF|MCALL|CYCLE\d+|MSG|SUPA|DEF\s+REAL|CR\s*=|R\d+\s*=|A3\s*=|GOTO[BF]|"
-    r"(?:TURN|AR|RND|CHF|CHR)\s*=|A?(?:TRANS|ROT|MIRROR|SCALE)\b|CIP\b|HOLES[12]\b)"
-    r"|=\s*(?:AC|IC|DC|ACP|ACN)\b"
-    r"|^\s*%_N_\w+_[MS]PF",
-    re.IGNORECASE | re.MULTILINE,
-)
+_ADDRESSES = {"CR", "A3", "B3", "C3", "TURN", "RPL", "RND", "RNDM", "CHF", "CHR", "FRC", "FRCM", "AP", "RP", "ANG",
+              "I1", "J1", "K1", ",R", ",C", ",A"}  # fmt: skip
 _HALF_WORD = re.compile(r"(?:^|\s)[XYZABCGIJKRFUVW]\s*[-+.\d]|^[-+.\d]")
-_UNIT_WORD = re.compile(r"G0*(20|21|70|71|700|710)(?![\d.])")
-_MILLPLUS = re.compile(r"^\s*(?:N\d+\s*)?(?:G7\s+A5=|G141\b)", re.MULTILINE)
-_HEAD = 2000  # lines looked at for the control's dialect
 
 
 def read_gcode(source: Source, options: ReadOptions) -> Toolpath:
@@ -66,9 +60,15 @@ def read_gcode(source: Source, options: ReadOptions) -> Toolpath:
 class ProgramReader(CallReader):
     """Carries out G, M and other words of G-code; the readers of Heidenhain's programs build on it."""
 
+    decimals_count = True  # numbers without a point may mean something else, by the control's parameters
+
     def __init__(self, source: Source, options: ReadOptions) -> None:
-        head = "\n".join(t.partition(";")[0].partition("(")[0] for t in source.lines[:_HEAD])
-        self.siemens = _SIEMENS.search(head) is not None
+        self.siemens = is_siemens(source)
+        if self.decimals_count and not self.siemens:
+            if options.decimals is None:
+                check_decimals(source)
+            else:
+                source = with_points(source, options.decimals)
         self.blocks = BlockReader(parentheses_are_comments=not self.siemens)
         unit, self.unit_from = self.first_unit(source, options)
         super().__init__(source, options, unit)
@@ -94,6 +94,7 @@ class ProgramReader(CallReader):
         return self.finish()
 
     def finish(self) -> Toolpath:
+        self.end_contour("the program ends")
         if not self.ended and not self.closed:
             whole = self.source.complete
             self.out.cut_off = "no program end (M30, M2, M99 or %)" + (
@@ -135,6 +136,8 @@ class ProgramReader(CallReader):
             if not text:
                 continue
             try:
+                if "E" in text:
+                    refuse_exponent(text)
                 self.code(line, text)
             except (ExpressionError, ArcError, CycleError, FrameError) as problem:
                 raise self.source.error(str(problem), line) from problem
@@ -167,29 +170,7 @@ class ProgramReader(CallReader):
         return (text, comments) if text or comments else None
 
     def first_unit(self, source: Source, options: ReadOptions) -> tuple[str, str]:
-        """The unit by the file's first unit word, else the option's; and where it is from."""
-        at = source.find(_MILLPLUS)
-        if at is not None:
-            raise source.error(
-                "is a program for the MillPlus control (G7 A5=, G141), whose G93, G7 and G141 mean other things than "
-                "in G-code: not supported; post it for Heidenhain, Siemens or Fanuc, or export APT/CL data",
-                at,
-            )
-        found: str | None = None
-        where: int | None = None
-        for line, raw in enumerate(source.lines, 1):
-            if "G" in raw or "g" in raw:
-                text, _ = self.blocks.comments(raw) if "(" in raw or ";" in raw else (raw, [])
-                word = _UNIT_WORD.search(text.upper())
-                if word:
-                    found, where = UNITS[int(word.group(1)) * 10], line
-                    break
-        unit = options.unit
-        if found is None and unit is None:
-            raise source.error("has no G20 or G21 (G70, G71); give the unit with --unit mm or --unit inch")
-        if found is not None and unit is not None and found != unit:
-            raise source.error(f"the file is in {found} but --unit {unit} was given", where)
-        return found or unit or "", "G word" if found else "option"
+        return first_unit(source, options, self.blocks)
 
     def comment(self, text: str) -> None:
         found = OPERATION.match(text)
@@ -208,6 +189,7 @@ class ProgramReader(CallReader):
                 raise self.source.error(f"found {b.junk[:30]!r}; expected words such as X10.5 or G1", b.line)
             self.out.ignore(b.junk[:24], b.line, understood=False)
         words: dict[str, float] = {}
+        twice: dict[str, float] = {}
         g_words: list[int] = []
         m_words: list[int] = []
         for letter, value in b.words:
@@ -216,6 +198,9 @@ class ProgramReader(CallReader):
                     raise self.source.error(f"{letter}{value:g} is not a word of any control", b.line)
                 (g_words if letter == "G" else m_words).append(round(value * 10) if letter == "G" else round(value))
             elif letter not in "NO":
+                if letter == "T" and "T" in words and "T" not in twice:
+                    twice["T"] = value  # T01 T02 M06: the second one is for later
+                    continue
                 if letter in words:
                     raise self.source.error(f"{letter} stands twice in one block", b.line)
                 words[letter] = value
@@ -223,18 +208,22 @@ class ProgramReader(CallReader):
             b.calls.append((f"L{words.pop('L'):g}", ""))
         self.calls(b, words)
         for name in b.named:
-            if name not in ("CR", "A3", "B3", "C3", "TURN", "RPL") and not re.fullmatch(r"R\d+", name):
-                self.out.ignore(f"{name}=", b.line, understood=name in NO_EFFECT_NAMES)
+            if name in REFUSED_CALLS:
+                raise self.source.error(f"{name}=: {REFUSED_CALLS[name]}", b.line)
+            if name not in _ADDRESSES and not re.fullmatch(r"R\d+", name):
+                self.out.ignore(f"{name}=", b.line, understood=name in reviewed.SINUMERIK_NAMES)
         machine_frame = self.g_words(g_words, words, b)
         if any(name == "SUPA" for name, _ in b.calls) or 91 in m_words:
             machine_frame = "SUPA" if 91 not in m_words else "M91"
         self.numbers(words, b)
         self.m_words(m_words, words, b.line)
+        if "T" in twice:
+            self.next_tool, self.next_name = twice["T"], ""
         if machine_frame:
             self.lose(words, machine_frame, b.line)
         else:
             self.move(words, b)
-        if any(m in PROGRAM_END for m in m_words):
+        if any(m in PROGRAM_END or (m == 17 and self.siemens) for m in m_words):
             self.ended = True
 
     def g_words(self, g_words: list[int], words: dict[str, float], b: Block) -> str | None:
@@ -256,6 +245,16 @@ class ProgramReader(CallReader):
                 self.centres.absolute = g == 901
             elif g == 800:
                 self.canned = None
+            elif g in (150, 160) and not (g == 150 and "H" in words):
+                self.polar.switch(on=g == 160)
+            elif g in POLES and self.siemens:
+                self.polar.set_pole(g, words, b, self.p, self.plane, self.scale)
+            elif g in (501, 511):
+                self.mirror_word(g, words)
+            elif g == 510:
+                self.scale_word(words, b)
+            elif g == 500 and not words.keys() & set("XYZ"):
+                self.use_inner("scale", None)
             elif g in (980, 990):
                 self.back_to_initial = g == 980
             elif g == 40:
@@ -281,7 +280,7 @@ class ProgramReader(CallReader):
                 self.shift_origin(g, words, b.line)
             elif g in (680, 682, 690, 691, 531, 536):
                 self.plane_word(g, words, b)
-            elif g in OFFSETS:
+            elif g in OFFSETS or g == 150:
                 self.use_offset(g, words, b.line)
             elif g == 50 and not words.keys() & set("XYZ"):
                 self.out.ignore("G5", b.line, understood=True)  # G5 P10000: high speed mode
@@ -290,7 +289,7 @@ class ProgramReader(CallReader):
                 self.out.ignore("G7", b.line, understood=False)
             elif g in REFUSED:
                 raise self.source.error(f"{REFUSED[g]}: not supported; export without it", b.line)
-            elif g in NO_EFFECT:
+            elif g in reviewed.G and not (g in (600, 630) and words.keys() & set("XYZABC")):
                 if g in (51, 80, 81, 640, 1870):
                     words.pop("P", None), words.pop("Q", None)
             else:
@@ -346,8 +345,11 @@ class ProgramReader(CallReader):
                     )
             elif m in (129, 429, 430):
                 self.use_tcp(None, line)
-            elif m not in PROGRAM_END and m != 91:
-                self.out.ignore(f"M{m}", line, understood=m in NO_EFFECT_M)
+            elif m in (13, 14):  # spindle and coolant in one word
+                self.out.event("spindle", f"M{m}", self.rpm)
+                self.out.event("coolant", f"M{m}")
+            elif m not in PROGRAM_END and m != 91 and not (m == 17 and self.siemens):
+                self.out.ignore(f"M{m}", line, understood=m in reviewed.M)
                 words.pop("P", None)
                 words.pop("Q", None)
 
@@ -356,7 +358,7 @@ class ProgramReader(CallReader):
         for letter in ("X", "U", "P", "F"):
             if letter in words:
                 value = words.pop(letter)
-                if letter == "P" and "P" in b.integers:
+                if letter == "P" and b.bare("P"):
                     known = value >= 100.0  # ms on Fanuc, s on LinuxCNC
                     value = value / 1e3 if known else float("nan")
                     if not known:

@@ -151,12 +151,48 @@ class Setup:
         transfer = self.transfer
         return transfer is not None and not transfer.only_shifts
 
+    @cached_property
+    def stretch(self) -> float:
+        """The largest factor by which programmed lengths grow; 1 without a scaling."""
+        transfer = self.transfer
+        if transfer is None or transfer.rigid:
+            return 1.0
+        return float(np.linalg.norm(transfer.R, ord=2))
+
+    @property
+    def height_factor(self) -> float:
+        """What heights along the program's z grow by; below zero where z is mirrored."""
+        transfer = self.transfer
+        if transfer is None or transfer.rigid:
+            return 1.0
+        length = float(np.linalg.norm(transfer.R[:, 2]))
+        upside_down = transfer.R[2, 2] < 0.0 and self.local is not None and self.tilted != "aligned"
+        return -length if upside_down else length
+
+    @cached_property
+    def even(self) -> bool:
+        """Lengths grow alike in every direction, so that an arc stays one."""
+        transfer = self.transfer
+        if transfer is None or transfer.rigid:
+            return True
+        squares = transfer.R.T @ transfer.R
+        return bool(np.allclose(squares, squares[0, 0] * np.eye(3), rtol=0.0, atol=1e-9 * squares[0, 0]))
+
+    def mixes(self, unknown: list[bool]) -> bool:
+        """True where a coordinate that is not known goes into another one."""
+        if not self.rotated or not any(unknown):
+            return False
+        transfer = self.transfer
+        assert transfer is not None
+        into = np.abs(transfer.R) > _MIXED
+        return any(unknown[k] and bool(into[j, k]) for k in range(3) for j in range(3) if j != k)
+
     def point(self, p: Vector) -> Vector:
         transfer = self.transfer
         if transfer is None:
             return p
-        if any(map(math.isnan, p)):  # only shifted: each coordinate by itself
-            x, y, z = (a + b for a, b in zip(p, transfer.t.tolist(), strict=True))
+        if any(map(math.isnan, p)):  # coordinates that are not known keep the others out of nothing
+            x, y, z = self.points(np.array([p]))[0].tolist()
             return x, y, z
         return transfer.point(p)
 
@@ -164,7 +200,13 @@ class Setup:
         transfer = self.transfer
         if transfer is None:
             return p
-        return p + transfer.t if transfer.only_shifts else transfer.points(p)
+        if transfer.only_shifts:
+            return p + transfer.t
+        unknown = np.isnan(p)
+        if not unknown.any():
+            return transfer.points(p)
+        lost = unknown.astype(float) @ (np.abs(transfer.R) > _MIXED).T > 0.0
+        return np.where(lost, np.nan, transfer.points(np.where(unknown, 0.0, p)))
 
     def direction(self, d: Vector) -> Vector:
         transfer = self.transfer

@@ -7,13 +7,8 @@ CYCLES = {730, 740, 760, 770, 810, 820, 830, 840, 850, 860, 870, 880, 890}
 UNITS = {200: "inch", 210: "mm", 700: "inch", 710: "mm", 7000: "inch", 7100: "mm"}
 PLANES = {170: (0.0, 0.0, 1.0), 180: (0.0, 1.0, 0.0), 190: (1.0, 0.0, 0.0)}
 FEED_MODES = {930: "inverse", 940: "minute", 950: "revolution"}
-OFFSETS = {540, 550, 560, 570, 580, 590, *range(541, 542), 591, 592, 593, *range(5000, 6000, 10)}
-
-# Known, and without effect on the points.
-NO_EFFECT = {
-    51, 80, 81, 90, 131, 150, 231, 400, 430, 440, 450, 451, 490, 500, 501, 600, 601, 602, 610, 611, 620, 630, 640,
-    670, 690, 960, 970, 980, 990, 1491, 1870, 2470, 6410, 6420, 6430, 6440, 6450,
-}  # fmt: skip
+OFFSETS = {540, 550, 560, 570, 580, 590, 541, 591, 592, 593, *range(5000, 6000, 10), 1540, *range(1140, 1300, 10)}
+MANY_OFFSETS = {541, 1540}  # G54.1 P, G154 P
 
 # Axis words of these blocks go to the machine's own frame.
 MACHINE_FRAME = {
@@ -22,9 +17,12 @@ MACHINE_FRAME = {
 
 REFUSED = {
     683: "G68.3 tilts the working plane; its rotation is not followed",
-    510: "G51 scales or mirrors the coordinates that follow",
-    511: "G51.1 mirrors the coordinates that follow",
-    160: "G16 polar coordinates are not supported",
+    **dict.fromkeys((450, 460, 470, 480), "G45 to G48 move by tool offsets that only the control knows"),
+    **dict.fromkeys((121, 1120), "G12.1 (G112) interpolates in polar coordinates of a rotary axis"),
+    **dict.fromkeys((71, 1070), "G7.1 (G107) interpolates on a cylinder"),
+    270: "G27 moves to the reference point",
+    290: "G29 moves from the reference point",
+    310: "G31 moves until a probe touches",
     70: "G7 tilts the working plane or programs diameters",
     1410: "G141 (tool-centre point by vectors of another control) is not supported",
     330: "G33 thread cutting is not supported",
@@ -36,42 +34,25 @@ REFUSED = {
     660: "G66 calls a macro whose motion is not in the file",
 }
 REFUSED_CALLS = {
+    "AR": "arcs by their opening angle are not supported; export them with centre or radius",
     **dict.fromkeys(
         ("FOR", "ENDFOR", "WHILE", "ENDWHILE", "IF", "ELSE", "ENDIF", "GOTOB", "GOTOF", "GOTO", "REPEAT", "LOOP", "DEF",
          "UNTIL", "CASE", "PROC", "THEN", "ENDLOOP", "EXTERN", "CALL", "PCALL", "REPEATB"),
         "this program logic is not followed; expand the program first",
     ),
     **dict.fromkeys(
-        ("SCALE", "ASCALE", "MIRROR", "AMIRROR", "ROTS", "AROTS", "CROTS", "TOROTX", "TOROTY", "TOFRAMEX", "TOFRAMEY"),
+        ("ROTS", "AROTS", "CROTS", "TOROTX", "TOROTY", "TOFRAMEX", "TOFRAMEY", "PAROT", "GFRAME", "CTRANS"),
         "it changes the coordinate system; export in one fixed system",
     ),
     **dict.fromkeys(
-        ("CIP", "CT", "BSPLINE", "ASPLINE", "CSPLINE", "POLY", "HOLES1", "HOLES2", "POCKET3", "POCKET4", "LONGHOLE",
-         "SLOT1", "SLOT2", "CYCLE71", "CYCLE72", "CYCLE76", "CYCLE77"),
+        ("TRANSMIT", "TRACYL", "TRAANG", "TRACON", "TRAILON", "OFFN", "DIAMON", "DIAM90", "TOFFON", "TOFF", "TOFFL"),
+        "it makes the axes mean something else; export it without, as G0 to G3",
+    ),
+    **dict.fromkeys(
+        ("BSPLINE", "ASPLINE", "CSPLINE", "POLY", "INVCW", "INVCCW", "POCKET3", "POCKET4", "LONGHOLE", "SLOT1", "SLOT2",
+         "CYCLE71", "CYCLE72", "CYCLE76", "CYCLE77", "MEAS", "MEAW", "MEASA", "FXS", "REPOSA", "REPOSL", "CHKDNO"),
         "this motion is not supported; export it as G1, G2 and G3",
     ),
 }  # fmt: skip
-IGNORED_CALLS = {
-    "MSG", "ORIWKS", "ORIMKS", "ORIVECT", "ORIAXES", "ORIMACHAX", "FFWON", "FFWOF", "SOFT", "BRISK", "COMPOF",
-    "COMPCAD", "COMPON", "COMPCURV", "CYCLE832", "STOPRE", "SUPA", "TRAORI", "TRAFOOF", "TRAOOF", "FGROUP", "CFTCP",
-    "CFC", "CFIN", "FNORM", "DIAMOF", "UPATH", "SPATH", "NORM", "WORKPIECE", "FIFOCTRL", "TOFFOFF", "DISPLOF", "SAVE",
-    "MCALL", "TOROT", "TOFRAME", "TOROTOF", "TRANS", "ROT",
-}  # fmt: skip
-NO_EFFECT_NAMES = {
-    "ADIS",
-    "ADISPOS",
-    "SPOS",
-    "SPOSA",
-    "FRC",
-    "FRCM",
-    "ACC",
-    "OVR",
-    "VELOLIM",
-    "FP",
-    "M1",
-    "M2",
-    "S1",
-    "S2",
-}
-NO_EFFECT_M = {*range(10, 20), *range(40, 46), 19, 20, 21, 22, 23, 48, 49, 60, 61, 88, 89}
 PROGRAM_END = {2, 30, 99}
+POLES = {1100, 1110, 1120}  # Sinumerik

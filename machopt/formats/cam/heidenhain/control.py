@@ -31,6 +31,7 @@ class ControlReader(ProgramReader):
     """State and moves of the control."""
 
     format = "heidenhain"
+    decimals_count = False
 
     def __init__(self, source: Source, options: ReadOptions) -> None:
         super().__init__(source, options)
@@ -114,7 +115,7 @@ class ControlReader(ProgramReader):
                     words[letter] = self.p[k] / self.scale
         self.move(words, b)
 
-    def polar(self, words: dict[str, float], line: int) -> None:
+    def to_cartesian(self, words: dict[str, float], line: int) -> None:
         """PR, PA (IPR, IPA) about the pole become X and Y, in place; only in the XY plane."""
         if math.isnan(self.pole[0]) or math.isnan(self.pole[1]):
             raise self.source.error("polar coordinates before a pole (CC) was set", line)
@@ -138,7 +139,7 @@ class ControlReader(ProgramReader):
                 "IPA and DR of CP have opposite signs: DR holds, the angle is taken that way round", b.line
             )
             words["IPA"] = sweep = -sweep
-        self.polar(words, b.line)
+        self.to_cartesian(words, b.line)
         turns = 1
         if sweep is not None:
             if abs(sweep) > 1e6:

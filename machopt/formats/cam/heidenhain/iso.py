@@ -10,6 +10,7 @@ import math
 import re
 
 from machopt.domain.toolpath import Toolpath
+from machopt.formats.cam import reviewed
 from machopt.formats.cam.gcode.blocks import Block
 from machopt.formats.cam.gcode.flow import FlowError
 from machopt.formats.cam.heidenhain.control import NUMBER, ControlReader, value
@@ -18,7 +19,6 @@ from machopt.formats.source import ReadOptions, Source
 HEADER = re.compile(r"^[ \t]*%(?!_N_)[ \t]*\S+[ \t]+G7([01])\b", re.IGNORECASE | re.MULTILINE)
 _WORD = re.compile(r"\s*([A-Z])\s*" + NUMBER)
 _Q = re.compile(r"\s*Q(\d+)\s*=\s*" + NUMBER)
-_NO_EFFECT = {17, 29, 30, 31, 40, 51, 70, 71, 99, 90, 91, 38, 62}
 _REFUSED = {
     6: "G6 (tangential arc)", 16: "G16 (polar tangential arc)", 24: "G24 (chamfer)", 25: "G25 (corner rounding)",
     26: "G26 (tangential approach)", 27: "G27 (tangential departure)", 28: "G28 (mirroring)", 72: "G72 (scaling)",
@@ -117,7 +117,7 @@ class _Reader(ControlReader):
                 special = g
             elif g in _REFUSED:
                 raise self.source.error(f"{_REFUSED[g]} is not supported; export it as G0 to G3", b.line)
-            elif g not in _NO_EFFECT:
+            elif g not in reviewed.DIN_ISO:
                 raise self.source.error(f"G{g} is not known in DIN/ISO programs here", b.line)
         if 30 in g_words or 31 in g_words or 99 in g_words:
             return
@@ -191,6 +191,6 @@ class _Reader(ControlReader):
         if self.mode in (12, 13):
             self.polar_circle(words, self.mode == 13, b)
         else:
-            self.polar(words, b.line)
+            self.to_cartesian(words, b.line)
             self.move(words, b)
         self.incremental = before

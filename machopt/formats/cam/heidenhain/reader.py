@@ -252,7 +252,7 @@ class _Reader(ControlReader):
             self.polar_circle(words, left, b)
         elif words or b.named:
             if kind == "LP":
-                self.polar(words, line)
+                self.to_cartesian(words, line)
             self.move(words, b)
         if 99 in m_words:
             self.drill_here(b)

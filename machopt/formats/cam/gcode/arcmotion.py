@@ -1,0 +1,182 @@
+"""Arcs of G-code: by centre, radius, intermediate point or tangent."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from machopt.domain.toolpath import Array, Move
+from machopt.formats.arcs import ArcError, arc
+from machopt.formats.cam.gcode.blocks import Block
+from machopt.formats.cam.gcode.contour import Segment
+from machopt.formats.cam.gcode.polar import plane_axes
+from machopt.formats.cam.gcode.state import AXES, ControlState
+from machopt.formats.pathbuilder import Vector, check_radius
+
+_INTERMEDIATE = ("I1", "J1", "K1")  # CIP
+
+
+class ArcReader(ControlState):
+    """Circular motion."""
+
+    def arc(self, to: list[float], axis: Vector, words: dict[str, float], b: Block) -> None:
+        """G2 or G3 from ``p`` to ``to`` (programmed mm)."""
+        start, end, unknown = self.arc_ends(to, b.line)
+        normal = self.plane * (1.0 if self.motion == 3 else -1.0)
+        radius = b.named.get("CR", words.get("R"))
+        turns = max(round(words.get("P", 1.0)), 1) + self.full_circles(b)
+        words.pop("P", None)
+        if radius is not None:
+            centre = self.centres.by_radius(start, end, radius * self.scale, normal)
+        else:
+            offsets = np.array([words.get(c, math.nan) for c in "IJK"]) * self.scale
+            modes = [b.modes.get(c, "") for c in "IJK"]
+            if np.isnan(offsets).all():
+                centre = self.centres.without_any(start, end, normal, b.line)
+            elif any(modes):
+                centre = self.centres.as_said(start, offsets, modes)
+            else:
+                centre = self.centres.by_offsets(start, end, offsets, normal, b.line)
+        self.along_arc(start, end, centre, normal, unknown, axis, b.line, turns=turns)
+
+    def arc_ends(self, to: list[float], line: int) -> tuple[Array, Array, list[bool]]:
+        """Start and end of an arc, and which coordinates are not known at its start.
+
+        A height that only the end gives is that of the whole arc.
+
+        Raises:
+            InputError: a coordinate of the plane is not known, or the height was lost and is not given.
+        """
+        unknown = [math.isnan(v) for v in self.p]
+        if any(unknown):
+            tilted = self.setup.mixes(unknown)
+            needed = [AXES[k] for k in range(3) if unknown[k] and (self.plane[k] == 0.0 or tilted)]
+            if needed:
+                hint = "; a turning program (X and Z only) holds no milling path" if needed == ["Y"] else ""
+                lost = next((self.how_lost(k) for k in range(3) if unknown[k] and self.how_lost(k)), "")
+                raise self.source.error(f"an arc starts where {''.join(needed)} is not known{hint or lost}", line)
+            for k in range(3):
+                if unknown[k] and math.isnan(to[k]) and self.lost[k]:
+                    raise self.source.error(f"cuts while {AXES[k]} is not known{self.how_lost(k)}", line)
+        known = zip(self.p, to, strict=True)
+        start = np.array([(0.0 if math.isnan(b) else b) if math.isnan(a) else a for a, b in known])
+        end = np.array([a if math.isnan(b) else b for a, b in zip(start.tolist(), to, strict=True)])
+        return start, end, [u and math.isnan(v) for u, v in zip(unknown, to, strict=True)]
+
+    def full_circles(self, b: Block) -> int:
+        """TURN=: full circles before the arc.
+
+        Raises:
+            ArcError: it is no natural number.
+        """
+        turns = b.named.get("TURN", 0.0)
+        if turns != round(turns) or not 0.0 <= turns <= 999.0:
+            raise ArcError(f"TURN={turns:g}; expected a number of full circles from 0 to 999")
+        return round(turns)
+
+    def along_arc(
+        self, start: Array, end: Array, centre: Array, normal: Array, unknown: list[bool], axis: Vector, line: int, *,
+        turns: int = 1, in_plane: bool = True,
+    ) -> None:  # fmt: skip
+        """Carry out an arc whose centre is known; ``normal`` is the axis of right-handed travel.
+
+        Raises:
+            ArcError: its numbers describe none, or it lies under different scales.
+        """
+        if not self.setup.even:
+            raise ArcError("an arc under different scales along its axes is no arc any more: not supported")
+        found = arc(start, end, centre, normal, self.chord_tolerance(), turns=turns)
+        check_radius(found, line, self.out)
+        length = found.sweep * found.radius
+        feed = self.feed_mm_min(math.hypot(length, float((end - start) @ self.plane)), line)
+        gap = np.where(unknown, math.nan, 0.0)
+        one = Segment(start + gap, end + gap, len(self.out), feed, centre, bool(normal @ self.plane > 0.0))
+        if axis != self.axis or not in_plane or turns > 1:
+            self.end_contour("what follows is no arc in the working plane")
+        one = self.turn_corner(one, axis, line)
+        if one.start is not None and not np.array_equal(one.start, start + gap, equal_nan=True):
+            found = arc(np.where(unknown, start, one.start), end, centre, normal, self.chord_tolerance())
+        points = found.points + gap if any(unknown) else found.points
+        self.out.add_arc(self.setup.points(points), axis, Move.CUT, feed, line, axis_before=self.axis)
+        x, y, z = points[-1].tolist()
+        self.p, self.axis = [x, y, z], axis
+        self.segment = one if in_plane else None
+        for k in range(3):
+            self.lost[k] = self.lost[k] if math.isnan(self.p[k]) else ""
+
+    # ---- further arcs
+
+    def through(self, to: list[float], axis: Vector, b: Block) -> None:
+        """CIP: the circle through the start, an intermediate point I1=, J1=, K1= and the end.
+
+        Raises:
+            ArcError: a point is not known, or the three lie on a line.
+        """
+        start = np.array(self.p)
+        middle = start.copy()
+        for k, name in enumerate(_INTERMEDIATE):
+            if name in b.named:
+                value = b.named.pop(name) * self.scale
+                relative = b.modes.get(name, "IC" if self.incremental else "AC") == "IC"
+                middle[k] = value + (start[k] if relative else 0.0)
+        end = np.array(to)
+        if np.isnan([start, middle, end]).any():
+            raise ArcError("CIP from or through a place that is not known")
+        centre, normal = circumscribed(start, middle, end)
+        flat = abs(abs(float(normal @ self.plane)) - 1.0) < 1e-9
+        self.along_arc(start, end, centre, normal, [False] * 3, axis, b.line, in_plane=flat)
+
+    def tangential(self, to: list[float], axis: Vector, line: int) -> None:
+        """CT: the arc in the working plane that goes on from the element before without a corner.
+
+        Its centre lies on the normal n of the tangent at the start, at r = |d|² / (2 d·n), d from start to end.
+
+        Raises:
+            ArcError: no element before it.
+        """
+        if self.segment is None:
+            raise ArcError("a tangential arc (CT) without a contour element before it")
+        if self.corner is not None:
+            raise ArcError("a rounding or chamfer before a tangential arc (CT) is not supported")
+        start, end, unknown = self.arc_ends(to, line)
+        tangent = self.segment.tangent(self.plane)
+        n = np.cross(self.plane, tangent)
+        d = (end - start) * (1.0 - np.abs(self.plane))
+        aside = float(d @ n)
+        if not float(d @ d) > 1e-12:
+            raise ArcError("a tangential arc (CT) that ends where it starts")
+        if abs(aside) < 1e-9 * math.sqrt(float(d @ d)):
+            if float(d @ tangent) < 0.0:
+                raise ArcError("a tangential arc (CT) to a place straight behind its start")
+            self.motion = 1
+            self.cut(to, axis, line)
+            return
+        centre = start + n * float(d @ d) / (2.0 * aside)
+        self.along_arc(start, end, centre, self.plane * math.copysign(1.0, aside), unknown, axis, line)
+
+    def about_the_pole(self, to: list[float], axis: Vector, b: Block) -> None:
+        """G2 or G3 with AP=: an arc about the pole."""
+        first, second = plane_axes(self.plane)
+        start, end, unknown = self.arc_ends(to, b.line)
+        centre = start.copy()
+        centre[first], centre[second] = self.polar.pole[first], self.polar.pole[second]
+        normal = self.plane * (1.0 if self.motion == 3 else -1.0)
+        self.along_arc(start, end, centre, normal, unknown, axis, b.line, turns=1 + self.full_circles(b))
+
+
+def circumscribed(a: Array, b: Array, c: Array) -> tuple[Array, Array]:
+    """Centre of the circle through three points, and the axis about which a → b → c is right-handed.
+
+    centre = a + ((|u|² v − |v|² u) × (u × v)) / (2 |u × v|²), with u = b − a and v = c − a.
+
+    Raises:
+        ArcError: they lie on a line or coincide.
+    """
+    u, v = b - a, c - a
+    n = np.cross(u, v)
+    square = float(n @ n)
+    if not square > 1e-12 * float(u @ u) * float(v @ v) or not square > 0.0:
+        raise ArcError("the three points of an arc (CIP) lie on a line")
+    centre = a + np.cross(float(u @ u) * v - float(v @ v) * u, n) / (2.0 * square)
+    return centre, n / math.sqrt(square)

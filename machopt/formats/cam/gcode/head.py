@@ -1,0 +1,53 @@
+"""What is told of a G-code file before it is carried out: whose control it is for, and its unit."""
+
+from __future__ import annotations
+
+import re
+
+from machopt.formats.cam.gcode.blocks import BlockReader
+from machopt.formats.cam.gcode.words import UNITS
+from machopt.formats.source import ReadOptions, Source
+
+_SIEMENS = re.compile(
+    r"\b(?:TRAORI|TRAFOOF|MCALL|CYCLE\d+|MSG|SUPA|DEF\s+(?:REAL|INT)|(?:CR|AR|TURN|RND|RNDM|CHF|CHR|AP|RP|RPL|ANG)\s*="
+    r"|R\d+\s*=|A3\s*=|[XYZABCIJK]1?\s*=\s*-?[A-Z\d.]|GOTO[BF]|A?(?:TRANS|ROT|SCALE|MIRROR)\b|CIP\b|HOLES[12]\b"
+    r"|REPEATB?\s+[A-Z])"
+    r"|=\s*(?:AC|IC|DC|ACP|ACN)\b"
+    r"|^\s*%_N_\w+_[MS]PF",
+    re.IGNORECASE | re.MULTILINE,
+)
+_UNIT_WORD = re.compile(r"G0*(20|21|70|71|700|710)(?![\d.])")
+_MILLPLUS = re.compile(r"^\s*(?:N\d+\s*)?(?:G7\s+A5=|G141\b)", re.MULTILINE)
+
+
+def is_siemens(source: Source) -> bool:
+    """True where a Sinumerik word stands outside of comments; in such programs brackets are none."""
+    if source.find(_SIEMENS) is None:
+        return False
+    return any(_SIEMENS.search(t.partition(";")[0].partition("(")[0]) for t in source.lines)
+
+
+def first_unit(source: Source, options: ReadOptions, blocks: BlockReader) -> tuple[str, str]:
+    """The unit by the file's first unit word, else the option's; and where it is from."""
+    at = source.find(_MILLPLUS)
+    if at is not None:
+        raise source.error(
+            "is a program for the MillPlus control (G7 A5=, G141), whose G93, G7 and G141 mean other things than "
+            "in G-code: not supported; post it for Heidenhain, Siemens or Fanuc, or export APT/CL data",
+            at,
+        )
+    found: str | None = None
+    where: int | None = None
+    for line, raw in enumerate(source.lines, 1):
+        if "G" in raw or "g" in raw:
+            text, _ = blocks.comments(raw) if "(" in raw or ";" in raw else (raw, [])
+            word = _UNIT_WORD.search(text.upper())
+            if word:
+                found, where = UNITS[int(word.group(1)) * 10], line
+                break
+    unit = options.unit
+    if found is None and unit is None:
+        raise source.error("has no G20 or G21 (G70, G71); give the unit with --unit mm or --unit inch")
+    if found is not None and unit is not None and found != unit:
+        raise source.error(f"the file is in {found} but --unit {unit} was given", where)
+    return found or unit or "", "G word" if found else "option"

@@ -1,0 +1,254 @@
+"""What a control knows while it carries out a program: modes, coordinate systems, the place of the tool.
+
+The state both G-code and Heidenhain's conversational programs keep; the readers set it word by word. ``p`` is what
+the program says, ``setup`` brings it into the workpiece.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from machopt.domain.toolpath import Move
+from machopt.formats import rotary
+from machopt.formats.arcs import ArcError
+from machopt.formats.cam.gcode.arcs import Centres
+from machopt.formats.cam.gcode.blocks import Block
+from machopt.formats.cam.gcode.contour import Corner, Segment, fit
+from machopt.formats.cam.gcode.cycles import Canned
+from machopt.formats.cam.gcode.polar import Polar, by_angle, plane_axes
+from machopt.formats.cam.gcode.setup import Setup
+from machopt.formats.frames import Transfer
+from machopt.formats.holecycle import HoleCycle
+from machopt.formats.pathbuilder import PathBuilder, Vector
+from machopt.formats.source import UNIT_NAMES, ReadOptions, Source
+
+_Z = (0.0, 0.0, 1.0)
+AXES = "XYZ"
+
+
+class ControlState:
+    """State of the control while a program is read, and what a block's coordinates do with it."""
+
+    format = "gcode"
+    once = 0  # line of a drilling cycle that is carried out in its own block
+
+    def __init__(self, source: Source, options: ReadOptions, unit: str) -> None:
+        self.source, self.options = source, options
+        self.out = PathBuilder(source, options, self.format)
+        self.setup = Setup(rotary.machine(options.machine) if options.machine else None, self.out)
+        self.tolerance = options.arc_tolerance * 1e3  # mm
+        self.scale = UNIT_NAMES[unit]
+        self.p: list[float] = [math.nan] * 3  # mm, as programmed; NaN: not known
+        self.lost = [""] * 3  # what made a coordinate unknown since it was last programmed (G53, G28 …)
+        self.axis: Vector = _Z  # in the workpiece
+        self.motion: int | None = None
+        self.plane = np.array(_Z)
+        self.incremental = False
+        self.centres = Centres(self.out)
+        self.feed_mode, self.feed, self.rpm = "minute", math.nan, math.nan
+        self.canned: Canned | None = None
+        self.back_to_initial = True
+        self.modal_call: HoleCycle | None = None
+        self.last_feed = math.nan
+        self.plunges: list[tuple[int, dict[str, float]]] = []
+        self.polar = Polar()
+        self.segment: Segment | None = None  # the contour element before, while the tool is still at its end
+        self.corner: Corner | None = None  # what goes between it and the next one
+        self.modal_corner: Corner | None = None  # RNDM
+        self.corner_feed: float | None = None  # FRCM, mm/min
+
+    # ---- coordinate systems
+
+    def change_setup(self, **changes: object) -> None:
+        """Another coordinate system, tilted plane or mode: the tool does not move, its coordinates change."""
+        before = self.setup.transfer
+        self.setup = self.setup.changed(**changes)
+        self.follow(before)
+        if self.setup.transfer is not before:
+            self.end_contour("the coordinate system changes")
+
+    def follow(self, before: Transfer | None) -> None:
+        """Coordinates of the same place after ``setup`` changed from ``before``."""
+        self.axis = self.setup.tool_axis()
+        if before is None and self.setup.transfer is None:
+            return
+        p, each_by_itself = self.setup.carried_over(before, self.p)
+        for k in range(3):
+            if math.isnan(p[k]) and not each_by_itself:
+                self.lost[k] = self.lost[k] or "before the coordinate system turned"
+        self.p = p
+
+    def lose(self, words: dict[str, float], name: str, line: int) -> None:
+        """A move in the machine's frame: where the tip is in the workpiece is not known after it."""
+        axes = [k for k in range(3) if AXES[k] in words]
+        if not axes and name in ("G53", "G153", "SUPA"):
+            return  # suppresses an offset, moves nothing
+        if axes and self.setup.rotated and not self.setup.by_machine:
+            axes = self.setup.moved_by_machine_z() if axes == [2] else [0, 1, 2]
+        for k in axes or (range(3) if not words.keys() & set("ABC") else []):
+            self.p[k], self.lost[k] = math.nan, name
+        angles = {c: 0.0 if name in ("G28", "G30") else words[c] for c in words.keys() & set("ABC")}
+        if angles:
+            before = self.setup.transfer
+            self.setup = self.setup.turned_to(angles)
+            self.follow_turn(before)
+        self.out.ignore(f"{name} (move in the machine's frame)", line, understood=True)
+
+    def follow_turn(self, before: Transfer | None) -> None:
+        """Rotary axes moved: without tool-centre-point control the programmed coordinates stay what they are."""
+        self.axis = self.setup.tool_axis()
+        if self.setup.tcp or self.setup.tilted:
+            self.follow(before)
+
+    # ---- straight moves
+
+    def target(self, words: dict[str, float], b: Block) -> list[float] | None:
+        """Where the block goes to (mm), None where it has no X, Y or Z.
+
+        Incremental zeros leave a coordinate that is not known unknown.
+        """
+        relative = self.incremental
+        if self.polar.on:
+            self.polar.words(words, self.plane, self.scale, incremental=relative)
+            b.modes.update({"XYZ"[k]: "AC" for k in plane_axes(self.plane)})
+        elif not self.polar.about_pole(words, b, self.p, self.plane, self.scale, incremental=relative):
+            self.polar.switch(on=False)
+        for name in (",A", "ANG"):
+            if name in b.named:
+                by_angle(b.named.pop(name), words, b, self.p, self.plane, self.scale, incremental=relative)
+        if not ("X" in words or "Y" in words or "Z" in words):
+            return None
+        to = list(self.p)
+        for k, letter in enumerate(AXES):
+            if letter in words:
+                value = words[letter] * self.scale
+                if relative if letter not in b.modes else b.modes[letter] == "IC":
+                    if math.isnan(to[k]):
+                        if value == 0.0:
+                            continue
+                        if self.lost[k]:
+                            raise self.source.error(
+                                f"incremental {letter} from a place that is not known{self.how_lost(k)}; post it with "
+                                "absolute coordinates (G90) there",
+                                b.line,
+                            )
+                        self.out.warn_once("the first incremental moves start from 0", b.line)
+                        to[k] = 0.0
+                    value += to[k]
+                to[k] = value
+        return to
+
+    def go(self, to: list[float], axis: Vector, move: int, feed: float, line: int) -> None:
+        """One point at ``to`` (programmed coordinates)."""
+        if move != Move.CUT:
+            self.end_contour("a rapid move follows")
+        mixed = self.setup.mixes([math.isnan(v) for v in to])
+        for k in range(3):
+            if not math.isnan(to[k]):
+                self.lost[k] = ""
+            elif move == Move.CUT and (self.lost[k] or mixed):
+                raise self.source.error(f"cuts while {AXES[k]} is not known{self.how_lost(k)}", line)
+        self.p, self.axis = to, axis
+        if mixed:
+            self.out.ignore("rapid in a tilted plane while a coordinate is not known", line, understood=True)
+            return
+        self.out.add(self.setup.point((to[0], to[1], to[2])), axis, move, feed, line)
+
+    def how_lost(self, k: int) -> str:
+        name = self.lost[k]
+        if name in ("G53", "G153", "SUPA"):
+            return (
+                f": {name} moves in the machine's frame. Where the post writes G53 for its fixture offset 0, set the "
+                "operation's fixture offset to 1 (G54) and post again, or give --offset G53=0,0,0"
+            )
+        if name.startswith(("G", "M")):
+            return f": {name} moved it in the machine's frame, and the program does not say where it went"
+        return f": it was not programmed {name}" if name else ""
+
+    def cut(self, to: list[float], axis: Vector, line: int, angles: dict[str, float] | None = None) -> None:
+        """A straight cut; ``angles`` are those before it where the block turns a rotary axis."""
+        if angles is not None and self.setup.by_machine and not any(map(math.isnan, (*to, *self.p))):
+            self.end_contour("a move of rotary axes follows")
+            self.swept_cut(to, angles, line)
+            return
+        if self.setup.tcp and self.setup.angles and len(self.out):
+            self.plunges.append((len(self.out), dict(self.setup.angles)))
+        if axis != self.axis:
+            self.end_contour("the tool axis turns")
+        elif self.corner is not None and to == self.p:
+            return  # no element: the corner waits for the next one
+        feed = self.feed_mm_min(math.dist(to, self.p), line)
+        one = Segment(np.array(self.p), np.array(to), len(self.out), feed)
+        one = self.turn_corner(one, axis, line)
+        self.go(to, axis, Move.CUT, feed, line)
+        self.segment = one
+
+    # ---- contour corners
+
+    def turn_corner(self, one: Segment, axis: Vector, line: int) -> Segment:
+        """Put the rounding or chamfer that waits between the element before and ``one``; returns what is left of it."""
+        before, corner = self.segment, self.corner or self.modal_corner
+        self.corner = None
+        if corner is None:
+            return one
+        if before is None:
+            if corner.stays:
+                return one
+            raise self.source.error("a rounding or chamfer without a contour element before it", corner.line)
+        try:
+            found = fit(corner, before, one, self.plane, self.chord_tolerance())
+        except ArcError as problem:
+            raise self.source.error(str(problem), corner.line) from problem
+        if found is None:
+            return one
+        feed = corner.feed or before.feed
+        self.out.replace_points(before.first, self.setup.points(found.before))
+        between = self.setup.points(found.between)
+        if found.curved:
+            self.out.add_arc(between, axis, Move.CUT, feed, corner.line)
+        else:
+            x, y, z = between[-1].tolist()
+            self.out.add((x, y, z), axis, Move.CUT, feed, corner.line)
+        self.p = found.between[-1].tolist()
+        return dataclasses.replace(one, start=found.between[-1], first=len(self.out))
+
+    def end_contour(self, why: str) -> None:
+        """The tool leaves the contour: a corner that waits for the next element has none."""
+        if self.corner is not None:
+            raise self.source.error(
+                f"a rounding or chamfer without a contour element after it: {why}", self.corner.line
+            )
+        self.segment = None
+
+    def chord_tolerance(self) -> float:
+        """mm between chord and arc in programmed coordinates, which a scaling may enlarge."""
+        return self.tolerance / self.setup.stretch
+
+    def swept_cut(self, to: list[float], angles: dict[str, float], line: int) -> None:
+        """Linear and rotary axes at once without tool-centre-point control: the tip's way is curved."""
+        points, axes = self.setup.sweep(self.p, to, angles, self.tolerance)
+        start = self.setup.before_turn(angles, self.p)
+        length = float(np.linalg.norm(np.diff(np.vstack([start, points]), axis=0), axis=1).sum())
+        if self.feed_mode == "minute":
+            self.out.warn_once("feeds of blocks that turn a rotary axis are taken along the tip's way", line)
+        feed = self.feed_mm_min(length, line)
+        for (x, y, z), (i, j, k) in zip(points.tolist(), axes.tolist(), strict=True):
+            self.out.add((x, y, z), (i, j, k), Move.CUT, feed, line)
+        self.p, self.axis, self.lost = to, self.setup.tool_axis(), [""] * 3
+
+    def feed_mm_min(self, length: float, line: int) -> float:
+        if self.feed_mode == "minute":
+            return self.feed * self.scale
+        if self.feed_mode == "revolution":
+            return self.feed * self.rpm * self.scale
+        feed = self.feed * length  # G93: F is 1/min for the block
+        if not (math.isfinite(feed) and feed > 1e-6):
+            if math.isnan(self.feed) or math.isnan(self.last_feed):
+                return math.nan
+            self.out.warn_once("G93 blocks without travel of the tip keep the feed before them", line)
+            return self.last_feed
+        self.last_feed = feed
+        return feed
