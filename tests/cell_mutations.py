@@ -257,11 +257,11 @@ class Case:
         self.name, self.folder = name, make(place / name)
         self._meshes = _meshes() if name == "mesh" else []
         if name == "recording":
-            self._sound = {"recording.yaml": RECORDING, "data.csv": _readings()}
+            self.sound = {"recording.yaml": RECORDING, "data.csv": _readings()}
         elif name == "stiffness":
-            self._sound = {"stiffness.yaml": STIFFNESS}
+            self.sound = {"stiffness.yaml": STIFFNESS}
         else:
-            self._sound = {f: (self.folder / f).read_text() for f in ("cell.yaml", "robot.urdf")}
+            self.sound = {f: (self.folder / f).read_text() for f in ("cell.yaml", "robot.urdf")}
 
     def try_one(self, rng: random.Random) -> None:
         """Write one damaged version, read it, and check what was read.
@@ -279,7 +279,7 @@ class Case:
                 sane_cell(self.folder)
             case "mesh":
                 kind, data = rng.choice(self._meshes)
-                text = self._sound["cell.yaml"].replace("spindle.stl", f"spindle.{kind}")
+                text = self.sound["cell.yaml"].replace("spindle.stl", f"spindle.{kind}")
                 (self.folder / "cell.yaml").write_text(text)
                 (self.folder / f"spindle.{kind}").write_bytes(damaged_bytes(data, rng))
                 sane_mesh(self.folder)
@@ -287,15 +287,15 @@ class Case:
                 self._write("stiffness.yaml", rng)
                 sane_stiffness(self.folder / "stiffness.yaml")
             case "recording":
-                for name, text in self._sound.items():
+                for name, text in self.sound.items():
                     (self.folder / name).write_text(text)
-                self._write(rng.choice(list(self._sound)), rng)
+                self._write(rng.choice(list(self.sound)), rng)
                 sane_recording(load_recording(self.folder))
             case _:
                 sane_options(self._options(rng))
 
     def _write(self, name: str, rng: random.Random) -> None:
-        text = damaged(self._sound[name], rng)
+        text = damaged(self.sound[name], rng)
         (self.folder / name).write_text(text, encoding="utf-8", errors="surrogatepass", newline="")
 
     def _options(self, rng: random.Random) -> PlanOptions:

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from machopt.domain.options import FixedRotation, PlanOptions, ProcessForce, Weights
 from machopt.errors import InputError
-from machopt.formats.options import OptionKeys, load_options, options_as_user
+from machopt.formats.options import OptionKeys, load_options, options_as_user, without_effect
+from machopt.job.run import Request, optimize
 
 
 def test_no_layer_gives_the_domain_defaults() -> None:
@@ -150,3 +151,28 @@ def test_cell_and_direct_options_are_checked_too() -> None:
         load_options({"seed": -1})
     with pytest.raises(InputError, match=r"options: sead: unknown key"):
         load_options(sead=1)
+
+
+@pytest.mark.parametrize(
+    ("words", "part"),
+    [
+        (["preferred_weight=3"], "preferred_weight has no effect: no preferred_rotation_deg is given"),
+        (["preferred_rotation_deg=3", "preferred_weight=0"], "preferred_weight is 0"),
+        (["collision=false", "clearance_mm=9"], "clearance_mm has no effect: collision is false"),
+        (["method=jiao2022", "weights.mean=3"], "weights has no effect: method jiao2022"),
+        (["method=default", "rotation_range_deg=[90, 120]"], "rotation_range_deg has no effect"),
+    ],
+)
+def test_options_that_others_keep_from_acting_are_named(words: list[str], part: str) -> None:
+    (said,) = without_effect(load_options(overrides=words))
+    assert part in said
+    assert without_effect(load_options(overrides=words[:0])) == ()
+
+
+def test_fixed_rotations_that_a_method_would_not_keep_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "path.csv").write_text("x_mm,y_mm,z_mm,i,j,k,feed_mm_min\n0,0,0,0,0,1,100\n9,0,0,0,0,1,100\n")
+    cell = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
+    words = ("method=jiao2022", "fixed=[{point: 0, gamma_deg: 10}]")
+    with pytest.raises(InputError, match="method jiao2022 chooses every rotation by itself"):
+        optimize(Request(cell, tmp_path / "path.csv", tmp_path / "out", overrides=words))
+    assert not (tmp_path / "out").exists()

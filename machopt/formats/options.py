@@ -120,6 +120,30 @@ def load_options(
     return _to_si(OptionKeys.model_validate(merged))
 
 
+def without_effect(options: PlanOptions) -> tuple[str, ...]:
+    """Options that were changed and that something else among the options keeps from having an effect."""
+    plain = PlanOptions()
+    out = []
+
+    def idle(names: tuple[tuple[str, str], ...], why: str) -> None:
+        changed = [user for user, name in names if getattr(options, name) != getattr(plain, name)]
+        if changed:
+            out.append(f"{', '.join(changed)} {'has' if len(changed) == 1 else 'have'} no effect: {why}")
+
+    if options.preferred_rotation is None:
+        idle((("preferred_weight", "preferred_weight"),), "no preferred_rotation_deg is given")
+    elif not options.preferred_weight:
+        out.append("preferred_rotation_deg has no effect: preferred_weight is 0")
+    if not options.collision:
+        idle((("clearance_mm", "clearance"), ("collision_step_deg", "collision_step")), "collision is false")
+    if options.method != "global":
+        why = f"method {options.method} chooses without"
+        idle((("weights", "weights"), ("preferred_rotation_deg", "preferred_rotation")), why)
+    if options.method == "default":
+        idle((("rotation_range_deg", "rotation_range"),), "method default takes the file's own rotation")
+    return tuple(out)
+
+
 def options_as_user(options: PlanOptions) -> dict[str, object]:
     """The options under the user's keys and units, as result.json shows them and ``--plan`` takes them."""
     f, w = options.force, options.weights

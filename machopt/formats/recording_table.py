@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _ROWS_AT_ONCE = 4096
+_MOST = {"_Nm": 1e7, "_N": 1e7, "_mm": 1e7, "_mrad": 1e5, "_deg": 1e8, "_deg_s": 1e8, "_A": 1e5, "_C": 1e4}
+"""By the unit a column's name ends in: a hundred times the largest press, plant, fever or gear, and more."""
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+", re.ASCII)
 _NOT_FINITE = re.compile(r"[-+]?(?:nan|inf|infinity)", re.IGNORECASE)
@@ -70,8 +72,22 @@ def read_table(path: Path, vocabulary: Vocabulary) -> DataTable:
     """
     data = read_file(path, expected="a table of readings, CSV or Parquet", most=TABLE)
     if data.startswith(b"PAR1") or path.suffix.lower() == ".parquet":
-        return _read_parquet(path, data, vocabulary)
-    return _read_csv(path, data, vocabulary)
+        table = _read_parquet(path, data, vocabulary)
+    else:
+        table = _read_csv(path, data, vocabulary)
+    _refuse_wild(table)
+    return table
+
+
+def _refuse_wild(table: DataTable) -> None:
+    for name, values in table.numbers.items():
+        unit = next((u for u in _MOST if name.endswith(u)), None)
+        if unit is None:
+            continue
+        wild = np.flatnonzero(np.abs(values) > _MOST[unit])
+        if wild.size:
+            raise table.error(f"found {values[wild[0]]:g}; expected at most {_MOST[unit]:g} to either side: no "
+                              "instrument reads more", int(wild[0]), name)  # fmt: skip
 
 
 def _read_csv(path: Path, data: bytes, vocabulary: Vocabulary) -> DataTable:

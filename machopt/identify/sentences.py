@@ -111,5 +111,6 @@ def notes(fit: Fit, sure: Uncertainty, settled: Settled) -> tuple[str, ...]:
     for j, s in enumerate(settled.standing[:6]):
         if not s.identified:
             held = "at a bound" if settled.replaced[j] else "drawn to the cell's value or to a bound"
-            out.append(f"joint {j + 1} stands at {1 / settled.x[j]:.3g} N·m/rad, {held}; that is not a measurement")
+            stiffness = 1 / settled.x[j] if settled.x[j] else np.inf
+            out.append(f"joint {j + 1} stands at {stiffness:.3g} N·m/rad, {held}; that is not a measurement")
     return tuple(out)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 import machopt
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Move, Toolpath
+from machopt.formats.options import without_effect
 from machopt.job.points import PointResults, reason_of
 from machopt.job.posts import Written
 from machopt.plan.compensate import residual
@@ -61,7 +62,7 @@ def report_data(
         path=_path_series(plan, toolpath, points, series), motion=_motion(plan, toolpath, timeline),
         dips=_dips(plan, timeline), worst=_worst_points(plan, toolpath, points, series), infeasible=infeasible,
         operations=_operations(plan, toolpath, points, timeline, series), ignored=toolpath.ignored,
-        warnings=(*plan.setup.cell.warnings, *toolpath.warnings, *hints(plan),
+        warnings=(*plan.setup.cell.warnings, *toolpath.warnings, *without_effect(plan.options), *hints(plan),
                   *((f"rapid move {d}" for d in timeline.detours) if timeline else ()),
                   *((f"{o.reason} ({_place(o.before)} → {_place(o.after)})" for o in timeline.obstructions)
                     if timeline else ())),

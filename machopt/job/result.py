@@ -12,7 +12,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.manifest import Manifest, ManifestProgram, with_scope
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
-from machopt.formats.options import options_as_user
+from machopt.formats.options import options_as_user, without_effect
 from machopt.job.inputs import hashes_of
 from machopt.job.points import PointResults
 from machopt.job.posts import Written, read_back
@@ -120,7 +120,7 @@ def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> dict[str, 
         },
         "programs": [p.as_result() for p in programs],
         "notes": list(cell.notes),
-        "warnings": [*cell.warnings, *toolpath.warnings, *hints(the_plan)],
+        "warnings": [*cell.warnings, *toolpath.warnings, *without_effect(the_plan.options), *hints(the_plan)],
         "timings_s": {name: round(value, 3) for name, value in seconds.items()},
     }  # fmt: skip
 

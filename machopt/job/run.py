@@ -133,6 +133,11 @@ def _tell(made: Made, folder: Path, timings: Timings) -> dict[str, object]:
 
 
 def _refuse_fixed_beyond(toolpath: Toolpath, options: PlanOptions) -> None:
+    if options.fixed and options.method != "global":
+        raise InputError(
+            f"method {options.method} chooses every rotation by itself and would not keep fixed ones; method global "
+            "would", file="options", where="fixed",
+        )  # fmt: skip
     for fixed in options.fixed:
         if fixed.point >= len(toolpath):
             raise InputError(
