@@ -13,7 +13,7 @@ uncertainty in the file and count as exact.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -137,10 +137,13 @@ def spread_of(plan: Plan) -> Spread:
 def gains(plan: Plan) -> tuple[Gain, ...]:
     """Gain of the chosen path over the CAM's default rotation and over jiao2022, with its uncertainty."""
     spread = spread_of(plan)
-    own = _mean(plan, plan.chosen, spread)
+    own = _mean(plan, plan.chosen, plan.path.weight, spread)
+    programmed = plan.path  # what the yardsticks drive: a compensated path is shifted, and so of another length
+    if plan.compensation is not None:
+        programmed = replace(plan.path, position=plan.path.position - plan.compensation.offset)
     out = []
     for name, yardstick in (("cam default", plan.cam_default), ("jiao2022", plan.jiao2022)):
-        other = _mean(plan, yardstick, spread)
+        other = _mean(plan, yardstick, programmed.weight, spread)
         if own is None or other is None:
             out.append(Gain(name, float("nan"), float("nan")))
             continue
@@ -150,13 +153,13 @@ def gains(plan: Plan) -> tuple[Gain, ...]:
     return tuple(out)
 
 
-def _mean(plan: Plan, scored: Scored, spread: Spread) -> tuple[float, Array] | None:
-    """Mean cost over the length cut, and its gradient (B, 6); None where it cannot be driven in or near the part."""
+def _mean(plan: Plan, scored: Scored, weight: Array, spread: Spread) -> tuple[float, Array] | None:
+    """Mean cost by ``weight`` (P,), and its gradient (B, 6); None where it cannot be driven in or near the part."""
     rows = np.flatnonzero(plan.path.counted)
     if not len(rows) or (scored.assignment.reason[plan.path.may_touch] != Reason.OK).any():
         return None
     gradient = np.zeros((len(plan.path.index), 6))
     q = scored.assignment.q[rows]
     gradient[rows] = cost_gradient(plan.setup.elasticity, plan.directions, rows, q, plan.scores.index)
-    mean = float(plan.path.weight[rows] @ scored.cost[rows])
-    return (mean, spread.gradient(plan.path.weight, gradient)) if mean > 0 else None
+    mean = float(weight[rows] @ scored.cost[rows])
+    return (mean, spread.gradient(weight, gradient)) if mean > 0 else None
