@@ -34,9 +34,7 @@ PRINTED = 2e-6  # relative: tables print seven significant digits
 DIGITS = 1e-9  # relative: sums and ratios of figures that stand in the same file
 AGREE = 1e-2  # of a check's limit: between two runs, and machines, a measured value moves by rounding only
 BETWEEN = 1.5  # a planning point between toolpath points is no softer than this times the worst of them
-SHIFTED = (
-    0.02  # percent: a compensated gain weighs both means by lengths of the shifted path, the yardsticks by their own
-)
+SHIFTED = 0.02  # percent: a compensated gain weighs both means by the shifted path, the yardsticks by the programmed
 NINETY = 1.6448536269514722  # standard deviations of a 90 % interval
 NONE_PERCENT = 0.01  # a smaller difference of the means is no gain
 HELD = 0.95  # of the programmed feed: what counts as held
