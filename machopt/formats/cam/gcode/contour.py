@@ -43,6 +43,8 @@ class Segment:
     def tangent(self, plane: Array) -> Array:
         """(3,) direction in the plane at its end."""
         e = self.element(plane)
+        if e.centre is None and not abs(e.end - e.start) > 1e-9:
+            raise ArcError("a tangential arc (CT) after a move across the working plane has no direction")
         d = e.direction(e.end)
         u, v = plane_axes(plane)
         found = np.zeros(3)

@@ -119,7 +119,8 @@ def plain_lines(r: MotionReader, at: int, pattern: re.Pattern[str] = PLAIN, *, l
             places.clear()
     r.out.add_many(numbers, places)
     before = numbers[-14:-11] if len(places) > 1 else list(r.p) if places else []
-    r.segment = None
+    if places:
+        r.segment = None
     if before and motion == 1 and not with_tcp:  # a corner may follow
         r.segment = Segment(np.array(before), np.array([x, y, z]), len(r.out) - 1, feed * scale)
     r.p, r.axis, r.motion, r.feed = [x, y, z], (i, j, k), motion, feed

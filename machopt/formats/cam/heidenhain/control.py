@@ -9,6 +9,7 @@ import numpy as np
 
 from machopt.formats.arcs import ArcError
 from machopt.formats.cam.gcode.blocks import Block
+from machopt.formats.cam.gcode.patterns import MOST_HOLES, circle, grid
 from machopt.formats.cam.gcode.planes import sequence, spatial
 from machopt.formats.cam.gcode.reader import ProgramReader
 from machopt.formats.cam.gcode.words import PLANES
@@ -202,6 +203,45 @@ class ControlReader(ProgramReader):
             self.chain.pop("inner", None)
         self.chain_changed()
         self.out.ignore("CYCL DEF 7", line, understood=True)
+
+    def transform(self, name: str, one: Transfer, word: str, line: int) -> None:
+        """Mirror or scale inside of what was switched on before it; no change ends it."""
+        self.chain.pop(name, None)
+        if not one.nothing:
+            if self.setup.tcp is not None:
+                raise FrameError(f"{word} under tool-centre-point control is not supported")
+            self.chain[name] = one
+        self.chain_changed()
+        self.out.ignore(word, line, understood=True)
+
+    def drill_pattern(self, number: int, line: int) -> None:
+        """Cycles 220 (circle) and 221 (rows): the last drilling cycle at every place.
+
+        Raises:
+            CycleError: no drilling cycle before it, or a parameter is missing.
+        """
+        if self.cycle is None or self.cycle < 200:
+            raise CycleError(f"cycle {number} before any drilling cycle was defined")
+        needed = (216, 217, 244, 245, 241) if number == 220 else (225, 226, 237, 238, 242, 243)
+        missing = [f"Q{n}" for n in needed if n not in self.q]
+        if missing:
+            raise CycleError(f"cycle {number} without {', '.join(missing)}")
+        q, s = self.q, self.scale
+        count = q[241] if number == 220 else max(q[242], q[243]) ** 2
+        if not 1.0 <= count <= MOST_HOLES:
+            raise CycleError(f"cycle {number} with {count:g} holes; expected 1 to {MOST_HOLES}")
+        if number == 220:
+            n, step = round(q[241]), q.get(247, 0.0)
+            if step == 0.0:
+                whole = q.get(246, 360.0) - q[245]
+                step = whole / n if abs(abs(whole) - 360.0) < 1e-9 else whole / max(n - 1, 1)
+            places = list(circle((q[216], q[217], q[244] / 2.0, q[245], step), n))
+        else:
+            columns, rows = round(q[242]), round(q[243])
+            places = list(grid((q[225], q[226]), (q[237], q[238]), columns, rows, q.get(224, 0.0)))
+        plan = q_cycle(self.cycle, self.q, s, self.rpm)
+        for x, y in places:
+            self.holes(plan, {}, [x * s, y * s, self.p[2]], Block(line, []))
 
     def turn_plane(self, degrees: float, line: int) -> None:
         """CYCL DEF 10: rotation in the plane."""

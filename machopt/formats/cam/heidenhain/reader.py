@@ -10,11 +10,15 @@ import math
 import re
 
 from machopt.domain.toolpath import Toolpath
+from machopt.formats.cam import reviewed
 from machopt.formats.cam.gcode.blocks import Block
+from machopt.formats.cam.gcode.contour import Corner, Kind
 from machopt.formats.cam.gcode.fast import HEIDENHAIN, plain_lines
 from machopt.formats.cam.gcode.flow import FlowError
+from machopt.formats.cam.gcode.motion import TANGENTIAL
 from machopt.formats.cam.heidenhain.control import NUMBER, ControlReader, value
 from machopt.formats.cam.heidenhain.cycles import OLD_WORD, old_word
+from machopt.formats.frames import Transfer
 from machopt.formats.source import ReadOptions, Source
 
 _WORD = re.compile(r"\s*(I?[XYZABC]|T[XYZ]|N[XYZ]|I?PR|I?PA|F|R|S)\s*" + NUMBER)
@@ -35,8 +39,8 @@ _IGNORED = (
     "FUNCTION MODE",
 )
 _REFUSED = {
-    "CYCL DEF 8": "mirroring", "CYCL DEF 26": "scaling", "CTP": "polar tangential arcs", "CT": "tangential arcs",
-    "FN": "formulas", "RND": "corner rounding", "CHF": "chamfers", "APPR": "approach blocks", "DEP": "departure blocks",
+    "CTP": "polar tangential arcs",
+    "FN": "formulas", "APPR": "approach blocks", "DEP": "departure blocks",
     "FPOL": "free contours", "FLT": "free contours", "FL": "free contours", "FCT": "free contours",
     "FC": "free contours", "SEL": "other programs and tables", "CYCL CALL PAT": "point patterns",
     "TRANS": "transformations by TRANS",
@@ -53,6 +57,8 @@ def read_heidenhain(source: Source, options: ReadOptions) -> Toolpath:
 
 
 class _Reader(ControlReader):
+    pattern_text: tuple[int, int] | None = None  # cycle 220 or 221 whose parameters are being read, and its line
+
     def run(self) -> Toolpath:
         try:
             if self.source.find(_NEEDS_FLOW) is None and self.scale == 1.0:
@@ -94,6 +100,10 @@ class _Reader(ControlReader):
         return re.sub(r"\s+", " ", text), found[1]
 
     def code(self, line: int, text: str) -> None:
+        if self.pattern_text is not None and not text.startswith("Q"):
+            number, at = self.pattern_text
+            self.pattern_text = None
+            self.drill_pattern(number, at)
         if text.startswith("CYCLE DEF"):
             text = "CYCL DEF" + text[9:]
         if text.startswith("BEGIN PGM"):
@@ -117,6 +127,16 @@ class _Reader(ControlReader):
             self.statement("L " + text[13:] + " M99", line)
         elif text == "CYCL CALL" or re.match(r"CYCL CALL (?:M|F)", text):
             self.drill_here(Block(line, []))
+        elif found := re.match(r"(RND|CHF)\s+(?:R\s*)?" + NUMBER + r"(?:\s+F\s*" + NUMBER + ")?$", text):
+            feed = self.feed
+            if found.group(3):
+                self.feed_word(value(found.group(3)), line)
+            own, self.feed = self.feed * self.scale, feed
+            kind: Kind = "round" if found.group(1) == "RND" else "setback"
+            size = value(found.group(2)) * self.scale
+            if not size > 0.0:
+                raise self.source.error(f"{text[:24]!r}: expected a size above zero", line)
+            self.corner = Corner(kind, size, line, own if found.group(3) else None)
         elif text.startswith("PLANE"):
             self.plane_statement(text, line)
         elif text.startswith("FUNCTION TCPM"):
@@ -132,7 +152,7 @@ class _Reader(ControlReader):
                 self.out.event("stop", text)
                 if re.search(r"\bM(?:2|30)\b", text):
                     self.ended = True
-        elif re.match(r"(?:LN?|CC|CR|C|LP|CP|M\s*\d+)(?=\s|$|\d)|I?[XYZABC]\s*[+-]?\.?\d|R0\b|F ?MAX\b|S ?\d", text):
+        elif re.match(r"(?:LN?|CC|CR|CT|C|LP|CP|M\s*\d+)(?=\s|$|\d)|I?[XYZABC]\s*[+-]?\.?\d|R0\b|F ?MAX\b|S ?\d", text):
             self.statement(text, line)
         else:
             for word, reason in _REFUSED.items():
@@ -168,12 +188,30 @@ class _Reader(ControlReader):
                 self.turn_plane(value(angle.group(1)) if angle else 0.0, line)
         elif number == 11:
             factor = re.search(r"\bSCL\s*" + NUMBER, rest)
-            if factor and value(factor.group(1)) != 1.0:
-                raise self.source.error("CYCL DEF 11 scales the coordinates: not supported", line)
-        elif number == 8 and not re.search(r"\b[XYZABC]\b", rest):
-            self.out.ignore("CYCL DEF 8", line, understood=True)
-        elif number == 247:
-            self.out.ignore("CYCL DEF 247", line, understood=True)
+            if factor:
+                f = value(factor.group(1))
+                if not f > 0.0:
+                    raise self.source.error(f"CYCL DEF 11 with a factor of {f:g}; expected one above zero", line)
+                self.transform("scale", Transfer.factors(f, f, f), "CYCL DEF 11", line)
+        elif number == 26:
+            axes = {k: value(v) for k, v in re.findall(r"\b([XYZ])\s*" + NUMBER, rest)}
+            if "CCX" in rest or "CCY" in rest or (axes and not min(axes.values()) > 0.0):
+                raise self.source.error("CYCL DEF 26 about a centre of its own is not supported", line)
+            if part != "0":
+                x, y, z = (axes.get(c, 1.0) for c in "XYZ")
+                self.transform("scale", Transfer.factors(x, y, z), "CYCL DEF 26", line)
+        elif number == 8:
+            if part != "0":
+                named = re.findall(r"\b([XYZABC])\b", rest)
+                if set(named) - {"X", "Y"}:
+                    raise self.source.error(f"CYCL DEF 8 mirrors {rest.strip()}: only X and Y are supported", line)
+                x, y = (-1.0 if c in named else 1.0 for c in "XY")
+                self.transform("mirror", Transfer.factors(x, y, 1.0), "CYCL DEF 8", line)
+        elif number in (239, 247, 332):
+            self.out.ignore(f"CYCL DEF {number}", line, understood=number in reviewed.HEIDENHAIN_CYCLES)
+            return True
+        elif number in (220, 221):
+            self.pattern_text = (number, line)
             return True
         elif number in (9, 13, 32):
             dwell = re.search(NUMBER, rest) if (number, part) == (9, "1") else None
@@ -182,8 +220,6 @@ class _Reader(ControlReader):
             self.out.ignore(f"CYCL DEF {number}", line, understood=True)
         elif number in (1, 2, 17):
             self.old_cycle_line(number, part, rest, line)
-        elif number == 8:
-            raise self.source.error("CYCL DEF 8 mirrors the coordinates: not supported", line)
         else:
             self.begin_q_cycle(number, line)
             return True
@@ -203,7 +239,7 @@ class _Reader(ControlReader):
 
     def statement(self, text: str, line: int) -> None:
         kind, rest = "L", text
-        found = re.match(r"(LN|LP|L|CC|CR|CP|C)(?![A-Z])", text)
+        found = re.match(r"(LN|LP|L|CC|CR|CT|CP|C)(?![A-Z])", text)
         if found:
             kind, rest = found.group(1), text[found.end() :]
         words, flags = self.split(rest, line)
@@ -250,6 +286,9 @@ class _Reader(ControlReader):
             self.circle(kind, words, left, radius, b)
         elif kind == "CP":
             self.polar_circle(words, left, b)
+        elif kind == "CT":
+            self.motion = TANGENTIAL
+            self.move(words, b)
         elif words or b.named:
             if kind == "LP":
                 self.to_cartesian(words, line)

@@ -1,0 +1,83 @@
+"""Words counted as understood are on the reviewed list; options that messages name parse in the commands."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+import machopt
+from machopt.cli import main
+from machopt.formats.cam import reviewed
+
+PACKAGE = Path(machopt.__file__).parent
+READERS = PACKAGE / "formats"
+TABLES = {name for name in vars(reviewed) if name.isupper() and not name.startswith("_")}
+READING = {"inspect", "optimize", "verify", "batch"}
+ELSEWHERE = {
+    "--cell": {"inspect", "batch"},
+    "--set": {"optimize", "verify", "batch"},
+    "--plan": {"optimize", "verify", "batch"},
+    "--allow-external": READING,
+}
+
+
+def _ignored(tree: ast.AST) -> list[ast.Call]:
+    return [
+        n for n in ast.walk(tree)
+        if isinstance(n, ast.Call) and isinstance(n.func, ast.Attribute) and n.func.attr == "ignore"
+    ]  # fmt: skip
+
+
+def test_every_word_that_is_simply_understood_is_reviewed() -> None:
+    """``understood=True`` beside a word written in the reader: the word, or its beginning, has its reason."""
+    known = [*reviewed.CARRIED_OUT, *reviewed.APT, *reviewed.HEIDENHAIN]
+    known += [f"CYCL DEF {n}" for n in reviewed.HEIDENHAIN_CYCLES]
+    missing = []
+    for file in sorted((READERS / "cam").rglob("*.py")):
+        for call in _ignored(ast.parse(file.read_text(encoding="utf-8"))):
+            flag = next(k.value for k in call.keywords if k.arg == "understood")
+            word = call.args[0]
+            if not (isinstance(flag, ast.Constant) and flag.value is True and isinstance(word, ast.Constant)):
+                continue
+            if not any(str(word.value) == k or str(word.value).startswith(k) for k in known):
+                missing.append((file.name, word.value))
+    assert not missing
+
+
+def test_every_review_has_a_reason() -> None:
+    for table in TABLES:
+        for word, reason in getattr(reviewed, table).items():
+            assert len(str(reason)) > 5, (table, word)
+
+
+@pytest.mark.parametrize("word", [450, 460, 121, 71, 160, 510, 511, 290, 310])
+def test_words_that_move_are_not_on_the_list(word: int) -> None:
+    assert word not in reviewed.G
+
+
+def _help(command: str, capsys: pytest.CaptureFixture[str]) -> str:
+    with pytest.raises(SystemExit):
+        main([command, "--help"])
+    return capsys.readouterr().out
+
+
+def test_every_option_named_in_a_message_parses(capsys: pytest.CaptureFixture[str]) -> None:
+    """In every text of the readers that names an option; the commands that read toolpaths have it."""
+    named: dict[str, str] = {}
+    for file in [*(READERS / "cam").rglob("*.py"), *READERS.glob("*.py")]:
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                for option in re.findall(r"(?<![\w-])--[a-z][a-z-]+", node.value):
+                    named.setdefault(option, file.name)
+    assert {"--unit", "--feed", "--machine", "--offset", "--decimals"} <= named.keys()
+    helps = {command: _help(command, capsys) for command in READING}
+    wrong = [
+        (option, file, command)
+        for option, file in named.items()
+        for command in ELSEWHERE.get(option, READING)
+        if not re.search(rf"{option}(?![\w-])", helps[command])
+    ]
+    assert not wrong
