@@ -146,5 +146,6 @@ CARRIED_OUT: dict[str, str] = {  # words that a reader uses, and lines that hold
     "TLAXIS": "CLT: of the part, whose points are in the tool's system", "TRNTYP": "which system points are in",
     "MODE": "increments or the kind of machine", "MULTAX": "whether GOTO has six numbers",
     "CYCLE/CLEAR": "ends a cycle", "CYCLE/INIT": "before a cycle is named",
-    "parameters (10000 …)": "numbers of Mastercam's pages", "1000": "names a tool", "1001": "names a tool", "1002": "names a tool",
+    "parameters (10000 …)": "numbers of Mastercam's pages", "1000": "names a tool",
+    "1001": "names a tool", "1002": "names a tool",
 }  # fmt: skip
