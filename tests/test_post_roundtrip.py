@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -305,3 +306,17 @@ def test_root_and_flange_are_in_the_frames(tmp_path: Path) -> None:
     base = next(f for f in parsed.bases if f.name == f"w_{parsed.name}")
     assert base.T is not None
     np.testing.assert_allclose(ROOT @ base.T, WORKPIECE, atol=1e-7)
+
+
+def test_two_rapid_programs_of_one_task_share_no_name(tmp_path: Path) -> None:
+    names = []
+    for seed, name in ((1, "one"), (2, "two")):
+        p = program(Recipe(seed, moves=30, blend=1e-3), MAPPED)
+        text = "".join(
+            f.read_text() for f in write_program(tmp_path, name, p, "rapid", replace(MAPPED, moves_per_part=9))
+        )
+        found = re.findall(r"(?m)^\s*(?:MODULE|PROC|PERS \w+|CONST \w+)\s+(\w+)", text)
+        assert len(found) == len(set(found)) > 8
+        assert max(map(len, found)) <= 32  # the longest name of the language
+        names.append({n.lower() for n in found})
+    assert not names[0] & names[1]

@@ -18,6 +18,8 @@ _KINDS = {"ptp": JOINT, "lin": LINEAR}
 _Q = tuple(f"q{k}_deg" for k in range(1, 7))
 _POSE = ("x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")
 
+SAME_AXIS = 1e-6  # both are printed to nine decimals
+
 
 def read_csv_program(source: Source, arc_tolerance: float, strict: bool = False) -> ParsedProgram:
     """Read a program table.
@@ -141,6 +143,9 @@ def _row(out: Builder, row: Mapping[str, str], line: int) -> None:
         out.word(row["move"])
     x, y, z, *q = (value(c, True) for c in _POSE)
     rows = _rows(out, q, line)
+    for name, turned in zip("ijk", (-rows[2], -rows[5], -rows[8]), strict=True):  # the shank's direction, once more
+        if abs(value(name) - turned) > SAME_AXIS:
+            raise out.error(f"{name} is {value(name):g}, but the quaternion turns the tool axis to {turned:.6f}", line)
     external = [value(f"e{k}") for k in range(1, 7)]
     while external and math.isnan(external[-1]):
         external.pop()
