@@ -44,6 +44,7 @@ PULSES = 3.0  # of an encoder: joints may be off by that much, by rounding and b
 REACH = 5.0  # m: what a joint's last digit is worth there
 COARSE = 5.1e-5  # m/s: FANUC and Yaskawa print tenths of mm/s
 SAME = 1e-8  # rad: places ten metres away by a tenth of a micrometre
+TWICE = 1e-6  # m, and of a rotation's entries: both are printed to nine decimals of a degree
 FRAME = 1e-6  # m: frames are printed to 1e-3 mm at least
 FRAME_ANGLE = float(np.radians(2e-3))
 MOVES, COMPARED = "moves read", "compared with motion and CAM file"
@@ -291,6 +292,14 @@ class _Ground:
         own = set(re.findall(r"\w+", " ".join(controller.lines.values())))  # of the cell: nobody here knows its words
         strange = [w.word for w in parsed.ignored if not w.understood and own.isdisjoint(re.findall(r"\w+", w.word))]
         strange += [w for w in parsed.warnings if "cut off" in w]
+        both = np.flatnonzero(parsed.has_pose & np.isfinite(said.q).all(axis=1))
+        if len(both):  # tables say the same thing twice
+            T = self.arm.tcp_in_workpiece(said.q[both], np.zeros((len(both), len(self.cell.external_joints))))
+            gap = np.linalg.norm(T[:, :3, 3] - said.T_workpiece_tcp[both, :3, 3], axis=1)
+            gap = np.maximum(gap, np.linalg.norm(T[:, :3, :3] - said.T_workpiece_tcp[both, :3, :3], axis=(1, 2)))
+            n = int(np.argmax(gap))
+            checks.append(Check(f"{name}: poses as the joints", bool(gap[n] <= TWICE), 1e3 * float(gap[n]), 1e3 * TWICE,
+                                "mm", f"move {both[n] + 1}, line {int(parsed.line[both[n]])}"))  # fmt: skip
         checks.append(Check(f"{name}: every word understood", not strange, float(len(strange)), 0.0, "words",
                             ", ".join(strange[:4]) or "all"))  # fmt: skip
         return checks

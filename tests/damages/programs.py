@@ -272,6 +272,13 @@ DAMAGES = [
     ),
     row(
         "csv",
+        "a tool axis",
+        "x 1.1",
+        swap("part_apt.csv", r"^lin(?:,[^,]*){24},([\d.]+)", scaled(1, 1.1), 4),
+        "part_apt.csv: readable",
+    ),
+    row(
+        "csv",
         "a feed",
         "x 60",
         swap("part_apt.csv", r"^lin(?:,[^,]*){25},([\d.]+)", scaled(1, 60), 4),
