@@ -23,6 +23,9 @@ from machopt.verify import Verification, verify_output
 from machopt.verify.arm import Arm
 from machopt.verify.bodies import all_bodies, pairs
 from machopt.verify.contact import contacts
+from machopt.verify.material import level
+from machopt.verify.ride import ride
+from machopt.verify.table import read_motion
 
 CYCLE = 0.012
 FEED = 0.05  # m/s
@@ -384,6 +387,29 @@ def test_unreadable_tables_are_refused(cell: Cell, table: dict[str, list[object]
         assert message in check.where
     (check,) = verify_output(cell, toolpath(), tmp_path / "nowhere").failed
     assert "cannot be read" in check.where
+
+
+def test_without_a_mesh_the_cuts_tell_the_level(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
+    """Right under a cut is material; beside it nobody knows, and that is said; over it is air."""
+    bare = replace(cell, workpiece=replace(cell.workpiece, geometry=()))
+    write(tmp_path / "trajectory.csv", table)
+    motion, path = read_motion(tmp_path / "trajectory.csv", cell), toolpath()
+    tcp = Arm(cell).tcp_in_workpiece(motion.q, motion.external)
+    every = np.arange(len(path), dtype=float)
+
+    def told(tip: tuple[float, float, float]) -> list[tuple[str, bool | None]]:
+        moved = tcp.copy()
+        n = int(np.flatnonzero(np.isfinite(motion.point))[0])  # the end of the first rapid move
+        moved[n, :3, 3] = tip
+        on = ride(motion, path, every, path.position, moved, PlanOptions())
+        assert on.free[n]
+        return [(c.name, c.passed) for c in level(motion, path, on, bare)]
+
+    assert told((0.05, 0.0, 0.03)) == [("level of the cuts", True)]
+    assert told((0.05, 0.0, -0.07)) == [("level of the cuts", False)]
+    assert told((0.05, 0.1, -0.07)) == [("level of the cuts", True), ("level beside the cuts", None)]
+    on = ride(motion, path, every, path.position, tcp, PlanOptions())
+    assert level(motion, path, on, cell) == []  # the mesh tells it
 
 
 def test_shares_nothing_with_the_planner() -> None:

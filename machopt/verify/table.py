@@ -28,6 +28,7 @@ POINTS = (
     "k_normal_N_mm", "deflection_mm", "clearance_mm", "limit_margin_deg", "singularity", "status", "reason",
 )  # fmt: skip
 FURTHER = ("feed_mm_min", "k_jiao_x_N_mm", "nearest_pair", "stiffness_from", "deflection_std_mm", "k_axial_std_N_mm")
+MOST = 2**31  # a point number beyond is none
 WORDS = tuple(move.word for move in Move)
 
 
@@ -112,8 +113,9 @@ def read_points(file: Path) -> Points:
     shifted = any(name in columns for name in SHIFT)
     _check_names(columns, (*POINTS, *(SHIFT if shifted else ())), FURTHER, file)
     number = _numbers(columns, "point", file)
-    if (number != np.round(number)).any():
-        row = int(np.flatnonzero(number != np.round(number))[0])
+    odd = np.flatnonzero((number != np.round(number)) | (np.abs(number) > MOST))
+    if len(odd):
+        row = int(odd[0])
         raise InputError(f"{number[row]:g} is no point number", file=file, where=f"data row {row + 1}, point")
     _moves(columns, file)
     text = ("operation", "move", "reason", "nearest_pair", "stiffness_from")
