@@ -192,3 +192,20 @@ def test_several_work_offsets(tmp_path: Path) -> None:
         points(tmp_path, text)
     got = points(tmp_path, text, offsets=["G55=100,0,0", "G56=0,5,0"])
     assert np.allclose(got[-2:], [(101, 0, 0), (1, 6, 1)])
+
+
+def test_repeats_by_label(tmp_path: Path) -> None:
+    text = SINUMERIK + "G91\nA1: X1\nY1\nREPEAT A1 P=2\nREPEATB A1 P=2\nM30\n"
+    got = points(tmp_path, text, "a.mpf")[2:]
+    assert got == [(1, 0, 0), (1, 1, 0), (2, 1, 0), (2, 2, 0), (3, 2, 0), (3, 3, 0), (4, 3, 0), (5, 3, 0)]
+    with pytest.raises(InputError, match=r"line 4.*REPEAT B1"):
+        points(tmp_path, SINUMERIK + "REPEAT B1\nX1\nM30\n", "a.mpf")
+
+
+def test_the_axes_of_a_plane_that_stays(tmp_path: Path) -> None:
+    head = "0 BEGIN PGM A MM\n1 TOOL CALL 1 Z S1000\n2 PLANE SPATIAL SPA+90 SPB+0 SPC+0 STAY\n"
+    tail = "4 L X+1 Y+2 Z+5 R0 FMAX\n5 L Z+3 F100\n6 M30\n99 END PGM A MM\n"
+    got = points(tmp_path, head + "3 L A+Q120 C+Q122 R0 FMAX\n" + tail, "a.h")
+    assert np.allclose(got[-1], (1, -3, 2))
+    with pytest.raises(InputError, match="not known"):
+        points(tmp_path, head + tail, "a.h")

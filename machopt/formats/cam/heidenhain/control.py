@@ -32,6 +32,7 @@ class ControlReader(ProgramReader):
     """State and moves of the control."""
 
     format = "heidenhain"
+    stays = False  # the last PLANE left the rotary axes where they were
     decimals_count = False
 
     def __init__(self, source: Source, options: ReadOptions) -> None:
@@ -261,11 +262,13 @@ class ControlReader(ProgramReader):
         self.chain["plane"] = plane
         self.chain_changed()
         upright = abs(plane.z[2] - 1.0) < 1e-9
-        self.change_setup(tilted="" if upright else "aligned", stood_up=not upright)
+        tilted = "not yet" if self.stays else "aligned"  # STAY: the axes wait for L A+Q120 B+Q121 C+Q122
+        self.change_setup(tilted="" if upright else tilted, stood_up=not upright and not self.stays)
         self.out.meta["tilted_planes"] = str(int(self.out.meta.get("tilted_planes", "0")) + 1)
 
     def plane_statement(self, text: str, line: int) -> None:
         kind = text.split()[1] if len(text.split()) > 1 else ""
+        self.stays = re.search(r"\bSTAY\b", text) is not None
         v = {name: value(n) for name, n in _ANGLE.findall(text)}
         if kind == "RESET":
             self.set_plane(None, line)

@@ -15,6 +15,7 @@ _FN = re.compile(r"(?:FN\s*|D0?)(\d+)\s*:?\s*Q\s*(\d+)\s*=\s*([^*]+)")
 _IF = re.compile(r"FN\s*(9|10|11|12)\s*:\s*IF\s*(\S+)\s*(?:EQU|NE|GT|LT)\s*(\S+)\s*GOTO\s*LBL\s*(\d+|\"[^\"]*\")")
 _ASSIGN = re.compile(r"Q\s*(\d+)\s*=\s*([^*]*)")
 _USE = re.compile(r"([-+]?)\s*\bQ(\d+)\b(?!\s*=)|(?<=[XYZABCFRS])([-+]?)Q(\d+)\b(?!\s*=)")
+_COMPUTED = re.compile(r"\b(?:A\s*\+?\s*Q120|B\s*\+?\s*Q121|C\s*\+?\s*Q122)\b")
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)")
 _OPERATORS = {1: "+", 2: "-", 3: "*", 4: "DIV"}
 _COMPARE = {"9": "==", "10": "<>", "11": ">", "12": "<"}
@@ -82,6 +83,9 @@ class LabelFlow:
             number = int(found.group(1))
             self.q.values[f"Q{number}"] = value = self.q.value(found.group(2) or "0")
             return (f"Q{number}={value:.9f}" if number in _CYCLE_Q else ""), at + 1
+        if text.startswith("L") and not {"Q120", "Q121", "Q122"} & self.q.values.keys():
+            text = _COMPUTED.sub(" COMPUTED ", text, count=1)  # places the control worked out for PLANE … STAY
+            text = _COMPUTED.sub(" ", text)
         return _USE.sub(self._value, text), at + 1
 
     def _value(self, found: re.Match[str]) -> str:

@@ -116,6 +116,13 @@ class _Reader(ControlReader):
             self.take_parameters(parameters)
             if text.startswith("Q"):
                 return
+        if " COMPUTED" in text:
+            if not self.stays:
+                raise self.source.error(
+                    "Q120, Q121, Q122 hold the axes of PLANE … STAY, and there is none before", line
+                )
+            self.change_setup(tilted="aligned" if self.setup.tilted else "", stood_up=bool(self.setup.tilted))
+            text = " ".join(text.replace("COMPUTED", " ").split())
         if text.startswith("TOOL CALL"):
             found = re.match(r"TOOL CALL\s*(\"[^\"]*\"|\d+)?(?:.*?\bS\s*" + NUMBER + ")?", text)
             rpm = value(found.group(2)) if found and found.group(2) else None

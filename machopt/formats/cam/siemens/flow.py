@@ -15,7 +15,7 @@ from machopt.formats.cam.gcode.flow import MAX_CALLS, FlowError, Item, StepGuard
 from machopt.formats.cam.siemens.expr import Variables
 
 NEEDS_FLOW = re.compile(
-    r"\bR\[?\d+\]?\s*=|=\s*[-+]?\s*\(?\s*[A-Z]|\b(?:GOTO[BF]?|WHILE|ENDWHILE|REPEAT|UNTIL|LOOP|DEF|IF|FOR)\b|\bPROC\s|%_N_\w+_SPF",
+    r"\bR\[?\d+\]?\s*=|=\s*[-+]?\s*\(?\s*[A-Z]|\b(?:GOTO[BF]?|WHILE|ENDWHILE|REPEATB?|UNTIL|LOOP|DEF|IF|FOR)\b|\bPROC\s|%_N_\w+_SPF",
     re.IGNORECASE,
 )
 _HEAD = re.compile(r"%_N_(\w+?)_(?:SPF|MPF)\b.*|PROC\s+(\w+)\b.*")
@@ -23,6 +23,7 @@ _PREFIX = re.compile(r"(?:N\d+\s*)?(?:([A-Z_][A-Z0-9_]+)\s*:(?!=)\s*)?")
 _DEF = re.compile(r"DEF\s+(REAL|INT|BOOL)\b\s*(.*)")
 _IF_GOTO = re.compile(r"IF\s*(.*?)\s*(GOTO[BF]?)\s+(\w+)\s*")
 _GOTO = re.compile(r"(GOTO[BF]?)\s+(\w+)\s*")
+_REPEAT = re.compile(r"REPEAT(B?)\s+([A-Z_]\w*)(?:\s+([A-Z_]\w*))?(?:\s+P\s*=?\s*(\d+))?\s*")
 _FOR = re.compile(r"FOR\s+(\w+)\s*=\s*(.*)\bTO\b(.*)")
 _BLOCKS = {  # word → (what closes it, words on the way)
     "IF": ("ENDIF", ("ELSE",)), "FOR": ("ENDFOR", ()), "WHILE": ("ENDWHILE", ()), "REPEAT": ("UNTIL", ()),
@@ -30,7 +31,7 @@ _BLOCKS = {  # word → (what closes it, words on the way)
 }  # fmt: skip
 _WORD = re.compile(r"(IF|ELSE|ENDIF|FOR|ENDFOR|WHILE|ENDWHILE|REPEAT|UNTIL|LOOP|ENDLOOP)\b\s*(.*)")
 _FLOW_WORD = re.compile(
-    r"(?:IF|ELSE|ENDIF|FOR|ENDFOR|WHILE|ENDWHILE|REPEAT|UNTIL|LOOP|ENDLOOP|GOTO[BF]?|DEF|RET|M17|M99)\b"
+    r"(?:IF|ELSE|ENDIF|FOR|ENDFOR|WHILE|ENDWHILE|REPEATB?|UNTIL|LOOP|ENDLOOP|GOTO[BF]?|DEF|RET|M17|M99)\b"
 )
 _ASSIGN = re.compile(r"\s*([A-Z_]\w*(?:\[\s*\d+\s*\])?)\s*=(?!=)\s*")
 _MODE = re.compile(r"(AC|IC|DC|ACP|ACN)\s*\(")
@@ -60,6 +61,7 @@ class SiemensFlow:
         self.loop_of: dict[int, int] = {}  # closing word → opening word
         self.limits: dict[int, float] = {}  # FOR → its end value
         self.frames: list[int] = []  # where calls go back to
+        self.parts: list[list[int]] = []  # parts being repeated: first and last place, times left, where to go on
         self._parts: dict[str, list[str | Callable[[], str]]] = {}  # lines split once
         self.plain: set[int] = set()  # places of lines that only assign and move
         self.called = False
@@ -121,11 +123,17 @@ class SiemensFlow:
             before = at
             try:
                 text, at = self._step(at, code)
+                at = self._part_end(before, at)
             except ExpressionError as problem:
                 raise FlowError(str(problem), line) from problem
             guard.moved(anything=bool(text), line=line)
             if at <= before:
-                state = (tuple(self.variables.values.items()), tuple(self.limits.items()), tuple(self.frames))
+                state = (
+                    tuple(self.variables.values.items()),
+                    tuple(self.limits.items()),
+                    tuple(self.frames),
+                    tuple(map(tuple, self.parts)),
+                )
                 guard.jumped_back(at, state, line)
             if text or comments:
                 yield line, text, comments
@@ -151,8 +159,10 @@ class SiemensFlow:
         word = self._block_word(code)
         if word is not None:
             return "", self._block(word, at, code)
+        if found := _REPEAT.fullmatch(code):
+            return "", self._repeat(at, *found.groups())
         if code.startswith("REPEAT"):
-            raise FlowError("REPEAT of a part by its labels is not followed; expand the program first", line)
+            raise FlowError(f"{code[:30]!r}: expected REPEAT label [label] P=times", line)
         if code in ("RET", "M17") or (self.frames and code == "M99"):
             if self.frames:
                 return "", self.frames.pop()
@@ -167,6 +177,34 @@ class SiemensFlow:
             self.frames.append(at + 1)
             return "", self.programs[name] + 1
         return self._evaluated(code), at + 1
+
+    def _repeat(self, at: int, block: str, first: str, last: str | None, times: str | None) -> int:
+        """REPEAT label [label] P=n, REPEATB label P=n: the part once more, n times."""
+        line, count = self.items[at][0], int(times or 1)
+        places = [self.labels.get(label, []) for label in (first, last) if label]
+        if any(len(found) != 1 for found in places):
+            raise FlowError(f"REPEAT {first}: its labels must stand once each in this file", line)
+        start = places[0][0]
+        end = start if block else places[1][0] if last else at - 1
+        if end < start or start <= at <= end:
+            raise FlowError(f"REPEAT {first}: a part that does not end before it is not followed; expand it", line)
+        if len(self.parts) >= MAX_CALLS:
+            raise FlowError(f"more than {MAX_CALLS} nested repeats", line)
+        if count < 1:
+            return at + 1
+        self.parts.append([start, end, count - 1, at + 1])
+        return start
+
+    def _part_end(self, before: int, at: int) -> int:
+        """Where to go on after a line that may be the last one of a repeated part."""
+        while self.parts and before == self.parts[-1][1] and at == before + 1:
+            part = self.parts[-1]
+            if part[2] > 0:
+                part[2] -= 1
+                return part[0]
+            self.parts.pop()
+            before, at = part[3] - 1, part[3]
+        return at
 
     def _jump(self, word: str, label: str, at: int) -> int:
         places = self.labels.get(label, [])
