@@ -83,7 +83,11 @@ def refine(
     q = np.array(seed, float)
     for _ in range(iterations):
         T, J = robot.fk_jacobian(q, T_flange_tool)
-        q += np.linalg.solve(J, pose_error(T, T_base_tool)[..., None])[..., 0]
+        away = pose_error(T, T_base_tool)[..., None]
+        try:
+            q += np.linalg.solve(J, away)[..., 0]
+        except np.linalg.LinAlgError:  # a seed exactly at a singularity; whether it led anywhere the error says
+            q += (np.linalg.pinv(J) @ away)[..., 0]
     error = pose_error(robot.fk(q, T_flange_tool), T_base_tool)
     return q, np.maximum(np.linalg.norm(error[..., :3], axis=-1), np.linalg.norm(error[..., 3:], axis=-1))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +55,14 @@ class Candidates:
     feasible: NDArray[np.bool_]  # (S, R, B, T)
     stable: bool  # the branch index is the same assembly mode at every pose
     shortfall: Array  # (S,) m, least missing reach over the rotations; 0 where some rotation is reached
+    nudge: Array | None = None  # (S,) rad, added to phi where the user fixed a rotation off the grid; None: nowhere
+
+    def phi_at(self, rotation: NDArray[np.integer[Any]] | None = None) -> Array:
+        """Rotation in rad: (S, R) of every vertex, or (S,) of one index a station."""
+        nudge = np.zeros(len(self.q)) if self.nudge is None else self.nudge
+        if rotation is None:
+            return np.asarray(self.phi[None, :] + nudge[:, None])
+        return np.asarray(self.phi[rotation] + nudge)
 
     def reason_of_rotation(self) -> NDArray[np.uint8]:
         """(S, R) OK where any branch works, else the reason of the branch that came furthest."""
@@ -70,11 +79,12 @@ def enumerate_candidates(path: Path, arm: Arm, options: PlanOptions) -> Candidat
     reason = np.empty((S, R, B), np.uint8)
     feasible = np.zeros((S, R, B, T), bool)
     shortfall = np.empty(S)
+    nudge = _nudges(path, phi, options)
     T_tcp_flange = inverse(arm.T_flange_tcp)
     rows = max(CHUNK // R, 1)
     for a in range(0, S, rows):
         part = path.stations[a : a + rows]
-        poses = tcp_poses(path, part, np.broadcast_to(phi, (len(part), R)))
+        poses = tcp_poses(path, part, phi[None, :] + nudge[a : a + rows, None])
         branches = arm.solver.solve_grid(arm.T_base_workpiece @ poses @ T_tcp_flange)
         qa = branches.q.reshape(len(part), R, B, 6)
         why = branch_reasons(branches, arm.margins).reshape(len(part), R, B)
@@ -86,7 +96,7 @@ def enumerate_candidates(path: Path, arm: Arm, options: PlanOptions) -> Candidat
         why[(why == Reason.OK) & ~feasible[a : a + rows].any(axis=-1)] = Reason.LIMIT
         reason[a : a + rows] = why
         shortfall[a : a + rows] = branches.shortfall.reshape(len(part), R).min(axis=1)
-    _forbid_by_user(path, phi, options, reason, feasible)
+    _forbid_by_user(path, phi, options, reason, feasible, nudge)
     used = np.asarray(feasible.any(axis=(0, 1, 2)))
     used[0] = True  # keep at least one turn
     return Candidates(
@@ -97,14 +107,36 @@ def enumerate_candidates(path: Path, arm: Arm, options: PlanOptions) -> Candidat
         feasible=np.ascontiguousarray(feasible[..., used]),
         stable=arm.solver.branch_stable,
         shortfall=shortfall,
+        nudge=nudge,
     )
 
 
+def _nudges(path: Path, phi: Array, options: PlanOptions) -> Array:
+    """(S,) rad: how far the grid is moved where the user fixed a rotation, and along the plunges joined to it.
+
+    The rotation is kept along a plunge, so all of its stations stand on one grid.
+    """
+    st = path.stations
+    out = np.zeros(len(st))
+    plunged = np.r_[0, np.cumsum(~path.plunge)]
+    joined = np.zeros(len(st), bool)  # to the station before, by plunges only
+    for s in range(1, len(st)):
+        joined[s] = path.run[st[s]] == path.run[st[s - 1]] and plunged[st[s] + 1] == plunged[st[s - 1] + 1]
+    part = np.cumsum(~joined)
+    for fixed in options.fixed:
+        for at in np.flatnonzero(np.abs(path.index[st] - fixed.point) < 1e-9):
+            away = np.asarray(wrap(fixed.gamma - path.offset[st[at]] - phi))
+            out[part == part[at]] = away[np.abs(away).argmin()]
+    return out
+
+
 def _forbid_by_user(
-    path: Path, phi: Array, options: PlanOptions, reason: NDArray[np.uint8], feasible: NDArray[np.bool_]
-) -> None:
+    path: Path, phi: Array, options: PlanOptions, reason: NDArray[np.uint8], feasible: NDArray[np.bool_],
+    nudge: Array | None = None,
+) -> None:  # fmt: skip
     """The user's rotation bounds and fixed rotations, as masks on gamma."""
-    gamma = wrap(phi[None, :] + path.offset[path.stations][:, None])  # (S, R)
+    moved = phi[None, :] + (0.0 if nudge is None else nudge[:, None])
+    gamma = np.asarray(wrap(moved + path.offset[path.stations][:, None]))  # (S, R)
     low, high = options.rotation_range
     outside = (gamma < low - 1e-9) | (gamma > high + 1e-9)
     index = path.index[path.stations]

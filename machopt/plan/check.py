@@ -1,4 +1,4 @@
-"""Collisions of the chosen path, and what to forbid when there are some. Lazy: only what the choice needs."""
+"""Collisions of a path at and between its planning points, as it is driven: straight in space, not in the joints."""
 
 from __future__ import annotations
 
@@ -8,71 +8,104 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.options import PlanOptions
-from machopt.domain.reason import Reason
 from machopt.model.collision import CollisionModel
-from machopt.plan.candidates import Candidates
-from machopt.plan.choose import Choice
+from machopt.model.ik import refine
+from machopt.model.robot import Robot
+from machopt.plan.candidates import Arm
 from machopt.plan.path import Path
+from machopt.plan.realise import CONVERGED, SAME_BRANCH
+from machopt.se3 import normalise, tool_rotation, transform
 
 Array = NDArray[np.float64]
-STATIONS_PER_ROUND = 48  # colliding stations whose whole rotation row is checked before choosing again
+Bools = NDArray[np.bool_]
+NEAR = np.radians(3.0)  # joint step up to which the way between two points is taken as straight in the joints
 
 
 @dataclass(frozen=True)
 class PathCheck:
     """Contacts of one assignment at and between the planning points of each run."""
 
-    hit: NDArray[np.bool_]  # (P,) at the point or on the way to it
+    hit: Bools  # (P,) at the point or on the way to it
     pair: NDArray[np.int32]  # (P,) index into the model's pairs, −1 where free
+    lost: Bools  # (P,) no configuration leads from the point before to this one
 
     @property
     def free(self) -> bool:
-        return not bool(self.hit.any())
+        return not bool(self.hit.any() or self.lost.any())
 
 
-def check_path(path: Path, q: Array, model: CollisionModel, options: PlanOptions) -> PathCheck:
-    """Check every stretch with a configuration, with a bounded joint step in between.
+@dataclass(frozen=True)
+class Checker:
+    """What a motion is held against."""
 
-    Args:
-        q: (P, 6) rad, NaN where there is none.
-    """
-    hit, pair = np.zeros(len(q), bool), np.full(len(q), -1, np.int32)
-    known = np.asarray(np.isfinite(q).all(axis=1))
-    touch = path.may_touch
-    for first, last in path.runs:
-        rows = np.arange(first, last + 1)[known[first : last + 1]]
-        for stretch in np.split(rows, np.flatnonzero(np.diff(rows) != 1) + 1):
-            if len(stretch):
-                contacts = model.check_motion(q[stretch], touch[stretch], options.collision_step)
-                hit[stretch], pair[stretch] = contacts.hit, contacts.pair
-    return PathCheck(hit, pair)
+    path: Path
+    arm: Arm
+    robot: Robot
+    model: CollisionModel | None  # None: contacts are not looked for
+    step: float  # rad, joint step between collision checks
 
+    @classmethod
+    def of(cls, path: Path, arm: Arm, robot: Robot, model: CollisionModel | None, options: PlanOptions) -> Checker:
+        return cls(path, arm, robot, model, options.collision_step)
 
-def forbid(path: Path, candidates: Candidates, choice: Choice, check: PathCheck, model: CollisionModel | None) -> int:
-    """Mark colliding vertices at and around the stations that collide; changes ``candidates`` in place.
+    def whole(self, phi: Array, q: Array, cuts: tuple[int, ...] = ()) -> PathCheck:
+        """Every stretch with a configuration.
 
-    Without a model the hits are points no configuration was found for; then only the chosen rotation goes.
+        Args:
+            phi: (P,) rad.
+            q: (P, 6) rad, NaN where there is none.
+            cuts: planning points that are not driven to from the point before.
+        """
+        n = len(q)
+        hit, pair, lost = np.zeros(n, bool), np.full(n, -1, np.int32), np.zeros(n, bool)
+        known = np.asarray(np.isfinite(q).all(axis=1))
+        begins = np.zeros(n, bool)
+        begins[list(cuts)] = True
+        for first, last in self.path.runs:
+            rows = np.arange(first, last + 1)[known[first : last + 1]]
+            for part in np.split(rows, np.flatnonzero((np.diff(rows) != 1) | begins[rows[1:]]) + 1):
+                if len(part):
+                    hit[part], pair[part], lost[part] = self.stretch(part, phi[part], q[part])
+        return PathCheck(hit, pair, lost)
 
-    Returns:
-        how many vertices were struck out (≥ 1 whenever something collides, so that choosing again ends).
-    """
-    st = path.stations
-    stations = np.unique(np.clip(np.searchsorted(st, np.flatnonzero(check.hit)), 0, len(st) - 1))
-    stations = stations[~choice.dropped[stations]]
-    if len(stations) > STATIONS_PER_ROUND:
-        stations = stations[np.unique(np.linspace(0, len(stations) - 1, STATIONS_PER_ROUND).round().astype(int))]
-    before = int(candidates.feasible.sum())
-    touch = path.may_touch
-    for s in stations:
-        b = choice.branch[s]
-        struck = np.zeros(0, int)
-        if model is not None:
-            rotations = np.flatnonzero(candidates.feasible[s, :, b].any(axis=1))
-            contacts = model.check(candidates.q[s, rotations, b], np.full(len(rotations), touch[st[s]]))
-            struck = rotations[contacts.hit]
-        if choice.rotation[s] not in struck:
-            # free at the station but not on the way to it: this rotation and its neighbours are given up
-            struck = np.union1d(struck, (choice.rotation[s] + np.arange(-1, 2)) % len(candidates.phi))
-        candidates.feasible[s, struck, b] = False
-        candidates.reason[s, struck, b] = Reason.COLLIDING if model is not None else Reason.NO_PATH
-    return before - int(candidates.feasible.sum())
+    def stretch(
+        self, rows: NDArray[np.intp], phi: Array, q: Array
+    ) -> tuple[Bools, NDArray[np.int32], Bools]:  # fmt: skip
+        """(n,) hit, pair and lost of successive planning points ``rows`` (n,) at phi (n,) rad and q (n, 6) rad."""
+        n = len(rows)
+        dense, owner, lost = self._filled(rows, phi, q)
+        hit, pair = np.zeros(n, bool), np.full(n, -1, np.int32)
+        if self.model is not None:
+            touch = np.full(len(dense), bool(self.path.may_touch[rows[0]]))
+            found = self.model.check_motion(dense, touch, self.step)
+            for m in np.flatnonzero(found.hit)[::-1]:  # the first contact of each way is told
+                hit[owner[m]], pair[owner[m]] = True, found.pair[m]
+        return hit, pair, lost
+
+    def _filled(self, rows: NDArray[np.intp], phi: Array, q: Array) -> tuple[Array, NDArray[np.intp], Bools]:
+        """Configurations (M, 6) with more of them where a step is long, whose way (M,) each belongs to, lost (n,)."""
+        n = len(rows)
+        lost = np.zeros(n, bool)
+        pieces = np.ones(n, int)
+        pieces[1:] = np.maximum(np.ceil(np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0) / NEAR), 1).astype(int)
+        if (pieces == 1).all():
+            return q, np.arange(n), lost
+        owner = np.repeat(np.arange(n), pieces)
+        share = np.concatenate([np.arange(1, k + 1) / k for k in pieces])
+        inner = np.flatnonzero(share < 1.0)
+        b, f = owner[inner], share[inner]
+        a, path = b - 1, self.path
+
+        def between(values: Array) -> Array:
+            g = f.reshape(-1, *(1,) * (values.ndim - 1))
+            return np.asarray((1 - g) * values[a] + g * values[b])
+
+        R = tool_rotation(normalise(between(path.axis[rows])), between(path.reference[rows]), between(phi))
+        pose = self.arm.T_base_workpiece @ transform(R, between(path.position[rows]))
+        seed = between(q)
+        exact, error = refine(self.robot, pose, seed, self.arm.T_flange_tcp, iterations=6)
+        bad = ~((error <= CONVERGED) & (np.abs(exact - seed).max(axis=1) <= SAME_BRANCH))
+        out = q[owner].copy()
+        out[inner] = np.where(bad[:, None], seed, exact)
+        lost[b[bad]] = True
+        return out, owner, lost

@@ -33,6 +33,29 @@ FREE, LIFT = -1, -2
 
 
 @dataclass(frozen=True)
+class Edges:
+    """Ways from a station to the next that were looked at and do not work (a contact, or no pose in between)."""
+
+    station: Ints  # (E,) the station they lead into, not falling
+    source: Ints  # (E,) vertex at the station before, (rotation · B + branch) · T + turn
+    target: Ints  # (E,) vertex at the station
+
+    @classmethod
+    def none(cls) -> Edges:
+        return cls(*(np.zeros(0, np.int32) for _ in range(3)))
+
+    def plus(self, station: Ints, source: Ints, target: Ints) -> Edges:
+        """These and more, each once."""
+        rows = np.column_stack(
+            [np.r_[self.station, station], np.r_[self.source, source], np.r_[self.target, target]]
+        ).astype(np.int32)
+        return Edges(*np.ascontiguousarray(np.unique(rows, axis=0).T))
+
+    def __len__(self) -> int:
+        return len(self.station)
+
+
+@dataclass(frozen=True)
 class Choice:
     """One vertex per station."""
 
@@ -43,24 +66,38 @@ class Choice:
     broken: tuple[int, ...]  # stations that no continuous way leads to from the station before
     total: float = np.nan  # what the sequence costs, by the prices of the grid
     bound: float = np.nan  # no sequence over the grid costs less
+    reached: NDArray[np.bool_] | None = None  # (S, R·B·T) vertices a continuous way leads to from the last break
 
     @property
     def dropped(self) -> NDArray[np.bool_]:
         return self.rotation < 0
 
 
-def choose(path: Path, candidates: Candidates, scores: Scores, velocity: Array, options: PlanOptions) -> Choice:
+def choose(
+    path: Path,
+    candidates: Candidates,
+    scores: Scores,
+    velocity: Array,
+    options: PlanOptions,
+    edges: Edges | None = None,
+    wide: NDArray[np.bool_] | None = None,
+) -> Choice:
     """Global choice.
 
     Stations without a feasible vertex are dropped, and where no continuous way leads on the sequence starts
-    afresh (``broken``); whether either is acceptable is the caller's decision.
+    afresh (``broken``); whether either is acceptable is the caller's decision. A sequence goes on as far as any does,
+    so there are no more breaks than there must be.
 
     Args:
         velocity: (6,) rad/s, joint velocity limits.
+        edges: ways that must not be taken; default none.
+        wide: (S,) stations into which the rotation may turn faster than the feed leaves time for; default none.
     """
+    edges = Edges.none() if edges is None else edges
+    before = np.searchsorted(edges.station, np.arange(len(path.stations) + 1)).astype(np.int64)
     feasible = candidates.feasible
     counted = path.counted[path.stations]
-    window, seconds = _windows(path, candidates, float(velocity.min()))
+    window, seconds = _windows(path, candidates, float(velocity.min()), wide)
     shift = _same_direction(path, len(candidates.phi))
     node = _node_cost(path, candidates, scores, options)
     share = path.motion_share[path.stations]
@@ -69,8 +106,10 @@ def choose(path: Path, candidates: Candidates, scores: Scores, velocity: Array, 
     price_r = options.weights.rotation / np.pi * (2 * np.pi / len(candidates.phi)) * share
     raw = np.where(np.isfinite(scores.cost), scores.cost / scores.scale, np.inf)
 
-    def solve(mask: NDArray[np.bool_], limit: float = np.inf) -> tuple[Ints, float, int]:
-        answer: tuple[Ints, float, int] = _sequence(
+    def solve(
+        mask: NDArray[np.bool_], limit: float = np.inf
+    ) -> tuple[Ints, float, int, NDArray[np.bool_], NDArray[np.bool_]]:
+        answer: tuple[Ints, float, int, NDArray[np.bool_], NDArray[np.bool_]] = _sequence(
             node,
             candidates.q,
             candidates.turns,
@@ -84,15 +123,14 @@ def choose(path: Path, candidates: Candidates, scores: Scores, velocity: Array, 
             price_r,
             price_t,
             limit,
+            before,
+            edges.source,
+            edges.target,
         )
         return answer
 
-    broken: list[int] = []
-    vertex, value, stop = solve(feasible)
-    while stop >= 0:  # go on behind each break, so that every break is found and reported
-        broken.append(int(stop))
-        window[stop] = LIFT
-        vertex, value, stop = solve(feasible)
+    vertex, value, _, broken, reached = solve(feasible)
+    window[broken] = LIFT  # a cap may add no further break
     kept = vertex[:, 0] >= 0
     at = np.flatnonzero(kept & counted)
 
@@ -101,7 +139,7 @@ def choose(path: Path, candidates: Candidates, scores: Scores, velocity: Array, 
 
     def under(cap: float, limit: float) -> Capped | None:
         allowed = (raw <= cap) | ~counted[:, None, None]
-        vertex, value, stop = solve(feasible & allowed[..., None], limit)
+        vertex, value, stop, *_ = solve(feasible & allowed[..., None], limit)
         return None if stop >= 0 or ((vertex[:, 0] < 0) & kept).any() else capped(vertex, value)
 
     floor = float(raw[at].min(axis=(1, 2)).max(initial=0.0))
@@ -109,14 +147,25 @@ def choose(path: Path, candidates: Candidates, scores: Scores, velocity: Array, 
     r, b, t = traded.best.vertex.T
     q = candidates.q[np.arange(len(r)), r, b] + candidates.turns[t]
     q[~kept] = np.nan
-    return Choice(rotation=r, branch=b, turn=t, q=q, broken=tuple(broken), total=traded.total, bound=traded.bound)
+    return Choice(
+        rotation=r, branch=b, turn=t, q=q, broken=tuple(np.flatnonzero(broken).tolist()), total=traded.total,
+        bound=traded.bound, reached=reached,
+    )  # fmt: skip
 
 
-def _windows(path: Path, candidates: Candidates, slowest: float) -> tuple[Ints, Array]:
+def widest(rotations: int) -> int:
+    """Grid steps that the rotation may turn between neighbouring stations at most."""
+    return max(1, int(MAX_TURN * rotations / (2 * np.pi) + 1e-6))
+
+
+def _windows(
+    path: Path, candidates: Candidates, slowest: float, wide: NDArray[np.bool_] | None = None
+) -> tuple[Ints, Array]:
     """Window of the step into each station, and the time the axes have for it.
 
     FREE over rapid moves, else grid steps of rotation, 0 keeps it. On dense paths a grid step would take longer than
-    the way from station to station, so rotation may only change at ticks, as far apart as a grid step takes.
+    the way from station to station, so rotation may only change at ticks, as far apart as a grid step takes. Where
+    nothing else leads on (``wide``), it may change from any station to the next, and the feed waits for it.
     """
     st = path.stations
     tick = 2 * np.pi / len(candidates.phi) / (TURNING * slowest)  # s
@@ -134,10 +183,12 @@ def _windows(path: Path, candidates: Candidates, slowest: float) -> tuple[Ints, 
             out[s], since = LIFT, 0.0
         elif plunged[st[s] + 1] == plunged[st[s - 1] + 1]:
             out[s] = 0  # made only of plunges: the rotation is kept
+        elif wide is not None and wide[s]:
+            out[s] = widest(len(candidates.phi))
         else:
             since += seconds[s]
             if since >= 0.999 * tick:
-                out[s] = min(int(since / tick + 1e-3), max(1, int(MAX_TURN * len(candidates.phi) / (2 * np.pi) + 1e-6)))
+                out[s] = min(int(since / tick + 1e-3), widest(len(candidates.phi)))
                 seconds[s], since = since, 0.0
     out[0] = FREE
     return out, seconds
@@ -162,7 +213,7 @@ def _swing(path: Path, window: Ints) -> Array:
 def _node_cost(path: Path, candidates: Candidates, scores: Scores, options: PlanOptions) -> Array:
     """(S, R, B) price of a vertex: its share of the mean index, and the preferred rotation."""
     share = path.station_weight
-    gamma = wrap(candidates.phi[None, :] + path.offset[path.stations][:, None])
+    gamma = wrap(candidates.phi_at() + path.offset[path.stations][:, None])
     price = options.weights.mean * np.where(np.isfinite(scores.cost), scores.cost, 0.0) / scores.scale
     return np.ascontiguousarray((price + preference(gamma, options)[:, :, None]) * share[:, None, None])
 
@@ -205,17 +256,21 @@ def _groups(before: Array, q: Array, turns: Array) -> Any:  # numba infers
 @compiled
 def _sequence(
     node: Any, q: Any, turns: Any, feasible: Any, window: Any, stable: Any, shift: Any, seconds: Any, slowness: Any,
-    price_q: Any, price_r: Any, price_t: Any, limit: float,
+    price_q: Any, price_r: Any, price_t: Any, limit: float, ban: Any, ban_u: Any, ban_v: Any,
 ) -> Any:  # numba infers  # fmt: skip
-    """Cheapest sequence; returns (S, 3) rotation, branch, turn (−1 where dropped), its value, and where it stopped.
+    """Cheapest sequence; returns (S, 3) rotation, branch, turn (−1 where dropped), its value, where it stopped, breaks
+    (S,) and what is reached (S, V).
 
-    ``stop`` ≥ 0 is the first station inside a run that no vertex of the station before reaches continuously. With a
-    finite ``limit`` only sequences below it are looked for, and ``stop`` is where the last of them ends.
+    A break is a station inside a run that no vertex of the station before reaches continuously; the sequence goes on
+    there as after a rapid move. With a finite ``limit`` only sequences below it are looked for, without breaks, and
+    ``stop`` ≥ 0 is where the last of them ends. ``ban[s]`` … ``ban[s + 1]`` are the forbidden edges into s.
     """
     S, R, B, T = feasible.shape
     inf = np.inf
     V = R * B * T
     back = np.full((S, V), -1, np.int32)
+    reached = np.zeros((S, V), np.bool_)
+    broken = np.zeros(S, np.bool_)
     before = np.full(V, inf)  # cost to come at the last kept station
     least = np.full((R, B), inf)  # and the least over its turns
     now = np.empty(V)
@@ -255,11 +310,16 @@ def _sequence(
                 source_turn[code, t] = lookup[other]
     values, sources = np.empty(T), np.empty(T, np.int64)
     members, group, corner, cheapest = _groups(before, q[0], turns)
-    for s in range(S):
+    s = -1
+    lift = False  # the station is tried again as after a rapid move
+    while s < S - 1 or lift:
+        if not lift:
+            s += 1
         any_here, exists = False, False
         now[:] = inf
         fresh = last < 0
-        free = window[s] < 0
+        free = window[s] < 0 or lift
+        lift = False
         if free and not fresh:
             members, group, corner, cheapest = _groups(before, q[last], turns)
         for r in range(R):
@@ -338,7 +398,13 @@ def _sequence(
                                     continue
                                 u = (ru * B + bu) * T + tu
                                 if before[u] + edge < values[t]:
-                                    values[t], sources[t], better = before[u] + edge, u, True
+                                    banned = False
+                                    for e in range(ban[s], ban[s + 1]):
+                                        if ban_u[e] == u and ban_v[e] == (r * B + b) * T + t:
+                                            banned = True
+                                            break
+                                    if not banned:
+                                        values[t], sources[t], better = before[u] + edge, u, True
                             if better:
                                 highest = 0.0
                                 for t in range(T):
@@ -349,17 +415,21 @@ def _sequence(
                         any_here = True
                         now[(r * B + b) * T + t] = values[t] + node[s, r, b]
                         back[s, (r * B + b) * T + t] = sources[t]
+                        reached[s, (r * B + b) * T + t] = True
         if not exists:
             continue  # dropped: nothing is feasible here
+        if not any_here and (limit < inf or free):
+            return best, inf, s, broken, reached
         if not any_here:
-            return best, inf, s
+            broken[s] = lift = True
+            continue
         before[:] = now
         for r in range(R):
             for b in range(B):
                 least[r, b] = before[(r * B + b) * T : (r * B + b + 1) * T].min()
         last = s
     if last < 0:
-        return best, 0.0, -1
+        return best, 0.0, -1, broken, reached
     v = int(np.argmin(before))
     value = before[v]
     s = last
@@ -371,4 +441,4 @@ def _sequence(
             s -= 1
         if v < 0:
             break
-    return best, value, -1
+    return best, value, -1, broken, reached

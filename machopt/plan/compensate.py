@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from machopt.domain.reason import Reason
 from machopt.plan.candidates import Arm
-from machopt.plan.check import check_path
+from machopt.plan.check import Checker
 from machopt.plan.path import Path
 from machopt.plan.realise import Assignment, realise
 from machopt.plan.score import configuration_cost, objective
@@ -66,9 +66,8 @@ def compensate(plan: Plan) -> Plan:
     keep = before.reason != Reason.OK  # what was ruled out stays so
     reason[keep] = before.reason[keep]
     if setup.collision is not None:
-        check = check_path(
-            shifted, np.where((reason == Reason.OK)[:, None], after.q, np.nan), setup.collision, plan.options
-        )
+        checker = Checker.of(shifted, setup.arm, setup.robot, setup.collision, plan.options)
+        check = checker.whole(after.phi, np.where((reason == Reason.OK)[:, None], after.q, np.nan))
         reason[check.hit & (reason == Reason.OK)] = Reason.COLLIDING
     after = replace(after, reason=reason)
     found = Compensation(offset, plan.directions.force @ R, full, (reason != Reason.OK) & ~keep)

@@ -109,7 +109,7 @@ def corridor(candidates: Candidates, scores: Scores, choice: Choice, rows: NDArr
     grid = 2 * np.pi / R
     stride = max(1, round(STEP / grid))  # a finer grid is walked step by step, so that its corridor is as wide
     r, b = choice.rotation[rows], choice.branch[rows]
-    phi = np.unwrap(candidates.phi[r])
+    phi = np.unwrap(candidates.phi_at(np.maximum(choice.rotation, 0))[rows])
     n = len(rows)
     cost = np.empty((n, 2 * REACH + 1))
     cost[:, REACH] = scores.cost[rows, r, b]

@@ -3,7 +3,7 @@
 ::
 
     path ─► candidates ─► score ─► choose ─► smooth ─► realise ─► check ─► timeline
-                             ▲        └───────────◄───────────────┘ forbid what collides, choose again
+                             ▲        └───────────◄───────────────┘ strike out what collides, choose again (search)
                                             (refine ─► compensate ─► timeline, where that is asked for)
 """
 
@@ -28,8 +28,9 @@ from machopt.model.elastic import ArmElasticity
 from machopt.model.ik import solver_for
 from machopt.model.robot import Robot, load_chain, load_masses
 from machopt.plan.baseline import cam_default, jiao2022
+from machopt.plan.breaks import Break, breaks_of_choice, jumps
 from machopt.plan.candidates import Arm, Candidates, enumerate_candidates
-from machopt.plan.check import PathCheck, check_path, forbid
+from machopt.plan.check import Checker, PathCheck
 from machopt.plan.choose import Choice, choose
 from machopt.plan.compensate import Compensation, rescored
 from machopt.plan.path import Path, build_path
@@ -43,12 +44,11 @@ from machopt.plan.score import (
     objective,
     score_candidates,
 )
-from machopt.plan.smooth import follow_grid, smooth
+from machopt.plan.search import Found, Search
+from machopt.plan.smooth import follow_grid
 from machopt.se3 import wrap
 
 Array = NDArray[np.float64]
-ROUNDS_IN_VAIN = 8
-ROUNDS = 40  # of choosing again after collisions
 BOUND_SLACK = np.radians(0.05)  # of the user's rotation bounds, where a yardstick is asked whether it keeps them
 Progress = Callable[[str], None]
 
@@ -89,6 +89,8 @@ class Timings:
 
     seconds: dict[str, float] = field(default_factory=dict)
     progress: Progress = lambda _: None
+    _current: str | None = None
+    _since: float = 0.0
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -98,6 +100,15 @@ class Timings:
             yield
         finally:
             self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+
+    def switch(self, name: str | None) -> None:
+        """Begin the next of several stages that follow one another; None ends the last."""
+        now = time.perf_counter()
+        if self._current is not None:
+            self.seconds[self._current] = self.seconds.get(self._current, 0.0) + now - self._since
+        if name is not None and name != self._current:
+            self.progress(name)
+        self._current, self._since = name, now
 
 
 @dataclass(frozen=True)
@@ -118,6 +129,9 @@ class Plan:
     jiao2022: Scored
     check: PathCheck | None
     rounds: int
+    breaks: tuple[Break, ...] = ()  # where no continuous way leads on inside a run
+    found: Found | None = None  # the search, where that was the method
+    notes: dict[int, str] = field(default_factory=dict)  # planning point: why it was given up after the choice
     compensation: Compensation | None = None  # then ``path`` is the shifted one
 
     @property
@@ -201,86 +215,61 @@ def plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Timings 
         by_paper = jiao2022(path, setup.arm, setup.elasticity, d, setup.collision, setup.driven.home, options)
         paper = scored(_free(by_paper, path, setup, options))
 
+    checker = Checker.of(path, setup.arm, setup.robot, setup.collision, options)
+    found: Found | None = None
+    check: PathCheck | None
+    from_search = False
     if options.method == "global":
-        chosen, source, choice, check, rounds = _global(path, setup, candidates, scores, scored, options, clock)
+        found = _searched(path, setup, candidates, scores, scored, options, clock, checker)
+        choice, check, rounds = found.choice, found.check, found.rounds
+        chosen, source, from_search = scored(found.assignment), found.source, True
         with stage("compare"):
             for other, name in ((paper, "jiao2022"), (default, "cam default")):
                 wanted = _as_asked(other.assignment.phi, path, options)
-                if wanted and other.objective.total < chosen.objective.total and _whole(other):
-                    chosen, source, check = other, name, None
+                if wanted and other.objective.total < chosen.objective.total and _whole(other, path):
+                    chosen, source, check, from_search = other, name, None, False
     else:
         chosen, source = (paper, "jiao2022") if options.method == "jiao2022" else (default, "cam default")
         rounds, choice = 0, choose(path, candidates, scores, setup.cell.limits.velocity[:6], options)
-        check = None if setup.collision is None else check_path(path, chosen.assignment.q, setup.collision, options)
-    if check is not None and not check.free:
+        a = chosen.assignment
+        check = checker.whole(a.phi, np.where((a.reason == Reason.OK)[:, None], a.q, np.nan))
+    if check is not None:
+        chosen.assignment.reason[check.lost & (chosen.assignment.reason == Reason.OK)] = Reason.NO_PATH
         chosen.assignment.reason[check.hit] = Reason.COLLIDING
-    _name_dropped(path, choice, candidates, chosen.assignment)
+    breaks = breaks_of_choice(path, setup, candidates, found) if found and from_search else jumps(path, chosen)
+    if from_search:
+        _name_dropped(path, choice, candidates, chosen.assignment)
     grid = _grid_objective(path, choice, candidates, scores, setup, options)
     return Plan(
-        setup, options, path, d, candidates, scores, choice, chosen, source, grid, default, paper, check, rounds
-    )
+        setup, options, path, d, candidates, scores, choice, chosen, source, grid, default, paper, check, rounds,
+        breaks=breaks, found=found,
+    )  # fmt: skip
 
 
-def _global(
+def _searched(
     path: Path, setup: Setup, candidates: Candidates, scores: Scores, scored: Callable[[Assignment], Scored],
-    options: PlanOptions, clock: Timings,
-) -> tuple[Scored, str, Choice, PathCheck | None, int]:  # fmt: skip
-    """Choose, smooth, check; strike out what collides or cannot be joined, and choose again."""
-    for rounds in range(1, ROUNDS + 1):
-        with clock.stage("choose"):
-            choice = choose(path, candidates, scores, setup.cell.limits.velocity[:6], options)
-        with clock.stage("smooth"):
-            smoothed = smooth(path, candidates, scores, choice, setup.cell.limits.velocity[:6], options)
-            best, source = scored(realise(path, setup.arm, setup.robot, smoothed.phi, smoothed.seed)), "smooth"
-            grid = _grid_objective(path, choice, candidates, scores, setup, options)
-            lost = _lost(path, choice, best)
-            worse = best.objective.total > grid.total * (1 + 1e-9) and not options.fixed  # the grid misses fixed values
-            if lost.any() or worse:
-                plain = follow_grid(path, candidates, choice)
-                other = scored(realise(path, setup.arm, setup.robot, plain.phi, plain.seed))
-                if _lost(path, choice, other).sum() < lost.sum() or (
-                    not lost.any() and not _lost(path, choice, other).any()
-                ):
-                    best, source, lost = other, "grid", _lost(path, choice, other)
-        check = None
-        if setup.collision is not None and not lost.any():
-            with clock.stage("check"):
-                check = check_path(path, best.assignment.q, setup.collision, options)
-        if lost.any():
-            struck = forbid(path, candidates, choice, PathCheck(lost, np.full(len(lost), -1, np.int32)), None)
-        elif check is not None and not check.free and setup.collision is not None:
-            with clock.stage("check"):
-                struck = forbid(path, candidates, choice, check, setup.collision)
-        else:
-            break
-        if struck == 0:
-            break
-        # some points have no answer any more: a few rounds more tell which, the whole search would be in vain
-        hopeless = ~candidates.feasible.any(axis=(1, 2, 3)) & path.may_touch[path.stations]
-        if hopeless.any() and not options.allow_gaps and rounds >= ROUNDS_IN_VAIN:
-            break
-    if check is None and setup.collision is not None:  # points were lost to the end; the rest is not taken unchecked
-        check = check_path(path, best.assignment.q, setup.collision, options)
-    return best, source, choice, check, rounds
+    options: PlanOptions, clock: Timings, checker: Checker,
+) -> Found:  # fmt: skip
+    """The global choice, smoothed and free of contacts as far as that can be had."""
 
+    def prefer_grid(choice: Choice, curve: Assignment, plain: Assignment) -> bool:
+        grid = _grid_objective(path, choice, candidates, scores, setup, options)
+        return scored(curve).objective.total > grid.total * (1 + 1e-9)
 
-def _lost(path: Path, choice: Choice, scored: Scored) -> NDArray[np.bool_]:
-    """(P,) points that the choice covers but the curve does not."""
-    covered = np.zeros(len(path.index), bool)
-    st = path.stations
-    for first, last in path.runs:
-        kept = st[(st >= first) & (st <= last) & ~choice.dropped]
-        if len(kept) == ((st >= first) & (st <= last)).sum():
-            covered[first : last + 1] = True
-        covered[kept] = True
-    return np.asarray(covered & (scored.assignment.reason != Reason.OK))
+    search = Search(path, candidates, scores, setup.cell.limits.velocity[:6], options, checker, clock.switch)
+    try:
+        return search.run(prefer_grid)
+    finally:
+        clock.switch(None)
 
 
 def _name_dropped(path: Path, choice: Choice, candidates: Candidates, assignment: Assignment) -> None:
     """Points whose station has no configuration take its reason: of the candidate that came furthest."""
     at = np.minimum(np.searchsorted(path.stations, np.arange(len(path.index))), len(path.stations) - 1)
     dropped = choice.dropped[at] & (assignment.reason == Reason.NO_PATH)
-    assignment.reason[dropped] = candidates.reason.max(axis=(1, 2))[at[dropped]]
+    known = np.where(candidates.reason == Reason.BOUNDS, 0, candidates.reason).max(axis=(1, 2))
+    furthest = np.where(known == Reason.OK, Reason.BOUNDS, known)  # the user's bounds, where they alone are in the way
+    assignment.reason[dropped] = furthest[at[dropped]]
 
 
 def as_driven(plan: Plan, phi: Array) -> Plan:
@@ -306,14 +295,16 @@ def _as_asked(phi: Array, path: Path, options: PlanOptions) -> bool:
 def _free(assignment: Assignment, path: Path, setup: Setup, options: PlanOptions) -> Assignment:
     """A yardstick with its collisions marked, where it can be driven otherwise: a gain over it is stated only then."""
     if setup.collision is not None and (assignment.reason[path.may_touch] == Reason.OK).all():
-        hit = check_path(path, assignment.q, setup.collision, options).hit
-        assignment.reason[hit] = Reason.COLLIDING
+        q = np.where((assignment.reason == Reason.OK)[:, None], assignment.q, np.nan)
+        found = Checker.of(path, setup.arm, setup.robot, setup.collision, options).whole(assignment.phi, q)
+        assignment.reason[found.lost] = Reason.NO_PATH
+        assignment.reason[found.hit] = Reason.COLLIDING
     return assignment
 
 
-def _whole(scored: Scored) -> bool:
+def _whole(scored: Scored, path: Path) -> bool:
     """Executable as it stands."""
-    return bool((scored.assignment.reason == Reason.OK).all())
+    return bool((scored.assignment.reason == Reason.OK).all()) and not jumps(path, scored)
 
 
 def _grid_objective(

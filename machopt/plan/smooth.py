@@ -147,7 +147,7 @@ def _constant_rotations(path: Path, parts: list[Stretch], worst: float, options:
 
 def follow_grid(path: Path, candidates: Candidates, choice: Choice) -> Smoothed:
     """The grid optimum itself, linear in path length between stations."""
-    phi = np.where(choice.dropped, np.nan, candidates.phi[choice.rotation])
+    phi = np.where(choice.dropped, np.nan, candidates.phi_at(choice.rotation))
     run = path.run[path.stations]
     for n in np.unique(run):
         rows = np.flatnonzero((run == n) & ~choice.dropped)

@@ -1,0 +1,109 @@
+"""The search for a free sequence against trying everything, among obstacles that leave little room."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path as FilePath
+
+import numpy as np
+import pytest
+from small_cell import pose, small_cell
+from test_path import Rows, toolpath
+from test_pipeline import K
+
+from machopt.domain.cell import Shape
+from machopt.domain.options import PlanOptions
+from machopt.domain.reason import Reason
+from machopt.domain.stiffness import Stiffness
+from machopt.domain.toolpath import Move
+from machopt.plan.candidates import Candidates, enumerate_candidates
+from machopt.plan.check import Checker
+from machopt.plan.choose import JUMP
+from machopt.plan.path import Path
+from machopt.plan.pipeline import Plan, plan, prepare
+from machopt.se3 import wrap
+
+UP = (0.0, 0.0, 1.0)
+C, R = Move.CUT, Move.RAPID
+OPTIONS = PlanOptions(rotation_step=np.radians(30.0), collision_step=np.radians(3.0))
+
+
+def leaning(folder: FilePath, rows: Rows, obstacles: tuple[Shape, ...], options: PlanOptions = OPTIONS) -> Plan:
+    """The small cell with its spindle at 45° to the flange, so that turning about the tool moves the whole arm."""
+    tool = small_cell(folder).tool
+    lean = pose(0.1, 0, 0.25, np.pi / 4)
+    tool = replace(tool, T_flange_tcp=lean,
+                   geometry=(Shape("spindle", "box", (0.1, 0.1, 0.2), None, lean @ pose(0, 0, -0.17)),))  # fmt: skip
+    cell = small_cell(folder, stiffness=Stiffness(K), tool=tool, obstacles=obstacles)
+    return plan(cell, toolpath(rows), options)
+
+
+def crowded(seed: int) -> tuple[Rows, tuple[Shape, ...]]:
+    """A short pass over the block between posts that stand round it at random, some in the way at every rotation."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(3, 6))
+    start = np.array([rng.uniform(-0.15, 0.0), rng.uniform(-0.1, 0.1), 0.02])
+    step = np.array([0.019 * np.cos(a := rng.uniform(-np.pi, np.pi)), 0.019 * np.sin(a), 0.0])
+    rows: Rows = [(tuple(start + k * step), UP, R if k == 0 else C) for k in range(n)]
+    posts = []
+    for k in range(int(rng.integers(2, 7))):
+        a, far = rng.uniform(-np.pi, np.pi), rng.uniform(0.1, 0.4)
+        x, y = 1.5 + start[0] + far * np.cos(a), start[1] + far * np.sin(a)
+        wide, high = rng.uniform(0.02, 0.2), rng.uniform(0.1, 0.5)
+        posts.append(Shape(f"post_{k}", "box", (wide, wide, high), None, pose(x, y, 0.62 + high / 2)))
+    return rows, tuple(posts)
+
+
+def reachable(p: Plan) -> list[int]:
+    """How many vertices of each station some sequence from the first one leads to: every pose and every way looked at.
+
+    Vertices by their own pose, ways by their own motion, straight between the two; nothing is struck out for another.
+    """
+    c: Candidates = enumerate_candidates(p.path, p.setup.arm, p.options)
+    model, path = p.setup.collision, p.path
+    assert model is not None
+    checker = Checker.of(path, p.setup.arm, p.setup.robot, model, p.options)
+    S, rotations, B, T = c.feasible.shape
+    free = c.feasible.copy()
+    for s in range(S):
+        for r, b in np.argwhere(free[s].any(axis=2)):
+            if model.check(c.q[s, r, b][None], np.array([path.may_touch[path.stations[s]]])).hit[0]:
+                free[s, r, b] = False
+    alive = [{tuple(int(x) for x in v) for v in np.argwhere(free[0])}]
+    steps = int(JUMP / (2 * np.pi / rotations) + 1e-9)
+    for s in range(1, S):
+        now, ways = set(), {}
+        for r, b, t in (tuple(int(x) for x in v) for v in np.argwhere(free[s])):
+            for ru, bu, tu in alive[-1]:
+                turn = (r - ru + rotations // 2) % rotations - rotations // 2
+                qa, qb = c.q[s - 1, ru, bu] + c.turns[tu], c.q[s, r, b] + c.turns[t]
+                if b != bu or abs(turn) > max(steps, 1) or np.abs(qb - qa).max() > JUMP:
+                    continue
+                key = (ru, bu, r, b)
+                if key not in ways:
+                    phi = c.phi[ru] + np.array([0.0, float(wrap(c.phi[r] - c.phi[ru]))])
+                    hit, _, lost = checker.stretch(path.stations[[s - 1, s]], phi, np.vstack([qa, qb]))
+                    ways[key] = not (hit.any() or lost.any())
+                if ways[key]:
+                    now.add((r, b, t))
+        alive.append(now)
+        if not now:
+            break
+    return [len(a) for a in alive] + [0] * (S - len(alive))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_feasible_is_what_trying_everything_finds(seed: int, tmp_path: FilePath) -> None:
+    rows, posts = crowded(seed)
+    p = leaning(tmp_path, rows, posts)
+    counts = reachable(p)
+    ok = (p.chosen.assignment.reason == Reason.OK).all() and not p.breaks
+    if p.chosen_from in ("jiao2022", "cam default"):
+        assert ok  # found between the grid's rotations
+        return
+    assert ok == all(counts), (ok, counts, [b.text for b in p.breaks])
+    if not ok:
+        assert len(p.missing) or p.breaks  # and says where
+        for b in p.breaks:
+            assert b.text
+            assert "would help" in b.help
