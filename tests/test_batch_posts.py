@@ -141,7 +141,8 @@ def test_a_program_that_does_not_read_back_is_the_reason_in_the_summary() -> Non
     result = {
         "exit_code": 4, "verdict": "verification failed", "index": "deflection", "index_scale": 1.0,
         "worst_point": None,
-        "objective": {"gain": [], "chosen": part, "cam_default": part}, "infeasible_points": [], "obstructions": [],
+        "objective": {"gain": [], "chosen": part, "cam_default": part}, "infeasible_points": [],
+        "breaks": [], "obstructions": [],
         "toolpath": {"points": 3, "ignored": []}, "cycle_time_s": 1.0, "feed_held_share": 1.0, "warnings": [],
         "verification": {"checks": [{"name": "cut throughout", "passed": True, "where": ""},
                                     {"name": "a.src: CAM points", "passed": False, "where": "point 3 is missing"}]},

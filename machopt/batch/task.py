@@ -107,9 +107,12 @@ def _reason(result: Mapping[str, Any]) -> str:
         return "; ".join(f"{c['name']} at {c['where']}" for c in failed)
     if result["exit_code"] != 3:
         return ""
-    points, stops = result["infeasible_points"], result["obstructions"]
+    points, stops = result["infeasible_points"], result["breaks"]
     if points:
         return f"{len(points)} of {result['toolpath']['points']} points, the first is {points[0]['point']}: " + str(
             points[0]["reason"]
         )
-    return str(stops[0]["reason"]) if stops else "no continuous sequence of configurations was found"
+    if not stops:
+        return "no continuous sequence of configurations was found"
+    ends = ("home" if k is None else f"point {k:g}" for k in (stops[0]["from_point"], stops[0]["to_point"]))
+    return "from {} to {}: {}".format(*ends, stops[0]["reason"])

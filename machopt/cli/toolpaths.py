@@ -260,13 +260,23 @@ def _in_words(result: dict[str, Any], cost: float) -> str:
 
 
 def _first_reason(result: dict[str, Any]) -> str:
-    points, stops = result["infeasible_points"], result["obstructions"]
+    """The first places where it fails, and what would help there."""
+    points, breaks = result["infeasible_points"], result["breaks"]
+    parts = []
     if points:
         number = f"{len(points)} points" if len(points) > 1 else "1 point"
-        return f"{number}, the first is {points[0]['point']}: {points[0]['reason']}"
-    if stops:
-        return str(stops[0]["reason"])
-    return "no continuous sequence of configurations was found"
+        parts.append(f"{number}, the first is {points[0]['point']}: {points[0]['reason']}")
+    if breaks:
+        number = f"{len(breaks)} breaks" if len(breaks) > 1 else "1 break"
+        parts.append(f"{number}, the first {between(breaks[0])}: {breaks[0]['reason']}")
+    told = (points or breaks)[:1]
+    return "; ".join(parts) + (f"; {told[0]['help']}" if told else "")
+
+
+def between(one: dict[str, Any]) -> str:
+    """The two ends of a break in words."""
+    ends = ("home" if k is None else f"point {k:g}" for k in (one["from_point"], one["to_point"]))
+    return "from {} to {}".format(*ends)
 
 
 def _programs(result: dict[str, Any]) -> list[str]:

@@ -15,8 +15,9 @@ from machopt.domain.toolpath import Move, Toolpath
 from machopt.formats.options import without_effect
 from machopt.job.points import PointResults, reason_of
 from machopt.job.posts import Written
+from machopt.plan.breaks import place
 from machopt.plan.compensate import residual
-from machopt.plan.explain import gamma, hints, shortfall_of
+from machopt.plan.explain import all_breaks, gamma, help_of, hints, shortfall_of
 from machopt.plan.pipeline import Plan, Scored
 from machopt.plan.retime import Dip
 from machopt.plan.timeline import Timeline
@@ -33,6 +34,7 @@ _WORDS = {
     Reason.UNREACHABLE: "unreachable", Reason.LIMIT: "joint limit", Reason.SINGULAR_WRIST: "wrist singularity",
     Reason.SINGULAR_ELBOW: "elbow singularity", Reason.SINGULAR_SHOULDER: "shoulder singularity",
     Reason.COLLIDING: "collision", Reason.BOUNDS: "outside the rotation range", Reason.NO_PATH: "no continuous way",
+    Reason.GAP: "left out at a gap",
 }  # fmt: skip
 
 
@@ -51,6 +53,7 @@ def report_data(
             point=round(plan.path.index[p]), operation=_label(toolpath, plan, p), position=plan.path.position[p],
             status=_WORDS.get(reason_of(plan, int(p)), reason_of(plan, int(p)).word),
             reason=points.table.reason[int(plan.path.index[p])], shortfall=_length(shortfall_of(plan, int(p))),
+            help=help_of(plan, int(p)),
         )
         for p in plan.missing if plan.path.is_point[p]
     )  # fmt: skip
@@ -63,9 +66,9 @@ def report_data(
         dips=_dips(plan, timeline), worst=_worst_points(plan, toolpath, points, series), infeasible=infeasible,
         operations=_operations(plan, toolpath, points, timeline, series), ignored=toolpath.ignored,
         warnings=(*plan.setup.cell.warnings, *toolpath.warnings, *without_effect(plan.options), *hints(plan),
-                  *((f"rapid move {d}" for d in timeline.detours) if timeline else ()),
-                  *((f"{o.reason} ({_place(o.before)} → {_place(o.after)})" for o in timeline.obstructions)
-                    if timeline else ())),
+                  *((f"rapid move {d}" for d in timeline.detours) if timeline else ())),
+        breaks=tuple(page.Break(place(b.before), place(b.after), b.text, b.help)
+                     for b in all_breaks(plan, timeline.obstructions if timeline else ())),
         excluded_pairs=tuple(page.ExcludedPair(e.a, e.b, e.reason) for e in (model.excluded if model else ())),
         checks=tuple(
             page.Check(c.name, c.passed, f"{c.value:.4g} {c.unit}", f"{c.limit:.4g} {c.unit}", c.where)
@@ -336,7 +339,3 @@ def _label(toolpath: Toolpath, plan: Plan, row: int) -> str:
 
 def _length(metres: float) -> str:
     return f"{1e3 * metres:.0f} mm out of reach" if metres > 0 else ""
-
-
-def _place(index: float) -> str:
-    return "home" if not np.isfinite(index) else f"point {index:g}"

@@ -14,13 +14,14 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.formats.options import options_as_user, without_effect
 from machopt.job.inputs import hashes_of
-from machopt.job.points import PointResults
+from machopt.job.points import PointResults, reason_of
 from machopt.job.posts import Written, read_back
-from machopt.job.scope import not_run
+from machopt.job.scope import done, not_run
 from machopt.output.hashes import sha256_of
 from machopt.output.manifest import listed
+from machopt.plan.breaks import Break
 from machopt.plan.compensate import residual
-from machopt.plan.explain import hints
+from machopt.plan.explain import all_breaks, help_of, hints
 from machopt.plan.pipeline import Plan, Scored
 from machopt.plan.timeline import Timeline
 from machopt.plan.uncertainty import Gain, gains
@@ -53,13 +54,21 @@ class Made:
     def verdict(self) -> str:
         """The verdict with what it does not cover."""
         word = {3: "infeasible", 4: "verification failed"}.get(self.exit_code)
-        word = word or ("done" if not len(self.plan.missing) else "done with gaps")
+        word = word or self._gaps
         return with_scope(word, self.unchecked)
 
     @property
     def unchecked(self) -> tuple[str, ...]:
         """What the verdict does not cover."""
         return (*self.manifest.unchecked, *(not_run(self.verification.checks) if self.verification else ()))
+
+    @property
+    def _gaps(self) -> str:
+        """How much of the toolpath is done."""
+        path, missing = self.plan.path, self.plan.missing
+        points = missing[path.is_point[missing]]
+        cut = int(path.counted[points].sum())
+        return done(cut, len(points) - cut)
 
     def with_programs(self, programs: tuple[Written, ...]) -> Made:
         """The same with these programs, in the manifest too; one that is withheld has no files."""
@@ -103,8 +112,11 @@ def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> dict[str, 
         "worst_point": worst,
         "compensation": _compensation(the_plan) if trajectory is not None else None,
         "infeasible_points": [
-            {"point": k, "reason": points.table.reason[k]} for k in (round(the_plan.path.index[p]) for p in missing)
+            {"point": round(the_plan.path.index[p]), "status": reason_of(the_plan, p).word,
+             "reason": points.table.reason[round(the_plan.path.index[p])], "help": help_of(the_plan, p)}
+            for p in missing
         ],
+        "breaks": [_break(b) for b in all_breaks(the_plan, timeline.obstructions if timeline else ())],
         "cycle_time_s": float(trajectory.time[-1]) if trajectory else None,
         "feed_held_share": timeline.held_share if trajectory and timeline else None,
         "feed_dips": [
@@ -113,7 +125,8 @@ def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> dict[str, 
             for d in (timeline.dips if timeline else ())
         ],
         "rapid_detours": list(timeline.detours) if timeline else [],
-        "obstructions": [vars(o) for o in (timeline.obstructions if timeline else ())],
+        "obstructions": [{"before": o.before, "after": o.after, "reason": o.text}
+                         for o in (timeline.obstructions if timeline else ())],
         "verification": None if verification is None else {
             "passed": verification.ok,
             "checks": [vars(c) for c in verification.checks],
@@ -123,6 +136,17 @@ def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> dict[str, 
         "warnings": [*cell.warnings, *toolpath.warnings, *without_effect(the_plan.options), *hints(the_plan)],
         "timings_s": {name: round(value, 3) for name, value in seconds.items()},
     }  # fmt: skip
+
+
+def _break(b: Break) -> dict[str, object]:
+    """Two places that no motion joins; null stands for home, and for numbers that do not apply."""
+
+    def known(value: float) -> float | None:
+        return value if np.isfinite(value) else None
+
+    return {"from_point": known(b.before), "to_point": known(b.after), "code": b.code, "reason": b.text,
+            "help": b.help, "joint": b.joint or None, "value_deg": known(b.value), "limit_deg": known(b.limit),
+            "pair": b.pair or None}  # fmt: skip
 
 
 def _objective(scored: Scored) -> dict[str, object]:

@@ -21,7 +21,7 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.errors import InputError
 from machopt.formats.options import options_as_user
-from machopt.job.scope import not_run, unchecked
+from machopt.job.scope import done, not_run, unchecked
 from machopt.job.told import Points, Told, is_file, near, same, same_items, short
 from machopt.output.hashes import sha256_of
 from machopt.output.jsonfile import plain, read_json
@@ -40,7 +40,7 @@ NONE_PERCENT = 0.01  # a smaller difference of the means is no gain
 HELD = 0.95  # of the programmed feed: what counts as held
 ON_POINT = 1e-6  # of a point index: printed with six decimals or more
 FEED = 1e-4  # of the programmed feed: feeds are printed to 0.001 mm/min
-VERDICTS = {0: ("done", "done with gaps"), 3: ("infeasible",), 4: ("verification failed",)}
+VERDICTS = {3: "infeasible", 4: "verification failed"}
 
 
 def result_checks(
@@ -77,11 +77,11 @@ def _verdict(t: Told) -> Iterable[str]:
     yield from same("exit_code", code, expected)
     missing = (*unchecked(t.cell, t.options), *(not_run(found.checks) if found else ()))
     yield from same("unchecked", t.result["unchecked"], list(missing))
-    words = [with_scope(word, missing) for word in VERDICTS[expected]]
-    if t.result["infeasible_points"]:
-        words = words[-1:]  # without them there may still be gaps, on the way of rapid moves
-    if t.result["verdict"] not in words:
-        yield f"verdict is {short(t.result['verdict'])}, {' or '.join(words)} follows"
+    word = VERDICTS.get(expected)
+    if word is None:
+        lacking = np.array([status != "ok" for status in Points.read(t).columns["status"]])
+        word = done(int((lacking & t.toolpath.cutting).sum()), int((lacking & ~t.toolpath.cutting).sum()))
+    yield from same("verdict", t.result["verdict"], with_scope(word, missing))
     if t.manifest is not None:
         for key, value in (("verdict", t.manifest.verdict), ("exit_code", t.manifest.exit_code)):
             yield from same(f"{key} (of the manifest)", value, t.result[key])
@@ -109,7 +109,7 @@ def _options(t: Told) -> Iterable[str]:
     if index == "auto":
         index = "deflection" if t.options.force.given else "stiffness"
     yield from same("index", t.result["index"], index)
-    own = {"global": ("smooth", "grid", "jiao2022", "cam default"), "jiao2022": ("jiao2022",),
+    own = {"global": ("smooth", "grid", "smooth and grid", "jiao2022", "cam default"), "jiao2022": ("jiao2022",),
            "default": ("cam default",)}[t.options.method]  # fmt: skip
     if t.result["chosen_from"] not in own:
         yield f"chosen_from is {t.result['chosen_from']!r}; method {t.options.method} gives {', '.join(own)}"
@@ -146,12 +146,17 @@ def _worst(t: Told) -> Iterable[str]:
 def _infeasible(t: Told) -> Iterable[str]:
     points = Points.read(t)
     status, reason = points.columns["status"], points.columns["reason"]
-    expected = [{"point": n, "reason": reason[n]} for n, word in enumerate(status) if word != "ok"]
-    found = [{"point": p["point"], "reason": p["reason"]} for p in t.result["infeasible_points"]]
+    keys = ("point", "status", "reason")
+    expected = [dict(zip(keys, (n, word, reason[n]), strict=True)) for n, word in enumerate(status) if word != "ok"]
+    found = [{key: p[key] for key in keys} for p in t.result["infeasible_points"]]
     if found != expected:
         yield f"{len(found)} infeasible points are named, points.csv has {len(expected)} or gives other reasons"
     if t.contents is not None and t.result["obstructions"]:
         yield "names obstructions, yet there is a motion"
+    if t.contents is not None and t.result["breaks"] and not t.options.allow_gaps:
+        yield "names breaks of the motion, yet there is one and no gaps were allowed"
+    if t.contents is None and not t.result["infeasible_points"] and not t.result["breaks"]:
+        yield "there is no motion, and no place is named where it fails"
 
 
 def _times(t: Told) -> Iterable[str]:

@@ -26,6 +26,7 @@ from machopt.job.result import Made, result_of
 from machopt.job.verify import content_checks, verify_folder
 from machopt.output import MANIFEST, output_folder, write_json, write_manifest
 from machopt.plan.compensate import compensate
+from machopt.plan.gaps import told
 from machopt.plan.pipeline import Plan, Timings, as_driven, plan
 from machopt.plan.refine import with_corners
 from machopt.plan.timeline import Timeline, build_timeline
@@ -82,7 +83,7 @@ def optimize(request: Request, progress: Callable[[str], None] = lambda _: None)
         timeline = _motion(the_plan, toolpath, options, timings)
         driven = timeline is not None and timeline.trajectory is not None
         if timeline is not None and driven:
-            the_plan = as_driven(the_plan, timeline.phi)
+            the_plan = told(as_driven(the_plan, timeline.phi), list(timeline.driven), timeline.given_up)
         with timings.stage("points"):
             points = point_results(the_plan, toolpath)
         with timings.stage("export"):
@@ -151,8 +152,7 @@ def _motion(the_plan: Plan, toolpath: Toolpath, options: PlanOptions, timings: T
     cut = the_plan.path.counted
     missing = the_plan.missing
     needed = missing[the_plan.path.may_touch[missing]]  # rapid points that cannot be reached are passed by
-    broken = bool(the_plan.choice.broken) and the_plan.chosen_from != "jiao2022"
-    if (len(needed) or broken) and not options.allow_gaps:
+    if (len(needed) or the_plan.breaks) and not options.allow_gaps:
         return None
     if cut.any() and not np.setdiff1d(np.flatnonzero(cut), missing).size:
         return None

@@ -62,6 +62,20 @@ def checked(options: PlanOptions) -> tuple[Covered, ...]:
     return tuple(out)
 
 
+def done(not_cut: int, not_reached: int) -> str:
+    """The verdict's word for how much of the toolpath is done.
+
+    Args:
+        not_cut: points that are to be cut to and are not.
+        not_reached: other points of the toolpath that are left out.
+    """
+    if not_cut:
+        return f"done with gaps: {not_cut} {'point' if not_cut == 1 else 'points'} not cut"
+    if not_reached:
+        return f"done with gaps: {not_reached} {'point' if not_reached == 1 else 'points'} not reached"
+    return "done"
+
+
 def not_run(checks: Iterable[Check]) -> tuple[str, ...]:
     """Checks that had to be left out, in the same words; what the options switch off is worded by :func:`unchecked`."""
     return tuple(f"{c.name} NOT checked" for c in checks if c.passed is None and c.name != SWITCHED_OFF)

@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 FLIP = np.radians(120.0)  # no rotation about the tool axis that a run is given turns a joint so far between two points
 Code = Literal[
     "joint_jump", "joint_limit", "singularity", "collision", "no_pose", "rotation", "configuration",
-    "home_collides", "rapid_collides", "rapid_blocked", "not_driven",
+    "home_collides", "rapid_collides", "rapid_blocked", "no_room", "not_driven",
 ]  # fmt: skip
 
 

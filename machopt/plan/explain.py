@@ -6,12 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.reason import Reason
+from machopt.plan.breaks import Break
 from machopt.plan.pipeline import Plan
 from machopt.se3 import wrap
 
 Array = NDArray[np.float64]
 NEARLY_PARALLEL = np.radians(8.0)
 LARGE = 0.02  # m; a deflection beyond the small displacements that linear elasticity holds for
+FAR = 20.0  # m; no arm reaches so far, so a length was given in another unit
 BESIDE = 0.02  # m; a tip farther from axis 6 moves the wrist noticeably when it turns
 
 
@@ -25,6 +27,51 @@ def explain_points(plan: Plan) -> dict[int, str]:
     return out
 
 
+def all_breaks(plan: Plan, obstructions: tuple[Break, ...] = ()) -> tuple[Break, ...]:
+    """Every place where the motion breaks off: in the sequence, between toolpath points, and in time."""
+    path, reason = plan.path, plan.chosen.assignment.reason
+    missing, sentences = reason != Reason.OK, explain_points(plan)
+    between: dict[tuple[int, int], int] = {}
+    for p in np.flatnonzero(missing & ~path.is_point):
+        ends = int(np.floor(path.index[p])), int(np.ceil(path.index[p]))
+        rows = np.searchsorted(path.index, ends)
+        if not missing[rows].any():  # else the point itself tells
+            between.setdefault(ends, int(p))
+    inner = tuple(
+        Break(a, b, "no_pose", f"at {path.index[p]:.2f} between them: {sentences[p]}", help_of(plan, p))
+        for (a, b), p in between.items()
+        if not any(a - 1e-9 <= k.before and k.after <= b + 1e-9 for k in plan.breaks)
+    )
+    return (*plan.breaks, *inner, *obstructions)
+
+
+def help_of(plan: Plan, point: int) -> str:
+    """What would make planning point ``point`` possible."""
+    if plan.chosen.assignment.reason[point] == Reason.GAP:
+        return "what helps at the gap it lies at brings this cut back too"
+    s = min(int(np.searchsorted(plan.path.stations, point)), len(plan.path.stations) - 1)
+    rotations = plan.candidates.reason_of_rotation()[s]
+    if (plan.candidates.reason[s] == Reason.UNREACHABLE).all():
+        return _towards(plan, point)
+    words = [_HELP[r] for r in _HELP if (rotations == r).any()]
+    if (rotations != Reason.UNREACHABLE).any():
+        words.append(f"a finer rotation_step_deg than {np.degrees(plan.options.rotation_step):g}")
+    return f"{', '.join(dict.fromkeys(words))} would help; --allow-gaps leaves the cut out"
+
+
+def _towards(plan: Plan, point: int) -> str:
+    """Which way the workpiece would have to go: from the point to axis 1, as far as reach lacks."""
+    arm = plan.setup.arm
+    at = arm.T_base_workpiece[:3, :3] @ plan.path.position[point] + arm.T_base_workpiece[:3, 3]
+    middle = plan.setup.robot.point[1]  # axis 2, the shoulder
+    way = middle - at
+    size, short = float(np.linalg.norm(way)), 1e3 * shortfall_of(plan, point)
+    x, y, z = short * way / size if size > 0 else np.zeros(3)
+    far = f"the tip is {1e3 * size:,.0f} mm from the shoulder"
+    unit = "; is the workpiece frame in mm?" if size > FAR else ""
+    return f"moving the part by about ({x:.0f}, {y:.0f}, {z:.0f}) mm in the robot's base would help ({far}{unit})"
+
+
 def shortfall_of(plan: Plan, point: int) -> float:
     """m, how far planning point ``point`` lies outside the reach, 0 where it is not reach that lacks."""
     s = min(int(np.searchsorted(plan.path.stations, point)), len(plan.path.stations) - 1)
@@ -32,6 +79,8 @@ def shortfall_of(plan: Plan, point: int) -> float:
 
 
 def _sentence(plan: Plan, s: int, reason: Reason, point: int) -> str:
+    if point in plan.notes:
+        return plan.notes[point]
     if plan.compensation is not None and plan.compensation.lost[point]:
         return _lost_by_shift(plan, reason, point)
     rows = plan.candidates.reason[s]  # (R, B)
@@ -52,7 +101,19 @@ def _sentence(plan: Plan, s: int, reason: Reason, point: int) -> str:
         )
     parts = [f"{int((rotations == r).sum())} {_WORDS[r]}" for r in _WORDS if (rotations == r).any()]
     joint = _limiting_joint(plan, s) if (rotations == Reason.LIMIT).any() else ""
-    return f"no rotation works: of {len(rotations)} tried, " + ", ".join(parts) + joint
+    return f"no rotation works: of {len(rotations)} tried, " + ", ".join(parts) + joint + _touching(plan, s)
+
+
+def _touching(plan: Plan, s: int) -> str:
+    """The bodies that most of a station's collisions are between."""
+    if plan.found is None or plan.setup.collision is None:
+        return ""
+    pairs = plan.found.pairs[s]
+    known, count = np.unique(pairs[pairs >= 0], return_counts=True)
+    if not len(known):
+        return ""
+    order = known[np.argsort(-count, kind="stable")][:2]
+    return f" ({', '.join(plan.setup.collision.pairs[int(k)].name for k in order)})"
 
 
 def _lost_by_shift(plan: Plan, reason: Reason, point: int) -> str:
@@ -82,6 +143,17 @@ _WORDS = {
     Reason.COLLIDING: "collide",
     Reason.BOUNDS: "lie outside the given rotation range",
     Reason.NO_PATH: "cannot be joined to their neighbours",
+}
+
+
+_HELP = {
+    Reason.LIMIT: "a wider joint range or smaller limit_margin_deg",
+    Reason.SINGULAR_WRIST: "a smaller singularity_wrist_deg",
+    Reason.SINGULAR_ELBOW: "a smaller singularity_elbow_deg",
+    Reason.SINGULAR_SHOULDER: "a smaller singularity_shoulder_mm",
+    Reason.COLLIDING: "moving part, tool or what is in the way, a smaller clearance_mm",
+    Reason.BOUNDS: "a wider rotation_range_deg or another fixed rotation",
+    Reason.NO_PATH: "a retract before it",
 }
 
 

@@ -14,17 +14,18 @@ for collisions straight in true angles, which differ by how much the corrections
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
-from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.domain.trajectory import Trajectory
 from machopt.model.ik import refine
+from machopt.plan.breaks import Break, place
+from machopt.plan.gaps import Stretch, stretches, uncut, worth
 from machopt.plan.path import Path, tcp_poses
 from machopt.plan.pipeline import Plan
 from machopt.plan.rapids import Blocked, plan_rapid, time_legs
@@ -36,10 +37,8 @@ BEND = np.radians(0.1)  # rotation that a straight move between two toolpath poi
 BOW = 2e-6  # m, the same of a shifted path; unshifted it is straight between toolpath points to rounding
 SEARCH = 2000  # extensions of the random tree for a rapid move that nothing simpler frees
 SEARCH_IN_VAIN = 100  # the same once another move is known to be stuck
-GAP_LIFT = 0.05  # m, where the path is interrupted
+GAP_LIFTS = (0.05, 0.02, 0.1, 0.2, 0.4)  # m along the tool axis where the path is interrupted, tried in this order
 WITHDRAWALS = (0.002, 0.005, 0.01, 0.02, 0.035, 0.05, 0.1, 0.2, 0.4)  # m along the tool axis out of the workpiece
-JUMP = np.radians(45.0)  # between neighbouring planning points where the choice broke off: another configuration
-FLIP = np.radians(120.0)  # the same anywhere: no rotation about the tool axis that a run was given turns a joint so far
 LIFT_STEP = 0.01  # m between the configurations along a lift
 
 
@@ -59,25 +58,27 @@ class Leg:
 
 
 @dataclass(frozen=True)
-class Obstruction:
-    """A rapid move no free way was found for, or a run that cannot be driven."""
-
-    before: float  # toolpath index the motion comes from, NaN for home
-    after: float  # toolpath index it should go to, NaN for home
-    reason: str
-
-
-@dataclass(frozen=True)
 class Timeline:
     """The motion, what slows it, and what stops it."""
 
     trajectory: Trajectory | None  # None where something stops it
     dips: tuple[Dip, ...]  # with toolpath indices
-    obstructions: tuple[Obstruction, ...]
+    obstructions: tuple[Break, ...]  # rapid moves no free way was found for, runs that cannot be driven
     detours: tuple[str, ...]  # rapid moves that could not go straight
     legs: tuple[Leg, ...]
     held_share: float  # of the cutting time at ≥ 95 % of the programmed feed
     phi: Array  # (P,) rad, the rotation as driven: a little smoother than planned
+    driven: tuple[Stretch, ...] = ()  # first and last planning point of each stretch driven
+    given_up: dict[Stretch, str] = field(default_factory=dict)  # stretches left out (``allow_gaps``) and why
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where the arm stands between two stretches."""
+
+    q: Array  # (6,) rad
+    index: float  # along the toolpath, NaN at home
+    row: int  # planning point, −1 at home
 
 
 def build_timeline(plan: Plan, toolpath: Toolpath, progress: Callable[[float], None] | None = None) -> Timeline:
@@ -96,40 +97,28 @@ class _Builder:
         self.phi = plan.chosen.assignment.phi.copy()
         self.legs: list[Leg] = []
         self.dips: list[Dip] = []
-        self.obstructions: list[Obstruction] = []
+        self.obstructions: list[Break] = []
         self.detours: list[str] = []
         self.withdrawn: list[tuple[float, float]] = []  # toolpath index, m
+        self.driven: list[Stretch] = []
+        self.given_up: dict[Stretch, str] = {}
+        self.in_the_way: list[Break] = []  # what stretches were given up for
         self.cut_time = self.held_time = 0.0
         self.rng = np.random.default_rng(self.options.seed)
 
     def build(self) -> Timeline:
-        here, index, axis_row = self.plan.setup.driven.home, float("nan"), -1
-        stretches = list(self._stretches())
-        for n, (first, last) in enumerate(stretches):
-            gap_in = first > 0 and self.path.run[first] == self.path.run[first - 1]
-            gap_out = last + 1 < len(self.path.index) and self.path.run[last + 1] == self.path.run[last]
-            lift_in = GAP_LIFT if gap_in else self._withdrawal(first)
-            lift_out = GAP_LIFT if gap_out else lift_in if first == last else self._withdrawal(last)
-            start = self._lifted(first, lift_in) if lift_in else self.q[first]
-            end = self._lifted(last, lift_out) if lift_out else self.q[last]
-            if start is None or end is None:
-                row = first if start is None else last
-                self.obstructions.append(
-                    Obstruction(index, self.path.index[row], "no room to lift the tool at the gap")
-                )
-                continue
-            self._rapid(here, start, index, float(self.path.index[first]), axis_row, first)
-            if lift_in:
-                self._straight(start, self.q[first], first, Move.APPROACH, lift_in)
-            if last > first and np.ptp(self.path.s[first : last + 1]) > 0:
-                self._run(first, last)
-            elif last > first or self.path.move[first] != Move.RAPID:
-                self._touch(first, last)
-            if lift_out:
-                self._straight(self.q[last], end, last, Move.RETRACT, lift_out)
-            here, index, axis_row = end, float(self.path.index[last]), last
-            self.progress((n + 1) / max(len(stretches), 1))
-        self._rapid(here, self.plan.setup.driven.home, index, float("nan"), axis_row, -1)
+        here = _Place(self.plan.setup.driven.home, float("nan"), -1)
+        reason, breaks = self.plan.chosen.assignment.reason, self.plan.breaks
+        pieces = stretches(self.path, reason, breaks)
+        for n, (first, last) in enumerate(pieces):
+            here = self._stretch(here, first, last) or here
+            self.progress((n + 1) / max(len(pieces), 1))
+        home = _Place(self.plan.setup.driven.home, float("nan"), -1)
+        back = self._rapid(here, home)
+        if isinstance(back, Break):
+            self.obstructions.append(back)
+        else:
+            self.legs.append(back)
         if self.withdrawn:
             places = ", ".join(f"{index:g}" for index, _ in self.withdrawn[:8]) + (
                 " …" if len(self.withdrawn) > 8 else ""
@@ -138,38 +127,99 @@ class _Builder:
                 f"in the workpiece at its start or end, at point {places}: there the tool is first drawn straight "
                 f"along its axis at a feed, by up to {1e3 * max(height for _, height in self.withdrawn):.0f} mm"
             )
+        if not uncut(self.path, []).sum() > uncut(self.path, self.driven).sum():
+            self.obstructions += [b for b in self.in_the_way if b not in self.obstructions]  # nothing is left to cut
         trajectory = None if self.obstructions else self._joined()
         held = self.held_time / self.cut_time if self.cut_time > 0 else 1.0
         return Timeline(
-            trajectory,
-            tuple(self.dips),
-            tuple(self.obstructions),
-            tuple(self.detours),
-            tuple(self.legs),
-            held,
-            self.phi,
-        )
+            trajectory, tuple(self.dips), tuple(self.obstructions), tuple(self.detours), tuple(self.legs), held,
+            self.phi, tuple(self.driven), self.given_up,
+        )  # fmt: skip
 
-    def _stretches(self) -> Iterator[tuple[int, int]]:
-        """Runs, cut at points without a configuration and at changes of configuration.
+    def _stretch(self, here: _Place, first: int, last: int) -> _Place | None:
+        """Drive one stretch from ``here``; returns where it ends, None where it cannot be driven."""
+        wanted = (first, last)
+        while True:
+            found = self._legs(here, first, last)
+            if not isinstance(found, Break):
+                break
+            if not self.options.allow_gaps:
+                self.obstructions.append(found)
+                return None
+            self.in_the_way.append(found)
+            shorter = self._shorter(found, first, last)
+            if shorter is None:
+                self.given_up[wanted] = f"left out with the stretch it is in: {found.text} ({found.where})"
+                return None
+            self.given_up[wanted] = f"the cut to it is left out: {found.text} ({found.where})"
+            first, last = shorter
+        legs, end = found
+        self.legs += legs
+        self.driven.append((first, last))
+        return end
 
-        At such gaps a stretch ends at the last toolpath point before it, not somewhere on the way to a point that is
-        never reached. Lonely rapid points without a configuration are passed by.
-        """
-        ok = self.plan.chosen.assignment.reason == Reason.OK
-        broke = np.zeros(len(ok), int)  # how often the choice had broken off until a point
-        broke[self.path.stations[list(self.plan.choice.broken)]] = 1
-        broke = np.cumsum(broke)
-        for first, last in self.path.runs:
-            rows = first + np.flatnonzero(ok[first : last + 1])
-            step = np.abs(np.diff(self.q[rows], axis=0)).max(axis=1, initial=0.0)
-            apart = (np.diff(rows) != 1) | (step > np.where(np.diff(broke[rows]) > 0, JUMP, FLIP))
-            for part in np.split(rows, np.flatnonzero(apart) + 1):
-                begin = part if len(part) and part[0] == first else part[np.cumsum(self.path.is_point[part]) > 0]
-                keep = np.flatnonzero(self.path.is_point[begin])
-                whole = begin if len(begin) and begin[-1] == last else begin[: keep[-1] + 1 if len(keep) else 0]
-                if len(whole) > 1 or (len(whole) == 1 and first == last):
-                    yield int(whole[0]), int(whole[-1])
+    def _shorter(self, why: Break, first: int, last: int) -> Stretch | None:
+        """The stretch without its first or last toolpath point, where that stops it; None where nothing is left."""
+        if why.code != "no_room":
+            return None
+        points = first + np.flatnonzero(self.path.is_point[first : last + 1])
+        inner = points[points > first] if why.after == self.path.index[first] else points[points < last]
+        if len(inner) < 2:
+            return None
+        cut = (int(inner[0]), last) if why.after == self.path.index[first] else (first, int(inner[-1]))
+        return cut if worth(self.path, *cut) else None
+
+    def _legs(self, here: _Place, first: int, last: int) -> tuple[list[Leg], _Place] | Break:
+        """The rapid move to a stretch, the stretch itself, and lifts where it starts or ends in the workpiece."""
+        index = self.path.index
+        gap_in = not any(first == a for a, _ in self.path.runs)
+        gap_out = not any(last == b for _, b in self.path.runs)
+        lift_in = self._gap_lift(first) if gap_in else self._withdrawal(first)
+        lift_out = self._gap_lift(last) if gap_out else lift_in if first == last else self._withdrawal(last)
+        if np.isnan(lift_in):
+            return self._no_room(here.index, float(index[first]))
+        if np.isnan(lift_out):
+            return self._no_room(float(index[last]), float("nan") if last + 1 == len(index) else float(index[last + 1]))
+        start = self._lifted(first, lift_in) if lift_in else self.q[first]
+        end = self._lifted(last, lift_out) if lift_out else self.q[last]
+        if start is None or end is None:
+            raise AssertionError("a lift that was found is there")
+        to = self._rapid(here, _Place(start, float(index[first]), first))
+        if isinstance(to, Break):
+            return to
+        down = self._straight(start, self.q[first], first, Move.APPROACH, lift_in) if lift_in else None
+        up = self._straight(self.q[last], end, last, Move.RETRACT, lift_out) if lift_out else None
+        run: Leg | Break | None = None
+        if isinstance(down, Break) or isinstance(up, Break):
+            return down if isinstance(down, Break) else up  # type: ignore[return-value]  # one of them is a break
+        if last > first and np.ptp(self.path.s[first : last + 1]) > 0:
+            run = self._run(first, last)
+        elif last > first or self.path.move[first] != Move.RAPID:
+            run = self._touch(first, last)
+        if isinstance(run, Break):
+            return run
+        return [leg for leg in (to, down, run, up) if leg is not None], _Place(end, float(index[last]), last)
+
+    def _no_room(self, before: float, after: float) -> Break:
+        return Break(before, after, "no_room", "there is no room to lift the tool out of the cut at the gap",
+                     "more room above the part, or another pose of the part, would help")  # fmt: skip
+
+    def _gap_lift(self, row: int) -> float:
+        """m along the tool axis out of the cut at a gap, to where a rapid move may begin; NaN if there is no room."""
+        model = self.plan.setup.collision
+        for height in GAP_LIFTS:
+            way = self._lift_way(row, height)
+            if way is None:
+                continue
+            if model is None:
+                return height
+            steps = np.vstack([self.q[row][None], way])
+            if (
+                not model.check_motion(steps, np.ones(len(steps), bool), self.options.collision_step).any
+                and not (model.check(steps[-1:], np.array([False])).hit[0])
+            ):
+                return height
+        return float("nan")
 
     def _feed_after(self) -> Array:
         """(P,) m/s of the move to each point, of the next one with a feed where that is a rapid move."""
@@ -179,33 +229,27 @@ class _Builder:
             return np.full(len(feed), self.options.approach_feed)
         return feed[known[np.minimum(np.searchsorted(known, np.arange(len(feed))), len(known) - 1)]]
 
-    def _rapid(self, a: Array, b: Array, index_a: float, index_b: float, row_a: int, row_b: int) -> None:
+    def _rapid(self, a: _Place, b: _Place) -> Leg | Break:
         move = plan_rapid(
-            a, b, limits=self.plan.setup.driven.limits, scale=self.options.rapid_scale, sample=self.options.sample,
+            a.q, b.q, limits=self.plan.setup.driven.limits, scale=self.options.rapid_scale, sample=self.options.sample,
             collision=self.plan.setup.collision, step=self.options.collision_step, rng=self.rng,
-            detours=lambda: self._detours(row_a, row_b),
-            iterations=SEARCH if not self.obstructions else SEARCH_IN_VAIN,
+            detours=lambda: self._detours(a.row, b.row),
+            iterations=SEARCH if not self.obstructions and not self.given_up else SEARCH_IN_VAIN,
         )  # fmt: skip
         if isinstance(move, Blocked):
-            why = (
-                f"{move.pair} at the {move.reason} of the rapid move"
-                if move.reason != "way"
-                else f"no free way past {move.pair}"
-            )
-            self.obstructions.append(Obstruction(index_a, index_b, why))
-            return
+            return _blocked(move, a, b)
         q, waypoints = move.q, move.waypoints
         if self.plan.setup.correction is not None:
             waypoints = self._told(waypoints)
             q = time_legs(waypoints, self.cell.limits, self.options.rapid_scale, self.options.sample)
         n = len(q)
         if move.kind != "direct":
-            self.detours.append(f"{_name(index_a)} → {_name(index_b)}: {move.kind}, {len(waypoints) - 2} way points")
-        operation = self.toolpath.operation[round(index_b)] if np.isfinite(index_b) else -1
-        self.legs.append(Leg("rapid", q, np.linspace(index_a, index_b, n) if n > 1 else np.array([index_b]),
-                             np.full(n, Move.RAPID, np.int8), np.full(n, operation, np.int32), np.full(n, np.nan),
-                             waypoints[1:], np.full(len(waypoints) - 1, index_b),
-                             np.full(len(waypoints) - 1, np.nan)))  # fmt: skip
+            self.detours.append(f"{place(a.index)} → {place(b.index)}: {move.kind}, {len(waypoints) - 2} way points")
+        operation = self.toolpath.operation[round(b.index)] if np.isfinite(b.index) else -1
+        return Leg("rapid", q, np.linspace(a.index, b.index, n) if n > 1 else np.array([b.index]),
+                   np.full(n, Move.RAPID, np.int8), np.full(n, operation, np.int32), np.full(n, np.nan),
+                   waypoints[1:], np.full(len(waypoints) - 1, b.index),
+                   np.full(len(waypoints) - 1, np.nan))  # fmt: skip
 
     def _detours(self, row_a: int, row_b: int) -> Iterator[Array]:
         """Way points that lift the tool off at either end, or both."""
@@ -219,17 +263,24 @@ class _Builder:
 
     def _lifted(self, row: int, height: float) -> Array | None:
         """The configuration with the tool drawn back along its axis, or None where there is none nearby."""
+        way = self._lift_way(row, height)
+        return None if way is None else np.asarray(way[-1])
+
+    def _lift_way(self, row: int, height: float) -> Array | None:
+        """(n, 6) configurations LIFT_STEP apart that draw the tool back along its axis, None where one is missing."""
         arm = self.plan.setup.arm
         q: Array = self.q[row]
         rows = np.array([row], np.int32)
         pose = arm.T_base_workpiece @ tcp_poses(self.path, rows, self.plan.chosen.assignment.phi[rows])[0]
+        way = []
         for share in np.linspace(0.0, height, int(np.ceil(height / LIFT_STEP - 1e-9)) + 1)[1:]:
             lifted = pose.copy()
             lifted[:3, 3] -= share * pose[:3, 2]
             q, error = refine(self.plan.setup.robot, lifted, q, arm.T_flange_tcp, 5)
             if not error < 1e-8 or (q < arm.lower).any() or (q > arm.upper).any():
                 return None
-        return q
+            way.append(q)
+        return np.array(way)
 
     def _withdrawal(self, row: int) -> float:
         """m along the tool axis until a rapid move may begin; 0 where it may at once, or never."""
@@ -251,7 +302,7 @@ class _Builder:
                 return height
         return 0.0
 
-    def _straight(self, a: Array, b: Array, row: int, move: Move, height: float) -> None:
+    def _straight(self, a: Array, b: Array, row: int, move: Move, height: float) -> Leg | Break:
         """A straight lift or descent along the tool axis; down not faster than the cut that follows."""
         rows = np.array([row, row], np.int32)
         up = np.asarray([height, 0.0]) if move is Move.APPROACH else np.asarray([0.0, height])
@@ -263,18 +314,18 @@ class _Builder:
         )
         done = self._retime(position, rows, np.array([a, b]), np.full(2, feed))
         if isinstance(done, RunFailure):
-            self.obstructions.append(Obstruction(self.path.index[row], self.path.index[row], done.reason))
-            return
+            at = float(self.path.index[row])
+            return _not_driven(at, at, done.reason)
         n = len(done.q)
-        self.legs.append(Leg("lift", done.q, np.full(n, self.path.index[row]), np.full(n, move, np.int8),
+        return Leg("lift", done.q, np.full(n, self.path.index[row]), np.full(n, move, np.int8),
                              np.full(n, self._operation(rows[:1])[0], np.int32), np.full(n, np.nan),
-                             self._told(b[None]), self.path.index[rows[:1]], np.array([feed])))  # fmt: skip
+                             self._told(b[None]), self.path.index[rows[:1]], np.array([feed]))  # fmt: skip
 
-    def _touch(self, first: int, last: int) -> None:
+    def _touch(self, first: int, last: int) -> Leg:
         """Points without any way between them: the tool stands there for a sample each."""
         rows = np.r_[first, first, np.arange(first, last + 1)]
         n = len(rows)
-        leg = Leg(
+        return Leg(
             name="run",
             q=np.repeat(self._told(self.q[first][None]), n, axis=0),
             index=self.path.index[rows],
@@ -285,17 +336,15 @@ class _Builder:
             waypoint_index=self.path.index[[last]],
             waypoint_feed=np.array([self.options.approach_feed]),
         )
-        self.legs.append(leg)
 
-    def _run(self, first: int, last: int) -> None:
+    def _run(self, first: int, last: int) -> Leg | Break:
         rows = np.arange(first, last + 1, dtype=np.int32)
         feed = np.where(self.path.feed[rows] > 0, self.path.feed[rows], self.options.approach_feed)
         done = self._retime(self.path.position[rows], rows, self.q[rows], feed)
         index = self.path.index[rows]
         if isinstance(done, RunFailure):
             at = float(np.interp(done.point, np.arange(len(rows)), index))
-            self.obstructions.append(Obstruction(at, at, done.reason))
-            return
+            return _not_driven(at, at, done.reason)
         local = done.point
         segment = np.clip(np.ceil(local - 1e-9).astype(int), 1, len(rows) - 1)  # the segment a sample lies on
         move = self.path.move[rows][segment]
@@ -308,10 +357,10 @@ class _Builder:
         cutting = move == Move.CUT
         self.cut_time += float(cutting.sum()) * self.options.sample
         self.held_time += float((cutting & done.held).sum()) * self.options.sample
-        self.legs.append(Leg("run", done.q, np.interp(local, np.arange(len(rows)), index), move,
-                             self._operation(rows[segment]), gamma,
-                             self._told(self.q[rows][told]), index[told], feed[told]))  # fmt: skip
         self.dips += [dip.at(np.interp([dip.first, dip.last], np.arange(len(rows)), index)) for dip in done.dips]
+        return Leg("run", done.q, np.interp(local, np.arange(len(rows)), index), move,
+                   self._operation(rows[segment]), gamma,
+                   self._told(self.q[rows][told]), index[told], feed[told])  # fmt: skip
 
     def _retime(self, position: Array, rows: NDArray[np.int32], q: Array, feed: Array) -> RunTrajectory | RunFailure:
         setup = self.plan.setup
@@ -389,5 +438,21 @@ def _needed(phi: Array, is_point: NDArray[np.bool_], index: Array, position: Arr
     return np.asarray(keep | bowed | (np.abs(phi - np.interp(np.arange(len(phi)), at, phi[at])) > BEND))
 
 
-def _name(index: float) -> str:
-    return "home" if not np.isfinite(index) else f"point {index:g}"
+def _blocked(move: Blocked, a: _Place, b: _Place) -> Break:
+    at = a if move.reason == "start" else b
+    if move.reason != "way" and at.row < 0:
+        return Break(a.index, b.index, "home_collides", f"{move.pair} touch or come nearer than the clearance at the "
+                     "home pose", "another home pose (robot.home_deg), or moving what is there, would help",
+                     pair=move.pair)  # fmt: skip
+    if move.reason != "way":
+        return Break(a.index, b.index, "rapid_collides", f"{move.pair} touch or come nearer than the clearance at the "
+                     f"{move.reason} of the rapid move, at {place(at.index)}", "an approach or retract to a place "
+                     "clear of the part, or a smaller clearance_mm, would help", pair=move.pair)  # fmt: skip
+    return Break(a.index, b.index, "rapid_blocked", f"no free way was found past {move.pair}", "a retract to a place "
+                 "clear of everything, another home pose, another seed, or moving what is in the way would help",
+                 pair=move.pair)  # fmt: skip
+
+
+def _not_driven(before: float, after: float, why: str) -> Break:
+    return Break(before, after, "not_driven", why, "more points there, a finer rotation_step_deg or larger singularity "
+                 "margins would help")  # fmt: skip

@@ -172,6 +172,17 @@ class InfeasiblePoint:
     status: str
     reason: str
     shortfall: str  # e.g. "38 mm out of reach"
+    help: str = ""  # what would help
+
+
+@dataclass(frozen=True)
+class Break:
+    """Two successive places that no motion joins."""
+
+    before: str  # "point 3", "home"
+    after: str
+    reason: str
+    help: str
 
 
 @dataclass(frozen=True)
@@ -252,6 +263,7 @@ class ReportData:
     dips: tuple[FeedDip, ...] = ()
     worst: tuple[WorstPoint, ...] = ()
     infeasible: tuple[InfeasiblePoint, ...] = ()
+    breaks: tuple[Break, ...] = ()
     operations: tuple[OperationRow, ...] = ()
     ignored: tuple[IgnoredWord, ...] = ()
     warnings: tuple[str, ...] = ()

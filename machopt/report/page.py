@@ -84,10 +84,14 @@ def _plot(name: str, charts: set[str]) -> str:
 
 
 def _infeasible(data: ReportData) -> str:
-    if not data.infeasible:
-        return ""
-    lead = "Points without any posture that satisfies reach, limits, singularity distance and clearance."
-    return section("infeasible", "Infeasible points", lead, tables.infeasible_points(data))
+    out = ""
+    if data.infeasible:
+        lead = "Points without any posture that satisfies reach, limits, singularity distance and clearance."
+        out = section("infeasible", "Infeasible points", lead, tables.infeasible_points(data))
+    if data.breaks:
+        lead = "Successive places that are possible by themselves, and no motion of the arm that joins them."
+        out += section("breaks", "Where the motion breaks off", lead, tables.breaks(data))
+    return out
 
 
 def _map(data: ReportData, specs: Spec) -> str:

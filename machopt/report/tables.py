@@ -73,11 +73,17 @@ def worst_points(data: ReportData) -> str:
 
 def infeasible_points(data: ReportData) -> str:
     columns = [Column("Point", "n"), Column("Operation"), Column("x (mm)", "n"), Column("y (mm)", "n"),
-               Column("z (mm)", "n"), Column("State"), Column("Why"), Column("How far off")]  # fmt: skip
+               Column("z (mm)", "n"), Column("State"), Column("Why"), Column("How far off"),
+               Column("What would help")]  # fmt: skip
     return table(columns, [
-        (p.point, p.operation, *(LENGTH.text(float(v)) for v in p.position), p.status, p.reason, p.shortfall)
+        (p.point, p.operation, *(LENGTH.text(float(v)) for v in p.position), p.status, p.reason, p.shortfall, p.help)
         for p in data.infeasible
     ])  # fmt: skip
+
+
+def breaks(data: ReportData) -> str:
+    columns = [Column("From"), Column("To"), Column("Why"), Column("What would help")]
+    return table(columns, [(b.before, b.after, b.reason, b.help) for b in data.breaks])
 
 
 def operations(data: ReportData) -> str:

@@ -37,9 +37,14 @@ def verdict(data: ReportData) -> Verdict:
         kinds = sorted({p.status for p in data.infeasible})
         why = f" ({', '.join(kinds)})" if kinds else ""
         number = s.infeasible_points or len(data.infeasible)
+        parts = [f"for {number} of {s.points} points{why}"] if number else []
+        if data.breaks:
+            first = data.breaks[0]
+            parts.append(f"at {counted(len(data.breaks), 'break')} of the motion, the first from {first.before} to "
+                         f"{first.after} ({first.reason})")  # fmt: skip
         sentence = (
-            f"No answer for {number} of {s.points} points as the cell stands{why}; no trajectory was written. "
-            "The table of infeasible points says for each what stands in the way and by how much."
+            f"No answer {' and '.join(parts)} as the cell stands; no trajectory was written. "
+            "The tables below say for each what stands in the way, by how much, and what would help."
         )
         return Verdict(with_scope("NO FEASIBLE ANSWER", s.unchecked), "bad", _joined(sentence, s.note), _cautions(data))
     parts = [_gain_words(s), _mean_words(s)]
