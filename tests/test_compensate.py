@@ -7,6 +7,8 @@ from pathlib import Path as FilePath
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from test_cli import optimize
 from test_path import Rows, build_path, toolpath
 from test_pipeline import FORCE, FREE, K, planned, small_job
@@ -19,10 +21,13 @@ from machopt.errors import InputError
 from machopt.formats.options import load_options
 from machopt.formats.stiffness import load_stiffness
 from machopt.model.elastic import ArmElasticity, joint_stiffness
-from machopt.plan.compensate import _faded, _full, compensate, residual
+from machopt.plan.compensate import STEEPEST, residual, shifted, steepness
+from machopt.plan.engage import engaged_force
 from machopt.plan.explain import explain_points
 from machopt.plan.pipeline import Plan
-from machopt.plan.refine import with_corners
+from machopt.plan.refine import compensate, with_corners
+from machopt.verify.engage import demanded_force
+from machopt.verify.shift import FORCE_SHARE
 
 ROOT = FilePath(__file__).resolve().parent.parent
 UP = (0.0, 0.0, 1.0)
@@ -40,11 +45,19 @@ def corner() -> Rows:
 
 @pytest.fixture(scope="module")
 def bent(tmp_path_factory: pytest.TempPathFactory) -> tuple[Plan, Plan]:
-    options = replace(FREE, force=FORCE, rotation_step=np.radians(15.0))
+    options = replace(FREE, force=FORCE, rotation_step=np.radians(15.0), compensation_max=0.01)
     plain = small_job(tmp_path_factory.mktemp("cell"), corner(), options)
     assert len(plain.missing) == 0
-    before = with_corners(plain, toolpath(corner()))
-    return before, compensate(before)
+    after = compensate(plain, toolpath(corner()))
+    assert after.compensation is not None
+    return with_corners(plain, toolpath(corner()), after.compensation.length), after
+
+
+def straight_on(p: Plan) -> np.ndarray:
+    """Planning points of cuts farther than the length of a turn from the corner."""
+    assert p.compensation is not None
+    at = int(np.flatnonzero(p.path.index == 4)[0])
+    return np.flatnonzero(p.path.counted & (np.abs(p.path.s - p.path.s[at]) > 1.01 * p.compensation.length))
 
 
 def loaded(p: Plan, rows: np.ndarray, stiffness: Stiffness) -> np.ndarray:
@@ -66,7 +79,7 @@ def loaded(p: Plan, rows: np.ndarray, stiffness: Stiffness) -> np.ndarray:
 def test_the_bent_tool_is_where_it_was_programmed(bent: tuple[Plan, Plan]) -> None:
     """With the nonlinear equilibrium of the springs, which the planner's linear deflection knows nothing of."""
     before, after = bent
-    rows = np.flatnonzero(before.path.counted)
+    rows = straight_on(after)
     d = np.linalg.norm(loaded(before, rows, Stiffness(K)) - before.path.position[rows], axis=1)
     left = np.linalg.norm(loaded(after, rows, Stiffness(K)) - before.path.position[rows], axis=1)
     assert d.min() > 5e-4
@@ -74,39 +87,43 @@ def test_the_bent_tool_is_where_it_was_programmed(bent: tuple[Plan, Plan]) -> No
     assert (left < 0.005 * d).all()
     assert after.compensation is not None
     np.testing.assert_allclose(np.linalg.norm(after.compensation.offset[rows], axis=1), d, rtol=0.01)
-    assert after.chosen.assignment.phi is before.chosen.assignment.phi  # the same rotation
+    np.testing.assert_array_equal(after.chosen.assignment.phi, before.chosen.assignment.phi)  # the same rotation
     T = after.setup.robot.fk(after.chosen.assignment.q, after.setup.arm.T_flange_tcp)
     base = after.setup.arm.T_base_workpiece
     np.testing.assert_allclose(-T[:, :3, 2] @ base[:3, :3], after.path.axis, atol=1e-8)  # and the same tool axis
     np.testing.assert_allclose((T[:, :3, 3] - base[:3, 3]) @ base[:3, :3], after.path.position, atol=1e-8)
 
 
-def test_the_shift_fades_along_approach_and_retract(bent: tuple[Plan, Plan]) -> None:
+def test_the_shift_fades_along_approach_and_retract_and_never_jumps(bent: tuple[Plan, Plan]) -> None:
     before, after = bent
     assert after.compensation is not None
-    path, offset = before.path, after.compensation.offset
+    path, offset, length = before.path, after.compensation.offset, after.compensation.length
     size = np.linalg.norm(offset, axis=1)
     at = {float(k): n for n, k in enumerate(path.index)}
-    begin, end = at[1.0], at[6.0]
     assert size[at[0.0]] == 0.0
     assert size[at[7.0]] == 0.0
     np.testing.assert_allclose(offset[at[1.0]], offset[at[2.0]], rtol=0.1, atol=2e-5)  # the cut begins fully shifted
-    for rows, full, zero in ((range(at[0.0], begin + 1), begin, at[0.0]), (range(end, at[7.0] + 1), end, at[7.0])):
-        way = np.abs(path.s[list(rows)] - path.s[zero]) / abs(path.s[full] - path.s[zero])
-        np.testing.assert_allclose(offset[list(rows)], way[:, None] * offset[full], atol=1e-12)
+    away = np.where(path.s < path.s[at[1.0]], path.s[at[1.0]] - path.s, path.s - path.s[at[6.0]])
+    air = (path.run == 0) & ((path.index < 1) | (path.index > 6))
+    assert (size[air & (away >= length)] == 0).all()  # nothing is cut there
+    for n in np.flatnonzero(air & (away < length)):
+        full = size[at[1.0] if path.index[n] < 1 else at[6.0]]
+        assert size[n] == pytest.approx((1 - away[n] / length) * full, rel=0.05)
     # the hole is drilled from where the rapid move ends: that end is shifted, so that the drill goes in straight
     np.testing.assert_allclose(offset[at[8.0]], offset[at[9.0]], rtol=0.05, atol=2e-5)
-    # nothing jumps: the corner, where the force turns by 90°, takes the stretch from one planning point to the next
-    step = np.linalg.norm(np.diff(offset, axis=0), axis=1)[path.run[1:] == path.run[:-1]]
-    assert step.max() < 1.5 * size.max()
-    assert np.sort(step)[-1] == step[np.flatnonzero(path.index[path.run == 0] == 4)[0] - 1]
+    steep = steepness(path, offset)
+    assert steep.max() <= STEEPEST
+    # the stated bound: twice the greatest shift over the length, and what the pose adds
+    most = float(np.linalg.norm(np.diff(offset[[at[4.0] - 1, at[4.0]]], axis=0)))
+    assert most < size.max()
+    assert steep.max() <= 1.2 * 2 * size.max() / length
 
 
 def test_refining_changes_no_choice(tmp_path: FilePath) -> None:
     plain = small_job(tmp_path, corner(), replace(FREE, force=FORCE, rotation_step=np.radians(15.0)))
-    fine = with_corners(plain, toolpath(corner()))
+    fine = with_corners(plain, toolpath(corner()), 0.002)
     rows = np.searchsorted(fine.path.index, plain.path.index)
-    assert len(fine.path.index) == len(plain.path.index) + 1
+    assert len(fine.path.index) == len(plain.path.index) + 3 * 4  # around the corner, start and end of the cut
     new = np.setdiff1d(np.arange(len(fine.path.index)), rows)
     np.testing.assert_array_equal(fine.path.stations, rows[plain.path.stations])
     for name in ("chosen", "jiao2022", "cam_default"):
@@ -115,8 +132,8 @@ def test_refining_changes_no_choice(tmp_path: FilePath) -> None:
         np.testing.assert_array_equal(b.assignment.reason[rows], a.assignment.reason)
         np.testing.assert_allclose(b.cost[rows], a.cost, rtol=1e-12)
         if np.isfinite(a.objective.total):
-            # the corner's own force counted for half the 17 mm before it, and now for half of 2 mm
-            assert b.objective.mean == pytest.approx(a.objective.mean, rel=0.03)
+            # the corner's own force counted for half the 17 mm before it, and now for half of a millimetre
+            assert b.objective.mean == pytest.approx(a.objective.mean, rel=0.05)
             low, high = a.assignment.phi[rows.searchsorted(new) - 1], a.assignment.phi[rows.searchsorted(new)]
             assert (np.minimum(low, high) - 1e-12 <= b.assignment.phi[new]).all()
             assert (b.assignment.phi[new] <= np.maximum(low, high) + 1e-12).all()
@@ -124,40 +141,87 @@ def test_refining_changes_no_choice(tmp_path: FilePath) -> None:
     T = fine.setup.robot.fk(fine.chosen.assignment.q, arm.T_flange_tcp)
     base = arm.T_base_workpiece
     np.testing.assert_allclose((T[:, :3, 3] - base[:3, 3]) @ base[:3, :3], fine.path.position, atol=1e-8)
-    straight: Rows = [((0, 0, 0.02), UP, R), ((0, 0, 0), UP, A), ((0.1, 0, 0), UP, C)]
+    straight: Rows = [((0, 0, 0.02), UP, R), ((0, 0, 0), UP, C), ((0, 0, -0.01), UP, C)]
     same = small_job(tmp_path, straight, replace(FREE, rotation_step=np.radians(30.0)))
-    assert with_corners(same, toolpath(straight)) is same
+    assert with_corners(same, toolpath(straight), 0.002) is same
 
 
-def test_fading_between_cuts_and_without_length() -> None:
-    rows: Rows = [((0, 0, 0.05), UP, R), ((0, 0, 0), UP, A), ((0.02, 0, 0), UP, C), ((0.04, 0, 0), UP, Move.LINK),
-                  ((0.06, 0, 0), UP, Move.LINK), ((0.08, 0, 0), UP, C), ((0.5, 0, 0.1), UP, R)]  # fmt: skip
-    path = build_path(toolpath(rows))
-    assert _full(path).tolist() == [False, *[False] * 2, True, True, False, True, True, False]
-    wanted = np.full((9, 3), np.nan)
-    wanted[[3, 4]], wanted[[6, 7]] = [1.0, 0, 0], [0.0, 2.0, 0]
-    found = _faded(path, wanted)
-    np.testing.assert_allclose(found[:3], [[0, 0, 0], [1 / 3, 0, 0], [2 / 3, 0, 0]], atol=1e-12)
-    np.testing.assert_allclose(found[5], [0.5, 1.0, 0], atol=1e-12)  # half-way along the links
-    np.testing.assert_allclose(found[7:], [[0, 2.0, 0], [0, 0, 0]], atol=1e-12)
-
-
-def test_residual_is_second_order_on_straights_and_the_jump_of_the_force_at_a_corner(bent: tuple[Plan, Plan]) -> None:
+def test_residual_is_second_order_on_straights_and_half_the_turn_of_the_force_at_a_corner(
+    bent: tuple[Plan, Plan],
+) -> None:
     before, after = bent
     found = residual(after)
     assert found is not None
     assert residual(before) is None
     at = int(np.flatnonzero(before.path.index == 4)[0])  # the corner: along x comes in, along y goes out
     d = before.directions
-    assert before.path.index[at - 1] == pytest.approx(4 - 0.002 / 0.05)  # a point 2 mm before it
     T = before.setup.arm.T_base_workpiece[:3, :3]
     elastic = before.setup.elasticity.at(after.chosen.assignment.q[[at]], d.k[[at]])
     jump = elastic.deflection(d.force[[at]])[0] - elastic.deflection(d.force[[at - 1]])[0]
-    assert found.worst == pytest.approx(float(np.linalg.norm(jump @ T)), rel=0.01)
+    assert found.worst == pytest.approx(0.5 * float(np.linalg.norm(jump @ T)), rel=0.05)
     assert found.uncompensated > 5e-4
-    # a triangle over the last 2 mm of 272 mm: 0.4 % of the jump; elsewhere the sag between points 17 mm apart
-    assert found.mean < 0.01 * found.uncompensated
-    assert found.shift_mean == pytest.approx(found.uncompensated, rel=0.05)
+    assert found.mean < 0.1 * found.uncompensated
+    assert found.shift_mean == pytest.approx(found.uncompensated, rel=0.1)
+
+
+def test_a_leaning_plunge_shifts_like_an_upright_one(tmp_path: FilePath) -> None:
+    """The sideways part of a plunge that leans by a few degrees does not turn the force; nor does it make a jump."""
+    force = ProcessForce(travel=120.0, normal=250.0, axial=80.0)
+    found = {}
+    for lean in (0.0, 0.5, 1.0, 1.5, 3.0, 5.0):
+        across = 0.04 * float(np.tan(np.radians(lean)))
+        rows: Rows = [((-0.05, across, 0.04), UP, R), ((-0.05, 0, 0.0), UP, C), ((0.05, 0, 0.0), UP, C)]
+        path = build_path(toolpath(rows), corners=0.005)
+        found[lean] = engaged_force(path, force, 0.005)
+        way = np.linalg.norm(np.diff(path.position, axis=0), axis=1)
+        size = float(np.sqrt(120**2 + 250**2 + 80**2))
+        assert (np.linalg.norm(np.diff(found[lean], axis=0), axis=1) <= 1.02 * 2 * size / 0.005 * way).all()
+        entry = int(np.flatnonzero(path.index == 1)[0])
+        upright = found[0.0][: entry + 1]
+        np.testing.assert_allclose(found[lean][entry], upright[-1], atol=0.55 * size)
+    step = [np.linalg.norm(found[b][1] - found[a][1]) for a, b in ((0.0, 0.5), (0.5, 1.0), (1.0, 1.5))]
+    assert max(step) < 0.06 * size  # w(sin 1.5° / sin 10°) = 6 %: nothing happens at any one angle
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(st.integers(0, 10_000), st.sampled_from([0.005, 0.01, 0.02]))
+def test_the_force_that_is_compensated_never_jumps(seed: int, length: float) -> None:
+    """Random paths with leaning plunges, corners, reversals, links, rapid moves: the stated Lipschitz bound holds."""
+    rng = np.random.default_rng(seed)
+    rows: Rows = []
+    position = np.zeros(3)
+    for _ in range(int(rng.integers(1, 4))):
+        position = position + np.array([*rng.uniform(-0.1, 0.1, 2), 0.0])
+        lean = np.radians(rng.uniform(0.5, 5.0)) * rng.choice([-1, 1])
+        top = position + 0.03 * np.array([np.tan(lean), 0.0, 1.0])
+        rows.append((tuple(top), UP, R))
+        rows.append((tuple(position), UP, Move(int(rng.choice([C, A])))))
+        for _ in range(int(rng.integers(1, 6))):
+            position = position + rng.uniform(-0.04, 0.04, 3) * [1, 1, 0.2] * rng.choice(
+                [0.0, 0.02, 1.0], p=[0.1, 0.2, 0.7]
+            )
+            rows.append((tuple(position), UP, Move(int(rng.choice([C, C, C, Move.LINK])))))
+        if rng.uniform() < 0.7:
+            rows.append((tuple(position + np.array([0, 0, 0.03])), UP, BACK))
+    path = build_path(toolpath(rows), corners=length)
+    force = ProcessForce(*rng.uniform(-300, 300, 3))
+    f = engaged_force(path, force, length)
+    size = float(np.linalg.norm([force.travel, force.normal, force.axial]))
+    assert (np.linalg.norm(f, axis=1) <= size * (1 + 1e-9)).all()
+    joined = path.run[1:] == path.run[:-1]
+    way = np.linalg.norm(np.diff(path.position, axis=0), axis=1)
+    change = np.linalg.norm(np.diff(f, axis=0), axis=1)
+    grain = 2 * size / 128  # the mean over a window is taken at 128 places
+    assert (change[joined] <= 2 * size / length * way[joined] + grain).all()
+    # nothing where nothing is near a cut, and at ends that are only come from or gone to
+    for first, last in path.runs:
+        moves = path.move[first + 1 : last + 1][way[first:last] > 0]
+        if len(moves) and moves[0] != C:
+            assert not f[first].any()
+        if len(moves) and moves[-1] != C:
+            assert not f[last].any()
+    theirs = demanded_force(toolpath(rows), path.index, force, length)
+    assert np.linalg.norm(f - theirs, axis=1).max(initial=0.0) <= FORCE_SHARE * size  # the second law agrees
 
 
 def test_compensation_on_a_simulated_truth_falls_as_jiao2022_finds() -> None:
@@ -176,8 +240,8 @@ def test_compensation_on_a_simulated_truth_falls_as_jiao2022_finds() -> None:
         at = p.path.position @ arm.T_base_workpiece[:3, :3].T + arm.T_base_workpiece[:3, 3]
         setup = replace(p.setup, elasticity=ArmElasticity(p.setup.robot, arm.T_flange_tcp, model))
         directions = replace(p.directions, k=joint_stiffness(model, at).k)
-        shifted = compensate(replace(p, setup=setup, directions=directions))
-        return float(np.linalg.norm(loaded(shifted, rows, truth) - p.path.position[rows], axis=1).mean())
+        moved = shifted(replace(p, setup=setup, directions=directions), 0.005)
+        return float(np.linalg.norm(loaded(moved, rows, truth) - p.path.position[rows], axis=1).mean())
 
     assert truth.grid is not None
     none, constant, grid = error(None), error(Stiffness(truth.joints)), error(truth)
@@ -185,20 +249,24 @@ def test_compensation_on_a_simulated_truth_falls_as_jiao2022_finds() -> None:
     assert grid < 0.01 * none
     # an identification that is 5 % off in every joint leaves 5 %
     off = replace(truth, grid=replace(truth.grid, joints=1.05 * truth.grid.joints))
-    assert error(off) == pytest.approx(0.05 / 1.05 * none, rel=0.05)
+    assert error(off) == pytest.approx(0.05 / 1.05 * none, rel=0.08)  # and what is left where the path turns
 
 
 # --- what cannot be shifted ----------------------------------------------------------------------------------
 
 
+LARGE = 100.0  # m: no shift is refused for its size
+
+
 def softer(p: Plan, factor: float) -> Plan:
+    p = replace(p, options=replace(p.options, compensation_max=LARGE))
     setup = replace(p.setup, elasticity=ArmElasticity(p.setup.robot, p.setup.arm.T_flange_tcp, Stiffness(K / factor)))
     return replace(p, setup=setup, directions=replace(p.directions, k=p.directions.k / factor))
 
 
 def test_points_that_cannot_be_shifted_say_what_stops_them(bent: tuple[Plan, Plan], tmp_path: FilePath) -> None:
     before, after = bent
-    far = compensate(softer(before, 3000.0))  # metres
+    far = shifted(softer(before, 3000.0), 1000.0)  # metres, over a length that leaves none too steep
     assert len(far.missing) > 0
     assert far.compensation is not None
     texts = explain_points(far)
@@ -209,15 +277,31 @@ def test_points_that_cannot_be_shifted_say_what_stops_them(bent: tuple[Plan, Pla
     assert not np.isfinite(far.chosen.objective.total)
     # a joint whose limit lies between where it is and where the shift takes it
     n = int(np.flatnonzero(before.path.counted)[2])
-    q, shifted = before.chosen.assignment.q[n], after.chosen.assignment.q[n]
-    joint = int(np.abs(shifted - q).argmax())
+    q, moved = before.chosen.assignment.q[n], after.chosen.assignment.q[n]
+    joint = int(np.abs(moved - q).argmax())
     limits = before.setup.cell.limits
     lower, upper = limits.lower.copy(), limits.upper.copy()
-    (upper if shifted[joint] > q[joint] else lower)[joint] = 0.5 * (q[joint] + shifted[joint])
+    (upper if moved[joint] > q[joint] else lower)[joint] = 0.5 * (q[joint] + moved[joint])
     cell = replace(before.setup.cell, limits=replace(limits, lower=lower, upper=upper))
-    stopped = compensate(replace(before, setup=replace(before.setup, cell=cell)))
+    stopped = shifted(replace(before, setup=replace(before.setup, cell=cell)), 0.005)
     assert stopped.chosen.assignment.reason[n] == Reason.LIMIT
     assert "a joint would leave its range" in explain_points(stopped)[n]
+
+
+def test_a_shift_that_is_too_large_is_refused_with_point_and_numbers(bent: tuple[Plan, Plan]) -> None:
+    before, after = bent
+    assert after.compensation is not None
+    size = np.linalg.norm(after.compensation.offset, axis=1)
+    most = 0.9 * float(size.max())
+    small = shifted(replace(before, options=replace(before.options, compensation_max=most)), after.compensation.length)
+    refused = np.flatnonzero(small.chosen.assignment.reason == Reason.SHIFT)
+    np.testing.assert_array_equal(refused, np.flatnonzero(size > most))
+    n = int(size.argmax())
+    text = explain_points(small)[n]
+    assert f"it is {1e3 * size[n]:.3f} mm, more than compensation_max_mm {1e3 * most:g}" in text
+    steep = shifted(before, 0.001)  # over a millimetre
+    texts = explain_points(steep)
+    assert any("mm per mm of path, more than 0.1" in t for t in texts.values())
 
 
 def test_a_shift_that_collides_is_named(tmp_path: FilePath) -> None:
@@ -226,20 +310,22 @@ def test_a_shift_that_collides_is_named(tmp_path: FilePath) -> None:
     p = small_job(tmp_path, rows, PlanOptions(force=ProcessForce(axial=400.0), rotation_step=np.radians(30.0)))
     assert len(p.missing) == 0
     d = p.setup.elasticity.at(p.chosen.assignment.q[[2]], p.directions.k[[2]]).deflection(p.directions.force[[2]])
-    deep = compensate(softer(p, 0.08 / float(np.linalg.norm(d))))
+    deep = shifted(softer(p, 0.08 / float(np.linalg.norm(d))), 0.02)
     texts = explain_points(deep)
     assert any("block" in t and "with the compensation of" in t for t in texts.values()), texts
-    assert not compensate(p).missing.size  # a tenth of a millimetre does not
+    assert not compensate(p, toolpath(rows)).missing.size  # a tenth of a millimetre does not
 
 
 def test_points_missing_before_stay_what_they_were(tmp_path: FilePath) -> None:
     rows = [*corner(), ((3.0, 0.0, 0.01), UP, R), ((3.0, 0.1, 0.01), UP, C)]
     before = small_job(tmp_path, rows, replace(FREE, force=FORCE, rotation_step=np.radians(30.0)))
-    after = compensate(before)
-    np.testing.assert_array_equal(before.missing, after.missing)
-    assert explain_points(before) == explain_points(after)
+    after = compensate(before, toolpath(rows))
+    np.testing.assert_array_equal(before.path.index[before.missing], after.path.index[after.missing])
+    assert set(explain_points(before).values()) == set(explain_points(after).values())
     nothing = small_job(tmp_path, rows[-2:], replace(FREE, force=FORCE, rotation_step=np.radians(30.0)))
-    assert len(compensate(nothing).missing) == len(nothing.missing)  # not a single answer, and still a plan
+    assert len(compensate(nothing, toolpath(rows[-2:])).missing) == len(
+        nothing.missing
+    )  # not a single answer, and still a plan
 
 
 def test_without_a_force_there_is_nothing_to_compensate(tmp_path: FilePath, capsys: pytest.CaptureFixture[str]) -> None:

@@ -131,16 +131,19 @@ def test_weights_are_the_length_cut(stations: int, monkeypatch: pytest.MonkeyPat
     np.testing.assert_allclose(touches.weight, [0.5, 0, 0.5])
 
 
-def test_corners_get_a_point_just_before_them_where_asked() -> None:
+def test_corners_and_ends_of_cuts_get_points_around_them_where_asked() -> None:
     tp = toolpath(square())
-    plain, with_corners = build_path(tp), build_path(tp, corners=True)
-    added = np.setdiff1d(with_corners.index, plain.index)
-    # of the closed square's cut: in from the plunge (a plunge is a cut here), and three corners; not the retract
-    np.testing.assert_allclose(added, [1 - 0.002 / 0.05, *(k - 0.002 / 0.1 for k in (2, 3, 4))], atol=1e-12)
+    plain, dense = build_path(tp), build_path(tp, corners=0.002)
+    added = np.setdiff1d(dense.index, plain.index)
+    around = np.array([-0.002, -0.001, 0.001, 0.002])
+    # of the closed square's cut: in from the plunge (a plunge is a cut here), three corners, and where the cut ends
+    lengths = {1: (0.05, 0.1), 2: (0.1, 0.1), 3: (0.1, 0.1), 4: (0.1, 0.1), 5: (0.1, 0.05)}
+    wanted = [k + d / (before if d < 0 else after) for k, (before, after) in lengths.items() for d in around]
+    np.testing.assert_allclose(added, wanted, atol=1e-12)
     gentle = [((0.02 * k, 0.0002 * k * k, 0), UP, C) for k in range(10)]  # 1.1° from piece to piece
-    assert len(build_path(toolpath(gentle), corners=True).index) == len(build_path(toolpath(gentle)).index)
-    short = toolpath([((0, 0, 0), UP, R), ((0.003, 0, 0), UP, C), ((0.003, 0.003, 0), UP, C)])
-    assert len(build_path(short, corners=True).index) == 3  # no room: 2 mm and 2 mm again do not fit into 3
+    assert len(build_path(toolpath(gentle), corners=0.002).index) == len(build_path(toolpath(gentle)).index)
+    short = toolpath([((0, 0, 0), UP, R), ((0.001, 0, 0), UP, C), ((0.001, 0.001, 0), UP, C)])
+    assert len(build_path(short, corners=0.001).index) == 5  # half-way; what would lie on a point is not added
 
 
 def test_one_point_and_repeated_points_are_paths_too() -> None:

@@ -70,4 +70,5 @@ class PlanOptions:
     limit_scale: float = 0.97  # share of the velocity, acceleration and jerk limits used while cutting
     allow_gaps: bool = False
     compensate: bool = False  # drive a path shifted against the deflection predicted under ``force``
+    compensation_max: float = 0.002  # m, a larger shift is refused: a unit is wrong, or the arm far too soft
     seed: int = 0

@@ -19,6 +19,7 @@ class Reason(enum.IntEnum):
     BOUNDS = 8  # outside the user's rotation range
     NO_PATH = 9  # feasible by itself, but not joined to its neighbours without a jump
     GAP = 10  # feasible, but the cut to it is left out: it lies at a gap that the user allowed
+    SHIFT = 11  # feasible as programmed, but the shift against the deflection is refused
 
     @property
     def word(self) -> str:

@@ -68,6 +68,7 @@ class OptionKeys(Strict):
     limit_scale: float | None = Field(default=None, gt=0, le=1)
     allow_gaps: bool | None = None
     compensate: bool | None = None
+    compensation_max_mm: float | None = Field(default=None, gt=0, le=50)
     seed: int | None = Field(default=None, ge=0)
 
     @field_validator("rotation_range_deg")
@@ -171,6 +172,7 @@ def options_as_user(options: PlanOptions) -> dict[str, object]:
         "limit_scale": options.limit_scale,
         "allow_gaps": options.allow_gaps,
         "compensate": options.compensate,
+        "compensation_max_mm": _tidy(options.compensation_max / _MM),
         "seed": options.seed,
     }
     if options.preferred_rotation is not None:
@@ -207,6 +209,7 @@ def _to_si(keys: OptionKeys) -> PlanOptions:
         ("singularity_shoulder_mm", "singularity_shoulder", _MM),
         ("clearance_mm", "clearance", _MM),
         ("path_tolerance_mm", "path_tolerance", _MM),
+        ("compensation_max_mm", "compensation_max", _MM),
         ("sample_ms", "sample", _MS),
         ("approach_feed_mm_min", "approach_feed", _MM_PER_MIN),
         ("rotation_step_deg", "rotation_step", radians(1.0)),

@@ -34,7 +34,7 @@ _WORDS = {
     Reason.UNREACHABLE: "unreachable", Reason.LIMIT: "joint limit", Reason.SINGULAR_WRIST: "wrist singularity",
     Reason.SINGULAR_ELBOW: "elbow singularity", Reason.SINGULAR_SHOULDER: "shoulder singularity",
     Reason.COLLIDING: "collision", Reason.BOUNDS: "outside the rotation range", Reason.NO_PATH: "no continuous way",
-    Reason.GAP: "left out at a gap",
+    Reason.GAP: "left out at a gap", Reason.SHIFT: "shift refused",
 }  # fmt: skip
 
 

@@ -177,7 +177,8 @@ def _compensation(the_plan: Plan) -> dict[str, object] | None:
     found = residual(the_plan)
     if found is None:
         return None
-    return {"max_mm": 1e3 * found.shift_worst, "mean_mm": 1e3 * found.shift_mean,
+    length = the_plan.compensation.length if the_plan.compensation else float("nan")
+    return {"length_mm": 1e3 * length, "max_mm": 1e3 * found.shift_worst, "mean_mm": 1e3 * found.shift_mean,
             "uncompensated_mean_mm": 1e3 * found.uncompensated,
             "residual_max_mm": 1e3 * found.worst, "residual_mean_mm": 1e3 * found.mean}  # fmt: skip
 

@@ -25,10 +25,9 @@ from machopt.job.posts import is_post_file, tolerance_of, wanted_posts, withdraw
 from machopt.job.result import Made, result_of
 from machopt.job.verify import content_checks, verify_folder
 from machopt.output import MANIFEST, output_folder, write_json, write_manifest
-from machopt.plan.compensate import compensate
 from machopt.plan.gaps import told
 from machopt.plan.pipeline import Plan, Timings, as_driven, plan
-from machopt.plan.refine import with_corners
+from machopt.plan.refine import compensate
 from machopt.plan.timeline import Timeline, build_timeline
 from machopt.report.page import write_report
 
@@ -79,7 +78,7 @@ def optimize(request: Request, progress: Callable[[str], None] = lambda _: None)
         the_plan = plan(cell, toolpath, options, timings)
         if options.compensate:
             with timings.stage("compensate"):
-                the_plan = compensate(with_corners(the_plan, toolpath))
+                the_plan = compensate(the_plan, toolpath)
         timeline = _motion(the_plan, toolpath, options, timings)
         driven = timeline is not None and timeline.trajectory is not None
         if timeline is not None and driven:

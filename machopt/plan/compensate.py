@@ -3,12 +3,18 @@
 jiao2022 section 5.1: the deflection d = J_v K_θ⁻¹ J_vᵀ f under the process force (eq. 41, here with every term of the
 stiffness) is subtracted from the commanded position. Rotation and tool axis stay as they are.
 
-* At points that are cut to, and where a cut begins, the shift is −d, d in the configuration that is then driven.
-* Along approach, retract and link moves it fades in and out in proportion to their length, so nothing jumps.
-* Rapid moves go to where the runs now begin and end.
+The force is F of :mod:`machopt.plan.engage`, which has no jumps: the shift δ = −d(F) fades in and out over the length ℓ
+along approach and retract, is zero where nothing cuts, and turns at a sharp corner over 2ℓ. With S = max |d(f)|,
 
-The force turns with the direction of travel, so at a sharp corner −d jumps. The commanded path cannot: it goes over
-from one to the other on the stretch before the corner, and :func:`residual` says what that leaves.
+    |δ(s₁) − δ(s₂)| ≤ (2 S/ℓ + |dC/ds| |f|) |s₁ − s₂|
+
+(C the compliance, which changes with the pose). ℓ is the least of LENGTHS at which no step is steeper than STEEPEST.
+A run that begins or ends with a cut (a hole drilled straight from a rapid move) is shifted from its first point on: the
+rapid move goes there, and the drill goes in straight.
+
+Refused, with point and numbers: a shift that is larger than ``compensation_max``, that is larger than the deflection it
+mends (the greatest within 2ℓ), or that is steeper than STEEPEST at the greatest ℓ. What a shift without jumps leaves at
+corners, :func:`residual` says.
 """
 
 from __future__ import annotations
@@ -22,16 +28,22 @@ from numpy.typing import NDArray
 from machopt.domain.reason import Reason
 from machopt.plan.candidates import Arm
 from machopt.plan.check import Checker
-from machopt.plan.path import Path
+from machopt.plan.engage import engaged_force
+from machopt.plan.path import ARM, Path
 from machopt.plan.realise import Assignment, realise
-from machopt.plan.score import configuration_cost, objective
+from machopt.plan.score import Objective, configuration_cost, objective
 
 if TYPE_CHECKING:
     from machopt.plan.pipeline import Plan, Setup
 
 Array = NDArray[np.float64]
+NOTHING = 1e-6  # m; a smaller shift is nothing to refuse
+STILL = 1e-8  # m; a smaller change of the shift is none
 PASSES = 2  # of −d and the configuration it leads to; the second changes |d| by |d|/reach, a third by its square
 KEPT = 0.8  # share of the singularity margins that a shifted point must still keep
+LENGTHS = (0.005, 0.010, 0.020, 0.040)  # m, ℓ: the shorter, the less is left at corners
+STEEPEST = 0.1  # m/m: the path leans by less than 6° against the programmed one
+MENDS = 1.05  # times the deflection it is held against: the pose changes a little within 2ℓ
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # of a segment, where the residual is looked at
 
 
@@ -40,48 +52,116 @@ class Compensation:
     """What is added to the planning points."""
 
     offset: Array  # (P, 3) m in workpiece
-    force: Array  # (P, 3) N in workpiece, of the process on the tool
-    full: NDArray[np.bool_]  # (P,) the offset is −d; elsewhere it fades
+    force: Array  # (P, 3) N in workpiece, F: what the offset is against
+    length: float  # m, ℓ
     lost: NDArray[np.bool_]  # (P,) feasible as programmed, not as shifted
 
 
-def compensate(plan: Plan) -> Plan:
-    """The plan for the shifted path, with the same rotation; points it cannot reach carry their reason."""
+def steepness(path: Path, offset: Array) -> Array:
+    """(P,) m/m: how much the shift changes on the way into each point, by its length; 0 behind a rapid move.
+
+    A turn of the tool axis counts as a way of ARM m/rad: the pose, and with it the compliance, changes on it.
+    """
+    joined = path.run[1:] == path.run[:-1]
+    change = np.linalg.norm(np.diff(offset, axis=0), axis=1)
+    way = np.hypot(*(np.linalg.norm(np.diff(of, axis=0), axis=1) for of in (path.position, ARM * path.axis)))
+    ratio = np.where(change > STILL, change / np.maximum(way, STILL), 0.0)
+    return np.concatenate([[0.0], np.where(joined, ratio, 0.0)])
+
+
+def shifted(plan: Plan, length: float) -> Plan:
+    """The plan for the path shifted against the force that turns, comes and goes over ``length`` (m)."""
     before, path = plan.chosen.assignment, plan.path
     R = plan.setup.arm.T_base_workpiece[:3, :3]
-    full = _full(path) & (before.reason == Reason.OK)
+    force = engaged_force(path, plan.options.force, length)
+    known = np.flatnonzero((before.reason == Reason.OK) & force.any(axis=1))
     setup = _with_room(plan.setup)
     offset = np.zeros_like(path.position)
-    shifted, after = path, before
+    moved, after = path, before
     for _ in range(PASSES):
-        known = np.flatnonzero(full)
         q = np.where(np.isfinite(after.q), after.q, before.q)[known]  # where the first pass leads nowhere, so be it
-        d = plan.setup.elasticity.at(q, plan.directions.k[known]).deflection(plan.directions.force[known])
-        wanted = np.full_like(offset, np.nan)
-        wanted[known] = -d @ R
-        offset = _faded(path, wanted)
-        shifted = replace(path, position=path.position + offset)
-        after = realise(shifted, setup.arm, setup.robot, before.phi, before.q)
-    reason, check = after.reason.copy(), plan.check
+        offset[known] = -plan.setup.elasticity.at(q, plan.directions.k[known]).deflection(force[known] @ R.T) @ R
+        offset = _filled(path, offset, before.reason == Reason.OK)
+        moved = replace(path, position=path.position + offset)
+        after = realise(moved, setup.arm, setup.robot, before.phi, before.q)
+    reason, check, notes = after.reason.copy(), plan.check, dict(plan.notes)
     keep = before.reason != Reason.OK  # what was ruled out stays so
+    for p, why in _refused(plan, offset, length).items():
+        if reason[p] == Reason.OK:
+            reason[p], notes[p] = Reason.SHIFT, why
     reason[keep] = before.reason[keep]
     if setup.collision is not None:
-        checker = Checker.of(shifted, setup.arm, setup.robot, setup.collision, plan.options)
+        checker = Checker.of(moved, setup.arm, setup.robot, setup.collision, plan.options)
         check = checker.whole(after.phi, np.where((reason == Reason.OK)[:, None], after.q, np.nan))
         reason[check.hit & (reason == Reason.OK)] = Reason.COLLIDING
     after = replace(after, reason=reason)
-    found = Compensation(offset, plan.directions.force @ R, full, (reason != Reason.OK) & ~keep)
-    return rescored(replace(plan, setup=setup, path=shifted, check=check, compensation=found), after)
+    found = Compensation(offset, force, length, (reason != Reason.OK) & ~keep)
+    out = rescored(replace(plan, setup=setup, path=moved, check=check, compensation=found, notes=notes), after)
+    # the yardsticks by the same lengths, which the shift changes by some micrometres
+    weighed = [replace(s, objective=_objective(out, s.assignment, s.cost)) for s in (plan.jiao2022, plan.cam_default)]
+    return replace(out, jiao2022=weighed[0], cam_default=weighed[1])
+
+
+def _filled(path: Path, offset: Array, there: NDArray[np.bool_]) -> Array:
+    """The offsets, on the line between known ones where a point of the run has no configuration."""
+    out = offset.copy()
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.position, axis=0), axis=1))])
+    for first, last in path.runs:
+        rows = np.arange(first, last + 1)
+        own = rows[there[rows]]
+        if len(own) and not there[rows].all():
+            for c in range(3):
+                out[rows, c] = np.where(there[rows], offset[rows, c], np.interp(way[rows], way[own], offset[own, c]))
+    return out
+
+
+def _refused(plan: Plan, offset: Array, length: float) -> dict[int, str]:
+    """Planning points whose shift is not driven, and why."""
+    path, most = plan.path, plan.options.compensation_max
+    size, steep = np.linalg.norm(offset, axis=1), steepness(path, offset)
+    error = _nearby(path, plan, length)
+    out = {}
+    for p in np.flatnonzero((size > most) | (steep > STEEPEST) | (size > MENDS * error + NOTHING)):
+        told = f"the shift against the deflection is refused: it is {1e3 * size[p]:.3f} mm"
+        if size[p] > most:
+            out[int(p)] = f"{told}, more than compensation_max_mm {1e3 * most:g}"
+        elif size[p] > MENDS * error[p] + NOTHING:
+            out[int(p)] = f"{told}, more than the {1e3 * error[p]:.3f} mm that it mends"
+        else:
+            out[int(p)] = f"{told} and changes by {steep[p]:.3f} mm per mm of path, more than {STEEPEST:g}"
+    return out
+
+
+def _nearby(path: Path, plan: Plan, length: float) -> Array:
+    """(P,) m, the greatest deflection that is to be mended within 2ℓ of each point, along its run."""
+    q, ok = plan.chosen.assignment.q, np.isfinite(plan.chosen.assignment.q).all(axis=1)
+    bent = np.zeros(len(q))
+    rows = np.flatnonzero(ok)
+    bent[rows] = np.linalg.norm(
+        plan.setup.elasticity.at(q[rows], plan.directions.k[rows]).deflection(plan.directions.force[rows]), axis=1
+    )
+    out = np.zeros(len(q))
+    way = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(path.position, axis=0), axis=1))]
+    for first, last in path.runs:
+        s = way[first : last + 1]
+        a, b = np.searchsorted(s, s - 2 * length), np.searchsorted(s, s + 2 * length, side="right")
+        a, b = np.maximum(a - 1, 0), np.minimum(b + 1, len(s))  # and the points just outside: between them it is theirs
+        out[first : last + 1] = [bent[first + i : first + j].max() for i, j in zip(a, b, strict=True)]
+    return out
 
 
 def rescored(plan: Plan, assignment: Assignment) -> Plan:
     """The plan with another assignment, its cost and objective."""
     cost = np.full(len(assignment.phi), np.nan)
     ok = np.flatnonzero(assignment.reason == Reason.OK)
-    d, velocity = plan.directions, plan.setup.cell.limits.velocity[:6]
-    cost[ok] = configuration_cost(plan.setup.elasticity, d, ok, assignment.q[ok], plan.scores.index)
-    value = objective(plan.path, cost, assignment.q, assignment.phi, plan.scores.scale, velocity, plan.options)
+    cost[ok] = configuration_cost(plan.setup.elasticity, plan.directions, ok, assignment.q[ok], plan.scores.index)
+    value = _objective(plan, assignment, cost)
     return replace(plan, chosen=replace(plan.chosen, assignment=assignment, cost=cost, objective=value))
+
+
+def _objective(plan: Plan, a: Assignment, cost: Array) -> Objective:
+    velocity = plan.setup.cell.limits.velocity[:6]
+    return objective(plan.path, cost, a.q, a.phi, plan.scores.scale, velocity, plan.options)
 
 
 @dataclass(frozen=True)
@@ -125,29 +205,6 @@ def residual(plan: Plan) -> Residual | None:
         float(size.max()), float(path.weight @ size), float(left.max()), float(rule @ left @ weight),
         float(rule @ bent @ weight),
     )  # fmt: skip
-
-
-def _full(path: Path) -> NDArray[np.bool_]:
-    """(P,) points cut to, and those a cut begins at."""
-    begins = np.r_[path.counted[1:] & (path.run[1:] == path.run[:-1]), False]
-    return np.asarray(path.counted | begins)
-
-
-def _faded(path: Path, wanted: Array) -> Array:
-    """(P, 3) the wanted offsets where there are any (else NaN), to zero at the ends of each run, linear in between."""
-    out = np.zeros_like(wanted)
-    for first, last in path.runs:
-        rows = np.arange(first, last + 1)
-        known = rows[np.isfinite(wanted[rows, 0])]
-        if not len(known):
-            continue
-        ends = [r for r in (first, last) if r not in (known[0], known[-1])]
-        nodes = np.sort(np.r_[known, np.array(ends, int)])
-        value = np.where(np.isfinite(wanted[nodes]), wanted[nodes], 0.0)
-        for c in range(3):
-            out[rows, c] = np.interp(path.s[rows], path.s[nodes], value[:, c])
-        out[nodes] = value  # points at one place, an approach without length: each its own
-    return out
 
 
 def _with_room(setup: Setup) -> Setup:

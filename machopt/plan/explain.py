@@ -49,6 +49,8 @@ def help_of(plan: Plan, point: int) -> str:
     """What would make planning point ``point`` possible."""
     if plan.chosen.assignment.reason[point] == Reason.GAP:
         return "what helps at the gap it lies at brings this cut back too"
+    if plan.chosen.assignment.reason[point] == Reason.SHIFT:
+        return "a larger compensation_max_mm where the shift is meant, a stiffer pose, or no compensation would help"
     s = min(int(np.searchsorted(plan.path.stations, point)), len(plan.path.stations) - 1)
     rotations = plan.candidates.reason_of_rotation()[s]
     if (plan.candidates.reason[s] == Reason.UNREACHABLE).all():

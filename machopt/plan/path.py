@@ -27,7 +27,8 @@ UNKNOWN_FEED = 0.05  # m/s, for the time of approach moves without a feed
 FASTEST_FEED = 0.3  # m/s; a higher one in a file (air cut, laser path) is a wish and would drown the index in lost time
 MAX_STATIONS = 1500  # of the choice; beyond, the path is decimated evenly
 SEGMENT = 0.02  # m, longest stretch without a planning point
-CORNER = 0.002  # m, how far before a corner of the cut a point is added where asked for
+AROUND = np.array([-1.0, -0.5, 0.5, 1.0])  # of a length asked for: where points are added around a corner
+ROOM = 0.125  # of that length: points nearer to one that is there are not added
 TURN = np.cos(np.radians(5.0))  # sharper turns of the direction of travel are corners
 SEGMENT_AXIS = np.radians(3.0)  # rad, the same for axis changes
 
@@ -106,19 +107,20 @@ class Path:
         )
 
 
-def build_path(toolpath: Toolpath, keep: tuple[int, ...] = (), *, corners: bool = False) -> Path:
+def build_path(toolpath: Toolpath, keep: tuple[int, ...] = (), *, corners: float = 0.0) -> Path:
     """Split into runs, densify long segments, carry the reference direction, choose stations.
 
     Args:
         keep: toolpath points that must be stations, because the user fixed the rotation there.
-        corners: add a point just before each corner of the cut, where a shift against the deflection must turn.
+        corners: m, add points up to so far around each corner, start and end of a cut, where a shift against the
+            deflection turns, comes and goes; 0 for none.
     """
     n = len(toolpath)
     starts = (toolpath.move == Move.RAPID) | (np.arange(n) == 0)
     run_of_point = np.cumsum(starts) - 1
     index = _densified(toolpath, starts)
-    if corners:
-        index = _with_corners(toolpath, index)
+    if corners > 0:
+        index = _with_corners(toolpath, index, run_of_point, corners)
     low = np.clip(np.ceil(index).astype(int) - 1, 0, n - 1)  # the toolpath point before (or at) each
     high = np.ceil(index).astype(int)  # the toolpath point whose segment it lies on
     f = np.where(high > low, index - low, 1.0)[:, None]
@@ -167,17 +169,26 @@ def _densified(toolpath: Toolpath, starts: NDArray[np.bool_]) -> Array:
     return np.concatenate(out)
 
 
-def _with_corners(toolpath: Toolpath, index: Array) -> Array:
-    """The indices with one more CORNER before each corner between two cuts, where the points leave room for it."""
+def _with_corners(toolpath: Toolpath, index: Array, run: NDArray[np.int_], length: float) -> Array:
+    """The indices with more of them within ``length`` of where a cut turns sharply, starts or ends."""
     step = np.diff(toolpath.position, axis=0)
-    length = np.linalg.norm(step, axis=1)
-    cut = toolpath.cutting[1:]
-    turn = np.einsum("ij,ij->i", step[1:], step[:-1]) < TURN * length[1:] * length[:-1]
-    at = 1 + np.flatnonzero(turn & cut[1:] & cut[:-1] & (length[1:] > 0))  # the corner; segment at − 1 leads to it
-    before = at - CORNER / np.maximum(length[at - 1], CORNER)
-    nearest = index[np.searchsorted(index, at) - 1]  # the last point there is on the way to it
-    room = before - nearest > CORNER / np.maximum(length[at - 1], CORNER)
-    return np.union1d(index, before[room])
+    size = np.linalg.norm(step, axis=1)
+    cut, same = toolpath.cutting[1:], run[1:] == run[:-1]
+    turn = np.einsum("ij,ij->i", step[1:], step[:-1]) < TURN * size[1:] * size[:-1]
+    sharp = turn & cut[1:] & cut[:-1] & (size[1:] > 0)
+    at = 1 + np.flatnonzero((sharp | (cut[1:] != cut[:-1])) & same[1:] & same[:-1])
+    s = np.r_[0.0, np.cumsum(np.where(same, size, 0.0))]
+    there = np.interp(index, np.arange(len(s)), s)
+    out = [index]
+    for k in at.tolist():
+        mine = np.flatnonzero(run == run[k])
+        places = s[k] + length * AROUND
+        places = places[(places > s[mine[0]]) & (places < s[mine[-1]])]
+        near = there[(index >= mine[0]) & (index <= mine[-1])]
+        room = np.abs(places[:, None] - near).min(axis=1) > ROOM * length
+        out.append(np.interp(places[room], s[mine], mine.astype(float)))
+    found = np.unique(np.concatenate(out))
+    return found[np.r_[True, np.diff(found) > 1e-9]]
 
 
 def _travel(position: Array, axis: Array, joined: NDArray[np.bool_]) -> Array:
@@ -192,7 +203,7 @@ def _travel(position: Array, axis: Array, joined: NDArray[np.bool_]) -> Array:
     fill = _nearest_valid(good, joined)
     out = np.where((fill >= 0)[:, None], across[np.maximum(fill, 0)], 0.0)
     bare = fill < 0
-    out[bare] = _any_normal(axis[bare])
+    out[bare] = any_normal(axis[bare])
     return normalise(out)
 
 
@@ -216,7 +227,7 @@ def _nearest_valid(good: NDArray[np.bool_], joined: NDArray[np.bool_]) -> NDArra
     return out
 
 
-def _any_normal(axis: Array) -> Array:
+def any_normal(axis: Array) -> Array:
     """Workpiece x projected on the plane normal to the axis; y where x is (nearly) parallel to it."""
     x = np.broadcast_to(np.array([1.0, 0.0, 0.0]), axis.shape)
     y = np.broadcast_to(np.array([0.0, 1.0, 0.0]), axis.shape)
@@ -226,7 +237,7 @@ def _any_normal(axis: Array) -> Array:
 
 def _natural_reference(given: Array, travel: Array, axis: Array, drilling: NDArray[np.bool_]) -> Array:
     """The contract's gamma = 0 direction: the file's own, else travel (trajectories) or workpiece x (points)."""
-    ref = np.where(drilling[:, None], _any_normal(axis), travel)
+    ref = np.where(drilling[:, None], any_normal(axis), travel)
     own = given - np.sum(given * axis, axis=1, keepdims=True) * axis
     size = np.linalg.norm(given, axis=1, keepdims=True)
     with np.errstate(invalid="ignore"):  # a direction along the tool axis names no rotation

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Toolpath
-from machopt.plan.compensate import rescored
+from machopt.plan.compensate import LENGTHS, STEEPEST, rescored, shifted, steepness
 from machopt.plan.path import Path, build_path
 from machopt.plan.pipeline import Plan, Scored
 from machopt.plan.realise import Assignment, realise
@@ -18,14 +18,27 @@ from machopt.plan.score import directions
 Array = NDArray[np.float64]
 
 
-def with_corners(plan: Plan, toolpath: Toolpath) -> Plan:
-    """The plan with a planning point just before each corner of the cut; rotation in between on the line.
+def compensate(plan: Plan, toolpath: Toolpath) -> Plan:
+    """The plan for the path shifted against its deflection, with the same rotation; what cannot be shifted says why.
 
-    Where the force turns with the path, a shift against the deflection goes over from one direction to the other on
-    the piece before the corner; that piece is then short.
+    The shift turns, comes and goes over the least of LENGTHS at which it is nowhere steeper than STEEPEST.
+    """
+    found = plan
+    for length in LENGTHS:
+        fine = with_corners(plan, toolpath, length)
+        found = shifted(fine, length)
+        if found.compensation is None or steepness(fine.path, found.compensation.offset).max() <= STEEPEST:
+            break
+    return found
+
+
+def with_corners(plan: Plan, toolpath: Toolpath, length: float) -> Plan:
+    """The plan with more planning points around corners, starts and ends of cuts; rotation in between on the line.
+
+    There a shift against the deflection turns, comes and goes, over ``length`` (m) to either side.
     """
     old = plan.path
-    path = build_path(toolpath, tuple(f.point for f in plan.options.fixed), corners=True)
+    path = build_path(toolpath, tuple(f.point for f in plan.options.fixed), corners=length)
     if len(path.index) == len(old.index):
         return plan
     rows = np.searchsorted(path.index, old.index)

@@ -30,6 +30,7 @@ from machopt.domain.options import Index, PlanOptions, ProcessForce
 from machopt.errors import InputError
 from machopt.model.elastic import ArmElasticity, joint_stiffness
 from machopt.plan.candidates import Candidates
+from machopt.plan.engage import process_force, sideways
 from machopt.plan.path import Path
 from machopt.se3 import wrap
 
@@ -70,7 +71,7 @@ def directions(path: Path, T_base_workpiece: Array, elasticity: ArmElasticity, f
     R = T_base_workpiece[:3, :3]
     axial, travel = path.axis @ R.T, path.travel @ R.T
     normal = np.cross(axial, travel)
-    f = force.travel * travel + force.normal * normal + force.axial * axial
+    f = process_force(path.axis, sideways(path), force) @ R.T
     joint = joint_stiffness(elasticity.stiffness, path.position @ R.T + T_base_workpiece[:3, 3])
     return Directions(axial, normal, f, joint.k, joint.in_grid, path.is_drilling)
 

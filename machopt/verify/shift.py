@@ -16,13 +16,17 @@ from machopt.domain.toolpath import Move, Toolpath
 from machopt.verify.arm import Arm
 from machopt.verify.elastic import Elasticity
 from machopt.verify.springs import UnknownTermError
+from machopt.verify.engage import demanded_force, runs
 from machopt.verify.table import Motion, Points, Shift
 
 Array = NDArray[np.float64]
 RELATIVE, ABSOLUTE_MM = 0.02, 0.002  # of the deflection, which the last smoothing of the rotation changes a little
-FORCE_N = 0.01  # the file has six decimals; the rest is the direction of travel at short steps
+FORCE_SHARE = 0.02  # of the force: the mean over a window is taken at other places than in the plan
+LENGTHS = (0.005, 0.010, 0.020, 0.040)  # m, over which the force may turn, come and go
+STEEPEST = 0.1 * 1.001  # m/m; six decimals of a millimetre over a short step
+TURN = 0.15  # m/rad: a turn of the tool axis on the spot is a way too, on which the compliance changes
+STILL = 2e-9  # m, the last decimal
 SAME_MM = 1e-5  # the same number in both files
-ALONG = np.cos(np.radians(1.0))  # a step this near the tool axis is a plunge
 
 
 @dataclass(frozen=True)
@@ -47,16 +51,45 @@ def corners(toolpath: Toolpath, shift: Shift) -> tuple[Array, Array]:
 def compare_shift(
     cell: Cell, toolpath: Toolpath, motion: Motion, points: Points, shift: Shift, arm: Arm, options: PlanOptions
 ) -> list[Found]:
-    """Both files agree, the force is the stated one, and the shift is minus the deflection that force causes."""
+    """Both files agree, the force is the stated one, the shift is minus the deflection it causes, and has no jumps."""
     number = np.round(shift.index).astype(int)
     whole = np.abs(shift.index - number) < 1e-6
     row_of = dict(zip(number[whole].tolist(), np.flatnonzero(whole).tolist(), strict=True))
-    cut = toolpath.cutting[np.clip(np.ceil(shift.index - 1e-9).astype(int), 0, len(toolpath) - 1)]
+    run = _run_of(toolpath, shift.index)
     return [
         _same(toolpath, points, shift, row_of),
-        _force(toolpath, number[whole & cut], shift.force[whole & cut], options),
-        _deflection(cell, toolpath, _joints(motion, points, shift, np.flatnonzero(cut)), shift, arm),
+        _force(toolpath, shift, options),
+        _deflection(cell, toolpath, _joints(motion, points, shift, np.arange(len(run))), shift, arm),
+        _smooth(toolpath, shift, run),
+        _bounded(shift, options),
     ]
+
+
+def _run_of(toolpath: Toolpath, index: Array) -> NDArray[np.int64]:
+    """(P,) which run each corner lies on: a new one begins where a rapid move ends."""
+    begins = np.array([first for first, _ in runs(toolpath)], float)
+    return np.searchsorted(begins, index + 1e-9, side="right")
+
+
+def _smooth(toolpath: Toolpath, shift: Shift, run: NDArray[np.int64]) -> Found:
+    """Change of the shift over the length of path it happens on; what changes on no length at all jumps."""
+    every = np.arange(len(toolpath), dtype=float)
+    line, axis = (np.column_stack([np.interp(shift.index, every, of[:, c]) for c in range(3)])
+                  for of in (toolpath.position, toolpath.axis))  # fmt: skip
+    change = np.linalg.norm(np.diff(shift.offset, axis=0), axis=1)
+    way = np.hypot(*(np.linalg.norm(np.diff(of, axis=0), axis=1) for of in (line, TURN * axis)))
+    inside = run[1:] == run[:-1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        steep = np.where(change > STILL, change / way, 0.0)
+    where = [f"from point {a:g} to {b:g}" for a, b in zip(shift.index[:-1], shift.index[1:], strict=True)]
+    return Found("compensation smooth", "mm per mm of path", STEEPEST, np.append(steep[inside], 0.0),
+                 (*(w for w, use in zip(where, inside, strict=True) if use), "nowhere"))  # fmt: skip
+
+
+def _bounded(shift: Shift, options: PlanOptions) -> Found:
+    size = 1e3 * np.linalg.norm(shift.offset, axis=1)
+    return Found("compensation bounded", "mm", 1e3 * options.compensation_max + SAME_MM, size,
+                 tuple(f"point {k:g}" for k in shift.index))  # fmt: skip
 
 
 def _same(toolpath: Toolpath, points: Points, shift: Shift, row_of: dict[int, int]) -> Found:
@@ -73,9 +106,9 @@ def _same(toolpath: Toolpath, points: Points, shift: Shift, row_of: dict[int, in
 
 def _joints(motion: Motion, points: Points, shift: Shift, rows: NDArray[np.int64]) -> dict[int, Array]:
     """Joints (6,) with which each of these corners is cut: between two samples of the motion, else of points.csv."""
-    cuts = np.flatnonzero(motion.move == Move.CUT)
-    s = motion.point[cuts]
-    told = dict(zip(points.point.tolist(), points.q, strict=True))
+    cuts = np.flatnonzero((motion.move != Move.RAPID) & np.isfinite(motion.point))
+    s = np.maximum.accumulate(motion.point[cuts]) if len(cuts) else np.empty(0)
+    told = {k: q for k, q, status in zip(points.point.tolist(), points.q, points.status, strict=True) if status == "ok"}
     out: dict[int, Array] = {}
     for row in rows.tolist():
         x = float(shift.index[row])
@@ -89,33 +122,17 @@ def _joints(motion: Motion, points: Points, shift: Shift, rows: NDArray[np.int64
     return out
 
 
-def _force(toolpath: Toolpath, point: NDArray[np.int64], force: Array, options: PlanOptions) -> Found:
-    """Force of the file against the options': its size and axial part everywhere, its direction where the path has one.
-
-    The direction of travel is that of the cut that leaves the point, where one does that is no plunge.
-    """
-    name = "process force"
-    if not options.force.given:
+def _force(toolpath: Toolpath, shift: Shift, options: PlanOptions) -> Found:
+    """Force of the file against the options' along the toolpath, at the length of the list that fits it best."""
+    name, o = "process force", options.force
+    if not o.given:
         return Found(
-            name, "N", FORCE_N, np.empty(0), (), "no force is given here; --set force_N={…} as in the run would"
+            name, "N", FORCE_SHARE, np.empty(0), (), "no force is given here; --set force_N={…} as in the run would"
         )
-    p, n = toolpath.position, toolpath.axis[point]
-    axial = np.einsum("ij,ij->i", force, n)
-    across = force - axial[:, None] * n
-    o = options.force
-    off = np.hypot(axial - o.axial, np.linalg.norm(across, axis=1) - np.hypot(o.travel, o.normal))
-    after = np.minimum(point + 1, len(p) - 1)
-    step = p[after] - p[point]
-    size = np.linalg.norm(step, axis=1)
-    level = step - np.einsum("ij,ij->i", step, n)[:, None] * n
-    width = np.linalg.norm(level, axis=1)
-    known = (
-        (after > point) & (toolpath.move[after] == Move.CUT) & (size > 1e-5) & (width > np.sqrt(1 - ALONG**2) * size)
-    )
-    t = level[known] / width[known, None]
-    wanted = o.travel * t + o.normal * np.cross(n[known], t)
-    off[known] = np.maximum(off[known], np.linalg.norm(across[known] - wanted, axis=1))
-    return Found(name, "N", FORCE_N, off, tuple(f"point {k}" for k in point))
+    size = float(np.sqrt(o.travel**2 + o.normal**2 + o.axial**2))
+    off = [np.linalg.norm(shift.force - demanded_force(toolpath, shift.index, o, n), axis=1) for n in LENGTHS]
+    best = min(off, key=lambda values: float(values.max()))
+    return Found(name, "N", FORCE_SHARE * size, best, tuple(f"point {k:g}" for k in shift.index))
 
 
 def _deflection(cell: Cell, toolpath: Toolpath, joints: dict[int, Array], shift: Shift, arm: Arm) -> Found:
