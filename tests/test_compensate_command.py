@@ -55,7 +55,9 @@ def test_the_command_writes_what_it_shifts(job: tuple[FilePath, FilePath, FilePa
     comp = np.array([[float(r[f"comp_d{c}_mm"]) for c in "xyz"] for r in after])
     size, bend = np.linalg.norm(comp, axis=1), np.array([float(r["deflection_mm"]) for r in after])
     cut = np.array([r["move"] == "cut" for r in after])
-    np.testing.assert_allclose(size[cut], bend[cut], rtol=0.01)  # the rotation as driven is a little smoother
+    assert cut.tolist() == [False, False, True, True, True, False]
+    np.testing.assert_allclose(size[3:5], bend[3:5], rtol=0.01)  # the rotation as driven is a little smoother
+    assert size[2] < bend[2]  # the corner, where the force turns
     found = result(shifted)["compensation"]
     assert isinstance(found, dict)
     rows = np.array([[float(v) for v in r.values()] for r in table(shifted / "compensation.csv")])
@@ -112,6 +114,8 @@ def test_the_verification_recomputes_the_shift(job: tuple[FilePath, FilePath, Fi
     sound = checks(shifted, path)
     assert all(sound.values())
     assert {"compensation", "process force", "points.csv and compensation.csv"} <= set(sound)
+    assert {"compensation smooth", "compensation bounded"} <= set(sound)
+    assert checks(shifted, path, compensation_max=1e-4)["compensation bounded"] is False
     assert main(["verify", str(ROOT / "cells" / "kr500_milling"), str(path), str(shifted), "--quiet"]) == 0
     assert checks(shifted, path, force=ProcessForce())["process force"] is None  # not stated here: said, not guessed
     assert checks(shifted, path, force=ProcessForce(travel=120, normal=-250, axial=80))["process force"] is False
@@ -135,6 +139,7 @@ def test_the_verification_recomputes_the_shift(job: tuple[FilePath, FilePath, Fi
     assert {"compensation", "path"} <= damaged("more", both)
     assert "points.csv and compensation.csv" in damaged("one", {"points.csv": "comp_dz_mm=x+0.001"})
     assert {"compensation", "process force"} <= damaged("weaker", {"compensation.csv": "fy_N=0.9*x"})
+    assert "compensation smooth" in damaged("jump", {"compensation.csv": "dx_mm=x+0.3*round(abs(x)*1e4)%2"})
     # the motion of the unshifted job with the tables of the shifted one
     out = tmp_path / "swapped"
     shutil.copytree(shifted, out)
@@ -185,5 +190,6 @@ def test_a_job_lost_by_its_shift_ends_as_infeasible(
     assert found["compensation"] is None
     reasons = [p["reason"] for p in found["infeasible_points"]]  # type: ignore[attr-defined]
     assert reasons
-    assert all("possible as programmed, but not with the compensation of" in r for r in reasons)
+    assert all("the shift against the deflection is refused: it is" in r for r in reasons)
+    assert all("mm, more than compensation_max_mm 2" in r for r in reasons)
     assert not (out / "trajectory.csv").exists()

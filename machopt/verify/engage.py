@@ -52,6 +52,27 @@ def demanded_force(toolpath: Toolpath, index: Array, force: ProcessForce, length
     return out
 
 
+def sideways(toolpath: Toolpath) -> Array:
+    """(N, 3) direction of the sideways force of the move that leaves each point, at a run's end of the one to it.
+
+    Of unit length across the axis and along it; in between the blend of the two may be shorter.
+    """
+    out = np.zeros((len(toolpath), 3))
+    for first, last in runs(toolpath):
+        pieces, at = walk(toolpath, first, last)
+        leads = _leads(pieces)
+        for k in range(first, last + 1):
+            a = max(min(k, last - 1), first)
+            axis = toolpath.axis[[k]]
+            step = toolpath.position[min(a + 1, last)] - toolpath.position[a]
+            size = float(np.linalg.norm(step))
+            n = min(int(np.searchsorted([p.end for p in pieces], at[a - first], side="right")), len(pieces) - 1)
+            lead = leads[n] if pieces else None
+            side = _lead(np.zeros((1, 3)) if lead is None else lead[None], axis)
+            out[k] = (_blend(step[None] / size, axis, side) if size > 0 else side)[0]
+    return out
+
+
 def runs(toolpath: Toolpath) -> list[tuple[int, int]]:
     """First and last point of each stretch that begins where a rapid move ends."""
     begins = [0, *(k for k in range(1, len(toolpath)) if toolpath.move[k] == Move.RAPID)]
@@ -102,13 +123,18 @@ class _Force:
         f = ((np.clip(s, self.starts[n], self.ends[n]) - self.starts[n]) / (self.ends[n] - self.starts[n]))[:, None]
         axis = (1 - f) * self.axes[0][n] + f * self.axes[1][n]
         axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-        flat = _across(self.direction[n], axis)
-        size = np.linalg.norm(flat, axis=1, keepdims=True)
-        x = np.minimum(size / ACROSS, 1.0)
-        w = x**2 * (3 - 2 * x)
-        side = w * flat / np.where(size > 0, size, 1.0) + (1 - w) * _lead(self.lead[n], axis)
+        side = _blend(self.direction[n], axis, _lead(self.lead[n], axis))
         o = self.force
         return np.asarray(o.travel * side + o.normal * np.cross(axis, side) + o.axial * axis)
+
+
+def _blend(direction: Array, axis: Array, lead: Array) -> Array:
+    """(n, 3) the travel across the axis where there is enough of it, the lead where there is none."""
+    flat = _across(direction, axis)
+    size = np.linalg.norm(flat, axis=1, keepdims=True)
+    x = np.minimum(size / ACROSS, 1.0)
+    w = x**2 * (3 - 2 * x)
+    return np.asarray(w * flat / np.where(size > 0, size, 1.0) + (1 - w) * lead)
 
 
 def _leads(pieces: list[Piece]) -> list[Array | None]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.verify.check import Check, counted, worst
 from machopt.verify.reference import SAME
@@ -15,6 +16,7 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 SPARED, NEAR_M = 2.0, 1e-5  # ways of a sample that a cut may lack, one at either end; m, rounding of the index
 REACHED_MM = 0.02  # a rapid point, which the motion rests at: no corner is rounded there
+GAP = Reason.GAP.word
 LINEAR = 3e-6  # of an index with six decimals, of second differences
 
 
@@ -154,12 +156,16 @@ def _order(motion: Motion) -> Check:
 
 
 def _not_driven(motion: Motion, ride: Ride, points: Points) -> Check:
-    """No point that points.csv gives up is passed by the tool on the toolpath."""
+    """No point that points.csv gives up is passed by the tool on the toolpath.
+
+    A point called ``gap`` is where the tool comes down again: the cut to it is given up, the one from it is driven.
+    """
     s, on = motion.point, ride.fed
     both = np.flatnonzero(on[1:] & on[:-1])
     wrong = []
     for k, status in zip(points.point[~points.ok], np.array(points.status)[~points.ok], strict=True):
-        hit = both[(s[both] <= k) & (s[both + 1] >= k)]
+        way = np.minimum(s[both + 1], k) - np.maximum(s[both], k - 1)  # on the move to the point
+        hit = both[way > 2 * SAME] if status == GAP else both[(s[both] <= k) & (s[both + 1] >= k)]
         if len(hit):
             wrong.append(f"point {k} is called {status} and driven at {motion.at(hit[0])}")
     return counted("points given up are not driven", wrong, "points")

@@ -33,6 +33,7 @@ from machopt.domain.toolpath import Toolpath
 from machopt.verify import elastic, posture, reference
 from machopt.verify.arm import Arm, Stance
 from machopt.verify.check import Check, counted, not_run, worst
+from machopt.verify.engage import sideways
 from machopt.verify.ride import Ride
 from machopt.verify.springs import UnknownTermError
 from machopt.verify.table import WORDS, Motion, Points
@@ -222,7 +223,7 @@ class PointsCheck:
         if "k_jiao_x_N_mm" in self.points.numbers:
             out.append(self.column("k_jiao_x_N_mm", soft.held(e) / 1e3, rows, "N/mm", STIFF_N_MM, RELATIVE))
         o = self.options.force
-        force = elastic.force_at(travel, axis, o.travel, o.normal, o.axial) @ R.T
+        force = elastic.force_at(sideways(self.toolpath)[k], axis, o.travel, o.normal, o.axial) @ R.T
         bend = np.linalg.norm(soft.displacement(force), axis=1) if o.given else np.full(len(rows), np.nan)
         out.append(self.column("deflection_mm", 1e3 * bend, rows, "mm", BEND_MM, RELATIVE if o.given else 0.0))
         if law.scatters:

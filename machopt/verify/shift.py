@@ -15,8 +15,8 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.verify.arm import Arm
 from machopt.verify.elastic import Elasticity
-from machopt.verify.springs import UnknownTermError
 from machopt.verify.engage import demanded_force, runs
+from machopt.verify.springs import UnknownTermError
 from machopt.verify.table import Motion, Points, Shift
 
 Array = NDArray[np.float64]
