@@ -40,7 +40,7 @@ def _moves(motion: Motion, toolpath: Toolpath, points: Points, ride: Ride, allow
     wanted = np.where(known, toolpath.move[ride.toward], Move.RAPID)
     wanted = np.where(known & (ride.toward == 0), Move.RAPID, wanted)
     wrong = (motion.move != wanted) & (motion.move != toolpath.move[_next(motion, toolpath, ride.toward)])
-    drawn = np.isin(motion.move, (Move.APPROACH, Move.RETRACT)) & ride.lifted
+    drawn = np.isin(motion.move, (Move.APPROACH, Move.RETRACT)) & ride.drawn(motion.point)
     wrong &= ~drawn
     wrong &= ~_completes_a_cut(motion, toolpath, wanted)
     if allow_gaps:
@@ -116,7 +116,8 @@ def _gamma(motion: Motion, toolpath: Toolpath, ride: Ride) -> list[Check]:
     step = np.linalg.norm(np.diff(toolpath.position, axis=0, prepend=toolpath.position[:1]), axis=1)
     step += np.linalg.norm(np.diff(toolpath.axis, axis=0, prepend=toolpath.axis[:1]), axis=1)
     moving = np.isfinite(motion.point) & (step[ride.toward] > 0) & (toolpath.move[ride.toward] != Move.RAPID)
-    due = moving & (motion.move != Move.RAPID) & ~ride.lifted & ride.fed
+    lift = np.isin(motion.move, (Move.APPROACH, Move.RETRACT)) & ride.drawn(motion.point)
+    due = moving & (motion.move != Move.RAPID) & ~ride.lifted & ride.fed & ~lift
     blank = (motion.move == Move.RAPID) | ~np.isfinite(motion.point)
     wrong = [f"{motion.at(n)} has none" for n in np.flatnonzero(due & ~told)]
     wrong += [f"{motion.at(n)} has one in a rapid move" for n in np.flatnonzero(blank & told)]

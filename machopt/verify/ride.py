@@ -38,6 +38,21 @@ class Ride:
     path_limit: float  # m
     axis_limit: float  # rad
 
+    def drawn(self, point: Array) -> Bools:
+        """(S,) rows of a lift: lifted off one point, or on that point just before or after, at the same index.
+
+        The first rows of a lift are still within the tolerance of the point itself.
+        """
+        out = self.lifted.copy()
+        with np.errstate(invalid="ignore"):
+            same = np.abs(np.diff(point)) <= SAME
+        every = range(len(out))
+        for order, step in ((every[1:], -1), (every[-2::-1], 1)):
+            for n in order:
+                if out[n + step] and self.fed[n] and same[min(n, n + step)]:
+                    out[n] = True
+        return out
+
     @property
     def free(self) -> Bools:
         """(S,) on no move of the file at a feed, nor lifted off it."""
