@@ -74,7 +74,9 @@ def told(plan: Plan, driven: list[Stretch], given_up: Mapping[Stretch, str]) -> 
         why = next((text for (first, last), text in given_up.items() if first <= p <= last), "")
         notes[p] = why or _behind(plan, p)
     reason[left] = Reason.GAP
-    marked = replace(plan.chosen, assignment=replace(a, reason=reason))
+    cost = plan.chosen.cost.copy()
+    cost[left] = np.nan
+    marked = replace(plan.chosen, assignment=replace(a, reason=reason), cost=cost)
     return replace(plan, chosen=marked, notes=notes)
 
 
