@@ -137,6 +137,8 @@ def without_effect(options: PlanOptions) -> tuple[str, ...]:
         out.append("preferred_rotation_deg has no effect: preferred_weight is 0")
     if not options.collision:
         idle((("clearance_mm", "clearance"), ("collision_step_deg", "collision_step")), "collision is false")
+    if not options.compensate:
+        idle((("compensation_max_mm", "compensation_max"),), "compensate is false")
     if options.method != "global":
         why = f"method {options.method} chooses without"
         idle((("weights", "weights"), ("preferred_rotation_deg", "preferred_rotation")), why)
