@@ -10,19 +10,20 @@ from machopt.formats.source import ReadOptions, Source
 
 _SIEMENS = re.compile(
     r"\b(?:TRAORI|TRAFOOF|MCALL|CYCLE\d+|MSG|SUPA|DEF\s+(?:REAL|INT)|(?:CR|AR|TURN|RND|RNDM|CHF|CHR|AP|RP|RPL|ANG)\s*="
-    r"|R\d+\s*=|A3\s*=|[XYZABCIJK]1?\s*=\s*-?[A-Z\d.]|GOTO[BF]|A?(?:TRANS|ROT|SCALE|MIRROR)\b|CIP\b|HOLES[12]\b"
+    r"|R\d+\s*=|A3\s*=|[XYZABCIJK]1?\s*=\s*-?[A-Z\d.]|GOTO[BF]|(?<![-.<])A?(?:TRANS|ROT|SCALE|MIRROR)\b(?![-.>])|CIP\b|HOLES[12]\b"
     r"|REPEATB?\s+[A-Z])"
     r"|=\s*(?:AC|IC|DC|ACP|ACN)\b"
     r"|^\s*%_N_\w+_[MS]PF",
     re.IGNORECASE | re.MULTILINE,
 )
+_NAMED_PARAMETER = re.compile(r"#<")  # LinuxCNC
 _UNIT_WORD = re.compile(r"G0*(20|21|70|71|700|710)(?![\d.])")
 _MILLPLUS = re.compile(r"^\s*(?:N\d+\s*)?(?:G7\s+A5=|G141\b)", re.MULTILINE)
 
 
 def is_siemens(source: Source) -> bool:
     """True where a Sinumerik word stands outside of comments; in such programs brackets are none."""
-    if source.find(_SIEMENS) is None:
+    if source.find(_SIEMENS) is None or source.find(_NAMED_PARAMETER) is not None:
         return False
     return any(_SIEMENS.search(t.partition(";")[0].partition("(")[0]) for t in source.lines)
 
