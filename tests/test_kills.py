@@ -1,4 +1,4 @@
-"""The benchmark of kills, short: output folders are old or new, whenever a run is killed."""
+"""The benchmark of killed batches, short: what is finished stays, whenever the batch is killed."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ ROOT = Path(__file__).resolve().parents[1]
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
-def test_a_few_kills_of_optimize_and_batch_leave_nothing_half_done() -> None:
+def test_a_few_kills_of_a_batch_lose_nothing() -> None:
     done = subprocess.run(
-        [sys.executable, str(ROOT / "benchmarks" / "kills.py"), "--kills", "6"],
+        [sys.executable, str(ROOT / "benchmarks" / "kills_batch.py"), "--kills", "6"],
         capture_output=True,
         text=True,
         check=False,
