@@ -71,7 +71,7 @@ def _joined(moves: list[tuple[Any, ...]]) -> list[Leg]:
     return out
 
 
-@pytest.mark.parametrize("name", [n for n in DIALECTS if n != "siemens"])
+@pytest.mark.parametrize("name", DIALECTS)
 @settings(max_examples=25, deadline=None, derandomize=True, database=None,
           suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])  # fmt: skip
 @given(data=st.data(), seed=st.integers(0, 2**20))
