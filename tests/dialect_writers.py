@@ -119,7 +119,7 @@ def gcode(legs: list[Leg], rng: random.Random, *, siemens: bool = False) -> Text
                 continue
             given += 1
             v = (leg.end[k] if absolute else leg.end[k] - leg.start[k]) / scale
-            if siemens and rng.random() < 0.2:
+            if siemens and n and rng.random() < 0.2:
                 way = "IC" if absolute else "AC"
                 v = (leg.end[k] - leg.start[k] if absolute else leg.end[k]) / scale
                 words.append(f"{letter}={way}({number(v, rng)})")
