@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+import io
+import os
 import sys
 from collections.abc import Sequence
 from typing import NoReturn
@@ -14,9 +17,12 @@ from machopt.errors import MachoptError
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code of contracts: 0 done, 1 bug, 2 bad input, 3 infeasible, 4 verification."""
+    _open_streams()
     args = _parser().parse_args(argv)
     try:
-        return int(args.run(args))
+        code = int(args.run(args))
+        sys.stdout.flush()  # a reader that has gone is noticed here, not at exit
+        return code
     except MachoptError as error:
         if args.debug:
             raise
@@ -25,8 +31,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("machopt: stopped; nothing was written", file=sys.stderr)
         return 130
-    except BrokenPipeError:
-        return 0
+    except BrokenPipeError:  # whoever read the output has gone; the job may not be finished, so this is not 0
+        null = os.open(os.devnull, os.O_WRONLY)
+        for stream in (sys.stdout, sys.stderr):
+            with contextlib.suppress(OSError, ValueError):
+                os.dup2(null, stream.fileno())
+        return 141
+    except MemoryError:
+        print("machopt: the memory is not enough; a smaller job or more memory would work", file=sys.stderr)
+        return 2
     except Exception as error:  # the last line of defence: a bug is one message, not a traceback
         if args.debug:
             raise
@@ -35,6 +48,16 @@ def main(argv: Sequence[str] | None = None) -> int:
             file=sys.stderr,
         )
         return 1
+
+
+def _open_streams() -> None:
+    """Streams that were closed by the caller swallow what is printed; a terminal without our letters shows escapes."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 — open as long as the program
+        elif isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 class _Parser(argparse.ArgumentParser):
