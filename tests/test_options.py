@@ -46,7 +46,7 @@ def test_every_option_of_the_planner_has_a_user_key_and_back() -> None:
         singularity_elbow=radians(8), singularity_shoulder=0.12, limit_margin=radians(2), clearance=0.011,
         collision_step=radians(0.7), collision=False, sample=0.004, path_tolerance=33e-6,
         axis_tolerance=radians(0.21), approach_feed=0.07, rapid_scale=0.31, limit_scale=0.47, allow_gaps=True,
-        compensate=True, seed=9,
+        compensate=True, compensation_max=0.003, seed=9,
     )  # fmt: skip
     same = [f.name for f in fields(other) if getattr(other, f.name) == getattr(PlanOptions(), f.name)]
     assert same == []  # an option added later must be added above, too
