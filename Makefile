@@ -51,8 +51,8 @@ PIP  := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 SELF := $(PIP) --no-deps --no-build-isolation
 
 # the development install is editable and serves `run` too, so nothing is installed over it
-$(VENV)/.installed: $(VENV)/.python requirements.lock $(SOURCES)
-	test -e $(VENV)/.installed-dev || { $(PIP) --require-hashes -r requirements.lock && $(SELF) .; }
+$(VENV)/.installed: $(VENV)/.python .requirements.lock $(SOURCES)
+	test -e $(VENV)/.installed-dev || { $(PIP) --require-hashes -r .requirements.lock && $(SELF) .; }
 	@touch $@
 
 $(VENV)/.installed-dev: $(VENV)/.python .requirements-test.lock pyproject.toml

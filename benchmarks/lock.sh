@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Make the two lock files anew from pyproject.toml; needs `uv` (pip install uv). Then run the tests, and say in the
 # changelog what moved.
-#   requirements.lock         what `make run` installs         .requirements-test.lock   what `make test` installs
+#   .requirements.lock         what `make run` installs         .requirements-test.lock   what `make test` installs
 set -euo pipefail
 cd "$(dirname "$0")/.."
 made=$(mktemp -d)
@@ -17,4 +17,4 @@ lock() {  # FILE WHAT OPTIONS…
   rm "$made/lock"
 }
 lock .requirements-test.lock 'What `make test` installs' --extra dev --extra parquet
-lock requirements.lock 'What `make run` installs' --constraint .requirements-test.lock
+lock .requirements.lock 'What `make run` installs' --constraint .requirements-test.lock

@@ -14,7 +14,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-LOCK, TEST_LOCK = ROOT / "requirements.lock", ROOT / ".requirements-test.lock"
+LOCK, TEST_LOCK = ROOT / ".requirements.lock", ROOT / ".requirements-test.lock"
 DISTRIBUTION = {"pinocchio": "pin", "coal": "coal", "eaik": "eaik", "hppfcl": "coal"}
 """Import name → distribution, of what installs outside the usual folder or need not be there."""
 TOOLS = {"ruff", "mypy", "import-linter", "pytest-xdist"}  # called as commands or loaded by pytest, never imported
