@@ -182,6 +182,9 @@ def test_the_reference_direction_is_the_planner_s(kind: str) -> None:
     tcp[:, :3, 0], tcp[:, :3, 2] = path.reference[at], -toolpath.axis
     apart = np.abs((known.gamma(tcp) - path.offset[at][:, None] + np.pi) % (2 * np.pi) - np.pi)
     assert np.nanmin(apart, axis=1).max() < 1e-9
+    for travel in (known.travel, path.travel[at]):  # else a stiffness across is not that along a unit vector
+        assert np.abs(np.einsum("ij,ij->i", travel, toolpath.axis)).max() < 1e-12
+        np.testing.assert_allclose(np.linalg.norm(travel, axis=1), 1.0, atol=1e-12)
     cross = np.linalg.norm(np.cross(known.travel, path.travel[at]), axis=1)
     plain = np.isnan(known.second[:, 0])
     assert cross[plain].max() < 0.02  # a plunge's travel is that of the next cut, seen along another axis

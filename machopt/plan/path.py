@@ -202,7 +202,9 @@ def _travel(position: Array, axis: Array, joined: NDArray[np.bool_]) -> Array:
     good = (size > np.sin(np.radians(1.0)) * whole) & (whole > 0)
     fill = _nearest_valid(good, joined)
     out = np.where((fill >= 0)[:, None], across[np.maximum(fill, 0)], 0.0)
-    bare = fill < 0
+    out -= np.sum(out * axis, axis=1, keepdims=True) * axis  # the one it is taken from may have another axis
+    left = np.linalg.norm(out, axis=1)
+    bare = (fill < 0) | (left <= 1e-9 * whole[np.maximum(fill, 0)])
     out[bare] = any_normal(axis[bare])
     return normalise(out)
 

@@ -103,7 +103,7 @@ def _filled(move: Array, axis: Array, joined: NDArray[np.bool_]) -> Array:
     use_before = (before >= 0) & (run[np.maximum(before, 0)] == run)
     source = np.where(use_after, np.minimum(after, n - 1), np.maximum(before, 0))
     out = np.where((use_after | use_before)[:, None], flat[source], _workpiece_x(axis))
-    return _unit(out)
+    return _flat(out, axis)  # it may come from a place where the axis was another
 
 
 def _directions(toolpath: Toolpath, of: NDArray[np.intp], axis: Array, travel: Array, second: Array) -> Directions:
