@@ -18,9 +18,9 @@ from machopt.domain.stiffness import Stiffness
 from machopt.domain.toolpath import Move
 from machopt.plan.candidates import Candidates, enumerate_candidates
 from machopt.plan.check import Checker
-from machopt.plan.choose import JUMP
 from machopt.plan.explain import explain_points
 from machopt.plan.pipeline import Plan, plan
+from machopt.plan.sequence import JUMP
 from machopt.se3 import wrap
 
 UP = (0.0, 0.0, 1.0)

@@ -2,7 +2,7 @@
 
 A break into station s is looked at from every configuration that a continuous way reaches at the station before: each
 of their continuations (the same branch where branches are kept, a rotation within the window, joints within
-:data:`machopt.plan.choose.JUMP`) has its own reason why it cannot be taken. Told is the reason that most of them have,
+:data:`machopt.plan.sequence.JUMP`) has its own reason why it cannot be taken. Told is the reason that most of them have,
 with the joint or the bodies that come nearest to allowing it.
 """
 
@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from machopt.domain.reason import Reason
 from machopt.plan.candidates import Candidates
-from machopt.plan.choose import JUMP
 from machopt.plan.path import Path
+from machopt.plan.sequence import JUMP
 from machopt.se3 import wrap
 
 if TYPE_CHECKING:

@@ -28,10 +28,11 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
 from machopt.plan.candidates import Candidates
 from machopt.plan.check import Checker, PathCheck
-from machopt.plan.choose import JUMP, Choice, Edges, choose
+from machopt.plan.choose import Choice, Edges, choose
 from machopt.plan.path import Path
 from machopt.plan.realise import Assignment, realise
 from machopt.plan.score import Scores
+from machopt.plan.sequence import JUMP
 from machopt.plan.smooth import Smoothed, follow_grid, smooth
 from machopt.se3 import wrap
 
