@@ -2,8 +2,8 @@
 
 A break into station s is looked at from every configuration that a continuous way reaches at the station before: each
 of their continuations (the same branch where branches are kept, a rotation within the window, joints within
-:data:`machopt.plan.sequence.JUMP`) has its own reason why it cannot be taken. Told is the reason that most of them have,
-with the joint or the bodies that come nearest to allowing it.
+:data:`machopt.plan.sequence.JUMP`) has its own reason why it cannot be taken. Told is the reason that most of them
+have, with the joint or the bodies that come nearest to allowing it.
 """
 
 from __future__ import annotations
