@@ -142,7 +142,7 @@ def test_din_iso_and_conversational_agree(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("N10 G24 R5 *\n", "chamfer"),
-        ("N10 G28 X *\n", "found"),
+        ("N10 G28 Z *\n", "only X and Y are supported"),
         ("N10 G77 *\n", "G77 is not known"),
         ("N10 G02 X+5 Y+5 R1 *\n", "radius 1 is too small"),
         ("N10 G79 *\n", "before any drilling cycle"),

@@ -188,6 +188,14 @@ class PathBuilder:
         if not any(w.endswith(message) for w in self.warnings):
             self.warn(message, line)
 
+    def keep_first(self, n: int) -> None:
+        """Leave out the points from index ``n`` on; what happens there happens after the last one that stays."""
+        del self._numbers[7 * n :], self._codes[4 * n :]
+        self._arcs[:] = [a for a in self._arcs if a.last < n]
+        for k, e in enumerate(self._events):
+            if e.index > n:
+                self._events[k] = Event(n, e.kind, e.text, e.value)
+
     def positions(self) -> Array:
         """(N, 3) mm, a copy."""
         return self._table()[:, :3].copy()

@@ -44,9 +44,10 @@ G_LETTERS: dict[str, str] = {
     "E": "thread pitch or extruder, which move no axis of the tool",
 }
 SINUMERIK_CALLS: dict[str, str] = {
-    **dict.fromkeys(("MSG", "DISPLOF", "WORKPIECE"), _DISPLAY),
+    **dict.fromkeys(("MSG", "DISPLOF", "DISPLON", "WORKPIECE", "PRINTLN", "ACTBLOCNO"), _DISPLAY),
     **dict.fromkeys(
         ("FFWON", "FFWOF", "SOFT", "BRISK", "DRIVE", "COMPOF", "COMPCAD", "COMPON", "COMPCURV", "CYCLE832", "FIFOCTRL",
+         "SPCON", "SPCOF", "ORISON", "ORISOF",
          "DYNNORM", "DYNPOS", "DYNROUGH", "DYNSEMIFIN", "DYNFINISH", "DYNPREC", "CPRECON", "CPRECOF"),
         _SMOOTH,
     ),
@@ -59,7 +60,9 @@ SINUMERIK_CALLS: dict[str, str] = {
         "feeds and approaches of cutter compensation, which is not carried out",
     ),
     **dict.fromkeys(("FNORM", "UPATH", "SPATH"), "the control's default for feed and path parameter"),
-    **dict.fromkeys(("STOPRE", "SAVE"), "order of the control's own work"),
+    **dict.fromkeys(
+        ("STOPRE", "STOPREOF", "SAVE", "SBLON", "SBLOF", "ICYCON", "ICYCOF"), "order of the control's own work"
+    ),
     **dict.fromkeys(("TOFFOFF", "DIAMOF", "TOROTOF", "PAROTOF"), _OFF),
 }  # fmt: skip
 SINUMERIK_NAMES: dict[str, str] = {
@@ -133,7 +136,8 @@ CARRIED_OUT: dict[str, str] = {  # words that a reader uses, and lines that hold
     "rapid in a tilted plane while a coordinate is not known": "left out: its place is not known",
     "text after the program end": "no program", "information listing header": "no program",
     "/ (block delete; the block is read)": "read as if the switch were off", "G5": "high speed mode (G5 P10000)",
-    "CYCL DEF 7": "shifts the datum", "CYCL DEF 8": "mirrors X, Y", "CYCL DEF 10": "turns the plane",
+    "CYCL DEF 7": "shifts the datum", "CYCL DEF 8": "mirrors X, Y", "G28": "mirrors X, Y (Heidenhain DIN/ISO)",
+    "CYCL DEF 10": "turns the plane",
     "CYCL DEF 11": "scales lengths",
     "CYCL DEF 26": "scales lengths",
     "SUPA": "suppresses offsets: a move in the machine's frame", "TRAORI": "tool-centre-point control",

@@ -12,6 +12,7 @@ _WORD = re.compile(r"\s*([A-Z])\s*([+-]?\s*(?:\d+\.?\d*|\.\d+))")
 _PLAIN = re.compile(r"(?:\s*[A-Z]\s*[+-]?\s*(?:\d+\.?\d*|\.\d+))+\s*")
 _EXPONENT = re.compile(r"(?<![A-Z0-9_\"])[A-Z][A-Z]?\d?\s*=?\s*[-+]?\s*(?:\d+\.?\d*|\.\d+)E[-+]?\d+")
 _QUOTED = re.compile(r"\"[^\"]*\"")
+_COMMENT = re.compile(r"(?:[^;\"]|\"[^\"]*(?:\"|$))*")  # up to a semicolon that is not quoted
 LARGEST = 1e15  # beyond it no length, angle or feed
 _SLOW = re.compile(
     r"""\s*(?:
@@ -22,7 +23,7 @@ _SLOW = re.compile(
     | (?P<named>[A-Z][A-Z0-9_]*)\s*=\s*(?P<value>[+-]?(?:\d+\.?\d*|\.\d+)(?:EX[-+]?\d+)?)(?![\w*/+\-(.])
     | (?P<comma>,\s*[RCA])\s*(?P<size>[+-]?\s*(?:\d+\.?\d*|\.\d+))
     | (?P<letter>[A-Z])\s*(?P<number>[+-]?\s*(?:\d+\.?\d*|\.\d+)(?:EX[-+]?\d+)?)(?![\d.]|[A-Z_]*[=(\[])
-    | (?P<call>[A-Z_][A-Z0-9_]{2,}|CT(?=\s|$))\s*(?P<args>\([^()]*\))?
+    | (?P<call>[A-Z_][A-Z0-9_]{2,}|CT(?=\s|$))\s*(?P<args>\((?:[^()"]|"[^"]*")*\))?
     )""",
     re.VERBOSE,
 )
@@ -41,6 +42,10 @@ class Block:
     junk: str = ""  # what is left and means nothing
     text: str = ""  # as it stands
 
+    def words_but_number(self) -> bool:
+        """True where the block holds any word beside its number."""
+        return any(letter != "N" for letter, _ in self.words)
+
     def bare(self, letter: str) -> bool:
         """True where the letter's number was written without a decimal point."""
         return re.search(rf"{letter}\s*[-+]?\s*\d+(?![\d.])", self.text) is not None
@@ -56,8 +61,11 @@ class BlockReader:
         """The line without its comments, and the comments."""
         found: list[str] = []
         if ";" in text:
-            text, _, rest = text.partition(";")
-            found.append(rest.strip())
+            quoted = '"' in text and not self.parentheses_are_comments
+            at = _COMMENT.match(text).end() if quoted else text.index(";")  # type: ignore[union-attr]
+            if text[at : at + 1] == ";":
+                found.append(text[at + 1 :].strip())
+                text = text[:at]
         if "(" in text and self.parentheses_are_comments:
             kept: list[str] = []
             depth = start = 0

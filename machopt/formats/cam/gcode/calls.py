@@ -15,12 +15,14 @@ from machopt.formats.cam.gcode.words import REFUSED_CALLS
 OPERATION = re.compile(r"^\W*(?:OPER(?:ATION)?(?:[ _]*NAME)?|TOOLPATH|PATH)\s*[:=]\s*(.*?)[\s*]*$", re.IGNORECASE)
 _RUN_TOGETHER = re.compile(r"[XYZABCGIJKRFM]+\d\w*")
 _FRAMES = ("TRANS", "ATRANS", "ROT", "AROT", "SCALE", "ASCALE", "MIRROR", "AMIRROR")
-_KNOWN = ("SUPA", "TRAORI", "TRAFOOF", "TRAOOF", "MCALL", "TOROT", "TOFRAME")  # carried out
+_KNOWN = ("SUPA", "TRAORI", "TRAFOOF", "TRAOOF", "MCALL", "CYCLE80", "TOROT", "TOFRAME")  # carried out
 _DEFAULT_FGROUP = {"X", "Y", "Z"}
 
 
 class CallReader(FrameReader):
     """Carries out what is called by name."""
+
+    siemens: bool  # whose control the program is for
 
     def calls(self, b: Block, words: dict[str, float]) -> None:
         for name, args in b.calls:
@@ -48,7 +50,7 @@ class CallReader(FrameReader):
             self.use_tcp("angles", line)
         elif name in ("TRAFOOF", "TRAOOF"):
             self.use_tcp(None, line)
-        elif name == "MCALL":
+        elif name in ("MCALL", "CYCLE80"):  # the second one is of older controls
             self.modal_call = None
         elif name in ("TOROT", "TOFRAME"):
             self.torot(name, line)
@@ -66,7 +68,7 @@ class CallReader(FrameReader):
             )
         if re.fullmatch(r"(?:CYCLE\d+|POCKET\d|SLOT\d|HOLES\d)", name) and name not in (
             *reviewed.SINUMERIK_CALLS,
-            "CYCLE80",
+            *_KNOWN,
         ):
             raise self.source.error(f"{name} is not supported: export its motion as G0 and G1", line)
         if _RUN_TOGETHER.fullmatch(name):
@@ -74,6 +76,12 @@ class CallReader(FrameReader):
         known = name in reviewed.SINUMERIK_CALLS or name in _KNOWN
         if name == "FGROUP":
             known = {a.strip() for a in args.split(",") if a.strip()} in (set(), _DEFAULT_FGROUP)
+        if not known and name != "FGROUP" and self.siemens and not b.words_but_number():
+            raise self.source.error(
+                f"{name} is no word that is known here: a subprogram of that name moves the axes, and it is not in "
+                "this file. Append it or expand it; take the word out where it moves nothing",
+                line,
+            )
         self.out.ignore(name, line, understood=known)
 
     def torot(self, name: str, line: int) -> None:

@@ -17,6 +17,8 @@ _BIG = re.compile(_CODE + r"[XYZUVWIJR]\s*[-+]?\s*[1-9]\d{3,}(?![\d.])", re.IGNO
 _POINT = re.compile(_CODE + r"[XYZ]\s*[-+]?\s*\d*\.\d", re.IGNORECASE)
 _WHOLE_WITH_POINT = re.compile(_CODE + r"[XYZ]\s*[-+]?\s*\d+\.(?!\d)", re.IGNORECASE)
 _EXPRESSIONS = re.compile(r"[#\[]|^\s*O\s*<", re.IGNORECASE | re.MULTILINE)  # LinuxCNC and macros: whole numbers are
+_WHOLE = re.compile(_CODE + r"[XYZUVWIJR]\s*[-+]?\s*[1-9]\d*(?![\d.])", re.IGNORECASE)
+_DWELL = re.compile(r"G0*4(?![\d.])", re.IGNORECASE)
 _LARGE = 10_000  # without a point beside numbers that have one: ten metres, or ten inches in ten-thousandths
 _BARE = re.compile(_CODE + r"([XYZUVWIJKRABCQ])(\s*)([-+]?)\s*(\d+)(?![\d.])", re.IGNORECASE)
 _CYCLE = re.compile(r"G(?:7[346]|8[1-9])(?!\d)", re.IGNORECASE)
@@ -25,8 +27,8 @@ _CYCLE = re.compile(r"G(?:7[346]|8[1-9])(?!\d)", re.IGNORECASE)
 def check_decimals(source: Source) -> None:
     """Ask for the decimals of a G-code file where they are in doubt.
 
-    In doubt are numbers with leading zeros, large ones in a file whose other numbers have points, and 1000 and more
-    in a file without any.
+    In doubt are numbers with leading zeros, any whole number in a file that marks most of its whole numbers (``X5.``),
+    large ones in a file whose other numbers have points, and 1000 and more in a file without any.
 
     Raises:
         InputError: they are; names the first such number.
@@ -34,6 +36,8 @@ def check_decimals(source: Source) -> None:
     at, what = _first(source, _LEADING, 1), "a number has leading zeros and no decimal point"
     if at is None:
         at, what = _large(source)
+    if at is None:
+        at, what = _odd(source)
     if at is None:
         return
     raise source.error(
@@ -52,6 +56,24 @@ def _large(source: Source) -> tuple[int | None, str]:
     found = "" if at is None else next(m for m in _BIG.findall(_code(source.lines[at - 1])))
     why = "no number of the file has a decimal point" if without else "other numbers of the file have a decimal point"
     return at, f"{found.strip()} has no decimal point ({why})"
+
+
+def _odd(source: Source) -> tuple[int | None, str]:
+    """The first bare whole number where the file marks most of them: its writer knew what the point is for."""
+    if source.find(_WHOLE) is None or source.find(_WHOLE_WITH_POINT) is None or source.find(_EXPRESSIONS) is not None:
+        return None, ""
+    marked = bare = 0
+    at, found = None, ""
+    for line, raw in enumerate(source.lines, 1):
+        text = _code(raw)
+        marked += len(_WHOLE_WITH_POINT.findall(text))
+        if _DWELL.search(text) is None and (here := _WHOLE.findall(text)):
+            bare += len(here)
+            if at is None:
+                at, found = line, here[0].strip()
+    if marked <= 2 * bare:  # written both ways: the point means nothing to the writer
+        return None, ""
+    return at, f"{found} has no decimal point ({marked} whole numbers have one, {bare} have none)"
 
 
 def _first(source: Source, pattern: re.Pattern[str], least: int) -> int | None:

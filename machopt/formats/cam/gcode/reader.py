@@ -26,6 +26,7 @@ from machopt.formats.cam.gcode.head import first_unit, is_siemens
 from machopt.formats.cam.gcode.words import (
     CYCLES,
     FEED_MODES,
+    HOLE_PATTERNS,
     MACHINE_FRAME,
     MOTION,
     OFFSETS,
@@ -44,7 +45,7 @@ from machopt.formats.source import UNIT_NAMES, ReadOptions, Source
 from machopt.formats.unknowns import fill_unknown
 
 _ADDRESSES = {"CR", "A3", "B3", "C3", "TURN", "RPL", "RND", "RNDM", "CHF", "CHR", "FRC", "FRCM", "AP", "RP", "ANG",
-              "I1", "J1", "K1", ",R", ",C", ",A"}  # fmt: skip
+              "I1", "J1", "K1", "FB", ",R", ",C", ",A"}  # fmt: skip
 _HALF_WORD = re.compile(r"(?:^|\s)[XYZABCGIJKRFUVW]\s*[-+.\d]|^[-+.\d]")
 
 
@@ -162,6 +163,7 @@ class ProgramReader(CallReader):
             return (text.upper(), []) if text.upper().startswith("%_N_") else None
         if text.startswith("/"):
             self.out.ignore("/ (block delete; the block is read)", line, understood=True)
+            self.out.warn_once("blocks with / are read, as a control does with its block-delete switch off", line)
             text = text.lstrip("/0123456789")
         comments: list[str] = []
         if "(" in text or ";" in text:
@@ -219,10 +221,15 @@ class ProgramReader(CallReader):
         self.m_words(m_words, words, b.line)
         if "T" in twice:
             self.next_tool, self.next_name = twice["T"], ""
+        modal_feed = self.feed
+        if "FB" in b.named:
+            self.feed = b.named["FB"]  # for this block only
         if machine_frame:
             self.lose(words, machine_frame, b.line)
         else:
             self.move(words, b)
+        if "FB" in b.named:
+            self.feed = modal_feed
         if any(m in PROGRAM_END or (m == 17 and self.siemens) for m in m_words):
             self.ended = True
 
@@ -235,6 +242,12 @@ class ProgramReader(CallReader):
                 self.canned = None
             elif g in (900, 910):
                 self.incremental = g == 910
+            elif g in HOLE_PATTERNS and words.keys() & set("IJKL"):
+                given = ", ".join(sorted(words.keys() & set("IJKL")))
+                raise self.source.error(
+                    f"G{g // 10} with {given} places holes in a pattern (Haas): not supported; post each by itself",
+                    b.line,
+                )
             elif g in UNITS:
                 self.scale = UNIT_NAMES[UNITS[g]]
             elif g in FEED_MODES:
@@ -289,7 +302,13 @@ class ProgramReader(CallReader):
                 self.out.ignore("G7", b.line, understood=False)
             elif g in REFUSED:
                 raise self.source.error(f"{REFUSED[g]}: not supported; export without it", b.line)
-            elif g in reviewed.G and not (g in (600, 630) and words.keys() & set("XYZABC")):
+            elif g == 600 and not self.siemens and words.keys() & set("XYZABC"):
+                raise self.source.error(
+                    "G60 with axis words approaches its place from one side, by an overrun that only the control "
+                    "knows: not supported; post it as G0",
+                    b.line,
+                )
+            elif g in reviewed.G and not (g == 630 and words.keys() & set("XYZABC")):
                 if g in (51, 80, 81, 640, 1870):
                     words.pop("P", None), words.pop("Q", None)
             else:
@@ -318,7 +337,11 @@ class ProgramReader(CallReader):
         for letter in ("U", "V", "W"):
             value = words.pop(letter, 0.0)
             if value and not self.siemens:
-                self.out.ignore(letter, b.line, understood=False)
+                raise self.source.error(
+                    f"{letter}{value:g} moves a further axis of the machine (or counts from where the tool is): not "
+                    "supported; post the path in X, Y, Z",
+                    b.line,
+                )
 
     def m_words(self, m_words: list[int], words: dict[str, float], line: int) -> None:
         for m in m_words:

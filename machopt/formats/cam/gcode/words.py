@@ -5,6 +5,7 @@ from __future__ import annotations
 MOTION = {0: 0, 10: 1, 20: 2, 30: 3}
 CYCLES = {730, 740, 760, 770, 810, 820, 830, 840, 850, 860, 870, 880, 890}
 UNITS = {200: "inch", 210: "mm", 700: "inch", 710: "mm", 7000: "inch", 7100: "mm"}
+HOLE_PATTERNS = {700, 710, 720}  # Haas: with I, J, K or L; else units, or G72 of other controls
 PLANES = {170: (0.0, 0.0, 1.0), 180: (0.0, 1.0, 0.0), 190: (1.0, 0.0, 0.0)}
 FEED_MODES = {930: "inverse", 940: "minute", 950: "revolution"}
 OFFSETS = {540, 550, 560, 570, 580, 590, 541, 591, 592, 593, *range(5000, 6000, 10), 1540, *range(1140, 1300, 10)}
@@ -29,11 +30,13 @@ REFUSED = {
     50: "G5 splines are not supported",
     52: "G5.2 splines are not supported",
     60: "G6 splines are not supported",
-    1200: "G12 pocket cycles are not supported",
+    **dict.fromkeys((120, 130), "G12 and G13 mill a circular pocket"),
+    1500: "G150 mills a pocket",
     650: "G65 calls a macro whose motion is not in the file",
     660: "G66 calls a macro whose motion is not in the file",
 }
 REFUSED_CALLS = {
+    "OVR": "it scales the feeds that follow; write the feeds themselves",
     "AR": "arcs by their opening angle are not supported; export them with centre or radius",
     **dict.fromkeys(
         ("FOR", "ENDFOR", "WHILE", "ENDWHILE", "IF", "ELSE", "ENDIF", "GOTOB", "GOTOF", "GOTO", "REPEAT", "LOOP", "DEF",

@@ -22,6 +22,7 @@ from machopt.formats.source import MM_PER_INCH, ReadOptions, Source
 NUMBER = r"([+-]?\s*(?:\d+\.?\d*|\.\d+))"
 _ANGLE = re.compile(r"(SP[ABC]|EUL(?:PR|NU|ROT)|[BN][XYZ])\s*" + NUMBER)
 _ZERO = (0.0, 0.0, 0.0)
+_QUOTED = re.compile(r"\"[^\"]*\"")
 
 
 def value(text: str) -> float:
@@ -41,6 +42,7 @@ class ControlReader(ProgramReader):
         self.blocks.parentheses_are_comments = False
         self.pole = [math.nan, math.nan, math.nan]  # mm, in the program's coordinates
         self.pole_axes = "XY"
+        self.tool_feed = math.nan  # F of the last TOOL CALL
         self.q: dict[int, float] = {}
         self.cycle: int | None = None  # number
         self.cycle_words: dict[str, float] = {}
@@ -215,6 +217,14 @@ class ControlReader(ProgramReader):
         self.chain_changed()
         self.out.ignore(word, line, understood=True)
 
+    def mirror_axes(self, text: str, word: str, line: int) -> None:
+        """CYCL DEF 8 and G28: the axes that are named are mirrored, none is mirrored without a name."""
+        named = set(re.findall(r"\b([XYZABC])\b", text))
+        if named - {"X", "Y"}:
+            raise self.source.error(f"{word} mirrors {text.strip()}: only X and Y are supported", line)
+        x, y = (-1.0 if c in named else 1.0 for c in "XY")
+        self.transform("mirror", Transfer.factors(x, y, 1.0), word, line)
+
     def drill_pattern(self, number: int, line: int) -> None:
         """Cycles 220 (circle) and 221 (rows): the last drilling cycle at every place.
 
@@ -310,10 +320,21 @@ class ControlReader(ProgramReader):
 
     # ---- tools and cycles
 
-    def call_tool(self, tool: str, rpm: float | None, text: str) -> None:
+    def call_tool(self, tool: str, rpm: float | None, text: str, line: int) -> None:
         if rpm is not None:
             self.rpm = rpm
             self.out.event("spindle", text, self.rpm)
+        feed = re.search(r"\bF\s*" + NUMBER, _QUOTED.sub("", text))
+        if feed:
+            self.feed_word(value(feed.group(1)), line)
+            self.tool_feed = self.feed  # F AUTO goes back to it
+        for found in re.finditer(r"\b(D[LR]2?)\s*" + NUMBER, _QUOTED.sub("", text)):
+            if value(found.group(2)):
+                self.out.warn_once(
+                    f"{found.group(1)} of TOOL CALL (oversize of the tool) is not carried out: the points are as "
+                    "programmed",
+                    line,
+                )
         if tool:
             self.out.event("tool", text, float(tool) if tool.isdigit() else math.nan)
             self.out.change_tool(tool)

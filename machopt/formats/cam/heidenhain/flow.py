@@ -11,9 +11,9 @@ from machopt.formats.cam.siemens.expr import Variables
 
 _LABEL = re.compile(r"(?:LBL\s*|G98\s*L\s*)(\d+|\"[^\"]*\")\s*\*?")
 _CALL = re.compile(r"(?:CALL\s+LBL\s*(\d+|\"[^\"]*\")(?:\s*REP\s*(\d+))?(?:/\d+)?|L\s*(\d+)\s*,\s*(\d+))\s*\*?")
-_FN = re.compile(r"(?:FN\s*|D0?)(\d+)\s*:?\s*Q\s*(\d+)\s*=\s*([^*]+)")
+_FN = re.compile(r"(?:FN\s*|D0?)(\d+)\s*:?\s*Q\s*(\d+)\s*=\s*(.+?)\s*\*?")
 _IF = re.compile(r"FN\s*(9|10|11|12)\s*:\s*IF\s*(\S+)\s*(?:EQU|NE|GT|LT)\s*(\S+)\s*GOTO\s*LBL\s*(\d+|\"[^\"]*\")")
-_ASSIGN = re.compile(r"Q\s*(\d+)\s*=\s*([^*]*)")
+_ASSIGN = re.compile(r"Q\s*(\d+)\s*=\s*(.*?)\s*\*?")  # DIN/ISO blocks end with *
 _USE = re.compile(r"([-+]?)\s*\bQ(\d+)\b(?!\s*=)|(?<=[XYZABCFRS])([-+]?)Q(\d+)\b(?!\s*=)")
 _COMPUTED = re.compile(r"\b(?:A\s*\+?\s*Q120|B\s*\+?\s*Q121|C\s*\+?\s*Q122)\b")
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)")
@@ -75,7 +75,7 @@ class LabelFlow:
             if self.q.value(f"{found.group(2)} {operator} {found.group(3)}"):
                 return "", self._place(found.group(4), at)
             return "", at + 1
-        if found := _FN.match(text):
+        if found := _FN.fullmatch(text):
             self._formula(int(found.group(1)), f"Q{found.group(2)}", found.group(3))
             return "", at + 1
         found = _ASSIGN.fullmatch(text.rstrip("~ "))

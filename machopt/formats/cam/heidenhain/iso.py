@@ -19,6 +19,7 @@ from machopt.formats.source import ReadOptions, Source
 HEADER = re.compile(r"^[ \t]*%(?!_N_)[ \t]*\S+[ \t]+G7([01])\b", re.IGNORECASE | re.MULTILINE)
 _WORD = re.compile(r"\s*([A-Z])\s*" + NUMBER)
 _Q = re.compile(r"\s*Q(\d+)\s*=\s*" + NUMBER)
+_MIRROR = re.compile(r"(?:G9[01]\s*)?G28(?:\s*[XYZABC])*")
 _REFUSED = {
     6: "G6 (tangential arc)", 16: "G16 (polar tangential arc)", 24: "G24 (chamfer)", 25: "G25 (corner rounding)",
     26: "G26 (tangential approach)", 27: "G27 (tangential departure)", 28: "G28 (mirroring)", 72: "G72 (scaling)",
@@ -81,6 +82,9 @@ class _Reader(ControlReader):
             for number, v in _Q.findall(text):
                 self.q[int(number)] = value(v)
             return
+        if _MIRROR.fullmatch(text):  # its axes stand without numbers; none: off
+            self.mirror_axes(text[text.index("G28") + 3 :], "G28", line)
+            return
         self.iso_block(*self.split(text, line), Block(line, []))
 
     def split(self, text: str, line: int) -> tuple[dict[str, float], list[int], list[int]]:
@@ -124,7 +128,7 @@ class _Reader(ControlReader):
         if "F" in words and special != 4:
             self.feed_word(words.pop("F"), b.line)
         if "T" in words:
-            self.call_tool(f"{words.pop('T'):g}", words.get("S"), f"T S{words.get('S', 0.0):g}")
+            self.call_tool(f"{words.pop('T'):g}", words.get("S"), f"T S{words.get('S', 0.0):g}", b.line)
             words.pop("S", None)
         if "S" in words:
             self.rpm = words.pop("S")

@@ -108,6 +108,9 @@ class _Reader(ControlReader):
             text = "CYCL DEF" + text[9:]
         if text.startswith("BEGIN PGM"):
             return
+        if text.startswith("*"):  # a heading of the program's structure
+            self.out.event("comment", text.lstrip("* -"))
+            return
         if text.startswith("END PGM"):
             self.ended = True
             return
@@ -126,7 +129,7 @@ class _Reader(ControlReader):
         if text.startswith("TOOL CALL"):
             found = re.match(r"TOOL CALL\s*(\"[^\"]*\"|\d+)?(?:.*?\bS\s*" + NUMBER + ")?", text)
             rpm = value(found.group(2)) if found and found.group(2) else None
-            self.call_tool((found.group(1) or "").strip('"') if found else "", rpm, text)
+            self.call_tool((found.group(1) or "").strip('"') if found else "", rpm, text, line)
         elif text.startswith("CYCL DEF"):
             if self.cycle_definition(text, line):
                 self.take_parameters(parameters)
@@ -209,11 +212,7 @@ class _Reader(ControlReader):
                 self.transform("scale", Transfer.factors(x, y, z), "CYCL DEF 26", line)
         elif number == 8:
             if part != "0":
-                named = re.findall(r"\b([XYZABC])\b", rest)
-                if set(named) - {"X", "Y"}:
-                    raise self.source.error(f"CYCL DEF 8 mirrors {rest.strip()}: only X and Y are supported", line)
-                x, y = (-1.0 if c in named else 1.0 for c in "XY")
-                self.transform("mirror", Transfer.factors(x, y, 1.0), "CYCL DEF 8", line)
+                self.mirror_axes(rest, "CYCL DEF 8", line)
         elif number in (239, 247, 332):
             self.out.ignore(f"CYCL DEF {number}", line, understood=number in reviewed.HEIDENHAIN_CYCLES)
             return True
@@ -255,6 +254,8 @@ class _Reader(ControlReader):
             self.motion = 0
         elif kind in ("L", "LN", "LP"):
             self.motion = 1
+        if "FAUTO" in flags:
+            self.feed = self.tool_feed
         if "F" in words:
             self.feed_word(words.pop("F"), line)
         if "S" in words:

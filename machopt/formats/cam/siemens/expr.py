@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from machopt.formats.cam.gcode.expr import MAX_DEPTH, ExpressionError
 
-_TOKEN = re.compile(r"\s*(\d+\.?\d*(?:EX[-+]?\d+)?|\.\d+|==|<>|>=|<=|<<|[-+*/()\[\],<>=]|\$?[A-Z_][A-Z0-9_]*)")
+_TOKEN = re.compile(r"\s*(\d+\.?\d*(?:EX[-+]?\d+)?|\.\d+|==|<>|>=|<=|<<|[-+*/^()\[\],<>=]|\$?[A-Z_][A-Z0-9_]*)")
 _RADIANS = math.radians
 _FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {  # name → (arguments, function); angles in degrees
     "SIN": (1, lambda v: math.sin(_RADIANS(v))),
@@ -47,6 +47,7 @@ _LEVELS: tuple[dict[str, Callable[[float, float], float]], ...] = (  # weakest f
         "DIV": lambda a, b: float(math.trunc(a / b)),
         "MOD": math.fmod,
     },
+    {"^": lambda a, b: a**b},  # Heidenhain
 )
 Values = dict[str, float]
 Expression = Callable[[Values], float]

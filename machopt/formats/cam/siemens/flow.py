@@ -36,7 +36,7 @@ _FLOW_WORD = re.compile(
 _ASSIGN = re.compile(r"\s*([A-Z_]\w*(?:\[\s*\d+\s*\])?)\s*=(?!=)\s*")
 _MODE = re.compile(r"(AC|IC|DC|ACP|ACN)\s*\(")
 _ADDRESS = re.compile(
-    r"[A-Z]|CR|AR|RP|AP|TURN|[ABC][2-5]|[IJK]1|FA|SPOS|[XYZABC]\d|FR\w*|OMA\d|D[LT]?|RPL|RND|CHF|CHR|[MSHGT]\d?"
+    r"[A-Z]|CR|AR|RP|AP|TURN|[ABC][2-5]|[IJK]1|FA|SPOS|[XYZABC]\d|FR\w*|OMA\d|D[LT]?|RPL|RNDM?|CHF|CHR|ANG|FB|OVR|[MSHGT]\d?"
 )
 _NOT_EVALUATED = re.compile(r"(?:MSG|SPOS|DISABLE|WRITE|EXTERN)\b")
 _ARRAY_R = re.compile(r"^R\[(\d+)\]$")

@@ -1,0 +1,142 @@
+"""Words that were passed over once, and the path that came of it; a snippet's truth is the control's rule."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from machopt.domain.toolpath import Move, Toolpath
+from machopt.errors import InputError
+from machopt.formats.toolpath import read_toolpath
+
+FANUC = "%\nO1\nG21 G90 G17\nG0 X0. Y0. Z10.\nG1 Z0. F100.\n"
+SIEMENS = "G71 G90 G17\nR1=5\nG0 X0 Y0 Z0\nG1 X10 F100\n"
+HEIDENHAIN = "BEGIN PGM A MM\n1 TOOL CALL 1 Z S1000 F200\n2 L X+0 Y+0 Z+10 R0 FMAX\n3 L Z+0 F100\n"
+
+
+def read(tmp_path: Path, text: str, **options: object) -> Toolpath:
+    file = tmp_path / "part.txt"
+    file.write_text(text, encoding="utf-8")
+    return read_toolpath(file, **options)  # type: ignore[arg-type]
+
+
+def mm(toolpath: Toolpath) -> list[list[float]]:
+    return np.round(toolpath.position * 1e3, 6).tolist()  # type: ignore[no-any-return]
+
+
+def feeds(toolpath: Toolpath) -> list[float]:
+    return np.round(toolpath.feed[toolpath.cutting] * 60e3, 6).tolist()  # type: ignore[no-any-return]
+
+
+@pytest.mark.parametrize(
+    ("block", "message"),
+    [
+        ("G13 D0 I5.", "circular pocket"),
+        ("G12 I5. D1", "circular pocket"),
+        ("G150 P9 X5. Q1.", "mills a pocket"),
+        ("G70 I10. J0. L6", "in a pattern"),  # read as inches before: everything behind it 25.4 times as large
+        ("G72 I10. J0. L6", "in a pattern"),
+        ("G1 U5. W-5.", "further axis"),
+        ("G60 X10.", "from one side"),
+    ],
+)
+def test_words_that_move_and_are_not_carried_out_are_refused(tmp_path: Path, block: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        read(tmp_path, f"{FANUC}{block}\nG1 X10.\nM30\n")
+
+
+@pytest.mark.parametrize(("block", "name"), [("MYPART", "MYPART"), ("N5 MYPART(3,4)", "MYPART"), ("OVR=50", "OVR")])
+def test_a_siemens_word_that_may_move_is_refused(tmp_path: Path, block: str, name: str) -> None:
+    with pytest.raises(InputError, match=name):
+        read(tmp_path, f"{SIEMENS}{block}\nG1 Y3\nM30\n")
+
+
+def test_a_feed_for_one_block(tmp_path: Path) -> None:
+    t = read(tmp_path, SIEMENS + "X20 FB=50\nX30\nM30\n")
+    assert feeds(t) == [100.0, 50.0, 100.0]
+
+
+def test_modal_rounding_and_angles_beside_parameters(tmp_path: Path) -> None:
+    """R1=5 makes names be evaluated: RNDM= and ANG= were taken for variables then."""
+    t = read(tmp_path, SIEMENS + "RNDM=2\nG1 X20\nY10\nRNDM=0\nX30 ANG=45\nM30\n")
+    points = np.array(mm(t))
+    assert [18, 0, 0] in points.tolist()
+    assert [20, 2, 0] in points.tolist()
+    assert points[-1].tolist() == [30, 20, 0]
+
+
+def test_siemens_exact_stop_and_quoted_brackets(tmp_path: Path) -> None:
+    t = read(tmp_path, SIEMENS + 'MSG("G1 X50 (a; b)") ; G1 X60\nG1 G60 X20\nCYCLE80\nM30\n')
+    assert mm(t)[1:] == [[10, 0, 0], [20, 0, 0]]
+
+
+def test_feed_of_the_tool_call(tmp_path: Path) -> None:
+    t = read(tmp_path, HEIDENHAIN + "4 L X+10 F AUTO\n5 L X+20 F50\n6 L X+30 FAUTO\nEND PGM A MM\n")
+    assert feeds(t) == [100.0, 200.0, 50.0, 200.0]
+    first = read(tmp_path, "BEGIN PGM A MM\n1 TOOL CALL 1 Z F300\n2 L X+0 Y+0 Z+0\n3 L X+9\nEND PGM A MM\n")
+    assert feeds(first) == [300.0, 300.0]
+
+
+def test_formulas_that_multiply(tmp_path: Path) -> None:
+    """A product ended the formula at its asterisk, which ends a block only in DIN/ISO."""
+    t = read(
+        tmp_path,
+        HEIDENHAIN + "4 Q1 = 10\n5 Q3 = SQRT(Q1*Q1 + 5^2) - 1\n6 FN 3: Q4 = +Q1 * +2\n7 L X+Q3 Y+Q4\nEND PGM A MM\n",
+    )
+    assert mm(t)[-1] == [10.18034, 20, 0]
+
+
+def test_headings_and_oversize_of_heidenhain(tmp_path: Path) -> None:
+    text = HEIDENHAIN.replace("F200", "F200 DL+0.5").replace("2 L", "2 * - SECTION X+3\n3 L", 1)
+    t = read(tmp_path, text + "5 L X+9\nEND PGM A MM\n")
+    assert not [w for w in t.ignored if not w.understood]
+    assert [w for w in t.warnings if "oversize" in w]
+
+
+def test_mirror_of_din_iso(tmp_path: Path) -> None:
+    t = read(
+        tmp_path,
+        "%A G71 *\nN30 T1 G17 S1000*\nN40 G00 G90 X+0 Y+0 Z+0*\nN80 G28 X*\nN90 G01 X+5 Y+1 F100*\nN95 G28*\n"
+        "N99 X+6*\nN9999 %A G71 *\n",
+    )
+    assert mm(t) == [[0, 0, 0], [-5, 1, 0], [6, 1, 0]]
+
+
+@pytest.mark.parametrize(
+    ("blocks", "kept"),
+    [
+        ("G0 G53 Z0.\nX200. Y200.\nM30\n", 2),
+        ("G91 G28 Z0.\nG90 G0 X200.\nM30\n", 2),
+        ("G0 G53 Z0.\nX200. Y200.\nZ5.\nM30\n", 4),  # its height comes later
+    ],
+)
+def test_last_rapids_whose_height_is_lost_are_left_out(tmp_path: Path, blocks: str, kept: int) -> None:
+    """They ran at the last height that was known, which is where the cut ended."""
+    t = read(tmp_path, FANUC + blocks)
+    assert len(t) == kept
+    assert (t.position[2:, 2] >= 0.005).all()
+    assert bool([w for w in t.warnings if "left out" in w]) == (kept == 2)
+    assert all(e.index <= kept for e in t.events)
+
+
+def test_last_rapids_after_m91(tmp_path: Path) -> None:
+    t = read(tmp_path, HEIDENHAIN + "4 L Z-1 R0 FMAX M91\n5 L X+200 FMAX M5\nEND PGM A MM\n")
+    assert [Move(m).word for m in t.move] == ["rapid", "cut"]
+
+
+def test_a_bare_number_where_the_others_are_marked_is_asked_for(tmp_path: Path) -> None:
+    text = FANUC + "X20. Y5.\nX5\nX12.5\nM30\n"
+    with pytest.raises(InputError, match=r"X5 has no decimal point.*--decimals"):
+        read(tmp_path, text)
+    assert mm(read(tmp_path, text, decimals=3))[3] == [0.005, 5, 0]
+    assert mm(read(tmp_path, text, decimals=0))[3] == [5, 5, 0]
+    mixed = text.replace("X12.5", "Y7\nX8 Y9\nX12.5")  # written both ways: no mark
+    assert mm(read(tmp_path, mixed))[3] == [5, 5, 0]
+
+
+def test_block_delete_is_told(tmp_path: Path) -> None:
+    t = read(tmp_path, FANUC + "/G1 X50.\nG1 Y5.\nM30\n")
+    assert len(t) == 4
+    assert [w for w in t.warnings if "block-delete" in w]
