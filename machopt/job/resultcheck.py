@@ -163,8 +163,7 @@ def _times(t: Told) -> Iterable[str]:
     if t.contents is None:
         yield from same("cycle_time_s", t.result["cycle_time_s"], None)
         return
-    motion = read_columns(t.folder / "trajectory.csv")
-    yield from near("cycle_time_s", t.result["cycle_time_s"], float(motion["time_s"][-1]), 0.0, 1e-5)
+    yield from near("cycle_time_s", t.result["cycle_time_s"], float(t.motion["time_s"][-1]), 0.0, 1e-5)
     for name, seconds in t.result["timings_s"].items():
         if not (isinstance(seconds, float | int) and math.isfinite(seconds) and seconds >= 0):
             yield f"timings_s.{name} is {seconds!r}"
@@ -177,16 +176,16 @@ def _feed(t: Told) -> Iterable[str]:
         yield from same("feed_held_share", share, None)
         yield from same("feed_dips", dips, [])
         return
-    motion = read_columns(t.folder / "trajectory.csv")
-    number = {k: np.array([float(v) if v else np.nan for v in motion[k]]) for k in ("point", "feed_mm_min")}
-    fed = (np.array(motion["move"]) != Move.RAPID.word) & np.isfinite(number["point"])  # dips begin in approaches too
-    cut, at = (np.array(motion["move"]) == Move.CUT.word)[fed], number["point"][fed]
+    number = {k: np.array([float(v) if v else np.nan for v in t.motion[k]]) for k in ("point", "feed_mm_min")}
+    move = np.array(t.motion["move"])
+    fed = (move != Move.RAPID.word) & np.isfinite(number["point"])  # dips begin in approaches too
+    cut, at = (move == Move.CUT.word)[fed], number["point"][fed]
     programmed = np.where(np.isfinite(t.toolpath.feed), t.toolpath.feed, t.options.approach_feed)
     ends = np.clip(np.ceil(at - ON_POINT).astype(int), 0, len(t.toolpath) - 1)
     # the step to a sample just behind a point was driven before it for the most part: either point's feed may be meant
     either = np.stack([programmed[ends], programmed[np.r_[ends[:1], ends[:-1]]]])
     ratio = np.sort(number["feed_mm_min"][fed] / 60e3 / either, axis=0)
-    runs = 1 + int((np.diff(np.flatnonzero(np.array(motion["move"]) == Move.CUT.word)) > 1).sum())
+    runs = 1 + int((np.diff(np.flatnonzero(move == Move.CUT.word)) > 1).sum())
     slack = (2 * runs + 0.5) / max(int(cut.sum()), 1)  # the sample at either end of each may count or not
     least, most = ((row[cut] >= HELD).mean() for row in ratio)
     if not least - slack <= share <= most + slack:

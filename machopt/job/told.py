@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,16 @@ class Told:
     manifest: Manifest | None
     contents: Verification | None  # None where there is no motion
 
+    @cached_property
+    def motion(self) -> dict[str, list[str]]:
+        """trajectory.csv as words; read when first asked for, since a table that cannot be read fails that part."""
+        return read_columns(self.folder / "trajectory.csv")
+
+    @cached_property
+    def points(self) -> dict[str, list[str]]:
+        """points.csv as words."""
+        return read_columns(self.folder / "points.csv")
+
 
 @dataclass(frozen=True)
 class Points:
@@ -44,7 +55,7 @@ class Points:
 
     @classmethod
     def read(cls, t: Told) -> Points:
-        columns = read_columns(t.folder / "points.csv")
+        columns = t.points
         if len(columns["status"]) != len(t.toolpath):
             raise ValueError(f"points.csv has {len(columns['status'])} rows, the toolpath {len(t.toolpath)} points")
         return cls(columns)

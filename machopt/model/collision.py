@@ -14,6 +14,7 @@ Both bounds are in :mod:`machopt.model.bounds`.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,6 +43,7 @@ ALWAYS = 0.95  # share of poses in touch from which a pair is taken to be built 
 COARSE = 0.50  # the same for links two apart, whose meshes often overlap where the real links do not
 LONGEST = 0.1  # rad, joint step above which the motion bound is of no use
 FINE = 1e-4  # m, motion below which a segment between two free rows is not halved any more
+AT_ONCE = 2_000_000  # rows × pairs whose bounds are compared in one array
 CAP = 0.5  # m, beyond which `nearest` does not measure
 
 
@@ -151,12 +153,11 @@ class CollisionModel:
         """
         rows = Rows(self.stack, q)
         contacts = _none(len(rows.q))
-        for p, pair in enumerate(self.pairs):
-            doubt = (rows.bound[:, p] < pair.clearance) & ~contacts.hit
-            if pair.unless_cutting:
-                doubt &= ~cutting
+        near = rows.bound < self._required
+        near[cutting] &= ~self._spared
+        for p in np.flatnonzero(near.any(axis=0)).tolist():
             walk = _Walk(self, rows, p)
-            for n in np.flatnonzero(doubt):
+            for n in np.flatnonzero(near[:, p] & ~contacts.hit):
                 if not walk.known_free(int(n)) and walk.hits(int(n)):
                     contacts.hit[n], contacts.pair[n], contacts.at[n] = True, p, n
         return contacts
@@ -177,15 +178,7 @@ class CollisionModel:
         dense, owner, at = densify(q, min(step, LONGEST))
         rows = Rows(self.stack, dense)
         contacts = _none(len(q))
-        for p, pair in enumerate(self.pairs):
-            asked = ~(cutting[owner] & pair.unless_cutting)  # (M,) of the way to the dense row
-            if not asked.any() or (first_only and contacts.any):
-                continue
-            margin = rows.bound[:, p] - pair.clearance
-            doubt = asked & (margin < 0.0)
-            near = np.flatnonzero(asked[1:] & (margin[1:] + margin[:-1] < rows.reach))
-            if len(near):
-                doubt[near + 1] |= margin[near + 1] + margin[near] < rows.travel(p)[near]
+        for p, doubt in self._doubtful(rows, cutting[owner]):
             walk = _Walk(self, rows, p)
             for m in np.flatnonzero(doubt):
                 n = owner[m]
@@ -199,6 +192,22 @@ class CollisionModel:
                     if first_only:
                         return contacts
         return contacts
+
+    def _doubtful(self, rows: Rows, cutting: Bools) -> Iterator[tuple[int, Bools]]:
+        """Pairs whose bounds do not prove every row and way free, each with the rows (M,) that they leave in doubt."""
+        block = max(AT_ONCE // max(len(rows.q), 1), 1)
+        for start in range(0, len(self.pairs), block):
+            some = slice(start, start + block)
+            margin = rows.bound[:, some] - self._required[some]
+            asked = ~(cutting[:, None] & self._spared[some])
+            doubt, near = margin < 0.0, margin[1:] + margin[:-1] < rows.reach[:, None]
+            doubt, near = doubt & asked, near & asked[1:]
+            for k in np.flatnonzero(doubt.any(axis=0) | near.any(axis=0)).tolist():
+                ways = np.flatnonzero(near[:, k])
+                if len(ways):
+                    sums = margin[ways + 1, k] + margin[ways, k]
+                    doubt[ways + 1, k] |= sums < rows.travel(start + k)[ways]
+                yield start + k, doubt[:, k]
 
     def nearest(self, q: Array, cutting: Bools, cap: float = CAP) -> Nearest:
         """Least distance over all pairs at each row, and whose it is; 0 in contact.
@@ -232,6 +241,8 @@ class CollisionModel:
             Pair(a.name, b.name, (a.kind, b.kind), 0.0 if t else self.clearance, t)
             for (a, b), t in zip(((bodies[i], bodies[j]) for i, j in indices), touch, strict=True)
         )
+        self._required = np.array([pair.clearance for pair in self.pairs])  # (P,) m
+        self._spared = np.array(touch, bool)  # (P,) not asked for in moves that cut
         self.stack = PairStack(self._robot, bodies, indices)
         self._memory: list[Memory | None] = [
             Memory(self._robot, i, bodies[pair[1]]) if j - i <= 2 else None

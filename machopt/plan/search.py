@@ -39,6 +39,7 @@ from machopt.se3 import wrap
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 STATIONS = 48  # colliding stations whose whole rotation row is looked at in the first round; twice as many in each next
+TOGETHER = 64  # stations looked at in one call; bounds of all pairs are held for every rotation of each
 SMOOTHINGS = 4  # with less room each, before a run that collides follows the grid
 ROUNDS = 400  # each strikes something out, so the search ends by itself; an answer this far away is not waited for
 
@@ -211,11 +212,12 @@ class Search:
             how many vertices are struck out.
         """
         stations = self._kept(choice, stations, budget)
+        first = self.visits[stations] == 0
+        self.visits[stations] += 1
         struck = 0
-        for s in stations:
-            branches = [int(choice.branch[s])] if not self.visits[s] else range(self.shape[2])
-            struck += sum(self._strike(int(s), b) for b in branches)
-            self.visits[s] += 1
+        for b in range(self.shape[2]):
+            asked = stations[~first | (choice.branch[stations] == b)]
+            struck += sum(self._strike(asked[k : k + TOGETHER], b) for k in range(0, len(asked), TOGETHER))
         return struck
 
     def _kept(self, choice: Choice, stations: Rows, budget: int) -> Rows:
@@ -225,20 +227,26 @@ class Search:
             stations = stations[np.unique(np.linspace(0, len(stations) - 1, budget).round().astype(int))]
         return stations
 
-    def _strike(self, s: int, b: int) -> int:
-        """Strike out the vertices of a station and branch whose own pose collides."""
+    def _strike(self, stations: Rows, b: int) -> int:
+        """Strike out the vertices of some stations in a branch whose own pose collides.
+
+        Looked at rotation by rotation, to and fro along the stations: the next pose is near, and so most distances
+        follow from the one before.
+        """
         model = self.checker.model
-        rotations = np.flatnonzero(self.candidates.feasible[s, :, b].any(axis=1) & ~self.looked[s, :, b])
-        if model is None or not len(rotations):
+        asked = self.candidates.feasible[stations, :, b].any(axis=-1) & ~self.looked[stations, :, b]  # (n, R)
+        if model is None or not asked.any():
             return 0
-        touch = bool(self.path.may_touch[self.path.stations[s]])
-        found = model.check(self.candidates.q[s, rotations, b], np.full(len(rotations), touch))
-        self.looked[s, rotations, b] = True
-        struck = rotations[found.hit]
-        self.candidates.feasible[s, struck, b] = False
-        self.candidates.reason[s, struck, b] = Reason.COLLIDING
-        self.pairs[s, struck, b] = found.pair[found.hit]
-        return len(struck)
+        r, n = np.nonzero(asked.T)
+        order = np.lexsort((np.where(r % 2, -n, n), r))
+        r, s = r[order], stations[n[order]]
+        found = model.check(self.candidates.q[s, r, b], self.path.may_touch[self.path.stations[s]])
+        self.looked[s, r, b] = True
+        r, s = r[found.hit], s[found.hit]
+        self.candidates.feasible[s, r, b] = False
+        self.candidates.reason[s, r, b] = Reason.COLLIDING
+        self.pairs[s, r, b] = found.pair[found.hit]
+        return len(s)
 
     def _strike_grid(self, choice: Choice, plain: Assignment, check: PathCheck, budget: int) -> None:
         """Strike out the vertices and edges of the grid's own sequence that collide or lead nowhere."""

@@ -1,4 +1,11 @@
-"""Kinematics of the whole URDF by pinocchio, one configuration after the other."""
+"""Kinematics of the whole URDF: the joints' places and axes by pinocchio, all configurations at once by numpy.
+
+With A_i the place of joint i in its parent p, E_i(q) its turn about or shift along its own axis:
+
+    T_i = T_p A_i E_i(q_i),    E = I + sin q [w]× + (1 − cos q) [w]×²  or  I with q v in the last column.
+
+The tests hold this against pinocchio's own forward kinematics, row by row.
+"""
 
 from __future__ import annotations
 
@@ -88,16 +95,42 @@ class Arm:
             workpiece frame.
         """
         out = np.empty((len(q), self.model.njoints + 2, 4, 4))
-        for n in range(len(q)):
-            self._forward(self.model, self._data, self._full(q[n], external[n]))
-            for j in range(self.model.njoints):
-                out[n, j] = self._data.oMi[j].homogeneous
-            out[n, -2] = self._data.oMf[self._flange].homogeneous
-            out[n, -1] = np.eye(4) if self._part is None else self._data.oMf[self._part].homogeneous
+        out[:, :-2] = self._joint_frames(q, external)
+        out[:, -2] = self._carried(out, self._flange)
+        out[:, -1] = np.eye(4) if self._part is None else self._carried(out, self._part)
         out[:, :-1] = self._to_world @ out[:, :-1]
         if self._part is not None:
             out[:, -1] = self._to_world @ out[:, -1]
         out[:, -1] = out[:, -1] @ self.cell.workpiece.T_link_workpiece
+        return out
+
+    def _joint_frames(self, q: Array, external: Array) -> Array:
+        """(S, J, 4, 4) of every joint in the URDF's root; joints that neither arm nor external are stay at rest."""
+        value = dict(zip((*self.joints, *self._external), (*q.T, *external.T), strict=True))
+        out = np.empty((len(q), self.model.njoints, 4, 4))
+        out[:, 0] = np.eye(4)
+        for j in range(1, self.model.njoints):
+            place, linear, turn = self._steps[j]
+            step = place if j not in value else place @ _motion(value[j], linear, turn)
+            np.matmul(out[:, int(self.model.parents[j])], step, out=out[:, j])
+        return out
+
+    def _carried(self, joints: Array, frame: int) -> Array:
+        """(S, 4, 4) of a link that is fixed to a joint."""
+        of = self.model.frames[frame]
+        return np.asarray(joints[:, int(of.parentJoint)] @ of.placement.homogeneous)
+
+    @cached_property
+    def _steps(self) -> list[tuple[Array, Array, Array]]:
+        """Of each joint: (4, 4) its place at rest in its parent, (3,) direction of its shift, (3,) axis of its turn."""
+        import pinocchio as pin
+
+        data = self.model.createData()
+        pin.computeJointJacobians(self.model, data, self.rest)
+        out = [(np.eye(4), np.zeros(3), np.zeros(3))]
+        for j in range(1, self.model.njoints):
+            own = pin.getJointJacobian(self.model, data, j, pin.ReferenceFrame.LOCAL)[:, self.model.idx_vs[j]]
+            out.append((data.liMi[j].homogeneous, own[:3], own[3:]))
         return out
 
     def _full(self, q: Array, external: Array) -> Array:
@@ -126,21 +159,14 @@ class Arm:
 
     def stance(self, q: Array) -> Stance:
         """Axes, frames and TCP at q (N, 6) rad in base_link, external joints at rest."""
-        import pinocchio as pin
-
-        n = len(q)
-        axis, frames, flange = np.empty((n, 6, 3)), np.empty((n, 7, 4, 4)), np.empty((n, 4, 4))
-        column = [self.model.idx_vs[j] for j in self.joints]
-        for k in range(n):
-            pin.computeJointJacobians(self.model, self._data, self._full(q[k], np.zeros(len(self._external))))
-            pin.updateFramePlacements(self.model, self._data)
-            back = np.linalg.inv(self._data.oMf[self._base].homogeneous)
-            axis[k] = (
-                back[:3, :3] @ self._data.J[3:, column]
-            ).T  # rows 3…5 of a spatial Jacobian: the axes' directions
-            frames[k, 0], flange[k] = np.eye(4), back @ self._data.oMf[self._flange].homogeneous
-            for i, j in enumerate(self.joints):
-                frames[k, i + 1] = back @ self._data.oMi[j].homogeneous
+        joints = self._joint_frames(q, np.zeros((len(q), len(self._external))))
+        back = np.linalg.inv(self._carried(joints, self._base))
+        frames = np.empty((len(q), 7, 4, 4))
+        frames[:, 0] = np.eye(4)
+        frames[:, 1:] = back[:, None] @ joints[:, self.joints]
+        turn = np.stack([self._steps[j][2] for j in self.joints])
+        axis = np.einsum("njab,jb->nja", frames[:, 1:, :3, :3], turn)
+        flange = back @ self._carried(joints, self._flange)
         return Stance(q, axis, frames[:, 1:, :3, 3], flange @ self.cell.tool.T_flange_tcp, frames, flange)
 
     def gravity(self, q: Array) -> Array:
@@ -164,5 +190,19 @@ class Arm:
     def tcp_in_workpiece(self, q: Array, external: Array) -> Array:
         """(S, 4, 4) pose of the TCP in the CAM frame."""
         T = self.placements(q, external)
-        tcp: Array = np.linalg.inv(T[:, -1]) @ T[:, -2] @ self.cell.tool.T_flange_tcp
+        still = slice(0, 1) if self._part is None else slice(None)  # one that no joint turns is the same in all rows
+        tcp: Array = np.linalg.inv(T[still, -1]) @ T[:, -2] @ self.cell.tool.T_flange_tcp
         return tcp
+
+
+def _motion(value: Array, linear: Array, turn: Array) -> Array:
+    """(S, 4, 4) of a joint turned by, or shifted by, ``value`` (S,) rad or m along its own unit axis."""
+    x, y, z = turn
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    out = np.zeros((len(value), 4, 4))
+    out[:, :3, :3] = (
+        np.eye(3) + np.sin(value)[:, None, None] * cross + (1.0 - np.cos(value))[:, None, None] * (cross @ cross)
+    )
+    out[:, :3, 3] = value[:, None] * linear
+    out[:, 3, 3] = 1.0
+    return out

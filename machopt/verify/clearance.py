@@ -57,7 +57,7 @@ def check_clearances(
             asked &= ~may_cut
         if not asked.any():
             continue
-        way = np.append(0.0, np.cumsum(scene.way(b, T)))
+        way = scene.gone(a, b)
         known, since = -np.inf, 0.0  # m, the distance where the way was ``since``
         for k in np.flatnonzero(asked):
             if known - abs(way[k] - since) >= claim[k] - TOLERANCE:

@@ -45,7 +45,9 @@ def contacts(
     """
     joints = np.hstack([q, external])
     parts = np.maximum(np.ceil(np.abs(np.diff(joints, axis=0)).max(axis=1) / STEP), 1).astype(int)
-    place = np.concatenate([[0.0], *(n + (np.arange(p) + 1.0) / p for n, p in enumerate(parts))])
+    before = np.repeat(np.arange(len(parts)), parts)
+    nth = np.arange(len(before)) - np.repeat(np.cumsum(parts) - parts, parts)  # 0 … parts − 1 in each step
+    place = np.append(0.0, before + (nth + 1.0) / parts[before])
     rows = np.column_stack([np.interp(place, np.arange(len(q)), column) for column in joints.T])
     scene = Scene(arm, [b for pair in wanted for b in pair], rows)
     fast = free[np.ceil(place - 1e-9).astype(int)]
@@ -71,6 +73,7 @@ class Scene:
         arm_length = float(np.linalg.norm(origins - origins[:, :1], axis=-1).max())
         self.lever = 2.0 * (arm_length + size)  # m, no point of the robot is farther from any axis
         self._relative: dict[tuple[int, int], Array] = {}
+        self._gone: dict[tuple[int, int], Array] = {}
 
     def relative(self, a: Body, b: Body) -> Array:
         """(M, 4, 4) b's carrier seen from a's."""
@@ -82,12 +85,11 @@ class Scene:
 
     def follow(self, a: Body, b: Body, stops: NDArray[np.int64], asked: Bools) -> list[int]:
         """Rows (one a stretch) in which a and b touch, or before the next of which they do."""
-        T = self.relative(a, b)
-        clear = gap(a, b, T[stops])
+        clear = gap(a, b, self._at(a, b, stops))
         most = 2.0 * self.lever * np.diff(np.append(0.0, np.cumsum(self.turn))[stops])  # twice what the way can be
         if not (asked & (clear[1:] + clear[:-1] <= most)).any():
             return []
-        way = np.append(0.0, np.cumsum(self.way(b, T)))
+        T, way = self.relative(a, b), self.gone(a, b)
         doubt = asked & (clear[1:] + clear[:-1] <= way[stops[1:]] - way[stops[:-1]])
         chase = _Chase(self, a, b, T, way)
         hits = []
@@ -96,6 +98,20 @@ class Scene:
             if row >= 0:
                 hits.append(row)
         return hits
+
+    def _at(self, a: Body, b: Body, rows: NDArray[np.int64]) -> Array:
+        """(K, 4, 4) b's carrier seen from a's in some rows: few of the many, and most pairs ask for no more."""
+        if (a.carrier, b.carrier) in self._relative:
+            return self._relative[a.carrier, b.carrier][rows]
+        T: Array = self.world[rows, b.carrier]
+        return T if a.carrier < 0 else np.asarray(inverse(self.world[rows, a.carrier]) @ T)
+
+    def gone(self, a: Body, b: Body) -> Array:
+        """(M,) m, the sum of :meth:`way` up to each row; the same for all bodies on a's carrier."""
+        key = (a.carrier, id(b))
+        if key not in self._gone:
+            self._gone[key] = np.append(0.0, np.cumsum(self.way(b, self.relative(a, b))))
+        return self._gone[key]
 
     def way(self, b: Body, T: Array) -> Array:
         """(M − 1,) m: |x(t) − x(start)| + |x(end) − x(t)| for all points x of b, at most.

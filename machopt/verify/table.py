@@ -181,7 +181,7 @@ def _columns(file: Path) -> dict[str, list[str]]:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot be read: {getattr(error, 'strerror', None) or error}", file=file) from error
     try:
-        rows = list(csv.reader(line for line in text.splitlines() if line.strip() and not line.startswith("#")))
+        rows = list(csv.reader([line for line in text.splitlines() if not line.startswith("#") and line.strip()]))
     except csv.Error as error:
         raise InputError(f"is no CSV table: {error}", file=file) from error
     if len(rows) < 2:
@@ -190,11 +190,12 @@ def _columns(file: Path) -> dict[str, list[str]]:
     twice = sorted({name for name in header if header.count(name) > 1})
     if twice:
         raise InputError(f"column {twice[0]!r} stands there twice", file=file)
-    for number, row in enumerate(rows[1:], start=1):
-        if len(row) != len(header):
-            raise InputError(f"{len(row)} fields, the header has {len(header)}", file=file, where=f"data row {number}")
+    if {*map(len, rows)} != {len(header)}:
+        number, row = next((n, row) for n, row in enumerate(rows) if len(row) != len(header))
+        raise InputError(f"{len(row)} fields, the header has {len(header)}", file=file, where=f"data row {number}")
+    quoted = "'" in text  # only then can a field need more than its blanks stripped
     return {
-        name: [_shown(field.strip()) for field in column]
+        name: [_shown(field.strip()) for field in column] if quoted else [*map(str.strip, column)]
         for name, column in zip(header, zip(*rows[1:], strict=True), strict=True)
     }
 
@@ -217,7 +218,9 @@ def _numbers(columns: dict[str, list[str]], name: str, file: Path, *, empty: boo
         out = np.array([text or "nan" for text in texts], dtype=float)
     except ValueError:
         out = np.array([_float_or_inf(text) for text in texts])
-    bad = ~np.isfinite(out) if not empty else ~np.isfinite(out) & np.array([text != "" for text in texts])
+    bad = ~np.isfinite(out)
+    if empty and bad.any():
+        bad &= np.array([text != "" for text in texts])
     if bad.any():
         row = int(np.flatnonzero(bad)[0])
         raise InputError(f"{texts[row]!r} is not a finite number", file=file, where=f"data row {row + 1}, {name}")
