@@ -113,7 +113,7 @@ class Compared:
 
 def check_programs(
     cell: Cell, toolpath: Toolpath, out: Path, posted: Sequence[Posted], *, options: PlanOptions, tolerance: Tolerance,
-    source: str | None = None,
+    source: str | None = None, motion: Motion | None = None,
 ) -> tuple[Compared, ...]:  # fmt: skip
     """Compare every robot program of an output folder with motion and CAM file.
 
@@ -125,6 +125,7 @@ def check_programs(
         options: as for the plan.
         tolerance: between the controller's lines and the motion.
         source: what the programs' heads say they are from; cell and toolpath by default.
+        motion: trajectory.csv where it has been read already.
 
     Returns:
         One entry a program; and one for files that look like a program but belong to none.
@@ -136,7 +137,7 @@ def check_programs(
     strays = _strays(out, posted)
     if not posted:
         return strays
-    ground = _Ground.of(cell, toolpath, out, options, tolerance, source or f"{cell.name}; {toolpath.source}")
+    ground = _Ground.of(cell, toolpath, out, options, tolerance, source or f"{cell.name}; {toolpath.source}", motion)
     return (*(ground.compare(one) for one in posted), *strays)
 
 
@@ -178,9 +179,11 @@ class _Ground:
 
     @classmethod
     def of(
-        cls, cell: Cell, toolpath: Toolpath, out: Path, options: PlanOptions, tolerance: Tolerance, source: str
+        cls, cell: Cell, toolpath: Toolpath, out: Path, options: PlanOptions, tolerance: Tolerance, source: str,
+        motion: Motion | None,
     ) -> _Ground:  # fmt: skip
-        motion, points = read_motion(out / "trajectory.csv", cell), read_points(out / "points.csv")
+        motion = motion or read_motion(out / "trajectory.csv", cell)
+        points = read_points(out / "points.csv")
         arm = Arm(cell)
         tcp = arm.tcp_in_workpiece(motion.q, motion.external)
         offset = np.zeros((len(tcp), 3))

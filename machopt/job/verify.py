@@ -24,6 +24,7 @@ from machopt.job.scope import not_run, unchecked
 from machopt.output.hashes import sha256_of
 from machopt.output.manifest import MANIFEST, differences, read_manifest
 from machopt.verify import Check, Verification, verify_output
+from machopt.verify.table import Motion, read_motion
 
 NAN = float("nan")
 
@@ -103,21 +104,25 @@ def content_checks(
         manifest: names the programs and their tolerance; in optimize it is not written yet and lists no files.
     """
     try:
-        found = verify_output(cell, toolpath, folder, options=options)
+        motion: Motion | None = read_motion(folder / "trajectory.csv", cell)
+    except InputError:
+        motion = None  # those who need it try again and say what is wrong
+    try:
+        found = verify_output(cell, toolpath, folder, options=options, motion=motion)
     except InputError as problem:
         found = Verification((failed("tables", str(problem)),), 0, NAN)
-    return replace(found, checks=(*found.checks, *_programs(cell, toolpath, folder, options, manifest)))
+    return replace(found, checks=(*found.checks, *_programs(cell, toolpath, folder, options, manifest, motion)))
 
 
 def _programs(
-    cell: Cell, toolpath: Toolpath, folder: Path, options: PlanOptions, manifest: Manifest | None
+    cell: Cell, toolpath: Toolpath, folder: Path, options: PlanOptions, manifest: Manifest | None, motion: Motion | None
 ) -> list[Check]:  # fmt: skip
     """The robot programs that the manifest lists, and files that look like one and belong to none."""
     listed = () if manifest is None else manifest.programs
     posted = [Posted(p.post, _post(p.post, folder, cell, manifest), p.files) for p in listed if p.files]
     try:
         tolerance = tolerance_of(None if manifest is None else manifest.program_tolerance_mm, options)
-        found = check_programs(cell, toolpath, folder, posted, options=options, tolerance=tolerance)
+        found = check_programs(cell, toolpath, folder, posted, options=options, tolerance=tolerance, motion=motion)
     except InputError as problem:
         return [failed("robot programs", str(problem))]
     return [check for one in found for check in one.checks]

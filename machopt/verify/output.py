@@ -27,14 +27,16 @@ from machopt.verify.path import check_path
 from machopt.verify.points import PointsCheck
 from machopt.verify.ride import ride
 from machopt.verify.shift import Found, compare_shift, corners
-from machopt.verify.table import Points, read_motion, read_points, read_shift
+from machopt.verify.table import Motion, Points, read_motion, read_points, read_shift
 
 Array = NDArray[np.float64]
 SWITCHED_OFF = "collisions"  # the row that says that contacts and clearances were not looked at
 OFF = "collision checks are switched off (collision: false)"
 
 
-def verify_output(cell: Cell, toolpath: Toolpath, out: Path, *, options: PlanOptions | None = None) -> Verification:
+def verify_output(
+    cell: Cell, toolpath: Toolpath, out: Path, *, options: PlanOptions | None = None, motion: Motion | None = None
+) -> Verification:  # fmt: skip
     """Check ``out/trajectory.csv`` and ``out/points.csv``, and ``compensation.csv`` where points.csv tells a shift.
 
     Every column of both tables is recomputed; what the rows call their moves is checked against the CAM file and
@@ -49,11 +51,12 @@ def verify_output(cell: Cell, toolpath: Toolpath, out: Path, *, options: PlanOpt
         out: the output folder.
         options: those of the run; with ``allow_gaps`` points that points.csv gives up need not be visited; without
             ``collision`` contacts are not looked for, and that is told.
+        motion: trajectory.csv where it has been read already.
     """
     options = options or PlanOptions()
     out = Path(out)
     try:
-        motion = read_motion(out / "trajectory.csv", cell)
+        motion = motion or read_motion(out / "trajectory.csv", cell)
         points = read_points(out / "points.csv")
         shift = read_shift(out / "compensation.csv") if points.shift is not None else None
     except InputError as error:
