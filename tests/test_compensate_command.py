@@ -183,7 +183,7 @@ def test_a_job_lost_by_its_shift_ends_as_infeasible(
     tmp_path: FilePath, job: tuple[FilePath, FilePath, FilePath]
 ) -> None:
     cell = changed_cell(tmp_path)
-    (cell / "stiffness.yaml").write_text("machopt_stiffness: 1\njoints_Nm_per_rad: [1e3, 1e3, 1e3, 1e3, 1e3, 1e3]\n")
+    (cell / "stiffness.yaml").write_text("machopt_stiffness: 1\njoints_Nm_per_rad: [1e5, 1e5, 1e5, 1e5, 1e5, 1e5]\n")
     out = tmp_path / "out"
     assert optimize(cell, job[0], out, "--compensate", "--set", "rotation_step_deg=30", "--set", "collision=false") == 3
     found = result(out)

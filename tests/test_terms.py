@@ -389,3 +389,16 @@ def test_the_planner_scores_candidates_with_the_terms() -> None:
             else:
                 expected = 0.5 * (d.axial[p] @ C @ d.axial[p] + d.normal[p] @ C @ d.normal[p])
             assert costs[1][s, r, b] == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_tool_across_its_flange_gives_way_without_a_length(arm: tuple[Robot, np.ndarray]) -> None:
+    """An angle head: the TCP beside the flange. A beam has no length there; a matrix needs none."""
+    robot, T = arm[0], arm[1].copy()
+    T[:3, 3] = T[:3, :3] @ np.array([0.15, 0.0, 0.0])
+    for form in ("diagonal", "full"):
+        term = term_of("tool_compliance", "tool", robot, T, form=form)
+        assert len(term.coefficients) == (6 if form == "diagonal" else 21)
+        assert "length_mm" not in term.with_values(np.ones(len(term.coefficients))).to_file().parameters
+    with pytest.raises(InputError, match="across the tool axis"):
+        term_of("tool_compliance", "tool", robot, T)
+    assert len(term_of("tool_compliance", "tool", robot, T, length_mm=150.0).coefficients) == 2

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
@@ -24,12 +25,15 @@ from machopt.job.points import point_results
 from machopt.job.posts import is_post_file, tolerance_of, wanted_posts, withdrawn, withheld, write_programs
 from machopt.job.result import Made, result_of
 from machopt.job.verify import content_checks, verify_folder
+from machopt.model.robot import load_robot
 from machopt.output import MANIFEST, output_folder, write_json, write_manifest
 from machopt.plan.gaps import told
 from machopt.plan.pipeline import Plan, Timings, as_driven, plan
 from machopt.plan.refine import compensate
 from machopt.plan.timeline import Timeline, build_timeline
+from machopt.plan.wrongunit import wrong_unit
 from machopt.report.page import write_report
+from machopt.se3 import inverse
 
 
 @dataclass(frozen=True)
@@ -70,6 +74,8 @@ def optimize(request: Request, progress: Callable[[str], None] = lambda _: None)
         posts, tolerance = wanted_posts(cell, request.posts), tolerance_of(request.program_tolerance_mm, options)
         toolpath = read_toolpath(request.toolpath, robot=known_robot(cell), **request.reading)
         _refuse_fixed_beyond(toolpath, options)
+        if not options.allow_gaps:
+            _refuse_wrong_unit(cell, toolpath, request)
     manifest = optimize_manifest(
         cell, request.toolpath, toolpath, options, reading=request.reading, plan_file=request.plan_file,
         post_files=[Path(text) for text in request.posts if is_post_file(text)], tolerance=tolerance,
@@ -130,6 +136,17 @@ def _tell(made: Made, folder: Path, timings: Timings) -> dict[str, object]:
     told = replace(made.manifest, verdict=made.verdict, exit_code=made.exit_code, unchecked=made.unchecked)
     write_manifest(folder, told, ROLES)
     return result
+
+
+def _refuse_wrong_unit(cell: Cell, toolpath: Toolpath, request: Request) -> None:
+    """Refuse a path whose numbers count another unit: all out of reach is no answer to it."""
+    if cell.workpiece.link != "world" or cell.external_joints:
+        return  # refused by the plan
+    T_base_workpiece = inverse(cell.T_world_base) @ cell.workpiece.T_link_workpiece
+    stated = "unit" in request.reading
+    why = wrong_unit(toolpath, load_robot(cell), T_base_workpiece, cell.tool.T_flange_tcp, stated=stated)
+    if why:
+        raise InputError(why, file=request.toolpath)
 
 
 def _refuse_fixed_beyond(toolpath: Toolpath, options: PlanOptions) -> None:

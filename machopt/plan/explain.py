@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from machopt.domain.reason import Reason
 from machopt.plan.breaks import Break
 from machopt.plan.pipeline import Plan
+from machopt.plan.wrongunit import reach_of
 from machopt.se3 import wrap
 
 Array = NDArray[np.float64]
@@ -70,7 +71,10 @@ def _towards(plan: Plan, point: int) -> str:
     size, short = float(np.linalg.norm(way)), 1e3 * shortfall_of(plan, point)
     x, y, z = short * way / size if size > 0 else np.zeros(3)
     far = f"the tip is {1e3 * size:,.0f} mm from the shoulder"
+    extent = float(np.linalg.norm(np.ptp(plan.path.position, axis=0)))
     unit = "; is the workpiece frame in mm?" if size > FAR else ""
+    if extent > reach_of(plan.setup.robot, plan.setup.arm.T_flange_tcp):
+        unit += f"; the path is {extent:.3g} m long: does --unit have to say another unit?"
     return f"moving the part by about ({x:.0f}, {y:.0f}, {z:.0f}) mm in the robot's base would help ({far}{unit})"
 
 

@@ -104,7 +104,14 @@ def _tool(robot: Robot, T_flange_tcp: Array, parameters: Parameters, location: s
     T_base_tcp = robot.T_base_flange_zero @ T_flange_tcp
     axis = T_base_tcp[:3, 2]
     reach = abs(float(axis @ (T_base_tcp[:3, 3] - robot.T_base_flange_zero[:3, 3])))
-    length = parameters.number("length_mm", reach * 1e3 if reach > LEAST_LENGTH else None) / 1e3
+    if reach <= LEAST_LENGTH and not (parameters.has("length_mm") or parameters.has("cylinders")):
+        if _form(parameters, beam=True) == "beam":  # a matrix needs no length
+            raise parameters.error(
+                "length_mm", "is missing, and the TCP lies beside the flange, across the tool axis, which gives a beam "
+                "no length; length_mm or a matrix (compliance, compliance_diagonal, form: diagonal) would work",
+            )  # fmt: skip
+        reach = 0.0
+    length = parameters.number("length_mm", reach * 1e3, positive=reach > 0.0) / 1e3
     given = {"length_mm": length * 1e3} if parameters.has("length_mm") else {}
     S = transform(beam_axes(axis), T_base_tcp[:3, 3])  # at the TCP, x out of the tool
     if parameters.has("cylinders"):
