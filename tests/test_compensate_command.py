@@ -191,5 +191,7 @@ def test_a_job_lost_by_its_shift_ends_as_infeasible(
     reasons = [p["reason"] for p in found["infeasible_points"]]  # type: ignore[attr-defined]
     assert reasons
     assert all("the shift against the deflection is refused: it is" in r for r in reasons)
-    assert all("mm, more than compensation_max_mm 2" in r for r in reasons)
+    assert [p["point"] for p in found["infeasible_points"]] == [1, 2, 3, 4, 5]  # type: ignore[attr-defined]
+    assert all("mm, more than compensation_max_mm 2" in r for r in reasons[:4])
+    assert "mm per mm of path, more than 0.1" in reasons[4]  # the way out, over which the shift would fade
     assert not (out / "trajectory.csv").exists()

@@ -11,6 +11,7 @@ import pytest
 import machopt
 from machopt.cli import main
 from machopt.formats.cam import reviewed
+from machopt.formats.options import OptionKeys
 
 PACKAGE = Path(machopt.__file__).parent
 READERS = PACKAGE / "formats"
@@ -81,3 +82,45 @@ def test_every_option_named_in_a_message_parses(capsys: pytest.CaptureFixture[st
         if not re.search(rf"{option}(?![\w-])", helps[command])
     ]
     assert not wrong
+
+
+COMMANDS = ("optimize", "identify", "diagnose", "plan-poses", "map", "inspect", "verify", "batch")
+PARTS = {  # part of the package → commands whose messages it writes
+    "formats": COMMANDS, "cli": COMMANDS, "job": COMMANDS, "plan": ("optimize", "verify", "batch"),
+}  # fmt: skip
+OPTION_WORD = re.compile(r"(?<![\w-])--[a-z][a-z-]*[a-z](?![\w-]*\{)")
+
+
+def _texts(part: str) -> list[tuple[str, str]]:
+    """Strings of a part of the package with the file they stand in."""
+    out = []
+    for file in sorted((PACKAGE / part).rglob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                out.append((f"{part}/{file.name}", node.value))
+    return out
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_every_option_of_any_message_exists(part: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Formats, commands, jobs and plan: whatever an option is named for, one of its commands takes it."""
+    helps = "\n".join(_help(command, capsys) for command in PARTS[part])
+    known = {*re.findall(r"--[a-z][a-z-]+", helps), "--version"}
+    wrong = {(o, file) for file, text in _texts(part) for o in OPTION_WORD.findall(text)} - {
+        (o, f) for f, t in _texts(part) for o in OPTION_WORD.findall(t) if o in known
+    }
+    assert not wrong
+
+
+def test_every_planning_key_that_a_message_names_exists() -> None:
+    """Keys of ``--set`` in the sentences about what would help."""
+    keys = set(OptionKeys.model_fields)
+    ending = re.compile(r"\b[a-z]+(?:_[a-z]+)*_(?:deg|mm|ms)\b")
+    named = {
+        word
+        for file, text in _texts("plan")
+        if file in ("plan/explain.py", "plan/breaks.py", "plan/gaps.py")
+        for word in ending.findall(text)
+    }
+    assert named
+    assert named <= keys
