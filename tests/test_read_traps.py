@@ -140,3 +140,19 @@ def test_block_delete_is_told(tmp_path: Path) -> None:
     t = read(tmp_path, FANUC + "/G1 X50.\nG1 Y5.\nM30\n")
     assert len(t) == 4
     assert [w for w in t.warnings if "block-delete" in w]
+
+
+def test_feeds_under_velset(tmp_path: Path) -> None:
+    place = "[[{},0,0],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+    text = (
+        "MODULE M\nPROC main()\n" + f"MoveL {place.format(0)},v10,fine,tool0;\nVelSet 100,5000;\n"
+        f"MoveL {place.format(9)},v10,fine,tool0;\nENDPROC\nENDMODULE\n"
+    )
+    assert feeds(read(tmp_path, text))[-1] == 600.0
+    with pytest.raises(InputError, match="VelSet"):
+        read(tmp_path, text.replace("VelSet 100", "VelSet 50"))
+
+
+def test_a_headless_table_of_tool_axes_is_not_read_as_angles(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="tool axis i, j, k"):
+        read(tmp_path, "0,0,0,0,0,1\n1,0,0,0,0,1\n2,0,0,0,0,1\n", default_feed=0.01)

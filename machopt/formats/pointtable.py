@@ -335,6 +335,12 @@ def _read_xyzwpr(source: Source, options: ReadOptions) -> Toolpath:
         if len(row) != width:
             raise source.error(f"{len(row)} columns; expected {width}", line)
         table[k] = [number_cell(source, str(c + 1), cell, line, False) for c, cell in enumerate(row)]
+    if np.abs(np.linalg.norm(table[:, 3:6], axis=1) - 1.0).max() < 1e-3:
+        raise source.error(
+            "no header, and columns 4 to 6 have length 1 in every row: a tool axis i, j, k rather than angles w, p, r; "
+            "write a header (x_mm,y_mm,z_mm,i,j,k)",
+            first,
+        )
     R = rotations("wpr", np.radians(table[:, 3:6]))
     out = PathBuilder(source, options, "csv/xyzwpr")
     column, sign = TOOL_AXES[options.tool_axis]

@@ -167,6 +167,8 @@ class _Reader:
             self.out.event(_plain(s), "stop")
         elif word in ("PDISPON", "PDISPSET", "EOFFSON", "EOFFSSET"):
             raise RapidError(f"{word}: displacements set while the robot runs are not followed")
+        elif word == "VELSET" and Reader(s.tokens[1:]).arguments()[0][:1] != [100.0]:
+            raise RapidError("VelSet other than 100 % scales every feed behind it; post the feeds themselves")
         elif word in _QUIET:
             self.out.ignore(word, s.line, understood=True)
         elif word == "GOTO":
