@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from machopt.domain.cell import Cell
+from machopt.domain.manifest import Manifest
 from machopt.domain.options import PlanOptions
-from machopt.domain.program import LIN, PTP, RobotProgram
+from machopt.domain.program import LIN, PTP, Controller, RobotProgram
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.errors import InputError
 from machopt.formats.posts import (
@@ -24,10 +25,11 @@ from machopt.formats.posts import (
     write_program,
 )
 from machopt.formats.posts.densify import Tolerance
-from machopt.formats.posts.postfile import post_names
+from machopt.formats.posts.postfile import ALIASES, post_names
 from machopt.job.program import Programmed, posture_of, robot_program, sampled_program
 from machopt.job.readback import Compared, Posted, controller_for
 from machopt.model.robot import Robot, load_chain
+from machopt.output.hashes import sha256_of
 from machopt.plan.blend import SPIN_TOLERANCE
 from machopt.plan.pipeline import Plan
 from machopt.plan.timeline import BEND, Timeline
@@ -196,20 +198,45 @@ def withdrawn(folder: Path, programs: Sequence[Written], why: str) -> tuple[Writ
     return tuple(replace(p, files=(), withheld=why) for p in programs)
 
 
+def post_of(label: str, folder: Path, cell: Cell, manifest: Manifest | None) -> str | Path | None:
+    """The post of that label: a shipped one's name, the cell's own, the folder's copy of a user's template, or None."""
+    if label in post_names() or label in ALIASES:
+        return label
+    own = cell.controller.post
+    if own is not None and Path(own).name == label and Path(own).is_file():
+        return Path(own)
+    copy = folder / label
+    recorded = {f.sha256 for f in (() if manifest is None else manifest.inputs_of("post"))}
+    return copy if copy.is_file() and sha256_of(copy) in recorded else None
+
+
+def to_be_told(cell: Cell, toolpath: Toolpath, post: str | Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """What a program of this post takes for granted, and which events it does not carry out; no plan is needed."""
+    controller = controller_for(cell, post)
+    program = replace(_short(cell, load_chain(cell)[0], controller), events=toolpath.events)
+    return assumptions(program, post, controller), unstarted(post, program, controller)
+
+
 def _try(cell: Cell, robot: Robot, one: Wanted) -> None:
     """Fill the post once, into nothing: what would fail after the plan should fail before it."""
     keys = load_post(one.post).keys
-    q = np.tile(cell.home, (3, 1))
     controller = controller_for(cell, one.post)
+    program = _short(cell, robot, controller)
+    name = program_name("part", one.post)
+    write_program(None, name, program, one.post, controller)
+    if keys.moves_per_part is not None:  # the same in two parts, whose calls are templates of their own
+        write_program(None, name, program, one.post, replace(controller, moves_per_part=1))
+
+
+def _short(cell: Cell, robot: Robot, controller: Controller) -> RobotProgram:
+    """Three moves at home."""
+    q = np.tile(cell.home, (3, 1))
     standing = posture_of(robot, q, controller)
-    program = RobotProgram(
+    return RobotProgram(
         kind=np.array([PTP, LIN, PTP], np.int8), q=q, T_workpiece_tcp=robot.fk(q, cell.tool.T_flange_tcp),
         feed=np.array([np.nan, 0.01, np.nan]), cutting=np.array([False, True, False]), operation=np.zeros(3, np.int32),
         operations=("cut",), T_flange_tcp=cell.tool.T_flange_tcp, T_base_workpiece=np.eye(4),
         move=np.array([Move.RAPID, Move.CUT, Move.RAPID], np.int8), time=np.arange(3.0), joint_names=cell.arm_joints,
         behind=None if standing is None else standing[0], elbow_up=None if standing is None else standing[1],
+        tool_mass=cell.tool.mass if cell.tool.mass > 0.0 else float("nan"),
     )  # fmt: skip
-    name = program_name("part", one.post)
-    write_program(None, name, program, one.post, controller)
-    if keys.moves_per_part is not None:  # the same in two parts, whose calls are templates of their own
-        write_program(None, name, program, one.post, replace(controller, moves_per_part=1))

@@ -21,7 +21,9 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.errors import InputError
 from machopt.formats.options import options_as_user
-from machopt.job.scope import done, not_run, unchecked
+from machopt.job.posts import post_of, to_be_told
+from machopt.job.readback import Compared, Posted
+from machopt.job.scope import checked, done, not_run, unchecked
 from machopt.job.told import Points, Told, is_file, near, same, same_items, short
 from machopt.output.hashes import sha256_of
 from machopt.output.jsonfile import plain, read_json
@@ -40,6 +42,13 @@ NONE_PERCENT = 0.01  # a smaller difference of the means is no gain
 HELD = 0.95  # of the programmed feed: what counts as held
 ON_POINT = 1e-6  # of a point index: printed with six decimals or more
 FEED = 1e-4  # of the programmed feed: feeds are printed to 0.001 mm/min
+PROGRAM_ROOM = 1e-4  # mm, deg, mm/min: what rounding moves a measured difference by
+KEYS = frozenset((
+    "machopt_result", "version", "verdict", "exit_code", "unchecked", "inputs", "outputs", "options", "reading", "cell",
+    "toolpath", "index", "index_scale", "chosen_from", "objective", "worst_point", "compensation", "infeasible_points",
+    "breaks", "cycle_time_s", "feed_held_share", "feed_dips", "rapid_detours", "obstructions", "verification",
+    "programs", "notes", "warnings", "timings_s",
+))  # fmt: skip
 VERDICTS = {3: "infeasible", 4: "verification failed"}
 
 
@@ -86,8 +95,13 @@ def _verdict(t: Told) -> Iterable[str]:
         for key, value in (("verdict", t.manifest.verdict), ("exit_code", t.manifest.exit_code)):
             yield from same(f"{key} (of the manifest)", value, t.result[key])
         yield from same("unchecked (of the manifest)", list(t.manifest.unchecked), list(missing))
+        yield from same("checked (of the manifest)", list(t.manifest.checked), list(checked(t.options)))
         yield from same("version", t.result["version"], t.manifest.versions.get("machopt"))
     yield from same("machopt_result", t.result["machopt_result"], 1)
+    for key in sorted(t.result.keys() - KEYS):
+        yield f"{key} is no key of this file"
+    for key in sorted(KEYS - t.result.keys()):
+        yield f"{key} is missing"
 
 
 def _inputs(t: Told) -> Iterable[str]:
@@ -276,6 +290,7 @@ def _programs(t: Told) -> Iterable[str]:
             yield from same(f"{p['post']}: lines", p["lines"], lines)
             yield from same(f"{p['post']}: withheld", p["withheld"], None)
             yield from same(f"{p['post']}: differences", p["differences"], [])
+            yield from _program_told(t, p)
         elif not p["withheld"]:
             yield f"{p['post']}: has no files and was not withheld"
     for name in named:
@@ -286,11 +301,34 @@ def _programs(t: Told) -> Iterable[str]:
         yield from same("programs", [[p["post"], p["files"]] for p in told if p["files"]], listed_programs)
         for name in sorted(there - set(named)):
             yield f"{name} is a program and not named"
+        said = [f"{p['files'][0]}: {x}" for p in told if p["files"] for x in (*p["not_in_program"], *p["assumed"])]
+        yield from same("warnings (of the manifest)", list(t.manifest.warnings), said)
         tolerance = t.manifest.program_tolerance_mm
         for p in told:
             yield from near(f"{p['post']}: tolerance_mm", p["tolerance_mm"], tolerance, DIGITS, 0.0)
     if t.result["exit_code"] != 0 and named:
         yield f"exit code {t.result['exit_code']}, yet there is a robot program: {named[0]}"
+
+
+def _program_told(t: Told, p: Mapping[str, Any]) -> Iterable[str]:
+    """What is told of one program: its checks, and what it takes for granted or leaves to a comment."""
+    post = post_of(p["post"], t.folder, t.cell, t.manifest)
+    if post is not None:
+        assumed, left = to_be_told(t.cell, t.toolpath, post)
+        yield from same(f"{p['post']}: assumed", p["assumed"], list(assumed))
+        yield from same(f"{p['post']}: not_in_program", p["not_in_program"], list(left))
+    found = Compared.of(Posted(p["post"], post, tuple(p["files"])), t.contents.checks if t.contents else ()).as_result()
+    told = p["checked"]
+    if (found is None) != (told is None):
+        yield f"{p['post']}: checked is {short(told)}, {short(found)} follows"
+    if found is None or told is None:
+        return
+    yield from same(f"{p['post']}: checked", sorted(told), sorted(found))
+    for key, value in found.items():
+        if isinstance(value, float) and not key.startswith("moves"):
+            yield from near(f"{p['post']}: checked.{key}", told[key], value, AGREE, PROGRAM_ROOM)
+        else:
+            yield from same(f"{p['post']}: checked.{key}", told[key], value)
 
 
 def _warnings(t: Told) -> Iterable[str]:

@@ -19,7 +19,7 @@ from machopt.formats.posts import expected_text, load_post
 from machopt.formats.posts.columns import ROUNDED
 from machopt.formats.posts.densify import Tolerance
 from machopt.formats.posts.rounding import rounding
-from machopt.formats.posts.wording import difference
+from machopt.formats.posts.wording import difference, other_line_end, undecodable
 from machopt.formats.programs import ParsedProgram
 from machopt.job.program import posture_of
 from machopt.job.zonelaw import zone_check
@@ -79,7 +79,15 @@ class Rewritten:
             ]
         wrong = []
         for file, text in wanted.items():
-            off = difference(_text(self.out / file), [text])
+            data = (self.out / file).read_bytes()
+            strange = undecodable(data, keys.encoding)
+            if strange is not None:
+                wrong.append(f"{file}, line {strange[0]}: {strange[1]} where the post writes {keys.encoding} only")
+                continue
+            found = data.decode(keys.encoding)
+            off, ends = difference(found, [text]), other_line_end(found, keys.line_end)
+            if off is None and ends is not None:
+                wrong.append(f"{file}, line {ends}: does not end in {keys.line_end.upper()} as the post ends its lines")
             if off is not None:
                 wrong.append(f"{file}, line {off.line}: {off.found[:70]!r} where the post writes {off.expected[:70]!r}")
         return [*checks, Check(f"{name}: wording", not wrong, float(len(wrong)), 0.0, "files",
@@ -115,13 +123,6 @@ class Rewritten:
 
 def failed_check(file: str, what: str, text: str) -> Check:
     return Check(f"{file}: {what}", False, float("nan"), 0.0, "", text)
-
-
-def _text(file: Path) -> str:
-    try:
-        return file.read_bytes().decode("utf-8")
-    except (OSError, UnicodeDecodeError):
-        return ""  # differs from any program
 
 
 def _said_columns(parsed: ParsedProgram) -> dict[str, Sequence[object]]:

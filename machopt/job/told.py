@@ -61,6 +61,8 @@ class Points:
         return cls(columns)
 
     def number(self, name: str) -> Array:
+        if name not in self.columns:
+            raise ValueError(f"points.csv lacks the column {name}")
         return np.array([float(v) if v else np.nan for v in self.columns[name]])
 
     def cost(self, t: Told) -> Array:

@@ -14,19 +14,20 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
-from machopt.formats.posts.postfile import ALIASES, post_names
 from machopt.job.inforce import Request, failed, in_force
 from machopt.job.inputs import cell_inputs, distinct, single
-from machopt.job.posts import tolerance_of
+from machopt.job.manifest import ROLES
+from machopt.job.posts import post_of, tolerance_of
 from machopt.job.readback import Posted, check_programs
 from machopt.job.resultcheck import result_checks
 from machopt.job.scope import not_run, unchecked
-from machopt.output.hashes import sha256_of
 from machopt.output.manifest import MANIFEST, differences, read_manifest
 from machopt.verify import Check, Verification, verify_output
 from machopt.verify.table import Motion, read_motion
 
 NAN = float("nan")
+OPTIMIZE_ROLES = {name: ROLES[name] for name in ("points.csv", "trajectory.csv", "compensation.csv", "result.json",
+                                                 "report.html")}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -119,25 +120,13 @@ def _programs(
 ) -> list[Check]:  # fmt: skip
     """The robot programs that the manifest lists, and files that look like one and belong to none."""
     listed = () if manifest is None else manifest.programs
-    posted = [Posted(p.post, _post(p.post, folder, cell, manifest), p.files) for p in listed if p.files]
+    posted = [Posted(p.post, post_of(p.post, folder, cell, manifest), p.files) for p in listed if p.files]
     try:
         tolerance = tolerance_of(None if manifest is None else manifest.program_tolerance_mm, options)
         found = check_programs(cell, toolpath, folder, posted, options=options, tolerance=tolerance, motion=motion)
     except InputError as problem:
         return [failed("robot programs", str(problem))]
     return [check for one in found for check in one.checks]
-
-
-def _post(label: str, folder: Path, cell: Cell, manifest: Manifest | None) -> str | Path | None:
-    """The post of that label: a shipped one's name, the cell's own, the folder's copy of a user's template, or None."""
-    if label in post_names() or label in ALIASES:
-        return label
-    own = cell.controller.post
-    if own is not None and Path(own).name == label and Path(own).is_file():
-        return Path(own)
-    copy = folder / label
-    recorded = {f.sha256 for f in (() if manifest is None else manifest.inputs_of("post"))}
-    return copy if copy.is_file() and sha256_of(copy) in recorded else None
 
 
 def manifest_checks(folder: Path, inputs: tuple[ManifestFile, ...]) -> tuple[Manifest | None, list[Check]]:
@@ -149,9 +138,24 @@ def manifest_checks(folder: Path, inputs: tuple[ManifestFile, ...]) -> tuple[Man
     if manifest.command != "optimize":
         return manifest, [failed(MANIFEST, f"is of machopt {manifest.command}; only what optimize wrote is verified")]
     checks = [_check(MANIFEST, [] if sealed else ["was edited after it was written: its seal does not fit"])]
-    checks.append(_check("files as listed", [f"{d.name} {d.what}" for d in differences(folder, manifest)]))
+    listed = [f"{d.name} {d.what}" for d in differences(folder, manifest)]
+    checks.append(_check("files as listed", [*listed, *_other_roles(manifest)]))
     checks.append(_check("made from these inputs", input_differences(manifest.inputs, inputs)))
     return manifest, checks
+
+
+def _other_roles(manifest: Manifest) -> list[str]:
+    """Files that the manifest lists and optimize does not write, or calls otherwise."""
+    programs = {name for p in manifest.programs for name in p.files}
+    templates = {p.post for p in manifest.programs}  # a user's template lies beside its program
+    out = []
+    for f in manifest.files:
+        role = "program" if f.name in programs else OPTIMIZE_ROLES.get(f.name)
+        if role is None and f.name not in templates:
+            out.append(f"{f.name} is listed as {f.role}, but it is no program of the manifest and no file of optimize")
+        elif role is not None and f.role != role:
+            out.append(f"{f.name} is listed as {f.role}; it is the {role}")
+    return out
 
 
 def input_differences(recorded: tuple[ManifestFile, ...], given: tuple[ManifestFile, ...]) -> list[str]:

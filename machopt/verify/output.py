@@ -110,7 +110,9 @@ def _clearance(
     if np.isnan(told).any():
         lacking = table.where(rows[np.isnan(told)])[0]
         return [Check(name, False, np.nan, 1e3 * TOLERANCE, "mm", f"{lacking} is ok and has none")]
-    named = table.points.words.get("nearest_pair", ("",) * len(stood.q))
+    named = table.points.words.get("nearest_pair")
+    if named is None:
+        return [Check("points.csv nearest_pair", False, np.nan, 0.0, "mm", "the column is missing")]
     scene = Scene(table.arm, bodies, stood.q[rows])
     found = check_clearances(
         scene, wanted, told / 1e3, tuple(named[n] for n in rows), may_cut(table.toolpath)[table.k[rows]]

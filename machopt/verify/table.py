@@ -28,6 +28,7 @@ POINTS = (
     "k_normal_N_mm", "deflection_mm", "clearance_mm", "limit_margin_deg", "singularity", "status", "reason",
 )  # fmt: skip
 FURTHER = ("feed_mm_min", "k_jiao_x_N_mm", "nearest_pair", "stiffness_from", "deflection_std_mm", "k_axial_std_N_mm")
+PLAIN = frozenset("0123456789+-.eE")  # float() takes digits of other scripts and underscores too
 MOST = 2**31  # a point number beyond is none
 WORDS = tuple(move.word for move in Move)
 
@@ -214,6 +215,9 @@ def _column(columns: dict[str, list[str]], name: str, file: Path) -> list[str]:
 
 def _numbers(columns: dict[str, list[str]], name: str, file: Path, *, empty: bool = False) -> Array:
     texts = _column(columns, name, file)
+    if not set("".join(texts)) <= PLAIN:
+        row = next(n for n, text in enumerate(texts) if not set(text) <= PLAIN)
+        raise InputError(f"{texts[row]!r} is not a plain number", file=file, where=f"data row {row + 1}, {name}")
     try:
         out = np.array([text or "nan" for text in texts], dtype=float)
     except ValueError:

@@ -106,6 +106,28 @@ def cut(pattern: str, share: float) -> Callable[[Job], None]:
     return apply
 
 
+def full_width(found: re.Match[str]) -> str:
+    """The last digit as an East Asian letter, which Python's float() takes."""
+    return found[1] + chr(ord(found[2]) - ord("0") + 0xFF10)
+
+
+def longer_quaternion(found: re.Match[str]) -> str:
+    """The same orientation once somebody normalises it."""
+    whole, start = found[0], found.start()
+    numbers = ",".join(f"{float(found[k]) * 1.01:.8f}" for k in range(1, 5))
+    return whole[: found.start(1) - start] + numbers + whole[found.end(4) - start :]
+
+
+def line_ends(pattern: str) -> Callable[[Job], None]:
+    """What a transfer as text does."""
+
+    def apply(job: Job) -> None:
+        file = one(job.out, pattern)
+        file.write_bytes(file.read_bytes().replace(b"\r\n", b"\n"))
+
+    return apply
+
+
 def copied(pattern: str, name: str) -> Callable[[Job], None]:
     """A second program under another name."""
     return lambda job: shutil.copy(one(job.out, pattern), job.out / name) and None
@@ -118,6 +140,7 @@ def row(language: str, name: str, how_much: str, apply: Callable[[Job], None], c
 KRL, MOD, LS, UR, JBI = "part_apt.src", "part_apt.mod", "PART_APT.ls", "part_apt.script", "PART_APT.JBI"
 LIN = r"^LIN \{X (-?[\d.]+),Y (-?[\d.]+),Z (-?[\d.]+),A (-?[\d.]+),B (-?[\d.]+),C (-?[\d.]+),S (\d+),T (\d+)\}.*\r\n"
 MOVEL = r"^ +MoveL \[\[(-?[\d.]+),(-?[\d.]+),(-?[\d.]+)\],\[(-?[\d.]+),.*\r\n"
+QUATERNION = r"\],\[(-?[\d.]+),(-?[\d.]+),(-?[\d.]+),(-?[\d.]+)\],\[-?\d,"
 S, M, L, U, J = (f"{name}: " for name in (KRL, MOD, LS, UR, JBI))
 DAMAGES = [
     row("krl", "a coordinate of a cut", "0.1 mm", swap(KRL, LIN, shifted(3, 0.1), 4), S),
@@ -166,6 +189,11 @@ DAMAGES = [
     row("krl", "cut off", "60 %", cut(KRL, 0.6), S),
     row("krl", "the spindle's line", "1 line", swap(KRL, r"^\$OUT\[5\]=TRUE\r\n", ""), S + "wording"),
     row("krl", "the spindle's line a comment", "1 character", swap(KRL, r"^\$OUT\[5\]=TRUE", ";$OUT[5]=TRUE"), S),
+    row("krl", "a full-width digit", "1 character", swap(KRL, r"^(LIN \{X -?\d*)(\d)", full_width, 4), S + "wording"),
+    row("krl", "a no-break space", "1 character", swap(KRL, r"^(LIN \{X -?[\d.]+,Y) ", "\\1\N{NO-BREAK SPACE}", 4), S),
+    row("krl", "a comment in another script", "1 character", swap(KRL, r"^; move: cut", "; move: \u0441ut"), S),
+    row("krl", "a lone carriage return", "1 character", swap(KRL, r"^(; .*)\r\n", r"\1\r"), S + "wording"),
+    row("krl", "line ends", "all", line_ends(KRL), S + "wording"),
     row("krl", "a move a comment", "1 character", swap(KRL, r"^LIN ", ";LIN ", 5), S + "wording"),
     row("krl", "a move behind END", "1 line", swap(KRL, r"^END\r\n", "END\r\nLIN {X 0,Y 0,Z 0}\r\n"), S),
     row("krl", "the speed of joint moves", "80 to 100 %", swap(KRL, r"VEL_PTP,\d+", "VEL_PTP,100"), S + "wording"),
@@ -195,6 +223,7 @@ DAMAGES = [
         swap(MOD, r"\],\[(-?\d),(-?\d),(-?\d),(\d)\]", shifted(3, 1), 3),
         M + "configuration",
     ),
+    row("rapid", "a quaternion's length", "1 %", swap(MOD, QUATERNION, longer_quaternion, 4), M + "every word"),
     row("rapid", "a MoveL made MoveJ", "1 word", swap(MOD, r"MoveL", "MoveJ", 4), M),
     row("rapid", "speeddata", "/ 1000", swap(MOD, r"v2_part_apt:=\[([\d.]+)", scaled(1, 0.001)), M + "CAM feed"),
     row("rapid", "a zone", "20 mm", swap(MOD, r"zonedata z1_part_apt:=\[FALSE,([\d.]+)", shifted(1, 20)), M + "zones"),

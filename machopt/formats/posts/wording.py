@@ -26,7 +26,8 @@ _WORDS = "status turn cf1 cf4 cf6 cfx t1 t4 t6 time step sec nanosec".split()  #
 COORDINATES = frozenset((*_POSES, *_AXES, *_WORDS))
 CONFIGURATION = frozenset(("flip", "elbow", "front", "shoulder", "wrist"))
 _HOLE = re.compile(rf"98765(?:\.4321\d*|\.432|\.43|\.4)?|{WORD}")
-_FILL = re.compile(r"[-+]?\d+(?:\.\d+)?|[A-Za-z]+")
+_FILL = re.compile(r"[-+]?[0-9]+(?:\.[0-9]+)?|[A-Za-z]+")  # \d takes digits of other scripts, a control does not
+_BLANK = " \t"  # at the end of a line; str.strip() takes a no-break space as well
 _LABEL = re.compile(r"\W*(?:\d+:)?\W*(?:operation|move): ")
 
 
@@ -78,6 +79,26 @@ def difference(found: str, expected: Sequence[str]) -> Difference | None:
     return None
 
 
+def undecodable(data: bytes, encoding: str) -> tuple[int, str] | None:
+    """Line (from 1) and bytes of the first character that the encoding has not; None where there is none."""
+    try:
+        data.decode(encoding)
+    except UnicodeDecodeError as problem:
+        return data.count(b"\n", 0, problem.start) + 1, f"the bytes {data[problem.start : problem.start + 4].hex(' ')}"
+    return None
+
+
+def other_line_end(found: str, line_end: str) -> int | None:
+    """The first line (from 1) that does not end as the post ends its lines; a lone CR hides what follows in an editor.
+
+    Args:
+        found: the file's text, with its line ends as they are.
+        line_end: of the post: ``lf`` or ``crlf``.
+    """
+    wrong = re.search(r"\r(?!\n)|(?<!\r)\n" if line_end == "crlf" else r"\r", found)
+    return None if wrong is None else found.count("\n", 0, wrong.start()) + 1
+
+
 def _shown(text: str) -> str:
     return _HOLE.sub("…", text).strip()
 
@@ -85,14 +106,14 @@ def _shown(text: str) -> str:
 def _fits(text: str, pattern: str) -> bool:
     """Same text, a number or word where the pattern has a mark."""
     if "98765" not in pattern and WORD not in pattern:
-        return text.rstrip() == pattern.rstrip()
+        return text.rstrip(_BLANK) == pattern.rstrip(_BLANK)
     at = 0
-    for piece, last in _pieces(pattern.rstrip()):
+    for piece, last in _pieces(pattern.rstrip(_BLANK)):
         if not text.startswith(piece, at):
             return False
         at += len(piece)
         if last:
-            return text[at:].strip() == ""
+            return text[at:].strip(_BLANK) == ""
         fill = _FILL.match(text, at)
         if fill is None:
             return False

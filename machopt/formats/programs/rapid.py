@@ -49,6 +49,7 @@ _EVENTS = frozenset((
 _STOPS = frozenset(("STOP", "EXIT", "BREAK"))
 _ZONE = re.compile(r"Z(\d{1,3})")
 Quaternion = tuple[float, float, float, float]  # w first
+NORMALISED = 1e-3  # of the sum of squares: three printed decimals are within; a control stops at worse
 _SPEED = re.compile(r"V(\d{1,5})")
 
 
@@ -330,6 +331,8 @@ class _Reader:
         rows = from_quaternion(*q)
         if rows is None:
             raise RapidError(f"quaternion {list(q)} is not of unit length")
+        if abs(sum(c * c for c in q) - 1.0) > NORMALISED:
+            self.out.ignore("length of a quaternion", line, understood=False)
         external = externals(rest[1]) if len(rest) > 1 else []
         bits = confdata(rest[0]) if rest else {}
         if word.startswith("MOVEC"):
