@@ -217,7 +217,9 @@ def _numbers(columns: dict[str, list[str]], name: str, file: Path, *, empty: boo
     texts = _column(columns, name, file)
     if not set("".join(texts)) <= PLAIN:
         row = next(n for n, text in enumerate(texts) if not set(text) <= PLAIN)
-        raise InputError(f"{texts[row]!r} is not a finite number in plain digits", file=file, where=f"data row {row + 1}, {name}")
+        raise InputError(
+            f"{texts[row]!r} is not a finite number in plain digits", file=file, where=f"data row {row + 1}, {name}"
+        )
     try:
         out = np.array([text or "nan" for text in texts], dtype=float)
     except ValueError:
