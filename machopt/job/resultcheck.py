@@ -201,6 +201,9 @@ def _feed(t: Told) -> Iterable[str]:
     ratio = np.sort(number["feed_mm_min"][fed] / 60e3 / either, axis=0)
     runs = 1 + int((np.diff(np.flatnonzero(move == Move.CUT.word)) > 1).sum())
     slack = (2 * runs + 0.5) / max(int(cut.sum()), 1)  # the sample at either end of each may count or not
+    if not cut.any():
+        yield f"feed_held_share is {share}, but trajectory.csv holds no cut"
+        return
     least, most = ((row[cut] >= HELD).mean() for row in ratio)
     if not least - slack <= share <= most + slack:
         yield f"feed_held_share is {share:.6g}, {least:.6g} to {most:.6g} follows"
