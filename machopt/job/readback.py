@@ -30,7 +30,8 @@ from machopt.formats.programs.joints import urdf_joints
 from machopt.formats.programs.toolpath import URDF_JOINTS
 from machopt.job.program import posture_of
 from machopt.job.rewritten import Rewritten, failed_check
-from machopt.model.robot import load_chain
+from machopt.model.ik import refine
+from machopt.model.robot import Robot, load_chain
 from machopt.verify.arm import Arm
 from machopt.verify.check import Check
 from machopt.verify.encoder import true_angles
@@ -45,6 +46,7 @@ REACH = 5.0  # m: what a joint's last digit is worth there
 COARSE = 5.1e-5  # m/s: FANUC and Yaskawa print tenths of mm/s
 SAME = 1e-8  # rad: places ten metres away by a tenth of a micrometre
 TWICE = 1e-6  # m, and of a rotation's entries: both are printed to nine decimals of a degree
+STEPS, CLOSED, BESIDE_DEG = 5, 1e-8, 3.0  # of Newton's method to a target's own joints; m and rad; from the motion's
 FRAME = 1e-6  # m: frames are printed to 1e-3 mm at least
 FRAME_ANGLE = float(np.radians(2e-3))
 MOVES, COMPARED = "moves read", "compared with motion and CAM file"
@@ -173,6 +175,7 @@ class _Ground:
     arm: Arm
     tcp: Array  # (S, 4, 4) in workpiece by nominal kinematics
     offset: Array  # (S, 3) m from there to the true place
+    tilt: Array  # (S, 3) from the tool axis there (tip to shank) to the true one
     wanted: NDArray[np.bool_]  # (N,)
     corners: tuple[Array, Array]
     T_base_workpiece: Array
@@ -186,10 +189,10 @@ class _Ground:
         points = read_points(out / "points.csv")
         arm = Arm(cell)
         tcp = arm.tcp_in_workpiece(motion.q, motion.external)
-        offset = np.zeros((len(tcp), 3))
+        offset, tilt = np.zeros((len(tcp), 3)), np.zeros((len(tcp), 3))
         if cell.kinematics is not None:
             true = arm.tcp_in_workpiece(true_angles(cell.kinematics, motion.q), motion.external)
-            offset = true[:, :3, 3] - tcp[:, :3, 3]
+            offset, tilt = true[:, :3, 3] - tcp[:, :3, 3], tcp[:, :3, 2] - true[:, :3, 2]
         wanted = toolpath.cutting.copy()
         if options.allow_gaps:
             given_up = [
@@ -200,7 +203,7 @@ class _Ground:
         line = corners(toolpath, read_shift(out / "compensation.csv")) if shifted else (
             np.arange(len(toolpath), dtype=float), toolpath.position)  # fmt: skip
         rest = arm.placements(cell.home[None], np.zeros((1, len(cell.external_joints))))[0]
-        return cls(cell, toolpath, out, options, tolerance, source, motion, arm, tcp, offset, wanted, line,
+        return cls(cell, toolpath, out, options, tolerance, source, motion, arm, tcp, offset, tilt, wanted, line,
                    np.linalg.inv(cell.T_world_base) @ rest[-1])  # fmt: skip
 
     def compare(self, posted: Posted) -> Compared:
@@ -227,11 +230,12 @@ class _Ground:
         read = Check(f"{name}: {MOVES}", True, float(len(said)), float(len(said)), "moves", f"{parsed.dialect}")
         checks, at = along_motion(said, self.motion, self.tcp, allowed)
         rows = np.clip(np.nan_to_num(at), 0, len(self.tcp) - 1)
-        offset = np.column_stack([np.interp(rows, np.arange(len(self.tcp)), self.offset[:, c]) for c in range(3)])
+        offset, tilt = (np.column_stack([np.interp(rows, np.arange(len(self.tcp)), of[:, c]) for c in range(3)])
+                        for of in (self.offset, self.tilt))  # fmt: skip
         position = np.column_stack([
             np.interp(np.arange(len(self.toolpath)), self.corners[0], self.corners[1][:, c]) for c in range(3)
         ])  # fmt: skip
-        cuts = Cuts(self.toolpath, position, self.corners, self.wanted, o.path_tolerance, o.approach_feed, offset)
+        cuts = Cuts(self.toolpath, position, self.corners, self.wanted, o.path_tolerance, o.approach_feed, offset, tilt)
         checks += against_cam(said, cuts, _index_at(self.motion, at))
         checks += self._terms(name, parsed, said, controller, rows)
         if posted.post is None:
@@ -283,8 +287,9 @@ class _Ground:
                 f"{name}: tool and base", not wrong, float(len(wrong)), 0.0, "frames", "; ".join(wrong) or "the cell's"
             )
         ]
-        q = self._joints_at(said, rows)
-        standing = posture_of(load_chain(self.cell)[0], q, controller)
+        robot = load_chain(self.cell)[0]
+        q = self._joints_of(said, self._joints_at(said, rows), robot)
+        standing = posture_of(robot, q, controller)
         told, first = first_difference(
             parsed.dialect, parsed.configuration, _axes(q, controller), standing, controller.nonflip_j5
         )  # fmt: skip
@@ -311,6 +316,16 @@ class _Ground:
         """(M,) rad: joints of the motion where each move ends."""
         s = np.arange(len(self.motion.q))
         return np.column_stack([np.interp(rows, s, self.motion.q[:, k]) for k in range(6)])
+
+    def _joints_of(self, said: ReadProgram, near: Array, robot: Robot) -> Array:
+        """(M, 6) rad: joints of each target itself, those of the motion (``near``) where none are close to them.
+
+        The motion rounds what the program says at its targets; an axis may stand on the other side of zero there.
+        """
+        wanted = self.T_base_workpiece @ said.T_workpiece_tcp
+        q, error = refine(robot, wanted, near, self.cell.tool.T_flange_tcp, STEPS)
+        good = (error < CLOSED) & (np.abs(q - near).max(axis=1) < np.radians(BESIDE_DEG))
+        return np.where(good[:, None], q, near)
 
 
 def _unread(file: str) -> Check:

@@ -33,10 +33,10 @@ from machopt.verify.table import read_columns
 
 Array = NDArray[np.float64]
 PRINTED = 2e-6  # relative: tables print seven significant digits
+LAST = {"k_axial_N_mm": 6e-5, "k_normal_N_mm": 6e-5, "k_jiao_x_N_mm": 6e-5, "deflection_mm": 1e-6, "gamma_deg": 1e-6}
 DIGITS = 1e-9  # relative: sums and ratios of figures that stand in the same file
 AGREE = 1e-2  # of a check's limit: between two runs, and machines, a measured value moves by rounding only
 BETWEEN = 1.5  # a planning point between toolpath points is no softer than this times the worst of them
-SHIFTED = 0.02  # percent: a compensated gain weighs both means by the shifted path, the yardsticks by the programmed
 NINETY = 1.6448536269514722  # standard deviations of a 90 % interval
 NONE_PERCENT = 0.01  # a smaller difference of the means is no gain
 HELD = 0.95  # of the programmed feed: what counts as held
@@ -151,7 +151,7 @@ def _worst(t: Told) -> Iterable[str]:
     if not cost[n] >= most * (1 - PRINTED):
         yield f"worst_point is {n}, but point {int(np.nanargmax(cost))} is softer"
     for key in ("k_axial_N_mm", "k_normal_N_mm", "deflection_mm", "k_jiao_x_N_mm", "gamma_deg"):
-        yield from near(f"worst_point.{key}", worst[key], points.number(key)[n], PRINTED, 1e-6)
+        yield from near(f"worst_point.{key}", worst[key], points.number(key)[n], PRINTED, LAST[key])
     for joint, degrees in enumerate(worst["q_deg"], 1):  # to four decimals
         yield from near(f"worst_point.q{joint}", degrees, points.number(f"q{joint}_deg")[n], 0.0, 6e-5)
     yield from same("worst_point.q_deg", len(worst["q_deg"]), 6)
@@ -238,18 +238,17 @@ def _objective(t: Told) -> Iterable[str]:
             yield f"objective.chosen.worst is {told:.6g} in the index's unit, points.csv has {most:.6g}"
         if not 0.0 < own["mean"] <= own["worst"]:
             yield "objective.chosen.mean is not between nothing and the worst"
-    shifted = t.result["compensation"] is not None
     for gain in parts["gain"]:
-        yield from _gain(gain, shifted, own, parts[{"cam default": "cam_default"}.get(gain["over"], gain["over"])])
+        yield from _gain(gain, own, parts[{"cam default": "cam_default"}.get(gain["over"], gain["over"])])
     yield from same("objective.gain", [g["over"] for g in parts["gain"]], ["cam default", "jiao2022"])
 
 
-def _gain(gain: Mapping[str, Any], shifted: bool, own: Mapping[str, Any], other: Mapping[str, Any]) -> Iterable[str]:
+def _gain(gain: Mapping[str, Any], own: Mapping[str, Any], other: Mapping[str, Any]) -> Iterable[str]:
     name = f"gain over {gain['over']}"
     if gain["mean_percent"] is None:
         return
     expected = 100.0 * (1.0 - own["mean"] / other["mean"])
-    yield from near(f"{name}: mean_percent", gain["mean_percent"], expected, DIGITS, SHIFTED if shifted else 1e-7)
+    yield from near(f"{name}: mean_percent", gain["mean_percent"], expected, DIGITS, 1e-7)
     half = NONE_PERCENT
     if gain["std_percent"] is not None:
         half = max(half, NINETY * gain["std_percent"])

@@ -82,7 +82,10 @@ class _Run:
         self.cuts = self.s[edge.reshape(-1, 2)]  # (k, 2) m, from … to
         long = cut[length > 0]  # points at one place make no way
         self.comes, self.goes = bool(len(long) and not long[0]), bool(len(long) and not long[-1])
-        middle = normalise(self.axis[1:] + self.axis[:-1])
+        points = np.flatnonzero(path.is_point[rows])  # a move between toolpath points has one c, however it is divided
+        after = np.clip(np.searchsorted(points, np.arange(len(step)), side="right"), 1, max(len(points) - 1, 1))
+        low, high = (points[after - 1], points[after]) if len(points) > 1 else (points[:0], points[:0])
+        middle = normalise(self.axis[low] + self.axis[high])
         across = self.u - np.sum(self.u * middle, axis=1, keepdims=True) * middle
         size = np.linalg.norm(across, axis=1)
         self.carried = self._carried(across / np.maximum(size, 1e-300)[:, None], size >= SIDEWAYS)

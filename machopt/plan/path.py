@@ -201,10 +201,14 @@ def _travel(position: Array, axis: Array, joined: NDArray[np.bool_]) -> Array:
     size, whole = np.linalg.norm(across, axis=1), np.linalg.norm(d, axis=1)
     good = (size > np.sin(np.radians(1.0)) * whole) & (whole > 0)
     fill = _nearest_valid(good, joined)
-    out = np.where((fill >= 0)[:, None], across[np.maximum(fill, 0)], 0.0)
-    out -= np.sum(out * axis, axis=1, keepdims=True) * axis  # the one it is taken from may have another axis
-    left = np.linalg.norm(out, axis=1)
-    bare = (fill < 0) | (left <= 1e-9 * whole[np.maximum(fill, 0)])
+    from_there = np.maximum(fill, 0)
+    move = d[from_there]  # the move itself: its projection must not depend on where it was divided into points
+    flat = move - np.sum(move * axis, axis=1, keepdims=True) * axis
+    clear = np.linalg.norm(flat, axis=1) > np.sin(np.radians(1.0)) * np.linalg.norm(move, axis=1)
+    lent = across[from_there] - np.sum(across[from_there] * axis, axis=1, keepdims=True) * axis
+    out = np.where((fill >= 0)[:, None], np.where(clear[:, None], flat, lent), 0.0)
+    left = np.linalg.norm(out, axis=1)  # the place it is taken from may have another axis
+    bare = (fill < 0) | (left <= 1e-9 * whole[from_there])
     out[bare] = any_normal(axis[bare])
     return normalise(out)
 

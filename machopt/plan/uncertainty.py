@@ -13,7 +13,7 @@ uncertainty in the file and count as exact.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -138,12 +138,9 @@ def gains(plan: Plan) -> tuple[Gain, ...]:
     """Gain of the chosen path over the CAM's default rotation and over jiao2022, with its uncertainty."""
     spread = spread_of(plan)
     own = _mean(plan, plan.chosen, plan.path.weight, spread)
-    programmed = plan.path  # what the yardsticks drive: a compensated path is shifted, and so of another length
-    if plan.compensation is not None:
-        programmed = replace(plan.path, position=plan.path.position - plan.compensation.offset)
     out = []
     for name, yardstick in (("cam default", plan.cam_default), ("jiao2022", plan.jiao2022)):
-        other = _mean(plan, yardstick, programmed.weight, spread)
+        other = _mean(plan, yardstick, plan.path.weight, spread)  # by the same lengths, as their objectives
         if own is None or other is None:
             out.append(Gain(name, float("nan"), float("nan")))
             continue

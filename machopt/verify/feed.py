@@ -28,7 +28,8 @@ def check_feed(motion: Motion, toolpath: Toolpath, ride: Ride, options: PlanOpti
 def _speed(motion: Motion, toolpath: Toolpath, ride: Ride, speed: Array, options: PlanOptions) -> Check:
     """Speed over the feed of the fastest move that a sample's way covers; a move without a feed has the approach feed.
 
-    Where the tool is drawn straight out of a point of the file, or let in, it is no faster than that either.
+    Where the tool is drawn straight out of a point of the file it is no faster than that either; let in, no faster than
+    the file drives there or next.
     """
     rows = np.flatnonzero(ride.fed | ride.lifted)
     rows = rows[rows > 0]
@@ -41,5 +42,13 @@ def _speed(motion: Motion, toolpath: Toolpath, ride: Ride, speed: Array, options
     most = feed[first]
     for ahead in range(1, int((final - first).max(initial=0)) + 1):
         most = np.maximum(most, np.where(first + ahead <= final, feed[np.minimum(first + ahead, last)], 0.0))
-    most = np.where(ride.fed[rows], most, options.approach_feed)
+    there = np.where(toolpath.feed > 0, toolpath.feed, np.inf)
+    after = there[::-1]
+    after = np.where(np.isfinite(after), np.arange(len(after)), -1)
+    after = last - np.maximum.accumulate(after)[::-1]  # the next point with a feed
+    after = there[np.minimum(after, last)][np.clip(np.round(s[rows]).astype(int), 0, last)]
+    x, shank = ride.tcp[:, :3, 3], -ride.tcp[:, :3, 2]
+    sinks = np.einsum("ij,ij->i", x[rows] - x[rows - 1], shank[rows]) < 0
+    lift = np.where(sinks, np.minimum(options.approach_feed, after), options.approach_feed)
+    most = np.where(ride.fed[rows], most, lift)
     return worst("feed", "of the programmed feed", speed[rows] / most, FEED, lambda n: motion.at(rows[n]))

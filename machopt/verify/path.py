@@ -71,7 +71,7 @@ def motion_word(motion: Motion, n: int | np.int64) -> str:
 
 def _index(motion: Motion, ride: Ride) -> Check:
     """The index names the place where the tool is; corners are rounded by as much as the path may be left."""
-    rows = np.flatnonzero(ride.fed)
+    rows = np.flatnonzero(ride.fed | ((motion.move == Move.CUT) & np.isfinite(motion.point)))
     if not len(rows):
         return Check("index of the samples", False, np.nan, 1e3 * ride.path_limit, "mm", "no sample is on the toolpath")
     return worst("index of the samples", "mm", 1e3 * ride.off_index[rows], 1e3 * ride.path_limit,

@@ -81,7 +81,10 @@ def along_motion(
             checks.append(_worst(said, what, "deg", np.degrees(joints[k]), most + np.degrees(said.joint_step),
                                  [where[n] for n in k]))  # fmt: skip
     checks.append(_whole(said, motion, at))
-    checks += [*_lines(said, motion, tcp, at, allowed, where), _kinds(said, motion, at, linear, where)]
+    checks += [
+        *_lines(said, motion, tcp, at, allowed, where),
+        _kinds(said, motion, tcp[:, :3, 3], at, linear, where, 1e-3 * PATH_MM + place),
+    ]
     if said.streamed:
         checks.append(_timed(said, motion, at, where))
     return checks, at
@@ -110,40 +113,51 @@ def _matched(
         return (np.arange(n, dtype=float), np.linalg.norm(p - said.T_workpiece_tcp[:, :3, 3], axis=1),
                 np.linalg.norm(R[:, :, 2] - said.T_workpiece_tcp[:, :3, 2], axis=1), turn,
                 np.abs(motion.q - said.q).max(axis=1))  # fmt: skip
+    # a target between two samples is up to half of what they are apart from the nearer one
+    gone = _longest(
+        np.linalg.norm(np.diff(p, axis=0), axis=1) + LEVER * np.linalg.norm(np.diff(R, axis=0), axis=(1, 2))
+    )
+    swept = _longest(np.abs(np.diff(motion.q, axis=0)).max(axis=1))
     lost, here = 0, 0.0
     for k in range(n):
         T = said.T_workpiece_tcp[k]
 
         def joint_off(rows: slice, k: int = k) -> Array:
-            return np.asarray(np.abs(motion.q[rows] - said.q[k]).max(axis=1) / near_joint)
+            return np.asarray(np.abs(motion.q[rows] - said.q[k]).max(axis=1))
 
         def pose_off(rows: slice, T: Array = T) -> Array:
             chord = np.sum((R[rows] - T[:3, :3]) ** 2, axis=(1, 2)) / 2.0  # (angle)² where it is small
             way = np.sum((p[rows] - T[:3, 3]) ** 2, axis=1)
-            return np.asarray(np.sqrt(way + LEVER**2 * chord) / near)
+            return np.asarray(np.sqrt(way + LEVER**2 * chord))
 
-        off = joint_off if known[k] and said.kind[k] != LIN else pose_off
-        found = _ahead(off, int(here), len(p)) if lost < GIVEN_UP else None
+        joint = bool(known[k]) and said.kind[k] != LIN
+        off, most = (joint_off, near_joint + 0.5 * swept) if joint else (pose_off, near + 0.5 * gone)
+        found = _ahead(off, most, int(here), len(p)) if lost < GIVEN_UP else None
         if found is None:
             lost += 1
             if lost <= GIVEN_UP:  # how far the nearest sample ahead is
                 rest = slice(int(here), len(p))
                 gap[k] = float(np.linalg.norm(p[rest] - T[:3, 3], axis=1).min())
             continue
-        at[k], gap[k], tilt[k], turn[k] = _foot(found, here, T, p, R)
+        at[k], gap[k], tilt[k], turn[k] = _foot(found, here, T, p, R, allowed.corner)
         here = at[k]
         if known[k]:
             joints[k] = float(np.abs(_between(motion.q, at[k]) - said.q[k]).max())
     return at, gap, tilt, turn, joints
 
 
-def _ahead(off: Callable[[slice], Array], start: int, stop: int) -> int | None:
-    """The nearest sample of the first stretch from ``start`` on where ``off`` is below one; None for none."""
+def _longest(step: Array) -> Array:
+    """(S,) the longer of the ways to the sample before and to the one after."""
+    return np.asarray(np.maximum(np.append(0.0, step), np.append(step, 0.0)))
+
+
+def _ahead(off: Callable[[slice], Array], most: Array, start: int, stop: int) -> int | None:
+    """The nearest sample of the first stretch from ``start`` on where ``off`` is below ``most`` (S,); None for none."""
     window = FIRST_WINDOW
     while True:
         end = min(start + window, stop)
         values = off(slice(start, end))
-        below: NDArray[np.bool_] = np.asarray(values < 1.0)
+        below: NDArray[np.bool_] = np.asarray(values < most[start:end])
         if below.any():
             first = int(np.argmax(below))
             after = int(np.argmax(~below[first:])) if not below[first:].all() else len(below) - first
@@ -154,7 +168,9 @@ def _ahead(off: Callable[[slice], Array], start: int, stop: int) -> int | None:
         window *= 4
 
 
-def _foot(sample: int, here: float, T: Array, p: Array, R: Array) -> tuple[float, float, float, float]:
+def _foot(
+    sample: int, here: float, T: Array, p: Array, R: Array, corner: float
+) -> tuple[float, float, float, float]:  # fmt: skip
     """Place of the foot on the motion's polyline beside ``sample``, never before ``here``; m, rad, rad to there."""
     best = (float(sample), np.inf)
     for a in (sample - 1, sample):
@@ -175,6 +191,13 @@ def _foot(sample: int, here: float, T: Array, p: Array, R: Array) -> tuple[float
     ends = min(float(np.linalg.norm(R[n, :, 2] - T[:3, 2])) for n in (a, b))
     blend = (1 - share) * R[a, :, 2] + share * R[b, :, 2]
     z = min(ends, float(np.linalg.norm(blend / max(float(np.linalg.norm(blend)), 1e-12) - T[:3, 2])))
+    # where the axis turns differently before and after, the chord between the samples cuts that corner
+    before, after = R[a, :, 2] - R[max(a - 1, 0), :, 2], R[min(b + 1, len(p) - 1), :, 2] - R[b, :, 2]
+    slack = share * (1 - share) * float(np.linalg.norm(after - before))
+    # and where the tool rounds the point, the foot is uncertain by as much along the path
+    way = float(np.linalg.norm(p[b] - p[a]))
+    slack += min(corner / max(way, corner), 1.0) * float(np.linalg.norm(R[b, :, 2] - R[a, :, 2])) if corner > 0 else 0.0
+    z = max(z - min(slack, np.radians(AXIS_DEG)), 0.0)
     turned = min(_angle(R[nearest], T[:3, :3]), _angle((1 - share) * R[a] + share * R[b], T[:3, :3]))
     return at, gap, float(2.0 * np.arcsin(np.clip(z / 2.0, 0.0, 1.0))), turned
 
@@ -273,12 +296,20 @@ def _off_joint_line(q: Array, a: Array, b: Array) -> Array:
 
 
 def _kinds(
-    said: ReadProgram, motion: Motion, at: Array, linear: NDArray[np.bool_], where: list[str]
+    said: ReadProgram, motion: Motion, p: Array, at: Array, linear: NDArray[np.bool_], where: list[str], place: float
 ) -> Check:  # fmt: skip
-    """No joint move where the tool cuts, and what comments call a move is what the motion does there."""
+    """No joint move where the tool cuts, and what comments call a move is what the motion does there.
+
+    Samples within ``place`` (m) of either target tell nothing: round a corner the tool dwells there, and it may stand
+    on a point before it leaves it.
+    """
     wrong: list[str] = []
     for k in np.flatnonzero(np.isfinite(at[1:]) & np.isfinite(at[:-1])) + 1:
-        inside = motion.move[int(np.ceil(at[k - 1] + 0.5)) : int(np.floor(at[k] - 0.5)) + 1]
+        rows = np.arange(int(np.ceil(at[k - 1] + 0.5)), int(np.floor(at[k] - 0.5)) + 1)
+        if linear[k] and linear[k - 1]:
+            ends = said.T_workpiece_tcp[[k - 1, k], :3, 3]
+            rows = rows[np.linalg.norm(p[rows, None] - ends, axis=2).min(axis=1) > place]
+        inside = motion.move[rows]
         if not len(inside):
             continue
         if not linear[k] and not said.streamed and (inside != Move.RAPID).any():

@@ -38,6 +38,7 @@ class Cuts:
     corner: float  # m, beyond 0.02 mm, that the user allowed
     approach_feed: float  # m/s where the CAM file has none
     offset: Array  # (M, 3) m from where a controller's nominal kinematics put the tool to where it truly is
+    tilt: Array  # (M, 3) what is to be added to the tool axis (tip to shank) for the same reason
 
 
 def against_cam(said: ReadProgram, cuts: Cuts, at_index: Array) -> list[Check]:
@@ -49,7 +50,7 @@ def against_cam(said: ReadProgram, cuts: Cuts, at_index: Array) -> list[Check]:
         at_index: (M,) toolpath index by the motion at each move's end, NaN where there is none.
     """
     place = said.T_workpiece_tcp[:, :3, 3] + cuts.offset
-    shank = -said.T_workpiece_tcp[:, :3, 2]
+    shank = -said.T_workpiece_tcp[:, :3, 2] + cuts.tilt
     limit = max(PATH_MM * 1e-3, cuts.corner) + said.place_step
     reached, gap, tilt = _reached(place, shank, cuts, limit)
     points = np.flatnonzero(cuts.wanted)
@@ -142,7 +143,7 @@ def _cut_moves(
             if not said.streamed:
                 same = np.abs(np.diff(said.T_workpiece_tcp[first - 1 : j + 1], axis=0)).max(axis=(1, 2)) < 1e-9
                 twice = same & (np.linalg.norm(path.position[k] - path.position[k - 1]) > 1e-6)
-                double += [name] if twice.any() else []
+                double += [name] if twice.sum() > _repeats(path, int(k) - 1) else []
     return [
         _listed(said, "cuts are linear", joint, "cuts"),
         Check(f"{said.file}: CAM feed", not fast, 6e4 * worst_feed, 6e4 * said.feed_step, "mm/min",
@@ -157,6 +158,17 @@ def _listed(said: ReadProgram, what: str, wrong: list[str], unit: str) -> Check:
     return Check(
         f"{said.file}: {what}", not wrong, float(len(wrong)), 0.0, unit, "; ".join(wrong[:MOST_NAMED]) or "all"
     )
+
+
+def _repeats(path: Toolpath, k: int) -> int:
+    """How many points before k are the same place with the same axis: the file's own doubled moves."""
+    count = 0
+    while k > count and (
+        np.abs(path.position[k - count - 1] - path.position[k]).max() < 1e-9
+        and np.abs(path.axis[k - count - 1] - path.axis[k]).max() < 1e-9
+    ):
+        count += 1
+    return count
 
 
 def _arrives(place: Array, point: Array, before: int, limit: float) -> int:

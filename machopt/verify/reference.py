@@ -102,7 +102,9 @@ def _filled(move: Array, axis: Array, joined: NDArray[np.bool_]) -> Array:
     use_after = (after < n) & (run[np.minimum(after, n - 1)] == run)
     use_before = (before >= 0) & (run[np.maximum(before, 0)] == run)
     source = np.where(use_after, np.minimum(after, n - 1), np.maximum(before, 0))
-    out = np.where((use_after | use_before)[:, None], flat[source], _workpiece_x(axis))
+    here, clear = _flat(move[source], axis), _across(move[source], axis)[1]
+    lent = np.where(clear[:, None], here, flat[source])
+    out = np.where((use_after | use_before)[:, None], lent, _workpiece_x(axis))
     return _flat(out, axis)  # it may come from a place where the axis was another
 
 

@@ -82,27 +82,37 @@ def ride(motion: Motion, toolpath: Toolpath, corners: Array, position: Array, tc
     angle = np.arctan2(np.linalg.norm(np.cross(shank, axis), axis=1), np.einsum("ij,ij->i", shank, axis))
     there = np.column_stack([np.interp(s, corners, position[:, c]) for c in range(3)])
     off_index = np.where(known, np.linalg.norm(x - there, axis=1), np.inf)
-    off_path = np.where(known, _from_polyline(x, s, corners, position), np.inf)
+    fed_moves = toolpath.move[np.clip(np.ceil(corners[1:] - SAME).astype(int), 0, last)] != Move.RAPID
+    off_path = np.where(known, _from_polyline(x, s, corners, position, fed_moves), np.inf)
     straight = known & (angle <= axis_limit)
     fed = straight & (off_path <= path_limit) & (toolpath.move[toward] != Move.RAPID) & (toward > 0)
     whole = np.abs(s - np.round(s)) <= SAME
     up = x - there
     height = np.einsum("ij,ij->i", up, axis)
     aside = np.linalg.norm(up - height[:, None] * axis, axis=1)
-    lifted = straight & whole & ~fed & (aside <= path_limit) & (height >= -path_limit) & (height <= HIGHEST)
+    away = ~fed | (off_index > path_limit)  # drawn out along the very line it came in on: the index stays at the point
+    lifted = straight & whole & away & (aside <= path_limit) & (height >= -path_limit) & (height <= HIGHEST)
+    fed &= ~lifted
     return Ride(
         tcp, toward, off_path, off_index, np.where(known, angle, np.inf), fed, lifted, path_limit, float(axis_limit)
     )
 
 
-def _from_polyline(x: Array, s: Array, corners: Array, position: Array) -> Array:
-    """(S,) m from the segment that index s lies on, the one before or the one after."""
+def _from_polyline(x: Array, s: Array, corners: Array, position: Array, fed: Bools) -> Array:
+    """(S,) m from the segment that index s lies on, the one before or the one after.
+
+    ``fed``: (P − 1,) segments that the file drives at a feed. A rapid one counts as its own end only: a tool that is
+    drawn out of a point along the very line on which the rapid move leaves it is lifted, not fed.
+    """
     ends = len(corners) - 1
     on = np.clip(np.searchsorted(corners, s, side="right") - 1, 0, max(ends - 1, 0))
     away = np.full(len(x), np.inf)
     for near in (on - 1, on, on + 1):
         a = np.clip(near, 0, ends)
-        start, end = position[a], position[np.clip(near + 1, 0, ends)]
+        b = np.clip(near + 1, 0, ends)
+        end = position[b]
+        driven = fed[np.clip(a, 0, ends - 1)] if ends else np.zeros(len(x), bool)
+        start = np.where(driven[:, None], position[a], end)
         along = end - start
         length = np.einsum("ij,ij->i", along, along)
         share = np.einsum("ij,ij->i", x - start, along) / np.where(length > 0, length, 1.0)

@@ -101,10 +101,12 @@ def held_feed(
     both = np.minimum(a[rows], a[rows + 1])
     corner[rows] = np.minimum.reduce([program.feed[rows], program.feed[rows + 1],
                                       np.sqrt(both * distance[rows] / half), cap[rows]])  # fmt: skip
+    gain = np.zeros(len(program))  # m²/s², of v² along a line; a point that is there twice is no way to speed up on
+    gain[1:] = 2.0 * np.where(length[1:] > 0.0, a[1:], 0.0) * length[1:]
     for k in cut:  # what can be reached from behind …
-        corner[k] = min(corner[k], float(np.sqrt(corner[k - 1] ** 2 + 2.0 * a[k] * length[k])))
+        corner[k] = min(corner[k], float(np.sqrt(corner[k - 1] ** 2 + gain[k])))
     for k in cut[::-1]:  # … and braked from
-        corner[k - 1] = min(corner[k - 1], float(np.sqrt(corner[k] ** 2 + 2.0 * a[k] * length[k])))
+        corner[k - 1] = min(corner[k - 1], float(np.sqrt(corner[k] ** 2 + gain[k])))
     rows = cut[length[cut] > 0.0]
     if not len(rows):
         return None
