@@ -399,7 +399,7 @@ def test_verify_refuses_a_trajectory_that_was_touched(tmp_path: Path, capsys: py
         "path": [shifted(line) if k in cut else line for k, line in enumerate(lines)],
         "uniform time": [line for k, line in enumerate(lines) if k not in cut[20:60]],
         "joint": [shifted(line) if k == middle else line for k, line in enumerate(lines)],
-        "contacts": [line.replace(",cut,", ",rapid,") for line in lines],
+        "moves of the samples": [line.replace(",cut,", ",rapid,") for line in lines],
     }
     for words, rows in tampered.items():
         file.write_text("\n".join([header, *rows]) + "\n")
