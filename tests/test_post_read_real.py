@@ -90,7 +90,7 @@ def test_numbers_of_known_lines() -> None:
     counts = np.bincount(arcs.line)
     assert (counts > 1).any()  # MoveC as chords
     f = read_program(DATA / "robot_fanuc/Surfacerobot__surface_cartesian.ls")
-    assert f.configuration[0] == {"config": "NUT", "turns": (0, 0, 0)}
+    assert f.configuration[0] == {"config": "NUT", "turns": (0, 0, 0), "cnt": 60}
     assert f.feed[1] == pytest.approx(0.2)
     assert f.bases[f.base[0]].name == "UFRAME 0"
     welding = read_program(DATA / "robot_fanuc/Creearc__cub.ls")

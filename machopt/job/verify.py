@@ -120,10 +120,15 @@ def _programs(
 ) -> list[Check]:  # fmt: skip
     """The robot programs that the manifest lists, and files that look like one and belong to none."""
     listed = () if manifest is None else manifest.programs
+    paths = () if manifest is None else manifest.inputs_of("toolpath")
+    name = paths[0].name if len(paths) == 1 else None  # a renamed CAM file is the same input; the head has the first name
     posted = [Posted(p.post, post_of(p.post, folder, cell, manifest), p.files) for p in listed if p.files]
     try:
         tolerance = tolerance_of(None if manifest is None else manifest.program_tolerance_mm, options)
-        found = check_programs(cell, toolpath, folder, posted, options=options, tolerance=tolerance, motion=motion)
+        found = check_programs(
+            cell, toolpath, folder, posted, options=options, tolerance=tolerance, motion=motion,
+            source=None if name is None else f"{cell.name}; {name}",
+        )  # fmt: skip
     except InputError as problem:
         return [failed("robot programs", str(problem))]
     return [check for one in found for check in one.checks]
