@@ -207,9 +207,8 @@ def _events(said: ReadProgram, cuts: Cuts, reached: NDArray[np.int64], at_index:
             wrong.append(f"{read.text[:30]!r} instead of {event.text[:30]!r}")
             continue
         before, after = points[points <= event.index - 1], points[points >= event.index]
-        # a stream has no end of a move at the point: the sample that passes it is the first one behind the event
-        passed = read.index + 1 if said.streamed else read.index
-        early = len(before) > 0 and passed <= reached[before[-1]]
+        # of a streamed program the sample nearest to the point may lie behind it; its index, below, tells
+        early = len(before) > 0 and read.index <= reached[before[-1]] - int(said.streamed)
         late = len(after) > 0 and read.index > reached[after[0]]
         if len(finite) and 0 < read.index < len(known):
             slack = _beside(cuts, event.index, 0.0 if said.streamed else BESIDE + said.place_step)
