@@ -121,7 +121,9 @@ def _programs(
     """The robot programs that the manifest lists, and files that look like one and belong to none."""
     listed = () if manifest is None else manifest.programs
     paths = () if manifest is None else manifest.inputs_of("toolpath")
-    name = paths[0].name if len(paths) == 1 else None  # a renamed CAM file is the same input; the head has the first name
+    name = (
+        paths[0].name if len(paths) == 1 else None
+    )  # a renamed CAM file is the same input; the head has the first name
     posted = [Posted(p.post, post_of(p.post, folder, cell, manifest), p.files) for p in listed if p.files]
     try:
         tolerance = tolerance_of(None if manifest is None else manifest.program_tolerance_mm, options)
