@@ -17,7 +17,13 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 LOCK, TEST_LOCK = ROOT / ".requirements.lock", ROOT / ".requirements-test.lock"
 DISTRIBUTION = {"pinocchio": "pin", "coal": "coal", "eaik": "eaik", "hppfcl": "coal"}
 """Import name → distribution, of what installs outside the usual folder or need not be there."""
-TOOLS = {"ruff", "mypy", "import-linter", "pytest-xdist"}  # called as commands or loaded by pytest, never imported
+TOOLS = {
+    "editables",
+    "ruff",
+    "mypy",
+    "import-linter",
+    "pytest-xdist",
+}  # called as commands or loaded by pytest, never imported
 
 
 def name_of(requirement: str) -> str:

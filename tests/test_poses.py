@@ -248,4 +248,5 @@ def test_half_the_readings_identify_a_simulated_arm_as_well(bench: Bench) -> Non
     sigma = accuracy(information(bench.problem, [(int(r),) for r in ours])).sigma
     promised = sigma * k / bench.prior.stiffness.joints
     np.testing.assert_allclose(np.std(found, axis=0), promised, rtol=0.3)
-    assert np.abs(found.mean(axis=0)).max() < 0.01  # no bias beyond K_C's share of the deflection and the draws' mean
+    scatter = promised / np.sqrt(repeats)  # of the draws' mean
+    assert (np.abs(found.mean(axis=0)) < 0.008 + 4 * scatter).all()  # no bias beyond K_C's share of the deflection

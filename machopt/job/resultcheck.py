@@ -95,7 +95,8 @@ def _verdict(t: Told) -> Iterable[str]:
         for key, value in (("verdict", t.manifest.verdict), ("exit_code", t.manifest.exit_code)):
             yield from same(f"{key} (of the manifest)", value, t.result[key])
         yield from same("unchecked (of the manifest)", list(t.manifest.unchecked), list(missing))
-        yield from same("checked (of the manifest)", list(t.manifest.checked), list(checked(t.options)))
+        told = [f"{c.what}: {c.how}" for c in t.manifest.checked]
+        yield from same("checked (of the manifest)", told, [f"{c.what}: {c.how}" for c in checked(t.options)])
         yield from same("version", t.result["version"], t.manifest.versions.get("machopt"))
     yield from same("machopt_result", t.result["machopt_result"], 1)
     for key in sorted(t.result.keys() - KEYS):
@@ -112,6 +113,9 @@ def _inputs(t: Told) -> Iterable[str]:
 def _outputs(t: Told) -> Iterable[str]:
     there = {name: sha256_of(t.folder / name) for name in listed(t.folder) - {"result.json", MANIFEST}}
     yield from same_items("outputs", t.result["outputs"], there)
+    for name in ("points.csv", "report.html", *(("trajectory.csv",) if t.contents is not None else ())):
+        if name not in there:
+            yield f"{name} is missing; optimize writes it always"
 
 
 def _options(t: Told) -> Iterable[str]:
@@ -230,6 +234,14 @@ def _objective(t: Told) -> Iterable[str]:
             + w.feed * o["feed"] + o["preferred"]
         )  # fmt: skip
         yield from near(f"objective.{name}.total", o["total"], total, DIGITS, DIGITS)
+        if name != "grid" and not 0.0 <= o["feasible_share"] <= 1.0:
+            yield f"objective.{name}.feasible_share is {short(o['feasible_share'])}, not a share"
+    search = parts["search"]
+    if search is not None:
+        gap = 100.0 * (1.0 - search["lower_bound"] / search["sequence"]) if search["sequence"] > 0 else 0.0
+        yield from near("objective.search.gap_percent", search["gap_percent"], gap, DIGITS, DIGITS)
+        if not 0.0 <= search["lower_bound"] <= search["sequence"] * (1 + DIGITS):
+            yield "objective.search.lower_bound is not between nothing and the sequence"
     own = parts["chosen"]
     cost = Points.read(t).cost(t)
     if own["worst"] is not None and np.isfinite(cost).any():
@@ -293,6 +305,7 @@ def _programs(t: Told) -> Iterable[str]:
             yield from same(f"{p['post']}: withheld", p["withheld"], None)
             yield from same(f"{p['post']}: differences", p["differences"], [])
             yield from _program_told(t, p)
+            yield from _feed_model(p)
         elif not p["withheld"]:
             yield f"{p['post']}: has no files and was not withheld"
     for name in named:
@@ -310,6 +323,20 @@ def _programs(t: Told) -> Iterable[str]:
             yield from near(f"{p['post']}: tolerance_mm", p["tolerance_mm"], tolerance, DIGITS, 0.0)
     if t.result["exit_code"] != 0 and named:
         yield f"exit code {t.result['exit_code']}, yet there is a robot program: {named[0]}"
+
+
+def _feed_model(p: Mapping[str, Any]) -> Iterable[str]:
+    """What a model says of a feed follows from the planner's moves; that it can be so is checked."""
+    told = p["feed_model"]
+    if told is None:
+        return
+    low, mean, held = (told[k] for k in ("lowest_percent", "mean_percent", "held_length_percent"))
+    if not (0.0 <= low <= mean * (1 + DIGITS) and mean <= 100.0 * (1 + DIGITS) and 0.0 <= held <= 100.0 * (1 + DIGITS)):
+        yield f"{p['post']}: feed_model cannot be: {short(told)}"
+    if not (told["cutting_time_s"] >= 0.0 and told["rounding_max_mm"] >= 0.0 and told["exact_stops"] >= 0):
+        yield f"{p['post']}: feed_model is below zero: {short(told)}"
+    if told["rounding_max_mm"] > p["tolerance_mm"] * (1 + DIGITS):
+        yield f"{p['post']}: rounds by {told['rounding_max_mm']:.4g} mm, more than its tolerance"
 
 
 def _program_told(t: Told, p: Mapping[str, Any]) -> Iterable[str]:

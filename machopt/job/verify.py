@@ -83,17 +83,16 @@ def verify_folder(
         contents: what :func:`content_checks` found, where that has been done already.
 
     Returns:
-        one list of checks: manifest and inputs first, then tables and programs. Files that are missing or unreadable
-        are failed checks, never exceptions.
+        one list of checks: manifest and inputs first, then tables and programs, then what result.json tells of these.
+        Files that are missing or unreadable are failed checks, never exceptions.
     """
     manifest, checks = manifest_checks(folder, inputs)
     if manifest is not None and manifest.exit_code == 3 and not (folder / "trajectory.csv").exists():
-        found = Verification((), 0, 0.0)
-        checks += result_checks(folder, cell, toolpath, options, inputs, manifest, None)
+        contents, found = None, Verification((), 0, 0.0)
     else:
-        found = contents or content_checks(cell, toolpath, folder, options=options, manifest=manifest)
-        checks += result_checks(folder, cell, toolpath, options, inputs, manifest, found)
-    return replace(found, checks=(*checks, *found.checks))
+        contents = found = contents or content_checks(cell, toolpath, folder, options=options, manifest=manifest)
+    told = result_checks(folder, cell, toolpath, options, inputs, manifest, contents)
+    return replace(found, checks=(*checks, *found.checks, *told))
 
 
 def content_checks(

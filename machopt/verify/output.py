@@ -13,6 +13,7 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
 from machopt.verify.arm import Arm
+from machopt.verify.asked import check_asked
 from machopt.verify.bodies import Body, all_bodies, pairs
 from machopt.verify.check import Check, Verification, not_run, worst
 from machopt.verify.clearance import TOLERANCE, check_clearances, may_cut
@@ -85,6 +86,7 @@ def verify_output(
         stance = arm.stance(np.nan_to_num(stood.q))
         table = PointsCheck(cell, toolpath, points, arm, stance, options)
         checks += [*table.all(motion, on), *_clearance(table, stood, bodies, wanted, options)]
+        checks += check_asked(toolpath, points, np.flatnonzero(table.live), options)
     if shift is not None:
         checks += [_shift_check(f) for f in compare_shift(cell, toolpath, stands, stood, shift, arm, options)]
     checks += check_inventory(cell, arm, bodies, wanted)

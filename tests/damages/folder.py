@@ -10,6 +10,7 @@ from typing import Any
 
 from damages.damage import Damage, Job, edited, in_text, one
 
+POINTS, MOTION = "points.csv can be read", "trajectory.csv can be read"
 LISTED, MANIFEST, INPUTS = "files as listed", "manifest.json", "made from these inputs"
 
 
@@ -40,6 +41,11 @@ def in_manifest(change: Callable[[dict[str, Any]], None]) -> Callable[[Job], Non
 
 def in_result(change: Callable[[dict[str, Any]], None]) -> Callable[[Job], None]:
     return edited("result.json", change)
+
+
+def roles(manifest: dict[str, Any], named: dict[str, str]) -> None:
+    for name, role in named.items():
+        manifest["files"][name]["role"] = role
 
 
 def scaled(value: dict[str, Any], key: str, factor: float) -> None:
@@ -77,32 +83,34 @@ def as_folder(file: Path) -> None:
 
 
 FILES = [
-    Damage("points.csv removed", "1 file", at("points.csv", Path.unlink), "tables"),
-    Damage("trajectory.csv removed", "1 file", at("trajectory.csv", Path.unlink), "tables"),
+    Damage("points.csv removed", "1 file", at("points.csv", Path.unlink), POINTS),
+    Damage("trajectory.csv removed", "1 file", at("trajectory.csv", Path.unlink), MOTION),
     Damage("result.json removed", "1 file", at("result.json", Path.unlink), "result.json"),
-    Damage("report.html removed", "1 file", at("report.html", Path.unlink), LISTED, by_hash_alone=True),
+    Damage("report.html removed", "1 file", at("report.html", Path.unlink), "result.json outputs"),
     Damage("the program removed", "1 of 2 files", at("*.src", Path.unlink), "result.json programs"),
     Damage("the program's data file removed", "1 of 2 files", at("*.dat", Path.unlink), "result.json programs"),
     Damage("a stray file", "1 byte", lambda job: bool((job.out / "notes.txt").write_text("x")) and None, LISTED,
            reseal=False),
     Damage("a second program", "1 file", lambda job: bool(shutil.copy(one(job.out, "*.src"), job.out / "b.src"))
            and None, LISTED, reseal=False),
+    Damage("a stray file, listed", "1 file", lambda job: bool((job.out / "notes.txt").write_text("x")) and None,
+           LISTED),
     Damage("a stray empty folder", "1 folder", lambda job: (job.out / "more").mkdir(), LISTED, reseal=False),
     Damage("the program renamed", "1 file", at("*.src", lambda f: f.rename(f.with_name("other.src"))),
            "result.json programs"),
     Damage("trajectory.csv renamed", "1 file", at("trajectory.csv", lambda f: f.rename(f.with_name("t.csv"))),
-           "tables"),
+           MOTION),
     Damage("the program cut in half", "50 %", at("*.src", lambda f: cut(f, 0.5)), "result.json programs"),
-    Damage("trajectory.csv cut", "last 5 %", at("trajectory.csv", lambda f: cut(f, 0.95)), "tables"),
-    Damage("points.csv cut to its header", "all rows", at("points.csv", lambda f: cut(f, 0.05)), "tables"),
-    Damage("trajectory.csv emptied", "all", at("trajectory.csv", lambda f: cut(f, 0.0)), "tables"),
+    Damage("trajectory.csv cut", "last 5 %", at("trajectory.csv", lambda f: cut(f, 0.95)), MOTION),
+    Damage("points.csv cut to its header", "all rows", at("points.csv", lambda f: cut(f, 0.05)), POINTS),
+    Damage("trajectory.csv emptied", "all", at("trajectory.csv", lambda f: cut(f, 0.0)), MOTION),
     Damage("result.json cut", "50 %", at("result.json", lambda f: cut(f, 0.5)), "result.json"),
     Damage("result.json is a list", "all", at("result.json", lambda f: f.write_text("[]")), "result.json"),
     Damage("one bit of trajectory.csv", "1 bit", at("trajectory.csv", flipped), LISTED, by_hash_alone=True),
     Damage("one bit of the report", "1 bit", at("report.html", flipped), LISTED, by_hash_alone=True),
     Damage("lines appended to the program", "1 line", at("*.src", lambda f: longer(f, b"; more\n")),
            "result.json programs"),
-    Damage("bytes appended to points.csv", "1 row", at("points.csv", lambda f: longer(f, b"99,x\n")), "tables"),
+    Damage("bytes appended to points.csv", "1 row", at("points.csv", lambda f: longer(f, b"99,x\n")), POINTS),
     Damage("points.csv by a link", "0 bytes", at("points.csv", elsewhere), LISTED, reseal=False),
     Damage("points.csv a folder", "1 file", at("points.csv", as_folder), LISTED, reseal=False),
     Damage("the report says otherwise", "1 word", in_text("report.html", "VERIFIED", "GOOD"), LISTED,
@@ -154,6 +162,13 @@ FORGED_MANIFESTS = [
          lambda m: m["inputs"]["stiffness.yaml"].update(sha256="0" * 64), INPUTS),
         ("an input left out", "1 of 14", lambda m: m["inputs"].pop("robot.urdf") and None, INPUTS),
         ("what was not checked", "1 entry", lambda m: m.update(unchecked=["weather"]), "result.json verdict"),
+        ("how finely it was checked", "1 word", lambda m: m["checked"][0].update(how="well"), "result.json verdict"),
+        ("a check more", "1 entry", lambda m: m["checked"].append({"what": "all", "how": "well"}),
+         "result.json verdict"),
+        ("a warning left out", "all", lambda m: m.update(warnings=["none"]), "result.json programs"),
+        ("roles swapped", "2 words",
+         lambda m: roles(m, {"points.csv": "report", "report.html": "points"}), LISTED),
+        ("another command", "1 word", lambda m: m.update(command="map"), MANIFEST),
         ("version", "1 word", lambda m: m["versions"].update(machopt="9.9"), "result.json verdict"),
     )
 ]  # fmt: skip
@@ -216,6 +231,18 @@ RESULTS = [
         ("a compensation made up", "1 figure", lambda r: r.update(compensation={"max_mm": 0.1}),
          "result.json compensation"),
         ("of another shape", "1 key", lambda r: r.update(objective=[1, 2]), "result.json objective"),
+        ("a key more", "1 key", lambda r: r.update(approved_by="the master"), "result.json verdict"),
+        ("notes", "1 sentence", lambda r: r["notes"].append("all is well"), "result.json warnings"),
+        ("what a program takes for granted", "1 sentence", lambda r: r["programs"][0]["assumed"].append("nothing"),
+         "result.json programs"),
+        ("what came back of a program", "− 1 move", lambda r: r["programs"][0]["checked"].update(moves=3),
+         "result.json programs"),
+        ("the share of points that a yardstick can drive", "110 %",
+         lambda r: r["objective"]["jiao2022"].update(feasible_share=1.1), "result.json objective"),
+        ("the bound of the search", "above its best", lambda r: scaled(r["objective"]["search"], "lower_bound", 2.0),
+         "result.json objective"),
+        ("the feed a program holds", "120 %", lambda r: r["programs"][0]["feed_model"].update(mean_percent=120.0),
+         "result.json programs"),
         ("a key missing", "1 key", lambda r: r.pop("programs") and None, "result.json programs"),
     )
 ]  # fmt: skip
@@ -233,4 +260,27 @@ OTHERS = [
            as_is=INPUTS, reseal=False),
 ]  # fmt: skip
 
-DAMAGES = [*FILES, *MANIFESTS, *FORGED_MANIFESTS, *RESULTS, *OTHERS]
+
+def other_options(**options: object) -> Callable[[Job], None]:
+    """Other options in manifest and result alike: only the tables can tell."""
+
+    def apply(job: Job) -> None:
+        for file in ("manifest.json", "result.json"):
+            edited(file, lambda told: told["options"].update(options))(job)
+
+    return apply
+
+
+FORGED_OPTIONS = [
+    Damage(f"options, in both: {name}", how_much, other_options(**options), caught_by, as_is=MANIFEST)
+    for name, how_much, options, caught_by in (
+        ("rotation range", "the other half", {"rotation_range_deg": [-60.0, -50.0]}, "as asked: rotation_range_deg"),
+        ("clearance", "2 → 300 mm", {"clearance_mm": 300.0}, "as asked: clearance_mm"),
+        ("joint margin", "0.5 → 80 deg", {"limit_margin_deg": 80.0}, "as asked: limit_margin_deg"),
+        ("a fixed rotation", "made up", {"fixed": [{"point": 4, "gamma_deg": -100.0}]},
+         "as asked: fixed rotations"),
+        ("collisions", "switched off", {"collision": False}, "result.json verdict"),
+    )
+]  # fmt: skip
+
+DAMAGES = [*FILES, *MANIFESTS, *FORGED_OPTIONS, *FORGED_MANIFESTS, *RESULTS, *OTHERS]
