@@ -10,7 +10,7 @@ import contextlib
 import hashlib
 import os
 import re
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -34,6 +34,7 @@ hypothesis.settings.register_profile("dev", deadline=None)
 hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "dev")
 
 _skips: Counter[str] = Counter()
+_seconds: defaultdict[str, float] = defaultdict(float)
 
 
 @pytest.fixture(scope="module")
@@ -97,10 +98,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     _note_skip(report)
-
-
-def pytest_collectreport(report: pytest.CollectReport) -> None:
-    _note_skip(report)
+    _seconds[report.nodeid.partition("::")[0]] += report.duration
 
 
 def _note_skip(report: pytest.TestReport | pytest.CollectReport) -> None:
@@ -121,9 +119,15 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Skips that nobody expects, and where the time goes: the budget is a minute for `make quick`, ten for all."""
     for why, n in sorted(unexpected_skips(_skips).items()):
         terminalreporter.write_line(f"UNEXPECTED SKIP ×{n}: {why}", red=True)
     expected = _skips - unexpected_skips(_skips)
     if expected:
         words = "; ".join(f"{n} × {why}" for why, n in sorted(expected.items()))
         terminalreporter.write_line(f"expected skips: {words}")
+    total = sum(_seconds.values())
+    if total > 60.0:
+        terminalreporter.section(f"slowest modules, of {total:.0f} s over all processes")
+        for module, seconds in sorted(_seconds.items(), key=lambda item: -item[1])[:40]:
+            terminalreporter.line(f"{seconds:7.1f} s  {module}")
