@@ -21,7 +21,7 @@ class PoseKeys(Strict):
 
 
 class ShapeKeys(PoseKeys):
-    name: str | None = Field(default=None, min_length=1)
+    name: str | None = Field(default=None, min_length=1, description="a name for reports and pairs")
     box_mm: Triple | None = Field(default=None, description="edge lengths x, y, z")
     cylinder_mm: list[float] | None = Field(
         default=None, min_length=2, max_length=2, description="[radius, height along z]"
@@ -58,11 +58,11 @@ class RobotKeys(Strict):
     packages: dict[str, str] = Field({}, description="package:// names to folders, relative to the cell folder")
     base_link: str = Field(min_length=1, description="a link of the URDF")
     flange_link: str = Field(min_length=1, description="a link of the URDF")
-    pose: PoseKeys = PoseKeys()
+    pose: PoseKeys = Field(default=PoseKeys(), description="base_link in world")
     arm_joints: list[str] | None = Field(default=None, min_length=6, max_length=6, description="names of joints 1 to 6")
-    external_joints: list[str] = Field(default=[])
+    external_joints: list[str] = Field(default=[], description="names of rail and positioner joints, in chain order")
     home_deg: list[float] = Field(min_length=6, description=f"degrees (mm if prismatic), {_PER_JOINT}")
-    limits: LimitKeys
+    limits: LimitKeys = Field(description="of every moving joint")
 
 
 class CutterKeys(Strict):
@@ -71,17 +71,17 @@ class CutterKeys(Strict):
 
 
 class ToolKeys(Strict):
-    tcp: PoseKeys
+    tcp: PoseKeys = Field(description="tool tip in flange_link, z out of the tool into the workpiece")
     mass_kg: float = Field(default=0.0, ge=0, description="kg")
     com_mm: Triple = Field(default=[0.0, 0.0, 0.0], description="centre of mass x, y, z in the flange frame")
-    geometry: list[ShapeKeys] = Field(default=[])
-    cutter: CutterKeys | None = None
+    geometry: list[ShapeKeys] = Field(default=[], description="bodies of spindle and holder, in flange_link")
+    cutter: CutterKeys | None = Field(default=None, description="the part that may touch the workpiece where it cuts")
 
 
 class WorkpieceKeys(Strict):
     link: str = Field(default="world", min_length=1, description="world or a link of the URDF")
-    pose: PoseKeys
-    geometry: list[ShapeKeys] = Field(default=[])
+    pose: PoseKeys = Field(description="the CAM coordinates in that link")
+    geometry: list[ShapeKeys] = Field(default=[], description="bodies of the workpiece, in CAM coordinates")
 
 
 class JointMapKeys(Strict):
@@ -106,14 +106,14 @@ class JointMapKeys(Strict):
 
 
 class EventLineKeys(Strict):
-    spindle_on: str | None = None
-    spindle_off: str | None = None
-    coolant_on: str | None = None
-    coolant_off: str | None = None
-    tool: str | None = None
-    dwell: str | None = None
-    stop: str | None = None
-    comment: str | None = None
+    spindle_on: str | None = Field(default=None, description="a line with @{value} in rpm and @{text}")
+    spindle_off: str | None = Field(default=None, description="a line")
+    coolant_on: str | None = Field(default=None, description="a line")
+    coolant_off: str | None = Field(default=None, description="a line")
+    tool: str | None = Field(default=None, description="a line with @{value}, the tool number")
+    dwell: str | None = Field(default=None, description="a line with @{value} in s")
+    stop: str | None = Field(default=None, description="a line")
+    comment: str | None = Field(default=None, description="a line with @{text}")
 
 
 class ControllerKeys(Strict):
@@ -123,8 +123,8 @@ class ControllerKeys(Strict):
     joint_map: JointMapKeys | None = Field(default=None, description="controller = coupling(sign * joint + offset_deg)")
     root: PoseKeys | None = Field(default=None, description="the controller's robot coordinate system in base_link")
     flange: PoseKeys | None = Field(default=None, description="the controller's tool 0 in flange_link")
-    tool_number: int | None = Field(default=None, ge=0)
-    base_number: int | None = Field(default=None, ge=0)
+    tool_number: int | None = Field(default=None, ge=0, description="of the tool stored in the controller")
+    base_number: int | None = Field(default=None, ge=0, description="of the base or user frame stored there")
     pulses_per_deg: list[float] | None = Field(default=None, min_length=6, max_length=6, description="encoder pulses")
     position_levels_mm: list[float] | None = Field(
         default=None, min_length=8, max_length=8, description="Yaskawa: how far from a point PL=1 … 8 begin, rising"
@@ -137,17 +137,17 @@ class ControllerKeys(Strict):
 
 
 class CellKeys(Strict):
-    machopt_cell: Literal[1]
+    machopt_cell: Literal[1] = Field(description="the format, 1")
     name: str = Field(min_length=1, description="a name for reports")
-    robot: RobotKeys
+    robot: RobotKeys = Field(description="the arm")
     packages: dict[str, str] = Field({}, description="package:// names to folders, relative to the cell folder")
-    tool: ToolKeys
-    workpiece: WorkpieceKeys
-    obstacles: list[ShapeKeys] = Field(default=[])
+    tool: ToolKeys = Field(description="what the flange carries")
+    workpiece: WorkpieceKeys = Field(description="where the CAM coordinates are")
+    obstacles: list[ShapeKeys] = Field(default=[], description="fixtures, walls, floor, in world")
     stiffness: str | None = Field(default=None, min_length=1, description="a file in the cell folder")
     kinematics: str | None = Field(default=None, min_length=1, description="a file in the cell folder")
-    plan: OptionKeys | None = None
-    controller: ControllerKeys | None = None
+    plan: OptionKeys | None = Field(default=None, description="the cell's own planning options")
+    controller: ControllerKeys | None = Field(default=None, description="what robot programs need to know")
 
 
 class AnyChainRobotKeys(RobotKeys):

@@ -33,10 +33,10 @@ _PATTERN = set("*?[")
 class ReadingKeys(Strict):
     """What a toolpath file may not say itself."""
 
-    unit: Literal["mm", "inch"] | None = None
+    unit: Literal["mm", "inch"] | None = Field(default=None, description="of a file that does not say it")
     machine: str | None = Field(default=None, min_length=1, description="kinematics behind rotary axes, e.g. table-ac")
     feed_mm_min: float | None = Field(default=None, gt=0, description="feed of cutting moves in a file that has none")
-    strict: bool | None = None
+    strict: bool | None = Field(default=None, description="true: words that are not understood are refused")
     tool_axis: Literal["-z", "+z", "-x", "+x", "-y", "+y"] | None = Field(
         default=None, description="direction from tip to shank in the tool frame of robot programs, e.g. -z"
     )
@@ -63,17 +63,17 @@ class JobKeys(CommonKeys):
     cell: str | None = Field(default=None, min_length=1, description="cell folder or its cell.yaml")
     toolpath: str = Field(min_length=1, description="a CAM file or point table, or a pattern such as *.nc")
     name: str | None = Field(default=None, min_length=1, description="a name for the job's folder and the summary")
-    options: OptionKeys | None = None
-    reading: ReadingKeys | None = None
+    options: OptionKeys | None = Field(default=None, description="planning options of this job")
+    reading: ReadingKeys | None = Field(default=None, description="how its toolpath is read")
 
 
 class ListKeys(CommonKeys):
-    machopt_batch: Literal[1]
+    machopt_batch: Literal[1] = Field(description="the format, 1")
     cells: list[str] = Field(default=[], description="cell folders, or their cell.yaml")
     toolpaths: list[str] = Field(default=[], description="CAM files, point tables or patterns such as parts/*.nc")
     options: dict[str, OptionKeys] = Field(default={}, description="planning options by the name of the variant")
-    reading: ReadingKeys | None = None
-    jobs: list[JobKeys] = Field(default=[])
+    reading: ReadingKeys | None = Field(default=None, description="how toolpaths are read")
+    jobs: list[JobKeys] = Field(default=[], description="jobs of their own beside cells × toolpaths × options")
 
 
 @dataclass(frozen=True)

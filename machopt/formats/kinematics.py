@@ -40,12 +40,12 @@ _PAIRS = tuple(f"joint:{i}-{j}" for i in range(1, 7) for j in range(i + 1, 7))
 class _Correction(Strict):
     effect: str = Field(min_length=1, description=", ".join(PARAMETERS))
     location: str = Field(min_length=1, description="joint:1 … joint:6, or joint:4-5 of a coupling")
-    parameters: dict[str, Any]
+    parameters: dict[str, Any] = Field(description="numbers with their unit in the name")
 
 
 class _KinematicsFile(Strict):
-    machopt_kinematics: Literal[1]
-    corrections: list[_Correction]
+    machopt_kinematics: Literal[1] = Field(description="the format, 1")
+    corrections: list[_Correction] = Field(description="what the true joint angles differ by from the encoders")
 
 
 def load_kinematics(path: Path | str) -> Kinematics:

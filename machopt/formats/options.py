@@ -26,11 +26,15 @@ class ForceKeys(Strict):
 
 
 class WeightKeys(Strict):
-    mean: float | None = Field(default=None, ge=0)
-    worst: float | None = Field(default=None, ge=0)
-    travel: float | None = Field(default=None, ge=0)
-    rotation: float | None = Field(default=None, ge=0)
-    feed: float | None = Field(default=None, ge=0)
+    mean: float | None = Field(
+        default=None, ge=0, description="of the index over the length cut, as a share of a typical one"
+    )
+    worst: float | None = Field(default=None, ge=0, description="of its worst value, the same")
+    travel: float | None = Field(
+        default=None, ge=0, description="of joint travel, per 180 degrees summed over the axes"
+    )
+    rotation: float | None = Field(default=None, ge=0, description="of rotation about the tool axis, per 180 degrees")
+    feed: float | None = Field(default=None, ge=0, description="of the share of the cutting time lost to slow axes")
 
 
 class FixedKeys(Strict):
@@ -41,35 +45,63 @@ class FixedKeys(Strict):
 class OptionKeys(Strict):
     """Every planning option under the user's name; None means not given."""
 
-    machopt_plan: Literal[1] | None = None
-    method: Method | None = None
-    index: Index | None = None
-    force_N: ForceKeys | None = None
-    weights: WeightKeys | None = None
+    machopt_plan: Literal[1] | None = Field(default=None, description="the format of a --plan file")
+    method: Method | None = Field(
+        default=None, description="choice over the whole path, the method of jiao2022, or the CAM file's own rotation"
+    )
+    index: Index | None = Field(
+        default=None, description="what is made small; auto: deflection where force_N is given, else compliance"
+    )
+    force_N: ForceKeys | None = Field(default=None, description="process force on the tool")
+    weights: WeightKeys | None = Field(default=None, description="of the terms of the objective")
     rotation_step_deg: float | None = Field(default=None, ge=0.5, le=90, description="degrees, 0.5 to 90")
     rotation_range_deg: list[float] | None = Field(
         default=None, min_length=2, max_length=2, description="[lowest, highest]"
     )
-    preferred_rotation_deg: float | None = Field(default=None, ge=-180, le=180)
-    preferred_weight: float | None = Field(default=None, ge=0)
-    fixed: list[FixedKeys] | None = None
-    singularity_wrist_deg: float | None = Field(default=None, ge=0, le=45)
-    singularity_elbow_deg: float | None = Field(default=None, ge=0, le=45)
-    singularity_shoulder_mm: float | None = Field(default=None, ge=0, le=1000)
-    limit_margin_deg: float | None = Field(default=None, ge=0, le=45)
-    clearance_mm: float | None = Field(default=None, ge=0, le=500)
-    collision_step_deg: float | None = Field(default=None, ge=0.05, le=10)
-    collision: bool | None = None
-    sample_ms: float | None = Field(default=None, ge=0.5, le=100)
-    path_tolerance_mm: float | None = Field(default=None, gt=0, le=10)
-    axis_tolerance_deg: float | None = Field(default=None, gt=0, le=10)
-    approach_feed_mm_min: float | None = Field(default=None, gt=0, le=120_000)
-    rapid_scale: float | None = Field(default=None, gt=0, le=1)
-    limit_scale: float | None = Field(default=None, gt=0, le=1)
-    allow_gaps: bool | None = None
-    compensate: bool | None = None
-    compensation_max_mm: float | None = Field(default=None, gt=0, le=50)
-    seed: int | None = Field(default=None, ge=0)
+    preferred_rotation_deg: float | None = Field(
+        default=None, ge=-180, le=180, description="gamma whose neighbourhood is preferred"
+    )
+    preferred_weight: float | None = Field(
+        default=None, ge=0, description="price of a deviation of 180 degrees from it"
+    )
+    fixed: list[FixedKeys] | None = Field(default=None, description="rotations that are given at toolpath points")
+    singularity_wrist_deg: float | None = Field(
+        default=None, ge=0, le=45, description="least angle between axes 4 and 6, degrees"
+    )
+    singularity_elbow_deg: float | None = Field(
+        default=None, ge=0, le=45, description="least angle from the stretched or folded arm, degrees"
+    )
+    singularity_shoulder_mm: float | None = Field(
+        default=None, ge=0, le=1000, description="least distance of the wrist from axis 1, mm"
+    )
+    limit_margin_deg: float | None = Field(default=None, ge=0, le=45, description="kept from the joint limits, degrees")
+    clearance_mm: float | None = Field(default=None, ge=0, le=500, description="kept between everything checked, mm")
+    collision_step_deg: float | None = Field(
+        default=None, ge=0.05, le=10, description="joint step between collision checks, degrees"
+    )
+    collision: bool | None = Field(default=None, description="false: contacts are not looked for, and that is told")
+    sample_ms: float | None = Field(default=None, ge=0.5, le=100, description="step of trajectory.csv, ms")
+    path_tolerance_mm: float | None = Field(
+        default=None, gt=0, le=10, description="by which the motion may round corners, mm"
+    )
+    axis_tolerance_deg: float | None = Field(
+        default=None, gt=0, le=10, description="the same of the tool axis, degrees"
+    )
+    approach_feed_mm_min: float | None = Field(
+        default=None, gt=0, le=120_000, description="of approach, retract and link moves that carry no feed, mm/min"
+    )
+    rapid_scale: float | None = Field(
+        default=None, gt=0, le=1, description="share of the joint velocity limits used in rapid moves"
+    )
+    limit_scale: float | None = Field(
+        default=None, gt=0, le=1, description="share of the joint limits used while cutting"
+    )
+    allow_gaps: bool | None = Field(default=None, description="true: cuts to points out of reach are left out and said")
+    compensate: bool | None = Field(
+        default=None, description="true: drive a path shifted against the deflection under force_N"
+    )
+    compensation_max_mm: float | None = Field(default=None, gt=0, le=50, description="a larger shift is refused, mm")
+    seed: int | None = Field(default=None, ge=0, description="of the tree search for rapid moves")
 
     @field_validator("rotation_range_deg")
     @classmethod

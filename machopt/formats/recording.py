@@ -50,17 +50,19 @@ class _Uncertainty(Strict):
 
 
 class _RecordingFile(Strict):
-    machopt_recording: Literal[1]
-    kind: Literal["deflection", "absolute", "motion"]
+    machopt_recording: Literal[1] = Field(description="the format, 1")
+    kind: Literal["deflection", "absolute", "motion"] = Field(description="load tests, measured poses, or motion")
     data: Any = Field(description="a data file, or a list of them")
-    wrench_frame: Literal["base", "tool"] = "base"
-    displacement_frame: Literal["base", "tool"] = "base"
+    wrench_frame: Literal["base", "tool"] = Field(default="base", description="axes of forces and moments")
+    displacement_frame: Literal["base", "tool"] = Field(default="base", description="axes of displacements")
     wrench_point_mm: list[float] | None = Field(
         default=None, min_length=3, max_length=3, description="x, y, z in flange of the point the moments are about"
     )
-    registration: Literal["fixed", "fit"] = "fixed"
-    standard_uncertainty: _Uncertainty = Field(default=_Uncertainty())
-    notes: str = ""
+    registration: Literal["fixed", "fit"] = Field(
+        default="fixed", description="whether the instrument's frame is the base or is fitted"
+    )
+    standard_uncertainty: _Uncertainty = Field(default=_Uncertainty(), description="of the readings, 1 sigma")
+    notes: str = Field(default="", description="free text")
 
 
 def load_recording(path: Path | str) -> Recording:

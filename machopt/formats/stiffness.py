@@ -21,9 +21,9 @@ _NEGATIVE = 1e-9  # relative to the largest eigenvalue; round-off of a rank-defi
 
 
 class _Term(Strict):
-    effect: str = Field(min_length=1)
-    location: str = Field(min_length=1)
-    parameters: dict[str, Any] = Field(default={})
+    effect: str = Field(min_length=1, description="e.g. link_compliance, joint_backlash; diagnose writes them")
+    location: str = Field(min_length=1, description="e.g. joint:2, link:3, base, tool")
+    parameters: dict[str, Any] = Field(default={}, description="numbers with their unit in the name")
 
 
 class _Grid(Strict):
@@ -37,13 +37,13 @@ class _Grid(Strict):
 
 
 class _StiffnessFile(Strict):
-    machopt_stiffness: Literal[1]
+    machopt_stiffness: Literal[1] = Field(description="the format, 1")
     joints_Nm_per_rad: list[float] = Field(min_length=6, max_length=6, description=_ROW)
     covariance: list[list[float]] | None = Field(
-        default=None, min_length=6, max_length=6, description="six rows of six numbers"
+        default=None, min_length=6, max_length=6, description="six rows of six numbers, (N·m/rad)²"
     )
-    grid: _Grid | None = None
-    terms: list[_Term] = Field(default=[])
+    grid: _Grid | None = Field(default=None, description="stiffness that differs over the workspace")
+    terms: list[_Term] = Field(default=[], description="further physics, the terms that diagnose finds")
 
 
 def load_stiffness(path: Path | str) -> Stiffness:

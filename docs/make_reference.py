@@ -1,0 +1,134 @@
+"""Write reference.md beside this file: every key of every file that machopt reads, from the schemas themselves.
+
+``python docs/make_reference.py`` writes it; a test holds that it is current and that every key says what it is.
+"""
+
+from __future__ import annotations
+
+import types
+import typing
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
+
+from machopt.domain.options import PlanOptions
+from machopt.formats import cell_schema, joblist, kinematics, options, recording, stiffness
+
+PAGE = Path(__file__).with_name("reference.md")
+FILES: tuple[tuple[str, str, type[BaseModel]], ...] = (
+    ("cell.yaml", "Of `machopt optimize`, `verify`, `map` and all others: the robot and what stands around it. "
+     "`identify` and `diagnose` take arms of any number of joints.", cell_schema.CellKeys),
+    ("Planning options", "In `plan:` of cell.yaml, a `--plan` file, `options:` of a batch list, or `--set key=value`; "
+     "the later one wins.", options.OptionKeys),
+    ("stiffness.yaml", "Named by `stiffness:` of cell.yaml; `identify` and `diagnose` write it.",
+     stiffness._StiffnessFile),
+    ("kinematics.yaml", "Named by `kinematics:` of cell.yaml; `diagnose` writes it. " + " ".join(
+        f"`{effect}` has {', '.join(f'`{p}`' for p in names)}." for effect, names in kinematics.PARAMETERS.items()),
+     kinematics._KinematicsFile),
+    ("recording.yaml", "Beside the data files of a recording folder.", recording._RecordingFile),
+    ("Batch list", "The YAML file of `machopt batch LIST`.", joblist.ListKeys),
+)  # fmt: skip
+HEAD = """# Every key of every file
+
+Made from the schemas by `python docs/make_reference.py`. Units are in the keys or said here; frames are in
+[conventions.md](conventions.md). A key that is not listed is an error that names the nearest one. Required keys are
+**bold**.
+"""
+
+
+def page() -> str:
+    """The whole page in Markdown."""
+    return "\n".join([HEAD, *(line for title, text, model in FILES for line in _section(title, text, model))])
+
+
+def keys(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, FieldInfo]]:
+    """(dotted key, field) of a schema and those inside it, parents first."""
+    for name, info in model.model_fields.items():
+        yield f"{prefix}{name}", info
+        inner, mark = _inside(info.annotation)
+        if inner is options.OptionKeys and model is not options.OptionKeys:
+            continue  # they have a section of their own
+        if inner is not None:
+            yield from keys(inner, f"{prefix}{name}{mark}.")
+
+
+def _section(title: str, text: str, model: type[BaseModel]) -> Iterator[str]:
+    yield f"## {title}\n{text}\n\n| key | value | default | what |\n|---|---|---|---|"
+    defaults = options.options_as_user(PlanOptions()) if model is options.OptionKeys else {}
+    for name, info in keys(model):
+        shown = f"**`{name}`**" if info.is_required() else f"`{name}`"
+        default = _default(info, _reach(defaults, name))
+        yield f"| {shown} | {_kind(info)} | {default} | {info.description or ''} |"
+    yield ""
+
+
+def _reach(values: typing.Any, dotted: str) -> object:
+    for part in dotted.split("."):
+        if not isinstance(values, dict) or part not in values:
+            return None
+        values = values[part]
+    return typing.cast(object, values)
+
+
+def _default(info: FieldInfo, known: object) -> str:
+    value = known if known is not None else info.default
+    if value is PydanticUndefined or value is None or isinstance(value, BaseModel) or value in ("", [], {}):
+        return ""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return str(value) if not isinstance(value, dict) else ", ".join(f"{k}: {v}" for k, v in value.items())
+
+
+def _inside(annotation: object) -> tuple[type[BaseModel] | None, str]:
+    """The schema inside an annotation, and how its place is written: a list's entries as [], a mapping's as .NAME."""
+    origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation, ""
+    if origin is list:
+        inner, mark = _inside(arguments[0])
+        return inner, f"[]{mark}"
+    if origin is dict:
+        inner, mark = _inside(arguments[1])
+        return inner, f".NAME{mark}"
+    for part in arguments if origin in (typing.Union, types.UnionType) else ():
+        inner, mark = _inside(part)
+        if inner is not None:
+            return inner, mark
+    return None, ""
+
+
+def _kind(info: FieldInfo) -> str:
+    words = _words(info.annotation)
+    bounds = {type(m).__name__: m for m in info.metadata}
+    signs = (("Ge", "ge", "≥"), ("Gt", "gt", ">"), ("Le", "le", "≤"), ("Lt", "lt", "<"))
+    limits = " and ".join(f"{sign} {getattr(bounds[n], a):g}" for n, a, sign in signs if n in bounds)
+    least, most = (getattr(bounds.get(n), a, None) for n, a in (("MinLen", "min_length"), ("MaxLen", "max_length")))
+    if words.startswith("list") and least is not None and least == most:
+        words = f"{least} {words.removeprefix('list of ')}"
+    return f"{words} {limits}".strip()
+
+
+def _words(annotation: object) -> str:
+    origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
+    plain = {float: "number", int: "whole number", str: "text", bool: "true, false", typing.Any: "any"}
+    if annotation in plain:
+        return plain[annotation]
+    if origin is typing.Annotated:
+        return _words(arguments[0])
+    if origin is Literal:
+        return ", ".join(f"`{a}`" for a in arguments)
+    if origin in (typing.Union, types.UnionType):
+        return " or ".join(_words(a) for a in arguments if a is not type(None))
+    if origin is list:
+        return "list of " + {"number": "numbers", "whole number": "whole numbers", "text": "texts"}.get(
+            _words(arguments[0]), _words(arguments[0])
+        )
+    return "mapping"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
