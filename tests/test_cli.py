@@ -204,8 +204,9 @@ def test_a_killed_run_leaves_no_half_written_output(number: int, code: int, tmp_
         assert _run_until(stage, number, table, folder / "out") == code
         assert not (folder / "out").exists()
     left = [f.name for f in folder.iterdir()]
-    assert left == [] if number != signal.SIGKILL else all(name.startswith(".out.partial-") for name in left)
-    assert optimize(KR500, table, folder / "out") == 0  # what is left does not stand in the way
+    assert left == [] if number != signal.SIGKILL else all(name.startswith(".out.") for name in left)
+    assert optimize(KR500, table, folder / "out") == 0  # what is left does not stand in the way, and is cleared away
+    assert [f.name for f in folder.iterdir()] == ["out"]
 
 
 def test_readable_refusals_of_toolpaths(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

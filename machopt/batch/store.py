@@ -21,15 +21,14 @@ from machopt.batch.supervise import Ended, attempts
 from machopt.batch.task import DISK
 from machopt.domain.manifest import Manifest
 from machopt.errors import InputError
+from machopt.job.manifest import BATCH_ROLES
 from machopt.output import MANIFEST, read_manifest, write_json, write_manifest
 from machopt.output.lock import locked
 from machopt.output.manifest import differences
 from machopt.output.swap import exchange, sync_folder, sync_tree
 
 JOBS, WORK, LOCK = "jobs", ".work", ".lock"
-RECORD, TIMING = "job.json", "timing.json"
-OURS = {RECORD: "record", TIMING: "timing", LOG: "log"}
-"""Role by name of what a batch writes beside a job's own result."""
+RECORD, TIMING = "job.json", "timing.json"  # both and the log are in BATCH_ROLES
 MAIN = "batch.json"
 SUMMARY = ("summary.csv", "summary.html", "compare.csv")
 TIMINGS = ("timings.csv", "timings.js")
@@ -89,7 +88,7 @@ class Store:
         """
         ready = self.work / f"{label}.none" if made is None else made / "out"
         ready.mkdir(exist_ok=True)
-        record["files"] = sorted(f.name for f in ready.iterdir() if f.name not in OURS)
+        record["files"] = sorted(f.name for f in ready.iterdir() if f.name not in BATCH_ROLES)
         if made is not None and record["state"] in ("crashed", "over time", "over memory"):
             with contextlib.suppress(FileNotFoundError):
                 shutil.copyfile(made / LOG, ready / LOG)
@@ -169,7 +168,7 @@ def _list_in_manifest(folder: Path) -> None:
     """Add what the batch writes beside a job's result to the manifest of that result, if it made one."""
     if (folder / MANIFEST).exists():
         manifest, _ = read_manifest(folder)
-        write_manifest(folder, manifest, {f.name: f.role for f in manifest.files} | OURS)
+        write_manifest(folder, manifest, {f.name: f.role for f in manifest.files} | BATCH_ROLES)
 
 
 def _intact(folder: Path, record: dict[str, Any]) -> bool:

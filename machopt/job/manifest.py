@@ -30,6 +30,7 @@ ROLES = {
     "residuals.csv": "table", "poses.csv": "table", "map.csv": "table", "map_free.csv": "table",
     "summary.csv": "table", "compare.csv": "table", "timings.csv": "table",
 }  # fmt: skip
+BATCH_ROLES = {"job.json": "record", "timing.json": "timing", "log.txt": "log"}  # beside each result of a batch
 _PLACES = ("cell", "out", "recordings", "toolpath", "measured", "plan_file", "discriminate")  # inputs, by hash
 _LIBRARIES = ("numpy", "scipy", "numba", "pin", "coal", "python-fcl", "trimesh")  # whose numbers are in the output
 

@@ -21,6 +21,7 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.errors import InputError
 from machopt.formats.options import options_as_user
+from machopt.job.manifest import BATCH_ROLES
 from machopt.job.posts import post_of, to_be_told
 from machopt.job.readback import Compared, Posted
 from machopt.job.scope import checked, done, not_run, unchecked
@@ -111,7 +112,8 @@ def _inputs(t: Told) -> Iterable[str]:
 
 
 def _outputs(t: Told) -> Iterable[str]:
-    there = {name: sha256_of(t.folder / name) for name in listed(t.folder) - {"result.json", MANIFEST}}
+    later = {"result.json", MANIFEST, *BATCH_ROLES}
+    there = {name: sha256_of(t.folder / name) for name in listed(t.folder) - later}
     yield from same_items("outputs", t.result["outputs"], there)
     for name in ("points.csv", "report.html", *(("trajectory.csv",) if t.contents is not None else ())):
         if name not in there:

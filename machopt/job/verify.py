@@ -16,7 +16,7 @@ from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.job.inforce import Request, failed, in_force
 from machopt.job.inputs import cell_inputs, distinct, single
-from machopt.job.manifest import ROLES
+from machopt.job.manifest import BATCH_ROLES, ROLES
 from machopt.job.posts import post_of, tolerance_of
 from machopt.job.readback import Posted, check_programs
 from machopt.job.resultcheck import result_checks
@@ -26,8 +26,8 @@ from machopt.verify import Check, Verification, verify_output
 from machopt.verify.table import Motion, read_motion
 
 NAN = float("nan")
-OPTIMIZE_ROLES = {name: ROLES[name] for name in ("points.csv", "trajectory.csv", "compensation.csv", "result.json",
-                                                 "report.html")}  # fmt: skip
+_RESULTS = ("points.csv", "trajectory.csv", "compensation.csv", "result.json", "report.html")
+OPTIMIZE_ROLES = {name: ROLES[name] for name in _RESULTS} | BATCH_ROLES
 
 
 @dataclass(frozen=True)

@@ -274,9 +274,9 @@ def other_options(**options: object) -> Callable[[Job], None]:
 FORGED_OPTIONS = [
     Damage(f"options, in both: {name}", how_much, other_options(**options), caught_by, as_is=MANIFEST)
     for name, how_much, options, caught_by in (
-        ("rotation range", "the other half", {"rotation_range_deg": [-60.0, -50.0]}, "as asked: rotation_range_deg"),
+        ("rotation range", "the other half", {"rotation_range_deg": [-60.0, -20.0]}, "as asked: rotation_range_deg"),
         ("clearance", "2 → 300 mm", {"clearance_mm": 300.0}, "as asked: clearance_mm"),
-        ("joint margin", "0.5 → 80 deg", {"limit_margin_deg": 80.0}, "as asked: limit_margin_deg"),
+        ("joint margin", "0.5 → 40 deg", {"limit_margin_deg": 40.0}, "as asked: limit_margin_deg"),
         ("a fixed rotation", "made up", {"fixed": [{"point": 4, "gamma_deg": -100.0}]},
          "as asked: fixed rotations"),
         ("collisions", "switched off", {"collision": False}, "result.json verdict"),
