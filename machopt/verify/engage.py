@@ -23,15 +23,15 @@ PARALLEL = 0.9998476951563913  # cos 1°
 
 
 @dataclass(frozen=True)
-class Piece:
-    """A straight move of a run that has a length."""
+class Pieces:
+    """The straight moves of a run that have a length, in order."""
 
-    start: float  # m along the run
-    end: float
-    direction: Array  # (3,)
-    axis_start: Array
-    axis_end: Array
-    cut: bool
+    start: Array  # (M,) m along the run
+    end: Array  # (M,)
+    direction: Array  # (M, 3)
+    axis_start: Array  # (M, 3)
+    axis_end: Array  # (M, 3)
+    cut: NDArray[np.bool_]  # (M,)
 
 
 def demanded_force(toolpath: Toolpath, index: Array, force: ProcessForce, length: float) -> Array:
@@ -40,12 +40,12 @@ def demanded_force(toolpath: Toolpath, index: Array, force: ProcessForce, length
     for first, last in runs(toolpath):
         rows = np.flatnonzero((index >= first - 1e-9) & (index <= last + 1e-9))
         pieces, at = walk(toolpath, first, last)
-        if not any(p.cut for p in pieces):
+        if not pieces.cut.any():
             continue
         table = _Force(pieces, force)
-        for row in rows:
-            s = float(np.interp(index[row], np.arange(first, last + 1), at))
-            share = _share(pieces, s, length)
+        places = np.interp(index[rows], np.arange(first, last + 1), at)
+        for row, s in zip(rows.tolist(), places.tolist(), strict=True):
+            share = _share(pieces, table, s, length)
             if share > 0:
                 window = s + length * ((np.arange(PIECES) + 0.5) / PIECES * 2 - 1)
                 out[row] = share * table.at(window).mean(axis=0)
@@ -60,61 +60,56 @@ def sideways(toolpath: Toolpath) -> Array:
     out = np.zeros((len(toolpath), 3))
     for first, last in runs(toolpath):
         pieces, at = walk(toolpath, first, last)
-        leads = _leads(pieces)
-        for k in range(first, last + 1):
-            a = max(min(k, last - 1), first)
-            axis = toolpath.axis[[k]]
-            step = toolpath.position[min(a + 1, last)] - toolpath.position[a]
-            size = float(np.linalg.norm(step))
-            n = min(int(np.searchsorted([p.end for p in pieces], at[a - first], side="right")), len(pieces) - 1)
-            lead = leads[n] if pieces else None
-            side = _lead(np.zeros((1, 3)) if lead is None else lead[None], axis)
-            out[k] = (_blend(step[None] / size, axis, side) if size > 0 else side)[0]
+        rows = np.arange(first, last + 1)
+        leaves = np.maximum(np.minimum(rows, last - 1), first)  # the point that the move begins at
+        step = toolpath.position[np.minimum(leaves + 1, last)] - toolpath.position[leaves]
+        size, axis = np.linalg.norm(step, axis=1), toolpath.axis[rows]
+        lead = np.zeros_like(axis)
+        if len(pieces.end):
+            n = np.searchsorted(pieces.end, at[leaves - first], side="right")
+            lead = _leads(pieces)[np.minimum(n, len(pieces.end) - 1)]
+        side, moves = _lead(lead, axis), size > 0
+        out[rows] = side
+        out[rows[moves]] = _blend(step[moves] / size[moves, None], axis[moves], side[moves])
     return out
 
 
 def runs(toolpath: Toolpath) -> list[tuple[int, int]]:
     """First and last point of each stretch that begins where a rapid move ends."""
-    begins = [0, *(k for k in range(1, len(toolpath)) if toolpath.move[k] == Move.RAPID)]
+    begins = np.union1d(0, np.flatnonzero(toolpath.move == Move.RAPID)).tolist()
     return [(a, b - 1) for a, b in zip(begins, [*begins[1:], len(toolpath)], strict=True)]
 
 
-def walk(toolpath: Toolpath, first: int, last: int) -> tuple[list[Piece], Array]:
+def walk(toolpath: Toolpath, first: int, last: int) -> tuple[Pieces, Array]:
     """The run's moves, and the length along it at each of its points."""
-    pieces, at = [], [0.0]
-    for k in range(first + 1, last + 1):
-        step = toolpath.position[k] - toolpath.position[k - 1]
-        size = float(np.linalg.norm(step))
-        if size > 0:
-            pieces.append(Piece(at[-1], at[-1] + size, step / size, toolpath.axis[k - 1], toolpath.axis[k],
-                                bool(toolpath.move[k] == Move.CUT)))  # fmt: skip
-        at.append(at[-1] + size)
-    return pieces, np.array(at)
+    step = np.diff(toolpath.position[first : last + 1], axis=0)
+    size = np.linalg.norm(step, axis=1)
+    at = np.append(0.0, np.cumsum(size))
+    moves = np.flatnonzero(size > 0)
+    ends = first + moves + 1
+    return Pieces(at[moves], at[moves + 1], step[moves] / size[moves, None], toolpath.axis[ends - 1],
+                  toolpath.axis[ends], np.asarray(toolpath.move[ends] == Move.CUT)), at  # fmt: skip
 
 
-def _share(pieces: list[Piece], s: float, length: float) -> float:
-    away = min(max(p.start - s, s - p.end, 0.0) for p in pieces if p.cut)
+def _share(pieces: Pieces, cuts: _Force, s: float, length: float) -> float:
+    away = float(np.maximum(np.maximum(cuts.starts - s, s - cuts.ends), 0.0).min())
     share = 1.0 - away / length
-    if not pieces[0].cut:
+    if not pieces.cut[0]:
         share = min(share, s / length)
-    if not pieces[-1].cut:
-        share = min(share, (pieces[-1].end - s) / length)
+    if not pieces.cut[-1]:
+        share = min(share, (float(pieces.end[-1]) - s) / length)
     return min(max(share, 0.0), 1.0)
 
 
 class _Force:
     """The force at places along a run."""
 
-    def __init__(self, pieces: list[Piece], force: ProcessForce) -> None:
-        cuts = [k for k, p in enumerate(pieces) if p.cut]
-        mine = [pieces[k] for k in cuts]
-        leads = _leads(pieces)
+    def __init__(self, pieces: Pieces, force: ProcessForce) -> None:
+        cut = pieces.cut
         self.force = force
-        self.starts, self.ends = np.array([p.start for p in mine]), np.array([p.end for p in mine])
-        self.direction = np.array([p.direction for p in mine])
-        self.axes = np.array([p.axis_start for p in mine]), np.array([p.axis_end for p in mine])
-        none = np.zeros(3)
-        self.lead = np.array([none if leads[k] is None else leads[k] for k in cuts])
+        self.starts, self.ends, self.direction = pieces.start[cut], pieces.end[cut], pieces.direction[cut]
+        self.axes = pieces.axis_start[cut], pieces.axis_end[cut]
+        self.lead = _leads(pieces)[cut]
 
     def at(self, s: Array) -> Array:
         """(n, 3) N at places (n,), outside the cuts that of the nearest."""
@@ -137,20 +132,19 @@ def _blend(direction: Array, axis: Array, lead: Array) -> Array:
     return np.asarray(w * flat / np.where(size > 0, size, 1.0) + (1 - w) * lead)
 
 
-def _leads(pieces: list[Piece]) -> list[Array | None]:
-    """Of each piece the sideways direction that a plunge there takes: of the next one across, else of the last."""
-    own: list[Array | None] = []
-    for p in pieces:
-        middle = (p.axis_start + p.axis_end) / np.linalg.norm(p.axis_start + p.axis_end)
-        flat = p.direction - (p.direction @ middle) * middle
-        size = float(np.linalg.norm(flat))
-        own.append(flat / size if size >= ACROSS else None)
-    out = list(own)
-    for k in range(len(out) - 2, -1, -1):
-        out[k] = out[k] if out[k] is not None else out[k + 1]
-    for k in range(1, len(out)):
-        out[k] = out[k] if out[k] is not None else out[k - 1]
-    return out
+def _leads(pieces: Pieces) -> Array:
+    """(M, 3) of each piece the sideways direction that a plunge there takes: of the next across, else of the last.
+
+    Zero where no piece of the run goes across.
+    """
+    middle = pieces.axis_start + pieces.axis_end
+    flat = _across(pieces.direction, middle / np.linalg.norm(middle, axis=1, keepdims=True))
+    size = np.linalg.norm(flat, axis=1)
+    across = np.flatnonzero(size >= ACROSS)
+    if not len(across):
+        return np.zeros_like(flat)
+    n = across[np.minimum(np.searchsorted(across, np.arange(len(size))), len(across) - 1)]
+    return np.asarray(flat[n] / size[n, None])
 
 
 def _lead(lead: Array, axis: Array) -> Array:

@@ -8,7 +8,7 @@ motion must lie on that. What the controller makes of the corners is its own mat
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,7 @@ from machopt.domain.program import LIN
 from machopt.domain.readprogram import ReadProgram
 from machopt.domain.toolpath import Move
 from machopt.verify.check import Check
+from machopt.verify.inorder import targets_in_order
 from machopt.verify.points import JOINT_DEG
 from machopt.verify.ride import AXIS_DEG, PATH_MM
 from machopt.verify.table import Motion
@@ -29,7 +30,6 @@ LEVER = 0.01  # m: an angle counts as much as the way it moves a point so far fr
 NEAR = 2.5e-4  # m: a target farther from the motion is not on it; ten times what a right one is off
 NEAR_JOINT = float(np.radians(0.3))  # rad, the same of joint targets
 GIVEN_UP = 25  # targets that lie nowhere: enough to say so
-FIRST_WINDOW = 128  # samples
 SHORT = 1e-4  # m: on a shorter line the place does not tell how far the tool has turned
 RAPID_DEG = 0.1  # deg: between rapid way points joints go straight; corners there are rounded in time only
 BRANCH = 3.0  # of the orientation's tolerance: joints of a pose that has been compared only tell which branch it is
@@ -103,7 +103,7 @@ def _matched(
 ) -> tuple[Array, Array, Array, Array, Array]:
     """(M,) sample, m, rad (axis), rad (orientation), rad (joints) of each target to the motion there."""
     n = len(said)
-    at, gap, tilt, turn, joints = (np.full(n, np.nan) for _ in range(5))
+    tilt, turn, joints = (np.full(n, np.nan) for _ in range(3))
     p, R = tcp[:, :3, 3], tcp[:, :3, :3]
     near = max(NEAR, 3.0 * (allowed.corner + said.place_step))
     near_joint = max(NEAR_JOINT, 3.0 * said.joint_step)
@@ -118,31 +118,17 @@ def _matched(
         np.linalg.norm(np.diff(p, axis=0), axis=1) + LEVER * np.linalg.norm(np.diff(R, axis=0), axis=(1, 2))
     )
     swept = _longest(np.abs(np.diff(motion.q, axis=0)).max(axis=1))
-    lost, here = 0, 0.0
-    for k in range(n):
-        T = said.T_workpiece_tcp[k]
-
-        def joint_off(rows: slice, k: int = k) -> Array:
-            return np.asarray(np.abs(motion.q[rows] - said.q[k]).max(axis=1))
-
-        def pose_off(rows: slice, T: Array = T) -> Array:
-            chord = np.sum((R[rows] - T[:3, :3]) ** 2, axis=(1, 2)) / 2.0  # (angle)² where it is small
-            way = np.sum((p[rows] - T[:3, 3]) ** 2, axis=1)
-            return np.asarray(np.sqrt(way + LEVER**2 * chord))
-
-        joint = bool(known[k]) and said.kind[k] != LIN
-        off, most = (joint_off, near_joint + 0.5 * swept) if joint else (pose_off, near + 0.5 * gone)
-        found = _ahead(off, most, int(here), len(p)) if lost < GIVEN_UP else None
-        if found is None:
-            lost += 1
-            if lost <= GIVEN_UP:  # how far the nearest sample ahead is
-                rest = slice(int(here), len(p))
-                gap[k] = float(np.linalg.norm(p[rest] - T[:3, 3], axis=1).min())
-            continue
-        at[k], gap[k], tilt[k], turn[k] = _foot(found, here, T, p, R, allowed.corner)
-        here = at[k]
-        if known[k]:
-            joints[k] = float(np.abs(_between(motion.q, at[k]) - said.q[k]).max())
+    by_joints = known & (said.kind != LIN)
+    T = said.T_workpiece_tcp
+    nearest, at, gap = targets_in_order(
+        np.ascontiguousarray(p), np.ascontiguousarray(R), np.ascontiguousarray(motion.q, float),
+        np.ascontiguousarray(T[:, :3, 3]), np.ascontiguousarray(T[:, :3, :3]), np.ascontiguousarray(said.q, float),
+        by_joints, near + 0.5 * gone, near_joint + 0.5 * swept, LEVER, GIVEN_UP,
+    )  # fmt: skip
+    on = nearest >= 0
+    gap[on], tilt[on], turn[on] = _foot(at[on], T[on], p, R, allowed.corner)
+    told = on & known
+    joints[told] = np.abs(_between(motion.q, at[told]) - said.q[told]).max(axis=1)
     return at, gap, tilt, turn, joints
 
 
@@ -151,66 +137,42 @@ def _longest(step: Array) -> Array:
     return np.asarray(np.maximum(np.append(0.0, step), np.append(step, 0.0)))
 
 
-def _ahead(off: Callable[[slice], Array], most: Array, start: int, stop: int) -> int | None:
-    """The nearest sample of the first stretch from ``start`` on where ``off`` is below ``most`` (S,); None for none."""
-    window = FIRST_WINDOW
-    while True:
-        end = min(start + window, stop)
-        values = off(slice(start, end))
-        below: NDArray[np.bool_] = np.asarray(values < most[start:end])
-        if below.any():
-            first = int(np.argmax(below))
-            after = int(np.argmax(~below[first:])) if not below[first:].all() else len(below) - first
-            if first + after < len(below) or end == stop:
-                return start + first + int(np.argmin(values[first : first + after]))
-        elif end == stop:
-            return None
-        window *= 4
-
-
-def _foot(
-    sample: int, here: float, T: Array, p: Array, R: Array, corner: float
-) -> tuple[float, float, float, float]:  # fmt: skip
-    """Place of the foot on the motion's polyline beside ``sample``, never before ``here``; m, rad, rad to there."""
-    best = (float(sample), np.inf)
-    for a in (sample - 1, sample):
-        if not 0 <= a < len(p) - 1:
-            continue
-        way = p[a + 1] - p[a]
-        length2 = float(way @ way)
-        share = float(np.clip((T[:3, 3] - p[a]) @ way / length2, 0.0, 1.0)) if length2 > 1e-16 else float(sample - a)
-        gap = float(np.linalg.norm(p[a] + share * way - T[:3, 3]))
-        if gap < best[1] - 1e-12:
-            best = (a + share, gap)
-    at = max(best[0], here)
-    a = min(int(at), len(p) - 2) if len(p) > 1 else 0
-    share = at - a
-    b = min(a + 1, len(p) - 1)
-    gap = float(np.linalg.norm((1 - share) * p[a] + share * p[b] - T[:3, 3]))
-    nearest = a if share < 0.5 else b
-    ends = min(float(np.linalg.norm(R[n, :, 2] - T[:3, 2])) for n in (a, b))
-    blend = (1 - share) * R[a, :, 2] + share * R[b, :, 2]
-    z = min(ends, float(np.linalg.norm(blend / max(float(np.linalg.norm(blend)), 1e-12) - T[:3, 2])))
+def _foot(at: Array, T: Array, p: Array, R: Array, corner: float) -> tuple[Array, Array, Array]:
+    """(K,) m, rad (axis), rad (orientation) from targets (K, 4, 4) to the motion's polyline at places (K,)."""
+    last = len(p) - 1
+    a = np.clip(at.astype(np.int64), 0, max(last - 1, 0))
+    b = np.minimum(a + 1, last)
+    share = (at - a)[:, None]
+    gap = np.linalg.norm((1 - share) * p[a] + share * p[b] - T[:, :3, 3], axis=1)
+    axis, wanted = R[:, :, 2], T[:, :3, 2]
+    ends = np.minimum(*(np.linalg.norm(axis[n] - wanted, axis=1) for n in (a, b)))
+    blend = (1 - share) * axis[a] + share * axis[b]
+    blend /= np.maximum(np.linalg.norm(blend, axis=1, keepdims=True), 1e-12)
+    z = np.minimum(ends, np.linalg.norm(blend - wanted, axis=1))
     # where the axis turns differently before and after, the chord between the samples cuts that corner
-    before, after = R[a, :, 2] - R[max(a - 1, 0), :, 2], R[min(b + 1, len(p) - 1), :, 2] - R[b, :, 2]
-    slack = share * (1 - share) * float(np.linalg.norm(after - before))
+    before, after = axis[a] - axis[np.maximum(a - 1, 0)], axis[np.minimum(b + 1, last)] - axis[b]
+    slack = share[:, 0] * (1 - share[:, 0]) * np.linalg.norm(after - before, axis=1)
     # and where the tool rounds the point, the foot is uncertain by as much along the path
-    way = float(np.linalg.norm(p[b] - p[a]))
-    slack += min(corner / max(way, corner), 1.0) * float(np.linalg.norm(R[b, :, 2] - R[a, :, 2])) if corner > 0 else 0.0
-    z = max(z - min(slack, np.radians(AXIS_DEG)), 0.0)
-    turned = min(_angle(R[nearest], T[:3, :3]), _angle((1 - share) * R[a] + share * R[b], T[:3, :3]))
-    return at, gap, float(2.0 * np.arcsin(np.clip(z / 2.0, 0.0, 1.0))), turned
+    if corner > 0:
+        way = np.linalg.norm(p[b] - p[a], axis=1)
+        slack += np.minimum(corner / np.maximum(way, corner), 1.0) * np.linalg.norm(axis[b] - axis[a], axis=1)
+    z = np.maximum(z - np.minimum(slack, np.radians(AXIS_DEG)), 0.0)
+    nearest = np.where(share[:, 0] < 0.5, a, b)
+    wide = share[:, :, None]
+    turned = np.minimum(_angle(R[nearest], T[:, :3, :3]), _angle((1 - wide) * R[a] + wide * R[b], T[:, :3, :3]))
+    return gap, np.asarray(2.0 * np.arcsin(np.clip(z / 2.0, 0.0, 1.0))), turned
 
 
-def _angle(A: Array, B: Array) -> float:
-    """Between two rotations, exact for small angles."""
-    return float(2.0 * np.arcsin(np.clip(np.linalg.norm(A - B) / np.sqrt(8.0), 0.0, 1.0)))
+def _angle(A: Array, B: Array) -> Array:
+    """(K,) between rotations (K, 3, 3), exact for small angles."""
+    return np.asarray(2.0 * np.arcsin(np.clip(np.linalg.norm(A - B, axis=(1, 2)) / np.sqrt(8.0), 0.0, 1.0)))
 
 
-def _between(values: Array, at: float) -> Array:
-    a = int(np.clip(at, 0, len(values) - 1))
-    b = min(a + 1, len(values) - 1)
-    return np.asarray((1.0 - (at - a)) * values[a] + (at - a) * values[b])
+def _between(values: Array, at: Array) -> Array:
+    """(K, n) rows of (S, n) at fractional places (K,)."""
+    a = np.clip(at.astype(np.int64), 0, len(values) - 1)
+    b, f = np.minimum(a + 1, len(values) - 1), (at - a)[:, None]
+    return np.asarray((1.0 - f) * values[a] + f * values[b])
 
 
 def _whole(said: ReadProgram, motion: Motion, at: Array) -> Check:
@@ -259,7 +221,8 @@ def _lines(
             checks.append(_worst(said, what, unit, scale * off[:, column], scale * limit, ways))
     if not linear.all():
         pick = np.flatnonzero(~linear)
-        q = np.array([_between(motion.q, a) if np.isfinite(a) else np.full(6, np.nan) for a in at])
+        q = np.full((len(at), motion.q.shape[1]), np.nan)
+        q[known] = _between(motion.q, at[known])
         joint = np.isfinite(said.q).all(axis=1)
         q[joint] = said.q[joint]
         bow = _off_joint_line(motion.q[rows[pick]], q[move[pick] - 1], q[move[pick]])
@@ -303,19 +266,25 @@ def _kinds(
     Samples within ``place`` (m) of either target tell nothing: round a corner the tool dwells there, and it may stand
     on a point before it leaves it.
     """
-    wrong: list[str] = []
-    for k in np.flatnonzero(np.isfinite(at[1:]) & np.isfinite(at[:-1])) + 1:
-        rows = np.arange(int(np.ceil(at[k - 1] + 0.5)), int(np.floor(at[k] - 0.5)) + 1)
-        if linear[k] and linear[k - 1]:
-            ends = said.T_workpiece_tcp[[k - 1, k], :3, 3]
-            rows = rows[np.linalg.norm(p[rows, None] - ends, axis=2).min(axis=1) > place]
-        inside = motion.move[rows]
-        if not len(inside):
-            continue
-        if not linear[k] and not said.streamed and (inside != Move.RAPID).any():
-            wrong.append(f"{where[k]} is a joint move where the tool is led along the path")
-        elif linear[k] and (said.move[k] == Move.CUT) != bool((inside == Move.CUT).any()):
-            wrong.append(f"{where[k]} is called {Move(int(said.move[k])).word} where the motion says otherwise")
+    ends = np.flatnonzero(np.isfinite(at[1:]) & np.isfinite(at[:-1])) + 1
+    first = np.ceil(at[ends - 1] + 0.5).astype(np.int64)
+    count = np.maximum(np.floor(at[ends] - 0.5).astype(np.int64) - first + 1, 0)
+    nth = np.repeat(np.arange(len(ends)), count)  # of each sample between two targets: whose way it is
+    rows = first[nth] + np.arange(len(nth)) - np.repeat(np.cumsum(count) - count, count)
+    k = ends[nth]
+    tip = said.T_workpiece_tcp[:, :3, 3]
+    apart = np.minimum(*(np.linalg.norm(p[rows] - tip[n], axis=1) for n in (k - 1, k)))
+    tells = ~(linear[k] & linear[k - 1]) | (apart > place)
+    n, moves = len(at), motion.move[rows[tells]]
+    seen, cuts, led = (np.bincount(k[tells][which], minlength=n) > 0
+                       for which in (slice(None), moves == Move.CUT, moves != Move.RAPID))  # fmt: skip
+    astray = seen & ~linear & led & (not said.streamed)
+    called = seen & linear & ((said.move == Move.CUT) != cuts)
+    wrong = [
+        f"{where[m]} is a joint move where the tool is led along the path" if astray[m] else
+        f"{where[m]} is called {Move(int(said.move[m])).word} where the motion says otherwise"
+        for m in np.flatnonzero(astray | called).tolist()
+    ]  # fmt: skip
     text = "; ".join(wrong[:3]) or "all agree"
     return Check(f"{said.file}: kinds of moves", not wrong, float(len(wrong)), 0.0, "moves", text)
 

@@ -16,12 +16,14 @@ from machopt.domain.program import LIN
 from machopt.domain.readprogram import ReadProgram
 from machopt.domain.toolpath import Toolpath
 from machopt.verify.check import Check
+from machopt.verify.inorder import lines_in_order
 from machopt.verify.ride import AXIS_DEG, PATH_MM
 
 Array = NDArray[np.float64]
 
 FEED_SHARE = 1e-4  # of the feed: what is left of a number printed to six digits
 MOST_NAMED = 3
+GIVEN_UP = 100  # points that no line leads to: enough to say so
 BESIDE = 9e-5  # m: points that are put in keep a tenth of a millimetre from others
 INDEX = 5e-5  # of a toolpath index: rounding of trajectory.csv's point column
 UNREADABLE = " ?<>&"  # characters that comments of some controllers cannot hold, and what stands for them
@@ -71,39 +73,14 @@ def against_cam(said: ReadProgram, cuts: Cuts, at_index: Array) -> list[Check]:
 
 
 def _reached(place: Array, shank: Array, cuts: Cuts, limit: float) -> tuple[NDArray[np.int64], Array, Array]:
-    """(N,) the move on whose line each wanted point lies first, in order, −1 for none; m; rad between the axes.
-
-    A missing point leaves the place where the next is looked for as it was.
-    """
-    n = len(cuts.position)
-    reached, gap, tilt = np.full(n, -1), np.full(n, np.nan), np.full(n, np.nan)
-    start, way = place[:-1], np.diff(place, axis=0)
-    length2 = np.einsum("ij,ij->i", way, way)
-    safe = np.where(length2 > 0.0, length2, 1.0)
-    here, passed, missed = 1, -1.0, 0
-    for k in np.flatnonzero(cuts.wanted):
-        window, found, nearest = 64, None, np.inf
-        while found is None and missed < 100 and here < len(place):
-            rows = slice(here - 1, min(here - 1 + window, len(way)))
-            share = np.clip(np.einsum("ij,ij->i", cuts.position[k] - start[rows], way[rows]) / safe[rows], 0.0, 1.0)
-            off = np.linalg.norm(start[rows] + share[:, None] * way[rows] - cuts.position[k], axis=1)
-            if passed >= 0.0 and rows.start == here - 1:  # on the line of the last point only what lies behind it
-                off[0] = off[0] if share[0] * np.sqrt(length2[here - 1]) >= passed - limit else np.inf
-            nearest = min(nearest, float(off.min()))
-            if (off <= limit).any():
-                found = int(np.argmax(off <= limit))
-                j = here + found
-                axis = (1.0 - share[found]) * shank[j - 1] + share[found] * shank[j]
-                reached[k], gap[k] = j, off[found]
-                sine, cosine = np.linalg.norm(np.cross(axis, cuts.toolpath.axis[k])), axis @ cuts.toolpath.axis[k]
-                tilt[k] = float(np.arctan2(sine, cosine))
-                here, passed = j, float(share[found] * np.sqrt(length2[j - 1]))
-            elif rows.stop >= len(way):
-                break
-            window *= 8
-        if reached[k] < 0:
-            missed += 1
-            gap[k] = nearest
+    """(N,) the move on whose line each wanted point lies first, in order, −1 for none; m; rad between the axes."""
+    reached, share, gap = lines_in_order(
+        np.ascontiguousarray(place), np.ascontiguousarray(cuts.position), cuts.wanted, limit, GIVEN_UP
+    )
+    tilt, on = np.full(len(reached), np.nan), np.flatnonzero(reached >= 0)
+    f, j, wanted = share[on, None], reached[on], cuts.toolpath.axis[on]
+    axis = (1.0 - f) * shank[j - 1] + f * shank[j]
+    tilt[on] = np.arctan2(np.linalg.norm(np.cross(axis, wanted), axis=1), np.sum(axis * wanted, axis=1))
     return reached, gap, tilt
 
 
@@ -113,37 +90,45 @@ def _cut_moves(
     """The moves of each cut: linear, at the file's feed, on the file's line, none of them twice."""
     index, corner = cuts.corners
     path = cuts.toolpath
-    joint, fast, off_line, double = [], [], [], []
-    worst_feed, worst_line = 0.0, 0.0
-    for k in np.flatnonzero(cuts.wanted & (reached >= 0)):
-        j = int(reached[k])
-        first = j
-        if k > 0:
-            before = _arrives(place, cuts.position[k - 1], j, limit) if reached[k - 1] < 0 else int(reached[k - 1])
-            first = min(before + 1, j) if before >= 0 else j
-        moves = np.arange(first, j + 1)
-        name = f"move {j + 1}, line {int(said.line[j])}, to point {k}"
-        if (said.kind[moves] != LIN).any() and not said.streamed:
-            joint.append(name)
-            continue
-        if not said.streamed:
-            want = float(path.feed[k])
-            off = np.abs(said.feed[moves] - want)
-            off = np.where(np.isnan(off), np.inf, off)
-            if not (off <= said.feed_step + FEED_SHARE * want).all() and np.isfinite(want):
-                fast.append(f"{name}: {6e4 * said.feed[moves[int(np.argmax(off))]]:g} instead of {6e4 * want:g} mm/min")
-            worst_feed = max(worst_feed, float(off.max()) if np.isfinite(want) else 0.0)
-        if k > 0 and len(moves) > 1 and first < j:
-            inner = place[first:j]
-            on = (index >= k - 1 - 1e-9) & (index <= k + 1e-9)
-            away = _from_polyline(inner, corner[on]) if on.sum() > 1 else np.zeros(len(inner))
-            worst_line = max(worst_line, float(away.max()))
-            if (away > limit).any():
-                off_line.append(f"{name}: {1e3 * away.max():.3f} mm beside the cut")
-            if not said.streamed:
-                same = np.abs(np.diff(said.T_workpiece_tcp[first - 1 : j + 1], axis=0)).max(axis=(1, 2)) < 1e-9
-                twice = same & (np.linalg.norm(path.position[k] - path.position[k - 1]) > 1e-6)
-                double += [name] if twice.sum() > _repeats(path, int(k) - 1) else []
+    k = np.flatnonzero(cuts.wanted & (reached >= 0))
+    j, first = reached[k], _first_moves(place, cuts, reached, k, limit)
+
+    def name(n: int) -> str:
+        return f"move {j[n] + 1}, line {int(said.line[j[n]])}, to point {k[n]}"
+
+    count = j - first + 1
+    nth = np.repeat(np.arange(len(k)), count)  # of each move: which point's cut it belongs to
+    move = first[nth] + np.arange(len(nth)) - np.repeat(np.cumsum(count) - count, count)
+    bent = np.zeros(len(k), bool)
+    if not said.streamed:
+        bent[nth[said.kind[move] != LIN]] = True
+    joint = [name(n) for n in np.flatnonzero(bent).tolist()]
+    fast, worst_feed = [], 0.0
+    if not said.streamed:
+        want = path.feed[k]
+        off = np.abs(said.feed[move] - want[nth])
+        off[np.isnan(off)] = np.inf
+        asked = (np.isfinite(want) & ~bent)[nth]
+        worst_feed = float(off[asked].max(initial=0.0))
+        wrong = asked & ~(off <= said.feed_step + FEED_SHARE * want[nth])
+        for n in np.unique(nth[wrong])[:MOST_NAMED].tolist():
+            m = move[nth == n][int(np.argmax(off[nth == n]))]
+            fast.append(f"{name(n)}: {6e4 * said.feed[m]:g} instead of {6e4 * want[n]:g} mm/min")
+    off_line, double, worst_line = [], [], 0.0
+    T = said.T_workpiece_tcp
+    same = np.append(False, np.abs(np.diff(T, axis=0)).max(axis=(1, 2)) < 1e-9)
+    repeats = np.append(0, np.cumsum(same))
+    far = np.append(False, np.linalg.norm(np.diff(path.position, axis=0), axis=1) > 1e-6)
+    for n in np.flatnonzero((k > 0) & (first < j) & ~bent).tolist():  # where moves lead on between two points
+        inner = place[first[n] : j[n]]
+        on = slice(*np.searchsorted(index, (k[n] - 1 - 1e-9, k[n] + 1e-9)))
+        away = _from_polyline(inner, corner[on]) if on.stop - on.start > 1 else np.zeros(len(inner))
+        worst_line = max(worst_line, float(away.max()))
+        if (away > limit).any():
+            off_line.append(f"{name(n)}: {1e3 * away.max():.3f} mm beside the cut")
+        if not said.streamed and far[k[n]] and first[n] > 0:
+            twice = int(repeats[j[n] + 1] - repeats[first[n]])
+            double += [name(n)] if twice > _repeats(path, int(k[n]) - 1) else []
     return [
         _listed(said, "cuts are linear", joint, "cuts"),
         Check(f"{said.file}: CAM feed", not fast, 6e4 * worst_feed, 6e4 * said.feed_step, "mm/min",
@@ -152,6 +137,16 @@ def _cut_moves(
               "; ".join(off_line[:MOST_NAMED]) or "all"),
         _listed(said, "no move twice", double, "moves"),
     ]  # fmt: skip
+
+
+def _first_moves(
+    place: Array, cuts: Cuts, reached: NDArray[np.int64], k: NDArray[np.int64], limit: float
+) -> NDArray[np.int64]:
+    """(K,) the first move of the cut that leads to each of the points k: behind where the point before is reached."""
+    before = np.where(k > 0, reached[k - 1], -1)
+    for n in np.flatnonzero((k > 0) & (before < 0)).tolist():
+        before[n] = _arrives(place, cuts.position[k[n] - 1], int(reached[k[n]]), limit)
+    return np.where(before >= 0, np.minimum(before + 1, reached[k]), reached[k])
 
 
 def _listed(said: ReadProgram, what: str, wrong: list[str], unit: str) -> Check:
@@ -206,10 +201,10 @@ def _events(said: ReadProgram, cuts: Cuts, reached: NDArray[np.int64], at_index:
         if not text.startswith(back) or bool(text) != bool(back):
             wrong.append(f"{read.text[:30]!r} instead of {event.text[:30]!r}")
             continue
-        before, after = points[points <= event.index - 1], points[points >= event.index]
+        nth = int(np.searchsorted(points, event.index))  # points before the event
         # of a streamed program the sample nearest to the point may lie behind it; its index, below, tells
-        early = len(before) > 0 and read.index <= reached[before[-1]] - int(said.streamed)
-        late = len(after) > 0 and read.index > reached[after[0]]
+        early = nth > 0 and read.index <= reached[points[nth - 1]] - int(said.streamed)
+        late = nth < len(points) and read.index > reached[points[nth]]
         if len(finite) and 0 < read.index < len(known):
             slack = _beside(cuts, event.index, 0.0 if said.streamed else BESIDE + said.place_step)
             early |= bool(known[read.index] <= event.index - 1 + slack)
@@ -237,12 +232,16 @@ def _first_missing(said: ReadProgram, cuts: Cuts) -> str:
 
 def _operations(said: ReadProgram, cuts: Cuts, reached: NDArray[np.int64]) -> Check:
     """The moves of a cut carry its operation's label, as far as a comment can hold it."""
-    path, wrong = cuts.toolpath, []
-    for k in np.flatnonzero(cuts.wanted & (reached >= 0)):
-        label = _kept(path.operations[int(path.operation[k])].label)
-        back = _kept(said.operation[int(reached[k])])
-        if said.operation[int(reached[k])] and not label.startswith(back):
-            wrong.append(f"point {k} is cut in {said.operation[int(reached[k])][:30]!r}")
+    path = cuts.toolpath
+    k = np.flatnonzero(cuts.wanted & (reached >= 0))
+    labels = [_kept(o.label) for o in path.operations]
+    kept = {word: _kept(word) for word in set(said.operation)}
+    wrong = [
+        f"point {n} is cut in {word[:30]!r}"
+        for n, own, word in zip(k.tolist(), path.operation[k].tolist(), map(said.operation.__getitem__,
+                                                                            reached[k].tolist()), strict=True)
+        if word and not labels[own].startswith(kept[word])
+    ]  # fmt: skip
     return _listed(said, "operations", wrong, "points")
 
 

@@ -1,0 +1,150 @@
+"""Places looked for one after the other: targets along a motion, points of a CAM file along a program's lines.
+
+Where the n-th lies decides where the next is looked for, so these loops cannot be written as array operations; they
+are compiled.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.verify.compiled import compiled
+
+Array = NDArray[np.float64]
+
+
+@compiled
+def targets_in_order(
+    place: Array, turn: Array, joints: Array, wanted_place: Array, wanted_turn: Array, wanted_joints: Array,
+    by_joints: NDArray[np.bool_], near_pose: Array, near_joint: Array, lever: float, give_up: int,
+) -> tuple[NDArray[np.int64], Array, Array]:  # fmt: skip
+    """Where each target lies on the motion: on the first stretch ahead that is near it, at the foot beside its nearest
+    sample.
+
+    Args:
+        place: (S, 3) m, turn (S, 3, 3), joints (S, 6) rad of the motion's samples.
+        wanted_place: (M, 3) m, wanted_turn (M, 3, 3), wanted_joints (M, 6) rad of the targets.
+        by_joints: (M,) the target is found by its joints, else by its pose.
+        near_pose: (S,) m, near_joint (S,) rad: nearer than this to a sample counts.
+        lever: m, by which a turn counts as a way.
+        give_up: so many targets that lie nowhere end the search.
+
+    Returns:
+        (M,) nearest sample, −1 where nothing ahead is near; (M,) place on the motion, fractional, NaN there; (M,) m to
+        the nearest sample ahead of targets that lie nowhere, NaN elsewhere.
+    """
+    samples, count = len(place), len(wanted_place)
+    nearest = np.full(count, -1)
+    at, missed = np.full(count, np.nan), np.full(count, np.nan)
+    here, lost = 0.0, 0
+    for k in range(count):
+        if lost >= give_up:
+            break
+        best, found = np.inf, -1
+        start = int(here)
+        for n in range(start, samples):
+            off = 0.0
+            if by_joints[k]:
+                for c in range(joints.shape[1]):
+                    off = max(off, abs(joints[n, c] - wanted_joints[k, c]))
+                near = near_joint[n]
+            else:
+                for c in range(3):
+                    off += (place[n, c] - wanted_place[k, c]) ** 2
+                near = near_pose[n]
+                if off < near * near:  # the turn can only add to it
+                    chord = 0.0
+                    for c in range(3):
+                        for d in range(3):
+                            chord += (turn[n, c, d] - wanted_turn[k, c, d]) ** 2
+                    off = np.sqrt(off + lever * lever * chord / 2.0)
+                else:
+                    off = np.inf
+            if off < near:
+                if off < best:
+                    best, found = off, n
+            elif found >= 0:
+                break
+        nearest[k] = found
+        if found < 0:
+            lost += 1
+            least = np.inf
+            for n in range(start, samples):
+                way = 0.0
+                for c in range(3):
+                    way += (place[n, c] - wanted_place[k, c]) ** 2
+                least = min(least, way)
+            missed[k] = np.sqrt(least)
+            continue
+        gap, there = np.inf, float(found)
+        for a in (found - 1, found):
+            if a < 0 or a >= samples - 1:
+                continue
+            length, along = 0.0, 0.0
+            for c in range(3):
+                way = place[a + 1, c] - place[a, c]
+                length += way * way
+                along += (wanted_place[k, c] - place[a, c]) * way
+            share = min(max(along / length, 0.0), 1.0) if length > 1e-16 else float(found - a)
+            off = 0.0
+            for c in range(3):
+                off += (place[a, c] + share * (place[a + 1, c] - place[a, c]) - wanted_place[k, c]) ** 2
+            off = np.sqrt(off)
+            if off < gap - 1e-12:
+                gap, there = off, a + share
+        here = max(there, here)
+        at[k] = here
+    return nearest, at, missed
+
+
+@compiled
+def lines_in_order(
+    ends: Array, wanted: Array, asked: NDArray[np.bool_], limit: float, give_up: int
+) -> tuple[NDArray[np.int64], Array, Array]:
+    """The first line ahead that each wanted point lies on, of the polyline through ``ends``.
+
+    A missing point leaves the place where the next is looked for as it was.
+
+    Args:
+        ends: (M, 3) m.
+        wanted: (N, 3) m.
+        asked: (N,) which of them are looked for.
+        limit: m, nearer than this to a line counts.
+        give_up: so many missing points end the search.
+
+    Returns:
+        (N,) the end of its line, −1 for none; (N,) share of the line that lies behind it; (N,) m to the line; where
+        there is none to the nearest ahead, infinite after the search had ended; NaN where not asked.
+    """
+    count = len(wanted)
+    reached = np.full(count, -1)
+    share, gap = np.full(count, np.nan), np.full(count, np.nan)
+    here, passed, missed = 1, -1.0, 0
+    for k in range(count):
+        if not asked[k]:
+            continue
+        nearest = np.inf
+        if missed < give_up:
+            for j in range(here, len(ends)):
+                length, along = 0.0, 0.0
+                for c in range(3):
+                    way = ends[j, c] - ends[j - 1, c]
+                    length += way * way
+                    along += (wanted[k, c] - ends[j - 1, c]) * way
+                f = min(max(along / (length if length > 0.0 else 1.0), 0.0), 1.0)
+                if j == here and passed >= 0.0 and f * np.sqrt(length) < passed - limit:
+                    continue  # on the line of the last point only what lies behind it
+                off = 0.0
+                for c in range(3):
+                    off += (ends[j - 1, c] + f * (ends[j, c] - ends[j - 1, c]) - wanted[k, c]) ** 2
+                off = np.sqrt(off)
+                nearest = min(nearest, off)
+                if off <= limit:
+                    reached[k], share[k], gap[k] = j, f, off
+                    here, passed = j, f * np.sqrt(length)
+                    break
+        if reached[k] < 0:
+            missed += 1
+            gap[k] = nearest
+    return reached, share, gap
