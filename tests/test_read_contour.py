@@ -212,7 +212,7 @@ def test_the_axes_of_a_plane_that_stays(tmp_path: Path) -> None:
 
 
 def test_a_linuxcnc_parameter_named_like_a_sinumerik_word(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="read before it is set"):
+    with pytest.raises(InputError, match="a value of the running control"):
         points(
             tmp_path, "G21 G90\nM61 Q2\nG10 L20 P0 X-#<_hal[kins.x-rot-point]>\nG0 X0 Y0 Z5\nG1 Z0 F100\nM2\n", "a.ngc"
         )

@@ -42,7 +42,10 @@ class HoleCycle:
             CycleError: the bottom is above the clearance height, or more than MAX_PECKS pecks.
         """
         if not self.bottom < self.clear:
-            raise CycleError(f"bottom at {self.bottom:g} mm is not below the clearance height {self.clear:g} mm")
+            raise CycleError(
+                f"bottom at {self.bottom:g} mm is not below the clearance height {self.clear:g} mm: the cycle would "
+                "drill upwards; post it again with its depth below its clearance (R, clearance plane)"
+            )
         step = self.next_peck or self.first_peck
         if self.first_peck > 0.0 and (self.peck_from - self.bottom) / min(step, self.first_peck) > MAX_PECKS:
             raise CycleError(f"more than {MAX_PECKS} pecks of {step:g} mm")

@@ -58,7 +58,7 @@ class CallReader(FrameReader):
             self.out.begin_operation(found.group(1))
             return
         elif SIEMENS.fullmatch(name):
-            feed = words.get("F", self.feed) * self.scale
+            feed = words["F"] * self.feed_unit if "F" in words else self.feed * self.feed_scale
             self.modal_call = siemens_cycle(name, args, self.scale, feed)
             self.once = line
             return

@@ -221,6 +221,10 @@ class _Parser:
         if token == "#":
             name, _ = self.name()
             if name not in self.values:
+                if name.startswith(("<_HAL[", "<_INI[")):
+                    raise ExpressionError(
+                        f"#{name} is a value of the running control, not of the program: write the number instead"
+                    )
                 raise ExpressionError(f"parameter #{name} is read before it is set")
             return self.values[name]
         self.take()

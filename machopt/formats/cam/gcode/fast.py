@@ -62,6 +62,7 @@ def plain_lines(r: MotionReader, at: int, pattern: re.Pattern[str] = PLAIN, *, l
         linear: lines without a G word are feed moves, whatever the one before was.
     """
     lines, match, scale = r.source.lines, pattern.fullmatch, r.scale
+    per_feed, same_feed_unit = r.feed_scale, r.feed_scale == r.feed_unit
     x, y, z = r.p
     motion, feed, angles = r.motion or 0, r.feed, r.setup.angles
     with_tcp, machine, vector = r.setup.tcp is not None, r.setup.machine, r.setup.vector
@@ -80,7 +81,7 @@ def plain_lines(r: MotionReader, at: int, pattern: re.Pattern[str] = PLAIN, *, l
         new = int(g) if g else (1 if linear else motion)
         if with_tcp and new != motion:
             break  # plunges after a rapid are kept for the check of the rotary signs
-        if (xs is None and ys is None and zs is None) or (f is not None and new == 0):
+        if (xs is None and ys is None and zs is None) or (f is not None and (new == 0 or not same_feed_unit)):
             break
         rate = feed if f is None else float(f)
         if new == 1 and not 0.0 < rate < math.inf:
@@ -108,7 +109,7 @@ def plain_lines(r: MotionReader, at: int, pattern: re.Pattern[str] = PLAIN, *, l
         motion, feed = new, rate
         at += 1
         if new:
-            extend((x, y, z, i, j, k, feed * scale))
+            extend((x, y, z, i, j, k, feed * per_feed))
             append((Move.CUT.value, at))
         else:
             extend((x, y, z, i, j, k, nan))
@@ -122,7 +123,7 @@ def plain_lines(r: MotionReader, at: int, pattern: re.Pattern[str] = PLAIN, *, l
     if places:
         r.segment = None
     if before and motion == 1 and not with_tcp:  # a corner may follow
-        r.segment = Segment(np.array(before), np.array([x, y, z]), len(r.out) - 1, feed * scale)
+        r.segment = Segment(np.array(before), np.array([x, y, z]), len(r.out) - 1, feed * per_feed)
     r.p, r.axis, r.motion, r.feed = [x, y, z], (i, j, k), motion, feed
     if angles is not r.setup.angles or vector is not r.setup.vector:
         r.setup = r.setup.changed(angles=angles, vector=vector)

@@ -28,8 +28,11 @@ def is_siemens(source: Source) -> bool:
     return any(_SIEMENS.search(t.partition(";")[0].partition("(")[0]) for t in source.lines)
 
 
-def first_unit(source: Source, options: ReadOptions, blocks: BlockReader) -> tuple[str, str]:
-    """The unit by the file's first unit word, else the option's; and where it is from."""
+def first_unit(source: Source, options: ReadOptions, blocks: BlockReader, *, siemens: bool) -> tuple[str, str]:
+    """The unit of lengths by the file's first unit word, else the option's; and where it is from.
+
+    Where Sinumerik's G70 or G71 leaves feeds in the control's own unit, the option says that one.
+    """
     at = source.find(_MILLPLUS)
     if at is not None:
         raise source.error(
@@ -39,16 +42,18 @@ def first_unit(source: Source, options: ReadOptions, blocks: BlockReader) -> tup
         )
     found: str | None = None
     where: int | None = None
+    lengths_only = False
     for line, raw in enumerate(source.lines, 1):
         if "G" in raw or "g" in raw:
             text, _ = blocks.comments(raw) if "(" in raw or ";" in raw else (raw, [])
             word = _UNIT_WORD.search(text.upper())
             if word:
                 found, where = UNITS[int(word.group(1)) * 10], line
+                lengths_only = siemens and word.group(1) in ("70", "71")
                 break
     unit = options.unit
     if found is None and unit is None:
         raise source.error("has no G20 or G21 (G70, G71); give the unit with --unit mm or --unit inch")
-    if found is not None and unit is not None and found != unit:
+    if found is not None and unit is not None and found != unit and not lengths_only:
         raise source.error(f"the file is in {found} but --unit {unit} was given", where)
     return found or unit or "", "G word" if found else "option"

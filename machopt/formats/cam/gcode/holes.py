@@ -48,7 +48,7 @@ class HoleReader(ArcReader):
             return None
         if c.code in (73, 83) and not c.q > 0.0:
             self.out.warn_once(f"G{c.code} without a peck depth Q above zero: one stroke", b.line)
-        feed = self.feed * self.scale * (self.rpm if self.feed_mode == "revolution" else 1.0)
+        feed = self.feed * self.feed_scale * (self.rpm if self.feed_mode == "revolution" else 1.0)
         return c.at_hole(back_to_initial=self.back_to_initial, feed=feed)
 
     def holes(self, cycle: HoleCycle, words: dict[str, float], target: list[float] | None, b: Block) -> None:
@@ -59,7 +59,7 @@ class HoleReader(ArcReader):
         if not self.along_z():
             raise self.source.error(f"{cycle.name} with a tool that does not stand along Z is not supported", b.line)
         if math.isnan(cycle.feed):
-            cycle = HoleCycle(**{**cycle.__dict__, "feed": self.feed * self.scale})
+            cycle = HoleCycle(**{**cycle.__dict__, "feed": self.feed * self.feed_scale})
         if abs(self.setup.height_factor - 1.0) > 1e-9:
             raise self.source.error(
                 f"{cycle.name} under a scaling or mirroring of Z: which of its heights it changes depends on the "

@@ -67,7 +67,7 @@ class MotionReader(HoleReader):
         feed = None
         for name in ("FRCM", "FRC"):
             if name in b.named:
-                feed = b.named[name] * self.scale
+                feed = b.named[name] * self.feed_unit
                 if name == "FRCM":
                     self.corner_feed = feed or None
         if "RNDM" in b.named:

@@ -7,6 +7,7 @@ X, Y, Z of turned rotary axes need the machine's kinematics (``--machine``).
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 
@@ -172,7 +173,7 @@ class ProgramReader(CallReader):
         return (text, comments) if text or comments else None
 
     def first_unit(self, source: Source, options: ReadOptions) -> tuple[str, str]:
-        return first_unit(source, options, self.blocks)
+        return first_unit(source, options, self.blocks, siemens=self.siemens)
 
     def comment(self, text: str) -> None:
         found = OPERATION.match(text)
@@ -221,15 +222,15 @@ class ProgramReader(CallReader):
         self.m_words(m_words, words, b.line)
         if "T" in twice:
             self.next_tool, self.next_name = twice["T"], ""
-        modal_feed = self.feed
+        modal_feed = self.feed, self.feed_scale
         if "FB" in b.named:
-            self.feed = b.named["FB"]  # for this block only
+            self.take_feed(b.named["FB"], b.line)  # for this block only
         if machine_frame:
             self.lose(words, machine_frame, b.line)
         else:
             self.move(words, b)
         if "FB" in b.named:
-            self.feed = modal_feed
+            self.feed, self.feed_scale = modal_feed
         if any(m in PROGRAM_END or (m == 17 and self.siemens) for m in m_words):
             self.ended = True
 
@@ -250,6 +251,9 @@ class ProgramReader(CallReader):
                 )
             elif g in UNITS:
                 self.scale = UNIT_NAMES[UNITS[g]]
+                self.feed_unit = self.unit_of_feeds(g)
+                if not self.siemens:  # Sinumerik keeps the feed it has
+                    self.feed_scale = self.feed_unit
             elif g in FEED_MODES:
                 self.feed_mode = FEED_MODES[g]
             elif g in PLANES:
@@ -293,6 +297,12 @@ class ProgramReader(CallReader):
                 self.shift_origin(g, words, b.line)
             elif g in (680, 682, 690, 691, 531, 536):
                 self.plane_word(g, words, b)
+            elif g in (580, 590) and self.siemens and words.keys() & set("XYZ"):
+                raise self.source.error(
+                    f"G{g // 10} with axis words shifts the zero (Sinumerik) and names no work offset: not supported; "
+                    "write the shift as TRANS" + (", ATRANS" if g == 590 else ""),
+                    b.line,
+                )
             elif g in OFFSETS or g == 150:
                 self.use_offset(g, words, b.line)
             elif g == 50 and not words.keys() & set("XYZ"):
@@ -318,9 +328,34 @@ class ProgramReader(CallReader):
                 self.out.ignore(name, b.line, understood=False)
         return machine_frame
 
+    def unit_of_feeds(self, g: int) -> float:
+        """mm per unit of the feeds behind a unit word; NaN where the file does not say it.
+
+        Sinumerik's G70 and G71 change lengths only, feeds stay in the control's own unit; G700 and G710 change both.
+        """
+        if not self.siemens or g >= 7000:
+            return self.scale
+        if self.options.unit is not None:
+            return UNIT_NAMES[self.options.unit]
+        return 1.0 if g == 710 else math.nan
+
+    def take_feed(self, feed: float, line: int) -> None:
+        """F.
+
+        Raises:
+            InputError: its unit is not said.
+        """
+        if math.isnan(self.feed_unit) and self.feed_mode != "inverse":
+            raise self.source.error(
+                "F under G70: it makes lengths inches, feeds stay in the control's own unit. Give that with "
+                "--unit inch (F in inch/min) or --unit mm (F in mm/min), or post the program with G700",
+                line,
+            )
+        self.feed, self.feed_scale = feed, self.feed_unit
+
     def numbers(self, words: dict[str, float], b: Block) -> None:
         if "F" in words:
-            self.feed = words.pop("F")
+            self.take_feed(words.pop("F"), b.line)
         if "S" in words:
             self.rpm = words.pop("S")
             self.out.event("spindle", f"S{self.rpm:g}", self.rpm)

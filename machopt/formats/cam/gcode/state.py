@@ -49,6 +49,8 @@ class ControlState:
         self.incremental = False
         self.centres = Centres(self.out)
         self.feed_mode, self.feed, self.rpm = "minute", math.nan, math.nan
+        self.feed_unit = self.scale  # mm per unit of an F that is programmed from here on; NaN: not known
+        self.feed_scale = self.scale  # mm per unit of ``feed``, which keeps what held when it was programmed
         self.canned: Canned | None = None
         self.back_to_initial = True
         self.modal_call: HoleCycle | None = None
@@ -165,7 +167,10 @@ class ControlState:
                 "operation's fixture offset to 1 (G54) and post again, or give --offset G53=0,0,0"
             )
         if name.startswith(("G", "M")):
-            return f": {name} moved it in the machine's frame, and the program does not say where it went"
+            return (
+                f": {name} moved it in the machine's frame, and the program does not say where it went; "
+                "name it in a G0 behind that"
+            )
         return f": it was not programmed {name}" if name else ""
 
     def cut(self, to: list[float], axis: Vector, line: int, angles: dict[str, float] | None = None) -> None:
@@ -241,9 +246,9 @@ class ControlState:
 
     def feed_mm_min(self, length: float, line: int) -> float:
         if self.feed_mode == "minute":
-            return self.feed * self.scale
+            return self.feed * self.feed_scale
         if self.feed_mode == "revolution":
-            return self.feed * self.rpm * self.scale
+            return self.feed * self.rpm * self.feed_scale
         feed = self.feed * length  # G93: F is 1/min for the block
         if not (math.isfinite(feed) and feed > 1e-6):
             if math.isnan(self.feed) or math.isnan(self.last_feed):

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 
 import numpy as np
 
+from machopt.domain.toolpath import Array, Move
 from machopt.formats.arcs import ArcError
 from machopt.formats.cam.gcode.blocks import Block
+from machopt.formats.cam.gcode.contour import Corner, Kind, Segment
 from machopt.formats.cam.gcode.patterns import MOST_HOLES, circle, grid
 from machopt.formats.cam.gcode.planes import sequence, spatial
 from machopt.formats.cam.gcode.reader import ProgramReader
 from machopt.formats.cam.gcode.words import PLANES
+from machopt.formats.cam.heidenhain.approach import Approach, LeadIn, LeadPath, plane_point
 from machopt.formats.cam.heidenhain.cycles import SUPPORTED, old_cycle, q_cycle
 from machopt.formats.cam.heidenhain.flow import LabelFlow
 from machopt.formats.frames import FrameError, Transfer
 from machopt.formats.holecycle import CycleError
+from machopt.formats.pathbuilder import Vector
 from machopt.formats.source import MM_PER_INCH, ReadOptions, Source
 
 NUMBER = r"([+-]?\s*(?:\d+\.?\d*|\.\d+))"
@@ -47,6 +52,9 @@ class ControlReader(ProgramReader):
         self.cycle: int | None = None  # number
         self.cycle_words: dict[str, float] = {}
         self.chain: dict[str, Transfer] = {}  # datum, plane, turn: in the order they were switched on
+        self.turned_by = 0.0  # deg, CYCL DEF 10
+        self.side = 0.0  # of the tool by radius compensation: +1 left (RL, G41), -1 right
+        self.approach: Approach | None = None  # waits for the contour element it leads into
         self.preset: float | None = None
         self.left_out: tuple[str, int] | None = None  # another program that was called
         self.centres.absolute = True
@@ -164,6 +172,86 @@ class ControlReader(ProgramReader):
             return
         self.lose({}, "M140", line)
 
+    # ---- ends of contours and corners
+
+    def wait_for_corner(self, kind: Kind, size: float, f: float | None, line: int) -> None:
+        """RND, CHF (DIN/ISO: G25, G24) with a size and a feed of its own, program units."""
+        feed, own = self.feed, None
+        if f is not None:
+            self.feed_word(f, line)
+            own = self.feed * self.feed_scale
+        self.feed = feed
+        if not size > 0.0:
+            raise self.source.error(
+                f"a {'rounding' if kind == 'round' else 'chamfer'} of {size:g}: expected a size above zero", line
+            )
+        self.corner = Corner(kind, size * self.scale, line, own)
+
+    def lead_in(self, approach: Approach) -> None:
+        """APPR: the tool comes to the first contour point once the element behind it is known."""
+        self.end_contour("an approach (APPR) follows")
+        if any(map(math.isnan, (*self.p, *approach.place))):
+            raise self.source.error("APPR from or to a place that is not known", approach.line)
+        self.approach = approach
+        self.p = list(approach.place)
+
+    def end_contour(self, why: str) -> None:
+        if self.approach is not None:
+            raise self.source.error(f"APPR without a contour element after it: {why}", self.approach.line)
+        super().end_contour(why)
+
+    def turn_corner(self, one: Segment, axis: Vector, line: int) -> Segment:
+        approach, self.approach = self.approach, None
+        if approach is not None:
+            tangent = one.element(self.plane).direction(one.element(self.plane).start)
+            path = approach.path.before(plane_point(one.start), tangent, plane_point(np.array(approach.start)))
+            self.p = list(approach.start)
+            self.come_to(path.helper, approach.place[2], approach, axis)
+            if path.centre is not None:
+                self.lead_arc(path, one.start, axis, approach.feed, approach.line)
+            else:
+                self.go(one.start.tolist(), axis, Move.CUT, approach.feed, approach.line)
+            self.end_contour("")
+            one = dataclasses.replace(one, first=len(self.out))
+        return super().turn_corner(one, axis, line)
+
+    def come_to(self, helper: complex, height: float, approach: Approach, axis: Vector) -> None:
+        """To the auxiliary point: in the plane first, then along the tool axis."""
+        for z in (self.p[2], height):
+            to = [helper.real, helper.imag, z]
+            if to != self.p:
+                move = Move.RAPID if math.isnan(approach.feed_before) else Move.CUT
+                self.go(to, axis, move, approach.feed_before, approach.line)
+
+    def lead_arc(self, path: LeadPath, end: Array, axis: Vector, feed: float, line: int) -> None:
+        assert path.centre is not None
+        centre = np.array([path.centre.real, path.centre.imag, self.p[2]])
+        normal = self.plane * (1.0 if path.left else -1.0)
+        modal, self.feed = self.feed, feed / self.feed_scale
+        self.along_arc(np.array(self.p), end, centre, normal, [False] * 3, axis, line)
+        self.feed = modal
+
+    def lead_out(self, path: LeadIn, outside: complex | None, height: float | None, line: int) -> None:
+        """DEP: away from the last contour element, on to ``outside`` (mm) where it is given, at last to a height."""
+        if self.segment is None or np.isnan(self.segment.end).any():
+            raise self.source.error("DEP without a contour element before it", line)
+        if self.corner is not None:
+            raise self.source.error("a rounding or chamfer before DEP: no contour element follows it", self.corner.line)
+        element = self.segment.element(self.plane)
+        found = path.behind(element.end, element.direction(element.end), outside)
+        feed = self.feed_mm_min(1.0, line)
+        axis, z = self.axis, self.p[2]
+        end = np.array([found.helper.real, found.helper.imag, z])
+        if found.centre is not None:
+            self.lead_arc(found, end, axis, feed, line)
+        else:
+            self.go(end.tolist(), axis, Move.CUT, feed, line)
+        if outside is not None:
+            self.go([outside.real, outside.imag, z], axis, Move.CUT, feed, line)
+        if height is not None and height != z:
+            self.go([*self.p[:2], height], axis, Move.CUT, feed, line)
+        self.side, self.segment = 0.0, None  # DEP ends the compensation
+
     # ---- coordinate systems
 
     def chain_changed(self) -> None:
@@ -188,8 +276,8 @@ class ControlReader(ProgramReader):
                 "cell's workpiece is the shifted datum, take the shift out of the file)"
             )
 
-    def shift_datum(self, words: dict[str, float], line: int) -> None:
-        """CYCL DEF 7; inside a tilted plane it shifts along the tilted axes."""
+    def shift_datum(self, words: dict[str, float], line: int, word: str = "CYCL DEF 7") -> None:
+        """CYCL DEF 7, TRANS DATUM; inside a tilted plane it shifts along the tilted axes."""
         name = "datum" if "plane" not in self.chain or next(iter(self.chain)) == "datum" else "inner"
         if "plane" in self.chain:
             name = "inner"
@@ -205,7 +293,7 @@ class ControlReader(ProgramReader):
             self.chain.pop(name, None)
             self.chain.pop("inner", None)
         self.chain_changed()
-        self.out.ignore("CYCL DEF 7", line, understood=True)
+        self.out.ignore(word, line, understood=True)
 
     def transform(self, name: str, one: Transfer, word: str, line: int) -> None:
         """Mirror or scale inside of what was switched on before it; no change ends it."""
@@ -254,13 +342,20 @@ class ControlReader(ProgramReader):
         for x, y in places:
             self.holes(plan, {}, [x * s, y * s, self.p[2]], Block(line, []))
 
-    def turn_plane(self, degrees: float, line: int) -> None:
-        """CYCL DEF 10: rotation in the plane."""
+    def scale_all(self, factor: float, line: int, word: str = "CYCL DEF 11") -> None:
+        """CYCL DEF 11, TRANS SCALE: one factor for all lengths."""
+        if not factor > 0.0:
+            raise self.source.error(f"{word} with a factor of {factor:g}; expected one above zero", line)
+        self.transform("scale", Transfer.factors(factor, factor, factor), word, line)
+
+    def turn_plane(self, degrees: float, line: int, word: str = "CYCL DEF 10") -> None:
+        """CYCL DEF 10, TRANS ROTATION: rotation in the plane."""
         self.chain.pop("turn", None)
+        self.turned_by = degrees
         if degrees:
             self.chain["turn"] = Transfer.rotation("Z", degrees)
         self.chain_changed()
-        self.out.ignore("CYCL DEF 10", line, understood=True)
+        self.out.ignore(word, line, understood=True)
 
     def set_plane(self, plane: Transfer | None, line: int) -> None:
         """PLANE … or CYCL DEF 19: the tool stands upright on it."""

@@ -21,8 +21,8 @@ _WORD = re.compile(r"\s*([A-Z])\s*" + NUMBER)
 _Q = re.compile(r"\s*Q(\d+)\s*=\s*" + NUMBER)
 _MIRROR = re.compile(r"(?:G9[01]\s*)?G28(?:\s*[XYZABC])*")
 _REFUSED = {
-    6: "G6 (tangential arc)", 16: "G16 (polar tangential arc)", 24: "G24 (chamfer)", 25: "G25 (corner rounding)",
-    26: "G26 (tangential approach)", 27: "G27 (tangential departure)", 28: "G28 (mirroring)", 72: "G72 (scaling)",
+    6: "G6 (tangential arc)", 16: "G16 (polar tangential arc)", 26: "G26 (tangential approach)",
+    27: "G27 (tangential departure)", 28: "G28 (mirroring)", 72: "G72 (scaling)",
     18: "G18 (another tool axis)", 19: "G19 (another tool axis)", 20: "G20 (another tool axis)",
     53: "G53 (datum table)", 5: "G5 (arc without a direction)", 15: "G15 (polar arc without a direction)",
 }  # fmt: skip
@@ -117,13 +117,18 @@ class _Reader(ControlReader):
                 self.incremental = g == 91
             elif g in (41, 42):
                 self.out.warn_once("radius compensation (G41, G42) is not carried out: points as programmed", b.line)
-            elif g in (4, 54, 73, 79, 80, 98):
+            elif g in (4, 24, 25, 54, 73, 79, 80, 98):
                 special = g
             elif g in _REFUSED:
                 raise self.source.error(f"{_REFUSED[g]} is not supported; export it as G0 to G3", b.line)
             elif g not in reviewed.DIN_ISO:
                 raise self.source.error(f"G{g} is not known in DIN/ISO programs here", b.line)
         if 30 in g_words or 31 in g_words or 99 in g_words:
+            return
+        if special in (24, 25):
+            if words.keys() - {"R", "F"} or "R" not in words:
+                raise self.source.error(f"G{special}: expected R and perhaps F, nothing else", b.line)
+            self.wait_for_corner("round" if special == 25 else "setback", words["R"], words.get("F"), b.line)
             return
         if "F" in words and special != 4:
             self.feed_word(words.pop("F"), b.line)

@@ -12,10 +12,10 @@ import re
 from machopt.domain.toolpath import Toolpath
 from machopt.formats.cam import reviewed
 from machopt.formats.cam.gcode.blocks import Block
-from machopt.formats.cam.gcode.contour import Corner, Kind
 from machopt.formats.cam.gcode.fast import HEIDENHAIN, plain_lines
 from machopt.formats.cam.gcode.flow import FlowError
 from machopt.formats.cam.gcode.motion import TANGENTIAL
+from machopt.formats.cam.heidenhain.approach import Approach, Lead, LeadIn
 from machopt.formats.cam.heidenhain.control import NUMBER, ControlReader, value
 from machopt.formats.cam.heidenhain.cycles import OLD_WORD, old_word
 from machopt.formats.frames import Transfer
@@ -25,6 +25,8 @@ _WORD = re.compile(r"\s*(I?[XYZABC]|T[XYZ]|N[XYZ]|I?PR|I?PA|F|R|S)\s*" + NUMBER)
 _FLAG = re.compile(
     r"\s*(F\s*MAX|F\s*AUTO|R[0LR]?(?![\d.])|DR[+-]|M\s*\d+|M(?![A-Z])|MB\s*MAX|MB\s*[+-]?[\d.]+|F(?=\s|$))"
 )
+_LEADS: dict[str, Lead] = {"LT": "LT", "LN": "LN", "CT": "CT", "LCT": "LCT"}
+_ROTARY = {"A", "B", "C", "IA", "IB", "IC"}
 _Q = re.compile(r"\bQ(\d+)\s*=\s*" + NUMBER)
 _NEEDS_FLOW = re.compile(r"\b(?:LBL|FN)\b|\bQ\d+(?!\d*\s*=\s*[-+]?[\d.])", re.IGNORECASE)
 _IGNORED = (
@@ -40,10 +42,9 @@ _IGNORED = (
 )
 _REFUSED = {
     "CTP": "polar tangential arcs",
-    "FN": "formulas", "APPR": "approach blocks", "DEP": "departure blocks",
+    "FN": "formulas",
     "FPOL": "free contours", "FLT": "free contours", "FL": "free contours", "FCT": "free contours",
     "FC": "free contours", "SEL": "other programs and tables", "CYCL CALL PAT": "point patterns",
-    "TRANS": "transformations by TRANS",
 }  # fmt: skip
 
 
@@ -76,7 +77,7 @@ class _Reader(ControlReader):
         return self.finish()
 
     def plain_from(self, at: int) -> int:
-        return at if self.left_out else plain_lines(self, at, HEIDENHAIN, linear=True)
+        return at if self.left_out or self.approach else plain_lines(self, at, HEIDENHAIN, linear=True)
 
     def first_unit(self, source: Source, options: ReadOptions) -> tuple[str, str]:
         named = None
@@ -138,15 +139,12 @@ class _Reader(ControlReader):
         elif text == "CYCL CALL" or re.match(r"CYCL CALL (?:M|F)", text):
             self.drill_here(Block(line, []))
         elif found := re.match(r"(RND|CHF)\s+(?:R\s*)?" + NUMBER + r"(?:\s+F\s*" + NUMBER + ")?$", text):
-            feed = self.feed
-            if found.group(3):
-                self.feed_word(value(found.group(3)), line)
-            own, self.feed = self.feed * self.scale, feed
-            kind: Kind = "round" if found.group(1) == "RND" else "setback"
-            size = value(found.group(2)) * self.scale
-            if not size > 0.0:
-                raise self.source.error(f"{text[:24]!r}: expected a size above zero", line)
-            self.corner = Corner(kind, size, line, own if found.group(3) else None)
+            feed = value(found.group(3)) if found.group(3) else None
+            self.wait_for_corner("round" if found.group(1) == "RND" else "setback", value(found.group(2)), feed, line)
+        elif text.startswith(("APPR ", "DEP ")):
+            self.contour_end(text, line)
+        elif text.startswith("TRANS "):
+            self.trans(text, line)
         elif text.startswith("PLANE"):
             self.plane_statement(text, line)
         elif text.startswith("FUNCTION TCPM"):
@@ -199,10 +197,7 @@ class _Reader(ControlReader):
         elif number == 11:
             factor = re.search(r"\bSCL\s*" + NUMBER, rest)
             if factor:
-                f = value(factor.group(1))
-                if not f > 0.0:
-                    raise self.source.error(f"CYCL DEF 11 with a factor of {f:g}; expected one above zero", line)
-                self.transform("scale", Transfer.factors(f, f, f), "CYCL DEF 11", line)
+                self.scale_all(value(factor.group(1)), line)
         elif number == 26:
             axes = {k: value(v) for k, v in re.findall(r"\b([XYZ])\s*" + NUMBER, rest)}
             if "CCX" in rest or "CCY" in rest or (axes and not min(axes.values()) > 0.0):
@@ -240,6 +235,28 @@ class _Reader(ControlReader):
             raise self.source.error(f"found {rest[:20]!r}; expected SET UP, DEPTH, PECKG, DWELL or F", line)
         if word.group(2):
             self.cycle_words[old_word(word.group(1))] = value(word.group(2))
+
+    def trans(self, text: str, line: int) -> None:
+        """TRANS DATUM, MIRROR, ROTATION, SCALE: as the cycles 7, 8, 10 and 11; RESET ends each."""
+        _, kind, *rest = text.split(maxsplit=2)
+        arguments = rest[0] if rest else ""
+        off = arguments.startswith("RESET")
+        axes = {k: value(v) for k, v in re.findall(r"\b(I?[XYZABC])\s*" + NUMBER, arguments)}
+        if kind == "DATUM" and (off or (arguments.startswith("AXIS") and axes and not axes.keys() & _ROTARY)):
+            self.shift_datum(dict.fromkeys("XYZ", 0.0) if off else axes, line, "TRANS DATUM")
+        elif kind == "MIRROR" and (off or arguments.startswith("AXIS")):
+            self.mirror_axes("" if off else arguments.removeprefix("AXIS"), "TRANS MIRROR", line)
+        elif kind == "ROTATION" and (found := re.match(r"RESET|(I?)ROT\s*" + NUMBER, arguments)):
+            degrees = 0.0 if off else value(found.group(2))
+            self.turn_plane(degrees + (self.turned_by if found.group(1) else 0.0), line, "TRANS ROTATION")
+        elif kind == "SCALE" and (found := re.match(r"RESET|SCL\s*" + NUMBER, arguments)):
+            self.scale_all(1.0 if off else value(found.group(1)), line, "TRANS SCALE")
+        else:
+            raise self.source.error(
+                f"{text[:40]!r}: read are TRANS DATUM AXIS X… Y… Z…, MIRROR AXIS, ROTATION ROT…, SCALE SCL… and their "
+                "RESET (a datum table is not in the file)",
+                line,
+            )
 
     # ---- motion
 
@@ -306,6 +323,52 @@ class _Reader(ControlReader):
         if any(m in (2, 30) for m in m_words):
             self.ended = True
 
+    def contour_end(self, text: str, line: int) -> None:
+        """APPR or DEP with LT, LN, CT or LCT, in Cartesian coordinates."""
+        found = re.match(r"(APPR|DEP)\s+(LT|LN|CT|LCT)(?![A-Z])(.*)", text)
+        kind = None if found is None else _LEADS[found.group(2)]
+        if found is None or kind is None:
+            raise self.source.error(
+                f"{text[:24]!r}: read are APPR and DEP with LT, LN, CT and LCT; post it with those, or as L and C", line
+            )
+        where, rest = found.group(1), found.group(3)
+        own: dict[str, float] = {}
+        for name in ("LEN", "CCA"):
+            if number := re.search(rf"\b{name}\s*" + NUMBER, rest):
+                own[name] = value(number.group(1))
+                rest = rest.replace(number.group(0), " ", 1)
+        side, feed_before = self.side, math.nan if self.motion == 0 else self.feed_mm_min(1.0, line)
+        words, flags = self.split(rest, line)
+        if "F" in words:
+            self.feed_word(words.pop("F"), line)
+        if "FMAX" in flags:
+            raise self.source.error(f"{where} {kind} with FMAX: give it a feed", line)
+        self.m_words([int(f[1:]) for f in flags if re.fullmatch(r"M\d+", f)], {}, line)
+        needed = {"LT": "LEN", "LN": "LEN", "CT": "CCA"}.get(kind)
+        radius = words.pop("R", math.nan) * self.scale
+        if (needed and not own.get(needed, 0.0) > 0.0) or (kind in ("CT", "LCT") and not abs(radius) > 0.0):
+            raise self.source.error(f"{where} {kind}: expected {needed or 'R'} (CT: CCA and R) above zero", line)
+        if self.plane[2] != 1.0:
+            raise self.source.error(f"{where} in another plane than XY is not supported", line)
+        path = LeadIn(
+            kind,
+            self.side if where == "APPR" else side,
+            length=own.get("LEN", 0.0) * self.scale,
+            radius=radius,
+            sweep=math.radians(own.get("CCA", 0.0)),
+        )
+        self.absolute(words, line)
+        to = [words.get(c, p / self.scale) * self.scale for c, p in zip("XYZ", self.p, strict=True)]
+        self.motion = 1
+        if where == "DEP":
+            outside = complex(to[0], to[1]) if kind == "LCT" else None
+            self.lead_out(path, outside, to[2] if "Z" in words else None, line)
+            return
+        feed = self.feed_mm_min(1.0, line)
+        x, y, z = self.p
+        start, place = (x, y, z), (to[0], to[1], to[2])
+        self.lead_in(Approach(path, start, place, feed if kind == "LCT" else feed_before, feed, line))
+
     def split(self, rest: str, line: int) -> tuple[dict[str, float], list[str]]:
         words: dict[str, float] = {}
         flags: list[str] = []
@@ -322,7 +385,9 @@ class _Reader(ControlReader):
                 at = word.end()
             elif flag:
                 flags.append(flag.group(1).replace(" ", ""))
-                if flags[-1] in ("RL", "RR"):
+                if flags[-1] in ("R0", "RL", "RR"):
+                    self.side = {"RL": 1.0, "RR": -1.0}.get(flags[-1], 0.0)
+                if self.side:
                     self.out.warn_once("radius compensation (RL, RR) is not carried out: points as programmed", line)
                 at = flag.end()
             else:
