@@ -93,7 +93,7 @@ def gcode(legs: list[Leg], rng: random.Random, *, siemens: bool = False) -> Text
     t = Text()
     inch, absolute, motion, plane, feed = rng.random() < 0.3, True, -1, 17, math.nan
     scale = INCH if inch else 1.0
-    unit = {(False, False): "G21", (False, True): "G20", (True, False): "G71", (True, True): "G70"}[siemens, inch]
+    unit = {(False, False): "G21", (False, True): "G20", (True, False): "G71", (True, True): "G700"}[siemens, inch]
     t.add(f"{unit} G90 G94 G17")
     sep = rng.choice([" ", " ", "  ", ""]) if not siemens else " "
     number_lines, lower = rng.random() < 0.5, rng.random() < 0.3

@@ -82,7 +82,7 @@ def test_three_controls_say_the_same_of_one_tilted_facet() -> None:
     The trunnion's program has no tool-centre-point control, its zero lies on the rotary axes, and its word B turns
     the platter. Four printed decimals of an inch and three of a degree leave 2e-4 inch.
     """
-    siemens = read_toolpath(DATA / "sinumerik/Unigraphics__Cincinnati_Lamb_FTV5_840D_sample.ptp")
+    siemens = read_toolpath(DATA / "sinumerik/Unigraphics__Cincinnati_Lamb_FTV5_840D_sample.ptp", unit="inch")
     trunnion = read_toolpath(DATA / "gcode_5axis/Unigraphics__Haas_5T.ptp", unit="inch", machine="table:B+Z,A-X@0,0,0")
     for by_plane, by_axes in (((364, 382), (380, 397)), ((390, 418), (400, 440))):
         a, b = cut_points(siemens, *by_plane), cut_points(trunnion, *by_axes)

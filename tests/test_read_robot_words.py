@@ -150,3 +150,91 @@ def test_urscript_leaves_out_a_move_to_where_it_stands(tmp_path: Path) -> None:
              "  movel(p[0.01,0,0.005,3.141592653589793,0,0],1.2,0.01)\n"
              "end\na()\n")  # fmt: skip
     assert mm(t) == [[0, 0, 5], [10, 0, 5]]
+
+
+LIN = START + "LIN {X 10}\n"
+MOVE = "MoveL p0,v10,fine,tool0;\n"
+JOB = (
+    "/JOB\n//NAME A\n//POS\n///NPOS 2,0,0,0,0,0\n///TOOL 0\n///POSTYPE BASE\n///RECTAN\n///RCONF 0,0,0,0,0,0,0,0\n"
+    "C00000=0.000,0.000,5.000,180.00,0.00,0.00\nP001=10.000,0.000,5.000,180.00,0.00,0.00\n//INST\nNOP\n{}END\n"
+)
+SCRIPT = "def a():\n{}end\na()\n"
+UR = "  movel(p[{},0,0.005,3.141592653589793,0,0],1.2,0.01)\n"
+AT = {"p1": (0.0, 0.0), "p2": (10.0, 0.0)}
+L1, L2 = " 1: L P[1] 100mm/sec FINE ;\n", " 3: L P[2] 100mm/sec FINE ;\n"
+
+
+@pytest.mark.parametrize(
+    ("dialect", "text", "cause"),
+    [
+        ("a.src", HEAD + "$IPO_MODE=#TCP\n" + LIN + "END\n", r"line 3: \$IPO_MODE=#TCP: the robot carries"),
+        ("a.src", HEAD + "$BASE.X=10\n" + LIN + "END\n", r"line 3: \$BASE.X moves one component of a frame"),
+        ("a.src", HEAD + "$OV_PRO=MYSPEED\n" + LIN + "END\n", "line 3: the override is set to a value"),
+        ("a.src", HEAD + START + "IF B THEN\nGOTO L1\nENDIF\nLIN {X 9}\nL1:\nEND\n", "line 4: IF decides about moves"),
+        ("a.mod", MODULE % ("IF di1=1 " + MOVE), "line 4: IF decides about moves"),
+        ("a.mod", MODULE % ("IF di1=1 GOTO a;\n" + MOVE + "a:\n"), "line 4: IF decides about moves"),
+        ("a.mod", MODULE % ("IF di1=1 THEN\nGOTO a;\nENDIF\n" + MOVE + "a:\n"), "line 4: IF … ENDIF decides"),
+        ("a.mod", MODULE % ("SpeedRefresh 50;\n" + MOVE), "line 4: SpeedRefresh"),
+        (
+            "a.mod",
+            MODULE.replace("PROC", "PERS tooldata t1:=[FALSE,[[0,0,9],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];\nPROC")
+            % "MoveL p0,v10,fine,t1;",
+            r"line 5: tooldata t1 \(robhold\)",
+        ),
+        (
+            "a.mod",
+            MODULE.replace("PROC", 'PERS wobjdata w1:=[TRUE,TRUE,"",[[0,0,9],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];\nPROC')
+            % "MoveL p0,v10,fine,tool0\\WObj:=w1;",
+            r"line 5: wobjdata w1 \(robhold\)",
+        ),
+        ("a.jbi", JOB.format("SFTON P000 BF\nMOVL C00000 V=10.0\n"), "SFTON shifts every point"),
+        ("a.jbi", JOB.format("SETE P001 (1) 5000\nMOVL P001 V=10.0\n"), "changes the position P001"),
+        ("a.jbi", JOB.format("MOVL C00000 V=10.0\nCALL JOB:B IF B000=1\n"), "decides while the robot runs"),
+        ("a.script", SCRIPT.format("  force_mode(p[0,0,0,0,0,0],[0,0,1,0,0,0],[0,0,9,0,0,0],2,[1,1,1,1,1,1])\n"
+                                   + UR.format(0)), "line 2: force_mode moves the tool off its targets"),
+    ],
+)  # fmt: skip
+def test_words_that_once_counted_as_understood(tmp_path: Path, dialect: str, text: str, cause: str) -> None:
+    with pytest.raises(InputError, match=cause):
+        read(tmp_path, dialect, text)
+
+
+@pytest.mark.parametrize(
+    ("line", "cause"),
+    [
+        (" 2: L P[2] 100mm/sec FINE RTCP ;\n", "line 5: RTCP: the robot carries the workpiece"),
+        (" 2: L P[R[1]] 100mm/sec FINE ;\n", "line 5: .*a position that the program does not hold"),
+        (" 2: L PAL_1[BTM] 100mm/sec FINE ;\n", "line 5: .*a position that the program does not hold"),
+        (" 2: S P[2] 100mm/sec FINE ;\n", "line 5: .*of a kind that is not read"),
+        (" 2: OVERRIDE=R[3] ;\n", "line 5: the override is set"),
+    ],
+)
+def test_fanuc_moves_that_were_left_out(tmp_path: Path, line: str, cause: str) -> None:
+    with pytest.raises(InputError, match=cause):
+        fanuc(tmp_path, L1 + line + L2, **AT)
+
+
+def test_overrides_and_default_speeds_are_carried_out(tmp_path: Path) -> None:
+    def feeds(t: Toolpath) -> list[float]:
+        return np.round(t.feed[t.cutting] * 60e3, 6).tolist()  # type: ignore[no-any-return]
+
+    assert feeds(krl(tmp_path, START + "$OV_PRO=50\nLIN {X 10}\n$OV_PRO=100\nLIN {X 0}")) == [600, 300, 600]
+    assert feeds(krl(tmp_path, START + "SPLINE WITH $VEL.CP=0.02\nSLIN {X 10}\nENDSPLINE\nLIN {X 0}")) == [
+        600,
+        1200,
+        600,
+    ]
+    assert feeds(fanuc(tmp_path, L1 + " 2: OVERRIDE=50% ;\n" + L2, **AT)) == [6000, 3000]
+    assert feeds(fanuc(tmp_path, L1 + " 2: //L P[9] 100mm/sec FINE ;\n" + L2, **AT)) == [6000, 6000]
+    t = read(tmp_path, "a.mod", MODULE % "VelSet 100,6;\nMoveL p0,v10,fine,tool0;\nMoveL Offs(p0,9,0,0),v5,fine,tool0;")
+    assert feeds(t) == [360, 300]
+    assert feeds(read(tmp_path, "a.jbi", JOB.format("SPEED V=20.0\nMOVL C00000\nMOVL P001 V=10.0\n"))) == [1200, 600]
+
+
+def test_a_routine_ends_at_its_return(tmp_path: Path) -> None:
+    t = read(tmp_path, "a.mod", MODULE % (MOVE + "RETURN;\nMoveL Offs(p0,9,0,0),v5,fine,tool0;"))
+    assert len(t) == 1
+    assert len(read(tmp_path, "a.script", SCRIPT.format(UR.format(0) + "  return 1\n" + UR.format(1)))) == 1
+    t = read(tmp_path, "b.mod", MODULE % ("IF n<0 THEN\nRETURN;\nENDIF\n" + MOVE))
+    assert len(t) == 1
+    assert any("may end the routine early" in w for w in t.warnings)

@@ -40,6 +40,9 @@ def feeds(toolpath: Toolpath) -> list[float]:
         ("G72 I10. J0. L6", "in a pattern"),
         ("G1 U5. W-5.", "further axis"),
         ("G60 X10.", "from one side"),
+        ("G2 X0. Y0. I5. J0. Q1. L2", "spiral or cone"),
+        ("G54.2 P1", "dynamic fixture offset"),
+        ("G54.4 P1", "workpiece's seat"),
     ],
 )
 def test_words_that_move_and_are_not_carried_out_are_refused(tmp_path: Path, block: str, message: str) -> None:
@@ -156,3 +159,47 @@ def test_feeds_under_velset(tmp_path: Path) -> None:
 def test_a_headless_table_of_tool_axes_is_not_read_as_angles(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="tool axis i, j, k"):
         read(tmp_path, "0,0,0,0,0,1\n1,0,0,0,0,1\n2,0,0,0,0,1\n", default_feed=0.01)
+
+
+def test_a_radius_in_a_straight_block_is_told(tmp_path: Path) -> None:
+    """Without its comma it rounds a corner on some controls and is nothing on others."""
+    t = read(tmp_path, FANUC + "G1 X10. R2.\nY5.\nG54.2 P0\nM30\n")
+    assert [w.word for w in t.ignored if not w.understood] == ["R"]
+
+
+def test_a_file_of_another_control_keeps_its_unit_word(tmp_path: Path) -> None:
+    """X=V1 looks like Sinumerik's; G21 says the unit of feeds all the same."""
+    assert feeds(read(tmp_path, FANUC + "V1=5\nG1 X=V1\nM30\n")) == [100.0, 100.0]
+
+
+@pytest.mark.parametrize(
+    ("lines", "feed", "strange"),
+    [
+        ("4 L X+10 F0.1 M136\n5 L X+20\n", 100.0, []),
+        ("4 L X+10 F50 M120 LA5\n5 L X+20\n", 50.0, []),
+        ("4 L X+10 F50 M103 F20\n5 L X+20\n", 50.0, []),
+        ("4 L X+10 F50 M118 X1 Y1\n5 L X+20 M126 M116\n", 50.0, []),
+        ("4 PRESET SELECT #3\n5 L X+10 F50\n6 L X+20\n", 50.0, None),
+    ],
+)
+def test_words_of_m_functions_are_no_coordinates(
+    tmp_path: Path, lines: str, feed: float, strange: list[str] | None
+) -> None:
+    text = HEIDENHAIN + lines + "END PGM A MM\n"
+    if strange is None:  # the first preset that is named in the middle is where the points before it lie too
+        assert mm(read(tmp_path, text))[-1] == [20, 0, 0]
+        text = text.replace("3 L Z+0 F100\n", "3 CYCL DEF 247 ~\nQ339=+1\nL Z+0 F100\n")
+        with pytest.raises(InputError, match="from preset 1 to preset 3"):
+            read(tmp_path, text)
+        return
+    t = read(tmp_path, text)
+    assert mm(t)[-2:] == [[10, 0, 0], [20, 0, 0]]
+    assert feeds(t)[1:] == [feed, feed]
+    assert [w.word for w in t.ignored if not w.understood] == strange
+
+
+def test_another_tool_axis_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"line 2: the tool axis is Y"):
+        read(tmp_path, HEIDENHAIN.replace("TOOL CALL 1 Z", "TOOL CALL 1 Y") + "END PGM A MM\n")
+    with pytest.raises(InputError, match=r"line 4: .*FU0.1.*post F in mm/min"):
+        read(tmp_path, HEIDENHAIN.replace("F100", "FU0.1") + "END PGM A MM\n")

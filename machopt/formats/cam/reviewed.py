@@ -77,6 +77,13 @@ HEIDENHAIN: dict[str, str] = {
     "LBL": "a place that jumps name; the jumps are followed",
     "STOP": "kept as an event",
 }
+HEIDENHAIN_M: dict[int, str] = {
+    **dict.fromkeys((116, 117), "feeds of moves of rotary axes alone"),
+    **dict.fromkeys((94, 126, 127), "the way round a rotary axis takes to an angle; the angle is the same"),
+    **dict.fromkeys((97, 98, 120), "corners of cutter compensation, which is not carried out"),
+    **dict.fromkeys((101, 102, 107, 108), "spare tools and their oversizes"),
+    **dict.fromkeys((118, 150), "the operator's handwheel, messages of the control"),
+}
 HEIDENHAIN_CYCLES: dict[int, str] = {
     9: "dwell, kept as an event",
     13: _SPINDLE,
@@ -136,6 +143,7 @@ CARRIED_OUT: dict[str, str] = {  # words that a reader uses, and lines that hold
     "rapid in a tilted plane while a coordinate is not known": "left out: its place is not known",
     "text after the program end": "no program", "information listing header": "no program",
     "/ (block delete; the block is read)": "read as if the switch were off", "G5": "high speed mode (G5 P10000)",
+    "PRESET SELECT": "another preset is another work offset",
     "CYCL DEF 7": "shifts the datum", "CYCL DEF 8": "mirrors X, Y", "G28": "mirrors X, Y (Heidenhain DIN/ISO)",
     "CYCL DEF 10": "turns the plane",
     "CYCL DEF 11": "scales lengths",

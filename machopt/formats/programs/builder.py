@@ -18,6 +18,9 @@ from machopt.formats.programs.parsed import JOINT, LINEAR, Array, Frame, ParsedP
 from machopt.formats.programs.rotations import Rows, between
 from machopt.formats.source import Source
 
+STANDING_TOOL = (
+    "the robot carries the workpiece past a tool that stands still: not supported; post the job for a tool on the robot"
+)
 MOST_MOVES = 1_000_000
 MOST_STEPS = 2_000_000  # statements carried out: loops that end are shorter
 FARTHEST = 1e3  # m; no robot cell is larger, so the number is a fault
@@ -47,6 +50,7 @@ class Builder:
     files: list[Path] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     feed: float = math.nan
+    pace: float = 1.0  # the program's own override: what every feed is multiplied by
     last: Array | None = None  # (4, 4) the pose the robot stands at in the active base, None where unknown
     _numbers: array[float] = field(default_factory=lambda: array("d"))  # 6 axes, 12 pose, feed, blend, time
     _codes: array[int] = field(default_factory=lambda: array("i"))  # kind base tool move operation line
@@ -80,6 +84,24 @@ class Builder:
         self._steps += 1
         if self._steps > MOST_STEPS:
             raise self.error(f"more than {MOST_STEPS} statements are carried out: a loop does not end here", line)
+
+    def override(self, percent: float | None, line: int) -> None:
+        """The program sets its override: feeds behind it are that share of what they say.
+
+        Raises:
+            InputError: the share is known only while the robot runs.
+        """
+        if percent is None or not 0.0 < percent <= 100.0:
+            raise self.error("the override is set to a value that is not known here; expected 1 to 100 %", line)
+        self.pace = percent / 100.0
+        if percent != 100.0:
+            self.warn_once(
+                f"the program sets its override to {percent:g} %: feeds behind it are multiplied by that", line
+            )
+
+    def may_end(self, line: int) -> None:
+        """A branch holds a RETURN: most often a check of arguments, so it is read as not taken, and said."""
+        self.warn_once("a branch may end the routine early (RETURN); read as if it does not", line)
 
     # ---- moves
 
@@ -166,6 +188,7 @@ class Builder:
         nan = math.nan
         self._numbers.extend(axes if axes is not None else (nan,) * 6)
         self._numbers.extend(T[:3].ravel().tolist() if T is not None else (nan,) * 12)
+        feed *= self.pace
         self._numbers.extend((feed if feed > 0.0 and math.isfinite(feed) else nan, blend, time))
         move = Move.RAPID if kind == JOINT else self._word
         if not self._bases:

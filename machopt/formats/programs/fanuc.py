@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from machopt.formats.programs.builder import Builder, number
+from machopt.formats.programs.builder import STANDING_TOOL, Builder, number
 from machopt.formats.programs.nearby import called
 from machopt.formats.programs.parsed import JOINT, LINEAR, Array, Frame, ParsedProgram
 from machopt.formats.programs.rotations import fixed_xyz, matrix
@@ -29,14 +29,15 @@ _FRAME_NUMBER = re.compile(r"(UFRAME|UTOOL)_NUM\s*=\s*(\d+)")
 _FLAT = 1e-18  # m³·m²: three places within a micrometre of a line
 _TO_M_S = {"mm/sec": 1e-3, "cm/min": 1e-2 / 60.0, "inch/min": 0.0254 / 60.0, "in/min": 0.0254 / 60.0}
 _MODIFIER = re.compile(
-    r"(?:ACC\s*\d+|COORD|PTH|WJNT|RTCP|BREAK|MROT|EV\s*\d+%?|IND|AP_LD[\d.]*|RT_LD[\d.]*|PSPD\s*\d+|CR\s*\d+)$"
+    r"(?:ACC\s*\d+|COORD|PTH|WJNT|BREAK|MROT|EV\s*\d+%?|IND|AP_LD[\d.]*|RT_LD[\d.]*|PSPD\s*\d+|CR\s*\d+)$"
 )
 _QUIET = re.compile(
-    r"(?:PAYLOAD|TOOL_OFFSET CONDITION|OVERRIDE|JOINT_MAX_SPEED|LINEAR_MAX_SPEED|COL |\$|TIMER|MESSAGE|REMARK|UALM|"
+    r"(?:PAYLOAD|TOOL_OFFSET CONDITION|JOINT_MAX_SPEED|LINEAR_MAX_SPEED|COL |\$|TIMER|MESSAGE|REMARK|UALM|"
     r"RSR|"
     r"PARAM|LOCK|UNLOCK|MONITOR|R\[|PR\[|SR\[|F\[|GO\[|AO\[|POINT_LOGIC|-+$|TC_ONLINE|PALLETIZING)"
 )
 _EVENT = re.compile(r"(?:DO|RO|SO|M)\[|ARC |Arc |Weave|WEAVE|SPOT|Spot|WAIT|PULSE")
+_STRANGE_MOTION = re.compile(r"[A-Z]\s+(?:P|PR|PAL_\d+)\s*\[")
 _JUMP = re.compile(r"(?:JMP\b|FOR\b|ENDFOR\b|SELECT\b|SKIP\b|.*\bJMP\s+LBL)")
 _DEEPEST = 20
 
@@ -247,6 +248,10 @@ class _Reader:
             blend = 0.0 if word == "FINE" else float(word[2:]) * 1e-3 if word.startswith(("CR", "CD")) else math.nan
             text = text[: end.start()] + text[end.end() :]
         for word in re.split(r"[\s]+", text.strip()):
+            if word.upper().rstrip(",") == "RTCP":
+                raise self.out.error(
+                    f"RTCP: {STANDING_TOOL}", line, part.source,
+                )  # fmt: skip
             if not word or _MODIFIER.match(word.upper()):
                 continue
             if word.upper().rstrip(",") == "INC":
@@ -273,6 +278,14 @@ class _Reader:
                 self.out.last = None
             else:
                 self.tool = n
+        elif _STRANGE_MOTION.match(text):
+            raise self.out.error(
+                f"{text[:30]!r}: a move to a position that the program does not hold (register, pallet, indirect "
+                "number), or of a kind that is not read; J, L, C and A to P[n] would work", line, part.source,
+            )  # fmt: skip
+        elif text.startswith("OVERRIDE"):
+            percent = re.search(r"=\s*(\d+)\s*%?\s*$", text)
+            self.out.override(float(percent.group(1)) if percent else None, line)
         elif text.startswith("CALL"):
             self.call(text[4:].strip(), line, part, depth)
         elif _JUMP.match(text):

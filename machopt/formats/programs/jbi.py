@@ -16,8 +16,9 @@ _POSITION = re.compile(r"((?:E|B)?(?:C|P|EX|BP)\d+)\s*=\s*(.*)")
 _REFERENCE = re.compile(r"\b((?:C|P)\d+)\b")
 _OPTION = re.compile(r"\b(VJ|VR|VE|V|PL|CR|ACC|DEC|NWAIT|FPT)\s*=?\s*(\d+\.?\d*|\.\d+)?")
 _QUIET = re.compile(
-    r"(?:NOP|END|SETE|SETTOOL|MSG|COMM|SPEED|CLEAR|SET|INC|DEC|ADD|SUB|MUL|DIV|ARATION|REFP|SFTON|SFTOF|GETE|GETS|MFRAME|CNVRT)\b"
+    r"(?:NOP|END|SETE|SETTOOL|MSG|COMM|CLEAR|SET|INC|DEC|ADD|SUB|MUL|DIV|ARATION|REFP|SFTOF|GETE|GETS|MFRAME|CNVRT)\b"
 )
+_CHANGES = re.compile(r"(?:SETE|SET|ADD|SUB|MUL|DIV|GETS|CNVRT|INC|DEC)\s+P?X?(P\d+)\b")
 _EVENT = re.compile(r"(?:DOUT|AOUT|PULSE|WAIT|ARCON|ARCOF|TOOLON|TOOLOF|SPINDLE|AND|OR|NOT)\b")
 _JUMP = re.compile(r"(?:JUMP|IFTHEN|ELSE|ENDIF|WHILE|ENDWHILE|FOR|NEXT|CASE|SWITCH|RET)\b")
 _DEEPEST = 20
@@ -64,6 +65,7 @@ class _Reader:
     def __init__(self, out: Builder, pulses_per_deg: tuple[float, ...] | None) -> None:
         self.out, self.scale = out, pulses_per_deg
         self.jump: tuple[int, str, Source] | None = None
+        self.speed: float | None = None  # mm/s of SPEED, for moves that name none
 
     def run(self) -> ParsedProgram:
         job = _split(self.out)
@@ -87,6 +89,22 @@ class _Reader:
                 self.out.comment(text[1:].strip())
             elif word in ("MOVJ", "MOVL", "IMOV", "MOVC", "MOVS", "EIMOVL", "SMOVJ", "SMOVL"):
                 self.motion(job, word, text[len(word) :], line)
+            elif word == "SFTON":
+                raise self.out.error(
+                    "SFTON shifts every point behind it by a variable that the controller holds: not followed; post "
+                    "the points where they lie", line, job.source,
+                )  # fmt: skip
+            elif word == "SPEED":
+                self.speed = {k: number(v) for k, v in _OPTION.findall(text[5:])}.get("V")
+                if self.speed is None:
+                    self.out.ignore("SPEED without V", line, understood=True)
+            elif (changed := _CHANGES.match(text)) and changed.group(1) in job.positions:
+                raise self.out.error(
+                    f"{text[:30]!r} changes the position {changed.group(1)} while the job runs: not followed; post the "
+                    "points where they lie", line, job.source,
+                )  # fmt: skip
+            elif word == "CALL" and re.search(r"\bIF\b", text):
+                self.jump = self.jump or (line, text, job.source)
             elif word == "CALL":
                 self.call(job, text, line, depth)
             elif word == "TIMER":
@@ -119,8 +137,9 @@ class _Reader:
             self.out.ignore(strange, line, understood=False)
         kind = JOINT if word == "MOVJ" else LINEAR
         feed = math.nan
-        if kind == LINEAR and options.get("V") is not None:
-            feed = float(options["V"] or 0.0) * 1e-3
+        speed = self.speed if options.get("V") is None else options["V"]
+        if kind == LINEAR and speed is not None:
+            feed = speed * 1e-3
             self.out.warn_once(_DEFAULT_V)
         blend = 0.0 if options.get("PL") == 0.0 else math.nan  # without PL the controller rounds as it is set up
         if options.get("CR") is not None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import re
+from typing import NoReturn
 
 import numpy as np
 
-from machopt.formats.programs.builder import MOST_MOVES, Builder
+from machopt.formats.programs.builder import MOST_MOVES, STANDING_TOOL, Builder
 from machopt.formats.programs.krl_files import OPENS, Line, Routine, first_word, read_module
 from machopt.formats.programs.krl_values import KrlError, Memory, Value, evaluate, plain_aggregate, split_name, whole
 from machopt.formats.programs.nearby import called, opened, siblings
@@ -23,14 +24,14 @@ _ASSIGN = re.compile(r"(\$?[A-Za-z_]\w*\s*(?:\[[^\]]*\])?\s*(?:\.\s*\w+\s*)*)=(?
 _CALL = re.compile(r"([A-Za-z_]\w*)\s*\((.*)\)\s*")
 _FOR = re.compile(r"FOR\s+(\w+)\s*=\s*(.+?)\s+TO\s+(.+?)(?:\s+STEP\s+(.+))?", re.IGNORECASE)
 _WITHOUT_EFFECT = re.compile(
-    r"(?:INTERRUPT|GLOBAL\s+INTERRUPT|CONTINUE|SPLINE|ENDSPLINE|INI|EXT|EXTFCT|ENDDAT|IMPORT|SIGNAL|STRUC|ENUM)\b",
+    r"(?:INTERRUPT|GLOBAL\s+INTERRUPT|CONTINUE|INI|EXT|EXTFCT|ENDDAT|IMPORT|SIGNAL|STRUC|ENUM)\b",
     re.IGNORECASE,
 )
 _DEEPEST = 20
 _AXES = tuple(f"A{k}" for k in range(1, 7))
 _POSE = ("X", "Y", "Z", "A", "B", "C")
 _QUIET = frozenset((
-    "$ADVANCE", "$IPO_MODE", "$ORI_TYPE", "$CIRC_TYPE", "$APO", "$ACC", "$ACC_AXIS", "$VEL_AXIS", "$OV_PRO",
+    "$ADVANCE", "$ORI_TYPE", "$CIRC_TYPE", "$APO", "$ACC", "$ACC_AXIS", "$VEL_AXIS",
     "$BWDSTART", "$LOAD", "$VEL", "$ACT_BASE", "$ACT_TOOL", "$H_POS", "$JERK", "$ORI_CHECK",
 ))  # fmt: skip
 _HERE = re.compile(r"\$(?:AXIS|POS)_(?:ACT|INT|RET|FOR)(?:_ME?A?S)?\s*", re.IGNORECASE)  # where the robot stands
@@ -51,6 +52,7 @@ class _Reader:
     def __init__(self, out: Builder) -> None:
         self.out, self.memory, self.routines = out, Memory(), dict[str, Routine]()
         self.corner = 0.0  # m, $APO.CDIS
+        self.feed_outside = math.nan  # m/s, before a spline block
         self.returned = False  # a RETURN was reached in the routine that is followed
         self.pose: dict[str, float] = {}  # last components, for aggregates that leave some out
         self.axes: dict[str, float] = {}
@@ -175,6 +177,8 @@ class _Reader:
             self.out.event(code, "dwell" if dwell else "comment", seconds if isinstance(seconds, float) else math.nan)
         elif word == "HALT":
             self.out.event(code, "stop")
+        elif word in ("SPLINE", "ENDSPLINE"):
+            self.spline(word, code, line.number)
         elif found := _ASSIGN.fullmatch(code):
             self.assign(found.group(1), found.group(2), line.number)
         elif found := _CALL.fullmatch(code):
@@ -203,12 +207,21 @@ class _Reader:
                 self.follow(routine, k + 1, end, depth)
             return end
         for inner in routine.lines[k + 1 : end]:
+            if first_word(inner.code) == "GOTO":
+                self.decides(word, line.number, routine.source)
+            elif first_word(inner.code) == "RETURN":
+                self.out.may_end(inner.number)
             calls = _CALL.fullmatch(inner.code)
             if _MOVE.fullmatch(inner.code) or (calls and calls.group(1).upper() in self.routines):
-                raise self.out.error(f"{word} decides about moves while the robot runs: they are not known here; "
-                                     "expand the program first", line.number, routine.source)  # fmt: skip
+                self.decides(word, line.number, routine.source)
         self.out.ignore(f"{word} without moves inside", line.number, understood=True)
         return end
+
+    def decides(self, word: str, line: int, source: Source) -> NoReturn:
+        raise self.out.error(
+            f"{word} decides about moves while the robot runs: they are not known here; expand the program first",
+            line, source,
+        )  # fmt: skip
 
     def call(self, name: str, arguments: str, line: Line, routine: Routine, depth: int) -> None:
         upper = name.upper()
@@ -243,6 +256,17 @@ class _Reader:
         elif what == "#TOOL":
             self.frame("$TOOL", f"TOOL_DATA[{value.strip()}]")
 
+    def spline(self, word: str, code: str, line: int) -> None:
+        """A spline block: a speed in its head holds inside of it."""
+        if word == "ENDSPLINE":
+            self.out.feed = self.feed_outside
+        else:
+            self.feed_outside = self.out.feed
+            if found := re.search(r"\$VEL\.CP\s*=\s*([^,]+)", code, re.IGNORECASE):
+                value = _quietly(found.group(1), self.memory)
+                self.out.feed = value if isinstance(value, float) else math.nan
+        self.out.ignore(word, line, understood=True)
+
     def inline_frames(self) -> None:
         """The numbers of base and tool in the data of an inline form (FDAT_ACT = F…) hold from here on."""
         data = self.memory.plain.get("FDAT_ACT")
@@ -262,8 +286,18 @@ class _Reader:
         if word in ("$BASE", "$TOOL") and not fields:
             self.frame(word, right.strip())
             return
+        if word in ("$BASE", "$TOOL"):
+            raise KrlError(f"{left.strip()} moves one component of a frame: not followed; assign the whole frame")
         value = _quietly(right, self.memory)
         self.memory.put(word, index, fields, value)
+        if word == "$OV_PRO":
+            self.out.override(value if isinstance(value, float) else None, line)
+            return
+        if word == "$IPO_MODE":
+            if right.strip().upper() != "#BASE":
+                raise KrlError(f"$IPO_MODE={right.strip()[:20]}: {STANDING_TOOL}")
+            self.out.ignore(word + "=", line, understood=True)
+            return
         if word == "$VEL" and (fields == ["CP"] or (not fields and isinstance(value, dict) and "CP" in value)):
             speed = value if fields or not isinstance(value, dict) else value["CP"]
             self.out.feed = speed if isinstance(speed, float) else math.nan
@@ -309,6 +343,8 @@ class _Reader:
         if word == "SPL":
             self.out.warn_once("SPL: the curve between the points is the controller's own; straight lines are taken")
         feed = self.out.feed if kind == LINEAR else math.nan
+        if re.search(r"\$(?:BASE|TOOL|IPO_MODE)\s*=", rest, re.IGNORECASE):
+            raise KrlError("WITH $BASE, $TOOL or $IPO_MODE changes frames for one move: not followed")
         with_speed = re.search(r"\$VEL\.CP\s*=\s*([-+.\dEe]+)", rest, re.IGNORECASE)
         if with_speed:
             value = _quietly(with_speed.group(1), self.memory)

@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 
-from machopt.formats.programs.builder import Builder
+from machopt.formats.programs.builder import STANDING_TOOL, Builder
 from machopt.formats.programs.nearby import called, opened, siblings
 from machopt.formats.programs.parsed import JOINT, LINEAR, Array, Frame, ParsedProgram
 from machopt.formats.programs.rapid_syntax import (
@@ -38,10 +38,10 @@ _MOVES = frozenset((
     "MOVEEXTJ",
 ))  # fmt: skip
 _QUIET = frozenset((
-    "CONFL", "CONFJ", "SINGAREA", "ACCSET", "VELSET", "SPEEDREFRESH", "ACTUNIT", "DEACTUNIT", "SYNCMOVEON",
+    "CONFL", "CONFJ", "SINGAREA", "ACCSET", "VELSET", "ACTUNIT", "DEACTUNIT", "SYNCMOVEON",
     "SYNCMOVEOFF", "WAITSYNCTASK", "SOFTACT", "SOFTDEACT", "GRIPLOAD", "PATHACCLIM", "WORLDACCLIM", "TPERASE",
     "TPWRITE", "TPREADFK", "CIRPATHMODE", "EOFFSOFF", "PDISPOFF", "WAITROB", "CLKRESET", "CLKSTART", "CLKSTOP",
-    "RETURN", "MOTIONSUP", "ERRWRITE", "STARTMOVE", "STOPMOVE",
+    "MOTIONSUP", "ERRWRITE", "STARTMOVE", "STOPMOVE",
 ))  # fmt: skip
 _EVENTS = frozenset((
     "SETDO", "SETGO", "SETAO", "SET", "RESET", "PULSEDO", "WAITDI", "WAITDO", "WAITUNTIL", "INVERTDO",
@@ -67,7 +67,8 @@ class _Reader:
         self.out = out
         self.data: dict[str, tuple[object, str]] = {}  # value and type of declared data
         self.procs: dict[str, Proc] = {}
-        self.looked_around = False
+        self.looked_around = self.returned = False
+        self.fastest = math.inf  # m/s, of VelSet
         self.base_name = self.tool_name = ""
 
     def run(self) -> ParsedProgram:
@@ -135,7 +136,7 @@ class _Reader:
         if depth > _DEEPEST:
             raise self.out.error(f"{proc.name} calls itself, or calls are nested more than {_DEEPEST} deep")
         k = start
-        while k < stop:
+        while k < stop and not self.returned:
             s = proc.statements[k]
             if s.tokens[0].kind == "comment":
                 self.out.comment(s.tokens[0].text)
@@ -168,8 +169,14 @@ class _Reader:
             self.out.event(_plain(s), "stop")
         elif word in ("PDISPON", "PDISPSET", "EOFFSON", "EOFFSSET"):
             raise RapidError(f"{word}: displacements set while the robot runs are not followed")
-        elif word == "VELSET" and Reader(s.tokens[1:]).arguments()[0][:1] != [100.0]:
-            raise RapidError("VelSet other than 100 % scales every feed behind it; post the feeds themselves")
+        elif word == "VELSET":
+            self.velocity(Reader(s.tokens[1:]).arguments()[0])
+        elif word == "SPEEDREFRESH" and Reader(s.tokens[1:]).arguments()[0][:1] != [100.0]:
+            raise RapidError("SpeedRefresh other than 100 % scales every feed behind it; post the feeds themselves")
+        elif word == "IF":
+            self.decision(s, s)
+        elif word == "RETURN":
+            self.returned = True
         elif word in _QUIET:
             self.out.ignore(word, s.line, understood=True)
         elif word == "GOTO":
@@ -199,10 +206,24 @@ class _Reader:
     def block(self, proc: Proc, k: int) -> None:
         s = proc.statements[k]
         for inner in proc.statements[k + 1 : proc.ends[k]]:
-            if inner.word in _MOVES or inner.word in self.procs:
-                raise RapidError(f"{s.word} … {BLOCKS[s.word]} decides about moves while the robot runs: they are not "
-                                 "known here; expand the program first")  # fmt: skip
+            self.decision(s, inner)
         self.out.ignore(f"{s.word} without moves inside", s.line, understood=True)
+
+    def decision(self, s: Statement, inner: Statement) -> None:
+        """What stands in a branch or loop, or behind a compact IF: nothing that moves or jumps.
+
+        Raises:
+            RapidError: it does.
+        """
+        names = {t.text.upper() for t in (inner.tokens if inner.word == "IF" else inner.tokens[:1])}
+        if names & {*_MOVES, *self.procs, "GOTO"}:
+            until = f" … {BLOCKS[s.word]}" if inner is not s else ""
+            raise RapidError(f"{s.word}{until} decides about moves while the robot runs: they are not known here; "
+                             "expand the program first")  # fmt: skip
+        if "RETURN" in names:
+            self.out.may_end(inner.line)
+        if inner is s:
+            self.out.ignore("IF without a move behind it", s.line, understood=True)
 
     def call(self, word: str, s: Statement, proc: Proc, depth: int) -> None:
         target = self.procs.get(word)
@@ -217,6 +238,14 @@ class _Reader:
             self.out.ignore(f"call of {s.tokens[0].text}, which is not in this folder", s.line, understood=False)
             return
         self.follow(target, 0, len(target.statements), depth + 1)
+        self.returned = False
+
+    def velocity(self, values: list[object]) -> None:
+        """VelSet: an override, and the largest speed of what follows (mm/s)."""
+        if values[:1] != [100.0]:
+            raise RapidError("VelSet other than 100 % scales every feed behind it; post the feeds themselves")
+        most = values[1] if len(values) > 1 else None
+        self.fastest = most * 1e-3 if isinstance(most, float) else math.inf
 
     # ---- data
 
@@ -304,7 +333,6 @@ class _Reader:
                 "Z",
                 "INPOS",
                 "NOEOFFS",
-                "CORR",
                 "TLOAD",
                 "DO",
                 "AO",
@@ -316,7 +344,7 @@ class _Reader:
             self.out.warn_once("a move to where the robot stands is no part of the path: left out", line)
             return
         targets = [self.resolved(v) for v in values[:count]]
-        feed = self.speed(values[count], line, proc)
+        feed = min(self.speed(values[count], line, proc), self.fastest)
         if isinstance(options.get("V"), float):
             feed = float(options["V"]) * 1e-3  # type: ignore[arg-type]
         if "T" in options:
@@ -399,6 +427,12 @@ class _Reader:
             return None
         if not isinstance(found, list):
             return None
+        holds = isinstance(found[0], Name) and found[0].text == "TRUE" if found else False
+        if found and isinstance(found[0], Name) and holds == work_object:
+            name = (
+                f"{'wobjdata' if work_object else 'tooldata'} {value.shown if isinstance(value, Name) else ''}".strip()
+            )
+            raise RapidError(f"{name} (robhold): {STANDING_TOOL}")
         places = found[3:5] if work_object else found[1:2]
         out = np.eye(4)
         for place in places:

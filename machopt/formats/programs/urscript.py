@@ -21,7 +21,7 @@ _OPENS = ("if", "while", "for", "sec", "switch")
 _MOVES = ("movej", "movel", "movep", "movec", "servoj", "servoc", "speedj", "speedl", "optimovej", "optimovel")
 _QUIET = re.compile(
     r"(?:set_(?:gravity|payload|safety_mode|tool_voltage|analog|configurable|target_payload|conveyor)|textmsg|sync|stopj|"
-    r"stopl|zero_ftsensor|enter_critical|exit_critical|force_mode|end_force_mode|protect|modbus|rtde|socket_|popup|return)\w*"
+    r"stopl|zero_ftsensor|enter_critical|exit_critical|end_force_mode|protect|modbus|rtde|socket_|popup|return)\w*"
 )
 _EVENT = re.compile(r"set_\w*(?:digital_out|analog_out|flag)\w*|write_output\w*")
 _DEEPEST = 20
@@ -59,6 +59,7 @@ class _Reader:
         self.out = out
         self.bodies: dict[str, Body] = {}
         self.top = Body("")
+        self.returned = False  # a return was reached in the function that is followed
         self.memory: dict[str, object] = {"True": 1.0, "False": 0.0, "pi": math.pi}
 
     def run(self) -> ParsedProgram:
@@ -125,7 +126,7 @@ class _Reader:
         if depth > _DEEPEST:
             raise self.out.error(f"{body.name} calls itself, or calls are nested more than {_DEEPEST} deep")
         k = start
-        while k < stop:
+        while k < stop and not self.returned:
             line = body.lines[k]
             if line.comment:
                 self.out.comment(line.comment)
@@ -142,6 +143,9 @@ class _Reader:
         code = line.code
         if k in body.ends:
             inside = Body("", lines=body.lines[k + 1 : body.ends[k]])
+            for i in inside.lines:
+                if i.code.split(" ")[0] == "return":
+                    self.out.may_end(i.number)
             if self.moves(inside):
                 raise ScriptError(f"{code[:30]!r} decides about moves while the robot runs: they are not "
                                   "known here; expand the program first")  # fmt: skip
@@ -153,6 +157,8 @@ class _Reader:
             self.call(found.group(1), found.group(2), line, depth)
         elif code == "halt":
             self.out.event(code, "stop")
+        elif code.split(" ")[0] == "return":
+            self.returned = True
         else:
             quiet = code.split(" ")[0] in ("return", "global", "local", "run", "kill", "join", "pass", "elif", "else:")
             self.out.ignore(code.split(" ")[0], line.number, understood=quiet)
@@ -169,6 +175,7 @@ class _Reader:
             given, _ = arguments(text, self.memory, quietly=True)
             self.memory |= dict(zip(body.parameters, given, strict=False))
             self.follow(body, 0, len(body.lines), depth + 1)
+            self.returned = False
         elif name == "set_tcp":
             given, _ = arguments(text, self.memory, quietly=True)
             pose = given[0] if given else None
@@ -180,6 +187,9 @@ class _Reader:
             self.out.event(f"{name}({text})", "comment")
         elif name == "set_reference":
             raise ScriptError("set_reference is not followed; poses in the base would work")
+        elif name in ("force_mode", "path_offset_enable", "conveyor_pulse_decode", "track_conveyor_linear",
+                      "track_conveyor_circular"):  # fmt: skip
+            raise ScriptError(f"{name} moves the tool off its targets while the robot runs: not followed")
         else:
             self.out.ignore(name, line.number, understood=bool(_QUIET.fullmatch(name)))
 

@@ -22,6 +22,10 @@ class ArcReader(ControlState):
 
     def arc(self, to: list[float], axis: Vector, words: dict[str, float], b: Block) -> None:
         """G2 or G3 from ``p`` to ``to`` (programmed mm)."""
+        if words.keys() & {"Q", "L"}:
+            raise ArcError(
+                f"an arc with {' and '.join(sorted(words.keys() & {'Q', 'L'}))} (a spiral or cone): not read"
+            )
         start, end, unknown = self.arc_ends(to, b.line)
         normal = self.plane * (1.0 if self.motion == 3 else -1.0)
         radius = b.named.get("CR", words.get("R"))

@@ -93,7 +93,8 @@ class MotionReader(HoleReader):
 
     def leftovers(self, words: dict[str, float], b: Block) -> None:
         for letter in words:
-            if letter not in "XYZABCIJKRPLQ" or letter in "PLQ":
+            unused = letter in "RIJK" and self.motion in (0, 1) and self.canned is None and self.modal_call is None
+            if letter not in "XYZABCIJKRPLQ" or letter in "PLQ" or unused:
                 self.out.ignore(letter, b.line, understood=False)
 
     def vector(self, words: dict[str, float], b: Block) -> Vector | None:

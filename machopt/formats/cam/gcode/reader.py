@@ -36,6 +36,7 @@ from machopt.formats.cam.gcode.words import (
     PROGRAM_END,
     REFUSED,
     REFUSED_CALLS,
+    TABLE_OFFSETS,
     UNITS,
 )
 from machopt.formats.cam.siemens import flow as siemens_flow
@@ -310,6 +311,8 @@ class ProgramReader(CallReader):
                 words.pop("P", None)
             elif g == 70 and not (words.keys() | b.named.keys()) - {"F", "S"}:
                 self.out.ignore("G7", b.line, understood=False)
+            elif g in TABLE_OFFSETS and words.get("P") == 0.0:
+                words.pop("P")  # off
             elif g in REFUSED:
                 raise self.source.error(f"{REFUSED[g]}: not supported; export without it", b.line)
             elif g == 600 and not self.siemens and words.keys() & set("XYZABC"):
@@ -333,7 +336,7 @@ class ProgramReader(CallReader):
 
         Sinumerik's G70 and G71 change lengths only, feeds stay in the control's own unit; G700 and G710 change both.
         """
-        if not self.siemens or g >= 7000:
+        if not self.siemens or g not in (700, 710):
             return self.scale
         if self.options.unit is not None:
             return UNIT_NAMES[self.options.unit]

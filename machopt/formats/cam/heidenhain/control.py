@@ -10,6 +10,7 @@ import numpy as np
 
 from machopt.domain.toolpath import Array, Move
 from machopt.formats.arcs import ArcError
+from machopt.formats.cam import reviewed
 from machopt.formats.cam.gcode.blocks import Block
 from machopt.formats.cam.gcode.contour import Corner, Kind, Segment
 from machopt.formats.cam.gcode.patterns import MOST_HOLES, circle, grid
@@ -27,6 +28,7 @@ from machopt.formats.source import MM_PER_INCH, ReadOptions, Source
 NUMBER = r"([+-]?\s*(?:\d+\.?\d*|\.\d+))"
 _ANGLE = re.compile(r"(SP[ABC]|EUL(?:PR|NU|ROT)|[BN][XYZ])\s*" + NUMBER)
 _ZERO = (0.0, 0.0, 0.0)
+_TOOL_AXIS = re.compile(r"TOOL CALL\s*(?:\"\"|\d+)?\s*([XYZUVW])\b")
 _QUOTED = re.compile(r"\"[^\"]*\"")
 
 
@@ -67,6 +69,24 @@ class ControlReader(ProgramReader):
         return LabelFlow(items)
 
     # ---- moves
+
+    def own_m_words(self, m_words: list[int], line: int) -> list[int]:
+        """Carry out the M words that only this control has; returns the others."""
+        for m in m_words:
+            if m in (136, 137):
+                self.feed_mode = "revolution" if m == 136 else "minute"
+            elif m in (91, 92, 99, 140):
+                pass  # the motion words' readers use them
+            elif m == 89:
+                raise self.source.error("M89 (a cycle at every point that follows) is not supported; use M99", line)
+            elif m == 130 and "plane" in self.chain:
+                raise self.source.error("M130 (points of the untilted system) in a tilted plane is not supported", line)
+            elif m in reviewed.HEIDENHAIN_M:
+                self.out.ignore(f"M{m}", line, understood=True)
+            else:
+                continue
+        mine = {89, 91, 92, 99, 136, 137, 140, *reviewed.HEIDENHAIN_M}
+        return [m for m in m_words if m not in mine]
 
     def feed_word(self, f: float, line: int) -> None:
         if self.scale != 1.0:
@@ -430,6 +450,13 @@ class ControlReader(ProgramReader):
                     "programmed",
                     line,
                 )
+        axis = _TOOL_AXIS.match(_QUOTED.sub('""', text))
+        if axis and axis.group(1) != "Z":
+            raise self.source.error(
+                f"the tool axis is {axis.group(1)} (another working plane than XY): not supported; post it with Z, "
+                "and tilt the plane by PLANE",
+                line,
+            )
         if tool:
             self.out.event("tool", text, float(tool) if tool.isdigit() else math.nan)
             self.out.change_tool(tool)

@@ -142,9 +142,7 @@ class _Reader(ControlReader):
             if letter in words:
                 words.pop(letter)
                 self.out.ignore(letter, b.line, understood=True)
-        self.m_words([m for m in m_words if m not in (89, 91, 92, 99)], {}, b.line)
-        if 89 in m_words:
-            raise self.source.error("M89 (a cycle at every point that follows) is not supported; use M99", b.line)
+        self.m_words(self.own_m_words(m_words, b.line), {}, b.line)
         if 91 in m_words or 92 in m_words:
             self.lose(words, "M91", b.line)
         elif special == 4:

@@ -22,6 +22,7 @@ from machopt.formats.frames import Transfer
 from machopt.formats.source import ReadOptions, Source
 
 _WORD = re.compile(r"\s*(I?[XYZABC]|T[XYZ]|N[XYZ]|I?PR|I?PA|F|R|S)\s*" + NUMBER)
+_M_WITH_WORDS = re.compile(r"\s*M(103|118|120)(?!\d)(?:\s*(?:F|LA|[XYZABC])\s*[+-]?[\d.]+)+")
 _FLAG = re.compile(
     r"\s*(F\s*MAX|F\s*AUTO|R[0LR]?(?![\d.])|DR[+-]|M\s*\d+|M(?![A-Z])|MB\s*MAX|MB\s*[+-]?[\d.]+|F(?=\s|$))"
 )
@@ -151,6 +152,12 @@ class _Reader(ControlReader):
             self.use_tcp("angles", line)
         elif text.startswith("FUNCTION RESET TCPM"):
             self.use_tcp(None, line)
+        elif text.startswith("PRESET"):
+            preset = re.fullmatch(r"PRESET SELECT\s*#\s*(\d+)(?: KEEP TRANS)?", text)
+            if preset is None:
+                raise self.source.error(f"{text[:40]!r}: read is PRESET SELECT #n", line)
+            self.use_preset(float(preset.group(1)))
+            self.out.ignore("PRESET SELECT", line, understood=True)
         elif text.startswith("CALL PGM"):
             self.left_out = (text[:40], line)
             self.out.ignore("CALL PGM", line, understood=False)
@@ -265,6 +272,10 @@ class _Reader(ControlReader):
         found = re.match(r"(LN|LP|L|CC|CR|CT|CP|C)(?![A-Z])", text)
         if found:
             kind, rest = found.group(1), text[found.end() :]
+        if found := _M_WITH_WORDS.search(rest):  # their words are no coordinates
+            rest = rest[: found.start()] + (" M118" if found.group(1) == "118" else "") + rest[found.end() :]
+            if found.group(1) == "103":
+                self.out.warn_once("M103 (slower plunges) is not carried out: feeds are as programmed", line)
         words, flags = self.split(rest, line)
         b = Block(line, [])
         if "FMAX" in flags:
@@ -282,13 +293,11 @@ class _Reader(ControlReader):
             self.set_pole(words)
             return
         m_words = [int(f[1:]) for f in flags if re.fullmatch(r"M\d+", f)]
-        if 89 in m_words:
-            raise self.source.error("M89 (a cycle at every point that follows) is not supported; use M99", line)
         vector = [words.pop("T" + c, math.nan) for c in "XYZ"]
         for c in "XYZ":
             words.pop("N" + c, None)
         radius = words.pop("R", None)
-        self.m_words([m for m in m_words if m not in (89, 91, 92, 99, 140)], {}, line)
+        self.m_words(self.own_m_words(m_words, line), {}, line)
         if any(m in (91, 92) for m in m_words):
             self.lose(words, "M91", line)
             return
@@ -391,5 +400,7 @@ class _Reader(ControlReader):
                     self.out.warn_once("radius compensation (RL, RR) is not carried out: points as programmed", line)
                 at = flag.end()
             else:
-                raise self.source.error(f"found {rest[at:].strip()[:20]!r}; expected coordinates, F, R or M", line)
+                strange = rest[at:].strip()[:20]
+                hint = ": post F in mm/min" if re.match(r"F[UZT]", strange) else ""
+                raise self.source.error(f"found {strange!r}; expected coordinates, F, R or M{hint}", line)
         return words, flags
