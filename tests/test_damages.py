@@ -10,7 +10,6 @@ import pytest
 from damages.damage import JOBS, Damage, Job, copy_of, reseal
 
 from machopt.domain.cell import Cell
-from machopt.domain.manifest import Manifest
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.job import verify as service
@@ -18,8 +17,10 @@ from machopt.job.inforce import Request
 from machopt.job.verify import verify
 from machopt.output.hashes import digest, sha256_of
 from machopt.verify import Verification
+from machopt.verify.table import Motion
 
 PARTS = sorted(p.stem for p in (Path(__file__).parent / "damages").glob("*.py") if p.stem not in ("__init__", "damage"))
+TABLES = ("points.csv", "trajectory.csv", "compensation.csv")
 DAMAGES: list[Damage] = [d for part in PARTS for d in import_module(f"damages.{part}").DAMAGES]
 
 
@@ -38,25 +39,34 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Job]:
 
 @pytest.fixture(autouse=True)
 def _remembered(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Tables and programs of the same bytes, with the same inputs and options, are checked once: most rows damage
-    neither, and the checks take a second."""
-    monkeypatch.setattr(service, "content_checks", _remembering)
+    """Cells and tables of the same bytes are read and checked once: most rows damage neither, and it takes a second."""
+    monkeypatch.setattr(service, "load_cell", _load_cell)
+    monkeypatch.setattr(service, "verify_output", _verify_output)
 
 
+_CELLS: dict[str, Cell] = {}
 _FOUND: dict[str, Verification] = {}
-_CHECKS = service.content_checks
+_READ, _CHECKED = service.load_cell, service.verify_output
 
 
-def _remembering(cell: Cell, toolpath: Toolpath, folder: Path, *, options: PlanOptions, manifest: Manifest | None
-                 ) -> Verification:  # fmt: skip
-    told = {"result.json", "report.html", "manifest.json"}
-    files = [f for f in (*folder.rglob("*"), *cell.folder.rglob("*")) if f.is_file() and f.name not in told]
-    bytes_of = sorted((f.name, sha256_of(f)) for f in files)
-    asked = None if manifest is None else (manifest.programs, manifest.program_tolerance_mm)
+def _bytes_of(folder: Path, pattern: str = "*") -> str:
+    return repr(sorted((f.relative_to(folder).as_posix(), sha256_of(f)) for f in folder.rglob(pattern) if f.is_file()))
+
+
+def _load_cell(path: Path, **how: bool) -> Cell:
+    key = f"{_bytes_of(path)} {how}"
+    if key not in _CELLS:
+        _CELLS[key] = _READ(path, **how)
+    return _CELLS[key]
+
+
+def _verify_output(cell: Cell, toolpath: Toolpath, out: Path, *, options: PlanOptions, motion: Motion | None
+                   ) -> Verification:  # fmt: skip
     read = digest(toolpath.position.tobytes() + toolpath.axis.tobytes() + toolpath.feed.tobytes())
-    key = repr((bytes_of, read, options, asked))
+    tables = [(name, (out / name).is_file() and sha256_of(out / name)) for name in TABLES]
+    key = repr((_bytes_of(cell.folder), read, tables, options))
     if key not in _FOUND:
-        _FOUND[key] = _CHECKS(cell, toolpath, folder, options=options, manifest=manifest)
+        _FOUND[key] = _CHECKED(cell, toolpath, out, options=options, motion=motion)
     return _FOUND[key]
 
 
