@@ -1,7 +1,8 @@
 # make run     build .venv from python3 alone, install machopt, do the main job on the shipped cell
 # make quick   unit tests, a minute  make test    all tests     (JOBS=n processes; the cores of this machine)
+# make proofs  statistics over many records, torture by kills: some minutes more
 # make lint    format, lint, imports, types
-# make check   lint, then test      make clean   remove .venv and out/
+# make check   lint, test, proofs   make clean   remove .venv and out/
 PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
@@ -17,17 +18,20 @@ PYTEST := $(BIN)/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reor
 # the tests start hundreds of processes; each would compile the package anew
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: run quick test lint check clean
+.PHONY: run quick test proofs lint check clean
 .DELETE_ON_ERROR:
 
 run: $(VENV)/.installed
 	$(BIN)/machopt optimize $(CELL) $(PATHS) -o $(OUT)
 
 quick: $(VENV)/.installed-dev
-	$(PYTEST) -m 'not slow'
+	$(PYTEST) -m 'not slow and not proof'
 
 test: $(VENV)/.installed-dev
-	$(PYTEST)
+	$(PYTEST) -m 'not proof'
+
+proofs: $(VENV)/.installed-dev
+	$(PYTEST) -m proof
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff format --check .
@@ -35,7 +39,7 @@ lint: $(VENV)/.installed-dev
 	$(BIN)/lint-imports
 	$(BIN)/mypy
 
-check: lint test
+check: lint test proofs
 
 clean:
 	rm -rf $(VENV) out

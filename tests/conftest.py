@@ -92,7 +92,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Modules with slow tests first: the last module that two processes share out must be a short one."""
-    slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
+    slow = Counter(i.path for i in items if i.get_closest_marker("slow") or i.get_closest_marker("proof"))
     items.sort(key=lambda item: -slow[item.path])
 
 

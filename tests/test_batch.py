@@ -218,7 +218,7 @@ def test_real_jobs_give_what_the_single_command_gives_and_batches_are_compared(s
     assert float(three["mean"]) < float(three["mean_before"])  # stiffness, with a softer second joint
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_the_warm_up_compiles_all_that_jobs_need(tmp_path: Path) -> None:
     code = """
 import sys, numba

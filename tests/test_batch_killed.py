@@ -105,7 +105,7 @@ def test_sixty_jobs_killed_half_way_and_resumed_give_the_bytes_of_an_undisturbed
     assert run_batch(request_for(jobs, out, scheduler=scheduler, keep_failed=True)).done == 0
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_sixty_real_jobs_on_two_workers_killed_half_way_and_resumed(scheduler: str, tmp_path: Path) -> None:
     """Shipped cells with small toolpaths, KRL programs, one crash, one job over its time; undisturbed on a scheduler
     of its own, then killed half-way on a local cluster and resumed: the same bytes but for the times told in them."""

@@ -37,7 +37,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_what_is_concealed_is_named_and_nothing_else(folder: Path) -> None:
     answers = {}
     for truth in sorted(folder.glob("*.truth.json")):
@@ -50,7 +50,7 @@ def test_what_is_concealed_is_named_and_nothing_else(folder: Path) -> None:
     assert found == CASES
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_an_effect_outside_the_catalogue_is_noticed_and_not_misnamed(tmp_path: Path) -> None:
     assert generate.main(["--set", "dev", "--out", str(tmp_path), "--only", "outside/bearing_play.3"]) == 0
     (truth,) = tmp_path.glob("*.truth.json")

@@ -434,7 +434,7 @@ def test_a_clock_in_milliseconds_and_torques_in_kilo_are_put_right(tmp_path: Pat
         assert found[0].p_value < 1e-6  # better on all of 24 stretches
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_long_motion_in_which_nothing_is_left_out(tmp_path: Path) -> None:
     """A tenth of a hundred thousand samples; dynamics by a recursion of its own, no two periods alike."""
     cell, record = long_motion.write(tmp_path, 10_000, 250.0, 1)

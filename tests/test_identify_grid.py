@@ -420,7 +420,7 @@ def test_what_makes_no_grid_is_said(rig: Rig) -> None:
     assert len(half.heldout.grid) == half.inside.sum()
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_ten_thousand_readings_and_128_cells(rig: Rig) -> None:
     rng = np.random.default_rng(0)
     field = SmoothField.draw(rig.c, rng, scale=0.4)

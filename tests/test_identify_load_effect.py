@@ -54,7 +54,7 @@ def test_hanging_loads_bias_the_linear_law_and_the_load_effect_mends_it() -> Non
     assert error[True] < 0.05 * error[False]  # one round: the square of the effect is left
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_intervals_of_hanging_loads_cover_with_the_load_effect() -> None:
     inside, outside = {False: 0, True: 0}, {False: 0, True: 0}
     for seed in range(12):
@@ -141,7 +141,7 @@ def test_the_mended_matrix_is_the_minimum(full: tuple[Experiment, Term]) -> None
             assert value(other) > value(x) - 1e-3  # in squared standard errors
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_matrix_that_noise_alone_moves_is_not_found() -> None:
     _, robot, T = cell()
     kept = 0

@@ -26,7 +26,7 @@ C = 1.0 / TRUE_K
 DESIGNS, DRAWS = 5, 40
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 @pytest.mark.parametrize("rotations", [False, True])
 @pytest.mark.parametrize(("loads", "repeats"), [(4, 2), (1, 1)], ids=["replicates", "none"])
 def test_ninety_percent_intervals_cover(rotations: bool, loads: int, repeats: int) -> None:
@@ -44,7 +44,7 @@ def test_ninety_percent_intervals_cover(rotations: bool, loads: int, repeats: in
     assert (np.mean(hits, axis=0) > 0.80).all()
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_intervals_cover_with_few_poses_and_without_labels() -> None:
     rng = np.random.default_rng(120)
     _, robot, T = cell()

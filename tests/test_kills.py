@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 def test_a_few_kills_of_a_batch_lose_nothing() -> None:
     done = subprocess.run(

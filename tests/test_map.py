@@ -460,7 +460,7 @@ def test_even_steps_and_trimmed_ranges() -> None:
     assert trimmed(values, np.ones(6, bool)) == (0.0, 5.0)
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_default_range_holds_everything_that_can_be_reached(tmp_path: Path) -> None:
     """A much larger slice, at the same spacing, finds nothing outside."""
     common = {"steps": ("100",), "length": 600.0, "collision": "none", "rotation_step": 60.0}

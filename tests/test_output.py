@@ -349,7 +349,7 @@ def test_folders_made_for_a_failed_run_go_again(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 @pytest.mark.usefixtures("_either_way")
 def test_a_hundred_kills_leave_the_old_or_the_new(tmp_path: Path) -> None:
     """A child of this process writes generation after generation as fast as it can and is killed at any moment."""

@@ -43,14 +43,15 @@ def arm() -> tuple[Robot, np.ndarray, np.ndarray]:
 def turned(robot: Robot, tool: np.ndarray, q: list[float], at: float, theta: np.ndarray) -> np.ndarray:
     """Joints for the TCP of ``q`` turned from ``at`` to ``theta`` (degrees) about its z, in steps of at most 1°."""
     T0, out = robot.fk(np.radians(q), tool), np.empty((len(theta), 6))
-    for n, end in enumerate(theta):
-        x = np.radians(q)
-        for t in np.linspace(at, end, max(2, int(abs(end - at)) + 1)):
-            T = T0.copy()
-            T[:3, :3] = T0[:3, :3] @ axis_rotation(np.array([0.0, 0.0, 1.0]), np.radians(t - at))
-            x, error = refine(robot, T, x, tool)
-            assert error < 1e-9
-        out[n] = x
+    for side in (np.flatnonzero(theta >= at), np.flatnonzero(theta < at)[::-1]):  # outwards, each from the one before
+        x, here = np.radians(q), at
+        for n in side:
+            for t in np.linspace(here, theta[n], max(2, int(abs(theta[n] - here)) + 1)):
+                T = T0.copy()
+                T[:3, :3] = T0[:3, :3] @ axis_rotation(np.array([0.0, 0.0, 1.0]), np.radians(t - at))
+                x, error = refine(robot, T, x, tool)
+                assert error < 1e-9
+            out[n], here = x, theta[n]
     return out
 
 

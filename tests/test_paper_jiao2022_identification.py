@@ -187,7 +187,7 @@ def test_finer_grids_compensate_better() -> None:
     assert (np.diff(mean, axis=0) < 0).all()
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_error_falls_from_one_to_128_cells_as_in_the_paper() -> None:
     """Mean error after compensation, mm; the paper: 0.2868 before, 0.1201 with 1 cell, 0.0570 with 128, ratio 0.475.
 
