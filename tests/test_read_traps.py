@@ -203,3 +203,31 @@ def test_another_tool_axis_is_refused(tmp_path: Path) -> None:
         read(tmp_path, HEIDENHAIN.replace("TOOL CALL 1 Z", "TOOL CALL 1 Y") + "END PGM A MM\n")
     with pytest.raises(InputError, match=r"line 4: .*FU0.1.*post F in mm/min"):
         read(tmp_path, HEIDENHAIN.replace("F100", "FU0.1") + "END PGM A MM\n")
+
+
+@pytest.mark.parametrize(
+    ("block", "message"),
+    [
+        ("TRAORI\nG1 X20 LEAD=10 TILT=0", "LEAD=: the tool axis counts from the path"),
+        ("TRAORI\nG1 X20 A2=0 B2=30 C2=0", "A2=: tool axes by turns"),
+        ("G1 X20 FZ=0.1", "FZ=: feed per tooth"),
+        ("G247 DISR=5 DISCL=2 X20", "come to and leave a contour"),
+    ],
+)
+def test_words_that_were_taken_for_variables(tmp_path: Path, block: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        read(tmp_path, f"{SIEMENS}{block}\nG1 Y3\nM30\n")
+
+
+def test_names_beside_a_move_are_no_variables(tmp_path: Path) -> None:
+    t = read(tmp_path, SIEMENS + "DEF REAL DEPTH\nDEPTH=3\nG1 X20 FD=50\nG4 S2\nX=DEPTH\nM30\n")
+    assert [w.word for w in t.ignored if not w.understood] == ["FD="]
+    assert mm(t)[-1] == [3, 0, 0]
+    assert not [e for e in t.events if e.kind == "spindle"]
+
+
+@pytest.mark.parametrize("name", ["CIRCUL", "MILL", "THREAD"])
+def test_cycles_that_are_no_holes_are_refused(tmp_path: Path, name: str) -> None:
+    text = f"PARTNO/A\nUNITS/MM\nRAPID\nGOTO/0,0,9\nFEDRAT/100,MMPM\nCYCLE/{name},DEPTH,5,CLEAR,2\nGOTO/1,0,0\nFINI\n"
+    with pytest.raises(InputError, match=rf"line 6: CYCLE: CYCLE/{name} .*not read"):
+        read(tmp_path, text)

@@ -283,9 +283,9 @@ def modal(
             c.motion = 0
         elif g in PLANES:
             c.plane = int(g)
-        elif g in (20, 70):
+        elif g in (20, 70, 700):
             c.scale = INCH
-        elif g in (21, 71):
+        elif g in (21, 71, 710):
             c.scale = 1.0
         elif g in (90, 91):
             c.absolute = g == 90

@@ -28,7 +28,6 @@ G: dict[int, str] = {
     **dict.fromkeys((960, 970), "spindle speed by surface speed; feeds per minute stay"),
     630: "tapping mode: override off (with axis words it is refused)",
     600: "exact stop of Sinumerik (with axis words it is refused elsewhere)",
-    2470: "fine exact stop window",
 }
 M: dict[int, str] = {
     **dict.fromkeys((10, 11, 88, 89), _MACHINE),
@@ -69,6 +68,7 @@ SINUMERIK_NAMES: dict[str, str] = {
     **dict.fromkeys(("ADIS", "ADISPOS", "CTOL", "ATOL", "OTOL"), _SMOOTH),
     **dict.fromkeys(("SPOS", "SPOSA", "M1", "M2", "M3", "M4", "S1", "S2", "S3", "S4", "LIMS"), _SPINDLE),
     **dict.fromkeys(("ACC", "VELOLIM"), "limits of the machine's axes; the robot has its own"),
+    **dict.fromkeys(("A4", "B4", "C4", "A5", "B5", "C5"), "the surface's normal, for cutter compensation only"),
     "FP": "which fixed point G75 goes to; that move is the machine's",
 }
 HEIDENHAIN: dict[str, str] = {

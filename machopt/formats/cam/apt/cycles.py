@@ -29,6 +29,13 @@ _FIRST = ("1STPECK", "STEP1", "PECK", "STEP", "INCR")
 _NEXT = ("SUBPECK", "STEP2")
 _FLAGS = {"DEEP", "PECKING", "G98", "G99", "ON", "ORIENT", "CAM", "IN", "OUT"}
 FEED_OUT = ("BORE", "REAM", "TAP")
+NO_HOLES = {  # cycles whose motion is no stroke along the tool
+    **dict.fromkeys(("CIRCUL", "POCKET", "CYLNDR", "SLOT"), "mills around"),
+    "MILL": "stays at its depth between its points",
+    "THREAD": "mills a thread",
+    "PROBE": "touches",
+    "TURN": "turns",
+}
 POSITIONAL = ("depth", "clear", "retract")  # CATIA's default table; HSM/Fusion the same
 
 
@@ -61,6 +68,8 @@ def parse_cycle(parts: list[str], order: tuple[str, ...] = POSITIONAL) -> CycleW
     if not parts or number(parts[0]) is not None:
         raise CycleError("a CYCLE statement begins with its name, e.g. DRILL")
     name = parts[0]
+    if name in NO_HOLES:
+        raise CycleError(f"CYCLE/{name} {NO_HOLES[name]}: not read; export it as GOTO points")
     values: dict[str, float] = {}
     feed_word: str | None = None
     loose: list[float] = []

@@ -425,4 +425,6 @@ class ProgramReader(CallReader):
                     if not known:
                         self.out.warn_once("G4 P without a decimal point: seconds or milliseconds is not known", b.line)
                 break
+        if self.siemens:
+            words.pop("S", None)  # turns of the spindle to wait
         self.out.event("dwell", "G4", value)

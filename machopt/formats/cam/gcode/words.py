@@ -35,10 +35,14 @@ REFUSED = {
     60: "G6 splines are not supported",
     **dict.fromkeys((120, 130), "G12 and G13 mill a circular pocket"),
     1500: "G150 mills a pocket",
+    **dict.fromkeys((1470, 1480, 2470, 2480, 3470, 3480), "G147 to G348 come to and leave a contour by themselves"),
     650: "G65 calls a macro whose motion is not in the file",
     660: "G66 calls a macro whose motion is not in the file",
 }
 REFUSED_CALLS = {
+    **dict.fromkeys(("LEAD", "TILT"), "the tool axis counts from the path and its surface; export tool vectors (A3=)"),
+    **dict.fromkeys(("A2", "B2", "C2"), "tool axes by turns whose order a machine datum says; export vectors (A3=)"),
+    "FZ": "feed per tooth; write F in mm/min",
     "OVR": "it scales the feeds that follow; write the feeds themselves",
     "AR": "arcs by their opening angle are not supported; export them with centre or radius",
     **dict.fromkeys(

@@ -38,6 +38,7 @@ _MODE = re.compile(r"(AC|IC|DC|ACP|ACN)\s*\(")
 _ADDRESS = re.compile(
     r"[A-Z]|CR|AR|RP|AP|TURN|[ABC][2-5]|[IJK]1|FA|SPOS|[XYZABC]\d|FR\w*|OMA\d|D[LT]?|RPL|RNDM?|CHF|CHR|ANG|FB|OVR|[MSHGT]\d?"
 )
+_MOVES_TOO = re.compile(r"\bG\d|\b[XYZ]\s*(?:=|[-+.\d])")
 _NOT_EVALUATED = re.compile(r"(?:MSG|SPOS|DISABLE|WRITE|EXTERN)\b")
 _ARRAY_R = re.compile(r"^R\[(\d+)\]$")
 _ONLY_PARAMETERS = re.compile(r"(?:R\d+=[-\d.]+\s*|N\d+\s*)*")
@@ -310,6 +311,8 @@ class SiemensFlow:
             value = self.variables.part(code, begin)[0]
             if mode is not None:
                 return f" {name}={mode.group(1)}({value:.9f}) "
+            if not (parameter or address or name in self.variables.values) and _MOVES_TOO.search(code):
+                return f" {name}={value:.9f} "  # no variable: those are assigned in blocks of their own
             if parameter or not address or name in self.variables.values:
                 self.variables.values[name] = value
                 return f" {name}={value:.9f} " if parameter else ""  # older drilling cycles take R2, R3, R10 as words
