@@ -14,9 +14,10 @@ from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Move
 from machopt.plan.candidates import Candidates, _forbid_by_user
 from machopt.plan.caps import GAP, SOLVES, Capped, trade
-from machopt.plan.choose import NEAR, TURNING, Choice, _windows, choose
+from machopt.plan.choose import TURNING, Choice, _windows, choose
+from machopt.plan.objective import AXIS_SPEED, NEAR, preference
 from machopt.plan.path import Path, build_path
-from machopt.plan.score import AXIS_SPEED, Scores, preference
+from machopt.plan.score import Scores
 from machopt.plan.sequence import JUMP
 from machopt.se3 import wrap
 

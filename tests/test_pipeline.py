@@ -100,8 +100,13 @@ def test_objective_is_its_definition(case: str) -> None:
     assert o.mean == pytest.approx(length_weight(path)[counted] @ c, rel=1e-8)
     assert o.worst == pytest.approx(c.max(), rel=1e-8)
     share = path.motion_share
+
+    def swing(i: int) -> float:
+        d = np.linalg.norm(path.position[i] - path.position[i - 1])
+        return 1.0 if path.run[i] == path.run[i - 1] else float(1 + 0.5 / (d + 0.05))  # half a metre is a short move
+
     assert o.travel == pytest.approx(
-        sum(share[i] * np.abs(a.q[i] - a.q[i - 1]).sum() for i in range(1, len(a.q))) / np.pi, rel=1e-9
+        sum(share[i] * swing(i) * np.abs(a.q[i] - a.q[i - 1]).sum() for i in range(1, len(a.q))) / np.pi, rel=1e-9
     )
     turned = sum(share[i] * abs(a.phi[i] - a.phi[i - 1]) for i in range(1, len(a.q)) if path.run[i] == path.run[i - 1])
     assert o.rotation == pytest.approx(turned / np.pi, rel=1e-9, abs=1e-15)

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from machopt.domain.options import PlanOptions
 from machopt.plan.candidates import Candidates
 from machopt.plan.caps import Capped, trade
+from machopt.plan.objective import Terms, node_price, preference
 from machopt.plan.path import Path
-from machopt.plan.score import AXIS_SPEED, Scores, preference
+from machopt.plan.score import Scores
 from machopt.plan.sequence import cheapest_sequence
 from machopt.se3 import wrap
 
@@ -25,7 +26,6 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 TURNING = 0.5  # share of the slowest axis's velocity limit that rotation about the tool axis may take
 MAX_TURN = np.radians(45.0)  # of the rotation between neighbouring stations
-NEAR = 0.5  # m: rapid moves shorter than this should not turn the arm over
 FREE, LIFT = -1, -2
 
 
@@ -96,11 +96,9 @@ def choose(
     counted = path.counted[path.stations]
     window, seconds = _windows(path, candidates, float(velocity.min()), wide)
     shift = _same_direction(path, len(candidates.phi))
-    node = _node_cost(path, candidates, scores, options)
-    share = path.motion_share[path.stations]
-    price_q = options.weights.travel / np.pi * share * _swing(path, window)
-    price_t = options.weights.feed / max(float(path.time[-1]), 1e-9)
-    price_r = options.weights.rotation / np.pi * (2 * np.pi / len(candidates.phi)) * share
+    terms, w = Terms.at_stations(path, velocity, options), options.weights
+    node = _node_price(terms, candidates, scores)
+    nudge = np.zeros(len(path.stations)) if candidates.nudge is None else candidates.nudge
     raw = np.where(np.isfinite(scores.cost), scores.cost / scores.scale, np.inf)
 
     def solve(
@@ -115,10 +113,11 @@ def choose(
             candidates.stable,
             shift,
             seconds,
-            1.0 / (AXIS_SPEED * velocity),
-            price_q,
-            price_r,
-            price_t,
+            terms.slowness,
+            w.travel * terms.travel,
+            w.rotation * terms.rotation,
+            w.feed * terms.lost,
+            np.diff(nudge, prepend=nudge[:1]),
             limit,
             before,
             edges.source,
@@ -200,16 +199,9 @@ def _same_direction(path: Path, rotations: int) -> Ints:
     return np.asarray(np.round(angle / (2 * np.pi / rotations)), dtype=np.int32)
 
 
-def _swing(path: Path, window: Ints) -> Array:
-    """(S,) how much dearer joint travel is on short rapid moves: the arm turns over on long ones, far from the part."""
-    position = path.position[path.stations]
-    distance = np.r_[np.inf, np.linalg.norm(np.diff(position, axis=0), axis=1)]
-    return np.where(window == FREE, 1.0 + NEAR / (distance + 0.1 * NEAR), 1.0)
-
-
-def _node_cost(path: Path, candidates: Candidates, scores: Scores, options: PlanOptions) -> Array:
+def _node_price(terms: Terms, candidates: Candidates, scores: Scores) -> Array:
     """(S, R, B) price of a vertex: its share of the mean index, and the preferred rotation."""
-    share = path.station_weight
-    gamma = wrap(candidates.phi_at() + path.offset[path.stations][:, None])
-    price = options.weights.mean * np.where(np.isfinite(scores.cost), scores.cost, 0.0) / scores.scale
-    return np.ascontiguousarray((price + preference(gamma, options)[:, :, None]) * share[:, None, None])
+    cost = np.where(np.isfinite(scores.cost), scores.cost, 0.0) / scores.scale
+    gamma = np.asarray(wrap(candidates.phi_at() + terms.offset[:, None]))
+    liked = preference(gamma, terms.options)[:, :, None]
+    return np.ascontiguousarray(node_price(cost, liked, terms.weights.mean) * terms.share[:, None, None])

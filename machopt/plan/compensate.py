@@ -29,9 +29,10 @@ from machopt.domain.reason import Reason
 from machopt.plan.candidates import Arm
 from machopt.plan.check import Checker
 from machopt.plan.engage import engaged_force
+from machopt.plan.objective import Objective, objective
 from machopt.plan.path import ARM, Path
 from machopt.plan.realise import Assignment, realise
-from machopt.plan.score import Objective, configuration_cost, objective
+from machopt.plan.score import configuration_cost
 
 if TYPE_CHECKING:
     from machopt.plan.pipeline import Plan, Setup

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from scipy.interpolate import BSpline
 from machopt.domain.options import PlanOptions
 from machopt.plan.candidates import Candidates
 from machopt.plan.choose import Choice
+from machopt.plan.objective import Terms
 from machopt.plan.path import Path
 from machopt.plan.score import Scores
 from machopt.se3 import wrap
@@ -21,8 +23,18 @@ REACH = 16  # steps to either side of the chosen rotation that the corridor may 
 STEP = np.radians(5.0)  # of the corridor, or one of the grid where that is wider
 SIDE_STEP = np.radians(30.0)  # largest joint step between neighbouring rotations of one branch
 
-Merit = Callable[[BSpline, tuple[Array | None, Array | None], float], float]
-"""Worth of an answer, given the joints the rapid moves come from and go to, and the worst cost elsewhere."""
+
+@dataclass(frozen=True)
+class Ends:
+    """What the rapid moves before and after a stretch come from and go to; None at the first and last."""
+
+    before: Array | None = None  # (6,) rad
+    after: Array | None = None  # (6,) rad
+    onward: float = 0.0  # price of the move after, per rad of any joint
+
+
+Merit = Callable[[BSpline, Ends, float], float]
+"""Worth of an answer, given what it is tied to, and the worst cost elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +58,7 @@ class Stretch:
     points: NDArray[np.int32]  # their planning points
     band: Corridor
     x: Array  # (n,) m, turning length at the stations
-    share: Array  # (n,) weight in the mean index
-    counted: NDArray[np.bool_]  # (n,) the worst index counts here
+    terms: Terms  # of the objective, at the stations
     weight: float  # of its motion
     pins: dict[int, float]  # fixed offsets by row
     offset: Array  # (n,) rad, found so far
@@ -64,7 +75,7 @@ class Stretch:
         scores: Scores,
         choice: Choice,
         rows: NDArray[np.intp],
-        options: PlanOptions,
+        terms: Terms,
     ) -> Stretch:
         points = path.stations[rows]
         band = corridor(candidates, scores, choice, rows)
@@ -74,10 +85,9 @@ class Stretch:
             points,
             band,
             turning[points - points[0]],
-            path.station_weight[rows],
-            path.counted[points],
+            terms.take(rows),
             float(path.motion_share[points[0]]),
-            _pins(path, rows, band.phi, options),
+            _pins(path, rows, band.phi, terms.options),
             np.zeros(len(rows)),
         )
 
@@ -90,7 +100,7 @@ class Stretch:
 
     def worst(self) -> float:
         """Largest cost where it counts, at the offset as it is."""
-        at = np.flatnonzero(self.counted)
+        at = np.flatnonzero(self.terms.counted)
         if not len(at):
             return 0.0
         x = np.clip(self.offset[at] / self.band.step + REACH, 0, 2 * REACH - 1e-9)
@@ -100,7 +110,23 @@ class Stretch:
 
     def joints(self) -> Array:
         """(n, 6) rad, to first order in the offset."""
-        return self.band.q + self.band.slope * self.offset[:, None]
+        return self.joints_at(self.offset)
+
+    def joints_at(self, offset: Array, rows: Any = slice(None)) -> Array:
+        """(…, n, 6) rad at offsets (…, n) rad of all stations, or of some rows of them, to first order."""
+        return np.asarray(self.band.q[rows] + self.band.slope[rows] * offset[..., None])
+
+    def price(self, cost: Array, offset: Array) -> Array:
+        """(…) its part of J but for the worst index and rapid moves, at offsets (…, n) rad of these costs."""
+        phi = self.band.phi + offset
+        inside = self.terms.steps(self.joints_at(offset), phi).sum(axis=-1)
+        return np.asarray(self.terms.nodes(cost, phi).sum(axis=-1) + inside)
+
+    def price_of_flights(self, first: Array, last: Array, ends: Ends) -> float:
+        """Price of the rapid moves at its ends, where it begins and ends at joints (6,) rad."""
+        here = self.terms.weights.travel * float(self.terms.travel[0])
+        flown = ((first, ends.before, here), (last, ends.after, ends.onward))
+        return float(sum(price * np.abs(own - other).sum() for own, other, price in flown if other is not None))
 
 
 def corridor(candidates: Candidates, scores: Scores, choice: Choice, rows: NDArray[np.intp]) -> Corridor:

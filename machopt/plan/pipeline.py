@@ -33,15 +33,14 @@ from machopt.plan.candidates import Arm, Candidates, enumerate_candidates
 from machopt.plan.check import Checker, PathCheck
 from machopt.plan.choose import Choice, choose
 from machopt.plan.compensate import Compensation, rescored
+from machopt.plan.objective import Objective, objective
 from machopt.plan.path import Path, build_path
 from machopt.plan.realise import Assignment, realise
 from machopt.plan.score import (
     Directions,
-    Objective,
     Scores,
     configuration_cost,
     directions,
-    objective,
     score_candidates,
 )
 from machopt.plan.search import Found, Search

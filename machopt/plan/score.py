@@ -1,4 +1,4 @@
-"""What a configuration costs: the index, and the objective that weighs it against motion.
+"""What a configuration costs: the index.
 
 Cost c of a configuration, always "less is better":
 
@@ -11,11 +11,7 @@ stiffness       eᵀC_tt e along the tool axis (drilling), the mean of     m/N
 jiao2022        1/k_x along the tool axis (eq. 23)                       m/N
 ==============  =======================================================  =====
 
-Objective J = w_mean·mean(c)/c₀ + w_worst·max(c)/c₀ + w_travel·Σ a|Δq|/π + w_rotation·Σ a|Δφ|/π + w_feed·t_lost/t
-+ w_preferred·mean((1 − cos(γ − γ_preferred))/2), with c₀ the median cost over the feasible candidates, means over the
-length cut (:attr:`machopt.plan.path.Path.weight`) and a the run's share of that length. Travel and rotation are total
-variations, so they do not depend on how finely a path is sampled. t_lost is the time by which the axes, at AXIS_SPEED
-of their velocity limits, are slower than the programmed feed.
+c₀ is the median cost over the feasible candidates; :mod:`machopt.plan.objective` weighs c/c₀ against motion.
 """
 
 from __future__ import annotations
@@ -32,11 +28,9 @@ from machopt.model.elastic import ArmElasticity, joint_stiffness
 from machopt.plan.candidates import Candidates
 from machopt.plan.engage import process_force, sideways
 from machopt.plan.path import Path
-from machopt.se3 import wrap
 
 Array = NDArray[np.float64]
 CHUNK = 32_768
-AXIS_SPEED = 0.8  # share of the velocity limits; accelerations need the rest
 
 
 @dataclass(frozen=True)
@@ -117,56 +111,3 @@ def score_candidates(
     counted = usable & path.counted[path.stations][:, None, None]
     values = cost[counted if counted.any() else usable]
     return Scores(cost=cost, index=index, scale=float(np.median(values)) if values.size else 1.0)
-
-
-@dataclass(frozen=True)
-class Objective:
-    """J and its parts, dimensionless; times c₀, ``mean`` and ``worst`` are the index's own."""
-
-    total: float
-    mean: float
-    worst: float
-    travel: float
-    rotation: float
-    feed: float
-    preferred: float
-
-
-def objective(
-    path: Path, cost: Array, q: Array, phi: Array, scale: float, velocity: Array, options: PlanOptions
-) -> Objective:  # fmt: skip
-    """J of one assignment at all planning points; infinite where a counted point has no cost.
-
-    Args:
-        cost: (P,) c of the chosen configurations.
-        q: (P, 6) rad.
-        phi: (P,) rad, continuous inside each run.
-        velocity: (6,) rad/s, joint velocity limits.
-    """
-    w, counted, share, weight = options.weights, path.counted, path.motion_share, path.weight[path.counted]
-    c = np.where(np.isfinite(cost[counted]), cost[counted], np.inf) / scale
-    if not len(c):
-        c, weight = np.zeros(1), np.ones(1)
-    mean = float(weight @ c) if np.isfinite(c).all() else float("inf")
-    known = np.isfinite(q).all(axis=1)
-    travel = float(share[known][1:] @ np.abs(np.diff(q[known], axis=0)).sum(axis=1)) / np.pi
-    inside = (path.run[1:] == path.run[:-1]) & np.isfinite(phi[1:]) & np.isfinite(phi[:-1])
-    rotation = float(share[1:][inside] @ np.abs(np.diff(phi)[inside])) / np.pi
-    with np.errstate(invalid="ignore"):
-        late = np.abs(np.diff(q, axis=0) / (AXIS_SPEED * velocity)).max(axis=1) - np.diff(path.time)
-    lost = float(late[inside & (late > 0)].sum()) / max(float(path.time[-1]), 1e-9)
-    preferred = 0.0
-    if options.preferred_rotation is not None:
-        gamma = wrap(phi + path.offset)[counted]
-        price = preference(gamma, options)
-        known = np.isfinite(price)
-        preferred = float(weight[known] @ price[known] / max(weight[known].sum(), 1e-300))
-    total = w.mean * mean + w.worst * float(c.max()) + w.travel * travel + w.rotation * rotation
-    return Objective(total + w.feed * lost + preferred, mean, float(c.max()), travel, rotation, lost, preferred)
-
-
-def preference(gamma: Array, options: PlanOptions) -> Array:
-    """Price of leaving the preferred rotation, dimensionless."""
-    if options.preferred_rotation is None:
-        return np.zeros_like(gamma)
-    return options.preferred_weight * (1.0 - np.cos(gamma - options.preferred_rotation)) / 2.0

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.model.compiled import compiled
+from machopt.plan.objective import edge_price_compiled, late_compiled
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -57,14 +58,16 @@ def _groups(before: Array, q: Array, turns: Array) -> Any:  # numba infers
 @compiled
 def cheapest_sequence(
     node: Any, q: Any, turns: Any, feasible: Any, window: Any, stable: Any, shift: Any, seconds: Any, slowness: Any,
-    price_q: Any, price_r: Any, price_t: Any, limit: float, ban: Any, ban_u: Any, ban_v: Any,
+    price_q: Any, price_r: Any, price_t: Any, nudged: Any, limit: float, ban: Any, ban_u: Any, ban_v: Any,
 ) -> Any:  # numba infers  # fmt: skip
     """Cheapest sequence; returns (S, 3) rotation, branch, turn (−1 where dropped), its value, where it stopped, breaks
     (S,) and what is reached (S, V).
 
-    A break is a station inside a run that no vertex of the station before reaches continuously; the sequence goes on
-    there as after a rapid move. With a finite ``limit`` only sequences below it are looked for, without breaks, and
-    ``stop`` ≥ 0 is where the last of them ends. ``ban[s]`` … ``ban[s + 1]`` are the forbidden edges into s.
+    Prices are those of :mod:`machopt.plan.objective`, (S,) per rad, rad and s on the way into each station; ``nudged``
+    (S,) rad is how far its grid is turned against that of the station before. A break is a station inside a run that
+    no vertex of the station before reaches continuously; the sequence goes on there as after a rapid move. With a
+    finite ``limit`` only sequences below it are looked for, without breaks, and ``stop`` ≥ 0 is where the last of them
+    ends. ``ban[s]`` … ``ban[s + 1]`` are the forbidden edges into s.
     """
     S, R, B, T = feasible.shape
     inf = np.inf
@@ -78,6 +81,7 @@ def cheapest_sequence(
     best = np.full((S, 3), -1, np.int32)
     last = -1  # last kept station
     twopi = 2 * np.pi
+    step_r = twopi / R
     usable = np.zeros((S, R, B), np.bool_)
     to_go = np.zeros(S + 1)  # the nodes from a station on cost at least this much
     for s in range(S - 1, -1, -1):
@@ -171,7 +175,8 @@ def cheapest_sequence(
                         dr = (k + 1) // 2 if k % 2 else -(k // 2)
                         ru = (r + dr) % R
                         for bu in range(b if stable else 0, b + 1 if stable else B):
-                            if not (least[ru, bu] + price_r[s] * abs(dr) < highest):
+                            turn = abs(nudged[s] - dr * step_r)
+                            if not (least[ru, bu] + price_r[s] * turn < highest):
                                 continue
                             code = 0
                             step = 0.0
@@ -191,7 +196,8 @@ def cheapest_sequence(
                                 code = 3 * code + int(whole) + 1
                             if code < 0:
                                 continue
-                            edge = price_q[s] * step + price_r[s] * abs(dr) + price_t * max(slow - seconds[s], 0.0)
+                            late = late_compiled(slow, seconds[s])
+                            edge = edge_price_compiled(step, turn, late, price_q[s], price_r[s], price_t[s])
                             better = False
                             for t in range(T):
                                 tu = source_turn[code, t]

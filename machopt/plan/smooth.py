@@ -1,7 +1,7 @@
 """Rotation as a smooth curve along the path, between and beyond the grid.
 
 In each run phi(s) is a cubic B-spline over path length (plunges excluded: there it stays constant). CasADi
-and IPOPT minimise the objective of :mod:`machopt.plan.score` with the cost of the chosen branch interpolated
+and IPOPT minimise the objective (:mod:`machopt.plan.objective`) with the cost of the chosen branch interpolated
 from the grid, inside the corridor of rotations that are feasible around the grid optimum, with joint speeds held to
 what the programmed feed leaves. Runs without travel (drilling) have one rotation: the vertex of a parabola.
 """
@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from machopt.domain.options import PlanOptions
 from machopt.plan.candidates import Candidates
 from machopt.plan.choose import Choice
-from machopt.plan.corridor import REACH, Stretch, turning_length
+from machopt.plan.corridor import REACH, Ends, Stretch, turning_length
+from machopt.plan.objective import Terms
 from machopt.plan.path import Path
 from machopt.plan.realise import between_stations
 from machopt.plan.score import Scores
@@ -45,18 +46,17 @@ def smooth(
     """
     P, st = len(path.index), path.stations
     worst = _grid_worst(path, scores, choice)
+    terms = Terms.at_stations(path, velocity, options)
     position = np.searchsorted(st, np.arange(P))
     parts = [
-        Stretch.of(path, candidates, scores, choice, np.arange(a, b + 1), options)
+        Stretch.of(path, candidates, scores, choice, np.arange(a, b + 1), terms)
         for first, last in path.runs
         for a, b in _whole_stretches(choice, position[first], position[last])
     ]
-    for part, ends in zip(parts, _neighbours(parts), strict=True):
+    for part, ends in zip(parts, [_ends(parts, n) for n in range(len(parts))], strict=True):
         if part.x[-1] > 0 and len(part.rows) >= 3:
             part.turns = True
-            part.answers, part.merit = spline_answers(
-                path, part, _worst_elsewhere(parts, part), ends, velocity, options
-            )
+            part.answers, part.merit = spline_answers(path, part, _worst_elsewhere(parts, part), ends)
             if part.pins:  # where no answer keeps to the corridor, the grid's own sequence is moved to meet the pins
                 part.offset = np.interp(part.x, part.x[list(part.pins)], list(part.pins.values()))
     # runs are tied by the rapid moves between them, so each is chosen with the others as they are
@@ -70,7 +70,7 @@ def smooth(
                 )
                 if np.isfinite(value):
                     part.spline, part.offset = spline, spline(part.x) - part.band.phi
-        _constant_rotations(path, parts, worst, options)
+        _constant_rotations(parts, worst)
     phi, seed = np.full(P, np.nan), np.full((P, 6), np.nan)
     for part in parts:
         rows = slice(part.points[0], part.points[-1] + 1)
@@ -84,9 +84,13 @@ def smooth(
     return Smoothed(phi=phi, seed=seed)
 
 
-def _ends(parts: list[Stretch], n: int) -> tuple[Array | None, Array | None]:
-    """Joints (6,) the rapid moves before and after stretch n come from and go to; None at the first and last."""
-    return parts[n - 1].joints()[-1] if n else None, parts[n + 1].joints()[0] if n + 1 < len(parts) else None
+def _ends(parts: list[Stretch], n: int) -> Ends:
+    """What the rapid moves before and after stretch n come from and go to, as the others are."""
+    before = parts[n - 1].joints()[-1] if n else None
+    if n + 1 == len(parts):
+        return Ends(before)
+    after = parts[n + 1]
+    return Ends(before, after.joints()[0], after.terms.weights.travel * float(after.terms.travel[0]))
 
 
 def _worst_elsewhere(parts: list[Stretch], one: Stretch) -> float:
@@ -94,11 +98,7 @@ def _worst_elsewhere(parts: list[Stretch], one: Stretch) -> float:
     return max((p.worst() for p in parts if p is not one), default=0.0)
 
 
-def _neighbours(parts: list[Stretch]) -> list[tuple[Array | None, Array | None]]:
-    return [_ends(parts, n) for n in range(len(parts))]
-
-
-def _constant_rotations(path: Path, parts: list[Stretch], worst: float, options: PlanOptions) -> None:
+def _constant_rotations(parts: list[Stretch], worst: float) -> None:
     """One rotation per drilling run, between the grid steps: the cheapest sequence over a fine grid (exact there).
 
     Holes are tied to each other by the joint travel between them, so they are chosen together; the cost between grid
@@ -114,12 +114,12 @@ def _constant_rotations(path: Path, parts: list[Stretch], worst: float, options:
         if free:
             c0, c1, c2 = (part.band.cost[:, REACH + j] for j in (-1, 0, 1))
             cost = c1 + 0.5 * (c2 - c0) * fine[:, None] + 0.5 * (c0 - 2 * c1 + c2) * fine[:, None] ** 2  # (F, n)
-            node = options.weights.mean * cost @ part.share
+            node = part.price(cost, np.broadcast_to(delta[:, None], cost.shape))
             low, high = float(part.band.low.max()), float(part.band.high.min())
             outside = (
                 (delta < low - 1e-12)
                 | (delta > high + 1e-12)
-                | (cost[:, part.counted] > worst * (1 + 1e-9)).any(axis=1)
+                | (cost[:, part.terms.counted] > worst * (1 + 1e-9)).any(axis=1)
             )
             if part.pins:
                 delta, node, outside = np.array([next(iter(part.pins.values()))]), np.zeros(1), np.zeros(1, bool)
@@ -131,9 +131,8 @@ def _constant_rotations(path: Path, parts: list[Stretch], worst: float, options:
             back.append(np.zeros(len(delta), int))
             value = node
         else:
-            total = value[:, None] + options.weights.travel / np.pi * part.weight * np.abs(
-                start[None] - previous[:, None]
-            ).sum(axis=-1)
+            flown = np.abs(start[None] - previous[:, None]).sum(axis=-1)
+            total = value[:, None] + part.terms.weights.travel * part.terms.travel[0] * flown
             back.append(total.argmin(axis=0))
             value = total.min(axis=0) + node
         previous = end

@@ -1,0 +1,129 @@
+"""One objective: the search over the grid, the smooth curve, IPOPT's programme and a finished plan say the same J."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.interpolate import BSpline
+from test_choose import VELOCITY, random_problem
+from test_path import Rows, toolpath
+from test_smooth import valley
+
+from machopt.domain.options import PlanOptions, Weights
+from machopt.domain.toolpath import Move
+from machopt.plan.candidates import Candidates
+from machopt.plan.choose import Choice, choose
+from machopt.plan.corridor import REACH, Ends, Stretch
+from machopt.plan.objective import NEAR, Objective, Terms, objective
+from machopt.plan.path import Path, build_path
+from machopt.plan.programme import programme
+from machopt.plan.score import Scores
+from machopt.plan.smooth import follow_grid
+from machopt.plan.spline import spline_answers
+
+UP = (0.0, 0.0, 1.0)
+OPTIONS = PlanOptions(
+    weights=Weights(mean=0.8, worst=0.7, travel=0.3, rotation=0.4, feed=3.0), preferred_rotation=0.5,
+    preferred_weight=0.3,
+)  # fmt: skip
+SAME = 1e-12  # of J: rounding of a few hundred sums
+
+
+def finished(path: Path, candidates: Candidates, scores: Scores, choice: Choice) -> Objective:
+    """J of the grid's sequence as a finished plan, every planning point a station."""
+    assert len(path.stations) == len(path.index)
+    plain = follow_grid(path, candidates, choice)
+    cost = scores.cost[np.arange(len(path.index)), choice.rotation, choice.branch]
+    return objective(path, cost, choice.q, plain.phi, scores.scale, VELOCITY, OPTIONS)
+
+
+def by_stretches(path: Path, candidates: Candidates, scores: Scores, choice: Choice) -> float:
+    """J of the grid's sequence as the smoother counts it, run by run."""
+    terms = Terms.at_stations(path, VELOCITY, OPTIONS)
+    total, worst, before = 0.0, 0.0, None
+    for first, last in path.runs:
+        part = Stretch.of(path, candidates, scores, choice, np.arange(first, last + 1), terms)
+        joints = part.joints()
+        total += float(part.price(part.band.cost[:, REACH], part.offset))
+        total += part.price_of_flights(joints[0], joints[-1], Ends(before))
+        worst, before = max(worst, part.worst()), joints[-1]
+    return total + OPTIONS.weights.worst * worst
+
+
+@pytest.mark.parametrize("rapid", [(0, 3), (0,), (0, 2, 4)])
+def test_search_smoother_and_finished_plan_agree_on_random_sequences(rapid: tuple[int, ...]) -> None:
+    """Each with other costs, so that another sequence is the best."""
+    found = 0
+    for seed in range(40):
+        path, candidates, scores = random_problem(seed, rapid)
+        choice = choose(path, candidates, scores, VELOCITY, OPTIONS)
+        if choice.broken or choice.dropped.any():
+            continue
+        whole = finished(path, candidates, scores, choice)
+        assert choice.total == pytest.approx(whole.total, rel=SAME)
+        assert by_stretches(path, candidates, scores, choice) == pytest.approx(whole.total, rel=SAME)
+        found += 1
+    assert found >= 15
+
+
+def test_rotations_fixed_off_the_grid_turn_by_what_they_turn() -> None:
+    path, candidates, scores = random_problem(1, (0,))
+    rng = np.random.default_rng(0)
+    nudged = replace(candidates, nudge=rng.uniform(-0.5, 0.5, len(path.stations)))
+    free = replace(nudged, feasible=np.ones_like(candidates.feasible))
+    scores = replace(scores, cost=np.where(np.isfinite(scores.cost), scores.cost, 1.0))
+    choice = choose(path, free, scores, VELOCITY, OPTIONS)
+    assert not choice.broken
+    assert choice.total == pytest.approx(finished(path, free, scores, choice).total, rel=SAME)
+
+
+def test_programme_and_merit_are_the_objective_along_a_curve() -> None:
+    """Where joints are linear in phi and all stations stand in the programme, the three are one number."""
+    rows: Rows = [((0, 0, 0), UP, Move.RAPID)] + [((x, 0, 0), UP, Move.CUT) for x in np.linspace(0, 0.3, 61)[1:]]
+    path = build_path(toolpath(rows, feed=0.2))  # fast enough that turning costs time
+    target = 0.3 + 0.4 * np.sin(4 * path.s / path.s[-1])
+    candidates, scores = valley(path, target)
+    choice = choose(path, candidates, scores, VELOCITY, OPTIONS)
+    terms = Terms.at_stations(path, VELOCITY, OPTIONS)
+    rows_ = np.arange(len(path.stations))
+    part = Stretch.of(path, candidates, scores, choice, rows_, terms)
+    part.x = path.s[path.stations]
+    ends = Ends(np.full(6, 0.1), np.full(6, -0.2), 0.07)
+    answers, merit = spline_answers(path, part, 0.0, ends)
+    table, basis = _table_and_basis(part, answers[0])
+    nlp = programme(part, table, basis, rows_, ends)
+    rng = np.random.default_rng(1)
+    for answer in (*answers, *(BSpline(a.t, a.c + rng.uniform(-0.05, 0.05, len(a.c)), 3) for a in answers[:3])):
+        phi = basis @ answer.c
+        cost = np.asarray(table(np.stack([rows_.astype(float), phi - part.band.phi]))).ravel()
+        q = np.zeros((len(phi), 6))
+        q[:, 5] = phi
+        whole = objective(path, cost, q, phi, 1.0, VELOCITY, OPTIONS)
+        assert whole.feed > 0 or np.ptp(phi) < 0.1
+        flown = part.price_of_flights(q[0], q[-1], ends)
+        assert nlp.at(answer.c, whole.worst) == pytest.approx(whole.total + flown, rel=SAME)
+        assert merit(answer, ends, 0.0) == pytest.approx(whole.total + flown, rel=SAME)
+
+
+def _table_and_basis(part: Stretch, answer: BSpline) -> tuple[object, object]:
+    import casadi as ca
+
+    grid = np.arange(-REACH, REACH + 1) * part.band.step
+    rows = np.arange(len(part.rows), dtype=float)
+    table = ca.interpolant("cost", "bspline", [rows, grid], part.band.cost.ravel(order="F"), {"degree": [1, 3]})
+    return table, BSpline.design_matrix(part.x, answer.t, 3).tocsr()
+
+
+def test_short_rapid_moves_cost_more_travel() -> None:
+    """a·b/π per rad, b = 1 + NEAR/(d + NEAR/10): by hand for one short and one long move."""
+    rows: Rows = [((0, 0, 0), UP, Move.RAPID), ((0.01, 0, 0), UP, Move.CUT), ((0.06, 0, 0), UP, Move.RAPID),
+                  ((0.07, 0, 0), UP, Move.CUT), ((2.07, 0, 0), UP, Move.RAPID),
+                  ((2.08, 0, 0), UP, Move.CUT)]  # fmt: skip
+    path = build_path(toolpath(rows))
+    terms = Terms.of(path, VELOCITY, PlanOptions())
+    assert terms.travel[2] == pytest.approx(1 / 3 / np.pi * (1 + NEAR / (0.05 + NEAR / 10)))
+    assert terms.travel[4] == pytest.approx(1 / 3 / np.pi * (1 + NEAR / (2.0 + NEAR / 10)))
+    assert terms.travel[1] == pytest.approx(1 / 3 / np.pi)
+    assert terms.rotation[[0, 2, 4]].tolist() == [0.0, 0.0, 0.0]
