@@ -14,7 +14,7 @@ from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Move
 from machopt.plan.candidates import Candidates, _forbid_by_user
 from machopt.plan.caps import GAP, SOLVES, Capped, trade
-from machopt.plan.choose import TURNING, Choice, _windows, choose
+from machopt.plan.choose import TURNING, Choice, Edges, Grid, _windows, choose
 from machopt.plan.objective import AXIS_SPEED, NEAR, preference
 from machopt.plan.path import Path, build_path
 from machopt.plan.score import Scores
@@ -355,3 +355,31 @@ def test_bounds_fixed_and_preferred_rotation() -> None:
     liked = PlanOptions(preferred_rotation=np.radians(65.0), weights=Weights(worst=0.0))
     choice = choose(path, open_grid(path), scores, VELOCITY, liked)
     np.testing.assert_allclose(np.degrees(gamma[np.arange(1, 5), choice.rotation[1:]]), 65.0)
+
+
+@pytest.mark.parametrize("worst", [0.5, 4.0])
+@pytest.mark.parametrize("seed", range(8))
+def test_a_stretch_chosen_again_is_the_best_of_all_sequences_that_keep_the_rest(seed: int, worst: float) -> None:
+    path, candidates, scores = random_problem(seed)
+    options = PlanOptions(weights=Weights(mean=1.0, worst=worst, travel=0.3, rotation=0.4))
+    grid = Grid.of(path, candidates, scores, VELOCITY, options)
+    choice = grid.choose()
+    if choice.broken or choice.dropped.any():
+        return
+    S, s = len(choice.rotation), int(np.random.default_rng(seed).integers(0, len(choice.rotation)))
+    candidates.feasible[s, choice.rotation[s], choice.branch[s], choice.turn[s]] = False
+    first, last = max(s - 2, -1), min(s + 2, S)
+    old = sequence(choice)
+    ideal = min(
+        (t + worst * w for t, w, v in every_sequence(path, candidates, scores, options)
+         if v[: max(first + 1, 0)] == old[: max(first + 1, 0)] and v[last:] == old[last:]), default=None,
+    )  # fmt: skip
+    again = grid.again(choice, first, last, Edges.none())
+    if ideal is None:
+        assert again is None
+        return
+    assert again is not None
+    assert ideal * (1 - 1e-12) <= again.total <= ideal * (1 + 1.01 * GAP)
+    total, high = price_of(sequence(again), path, candidates, scores, options)
+    assert again.total == pytest.approx(total + worst * high, rel=1e-12)
+    assert again.bound == choice.bound

@@ -16,8 +16,11 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
 from machopt.domain.stiffness import Stiffness
 from machopt.domain.toolpath import Move
+from machopt.plan.ahead import Ahead
 from machopt.plan.candidates import Candidates, enumerate_candidates
+from machopt.plan.caps import GAP
 from machopt.plan.check import Checker
+from machopt.plan.choose import choose
 from machopt.plan.explain import explain_points
 from machopt.plan.pipeline import Plan, plan
 from machopt.plan.sequence import JUMP
@@ -165,3 +168,46 @@ def test_only_what_collides_by_itself_is_struck_out(seed: int, tmp_path: FilePat
         assert model.check(whole.q[s, r, b][None], touch).hit[0]
         assert p.found is not None
         assert p.found.pairs[s, r, b] >= 0
+
+
+@pytest.mark.parametrize("seed", [0, 4, 33])
+def test_what_was_chosen_stretch_by_stretch_has_the_certificate_of_a_whole_choice(
+    seed: int, tmp_path: FilePath
+) -> None:
+    """On what is left of the grid the whole path is chosen once more; its bound holds for the answer that stands."""
+    p = leaning(tmp_path, *(rods(seed) if seed > 30 else crowded(seed)))
+    assert p.found is not None
+    velocity = p.setup.cell.limits.velocity[:6]
+    wide = p.found.wide if p.found.wide.any() else None
+    whole = choose(p.path, p.candidates, p.scores, velocity, p.options, p.found.edges, wide)
+    assert p.choice.total * (1 - GAP) <= whole.bound * (1 + 1e-9)
+    assert p.choice.bound <= whole.total * (1 + 1e-9)
+
+
+def test_looking_ahead_strikes_out_what_one_pair_touches_around_a_contact(tmp_path: FilePath) -> None:
+    p = leaning(tmp_path, *crowded(4))
+    c, model = enumerate_candidates(p.path, p.setup.arm, p.options), p.setup.collision
+    assert model is not None
+    usable = c.feasible.any(axis=3)
+    touch = p.path.may_touch[p.path.stations]
+    s, r, b = np.nonzero(usable)
+    found = model.check(c.q[s, r, b], touch[s])
+    pair = np.bincount(found.pair[found.hit]).argmax()  # what most collisions are between
+    alike = model.touching(c.q[s, r, b], np.full(len(s), pair))
+    assert alike[found.pair == pair].all()
+    assert not alike[~found.hit].any() or model.pairs[pair].unless_cutting
+    ahead = Ahead(c, model, touch, np.full(usable.shape, -1, np.int32))
+    start = np.flatnonzero(found.pair == pair)[:1]
+    seed = np.ravel_multi_index((s[start], r[start], b[start]), usable.shape)
+    ahead.strike(seed, np.array([pair], np.int32))
+    looked = ahead.look(seed, np.array([pair], np.int32), 10_000)
+    struck = usable & ~c.feasible.any(axis=3)
+    assert 1 < struck.sum() <= alike.sum()
+    assert looked < usable.sum()
+    assert not struck[s[~alike], r[~alike], b[~alike]].any()  # only what touches by itself
+    out = np.argwhere(struck)
+    for k in out:  # and nothing around it is left that touches alike
+        for n in out[np.abs(out - k).sum(axis=1) == 1]:
+            assert ahead.pairs[tuple(n)] == pair
+    ring = np.array([v for v in np.argwhere(c.feasible.any(axis=3)) if (np.abs(out - v).sum(axis=1) == 1).any()])
+    assert not model.touching(c.q[tuple(ring.T)], np.full(len(ring), pair)).any()

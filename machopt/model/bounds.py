@@ -51,6 +51,12 @@ class PairStack:
         self.radius = np.array([b.sphere_radius for b in balls])
         self.reach = _reach(robot, bodies)
 
+    def relative(self, p: int, q: Array) -> Array:
+        """(S, 4, 4) motion of pair p's second body from q = 0 to q (S, 6) rad, seen from the first body's link."""
+        poses = self.robot.link_poses(q)
+        i, j = self.links[p]
+        return np.asarray(poses[:, j] if i == 0 else inverse(poses[:, i]) @ poses[:, j])
+
 
 @dataclass
 class Rows:

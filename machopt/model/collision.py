@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -278,18 +279,38 @@ class CollisionModel:
         kept = [pair for n, pair in enumerate(wanted) if n not in dropped]
         self._take([(i, j) for i, j, _ in kept], [touch for *_, touch in kept])
 
+    def touching(self, q: Array, pair: NDArray[np.integer[Any]]) -> Bools:
+        """Whether the one pair asked of each row touches or is nearer than its clearance; no other is looked at.
+
+        Much quicker than :meth:`check` where the answer is mostly yes: crossing surfaces need no distance.
+
+        Args:
+            q: (S, 6) rad.
+            pair: (S,) index into ``pairs``.
+        """
+        out = np.zeros(len(q), bool)
+        for p in np.unique(pair).tolist():
+            rows = np.flatnonzero(pair == p)
+            for n, T in zip(rows.tolist(), self.stack.relative(p, q[rows]), strict=True):
+                out[n] = self._near(p, T)
+        return out
+
+    def _near(self, p: int, T: Array) -> bool:
+        """Pair p touches or is nearer than its clearance, with its second body moved by T (4, 4)."""
+        at, clearance = (self.stack.index[p], T), self.pairs[p].clearance
+        return (
+            self.surfaces.cross(*at)
+            or self.surfaces.contained(*at)
+            or (clearance > 0 and self.surfaces.distance(*at) < clearance)
+        )
+
     def _touching(self, q: Array, asked: list[int] | None = None) -> Bools:
         """(S, P) in contact or nearer than the clearance, each row by itself."""
         rows = Rows(self.stack, q)
         out = np.zeros(rows.bound.shape, bool)
         for p in range(len(self.pairs)) if asked is None else asked:
             for n in np.flatnonzero(rows.bound[:, p] < self.pairs[p].clearance):
-                at = self.stack.index[p], rows.relative(p)[n]
-                out[n, p] = (
-                    self.surfaces.cross(*at)
-                    or self.surfaces.contained(*at)
-                    or (self.clearance > 0 and self.surfaces.distance(*at) < self.pairs[p].clearance)
-                )
+                out[n, p] = self._near(p, rows.relative(p)[n])
         return out
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from machopt.domain.options import PlanOptions
 from machopt.plan.candidates import Candidates
-from machopt.plan.caps import Capped, trade
+from machopt.plan.caps import Capped, Traded, trade
 from machopt.plan.objective import Terms, node_price, preference
 from machopt.plan.path import Path
 from machopt.plan.score import Scores
@@ -27,6 +27,7 @@ Ints = NDArray[np.int32]
 TURNING = 0.5  # share of the slowest axis's velocity limit that rotation about the tool axis may take
 MAX_TURN = np.radians(45.0)  # of the rotation between neighbouring stations
 FREE, LIFT = -1, -2
+_LARGE = 1e300  # a limit that no sequence meets: with one, breaks are no answer
 
 
 @dataclass(frozen=True)
@@ -90,34 +91,143 @@ def choose(
         edges: ways that must not be taken; default none.
         wide: (S,) stations into which the rotation may turn faster than the feed leaves time for; default none.
     """
-    edges = Edges.none() if edges is None else edges
-    before = np.searchsorted(edges.station, np.arange(len(path.stations) + 1)).astype(np.int64)
-    feasible = candidates.feasible
-    counted = path.counted[path.stations]
-    window, seconds = _windows(path, candidates, float(velocity.min()), wide)
-    shift = _same_direction(path, len(candidates.phi))
-    terms, w = Terms.at_stations(path, velocity, options), options.weights
-    node = _node_price(terms, candidates, scores)
-    nudge = np.zeros(len(path.stations)) if candidates.nudge is None else candidates.nudge
-    raw = np.where(np.isfinite(scores.cost), scores.cost / scores.scale, np.inf)
+    return Grid.of(path, candidates, scores, velocity, options, wide).choose(edges)
+
+
+@dataclass(frozen=True)
+class Grid:
+    """What sequences over one grid cost, and which steps there are; a step is numbered by the station it leads into.
+
+    ``candidates`` may lose vertices while it is in use: every choice takes what is feasible then.
+    """
+
+    candidates: Candidates
+    counted: NDArray[np.bool_]  # (S,) the worst index counts there
+    window: Ints  # (S,) grid steps that the rotation may turn, FREE or LIFT
+    seconds: Array  # (S,) s
+    shift: Ints  # (S,) :func:`_same_direction`
+    node: Array  # (S, R, B) price of a vertex
+    raw: Array  # (S, R, B) index, in units of the scale, inf where there is none
+    slowness: Array  # (6,) s/rad
+    price_q: Array  # (S,) 1/rad
+    price_r: Array  # (S,) 1/rad
+    price_t: Array  # (S,) 1/s
+    nudged: Array  # (S,) rad, how far its grid is turned against that of the station before
+    worst: float  # price of the worst index
+
+    @classmethod
+    def of(
+        cls, path: Path, candidates: Candidates, scores: Scores, velocity: Array, options: PlanOptions,
+        wide: NDArray[np.bool_] | None = None,
+    ) -> Grid:  # fmt: skip
+        """Arguments as for :func:`choose`."""
+        window, seconds = _windows(path, candidates, float(velocity.min()), wide)
+        terms, w = Terms.at_stations(path, velocity, options), options.weights
+        nudge = np.zeros(len(path.stations)) if candidates.nudge is None else candidates.nudge
+        return cls(
+            candidates=candidates, counted=path.counted[path.stations], window=window, seconds=seconds,
+            shift=_same_direction(path, len(candidates.phi)), node=_node_price(terms, candidates, scores),
+            raw=np.where(np.isfinite(scores.cost), scores.cost / scores.scale, np.inf),
+            slowness=terms.slowness, price_q=w.travel * terms.travel, price_r=w.rotation * terms.rotation,
+            price_t=w.feed * terms.lost, nudged=np.diff(nudge, prepend=nudge[:1]), worst=options.weights.worst,
+        )  # fmt: skip
+
+    def choose(self, edges: Edges | None = None) -> Choice:
+        """The best sequence of the whole path."""
+        part = _Part(self, Edges.none() if edges is None else edges, slice(0, len(self.window)))
+        vertex, value, _, broken, reached = part.solve(self.candidates.feasible)
+        part.window[broken] = LIFT  # a cap may add no further break
+        traded = part.traded(self.candidates.feasible, Capped(vertex, value, part.most(vertex)))
+        return self._made(
+            traded.best.vertex, tuple(np.flatnonzero(broken).tolist()), traded.total, traded.bound, reached
+        )
+
+    def again(self, choice: Choice, first: int, last: int, edges: Edges) -> Choice | None:
+        """The choice with the stations between ``first`` and ``last`` chosen again, the best that keeps the others.
+
+        Args:
+            choice: without breaks; the vertices that it keeps are feasible.
+            first: station that keeps its vertex, −1 for none before the stretch.
+            last: the same behind it; S for none.
+
+        Returns:
+            None where no continuous sequence keeps the others. ``bound`` stays what it was: taking vertices or ways
+            from a grid makes no sequence cheaper.
+        """
+        S = len(self.window)
+        rows = slice(max(first, 0), min(last, S - 1) + 1)
+        part = _Part(self, edges, rows)
+        old = np.stack([choice.rotation, choice.branch, choice.turn], axis=1)
+        only = np.zeros_like(self.candidates.feasible[rows])
+        kept = np.flatnonzero(old[rows, 0] >= 0)
+        r, b, t = old[rows][kept].T
+        only[kept, r, b, t] = True
+        _, before, stop, broken, _ = part.solve(only, _LARGE, Edges.none())
+        mask = self.candidates.feasible[rows].copy()
+        for end in ([0] if first >= 0 else []) + ([-1] if last < S else []):
+            mask[end] = only[end]
+        if stop >= 0 or broken.any():
+            return None
+        vertex, value, stop, *_ = part.solve(mask, _LARGE)
+        if stop >= 0 or ((vertex[:, 0] >= 0) != (old[rows, 0] >= 0)).any():
+            return None
+        elsewhere = np.ones(S, bool)
+        elsewhere[rows] = False
+        at = np.flatnonzero(elsewhere & self.counted & ~choice.dropped)
+        part.worst_elsewhere = float(self.raw[at, choice.rotation[at], choice.branch[at]].max(initial=0.0))
+        part.value_elsewhere = choice.total - self.worst * self._worst(choice) - before
+        traded = part.traded(mask, Capped(vertex, value + part.value_elsewhere, part.most(vertex)))
+        old[rows] = traded.best.vertex
+        return self._made(old, (), traded.total, choice.bound, choice.reached)
+
+    def _worst(self, choice: Choice) -> float:
+        at = np.flatnonzero(self.counted & ~choice.dropped)
+        return float(self.raw[at, choice.rotation[at], choice.branch[at]].max(initial=0.0))
+
+    def _made(
+        self, vertex: Ints, broken: tuple[int, ...], total: float, bound: float, reached: NDArray[np.bool_] | None
+    ) -> Choice:
+        r, b, t = vertex.T
+        q = self.candidates.q[np.arange(len(r)), r, b] + self.candidates.turns[t]
+        q[r < 0] = np.nan
+        return Choice(rotation=r, branch=b, turn=t, q=q, broken=broken, total=total, bound=bound, reached=reached)
+
+
+@dataclass
+class _Part:
+    """A stretch of the stations while it is chosen."""
+
+    grid: Grid
+    edges: Edges
+    rows: slice
+    worst_elsewhere: float = 0.0  # in units of the scale
+    value_elsewhere: float = 0.0  # of the sequence without its worst index
+
+    def __post_init__(self) -> None:
+        self.window = self.grid.window[self.rows].copy()
+        self.raw, self.counted = self.grid.raw[self.rows], self.grid.counted[self.rows]
 
     def solve(
-        mask: NDArray[np.bool_], limit: float = np.inf
+        self, mask: NDArray[np.bool_], limit: float = np.inf, edges: Edges | None = None
     ) -> tuple[Ints, float, int, NDArray[np.bool_], NDArray[np.bool_]]:
+        """As :func:`machopt.plan.sequence.cheapest_sequence` says; ``limit`` is on the value of the stretch."""
+        g, rows = self.grid, self.rows
+        edges = self.edges if edges is None else edges
+        before = np.searchsorted(edges.station, np.arange(rows.start, rows.stop + 1)).astype(np.int64)
         answer: tuple[Ints, float, int, NDArray[np.bool_], NDArray[np.bool_]] = cheapest_sequence(
-            node,
-            candidates.q,
-            candidates.turns,
+            g.node[rows],
+            g.candidates.q[rows],
+            g.candidates.turns,
             mask,
-            window,
-            candidates.stable,
-            shift,
-            seconds,
-            terms.slowness,
-            w.travel * terms.travel,
-            w.rotation * terms.rotation,
-            w.feed * terms.lost,
-            np.diff(nudge, prepend=nudge[:1]),
+            self.window,
+            g.candidates.stable,
+            g.shift[rows],
+            g.seconds[rows],
+            g.slowness,
+            g.price_q[rows],
+            g.price_r[rows],
+            g.price_t[rows],
+            g.nudged[rows],
             limit,
             before,
             edges.source,
@@ -125,28 +235,26 @@ def choose(
         )
         return answer
 
-    vertex, value, _, broken, reached = solve(feasible)
-    window[broken] = LIFT  # a cap may add no further break
-    kept = vertex[:, 0] >= 0
-    at = np.flatnonzero(kept & counted)
+    def traded(self, mask: NDArray[np.bool_], free: Capped) -> Traded:
+        """The best sequence under caps on the worst index, from the best without one."""
+        kept = free.vertex[:, 0] >= 0
+        at = np.flatnonzero(kept & self.counted)
 
-    def capped(vertex: Ints, value: float) -> Capped:
-        return Capped(vertex, value, float(raw[at, vertex[at, 0], vertex[at, 1]].max(initial=0.0)))
+        def under(cap: float, limit: float) -> Capped | None:
+            if cap < self.worst_elsewhere:
+                return None
+            allowed = (self.raw <= cap) | ~self.counted[:, None, None]
+            vertex, value, stop, *_ = self.solve(mask & allowed[..., None], limit - self.value_elsewhere)
+            lost = stop >= 0 or ((vertex[:, 0] < 0) & kept).any()
+            return None if lost else Capped(vertex, value + self.value_elsewhere, self.most(vertex))
 
-    def under(cap: float, limit: float) -> Capped | None:
-        allowed = (raw <= cap) | ~counted[:, None, None]
-        vertex, value, stop, *_ = solve(feasible & allowed[..., None], limit)
-        return None if stop >= 0 or ((vertex[:, 0] < 0) & kept).any() else capped(vertex, value)
+        floor = max(float(self.raw[at].min(axis=(1, 2)).max(initial=0.0)), self.worst_elsewhere)
+        return trade(free, floor, self.grid.worst, under)
 
-    floor = float(raw[at].min(axis=(1, 2)).max(initial=0.0))
-    traded = trade(capped(vertex, value), floor, options.weights.worst, under)
-    r, b, t = traded.best.vertex.T
-    q = candidates.q[np.arange(len(r)), r, b] + candidates.turns[t]
-    q[~kept] = np.nan
-    return Choice(
-        rotation=r, branch=b, turn=t, q=q, broken=tuple(np.flatnonzero(broken).tolist()), total=traded.total,
-        bound=traded.bound, reached=reached,
-    )  # fmt: skip
+    def most(self, vertex: Ints) -> float:
+        """Worst index of a sequence, here or elsewhere."""
+        at = np.flatnonzero((vertex[:, 0] >= 0) & self.counted)
+        return max(float(self.raw[at, vertex[at, 0], vertex[at, 1]].max(initial=0.0)), self.worst_elsewhere)
 
 
 def widest(rotations: int) -> int:

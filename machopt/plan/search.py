@@ -4,16 +4,19 @@
 
     choose ─► smooth ─► check ─► free: done
       ▲                   │
-      │                   ▼ a contact
-      ├── strike ◄── the grid's own sequence: vertices and edges that collide by themselves
-      │                   │ free
-      └── strike ◄── vertices near the smooth curve that collide (less room), smooth again, a few times;
-                     then the runs whose smooth curve still collides follow the grid
+      │                   ▼ a contact: less room for the next curve, a few times; then its runs follow the grid
+      │                   │ the choice's own vertices or ways collide
+      └── certify ◄── choose the stretch again ◄─┴─► look at what lies near the contacts
 
 A vertex (station, rotation, branch) is struck out only for a contact of its own pose, an edge (two vertices of
 neighbouring stations) only for a contact or a missing pose on its own way. What is struck out is so for good, and
 nothing else ever is: the search ends (each round strikes something out), and a station without vertices, or without
 an edge that leads on, is infeasible on this grid.
+
+Only the stretch around a contact is chosen again (:meth:`machopt.plan.choose.Grid.again`), until what the sequence
+takes is free. That loses nothing: then the whole path is chosen once more on what is left of the grid, and the sequence
+stays only if it costs no more than the bound of that choice allows, :data:`machopt.plan.caps.GAP`, which is what a
+choice of the whole path claims for itself. Else the whole choice takes its place, and is looked at in turn.
 """
 
 from __future__ import annotations
@@ -26,9 +29,11 @@ from numpy.typing import NDArray
 
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
+from machopt.plan.ahead import Ahead
 from machopt.plan.candidates import Candidates
+from machopt.plan.caps import GAP
 from machopt.plan.check import Checker, PathCheck
-from machopt.plan.choose import Choice, Edges, choose
+from machopt.plan.choose import FREE, Choice, Edges, Grid
 from machopt.plan.path import Path
 from machopt.plan.realise import Assignment, realise
 from machopt.plan.score import Scores
@@ -38,10 +43,13 @@ from machopt.se3 import wrap
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
-STATIONS = 48  # colliding stations whose whole rotation row is looked at in the first round; twice as many in each next
-TOGETHER = 64  # stations looked at in one call; bounds of all pairs are held for every rotation of each
+AHEAD = 4000  # vertices looked at around the contacts of the first round; twice as many in each next
+EVERY = 16  # of the first choice's stations is looked at before anything else
+STATIONS = 48  # whose ways are looked at in the first round; twice as many in each next
+DETOUR = np.radians(90.0)  # of rotation that a stretch which is chosen again has room for to either side of a contact
+SPARE = 8  # stations more to either side
 SMOOTHINGS = 4  # with less room each, before a run that collides follows the grid
-ROUNDS = 400  # each strikes something out, so the search ends by itself; an answer this far away is not waited for
+ROUNDS = 1000  # each strikes something out, so the search ends by itself; an answer this far away is not waited for
 
 
 @dataclass(frozen=True)
@@ -80,8 +88,13 @@ class Search:
         self.looked = np.zeros((S, R, B), bool)
         self.pairs = np.full((S, R, B), -1, np.int32)
         self.wide = np.zeros(S, bool)
-        self.visits = np.zeros(S, int)
         self.rounds = 0
+        self.ahead_of = AHEAD
+        model = self.checker.model
+        touch = self.path.may_touch[self.path.stations]
+        self.ahead = None if model is None else Ahead(self.candidates, model, touch, self.pairs)
+        self._grid: Grid | None = None
+        self._dropped = -1  # stations without a vertex when it was made
 
     def run(self, prefer_grid: Callable[[Choice, Assignment, Assignment], bool]) -> Found:
         """Search to the end.
@@ -91,6 +104,8 @@ class Search:
         """
         budget, smoothings, grid_is_free = STATIONS, 0, False
         choice = self._choose()
+        if self._strike_chosen(choice, EVERY):  # a curve through contacts is not worth its time
+            choice = self._again(choice)
         while True:
             self.rounds += 1
             plain = self._realised(follow_grid(self.path, self.candidates, choice))
@@ -111,9 +126,8 @@ class Search:
                         if grid.free:
                             source, found, check = "grid", plain, grid
                     break
-                # the whole row of a station that the curve collides at: less room for the next curve
-                struck = self._strike_rows(choice, self._stations(check.hit), budget)
-                if not self._gone(choice):
+                struck = self._strike_along(choice, found, check)  # less room for the next curve
+                if not self._strike_chosen(choice) and not self._gone(choice):
                     grid = self._checked(plain, choice)
                     if grid.free:
                         grid_is_free = True
@@ -125,10 +139,10 @@ class Search:
                     source, found, check = "grid", plain, grid
             if self.rounds >= ROUNDS:
                 break
-            if source == "grid":
+            if source == "grid" and not self._strike_chosen(choice):
                 self._strike_grid(choice, found, check, budget)
             budget, grid_is_free = 2 * budget, False
-            choice = self._choose()
+            choice = self._again(choice)
         return Found(
             self._without_breaks(found, choice), source, choice, check, self.rounds, self.pairs, self.banned,
             self.edges, self.wide, not check.free,
@@ -136,21 +150,84 @@ class Search:
 
     # --- choosing ------------------------------------------------------------------------------------------------
 
+    def _again(self, choice: Choice) -> Choice:
+        """A choice in place of one that has lost vertices or ways, with vertices that are free by themselves."""
+        while self.rounds < ROUNDS:
+            local = self._around(choice)
+            if local is None:
+                choice = self._choose()
+                if not self._strike_chosen(choice):
+                    return choice
+            else:
+                choice = local
+                if not self._strike_chosen(choice):
+                    whole = self._choose()
+                    if choice.total * (1.0 - GAP) <= whole.bound * (1.0 + 1e-12):
+                        return replace(choice, bound=min(choice.total, whole.bound), reached=whole.reached)
+                    choice = whole
+                    if not self._strike_chosen(choice):
+                        return choice
+            self.rounds += 1
+        return self._choose()
+
+    def _around(self, choice: Choice) -> Choice | None:
+        """The stretches of a choice that have lost a vertex or a way chosen again; None where that does not do."""
+        if choice.dropped.any() or choice.broken:
+            return None
+        for first, last in self._stretches(self._lost(choice)):
+            again = self._the_grid().again(choice, first, last, self.edges)
+            if again is None:
+                return None
+            choice = again
+        return choice
+
+    def _lost(self, choice: Choice) -> Rows:
+        """Stations whose vertex, or the way into which, has been struck out."""
+        _, _, B, T = self.shape
+        vertex = (choice.rotation.astype(int) * B + choice.branch) * T + choice.turn
+        s = np.arange(len(vertex))
+        gone = ~self.candidates.feasible[s, choice.rotation, choice.branch, choice.turn]
+        e = self.edges
+        gone[e.station[(vertex[e.station - 1] == e.source) & (vertex[e.station] == e.target)]] = True
+        return np.flatnonzero(gone)
+
+    def _stretches(self, lost: Rows) -> list[tuple[int, int]]:
+        """(first, last) stations that keep their vertices around some that cannot, with room for a detour between."""
+        S, R = self.shape[:2]
+        window = self._the_grid().window
+        steps = np.where(window == FREE, R // 4, np.maximum(window, 0))
+        turned = np.cumsum(steps)
+        room = int(DETOUR / (2 * np.pi / R)) + 1
+        out: list[tuple[int, int]] = []
+        for s in lost.tolist():
+            first = min(int(np.searchsorted(turned, turned[s] - room)), s - SPARE) - 1
+            last = max(int(np.searchsorted(turned, turned[s] + room, "right")), s + SPARE)
+            if out and first <= out[-1][1]:
+                out[-1] = (out[-1][0], max(last, out[-1][1]))
+            else:
+                out.append((first, last))
+        return [(max(a, -1), min(b, S)) for a, b in out]
+
     def _choose(self) -> Choice:
         self.progress("choose")
-        choice = self._chosen()
+        choice = self._the_grid().choose(self.edges)
         runs = self.path.run[self.path.stations]
         stuck = np.isin(runs, runs[list(choice.broken)]) & ~self.wide
         if stuck.any():  # the feed may wait for the rotation rather than the job fail
             self.wide |= stuck
-            choice = self._chosen()
+            self._grid = None
+            choice = self._the_grid().choose(self.edges)
         return choice
 
-    def _chosen(self) -> Choice:
-        return choose(
-            self.path, self.candidates, self.scores, self.velocity, self.options, self.edges,
-            self.wide if self.wide.any() else None,
-        )  # fmt: skip
+    def _the_grid(self) -> Grid:
+        dropped = int((~self.candidates.feasible.reshape(self.shape[0], -1).any(axis=1)).sum())
+        if self._grid is None or self._dropped != dropped:
+            self._dropped = dropped
+            self._grid = Grid.of(
+                self.path, self.candidates, self.scores, self.velocity, self.options,
+                self.wide if self.wide.any() else None,
+            )  # fmt: skip
+        return self._grid
 
     def _smooth(self, choice: Choice) -> Smoothed:
         self.progress("smooth")
@@ -205,20 +282,43 @@ class Search:
         s = np.flatnonzero(~choice.dropped)
         return not bool(self.candidates.feasible[s, choice.rotation[s], choice.branch[s], choice.turn[s]].all())
 
-    def _strike_rows(self, choice: Choice, stations: Rows, budget: int) -> int:
-        """Look at every rotation of the chosen branch at these stations, at every branch where one has failed before.
+    def _strike_chosen(self, choice: Choice, every: int = 1) -> bool:
+        """Look at the choice's own vertices, and from those that collide on; whether it has lost any."""
+        s = np.flatnonzero(~choice.dropped)[::every]
+        return self._look(s, choice.rotation[s], choice.branch[s]) > 0
+
+    def _strike_along(self, choice: Choice, a: Assignment, check: PathCheck) -> int:
+        """Look at the vertices on either side of a curve where it collides, and from those that do on.
 
         Returns:
             how many vertices are struck out.
         """
-        stations = self._kept(choice, stations, budget)
-        first = self.visits[stations] == 0
-        self.visits[stations] += 1
-        struck = 0
-        for b in range(self.shape[2]):
-            asked = stations[~first | (choice.branch[stations] == b)]
-            struck += sum(self._strike(asked[k : k + TOGETHER], b) for k in range(0, len(asked), TOGETHER))
-        return struck
+        s = self._stations(check.hit)
+        s = s[~choice.dropped[s]]
+        grid, (R, phi) = self.candidates.phi_at(), (self.shape[1], a.phi[self.path.stations[s]])
+        low = np.floor(wrap(phi - grid[s, 0]) / (2 * np.pi / R)).astype(int)
+        both, sides = np.tile(s, 2), np.concatenate([low, low + 1]) % R
+        return self._look(both, sides, choice.branch[both])
+
+    def _look(self, s: Rows, r: Rows | NDArray[np.int32], b: NDArray[np.int32]) -> int:
+        """Look at vertices not looked at before, and ahead from those that collide; how many are struck out."""
+        ahead = self.ahead
+        usable = self.candidates.feasible[s, r, b].any(axis=-1) & ~self.looked[s, r, b]
+        if ahead is None or not usable.any():
+            return 0
+        s, r, b = s[usable], r[usable], b[usable]
+        self.progress("check")
+        found = ahead.model.check(self.candidates.q[s, r, b], ahead.may_touch[s])
+        self.looked[s, r, b] = True
+        if not found.any:
+            return 0
+        vertices = np.ravel_multi_index((s[found.hit], r[found.hit], b[found.hit]), self.pairs.shape)
+        vertices, first = np.unique(vertices, return_index=True)
+        pair = found.pair[found.hit][first]
+        ahead.strike(vertices, pair)
+        ahead.look(vertices, pair, self.ahead_of)
+        self.ahead_of *= 2
+        return len(vertices)
 
     def _kept(self, choice: Choice, stations: Rows, budget: int) -> Rows:
         """Stations that have a choice, no more than ``budget`` of them, spread evenly."""
@@ -227,32 +327,10 @@ class Search:
             stations = stations[np.unique(np.linspace(0, len(stations) - 1, budget).round().astype(int))]
         return stations
 
-    def _strike(self, stations: Rows, b: int) -> int:
-        """Strike out the vertices of some stations in a branch whose own pose collides.
-
-        Looked at rotation by rotation, to and fro along the stations: the next pose is near, and so most distances
-        follow from the one before.
-        """
-        model = self.checker.model
-        asked = self.candidates.feasible[stations, :, b].any(axis=-1) & ~self.looked[stations, :, b]  # (n, R)
-        if model is None or not asked.any():
-            return 0
-        r, n = np.nonzero(asked.T)
-        order = np.lexsort((np.where(r % 2, -n, n), r))
-        r, s = r[order], stations[n[order]]
-        found = model.check(self.candidates.q[s, r, b], self.path.may_touch[self.path.stations[s]])
-        self.looked[s, r, b] = True
-        r, s = r[found.hit], s[found.hit]
-        self.candidates.feasible[s, r, b] = False
-        self.candidates.reason[s, r, b] = Reason.COLLIDING
-        self.pairs[s, r, b] = found.pair[found.hit]
-        return len(s)
-
     def _strike_grid(self, choice: Choice, plain: Assignment, check: PathCheck, budget: int) -> None:
         """Strike out the vertices and edges of the grid's own sequence that collide or lead nowhere."""
         before = int(self.candidates.feasible.sum()), len(self.edges)
         stations = self._kept(choice, self._stations(check.hit | check.lost), budget)
-        self._strike_rows(choice, stations, budget)
         for s in stations:  # a pose on the very edge of a limit or margin: rounding decides
             why = plain.reason[self.path.stations[s]]
             if why != Reason.OK:
@@ -286,20 +364,23 @@ class Search:
             self.candidates.reason[s, r, b] = why
 
     def _strike_edges(self, choice: Choice, s: int) -> None:
-        """Look at every way into station s that turns as far as the chosen one, and strike out those not free."""
-        _, R, _, T = self.shape
+        """Strike out the ways into station s that turn as far as the chosen one and are not free, on either side of it
+        up to the first that is."""
+        _, R, B, T = self.shape
         b, bu = int(choice.branch[s]), int(choice.branch[s - 1])
-        turn = int(choice.rotation[s] - choice.rotation[s - 1])
-        c = self.candidates
-        every = np.arange(R)
-        sources = (every - turn) % R
-        usable = c.feasible[s, :, b].any(axis=1) & c.feasible[s - 1, sources, bu].any(axis=1)
-        bans = []
-        for r in every[usable]:
-            ru = int(sources[r])
-            for t, pair in self._edge(s, ru, bu, int(r), b):
-                bans.append((s, (ru * self.shape[2] + bu) * T + t, (int(r) * self.shape[2] + b) * T))
-                self.banned[s] = pair
+        here, before = int(choice.rotation[s]), int(choice.rotation[s - 1])
+        c, bans = self.candidates, []
+        for side in (range(R), range(-1, -R, -1)):
+            for k in side:
+                r, ru = (here + k) % R, (before + k) % R
+                if not (c.feasible[s, r, b].any() and c.feasible[s - 1, ru, bu].any()):
+                    break
+                found = self._edge(s, ru, bu, r, b)
+                for t, pair in found:
+                    bans.append((s, (ru * B + bu) * T + t, (r * B + b) * T))
+                    self.banned[s] = pair
+                if not found:
+                    break
         self._ban(bans)
 
     def _ban(self, ways: list[tuple[int, int, int]]) -> None:
