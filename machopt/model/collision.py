@@ -282,11 +282,7 @@ class CollisionModel:
     def touching(self, q: Array, pair: NDArray[np.integer[Any]]) -> Bools:
         """Whether the one pair asked of each row touches or is nearer than its clearance; no other is looked at.
 
-        Much quicker than :meth:`check` where the answer is mostly yes: crossing surfaces need no distance.
-
-        Args:
-            q: (S, 6) rad.
-            pair: (S,) index into ``pairs``.
+        Much quicker than :meth:`check` where most do. q (S, 6) rad; pair (S,) index into ``pairs``.
         """
         out = np.zeros(len(q), bool)
         for p in np.unique(pair).tolist():

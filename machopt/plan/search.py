@@ -13,7 +13,7 @@ neighbouring stations) only for a contact or a missing pose on its own way. What
 nothing else ever is: the search ends (each round strikes something out), and a station without vertices, or without
 an edge that leads on, is infeasible on this grid.
 
-Only the stretch around a contact is chosen again (:meth:`machopt.plan.choose.Grid.again`), until what the sequence
+Only the stretch around a contact is chosen again (:mod:`machopt.plan.rechoose`), until what the sequence
 takes is free. That loses nothing: then the whole path is chosen once more on what is left of the grid, and the sequence
 stays only if it costs no more than the bound of that choice allows, :data:`machopt.plan.caps.GAP`, which is what a
 choice of the whole path claims for itself. Else the whole choice takes its place, and is looked at in turn.
@@ -33,9 +33,10 @@ from machopt.plan.ahead import Ahead
 from machopt.plan.candidates import Candidates
 from machopt.plan.caps import GAP
 from machopt.plan.check import Checker, PathCheck
-from machopt.plan.choose import FREE, Choice, Edges, Grid
+from machopt.plan.choose import Choice, Edges
 from machopt.plan.path import Path
 from machopt.plan.realise import Assignment, realise
+from machopt.plan.rechoose import Chooser
 from machopt.plan.score import Scores
 from machopt.plan.sequence import JUMP
 from machopt.plan.smooth import Smoothed, follow_grid, smooth
@@ -46,8 +47,6 @@ Rows = NDArray[np.intp]
 AHEAD = 4000  # vertices looked at around the contacts of the first round; twice as many in each next
 EVERY = 16  # of the first choice's stations is looked at before anything else
 STATIONS = 48  # whose ways are looked at in the first round; twice as many in each next
-DETOUR = np.radians(90.0)  # of rotation that a stretch which is chosen again has room for to either side of a contact
-SPARE = 8  # stations more to either side
 SMOOTHINGS = 4  # with less room each, before a run that collides follows the grid
 ROUNDS = 1000  # each strikes something out, so the search ends by itself; an answer this far away is not waited for
 
@@ -87,14 +86,12 @@ class Search:
         self.shape = (S, R, B, T)
         self.looked = np.zeros((S, R, B), bool)
         self.pairs = np.full((S, R, B), -1, np.int32)
-        self.wide = np.zeros(S, bool)
         self.rounds = 0
         self.ahead_of = AHEAD
         model = self.checker.model
         touch = self.path.may_touch[self.path.stations]
         self.ahead = None if model is None else Ahead(self.candidates, model, touch, self.pairs)
-        self._grid: Grid | None = None
-        self._dropped = -1  # stations without a vertex when it was made
+        self.chooser = Chooser(self.path, self.candidates, self.scores, self.velocity, self.options, np.zeros(S, bool))
 
     def run(self, prefer_grid: Callable[[Choice, Assignment, Assignment], bool]) -> Found:
         """Search to the end.
@@ -145,7 +142,7 @@ class Search:
             choice = self._again(choice)
         return Found(
             self._without_breaks(found, choice), source, choice, check, self.rounds, self.pairs, self.banned,
-            self.edges, self.wide, not check.free,
+            self.edges, self.chooser.wide, not check.free,
         )  # fmt: skip
 
     # --- choosing ------------------------------------------------------------------------------------------------
@@ -153,7 +150,7 @@ class Search:
     def _again(self, choice: Choice) -> Choice:
         """A choice in place of one that has lost vertices or ways, with vertices that are free by themselves."""
         while self.rounds < ROUNDS:
-            local = self._around(choice)
+            local = self.chooser.around(choice, self.edges)
             if local is None:
                 choice = self._choose()
                 if not self._strike_chosen(choice):
@@ -170,64 +167,9 @@ class Search:
             self.rounds += 1
         return self._choose()
 
-    def _around(self, choice: Choice) -> Choice | None:
-        """The stretches of a choice that have lost a vertex or a way chosen again; None where that does not do."""
-        if choice.dropped.any() or choice.broken:
-            return None
-        for first, last in self._stretches(self._lost(choice)):
-            again = self._the_grid().again(choice, first, last, self.edges)
-            if again is None:
-                return None
-            choice = again
-        return choice
-
-    def _lost(self, choice: Choice) -> Rows:
-        """Stations whose vertex, or the way into which, has been struck out."""
-        _, _, B, T = self.shape
-        vertex = (choice.rotation.astype(int) * B + choice.branch) * T + choice.turn
-        s = np.arange(len(vertex))
-        gone = ~self.candidates.feasible[s, choice.rotation, choice.branch, choice.turn]
-        e = self.edges
-        gone[e.station[(vertex[e.station - 1] == e.source) & (vertex[e.station] == e.target)]] = True
-        return np.flatnonzero(gone)
-
-    def _stretches(self, lost: Rows) -> list[tuple[int, int]]:
-        """(first, last) stations that keep their vertices around some that cannot, with room for a detour between."""
-        S, R = self.shape[:2]
-        window = self._the_grid().window
-        steps = np.where(window == FREE, R // 4, np.maximum(window, 0))
-        turned = np.cumsum(steps)
-        room = int(DETOUR / (2 * np.pi / R)) + 1
-        out: list[tuple[int, int]] = []
-        for s in lost.tolist():
-            first = min(int(np.searchsorted(turned, turned[s] - room)), s - SPARE) - 1
-            last = max(int(np.searchsorted(turned, turned[s] + room, "right")), s + SPARE)
-            if out and first <= out[-1][1]:
-                out[-1] = (out[-1][0], max(last, out[-1][1]))
-            else:
-                out.append((first, last))
-        return [(max(a, -1), min(b, S)) for a, b in out]
-
     def _choose(self) -> Choice:
         self.progress("choose")
-        choice = self._the_grid().choose(self.edges)
-        runs = self.path.run[self.path.stations]
-        stuck = np.isin(runs, runs[list(choice.broken)]) & ~self.wide
-        if stuck.any():  # the feed may wait for the rotation rather than the job fail
-            self.wide |= stuck
-            self._grid = None
-            choice = self._the_grid().choose(self.edges)
-        return choice
-
-    def _the_grid(self) -> Grid:
-        dropped = int((~self.candidates.feasible.reshape(self.shape[0], -1).any(axis=1)).sum())
-        if self._grid is None or self._dropped != dropped:
-            self._dropped = dropped
-            self._grid = Grid.of(
-                self.path, self.candidates, self.scores, self.velocity, self.options,
-                self.wide if self.wide.any() else None,
-            )  # fmt: skip
-        return self._grid
+        return self.chooser.whole(self.edges)
 
     def _smooth(self, choice: Choice) -> Smoothed:
         self.progress("smooth")
