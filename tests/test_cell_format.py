@@ -251,6 +251,12 @@ SCHEMA = [
     ("rotation_step_deg: 10", "rotation_step_deg: 100", ["plan.rotation_step_deg", "found 100", "0.5 to 90"]),
     ("name: ball", "name: post", ["two bodies are named 'post'"]),
     ("machopt_cell: 1", "machopt_cell: 1: 2", ["line 1, column", "is not YAML"]),
+    ("obstacles:", "ignore_pairs: [[a, b]]\nobstacles:", ["line 22: ignore_pairs", "found by sampling and left out"]),
+    ("obstacles:", "tools: {}\nobstacles:", ["line 22: tools", "a cell has one tool: give it as tool:"]),
+    ("obstacles:", "collision: false\nobstacles:", ["collision", "belong under plan:", "--set key=value"]),
+    ("obstacles:", "notes: old\nobstacles:", ["notes", "write it as a comment: #"]),
+    ("obstacles:", "tcp: {}\nobstacles:", ["unknown key 'tcp'; it belongs under tool; valid: "]),
+    ("sphere_mm: 80", "sphere_mm: 80, link: a", ["obstacles[1].link", "stand still in world"]),
 ]  # fmt: skip
 
 

@@ -71,3 +71,18 @@ def test_names_of_files_and_jobs_and_reasons_in_the_summary_of_a_batch(tmp_path:
         words = [v for row in rows for k, v in row.items() if k in ("job", "toolpath", "variant", "reason", "cell")]
         assert any("cmd" in word for word in words)
         assert not [word for word in words if word.startswith(RUN)]
+
+
+@pytest.mark.parametrize("label", BAD[:6])
+def test_labels_of_operations_survive_the_csv_program(label: str, tmp_path: Path) -> None:
+    from made_up_program import Recipe, program
+
+    from machopt.domain.program import Controller
+    from machopt.formats.posts import write_program
+    from machopt.formats.programs import read_program
+
+    write_program(tmp_path, "part", program(Recipe(seed=1, operations=(label, "b"))), "csv", Controller())
+    (file,) = tmp_path.iterdir()
+    for row in csv.reader(io.StringIO(file.read_text(encoding="utf-8"))):
+        assert row[0].startswith("#") or not [c for c in (row[1], row[-1]) if c.startswith(RUN)]
+    assert label.strip() in read_program(file).operations

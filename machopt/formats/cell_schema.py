@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -15,12 +15,21 @@ _PER_JOINT = "one per moving joint, in chain order"
 SHAPE_KEYS = ("box_mm", "cylinder_mm", "sphere_mm", "mesh")
 
 
+_FREE_TEXT = "write it as a comment: # …"
+
+
 class PoseKeys(Strict):
     xyz_mm: Triple = Field(default=[0.0, 0.0, 0.0], description="x, y, z in mm")
     rpy_deg: Triple = Field(default=[0.0, 0.0, 0.0], description="roll, pitch, yaw in degrees about fixed x, y, z")
 
 
 class ShapeKeys(PoseKeys):
+    HINTS: ClassVar[dict[str, str]] = {
+        "link": "bodies of obstacles stand still in world, those of the tool ride on flange_link, those of the part on "
+        "workpiece.link",
+        "size_mm": "give box_mm: [x, y, z] edge lengths",
+        "radius_mm": "give sphere_mm: radius, or cylinder_mm: [radius, height]",
+    }
     name: str | None = Field(default=None, min_length=1, description="a name for reports and pairs")
     box_mm: Triple | None = Field(default=None, description="edge lengths x, y, z")
     cylinder_mm: list[float] | None = Field(
@@ -54,6 +63,12 @@ class LimitKeys(Strict):
 
 
 class RobotKeys(Strict):
+    HINTS: ClassVar[dict[str, str]] = {
+        "srdf": "SRDF is not read: pairs that touch in nearly every pose are found by sampling and left out, and named "
+        "in the report",
+        "xacro": "write the URDF first (xacro robot.xacro > robot.urdf) and give it as urdf:",
+        "payload_kg": "give the tool's mass as tool.mass_kg",
+    }
     urdf: str = Field(min_length=1, description="the URDF file, relative to the cell folder")
     packages: dict[str, str] = Field({}, description="package:// names to folders, relative to the cell folder")
     base_link: str = Field(min_length=1, description="a link of the URDF")
@@ -71,6 +86,11 @@ class CutterKeys(Strict):
 
 
 class ToolKeys(Strict):
+    HINTS: ClassVar[dict[str, str]] = {
+        **dict.fromkeys(("name", "number", "description"), f"the tool needs none; {_FREE_TEXT}"),
+        **dict.fromkeys(("diameter_mm", "length_mm"), "they belong to cutter: {diameter_mm: …, length_mm: …}"),
+        **dict.fromkeys(("xyz_mm", "rpy_deg"), "they belong to tcp: {xyz_mm: […], rpy_deg: […]}"),
+    }
     tcp: PoseKeys = Field(description="tool tip in flange_link, z out of the tool into the workpiece")
     mass_kg: float = Field(default=0.0, ge=0, description="kg")
     com_mm: Triple = Field(default=[0.0, 0.0, 0.0], description="centre of mass x, y, z in the flange frame")
@@ -137,6 +157,22 @@ class ControllerKeys(Strict):
 
 
 class CellKeys(Strict):
+    HINTS: ClassVar[dict[str, str]] = {
+        "tools": "a cell has one tool: give it as tool:, and plan the operations of another tool with another cell",
+        "ignore_pairs": "it is not read: pairs that touch in nearly every pose are found by sampling and left out, and "
+        "named in the report; where two bodies touch in some poses only, mend their meshes or leave one out",
+        **dict.fromkeys(
+            ("collision", "collisions", "clearance_mm", "force_N", "method", "seed"),
+            "planning options belong under plan:, or into the command as --set key=value",
+        ),
+        **dict.fromkeys(("options", "planning"), "planning options belong under plan:"),
+        "post": "give it as controller: {post: …}",
+        **dict.fromkeys(("unit", "units"), "lengths are in mm and angles in degrees, as each key says"),
+        **dict.fromkeys(("notes", "description", "comment", "author", "version"), _FREE_TEXT),
+        **dict.fromkeys(("fixtures", "fixture", "environment", "floor"), "bodies of the hall belong under obstacles:"),
+        "part": "the part belongs under workpiece:",
+        "external_joints": "it belongs under robot:",
+    }
     machopt_cell: Literal[1] = Field(description="the format, 1")
     name: str = Field(min_length=1, description="a name for reports")
     robot: RobotKeys = Field(description="the arm")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import os
+import secrets
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from os.path import exists, isdir
@@ -348,7 +348,7 @@ def _printed(value: float) -> float:
 @contextlib.contextmanager
 def _replacing(path: Path) -> Iterator[Path]:
     """A new file that takes the place of ``path`` once it is whole."""
-    partial = path.with_name(f".{path.name}.partial-{os.getpid()}")
+    partial = path.with_name(f".{path.name}.partial-{secrets.token_hex(8)}")
     try:
         yield partial
         partial.replace(path)

@@ -37,12 +37,14 @@ _CONSTANTS = {
 _MAX_NODES = 500_000  # an alias bomb expands beyond any real cell or stiffness grid
 _MAX_INT = 2**63
 _SHOWN_PROBLEMS = 4
+_DEEPEST = 2  # levels of keys that are searched for one that stands in the wrong place
 
 
 class Strict(BaseModel):
     """Base of every file schema: unknown keys, coerced types and non-finite numbers are errors."""
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
+    HINTS: typing.ClassVar[dict[str, str]] = {}  # keys that others would write here, and what to do instead
 
 
 @dataclass(frozen=True)
@@ -215,7 +217,10 @@ def _problem(model: type[BaseModel], e: ErrorDetails) -> tuple[Loc, str]:
     owner, info = _field_at(model, loc)
     expected = info.description if info is not None and info.description else None
     if kind == "extra_forbidden":
-        return loc, f"unknown key {str(loc[-1])!r}; {nearest(str(loc[-1]), list(owner.model_fields))}"
+        key = str(loc[-1])
+        told = owner.HINTS.get(key) if issubclass(owner, Strict) else None
+        elsewhere = _elsewhere(model, key, dotted(loc[:-1]))
+        return loc, f"unknown key {key!r}; {told or elsewhere + nearest(key, list(owner.model_fields))}"
     if kind == "missing":
         return loc, "required key is missing" + (f"; expected {expected}" if expected else "")
     if kind in ("value_error", "assertion_error"):
@@ -262,6 +267,19 @@ def _models(annotation: object) -> Iterator[type[BaseModel]]:
         yield annotation
     for arg in typing.get_args(annotation):
         yield from _models(arg)
+
+
+def _elsewhere(model: type[BaseModel], key: str, here: str) -> str:
+    """Where a key that is unknown here is known, in words; empty where nowhere."""
+    todo, places = [("", model)], list[str]()
+    while todo and len(places) < _SHOWN_PROBLEMS:
+        at, one = todo.pop(0)
+        for name, info in one.model_fields.items():
+            path = f"{at}.{name}" if at else name
+            if name == key and at and at != here:
+                places.append(at)
+            todo += [(path, inner) for inner in _models(info.annotation) if path.count(".") < _DEEPEST]
+    return f"it belongs under {' or '.join(dict.fromkeys(places))}; " if places else ""
 
 
 def _unwrap(annotation: object) -> object:

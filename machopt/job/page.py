@@ -65,6 +65,7 @@ def report_data(
         path=_path_series(plan, toolpath, points, series), motion=_motion(plan, toolpath, timeline),
         dips=_dips(plan, timeline), worst=_worst_points(plan, toolpath, points, series), infeasible=infeasible,
         operations=_operations(plan, toolpath, points, timeline, series), ignored=toolpath.ignored,
+        notes=tuple(plan.setup.cell.notes),
         warnings=(*plan.setup.cell.warnings, *toolpath.warnings, *without_effect(plan.options), *hints(plan),
                   *((f"rapid move {d}" for d in timeline.detours) if timeline else ())),
         breaks=tuple(page.Break(place(b.before), place(b.after), b.text, b.help)

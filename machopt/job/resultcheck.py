@@ -2,7 +2,8 @@
 
 What is not checked here follows from the planner alone: the two yardsticks' costs (their sums and the gains made of
 them are), the standard deviations of the gains, stage times, detours, how
-deep each feed dip is, and the hints among the warnings.
+deep each feed dip is, and the hints among the warnings; and the sentences under ``reason`` of points.csv (that a point
+has one, and its status, are checked).
 """
 
 from __future__ import annotations

@@ -267,6 +267,7 @@ class ReportData:
     operations: tuple[OperationRow, ...] = ()
     ignored: tuple[IgnoredWord, ...] = ()
     warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what the cell's files hold and nothing uses
     excluded_pairs: tuple[ExcludedPair, ...] = ()
     checks: tuple[Check, ...] = ()
     programs: tuple[Program, ...] = ()

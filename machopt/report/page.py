@@ -170,6 +170,9 @@ def _source(data: ReportData) -> str:
     if data.warnings:
         items = "".join(f"<li>{escape(w)}</li>" for w in data.warnings[: tables.MOST_ROWS])
         body += f"<h3>Warnings</h3><ul>{items}</ul>"
+    if data.notes:
+        items = "".join(f"<li>{escape(n)}</li>" for n in data.notes[: tables.MOST_ROWS])
+        body += f"<h3>In the cell's files, without effect</h3><ul>{items}</ul>"
     unknown = any(not w.understood for w in data.ignored)
     body += tables.part(len(data.ignored), "Words without effect", tables.cam_words, data, opened=unknown)
     body += tables.part(len(data.events), "Events on the way", tables.events, data)

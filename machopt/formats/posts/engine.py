@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from machopt.domain.program import EVENT_LINES, LIN, Controller
 from machopt.domain.toolpath import Event
 from machopt.errors import InputError
+from machopt.formats.celltext import as_cell
 from machopt.formats.posts.columns import Columns, Job
 from machopt.formats.posts.postfile import Post
 from machopt.formats.posts.template import Template, Value, check_names, compile_template
@@ -278,7 +279,7 @@ class Engine:
         text = " ".join(text.split())[: max(keys.comment_length - len(before), 4)].strip()
         if keys.escape == "json":
             return json.dumps(text, ensure_ascii=keys.encoding == "ascii")[1:-1]
-        return text.replace('"', '""') if keys.escape == "csv" else text
+        return as_cell(text).replace('"', '""') if keys.escape == "csv" else text
 
     def _numbered(self, lines: list[str]) -> str:
         number = self.post.keys.number

@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 
+from machopt.formats.celltext import from_cell
 from machopt.formats.programs.builder import Builder, number
 from machopt.formats.programs.parsed import JOINT, LINEAR, Frame, ParsedProgram
 from machopt.formats.programs.rotations import Rows, from_quaternion, matrix
@@ -15,6 +16,7 @@ from machopt.formats.source import Source
 
 _FRAME = re.compile(r"(tool in the flange|workpiece in the robot):(.*)mm,(.*)", re.IGNORECASE)
 _KINDS = {"ptp": JOINT, "lin": LINEAR}
+_TEXTS = ("operation", "text")  # free ones, which a spreadsheet must not run
 _Q = tuple(f"q{k}_deg" for k in range(1, 7))
 _POSE = ("x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")
 
@@ -47,7 +49,8 @@ def read_csv_program(source: Source, arc_tolerance: float, strict: bool = False)
             continue
         if len(cells) != len(header):
             raise out.error(f"found {len(cells)} fields, expected {len(header)} as in the header", line)
-        _row(out, dict(zip(header, cells, strict=True)), line)
+        row = dict(zip(header, cells, strict=True))
+        _row(out, row | {k: from_cell(row[k]) for k in _TEXTS if k in row}, line)
     return out.build()
 
 
