@@ -225,17 +225,21 @@ import sys, numba
 from pathlib import Path
 from machopt.batch.warm import tiny_job
 from machopt.job.run import Request, optimize
+from machopt.plan.kernels import compile_all
 def compiled():
     found = [v for name, m in list(sys.modules.items()) if name.startswith("machopt")
              for v in vars(m).values() if isinstance(v, numba.core.registry.CPUDispatcher)]
     return {(f.py_func.__qualname__, str(s)) for f in found for s in f.signatures}
 place, root = Path(sys.argv[1]), Path(sys.argv[2])
+kernels = compile_all()  # what a second process compiles ahead on the first run: just what a plan calls, and all of it
+assert all(len(f.signatures) == 1 for f in kernels)
 (place / "warm").mkdir()
 assert tiny_job(place / "warm") == 0
 warm = compiled()
 assert len(warm) > 10, warm
 assert optimize(Request(root / "cells/s420f_handling", root / "toolpaths/castings.csv", place / "out")).exit_code == 0
 assert compiled() == warm, compiled() - warm
+assert all(len(f.signatures) == 1 for f in kernels), [f.signatures for f in kernels]
 """
     done = subprocess.run(
         [sys.executable, "-c", code, str(tmp_path), str(ROOT)], capture_output=True, text=True, check=False,

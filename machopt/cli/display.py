@@ -38,6 +38,13 @@ class Display:
         if self._status is not None:
             self._status.stop()
 
+    def say(self, text: str) -> None:
+        """A line that stays."""
+        if self._status is not None:
+            self._status.console.print(f"… {text}", highlight=False)
+        elif self._show:
+            print(f"… {text}", file=sys.stderr, flush=True)
+
     def stage(self, name: str) -> None:
         words = self._WORDS.get(name, name)
         if self._status is not None:

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from machopt.cli.compiling import compiling
 from machopt.cli.display import Display, finite, natural, positive, tree
 from machopt.cli.readingoptions import reading, reading_parser
 from machopt.domain.manifest import with_scope
@@ -98,7 +99,7 @@ def _optimize(args: argparse.Namespace) -> int:
         direct=direct, reading=reading(args), allow_external=args.allow_external, posts=tuple(args.post),
         program_tolerance_mm=args.program_tolerance_mm,
     )  # fmt: skip
-    with Display(show=not (args.quiet or args.json)) as display:
+    with Display(show=not (args.quiet or args.json)) as display, compiling(display):
         outcome = optimize(request, display.stage)
     if args.json:
         print(json.dumps(finite(outcome.result), ensure_ascii=False))

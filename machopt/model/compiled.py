@@ -6,8 +6,35 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numba
+from numba.core import event
 
 F = TypeVar("F", bound=Callable[..., Any])
+Told = Callable[[bool], None]  # called once, when something is compiled that was not stored; True: it will be stored
+
+
+class _Listener(event.Listener):  # type: ignore[misc]  # numba has no types
+    """Hears of every function that numba really compiles; what it loads from disk makes no event."""
+
+    def __init__(self) -> None:
+        self.told: Told | None = None
+        self.stored = True
+
+    def on_start(self, event: Any) -> None:
+        if self.told is not None:
+            told, self.told = self.told, None
+            told(self.stored)
+
+    def on_end(self, event: Any) -> None:
+        """Nothing: only the beginning is told."""
+
+
+_LISTENER = _Listener()
+event.register("numba:compile", _LISTENER)
+
+
+def when_compiling(told: Told) -> None:
+    """Have ``told`` called when the next function is compiled."""
+    _LISTENER.told = told
 
 
 def compiled(function: F) -> F:
@@ -15,4 +42,5 @@ def compiled(function: F) -> F:
     try:
         return numba.njit(cache=True)(function)  # type: ignore[no-any-return]
     except RuntimeError:  # numba finds no folder it may write to
+        _LISTENER.stored = False
         return numba.njit(function)  # type: ignore[no-any-return]

@@ -7,6 +7,8 @@ does not converge comes back as NaN.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,14 +26,15 @@ TRACK_HALVINGS = 7  # the shortest tracking step is 2⁻⁷ of the way between t
 @compiled
 def _forward(axis: Array, point: Array, end: Array, q: Array, J: Array, T: Array) -> None:
     """Fill the pose T (4, 4) and the Jacobian J (6, 6) at q, in base_link axes at the flange's origin."""
-    R = np.eye(3)
-    p = np.zeros(3)
-    Rn = np.empty((3, 3))
-    d = np.empty(3)
+    R = np.empty((3, 3))
+    for k in range(3):
+        for j in range(3):
+            R[k, j] = 1.0 if k == j else 0.0
+    p, d = np.zeros(3), np.empty(3)
     origin = np.empty((6, 3))
     for i in range(6):
         x, y, z = axis[i, 0], axis[i, 1], axis[i, 2]
-        c, s = np.cos(q[i]), np.sin(q[i])
+        c, s = math.cos(q[i]), math.sin(q[i])
         v = 1.0 - c
         r00, r01, r02 = c + x * x * v, x * y * v - z * s, x * z * v + y * s
         r10, r11, r12 = x * y * v + z * s, c + y * y * v, y * z * v - x * s
@@ -45,10 +48,9 @@ def _forward(axis: Array, point: Array, end: Array, q: Array, J: Array, T: Array
             J[3 + k, i] = m0 * x + m1 * y + m2 * z
             origin[i, k] = p[k] + m0 * a + m1 * b + m2 * e
             p[k] += m0 * d[0] + m1 * d[1] + m2 * d[2]
-            Rn[k, 0] = m0 * r00 + m1 * r10 + m2 * r20
-            Rn[k, 1] = m0 * r01 + m1 * r11 + m2 * r21
-            Rn[k, 2] = m0 * r02 + m1 * r12 + m2 * r22
-        R[:] = Rn
+            R[k, 0] = m0 * r00 + m1 * r10 + m2 * r20
+            R[k, 1] = m0 * r01 + m1 * r11 + m2 * r21
+            R[k, 2] = m0 * r02 + m1 * r12 + m2 * r22
     for k in range(3):
         T[k, 3] = p[k] + R[k, 0] * end[0, 3] + R[k, 1] * end[1, 3] + R[k, 2] * end[2, 3]
         for j in range(3):
@@ -64,20 +66,21 @@ def _forward(axis: Array, point: Array, end: Array, q: Array, J: Array, T: Array
 @compiled
 def _error(T: Array, goal: Array, e: Array) -> float:
     """Fill the twist e (6,) from T to goal and return max(|linear|, |angular|) in m, rad."""
-    v = np.zeros(3)
     trace = 0.0
     for k in range(3):
         i, j = (k + 1) % 3, (k + 2) % 3
         e[k] = goal[k, 3] - T[k, 3]
+        v = 0.0
         for m in range(3):
-            v[k] += goal[j, m] * T[i, m] - goal[i, m] * T[j, m]
+            v += goal[j, m] * T[i, m] - goal[i, m] * T[j, m]
             trace += goal[k, m] * T[k, m]
-    s = 0.5 * np.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2)
-    angle = np.arctan2(s, 0.5 * (trace - 1.0))
+        e[3 + k] = v
+    s = 0.5 * math.sqrt(e[3] * e[3] + e[4] * e[4] + e[5] * e[5])
+    angle = math.atan2(s, 0.5 * (trace - 1.0))
     scale = 0.5 if s < 1e-8 else 0.5 * angle / s
     for k in range(3):
-        e[3 + k] = scale * v[k]
-    return max(float(np.sqrt(e[0] ** 2 + e[1] ** 2 + e[2] ** 2)), float(angle))
+        e[3 + k] = scale * e[3 + k]
+    return max(math.sqrt(e[0] * e[0] + e[1] * e[1] + e[2] * e[2]), angle)
 
 
 @compiled

@@ -14,6 +14,7 @@ vertex is driven through exactly, from rest to rest.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
@@ -76,7 +77,8 @@ class Curve:
         bend = np.diff(slope, axis=0)
         for columns, width in ((POSE, self.width[1:-1, 0]), (TURN, self.width[1:-1, 1])):
             part = np.ascontiguousarray(out[:, :, columns])
-            _round(u, k, self.u[1:-1], width, np.ascontiguousarray(bend[:, columns]), part)
+            wide, bent = np.ascontiguousarray(width), np.ascontiguousarray(bend[:, columns])
+            _round(u, k, self.u[1:-1], wide, bent, part)
             out[:, :, columns] = part
         if self.phi_curve is not None:
             out[:, :, 9] += curve_derivatives(self.phi_curve, u, self.u[0], self.u[-1])
@@ -184,14 +186,22 @@ def _carried(axis: Array, reference: Array) -> tuple[Array, Array]:
 @compiled
 def _carry(axis: Array, start: Array) -> Array:
     """Carry ``start`` along the axes (m, 3); two reflections make each minimal rotation."""
-    out = np.empty_like(axis)
-    out[0] = start
+    out = np.empty((len(axis), 3))
+    for d in range(3):
+        out[0, d] = start[d]
     for k in range(1, len(axis)):
-        a, v, b = axis[k - 1], axis[k - 1] + axis[k], out[k - 1]
-        b = b - 2.0 * np.sum(b * a) * a
-        b = b - 2.0 * np.sum(b * v) / np.sum(v * v) * v
-        b = b - np.sum(b * axis[k]) * axis[k]
-        out[k] = b / np.sqrt(np.sum(b * b))
+        a0, a1, a2 = axis[k - 1, 0], axis[k - 1, 1], axis[k - 1, 2]
+        n0, n1, n2 = axis[k, 0], axis[k, 1], axis[k, 2]
+        b0, b1, b2 = out[k - 1, 0], out[k - 1, 1], out[k - 1, 2]
+        f = 2.0 * (b0 * a0 + b1 * a1 + b2 * a2)
+        b0, b1, b2 = b0 - f * a0, b1 - f * a1, b2 - f * a2
+        v0, v1, v2 = a0 + n0, a1 + n1, a2 + n2
+        f = 2.0 * (b0 * v0 + b1 * v1 + b2 * v2) / (v0 * v0 + v1 * v1 + v2 * v2)
+        b0, b1, b2 = b0 - f * v0, b1 - f * v1, b2 - f * v2
+        f = b0 * n0 + b1 * n1 + b2 * n2
+        b0, b1, b2 = b0 - f * n0, b1 - f * n1, b2 - f * n2
+        size = math.sqrt(b0 * b0 + b1 * b1 + b2 * b2)
+        out[k, 0], out[k, 1], out[k, 2] = b0 / size, b1 / size, b2 / size
     return out
 
 
@@ -222,6 +232,19 @@ def _half_widths(u: Array, X: Array, groups: tuple[int, ...], cap: Array) -> Arr
 
 
 @compiled
+def _first(u: Array, x: float) -> int:
+    """Index of the first of the increasing u that is not below x."""
+    low, high = 0, len(u)
+    while low < high:
+        middle = (low + high) // 2
+        if u[middle] < x:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@compiled
 def _bump(t: float) -> float:
     """e(t·L)/L for |t| ≤ 1."""
     a = abs(t)  # even
@@ -236,15 +259,15 @@ def _round(u: Array, segment: NDArray[np.int64], uk: Array, width: Array, bend: 
         L = width[k]
         if L <= 0.0:
             continue
-        for j in range(np.searchsorted(u, uk[k] - L), len(u)):
+        for j in range(_first(u, uk[k] - L), len(u)):
             t = (u[j] - uk[k]) / L
             if t >= 1.0:
                 break
             b = t * t
             e0 = _bump(t) * L
             e1 = 0.5 + (15.0 / 16.0) * t * (1.0 - 2.0 * b / 3.0 + b * b / 5.0) - (1.0 if segment[j] > k else 0.0)
-            e2 = (15.0 / 16.0) * (1.0 - b) ** 2 / L
-            e3 = -(15.0 / 4.0) * t * (1.0 - b) / L**2
+            e2 = (15.0 / 16.0) * ((1.0 - b) * (1.0 - b)) / L
+            e3 = -(15.0 / 4.0) * t * (1.0 - b) / (L * L)
             for d in range(bend.shape[1]):
                 out[j, 0, d] += e0 * bend[k, d]
                 if out.shape[1] > 1:
@@ -267,19 +290,19 @@ def _shrink(u: Array, excess: Array, uk: Array, weight: Array, width: Array) -> 
     """Narrow the vertices that contribute most where the sum is too large."""
     most = np.zeros(len(u))
     for k in range(len(uk)):
-        for j in range(np.searchsorted(u, uk[k] - width[k]), len(u)):
+        for j in range(_first(u, uk[k] - width[k]), len(u)):
             t = (u[j] - uk[k]) / width[k]
             if t >= 1.0:
                 break
             most[j] = max(most[j], weight[k] * width[k] * _bump(t))
     for k in range(len(uk)):
         factor = 1.0
-        for j in range(np.searchsorted(u, uk[k] - width[k]), len(u)):
+        for j in range(_first(u, uk[k] - width[k]), len(u)):
             t = (u[j] - uk[k]) / width[k]
             if t >= 1.0:
                 break
             if excess[j] > 1.0 and weight[k] * width[k] * _bump(t) >= 0.5 * most[j]:
-                factor = min(factor, max(0.2, 0.99 / np.sqrt(excess[j])))
+                factor = min(factor, max(0.2, 0.99 / math.sqrt(excess[j])))
         width[k] *= factor
 
 
@@ -287,7 +310,7 @@ def _shrink(u: Array, excess: Array, uk: Array, weight: Array, width: Array) -> 
 def _finest(u: Array, uk: Array, width: Array, share: float, spacing: Array) -> None:
     """Lower spacing (M,) at u to share of the narrowest window that covers it."""
     for k in range(len(uk)):
-        for j in range(np.searchsorted(u, uk[k] - width[k]), len(u)):
+        for j in range(_first(u, uk[k] - width[k]), len(u)):
             if u[j] >= uk[k] + width[k]:
                 break
             spacing[j] = min(spacing[j], share * width[k])
@@ -311,14 +334,14 @@ def _spread(marks: Array, spacing: Array) -> Array:
         if step >= 0.5 * fine or k == len(marks) - 1:
             gap[n] = fine
             kept[n] = k
-            total += int(np.ceil(step / fine))
+            total += math.ceil(step / fine)
             n += 1
             fine = np.inf
     out = np.empty(total)
     out[0], m = marks[0], 1
     for k in range(1, n):
         a, b = marks[kept[k - 1]], marks[kept[k]]
-        parts = int(np.ceil((b - a) / gap[k]))
+        parts = math.ceil((b - a) / gap[k])
         for i in range(1, parts + 1):
             out[m] = b if i == parts else a + (b - a) * i / parts
             m += 1

@@ -12,6 +12,7 @@ so its next step is always at hand as a way to go on: the law cannot run into a 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -102,7 +103,7 @@ def time_law(bounds: Bounds, step: float) -> TimeLaw:
     around = np.empty(len(cap))
     corners = _corners(b.u, cap, around)
     easy = np.minimum(easy, around / (SOFT * step) ** 2)
-    code, rows = _law(b.u, Q, cap, easy, corners, b.acceleration, b.jerk, step)
+    code, rows = _law(b.u, Q, cap, easy, corners, b.acceleration, b.jerk, step, 0, False)
     if code != 0:
         return _gentle(b)
     law = TimeLaw(*(np.ascontiguousarray(rows[:, k]) for k in range(5)))
@@ -172,7 +173,10 @@ def _holds(i: int, w: float, v: float, a: float, j: float, Q: Array, cap: Array,
 @compiled
 def _advance(i: int, u: float, v: float, a: float, j: float, h: float, check_start: bool, un: Array, Q: Array,
              cap: Array, al: Array, jl: Array) -> tuple[int, int, float, float, float]:  # fmt: skip
-    """One step. Returns code (0 good, 1 breaks a limit, 2 leaves the curve), interval, u, v, a."""
+    """One step. Returns code (0 good, 1 breaks a limit, 2 leaves the curve), interval, u, v, a.
+
+    ``check_start`` is never given as a constant, nor is the first ``i``: numba would compile it once for each.
+    """
     a1 = a + j * h
     v1 = v + h * (a + 0.5 * j * h)
     u1 = u + h * (v + h * (0.5 * a + j * h / 6.0))
@@ -206,7 +210,8 @@ def _corners(un: Array, cap: Array, around: Array) -> Array:
         behind[k] = max(cap[k], behind[k - 1] - (un[k] - un[k - 1]) / CORNER_TIME)
         m = n - 1 - k
         ahead[m] = max(cap[m], ahead[m + 1] - (un[m + 1] - un[m]) / CORNER_TIME)
-    around[:] = np.maximum(ahead, behind)
+    for k in range(n):
+        around[k] = max(ahead[k], behind[k])
     found = np.empty((n, 3))
     count, k = 0, 0
     while k < n:
@@ -227,9 +232,10 @@ def _corners(un: Array, cap: Array, around: Array) -> Array:
             found[count, 0], found[count, 1], found[count, 2] = begin, finish, speed
             count += 1
         k = last + 1
-    out = np.full((n, 3), np.inf)
+    out = np.empty((n, 3))
     c = 0
     for k in range(n):
+        out[k, 0] = out[k, 1] = out[k, 2] = np.inf
         while c < count and (found[c, 1] <= un[k] or found[c, 1] - found[c, 0] > CORNER_LONG * found[c, 2]):
             c += 1
         if c < count:
@@ -255,7 +261,7 @@ def _policy(i: int, u: float, v: float, a: float, c: float, x: float, h: float, 
     even = a + min(max(-a, jlo * h), jhi * h)
     if over <= 0.0:
         return float((even - a) / h)
-    landing = 0.5 * (K * h - np.sqrt(max(K * K * h * h + 4.0 * K * (2.0 * over + a * h), 0.0)))
+    landing = 0.5 * (K * h - math.sqrt(max(K * K * h * h + 4.0 * K * (2.0 * over + a * h), 0.0)))
     a1 = max(a + jlo * h, alo, landing)
     if u < x and a1 > 0.0 >= a:  # arrived
         a1 = even
@@ -275,7 +281,7 @@ def _brake(i: int, u: float, v: float, a: float, c: float, x: float, h: float, u
             u += -2.0 * v * v / (3.0 * a)
             return (2 if u > un[-1] else 0), u
         j = _policy(i, u, v, a, c, x, h, un, Q, easy, al, jl)
-        code, i, u, v, a = _advance(i, u, v, a, j, h, True, un, Q, cap, al, jl)
+        code, i, u, v, a = _advance(i, u, v, a, j, h, h > 0.0, un, Q, cap, al, jl)
         if code != 0:
             return code, u
     return 1, u
@@ -285,7 +291,7 @@ def _brake(i: int, u: float, v: float, a: float, c: float, x: float, h: float, u
 def _try(i: int, u: float, v: float, a: float, j: float, h: float, un: Array, Q: Array, cap: Array, easy: Array,
          corner: Array, al: Array, jl: Array) -> tuple[int, float, float, float]:  # fmt: skip
     """A step with jerk j and a way to a stop after it. Returns code (0: there is one), where it stops, its plan."""
-    code, i, u, v, a = _advance(i, u, v, a, j, h, True, un, Q, cap, al, jl)
+    code, i, u, v, a = _advance(i, u, v, a, j, h, h > 0.0, un, Q, cap, al, jl)
     if code != 0:
         return code, u, 0.0, 0.0
     code, place = _brake(i, u, v, a, 0.0, 0.0, h, un, Q, cap, easy, al, jl)
@@ -300,10 +306,11 @@ def _try(i: int, u: float, v: float, a: float, j: float, h: float, un: Array, Q:
 
 @compiled
 def _law(
-    un: Array, Q: Array, cap: Array, easy: Array, corner: Array, al: Array, jl: Array, h: float
+    un: Array, Q: Array, cap: Array, easy: Array, corner: Array, al: Array, jl: Array, h: float, i: int, again: bool
 ) -> tuple[int, Array]:
+    """The law from interval ``i`` = 0; ``again`` = False: a start that a try found good is not checked again."""
     rows = np.empty((4096, 5))
-    n, i, t, u, v, a = 0, 0, 0.0, un[0], 0.0, 0.0
+    n, t, u, v, a = 0, 0.0, un[0], 0.0, 0.0
     stop, end, c, x = u, un[-1], 0.0, 0.0
     tolerance = min(0.5e-6, 0.01 * (end - u))
     while True:
@@ -311,7 +318,9 @@ def _law(
             if n > STEPS:
                 return 1, rows[:0]
             more = np.empty((2 * len(rows), 5))
-            more[:n] = rows[:n]
+            for k in range(n):
+                for m in range(5):
+                    more[k, m] = rows[k, m]
             rows = more
         resting = v < 1e-12
         arriving = end - stop < tolerance
@@ -360,7 +369,7 @@ def _law(
             while i < len(un) - 2 and un[i + 1] <= u:
                 i += 1
         else:
-            code, i, u, v, a = _advance(i, u, v, a, j, h, False, un, Q, cap, al, jl)
+            code, i, u, v, a = _advance(i, u, v, a, j, h, again, un, Q, cap, al, jl)
             if code != 0:
                 return 3, rows[:0]
             t += h

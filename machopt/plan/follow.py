@@ -61,7 +61,7 @@ def joints_at(robot: Robot, T_flange_tcp: Array, pose: Array, seed: Array) -> tu
 @compiled
 def _newton(axis: Array, point: Array, end: Array, goal: Array, q: Array, J: Array, T: Array, e: Array) -> bool:
     """Newton from q in place; leaves the Jacobian (TCP origin, base_link axes) of the solution in J."""
-    last = np.inf
+    last, A = np.inf, np.empty((6, 6))
     for i in range(12):
         _forward(axis, point, end, q, J, T)
         error = _error(T, goal, e)
@@ -70,7 +70,9 @@ def _newton(axis: Array, point: Array, end: Array, goal: Array, q: Array, J: Arr
         if not error < 4.0 * last or i == 11:
             return False
         last = error
-        A = J.copy()
+        for k in range(6):
+            for c in range(6):
+                A[k, c] = J[k, c]
         if not _solve6(A, e):
             return False
         for k in range(6):
@@ -83,7 +85,7 @@ def _newton(axis: Array, point: Array, end: Array, goal: Array, q: Array, J: Arr
 @compiled
 def _refine(axis: Array, point: Array, end: Array, pose: Array, seed: Array) -> tuple[Array, int]:
     q = seed.copy()
-    J, T, e = np.empty((6, 6)), np.eye(4), np.empty(6)
+    J, T, e = np.empty((6, 6)), np.zeros((4, 4)), np.empty(6)
     for m in range(len(q)):
         if not _newton(axis, point, end, pose[m], q[m], J, T, e):
             return q, m
@@ -105,9 +107,9 @@ def _chain(
 ) -> tuple[Array, int]:
     n = len(u)
     out = np.zeros((n, 4, 6))
-    J, T, e = np.empty((6, 6)), np.eye(4), np.empty(6)
+    J, T, e = np.empty((6, 6)), np.zeros((4, 4)), np.empty(6)
     S, S1, S2 = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
-    nu, nu1 = np.empty(6), np.empty(6)
+    nu, nu1, rhs, A = np.empty(6), np.empty(6), np.empty(6), np.empty((6, 6))
     for m in range(n):
         q = out[m, 0]
         good = False
@@ -123,7 +125,8 @@ def _chain(
             for k in range(6):
                 good = good and abs(q[k] - rough[m, k]) < STRAY
         if not good:
-            q[:] = rough[m]
+            for k in range(6):
+                q[k] = rough[m, k]
             if not _newton(axis, point, end, pose[m], q, J, T, e):
                 return out, m
             for k in range(6):
@@ -135,12 +138,13 @@ def _chain(
                 S[i, k] = J[k, i] + T[a, 3] * J[3 + b, i] - T[b, 3] * J[3 + a, i]
                 S[i, 3 + k] = J[3 + k, i]
         for order in range(3):
-            rhs = twist[m, order].copy()
+            for k in range(6):
+                rhs[k] = twist[m, order, k]
             if order > 0:
-                nu[:] = 0.0
-                nu1[:] = 0.0
-                S1[:] = 0.0
-                S2[:] = 0.0
+                for i in range(6):
+                    nu[i] = nu1[i] = 0.0
+                    for k in range(6):
+                        S1[i, k] = S2[i, k] = 0.0
                 for i in range(6):
                     _bracket(nu, S[i], S1[i])
                     _bracket(nu1, S[i], S2[i])
@@ -152,8 +156,11 @@ def _chain(
                             rhs[k] -= S1[i, k] * out[m, 1, i]
                         else:
                             rhs[k] -= 2.0 * S1[i, k] * out[m, 2, i] + S2[i, k] * out[m, 1, i]
-            A = S.T.copy()
+            for i in range(6):
+                for k in range(6):
+                    A[k, i] = S[i, k]
             if not _solve6(A, rhs):
                 return out, m
-            out[m, order + 1] = rhs
+            for k in range(6):
+                out[m, order + 1, k] = rhs[k]
     return out, -1

@@ -21,6 +21,30 @@ GROUP = 6  # rotations whose vertices are bounded together where a rapid move co
 
 
 @compiled
+def _sort(value: Array, order: NDArray[np.int64]) -> None:
+    """Sort the indices ``order`` by value, equal ones by index, in place (heap sort)."""
+    n = len(order)
+    root, end = n // 2, n
+    while end > 1:
+        if root > 0:  # making the heap
+            root -= 1
+        else:  # taking the largest off it
+            end -= 1
+            order[0], order[end] = order[end], order[0]
+        k = root
+        item = order[k]
+        while 2 * k + 1 < end:
+            c = 2 * k + 1
+            if c + 1 < end and (value[order[c]], order[c]) < (value[order[c + 1]], order[c + 1]):
+                c += 1
+            if not (value[item], item) < (value[order[c]], order[c]):
+                break
+            order[k] = order[c]
+            k = c
+        order[k] = item
+
+
+@compiled
 def _groups(before: Array, q: Array, turns: Array) -> Any:  # numba infers
     """The vertices that can be come from, in groups that lie near each other: what a rapid move is bounded by.
 
@@ -41,18 +65,29 @@ def _groups(before: Array, q: Array, turns: Array) -> Any:  # numba infers
                 for r in range(first, min(first + GROUP, R)):
                     u = (r * B + b) * T + t
                     if before[u] < np.inf:
-                        x = q[r, b] + turns[t]
-                        if n == start:
-                            corner[G, 0], corner[G, 1], cheapest[G] = x, x, before[u]
-                        corner[G, 0], corner[G, 1] = np.minimum(corner[G, 0], x), np.maximum(corner[G, 1], x)
-                        cheapest[G] = min(cheapest[G], before[u])
+                        for i in range(6):
+                            x = q[r, b, i] + turns[t, i]
+                            corner[G, 0, i] = min(corner[G, 0, i], x) if n > start else x
+                            corner[G, 1, i] = max(corner[G, 1, i], x) if n > start else x
+                        cheapest[G] = min(cheapest[G], before[u]) if n > start else before[u]
                         members[n] = u
                         n += 1
                 if n > start:
                     group[G, 0], group[G, 1] = start, n
                     G += 1
-    order = np.argsort(cheapest[:G])
-    return members[:n], group[:G][order], corner[:G][order], cheapest[:G][order]
+    order = np.empty(G, np.int64)  # numba's argsort takes ten times as long to compile
+    for g in range(G):
+        order[g] = g
+    _sort(cheapest, order)
+    group_out, corner_out, cheapest_out = np.empty((G, 2), np.int64), np.empty((G, 2, 6)), np.empty(G)
+    for g in range(G):
+        k = order[g]
+        cheapest_out[g] = cheapest[k]
+        for e in range(2):
+            group_out[g, e] = group[k, e]
+            for i in range(6):
+                corner_out[g, e, i] = corner[k, e, i]
+    return members[:n], group_out, corner_out, cheapest_out
 
 
 @compiled
@@ -74,7 +109,7 @@ def cheapest_sequence(
     V = R * B * T
     back = np.full((S, V), -1, np.int32)
     reached = np.zeros((S, V), np.bool_)
-    broken = np.zeros(S, np.bool_)
+    broken, exists_at = np.zeros(S, np.bool_), np.zeros(S, np.bool_)
     before = np.full(V, inf)  # cost to come at the last kept station
     least = np.full((R, B), inf)  # and the least over its turns
     now = np.empty(V)
@@ -88,8 +123,9 @@ def cheapest_sequence(
         low = inf
         for r in range(R):
             for b in range(B):
-                if feasible[s, r, b].any():
-                    usable[s, r, b] = True
+                for t in range(T):
+                    usable[s, r, b] = usable[s, r, b] or feasible[s, r, b, t]
+                if usable[s, r, b]:
                     low = min(low, node[s, r, b])
         to_go[s] = to_go[s + 1] + (low if low < inf else 0.0)
     # the turn before from the turn now and the whole turns between two base configurations, −1 where there is none
@@ -121,7 +157,8 @@ def cheapest_sequence(
         if not lift:
             s += 1
         any_here, exists = False, False
-        now[:] = inf
+        for v in range(V):
+            now[v] = inf
         fresh = last < 0
         free = window[s] < 0 or lift
         lift = False
@@ -133,8 +170,10 @@ def cheapest_sequence(
                     continue
                 exists = True
                 most = limit - node[s, r, b] - to_go[s + 1]  # what the way here may cost
+                for t in range(T):
+                    values[t], sources[t] = 0.0 if fresh else most, -1
                 if fresh:
-                    values[:], sources[:] = 0.0, -1
+                    pass  # nothing to come from: any vertex starts at zero
                 elif free:
                     ru = (r + shift[s]) % R
                     for t in range(T):
@@ -169,7 +208,6 @@ def cheapest_sequence(
                                         value, source = before[u] + price_q[s] * step, u
                         values[t], sources[t] = value, source
                 else:
-                    values[:], sources[:] = most, -1
                     highest = most  # of the values found so far: what cannot beat it is of no use to any turn
                     for k in range(2 * window[s] + 1):
                         dr = (k + 1) // 2 if k % 2 else -(k // 2)
@@ -223,6 +261,7 @@ def cheapest_sequence(
                         now[(r * B + b) * T + t] = values[t] + node[s, r, b]
                         back[s, (r * B + b) * T + t] = sources[t]
                         reached[s, (r * B + b) * T + t] = True
+        exists_at[s] = exists
         if not exists:
             continue  # dropped: nothing is feasible here
         if not any_here and (limit < inf or free):
@@ -230,21 +269,26 @@ def cheapest_sequence(
         if not any_here:
             broken[s] = lift = True
             continue
-        before[:] = now
         for r in range(R):
             for b in range(B):
-                least[r, b] = before[(r * B + b) * T : (r * B + b + 1) * T].min()
+                least[r, b] = inf
+                for v in range((r * B + b) * T, (r * B + b + 1) * T):
+                    before[v] = now[v]
+                    least[r, b] = min(least[r, b], now[v])
         last = s
     if last < 0:
         return best, 0.0, -1, broken, reached
-    v = int(np.argmin(before))
+    v = 0
+    for u in range(V):
+        if before[u] < before[v]:
+            v = u
     value = before[v]
     s = last
     while s >= 0:
         best[s, 0], best[s, 1], best[s, 2] = v // (B * T), v // T % B, v % T
         v = back[s, v]
         s -= 1
-        while s >= 0 and v >= 0 and not feasible[s].any():
+        while s >= 0 and v >= 0 and not exists_at[s]:
             s -= 1
         if v < 0:
             break

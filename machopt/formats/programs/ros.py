@@ -12,7 +12,6 @@ from machopt.formats.programs.nearby import opened
 from machopt.formats.programs.parsed import ParsedProgram
 from machopt.formats.programs.tables import load_json
 from machopt.formats.source import Source
-from machopt.formats.yamlstrict import parse_yaml
 
 JOINTS = 6
 _KEY = re.compile(r"\b([a-z_]+):(?=\s)")
@@ -51,6 +50,8 @@ def read_ros(source: Source, arc_tolerance: float, strict: bool = False) -> Pars
 
 
 def _yaml(out: Builder, source: Source) -> dict[str, object]:
+    from machopt.formats.yamlstrict import parse_yaml  # its validation takes long to import
+
     points = _points_by_line(source)
     if points is not None:
         at = source.lines.index("points:")
