@@ -22,6 +22,7 @@ from machopt.plan.caps import GAP
 from machopt.plan.check import Checker
 from machopt.plan.choose import choose
 from machopt.plan.explain import explain_points
+from machopt.plan.mapped import mapped
 from machopt.plan.pipeline import Plan, plan
 from machopt.plan.sequence import JUMP
 from machopt.se3 import wrap
@@ -211,3 +212,20 @@ def test_looking_ahead_strikes_out_what_one_pair_touches_around_a_contact(tmp_pa
             assert ahead.pairs[tuple(n)] == pair
     ring = np.array([v for v in np.argwhere(c.feasible.any(axis=3)) if (np.abs(out - v).sum(axis=1) == 1).any()])
     assert not model.touching(c.q[tuple(ring.T)], np.full(len(ring), pair)).any()
+
+
+def test_the_map_tells_what_was_looked_at_and_looks_at_the_rest_when_asked(tmp_path: FilePath) -> None:
+    p = leaning(tmp_path, *crowded(4))
+    before = p.candidates.feasible.copy()
+    some, whole, none = mapped(p), mapped(p, full=True), mapped(p, full=True, seconds=0.0)
+    assert 0 < some.looked_at < whole.looked_at
+    assert some.open == none.open > whole.open
+    np.testing.assert_array_equal(p.candidates.feasible, before)  # a picture only
+    model, c = p.setup.collision, whole.candidates
+    assert model is not None
+    cut = p.path.counted[p.path.stations]
+    s, r, b = np.nonzero(c.feasible.any(axis=3) & cut[:, None, None])
+    assert whole.known[s, r, b].all()
+    assert not model.check(c.q[s, r, b], p.path.may_touch[p.path.stations[s]]).hit.any()
+    s, r, b = np.nonzero(before.any(axis=3) & ~c.feasible.any(axis=3))
+    assert model.check(c.q[s, r, b], p.path.may_touch[p.path.stations[s]]).hit.all()

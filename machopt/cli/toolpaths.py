@@ -54,6 +54,11 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         "--program-tolerance-mm", type=float, metavar="MM",
         help="how far straight lines between a program's points may leave the motion before a point is added (0.05)",
     )  # fmt: skip
+    job.add_argument(
+        "--map-collisions", choices=("chosen", "full"), default="chosen",
+        help="full: for the report's map, look for collisions of every configuration, for half a minute at most "
+        "(chosen: only what the choice had to look at)",
+    )  # fmt: skip
     job.add_argument("--sample-ms", type=float, help="time between exported samples (12)")
     job.add_argument("--seed", type=natural, help="of the random search around obstacles")
     job.add_argument(
@@ -97,7 +102,7 @@ def _optimize(args: argparse.Namespace) -> int:
     request = Request(
         cell=args.cell, toolpath=args.toolpath, out=args.out, plan_file=args.plan, overrides=tuple(args.set),
         direct=direct, reading=reading(args), allow_external=args.allow_external, posts=tuple(args.post),
-        program_tolerance_mm=args.program_tolerance_mm,
+        program_tolerance_mm=args.program_tolerance_mm, map_all=args.map_collisions == "full",
     )  # fmt: skip
     with Display(show=not (args.quiet or args.json)) as display, compiling(display):
         outcome = optimize(request, display.stage)

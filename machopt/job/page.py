@@ -18,6 +18,7 @@ from machopt.job.posts import Written
 from machopt.plan.breaks import place
 from machopt.plan.compensate import residual
 from machopt.plan.explain import all_breaks, gamma, help_of, hints, shortfall_of
+from machopt.plan.mapped import Mapped, mapped
 from machopt.plan.pipeline import Plan, Scored
 from machopt.plan.retime import Dip
 from machopt.plan.timeline import Timeline
@@ -40,7 +41,7 @@ _WORDS = {
 
 def report_data(
     plan: Plan, toolpath: Toolpath, points: PointResults, timeline: Timeline | None, verification: Verification | None,
-    programs: Sequence[Written] = (), *, unchecked: tuple[str, ...] = (),
+    programs: Sequence[Written] = (), *, shown: Mapped | None = None, unchecked: tuple[str, ...] = (),
     hashes: dict[str, str], options: dict[str, object], timings: dict[str, float],
 ) -> page.ReportData:  # fmt: skip
     """Collect everything the page shows; parts that were not reached stay empty."""
@@ -61,7 +62,7 @@ def report_data(
     return page.ReportData(
         title=f"{plan.setup.cell.name}: {toolpath.source}", cell=plan.setup.cell.name, toolpath=toolpath.source,
         version=machopt.__version__, summary=summary, hashes=tuple(hashes.items()),
-        options=tuple((k, str(v)) for k, v in options.items()), map=_map(plan),
+        options=tuple((k, str(v)) for k, v in options.items()), map=_map(plan, shown or mapped(plan)),
         path=_path_series(plan, toolpath, points, series), motion=_motion(plan, toolpath, timeline),
         dips=_dips(plan, timeline), worst=_worst_points(plan, toolpath, points, series), infeasible=infeasible,
         operations=_operations(plan, toolpath, points, timeline, series), ignored=toolpath.ignored,
@@ -166,19 +167,26 @@ def _cut_length(plan: Plan) -> float:
     return float(step[plan.path.counted[1:]].sum())
 
 
-def _map(plan: Plan) -> page.RotationMap | None:
-    """Best branch per station and rotation; rotation is shown as gamma's carried reference, phi."""
-    st, c = plan.path.stations, plan.candidates
+def _map(plan: Plan, shown: Mapped) -> page.RotationMap | None:
+    """Best branch per station and rotation, marked where its pose was not looked at for collisions.
+
+    Rotation is shown as gamma's carried reference, phi.
+    """
+    st, c = plan.path.stations, shown.candidates
     cut = np.flatnonzero(plan.path.counted[st])
     if not len(cut):
         return None
     cost = plan.scores.cost[cut]
     usable = c.feasible[cut].any(axis=-1)
-    best = np.where(usable, cost, np.inf).min(axis=2)
+    rated = np.where(usable, cost, np.inf)
+    first = rated.argmin(axis=2)[:, :, None]
+    best = np.take_along_axis(rated, first, axis=2)[:, :, 0]
+    known = np.take_along_axis(shown.known[cut], first, axis=2)[:, :, 0]
     value = np.where(np.isfinite(best), best, np.nan)
     if plan.scores.index != "deflection":
         value = 1.0 / value
     status = c.reason_of_rotation()[cut].copy()
+    status[(status == Reason.OK) & ~known] = Reason.NO_PATH
     for reason, code in _STATUS.items():
         status[status == reason] = code
     travelled = np.cumsum(np.r_[0.0, np.linalg.norm(np.diff(plan.path.position, axis=0), axis=1)] * plan.path.counted)
@@ -190,8 +198,23 @@ def _map(plan: Plan) -> page.RotationMap | None:
     return page.RotationMap(
         s=travelled[st[cut]], point=plan.path.index[st[cut]], rotation=c.phi, index=value,
         status=status.astype(np.uint8), chosen=line(plan.chosen), jiao2022=line(plan.jiao2022),
-        cam_default=line(plan.cam_default),
+        cam_default=line(plan.cam_default), collisions=_looked_for(plan, shown),
     )  # fmt: skip
+
+
+def _looked_for(plan: Plan, shown: Mapped) -> str:
+    """How much of the map has been checked for collisions, in words."""
+    if plan.setup.collision is None:
+        return "Collisions were not looked for."
+    known, left = shown.looked_at, shown.open
+    some = f"{known:,} of {known + left:,} configurations within reach, limits and margins were checked for collisions"
+    if not shown.asked:
+        return (f"{some}, where the choice wanted to go; dotted places are reachable, but not proven free "
+                "(--map-collisions full checks them all).")  # fmt: skip
+    if left:
+        return (f"{some} in the {shown.seconds:.0f} s that --map-collisions full may take; dotted places were left and "
+                "are not proven free.")  # fmt: skip
+    return f"{some} (--map-collisions full, {shown.seconds:.1f} s)."
 
 
 def _path_series(plan: Plan, toolpath: Toolpath, points: PointResults, series: dict[str, Array]) -> page.PathSeries:

@@ -28,6 +28,7 @@ from machopt.job.verify import content_checks, verify_folder
 from machopt.model.robot import load_robot
 from machopt.output import MANIFEST, output_folder, write_json, write_manifest
 from machopt.plan.gaps import told
+from machopt.plan.mapped import Mapped, mapped
 from machopt.plan.pipeline import Plan, Timings, as_driven, plan
 from machopt.plan.refine import compensate
 from machopt.plan.timeline import Timeline, build_timeline
@@ -50,6 +51,7 @@ class Request:
     allow_external: bool = False
     posts: tuple[str, ...] = ()  # names or template files; none: the cell's own
     program_tolerance_mm: float | None = None  # 0.05, or twice path_tolerance_mm where that is more
+    map_all: bool = False  # look for the collisions of every configuration, for the report's map
 
 
 @dataclass(frozen=True)
@@ -109,22 +111,24 @@ def optimize(request: Request, progress: Callable[[str], None] = lambda _: None)
             with timings.stage("verify"):
                 found = content_checks(cell, toolpath, folder, options=options, manifest=made.manifest)
                 made = made.verified(found)
-        result = _tell(made, folder, timings)
+        with timings.stage("map"):
+            shown = mapped(made.plan, request.map_all)
+        result = _tell(made, folder, timings, shown)
         if made.verification is not None:
             whole = verify_folder(cell, toolpath, folder, options=options, inputs=manifest.inputs,
                                   contents=made.verification)  # fmt: skip
             if made.verification.ok and not whole.ok:  # what was written is not what was meant: a bug, or a bad disk
-                result = _tell(replace(made, verification=whole), folder, timings)
+                result = _tell(replace(made, verification=whole), folder, timings, shown)
     return Outcome(int(result["exit_code"]), result, request.out / "report.html")  # type: ignore[call-overload]
 
 
-def _tell(made: Made, folder: Path, timings: Timings) -> dict[str, object]:
+def _tell(made: Made, folder: Path, timings: Timings, shown: Mapped) -> dict[str, object]:
     """Write report, result and manifest; programs go where the motion does not hold."""
     if made.exit_code != 0 and any(p.files for p in made.programs):
         made = made.with_programs(withdrawn(folder, made.programs, made.verdict))
     with timings.stage("report"):
         data = report_data(
-            made.plan, made.toolpath, made.points, made.timeline, made.verification, made.programs,
+            made.plan, made.toolpath, made.points, made.timeline, made.verification, made.programs, shown=shown,
             unchecked=made.unchecked, hashes=hashes_of(made.manifest.inputs),
             options=options_as_user(made.options), timings=timings.seconds,
         )  # fmt: skip

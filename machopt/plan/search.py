@@ -64,6 +64,7 @@ class Found:
     banned: dict[int, int]  # station → pair of a way into it that was struck out, −1 where no pose is on it
     edges: Edges
     wide: NDArray[np.bool_]  # (S,) the rotation may turn there while the feed waits
+    looked: NDArray[np.bool_]  # (S, R, B) vertices whose own pose was looked at, but for those struck out ahead
     gave_up: bool  # after ROUNDS: what still collides is not proven to have no answer
 
 
@@ -142,7 +143,7 @@ class Search:
             choice = self._again(choice)
         return Found(
             self._without_breaks(found, choice), source, choice, check, self.rounds, self.pairs, self.banned,
-            self.edges, self.chooser.wide, not check.free,
+            self.edges, self.chooser.wide, self.looked, not check.free,
         )  # fmt: skip
 
     # --- choosing ------------------------------------------------------------------------------------------------

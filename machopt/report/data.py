@@ -89,6 +89,7 @@ class RotationMap:
     chosen: Array  # (N,) rad, NaN where there is none
     jiao2022: Array  # (N,) rad
     cam_default: Array  # (N,) rad
+    collisions: str = ""  # how much of it was checked for collisions, one sentence
 
 
 @dataclass(frozen=True)

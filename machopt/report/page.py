@@ -101,9 +101,8 @@ def _map(data: ReportData, specs: Spec) -> str:
         "Every rotation φ of the tool about its own axis at every station of the path, counted from a direction that "
         "is carried along without turning (γ of the tables is counted from the direction of travel, so the CAM's "
         "default, γ = 0, is a curve where the path turns). Bright is stiff, dark is soft; grey and hatched places "
-        "cannot be used, and the hatching says why. Collisions are looked for only where the choice wanted to go: "
-        "a coloured place off the chosen line is reachable, but not proven free."
-    )
+        "cannot be used, and the hatching says why. "
+    ) + escape(data.map.collisions if data.map is not None else "")
     return section(
         "rotation",
         f"{WORDS[data.summary.quantity].axis} over path and rotation",
