@@ -153,6 +153,7 @@ def _inspect(args: argparse.Namespace) -> int:
 
 
 def _verify(args: argparse.Namespace) -> int:
+    from machopt.cli.failures import causes_first, failures
     from machopt.job.inforce import Request
     from machopt.job.verify import verify
 
@@ -167,10 +168,10 @@ def _verify(args: argparse.Namespace) -> int:
                  "notes": done.notes, "checks": checks}  # fmt: skip
         print(json.dumps(finite(value), ensure_ascii=False))
     elif not args.quiet:
-        print("\n".join(map(_check_line, found.checks)))
+        print("\n".join(_check_line(c) for c in causes_first(found.checks)))
         print("\n".join([*(f"note: {n}" for n in done.notes), *([done.line] if found.ok else [])]))
     if not found.ok:
-        raise VerificationError(f"{done.line}: " + "; ".join(f"{c.name}: {c.where}" for c in found.failed))
+        raise VerificationError(f"{done.line}: {failures(found.checks)}")
     return done.exit_code
 
 
@@ -178,6 +179,8 @@ def _check_line(c: Check) -> str:
     if c.passed is None:
         return f"–    {c.name}: not run, {c.where}"
     where = "" if c.passed or not c.where else f" at {c.where}"
+    if c.passed is False and c.limit == 0.0:
+        return f"FAIL {c.name}: {c.where}"
     if math.isnan(c.value) and math.isnan(c.limit):
         return f"{'ok  ' if c.passed else 'FAIL'} {c.name}{where.replace(' at ', ': ', 1)}"
     return f"{'ok  ' if c.passed else 'FAIL'} {c.name}: {c.value:.4g} {c.unit} (limit {c.limit:.4g}){where}"
@@ -318,6 +321,8 @@ def _programs(result: dict[str, Any]) -> list[str]:
 
 
 def _failed(result: dict[str, Any]) -> str:
+    from machopt.cli.failures import failures
+    from machopt.verify import Check
+
     checks = result["verification"]["checks"] if result["verification"] else []
-    wrong = [f"{c['name']} {c['value']:.4g} {c['unit']} at {c['where']}" for c in checks if c["passed"] is False]
-    return "; ".join(wrong)
+    return failures([Check(**c) for c in checks])

@@ -74,7 +74,16 @@ def _tried(part: Callable[[Told], Iterable[str]], told: Told) -> list[str]:
     except InputError as problem:
         return [str(problem)]
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as problem:
-        return [f"is not of the form that machopt writes: {type(problem).__name__} {problem}"]
+        return [f"is not of the form that machopt writes: {_words(problem)}"]
+
+
+def _words(problem: Exception) -> str:
+    """What somebody who knows no Python makes something of."""
+    if isinstance(problem, KeyError):
+        return f"the key {short(problem.args[0])} is missing"
+    if isinstance(problem, ValueError) and problem.args:
+        return str(problem)
+    return "a value is of another kind there"
 
 
 def _check(name: str, wrong: list[str]) -> Check:
@@ -133,7 +142,7 @@ def _options(t: Told) -> Iterable[str]:
     own = {"global": ("smooth", "grid", "smooth and grid", "jiao2022", "cam default"), "jiao2022": ("jiao2022",),
            "default": ("cam default",)}[t.options.method]  # fmt: skip
     if t.result["chosen_from"] not in own:
-        yield f"chosen_from is {t.result['chosen_from']!r}; method {t.options.method} gives {', '.join(own)}"
+        yield f"chosen_from is {short(t.result['chosen_from'])}; method {t.options.method} gives {', '.join(own)}"
 
 
 def _toolpath(t: Told) -> Iterable[str]:
@@ -187,7 +196,7 @@ def _times(t: Told) -> Iterable[str]:
     yield from near("cycle_time_s", t.result["cycle_time_s"], float(t.motion["time_s"][-1]), 0.0, 1e-5)
     for name, seconds in t.result["timings_s"].items():
         if not (isinstance(seconds, float | int) and math.isfinite(seconds) and seconds >= 0):
-            yield f"timings_s.{name} is {seconds!r}"
+            yield f"timings_s.{name} is {short(seconds)}"
 
 
 def _feed(t: Told) -> Iterable[str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -108,5 +110,17 @@ def near(name: str, found: Any, expected: float | None, relative: float, absolut
 
 
 def short(value: object) -> str:
-    text = repr(value)
+    """A value as the file would write it: null, true, "done"."""
+    if isinstance(value, float | np.floating):
+        return f"{value:.12g}" if math.isfinite(value) else "null"
+    text = json.dumps(value, ensure_ascii=False, default=_as_written)
     return text if len(text) <= 80 else text[:77] + "…"
+
+
+def _as_written(value: Any) -> object:
+    """What json does not know: rows of the manifest, numbers and arrays of numpy, paths, sets."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    return sorted(map(str, value)) if isinstance(value, set | frozenset) else str(value)

@@ -91,10 +91,20 @@ class PointsCheck:
             return Check(f"points.csv {name}", False, np.nan, limit, unit, "the column is missing")
         off = np.abs(told[rows] - wanted)
         off = np.where(np.isnan(told[rows]) & np.isnan(wanted), 0.0, off)
+
+        def told_and_wanted(n: int) -> str:
+            at = self.where(rows)[n]
+            follows = f"{wanted[n]:.7g} {unit} follows" if np.isfinite(wanted[n]) else "nothing follows"
+            return (
+                f"{at}: {told[rows][n]:.7g} {unit}, {follows}"
+                if np.isfinite(told[rows][n])
+                else f"{at}: none, {follows}"
+            )
+
         if not share:
-            return worst(f"points.csv {name}", unit, off, limit, self.where(rows))
+            return worst(f"points.csv {name}", unit, off, limit, told_and_wanted)
         parts = off / (limit + share * np.abs(wanted))
-        return worst(f"points.csv {name}", f"of {limit:g} {unit} and {share:g} of it", parts, 1.0, self.where(rows))
+        return worst(f"points.csv {name}", f"of {limit:g} {unit} and {share:g} of it", parts, 1.0, told_and_wanted)
 
     def _complete(self) -> Check:
         have, n = self.points.point, len(self.toolpath)

@@ -1,0 +1,60 @@
+"""What ``machopt verify`` says first where something is wrong: the cause, in words, not what follows from it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from machopt.cli.failures import causes_first, failures
+from machopt.domain.manifest import Covered
+from machopt.job.told import short
+from machopt.verify import Check
+
+OK = Check("path", True, 0.006, 0.02, "mm", "sample 3")
+FILES = Check("files as listed", False, 1.0, 0.0, "differences", "points.csv is changed: 9 bytes, 8 were written")
+INPUTS = Check("made from these inputs", False, 1.0, 0.0, "differences", "another stiffness: stiffness.yaml is other")
+COLUMN = Check("points.csv k_axial_N_mm", False, 9618.0, 1.0, "of 1 N/mm", "point 7: 4 N/mm, 5 N/mm follows")
+LOST = Check("trajectory.csv can be read", False, math.nan, math.nan, "", "cannot be read: No such file or directory")
+PROGRAMS = Check("robot programs", False, math.nan, math.nan, "", "/out/trajectory.csv: cannot be read")
+SAID = "exit_code is 0, 4 follows"
+VERDICT = Check("result.json verdict", False, 1.0, 0.0, "differences", SAID)
+TIMES = Check("result.json times", False, 1.0, 0.0, "differences", "/out/trajectory.csv: cannot be read")
+JERK = Check("joint jerk", False, 2.577, 1.1, "of the limit", "axis 2, sample 775")
+INDEX = Check("index of the samples", False, 4.0, 0.02, "mm", "sample 766, point 8.000")
+
+
+@pytest.mark.parametrize(
+    ("checks", "first", "last"),
+    [
+        ((OK, FILES, COLUMN, VERDICT),
+         "points.csv is changed: 9 bytes, 8 were written; points.csv k_axial_N_mm: point 7: 4 N/mm, 5 N/mm follows",
+         "  because of that also: result.json verdict"),
+        ((COLUMN, VERDICT), "points.csv k_axial_N_mm: point 7: 4 N/mm, 5 N/mm follows",
+         "  because of that also: result.json verdict"),
+        ((FILES, INPUTS, COLUMN),
+         "OUT was not made from these inputs: another stiffness: stiffness.yaml is other",
+         "  also points.csv k_axial_N_mm: point 7: 4 N/mm, 5 N/mm follows"),
+        ((LOST, PROGRAMS, VERDICT, TIMES), "trajectory.csv: cannot be read: No such file or directory",
+         "  because of that also: robot programs, result.json verdict, result.json times"),
+        ((JERK, INDEX), "trajectory.csv, index of the samples: 4 mm, the limit is 0.02, at sample 766, point 8.000",
+         "  also trajectory.csv, joint jerk: 2.577 of the limit, the limit is 1.1, at axis 2, sample 775"),
+        ((VERDICT,), f"result.json verdict: {SAID}", f"result.json verdict: {SAID}"),
+    ],
+)  # fmt: skip
+def test_the_first_line_is_the_cause(checks: tuple[Check, ...], first: str, last: str) -> None:
+    lines = failures(checks).split("\n")
+    assert lines[0] == first
+    assert lines[-1] == last
+    assert causes_first((OK, *checks))[-1] is OK
+
+
+def test_values_stand_as_the_file_would_write_them() -> None:
+    assert short(None) == "null"
+    assert short(True) == "true"
+    assert short("done") == '"done"'
+    assert short(0.1 + 0.2) == "0.3"
+    assert short(np.float64(2.5)) == "2.5"
+    assert "Covered" not in short((Covered("path", "every sample"),))
+    assert short({"a": np.arange(2)}) == '{"a": [0, 1]}'
