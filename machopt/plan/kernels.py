@@ -14,7 +14,7 @@ from typing import Any
 _F1, _F2, _F3, _I1, _S1 = "f8[::1]", "f8[:,::1]", "f8[:,:,::1]", "i8[::1]", "i4[::1]"
 KERNELS = (  # in the order in which a plan needs them: module, function, types of its arguments
     ("sequence", "cheapest_sequence",
-     f"{_F3},f8[:,:,:,::1],{_F2},b1[:,:,:,::1],{_S1},b1,{_S1},{_F1},{_F1},{_F1},{_F1},f8,f8,{_I1},{_S1},{_S1}"),
+     f"{_F3},f8[:,:,:,::1],{_F2},b1[:,:,:,::1],{_S1},b1,{_S1},{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},f8,{_I1},{_S1},{_S1}"),
     ("blend", "_carry", f"{_F2},{_F1}"),
     ("blend", "_grade", f"{_F1},{_F1}"),
     ("blend", "_round", f"{_F1},{_I1},{_F1},{_F1},{_F2},{_F3}"),
