@@ -6,7 +6,8 @@ import ast
 import re
 import sys
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from functools import cache
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
@@ -38,8 +39,13 @@ def declared(*extras: str) -> set[str]:
     return {name_of(r) for requirements in lists for r in requirements}
 
 
-def imported(folder: str) -> Iterator[tuple[str, str]]:
+@cache
+def imported(folder: str) -> frozenset[tuple[str, str]]:
     """Top-level packages that the Python files of a folder import, also late or as words, with where."""
+    return frozenset(_imported(folder))
+
+
+def _imported(folder: str) -> Iterator[tuple[str, str]]:
     files = sorted((ROOT / folder).rglob("*.py"))
     assert files
     for file in files:
@@ -58,6 +64,11 @@ def imported(folder: str) -> Iterator[tuple[str, str]]:
                 yield name.partition(".")[0], f"{file.relative_to(ROOT)}:{node.lineno}"
 
 
+@cache
+def known_packages() -> Mapping[str, list[str]]:
+    return packages_distributions()
+
+
 def own(folder: str) -> set[str]:
     """Modules beside the importing one: tests and benchmarks import each other."""
     return {p.stem for p in (ROOT / folder).rglob("*.py")} | {p.name for p in (ROOT / folder).rglob("*") if p.is_dir()}
@@ -74,7 +85,7 @@ def own(folder: str) -> set[str]:
     ],
 )
 def test_every_import_is_declared(folder: str, extras: tuple[str, ...]) -> None:
-    known = packages_distributions()
+    known = known_packages()
     mine = {"machopt", "tests", "benchmarks", "cells", "toolpaths"} | own(folder)
     mine |= own("tests") | own("benchmarks") if folder in ("tests", "benchmarks") else set()
     lacking = []
@@ -88,7 +99,7 @@ def test_every_import_is_declared(folder: str, extras: tuple[str, ...]) -> None:
 
 
 def test_nothing_is_declared_that_nobody_imports() -> None:
-    known = packages_distributions()
+    known = known_packages()
     everywhere = {name for folder in ("machopt", "tests", "benchmarks") for name, _ in imported(folder)}
     used = {name_of(d) for name in everywhere for d in known.get(name, [DISTRIBUTION.get(name, name)])}
     assert declared("parquet", "dev", "compare") - used - TOOLS == set()
