@@ -57,6 +57,12 @@ class PairStack:
         i, j = self.links[p]
         return np.asarray(poses[:, j] if i == 0 else inverse(poses[:, i]) @ poses[:, j])
 
+    def lever(self, p: int) -> float:
+        """m, how far pair p's second body reaches from the axis of the one joint between the two."""
+        body = self.bodies[self.index[p][1]]
+        k = body.link - 1
+        return float(np.linalg.norm(np.cross(body.vertices - self.robot.point[k], self.robot.axis[k]), axis=1).max())
+
 
 @dataclass
 class Rows:

@@ -32,6 +32,7 @@ from machopt.model.bodies import (
     worth_checking,
 )
 from machopt.model.bounds import Memory, PairStack, Rows, densify
+from machopt.model.nearest import CAP, Nearest, nearest_of
 from machopt.model.robot import LinkShape, Robot
 from machopt.model.surfaces import Surfaces
 from machopt.se3 import inverse
@@ -45,7 +46,6 @@ COARSE = 0.50  # the same for links two apart, whose meshes often overlap where 
 LONGEST = 0.1  # rad, joint step above which the motion bound is of no use
 FINE = 1e-4  # m, motion below which a segment between two free rows is not halved any more
 AT_ONCE = 2_000_000  # rows × pairs whose bounds are compared in one array
-CAP = 0.5  # m, beyond which `nearest` does not measure
 
 
 @dataclass(frozen=True)
@@ -89,14 +89,6 @@ class Contacts:
     def first(self) -> int:
         """First row hit, −1 if none."""
         return int(np.argmax(self.hit)) if self.any else -1
-
-
-@dataclass(frozen=True)
-class Nearest:
-    """Least distance over all pairs."""
-
-    distance: Array  # (S,) m; 0 in contact, capped at ``cap``
-    pair: NDArray[np.int32]  # (S,) index into CollisionModel.pairs, −1 where everything is beyond the cap
 
 
 class CollisionModel:
@@ -218,23 +210,8 @@ class CollisionModel:
             cutting: (S,) the cutter may touch the workpiece.
             cap: m, distances above it are not measured.
         """
-        rows = Rows(self.stack, q)
-        distance, which = np.full(len(rows.q), cap), np.full(len(rows.q), -1, np.int32)
-        walks = [_Walk(self, rows, p) for p in range(len(self.pairs))]
-        skip = np.array([pair.unless_cutting for pair in self.pairs], bool)
-        for n in range(len(rows.q)):
-            bound = rows.bound[n].copy()
-            for p in np.flatnonzero(bound < cap):
-                bound[p] = max(bound[p], walks[p].bound(n))
-            if cutting[n]:
-                bound[skip] = np.inf
-            for p in np.argsort(bound):
-                if bound[p] >= distance[n]:
-                    break
-                d = walks[p].distance(n)
-                if d < distance[n]:
-                    distance[n], which[n] = max(d, 0.0), p
-        return Nearest(distance, which)
+        asked = ~(np.asarray(cutting, bool)[:, None] & self._spared)
+        return nearest_of(self.stack, self.surfaces, np.asarray(q, float), asked, cap)
 
     def _take(self, indices: list[tuple[int, int]], touch: list[bool]) -> None:
         bodies = self._bodies

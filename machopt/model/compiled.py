@@ -1,4 +1,6 @@
-"""Functions compiled by numba: stored on disk where there is a place for it, elsewhere compiled in each process."""
+"""Functions compiled by numba: stored on disk where there is a place for it, elsewhere compiled in each process.
+
+They hold no interpreter lock, so that threads can run them side by side."""
 
 from __future__ import annotations
 
@@ -40,7 +42,7 @@ def when_compiling(told: Told) -> None:
 def compiled(function: F) -> F:
     """``numba.njit``, cached where a folder may be written: a read-only installation and home are none."""
     try:
-        return numba.njit(cache=True)(function)  # type: ignore[no-any-return]
+        return numba.njit(cache=True, nogil=True)(function)  # type: ignore[no-any-return]
     except RuntimeError:  # numba finds no folder it may write to
         _LISTENER.stored = False
-        return numba.njit(function)  # type: ignore[no-any-return]
+        return numba.njit(nogil=True)(function)  # type: ignore[no-any-return]

@@ -1,0 +1,146 @@
+"""Which pair of bodies is nearest, and how near: at every row of a long path, on all cores.
+
+Pair by pair, the one with the least bounds first: a row asks for a distance only where neither the spheres' bound nor
+the distance known from a row before proves that another pair is nearer.
+"""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.model.bounds import PairStack, Rows
+from machopt.model.surfaces import Surfaces
+from machopt.model.triangles import Mesh, follow, mesh_of
+from machopt.se3 import inverse
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+CAP = 0.5  # m, beyond which nothing is measured
+BLOCK = 4096  # rows of one task, whatever the number of cores: what is found must not depend on it
+FEWEST = 256
+STATION = 32  # rows between those at which every near pair is measured
+SLACK = 1e-9  # m, by which sums of motions may be off
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """Least distance over all pairs."""
+
+    distance: Array  # (S,) m; 0 in contact, capped at ``cap``
+    pair: NDArray[np.int32]  # (S,) index of the pair, −1 where everything is beyond the cap
+
+
+def nearest_of(stack: PairStack, surfaces: Surfaces, q: Array, asked: Bools, cap: float = CAP) -> Nearest:
+    """Least distance over all pairs at each row, and whose it is; 0 in contact.
+
+    Args:
+        stack: the pairs.
+        surfaces: of the same bodies.
+        q: (S, 6) rad, quickest where neighbouring rows are neighbouring poses.
+        asked: (S, P) which pairs count in which rows.
+        cap: m, distances above it are not measured.
+    """
+    meshes = [mesh_of(body) for body in stack.bodies]
+    size = min(BLOCK, max(FEWEST, len(q) // 4))
+    starts = range(0, len(q), size)
+
+    def block(start: int) -> tuple[Array, NDArray[np.int32]]:
+        some = slice(start, start + size)
+        return _block(stack, surfaces, meshes, q[some], asked[some], cap)
+
+    if len(starts) > 1:
+        with ThreadPoolExecutor(max_workers=cores()) as pool:
+            found = list(pool.map(block, starts))
+    else:
+        found = [block(start) for start in starts]
+    if not found:
+        return Nearest(np.empty(0), np.empty(0, np.int32))
+    return Nearest(np.concatenate([d for d, _ in found]), np.concatenate([p for _, p in found]))
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
+
+
+def _block(
+    stack: PairStack, surfaces: Surfaces, meshes: list[Mesh], q: Array, asked: Bools, cap: float
+) -> tuple[Array, NDArray[np.int32]]:
+    rows = Rows(stack, q)
+    best, which = np.full(len(q), cap), np.full(len(q), -1, np.int32)
+    bound = np.where(asked, rows.bound, np.inf)
+    least = _narrowed(_Measure(stack, surfaces, meshes, rows), bound, cap)
+    for p in np.argsort(np.median(bound, axis=0), kind="stable").tolist():
+        most = np.minimum(best, least)
+        if (bound[:, p] < most).any():
+            d = _Measure(stack, surfaces, meshes, rows).at(p, np.arange(len(q)), bound[:, p], most)[0]
+            nearer = d < best
+            best[nearer], which[nearer] = d[nearer], p
+    return best, which
+
+
+def _narrowed(measure: _Measure, bound: Array, cap: float) -> Array:
+    """(S,) m, a bound above the least distance, from every STATION-th row; ``bound`` (S, P) below is raised in place.
+
+    No distance changes by more than the bodies move.
+    """
+    count = len(bound)
+    stations = np.unique(np.append(np.arange(0, count, STATION), count - 1))
+    least = np.full(count, cap)
+    every = np.arange(count)
+    for p in np.argsort(np.median(bound, axis=0), kind="stable").tolist():
+        d, way, sound = measure.at(p, stations, bound[:, p], least)
+        known = np.flatnonzero(np.isfinite(d))
+        if not len(known) or not sound:
+            continue
+        nth = np.searchsorted(known, every)
+        for near in (known[np.minimum(nth, len(known) - 1)], known[np.maximum(nth - 1, 0)]):
+            gone = np.abs(way - way[near]) + SLACK
+            wanted = np.isfinite(bound[:, p])
+            bound[:, p] = np.where(wanted, np.maximum(bound[:, p], d[near] - gone), np.inf)
+            least = np.where(wanted, np.minimum(least, d[near] + gone), least)
+    return least
+
+
+@dataclass(frozen=True)
+class _Measure:
+    stack: PairStack
+    surfaces: Surfaces
+    meshes: list[Mesh]
+    rows: Rows
+
+    def at(self, p: int, rows: NDArray[np.intp], bound: Array, most: Array) -> tuple[Array, Array, bool]:
+        """Distances of pair p at some rows, where they can be below ``most``.
+
+        Returns:
+            (S,) m, infinite where not measured; (S,) m of motion, no point of one body moves against the other by more
+            than the difference of two of them; whether the bodies are outside each other in all of these rows.
+        """
+        (i, j), (low, high), T = self.stack.index[p], self.stack.links[p], self.rows.relative(p)
+        order = rows[bound[rows] < most[rows]]
+        if high - low == 1:  # one joint alone moves them: rows with neighbouring values of it are neighbours
+            angle = self.rows.q[:, low]
+            order = order[np.argsort(angle[order], kind="stable")]
+            way = angle * self.stack.lever(p)
+        else:
+            way = np.append(0.0, np.cumsum(self.rows.travel(p)))
+        still, moving, motion = self.meshes[i], self.meshes[j], T
+        if len(still.corners) < len(moving.corners):  # the smaller one is moved, at every row
+            still, moving, motion = moving, still, inverse(T)
+        d, fresh = follow(
+            still.corners, still.normals, still.low, still.high, still.child, still.first, still.count, still.order,
+            moving.corners, moving.normals, moving.child, moving.first, moving.count, moving.order,
+            order, np.ascontiguousarray(motion), way, bound, most,
+        )  # fmt: skip
+        if any(self.surfaces.contained((i, j), T[n]) for n in np.flatnonzero(fresh & (d > 0.0)).tolist()):
+            for n in order.tolist():  # the distance of the surfaces proves nothing for the rows between
+                within = self.surfaces.contained((i, j), T[n])
+                d[n] = 0.0 if within else max(self.surfaces.distance((i, j), T[n]), 0.0)
+            return d, way, False
+        return d, way, True

@@ -1,0 +1,323 @@
+"""Least distance between two triangle surfaces that move against each other, row after row (compiled).
+
+Both surfaces have a tree of boxes along common axes. The smaller one is moved into the other's frame and its boxes are
+drawn anew, so that boxes are compared by six subtractions (van den Bergen 1997); the two trees are gone down together,
+the nearer boxes first, and left where they are farther apart than the least distance found. That begins with the
+distance of the two triangles that were the nearest in the row before: along a path they mostly still are, or nearly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.model.bodies import Body
+from machopt.model.compiled import compiled
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+LEAF = 4  # triangles in a box that is not divided any more
+DEPTH = 512  # pairs of boxes waiting on the way down the trees
+GUARD = 1e-9  # m, by which sums of motions may be off
+TIE = 1e-12  # m, by which equal distances may differ in their last digits
+FLAT = 1e-24  # m⁴, squared double area below which a triangle is a line
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A body's triangles and the boxes around them."""
+
+    corners: Array  # (F, 3, 3) m, in base_link at q = 0
+    normals: Array  # (F, 3) of unit length, zero where a triangle is a line
+    low: Array  # (B, 3) m, of each box
+    high: Array  # (B, 3)
+    child: Ints  # (B,) the first of two boxes inside, −1 for none
+    first: Ints  # (B,) its triangles in ``order``
+    count: Ints  # (B,)
+    order: Ints  # (F,)
+
+
+def mesh_of(body: Body) -> Mesh:
+    """Boxes around a body's triangles."""
+    corners = np.ascontiguousarray(body.vertices[body.faces])
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = np.linalg.norm(normals, axis=1, keepdims=True)
+    return Mesh(corners, np.where(size**2 > FLAT, normals / np.maximum(size, 1e-300), 0.0), *_boxes(corners))
+
+
+def _boxes(corners: Array) -> tuple[Array, Array, Ints, Ints, Ints, Ints]:
+    """Divide at the median along the longest side, level by level, down to LEAF triangles."""
+    order = np.arange(len(corners))
+    middle, least, most = corners.mean(axis=1), corners.min(axis=1), corners.max(axis=1)
+    first, count = np.zeros(1, np.int64), np.array([len(corners)])
+    levels: list[tuple[NDArray[Any], ...]] = []
+    boxes = 1
+    while len(first):
+        # boxes of a level do not lie side by side where one beside them is not divided: each is taken by itself
+        parts = np.repeat(np.arange(len(first)), count)
+        place = first[parts] + np.arange(len(parts)) - np.repeat(np.cumsum(count) - count, count)
+        starts = np.cumsum(count) - count
+        low = np.minimum.reduceat(least[order[place]], starts)
+        high = np.maximum.reduceat(most[order[place]], starts)
+        long = (high - low).argmax(axis=1)
+        by = np.lexsort((middle[order[place], long[parts]], parts))
+        divided = count > LEAF
+        keep = divided[parts]
+        order[place[keep]] = order[place][by][keep]
+        child = np.full(len(first), -1)
+        child[divided] = boxes + 2 * np.arange(divided.sum())
+        levels.append((low, high, child, first, count))
+        half = count[divided] // 2
+        boxes += 2 * len(half)
+        first = np.column_stack([first[divided], first[divided] + half]).ravel()
+        count = np.column_stack([half, count[divided] - half]).ravel()
+    low, high, child, first, count = (np.concatenate(of) for of in zip(*levels, strict=True))
+    return low, high, child, first, count, order
+
+
+@compiled
+def _segments(p: Array, u: Array, q: Array, v: Array, best: float, apart: Array) -> float:
+    """m² between the segments p … p + u and q … q + v (Ericson 2005, section 5.1.9), and how the second lies off the
+    first, where that is less than ``best``."""
+    rx, ry, rz = p[0] - q[0], p[1] - q[1], p[2] - q[2]
+    a = u[0] * u[0] + u[1] * u[1] + u[2] * u[2]
+    e = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    f = v[0] * rx + v[1] * ry + v[2] * rz
+    c = u[0] * rx + u[1] * ry + u[2] * rz
+    b = u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+    s = 0.0
+    if a > 0.0:
+        flat = a * e - b * b
+        if flat > 1e-14 * a * e:
+            s = min(max((b * f - c * e) / flat, 0.0), 1.0)
+    t = (b * s + f) / e if e > 0.0 else 0.0
+    if t < 0.0:
+        t = 0.0
+        s = min(max(-c / a, 0.0), 1.0) if a > 0.0 else 0.0
+    elif t > 1.0:
+        t = 1.0
+        s = min(max((b - c) / a, 0.0), 1.0) if a > 0.0 else 0.0
+    dx, dy, dz = rx + s * u[0] - t * v[0], ry + s * u[1] - t * v[1], rz + s * u[2] - t * v[2]
+    gap = dx * dx + dy * dy + dz * dz
+    if gap >= best:
+        return best
+    apart[0], apart[1], apart[2] = -dx, -dy, -dz
+    return float(gap)
+
+
+@compiled
+def _over(A: Array, n: Array, x: float, y: float, z: float) -> bool:
+    """The foot of a point on the plane of the triangle A with normal n lies inside it."""
+    for k in range(3):
+        m = (k + 1) % 3
+        ex, ey, ez = A[m, 0] - A[k, 0], A[m, 1] - A[k, 1], A[m, 2] - A[k, 2]
+        wx, wy, wz = x - A[k, 0], y - A[k, 1], z - A[k, 2]
+        if (ey * wz - ez * wy) * n[0] + (ez * wx - ex * wz) * n[1] + (ex * wy - ey * wx) * n[2] < 0.0:
+            return False
+    return True
+
+
+@compiled
+def _apart(A: Array, n: Array, B: Array) -> float:
+    """m by which the triangle B at least lies off the plane of A, whose unit normal is n; 0 where it crosses it."""
+    c = A[0, 0] * n[0] + A[0, 1] * n[1] + A[0, 2] * n[2]
+    x = B[0, 0] * n[0] + B[0, 1] * n[1] + B[0, 2] * n[2] - c
+    y = B[1, 0] * n[0] + B[1, 1] * n[1] + B[1, 2] * n[2] - c
+    z = B[2, 0] * n[0] + B[2, 1] * n[1] + B[2, 2] * n[2] - c
+    return float(max(min(x, y, z), -max(x, y, z), 0.0))
+
+
+@compiled
+def _corners(A: Array, n: Array, B: Array, sign: float, best: float, apart: Array) -> float:
+    """m² of the corners of B over the inside of A, and ``sign`` times how, where that is less than ``best``."""
+    if n[0] == 0.0 and n[1] == 0.0 and n[2] == 0.0:
+        return best
+    for k in range(3):
+        h = (B[k, 0] - A[0, 0]) * n[0] + (B[k, 1] - A[0, 1]) * n[1] + (B[k, 2] - A[0, 2]) * n[2]
+        if h * h < best and _over(A, n, B[k, 0], B[k, 1], B[k, 2]):
+            best = h * h
+            apart[0], apart[1], apart[2] = sign * h * n[0], sign * h * n[1], sign * h * n[2]
+    return best
+
+
+@compiled
+def _pierced(A: Array, n: Array, B: Array) -> bool:
+    """An edge of B goes through A."""
+    for k in range(3):
+        m = (k + 1) % 3
+        x = (B[k, 0] - A[0, 0]) * n[0] + (B[k, 1] - A[0, 1]) * n[1] + (B[k, 2] - A[0, 2]) * n[2]
+        y = (B[m, 0] - A[0, 0]) * n[0] + (B[m, 1] - A[0, 1]) * n[1] + (B[m, 2] - A[0, 2]) * n[2]
+        if x * y < 0.0:
+            f = x / (x - y)
+            if _over(A, n, B[k, 0] + f * (B[m, 0] - B[k, 0]), B[k, 1] + f * (B[m, 1] - B[k, 1]),
+                     B[k, 2] + f * (B[m, 2] - B[k, 2])):  # fmt: skip
+                return True
+    return False
+
+
+@compiled
+def triangles(A: Array, na: Array, B: Array, nb: Array, most: float, work: Array) -> tuple[float, bool]:
+    """m between two triangles (3, 3); 0 where they cross.
+
+    The least distance is that of two edges, or of a corner of one over the inside of the other. The planes of both
+    bound it from below: faces that lie parallel over each other are settled by that.
+
+    Args:
+        na, nb: (3,) their unit normals.
+        most: m; where the planes tell that the distance is not below it, their bound is returned.
+        work: (7, 3) overwritten; its last row becomes the shortest way from A to B where True is returned.
+
+    Returns:
+        The distance and True, or a bound below it and False.
+    """
+    bound = max(_apart(A, na, B), _apart(B, nb, A))
+    if bound >= most - TIE:
+        return bound, False
+    if bound == 0.0 and (_pierced(A, na, B) or _pierced(B, nb, A)):
+        work[6] = 0.0
+        return 0.0, True
+    best = _corners(B, nb, A, -1.0, _corners(A, na, B, 1.0, np.inf, work[6]), work[6])
+    for k in range(3):
+        for c in range(3):
+            work[k, c] = A[(k + 1) % 3, c] - A[k, c]
+            work[3 + k, c] = B[(k + 1) % 3, c] - B[k, c]
+    for k in range(3):
+        for m in range(3):
+            best = _segments(A[k], work[k], B[m], work[3 + m], best, work[6])
+    return float(np.sqrt(best)), True
+
+
+@compiled
+def _along(A: Array, B: Array, u: Array) -> float:
+    """m by which the triangle B lies beyond A along the unit vector u; it is farther away than that."""
+    far, near = -np.inf, np.inf
+    for k in range(3):
+        far = max(far, A[k, 0] * u[0] + A[k, 1] * u[1] + A[k, 2] * u[2])
+        near = min(near, B[k, 0] * u[0] + B[k, 1] * u[1] + B[k, 2] * u[2])
+    return float(near - far)
+
+
+@compiled
+def _move(T: Array, corners: Array, normals: Array, out: Array, turned: Array) -> None:
+    """All triangles moved by T (4, 4), and their normals."""
+    for f in range(len(corners)):
+        for v in range(3):
+            x, y, z = corners[f, v, 0], corners[f, v, 1], corners[f, v, 2]
+            for c in range(3):
+                out[f, v, c] = T[c, 0] * x + T[c, 1] * y + T[c, 2] * z + T[c, 3]
+        x, y, z = normals[f, 0], normals[f, 1], normals[f, 2]
+        for c in range(3):
+            turned[f, c] = T[c, 0] * x + T[c, 1] * y + T[c, 2] * z
+
+
+@compiled
+def _draw(corners: Array, child: Ints, first: Ints, count: Ints, order: Ints, low: Array, high: Array) -> None:
+    """The boxes around moved triangles; those inside come after the one around them."""
+    for box in range(len(child) - 1, -1, -1):
+        k = child[box]
+        for c in range(3):
+            if k >= 0:
+                low[box, c], high[box, c] = min(low[k, c], low[k + 1, c]), max(high[k, c], high[k + 1, c])
+                continue
+            lo, hi = np.inf, -np.inf
+            for m in range(first[box], first[box] + count[box]):
+                for v in range(3):
+                    lo, hi = min(lo, corners[order[m], v, c]), max(hi, corners[order[m], v, c])
+            low[box, c], high[box, c] = lo, hi
+
+
+@compiled
+def _gap(low: Array, high: Array, k: int, lo: Array, hi: Array, m: int) -> float:
+    """m² between the boxes k of one tree and m of the other."""
+    gap = 0.0
+    for c in range(3):
+        way = max(low[k, c] - hi[m, c], lo[m, c] - high[k, c], 0.0)
+        gap += way * way
+    return gap
+
+
+@compiled
+def _nearest(
+    a: Array, na: Array, low: Array, high: Array, child: Ints, first: Ints, count: Ints, order: Ints,
+    b: Array, nb: Array, lo: Array, hi: Array, inner: Ints, begin: Ints, number: Ints, sequence: Ints,
+    i: int, j: int, waiting: Ints, gaps: Array, work: Array, u: Array,
+) -> tuple[float, int, int]:  # fmt: skip
+    """m between two surfaces with boxes in one frame, and the two triangles; i and j are a first guess of these."""
+    best, _ = triangles(a[i], na[i], b[j], nb[j], np.inf, work)
+    for c in range(3):
+        u[c] = work[6, c] / best if best > 0.0 else 0.0
+    waiting[0, 0], waiting[0, 1], gaps[0], depth = 0, 0, 0.0, 1
+    while depth:
+        depth -= 1
+        k, m = waiting[depth, 0], waiting[depth, 1]
+        if best <= TIE or gaps[depth] >= (best - TIE) ** 2:
+            continue
+        if child[k] < 0 and inner[m] < 0:
+            for s in range(first[k], first[k] + count[k]):
+                for t in range(begin[m], begin[m] + number[m]):
+                    v, w = order[s], sequence[t]
+                    if _along(a[v], b[w], u) >= best - TIE:  # what is nearest shows the way in which others are farther
+                        continue
+                    d, exact = triangles(a[v], na[v], b[w], nb[w], best, work)
+                    if exact and d < best:
+                        best, i, j = d, v, w
+                        for c in range(3):
+                            u[c] = work[6, c] / best if best > 0.0 else 0.0
+            continue
+        # the box with more triangles is divided
+        if inner[m] < 0 or (child[k] >= 0 and count[k] >= number[m]):
+            k1, k2, m1, m2 = child[k], child[k] + 1, m, m
+        else:
+            k1, k2, m1, m2 = k, k, inner[m], inner[m] + 1
+        g1, g2 = _gap(low, high, k1, lo, hi, m1), _gap(low, high, k2, lo, hi, m2)
+        if g1 < g2:  # the nearer one is looked into first
+            k1, k2, m1, m2, g1, g2 = k2, k1, m2, m1, g2, g1
+        waiting[depth, 0], waiting[depth, 1], gaps[depth] = k1, m1, g1
+        waiting[depth + 1, 0], waiting[depth + 1, 1], gaps[depth + 1] = k2, m2, g2
+        depth += 2
+    return best, i, j
+
+
+@compiled
+def follow(
+    a: Array, na: Array, low: Array, high: Array, child: Ints, first: Ints, count: Ints, order: Ints,
+    b: Array, nb: Array, inner: Ints, begin: Ints, number: Ints, sequence: Ints,
+    rows: Ints, T: Array, way: Array, bound: Array, most: Array,
+) -> tuple[Array, NDArray[np.bool_]]:  # fmt: skip
+    """Distances of two surfaces at some rows, where they can be below ``most``.
+
+    Args:
+        a … order: the surface that stands still, see :class:`Mesh`.
+        b … sequence: the one that moves, quickest where it has fewer triangles.
+        rows: (K,) the rows that are asked for, quickest where the next is near the last.
+        T: (S, 4, 4) motion of b seen from a.
+        way: (S,) m: no point of b moves against a by more than the difference of two of them.
+        bound: (S,) m, known to be below the distance.
+        most: (S,) m, distances above it are of no interest.
+
+    Returns:
+        (S,) m, infinite where not measured; (S,) whether b might have gone through a since the row measured before.
+    """
+    out, fresh = np.full(len(T), np.inf), np.zeros(len(T), np.bool_)
+    moved, turned = np.empty_like(b), np.empty_like(nb)
+    lo, hi = np.empty((len(inner), 3)), np.empty((len(inner), 3))
+    waiting, gaps, work = np.empty((DEPTH, 2), np.int64), np.empty(DEPTH), np.empty((7, 3))
+    u = np.empty(3)
+    known, last, i, j = 0.0, -1, order[0], sequence[0]
+    for n in rows:
+        gone = abs(way[n] - way[last]) + GUARD if last >= 0 else np.inf
+        if bound[n] >= most[n] or (last >= 0 and known - gone >= most[n]):
+            continue
+        _move(T[n], b, nb, moved, turned)
+        _draw(moved, inner, begin, number, sequence, lo, hi)
+        d, i, j = _nearest(
+            a, na, low, high, child, first, count, order, moved, turned, lo, hi, inner, begin, number, sequence,
+            i, j, waiting, gaps, work, u,
+        )  # fmt: skip
+        fresh[n] = last < 0 or max(d, known) <= gone
+        out[n], known, last = d, d, n
+    return out, fresh

@@ -1,0 +1,75 @@
+"""Distances of triangle surfaces against fcl, and the nearest pair whatever the number of cores."""
+
+from __future__ import annotations
+
+import itertools
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from small_cell import small_cell
+
+from machopt.model import nearest
+from machopt.model.collision import CollisionModel
+from machopt.model.robot import load_chain
+from machopt.model.surfaces import Surfaces
+from machopt.model.triangles import follow, mesh_of
+from machopt.se3 import transform
+
+EXACT = 1e-11  # m, beside the rounding of fcl's own; TIE of the module is a tenth of that
+
+
+def soup(rng: np.random.Generator, count: int, size: float) -> Any:
+    """Triangles anywhere in a box; some are slivers, some lie in planes along the axes, one is a line."""
+    corners = rng.uniform(-size, size, (count, 3, 3))
+    corners[::3, :, 2] = corners[::3, :1, 2]
+    corners[1::5] = corners[1::5, :1] + 0.02 * (corners[1::5] - corners[1::5, :1]) * [1, 1, 40]
+    corners[0, 2] = corners[0, 1]
+    return SimpleNamespace(vertices=corners.reshape(-1, 3), faces=np.arange(3 * count).reshape(-1, 3))
+
+
+def test_distances_are_those_of_fcl_and_crossing_surfaces_have_none() -> None:
+    rng = np.random.default_rng(3)
+    a, b = soup(rng, 40, 0.2), soup(rng, 23, 0.1)
+    turn = Rotation.random(300, random_state=1).as_matrix()
+    T = transform(turn, rng.uniform(-0.3, 0.3, (300, 3)))
+    T[::7, :3, :3] = np.eye(3)  # planes of both lie parallel
+    x, y = mesh_of(a), mesh_of(b)
+    far, none = np.full(300, np.inf), np.full(300, -np.inf)
+    d, _ = follow(
+        x.corners, x.normals, x.low, x.high, x.child, x.first, x.count, x.order, y.corners, y.normals, y.child, y.first,
+        y.count, y.order, np.arange(300), T, 10.0 * np.arange(300), none, far,
+    )  # fmt: skip
+    surfaces = Surfaces([a, b])
+    theirs = np.array([max(surfaces.distance((0, 1), M), 0.0) for M in T])
+    assert 0.02 < (theirs == 0.0).mean() < 0.9
+    np.testing.assert_allclose(d, theirs, rtol=0.0, atol=EXACT)
+
+
+def test_nearest_pair_is_the_least_of_all_and_does_not_depend_on_the_cores(
+    tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell = small_cell(tmp_path)
+    robot, shapes = load_chain(cell)
+    model = CollisionModel(cell, robot, shapes, 0.0)
+    rng = np.random.default_rng(0)
+    ends = robot.lower + (robot.upper - robot.lower) * rng.random((6, 6))
+    q = np.vstack([np.linspace(a, b, 100) for a, b in itertools.pairwise(ends)])
+    cutting = np.arange(len(q)) % 3 > 0
+    found = []
+    for many in (1, 2):
+        monkeypatch.setattr(nearest, "cores", lambda many=many: many)
+        found.append(model.nearest(q, cutting))
+    np.testing.assert_array_equal(found[0].distance, found[1].distance)
+    np.testing.assert_array_equal(found[0].pair, found[1].pair)
+    poses = robot.link_poses(q)
+    for n in range(0, len(q), 61):
+        every = []
+        for pair, (i, j), (low, high) in zip(model.pairs, model.stack.index, model.stack.links, strict=True):
+            T = np.linalg.inv(poses[n, low]) @ poses[n, high]
+            within = model.surfaces.contained((i, j), T)
+            d = 0.0 if within else max(model.surfaces.distance((i, j), T), 0.0)
+            every.append(np.inf if pair.unless_cutting and cutting[n] else d)
+        assert found[0].distance[n] == pytest.approx(min([*every, nearest.CAP]), abs=EXACT)
