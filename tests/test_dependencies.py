@@ -79,7 +79,7 @@ def own(folder: str) -> set[str]:
     [
         ("machopt", ("parquet",)),
         ("tests", ("parquet", "dev", "compare")),
-        ("benchmarks", ("parquet", "dev")),
+        ("benchmarks", ("parquet", "dev", "compare")),
         ("cells", ()),
         ("toolpaths", ()),
     ],
