@@ -201,6 +201,7 @@ def _summary(result: dict[str, Any], report: Path) -> list[str]:
             mean, worst = (_in_words(result, o[key]) for key in ("mean", "worst"))
             lines.append(f"  {name:12} mean {mean}, worst {worst}   (objective {o['total']:.3f})")
     lines += _gain_lines(result)
+    lines += _certificate_lines(result)
     worst = result["worst_point"]
     if worst:
         known = math.isfinite(worst["deflection_mm"])
@@ -258,6 +259,19 @@ def _gain_lines(result: dict[str, Any]) -> list[str]:
         if not gain["distinguishable"]:
             lines.append("    less than rounding or the stiffness model's own uncertainty: not distinguishable")
     return lines
+
+
+def _certificate_lines(result: dict[str, Any]) -> list[str]:
+    """How far from the best the plan can be, on the grid of rotations that was searched."""
+    search, step = result["objective"]["search"], result["options"]["rotation_step_deg"]
+    if search is None:
+        return []
+    total, beyond = result["objective"]["chosen"]["total"], search["beyond_grid_percent"]
+    return [
+        f"  objective {total:.4f}; no sequence on the {step:g}° grid is below {search['lower_bound']:.4f} (found "
+        f"{search['sequence']:.4f}, gap {search['gap_percent']:.2f} %), off the grid {abs(beyond):.2f} % "
+        f"{'less' if beyond >= 0 else 'more'}"
+    ]
 
 
 def _in_words(result: dict[str, Any], cost: float) -> str:

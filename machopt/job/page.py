@@ -16,6 +16,7 @@ from machopt.formats.options import without_effect
 from machopt.job.points import PointResults, reason_of
 from machopt.job.posts import Written
 from machopt.plan.breaks import place
+from machopt.plan.certificate import certificate
 from machopt.plan.compensate import residual
 from machopt.plan.explain import all_breaks, gamma, help_of, hints, shortfall_of
 from machopt.plan.mapped import Mapped, mapped
@@ -142,8 +143,13 @@ def _summary(
             page.Gain(_YARDSTICKS[g.over], g.mean, g.std, g.interval, g.distinguishable)
             for g in gains(plan) if g.over != plan.chosen_from
         ),
-        shift=_shift(plan) if feasible else None,
+        shift=_shift(plan) if feasible else None, certificate=_certificate(plan),
     )  # fmt: skip
+
+
+def _certificate(plan: Plan) -> page.Certificate | None:
+    found = certificate(plan)
+    return None if found is None else page.Certificate(found.objective, found.bound, found.gap, found.beyond)
 
 
 def _shift(plan: Plan) -> page.Shift | None:

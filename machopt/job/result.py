@@ -20,6 +20,7 @@ from machopt.job.scope import done, not_run
 from machopt.output.hashes import sha256_of
 from machopt.output.manifest import listed
 from machopt.plan.breaks import Break
+from machopt.plan.certificate import certificate
 from machopt.plan.compensate import residual
 from machopt.plan.explain import all_breaks, help_of, hints
 from machopt.plan.pipeline import Plan, Scored
@@ -155,11 +156,12 @@ def _objective(scored: Scored) -> dict[str, object]:
 
 
 def _search(the_plan: Plan) -> dict[str, object] | None:
-    """How good the best sequence found over the grid is at least; null where it has breaks or gaps to go round."""
-    total, bound = the_plan.choice.total, the_plan.choice.bound
-    if not np.isfinite(total) or the_plan.choice.broken:
+    """How good the plan is at least, against the grid; null where it has breaks or gaps to go round."""
+    found = certificate(the_plan)
+    if found is None:
         return None
-    return {"sequence": total, "lower_bound": bound, "gap_percent": 100.0 * (1.0 - bound / total) if total > 0 else 0.0}
+    return {"sequence": found.sequence, "lower_bound": found.bound, "gap_percent": 100.0 * found.gap,
+            "beyond_grid_percent": 100.0 * found.beyond}  # fmt: skip
 
 
 def _gain(gain: Gain) -> dict[str, object]:

@@ -254,6 +254,9 @@ def _objective(t: Told) -> Iterable[str]:
         yield from near("objective.search.gap_percent", search["gap_percent"], gap, DIGITS, DIGITS)
         if not 0.0 <= search["lower_bound"] <= search["sequence"] * (1 + DIGITS):
             yield "objective.search.lower_bound is not between nothing and the sequence"
+        grid = parts["grid"]["total"]
+        beyond = 100.0 * (1.0 - parts["chosen"]["total"] / grid) if grid > 0 else 0.0
+        yield from near("objective.search.beyond_grid_percent", search["beyond_grid_percent"], beyond, DIGITS, 1e-7)
     own = parts["chosen"]
     cost = Points.read(t).cost(t)
     if own["worst"] is not None and np.isfinite(cost).any():

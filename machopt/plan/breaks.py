@@ -2,7 +2,7 @@
 
 A break into station s is looked at from every configuration that a continuous way reaches at the station before: each
 of their continuations (the same branch where branches are kept, a rotation within the window, joints within
-:data:`machopt.plan.sequence.JUMP`) has its own reason why it cannot be taken. Told is the reason that most of them
+:func:`machopt.plan.sequence.jump`) has its own reason why it cannot be taken. Told is the reason that most of them
 have, with the joint or the bodies that come nearest to allowing it.
 """
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from machopt.domain.reason import Reason
 from machopt.plan.candidates import Candidates
 from machopt.plan.path import Path
-from machopt.plan.sequence import JUMP
+from machopt.plan.sequence import jump
 from machopt.se3 import wrap
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ class _Tally:
 def _break(path: Path, setup: Setup, c: Candidates, found: Found, s: int) -> Break:
     st, choice = path.stations, found.choice
     before, after = float(path.index[st[s - 1]]), float(path.index[st[s]])
-    tally = _continuations(setup, c, found, s)
+    tally, largest = _continuations(setup, c, found, s), jump(c.stable)
 
     def made(
         code: Code, text: str, joint: int = 0, value: float = np.nan, limit: float = np.nan, pair: str = ""
@@ -133,16 +133,18 @@ def _break(path: Path, setup: Setup, c: Candidates, found: Found, s: int) -> Bre
             return made("collision", f"{pair} touch or come nearer than the clearance on the way ({of})", pair=pair)
         return made("no_pose", f"between the two no pose of the same configuration is within limits and margins ({of})")
     if np.isfinite(tally.jump[0]):
-        return _jump(before, after, tally.jump[1], tally.jump[0], JUMP)
+        return _jump(before, after, tally.jump[1], tally.jump[0], largest)
     reached, there = _rotations(choice.reached, c, s)
     gap = np.abs(wrap(reached[:, None] - there[None, :]))
     if gap.size and path.plunge[st[s]] and gap.min() > 1e-6:
         v = float(np.degrees(gap.min()))
         return made("rotation", f"the rotation is kept along a plunge, and none works at both ends (the nearest are "
                     f"{v:.1f}° apart)", value=v, limit=0.0)  # fmt: skip
-    if gap.size and gap.min() > JUMP:
+    if gap.size and gap.min() > largest:
         v = float(np.degrees(gap.min()))
-        return made("rotation", f"the rotations that work are {v:.0f}° apart", value=v, limit=float(np.degrees(JUMP)))
+        return made(
+            "rotation", f"the rotations that work are {v:.0f}° apart", value=v, limit=float(np.degrees(largest))
+        )
     return made("configuration", "what works here is another configuration of the arm than what works before")
 
 
@@ -156,7 +158,7 @@ def _continuations(setup: Setup, c: Candidates, found: Found, s: int) -> _Tally:
     _, R, B, T = c.feasible.shape
     reached = found.choice.reached
     alive = np.zeros((R, B, T), bool) if reached is None else reached[s - 1].reshape(R, B, T)
-    window = max(int(JUMP / (2 * np.pi / R)), 1)
+    window = max(int(jump(c.stable) / (2 * np.pi / R)), 1)
     tally = _Tally(Counter(), Counter())
     for bu in range(B):
         if not alive[:, bu].any():
@@ -170,7 +172,7 @@ def _continuations(setup: Setup, c: Candidates, found: Found, s: int) -> _Tally:
                     why = Reason(int(c.reason[s, target[r], b]))
                     if why in (Reason.BOUNDS, Reason.UNREACHABLE):
                         continue
-                    if size[r] > JUMP:
+                    if size[r] > jump(c.stable):
                         if why == Reason.OK and size[r] < tally.jump[0]:
                             tally.jump = (float(size[r]), int(np.abs(step[r]).argmax()))
                         continue

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from machopt.domain.options import PlanOptions
 from machopt.plan.candidates import Candidates
 from machopt.plan.caps import Capped, Traded, trade
-from machopt.plan.objective import Terms, node_price, preference
+from machopt.plan.objective import AXIS_SPEED, Terms, node_price, preference
 from machopt.plan.path import Path
 from machopt.plan.score import Scores
 from machopt.plan.sequence import cheapest_sequence
@@ -24,8 +24,8 @@ from machopt.se3 import wrap
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
-TURNING = 0.5  # share of the slowest axis's velocity limit that rotation about the tool axis may take
-MAX_TURN = np.radians(45.0)  # of the rotation between neighbouring stations
+TURNING = AXIS_SPEED  # share of the slowest axis's velocity limit that rotation about the tool axis may take
+MAX_TURN = np.radians(80.0)  # of the rotation between neighbouring stations
 FREE, LIFT = -1, -2
 _LARGE = 1e300  # a limit that no sequence meets: with one, breaks are no answer
 

@@ -33,6 +33,7 @@ from machopt.plan.candidates import Arm, Candidates, enumerate_candidates
 from machopt.plan.check import Checker, PathCheck
 from machopt.plan.choose import Choice, choose
 from machopt.plan.compensate import Compensation, rescored
+from machopt.plan.nested import best_of_nested
 from machopt.plan.objective import Objective, objective
 from machopt.plan.path import Path, build_path
 from machopt.plan.realise import Assignment, realise
@@ -257,7 +258,7 @@ def _searched(
 
     search = Search(path, candidates, scores, setup.cell.limits.velocity[:6], options, checker, clock.switch)
     try:
-        return search.run(prefer_grid)
+        return best_of_nested(search, search.run(prefer_grid), lambda a: scored(a).objective.total)
     finally:
         clock.switch(None)
 

@@ -38,7 +38,7 @@ from machopt.plan.path import Path
 from machopt.plan.realise import Assignment, realise
 from machopt.plan.rechoose import Chooser
 from machopt.plan.score import Scores
-from machopt.plan.sequence import JUMP
+from machopt.plan.sequence import jump
 from machopt.plan.smooth import Smoothed, follow_grid, smooth
 from machopt.se3 import wrap
 
@@ -340,7 +340,7 @@ class Search:
         c, st = self.candidates, self.path.stations
         qa = c.q[s - 1, ru, bu]
         qb = qa + wrap(c.q[s, r, b] - qa)
-        if not np.abs(qb - qa).max() <= JUMP:
+        if not np.abs(qb - qa).max() <= jump(c.stable):
             return []  # no way by itself; nothing to strike out
         every = [int(t) for t in np.flatnonzero(c.feasible[s - 1, ru, bu])]
         rows = np.arange(st[s - 1], st[s] + 1)

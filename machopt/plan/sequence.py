@@ -16,8 +16,18 @@ from machopt.plan.objective import edge_price_compiled, late_compiled
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
-JUMP = np.radians(40.0)  # largest joint step between neighbouring stations that still counts as continuous
+JUMP = np.radians(80.0)  # largest joint step between neighbouring stations that still counts as continuous
+GUESSED = np.radians(40.0)  # the same where branches are told apart by it alone
 GROUP = 6  # rotations whose vertices are bounded together where a rapid move comes from any of them
+
+
+def jump(stable: bool) -> float:
+    """Largest joint step (rad) of a continuous way between neighbouring stations.
+
+    Inside a branch whose index is an assembly mode every way that keeps the margins to the singularities is
+    continuous, however far the tool turns; other solvers' branches are followed by the step itself.
+    """
+    return float(JUMP if stable else GUESSED)
 
 
 @compiled
@@ -117,6 +127,7 @@ def cheapest_sequence(
     last = -1  # last kept station
     twopi = 2 * np.pi
     step_r = twopi / R
+    largest = JUMP if stable else GUESSED
     usable = np.zeros((S, R, B), np.bool_)
     to_go = np.zeros(S + 1)  # the nodes from a station on cost at least this much
     for s in range(S - 1, -1, -1):
@@ -226,7 +237,7 @@ def cheapest_sequence(
                                     break
                                 whole = round(apart / twopi)
                                 d = abs(apart - twopi * whole)
-                                if d > JUMP:
+                                if d > largest:
                                     code = -1
                                     break
                                 step += d

@@ -50,6 +50,16 @@ class Shift:
 
 
 @dataclass(frozen=True)
+class Certificate:
+    """How far from the best the plan can be; values of the objective."""
+
+    objective: float
+    bound: float  # no sequence over the grid has less
+    gap: float  # share that a better sequence over the grid could save at most
+    beyond: float  # share saved by leaving the grid; negative: lost
+
+
+@dataclass(frozen=True)
 class Summary:
     """What did I gain, and is it safe? NaN for what was not computed."""
 
@@ -64,6 +74,7 @@ class Summary:
     mean_chosen: float
     gains: tuple[Gain, ...] = ()  # of the mean, over each yardstick
     shift: Shift | None = None
+    certificate: Certificate | None = None
     feed_held: float = float("nan")  # share 0…1 of the cutting time at the programmed feed
     cycle_time: float = float("nan")  # s
     cutting_time: float = float("nan")  # s

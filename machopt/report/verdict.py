@@ -85,6 +85,12 @@ def cards(data: ReportData) -> list[Card]:
     if s.shift is not None:
         left = f"mean {FINE_LENGTH.text(s.shift.mean)}, leaves {_at_least(s.shift.left_mean)} on average"
         out.append(Card("compensated by up to", FINE_LENGTH.text(s.shift.worst), "mm", left))
+    if s.certificate is not None:
+        c = s.certificate
+        more = (
+            f"no sequence on the grid below {c.bound:.4f}: gap {100 * c.gap:.2f} %; off the grid {percent(-c.beyond)}"
+        )
+        out.append(Card("objective", f"{c.objective:.4f}", "", more))
     if math.isfinite(s.feed_held):
         dips = counted(len(data.dips), "dip") if data.dips else "no dips"
         out.append(Card("feed held", SHARE.text(s.feed_held), "%", dips))

@@ -1,0 +1,43 @@
+"""How good the plan is at least: its objective against what no sequence over the grid undercuts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.plan.pipeline import Plan
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Values of J (:mod:`machopt.plan.objective`).
+
+    The bound holds for every sequence over the grid of rotations, branches and turns, by the prices of the search:
+    where stations lie closer in time than a grid step of rotation takes, a step has the time since the last one. The
+    smooth curve lies between the grid's steps and may be below it.
+    """
+
+    objective: float  # of the plan as it is driven
+    sequence: float  # of the best sequence found over the grid
+    bound: float  # no sequence over the grid has less
+    grid: float  # of that sequence as a plan, point by point
+
+    @property
+    def gap(self) -> float:
+        """Share of ``sequence`` that another sequence could save at most."""
+        return 1.0 - self.bound / self.sequence if self.sequence > 0 else 0.0
+
+    @property
+    def beyond(self) -> float:
+        """Share that the plan saves against the grid's own sequence; negative where it costs more."""
+        return 1.0 - self.objective / self.grid if self.grid > 0 else 0.0
+
+
+def certificate(plan: Plan) -> Certificate | None:
+    """The certificate of a plan; None where its path has gaps or breaks to go round, or was not searched."""
+    c = plan.choice
+    values = (plan.chosen.objective.total, c.total, c.bound, plan.grid.total)
+    if plan.found is None or c.broken or not np.isfinite(values).all():
+        return None
+    return Certificate(*values)

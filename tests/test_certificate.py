@@ -1,0 +1,133 @@
+"""The certificate: never wrong on problems small enough for every sequence, and more freedom never makes it worse."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path as FilePath
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from small_cell import small_cell
+from test_choose import VELOCITY, every_sequence, random_problem
+from test_path import Rows, toolpath
+
+from machopt.domain.options import PlanOptions, Weights
+from machopt.domain.stiffness import Stiffness
+from machopt.domain.toolpath import Move
+from machopt.plan import pipeline
+from machopt.plan.caps import GAP
+from machopt.plan.certificate import certificate
+from machopt.plan.choose import choose
+from machopt.plan.nested import strides, thinned
+from machopt.plan.pipeline import Plan, plan
+
+EXACT = 1e-12  # of J: rounding
+CURVES = 5e-3  # of J: a smooth curve is a local optimum beside the grid's exact one
+weights = st.builds(
+    Weights, mean=st.floats(0.1, 2.0), worst=st.floats(0.0, 4.0), travel=st.floats(0.0, 0.5),
+    rotation=st.floats(0.0, 0.5), feed=st.floats(0.0, 4.0),
+)  # fmt: skip
+seeds = st.integers(0, 10**6)
+rapids = st.sampled_from([(0, 3), (0,), (0, 2, 4)])
+
+
+@given(seeds, rapids, weights)
+@settings(max_examples=60, deadline=None)
+def test_bound_and_choice_against_every_sequence(seed: int, rapid: tuple[int, ...], priced: Weights) -> None:
+    path, candidates, scores = random_problem(seed, rapid)
+    options = PlanOptions(weights=priced, preferred_rotation=0.4)
+    every = (t + priced.worst * w for t, w, _ in every_sequence(path, candidates, scores, options))
+    ideal, choice = min(every, default=None), choose(path, candidates, scores, VELOCITY, options)
+    if ideal is None:
+        assert choice.broken
+        return
+    assert choice.bound <= ideal * (1 + EXACT)
+    assert ideal * (1 - EXACT) <= choice.total <= ideal * (1 + 1.01 * GAP)
+
+
+@given(seeds, rapids, weights, st.data())
+@settings(max_examples=60, deadline=None)
+def test_more_freedom_never_costs(seed: int, rapid: tuple[int, ...], priced: Weights, data: st.DataObject) -> None:
+    """Rotations or branches struck out, as by a narrower range or a coarser grid: what is left is never better."""
+    path, candidates, scores = random_problem(seed, rapid)
+    options = PlanOptions(weights=priced)
+    rotations = data.draw(st.sets(st.integers(0, 3), min_size=1))
+    branches = data.draw(st.sets(st.integers(0, 1), min_size=1))
+    mask = np.zeros((4, 2), bool)
+    mask[np.ix_(sorted(rotations), sorted(branches))] = True
+    narrow = replace(candidates, feasible=candidates.feasible & mask[None, :, :, None])
+    few, many = (choose(path, c, scores, VELOCITY, options) for c in (narrow, candidates))
+    if few.broken or few.dropped.any():
+        return
+    assert not many.broken
+    assert many.total <= few.total * (1 + 1.01 * GAP)
+    assert many.bound <= few.total * (1 + EXACT)
+
+
+def test_coarser_grids_are_those_of_every_kth_rotation() -> None:
+    assert strides(36) == []  # 10°
+    assert strides(72) == [2]
+    assert strides(180) == [2, 3, 4, 5]
+    assert strides(360) == [2, 3, 4, 5, 6, 8, 9, 10]
+    _, candidates, scores = random_problem(0)
+    coarse, priced = thinned(candidates, scores, 2)
+    np.testing.assert_array_equal(coarse.q, candidates.q[:, [0, 2]])
+    np.testing.assert_array_equal(priced.cost, scores.cost[:, [0, 2]])
+    assert priced.scale == scores.scale
+
+
+# --- whole plans ---------------------------------------------------------------------------------------------------
+
+
+def one_scale(monkeypatch: pytest.MonkeyPatch, scale: float = 1e-6) -> None:
+    """c₀ is the median over the candidates, so that grids and ranges have each their own; here all have one."""
+    told = pipeline.score_candidates
+    monkeypatch.setattr(pipeline, "score_candidates", lambda *a: replace(told(*a), scale=scale))
+
+
+def planned(folder: FilePath, rows: Rows, priced: Weights, step: float, reach: float = 180.0) -> Plan:
+    cell = small_cell(folder, stiffness=Stiffness(np.array([1.4e6, 4.0e5, 9.4e5, 3.6e5, 3.7e5, 3.8e5])))
+    options = PlanOptions(weights=priced, rotation_step=math.radians(step), collision=False,
+                          rotation_range=(-math.radians(reach), math.radians(reach)))  # fmt: skip
+    return plan(cell, toolpath(rows, feed=0.01), options)
+
+
+@st.composite
+def jobs(draw: st.DrawFn) -> Rows:
+    """A rapid move and up to nine cuts over the block, the tool leaning this way and that."""
+    rng = np.random.default_rng(draw(seeds))
+    n = draw(st.integers(3, 10))
+    along = np.cumsum(rng.uniform(0.005, 0.02, n))
+    lean = rng.uniform(-0.3, 0.3, (2, 1)) + np.cumsum(rng.normal(size=(2, n)) * 0.03, axis=1)
+    axis = np.column_stack([lean[0], lean[1], np.ones(n)])
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    y = draw(st.floats(-0.2, 0.2))
+    return [((float(along[k]) - 0.1, y, 0.02), tuple(axis[k]), Move.RAPID if k == 0 else Move.CUT) for k in range(n)]
+
+
+@given(jobs(), st.floats(0.1, 2.0), st.sampled_from([(10.0, 5.0), (20.0, 10.0), (10.0, 2.0)]))
+@settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_refining_and_widening_never_make_the_plan_worse(
+    tmp_path: FilePath, rows: Rows, worst: float, steps: tuple[float, float]
+) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        one_scale(patch)
+        priced = Weights(worst=worst)
+        coarse, fine, narrow = (
+            planned(tmp_path, rows, priced, step, reach)
+            for step, reach in ((steps[0], 180.0), (steps[1], 180.0), (steps[1], 60.0))
+        )
+    if not np.isfinite(coarse.chosen.objective.total):
+        return
+    J = fine.chosen.objective.total
+    exact = steps[0] <= 10.0  # coarser grids are not looked at again
+    assert coarse.chosen.objective.total * (1 + (1e-6 if exact else CURVES)) >= J
+    assert narrow.chosen.objective.total * (1 + CURVES) >= J
+    found = certificate(fine)
+    assert found is not None
+    assert 0.0 <= found.gap <= 1.01 * GAP
+    assert found.objective <= found.grid * (1 + EXACT)
+    assert found.bound <= found.grid * (1 + EXACT)
