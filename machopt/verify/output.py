@@ -106,7 +106,8 @@ def _clearance(
     told = table.points.numbers["clearance_mm"][rows]
     if not options.collision:
         extra = np.where(np.isnan(told), 0.0, np.inf)
-        return [worst(name, "mm", extra, 0.0, table.where(rows))] if len(rows) else []
+        places = [f"{at} has one, but collisions are switched off" for at in table.where(rows)]
+        return [worst(name, "mm", extra, 0.0, places)] if len(rows) else []
     if not len(rows):
         return []
     if np.isnan(told).any():
