@@ -275,3 +275,16 @@ def test_joint_positions_that_the_arm_cannot_take_are_named() -> None:
     finding = found(replace(record, q=q))["outside_limits"]
     assert finding.rows == (4,)
     assert "line 6: joint 2 stands outside its limits" in finding.message
+
+
+def test_one_factor_on_every_joint_that_a_unit_makes_is_told() -> None:
+    """Pounds (4.4) lie within what stiffness is off by; that all joints are off alike gives them away."""
+    from machopt.identify.units import same_factor
+
+    said = same_factor(TRUE_K / 4.448 * np.array([1.0, 1.1, 0.95, 1.0, 1.05, 1.0]), TRUE_K)
+    assert said is not None
+    assert "pounds" in said
+    assert "kilograms" in str(same_factor(TRUE_K[:3] / 9.81, TRUE_K[:3]))
+    assert same_factor(TRUE_K / 4.448 * np.array([1.0, 1.6, 0.95, 1.0, 1.05, 0.7]), TRUE_K) is None  # each its own
+    assert same_factor(TRUE_K * 1.1, TRUE_K) is None  # alike, as it should be
+    assert same_factor(TRUE_K[:2] / 4.448, TRUE_K[:2]) is None  # two say little

@@ -30,6 +30,7 @@ SUSPECTS = {  # displacement per load as read, per what it is
     "loads in kilograms": 9.80665, "loads in pounds": 4.44822, "loads in kilonewtons": 1e3,
 }  # fmt: skip
 THOUSANDS = ("displacements in metres", "displacements in micrometres", "loads in kilonewtons")
+ALIKE, LEAST_ALIKE = 1.2, 3  # factor between joints, and from a unit's; joints that say so
 NEAR_SUSPECT = 2.2  # factor: stiffness is rarely known better beforehand
 
 
@@ -152,6 +153,30 @@ def _ratio(e: Experiment, stiffness: Array, rows: slice) -> float:
     if not predicted.any() or not e.measured[:, rows].any():
         return float("nan")
     return float(start(predicted[:, :, None], e.measured[:, rows], load)[0])
+
+
+def same_factor(found: Array, prior: Array) -> str | None:
+    """A warning where every joint differs from the cell's stiffness by one factor, and a unit makes that factor.
+
+    Joints that are softer or stiffer than believed differ each by its own; a load in pounds changes all alike.
+
+    Args:
+        found: (n,) N·m/rad of the identified joints.
+        prior: (n,) the cell's.
+    """
+    if len(found) < LEAST_ALIKE:
+        return None
+    logs = np.log(prior / found)
+    ratio = float(np.exp(np.median(logs)))
+    if float(np.abs(logs - np.median(logs)).max()) > np.log(ALIKE):
+        return None
+    units = [name for name, value in SUSPECTS.items() if abs(float(np.log(ratio / value))) < np.log(ALIKE)]
+    if not units:
+        return None
+    return (
+        f"all {len(found)} identified joints have {_times(1.0 / ratio)} the cell's stiffness, as {' or '.join(units)} "
+        "would make it; check the units of load and displacement"
+    )
 
 
 def _off(ratio: float, factor: float) -> bool:

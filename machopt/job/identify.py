@@ -26,6 +26,7 @@ from machopt.identify.options import IdentifyOptions
 from machopt.identify.pipeline import identify
 from machopt.identify.result import Identification
 from machopt.identify.uncertainty import uncertainty
+from machopt.identify.units import same_factor
 from machopt.job.identify_page import page_of
 from machopt.job.inputs import input_hashes, recording_inputs
 from machopt.job.manifest import write_command_manifest
@@ -208,7 +209,7 @@ def result_of(request: Request, cell: Cell, recording: Recording, found: Identif
             {"code": f.code, "severity": f.severity, "message": f.message, "rows": [r + 1 for r in f.rows]}
             for f in found.findings
         ],
-        "warnings": [*cell.warnings, *recording.warnings, *found.warnings],
+        "warnings": [*cell.warnings, *recording.warnings, *found.warnings, *_alike(found, cell)],
         "notes": [*found.notes, *([found.why_model] if found.why_model else [])],
         "options": {
             "model": request.model, "fit": list(request.terms), "geometric": request.geometric, "plain": request.plain,
@@ -269,3 +270,12 @@ def _facts(result: dict[str, Any]) -> tuple[tuple[str, str], ...]:
     rows += [("note", text) for text in result["notes"]]
     rows += list(result["inputs"].items())
     return tuple(rows)
+
+
+def _alike(found: Identification, cell: Cell) -> list[str]:
+    """What stiffnesses that all differ by one factor from the cell's say of the record's units."""
+    if cell.stiffness is None:
+        return []
+    known = [j for j in found.joints if j.identified]
+    said = same_factor(np.array([j.k for j in known]), cell.stiffness.joints[[j.joint - 1 for j in known]])
+    return [said] if said else []
