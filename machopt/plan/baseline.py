@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
 from machopt.model.collision import CollisionModel
+from machopt.model.compiled import compiled
 from machopt.model.elastic import ArmElasticity
 from machopt.model.ik import branch_reasons
 from machopt.plan.candidates import Arm
@@ -24,7 +25,10 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 STEP = np.radians(10.0)  # Δθ of eq. 26
 LEAST_TILT = np.radians(30.0)  # a tool axis nearer to base z leaves the roll about it without a meaning
-JUMP = np.radians(60.0)  # a larger joint step between neighbouring points is a change of configuration
+JUMP = float(np.radians(60.0))  # a larger joint step between neighbouring points is a change of configuration
+
+TURN = 2.0 * np.pi
+OK, LIMIT, UNREACHABLE, NO_PATH = (int(r) for r in (Reason.OK, Reason.LIMIT, Reason.UNREACHABLE, Reason.NO_PATH))
 
 
 def cam_default(path: Path, arm: Arm, home: Array) -> Assignment:
@@ -171,31 +175,72 @@ def _follow(path: Path, arm: Arm, phi: Array, home: Array) -> Assignment:
     branches = arm.solver.solve(poses)
     why = branch_reasons(branches, arm.margins)
     P = len(every)
-    q, branch = np.full((P, 6), np.nan), np.full(P, -1, np.int32)
-    reason = np.full(P, Reason.UNREACHABLE, np.uint8)
-    last = home
-    starts = {first for first, _ in path.runs}
-    span = 2 * np.pi
-    for p in range(P):
-        near = branches.q[p] + span * np.round((last - branches.q[p]) / span)  # the turn continuity asks for
-        with np.errstate(invalid="ignore"):
-            inside = ((near >= arm.lower) & (near <= arm.upper)).all(axis=-1)
-            if p in starts and not (inside & (why[p] == Reason.OK)).any():  # after a rapid move any turn will do
-                turned = branches.q[p][:, None] + arm.turns
-                fits = ((turned >= arm.lower) & (turned <= arm.upper)).all(axis=-1)
-                near = turned[np.arange(len(turned)), fits.argmax(axis=1)]
-                inside = fits.any(axis=1)
-        ok = inside & (why[p] == Reason.OK)
-        step = np.where(ok, np.abs(near - last).max(axis=-1), np.inf)
-        b = int(step.argmin())
-        if not ok.any():
-            exists = why[p] != Reason.UNREACHABLE
-            reason[p] = max(int(why[p].max()), int(Reason.LIMIT)) if exists.any() else Reason.UNREACHABLE
-            continue
-        reason[p] = Reason.OK if p in starts or step[b] < JUMP else Reason.NO_PATH
-        q[p], branch[p], last = near[b], b, near[b]
+    starts = np.zeros(P, bool)
+    starts[[first for first, _ in path.runs]] = True
+    q, branch, reason = _nearest_to_last(branches.q, why, starts, arm.turns, arm.lower, arm.upper, home)
     rows = np.arange(P)
     margin = {
         n: np.where(branch >= 0, getattr(branches, n)[rows, branch], np.nan) for n in ("shoulder", "elbow", "wrist")
     }
     return Assignment(phi=phi, q=q, branch=branch, reason=reason, **margin)
+
+
+@compiled
+def _nearest_to_last(
+    every: Array, why: NDArray[np.uint8], starts: NDArray[np.bool_], turns: Array, lower: Array, upper: Array,
+    home: Array,
+) -> tuple[Array, Ints, NDArray[np.uint8]]:  # fmt: skip
+    """Per point the feasible configuration nearest to the one before: q (P, 6), its branch, the reason where none is.
+
+    Args:
+        every: (P, B, 6) rad, all branches of a point, NaN where there is none.
+        why: (P, B) of each.
+        starts: (P,) a rapid move ends here: any turn of the joints will do where the nearest does not fit.
+        turns: (K, 6) rad, multiples of a turn; lower, upper, home (6,) rad.
+    """
+    count, branches = every.shape[0], every.shape[1]
+    q, branch = np.full((count, 6), np.nan), np.full(count, -1, np.int32)
+    reason = np.full(count, UNREACHABLE, np.uint8)
+    last, near = home.copy(), np.empty((branches, 6))
+    fits = np.zeros(branches, np.bool_)
+    for p in range(count):
+        any_fits = False
+        for b in range(branches):
+            fits[b] = why[p, b] == OK
+            for c in range(6):
+                near[b, c] = every[p, b, c] + TURN * np.round((last[c] - every[p, b, c]) / TURN)
+                fits[b] = fits[b] and lower[c] <= near[b, c] <= upper[c]
+            any_fits = any_fits or fits[b]
+        if starts[p] and not any_fits:
+            for b in range(branches):
+                fits[b] = False
+                for k in range(len(turns)):
+                    inside = why[p, b] == OK
+                    for c in range(6):
+                        x = every[p, b, c] + turns[k, c]
+                        inside = inside and lower[c] <= x <= upper[c]
+                    if inside:
+                        for c in range(6):
+                            near[b, c] = every[p, b, c] + turns[k, c]
+                        fits[b] = any_fits = True
+                        break
+        if not any_fits:
+            furthest, exists = 0, False
+            for b in range(branches):
+                furthest = max(furthest, why[p, b])
+                exists = exists or why[p, b] != UNREACHABLE
+            reason[p] = max(furthest, LIMIT) if exists else UNREACHABLE
+            continue
+        least, which = np.inf, 0
+        for b in range(branches):
+            if fits[b]:
+                step = 0.0
+                for c in range(6):
+                    step = max(step, abs(near[b, c] - last[c]))
+                if step < least:
+                    least, which = step, b
+        reason[p] = OK if starts[p] or least < JUMP else NO_PATH
+        branch[p] = which
+        for c in range(6):
+            q[p, c] = last[c] = near[which, c]
+    return q, branch, reason

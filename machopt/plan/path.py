@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.toolpath import Move, Toolpath
+from machopt.plan.carry import carried
 from machopt.se3 import normalise, wrap
 
 Array = NDArray[np.float64]
@@ -139,7 +140,7 @@ def build_path(toolpath: Toolpath, keep: tuple[int, ...] = (), *, corners: float
     length = np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)]
     plunge = joined & (length > 0) & (along >= PARALLEL * length)
     natural = _natural_reference(toolpath.reference[high], travel, axis, drilling)
-    reference = _carried(natural, axis, runs)
+    reference = carried(natural, axis, runs)
     return Path(
         index=index, position=position, axis=axis, move=toolpath.move[high], feed=toolpath.feed[high], run=run,
         time=np.cumsum(np.where(joined, seconds, 0.0)), s=s,
@@ -251,23 +252,6 @@ def _natural_reference(given: Array, travel: Array, axis: Array, drilling: NDArr
     ref = np.where(useful, own, ref)
     ref = ref - np.sum(ref * axis, axis=1, keepdims=True) * axis
     return normalise(ref)
-
-
-def _carried(natural: Array, axis: Array, runs: tuple[tuple[int, int], ...]) -> Array:
-    """Minimal-rotation transport of each run's first reference along its tool axes."""
-    out = np.array(natural)
-    for first, last in runs:
-        x = out[first]
-        for i in range(first + 1, last + 1):
-            a, b = axis[i - 1], axis[i]
-            if a is not b and not np.array_equal(a, b):
-                # the rotation a → b applied to x (Rodrigues without trigonometry; a ≈ −b cannot be transported)
-                v, c = np.cross(a, b), float(a @ b)
-                x = x + np.cross(v, x) + np.cross(v, np.cross(v, x)) / (1.0 + c) if c > -0.999 else natural[i]
-                x = x - (x @ b) * b
-                x = x / np.linalg.norm(x)
-            out[i] = x
-    return out
 
 
 def _signed_angle(a: Array, b: Array, about: Array) -> Array:
