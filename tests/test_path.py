@@ -106,6 +106,7 @@ def test_length_and_time_count_what_is_not_rapid() -> None:
 
 @pytest.mark.parametrize("stations", [1500, 60])
 def test_weights_are_the_length_cut(stations: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(path_module, "ALL_STATIONS", stations)
     monkeypatch.setattr(path_module, "MAX_STATIONS", stations)
     rows: Rows = [((0, 0, 0.05), UP, R), ((0, 0, 0.0), UP, A)]
     rows += [((x, 0, 0), UP, C) for x in (0.001, 0.002, 0.003, 0.5)] + [((0.5, 0, 0.05), UP, Move.RETRACT)]
@@ -262,6 +263,7 @@ def test_a_reference_along_the_tool_axis_does_not_spoil_the_path() -> None:
 
 
 def test_dense_paths_are_decimated_evenly_with_the_ends_of_every_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(path_module, "ALL_STATIONS", 60)
     monkeypatch.setattr(path_module, "MAX_STATIONS", 60)
     rows: Rows = []
     for k in range(4):
@@ -280,3 +282,39 @@ def test_dense_paths_are_decimated_evenly_with_the_ends_of_every_run(monkeypatch
     assert len(fixed.stations) <= len(stations) + 2
     short = build_path(toolpath(rows[:50]))
     np.testing.assert_array_equal(short.stations, np.arange(len(short.index)))
+
+
+def test_stations_follow_detail_and_not_a_count() -> None:
+    def straight(length: float, points: int) -> Rows:
+        return [((0, 0, 0.02), UP, R)] + [((x, 0, 0.0), UP, C) for x in np.linspace(0, length, points)]
+
+    def stations(rows: Rows) -> int:
+        return len(build_path(toolpath(rows)).stations)
+
+    once = stations(straight(1.0, 3000))
+    assert once == pytest.approx(1.0 / path_module.SPACING, abs=10)  # and the bend where the tool comes
+    assert stations(straight(1.0, 30_000)) == pytest.approx(once, abs=10)  # denser points are no detail
+    assert stations(straight(2.0, 3000)) == pytest.approx(2 * once, abs=10)
+    circle = [((0, 0, 0.02), UP, R)]  # a millimetre of radius: less than SPACING around
+    circle += [((0.002 * np.cos(a), 0.002 * np.sin(a), 0.0), UP, C) for a in np.linspace(0, 2 * np.pi, 3000)]
+    assert stations(circle) > 50
+    tilting = [((0, 0, 0.02), UP, R)]
+    tilting += [((1e-3 * a, 0, 0.0), (np.sin(a), 0, np.cos(a)), C) for a in np.linspace(0, 1.0, 3000)]
+    assert stations(tilting) == pytest.approx(1.0 / path_module.TILT, abs=10)
+
+
+def test_rounded_coordinates_are_no_bends() -> None:
+    x = np.arange(0, 3000) * 5e-5  # m, points 0.05 mm apart
+    rough = [((0, 0, 0.02), UP, R)] + [((a, round(0.3 * a, 6), 0.0), UP, C) for a in x]
+    exact = [((0, 0, 0.02), UP, R)] + [((a, 0.3 * a, 0.0), UP, C) for a in x]
+    assert len(build_path(toolpath(rough)).stations) <= 1.5 * len(build_path(toolpath(exact)).stations)
+
+
+def test_a_path_with_more_detail_than_there_is_room_for_keeps_its_proportions(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows: Rows = [((0, 0, 0.02), UP, R)] + [((x, 0, 0.0), UP, C) for x in np.linspace(0, 1.0, 3000)]
+    rows += [((1.0 + 0.005 * np.sin(a), 0.005 - 0.005 * np.cos(a), 0.0), UP, C) for a in np.linspace(0, 6, 3000)]
+    every = build_path(toolpath(rows)).stations
+    monkeypatch.setattr(path_module, "MAX_STATIONS", 100)
+    few = build_path(toolpath(rows)).stations
+    assert len(few) <= 110
+    assert (few > 3000).mean() == pytest.approx((every > 3000).mean(), abs=0.05)

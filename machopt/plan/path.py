@@ -2,7 +2,8 @@
 
 A *run* is a stretch without rapid moves: it starts at rest at the point a rapid move ends in and is
 traversed on straight lines. Long segments get extra points in between, so that nothing important (a limit,
-a stiffness valley) hides inside them; very dense paths are decimated to *stations* for the choice.
+a stiffness valley) hides inside them; long paths are thinned to *stations*, as dense as their
+detail asks for, and the choice is made there.
 
 Rotation is planned as ``phi`` about a reference direction carried along the run by minimal rotation, so
 that constant phi means "do not turn"; ``gamma = phi + offset`` is the contract's angle, measured from the
@@ -26,7 +27,12 @@ ARM = 0.15  # m per rad: how much an axis change counts as path length, about a 
 PARALLEL = np.cos(np.radians(1.0))  # a plunge runs along the tool axis within this
 UNKNOWN_FEED = 0.05  # m/s, for the time of approach moves without a feed
 FASTEST_FEED = 0.3  # m/s; a higher one in a file (air cut, laser path) is a wish and would drown the index in lost time
-MAX_STATIONS = 1500  # of the choice; beyond, the path is decimated evenly
+ALL_STATIONS = 1500  # of the choice: a path of so many points is chosen at every one of them
+MAX_STATIONS = 6000  # of a longer path, for the sake of memory (0.1 MB each); reached, all distances grow alike
+SPACING = 0.005  # m, between the stations of a longer path, where it is straight
+BEND = np.radians(6.0)  # of the direction of travel, and with it of the force, between two stations
+TILT = np.radians(1.0)  # of the tool axis between two stations
+CHORD = 0.001  # m to either side: the direction of travel is taken over it, so that rounded coordinates are no bends
 SEGMENT = 0.02  # m, longest stretch without a planning point
 AROUND = np.array([-1.0, -0.5, 0.5, 1.0])  # of a length asked for: where points are added around a corner
 ROOM = 0.125  # of that length: points nearer to one that is there are not added
@@ -146,7 +152,7 @@ def build_path(toolpath: Toolpath, keep: tuple[int, ...] = (), *, corners: float
         time=np.cumsum(np.where(joined, seconds, 0.0)), s=s,
         travel=travel, is_point=np.isclose(index, np.round(index), atol=1e-12), is_drilling=drilling, plunge=plunge,
         reference=reference, offset=_signed_angle(natural, reference, -axis),
-        stations=_stations(s, runs, np.searchsorted(index, keep)), runs=runs,
+        stations=_stations(position, axis, toolpath.move[high], runs, np.searchsorted(index, keep)), runs=runs,
     )  # fmt: skip
 
 
@@ -258,19 +264,57 @@ def _signed_angle(a: Array, b: Array, about: Array) -> Array:
     return wrap(np.arctan2(np.sum(np.cross(a, b) * about, axis=1), np.sum(a * b, axis=1)))
 
 
-def _stations(s: Array, runs: tuple[tuple[int, int], ...], fixed: NDArray[np.intp]) -> NDArray[np.int32]:
-    """Every planning point, or about MAX_STATIONS evenly chosen, with both ends of every run and the fixed points."""
-    if len(s) <= MAX_STATIONS:
-        return np.arange(len(s), dtype=np.int32)
-    budget = max(MAX_STATIONS - 2 * len(runs), MAX_STATIONS // 4)
-    spacing = s[-1] / budget
-    keep = np.zeros(len(s), bool)
-    keep[fixed[fixed < len(s)]] = True
+def _stations(
+    position: Array, axis: Array, move: NDArray[np.int8], runs: tuple[tuple[int, int], ...], fixed: NDArray[np.intp]
+) -> NDArray[np.int32]:
+    """Every planning point of a short path; of a longer one as many as its detail asks for.
+
+    Stations are a unit of detail apart (:func:`_detail`). Both ends of every run, the first and the last point of a
+    stretch with one kind of move, and the fixed points are stations too.
+    """
+    n = len(position)
+    if n <= ALL_STATIONS:
+        return np.arange(n, dtype=np.int32)
+    keep = np.zeros(n, bool)
+    keep[fixed[fixed < n]] = True
+    change = np.flatnonzero(move[1:] != move[:-1])
+    keep[change] = keep[change + 1] = True
     for first, last in runs:
         keep[[first, last]] = True
-        cell = np.floor((s[first : last + 1] - s[first]) / spacing)
-        keep[first + 1 : last + 1] |= np.diff(cell) > 0
+    detail = _detail(position, axis, runs)
+    room = max(MAX_STATIONS - int(keep.sum()), MAX_STATIONS // 4)
+    unit = max(1.0, float(detail[-1]) / room)
+    start = np.zeros(n)  # detail where the point's run begins
+    for first, last in runs:
+        start[first : last + 1] = detail[first]
+    cell = np.floor((detail - start) / unit)
+    keep[1:] |= cell[1:] > cell[:-1]
     return np.flatnonzero(keep).astype(np.int32)
+
+
+def _detail(position: Array, axis: Array, runs: tuple[tuple[int, int], ...]) -> Array:
+    """(P,) how much has happened up to each point: lengths by SPACING, bends by BEND, tilts by TILT, the most of them.
+
+    What the choice can gain by one more station is what the index and the joints do between two of them, and they
+    follow place, tool axis and, through the force, the direction of travel.
+    """
+    out = np.zeros(len(position))
+    total = 0.0
+    for first, last in runs:
+        rows = slice(first, last + 1)
+        p, n = position[rows], axis[rows]
+        step = np.linalg.norm(np.diff(p, axis=0), axis=1)
+        along = np.r_[0.0, np.cumsum(step)]
+        ahead, behind = ([np.interp(along + side * CHORD, along, p[:, c]) for c in range(3)] for side in (1.0, -1.0))
+        chord = np.column_stack(ahead) - np.column_stack(behind)
+        size = np.linalg.norm(chord, axis=1, keepdims=True)
+        chord = np.divide(chord, size, out=np.zeros_like(chord), where=size > 0)
+        bend, tilt = (2.0 * np.arcsin(np.minimum(0.5 * np.linalg.norm(np.diff(d, axis=0), axis=1), 1.0))
+                      for d in (chord, n))  # fmt: skip
+        share = np.maximum(np.maximum(step / SPACING, bend / BEND), tilt / TILT)
+        out[rows] = total + np.r_[0.0, np.cumsum(share)]
+        total = float(out[last])
+    return out
 
 
 def tcp_poses(path: Path, points: NDArray[np.int32], phi: Array) -> Array:
