@@ -231,6 +231,13 @@ def test_overrides_and_default_speeds_are_carried_out(tmp_path: Path) -> None:
     assert feeds(read(tmp_path, "a.jbi", JOB.format("SPEED V=20.0\nMOVL C00000\nMOVL P001 V=10.0\n"))) == [1200, 600]
 
 
+def test_moves_that_are_given_a_time_have_the_speed_that_it_makes(tmp_path: Path) -> None:
+    t = read(tmp_path, "a.mod", MODULE % (MOVE + "MoveL Offs(p0,30,40,0),v10\\T:=2,fine,tool0;"))
+    assert t.feed[1] * 60e3 == pytest.approx(50 / 2 * 60)
+    t = read(tmp_path, "a.script", SCRIPT.format(UR.format(0) + UR.format(0.03).replace("1.2,0.01", "t=2")))
+    assert t.feed[1] * 60e3 == pytest.approx(30 / 2 * 60)
+
+
 def test_a_routine_ends_at_its_return(tmp_path: Path) -> None:
     t = read(tmp_path, "a.mod", MODULE % (MOVE + "RETURN;\nMoveL Offs(p0,9,0,0),v5,fine,tool0;"))
     assert len(t) == 1

@@ -43,6 +43,8 @@ def feeds(toolpath: Toolpath) -> list[float]:
         ("G2 X0. Y0. I5. J0. Q1. L2", "spiral or cone"),
         ("G54.2 P1", "dynamic fixture offset"),
         ("G54.4 P1", "workpiece's seat"),
+        ("(RPT,3)", "line 6: a statement in brackets"),
+        ("N9 (UAO,2)", "line 6: a statement in brackets"),
     ],
 )
 def test_words_that_move_and_are_not_carried_out_are_refused(tmp_path: Path, block: str, message: str) -> None:

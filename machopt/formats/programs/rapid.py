@@ -372,6 +372,9 @@ class _Reader:
             end = matrix(rows, x * 1e-3, y * 1e-3, z * 1e-3)
             self.out.circle(via, end, line, feed=feed, blend=blend, external=external, configuration=bits)
             return
+        seconds = options.get("T")
+        if isinstance(seconds, float) and seconds > 0.0 and self.out.last is not None:
+            feed = math.dist(self.out.last[:3, 3] * 1e3, (x, y, z)) * 1e-3 / seconds
         kind = JOINT if word.startswith("MOVEJ") else LINEAR
         self.out.pose(kind, rows, x * 1e-3, y * 1e-3, z * 1e-3, line, feed=feed if kind == LINEAR else math.nan,
                       blend=blend, external=external, configuration=bits)  # fmt: skip

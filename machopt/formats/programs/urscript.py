@@ -233,6 +233,8 @@ class _Reader:
             return
         self.out.set_base(Frame(target.base, np.eye(4) if target.base_matrix is None else target.base_matrix))
         x, y, z = target.position
+        if kind == LINEAR and length("t") > 0.0 and self.out.last is not None:
+            feed = math.dist(self.out.last[:3, 3], target.position) / length("t")
         self.out.pose(kind, target.rows, x, y, z, line.number, feed=feed, blend=length("r"))
 
 

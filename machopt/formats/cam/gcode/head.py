@@ -18,6 +18,10 @@ _SIEMENS = re.compile(
 )
 _NAMED_PARAMETER = re.compile(r"#<")  # LinuxCNC
 _UNIT_WORD = re.compile(r"G0*(20|21|70|71|700|710)(?![\d.])")
+_BRACKETS = re.compile(  # at the beginning of a block
+    r"^[ \t]*(?:N\d+[ \t]*)?\((?:(?:RPT|UAO|UTO|UIO|SCF|MIR|ROT|GTO|CLS|EPP),|ERP\)|RPT N\d|PCALL \d|CALL \d+\))",
+    re.MULTILINE,
+)
 _MILLPLUS = re.compile(r"^\s*(?:N\d+\s*)?(?:G7\s+A5=|G141\b)", re.MULTILINE)
 
 
@@ -38,6 +42,13 @@ def first_unit(source: Source, options: ReadOptions, blocks: BlockReader, *, sie
         raise source.error(
             "is a program for the MillPlus control (G7 A5=, G141), whose G93, G7 and G141 mean other things than "
             "in G-code: not supported; post it for Heidenhain, Siemens or Fanuc, or export APT/CL data",
+            at,
+        )
+    at = source.find(_BRACKETS)
+    if at is not None:
+        raise source.error(
+            "a statement in brackets, as OSAI and Fagor controls have them (RPT, UAO, ROT …) and others take for a "
+            "comment: not supported; expand it, or post the program for Fanuc, Siemens or Heidenhain",
             at,
         )
     found: str | None = None
