@@ -1,6 +1,6 @@
 """Our tree search for rapid moves beside OMPL's RRT-Connect: success, time, length and duration of the ways found.
 
-Run: ``python benchmarks/rapids_ompl.py [--moves 20] [--seconds 10]`` in an environment that has ``ompl`` (``pip install
+Run: ``python benchmarks/rapids_ompl.py [--moves 20] [--seconds 10] [--range 0.5]`` in an environment that has ``ompl`` (``pip install
 ompl``) beside machopt. Random pairs of free poses in the shipped KR500 cell between four tall posts
 (``benchmarks/crowded.py``) whose straight line is blocked; both planners ask the same collision model, know no detours,
 and their ways are timed by the same law (at rest at every corner). OMPL simplifies its way as it does by default.
@@ -27,7 +27,8 @@ STEP = np.radians(1.0)
 class Way:
     """One planner's answer."""
 
-    seconds: float  # that it took
+    seconds: float  # that it took, in all
+    search: float  # of these until there was a way, before it was made shorter; the same where that is not told
     points: Any  # (W, 6) rad, None where it found none
 
 
@@ -53,10 +54,11 @@ def ours(setup: Any, a: Any, b: Any, seed: int) -> Way:
         a, b, limits=setup.driven.limits, scale=0.8, sample=0.012, collision=setup.collision, step=STEP, detours=list,
         rng=np.random.default_rng(seed),
     )  # fmt: skip
-    return Way(time.perf_counter() - start, found.waypoints if isinstance(found, RapidMove) else None)
+    took = time.perf_counter() - start
+    return Way(took, took, found.waypoints if isinstance(found, RapidMove) else None)
 
 
-def ompl_way(setup: Any, a: Any, b: Any, seconds: float, planner: str) -> Way:
+def ompl_way(setup: Any, a: Any, b: Any, seconds: float, planner: str, step: float) -> Way:
     from ompl import base as ob
     from ompl import geometric as og
 
@@ -85,21 +87,29 @@ def ompl_way(setup: Any, a: Any, b: Any, seconds: float, planner: str) -> Way:
     for k in range(6):
         start[k], goal[k] = float(a[k]), float(b[k])
     simple.setStartAndGoalStates(start, goal)
-    simple.setPlanner(getattr(og, planner)(info))
+    chosen = getattr(og, planner)(info)
+    if step > 0:
+        chosen.setRange(step)
+    simple.setPlanner(chosen)
     began = time.perf_counter()
     solved = simple.solve(seconds)
+    searched = time.perf_counter() - began
     if solved and simple.haveExactSolutionPath():
-        simple.simplifySolution()
+        simple.simplifySolution(seconds)
         path = simple.getSolutionPath()
         points = np.array([joints(path.getState(n)) for n in range(path.getStateCount())])
-        return Way(time.perf_counter() - began, points)
-    return Way(time.perf_counter() - began, None)
+        return Way(time.perf_counter() - began, searched, points)
+    return Way(searched, searched, None)
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--moves", type=int, default=20)
-    parser.add_argument("--seconds", type=float, default=10.0, help="OMPL gives up after (10)")
+    parser.add_argument("--skip", type=int, default=0, help="of these, the first ones")
+    parser.add_argument(
+        "--seconds", type=float, default=10.0, help="of search, and again of simplifying, for OMPL (10)"
+    )
+    parser.add_argument("--range", type=float, default=0.0, help="rad, longest step of OMPL's tree (0: its own choice)")
     parser.add_argument("--planner", default="RRTConnect", help="of ompl.geometric (RRTConnect)")
     args = parser.parse_args()
     try:
@@ -119,10 +129,10 @@ def main() -> int:
         setup = prepare(cell, load_options(cell.plan, None, []))
     assert setup.collision is not None
     found: dict[str, list[Way]] = {"ours": [], args.planner: []}
-    moves = blocked_moves(setup, args.moves)
+    moves = blocked_moves(setup, args.moves)[args.skip :]
     for n, (a, b) in enumerate(moves):
-        found["ours"].append(ours(setup, a, b, n))
-        found[args.planner].append(ompl_way(setup, a, b, args.seconds, args.planner))
+        found["ours"].append(ours(setup, a, b, args.skip + n))
+        found[args.planner].append(ompl_way(setup, a, b, args.seconds, args.planner, args.range))
         print(
             n, *(f"{k} {w[-1].seconds:.2f} s {'found' if w[-1].points is not None else '-'}" for k, w in found.items())
         )
@@ -134,8 +144,10 @@ def main() -> int:
         free = [not setup.collision.check_motion(w.points, np.zeros(len(w.points), bool), STEP).any for w in got]
         took = [w.seconds for w in ways]
         corners = np.mean([len(ways[n].points) - 2 for n in both])
+        print("seconds:", " ".join(f"{w.search:.2f}/{w.seconds:.2f}" for w in ways))
         print(f"{name}: {len(got)} of {len(ways)} found, all free: {all(free)}; median {np.median(took):.2f} s, "
-              f"mean {np.mean(took):.2f} s, longest {max(took):.2f} s")  # fmt: skip
+              f"mean {np.mean(took):.2f} s, longest {max(took):.2f} s; search alone: median "
+              f"{np.median([w.search for w in ways]):.2f} s")  # fmt: skip
         print(f"  the {len(both)} found by both: median {np.median(length):.0f}° summed over the joints (mean "
               f"{np.mean(length):.0f}°), {np.median(drive):.2f} s to drive ({np.mean(drive):.2f} s), "
               f"{corners:.1f} corners")  # fmt: skip

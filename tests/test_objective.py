@@ -16,16 +16,17 @@ from machopt.domain.toolpath import Move
 from machopt.plan.candidates import Candidates
 from machopt.plan.choose import Choice, choose
 from machopt.plan.corridor import REACH, Ends, Stretch
-from machopt.plan.objective import NEAR, Objective, Terms, objective
+from machopt.plan.objective import NEAR, Objective, Terms, crowding, objective
 from machopt.plan.path import Path, build_path
 from machopt.plan.programme import programme
 from machopt.plan.score import Scores
 from machopt.plan.smooth import follow_grid
 from machopt.plan.spline import spline_answers
+from machopt.se3 import wrap
 
 UP = (0.0, 0.0, 1.0)
 OPTIONS = PlanOptions(
-    weights=Weights(mean=0.8, worst=0.7, travel=0.3, rotation=0.4, feed=3.0), preferred_rotation=0.5,
+    weights=Weights(mean=0.8, worst=0.7, travel=0.3, rotation=0.4, feed=3.0, clearance=0.6), preferred_rotation=0.5,
     preferred_weight=0.3,
 )  # fmt: skip
 SAME = 1e-12  # of J: rounding of a few hundred sums
@@ -36,7 +37,8 @@ def finished(path: Path, candidates: Candidates, scores: Scores, choice: Choice)
     assert len(path.stations) == len(path.index)
     plain = follow_grid(path, candidates, choice)
     cost = scores.cost[np.arange(len(path.index)), choice.rotation, choice.branch]
-    return objective(path, cost, choice.q, plain.phi, scores.scale, VELOCITY, OPTIONS)
+    crowded = None if scores.crowded is None else scores.crowded[np.arange(len(cost)), choice.rotation, choice.branch]
+    return objective(path, cost, choice.q, plain.phi, scores.scale, VELOCITY, OPTIONS, crowded)
 
 
 def by_stretches(path: Path, candidates: Candidates, scores: Scores, choice: Choice) -> float:
@@ -58,6 +60,8 @@ def test_search_smoother_and_finished_plan_agree_on_random_sequences(rapid: tupl
     found = 0
     for seed in range(40):
         path, candidates, scores = random_problem(seed, rapid)
+        if seed % 2:
+            scores = replace(scores, crowded=np.random.default_rng(seed).random(scores.cost.shape))
         choice = choose(path, candidates, scores, VELOCITY, OPTIONS)
         if choice.broken or choice.dropped.any():
             continue
@@ -79,12 +83,15 @@ def test_rotations_fixed_off_the_grid_turn_by_what_they_turn() -> None:
     assert choice.total == pytest.approx(finished(path, free, scores, choice).total, rel=SAME)
 
 
-def test_programme_and_merit_are_the_objective_along_a_curve() -> None:
+@pytest.mark.parametrize("crowds", [False, True])
+def test_programme_and_merit_are_the_objective_along_a_curve(crowds: bool) -> None:
     """Where joints are linear in phi and all stations stand in the programme, the three are one number."""
     rows: Rows = [((0, 0, 0), UP, Move.RAPID)] + [((x, 0, 0), UP, Move.CUT) for x in np.linspace(0, 0.3, 61)[1:]]
     path = build_path(toolpath(rows, feed=0.2))  # fast enough that turning costs time
     target = 0.3 + 0.4 * np.sin(4 * path.s / path.s[-1])
     candidates, scores = valley(path, target)
+    away = np.abs(np.asarray(wrap(candidates.phi_at() - target[path.stations][:, None]))) / np.pi
+    scores = replace(scores, crowded=np.broadcast_to(away[:, :, None], scores.cost.shape) if crowds else None)
     choice = choose(path, candidates, scores, VELOCITY, OPTIONS)
     terms = Terms.at_stations(path, VELOCITY, OPTIONS)
     rows_ = np.arange(len(path.stations))
@@ -100,8 +107,11 @@ def test_programme_and_merit_are_the_objective_along_a_curve() -> None:
         cost = np.asarray(table(np.stack([rows_.astype(float), phi - part.band.phi]))).ravel()
         q = np.zeros((len(phi), 6))
         q[:, 5] = phi
-        whole = objective(path, cost, q, phi, 1.0, VELOCITY, OPTIONS)
-        assert whole.feed > 0 or np.ptp(phi) < 0.1
+        table_ = part.band.crowded
+        crowded = None if table_ is None else part._between(table_, phi - part.band.phi)
+        whole = objective(path, cost, q, phi, 1.0, VELOCITY, OPTIONS, crowded)
+        assert crowds or whole.feed > 0 or np.ptp(phi) < 0.1
+        assert (whole.clearance > 0) == crowds
         flown = part.price_of_flights(q[0], q[-1], ends)
         assert nlp.at(answer.c, whole.worst) == pytest.approx(whole.total + flown, rel=SAME)
         assert merit(answer, ends, 0.0) == pytest.approx(whole.total + flown, rel=SAME)
@@ -127,3 +137,13 @@ def test_short_rapid_moves_cost_more_travel() -> None:
     assert terms.travel[4] == pytest.approx(1 / 3 / np.pi * (1 + NEAR / (2.0 + NEAR / 10)))
     assert terms.travel[1] == pytest.approx(1 / 3 / np.pi)
     assert terms.rotation[[0, 2, 4]].tolist() == [0.0, 0.0, 0.0]
+
+
+def test_clearance_counts_from_contact_to_the_stated_distance() -> None:
+    np.testing.assert_allclose(crowding(np.array([-0.01, 0.0, 0.02, 0.05, 0.3]), 0.05), [1.0, 1.0, 0.6, 0.0, 0.0])
+    path, candidates, scores = random_problem(1, (0,))
+    choice = choose(path, candidates, scores, VELOCITY, OPTIONS)
+    near = replace(scores, crowded=np.full(scores.cost.shape, 0.25))
+    without, with_ = (finished(path, candidates, s, choice) for s in (scores, near))
+    assert (without.clearance, with_.clearance) == (0.0, pytest.approx(0.25))
+    assert with_.total == pytest.approx(without.total + 0.6 * 0.25)

@@ -44,6 +44,7 @@ def test_every_option_of_the_planner_has_a_user_key_and_back() -> None:
         rotation_step=radians(2.5), rotation_range=(-pi / 2, pi / 3), preferred_rotation=radians(15),
         preferred_weight=0.7, fixed=(FixedRotation(3, radians(45)),), singularity_wrist=radians(7),
         singularity_elbow=radians(8), singularity_shoulder=0.12, limit_margin=radians(2), clearance=0.011,
+        clearance_full=0.13,
         collision_step=radians(0.7), collision=False, sample=0.004, path_tolerance=33e-6,
         axis_tolerance=radians(0.21), approach_feed=0.07, rapid_scale=0.31, limit_scale=0.47, allow_gaps=True,
         compensate=True, compensation_max=0.003, seed=9,
@@ -176,3 +177,11 @@ def test_fixed_rotations_that_a_method_would_not_keep_are_refused(tmp_path: Path
     with pytest.raises(InputError, match="method jiao2022 chooses every rotation by itself"):
         optimize(Request(cell, tmp_path / "path.csv", tmp_path / "out", overrides=words))
     assert not (tmp_path / "out").exists()
+
+
+def test_clearance_in_the_objective_needs_collisions() -> None:
+    options = load_options({"weights": {"clearance": 0.4}, "clearance_full_mm": 80})
+    assert (options.weights.clearance, options.clearance_full) == (0.4, pytest.approx(0.08))
+    assert load_options(options_as_user(options)) == options
+    with pytest.raises(InputError, match="collision=true would work"):
+        load_options({"weights": {"clearance": 0.4}, "collision": False})

@@ -12,7 +12,7 @@ from test_path import Rows, toolpath
 from test_pipeline import K
 
 from machopt.domain.cell import Shape
-from machopt.domain.options import PlanOptions
+from machopt.domain.options import PlanOptions, Weights
 from machopt.domain.reason import Reason
 from machopt.domain.stiffness import Stiffness
 from machopt.domain.toolpath import Move
@@ -229,3 +229,23 @@ def test_the_map_tells_what_was_looked_at_and_looks_at_the_rest_when_asked(tmp_p
     assert not model.check(c.q[s, r, b], p.path.may_touch[p.path.stations[s]]).hit.any()
     s, r, b = np.nonzero(before.any(axis=3) & ~c.feasible.any(axis=3))
     assert model.check(c.q[s, r, b], p.path.may_touch[p.path.stations[s]]).hit.all()
+
+
+def test_equal_stiffness_prefers_distance_where_clearance_counts(tmp_path: FilePath) -> None:
+    """A post beside the tool; with the price of nearness the plan keeps farther away, and is told by the same J."""
+    post = (Shape("post", "box", (0.08, 0.08, 0.4), None, pose(1.5, 0.42, 0.82)),)
+    rows: Rows = [((-0.05 + 0.019 * k, 0.0, 0.02), UP, R if k == 0 else C) for k in range(4)]
+    plain = leaning(tmp_path, rows, post)
+    weighed = replace(OPTIONS, weights=Weights(clearance=20.0), clearance_full=0.3)
+    wary = leaning(tmp_path, rows, post, weighed)
+
+    def nearest(p: Plan) -> float:
+        assert p.setup.collision is not None
+        return float(p.setup.collision.nearest(p.chosen.assignment.q, p.path.may_touch).distance.mean())
+
+    assert nearest(wary) > nearest(plain)
+    assert plain.chosen.objective.clearance == 0.0
+    o, w = wary.chosen.objective, weighed.weights
+    parts = w.mean * o.mean + w.worst * o.worst + w.travel * o.travel + w.rotation * o.rotation + w.feed * o.feed
+    assert 0.0 < o.clearance < 1.0
+    assert o.total == pytest.approx(parts + 20.0 * o.clearance)

@@ -40,6 +40,7 @@ class Weights:
     travel: float = 0.03  # joint travel, per 180° summed over the axes
     rotation: float = 0.1  # total rotation about the tool axis, per 180°
     feed: float = 2.0  # time lost because the axes cannot follow the programmed feed, per share of the cutting time
+    clearance: float = 0.0  # nearness to anything, mean along the path: 1 at contact, 0 from clearance_full on
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,7 @@ class PlanOptions:
     singularity_shoulder: float = 0.05  # m, least distance of the wrist centre from axis 1
     limit_margin: float = radians(0.5)
     clearance: float = 0.002  # m, required between everything checked
+    clearance_full: float = 0.05  # m, from which more gains nothing, where the objective counts it
     collision_step: float = radians(1.0)  # joint step between collision checks
     collision: bool = True
     sample: float = 0.012  # s

@@ -35,6 +35,11 @@ class WeightKeys(Strict):
     )
     rotation: float | None = Field(default=None, ge=0, description="of rotation about the tool axis, per 180 degrees")
     feed: float | None = Field(default=None, ge=0, description="of the share of the cutting time lost to slow axes")
+    clearance: float | None = Field(
+        default=None,
+        ge=0,
+        description="of nearness to anything over the length cut: 1 at contact, 0 at clearance_full_mm",
+    )
 
 
 class FixedKeys(Strict):
@@ -75,6 +80,9 @@ class OptionKeys(Strict):
         default=None, ge=0, le=1000, description="least distance of the wrist from axis 1, mm"
     )
     limit_margin_deg: float | None = Field(default=None, ge=0, le=45, description="kept from the joint limits, degrees")
+    clearance_full_mm: float | None = Field(
+        default=None, gt=0, le=500, description="distance from which more gains nothing, for weights.clearance"
+    )
     clearance_mm: float | None = Field(default=None, ge=0, le=500, description="kept between everything checked, mm")
     collision_step_deg: float | None = Field(
         default=None, ge=0.05, le=10, description="joint step between collision checks, degrees"
@@ -186,7 +194,14 @@ def options_as_user(options: PlanOptions) -> dict[str, object]:
         "method": options.method,
         "index": options.index,
         "force_N": {"travel": f.travel, "normal": f.normal, "axial": f.axial},
-        "weights": {"mean": w.mean, "worst": w.worst, "travel": w.travel, "rotation": w.rotation, "feed": w.feed},
+        "weights": {
+            "mean": w.mean,
+            "worst": w.worst,
+            "travel": w.travel,
+            "rotation": w.rotation,
+            "feed": w.feed,
+            "clearance": w.clearance,
+        },
         "rotation_step_deg": _tidy(degrees(options.rotation_step)),
         "rotation_range_deg": [_tidy(degrees(v)) for v in options.rotation_range],
         "preferred_weight": options.preferred_weight,
@@ -196,6 +211,7 @@ def options_as_user(options: PlanOptions) -> dict[str, object]:
         "singularity_shoulder_mm": _tidy(options.singularity_shoulder / _MM),
         "limit_margin_deg": _tidy(degrees(options.limit_margin)),
         "clearance_mm": _tidy(options.clearance / _MM),
+        "clearance_full_mm": _tidy(options.clearance_full / _MM),
         "collision_step_deg": _tidy(degrees(options.collision_step)),
         "collision": options.collision,
         "sample_ms": _tidy(options.sample / _MS),
@@ -242,6 +258,7 @@ def _to_si(keys: OptionKeys) -> PlanOptions:
     for user, name, factor in (
         ("singularity_shoulder_mm", "singularity_shoulder", _MM),
         ("clearance_mm", "clearance", _MM),
+        ("clearance_full_mm", "clearance_full", _MM),
         ("path_tolerance_mm", "path_tolerance", _MM),
         ("compensation_max_mm", "compensation_max", _MM),
         ("sample_ms", "sample", _MS),
@@ -304,6 +321,11 @@ def _consistent(options: PlanOptions) -> None:
         raise InputError(
             "there is no force to compensate for; the process force as force_N, e.g. force_N={normal: 200}, would work",
             file="options", where="compensate",
+        )  # fmt: skip
+    if options.weights.clearance > 0 and not options.collision:
+        raise InputError(
+            "the objective is to count clearance, and collisions are switched off; collision=true would work",
+            file="options", where="weights.clearance",
         )  # fmt: skip
     w = options.weights
     if w.mean == 0 and w.worst == 0:

@@ -40,6 +40,7 @@ DIGITS = 1e-9  # relative: sums and ratios of figures that stand in the same fil
 AGREE = 1e-2  # of a check's limit: between two runs, and machines, a measured value moves by rounding only
 BETWEEN = 1.5  # a planning point between toolpath points is no softer than this times the worst of them
 NINETY = 1.6448536269514722  # standard deviations of a 90 % interval
+CROWDED = 0.2  # of the nearness: places between two points may be nearer or farther than both
 NONE_PERCENT = 0.01  # a smaller difference of the means is no gain
 HELD = 0.95  # of the programmed feed: what counts as held
 ON_POINT = 1e-6  # of a point index: printed with six decimals or more
@@ -243,7 +244,7 @@ def _objective(t: Told) -> Iterable[str]:
             continue
         total = (
             w.mean * o["mean"] + w.worst * o["worst"] + w.travel * o["travel"] + w.rotation * o["rotation"]
-            + w.feed * o["feed"] + o["preferred"]
+            + w.feed * o["feed"] + o["preferred"] + w.clearance * o["clearance"]
         )  # fmt: skip
         yield from near(f"objective.{name}.total", o["total"], total, DIGITS, DIGITS)
         if name != "grid" and not 0.0 <= o["feasible_share"] <= 1.0:
@@ -265,9 +266,23 @@ def _objective(t: Told) -> Iterable[str]:
             yield f"objective.chosen.worst is {told:.6g} in the index's unit, points.csv has {most:.6g}"
         if not 0.0 < own["mean"] <= own["worst"]:
             yield "objective.chosen.mean is not between nothing and the worst"
+    yield from _crowding(t, own["clearance"])
     for gain in parts["gain"]:
         yield from _gain(gain, own, parts[{"cam default": "cam_default"}.get(gain["over"], gain["over"])])
     yield from same("objective.gain", [g["over"] for g in parts["gain"]], ["cam default", "jiao2022"])
+
+
+def _crowding(t: Told, told: float) -> Iterable[str]:
+    """The mean nearness along the cut: 0 where it does not count, else near to that of the points in points.csv."""
+    if not t.options.weights.clearance:
+        yield from same("objective.chosen.clearance", told, 0.0)
+        return
+    points = Points.read(t)
+    counts = t.toolpath.cutting & np.isfinite(points.number("clearance_mm"))
+    near = np.clip(1.0 - 1e-3 * points.number("clearance_mm")[counts] / t.options.clearance_full, 0.0, 1.0)
+    if len(near) and not near.min() - CROWDED <= told <= near.max() + CROWDED:
+        yield (f"objective.chosen.clearance is {told:.6g}, the points of points.csv have {near.min():.6g} to "
+               f"{near.max():.6g}")  # fmt: skip
 
 
 def _gain(gain: Mapping[str, Any], own: Mapping[str, Any], other: Mapping[str, Any]) -> Iterable[str]:

@@ -312,4 +312,6 @@ def _node_price(terms: Terms, candidates: Candidates, scores: Scores) -> Array:
     cost = np.where(np.isfinite(scores.cost), scores.cost, 0.0) / scores.scale
     gamma = np.asarray(wrap(candidates.phi_at() + terms.offset[:, None]))
     liked = preference(gamma, terms.options)[:, :, None]
+    if scores.crowded is not None:
+        liked = liked + terms.weights.clearance * scores.crowded
     return np.ascontiguousarray(node_price(cost, liked, terms.weights.mean) * terms.share[:, None, None])

@@ -29,6 +29,7 @@ from machopt.domain.reason import Reason
 from machopt.plan.candidates import Arm
 from machopt.plan.check import Checker
 from machopt.plan.engage import engaged_force
+from machopt.plan.nearness import along
 from machopt.plan.objective import Objective, objective
 from machopt.plan.path import ARM, Path
 from machopt.plan.realise import Assignment, realise
@@ -162,7 +163,8 @@ def rescored(plan: Plan, assignment: Assignment) -> Plan:
 
 def _objective(plan: Plan, a: Assignment, cost: Array) -> Objective:
     velocity = plan.setup.cell.limits.velocity[:6]
-    return objective(plan.path, cost, a.q, a.phi, plan.scores.scale, velocity, plan.options)
+    return objective(plan.path, cost, a.q, a.phi, plan.scores.scale, velocity, plan.options,
+                     along(plan.path, plan.setup.collision, a.q, plan.options))  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,7 @@ class Corridor:
     slope: Array  # (n, 6) dq/dphi at the chosen rotation
     step: float  # rad
     q: Array  # (n, 6) rad at the chosen rotation
+    crowded: Array | None = None  # (n, 2·REACH+1) like ``cost``; None: it does not count
 
 
 @dataclass
@@ -103,10 +104,14 @@ class Stretch:
         at = np.flatnonzero(self.terms.counted)
         if not len(at):
             return 0.0
-        x = np.clip(self.offset[at] / self.band.step + REACH, 0, 2 * REACH - 1e-9)
-        k = x.astype(int)
-        low, high = self.band.cost[at, k], self.band.cost[at, k + 1]
-        return float((low + (x - k) * (high - low)).max())
+        return float(self._between(self.band.cost, self.offset)[at].max())
+
+    def _between(self, table: Array, offset: Array) -> Array:
+        """(…, n) a table (n, 2·REACH+1) of the corridor on the line at offsets (…, n) rad."""
+        x = np.clip(offset / self.band.step + REACH, 0, 2 * REACH - 1e-9)
+        k, row = x.astype(int), np.arange(table.shape[0])
+        low, high = table[row, k], table[row, k + 1]
+        return np.asarray(low + (x - k) * (high - low))
 
     def joints(self) -> Array:
         """(n, 6) rad, to first order in the offset."""
@@ -120,7 +125,8 @@ class Stretch:
         """(…) its part of J but for the worst index and rapid moves, at offsets (…, n) rad of these costs."""
         phi = self.band.phi + offset
         inside = self.terms.steps(self.joints_at(offset), phi).sum(axis=-1)
-        return np.asarray(self.terms.nodes(cost, phi).sum(axis=-1) + inside)
+        crowded = 0.0 if self.band.crowded is None else self._between(self.band.crowded, offset)
+        return np.asarray(self.terms.nodes(cost, phi, crowded).sum(axis=-1) + inside)
 
     def price_of_flights(self, first: Array, last: Array, ends: Ends) -> float:
         """Price of the rapid moves at its ends, where it begins and ends at joints (6,) rad."""
@@ -137,13 +143,14 @@ def corridor(candidates: Candidates, scores: Scores, choice: Choice, rows: NDArr
     r, b = choice.rotation[rows], choice.branch[rows]
     phi = np.unwrap(candidates.phi_at(np.maximum(choice.rotation, 0))[rows])
     n = len(rows)
-    cost = np.empty((n, 2 * REACH + 1))
-    cost[:, REACH] = scores.cost[rows, r, b]
+    tables = [scores.cost] if scores.crowded is None else [scores.cost, scores.crowded]
+    found = np.empty((len(tables), n, 2 * REACH + 1))
+    found[:, :, REACH] = [table[rows, r, b] for table in tables]
     limit, reached = np.zeros((n, 2)), np.zeros((n, 2))
     neighbour = np.stack([choice.q[rows], choice.q[rows]])
     for side, sign in ((0, -1), (1, 1)):
         alive, previous = np.ones(n, bool), choice.q[rows]
-        seen = cost[:, REACH]
+        seen = found[:, :, REACH]
         for j in range(1, min(REACH * stride, R) + 1):
             rj = (r + sign * j) % R
             base = candidates.q[rows, rj, b]
@@ -152,17 +159,18 @@ def corridor(candidates: Candidates, scores: Scores, choice: Choice, rows: NDArr
             alive &= (candidates.feasible[rows, rj, b] & turn).any(axis=1)
             alive &= np.abs(q - previous).max(axis=1) < SIDE_STEP
             limit[alive, side] = sign * j * grid
-            seen = np.where(alive, scores.cost[rows, rj, b], seen)
+            seen = np.where(alive, [table[rows, rj, b] for table in tables], seen)
             if j % stride == 0:
-                cost[:, REACH + sign * (j // stride)] = seen
+                found[:, :, REACH + sign * (j // stride)] = seen
             previous = np.where(alive[:, None], q, previous)
             if j == 1:
                 neighbour[side], reached[:, side] = previous, alive * grid
         for column in range(min(REACH * stride, R) // stride + 1, REACH + 1):  # once round
-            cost[:, REACH + sign * column] = seen
+            found[:, :, REACH + sign * column] = seen
     span = np.maximum(reached.sum(axis=1), 1e-12)[:, None]
-    return Corridor(phi=phi, low=limit[:, 0], high=limit[:, 1], cost=cost / scores.scale,
-                    slope=(neighbour[1] - neighbour[0]) / span, step=stride * grid, q=choice.q[rows])  # fmt: skip
+    return Corridor(phi=phi, low=limit[:, 0], high=limit[:, 1], cost=found[0] / scores.scale,
+                    slope=(neighbour[1] - neighbour[0]) / span, step=stride * grid, q=choice.q[rows],
+                    crowded=found[1] if len(found) > 1 else None)  # fmt: skip
 
 
 def turning_length(path: Path, first: int, last: int) -> Array:

@@ -1,7 +1,8 @@
 """J, the objective: what one plan costs, the only place where its terms are written.
 
 J = w_mean·mean(c)/c₀ + w_worst·max(c)/c₀ + w_travel·Σ a·b|Δq|/π + w_rotation·Σ a|Δφ|/π + w_feed·t_lost/t
-+ w_preferred·mean((1 − cos(γ − γ_preferred))/2), with c₀ the median cost over the feasible candidates
++ w_preferred·mean((1 − cos(γ − γ_preferred))/2) + w_clearance·mean(max(0, 1 − d/d_full)), d the distance of the nearest
+two bodies, with c₀ the median cost over the feasible candidates
 (:mod:`machopt.plan.score`), means over the length cut (:attr:`machopt.plan.path.Path.weight`) and a the run's share of
 that length. Travel and rotation are total variations, so they do not depend on how finely a path is sampled. b is 1
 inside runs; over a rapid move of length d it is 1 + NEAR/(d + NEAR/10): the arm turns over on long ones, far from the
@@ -41,6 +42,7 @@ class Objective:
     rotation: float
     feed: float
     preferred: float
+    clearance: float = 0.0  # mean crowding; 0 where it does not count
 
 
 # --- the formulas --------------------------------------------------------------------------------------------------
@@ -76,6 +78,11 @@ def preference(gamma: Array, options: PlanOptions) -> Array:
     if options.preferred_rotation is None:
         return np.zeros_like(gamma)
     return np.asarray(disliked(np.cos(gamma - options.preferred_rotation), options.preferred_weight))
+
+
+def crowding(distance: Any, full: float) -> Any:
+    """How near the nearest two bodies are: 1 in contact, 0 from the distance ``full`` (m) on."""
+    return np.maximum(0.0, 1.0 - np.maximum(distance, 0.0) / full)
 
 
 def disliked(cosine: Any, weight: float) -> Any:
@@ -143,9 +150,10 @@ class Terms:
         """Price (…, n) of the rotations phi (…, n) rad, against the preferred one."""
         return preference(np.asarray(wrap(phi + self.offset)), self.options)
 
-    def nodes(self, cost: Array, phi: Array) -> Array:
-        """Price (…, n) of the places by their costs (…, n), in units of c₀, and rotations (…, n) rad."""
-        return np.asarray(self.share * node_price(cost, self.liked(phi), self.weights.mean))
+    def nodes(self, cost: Array, phi: Array, crowded: Array | float = 0.0) -> Array:
+        """Price (…, n) of the places by costs (…, n), in units of c₀, rotations (…, n) rad and :func:`crowding`."""
+        liked = self.liked(phi) + self.weights.clearance * crowded
+        return np.asarray(self.share * node_price(cost, liked, self.weights.mean))
 
     def steps(self, q: Array, phi: Array) -> Array:
         """Price (…, n − 1) of the steps between places with joints (…, n, 6) and rotations (…, n) in rad."""
@@ -163,7 +171,8 @@ class Terms:
 
 
 def objective(
-    path: Path, cost: Array, q: Array, phi: Array, scale: float, velocity: Array, options: PlanOptions
+    path: Path, cost: Array, q: Array, phi: Array, scale: float, velocity: Array, options: PlanOptions,
+    crowded: Array | None = None,
 ) -> Objective:  # fmt: skip
     """J of one assignment at all planning points; infinite where a counted point has no cost.
 
@@ -173,6 +182,7 @@ def objective(
         phi: (P,) rad, continuous inside each run.
         scale: c₀, in the unit of the cost.
         velocity: (6,) rad/s, joint velocity limits.
+        crowded: (P,) :func:`crowding`, NaN where it is not known; None: it does not count.
     """
     terms, w = Terms.of(path, velocity, options), options.weights
     counted = path.counted
@@ -191,6 +201,9 @@ def objective(
     price = terms.liked(phi)[counted]
     rated = np.isfinite(price)
     preferred = float(terms.share[counted][rated] @ price[rated] / max(terms.share[counted][rated].sum(), 1e-300))
-    total = node_price(mean, preferred, w.mean) + w.worst * worst
+    near = np.zeros(len(path.index)) if crowded is None else crowded
+    there = counted & np.isfinite(near)
+    clearance = float(terms.share[there] @ near[there] / max(terms.share[there].sum(), 1e-300))
+    total = node_price(mean, preferred + w.clearance * clearance, w.mean) + w.worst * worst
     total += edge_price(travel, rotation, lost, w.travel, w.rotation, w.feed)
-    return Objective(float(total), mean, worst, travel, rotation, lost, preferred)
+    return Objective(float(total), mean, worst, travel, rotation, lost, preferred, clearance)

@@ -33,6 +33,7 @@ from machopt.plan.candidates import Arm, Candidates, enumerate_candidates
 from machopt.plan.check import Checker, PathCheck
 from machopt.plan.choose import Choice, choose
 from machopt.plan.compensate import Compensation, rescored
+from machopt.plan.nearness import along, over_grid
 from machopt.plan.nested import best_of_nested
 from machopt.plan.objective import Objective, objective
 from machopt.plan.path import Path, build_path
@@ -199,6 +200,7 @@ def plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Timings 
         candidates = enumerate_candidates(path, setup.arm, options)
     with stage("score"):
         scores = score_candidates(path, candidates, setup.elasticity, d, options)
+        scores = replace(scores, crowded=over_grid(path, setup.collision, candidates, options))
 
     velocity = cell.limits.velocity[:6]
 
@@ -207,7 +209,18 @@ def plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Timings 
         ok = np.flatnonzero(assignment.reason == Reason.OK)
         cost[ok] = configuration_cost(setup.elasticity, d, ok, assignment.q[ok], scores.index)
         return Scored(
-            assignment, cost, objective(path, cost, assignment.q, assignment.phi, scores.scale, velocity, options)
+            assignment,
+            cost,
+            objective(
+                path,
+                cost,
+                assignment.q,
+                assignment.phi,
+                scores.scale,
+                velocity,
+                options,
+                along(path, setup.collision, assignment.q, options),
+            ),
         )
 
     with stage("baselines"):
@@ -316,4 +329,8 @@ def _grid_objective(
     vertex = np.where(choice.dropped, np.nan, scores.cost[rows, choice.rotation, choice.branch])
     # stations behind rapid moves share a path length with the point before; index by row, not by length
     cost = np.interp(np.arange(len(path.index)), st, vertex)
-    return objective(path, cost, plain.seed, plain.phi, scores.scale, setup.cell.limits.velocity[:6], options)
+    crowded = None
+    if scores.crowded is not None:
+        near = np.where(choice.dropped, np.nan, scores.crowded[rows, choice.rotation, choice.branch])
+        crowded = np.interp(np.arange(len(path.index)), st, near)
+    return objective(path, cost, plain.seed, plain.phi, scores.scale, setup.cell.limits.velocity[:6], options, crowded)

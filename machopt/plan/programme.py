@@ -118,6 +118,11 @@ def programme(part: Stretch, table: Any, basis: Any, use: NDArray[np.intp], ends
     if terms.options.preferred_rotation is not None:
         away = angle + ca.DM(own.offset) - terms.options.preferred_rotation
         liked = disliked(ca.cos(away), terms.options.preferred_weight)
+    if band.crowded is not None:  # on the line between the grid's rotations, as Stretch.price takes it
+        steps_off = np.arange(-REACH, REACH + 1) * band.step
+        rows = np.arange(len(band.q), dtype=float)
+        near = ca.interpolant("crowded", "linear", [rows, steps_off], band.crowded.ravel(order="F"))
+        liked = liked + w.clearance * near(ca.vertcat(ca.DM(use.astype(float)).T, delta.T)).T
     value = (
         ca.dot(ca.DM(share), node_price(cost, liked, w.mean))
         + w.worst * tau

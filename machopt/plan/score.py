@@ -52,6 +52,7 @@ class Scores:
     cost: Array  # (S, R, B), NaN where infeasible
     index: Index  # the index in force, never "auto"
     scale: float  # c₀
+    crowded: Array | None = None  # (S, R, B) :func:`machopt.plan.objective.crowding`; None: it does not count
 
 
 def resolve_index(options: PlanOptions) -> Index:
