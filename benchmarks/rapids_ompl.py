@@ -1,7 +1,7 @@
 """Our tree search for rapid moves beside OMPL's RRT-Connect: success, time, length and duration of the ways found.
 
-Run: ``python benchmarks/rapids_ompl.py [--moves 20] [--seconds 10] [--range 0.5]`` in an environment that has ``ompl`` (``pip install
-ompl``) beside machopt. Random pairs of free poses in the shipped KR500 cell between four tall posts
+Run: ``python benchmarks/rapids_ompl.py [--moves 20] [--seconds 10] [--range 0.5]`` in an environment that has ``ompl``
+(``pip install ompl``) beside machopt. Random pairs of free poses in the shipped KR500 cell between four tall posts
 (``benchmarks/crowded.py``) whose straight line is blocked; both planners ask the same collision model, know no detours,
 and their ways are timed by the same law (at rest at every corner). OMPL simplifies its way as it does by default.
 """
