@@ -38,7 +38,8 @@ def thinned(candidates: Candidates, scores: Scores, k: int) -> tuple[Candidates,
         candidates, phi=candidates.phi[::k], q=np.ascontiguousarray(candidates.q[:, ::k]),
         reason=candidates.reason[:, ::k], feasible=feasible,
     )  # fmt: skip
-    return coarse, replace(scores, cost=np.ascontiguousarray(scores.cost[:, ::k]))
+    crowded = None if scores.crowded is None else np.ascontiguousarray(scores.crowded[:, ::k])
+    return coarse, replace(scores, cost=np.ascontiguousarray(scores.cost[:, ::k]), crowded=crowded)
 
 
 def best_of_nested(search: Search, found: Found, total: Callable[[Assignment], float]) -> Found:

@@ -208,20 +208,11 @@ def plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Timings 
         cost = np.full(len(path.index), np.nan)
         ok = np.flatnonzero(assignment.reason == Reason.OK)
         cost[ok] = configuration_cost(setup.elasticity, d, ok, assignment.q[ok], scores.index)
-        return Scored(
-            assignment,
-            cost,
-            objective(
-                path,
-                cost,
-                assignment.q,
-                assignment.phi,
-                scores.scale,
-                velocity,
-                options,
-                along(path, setup.collision, assignment.q, options),
-            ),
-        )
+        crowded = along(path, setup.collision, assignment.q, options)
+        value = objective(
+            path, cost, assignment.q, assignment.phi, scores.scale, velocity, options, crowded
+        )  # fmt: skip
+        return Scored(assignment, cost, value)
 
     with stage("baselines"):
         default = scored(_free(cam_default(path, setup.arm, setup.driven.home), path, setup, options))
