@@ -13,18 +13,23 @@ from typing import Any
 
 _F1, _F2, _F3, _I1, _S1 = "f8[::1]", "f8[:,::1]", "f8[:,:,::1]", "i8[::1]", "i4[::1]"
 KERNELS = (  # in the order in which a plan needs them: module, function, types of its arguments
-    ("sequence", "cheapest_sequence",
+    ("plan.carry", "_carry", f"{_F2},{_F2}"),
+    ("plan.baseline", "_nearest_to_last",
+     f"{_F3},u1[:,::1],b1[::1],{_F2},{_F1},{_F1},Array(float64, 1, 'C', readonly=True)"),
+    ("plan.sequence", "cheapest_sequence",
      f"{_F3},f8[:,:,:,::1],{_F2},b1[:,:,:,::1],{_S1},b1,{_S1},{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},f8,{_I1},{_S1},{_S1}"),
-    ("blend", "_carry", f"{_F2},{_F1}"),
-    ("blend", "_grade", f"{_F1},{_F1}"),
-    ("blend", "_round", f"{_F1},{_I1},{_F1},{_F1},{_F2},{_F3}"),
-    ("blend", "_shrink", f"{_F1},{_F1},{_F1},{_F1},{_F1}"),
-    ("blend", "_finest", f"{_F1},{_F1},{_F1},f8,{_F1}"),
-    ("blend", "_spread", f"{_F1},{_F1}"),
-    ("follow", "_refine", f"{_F2},{_F2},{_F2},{_F3},{_F2}"),
-    ("follow", "_chain", f"{_F2},{_F2},{_F2},{_F1},{_F3},{_F3},{_F2}"),
-    ("feedrate", "_corners", f"{_F1},{_F1},{_F1}"),
-    ("feedrate", "_law", f"{_F1},{_F3},{_F1},{_F1},{_F2},{_F1},{_F1},f8,i8,b1"),
+    ("model.triangles", "follow",
+     f"{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},{_F2},{_I1},{_I1},{_I1},{_I1},{_I1},{_F3},{_F1},f8[:],{_F1}"),
+    ("plan.blend", "_carry", f"{_F2},{_F1}"),
+    ("plan.blend", "_grade", f"{_F1},{_F1}"),
+    ("plan.blend", "_round", f"{_F1},{_I1},{_F1},{_F1},{_F2},{_F3}"),
+    ("plan.blend", "_shrink", f"{_F1},{_F1},{_F1},{_F1},{_F1}"),
+    ("plan.blend", "_finest", f"{_F1},{_F1},{_F1},f8,{_F1}"),
+    ("plan.blend", "_spread", f"{_F1},{_F1}"),
+    ("plan.follow", "_refine", f"{_F2},{_F2},{_F2},{_F3},{_F2}"),
+    ("plan.follow", "_chain", f"{_F2},{_F2},{_F2},{_F1},{_F3},{_F3},{_F2}"),
+    ("plan.feedrate", "_corners", f"{_F1},{_F1},{_F1}"),
+    ("plan.feedrate", "_law", f"{_F1},{_F3},{_F1},{_F1},{_F2},{_F1},{_F1},f8,i8,b1"),
 )  # fmt: skip
 
 
@@ -32,7 +37,7 @@ def compile_all() -> list[Any]:
     """Compile what is not stored yet, the last first; returns the compiled functions."""
     from importlib import import_module
 
-    kernels: list[Any] = [getattr(import_module(f"machopt.plan.{module}"), name) for module, name, _ in KERNELS]
+    kernels: list[Any] = [getattr(import_module(f"machopt.{module}"), name) for module, name, _ in KERNELS]
     for kernel, (_, _, types) in zip(reversed(kernels), reversed(KERNELS), strict=True):
         kernel.compile(f"({types})")
     return kernels
