@@ -22,7 +22,7 @@ from machopt.model.collision import CollisionModel
 Array = NDArray[np.float64]
 
 STILL = 1e-9  # rad, joints that differ by less do not move
-REACH = 0.35  # rad, longest extension of the tree
+REACH = 0.8  # rad, longest extension of the tree: benchmarks/rapids_ompl.py
 WIDE = np.pi / 3  # rad, how far beyond the two ends the tree looks at first
 ITERATIONS = 400  # extensions of the tree before giving up (a few ms each)
 SHORTCUTS = 60  # attempts to cut corners of the tree's path
