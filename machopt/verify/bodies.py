@@ -27,6 +27,7 @@ class Body:
     link: int  # 0 … 6; the tool side 7; −1 what does not belong to the robot
     carrier: int  # entry of Arm.placements that carries it, −1 the world
     place: Array  # (4, 4) in the carrier
+    placed: Any  # the same for coal
     shape: Any  # coal geometry
     middle: Array  # (3,) m, centre of its own axis-aligned box
     half: Array  # (3,) m
@@ -156,7 +157,7 @@ def near(a: Body, b: Body, T: Array, margin: float = 0.0) -> bool:
 
     request = coal.CollisionRequest()
     request.security_margin = margin
-    return bool(coal.collide(a.shape, _placed(a.place), b.shape, _placed(T @ b.place), request,
+    return bool(coal.collide(a.shape, a.placed, b.shape, _placed(T @ b.place), request,
                              coal.CollisionResult()))  # fmt: skip
 
 
@@ -164,7 +165,7 @@ def distance(a: Body, b: Body, T: Array) -> float:
     """m between a and b, at most 0 in contact."""
     import coal
 
-    return float(coal.distance(a.shape, _placed(a.place), b.shape, _placed(T @ b.place), coal.DistanceRequest(),
+    return float(coal.distance(a.shape, a.placed, b.shape, _placed(T @ b.place), coal.DistanceRequest(),
                                coal.DistanceResult()))  # fmt: skip
 
 
@@ -183,5 +184,6 @@ def _body(name: str, kind: str, link: int, carrier: int, place: Array, shape: An
     count = int(np.clip(np.ceil(half[long] / max(across, 1e-6)), 1, 8))
     balls = np.tile(middle, (count, 1))
     balls[:, long] += half[long] * ((2 * np.arange(count) + 1) / count - 1)
-    return Body(name, kind, link, carrier, np.asarray(place), shape, middle, half, balls,
+    place = np.asarray(place)
+    return Body(name, kind, link, carrier, place, _placed(place), shape, middle, half, balls,
                 float(np.hypot(half[long] / count, across)))  # fmt: skip
