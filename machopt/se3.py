@@ -53,9 +53,11 @@ def axis_rotation(axis: Array, angle: Array) -> Array:
 
 def skew(v: Array) -> Array:
     """Cross-product matrix (..., 3, 3) of v (..., 3)."""
-    z = np.zeros(np.shape(v)[:-1])
-    x, y, w = np.moveaxis(np.asarray(v, float), -1, 0)
-    return np.stack([np.stack([z, -w, y], -1), np.stack([w, z, -x], -1), np.stack([-y, x, z], -1)], axis=-2)
+    v = np.asarray(v, float)
+    K = np.zeros((*v.shape[:-1], 3, 3))
+    K[..., 2, 1], K[..., 0, 2], K[..., 1, 0] = v[..., 0], v[..., 1], v[..., 2]
+    K[..., 1, 2], K[..., 2, 0], K[..., 0, 1] = -v[..., 0], -v[..., 1], -v[..., 2]
+    return K
 
 
 def normalise(v: Array) -> Array:
