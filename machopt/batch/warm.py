@@ -67,7 +67,7 @@ def tiny_job(folder: Path) -> int:
     with one_at_a_time():
         _general_arm(cell)
         (cell / "robot.urdf").write_text(_urdf(), encoding="utf-8")
-        return optimize(Request(cell, folder / "path.csv", folder / "out")).exit_code
+        return optimize(Request(cell, folder / "path.csv", folder / "out", posts=("krl",))).exit_code
 
 
 def _general_arm(cell: Path) -> None:
