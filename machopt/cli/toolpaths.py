@@ -59,6 +59,11 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         help="full: for the report's map, look for collisions of every configuration, for half a minute at most "
         "(chosen: only what the choice had to look at)",
     )  # fmt: skip
+    job.add_argument(
+        "--front", action="store_true",
+        help="plan up to five times more, with other weights and clearance: stiffness against cycle time, joint "
+        "travel and clearance: front.csv, and a section of the report",
+    )  # fmt: skip
     job.add_argument("--sample-ms", type=float, help="time between exported samples (12)")
     job.add_argument("--seed", type=natural, help="of the random search around obstacles")
     job.add_argument(
@@ -102,7 +107,7 @@ def _optimize(args: argparse.Namespace) -> int:
     request = Request(
         cell=args.cell, toolpath=args.toolpath, out=args.out, plan_file=args.plan, overrides=tuple(args.set),
         direct=direct, reading=reading(args), allow_external=args.allow_external, posts=tuple(args.post),
-        program_tolerance_mm=args.program_tolerance_mm, map_all=args.map_collisions == "full",
+        program_tolerance_mm=args.program_tolerance_mm, front=args.front, map_all=args.map_collisions == "full",
     )  # fmt: skip
     with Display(show=not (args.quiet or args.json)) as display, compiling(display):
         outcome = optimize(request, display.stage)
@@ -202,6 +207,9 @@ def _summary(result: dict[str, Any], report: Path) -> list[str]:
             lines.append(f"  {name:12} mean {mean}, worst {worst}   (objective {o['total']:.3f})")
     lines += _gain_lines(result)
     lines += _certificate_lines(result)
+    if result.get("front"):
+        free = [p["plan"] for p in result["front"] if not p["dominated"]]
+        lines.append(f"  front of {len(free)} plans in front.csv: {', '.join(free)}")
     worst = result["worst_point"]
     if worst:
         known = math.isfinite(worst["deflection_mm"])

@@ -24,6 +24,7 @@ from machopt.output.jsonfile import plain
 
 ROLES = {
     "points.csv": "points", "trajectory.csv": "trajectory", "compensation.csv": "compensation",
+    "front.csv": "front",
     "result.json": "result", "identification.json": "result", "diagnosis.json": "result", "plan.json": "result",
     "map.json": "result", "batch.json": "result", "report.html": "report", "summary.html": "report",
     "map.svg": "report", "stiffness.yaml": "stiffness", "kinematics.yaml": "kinematics", "readings.csv": "table",

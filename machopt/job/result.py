@@ -13,6 +13,7 @@ from machopt.domain.manifest import Manifest, ManifestProgram, with_scope
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.formats.options import options_as_user, without_effect
+from machopt.job.front import Point
 from machopt.job.inputs import hashes_of
 from machopt.job.points import PointResults, reason_of
 from machopt.job.posts import Written, read_back
@@ -41,6 +42,7 @@ class Made:
     timeline: Timeline | None
     verification: Verification | None
     programs: tuple[Written, ...]
+    front: tuple[Point, ...] = ()  # the trade-off, where it was asked for
     manifest: Manifest  # without files; names inputs, reading options and what is not checked
 
     @property
@@ -110,6 +112,7 @@ def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> dict[str, 
         "objective": {"cam_default": _objective(the_plan.cam_default), "jiao2022": _objective(the_plan.jiao2022),
                       "grid": vars(the_plan.grid), "search": _search(the_plan), "chosen": _objective(the_plan.chosen),
                       "gain": [_gain(g) for g in gains(the_plan)]},
+        "front": [vars(p) for p in made.front] or None,
         "worst_point": worst,
         "compensation": _compensation(the_plan) if trajectory is not None else None,
         "infeasible_points": [

@@ -48,9 +48,9 @@ FEED = 1e-4  # of the programmed feed: feeds are printed to 0.001 mm/min
 PROGRAM_ROOM = 1e-4  # mm, deg, mm/min: what rounding moves a measured difference by
 KEYS = frozenset((
     "machopt_result", "version", "verdict", "exit_code", "unchecked", "inputs", "outputs", "options", "reading", "cell",
-    "toolpath", "index", "index_scale", "chosen_from", "objective", "worst_point", "compensation", "infeasible_points",
-    "breaks", "cycle_time_s", "feed_held_share", "feed_dips", "rapid_detours", "obstructions", "verification",
-    "programs", "notes", "warnings", "timings_s",
+    "toolpath", "index", "index_scale", "chosen_from", "objective", "front", "worst_point", "compensation",
+    "infeasible_points", "breaks", "cycle_time_s", "feed_held_share", "feed_dips", "rapid_detours", "obstructions",
+    "verification", "programs", "notes", "warnings", "timings_s",
 ))  # fmt: skip
 VERDICTS = {3: "infeasible", 4: "verification failed"}
 
@@ -411,8 +411,46 @@ def _compensation(t: Told) -> Iterable[str]:
             yield f"compensation.{small} is not between nothing and {large}"
 
 
+def _front(t: Told) -> Iterable[str]:
+    """front.csv, the table in result.json, and the motion that lies in the folder, which is the first of them."""
+    told, file = t.result.get("front"), t.folder / "front.csv"
+    if told is None:
+        if file.exists():
+            yield "names no front, yet there is a front.csv"
+        return
+    rows = read_columns(file)
+    free = [p for p in told if not p["dominated"]]
+    for name, words in rows.items():
+        if name in ("plan", "changed"):
+            yield from same(f"front.csv: {name}", words, [p[name] for p in free])
+            continue
+        yield from same(f"front.csv: rows of {name}", len(words), len(free))
+        for p, word in zip(free, words, strict=True):
+            if (p[name] is None) != (word == ""):
+                yield f"front.csv: {name} of {p['plan']} is {word!r}, result.json has {short(p[name])}"
+            elif word:
+                yield from near(f"front.csv: {name} of {p['plan']}", float(word), p[name], 1e-8, 0.0)
+    keys = ("mean_index", "cycle_time_s", "joint_travel_deg", "clearance_mm")
+    less = [[(-1.0 if k == "clearance_mm" else 1.0) * p[k] for k in keys if p[k] is not None] for p in told]
+    for p, a in zip(told, less, strict=True):
+        pairs = [list(zip(a, b, strict=True)) for b in less]
+        under = any(all(y <= x for x, y in c) and any(y < x - 1e-5 * abs(x) for x, y in c) for c in pairs)
+        if under and not p["dominated"]:
+            yield f"front: {p['plan']} is not told as dominated, yet another plan is nowhere worse"
+    own, q = told[0], np.array([t.motion[f"q{j}_deg"] for j in range(1, 7)], float)
+    chosen, scale = t.result["objective"]["chosen"], 1e3 * t.result["index_scale"]
+    yield from near("front: mean_index", own["mean_index"], scale * chosen["mean"], DIGITS, 0.0)
+    yield from near("front: worst_index", own["worst_index"], scale * chosen["worst"], DIGITS, 0.0)
+    yield from near("front: cycle_time_s", own["cycle_time_s"], t.result["cycle_time_s"], DIGITS, 0.0)
+    yield from near("front: joint_travel_deg", own["joint_travel_deg"], float(np.abs(np.diff(q)).sum()), 1e-3, 0.1)
+    least = Points.read(t).number("clearance_mm")
+    if np.isfinite(least).any():
+        yield from near("front: clearance_mm", own["clearance_mm"], float(np.nanmin(least)), PRINTED, 1e-3)
+
+
 _PARTS: dict[str, Callable[[Told], Iterable[str]]] = {
     "verdict": _verdict, "inputs": _inputs, "outputs": _outputs, "options": _options, "toolpath": _toolpath,
     "worst point": _worst, "infeasible points": _infeasible, "times": _times, "feed": _feed, "objective": _objective,
+    "front": _front,
     "compensation": _compensation, "verification": _verification, "programs": _programs, "warnings": _warnings,
 }  # fmt: skip

@@ -17,6 +17,8 @@ from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options, options_as_user
 from machopt.formats.tables import write_compensation_csv, write_points_csv, write_trajectory_csv
 from machopt.formats.toolpath import read_toolpath
+from machopt.job.front import FILE as FRONT
+from machopt.job.front import front, measured, refuse, write_front
 from machopt.job.inputs import hashes_of
 from machopt.job.knownrobot import known_robot
 from machopt.job.manifest import ROLES, optimize_manifest
@@ -33,6 +35,7 @@ from machopt.plan.pipeline import Plan, Timings, as_driven, plan
 from machopt.plan.refine import compensate
 from machopt.plan.timeline import Timeline, build_timeline
 from machopt.plan.wrongunit import wrong_unit
+from machopt.report.data import FrontPoint
 from machopt.report.page import write_report
 from machopt.se3 import inverse
 
@@ -50,6 +53,7 @@ class Request:
     reading: dict[str, Any] = field(default_factory=dict)  # keywords of formats.toolpath.read_toolpath
     allow_external: bool = False
     posts: tuple[str, ...] = ()  # names or template files; none: the cell's own
+    front: bool = False  # further plans with other weights, for the trade-off
     program_tolerance_mm: float | None = None  # 0.05, or twice path_tolerance_mm where that is more
     map_all: bool = False  # look for the collisions of every configuration, for the report's map
 
@@ -75,6 +79,8 @@ def optimize(request: Request, progress: Callable[[str], None] = lambda _: None)
         options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
         posts, tolerance = wanted_posts(cell, request.posts), tolerance_of(request.program_tolerance_mm, options)
         toolpath = read_toolpath(request.toolpath, robot=known_robot(cell), **request.reading)
+        if request.front:
+            refuse(options)
         _refuse_fixed_beyond(toolpath, options)
         if not options.allow_gaps:
             _refuse_wrong_unit(cell, toolpath, request)
@@ -111,6 +117,11 @@ def optimize(request: Request, progress: Callable[[str], None] = lambda _: None)
             with timings.stage("verify"):
                 found = content_checks(cell, toolpath, folder, options=options, manifest=made.manifest)
                 made = made.verified(found)
+        if request.front and timeline is not None and made.exit_code == 0:
+            with timings.stage("front"):
+                own = measured("as asked", "", the_plan, timeline, points)
+                made = replace(made, front=tuple(front(cell, toolpath, options, own, _motion)))
+                write_front(folder / FRONT, list(made.front))
         with timings.stage("map"):
             shown = mapped(made.plan, request.map_all)
         result = _tell(made, folder, timings, shown)
@@ -132,6 +143,10 @@ def _tell(made: Made, folder: Path, timings: Timings, shown: Mapped) -> dict[str
             unchecked=made.unchecked, hashes=hashes_of(made.manifest.inputs),
             options=options_as_user(made.options), timings=timings.seconds,
         )  # fmt: skip
+        data = replace(data, front=tuple(
+            FrontPoint(p.plan, p.changed, p.mean_index, p.worst_index, p.cycle_time_s, p.joint_travel_deg,
+                       p.clearance_mm, p.dominated) for p in made.front
+        ))  # fmt: skip
         write_report(folder / "report.html", data)
     for name in ("result.json", MANIFEST):
         (folder / name).unlink(missing_ok=True)

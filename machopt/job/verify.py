@@ -26,7 +26,7 @@ from machopt.verify import Check, Verification, verify_output
 from machopt.verify.table import Motion, read_motion
 
 NAN = float("nan")
-_RESULTS = ("points.csv", "trajectory.csv", "compensation.csv", "result.json", "report.html")
+_RESULTS = ("points.csv", "trajectory.csv", "compensation.csv", "front.csv", "result.json", "report.html")
 OPTIMIZE_ROLES = {name: ROLES[name] for name in _RESULTS} | BATCH_ROLES
 
 

@@ -60,6 +60,20 @@ class Certificate:
 
 
 @dataclass(frozen=True)
+class FrontPoint:
+    """One whole plan of the trade-off front."""
+
+    name: str
+    changed: str  # against the options in force
+    mean: float  # mm, or mm/N where no force is given
+    worst: float
+    cycle: float  # s
+    travel: float  # deg, of all axes together
+    clearance: float | None  # mm, least at the points
+    dominated: bool
+
+
+@dataclass(frozen=True)
 class Summary:
     """What did I gain, and is it safe? NaN for what was not computed."""
 
@@ -283,6 +297,7 @@ class ReportData:
     excluded_pairs: tuple[ExcludedPair, ...] = ()
     checks: tuple[Check, ...] = ()
     programs: tuple[Program, ...] = ()
+    front: tuple[FrontPoint, ...] = ()
     timings: tuple[tuple[str, float], ...] = ()  # stage, s
     events: tuple[Event, ...] = ()
     created: str = ""  # date as text; left empty the page is byte for byte reproducible

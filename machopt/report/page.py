@@ -9,6 +9,7 @@ from machopt.report import tables
 from machopt.report.data import ReportData
 from machopt.report.display import WORDS
 from machopt.report.figures import Spec, figure_specs
+from machopt.report.front import front_section
 from machopt.report.programs import programs
 from machopt.report.shell import page_html, section
 from machopt.report.verdict import cards, verdict
@@ -50,6 +51,7 @@ def report_html(data: ReportData) -> str:
         ("points", "Worst points", _worst(data)),
         ("feed", "Feed", _feed(data, charts)),
         ("axes", "Axes", _axes(data, charts)),
+        ("front", "Front", front_section(data)),
         ("verification", "Verification", _verification(data)),
         ("programs", "Robot programs", programs(data)),
         ("source", "CAM file", _source(data)),

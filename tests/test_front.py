@@ -1,0 +1,48 @@
+"""The trade-off front: what dominates what, what is refused, and the file as it is written."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from machopt.domain.options import PlanOptions
+from machopt.errors import InputError
+from machopt.job.front import HEAD, Point, refuse, variants, weighed, write_front
+
+A = Point("a", "", 0.4, 0.5, 10.0, 1000.0, 20.0)
+
+
+def test_a_plan_is_dominated_by_one_that_is_nowhere_worse() -> None:
+    points = [
+        A,
+        replace(A, plan="worse", cycle_time_s=11.0),
+        replace(A, plan="trade", mean_index=0.39, joint_travel_deg=1200.0),
+        replace(A, plan="the same again"),
+        replace(A, plan="farther", clearance_mm=30.0, cycle_time_s=12.0),
+    ]
+    assert [p.dominated for p in weighed(points)] == [False, True, False, True, False]
+    blind = [replace(p, clearance_mm=None) for p in points]
+    assert [p.dominated for p in weighed(blind)] == [False, True, False, True, True]
+
+
+@pytest.mark.parametrize(
+    ("options", "works"),
+    [(PlanOptions(method="jiao2022"), "--method global"), (PlanOptions(compensate=True), "without --compensate"),
+     (PlanOptions(allow_gaps=True), "without it")],
+)  # fmt: skip
+def test_what_makes_no_sense_is_refused_with_what_works(options: PlanOptions, works: str) -> None:
+    with pytest.raises(InputError, match=works):
+        refuse(options)
+    refuse(PlanOptions())
+
+
+def test_clearance_is_asked_for_only_where_it_is_checked() -> None:
+    assert "more clearance" in [name for name, _, _ in variants(PlanOptions())]
+    assert "more clearance" not in [name for name, _, _ in variants(PlanOptions(collision=False))]
+
+
+def test_file_holds_what_is_not_dominated(tmp_path: Path) -> None:
+    write_front(tmp_path / "front.csv", weighed([A, replace(A, plan="b", clearance_mm=10.0)]))
+    assert (tmp_path / "front.csv").read_text("utf-8").splitlines() == [",".join(HEAD), "a,,0.4,0.5,10,1000,20"]
