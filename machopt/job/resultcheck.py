@@ -23,10 +23,9 @@ from machopt.domain.toolpath import Move, Toolpath
 from machopt.errors import InputError
 from machopt.formats.options import options_as_user
 from machopt.job.manifest import BATCH_ROLES
-from machopt.job.posts import post_of, to_be_told
-from machopt.job.readback import Compared, Posted
+from machopt.job.resultprograms import programs
 from machopt.job.scope import checked, done, not_run, unchecked
-from machopt.job.told import Points, Told, is_file, near, same, same_items, short
+from machopt.job.told import AGREE, DIGITS, Points, Told, near, same, same_items, short
 from machopt.output.hashes import sha256_of
 from machopt.output.jsonfile import plain, read_json
 from machopt.output.manifest import MANIFEST, listed
@@ -36,8 +35,6 @@ from machopt.verify.table import read_columns
 Array = NDArray[np.float64]
 PRINTED = 2e-6  # relative: tables print seven significant digits
 LAST = {"k_axial_N_mm": 6e-5, "k_normal_N_mm": 6e-5, "k_jiao_x_N_mm": 6e-5, "deflection_mm": 1e-6, "gamma_deg": 1e-6}
-DIGITS = 1e-9  # relative: sums and ratios of figures that stand in the same file
-AGREE = 1e-2  # of a check's limit: between two runs, and machines, a measured value moves by rounding only
 BETWEEN = 1.5  # a planning point between toolpath points is no softer than this times the worst of them
 NINETY = 1.6448536269514722  # standard deviations of a 90 % interval
 CROWDED = 0.2  # of the nearness: places between two points may be nearer or farther than both
@@ -45,7 +42,6 @@ NONE_PERCENT = 0.01  # a smaller difference of the means is no gain
 HELD = 0.95  # of the programmed feed: what counts as held
 ON_POINT = 1e-6  # of a point index: printed with six decimals or more
 FEED = 1e-4  # of the programmed feed: feeds are printed to 0.001 mm/min
-PROGRAM_ROOM = 1e-4  # mm, deg, mm/min: what rounding moves a measured difference by
 KEYS = frozenset((
     "machopt_result", "version", "verdict", "exit_code", "unchecked", "inputs", "outputs", "options", "reading", "cell",
     "toolpath", "index", "index_scale", "chosen_from", "objective", "front", "worst_point", "compensation",
@@ -324,72 +320,6 @@ def _verification(t: Told) -> Iterable[str]:
         yield from near(f"{e.name}: value", c["value"], e.value, AGREE, room)
 
 
-def _programs(t: Told) -> Iterable[str]:
-    told = t.result["programs"]
-    there = {f.name for f in t.manifest.files if f.role == "program"} if t.manifest else None
-    named = [name for p in told for name in p["files"]]
-    for p in told:
-        if p["files"]:
-            lines = sum((t.folder / name).read_bytes().count(b"\n") for name in p["files"] if is_file(t, name))
-            yield from same(f"{p['post']}: lines", p["lines"], lines)
-            yield from same(f"{p['post']}: withheld", p["withheld"], None)
-            yield from same(f"{p['post']}: differences", p["differences"], [])
-            yield from _program_told(t, p)
-            yield from _feed_model(p)
-        elif not p["withheld"]:
-            yield f"{p['post']}: has no files and was not withheld"
-    for name in named:
-        if not is_file(t, name):
-            yield f"{name} is named and not there"
-    if t.manifest is not None and there is not None:
-        listed_programs = [[p.post, list(p.files)] for p in t.manifest.programs]
-        yield from same("programs", [[p["post"], p["files"]] for p in told if p["files"]], listed_programs)
-        for name in sorted(there - set(named)):
-            yield f"{name} is a program and not named"
-        said = [f"{p['files'][0]}: {x}" for p in told if p["files"] for x in (*p["not_in_program"], *p["assumed"])]
-        yield from same("warnings (of the manifest)", list(t.manifest.warnings), said)
-        tolerance = t.manifest.program_tolerance_mm
-        for p in told:
-            yield from near(f"{p['post']}: tolerance_mm", p["tolerance_mm"], tolerance, DIGITS, 0.0)
-    if t.result["exit_code"] != 0 and named:
-        yield f"exit code {t.result['exit_code']}, yet there is a robot program: {named[0]}"
-
-
-def _feed_model(p: Mapping[str, Any]) -> Iterable[str]:
-    """What a model says of a feed follows from the planner's moves; that it can be so is checked."""
-    told = p["feed_model"]
-    if told is None:
-        return
-    low, mean, held = (told[k] for k in ("lowest_percent", "mean_percent", "held_length_percent"))
-    if not (0.0 <= low <= mean * (1 + DIGITS) and mean <= 100.0 * (1 + DIGITS) and 0.0 <= held <= 100.0 * (1 + DIGITS)):
-        yield f"{p['post']}: feed_model cannot be: {short(told)}"
-    if not (told["cutting_time_s"] >= 0.0 and told["rounding_max_mm"] >= 0.0 and told["exact_stops"] >= 0):
-        yield f"{p['post']}: feed_model is below zero: {short(told)}"
-    if told["rounding_max_mm"] > p["tolerance_mm"] * (1 + DIGITS):
-        yield f"{p['post']}: rounds by {told['rounding_max_mm']:.4g} mm, more than its tolerance"
-
-
-def _program_told(t: Told, p: Mapping[str, Any]) -> Iterable[str]:
-    """What is told of one program: its checks, and what it takes for granted or leaves to a comment."""
-    post = post_of(p["post"], t.folder, t.cell, t.manifest)
-    if post is not None:
-        assumed, left = to_be_told(t.cell, t.toolpath, post)
-        yield from same(f"{p['post']}: assumed", p["assumed"], list(assumed))
-        yield from same(f"{p['post']}: not_in_program", p["not_in_program"], list(left))
-    found = Compared.of(Posted(p["post"], post, tuple(p["files"])), t.contents.checks if t.contents else ()).as_result()
-    told = p["checked"]
-    if (found is None) != (told is None):
-        yield f"{p['post']}: checked is {short(told)}, {short(found)} follows"
-    if found is None or told is None:
-        return
-    yield from same(f"{p['post']}: checked", sorted(told), sorted(found))
-    for key, value in found.items():
-        if isinstance(value, float) and not key.startswith("moves"):
-            yield from near(f"{p['post']}: checked.{key}", told[key], value, AGREE, PROGRAM_ROOM)
-        else:
-            yield from same(f"{p['post']}: checked.{key}", told[key], value)
-
-
 def _warnings(t: Told) -> Iterable[str]:
     expected = [*t.cell.warnings, *t.toolpath.warnings]
     yield from same("warnings", t.result["warnings"][: len(expected)], expected)
@@ -452,5 +382,5 @@ _PARTS: dict[str, Callable[[Told], Iterable[str]]] = {
     "verdict": _verdict, "inputs": _inputs, "outputs": _outputs, "options": _options, "toolpath": _toolpath,
     "worst point": _worst, "infeasible points": _infeasible, "times": _times, "feed": _feed, "objective": _objective,
     "front": _front,
-    "compensation": _compensation, "verification": _verification, "programs": _programs, "warnings": _warnings,
+    "compensation": _compensation, "verification": _verification, "programs": programs, "warnings": _warnings,
 }  # fmt: skip

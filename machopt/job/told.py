@@ -23,6 +23,8 @@ from machopt.verify import Verification
 from machopt.verify.table import read_columns
 
 Array = NDArray[np.float64]
+AGREE = 1e-2  # of a check's limit: between two runs, and machines, a measured value moves by rounding only
+DIGITS = 1e-9  # relative: sums and ratios of figures that stand in the same file
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 from machopt.formats.programs.builder import STANDING_TOOL, Builder, number
 from machopt.formats.programs.nearby import called
 from machopt.formats.programs.parsed import JOINT, LINEAR, Array, Frame, ParsedProgram
-from machopt.formats.programs.rotations import fixed_xyz, matrix
+from machopt.formats.programs.rotations import fixed_xyz, halfway, matrix
 from machopt.formats.source import Source
 
 _LINE = re.compile(r"\s*(\d*)\s*:\s*(.*)")
@@ -26,7 +26,6 @@ _ITEM = re.compile(r"\b([XYZWPRJE]\d?)\s*=\s*([-+.\d]+(?:[eE][-+]?\d+)?|\*+)\s*(
 _FRAME = re.compile(r"\b(UF|UT)\s*:\s*(\d+|F)")
 _CONFIG = re.compile(r"CONFIG\s*:?\s*'([^']*)'")
 _FRAME_NUMBER = re.compile(r"(UFRAME|UTOOL)_NUM\s*=\s*(\d+)")
-_FLAT = 1e-18  # m³·m²: three places within a micrometre of a line
 _TO_M_S = {"mm/sec": 1e-3, "cm/min": 1e-2 / 60.0, "inch/min": 0.0254 / 60.0, "in/min": 0.0254 / 60.0}
 _MODIFIER = re.compile(
     r"(?:ACC\s*\d+|COORD|PTH|WJNT|BREAK|MROT|EV\s*\d+%?|IND|AP_LD[\d.]*|RT_LD[\d.]*|PSPD\s*\d+|CR\s*\d+)$"
@@ -210,7 +209,7 @@ class _Reader:
             return
         feed, blend = self.tail(motion.group(4), line, part)
         a, b, c = (row[0] for row in self.row[-3:])
-        via = b if len(self.row) == 3 else _halfway(a, b, c)
+        via = b if len(self.row) == 3 else halfway(a, b, c)
         self.out.circle(via, c, line, feed=feed, blend=blend, external=found.others, configuration=found.configuration)
 
     def end_of_arcs(self, part: Part) -> None:
@@ -314,22 +313,6 @@ class _Reader:
             return
         self.out.files.append(other.path)
         self.follow(_split(other), depth + 1)
-
-
-def _halfway(a: Array, b: Array, c: Array) -> Array:
-    """A pose on the circle through three places, half-way from the second to the third."""
-    p, q, r = (T[:3, 3] for T in (a, b, c))
-    n = np.cross(q - p, r - q)
-    rows = np.array([q - p, r - p, n])
-    if abs(np.linalg.det(rows)) < _FLAT:
-        return b  # on a line: the arc through it says so
-    centre = np.linalg.solve(rows, [(q @ q - p @ p) / 2.0, (r @ r - p @ p) / 2.0, n @ p])
-    u, w = q - centre, r - centre
-    v = np.cross(n / np.linalg.norm(n), u)
-    half = (math.atan2(float(w @ v), float(w @ u)) % (2.0 * math.pi)) / 2.0
-    out = b.copy()
-    out[:3, 3] = centre + math.cos(half) * u + math.sin(half) * v
-    return out
 
 
 def _split(source: Source) -> Part:

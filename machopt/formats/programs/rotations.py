@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Rows = tuple[float, float, float, float, float, float, float, float, float]
+FLAT = 1e-18  # m³·m²: three places within a micrometre of a line
 LEAST_NORM = 0.9  # of a quaternion as printed; programs with four decimals are far closer to 1
 
 
@@ -91,3 +92,19 @@ def between(R0: Array, R1: Array, share: Array) -> Array:
     s = np.sin(half)[:, None] * axis
     out = [from_quaternion(float(c), *row) for c, row in zip(np.cos(half), s.tolist(), strict=True)]
     return np.asarray(R0 @ np.array(out, float).reshape(-1, 3, 3))
+
+
+def halfway(a: Array, b: Array, c: Array) -> Array:
+    """A pose on the circle through three places, half-way from the second to the third."""
+    p, q, r = (T[:3, 3] for T in (a, b, c))
+    n = np.cross(q - p, r - q)
+    rows = np.array([q - p, r - p, n])
+    if abs(np.linalg.det(rows)) < FLAT:
+        return b  # on a line: the arc through it says so
+    centre = np.linalg.solve(rows, [(q @ q - p @ p) / 2.0, (r @ r - p @ p) / 2.0, n @ p])
+    u, w = q - centre, r - centre
+    v = np.cross(n / np.linalg.norm(n), u)
+    half = (math.atan2(float(w @ v), float(w @ u)) % (2.0 * math.pi)) / 2.0
+    out = b.copy()
+    out[:3, 3] = centre + math.cos(half) * u + math.sin(half) * v
+    return out

@@ -7,7 +7,6 @@ X, Y, Z of turned rotary axes need the machine's kinematics (``--machine``).
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator
 
@@ -17,8 +16,9 @@ from machopt.domain.toolpath import Toolpath
 from machopt.formats.arcs import ArcError
 from machopt.formats.cam import reviewed
 from machopt.formats.cam.gcode import flow as gcode_flow
+from machopt.formats.cam.gcode.auxiliary import AuxiliaryReader
 from machopt.formats.cam.gcode.blocks import Block, BlockReader, refuse_exponent
-from machopt.formats.cam.gcode.calls import OPERATION, CallReader
+from machopt.formats.cam.gcode.calls import OPERATION
 from machopt.formats.cam.gcode.decimals import check_decimals, with_points
 from machopt.formats.cam.gcode.expr import ExpressionError
 from machopt.formats.cam.gcode.fast import PLAIN, SIEMENS, plain_lines, takes_plain_lines
@@ -60,7 +60,7 @@ def read_gcode(source: Source, options: ReadOptions) -> Toolpath:
     return ProgramReader(source, options).run()
 
 
-class ProgramReader(CallReader):
+class ProgramReader(AuxiliaryReader):
     """Carries out G, M and other words of G-code; the readers of Heidenhain's programs build on it."""
 
     decimals_count = True  # numbers without a point may mean something else, by the control's parameters
@@ -76,7 +76,6 @@ class ProgramReader(CallReader):
         unit, self.unit_from = self.first_unit(source, options)
         super().__init__(source, options, unit)
         self.out.meta.update(unit=unit, unit_from=self.unit_from)
-        self.next_tool, self.next_name = float("nan"), ""
         self.ended = False
         self.listing = 0  # "====" lines of an information listing; the program starts after the second
         self.closed = False  # a % after the program began
@@ -330,101 +329,3 @@ class ProgramReader(CallReader):
                     raise self.source.error(f"{name} is not known, and it stands with axis words", b.line)
                 self.out.ignore(name, b.line, understood=False)
         return machine_frame
-
-    def unit_of_feeds(self, g: int) -> float:
-        """mm per unit of the feeds behind a unit word; NaN where the file does not say it.
-
-        Sinumerik's G70 and G71 change lengths only, feeds stay in the control's own unit; G700 and G710 change both.
-        """
-        if not self.siemens or g not in (700, 710):
-            return self.scale
-        if self.options.unit is not None:
-            return UNIT_NAMES[self.options.unit]
-        return 1.0 if g == 710 else math.nan
-
-    def take_feed(self, feed: float, line: int) -> None:
-        """F.
-
-        Raises:
-            InputError: its unit is not said.
-        """
-        if math.isnan(self.feed_unit) and self.feed_mode != "inverse":
-            raise self.source.error(
-                "F under G70: it makes lengths inches, feeds stay in the control's own unit. Give that with "
-                "--unit inch (F in inch/min) or --unit mm (F in mm/min), or post the program with G700",
-                line,
-            )
-        self.feed, self.feed_scale = feed, self.feed_unit
-
-    def numbers(self, words: dict[str, float], b: Block) -> None:
-        if "F" in words:
-            self.take_feed(words.pop("F"), b.line)
-        if "S" in words:
-            self.rpm = words.pop("S")
-            self.out.event("spindle", f"S{self.rpm:g}", self.rpm)
-        if "T" in words:
-            self.next_tool, self.next_name = words.pop("T"), ""
-            self.out.ignore("T", b.line, understood=True)
-        if "T" in b.texts:
-            self.next_tool, self.next_name = float("nan"), b.texts["T"]
-            self.out.ignore("T", b.line, understood=True)
-        for letter in ("H", "D", "E"):
-            if letter in words:
-                words.pop(letter)
-                self.out.ignore(letter, b.line, understood=True)
-        for letter in ("U", "V", "W"):
-            value = words.pop(letter, 0.0)
-            if value and not self.siemens:
-                raise self.source.error(
-                    f"{letter}{value:g} moves a further axis of the machine (or counts from where the tool is): not "
-                    "supported; post the path in X, Y, Z",
-                    b.line,
-                )
-
-    def m_words(self, m_words: list[int], words: dict[str, float], line: int) -> None:
-        for m in m_words:
-            if m in (3, 4, 5):
-                self.out.event("spindle", f"M{m}", 0.0 if m == 5 else self.rpm)
-            elif m in (7, 8, 9):
-                self.out.event("coolant", f"M{m}")
-            elif m in (0, 1):
-                self.out.event("stop", f"M{m}")
-            elif m == 6:
-                number = "" if self.next_tool != self.next_tool else f"{self.next_tool:g}"
-                self.out.event("tool", f"T{self.next_name or number} M6", self.next_tool)
-                self.out.change_tool(self.next_name or number)
-            elif m in (97, 98):
-                raise self.source.error(
-                    f"M{m} calls a subprogram that is not in this file; expand it into one program, or append it", line
-                )
-            elif m in (128, 428):
-                self.use_tcp("angles", line)
-                machine = self.setup.machine
-                if m == 428 and machine and not machine.name.endswith("-reversed"):
-                    self.out.warn_once(
-                        "M428 is LinuxCNC's switch; its table kinematics turn the other way: machine …-reversed?", line
-                    )
-            elif m in (129, 429, 430):
-                self.use_tcp(None, line)
-            elif m in (13, 14):  # spindle and coolant in one word
-                self.out.event("spindle", f"M{m}", self.rpm)
-                self.out.event("coolant", f"M{m}")
-            elif m not in PROGRAM_END and m != 91 and not (m == 17 and self.siemens):
-                self.out.ignore(f"M{m}", line, understood=m in reviewed.M)
-                words.pop("P", None)
-                words.pop("Q", None)
-
-    def dwell(self, words: dict[str, float], b: Block) -> None:
-        value = float("nan")
-        for letter in ("X", "U", "P", "F"):
-            if letter in words:
-                value = words.pop(letter)
-                if letter == "P" and b.bare("P"):
-                    known = value >= 100.0  # ms on Fanuc, s on LinuxCNC
-                    value = value / 1e3 if known else float("nan")
-                    if not known:
-                        self.out.warn_once("G4 P without a decimal point: seconds or milliseconds is not known", b.line)
-                break
-        if self.siemens:
-            words.pop("S", None)  # turns of the spindle to wait
-        self.out.event("dwell", "G4", value)

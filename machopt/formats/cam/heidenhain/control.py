@@ -14,33 +14,23 @@ from machopt.formats.cam import reviewed
 from machopt.formats.cam.gcode.blocks import Block
 from machopt.formats.cam.gcode.contour import Corner, Kind, Segment
 from machopt.formats.cam.gcode.patterns import MOST_HOLES, circle, grid
-from machopt.formats.cam.gcode.planes import sequence, spatial
-from machopt.formats.cam.gcode.reader import ProgramReader
 from machopt.formats.cam.gcode.words import PLANES
 from machopt.formats.cam.heidenhain.approach import Approach, LeadIn, LeadPath, plane_point
 from machopt.formats.cam.heidenhain.cycles import SUPPORTED, old_cycle, q_cycle
 from machopt.formats.cam.heidenhain.flow import LabelFlow
-from machopt.formats.frames import FrameError, Transfer
+from machopt.formats.cam.heidenhain.planes import NUMBER, PlaneReader, value
 from machopt.formats.holecycle import CycleError
 from machopt.formats.pathbuilder import Vector
 from machopt.formats.source import MM_PER_INCH, ReadOptions, Source
 
-NUMBER = r"([+-]?\s*(?:\d+\.?\d*|\.\d+))"
-_ANGLE = re.compile(r"(SP[ABC]|EUL(?:PR|NU|ROT)|[BN][XYZ])\s*" + NUMBER)
-_ZERO = (0.0, 0.0, 0.0)
 _TOOL_AXIS = re.compile(r"TOOL CALL\s*(?:\"\"|\d+)?\s*([XYZUVW])\b")
 _QUOTED = re.compile(r"\"[^\"]*\"")
 
 
-def value(text: str) -> float:
-    return float("".join(text.split()))
-
-
-class ControlReader(ProgramReader):
+class ControlReader(PlaneReader):
     """State and moves of the control."""
 
     format = "heidenhain"
-    stays = False  # the last PLANE left the rotary axes where they were
     decimals_count = False
 
     def __init__(self, source: Source, options: ReadOptions) -> None:
@@ -53,11 +43,8 @@ class ControlReader(ProgramReader):
         self.q: dict[int, float] = {}
         self.cycle: int | None = None  # number
         self.cycle_words: dict[str, float] = {}
-        self.chain: dict[str, Transfer] = {}  # datum, plane, turn: in the order they were switched on
-        self.turned_by = 0.0  # deg, CYCL DEF 10
         self.side = 0.0  # of the tool by radius compensation: +1 left (RL, G41), -1 right
         self.approach: Approach | None = None  # waits for the contour element it leads into
-        self.preset: float | None = None
         self.left_out: tuple[str, int] | None = None  # another program that was called
         self.centres.absolute = True
 
@@ -272,66 +259,7 @@ class ControlReader(ProgramReader):
             self.go([*self.p[:2], height], axis, Move.CUT, feed, line)
         self.side, self.segment = 0.0, None  # DEP ends the compensation
 
-    # ---- coordinate systems
-
-    def chain_changed(self) -> None:
-        """The datum outside of a tilted plane is a shift, everything else a plane of its own."""
-        shift = self.chain.get("datum") if next(iter(self.chain), None) == "datum" else None
-        self.shifts["datum"] = [0.0] * 3 if shift is None else shift.t.tolist()
-        x, y, z = self.shifts["datum"]
-        local: Transfer | None = None
-        for name, one in reversed(self.chain.items()):
-            if not (name == "datum" and shift is not None):
-                local = one if local is None else local.then(one)
-        if local is not None and local.nothing:
-            local = None
-        plane = self.chain.get("plane")
-        leaving = plane is None and self.setup.tilted != ""
-        if leaving:
-            self.untilt()
-        self.change_setup(datum=(x, y, z), local=local)
-        if any(self.setup.datum):
-            self.out.warn_once(
-                "the program shifts its datum: points count from the preset before the shift (where the "
-                "cell's workpiece is the shifted datum, take the shift out of the file)"
-            )
-
-    def shift_datum(self, words: dict[str, float], line: int, word: str = "CYCL DEF 7") -> None:
-        """CYCL DEF 7, TRANS DATUM; inside a tilted plane it shifts along the tilted axes."""
-        name = "datum" if "plane" not in self.chain or next(iter(self.chain)) == "datum" else "inner"
-        if "plane" in self.chain:
-            name = "inner"
-        now = self.chain[name].t.copy() if name in self.chain else np.zeros(3)
-        for k, letter in enumerate("XYZ"):
-            if letter in words:
-                now[k] = words[letter] * self.scale
-            elif "I" + letter in words:
-                now[k] += words["I" + letter] * self.scale
-        if name in self.chain or now.any():
-            self.chain[name] = Transfer(np.eye(3), now)
-        if not now.any():
-            self.chain.pop(name, None)
-            self.chain.pop("inner", None)
-        self.chain_changed()
-        self.out.ignore(word, line, understood=True)
-
-    def transform(self, name: str, one: Transfer, word: str, line: int) -> None:
-        """Mirror or scale inside of what was switched on before it; no change ends it."""
-        self.chain.pop(name, None)
-        if not one.nothing:
-            if self.setup.tcp is not None:
-                raise FrameError(f"{word} under tool-centre-point control is not supported")
-            self.chain[name] = one
-        self.chain_changed()
-        self.out.ignore(word, line, understood=True)
-
-    def mirror_axes(self, text: str, word: str, line: int) -> None:
-        """CYCL DEF 8 and G28: the axes that are named are mirrored, none is mirrored without a name."""
-        named = set(re.findall(r"\b([XYZABC])\b", text))
-        if named - {"X", "Y"}:
-            raise self.source.error(f"{word} mirrors {text.strip()}: only X and Y are supported", line)
-        x, y = (-1.0 if c in named else 1.0 for c in "XY")
-        self.transform("mirror", Transfer.factors(x, y, 1.0), word, line)
+    # ---- tools and cycles
 
     def drill_pattern(self, number: int, line: int) -> None:
         """Cycles 220 (circle) and 221 (rows): the last drilling cycle at every place.
@@ -361,79 +289,6 @@ class ControlReader(ProgramReader):
         plan = q_cycle(self.cycle, self.q, s, self.rpm)
         for x, y in places:
             self.holes(plan, {}, [x * s, y * s, self.p[2]], Block(line, []))
-
-    def scale_all(self, factor: float, line: int, word: str = "CYCL DEF 11") -> None:
-        """CYCL DEF 11, TRANS SCALE: one factor for all lengths."""
-        if not factor > 0.0:
-            raise self.source.error(f"{word} with a factor of {factor:g}; expected one above zero", line)
-        self.transform("scale", Transfer.factors(factor, factor, factor), word, line)
-
-    def turn_plane(self, degrees: float, line: int, word: str = "CYCL DEF 10") -> None:
-        """CYCL DEF 10, TRANS ROTATION: rotation in the plane."""
-        self.chain.pop("turn", None)
-        self.turned_by = degrees
-        if degrees:
-            self.chain["turn"] = Transfer.rotation("Z", degrees)
-        self.chain_changed()
-        self.out.ignore(word, line, understood=True)
-
-    def set_plane(self, plane: Transfer | None, line: int) -> None:
-        """PLANE … or CYCL DEF 19: the tool stands upright on it."""
-        self.chain.pop("plane", None)
-        self.chain.pop("inner", None)
-        if plane is None or plane.nothing:
-            self.chain_changed()
-            return
-        self.chain["plane"] = plane
-        self.chain_changed()
-        upright = abs(plane.z[2] - 1.0) < 1e-9
-        tilted = "not yet" if self.stays else "aligned"  # STAY: the axes wait for L A+Q120 B+Q121 C+Q122
-        self.change_setup(tilted="" if upright else tilted, stood_up=not upright and not self.stays)
-        self.out.meta["tilted_planes"] = str(int(self.out.meta.get("tilted_planes", "0")) + 1)
-
-    def plane_statement(self, text: str, line: int) -> None:
-        kind = text.split()[1] if len(text.split()) > 1 else ""
-        self.stays = re.search(r"\bSTAY\b", text) is not None
-        v = {name: value(n) for name, n in _ANGLE.findall(text)}
-        if kind == "RESET":
-            self.set_plane(None, line)
-            if re.search(r"\b(?:TURN|MOVE)\b", text):  # the control brings the rotary axes to zero
-                self.change_setup(unaligned=False, angles={})
-        elif kind == "SPATIAL":
-            self.set_plane(spatial(v.get("SPA", 0.0), v.get("SPB", 0.0), v.get("SPC", 0.0)), line)
-        elif kind == "EULER":
-            angles = (v.get("EULPR", 0.0), v.get("EULNU", 0.0), v.get("EULROT", 0.0))
-            self.set_plane(sequence("ZXZ", angles, _ZERO), line)
-        elif kind.startswith("RELATIV"):
-            more = spatial(v.get("SPA", 0.0), v.get("SPB", 0.0), v.get("SPC", 0.0))
-            self.set_plane(more.then(self.chain["plane"]) if "plane" in self.chain else more, line)
-        elif kind == "VECTOR":
-            self.set_plane(
-                _by_vectors([v.get("B" + c, 0.0) for c in "XYZ"], [v.get("N" + c, 0.0) for c in "XYZ"]), line
-            )
-        else:
-            raise self.source.error(
-                f"{text[:24]!r}: PLANE {kind} (by points, projections or axis angles) is not supported; use PLANE "
-                "SPATIAL, EULER or VECTOR",
-                line,
-            )
-
-    def tilt_angles(self, angles: dict[str, float], line: int) -> None:
-        """CYCL DEF 19 (G80): read as spatial angles."""
-        if sum(v != 0.0 for v in angles.values()) > 1:
-            self.out.warn_once(
-                "cycle 19 is read as spatial angles A, B, C; a machine setting can make them axis angles", line
-            )
-        a, b, c = (angles.get(k, 0.0) for k in "ABC")
-        self.set_plane(spatial(a, b, c), line)
-
-    def use_preset(self, number: float) -> None:
-        """CYCL DEF 247: another datum of the preset table is another work offset."""
-        if self.preset is None or not len(self.out):
-            self.preset = number
-        self.take_offset(f"preset {number:g}", f"preset {self.preset:g}")
-
-    # ---- tools and cycles
 
     def call_tool(self, tool: str, rpm: float | None, text: str, line: int) -> None:
         if rpm is not None:
@@ -485,18 +340,3 @@ class ControlReader(ProgramReader):
         else:
             plan = old_cycle(self.cycle, self.cycle_words, self.p[2], self.scale, self.rpm)
         self.holes(plan, {}, None, b)
-
-
-def _by_vectors(base: list[float], normal: list[float]) -> Transfer:
-    """PLANE VECTOR: z along the normal, x along the base vector made square to it."""
-    z = np.array(normal)
-    length = float(np.linalg.norm(z))
-    if not length > 1e-9:
-        raise FrameError("PLANE VECTOR with a zero normal (NX, NY, NZ)")
-    z = z / length
-    x = np.array(base) - float(np.array(base) @ z) * z
-    length = float(np.linalg.norm(x))
-    if not length > 1e-9:
-        raise FrameError("PLANE VECTOR with a base vector (BX, BY, BZ) that is zero or along the normal")
-    x = x / length
-    return Transfer(np.column_stack([x, np.cross(z, x), z]), np.zeros(3))

@@ -13,7 +13,8 @@ from machopt.domain.toolpath import Toolpath
 from machopt.formats.cam import reviewed
 from machopt.formats.cam.gcode.blocks import Block
 from machopt.formats.cam.gcode.flow import FlowError
-from machopt.formats.cam.heidenhain.control import NUMBER, ControlReader, value
+from machopt.formats.cam.heidenhain.control import ControlReader
+from machopt.formats.cam.heidenhain.planes import NUMBER, value
 from machopt.formats.source import ReadOptions, Source
 
 HEADER = re.compile(r"^[ \t]*%(?!_N_)[ \t]*\S+[ \t]+G7([01])\b", re.IGNORECASE | re.MULTILINE)

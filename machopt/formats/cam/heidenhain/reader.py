@@ -16,8 +16,9 @@ from machopt.formats.cam.gcode.fast import HEIDENHAIN, plain_lines
 from machopt.formats.cam.gcode.flow import FlowError
 from machopt.formats.cam.gcode.motion import TANGENTIAL
 from machopt.formats.cam.heidenhain.approach import Approach, Lead, LeadIn
-from machopt.formats.cam.heidenhain.control import NUMBER, ControlReader, value
+from machopt.formats.cam.heidenhain.control import ControlReader
 from machopt.formats.cam.heidenhain.cycles import OLD_WORD, old_word
+from machopt.formats.cam.heidenhain.planes import NUMBER, value
 from machopt.formats.frames import Transfer
 from machopt.formats.source import ReadOptions, Source
 
@@ -242,30 +243,6 @@ class _Reader(ControlReader):
             raise self.source.error(f"found {rest[:20]!r}; expected SET UP, DEPTH, PECKG, DWELL or F", line)
         if word.group(2):
             self.cycle_words[old_word(word.group(1))] = value(word.group(2))
-
-    def trans(self, text: str, line: int) -> None:
-        """TRANS DATUM, MIRROR, ROTATION, SCALE: as the cycles 7, 8, 10 and 11; RESET ends each."""
-        _, kind, *rest = text.split(maxsplit=2)
-        arguments = rest[0] if rest else ""
-        off = arguments.startswith("RESET")
-        axes = {k: value(v) for k, v in re.findall(r"\b(I?[XYZABC])\s*" + NUMBER, arguments)}
-        if kind == "DATUM" and (off or (arguments.startswith("AXIS") and axes and not axes.keys() & _ROTARY)):
-            self.shift_datum(dict.fromkeys("XYZ", 0.0) if off else axes, line, "TRANS DATUM")
-        elif kind == "MIRROR" and (off or arguments.startswith("AXIS")):
-            self.mirror_axes("" if off else arguments.removeprefix("AXIS"), "TRANS MIRROR", line)
-        elif kind == "ROTATION" and (found := re.match(r"RESET|(I?)ROT\s*" + NUMBER, arguments)):
-            degrees = 0.0 if off else value(found.group(2))
-            self.turn_plane(degrees + (self.turned_by if found.group(1) else 0.0), line, "TRANS ROTATION")
-        elif kind == "SCALE" and (found := re.match(r"RESET|SCL\s*" + NUMBER, arguments)):
-            self.scale_all(1.0 if off else value(found.group(1)), line, "TRANS SCALE")
-        else:
-            raise self.source.error(
-                f"{text[:40]!r}: read are TRANS DATUM AXIS X… Y… Z…, MIRROR AXIS, ROTATION ROT…, SCALE SCL… and their "
-                "RESET (a datum table is not in the file)",
-                line,
-            )
-
-    # ---- motion
 
     def statement(self, text: str, line: int) -> None:
         kind, rest = "L", text
