@@ -79,7 +79,8 @@ def between(toolpath: Toolpath, known: Directions, index: Array, *, leaving: boo
     size, good = _across(move, axis)
     travel = np.where(good[:, None], _flat(move, axis), _flat(known.travel[low], axis))
     del size
-    return _directions(toolpath, high, axis, travel, np.full_like(axis, np.nan))
+    # what the file gives at a point holds for the move that leaves it, as the direction of travel does
+    return _directions(toolpath, low, axis, travel, np.full_like(axis, np.nan))
 
 
 SAME = 1e-6  # of an index, which is printed with six decimals
