@@ -35,6 +35,15 @@ hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "dev")
 
 _skips: Counter[str] = Counter()
 _seconds: defaultdict[str, float] = defaultdict(float)
+_longest: defaultdict[str, float] = defaultdict(float)
+SLOW = Path(__file__).with_name("slow.txt")
+"""Tests of which one case took LONG seconds or more when they were recorded (``--record-slow``): no part of `quick`."""
+LONG = 0.3
+
+
+def _function(nodeid: str) -> str:
+    """Without the parameters: all cases of a test are in one tier."""
+    return nodeid.partition("[")[0]
 
 
 @pytest.fixture(scope="module")
@@ -87,11 +96,19 @@ def _alone(lock: Path) -> Iterator[None]:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--record-slow", action="store_true", help=f"write tests/{SLOW.name} anew from this run of all tests"
+    )
     parser.addoption("--strict-skips", action="store_true", help="fail where a test is skipped for no expected reason")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Modules with slow tests first: the last module that two processes share out must be a short one."""
+    """What took long when it was recorded is ``slow``. Modules with slow tests come first: the last module that two
+    processes share out must be a short one."""
+    known = set(SLOW.read_text(encoding="utf-8").split())
+    for item in items:
+        if _function(item.nodeid) in known:
+            item.add_marker(pytest.mark.slow)
     slow = Counter(i.path for i in items if i.get_closest_marker("slow") or i.get_closest_marker("proof"))
     items.sort(key=lambda item: -slow[item.path])
 
@@ -99,6 +116,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     _note_skip(report)
     _seconds[report.nodeid.partition("::")[0]] += report.duration
+    _longest[_function(report.nodeid)] = max(_longest[_function(report.nodeid)], report.duration)
 
 
 def _note_skip(report: pytest.TestReport | pytest.CollectReport) -> None:
@@ -113,6 +131,9 @@ def unexpected_skips(skips: Counter[str]) -> Counter[str]:
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
+    if session.config.getoption("--record-slow") and not hasattr(session.config, "workerinput"):
+        slow = sorted(name for name, seconds in _longest.items() if seconds >= LONG)
+        SLOW.write_text("\n".join(slow) + "\n", encoding="utf-8")
     strict = session.config.getoption("--strict-skips") and not hasattr(session.config, "workerinput")
     if strict and unexpected_skips(_skips) and session.exitstatus == pytest.ExitCode.OK:
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
