@@ -37,8 +37,9 @@ _skips: Counter[str] = Counter()
 _seconds: defaultdict[str, float] = defaultdict(float)
 _longest: defaultdict[str, float] = defaultdict(float)
 SLOW = Path(__file__).with_name("slow.txt")
-"""Tests of which one case took LONG seconds or more when they were recorded (``--record-slow``): no part of `quick`."""
-LONG = 0.3
+"""No part of `quick`: tests of which one case took LONG seconds or more when they were recorded (``--record-slow``),
+and modules that took LONG_MODULE seconds in all, their fixtures included."""
+LONG, LONG_MODULE = 0.3, 10.0
 
 
 def _function(nodeid: str) -> str:
@@ -107,7 +108,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     processes share out must be a short one."""
     known = set(SLOW.read_text(encoding="utf-8").split())
     for item in items:
-        if _function(item.nodeid) in known:
+        if known & {_function(item.nodeid), item.nodeid.partition("::")[0]}:
             item.add_marker(pytest.mark.slow)
     slow = Counter(i.path for i in items if i.get_closest_marker("slow") or i.get_closest_marker("proof"))
     items.sort(key=lambda item: -slow[item.path])
@@ -132,8 +133,9 @@ def unexpected_skips(skips: Counter[str]) -> Counter[str]:
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
     if session.config.getoption("--record-slow") and not hasattr(session.config, "workerinput"):
-        slow = sorted(name for name, seconds in _longest.items() if seconds >= LONG)
-        SLOW.write_text("\n".join(slow) + "\n", encoding="utf-8")
+        modules = {name for name, seconds in _seconds.items() if seconds >= LONG_MODULE}
+        tests = {n for n, seconds in _longest.items() if seconds >= LONG and n.partition("::")[0] not in modules}
+        SLOW.write_text("\n".join(sorted(modules | tests)) + "\n", encoding="utf-8")
     strict = session.config.getoption("--strict-skips") and not hasattr(session.config, "workerinput")
     if strict and unexpected_skips(_skips) and session.exitstatus == pytest.ExitCode.OK:
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
