@@ -9,7 +9,7 @@ import pytest
 
 from machopt.domain.options import PlanOptions
 from machopt.errors import InputError
-from machopt.job.front import HEAD, Point, refuse, variants, weighed, write_front
+from machopt.job.front import HEAD, Point, left_out, refuse, variants, weighed, write_front
 
 A = Point("a", "", 0.4, 0.5, 10.0, 1000.0, 20.0)
 
@@ -46,3 +46,13 @@ def test_clearance_is_asked_for_only_where_it_is_checked() -> None:
 def test_file_holds_what_is_not_dominated(tmp_path: Path) -> None:
     write_front(tmp_path / "front.csv", weighed([A, replace(A, plan="b", clearance_mm=10.0)]))
     assert (tmp_path / "front.csv").read_text("utf-8").splitlines() == [",".join(HEAD), "a,,0.4,0.5,10,1000,20"]
+
+
+def test_a_plan_that_could_not_be_driven_is_told() -> None:
+    names = [name for name, _, _ in variants(PlanOptions())]
+    every = [A, *(replace(A, plan=name) for name in names)]
+    assert left_out(every, PlanOptions()) == ()
+    assert left_out([], PlanOptions()) == ()  # no front was asked for
+    (told,) = left_out(every[:-1], PlanOptions())
+    assert names[-1] in told
+    assert names[0] not in told

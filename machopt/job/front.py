@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -82,6 +82,15 @@ def variants(options: PlanOptions) -> list[tuple[str, str, PlanOptions]]:
         wide = options.clearance + 0.01
         out.append(("more clearance", f"clearance_mm {1e3 * wide:g}", replace(options, clearance=wide)))
     return out
+
+
+def left_out(points: Sequence[Point], options: PlanOptions) -> tuple[str, ...]:
+    """One sentence where further plans are missing from a front; none where no front was asked for."""
+    have = {p.plan for p in points}
+    lacking = [name for name, _, _ in variants(options) if name not in have]
+    if not points or not lacking:
+        return ()
+    return (f"--front: {', '.join(lacking)} left out: no motion was found, or it failed the checks",)
 
 
 def measured(name: str, changed: str, the_plan: Plan, timeline: Timeline, points: PointResults) -> Point:

@@ -13,7 +13,7 @@ from machopt.domain.manifest import Manifest, ManifestProgram, with_scope
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.formats.options import options_as_user, without_effect
-from machopt.job.front import Point
+from machopt.job.front import Point, left_out
 from machopt.job.inputs import hashes_of
 from machopt.job.points import PointResults, reason_of
 from machopt.job.posts import Written, read_back
@@ -137,7 +137,8 @@ def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> dict[str, 
         },
         "programs": [p.as_result() for p in programs],
         "notes": list(cell.notes),
-        "warnings": [*cell.warnings, *toolpath.warnings, *without_effect(the_plan.options), *hints(the_plan)],
+        "warnings": [*cell.warnings, *toolpath.warnings, *without_effect(the_plan.options),
+                     *left_out(made.front, the_plan.options), *hints(the_plan)],
         "timings_s": {name: round(value, 3) for name, value in seconds.items()},
     }  # fmt: skip
 

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 ROTATION_DEG = 0.25  # rotations are rounded at corners, as the path is
 MARGIN_DEG = 2e-5  # five decimals
-CLEARANCE_MM = 0.05  # as for the clearances themselves: meshes are held as facets, distances are iterated
+CLEARANCE_MM = 0.05  # the planner keeps it before corners are rounded (path_tolerance_mm)
 
 
 def check_asked(toolpath: Toolpath, points: Points, rows: NDArray[np.intp], options: PlanOptions) -> list[Check]:
