@@ -27,6 +27,13 @@ def test_a_compilation_is_told_once(capsys: pytest.CaptureFixture[str], monkeypa
     assert started == [True]
 
 
+def test_what_is_compiled_after_the_plan_starts_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("machopt.plan.kernels.compile_beside", lambda: pytest.fail("nobody would end it"))
+    with Display(show=False) as display, compiling.compiling(display):
+        pass
+    module._LISTENER.on_start(None)
+
+
 def test_without_a_place_to_store_it_says_what_would_help(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -32,9 +32,9 @@ def compiling(display: Display) -> Iterator[None]:
         if second is not None:
             beside.append(second)
 
-    when_compiling(told)
     try:
-        yield
+        with when_compiling(told):
+            yield
     finally:
         for process in beside:
             process.terminate()

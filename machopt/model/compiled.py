@@ -4,7 +4,8 @@ They hold no interpreter lock, so that threads can run them side by side."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
 import numba
@@ -34,9 +35,14 @@ _LISTENER = _Listener()
 event.register("numba:compile", _LISTENER)
 
 
-def when_compiling(told: Told) -> None:
-    """Have ``told`` called when the next function is compiled."""
+@contextlib.contextmanager
+def when_compiling(told: Told) -> Iterator[None]:
+    """Have ``told`` called when the next function is compiled in this block, and not after it."""
     _LISTENER.told = told
+    try:
+        yield
+    finally:
+        _LISTENER.told = None
 
 
 def compiled(function: F) -> F:
