@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from machopt import compiled as module
 from machopt.cli import compiling
 from machopt.cli.compiling import NOT_STORED, STORED
 from machopt.cli.display import Display
-from machopt.model import compiled as module
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -21,7 +21,7 @@ NOT_STORED = (
 @contextlib.contextmanager
 def compiling(display: Display) -> Iterator[None]:
     """While a plan is made: what is printed and begun when a kernel is missing. Nothing where all are stored."""
-    from machopt.model.compiled import when_compiling
+    from machopt.compiled import when_compiling
     from machopt.plan.kernels import compile_beside
 
     beside: list[subprocess.Popen[bytes]] = []

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from machopt.compiled import compiled
 from machopt.diagnose.problem import Array, Ints
-from machopt.model.compiled import compiled
 
 PARTS = 4  # of a sampling interval
 SHARP = 1e-9  # rad

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.model.compiled import compiled
+from machopt.compiled import compiled
 from machopt.model.ik_newton import track
 from machopt.model.robot import Robot
 

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.compiled import compiled
 from machopt.model.bodies import Body
-from machopt.model.compiled import compiled
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.compiled import compiled
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
 from machopt.model.collision import CollisionModel
-from machopt.model.compiled import compiled
 from machopt.model.elastic import ArmElasticity
 from machopt.model.ik import branch_reasons
 from machopt.plan.candidates import Arm

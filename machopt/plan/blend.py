@@ -22,7 +22,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.model.compiled import compiled
+from machopt.compiled import compiled
 from machopt.plan.taylor import curve_derivatives, frame_derivatives
 from machopt.se3 import normalise, tool_rotation
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.model.compiled import compiled
+from machopt.compiled import compiled
 
 Array = NDArray[np.float64]
 OPPOSITE = -0.999  # cosine between neighbouring axes that no least rotation connects

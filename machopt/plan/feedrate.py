@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.model.compiled import compiled
+from machopt.compiled import compiled
 
 Array = NDArray[np.float64]
 FEED = 0.999  # of the programmed feed is aimed at

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.model.compiled import compiled
+from machopt.compiled import compiled
 from machopt.model.ik_newton import _error, _forward, _solve6
 from machopt.model.robot import Robot
 from machopt.plan.blend import Curve

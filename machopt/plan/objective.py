@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.compiled import compiled
 from machopt.domain.options import PlanOptions, Weights
-from machopt.model.compiled import compiled
 from machopt.plan.path import Path
 from machopt.se3 import wrap
 

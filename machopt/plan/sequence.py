@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.model.compiled import compiled
+from machopt.compiled import compiled
 from machopt.plan.objective import edge_price_compiled, late_compiled
 
 Array = NDArray[np.float64]
