@@ -16,6 +16,7 @@ from machopt.domain.toolpath import Move
 from machopt.plan.candidates import Candidates
 from machopt.plan.choose import Choice, choose
 from machopt.plan.corridor import REACH, Ends, Stretch
+from machopt.plan.costtable import CostTable
 from machopt.plan.objective import NEAR, Objective, Terms, crowding, objective
 from machopt.plan.path import Path, build_path
 from machopt.plan.programme import programme
@@ -104,7 +105,7 @@ def test_programme_and_merit_are_the_objective_along_a_curve(crowds: bool) -> No
     rng = np.random.default_rng(1)
     for answer in (*answers, *(BSpline(a.t, a.c + rng.uniform(-0.05, 0.05, len(a.c)), 3) for a in answers[:3])):
         phi = basis @ answer.c
-        cost = np.asarray(table(np.stack([rows_.astype(float), phi - part.band.phi]))).ravel()
+        cost = np.asarray(table(rows_, phi - part.band.phi)).ravel()
         q = np.zeros((len(phi), 6))
         q[:, 5] = phi
         table_ = part.band.crowded
@@ -117,13 +118,8 @@ def test_programme_and_merit_are_the_objective_along_a_curve(crowds: bool) -> No
         assert merit(answer, ends, 0.0) == pytest.approx(whole.total + flown, rel=SAME)
 
 
-def _table_and_basis(part: Stretch, answer: BSpline) -> tuple[object, object]:
-    import casadi as ca
-
-    grid = np.arange(-REACH, REACH + 1) * part.band.step
-    rows = np.arange(len(part.rows), dtype=float)
-    table = ca.interpolant("cost", "bspline", [rows, grid], part.band.cost.ravel(order="F"), {"degree": [1, 3]})
-    return table, BSpline.design_matrix(part.x, answer.t, 3).tocsr()
+def _table_and_basis(part: Stretch, answer: BSpline) -> tuple[CostTable, object]:
+    return CostTable.of(part.band.cost, part.band.step), BSpline.design_matrix(part.x, answer.t, 3).tocsr()
 
 
 def test_short_rapid_moves_cost_more_travel() -> None:

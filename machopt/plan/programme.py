@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.plan.corridor import REACH, Ends, Stretch
+from machopt.plan.costtable import CostTable
 from machopt.plan.objective import disliked, edge_price, node_price
 
 Array = NDArray[np.float64]
@@ -71,11 +72,11 @@ class Programme:
         return np.asarray(answer["x"]).ravel()[: len(start)]
 
 
-def programme(part: Stretch, table: Any, basis: Any, use: NDArray[np.intp], ends: Ends) -> Programme:
+def programme(part: Stretch, table: CostTable, basis: Any, use: NDArray[np.intp], ends: Ends) -> Programme:
     """The programme of one stretch at some of its stations.
 
     Args:
-        table: CasADi's interpolant of the cost over (row, offset).
+        table: the cost at its stations.
         basis: (n, m) sparse, the spline's at these stations.
         use: (n,) rows of the stations, the first and the last of the stretch among them.
         ends: what the rapid moves before and after come from and go to.
@@ -85,7 +86,7 @@ def programme(part: Stretch, table: Any, basis: Any, use: NDArray[np.intp], ends
     band, terms, w = part.band, part.terms, part.terms.weights
     c, tau = ca.MX.sym("c", basis.shape[1]), ca.MX.sym("tau")
     delta = ca.mtimes(_sparse(basis), c) - band.phi[use]
-    cost = table(ca.vertcat(ca.DM(use.astype(float)).T, delta.T)).T
+    cost = table(use, delta)
     own, n = terms.take(use), len(use) - 1
     share = np.add.reduceat(terms.share, use)
     seconds = np.add.reduceat(terms.seconds[1:], use[:-1])

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline, PchipInterpolator
 
-from machopt.plan.corridor import REACH, Ends, Merit, Stretch
+from machopt.plan.corridor import Ends, Merit, Stretch
+from machopt.plan.costtable import CostTable
 from machopt.plan.path import Path
 from machopt.plan.programme import programme
 
@@ -39,8 +40,8 @@ def spline_answers(path: Path, part: Stretch, elsewhere: float, ends: Ends) -> t
     start = _least_squares(B, band.phi)
     treads = _least_squares(B, _through_plateaus(part.x, band.phi))
     low, high = part.bounds()
-    index, grid = np.arange(len(part.rows), dtype=float), np.arange(-REACH, REACH + 1) * band.step
-    table = ca.interpolant("cost", "bspline", [index, grid], band.cost.ravel(order="F"), {"degree": [1, 3]})
+    index = np.arange(len(part.rows))
+    table = CostTable.of(band.cost, band.step)
 
     # the programme sees an even choice of the stations, with every pinned one; merit() sees them all
     use = np.unique(
@@ -51,7 +52,6 @@ def spline_answers(path: Path, part: Stretch, elsewhere: float, ends: Ends) -> t
     bend = CURVATURE * part.weight * ca.sumsqr(ca.mtimes(ca.sparsify(ca.DM(second)), nlp.coefficients))
     tight = int((high[use] - low[use] < 1e-9).sum()) >= len(start)  # no room: the corridor is the answer
     found = np.full(len(start), np.nan) if tight else nlp.solve(start, bend, low[use], high[use], elsewhere)
-    places = np.stack([index, np.zeros(len(index))])
 
     def merit(answer: BSpline, ends: Ends, elsewhere: float) -> float:
         """The objective with true absolute values; infinite outside the corridor."""
@@ -59,8 +59,7 @@ def spline_answers(path: Path, part: Stretch, elsewhere: float, ends: Ends) -> t
         off = phi - band.phi
         if not ((off >= low - 0.02 * band.step) & (off <= high + 0.02 * band.step)).all():
             return float("inf")
-        places[1] = off
-        values = np.asarray(table(places)).ravel()
+        values = np.asarray(table(index, off)).ravel()
         first, last = part.joints_at(off[[0, -1]], [0, -1])
         worst = max(values[terms.counted].max(initial=0.0), elsewhere)
         return float(part.price(values, off) + w.worst * worst + part.price_of_flights(first, last, ends))
