@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 from small_cell import ROBOTS, real_cell, small_cell
+from spherical_reference import Reference, reference_reasons
 
 from machopt.domain.reason import Reason
 from machopt.formats.cell import load_cell
-from machopt.model.ik import Margins, branch_reasons, refine, solver_for, turns
+from machopt.model.ik import Margins, branch_reasons, judged, refine, solver_for, turns
 from machopt.model.ik_spherical import SphericalWristSolver, wrist_centre
 from machopt.model.robot import Robot, load_robot
 from machopt.se3 import axis_rotation, wrap
@@ -328,3 +329,43 @@ def test_refine_ends_at_the_pose(tmp_path: Path) -> None:
     x, error = refine(robot, robot.fk(q, tool), q + 0.03, tool, iterations=5)
     assert error.max() < 1e-12
     np.testing.assert_allclose(x, q, atol=1e-10)
+
+
+# --- the kernel and NumPy ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["plain", "shoulder offset", "oblique wrist"])
+def test_kernel_equals_the_closed_form_in_numpy(kind: str, tmp_path: Path) -> None:
+    """Same branches in the same order, margins, shortfall and reasons, within and out of reach."""
+    robot = arms(tmp_path)[kind]
+    rng = np.random.default_rng(7)
+    T = robot.fk(rng.uniform(-np.pi, np.pi, (3000, 6)))
+    T[::2, :3, 3] *= rng.uniform(0.0, 3.0, (1500, 1))  # half of them anywhere: too far, too near, at axis 1
+    found, known = SphericalWristSolver(robot).solve(T), Reference(robot).solve(T)
+    np.testing.assert_array_equal(np.isnan(found.q), np.isnan(known.q))
+    assert 0.2 < np.isnan(known.q).mean() < 0.8
+    for name, off in (("shoulder", 1e-12), ("elbow", 1e-12), ("wrist", 1e-10)):  # acos is steep near 0
+        np.testing.assert_allclose(getattr(found, name), getattr(known, name), atol=off)
+    np.testing.assert_allclose(found.shortfall, known.shortfall, atol=1e-12)
+    assert (known.shortfall > 0).mean() > 0.1
+    np.testing.assert_array_equal(branch_reasons(found, MARGINS), reference_reasons(known, MARGINS))
+    regular = (known.wrist > 0.01) & (known.elbow > 0.01) & (known.shoulder > 0.01)
+    assert np.nanmax(np.abs(wrap(found.q - known.q)).max(axis=-1)[regular]) < 1e-11
+    nothing = SphericalWristSolver(robot).solve(np.full((1, 4, 4), np.nan))
+    assert np.isnan(nothing.q).all()
+    assert (branch_reasons(nothing, MARGINS) == Reason.UNREACHABLE).all()
+
+
+def test_turns_fit_or_the_limit_is_the_reason(tmp_path: Path) -> None:
+    robot = small_robot(tmp_path)
+    lower, upper = np.radians([-170, -130, 20, -350, -120, -350.0]), np.radians([170, -20, 150, 350, 120, 350.0])
+    every = turns(lower, upper)
+    found = SphericalWristSolver(robot).solve(robot.fk(np.random.default_rng(8).uniform(-np.pi, np.pi, (400, 6))))
+    why, fits = judged(found, MARGINS, every, lower, upper)
+    before = reference_reasons(found, MARGINS)
+    with np.errstate(invalid="ignore"):
+        inside = ((found.q[:, :, None] + every >= lower) & (found.q[:, :, None] + every <= upper)).all(axis=-1)
+    inside &= (before == Reason.OK)[..., None]
+    np.testing.assert_array_equal(fits, inside)
+    np.testing.assert_array_equal(why, np.where((before == Reason.OK) & ~inside.any(axis=2), Reason.LIMIT, before))
+    assert {int(w) for w in np.unique(why)} >= {Reason.OK, Reason.UNREACHABLE, Reason.LIMIT, Reason.SINGULAR_WRIST}

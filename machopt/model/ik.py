@@ -9,10 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.reason import Reason
+from machopt.model.compiled import compiled
 from machopt.model.ik_spherical import Branches, SphericalWristSolver
 from machopt.model.robot import Robot
 
 Array = NDArray[np.float64]
+OK, LIMIT, UNREACHABLE = int(Reason.OK), int(Reason.LIMIT), int(Reason.UNREACHABLE)
+SHOULDER, ELBOW, WRIST = int(Reason.SINGULAR_SHOULDER), int(Reason.SINGULAR_ELBOW), int(Reason.SINGULAR_WRIST)
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,7 @@ class Solver(Protocol):
 
     def solve(self, T_base_flange: Array) -> Branches: ...
 
-    def solve_grid(self, T_base_flange: Array) -> Branches: ...
+    def solve_grid(self, T_base_flange: Array, q: Array | None = None) -> Branches: ...
 
 
 def solver_for(robot: Robot) -> Solver:
@@ -58,14 +61,55 @@ def turns(lower: Array, upper: Array) -> Array:
 
 def branch_reasons(branches: Branches, margins: Margins) -> NDArray[np.uint8]:
     """(M, B) reason per branch before joint limits: existence and singularity margins."""
-    exists = np.isfinite(branches.q).all(axis=-1)
-    out = np.full(exists.shape, Reason.UNREACHABLE, np.uint8)
-    out[exists] = Reason.OK
-    with np.errstate(invalid="ignore"):
-        out[exists & (branches.wrist < margins.wrist)] = Reason.SINGULAR_WRIST
-        out[exists & (branches.elbow < margins.elbow)] = Reason.SINGULAR_ELBOW
-        out[exists & (branches.shoulder < margins.shoulder)] = Reason.SINGULAR_SHOULDER
-    return out
+    return judged(branches, margins, np.empty((0, 6)), np.empty(6), np.empty(6))[0]
+
+
+def judged(
+    branches: Branches, margins: Margins, turns: Array, lower: Array, upper: Array
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """What forbids each branch.
+
+    Args:
+        turns: (T, 6) rad; where there are any, a branch that exists and is regular needs one that fits the limits.
+        lower, upper: (6,) rad.
+
+    Returns:
+        (M, B) Reason, and (M, B, T): that the branch is usable with this turn.
+    """
+    M, B = branches.q.shape[:2]
+    reason, fits = np.empty((M, B), np.uint8), np.empty((M, B, len(turns)), bool)
+    least = np.array([margins.shoulder, margins.elbow, margins.wrist])
+    _judge(branches.q, branches.margin, least, turns, lower, upper, reason, fits)
+    return reason, fits
+
+
+@compiled
+def _judge(
+    q: Array, margin: Array, least: Array, turns: Array, lower: Array, upper: Array, reason: NDArray[np.uint8],
+    fits: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    for m in range(q.shape[0]):
+        for b in range(q.shape[1]):
+            exists = True
+            for i in range(6):
+                exists = exists and np.isfinite(q[m, b, i])
+            why = OK
+            if not exists:
+                why = UNREACHABLE
+            elif margin[m, 0, b] < least[0]:  # the one nearest to the base is named
+                why = SHOULDER
+            elif margin[m, 1, b] < least[1]:
+                why = ELBOW
+            elif margin[m, 2, b] < least[2]:
+                why = WRIST
+            some = len(turns) == 0
+            for t in range(len(turns)):
+                inside = why == OK
+                for i in range(6):
+                    inside = inside and lower[i] <= q[m, b, i] + turns[t, i] <= upper[i]
+                fits[m, b, t] = inside
+                some = some or inside
+            reason[m, b] = LIMIT if why == OK and not some else why
 
 
 def refine(

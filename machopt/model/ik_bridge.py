@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from machopt.model.ik_general import GeneralSolver
 from machopt.model.ik_spherical import Branches
 from machopt.model.robot import Robot
-from machopt.se3 import normalise
+from machopt.se3 import normalise, skew
 
 Array = NDArray[np.float64]
 LENGTH = 0.5  # m, makes the linear rows of the Jacobian comparable with the angular ones
@@ -33,42 +33,45 @@ class GeneralBranches:
         """All branches of (M, 4, 4) poses."""
         return self._measured(T_base_flange, self.general.solve(T_base_flange))
 
-    def solve_grid(self, T_base_flange: Array) -> Branches:
-        """All branches of (N, R, 4, 4) neighbouring poses, flattened to N·R rows; far fewer full solutions."""
+    def solve_grid(self, T_base_flange: Array, q: Array | None = None) -> Branches:
+        """All branches of (N, R, 4, 4) neighbouring poses, flattened to N·R rows; far fewer full solutions.
+
+        ``q`` (N·R, B, 6) is filled where it is given.
+        """
         N, R = T_base_flange.shape[:2]
-        q = self.general.solve_grid(T_base_flange)
-        return self._measured(T_base_flange.reshape(N * R, 4, 4), q.reshape(N * R, self.branches, 6))
+        found = self.general.solve_grid(T_base_flange).reshape(N * R, self.branches, 6)
+        if q is not None:
+            q[:] = found
+        return self._measured(T_base_flange.reshape(N * R, 4, 4), found)
 
     def _measured(self, T: Array, q: Array) -> Branches:
         exists = np.asarray(np.isfinite(q).all(axis=-1))
-        shape = exists.shape
-        margins = {name: np.full(shape, np.nan) for name in ("shoulder", "elbow", "wrist")}
+        margin = np.full((len(q), 3, q.shape[1]), np.nan)
         if exists.any():
             found = (
                 self._three_parallel(q[exists])
                 if self.general.kind == "three_parallel"
                 else self._by_jacobian(q[exists])
             )
-            for name, values in zip(("shoulder", "elbow", "wrist"), found, strict=True):
-                margins[name][exists] = values
+            np.swapaxes(margin, 1, 2)[exists] = np.stack(found, axis=-1)
         # the way from axis 2 to the flange against the longest the arm can make: a lower bound of what is missing
         beyond = np.linalg.norm(T[:, :3, 3] - self.robot.point[1], axis=1) - self._reach
         short = np.where(exists.any(axis=1), 0.0, np.maximum(beyond, 0.0))
-        return Branches(q=q, shortfall=short, **margins)
+        return Branches(q, margin, short)
 
     def _three_parallel(self, q: Array) -> tuple[Array, Array, Array]:
-        r = self.robot
-        pose = r.link_poses(q)  # (M, 7, 4, 4)
-        axis = np.einsum("mkij,kj->mki", pose[:, 1:, :3, :3], r.axis)
-        point = np.einsum("mkij,kj->mki", pose[:, 1:, :3, :3], r.point) + pose[:, 1:, :3, 3]
-        wrist = _angle_to_line(axis[:, 3], axis[:, 5])
+        """Each margin as the link sees it that the angle belongs to, so that no chain of poses is needed."""
+        h, p = self.robot.axis, self.robot.point
+        wrist = _angle_to_line(h[3], _turned(h[4], q[:, 4], h[5]))
 
         def across(v: Array) -> Array:  # the part normal to the parallel axes
-            return np.asarray(normalise(v - np.sum(v * axis[:, 1], axis=1, keepdims=True) * axis[:, 1]))
+            return np.asarray(v - (v @ h[1])[..., None] * h[1])
 
-        elbow = _angle_to_line(across(point[:, 2] - point[:, 1]), across(point[:, 3] - point[:, 2]))
-        normal = normalise(np.cross(axis[:, 0], axis[:, 1]))
-        shoulder = np.abs(np.sum((point[:, 4] - r.point[0]) * normal, axis=1))
+        elbow = _angle_to_line(across(p[2] - p[1]), across(_turned(h[2], q[:, 2], p[3] - p[2])))
+        meeting = p[4]  # of axes 5 and 6, as link 1 sees it
+        for i in (3, 2, 1):
+            meeting = _turned(h[i], q[:, i], meeting - p[i]) + p[i]
+        shoulder = np.abs((meeting - p[0]) @ normalise(np.cross(h[0], h[1])))
         return shoulder, elbow, wrist
 
     def _by_jacobian(self, q: Array) -> tuple[Array, Array, Array]:
@@ -80,6 +83,12 @@ class GeneralBranches:
         group = np.stack([weight[:, 0], weight[:, 1:3].sum(axis=1), weight[:, 3:].sum(axis=1)], axis=1).argmax(axis=1)
         out = [np.where(group == g, sigma[:, -1], np.inf) for g in range(3)]
         return out[0] * LENGTH, out[1], out[2]
+
+
+def _turned(axis: Array, angle: Array, v: Array) -> Array:
+    """Rodrigues: v (3,) or (M, 3) turned about one unit axis (3,) by angles (M,), without matrices."""
+    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    return np.asarray(c * v + s * (v @ skew(axis).T) + (1.0 - c) * ((v @ axis)[..., None] * axis))
 
 
 def _angle_to_line(a: Array, b: Array) -> Array:

@@ -3,20 +3,24 @@
 Canonical subproblems (Paden 1986; Murray, Li & Sastry 1994, section 3.3) on the six lines of
 :class:`~machopt.model.robot.Robot`, so any zero position, sign or offset of a URDF is taken as it is.
 Always eight branches in a fixed order: index = 4·shoulder + 2·elbow + wrist, each 0 or 1, so "the same
-branch along the path" is the same index.
+branch along the path" is the same index. Compiled pose by pose: nothing is kept between them.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.model.compiled import compiled
 from machopt.model.robot import Robot
-from machopt.se3 import axis_rotation, wrap
 
 Array = NDArray[np.float64]
+Vector = tuple[float, float, float]  # as kernels keep them: in registers
+Vectors = tuple[Vector, ...]
+Numbers = tuple[float, ...]
 PARALLEL = 1e-6  # rad; two axes of a URDF with printed decimals count as parallel below this
 CONCURRENT = 2e-6  # m; three axes meet when each passes within this of one point
 
@@ -29,10 +33,23 @@ class Branches:
     """
 
     q: Array  # (M, B, 6) rad in (−π, π]
-    shoulder: Array  # (M, B) m, distance of the wrist centre from the shoulder singularity
-    elbow: Array  # (M, B) rad, angle of the elbow from stretched or folded
-    wrist: Array  # (M, B) rad, angle between axes 4 and 6 from aligned
+    margin: Array  # (M, 3, B) distance from the shoulder, elbow and wrist singularity
     shortfall: Array  # (M,) m, how far the wrist centre lies outside the reach of every branch; 0 inside
+
+    @property
+    def shoulder(self) -> Array:
+        """(M, B) m, distance of the wrist centre from the shoulder singularity."""
+        return np.asarray(self.margin[:, 0])
+
+    @property
+    def elbow(self) -> Array:
+        """(M, B) rad, angle of the elbow from stretched or folded."""
+        return np.asarray(self.margin[:, 1])
+
+    @property
+    def wrist(self) -> Array:
+        """(M, B) rad, angle between axes 4 and 6 from aligned."""
+        return np.asarray(self.margin[:, 2])
 
 
 def wrist_centre(robot: Robot) -> Array | None:
@@ -59,6 +76,7 @@ class SphericalWristSolver:
         if centre is None or not self.fits(robot):
             raise ValueError("the arm has no spherical wrist behind two parallel axes")
         self.robot, self.centre = robot, centre
+        self.vectors, self.numbers = constants(robot, centre)
 
     @staticmethod
     def fits(robot: Robot) -> bool:
@@ -69,90 +87,148 @@ class SphericalWristSolver:
             parallel and skewed and np.linalg.norm(np.cross(h[4], h[5])) > 0.1 and wrist_centre(robot) is not None
         )
 
-    def solve_grid(self, T_base_flange: Array) -> Branches:
-        """All branches of (N, R, 4, 4) poses, flattened to N·R rows."""
-        return self.solve(T_base_flange.reshape(-1, 4, 4))
+    def solve_grid(self, T_base_flange: Array, q: Array | None = None) -> Branches:
+        """All branches of (N, R, 4, 4) poses, flattened to N·R rows; ``q`` (N·R, 8, 6) is filled where it is given."""
+        return self.solve(T_base_flange.reshape(-1, 4, 4), q)
 
-    def solve(self, T_base_flange: Array) -> Branches:
+    def solve(self, T_base_flange: Array, q: Array | None = None) -> Branches:
         """All eight branches.
 
         Args:
             T_base_flange: (M, 4, 4).
+            q: (M, 8, 6), where the joints are written; None: a new array.
         """
-        r, h, W = self.robot, self.robot.axis, self.centre
-        zero = r.T_base_flange_zero
-        R06 = T_base_flange[:, :3, :3] @ zero[:3, :3].T
-        pw = T_base_flange[:, :3, 3] + R06 @ (W - zero[:3, 3])
-        M = len(pw)
-        # joint 1: the component along axis 2 is untouched by joints 2 and 3
-        u = pw - r.point[0]
-        along = u @ h[0]
-        A = u @ h[1] - along * (h[0] @ h[1])
-        B = -np.cross(h[0], u) @ h[1]
-        C = np.full(M, (W - r.point[0]) @ h[1]) - along * (h[0] @ h[1])
-        q1, margin1, miss1 = _harmonic(A, B, C)  # (M, 2), (M,), (M,)
-        q1 = np.repeat(q1, 2, axis=1)  # columns: shoulder 0, 0, 1, 1
-        # joint 3: distance from axis 2 to the wrist centre
-        v = np.einsum("msij,mj->msi", axis_rotation(h[0], -q1), u) + r.point[0] - r.point[1]
-        a, b = r.point[2] - r.point[1], W - r.point[2]
-        ha, hb = h[2] @ a, h[2] @ b
-        c = (np.sum(v[:, ::2] ** 2, axis=-1) - a @ a - b @ b) / 2 - ha * hb  # (M, 2)
-        An, Bn = a @ b - ha * hb, a @ np.cross(h[2], b)
-        q3_, angle3, miss3 = _harmonic(np.full(c.shape, An), np.full(c.shape, Bn), c)  # (M, 2, 2)
-        q3 = q3_.reshape(M, 4)
-        w = a + np.einsum("msij,j->msi", axis_rotation(h[2], q3), b)
-        q2 = _angle_about(h[1], w, v)
-        # wrist
-        R13 = axis_rotation(h[0], q1) @ axis_rotation(h[1], q2) @ axis_rotation(h[2], q3)
-        Rr = np.swapaxes(R13, -1, -2) @ R06[:, None]
-        h45, h56 = h[4] @ h[3], h[4] @ h[5]
-        C5 = np.einsum("i,msij,j->ms", h[3], Rr, h[5]) - h45 * h56
-        q5, angle5, _ = _harmonic(
-            np.full(C5.shape, h[3] @ h[5] - h45 * h56), np.full(C5.shape, h[3] @ np.cross(h[4], h[5])), C5
-        )
-        R5 = axis_rotation(h[4], q5)  # (M, 4, 2, 3, 3)
-        q4 = _angle_about(h[3], R5 @ h[5], (Rr @ h[5])[:, :, None])
-        q6 = -_angle_about(h[5], np.einsum("mswji,j->mswi", R5, h[3]), np.einsum("msji,j->msi", Rr, h[3])[:, :, None])
-        q = np.empty((M, 4, 2, 6))
-        q[..., 0], q[..., 1], q[..., 2] = q1[..., None], q2[..., None], q3[..., None]
-        q[..., 3], q[..., 4], q[..., 5] = q4, q5, q6
-        q = wrap(q.reshape(M, 8, 6))
-        q[~np.isfinite(q).all(axis=-1)] = np.nan  # a branch exists whole or not at all
-        elbow = np.repeat(angle3, 2, axis=1)  # (M, 4)
-        reach = np.hypot(An, Bn)
-        # missing length: the chord |v| against the longest and the shortest the two links can make
-        chord = np.sqrt(np.maximum(np.sum(v[:, ::2] ** 2, axis=-1), 0))
-        base = a @ a + b @ b + 2 * ha * hb
-        far, near = np.sqrt(base + 2 * reach), np.sqrt(max(base - 2 * reach, 0.0))
-        short = np.where(miss3, np.maximum(chord - far, near - chord), 0.0).min(axis=1)
-        short = np.where(miss1, np.abs(C) - np.hypot(A, B), short)
-        return Branches(
-            q=q,
-            shoulder=np.repeat(np.where(miss1, np.nan, np.sin(margin1) * np.hypot(A, B))[:, None], 8, axis=1),
-            elbow=np.repeat(elbow, 2, axis=1),
-            wrist=np.repeat(angle5.reshape(M, 4), 2, axis=1),
-            shortfall=np.maximum(short, 0.0),
-        )
+        T = np.ascontiguousarray(T_base_flange, float)
+        joints = np.empty((len(T), 8, 6)) if q is None else q
+        margin, shortfall = np.empty((len(T), 3, 8)), np.empty(len(T))
+        _solve_all(self.vectors, self.numbers, T, joints, margin, shortfall)
+        return Branches(joints, margin, shortfall)
 
 
-def _harmonic(A: Array, B: Array, C: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Both solutions of A cos q + B sin q = C on a new last axis, NaN where there is none.
+def constants(robot: Robot, W: Array) -> tuple[Vectors, Numbers]:
+    """What :func:`spherical_branches` needs of an arm whose wrist centre is at W (3,) m at q = 0."""
+    h, p, zero = robot.axis, robot.point, robot.T_base_flange_zero
+    a, b = p[2] - p[1], W - p[2]
+    ha, hb, h45, h56 = h[2] @ a, h[2] @ b, h[4] @ h[3], h[4] @ h[5]
+    A3, B3 = a @ b - ha * hb, a @ np.cross(h[2], b)
+    A5, B5 = h[3] @ h[5] - h45 * h56, h[3] @ np.cross(h[4], h[5])
+    base, reach = a @ a + b @ b + 2 * ha * hb, np.hypot(A3, B3)
+    to_zero = zero[:3, :3].T  # directions at q = 0 as the flange sees them there
+    vectors = (*h, p[0], p[0] - p[1], a, b, to_zero @ (W - zero[:3, 3]), to_zero @ h[5], *zero[:3, :3])
+    numbers = (h[0] @ h[1], (W - p[0]) @ h[1], base / 2, reach, np.arctan2(B3, A3), h45 * h56, np.hypot(A5, B5),
+               np.arctan2(B5, A5), np.sqrt(base + 2 * reach), np.sqrt(max(base - 2 * reach, 0.0)))  # fmt: skip
+    return tuple((float(x), float(y), float(z)) for x, y, z in vectors), tuple(map(float, numbers))
 
-    Also the angle of the solutions from their merging point (0 = double root; sine of it for joint 1's
-    margin is taken by the caller as a length), and where there is none.
+
+@compiled
+def _solve_all(vectors: Vectors, numbers: Numbers, T: Array, q: Array, margin: Array, shortfall: Array) -> None:
+    for m in range(len(T)):
+        shortfall[m] = spherical_branches(vectors, numbers, T[m], q[m], margin[m])
+
+
+@compiled
+def spherical_branches(vectors: Vectors, numbers: Numbers, T: Array, q: Array, margin: Array) -> float:
+    """All eight branches of one pose; returns how many m the wrist centre lies outside every branch's reach.
+
+    Args:
+        vectors, numbers: of the arm (:func:`constants`).
+        T: (4, 4) flange in base_link.
+        q: (8, 6) rad, filled; NaN where a branch does not exist.
+        margin: (3, 8) filled: shoulder in m, elbow in rad, wrist in rad, as in :class:`Branches`.
     """
-    n = np.hypot(A, B)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = C / n
-    miss = ~(np.abs(ratio) <= 1.0)
-    half = np.arccos(np.where(miss, np.nan, np.clip(ratio, -1, 1)))
-    centre = np.arctan2(B, A)
-    q = np.stack([centre + half, centre - half], axis=-1)
-    return q, np.minimum(half, np.pi - half), miss
+    h1, h2, h3, h4, h5, h6, p1, p21, a, b, W, axis6, zx, zy, zz = vectors
+    h12, w2, links, reach, centre3, h456, n5, centre5, far, near = numbers
+    q[:] = np.nan
+    margin[:] = np.nan
+    X, Y, Z = (T[0, 0], T[0, 1], T[0, 2]), (T[1, 0], T[1, 1], T[1, 2]), (T[2, 0], T[2, 1], T[2, 2])
+    u = (T[0, 3] + dot(X, W) - p1[0], T[1, 3] + dot(Y, W) - p1[1], T[2, 3] + dot(Z, W) - p1[2])
+    g = (dot(X, axis6), dot(Y, axis6), dot(Z, axis6))
+    # joint 1: the component along axis 2 is untouched by joints 2 and 3
+    along = dot(u, h1)
+    A, B, C = dot(u, h2) - along * h12, -dot(cross(h1, u), h2), w2 - along * h12
+    n = math.hypot(A, B)
+    half1 = _half(C, n)
+    if math.isnan(half1):
+        return _not_negative(abs(C) - n)
+    shoulder = math.sin(half1) * n
+    centre1, short = math.atan2(B, A), math.inf
+    for s in range(2):
+        q1 = centre1 + half1 if s == 0 else centre1 - half1
+        c1, s1 = math.cos(q1), math.sin(q1)
+        # joint 3: distance from axis 2 to the wrist centre
+        v = _plus(turned(h1, c1, -s1, u), p21)
+        square = dot(v, v)
+        half3 = _half(square / 2 - links, reach)
+        # the chord |v| against the longest and the shortest the two links can make
+        short = min(short, max(math.sqrt(square) - far, near - math.sqrt(square)) if math.isnan(half3) else 0.0)
+        for e in range(2):
+            first = 4 * s + 2 * e
+            margin[0, first] = margin[0, first + 1] = shoulder
+            if math.isnan(half3):
+                continue
+            margin[1, first] = margin[1, first + 1] = min(half3, math.pi - half3)
+            q3 = centre3 + half3 if e == 0 else centre3 - half3
+            c3, s3 = math.cos(q3), math.sin(q3)
+            q2 = _angle_about(h2, _plus(turned(h3, c3, s3, b), a), v)
+            c2, s2 = math.cos(q2), math.sin(q2)
+            # wrist: axis 6 as link 3 sees it, and axis 4 as it would be seen with joints 4 to 6 at zero
+            x = turned(h3, c3, -s3, turned(h2, c2, -s2, turned(h1, c1, -s1, g)))
+            y = turned(h1, c1, s1, turned(h2, c2, s2, turned(h3, c3, s3, h4)))
+            k = (X[0] * y[0] + Y[0] * y[1] + Z[0] * y[2], X[1] * y[0] + Y[1] * y[1] + Z[1] * y[2],
+                 X[2] * y[0] + Y[2] * y[1] + Z[2] * y[2])  # fmt: skip
+            y = (dot(zx, k), dot(zy, k), dot(zz, k))
+            half5 = _half(dot(h4, x) - h456, n5)
+            if math.isnan(half5):
+                continue
+            margin[2, first] = margin[2, first + 1] = min(half5, math.pi - half5)
+            for f in range(2):
+                q5 = centre5 + half5 if f == 0 else centre5 - half5
+                c5, s5 = math.cos(q5), math.sin(q5)
+                out = q[first + f]
+                out[0], out[1], out[2], out[4] = q1, q2, q3, q5
+                out[3] = _angle_about(h4, turned(h5, c5, s5, h6), x)
+                out[5] = -_angle_about(h6, turned(h5, c5, -s5, h4), y)
+                for i in range(6):
+                    out[i] = math.pi - (math.pi - out[i]) % (2.0 * math.pi)  # in (−π, π]
+    return _not_negative(short)
 
 
-def _angle_about(h: Array, source: Array, target: Array) -> Array:
+@compiled
+def _not_negative(x: float) -> float:
+    """0 for less than 0; NaN stays."""
+    return x if not x < 0.0 else 0.0
+
+
+@compiled
+def _half(C: float, n: float) -> float:
+    """Half the angle between both solutions of n cos(q − q₀) = C, NaN where there is none."""
+    ratio = C / n if n > 0.0 else math.nan
+    return math.acos(ratio) if abs(ratio) <= 1.0 else math.nan
+
+
+@compiled
+def _angle_about(h: Vector, source: Vector, target: Vector) -> float:
     """Angle about h that turns ``source`` onto ``target`` (components normal to h)."""
-    cross = np.cross(source, target) @ h
-    dot = np.sum(source * target, axis=-1) - (source @ h) * (target @ h)
-    return np.asarray(np.arctan2(cross, dot))
+    return math.atan2(dot(cross(source, target), h), dot(source, target) - dot(source, h) * dot(target, h))
+
+
+@compiled
+def turned(h: Vector, c: float, s: float, v: Vector) -> Vector:
+    """Rodrigues: v turned about the unit axis h by the angle with this cosine and sine."""
+    x, rest = cross(h, v), (1.0 - c) * dot(h, v)
+    return (c * v[0] + s * x[0] + rest * h[0], c * v[1] + s * x[1] + rest * h[1], c * v[2] + s * x[2] + rest * h[2])
+
+
+@compiled
+def cross(a: Vector, b: Vector) -> Vector:
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+@compiled
+def dot(a: Vector, b: Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled
+def _plus(a: Vector, b: Vector) -> Vector:
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])

@@ -6,8 +6,6 @@ the distance known from a row before proves that another pair is nearer.
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +13,7 @@ from numpy.typing import NDArray
 
 from machopt.model.bounds import PairStack, Rows
 from machopt.model.surfaces import Surfaces
+from machopt.model.threads import side_by_side
 from machopt.model.triangles import Mesh, follow, mesh_of
 from machopt.se3 import inverse
 
@@ -54,19 +53,10 @@ def nearest_of(stack: PairStack, surfaces: Surfaces, q: Array, asked: Bools, cap
         some = slice(start, start + size)
         return _block(stack, surfaces, meshes, q[some], asked[some], cap)
 
-    if len(starts) > 1:
-        with ThreadPoolExecutor(max_workers=cores()) as pool:
-            found = list(pool.map(block, starts))
-    else:
-        found = [block(start) for start in starts]
+    found = side_by_side(block, starts)
     if not found:
         return Nearest(np.empty(0), np.empty(0, np.int32))
     return Nearest(np.concatenate([d for d, _ in found]), np.concatenate([p for _, p in found]))
-
-
-def cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
 
 
 def _block(

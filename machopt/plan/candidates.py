@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
-from machopt.model.ik import Margins, Solver, branch_reasons, turns
+from machopt.model.ik import Margins, Solver, judged, turns
+from machopt.model.threads import side_by_side
 from machopt.plan.path import Path, tcp_poses
 from machopt.se3 import inverse, wrap
 
 Array = NDArray[np.float64]
-CHUNK = 16_384  # poses solved at once: bounds the memory of the closed form's intermediates
+CHUNK = 4_096  # poses solved at once by a closed form: what lies between poses and branches stays in a core's cache
+TRACKED = 16_384  # by the general solver, which labels the branches of so many poses by continuity
 
 
 @dataclass(frozen=True)
@@ -77,38 +79,55 @@ def enumerate_candidates(path: Path, arm: Arm, options: PlanOptions) -> Candidat
     S, B, T = len(path.stations), arm.solver.branches, len(arm.turns)
     q = np.empty((S, R, B, 6))
     reason = np.empty((S, R, B), np.uint8)
-    feasible = np.zeros((S, R, B, T), bool)
     shortfall = np.empty(S)
     nudge = _nudges(path, phi, options)
-    T_tcp_flange = inverse(arm.T_flange_tcp)
-    rows = max(CHUNK // R, 1)
-    for a in range(0, S, rows):
-        part = path.stations[a : a + rows]
-        poses = tcp_poses(path, part, phi[None, :] + nudge[a : a + rows, None])
-        branches = arm.solver.solve_grid(arm.T_base_workpiece @ poses @ T_tcp_flange)
-        qa = branches.q.reshape(len(part), R, B, 6)
-        why = branch_reasons(branches, arm.margins).reshape(len(part), R, B)
-        q[a : a + rows] = qa
-        for t, turn in enumerate(arm.turns):
-            with np.errstate(invalid="ignore"):
-                inside = ((qa + turn >= arm.lower) & (qa + turn <= arm.upper)).all(axis=-1)
-            feasible[a : a + rows, :, :, t] = inside & (why == Reason.OK)
-        why[(why == Reason.OK) & ~feasible[a : a + rows].any(axis=-1)] = Reason.LIMIT
-        reason[a : a + rows] = why
-        shortfall[a : a + rows] = branches.shortfall.reshape(len(part), R).min(axis=1)
+    still, cosine, sine = _turning_poses(path, arm)
+
+    def block(start: int) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+        """The turns that occur among ``size`` stations, and which fit where (n, R, B, len)."""
+        rows = slice(start, start + size)
+        angle = (phi + nudge[rows, None])[..., None, None]
+        poses = still[rows] + np.cos(angle) * cosine[rows]
+        poses += np.sin(angle) * sine[rows]
+        n = len(poses)
+        branches = arm.solver.solve_grid(poses, q[rows].reshape(n * R, B, 6))
+        why, fits = judged(branches, arm.margins, arm.turns, arm.lower, arm.upper)
+        reason[rows] = why.reshape(n, R, B)
+        shortfall[rows] = branches.shortfall.reshape(n, R).min(axis=1)
+        occur = np.flatnonzero(fits.any(axis=(0, 1)))
+        return occur, fits.reshape(n, R, B, T)[..., occur]
+
+    size = max((CHUNK if arm.solver.branch_stable else TRACKED) // R, 1)
+    starts = range(0, S, size)
+    parts = side_by_side(block, starts)
+    used = np.unique(np.concatenate([[0], *(occur for occur, _ in parts)]))  # at least one turn
+    feasible = np.zeros((S, R, B, len(used)), bool)
+    for start, (occur, fits) in zip(starts, parts, strict=True):
+        feasible[start : start + size][..., np.searchsorted(used, occur)] = fits
     _forbid_by_user(path, phi, options, reason, feasible, nudge)
-    used = np.asarray(feasible.any(axis=(0, 1, 2)))
-    used[0] = True  # keep at least one turn
+    left = np.asarray(feasible.any(axis=(0, 1, 2)))
+    left[0] = True
+    if not left.all():
+        used, feasible = used[left], np.ascontiguousarray(feasible[..., left])
     return Candidates(
         phi=phi,
         q=q,
         turns=arm.turns[used],
         reason=reason,
-        feasible=np.ascontiguousarray(feasible[..., used]),
+        feasible=feasible,
         stable=arm.solver.branch_stable,
         shortfall=shortfall,
         nudge=nudge,
     )
+
+
+def _turning_poses(path: Path, arm: Arm) -> tuple[Array, Array, Array]:
+    """(S, 1, 4, 4) each: the flange poses of a station are the first + cos φ · the second + sin φ · the third."""
+    phi = np.broadcast_to([0.0, np.pi, 0.5 * np.pi], (len(path.stations), 3))
+    poses = arm.T_base_workpiece @ tcp_poses(path, path.stations, phi) @ inverse(arm.T_flange_tcp)
+    ahead, back, across = poses[:, 0:1], poses[:, 1:2], poses[:, 2:3]
+    still = 0.5 * (ahead + back)
+    return still, 0.5 * (ahead - back), across - still
 
 
 def _nudges(path: Path, phi: Array, options: PlanOptions) -> Array:

@@ -12,10 +12,12 @@ import sys
 from typing import Any
 
 _F1, _F2, _F3, _I1, _S1 = "f8[::1]", "f8[:,::1]", "f8[:,:,::1]", "i8[::1]", "i4[::1]"
+_FIXED = "Array(float64, 1, 'C', readonly=True)"
 KERNELS = (  # in the order in which a plan needs them: module, function, types of its arguments
     ("plan.carry", "_carry", f"{_F2},{_F2}"),
-    ("plan.baseline", "_nearest_to_last",
-     f"{_F3},u1[:,::1],b1[::1],{_F2},{_F1},{_F1},Array(float64, 1, 'C', readonly=True)"),
+    ("model.ik_spherical", "_solve_all", f"UniTuple(UniTuple(f8,3),15),UniTuple(f8,10),{_F3},{_F3},{_F3},{_F1}"),
+    ("model.ik", "_judge", f"{_F3},{_F3},{_F1},{_F2},{_F1},{_F1},u1[:,::1],b1[:,:,::1]"),
+    ("plan.baseline", "_nearest_to_last", f"{_F3},u1[:,::1],b1[::1],{_F2},{_F1},{_F1},{_FIXED}"),
     ("plan.sequence", "cheapest_sequence",
      f"{_F3},f8[:,:,:,::1],{_F2},b1[:,:,:,::1],{_S1},b1,{_S1},{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},f8,{_I1},{_S1},{_S1}"),
     ("model.triangles", "follow",

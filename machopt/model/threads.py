@@ -1,0 +1,33 @@
+"""Work spread over the cores this process may use. Which core does what never shows in a result."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+A = TypeVar("A")
+B = TypeVar("B")
+LIMITS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS")  # what users and schedulers set where a process is not alone
+
+
+def cores() -> int:
+    """How many threads may run: the cores this process is bound to, or fewer where LIMITS in the environment say so."""
+    here = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
+    asked = [int(value) for value in map(os.environ.get, LIMITS) if value and value.isdecimal()]
+    return max(min([here, *asked]), 1)
+
+
+def side_by_side(task: Callable[[A], B], parts: Iterable[A]) -> list[B]:
+    """``task`` of every part, in the order of the parts, on :func:`cores` threads.
+
+    It pays where the task leaves the interpreter's lock to others: compiled kernels, and NumPy on large arrays. The
+    parts must not depend on the number of threads wherever a result depends on the parts.
+    """
+    every = list(parts)
+    threads = min(cores(), len(every))
+    if threads < 2:
+        return [task(part) for part in every]
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        return list(pool.map(task, every))

@@ -1,0 +1,106 @@
+"""All branches over stations × rotations: what the blocks hold does not depend on who fills them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_cell import small_cell
+from test_path import Rows, toolpath
+
+from machopt.domain.options import FixedRotation, PlanOptions
+from machopt.domain.stiffness import Stiffness
+from machopt.domain.toolpath import Move
+from machopt.model import threads
+from machopt.model.threads import cores, side_by_side
+from machopt.plan import candidates as module
+from machopt.plan.candidates import Candidates, enumerate_candidates
+from machopt.plan.path import Path as Way
+from machopt.plan.path import build_path, tcp_poses
+from machopt.plan.pipeline import Setup, prepare
+from machopt.se3 import inverse
+
+
+def leaning(n: int) -> Way:
+    """A cut whose tool axis leans more and more, at the far end of the reach."""
+    rows: Rows = [((0, 0, 0.05), (0.0, 0.0, 1.0), Move.RAPID)]
+    for f in np.linspace(0, 1, n):
+        rows.append(((0.9 * f, 0.1 * f, 0.0), (0.5 * f, 0.1, 1.0 - 0.2 * f), Move.CUT))
+    return build_path(toolpath(rows))
+
+
+@pytest.fixture
+def setup(tmp_path: Path) -> Setup:
+    return prepare(small_cell(tmp_path, stiffness=Stiffness(np.full(6, 1e6))), OPTIONS)
+
+
+OPTIONS = PlanOptions(rotation_step=np.radians(15.0), fixed=(FixedRotation(3, 0.1234),))
+
+
+def equal(a: Candidates, b: Candidates) -> None:
+    for name in ("q", "turns", "reason", "feasible", "shortfall"):
+        assert getattr(a, name).tobytes() == getattr(b, name).tobytes(), name
+
+
+def test_one_thread_and_three_give_the_same_bytes(setup: Setup, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = leaning(60)
+    monkeypatch.setattr(module, "CHUNK", 24 * 7)
+    monkeypatch.setattr(threads, "cores", lambda: 1)
+    alone = enumerate_candidates(path, setup.arm, OPTIONS)
+    monkeypatch.setattr(threads, "cores", lambda: 3)
+    equal(alone, enumerate_candidates(path, setup.arm, OPTIONS))
+    monkeypatch.setattr(module, "CHUNK", 4096)
+    equal(alone, enumerate_candidates(path, setup.arm, OPTIONS))
+    assert 0.05 < alone.feasible.any(axis=-1).mean() < 0.9
+    assert len(np.unique(alone.reason)) > 3
+
+
+def test_each_vertex_is_the_pose_asked_for(setup: Setup) -> None:
+    """The fixed point's rotation off the grid included."""
+    path, arm = leaning(30), setup.arm
+    c = enumerate_candidates(path, arm, OPTIONS)
+    poses = arm.T_base_workpiece @ tcp_poses(path, path.stations, c.phi_at())
+    np.testing.assert_allclose(np.abs(c.phi_at() + path.offset[path.stations][:, None] - 0.1234).min(axis=1)[
+        np.flatnonzero(path.index[path.stations] == 3)], 0.0, atol=1e-12)  # fmt: skip
+    exists = np.isfinite(c.q).all(axis=-1)
+    s, r, b = np.nonzero(exists & (c.reason == 0))
+    reached = setup.robot.fk(c.q[s, r, b], arm.T_flange_tcp)
+    np.testing.assert_allclose(reached, poses[s, r], atol=1e-9)
+    one = arm.solver.solve(poses[4] @ inverse(arm.T_flange_tcp))
+    np.testing.assert_allclose(c.q[4], one.q, atol=1e-9)
+
+
+def test_threads_are_the_cores_or_fewer_where_the_environment_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in threads.LIMITS:
+        monkeypatch.delenv(name, raising=False)
+    free = cores()
+    assert free >= 1
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    assert cores() == 1
+    monkeypatch.setenv("OMP_NUM_THREADS", "many")
+    assert cores() == free
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "4096")
+    assert cores() == free
+
+
+def test_answers_stand_in_the_order_of_the_parts_and_errors_come_through(monkeypatch: pytest.MonkeyPatch) -> None:
+    for n in (1, 3):
+        monkeypatch.setattr(threads, "cores", lambda n=n: n)
+        assert side_by_side(lambda x: x * x, range(20)) == [x * x for x in range(20)]
+        assert side_by_side(abs, []) == []
+        with pytest.raises(ZeroDivisionError):
+            side_by_side(lambda x: 1 // x, range(3))
+
+
+def test_a_nudge_moves_the_whole_grid_of_its_station(setup: Setup) -> None:
+    path = leaning(10)
+    free = enumerate_candidates(path, setup.arm, replace(OPTIONS, fixed=()))
+    fixed = enumerate_candidates(path, setup.arm, OPTIONS)
+    assert fixed.nudge is not None
+    moved = np.flatnonzero(fixed.nudge)
+    assert len(moved) == 1
+    same = np.setdiff1d(np.arange(len(path.stations)), moved)
+    assert free.q[same].tobytes() == fixed.q[same].tobytes()
+    assert not np.array_equal(free.q[moved], fixed.q[moved], equal_nan=True)
