@@ -13,6 +13,7 @@ from typing import Any
 
 _F1, _F2, _F3, _I1, _S1 = "f8[::1]", "f8[:,::1]", "f8[:,:,::1]", "i8[::1]", "i4[::1]"
 _FIXED = "Array(float64, 1, 'C', readonly=True)"
+_P = f"{_F2},{_I1},{_F1},{_F1},{_F2},{_F2}"  # convex parts of a body
 KERNELS = (  # in the order in which a plan needs them: module, function, types of its arguments
     ("plan.carry", "_carry", f"{_F2},{_F2}"),
     ("model.ik_spherical", "_solve_all", f"UniTuple(UniTuple(f8,3),15),UniTuple(f8,10),{_F3},{_F3},{_F3},{_F1}"),
@@ -32,6 +33,8 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
     ("plan.follow", "_chain", f"{_F2},{_F2},{_F2},{_F1},{_F3},{_F3},{_F2}"),
     ("plan.feedrate", "_corners", f"{_F1},{_F1},{_F1}"),
     ("plan.feedrate", "_law", f"{_F1},{_F3},{_F1},{_F1},{_F2},{_F1},{_F1},f8,i8,b1"),
+    ("verify.bodies", "_gap", f"{_F3},b1,{_F2},{_F1},{_F1},{_F2},f8"),
+    ("verify.between", "_follow", f"{_P},{_P},{_F3},{_I1},{_F1},{_F1}"),
 )  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
@@ -12,6 +13,8 @@ from numpy.typing import NDArray
 from machopt.domain.cell import Cell, Cutter, Shape
 from machopt.errors import InputError
 from machopt.verify.arm import Arm
+from machopt.verify.compiled import compiled
+from machopt.verify.convex import Parts, parts_of
 
 Array = NDArray[np.float64]
 
@@ -34,17 +37,51 @@ class Body:
     balls: Array  # (K, 3) m, centres of spheres that cover the box
     radius: float  # m
 
+    @cached_property
+    def parts(self) -> Parts | None:
+        """For :func:`machopt.verify.between.between`; None for a shape that is not known there."""
+        return parts_of(self.shape)
+
 
 def gap(a: Body, b: Body, T: Array) -> Array:
-    """(K,) m, a bound below the distance: spheres around one against the box around the other."""
-    if a.radius < b.radius:
-        a, b, T = b, a, inverse(T)
+    """(K,) m, a bound below the distance: spheres around one against a box around the other."""
+    turned = a.radius < b.radius
+    if turned:
+        a, b = b, a
     balls = b.balls @ b.place[:3, :3].T + b.place[:3, 3]
-    seen = np.einsum("nij,kj->nki", T[:, :3, :3], balls) + T[:, None, :3, 3]
-    local = (seen - a.place[:3, 3]) @ a.place[:3, :3] - a.middle
-    away = np.linalg.norm(np.maximum(np.abs(local) - a.half, 0.0), axis=2).min(axis=1)
-    bound: Array = away - b.radius
-    return bound
+    back = inverse(a.place)
+    return np.asarray(_gap(np.ascontiguousarray(T), turned, back, a.middle, a.half, balls, b.radius))
+
+
+@compiled
+def _gap(T: Array, turned: bool, back: Array, middle: Array, half: Array, balls: Array, radius: float) -> Array:
+    """The spheres stand at T (K, 4, 4) seen from the box's carrier, or that at T seen from theirs (``turned``)."""
+    out = np.empty(len(T))
+    for n in range(len(T)):
+        least = np.inf
+        for k in range(len(balls)):
+            x, y, z = balls[k]
+            if turned:
+                x, y, z = x - T[n, 0, 3], y - T[n, 1, 3], z - T[n, 2, 3]
+                x, y, z = (
+                    T[n, 0, 0] * x + T[n, 1, 0] * y + T[n, 2, 0] * z,
+                    T[n, 0, 1] * x + T[n, 1, 1] * y + T[n, 2, 1] * z,
+                    T[n, 0, 2] * x + T[n, 1, 2] * y + T[n, 2, 2] * z,
+                )
+            else:
+                x, y, z = (
+                    T[n, 0, 0] * x + T[n, 0, 1] * y + T[n, 0, 2] * z + T[n, 0, 3],
+                    T[n, 1, 0] * x + T[n, 1, 1] * y + T[n, 1, 2] * z + T[n, 1, 3],
+                    T[n, 2, 0] * x + T[n, 2, 1] * y + T[n, 2, 2] * z + T[n, 2, 3],
+                )
+            away = 0.0
+            for c in range(3):
+                local = back[c, 0] * x + back[c, 1] * y + back[c, 2] * z + back[c, 3] - middle[c]
+                off = max(abs(local) - half[c], 0.0)
+                away += off * off
+            least = min(least, away)
+        out[n] = np.sqrt(least) - radius
+    return out
 
 
 def pairs(cell: Cell, arm: Arm, bodies: list[Body]) -> list[tuple[Body, Body]]:

@@ -2,8 +2,9 @@
 
 The column is the least distance over the pairs of :func:`machopt.verify.bodies.pairs`, at most 500 mm, 0 in contact.
 The cutter counts against the workpiece only where a rapid move ends that no move at a feed follows: elsewhere it is
-there to touch it. The named pair is measured; of any other it need only be known that it is not nearer than the claim,
-so a distance once measured holds on while the bodies have not moved by what it exceeds the claim.
+there to touch it. The named pair's distance is enclosed; of any other it need only be known that it is not nearer than
+the claim, so a bound once found holds on while the bodies have not moved by what it exceeds the claim. Bounds are those
+of :mod:`machopt.verify.between`; where they do not prove a claim, coal measures and decides.
 
 The planner draws round bodies as circumscribed polyhedra (48 sides, 1,280 faces), up to 0.22 % of a cylinder's and 0.7
 % of a sphere's radius larger: by so much a true distance may exceed the claim.
@@ -17,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.toolpath import Move, Toolpath
-from machopt.verify.bodies import Body, distance, gap
+from machopt.verify.between import between
+from machopt.verify.bodies import Body, distance, gap, inverse
 from machopt.verify.contact import Scene
 
 Array = NDArray[np.float64]
@@ -57,14 +59,11 @@ def check_clearances(
             asked &= ~may_cut
         if not asked.any():
             continue
-        way = scene.gone(a, b)
-        known, since = -np.inf, 0.0  # m, the distance where the way was ``since``
-        for k in np.flatnonzero(asked):
-            if known - abs(way[k] - since) >= claim[k] - TOLERANCE:
-                continue
-            known, since = max(distance(a, b, T[k]), 0.0), float(way[k])
-            if claim[k] - known > max(short[k], TOLERANCE):
-                short[k], who[k] = claim[k] - known, _name(a, b)
+        below, _ = _bounds(a, b, T, np.flatnonzero(asked), scene.gone(a, b), claim - TOLERANCE)
+        for k in np.flatnonzero(asked & (below < claim - TOLERANCE)):
+            d = max(distance(a, b, T[k]), 0.0)
+            if claim[k] - d > max(short[k], TOLERANCE):
+                short[k], who[k] = claim[k] - d, _name(a, b)
     return Clearances(short, beyond, tuple(who))
 
 
@@ -74,19 +73,30 @@ def _named(
     """Measure the pair each row names; (N,) the name where there is such a pair, else empty."""
     by_name = {_name(a, b): (a, b) for a, b in _moving_pairs(scene.bodies)}
     out = np.array([name if name in by_name else "" for name in named] or [""])
-    for k, name in enumerate(named):
-        if not name and claim[k] >= CAP - TOLERANCE:
-            continue
-        if name not in by_name:
-            beyond[k] = np.nan
-            continue
+    none = np.array([not name for name in named])
+    beyond[np.where(none, claim < CAP - TOLERANCE, out == "")] = np.nan
+    for name in np.unique(out[out != ""]).tolist():
         a, b = by_name[name]
-        d = max(distance(a, b, scene.relative(a, b)[k]), 0.0)
-        if claim[k] - d > TOLERANCE:
-            short[k], who[k] = claim[k] - d, name
-        elif d - claim[k] > TOLERANCE + _rounder(a) + _rounder(b):
-            beyond[k] = d - claim[k]
+        T, rows = scene.relative(a, b), np.flatnonzero(out == name)
+        below, above = _bounds(a, b, T, rows)
+        loose = TOLERANCE + _rounder(a) + _rounder(b)
+        proven = (below >= claim - TOLERANCE) & (above <= claim + loose) & (above > 0.0)
+        for k in rows[~proven[rows]]:
+            d = max(distance(a, b, T[k]), 0.0)
+            if claim[k] - d > TOLERANCE:
+                short[k], who[k] = claim[k] - d, name
+            elif d - claim[k] > loose:
+                beyond[k] = d - claim[k]
     return out
+
+
+def _bounds(
+    a: Body, b: Body, T: Array, rows: NDArray[np.intp], way: Array | None = None, claim: Array | None = None
+) -> tuple[Array, Array]:  # fmt: skip
+    """(N,) m below and above the distance in some rows, b's carrier being at T (N, 4, 4) seen from a's."""
+    if a.parts is None or b.parts is None:
+        return np.zeros(len(T)), np.full(len(T), np.inf)
+    return between(a.parts, b.parts, inverse(a.place) @ T @ b.place, rows, way, claim)
 
 
 def may_cut(toolpath: Toolpath) -> NDArray[np.bool_]:

@@ -1,0 +1,169 @@
+"""The verifier's bounds of distances against coal's own distances, at every row; and what they are used for."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import coal
+import numpy as np
+import pytest
+from small_cell import small_cell
+
+from machopt.verify import clearance
+from machopt.verify.arm import Arm
+from machopt.verify.between import APART, BEYOND, between
+from machopt.verify.bodies import all_bodies, distance, pairs
+from machopt.verify.contact import Scene
+from machopt.verify.convex import Parts, parts_of, shells
+
+EXACT = 2e-9  # m, what coal's distances of triangles are off
+ROUND = 1e-5  # m, by which its walk around a cylinder ends too early, so too far
+SIZE = (0.3, 0.2, 0.5)  # m
+
+
+def mesh(vertices: np.ndarray, faces: np.ndarray) -> Any:
+    model = coal.BVHModelOBBRSS()
+    model.beginModel(len(faces), len(vertices))
+    triangles = coal.StdVec_Triangle()
+    for face in faces.tolist():
+        triangles.append(coal.Triangle(*face))
+    points = coal.StdVec_Vec3s()
+    for vertex in vertices:
+        points.append(vertex)
+    model.addSubModel(points, triangles)
+    model.endModel()
+    return model
+
+
+def box_mesh() -> tuple[np.ndarray, np.ndarray]:
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * np.array(SIZE)
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return corners, np.array([f for a, b, c, d in quads for f in ((a, b, c), (a, c, d))])
+
+
+def bowl() -> tuple[np.ndarray, np.ndarray]:
+    """A surface that is not convex: a paraboloid over a grid."""
+    x, y = (v.ravel() for v in np.meshgrid(np.linspace(-0.3, 0.3, 9), np.linspace(-0.3, 0.3, 9)))
+    k = np.array([9 * i + j for i in range(8) for j in range(8)])
+    return np.column_stack([x, y, 2.0 * (x * x + y * y)]), np.concatenate(
+        [np.column_stack([k, k + 1, k + 9]), np.column_stack([k + 1, k + 10, k + 9])]
+    )
+
+
+SHAPES = {
+    "box": lambda: coal.Box(*SIZE),
+    "sphere": lambda: coal.Sphere(0.2),
+    "capsule": lambda: coal.Capsule(0.1, 0.4),
+    "cylinder": lambda: coal.Cylinder(0.15, 0.4),
+    "shell": lambda: mesh(*box_mesh()),
+    "bowl": lambda: mesh(*bowl()),
+}
+
+
+def known(shape: Any) -> Parts:
+    parts = parts_of(shape)
+    assert parts is not None
+    return parts
+
+
+def poses(count: int, far: float, seed: int) -> np.ndarray:
+    """(count, 4, 4) of a body that goes around the origin and turns."""
+    rng = np.random.default_rng(seed)
+    turn, wander = rng.normal(size=3), rng.normal(size=(2, 3))
+    t = np.linspace(0.0, 3.0, count)
+    T = np.tile(np.eye(4), (count, 1, 1))
+    for n, s in enumerate(t):
+        T[n, :3, :3] = np.asarray(coal.AngleAxis(float(s), turn / np.linalg.norm(turn)).toRotationMatrix())
+    way = np.cos(t)[:, None] * wander[0] + np.sin(t)[:, None] * wander[1]
+    T[:, :3, 3] = far * way / np.linalg.norm(way, axis=1, keepdims=True)
+    return T
+
+
+def measured(a: Any, b: Any, T: np.ndarray) -> np.ndarray:
+    """(K,) m by coal, 0 in contact."""
+    still = coal.Transform3s(np.eye(3), np.zeros(3))
+    return np.array([
+        max(coal.distance(a, still, b, coal.Transform3s(x[:3, :3], x[:3, 3]), coal.DistanceRequest(),
+                          coal.DistanceResult()), 0.0) for x in T
+    ])  # fmt: skip
+
+
+@pytest.mark.parametrize("first", SHAPES)
+def test_the_distance_lies_between_the_bounds_in_every_row(first: str) -> None:
+    for n, second in enumerate(SHAPES):
+        a, b = SHAPES[first](), SHAPES[second]()
+        T = np.concatenate([poses(40, far, 10 * n + k) for k, far in enumerate((0.35, 0.6, 2.0))])
+        below, above = between(known(a), known(b), T)
+        d = measured(a, b, T)
+        apart = d > 0.0  # of a shell inside another coal tells how far its surface is
+        apart &= ~((above == 0.0) & ({first, second} <= {"shell", "bowl"}))
+        off = ROUND if "cylinder" in (first, second) else EXACT
+        assert apart.sum() > 40
+        assert (below[apart] <= d[apart] + EXACT).all(), (second, (below - d)[apart].max())
+        assert (above[apart] >= d[apart] - off).all(), (second, (d - above)[apart].max())
+        assert (above - below).max() < 2 * APART, second
+        assert (below[d == 0.0] <= EXACT).all()
+
+
+def test_a_claim_is_proven_in_no_row_where_it_does_not_hold() -> None:
+    a, b = known(SHAPES["bowl"]()), known(SHAPES["shell"]())
+    T = poses(300, 0.6, 5)
+    corners = box_mesh()[0]
+    moved = np.einsum("nij,kj->nki", T[:, :3, :3], corners) + T[:, None, :3, 3]
+    way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(moved, axis=0), axis=2).max(axis=1)))  # a shell's corners
+    d = measured(SHAPES["bowl"](), SHAPES["shell"](), T)
+    claim = d + np.where(np.arange(300) % 7 == 0, 1e-6, -2e-2)  # one in seven is not what it claims to be
+    rows = np.flatnonzero(np.arange(300) % 5 != 2)
+    below, above = between(a, b, T, rows, way, claim)
+    assert ((below < claim)[rows] == (claim > d)[rows]).all()
+    assert (below <= d + EXACT).all()
+    assert (above >= d - EXACT).all()
+    assert np.isinf(above).sum() > 60 + 10  # those not asked, and some that the bound before them proves
+    far, _ = between(a, b, poses(20, 3.0, 1), claim=np.full(20, 0.1))
+    assert (far >= 0.1 + BEYOND - EXACT).all()
+
+
+def test_shells_that_are_convex_and_closed_are_one_part() -> None:
+    corners, faces = box_mesh()
+    assert shells(corners, faces)[1] == [8]
+    assert shells(corners[faces].reshape(-1, 3), np.arange(36).reshape(-1, 3))[1] == [8]  # corners told face by face
+    assert shells(corners, faces[1:])[1] == [3] * 11  # open
+    beside = np.concatenate([corners, corners + 2.0, bowl()[0] - 3.0])
+    assert shells(beside, np.concatenate([faces, faces + 8, bowl()[1] + 16]))[1] == [8, 8, *[3] * 128]
+    dent = corners.copy()
+    dent[0] += 0.3 * np.array(SIZE)
+    assert shells(dent, faces)[1] == [3] * 12
+    assert shells(np.empty((0, 3)), np.empty((0, 3), int))[1] == []
+
+
+def test_coal_is_asked_only_where_a_claim_is_not_proven(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    cell = small_cell(tmp_path)
+    arm = Arm(cell)
+    bodies = all_bodies(cell, arm)
+    wanted = [(a, b) for a, b in pairs(cell, arm, bodies) if b.kind != "grazing"]
+    q = cell.home + np.linspace(0.0, 0.3, 30)[:, None] * np.array([1.0, -0.5, 0.7, 1.0, 0.8, -1.0])
+    scene = Scene(arm, bodies, q)
+    every = np.array([[distance(a, b, T) for T in scene.relative(a, b)] for a, b in wanted])
+    claim, nearest = every.min(axis=0), every.argmin(axis=0)
+    assert claim.min() > 0.0
+    named = tuple(f"{wanted[p][0].name} ~ {wanted[p][1].name}" for p in nearest)
+    asked: list[float] = []
+
+    def counted(*of: Any) -> float:
+        asked.append(distance(*of))
+        return asked[-1]
+
+    monkeypatch.setattr(clearance, "distance", counted)
+    free = np.ones(30, bool)
+    sound = clearance.check_clearances(scene, wanted, claim, named, free)
+    assert not sound.short.any()
+    assert not sound.beyond.any()
+    assert len(asked) == 0
+    wrong = claim.copy()
+    wrong[11], wrong[17] = wrong[11] + 3e-6, wrong[17] - 2e-3
+    found = clearance.check_clearances(scene, wanted, wrong, named, free)
+    assert found.short[11] == pytest.approx(3e-6, abs=1e-9)
+    assert found.beyond[17] == pytest.approx(2e-3, abs=1e-9)
+    assert found.pair[11] == named[11]
+    assert np.count_nonzero(found.short) == np.count_nonzero(found.beyond) == 1
+    assert len(asked) <= 3
