@@ -19,6 +19,7 @@ from machopt.model.robot import LinkShape, Robot
 from machopt.se3 import inverse
 
 Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 Kind = Literal["link", "tool", "cutter", "workpiece", "obstacle"]
 
 CYLINDER_SIDES = 48  # circumscribed: at most 0.22 % outside the true radius
@@ -92,6 +93,19 @@ def worth_checking(bodies: list[Body]) -> list[tuple[int, int]]:
 def links_apart(a: Body, b: Body) -> int:
     """Steps along the chain; the tool is one beyond link 6."""
     return abs((a.link + (a.kind == "tool")) - (b.link + (b.kind == "tool")))
+
+
+def may_hold(a: Body, b: Body, T: Array) -> Bools:
+    """(S,) whether a's first vertex lies in b's box or the other way round, with b moved by T (S, 4, 4) seen from a.
+
+    Elsewhere neither is wholly inside the other.
+    """
+    R, t = T[:, :3, :3], T[:, :3, 3]
+    there = R @ b.vertices[0] + t
+    here = np.einsum("sji,sj->si", R, a.vertices[0] - t)
+    held = [(np.abs((x - body.box_centre) @ body.box_rotation) <= body.box_half).all(axis=1)
+            for body, x in ((a, there), (b, here))]  # fmt: skip
+    return np.asarray(held[0] | held[1])
 
 
 def inside(body: Body, point: Array) -> bool:

@@ -28,6 +28,7 @@ from machopt.model.bodies import (
     cell_bodies,
     cutter_body,
     links_apart,
+    may_hold,
     robot_bodies,
     worth_checking,
 )
@@ -35,6 +36,8 @@ from machopt.model.bounds import Memory, PairStack, Rows, densify
 from machopt.model.nearest import CAP, Nearest, nearest_of
 from machopt.model.robot import LinkShape, Robot
 from machopt.model.surfaces import Surfaces
+from machopt.model.touching import nearer
+from machopt.model.triangles import mesh_of
 from machopt.se3 import inverse
 
 Array = NDArray[np.float64]
@@ -127,6 +130,7 @@ class CollisionModel:
                     wanted.append((i, len(self._bodies), False))
             self._bodies += [cutter, drawn_in]
         self.surfaces = Surfaces(self._bodies)
+        self.meshes = [mesh_of(body) for body in self._bodies]
         self.excluded: tuple[Excluded, ...] = ()
         self._take([(i, j) for i, j, _ in wanted], [touch for *_, touch in wanted])
         self._exclude(wanted)
@@ -211,7 +215,7 @@ class CollisionModel:
             cap: m, distances above it are not measured.
         """
         asked = ~(np.asarray(cutting, bool)[:, None] & self._spared)
-        return nearest_of(self.stack, self.surfaces, np.asarray(q, float), asked, cap)
+        return nearest_of(self.stack, self.surfaces, self.meshes, np.asarray(q, float), asked, cap)
 
     def _take(self, indices: list[tuple[int, int]], touch: list[bool]) -> None:
         bodies = self._bodies
@@ -264,26 +268,24 @@ class CollisionModel:
         out = np.zeros(len(q), bool)
         for p in np.unique(pair).tolist():
             rows = np.flatnonzero(pair == p)
-            for n, T in zip(rows.tolist(), self.stack.relative(p, q[rows]), strict=True):
-                out[n] = self._near(p, T)
+            out[rows] = self._near(p, self.stack.relative(p, q[rows]))
         return out
 
-    def _near(self, p: int, T: Array) -> bool:
-        """Pair p touches or is nearer than its clearance, with its second body moved by T (4, 4)."""
-        at, clearance = (self.stack.index[p], T), self.pairs[p].clearance
-        return (
-            self.surfaces.cross(*at)
-            or self.surfaces.contained(*at)
-            or (clearance > 0 and self.surfaces.distance(*at) < clearance)
-        )
+    def _near(self, p: int, T: Array) -> Bools:
+        """(S,) pair p touches or is nearer than its clearance, with its second body moved by T (S, 4, 4)."""
+        i, j = self.stack.index[p]
+        out = nearer(self.meshes[i], self.meshes[j], T, self.pairs[p].clearance)
+        for n in np.flatnonzero(~out & may_hold(self._bodies[i], self._bodies[j], T)).tolist():
+            out[n] = self.surfaces.contained((i, j), T[n])
+        return out
 
     def _touching(self, q: Array, asked: list[int] | None = None) -> Bools:
         """(S, P) in contact or nearer than the clearance, each row by itself."""
         rows = Rows(self.stack, q)
         out = np.zeros(rows.bound.shape, bool)
         for p in range(len(self.pairs)) if asked is None else asked:
-            for n in np.flatnonzero(rows.bound[:, p] < self.pairs[p].clearance):
-                out[n, p] = self._near(p, rows.relative(p)[n])
+            n = np.flatnonzero(rows.bound[:, p] < self.pairs[p].clearance)
+            out[n, p] = self._near(p, rows.relative(p)[n])
         return out
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from machopt.model.bounds import PairStack, Rows
 from machopt.model.surfaces import Surfaces
 from machopt.model.threads import side_by_side
-from machopt.model.triangles import Mesh, follow, mesh_of
+from machopt.model.triangles import Mesh, follow
 from machopt.se3 import inverse
 
 Array = NDArray[np.float64]
@@ -35,17 +35,18 @@ class Nearest:
     pair: NDArray[np.int32]  # (S,) index of the pair, −1 where everything is beyond the cap
 
 
-def nearest_of(stack: PairStack, surfaces: Surfaces, q: Array, asked: Bools, cap: float = CAP) -> Nearest:
+def nearest_of(
+    stack: PairStack, surfaces: Surfaces, meshes: list[Mesh], q: Array, asked: Bools, cap: float = CAP
+) -> Nearest:
     """Least distance over all pairs at each row, and whose it is; 0 in contact.
 
     Args:
         stack: the pairs.
-        surfaces: of the same bodies.
+        surfaces, meshes: of the same bodies.
         q: (S, 6) rad, quickest where neighbouring rows are neighbouring poses.
         asked: (S, P) which pairs count in which rows.
         cap: m, distances above it are not measured.
     """
-    meshes = [mesh_of(body) for body in stack.bodies]
     size = min(BLOCK, max(FEWEST, len(q) // 4))
     starts = range(0, len(q), size)
 

@@ -30,12 +30,6 @@ class Surfaces:
 
         return float(fcl.distance(*self._placed(pair, T), fcl.DistanceRequest(), fcl.DistanceResult()))
 
-    def cross(self, pair: tuple[int, int], T: Array) -> bool:
-        """Whether the surfaces cross; ten times quicker than a distance."""
-        import fcl
-
-        return bool(fcl.collide(*self._placed(pair, T), fcl.CollisionRequest(), fcl.CollisionResult()))
-
     def contained(self, pair: tuple[int, int], T: Array) -> bool:
         """One body is wholly inside the other, given that the surfaces do not cross: one vertex decides."""
         a, b = (self._bodies[k] for k in pair)

@@ -1,7 +1,7 @@
 """What lies near a known contact, looked at ahead: from vertex to neighbouring vertex as long as the same bodies touch.
 
 A contact seldom comes alone: the next station, the next rotation and the same pose in another branch mostly touch the
-same two bodies, and whether they do is ten times quicker to tell than that nothing at all touches. A vertex is struck
+same two bodies, and whether they do is much quicker to tell than that nothing at all touches. A vertex is struck
 out for a contact of its own pose only, so looking ahead changes what has to be asked, never the answer.
 """
 

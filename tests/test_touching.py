@@ -1,0 +1,76 @@
+"""Yes or no to "nearer than a limit" against distances by fcl, and where one body is inside the other."""
+
+from __future__ import annotations
+
+import fcl
+import numpy as np
+import pytest
+import trimesh
+from small_cell import pose
+
+from machopt.model.bodies import Body, inside, may_hold
+from machopt.model.touching import BLOCK, nearer
+from machopt.model.triangles import mesh_of
+
+
+def body_of(mesh: trimesh.Trimesh) -> Body:
+    v = np.array(mesh.vertices)
+    low, high = v.min(0), v.max(0)
+    return Body("b", "link", 1, v, np.array(mesh.faces, np.int64), np.eye(3), (low + high) / 2, (high - low) / 2,
+                np.zeros((1, 3)), 1.0)  # fmt: skip
+
+
+def placements(count: int, spread: float) -> np.ndarray:
+    rng = np.random.default_rng(3)
+    out = np.tile(np.eye(4), (count, 1, 1))
+    for T in out:
+        T[:3, :3] = trimesh.transformations.random_rotation_matrix(rng.random(3))[:3, :3]
+    out[:, :3, 3] = rng.normal(scale=spread, size=(count, 3))
+    return out
+
+
+@pytest.mark.parametrize("limit", [0.0, 0.01, 0.2])
+def test_as_fcl_says(limit: float) -> None:
+    a = trimesh.creation.icosphere(subdivisions=2, radius=0.2)
+    b = trimesh.creation.cylinder(radius=0.05, height=0.7, sections=9)
+    a.apply_scale([1.0, 2.0, 0.5])
+    objects = []
+    for mesh in (a, b):
+        model = fcl.BVHModel()
+        model.beginModel(len(mesh.faces), len(mesh.vertices))
+        model.addSubModel(np.array(mesh.vertices), np.array(mesh.faces))
+        model.endModel()
+        objects.append(fcl.CollisionObject(model))
+    T = placements(600, 0.4)
+    want = []
+    for t in T:
+        objects[1].setTransform(fcl.Transform(t[:3, :3], t[:3, 3]))
+        cross = fcl.collide(*objects, fcl.CollisionRequest(), fcl.CollisionResult())
+        apart = fcl.distance(*objects, fcl.DistanceRequest(), fcl.DistanceResult())
+        want.append(bool(cross) or apart < limit)
+    found = nearer(mesh_of(body_of(a)), mesh_of(body_of(b)), T, limit)
+    assert np.array_equal(found, want)
+    assert 50 < found.sum() < 550
+
+
+def test_long_inputs_are_put_together_in_order() -> None:
+    a = mesh_of(body_of(trimesh.creation.box((0.3, 0.3, 0.3))))
+    T = placements(2 * BLOCK + 7, 0.3)
+    whole = nearer(a, a, T, 0.05)
+    assert np.array_equal(whole, np.concatenate([nearer(a, a, T[n : n + 100], 0.05) for n in range(0, len(T), 100)]))
+    assert nearer(a, a, T[:0], 0.05).shape == (0,)
+
+
+def test_only_what_may_hold_another_is_asked_whether_it_does() -> None:
+    a, b = body_of(trimesh.creation.box((1, 1, 1))), body_of(trimesh.creation.box((0.1, 0.1, 0.1)))
+    T = placements(300, 0.5)
+    for one, other in ((a, b), (b, a)):
+        may = may_hold(one, other, T)
+        for t, m in zip(T, may, strict=True):
+            back = np.linalg.inv(t)
+            held = inside(one, t[:3, :3] @ other.vertices[0] + t[:3, 3]) or inside(
+                other, back[:3, :3] @ one.vertices[0] + back[:3, 3]
+            )
+            assert m or not held
+        assert 0 < may.sum() < 300
+    assert not may_hold(a, b, pose(5.0, 0.0, 0.0)[None])[0]
