@@ -24,7 +24,7 @@ TOUCH = 1e-9  # m, below which surfaces cross
 def nearer(a: Mesh, b: Mesh, T: Array, limit: float) -> Bools:
     """(S,) whether the surfaces cross or are nearer than ``limit`` m, with b moved by T (S, 4, 4) seen from a.
 
-    Quickest where neighbouring rows are neighbouring placements. A body wholly inside another is apart from its surface.
+    Quickest where neighbouring rows are neighbouring placements. What is wholly inside is apart.
     """
     T = np.ascontiguousarray(T, float)
     limit = max(limit, TOUCH)
