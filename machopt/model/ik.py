@@ -8,8 +8,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.compiled import compiled
 from machopt.domain.reason import Reason
-from machopt.model.compiled import compiled
 from machopt.model.ik_spherical import Branches, SphericalWristSolver
 from machopt.model.robot import Robot
 
