@@ -318,3 +318,27 @@ def test_a_path_with_more_detail_than_there_is_room_for_keeps_its_proportions(mo
     few = build_path(toolpath(rows)).stations
     assert len(few) <= 110
     assert (few > 3000).mean() == pytest.approx((every > 3000).mean(), abs=0.05)
+
+
+def test_points_put_into_a_late_segment_are_no_toolpath_points() -> None:
+    """An index of 30,000 has fractions of its own: whether a point is the toolpath's is not a relative question."""
+    near = [((1e-5 * k, 0.0, 0.0), UP, C) for k in range(30_000)]
+    path = build_path(toolpath([((0.0, 0.0, 0.05), UP, R), *near, ((0.4, 0.0, 0.0), UP, C)]))
+    assert path.is_point.sum() == 30_002
+    assert len(path.index) > 30_002  # the last segment and the approach are divided
+    np.testing.assert_array_equal(path.index[path.is_point], np.arange(30_002))
+
+
+@given(st.lists(st.tuples(st.booleans(), st.integers(0, 5)), min_size=1, max_size=30))
+def test_a_point_without_a_direction_takes_the_next_of_its_run_else_the_one_before(
+    points: list[tuple[bool, int]],
+) -> None:
+    """Against the definition, point by point; a zero in six begins a run."""
+    good = np.array([g for g, _ in points])
+    joined = np.array([k > 0 for _, k in points])
+    joined[0] = False
+    run = np.cumsum(~joined)
+    for i, found in enumerate(path_module._nearest_valid(good, joined)):
+        mine = [k for k in range(len(good)) if good[k] and run[k] == run[i]]
+        later, before = [k for k in mine if k >= i], [k for k in mine if k < i]
+        assert found == (later[0] if later else before[-1] if before else -1)

@@ -75,13 +75,23 @@ def point_results(plan: Plan, toolpath: Toolpath) -> PointResults:
         gamma=np.where(a.reason[rows] == Reason.OK, gamma(plan)[rows], np.nan),
         branch=a.branch[rows].astype(np.int8), q=told, external=np.empty((n, 0)), external_prismatic=(),
         k_axial=axial, k_normal=normal, deflection=bend, clearance=clearance, limit_margin=margin, singularity=singular,
-        status=tuple(reason_of(plan, int(p)).word for p in rows), reason=tuple(why.get(int(p), "") for p in rows),
+        status=_status(plan, rows), reason=tuple(why.get(p, "") for p in rows.tolist()),
         feed=toolpath.feed, k_jiao_x=paper, nearest_pair=tuple(pairs),
         in_grid=None if plan.setup.elasticity.stiffness.grid is None else plan.directions.in_grid[rows],
         deflection_std=bend_std, k_axial_std=axial_std,
         compensation=None if plan.compensation is None else plan.compensation.offset[rows],
     )  # fmt: skip
     return PointResults(table, rows, tuple(pairs))
+
+
+def _status(plan: Plan, rows: NDArray[np.intp]) -> tuple[str, ...]:
+    """(N,) the word of :func:`reason_of`, which is asked only where it does not follow from the point alone."""
+    reason = plan.chosen.assignment.reason[rows]
+    words = {int(known): known.word for known in Reason}
+    out = [words[code] for code in reason.tolist()]
+    for i in np.flatnonzero(reason == Reason.NO_PATH).tolist():
+        out[i] = reason_of(plan, int(rows[i])).word
+    return tuple(out)
 
 
 def _uncertainty(

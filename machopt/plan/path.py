@@ -33,6 +33,7 @@ SPACING = 0.005  # m, between the stations of a longer path, where it is straigh
 BEND = np.radians(6.0)  # of the direction of travel, and with it of the force, between two stations
 TILT = np.radians(1.0)  # of the tool axis between two stations
 CHORD = 0.001  # m to either side: the direction of travel is taken over it, so that rounded coordinates are no bends
+SAME_INDEX = 1e-9  # of two fractional indices; not relative, the index of a long path is large
 SEGMENT = 0.02  # m, longest stretch without a planning point
 AROUND = np.array([-1.0, -0.5, 0.5, 1.0])  # of a length asked for: where points are added around a corner
 ROOM = 0.125  # of that length: points nearer to one that is there are not added
@@ -150,7 +151,7 @@ def build_path(toolpath: Toolpath, keep: tuple[int, ...] = (), *, corners: float
     return Path(
         index=index, position=position, axis=axis, move=toolpath.move[high], feed=toolpath.feed[high], run=run,
         time=np.cumsum(np.where(joined, seconds, 0.0)), s=s,
-        travel=travel, is_point=np.isclose(index, np.round(index), atol=1e-12), is_drilling=drilling, plunge=plunge,
+        travel=travel, is_point=np.abs(index - np.round(index)) < SAME_INDEX, is_drilling=drilling, plunge=plunge,
         reference=reference, offset=_signed_angle(natural, reference, -axis),
         stations=_stations(position, axis, toolpath.move[high], runs, np.searchsorted(index, keep)), runs=runs,
     )  # fmt: skip
@@ -170,10 +171,9 @@ def _densified(toolpath: Toolpath, starts: NDArray[np.bool_]) -> Array:
     length, turn = _steps(toolpath.position, toolpath.axis)
     pieces = np.maximum(np.ceil(length / SEGMENT - 1e-9), np.ceil(turn / ARM / SEGMENT_AXIS - 1e-9)).astype(int)
     pieces = np.where(starts[1:], 1, np.maximum(pieces, 1))
-    out = [np.zeros(1)]
-    for k, m in enumerate(pieces):
-        out.append(k + np.arange(1, m + 1) / m if m > 1 else np.array([k + 1.0]))
-    return np.concatenate(out)
+    segment = np.repeat(np.arange(len(pieces)), pieces)
+    nth = np.arange(1, len(segment) + 1) - (np.cumsum(pieces) - pieces)[segment]
+    return np.asarray(np.r_[0.0, segment + nth / pieces[segment]], float)
 
 
 def _with_corners(toolpath: Toolpath, index: Array, run: NDArray[np.int_], length: float) -> Array:
@@ -195,7 +195,7 @@ def _with_corners(toolpath: Toolpath, index: Array, run: NDArray[np.int_], lengt
         room = np.abs(places[:, None] - near).min(axis=1) > ROOM * length
         out.append(np.interp(places[room], s[mine], mine.astype(float)))
     found = np.unique(np.concatenate(out))
-    return found[np.r_[True, np.diff(found) > 1e-9]]
+    return found[np.r_[True, np.diff(found) > SAME_INDEX]]
 
 
 def _travel(position: Array, axis: Array, joined: NDArray[np.bool_]) -> Array:
@@ -222,22 +222,12 @@ def _travel(position: Array, axis: Array, joined: NDArray[np.bool_]) -> Array:
 
 def _nearest_valid(good: NDArray[np.bool_], joined: NDArray[np.bool_]) -> NDArray[np.int64]:
     """For each point the next valid one of its run, else the previous one, else −1."""
-    n = len(good)
-    out = np.full(n, -1)
-    nxt = -1
-    for i in range(n - 1, -1, -1):  # looking ahead: a plunge takes the direction of the cut that follows
-        nxt = i if good[i] else nxt
-        out[i] = nxt
-        if not joined[i]:
-            nxt = -1
-    prev = -1
-    for i in range(n):
-        if not joined[i]:
-            prev = -1
-        prev = i if good[i] else prev
-        if out[i] < 0:
-            out[i] = prev
-    return out
+    rows, run = np.arange(len(good)), np.cumsum(~joined)
+    none = len(good)  # stands for no such point
+    ahead = np.minimum.accumulate(np.where(good, rows, none)[::-1])[::-1]  # a plunge takes the cut that follows
+    behind = np.maximum.accumulate(np.where(good, rows, -1))
+    run_of = np.r_[run, -1, -1]  # the last two stand for none, and for −1
+    return np.where(run_of[ahead] == run, ahead, np.where(run_of[behind] == run, behind, -1))
 
 
 def any_normal(axis: Array) -> Array:

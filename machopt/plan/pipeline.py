@@ -292,8 +292,8 @@ def _as_asked(phi: Array, path: Path, options: PlanOptions) -> bool:
     inside = (gamma >= low - BOUND_SLACK) & (gamma <= high + BOUND_SLACK)
     if high - low < 2 * np.pi - BOUND_SLACK and not inside[path.counted].all():
         return False
-    at = {round(float(k)): n for n, k in enumerate(path.index) if path.is_point[n]}
-    return all(abs(float(wrap(gamma[at[f.point]] - f.gamma))) < BOUND_SLACK for f in options.fixed if f.point in at)
+    rows = np.flatnonzero(path.is_point)  # toolpath point k is planning point rows[k]
+    return all(abs(float(wrap(gamma[rows[f.point]] - f.gamma))) < BOUND_SLACK for f in options.fixed)
 
 
 def _free(assignment: Assignment, path: Path, setup: Setup, options: PlanOptions) -> Assignment:

@@ -417,11 +417,9 @@ def _every_cut_shown(
     place = np.interp(local, np.arange(len(rows)), index)
     points = 1 + np.flatnonzero((path.move[rows] == Move.CUT)[1:] & path.is_point[rows][1:])
     after = np.clip(np.searchsorted(local, points - 1e-9), 1, len(local) - 1) if len(local) > 1 else points[:0]
-    for k, n in zip(index[points[: len(after)]], after, strict=True):
-        pair = [n - 1, n]
-        near = (np.abs(place[pair] - k) <= 0.5) & (move[pair] == Move.CUT)
-        if not near.any():
-            out[pair] = Move.CUT
+    pair = after[:, None] + np.array([-1, 0])  # the samples before and behind each
+    near = (np.abs(place[pair] - index[points[: len(after)], None]) <= 0.5) & (move[pair] == Move.CUT)
+    out[pair[~near.any(axis=1)]] = Move.CUT
     return out
 
 
