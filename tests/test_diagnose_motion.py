@@ -12,10 +12,12 @@ import pytest
 
 from machopt.cli import main
 from machopt.diagnose import engine, motion, motion_checks
-from machopt.diagnose.motion_memory import bouc_wen, lag, mass_on_spring, play, presliding
+from machopt.diagnose.motion_memory import bouc_wen, mass_on_spring, presliding
 from machopt.diagnose.motion_signals import signals
 from machopt.domain.cell import Cell, JointLimits, Tool, Workpiece
 from machopt.domain.recording import Recording
+from machopt.effects.creep import lag
+from machopt.effects.hysteresis import play
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.recording import load_recording, write_recording

@@ -16,11 +16,12 @@ import pinocchio as pin
 import pytest
 from test_cli import changed_cell, optimize, result
 
-from machopt.diagnose import laws_body, laws_compensator, laws_joint
+from machopt.diagnose import at_joint, laws_body, laws_compensator
 from machopt.diagnose.problem import Hypothesis
 from machopt.diagnose.readings import Readings
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Stiffness, StiffnessGrid, Term
+from machopt.effects import registry
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
@@ -254,8 +255,8 @@ def _hypotheses(r: Readings) -> list[Hypothesis]:
     out = [*laws_compensator.apparent(r), *laws_body.coupling(r), *laws_body.links(r), *laws_body.base(r),
            *laws_body.tool(r)]  # fmt: skip
     for j in range(6):
-        for family in ("nonlinear", "backlash", "hysteresis", "creep", "pose_dependent"):
-            out += getattr(laws_joint, family)(r, j)
+        for effect in registry.of_joint_torque():
+            out += at_joint.hypotheses(r, j, effect)[0]
     return out
 
 

@@ -12,9 +12,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.diagnose import laws_environment, laws_joint, laws_kinematic, laws_weight
+from machopt.diagnose import at_joint, laws_environment, laws_kinematic, laws_weight
 from machopt.diagnose.problem import Catalogue, Hypothesis, Problem, Untestable
 from machopt.diagnose.readings import Readings
+from machopt.effects import by_angle, registry
+from machopt.effects.protocol import timed
 
 Array = NDArray[np.float64]
 LEVER = 0.5  # m: an error of rotation counts as the shift it makes this far away, while nothing is known of the noise
@@ -31,18 +33,23 @@ def catalogue(r: Readings, problem: Problem) -> Catalogue:
     ]  # fmt: skip
     missing = list(_untestable(r))
     drives = np.quantile(np.abs(r.torque), 0.9, axis=0)
+    kinds = [e for e in registry.of_joint_torque() if not e.remembers]
     for j in range(6):
         where = f"joint:{j + 1}"
         if drives[j] <= 1e-3 * max(drives.max(), 1e-12):
-            missing.append(Untestable("joint_pose_dependent_stiffness", where, "neither weight nor load turns it"))
+            missing.append(Untestable(by_angle.EFFECT.name, where, "neither weight nor load turns it"))
             continue
-        offered += laws_joint.pose_dependent(r, j)
-        for h in (*laws_joint.nonlinear(r, j), *laws_joint.backlash(r, j)):
-            shapes = tuple(s for s in h.shapes if _own(h.columns(s), problem.base, r, j))
-            if shapes:
-                offered.append(replace(h, shapes=shapes))
-            else:
-                missing.append(Untestable(h.effect, where, "weight keeps its torque on one side: it is a zero offset"))
+        for effect in sorted(kinds, key=lambda e: e.laws[0].weighs):
+            laws, _ = at_joint.hypotheses(r, j, effect)
+            for law, h in ((law, h) for h in laws for law in effect.laws if law.name == h.law):
+                shapes = h.shapes
+                if law.weighs:
+                    shapes = tuple(s for s in shapes if _own(h.columns(s), problem.base, r, j))
+                if shapes:
+                    offered.append(replace(h, shapes=shapes))
+                else:
+                    why = "weight keeps its torque on one side: it is a zero offset"
+                    missing.append(Untestable(effect.name, where, why))
     if r.recording.registration == "fixed":
         offered += laws_environment.frame(r)
     kept = []
@@ -85,11 +92,13 @@ def _own(columns: Array, base: Array, r: Readings, j: int) -> bool:
 def _untestable(r: Readings) -> list[Untestable]:
     out = [
         Untestable("geometric_stiffness", "arm", "counted exactly: the arm is in equilibrium where it really stands"),
-        Untestable(
-            "joint_hysteresis", "joint:1", "measured poses do not say how the torque came there; load cycles do"
-        ),
-        Untestable("joint_creep", "joint:1", "measured poses do not say since when the torque has been there"),
     ]
+    for effect in registry.of_joint_torque():
+        if effect.remembers:
+            how = "since when the torque has been there" if timed(effect.laws[0]) else (
+                "how the torque came there; load cycles do"
+            )  # fmt: skip
+            out.append(Untestable(effect.name, effect.places[0], f"measured poses do not say {how}"))
     if r.masses is None:
         out += [
             Untestable("payload", "tool", "the URDF has no masses; with them weight would show it"),

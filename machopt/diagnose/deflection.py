@@ -12,10 +12,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.diagnose import laws_body, laws_compensator, laws_joint, laws_sensor
+from machopt.diagnose import at_joint, laws_body, laws_compensator, laws_sensor
+from machopt.diagnose.history import History
 from machopt.diagnose.problem import Catalogue, Family, Hypothesis, Problem, Unknown, Untestable
 from machopt.diagnose.readings import Readings
 from machopt.domain.recording import Recording
+from machopt.effects import registry
 from machopt.errors import InputError
 from machopt.identify.clusters import clusters
 from machopt.identify.equilibrium import Equilibrium
@@ -34,7 +36,7 @@ MOST_COMPLIANCE = 1e-4  # rad/(N·m)
 
 def build(
     recording: Recording, tests: Experiment, robot: Robot, T_flange_tcp: Array, masses: Masses | None,
-    compliance: Array | None = None, memo: dict[tuple[object, ...], Array] | None = None, terms: Array | None = None,
+    compliance: Array | None = None, memo: dict[str, History] | None = None, terms: Array | None = None,
 ) -> tuple[Problem, Catalogue, Readings]:  # fmt: skip
     """Equations and hypotheses of a load test.
 
@@ -98,19 +100,11 @@ def catalogue(r: Readings, curved: Array | None) -> Catalogue:
         if drives[j] < 1e-3 * drives.max():
             missing.append(Untestable("joint_nonlinear_stiffness", f"joint:{j + 1}", "no load turns this joint"))
             continue
-        out += laws_joint.nonlinear(r, j)
-        clicks = laws_joint.backlash(r, j)
-        if not clicks:
-            missing.append(Untestable(
-                "joint_backlash", f"joint:{j + 1}", "weight keeps the torque of this joint on one side in every pose; "
-                "loads that overcome it would show a step"))  # fmt: skip
-        out += clicks
-        out += laws_joint.hysteresis(r, j)
-        late = laws_joint.creep(r, j)
-        if not late:
-            missing.append(Untestable("joint_creep", f"joint:{j + 1}", "the recording has no time_s"))
-        out += late
-        out += laws_joint.pose_dependent(r, j)
+        for kind in registry.of_joint_torque():
+            laws, reason = at_joint.hypotheses(r, j, kind)
+            out += laws
+            if reason:
+                missing.append(Untestable(kind.name, f"joint:{j + 1}", reason))
     out += laws_compensator.apparent(r)
     out += [*laws_body.coupling(r), *laws_body.links(r), *laws_body.base(r), *laws_body.tool(r)]
     out += [*laws_sensor.force_sensor(r), *laws_sensor.displacement_frame(r), *laws_sensor.load_geometry(r)]

@@ -12,17 +12,14 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from machopt.diagnose.motion_frame import ARCMIN, Fit, Scene, curve, joint_law, one_joint
-from machopt.diagnose.motion_memory import bouc_wen, lag, mass_on_spring, play
+from machopt.diagnose.motion_memory import bouc_wen, mass_on_spring
 from machopt.diagnose.motion_torque import gear_load
 from machopt.diagnose.problem import Array, Curve, Hypothesis, Quantity, Shape
 from machopt.domain.stiffness import Term
+from machopt.effects import files, hysteresis, registry
+from machopt.effects.protocol import MEMORIES, Drive, Effect, Law, Scale, timed
 
-CLICK = (0.004, 0.01, 0.025, 0.06)  # threshold per largest torque: a step, softened
-KNEE = (0.1, 0.2, 0.3, 0.45, 0.6, 0.75)
-PLAY = (0.02, 0.05, 0.1, 0.18, 0.3, 0.45)
-PAIRS = ((0.02, 0.1), (0.02, 0.3), (0.05, 0.18), (0.05, 0.3), (0.1, 0.3), (0.1, 0.45), (0.18, 0.45))
 DRAGS = tuple((r, b) for r in (0.1, 0.2, 0.4, 0.8, 1.6) for b in (0.5, 0.65, 0.8))
-CREEP = (0.5, 1.5, 4.0, 12.0, 40.0)  # s
 BANDS = tuple(float(f) for f in np.geomspace(0.8, 20.0, 17).round(2))  # Hz
 DAMPING = (0.01, 0.02, 0.03, 0.045, 0.07, 0.1)
 NARROW = (0.035, 0.012, 0.004)  # relative steps of the search for a frequency
@@ -43,20 +40,18 @@ def gear_laws(scene: Scene, joint: int, load: Array, inertia: Array | None, fit:
     around = float(np.quantile(np.abs(swing), 0.99))
     if largest <= 0 or around < 0.02 * largest:
         return []
-    out = [*_memory(scene, joint, load, around), *_instant(scene, joint, load, largest)]
-    m, first, step = scene.motion, scene.first, scene.step
+    m = scene.motion
     lasting = min(float(m.time[s.stop - 1] - m.time[s.start]) for s in m.segments())
-    slow = tuple((t,) for t in CREEP if t < lasting)
-    if slow:
-        out.append(
-            _law(scene, joint, "joint_creep", "one time constant", "T φ̇ + φ = κ c τ",
-                 lambda s: lag(load, step, first, s[0]), load,
-                 lambda x, s: {"size": Quantity(float(x[0]) * around / ARCMIN, "arcmin"),
-                               "slowest": Quantity(s[0], "s")},
-                 slow, (0.0,), "late after the load",
-                 lambda x, s: Term("joint_creep", f"joint:{joint + 1}", {
-                     "extra_rad_per_Nm": float(x[0]), "time_constant_s": s[0]}))
-        )  # fmt: skip
+    out = []
+    # loops first and what takes time last: of laws as good as each other the first is named
+    for effect in sorted(registry.of_joint_torque(), key=lambda e: (timed(e.laws[0]), not e.remembers)):
+        for law in effect.laws:
+            scale = Scale(around if law.remembers else largest, lasting=lasting, sampled=True)
+            if not law.silent(load, np.zeros(0), scale):
+                grid = law.grid(scale)
+                out += [_of_registry(scene, joint, effect, law, load, scale, grid)] if grid else []
+        if effect is hysteresis.EFFECT:
+            out.append(_bouc_wen(scene, joint, load, around))
     if inertia is not None:
         out.append(_vibration(scene, joint, load, inertia, fit))
     return out
@@ -86,75 +81,42 @@ def _law(
                      **more)  # fmt: skip
 
 
-def _memory(scene: Scene, joint: int, load: Array, around: float) -> list[Hypothesis]:
-    """Loops: one play operator, or two (Prandtl–Ishlinskii)."""
-    first, where = scene.first, f"joint:{joint + 1}"
-
-    def plays(s: Shape) -> Array:
-        return np.stack([play(load, first, r * around) for r in s], axis=1)
-
-    def width(x: Array, s: Shape) -> Mapping[str, Quantity]:
-        opened = sum(2.0 * float(a) * min(r, 0.5) * around for a, r in zip(x, s, strict=True))
-        return {"width": Quantity(opened / ARCMIN, "arcmin"), "threshold": Quantity(s[0] * around, "N·m")}
+def _of_registry(
+    scene: Scene, joint: int, effect: Effect, law: Law, load: Array, scale: Scale, grid: tuple[Shape, ...]
+) -> Hypothesis:
+    """A law of the registry over the samples; where a segment begins, what the gear holds has settled."""
+    gap = np.where(scene.first > 0, np.inf, scene.step)
+    drive = Drive(load, scene.motion.q[:, joint], gap, scene.first)
+    memory = MEMORIES[-1] if law.remembers else ""
 
     def term(x: Array, s: Shape) -> Term:
-        return Term("joint_hysteresis", where, {
-            "law": "play", "weights_rad_per_Nm": [float(v) for v in x],
-            "thresholds_Nm": [float(r * around) for r in s]})  # fmt: skip
+        return Term(effect.name, f"joint:{joint + 1}", files.write(law, x, np.array(s), memory))
+
+    lower = tuple(least for _, _, least in files.named(law, law.columns(np.array(grid[0]), drive).shape[-1]))
+    return _law(
+        scene, joint, effect.name, law.name, law.equation, lambda s: law.columns(np.array(s), drive), load,
+        lambda x, s: law.sizes(x, np.array(s), scale), grid, lower if np.isfinite(lower).any() else (), effect.note,
+        term,
+    )  # fmt: skip
+
+
+def _bouc_wen(scene: Scene, joint: int, load: Array, around: float) -> Hypothesis:
+    """A loop with rounded ends, which no plan has a term for."""
 
     def drag(s: Shape) -> Array:
-        return -bouc_wen(load, first, s[0] * around, s[1])
+        return -bouc_wen(load, scene.first, s[0] * around, s[1])
 
-    def drag_width(x: Array, s: Shape) -> Mapping[str, Quantity]:
+    def width(x: Array, s: Shape) -> Mapping[str, Quantity]:
         # twist between the branches where a full cycle crosses zero torque
         up = np.concatenate([np.linspace(0, 1, 40), np.linspace(1, -1, 80), np.linspace(-1, 1, 80)]) * around
         z = bouc_wen(up, np.zeros(len(up), np.int64), s[0] * around, s[1])
         return {"width": Quantity(float(x[0]) * abs(float(z[160] - z[80])) / ARCMIN, "arcmin"),
                 "reach": Quantity(s[0] * around, "N·m")}  # fmt: skip
 
-    equation = "φ = c τ + Σ a P_r[τ], P_r the play operator of half-width r (Prandtl–Ishlinskii)"
-    return [
-        _law(scene, joint, "joint_hysteresis", "play", equation, plays, load, width, tuple((r,) for r in PLAY), (0.0,),
-             "on load reversal", term),
-        _law(scene, joint, "joint_hysteresis", "two plays", equation, plays, load, width, PAIRS, (0.0, 0.0),
-             "on load reversal", term),
-        _law(scene, joint, "joint_hysteresis", "Bouc–Wen",
-             "φ = c τ − a z, dz = [1 − |z| (β sgn(z dτ) + 1 − β)] dτ/r", drag, load, drag_width, DRAGS, (0.0,),
-             "on load reversal"),
-    ]  # fmt: skip
-
-
-def _instant(scene: Scene, joint: int, load: Array, largest: float) -> list[Hypothesis]:
-    """Laws without memory: clearance, and a slope that changes with the load."""
-    out: list[Hypothesis] = []
-    where = f"joint:{joint + 1}"
-    if min(np.mean(load > CLICK[0] * largest), np.mean(load < -CLICK[0] * largest)) > 0.01:
-        out.append(
-            _law(scene, joint, "joint_backlash", "step with the sign of the torque",
-                 "φ = c τ + ½ w sgn(τ), weight included",
-                 lambda s: 0.5 * np.clip(load / (s[0] * largest), -1.0, 1.0), load,
-                 lambda x, s: {"width": Quantity(float(x[0]) / ARCMIN, "arcmin")},
-                 tuple((s,) for s in CLICK), (0.0,), "where the torque changes its sign",
-                 lambda x, s: Term("joint_backlash", where, {
-                     "width_arcmin": float(x[0] / ARCMIN), "transition_Nm": float(s[0] * largest)}))
-        )  # fmt: skip
-    out.append(
-        _law(scene, joint, "joint_nonlinear_stiffness", "two slopes", "φ = c τ + a clip(τ, ±τ₀)",
-             lambda s: np.clip(load, -s[0] * largest, s[0] * largest), load,
-             lambda x, s: {"twist": Quantity(abs(float(x[0])) * s[0] * largest / ARCMIN, "arcmin"),
-                           "knee_torque": Quantity(s[0] * largest, "N·m")},
-             tuple((s,) for s in KNEE), (), "the slope changes with the load",
-             lambda x, s: Term("joint_nonlinear_stiffness", where, {
-                 "law": "knee", "extra_rad_per_Nm": float(x[0]), "knee_Nm": float(s[0] * largest)}))
+    return _law(
+        scene, joint, hysteresis.EFFECT.name, "Bouc–Wen", "φ = c τ − a z, dz = [1 − |z| (β sgn(z dτ) + 1 − β)] dτ/r",
+        drag, load, width, DRAGS, (0.0,), hysteresis.EFFECT.note,
     )  # fmt: skip
-    out.append(
-        _law(scene, joint, "joint_nonlinear_stiffness", "cubic", "φ = c τ + b τ³", lambda s: load**3 / largest**2, load,
-             lambda x, s: {"twist": Quantity(abs(float(x[0])) * largest / ARCMIN, "arcmin")}, ((),), (),
-             "the slope changes with the load",
-             lambda x, s: Term("joint_nonlinear_stiffness", where, {
-                 "law": "cubic", "cubic_rad_per_Nm3": float(x[0] / largest**2)}))
-    )  # fmt: skip
-    return out
 
 
 def _vibration(scene: Scene, joint: int, load: Array, inertia: Array, fit: Fit) -> Hypothesis:

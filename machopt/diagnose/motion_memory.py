@@ -1,4 +1,4 @@
-"""Operators with memory on sampled signals: presliding, play, lag, and a mass on a spring; compiled, one pass each."""
+"""Operators with memory on sampled signals: presliding, Bouc–Wen, and a mass on a spring; compiled, one pass each."""
 
 from __future__ import annotations
 
@@ -32,18 +32,6 @@ def _presliding(v: Array, dt: float, first: Ints, distance: float, parts: int) -
 
 
 @compiled
-def _play(x: Array, first: Ints, half: float) -> Array:
-    out = np.empty_like(x)
-    y = 0.0
-    for n in range(len(x)):
-        if first[n]:
-            y = x[n] - half if x[n] > half else (x[n] + half if x[n] < -half else 0.0)
-        y = min(max(y, x[n] - half), x[n] + half)
-        out[n] = y
-    return out
-
-
-@compiled
 def _bouc_wen(x: Array, first: Ints, reach: float, beta: float) -> Array:
     out = np.empty_like(x)
     z, last = 0.0, 0.0
@@ -58,16 +46,6 @@ def _bouc_wen(x: Array, first: Ints, reach: float, beta: float) -> Array:
             z += h * (1.0 - abs(z) * (turn + 1.0 - beta))
         last = x[n]
         out[n] = z
-    return out
-
-
-@compiled
-def _lag(x: Array, step: Array, first: Ints, constant: float) -> Array:
-    out = np.empty_like(x)
-    y = 0.0
-    for n in range(len(x)):
-        y = x[n] if first[n] else x[n] + (y - x[n]) * np.exp(-step[n] / constant)
-        out[n] = y
     return out
 
 
@@ -112,15 +90,6 @@ def presliding(v: Array, dt: float, first: Ints, distance: float) -> Array:
     return np.asarray(_presliding(np.ascontiguousarray(v), dt, first, max(distance, SHARP), PARTS))
 
 
-def play(x: Array, first: Ints, half: float) -> Array:
-    """Play operator P_r, y follows x when |x − y| reaches r; from zero at the start of a segment.
-
-    Source:
-        Krasnosel'skii & Pokrovskii, Systems with Hysteresis (1989), ch. 1.
-    """
-    return np.asarray(_play(np.ascontiguousarray(x), first, half))
-
-
 def bouc_wen(x: Array, first: Ints, reach: float, beta: float) -> Array:
     """Drag z of dz = [1 − |z| (β sgn(z dx) + 1 − β)] dx / r, from an unloaded start in every segment.
 
@@ -130,11 +99,6 @@ def bouc_wen(x: Array, first: Ints, reach: float, beta: float) -> Array:
         Wen, J. Eng. Mech. Div. ASCE 102 (1976) 249.
     """
     return np.asarray(_bouc_wen(np.ascontiguousarray(x), first, reach, beta))
-
-
-def lag(x: Array, step: Array, first: Ints, constant: float) -> Array:
-    """First-order lag T ẏ + y = x, at rest at the start of a segment."""
-    return np.asarray(_lag(np.ascontiguousarray(x), step, first, constant))
 
 
 def mass_on_spring(load: Array, inertia: Array, step: Array, first: Ints, k: float, damping: float) -> Array:

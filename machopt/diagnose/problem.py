@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 
 from machopt.domain.kinematics import KinematicCorrection
 from machopt.domain.stiffness import Term
+from machopt.effects.protocol import Quantity as Quantity  # noqa: PLC0414 - laws of users take it from here
+from machopt.effects.protocol import Shape as Shape  # noqa: PLC0414 - with it
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 Channel = Literal["deflection", "position", "torque"]
-Shape = tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -73,14 +74,6 @@ class Problem:
     @property
     def dimensions(self) -> int:
         return int(self.y.shape[1])
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """One number of a finding in the unit of the trade."""
-
-    value: float
-    unit: str  # "arcmin", "N·m/arcmin", "%", "ms" …
 
 
 Quantities = Callable[[Array, Shape], Mapping[str, Quantity]]

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.diagnose.history import History
 from machopt.domain.recording import Recording
 from machopt.model.gravity import gravity_torque
 from machopt.model.robot import ArmState, Masses, Robot
@@ -37,7 +38,7 @@ class Readings:
     session: Ints  # (N,)
     visit: Ints  # (N,)
     cycle: Ints  # (N,) unique over poses and sessions
-    memo: dict[tuple[object, ...], Array] = field(default_factory=dict, compare=False)  # histories computed before
+    memo: dict[str, History] = field(default_factory=dict, compare=False)  # histories by memory, found before
 
     def __len__(self) -> int:
         return len(self.wrench)

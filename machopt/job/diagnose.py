@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.diagnose import absolute, deflection, engine, motion, record, userterms
+from machopt.diagnose.history import History
 from machopt.diagnose.problem import Catalogue, Problem
 from machopt.diagnose.result import Diagnosis, Finding
 from machopt.diagnose.words import sentence
@@ -177,7 +178,7 @@ def _load_tests(
     options: engine.Options,
 ) -> tuple[Diagnosis, Problem]:  # fmt: skip
     tests = record.where_it_stands(experiment(recording, robot, T), recording, robot, T, masses)
-    memo: dict[tuple[object, ...], Array] = {}
+    memo: dict[str, History] = {}
     terms = None
     if known is not None and known.terms:  # what they add to the springs
         whole = ArmElasticity(robot, T, known, masses=masses).at(recording.q)

@@ -25,7 +25,7 @@ from machopt.model.terms.against import against_load, within_reach
 from machopt.model.terms.base import LinearTerm, compile_terms
 from machopt.model.terms.body import BodySpring
 from machopt.model.terms.compensator import GravityCompensator
-from machopt.model.terms.laws import TorqueLaw
+from machopt.model.terms.joint import JointTerm
 
 Array = NDArray[np.float64]
 TOOL = 6  # the body that also carries the tool, whose mass is known without those of the links
@@ -234,7 +234,7 @@ class Elastic:
 
         ``small``: as if the wrench were so small that the tangent under weight holds.
         """
-        if not isinstance(term, TorqueLaw):
+        if not isinstance(term, JointTerm):
             return np.asarray(term.response(self.state, wrench) @ term.values)
         law = term.small if small else term.response
         return np.asarray(law(self.state, wrench, self.weight) @ term.values)
@@ -263,7 +263,7 @@ class ArmElasticity:
         compiled, self.geometric = compile_terms(stiffness.terms, robot, T_flange_tcp, file)
         for term in compiled:
             lacking = [c.name for c, v in zip(term.coefficients, term.values, strict=True) if not np.isfinite(v)]
-            lacking += term.lacking if isinstance(term, TorqueLaw | GravityCompensator) else ()
+            lacking += term.lacking if isinstance(term, JointTerm | GravityCompensator) else ()
             if lacking:
                 raise InputError(
                     f"{term.effect} at {term.location} lacks values for {', '.join(lacking)}", file=file, where="terms"
@@ -282,7 +282,7 @@ class ArmElasticity:
             t.folded() if isinstance(t, BodySpring) else t for t in self.terms if not isinstance(t, GravityCompensator)
         )
         self._balancers = tuple(t for t in self.terms if isinstance(t, GravityCompensator))
-        weighed = [t for t in self.terms if isinstance(t, TorqueLaw) and t.weighs]
+        weighed = [t for t in self.terms if isinstance(t, JointTerm) and t.weighs]
         self._masses = masses if weighed else None
         self.warnings: tuple[str, ...] = ()
         if weighed and (masses is None or not (masses.body < TOOL).any()):

@@ -79,7 +79,7 @@ def by_angle(term: Term, angle: Array) -> Array:
     """(N,) rad/(N·m) that a spring by angle or a creep adds to its joint."""
     p = term.parameters
     if term.effect == "joint_creep":
-        return np.full(angle.shape, float(p["extra_rad_per_Nm"]))
+        return np.full(angle.shape, float(_row(p, "extra_rad_per_Nm").sum()))  # however late each part comes
     if p.get("law") == "sector":
         off = (angle - np.radians(p["centre_deg"])) / np.radians(p["width_deg"])
         return np.asarray(p["extra_rad_per_Nm"] * np.exp(-(off**2) / 2.0))

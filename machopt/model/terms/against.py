@@ -14,41 +14,34 @@ from numpy.typing import NDArray
 
 from machopt.model.terms.base import LinearTerm
 from machopt.model.terms.compensator import GravityCompensator
-from machopt.model.terms.joint import JointCoupling, PoseDependentSpring, SectorSpring
-from machopt.model.terms.laws import TorqueLaw
+from machopt.model.terms.joint import JointCoupling, JointTerm
 
 Array = NDArray[np.float64]
 Limits = tuple[Array, Array]
 LEAST = 1e-9  # of the joints' own compliances: less than that in some direction is rounding or negative
-FLAT = 0.9  # of a joint's compliance that a cubic may take: a gear tenfold as stiff as unloaded is out of its reach
 STEPS = 2001  # of a joint's range; between them a second harmonic is missed by 1e-5 of itself
 
 
 def within_reach(terms: Sequence[LinearTerm], k: Array, limits: Limits | None) -> tuple[LinearTerm, ...]:
-    """The terms with each hardening cubic held to the torques at which it still is a spring.
+    """The terms with each law held to where it still is a spring: a cubic that hardens has no end of its own.
 
-    c τ + b τ³ with b < 0 turns back at τ² = c/(3|b|); it goes on along its tangent from where it has taken FLAT of what
-    the joint's other terms leave of c.
+    A law may take a share of what the joint's other terms leave of its compliance.
 
     Args:
         terms: of a stiffness file.
         k: (C, 6) N·m/rad, of each grid cell and of the constant model.
         limits: lower and upper (6,) rad; None: any angle.
     """
-    if not any(_hardens(t) for t in terms):
+    endless = [isinstance(t, JointTerm) and bool(np.isneginf(_least(t, limits)[0])) for t in terms]
+    if not any(endless):
         return tuple(terms)
-    rest = [t for t in terms if not _hardens(t)]
+    rest = [t for t, e in zip(terms, endless, strict=True) if not e]
     own = 1.0 / (np.asarray(k, float) + _beside(rest, limits, most=True))
     left = (own + sum((take for _, take, _ in _taken(rest, limits)), np.zeros(6))).min(axis=0)
     return tuple(
-        replace(t, reach=float(np.sqrt(FLAT * max(left[t.i], 0.0) / (3.0 * -t.values[0]))))
-        if isinstance(t, TorqueLaw) and _hardens(t) else t
-        for t in terms
-    )  # fmt: skip
-
-
-def _hardens(term: LinearTerm) -> bool:
-    return isinstance(term, TorqueLaw) and term.law == "cubic" and bool(term.values[0] < 0.0)
+        replace(t, law=t.law.within(t.values, float(left[t.i]))) if isinstance(t, JointTerm) and e else t
+        for t, e in zip(terms, endless, strict=True)
+    )
 
 
 def against_load(terms: Sequence[LinearTerm], k: Array, limits: Limits | None) -> str:
@@ -102,17 +95,18 @@ def _taken(terms: Sequence[LinearTerm], limits: Limits | None) -> list[tuple[str
     """Effect, what it adds at least to each joint's compliance (6,), where; only of terms that take some."""
     out = []
     for term in terms:
-        take, where = np.zeros(6), ""
-        if isinstance(term, PoseDependentSpring | SectorSpring):
-            at = _range(term.i, limits, term)
-            value = term.own(at)
-            take[term.i] = value.min()
-            where = f" at {np.degrees(at[value.argmin()]):.0f} deg"
-        elif isinstance(term, TorqueLaw):
-            take[term.i] = term.least_slope()
-        if (take < 0.0).any() or isinstance(term, PoseDependentSpring):
-            out.append((term.effect, take, where))
+        if not isinstance(term, JointTerm):
+            continue
+        least, angle = _least(term, limits)
+        if least < 0.0:
+            take = np.zeros(6)
+            take[term.i] = least
+            out.append((term.effect, take, f" at {np.degrees(angle):.0f} deg" if np.isfinite(angle) else ""))
     return out
+
+
+def _least(term: JointTerm, limits: Limits | None) -> tuple[float, float]:
+    return term.law.steepest(term.values, term.shape, *_ends(term.i, limits))
 
 
 def _beside(terms: Sequence[LinearTerm], limits: Limits | None, *, most: bool) -> Array:
@@ -125,16 +119,10 @@ def _beside(terms: Sequence[LinearTerm], limits: Limits | None, *, most: bool) -
     return out
 
 
-def _range(i: int, limits: Limits | None, term: LinearTerm | None = None) -> Array:
-    """Angles of a joint to look at, and those at which a term is known to be extreme."""
-    low, high = (-np.pi, np.pi) if limits is None else (float(limits[0][i]), float(limits[1][i]))
-    at = np.linspace(low, high, STEPS)
-    known = np.empty(0)
-    if isinstance(term, PoseDependentSpring) and len(term.values) == 2:
-        known = np.arctan2(-term.values[1], -term.values[0])  # where a cos q + b sin q is least
-        known = known + 2 * np.pi * np.arange(
-            np.ceil((low - known) / (2 * np.pi)), np.floor((high - known) / (2 * np.pi)) + 1
-        )
-    elif isinstance(term, SectorSpring):
-        known = np.array([term.centre if limits is None else np.clip(term.centre, low, high)])
-    return np.concatenate([at, known])
+def _ends(i: int, limits: Limits | None) -> tuple[float, float]:
+    return (-np.pi, np.pi) if limits is None else (float(limits[0][i]), float(limits[1][i]))
+
+
+def _range(i: int, limits: Limits | None) -> Array:
+    """Angles of a joint to look at."""
+    return np.linspace(*_ends(i, limits), STEPS)

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.stiffness import Term
+from machopt.effects import registry
+from machopt.effects.files import Parameters
 from machopt.errors import InputError
 from machopt.model.robot import ArmState, Robot
 
@@ -29,7 +31,7 @@ class Coefficient:
 class LinearTerm(Protocol):
     """Elastic physics whose twist at the TCP is linear in its coefficients, and in the wrench but for two families.
 
-    :class:`machopt.model.terms.laws.TorqueLaw` follows the joint's torque along a curve, and
+    :class:`machopt.model.terms.joint.JointTerm` may follow the joint's torque along a curve, and
     :class:`machopt.model.terms.compensator.GravityCompensator` is a spring beside one of the joints.
     """
 
@@ -68,117 +70,17 @@ class LinearTerm(Protocol):
         ...
 
 
-Maker = Callable[[Robot, Array, "Parameters", str], LinearTerm]
-
-
-class Parameters:
-    """The parameters of one term, read key by key; what is not asked for is an error."""
-
-    def __init__(self, data: Mapping[str, Any], where: str, file: Any = None) -> None:
-        self._data, self._where, self._file = dict(data), where, file
-        self._asked: list[str] = []
-
-    def error(self, key: str, message: str) -> InputError:
-        return InputError(message, file=self._file, where=f"{self._where}{f'.{key}' if key else ''}")
-
-    def inner(self, key: str, data: Mapping[str, Any]) -> Parameters:
-        """The reader of a mapping inside this one."""
-        return Parameters(data, f"{self._where}.{key}", self._file)
-
-    def word(self, key: str) -> str:
-        """A word, empty where the key is missing."""
-        return str(self._data[key]) if self.has(key) else ""
-
-    def has(self, key: str) -> bool:
-        self._asked.append(key)
-        return key in self._data
-
-    def number(self, key: str, default: float | None = None, *, positive: bool = True) -> float:
-        """A finite number, above zero unless ``positive`` is off."""
-        if not self.has(key):
-            if default is None:
-                raise self.error(key, f"is missing; {key} is needed here")
-            return default
-        value = self._data[key]
-        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-            raise self.error(key, f"found {value!r}; expected a number")
-        if positive and not value > 0:
-            raise self.error(key, f"found {value:g}; expected more than zero")
-        return float(value)
-
-    @property
-    def empty(self) -> bool:
-        """Nothing is stated: a term to be found."""
-        return not self._data
-
-    def choice(self, key: str, valid: Sequence[str], default: str) -> str:
-        """One of a few words."""
-        if not self.has(key):
-            return default
-        value = self._data[key]
-        if value not in valid:
-            raise self.error(key, f"found {value!r}; valid: {', '.join(valid)}")
-        return str(value)
-
-    def row(self, key: str, *, least: float = -np.inf) -> Array:
-        """One or more finite numbers in a list, none below ``least``; empty where the key is missing."""
-        if not self.has(key):
-            return np.empty(0)
-        value = self._data[key]
-        if not isinstance(value, list) or not value:
-            raise self.error(key, f"found {value!r}; expected a list of numbers")
-        for n, entry in enumerate(value):
-            if isinstance(entry, bool) or not isinstance(entry, int | float) or not np.isfinite(entry):
-                raise self.error(f"{key}[{n}]", f"found {entry!r}; expected a number")
-            if entry < least:
-                raise self.error(f"{key}[{n}]", f"found {entry:g}; expected at least {least:g}")
-        return np.array(value, dtype=float)
-
-    def array(self, key: str, shape: tuple[int, ...], default: Array | None = None) -> Array:
-        """Finite numbers of a given shape."""
-        if not self.has(key):
-            if default is None:
-                raise self.error(key, f"is missing; expected {_shape(shape)} numbers")
-            return default
-        try:
-            value = np.array(self._data[key], dtype=float)
-        except (TypeError, ValueError):
-            value = np.array(np.nan)
-        if value.shape != shape or not np.isfinite(value).all():
-            raise self.error(key, f"found {self._data[key]!r}; expected {_shape(shape)} finite numbers")
-        return value
-
-    def mappings(self, key: str) -> list[dict[str, Any]]:
-        """A list of mappings."""
-        value = self._data.get(key)
-        self._asked.append(key)
-        if not isinstance(value, list) or not value or not all(isinstance(v, dict) for v in value):
-            raise self.error(key, f"found {value!r}; expected a list of mappings")
-        return value
-
-    def finish(self) -> None:
-        """Refuse keys that nothing asked for."""
-        for key in self._data:
-            if key not in self._asked:
-                valid = sorted(set(self._asked))
-                close = difflib.get_close_matches(key, valid, n=1)
-                hint = f"did you mean {close[0]!r}? " if close else ""
-                raise self.error(key, f"unknown key; {hint}valid: {', '.join(valid)}")
+Maker = Callable[[Robot, Array, Parameters, str], LinearTerm]
 
 
 def vocabulary() -> dict[str, tuple[str, ...]]:
     """Effects that can stand in ``terms`` and their locations."""
-    joints = tuple(f"joint:{i}" for i in range(1, 7))
     return {
         "link_compliance": tuple(f"link:{i}" for i in range(1, 7)),
         "base_compliance": ("base",),
         "tool_compliance": ("tool",),
         "joint_coupling": tuple(f"joint:{i}-{j}" for i in range(1, 7) for j in range(i + 1, 7)),
-        "joint_pose_dependent_stiffness": joints,
-        "joint_nonlinear_stiffness": joints,
-        "joint_backlash": joints,
-        "joint_hysteresis": joints,
-        "joint_creep": joints,
+        **{e.name: e.places for e in registry.EFFECTS.values() if e.elastic},
         "gravity_compensator": ("joint:2",),
         "geometric_stiffness": ("arm",),
     }
@@ -214,7 +116,7 @@ def compile_terms(
         if term.effect == "geometric_stiffness":
             geometric = True
         else:
-            out.append(_maker(term.effect)(robot, T_flange_tcp, parameters, term.location))
+            out.append(_made(term, robot, T_flange_tcp, parameters))
         parameters.finish()
     return tuple(out), geometric
 
@@ -240,18 +142,17 @@ def _check_place(term: Term, where: str, file: Any) -> None:
         )  # fmt: skip
 
 
-def _maker(effect: str) -> Maker:
-    from machopt.model.terms import body, compensator, joint, laws
+def _made(term: Term, robot: Robot, T_flange_tcp: Array, parameters: Parameters) -> LinearTerm:
+    from machopt.model.terms import body, compensator, joint
 
-    return {**joint.MAKERS, **laws.MAKERS, **compensator.MAKERS, **body.MAKERS}[effect]
+    makers = {**joint.MAKERS, **compensator.MAKERS, **body.MAKERS}
+    if term.effect in makers:
+        return makers[term.effect](robot, T_flange_tcp, parameters, term.location)
+    return joint.joint_term(term.effect, parameters, term.location)
 
 
 def _some(words: Sequence[str]) -> str:
     return ", ".join(words) if len(words) <= 6 else f"{', '.join(words[:3])} … {words[-1]}"
-
-
-def _shape(shape: tuple[int, ...]) -> str:
-    return " × ".join(map(str, shape))
 
 
 def plain(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.stiffness import Term
+from machopt.effects.files import Parameters
 from machopt.model.robot import ArmState, Robot
-from machopt.model.terms.base import Coefficient, LinearTerm, Maker, Parameters
+from machopt.model.terms.base import Coefficient, LinearTerm, Maker
 from machopt.model.terms.beam import (
     Cylinder,
     cantilever_axial,

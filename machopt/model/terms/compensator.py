@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.stiffness import Term
+from machopt.effects.files import Parameters
 from machopt.errors import InputError
 from machopt.model.robot import ArmState, Robot
-from machopt.model.terms.base import Coefficient, LinearTerm, Maker, Parameters, plain
+from machopt.model.terms.base import Coefficient, LinearTerm, Maker, plain
 
 Array = NDArray[np.float64]
 LEAST_DISTANCE = 1e-3  # of L: pivots that come nearer than this to each other hold no spring

@@ -1,0 +1,123 @@
+"""Effects that twist a joint by its torque, as resting readings see them: each law of the registry, lifted to the TCP.
+
+τ is the torque that a law follows: of a curve over the whole torque with weight, of others that of the load. A reading
+of a load test counts φ(with load) − φ(without), a measured pose φ as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.diagnose.history import history
+from machopt.diagnose.problem import Curve, Hypothesis, Quantity, Shape
+from machopt.diagnose.readings import Readings
+from machopt.domain.stiffness import Term
+from machopt.effects import files
+from machopt.effects.protocol import ARCMIN, MEMORIES, Drive, Effect, Law, Scale, timed
+
+Array = NDArray[np.float64]
+LEAST_SOFT = 1e-9  # rad/(N·m), that sizes in percent are of
+ENDS = (0.02, 0.98)  # quantiles that a joint's range of angles lies between
+LARGE = 0.98  # quantile of the torques that counts as the largest
+FINE = 60  # points of a loop's branch, for the picture
+
+
+def hypotheses(r: Readings, j: int, effect: Effect) -> tuple[list[Hypothesis], str]:
+    """The laws of an effect at joint j (0-based), or why these readings cannot show any."""
+    out, reasons = [], []
+    for law in effect.laws:
+        if timed(law) and r.recording.time is None:
+            reasons.append("the recording has no time_s")
+            continue
+        scale = scale_of(r, j, law)
+        reason = law.silent(r.torque[:, j], r.weight_torque[:, j] if r.differences else np.zeros(len(r)), scale)
+        if reason and r.differences:
+            reasons.append(reason)
+            continue
+        grid = law.grid(scale)
+        if grid:
+            out.append(_hypothesis(r, j, effect, law, scale, grid))
+    return out, "" if out or not reasons else reasons[0]
+
+
+def scale_of(r: Readings, j: int, law: Law) -> Scale:
+    """What shares and sizes of a law at joint j are of."""
+    low, high = np.quantile(r.state.q[:, j], ENDS)
+    torque = r.torque[:, j] if law.weighs or not r.differences else r.load_torque[:, j]
+    return Scale(_largest(torque), max(float(r.compliance[j]), LEAST_SOFT), float(low), float(high))
+
+
+def _hypothesis(
+    r: Readings, j: int, effect: Effect, law: Law, scale: Scale, grid: tuple[Shape, ...]
+) -> Hypothesis:  # fmt: skip
+    where = f"joint:{j + 1}"
+    own = len(law.shape) and len(grid[0])  # numbers of a shape; what a gear remembers follows as its place in MEMORIES
+
+    def memory(shape: Shape) -> str:
+        return MEMORIES[int(shape[own])] if law.remembers else ""
+
+    def columns(shape: Shape) -> Array:
+        return r.lift(j, twist(r, j, law, np.array(shape[:own]), memory(shape)))
+
+    def sizes(x: Array, shape: Shape) -> Mapping[str, Quantity]:
+        return law.sizes(x, np.array(shape[:own]), scale)
+
+    def term(x: Array, shape: Shape) -> Term:
+        return Term(effect.name, where, files.write(law, x, np.array(shape[:own]), memory(shape)))
+
+    def curve(x: Array, shape: Shape) -> Curve:
+        at = np.array(shape[:own])
+        return _loop(r, j, law, at, x, memory(shape), scale) if law.remembers else _line(r, j, law, at, x)
+
+    if law.remembers:
+        grid = tuple((*s, float(k)) for k in range(len(MEMORIES)) for s in grid)
+    count = columns(grid[0]).shape[2]
+    lower = tuple(least for _, _, least in files.named(law, count))
+    return Hypothesis(
+        effect.name, where, law.name, law.equation, columns, sizes, grid, lower if np.isfinite(lower).any() else (),
+        term, effect.note, "joint", curve if law.weighs or (law.remembers and not timed(law)) else None,
+    )  # fmt: skip
+
+
+def twist(r: Readings, j: int, law: Law, shape: Array, memory: str) -> Array:
+    """(N, P) rad by which joint j turns per unit of each coefficient, as readings count it."""
+    angle = r.state.q[:, j]
+    if law.remembers:
+        states = history(r, memory)
+        return states.counted(law.columns(shape, states.drive(j, angle)), r.differences)
+    if not r.differences:
+        return law.columns(shape, Drive(r.torque[:, j], angle))
+    if not law.weighs:
+        return law.columns(shape, Drive(r.load_torque[:, j], angle))
+    with_load, without = (law.columns(shape, Drive(tau, angle)) for tau in (r.torque[:, j], r.weight_torque[:, j]))
+    return np.asarray(with_load - without)
+
+
+def _line(r: Readings, j: int, law: Law, shape: Array, x: Array) -> Curve:
+    """A law without memory over the torque."""
+    tau = r.torque[:, j]
+    span = float(np.abs(tau).max())
+    at = np.linspace(-span, span, 2 * FINE + 1)
+    line, each = (law.columns(shape, Drive(t, np.zeros_like(t))) @ x / ARCMIN for t in (at, tau))
+    return Curve(at, line, f"torque at joint {j + 1} in N·m, weight included", "twist in arcmin", tau, each)
+
+
+def _loop(r: Readings, j: int, law: Law, shape: Array, x: Array, memory: str, scale: Scale) -> Curve:
+    """A law with memory over one cycle up to the largest torque and back."""
+    up = np.linspace(0.0, scale.reach, FINE)
+    path = np.concatenate([up, up[::-1]])
+    first = np.zeros(len(path), np.int64)
+    first[0] = 1
+    cycle = law.columns(shape, Drive(path, np.zeros_like(path), None, first)) @ x
+    each = twist(r, j, law, shape, memory) @ x
+    return Curve(
+        path, cycle / ARCMIN, f"load torque at joint {j + 1} in N·m", "twist in arcmin", r.load_torque[:, j],
+        each / ARCMIN,
+    )  # fmt: skip
+
+
+def _largest(tau: Array) -> float:
+    return max(float(np.quantile(np.abs(tau), LARGE)), float(np.finfo(float).tiny))

@@ -1,0 +1,144 @@
+"""A joint spring that changes with the joint's own angle: harmonics of a turn, or a soft sector."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.effects.protocol import (
+    COMPLIANCE,
+    JOINTS,
+    Array,
+    Drive,
+    Effect,
+    Law,
+    Parameter,
+    Quantity,
+    Scale,
+    Settled,
+    Shape,
+    percent,
+)
+
+DEGREE = np.pi / 180.0
+LEAST_RANGE = 15.0 * DEGREE  # of the joint's angles
+AT = 2001  # angles of a joint's range that are looked at; between them a second harmonic is missed by 1e-5 of itself
+CENTRES = 7
+WIDTHS = (0.12, 0.25)  # of the range
+
+
+def waves(angle: Array, orders: tuple[int, ...]) -> Array:
+    """(..., 2n) cos and sin of each order."""
+    return np.stack([f(n * angle) for n in orders for f in (np.cos, np.sin)], axis=-1)
+
+
+class ByAngle(Settled):
+    """φ = c(q) τ: linear in the torque, by a share s_p(q) for each coefficient."""
+
+    def shares(self, shape: Array, angle: Array) -> Array:
+        """(..., P) by which a coefficient counts at joint angles (...,) rad; they are not wrapped."""
+        raise NotImplementedError
+
+    def columns(self, shape: Array, drive: Drive) -> Array:
+        return np.asarray(drive.torque[..., None] * self.tangent(shape, drive))
+
+    def tangent(self, shape: Array, drive: Drive) -> Array:
+        assert drive.angle is not None  # whoever drives a joint knows where it stands
+        return self.shares(shape, drive.angle)
+
+    def silent(self, loaded: Array, unloaded: Array, scale: Scale) -> str:
+        return "" if scale.high - scale.low >= LEAST_RANGE else "the joint turns by less than 15 degrees"
+
+
+@dataclass(frozen=True)
+class Harmonics(ByAngle):
+    """c(q) = Σ_n a_n cos n q + b_n sin n q."""
+
+    orders: tuple[int, ...]
+    word = "harmonics"
+    equation = "c(q) = c + Σ (a_n cos nq + b_n sin nq)"
+    shape: tuple[Parameter, ...] = ()
+
+    @property
+    def name(self) -> str:
+        return "one harmonic" if len(self.orders) == 1 else "two harmonics"
+
+    @property
+    def coefficients(self) -> tuple[Parameter, ...]:
+        order = [str(n) if n > 1 else "" for n in self.orders]
+        return tuple(Parameter(key=f"{f}{n}_rad_per_Nm", unit=COMPLIANCE) for n in order for f in ("cos", "sin"))
+
+    def shares(self, shape: Array, angle: Array) -> Array:
+        return waves(angle, self.orders)
+
+    def steepest(self, values: Array, shape: Array, low: float, high: float) -> tuple[float, float]:
+        at = np.linspace(low, high, AT)
+        if self.orders == (1,):  # a cos q + b sin q is least opposite to its largest
+            least = np.arctan2(-values[1], -values[0]) + 2.0 * np.pi * np.arange(-4, 5)
+            at = np.concatenate([at, least[(least >= low) & (least <= high)]])
+        value = self.shares(shape, at) @ values
+        return min(0.0, float(value.min())), float(at[value.argmin()])
+
+    def within(self, values: Array, room: float) -> Law:
+        return self
+
+    def sizes(self, values: Array, shape: Array, scale: Scale) -> Mapping[str, Quantity]:
+        half = 0.5 * float(np.ptp(self.shares(shape, np.linspace(scale.low, scale.high, 60)) @ values))
+        return {"variation": percent(half, scale.compliance or np.nan)}
+
+    def grid(self, scale: Scale) -> tuple[Shape, ...]:
+        return () if scale.sampled else ((),)
+
+
+@dataclass(frozen=True)
+class Sector(ByAngle):
+    """c(q) = a exp(−½((q − q₀)/σ)²): teeth that give over a part of the turn."""
+
+    word = "sector"
+    name = "soft sector"
+    equation = "c(q) = c + a exp(−½((q − q₀)/σ)²)"
+    coefficients = (Parameter(key="extra_rad_per_Nm", unit=COMPLIANCE),)
+    shape = (
+        Parameter(key="centre_deg", unit="rad", factor=DEGREE, required=True),
+        Parameter(key="width_deg", unit="rad", factor=DEGREE, positive=True, required=True),
+    )
+
+    def shares(self, shape: Array, angle: Array) -> Array:
+        return np.asarray(np.exp(-0.5 * ((angle[..., None] - shape[0]) / shape[1]) ** 2))
+
+    def steepest(self, values: Array, shape: Array, low: float, high: float) -> tuple[float, float]:
+        at = np.append(np.linspace(low, high, AT), np.clip(shape[0], low, high))
+        value = self.shares(shape, at)[:, 0] * values[0]
+        return min(0.0, float(value.min())), float(at[value.argmin()])
+
+    def within(self, values: Array, room: float) -> Law:
+        return self
+
+    def sizes(self, values: Array, shape: Array, scale: Scale) -> Mapping[str, Quantity]:
+        return {
+            "variation": percent(0.5 * abs(float(values[0])), scale.compliance or np.nan),
+            "centre": Quantity(float(shape[0] / DEGREE), "deg"),
+            "width": Quantity(float(shape[1] / DEGREE), "deg"),
+        }
+
+    def grid(self, scale: Scale) -> tuple[Shape, ...]:
+        if scale.sampled:
+            return ()
+        centres = np.linspace(scale.low, scale.high, CENTRES)
+        return tuple((float(q), w * (scale.high - scale.low)) for q in centres for w in WIDTHS)
+
+
+EFFECT = Effect(
+    name="joint_pose_dependent_stiffness",
+    noun="angle-dependent stiffness",
+    sentence="One spring constant does not hold over the joint's range.",
+    port="twist",
+    places=JOINTS,
+    laws=(Harmonics((1,)), Sector(), Harmonics((1, 2))),
+    default="harmonics",
+    elastic=True,
+    form=0.2,
+    note="changes with the joint's angle",
+)

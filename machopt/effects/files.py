@@ -1,0 +1,203 @@
+"""From the parameters of a file to the numbers of a law and back, by what the law declares."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from machopt.effects.protocol import MEMORIES, Array, Effect, Law, Parameter
+from machopt.errors import InputError
+
+
+class Parameters:
+    """The parameters of one term, read key by key; what is not asked for is an error."""
+
+    def __init__(self, data: Mapping[str, Any], where: str, file: Any = None) -> None:
+        self._data, self._where, self._file = dict(data), where, file
+        self._asked: list[str] = []
+
+    def error(self, key: str, message: str) -> InputError:
+        return InputError(message, file=self._file, where=f"{self._where}{f'.{key}' if key else ''}")
+
+    def inner(self, key: str, data: Mapping[str, Any]) -> Parameters:
+        """The reader of a mapping inside this one."""
+        return Parameters(data, f"{self._where}.{key}", self._file)
+
+    def word(self, key: str) -> str:
+        """A word, empty where the key is missing."""
+        return str(self._data[key]) if self.has(key) else ""
+
+    def has(self, key: str) -> bool:
+        self._asked.append(key)
+        return key in self._data
+
+    def number(self, key: str, default: float | None = None, *, positive: bool = True) -> float:
+        """A finite number, above zero unless ``positive`` is off."""
+        if not self.has(key):
+            if default is None:
+                raise self.error(key, f"is missing; {key} is needed here")
+            return default
+        value = self._data[key]
+        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+            raise self.error(key, f"found {value!r}; expected a number")
+        if positive and not value > 0:
+            raise self.error(key, f"found {value:g}; expected more than zero")
+        return float(value)
+
+    @property
+    def empty(self) -> bool:
+        """Nothing is stated: a term to be found."""
+        return not self._data
+
+    @property
+    def keys(self) -> frozenset[str]:
+        """What is stated, but for the words that every law may have."""
+        return frozenset(self._data) - {"law", "memory"}
+
+    def choice(self, key: str, valid: Sequence[str], default: str) -> str:
+        """One of a few words."""
+        if not self.has(key):
+            return default
+        value = self._data[key]
+        if value not in valid:
+            raise self.error(key, f"found {value!r}; valid: {', '.join(valid)}")
+        return str(value)
+
+    def single(self, key: str) -> bool:
+        """Stated, and no list."""
+        return self.has(key) and not isinstance(self._data[key], list)
+
+    def row(self, key: str, *, least: float = -np.inf) -> Array:
+        """One or more finite numbers in a list, none below ``least``; empty where the key is missing."""
+        if not self.has(key):
+            return np.empty(0)
+        value = self._data[key]
+        if not isinstance(value, list) or not value:
+            raise self.error(key, f"found {value!r}; expected a list of numbers")
+        for n, entry in enumerate(value):
+            if isinstance(entry, bool) or not isinstance(entry, int | float) or not np.isfinite(entry):
+                raise self.error(f"{key}[{n}]", f"found {entry!r}; expected a number")
+            if entry < least:
+                raise self.error(f"{key}[{n}]", f"found {entry:g}; expected at least {least:g}")
+        return np.array(value, dtype=float)
+
+    def array(self, key: str, shape: tuple[int, ...], default: Array | None = None) -> Array:
+        """Finite numbers of a given shape."""
+        if not self.has(key):
+            if default is None:
+                raise self.error(key, f"is missing; expected {_shape(shape)} numbers")
+            return default
+        try:
+            value = np.array(self._data[key], dtype=float)
+        except (TypeError, ValueError):
+            value = np.array(np.nan)
+        if value.shape != shape or not np.isfinite(value).all():
+            raise self.error(key, f"found {self._data[key]!r}; expected {_shape(shape)} finite numbers")
+        return value
+
+    def mappings(self, key: str) -> list[dict[str, Any]]:
+        """A list of mappings."""
+        value = self._data.get(key)
+        self._asked.append(key)
+        if not isinstance(value, list) or not value or not all(isinstance(v, dict) for v in value):
+            raise self.error(key, f"found {value!r}; expected a list of mappings")
+        return value
+
+    def finish(self) -> None:
+        """Refuse keys that nothing asked for."""
+        for key in self._data:
+            if key not in self._asked:
+                valid = sorted(set(self._asked))
+                close = difflib.get_close_matches(key, valid, n=1)
+                hint = f"did you mean {close[0]!r}? " if close else ""
+                raise self.error(key, f"unknown key; {hint}valid: {', '.join(valid)}")
+
+
+def law_of(effect: Effect, given: Parameters) -> Law:
+    """Which law a file means: the word that it states, else the effect's default.
+
+    Raises:
+        InputError: a word that is no law of the effect, or none where it has several.
+    """
+    words = effect.words
+    if not words:
+        return effect.law("", given.keys)
+    default = effect.default or (words[0] if given.empty else "")
+    word = given.choice("law", words, default)
+    if not word:
+        raise given.error("law", f"is missing; valid: {', '.join(words)}")
+    return effect.law(word, given.keys)
+
+
+def read(law: Law, given: Parameters) -> tuple[Array, Array, str]:
+    """Values (P,) and shape (S,) in SI, NaN for what a file does not state, and what the law remembers ("": unsaid).
+
+    Raises:
+        InputError: a number that cannot be, or rows of different lengths.
+    """
+    groups = [[(p, _row(p, given)) for p in group] for group in (law.coefficients, law.shape)]
+    rows = [(p, row) for group in groups for p, row in group if p.many]
+    branches = max((len(row) for _, row in rows), default=1) or 1
+    for p, row in rows:
+        if len(row) not in (0, branches):
+            longest = next(other.key for other, values in rows if len(values) == branches)
+            raise given.error(p.key, f"found {len(row)} numbers; expected {branches}, one for each of {longest}")
+    values, shape = (
+        np.concatenate([row if len(row) else np.full(branches if p.many else 1, np.nan) for p, row in group])
+        if group else np.empty(0)
+        for group in groups
+    )  # fmt: skip
+    memory = given.choice("memory", MEMORIES, "") if law.remembers else ""
+    return values, shape, memory
+
+
+def write(law: Law, values: Array, shape: Array, memory: str = "") -> dict[str, Any]:
+    """The parameters as a file states them; what is NaN is left out."""
+    out: dict[str, Any] = {"law": law.word} if law.word else {}
+    for group, numbers in ((law.coefficients, values), (law.shape, shape)):
+        at = 0
+        for p in group:
+            row = np.asarray(numbers[at:] if p.many else numbers[at : at + 1], float) / p.factor
+            at += len(row)
+            if np.isfinite(row).all() and len(row):
+                single = not p.many or (p.bare and len(row) == 1)
+                out[p.key] = float(row[0]) if single else [float(v) for v in row]
+    return out | ({"memory": memory} if memory else {})
+
+
+def named(law: Law, count: int) -> tuple[tuple[str, str, float], ...]:
+    """Name, SI unit and lower bound in SI of each of ``count`` coefficients."""
+    out: list[tuple[str, str, float]] = []
+    for p in law.coefficients:
+        left = count - len(out) if p.many else 1
+        for n in range(left):
+            name = f"{p.called}[{n}]" if p.many and not (p.bare and left == 1) else p.called
+            out.append((name, p.unit, p.least * p.factor))
+    return tuple(out)
+
+
+def _row(p: Parameter, given: Parameters) -> Array:
+    """Numbers of one key in SI; empty where it is not stated."""
+    if p.many and not (p.bare and given.single(p.key)):
+        row = given.row(p.key, least=p.least)
+        if p.positive and not (row > 0.0).all():
+            what = "torques" if p.unit == "N·m" else "numbers"
+            raise given.error(p.key, f"found {row[row <= 0.0][0]:g}; expected {what} above zero")
+        return row * p.factor
+    if not given.has(p.key) and not p.required:
+        return np.empty(0)
+    value = given.number(p.key, positive=p.positive)
+    if value < p.least:
+        raise given.error(p.key, f"found {value:g}; expected at least {_bound(p.least)}")
+    return np.array([value * p.factor])
+
+
+def _bound(least: float) -> str:
+    return f"{least:g}" if least else "zero"
+
+
+def _shape(shape: tuple[int, ...]) -> str:
+    return " × ".join(map(str, shape))

@@ -1,0 +1,199 @@
+"""The nouns of every effect: a parameter's definition, what drives a law, the law, the effect."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Shape = tuple[float, ...]
+
+ARCMIN = np.pi / 10800.0  # rad
+COMPLIANCE = "rad/(N·m)"
+FORM = 0.08  # relative 1 sigma of a size for a law's own form: no gear, beam or loop is quite like its equation
+JOINTS = tuple(f"joint:{i}" for i in range(1, 7))
+MEMORIES = ("cycle", "visit", "arrival", "session")  # what a gear remembers, in the order that searches number them
+
+Port = Literal["twist", "torque", "angle", "body", "record"]
+"""Which local thing a law makes: twist of a joint by its torque, torque beside a gear, angle without load, twist of a
+body by its wrench, a change of the recording itself."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """A number of a law, or a row with one for each of its branches; a definition, never a value."""
+
+    key: str  # in files, carries its unit
+    unit: str  # SI, of values in the program
+    factor: float = 1.0  # SI per unit of the key
+    least: float = -np.inf  # in the unit of the key
+    positive: bool = False  # above zero
+    required: bool = False  # no fit searches for it: a file that means this law states it
+    many: bool = False  # a list in files
+    bare: bool = False  # of one branch alone, the number without a list
+    name: str = ""  # of a coefficient where it is reported in SI and the key's unit is another
+
+    @property
+    def called(self) -> str:
+        return self.name or self.key
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One number of a finding in the unit of the trade."""
+
+    value: float
+    unit: str  # "arcmin", "N·m/arcmin", "%", "ms" …
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What acts at one joint in K states, in the order they happened.
+
+    Different memories of a gear are different drives over the same law.
+    """
+
+    torque: Array  # (..., ) N·m that the law follows
+    angle: Array | None = None  # (...,) rad of the joint
+    gap: Array | None = None  # (K,) s since the state before; of a first one since the gear rested; see creep.lag
+    first: Ints | None = None  # (K,) 1: nothing before this state counts. None: each state stands by itself, for long
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How much a recording or a plan asks of one joint: what shares and sizes are of."""
+
+    reach: float  # N·m, about the largest torque
+    compliance: float | None = None  # rad/(N·m) of the joint's own spring; None: not known yet
+    low: float = 0.0  # rad, range of its angle
+    high: float = 0.0
+    lasting: float = np.inf  # s, the longest history without a break
+    sampled: bool = False  # a motion in many samples; else settled readings, some a cycle
+
+
+class Law(Protocol):
+    """One law of an effect. Stateless; SI; P coefficients in which it is linear, S numbers that give its shape."""
+
+    @property
+    def word(self) -> str:
+        """In files, where the effect has several laws; empty: a file states none."""
+        ...
+
+    @property
+    def name(self) -> str:
+        """In reports: "play"."""
+        ...
+
+    @property
+    def equation(self) -> str:
+        """With its source."""
+        ...
+
+    @property
+    def coefficients(self) -> tuple[Parameter, ...]: ...
+
+    @property
+    def shape(self) -> tuple[Parameter, ...]: ...
+
+    @property
+    def weighs(self) -> bool:
+        """It follows the whole torque of a joint, weight included, along a curve."""
+        ...
+
+    @property
+    def remembers(self) -> bool:
+        """How a torque came there, or since when it has been there, makes a difference."""
+        ...
+
+    def columns(self, shape: Array, drive: Drive) -> Array:
+        """(..., P) what it makes per unit of each coefficient, at each state of the drive."""
+        ...
+
+    def tangent(self, shape: Array, drive: Drive) -> Array:
+        """(..., P) its slope by the torque; of what remembers, the most that a lasting load can meet."""
+        ...
+
+    def steepest(self, values: Array, shape: Array, low: float, high: float) -> tuple[float, float]:
+        """How much compliance it may take from its joint at most, ≤ 0 rad/(N·m), and at which angle in rad (or NaN)."""
+        ...
+
+    def within(self, values: Array, room: float) -> Law:
+        """The law as it holds where the joint has ``room`` rad/(N·m) left for it to take."""
+        ...
+
+    def sizes(self, values: Array, shape: Array, scale: Scale) -> Mapping[str, Quantity]:
+        """Numbers of the trade; the first is the effect's size and grows in proportion to the coefficients."""
+        ...
+
+    def grid(self, scale: Scale) -> tuple[Shape, ...]:
+        """Shapes that a search tries; none where the law is not offered."""
+        ...
+
+    def silent(self, loaded: Array, unloaded: Array, scale: Scale) -> str:
+        """Why torques (N,) against those without load (N,) cannot show it; empty where they can."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effect:
+    """A word of the vocabulary and what stands behind it."""
+
+    name: str  # "joint_hysteresis"
+    noun: str  # "hysteresis"; its place follows
+    sentence: str  # for the reader of a report
+    port: Port
+    places: tuple[str, ...]  # of an arm; empty: not listed, e.g. columns of a recording
+    laws: tuple[Law, ...] = ()  # in the order in which they are tried
+    default: str = ""  # law of a file that states none; empty: it must, where there are several
+    elastic: bool = False  # stands in stiffness.yaml
+    placeless: bool = False  # its noun says where it is
+    form: float = FORM  # relative 1 sigma of its sizes for its own form
+    plausible: Mapping[str, float] = field(
+        default_factory=dict
+    )  # most of its size, by unit: beyond it fits other things
+    note: str = ""  # where it shows, e.g. "on load reversal"
+
+    def law(self, word: str, stated: frozenset[str] = frozenset()) -> Law:
+        """The law of a word, of several the first that has every key a file states."""
+        known = [law for law in self.laws if law.word == word]
+        keys = [{p.key for p in (*law.coefficients, *law.shape)} for law in known]
+        return next((law for law, own in zip(known, keys, strict=True) if stated <= own), known[-1])
+
+    @property
+    def remembers(self) -> bool:
+        """All its laws ask for a history."""
+        return bool(self.laws) and all(law.remembers for law in self.laws)
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """Of its laws, as files state them."""
+        return tuple(dict.fromkeys(law.word for law in self.laws if law.word))
+
+
+def timed(law: Law) -> bool:
+    """It goes by time: one of its numbers is a time constant."""
+    return any(p.unit == "s" for p in law.shape)
+
+
+class Settled:
+    """What most laws answer: nothing is taken, nothing bounds them, every torque shows them."""
+
+    word = ""
+    weighs = False
+    remembers = False
+
+    def steepest(self, values: Array, shape: Array, low: float, high: float) -> tuple[float, float]:
+        return 0.0, np.nan
+
+    def silent(self, loaded: Array, unloaded: Array, scale: Scale) -> str:
+        return ""
+
+
+def percent(value: float, compliance: float) -> Quantity:
+    """A compliance as a share of the joint's own."""
+    return Quantity(100.0 * value / compliance, "%")

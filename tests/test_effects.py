@@ -1,0 +1,222 @@
+"""The contract of every law in the registry, and an effect that is added by one file and one line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from machopt.diagnose import deflection
+from machopt.diagnose.readings import Readings
+from machopt.domain.recording import Recording
+from machopt.domain.stiffness import Stiffness, Term
+from machopt.effects import creep, files, hysteresis, registry
+from machopt.effects.protocol import COMPLIANCE, JOINTS, Array, Drive, Effect, Law, Parameter, Quantity, Scale, Settled
+from machopt.formats.cell import load_cell
+from machopt.formats.stiffness import load_stiffness, write_stiffness
+from machopt.model.elastic import ArmElasticity
+from machopt.model.robot import load_masses, load_robot
+from machopt.model.terms import term_of, vocabulary
+from machopt.verify import springs
+
+ROOT = Path(__file__).resolve().parent.parent
+SCALE = Scale(reach=1000.0, compliance=1e-6, low=-1.0, high=2.0)
+TORQUES = np.linspace(-990.0, 990.0, 36)  # off the corners of all curves that are tried
+ANGLES = np.linspace(-0.9, 1.9, 36)
+LAWS = [pytest.param(e, law, id=f"{e.name} {law.name}") for e in registry.of_joint_torque() for law in e.laws]
+
+
+def made(law: Law, sign: float = 1.0) -> tuple[Array, Array]:
+    """Coefficients that make twists of about 0.1 mrad, and a shape of the law's own grid."""
+    shape = np.array(law.grid(SCALE)[-1])
+    size = np.abs(law.columns(shape, Drive(TORQUES, ANGLES))).max(axis=0)
+    return sign * 1e-4 / size * np.arange(1.0, len(size) + 1.0), shape
+
+
+@pytest.mark.parametrize(("effect", "law"), LAWS)
+def test_tangent_is_the_difference(effect: Effect, law: Law) -> None:
+    """Central differences; of what remembers far out, where the slope no longer grows."""
+    _, shape = made(law)
+    at = 1e4 * np.sign(TORQUES) + TORQUES if law.remembers else TORQUES
+    step = 1e-3
+    up, down = (law.columns(shape, Drive(at + s * step, ANGLES)) for s in (1.0, -1.0))
+    tangent = law.tangent(shape, Drive(at, ANGLES))
+    # rounding of a difference of columns over a step of 1e-3 N·m
+    np.testing.assert_allclose(tangent, (up - down) / (2 * step), rtol=1e-6, atol=1e-6 * np.abs(tangent).max())
+
+
+@pytest.mark.parametrize(("effect", "law"), LAWS)
+def test_many_states_are_single_ones_and_histories_can_be_cut(effect: Effect, law: Law) -> None:
+    """A state by itself, in a row of others, and as the first of a history that has settled: the same number."""
+    _, shape = made(law)
+    whole = law.columns(shape, Drive(TORQUES, ANGLES))
+    for n in range(0, len(TORQUES), 9):
+        assert law.columns(shape, Drive(TORQUES[n : n + 1], ANGLES[n : n + 1]))[0] == pytest.approx(whole[n], rel=1e-15)
+    each = np.ones(len(TORQUES), np.int64)
+    settled = law.columns(shape, Drive(TORQUES, ANGLES, np.full(len(TORQUES), np.inf), each))
+    np.testing.assert_allclose(settled, whole, rtol=1e-15)
+    lead = law.columns(shape, Drive(TORQUES.reshape(4, 9), ANGLES.reshape(4, 9)))
+    np.testing.assert_array_equal(lead.reshape(36, -1), whole)
+
+
+@pytest.mark.parametrize(("effect", "law"), LAWS)
+def test_sizes_grow_with_the_coefficients(effect: Effect, law: Law) -> None:
+    values, shape = made(law)
+    for scale in (SCALE, Scale(1000.0, None, -1.0, 2.0, sampled=True)):
+        if scale.sampled and not law.grid(scale):
+            continue  # not offered there
+        one, two = (next(iter(law.sizes(k * values, shape, scale).values())) for k in (1.0, 2.0))
+        assert two.value == pytest.approx(2.0 * one.value, rel=1e-12)
+        assert one.value > 0.0
+        assert one.unit
+
+
+@pytest.mark.parametrize(("effect", "law"), LAWS)
+def test_a_law_takes_no_more_than_it_says(effect: Effect, law: Law) -> None:
+    """Its slope, of either sign of its coefficients where a file may have both; and what it says is reached."""
+    for sign in (1.0, -1.0):
+        if sign < 0.0 and all(p.least >= 0.0 for p in law.coefficients):
+            continue
+        values, shape = made(law, sign)
+        least, _ = law.steepest(values, shape, SCALE.low, SCALE.high)
+        if np.isneginf(least):
+            held = law.within(values, 1e-6)
+            assert held.steepest(values, shape, SCALE.low, SCALE.high)[0] == pytest.approx(-0.9e-6)
+            continue
+        tau, q = np.meshgrid(np.r_[TORQUES, 1e5], np.linspace(SCALE.low, SCALE.high, 3001))
+        slopes = law.tangent(shape, Drive(tau, q)) @ values
+        # 1e-5: the least lies between the angles that are looked at, there and here
+        assert min(0.0, slopes.min()) == pytest.approx(least, abs=1e-5 * np.abs(slopes).max())
+
+
+@pytest.mark.parametrize(("effect", "law"), LAWS)
+@pytest.mark.parametrize("zero", [False, True])
+def test_files_keep_everything(effect: Effect, law: Law, zero: bool, tmp_path: Path) -> None:
+    """Through stiffness.yaml: law, coefficients (zeros too), shape, and what the gear remembers."""
+    values, shape = made(law)
+    values = 0.0 * values if zero else values
+    memory = "arrival" if law.remembers else ""
+    term = Term(effect.name, effect.places[1], files.write(law, values, shape, memory))
+    file = tmp_path / "stiffness.yaml"
+    write_stiffness(file, Stiffness(np.full(6, 1e6), terms=(term,)))
+    given = files.Parameters(load_stiffness(file).terms[0].parameters, "terms[0]")
+    again = files.law_of(effect, given)
+    found, form, said = files.read(again, given)
+    given.finish()
+    assert type(again) is type(law)
+    assert again.word == law.word
+    np.testing.assert_allclose(found, values, rtol=1e-14)
+    np.testing.assert_allclose(form, shape, rtol=1e-14)
+    assert said == memory
+    assert set(files.write(again, found, form, said)) == set(term.parameters)
+
+
+@pytest.mark.parametrize(("effect", "law"), LAWS)
+def test_verify_has_the_same_law_in_its_own_writing(effect: Effect, law: Law) -> None:
+    values, shape = made(law)
+    term = Term(effect.name, "joint:3", files.write(law, values, shape))
+    mine = law.columns(shape, Drive(TORQUES, ANGLES)) @ values
+    curved = springs.curves([term], np.full((1, 6), 1e6), np.full(6, -1.0), np.full(6, 2.0))
+    if curved:
+        theirs = curved[0].turn(TORQUES)
+    else:
+        q = np.zeros((len(ANGLES), 6))
+        q[:, 2] = ANGLES
+        theirs = springs.joint_compliance([term], q)[:, 2, 2] * TORQUES
+    np.testing.assert_allclose(theirs, mine, rtol=1e-12, atol=1e-18)
+
+
+def test_words_and_places() -> None:
+    assert registry.EFFECTS
+    for effect in registry.EFFECTS.values():
+        assert effect.noun
+        assert effect.sentence.endswith(".")
+        assert not effect.elastic or effect.places == vocabulary()[effect.name]
+    with pytest.raises(ValueError, match="stands twice"):
+        registry.registry((creep.EFFECT, hysteresis.EFFECT, creep.EFFECT))
+
+
+def test_time_unsaid_is_taken_for_the_time_constant() -> None:
+    """A lone reading: what share of the pause its load took nobody knows; here one time constant."""
+    first, torque = np.array([1, 0], np.int64), np.array([0.0, 1.0])
+    for constant in (2.0, 30.0):
+        assert creep.lag(torque, np.array([5.0, np.nan]), first, constant)[1] == pytest.approx(1.0 - np.exp(-1.0))
+    x = creep.lag(np.array([1.0, 0.0, 0.0]), np.array([np.inf, -50.0, np.nan]), np.array([1, 0, 0], np.int64), 30.0)
+    assert x == pytest.approx([1.0, np.exp(-20.0 / 30.0), np.exp(-50.0 / 30.0)])
+
+
+# --- a toy --------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Saturating(Settled):
+    """φ = a τ₀ tanh(τ/τ₀), a law that the catalogue has not."""
+
+    name = "tanh"
+    equation = "φ = c τ + a τ₀ tanh(τ/τ₀)"
+    coefficients = (Parameter(key="extra_rad_per_Nm", unit=COMPLIANCE, least=0.0),)
+    shape = (Parameter(key="half_way_Nm", unit="N·m", positive=True),)
+    weighs = True
+
+    def columns(self, shape: Array, drive: Drive) -> Array:
+        return np.asarray(shape * np.tanh(drive.torque[..., None] / shape))
+
+    def tangent(self, shape: Array, drive: Drive) -> Array:
+        return np.asarray(np.cosh(drive.torque[..., None] / shape) ** -2.0)
+
+    def within(self, values: Array, room: float) -> Law:
+        return self
+
+    def sizes(self, values: Array, shape: Array, scale: Scale) -> dict[str, Quantity]:
+        return {"slope": Quantity(1e6 * float(values[0]), "rad/(MN·m)")}
+
+    def grid(self, scale: Scale) -> tuple[tuple[float, ...], ...]:
+        return tuple((s * scale.reach,) for s in (0.2, 0.5))
+
+
+TOY = Effect(
+    name="joint_jelly", noun="jelly", sentence="The joint gives as jelly does.", port="twist", places=JOINTS,
+    laws=(Saturating(),), elastic=True, note="at small torque",
+)  # fmt: skip
+
+
+@pytest.fixture
+def toy(monkeypatch: pytest.MonkeyPatch) -> Effect:
+    monkeypatch.setattr(registry, "EFFECTS", registry.registry((*registry.LISTED, TOY)))
+    return TOY
+
+
+def test_one_file_and_one_line_add_an_effect(toy: Effect, tmp_path: Path) -> None:
+    """Tried by diagnose, written to stiffness.yaml, read by the planner, which predicts what diagnose fitted."""
+    cell = load_cell(ROOT / "cells" / "kr240_drilling")
+    robot, tool, masses = load_robot(cell), cell.tool.T_flange_tcp, load_masses(cell)
+    assert cell.stiffness is not None
+    rng = np.random.default_rng(0)
+    n = 12
+    q = np.radians([0, -90, 100, 0, 60, 0]) + rng.uniform(-0.5, 0.5, (n, 6))
+    w = np.concatenate([rng.uniform(-900, 900, (n, 3)), rng.uniform(-90, 90, (n, 3))], axis=1)
+    rows, zero = np.arange(n), np.zeros(n, np.int64)
+    recording = Recording("deflection", "made up", q, rows, rows, zero, rows, wrench=w)
+    readings = Readings(recording, robot, tool, masses, robot.state(q, tool, bodies=True), w, 6, True,
+                        1.0 / cell.stiffness.joints, zero, rows, rows)  # fmt: skip
+    tried = deflection.catalogue(readings, None)
+    found = [h for h in tried.hypotheses if h.effect == toy.name]
+    assert [h.location for h in found] == list(JOINTS)
+    h = found[2]
+    term = h.correction(np.array([3e-7]), h.shapes[0])
+    assert isinstance(term, Term)
+    file = tmp_path / "stiffness.yaml"
+    write_stiffness(file, Stiffness(cell.stiffness.joints, terms=(term,)))
+    with_toy, without = (
+        ArmElasticity(robot, tool, s, None, masses).at(q)
+        for s in (load_stiffness(file), Stiffness(cell.stiffness.joints))
+    )
+    more = with_toy.respond(w) - without.respond(w)
+    np.testing.assert_allclose(more, h.columns(h.shapes[0]) @ [3e-7], rtol=1e-9, atol=1e-15)
+    axis = np.tile([0.0, 0.0, 1.0], (n, 1))
+    assert (with_toy.along(axis) >= without.along(axis)).all()
+    assert toy.name in vocabulary()
+    fitted = term_of(toy.name, "joint:3", robot, tool)  # EFFECT@LOCATION of plan-poses and identify
+    assert np.isnan(fitted.values).all()
