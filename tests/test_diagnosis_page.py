@@ -19,6 +19,8 @@ import pytest
 
 from machopt.cli import diagnose as command
 from machopt.diagnose.result import Diagnosis, Estimate
+from machopt.effects import registry
+from machopt.effects.words import named, place
 from machopt.formats.cell import load_cell
 from machopt.job.diagnose_result import page_of, result_of, rows_location, write_residuals
 from machopt.output import write_json
@@ -26,7 +28,7 @@ from machopt.report.diagnosis_figures import binned_mean, binned_rms, law, over_
 from machopt.report.diagnosis_limits import limits_html
 from machopt.report.diagnosis_page import diagnosis_html, write_diagnosis
 from machopt.report.diagnosis_svg import machine_strip, share_bars
-from machopt.report.diagnosis_words import EFFECTS, alternatives, axis_note, measured, named, numeral, place, sized
+from machopt.report.diagnosis_words import alternatives, axis_note, measured, numeral, sized
 
 CELL = load_cell(Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling")
 CASES = ("explained", "consistent", "unexplained", "three", "torque")
@@ -337,7 +339,7 @@ def test_text_from_outside_cannot_end_the_page() -> None:
 
 
 def test_every_word_of_the_vocabulary_has_a_name() -> None:
-    assert set(EFFECTS) == VOCABULARY
+    assert set(registry.EFFECTS) == VOCABULARY
     assert named("joint_hysteresis", "joint:3") == "hysteresis of joint 3"
     assert named("joint_coupling", "joint:4-5") == "coupling of joints 4 and 5"
     assert named("units", "column:fx_N") == "wrong unit in column fx_N"

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from machopt.diagnose import deflection
+from machopt.diagnose import deflection, engine
+from machopt.diagnose.problem import Catalogue, Family, Problem, Unknown
 from machopt.diagnose.readings import Readings
+from machopt.diagnose.words import sentence
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Stiffness, Term
 from machopt.effects import creep, files, hysteresis, registry
 from machopt.effects.protocol import COMPLIANCE, JOINTS, Array, Drive, Effect, Law, Parameter, Quantity, Scale, Settled
+from machopt.effects.words import named
 from machopt.formats.cell import load_cell
 from machopt.formats.stiffness import load_stiffness, write_stiffness
 from machopt.model.elastic import ArmElasticity
@@ -188,35 +191,57 @@ def toy(monkeypatch: pytest.MonkeyPatch) -> Effect:
     return TOY
 
 
-def test_one_file_and_one_line_add_an_effect(toy: Effect, tmp_path: Path) -> None:
-    """Tried by diagnose, written to stiffness.yaml, read by the planner, which predicts what diagnose fitted."""
+def load_test() -> tuple[Readings, Stiffness]:
+    """Twelve poses, four loads at each, two sessions."""
     cell = load_cell(ROOT / "cells" / "kr240_drilling")
     robot, tool, masses = load_robot(cell), cell.tool.T_flange_tcp, load_masses(cell)
     assert cell.stiffness is not None
     rng = np.random.default_rng(0)
-    n = 12
-    q = np.radians([0, -90, 100, 0, 60, 0]) + rng.uniform(-0.5, 0.5, (n, 6))
-    w = np.concatenate([rng.uniform(-900, 900, (n, 3)), rng.uniform(-90, 90, (n, 3))], axis=1)
-    rows, zero = np.arange(n), np.zeros(n, np.int64)
-    recording = Recording("deflection", "made up", q, rows, rows, zero, rows, wrench=w)
-    readings = Readings(recording, robot, tool, masses, robot.state(q, tool, bodies=True), w, 6, True,
-                        1.0 / cell.stiffness.joints, zero, rows, rows)  # fmt: skip
-    tried = deflection.catalogue(readings, None)
+    q = np.radians([0, -90, 100, 0, 60, 0]) + rng.uniform(-0.5, 0.5, (12, 6))
+    q = np.tile(np.repeat(q, 4, axis=0), (2, 1))
+    w = np.tile(np.concatenate([rng.uniform(-900, 900, (48, 3)), rng.uniform(-90, 90, (48, 3))], axis=1), (2, 1))
+    rows = np.arange(96)
+    pose, session = np.tile(np.repeat(np.arange(12), 4), 2), np.repeat(np.arange(2), 48)
+    recording = Recording("deflection", "made up", q, pose, rows, session, rows, wrench=w)
+    state, visit = robot.state(q, tool, bodies=True), session * 12 + pose
+    c = 1.0 / cell.stiffness.joints
+    return Readings(recording, robot, tool, masses, state, w, 6, True, c, session, visit, rows), cell.stiffness
+
+
+def test_one_file_and_one_line_add_an_effect(toy: Effect, tmp_path: Path) -> None:
+    """Found by diagnose with its limit, written to stiffness.yaml, read by the planner, then nothing is left."""
+    r, cell = load_test()
+    tried = deflection.catalogue(r, None)
     found = [h for h in tried.hypotheses if h.effect == toy.name]
     assert [h.location for h in found] == list(JOINTS)
-    h = found[2]
-    term = h.correction(np.array([3e-7]), h.shapes[0])
+    base = r.state.J * r.load_torque[:, None, :]
+    truth = base @ r.compliance + 2e-6 * found[2].columns(found[2].shapes[1])[:, :, 0]
+    truth += np.random.default_rng(1).normal(size=truth.shape) * np.repeat([5e-6, 5e-6], 3)
+    rows = np.arange(1, len(r) + 1)
+    problem = Problem(
+        "deflection", truth, base, tuple(Unknown(f"joint {j}", COMPLIANCE, 0.0, f"joint:{j}") for j in range(1, 7)),
+        (Family("translation", (0, 1, 2), "mm", 1e3), Family("rotation", (3, 4, 5), "mrad", 1e3)),
+        r.recording.pose, r.visit, r.cycle, r.session, np.tile(np.arange(48), 2), rows, rows,
+    )  # fmt: skip
+    catalogue = Catalogue(tuple(h for h in tried.hypotheses if h.effect in (toy.name, hysteresis.EFFECT.name)))
+    d = engine.diagnose(problem, catalogue, engine.Options(), np.random.default_rng(0))
+    assert [(f.effect, f.location) for f in d.findings] == [(toy.name, "joint:3")]
+    assert "jelly of joint 3" in sentence(d)
+    assert named(toy.name, "joint:3") == "jelly of joint 3"
+    term = d.findings[0].correction
     assert isinstance(term, Term)
     file = tmp_path / "stiffness.yaml"
-    write_stiffness(file, Stiffness(cell.stiffness.joints, terms=(term,)))
+    write_stiffness(file, Stiffness(cell.joints, terms=(term,)))
     with_toy, without = (
-        ArmElasticity(robot, tool, s, None, masses).at(q)
-        for s in (load_stiffness(file), Stiffness(cell.stiffness.joints))
+        ArmElasticity(r.robot, r.T_flange_tcp, s, None, r.masses).at(r.state.q)
+        for s in (load_stiffness(file), Stiffness(cell.joints))
     )
-    more = with_toy.respond(w) - without.respond(w)
-    np.testing.assert_allclose(more, h.columns(h.shapes[0]) @ [3e-7], rtol=1e-9, atol=1e-15)
-    axis = np.tile([0.0, 0.0, 1.0], (n, 1))
-    assert (with_toy.along(axis) >= without.along(axis)).all()
+    more = with_toy.respond(r.wrench) - without.respond(r.wrench)
+    axis = np.tile([0.0, 0.0, 1.0], (len(r), 1))
+    assert (with_toy.along(axis) >= without.along(axis)).all()  # what optimize and map weigh
+    again = engine.diagnose(replace(problem, y=truth - more), catalogue, engine.Options(), np.random.default_rng(0))
+    assert again.verdict == "consistent"
+    assert {x.location for x in again.limits if x.effect == toy.name} == set(JOINTS)
     assert toy.name in vocabulary()
-    fitted = term_of(toy.name, "joint:3", robot, tool)  # EFFECT@LOCATION of plan-poses and identify
+    fitted = term_of(toy.name, "joint:3", r.robot, r.T_flange_tcp)  # EFFECT@LOCATION of identify and plan-poses
     assert np.isnan(fitted.values).all()

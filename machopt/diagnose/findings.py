@@ -13,6 +13,8 @@ from machopt.diagnose.problem import Shape
 from machopt.diagnose.result import Estimate, Fit, Name, Rival
 from machopt.diagnose.screen import Scored, score
 from machopt.diagnose.select import Chosen, with_chosen
+from machopt.effects import registry
+from machopt.effects.protocol import FORM
 
 Array = NDArray[np.float64]
 AS_GOOD = 9.0  # difference of gains (three standard deviations) below which a rival is not excluded
@@ -20,11 +22,6 @@ PAIRED = 0.005  # chance of the paired difference over groups below which it is
 MOST_OF = 0.6  # of the gain on unseen groups that a rival must reach; an effect in few groups alone pairs badly
 NEAR_SHAPE = 3.84  # loss of gain within which another shape is as likely (95 %)
 SHOWN = 10
-FORM = 0.08  # relative 1 sigma of a size for the law's own form: no gear, beam or loop is quite like its equation
-FORMS = {
-    "joint_hysteresis": 0.2, "joint_creep": 0.25, "joint_pose_dependent_stiffness": 0.2, "gravity_compensator": 0.2,
-    "transmission_error": 0.1, "thermal_drift": 0.2, "payload": 0.12,
-}  # fmt: skip
 
 
 def rivals(model: Model, chosen: Sequence[Chosen], k: int, tried: Sequence[Tried]) -> tuple[list[Rival], list[Name]]:
@@ -124,7 +121,8 @@ def _quantity_intervals(
         for name in centre:
             slopes[name].append((up[name].value - down[name].value) / (2 * step[i]))
     out = {}
-    form = FORMS.get(h.effect, FORM)
+    known = registry.EFFECTS.get(h.effect)
+    form = FORM if known is None else known.form
     for name, q in centre.items():
         if not np.isfinite(q.value):  # a share of a compliance that was found to be zero
             out[name] = np.full((2, 2), q.value)

@@ -14,7 +14,11 @@ from machopt.diagnose.motion_gears import drive, gear_laws
 from machopt.diagnose.motion_loads import ripple
 from machopt.diagnose.motion_torque import motion_axes
 from machopt.diagnose.problem import Array, Catalogue, Family, Hypothesis, Problem, Unknown, Untestable
+from machopt.effects import registry
+from machopt.effects.protocol import Scale
 from machopt.errors import InputError
+
+MOVING = Scale(1.0, sampled=True)  # what asks which laws a motion is searched for
 
 
 def seen(scene: Scene) -> list[int]:
@@ -52,7 +56,7 @@ def build(scene: Scene, joints: list[int]) -> tuple[Problem, Catalogue]:
         untestable += [
             Untestable(effect, f"joint:{j + 1}", reason)
             for j in joints
-            for effect in ("joint_hysteresis", "joint_backlash", "joint_nonlinear_stiffness", "joint_creep")
+            for effect in (e.name for e in registry.of_joint_torque() if any(law.grid(MOVING) for law in e.laws))
         ]
     else:
         load, words = found

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from machopt.diagnose.grams import Model, Tried
 from machopt.diagnose.problem import Hypothesis
 from machopt.diagnose.screen import Scored, by_chance, score
+from machopt.effects import registry
 
 Array = NDArray[np.float64]
 CHANCE = 0.01  # of naming anything in a recording without a mismatch
@@ -31,12 +32,6 @@ BESIDE, BESIDE_HERE = (
 )  # of the largest gain so far: a law that is not quite the true one leaves as much, most of it at its own place
 BESIDE_EXACT = 5e-6  # the same of a clock or a lag, which its column holds to first order
 PAIRS_AMONG = 6
-PLAUSIBLE = {  # by effect and unit of its size: beyond, a law is stretched to fit something else
-    ("joint_backlash", "arcmin"): 30.0, ("joint_hysteresis", "arcmin"): 30.0, ("joint_zero_offset", "deg"): 10.0,
-    ("transmission_error", "arcsec"): 3600.0, ("joint_creep", "%"): 100.0, ("force_sensor_gain", "%"): 60.0,
-    ("force_sensor_frame", "deg"): 25.0, ("displacement_frame", "deg"): 25.0, ("load_geometry", "deg"): 25.0,
-    ("load_geometry", "mm"): 1000.0, ("thermal_drift", "mm"): 5.0,
-}  # fmt: skip
 PAIR_MUST_WIN = 8.0
 
 
@@ -73,7 +68,8 @@ def holds(model: Model, s: Scored) -> bool:
 def _plausible(s: Scored) -> bool:
     h = s.tried.hypothesis
     size = next(iter(h.quantities(s.x * s.tried.unit[s.shape], s.tried.shapes[s.shape]).values()))
-    return abs(size.value) <= PLAUSIBLE.get((h.effect, size.unit), np.inf)
+    known = registry.EFFECTS.get(h.effect)
+    return known is None or abs(size.value) <= known.plausible.get(size.unit, np.inf)
 
 
 def select(model: Model, tried: Sequence[Tried], most: int, rng: np.random.Generator) -> list[Chosen]:

@@ -7,30 +7,7 @@ from collections.abc import Sequence
 
 from machopt.diagnose.noise import Noise
 from machopt.diagnose.result import Diagnosis, Finding
-
-NAMES = {
-    "joint_nonlinear_stiffness": "nonlinear stiffness", "joint_backlash": "backlash", "joint_hysteresis": "hysteresis",
-    "joint_creep": "creep", "joint_pose_dependent_stiffness": "stiffness that changes with its angle",
-    "joint_zero_offset": "zero offset", "transmission_error": "transmission error", "joint_friction": "friction",
-    "joint_coupling": "coupling", "gravity_compensator": "gravity compensator", "link_compliance": "link compliance",
-    "base_compliance": "base compliance", "tool_compliance": "tool compliance", "payload": "wrong payload",
-    "geometric_stiffness": "stiffness of the load itself (K_C)", "force_sensor_offset": "zero of the force sensor",
-    "force_sensor_gain": "gain of the force sensor", "force_sensor_frame": "axes of the force sensor",
-    "displacement_frame": "axes of the displacement", "load_geometry": "where or which way the load acted",
-    "units": "units", "time_skew": "a clock that is off", "outliers": "outlying rows", "thermal_drift": "thermal drift",
-    "servo_lag": "servo lag", "joint_elasticity": "vibration of a flexible joint",
-}  # fmt: skip
-
-
-def human(effect: str, location: str) -> str:
-    """``hysteresis of joint 3``."""
-    name = NAMES.get(effect, effect.replace("_", " "))
-    kind, _, number = location.partition(":")
-    if kind in ("joint", "link"):
-        return f"{name} of {'joints' if '-' in number else kind} {number.replace('-', ' and ')}"
-    if kind in ("rows", "column"):
-        return f"{name} ({location})"
-    return name
+from machopt.effects.words import spoken
 
 
 def sentence(d: Diagnosis) -> str:
@@ -52,7 +29,7 @@ def sentence(d: Diagnosis) -> str:
         )
     parts = [_found(f) for f in d.findings]
     head = "Explained" if d.verdict == "explained" else "Partly explained"
-    open_ = sorted({human(*n) for f in d.findings for n in f.one_of[1:]})
+    open_ = sorted({spoken(*n) for f in d.findings for n in f.one_of[1:]})
     return (
         f"{head}: {'; '.join(parts)}. Unseen {d.predicted or 'readings'}: {_size(d.heldout_before, d.unit)} → "
         f"{_size(d.heldout_after, d.unit)} (noise {_size(d.noise_floor, d.unit)})"
@@ -67,9 +44,9 @@ def next_experiment(d: Diagnosis) -> str:
     sets = [f for f in d.findings if len(f.one_of) > 1]
     if sets:
         f = sets[0]
-        others = ", ".join(human(*n) for n in f.one_of[1:4])
+        others = ", ".join(spoken(*n) for n in f.one_of[1:4])
         return (
-            f"To tell {human(f.effect, f.location)} from {others}: machopt plan-poses CELL --discriminate OUT chooses "
+            f"To tell {spoken(f.effect, f.location)} from {others}: machopt plan-poses CELL --discriminate OUT chooses "
             "poses and loads at which their predictions differ most."
         )
     if d.verdict == "unexplained":
@@ -77,7 +54,7 @@ def next_experiment(d: Diagnosis) -> str:
         return f"Repeat the readings that are worst with a second target behind {place}: what moves between the two?"
     if d.findings:
         f = d.findings[0]
-        return f"Confirm {human(f.effect, f.location)} on another day at poses not measured yet."
+        return f"Confirm {spoken(f.effect, f.location)} on another day at poses not measured yet."
     return "None needed for the effects above their detection limits; smaller ones need more repeats or larger loads."
 
 
@@ -85,7 +62,7 @@ def withdrawn(findings: Sequence[Finding]) -> list[str]:
     """What came nearest without explaining enough to be named."""
     if not findings:
         return []
-    said = ", ".join(human(f.effect, f.location) for f in findings)
+    said = ", ".join(spoken(f.effect, f.location) for f in findings)
     return [f"nearest of the catalogue, but most of the mismatch stays with it: {said}; so it is not named"]
 
 
@@ -102,7 +79,7 @@ def noise_note(noise: Noise) -> tuple[str, ...]:
 def _found(f: Finding) -> str:
     first = next(iter(f.parameters.values()), None)
     size = "" if first is None else f", {_number(first.value)} {first.unit}"
-    return f"{human(f.effect, f.location)}{size}{f' ({f.note})' if f.note else ''}"
+    return f"{spoken(f.effect, f.location)}{size}{f' ({f.note})' if f.note else ''}"
 
 
 def _size(value: float, unit: str) -> str:

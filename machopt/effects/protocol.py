@@ -151,7 +151,9 @@ class Effect:
     laws: tuple[Law, ...] = ()  # in the order in which they are tried
     default: str = ""  # law of a file that states none; empty: it must, where there are several
     elastic: bool = False  # stands in stiffness.yaml
-    placeless: bool = False  # its noun says where it is
+    spoken: str = ""  # the noun where a sentence runs on; empty: the noun
+    of: str = "of"  # between noun and place; empty: the noun says where it is
+    at: Mapping[str, str] = field(default_factory=dict)  # places that are said in another way here
     form: float = FORM  # relative 1 sigma of its sizes for its own form
     plausible: Mapping[str, float] = field(
         default_factory=dict

@@ -5,10 +5,32 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 
-from machopt.effects import backlash, by_angle, creep, hardening, hysteresis
+from machopt.effects import (
+    backlash,
+    bodies,
+    by_angle,
+    compensator,
+    coupling,
+    creep,
+    drive,
+    environment,
+    hardening,
+    hysteresis,
+    kinematic,
+    load,
+    record,
+)
 from machopt.effects.protocol import Effect
 
-LISTED = (hardening.EFFECT, backlash.EFFECT, hysteresis.EFFECT, creep.EFFECT, by_angle.EFFECT)
+LISTED = (
+    bodies.LINK, bodies.BASE, bodies.TOOL, coupling.EFFECT,
+    hardening.EFFECT, backlash.EFFECT, hysteresis.EFFECT, creep.EFFECT, by_angle.EFFECT,
+    compensator.EFFECT, load.GEOMETRIC, load.PAYLOAD,
+    kinematic.ZERO, kinematic.WAVES,
+    drive.FRICTION, drive.LAG, drive.VIBRATION, environment.THERMAL,
+    record.OFFSET, record.GAIN, record.FRAME, record.DISPLACEMENT, record.LOAD, record.UNITS, record.CLOCK,
+    record.OUTLIERS,
+)  # fmt: skip
 
 
 def registry(effects: Iterable[Effect]) -> Mapping[str, Effect]:

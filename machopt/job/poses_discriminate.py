@@ -33,8 +33,8 @@ from machopt.design.schedule import schedule, shortest_way
 from machopt.design.search import Design, information
 from machopt.diagnose.findings import AS_GOOD, MOST_OF, PAIRED
 from machopt.diagnose.limits import NINE_OF_TEN
-from machopt.diagnose.words import human
 from machopt.domain.cell import Cell
+from machopt.effects.words import spoken
 from machopt.job.poses_predicted import Law, Predicted, law_of, load_tests, noise_of_cases, standing, steps_for
 from machopt.job.poses_request import Request, noise_of
 from machopt.job.poses_rivals import HIDDEN, MOST, NOTHING, PLACES, Diagnosed, Dispute, Stand
@@ -311,7 +311,7 @@ def _plan(
 def _words(s: Stand) -> str:
     if s is NOTHING:
         return "nothing"
-    return human(s.effect, s.location) if s.effect else f"something at {s.location}"
+    return spoken(s.effect, s.location) if s.effect else f"something at {s.location}"
 
 
 def described(pair: Pair) -> str:

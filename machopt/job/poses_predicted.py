@@ -20,6 +20,7 @@ from machopt.diagnose.problem import Hypothesis
 from machopt.diagnose.readings import Readings
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
+from machopt.effects import registry
 from machopt.job.poses_rivals import NOTHING, Diagnosed, Stand
 from machopt.model.gravity import gravity_torque
 from machopt.model.robot import Masses, Robot
@@ -31,12 +32,6 @@ Ints = NDArray[np.int64]
 UP_AND_DOWN = (0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.25, 0.0)
 HOLD = 10.0  # s between the readings of a cycle
 REST = 1e4  # s between cycles: in which order they come is not known yet, so none feels the one before
-REMEMBER = (
-    "joint_hysteresis",
-    "joint_creep",
-    "joint_backlash",
-    "joint_nonlinear_stiffness",
-)  # depend on how and how much
 SAME = 1e-3  # relative, of the absolute parameters of a law once its shape has been brought to other torques
 SETTLED = 3  # fixed-point steps to the arm's place under weight
 SHAPES = 2  # further shapes that a refitted rival may take
@@ -68,7 +63,8 @@ class Law:
 
 def steps_for(stands: Sequence[Stand]) -> tuple[float, ...]:
     """The readings of a load cycle that these laws ask for."""
-    return UP_AND_DOWN if any(s.effect in REMEMBER for s in stands) else (1.0,)
+    curved = {e.name for e in registry.of_joint_torque() if e.remembers or any(law.weighs for law in e.laws)}
+    return UP_AND_DOWN if any(s.effect in curved for s in stands) else (1.0,)
 
 
 def load_tests(

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.diagnose.result import Finding
+from machopt.effects.words import place
 from machopt.report.diagnosis import DiagnosisPage, JobEffect
-from machopt.report.diagnosis_words import axis_unit, axis_value, axis_words, place, sized
+from machopt.report.diagnosis_words import axis_unit, axis_value, axis_words, sized
 from machopt.report.series import numbers
 
 Array = NDArray[np.float64]

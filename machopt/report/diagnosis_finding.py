@@ -11,17 +11,8 @@ from typing import Any
 from machopt.diagnose.problem import Correction, RecordCorrection
 from machopt.diagnose.result import Estimate, Finding, Rival
 from machopt.domain.kinematics import KinematicCorrection
-from machopt.report.diagnosis_words import (
-    alternatives,
-    chance,
-    measured,
-    named,
-    numeral,
-    percent,
-    readable,
-    sized,
-    what,
-)
+from machopt.effects.words import named, what
+from machopt.report.diagnosis_words import alternatives, chance, measured, numeral, percent, readable, sized
 from machopt.report.tables import Column, table
 
 _WITH_UNIT = re.compile(r"(\S+) ([^\d\s]\S*)")  # "61 µm", not "6 of 6" or "< 0.001"

@@ -6,7 +6,8 @@ import math
 from html import escape
 
 from machopt.diagnose.result import Diagnosis, Limit
-from machopt.report.diagnosis_words import EFFECTS, digits, listed, named, place, readable
+from machopt.effects.words import listed, named, noun, place
+from machopt.report.diagnosis_words import digits, readable
 from machopt.report.tables import Column, folded, table
 
 JOINTS = tuple(f"joint:{j}" for j in range(1, 7))
@@ -71,7 +72,7 @@ def _gathered(names: list[tuple[str, str]]) -> str:
             text = f"{kind}s {listed([w.partition(':')[2] for w in where], 'and')}"
         else:
             text = listed([place(w) for w in where], "and")
-        out.append(f"{_name(effect)} ({text})")
+        out.append(f"{noun(effect)} ({text})")
     return _capital("; ".join(out))
 
 
@@ -81,7 +82,7 @@ def _row(
     here = [least[effect, p] for p in places if (effect, p) in least]
     units = [_size(x)[1] for x in here if math.isfinite(x.value)]
     common = max(set(units), key=lambda u: (units.count(u), u)) if units else ""
-    return [_capital(_name(effect)), common, *(_cell((effect, p), least, reasons, common) for p in places)]
+    return [_capital(noun(effect)), common, *(_cell((effect, p), least, reasons, common) for p in places)]
 
 
 def _cell(
@@ -109,10 +110,6 @@ def _least(limits: tuple[Limit, ...]) -> dict[tuple[str, str], Limit]:
         if name not in best or rank[x.standing] < rank[best[name].standing]:
             best[name] = x
     return best
-
-
-def _name(effect: str) -> str:
-    return EFFECTS[effect].name if effect in EFFECTS else effect.replace("_", " ")
 
 
 def _unit(x: Limit | None) -> str:

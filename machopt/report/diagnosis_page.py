@@ -10,24 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from machopt.diagnose.result import Coefficient, Diagnosis
+from machopt.effects.words import listed, named, place
 from machopt.report.diagnosis import DiagnosisPage
 from machopt.report.diagnosis_figures import Spec, job_charts, law, over_axis, per_group
 from machopt.report.diagnosis_finding import cards_html, finding_html
 from machopt.report.diagnosis_limits import limits_html
 from machopt.report.diagnosis_svg import LEAST, machine_strip, share_bars
-from machopt.report.diagnosis_words import (
-    VERDICTS,
-    axis_note,
-    axis_words,
-    chance,
-    digits,
-    listed,
-    named,
-    percent,
-    place,
-    plural,
-    sized,
-)
+from machopt.report.diagnosis_words import VERDICTS, axis_note, axis_words, chance, digits, percent, plural, sized
 from machopt.report.shell import page_html, section
 from machopt.report.tables import Column, folded, table
 

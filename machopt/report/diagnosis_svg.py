@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from html import escape
 
 from machopt.diagnose.result import Diagnosis, Share
-from machopt.report.diagnosis_words import axis_note, axis_words, percent, place
+from machopt.effects.words import place
+from machopt.report.diagnosis_words import axis_note, axis_words, percent
 
 BLUE, FOUND, METAL, SOFT = "#1552b8", "#d9730d", "#5b6673", "#c3c9d1"
 LEAST = 0.005  # of the mismatch: smaller shares get no bar

@@ -75,15 +75,7 @@ Maker = Callable[[Robot, Array, Parameters, str], LinearTerm]
 
 def vocabulary() -> dict[str, tuple[str, ...]]:
     """Effects that can stand in ``terms`` and their locations."""
-    return {
-        "link_compliance": tuple(f"link:{i}" for i in range(1, 7)),
-        "base_compliance": ("base",),
-        "tool_compliance": ("tool",),
-        "joint_coupling": tuple(f"joint:{i}-{j}" for i in range(1, 7) for j in range(i + 1, 7)),
-        **{e.name: e.places for e in registry.EFFECTS.values() if e.elastic},
-        "gravity_compensator": ("joint:2",),
-        "geometric_stiffness": ("arm",),
-    }
+    return {e.name: e.places for e in registry.EFFECTS.values() if e.elastic}
 
 
 def compile_terms(
