@@ -167,3 +167,12 @@ def test_coal_is_asked_only_where_a_claim_is_not_proven(tmp_path: Any, monkeypat
     assert found.pair[11] == named[11]
     assert np.count_nonzero(found.short) == np.count_nonzero(found.beyond) == 1
     assert len(asked) <= 3
+
+
+def test_without_a_way_no_row_is_taken_for_granted() -> None:
+    a = known(coal.Box(*SIZE))
+    T = np.tile(np.eye(4), (2, 1, 1))
+    T[0, 0, 3], T[1, 0, 3] = 2.0, 0.5  # far away, then near
+    below, _ = between(a, a, T, claim=np.full(2, 0.5))
+    assert below[0] >= 0.5
+    assert below[1] == pytest.approx(0.5 - SIZE[0], abs=2 * APART)

@@ -35,6 +35,9 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
     ("plan.follow", "_chain", f"{_F2},{_F2},{_F2},{_F1},{_F3},{_F3},{_F2}"),
     ("plan.feedrate", "_corners", f"{_F1},{_F1},{_F1}"),
     ("plan.feedrate", "_law", f"{_F1},{_F3},{_F1},{_F1},{_F2},{_F1},{_F1},f8,i8,b1"),
+    ("verify.arm", "_placed", f"{_F2},{_I1},{_F3},{_F2},{_F2},{_F2}"),
+    ("verify.contact", "_seen", f"f8[:,:,:,::1],i8,i8,{_I1}"),
+    ("verify.contact", "_chords", f"{_F3},{_F1},f8"),
     ("verify.bodies", "_gap", f"{_F3},b1,{_F2},{_F1},{_F1},{_F2},f8"),
     ("verify.between", "_follow", f"{_P},{_P},{_F3},{_I1},{_F1},{_F1}"),
 )  # fmt: skip

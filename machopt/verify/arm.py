@@ -1,4 +1,4 @@
-"""Kinematics of the whole URDF: the joints' places and axes by pinocchio, all configurations at once by numpy.
+"""Kinematics of the whole URDF: the joints' places and axes by pinocchio, all configurations in one compiled loop.
 
 With A_i the place of joint i in its parent p, E_i(q) its turn about or shift along its own axis:
 
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from machopt.domain.cell import Cell
 from machopt.errors import InputError
+from machopt.verify.compiled import compiled
 
 Array = NDArray[np.float64]
 
@@ -94,26 +95,33 @@ class Arm:
             (S, J + 2, 4, 4) in world: every joint of the URDF (entry 0 the URDF's root), then the flange, then the
             workpiece frame.
         """
-        out = np.empty((len(q), self.model.njoints + 2, 4, 4))
-        out[:, :-2] = self._joint_frames(q, external)
-        out[:, -2] = self._carried(out, self._flange)
-        out[:, -1] = np.eye(4) if self._part is None else self._carried(out, self._part)
-        out[:, :-1] = self._to_world @ out[:, :-1]
-        if self._part is not None:
-            out[:, -1] = self._to_world @ out[:, -1]
-        out[:, -1] = out[:, -1] @ self.cell.workpiece.T_link_workpiece
-        return out
+        return np.asarray(_placed(self._values(q, external), *self._chain, self._to_world))
 
     def _joint_frames(self, q: Array, external: Array) -> Array:
         """(S, J, 4, 4) of every joint in the URDF's root; joints that neither arm nor external are stay at rest."""
-        value = dict(zip((*self.joints, *self._external), (*q.T, *external.T), strict=True))
-        out = np.empty((len(q), self.model.njoints, 4, 4))
-        out[:, 0] = np.eye(4)
-        for j in range(1, self.model.njoints):
-            place, linear, turn = self._steps[j]
-            step = place if j not in value else place @ _motion(value[j], linear, turn)
-            np.matmul(out[:, int(self.model.parents[j])], step, out=out[:, j])
+        return np.asarray(_placed(self._values(q, external), *self._chain, np.eye(4)))[:, : self.model.njoints]
+
+    def _values(self, q: Array, external: Array) -> Array:
+        """(S, J + 2) rad or m of every joint, zero where it stays at rest; flange and workpiece have none."""
+        out = np.zeros((len(q), self.model.njoints + 2))
+        out[:, self.joints], out[:, self._external] = q, external
         return out
+
+    @cached_property
+    def _chain(self) -> tuple[NDArray[np.int64], Array, Array, Array]:
+        """Of every joint, then of flange and workpiece: (J + 2,) what carries it, −1 the world; (J + 2, 4, 4) its place
+        there at rest; (J + 2, 3) direction of its shift; (J + 2, 3) axis of its turn."""
+        fixed = [self.model.frames[f] for f in (self._flange, *(() if self._part is None else (self._part,)))]
+        parent = [-1, *(int(self.model.parents[j]) for j in range(1, self.model.njoints))]
+        parent += [int(f.parentJoint) for f in fixed]
+        place = [step[0] for step in self._steps] + [f.placement.homogeneous for f in fixed]
+        if self._part is None:
+            parent.append(-1)
+            place.append(np.linalg.inv(self._to_world))
+        place[-1] = place[-1] @ self.cell.workpiece.T_link_workpiece
+        rest = [np.zeros(3)] * 2
+        return (np.array(parent), np.array(place), np.array([*(step[1] for step in self._steps), *rest]),
+                np.array([*(step[2] for step in self._steps), *rest]))  # fmt: skip
 
     def _carried(self, joints: Array, frame: int) -> Array:
         """(S, 4, 4) of a link that is fixed to a joint."""
@@ -195,14 +203,45 @@ class Arm:
         return tcp
 
 
-def _motion(value: Array, linear: Array, turn: Array) -> Array:
-    """(S, 4, 4) of a joint turned by, or shifted by, ``value`` (S,) rad or m along its own unit axis."""
-    x, y, z = turn
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    out = np.zeros((len(value), 4, 4))
-    out[:, :3, :3] = (
-        np.eye(3) + np.sin(value)[:, None, None] * cross + (1.0 - np.cos(value))[:, None, None] * (cross @ cross)
-    )
-    out[:, :3, 3] = value[:, None] * linear
-    out[:, 3, 3] = 1.0
+@compiled
+def _placed(value: Array, parent: NDArray[np.int64], place: Array, linear: Array, turn: Array, root: Array) -> Array:
+    """(S, F, 4, 4) of F frames that follow one another, each turned about or shifted along its own axis by ``value``.
+
+    Args:
+        value: (S, F) rad or m.
+        parent, place, linear, turn: of :meth:`Arm._chain`.
+        root: (4, 4) what −1 stands for.
+    """
+    count, frames = value.shape
+    out = np.zeros((count, frames, 4, 4))
+    step, about = np.empty((frames, 3, 3, 3)), np.empty((3, 3))  # place, place [w]×, place [w]×²
+    for f in range(frames):
+        x, y, z = turn[f]
+        about[0, 0] = about[1, 1] = about[2, 2] = 0.0
+        about[0, 1], about[0, 2], about[1, 2] = -z, y, -x
+        about[1, 0], about[2, 0], about[2, 1] = z, -y, x
+        for i in range(3):
+            for j in range(3):
+                step[f, 0, i, j] = place[f, i, j]
+        for n in range(2):
+            for i in range(3):
+                for j in range(3):
+                    step[f, n + 1, i, j] = (
+                        step[f, n, i, 0] * about[0, j] + step[f, n, i, 1] * about[1, j] + step[f, n, i, 2] * about[2, j]
+                    )
+    own = np.empty((3, 4))
+    for s in range(count):
+        for f in range(frames):
+            sine, rise = np.sin(value[s, f]), 1.0 - np.cos(value[s, f])
+            for i in range(3):
+                for j in range(3):
+                    own[i, j] = step[f, 0, i, j] + sine * step[f, 1, i, j] + rise * step[f, 2, i, j]
+                way = place[f, i, 0] * linear[f, 0] + place[f, i, 1] * linear[f, 1] + place[f, i, 2] * linear[f, 2]
+                own[i, 3] = place[f, i, 3] + value[s, f] * way
+            before = root if parent[f] < 0 else out[s, parent[f]]
+            for i in range(3):
+                for j in range(4):
+                    out[s, f, i, j] = before[i, 0] * own[0, j] + before[i, 1] * own[1, j] + before[i, 2] * own[2, j]
+                out[s, f, i, 3] += before[i, 3]
+            out[s, f, 3, 3] = 1.0
     return out

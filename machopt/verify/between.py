@@ -21,6 +21,7 @@ Ints = NDArray[np.int64]
 APART = 1e-8  # m between the two bounds, at which they are close enough
 GUARD = 1e-10  # m, far above the rounding of metres
 STEPS = 60  # of the walk between two convex parts
+FAR = 1e9  # m
 BEYOND = 0.05  # m beyond a claim, to which bounds are made close: they last for rows to come
 WAITING = 256  # pairs of boxes: both trees are at most 40 boxes deep
 
@@ -34,14 +35,17 @@ def between(
 
     Args:
         rows: (L,) those that are asked, all by default; the others are told to be 0 … ∞ apart.
-        way: (K,) m, no point of b moves against a by more than the difference of two entries.
+        way: (K,) m, no point of b moves against a by more than the difference of two entries; without it no row tells
+            anything of another.
         claim: (K,) m, it is enough to know that the distance is not below it. So the bound at a row before is taken
             where that proves it, and bounds far beyond it are not made close.
     """
     every = np.arange(len(T)) if rows is None else np.asarray(rows, np.int64)
-    free = np.full(len(T), np.inf)
-    return _follow(*_arrays(a), *_arrays(b), np.ascontiguousarray(T), every,
-                   np.zeros(len(T)) if way is None else way, free if claim is None else claim)  # fmt: skip
+    if way is None:
+        way = np.arange(0.0, FAR * len(T), FAR)
+    if claim is None:
+        claim = np.full(len(T), np.inf)
+    return _follow(*_arrays(a), *_arrays(b), np.ascontiguousarray(T), every, way, claim)
 
 
 def _arrays(parts: Parts) -> tuple[Array, Ints, Array, Array, Array, Array]:

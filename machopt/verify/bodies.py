@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from machopt.domain.cell import Cell, Cutter, Shape
 from machopt.errors import InputError
 from machopt.verify.arm import Arm
+from machopt.verify.between import between
 from machopt.verify.compiled import compiled
 from machopt.verify.convex import Parts, parts_of
 
@@ -39,7 +40,7 @@ class Body:
 
     @cached_property
     def parts(self) -> Parts | None:
-        """For :func:`machopt.verify.between.between`; None for a shape that is not known there."""
+        """For :func:`bounds`; None for a shape that is not known there."""
         return parts_of(self.shape)
 
 
@@ -204,6 +205,16 @@ def distance(a: Body, b: Body, T: Array) -> float:
 
     return float(coal.distance(a.shape, a.placed, b.shape, _placed(T @ b.place), coal.DistanceRequest(),
                                coal.DistanceResult()))  # fmt: skip
+
+
+def bounds(
+    a: Body, b: Body, T: Array, rows: NDArray[np.intp], way: Array | None = None, claim: Array | None = None
+) -> tuple[Array, Array]:  # fmt: skip
+    """(K,) m below and above the distance in some rows, T (K, 4, 4) being b's carrier seen from a's: see
+    :func:`machopt.verify.between.between`."""
+    if a.parts is None or b.parts is None:
+        return np.zeros(len(T)), np.full(len(T), np.inf)
+    return between(a.parts, b.parts, inverse(a.place) @ T @ b.place, rows, way, claim)
 
 
 def _placed(T: Array) -> Any:

@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.toolpath import Move, Toolpath
-from machopt.verify.between import between
-from machopt.verify.bodies import Body, distance, gap, inverse
+from machopt.verify.bodies import Body, bounds, distance, gap
 from machopt.verify.contact import Scene
 
 Array = NDArray[np.float64]
@@ -59,7 +58,7 @@ def check_clearances(
             asked &= ~may_cut
         if not asked.any():
             continue
-        below, _ = _bounds(a, b, T, np.flatnonzero(asked), scene.gone(a, b), claim - TOLERANCE)
+        below, _ = bounds(a, b, T, np.flatnonzero(asked), scene.gone(a, b), claim - TOLERANCE)
         for k in np.flatnonzero(asked & (below < claim - TOLERANCE)):
             d = max(distance(a, b, T[k]), 0.0)
             if claim[k] - d > max(short[k], TOLERANCE):
@@ -78,7 +77,7 @@ def _named(
     for name in np.unique(out[out != ""]).tolist():
         a, b = by_name[name]
         T, rows = scene.relative(a, b), np.flatnonzero(out == name)
-        below, above = _bounds(a, b, T, rows)
+        below, above = bounds(a, b, T, rows)
         loose = TOLERANCE + _rounder(a) + _rounder(b)
         proven = (below >= claim - TOLERANCE) & (above <= claim + loose) & (above > 0.0)
         for k in rows[~proven[rows]]:
@@ -88,15 +87,6 @@ def _named(
             elif d - claim[k] > loose:
                 beyond[k] = d - claim[k]
     return out
-
-
-def _bounds(
-    a: Body, b: Body, T: Array, rows: NDArray[np.intp], way: Array | None = None, claim: Array | None = None
-) -> tuple[Array, Array]:  # fmt: skip
-    """(N,) m below and above the distance in some rows, b's carrier being at T (N, 4, 4) seen from a's."""
-    if a.parts is None or b.parts is None:
-        return np.zeros(len(T)), np.full(len(T), np.inf)
-    return between(a.parts, b.parts, inverse(a.place) @ T @ b.place, rows, way, claim)
 
 
 def may_cut(toolpath: Toolpath) -> NDArray[np.bool_]:

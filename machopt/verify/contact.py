@@ -1,7 +1,8 @@
 """Contacts along a motion, at the samples and between them, by coal.
 
-A pair is free between two rows when neither touches, with the second body's relative motion D in between, a copy
-grown by D/2 (coal's security margin) at either row: every point of the way is within D/2 of one of them. Where
+A pair is free between two rows when what is known of its distances at both exceeds together the second body's relative
+motion D in between: every point of the way is nearer to one of them than that row's distance. Cheap bounds tell so of
+most stretches. In the others neither row may touch, with a copy grown by D/2 (coal's security margin) at either. Where
 that is not so, the stretch is halved, first at samples, then between two samples, linear in the joints.
 """
 
@@ -13,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.verify.arm import Arm
-from machopt.verify.bodies import Body, gap, inverse, near, reach
+from machopt.verify.bodies import Body, bounds, gap, inverse, near, reach
+from machopt.verify.compiled import compiled
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -68,6 +70,7 @@ class Scene:
         self.arm, self.rows, self.bodies = arm, rows, bodies
         self.world = arm.placements(rows[:, :6], rows[:, 6:])
         self.turn = np.abs(np.diff(rows, axis=0)).sum(axis=1)
+        self._turned = np.append(0.0, np.cumsum(self.turn))
         origins = self.world[:, :-1, :3, 3]
         size = max((reach(b) for b in self.bodies if b.link >= 0), default=0.0)
         arm_length = float(np.linalg.norm(origins - origins[:, :1], axis=-1).max())
@@ -79,18 +82,22 @@ class Scene:
         """(M, 4, 4) b's carrier seen from a's."""
         key = (a.carrier, b.carrier)
         if key not in self._relative:
-            T = self.world[:, b.carrier]
-            self._relative[key] = T if a.carrier < 0 else inverse(self.world[:, a.carrier]) @ T
+            self._relative[key] = _seen(self.world, a.carrier, b.carrier, np.arange(len(self.world)))
         return self._relative[key]
 
     def follow(self, a: Body, b: Body, stops: NDArray[np.int64], asked: Bools) -> list[int]:
         """Rows (one a stretch) in which a and b touch, or before the next of which they do."""
         clear = gap(a, b, self._at(a, b, stops))
-        most = 2.0 * self.lever * np.diff(np.append(0.0, np.cumsum(self.turn))[stops])  # twice what the way can be
+        most = 2.0 * self.lever * np.diff(self._turned[stops])  # twice what the way can be
         if not (asked & (clear[1:] + clear[:-1] <= most)).any():
             return []
         T, way = self.relative(a, b), self.gone(a, b)
-        doubt = asked & (clear[1:] + clear[:-1] <= way[stops[1:]] - way[stops[:-1]])
+        gone = way[stops[1:]] - way[stops[:-1]]
+        doubt = asked & (clear[1:] + clear[:-1] <= gone)
+        ends = np.append(doubt, False) | np.append(False, doubt)
+        most = np.maximum(np.append(gone, 0.0), np.append(0.0, gone))
+        below, _ = bounds(a, b, T[stops], np.flatnonzero(ends), claim=most)
+        doubt &= below[1:] + below[:-1] <= gone
         chase = _Chase(self, a, b, T, way)
         hits = []
         for k in np.flatnonzero(doubt):
@@ -103,8 +110,7 @@ class Scene:
         """(K, 4, 4) b's carrier seen from a's in some rows: few of the many, and most pairs ask for no more."""
         if (a.carrier, b.carrier) in self._relative:
             return self._relative[a.carrier, b.carrier][rows]
-        T: Array = self.world[rows, b.carrier]
-        return T if a.carrier < 0 else np.asarray(inverse(self.world[rows, a.carrier]) @ T)
+        return np.asarray(_seen(self.world, a.carrier, b.carrier, rows))
 
     def gone(self, a: Body, b: Body) -> Array:
         """(M,) m, the sum of :meth:`way` up to each row; the same for all bodies on a's carrier."""
@@ -119,13 +125,45 @@ class Scene:
         The chord, of the centre and by rotation, and what the path bends off it: a point's second derivative is at
         most (Σ|Δq|)² times the longest lever, the bend therefore an eighth of that, there and back a quarter.
         """
-        centre = T[:, :3, :3] @ (b.place[:3, :3] @ b.middle + b.place[:3, 3]) + T[:, :3, 3]
-        R = T[:, :3, :3]
-        trace = np.einsum("nij,nij->n", R[1:], R[:-1])
-        angle = np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0))
-        chord = np.linalg.norm(np.diff(centre, axis=0), axis=1) + angle * np.linalg.norm(b.half)
+        chord = _chords(T, b.place[:3, :3] @ b.middle + b.place[:3, 3], float(np.linalg.norm(b.half)))
         bend: Array = chord + self.turn**2 * self.lever / 4.0
         return bend
+
+
+@compiled
+def _seen(world: Array, a: int, b: int, rows: NDArray[np.int64]) -> Array:
+    """(K, 4, 4) frame b seen from frame a, −1 the world, in some rows of ``world`` (M, F, 4, 4)."""
+    out = np.zeros((len(rows), 4, 4))
+    for n in range(len(rows)):
+        T = world[rows[n], b]
+        if a < 0:
+            for i in range(4):
+                for j in range(4):
+                    out[n, i, j] = T[i, j]
+            continue
+        S = world[rows[n], a]
+        for i in range(3):
+            for j in range(3):
+                out[n, i, j] = S[0, i] * T[0, j] + S[1, i] * T[1, j] + S[2, i] * T[2, j]
+                out[n, i, 3] += S[j, i] * (T[j, 3] - S[j, 3])
+        out[n, 3, 3] = 1.0
+    return out
+
+
+@compiled
+def _chords(T: Array, centre: Array, radius: float) -> Array:
+    """(M − 1,) m by which a ball that T (M, 4, 4) carries moves from row to row at most, along the chord."""
+    out = np.empty(max(len(T) - 1, 0))
+    for n in range(len(out)):
+        trace, way = -1.0, 0.0
+        for i in range(3):
+            step = T[n + 1, i, 3] - T[n, i, 3]
+            for j in range(3):
+                trace += T[n, i, j] * T[n + 1, i, j]
+                step += (T[n + 1, i, j] - T[n, i, j]) * centre[j]
+            way += step * step
+        out[n] = np.sqrt(way) + radius * np.arccos(min(max(trace / 2.0, -1.0), 1.0))
+    return out
 
 
 @dataclass

@@ -29,6 +29,7 @@ POINTS = (
 )  # fmt: skip
 FURTHER = ("feed_mm_min", "k_jiao_x_N_mm", "nearest_pair", "stiffness_from", "deflection_std_mm", "k_axial_std_N_mm")
 PLAIN = frozenset("0123456789+-.eE")  # float() takes digits of other scripts and underscores too
+_NOTHING = dict.fromkeys(map(ord, PLAIN))  # what they are translated into
 MOST = 2**31  # a point number beyond is none
 WORDS = tuple(move.word for move in Move)
 
@@ -166,10 +167,11 @@ def _check_names(columns: dict[str, list[str]], needed: Sequence[str], further: 
 
 def _moves(columns: dict[str, list[str]], file: Path) -> NDArray[np.int64]:
     moves = _column(columns, "move", file)
-    for line, word in enumerate(moves, start=1):
-        if word not in WORDS:
-            raise InputError(f"{word!r} is no move; {', '.join(WORDS)} are", file=file, where=f"data row {line}, move")
-    return np.array([WORDS.index(w) for w in moves])
+    code = {word: n for n, word in enumerate(WORDS)}
+    if not code.keys() >= {*moves}:
+        line, word = next((n, word) for n, word in enumerate(moves, start=1) if word not in code)
+        raise InputError(f"{word!r} is no move; {', '.join(WORDS)} are", file=file, where=f"data row {line}, move")
+    return np.array([code[word] for word in moves])
 
 
 def _joints(columns: dict[str, list[str]], file: Path, *, empty: bool) -> Array:
@@ -181,24 +183,42 @@ def _columns(file: Path) -> dict[str, list[str]]:
         text = file.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot be read: {getattr(error, 'strerror', None) or error}", file=file) from error
-    try:
-        rows = list(csv.reader([line for line in text.splitlines() if not line.startswith("#") and line.strip()]))
-    except csv.Error as error:
-        raise InputError(f"is no CSV table: {error}", file=file) from error
-    if len(rows) < 2:
+    lines = [line for line in text.splitlines() if not line.startswith("#") and line.strip()]
+    if len(lines) < 2:
         raise InputError("holds no rows", file=file)
-    header = [name.strip() for name in rows[0]]
+    rows: list[list[str]] | None = None
+    if '"' in text:
+        try:
+            rows = list(csv.reader(lines))
+        except csv.Error as error:
+            raise InputError(f"is no CSV table: {error}", file=file) from error
+        if len(rows) < 2:
+            raise InputError("holds no rows", file=file)
+    header = [name.strip() for name in (lines[0].split(",") if rows is None else rows[0])]
     twice = sorted({name for name in header if header.count(name) > 1})
     if twice:
         raise InputError(f"column {twice[0]!r} stands there twice", file=file)
-    if {*map(len, rows)} != {len(header)}:
-        number, row = next((n, row) for n, row in enumerate(rows) if len(row) != len(header))
-        raise InputError(f"{len(row)} fields, the header has {len(header)}", file=file, where=f"data row {number}")
+    width = len(header)
+    fields = [line.count(",") + 1 for line in lines] if rows is None else [*map(len, rows)]
+    if {*fields} != {width}:
+        number, count = next((n, count) for n, count in enumerate(fields) if count != width)
+        raise InputError(f"{count} fields, the header has {width}", file=file, where=f"data row {number}")
+    if rows is None:  # no list of fields for every row: there are hundreds of thousands
+        flat = ",".join(lines[1:]).split(",")
+        columns = [flat[k::width] for k in range(width)]
+    else:
+        columns = [list(column) for column in zip(*rows[1:], strict=True)]
     quoted = "'" in text  # only then can a field need more than its blanks stripped
     return {
-        name: [_shown(field.strip()) for field in column] if quoted else [*map(str.strip, column)]
-        for name, column in zip(header, zip(*rows[1:], strict=True), strict=True)
+        name: [_shown(field.strip()) for field in column] if quoted else _stripped(column)
+        for name, column in zip(header, columns, strict=True)
     }
+
+
+def _stripped(column: list[str]) -> list[str]:
+    """Fields without blanks around them; most columns have none anywhere, which one look at all of it tells."""
+    whole = "".join(column)
+    return column if whole.split(None, 1) == [whole] else [*map(str.strip, column)]
 
 
 def _shown(field: str) -> str:
@@ -215,13 +235,13 @@ def _column(columns: dict[str, list[str]], name: str, file: Path) -> list[str]:
 
 def _numbers(columns: dict[str, list[str]], name: str, file: Path, *, empty: bool = False) -> Array:
     texts = _column(columns, name, file)
-    if not set("".join(texts)) <= PLAIN:
+    if "".join(texts).translate(_NOTHING):
         row = next(n for n, text in enumerate(texts) if not set(text) <= PLAIN)
         raise InputError(
             f"{texts[row]!r} is not a finite number in plain digits", file=file, where=f"data row {row + 1}, {name}"
         )
     try:
-        out = np.array([text or "nan" for text in texts], dtype=float)
+        out = np.fromiter(map(float, texts if all(texts) else [text or "nan" for text in texts]), float, len(texts))
     except ValueError:
         out = np.array([_float_or_inf(text) for text in texts])
     bad = ~np.isfinite(out)
