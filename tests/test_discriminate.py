@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import combinations, product
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from machopt.design.loads import load_ways
 from machopt.design.maximin import Contest, best_readings, by_pose, left_of_all, needed_noncentrality, power
 from machopt.design.measurement import ReadingNoise
 from machopt.domain.cell import Cell
+from machopt.domain.parameters import joint_spring
 from machopt.domain.stiffness import Stiffness
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
@@ -169,7 +170,8 @@ def diagnosis(folder: Path, findings: list[dict[str, Any]], **changes: Any) -> P
         "machopt_diagnosis": 1, "verdict": "explained", "channel": "deflection", "rmse_unit": "mm",
         "baseline": {"repeatable_rmse": 0.05}, "findings": findings, "mismatch": [], "detection_limits": [],
         "next_experiment": "measure again", "coefficients": [
-            {"name": f"joint {j + 1}", "unit": "rad/(N·m)", "value": float(c)} for j, c in enumerate(COMPLIANCE)
+            {"name": f"joint {j + 1}", "unit": "rad/(N·m)", "value": float(c), "key": asdict(joint_spring(j + 1))}
+            for j, c in enumerate(COMPLIANCE)
         ],
         "recorded": {"kind": "deflection", "coordinates": 3, "wrench_frame": "base", "displacement_frame": "base",
                      "registration": "fixed", "scatter_m": {"own": 1.7e-5, "visit": 1e-5}},

@@ -22,6 +22,7 @@ from machopt.diagnose.absolute_catalogue import LEVER, catalogue
 from machopt.diagnose.problem import Catalogue, Family, Problem, Unknown
 from machopt.diagnose.readings import Readings
 from machopt.domain.cell import Cell
+from machopt.domain.parameters import joint_spring
 from machopt.domain.recording import Recording
 from machopt.errors import InputError
 from machopt.model.correction import correction_of
@@ -86,8 +87,8 @@ def build(
     base, unknowns = model.columns(state, p)
     totals = np.zeros(len(unknowns))
     for n, u in enumerate(unknowns):
-        if u.location.startswith("joint:"):
-            totals[n] = frame.compliance[int(u.location[6:]) - 1]
+        if u.spring is not None:
+            totals[n] = frame.compliance[u.spring - 1]
         elif u.location == "tool":
             totals[n] = frame.target["xyz".index(u.name[-1])]
     y = y + base @ totals
@@ -156,7 +157,7 @@ class _Model:
         for j in range(6):
             if np.sqrt(np.mean(bend[:, :3, j] ** 2)) * self.nominal[j] > LEAST_BEND:
                 parts.append(bend[:, : self.D, j : j + 1])
-                unknowns.append(Unknown(f"joint {j + 1}", "rad/(N·m)", 0.0, f"joint:{j + 1}"))
+                unknowns.append(Unknown(f"joint {j + 1}", "rad/(N·m)", 0.0, f"joint:{j + 1}", key=joint_spring(j + 1)))
         if self.free:
             frame = np.zeros((len(p), 6, 6))
             frame[:, :, :] = np.eye(6)
@@ -185,7 +186,7 @@ class _Model:
 
     def _value(self, frame: _Frame, u: Unknown) -> float:
         """Compliances are fitted as totals, so that they stay above zero; the frame and the target as steps."""
-        return float(frame.compliance[int(u.location[6:]) - 1]) if u.location.startswith("joint:") else 0.0
+        return 0.0 if u.spring is None else float(frame.compliance[u.spring - 1])
 
     def _robust(self, y: Array, B: Array, unknowns: Sequence[Unknown]) -> Array:
         scale = np.array([1.0] * 3 + [LEVER] * 3)[: self.D]
@@ -207,8 +208,9 @@ class _Model:
     def _moved(self, frame: _Frame, unknowns: Sequence[Unknown], x: Array) -> _Frame:
         step = dict(zip((u.name for u in unknowns), x, strict=True))
         compliance = frame.compliance.copy()
-        for j in range(6):
-            compliance[j] = step.get(f"joint {j + 1}", compliance[j])
+        for u, value in zip(unknowns, x, strict=True):
+            if u.spring is not None:
+                compliance[u.spring - 1] = value
         shift, turn, target = (
             np.array([step.get(f"{name}{a}", 0.0) for a in "xyz"])
             for name in ("registration ", "registration turn ", "target ")

@@ -16,6 +16,7 @@ from machopt.diagnose import at_joint, laws_body, laws_compensator, laws_sensor
 from machopt.diagnose.history import History
 from machopt.diagnose.problem import Catalogue, Family, Hypothesis, Problem, Unknown, Untestable
 from machopt.diagnose.readings import Readings
+from machopt.domain.parameters import joint_spring
 from machopt.domain.recording import Recording
 from machopt.effects import registry
 from machopt.errors import InputError
@@ -70,7 +71,7 @@ def build(
     predicted = A @ c
     gains = [predicted * (session == s)[:, None] for s in range(1, int(session.max()) + 1)]
     base = np.concatenate([A, *(g[:, :, None] for g in gains)], axis=2)
-    unknowns = [Unknown(f"joint {j}", "rad/(N·m)", 0.0, f"joint:{j}") for j in range(1, 7)]
+    unknowns = [Unknown(f"joint {j}", "rad/(N·m)", 0.0, f"joint:{j}", key=joint_spring(j)) for j in range(1, 7)]
     unknowns += [
         Unknown(f"force gain, session {s + 1}", "1", location="sensor:force", prior=GAIN_PRIOR)
         for s in range(1, len(gains) + 1)

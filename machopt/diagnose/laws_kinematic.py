@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from machopt.diagnose.problem import Curve, Hypothesis, Quantity, Shape
 from machopt.diagnose.readings import Readings
 from machopt.domain.kinematics import KinematicCorrection
+from machopt.domain.stiffness import Term
 
 Array = NDArray[np.float64]
 DEG = np.pi / 180.0
@@ -141,7 +142,10 @@ def couplings(r: Readings) -> list[Hypothesis]:
         if np.abs(r.torque[:, [a, b]]).max() > 0.0:
             out.append(Hypothesis(
                 "joint_coupling", where, "elastic coupling", "Δ_i = c_ij τ_j, Δ_j = c_ij τ_i under weight and load",
-                elastic, lambda x, s: {"compliance": Quantity(abs(float(x[0])), "rad/(N·m)")}, family="joint",
+                elastic, lambda x, s: {"compliance": Quantity(abs(float(x[0])), "rad/(N·m)")},
+                correction=lambda x, s, where=where: Term(  # type: ignore[misc]
+                    "joint_coupling", where, {"compliance_rad_per_Nm": float(x[0])}),
+                family="joint",
                 note="with the torque of the other joint",
             ))  # fmt: skip
     return out

@@ -14,6 +14,7 @@ from machopt.diagnose.motion_gears import drive, gear_laws
 from machopt.diagnose.motion_loads import ripple
 from machopt.diagnose.motion_torque import motion_axes
 from machopt.diagnose.problem import Array, Catalogue, Family, Hypothesis, Problem, Unknown, Untestable
+from machopt.domain.parameters import joint_spring
 from machopt.effects import registry
 from machopt.effects.protocol import Scale
 from machopt.errors import InputError
@@ -63,7 +64,9 @@ def build(scene: Scene, joints: list[int]) -> tuple[Problem, Catalogue]:
         by_bodies = words.startswith("torque by")
         scene.notes.append(f"gears are loaded by the {words}")
         base = np.concatenate([offset, *(scene.column(j, load[:, j]) for j in joints)], axis=2)
-        unknowns += [Unknown(f"compliance {j + 1}", "rad/(N·m)", 0.0, f"joint:{j + 1}") for j in joints]
+        unknowns += [
+            Unknown(f"compliance {j + 1}", "rad/(N·m)", 0.0, f"joint:{j + 1}", key=joint_spring(j + 1)) for j in joints
+        ]
         if not by_bodies:
             for j in joints:  # the motor's torque holds friction that never reaches the gear
                 way = np.stack([np.sign(m.v[:, j]), m.v[:, j]], axis=1)

@@ -31,6 +31,7 @@ from machopt.diagnose.problem import (
     Untestable,
 )
 from machopt.diagnose.result import Estimate, Finding
+from machopt.domain.parameters import joint_spring
 from machopt.errors import InputError
 from machopt.model.robot import Robot
 from machopt.se3 import skew as cross
@@ -69,7 +70,9 @@ def build(scene: Scene, robot: Robot) -> tuple[Problem, Catalogue, list[Finding]
     y_fine = measured - tip
     if found is not None and load is not None:
         scene.notes.append(f"gears are loaded by the {found[1]}")
-        unknowns += [Unknown(f"compliance {j + 1}", "rad/(N·m)", 0.0, f"joint:{j + 1}") for j in range(6)]
+        unknowns += [
+            Unknown(f"compliance {j}", "rad/(N·m)", 0.0, f"joint:{j}", key=joint_spring(j)) for j in range(1, 7)
+        ]
         y_fine, pose = _loaded(scene, pose, measured - tip, load, followed)
     else:
         untestable.append(Untestable("joint_backlash", "arm", "neither torques nor inertias are known"))

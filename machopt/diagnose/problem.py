@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.kinematics import KinematicCorrection
+from machopt.domain.parameters import JOINT_SPRING, ParameterKey
 from machopt.domain.stiffness import Term
 from machopt.effects.protocol import Quantity as Quantity  # noqa: PLC0414 - laws of users take it from here
 from machopt.effects.protocol import Shape as Shape  # noqa: PLC0414 - with it
@@ -33,6 +34,12 @@ class Unknown:
     lower: float = -np.inf
     location: str = ""  # where in the machine: "joint:3", "base" …
     prior: float | None = None  # 1 sigma about zero, SI, of what is known to be small; None: nothing is known
+    key: ParameterKey | None = None  # what it is of an arm; None: nothing that a model keeps
+
+    @property
+    def spring(self) -> int | None:
+        """The joint, from 1, whose spring it is."""
+        return self.key.joint if self.key is not None and self.key.effect == JOINT_SPRING else None
 
 
 @dataclass(frozen=True)

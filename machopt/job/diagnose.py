@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from machopt.diagnose import absolute, deflection, engine, motion, record, userterms
 from machopt.diagnose.history import History
 from machopt.diagnose.problem import Catalogue, Problem
-from machopt.diagnose.result import Diagnosis, Finding
+from machopt.diagnose.result import Coefficient, Diagnosis, Finding
 from machopt.diagnose.words import sentence
 from machopt.domain.cell import Cell
 from machopt.domain.kinematics import KinematicCorrection, Kinematics, extended
@@ -37,6 +37,7 @@ Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 LEAST_COMPLIANCE = 1e-10  # rad/(N·m), of a joint that no load moved
 GEOMETRIC = "geometric_stiffness"  # counted in any case
+JOINTS = 6
 CERTAIN_JOINT = 0.5  # standard error per compliance from which on a joint keeps the cell's value
 
 
@@ -102,7 +103,7 @@ def run_diagnose(request: Request, progress: Progress = lambda _: None) -> Outco
             found = _at_rest(request, cell, recording, options, laws)
         d = replace(found.diagnosis, warnings=(*cell.warnings, *found.diagnosis.warnings))
         progress("writing the model and tables")
-        before, after = _stiffness(cell, d)
+        before, after = stiffness_of(cell, d)
         model = _write_model(folder, after)
         kinematics = _write_kinematics(folder, cell, d)
         effect = None
@@ -288,31 +289,35 @@ def _masses(cell: Cell) -> Masses | None:
     return masses if masses.mass.sum() > 0 else None
 
 
-def _stiffness(cell: Cell, d: Diagnosis) -> tuple[Stiffness | None, Stiffness | None]:
-    """Refitted joints without and with what was found; None where the channel does not show joints."""
-    joints = [c for c in d.coefficients if c.unknown.name.startswith("joint ") and c.unknown.unit == "rad/(N·m)"]
-    if len(joints) != 6:
-        return cell.stiffness, cell.stiffness
+def stiffness_of(cell: Cell, d: Diagnosis) -> tuple[Stiffness | None, Stiffness | None]:
+    """Joints as refitted and terms, without and with what was found; what the data do not show is the cell's.
+
+    None where the cell has no stiffness and the data show fewer than six joints.
+    """
+    springs = {c.unknown.spring: c for c in d.coefficients if c.unknown.spring is not None}
+    found = tuple(f.correction for f in d.findings if isinstance(f.correction, Term))
+    known = () if cell.stiffness is None else cell.stiffness.terms
+    new = {(t.effect, t.location) for t in found}
+    terms = (*(t for t in known if (t.effect, t.location) not in new), *found)
+    if not springs:
+        return cell.stiffness, None if cell.stiffness is None else replace(cell.stiffness, terms=terms)
+    if cell.stiffness is None and len(springs) < JOINTS:
+        return None, None
     prior = None if cell.stiffness is None else cell.stiffness.joints
 
-    def stiffness(values: list[float]) -> Array:
+    def stiffness(of: Callable[[Coefficient], float]) -> Array:
         out = []
-        for j, (c, v) in enumerate(zip(joints, values, strict=True)):
-            sure = v > LEAST_COMPLIANCE and c.sigma < CERTAIN_JOINT * v
+        for j in range(JOINTS):
+            c = springs.get(j + 1)
+            value = 0.0 if c is None else of(c)
+            sure = c is not None and value > LEAST_COMPLIANCE and c.sigma < CERTAIN_JOINT * value
             if not sure and prior is not None:
                 out.append(float(prior[j]))
             else:
-                out.append(1.0 / max(v, LEAST_COMPLIANCE))
+                out.append(1.0 / max(value, LEAST_COMPLIANCE))
         return np.array(out)
 
-    terms = tuple(f.correction for f in d.findings if isinstance(f.correction, Term))
-    known = () if cell.stiffness is None else cell.stiffness.terms
-    new = {(t.effect, t.location) for t in terms}
-    kept = tuple(t for t in known if (t.effect, t.location) not in new)
-    return (
-        Stiffness(stiffness([c.before for c in joints]), terms=known),
-        Stiffness(stiffness([c.value for c in joints]), terms=(*kept, *terms)),
-    )
+    return Stiffness(stiffness(lambda c: c.before), terms=known), Stiffness(stiffness(lambda c: c.value), terms=terms)
 
 
 def _write_model(folder: Path, stiffness: Stiffness | None) -> str | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -95,7 +96,8 @@ def result_of(
         },
         "coefficients": [
             {"name": c.unknown.name, "location": c.unknown.location, "unit": c.unknown.unit, "before": c.before,
-             "value": c.value, "sigma": c.sigma}
+             "value": c.value, "sigma": c.sigma,
+             "key": None if c.unknown.key is None else asdict(c.unknown.key)}
             for c in d.coefficients
         ],
         "tried": d.tried,

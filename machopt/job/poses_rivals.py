@@ -10,6 +10,7 @@ from os.path import isdir
 from pathlib import Path
 from typing import Any
 
+from machopt.domain.parameters import JOINT_SPRING, ParameterKey
 from machopt.errors import InputError
 from machopt.formats.opener import TABLE, read_text
 
@@ -97,8 +98,8 @@ def _read(data: dict[str, Any], file: Path) -> Diagnosed:
     recorded = data["recorded"]
     scatter, turn = recorded.get("scatter_m"), recorded.get("scatter_rad")
     compliance = {
-        int(c["name"][6:]): float(c["value"]) for c in data["coefficients"]
-        if c["name"].startswith("joint ") and c["unit"] == "rad/(N·m)"
+        ParameterKey(**c["key"]).joint: float(c["value"]) for c in data["coefficients"]
+        if c["key"] is not None and c["key"]["effect"] == JOINT_SPRING
     }  # fmt: skip
     disputes, notes = _disputes(data)
     return Diagnosed(

@@ -178,6 +178,8 @@ def _spring(
         coefficients = tuple(Coefficient(f"1/{n.split('_')[0]}", "1/N" if n == "EA_N" else "1/(N·m²)") for n in used)
 
         def written(x: Array) -> dict[str, Any]:
+            if not np.any(x):  # rigid: no EI is large enough to say so
+                return {**given, "compliance_diagonal": [0.0] * 6}
             return {**given, **{n: float(1.0 / v) for n, v in zip(used, x, strict=True) if v > 0}}
 
         return BodySpring(effect, location, body, S, basis, coefficients, values, written)

@@ -1,0 +1,33 @@
+"""Which number of an arm is meant: a key that code compares, beside the name that people read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+JOINT_SPRING = "joint_spring"  # the linear spring of each joint, which every model has
+
+
+@dataclass(frozen=True)
+class ParameterKey:
+    """One number of one effect at one place."""
+
+    effect: str  # a word of the vocabulary, or JOINT_SPRING
+    location: str  # e.g. "joint:3"
+    coefficient: str  # as files call it, e.g. "compliance_rad_per_Nm"
+
+    @property
+    def joint(self) -> int:
+        """Of a place at one joint its number, from 1.
+
+        Raises:
+            ValueError: another place.
+        """
+        kind, _, number = self.location.partition(":")
+        if kind != "joint" or not number.isdigit():
+            raise ValueError(f"{self.location} is no single joint")
+        return int(number)
+
+
+def joint_spring(joint: int) -> ParameterKey:
+    """The compliance of a joint, counted from 1."""
+    return ParameterKey(JOINT_SPRING, f"joint:{joint}", "compliance_rad_per_Nm")
