@@ -26,7 +26,6 @@ LONGER: dict[str, str] = {
 
 HEAVY = (
     "pinocchio",
-    "casadi",
     "scipy",
     "trimesh",
     "fcl",

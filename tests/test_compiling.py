@@ -52,7 +52,7 @@ def test_without_a_place_to_store_it_says_what_would_help(
 
 
 def test_help_and_inspect_import_no_heavy_package(tmp_path: Path) -> None:
-    heavy = "casadi fcl coal pinocchio numba scipy trimesh pydantic plotly matplotlib"
+    heavy = "fcl coal pinocchio numba scipy trimesh pydantic plotly matplotlib"
     code = """
 import sys
 from machopt.cli import main

@@ -1,4 +1,4 @@
-"""One objective: the search over the grid, the smooth curve, IPOPT's programme and a finished plan say the same J."""
+"""One objective: the search over the grid, the smooth curve, its programme and a finished plan say the same J."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from machopt.plan.corridor import REACH, Ends, Stretch
 from machopt.plan.costtable import CostTable
 from machopt.plan.objective import NEAR, Objective, Terms, crowding, objective
 from machopt.plan.path import Path, build_path
-from machopt.plan.programme import programme
+from machopt.plan.programme import Basis, Programme
 from machopt.plan.score import Scores
 from machopt.plan.smooth import follow_grid
 from machopt.plan.spline import spline_answers
@@ -84,9 +84,8 @@ def test_rotations_fixed_off_the_grid_turn_by_what_they_turn() -> None:
     assert choice.total == pytest.approx(finished(path, free, scores, choice).total, rel=SAME)
 
 
-@pytest.mark.parametrize("crowds", [False, True])
-def test_programme_and_merit_are_the_objective_along_a_curve(crowds: bool) -> None:
-    """Where joints are linear in phi and all stations stand in the programme, the three are one number."""
+def stretch(crowds: bool) -> tuple[Path, Stretch, Ends]:
+    """A straight cut through a valley that turns to and fro, with rapid moves before and after."""
     rows: Rows = [((0, 0, 0), UP, Move.RAPID)] + [((x, 0, 0), UP, Move.CUT) for x in np.linspace(0, 0.3, 61)[1:]]
     path = build_path(toolpath(rows, feed=0.2))  # fast enough that turning costs time
     target = 0.3 + 0.4 * np.sin(4 * path.s / path.s[-1])
@@ -95,17 +94,27 @@ def test_programme_and_merit_are_the_objective_along_a_curve(crowds: bool) -> No
     scores = replace(scores, crowded=np.broadcast_to(away[:, :, None], scores.cost.shape) if crowds else None)
     choice = choose(path, candidates, scores, VELOCITY, OPTIONS)
     terms = Terms.at_stations(path, VELOCITY, OPTIONS)
-    rows_ = np.arange(len(path.stations))
-    part = Stretch.of(path, candidates, scores, choice, rows_, terms)
+    part = Stretch.of(path, candidates, scores, choice, np.arange(len(path.stations)), terms)
     part.x = path.s[path.stations]
-    ends = Ends(np.full(6, 0.1), np.full(6, -0.2), 0.07)
+    return path, part, Ends(np.full(6, 0.1), np.full(6, -0.2), 0.07)
+
+
+def programme_of(part: Stretch, knots: np.ndarray, ends: Ends, bending: float = 0.0) -> Programme:
+    return Programme(part, CostTable(part.band.cost, part.band.step), Basis(knots, part.x), bending, ends, 0.0)
+
+
+@pytest.mark.parametrize("crowds", [False, True])
+def test_programme_and_merit_are_the_objective_along_a_curve(crowds: bool) -> None:
+    """Where joints are linear in phi, merit and J are one number, and the rounded J is as wide as it is rounded."""
+    path, part, ends = stretch(crowds)
     answers, merit = spline_answers(path, part, 0.0, ends)
-    table, basis = _table_and_basis(part, answers[0])
-    nlp = programme(part, table, basis, rows_, ends)
+    table, basis = CostTable(part.band.cost, part.band.step), Basis(answers[0].t, part.x)
+    nlp = programme_of(part, answers[0].t, ends)
     rng = np.random.default_rng(1)
     for answer in (*answers, *(BSpline(a.t, a.c + rng.uniform(-0.05, 0.05, len(a.c)), 3) for a in answers[:3])):
-        phi = basis @ answer.c
-        cost = np.asarray(table(rows_, phi - part.band.phi)).ravel()
+        phi = basis.values(answer.c)
+        np.testing.assert_allclose(phi, answer(part.x), atol=1e-12)
+        cost = table.at(phi - part.band.phi)[0]
         q = np.zeros((len(phi), 6))
         q[:, 5] = phi
         table_ = part.band.crowded
@@ -114,12 +123,57 @@ def test_programme_and_merit_are_the_objective_along_a_curve(crowds: bool) -> No
         assert crowds or whole.feed > 0 or np.ptp(phi) < 0.1
         assert (whole.clearance > 0) == crowds
         flown = part.price_of_flights(q[0], q[-1], ends)
-        assert nlp.at(answer.c, whole.worst) == pytest.approx(whole.total + flown, rel=SAME)
         assert merit(answer, ends, 0.0) == pytest.approx(whole.total + flown, rel=SAME)
+        exact = whole.total + flown
+        if crowds and nlp.crowded is not None:  # the programme has a cubic where J has a line
+            near = nlp.crowded.at(phi - part.band.phi)[0]
+            exact += OPTIONS.weights.clearance * float(part.terms.share @ (near - crowded))
+        for width in (1e-9, 1e-6, 1e-3):
+            assert 0 <= nlp.model(answer.c, width, 0.0).value - exact + 1e-12 < 100 * width
 
 
-def _table_and_basis(part: Stretch, answer: BSpline) -> tuple[CostTable, object]:
-    return CostTable.of(part.band.cost, part.band.step), BSpline.design_matrix(part.x, answer.t, 3).tocsr()
+@pytest.mark.parametrize("width", [0.1, 0.003])
+def test_gradient_and_hessian_of_the_programme_by_differences(width: float) -> None:
+    path, part, ends = stretch(crowds=False)
+    answers, _ = spline_answers(path, part, 0.0, ends)
+    knots, rng = answers[0].t, np.random.default_rng(2)
+    nlp, basis, h = programme_of(part, knots, ends), Basis(knots, part.x), 1e-6
+    for answer in answers[:2]:
+        c = answer.c + rng.uniform(-0.03, 0.03, len(answer.c))
+        here = nlp.model(c, width, 50.0)
+        gradient = basis.transposed(here.gradient)
+        curved = here.price * (1.0 - here.slope**2) / here.size
+        diagonal, beside = nlp.hessian(here, curved)
+        band, dyad = basis.hessian(diagonal, beside), basis.transposed(here.dyad)
+        H = sum(np.diag(row[: len(c) - k], -k) for k, row in enumerate(band))
+        H = H + np.tril(H, -1).T - np.outer(dyad, dyad)
+        for i in rng.permutation(len(c))[:12]:
+            e = h * np.eye(len(c))[i]
+            up, down = nlp.model(c + e, width, 50.0), nlp.model(c - e, width, 50.0)
+            assert gradient[i] == pytest.approx((up.value - down.value) / (2 * h), rel=1e-5, abs=1e-7)
+            slopes = basis.transposed(up.gradient - down.gradient) / (2 * h)
+            np.testing.assert_allclose(H[i], slopes, rtol=1e-3, atol=1e-3 * np.abs(H).max())
+
+
+def test_nothing_near_the_programmes_answer_is_better() -> None:
+    """In the exact J with the price of bending, for random changes of one coefficient, of neighbours and of all."""
+    path, part, ends = stretch(crowds=False)
+    answers, merit = spline_answers(path, part, 0.0, ends)
+    knots, rng = answers[0].t, np.random.default_rng(3)
+    bending = 1e-4
+    c = programme_of(part, knots, ends, bending).solve(answers[-2].c)
+
+    def exact(c: np.ndarray) -> float:
+        return merit(BSpline(knots, c, 3), ends, 0.0) + bending * float(np.sum(np.diff(c, 2) ** 2))
+
+    best = exact(c)
+    assert np.isfinite(best)
+    for size in (0.1, 0.01, 1e-3, 1e-4):
+        for width in (1, 4, len(c)):
+            for _ in range(20):
+                trial, at = c.copy(), rng.integers(0, len(c) - width + 1)
+                trial[at : at + width] += size * rng.normal(size=width)
+                assert exact(trial) > best - 1e-6 * best
 
 
 def test_short_rapid_moves_cost_more_travel() -> None:

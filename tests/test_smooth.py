@@ -157,7 +157,7 @@ def test_fixed_rotation_is_met_exactly_on_a_contour(degrees: float) -> None:
     assert not choice.broken
     curve = smooth(path, candidates, scores, choice, VELOCITY, options)
     gamma = wrap(curve.phi + path.offset)
-    assert wrap(gamma[p] - options.fixed[0].gamma) == pytest.approx(0.0, abs=1e-6)  # rad; IPOPT's bound tolerance
+    assert wrap(gamma[p] - options.fixed[0].gamma) == pytest.approx(0.0, abs=1e-6)  # rad
     ends = np.degrees(curve.phi[[0, -1]])
     assert np.abs(ends).max() < 1.0  # away from the point the valley rules
 

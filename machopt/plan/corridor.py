@@ -65,7 +65,7 @@ class Stretch:
     offset: Array  # (n,) rad, found so far
     turns: bool = False  # the rotation may change along it
     spline: BSpline | None = None
-    answers: tuple[BSpline, ...] = ()  # what the rotation may be, from IPOPT's to the plainest
+    answers: tuple[BSpline, ...] = ()  # what the rotation may be, from the programme's to the plainest
     merit: Merit = lambda *_: float("inf")
 
     @classmethod

@@ -9,8 +9,8 @@ inside runs; over a rapid move of length d it is 1 + NEAR/(d + NEAR/10): the arm
 part. t_lost is the time by which the axes, at AXIS_SPEED of their velocity limits, are slower than the programmed feed.
 
 The search over the grid prices vertices (:func:`node_price`) and steps (:func:`edge_price`), the smooth curve its
-stations, a finished plan all planning points: the same terms on what each of them has. The formulas take numbers,
-arrays and CasADi's symbols alike.
+stations, a finished plan all planning points: the same terms on what each of them has. The formulas take numbers
+and arrays alike. (:mod:`machopt.plan.programme` rounds and derives them; tests hold that it is the same J.)
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """Rotation as a smooth curve along the path, between and beyond the grid.
 
-In each run phi(s) is a cubic B-spline over path length (plunges excluded: there it stays constant). CasADi
-and IPOPT minimise the objective (:mod:`machopt.plan.objective`) with the cost of the chosen branch interpolated
-from the grid, inside the corridor of rotations that are feasible around the grid optimum, with joint speeds held to
-what the programmed feed leaves. Runs without travel (drilling) have one rotation: the vertex of a parabola.
+In each run phi(s) is a cubic B-spline over path length (plunges excluded: there it stays constant). It minimises the
+objective (:mod:`machopt.plan.objective`, by :mod:`machopt.plan.programme`) with the cost of the chosen branch
+interpolated from the grid, inside the corridor of rotations that are feasible around the grid optimum, with joint
+speeds held to what the programmed feed leaves. Runs without travel (drilling) have one rotation: the vertex of a
+parabola.
 """
 
 from __future__ import annotations

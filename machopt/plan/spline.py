@@ -11,10 +11,9 @@ from scipy.interpolate import BSpline, PchipInterpolator
 from machopt.plan.corridor import Ends, Merit, Stretch
 from machopt.plan.costtable import CostTable
 from machopt.plan.path import Path
-from machopt.plan.programme import programme
+from machopt.plan.programme import Basis, Programme
 
 Array = NDArray[np.float64]
-PROGRAMME = 400  # most stations of a run in the nonlinear programme
 KNOTS = 160  # most spline intervals in a run
 KNOT_SPACING = 0.15  # s at the programmed feed, least distance of knots
 CURVATURE = 2e-2  # price of the mean square angular acceleration of phi, per (rad/s²)²
@@ -23,14 +22,12 @@ CURVATURE = 2e-2  # price of the mean square angular acceleration of phi, per (r
 def spline_answers(path: Path, part: Stretch, elsewhere: float, ends: Ends) -> tuple[tuple[BSpline, ...], Merit]:
     """phi over turning length as cubic B-splines (C², bounded third derivative), and what each is worth.
 
-    Raises nothing: where IPOPT does not converge, its last iterate is one of the answers and judged like any other.
+    Raises nothing: wherever the programme ends, its last iterate is one of the answers and judged like any other.
 
     Args:
         elsewhere: the worst cost of the other stretches, in units of c₀.
         ends: what the rapid moves before and after come from and go to.
     """
-    import casadi as ca
-
     band, terms, w = part.band, part.terms, part.terms.weights
     length = float(part.x[-1])
     duration = max(float(path.time[part.points[-1]] - path.time[part.points[0]]), 1e-3)
@@ -40,18 +37,11 @@ def spline_answers(path: Path, part: Stretch, elsewhere: float, ends: Ends) -> t
     start = _least_squares(B, band.phi)
     treads = _least_squares(B, _through_plateaus(part.x, band.phi))
     low, high = part.bounds()
-    index = np.arange(len(part.rows))
-    table = CostTable.of(band.cost, band.step)
-
-    # the programme sees an even choice of the stations, with every pinned one; merit() sees them all
-    use = np.unique(
-        np.r_[np.linspace(0, len(index) - 1, min(len(index), PROGRAMME)).round().astype(int), list(part.pins)]
-    ).astype(int)
-    second = np.diff(np.eye(len(start)), n=2, axis=0) * (intervals / duration) ** 2 / np.sqrt(intervals)  # d²phi/dt²
-    nlp = programme(part, table, B[use], use, ends)
-    bend = CURVATURE * part.weight * ca.sumsqr(ca.mtimes(ca.sparsify(ca.DM(second)), nlp.coefficients))
-    tight = int((high[use] - low[use] < 1e-9).sum()) >= len(start)  # no room: the corridor is the answer
-    found = np.full(len(start), np.nan) if tight else nlp.solve(start, bend, low[use], high[use], elsewhere)
+    table, m = CostTable(band.cost, band.step), len(start)
+    bending = CURVATURE * part.weight * (intervals / duration) ** 4 / intervals  # the mean square of d²phi/dt²
+    tight = int((high - low < 1e-9).sum()) >= m  # no room: the corridor is the answer
+    nlp = Programme(part, table, Basis(knots, np.clip(part.x, 0, length)), bending, ends, elsewhere)
+    found = np.full(m, np.nan) if tight else nlp.solve(start)
 
     def merit(answer: BSpline, ends: Ends, elsewhere: float) -> float:
         """The objective with true absolute values; infinite outside the corridor."""
@@ -59,14 +49,14 @@ def spline_answers(path: Path, part: Stretch, elsewhere: float, ends: Ends) -> t
         off = phi - band.phi
         if not ((off >= low - 0.02 * band.step) & (off <= high + 0.02 * band.step)).all():
             return float("inf")
-        values = np.asarray(table(index, off)).ravel()
+        values = table.at(off)[0]
         first, last = part.joints_at(off[[0, -1]], [0, -1])
         worst = max(values[terms.counted].max(initial=0.0), elsewhere)
         return float(part.price(values, off) + w.worst * worst + part.price_of_flights(first, last, ends))
 
     still = np.full(len(start), float(np.median(band.phi)))
     tries = [start, treads, still]
-    if np.isfinite(found).all():  # on the way from the plain answers to IPOPT's, whose kinks are rounded
+    if np.isfinite(found).all():  # on the way from the plain answers to the programme's
         tries = [found, *(base + f * (found - base) for base in (treads, still) for f in (0.75, 0.5, 0.25)), *tries]
     return tuple(BSpline(knots, t, 3) for t in tries), merit
 
