@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from machopt.model.terms.beam import (
+from machopt.effects.beam import (
     Cylinder,
     cantilever,
     cantilever_axial,

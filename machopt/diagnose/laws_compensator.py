@@ -13,27 +13,11 @@ from numpy.typing import NDArray
 from machopt.diagnose.problem import Hypothesis, Quantity, Shape
 from machopt.diagnose.readings import Readings
 from machopt.domain.stiffness import Term
+from machopt.effects import files
+from machopt.effects.compensator import BALANCER, EFFECT, GRID, torques
 from machopt.identify.noise import joint_sensitivity
 
 Array = NDArray[np.float64]
-RATIOS = (0.15, 0.35, 0.7)  # a/L
-ANGLES = tuple(np.radians(np.arange(0.0, 360.0, 30.0)).tolist())
-
-
-def length(q: Array, ratio: float, alpha: float) -> tuple[Array, Array, Array]:
-    """s/L, and its first and second derivative by q."""
-    angle = alpha + q
-    s = np.sqrt(ratio**2 + 1.0 + 2.0 * ratio * np.cos(angle))
-    ds = -ratio * np.sin(angle) / s
-    dds = (-ratio * np.cos(angle) - ds**2) / s
-    return s, ds, dds
-
-
-def torques(q: Array, ratio: float, alpha: float) -> tuple[Array, Array]:
-    """(N, 2) torque per F₀ L and per k L², and its derivative by q."""
-    s, ds, dds = length(q, ratio, alpha)
-    torque = np.stack([-ds, -s * ds], axis=1)
-    return torque, np.stack([-dds, -(ds**2 + s * dds)], axis=1)
 
 
 def apparent(r: Readings) -> list[Hypothesis]:
@@ -56,15 +40,13 @@ def apparent(r: Readings) -> list[Hypothesis]:
                 "rate_times_length_squared": Quantity(float(x[1]), "N·m")}  # fmt: skip
 
     def correction(x: Array, s: Shape) -> Term:
-        return Term("gravity_compensator", "joint:2", {
-            "force_times_length_Nm": float(x[0]), "rate_times_length2_Nm": float(x[1]), "ratio": s[0],
-            "angle_deg": float(np.degrees(s[1]))})  # fmt: skip
+        return Term(EFFECT.name, "joint:2", files.write(BALANCER, x, np.array(s)))
 
     return [
         Hypothesis(
-            "gravity_compensator", "joint:2", "spring between two pivots",
+            EFFECT.name, "joint:2", "spring between two pivots",
             "k₂(q₂) = k₂ + d²U/dq², U of a spring F₀ + k s, s² = a² + L² + 2aL cos(α + q₂)", columns, sizes,
-            tuple((a, b) for a in RATIOS for b in ANGLES), correction=correction, family="joint",
+            GRID, correction=correction, family="joint",
             note="joint 2 only, by its angle", penalty=4.0,
         )
     ]  # fmt: skip

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.diagnose.laws_compensator import ANGLES, RATIOS, torques
 from machopt.diagnose.problem import Curve, Hypothesis, Quantity, RecordCorrection, Shape
 from machopt.diagnose.readings import Readings
+from machopt.effects.compensator import GRID, torques
 from machopt.se3 import skew
 
 Array = NDArray[np.float64]
@@ -90,7 +90,7 @@ def compensator(r: Readings) -> list[Hypothesis]:
     out = []
     for law, equation, drive, shapes, penalty in (
         ("spring between two pivots", "Δ₂ = c₂ τ, τ = −(F₀ + k s) ds/dq, s² = a² + L² + 2aL cos(α + q₂)", spring,
-         tuple((a, b) for a in RATIOS for b in ANGLES), 4.0),
+         GRID, 4.0),
         ("first harmonics", "Δ₂ = c₂ (A cos q₂ + B sin q₂)", waves, ((),), 0.0),
     ):  # fmt: skip
 

@@ -14,6 +14,8 @@ from machopt.diagnose.problem import Curve, Hypothesis, Quantity, Shape
 from machopt.diagnose.readings import Readings
 from machopt.domain.kinematics import KinematicCorrection
 from machopt.domain.stiffness import Term
+from machopt.effects import files
+from machopt.effects.coupling import ELASTIC
 
 Array = NDArray[np.float64]
 DEG = np.pi / 180.0
@@ -144,7 +146,7 @@ def couplings(r: Readings) -> list[Hypothesis]:
                 "joint_coupling", where, "elastic coupling", "Δ_i = c_ij τ_j, Δ_j = c_ij τ_i under weight and load",
                 elastic, lambda x, s: {"compliance": Quantity(abs(float(x[0])), "rad/(N·m)")},
                 correction=lambda x, s, where=where: Term(  # type: ignore[misc]
-                    "joint_coupling", where, {"compliance_rad_per_Nm": float(x[0])}),
+                    "joint_coupling", where, files.write(ELASTIC, x, np.empty(0))),
                 family="joint",
                 note="with the torque of the other joint",
             ))  # fmt: skip

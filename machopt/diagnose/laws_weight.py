@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from machopt.diagnose.problem import Hypothesis, Quantity, Shape
 from machopt.diagnose.readings import Readings
 from machopt.domain.stiffness import Term
+from machopt.effects.beam import bent_about
 from machopt.errors import InputError
 from machopt.model.terms import LinearTerm, term_of
 
@@ -150,13 +151,8 @@ def two_planes(r: Readings, i: int, columns: Array, note: str = NOTE) -> Hypothe
         return {"1/EI": Quantity(float(x[:2].max()), "1/(N·m²)"), **parts}
 
     def correction(x: Array, shape: Shape) -> Term:
-        C = np.zeros((6, 6))  # at the link's end, base_link axes at q = 0, as a matrix term has it
-        u, v, a = _principal(r, i)
-        for turn, other, EI in ((u, np.cross(u, a), float(x[0])), (v, np.cross(v, a), float(x[1]))):
-            C[:3, :3] += EI * L**3 / 3.0 * np.outer(other, other)
-            C[:3, 3:] += EI * L**2 / 2.0 * np.outer(other, turn)
-            C[3:, :3] += EI * L**2 / 2.0 * np.outer(turn, other)
-            C[3:, 3:] += EI * L * np.outer(turn, turn)
+        u, v, a = _principal(r, i)  # at the link's end, base_link axes at q = 0, as a matrix term has it
+        C = float(x[0]) * bent_about(u, a, L) + float(x[1]) * bent_about(v, a, L)
         C[3:, 3:] += float(x[2]) * L * np.outer(a, a)
         return Term("link_compliance", f"link:{i}", {"compliance": C.tolist()})
 

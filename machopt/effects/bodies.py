@@ -1,4 +1,6 @@
-"""Bodies that bend: links, base, tool. Their laws still stand in :mod:`machopt.model.terms.body`."""
+"""Bodies that bend: links, base, tool. The matrices of beams are in :mod:`machopt.effects.beam`; frames, forms and
+files stand in :mod:`machopt.model.terms.body`.
+"""
 
 from __future__ import annotations
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from machopt.effects.protocol import (
     COMPLIANCE,
+    DEGREE,
     JOINTS,
     Array,
     Drive,
@@ -22,7 +23,6 @@ from machopt.effects.protocol import (
     percent,
 )
 
-DEGREE = np.pi / 180.0
 LEAST_RANGE = 15.0 * DEGREE  # of the joint's angles
 AT = 2001  # angles of a joint's range that are looked at; between them a second harmonic is missed by 1e-5 of itself
 CENTRES = 7

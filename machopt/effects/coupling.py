@@ -1,8 +1,24 @@
-"""One joint that moves another: through the gears (kinematic), or by its torque (elastic)."""
+"""One joint that moves another: through the gears (Δ_j = κ q_i), or by its torque (Δ_i = c_ij τ_j, Δ_j = c_ij τ_i)."""
 
 from __future__ import annotations
 
-from machopt.effects.protocol import Effect
+from dataclasses import dataclass
+
+from machopt.effects.protocol import COMPLIANCE, Effect, Parameter
+
+
+@dataclass(frozen=True)
+class Elastic:
+    """A torque on one joint turns another one, and the other way round by as much (Maxwell)."""
+
+    word = ""
+    remembers = False
+    coefficients = (Parameter(key="compliance_rad_per_Nm", unit=COMPLIANCE),)
+    shape: tuple[Parameter, ...] = ()
+
+
+ELASTIC = Elastic()
+
 
 EFFECT = Effect(
     name="joint_coupling",

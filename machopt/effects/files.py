@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from machopt.effects.protocol import MEMORIES, Array, Effect, Law, Parameter
+from machopt.effects.protocol import MEMORIES, Array, Effect, Law, Parameter, Stated
 from machopt.errors import InputError
 
 
@@ -132,7 +132,7 @@ def law_of(effect: Effect, given: Parameters) -> Law:
     return effect.law(word, given.keys)
 
 
-def read(law: Law, given: Parameters) -> tuple[Array, Array, str]:
+def read(law: Stated, given: Parameters) -> tuple[Array, Array, str]:
     """Values (P,) and shape (S,) in SI, NaN for what a file does not state, and what the law remembers ("": unsaid).
 
     Raises:
@@ -154,7 +154,7 @@ def read(law: Law, given: Parameters) -> tuple[Array, Array, str]:
     return values, shape, memory
 
 
-def write(law: Law, values: Array, shape: Array, memory: str = "") -> dict[str, Any]:
+def write(law: Stated, values: Array, shape: Array, memory: str = "") -> dict[str, Any]:
     """The parameters as a file states them; what is NaN is left out."""
     out: dict[str, Any] = {"law": law.word} if law.word else {}
     for group, numbers in ((law.coefficients, values), (law.shape, shape)):
@@ -168,7 +168,7 @@ def write(law: Law, values: Array, shape: Array, memory: str = "") -> dict[str, 
     return out | ({"memory": memory} if memory else {})
 
 
-def named(law: Law, count: int) -> tuple[tuple[str, str, float], ...]:
+def named(law: Stated, count: int) -> tuple[tuple[str, str, float], ...]:
     """Name, SI unit and lower bound in SI of each of ``count`` coefficients."""
     out: list[tuple[str, str, float]] = []
     for p in law.coefficients:

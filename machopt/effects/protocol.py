@@ -14,6 +14,7 @@ Ints = NDArray[np.int64]
 Shape = tuple[float, ...]
 
 ARCMIN = np.pi / 10800.0  # rad
+DEGREE = np.pi / 180.0  # rad
 COMPLIANCE = "rad/(N·m)"
 FORM = 0.08  # relative 1 sigma of a size for a law's own form: no gear, beam or loop is quite like its equation
 JOINTS = tuple(f"joint:{i}" for i in range(1, 7))
@@ -76,13 +77,28 @@ class Scale:
     sampled: bool = False  # a motion in many samples; else settled readings, some a cycle
 
 
-class Law(Protocol):
-    """One law of an effect. Stateless; SI; P coefficients in which it is linear, S numbers that give its shape."""
+class Stated(Protocol):
+    """What a file states of a law: P coefficients in which it is linear, S numbers that give its shape."""
 
     @property
     def word(self) -> str:
         """In files, where the effect has several laws; empty: a file states none."""
         ...
+
+    @property
+    def coefficients(self) -> tuple[Parameter, ...]: ...
+
+    @property
+    def shape(self) -> tuple[Parameter, ...]: ...
+
+    @property
+    def remembers(self) -> bool:
+        """How a torque came there, or since when it has been there, makes a difference."""
+        ...
+
+
+class Law(Stated, Protocol):
+    """One law of an effect. Stateless; SI."""
 
     @property
     def name(self) -> str:
@@ -95,19 +111,8 @@ class Law(Protocol):
         ...
 
     @property
-    def coefficients(self) -> tuple[Parameter, ...]: ...
-
-    @property
-    def shape(self) -> tuple[Parameter, ...]: ...
-
-    @property
     def weighs(self) -> bool:
         """It follows the whole torque of a joint, weight included, along a curve."""
-        ...
-
-    @property
-    def remembers(self) -> bool:
-        """How a torque came there, or since when it has been there, makes a difference."""
         ...
 
     def columns(self, shape: Array, drive: Drive) -> Array:

@@ -10,8 +10,8 @@ each of its coefficients x::
 Compliances of serial parts add at the TCP once they are carried there in the right frames (tian2025 eq. 1,
 zhang2025 eq. 20). The laws themselves are in
 :mod:`machopt.effects`; here they are carried to the TCP: :mod:`joint` (any law of one joint's torque, and coupling),
-:mod:`compensator` (the balancer of joint 2), :mod:`body` (base, links, tool), :mod:`beam` (the matrices of beams and
-stepped cylinders); :mod:`against` refuses what gives way against the load.
+:mod:`compensator` (the balancer of joint 2), :mod:`body` (base, links, tool); :mod:`against` refuses what gives way
+against the load.
 """
 
 from machopt.model.terms.base import LinearTerm, compile_terms, term_of, vocabulary

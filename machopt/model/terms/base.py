@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -145,8 +145,3 @@ def _made(term: Term, robot: Robot, T_flange_tcp: Array, parameters: Parameters)
 
 def _some(words: Sequence[str]) -> str:
     return ", ".join(words) if len(words) <= 6 else f"{', '.join(words[:3])} … {words[-1]}"
-
-
-def plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters as YAML takes them."""
-    return {k: v.tolist() if isinstance(v, np.ndarray | np.generic) else v for k, v in values.items()}

@@ -16,16 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.stiffness import Term
-from machopt.effects.files import Parameters
-from machopt.model.robot import ArmState, Robot
-from machopt.model.terms.base import Coefficient, LinearTerm, Maker
-from machopt.model.terms.beam import (
+from machopt.effects.beam import (
     Cylinder,
     cantilever_axial,
     cantilever_bending,
     cantilever_torsion,
     stepped,
 )
+from machopt.effects.files import Parameters
+from machopt.model.robot import ArmState, Robot
+from machopt.model.terms.base import Coefficient, LinearTerm, Maker
 from machopt.se3 import normalise, skew, transform
 
 Array = NDArray[np.float64]

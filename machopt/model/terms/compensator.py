@@ -17,10 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.stiffness import Term
+from machopt.effects import files
+from machopt.effects.compensator import BALANCER, torques
 from machopt.effects.files import Parameters
 from machopt.errors import InputError
 from machopt.model.robot import ArmState, Robot
-from machopt.model.terms.base import Coefficient, LinearTerm, Maker, plain
+from machopt.model.terms.base import Coefficient, LinearTerm, Maker
 
 Array = NDArray[np.float64]
 LEAST_DISTANCE = 1e-3  # of L: pivots that come nearer than this to each other hold no spring
@@ -36,10 +38,7 @@ class GravityCompensator:
     values: Array  # (2,) N·m: F₀ L and k L²
     gear: Callable[[ArmState], Array] | None = field(default=None, compare=False)  # (M, 6) N·m/rad of the joints
     effect: str = "gravity_compensator"
-    coefficients: tuple[Coefficient, ...] = (
-        Coefficient("force_times_length_Nm", "N·m", -np.inf),
-        Coefficient("rate_times_length2_Nm", "N·m", -np.inf),
-    )
+    coefficients: tuple[Coefficient, ...] = tuple(Coefficient(*c) for c in files.named(BALANCER, 2))
 
     @property
     def i(self) -> int:
@@ -53,11 +52,7 @@ class GravityCompensator:
 
     def added(self, q2: Array) -> Array:
         """Stiffness (...,) N·m/rad beside the gear at joint angles q2 (...,) rad; negative where it takes some away."""
-        rho, angle = self.ratio, self.alpha + q2
-        s = np.sqrt(rho**2 + 1.0 + 2.0 * rho * np.cos(angle))
-        slope = -rho * np.sin(angle) / s
-        bend = -(rho * np.cos(angle) + slope**2) / s
-        return np.asarray(self.values[0] * bend + self.values[1] * (slope**2 + s * bend))
+        return np.asarray(-torques(q2, self.ratio, self.alpha)[1] @ self.values)
 
     def response(self, state: ArmState, wrench: Array) -> Array:
         """What the spring adds to the twist of the gear alone (M, 6, 2), shared out between its two coefficients.
@@ -74,7 +69,7 @@ class GravityCompensator:
                 where="terms",
             )  # fmt: skip
         column, q2 = state.J[..., :, self.i], state.q[..., self.i]
-        per = np.stack([replace(self, values=unit).added(q2) for unit in np.eye(2)], axis=-1)
+        per = -torques(q2, self.ratio, self.alpha)[1]
         k = self.gear(state)[..., self.i]
         load = np.einsum("...c,...c->...", column, wrench)
         turned = -per * (load / (k * (k + per @ self.values)))[..., None]
@@ -84,21 +79,17 @@ class GravityCompensator:
         return replace(self, values=np.asarray(values, float))
 
     def to_file(self) -> Term:
-        return Term(self.effect, self.location, plain({
-            "force_times_length_Nm": float(self.values[0]), "rate_times_length2_Nm": float(self.values[1]),
-            "ratio": self.ratio, "angle_deg": float(np.degrees(self.alpha))}))  # fmt: skip
+        shape = np.array([self.ratio, self.alpha])
+        return Term(self.effect, self.location, files.write(BALANCER, self.values, shape))
 
 
 def _compensator(robot: Robot, T_flange_tcp: Array, parameters: Parameters, location: str) -> LinearTerm:
-    names = ("force_times_length_Nm", "rate_times_length2_Nm")
-    values = np.array([parameters.number(n, np.nan, positive=False) for n in names])
-    ratio = parameters.number("ratio", np.nan)
+    values, (ratio, alpha), _ = files.read(BALANCER, parameters)
     if abs(ratio - 1.0) < LEAST_DISTANCE:
         raise parameters.error(
             "ratio", f"found {ratio:g}; with 1 the pivots meet at some angle, anything else would work"
         )
-    alpha = float(np.radians(parameters.number("angle_deg", np.nan, positive=False)))
-    return GravityCompensator(location, ratio, alpha, values)
+    return GravityCompensator(location, float(ratio), float(alpha), values)
 
 
 MAKERS: dict[str, Maker] = {"gravity_compensator": _compensator}

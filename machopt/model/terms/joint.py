@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.stiffness import Term
-from machopt.effects import files, registry
+from machopt.effects import coupling, files, registry
 from machopt.effects.protocol import Drive, Law
 from machopt.errors import InputError
 from machopt.model.robot import ArmState, Robot
-from machopt.model.terms.base import Coefficient, LinearTerm, Maker, plain
+from machopt.model.terms.base import Coefficient, LinearTerm, Maker
 
 Array = NDArray[np.float64]
 
@@ -113,7 +113,7 @@ class JointCoupling:
     j: int
     values: Array  # (1,) rad/(N·m)
     effect: str = "joint_coupling"
-    coefficients: tuple[Coefficient, ...] = (Coefficient("compliance_rad_per_Nm", "rad/(N·m)", -np.inf),)
+    coefficients: tuple[Coefficient, ...] = tuple(Coefficient(*c) for c in files.named(coupling.ELASTIC, 1))
 
     def response(self, state: ArmState, wrench: Array) -> Array:
         J = state.J
@@ -125,7 +125,7 @@ class JointCoupling:
         return replace(self, values=np.asarray(values, float))
 
     def to_file(self) -> Term:
-        return Term(self.effect, self.location, plain({"compliance_rad_per_Nm": float(self.values[0])}))
+        return Term(self.effect, self.location, files.write(coupling.ELASTIC, self.values, np.empty(0)))
 
 
 def joint_term(effect: str, parameters: files.Parameters, location: str) -> JointTerm:
@@ -137,8 +137,7 @@ def joint_term(effect: str, parameters: files.Parameters, location: str) -> Join
 
 def _coupling(robot: Robot, T_flange_tcp: Array, parameters: files.Parameters, location: str) -> LinearTerm:
     i, j = (int(n) - 1 for n in location.removeprefix("joint:").split("-"))
-    value = parameters.number("compliance_rad_per_Nm", np.nan, positive=False)
-    return JointCoupling(location, i, j, np.array([value]))
+    return JointCoupling(location, i, j, files.read(coupling.ELASTIC, parameters)[0])
 
 
 MAKERS: dict[str, Maker] = {"joint_coupling": _coupling}

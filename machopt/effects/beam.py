@@ -23,12 +23,24 @@ def cantilever_bending(length: float) -> Array:
     Args:
         length: m.
     """
-    L = length
+    x, y, z = np.eye(3)
+    return bent_about(y, x, length) + bent_about(z, x, length)
+
+
+def bent_about(axis: Array, along: Array, length: float) -> Array:
+    """(6, 6) compliance of bending about one principal axis alone, per unit of its 1/(E·I).
+
+    Args:
+        axis: (3,) the principal axis.
+        along: (3,) the beam's, clamped end to loaded end.
+        length: m.
+    """
+    shift, L = np.cross(axis, along), length  # a moment about z lifts the end of a beam along x to +y
     C = np.zeros((6, 6))
-    C[1, 1] = C[2, 2] = L**3 / 3.0
-    C[4, 4] = C[5, 5] = L
-    C[1, 5] = C[5, 1] = L**2 / 2.0  # a moment about z lifts the end along +y
-    C[2, 4] = C[4, 2] = -(L**2) / 2.0
+    C[:3, :3] = L**3 / 3.0 * np.outer(shift, shift)
+    C[:3, 3:] = L**2 / 2.0 * np.outer(shift, axis)
+    C[3:, :3] = C[:3, 3:].T
+    C[3:, 3:] = L * np.outer(axis, axis)
     return C
 
 
