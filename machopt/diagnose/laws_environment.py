@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from machopt.diagnose.problem import Curve, Hypothesis, Quantity, RecordCorrection, Shape
 from machopt.diagnose.readings import Readings
 from machopt.effects.compensator import GRID, torques
+from machopt.effects.waves import waves
 from machopt.se3 import skew
 
 Array = NDArray[np.float64]
@@ -84,14 +85,14 @@ def compensator(r: Readings) -> list[Hypothesis]:
     def spring(at: Array, shape: Shape) -> Array:
         return torques(at, shape[0], shape[1])[0]
 
-    def waves(at: Array, shape: Shape) -> Array:
-        return np.stack([np.cos(at), np.sin(at)], axis=1)
+    def harmonic(at: Array, shape: Shape) -> Array:
+        return waves(at, (1,))
 
     out = []
     for law, equation, drive, shapes, penalty in (
         ("spring between two pivots", "Δ₂ = c₂ τ, τ = −(F₀ + k s) ds/dq, s² = a² + L² + 2aL cos(α + q₂)", spring,
          GRID, 4.0),
-        ("first harmonics", "Δ₂ = c₂ (A cos q₂ + B sin q₂)", waves, ((),), 0.0),
+        ("first harmonics", "Δ₂ = c₂ (A cos q₂ + B sin q₂)", harmonic, ((),), 0.0),
     ):  # fmt: skip
 
         def sizes(x: Array, shape: Shape, drive: Drive = drive) -> Mapping[str, Quantity]:

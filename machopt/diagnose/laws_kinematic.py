@@ -16,10 +16,11 @@ from machopt.domain.kinematics import KinematicCorrection
 from machopt.domain.stiffness import Term
 from machopt.effects import files
 from machopt.effects.coupling import ELASTIC
+from machopt.effects.kinematic import WAVES
+from machopt.effects.waves import ARCSEC, transmission, waves
 
 Array = NDArray[np.float64]
 DEG = np.pi / 180.0
-ARCSEC = np.pi / 648000.0
 LOW_ORDERS = 12  # per turn of the joint: what turns with the output (rings, pins, bearings) comes round a few times
 HIGH_ORDER = 200.0  # per turn: about the largest ratio of a robot's reducer, what turns with the motor
 LOSS = 0.7  # rad, half the phase that neighbouring orders may part by at the ends of the range: 8 % of amplitude
@@ -89,9 +90,6 @@ def wave_orders(r: Readings, j: int) -> tuple[float, ...]:
 def _waves(r: Readings, j: int, law: str, equation: str, shapes: tuple[Shape, ...], penalty: float) -> Hypothesis:
     q, where = r.state.q[:, j], f"joint:{j + 1}"
 
-    def angle(at: Array, shape: Shape) -> Array:
-        return np.stack([f(n * at) for n in shape for f in (np.cos, np.sin)], axis=1)
-
     def sizes(x: Array, shape: Shape) -> Mapping[str, Quantity]:
         out = {"amplitude": Quantity(float(np.hypot(x[0], x[1]) / ARCSEC), "arcsec")}
         out["order"] = Quantity(shape[0], "1/rev")
@@ -102,22 +100,18 @@ def _waves(r: Readings, j: int, law: str, equation: str, shapes: tuple[Shape, ..
         return out
 
     def correction(x: Array, shape: Shape) -> KinematicCorrection:
-        parts = {"per_turn": shape, "cos_arcsec": x[0::2] / ARCSEC, "sin_arcsec": x[1::2] / ARCSEC}
-        lists = {key: [float(v) for v in value] for key, value in parts.items()}
-        return KinematicCorrection(
-            "transmission_error", where, {k: v[0] if len(v) == 1 else v for k, v in lists.items()}
-        )
+        return KinematicCorrection(WAVES.name, where, transmission(shape, x))
 
     def curve(x: Array, shape: Shape) -> Curve:
         at = np.linspace(q.min(), q.max(), 400)
         return Curve(
-            at / DEG, angle(at, shape) @ x / ARCSEC, f"joint {j + 1} in deg", "angle in arcsec", q / DEG,
-            angle(q, shape) @ x / ARCSEC,
+            at / DEG, waves(at, shape) @ x / ARCSEC, f"joint {j + 1} in deg", "angle in arcsec", q / DEG,
+            waves(q, shape) @ x / ARCSEC,
         )  # fmt: skip
 
     return Hypothesis(
         "transmission_error", where, law, f"{equation}, at the TCP J_j Δ_j (Whitney, Lozinski & Rourke 1986)",
-        lambda s: r.lift(j, angle(q, s)), sizes, shapes, correction=correction, family="kinematic",
+        lambda s: r.lift(j, waves(q, s)), sizes, shapes, correction=correction, family="kinematic",
         note="without load, periodic over the joint's angle", curve=curve, penalty=penalty,
     )  # fmt: skip
 

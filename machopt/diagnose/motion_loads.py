@@ -17,6 +17,8 @@ from machopt.diagnose.problem import (
     Shape,
 )
 from machopt.domain.kinematics import KinematicCorrection
+from machopt.effects.compensator import torques
+from machopt.effects.waves import transmission, waves
 
 ORDERS = 60  # highest gear order per turn of a joint that is looked for
 TURNS = 1.5  # waves within the range of the joint, at least: fewer are no ripple
@@ -64,13 +66,11 @@ def compensator(scene: Scene) -> list[Hypothesis]:
     q = scene.motion.q[:, 1]
 
     def harmonic(s: Shape) -> Array:
-        return np.stack([np.cos(q), np.sin(q)], axis=1)
+        return waves(q, (1,))
 
     def linkage(s: Shape) -> Array:
-        # s² = 1 + ρ² + 2 ρ cos(q + α) in units of the distance of the pins; τ = −F ds/dq, F = F₀ + k s
-        angle, rho = q + s[0], s[1]
-        length = np.sqrt(1.0 + rho**2 + 2.0 * rho * np.cos(angle))
-        return np.stack([np.sin(angle), np.sin(angle) / length], axis=1)
+        alpha, ratio = s  # spring rate first, in units of the lever
+        return np.asarray(torques(q, ratio, alpha)[0][:, ::-1] / ratio)
 
     def law(name: str, equation: str, signal, shapes):  # type: ignore[no-untyped-def]
         def sizes(x: Array, s: Shape) -> Mapping[str, Quantity]:
@@ -117,9 +117,11 @@ def ripple(scene: Scene, joint: int, unit: str, factor: float, *, torque: bool) 
     if not shapes:
         return []
 
-    def waves(s: Shape, harmonics: int) -> Array:
-        parts = [f(k * s[0] * q) for k in range(1, harmonics + 1) for f in (np.cos, np.sin)]
-        return np.stack(parts, axis=1)
+    def over(s: Shape, harmonics: int) -> Array:
+        return waves(q, multiples(s, harmonics))
+
+    def multiples(s: Shape, harmonics: int) -> list[float]:
+        return [s[0] * k for k in range(1, harmonics + 1)]
 
     def law(harmonics: int) -> Hypothesis:
         def sizes(x: Array, s: Shape) -> Mapping[str, Quantity]:
@@ -132,19 +134,16 @@ def ripple(scene: Scene, joint: int, unit: str, factor: float, *, torque: bool) 
             if torque:
                 return RecordCorrection("transmission_error", where, {
                     "order": s[0], "cos_Nm": float(x[0]), "sin_Nm": float(x[1])})  # fmt: skip
-            cos, sin = ([float(v * factor) for v in x[k::2]] for k in (0, 1))
-            return KinematicCorrection("transmission_error", where, {
-                "per_turn": [s[0] * (k + 1) for k in range(harmonics)],
-                "cos_arcsec": cos, "sin_arcsec": sin})  # fmt: skip
+            return KinematicCorrection("transmission_error", where, transmission(multiples(s, harmonics), x))
 
         def line(x: Array, s: Shape) -> Curve:
-            return curve(scene, np.degrees(np.mod(q, 2 * np.pi / s[0])), waves(s, harmonics) @ x * factor,
+            return curve(scene, np.degrees(np.mod(q, 2 * np.pi / s[0])), over(s, harmonics) @ x * factor,
                          f"joint {joint + 1} within one of {s[0]:g} waves a turn in degrees", f"in {unit}")  # fmt: skip
 
         words = "one wave" if harmonics == 1 else "wave and its second harmonic"
         return joint_law(
             scene, joint, "transmission_error", words, "A sin(Nq + φ)" + (" + B sin(2Nq + ψ)" if harmonics > 1 else ""),
-            lambda s: waves(s, harmonics), sizes, shapes, family="kinematic", curve=line, correction=fix,
+            lambda s: over(s, harmonics), sizes, shapes, family="kinematic", curve=line, correction=fix,
             note="periodic with the gear",
         )  # fmt: skip
 

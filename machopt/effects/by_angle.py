@@ -22,16 +22,12 @@ from machopt.effects.protocol import (
     Shape,
     percent,
 )
+from machopt.effects.waves import waves
 
 LEAST_RANGE = 15.0 * DEGREE  # of the joint's angles
 AT = 2001  # angles of a joint's range that are looked at; between them a second harmonic is missed by 1e-5 of itself
 CENTRES = 7
 WIDTHS = (0.12, 0.25)  # of the range
-
-
-def waves(angle: Array, orders: tuple[int, ...]) -> Array:
-    """(..., 2n) cos and sin of each order."""
-    return np.stack([f(n * angle) for n in orders for f in (np.cos, np.sin)], axis=-1)
 
 
 class ByAngle(Settled):
