@@ -31,6 +31,8 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
     ("plan.blend", "_shrink", f"{_F1},{_F1},{_F1},{_F1},{_F1}"),
     ("plan.blend", "_finest", f"{_F1},{_F1},{_F1},f8,{_F1}"),
     ("plan.blend", "_spread", f"{_F1},{_F1}"),
+    ("plan.taylor", "_frames", f"{_F3},{_F3},{_F2}"),
+    ("plan.taylor", "_twists", f"{_F3},f8[:,:,:,::1]"),
     ("plan.follow", "_refine", f"{_F2},{_F2},{_F2},{_F3},{_F2}"),
     ("plan.follow", "_chain", f"{_F2},{_F2},{_F2},{_F1},{_F3},{_F3},{_F2}"),
     ("plan.feedrate", "_corners", f"{_F1},{_F1},{_F1}"),

@@ -59,6 +59,7 @@ def plan_rapid(
     detours: Callable[[], Iterable[Array]],
     rng: np.random.Generator,
     iterations: int = ITERATIONS,
+    known_free: bool = False,
 ) -> RapidMove | Blocked:
     """Plan and time a rapid move.
 
@@ -72,6 +73,7 @@ def plan_rapid(
         detours: called only when the straight line is blocked; gives waypoints (W, 6) in between, best first.
         rng: for the random tree; the same state gives the same move.
         iterations: extensions of the random tree before giving up; 0 leaves it out.
+        known_free: the straight line has been checked already and is free.
     """
     q_from, q_to = np.asarray(q_from, float), np.asarray(q_to, float)
     direct = np.array([q_from, q_to])
@@ -79,7 +81,7 @@ def plan_rapid(
     def moved(waypoints: Array, kind: Literal["direct", "retract", "sampled"]) -> RapidMove:
         return RapidMove(waypoints, kind, time_legs(waypoints, limits, scale, sample))
 
-    if collision is None:
+    if collision is None or known_free:
         return moved(direct, "direct")
     blocked = _blocked(collision, direct, step)
     if blocked is None:

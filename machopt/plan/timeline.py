@@ -13,7 +13,7 @@ for collisions straight in true angles, which differ by how much the corrections
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,23 +23,20 @@ from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.domain.trajectory import Trajectory
-from machopt.model.ik import refine
 from machopt.plan.breaks import Break, place
 from machopt.plan.gaps import Stretch, stretches, uncut, worth
-from machopt.plan.path import Path, tcp_poses
+from machopt.plan.lifts import Lifts
+from machopt.plan.path import Path
 from machopt.plan.pipeline import Plan
 from machopt.plan.rapids import Blocked, plan_rapid, time_legs
 from machopt.plan.retime import Dip, RunFailure, RunInput, RunTrajectory, retime_run
+from machopt.plan.straight import Way, way_between
 
 Array = NDArray[np.float64]
-LIFTS = (0.02, 0.05, 0.1, 0.2, 0.4)  # m along the tool axis, tried in this order around obstacles
 BEND = np.radians(0.1)  # rotation that a straight move between two toolpath points may miss before a point is added
 BOW = 2e-6  # m, the same of a shifted path; unshifted it is straight between toolpath points to rounding
 SEARCH = 2000  # extensions of the random tree for a rapid move that nothing simpler frees
 SEARCH_IN_VAIN = 100  # the same once another move is known to be stuck
-GAP_LIFTS = (0.05, 0.02, 0.1, 0.2, 0.4)  # m along the tool axis where the path is interrupted, tried in this order
-WITHDRAWALS = (0.002, 0.005, 0.01, 0.02, 0.035, 0.05, 0.1, 0.2, 0.4)  # m along the tool axis out of the workpiece
-LIFT_STEP = 0.01  # m between the configurations along a lift
 
 
 @dataclass(frozen=True)
@@ -105,11 +102,14 @@ class _Builder:
         self.in_the_way: list[Break] = []  # what stretches were given up for
         self.cut_time = self.held_time = 0.0
         self.rng = np.random.default_rng(self.options.seed)
+        self.lifts = Lifts(plan)
+        self.free: frozenset[Way] = frozenset()  # straight rapid moves known to be free
 
     def build(self) -> Timeline:
         here = _Place(self.plan.setup.driven.home, float("nan"), -1)
         reason, breaks = self.plan.chosen.assignment.reason, self.plan.breaks
         pieces = stretches(self.path, reason, breaks)
+        self.free = self.lifts.free_between(pieces)
         for n, (first, last) in enumerate(pieces):
             here = self._stretch(here, first, last) or here
             self.progress((n + 1) / max(len(pieces), 1))
@@ -174,14 +174,14 @@ class _Builder:
         index = self.path.index
         gap_in = not any(first == a for a, _ in self.path.runs)
         gap_out = not any(last == b for _, b in self.path.runs)
-        lift_in = self._gap_lift(first) if gap_in else self._withdrawal(first)
-        lift_out = self._gap_lift(last) if gap_out else lift_in if first == last else self._withdrawal(last)
+        lift_in = self.lifts.gap(first) if gap_in else self._withdrawal(first)
+        lift_out = self.lifts.gap(last) if gap_out else lift_in if first == last else self._withdrawal(last)
         if np.isnan(lift_in):
             return self._no_room(here.index, float(index[first]))
         if np.isnan(lift_out):
             return self._no_room(float(index[last]), float("nan") if last + 1 == len(index) else float(index[last + 1]))
-        start = self._lifted(first, lift_in) if lift_in else self.q[first]
-        end = self._lifted(last, lift_out) if lift_out else self.q[last]
+        start = self.lifts.lifted(first, lift_in) if lift_in else self.q[first]
+        end = self.lifts.lifted(last, lift_out) if lift_out else self.q[last]
         if start is None or end is None:
             raise AssertionError("a lift that was found is there")
         to = self._rapid(here, _Place(start, float(index[first]), first))
@@ -204,23 +204,6 @@ class _Builder:
         return Break(before, after, "no_room", "there is no room to lift the tool out of the cut at the gap",
                      "more room above the part, or another pose of the part, would help")  # fmt: skip
 
-    def _gap_lift(self, row: int) -> float:
-        """m along the tool axis out of the cut at a gap, to where a rapid move may begin; NaN if there is no room."""
-        model = self.plan.setup.collision
-        for height in GAP_LIFTS:
-            way = self._lift_way(row, height)
-            if way is None:
-                continue
-            if model is None:
-                return height
-            steps = np.vstack([self.q[row][None], way])
-            if (
-                not model.check_motion(steps, np.ones(len(steps), bool), self.options.collision_step).any
-                and not (model.check(steps[-1:], np.array([False])).hit[0])
-            ):
-                return height
-        return float("nan")
-
     def _feed_after(self) -> Array:
         """(P,) m/s of the move to each point, of the next one with a feed where that is a rapid move."""
         feed = np.where(self.path.feed > 0, self.path.feed, np.nan)
@@ -233,8 +216,9 @@ class _Builder:
         move = plan_rapid(
             a.q, b.q, limits=self.plan.setup.driven.limits, scale=self.options.rapid_scale, sample=self.options.sample,
             collision=self.plan.setup.collision, step=self.options.collision_step, rng=self.rng,
-            detours=lambda: self._detours(a.row, b.row),
+            detours=lambda: self.lifts.detours(a.row, b.row),
             iterations=SEARCH if not self.obstructions and not self.given_up else SEARCH_IN_VAIN,
+            known_free=way_between(a.q, b.q) in self.free,
         )  # fmt: skip
         if isinstance(move, Blocked):
             return _blocked(move, a, b)
@@ -251,56 +235,12 @@ class _Builder:
                    waypoints[1:], np.full(len(waypoints) - 1, b.index),
                    np.full(len(waypoints) - 1, np.nan))  # fmt: skip
 
-    def _detours(self, row_a: int, row_b: int) -> Iterator[Array]:
-        """Way points that lift the tool off at either end, or both."""
-        for height in LIFTS:
-            up_a = self._lifted(row_a, height) if row_a >= 0 else None
-            up_b = self._lifted(row_b, height) if row_b >= 0 else None
-            for pair in ((up_a, up_b), (up_a, None), (None, up_b)):
-                way = [w for w in pair if w is not None]
-                if way and len(way) == sum(p is not None for p in pair):
-                    yield np.array(way)
-
-    def _lifted(self, row: int, height: float) -> Array | None:
-        """The configuration with the tool drawn back along its axis, or None where there is none nearby."""
-        way = self._lift_way(row, height)
-        return None if way is None else np.asarray(way[-1])
-
-    def _lift_way(self, row: int, height: float) -> Array | None:
-        """(n, 6) configurations LIFT_STEP apart that draw the tool back along its axis, None where one is missing."""
-        arm = self.plan.setup.arm
-        q: Array = self.q[row]
-        rows = np.array([row], np.int32)
-        pose = arm.T_base_workpiece @ tcp_poses(self.path, rows, self.plan.chosen.assignment.phi[rows])[0]
-        way = []
-        for share in np.linspace(0.0, height, int(np.ceil(height / LIFT_STEP - 1e-9)) + 1)[1:]:
-            lifted = pose.copy()
-            lifted[:3, 3] -= share * pose[:3, 2]
-            q, error = refine(self.plan.setup.robot, lifted, q, arm.T_flange_tcp, 5)
-            if not error < 1e-8 or (q < arm.lower).any() or (q > arm.upper).any():
-                return None
-            way.append(q)
-        return np.array(way)
-
     def _withdrawal(self, row: int) -> float:
         """m along the tool axis until a rapid move may begin; 0 where it may at once, or never."""
-        model = self.plan.setup.collision
-        if model is None:
-            return 0.0
-        q = self.q[row][None]
-        if not model.check(q, np.array([False])).hit[0] or model.check(q, np.array([True])).hit[0]:
-            return 0.0
-        for height in WITHDRAWALS:
-            up = self._lifted(row, height)
-            if (
-                up is None
-                or model.check_motion(np.vstack([q, up]), np.array([True, True]), self.options.collision_step).any
-            ):
-                return 0.0
-            if not model.check(up[None], np.array([False])).hit[0]:
-                self.withdrawn.append((float(self.path.index[row]), height))
-                return height
-        return 0.0
+        height = self.lifts.withdrawal(row)
+        if height:
+            self.withdrawn.append((float(self.path.index[row]), height))
+        return height
 
     def _straight(self, a: Array, b: Array, row: int, move: Move, height: float) -> Leg | Break:
         """A straight lift or descent along the tool axis; down not faster than the cut that follows."""

@@ -1,0 +1,127 @@
+"""Where the tool goes straight along its axis before or after a rapid move: out of a cut, over a gap, around what is in
+the way; and which rapid moves between the ends of runs are free as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.model.ik import refine
+from machopt.plan.gaps import Stretch
+from machopt.plan.path import tcp_poses
+from machopt.plan.pipeline import Plan
+from machopt.plan.straight import Touch, Way, free_ways
+
+Array = NDArray[np.float64]
+LIFTS = (0.02, 0.05, 0.1, 0.2, 0.4)  # m along the tool axis, tried in this order around obstacles
+GAP_LIFTS = (0.05, 0.02, 0.1, 0.2, 0.4)  # m along the tool axis where the path is interrupted, tried in this order
+WITHDRAWALS = (0.002, 0.005, 0.01, 0.02, 0.035, 0.05, 0.1, 0.2, 0.4)  # m along the tool axis out of the workpiece
+LIFT_STEP = 0.01  # m between the configurations along a lift
+
+
+class Lifts:
+    """Lifts at the planning points of a plan."""
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan, self.path, self.options, self.q = plan, plan.path, plan.options, plan.chosen.assignment.q
+        self.touch = Touch(frozenset(), frozenset(), frozenset())
+        self.heights: dict[int, float] = {}  # m by planning point, of withdrawals
+
+    def gap(self, row: int) -> float:
+        """m along the tool axis out of the cut at a gap, to where a rapid move may begin; NaN if there is no room."""
+        model = self.plan.setup.collision
+        for height in GAP_LIFTS:
+            way = self._way(row, height)
+            if way is None:
+                continue
+            if model is None:
+                return height
+            steps = np.vstack([self.q[row][None], way])
+            if (
+                not model.check_motion(steps, np.ones(len(steps), bool), self.options.collision_step).any
+                and not (model.check(steps[-1:], np.array([False])).hit[0])
+            ):
+                return height
+        return float("nan")
+
+    def detours(self, row_a: int, row_b: int) -> Iterator[Array]:
+        """Way points that lift the tool off at either end, or both."""
+        for height in LIFTS:
+            up_a = self.lifted(row_a, height) if row_a >= 0 else None
+            up_b = self.lifted(row_b, height) if row_b >= 0 else None
+            for pair in ((up_a, up_b), (up_a, None), (None, up_b)):
+                way = [w for w in pair if w is not None]
+                if way and len(way) == sum(p is not None for p in pair):
+                    yield np.array(way)
+
+    def lifted(self, row: int, height: float) -> Array | None:
+        """The configuration with the tool drawn back along its axis, or None where there is none nearby."""
+        way = self._way(row, height)
+        return None if way is None else np.asarray(way[-1])
+
+    def _way(self, row: int, height: float) -> Array | None:
+        """(n, 6) configurations LIFT_STEP apart that draw the tool back along its axis, None where one is missing."""
+        arm = self.plan.setup.arm
+        q: Array = self.q[row]
+        rows = np.array([row], np.int32)
+        pose = arm.T_base_workpiece @ tcp_poses(self.path, rows, self.plan.chosen.assignment.phi[rows])[0]
+        way = []
+        for share in np.linspace(0.0, height, int(np.ceil(height / LIFT_STEP - 1e-9)) + 1)[1:]:
+            lifted = pose.copy()
+            lifted[:3, 3] -= share * pose[:3, 2]
+            q, error = refine(self.plan.setup.robot, lifted, q, arm.T_flange_tcp, 5)
+            if not error < 1e-8 or (q < arm.lower).any() or (q > arm.upper).any():
+                return None
+            way.append(q)
+        return np.array(way)
+
+    def free_between(self, pieces: list[Stretch]) -> frozenset[Way]:
+        """Straight rapid moves from home over these stretches and back that are free, looked at all at once."""
+        model, home = self.plan.setup.collision, self.plan.setup.driven.home
+        if model is None or not pieces:
+            return frozenset()
+        whole = set(self.path.runs)  # where others begin and end depends on what is found at the gap
+        self.touch = Touch.of(model, self.q, (row for piece in pieces for row in piece))
+        ends: list[tuple[Array, Array]] = []
+        here: Array | None = home
+        for piece in pieces:
+            begin, end = (self._stands(row) if piece in whole else None for row in piece)
+            if here is not None and begin is not None:
+                ends.append((here, begin))
+            here = end
+        if here is not None:
+            ends.append((here, home))
+        return free_ways(model, ends, self.options.collision_step)
+
+    def _stands(self, row: int) -> Array | None:
+        """Where a rapid move to or from the end of a run begins or ends."""
+        height = self.withdrawal(row)
+        return self.lifted(row, height) if height else np.asarray(self.q[row])
+
+    def withdrawal(self, row: int) -> float:
+        """m along the tool axis until a rapid move may begin; 0 where it may at once, or never."""
+        if row not in self.heights:
+            self.heights[row] = self._measured(row)
+        return self.heights[row]
+
+    def _measured(self, row: int) -> float:
+        model = self.plan.setup.collision
+        if model is None:
+            return 0.0
+        touch = self.touch if row in self.touch.asked else Touch.of(model, self.q, [row])
+        if row not in touch.rapid or row in touch.cut:
+            return 0.0
+        q = self.q[row][None]
+        for height in WITHDRAWALS:
+            up = self.lifted(row, height)
+            if (
+                up is None
+                or model.check_motion(np.vstack([q, up]), np.array([True, True]), self.options.collision_step).any
+            ):
+                return 0.0
+            if not model.check(up[None], np.array([False])).hit[0]:
+                return height
+        return 0.0

@@ -1,0 +1,57 @@
+"""Which ends of stretches, and which straight rapid moves between them, are free: asked for all of them at once.
+
+A drilling job has hundreds of rapid moves, most of them free as they are. One question about all of them costs little
+more than one about a few: poses and bounds are computed together, and distances known at one hold on at the next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.model.collision import CollisionModel
+
+Array = NDArray[np.float64]
+Way = tuple[bytes, bytes]
+
+
+@dataclass(frozen=True)
+class Touch:
+    """What touches at the ends of stretches."""
+
+    asked: frozenset[int]  # rows that were looked at
+    rapid: frozenset[int]  # rows where something touches, were the tool to move off in rapid
+    cut: frozenset[int]  # those of them where something touches that may not in a cut either
+
+    @classmethod
+    def of(cls, model: CollisionModel, q: Array, rows: Iterable[int]) -> Touch:
+        """Of some rows of q (P, 6) rad."""
+        asked = np.unique(np.fromiter(rows, np.int64))
+        hit = asked[model.check(q[asked], np.zeros(len(asked), bool)).hit]
+        worse = hit[model.check(q[hit], np.ones(len(hit), bool)).hit] if len(hit) else hit
+        return cls(frozenset(asked.tolist()), frozenset(hit.tolist()), frozenset(worse.tolist()))
+
+
+def way_between(a: Array, b: Array) -> Way:
+    """What a straight rapid move is known by: the joints (6,) at its ends, to the last bit."""
+    return np.asarray(a, float).tobytes(), np.asarray(b, float).tobytes()
+
+
+def free_ways(model: CollisionModel, ends: Sequence[tuple[Array, Array]], step: float) -> frozenset[Way]:
+    """Of straight rapid moves, each from joints (6,) to joints (6,), those that are free, ends included.
+
+    Args:
+        ends: in the order in which they are driven, so that one begins near where the last one ended.
+        step: rad, as for :meth:`CollisionModel.check_motion`.
+    """
+    if not ends:
+        return frozenset()
+    rows = np.array(ends, float).reshape(-1, 6)
+    starts = np.arange(len(rows)) % 2 == 0
+    begun = model.check(rows[starts], np.zeros(len(ends), bool)).hit
+    # What the model says of a start is of the way to it, which nobody drives straight: the cutter may be in the part.
+    driven = model.check_motion(rows, starts, step).hit[~starts]
+    return frozenset(way_between(a, b) for (a, b), blocked in zip(ends, begun | driven, strict=True) if not blocked)
