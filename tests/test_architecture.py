@@ -21,7 +21,6 @@ MOST_LINES = 400
 LONGER: dict[str, str] = {
     "formats/programs/krl.py": "one interpreter: its state and its statements",
     "formats/programs/rapid.py": "one interpreter: its state and its statements",
-    "plan/timeline.py": "one builder of the motion, stretch by stretch",
 }  # file: why it is longer
 
 HEAVY = (
