@@ -1,9 +1,11 @@
 """What a plan loses by choosing at stations and not at every planning point.
 
-Run: ``python benchmarks/density.py [shipped|spiral|raster] [--points N] [--times 1,2,4,inf] [--even N]``. Plans the
-same path with stations as dense as the planner has them and twice and four times as dense, and prints the objective
-of each finished plan, its parts, and how far it is from the densest one. All are priced by one scale, that of the
-densest: the median index differs a little with the stations, and J would differ with it. No files are written.
+Run: ``python benchmarks/density.py [shipped|spiral|raster] [--points N] [--times own,1,2,inf] [--passes N] [--even N]``.
+Plans the same path with the stations of the planner (own), as dense as it has them on a shorter path (1: without the
+limit of their number), and twice and four times as dense, and prints the objective of each finished plan, its parts,
+and how far it is from the densest one. ``raster --passes 400 --points 10000 --times own,1`` is a path of 65 m. All are
+priced by one scale, that of the densest: the median index differs a little with the stations, and J would differ with
+it. No files are written.
 """
 
 from __future__ import annotations
@@ -50,13 +52,12 @@ def written(position: np.ndarray, axis: np.ndarray, file: File) -> File:
     return file
 
 
-def raster(points: int, folder: File) -> File:
-    """Passes of 160 mm to and fro, 1.5 mm apart, over a bent face: the force turns over with every pass."""
-    passes = 60
+def raster(points: int, folder: File, passes: int = 60) -> File:
+    """Passes of 160 mm to and fro on a bent face of 90 mm: the force turns over with every pass."""
     per = points // passes
     along = np.linspace(-80.0, 80.0, per)
     x = np.concatenate([along if k % 2 == 0 else along[::-1] for k in range(passes)])
-    y = np.repeat(1.5 * np.arange(passes) - 45.0, per)
+    y = np.repeat(90.0 / passes * np.arange(passes) - 45.0, per)
     z = 8.0 + 6.0 * np.cos(x / 60.0)
     axis = np.c_[0.15 * np.sin(x / 60.0), 0.1 * np.sin(y / 40.0), np.ones(len(x))]
     return written(np.c_[x, y, z], axis, folder / "raster.csv")
@@ -67,11 +68,12 @@ class Density:
     """How the stations are chosen."""
 
     name: str
-    fine: float = 1.0  # times as dense as the planner has it; inf: every planning point
+    fine: float = 1.0  # times as dense as the planner has it; inf: every planning point; 0: the planner's own
     even: int = 0  # so many at equal distances instead
 
     def planned(self, toolpath: Toolpath, options: PlanOptions) -> Plan:
         detail, even = paths._detail, self.even
+        limits = paths.ALL_STATIONS, paths.MAX_STATIONS
 
         def by_length(position: np.ndarray, axis: np.ndarray, runs: tuple[tuple[int, int], ...]) -> np.ndarray:
             step = np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)]
@@ -81,13 +83,15 @@ class Density:
         def finer(position: np.ndarray, axis: np.ndarray, runs: tuple[tuple[int, int], ...]) -> np.ndarray:
             return self.fine * detail(position, axis, runs)
 
-        paths.ALL_STATIONS = 10**9 if self.fine == np.inf else 0
-        paths.MAX_STATIONS = 10**9
-        paths._detail = by_length if even else finer
+        if self.fine or even:
+            paths.ALL_STATIONS = 10**9 if self.fine == np.inf else 0
+            paths.MAX_STATIONS = 10**9
+            paths._detail = by_length if even else finer
         try:
             return plan(load_cell(CELL), toolpath, options)
         finally:
             paths._detail = detail
+            paths.ALL_STATIONS, paths.MAX_STATIONS = limits
 
 
 def main() -> None:
@@ -96,15 +100,23 @@ def main() -> None:
     words = argparse.ArgumentParser(description=__doc__)
     words.add_argument("job", choices=("shipped", "spiral", "raster"), nargs="?", default="spiral")
     words.add_argument("--points", type=int, default=10_000)
-    words.add_argument("--times", default="1,2,4", help="times as many stations as the planner takes; inf: every point")
+    words.add_argument(
+        "--times", default="1,2,4", help="times as many stations as the planner takes; inf: every point; own"
+    )
+    words.add_argument("--passes", type=int, default=60, help="of the raster")
     words.add_argument("--even", type=int, default=0, help="also with so many stations at equal distances")
     args = words.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         shipped = ROOT / "toolpaths" / "cylinder_head_face.cls"
-        file = {"shipped": lambda *_: shipped, "spiral": spiral, "raster": raster}[args.job](args.points, File(folder))
+        made_by = {
+            "shipped": lambda *_: shipped, "spiral": spiral,
+            "raster": lambda points, folder: raster(points, folder, args.passes),
+        }  # fmt: skip
+        file = made_by[args.job](args.points, File(folder))
         toolpath = read_toolpath(file)
     options = load_options(load_cell(CELL).plan, None, [])
-    ways = [Density(f"{t:g} ×", t) for t in sorted(float(t) for t in args.times.split(","))]
+    times = sorted(0.0 if t == "own" else float(t) for t in args.times.split(","))
+    ways = [Density(f"{t:g} ×" if t else "own", t) for t in times]
     if args.even:
         ways.insert(0, Density(f"{args.even} even", even=args.even))
     rows = []
