@@ -1,6 +1,6 @@
 """What a plan loses by choosing at stations and not at every planning point.
 
-Run: ``python benchmarks/density.py [shipped|spiral|raster] [--points N] [--times own,1,2,inf] [--passes N] [--even N]``.
+Run: ``python benchmarks/density.py [shipped|spiral|raster] [--points N] [--times own,1,inf] [--passes N] [--even N]``.
 Plans the same path with the stations of the planner (own), as dense as it has them on a shorter path (1: without the
 limit of their number), and twice and four times as dense, and prints the objective of each finished plan, its parts,
 and how far it is from the densest one. ``raster --passes 400 --points 10000 --times own,1`` is a path of 65 m. All are

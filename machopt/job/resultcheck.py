@@ -96,7 +96,7 @@ def _verdict(t: Told) -> Iterable[str]:
     yield from same("unchecked", t.result["unchecked"], list(missing))
     word = VERDICTS.get(expected)
     if word is None:
-        lacking = np.array([status != "ok" for status in Points.read(t).columns["status"]])
+        lacking = ~Points.read(t).ok
         word = done(int((lacking & t.toolpath.cutting).sum()), int((lacking & ~t.toolpath.cutting).sum()))
     yield from same("verdict", t.result["verdict"], with_scope(word, missing))
     if t.manifest is not None:
@@ -172,7 +172,7 @@ def _worst(t: Told) -> Iterable[str]:
 
 def _infeasible(t: Told) -> Iterable[str]:
     points = Points.read(t)
-    status, reason = points.columns["status"], points.columns["reason"]
+    status, reason = points.table.words("status"), points.table.words("reason")
     keys = ("point", "status", "reason")
     expected = [dict(zip(keys, (n, word, reason[n]), strict=True)) for n, word in enumerate(status) if word != "ok"]
     found = [{key: p[key] for key in keys} for p in t.result["infeasible_points"]]
@@ -190,7 +190,7 @@ def _times(t: Told) -> Iterable[str]:
     if t.contents is None:
         yield from same("cycle_time_s", t.result["cycle_time_s"], None)
         return
-    yield from near("cycle_time_s", t.result["cycle_time_s"], float(t.motion["time_s"][-1]), 0.0, 1e-5)
+    yield from near("cycle_time_s", t.result["cycle_time_s"], float(t.motion.numbers("time_s")[-1]), 0.0, 1e-5)
     for name, seconds in t.result["timings_s"].items():
         if not (isinstance(seconds, float | int) and math.isfinite(seconds) and seconds >= 0):
             yield f"timings_s.{name} is {short(seconds)}"
@@ -203,8 +203,8 @@ def _feed(t: Told) -> Iterable[str]:
         yield from same("feed_held_share", share, None)
         yield from same("feed_dips", dips, [])
         return
-    number = {k: np.array([float(v) if v else np.nan for v in t.motion[k]]) for k in ("point", "feed_mm_min")}
-    move = np.array(t.motion["move"])
+    number = {k: t.motion.numbers(k, empty=True) for k in ("point", "feed_mm_min")}
+    move = np.array(t.motion.words("move"))
     fed = (move != Move.RAPID.word) & np.isfinite(number["point"])  # dips begin in approaches too
     cut, at = (move == Move.CUT.word)[fed], number["point"][fed]
     programmed = np.where(np.isfinite(t.toolpath.feed), t.toolpath.feed, t.options.approach_feed)
@@ -367,7 +367,7 @@ def _front(t: Told) -> Iterable[str]:
         under = any(all(y <= x for x, y in c) and any(y < x - 1e-5 * abs(x) for x, y in c) for c in pairs)
         if under and not p["dominated"]:
             yield f"front: {p['plan']} is not told as dominated, yet another plan is nowhere worse"
-    own, q = told[0], np.array([t.motion[f"q{j}_deg"] for j in range(1, 7)], float)
+    own, q = told[0], np.array([t.motion.numbers(f"q{j}_deg") for j in range(1, 7)])
     chosen, scale = t.result["objective"]["chosen"], 1e3 * t.result["index_scale"]
     yield from near("front: mean_index", own["mean_index"], scale * chosen["mean"], DIGITS, 0.0)
     yield from near("front: worst_index", own["worst_index"], scale * chosen["worst"], DIGITS, 0.0)

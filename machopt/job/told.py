@@ -20,7 +20,7 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.output.manifest import listed
 from machopt.verify import Verification
-from machopt.verify.table import read_columns
+from machopt.verify.table import Table, read_table
 
 Array = NDArray[np.float64]
 AGREE = 1e-2  # of a check's limit: between two runs, and machines, a measured value moves by rounding only
@@ -41,37 +41,42 @@ class Told:
     contents: Verification | None  # None where there is no motion
 
     @cached_property
-    def motion(self) -> dict[str, list[str]]:
-        """trajectory.csv as words; read when first asked for, since a table that cannot be read fails that part."""
-        return read_columns(self.folder / "trajectory.csv")
+    def motion(self) -> Table:
+        """trajectory.csv; read when first asked for, since a table that cannot be read fails that part."""
+        return read_table(self.folder / "trajectory.csv")
 
     @cached_property
-    def points(self) -> dict[str, list[str]]:
-        """points.csv as words."""
-        return read_columns(self.folder / "points.csv")
+    def points(self) -> Table:
+        """points.csv."""
+        return read_table(self.folder / "points.csv")
 
 
 @dataclass(frozen=True)
 class Points:
-    """points.csv as words."""
+    """points.csv, of as many rows as the toolpath has."""
 
-    columns: Mapping[str, list[str]]
+    table: Table
 
     @classmethod
     def read(cls, t: Told) -> Points:
-        columns = t.points
-        if len(columns["status"]) != len(t.toolpath):
-            raise ValueError(f"points.csv has {len(columns['status'])} rows, the toolpath {len(t.toolpath)} points")
-        return cls(columns)
+        rows = len(t.points.words("status"))
+        if rows != len(t.toolpath):
+            raise ValueError(f"points.csv has {rows} rows, the toolpath {len(t.toolpath)} points")
+        return cls(t.points)
+
+    @property
+    def ok(self) -> NDArray[np.bool_]:
+        """(N,) the point has a configuration."""
+        return np.array([status == "ok" for status in self.table.words("status")])
 
     def number(self, name: str) -> Array:
-        if name not in self.columns:
+        if name not in self.table:
             raise ValueError(f"points.csv lacks the column {name}")
-        return np.array([float(v) if v else np.nan for v in self.columns[name]])
+        return self.table.numbers(name, empty=True)
 
     def cost(self, t: Told) -> Array:
         """(N,) the index at the points that are cut to, in SI, less is better; NaN elsewhere."""
-        counts = t.toolpath.cutting & np.array([s == "ok" for s in self.columns["status"]])
+        counts = t.toolpath.cutting & self.ok
         index = t.result["index"]
         if index == "deflection":
             out = 1e-3 * self.number("deflection_mm")

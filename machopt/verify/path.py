@@ -82,15 +82,17 @@ def _visited(motion: Motion, wanted: Bools) -> Check:
     rows = np.flatnonzero(motion.move == Move.CUT)
     s = motion.point[rows]
     pairs = np.flatnonzero((np.diff(rows) == 1) & (s[:-1] <= s[1:])) if len(s) > 1 else np.empty(0, int)
-    rises = np.sort(s[np.isfinite(s)])
-    missed = []
-    for k in np.flatnonzero(wanted):
-        at = int(np.searchsorted(rises, k - 0.51))
-        near = at < len(rises) and rises[at] <= k + 0.51
-        if not near and not ((s[pairs] <= k) & (s[pairs + 1] >= k)).any():
-            missed.append(int(k))
-    text = f"{len(missed)} of {int(wanted.sum())} missed, first point {missed[0]}" if missed else "all visited"
-    return Check("cutting points visited", not missed, float(len(missed)), 0.0, "points", text)
+    rises = np.r_[np.sort(s[np.isfinite(s)]), np.inf]
+    asked = np.flatnonzero(wanted)
+    near = rises[np.searchsorted(rises, asked - 0.51)] <= asked + 0.51
+    # points that two successive samples enclose: one more from the first of them on, one less behind the last
+    n = len(wanted)
+    low = np.clip(np.ceil(s[pairs]), 0, n).astype(int)
+    high = np.maximum(np.clip(np.floor(s[pairs + 1]) + 1, 0, n).astype(int), low)
+    steps = np.bincount(low, minlength=n + 1) - np.bincount(high, minlength=n + 1)
+    missed = asked[~near & (np.cumsum(steps)[asked] <= 0)]
+    text = f"{len(missed)} of {int(wanted.sum())} missed, first point {missed[0]}" if len(missed) else "all visited"
+    return Check("cutting points visited", not len(missed), float(len(missed)), 0.0, "points", text)
 
 
 def _throughout(name: str, motion: Motion, toolpath: Toolpath, driven: Bools, wanted: Bools) -> Check:

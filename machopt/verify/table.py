@@ -7,8 +7,9 @@ no column may stand there that nothing here looks at.
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -28,10 +29,56 @@ POINTS = (
     "k_normal_N_mm", "deflection_mm", "clearance_mm", "limit_margin_deg", "singularity", "status", "reason",
 )  # fmt: skip
 FURTHER = ("feed_mm_min", "k_jiao_x_N_mm", "nearest_pair", "stiffness_from", "deflection_std_mm", "k_axial_std_N_mm")
+TEXT = frozenset(
+    {"operation", "move", "status", "reason", "nearest_pair", "stiffness_from", "tool"}
+)  # columns of words
+ROWS = 20_000  # turned into numbers at once: a million rows as words would be gigabytes
 PLAIN = frozenset("0123456789+-.eE")  # float() takes digits of other scripts and underscores too
 _NOTHING = dict.fromkeys(map(ord, PLAIN))  # what they are translated into
 MOST = 2**31  # a point number beyond is none
 WORDS = tuple(move.word for move in Move)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table's columns by name; those of numbers are read as such and hold words only where they are none."""
+
+    file: Path
+    text: dict[str, list[str]]
+    parts: dict[str, list[Array | list[str]]]  # block after block; words where one of them is no finite number
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.text or name in self.parts
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return (*self.text, *self.parts)
+
+    def words(self, name: str) -> list[str]:
+        """A column of words."""
+        self._there(name)
+        return self.text[name]
+
+    def numbers(self, name: str, *, empty: bool = False) -> Array:
+        """A column of numbers, NaN where a field is empty.
+
+        Raises:
+            InputError: the column is missing, or a field is no finite number, or empty where it must not be.
+        """
+        self._there(name)
+        done: list[Array] = []
+        for part in self.parts[name]:
+            before = sum(map(len, done))
+            done.append(_numbers(part, name, self.file, before) if isinstance(part, list) else part)
+            missing = np.isnan(done[-1])
+            if not empty and missing.any():
+                row = before + int(np.flatnonzero(missing)[0]) + 1
+                raise InputError("'' is not a finite number", file=self.file, where=f"data row {row}, {name}")
+        return np.concatenate(done)
+
+    def _there(self, name: str) -> None:
+        if name not in self:
+            raise InputError(f"column {name!r} is missing; there are {', '.join(self.names)}", file=self.file)
 
 
 @dataclass(frozen=True)
@@ -90,18 +137,18 @@ def read_motion(file: Path, cell: Cell) -> Motion:
     Raises:
         InputError: the file, a column or a number is missing, or a column is unknown.
     """
-    columns = _columns(file)
+    table = read_table(file)
     axes = [f"e{n}_mm" if prismatic else f"e{n}_deg" for n, prismatic in enumerate(cell.external_prismatic, start=1)]
-    _check_names(columns, (*MOTION, *axes), ("tool",), file)
-    external = [_numbers(columns, name, file) / (1e3 if name.endswith("mm") else 180.0 / np.pi) for name in axes]
-    time = _numbers(columns, "time_s", file)
+    _check_names(table, (*MOTION, *axes), ("tool",))
+    external = [table.numbers(name) / (1e3 if name.endswith("mm") else 180.0 / np.pi) for name in axes]
+    time = table.numbers("time_s")
     if len(time) < 2:
         raise InputError(f"{len(time)} samples; a motion has two or more", file=file)
     return Motion(
-        time=time, point=_numbers(columns, "point", file, empty=True), move=_moves(columns, file),
-        q=_joints(columns, file, empty=False), external=np.array(external).T.reshape(len(time), -1),
-        operation=tuple(columns["operation"]), gamma=np.deg2rad(_numbers(columns, "gamma_deg", file, empty=True)),
-        feed=_numbers(columns, "feed_mm_min", file) / 6e4,
+        time=time, point=table.numbers("point", empty=True), move=_moves(table),
+        q=_joints(table, empty=False), external=np.array(external).T.reshape(len(time), -1),
+        operation=tuple(table.words("operation")), gamma=np.deg2rad(table.numbers("gamma_deg", empty=True)),
+        feed=table.numbers("feed_mm_min") / 6e4,
     )  # fmt: skip
 
 
@@ -111,22 +158,21 @@ def read_points(file: Path) -> Points:
     Raises:
         InputError: the file, a column or a number is missing, or a column is unknown.
     """
-    columns = _columns(file)
-    shifted = any(name in columns for name in SHIFT)
-    _check_names(columns, (*POINTS, *(SHIFT if shifted else ())), FURTHER, file)
-    number = _numbers(columns, "point", file)
+    table = read_table(file)
+    shifted = any(name in table for name in SHIFT)
+    _check_names(table, (*POINTS, *(SHIFT if shifted else ())), FURTHER)
+    number = table.numbers("point")
     odd = np.flatnonzero((number != np.round(number)) | (np.abs(number) > MOST))
     if len(odd):
         row = int(odd[0])
         raise InputError(f"{number[row]:g} is no point number", file=file, where=f"data row {row + 1}, point")
-    _moves(columns, file)
-    text = ("operation", "move", "reason", "nearest_pair", "stiffness_from")
-    skip = {"point", "status", *text, *JOINTS, *SHIFT}
-    shift = np.column_stack([_numbers(columns, n, file) for n in SHIFT]) / 1e3 if shifted else None
+    _moves(table)
+    skip = {"point", *JOINTS, *SHIFT}
+    shift = np.column_stack([table.numbers(n) for n in SHIFT]) / 1e3 if shifted else None
     return Points(
-        number.astype(int), _joints(columns, file, empty=True), tuple(columns["status"]),
-        {name: _numbers(columns, name, file, empty=name not in POINTS[3:9]) for name in columns if name not in skip},
-        {name: tuple(columns[name]) for name in text if name in columns}, shift,
+        number.astype(int), _joints(table, empty=True), tuple(table.words("status")),
+        {name: table.numbers(name, empty=name not in POINTS[3:9]) for name in table.parts if name not in skip},
+        {name: tuple(words) for name, words in table.text.items() if name != "status"}, shift,
     )  # fmt: skip
 
 
@@ -136,83 +182,109 @@ def read_shift(file: Path) -> Shift:
     Raises:
         InputError: the file, a column or a number is missing, or the index falls.
     """
-    columns = _columns(file)
-    for name in ("point", "dx_mm", "dy_mm", "dz_mm", "fx_N", "fy_N", "fz_N"):
-        _column(columns, name, file)
-    index = _numbers(columns, "point", file)
+    table = read_table(file)
+    index = table.numbers("point")
     if (np.diff(index) < 0).any():
         row = int(np.flatnonzero(np.diff(index) < 0)[0]) + 2
         raise InputError("the index falls; the corners stand in order", file=file, where=f"data row {row}, point")
-    offset, force = (np.column_stack([_numbers(columns, n, file) for n in names])
+    offset, force = (np.column_stack([table.numbers(n) for n in names])
                      for names in (("dx_mm", "dy_mm", "dz_mm"), ("fx_N", "fy_N", "fz_N")))  # fmt: skip
     return Shift(index, offset / 1e3, force)
 
 
 def read_columns(file: Path) -> dict[str, list[str]]:
-    """A table's columns by name, as words.
+    """A short table's columns by name, as words.
 
     Raises:
         InputError: the file cannot be read, holds no rows, or a row has more or fewer fields than the header.
     """
-    return _columns(file)
+    out: dict[str, list[str]] = {}
+    for block in _blocks(file):
+        for name, words in block.items():
+            out.setdefault(name, []).extend(words)
+    return out
 
 
-def _check_names(columns: dict[str, list[str]], needed: Sequence[str], further: Sequence[str], file: Path) -> None:
+def read_table(file: Path) -> Table:
+    """A table of any length.
+
+    Raises:
+        InputError: the file cannot be read, holds no rows, or a row has more or fewer fields than the header.
+    """
+    text: dict[str, list[str]] = {}
+    parts: dict[str, list[Array | list[str]]] = {}
+    known: dict[str, str] = {}  # equal words are one
+    for block in _blocks(file):
+        for name, words in block.items():
+            if name in TEXT:
+                text.setdefault(name, []).extend([known.setdefault(word, word) for word in words])
+            else:
+                parts.setdefault(name, []).append(_plain_numbers(words))
+    return Table(file, text, parts)
+
+
+def _check_names(table: Table, needed: Sequence[str], further: Sequence[str]) -> None:
     for name in needed:
-        _column(columns, name, file)
-    for name in columns:
+        if name not in table:
+            raise InputError(f"column {name!r} is missing; there are {', '.join(table.names)}", file=table.file)
+    for name in table.names:
         if name not in needed and name not in further:
-            raise InputError(f"column {name!r} is not known; known are {', '.join((*needed, *further))}", file=file)
+            raise InputError(f"column {name!r} is not known; known are {', '.join((*needed, *further))}",
+                             file=table.file)  # fmt: skip
 
 
-def _moves(columns: dict[str, list[str]], file: Path) -> NDArray[np.int64]:
-    moves = _column(columns, "move", file)
+def _moves(table: Table) -> NDArray[np.int64]:
     code = {word: n for n, word in enumerate(WORDS)}
+    moves = table.words("move")
     if not code.keys() >= {*moves}:
         line, word = next((n, word) for n, word in enumerate(moves, start=1) if word not in code)
-        raise InputError(f"{word!r} is no move; {', '.join(WORDS)} are", file=file, where=f"data row {line}, move")
+        raise InputError(
+            f"{word!r} is no move; {', '.join(WORDS)} are", file=table.file, where=f"data row {line}, move"
+        )
     return np.array([code[word] for word in moves])
 
 
-def _joints(columns: dict[str, list[str]], file: Path, *, empty: bool) -> Array:
-    return np.deg2rad(np.column_stack([_numbers(columns, name, file, empty=empty) for name in JOINTS]))
+def _joints(table: Table, *, empty: bool) -> Array:
+    return np.deg2rad(np.column_stack([table.numbers(name, empty=empty) for name in JOINTS]))
 
 
-def _columns(file: Path) -> dict[str, list[str]]:
+def _blocks(file: Path) -> Iterator[dict[str, list[str]]]:
+    """The columns of some thousand rows after the other, as words."""
     try:
-        text = file.read_text(encoding="utf-8-sig")
+        with file.open(encoding="utf-8-sig") as lines:
+            yield from _blocks_of((line for line in lines if not line.startswith("#") and line.strip()), file)
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot be read: {getattr(error, 'strerror', None) or error}", file=file) from error
-    lines = [line for line in text.splitlines() if not line.startswith("#") and line.strip()]
-    if len(lines) < 2:
-        raise InputError("holds no rows", file=file)
-    rows: list[list[str]] | None = None
-    if '"' in text:
-        try:
-            rows = list(csv.reader(lines))
-        except csv.Error as error:
-            raise InputError(f"is no CSV table: {error}", file=file) from error
-        if len(rows) < 2:
-            raise InputError("holds no rows", file=file)
-    header = [name.strip() for name in (lines[0].split(",") if rows is None else rows[0])]
+    except csv.Error as error:
+        raise InputError(f"is no CSV table: {error}", file=file) from error
+
+
+def _blocks_of(lines: Iterator[str], file: Path) -> Iterator[dict[str, list[str]]]:
+    header = [name.strip() for name in next(csv.reader(islice(lines, 1)), [])]
     twice = sorted({name for name in header if header.count(name) > 1})
     if twice:
         raise InputError(f"column {twice[0]!r} stands there twice", file=file)
-    width = len(header)
-    fields = [line.count(",") + 1 for line in lines] if rows is None else [*map(len, rows)]
-    if {*fields} != {width}:
-        number, count = next((n, count) for n, count in enumerate(fields) if count != width)
-        raise InputError(f"{count} fields, the header has {width}", file=file, where=f"data row {number}")
-    if rows is None:  # no list of fields for every row: there are hundreds of thousands
-        flat = ",".join(lines[1:]).split(",")
-        columns = [flat[k::width] for k in range(width)]
-    else:
-        columns = [list(column) for column in zip(*rows[1:], strict=True)]
-    quoted = "'" in text  # only then can a field need more than its blanks stripped
-    return {
-        name: [_shown(field.strip()) for field in column] if quoted else _stripped(column)
-        for name, column in zip(header, columns, strict=True)
-    }
+    done, width = 0, len(header)
+    while block := list(islice(lines, ROWS)):
+        text = "".join(block)
+        rows = list(csv.reader(block)) if '"' in text else None
+        fields = [line.count(",") + 1 for line in block] if rows is None else [*map(len, rows)]
+        if {*fields} != {width}:
+            number, count = next((n, count) for n, count in enumerate(fields, done + 1) if count != width)
+            raise InputError(f"{count} fields, the header has {width}", file=file, where=f"data row {number}")
+        if rows is None:  # no list of fields for every row
+            flat = ",".join(block).split(",")
+            columns = [flat[k::width] for k in range(width)]
+        else:
+            columns = [list(column) for column in zip(*rows, strict=True)]
+        done += len(fields)
+        quoted = "'" in text  # only then can a field need more than its blanks stripped
+        yield {
+            name: [_shown(field.strip()) for field in column] if quoted else _stripped(column)
+            for name, column in zip(header, columns, strict=True)
+        }
+    if not done:
+        raise InputError("holds no rows", file=file)
 
 
 def _stripped(column: list[str]) -> list[str]:
@@ -227,29 +299,30 @@ def _shown(field: str) -> str:
     return field[1:] if formula and field.startswith("'") else field
 
 
-def _column(columns: dict[str, list[str]], name: str, file: Path) -> list[str]:
-    if name not in columns:
-        raise InputError(f"column {name!r} is missing; there are {', '.join(columns)}", file=file)
-    return columns[name]
+def _plain_numbers(words: list[str]) -> Array | list[str]:
+    """Words as numbers, NaN where they are empty; as they are where one of them is no finite number in plain digits."""
+    if not "".join(words).translate(_NOTHING):
+        try:
+            out = np.fromiter(map(float, words if all(words) else [word or "nan" for word in words]), float, len(words))
+        except ValueError:
+            return words
+        if not np.isinf(out).any():
+            return out
+    return words
 
 
-def _numbers(columns: dict[str, list[str]], name: str, file: Path, *, empty: bool = False) -> Array:
-    texts = _column(columns, name, file)
-    if "".join(texts).translate(_NOTHING):
-        row = next(n for n, text in enumerate(texts) if not set(text) <= PLAIN)
-        raise InputError(
-            f"{texts[row]!r} is not a finite number in plain digits", file=file, where=f"data row {row + 1}, {name}"
-        )
-    try:
-        out = np.fromiter(map(float, texts if all(texts) else [text or "nan" for text in texts]), float, len(texts))
-    except ValueError:
-        out = np.array([_float_or_inf(text) for text in texts])
-    bad = ~np.isfinite(out)
-    if empty and bad.any():
-        bad &= np.array([text != "" for text in texts])
+def _numbers(words: list[str], name: str, file: Path, before: int) -> Array:
+    """Numbers of a block in which something is none; ``before``: rows of the table before it."""
+    if not set("".join(words)) <= PLAIN:
+        row = next(n for n, text in enumerate(words) if not set(text) <= PLAIN)
+        raise InputError(f"{words[row]!r} is not a finite number in plain digits", file=file,
+                         where=f"data row {before + row + 1}, {name}")  # fmt: skip
+    out = np.array([_float_or_inf(text) for text in words])
+    bad = np.isinf(out)
     if bad.any():
         row = int(np.flatnonzero(bad)[0])
-        raise InputError(f"{texts[row]!r} is not a finite number", file=file, where=f"data row {row + 1}, {name}")
+        raise InputError(f"{words[row]!r} is not a finite number", file=file,
+                         where=f"data row {before + row + 1}, {name}")  # fmt: skip
     return out
 
 
