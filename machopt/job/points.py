@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from machopt.plan.pipeline import Plan
 from machopt.plan.uncertainty import cost_gradient, spread_of
 
 Array = NDArray[np.float64]
+ROWS = 32_768  # of the table, worked out at once
 
 
 def reason_of(plan: Plan, point: int) -> Reason:
@@ -48,14 +50,14 @@ def point_results(plan: Plan, toolpath: Toolpath) -> PointResults:
     told = q if known is None else known.encoder_angles(q)
     ok = np.flatnonzero(a.reason[rows] == Reason.OK)
     axial, normal, paper, bend = (np.full(n, np.nan) for _ in range(4))
-    if len(ok):
-        elasticity, d = plan.setup.elasticity, plan.directions
-        at = rows[ok]
-        elastic = elasticity.at(q[ok], d.k[at])
-        axial[ok], normal[ok] = 1.0 / elastic.along(d.axial[at]), 1.0 / elastic.along(d.normal[at])
-        paper[ok] = elastic.jiao_index(d.axial[at])
+    elasticity, d = plan.setup.elasticity, plan.directions
+    for some in _blocks(ok):
+        at = rows[some]
+        elastic = elasticity.at(q[some], d.k[at])
+        axial[some], normal[some] = 1.0 / elastic.along(d.axial[at]), 1.0 / elastic.along(d.normal[at])
+        paper[some] = elastic.jiao_index(d.axial[at])
         if plan.options.force.given:
-            bend[ok] = np.linalg.norm(elastic.deflection(d.force[at]), axis=-1)
+            bend[some] = np.linalg.norm(elastic.deflection(d.force[at]), axis=-1)
     bend_std, axial_std = _uncertainty(plan, rows, ok, q, axial)
     clearance, pairs = np.full(n, np.nan), [""] * n
     model = plan.setup.collision
@@ -84,6 +86,11 @@ def point_results(plan: Plan, toolpath: Toolpath) -> PointResults:
     return PointResults(table, rows, tuple(pairs))
 
 
+def _blocks(rows: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:
+    """The rows, as many at a time as fit the memory whatever is worked out of them."""
+    return (rows[first : first + ROWS] for first in range(0, len(rows), ROWS))
+
+
 def _status(plan: Plan, rows: NDArray[np.intp]) -> tuple[str, ...]:
     """(N,) the word of :func:`reason_of`, which is asked only where it does not follow from the point alone."""
     reason = plan.chosen.assignment.reason[rows]
@@ -104,11 +111,14 @@ def _uncertainty(
     bend_std, axial_std = np.full(len(rows), np.nan), np.full(len(rows), np.nan)
     P, at, elasticity = len(plan.path.index), rows[ok], plan.setup.elasticity
     by_point = np.zeros((P, 6))
-    along = plan.directions.axial[at]
-    by_point[at] = elasticity.at(q[ok], plan.directions.k[at]).sensitivity(along, along, small=True)
+    for some in _blocks(ok):
+        along = plan.directions.axial[rows[some]]
+        elastic = elasticity.at(q[some], plan.directions.k[rows[some]])
+        by_point[rows[some]] = elastic.sensitivity(along, along, small=True)
     axial_std[ok] = spread.point_std(by_point)[at] * axial[ok] ** 2  # of 1/c
     if not plan.options.force.given:
         return None, axial_std
-    by_point[at] = cost_gradient(elasticity, plan.directions, at, q[ok], "deflection")
+    for some in _blocks(ok):
+        by_point[rows[some]] = cost_gradient(elasticity, plan.directions, rows[some], q[some], "deflection")
     bend_std[ok] = spread.point_std(by_point)[at]
     return bend_std, axial_std

@@ -16,6 +16,7 @@ from machopt.se3 import inverse, wrap
 
 Array = NDArray[np.float64]
 CONVERGED = 1e-9  # m and rad, the accuracy every exported configuration is held to
+ROWS = 4096  # solved at once: matrices of them stay in a core's cache, and a million points in memory
 SAME_BRANCH = np.radians(30.0)  # a Newton step that ends farther from its seed has left the branch
 
 
@@ -35,30 +36,35 @@ class Assignment:
 def realise(path: Path, arm: Arm, robot: Robot, phi: Array, seed: Array) -> Assignment:
     """Solve for the exact poses near ``seed`` (P, 6); rows with a NaN seed stay without a configuration."""
     P = len(path.index)
-    q = np.full((P, 6), np.nan)
-    reason = np.full(P, Reason.NO_PATH, np.uint8)
+    out = Assignment(
+        phi=phi, q=np.full((P, 6), np.nan), branch=np.full(P, -1, np.int32),
+        reason=np.full(P, Reason.NO_PATH, np.uint8), shoulder=np.full(P, np.nan), elbow=np.full(P, np.nan),
+        wrist=np.full(P, np.nan),
+    )  # fmt: skip
     known = np.flatnonzero(np.isfinite(seed).all(axis=1) & np.isfinite(phi))
-    poses = arm.T_base_workpiece @ tcp_poses(path, known.astype(np.int32), phi[known])
-    q[known], error = refine(robot, poses, seed[known], arm.T_flange_tcp, iterations=5)
-    bad = (error > CONVERGED) | (np.abs(q[known] - seed[known]).max(axis=1) > SAME_BRANCH)
-    q[known[bad]] = np.nan
-    good = known[~bad]
+    for first in range(0, len(known), ROWS):
+        _solved(path, arm, robot, known[first : first + ROWS], seed, out)
+    return out
+
+
+def _solved(path: Path, arm: Arm, robot: Robot, known: NDArray[np.intp], seed: Array, out: Assignment) -> None:
+    """Fill in the rows ``known`` (n,) of an assignment."""
+    poses = arm.T_base_workpiece @ tcp_poses(path, known.astype(np.int32), out.phi[known])
+    q, error = refine(robot, poses, seed[known], arm.T_flange_tcp, iterations=5)
+    bad = (error > CONVERGED) | (np.abs(q - seed[known]).max(axis=1) > SAME_BRANCH)
+    out.reason[known[bad]] = Reason.UNREACHABLE
+    good, q = known[~bad], q[~bad]
     branches = arm.solver.solve(poses[~bad] @ inverse(arm.T_flange_tcp))
-    distance = np.abs(wrap(branches.q - q[good][:, None])).max(axis=-1)
+    distance = np.abs(wrap(branches.q - q[:, None])).max(axis=-1)
     distance = np.where(np.isfinite(distance), distance, np.inf)
     b = distance.argmin(axis=1)
     rows = np.arange(len(good))
-    branch = np.full(P, -1, np.int32)
-    branch[good] = b
     why = branch_reasons(branches, arm.margins)[rows, b]
-    inside = ((q[good] >= arm.lower) & (q[good] <= arm.upper)).all(axis=1)
+    inside = ((q >= arm.lower) & (q <= arm.upper)).all(axis=1)
     why[(why == Reason.OK) & ~inside] = Reason.LIMIT
-    reason[known[bad]] = Reason.UNREACHABLE
-    reason[good] = why
-    margin = {name: np.full(P, np.nan) for name in ("shoulder", "elbow", "wrist")}
-    for name, values in margin.items():
-        values[good] = getattr(branches, name)[rows, b]
-    return Assignment(phi=phi, q=q, branch=branch, reason=reason, **margin)
+    out.q[good], out.branch[good], out.reason[good] = q, b, why
+    for name in ("shoulder", "elbow", "wrist"):
+        getattr(out, name)[good] = getattr(branches, name)[rows, b]
 
 
 def between_stations(path: Path, values: Array) -> Array:
