@@ -46,6 +46,7 @@ REACH = 5.0  # m: what a joint's last digit is worth there
 COARSE = 5.1e-5  # m/s: FANUC and Yaskawa print tenths of mm/s
 SAME = 1e-8  # rad: places ten metres away by a tenth of a micrometre
 TWICE = 1e-6  # m, and of a rotation's entries: both are printed to nine decimals of a degree
+ROWS = 20_000  # targets worked out at once
 STEPS, CLOSED, BESIDE_DEG = 5, 1e-8, 3.0  # of Newton's method to a target's own joints; m and rad; from the motion's
 FRAME = 1e-6  # m: frames are printed to 1e-3 mm at least
 FRAME_ANGLE = float(np.radians(2e-3))
@@ -323,9 +324,13 @@ class _Ground:
         The motion rounds what the program says at its targets; an axis may stand on the other side of zero there.
         """
         wanted = self.T_base_workpiece @ said.T_workpiece_tcp
-        q, error = refine(robot, wanted, near, self.cell.tool.T_flange_tcp, STEPS)
-        good = (error < CLOSED) & (np.abs(q - near).max(axis=1) < np.radians(BESIDE_DEG))
-        return np.where(good[:, None], q, near)
+        out = near.copy()
+        for first in range(0, len(near), ROWS):
+            some = slice(first, first + ROWS)
+            q, error = refine(robot, wanted[some], near[some], self.cell.tool.T_flange_tcp, STEPS)
+            good = (error < CLOSED) & (np.abs(q - near[some]).max(axis=1) < np.radians(BESIDE_DEG))
+            out[some][good] = q[good]
+        return out
 
 
 def _unread(file: str) -> Check:

@@ -100,6 +100,7 @@ class Rewritten:
         cell, n = self.cell, len(said)
         standing = posture_of(load_chain(cell)[0], q, controller)
         labels = list(dict.fromkeys(o for o in said.operation if o))
+        number = {"": -1, **{label: n for n, label in enumerate(labels)}}
         own = self.toolpath.events
         events = tuple(replace(e, index=r.index) for e, r in zip(own, parsed.events, strict=True)) if (
             len(own) == len(parsed.events)) else parsed.events  # fmt: skip
@@ -111,7 +112,7 @@ class Rewritten:
         return RobotProgram(
             kind=kind, q=q, T_workpiece_tcp=said.T_workpiece_tcp, feed=feed,
             cutting=(kind == LIN) & (said.move == Move.CUT), move=said.move,
-            operation=np.array([labels.index(o) if o else -1 for o in said.operation], np.int32),
+            operation=np.array([number[o] for o in said.operation], np.int32),
             operations=tuple(labels), T_flange_tcp=cell.tool.T_flange_tcp, T_base_workpiece=T_base_workpiece,
             ptp_speed=self.options.rapid_scale, events=events, blend=0.0 if said.streamed else self.tolerance.position,
             source=self.source, joint_names=cell.arm_joints, time=np.arange(n, dtype=float) if said.streamed else None,

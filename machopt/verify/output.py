@@ -25,7 +25,7 @@ from machopt.verify.labels import check_labels
 from machopt.verify.limits import check_limits
 from machopt.verify.material import level, outside_cuts, told_contacts
 from machopt.verify.path import check_path
-from machopt.verify.points import PointsCheck
+from machopt.verify.points import ROWS, PointsCheck
 from machopt.verify.ride import ride
 from machopt.verify.shift import Found, compare_shift, corners
 from machopt.verify.table import Motion, Points, read_motion, read_points, read_shift
@@ -83,8 +83,7 @@ def verify_output(
     if cell.external_joints:
         checks.append(not_run("points.csv", "its rows are recomputed only where no external axis moves"))
     else:
-        stance = arm.stance(np.nan_to_num(stood.q))
-        table = PointsCheck(cell, toolpath, points, arm, stance, options)
+        table = PointsCheck(cell, toolpath, points, arm, np.nan_to_num(stood.q), options)
         checks += [*table.all(motion, on), *_clearance(table, stood, bodies, wanted, options)]
         checks += check_asked(toolpath, points, np.flatnonzero(table.live), options)
     if shift is not None:
@@ -106,26 +105,28 @@ def _clearance(
     told = table.points.numbers["clearance_mm"][rows]
     if not options.collision:
         extra = np.where(np.isnan(told), 0.0, np.inf)
-        places = [f"{at} has one, but collisions are switched off" for at in table.where(rows)]
-        return [worst(name, "mm", extra, 0.0, places)] if len(rows) else []
+        at = table.where(rows)
+        told_off = [worst(name, "mm", extra, 0.0, lambda n: f"{at(n)} has one, but collisions are switched off")]
+        return told_off if len(rows) else []
     if not len(rows):
         return []
     if np.isnan(told).any():
-        lacking = table.where(rows[np.isnan(told)])[0]
+        lacking = table.where(rows[np.isnan(told)])(0)
         return [Check(name, False, np.nan, 1e3 * TOLERANCE, "mm", f"{lacking} is ok and has none")]
     named = table.points.words.get("nearest_pair")
     if named is None:
         return [Check("points.csv nearest_pair", False, np.nan, 0.0, "mm", "the column is missing")]
-    scene = Scene(table.arm, bodies, stood.q[rows])
-    found = check_clearances(
-        scene, wanted, told / 1e3, tuple(named[n] for n in rows), may_cut(table.toolpath)[table.k[rows]]
-    )
-    where = [f"{at}{f', {who}' if who else ''}" for at, who in zip(table.where(rows), found.pair, strict=True)]
+    graze, at = may_cut(table.toolpath)[table.k[rows]], table.where(rows)
+    short, beyond, pair = np.zeros(len(rows)), np.zeros(len(rows)), [""] * len(rows)
+    for first in range(0, len(rows), ROWS):
+        some = slice(first, first + ROWS)
+        scene = Scene(table.arm, bodies, stood.q[rows[some]])
+        found = check_clearances(scene, wanted, told[some] / 1e3, tuple(named[n] for n in rows[some]), graze[some])
+        short[some], beyond[some], pair[some] = found.short, found.beyond, found.pair
     return [
-        worst(name, "mm", 1e3 * found.short, 1e3 * TOLERANCE, where),
-        worst("points.csv nearest_pair", "mm", 1e3 * found.beyond, 0.0,
-              [f"{at}, {named[n] or 'none'}" for at, n in zip(table.where(rows), rows, strict=True)]),
-    ]  # fmt: skip
+        worst(name, "mm", 1e3 * short, 1e3 * TOLERANCE, lambda n: f"{at(n)}{f', {pair[n]}' if pair[n] else ''}"),
+        worst("points.csv nearest_pair", "mm", 1e3 * beyond, 0.0, lambda n: f"{at(n)}, {named[rows[n]] or 'none'}"),
+    ]
 
 
 def _shift_check(found: Found) -> Check:

@@ -23,6 +23,8 @@ deg, six joints) makes of the column.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,6 +44,7 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 PLACE_MM, AXIS, FEED_MM_MIN = 1e-6, 1e-9, 1e-3  # six, nine and three decimals, without the joints
+ROWS = 20_000  # of the table, recomputed at once
 ON_MM, ON_DEG = 1e-3, 1e-5  # FK: 6 × 5e-7 deg over a reach of metres is 2e-4 mm
 GAMMA_DEG = 1e-5
 ANGLE_DEG = 2e-5  # five decimals
@@ -58,19 +61,29 @@ class PointsCheck:
     """
 
     def __init__(
-        self, cell: Cell, toolpath: Toolpath, points: Points, arm: Arm, stance: Stance, options: PlanOptions
-    ) -> None:  # fmt: skip
+        self, cell: Cell, toolpath: Toolpath, points: Points, arm: Arm, q: Array, options: PlanOptions
+    ) -> None:
+        """Args: q (N, 6) rad, true angles of the rows."""
         self.cell, self.toolpath, self.points, self.options = cell, toolpath, points, options
-        self.arm, self.stance = arm, stance
+        self.arm, self.q = arm, q
         self.inside = (points.point >= 0) & (points.point < len(toolpath))
         self.k = np.clip(points.point, 0, len(toolpath) - 1)  # point of each row
         self.known: Bools = np.asarray(np.isfinite(points.q).all(axis=1))
         self.live = self.known & points.ok & self.inside
         self.directions = reference.at_points(toolpath)
-        self.tcp = np.linalg.inv(arm.T_base_workpiece) @ stance.tcp
+        self.tcp = np.empty((len(q), 4, 4))
+        for some, stance in self.stances(np.arange(len(q))):
+            self.tcp[some] = np.linalg.inv(arm.T_base_workpiece) @ stance.tcp
 
-    def where(self, rows: NDArray[np.intp]) -> list[str]:
-        return [f"point {self.points.point[n]}" for n in rows]
+    def stances(self, rows: NDArray[np.intp]) -> Iterator[tuple[slice, Stance]]:
+        """The arm at the given rows, so many at a time as fit the memory, and which of them these are."""
+        for first in range(0, len(rows), ROWS):
+            some = slice(first, first + ROWS)
+            yield some, self.arm.stance(self.q[rows[some]])
+
+    def where(self, rows: NDArray[np.intp]) -> Callable[[int], str]:
+        """Names the n-th of the rows."""
+        return lambda n: f"point {self.points.point[rows[n]]}"
 
     def all(self, motion: Motion, ride: Ride) -> list[Check]:
         """Every check but clearance and compensation."""
@@ -93,7 +106,7 @@ class PointsCheck:
         off = np.where(np.isnan(told[rows]) & np.isnan(wanted), 0.0, off)
 
         def told_and_wanted(n: int) -> str:
-            at = self.where(rows)[n]
+            at = self.where(rows)(n)
             follows = f"{wanted[n]:.7g} {unit} follows" if np.isfinite(wanted[n]) else "nothing follows"
             return (
                 f"{at}: {told[rows][n]:.7g} {unit}, {follows}"
@@ -201,15 +214,21 @@ class PointsCheck:
         rows = np.flatnonzero(self.known & self.inside)
         limits = self.cell.limits
         margin = posture.limit_margin(self.points.q[rows], limits.lower[:6], limits.upper[:6])
-        stands = posture.posture(self.stance.rows(rows))
+        singularity, branch = np.empty(len(rows)), np.empty(len(rows))
+        numbered = True
+        for some, stance in self.stances(rows):
+            stands = posture.posture(stance)
+            singularity[some] = stands.singularity
+            numbered = numbered and stands.branch is not None
+            branch[some] = np.nan if stands.branch is None else stands.branch
         out = [
             self.column("limit_margin_deg", np.degrees(margin), rows, "deg", ANGLE_DEG),
-            self.column("singularity", np.degrees(stands.singularity), rows, "deg", ANGLE_DEG),
+            self.column("singularity", np.degrees(singularity), rows, "deg", ANGLE_DEG),
         ]
-        if stands.branch is None:
+        if not numbered:
             why = "this arm has no branches by shape: they are numbered by the planner's solver"
             return [*out, not_run("points.csv branch", why)]
-        return [*out, self.column("branch", stands.branch.astype(float), rows, "1", 0.0)]
+        return [*out, self.column("branch", branch, rows, "1", 0.0)]
 
     def _stiffness(self) -> list[Check]:
         """The columns of :mod:`machopt.verify.elastic`."""
@@ -220,28 +239,33 @@ class PointsCheck:
             law = elastic.Elasticity(self.cell, self.arm, self.cell.stiffness)
         except UnknownTermError as error:
             return [not_run(name, f"no second law is written for {error}")]
-        rows = np.flatnonzero(self.live)
-        k, T = self.k[rows], self.arm.T_base_workpiece
-        R = T[:3, :3]
-        soft = law.at(self.stance.rows(rows), self.toolpath.position[k] @ R.T + T[:3, 3])
-        axis, travel = self.toolpath.axis[k], self.directions.travel[k]
-        e, across = axis @ R.T, np.cross(axis, travel) @ R.T
+        rows, T = np.flatnonzero(self.live), self.arm.T_base_workpiece
+        o, R, pull = self.options.force, T[:3, :3], sideways(self.toolpath)
+        axial, normal, held, bend, axial_std, bend_std = (np.full(len(rows), np.nan) for _ in range(6))
+        for some, stance in self.stances(rows):
+            k = self.k[rows[some]]
+            soft = law.at(stance, self.toolpath.position[k] @ R.T + T[:3, 3])
+            axis = self.toolpath.axis[k]
+            e, across = axis @ R.T, np.cross(axis, self.directions.travel[k]) @ R.T
+            force = elastic.force_at(pull[k], axis, o.travel, o.normal, o.axial) @ R.T
+            axial[some], normal[some], held[some] = soft.along(e), soft.along(across), soft.held(e)
+            if o.given:
+                bend[some] = np.linalg.norm(soft.displacement(force), axis=1)
+            if law.scatters:
+                axial_std[some] = law.std(soft, soft.axial_gradient(e)) * soft.along(e) ** 2
+                if o.given:
+                    bend_std[some] = law.std(soft, soft.bend_gradient(force))
         out = [
-            self.column("k_axial_N_mm", soft.along(e) / 1e3, rows, "N/mm", STIFF_N_MM, RELATIVE),
-            self.column("k_normal_N_mm", soft.along(across) / 1e3, rows, "N/mm", STIFF_N_MM, RELATIVE),
-        ]  # fmt: skip
+            self.column("k_axial_N_mm", axial / 1e3, rows, "N/mm", STIFF_N_MM, RELATIVE),
+            self.column("k_normal_N_mm", normal / 1e3, rows, "N/mm", STIFF_N_MM, RELATIVE),
+        ]
         if "k_jiao_x_N_mm" in self.points.numbers:
-            out.append(self.column("k_jiao_x_N_mm", soft.held(e) / 1e3, rows, "N/mm", STIFF_N_MM, RELATIVE))
-        o = self.options.force
-        force = elastic.force_at(sideways(self.toolpath)[k], axis, o.travel, o.normal, o.axial) @ R.T
-        bend = np.linalg.norm(soft.displacement(force), axis=1) if o.given else np.full(len(rows), np.nan)
+            out.append(self.column("k_jiao_x_N_mm", held / 1e3, rows, "N/mm", STIFF_N_MM, RELATIVE))
         out.append(self.column("deflection_mm", 1e3 * bend, rows, "mm", BEND_MM, RELATIVE if o.given else 0.0))
         if law.scatters:
-            sigma = law.std(soft, soft.axial_gradient(e)) * soft.along(e) ** 2
-            out.append(self.column("k_axial_std_N_mm", sigma / 1e3, rows, "N/mm", STIFF_N_MM, RELATIVE))
+            out.append(self.column("k_axial_std_N_mm", axial_std / 1e3, rows, "N/mm", STIFF_N_MM, RELATIVE))
             if o.given:
-                sigma = law.std(soft, soft.bend_gradient(force))
-                out.append(self.column("deflection_std_mm", 1e3 * sigma, rows, "mm", BEND_MM, RELATIVE))
+                out.append(self.column("deflection_std_mm", 1e3 * bend_std, rows, "mm", BEND_MM, RELATIVE))
         if law.stiffness.grid is not None:
             out.append(self._grid(law))
         return out
