@@ -14,13 +14,14 @@ from machopt.domain.options import FixedRotation, PlanOptions
 from machopt.domain.stiffness import Stiffness
 from machopt.domain.toolpath import Move
 from machopt.model import threads
+from machopt.model.ik import count_from, fewest_turns, turns
 from machopt.model.threads import cores, side_by_side
 from machopt.plan import candidates as module
 from machopt.plan.candidates import Candidates, enumerate_candidates
 from machopt.plan.path import Path as Way
 from machopt.plan.path import build_path, tcp_poses
 from machopt.plan.pipeline import Setup, prepare
-from machopt.se3 import inverse
+from machopt.se3 import inverse, wrap
 
 
 def leaning(n: int) -> Way:
@@ -69,7 +70,25 @@ def test_each_vertex_is_the_pose_asked_for(setup: Setup) -> None:
     reached = setup.robot.fk(c.q[s, r, b], arm.T_flange_tcp)
     np.testing.assert_allclose(reached, poses[s, r], atol=1e-9)
     one = arm.solver.solve(poses[4] @ inverse(arm.T_flange_tcp))
-    np.testing.assert_allclose(c.q[4], one.q, atol=1e-9)
+    np.testing.assert_allclose(wrap(c.q[4] - one.q), 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("upper", [100.0, 179.0, 185.0, 270.0, 350.0, 360.0, 720.0])
+@pytest.mark.parametrize("shift", [0.0, 150.0])
+def test_few_turns_reach_the_whole_range_of_a_joint(upper: float, shift: float) -> None:
+    limits = np.radians(np.full(6, shift - upper)), np.radians(np.full(6, shift + upper))
+    origin, windings = fewest_turns(*limits)
+    assert len(windings) <= len(turns(*limits))
+    assert not windings[0].any()
+    if upper in (185.0, 350.0):
+        assert len(windings) == 2**6
+    rng = np.random.default_rng(0)
+    for told in (limits[0][0], limits[1][0] - 1e-12, *rng.uniform(limits[0][0], limits[1][0], 50)):
+        q = np.full((1, 6), float(wrap(told)))
+        count_from(origin, q)
+        assert ((q >= origin - 1e-12) & (q <= origin + 2 * np.pi)).all()
+        if abs(told) < 3 * np.pi:  # as far as turns of one either way go
+            assert np.abs(q + windings - told).max(axis=1).min() < 1e-9
 
 
 def test_threads_are_the_cores_or_fewer_where_the_environment_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

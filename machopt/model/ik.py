@@ -49,14 +49,40 @@ def solver_for(robot: Robot) -> Solver:
 
 
 def turns(lower: Array, upper: Array) -> Array:
-    """(T, 6) whole turns in rad that can bring an angle of (−π, π] inside the limits, zero first."""
+    """(T, J) whole turns in rad that can bring angles of (−π, π] inside the limits (J,), zero first."""
     per_joint = []
     for low, high in zip(lower, upper, strict=True):
         k = [0] + [n for n in (-1, 1) if low <= np.pi + 2 * np.pi * n and high > -np.pi + 2 * np.pi * n]
         per_joint.append(2 * np.pi * np.array(k, float))
-    mesh = np.stack(np.meshgrid(*per_joint, indexing="ij"), axis=-1).reshape(-1, 6)
+    mesh = np.stack(np.meshgrid(*per_joint, indexing="ij"), axis=-1).reshape(-1, len(lower))
     order = np.argsort(np.abs(mesh).sum(axis=1), kind="stable")
     return mesh[order]
+
+
+def fewest_turns(lower: Array, upper: Array) -> tuple[Array, Array]:
+    """Where each joint's angles are counted from so that few whole turns reach all of its range.
+
+    A joint of ±350° has three turns of angles in (−π, π], of which each angle uses two; counted from −350° it has two.
+
+    Returns:
+        (6,) rad, the origin, angles are told in [origin, origin + 2π); (T, 6) rad, the turns that can bring these
+        inside the limits, zero first.
+    """
+    origin = np.full(6, -np.pi)
+    per_joint: list[Array] = []
+    for i, (low, high) in enumerate(zip(lower, upper, strict=True)):
+        k = turns(np.array([low]), np.array([high]))[:, 0]
+        needed = int(np.ceil((high - low) / (2 * np.pi)))
+        if 0 < needed < len(k):
+            origin[i], k = low, np.asarray(np.arange(needed) * (2 * np.pi))
+        per_joint.append(k)
+    return origin, np.stack(np.meshgrid(*per_joint, indexing="ij"), axis=-1).reshape(-1, 6)
+
+
+def count_from(origin: Array, q: Array) -> None:
+    """Bring angles q (..., 6) of (−π, π] into [origin, origin + 2π), in place."""
+    for i in np.flatnonzero(origin != -np.pi):
+        q[..., i] += 2 * np.pi * np.ceil((origin[i] - q[..., i]) / (2 * np.pi))
 
 
 def branch_reasons(branches: Branches, margins: Margins) -> NDArray[np.uint8]:

@@ -42,6 +42,7 @@ class GeneralBranches:
         found = self.general.solve_grid(T_base_flange).reshape(N * R, self.branches, 6)
         if q is not None:
             q[:] = found
+            found = q
         return self._measured(T_base_flange.reshape(N * R, 4, 4), found)
 
     def _measured(self, T: Array, q: Array) -> Branches:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
-from machopt.model.ik import Margins, Solver, judged, turns
+from machopt.model.ik import Margins, Solver, count_from, fewest_turns, judged, turns
 from machopt.model.threads import side_by_side
 from machopt.plan.path import Path, tcp_poses
 from machopt.se3 import inverse, wrap
@@ -30,15 +30,18 @@ class Arm:
     T_flange_tcp: Array  # (4, 4)
     lower: Array  # (6,) rad, limit margin taken off
     upper: Array  # (6,)
-    turns: Array  # (T, 6) rad, whole turns that can fit the limits
+    turns: Array  # (K, 6) rad, whole turns that can bring joints in (−π, π] inside the limits
+    origin: Array  # (6,) rad, candidates' joints are counted from it: in [origin, origin + 2π)
+    windings: Array  # (T, 6) rad, whole turns that can bring those inside the limits
     margins: Margins
 
     @classmethod
     def of(cls, cell: Cell, solver: Solver, options: PlanOptions) -> Arm:
         lower = cell.limits.lower[:6] + options.limit_margin
         upper = cell.limits.upper[:6] - options.limit_margin
+        origin, windings = fewest_turns(lower, upper)
         return cls(
-            solver=solver,
+            solver=solver, origin=origin, windings=windings,
             T_base_workpiece=inverse(cell.T_world_base) @ cell.workpiece.T_link_workpiece,
             T_flange_tcp=cell.tool.T_flange_tcp, lower=lower, upper=upper, turns=turns(lower, upper),
             margins=Margins(options.singularity_wrist, options.singularity_elbow, options.singularity_shoulder,
@@ -51,7 +54,7 @@ class Candidates:
     """Fixed shapes: S stations, R rotations, B branches, T turns."""
 
     phi: Array  # (R,) rad, the grid about the carried reference, full circle
-    q: Array  # (S, R, B, 6) rad in (−π, π], NaN where the branch does not exist
+    q: Array  # (S, R, B, 6) rad in [origin, origin + 2π), NaN where the branch does not exist
     turns: Array  # (T, 6) rad, the whole turns that occur; q + turns[t] is what the robot is told
     reason: NDArray[np.uint8]  # (S, R, B) Reason; OK where at least one turn lies within the limits
     feasible: NDArray[np.bool_]  # (S, R, B, T)
@@ -76,7 +79,7 @@ def enumerate_candidates(path: Path, arm: Arm, options: PlanOptions) -> Candidat
     """Solve the inverse kinematics of every station × rotation and sort out what limits and margins forbid."""
     R = max(round(2 * np.pi / options.rotation_step), 1)
     phi: Array = np.asarray(np.arange(R) * (2 * np.pi / R) - np.pi, float)
-    S, B, T = len(path.stations), arm.solver.branches, len(arm.turns)
+    S, B, T = len(path.stations), arm.solver.branches, len(arm.windings)
     q = np.empty((S, R, B, 6))
     reason = np.empty((S, R, B), np.uint8)
     shortfall = np.empty(S)
@@ -91,7 +94,8 @@ def enumerate_candidates(path: Path, arm: Arm, options: PlanOptions) -> Candidat
         poses += np.sin(angle) * sine[rows]
         n = len(poses)
         branches = arm.solver.solve_grid(poses, q[rows].reshape(n * R, B, 6))
-        why, fits = judged(branches, arm.margins, arm.turns, arm.lower, arm.upper)
+        count_from(arm.origin, branches.q)
+        why, fits = judged(branches, arm.margins, arm.windings, arm.lower, arm.upper)
         reason[rows] = why.reshape(n, R, B)
         shortfall[rows] = branches.shortfall.reshape(n, R).min(axis=1)
         occur = np.flatnonzero(fits.any(axis=(0, 1)))
@@ -112,7 +116,7 @@ def enumerate_candidates(path: Path, arm: Arm, options: PlanOptions) -> Candidat
     return Candidates(
         phi=phi,
         q=q,
-        turns=arm.turns[used],
+        turns=arm.windings[used],
         reason=reason,
         feasible=feasible,
         stable=arm.solver.branch_stable,

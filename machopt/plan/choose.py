@@ -24,6 +24,8 @@ from machopt.se3 import wrap
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
+Bools = NDArray[np.bool_]
+TWO_PI = 2.0 * np.pi
 TURNING = AXIS_SPEED  # share of the slowest axis's velocity limit that rotation about the tool axis may take
 MAX_TURN = np.radians(80.0)  # of the rotation between neighbouring stations
 FREE, LIFT = -1, -2
@@ -139,7 +141,11 @@ class Grid:
         part.window[broken] = LIFT  # a cap may add no further break
         traded = part.traded(self.candidates.feasible, Capped(vertex, value, part.most(vertex)))
         return self._made(
-            traded.best.vertex, tuple(np.flatnonzero(broken).tolist()), traded.total, traded.bound, reached
+            part.near_zero(traded.best.vertex),
+            tuple(np.flatnonzero(broken).tolist()),
+            traded.total,
+            traded.bound,
+            reached,
         )
 
     def again(self, choice: Choice, first: int, last: int, edges: Edges) -> Choice | None:
@@ -208,7 +214,7 @@ class _Part:
         self.raw, self.counted = self.grid.raw[self.rows], self.grid.counted[self.rows]
 
     def solve(
-        self, mask: NDArray[np.bool_], limit: float = np.inf, edges: Edges | None = None
+        self, mask: NDArray[np.bool_], limit: float = np.inf, edges: Edges | None = None, loose: bool = False
     ) -> tuple[Ints, float, int, NDArray[np.bool_], NDArray[np.bool_]]:
         """As :func:`machopt.plan.sequence.cheapest_sequence` says; ``limit`` is on the value of the stretch."""
         g, rows = self.grid, self.rows
@@ -217,7 +223,7 @@ class _Part:
         answer: tuple[Ints, float, int, NDArray[np.bool_], NDArray[np.bool_]] = cheapest_sequence(
             g.node[rows],
             g.candidates.q[rows],
-            g.candidates.turns,
+            np.zeros((1, 6)) if loose else g.candidates.turns,
             mask,
             self.window,
             g.candidates.stable,
@@ -232,21 +238,108 @@ class _Part:
             before,
             edges.source,
             edges.target,
+            loose,
         )
         return answer
+
+    def below(self, mask: Bools, some: Bools, allowed: Bools, limit: float) -> tuple[Ints, float] | None:
+        """The cheapest sequence over allowed (S, R, B) vertices, and its value; None where none is below ``limit``.
+
+        Whole turns change no price, only what fits the limits. So it is first looked for as if every turn fitted: where
+        its turns do, as they mostly do, no other sequence is cheaper. ``some`` (S, R, B) is mask.any(axis=3).
+        """
+        if mask.shape[3] > 1:
+            vertex, value, stop, *_ = self.solve((some & allowed)[..., None], limit, self._in_every_turn(), loose=True)
+            if stop >= 0:
+                return None
+            turned = self._fitting(vertex, self._joined(vertex), mask)
+            if turned is not None:
+                return turned, value
+        vertex, value, stop, *_ = self.solve(mask & allowed[..., None], limit)
+        return None if stop >= 0 else (vertex, value)
+
+    def near_zero(self, vertex: Ints) -> Ints:
+        """The sequence (S, 3) by whole turns nearer to zero at its end, where all of it can be, at the same price."""
+        g = self.grid.candidates
+        turned = self._fitting(vertex, np.round(g.turns / TWO_PI).astype(int)[vertex[:, 2]], g.feasible[self.rows])
+        return vertex if turned is None else turned
+
+    def _joined(self, vertex: Ints) -> NDArray[np.int_]:
+        """(S, 6) whole turns with which every joint takes the shorter way from station to station."""
+        kept = np.flatnonzero(vertex[:, 0] >= 0)
+        q = self.grid.candidates.q[self.rows][kept, vertex[kept, 0], vertex[kept, 1]]
+        out = np.zeros((len(vertex), 6), int)
+        if len(kept):
+            out[kept[1:]] = -np.cumsum(np.round(np.diff(q, axis=0) / TWO_PI).astype(int), axis=0)
+        return out
+
+    def _fitting(self, vertex: Ints, whole: NDArray[np.int_], mask: Bools) -> Ints | None:
+        """The sequence turned as ``whole`` (S, 6) says, but for turns of all of it alike, so that ``mask`` and the ways
+        allow it; of these the one whose end is nearest to zero, or None."""
+        c = self.grid.candidates
+        kept = np.flatnonzero(vertex[:, 0] >= 0)
+        if not len(kept):
+            return vertex
+        turns = np.round(c.turns / TWO_PI).astype(int)
+        index = np.full((3,) * 6, -1)
+        index[tuple((turns + 1).T)] = np.arange(len(turns))
+        r, b = vertex[kept, 0], vertex[kept, 1]
+        asked = whole[kept]
+        ends = turns - asked[-1]  # by how much all of it is turned, for each turn that the end may have
+        inside = ((asked.min(axis=0) + ends >= -1) & (asked.max(axis=0) + ends <= 1)).all(axis=1)
+        end = c.q[self.rows][kept[-1], r[-1], b[-1]] + c.turns
+        away = np.ceil((end - np.pi) / TWO_PI - 1e-12).astype(int)  # (T, 6) turns from (−π, π]
+        order = sorted(np.flatnonzero(inside).tolist(), key=lambda t: (int(np.abs(away[t]).sum()), *(-away[t] % 3)))
+        for t in order:
+            turn = index[tuple((asked + ends[t] + 1).T)]
+            if (turn >= 0).all() and mask[kept, r, b, turn].all():
+                out = vertex.copy()
+                out[kept, 2] = turn
+                if not self._forbidden(out[kept], kept):
+                    return out
+        return None
+
+    def _forbidden(self, vertex: Ints, kept: NDArray[np.intp]) -> bool:
+        """A sequence goes a way that must not be taken."""
+        _, _, B, T = self.grid.candidates.feasible.shape
+        e = self.edges
+        flat = np.full(self.rows.stop - self.rows.start, -1)
+        flat[kept] = (vertex[:, 0].astype(int) * B + vertex[:, 1]) * T + vertex[:, 2]
+        before = np.full(len(flat), -1)
+        before[kept[1:]] = flat[kept[:-1]]
+        s = e.station - self.rows.start
+        mine = (s >= 0) & (s < len(flat))
+        s = s[mine]
+        return bool(((flat[s] == e.target[mine]) & (before[s] == e.source[mine])).any())
+
+    def _in_every_turn(self) -> Edges:
+        """The ways that must not be taken in any turn, with vertices counted without turns."""
+        e, feasible = self.edges, self.grid.candidates.feasible
+        if not len(e):
+            return e
+        _, _, B, T = feasible.shape
+        source, target = e.source // T, e.target // T
+        way, which = np.unique(np.column_stack([e.station, source, target]), axis=0, return_inverse=True)
+        count = np.bincount(which.ravel(), minlength=len(way))
+        s, u = way.T[:2]
+        turns = feasible[np.maximum(s - 1, 0), u // B, u % B].sum(axis=1) * T
+        return Edges(*np.ascontiguousarray(way[count >= np.maximum(turns, 1)].T.astype(np.int32)))
 
     def traded(self, mask: NDArray[np.bool_], free: Capped) -> Traded:
         """The best sequence under caps on the worst index, from the best without one."""
         kept = free.vertex[:, 0] >= 0
         at = np.flatnonzero(kept & self.counted)
+        some = np.asarray(mask.any(axis=3))
 
         def under(cap: float, limit: float) -> Capped | None:
             if cap < self.worst_elsewhere:
                 return None
             allowed = (self.raw <= cap) | ~self.counted[:, None, None]
-            vertex, value, stop, *_ = self.solve(mask & allowed[..., None], limit - self.value_elsewhere)
-            lost = stop >= 0 or ((vertex[:, 0] < 0) & kept).any()
-            return None if lost else Capped(vertex, value + self.value_elsewhere, self.most(vertex))
+            found = self.below(mask, some, allowed, limit - self.value_elsewhere)
+            if found is None or ((found[0][:, 0] < 0) & kept).any():
+                return None
+            vertex, value = found
+            return Capped(vertex, value + self.value_elsewhere, self.most(vertex))
 
         floor = max(float(self.raw[at].min(axis=(1, 2)).max(initial=0.0)), self.worst_elsewhere)
         return trade(free, floor, self.grid.worst, under)

@@ -165,8 +165,10 @@ _HELP = {
 
 def _limiting_joint(plan: Plan, s: int) -> str:
     """The joint whose limit is missed by least, and by how much."""
-    q = plan.candidates.q[s][plan.candidates.reason[s] == Reason.LIMIT][:, None] + plan.setup.arm.turns  # (L, T, 6)
     arm = plan.setup.arm
+    q = (
+        np.asarray(wrap(plan.candidates.q[s][plan.candidates.reason[s] == Reason.LIMIT]))[:, None] + arm.turns
+    )  # (L, K, 6)
     over = np.maximum(arm.lower - q, q - arm.upper).clip(min=0.0)
     best = np.unravel_index(over.max(axis=-1).argmin(), over.shape[:2])
     joint = int(over[best].argmax())

@@ -20,7 +20,7 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
     ("model.ik", "_judge", f"{_F3},{_F3},{_F1},{_F2},{_F1},{_F1},u1[:,::1],b1[:,:,::1]"),
     ("plan.baseline", "_nearest_to_last", f"{_F3},u1[:,::1],b1[::1],{_F2},{_F1},{_F1},{_FIXED}"),
     ("plan.sequence", "cheapest_sequence",
-     f"{_F3},f8[:,:,:,::1],{_F2},b1[:,:,:,::1],{_S1},b1,{_S1},{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},f8,{_I1},{_S1},{_S1}"),
+     f"{_F3},f8[:,:,:,::1],{_F2},b1[:,:,:,::1],{_S1},b1,{_S1},{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},f8,{_I1},{_S1},{_S1},b1"),
     ("model.triangles", "follow",
      f"{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},{_F2},{_I1},{_I1},{_I1},{_I1},{_I1},{_F3},{_F1},f8[:],{_F1}"),
     ("model.touching", "_rows",

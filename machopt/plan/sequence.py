@@ -103,7 +103,7 @@ def _groups(before: Array, q: Array, turns: Array) -> Any:  # numba infers
 @compiled
 def cheapest_sequence(
     node: Any, q: Any, turns: Any, feasible: Any, window: Any, stable: Any, shift: Any, seconds: Any, slowness: Any,
-    price_q: Any, price_r: Any, price_t: Any, nudged: Any, limit: float, ban: Any, ban_u: Any, ban_v: Any,
+    price_q: Any, price_r: Any, price_t: Any, nudged: Any, limit: float, ban: Any, ban_u: Any, ban_v: Any, loose: bool,
 ) -> Any:  # numba infers  # fmt: skip
     """Cheapest sequence; returns (S, 3) rotation, branch, turn (−1 where dropped), its value, where it stopped, breaks
     (S,) and what is reached (S, V).
@@ -112,7 +112,8 @@ def cheapest_sequence(
     (S,) rad is how far its grid is turned against that of the station before. A break is a station inside a run that
     no vertex of the station before reaches continuously; the sequence goes on there as after a rapid move. With a
     finite ``limit`` only sequences below it are looked for, without breaks, and ``stop`` ≥ 0 is where the last of them
-    ends. ``ban[s]`` … ``ban[s + 1]`` are the forbidden edges into s.
+    ends. ``ban[s]`` … ``ban[s + 1]`` are the forbidden edges into s. ``loose``, with one turn only: whole turns cost
+    nothing and have no limits, so that the value is at most that with the turns told apart.
     """
     S, R, B, T = feasible.shape
     inf = np.inf
@@ -195,7 +196,8 @@ def cheapest_sequence(
                                 if before[u] < value:
                                     step = 0.0
                                     for i in range(6):
-                                        step += abs(q[s, r, b, i] + turns[t, i] - q[last, ru, b, i] - turns[tu, i])
+                                        x = abs(q[s, r, b, i] + turns[t, i] - q[last, ru, b, i] - turns[tu, i])
+                                        step += abs(x - twopi * round(x / twopi)) if loose else x
                                     if before[u] + price_q[s] * step < value:
                                         value, source = before[u] + price_q[s] * step, u
                             for g in range(len(cheapest)):
@@ -205,7 +207,7 @@ def cheapest_sequence(
                                 for i in range(6):
                                     x = q[s, r, b, i] + turns[t, i]
                                     away += max(corner[g, 0, i] - x, 0.0) + max(x - corner[g, 1, i], 0.0)
-                                if cheapest[g] + price_q[s] * away >= value:
+                                if not loose and cheapest[g] + price_q[s] * away >= value:
                                     continue
                                 for j in range(group[g, 0], group[g, 1]):
                                     u = members[j]
@@ -214,7 +216,8 @@ def cheapest_sequence(
                                     rj, bj, tj = u // (B * T), u // T % B, u % T
                                     step = 0.0
                                     for i in range(6):
-                                        step += abs(q[s, r, b, i] + turns[t, i] - q[last, rj, bj, i] - turns[tj, i])
+                                        x = abs(q[s, r, b, i] + turns[t, i] - q[last, rj, bj, i] - turns[tj, i])
+                                        step += abs(x - twopi * round(x / twopi)) if loose else x
                                     if before[u] + price_q[s] * step < value:
                                         value, source = before[u] + price_q[s] * step, u
                         values[t], sources[t] = value, source
@@ -249,7 +252,7 @@ def cheapest_sequence(
                             edge = edge_price_compiled(step, turn, late, price_q[s], price_r[s], price_t[s])
                             better = False
                             for t in range(T):
-                                tu = source_turn[code, t]
+                                tu = 0 if loose else source_turn[code, t]
                                 if tu < 0 or not feasible[s, r, b, t]:
                                     continue
                                 u = (ru * B + bu) * T + tu
