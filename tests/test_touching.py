@@ -9,8 +9,7 @@ import trimesh
 from small_cell import pose
 
 from machopt.model.bodies import Body, inside, may_hold
-from machopt.model.touching import BLOCK, nearer
-from machopt.model.triangles import mesh_of
+from machopt.model.touching import BLOCK, nearer, outline_of
 
 
 def body_of(mesh: trimesh.Trimesh) -> Body:
@@ -48,13 +47,26 @@ def test_as_fcl_says(limit: float) -> None:
         cross = fcl.collide(*objects, fcl.CollisionRequest(), fcl.CollisionResult())
         apart = fcl.distance(*objects, fcl.DistanceRequest(), fcl.DistanceResult())
         want.append(bool(cross) or apart < limit)
-    found = nearer(mesh_of(body_of(a)), mesh_of(body_of(b)), T, limit)
+    found = nearer(outline_of(body_of(a)), outline_of(body_of(b)), T, limit)
     assert np.array_equal(found, want)
     assert 50 < found.sum() < 550
 
 
+def test_flat_and_hollow_bodies() -> None:
+    """A sheet has no hull of its own, and what lies in a bowl is inside its hull but does not touch it."""
+    sheet = body_of(trimesh.Trimesh([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]]))
+    bowl = trimesh.creation.icosphere(subdivisions=2, radius=1.0)
+    bowl.update_faces(bowl.triangles_center[:, 2] < 0.3)
+    ball = body_of(trimesh.creation.icosphere(subdivisions=1, radius=0.1))
+    T = np.tile(np.eye(4), (3, 1, 1))
+    T[:, 2, 3] = 0.05, 0.12, 0.4
+    assert nearer(outline_of(sheet), outline_of(ball), T, 0.03).tolist() == [True, True, False]
+    T[:, 2, 3] = 0.0, -0.88, -0.95
+    assert nearer(outline_of(body_of(bowl)), outline_of(ball), T, 0.03).tolist() == [False, True, True]
+
+
 def test_long_inputs_are_put_together_in_order() -> None:
-    a = mesh_of(body_of(trimesh.creation.box((0.3, 0.3, 0.3))))
+    a = outline_of(body_of(trimesh.creation.box((0.3, 0.3, 0.3))))
     T = placements(2 * BLOCK + 7, 0.3)
     whole = nearer(a, a, T, 0.05)
     assert np.array_equal(whole, np.concatenate([nearer(a, a, T[n : n + 100], 0.05) for n in range(0, len(T), 100)]))

@@ -36,8 +36,7 @@ from machopt.model.bounds import Memory, PairStack, Rows, densify
 from machopt.model.nearest import CAP, Nearest, nearest_of
 from machopt.model.robot import LinkShape, Robot
 from machopt.model.surfaces import Surfaces
-from machopt.model.touching import nearer
-from machopt.model.triangles import mesh_of
+from machopt.model.touching import nearer, outline_of
 from machopt.se3 import inverse
 
 Array = NDArray[np.float64]
@@ -130,7 +129,7 @@ class CollisionModel:
                     wanted.append((i, len(self._bodies), False))
             self._bodies += [cutter, drawn_in]
         self.surfaces = Surfaces(self._bodies)
-        self.meshes = [mesh_of(body) for body in self._bodies]
+        self.outlines = [outline_of(body) for body in self._bodies]
         self.excluded: tuple[Excluded, ...] = ()
         self._take([(i, j) for i, j, _ in wanted], [touch for *_, touch in wanted])
         self._exclude(wanted)
@@ -215,7 +214,7 @@ class CollisionModel:
             cap: m, distances above it are not measured.
         """
         asked = ~(np.asarray(cutting, bool)[:, None] & self._spared)
-        return nearest_of(self.stack, self.surfaces, self.meshes, np.asarray(q, float), asked, cap)
+        return nearest_of(self.stack, self.surfaces, [o.mesh for o in self.outlines], np.asarray(q, float), asked, cap)
 
     def _take(self, indices: list[tuple[int, int]], touch: list[bool]) -> None:
         bodies = self._bodies
@@ -274,7 +273,7 @@ class CollisionModel:
     def _near(self, p: int, T: Array) -> Bools:
         """(S,) pair p touches or is nearer than its clearance, with its second body moved by T (S, 4, 4)."""
         i, j = self.stack.index[p]
-        out = nearer(self.meshes[i], self.meshes[j], T, self.pairs[p].clearance)
+        out = nearer(self.outlines[i], self.outlines[j], T, self.pairs[p].clearance)
         for n in np.flatnonzero(~out & may_hold(self._bodies[i], self._bodies[j], T)).tolist():
             out[n] = self.surfaces.contained((i, j), T[n])
         return out

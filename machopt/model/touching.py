@@ -1,27 +1,52 @@
 """Which of many placements bring two surfaces nearer than a limit: yes or no, without the distance (compiled).
 
-A limit prunes more than a distance that is still unknown, so the two trees of boxes (:mod:`machopt.model.triangles`)
-are gone down without moving the second surface first: a box of it is placed when it is looked at, as the box along the
-first one's axes around the turned box, and triangles only in boxes that come near each other.
+Mostly a plane between the convex hulls of the two shows that they are apart; it is looked for along the shortest way
+between the hulls (Gilbert 1966), which a few steps come near enough to. Else the two trees of boxes
+(:mod:`machopt.model.triangles`) are gone down. The second surface is not moved first: a box of it is placed when it is
+looked at, as the box along the first one's axes around the turned box, and triangles in boxes that are near each other.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from machopt.compiled import compiled
+from machopt.model.bodies import Body
 from machopt.model.threads import side_by_side
-from machopt.model.triangles import DEPTH, Mesh, triangles
+from machopt.model.triangles import DEPTH, Mesh, mesh_of, triangles
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 BLOCK = 2048  # placements of one task, whatever the number of cores
 TOUCH = 1e-9  # m, below which surfaces cross
+STEPS = 10  # towards the shortest way between two hulls
 
 
-def nearer(a: Mesh, b: Mesh, T: Array, limit: float) -> Bools:
+@dataclass(frozen=True)
+class Outline:
+    """A body's triangles, and corners (V, 3) m that span a convex body around them, in base_link at q = 0."""
+
+    mesh: Mesh
+    hull: Array
+
+
+def outline_of(body: Body) -> Outline:
+    """Boxes around a body's triangles, and its convex hull."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        hull = body.vertices[ConvexHull(body.vertices).vertices]
+    except QhullError:  # flat: the box around it will do
+        signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
+        hull = body.box_centre + (signs * body.box_half) @ body.box_rotation.T
+    return Outline(mesh_of(body), np.ascontiguousarray(hull))
+
+
+def nearer(a: Outline, b: Outline, T: Array, limit: float) -> Bools:
     """(S,) whether the surfaces cross or are nearer than ``limit`` m, with b moved by T (S, 4, 4) seen from a.
 
     Quickest where neighbouring rows are neighbouring placements. What is wholly inside is apart.
@@ -29,14 +54,60 @@ def nearer(a: Mesh, b: Mesh, T: Array, limit: float) -> Bools:
     T = np.ascontiguousarray(T, float)
     limit = max(limit, TOUCH)
 
+    x, y = a.mesh, b.mesh
+
     def block(start: int) -> Bools:
-        found: Bools = _rows(
-            a.corners, a.normals, a.low, a.high, a.child, a.first, a.count, a.order,
-            b.corners, b.normals, b.low, b.high, b.child, b.first, b.count, b.order, T[start : start + BLOCK], limit,
+        some = T[start : start + BLOCK]
+        out: Bools = ~_between(a.hull, b.hull, some, limit)
+        left = np.flatnonzero(out)
+        out[left] = _rows(
+            x.corners, x.normals, x.low, x.high, x.child, x.first, x.count, x.order,
+            y.corners, y.normals, y.low, y.high, y.child, y.first, y.count, y.order, some[left], limit,
         )  # fmt: skip
-        return found
+        return out
 
     return np.concatenate([np.zeros(0, bool), *side_by_side(block, range(0, len(T), BLOCK))])
+
+
+@compiled
+def _between(a: Array, b: Array, T: Array, limit: float) -> NDArray[np.bool_]:
+    """(S,) whether a plane was found that parts the points a (V, 3) and b (W, 3), moved by T, by ``limit`` m."""
+    out = np.zeros(len(T), np.bool_)
+    v, turned = np.zeros(3), np.zeros(3)  # from b to a, between two points of the hulls; seen from b
+    for n in range(len(T)):
+        M = T[n]
+        for c in range(3):
+            v[c] = a[0, c] - (M[c, 0] * b[0, 0] + M[c, 1] * b[0, 1] + M[c, 2] * b[0, 2] + M[c, 3])
+        for _ in range(STEPS):
+            length = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+            if length < TOUCH:
+                break
+            low, high, i, j = np.inf, -np.inf, 0, 0
+            for k in range(len(a)):
+                along = a[k, 0] * v[0] + a[k, 1] * v[1] + a[k, 2] * v[2]
+                if along < low:
+                    low, i = along, k
+            for c in range(3):
+                turned[c] = M[0, c] * v[0] + M[1, c] * v[1] + M[2, c] * v[2]
+            for k in range(len(b)):
+                along = b[k, 0] * turned[0] + b[k, 1] * turned[1] + b[k, 2] * turned[2]
+                if along > high:
+                    high, j = along, k
+            high += M[0, 3] * v[0] + M[1, 3] * v[1] + M[2, 3] * v[2]
+            if low - high >= limit * length:
+                out[n] = True
+                break
+            square, towards = 0.0, 0.0
+            for c in range(3):  # the point nearest to zero between v and the difference of the two outermost points
+                turned[c] = a[i, c] - (M[c, 0] * b[j, 0] + M[c, 1] * b[j, 1] + M[c, 2] * b[j, 2] + M[c, 3]) - v[c]
+                square += turned[c] * turned[c]
+                towards -= v[c] * turned[c]
+            if towards <= 0.0:
+                break
+            share = min(towards / square, 1.0)
+            for c in range(3):
+                v[c] += share * turned[c]
+    return out
 
 
 @compiled

@@ -52,6 +52,8 @@ class Ahead:
             vertices, pair = self._ring(vertices, pair)
             if len(vertices):
                 s, r, b = np.unravel_index(vertices, self.pairs.shape)
+                order = np.lexsort((s, r, b))  # along the path: there the same two triangles often touch on
+                vertices, pair, s, r, b = (x[order] for x in (vertices, pair, s, r, b))
                 hit = self.model.touching(self.candidates.q[s, r, b], pair)
                 looked += len(vertices)
                 vertices, pair = vertices[hit], pair[hit]

@@ -23,6 +23,7 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
      f"{_F3},f8[:,:,:,::1],{_F2},b1[:,:,:,::1],{_S1},b1,{_S1},{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},f8,{_I1},{_S1},{_S1},b1"),
     ("model.triangles", "follow",
      f"{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},{_F2},{_I1},{_I1},{_I1},{_I1},{_I1},{_F3},{_F1},f8[:],{_F1}"),
+    ("model.touching", "_between", f"{_F2},{_F2},{_F3},f8"),
     ("model.touching", "_rows",
      f"{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},f8"),
     ("plan.blend", "_carry", f"{_F2},{_F1}"),
