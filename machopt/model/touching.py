@@ -17,6 +17,7 @@ from machopt.compiled import compiled
 from machopt.model.bodies import Body
 from machopt.model.threads import side_by_side
 from machopt.model.triangles import DEPTH, Mesh, mesh_of, triangles
+from machopt.se3 import inverse
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -32,6 +33,7 @@ class Outline:
 
     mesh: Mesh
     hull: Array
+    grain: float  # m, mean diagonal of the smallest boxes
 
 
 def outline_of(body: Body) -> Outline:
@@ -43,7 +45,10 @@ def outline_of(body: Body) -> Outline:
     except QhullError:  # flat: the box around it will do
         signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
         hull = body.box_centre + (signs * body.box_half) @ body.box_rotation.T
-    return Outline(mesh_of(body), np.ascontiguousarray(hull))
+    mesh = mesh_of(body)
+    leaf = mesh.child < 0
+    grain = np.linalg.norm(mesh.high[leaf] - mesh.low[leaf], axis=1).mean()
+    return Outline(mesh, np.ascontiguousarray(hull), float(grain))
 
 
 def nearer(a: Outline, b: Outline, T: Array, limit: float) -> Bools:
@@ -51,9 +56,10 @@ def nearer(a: Outline, b: Outline, T: Array, limit: float) -> Bools:
 
     Quickest where neighbouring rows are neighbouring placements. What is wholly inside is apart.
     """
+    if b.grain > a.grain:  # boxes around long triangles lose most when they are turned
+        a, b, T = b, a, inverse(T)
     T = np.ascontiguousarray(T, float)
     limit = max(limit, TOUCH)
-
     x, y = a.mesh, b.mesh
 
     def block(start: int) -> Bools:
