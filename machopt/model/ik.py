@@ -82,7 +82,7 @@ def fewest_turns(lower: Array, upper: Array) -> tuple[Array, Array]:
 def count_from(origin: Array, q: Array) -> None:
     """Bring angles q (..., 6) of (−π, π] into [origin, origin + 2π), in place."""
     for i in np.flatnonzero(origin != -np.pi):
-        q[..., i] += 2 * np.pi * np.ceil((origin[i] - q[..., i]) / (2 * np.pi))
+        q[..., i] += 2 * np.pi * np.ceil((origin[i] - 1e-12 - q[..., i]) / (2 * np.pi))  # on the limit counts as inside
 
 
 def branch_reasons(branches: Branches, margins: Margins) -> NDArray[np.uint8]:

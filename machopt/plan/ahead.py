@@ -53,7 +53,8 @@ class Ahead:
             if len(vertices):
                 s, r, b = np.unravel_index(vertices, self.pairs.shape)
                 order = np.lexsort((s, r, b))  # along the path: there the same two triangles often touch on
-                vertices, pair, s, r, b = (x[order] for x in (vertices, pair, s, r, b))
+                vertices, pair = vertices[order], pair[order]
+                s, r, b = np.unravel_index(vertices, self.pairs.shape)
                 hit = self.model.touching(self.candidates.q[s, r, b], pair)
                 looked += len(vertices)
                 vertices, pair = vertices[hit], pair[hit]

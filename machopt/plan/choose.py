@@ -174,9 +174,11 @@ class Grid:
             mask[end] = only[end]
         if stop >= 0 or broken.any():
             return None
-        vertex, value, stop, *_ = part.solve(mask, _LARGE)
-        if stop >= 0 or ((vertex[:, 0] >= 0) != (old[rows, 0] >= 0)).any():
+        some = np.asarray(mask.any(axis=3))
+        found = part.below(mask, some, some, _LARGE)
+        if found is None or ((found[0][:, 0] >= 0) != (old[rows, 0] >= 0)).any():
             return None
+        vertex, value = found
         elsewhere = np.ones(S, bool)
         elsewhere[rows] = False
         at = np.flatnonzero(elsewhere & self.counted & ~choice.dropped)
