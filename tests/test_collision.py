@@ -280,3 +280,16 @@ def test_no_rows_and_no_pairs(folder: Path, model: CollisionModel) -> None:
     q = np.zeros((3, 6))
     assert not empty.check_motion(q, np.zeros(3, bool), 0.1).any
     assert empty.nearest(q, np.zeros(3, bool)).pair.max() == -1
+
+
+def test_long_motions_are_looked_at_block_by_block(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = model_of(small_cell(tmp_path), 0.005)
+    corners = random_q(model, 6, seed=2)
+    q = np.vstack([np.linspace(a, b, 12, endpoint=False) for a, b in zip(corners, corners[1:], strict=False)])
+    touch = np.zeros(len(q), bool)
+    whole = model.check_motion(q, touch, 0.05)
+    monkeypatch.setattr("machopt.model.collision.MOST", 17)
+    parts = model.check_motion(q, touch, 0.05)
+    assert 0 < whole.hit.sum() < len(q)
+    assert np.array_equal(parts.hit, whole.hit)
+    assert model.check_motion(q, touch, 0.05, first_only=True).hit.sum() == 1

@@ -47,6 +47,7 @@ ALWAYS = 0.95  # share of poses in touch from which a pair is taken to be built 
 COARSE = 0.50  # the same for links two apart, whose meshes often overlap where the real links do not
 LONGEST = 0.1  # rad, joint step above which the motion bound is of no use
 FINE = 1e-4  # m, motion below which a segment between two free rows is not halved any more
+MOST = 50_000  # rows of a motion that are looked at together, for the sake of memory (some 5 kB each)
 AT_ONCE = 2_000_000  # rows × pairs whose bounds are compared in one array
 
 
@@ -172,8 +173,19 @@ class CollisionModel:
         """
         q = np.asarray(q, float)
         dense, owner, at = densify(q, min(step, LONGEST))
-        rows = Rows(self.stack, dense)
         contacts = _none(len(q))
+        for start in range(0, len(dense), MOST):  # a block goes on from the last row of the one before
+            some = slice(max(start - 1, 0), start + MOST)
+            self._along(dense[some], cutting, owner[some], at[some], contacts, first_only)
+            if first_only and contacts.any:
+                break
+        return contacts
+
+    def _along(
+        self, dense: Array, cutting: Bools, owner: NDArray[np.int64], at: Array, contacts: Contacts, first_only: bool
+    ) -> None:
+        """Fill in the contacts of some dense rows (D, 6); owner, at (D,) as :func:`densify` tells them."""
+        rows = Rows(self.stack, dense)
         for p, doubt in self._doubtful(rows, cutting[owner]):
             walk = _Walk(self, rows, p)
             for m in np.flatnonzero(doubt):
@@ -186,8 +198,7 @@ class CollisionModel:
                     place = at[low] + (where - low) * (at[min(low + 1, len(at) - 1)] - at[low])
                     contacts.hit[n], contacts.pair[n], contacts.at[n] = True, p, place
                     if first_only:
-                        return contacts
-        return contacts
+                        return
 
     def _doubtful(self, rows: Rows, cutting: Bools) -> Iterator[tuple[int, Bools]]:
         """Pairs whose bounds do not prove every row and way free, each with the rows (M,) that they leave in doubt."""

@@ -21,8 +21,11 @@ class Surfaces:
 
     def __init__(self, bodies: list[Body]) -> None:
         self._bodies = bodies
-        self._still = [_mesh(body) for body in bodies]
-        self._moving = [_mesh(body) for body in bodies]
+        import fcl
+
+        meshes = [_mesh(body) for body in bodies]
+        self._still = [fcl.CollisionObject(mesh) for mesh in meshes]
+        self._moving = [fcl.CollisionObject(mesh) for mesh in meshes]
 
     def distance(self, pair: tuple[int, int], T: Array) -> float:
         """m, of the surfaces with the second body moved by T (4, 4); ≤ 0 where they cross."""
@@ -51,4 +54,4 @@ def _mesh(body: Body) -> Any:
     model.beginModel(len(body.faces), len(body.vertices))
     model.addSubModel(np.ascontiguousarray(body.vertices), np.ascontiguousarray(body.faces))
     model.endModel()
-    return fcl.CollisionObject(model)
+    return model
