@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import coal
@@ -285,7 +286,7 @@ def test_no_rows_and_no_pairs(folder: Path, model: CollisionModel) -> None:
 def test_long_motions_are_looked_at_block_by_block(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     model = model_of(small_cell(tmp_path), 0.005)
     corners = random_q(model, 6, seed=2)
-    q = np.vstack([np.linspace(a, b, 12, endpoint=False) for a, b in zip(corners, corners[1:], strict=False)])
+    q = np.vstack([np.linspace(a, b, 12, endpoint=False) for a, b in pairwise(corners)])
     touch = np.zeros(len(q), bool)
     whole = model.check_motion(q, touch, 0.05)
     monkeypatch.setattr("machopt.model.collision.MOST", 17)
