@@ -14,7 +14,8 @@ from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Move
 from machopt.plan.candidates import Candidates, _forbid_by_user
 from machopt.plan.caps import GAP, SOLVES, Capped, trade
-from machopt.plan.choose import TURNING, Choice, Edges, Grid, _windows, choose
+from machopt.plan.choose import TURNING, Choice, Grid, _windows, choose
+from machopt.plan.edges import Edges
 from machopt.plan.objective import AXIS_SPEED, NEAR, preference
 from machopt.plan.path import Path, build_path
 from machopt.plan.score import Scores

@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from small_cell import small_cell
 
-from machopt.model import nearest
+from machopt.model import nearest, threads
 from machopt.model.collision import CollisionModel
 from machopt.model.robot import load_chain
 from machopt.model.surfaces import Surfaces
@@ -60,7 +60,7 @@ def test_nearest_pair_is_the_least_of_all_and_does_not_depend_on_the_cores(
     cutting = np.arange(len(q)) % 3 > 0
     found = []
     for many in (1, 2):
-        monkeypatch.setattr(nearest, "cores", lambda many=many: many)
+        monkeypatch.setattr(threads, "cores", lambda many=many: many)
         found.append(model.nearest(q, cutting))
     np.testing.assert_array_equal(found[0].distance, found[1].distance)
     np.testing.assert_array_equal(found[0].pair, found[1].pair)

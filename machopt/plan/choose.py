@@ -16,43 +16,21 @@ from numpy.typing import NDArray
 from machopt.domain.options import PlanOptions
 from machopt.plan.candidates import Candidates
 from machopt.plan.caps import Capped, Traded, trade
+from machopt.plan.edges import Edges
 from machopt.plan.objective import AXIS_SPEED, Terms, node_price, preference
 from machopt.plan.path import Path
 from machopt.plan.score import Scores
 from machopt.plan.sequence import cheapest_sequence
+from machopt.plan.winding import fitting, joined, whole
 from machopt.se3 import wrap
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 Bools = NDArray[np.bool_]
-TWO_PI = 2.0 * np.pi
 TURNING = AXIS_SPEED  # share of the slowest axis's velocity limit that rotation about the tool axis may take
 MAX_TURN = np.radians(80.0)  # of the rotation between neighbouring stations
 FREE, LIFT = -1, -2
 _LARGE = 1e300  # a limit that no sequence meets: with one, breaks are no answer
-
-
-@dataclass(frozen=True)
-class Edges:
-    """Ways from a station to the next that were looked at and do not work (a contact, or no pose in between)."""
-
-    station: Ints  # (E,) the station they lead into, not falling
-    source: Ints  # (E,) vertex at the station before, (rotation · B + branch) · T + turn
-    target: Ints  # (E,) vertex at the station
-
-    @classmethod
-    def none(cls) -> Edges:
-        return cls(*(np.zeros(0, np.int32) for _ in range(3)))
-
-    def plus(self, station: Ints, source: Ints, target: Ints) -> Edges:
-        """These and more, each once."""
-        rows = np.column_stack(
-            [np.r_[self.station, station], np.r_[self.source, source], np.r_[self.target, target]]
-        ).astype(np.int32)
-        return Edges(*np.ascontiguousarray(np.unique(rows, axis=0).T))
-
-    def __len__(self) -> int:
-        return len(self.station)
 
 
 @dataclass(frozen=True)
@@ -251,10 +229,13 @@ class _Part:
         its turns do, as they mostly do, no other sequence is cheaper. ``some`` (S, R, B) is mask.any(axis=3).
         """
         if mask.shape[3] > 1:
-            vertex, value, stop, *_ = self.solve((some & allowed)[..., None], limit, self._in_every_turn(), loose=True)
+            vertex, value, stop, *_ = self.solve(
+                (some & allowed)[..., None], limit, self.edges.in_every_turn(self.grid.candidates.feasible), loose=True
+            )
             if stop >= 0:
                 return None
-            turned = self._fitting(vertex, self._joined(vertex), mask)
+            turned = fitting(self.grid.candidates, self.rows, vertex, joined(self.grid.candidates, self.rows, vertex),
+                             mask, self.edges)  # fmt: skip
             if turned is not None:
                 return turned, value
         vertex, value, stop, *_ = self.solve(mask & allowed[..., None], limit)
@@ -262,70 +243,9 @@ class _Part:
 
     def near_zero(self, vertex: Ints) -> Ints:
         """The sequence (S, 3) by whole turns nearer to zero at its end, where all of it can be, at the same price."""
-        g = self.grid.candidates
-        turned = self._fitting(vertex, np.round(g.turns / TWO_PI).astype(int)[vertex[:, 2]], g.feasible[self.rows])
-        return vertex if turned is None else turned
-
-    def _joined(self, vertex: Ints) -> NDArray[np.int_]:
-        """(S, 6) whole turns with which every joint takes the shorter way from station to station."""
-        kept = np.flatnonzero(vertex[:, 0] >= 0)
-        q = self.grid.candidates.q[self.rows][kept, vertex[kept, 0], vertex[kept, 1]]
-        out = np.zeros((len(vertex), 6), int)
-        if len(kept):
-            out[kept[1:]] = -np.cumsum(np.round(np.diff(q, axis=0) / TWO_PI).astype(int), axis=0)
-        return out
-
-    def _fitting(self, vertex: Ints, whole: NDArray[np.int_], mask: Bools) -> Ints | None:
-        """The sequence turned as ``whole`` (S, 6) says, but for turns of all of it alike, so that ``mask`` and the ways
-        allow it; of these the one whose end is nearest to zero, or None."""
         c = self.grid.candidates
-        kept = np.flatnonzero(vertex[:, 0] >= 0)
-        if not len(kept):
-            return vertex
-        turns = np.round(c.turns / TWO_PI).astype(int)
-        index = np.full((3,) * 6, -1)
-        index[tuple((turns + 1).T)] = np.arange(len(turns))
-        r, b = vertex[kept, 0], vertex[kept, 1]
-        asked = whole[kept]
-        ends = turns - asked[-1]  # by how much all of it is turned, for each turn that the end may have
-        inside = ((asked.min(axis=0) + ends >= -1) & (asked.max(axis=0) + ends <= 1)).all(axis=1)
-        end = c.q[self.rows][kept[-1], r[-1], b[-1]] + c.turns
-        away = np.ceil((end - np.pi) / TWO_PI - 1e-12).astype(int)  # (T, 6) turns from (−π, π]
-        order = sorted(np.flatnonzero(inside).tolist(), key=lambda t: (int(np.abs(away[t]).sum()), *(-away[t] % 3)))
-        for t in order:
-            turn = index[tuple((asked + ends[t] + 1).T)]
-            if (turn >= 0).all() and mask[kept, r, b, turn].all():
-                out = vertex.copy()
-                out[kept, 2] = turn
-                if not self._forbidden(out[kept], kept):
-                    return out
-        return None
-
-    def _forbidden(self, vertex: Ints, kept: NDArray[np.intp]) -> bool:
-        """A sequence goes a way that must not be taken."""
-        _, _, B, T = self.grid.candidates.feasible.shape
-        e = self.edges
-        flat = np.full(self.rows.stop - self.rows.start, -1)
-        flat[kept] = (vertex[:, 0].astype(int) * B + vertex[:, 1]) * T + vertex[:, 2]
-        before = np.full(len(flat), -1)
-        before[kept[1:]] = flat[kept[:-1]]
-        s = e.station - self.rows.start
-        mine = (s >= 0) & (s < len(flat))
-        s = s[mine]
-        return bool(((flat[s] == e.target[mine]) & (before[s] == e.source[mine])).any())
-
-    def _in_every_turn(self) -> Edges:
-        """The ways that must not be taken in any turn, with vertices counted without turns."""
-        e, feasible = self.edges, self.grid.candidates.feasible
-        if not len(e):
-            return e
-        _, _, B, T = feasible.shape
-        source, target = e.source // T, e.target // T
-        way, which = np.unique(np.column_stack([e.station, source, target]), axis=0, return_inverse=True)
-        count = np.bincount(which.ravel(), minlength=len(way))
-        s, u = way.T[:2]
-        turns = feasible[np.maximum(s - 1, 0), u // B, u % B].sum(axis=1) * T
-        return Edges(*np.ascontiguousarray(way[count >= np.maximum(turns, 1)].T.astype(np.int32)))
+        turned = fitting(c, self.rows, vertex, whole(c.turns)[vertex[:, 2]], c.feasible[self.rows], self.edges)
+        return vertex if turned is None else turned
 
     def traded(self, mask: NDArray[np.bool_], free: Capped) -> Traded:
         """The best sequence under caps on the worst index, from the best without one."""

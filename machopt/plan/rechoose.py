@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from machopt.domain.options import PlanOptions
 from machopt.plan.candidates import Candidates
-from machopt.plan.choose import FREE, Choice, Edges, Grid
+from machopt.plan.choose import FREE, Choice, Grid
+from machopt.plan.edges import Edges
 from machopt.plan.path import Path
 from machopt.plan.score import Scores
 

@@ -33,7 +33,8 @@ from machopt.plan.ahead import Ahead
 from machopt.plan.candidates import Candidates
 from machopt.plan.caps import GAP
 from machopt.plan.check import Checker, PathCheck
-from machopt.plan.choose import Choice, Edges
+from machopt.plan.choose import Choice
+from machopt.plan.edges import Edges
 from machopt.plan.path import Path
 from machopt.plan.realise import Assignment, realise
 from machopt.plan.rechoose import Chooser
