@@ -85,7 +85,7 @@ class Harmonics(ByAngle):
         return {"variation": percent(half, scale.compliance or np.nan)}
 
     def grid(self, scale: Scale) -> tuple[Shape, ...]:
-        return () if scale.sampled else ((),)
+        return () if scale.sampled or scale.high - scale.low < LEAST_RANGE else ((),)
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ class Sector(ByAngle):
         }
 
     def grid(self, scale: Scale) -> tuple[Shape, ...]:
-        if scale.sampled:
+        if scale.sampled or scale.high - scale.low < LEAST_RANGE:
             return ()
         centres = np.linspace(scale.low, scale.high, CENTRES)
         return tuple((float(q), w * (scale.high - scale.low)) for q in centres for w in WIDTHS)

@@ -94,7 +94,11 @@ def _segments(p: Array, u: Array, q: Array, v: Array, best: float, apart: Array)
         flat = a * e - b * b
         if flat > 1e-14 * a * e:
             s = min(max((b * f - c * e) / flat, 0.0), 1.0)
-    t = (b * s + f) / e if e > 0.0 else 0.0
+    if e > 0.0:
+        t = (b * s + f) / e
+    else:  # a point
+        t = 0.0
+        s = min(max(-c / a, 0.0), 1.0) if a > 0.0 else 0.0
     if t < 0.0:
         t = 0.0
         s = min(max(-c / a, 0.0), 1.0) if a > 0.0 else 0.0

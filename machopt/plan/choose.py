@@ -243,9 +243,15 @@ class _Part:
 
     def near_zero(self, vertex: Ints) -> Ints:
         """The sequence (S, 3) by whole turns nearer to zero at its end, where all of it can be, at the same price."""
-        c = self.grid.candidates
-        turned = fitting(c, self.rows, vertex, whole(c.turns)[vertex[:, 2]], c.feasible[self.rows], self.edges)
-        return vertex if turned is None else turned
+        c, rows = self.grid.candidates, self.rows
+        for asked in (
+            joined(c, rows, vertex),
+            whole(c.turns)[vertex[:, 2]],
+        ):  # where travel is free, no turns for nothing
+            turned = fitting(c, rows, vertex, asked, c.feasible[rows], self.edges)
+            if turned is not None:
+                return turned
+        return vertex
 
     def traded(self, mask: NDArray[np.bool_], free: Capped) -> Traded:
         """The best sequence under caps on the worst index, from the best without one."""

@@ -58,7 +58,9 @@ class Edges:
         _, _, B, T = feasible.shape
         ways = np.column_stack([self.station, self.source // T, self.target // T])
         way, which = np.unique(ways, axis=0, return_inverse=True)
-        count = np.bincount(which.ravel(), minlength=len(way))
-        s, u = way.T[:2]
-        turns = feasible[np.maximum(s - 1, 0), u // B, u % B].sum(axis=1) * T
+        s, u = np.maximum(self.station - 1, 0), self.source // T
+        left = feasible[s, u // B, u % B, self.source % T]  # a turn that is gone by itself needs no ban
+        count = np.bincount(which.ravel(), weights=left, minlength=len(way))
+        s, u = np.maximum(way[:, 0] - 1, 0), way[:, 1]
+        turns = feasible[s, u // B, u % B].sum(axis=1) * T
         return Edges(*np.ascontiguousarray(way[count >= np.maximum(turns, 1)].T.astype(np.int32)))

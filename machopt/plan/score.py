@@ -28,6 +28,7 @@ from machopt.model.elastic import ArmElasticity, joint_stiffness
 from machopt.plan.candidates import Candidates
 from machopt.plan.engage import process_force, sideways
 from machopt.plan.path import Path
+from machopt.se3 import wrap
 
 Array = NDArray[np.float64]
 CHUNK = 32_768
@@ -108,7 +109,9 @@ def score_candidates(
     usable = candidates.feasible.any(axis=-1)  # (S, R, B)
     cost = np.full(usable.shape, np.nan)
     station = np.nonzero(usable)[0]
-    cost[usable] = configuration_cost(elasticity, d, path.stations[station], candidates.q[usable], index)
+    # a spring that gives over a sector does not repeat every turn: it counts where the arm mostly stands
+    q = np.asarray(wrap(candidates.q[usable]))
+    cost[usable] = configuration_cost(elasticity, d, path.stations[station], q, index)
     counted = usable & path.counted[path.stations][:, None, None]
     values = cost[counted if counted.any() else usable]
     return Scores(cost=cost, index=index, scale=float(np.median(values)) if values.size else 1.0)

@@ -60,12 +60,12 @@ def _cross(a: Array, b: Array, out: Array) -> None:
 def _unit(v: Array, s: Array, r: Array, out: Array) -> None:
     """Series of v / |v|; s and r (4,) are overwritten."""
     _dot(v, v, s)
-    r[0] = 1.0 / np.sqrt(s[0])
+    r[0] = 1.0 / np.sqrt(s[0]) if s[0] > 0.0 else np.nan
     for m in range(1, 4):
         r[m] = 0.0
         for k in range(1, m + 1):
             r[m] += (-0.5 * k - (m - k)) * s[k] * r[m - k]
-        r[m] /= m * s[0]
+        r[m] = r[m] / (m * s[0]) if s[0] > 0.0 else np.nan
     _times(r, v, out)
 
 

@@ -1,0 +1,114 @@
+"""The search that lets every whole turn fit first, against the one that tells them apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from machopt.model.ik import count_from, fewest_turns
+from machopt.plan.candidates import Candidates
+from machopt.plan.choose import FREE, LIFT, Grid, _Part
+from machopt.plan.edges import Edges
+from machopt.se3 import wrap
+
+TURN = 2 * np.pi
+RANGES = (100.0, 185.0, 300.0, 350.0, 400.0, 540.0, 720.0)  # ± deg
+
+
+def random_grid(rng: np.random.Generator) -> Grid:
+    """Joints that wander across their turns, ranges of all kinds, rapid moves, some turns gone by themselves."""
+    S, R, B = (int(n) for n in (rng.integers(2, 8), rng.integers(3, 6), rng.integers(1, 3)))
+    half = np.radians(rng.choice(RANGES, 6))
+    half[[0, 3, 4]] = np.radians(170.0)  # else there are too many turns for a quick test
+    origin, turns = fewest_turns(-half, half)
+    drift = np.cumsum(rng.normal(0, 0.7, (S, 1, 1, 6)), axis=0)
+    q = np.array(wrap(drift + rng.uniform(-3, 3, (1, 1, B, 6)) + rng.normal(0, 0.3, (S, R, B, 6))))
+    count_from(origin, q)
+    told = q[..., None, :] + turns
+    feasible = ((told >= -half) & (told <= half)).all(axis=-1) & (rng.random((S, R, B, len(turns))) < 0.9)
+    window = rng.choice([0, 1, 2, FREE], S, p=[0.2, 0.4, 0.2, 0.2]).astype(np.int32)
+    window[0] = FREE
+    window[1:][~feasible.any(axis=(1, 2, 3))[:-1] & (window[1:] >= 0)] = LIFT
+    return grid_of(q, turns, feasible, window, rng, bool(rng.integers(2)))
+
+
+def grid_of(
+    q: np.ndarray, turns: np.ndarray, feasible: np.ndarray, window: np.ndarray, rng: np.random.Generator, stable: bool
+) -> Grid:
+    S, R, B, _ = feasible.shape
+    candidates = Candidates(
+        phi=np.arange(R) * TURN / R, q=q, turns=turns, reason=np.zeros((S, R, B), np.uint8), feasible=feasible,
+        stable=stable, shortfall=np.zeros(S),
+    )  # fmt: skip
+    return Grid(
+        candidates=candidates, counted=np.ones(S, bool), window=window, seconds=rng.uniform(0.1, 1, S),
+        shift=rng.integers(0, R, S).astype(np.int32), node=rng.uniform(0, 1, (S, R, B)),
+        raw=rng.uniform(1, 2, (S, R, B)), slowness=rng.uniform(0.3, 1, 6), price_q=rng.uniform(0, 1, S),
+        price_r=rng.uniform(0, 1, S), price_t=rng.uniform(0, 1, S), nudged=np.zeros(S), worst=1.0,
+    )  # fmt: skip
+
+
+def banned(edges: Edges, s: int, u: int, v: int, T: int) -> Edges:
+    """The way from vertex u to every turn of v, as the search strikes ways out."""
+    rows = np.full(T, s), np.full(T, u), v * T + np.arange(T)
+    return edges.plus(*(x.astype(np.int32) for x in rows))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_answer_is_that_of_the_search_with_turns_told_apart(seed: int) -> None:
+    rng, asked, found = np.random.default_rng(seed), 0, 0
+    while asked < 60:
+        grid = random_grid(rng)
+        c = grid.candidates
+        S, R, B, T = c.feasible.shape
+        edges = Edges.none()
+        for s in np.flatnonzero(grid.window >= 0).tolist():
+            for _ in range(rng.integers(0, 6)):
+                edges = banned(edges, s, int(rng.integers(R * B * T)), int(rng.integers(R * B)), T)
+        part = _Part(grid, edges, slice(0, S))
+        mask = c.feasible.copy()
+        for end in (0, -1):
+            left = np.argwhere(mask[end])
+            if len(left) and rng.random() < 0.5:  # as where the rest of the path keeps its vertices
+                mask[end] = False
+                mask[(end, *left[rng.integers(len(left))])] = True
+        some = mask.any(axis=3)
+        allowed = grid.raw < rng.choice([1.3, 1.7, 9.0])
+        if not (some & allowed).any(axis=(1, 2))[c.feasible.any(axis=(1, 2, 3))].all():
+            continue
+        asked += 1
+        vertex, value, stop, *_ = part.solve(mask & allowed[..., None], 1e300)
+        got = part.below(mask, some, allowed, 1e300)
+        assert (got is None) == (stop >= 0)
+        if got is not None:
+            found += 1
+            assert got[1] == pytest.approx(value, abs=1e-9)
+            kept = np.flatnonzero(got[0][:, 0] >= 0)
+            assert mask[(kept, *got[0][kept].T)].all()
+            assert ((got[0][:, 0] >= 0) == (vertex[:, 0] >= 0)).all()
+    assert found > 8
+
+
+def test_a_way_is_forbidden_in_every_turn_only_if_no_turn_is_left() -> None:
+    feasible = np.ones((2, 1, 1, 2), bool)
+    one = banned(Edges.none(), 1, 0, 0, 2)  # turn 0 to both turns
+    assert not len(one.in_every_turn(feasible))
+    assert len(banned(one, 1, 1, 0, 2).in_every_turn(feasible)) == 1
+    feasible[0, 0, 0, 0] = False  # the forbidden turn is gone by itself, the other one still leads on
+    assert not len(one.in_every_turn(feasible))
+
+
+def test_of_equal_sequences_no_joint_turns_round_for_nothing() -> None:
+    """Free travel: only the turns tell the sequences apart."""
+    half = np.radians(np.full(6, 100.0))
+    half[3] = np.radians(350.0)
+    origin, turns = fewest_turns(-half, half)
+    q = np.zeros((4, 1, 1, 6))
+    q[:, 0, 0, 3] = np.radians([5.0, 5.0, 15.0, 15.0])
+    count_from(origin, q)
+    told = q[..., None, :] + turns
+    feasible = ((told >= -half) & (told <= half)).all(axis=-1)
+    window = np.array([FREE, 0, FREE, 0], np.int32)
+    grid = grid_of(q, turns, feasible, window, np.random.default_rng(0), True)
+    grid.price_q[:] = 0.0
+    assert np.degrees(grid.choose().q[:, 3]) == pytest.approx([5.0, 5.0, 15.0, 15.0])
