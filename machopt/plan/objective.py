@@ -10,7 +10,8 @@ part. t_lost is the time by which the axes, at AXIS_SPEED of their velocity limi
 
 The search over the grid prices vertices (:func:`node_price`) and steps (:func:`edge_price`), the smooth curve its
 stations, a finished plan all planning points: the same terms on what each of them has. The formulas take numbers
-and arrays alike. (:mod:`machopt.plan.programme` rounds and derives them; tests hold that it is the same J.)
+and arrays alike. (:mod:`machopt.plan.programme` rounds and derives them; tests hold that it is the same J,
+but for clearance, which lies on a cubic between the grid's rotations there.)
 """
 
 from __future__ import annotations
