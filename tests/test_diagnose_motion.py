@@ -12,12 +12,12 @@ import pytest
 
 from machopt.cli import main
 from machopt.diagnose import engine, motion, motion_checks
-from machopt.diagnose.motion_memory import bouc_wen, mass_on_spring, presliding
+from machopt.diagnose.motion_memory import mass_on_spring, presliding
 from machopt.diagnose.motion_signals import signals
 from machopt.domain.cell import Cell, JointLimits, Tool, Workpiece
 from machopt.domain.recording import Recording
 from machopt.effects.creep import lag
-from machopt.effects.hysteresis import play
+from machopt.effects.hysteresis import drag, play
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.recording import load_recording, write_recording
@@ -134,14 +134,18 @@ def test_bouc_wen_between_two_loads() -> None:
     x = np.concatenate([np.linspace(0, 0.5, 50), *[cycle] * 12])
     first = np.zeros(len(x), np.int64)
     first[0] = 1
-    # rising from rest with β = ½, γ = ½: dz = (1 − z) dx, z = 1 − exp(−x), midpoints in steps of an eighth of the reach
-    z = bouc_wen(x, first, 1.0, 0.5)
-    assert z[49] == pytest.approx(1.0 - np.exp(-0.5), abs=5e-3)
-    # straight down by 0.3, then up along the same exponential: the map z → 1 − (1 − z + 0.3) e^-0.3 settles at once
+    # rising from rest with β = ½, γ = ½: dz = (1 − z) dx, z = 1 − exp(−x)
+    z = drag(x, first, 1.0, 0.5)
+    assert z[49] == pytest.approx(1.0 - np.exp(-0.5), abs=1e-12)
+    # back to zero straight, beyond it along the same exponential, either way
     expected = z[49]
     for _ in range(12):
-        expected = 1.0 - (1.0 - (expected - 0.3)) * np.exp(-0.3)
-    assert z[-1] == pytest.approx(expected, abs=1e-2)
+        for way in (-0.3, 0.3):
+            against = expected * np.sign(way)
+            gone = min(max(-against, 0.0), 0.3)
+            rest = 1.0 - (1.0 - against - gone) * np.exp(gone - 0.3) if against > -0.3 else against + gone
+            expected = np.sign(way) * rest
+    assert z[-1] == pytest.approx(expected, abs=1e-12)
 
 
 def test_lag_and_spring_follow_their_closed_forms() -> None:

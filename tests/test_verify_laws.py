@@ -43,6 +43,8 @@ TERMS = {
     "backlash": Term("joint_backlash", "joint:5", {"width_arcmin": 0.8, "transition_Nm": 60.0}),
     "hysteresis": Term("joint_hysteresis", "joint:4",
                        {"weights_rad_per_Nm": [4e-7, 2e-7], "thresholds_Nm": [20.0, 90.0]}),
+    "rounded": Term("joint_hysteresis", "joint:4",
+                    {"law": "bouc_wen", "drag_arcmin": 0.02, "reach_Nm": 70.0, "beta": 0.65}),
     "balancer": Term("gravity_compensator", "joint:2", {
         "force_times_length_Nm": 4e3, "rate_times_length2_Nm": 3e4, "ratio": 0.3, "angle_deg": 50.0}),
     "link beam": Term("link_compliance", "link:2", {"EI_Nm2": 3e6, "GJ_Nm2": 2e6, "EA_N": 5e8}),

@@ -12,14 +12,13 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from machopt.diagnose.motion_frame import ARCMIN, Fit, Scene, curve, joint_law, one_joint
-from machopt.diagnose.motion_memory import bouc_wen, mass_on_spring
+from machopt.diagnose.motion_memory import mass_on_spring
 from machopt.diagnose.motion_torque import gear_load
 from machopt.diagnose.problem import Array, Curve, Hypothesis, Quantity, Shape
 from machopt.domain.stiffness import Term
-from machopt.effects import files, hysteresis, registry
+from machopt.effects import files, registry
 from machopt.effects.protocol import MEMORIES, Drive, Effect, Law, Scale, timed
 
-DRAGS = tuple((r, b) for r in (0.1, 0.2, 0.4, 0.8, 1.6) for b in (0.5, 0.65, 0.8))
 BANDS = tuple(float(f) for f in np.geomspace(0.8, 20.0, 17).round(2))  # Hz
 DAMPING = (0.01, 0.02, 0.03, 0.045, 0.07, 0.1)
 NARROW = (0.035, 0.012, 0.004)  # relative steps of the search for a frequency
@@ -50,8 +49,6 @@ def gear_laws(scene: Scene, joint: int, load: Array, inertia: Array | None, fit:
             if not law.silent(load, np.zeros(0), scale):
                 grid = law.grid(scale)
                 out += [_of_registry(scene, joint, effect, law, load, scale, grid)] if grid else []
-        if effect is hysteresis.EFFECT:
-            out.append(_bouc_wen(scene, joint, load, around))
     if inertia is not None:
         out.append(_vibration(scene, joint, load, inertia, fit))
     return out
@@ -97,25 +94,6 @@ def _of_registry(
         scene, joint, effect.name, law.name, law.equation, lambda s: law.columns(np.array(s), drive), load,
         lambda x, s: law.sizes(x, np.array(s), scale), grid, lower if np.isfinite(lower).any() else (), effect.note,
         term,
-    )  # fmt: skip
-
-
-def _bouc_wen(scene: Scene, joint: int, load: Array, around: float) -> Hypothesis:
-    """A loop with rounded ends, which no plan has a term for."""
-
-    def drag(s: Shape) -> Array:
-        return -bouc_wen(load, scene.first, s[0] * around, s[1])
-
-    def width(x: Array, s: Shape) -> Mapping[str, Quantity]:
-        # twist between the branches where a full cycle crosses zero torque
-        up = np.concatenate([np.linspace(0, 1, 40), np.linspace(1, -1, 80), np.linspace(-1, 1, 80)]) * around
-        z = bouc_wen(up, np.zeros(len(up), np.int64), s[0] * around, s[1])
-        return {"width": Quantity(float(x[0]) * abs(float(z[160] - z[80])) / ARCMIN, "arcmin"),
-                "reach": Quantity(s[0] * around, "N·m")}  # fmt: skip
-
-    return _law(
-        scene, joint, hysteresis.EFFECT.name, "Bouc–Wen", "φ = c τ − a z, dz = [1 − |z| (β sgn(z dτ) + 1 − β)] dτ/r",
-        drag, load, width, DRAGS, (0.0,), hysteresis.EFFECT.note,
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Operators with memory on sampled signals: presliding, Bouc–Wen, and a mass on a spring; compiled, one pass each."""
+"""Operators with memory on sampled signals: presliding, and a mass on a spring; compiled, one pass each."""
 
 from __future__ import annotations
 
@@ -27,24 +27,6 @@ def _presliding(v: Array, dt: float, first: Ints, distance: float, parts: int) -
                 now = v[n - 1] + (v[n] - v[n - 1]) * (k + 0.5) / parts
                 s = np.sign(now)
                 z = s + (z - s) * np.exp(-abs(now) * dt / parts / distance)
-        out[n] = z
-    return out
-
-
-@compiled
-def _bouc_wen(x: Array, first: Ints, reach: float, beta: float) -> Array:
-    out = np.empty_like(x)
-    z, last = 0.0, 0.0
-    for n in range(len(x)):
-        if first[n]:
-            z, last = 0.0, 0.0
-        way = x[n] - last
-        parts = max(1, int(np.ceil(8.0 * abs(way) / reach)))
-        h = way / parts / reach
-        for _ in range(parts):
-            turn = beta if z * h > 0 else -beta
-            z += h * (1.0 - abs(z) * (turn + 1.0 - beta))
-        last = x[n]
         out[n] = z
     return out
 
@@ -88,17 +70,6 @@ def presliding(v: Array, dt: float, first: Ints, distance: float) -> Array:
         Dahl, A solid friction model, TOR-158, Aerospace Corp. (1968).
     """
     return np.asarray(_presliding(np.ascontiguousarray(v), dt, first, max(distance, SHARP), PARTS))
-
-
-def bouc_wen(x: Array, first: Ints, reach: float, beta: float) -> Array:
-    """Drag z of dz = [1 − |z| (β sgn(z dx) + 1 − β)] dx / r, from an unloaded start in every segment.
-
-    With β > ½ small loops do not close: under one-sided loads z creeps from cycle to cycle.
-
-    Source:
-        Wen, J. Eng. Mech. Div. ASCE 102 (1976) 249.
-    """
-    return np.asarray(_bouc_wen(np.ascontiguousarray(x), first, reach, beta))
 
 
 def mass_on_spring(load: Array, inertia: Array, step: Array, first: Ints, k: float, damping: float) -> Array:

@@ -1,8 +1,8 @@
-"""Hysteresis: play operators side by side (Prandtl–Ishlinskii), the loop of a gear with friction in it.
+"""Hysteresis: the loop of a gear with friction in it, by play operators side by side or with rounded ends.
 
-Play has a memory. A plan has none and takes the branch of a load that rises from a gear at rest,
+Both have a memory. A plan has none and takes the branch of a load that rises from a gear at rest,
 P_r = sgn(τ) max(|τ| − r, 0): a gear left on the far side of its play by a load before gives up to a·r more, once. What
-a *small* load meets is the slope once the play is taken up, the softest the gear can be.
+a *small* load meets is the slope once the play is taken up or the drag has grown, the softest the gear can be.
 """
 
 from __future__ import annotations
@@ -33,6 +33,10 @@ STEPS = ((0.03,), (0.08,), (0.15,), (0.3,), (0.5,))  # half-widths tried in load
 STEP_PAIRS = ((0.03, 0.15), (0.03, 0.3), (0.08, 0.3), (0.15, 0.5))
 SAMPLES = ((0.02,), (0.05,), (0.1,), (0.18,), (0.3,), (0.45,))  # in motions
 SAMPLE_PAIRS = ((0.02, 0.1), (0.02, 0.3), (0.05, 0.18), (0.05, 0.3), (0.1, 0.3), (0.1, 0.45), (0.18, 0.45))
+DRAGS = tuple((r, b) for r in (0.1, 0.2, 0.4, 0.8, 1.6) for b in (0.5, 0.65, 0.8))  # in motions
+# a cycle of a load, from rest up and down and up again: where it comes through zero either way
+CYCLE = np.concatenate([np.linspace(0.0, 1.0, 40), np.linspace(1.0, -1.0, 81)[1:], np.linspace(-1.0, 1.0, 81)[1:]])
+DOWN, UP = 79, 159
 
 
 @compiled
@@ -59,6 +63,49 @@ def play(x: Array, first: Ints, half: float) -> Array:
         Krasnosel'skii & Pokrovskii, Systems with Hysteresis (1989), ch. 1.
     """
     return np.asarray(_play(np.ascontiguousarray(x, float), np.ascontiguousarray(first, np.int64), float(half)))
+
+
+@compiled
+def _drag(x: Array, first: Ints, reach: float, beta: float) -> Array:
+    out = np.empty_like(x)
+    z, last, bend = 0.0, 0.0, 2.0 * beta - 1.0
+    for n in range(len(x)):
+        if first[n]:
+            z, last = 0.0, 0.0
+        way = (x[n] - last) / reach
+        up = 1.0 if way > 0.0 else -1.0
+        z, way = z * up, abs(way)
+        if z < 0.0:  # what holds back from before: z' = 1 − (2β − 1) z until it is gone
+            gone = -z if bend == 0.0 else np.log1p(-bend * z) / bend
+            if way < gone:
+                z += way if bend == 0.0 else (1.0 / bend - z) * -np.expm1(-bend * way)
+            else:
+                z = 0.0
+            way = max(way - gone, 0.0)
+        if z >= 0.0:  # z' = 1 − z
+            z += (1.0 - z) * -np.expm1(-way)
+        z, last = z * up, x[n]
+        out[n] = z
+    return out
+
+
+def drag(x: Array, first: Ints, reach: float, beta: float) -> Array:
+    """Drag −1 < z < 1 of dz = [1 − |z| (β sgn(z dx) + 1 − β)] dx/r, in closed form between the points of the path.
+
+    With β > ½ small loops do not close: under one-sided loads z creeps from cycle to cycle.
+
+    Args:
+        x: (K,).
+        first: (K,) 1 where a history begins, at x = 0 and z = 0.
+        reach: r, in units of x.
+        beta: β > 0.
+
+    Source:
+        Wen, J. Eng. Mech. Div. ASCE 102 (1976) 249, exponent 1.
+    """
+    return np.asarray(
+        _drag(np.ascontiguousarray(x, float), np.ascontiguousarray(first, np.int64), float(reach), float(beta))
+    )
 
 
 @dataclass(frozen=True)
@@ -101,13 +148,48 @@ class Plays(Settled):
         return tuple(tuple(s * scale.reach for s in shares) for shares in (one if self.count == 1 else two))
 
 
+@dataclass(frozen=True)
+class BoucWen(Settled):
+    """φ = −a z: what friction holds back of c τ, a loop with rounded ends."""
+
+    word = "bouc_wen"
+    name = "Bouc–Wen"
+    equation = "φ = c τ − a z, dz = [1 − |z| (β sgn(z dτ) + 1 − β)] dτ/r"
+    coefficients = (Parameter(key="drag_arcmin", unit="rad", factor=ARCMIN, least=0.0, name="drag"),)
+    shape = (Parameter(key="reach_Nm", unit="N·m", positive=True), Parameter(key="beta", unit="1", positive=True))
+    remembers = True
+
+    def columns(self, shape: Array, drive: Drive) -> Array:
+        if drive.first is None:
+            return np.asarray(np.expm1(-np.abs(drive.torque) / shape[0]) * np.sign(drive.torque))[..., None]
+        return -drag(drive.torque, drive.first, *shape)[..., None]
+
+    def tangent(self, shape: Array, drive: Drive) -> Array:
+        return np.zeros((*drive.torque.shape, 1))
+
+    def steepest(self, values: Array, shape: Array, low: float, high: float) -> tuple[float, float]:
+        return min(0.0, -float(values[0] / shape[0])), np.nan
+
+    def within(self, values: Array, room: float) -> Law:
+        return self
+
+    def sizes(self, values: Array, shape: Array, scale: Scale) -> Mapping[str, Quantity]:
+        # twist between the branches where a full cycle crosses zero torque
+        z = drag(CYCLE * scale.reach, np.zeros(len(CYCLE), np.int64), *shape)
+        width = float(values[0]) * abs(float(z[UP] - z[DOWN])) / ARCMIN
+        return {"width": Quantity(width, "arcmin"), "reach": Quantity(float(shape[0]), "N·m")}
+
+    def grid(self, scale: Scale) -> tuple[Shape, ...]:
+        return tuple((r * scale.reach, beta) for r, beta in DRAGS) if scale.sampled else ()
+
+
 EFFECT = Effect(
     name="joint_hysteresis",
     noun="hysteresis",
     sentence="The joint comes back by another path than it went: friction in the drive train holds twist back.",
     port="twist",
     places=JOINTS,
-    laws=(Plays(1), Plays(2)),
+    laws=(Plays(1), Plays(2), BoucWen()),
     default="play",
     elastic=True,
     form=0.2,

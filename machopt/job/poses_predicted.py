@@ -32,7 +32,7 @@ Ints = NDArray[np.int64]
 UP_AND_DOWN = (0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.25, 0.0)
 HOLD = 10.0  # s between the readings of a cycle
 REST = 1e4  # s between cycles: in which order they come is not known yet, so none feels the one before
-SAME = 1e-3  # relative, of the absolute parameters of a law once its shape has been brought to other torques
+SAME = 1e-3  # relative, of the parameters of a law here and where it was fitted
 SETTLED = 3  # fixed-point steps to the arm's place under weight
 SHAPES = 2  # further shapes that a refitted rival may take
 
@@ -146,10 +146,9 @@ def law_of(stand: Stand, at: Predicted, coordinates: float) -> Law | None:
     if h is None:
         return None
     if stand.coefficients:
-        brought = in_shares(h, np.array(stand.coefficients), stand.shape, stand.correction)
-        if brought is None:
+        x, shape = np.array(stand.coefficients), stand.shape
+        if not _means(h, x, shape, stand.correction):
             return None
-        x, shape = brought
         columns = at.columns(h, shape)
     else:
         shape = h.shapes[len(h.shapes) // 2]
@@ -160,49 +159,6 @@ def law_of(stand: Stand, at: Predicted, coordinates: float) -> Law | None:
         x = sized
     others = [s for s in _around(h.shapes) if s != shape]
     return Law(stand, columns @ x, (columns, *(at.columns(h, s) for s in others)))
-
-
-def in_shares(
-    h: Hypothesis, x: Array, shape: tuple[float, ...], stated: Mapping[str, Any] | None
-) -> tuple[Array, tuple[float, ...]] | None:
-    """Coefficients and shape that make a law here what it was where it was fitted.
-
-    Laws count thresholds in shares of the largest torque of their readings; at other poses the same share is another
-    threshold. Their absolute parameters are powers of coefficients and shapes: the exponents are found by doubling
-    each, and the scales by least squares in logarithms.
-
-    Args:
-        h: the law at the new poses.
-        x: (p,) SI, as fitted.
-        shape: as fitted.
-        stated: absolute parameters as fitted; None: there are none, and the law does not depend on torques.
-
-    Returns:
-        None where the absolute parameters cannot be met.
-    """
-    here = _absolute(h, x, shape)
-    if stated is None or here is None:
-        return x, shape
-    wanted = _flat(stated)
-    if len(wanted) != len(here):
-        return None
-    if np.allclose(here, wanted, rtol=SAME, atol=0.0):
-        return x, shape
-    z = np.concatenate([x, np.array(shape)])
-    p, seen = len(x), (here != 0.0) & (wanted != 0.0)
-    exponents = np.zeros((int(seen.sum()), len(z)))
-    for i in range(len(z)):
-        doubled = z.copy()
-        doubled[i] *= 2.0
-        there = _absolute(h, doubled[:p], tuple(doubled[p:]))
-        if there is not None and len(there) == len(here):
-            exponents[:, i] = np.log2(np.maximum(np.abs(there[seen] / here[seen]), 1e-12))
-    powers = np.linalg.lstsq(exponents, np.log(np.abs(wanted[seen] / here[seen])), rcond=1e-9)[0]
-    z = z * np.exp(powers)
-    brought = _absolute(h, z[:p], tuple(z[p:]))
-    if brought is None or not np.allclose(brought, wanted, rtol=SAME, atol=0.0):
-        return None
-    return z[:p], tuple(float(v) for v in z[p:])
 
 
 def noise_of_cases(cases: LoadCases, noise: ReadingNoise, steps: tuple[float, ...]) -> tuple[Array, Array]:
@@ -242,9 +198,16 @@ def _around(shapes: tuple[tuple[float, ...], ...]) -> list[tuple[float, ...]]:
     return [shapes[int(k)] for k in np.linspace(0, len(shapes) - 1, SHAPES + 2)[1:-1]]
 
 
-def _absolute(h: Hypothesis, x: Array, shape: tuple[float, ...]) -> Array | None:
+def _means(h: Hypothesis, x: Array, shape: tuple[float, ...], stated: Mapping[str, Any] | None) -> bool:
+    """Coefficients and shape state here what they stated where they were fitted.
+
+    Those of the registry are absolute; a user's own may count in shares of what it was fitted to.
+    """
     made = h.correction(x, shape)
-    return None if made is None else _flat(made.parameters)
+    if stated is None or made is None:
+        return True
+    here, wanted = _flat(made.parameters), _flat(stated)
+    return len(here) == len(wanted) and bool(np.allclose(here, wanted, rtol=SAME, atol=0.0))
 
 
 def _flat(value: Any) -> Array:

@@ -4,8 +4,8 @@ Every law is written from its description in the README and in the stiffness fil
 
 * in the joints, linear: coupling, springs by angle (harmonics or a sector), creep fully relaxed → a 6×6 compliance;
 * in one joint, along a curve φ of its torque: knees and the cubic over weight and process together, backlash likewise,
-  hysteresis over the process alone. A process torque τ on top of weight g turns the joint by φ(g + τ) − φ(g), a small
-  one by φ'(g) τ (hysteresis: the slope beyond its threshold);
+  hysteresis (play, or a drag that grows to its end) over the process alone. A process torque τ on top of weight g turns
+  the joint by φ(g + τ) − φ(g), a small one by φ'(g) τ (hysteresis: the slope beyond its threshold);
 * the balancer of joint 2: a second spring beside the gear;
 * between two halves of a body: base, link, tool → a 6×6 compliance in a frame that moves with it.
 """
@@ -36,17 +36,19 @@ class Curve:
     """A joint whose twist is a curve over its torque."""
 
     joint: int  # 0-based
-    form: str  # clipped | cubic | play
-    size: Array  # (P,) rad/(N·m), of the cubic rad/(N·m)³
-    bound: Array  # (P,) N·m, where each piece ends (of the cubic: where its tangent takes over)
+    form: str  # clipped | cubic | play | drag
+    size: Array  # (P,) rad/(N·m), of the cubic rad/(N·m)³, of drag rad
+    bound: Array  # (P,) N·m, where each piece ends (of the cubic: where its tangent takes over; of drag: its reach)
 
     @property
     def feels_weight(self) -> bool:
-        return self.form != "play"
+        return self.form not in ("play", "drag")
 
     def turn(self, torque: Array) -> Array:
         """φ (N,) rad at torques (N,) N·m."""
         t = torque[:, None]
+        if self.form == "drag":
+            return np.asarray((np.exp(-np.abs(t) / self.bound) - 1.0) * np.sign(t) @ self.size)
         near = np.clip(t, -self.bound, self.bound)
         if self.form == "cubic":
             slope = np.where(np.isfinite(self.bound), 3.0 * np.minimum(np.abs(t), self.bound) ** 2, 0.0)
@@ -54,11 +56,20 @@ class Curve:
         return np.asarray((t - near if self.form == "play" else near) @ self.size)
 
     def slope(self, torque: Array) -> Array:
-        """φ' (N,) rad/(N·m); of play beyond its thresholds."""
+        """φ' (N,) rad/(N·m); of play beyond its thresholds, of drag where it has grown."""
         t = np.abs(torque)[:, None]
+        if self.form == "drag":
+            return np.zeros(torque.shape)
         if self.form == "cubic":
             return np.asarray(3.0 * np.minimum(t, self.bound) ** 2 @ self.size)
         return np.asarray(np.where((t < self.bound) | (self.form == "play"), self.size, 0.0).sum(axis=1))
+
+    @property
+    def least(self) -> float:
+        """The least of φ', rad/(N·m); drag holds most at first."""
+        if self.form == "drag":
+            return -float((self.size / self.bound).sum())
+        return float(self.slope(np.append(0.999999 * self.bound, 1e12)).min())
 
 
 def joint_compliance(terms: Sequence[Term], q: Array) -> Array:
@@ -119,6 +130,8 @@ def curves(terms: Sequence[Term], k: Array, lower: Array, upper: Array) -> list[
         if term.effect == "joint_backlash":
             bound = np.atleast_1d(float(p["transition_Nm"]))
             out.append(Curve(i, "clipped", np.radians(p["width_arcmin"] / 60.0) / (2.0 * bound), bound))
+        elif term.effect == "joint_hysteresis" and p.get("law") == "bouc_wen":
+            out.append(Curve(i, "drag", np.radians(_row(p, "drag_arcmin") / 60.0), _row(p, "reach_Nm")))
         elif term.effect == "joint_hysteresis":
             out.append(Curve(i, "play", _row(p, "weights_rad_per_Nm"), _row(p, "thresholds_Nm")))
         elif term.effect == "joint_nonlinear_stiffness" and p["law"] == "cubic":
@@ -132,7 +145,7 @@ def curves(terms: Sequence[Term], k: Array, lower: Array, upper: Array) -> list[
         angle = np.linspace(lower[i], upper[i], 20001)
         beside = balancer(terms, angle).max() if i == 1 else 0.0
         least = [float(by_angle(t, angle).min()) for t in terms if t.effect == BY_ANGLE and _joint(t) == i]
-        least += [float(c.slope(np.append(0.999999 * c.bound, 1e12)).min()) for c in out if c.joint == i]
+        least += [c.least for c in out if c.joint == i]
         left = (1.0 / (k[:, i] + beside)).min() + sum(min(v, 0.0) for v in least)
         reach = np.sqrt(STEEPEST * max(left, 0.0) / (3.0 * abs(curve.size[0])))
         out.append(Curve(i, "cubic", curve.size, np.array([reach])))
