@@ -8,10 +8,12 @@ import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from html.parser import HTMLParser
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from machopt.domain.reason import Reason
 from machopt.formats.cell import load_cell
@@ -23,7 +25,7 @@ from machopt.report.map_data import ArmLines, MapAxis, MapData, MapField, MapLay
 from machopt.report.map_figures import ANGLE_LEVEL, curves, field_spec, levels, map_specs
 from machopt.report.map_page import map_page_html, where
 from machopt.report.map_svg import map_svg, pair_svg
-from machopt.report.still import VIRIDIS, colours, hatching
+from machopt.report.still import VIRIDIS, colours, hatching, image
 
 KR240 = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
 ASSETS = Path(__file__).resolve().parents[1] / "machopt" / "report" / "assets"
@@ -307,17 +309,29 @@ def test_colours_run_from_dark_to_bright_and_hatchings_differ() -> None:
 
 def test_isolines_of_a_plane_are_exact_and_stop_at_holes() -> None:
     i, j = np.meshgrid(np.arange(8.0), np.arange(6.0), indexing="ij")
-    ends = isolines(2 * i + j, 7.3)
-    np.testing.assert_allclose(2 * ends[..., 0] + ends[..., 1], 7.3, rtol=1e-12)
-    assert len(ends) == 7  # it crosses i = 2, 3 and j = 1 … 4 on its way: six lines between seven squares
+    (line,) = isolines(2 * i + j, 7.3)
+    np.testing.assert_allclose(2 * line[:, 0] + line[:, 1], 7.3, rtol=1e-12)
+    assert len(line) == 8  # it crosses i = 2, 3 and j = 1 … 4 on its way: seven squares, eight sides
+    assert ((line % 1 == 0).sum(axis=1) == 1).all()  # on the squares' sides
     holed = 2 * i + j
     holed[2, 3] = np.nan
     away = isolines(holed, 7.3)
-    assert 0 < len(away) < len(ends)
-    assert (np.abs(away.mean(axis=1) - [2, 3]).max(axis=-1) > 1).all()  # none inside the squares at the hole
+    middles = np.concatenate([(p[1:] + p[:-1]) / 2 for p in away])
+    assert 0 < len(middles) < len(line) - 1
+    assert (np.abs(middles - [2, 3]).max(axis=-1) > 1).all()  # none inside the squares at the hole
     saddle = isolines(np.array([[1.0, -1.0], [-1.0, 1.0]]), 0.1)
     assert len(saddle) == 2
-    assert isolines(np.zeros((3, 3)), 1.0).shape == (0, 2, 2)
+    assert isolines(np.zeros((3, 3)), 1.0) == []
+    assert isolines(np.zeros((1, 3)), 1.0) == []
+
+
+def test_embedded_pixels_are_read_back_and_the_same_pixels_give_the_same_bytes() -> None:
+    pixels = np.random.default_rng(0).integers(0, 256, (5, 7, 3), np.uint8)
+    href = image((0, 0, 1, 1), pixels).attributes["href"]
+    written = base64.b64decode(href.removeprefix("data:image/png;base64,"))
+    with Image.open(BytesIO(written)) as read_back:
+        np.testing.assert_array_equal(np.asarray(read_back), pixels)
+    assert image((0, 0, 1, 1), pixels).attributes["href"] == href
 
 
 def test_round_levels_are_round_and_inside() -> None:

@@ -50,7 +50,7 @@ def test_the_page_holds_everything_and_needs_nothing(sample: Sample, tmp_path: P
     parser = _Balanced()
     parser.feed(html)
     assert parser.open == []
-    assert html.count("<svg class=plot") == len(VIEWS)
+    assert html.count('<svg class="plot"') == len(VIEWS)
     assert not re.search(r"(?:src|href)=[\"']?(?:http|//)", html)
     for o in t.operations:
         assert o.label in parser.text
@@ -110,6 +110,6 @@ def test_a_long_path_makes_a_small_page(tmp_path: Path) -> None:
 def test_numbers_of_a_flat_view_do_not_lie_on_each_other(tmp_path: Path) -> None:
     t = read(tmp_path, TABLE, "x_mm,y_mm,z_mm,feed_mm_min\n0,0,0,600\n400,0,10,600\n400,300,10,600\n")
     front = view_svg(t, VIEWS[1])
-    heights = [float(v) for v in re.findall(r'<text class=tick x="35" y="([\d.]+)"', front)]
+    heights = [float(v) for v in re.findall(r'<text class="tick" x="35" y="([\d.]+)"', front)]
     assert heights
     assert min(np.abs(np.diff(sorted(heights))), default=99.0) > 15  # pixels; the letters are 11 high

@@ -6,13 +6,18 @@ import statistics
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from machopt.report.shell import page_html, section
 from machopt.report.tables import Column, folded, table
+from machopt.report.template import fragment, part
 from machopt.report.verdict import counted
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
+    Body = Markup | str
 
 Row = Mapping[str, Any]
 
@@ -48,14 +53,11 @@ def batch_html(data: BatchData) -> str:
     return page_html(
         f"Batch of {counted(len(data.jobs), 'job')}", (("Done", f"{done} of {len(data.jobs)}"),), sections, {},
         scripts=("start_batch.js",),
-        footer=f'machopt {escape(data.version)}. Tables: <a href="summary.csv">summary.csv</a>, '
-        '<a href="timings.csv">timings.csv</a>, <a href="batch.json">batch.json</a>. A click on a heading sorts. '
-        'Gain: how much less the mean deflection (or compliance) is than with the CAM default.'
-        '<script src="timings.js"></script>',
+        footer=fragment("batch.html", "footer", data.version),
     )  # fmt: skip
 
 
-def _verdict(data: BatchData) -> str:
+def _verdict(data: BatchData) -> Body:
     states = Counter(job["state"] for job in data.jobs)
     done, total = states["done"], len(data.jobs)
     if not data.complete:
@@ -75,27 +77,23 @@ def _verdict(data: BatchData) -> str:
     unsure = sum(job.get("distinguishable") is False for job in data.jobs)
     if unsure:
         items.append(f"{counted(unsure, 'job')} with a gain below the stiffness model's own uncertainty.")
-    boxes = [_card("jobs", str(total), "", f"{done} done")]
+    boxes = [("jobs", str(total), "", f"{done} done")]
     if gains:
         known = [job for job in data.jobs if job.get("gain_percent") is not None]
         best, least = (pick(known, key=lambda j: j["gain_percent"]) for pick in (max, min))
         boxes += [
-            _card("median gain", _percent(statistics.median(gains)), "%", f"of {counted(len(gains), 'job')}"),
-            _card("largest gain", _percent(best["gain_percent"]), "%", _name(best)),
-            _card("least gain", _percent(least["gain_percent"]), "%", _name(least)),
+            ("median gain", _percent(statistics.median(gains)), "%", f"of {counted(len(gains), 'job')}"),
+            ("largest gain", _percent(best["gain_percent"]), "%", _name(best)),
+            ("least gain", _percent(least["gain_percent"]), "%", _name(least)),
         ]
     cycles = [job["cycle_time_s"] for job in data.jobs if job.get("cycle_time_s") is not None]
     if cycles:
-        boxes.append(_card("cycle time of all", f"{sum(cycles) / 60:.1f}", "min", f"longest {max(cycles):.0f} s"))
+        boxes.append(("cycle time of all", f"{sum(cycles) / 60:.1f}", "min", f"longest {max(cycles):.0f} s"))
     held = [job for job in data.jobs if job.get("feed_held_percent") is not None]
     if held:
         worst = min(held, key=lambda j: j["feed_held_percent"])
-        boxes.append(_card("feed held, least", f"{worst['feed_held_percent']:.1f}", "%", _name(worst)))
-    listed = f"<ul>{''.join(f'<li>{escape(i)}</li>' for i in items)}</ul>" if items else ""
-    return (
-        f'<section id=verdict class="verdict {tone}"><span class=badge>{badge}</span><p class=sentence>'
-        f"{escape(sentence)}</p>{listed}<div class=cards>{''.join(boxes)}</div></section>\n"
-    )
+        boxes.append(("feed held, least", f"{worst['feed_held_percent']:.1f}", "%", _name(worst)))
+    return part("verdict", "verdict", tone, badge, sentence, items, boxes)
 
 
 _STATES = {
@@ -105,7 +103,7 @@ _STATES = {
 }  # fmt: skip
 
 
-def _attention(data: BatchData) -> str:
+def _attention(data: BatchData) -> Body:
     rows = [
         (_link(job, job["folder"]), job["cell"], job["variant"], _word(job), job.get("reason", ""))
         for job in data.jobs if job["state"] not in ("done", "waiting")
@@ -116,7 +114,7 @@ def _attention(data: BatchData) -> str:
     return section("attention", "Needs attention", lead, _table(columns, rows, keep=("Toolpath", "Verdict", "Why")))
 
 
-def _ranking(data: BatchData) -> str:
+def _ranking(data: BatchData) -> Body:
     gains = [abs(job["gain_percent"]) for job in data.jobs if job.get("gain_percent") is not None]
     widest = max(gains, default=1.0) or 1.0
     columns = [
@@ -127,11 +125,11 @@ def _ranking(data: BatchData) -> str:
     ]  # fmt: skip
     rows = [
         (
-            rank, f"{_link(job, job['report'] or job['folder'])}<br><small>{escape(str(job['cell']))}</small>",
+            rank, fragment("batch.html", "placed", _link(job, job["report"] or job["folder"]), job["cell"]),
             job["variant"], _word(job), _gain(job, widest), _signed(job.get("gain_over_jiao2022_percent")),
             _number(job.get("mean")), _number(job.get("worst")), job.get("unit", ""), _text(job.get("worst_point")),
             _number(job.get("cycle_time_s"), 1), _number(job.get("feed_held_percent"), 1),
-            len(job.get("warnings", ())), f'<span data-wall="{escape(str(job["job"]))}"></span>',
+            len(job.get("warnings", ())), fragment("batch.html", "wall", job["job"]),
         )
         for rank, job in enumerate(data.jobs, 1) if job["state"] in ("done", "verification failed")
     ]  # fmt: skip
@@ -139,11 +137,11 @@ def _ranking(data: BatchData) -> str:
         "The largest gain first. Mean and worst are of deflection (mm) or of stiffness along the tool (N/mm); "
         "summary.csv has those of the CAM default beside them."
     )
-    whole = "<style>#jobs .scroll, #attention .scroll { max-height: none }</style>"  # the list is the page's purpose
-    return section("jobs", "Ranking", lead, whole + _table(columns, rows) if rows else "")
+    body = fragment("batch.html", "unrolled") + _table(columns, rows) if rows else ""
+    return section("jobs", "Ranking", lead, body)
 
 
-def _compared(data: BatchData) -> str:
+def _compared(data: BatchData) -> Body:
     if not data.compared_with:
         return ""
     columns = [
@@ -167,13 +165,13 @@ def _compared(data: BatchData) -> str:
     verdicts = sum(row["verdict"] != row["verdict_before"] for row in data.differences)
     turned = sum(bool(row["turned_share"]) for row in data.differences)
     lead = (
-        f"Against {escape(data.compared_with)}: of {counted(len(rows), 'job')} in both, "
+        f"Against {data.compared_with}: of {counted(len(rows), 'job')} in both, "
         f"{counted(verdicts, 'verdict')} changed and {turned} chose another rotation (more than 1° somewhere). "
         "Before and now are each predicted with their own model."
     )
-    body = _table(columns, rows, keep=("Toolpath", "Verdict"))
+    body: Body = _table(columns, rows, keep=("Toolpath", "Verdict"))
     for title, names in (("Only here", data.only_here), (f"Only in {data.compared_with}", data.only_there)):
-        body += folded(title, len(names), _list(names)) if names else ""
+        body += folded(title, len(names), part("bullets", names)) if names else ""
     return section("compare", "Compared", lead, body)
 
 
@@ -182,7 +180,7 @@ def _change(row: Row) -> str:
     return str(now) if before == now else f"{before} → {now}"
 
 
-def _warnings(data: BatchData) -> str:
+def _warnings(data: BatchData) -> Body:
     texts = Counter(w for job in data.jobs for w in job.get("warnings", ()))
     if not texts:
         return ""
@@ -191,21 +189,23 @@ def _warnings(data: BatchData) -> str:
     return section("warnings", "Warnings", "Equal ones counted together; each job's report has its own.", body)
 
 
-def _rest(data: BatchData) -> str:
-    body = ""
+def _rest(data: BatchData) -> Body:
+    body: Body = ""
     waiting = [_name(job) for job in data.jobs if job["state"] == "waiting"]
     if waiting:
-        body += folded("Not run yet", len(waiting), _list(waiting), opened=True)
+        body += folded("Not run yet", len(waiting), part("bullets", waiting), opened=True)
     if data.left_out:
-        body += folded("Files left out by their names", len(data.left_out), _list(data.left_out))
+        body += folded("Files left out by their names", len(data.left_out), part("bullets", data.left_out))
     if data.others:
-        body += folded("Folders of earlier jobs that this batch does not name", len(data.others), _list(data.others))
+        body += folded(
+            "Folders of earlier jobs that this batch does not name", len(data.others), part("bullets", data.others)
+        )
     return section(
         "rest", "Not in it", "What is not done yet, and what lies there and is not part of this batch.", body
     )
 
 
-def _table(columns: Sequence[Column], rows: Sequence[Sequence[object]], keep: Sequence[str] = ()) -> str:
+def _table(columns: Sequence[Column], rows: Sequence[Sequence[object]], keep: Sequence[str] = ()) -> Body:
     """The table without columns that are empty for all jobs."""
     if not rows:
         return ""
@@ -213,40 +213,29 @@ def _table(columns: Sequence[Column], rows: Sequence[Sequence[object]], keep: Se
     return table([columns[n] for n in used], [[row[n] for n in used] for row in rows])
 
 
-def _card(name: str, value: str, unit: str, more: str) -> str:
-    return (
-        f"<div class=card><div class=name>{escape(name)}</div><div class=value>{escape(value)} "
-        f"<small>{escape(unit)}</small></div><div class=more>{escape(more)}</div></div>"
-    )
-
-
 def _name(job: Row) -> str:
     return f"{job['toolpath']}, {job['variant']}" if job["variant"] else str(job["toolpath"])
 
 
-def _link(job: Row, target: str) -> str:
-    text = escape(str(job["toolpath"]))
-    return f'<a href="{escape(quote(target))}">{text}</a>' if target else text
+def _link(job: Row, target: str) -> Body:
+    text = str(job["toolpath"])
+    return fragment("batch.html", "link", text, quote(target)) if target else text
 
 
-def _word(job: Row) -> str:
+def _word(job: Row) -> Markup:
     tone = {"done": "pass", "waiting": "none"}.get(job["state"], "fail")
-    return f"<span class={tone}>{escape(str(job['verdict']))}</span>"
+    return part("toned", tone, job["verdict"])
 
 
-def _gain(job: Row, widest: float) -> str:
+def _gain(job: Row, widest: float) -> Markup:
     """The number with a bar of its length; grey where it is not distinguishable from none."""
     gain = job.get("gain_percent")
     if gain is None:
-        return "<small>CAM default not feasible</small>"
+        return fragment("batch.html", "small", "CAM default not feasible")
     std = job.get("gain_std_percent")
     colour = "#c9ced4" if job.get("distinguishable") is False else "#7fb894" if gain >= 0 else "#d99a9a"
     text = _percent(gain) + (f" ± {std:.1f}" if std is not None else "")
-    return (
-        f'<span style="white-space:nowrap"><span style="display:inline-block;min-width:3.2em;text-align:right">{text}'
-        f'</span> <span style="display:inline-block;height:9px;width:{_BAR * abs(gain) / widest:.0f}px;'
-        f'background:{colour}"></span></span>'
-    )
+    return fragment("batch.html", "gain", text, f"{_BAR * abs(gain) / widest:.0f}", colour)
 
 
 def _signed(value: float | None) -> str:
@@ -268,7 +257,3 @@ def _number(value: float | None, decimals: int | None = None) -> str:
 
 def _text(value: object) -> str:
     return "–" if value is None else str(value)
-
-
-def _list(names: Sequence[str]) -> str:
-    return f"<ul>{''.join(f'<li>{escape(n)}</li>' for n in names)}</ul>"

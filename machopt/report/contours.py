@@ -1,4 +1,4 @@
-"""Isolines of a quantity on an even grid, by marching squares."""
+"""Isolines of a quantity on an even grid, by contourpy."""
 
 from __future__ import annotations
 
@@ -8,36 +8,24 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def isolines(values: Array, level: float) -> Array:
-    """Segments of the line value = level.
+def isolines(values: Array, level: float) -> list[Array]:
+    """The line value = level, in as few pieces as it has; pieces that close end where they began.
 
     Args:
         values: (nu, nv) at the grid's nodes; NaN is a hole, and no line runs through a square that touches one.
         level: in the unit of the values.
 
     Returns:
-        (S, 2, 2) ends of segments as (i, j) in grid steps, in the order of the squares.
+        (P, 2) points of each piece as (i, j) in grid steps.
     """
-    corner = np.stack([values[:-1, :-1], values[1:, :-1], values[1:, 1:], values[:-1, 1:]], axis=-1)
-    place = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)
-    with np.errstate(invalid="ignore"):
-        below = corner < level
-    crossed = np.isfinite(corner).all(axis=-1) & (below.any(axis=-1) != below.all(axis=-1))
-    segments = []
-    for i, j in np.argwhere(crossed):
-        c, b = corner[i, j], below[i, j]
-        cut = {}
-        for edge in range(4):
-            n = (edge + 1) % 4
-            if b[edge] != b[n]:
-                t = (level - c[edge]) / (c[n] - c[edge])
-                cut[edge] = place[edge] + t * (place[n] - place[edge]) + (i, j)
-        if len(cut) == 2:
-            segments.append(list(cut.values()))
-        else:  # a saddle: the middle of the square decides which corners hang together
-            pairs = ((0, 1), (2, 3)) if (c.mean() < level) == b[0] else ((3, 0), (1, 2))
-            segments += [[cut[a], cut[b]] for a, b in pairs]
-    return np.array(segments).reshape(-1, 2, 2)
+    from contourpy import LineType, contour_generator  # late: only still pictures of maps need it
+
+    if min(values.shape) < 2:
+        return []
+    lines = contour_generator(
+        z=np.ma.masked_invalid(values), name="serial", corner_mask=False, line_type=LineType.Separate
+    ).lines(level)
+    return [np.asarray(line, float)[:, ::-1] for line in lines]  # contourpy's x runs along the second index
 
 
 def round_levels(low: float, high: float, most: int = 8) -> Array:

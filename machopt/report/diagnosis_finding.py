@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
-from html import escape
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from machopt.diagnose.problem import Correction, RecordCorrection
 from machopt.diagnose.result import Estimate, Finding, Rival
@@ -14,6 +13,10 @@ from machopt.domain.kinematics import KinematicCorrection
 from machopt.effects.words import named, what
 from machopt.report.diagnosis_words import alternatives, chance, measured, numeral, percent, readable, sized
 from machopt.report.tables import Column, table
+from machopt.report.template import fragment, part
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
 
 _WITH_UNIT = re.compile(r"(\S+) ([^\d\s]\S*)")  # "61 µm", not "6 of 6" or "< 0.001"
 
@@ -28,28 +31,18 @@ def heading(f: Finding) -> str:
     return out + (f", {f.note}" if f.note else "")
 
 
-def finding_html(n: int, f: Finding, unit: str, charts: set[str]) -> str:
+def finding_html(n: int, f: Finding, unit: str, charts: set[str]) -> Markup:
     """The block of one finding."""
-    parts = [f"<h3>{n}. {escape(heading(f))}</h3>"]
-    said = what(f.effect)
-    if said:
-        parts.append(f"<p>{escape(said)}</p>")
-    sets = "note" if len(f.one_of) > 1 else "lead"
     own = (f.effect, f.location)
     one_of = (own, *(name for name in f.one_of if name != own))
-    parts.append(f'<p class="{sets}">{escape(alternatives(one_of))}</p>')
-    parts.append(_cards(f, unit))
-    parts.append(f"<p><b>Law:</b> {escape(f.law)}. <span class=lead>{escape(f.equation)}</span></p>")
-    parts.append(_parameters(f.parameters))
-    if f"d-law{n}" in charts:
-        parts.append(f'<div class=chart id="d-law{n}"></div>')
-        parts.append(
-            "<p class=lead>Points: the law at each reading plus what the fit leaves there. Diamonds: medians of "
-            "neighbouring readings with 90 % bars.</p>"
-        )
-    parts.append(_rivals(f.rivals))
-    parts.append(f"<p class=lead>{escape(goes_into(f.correction))}</p>")
-    return "".join(parts)
+    placebos = [r for r in f.rivals if r.placebo]
+    return fragment(
+        "diagnosis.html", "finding", number=n, heading=heading(f), said=what(f.effect), several=len(f.one_of) > 1,
+        alternatives=alternatives(one_of), cards=part("boxes", boxes(_cards(f, unit)), True), law=f.law,
+        equation=f.equation, parameters=_parameters(f.parameters), drawn=f"d-law{n}" in charts,
+        placebos=len(placebos), lost=sum(r.standing == "rejected" for r in placebos), rivals=_rivals(f.rivals),
+        goes_into=goes_into(f.correction),
+    )  # fmt: skip
 
 
 def goes_into(correction: Correction | None) -> str:
@@ -65,31 +58,27 @@ def goes_into(correction: Correction | None) -> str:
     return f"Goes into stiffness.yaml as a term, which optimize takes: {which}."
 
 
-def _cards(f: Finding, unit: str) -> str:
+def _cards(f: Finding, unit: str) -> list[tuple[str, str, str]]:
     gain = 1.0 - (f.after / f.before) ** 2 if f.before > 0.0 else math.nan
-    cards = [
+    return [
         ("Without it", sized(f.before, unit), "held-out error, other findings in"),
         ("With it", sized(f.after, unit), "held-out error"),
         ("Closes", percent(gain), "of the held-out power"),
         ("p", chance(f.p_value), "of the whole search"),
     ]
-    return cards_html(cards)
 
 
-def cards_html(cards: list[tuple[str, str, str]]) -> str:
-    """Boxes of name, value with its unit, and what it is."""
+def boxes(cards: Sequence[tuple[str, str, str]]) -> list[tuple[str, str, str, str]]:
+    """Name, number, unit and what it is, of a name, a value with its unit, and what it is."""
     out = []
     for name, value, more in cards:
         split = _WITH_UNIT.fullmatch(value)
         number, unit = split.groups() if split else (value, "")
-        out.append(
-            f"<div class=card><div class=name>{escape(name)}</div><div class=value>{escape(number)} "
-            f"<small>{escape(unit)}</small></div><div class=more>{escape(more)}</div></div>"
-        )
-    return f'<div class=cards style="margin-bottom:12px">{"".join(out)}</div>'
+        out.append((name, number, unit, more))
+    return out
 
 
-def _parameters(parameters: Mapping[str, Estimate]) -> str:
+def _parameters(parameters: Mapping[str, Estimate]) -> Markup | str:
     rows = []
     for name, e in parameters.items():
         factor, unit = readable(e.unit)
@@ -107,10 +96,10 @@ def _between(low: str, high: str) -> str:
     return "a step of a grid" if low == high else f"{low} … {high}"
 
 
-def _rivals(rivals: tuple[Rival, ...]) -> str:
+def _rivals(rivals: tuple[Rival, ...]) -> Markup | str:
     if not rivals:
         return ""
-    words = {"rejected": '<span class="pass">rejected</span>', "not excluded": "<b>not excluded</b>"}
+    words = {"rejected": part("toned", "pass", "rejected"), "not excluded": part("strong", "not excluded")}
     order = sorted(rivals, key=lambda r: (r.placebo, r.standing == "rejected", -r.closed))
     rows = [
         [("placebo: " if r.placebo else "") + named(r.effect, r.location), r.law, percent(r.closed), chance(r.p_value),
@@ -121,12 +110,7 @@ def _rivals(rivals: tuple[Rival, ...]) -> str:
         Column("Rival"), Column("Law"), Column("Reaches of the gain", "n"), Column("p that it does as well", "n"),
         Column("", "html"),
     ]  # fmt: skip
-    placebos = [r for r in rivals if r.placebo]
-    lost = sum(r.standing == "rejected" for r in placebos)
-    said = f" Placebos must lose: {lost} of {len(placebos)} did." if placebos else ""
-    return f"<p><b>Rivals</b>, each fitted alone in its place and judged by unseen readings.{said}</p>" + table(
-        columns, rows
-    )
+    return table(columns, rows)
 
 
 def _value(v: Any) -> str:

@@ -3,24 +3,30 @@
 from __future__ import annotations
 
 import math
-from html import escape
+from typing import TYPE_CHECKING
 
 from machopt.diagnose.result import Diagnosis, Limit
 from machopt.effects.words import listed, named, noun, place
 from machopt.report.diagnosis_words import digits, readable
 from machopt.report.tables import Column, folded, table
+from machopt.report.template import part
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
+    Body = Markup | str
 
 JOINTS = tuple(f"joint:{j}" for j in range(1, 7))
 LINKS = tuple(f"link:{j}" for j in range(1, 7))
 
 
-def limits_html(d: Diagnosis) -> str:
+def limits_html(d: Diagnosis) -> Body:
     """Matrices of effects over joints and links, a table of the rest, and the reasons; nothing without limits."""
     least = _least(d.limits)
     reasons = {(u.effect, u.location): u.reason for u in d.untestable}
     if not least and not reasons:
         return ""
-    body = ""
+    body: Body = ""
     for title, places in (("Joints", JOINTS), ("Links", LINKS)):
         effects = list(dict.fromkeys(e for e, where in [*least, *reasons] if where in places))
         rows = [_row(e, places, least, reasons) for e in effects]
@@ -43,7 +49,7 @@ def limits_html(d: Diagnosis) -> str:
     return body
 
 
-def _blind(least: dict[tuple[str, str], Limit], reasons: dict[tuple[str, str], str]) -> str:
+def _blind(least: dict[tuple[str, str], Limit], reasons: dict[tuple[str, str], str]) -> Body:
     """What is not testable, by reason."""
     by_reason: dict[str, list[tuple[str, str]]] = {}
     for name, reason in reasons.items():
@@ -78,7 +84,7 @@ def _gathered(names: list[tuple[str, str]]) -> str:
 
 def _row(
     effect: str, places: tuple[str, ...], least: dict[tuple[str, str], Limit], reasons: dict[tuple[str, str], str]
-) -> list[str]:
+) -> list[Body]:
     here = [least[effect, p] for p in places if (effect, p) in least]
     units = [_size(x)[1] for x in here if math.isfinite(x.value)]
     common = max(set(units), key=lambda u: (units.count(u), u)) if units else ""
@@ -87,17 +93,17 @@ def _row(
 
 def _cell(
     name: tuple[str, str], least: dict[tuple[str, str], Limit], reasons: dict[tuple[str, str], str], common: str
-) -> str:
+) -> Body:
     x = least.get(name)
     if x is None:
-        return f'<span class="none" title="{escape(reasons[name])}">✕</span>' if name in reasons else ""
+        return part("toned", "none", "✕", reasons[name]) if name in reasons else ""
     if x.standing == "not testable" or not math.isfinite(x.value):
-        return '<span class="none" title="not testable">✕</span>'
+        return part("toned", "none", "✕", "not testable")
     value, unit = _size(x)
-    text = value + (f" {escape(unit)}" if common and unit != common else "")
+    text = value + (f" {unit}" if common and unit != common else "")
     if x.standing == "only as a set":
         others = listed([named(*n) for n in x.one_of if n != name], "and")
-        return f'<span class="none" title="{escape(f"cannot be told from {others}")}">({text})</span>'
+        return part("toned", "none", f"({text})", f"cannot be told from {others}")
     return text
 
 

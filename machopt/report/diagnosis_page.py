@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,12 +13,18 @@ from machopt.diagnose.result import Coefficient, Diagnosis
 from machopt.effects.words import listed, named, place
 from machopt.report.diagnosis import DiagnosisPage
 from machopt.report.diagnosis_figures import Spec, job_charts, law, over_axis, per_group
-from machopt.report.diagnosis_finding import cards_html, finding_html
+from machopt.report.diagnosis_finding import boxes, finding_html
 from machopt.report.diagnosis_limits import limits_html
 from machopt.report.diagnosis_svg import LEAST, machine_strip, share_bars
 from machopt.report.diagnosis_words import VERDICTS, axis_note, axis_words, chance, digits, percent, plural, sized
 from machopt.report.shell import page_html, section
 from machopt.report.tables import Column, folded, table
+from machopt.report.template import fragment, part
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
+    Body = Markup | str
 
 ARCMIN = math.pi / 180 / 60
 Z90 = 1.645
@@ -66,17 +72,16 @@ def diagnosis_html(data: DiagnosisPage) -> str:
     head = (("Cell", data.cell), ("Recording", data.recording), ("Predicted", d.predicted))
     return page_html(
         data.title, head, sections, {"xy": charts}, scripts=("chart.js", "xy.js", "start_xy.js"),
-        footer=f"machopt {escape(data.version)}. Errors are rms per coordinate of readings that no fit saw, outliers "
+        footer=f"machopt {data.version}. Errors are rms per coordinate of readings that no fit saw, outliers "
         "apart. Intervals in brackets are 90 %. Click a legend entry to hide it.",
     )  # fmt: skip
 
 
-def _verdict(data: DiagnosisPage) -> str:
+def _verdict(data: DiagnosisPage) -> Body:
     d = data.diagnosis
     badge, tone = VERDICTS[d.verdict]
     if tone == "good" and any(f.record for f in d.findings):
         badge, tone = f"{badge}: CHECK THE RECORD", "warn"
-    items = "".join(f"<li>{escape(w)}</li>" for w in d.warnings)
     left = "nothing was added" if not d.findings else f"with {len(d.findings)} found"
     cards = [
         ("Held-out error before", sized(d.heldout_before, d.unit), "the nominal structure, refitted"),
@@ -87,25 +92,19 @@ def _verdict(data: DiagnosisPage) -> str:
         cards.append(("Repeatable mismatch", f"p {chance(d.mismatch_p)}", "chance that noise alone does this"))
     else:
         cards.append(("Closed", percent(d.explained), f"of the repeatable {sized(d.repeatable, d.unit)}"))
-    return (
-        f'<section id=verdict class="verdict {tone}"><span class=badge>{badge}</span>'
-        f"<p class=sentence>{escape(d.sentence)}</p>{f'<ul>{items}</ul>' if items else ''}"
-        f"{cards_html(cards)}</section>\n"
-    )
+    return part("verdict", "verdict", tone, badge, d.sentence, d.warnings, boxes(cards))
 
 
-def _where(data: DiagnosisPage) -> str:
+def _where(data: DiagnosisPage) -> Body:
     d = data.diagnosis
     machine = [s for s in d.mismatch if s.kind == "machine" and math.isfinite(s.share)]
     places = [s for s in d.mismatch if s.kind == "data"]
     if not machine and not places and not d.findings:
         return ""
-    body = machine_strip(d)
+    body: Body = machine_strip(d)
     if d.findings:
-        body += (
-            "<p class=lead>Orange bars and full marks: where a finding sits. Dashed marks: where these data would "
-            "place it just as well.</p>"
-        )
+        body += part("lead", "Orange bars and full marks: where a finding sits. Dashed marks: where these data would "
+                     "place it just as well.")  # fmt: skip
     notes = [
         [place(s.axis), percent(s.share), s.note]
         for s in sorted(machine, key=lambda s: -s.share) if s.share >= LEAST and s.note
@@ -114,7 +113,8 @@ def _where(data: DiagnosisPage) -> str:
         columns = [Column("Part of the machine"), Column("Share", "n"), Column("Shows")]
         body += folded("Parts of the machine", len(notes), table(columns, notes))
     if places:
-        body += "<h3>In the data</h3><p class=lead>How much of it sits in which part of the readings.</p>"
+        body += part("heading", "In the data")
+        body += part("lead", "How much of it sits in which part of the readings.")
         body += share_bars(places, "Share of the mismatch by part of the data")
     lead = (
         f"Repeatable mismatch of the refitted model: {sized(d.repeatable, d.unit)} rms (p {chance(d.mismatch_p)} that "
@@ -147,11 +147,10 @@ def _charts(data: DiagnosisPage) -> list[Spec]:
     return charts + (job_charts(data.job) if data.job is not None else [])
 
 
-def _errors(data: DiagnosisPage, have: set[str]) -> str:
+def _errors(data: DiagnosisPage, have: set[str]) -> Body:
     body = _host("d-groups", have)
-    axes = "".join(_host(f"d-axis{n}", have) for n in range(MOST_AXES))
-    if axes:
-        body += f"<div class=grid2>{axes}</div>"
+    axes = [part("chart", f"d-axis{n}") for n in range(MOST_AXES) if f"d-axis{n}" in have]
+    body += part("grid", 2, axes) if axes else ""
     lead = (
         f"Each {data.group_word} is predicted by fits that never saw it. Residuals at the noise floor cannot get "
         "smaller."
@@ -159,13 +158,15 @@ def _errors(data: DiagnosisPage, have: set[str]) -> str:
     return section("errors", "Before and after", lead, body)
 
 
-def _findings(data: DiagnosisPage, have: set[str]) -> str:
+def _findings(data: DiagnosisPage, have: set[str]) -> Body:
     d = data.diagnosis
     if d.findings:
-        body = "<hr>".join(finding_html(n, f, d.unit, have) for n, f in enumerate(d.findings, 1))
+        body = fragment(
+            "diagnosis.html", "ruled", [finding_html(n, f, d.unit, have) for n, f in enumerate(d.findings, 1)]
+        )
         lead = f"{d.tried} combinations of law, place and shape were tried; base and candidates were refitted together."
         if d.verdict == "partly_explained":
-            body += f"<p class=note>{escape(_open(d))}</p>"
+            body += part("note", _open(d))
         return section("findings", "What is missing", lead, body)
     if d.verdict == "consistent":
         said = (
@@ -176,7 +177,7 @@ def _findings(data: DiagnosisPage, have: set[str]) -> str:
         said = _open(d)
     return section(
         "findings", "What is missing", f"{d.tried} combinations of law, place and shape were tried.",
-        f"<p class=note>{escape(said)}</p>",
+        part("note", said),
     )  # fmt: skip
 
 
@@ -202,7 +203,7 @@ def _open(d: Diagnosis) -> str:
     return out
 
 
-def _proof(data: DiagnosisPage) -> str:
+def _proof(data: DiagnosisPage) -> Body:
     p = data.diagnosis.proof
     if p is None:
         return ""
@@ -221,7 +222,7 @@ def _proof(data: DiagnosisPage) -> str:
     names = dict(zip(data.diagnosis.errors.groups.tolist(), data.group_names, strict=True))
     locked = [names.get(g, str(g)) for g in p.groups.tolist()]
     which = f"{data.group_word if len(locked) == 1 else plural(data.group_word)} {listed(locked, 'and')}"
-    body = cards_html(cards) + f"<p class=lead>Locked away: {escape(which)}.</p>"
+    body = part("boxes", boxes(cards), True) + part("lead", f"Locked away: {which}.")
     lead = (
         f"{len(p.groups)} {plural(data.group_word)} were locked away before anything was fitted, searched or decided, "
         "and were predicted once, at the end."
@@ -229,7 +230,7 @@ def _proof(data: DiagnosisPage) -> str:
     return section("proof", "Proof on data that no step saw", lead, body)
 
 
-def _limits(d: Diagnosis) -> str:
+def _limits(d: Diagnosis) -> Body:
     lead = (
         "The least size that this recording would have shown in nine of ten repeats. In brackets: it would have been "
         "seen, but only as one of a set. A cross: these data cannot show it; the reason is in the list."
@@ -237,10 +238,9 @@ def _limits(d: Diagnosis) -> str:
     return section("limits", "What would have been seen", lead, limits_html(d))
 
 
-def _record(data: DiagnosisPage) -> str:
+def _record(data: DiagnosisPage) -> Body:
     d = data.diagnosis
-    body = "".join(f"<li>{escape(n)}</li>" for n in d.notes)
-    body = f"<ul>{body}</ul>" if body else ""
+    body: Body = part("bullets", d.notes)
     out = np.flatnonzero(~d.used)
     if len(out):
         size = np.full(len(d.used), np.nan)
@@ -257,13 +257,13 @@ def _record(data: DiagnosisPage) -> str:
     lead = f"{len(d.used)} readings, {len(out)} put aside; no fit and no error figure uses those."
     if not len(out):
         lead = f"{len(d.used)} readings, none put aside."
-    return section("record", "The record", lead, body or "<p>Nothing to report.</p>")
+    return section("record", "The record", lead, body or part("paragraph", "Nothing to report."))
 
 
-def _model(d: Diagnosis) -> str:
+def _model(d: Diagnosis) -> Body:
     joints = [c for c in d.coefficients if c.unknown.unit in COMPLIANCE]
     others = [c for c in d.coefficients if c.unknown.unit not in COMPLIANCE]
-    body = ""
+    body: Body = ""
     if joints:
         columns = [Column("Joint"), Column("k (N·m/rad)", "n"), Column("N·m/arcmin", "n"),
                    Column("90 % interval (N·m/rad)", "n"), Column("Before (N·m/rad)", "n"),
@@ -307,7 +307,7 @@ def _plain_row(c: Coefficient) -> list[str]:
     return [c.unknown.name, digits(c.value * factor), digits(half, 2), digits(c.before * factor), unit]
 
 
-def _job(data: DiagnosisPage, have: set[str]) -> str:
+def _job(data: DiagnosisPage, have: set[str]) -> Body:
     job = data.job
     if job is None:
         return ""
@@ -317,24 +317,25 @@ def _job(data: DiagnosisPage, have: set[str]) -> str:
         rows.append([c.what, digits(c.before), digits(c.after), c.unit,
                      f"{change:+.0f} %".replace("-", "−") if math.isfinite(change) else "–"])  # fmt: skip
     columns = [Column(""), Column("Before", "n"), Column("After", "n"), Column("Unit"), Column("Change", "n")]
-    body = (f"<p>{escape(job.sentence)}</p>" if job.sentence else "") + (table(columns, rows) if rows else "")
-    both = _host("d-gamma", have) + _host("d-deflection", have)
-    body += f"<div class=grid2>{both}</div>" if both else ""
-    return section("job", "What it changes for the job", f"Toolpath {escape(job.toolpath)}.", body)
+    body: Body = part("paragraph", job.sentence) if job.sentence else ""
+    body += table(columns, rows) if rows else ""
+    both = [part("chart", name) for name in ("d-gamma", "d-deflection") if name in have]
+    body += part("grid", 2, both) if both else ""
+    return section("job", "What it changes for the job", f"Toolpath {job.toolpath}.", body)
 
 
-def _next(d: Diagnosis) -> str:
+def _next(d: Diagnosis) -> Body:
     if not d.next_experiment:
         return ""
     split = [listed([named(*name) for name in f.one_of], "and") for f in d.findings if len(f.one_of) > 1]
-    lead = f"It would tell apart: {escape('; '.join(split))}." if split else "What would teach most."
-    return section("next", "The next measurement", lead, f"<p class=note>{escape(d.next_experiment)}</p>")
+    lead = f"It would tell apart: {'; '.join(split)}." if split else "What would teach most."
+    return section("next", "The next measurement", lead, part("note", d.next_experiment))
 
 
-def _run(data: DiagnosisPage) -> str:
+def _run(data: DiagnosisPage) -> Body:
     body = table([Column("What"), Column("Value", "mono")], data.facts) if data.facts else ""
     return section("run", "This run", "What it was made from, with what settings.", body)
 
 
-def _host(name: str, have: set[str] | Sequence[str]) -> str:
-    return f'<div class=chart id="{name}"></div>' if name in have else ""
+def _host(name: str, have: set[str] | Sequence[str]) -> Body:
+    return part("chart", name) if name in have else ""

@@ -5,11 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
+from typing import TYPE_CHECKING
 
 from machopt.diagnose.result import Diagnosis, Share
 from machopt.effects.words import place
 from machopt.report.diagnosis_words import axis_note, axis_words, percent
+from machopt.report.svg import Shape, Style, drawn, shape
+from machopt.report.template import fragment
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
 
 BLUE, FOUND, METAL, SOFT = "#1552b8", "#d9730d", "#5b6673", "#c3c9d1"
 LEAST = 0.005  # of the mismatch: smaller shares get no bar
@@ -27,7 +32,7 @@ class _Slot:
     x: float
 
 
-def machine_strip(d: Diagnosis) -> str:
+def machine_strip(d: Diagnosis) -> Markup:
     """Base to tool as a chain, what surrounds it beside; bars are shares, numbered marks are findings."""
     shares: dict[str, float] = {}
     for s in d.mismatch:
@@ -36,13 +41,13 @@ def machine_strip(d: Diagnosis) -> str:
     slots = _slots(d)
     wide = slots[1].x - slots[0].x
     floor = _TOP + _HIGH
-    out = []
+    out: list[Shape] = []
     for level in (0.0, 0.5, 1.0):
         y = floor - _HIGH * level
-        out.append(f'<line class="grid" x1="{_MARGIN}" x2="{_WIDTH}" y1="{y:.1f}" y2="{y:.1f}"/>')
+        out.append(shape("line", class_="grid", x1=_MARGIN, x2=_WIDTH, y1=y, y2=y))
         out.append(_text(_MARGIN - 6, y + 4, f"{100 * level:.0f}", "end", "tick"))
     out.append(_text(0, _TOP - 18, "Share of the repeatable mismatch (%)", "start", "label"))
-    out.append(_arm([s for s in slots if s.location in _chain()]))
+    out.extend(_arm([s for s in slots if s.location in _chain()]))
     found = [(_slot_of(f.location), n) for n, f in enumerate(d.findings, 1)]
     also = [(_slot_of(name[1]), n) for n, f in enumerate(d.findings, 1) for name in f.one_of]
     also = [mark for mark in dict.fromkeys(also) if mark not in found]
@@ -52,40 +57,37 @@ def machine_strip(d: Diagnosis) -> str:
         if math.isfinite(share) and share >= LEAST:
             high = _HIGH * min(share, 1.0)
             bar = min(30.0, 0.62 * wide)
-            out.append(
-                f'<rect x="{slot.x - bar / 2:.1f}" y="{floor - high:.1f}" width="{bar:.1f}" height="{high:.1f}" '
-                f'fill="{FOUND if mine else BLUE}" fill-opacity="{0.95 if mine else 0.75}"/>'
-            )
+            out.append(shape("rect", x=slot.x - bar / 2, y=floor - high, width=bar, height=high,
+                             fill=FOUND if mine else BLUE, fill_opacity="0.95" if mine else "0.75"))  # fmt: skip
             out.append(_text(slot.x, floor - high - 4, f"{100 * share:.0f}", "middle", "tick"))
         if slot.location not in _chain():
-            out.append(f'<rect x="{slot.x - 9:.1f}" y="{_ARM - 9:.1f}" width="18" height="18" rx="4" fill="#fff" '
-                       f'stroke="{METAL}" stroke-width="1.6"/>')  # fmt: skip
+            out.append(shape("rect", x=slot.x - 9, y=_ARM - 9, width=18, height=18, rx=4, fill="#fff", stroke=METAL,
+                             stroke_width=1.6))  # fmt: skip
         for n, line in enumerate(slot.label):
             out.append(_text(slot.x, _ARM + 28 + 13 * n, line, "middle", "tick"))
         marks = [(n, True) for where, n in found if where == slot.location]
         marks += [(n, False) for where, n in also if where == slot.location]
         y = _ARM + 20 + 13 * len(slot.label) + 11
         for k, (n, full) in enumerate(marks):
-            out.append(_mark(slot.x + 20.0 * (k - (len(marks) - 1) / 2), y, n, full=full))
+            out.extend(_mark(slot.x + 20.0 * (k - (len(marks) - 1) / 2), y, n, full=full))
     words = "; ".join(f"{place(s.axis)} {percent(s.share)}" for s in d.mismatch if s.kind == "machine")
     return _svg(_WIDTH + 4, 268, "Share of the mismatch by part of the machine: " + (words or "none"), out)
 
 
-def share_bars(shares: Sequence[Share], label: str) -> str:
+def share_bars(shares: Sequence[Share], label: str) -> Markup | str:
     """One bar a share, widest first, its place and note in words; nothing without shares."""
     rows = sorted((s for s in shares if math.isfinite(s.share)), key=lambda s: -s.share)[:MOST_BARS]
     if not rows:
         return ""
     line, left, right = 24.0, 190.0, 390.0
     room = _WIDTH - left - right
-    out = []
+    out: list[Shape] = []
     for n, s in enumerate(rows):
         y = 6 + line * n
         out.append(_text(left - 10, y + 15, axis_words(s.axis), "end", "label"))
-        out.append(f'<rect x="{left}" y="{y + 3:.1f}" width="{room:.1f}" height="15" fill="#eef1f4"/>')
+        out.append(shape("rect", x=left, y=y + 3, width=room, height=15, fill="#eef1f4"))
         width = room * min(max(s.share, 0.0), 1.0)
-        out.append(f'<rect x="{left}" y="{y + 3:.1f}" width="{width:.1f}" height="15" fill="{BLUE}" '
-                   f'fill-opacity="0.8"/>')  # fmt: skip
+        out.append(shape("rect", x=left, y=y + 3, width=width, height=15, fill=BLUE, fill_opacity=0.8))
         out.append(_text(left + room + 44, y + 15, percent(s.share), "end", "label"))
         note = axis_note(s.axis, s.note)
         note = note if len(note) <= MOST_NOTE else f"{note[: MOST_NOTE - 1]}…"
@@ -93,21 +95,24 @@ def share_bars(shares: Sequence[Share], label: str) -> str:
     return _svg(_WIDTH, 10 + line * len(rows), label, out)
 
 
-def _svg(width: float, height: float, label: str, parts: Sequence[str]) -> str:
+def _svg(width: float, height: float, label: str, parts: Sequence[Shape]) -> Markup:
     """A picture that scrolls where the page is too narrow to read it."""
-    return (
-        f'<div style="overflow-x:auto"><svg class="plot" style="min-width:700px" viewBox="-4 0 {width + 4:.0f} '
-        f'{height:.0f}" role="img" aria-label="{escape(label)}">{"".join(parts)}</svg></div>'
-    )
+    box = f"-4 0 {width + 4:.0f} {height:.0f}"
+    return fragment("diagnosis.html", "scrolled", drawn(shape(
+        "svg", class_="plot", style="min-width:700px", viewBox=box, role="img", aria_label=label, inside=parts
+    )))  # fmt: skip
 
 
-def _mark(x: float, y: float, number: int, *, full: bool) -> str:
+def _mark(x: float, y: float, number: int, *, full: bool) -> list[Shape]:
     """The number of a finding: full where it sits, dashed where it might sit as well."""
-    style = f'r="9" fill="{FOUND}"' if full else f'r="8.5" fill="#fff" stroke="{FOUND}" stroke-dasharray="3 2"'
-    return (
-        f'<circle cx="{x:.1f}" cy="{y:.1f}" {style}/><text x="{x:.1f}" y="{y + 4:.1f}" text-anchor="middle" '
-        f'font-size="11" font-weight="{700 if full else 400}" fill="{"#fff" if full else "#333d49"}">{number}</text>'
-    )
+    style: Style = {"r": 9, "fill": FOUND}
+    if not full:
+        style = {"r": 8.5, "fill": "#fff", "stroke": FOUND, "stroke_dasharray": "3 2"}
+    return [
+        shape("circle", cx=x, cy=y, **style),
+        shape("text", str(number), x=x, y=y + 4, text_anchor="middle", font_size=11, font_weight=700 if full else 400,
+              fill="#fff" if full else "#333d49"),
+    ]  # fmt: skip
 
 
 def _chain() -> tuple[str, ...]:
@@ -146,20 +151,20 @@ def _lines(words: str) -> tuple[str, ...]:
     return (first, second) if second else (first,)
 
 
-def _arm(chain: Sequence[_Slot]) -> str:
+def _arm(chain: Sequence[_Slot]) -> list[Shape]:
     """Pedestal, joints as rings, links as bars between them, a tool at the end."""
     y, out = _ARM, []
-    out.append(f'<path d="M{chain[0].x:.1f} {y:.1f}H{chain[-1].x:.1f}" stroke="{METAL}" stroke-width="7"/>')
+    out.append(shape("path", d=f"M{chain[0].x:.1f} {y:.1f}H{chain[-1].x:.1f}", stroke=METAL, stroke_width=7))
     for slot in chain:
         x = slot.x
         if slot.location == "base":
-            out.append(f'<path d="M{x - 17:.1f} {y + 13:.1f}l7 -26h20l7 26z" fill="{METAL}"/>')
+            out.append(shape("path", d=f"M{x - 17:.1f} {y + 13:.1f}l7 -26h20l7 26z", fill=METAL))
         elif slot.location == "tool":
-            out.append(f'<path d="M{x - 14:.1f} {y - 11:.1f}h16l15 11l-15 11h-16z" fill="{METAL}"/>')
+            out.append(shape("path", d=f"M{x - 14:.1f} {y - 11:.1f}h16l15 11l-15 11h-16z", fill=METAL))
         elif slot.location.startswith("joint"):
-            out.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="10.5" fill="#fff" stroke="{METAL}" stroke-width="4"/>')
-    return "".join(out)
+            out.append(shape("circle", cx=x, cy=y, r=10.5, fill="#fff", stroke=METAL, stroke_width=4))
+    return out
 
 
-def _text(x: float, y: float, words: str, anchor: str, kind: str) -> str:
-    return f'<text class="{kind}" x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{escape(words)}</text>'
+def _text(x: float, y: float, words: str, anchor: str, kind: str) -> Shape:
+    return shape("text", words, class_=kind, x=x, y=y, text_anchor=anchor)

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from html import escape
+from typing import TYPE_CHECKING
 
 from machopt.report.data import ReportData
 from machopt.report.shell import section
+from machopt.report.svg import Style, drawn, shape
 from machopt.report.tables import Column, table
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
 
 WIDTH, HEIGHT, EDGE = 560, 260, 46
 
 
-def front_section(data: ReportData) -> str:
+def front_section(data: ReportData) -> Markup | str:
     """The section; empty where no front was asked for."""
     if not data.front:
         return ""
@@ -31,27 +35,26 @@ def front_section(data: ReportData) -> str:
     return section("front", "Trade-off front", lead, _picture(data, unit) + table(columns, rows))
 
 
-def _picture(data: ReportData, unit: str) -> str:
+def _picture(data: ReportData, unit: str) -> Markup:
     time, mean = [p.cycle for p in data.front], [p.mean for p in data.front]
 
     def at(value: float, values: list[float], size: int) -> float:
         low, high = min(values), max(values)
         return EDGE + (size - 2 * EDGE) * ((value - low) / (high - low) if high > low else 0.5)
 
-    marks = "".join(
-        f'<circle cx="{at(p.cycle, time, WIDTH):.1f}" cy="{HEIGHT - at(p.mean, mean, HEIGHT):.1f}" r="5" '
-        f'fill="{"none" if p.dominated else "currentColor"}" stroke="currentColor"/>'
-        f'<text x="{at(p.cycle, time, WIDTH) + 8:.1f}" y="{HEIGHT - at(p.mean, mean, HEIGHT) - 6:.1f}" font-size="11" '
-        f'fill="currentColor">{escape(p.name)}</text>'
-        for p in data.front
-    )  # fmt: skip
-    words = (
-        f'<text x="{WIDTH / 2:.0f}" y="{HEIGHT - 8}" font-size="11" text-anchor="middle" fill="currentColor">cycle '
-        f"{min(time):.2f} to {max(time):.2f} s</text>"
-        f'<text x="6" y="14" font-size="11" fill="currentColor">mean {escape(unit)}, {min(mean):.4g} to '
-        f"{max(mean):.4g}</text>"
-    )
-    return (
-        f'<svg viewBox="0 0 {WIDTH + 90} {HEIGHT}" width="100%" style="max-width:{WIDTH + 90}px" role="img" '
-        f'aria-label="mean over cycle time">{words}{marks}</svg>'
-    )
+    ink = "currentColor"
+    small: Style = {"font_size": 11, "fill": ink}
+    marks = []
+    for p in data.front:
+        x, y = at(p.cycle, time, WIDTH), HEIGHT - at(p.mean, mean, HEIGHT)
+        marks.append(shape("circle", cx=x, cy=y, r=5, fill="none" if p.dominated else ink, stroke=ink))
+        marks.append(shape("text", p.name, x=x + 8, y=y - 6, **small))
+    words = [
+        shape("text", f"cycle {min(time):.2f} to {max(time):.2f} s", x=WIDTH / 2, y=HEIGHT - 8, text_anchor="middle",
+              **small),
+        shape("text", f"mean {unit}, {min(mean):.4g} to {max(mean):.4g}", x=6, y=14, **small),
+    ]  # fmt: skip
+    return drawn(shape(
+        "svg", viewBox=f"0 0 {WIDTH + 90} {HEIGHT}", width="100%", style=f"max-width:{WIDTH + 90}px", role="img",
+        aria_label="mean over cycle time", inside=[*words, *marks],
+    ))  # fmt: skip

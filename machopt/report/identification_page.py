@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from html import escape
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +13,12 @@ from machopt.report.identification import Coefficient, GridView, IdentificationP
 from machopt.report.series import numbers
 from machopt.report.shell import page_html, section
 from machopt.report.tables import Column, folded, table
+from machopt.report.template import part
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
+    Body = Markup | str
 
 Array = NDArray[np.float64]
 Spec = dict[str, Any]  # JSON for assets/xy.js
@@ -54,7 +59,7 @@ def identification_html(data: IdentificationPage) -> str:
     return page_html(
         data.title, (("Cell", data.cell), ("Recording", data.recording)), sections, {"xy": charts},
         scripts=("chart.js", "xy.js", "start_xy.js"),
-        footer=f"machopt {escape(data.version)}. Lengths mm, angles mrad, stiffness N·m/rad. Bars of "
+        footer=f"machopt {data.version}. Lengths mm, angles mrad, stiffness N·m/rad. Bars of "
         f"stiffness are {100 * data.level:g} % intervals, ellipses 90 % regions. Click a legend entry to hide it.",
     )  # fmt: skip
 
@@ -68,8 +73,7 @@ def stiffness_text(k: float, digits: int = 3) -> str:
     return f"{k / 10 ** math.floor(math.log10(k)):.{digits - 1}f}e{math.floor(math.log10(k))}"
 
 
-def _verdict(data: IdentificationPage) -> str:
-    items = "".join(f"<li>{escape(c)}</li>" for c in data.cautions)
+def _verdict(data: IdentificationPage) -> Body:
     explained = 1.0 - (data.heldout_rmse / data.displacement) ** 2 if data.displacement > 0 else math.nan
     cards = [
         ("Held-out error", f"{data.heldout_rmse * 1e3:.3f}", "mm", "rms per axis, poses the fit did not see"),
@@ -79,19 +83,10 @@ def _verdict(data: IdentificationPage) -> str:
         ("Condition number", f"{data.condition_number:.1f}", "", "of the scaled design"),
         ("Readings", str(len(data.measured)), "", f"{len(np.unique(data.pose))} poses"),
     ]
-    boxes = "".join(
-        f"<div class=card><div class=name>{escape(n)}</div><div class=value>{escape(v)} <small>{u}</small></div>"
-        f"<div class=more>{escape(m)}</div></div>"
-        for n, v, u, m in cards
-    )
-    return (
-        f'<section id=verdict class="verdict {data.tone}"><span class=badge>{escape(data.badge)}</span>'
-        f"<p class=sentence>{escape(data.sentence)}</p>{f'<ul>{items}</ul>' if items else ''}"
-        f"<div class=cards>{boxes}</div></section>\n"
-    )
+    return part("verdict", "verdict", data.tone, data.badge, data.sentence, data.cautions, cards)
 
 
-def _coefficient_rows(rows: tuple[Coefficient, ...], *, arcmin: bool) -> list[list[str]]:
+def _coefficient_rows(rows: tuple[Coefficient, ...], *, arcmin: bool) -> list[list[Body]]:
     out = []
     for c in rows:
         spread = f"{stiffness_text(c.low, 4)} … {stiffness_text(c.high, 4)}"
@@ -101,18 +96,18 @@ def _coefficient_rows(rows: tuple[Coefficient, ...], *, arcmin: bool) -> list[li
         out.append([
             name, stiffness_text(c.value), *([f"{c.value * ARCMIN:.0f}"] if arcmin else [c.unit]), spread,
             f"± {half:.1f} %" if math.isfinite(half) else "–", stiffness_text(c.prior),
-            '<span class="pass">yes</span>' if c.identified else '<span class="fail">no</span>', c.reason,
+            part("toned", "pass", "yes") if c.identified else part("toned", "fail", "no"), c.reason,
         ])  # fmt: skip
     return out
 
 
-def _joints(data: IdentificationPage, have: set[str]) -> str:
+def _joints(data: IdentificationPage, have: set[str]) -> Body:
     columns = [
         Column("Joint"), Column("k (N·m/rad)", "n"), Column("N·m/arcmin", "n"),
         Column(f"{100 * data.level:g} % interval", "n"), Column("", "n"), Column("Before (N·m/rad)", "n"),
         Column("Identified", "html"), Column("Why", "why"),
     ]  # fmt: skip
-    body = table(columns, _coefficient_rows(data.joints, arcmin=True))
+    body: Body = table(columns, _coefficient_rows(data.joints, arcmin=True))
     if data.terms:
         columns = [Column("Further physics"), Column("Value", "n"), Column("Unit"), *columns[3:]]
         body += table(columns, _coefficient_rows(data.terms, arcmin=False))
@@ -124,40 +119,37 @@ def _joints(data: IdentificationPage, have: set[str]) -> str:
     return section("joints", "Joint stiffness", lead, body)
 
 
-def _fit(data: IdentificationPage, have: set[str]) -> str:
-    both = _host("i-parity", have) + _host("i-parity-rot", have)
-    body = f"<div class=grid2>{both}</div>" if "i-parity-rot" in have else both
+def _fit(data: IdentificationPage, have: set[str]) -> Body:
+    both = [part("chart", name) for name in ("i-parity", "i-parity-rot") if name in have]
+    body: Body = part("grid", 2, both) if "i-parity-rot" in have else both[0]
     body += _host("i-residual", have) + _host("i-residual-rot", have)
-    body += f"<div class=grid2>{_host('i-load', have)}{_host('i-heldout', have)}</div>"
+    body += part("grid", 2, [_host("i-load", have), _host("i-heldout", have)])
     lead = "Points on the diagonal are explained; the bars are the standard uncertainty of the reading."
     return section("fit", "Measured and predicted", lead, body)
 
 
-def _uncertainty(data: IdentificationPage, have: set[str]) -> str:
-    body = "".join(_host(f"i-ellipse{n}", have) for n in range(ELLIPSES))
-    body = f"<div class=grid3>{body}</div>" if body else ""
-    if body:
-        body = "<h3>Pairs of joints with the strongest correlation, 90 % ellipses of the compliances</h3>" + body
-    if any(f"i-subset{j}" in have for j in range(6)):
-        small = "".join(_host(f"i-subset{j}", have) for j in range(6))
-        body += (
-            "<h3>Random subsets of the tests: median and 5–95 % of the identified stiffness</h3>"
-            f"<div class=grid3>{small}</div>"
-        )
+def _uncertainty(data: IdentificationPage, have: set[str]) -> Body:
+    body: Body = ""
+    for name, count, title in (
+        ("i-ellipse", ELLIPSES, "Pairs of joints with the strongest correlation, 90 % ellipses of the compliances"),
+        ("i-subset", 6, "Random subsets of the tests: median and 5–95 % of the identified stiffness"),
+    ):
+        small = [part("chart", f"{name}{n}") for n in range(count) if f"{name}{n}" in have]
+        body += part("heading", title) + part("grid", 3, small) if small else ""
     if data.monte_carlo is not None:
         rows = [
             [c.name, f"± {100 * s:.1f} %" if math.isfinite(s) else "–"]
             for c, s in zip(data.joints, data.monte_carlo, strict=True)
         ]
-        body += "<h3>Repeated with measurement errors drawn anew: one standard deviation of the stiffness</h3>"
+        body += part("heading", "Repeated with measurement errors drawn anew: one standard deviation of the stiffness")
         body += table([Column("Joint"), Column("Spread", "n")], rows)
     return section("uncertainty", "Uncertainty", "What other readings of the same quality would have given.", body)
 
 
-def _grid(data: IdentificationPage, have: set[str]) -> str:
+def _grid(data: IdentificationPage, have: set[str]) -> Body:
     if data.grid is None:
         return ""
-    small = "".join(_host(f"i-grid{j}", have) for j in range(6))
+    small = [_host(f"i-grid{j}", have) for j in range(6)]
     g = data.grid
     rows = [
         [str(n), *(f"{v * 1e3:.0f}" for v in g.centre[n]), f"{g.readings[n]:.1f}",
@@ -166,7 +158,7 @@ def _grid(data: IdentificationPage, have: set[str]) -> str:
     ]  # fmt: skip
     columns = [Column("Cell", "n"), *(Column(f"{a} (mm)", "n") for a in "xyz"), Column("Readings", "n"),
                *(Column(f"k{j + 1}", "n") for j in range(6))]  # fmt: skip
-    body = f"<div class=grid3>{small}</div>" + folded("Cells", len(rows), table(columns, rows))
+    body = part("grid", 3, small) + folded("Cells", len(rows), table(columns, rows))
     lead = (
         f"{g.shape[0]} × {g.shape[1]} × {g.shape[2]} cells. A cell with few readings stays near the constant value "
         "(dashed) and its bar grows to the spread found between cells."
@@ -174,7 +166,7 @@ def _grid(data: IdentificationPage, have: set[str]) -> str:
     return section("grid", "Stiffness per grid cell", lead, body)
 
 
-def _models(data: IdentificationPage) -> str:
+def _models(data: IdentificationPage) -> Body:
     if not data.comparisons:
         return ""
     rows = [
@@ -186,7 +178,7 @@ def _models(data: IdentificationPage) -> str:
     return section("models", "Models tried", "Judged by poses they did not see.", table(columns, rows))
 
 
-def _readings(data: IdentificationPage) -> str:
+def _readings(data: IdentificationPage) -> Body:
     residual = data.measured - data.predicted
     shown = np.abs(residual[:, :3] / data.sigma[:, :3]).max(axis=1)
     order = np.argsort(-shown, kind="stable")[:60]
@@ -206,13 +198,13 @@ def _readings(data: IdentificationPage) -> str:
     return section("readings", "Readings", lead, table(columns, rows))
 
 
-def _run(data: IdentificationPage) -> str:
+def _run(data: IdentificationPage) -> Body:
     body = table([Column("What"), Column("Value")], data.facts) if data.facts else ""
     return section("run", "This run", "What it was made from, with what settings.", body)
 
 
-def _host(name: str, have: set[str]) -> str:
-    return f'<div class=chart id="{name}"></div>' if name in have else ""
+def _host(name: str, have: set[str]) -> Body:
+    return part("chart", name) if name in have else ""
 
 
 def _charts(data: IdentificationPage) -> list[Spec]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,10 @@ from machopt.report.still import (
     ticks_below,
     ticks_left,
 )
+from machopt.report.svg import Shape, shape
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.uint8]
@@ -35,10 +40,10 @@ _LEFT, _TOP, _BOTTOM, _BAR = 62.0, 44.0, 74.0, 96.0
 
 def write_map_svg(path: Path, data: MapData) -> None:
     """Write the picture; the same data give the same bytes."""
-    path.write_text(map_svg(data), encoding="utf-8", newline="\n")
+    path.write_text(map_svg(data) + "\n", encoding="utf-8", newline="\n")
 
 
-def map_svg(data: MapData) -> str:
+def map_svg(data: MapData) -> Markup:
     """Colours and isolines of the quantity postures are chosen by, one panel a layer; curves over a single axis.
 
     A volume shows the slice normal to its last axis through its best place.
@@ -46,7 +51,7 @@ def map_svg(data: MapData) -> str:
     return _curves(data) if len(data.axes) == 1 else _panels(data)
 
 
-def _panels(data: MapData) -> str:
+def _panels(data: MapData) -> Markup:
     field = data.shown_field
     axes, panels, title = data.axes[:2], [], f"{field.name}: {data.place}"
     level = _level(data) if len(data.axes) == 3 else None
@@ -67,18 +72,19 @@ def _panels(data: MapData) -> str:
     if data.kind == "joints" or min(w, h) < 120:
         w, h = _WIDTH, _MOST_HEIGHT * 0.8
     panel = w + _LEFT + 24
-    parts = [_panel(axes, layer, value, reason, field, (low, high), (_LEFT + n * panel, _TOP, w, h), data)
-             for n, (layer, value, reason) in enumerate(panels)]  # fmt: skip
+    parts: list[Shape] = []
+    for n, (layer, value, reason) in enumerate(panels):
+        parts += _panel(axes, layer, value, reason, field, (low, high), (_LEFT + n * panel, _TOP, w, h), data)
     width, height = panel * len(panels) + _BAR, h + _TOP + _BOTTOM
     unit = f" ({field.shown.name})" if field.shown.name else ""
     bar = (width - _BAR + 4, _TOP, 14.0, h)
-    parts.append(colour_bar(bar, low, high, field.name + unit, inverted=field.better == "less"))
+    parts.extend(colour_bar(bar, low, high, field.name + unit, inverted=field.better == "less"))
     codes = np.unique(np.concatenate([reason.ravel() for _, _, reason in panels]))
     parts += _key([int(c) for c in codes if c > 0], data, height - 26)
     return document(max(width, 640.0), height, title, parts)
 
 
-def pair_svg(data: MapData, axis: str) -> str:
+def pair_svg(data: MapData, axis: str) -> Markup:
     """The model's stiffness along x, y or z and the measured one spread over the same slice, in the same colours.
 
     Circles are the measured places; dots mark what lies outside their hull.
@@ -94,21 +100,21 @@ def pair_svg(data: MapData, axis: str) -> str:
     (u0, u1), (v0, v1) = (_ends(a) for a in data.axes)
     scale = min(400.0 / (u1 - u0), 320.0 / (v1 - v0))
     w, h = ((u1 - u0) * scale, (v1 - v0) * scale) if data.kind == "slice" else (400.0, 300.0)
-    parts = []
+    parts: list[Shape] = []
     for n, (f, value, title) in enumerate(zip(fields, values, keys.values(), strict=True)):
         box = (_LEFT + n * (w + _LEFT + 24), _TOP, w, h)
         guess = layer.guess[f.key].reshape(data.shape) if f.key in layer.guess else None
         shown = replace(layer, title=title)
-        parts.append(_panel(data.axes, shown, value, reason, f, (low, high), box, data, guess))
+        parts.extend(_panel(data.axes, shown, value, reason, f, (low, high), box, data, guess))
         if data.kind == "slice" and data.measured is not None:
             at = data.measured.position[:, ["xyz".index(a.name) for a in data.axes]] * data.axes[0].shown.factor
             x, y = box[0] + (at[:, 0] - u0) / (u1 - u0) * w, box[1] + h - (at[:, 1] - v0) / (v1 - v0) * h
-            parts += [f'<circle cx="{a:.1f}" cy="{b:.1f}" r="3.5" fill="#fff" stroke="#b3261e"/>'
-                      for a, b in zip(x, y, strict=True)
+            parts += [shape("circle", cx=a, cy=b, r=3.5, fill="#fff", stroke="#b3261e")
+                      for a, b in zip(x.tolist(), y.tolist(), strict=True)
                       if box[0] <= a <= box[0] + w and box[1] <= b <= box[1] + h]  # fmt: skip
     width = 2 * (w + _LEFT + 24) + _BAR
     label = f"Stiffness along {axis} ({fields[0].shown.name})"
-    parts.append(colour_bar((width - _BAR + 4, _TOP, 14.0, h), low, high, label, inverted=False))
+    parts.extend(colour_bar((width - _BAR + 4, _TOP, 14.0, h), low, high, label, inverted=False))
     return document(width, h + _TOP + 44, f"Stiffness along {axis}", parts)
 
 
@@ -127,21 +133,21 @@ def _ends(axis: MapAxis) -> tuple[float, float]:
 def _panel(
     axes: tuple[MapAxis, ...], layer: MapLayer, value: Array, reason: Codes, field: MapField,
     limits: tuple[float, float], box: Box, data: MapData, guess: NDArray[np.bool_] | None = None,
-) -> str:  # fmt: skip
+) -> list[Shape]:  # fmt: skip
     x, y, w, h = box
     low, high = limits
     out = [image(box, _pixels(value, reason, field, low, high, (round(w * _PIXEL), round(h * _PIXEL)), guess))]
     nu, nv = value.shape
     for level in round_levels(low, high).tolist():
-        ends = isolines(np.where(reason == 0, value, np.nan), level)
-        if len(ends):
-            px, py = x + (ends[..., 0] + 0.5) / nu * w, y + h - (ends[..., 1] + 0.5) / nv * h
-            lines = (f"M{a:.1f} {b:.1f}L{c:.1f} {d:.1f}" for (a, c), (b, d) in zip(px, py, strict=True))
-            out.append(stroke("".join(lines), "i"))
+        found = isolines(np.where(reason == 0, value, np.nan), level)
+        at = [zip((x + (p[:, 0] + 0.5) / nu * w).tolist(), (y + h - (p[:, 1] + 0.5) / nv * h).tolist(), strict=True)
+              for p in found]  # fmt: skip
+        lines = ("M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in points) for points in at)
+        out += [stroke("".join(lines), "i")] if found else []
     label = [f"{a.label} ({a.shown.name})" for a in axes]
-    out += [frame(box), ticks_below(box, *_ends(axes[0]), label[0]), ticks_left(box, *_ends(axes[1]), label[1])]
+    out += [frame(box), *ticks_below(box, *_ends(axes[0]), label[0]), *ticks_left(box, *_ends(axes[1]), label[1])]
     title = field.name if data.kind == "joints" and guess is None else layer.title
-    return "".join([*out, text(x, y - 8, title[0].upper() + title[1:])])
+    return [*out, text(x, y - 8, title[0].upper() + title[1:])]
 
 
 def _pixels(
@@ -166,8 +172,9 @@ def _pixels(
     return out
 
 
-def _key(codes: list[int], data: MapData, y: float) -> list[str]:
-    out, at = [], 14.0
+def _key(codes: list[int], data: MapData, y: float) -> list[Shape]:
+    out: list[Shape] = []
+    at = 14.0
     rows, columns = np.indices((28, 44))
     for code in codes:
         words = data.reasons[code]
@@ -176,21 +183,21 @@ def _key(codes: list[int], data: MapData, y: float) -> list[str]:
     return out
 
 
-def _curves(data: MapData) -> str:
+def _curves(data: MapData) -> Markup:
     charts = curves(data)[: len(data.layers) + 2]
     w, h, gap = 620.0, 190.0, 66.0
-    parts = [_curve(chart, (_LEFT, _TOP + n * (h + gap) + 14, w, h)) for n, chart in enumerate(charts)]
+    parts = [s for n, chart in enumerate(charts) for s in _curve(chart, (_LEFT, _TOP + n * (h + gap) + 14, w, h))]
     return document(_LEFT + w + 270, _TOP + len(charts) * (h + gap) + 14, data.place, parts)
 
 
-def _curve(chart: Spec, box: Box) -> str:
+def _curve(chart: Spec, box: Box) -> list[Shape]:
     x, y, w, h = box
     at = np.array(chart["x"], float)
     lines = [np.array([np.nan if v is None else v for v in s["y"]], float) for s in chart["series"]]
     known = np.concatenate([v[np.isfinite(v)] for v in lines])
     low, high = min(0.0, float(known.min())), (float(known.max()) * 1.05 or 1.0)
     first, last = float(at[0]), float(at[-1])
-    out = [ticks_left(box, low, high, chart["ylabel"], grid=True), ticks_below(box, first, last, chart["xlabel"]),
+    out = [*ticks_left(box, low, high, chart["ylabel"], grid=True), *ticks_below(box, first, last, chart["xlabel"]),
            frame(box), text(x, y - 7, chart["title"])]  # fmt: skip
     for n, (series, values) in enumerate(zip(chart["series"], lines, strict=True)):
         px, py = x + w * (at - first) / (last - first), y + h * (1 - (values - low) / (high - low))
@@ -203,4 +210,4 @@ def _curve(chart: Spec, box: Box) -> str:
         out.append(stroke(d, stroke_width="1.6", **paint))
         out.append(stroke(f"M{x + w + 10} {key:.1f}h22", stroke_width="2.4", **paint))
         out.append(text(x + w + 38, key + 4, series["name"], kind="t"))
-    return "".join(out)
+    return out

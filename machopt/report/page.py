@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from machopt.report import tables
 from machopt.report.data import ReportData
@@ -12,14 +12,13 @@ from machopt.report.figures import Spec, figure_specs
 from machopt.report.front import front_section
 from machopt.report.programs import programs
 from machopt.report.shell import page_html, section
+from machopt.report.template import fragment, joined, part
 from machopt.report.verdict import cards, verdict
 
-_STIFFNESS_NOTE = (
-    "Two indices are shown and they differ on purpose. <b>Axial</b> and <b>normal</b> are the stiffness a force finds "
-    "at the tool tip, 1/(eᵀCe), with the arm free to turn under it: a long tool makes it smaller. "
-    "<b>K_fd</b> (Jiao 2022) is the stiffness with the tool's orientation held; it does not depend on the length of "
-    "the tool and is never smaller than the value at the tip."
-)
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
+    Body = Markup | str
 
 _SHIFT_NOTE = (
     "The commanded path is the programmed one less the deflection predicted at each point; the shift fades in along "
@@ -60,33 +59,24 @@ def report_html(data: ReportData) -> str:
     return page_html(
         data.title, (("Cell", data.cell), ("Toolpath", data.toolpath)), sections, specs,
         scripts=("chart.js", "heatmap.js", "start.js"),
-        footer=f"machopt {escape(data.version)}{f', {escape(data.created)}' if data.created else ''}. "
+        footer=f"machopt {data.version}{f', {data.created}' if data.created else ''}. "
         "Lengths mm, angles deg, stiffness N/µm, feed mm/min. Drag in a picture to zoom, double click to see all, "
         "click a legend entry to hide it.",
     )  # fmt: skip
 
 
-def _verdict(data: ReportData) -> str:
+def _verdict(data: ReportData) -> Body:
     v = verdict(data)
-    items = "".join(f"<li>{escape(c)}</li>" for c in v.cautions)
-    boxes = "".join(
-        f'<div class=card><div class=name>{escape(c.name)}</div><div class=value>{escape(c.value)} '
-        f"<small>{escape(c.unit)}</small></div><div class=more>{escape(c.more)}</div></div>"
-        for c in cards(data)
-    )  # fmt: skip
-    return (
-        f'<section id=verdict class="verdict {v.tone}"><span class=badge>{escape(v.badge)}</span>'
-        f"<p class=sentence>{escape(v.sentence)}</p>{f'<ul>{items}</ul>' if items else ''}"
-        f"<div class=cards>{boxes}</div></section>\n"
-    )
+    boxes = [(c.name, c.value, c.unit, c.more) for c in cards(data)]
+    return part("verdict", "verdict", v.tone, v.badge, v.sentence, v.cautions, boxes)
 
 
-def _plot(name: str, charts: set[str]) -> str:
-    return f'<div class=chart id="{name}"></div>' if name in charts else ""
+def _plot(name: str, charts: set[str]) -> Body:
+    return part("chart", name) if name in charts else ""
 
 
-def _infeasible(data: ReportData) -> str:
-    out = ""
+def _infeasible(data: ReportData) -> Body:
+    out: Body = ""
     if data.infeasible:
         lead = "Points without any posture that satisfies reach, limits, singularity distance and clearance."
         out = section("infeasible", "Infeasible points", lead, tables.infeasible_points(data))
@@ -96,7 +86,7 @@ def _infeasible(data: ReportData) -> str:
     return out
 
 
-def _map(data: ReportData, specs: Spec) -> str:
+def _map(data: ReportData, specs: Spec) -> Body:
     if specs["map"] is None:
         return ""
     lead = (
@@ -104,61 +94,58 @@ def _map(data: ReportData, specs: Spec) -> str:
         "is carried along without turning (γ of the tables is counted from the direction of travel, so the CAM's "
         "default, γ = 0, is a curve where the path turns). Bright is stiff, dark is soft; grey and hatched places "
         "cannot be used, and the hatching says why. "
-    ) + escape(data.map.collisions if data.map is not None else "")
+    ) + (data.map.collisions if data.map is not None else "")
     return section(
         "rotation",
         f"{WORDS[data.summary.quantity].axis} over path and rotation",
         lead,
-        "<div class=chart id=map></div>",
+        part("chart", "map"),
     )
 
 
-def _path(charts: set[str]) -> str:
-    wide = "".join(_plot(name, charts) for name in ("c-index", "c-deflection", "c-shift"))
-    wide += f"<p class=note>{_SHIFT_NOTE}</p>" if "c-shift" in charts else ""
-    stiffness = _plot("c-stiffness", charts)
-    stiffness += f"<p class=note>{_STIFFNESS_NOTE}</p>" if stiffness else ""
-    small = "".join(_plot(name, charts) for name in ("c-clearance", "c-margins"))
-    body = wide + stiffness + (f"<div class=grid2>{small}</div>" if small else "")
+def _path(charts: set[str]) -> Body:
+    body: Body = joined(_plot(name, charts) for name in ("c-index", "c-deflection", "c-shift"))
+    body += part("note", _SHIFT_NOTE) if "c-shift" in charts else ""
+    if "c-stiffness" in charts:
+        body += part("chart", "c-stiffness") + fragment("report.html", "stiffness_note")
+    small = [part("chart", name) for name in ("c-clearance", "c-margins") if name in charts]
+    body += part("grid", 2, small) if small else ""
     return section("path", "Along the path", "All pictures share the path length and zoom together.", body)
 
 
-def _worst(data: ReportData) -> str:
-    body = ""
+def _worst(data: ReportData) -> Body:
+    body: Body = ""
     if data.worst:
-        body += "<h3>Worst points</h3>" + tables.worst_points(data)
+        body += part("heading", "Worst points") + tables.worst_points(data)
     if data.operations:
-        body += "<h3>Operations</h3>" + tables.operations(data)
+        body += part("heading", "Operations") + tables.operations(data)
     return section("points", "Worst points and operations", "Where the result is decided.", body)
 
 
-def _feed(data: ReportData, charts: set[str]) -> str:
-    body = _plot("c-feed", charts)
-    if not body:
+def _feed(data: ReportData, charts: set[str]) -> Body:
+    if "c-feed" not in charts:
         return ""
-    body += "<h3>Dips</h3>" + tables.feed_dips(data) if data.dips else "<p>The programmed feed is held throughout.</p>"
+    held = part("paragraph", "The programmed feed is held throughout.")
+    body = part("chart", "c-feed") + (part("heading", "Dips") + tables.feed_dips(data) if data.dips else held)
     lead = "The programmed feed is held wherever the axes can; a dip names the axis and the limit that caused it."
     return section("feed", "Feed", lead, body)
 
 
-def _axes(data: ReportData, charts: set[str]) -> str:
+def _axes(data: ReportData, charts: set[str]) -> Body:
     if data.motion is None or "c-q0" not in charts:
         return ""
     count = range(len(data.motion.joint_names))
-    positions = "".join(_plot(f"c-q{j}", charts) for j in count)
-    ratios = "".join(_plot(f"c-v{j}", charts) for j in count)
+    positions, ratios = ([_plot(f"c-{kind}{j}", charts) for j in count] for kind in "qv")
     key = ["velocity (blue)"]
     key += ["acceleration (orange)"] if data.motion.acceleration_ratio is not None else []
     key += ["jerk (green)"] if data.motion.jerk_ratio is not None else []
-    body = (
-        f"<h3>Positions and their limits</h3><div class=grid3>{positions}</div>"
-        f"<h3>Peak shares of the limits: {', '.join(key)}</h3><div class=grid3>{ratios}</div>"
-    )
+    body = part("heading", "Positions and their limits") + part("grid", 3, positions)
+    body += part("heading", f"Peak shares of the limits: {', '.join(key)}") + part("grid", 3, ratios)
     return section("axes", "Axes over time", "Dashed lines are the limits.", body)
 
 
-def _verification(data: ReportData) -> str:
-    body = tables.checks(data) if data.checks else ""
+def _verification(data: ReportData) -> Body:
+    body: Body = tables.checks(data) if data.checks else ""
     body += tables.part(
         len(data.excluded_pairs), "Pairs left out of the collision check", tables.excluded_pairs, data, opened=True
     )
@@ -166,21 +153,17 @@ def _verification(data: ReportData) -> str:
     return section("verification", "Verification", lead, body)
 
 
-def _source(data: ReportData) -> str:
-    body = ""
-    if data.warnings:
-        items = "".join(f"<li>{escape(w)}</li>" for w in data.warnings[: tables.MOST_ROWS])
-        body += f"<h3>Warnings</h3><ul>{items}</ul>"
-    if data.notes:
-        items = "".join(f"<li>{escape(n)}</li>" for n in data.notes[: tables.MOST_ROWS])
-        body += f"<h3>In the cell's files, without effect</h3><ul>{items}</ul>"
+def _source(data: ReportData) -> Body:
+    body: Body = ""
+    for title, words in (("Warnings", data.warnings), ("In the cell's files, without effect", data.notes)):
+        body += part("heading", title) + part("bullets", words[: tables.MOST_ROWS]) if words else ""
     unknown = any(not w.understood for w in data.ignored)
     body += tables.part(len(data.ignored), "Words without effect", tables.cam_words, data, opened=unknown)
     body += tables.part(len(data.events), "Events on the way", tables.events, data)
-    return section("source", "CAM file", f"What {escape(data.toolpath)} holds beside its points.", body)
+    return section("source", "CAM file", f"What {data.toolpath} holds beside its points.", body)
 
 
-def _run(data: ReportData) -> str:
+def _run(data: ReportData) -> Body:
     body = tables.part(len(data.timings), "Time per stage", tables.timings, data)
     if data.options:
         body += tables.folded("Options", len(data.options), tables.pairs("Option", "Value", data.options))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,12 @@ from numpy.typing import NDArray
 from machopt.report.poses_figures import bars, curve, views
 from machopt.report.shell import page_html, section
 from machopt.report.tables import Column, folded, table
+from machopt.report.template import part
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
+    Body = Markup | str
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -126,28 +132,22 @@ def poses_html(data: PosesPage) -> str:
     ]
     return page_html(
         data.title, (("Cell", data.cell),), sections, {"xy": charts}, scripts=("chart.js", "xy.js", "start_xy.js"),
-        footer=f"machopt {escape(data.version)}. Lengths mm, forces N, moments N·m, angles deg. Uncertainties are one "
+        footer=f"machopt {data.version}. Lengths mm, forces N, moments N·m, angles deg. Uncertainties are one "
         "standard deviation of the joint stiffness as a share of its value. Click a legend entry to hide it.",
     )  # fmt: skip
 
 
-def _verdict(data: PosesPage) -> str:
-    items = "".join(f"<li>{escape(w)}</li>" for w in data.warnings)
+def _verdict(data: PosesPage) -> Body:
     if data.work is None:
-        tone, badge, said, cards = "bad", "NOTHING TO MEASURE", data.reason[:1].upper() + data.reason[1:] + ".", ""
-        items = "".join(f"<li>{escape(w)}</li>" for w in data.warnings if w != data.reason)
-    else:
-        seen = bool(np.isfinite(data.sigma).all())
-        tone, badge = ("", "READY") if seen else ("warn", "NOT EVERYTHING IS SEEN")
-        if data.apart:
-            split = all(a.planned >= data.enough for a in data.apart)
-            tone, badge = ("", "READY") if split else ("warn", "NOT EVERYTHING IS TOLD APART")
-        said, cards = sentence(data), _cards(data)
-    return (
-        f'<section id=verdict class="verdict {tone}"><span class=badge>{badge}</span>'
-        f"<p class=sentence>{escape(said)}</p>{f'<ul>{items}</ul>' if items else ''}"
-        f"<div class=cards>{cards}</div></section>\n"
-    )
+        said = f"{data.reason[:1].upper()}{data.reason[1:]}."
+        items = [w for w in data.warnings if w != data.reason]
+        return part("verdict", "verdict", "bad", "NOTHING TO MEASURE", said, items, [])
+    seen = bool(np.isfinite(data.sigma).all())
+    tone, badge = ("", "READY") if seen else ("warn", "NOT EVERYTHING IS SEEN")
+    if data.apart:
+        split = all(a.planned >= data.enough for a in data.apart)
+        tone, badge = ("", "READY") if split else ("warn", "NOT EVERYTHING IS TOLD APART")
+    return part("verdict", "verdict", tone, badge, sentence(data), data.warnings, _cards(data))
 
 
 def sentence(data: PosesPage) -> str:
@@ -193,7 +193,7 @@ def _told(data: PosesPage) -> str:
     return out + "."
 
 
-def _apart(data: PosesPage) -> str:
+def _apart(data: PosesPage) -> Body:
     if data.work is None or not data.apart:
         return ""
     columns = [
@@ -201,26 +201,26 @@ def _apart(data: PosesPage) -> str:
         Column("Rounds for 90 %", "n"), Column("Until diagnose excludes one", "n"),
         Column("Random poses, a round", "n"), Column("Otherwise", "why"),
     ]  # fmt: skip
-    body = ""
+    body: Body = ""
     for why in dict.fromkeys(a.why for a in data.apart):
         rows = [
             [a.pair, _number(a.per_cycle, 1), _number(a.planned, 1), "–" if a.cycles is None else str(a.cycles),
              "–" if a.until is None else str(a.until), _number(a.random, 1), a.advice]
             for a in data.apart if a.why == why
         ]  # fmt: skip
-        body += f"<h3>{escape(why[:1].upper() + why[1:])}</h3>" + table(columns, rows)
+        body += part("heading", why[:1].upper() + why[1:]) + table(columns, rows)
     lead = (
         "Each explanation in turn is taken as true, as the diagnosis fitted it; the other may refit its own numbers "
         "and every joint. What it still misses, squared and in units of the noise, is the noncentrality, the worse way "
         f"round. {data.enough:.1f} finds the difference in nine of ten measurements at the 1 % level. Poses and loads "
-        "make the least of them as large as they can (Atkinson &amp; Fedorov 1975). Diagnosing these readings alone "
+        "make the least of them as large as they can (Atkinson & Fedorov 1975). Diagnosing these readings alone "
         "asks for more: a rival goes only where pose after pose it does worse; the old recording beside the new one "
         "helps."
     )
     return section("apart", "What it tells apart", lead, body)
 
 
-def _cards(data: PosesPage) -> str:
+def _cards(data: PosesPage) -> list[tuple[str, str, str, str]]:
     cards = [
         ("Poses", str(data.poses), "", f"of {data.passed} candidates"),
         ("Readings", str(data.readings), "", f"{data.per_pose} at each pose"),
@@ -236,14 +236,10 @@ def _cards(data: PosesPage) -> str:
         value = str(data.needed * data.per_pose) if data.needed is not None else "–"
         more = f"readings ({data.needed} poses)" if data.needed is not None else "out of reach"
         cards.append((f"Every joint to {_percent(data.target)}", value, "", more))
-    return "".join(
-        f"<div class=card><div class=name>{escape(n)}</div><div class=value>{escape(v)} <small>{u}</small></div>"
-        f"<div class=more>{escape(m)}</div></div>"
-        for n, v, u, m in cards
-    )
+    return cards
 
 
-def _accuracy(data: PosesPage) -> str:
+def _accuracy(data: PosesPage) -> Body:
     if data.work is None:
         return ""
     columns = [
@@ -259,40 +255,40 @@ def _accuracy(data: PosesPage) -> str:
             f"{_number(100 * h.rms[0], 2)} … {_number(100 * h.rms[2], 2)}",
             *(f"{e:.2f}" for e in h.efficiency), f"× {_number(h.readings, 1)}",
         ])  # fmt: skip
-    further = ""
+    further: Body = ""
     if not data.relative.all():
         rows_further = [
             [n, _number(100 * s, 1)]
             for n, s, r in zip(data.unknowns, data.sigma, data.relative, strict=True) if not r
         ]  # fmt: skip
-        further = "<h3>Further physics without a prior value: one sigma in percent of a joint's usual contribution</h3>"
-        further += table([Column("Unknown"), Column("1 σ (%)", "n")], rows_further)
+        what = "Further physics without a prior value: one sigma in percent of a joint's usual contribution"
+        further = part("heading", what) + table([Column("Unknown"), Column("1 σ (%)", "n")], rows_further)
     lead = (
         "One standard deviation of each joint's stiffness as these readings will give it, beside the same number of "
         "readings with the same loads at poses and loads chosen as the papers do (median of random draws)."
     )
     if data.apart:
         lead = "One standard deviation of each joint's stiffness as these readings give it by themselves."
-    body = '<div class=chart id="p-bars"></div>' + table(columns, rows) + further
+    body = part("chart", "p-bars") + table(columns, rows) + further
     return section("accuracy", "Expected accuracy", lead, body)
 
 
-def _amount(data: PosesPage) -> str:
+def _amount(data: PosesPage) -> Body:
     if data.work is None or data.apart:
         return ""
     lead = "Uncertainty falls with the square root of the work; each point is a design of its own."
-    return section("amount", "Amount of work", lead, '<div class=chart id="p-curve"></div>')
+    return section("amount", "Amount of work", lead, part("chart", "p-curve"))
 
 
-def _poses(data: PosesPage) -> str:
+def _poses(data: PosesPage) -> Body:
     if data.work is None:
         return ""
     lead = "The arm at each pose as a line through its axes; grey dots are candidates, blue dots the chosen TCPs."
-    body = '<div class=grid2><div class=chart id="p-top"></div><div class=chart id="p-side"></div></div>'
+    body = part("grid", 2, [part("chart", "p-top"), part("chart", "p-side")])
     return section("poses", "Poses", lead, body)
 
 
-def _work(data: PosesPage) -> str:
+def _work(data: PosesPage) -> Body:
     t = data.work
     if t is None:
         return ""
@@ -317,18 +313,18 @@ def _work(data: PosesPage) -> str:
     return section("work", "Order of work", lead, table(columns, rows))
 
 
-def _left_out(data: PosesPage) -> str:
-    body = ""
+def _left_out(data: PosesPage) -> Body:
+    body: Body = ""
     if data.rejected_poses:
-        body += f"<h3>Poses: {data.passed} taken of {data.tried} tried</h3>"
+        body += part("heading", f"Poses: {data.passed} taken of {data.tried} tried")
         body += table([Column("Fails first for"), Column("Poses", "n")], [[r, str(n)] for r, n in data.rejected_poses])
     if data.rejected_loads:
-        body += f"<h3>Loads: {data.cases} admissible pairs of pose and load</h3>"
+        body += part("heading", f"Loads: {data.cases} admissible pairs of pose and load")
         body += table([Column("Fails first for"), Column("Pairs", "n")], [[r, str(n)] for r, n in data.rejected_loads])
     return section("left", "Left out", "What was not considered, and why.", body)
 
 
-def _run(data: PosesPage) -> str:
+def _run(data: PosesPage) -> Body:
     body = folded("Options", len(data.options), table([Column("Option"), Column("Value", "mono")], data.options))
     body += folded("Inputs", len(data.hashes), table([Column("File"), Column("SHA-256", "mono")], data.hashes))
     return section("run", "This run", "What it was made from, with what settings.", body)

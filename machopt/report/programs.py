@@ -4,28 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from html import escape
+from typing import TYPE_CHECKING
 
 from machopt.report.data import Program, ReportData
 from machopt.report.display import Unit
 from machopt.report.shell import section
+from machopt.report.svg import drawn, shape
 from machopt.report.tables import Column, table
+from machopt.report.template import fragment, part
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
 
 _FILES = 4  # named of a program that has many
 _BAR = 110  # pixels that stand for the tolerance
-_LEAD = (
-    "Each program was read back by a reader that shares nothing with its writer, and compared with the trajectory. "
-    "<b>Targets</b>: the largest difference between what is read and what was meant, joint targets through forward "
-    "kinematics. <b>Between the points</b>: on linear moves a controller draws straight lines and turns the tool "
-    "evenly; shown is how far those are from the trajectory, beside the tolerance for which points are added. How it "
-    "rounds corners or draws splines is its own matter."
-)
 _SMALL_LENGTH, _SMALL_ANGLE = Unit(1e3, "mm", 4), Unit(180 / math.pi, "deg", 4)
 _SHORT, _TURN = Unit(1e3, "mm", 3), Unit(180 / math.pi, "deg", 3)
 _FEED = Unit(6e4, "mm/min", 3)
 
 
-def programs(data: ReportData) -> str:
+def programs(data: ReportData) -> Markup | str:
     """The section, empty where no program was written."""
     if not data.programs:
         return ""
@@ -37,66 +35,57 @@ def programs(data: ReportData) -> str:
     body = table(columns, [_row(p) for p in data.programs])
     wrong = [(p.files[0] if p.files else p.post, text) for p in data.programs for text in p.differences]
     if wrong:
-        items = "".join(f"<li><b>{escape(file)}</b>: {escape(text)}</li>" for file, text in wrong)
-        body = f'<p class="fail">Do not run these:</p><ul>{items}</ul>{body}'
+        body = fragment("report.html", "differing", wrong) + body
     body = _said(data.programs, "unstarted", "Words of the CAM file that no line of the program carries out") + body
     body += _said(data.programs, "assumed", "Assumed of the controller, because the cell does not say it")
-    return section("programs", "Robot programs", _LEAD, body)
+    return section("programs", "Robot programs", fragment("report.html", "programs_lead"), body)
 
 
 def _row(p: Program) -> tuple[object, ...]:
     lines = [f"{p.lines} lines"]
     if p.withheld:
-        return (p.post, "none", "–", *"–" * 6, f'<span class="fail">withheld: {escape(p.withheld)}</span>')
+        return (p.post, "none", "–", *"–" * 6, part("toned", "fail", f"withheld: {p.withheld}"))
     if not p.checked:
-        state = '<span class="none">not checked: no reader here knows its language</span>'
-        return (p.post, _files(p), _unbroken(lines), *"–" * 5, _feed(p), state)
-    moves = _unbroken([f"{p.moves} moves", *([f"{p.added} of them added"] if p.added else []), *lines])
+        state = part("toned", "none", "not checked: no reader here knows its language")
+        return (p.post, _files(p), part("unbroken", lines), *"–" * 5, _feed(p), state)
+    moves = part("unbroken", [f"{p.moves} moves", *([f"{p.added} of them added"] if p.added else []), *lines])
     configuration = {None: "–", True: "equal", False: "differs"}[p.configuration_equal]
     events = "equal" if p.events_equal else "differ"
-    state = '<span class="fail">differs</span>' if p.differences else '<span class="pass">reads back</span>'
+    state = part("toned", "fail", "differs") if p.differences else part("toned", "pass", "reads back")
     return (
         p.post, _files(p), moves, _targets(p), _least(p.feed_error, _FEED), configuration, events,
         _between(p), _feed(p), state,
     )  # fmt: skip
 
 
-def _said(rows: Sequence[Program], what: str, title: str) -> str:
+def _said(rows: Sequence[Program], what: str, title: str) -> Markup | str:
     """What the programs have to say, each sentence once with the posts it is of."""
     of: dict[str, list[str]] = {}
     for p in rows:
         for text in getattr(p, what):
             of.setdefault(text, []).append(p.post)
-    items = "".join(
-        f"<li>{escape(text)} <small>({escape(', '.join(posts))})</small></li>" for text, posts in of.items()
-    )
-    return f'<p class="fail">{escape(title)}:</p><ul>{items}</ul>' if of else ""
+    listed = [(text, ", ".join(posts)) for text, posts in of.items()]
+    return fragment("report.html", "said", title, listed) if of else ""
 
 
-def _feed(p: Program) -> str:
+def _feed(p: Program) -> Markup | str:
     """What the controller will hold of the programmed feed, at which deviation."""
     if not math.isfinite(p.feed_mean):
         return "the motion's own: it is streamed, or no model is known"
-    return _unbroken([
+    return part("unbroken", [
         f"{100 * p.feed_mean:.0f} % on average, {100 * p.feed_lowest:.0f} % in the slowest move",
         f"points passed by {_SHORT.text(p.feed_deviation, unit=True)} at most",
     ])  # fmt: skip
 
 
-def _targets(p: Program) -> str:
+def _targets(p: Program) -> Markup:
     words = [_least(p.position_error, _SMALL_LENGTH), _least(p.angle_error, _SMALL_ANGLE)]
     words += [f"joints {_least(p.joint_error, _SMALL_ANGLE)}"] if math.isfinite(p.joint_error) else []
-    return _unbroken(words)
+    return part("unbroken", words)
 
 
-def _files(p: Program) -> str:
-    links = [f'<a href="{escape(f)}">{escape(f)}</a>' for f in p.files[:_FILES]]
-    more = [f"… and {len(p.files) - _FILES} more"] if len(p.files) > _FILES else []
-    return "<br>".join([*links, *more])
-
-
-def _unbroken(lines: Sequence[str]) -> str:
-    return "<br>".join(f'<span style="white-space:nowrap">{escape(line)}</span>' for line in lines)
+def _files(p: Program) -> Markup:
+    return fragment("report.html", "program_files", p.files[:_FILES], max(len(p.files) - _FILES, 0))
 
 
 def _least(value: float, unit: Unit) -> str:
@@ -106,20 +95,21 @@ def _least(value: float, unit: Unit) -> str:
     return f"< {step:.{unit.decimals}f} {unit.name}" if small else unit.text(value, unit=True)
 
 
-def _between(p: Program) -> str:
+def _between(p: Program) -> Markup | str:
     """A bar of the tolerance with what of it is used, and the numbers."""
     if not math.isfinite(p.path_error):
         return "no lines: joints are interpolated"
     share = min(p.path_error / p.tolerance, 1.25) if p.tolerance else 0.0
     colour = "#a61b1b" if share > 1.0 else "#1552b8"
-    bar = (
-        f'<svg width="{1.25 * _BAR + 1:g}" height="11" role="img" aria-label="share of the tolerance">'
-        f'<rect y="1" width="{_BAR}" height="9" fill="#e8ebee"/>'
-        f'<rect y="1" width="{share * _BAR:.1f}" height="9" fill="{colour}"/>'
-        f'<path d="M{_BAR} 0V11" stroke="#b3261e"/></svg>'
-    )
+    bar = drawn(shape(
+        "svg", width=1.25 * _BAR + 1, height=11, role="img", aria_label="share of the tolerance", inside=[
+            shape("rect", y=1, width=_BAR, height=9, fill="#e8ebee"),
+            shape("rect", y=1, width=share * _BAR, height=9, fill=colour),
+            shape("path", d=f"M{_BAR} 0V11", stroke="#b3261e"),
+        ],
+    ))  # fmt: skip
     words = [
         f"{_SHORT.text(p.path_error)} of {_SHORT.text(p.tolerance, unit=True)}",
         f"tool axis {_least(p.axis_error, _TURN)}", f"orientation {_least(p.turn_error, _TURN)}",
     ]  # fmt: skip
-    return f"{bar}<br>{_unbroken(words)}"
+    return fragment("report.html", "below", bar, part("unbroken", words))

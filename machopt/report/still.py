@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import base64
-import struct
-import zlib
-from html import escape
+from io import BytesIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from machopt.report.contours import round_levels
+from machopt.report.svg import Shape, Style, drawn, shape
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
 
 Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
@@ -22,44 +25,43 @@ VIRIDIS = np.array([
 ], float)  # fmt: skip
 INK, PALE = np.array([92, 98, 108], np.uint8), np.array([226, 228, 231], np.uint8)
 _STYLE = (
-    ".still text{font-family:Arial,'Liberation Sans',sans-serif;font-size:12px;fill:#333d49}"
+    ".still text{font-family:Arial,Liberation Sans,sans-serif;font-size:12px;fill:#333d49}"
     ".still .t{font-size:11px}.still .h{font-size:14px;font-weight:bold;fill:#1b2430}"
     ".still .a{stroke:#7c8794;fill:none}.still .g{stroke:#e8ebee}.still .i{stroke:#fff;stroke-width:.9;fill:none}"
 )
 
 
-def text(x: float, y: float, words: str, *, anchor: str = "start", kind: str = "", upright: bool = True) -> str:
+def text(x: float, y: float, words: str, *, anchor: str = "start", kind: str = "", upright: bool = True) -> Shape:
     """A line of text; not upright: turned to read from below, about its anchor."""
-    place = f'x="{x:.1f}" y="{y:.1f}"' if upright else f'transform="translate({x:.1f} {y:.1f}) rotate(-90)"'
-    return f'<text {f"""class="{kind}" """ if kind else ""}{place} text-anchor="{anchor}">{escape(words)}</text>'
+    place: Style = {"x": x, "y": y} if upright else {"transform": f"translate({x:.1f} {y:.1f}) rotate(-90)"}
+    return shape("text", words, class_=kind, **place, text_anchor=anchor)
 
 
-def stroke(d: str, kind: str = "", **more: str) -> str:
+def stroke(d: str, kind: str = "", **more: Any) -> Shape:
     """A path; further attributes with _ for -."""
-    extra = "".join(f' {name.replace("_", "-")}="{value}"' for name, value in more.items() if value)
-    return f'<path {f"""class="{kind}" """ if kind else ""}d="{d}"{extra}/>'
+    return shape("path", class_=kind, d=d, **more)
 
 
-def frame(box: Box) -> str:
+def frame(box: Box) -> Shape:
     x, y, w, h = box
-    return f'<rect class="a" x="{x:.1f}" y="{y:.1f}" width="{w:.1f}" height="{h:.1f}"/>'
+    return shape("rect", class_="a", x=x, y=y, width=w, height=h)
 
 
 def number(value: float) -> str:
     return f"{value + 0.0:.6g}".replace("-", "−")
 
 
-def ticks_below(box: Box, low: float, high: float, label: str) -> str:
+def ticks_below(box: Box, low: float, high: float, label: str) -> list[Shape]:
     """Ticks and label of a horizontal axis under a box."""
     x, y, w, h = box
     out = []
     for v in round_levels(low, high, 8).tolist():
         at = x + w * (v - low) / (high - low)
-        out.append(stroke(f"M{at:.1f} {y + h:.1f}v4", "a") + text(at, y + h + 16, number(v), anchor="middle", kind="t"))
-    return "".join([*out, text(x + w / 2, y + h + 34, label, anchor="middle")])
+        out += [stroke(f"M{at:.1f} {y + h:.1f}v4", "a"), text(at, y + h + 16, number(v), anchor="middle", kind="t")]
+    return [*out, text(x + w / 2, y + h + 34, label, anchor="middle")]
 
 
-def ticks_left(box: Box, low: float, high: float, label: str, *, grid: bool = False) -> str:
+def ticks_left(box: Box, low: float, high: float, label: str, *, grid: bool = False) -> list[Shape]:
     """Ticks and label of a vertical axis left of a box, with lines across it if ``grid``."""
     x, y, w, h = box
     out = []
@@ -67,23 +69,21 @@ def ticks_left(box: Box, low: float, high: float, label: str, *, grid: bool = Fa
         at = y + h * (1 - (v - low) / (high - low))
         out.append(stroke(f"M{x:.1f} {at:.1f}h{w:.1f}", "g") if grid else stroke(f"M{x:.1f} {at:.1f}h-4", "a"))
         out.append(text(x - 7, at + 4, number(v), anchor="end", kind="t"))
-    return "".join([*out, text(x - 46, y + h / 2, label, anchor="middle", upright=False)])
+    return [*out, text(x - 46, y + h / 2, label, anchor="middle", upright=False)]
 
 
-def colour_bar(box: Box, low: float, high: float, label: str, *, inverted: bool) -> str:
+def colour_bar(box: Box, low: float, high: float, label: str, *, inverted: bool) -> list[Shape]:
     """A vertical scale with round values on its right."""
     x, y, w, h = box
     n, out = 64, []
     shades = colours(np.arange(n) / (n - 1))[:: -1 if inverted else 1]
     for k, (r, g, b) in enumerate(shades.tolist()):
-        out.append(
-            f'<rect x="{x:.1f}" y="{y + h * (1 - (k + 1) / n):.1f}" width="{w:.1f}" height="{h / n + 0.6:.1f}" '
-            f'fill="rgb({r},{g},{b})"/>'
-        )
+        at = y + h * (1 - (k + 1) / n)
+        out.append(shape("rect", x=x, y=at, width=w, height=h / n + 0.6, fill=f"rgb({r},{g},{b})"))
     for v in round_levels(low, high).tolist():
         at = y + h * (1 - (v - low) / (high - low))
-        out.append(stroke(f"M{x + w:.1f} {at:.1f}h4", "a") + text(x + w + 7, at + 4, number(v), kind="t"))
-    return "".join([*out, text(x + 76, y + h / 2, label, anchor="middle", upright=False)])
+        out += [stroke(f"M{x + w:.1f} {at:.1f}h4", "a"), text(x + w + 7, at + 4, number(v), kind="t")]
+    return [*out, text(x + 76, y + h / 2, label, anchor="middle", upright=False)]
 
 
 def colours(t: Array) -> Pixels:
@@ -103,31 +103,25 @@ def hatching(code: int, x: NDArray[np.intp], y: NDArray[np.intp]) -> Pixels:
     return np.where(mark[..., None], ink, pale)
 
 
-def image(box: Box, pixels: Pixels) -> str:
+def image(box: Box, pixels: Pixels) -> Shape:
     """Pixels (height, width, 3) as an embedded PNG."""
     x, y, w, h = box
     data = base64.b64encode(_png(pixels)).decode("ascii")
-    return (
-        f'<image x="{x:.1f}" y="{y:.1f}" width="{w:.1f}" height="{h:.1f}" preserveAspectRatio="none" '
-        f'href="data:image/png;base64,{data}"/>'
-    )
+    href = f"data:image/png;base64,{data}"
+    return shape("image", x=x, y=y, width=w, height=h, preserveAspectRatio="none", href=href)
 
 
-def document(width: float, height: float, title: str, parts: list[str]) -> str:
-    return (
-        '<svg class="still" xmlns="http://www.w3.org/2000/svg" '
-        f'viewBox="0 0 {width:.0f} {height:.0f}" width="{width:.0f}" height="{height:.0f}">'
-        f"<title>{escape(title)}</title><style>{_STYLE}</style>"
-        f'<rect width="100%" height="100%" fill="#fff"/>{text(14, 18, title, kind="h")}{"".join(parts)}</svg>\n'
-    )
+def document(width: float, height: float, title: str, parts: list[Shape]) -> Markup:
+    style, ground = shape("style", _STYLE), shape("rect", width="100%", height="100%", fill="#fff")
+    size: Style = {"viewBox": f"0 0 {width:.0f} {height:.0f}", "width": f"{width:.0f}", "height": f"{height:.0f}"}
+    inside = [style, ground, text(14, 18, title, kind="h"), *parts]
+    space = "http://www.w3.org/2000/svg"
+    return drawn(shape("svg", title=title, class_="still", xmlns=space, **size, inside=inside))
 
 
 def _png(pixels: Pixels) -> bytes:
-    h, w, _ = pixels.shape
-    rows = np.concatenate([np.zeros((h, 1), np.uint8), pixels.reshape(h, 3 * w)], axis=1).tobytes()
+    from PIL import Image  # late: only pages with still pictures need it
 
-    def chunk(kind: bytes, body: bytes) -> bytes:
-        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
-
-    head = struct.pack(">IIBBBBB", w, h, 8, 2, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(rows, 9)) + chunk(b"IEND", b"")
+    written = BytesIO()
+    Image.fromarray(pixels).save(written, "png", compress_level=9)
+    return written.getvalue()

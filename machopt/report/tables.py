@@ -1,14 +1,18 @@
-"""HTML tables of the report; every text is escaped here and nowhere else."""
+"""Tables of the pages: what stands in which column."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from html import escape
+from typing import TYPE_CHECKING
 
 from machopt.report.data import ReportData
 from machopt.report.display import ANGLE, FEED, FINE_LENGTH, LENGTH, MOMENT, QUANTITY, SHARE, STIFFNESS, TIME, WORDS
+from machopt.report.template import part as piece
 from machopt.report.verdict import change
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
 
 MOST_ROWS = 300
 """A longer list says how much more points.csv and result.json hold."""
@@ -16,39 +20,26 @@ MOST_ROWS = 300
 
 @dataclass(frozen=True)
 class Column:
-    """A heading; ``kind`` is n for numbers, mono for source words, empty for text, html for ready markup."""
+    """A heading; ``kind`` is n for numbers, mono for source words, empty for text, html for cells of markup."""
 
     title: str
     kind: str = ""
 
 
-def table(columns: Sequence[Column], rows: Iterable[Sequence[object]]) -> str:
+def table(columns: Sequence[Column], rows: Iterable[Sequence[object]]) -> Markup:
     """A scrolling table; at most MOST_ROWS rows."""
     rows = list(rows)
     used = [n for n, c in enumerate(columns) if c.kind != "n" or not rows or any(row[n] != "–" for row in rows)]
     columns, rows = [columns[n] for n in used], [[row[n] for n in used] for row in rows]  # no column of dashes
-    head = "".join(f'<th class="{c.kind}">{escape(c.title)}</th>' for c in columns)
-    body = []
-    for row in rows[:MOST_ROWS]:
-        cells = (
-            f"<td>{v}</td>" if c.kind == "html" else f'<td class="{c.kind}">{escape(str(v))}</td>'
-            for c, v in zip(columns, row, strict=True)
-        )  # fmt: skip
-        body.append(f"<tr>{''.join(cells)}</tr>")
-    more = f"<p class=lead>… and {len(rows) - MOST_ROWS} more.</p>" if len(rows) > MOST_ROWS else ""
-    return (
-        f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{"".join(body)}</tbody></table></div>{more}'
-    )
+    return piece("table", columns, rows[:MOST_ROWS], max(len(rows) - MOST_ROWS, 0))
 
 
-def folded(title: str, count: int, body: str, *, opened: bool = False) -> str:
+def folded(title: str, count: int, body: Markup | str, *, opened: bool = False) -> Markup:
     """A part that opens on a click."""
-    return (
-        f"<details{' open' if opened else ''}><summary>{escape(title)} <span>({count})</span></summary>{body}</details>"
-    )
+    return piece("folded", title, count, body, opened)
 
 
-def worst_points(data: ReportData) -> str:
+def worst_points(data: ReportData) -> Markup:
     unit = QUANTITY[data.summary.quantity]
     what = WORDS[data.summary.quantity].axis
     own = data.summary.quantity == "deflection"  # then the deflection stands in the first column already
@@ -71,7 +62,7 @@ def worst_points(data: ReportData) -> str:
     return table(columns, rows)
 
 
-def infeasible_points(data: ReportData) -> str:
+def infeasible_points(data: ReportData) -> Markup:
     columns = [Column("Point", "n"), Column("Operation"), Column("x (mm)", "n"), Column("y (mm)", "n"),
                Column("z (mm)", "n"), Column("State"), Column("Why"), Column("How far off"),
                Column("What would help")]  # fmt: skip
@@ -81,12 +72,12 @@ def infeasible_points(data: ReportData) -> str:
     ])  # fmt: skip
 
 
-def breaks(data: ReportData) -> str:
+def breaks(data: ReportData) -> Markup:
     columns = [Column("From"), Column("To"), Column("Why"), Column("What would help")]
     return table(columns, [(b.before, b.after, b.reason, b.help) for b in data.breaks])
 
 
-def operations(data: ReportData) -> str:
+def operations(data: ReportData) -> Markup:
     unit = QUANTITY[data.summary.quantity]
     worst = "Least" if WORDS[data.summary.quantity].large_is_good else "Worst"
     columns = [
@@ -105,7 +96,7 @@ def operations(data: ReportData) -> str:
     return table(columns, rows)
 
 
-def feed_dips(data: ReportData) -> str:
+def feed_dips(data: ReportData) -> Markup:
     columns = [Column("Point", "n"), Column("Path (mm)", "n"), Column("From (s)", "n"), Column("For (s)", "n"),
                Column("Programmed (mm/min)", "n"), Column("Lowest (mm/min)", "n"), Column("Held (%)", "n"),
                Column("What did it")]  # fmt: skip
@@ -116,41 +107,43 @@ def feed_dips(data: ReportData) -> str:
     ])  # fmt: skip
 
 
-def checks(data: ReportData) -> str:
-    words = {True: '<span class="pass">passed</span>', False: '<span class="fail">failed</span>',
-             None: '<span class="none">not run</span>'}  # fmt: skip
+def checks(data: ReportData) -> Markup:
+    words = {True: piece("toned", "pass", "passed"), False: piece("toned", "fail", "failed"),
+             None: piece("toned", "none", "not run")}  # fmt: skip
     columns = [Column("Check"), Column("Result", "html"), Column("Found"), Column("Allowed"), Column("Where")]
     return table(columns, [(c.name, words[c.passed], c.found, c.allowed, c.where) for c in data.checks])
 
 
-def cam_words(data: ReportData) -> str:
+def cam_words(data: ReportData) -> Markup:
     words = {True: "known, no effect on the motion", False: "not understood"}
     columns = [Column("Word", "mono"), Column("Times", "n"), Column("First line", "n"), Column("Understood")]
     ordered = sorted(data.ignored, key=lambda w: (w.understood, w.first_line))
     return table(columns, [(w.word, w.count, w.first_line, words[w.understood]) for w in ordered])
 
 
-def events(data: ReportData) -> str:
+def events(data: ReportData) -> Markup:
     columns = [Column("Before point", "n"), Column("Kind"), Column("Source words", "mono")]
     return table(columns, [(e.index, e.kind, e.text) for e in data.events])
 
 
-def excluded_pairs(data: ReportData) -> str:
+def excluded_pairs(data: ReportData) -> Markup:
     columns = [Column("Body"), Column("Body"), Column("Why it is not checked")]
     return table(columns, [(p.first, p.second, p.reason) for p in data.excluded_pairs])
 
 
-def timings(data: ReportData) -> str:
+def timings(data: ReportData) -> Markup:
     total = sum(t for _, t in data.timings)
     rows = [(stage, f"{t:.3f}") for stage, t in data.timings]
     return table([Column("Stage"), Column("Time (s)", "n")], [*rows, ("all", f"{total:.3f}")])
 
 
-def pairs(first: str, second: str, rows: Sequence[tuple[str, str]], kind: str = "mono") -> str:
+def pairs(first: str, second: str, rows: Sequence[tuple[str, str]], kind: str = "mono") -> Markup:
     """Two plain columns: options, hashes."""
     return table([Column(first), Column(second, kind)], rows)
 
 
-def part(count: int, title: str, build: Callable[[ReportData], str], data: ReportData, *, opened: bool = False) -> str:
+def part(
+    count: int, title: str, build: Callable[[ReportData], Markup], data: ReportData, *, opened: bool = False
+) -> Markup | str:  # fmt: skip
     """A folded table, or nothing where there is nothing to list."""
     return folded(title, count, build(data), opened=opened) if count else ""

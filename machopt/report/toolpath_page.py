@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import machopt
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.report.shell import page_html, section
 from machopt.report.tables import Column, folded, table
+from machopt.report.template import fragment, part
 from machopt.report.toolpath_svg import COLOURS, VIEWS, view_svg
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
+    Body = Markup | str
 
 
 def write_toolpath_page(path: Path, toolpath: Toolpath, summary: Mapping[str, Any]) -> None:
@@ -39,12 +44,11 @@ def toolpath_page(toolpath: Toolpath, summary: Mapping[str, Any]) -> str:
     head = (("File", str(summary["source"])), ("Format", str(summary["format"])), ("Unit", str(summary["unit"])))
     return page_html(
         f"Toolpath {summary['source']}", head, sections, {}, scripts=(),
-        footer=f"machopt {escape(machopt.__version__)}. Lengths mm, feeds mm/min, angles deg. SHA-256 "
-        f"{escape(str(summary['sha256']))}.",
+        footer=f"machopt {machopt.__version__}. Lengths mm, feeds mm/min, angles deg. SHA-256 {summary['sha256']}.",
     )  # fmt: skip
 
 
-def _verdict(summary: Mapping[str, Any], unknown: Sequence[Mapping[str, Any]]) -> str:
+def _verdict(summary: Mapping[str, Any], unknown: Sequence[Mapping[str, Any]]) -> Body:
     incomplete = summary.get("incomplete")
     warnings = [w for w in summary["warnings"] if not str(w).startswith("INCOMPLETE")]
     tone, badge = (
@@ -57,41 +61,26 @@ def _verdict(summary: Mapping[str, Any], unknown: Sequence[Mapping[str, Any]]) -
         + ", ".join(f"{n} {name}" for name, n in moves.items() if n)
         + "."
     )
-    items = ([f"<b>{escape(str(incomplete))}</b>"] if incomplete else []) + [escape(str(w)) for w in warnings]
+    items = [*([part("strong", incomplete)] if incomplete else []), *warnings]
     cards = [
-        ("Cut", _number(summary["length_mm"]["cut"], 1), "mm"),
-        ("Rapid", _number(summary["length_mm"]["rapid"], 1), "mm"),
-        ("Feed", _range(summary["feed_mm_min"], 0), "mm/min"),
-        ("Tilt of the tool", _range(summary["tilt_deg"]), "deg"),
-        ("Words not understood", str(sum(w["count"] for w in unknown)), ""),
+        ("Cut", _number(summary["length_mm"]["cut"], 1), "mm", ""),
+        ("Rapid", _number(summary["length_mm"]["rapid"], 1), "mm", ""),
+        ("Feed", _range(summary["feed_mm_min"], 0), "mm/min", ""),
+        ("Tilt of the tool", _range(summary["tilt_deg"]), "deg", ""),
+        ("Words not understood", str(sum(w["count"] for w in unknown)), "", ""),
     ]
-    boxes = "".join(
-        f"<div class=card><div class=name>{name}</div>"
-        f"<div class=value>{escape(value)} <small>{unit}</small></div></div>"
-        for name, value, unit in cards
-    )
-    notes = f"<ul>{''.join(f'<li>{i}</li>' for i in items)}</ul>" if items else ""
-    return (
-        f'<section id=read class="verdict {tone}"><span class=badge>{badge}</span>'
-        f"<p class=sentence>{escape(sentence)}</p>{notes}<div class=cards>{boxes}</div></section>\n"
-    )
+    return part("verdict", "read", tone, badge, sentence, items, cards)
 
 
-def _views(toolpath: Toolpath) -> str:
+def _views(toolpath: Toolpath) -> Body:
     present = [m for m in Move if bool((toolpath.move == m).any())]
-    key = "".join(
-        f'<span><svg width=26 height=8><line x1=1 x2=25 y1=4 y2=4 stroke="{COLOURS[m]}" stroke-width=2'
-        f"{' stroke-dasharray=4' if m is Move.RAPID else ''} /></svg>{m.word}</span>"
-        for m in present
-    )
-    drawn = "".join(
-        f"<div class=chart><div class=chart-title>{view.title}</div>{view_svg(toolpath, view)}</div>" for view in VIEWS
-    )
+    key = [(m.word, COLOURS[m], m is Move.RAPID) for m in present]
+    views = [(view.title, view_svg(toolpath, view)) for view in VIEWS]
     lead = "Lines by move; red strokes point along the tool axis where it is tilted; the green dot is the first point."
-    return section("views", "Pictures", lead, f"<div class=map-key>{key}</div><div class=grid2>{drawn}</div>")
+    return section("views", "Pictures", lead, fragment("inspect.html", "views", key, views))
 
 
-def _operations(operations: Sequence[Mapping[str, Any]]) -> str:
+def _operations(operations: Sequence[Mapping[str, Any]]) -> Body:
     columns = [
         Column("No.", "n"), Column("Operation"), Column("Kind"), Column("Tool"), Column("Points", "n"),
         Column("Cutting", "n"), Column("Feed (mm/min)", "n"), Column("First line", "n"),
@@ -107,7 +96,7 @@ def _operations(operations: Sequence[Mapping[str, Any]]) -> str:
     return section("operations", "Operations", lead, table(columns, rows))
 
 
-def _extent(summary: Mapping[str, Any]) -> str:
+def _extent(summary: Mapping[str, Any]) -> Body:
     columns = [Column(""), *(Column(f"{c} {side} (mm)", "n") for c in "xyz" for side in ("from", "to"))]
     rows = []
     for name, key in (("all moves", "extent_mm"), ("cuts", "cutting_extent_mm")):
@@ -119,12 +108,12 @@ def _extent(summary: Mapping[str, Any]) -> str:
     )
 
 
-def _words(ignored: Sequence[Mapping[str, Any]], unknown: Sequence[Mapping[str, Any]]) -> str:
+def _words(ignored: Sequence[Mapping[str, Any]], unknown: Sequence[Mapping[str, Any]]) -> Body:
     columns = [Column("Word", "mono"), Column("Times", "n"), Column("First in line", "n")]
-    body = ""
+    body: Body = ""
     if unknown:
         rows = [(w["word"], w["count"], w["first_line"]) for w in unknown]
-        body += "<h3>Not understood</h3>" + table(columns, rows)
+        body += part("heading", "Not understood") + table(columns, rows)
     known = [(w["word"], w["count"], w["first_line"]) for w in ignored if w["understood"]]
     if known:
         body += folded("Understood, without effect on the path", len(known), table(columns, known))
@@ -132,10 +121,10 @@ def _words(ignored: Sequence[Mapping[str, Any]], unknown: Sequence[Mapping[str, 
     return section("words", "Words", lead, body)
 
 
-def _events(toolpath: Toolpath) -> str:
+def _events(toolpath: Toolpath) -> Body:
     columns = [Column("Before point", "n"), Column("What"), Column("Words of the file", "mono")]
     rows = [(e.index, e.kind, e.text) for e in toolpath.events]
-    body = folded("Events on the way", len(rows), table(columns, rows)) if rows else ""
+    body: Body = folded("Events on the way", len(rows), table(columns, rows)) if rows else ""
     return section("events", "Events", "Spindle, coolant, tools, dwells, stops and comments, where they stand.", body)
 
 

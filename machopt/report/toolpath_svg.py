@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from html import escape
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.toolpath import Array, Move, Toolpath
+from machopt.report.svg import Shape, Style, drawn, shape
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
 
 COLOURS = {
     Move.CUT: "#1552b8",
@@ -71,7 +75,7 @@ class _Scale:
         )
 
 
-def view_svg(toolpath: Toolpath, view: View) -> str:
+def view_svg(toolpath: Toolpath, view: View) -> Markup:
     """One view; the same toolpath gives the same bytes."""
     flat = toolpath.position * 1e3 @ np.array([view.right, view.up]).T
     low, high = flat.min(axis=0), flat.max(axis=0)
@@ -84,35 +88,33 @@ def view_svg(toolpath: Toolpath, view: View) -> str:
     bottom = height - _MARGIN - (height - 2.0 * _MARGIN - float(span[1]) * per_mm) / 2.0
     scale = _Scale(low, per_mm, left, bottom)
     pixels = scale(flat)
-    parts = [f'<svg class=plot viewBox="0 0 {_WIDTH:g} {height:.0f}" role=img><title>{escape(view.title)}</title>']
+    parts: list[Shape] = []
     if view.labels is not None:
-        parts.append(_scales(view.labels, low, high, scale, height))
+        parts.extend(_scales(view.labels, low, high, scale, height))
     for move in (Move.RAPID, Move.RETRACT, Move.LINK, Move.APPROACH, Move.CUT):  # cuts on top
-        parts.append(_move(pixels, np.asarray(toolpath.move), move))
-    parts.append(_tool_axes(toolpath, pixels, view))
+        parts.extend(_move(pixels, np.asarray(toolpath.move), move))
+    parts.extend(_tool_axes(toolpath, pixels, view))
     x, y = pixels[0].tolist()
-    parts.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3.5" fill="#14703c"><title>first point</title></circle></svg>')
-    return "".join(parts)
+    parts.append(shape("circle", title="first point", cx=x, cy=y, r=3.5, fill="#14703c"))
+    box = f"0 0 {_WIDTH:g} {height:.0f}"
+    return drawn(shape("svg", title=view.title, class_="plot", viewBox=box, role="img", inside=parts))
 
 
-def _move(pixels: Array, move: NDArray[np.int8], which: Move) -> str:
+def _move(pixels: Array, move: NDArray[np.int8], which: Move) -> list[Shape]:
     """All lines of one kind of move as one SVG path."""
     ends = np.flatnonzero(move == which)
     ends = ends[ends > 0]
     if not len(ends):
-        return ""
+        return []
     breaks = np.flatnonzero(np.diff(ends) > 1) + 1
-    drawn = [_thinned(pixels[run[0] - 1 : run[-1] + 1], _CELL) for run in np.split(ends, breaks)]
-    if sum(map(len, drawn)) <= _MOST_STEPS + 2 * len(drawn) and len(drawn) <= _MOST_STEPS:
-        d = "".join("M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points.tolist()) for points in drawn)
+    lines = [_thinned(pixels[run[0] - 1 : run[-1] + 1], _CELL) for run in np.split(ends, breaks)]
+    if sum(map(len, lines)) <= _MOST_STEPS + 2 * len(lines) and len(lines) <= _MOST_STEPS:
+        d = "".join("M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points.tolist()) for points in lines)
     else:
-        d = "".join(f"M{a:.1f} {b:.1f}L{c:.1f} {e:.1f}" for a, b, c, e in _distinct(drawn).tolist())
-    dash = f' stroke-dasharray="{_DASHED[which]}"' if which in _DASHED else ""
+        d = "".join(f"M{a:.1f} {b:.1f}L{c:.1f} {e:.1f}" for a, b, c, e in _distinct(lines).tolist())
     width = 1.3 if which is Move.CUT else 0.9
-    return (
-        f'<path class=line d="{d}" stroke="{COLOURS[which]}" stroke-width="{width}"{dash}>'
-        f"<title>{which.word}</title></path>"
-    )
+    return [shape("path", title=which.word, class_="line", d=d, stroke=COLOURS[which], stroke_width=width,
+                  stroke_dasharray=_DASHED.get(which, ""))]  # fmt: skip
 
 
 def _thinned(points: Array, cell: float) -> Array:
@@ -123,9 +125,9 @@ def _thinned(points: Array, cell: float) -> Array:
     return np.asarray(points[keep])
 
 
-def _distinct(drawn: list[Array]) -> Array:
+def _distinct(lines: list[Array]) -> Array:
     """(M, 4) strokes of long paths: those that fall on one another are drawn once, on a grid as fine as it may be."""
-    strokes = np.vstack([np.column_stack([points[:-1], points[1:]]) for points in drawn])
+    strokes = np.vstack([np.column_stack([points[:-1], points[1:]]) for points in lines])
     cell = _CELL
     while True:
         grid = np.round(strokes / cell).astype(np.int64)
@@ -138,39 +140,38 @@ def _distinct(drawn: list[Array]) -> Array:
         cell *= 1.6
 
 
-def _tool_axes(toolpath: Toolpath, pixels: Array, view: View) -> str:
+def _tool_axes(toolpath: Toolpath, pixels: Array, view: View) -> list[Shape]:
     """Short strokes along the tool axis where it is not the same everywhere, or not upright."""
     cut = np.flatnonzero(toolpath.cutting)
     axis = toolpath.axis[cut]
     if not len(cut) or (axis[:, 2] > 1.0 - 1e-9).all():
-        return ""
+        return []
     pick = np.unique(np.linspace(0, len(cut) - 1, min(len(cut), _AXES_SHOWN)).round().astype(int))
     flat = axis[pick] @ np.array([view.right, view.up]).T * _AXIS_LENGTH
     at = pixels[cut[pick]]
     d = "".join(f"M{x:.1f} {y:.1f}l{u:.1f} {-v:.1f}" for (x, y), (u, v) in zip(at.tolist(), flat.tolist(), strict=True))
-    return f'<path class=line d="{d}" stroke="{_AXIS_COLOUR}" stroke-width="0.8"><title>tool axis</title></path>'
+    return [shape("path", title="tool axis", class_="line", d=d, stroke=_AXIS_COLOUR, stroke_width=0.8)]
 
 
-def _scales(labels: tuple[str, str], low: Array, high: Array, scale: _Scale, height: float) -> str:
-    parts: list[str] = []
+def _scales(labels: tuple[str, str], low: Array, high: Array, scale: _Scale, height: float) -> list[Shape]:
+    parts = []
     for value in _apart(_ticks(float(low[0]), float(high[0])), scale.per_mm):
         x = scale.left + (value - float(low[0])) * scale.per_mm
-        parts.append(
-            f'<line class=grid x1="{x:.1f}" x2="{x:.1f}" y1="{_MARGIN / 2:g}" y2="{height - _MARGIN + 8:.1f}"/>'
-        )
-        parts.append(
-            f'<text class=tick x="{x:.1f}" y="{height - _MARGIN + 20:.1f}" text-anchor=middle>{value:g}</text>'
-        )
+        parts.append(shape("line", class_="grid", x1=x, x2=x, y1=_MARGIN / 2, y2=height - _MARGIN + 8))
+        parts.append(_tick(value, x, height - _MARGIN + 20, "middle"))
     for value in _apart(_ticks(float(low[1]), float(high[1])), scale.per_mm):
         y = scale.bottom - (value - float(low[1])) * scale.per_mm
-        parts.append(f'<line class=grid x1="{_MARGIN - 8:g}" x2="{_WIDTH - _MARGIN / 2:g}" y1="{y:.1f}" y2="{y:.1f}"/>')
-        parts.append(f'<text class=tick x="{_MARGIN - 11:g}" y="{y + 4:.1f}" text-anchor=end>{value:g}</text>')
-    parts.append(f'<text class=label x="{_WIDTH / 2:g}" y="{height - 6:.1f}" text-anchor=middle>{labels[0]}</text>')
-    parts.append(
-        f'<text class=label x="12" y="{height / 2:.1f}" text-anchor=middle '
-        f'transform="rotate(-90 12 {height / 2:.1f})">{labels[1]}</text>'
-    )
-    return "".join(parts)
+        parts.append(shape("line", class_="grid", x1=_MARGIN - 8, x2=_WIDTH - _MARGIN / 2, y1=y, y2=y))
+        parts.append(_tick(value, _MARGIN - 11, y + 4, "end"))
+    label: Style = {"class_": "label", "text_anchor": "middle"}
+    turned = f"rotate(-90 12 {height / 2:.1f})"
+    parts.append(shape("text", labels[0], x=_WIDTH / 2, y=height - 6, **label))
+    parts.append(shape("text", labels[1], x=12, y=height / 2, transform=turned, **label))
+    return parts
+
+
+def _tick(value: float, x: float, y: float, anchor: str) -> Shape:
+    return shape("text", f"{value:g}", class_="tick", x=x, y=y, text_anchor=anchor)
 
 
 def _apart(values: list[float], per_mm: float) -> list[float]:

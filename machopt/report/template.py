@@ -1,0 +1,48 @@
+"""Markup is written by the templates of ``report/templates`` and nowhere else; they escape all that is not markup.
+
+A macro gives a piece of a page that other macros take as it is (:class:`markupsafe.Markup`); text is never joined with
+markup by hand. What a template asks for and is not given is an error, not a gap on the page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+    from markupsafe import Markup
+
+
+@cache
+def _environment() -> Environment:
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # late: commands without a page do without
+
+    return Environment(
+        loader=PackageLoader("machopt.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True, cache_size=-1, auto_reload=False,
+    )  # fmt: skip
+
+
+def render(template: str, /, **values: Any) -> str:
+    """A whole file of ``report/templates``, filled in."""
+    return _environment().get_template(template).render(**values)
+
+
+def fragment(template: str, macro: str, /, *given: Any, **values: Any) -> Markup:
+    """One macro of a file of ``report/templates``, filled in: text is escaped, markup stays."""
+    piece: Markup = getattr(_environment().get_template(template).module, macro)(*given, **values)
+    return piece
+
+
+def part(macro: str, /, *given: Any, **values: Any) -> Markup:
+    """One macro of ``parts.html``: what all pages are made of."""
+    return fragment("parts.html", macro, *given, **values)
+
+
+def joined(pieces: Iterable[Markup | str]) -> Markup:
+    """Pieces one after another; what is no markup is escaped."""
+    from markupsafe import Markup
+
+    return Markup().join(pieces)
