@@ -36,6 +36,7 @@ from machopt.model.bounds import Memory, PairStack, Rows, densify
 from machopt.model.nearest import CAP, Nearest, nearest_of
 from machopt.model.robot import LinkShape, Robot
 from machopt.model.surfaces import Surfaces
+from machopt.model.threads import side_by_side
 from machopt.model.touching import nearer, outline_of
 from machopt.se3 import inverse
 
@@ -130,7 +131,7 @@ class CollisionModel:
                     wanted.append((i, len(self._bodies), False))
             self._bodies += [cutter, drawn_in]
         self.surfaces = Surfaces(self._bodies)
-        self.outlines = [outline_of(body) for body in self._bodies]
+        self.outlines = side_by_side(outline_of, self._bodies)
         self.excluded: tuple[Excluded, ...] = ()
         self._take([(i, j) for i, j, _ in wanted], [touch for *_, touch in wanted])
         self._exclude(wanted)

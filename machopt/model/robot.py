@@ -1,8 +1,8 @@
 """Batched kinematics of a serial 6R arm, read from a URDF through pinocchio (its only importer in the planner).
 
 The chain is reduced to the product of exponentials: each joint is a line in base_link at q = 0
-(``axis``, ``point``), the flange a fixed pose ``T_base_flange_zero`` after them. All kernels are NumPy,
-vectorised over leading dimensions, and tested against pinocchio.
+(``axis``, ``point``), the flange a fixed pose ``T_base_flange_zero`` after them. The kernels (:mod:`.chain`) are
+compiled, take any leading dimensions, and are tested against pinocchio.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from machopt.domain.cell import Cell, Shape
 from machopt.errors import InputError
-from machopt.se3 import axis_rotation, inverse, transform
+from machopt.model import chain
+from machopt.se3 import inverse, transform
 
 Array = NDArray[np.float64]
 GRAVITY = 9.80665  # m/s², standard gravity
@@ -73,25 +74,17 @@ class Robot:
             (..., 7, 4, 4): entry 0 the identity (base_link), entry i what joint 1…i make of a body fixed to
             link i, in base_link. Multiply onto a pose at q = 0.
         """
-        q = np.asarray(q, float)
-        out = np.empty((*q.shape[:-1], 7, 4, 4))
-        out[..., 0, :, :] = np.eye(4)
-        for i in range(6):
-            R = axis_rotation(self.axis[i], q[..., i])
-            out[..., i + 1, :, :] = out[..., i, :, :] @ transform(R, self.point[i] - R @ self.point[i])
-        return out
+        rows, lead = _rows(q)
+        R, p = np.empty((len(rows), 7, 3, 3)), np.empty((len(rows), 7, 3))
+        chain.links(*self._chain(None)[:2], rows, R, p)
+        return transform(R, p).reshape(*lead, 7, 4, 4)
 
     def fk(self, q: Array, T_flange_tool: Array | None = None) -> Array:
         """Pose of the flange (or of a frame fixed to it) in base_link, (..., 4, 4), for q (..., 6) rad."""
-        end = self.T_base_flange_zero if T_flange_tool is None else self.T_base_flange_zero @ T_flange_tool
-        q = np.asarray(q, float)
-        R = np.broadcast_to(np.eye(3), (*q.shape[:-1], 3, 3))
-        p = np.zeros((*q.shape[:-1], 3))
-        for i in range(6):
-            Ri = axis_rotation(self.axis[i], q[..., i])
-            p = p + np.einsum("...ij,...j->...i", R, self.point[i] - Ri @ self.point[i])
-            R = R @ Ri
-        return transform(R @ end[:3, :3], p + np.einsum("...ij,j->...i", R, end[:3, 3]))
+        rows, lead = _rows(q)
+        T = np.empty((len(rows), 4, 4))
+        chain.poses(*self._chain(T_flange_tool), rows, T)
+        return T.reshape(*lead, 4, 4)
 
     def fk_jacobian(self, q: Array, T_flange_tool: Array | None = None) -> tuple[Array, Array]:
         """Pose (..., 4, 4) and geometric Jacobian (..., 6, 6) of a frame fixed to the flange.
@@ -109,28 +102,31 @@ class Robot:
             T_flange_tool: (4, 4) that frame in flange; None: the flange itself.
             bodies: fill ``R_bodies`` and ``p_bodies``, at some cost for large batches.
         """
-        q = np.asarray(q, float)
-        end = self.T_base_flange_zero if T_flange_tool is None else self.T_base_flange_zero @ T_flange_tool
-        lead = q.shape[:-1]
-        R = np.broadcast_to(np.eye(3), (*lead, 3, 3))
-        p = np.zeros((*lead, 3))
-        axes, origins = np.empty((*lead, 6, 3)), np.empty((*lead, 6, 3))
-        R_bodies = np.empty((*lead, 7, 3, 3)) if bodies else None
-        p_bodies = np.empty((*lead, 7, 3)) if bodies else None
-        for i in range(6):
-            if R_bodies is not None and p_bodies is not None:
-                R_bodies[..., i, :, :], p_bodies[..., i, :] = R, p
-            axes[..., i, :] = np.einsum("...ij,j->...i", R, self.axis[i])
-            origins[..., i, :] = p + np.einsum("...ij,j->...i", R, self.point[i])
-            Ri = axis_rotation(self.axis[i], q[..., i])
-            p = p + np.einsum("...ij,...j->...i", R, self.point[i] - Ri @ self.point[i])
-            R = R @ Ri
-        if R_bodies is not None and p_bodies is not None:
-            R_bodies[..., 6, :, :], p_bodies[..., 6, :] = R, p
-        T = transform(R @ end[:3, :3], p + np.einsum("...ij,j->...i", R, end[:3, 3]))
-        lever = T[..., None, :3, 3] - origins
-        J = np.concatenate([np.cross(axes, lever), axes], axis=-1)
-        return ArmState(q, T, np.swapaxes(J, -1, -2), R_bodies, p_bodies)
+        rows, lead = _rows(q)
+        T, J = np.empty((len(rows), 4, 4)), np.empty((len(rows), 6, 6))
+        chain.jacobians(*self._chain(T_flange_tool), rows, T, J)
+        R_bodies = p_bodies = None
+        if bodies:
+            R, p = np.empty((len(rows), 7, 3, 3)), np.empty((len(rows), 7, 3))
+            chain.links(*self._chain(None)[:2], rows, R, p)
+            R_bodies, p_bodies = R.reshape(*lead, 7, 3, 3), p.reshape(*lead, 7, 3)
+        return ArmState(np.asarray(q, float), T.reshape(*lead, 4, 4), J.reshape(*lead, 6, 6), R_bodies, p_bodies)
+
+    def _chain(self, T_flange_tool: Array | None) -> tuple[Array, Array, Array]:
+        """The lines, and the pose at q = 0 of a frame fixed to the flange."""
+        zero = self.T_base_flange_zero
+        return _own(self.axis), _own(self.point), _own(zero if T_flange_tool is None else zero @ T_flange_tool)
+
+
+def _rows(q: Array) -> tuple[Array, tuple[int, ...]]:
+    """Joints as the kernels take them, (M, 6), and the leading dimensions that they had."""
+    shape = np.shape(q)
+    return _own(q).reshape(-1, 6), shape[:-1]
+
+
+def _own(array: Array) -> Array:
+    """A plain copy: a kernel is compiled anew for arrays that are read-only or lie otherwise in memory."""
+    return np.array(array, float, order="C")
 
 
 def load_robot(cell: Cell) -> Robot:

@@ -21,11 +21,7 @@ class Surfaces:
 
     def __init__(self, bodies: list[Body]) -> None:
         self._bodies = bodies
-        import fcl
-
-        meshes = [_mesh(body) for body in bodies]
-        self._still = [fcl.CollisionObject(mesh) for mesh in meshes]
-        self._moving = [fcl.CollisionObject(mesh) for mesh in meshes]
+        self._objects: dict[int, tuple[Any, Any]] = {}
 
     def distance(self, pair: tuple[int, int], T: Array) -> float:
         """m, of the surfaces with the second body moved by T (4, 4); ≤ 0 where they cross."""
@@ -42,9 +38,18 @@ class Surfaces:
     def _placed(self, pair: tuple[int, int], T: Array) -> tuple[Any, Any]:
         import fcl
 
-        moving = self._moving[pair[1]]
+        moving = self._object(pair[1])[1]
         moving.setTransform(fcl.Transform(T[:3, :3], T[:3, 3]))
-        return self._still[pair[0]], moving
+        return self._object(pair[0])[0], moving
+
+    def _object(self, k: int) -> tuple[Any, Any]:
+        """The body standing still, and to be moved: made when first asked for, as most pairs never come that near."""
+        import fcl
+
+        if k not in self._objects:
+            mesh = _mesh(self._bodies[k])
+            self._objects[k] = fcl.CollisionObject(mesh), fcl.CollisionObject(mesh)
+        return self._objects[k]
 
 
 def _mesh(body: Body) -> Any:

@@ -9,7 +9,6 @@ distance of the two triangles that were the nearest in the row before: along a p
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,34 +48,40 @@ def mesh_of(body: Body) -> Mesh:
     return Mesh(corners, np.where(size**2 > FLAT, normals / np.maximum(size, 1e-300), 0.0), *_boxes(corners))
 
 
+@compiled
 def _boxes(corners: Array) -> tuple[Array, Array, Ints, Ints, Ints, Ints]:
-    """Divide at the median along the longest side, level by level, down to LEAF triangles."""
+    """Divide at the median along the longest side, down to LEAF triangles."""
+    most = 2 * len(corners)  # halves of two triangles or more
+    low, high = np.empty((most, 3)), np.empty((most, 3))
+    child, first, count = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most, np.int64)
     order = np.arange(len(corners))
-    middle, least, most = corners.mean(axis=1), corners.min(axis=1), corners.max(axis=1)
-    first, count = np.zeros(1, np.int64), np.array([len(corners)])
-    levels: list[tuple[NDArray[Any], ...]] = []
-    boxes = 1
-    while len(first):
-        # boxes of a level do not lie side by side where one beside them is not divided: each is taken by itself
-        parts = np.repeat(np.arange(len(first)), count)
-        place = first[parts] + np.arange(len(parts)) - np.repeat(np.cumsum(count) - count, count)
-        starts = np.cumsum(count) - count
-        low = np.minimum.reduceat(least[order[place]], starts)
-        high = np.maximum.reduceat(most[order[place]], starts)
-        long = (high - low).argmax(axis=1)
-        by = np.lexsort((middle[order[place], long[parts]], parts))
-        divided = count > LEAF
-        keep = divided[parts]
-        order[place[keep]] = order[place][by][keep]
-        child = np.full(len(first), -1)
-        child[divided] = boxes + 2 * np.arange(divided.sum())
-        levels.append((low, high, child, first, count))
-        half = count[divided] // 2
-        boxes += 2 * len(half)
-        first = np.column_stack([first[divided], first[divided] + half]).ravel()
-        count = np.column_stack([half, count[divided] - half]).ravel()
-    low, high, child, first, count = (np.concatenate(of) for of in zip(*levels, strict=True))
-    return low, high, child, first, count, order
+    first[0], count[0], made, k = 0, len(corners), 1, 0
+    while k < made:  # a box's halves come behind all made before: level by level
+        a, n = first[k], count[k]
+        for c in range(3):
+            low[k, c], high[k, c] = np.inf, -np.inf
+        for m in range(a, a + n):
+            for corner in range(3):
+                for c in range(3):
+                    x = corners[order[m], corner, c]
+                    low[k, c], high[k, c] = min(low[k, c], x), max(high[k, c], x)
+        child[k] = -1
+        if n > LEAF:
+            side = 0
+            for c in range(1, 3):
+                if high[k, c] - low[k, c] > high[k, side] - low[k, side]:
+                    side = c
+            middle = np.empty(n)
+            for m in range(n):
+                of = order[a + m]
+                middle[m] = corners[of, 0, side] + corners[of, 1, side] + corners[of, 2, side]
+            order[a : a + n] = order[a : a + n][np.argsort(middle, kind="mergesort")]
+            child[k], half = made, n // 2
+            first[made], count[made] = a, half
+            first[made + 1], count[made + 1] = a + half, n - half
+            made += 2
+        k += 1
+    return low[:made], high[:made], child[:made], first[:made], count[:made], order
 
 
 @compiled

@@ -25,13 +25,14 @@ from numpy.typing import NDArray
 from machopt.domain.options import Index, PlanOptions, ProcessForce
 from machopt.errors import InputError
 from machopt.model.elastic import ArmElasticity, joint_stiffness
+from machopt.model.threads import side_by_side
 from machopt.plan.candidates import Candidates
 from machopt.plan.engage import process_force, sideways
 from machopt.plan.path import Path
 from machopt.se3 import wrap
 
 Array = NDArray[np.float64]
-CHUNK = 32_768
+CHUNK = 8_192  # configurations at a time
 
 
 @dataclass(frozen=True)
@@ -80,25 +81,25 @@ def configuration_cost(
     Raises:
         InputError: a force the joint springs do not hold.
     """
-    out = np.empty(len(q))
-    for a in range(0, len(q), CHUNK):
-        part = slice(a, a + CHUNK)
-        p = points[part]
-        elastic = elasticity.at(q[part], d.k[p])
+
+    def cost(a: int) -> Array:
+        p = points[a : a + CHUNK]
+        elastic = elasticity.at(q[a : a + CHUNK], d.k[p])
         if index == "deflection":
-            out[part] = np.linalg.norm(elastic.deflection(d.force[p]), axis=-1)
-            if not np.isfinite(out[part]).all():
+            out = np.asarray(np.linalg.norm(elastic.deflection(d.force[p]), axis=-1))
+            if not np.isfinite(out).all():
                 raise InputError(
                     f"the joint springs do not hold {np.linalg.norm(d.force[p], axis=-1).max():.4g} N: with "
                     "geometric_stiffness the arm would buckle; a force in N, or a file without that term, would work",
                     file="options", where="force_N",
                 )  # fmt: skip
-        elif index == "jiao2022":
-            out[part] = 1.0 / elastic.jiao_index(d.axial[p])
-        else:
-            axial, normal = elastic.along(d.axial[p]), elastic.along(d.normal[p])
-            out[part] = np.where(d.drilling[p], axial, 0.5 * (axial + normal))
-    return out
+            return out
+        if index == "jiao2022":
+            return np.asarray(1.0 / elastic.jiao_index(d.axial[p]))
+        axial, normal = elastic.along(d.axial[p]), elastic.along(d.normal[p])
+        return np.where(d.drilling[p], axial, 0.5 * (axial + normal))
+
+    return np.concatenate([np.empty(0), *side_by_side(cost, range(0, len(q), CHUNK))])
 
 
 def score_candidates(
