@@ -339,7 +339,7 @@ def test_text_from_outside_cannot_end_the_page() -> None:
 
 
 def test_every_word_of_the_vocabulary_has_a_name() -> None:
-    assert set(registry.EFFECTS) == VOCABULARY
+    assert {e.called for e in registry.EFFECTS.values()} == VOCABULARY
     assert named("joint_hysteresis", "joint:3") == "hysteresis of joint 3"
     assert named("joint_coupling", "joint:4-5") == "coupling of joints 4 and 5"
     assert named("units", "column:fx_N") == "wrong unit in column fx_N"

@@ -13,17 +13,35 @@ from machopt.diagnose import deflection, engine
 from machopt.diagnose.problem import Catalogue, Family, Problem, Unknown
 from machopt.diagnose.readings import Readings
 from machopt.diagnose.words import sentence
+from machopt.domain.kinematics import Kinematics
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Stiffness, Term
-from machopt.effects import creep, files, hysteresis, registry
-from machopt.effects.protocol import COMPLIANCE, JOINTS, Array, Drive, Effect, Law, Parameter, Quantity, Scale, Settled
+from machopt.effects import coupling, creep, files, hysteresis, registry
+from machopt.effects.corrections import entry, extended
+from machopt.effects.protocol import (
+    COMPLIANCE,
+    JOINTS,
+    Array,
+    Drive,
+    Effect,
+    Law,
+    Parameter,
+    Quantity,
+    Scale,
+    Settled,
+    Unloaded,
+    joints_of,
+)
 from machopt.effects.words import named
 from machopt.formats.cell import load_cell
+from machopt.formats.kinematics import load_kinematics, write_kinematics
 from machopt.formats.stiffness import load_stiffness, write_stiffness
+from machopt.model.correction import correction_of
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import load_masses, load_robot
 from machopt.model.terms import term_of, vocabulary
 from machopt.verify import springs
+from machopt.verify.encoder import true_angles
 
 ROOT = Path(__file__).resolve().parent.parent
 SCALE = Scale(reach=1000.0, compliance=1e-6, low=-1.0, high=2.0)
@@ -148,12 +166,80 @@ def test_verify_has_the_same_law_in_its_own_writing(effect: Effect, law: Law) ->
     np.testing.assert_allclose(theirs, mine, rtol=1e-12, atol=1e-18)
 
 
+UNLOADED = [pytest.param(e, law, id=e.name) for e, law in registry.without_load().values()]
+
+
+def unloaded(law: Unloaded) -> tuple[Array, Array]:
+    """Some coefficients of about 0.1 mrad, of two branches where a law has several."""
+    shape = np.array([3.0, 40.5][: 2 * len(law.shape)])
+    count = law.columns(shape, ANGLES).shape[-1]
+    return 1e-4 * np.arange(1.0, count + 1.0), shape
+
+
+@pytest.mark.parametrize(("effect", "law"), UNLOADED)
+def test_angles_without_load_have_derivatives_and_bounds(effect: Effect, law: Unloaded) -> None:
+    """Central differences, order by order; batches are singles; the steepest is met within a wave and never passed."""
+    values, shape = unloaded(law)
+    step = 1e-4
+    for order in range(3):
+        up, down = (law.columns(shape, ANGLES + s * step, order) for s in (1.0, -1.0))
+        slope = law.columns(shape, ANGLES, order + 1)
+        np.testing.assert_allclose((up - down) / (2 * step), slope, atol=1e-5 * max(np.abs(slope).max(), 1.0))
+    whole = law.columns(shape, ANGLES)
+    np.testing.assert_array_equal(law.columns(shape, ANGLES.reshape(4, 9)).reshape(36, -1), whole)
+    np.testing.assert_array_equal(np.stack([law.columns(shape, a) for a in ANGLES]), whole)
+    slopes = np.abs(law.columns(shape, np.linspace(-60.0, 60.0, 200001), 1) @ values)
+    assert slopes.max() == pytest.approx(law.steepest(values, shape), rel=1e-2)
+    assert slopes.max() <= law.steepest(values, shape) * (1.0 + 1e-12)
+    one, two = (next(iter(law.sizes(k * values, shape).values())).value for k in (1.0, 2.0))
+    assert two == pytest.approx(2.0 * one, rel=1e-12)
+    assert one > 0.0
+
+
+@pytest.mark.parametrize(("effect", "law"), UNLOADED)
+@pytest.mark.parametrize("factor", [1.0, 0.0])
+def test_kinematics_yaml_keeps_everything_and_verify_agrees(
+    effect: Effect, law: Unloaded, factor: float, tmp_path: Path
+) -> None:
+    values, shape = unloaded(law)
+    where = effect.places[2]
+    known = Kinematics((entry(effect, where, factor * values, shape),))
+    write_kinematics(tmp_path / "k.yaml", known)
+    again = load_kinematics(tmp_path / "k.yaml")
+    assert again == known
+    found, form, _ = files.read(law, files.Parameters(again.corrections[0].parameters, "corrections[0]"))
+    np.testing.assert_allclose(found, factor * values, rtol=1e-14)
+    np.testing.assert_allclose(form, shape, rtol=1e-14)
+    q = np.random.default_rng(0).uniform(-2.0, 2.0, (50, 6))
+    ours = correction_of(again)
+    assert ours is not None
+    by, moved = joints_of(where)
+    expected = np.zeros((50, 6))
+    expected[:, moved] = law.columns(shape, q[:, by]) @ values * factor
+    np.testing.assert_array_equal(ours.delta(q), expected)
+    np.testing.assert_allclose(true_angles(again, q) - q, expected, rtol=0.0, atol=2e-15)  # rounding of angles of 2 rad
+    twice = extended(again, again.corrections)
+    np.testing.assert_allclose(correction_of(twice).delta(q), 2.0 * expected, rtol=1e-12)  # type: ignore[union-attr]
+
+
+def test_one_word_of_files_may_mean_an_elastic_and_a_kinematic_effect() -> None:
+    """Two effects, each in its own file; a third of the same word in the same file is refused."""
+    elastic, kinematic = coupling.ELASTIC, coupling.KINEMATIC
+    assert elastic.name != kinematic.name
+    assert elastic.called == kinematic.called == "joint_coupling"
+    assert registry.known("joint_coupling") is elastic
+    assert vocabulary()["joint_coupling"] == elastic.places
+    assert registry.without_load()["joint_coupling"][0] is kinematic
+    with pytest.raises(ValueError, match="'joint_coupling' stands twice"):
+        registry.registry((elastic, replace(elastic, name="joint_rubber_coupling")))
+
+
 def test_words_and_places() -> None:
     assert registry.EFFECTS
     for effect in registry.EFFECTS.values():
         assert effect.noun
         assert effect.sentence.endswith(".")
-        assert not effect.elastic or effect.places == vocabulary()[effect.name]
+        assert not effect.elastic or effect.places == vocabulary()[effect.called]
     with pytest.raises(ValueError, match="stands twice"):
         registry.registry((creep.EFFECT, hysteresis.EFFECT, creep.EFFECT))
 

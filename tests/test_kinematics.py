@@ -12,7 +12,8 @@ import pytest
 from test_cli import KR500, PASS, changed_cell, optimize, toolpath
 
 from machopt.domain.cell import JointLimits
-from machopt.domain.kinematics import KinematicCorrection, Kinematics, extended
+from machopt.domain.kinematics import KinematicCorrection, Kinematics
+from machopt.effects.corrections import extended
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.kinematics import load_kinematics, write_kinematics

@@ -121,7 +121,7 @@ def _quantity_intervals(
         for name in centre:
             slopes[name].append((up[name].value - down[name].value) / (2 * step[i]))
     out = {}
-    known = registry.EFFECTS.get(h.effect)
+    known = registry.known(h.effect)
     form = FORM if known is None else known.form
     for name, q in centre.items():
         if not np.isfinite(q.value):  # a share of a compliance that was found to be zero

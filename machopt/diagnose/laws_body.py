@@ -13,6 +13,7 @@ from machopt.diagnose.laws_weight import beam, two_planes
 from machopt.diagnose.problem import Hypothesis, Quantity, Shape
 from machopt.diagnose.readings import Readings
 from machopt.domain.stiffness import Term
+from machopt.effects.coupling import WORD
 from machopt.errors import InputError
 from machopt.model.terms import LinearTerm, term_of
 from machopt.model.terms.body import beam_axes
@@ -28,7 +29,7 @@ def coupling(r: Readings) -> list[Hypothesis]:
     out = []
     for i, j in COUPLED:
         where = f"joint:{i}-{j}"
-        term = term_of("joint_coupling", where, r.robot, r.T_flange_tcp)
+        term = term_of(WORD, where, r.robot, r.T_flange_tcp)
         out.append(_linear(
             r, term, (0,), "elastic coupling", "Δq_i = c_ij τ_j, Δq_j = c_ij τ_i (wrist gears on one shaft)",
             lambda x: {"compliance": Quantity(float(x[0]), "rad/(N·m)")}, (-np.inf,), "joint",

@@ -5,22 +5,20 @@ Each is an extra angle Δ_j of one joint at encoder angles q, lifted by J_j; com
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from machopt.diagnose.problem import Curve, Hypothesis, Quantity, Shape
 from machopt.diagnose.readings import Readings
-from machopt.domain.kinematics import KinematicCorrection
 from machopt.domain.stiffness import Term
-from machopt.effects import files
-from machopt.effects.coupling import ELASTIC
-from machopt.effects.kinematic import WAVES
-from machopt.effects.waves import ARCSEC, transmission, waves
+from machopt.effects import coupling, files, kinematic
+from machopt.effects.corrections import entry
+from machopt.effects.protocol import DEGREE, Effect, joints_of
+from machopt.effects.waves import ARCSEC
 
 Array = NDArray[np.float64]
-DEG = np.pi / 180.0
 LOW_ORDERS = 12  # per turn of the joint: what turns with the output (rings, pins, bearings) comes round a few times
 HIGH_ORDER = 200.0  # per turn: about the largest ratio of a robot's reducer, what turns with the motor
 LOSS = 0.7  # rad, half the phase that neighbouring orders may part by at the ends of the range: 8 % of amplitude
@@ -32,21 +30,12 @@ WRIST = ((4, 5), (4, 6), (5, 6))
 
 def zero_offsets(r: Readings) -> list[Hypothesis]:
     """The encoder's zero is not the joint's: Δ_j = offset (mastering error)."""
-    out = []
-    for j in range(6):
-        where = f"joint:{j + 1}"
-
-        def correction(x: Array, shape: Shape, where: str = where) -> KinematicCorrection:
-            return KinematicCorrection("joint_zero_offset", where, {"offset_deg": float(x[0] / DEG)})
-
-        out.append(Hypothesis(
-            "joint_zero_offset", where, "constant angle",
-            "Δ_j = δ, at the TCP J_j δ (Mooring, Roth & Driels 1991, Fundamentals of Manipulator Calibration)",
-            lambda s, j=j: r.lift(j, np.ones(len(r))),  # type: ignore[misc]
-            lambda x, s: {"offset": Quantity(float(x[0] / DEG), "deg")}, correction=correction, family="kinematic",
-            note="without load, smooth over the poses",
-        ))  # fmt: skip
-    return out
+    said = f"{kinematic.Constant.equation}, at the TCP J_j δ (Mooring, Roth & Driels 1991, Fundamentals of Manipulator "
+    return [
+        _unloaded(r, kinematic.ZERO, where, "constant angle", f"{said}Calibration)",
+                  note="without load, smooth over the poses")
+        for where in kinematic.ZERO.places
+    ]  # fmt: skip
 
 
 def transmission_errors(r: Readings) -> list[Hypothesis]:
@@ -88,31 +77,32 @@ def wave_orders(r: Readings, j: int) -> tuple[float, ...]:
 
 
 def _waves(r: Readings, j: int, law: str, equation: str, shapes: tuple[Shape, ...], penalty: float) -> Hypothesis:
-    q, where = r.state.q[:, j], f"joint:{j + 1}"
-
-    def sizes(x: Array, shape: Shape) -> Mapping[str, Quantity]:
-        out = {"amplitude": Quantity(float(np.hypot(x[0], x[1]) / ARCSEC), "arcsec")}
-        out["order"] = Quantity(shape[0], "1/rev")
-        if len(shape) > 1:
-            out["second_amplitude"] = Quantity(float(np.hypot(x[2], x[3]) / ARCSEC), "arcsec")
-            # the first number must vanish with the coefficients only: the larger of the two waves
-            out["amplitude"] = max(out["amplitude"], out["second_amplitude"], key=lambda v: v.value)
-        return out
-
-    def correction(x: Array, shape: Shape) -> KinematicCorrection:
-        return KinematicCorrection(WAVES.name, where, transmission(shape, x))
+    q = r.state.q[:, j]
 
     def curve(x: Array, shape: Shape) -> Curve:
         at = np.linspace(q.min(), q.max(), 400)
-        return Curve(
-            at / DEG, waves(at, shape) @ x / ARCSEC, f"joint {j + 1} in deg", "angle in arcsec", q / DEG,
-            waves(q, shape) @ x / ARCSEC,
-        )  # fmt: skip
+        line, each = (kinematic.Waves().columns(np.array(shape), a) @ x / ARCSEC for a in (at, q))
+        return Curve(at / DEGREE, line, f"joint {j + 1} in deg", "angle in arcsec", q / DEGREE, each)
 
+    return _unloaded(
+        r, kinematic.WAVES, f"joint:{j + 1}", law,
+        f"{equation}, at the TCP J_j Δ_j (Whitney, Lozinski & Rourke 1986)", shapes, curve, penalty,
+        "without load, periodic over the joint's angle",
+    )  # fmt: skip
+
+
+def _unloaded(
+    r: Readings, effect: Effect, where: str, law: str, equation: str, shapes: tuple[Shape, ...] = ((),),
+    curve: Callable[[Array, Shape], Curve] | None = None, penalty: float = 0.0, note: str = "",
+) -> Hypothesis:  # fmt: skip
+    """A law of port angle, lifted to the TCP."""
+    own, (by, moved) = effect.unloaded, joints_of(where)
+    assert own is not None  # port angle
+    q = r.state.q[:, by]
     return Hypothesis(
-        "transmission_error", where, law, f"{equation}, at the TCP J_j Δ_j (Whitney, Lozinski & Rourke 1986)",
-        lambda s: r.lift(j, waves(q, s)), sizes, shapes, correction=correction, family="kinematic",
-        note="without load, periodic over the joint's angle", curve=curve, penalty=penalty,
+        effect.called, where, law, equation, lambda s: r.lift(moved, own.columns(np.array(s), q)),
+        lambda x, s: own.sizes(x, np.array(s)), shapes, correction=lambda x, s: entry(effect, where, x, np.array(s)),
+        family="kinematic", note=note, curve=curve, penalty=penalty,
     )  # fmt: skip
 
 
@@ -126,21 +116,17 @@ def couplings(r: Readings) -> list[Hypothesis]:
             tau = r.torque
             return r.lift(a, tau[:, b]) + r.lift(b, tau[:, a])
 
-        out.append(Hypothesis(
-            "joint_coupling", where, "gears drag the next joint",
+        out.append(_unloaded(
+            r, coupling.KINEMATIC, where, "gears drag the next joint",
             f"Δ_{j} = κ q_{i} (hollow wrist: the shaft of joint {j} runs through joint {i})",
-            lambda s, a=a, b=b: r.lift(b, r.state.q[:, a]),  # type: ignore[misc]
-            lambda x, s: {"ratio": Quantity(abs(float(x[0])), "rad/rad")},
-            correction=lambda x, s, where=where: KinematicCorrection(  # type: ignore[misc]
-                "joint_coupling", where, {"ratio": float(x[0])}),
-            family="kinematic", note=f"joint {j} without load, in proportion to joint {i}",
+            note=f"joint {j} without load, in proportion to joint {i}",
         ))  # fmt: skip
         if np.abs(r.torque[:, [a, b]]).max() > 0.0:
             out.append(Hypothesis(
-                "joint_coupling", where, "elastic coupling", "Δ_i = c_ij τ_j, Δ_j = c_ij τ_i under weight and load",
+                coupling.WORD, where, "elastic coupling", "Δ_i = c_ij τ_j, Δ_j = c_ij τ_i under weight and load",
                 elastic, lambda x, s: {"compliance": Quantity(abs(float(x[0])), "rad/(N·m)")},
                 correction=lambda x, s, where=where: Term(  # type: ignore[misc]
-                    "joint_coupling", where, files.write(ELASTIC, x, np.empty(0))),
+                    coupling.WORD, where, files.write(coupling.LAW, x, np.empty(0))),
                 family="joint",
                 note="with the torque of the other joint",
             ))  # fmt: skip

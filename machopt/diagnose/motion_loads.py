@@ -16,9 +16,10 @@ from machopt.diagnose.problem import (
     RecordCorrection,
     Shape,
 )
-from machopt.domain.kinematics import KinematicCorrection
 from machopt.effects.compensator import torques
-from machopt.effects.waves import transmission, waves
+from machopt.effects.corrections import entry
+from machopt.effects.kinematic import WAVES, Waves
+from machopt.effects.waves import waves
 
 ORDERS = 60  # highest gear order per turn of a joint that is looked for
 TURNS = 1.5  # waves within the range of the joint, at least: fewer are no ripple
@@ -125,6 +126,8 @@ def ripple(scene: Scene, joint: int, unit: str, factor: float, *, torque: bool) 
 
     def law(harmonics: int) -> Hypothesis:
         def sizes(x: Array, s: Shape) -> Mapping[str, Quantity]:
+            if not torque:
+                return Waves().sizes(x, np.array(multiples(s, harmonics)))
             out = {"amplitude": Quantity(float(np.hypot(x[0], x[1])) * factor, unit), "order": Quantity(s[0], "1/rev")}
             if harmonics > 1:
                 out["second"] = Quantity(float(np.hypot(x[2], x[3])) * factor, unit)
@@ -134,7 +137,7 @@ def ripple(scene: Scene, joint: int, unit: str, factor: float, *, torque: bool) 
             if torque:
                 return RecordCorrection("transmission_error", where, {
                     "order": s[0], "cos_Nm": float(x[0]), "sin_Nm": float(x[1])})  # fmt: skip
-            return KinematicCorrection("transmission_error", where, transmission(multiples(s, harmonics), x))
+            return entry(WAVES, where, x, np.array(multiples(s, harmonics)))
 
         def line(x: Array, s: Shape) -> Curve:
             return curve(scene, np.degrees(np.mod(q, 2 * np.pi / s[0])), over(s, harmonics) @ x * factor,

@@ -68,7 +68,7 @@ def holds(model: Model, s: Scored) -> bool:
 def _plausible(s: Scored) -> bool:
     h = s.tried.hypothesis
     size = next(iter(h.quantities(s.x * s.tried.unit[s.shape], s.tried.shapes[s.shape]).values()))
-    known = registry.EFFECTS.get(h.effect)
+    known = registry.known(h.effect)
     return known is None or abs(size.value) <= known.plausible.get(size.unit, np.inf)
 
 

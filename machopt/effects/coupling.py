@@ -1,10 +1,20 @@
-"""One joint that moves another: through the gears (Δ_j = κ q_i), or by its torque (Δ_i = c_ij τ_j, Δ_j = c_ij τ_i)."""
+"""One joint that moves another: through the gears (Δ_j = κ q_i), or by its torque (Δ_i = c_ij τ_j, Δ_j = c_ij τ_i).
+
+Two effects, and two files: what is elastic stands in stiffness.yaml, what needs no load in kinematics.yaml. Files and
+findings call both ``joint_coupling``; which one is meant their parameters say.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-from machopt.effects.protocol import COMPLIANCE, Effect, Parameter
+import numpy as np
+
+from machopt.effects.protocol import COMPLIANCE, Array, Effect, Parameter, Quantity
+
+WORD = "joint_coupling"
+PLACES = tuple(f"joint:{i}-{j}" for i in range(1, 7) for j in range(i + 1, 7))
 
 
 @dataclass(frozen=True)
@@ -17,14 +27,45 @@ class Elastic:
     shape: tuple[Parameter, ...] = ()
 
 
-ELASTIC = Elastic()
+@dataclass(frozen=True)
+class Dragged:
+    """Δ_j = κ q_i: the shaft of joint j runs through joint i (hollow wrists)."""
+
+    word = ""
+    remembers = False
+    equation = "Δ_j = κ q_i"
+    coefficients = (Parameter(key="ratio", unit="rad/rad", required=True, most=0.1, said="rad/rad"),)
+    shape: tuple[Parameter, ...] = ()
+
+    def columns(self, shape: Array, angle: Array, derivative: int = 0) -> Array:
+        of = angle if derivative == 0 else np.full(np.shape(angle), 1.0 if derivative == 1 else 0.0)
+        return np.asarray(of, float)[..., None]
+
+    def steepest(self, values: Array, shape: Array) -> float:
+        return abs(float(values[0]))
+
+    def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        return {"ratio": Quantity(abs(float(values[0])), "rad/rad")}
 
 
-EFFECT = Effect(
-    name="joint_coupling",
+LAW = Elastic()
+
+ELASTIC = Effect(
+    name="joint_elastic_coupling",
+    word=WORD,
     noun="coupling",
     sentence="What one joint does turns or twists the other one too.",
     port="twist",
-    places=tuple(f"joint:{i}-{j}" for i in range(1, 7) for j in range(i + 1, 7)),
+    places=PLACES,
     elastic=True,
+)
+
+KINEMATIC = Effect(
+    name="joint_kinematic_coupling",
+    word=WORD,
+    noun=ELASTIC.noun,
+    sentence=ELASTIC.sentence,
+    port="angle",
+    places=PLACES,
+    unloaded=Dragged(),
 )

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from machopt.effects.protocol import MEMORIES, Array, Effect, Law, Parameter, Stated
 from machopt.errors import InputError
@@ -145,11 +146,7 @@ def read(law: Stated, given: Parameters) -> tuple[Array, Array, str]:
         if len(row) not in (0, branches):
             longest = next(other.key for other, values in rows if len(values) == branches)
             raise given.error(p.key, f"found {len(row)} numbers; expected {branches}, one for each of {longest}")
-    values, shape = (
-        np.concatenate([row if len(row) else np.full(branches if p.many else 1, np.nan) for p, row in group])
-        if group else np.empty(0)
-        for group in groups
-    )  # fmt: skip
+    values, shape = (_joined(group, branches) for group in groups)
     memory = given.choice("memory", MEMORIES, "") if law.remembers else ""
     return values, shape, memory
 
@@ -158,10 +155,9 @@ def write(law: Stated, values: Array, shape: Array, memory: str = "") -> dict[st
     """The parameters as a file states them; what is NaN is left out."""
     out: dict[str, Any] = {"law": law.word} if law.word else {}
     for group, numbers in ((law.coefficients, values), (law.shape, shape)):
-        at = 0
-        for p in group:
-            row = np.asarray(numbers[at:] if p.many else numbers[at : at + 1], float) / p.factor
-            at += len(row)
+        rows = _parted(group, np.asarray(numbers, float))
+        for p, of in zip(group, rows, strict=True):
+            row = of / p.factor
             if np.isfinite(row).all() and len(row):
                 single = not p.many or (p.bare and len(row) == 1)
                 out[p.key] = float(row[0]) if single else [float(v) for v in row]
@@ -170,13 +166,44 @@ def write(law: Stated, values: Array, shape: Array, memory: str = "") -> dict[st
 
 def named(law: Stated, count: int) -> tuple[tuple[str, str, float], ...]:
     """Name, SI unit and lower bound in SI of each of ``count`` coefficients."""
-    out: list[tuple[str, str, float]] = []
-    for p in law.coefficients:
-        left = count - len(out) if p.many else 1
-        for n in range(left):
-            name = f"{p.called}[{n}]" if p.many and not (p.bare and left == 1) else p.called
-            out.append((name, p.unit, p.least * p.factor))
-    return tuple(out)
+    rows = [(p, row) for p, row in zip(law.coefficients, _parted(law.coefficients, np.arange(count)), strict=True)]
+    out: dict[int, tuple[str, str, float]] = {}
+    for p, places in rows:
+        for n, at in enumerate(places):
+            name = f"{p.called}[{n}]" if p.many and not (p.bare and len(places) == 1) else p.called
+            out[int(at)] = (name, p.unit, p.least * p.factor)
+    return tuple(out[n] for n in range(count))
+
+
+def summed(law: Stated, one: Mapping[str, Any], two: Mapping[str, Any]) -> dict[str, Any]:
+    """Two statements of a law at one place as one: numbers of the same shape add up, others stand side by side.
+
+    In the file's own units, so that what is not touched stays as it was to the last digit.
+    """
+    keys, own = [p.key for p in (*law.shape, *law.coefficients)], len(law.shape)
+    total: dict[tuple[float, ...], list[float]] = {}
+    for stated in (one, two):
+        columns = [v if isinstance(v, list | tuple) else [v] for v in (stated[key] for key in keys)]
+        for row in zip(*columns, strict=True):
+            form, sizes = tuple(float(v) for v in row[:own]), [float(v) for v in row[own:]]
+            total[form] = [a + b for a, b in zip(total.get(form, [0.0] * len(sizes)), sizes, strict=True)]
+    rows = [(*form, *total[form]) for form in sorted(total)]
+    lists = dict(zip(keys, map(list, zip(*rows, strict=True)), strict=True))
+    return {key: value[0] if len(rows) == 1 else value for key, value in lists.items()}
+
+
+def _parted(group: tuple[Parameter, ...], numbers: NDArray[Any]) -> list[NDArray[Any]]:
+    """The numbers of each parameter; those of one branch stand side by side, single ones before them."""
+    single = sum(not p.many for p in group)
+    many = numbers[single:].reshape(-1, max(len(group) - single, 1)).T
+    return [numbers[n : n + 1] if not p.many else many[n - single] for n, p in enumerate(group)]
+
+
+def _joined(group: list[tuple[Parameter, Array]], branches: int) -> Array:
+    """The other way round; NaN for what is not stated."""
+    rows = [(p, row if len(row) else np.full(branches if p.many else 1, np.nan)) for p, row in group]
+    single, many = ([row for p, row in rows if p.many is of] for of in (False, True))
+    return np.concatenate([*single, *([np.stack(many, axis=1).ravel()] if many else []), np.empty(0)])
 
 
 def _row(p: Parameter, given: Parameters) -> Array:

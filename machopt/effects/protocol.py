@@ -38,6 +38,8 @@ class Parameter:
     many: bool = False  # a list in files
     bare: bool = False  # of one branch alone, the number without a list
     name: str = ""  # of a coefficient where it is reported in SI and the key's unit is another
+    most: float = np.inf  # to either side, in the unit of the key: beyond it the number is in another unit
+    said: str = ""  # the unit of the key in words, where refusals say it
 
     @property
     def called(self) -> str:
@@ -144,16 +146,39 @@ class Law(Stated, Protocol):
         ...
 
 
+class Unloaded(Stated, Protocol):
+    """An angle Δ(q) that a joint is off by without any load, by its own angle or another joint's. Stateless; SI."""
+
+    @property
+    def equation(self) -> str:
+        """With its source."""
+        ...
+
+    def columns(self, shape: Array, angle: Array, derivative: int = 0) -> Array:
+        """(..., P) rad per unit of each coefficient at angles (...,) rad, or a derivative by the angle."""
+        ...
+
+    def steepest(self, values: Array, shape: Array) -> float:
+        """The most that Δ changes, rad per rad of the angle."""
+        ...
+
+    def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        """Numbers of the trade; the first is the effect's size and grows in proportion to the coefficients."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True)
 class Effect:
     """A word of the vocabulary and what stands behind it."""
 
-    name: str  # "joint_hysteresis"
+    name: str  # "joint_hysteresis"; one thing in the program
+    word: str = ""  # what files and findings call it, where two effects share a word; empty: the name
     noun: str  # "hysteresis"; its place follows
     sentence: str  # for the reader of a report
     port: Port
     places: tuple[str, ...]  # of an arm; empty: not listed, e.g. columns of a recording
     laws: tuple[Law, ...] = ()  # in the order in which they are tried
+    unloaded: Unloaded | None = None  # the law of port angle
     default: str = ""  # law of a file that states none; empty: it must, where there are several
     elastic: bool = False  # stands in stiffness.yaml
     spoken: str = ""  # the noun where a sentence runs on; empty: the noun
@@ -164,6 +189,11 @@ class Effect:
         default_factory=dict
     )  # most of its size, by unit: beyond it fits other things
     note: str = ""  # where it shows, e.g. "on load reversal"
+
+    @property
+    def called(self) -> str:
+        """In files and findings."""
+        return self.word or self.name
 
     def law(self, word: str, stated: frozenset[str] = frozenset()) -> Law:
         """The law of a word, of several the first that has every key a file states."""
@@ -180,6 +210,12 @@ class Effect:
     def words(self) -> tuple[str, ...]:
         """Of its laws, as files state them."""
         return tuple(dict.fromkeys(law.word for law in self.laws if law.word))
+
+
+def joints_of(location: str) -> tuple[int, int]:
+    """0-based, of ``joint:4-5``: the joint that drives and the one that is moved; of ``joint:3`` itself twice."""
+    numbers = [int(n) - 1 for n in location.removeprefix("joint:").split("-")]
+    return numbers[0], numbers[-1]
 
 
 def timed(law: Law) -> bool:

@@ -20,13 +20,13 @@ from machopt.effects import (
     load,
     record,
 )
-from machopt.effects.protocol import Effect
+from machopt.effects.protocol import Effect, Unloaded
 
 LISTED = (
-    bodies.LINK, bodies.BASE, bodies.TOOL, coupling.EFFECT,
+    bodies.LINK, bodies.BASE, bodies.TOOL, coupling.ELASTIC,
     hardening.EFFECT, backlash.EFFECT, hysteresis.EFFECT, creep.EFFECT, by_angle.EFFECT,
     compensator.EFFECT, load.GEOMETRIC, load.PAYLOAD,
-    kinematic.ZERO, kinematic.WAVES,
+    kinematic.ZERO, kinematic.WAVES, coupling.KINEMATIC,
     drive.FRICTION, drive.LAG, drive.VIBRATION, environment.THERMAL,
     record.OFFSET, record.GAIN, record.FRAME, record.DISPLACEMENT, record.LOAD, record.UNITS, record.CLOCK,
     record.OUTLIERS,
@@ -37,17 +37,30 @@ def registry(effects: Iterable[Effect]) -> Mapping[str, Effect]:
     """Effects by name, in order.
 
     Raises:
-        ValueError: a name that stands twice.
+        ValueError: a name that stands twice, or a word twice among what is elastic or what is not.
     """
     out: dict[str, Effect] = {}
+    seen: set[tuple[str, bool]] = set()
     for effect in effects:
-        if effect.name in out:
-            raise ValueError(f"the effect {effect.name!r} stands twice")
+        word = (effect.called, effect.elastic)
+        if effect.name in out or word in seen:
+            raise ValueError(f"the effect {effect.name if effect.name in out else effect.called!r} stands twice")
         out[effect.name] = effect
+        seen.add(word)
     return MappingProxyType(out)
 
 
 EFFECTS = registry(LISTED)
+
+
+def known(word: str) -> Effect | None:
+    """The effect that files and findings mean by a word, the first where two share it; None of a user's own."""
+    return EFFECTS.get(word) or next((e for e in EFFECTS.values() if e.called == word), None)
+
+
+def without_load() -> Mapping[str, tuple[Effect, Unloaded]]:
+    """What kinematics.yaml can hold, by the words it uses."""
+    return {e.called: (e, e.unloaded) for e in EFFECTS.values() if e.unloaded is not None}
 
 
 def of_joint_torque(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:

@@ -16,13 +16,13 @@ _MOST_ROWS = 6
 
 def noun(effect: str) -> str:
     """ "hysteresis"; of a user's own its name without underscores."""
-    known = registry.EFFECTS.get(effect)
+    known = registry.known(effect)
     return known.noun if known else effect.replace("_", " ")
 
 
 def what(effect: str) -> str:
     """One sentence on what the effect is; empty for a user's own."""
-    known = registry.EFFECTS.get(effect)
+    known = registry.known(effect)
     return known.sentence if known else ""
 
 
@@ -44,7 +44,7 @@ def place(location: str) -> str:
 
 def named(effect: str, location: str) -> str:
     """An effect at its place: "hysteresis of joint 3", "compliance of the base"."""
-    known, name = registry.EFFECTS.get(effect), noun(effect)
+    known, name = registry.known(effect), noun(effect)
     if not location or (known is not None and not known.of):
         return name
     kind = location.partition(":")[0]
@@ -55,7 +55,7 @@ def named(effect: str, location: str) -> str:
 
 def spoken(effect: str, location: str) -> str:
     """An effect in a running sentence, its place where it has several: "link compliance of link 3", "wrong payload"."""
-    known = registry.EFFECTS.get(effect)
+    known = registry.known(effect)
     name = known.spoken or known.noun if known else effect.replace("_", " ")
     kind = location.partition(":")[0]
     if kind in ("joint", "link"):

@@ -18,23 +18,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 from pydantic import Field
 
-from machopt.domain.kinematics import KinematicCorrection, Kinematics, waves
+from machopt.domain.kinematics import KinematicCorrection, Kinematics
+from machopt.effects import files, registry
+from machopt.effects.protocol import Parameter, Unloaded, joints_of
 from machopt.formats.yamlstrict import Document, Loc, Strict, nearest, read_yaml, show, validate
 
 PARAMETERS = {
-    "joint_zero_offset": ("offset_deg",),
-    "transmission_error": ("per_turn", "cos_arcsec", "sin_arcsec"),
-    "joint_coupling": ("ratio",),
+    word: tuple(p.key for p in (*law.shape, *law.coefficients)) for word, (_, law) in registry.without_load().items()
 }
-_MOST = {"offset_deg": 10.0, "per_turn": 1e4, "cos_arcsec": 7200.0, "sin_arcsec": 7200.0, "ratio": 0.1}
-_UNITS = {"offset_deg": "degrees", "per_turn": "waves a turn of the joint", "cos_arcsec": "arcsec",
-          "sin_arcsec": "arcsec", "ratio": "rad/rad"}  # fmt: skip
 _STEEPEST = 0.5  # |Δ'|: beyond it encoder and true angle are hardly one to one, and the file is in another unit
-_JOINTS = tuple(f"joint:{j}" for j in range(1, 7))
-_PAIRS = tuple(f"joint:{i}-{j}" for i in range(1, 7) for j in range(i + 1, 7))
 
 
 class _Correction(Strict):
@@ -90,13 +84,14 @@ def _check_place(document: Document, loc: Loc, effect: str, location: str) -> No
     if effect not in PARAMETERS:
         raise document.error((*loc, "effect"), f"found {effect!r}; {nearest(effect, list(PARAMETERS))} "
                              "(what is elastic belongs into stiffness.yaml)")  # fmt: skip
-    places = _PAIRS if effect == "joint_coupling" else _JOINTS
+    places = registry.without_load()[effect][0].places
     if location not in places:
-        wanted = "joint:i-j, i < j, e.g. joint:4-5" if effect == "joint_coupling" else "joint:1 … joint:6"
+        wanted = "joint:i-j, i < j, e.g. joint:4-5" if "-" in places[0] else f"{places[0]} … {places[-1]}"
         raise document.error((*loc, "location"), f"found {location!r}; expected {wanted}")
 
 
 def _parameters(document: Document, loc: Loc, c: _Correction) -> Mapping[str, Any]:
+    law = registry.without_load()[c.effect][1]
     wanted = PARAMETERS[c.effect]
     for key in c.parameters:
         if key not in wanted:
@@ -105,46 +100,43 @@ def _parameters(document: Document, loc: Loc, c: _Correction) -> Mapping[str, An
         if key not in c.parameters:
             raise document.error(loc, f"{key} is missing; {c.effect} needs {', '.join(wanted)}")
     lengths = set()
-    for key in wanted:
-        value = c.parameters[key]
-        if isinstance(value, list) and c.effect == "transmission_error":
+    for p in (*law.shape, *law.coefficients):
+        value = c.parameters[p.key]
+        if isinstance(value, list) and p.many:
             lengths.add(len(value))
             if not value:
-                raise document.error((*loc, key), "found an empty list; expected at least one number")
+                raise document.error((*loc, p.key), "found an empty list; expected at least one number")
             for n, v in enumerate(value):
-                _check_number(document, (*loc, key, n), key, v)
+                _check_number(document, (*loc, p.key, n), p, v)
         else:
             lengths.add(-1)
-            _check_number(document, (*loc, key), key, value)
+            _check_number(document, (*loc, p.key), p, value)
     if len(lengths) > 1:
         raise document.error(loc, f"{', '.join(wanted)} differ in length; expected three numbers, or three lists of "
                              "the same length")  # fmt: skip
-    if c.effect == "transmission_error":
-        orders = [order for order, _, _ in waves(c.parameters)]
-        if len(set(orders)) < len(orders):
-            raise document.error((*loc, "per_turn"), f"found {show(c.parameters['per_turn'])}; each order once")
+    for p in law.shape:  # the only number of a form: which branch it is
+        values = c.parameters[p.key]
+        if isinstance(values, list) and len(set(values)) < len(values):
+            raise document.error((*loc, p.key), f"found {show(values)}; each order once")
     return dict(c.parameters)
 
 
-def _check_number(document: Document, loc: Loc, key: str, value: object) -> None:
-    most = _MOST[key]
+def _check_number(document: Document, loc: Loc, p: Parameter, value: object) -> None:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise document.error(loc, f"found {show(value)}; expected a number ({_UNITS[key]})")
-    if key == "per_turn" and not 0.0 < value <= most:
-        raise document.error(loc, f"found {value:g}; expected more than 0 and at most {most:g} {_UNITS[key]}")
-    if abs(value) > most:
-        raise document.error(loc, f"found {value:g}; expected at most {most:g} {_UNITS[key]} to either side")
+        raise document.error(loc, f"found {show(value)}; expected a number ({p.said})")
+    if p.positive and not 0.0 < value <= p.most:
+        raise document.error(loc, f"found {value:g}; expected more than 0 and at most {p.most:g} {p.said}")
+    if abs(value) > p.most:
+        raise document.error(loc, f"found {value:g}; expected at most {p.most:g} {p.said} to either side")
 
 
 def _slopes(kinematics: Kinematics) -> list[float]:
     """(6,) most that Δ of each joint can change per rad of any joints."""
     slope = [0.0] * 6
     for c in kinematics.corrections:
-        joint = int(c.location.removeprefix("joint:").split("-")[-1]) - 1
-        if c.effect == "joint_coupling":
-            slope[joint] += abs(float(c.parameters["ratio"]))
-        elif c.effect == "transmission_error":
-            slope[joint] += sum(n * float(np.hypot(a, b)) * np.pi / 648000.0 for n, a, b in waves(c.parameters))
+        law: Unloaded = registry.without_load()[c.effect][1]
+        values, shape, _ = files.read(law, files.Parameters(c.parameters, c.effect))
+        slope[joints_of(c.location)[1]] += law.steepest(values, shape)
     return slope
 
 

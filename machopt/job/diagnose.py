@@ -16,9 +16,10 @@ from machopt.diagnose.problem import Catalogue, Problem
 from machopt.diagnose.result import Coefficient, Diagnosis, Finding
 from machopt.diagnose.words import sentence
 from machopt.domain.cell import Cell
-from machopt.domain.kinematics import KinematicCorrection, Kinematics, extended
+from machopt.domain.kinematics import KinematicCorrection, Kinematics
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Stiffness, Term
+from machopt.effects.corrections import extended
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.kinematics import write_kinematics

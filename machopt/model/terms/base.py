@@ -75,7 +75,7 @@ Maker = Callable[[Robot, Array, Parameters, str], LinearTerm]
 
 def vocabulary() -> dict[str, tuple[str, ...]]:
     """Effects that can stand in ``terms`` and their locations."""
-    return {e.name: e.places for e in registry.EFFECTS.values() if e.elastic}
+    return {e.called: e.places for e in registry.EFFECTS.values() if e.elastic}
 
 
 def compile_terms(

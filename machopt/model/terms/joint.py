@@ -112,8 +112,8 @@ class JointCoupling:
     i: int  # 0-based
     j: int
     values: Array  # (1,) rad/(N·m)
-    effect: str = "joint_coupling"
-    coefficients: tuple[Coefficient, ...] = tuple(Coefficient(*c) for c in files.named(coupling.ELASTIC, 1))
+    effect: str = coupling.WORD
+    coefficients: tuple[Coefficient, ...] = tuple(Coefficient(*c) for c in files.named(coupling.LAW, 1))
 
     def response(self, state: ArmState, wrench: Array) -> Array:
         J = state.J
@@ -125,7 +125,7 @@ class JointCoupling:
         return replace(self, values=np.asarray(values, float))
 
     def to_file(self) -> Term:
-        return Term(self.effect, self.location, files.write(coupling.ELASTIC, self.values, np.empty(0)))
+        return Term(self.effect, self.location, files.write(coupling.LAW, self.values, np.empty(0)))
 
 
 def joint_term(effect: str, parameters: files.Parameters, location: str) -> JointTerm:
@@ -137,7 +137,7 @@ def joint_term(effect: str, parameters: files.Parameters, location: str) -> Join
 
 def _coupling(robot: Robot, T_flange_tcp: Array, parameters: files.Parameters, location: str) -> LinearTerm:
     i, j = (int(n) - 1 for n in location.removeprefix("joint:").split("-"))
-    return JointCoupling(location, i, j, files.read(coupling.ELASTIC, parameters)[0])
+    return JointCoupling(location, i, j, files.read(coupling.LAW, parameters)[0])
 
 
-MAKERS: dict[str, Maker] = {"joint_coupling": _coupling}
+MAKERS: dict[str, Maker] = {coupling.WORD: _coupling}
