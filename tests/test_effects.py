@@ -16,12 +16,13 @@ from machopt.diagnose.words import sentence
 from machopt.domain.kinematics import Kinematics
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Stiffness, Term
-from machopt.effects import coupling, creep, files, hysteresis, registry
+from machopt.effects import compensator, coupling, creep, files, hysteresis, registry
 from machopt.effects.corrections import entry, extended
 from machopt.effects.protocol import (
     COMPLIANCE,
     JOINTS,
     Array,
+    Beside,
     Drive,
     Effect,
     Law,
@@ -48,7 +49,11 @@ SCALE = Scale(reach=1000.0, compliance=1e-6, low=-1.0, high=2.0)
 SAMPLED = replace(SCALE, sampled=True)  # of a motion: some laws are offered there alone
 TORQUES = np.linspace(-990.0, 990.0, 36)  # off the corners of all curves that are tried
 ANGLES = np.linspace(-0.9, 1.9, 36)
-LAWS = [pytest.param(e, law, id=f"{e.name} {law.name}") for e in registry.of_joint_torque() for law in e.laws]
+OWN, PAIRED = (
+    [pytest.param(e, law, id=f"{e.name} {law.name}") for e in some for law in e.laws]
+    for some in (registry.of_joint_torque(), registry.of_joint_pairs())
+)
+LAWS = [*OWN, *PAIRED]
 
 
 def made(law: Law, sign: float = 1.0) -> tuple[Array, Array]:
@@ -108,7 +113,7 @@ def test_sizes_grow_with_the_coefficients(effect: Effect, law: Law) -> None:
         assert one.unit
 
 
-@pytest.mark.parametrize(("effect", "law"), LAWS)
+@pytest.mark.parametrize(("effect", "law"), OWN)
 def test_a_law_takes_no_more_than_it_says(effect: Effect, law: Law) -> None:
     """Its slope, of either sign of its coefficients where a file may have both; and what it says is reached."""
     for sign in (1.0, -1.0):
@@ -136,7 +141,7 @@ def test_files_keep_everything(effect: Effect, law: Law, zero: bool, tmp_path: P
     values, shape = made(law)
     values = 0.0 * values if zero else values
     memory = "arrival" if law.remembers else ""
-    term = Term(effect.name, effect.places[1], files.write(law, values, shape, memory))
+    term = Term(effect.called, effect.places[1], files.write(law, values, shape, memory))
     file = tmp_path / "stiffness.yaml"
     write_stiffness(file, Stiffness(np.full(6, 1e6), terms=(term,)))
     given = files.Parameters(load_stiffness(file).terms[0].parameters, "terms[0]")
@@ -154,7 +159,7 @@ def test_files_keep_everything(effect: Effect, law: Law, zero: bool, tmp_path: P
 @pytest.mark.parametrize(("effect", "law"), LAWS)
 def test_verify_has_the_same_law_in_its_own_writing(effect: Effect, law: Law) -> None:
     values, shape = made(law)
-    term = Term(effect.name, "joint:3", files.write(law, values, shape))
+    term = Term(effect.called, "joint:3-5" if effect.paired else "joint:3", files.write(law, values, shape))
     mine = law.columns(shape, Drive(TORQUES, ANGLES)) @ values
     curved = springs.curves([term], np.full((1, 6), 1e6), np.full(6, -1.0), np.full(6, 2.0))
     if curved:
@@ -162,7 +167,9 @@ def test_verify_has_the_same_law_in_its_own_writing(effect: Effect, law: Law) ->
     else:
         q = np.zeros((len(ANGLES), 6))
         q[:, 2] = ANGLES
-        theirs = springs.joint_compliance([term], q)[:, 2, 2] * TORQUES
+        C = springs.joint_compliance([term], q)
+        theirs = C[:, 2, 4 if effect.paired else 2] * TORQUES
+        np.testing.assert_array_equal(C, C.transpose(0, 2, 1))
     np.testing.assert_allclose(theirs, mine, rtol=1e-12, atol=1e-18)
 
 
@@ -220,6 +227,24 @@ def test_kinematics_yaml_keeps_everything_and_verify_agrees(
     np.testing.assert_allclose(true_angles(again, q) - q, expected, rtol=0.0, atol=2e-15)  # rounding of angles of 2 rad
     twice = extended(again, again.corrections)
     np.testing.assert_allclose(correction_of(twice).delta(q), 2.0 * expected, rtol=1e-12)  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("law", compensator.EFFECT.beside, ids=lambda law: law.name)
+def test_springs_beside_a_gear_have_their_slope_and_verify_agrees(law: Beside) -> None:
+    """Central differences; batches are singles; of the one that files state, the verifier's stiffness, zeros too."""
+    effect, step = compensator.EFFECT, 1e-4
+    for shape in (np.array(s) for s in law.grid()[:: max(len(law.grid()) // 5, 1)]):
+        up, down = (law.torque(shape, ANGLES + s * step) for s in (1.0, -1.0))
+        np.testing.assert_allclose((up - down) / (2 * step), law.slope(shape, ANGLES), atol=1e-6)
+        np.testing.assert_array_equal(law.torque(shape, ANGLES[3:4])[0], law.torque(shape, ANGLES)[3])
+        values = np.array([4e3, 3e4])
+        stated = files.write(law, values, shape)
+        found, form, _ = files.read(law, files.Parameters({k: v for k, v in stated.items() if k != "law"}, "terms[0]"))
+        np.testing.assert_allclose(found, values, rtol=1e-14)
+        np.testing.assert_allclose(form, shape, rtol=1e-14)
+        if law is effect.beside[0]:
+            theirs = springs.balancer([Term(effect.called, "joint:2", stated)], ANGLES)
+            np.testing.assert_allclose(theirs, -law.slope(shape, ANGLES) @ values, rtol=1e-11, atol=1e-8)
 
 
 def test_one_word_of_files_may_mean_an_elastic_and_a_kinematic_effect() -> None:

@@ -151,9 +151,7 @@ def test_limits_of_true_angles_keep_the_encoders_within_theirs() -> None:
     # and no more is given away than the coupling could take: 6e-3 rad at joint 5
     offset = np.radians([0.0, 0.0, OFFSET.parameters["offset_deg"], 0.0, 0.0, 0.0])
     np.testing.assert_allclose(inner.upper - offset, limits.upper, atol=2 * 6e-3 + 1e-3)
-    np.testing.assert_allclose(
-        (inner.lower - correction().offset)[[1, 2, 3, 5]], limits.lower[[1, 2, 3, 5]], atol=1e-15
-    )
+    np.testing.assert_allclose((inner.lower - offset)[[1, 2, 3, 5]], limits.lower[[1, 2, 3, 5]], atol=1e-15)
 
 
 # the job --------------------------------------------------------------------------------------------------------

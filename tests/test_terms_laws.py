@@ -282,7 +282,7 @@ def test_every_elastic_law_of_diagnose_is_a_term_and_predicts_what_it_fitted(tmp
         more = model.at(r.state.q).respond(r.wrench) - elasticity().at(r.state.q).respond(r.wrench)
         predicted = columns @ x
         if h.effect == "gravity_compensator":  # less what the spring moves without any load, as weight does too
-            bend = compensator.torques(r.state.q[:, 1], *shape)[1]
+            bend = compensator.LINKAGE.slope(np.array(shape), r.state.q[:, 1])
             predicted = r.lift(1, C[1] ** 2 * r.load_torque[:, 1, None] * bend) @ x
         # a compensator is fitted to first order in its share of joint 2's stiffness, here less than 1e-3
         tolerance = 1e-3 if h.effect == "gravity_compensator" else 1e-6

@@ -16,7 +16,7 @@ from machopt.diagnose.problem import Curve, Hypothesis, Quantity, Shape
 from machopt.diagnose.readings import Readings
 from machopt.domain.stiffness import Term
 from machopt.effects import files
-from machopt.effects.protocol import ARCMIN, MEMORIES, Drive, Effect, Law, Scale, timed
+from machopt.effects.protocol import ARCMIN, MEMORIES, Drive, Effect, Law, Scale, joints_of, timed
 
 Array = NDArray[np.float64]
 LEAST_SOFT = 1e-9  # rad/(N·m), that sizes in percent are of
@@ -79,6 +79,23 @@ def _hypothesis(
     return Hypothesis(
         effect.name, where, law.name, law.equation, columns, sizes, grid, lower if np.isfinite(lower).any() else (),
         term, effect.note, "joint", curve if law.weighs or (law.remembers and not timed(law)) else None,
+    )  # fmt: skip
+
+
+def pair(r: Readings, effect: Effect, where: str, note: str, equation: str = "") -> Hypothesis:
+    """The law of an effect between two joints, each turned by the torque of the other."""
+    law, (i, j) = effect.laws[0], joints_of(where)
+    tau = r.load_torque if r.differences else r.torque
+    scale = Scale(_largest(tau[:, [i, j]]))
+
+    def columns(shape: Shape) -> Array:
+        by_j, by_i = (law.columns(np.array(shape), Drive(tau[:, k])) for k in (j, i))
+        return r.lift(i, by_j) + r.lift(j, by_i)
+
+    return Hypothesis(
+        effect.called, where, law.name, equation or law.equation, columns,
+        lambda x, s: law.sizes(x, np.array(s), scale), law.grid(scale),
+        correction=lambda x, s: Term(effect.called, where, files.write(law, x, np.array(s))), family="joint", note=note,
     )  # fmt: skip
 
 

@@ -9,11 +9,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.diagnose.at_joint import pair
 from machopt.diagnose.laws_weight import beam, two_planes
 from machopt.diagnose.problem import Hypothesis, Quantity, Shape
 from machopt.diagnose.readings import Readings
 from machopt.domain.stiffness import Term
-from machopt.effects.coupling import WORD
+from machopt.effects import registry
 from machopt.errors import InputError
 from machopt.model.terms import LinearTerm, term_of
 from machopt.model.terms.body import beam_axes
@@ -25,16 +26,9 @@ BEAMS = (1, 2, 3, 4, 5)  # link 6 and the tool are one body
 
 
 def coupling(r: Readings) -> list[Hypothesis]:
-    """Δq_i = c_ij τ_j and Δq_j = c_ij τ_i."""
-    out = []
-    for i, j in COUPLED:
-        where = f"joint:{i}-{j}"
-        term = term_of(WORD, where, r.robot, r.T_flange_tcp)
-        out.append(_linear(
-            r, term, (0,), "elastic coupling", "Δq_i = c_ij τ_j, Δq_j = c_ij τ_i (wrist gears on one shaft)",
-            lambda x: {"compliance": Quantity(float(x[0]), "rad/(N·m)")}, (-np.inf,), "joint",
-        ))  # fmt: skip
-    return out
+    """Each of two joints turned by the torque of the other."""
+    said = "Δq_i = c_ij τ_j, Δq_j = c_ij τ_i (wrist gears on one shaft)"
+    return [pair(r, e, f"joint:{i}-{j}", NOTE, said) for e in registry.of_joint_pairs() for i, j in COUPLED]
 
 
 def links(r: Readings) -> list[Hypothesis]:

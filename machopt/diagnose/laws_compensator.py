@@ -14,7 +14,7 @@ from machopt.diagnose.problem import Hypothesis, Quantity, Shape
 from machopt.diagnose.readings import Readings
 from machopt.domain.stiffness import Term
 from machopt.effects import files
-from machopt.effects.compensator import BALANCER, EFFECT, GRID, torques
+from machopt.effects.compensator import EFFECT, LINKAGE
 from machopt.identify.noise import joint_sensitivity
 
 Array = NDArray[np.float64]
@@ -30,23 +30,23 @@ def apparent(r: Readings) -> list[Hypothesis]:
     moved = joint_sensitivity(r.state.J, r.wrench, r.compliance)[:, : r.dimensions, 1]
 
     def columns(shape: Shape) -> Array:
-        torque, slope = torques(q, shape[0], shape[1])
+        torque, slope = (of(np.array(shape), q) for of in (LINKAGE.torque, LINKAGE.slope))
         return np.asarray(r.lift(1, c**2 * tau[:, None] * slope) + moved[:, :, None] * (c * torque)[:, None, :])
 
     def sizes(x: Array, shape: Shape) -> Mapping[str, Quantity]:
-        _, slope = torques(np.linspace(q.min(), q.max(), 60), shape[0], shape[1])
+        slope = LINKAGE.slope(np.array(shape), np.linspace(q.min(), q.max(), 60))
         return {"variation": Quantity(50.0 * float(np.ptp(slope @ x)) * c, "%"),
                 "force_times_length": Quantity(float(x[0]), "N·m"),
                 "rate_times_length_squared": Quantity(float(x[1]), "N·m")}  # fmt: skip
 
     def correction(x: Array, s: Shape) -> Term:
-        return Term(EFFECT.name, "joint:2", files.write(BALANCER, x, np.array(s)))
+        return Term(EFFECT.name, "joint:2", files.write(LINKAGE, x, np.array(s)))
 
     return [
         Hypothesis(
-            EFFECT.name, "joint:2", "spring between two pivots",
+            EFFECT.name, "joint:2", LINKAGE.name,
             "k₂(q₂) = k₂ + d²U/dq², U of a spring F₀ + k s, s² = a² + L² + 2aL cos(α + q₂)", columns, sizes,
-            GRID, correction=correction, family="joint",
+            LINKAGE.grid(), correction=correction, family="joint",
             note="joint 2 only, by its angle", penalty=4.0,
         )
     ]  # fmt: skip

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from machopt.diagnose.problem import Curve, Hypothesis, Quantity, RecordCorrection, Shape
 from machopt.diagnose.readings import Readings
-from machopt.effects.compensator import GRID, torques
-from machopt.effects.waves import waves
+from machopt.effects.compensator import EFFECT, HARMONIC, LINKAGE
+from machopt.effects.protocol import Beside
 from machopt.se3 import skew
 
 Array = NDArray[np.float64]
@@ -82,18 +82,14 @@ def compensator(r: Readings) -> list[Hypothesis]:
         return []
     along = np.linspace(q.min(), q.max(), 90)
 
-    def spring(at: Array, shape: Shape) -> Array:
-        return torques(at, shape[0], shape[1])[0]
-
-    def harmonic(at: Array, shape: Shape) -> Array:
-        return waves(at, (1,))
-
     out = []
-    for law, equation, drive, shapes, penalty in (
-        ("spring between two pivots", "Δ₂ = c₂ τ, τ = −(F₀ + k s) ds/dq, s² = a² + L² + 2aL cos(α + q₂)", spring,
-         GRID, 4.0),
-        ("first harmonics", "Δ₂ = c₂ (A cos q₂ + B sin q₂)", harmonic, ((),), 0.0),
-    ):  # fmt: skip
+    for own, equation, penalty in (
+        (LINKAGE, "Δ₂ = c₂ τ, τ = −(F₀ + k s) ds/dq, s² = a² + L² + 2aL cos(α + q₂)", 4.0),
+        (HARMONIC, "Δ₂ = c₂ (A cos q₂ + B sin q₂)", 0.0),
+    ):
+
+        def drive(at: Array, shape: Shape, own: Beside = own) -> Array:
+            return own.torque(np.array(shape), at)
 
         def sizes(x: Array, shape: Shape, drive: Drive = drive) -> Mapping[str, Quantity]:
             return {"peak_torque": Quantity(float(np.abs(drive(along, shape) @ x).max()), "N·m")}
@@ -103,9 +99,9 @@ def compensator(r: Readings) -> list[Hypothesis]:
                          drive(q, shape) @ x)  # fmt: skip
 
         out.append(Hypothesis(
-            "gravity_compensator", "joint:2", law, f"{equation} (Klimchik et al. arXiv 1311.6810)",
+            EFFECT.name, "joint:2", own.name, f"{equation} (Klimchik et al. arXiv 1311.6810)",
             lambda s, drive=drive: r.lift(1, c * drive(q, s)),  # type: ignore[misc]
-            sizes, shapes, family="joint", note="joint 2 only, by its angle", penalty=penalty, curve=curve,
+            sizes, own.grid(), family="joint", note="joint 2 only, by its angle", penalty=penalty, curve=curve,
         ))  # fmt: skip
     return out
 

@@ -10,10 +10,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.diagnose.problem import Curve, Hypothesis, Quantity, Shape
+from machopt.diagnose.at_joint import pair
+from machopt.diagnose.problem import Curve, Hypothesis, Shape
 from machopt.diagnose.readings import Readings
-from machopt.domain.stiffness import Term
-from machopt.effects import coupling, files, kinematic
+from machopt.effects import coupling, kinematic
 from machopt.effects.corrections import entry
 from machopt.effects.protocol import DEGREE, Effect, joints_of
 from machopt.effects.waves import ARCSEC
@@ -110,24 +110,13 @@ def couplings(r: Readings) -> list[Hypothesis]:
     """A wrist joint drags the next one, through the gears (Δ_j = κ q_i) or under torque (Δ_j = c_ij τ_i)."""
     out = []
     for i, j in WRIST:
-        where, a, b = f"joint:{i}-{j}", i - 1, j - 1
-
-        def elastic(shape: Shape, a: int = a, b: int = b) -> Array:
-            tau = r.torque
-            return r.lift(a, tau[:, b]) + r.lift(b, tau[:, a])
-
+        where = f"joint:{i}-{j}"
         out.append(_unloaded(
             r, coupling.KINEMATIC, where, "gears drag the next joint",
             f"Δ_{j} = κ q_{i} (hollow wrist: the shaft of joint {j} runs through joint {i})",
             note=f"joint {j} without load, in proportion to joint {i}",
         ))  # fmt: skip
-        if np.abs(r.torque[:, [a, b]]).max() > 0.0:
-            out.append(Hypothesis(
-                coupling.WORD, where, "elastic coupling", "Δ_i = c_ij τ_j, Δ_j = c_ij τ_i under weight and load",
-                elastic, lambda x, s: {"compliance": Quantity(abs(float(x[0])), "rad/(N·m)")},
-                correction=lambda x, s, where=where: Term(  # type: ignore[misc]
-                    coupling.WORD, where, files.write(coupling.LAW, x, np.empty(0))),
-                family="joint",
-                note="with the torque of the other joint",
-            ))  # fmt: skip
+        if np.abs(r.torque[:, [i - 1, j - 1]]).max() > 0.0:
+            said = f"{coupling.Elastic.equation} under weight and load"
+            out.append(pair(r, coupling.ELASTIC, where, "with the torque of the other joint", said))
     return out

@@ -16,14 +16,15 @@ from machopt.diagnose.problem import (
     RecordCorrection,
     Shape,
 )
-from machopt.effects.compensator import torques
+from machopt.effects import files
+from machopt.effects.compensator import EFFECT, HARMONIC, LINKAGE
 from machopt.effects.corrections import entry
 from machopt.effects.kinematic import WAVES, Waves
+from machopt.effects.protocol import Beside
 from machopt.effects.waves import waves
 
 ORDERS = 60  # highest gear order per turn of a joint that is looked for
 TURNS = 1.5  # waves within the range of the joint, at least: fewer are no ripple
-ANGLES, LEVERS = 12, (0.15, 0.35, 0.7)  # of a compensator: phase, lever over distance
 BANDS = (3.0, 4.5, 6.5, 9.5, 14.0, 20.0)  # Hz
 
 
@@ -66,14 +67,10 @@ def compensator(scene: Scene) -> list[Hypothesis]:
         return []
     q = scene.motion.q[:, 1]
 
-    def harmonic(s: Shape) -> Array:
-        return waves(q, (1,))
+    def law(name: str, equation: str, own: Beside) -> Hypothesis:
+        def signal(s: Shape) -> Array:
+            return own.torque(np.array(s), q)
 
-    def linkage(s: Shape) -> Array:
-        alpha, ratio = s  # spring rate first, in units of the lever
-        return np.asarray(torques(q, ratio, alpha)[0][:, ::-1] / ratio)
-
-    def law(name: str, equation: str, signal, shapes):  # type: ignore[no-untyped-def]
         def sizes(x: Array, s: Shape) -> Mapping[str, Quantity]:
             pull = signal(s) @ x
             # the offset of joint 2 hides a constant part: what varies is what is seen
@@ -81,17 +78,15 @@ def compensator(scene: Scene) -> list[Hypothesis]:
                     "peak_torque": Quantity(float(np.abs(pull).max()), "N·m")}  # fmt: skip
 
         return joint_law(
-            scene, 1, "gravity_compensator", name, equation, signal, sizes, shapes, family="compensator",
+            scene, 1, EFFECT.name, name, equation, signal, sizes, own.grid(), family="compensator",
             curve=lambda x, s: curve(scene, np.degrees(q), signal(s) @ x, "joint 2 in degrees", "torque in N·m"),
             note="with the angle of joint 2",
-            correction=lambda x, s: RecordCorrection("gravity_compensator", "joint:2", {
-                "law": name, "coefficients_Nm": [float(v) for v in x], "shape": [float(v) for v in s]}),
+            correction=lambda x, s: RecordCorrection(EFFECT.name, "joint:2", files.write(own, x, np.array(s))),
         )  # fmt: skip
 
-    grid = tuple((float(a), r) for r in LEVERS for a in 2.0 * np.pi * np.arange(ANGLES) / ANGLES)
     return [
-        law("harmonic", "τ₂ += a cos q₂ + b sin q₂: a spring with no length of its own", harmonic, ((),)),
-        law("spring between two pins", "τ₂ += (F₀ + k s) ∂s/∂q₂, s² = a² + L² + 2 a L cos(α + q₂)", linkage, grid),
+        law("harmonic", "τ₂ += a cos q₂ + b sin q₂: a spring with no length of its own", HARMONIC),
+        law("spring between two pins", "τ₂ += (F₀ + k s) ∂s/∂q₂, s² = a² + L² + 2 a L cos(α + q₂)", LINKAGE),
     ]
 
 

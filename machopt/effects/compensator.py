@@ -11,16 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.effects.protocol import DEGREE, Array, Effect, Parameter, Shape
+from machopt.effects.waves import waves
 
 RATIOS = (0.15, 0.35, 0.7)  # a/L that are tried
 ANGLES = tuple(np.radians(np.arange(0.0, 360.0, 30.0)).tolist())  # rad, α that are tried
-GRID: tuple[Shape, ...] = tuple((a, b) for a in RATIOS for b in ANGLES)
 
 
 @dataclass(frozen=True)
-class Balancer:
+class Linkage:
     """Coefficients F₀ L and k L², shape a/L and α."""
 
+    name = "spring between two pivots"
     word = ""
     remembers = False
     coefficients = (
@@ -32,17 +33,48 @@ class Balancer:
         Parameter(key="angle_deg", unit="rad", factor=DEGREE),
     )
 
+    def torque(self, shape: Array, angle: Array) -> Array:
+        s, ds, _ = _distance(shape, angle)
+        return np.stack([-ds, -s * ds], axis=-1)
 
-BALANCER = Balancer()
+    def slope(self, shape: Array, angle: Array) -> Array:
+        s, ds, dds = _distance(shape, angle)
+        return np.stack([-dds, -(ds**2 + s * dds)], axis=-1)
+
+    def grid(self) -> tuple[Shape, ...]:
+        return tuple((a, b) for a in RATIOS for b in ANGLES)
 
 
-def torques(q: Array, ratio: float, alpha: float) -> tuple[Array, Array]:
-    """(..., 2) torque on the joint per F₀ L and per k L², and its derivative by the angle q (...,) rad."""
-    angle = alpha + q
-    s = np.sqrt(ratio**2 + 1.0 + 2.0 * ratio * np.cos(angle))  # in units of L
-    ds = -ratio * np.sin(angle) / s
-    dds = (-ratio * np.cos(angle) - ds**2) / s
-    return np.stack([-ds, -s * ds], axis=-1), np.stack([-dds, -(ds**2 + s * dds)], axis=-1)
+@dataclass(frozen=True)
+class Harmonic:
+    """A cos q + B sin q: a spring with no length of its own, or a weight."""
+
+    name = "first harmonics"
+    word = "harmonic"
+    remembers = False
+    coefficients = (Parameter(key="cos_Nm", unit="N·m"), Parameter(key="sin_Nm", unit="N·m"))
+    shape: tuple[Parameter, ...] = ()
+
+    def torque(self, shape: Array, angle: Array) -> Array:
+        return waves(angle, (1,))
+
+    def slope(self, shape: Array, angle: Array) -> Array:
+        return waves(angle, (1,), 1)
+
+    def grid(self) -> tuple[Shape, ...]:
+        return ((),)
+
+
+LINKAGE, HARMONIC = Linkage(), Harmonic()
+
+
+def _distance(shape: Array, angle: Array) -> tuple[Array, Array, Array]:
+    """Of the pivots in units of L, and its first two derivatives by the angle."""
+    ratio, alpha = float(shape[0]), float(shape[1])
+    q = alpha + angle
+    s = np.sqrt(ratio**2 + 1.0 + 2.0 * ratio * np.cos(q))
+    ds = -ratio * np.sin(q) / s
+    return s, ds, (-ratio * np.cos(q) - ds**2) / s
 
 
 EFFECT = Effect(
@@ -51,6 +83,7 @@ EFFECT = Effect(
     sentence="The spring or gas cylinder at joint 2 carries a torque that depends on its angle.",
     port="torque",
     places=("joint:2",),
+    beside=(LINKAGE, HARMONIC),
     elastic=True,
     form=0.2,
 )

@@ -11,20 +11,35 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machopt.effects.protocol import COMPLIANCE, Array, Effect, Parameter, Quantity
+from machopt.effects.protocol import COMPLIANCE, Array, Drive, Effect, Law, Parameter, Quantity, Scale, Settled, Shape
 
 WORD = "joint_coupling"
 PLACES = tuple(f"joint:{i}-{j}" for i in range(1, 7) for j in range(i + 1, 7))
 
 
 @dataclass(frozen=True)
-class Elastic:
+class Elastic(Settled):
     """A torque on one joint turns another one, and the other way round by as much (Maxwell)."""
 
-    word = ""
-    remembers = False
+    name = "elastic coupling"
+    equation = "Δ_i = c_ij τ_j, Δ_j = c_ij τ_i"
     coefficients = (Parameter(key="compliance_rad_per_Nm", unit=COMPLIANCE),)
     shape: tuple[Parameter, ...] = ()
+
+    def columns(self, shape: Array, drive: Drive) -> Array:
+        return drive.torque[..., None]
+
+    def tangent(self, shape: Array, drive: Drive) -> Array:
+        return np.ones((*drive.torque.shape, 1))
+
+    def within(self, values: Array, room: float) -> Law:
+        return self
+
+    def sizes(self, values: Array, shape: Array, scale: Scale) -> Mapping[str, Quantity]:
+        return {"compliance": Quantity(float(values[0]), COMPLIANCE)}
+
+    def grid(self, scale: Scale) -> tuple[Shape, ...]:
+        return ((),)
 
 
 @dataclass(frozen=True)
@@ -48,8 +63,6 @@ class Dragged:
         return {"ratio": Quantity(abs(float(values[0])), "rad/rad")}
 
 
-LAW = Elastic()
-
 ELASTIC = Effect(
     name="joint_elastic_coupling",
     word=WORD,
@@ -57,6 +70,7 @@ ELASTIC = Effect(
     sentence="What one joint does turns or twists the other one too.",
     port="twist",
     places=PLACES,
+    laws=(Elastic(),),
     elastic=True,
 )
 

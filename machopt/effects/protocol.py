@@ -167,6 +167,25 @@ class Unloaded(Stated, Protocol):
         ...
 
 
+class Beside(Stated, Protocol):
+    """A torque that a spring puts on a joint beside its gear, by the joint's own angle. Stateless; SI."""
+
+    @property
+    def name(self) -> str: ...
+
+    def torque(self, shape: Array, angle: Array) -> Array:
+        """(..., P) N·m per unit of each coefficient at angles (...,) rad."""
+        ...
+
+    def slope(self, shape: Array, angle: Array) -> Array:
+        """(..., P) its derivative by the angle; what it takes from the stiffness of the gear."""
+        ...
+
+    def grid(self) -> tuple[Shape, ...]:
+        """Shapes that a search tries."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True)
 class Effect:
     """A word of the vocabulary and what stands behind it."""
@@ -179,6 +198,7 @@ class Effect:
     places: tuple[str, ...]  # of an arm; empty: not listed, e.g. columns of a recording
     laws: tuple[Law, ...] = ()  # in the order in which they are tried
     unloaded: Unloaded | None = None  # the law of port angle
+    beside: tuple[Beside, ...] = ()  # those of port torque; the first is the one that files state
     default: str = ""  # law of a file that states none; empty: it must, where there are several
     elastic: bool = False  # stands in stiffness.yaml
     spoken: str = ""  # the noun where a sentence runs on; empty: the noun
@@ -189,6 +209,11 @@ class Effect:
         default_factory=dict
     )  # most of its size, by unit: beyond it fits other things
     note: str = ""  # where it shows, e.g. "on load reversal"
+
+    @property
+    def paired(self) -> bool:
+        """Between two joints: its law, which is linear, turns each by the torque of the other."""
+        return bool(self.places) and "-" in self.places[0]
 
     @property
     def called(self) -> str:

@@ -58,6 +58,11 @@ def known(word: str) -> Effect | None:
     return EFFECTS.get(word) or next((e for e in EFFECTS.values() if e.called == word), None)
 
 
+def elastic(word: str) -> Effect:
+    """The effect that stiffness.yaml means by a word that it may use."""
+    return next(e for e in EFFECTS.values() if e.elastic and e.called == word)
+
+
 def without_load() -> Mapping[str, tuple[Effect, Unloaded]]:
     """What kinematics.yaml can hold, by the words it uses."""
     return {e.called: (e, e.unloaded) for e in EFFECTS.values() if e.unloaded is not None}
@@ -65,4 +70,10 @@ def without_load() -> Mapping[str, tuple[Effect, Unloaded]]:
 
 def of_joint_torque(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
     """Those that twist a joint by its own torque, in the order in which a search tries them."""
-    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.port == "twist" and e.laws)
+    listed = (EFFECTS if effects is None else effects).values()
+    return tuple(e for e in listed if e.laws and not e.paired)
+
+
+def of_joint_pairs() -> tuple[Effect, ...]:
+    """Those that twist each of two joints by the torque of the other."""
+    return tuple(e for e in EFFECTS.values() if e.laws and e.paired)

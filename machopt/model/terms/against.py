@@ -77,7 +77,7 @@ def against_load(terms: Sequence[LinearTerm], k: Array, limits: Limits | None) -
     coupling = np.zeros((6, 6))
     for term in terms:
         if isinstance(term, JointCoupling):
-            coupling[term.i, term.j] = coupling[term.j, term.i] = term.values[0]
+            coupling[term.i, term.j] = coupling[term.j, term.i] = term.slope
     scale = np.sqrt(own + least)
     values = np.linalg.eigvalsh(np.eye(6) + coupling / scale[:, :, None] / scale[:, None, :])
     row = int(values[:, 0].argmin())

@@ -137,7 +137,7 @@ def _check_place(term: Term, where: str, file: Any) -> None:
 def _made(term: Term, robot: Robot, T_flange_tcp: Array, parameters: Parameters) -> LinearTerm:
     from machopt.model.terms import body, compensator, joint
 
-    makers = {**joint.MAKERS, **compensator.MAKERS, **body.MAKERS}
+    makers = {**compensator.MAKERS, **body.MAKERS}
     if term.effect in makers:
         return makers[term.effect](robot, T_flange_tcp, parameters, term.location)
     return joint.joint_term(term.effect, parameters, term.location)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from machopt.domain.stiffness import Term
 from machopt.effects import files
-from machopt.effects.compensator import BALANCER, torques
+from machopt.effects.compensator import EFFECT, LINKAGE
 from machopt.effects.files import Parameters
 from machopt.errors import InputError
 from machopt.model.robot import ArmState, Robot
@@ -37,13 +37,17 @@ class GravityCompensator:
     alpha: float  # rad
     values: Array  # (2,) N·m: F₀ L and k L²
     gear: Callable[[ArmState], Array] | None = field(default=None, compare=False)  # (M, 6) N·m/rad of the joints
-    effect: str = "gravity_compensator"
-    coefficients: tuple[Coefficient, ...] = tuple(Coefficient(*c) for c in files.named(BALANCER, 2))
+    effect: str = EFFECT.name
+    coefficients: tuple[Coefficient, ...] = tuple(Coefficient(*c) for c in files.named(LINKAGE, 2))
 
     @property
     def i(self) -> int:
         """0-based joint."""
         return 1
+
+    @property
+    def _shape(self) -> Array:
+        return np.array([self.ratio, self.alpha])
 
     @property
     def lacking(self) -> tuple[str, ...]:
@@ -52,7 +56,7 @@ class GravityCompensator:
 
     def added(self, q2: Array) -> Array:
         """Stiffness (...,) N·m/rad beside the gear at joint angles q2 (...,) rad; negative where it takes some away."""
-        return np.asarray(-torques(q2, self.ratio, self.alpha)[1] @ self.values)
+        return np.asarray(-LINKAGE.slope(self._shape, q2) @ self.values)
 
     def response(self, state: ArmState, wrench: Array) -> Array:
         """What the spring adds to the twist of the gear alone (M, 6, 2), shared out between its two coefficients.
@@ -69,7 +73,7 @@ class GravityCompensator:
                 where="terms",
             )  # fmt: skip
         column, q2 = state.J[..., :, self.i], state.q[..., self.i]
-        per = -torques(q2, self.ratio, self.alpha)[1]
+        per = -LINKAGE.slope(self._shape, q2)
         k = self.gear(state)[..., self.i]
         load = np.einsum("...c,...c->...", column, wrench)
         turned = -per * (load / (k * (k + per @ self.values)))[..., None]
@@ -79,12 +83,11 @@ class GravityCompensator:
         return replace(self, values=np.asarray(values, float))
 
     def to_file(self) -> Term:
-        shape = np.array([self.ratio, self.alpha])
-        return Term(self.effect, self.location, files.write(BALANCER, self.values, shape))
+        return Term(self.effect, self.location, files.write(LINKAGE, self.values, self._shape))
 
 
 def _compensator(robot: Robot, T_flange_tcp: Array, parameters: Parameters, location: str) -> LinearTerm:
-    values, (ratio, alpha), _ = files.read(BALANCER, parameters)
+    values, (ratio, alpha), _ = files.read(LINKAGE, parameters)
     if abs(ratio - 1.0) < LEAST_DISTANCE:
         raise parameters.error(
             "ratio", f"found {ratio:g}; with 1 the pivots meet at some angle, anything else would work"
@@ -92,4 +95,4 @@ def _compensator(robot: Robot, T_flange_tcp: Array, parameters: Parameters, loca
     return GravityCompensator(location, float(ratio), float(alpha), values)
 
 
-MAKERS: dict[str, Maker] = {"gravity_compensator": _compensator}
+MAKERS: dict[str, Maker] = {EFFECT.name: _compensator}

@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.stiffness import Term
-from machopt.effects import coupling, files, registry
-from machopt.effects.protocol import Drive, Law
+from machopt.effects import files, registry
+from machopt.effects.protocol import Drive, Law, joints_of
 from machopt.errors import InputError
-from machopt.model.robot import ArmState, Robot
-from machopt.model.terms.base import Coefficient, LinearTerm, Maker
+from machopt.model.robot import ArmState
+from machopt.model.terms.base import Coefficient, LinearTerm
 
 Array = NDArray[np.float64]
 
@@ -106,38 +106,43 @@ class JointTerm:
 
 @dataclass(frozen=True)
 class JointCoupling:
-    """A torque on one joint turns another: Δq_i = c_ij τ_j and Δq_j = c_ij τ_i (wrist gears)."""
+    """A torque on one joint turns another and the other way round: Δq_i = φ(τ_j) and Δq_j = φ(τ_i), φ linear."""
 
+    effect: str
     location: str  # joint:i-j
     i: int  # 0-based
     j: int
-    values: Array  # (1,) rad/(N·m)
-    effect: str = coupling.WORD
-    coefficients: tuple[Coefficient, ...] = tuple(Coefficient(*c) for c in files.named(coupling.LAW, 1))
+    law: Law
+    values: Array  # (P,) SI
+
+    @property
+    def coefficients(self) -> tuple[Coefficient, ...]:
+        return tuple(Coefficient(*c) for c in files.named(self.law, len(self.values)))
+
+    @property
+    def slope(self) -> float:
+        """φ' in rad/(N·m)."""
+        return float((self.law.tangent(np.empty(0), Drive(np.zeros(1))) @ self.values)[0])
 
     def response(self, state: ArmState, wrench: Array) -> Array:
         J = state.J
         tau = np.einsum("...ci,...c->...i", J, wrench)
-        twist = J[..., :, self.i] * tau[..., self.j, None] + J[..., :, self.j] * tau[..., self.i, None]
-        return np.asarray(twist[..., None])
+        by_j, by_i = (self.law.columns(np.empty(0), Drive(tau[..., k])) for k in (self.j, self.i))
+        return np.asarray(J[..., :, self.i, None] * by_j[..., None, :] + J[..., :, self.j, None] * by_i[..., None, :])
 
     def with_values(self, values: Array) -> LinearTerm:
         return replace(self, values=np.asarray(values, float))
 
     def to_file(self) -> Term:
-        return Term(self.effect, self.location, files.write(coupling.LAW, self.values, np.empty(0)))
+        return Term(self.effect, self.location, files.write(self.law, self.values, np.empty(0)))
 
 
-def joint_term(effect: str, parameters: files.Parameters, location: str) -> JointTerm:
-    """A term of one joint from a file."""
-    law = files.law_of(registry.EFFECTS[effect], parameters)
+def joint_term(effect: str, parameters: files.Parameters, location: str) -> LinearTerm:
+    """A term of one joint, or between two, from a file."""
+    known = registry.elastic(effect)
+    law = files.law_of(known, parameters)
     values, shape, memory = files.read(law, parameters)
-    return JointTerm(effect, location, int(location.removeprefix("joint:")) - 1, law, shape, values, memory)
-
-
-def _coupling(robot: Robot, T_flange_tcp: Array, parameters: files.Parameters, location: str) -> LinearTerm:
-    i, j = (int(n) - 1 for n in location.removeprefix("joint:").split("-"))
-    return JointCoupling(location, i, j, files.read(coupling.LAW, parameters)[0])
-
-
-MAKERS: dict[str, Maker] = {coupling.WORD: _coupling}
+    i, j = joints_of(location)
+    if known.paired:
+        return JointCoupling(effect, location, i, j, law, values)
+    return JointTerm(effect, location, i, law, shape, values, memory)
