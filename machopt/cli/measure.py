@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from machopt.cli.display import Display, finite, natural, positive
+from machopt.cli.effects import add_effects, told_of_effects
 
 Commands = Any  # argparse keeps its subparsers' type private
 
@@ -229,12 +230,14 @@ def _add_map(p: argparse.ArgumentParser) -> None:
     p.add_argument("--plan", type=Path, metavar="FILE", dest="plan_file", help="planning options as YAML")
     p.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE",
                    help="override a planning option")  # fmt: skip
+    add_effects(p)
     p.set_defaults(run=_map)
 
 
 def _map(args: argparse.Namespace) -> int:
     from machopt.job.map import Request, run_map
 
+    told_of_effects(args)
     return _run(args, Request, run_map, {})
 
 

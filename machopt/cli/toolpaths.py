@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from machopt.cli.compiling import compiling
 from machopt.cli.display import Display, finite, natural, positive, tree
+from machopt.cli.effects import add_effects, told_of_effects
 from machopt.cli.readingoptions import reading, reading_parser
 from machopt.domain.manifest import with_scope
 from machopt.errors import InputError, VerificationError
@@ -69,6 +70,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     job.add_argument(
         "--jobs", type=positive, default=1, metavar="N", help="accepted for scripts; one plan runs in one process"
     )
+    add_effects(job)
     job.set_defaults(run=_optimize)
 
     look = commands.add_parser(
@@ -108,7 +110,9 @@ def _optimize(args: argparse.Namespace) -> int:
         cell=args.cell, toolpath=args.toolpath, out=args.out, plan_file=args.plan, overrides=tuple(args.set),
         direct=direct, reading=reading(args), allow_external=args.allow_external, posts=tuple(args.post),
         program_tolerance_mm=args.program_tolerance_mm, front=args.front, map_all=args.map_collisions == "full",
+        effects=tuple(args.effects),
     )  # fmt: skip
+    told_of_effects(args)
     with Display(show=not (args.quiet or args.json)) as display, compiling(display):
         outcome = optimize(request, display.stage)
     if args.json:

@@ -4,61 +4,48 @@ A file or entry point (group ``machopt.diagnose``) offers ``hypotheses(readings)
 :class:`~machopt.diagnose.readings.Readings` of a load test or of poses and yields
 :class:`~machopt.diagnose.problem.Hypothesis` objects. The README has one in twenty lines.
 
+A file may offer ``EFFECTS`` instead or beside it (:mod:`machopt.effects.own`): laws of joints, which every
+channel then tries and stiffness.yaml holds.
+
 Either is code: loading it runs it, with all the rights of whoever started machopt. A package offers its laws by being
 installed; a file is run only where ``--terms`` names it.
 """
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from collections.abc import Callable, Iterable, Sequence
 from importlib.metadata import entry_points
-from os.path import isfile
-from pathlib import Path
 
 import numpy as np
 
 from machopt.diagnose.problem import Hypothesis
 from machopt.diagnose.readings import Readings
+from machopt.effects.own import BROKEN, Own
 from machopt.errors import InputError
 
 GROUP = "machopt.diagnose"
-BROKEN = (  # what code of a user's own may raise
-    ArithmeticError, AssertionError, AttributeError, ImportError, LookupError, NameError, OSError, RuntimeError,
-    TypeError, ValueError,
-)  # fmt: skip
 Offer = Callable[[Readings], Iterable[Hypothesis]]
 
 
-def load(files: Sequence[Path]) -> list[tuple[str, Offer]]:
-    """Functions that offer laws, with where they come from. Runs the code of the files.
+def load(own: Sequence[Own] = ()) -> list[tuple[str, Offer]]:
+    """Functions that offer laws, with where they come from.
 
     Args:
-        files: Python files; those of installed packages come first.
+        own: files of the user's; what installed packages offer comes first.
 
     Raises:
-        InputError: a file that is missing, does not run, or has no function ``hypotheses``.
+        InputError: a file that has neither a function ``hypotheses`` nor effects.
     """
     out: list[tuple[str, Offer]] = [(e.value, e.load()) for e in entry_points(group=GROUP)]
-    for n, file in enumerate(files):
-        if not isfile(file):
-            raise InputError("there is no such file; a Python file with a function hypotheses(readings) would work",
-                             file=file)  # fmt: skip
-        spec = importlib.util.spec_from_file_location(f"machopt_user_terms_{n}", file)
-        if spec is None or spec.loader is None:
-            raise InputError("is not a Python file; one with a function hypotheses(readings) would work", file=file)
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[spec.name] = module
-        try:
-            spec.loader.exec_module(module)
-        except (SyntaxError, *BROKEN) as problem:
-            raise InputError(f"does not run: {type(problem).__name__}: {problem}", file=file) from problem
-        offer = getattr(module, "hypotheses", None)
-        if not callable(offer):
-            raise InputError("has no function hypotheses(readings); one that yields Hypothesis objects would work",
-                             file=file)  # fmt: skip
-        out.append((str(file), offer))
+    for o in own:
+        offer = getattr(o.module, "hypotheses", None)
+        if callable(offer):
+            out.append((str(o.file), offer))
+        elif not o.has_effects:
+            raise InputError(
+                "has no function hypotheses(readings); one that yields Hypothesis objects, or EFFECTS, a list of "
+                "effects, would work", file=o.file,
+            )  # fmt: skip
     return out
 
 

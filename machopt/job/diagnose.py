@@ -20,6 +20,7 @@ from machopt.domain.kinematics import KinematicCorrection, Kinematics
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Stiffness, Term
 from machopt.effects.corrections import extended
+from machopt.effects.own import Own, in_use, run
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.kinematics import write_kinematics
@@ -82,12 +83,18 @@ def run_diagnose(request: Request, progress: Progress = lambda _: None) -> Outco
     Raises:
         InputError: bad cell, recording, laws or output folder.
     """
+    own = run(request.terms)
+    with in_use(own):
+        return _diagnosed(request, own, progress)
+
+
+def _diagnosed(request: Request, own: tuple[Own, ...], progress: Progress) -> Outcome:
     progress("reading cell and recording")
     paths = request.recordings
     recording = load_recording(paths[0]) if len(paths) == 1 else load_recordings(paths)
     in_motion = recording.kind == "motion"
     cell = load_cell(request.cell, allow_external=request.allow_external, any_chain=in_motion)
-    laws = userterms.load(request.terms)
+    laws = userterms.load(own)
     if request.toolpath is not None and not request.toolpath.is_file():  # said before minutes of work, not after
         raise InputError("there is no such file; a toolpath that optimize reads would work", file=request.toolpath,
                          where="--toolpath")  # fmt: skip

@@ -32,19 +32,29 @@ ROLES = {
     "summary.csv": "table", "compare.csv": "table", "timings.csv": "table",
 }  # fmt: skip
 BATCH_ROLES = {"job.json": "record", "timing.json": "timing", "log.txt": "log"}  # beside each result of a batch
-_PLACES = ("cell", "out", "recordings", "toolpath", "measured", "plan_file", "discriminate")  # inputs, by hash
+_PLACES = (
+    "cell",
+    "out",
+    "recordings",
+    "toolpath",
+    "measured",
+    "plan_file",
+    "discriminate",
+    "effects",
+)  # inputs, by hash
 _LIBRARIES = ("numpy", "scipy", "numba", "pin", "coal", "python-fcl", "trimesh")  # whose numbers are in the output
 
 
 def optimize_manifest(
     cell: Cell, toolpath_file: Path, toolpath: Toolpath, options: PlanOptions, *, reading: Mapping[str, Any],
-    plan_file: Path | None, post_files: Sequence[Path], tolerance: Tolerance,
+    plan_file: Path | None, post_files: Sequence[Path], effects: Sequence[Path] = (), tolerance: Tolerance,
 ) -> Manifest:  # fmt: skip
     """The manifest of one plan; files, programs and verdict follow when they are there."""
     read = single(toolpath_file, "toolpath")
     named = [ManifestFile(read.name, "toolpath", toolpath.sha256 or read.sha256, read.size)]
     named += [single(plan_file, "plan")] if plan_file is not None else []
     named += [single(f, "post") for f in post_files]
+    named += [single(f, "effects") for f in effects]
     return Manifest(
         command="optimize", verdict="", exit_code=0, versions=versions(),
         inputs=distinct((*cell_inputs(cell), *named)), options=options_as_user(options),

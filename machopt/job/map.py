@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from machopt.domain.cell import Cell
 from machopt.domain.manifest import with_scope
 from machopt.domain.options import PlanOptions
+from machopt.effects.own import in_use, with_effects
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.fields import read_measured_stiffness, write_map_csv
@@ -61,6 +62,11 @@ def run_map(request: Request, progress: Callable[[str], None] = lambda _: None) 
     Raises:
         InputError: bad cell, options, measured table or output folder.
     """
+    with in_use(with_effects(request.effects)):
+        return _mapped(request, progress)
+
+
+def _mapped(request: Request, progress: Callable[[str], None]) -> Outcome:
     progress("load")
     cell = load_cell(request.cell, allow_external=request.allow_external)
     plan_options = load_options(cell.plan, request.plan_file, list(request.overrides))
@@ -99,6 +105,7 @@ def run_map(request: Request, progress: Callable[[str], None] = lambda _: None) 
         write_map_svg(folder / "map.svg", data)
         write_json(folder / "map.json", result)
         read = [single(f, role) for f, role in ((request.measured, "measured"), (request.plan_file, "plan")) if f]
+        read += [single(f, "effects") for f in request.effects]
         write_command_manifest(
             folder, "map", request, cell, verdict=message, exit_code=int(str(result["exit_code"])), inputs=read,
             unchecked=unchecked,

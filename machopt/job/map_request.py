@@ -57,6 +57,7 @@ class Request:
     plan_file: Path | None = None
     overrides: tuple[str, ...] = ()
     allow_external: bool = False
+    effects: tuple[Path, ...] = ()  # Python files with effects of the user's own, which stiffness.yaml may hold
 
 
 @dataclass(frozen=True)

@@ -98,7 +98,7 @@ def load_tests(
         recording, robot, T_flange_tcp, masses, robot.state(recording.q, T_flange_tcp, bodies=True), wrench, dimensions,
         True, compliance, np.zeros(N * K, np.int64), case, case,
     )  # fmt: skip
-    laws = [*deflection.catalogue(readings, None).hypotheses, *userterms.offered(userterms.load(()), readings)]
+    laws = [*deflection.catalogue(readings, None).hypotheses, *userterms.offered(userterms.load(), readings)]
     J = readings.state.J[:, :dimensions]
     base = J * readings.load_torque[:, None, :]
     return Predicted(steps, dimensions, _by_case(base, N), tuple(laws), N)

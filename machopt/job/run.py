@@ -12,6 +12,7 @@ import numpy as np
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
+from machopt.effects.own import in_use, with_effects
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options, options_as_user
@@ -55,6 +56,7 @@ class Request:
     posts: tuple[str, ...] = ()  # names or template files; none: the cell's own
     front: bool = False  # further plans with other weights, for the trade-off
     program_tolerance_mm: float | None = None  # 0.05, or twice path_tolerance_mm where that is more
+    effects: tuple[Path, ...] = ()  # Python files with effects of the user's own, which stiffness.yaml may hold
     map_all: bool = False  # look for the collisions of every configuration, for the report's map
 
 
@@ -73,6 +75,11 @@ def optimize(request: Request, progress: Callable[[str], None] = lambda _: None)
     Raises:
         InputError: bad cell, toolpath, options or output folder.
     """
+    with in_use(with_effects(request.effects)):
+        return _optimize(request, progress)
+
+
+def _optimize(request: Request, progress: Callable[[str], None]) -> Outcome:
     timings = Timings(progress=progress)
     with timings.stage("load"):
         cell = load_cell(request.cell, allow_external=request.allow_external)
@@ -86,7 +93,8 @@ def optimize(request: Request, progress: Callable[[str], None] = lambda _: None)
             _refuse_wrong_unit(cell, toolpath, request)
     manifest = optimize_manifest(
         cell, request.toolpath, toolpath, options, reading=request.reading, plan_file=request.plan_file,
-        post_files=[Path(text) for text in request.posts if is_post_file(text)], tolerance=tolerance,
+        post_files=[Path(text) for text in request.posts if is_post_file(text)], effects=request.effects,
+        tolerance=tolerance,
     )  # fmt: skip
     with output_folder(request.out) as folder:
         the_plan = plan(cell, toolpath, options, timings)

@@ -167,7 +167,7 @@ def _other_roles(manifest: Manifest) -> list[str]:
 def input_differences(recorded: tuple[ManifestFile, ...], given: tuple[ManifestFile, ...]) -> list[str]:
     """Inputs of the cell and the toolpath that are not those recorded, by name and hash."""
     out = []
-    roles = {f.role for f in given} | {f.role for f in recorded if f.role not in ("plan", "post")}
+    roles = {f.role for f in given} | {f.role for f in recorded if f.role not in ("plan", "post", "effects")}
     for role in sorted(roles):
         then = {f.name: f.sha256 for f in recorded if f.role == role}
         now = {f.name: f.sha256 for f in given if f.role == role}

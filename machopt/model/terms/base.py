@@ -125,7 +125,9 @@ def _check_place(term: Term, where: str, file: Any) -> None:
         close = difflib.get_close_matches(term.effect, known, n=1)
         hint = f"did you mean {close[0]!r}? " if close else ""
         raise InputError(
-            f"effect {term.effect!r} is not known; {hint}valid: {', '.join(known)}", file=file, where=f"{where}.effect"
+            f"effect {term.effect!r} is not known; {hint}valid: {', '.join(known)}; one of your own: --effects FILE.py",
+            file=file,
+            where=f"{where}.effect",
         )
     if term.location not in known[term.effect]:
         raise InputError(
