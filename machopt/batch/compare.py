@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from machopt.batch.summary import Line
+from machopt.domain.results.batch import BatchResult
 
 _TURNED = 1.0  # deg; a rotation that differs less is the same choice
 
@@ -39,7 +40,7 @@ class Comparison:
         return sum(bool(row["turned_share"]) for row in self.rows)
 
 
-def compare(jobs: Path, lines: Sequence[Line], other: Path, result: dict[str, Any]) -> Comparison:
+def compare(jobs: Path, lines: Sequence[Line], other: Path, result: BatchResult) -> Comparison:
     """Pair the jobs of two batches by toolpath and variant, and take the differences.
 
     Jobs are paired by their folder's label where both have it; the others, whose cell stands in another place, by
@@ -51,7 +52,7 @@ def compare(jobs: Path, lines: Sequence[Line], other: Path, result: dict[str, An
         other: output folder of the other batch ("before").
         result: its batch.json.
     """
-    theirs = {row["job"]: row for row in result["jobs"]}
+    theirs = {line.job: line.plain() for line in result.jobs}
     mine = {line.job.label: line for line in lines}
     pairs = {label: label for label in mine if label in theirs}
     rest = {label: (line.job.shown, line.job.variant) for label, line in mine.items() if label not in pairs}

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from machopt.domain.results.batch import BatchResult
+
 TIME_LIMIT = 3600.0  # s
 
 
@@ -73,7 +75,7 @@ class Outcome:
     """
 
     exit_code: int
-    result: dict[str, object]  # batch.json
+    result: BatchResult
     report: Path  # summary.html
     done: int  # jobs run now
     kept: int  # jobs kept from earlier runs

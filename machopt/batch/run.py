@@ -16,13 +16,15 @@ from machopt.batch.engine import Engine, machine_memory
 from machopt.batch.find import Job, find_jobs
 from machopt.batch.key import Keys, Ready, Refused, program_version, sha256
 from machopt.batch.request import Outcome, Progress, Request
-from machopt.batch.store import Store, open_store, read_main
+from machopt.batch.store import MAIN, Store, is_batch, open_store
 from machopt.batch.summary import Line, exit_code_of, result_of, write_summary
 from machopt.batch.supervise import Ended, Spec, log_tail, signal_name
 from machopt.domain.manifest import Manifest, ManifestFile
+from machopt.domain.results.batch import BatchRecord, BatchResult, BatchRow
 from machopt.errors import InputError
 from machopt.job.manifest import versions
 from machopt.job.reading import reading_as_user
+from machopt.output import read_result
 
 STOPPED = 130
 FAILED = ("crashed", "over time", "over memory")
@@ -122,7 +124,7 @@ def _todo(store: Store, plans: Sequence[Ready | Refused], request: Request) -> l
     out = []
     for plan in ready:
         record = store.finished(plan.job.label, plan.key)
-        if record is None or (record["state"] in FAILED and not request.keep_failed):
+        if record is None or (record.state in FAILED and not request.keep_failed):
             out.append(plan)
     return out
 
@@ -172,10 +174,12 @@ def _spec(plan: Ready, request: Request, store: Store, memory: int | None) -> Sp
     )  # fmt: skip
 
 
-def _record(ready: Ready, ended: Ended, request: Request) -> dict[str, Any]:
+def _record(ready: Ready, ended: Ended, request: Request) -> BatchRecord:
     """What is kept of a job: nothing in it differs between two runs of the same job."""
     state, row = _state(ready, ended, request)
-    return {"machopt_batch_job": 1, "job": ready.job.label, "key": ready.key, "state": state, "row": row}
+    return BatchRecord(
+        machopt_batch_job=1, job=ready.job.label, key=ready.key, state=state, row=BatchRow.model_validate(row)
+    )
 
 
 def _state(ready: Ready, ended: Ended, request: Request) -> tuple[str, dict[str, Any]]:
@@ -237,21 +241,20 @@ def _lines(store: Store, plans: Sequence[Ready | Refused], again: Collection[str
         if record is None:
             out.append(Line(job, plan.key, plan.cell_name, "waiting", {}))
         else:
-            out.append(Line(job, plan.key, plan.cell_name, record["state"], record["row"], tuple(record["files"])))
+            out.append(Line(job, plan.key, plan.cell_name, record.state, record.row.plain(), record.files))
     return out
 
 
 @dataclass(frozen=True)
 class _Other:
     folder: Path
-    result: dict[str, Any]
+    result: BatchResult
 
 
 def _other(folder: Path) -> _Other:
-    result = read_main(folder) if folder.is_dir() else None
-    if result is None:
+    if not (folder.is_dir() and is_batch(folder) and (folder / MAIN).is_file()):
         raise InputError("is no batch's output (no batch.json of ours in it)", file=folder, where="--compare")
-    return _Other(folder, result)
+    return _Other(folder, read_result(folder / MAIN, BatchResult))
 
 
 def _compared(store: Store, lines: Sequence[Line], other: _Other) -> Comparison:
@@ -269,10 +272,10 @@ class _Clock:
     def start(self) -> None:
         self._begin = time.monotonic()
 
-    def finished(self, label: str, record: dict[str, Any]) -> None:
+    def finished(self, label: str, record: BatchRecord) -> None:
         self.done += 1
-        self.trouble += record["row"]["exit_code"] != 0
-        self.last = f"{self._names[label]}: {record['row']['verdict']}"
+        self.trouble += record.row.exit_code != 0
+        self.last = f"{self._names[label]}: {record.row.verdict}"
 
     def now(self) -> Progress:
         elapsed = time.monotonic() - self._begin if self.done else 0.0

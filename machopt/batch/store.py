@@ -20,9 +20,11 @@ from machopt.batch.nursery import LOG
 from machopt.batch.supervise import Ended, attempts
 from machopt.batch.task import DISK
 from machopt.domain.manifest import Manifest
+from machopt.domain.results.batch import BatchRecord, BatchResult
 from machopt.errors import InputError
 from machopt.job.manifest import BATCH_ROLES
-from machopt.output import MANIFEST, read_manifest, write_json, write_manifest
+from machopt.output import MANIFEST, read_manifest, read_result, write_json, write_manifest, write_result
+from machopt.output.jsonfile import read_json
 from machopt.output.lock import locked
 from machopt.output.manifest import differences
 from machopt.output.swap import exchange, sync_folder, sync_tree
@@ -39,25 +41,25 @@ class Store:
 
     def __init__(self, folder: Path, batch: str) -> None:
         self.folder, self.jobs, self.work = folder, folder / JOBS, folder / WORK / batch
-        self._records: dict[str, dict[str, Any]] = {}
+        self._records: dict[str, BatchRecord] = {}
 
-    def finished(self, label: str, key: str) -> dict[str, Any] | None:
+    def finished(self, label: str, key: str) -> BatchRecord | None:
         """The record of a job that is finished with this very key, None where it is to be done.
 
         A job that was finished under another name (its list or folder was renamed) is taken over.
         """
         record = self._records.get(label)
-        if record is not None and record["key"] == key:
+        if record is not None and record.key == key:
             return record
         return None
 
     def take_over(self, labels: set[str], wanted: dict[str, str]) -> None:
         """Rename folders of jobs that nobody names any more to wanted labels with the same key (label → key)."""
-        free = {r["key"]: label for label, r in self._records.items() if label not in labels}
+        free = {r.key: label for label, r in self._records.items() if label not in labels}
         for label, key in wanted.items():
             old = free.get(key)
             record = self._records.get(label)
-            if old is None or (record is not None and record["key"] == key):
+            if old is None or (record is not None and record.key == key):
                 continue
             self._replace(self.jobs / old, label)
             self._records[label] = self._records.pop(old)
@@ -71,13 +73,13 @@ class Store:
         """Read the records of all finished jobs whose files are still there, and still what was written."""
         for folder in sorted(self.jobs.iterdir()):
             try:
-                record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-                if isinstance(record["key"], str) and _intact(folder, record):
+                record = read_result(folder / RECORD, BatchRecord)
+                if _intact(folder, record):
                     self._records[folder.name] = record
-            except (OSError, ValueError, KeyError, TypeError, InputError):
+            except (OSError, InputError):
                 continue  # no record of ours: the job is done again and its folder replaced
 
-    def commit(self, label: str, made: Path | None, record: dict[str, Any], timing: dict[str, Any]) -> None:
+    def commit(self, label: str, made: Path | None, record: BatchRecord, timing: dict[str, Any]) -> None:
         """Put a finished job into the folder by one rename: its result, if it made one, with record and timing.
 
         Args:
@@ -88,16 +90,17 @@ class Store:
         """
         ready = self.work / f"{label}.none" if made is None else made / "out"
         ready.mkdir(exist_ok=True)
-        record["files"] = sorted(f.name for f in ready.iterdir() if f.name not in BATCH_ROLES)
-        if made is not None and record["state"] in ("crashed", "over time", "over memory"):
+        files = tuple(sorted(f.name for f in ready.iterdir() if f.name not in BATCH_ROLES))
+        record = record.model_copy(update={"files": files})
+        if made is not None and record.state in ("crashed", "over time", "over memory"):
             with contextlib.suppress(FileNotFoundError):
                 shutil.copyfile(made / LOG, ready / LOG)
         write_json(ready / TIMING, timing)
-        write_json(ready / RECORD, record)
+        write_result(ready / RECORD, record)
         _list_in_manifest(ready)
         sync_tree(ready)
         self._replace(ready, label)
-        self._records[label] = json.loads((self.jobs / label / RECORD).read_text(encoding="utf-8"))
+        self._records[label] = record
         if made is not None:
             shutil.rmtree(made, ignore_errors=True)
 
@@ -120,15 +123,15 @@ class Store:
         new.write_text(text, encoding="utf-8", newline="\n")
         self._put(new)
 
-    def begin(self, value: dict[str, object]) -> None:
+    def begin(self, value: BatchResult) -> None:
         """Say in batch.json that the batch is not complete, and take away the summary of an earlier run."""
         self.write_main(value)
         for name in (*SUMMARY, *TIMINGS, MANIFEST):
             (self.folder / name).unlink(missing_ok=True)
 
-    def write_main(self, value: dict[str, object]) -> None:
+    def write_main(self, value: BatchResult) -> None:
         """Replace batch.json in one step."""
-        write_json(self.work / MAIN, value)
+        write_result(self.work / MAIN, value)
         self._put(self.work / MAIN)
 
     def write_manifest(self, manifest: Manifest) -> None:
@@ -171,9 +174,9 @@ def _list_in_manifest(folder: Path) -> None:
         write_manifest(folder, manifest, {f.name: f.role for f in manifest.files} | BATCH_ROLES)
 
 
-def _intact(folder: Path, record: dict[str, Any]) -> bool:
+def _intact(folder: Path, record: BatchRecord) -> bool:
     """All files of a finished job are there, and where it has a manifest they are as they were written."""
-    if not all((folder / name).exists() for name in record["files"]):
+    if not all((folder / name).exists() for name in record.files):
         return False
     return not (folder / MANIFEST).exists() or not differences(folder, read_manifest(folder)[0])
 
@@ -229,13 +232,7 @@ def is_batch(folder: Path) -> bool:
     """True if a folder is a batch's output, begun or finished."""
     if {f.name for f in folder.iterdir()} <= {JOBS, WORK, LOCK}:
         return True  # killed in its first moments
-    return read_main(folder) is not None
-
-
-def read_main(folder: Path) -> dict[str, Any] | None:
-    """batch.json of a folder, None where there is none."""
-    try:
-        found = json.loads((folder / MAIN).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    return found if isinstance(found, dict) and found.get("machopt_batch") == 1 else None
+    try:  # by its head alone: what an earlier version wrote is a batch's folder, too
+        return bool(read_json(folder / MAIN).get("machopt_batch") == 1)
+    except InputError:
+        return False

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from machopt.batch.find import Found, Job
+from machopt.domain.results.batch import BatchComparison, BatchDifference, BatchLine, BatchResult
 from machopt.formats.celltext import as_cell
 from machopt.report.batch_page import BatchData, batch_html
 
@@ -81,36 +82,31 @@ def exit_code_of(lines: Iterable[Line]) -> int:
 def result_of(
     found: Found, lines: Sequence[Line], version: str, *, complete: bool, others: Sequence[str] = (),
     compared: Comparison | None = None,
-) -> dict[str, object]:  # fmt: skip
+) -> BatchResult:  # fmt: skip
     """batch.json: the same for the same jobs, however often the batch was stopped."""
     states = Counter(line.state for line in lines)
-    return {
-        "machopt_batch": 1,
-        "version": version,
-        "complete": complete,
-        "exit_code": exit_code_of(lines) if complete else None,
-        "counts": {state: states[state] for state in _ORDER if states[state]},
-        "jobs": [
-            {
-                "rank": rank, "job": line.job.label, "key": line.key, "toolpath": line.job.shown,
-                "cell": line.cell_name, "variant": line.job.variant, "options": line.job.options, "state": line.state,
-                "verdict": line.verdict, **{k: v for k, v in line.row.items() if k != "verdict"},
-                "folder": line.folder, "report": line.report,
-            }
-            for rank, line in enumerate(ranked(lines), 1)
-        ],
-        "left_out_files": list(found.left_out),
-        "other_jobs_in_folder": list(others),
-        "compare": None if compared is None else {
-            "with": compared.other, "rows": list(compared.rows), "only_here": list(compared.only_here),
-            "only_there": list(compared.only_there),
-        },
-    }  # fmt: skip
+    return BatchResult(
+        machopt_batch=1, version=version, complete=complete, exit_code=exit_code_of(lines) if complete else None,
+        counts={state: states[state] for state in _ORDER if states[state]},
+        jobs=tuple(_line(rank, line) for rank, line in enumerate(ranked(lines), 1)),
+        left_out_files=tuple(found.left_out), other_jobs_in_folder=tuple(others),
+        compare=None if compared is None else BatchComparison(
+            compared_with=compared.other, rows=tuple(BatchDifference.model_validate(r) for r in compared.rows),
+            only_here=compared.only_here, only_there=compared.only_there,
+        ),
+    )  # fmt: skip
 
 
-def write_summary(
-    store: Store, lines: Sequence[Line], result: Mapping[str, object], compared: Comparison | None
-) -> None:
+def _line(rank: int, line: Line) -> BatchLine:
+    own = {k: v for k, v in line.row.items() if k != "verdict"}
+    return BatchLine(
+        rank=rank, job=line.job.label, key=line.key, toolpath=line.job.shown, cell=line.cell_name,
+        variant=line.job.variant, options=dict(line.job.options), state=line.state, verdict=line.verdict, **own,
+        folder=line.folder, report=line.report,
+    )  # fmt: skip
+
+
+def write_summary(store: Store, lines: Sequence[Line], result: BatchResult, compared: Comparison | None) -> None:
     """Write batch.json, summary.csv, summary.html, timings.csv, timings.js and, where asked for, compare.csv."""
     from machopt.batch.compare import COLUMNS as COMPARED
 
@@ -121,7 +117,7 @@ def write_summary(
     if compared is not None:
         store.write("compare.csv", _csv(COMPARED, compared.rows))
     store.write("summary.html", batch_html(_page(lines, result, compared)))
-    store.write_main(dict(result))
+    store.write_main(result)
 
 
 def _cells(rank: int, line: Line) -> dict[str, object]:
@@ -151,20 +147,17 @@ def _text(value: object) -> str:
     return text if isinstance(value, int) else as_cell(text)
 
 
-def _page(lines: Sequence[Line], result: Mapping[str, object], compared: Comparison | None) -> BatchData:
-    left_out, others = result["left_out_files"], result["other_jobs_in_folder"]
-    assert isinstance(left_out, list)
-    assert isinstance(others, list)
+def _page(lines: Sequence[Line], result: BatchResult, compared: Comparison | None) -> BatchData:
     return BatchData(
-        version=str(result["version"]),
-        complete=bool(result["complete"]),
+        version=result.version,
+        complete=result.complete,
         jobs=tuple(
             {**line.row, "job": line.job.label, "toolpath": line.job.shown, "cell": line.cell_name,
              "variant": line.job.variant, "state": line.state, "verdict": line.verdict, "folder": line.folder,
              "report": line.report}
             for line in ranked(lines)
         ),
-        left_out=tuple(left_out), others=tuple(others),
+        left_out=result.left_out_files, others=result.other_jobs_in_folder,
         compared_with="" if compared is None else compared.other,
         differences=() if compared is None else compared.rows,
         only_here=() if compared is None else compared.only_here,

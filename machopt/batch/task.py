@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from machopt.domain.results.batch import BatchRow
+from machopt.domain.results.optimize import OptimizeResult
 from machopt.errors import MachoptError
 
 DISK = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EFBIG, errno.EACCES, errno.EPERM})
@@ -36,7 +38,7 @@ def run(job: Mapping[str, Any], out: Path) -> dict[str, object]:
         if _of_the_disk(problem):  # nothing to do with the job: to be tried again
             return {"exit_code": 1, "verdict": NOT_WRITTEN, "reason": str(problem)}
         return {"exit_code": problem.exit_code, "verdict": "refused", "reason": str(problem)}
-    return row(outcome.result)
+    return row(outcome.result).plain()
 
 
 def _of_the_disk(problem: BaseException | None) -> bool:
@@ -55,64 +57,67 @@ def warm(folder: Path) -> None:
     tiny_job(folder)
 
 
-def row(result: Mapping[str, Any]) -> dict[str, object]:
+def row(result: OptimizeResult) -> BatchRow:
     """The numbers of the summary from result.json.
 
     ``mean`` and ``worst`` are in ``unit``: deflection in mm, or stiffness along the tool in N/mm.
     """
-    objective, path = result["objective"], result["toolpath"]
-    done = result["exit_code"] != 3
-    gains = {g["over"]: g for g in objective["gain"]} if done else {}
+    objective, path = result.objective, result.toolpath
+    done = result.exit_code != 3
+    gains = {g.over: g for g in objective.gain} if done else {}
     gain, paper = gains.get("cam default"), gains.get("jiao2022")
-    worst = result["worst_point"] or {}
-    return {
-        "exit_code": result["exit_code"],
-        "verdict": result["verdict"],
-        "reason": _reason(result),
-        "points": path["points"],
-        "infeasible_points": len(result["infeasible_points"]),
-        "gain_percent": None if gain is None else gain["mean_percent"],
-        "gain_std_percent": None if gain is None else gain["std_percent"],
-        "distinguishable": None if gain is None else gain["distinguishable"],
-        "gain_over_jiao2022_percent": None if paper is None else paper["mean_percent"],
-        "unit": "mm" if result["index"] == "deflection" else "N/mm",
-        "mean": _shown(result, objective["chosen"]["mean"]) if done else None,
-        "worst": _shown(result, objective["chosen"]["worst"]) if done else None,
-        "mean_cam_default": _shown(result, objective["cam_default"]["mean"]) if done else None,
-        "worst_cam_default": _shown(result, objective["cam_default"]["worst"]) if done else None,
-        "worst_point": worst.get("point"),
-        "deflection_mm": worst.get("deflection_mm"),
-        "k_axial_N_mm": worst.get("k_axial_N_mm"),
-        "cycle_time_s": result["cycle_time_s"],
-        "programs": [program["files"][0] for program in result["programs"] if program["files"]],
-        "feed_held_percent": None if result["feed_held_share"] is None else 100.0 * result["feed_held_share"],
-        "warnings": [
-            *result["warnings"],
-            *(f"not understood: {w['word']} ×{w['count']}" for w in path["ignored"] if not w["understood"]),
-        ],
-    }
+    worst = result.worst_point
+    return BatchRow(
+        exit_code=result.exit_code,
+        verdict=result.verdict,
+        reason=_reason(result),
+        points=path.points,
+        infeasible_points=len(result.infeasible_points),
+        gain_percent=None if gain is None else gain.mean_percent,
+        gain_std_percent=None if gain is None else gain.std_percent,
+        distinguishable=None if gain is None else gain.distinguishable,
+        gain_over_jiao2022_percent=None if paper is None else paper.mean_percent,
+        unit="mm" if result.index == "deflection" else "N/mm",
+        mean=_shown(result, objective.chosen.mean) if done else None,
+        worst=_shown(result, objective.chosen.worst) if done else None,
+        mean_cam_default=_shown(result, objective.cam_default.mean) if done else None,
+        worst_cam_default=_shown(result, objective.cam_default.worst) if done else None,
+        worst_point=None if worst is None else worst.point,
+        deflection_mm=None if worst is None else worst.deflection_mm,
+        k_axial_N_mm=None if worst is None else worst.k_axial_N_mm,
+        cycle_time_s=result.cycle_time_s,
+        programs=tuple(program.files[0] for program in result.programs if program.files),
+        feed_held_percent=None if result.feed_held_share is None else 100.0 * result.feed_held_share,
+        warnings=(
+            *result.warnings,
+            *(f"not understood: {w.word} ×{w.count}" for w in path.ignored if not w.understood),
+        ),
+    )
 
 
-def _shown(result: Mapping[str, Any], cost: float) -> float | None:
+def _shown(result: OptimizeResult, cost: float | None) -> float | None:
     """A cost of the objective as deflection in mm or stiffness in N/mm, None where there is none."""
-    value = cost * result["index_scale"]
+    if cost is None or result.index_scale is None:
+        return None
+    value = cost * result.index_scale
     if not 0.0 < value < float("inf"):
         return None
-    return float(1e3 * value if result["index"] == "deflection" else 1e-3 / value)
+    return float(1e3 * value if result.index == "deflection" else 1e-3 / value)
 
 
-def _reason(result: Mapping[str, Any]) -> str:
-    if result["exit_code"] == 4:
-        failed = [c for c in result["verification"]["checks"] if c["passed"] is False]
-        return "; ".join(f"{c['name']} at {c['where']}" for c in failed)
-    if result["exit_code"] != 3:
+def _reason(result: OptimizeResult) -> str:
+    if result.exit_code == 4:
+        checks = result.verification.checks if result.verification else ()
+        failed = [c for c in checks if c.passed is False]
+        return "; ".join(f"{c.name} at {c.where}" for c in failed)
+    if result.exit_code != 3:
         return ""
-    points, stops = result["infeasible_points"], result["breaks"]
+    points, stops = result.infeasible_points, result.breaks
     if points:
-        return f"{len(points)} of {result['toolpath']['points']} points, the first is {points[0]['point']}: " + str(
-            points[0]["reason"]
+        return f"{len(points)} of {result.toolpath.points} points, the first is {points[0].point}: " + str(
+            points[0].reason
         )
     if not stops:
         return "no continuous sequence of configurations was found"
-    ends = ("home" if k is None else f"point {k:g}" for k in (stops[0]["from_point"], stops[0]["to_point"]))
-    return "from {} to {}: {}".format(*ends, stops[0]["reason"])
+    ends = ("home" if k is None else f"point {k:g}" for k in (stops[0].from_point, stops[0].to_point))
+    return "from {} to {}: {}".format(*ends, stops[0].reason)

@@ -64,10 +64,9 @@ def _batch(args: argparse.Namespace) -> int:
     )  # fmt: skip
     with _Bar(show=not (args.quiet or args.json)) as bar:
         outcome = run_batch(request, bar.told)
-    counts = outcome.result["counts"]
-    assert isinstance(counts, dict)
+    counts = outcome.result.counts
     if args.json:
-        print(json.dumps(finite(outcome.result), ensure_ascii=False))
+        print(json.dumps(finite(outcome.result.plain()), ensure_ascii=False))
     elif not args.quiet:
         words = ", ".join(f"{n} {state}" for state, n in counts.items())
         print(f"{words} ({outcome.done} done now, {outcome.kept} kept)")

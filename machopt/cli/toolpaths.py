@@ -17,6 +17,7 @@ from machopt.domain.manifest import with_scope
 from machopt.errors import InputError, VerificationError
 
 if TYPE_CHECKING:
+    from machopt.domain.results.optimize import BreakTold, CheckTold, ChoiceObjective, OptimizeResult
     from machopt.verify import Check
 
 Commands = Any  # argparse keeps its subparsers' type private
@@ -116,7 +117,7 @@ def _optimize(args: argparse.Namespace) -> int:
     with Display(show=not (args.quiet or args.json)) as display, compiling(display):
         outcome = optimize(request, display.stage)
     if args.json:
-        print(json.dumps(finite(outcome.result), ensure_ascii=False))
+        print(json.dumps(finite(outcome.result.plain()), ensure_ascii=False))
     elif not args.quiet:
         for line in _summary(outcome.result, outcome.report):
             print(line)
@@ -125,8 +126,8 @@ def _optimize(args: argparse.Namespace) -> int:
             f"machopt: no feasible answer; {_first_reason(outcome.result)} ({outcome.report} lists every point)",
             file=sys.stderr,
         )
-        told = outcome.result["warnings"]  # often the cause: a frame in metres, a body that is missing
-        for warning in told[:3] if isinstance(told, list) else ():
+        told = outcome.result.warnings  # often the cause: a frame in metres, a body that is missing
+        for warning in told[:3]:
             print(f"  note: {warning}", file=sys.stderr)
     elif outcome.exit_code == VerificationError.exit_code:
         print(f"machopt: verification failed: {_failed(outcome.result)}", file=sys.stderr)
@@ -195,160 +196,169 @@ def _check_line(c: Check) -> str:
     return f"{'ok  ' if c.passed else 'FAIL'} {c.name}: {c.value:.4g} {c.unit} (limit {c.limit:.4g}){where}"
 
 
-def _summary(result: dict[str, Any], report: Path) -> list[str]:
+def _summary(result: OptimizeResult, report: Path) -> list[str]:
     """What a process engineer wants to read first."""
-    path, objective = result["toolpath"], result["objective"]
+    path, objective = result.toolpath, result.objective
     lines = [
-        f"{result['verdict']}: {path['cutting_points']} cutting points of {path['points']}, "
-        f"{len(path['operations'])} operations, {path['format']}",
+        f"{result.verdict}: {path.cutting_points} cutting points of {path.points}, "
+        f"{len(path.operations)} operations, {path.format}",
     ]
     for name in ("cam_default", "jiao2022", "chosen"):
-        o = objective[name]
-        if o["total"] == float("inf"):
-            lines.append(f"  {name:12} not feasible throughout ({100 * o['feasible_share']:.0f} % of the points)")
+        o: ChoiceObjective = getattr(objective, name)
+        if o.total is None:
+            lines.append(f"  {name:12} not feasible throughout ({100 * o.feasible_share:.0f} % of the points)")
         else:
-            mean, worst = (_in_words(result, o[key]) for key in ("mean", "worst"))
-            lines.append(f"  {name:12} mean {mean}, worst {worst}   (objective {o['total']:.3f})")
+            mean, worst = (_in_words(result, cost) for cost in (o.mean, o.worst))
+            lines.append(f"  {name:12} mean {mean}, worst {worst}   (objective {o.total:.3f})")
     lines += _gain_lines(result)
     lines += _certificate_lines(result)
-    if result.get("front"):
-        free = [p["plan"] for p in result["front"] if not p["dominated"]]
+    if result.front:
+        free = [p.plan for p in result.front if not p.dominated]
         lines.append(f"  front of {len(free)} plans in front.csv: {', '.join(free)}")
-    worst = result["worst_point"]
-    if worst:
-        known = math.isfinite(worst["deflection_mm"])
-        bend = f", deflection {worst['deflection_mm']:.3f} mm" if known else ""
+    soft = result.worst_point
+    if soft:
+        bend = "" if soft.deflection_mm is None else f", deflection {soft.deflection_mm:.3f} mm"
         lines.append(
-            f"  worst point {worst['point']}: {worst['k_axial_N_mm']:.0f} N/mm along the tool, "
-            f"{worst['k_normal_N_mm']:.0f} N/mm across{bend}"
+            f"  worst point {soft.point}: {_nan(soft.k_axial_N_mm):.0f} N/mm along the tool, "
+            f"{_nan(soft.k_normal_N_mm):.0f} N/mm across{bend}"
         )
-    shift = result["compensation"]
+    shift = result.compensation
     if shift:
         lines.append(
-            f"  compensated by up to {shift['max_mm']:.3f} mm (mean {shift['mean_mm']:.3f}); predicted to leave "
-            f"{shift['residual_mean_mm']:.4f} mm on average, {shift['residual_max_mm']:.4f} at worst"
+            f"  compensated by up to {shift.max_mm:.3f} mm (mean {shift.mean_mm:.3f}); predicted to leave "
+            f"{shift.residual_mean_mm:.4f} mm on average, {shift.residual_max_mm:.4f} at worst"
         )
-    if result["cycle_time_s"] is not None:
-        dips = len(result["feed_dips"])
+    if result.cycle_time_s is not None and result.feed_held_share is not None:
+        dips = len(result.feed_dips)
         lines.append(
-            f"  {result['cycle_time_s']:.1f} s cycle, programmed feed held for "
-            f"{100 * result['feed_held_share']:.1f} % of the cutting time" + (f", {dips} dips" if dips else "")
+            f"  {result.cycle_time_s:.1f} s cycle, programmed feed held for "
+            f"{100 * result.feed_held_share:.1f} % of the cutting time" + (f", {dips} dips" if dips else "")
         )
-    for stop in result["obstructions"]:
-        lines.append(f"  stopped: {stop['reason']}")
-    unknown = [w for w in path["ignored"] if not w["understood"]]
+    for stop in result.obstructions:
+        lines.append(f"  stopped: {stop.reason}")
+    unknown = [w for w in path.ignored if not w.understood]
     if unknown:
-        words = ", ".join(f"{w['word']} ×{w['count']} (line {w['first_line']})" for w in unknown[:6])
+        words = ", ".join(f"{w.word} ×{w.count} (line {w.first_line})" for w in unknown[:6])
         lines.append(f"  not understood in the CAM file: {words}{' …' if len(unknown) > 6 else ''}")
-    lines += [f"  note: {w}" for w in result["warnings"][:6]]
+    lines += [f"  note: {w}" for w in result.warnings[:6]]
     lines += _programs(result)
-    if result["verification"] is not None:
-        passed = "passed" if result["verification"]["passed"] else "FAILED"
-        lines.append("  " + with_scope(f"verification {passed}", result["unchecked"]))
+    if result.verification is not None:
+        passed = "passed" if result.verification.passed else "FAILED"
+        lines.append("  " + with_scope(f"verification {passed}", result.unchecked))
     lines.append(f"report: {report}")
     return lines
 
 
-def _gain_lines(result: dict[str, Any]) -> list[str]:
+def _gain_lines(result: OptimizeResult) -> list[str]:
     """The gain of the mean over each yardstick, with its uncertainty where the stiffness file has one."""
-    what = "mean deflection" if result["index"] == "deflection" else "mean compliance"
+    what = "mean deflection" if result.index == "deflection" else "mean compliance"
     lines = []
-    for gain in result["objective"]["gain"]:
-        if gain["mean_percent"] is None or gain["over"] == result["chosen_from"]:
+    for gain in result.objective.gain:
+        if gain.mean_percent is None or gain.over == result.chosen_from:
             continue
-        share, std = gain["mean_percent"], gain["std_percent"]
-        if std is None and not gain["distinguishable"]:
-            lines.append(f"  no gain over {gain['over']}: the same {what}")
+        share, std = gain.mean_percent, gain.std_percent
+        if std is None and not gain.distinguishable:
+            lines.append(f"  no gain over {gain.over}: the same {what}")
             continue
         decimals = int(abs(share) < 10 if std is None else std < 1.5)
-        text = f"  gain over {gain['over']}: {what} {abs(share):.{decimals}f} %"
+        text = f"  gain over {gain.over}: {what} {abs(share):.{decimals}f} %"
         if std is None:
             lines.append(f"{text} {'less' if share >= 0 else 'more'}")
             continue
-        low, high = sorted(v if share >= 0 else -v for v in gain["ci90"])
+        low, high = sorted(_nan(v) if share >= 0 else -_nan(v) for v in gain.ci90 or ())
         text += f" ± {std:.{decimals}f} % {'less' if share >= 0 else 'more'}"
         lines.append(f"{text} (90 %: {low:.{decimals}f} to {high:.{decimals}f} %)")
-        if not gain["distinguishable"]:
+        if not gain.distinguishable:
             lines.append("    less than rounding or the stiffness model's own uncertainty: not distinguishable")
     return lines
 
 
-def _certificate_lines(result: dict[str, Any]) -> list[str]:
+def _certificate_lines(result: OptimizeResult) -> list[str]:
     """How far from the best the plan can be, on the grid of rotations that was searched."""
-    search, step = result["objective"]["search"], result["options"]["rotation_step_deg"]
+    search, step = result.objective.search, result.options["rotation_step_deg"]
     if search is None:
         return []
-    total, beyond = result["objective"]["chosen"]["total"], search["beyond_grid_percent"]
+    total, beyond = _nan(result.objective.chosen.total), search.beyond_grid_percent
     return [
-        f"  objective {total:.4f}; no sequence on the {step:g}° grid is below {search['lower_bound']:.4f} (found "
-        f"{search['sequence']:.4f}, gap {search['gap_percent']:.2f} %), off the grid {abs(beyond):.2f} % "
+        f"  objective {total:.4f}; no sequence on the {step:g}° grid is below {search.lower_bound:.4f} (found "
+        f"{search.sequence:.4f}, gap {search.gap_percent:.2f} %), off the grid {abs(beyond):.2f} % "
         f"{'less' if beyond >= 0 else 'more'}"
     ]
 
 
-def _in_words(result: dict[str, Any], cost: float) -> str:
+def _in_words(result: OptimizeResult, cost: float | None) -> str:
     """A cost of the objective as the engineer reads it: deflection in mm, or stiffness in N/mm."""
-    value = cost * result["index_scale"]
-    if result["index"] == "deflection":
+    value = _nan(cost) * _nan(result.index_scale)
+    if result.index == "deflection":
         return f"deflection {1e3 * value:.3f} mm"
     return f"stiffness {1e-3 / value:.0f} N/mm"
 
 
-def _first_reason(result: dict[str, Any]) -> str:
+def _first_reason(result: OptimizeResult) -> str:
     """The first places where it fails, and what would help there."""
-    points, breaks = result["infeasible_points"], result["breaks"]
+    points, breaks = result.infeasible_points, result.breaks
     parts = []
     if points:
         number = f"{len(points)} points" if len(points) > 1 else "1 point"
-        parts.append(f"{number}, the first is {points[0]['point']}: {points[0]['reason']}")
+        parts.append(f"{number}, the first is {points[0].point}: {points[0].reason}")
     if breaks:
         number = f"{len(breaks)} breaks" if len(breaks) > 1 else "1 break"
-        parts.append(f"{number}, the first {between(breaks[0])}: {breaks[0]['reason']}")
+        parts.append(f"{number}, the first {between(breaks[0])}: {breaks[0].reason}")
     told = (points or breaks)[:1]
-    return "; ".join(parts) + (f"; {told[0]['help']}" if told else "")
+    return "; ".join(parts) + (f"; {told[0].help}" if told else "")
 
 
-def between(one: dict[str, Any]) -> str:
+def between(one: BreakTold) -> str:
     """The two ends of a break in words."""
-    ends = ("home" if k is None else f"point {k:g}" for k in (one["from_point"], one["to_point"]))
+    ends = ("home" if k is None else f"point {k:g}" for k in (one.from_point, one.to_point))
     return "from {} to {}".format(*ends)
 
 
-def _programs(result: dict[str, Any]) -> list[str]:
+def _programs(result: OptimizeResult) -> list[str]:
     """One line a robot program: where it is and what came back when it was read."""
     lines = []
-    if not result["programs"] and result["exit_code"] == 0:
+    if not result.programs and result.exit_code == 0:
         lines.append("  no robot program: the cell names no controller.post and no --post was given, e.g. --post krl")
-    for p in result["programs"]:
-        c = p["checked"]
-        if p["withheld"]:
-            lines.append(f"  program for {p['post']} withheld: {p['withheld']}")
+    for p in result.programs:
+        c = p.checked
+        if p.withheld:
+            lines.append(f"  program for {p.post} withheld: {p.withheld}")
             continue
         if c is None:
-            lines.append(f"  program {p['files'][0]}: NOT CHECKED: in a language that no reader here knows")
+            lines.append(f"  program {p.files[0]}: NOT CHECKED: in a language that no reader here knows")
         else:
-            state = f"reads back within {c['positions_max_mm']:.1g} mm"
-            if p["differences"]:
+            state = f"reads back within {_nan(c.positions_max_mm):.1g} mm"
+            if p.differences:
                 state = "DOES NOT READ BACK AS WRITTEN"
-            if math.isfinite(c["path_max_mm"]):
-                state += f", its lines keep to the motion within {c['path_max_mm']:.3f} mm"
-            added = f" ({p['moves_added']} added for that)" if p["moves_added"] else ""
-            lines.append(f"  program {p['files'][0]}: {c['moves']} moves{added}, {state}")
-        feed = p["feed_model"]
+            if c.path_max_mm is not None:
+                state += f", its lines keep to the motion within {c.path_max_mm:.3f} mm"
+            added = f" ({p.moves_added} added for that)" if p.moves_added else ""
+            lines.append(f"  program {p.files[0]}: {c.moves} moves{added}, {state}")
+        feed = p.feed_model
         if feed is not None:
             lines.append(
-                f"    by the model of its controller it holds {feed['mean_percent']:.0f} % of the programmed feed "
-                f"({feed['lowest_percent']:.0f} % in the slowest move, {feed['exact_stops']} exact stops), rounding "
-                f"points by {feed['rounding_max_mm']:.3f} mm at most"
+                f"    by the model of its controller it holds {feed.mean_percent:.0f} % of the programmed feed "
+                f"({feed.lowest_percent:.0f} % in the slowest move, {feed.exact_stops} exact stops), rounding "
+                f"points by {feed.rounding_max_mm:.3f} mm at most"
             )
-        lines += [f"    WARNING: {text}" for text in p["not_in_program"]]
-        lines += [f"    assumed: {text}" for text in p["assumed"]]
+        lines += [f"    WARNING: {text}" for text in p.not_in_program]
+        lines += [f"    assumed: {text}" for text in p.assumed]
     return lines
 
 
-def _failed(result: dict[str, Any]) -> str:
+def _failed(result: OptimizeResult) -> str:
     from machopt.cli.failures import failures
+
+    checks = result.verification.checks if result.verification else []
+    return failures([_checked(c) for c in checks])
+
+
+def _checked(c: CheckTold) -> Check:
     from machopt.verify import Check
 
-    checks = result["verification"]["checks"] if result["verification"] else []
-    return failures([Check(**c) for c in checks])
+    return Check(c.name, c.passed, _nan(c.value), _nan(c.limit), c.unit, c.where)
+
+
+def _nan(value: float | None) -> float:
+    """A number of a result file, where null stands for what is not finite."""
+    return math.nan if value is None else value

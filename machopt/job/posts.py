@@ -12,6 +12,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.manifest import Manifest
 from machopt.domain.options import PlanOptions
 from machopt.domain.program import LIN, PTP, Controller, RobotProgram
+from machopt.domain.results.optimize import ProgramTold
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.errors import InputError
 from machopt.formats.posts import (
@@ -73,16 +74,16 @@ class Written:
     def posted(self) -> Posted:
         return Posted(self.label, self.post, self.files)
 
-    def as_result(self) -> dict[str, object]:
+    def as_result(self) -> ProgramTold:
         """For result.json."""
-        return {
-            "post": self.label, "files": list(self.files), "lines": self.lines,
-            "tolerance_mm": self.tolerance * 1e3, "moves_added": self.added, "withheld": self.withheld or None,
-            "feed_model": None if self.feed is None else self.feed.as_result(),
-            "assumed": list(self.assumed), "not_in_program": list(self.unstarted),
-            "checked": None if self.checked is None else self.checked.as_result(),
-            "differences": [] if self.checked is None else list(self.checked.differences),
-        }  # fmt: skip
+        return ProgramTold(
+            post=self.label, files=self.files, lines=self.lines, tolerance_mm=self.tolerance * 1e3,
+            moves_added=self.added, withheld=self.withheld or None,
+            feed_model=None if self.feed is None else self.feed.as_result(),
+            assumed=self.assumed, not_in_program=self.unstarted,
+            checked=None if self.checked is None else self.checked.as_result(),
+            differences=() if self.checked is None else self.checked.differences,
+        )  # fmt: skip
 
 
 def wanted_posts(cell: Cell, asked: Sequence[str]) -> tuple[Wanted, ...]:

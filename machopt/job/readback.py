@@ -20,6 +20,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.program import Controller
 from machopt.domain.readprogram import ReadProgram
+from machopt.domain.results.optimize import ReadBack
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
 from machopt.formats.posts import load_post
@@ -96,22 +97,22 @@ class Compared:
         """The same of its verdict; None where it was not made."""
         return next((c.passed for c in self.checks if c.name.partition(": ")[2] == what), None)
 
-    def as_result(self) -> dict[str, object] | None:
+    def as_result(self) -> ReadBack | None:
         """For result.json: mm, deg, mm/min; null where a post has no such thing, or nobody reads it."""
         if not self.readable:
             return None
-        return {
-            "moves": self.moves,
-            "positions_max_mm": self.worst("CAM points"),
-            "orientations_max_deg": self.worst("orientation at targets"),
-            "joints_max_deg": self.worst("joints at targets"),
-            "feeds_max_mm_min": self.worst("CAM feed"),
-            "path_max_mm": self.worst("lines along the motion"),
-            "path_axis_max_deg": self.worst("tool axis along lines"),
-            "path_turn_max_deg": self.worst("orientation along lines"),
-            "configuration_equal": self.passed("configuration"),
-            "events_equal": self.passed("events"),
-        }
+        return ReadBack(
+            moves=self.moves,
+            positions_max_mm=self.worst("CAM points"),
+            orientations_max_deg=self.worst("orientation at targets"),
+            joints_max_deg=self.worst("joints at targets"),
+            feeds_max_mm_min=self.worst("CAM feed"),
+            path_max_mm=self.worst("lines along the motion"),
+            path_axis_max_deg=self.worst("tool axis along lines"),
+            path_turn_max_deg=self.worst("orientation along lines"),
+            configuration_equal=self.passed("configuration"),
+            events_equal=self.passed("events"),
+        )
 
 
 def check_programs(

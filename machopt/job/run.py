@@ -11,6 +11,7 @@ import numpy as np
 
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
+from machopt.domain.results.optimize import OptimizeResult
 from machopt.domain.toolpath import Toolpath
 from machopt.effects.own import in_use, with_effects
 from machopt.errors import InputError
@@ -29,7 +30,7 @@ from machopt.job.posts import is_post_file, tolerance_of, wanted_posts, withdraw
 from machopt.job.result import Made, result_of
 from machopt.job.verify import content_checks, verify_folder
 from machopt.model.robot import load_robot
-from machopt.output import MANIFEST, output_folder, write_json, write_manifest
+from machopt.output import MANIFEST, output_folder, write_manifest, write_result
 from machopt.plan.gaps import told
 from machopt.plan.mapped import Mapped, mapped
 from machopt.plan.pipeline import Plan, Timings, as_driven, plan
@@ -65,7 +66,7 @@ class Outcome:
     """What came out; ``exit_code`` follows the contract (0, 3 or 4)."""
 
     exit_code: int
-    result: dict[str, object]  # result.json
+    result: OptimizeResult
     report: Path
 
 
@@ -138,10 +139,10 @@ def _optimize(request: Request, progress: Callable[[str], None]) -> Outcome:
                                   contents=made.verification)  # fmt: skip
             if made.verification.ok and not whole.ok:  # what was written is not what was meant: a bug, or a bad disk
                 result = _tell(replace(made, verification=whole), folder, timings, shown)
-    return Outcome(int(result["exit_code"]), result, request.out / "report.html")  # type: ignore[call-overload]
+    return Outcome(result.exit_code, result, request.out / "report.html")
 
 
-def _tell(made: Made, folder: Path, timings: Timings, shown: Mapped) -> dict[str, object]:
+def _tell(made: Made, folder: Path, timings: Timings, shown: Mapped) -> OptimizeResult:
     """Write report, result and manifest; programs go where the motion does not hold."""
     if made.exit_code != 0 and any(p.files for p in made.programs):
         made = made.with_programs(withdrawn(folder, made.programs, made.verdict))
@@ -159,7 +160,7 @@ def _tell(made: Made, folder: Path, timings: Timings, shown: Mapped) -> dict[str
     for name in ("result.json", MANIFEST):
         (folder / name).unlink(missing_ok=True)
     result = result_of(made, folder, timings.seconds)
-    write_json(folder / "result.json", result)
+    write_result(folder / "result.json", result)
     told = replace(made.manifest, verdict=made.verdict, exit_code=made.exit_code, unchecked=made.unchecked)
     write_manifest(folder, told, ROLES)
     return result

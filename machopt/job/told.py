@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from machopt.domain.cell import Cell
 from machopt.domain.manifest import Manifest, ManifestFile
 from machopt.domain.options import PlanOptions
+from machopt.domain.results.base import Part
+from machopt.domain.results.optimize import OptimizeResult
 from machopt.domain.toolpath import Toolpath
 from machopt.output.manifest import listed
 from machopt.verify import Verification
@@ -31,7 +33,7 @@ DIGITS = 1e-9  # relative: sums and ratios of figures that stand in the same fil
 class Told:
     """result.json, and everything it may be held against."""
 
-    result: Mapping[str, Any]
+    result: OptimizeResult
     folder: Path
     cell: Cell
     toolpath: Toolpath
@@ -77,7 +79,7 @@ class Points:
     def cost(self, t: Told) -> Array:
         """(N,) the index at the points that are cut to, in SI, less is better; NaN elsewhere."""
         counts = t.toolpath.cutting & self.ok
-        index = t.result["index"]
+        index = t.result.index
         if index == "deflection":
             out = 1e-3 * self.number("deflection_mm")
         elif index == "jiao2022":
@@ -94,8 +96,14 @@ def is_file(t: Told, name: str) -> bool:
 
 
 def same(name: str, found: object, expected: object) -> Iterable[str]:
+    found, expected = _listed(found), _listed(expected)
     if found != expected or isinstance(found, bool) != isinstance(expected, bool):
         yield f"{name} is {short(found)}, {short(expected)} follows"
+
+
+def _listed(value: object) -> object:
+    """A result's tuples as JSON has them."""
+    return list(value) if isinstance(value, tuple) else value
 
 
 def same_items(name: str, found: Mapping[str, object], expected: Mapping[str, object]) -> Iterable[str]:
@@ -108,7 +116,7 @@ def same_items(name: str, found: Mapping[str, object], expected: Mapping[str, ob
             yield from same(f"{name}.{key}", found[key], expected[key])
 
 
-def near(name: str, found: Any, expected: float | None, relative: float, absolute: float) -> Iterable[str]:
+def near(name: str, found: float | None, expected: float | None, relative: float, absolute: float) -> Iterable[str]:
     """Null stands for what is not finite."""
     if expected is None or not math.isfinite(expected):
         yield from same(name, found, None)
@@ -116,8 +124,21 @@ def near(name: str, found: Any, expected: float | None, relative: float, absolut
         yield f"{name} is {short(found)}, {short(expected)} follows"
 
 
+def known(name: str, value: float | None) -> float:
+    """A number that must be there.
+
+    Raises:
+        ValueError: it is null.
+    """
+    if value is None:
+        raise ValueError(f"{name} is null")
+    return value
+
+
 def short(value: object) -> str:
     """A value as the file would write it: null, true, "done"."""
+    if isinstance(value, Part):
+        value = value.plain()
     if isinstance(value, float | np.floating):
         return f"{value:.12g}" if math.isfinite(value) else "null"
     text = json.dumps(value, ensure_ascii=False, default=_as_written)

@@ -5,7 +5,16 @@ whether it still does.
 """
 
 from machopt.output.folder import is_machopt_output, output_folder
-from machopt.output.jsonfile import write_json
+from machopt.output.jsonfile import read_result, write_json, write_result
 from machopt.output.manifest import MANIFEST, read_manifest, write_manifest
 
-__all__ = ["MANIFEST", "is_machopt_output", "output_folder", "read_manifest", "write_json", "write_manifest"]
+__all__ = [
+    "MANIFEST",
+    "is_machopt_output",
+    "output_folder",
+    "read_manifest",
+    "read_result",
+    "write_json",
+    "write_manifest",
+    "write_result",
+]

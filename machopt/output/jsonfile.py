@@ -6,12 +6,16 @@ import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
 
+from machopt.domain.results.base import Part
 from machopt.errors import InputError
 
+Document = TypeVar("Document", bound=Part)
 MOST_BYTES = 256 << 20  # a result of a million points is below a tenth of it
 
 
@@ -50,6 +54,45 @@ def read_json(path: Path) -> dict[str, Any]:
     if not isinstance(found, dict):
         raise InputError(f"holds {type(found).__name__}; a JSON object was expected", file=path)
     return found
+
+
+def write_result(path: Path, result: Part) -> None:
+    """Write a result document."""
+    write_json(path, result.plain())
+
+
+def read_result(path: Path, form: type[Document]) -> Document:
+    """Read a result document.
+
+    Raises:
+        InputError: no such file, no JSON, or not of the form that machopt writes; says which key, and what was found.
+    """
+    value = read_json(path)
+    try:
+        return form.model_validate(value)
+    except ValidationError as problem:
+        first, *more = problem.errors()
+        raise InputError(wrong_key(first) + (f"; and {len(more)} more like it" if more else ""), file=path) from None
+
+
+def wrong_key(error: ErrorDetails) -> str:
+    """What is wrong with one key, for whoever reads the file."""
+    # what pydantic adds to a place, e.g. the kind it tried of several, is no key of the file
+    key = ".".join(str(part) for part in error["loc"] if not (isinstance(part, str) and part in _KINDS))
+    if error["type"] == "extra_forbidden":
+        return f"{key} is no key of this file"
+    if error["type"] == "missing":
+        return f"{key} is missing"
+    found = repr(error["input"])
+    return f"{key} is {found if len(found) <= 60 else found[:57] + '…'}; {_expected(error)}"
+
+
+_KINDS = frozenset(("int", "float", "constrained-int", "constrained-float"))
+
+
+def _expected(error: ErrorDetails) -> str:
+    text = error["msg"].removeprefix("Input should be ")
+    return f"{text} was expected" if text != error["msg"] else text
 
 
 def plain(value: object) -> Any:

@@ -37,6 +37,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.program import LIN, RobotProgram
+from machopt.domain.results.optimize import FeedModel
 from machopt.formats.posts.rounding import Rounding
 
 Array = NDArray[np.float64]
@@ -57,12 +58,13 @@ class HeldFeed:
     deviation: float  # m, the farthest that a point is passed by at a rounded corner
     stops: int  # exact stops between cutting moves
 
-    def as_result(self) -> dict[str, object]:
+    def as_result(self) -> FeedModel:
         """For result.json: percent, mm, s."""
-        return {"mean_percent": 100.0 * self.mean_share, "held_length_percent": 100.0 * self.held_share,
-                "lowest_percent": 100.0 * self.lowest_share, "lowest_at_move": self.slowest + 1,
-                "cutting_time_s": self.cutting_time, "rounding_max_mm": 1e3 * self.deviation,
-                "exact_stops": self.stops}  # fmt: skip
+        return FeedModel(
+            mean_percent=100.0 * self.mean_share, held_length_percent=100.0 * self.held_share,
+            lowest_percent=100.0 * self.lowest_share, lowest_at_move=self.slowest + 1,
+            cutting_time_s=self.cutting_time, rounding_max_mm=1e3 * self.deviation, exact_stops=self.stops,
+        )  # fmt: skip
 
 
 def acceleration(program: RobotProgram) -> Array | None:

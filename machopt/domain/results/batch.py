@@ -1,0 +1,128 @@
+"""What ``machopt batch`` keeps: batch.json of the whole, and job.json of each job."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from machopt.domain.results.base import Count, Flag, Known, Part, Settings, Text
+
+
+class BatchRow(Part):
+    """A job's numbers; ``mean`` and ``worst`` are in ``unit``. A job without an answer has the first three alone."""
+
+    exit_code: Count
+    verdict: Text
+    reason: Text
+    points: Count | None = None
+    infeasible_points: Count | None = None
+    gain_percent: Known = None
+    gain_std_percent: Known = None
+    distinguishable: Flag | None = None
+    gain_over_jiao2022_percent: Known = None
+    unit: Literal["mm", "N/mm"] | None = None
+    mean: Known = None
+    worst: Known = None
+    mean_cam_default: Known = None
+    worst_cam_default: Known = None
+    worst_point: Count | None = None
+    deflection_mm: Known = None
+    k_axial_N_mm: Known = None
+    cycle_time_s: Known = None
+    programs: tuple[Text, ...] | None = None
+    feed_held_percent: Known = None
+    warnings: tuple[Text, ...] | None = None
+
+
+class BatchRecord(Part):
+    """job.json: the same for the same job; what differs from run to run is in timing.json."""
+
+    machopt_batch_job: Literal[1]
+    job: Text
+    key: Text
+    state: Text
+    row: BatchRow
+    files: tuple[Text, ...] = ()
+
+
+class BatchLine(Part):
+    """A line of batch.json: a job's place, what it is, its row and where its files are. A job that waits has no row."""
+
+    rank: Count
+    job: Text
+    key: Text
+    toolpath: Text
+    cell: Text
+    variant: Text
+    options: Settings
+    state: Text
+    verdict: Text
+    exit_code: Count | None = None
+    reason: Text | None = None
+    points: Count | None = None
+    infeasible_points: Count | None = None
+    gain_percent: Known = None
+    gain_std_percent: Known = None
+    distinguishable: Flag | None = None
+    gain_over_jiao2022_percent: Known = None
+    unit: Literal["mm", "N/mm"] | None = None
+    mean: Known = None
+    worst: Known = None
+    mean_cam_default: Known = None
+    worst_cam_default: Known = None
+    worst_point: Count | None = None
+    deflection_mm: Known = None
+    k_axial_N_mm: Known = None
+    cycle_time_s: Known = None
+    programs: tuple[Text, ...] | None = None
+    feed_held_percent: Known = None
+    warnings: tuple[Text, ...] | None = None
+    folder: Text
+    report: Text
+
+
+class BatchDifference(Part):
+    """A job of this batch beside the same one of another."""
+
+    job: Text
+    toolpath: Text
+    variant: Text
+    verdict_before: Text
+    verdict: Text
+    rotation_mean_deg: Known
+    rotation_worst_deg: Known
+    worst_at_point: Count | None
+    turned_share: Known
+    branch_changes: Count | None
+    unit: Text | None
+    mean_before: Known
+    mean: Known
+    worst_before: Known
+    worst: Known
+    cycle_time_before_s: Known
+    cycle_time_s: Known
+    note: Text
+
+
+class BatchComparison(Part):
+    """This batch beside another one."""
+
+    compared_with: Text = Field(validation_alias="with", serialization_alias="with")
+    rows: tuple[BatchDifference, ...]
+    only_here: tuple[Text, ...]
+    only_there: tuple[Text, ...]
+
+
+class BatchResult(Part):
+    """batch.json: the same for the same jobs, however often the batch was stopped."""
+
+    machopt_batch: Literal[1]
+    version: Text
+    complete: Flag
+    exit_code: Count | None
+    counts: dict[Text, Count]
+    jobs: tuple[BatchLine, ...]
+    left_out_files: tuple[Text, ...]
+    other_jobs_in_folder: tuple[Text, ...]
+    compare: BatchComparison | None

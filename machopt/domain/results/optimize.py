@@ -1,0 +1,250 @@
+"""result.json of ``machopt optimize``."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from machopt.domain.results.base import Count, Flag, Hashes, Known, Number, Numbers, Part, Settings, Text
+
+
+class IgnoredWord(Part):
+    """A word of the CAM file without effect."""
+
+    word: Text
+    count: Count
+    first_line: Count
+    understood: Flag
+
+
+class ToolpathRead(Part):
+    """What was read."""
+
+    source: Text
+    format: Text
+    points: Count
+    cutting_points: Count
+    operations: tuple[Text, ...]
+    ignored: tuple[IgnoredWord, ...]
+
+
+class ObjectiveParts(Part):
+    """J and its parts, dimensionless; times ``index_scale``, mean and worst are the index's own."""
+
+    total: Known
+    mean: Known
+    worst: Known
+    travel: Known
+    rotation: Known
+    feed: Known
+    preferred: Known
+    clearance: Known
+
+
+class ChoiceObjective(ObjectiveParts):
+    """The same of a choice that need not be feasible throughout."""
+
+    feasible_share: Number
+
+
+class SearchBound(Part):
+    """How good the plan is at least, against the grid of rotations."""
+
+    sequence: Number
+    lower_bound: Number
+    gap_percent: Number
+    beyond_grid_percent: Number
+
+
+class MeanGain(Part):
+    """How much less the mean index is than a yardstick's; null where unknown."""
+
+    over: Text
+    mean_percent: Known
+    std_percent: Known
+    ci90: tuple[Known, Known] | None
+    distinguishable: Flag | None
+
+
+class Objectives(Part):
+    """Yardsticks, the best of the grid and what was chosen."""
+
+    cam_default: ChoiceObjective
+    jiao2022: ChoiceObjective
+    grid: ObjectiveParts
+    search: SearchBound | None
+    chosen: ChoiceObjective
+    gain: tuple[MeanGain, ...]
+
+
+class FrontPlan(Part):
+    """A whole plan of the trade-off."""
+
+    plan: Text
+    changed: Text
+    mean_index: Known
+    worst_index: Known
+    cycle_time_s: Number
+    joint_travel_deg: Number
+    clearance_mm: Known
+    dominated: Flag
+
+
+class WorstPoint(Part):
+    """The softest point that is cut to."""
+
+    point: Count
+    k_axial_N_mm: Known
+    k_normal_N_mm: Known
+    deflection_mm: Known
+    gamma_deg: Number
+    k_jiao_x_N_mm: Known
+    q_deg: Numbers
+
+
+class CompensationTold(Part):
+    """The shift and what it is predicted to leave."""
+
+    length_mm: Known
+    max_mm: Number
+    mean_mm: Number
+    uncompensated_mean_mm: Number
+    residual_max_mm: Number
+    residual_mean_mm: Number
+
+
+class InfeasiblePoint(Part):
+    """A point without a configuration."""
+
+    point: Count
+    status: Text
+    reason: Text
+    help: Text
+
+
+class BreakTold(Part):
+    """Two places that no motion joins; null stands for home, and for numbers that do not apply."""
+
+    from_point: Known
+    to_point: Known
+    code: Text
+    reason: Text
+    help: Text
+    joint: Count | None
+    value_deg: Known
+    limit_deg: Known
+    pair: Text | None
+
+
+class FeedDip(Part):
+    """A stretch below the programmed feed."""
+
+    first_point: Known
+    last_point: Known
+    lowest_ratio: Number
+    where: Text
+    axis: Count
+    limit: Text
+
+
+class Obstruction(Part):
+    """A rapid move that was not found."""
+
+    before: Known
+    after: Known
+    reason: Text
+
+
+class CheckTold(Part):
+    """One promise, as the verification found it; ``passed`` null where it could not be run."""
+
+    name: Text
+    passed: Flag | None
+    value: Known
+    limit: Known
+    unit: Text
+    where: Text
+
+
+class VerificationTold(Part):
+    """All checks."""
+
+    passed: Flag
+    checks: tuple[CheckTold, ...]
+
+
+class FeedModel(Part):
+    """What a stated model of the controller says of the feed."""
+
+    mean_percent: Number
+    held_length_percent: Number
+    lowest_percent: Number
+    lowest_at_move: Count
+    cutting_time_s: Number
+    rounding_max_mm: Number
+    exact_stops: Count
+
+
+class ReadBack(Part):
+    """A program compared with motion and CAM file; null where a post has no such thing."""
+
+    moves: Count
+    positions_max_mm: Known
+    orientations_max_deg: Known
+    joints_max_deg: Known
+    feeds_max_mm_min: Known
+    path_max_mm: Known
+    path_axis_max_deg: Known
+    path_turn_max_deg: Known
+    configuration_equal: Flag | None
+    events_equal: Flag | None
+
+
+class ProgramTold(Part):
+    """A robot program: where it is and what came back when it was read."""
+
+    post: Text
+    files: tuple[Text, ...]
+    lines: Count
+    tolerance_mm: Number
+    moves_added: Count
+    withheld: Text | None
+    feed_model: FeedModel | None
+    assumed: tuple[Text, ...]
+    not_in_program: tuple[Text, ...]
+    checked: ReadBack | None
+    differences: tuple[Text, ...]
+
+
+class OptimizeResult(Part):
+    """The whole file."""
+
+    machopt_result: Literal[1]
+    version: Text
+    verdict: Text
+    exit_code: Count
+    unchecked: tuple[Text, ...]
+    inputs: Hashes
+    outputs: Hashes
+    options: Settings
+    reading: Settings
+    cell: Text
+    toolpath: ToolpathRead
+    index: Text
+    index_scale: Known
+    chosen_from: Text
+    objective: Objectives
+    front: tuple[FrontPlan, ...] | None
+    worst_point: WorstPoint | None
+    compensation: CompensationTold | None
+    infeasible_points: tuple[InfeasiblePoint, ...]
+    breaks: tuple[BreakTold, ...]
+    cycle_time_s: Known
+    feed_held_share: Known
+    feed_dips: tuple[FeedDip, ...]
+    rapid_detours: tuple[Text, ...]
+    obstructions: tuple[Obstruction, ...]
+    verification: VerificationTold | None
+    programs: tuple[ProgramTold, ...]
+    notes: tuple[Text, ...]
+    warnings: tuple[Text, ...]
+    timings_s: dict[Text, Number]
