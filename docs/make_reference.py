@@ -1,6 +1,7 @@
-"""Write reference.md beside this file: every key of every file that machopt reads, from the schemas themselves.
+"""Write reference.md beside this file: every key of every file that machopt reads, from the schemas themselves; and the
+JSON schemas of what machopt writes, inside the package.
 
-``python docs/make_reference.py`` writes it; a test holds that it is current and that every key says what it is.
+``python docs/make_reference.py`` writes both; tests hold that they are current and that every key says what it is.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from machopt.domain.options import PlanOptions
+from machopt.domain.results.schema import write_schemas
 from machopt.formats import cell_schema, joblist, kinematics, options, recording, stiffness
 
 PAGE = Path(__file__).with_name("reference.md")
@@ -132,3 +134,4 @@ def _words(annotation: object) -> str:
 
 if __name__ == "__main__":
     PAGE.write_text(page(), encoding="utf-8")
+    write_schemas()

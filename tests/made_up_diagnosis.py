@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from machopt.diagnose.problem import (
 )
 from machopt.diagnose.result import Coefficient, Diagnosis, Errors, Estimate, Finding, Limit, Proof, Rival, Share
 from machopt.domain.recording import Recording
+from machopt.domain.results.diagnosis import EffectOnJob
 from machopt.domain.stiffness import Term
 
 POSES, EACH = 30, 16
@@ -295,11 +295,12 @@ def problem(d: Diagnosis) -> Problem:
     )  # fmt: skip
 
 
-def job() -> dict[str, Any]:
+def job() -> EffectOnJob:
     """What --toolpath gives."""
     s = np.arange(60)
-    return {
-        "toolpath": "rivets.apt", "sentence": "The chosen rotation changes at 41 of 60 points; the worst predicted "
+    return EffectOnJob.model_validate({
+        "toolpath": "rivets.apt", "reason": None,
+        "sentence": "The chosen rotation changes at 41 of 60 points; the worst predicted "
         "deflection falls from 0.212 to 0.148 mm.",
         "changes": [
             {"what": "worst predicted deflection", "before": 0.212, "after": 0.148, "unit": "mm"},
@@ -311,4 +312,4 @@ def job() -> dict[str, Any]:
         "deflection_before_mm": (0.11 + 0.02 * np.sin(s / 5)).tolist(),
         "deflection_unchanged_mm": (0.15 + 0.06 * np.sin(s / 5)).tolist(),
         "deflection_after_mm": [*(0.12 + 0.03 * np.sin(s[:-1] / 5)).tolist(), None],
-    }  # fmt: skip
+    })  # fmt: skip

@@ -115,7 +115,7 @@ def test_sixty_real_jobs_on_two_workers_killed_half_way_and_resumed(scheduler: s
     request = Request((str(jobs),), whole, entry="batch_real", version="test", scheduler=scheduler)
     undisturbed = run_batch(request)
     assert (undisturbed.exit_code, undisturbed.done) == (1, JOBS)
-    counts = undisturbed.result["counts"]
+    counts = undisturbed.result.plain()["counts"]
     assert isinstance(counts, dict)
     assert (counts["crashed"], counts["over time"]) == (1, 1)
     assert counts["done"] >= 40  # the CAM's default rotation cannot be driven everywhere

@@ -78,7 +78,7 @@ def test_servers_and_jobs_killed_at_random_never_hang_a_batch_and_the_rest_is_do
 
     with meanwhile(kill, lambda: draw.uniform(0.05, 0.5)):
         outcome = run_batch(request)
-    counts = outcome.result["counts"]
+    counts = outcome.result.plain()["counts"]
     assert isinstance(counts, dict)
     assert sum(counts.values()) == 8
     assert set(counts) <= {"done", "crashed"}

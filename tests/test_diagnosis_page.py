@@ -248,7 +248,7 @@ def test_axis_without_numbers_is_not_drawn() -> None:
 
 def test_json_is_what_the_contract_says() -> None:
     d = replace(made_up.three(), explained=np.nan, repeatable_after=np.inf)
-    got = result_of(CELL, made_up.recording(), d, kinematics="kinematics.yaml", effect_on_job=made_up.job())
+    got = result_of(CELL, made_up.recording(), d, kinematics="kinematics.yaml", effect_on_job=made_up.job()).plain()
     assert json.loads(json.dumps(got, allow_nan=False)) == got
     assert got["machopt_diagnosis"] == 1
     assert (got["verdict"], got["channel"], got["rmse_unit"]) == ("partly_explained", "deflection", "mm")
@@ -278,7 +278,7 @@ def test_json_is_what_the_contract_says() -> None:
 def test_the_named_one_stands_first_in_its_set() -> None:
     """Even where an engine leaves it out or puts it last."""
     f = replace(made_up.link(), one_of=(("tool_compliance", "tool"), ("link_compliance", "link:4")))
-    got = result_of(CELL, made_up.recording(), replace(made_up.explained(), findings=(f,)))
+    got = result_of(CELL, made_up.recording(), replace(made_up.explained(), findings=(f,))).plain()
     assert got["findings"][0]["one_of"] == [["link_compliance", "link:4"], ["tool_compliance", "tool"]]
     assert "cannot tell it from compliance of the tool." in read(replace(made_up.explained(), findings=(f,))).text
 
@@ -287,7 +287,7 @@ def test_json_takes_numpy_inside_corrections(tmp_path: Path) -> None:
     f = made_up.frame()
     assert f.correction is not None
     f = replace(f, correction=replace(f.correction, parameters={"R": np.eye(2), "n": np.int64(3), "bad": np.nan}))
-    got = result_of(CELL, made_up.recording(), replace(made_up.explained(), findings=(f,)))
+    got = result_of(CELL, made_up.recording(), replace(made_up.explained(), findings=(f,))).plain()
     assert got["findings"][0]["correction"]["parameters"] == {"R": [[1.0, 0.0], [0.0, 1.0]], "n": 3, "bad": None}
     assert got["findings"][0]["correction"]["of"] == "record"
     write_json(tmp_path / "diagnosis.json", got)

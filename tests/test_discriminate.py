@@ -168,9 +168,15 @@ def diagnosis(folder: Path, findings: list[dict[str, Any]], **changes: Any) -> P
     folder.mkdir(parents=True)
     data = {
         "machopt_diagnosis": 1, "verdict": "explained", "channel": "deflection", "rmse_unit": "mm",
-        "baseline": {"repeatable_rmse": 0.05}, "findings": findings, "mismatch": [], "detection_limits": [],
+        "baseline": {"heldout_rmse": 0.06, "noise_floor": 0.02, "repeatable_rmse": 0.05, "p_value": 0.01},
+        "final": {"heldout_rmse": 0.02, "explained_share": 0.9, "repeatable_rmse": None},
+        "version": "1", "cell": "c", "recording": "r", "sentence": "", "predicted": "load tests", "not_testable": [],
+        "model": None, "kinematics": None, "readings": 60, "outliers": None, "proof": None, "tried": 9, "notes": [],
+        "warnings": [], "effect_on_job": None, "options": {}, "inputs": {},
+        "findings": findings, "mismatch": [], "detection_limits": [],
         "next_experiment": "measure again", "coefficients": [
-            {"name": f"joint {j + 1}", "unit": "rad/(N·m)", "value": float(c), "key": asdict(joint_spring(j + 1))}
+            {"name": f"joint {j + 1}", "location": f"joint:{j + 1}", "unit": "rad/(N·m)", "before": None,
+             "value": float(c), "sigma": None, "key": asdict(joint_spring(j + 1))}
             for j, c in enumerate(COMPLIANCE)
         ],
         "recorded": {"kind": "deflection", "coordinates": 3, "wrench_frame": "base", "displacement_frame": "base",
@@ -186,7 +192,10 @@ def finding(own: Stand, *rivals: Stand, open_too: bool = True) -> dict[str, Any]
         return {"effect": s.effect, "location": s.location, "law": s.law, "fit": fit}
 
     names = [list(s.name) for s in (own, *(rivals if open_too else ()))]
-    return as_fitted(own) | {"one_of": names, "rivals": [as_fitted(r) for r in rivals]}
+    rest = {"closed_share": 0.9, "standing": "not excluded", "p_value": 0.3, "placebo": False}
+    told = {"parameters": {}, "heldout_rmse_before": 0.06, "heldout_rmse_after": 0.02, "p_value": 0.001, "equation": "",
+            "note": "", "of_the_record": False, "correction": None}  # fmt: skip
+    return as_fitted(own) | told | {"one_of": names, "rivals": [as_fitted(r) | rest for r in rivals]}
 
 
 def test_what_is_open_is_read_from_the_diagnosis(tmp_path: Path) -> None:
@@ -195,7 +204,8 @@ def test_what_is_open_is_read_from_the_diagnosis(tmp_path: Path) -> None:
     assert sets.scatter == (1.7e-5, 1e-5)
     alone = diagnosed(diagnosis(tmp_path / "b", [finding(LINK_4, LINK_3, open_too=False)]))
     assert alone.disputes[0].stands == (LINK_4, LINK_3, NOTHING)
-    limit = {"effect": "joint_backlash", "location": "joint:2", "value": 0.2, "unit": "arcmin", "standing": "testable"}
+    limit = {"effect": "joint_backlash", "location": "joint:2", "value": 0.2, "unit": "arcmin", "standing": "testable",
+             "one_of": []}  # fmt: skip
     quiet = diagnosed(diagnosis(tmp_path / "c", [], verdict="consistent", detection_limits=[limit]))
     assert quiet.disputes[0].stands == (NOTHING, Stand("joint_backlash", "joint:2", size=0.2))
     share = [{"axis": a, "share": s, "note": "", "kind": "machine"} for a, s in (("link:2", 0.2), ("joint:3", 0.7))]
@@ -253,7 +263,7 @@ def test_cycles_are_stepped_where_a_law_remembers(tmp_path: Path) -> None:
     late = Stand("joint_creep", "joint:3", "one time constant", (1.5e-7,), (20.0, 0.0))
     done = plan(tmp_path, play, late)
     folder = done.report.parent
-    told = done.result["discriminate"]
+    told = done.result.plain()["discriminate"]
     assert isinstance(told, dict)
     assert told["steps"] == [0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.25, 0.0]
     table = read_poses_csv(folder / "poses.csv")
@@ -273,7 +283,7 @@ def test_measured_poses_are_planned_too(tmp_path: Path) -> None:
     found = diagnosis(tmp_path / "d", [finding(zero, heavy)], channel="position", recorded=recorded)
     request = Request(CELL, tmp_path / "out", discriminate=found, candidates=200, poses=8, starts=1,
                       weights_kg=(80.0,), no_collision=True)  # fmt: skip
-    told = run_plan_poses(request).result["discriminate"]
+    told = run_plan_poses(request).result.plain()["discriminate"]
     assert isinstance(told, dict)
     (pair,) = told["pairs"]
     assert pair["noncentrality_per_cycle"] > pair["random_noncentrality_per_cycle"] > 0.0

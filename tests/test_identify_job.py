@@ -118,7 +118,7 @@ def test_grid_is_taken_where_the_stiffness_varies(tmp_path: Path) -> None:
     q = scattered_poses(robot, rng, 90, MIDDLE, 0.4)
     s = record(TrueArm(robot, cell.tool.T_flange_tcp, law), q, random_loads(rng, 90, 4, 1500.0, 200.0), rng)
     write_recording(tmp_path / "recording", s.recording)
-    result = run_identify(Request(CELL, (tmp_path / "recording",), tmp_path / "out", studies=False)).result
+    result = run_identify(Request(CELL, (tmp_path / "recording",), tmp_path / "out", studies=False)).result.plain()
     assert result["model"] == "grid"
     assert result["heldout_rmse_mm"] < 0.8 * result["grid"]["heldout_rmse_constant_mm"]
     grid = load_stiffness(tmp_path / "out" / "stiffness.yaml").grid
@@ -139,7 +139,7 @@ def test_several_sessions_are_one_identification(simulated: Simulated, tmp_path:
         )  # fmt: skip
         write_recording(tmp_path / name, part)
     both = (tmp_path / "monday", tmp_path / "tuesday")
-    result = run_identify(Request(CELL, both, tmp_path / "out", studies=False)).result
+    result = run_identify(Request(CELL, both, tmp_path / "out", studies=False)).result.plain()
     assert (result["readings"], result["poses"]) == (128, 16)
     assert all(j["identified"] for j in result["joints"])
 
@@ -149,7 +149,7 @@ def test_term_is_fitted_beside_the_joints_and_written(tmp_path: Path, simulated:
     request = Request(
         CELL, (tmp_path / "recording",), tmp_path / "out", studies=False, terms=("joint_coupling@joint:4-5",)
     )
-    result = run_identify(request).result
+    result = run_identify(request).result.plain()
     (term,) = result["terms"]
     assert (term["effect"], term["location"]) == ("joint_coupling", "joint:4-5")
     assert term["ci90"][0] < 0 < term["ci90"][1]  # there is none in the truth
@@ -195,7 +195,7 @@ def test_two_poses_are_not_enough_for_six_joints(simulated: Simulated, tmp_path:
         wrench=r.wrench[rows], displacement=r.displacement[rows],
     )  # fmt: skip
     write_recording(tmp_path / "recording", part)
-    result = run_identify(Request(CELL, (tmp_path / "recording",), tmp_path / "out", studies=False)).result
+    result = run_identify(Request(CELL, (tmp_path / "recording",), tmp_path / "out", studies=False)).result.plain()
     assert result["heldout_rmse_mm"] is None  # no pose is left to judge by
     assert any("pose" in w for w in result["warnings"])
 
@@ -217,7 +217,7 @@ def test_options_that_do_not_fit(
 def test_published_readings_that_no_arm_explains_are_called_so(tmp_path: Path) -> None:
     cell = ROOT / "cells" / "irb6700_drilling"
     done = run_identify(Request(cell, (cell / "recordings" / "zhang2025_table2",), tmp_path / "out"))
-    assert done.result["explained_share"] < 0.5
+    assert done.result.plain()["explained_share"] < 0.5
     assert "do not follow an arm of elastic joints" in done.report.read_text(encoding="utf-8")
 
 
@@ -267,7 +267,7 @@ def test_ninety_percent_intervals_stay_ninety_percent(simulated: Simulated, done
     write_recording(tmp_path / "recording", simulated.recording)
     request = Request(CELL, (tmp_path / "recording",), tmp_path / "out", level_percent=99.0, studies=False)
     wide = run_identify(request)
-    for a, b in zip(done.result["joints"], wide.result["joints"], strict=True):
+    for a, b in zip(done.result.plain()["joints"], wide.result.plain()["joints"], strict=True):
         assert a["ci90"] == pytest.approx(b["ci90"], rel=1e-9)
         assert b["interval"][0] < b["ci90"][0]
         assert b["interval"][1] > b["ci90"][1]

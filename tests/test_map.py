@@ -434,10 +434,10 @@ def test_measured_table_stands_beside_the_model(tmp_path: Path, arm: Arm, settin
     least, most = v["k_x"].min() * 1e-3, v["k_x"].max() * 1e-3
     assert all(least * 0.999999 <= float(r["measured_kx_N_mm"]) <= most * 1.000001 for r in found)
     assert told["samples_inside_hull"] == sum(r["measured_hull"] == "inside" for r in found)
-    assert not outcome.result["warnings"]
+    assert not outcome.result.plain()["warnings"]
     table.write_text("\n".join([lines[0], lines[1].replace("p0,", "p0,9"), *lines[2:]]) + "\n", encoding="utf-8")
     shifted = make_map(tmp_path / "s", measured=table, fixed_rotation=True, **SMALL)
-    assert any("line 2: the joints put the TCP" in w for w in shifted.result["warnings"])  # type: ignore[attr-defined]
+    assert any("line 2: the joints put the TCP" in w for w in shifted.result.plain()["warnings"])
 
 
 # --- samples -------------------------------------------------------------------------------------------------
@@ -465,7 +465,7 @@ def test_default_range_holds_everything_that_can_be_reached(tmp_path: Path) -> N
     """A much larger slice, at the same spacing, finds nothing outside."""
     common = {"steps": ("100",), "length": 600.0, "collision": "none", "rotation_step": 60.0}
     usual = make_map(tmp_path / "d", **common)
-    x, z = usual.result["axes"]  # type: ignore[misc]
+    x, z = usual.result.plain()["axes"]
     make_map(tmp_path / "w", ranges=("x=-4000:4000", "z=-4000:4000"), **common)
     for r in rows(tmp_path / "w" / "map_free.csv"):
         if r["reason"] == "ok":
@@ -528,7 +528,7 @@ def test_a_cell_without_stiffness_still_has_dexterity(tmp_path: Path) -> None:
     (bare / "cell.yaml").write_text(re.sub(r"(?m)^stiffness:.*\n", "", text), encoding="utf-8")
     outcome = make_map(tmp_path / "m", bare, fixed_rotation=True, **SMALL)
     assert "dexterity" in outcome.message
-    assert any("no stiffness" in w for w in outcome.result["warnings"])  # type: ignore[attr-defined]
+    assert any("no stiffness" in w for w in outcome.result.plain()["warnings"])
     header = set(rows(tmp_path / "m" / "map.csv")[0])
     assert "dexterity" in header
     assert not any(name.startswith(("k_", "held_", "soft_")) for name in header)
@@ -553,7 +553,7 @@ def test_a_stiffness_grid_is_counted_and_said_where_it_ends(tmp_path: Path) -> N
         J, k, inside = elasticity.jacobian(q)
         assert row["stiffness_from"] == ("grid" if inside[0] else "constant")
         assert float(row["k_x_N_mm"]) == pytest.approx(1e-3 / np.sum(J[0, 0] ** 2 / k[0]), rel=1e-6)
-    assert any("lies outside the stiffness grid" in w for w in outcome.result["warnings"])  # type: ignore[attr-defined]
+    assert any("lies outside the stiffness grid" in w for w in outcome.result.plain()["warnings"])
 
 
 def test_every_field_is_offered_where_there_is_all_it_needs(setting: Setting) -> None:

@@ -40,7 +40,7 @@ def test_folder_holds_what_the_contract_says(done: Outcome) -> None:
         "manifest.json", "plan.json", "poses.csv", "recording_template", "report.html"]  # fmt: skip
     result = json.loads((folder / "plan.json").read_text())
     assert result["machopt_poses"] == 1
-    json.dumps(done.result)  # plain numbers, for --json
+    json.dumps(done.result.plain())  # plain numbers, for --json
     assert result["poses"] == 6
     assert result["readings"] == 6 * 2 * 2
     names = [u["name"] for u in result["unknowns"]]
@@ -121,7 +121,9 @@ def test_page_says_what_matters(done: Outcome) -> None:
     data = json.loads(page.split('type="application/json">')[1].split("</script>")[0])
     bars = next(c for c in data["xy"] if c["id"] == "p-bars")
     ours = next(layer for layer in bars["layers"] if layer["name"] == "this plan")
-    sigma = [u["standard_uncertainty"] for u in done.result["unknowns"] if np.isfinite(u["standard_uncertainty"])]  # type: ignore[attr-defined]
+    sigma = [
+        u["standard_uncertainty"] for u in done.result.plain()["unknowns"] if u["standard_uncertainty"] is not None
+    ]
     np.testing.assert_allclose(np.array(ours["y"]) / 100, sigma[: len(ours["y"])], rtol=1e-5)
 
 
@@ -134,22 +136,25 @@ def test_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
 
 def test_weights_alone_do_not_show_joint_one(tmp_path: Path) -> None:
     found = plan(tmp_path / "out", pull_N=None, max_deflection_mm=20.0)
-    joint = found.result["unknowns"][0]  # type: ignore[index]
+    joint = found.result.plain()["unknowns"][0]
     assert joint["seen"] is False
-    assert any("joint 1 is not seen" in w and "horizontal pull" in w for w in found.result["warnings"])  # type: ignore[attr-defined]
+    assert any("joint 1 is not seen" in w and "horizontal pull" in w for w in found.result.plain()["warnings"])
 
 
 def test_doubted_prior_halves_the_deflection_and_is_reported(tmp_path: Path) -> None:
     found = plan(tmp_path / "out", prior_factor=2.0, loads=1, candidates=80)
     table = read_poses_csv(tmp_path / "out" / "poses.csv")
     assert np.linalg.norm(table.displacement[:, :3], axis=1).max() <= 2.5e-3
-    assert len(found.result["design"]["worst_if_prior_wrong"]) == 4  # type: ignore[index]
+    assert len(found.result.plain()["design"]["worst_if_prior_wrong"]) == 4
 
 
 def test_target_names_the_smallest_number_of_poses(tmp_path: Path) -> None:
     found = plan(tmp_path / "a", target_percent=15.0, candidates=60)
-    needed = found.result["target"]["poses"]  # type: ignore[index]
-    at = {n: plan(tmp_path / str(n), poses=n, candidates=60).result["design"]["worst"] for n in (needed - 1, needed)}  # type: ignore[index]
+    needed = found.result.plain()["target"]["poses"]
+    at = {
+        n: plan(tmp_path / str(n), poses=n, candidates=60).result.plain()["design"]["worst"]
+        for n in (needed - 1, needed)
+    }
     # the number is sought with quick designs, so the full search may do 5 % better
     assert at[needed] <= 0.15 < 1.05 * at[needed - 1]
 
@@ -167,8 +172,8 @@ def test_target_names_the_smallest_number_of_poses(tmp_path: Path) -> None:
 def test_nothing_to_measure_is_an_answer(tmp_path: Path, options: dict[str, Any], words: str) -> None:
     found = plan(tmp_path / "out", **{**options, "candidates": 10, "poses": 6})
     assert found.exit_code == 3
-    assert found.result["verdict"] == "infeasible"
-    assert any(words in w for w in found.result["warnings"])  # type: ignore[attr-defined]
+    assert found.result.plain()["verdict"] == "infeasible"
+    assert any(words in w for w in found.result.plain()["warnings"])
     assert "NOTHING TO MEASURE" in found.report.read_text()
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["manifest.json", "plan.json", "report.html"]
 

@@ -6,9 +6,12 @@ import argparse
 import json
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from machopt.cli.display import Display, finite, natural, positive
+
+if TYPE_CHECKING:
+    from machopt.domain.results.diagnosis import DiagnosisResult, FindingTold
 
 Commands = Any  # argparse keeps its subparsers' type private
 
@@ -61,53 +64,53 @@ def _diagnose(args: argparse.Namespace) -> int:
     with Display(show=not (args.quiet or args.json)) as display:
         done = run_diagnose(request, display.stage)
     if args.json:
-        print(json.dumps(finite(done.result), ensure_ascii=False))
+        print(json.dumps(finite(done.result.plain()), ensure_ascii=False))
     elif not args.quiet:
         print("\n".join(summary(done.result)))
         print(f"report: {done.report}")
     return 0
 
 
-def summary(result: dict[str, Any]) -> list[str]:
+def summary(result: DiagnosisResult) -> list[str]:
     """What diagnosis.json says, for a terminal."""
-    unit = result["rmse_unit"]
-    first, last = result["baseline"], result["final"]
+    unit = result.rmse_unit
+    first, last = result.baseline, result.final
     lines = [
-        result["sentence"],
-        f"  verdict: {_VERDICTS[result['verdict']]}",
-        f"  held-out error {_size(first['heldout_rmse'], unit)} → {_size(last['heldout_rmse'], unit)}, noise floor "
-        f"{_size(first['noise_floor'], unit)}, repeatable {_size(first['repeatable_rmse'], unit)}"
-        + (f", {100 * last['explained_share']:.0f} % of it closed" if last["explained_share"] is not None else ""),
+        result.sentence,
+        f"  verdict: {_VERDICTS[result.verdict]}",
+        f"  held-out error {_size(first.heldout_rmse, unit)} → {_size(last.heldout_rmse, unit)}, noise floor "
+        f"{_size(first.noise_floor, unit)}, repeatable {_size(first.repeatable_rmse, unit)}"
+        + (f", {100 * last.explained_share:.0f} % of it closed" if last.explained_share is not None else ""),
     ]
-    for number, f in enumerate(result["findings"], 1):
-        lines.append(f"  {number}. {_name(f)}{f', {note}' if (note := f['note']) else ''} ({f['law']})")
-        for name, p in f["parameters"].items():
-            low, high = p["ci90"]
+    for number, f in enumerate(result.findings, 1):
+        lines.append(f"  {number}. {_name(f)}{f', {note}' if (note := f.note) else ''} ({f.law})")
+        for name, p in f.parameters.items():
+            low, high = p.ci90
             sure = f"   {_number(low)} … {_number(high)}" if low != high else ""
-            lines.append(f"       {name.replace('_', ' ')} {_number(p['value'])} {p['unit']}{sure}")
+            lines.append(f"       {name.replace('_', ' ')} {_number(p.value)} {p.unit}{sure}")
         lines.append(
-            f"       held-out {_size(f['heldout_rmse_before'], unit)} → {_size(f['heldout_rmse_after'], unit)}, "
-            f"p {_number(f['p_value'])}"
+            f"       held-out {_size(f.heldout_rmse_before, unit)} → {_size(f.heldout_rmse_after, unit)}, "
+            f"p {_number(f.p_value)}"
         )
-        others = [f"{effect} {location}" for effect, location in f["one_of"][1:]]
+        others = [f"{effect} {location}" for effect, location in f.one_of[1:]]
         if others:
             lines.append(f"       these data cannot tell it from: {', '.join(others)}")
-    if result["verdict"] in ("unexplained", "partly_explained"):
-        where = sorted(result["mismatch"], key=lambda s: -(s["share"] or 0.0))[:3]
+    if result.verdict in ("unexplained", "partly_explained"):
+        where = sorted(result.mismatch, key=lambda s: -(s.share or 0.0))[:3]
         if where:
-            lines.append("  lives in: " + ", ".join(f"{s['axis']} {100 * (s['share'] or 0.0):.0f} %" for s in where))
-    if result["outliers"] is not None:
-        count = len(result["outliers"]["rows"])
-        lines.append(f"  put aside: {count} reading{'' if count == 1 else 's'} ({result['outliers']['location']})")
-    if result["effect_on_job"] is not None and result["effect_on_job"].get("sentence"):
-        lines.append(f"  the job: {result['effect_on_job']['sentence']}")
-    if result["next_experiment"]:
-        lines.append(f"  next: {result['next_experiment']}")
-    return lines + [f"  note: {w}" for w in result["warnings"]]
+            lines.append("  lives in: " + ", ".join(f"{s.axis} {100 * (s.share or 0.0):.0f} %" for s in where))
+    if result.outliers is not None:
+        count = len(result.outliers.rows)
+        lines.append(f"  put aside: {count} reading{'' if count == 1 else 's'} ({result.outliers.location})")
+    if result.effect_on_job is not None and result.effect_on_job.sentence:
+        lines.append(f"  the job: {result.effect_on_job.sentence}")
+    if result.next_experiment:
+        lines.append(f"  next: {result.next_experiment}")
+    return lines + [f"  note: {w}" for w in result.warnings]
 
 
-def _name(f: dict[str, Any]) -> str:
-    return f"{f['effect']} {f['location']}"
+def _name(f: FindingTold) -> str:
+    return f"{f.effect} {f.location}"
 
 
 def _number(value: float | None) -> str:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from machopt.cli.display import Display, finite, natural, positive
 from machopt.cli.effects import add_effects, told_of_effects
+
+if TYPE_CHECKING:
+    from machopt.domain.results.identification import IdentificationResult
 
 Commands = Any  # argparse keeps its subparsers' type private
 
@@ -75,35 +79,40 @@ def _identify(args: argparse.Namespace) -> int:
     with Display(show=_shown(args)) as display:
         done = run_identify(request, display.stage)
     if args.json:
-        print(json.dumps(finite(done.result), ensure_ascii=False))
+        print(json.dumps(finite(done.result.plain()), ensure_ascii=False))
     elif not args.quiet:
         print("\n".join(_identified(done.result)))
         print(f"report: {done.report}")
     return 0
 
 
-def _identified(result: dict[str, Any]) -> list[str]:
-    heldout = result["heldout_rmse_mm"]
+def _identified(result: IdentificationResult) -> list[str]:
+    heldout = result.heldout_rmse_mm
     unseen = "no pose left to judge by" if heldout is None else f"{heldout:.4f} mm on unseen poses"
     lines = [
-        f"{result['readings']} readings, {_count(result['poses'], 'pose')}, {result['model']} model: "
-        f"{result['rmse_mm']:.4f} mm a coordinate, {unseen}, {100 * result['explained_share']:.1f} % explained"
+        f"{result.readings} readings, {_count(result.poses, 'pose')}, {result.model} model: "
+        f"{_nan(result.rmse_mm):.4f} mm a coordinate, {unseen}, {100 * _nan(result.explained_share):.1f} % explained"
     ]
-    for joint in result["joints"]:
-        low, high = joint["interval"]
-        if joint["identified"]:
-            text = f"{low:.4g} … {_number(high)}"
+    for joint in result.joints:
+        low, high = joint.interval
+        if joint.identified:
+            text = f"{_nan(low):.4g} … {_number(high)}"
         else:
-            text = f"not identified, the cell's value or a bound: {joint['reason']}"
-        lines.append(f"  joint {joint['joint']}  {joint['k_Nm_per_rad']:10.4g} N·m/rad   {text}")
-    for term in result["terms"]:
-        low, high = term["interval"]
-        what = f"{term['effect']} {term['location']} {term['coefficient']}"
-        why = "" if term["identified"] else f": {term['reason']}"
-        lines.append(f"  {what}  {term['value']:.4g} {term['unit']}   {_number(low)} … {_number(high)}{why}")
-    lines += [f"  {text}" for text in result["known_combinations"]]
-    lines += [f"  note: {w}" for w in result["warnings"] if not w.startswith("joint ")]
+            text = f"not identified, the cell's value or a bound: {joint.reason}"
+        lines.append(f"  joint {joint.joint}  {joint.k_Nm_per_rad:10.4g} N·m/rad   {text}")
+    for term in result.terms:
+        low, high = term.interval
+        what = f"{term.effect} {term.location} {term.coefficient}"
+        why = "" if term.identified else f": {term.reason}"
+        lines.append(f"  {what}  {_nan(term.value):.4g} {term.unit}   {_number(low)} … {_number(high)}{why}")
+    lines += [f"  {text}" for text in result.known_combinations]
+    lines += [f"  note: {w}" for w in result.warnings if not w.startswith("joint ")]
     return lines
+
+
+def _nan(value: float | None) -> float:
+    """A number of a result file, where null stands for what is not finite."""
+    return math.nan if value is None else value
 
 
 def _add_poses(p: argparse.ArgumentParser) -> None:
@@ -250,8 +259,8 @@ def _run(args: argparse.Namespace, request: Any, run: Any, renamed: dict[str, st
     with Display(show=_shown(args)) as display:
         done = run(request(**{k: v for k, v in given.items() if k in known}), display.stage)
     if args.json:
-        print(json.dumps(finite(done.result), ensure_ascii=False))
-    notes = [f"  note: {w}" for w in done.result["warnings"] if w != done.message]
+        print(json.dumps(finite(done.result.plain()), ensure_ascii=False))
+    notes = [f"  note: {w}" for w in done.result.warnings if w != done.message]
     if done.exit_code != 0:
         print(f"machopt: {done.message} (report: {done.report})", file=sys.stderr)
         print("\n".join(notes), end="\n" if notes else "", file=sys.stderr)  # often the cause

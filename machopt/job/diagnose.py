@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +17,7 @@ from machopt.diagnose.words import sentence
 from machopt.domain.cell import Cell
 from machopt.domain.kinematics import KinematicCorrection, Kinematics
 from machopt.domain.recording import Recording
+from machopt.domain.results.diagnosis import DiagnosisResult
 from machopt.domain.stiffness import Stiffness, Term
 from machopt.effects.corrections import extended
 from machopt.effects.own import Own, in_use, run
@@ -32,7 +32,7 @@ from machopt.job.inputs import input_hashes, recording_inputs, single
 from machopt.job.manifest import write_command_manifest
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import Masses, Robot, load_masses, load_robot
-from machopt.output import output_folder, write_json
+from machopt.output import output_folder, write_result
 from machopt.report.diagnosis_page import write_diagnosis
 
 Array = NDArray[np.float64]
@@ -64,7 +64,7 @@ class Outcome:
     """What came out."""
 
     diagnosis: Diagnosis
-    result: dict[str, Any]  # diagnosis.json
+    result: DiagnosisResult
     report: Path
 
 
@@ -131,11 +131,11 @@ def _diagnosed(request: Request, own: tuple[Own, ...], progress: Progress) -> Ou
         progress("report")
         facts = tuple((k, str(v)) for k, v in (said | inputs).items())
         write_diagnosis(folder / "report.html", page_of(cell, found.recording, d, facts, effect, problem=found.problem))
-        write_json(folder / "diagnosis.json", result)
+        write_result(folder / "diagnosis.json", result)
         read = [single(f, "terms") for f in request.terms]
         read += [] if request.toolpath is None else [single(request.toolpath, "toolpath")]
         write_command_manifest(
-            folder, "diagnose", request, cell, verdict=str(result["verdict"]),
+            folder, "diagnose", request, cell, verdict=result.verdict,
             inputs=(*recording_inputs(request.recordings), *read),
         )  # fmt: skip
     return Outcome(d, result, request.out / "report.html")

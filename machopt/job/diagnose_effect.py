@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
+from machopt.domain.results.diagnosis import CasePoints, Cases, Change, EffectOnJob, MeanAndWorst, RotationChange
 from machopt.domain.stiffness import Stiffness
 from machopt.errors import InputError
 from machopt.formats.options import load_options
@@ -38,7 +39,7 @@ TEST_FORCE = 1000.0  # N along the tool axis, where the cell's plan states no pr
 def effect_on_job(
     cell: Cell, stiffness_before: Stiffness, stiffness_after: Stiffness, toolpath_path: Path | str,
     options: PlanOptions | None = None, reading: Mapping[str, Any] | None = None,
-) -> dict[str, Any]:  # fmt: skip
+) -> EffectOnJob:  # fmt: skip
     """Plan a toolpath with the model as it was and with what was found, and compare.
 
     Deflections are those of the programmed path, without compensation; means are over the length cut. A force that the
@@ -114,7 +115,7 @@ def _deflection(choice: Plan, model: Plan) -> Array:
     return out
 
 
-def _block(name: str, c: _Compared, old: Plan, new: Plan) -> dict[str, Any]:
+def _block(name: str, c: _Compared, old: Plan, new: Plan) -> EffectOnJob:
     path, rows = old.path, np.flatnonzero(old.path.is_point)
     angle = np.degrees(np.abs(c.turned[c.both]))
     share = float((angle > np.degrees(CHANGED)).mean())
@@ -128,32 +129,33 @@ def _block(name: str, c: _Compared, old: Plan, new: Plan) -> dict[str, Any]:
     reached = [
         np.where(p.chosen.assignment.reason == Reason.OK, np.degrees(gamma(p)), np.nan)[rows] for p in (old, new)
     ]
-    return {
-        "toolpath": name,
-        "sentence": _sentence(mean, worst, point, float(angle.mean()), share, force, lost, int(path.counted.sum())),
-        "reason": None,
-        "force": force,
-        "points_compared": int(c.both.sum()),
-        "points_not_reached": lost,
-        "not_reached_because": (_why(old) or _why(new)) if lost else None,
-        "rotation": {"mean_change_deg": float(angle.mean()), "max_change_deg": float(angle.max()),
-                     "changed_share": share},
-        "deflection_mm": {case: {"mean": mean[case], "worst": worst[case]} for case in cases},
-        "worst_point": point,
-        "changes": [
+    return EffectOnJob(
+        toolpath=name,
+        sentence=_sentence(mean, worst, point, float(angle.mean()), share, force, lost, int(path.counted.sum())),
+        reason=None,
+        force=force,
+        points_compared=int(c.both.sum()),
+        points_not_reached=lost,
+        not_reached_because=(_why(old) or _why(new)) if lost else None,
+        rotation=RotationChange(
+            mean_change_deg=float(angle.mean()), max_change_deg=float(angle.max()), changed_share=share
+        ),
+        deflection_mm=Cases(**{case: MeanAndWorst(mean=mean[case], worst=worst[case]) for case in cases}),
+        worst_point=CasePoints(**point),
+        changes=(
             _change("deflection of the choice so far, mean", mean["before"], mean["unchanged"], "mm"),
             _change("deflection of the choice so far, worst", worst["before"], worst["unchanged"], "mm"),
             _change("deflection under the new model, mean", mean["unchanged"], mean["after"], "mm"),
             _change("deflection under the new model, worst", worst["unchanged"], worst["after"], "mm"),
-        ],
-        "warnings": list(new.setup.elasticity.warnings),
-        "point": path.index[rows].tolist(),
-        "gamma_before_deg": reached[0].tolist(),
-        "gamma_after_deg": reached[1].tolist(),
-        "deflection_before_mm": (1e3 * c.before[rows]).tolist(),
-        "deflection_unchanged_mm": (1e3 * c.unchanged[rows]).tolist(),
-        "deflection_after_mm": (1e3 * c.after[rows]).tolist(),
-    }  # fmt: skip
+        ),
+        warnings=tuple(new.setup.elasticity.warnings),
+        point=tuple(path.index[rows].tolist()),
+        gamma_before_deg=tuple(reached[0].tolist()),
+        gamma_after_deg=tuple(reached[1].tolist()),
+        deflection_before_mm=tuple((1e3 * c.before[rows]).tolist()),
+        deflection_unchanged_mm=tuple((1e3 * c.unchanged[rows]).tolist()),
+        deflection_after_mm=tuple((1e3 * c.after[rows]).tolist()),
+    )  # fmt: skip
 
 
 def _sentence(
@@ -177,9 +179,9 @@ def _sentence(
     return out + (f". {lost} of {cut} planning points that are cut cannot be compared." if lost else ".")
 
 
-def _nothing(name: str, reason: str) -> dict[str, Any]:
-    return {"toolpath": name, "sentence": f"What this changes for the toolpath cannot be said: {reason}",
-            "reason": reason, "changes": []}  # fmt: skip
+def _nothing(name: str, reason: str) -> EffectOnJob:
+    said = f"What this changes for the toolpath cannot be said: {reason}"
+    return EffectOnJob(toolpath=name, sentence=said, reason=reason, changes=())
 
 
 def _why(of: Plan) -> str:
@@ -193,5 +195,5 @@ def _why(of: Plan) -> str:
     return f"point {path.index[row]:g}: {said}"
 
 
-def _change(what: str, before: float, after: float, unit: str) -> dict[str, Any]:
-    return {"what": what, "before": before, "after": after, "unit": unit}
+def _change(what: str, before: float, after: float, unit: str) -> Change:
+    return Change(what=what, before=before, after=after, unit=unit)

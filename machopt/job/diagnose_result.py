@@ -16,6 +16,7 @@ from machopt.diagnose.result import Diagnosis, Estimate, Finding, Fit
 from machopt.domain.cell import Cell
 from machopt.domain.kinematics import KinematicCorrection
 from machopt.domain.recording import Recording
+from machopt.domain.results.diagnosis import DiagnosisResult, EffectOnJob
 from machopt.formats.residuals import write_residuals_csv
 from machopt.report.diagnosis import Coordinate, DiagnosisPage, JobChange, JobEffect
 
@@ -38,9 +39,9 @@ def rows_location(rows: Sequence[int] | Ints) -> str:
 
 def result_of(
     cell: Cell, recording: Recording | Sequence[Recording], diagnosis: Diagnosis, *,
-    model: str | None = "stiffness.yaml", kinematics: str | None = None, effect_on_job: Mapping[str, Any] | None = None,
+    model: str | None = "stiffness.yaml", kinematics: str | None = None, effect_on_job: EffectOnJob | None = None,
     options: Mapping[str, Any] | None = None, inputs: Mapping[str, str] | None = None,
-) -> dict[str, Any]:  # fmt: skip
+) -> DiagnosisResult:  # fmt: skip
     """``diagnosis.json``; NaN and infinities are None.
 
     Args:
@@ -103,12 +104,11 @@ def result_of(
         "tried": d.tried,
         "notes": list(d.notes),
         "warnings": list(d.warnings),
-        "effect_on_job": None if effect_on_job is None else dict(effect_on_job),
+        "effect_on_job": None if effect_on_job is None else effect_on_job.plain(),
         "options": dict(options or {}),
         "inputs": dict(inputs or {}),
     }  # fmt: skip
-    plain: dict[str, Any] = _plain(out)
-    return plain
+    return DiagnosisResult.model_validate(_plain(out))
 
 
 def _finding(f: Finding, d: Diagnosis) -> dict[str, Any]:
@@ -195,7 +195,7 @@ def write_residuals(
 
 def page_of(
     cell: Cell, recording: Recording | Sequence[Recording], diagnosis: Diagnosis, facts: tuple[tuple[str, str], ...],
-    effect_on_job: Mapping[str, Any] | None = None, *, problem: Problem | None = None,
+    effect_on_job: EffectOnJob | None = None, *, problem: Problem | None = None,
 ) -> DiagnosisPage:  # fmt: skip
     """Collect everything the page shows.
 
@@ -220,21 +220,11 @@ def page_of(
     )  # fmt: skip
 
 
-def job_effect(given: Mapping[str, Any]) -> JobEffect:
-    """The block a job gives: what a toolpath's result is under the model as it was, and as it is now.
-
-    Args:
-        given: ``toolpath`` (name); ``sentence``, optional; ``changes``, optional list of ``{what, before, after,
-            unit}``; and optional lists with one value a point: ``point``, ``gamma_before_deg``, ``gamma_after_deg``,
-            ``deflection_before_mm`` (old choice, old model), ``deflection_unchanged_mm`` (old choice, new model),
-            ``deflection_after_mm`` (new choice, new model).
-    """
-    curves = [_numbers(given.get(name)) for name in _CURVES]
-    changes = tuple(
-        JobChange(str(c["what"]), _number(c["before"]), _number(c["after"]), str(c.get("unit", "")))
-        for c in given.get("changes", ())
-    )
-    return JobEffect(str(given["toolpath"]), str(given.get("sentence", "")), changes, *curves)
+def job_effect(given: EffectOnJob) -> JobEffect:
+    """The block a job gives: what a toolpath's result is under the model as it was, and as it is now."""
+    curves = [_numbers(getattr(given, name)) for name in _CURVES]
+    changes = tuple(JobChange(c.what, _number(c.before), _number(c.after), c.unit) for c in given.changes)
+    return JobEffect(given.toolpath, given.sentence, changes, *curves)
 
 
 def _places(

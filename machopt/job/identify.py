@@ -13,6 +13,7 @@ import numpy as np
 import machopt
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
+from machopt.domain.results.identification import IdentificationResult
 from machopt.domain.stiffness import Term
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
@@ -32,7 +33,7 @@ from machopt.job.inputs import input_hashes, recording_inputs
 from machopt.job.manifest import write_command_manifest
 from machopt.model.robot import load_masses, load_robot
 from machopt.model.terms import compile_terms
-from machopt.output import output_folder, write_json
+from machopt.output import output_folder, write_result
 from machopt.report.identification_page import write_identification
 
 CI90 = 0.9
@@ -65,7 +66,7 @@ class Outcome:
     """What came out."""
 
     identification: Identification
-    result: dict[str, Any]  # identification.json
+    result: IdentificationResult
     report: Path
 
 
@@ -103,7 +104,7 @@ def run_identify(request: Request, progress: Callable[[str], None] = lambda _: N
         )  # fmt: skip
         progress("report")
         write_identification(folder / "report.html", page_of(cell, recording, tests, found, _facts(result)))
-        write_json(folder / "identification.json", result)
+        write_result(folder / "identification.json", result)
         write_command_manifest(
             folder, "identify", request, cell, verdict="identified", inputs=recording_inputs(request.recordings)
         )
@@ -165,7 +166,7 @@ def term_from_text(text: str) -> Term:
     return Term(effect, location, dict(parameters))  # type: ignore[call-overload]
 
 
-def result_of(request: Request, cell: Cell, recording: Recording, found: Identification) -> dict[str, Any]:
+def result_of(request: Request, cell: Cell, recording: Recording, found: Identification) -> IdentificationResult:
     """``identification.json``."""
     errors, unseen = found.errors, found.heldout
     joints90, terms90 = _ninety(found)
@@ -232,7 +233,7 @@ def result_of(request: Request, cell: Cell, recording: Recording, found: Identif
         }  # fmt: skip
     if found.monte_carlo is not None:
         out["monte_carlo_percent"] = [_finite(100 * v) for v in found.monte_carlo.spread]
-    return out
+    return IdentificationResult.model_validate(out)
 
 
 def _scatter(found: Identification) -> dict[str, float | None]:
@@ -260,15 +261,15 @@ def _finite(value: float) -> float | None:
     return float(value) if isfinite(value) else None
 
 
-def _facts(result: dict[str, Any]) -> tuple[tuple[str, str], ...]:
-    noise = result["noise_mm"]
-    rows = [(name, str(value)) for name, value in result["options"].items()]
+def _facts(result: IdentificationResult) -> tuple[tuple[str, str], ...]:
+    noise: dict[str, float | None] = result.noise_mm.plain()
+    rows = [(name, str(value)) for name, value in result.options.plain().items()]
     rows += [
         (f"noise shared by a {name}" if name != "reading" else "noise of a reading", f"{value:.4f} mm")
         for name, value in noise.items() if value is not None
     ]  # fmt: skip
-    rows += [("note", text) for text in result["notes"]]
-    rows += list(result["inputs"].items())
+    rows += [("note", text) for text in result.notes]
+    rows += list(result.inputs.items())
     return tuple(rows)
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from machopt.domain.cell import Cell
 from machopt.domain.manifest import with_scope
 from machopt.domain.options import PlanOptions
+from machopt.domain.results.maps import MapResult
 from machopt.effects.own import in_use, with_effects
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
@@ -29,7 +30,7 @@ from machopt.model.elastic import ArmElasticity
 from machopt.model.ik import Margins, solver_for
 from machopt.model.kinetostatic import characteristic_length
 from machopt.model.robot import LinkShape, Robot, load_chain, load_masses
-from machopt.output import output_folder, write_json
+from machopt.output import output_folder, write_result
 from machopt.report.map_page import write_map_page
 from machopt.report.map_svg import write_map_svg
 from machopt.workspace.along import follow
@@ -48,7 +49,7 @@ class Outcome:
     """What came out; ``exit_code`` is 0, or 3 where no sample has a posture."""
 
     exit_code: int
-    result: dict[str, object]  # map.json
+    result: MapResult
     report: Path
     message: str  # one sentence for the user
 
@@ -103,11 +104,11 @@ def _mapped(request: Request, progress: Callable[[str], None]) -> Outcome:
         data = page_data(cell, options, setting, samples, arm, layers, criterion, comparison, result)
         write_map_page(folder / "report.html", data)
         write_map_svg(folder / "map.svg", data)
-        write_json(folder / "map.json", result)
+        write_result(folder / "map.json", result)
         read = [single(f, role) for f, role in ((request.measured, "measured"), (request.plan_file, "plan")) if f]
         read += [single(f, "effects") for f in request.effects]
         write_command_manifest(
-            folder, "map", request, cell, verdict=message, exit_code=int(str(result["exit_code"])), inputs=read,
+            folder, "map", request, cell, verdict=message, exit_code=result.exit_code, inputs=read,
             unchecked=unchecked,
         )  # fmt: skip
     reached = any(layer.postures.ok.any() for layer in layers)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 import machopt
 from machopt.domain.cell import Cell
 from machopt.domain.reason import Reason
+from machopt.domain.results.maps import MapResult
 from machopt.job.map_measured import Comparison
 from machopt.job.map_request import MapOptions
 from machopt.job.map_result import DEG, MM, REASONS, Layer
@@ -32,7 +32,7 @@ _FREEDOM = MapField("freedom", "Rotations that can be reached", "share", "more",
 
 def page_data(
     cell: Cell, options: MapOptions, setting: Setting, samples: Samples, arm: Arm, layers: list[Layer],
-    criterion: Field, comparison: Comparison | None, result: dict[str, Any],
+    criterion: Field, comparison: Comparison | None, result: MapResult,
 ) -> MapData:  # fmt: skip
     """Everything the page and the picture show."""
     fields = [MapField(f.key, f.name, f.unit, f.better, f.note) for f in layers[0].values.fields]
@@ -68,12 +68,12 @@ def page_data(
         reasons=tuple(REASONS.get(r, r.word.replace("_", " ")) for r in Reason),
         arm=ArmLines(robot.joints, robot.axis @ R.T, moved(robot.point), moved(np.zeros(3)), R[:, 2],
                      moved(robot.T_base_flange_zero[:3, 3]), moved(tcp[:3, 3])),
-        verdict=str(result["verdict"]), warnings=tuple(result["warnings"]),
+        verdict=result.verdict, warnings=result.warnings,
         measured=None if comparison is None else MeasuredView(
             comparison.file, comparison.axes, comparison.position, comparison.measured, comparison.left_out,
             comparison.model, comparison.held, comparison.errors(), comparison.from_joints, comparison.power,
         ),
-        options=_options(result, setting), hashes=tuple(result["inputs"].items()),
+        options=_options(result, setting), hashes=tuple(result.inputs.items()),
     )  # fmt: skip
 
 
@@ -119,16 +119,10 @@ def _place(samples: Samples, options: MapOptions) -> str:
     return f"{'Volume' if samples.kind == 'volume' else 'Joint space'}: {spans} {unit}"
 
 
-def _options(result: dict[str, Any], setting: Setting) -> tuple[tuple[str, str], ...]:
-    rows = [(name.replace("_", " "), json.dumps(_plain(value))) for name, value in result["options"].items()
+def _options(result: MapResult, setting: Setting) -> tuple[tuple[str, str], ...]:
+    rows = [(name.replace("_", " "), json.dumps(value)) for name, value in result.options.plain().items()
             if value is not None]  # fmt: skip
     terms = [] if setting.elasticity is None else [f"{t.effect} at {t.location}" for t in setting.elasticity.terms]
     rows.append(("characteristic length", f"{setting.length * MM:.1f} mm"))
     rows.append(("terms beside the joint springs", ", ".join(terms) or "none"))
     return tuple(rows)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    return {k: _plain(v) for k, v in value.items()} if isinstance(value, dict) else value

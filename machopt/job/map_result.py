@@ -11,11 +11,13 @@ import machopt
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
+from machopt.domain.results.maps import MapResult
 from machopt.formats.fields import Column
 from machopt.job.inputs import input_hashes
 from machopt.job.map_measured import Comparison
 from machopt.job.map_request import MapOptions, Request
 from machopt.output.hashes import sha256_of
+from machopt.output.jsonfile import plain
 from machopt.se3 import inverse
 from machopt.workspace.fields import Field, Setting, Unit, Values
 from machopt.workspace.postures import Arm, Postures
@@ -100,7 +102,7 @@ def map_columns(
 def map_json(
     request: Request, cell: Cell, plan: PlanOptions, options: MapOptions, setting: Setting, samples: Samples,
     arm: Arm, layers: list[Layer], criterion: Field, comparison: Comparison | None,
-) -> tuple[dict[str, object], str]:  # fmt: skip
+) -> tuple[MapResult, str]:  # fmt: skip
     """map.json, and its verdict as one sentence."""
     message = _sentence(samples, layers, criterion, arm, setting, options)
     angle = options.kind == "joints"
@@ -145,7 +147,7 @@ def map_json(
         "measured": None if comparison is None else _measured(comparison),
         "warnings": [*cell.warnings, *_hints(samples, layers, setting), *(comparison.warnings if comparison else ())],
     }  # fmt: skip
-    return result, message
+    return MapResult.model_validate(plain(result)), message
 
 
 def statistics(value: Array) -> dict[str, float] | None:

@@ -10,6 +10,7 @@ from machopt.design.candidates import PoseScreen, sample_poses
 from machopt.design.loadcases import load_cases
 from machopt.design.poseplan import PosePlan, plan_poses
 from machopt.domain.manifest import with_scope
+from machopt.domain.results.poses import PosesResult
 from machopt.domain.stiffness import Stiffness
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
@@ -37,7 +38,7 @@ from machopt.model.collision import CollisionModel
 from machopt.model.elastic import ArmElasticity
 from machopt.model.kinetostatic import characteristic_length
 from machopt.model.robot import load_chain, load_masses
-from machopt.output import output_folder, write_json
+from machopt.output import output_folder, write_result
 from machopt.report.poses_page import sentence, write_poses_page
 
 __all__ = ["Outcome", "Request", "run_plan_poses"]
@@ -48,7 +49,7 @@ class Outcome:
     """What came out; ``exit_code`` is 0, or 3 where no pose can be measured."""
 
     exit_code: int
-    result: dict[str, object]  # plan.json
+    result: PosesResult
     report: Path
     message: str  # one sentence for the user
 
@@ -134,7 +135,7 @@ def run_plan_poses(request: Request, progress: Callable[[str], None] = lambda _:
         page = page_of(request, cell, robot, pool, cases, plan, table, hashes, warnings, apart)
         said = page.reason or sentence(page)
         write_poses_page(folder / "report.html", page)
-        write_json(folder / "plan.json", result)
+        write_result(folder / "plan.json", result)
         write_command_manifest(
             folder, "plan-poses", request, cell, verdict=said, exit_code=0 if plan is not None else 3,
             inputs=() if request.discriminate is None else recording_inputs([request.discriminate], "diagnosis"),

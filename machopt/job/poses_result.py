@@ -17,6 +17,7 @@ from machopt.design.measurement import UNLOADED_TWICE, ReadingNoise
 from machopt.design.poseplan import MOST_POSES, Comparison, PosePlan
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording, StandardUncertainty
+from machopt.domain.results.poses import PosesResult
 from machopt.formats.poses import PosesTable
 from machopt.job.poses_discriminate import Discriminating, described
 from machopt.job.poses_predicted import HOLD
@@ -24,6 +25,7 @@ from machopt.job.poses_request import Request, shown
 from machopt.job.poses_rivals import Stand
 from machopt.model.collision import LONGEST, CollisionModel
 from machopt.model.robot import Robot
+from machopt.output.jsonfile import plain
 from machopt.report import poses_page as page
 
 Array = NDArray[np.float64]
@@ -204,7 +206,7 @@ def result_of(
     request: Request, cell: Cell, pool: PosePool, cases: LoadCases, plan: PosePlan | None, noise: ReadingNoise,
     warnings: Sequence[str], hashes: dict[str, str], length: float, ways: Sequence[LoadWay],
     apart: Discriminating | None = None,
-) -> dict[str, object]:  # fmt: skip
+) -> PosesResult:  # fmt: skip
     """plan.json; relative uncertainties are shares of the prior value."""
     head: dict[str, object] = {
         "machopt_poses": 1,
@@ -220,11 +222,11 @@ def result_of(
         "warnings": list(warnings),
     }
     if plan is None:
-        return head
+        return PosesResult.model_validate(plain(head))
     u, found = plan.unknowns, plan.found
     poses, readings = len(plan.design.blocks), len(plan.design.readings)
     worst = [a.worst(plan.judged) for a in plan.believed]
-    return head | {
+    return PosesResult.model_validate(plain(head | {
         "poses": poses,
         "readings": len(plan.visits) * (1 if apart is None else len(apart.steps)),
         "load_cases_chosen": readings,
@@ -248,7 +250,7 @@ def result_of(
         "curve": {"poses": list(plan.curve_poses), "rms": list(plan.curve)},
         "heuristics": [_comparison(c) for c in plan.comparisons],
         "order": [{"pose": v.pose + 1, "cycle": v.cycle + 1, "session": v.round + 1} for v in plan.visits],
-    } | ({} if apart is None else {"discriminate": _apart(apart)})  # fmt: skip
+    } | ({} if apart is None else {"discriminate": _apart(apart)})))  # fmt: skip
 
 
 def _apart(a: Discriminating) -> dict[str, object]:

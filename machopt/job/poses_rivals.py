@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -11,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from machopt.domain.parameters import JOINT_SPRING, ParameterKey
+from machopt.domain.results.diagnosis import DiagnosisResult, FindingTold, RivalTold
 from machopt.errors import InputError
-from machopt.formats.opener import TABLE, read_text
+from machopt.output import read_result
 
 MOST = 5  # rivals of one finding: the nearest
 REJECTED = 2  # nearest rejected rivals that a finding without open ones is held against
@@ -75,55 +75,52 @@ def diagnosed(folder: Path) -> Diagnosed:
         InputError: no diagnosis, one of a motion, or one of another version.
     """
     file = folder / "diagnosis.json" if isdir(folder) else folder
+    if not file.is_file():
+        raise InputError("there is no such file; the folder that machopt diagnose wrote would work", file=file)
     try:
-        data = json.loads(read_text(file, expected="the folder that machopt diagnose wrote", most=TABLE))
-    except (json.JSONDecodeError, RecursionError) as error:
-        raise InputError(f"is not JSON: {error}", file=file) from None
-    if not isinstance(data, dict) or data.get("machopt_diagnosis") != 1:
-        raise InputError("is not a diagnosis of machopt; machopt_diagnosis: 1 expected", file=file)
-    try:
-        return _read(data, file)
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as problem:
-        raise InputError(f"does not hold what a plan needs ({type(problem).__name__}: {problem}); a fresh machopt "
-                         "diagnose writes it", file=file) from None  # fmt: skip
-
-
-def _read(data: dict[str, Any], file: Path) -> Diagnosed:
-    if data["channel"] not in ("deflection", "position"):
+        data = read_result(file, DiagnosisResult)
+    except InputError as problem:
+        raise InputError(f"{problem.reason}; a fresh machopt diagnose writes what a plan needs", file=file) from None
+    if data.channel not in ("deflection", "position"):
         raise InputError(
-            f"is a diagnosis of a motion (channel {data['channel']}); poses and loads can be planned for load tests "
-            f"and measured poses. What it says itself: {data['next_experiment']}",
+            f"is a diagnosis of a motion (channel {data.channel}); poses and loads can be planned for load tests "
+            f"and measured poses. What it says itself: {data.next_experiment}",
             file=file, where="channel",
         )  # fmt: skip
-    recorded = data["recorded"]
-    scatter, turn = recorded.get("scatter_m"), recorded.get("scatter_rad")
+    recorded = data.recorded
+    scatter, turn = recorded.scatter_m, recorded.scatter_rad
     compliance = {
-        ParameterKey(**c["key"]).joint: float(c["value"]) for c in data["coefficients"]
-        if c["key"] is not None and c["key"]["effect"] == JOINT_SPRING
+        ParameterKey(c.key.effect, c.key.location, c.key.coefficient).joint: _sure(c.value, file)
+        for c in data.coefficients if c.key is not None and c.key.effect == JOINT_SPRING
     }  # fmt: skip
-    disputes, notes = _disputes(data)
+    disputes, notes = _disputes(data, file)
     return Diagnosed(
-        data["channel"], data["verdict"], int(recorded["coordinates"]), recorded["wrench_frame"],
-        recorded["displacement_frame"], recorded["registration"],
-        None if scatter is None else (float(scatter["own"]), float(scatter["visit"])),
-        None if turn is None else float(turn["own"]), compliance, tuple(disputes), tuple(notes),
+        data.channel, data.verdict, recorded.coordinates, recorded.wrench_frame, recorded.displacement_frame,
+        recorded.registration,
+        None if scatter is None else (_sure(scatter.own, file), _sure(scatter.visit, file)),
+        None if turn is None else _sure(turn.own, file), compliance, tuple(disputes), tuple(notes),
     )  # fmt: skip
 
 
-def _disputes(data: dict[str, Any]) -> tuple[list[Dispute], list[str]]:
-    findings = [f for f in data["findings"] if f.get("fit") is not None]
-    notes = [
-        f"{f['effect']} {f['location']} is no matter of poses and loads" for f in data["findings"]
-        if f.get("fit") is None
-    ]  # fmt: skip
+def _sure(value: float | None, file: Path) -> float:
+    """A number that a plan cannot do without."""
+    if value is None:
+        raise InputError("does not hold what a plan needs (a number is null); a fresh machopt diagnose writes it",
+                         file=file)  # fmt: skip
+    return float(value)
+
+
+def _disputes(data: DiagnosisResult, file: Path) -> tuple[list[Dispute], list[str]]:
+    findings = [f for f in data.findings if f.fit is not None]
+    notes = [f"{f.effect} {f.location} is no matter of poses and loads" for f in data.findings if f.fit is None]
     if findings:
-        open_ = [f for f in findings if len(f["one_of"]) > 1]
+        open_ = [f for f in findings if len(f.one_of) > 1]
         return [_about(f, [o for o in findings if o is not f]) for f in open_ or findings], notes
-    if data["verdict"] == "unexplained":
-        return _places(data), notes
+    if data.verdict == "unexplained":
+        return _places(data, file), notes
     hidden = [
-        Stand(x["effect"], x["location"], size=float(x["value"])) for x in data["detection_limits"]
-        if x["value"] is not None and x["standing"] != "not testable"
+        Stand(x.effect, x.location, size=float(x.value)) for x in data.detection_limits
+        if x.value is not None and x.standing != "not testable"
     ]  # fmt: skip
     if not hidden:
         return [], notes
@@ -132,36 +129,38 @@ def _disputes(data: dict[str, Any]) -> tuple[list[Dispute], list[str]]:
     return [Dispute(why, stands, tuple((0, k) for k in range(1, len(stands))))], notes
 
 
-def _about(f: Mapping[str, Any], others: Sequence[Mapping[str, Any]]) -> Dispute:
+def _about(f: FindingTold, others: Sequence[FindingTold]) -> Dispute:
     """A finding against the rivals left; where none is left, against the nearest that were rejected and nothing."""
-    own = _stand(f, f["fit"])
-    names = [tuple(n) for n in f["one_of"][1:]]
-    rivals = [(_stand(r, r["fit"]), r) for r in f["rivals"] if r.get("fit") is not None]
-    beside = tuple(_stand(o, o["fit"]) for o in others)
+    own = _stand(f)
+    names = f.one_of[1:]
+    rivals = [_stand(r) for r in f.rivals if r.fit is not None]
+    beside = tuple(_stand(o) for o in others)
     if names:
-        left = [s for s, _ in rivals if s.name in names]
-        stands = (own, *left)
+        stands = (own, *(s for s in rivals if s.name in names))
         why = f"{own.effect} {own.location} was found, these could not be excluded"
         return Dispute(why, stands, tuple(combinations(range(len(stands)), 2)), beside)
-    stands = (own, *(s for s, _ in rivals[:REJECTED]), NOTHING)
+    stands = (own, *rivals[:REJECTED], NOTHING)
     why = f"{own.effect} {own.location} was found alone: against nothing and the nearest that were rejected"
     return Dispute(why, stands, tuple((0, k) for k in range(1, len(stands))), beside)
 
 
-def _stand(named: Mapping[str, Any], fit: Mapping[str, Any]) -> Stand:
-    correction = fit["correction"]
+def _stand(named: FindingTold | RivalTold) -> Stand:
+    fit = named.fit
+    if fit is None:
+        raise ValueError(f"{named.effect} {named.location} was not fitted")
     return Stand(
-        str(named["effect"]), str(named["location"]), str(named["law"]),
-        tuple(float(v) for v in fit["coefficients"]), tuple(float(v) for v in fit["shape"]),
-        None if correction is None else dict(correction["parameters"]),
+        named.effect, named.location, named.law, tuple(map(float, fit.coefficients)), tuple(map(float, fit.shape)),
+        None if fit.correction is None else dict(fit.correction.parameters),
     )  # fmt: skip
 
 
-def _places(data: dict[str, Any]) -> list[Dispute]:
-    factor = {"mm": 1e-3}[data["rmse_unit"]]
-    rms = factor * float(data["baseline"]["repeatable_rmse"])
-    shares = sorted((s for s in data["mismatch"] if s["kind"] == "machine"), key=lambda s: -(s["share"] or 0.0))
-    stands = tuple(Stand("", s["axis"], rms=rms) for s in shares)
+def _places(data: DiagnosisResult, file: Path) -> list[Dispute]:
+    factor = {"mm": 1e-3}.get(data.rmse_unit)
+    if factor is None:
+        raise InputError(f"found {data.rmse_unit!r}; mm was expected", file=file, where="rmse_unit")
+    rms = factor * _sure(data.baseline.repeatable_rmse, file)
+    shares = sorted((s for s in data.mismatch if s.kind == "machine"), key=lambda s: -(s.share or 0.0))
+    stands = tuple(Stand("", s.axis, rms=rms) for s in shares)
     if not stands:
         return []
     why = "no law explains the mismatch; these are the nearest places"

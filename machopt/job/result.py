@@ -103,10 +103,11 @@ def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> told.Optim
         index=the_plan.scores.index, index_scale=the_plan.scores.scale, chosen_from=the_plan.chosen_from,
         objective=told.Objectives(
             cam_default=_objective(the_plan.cam_default), jiao2022=_objective(the_plan.jiao2022),
-            grid=told.ObjectiveParts.of(the_plan.grid), search=_search(the_plan), chosen=_objective(the_plan.chosen),
+            grid=told.ObjectiveParts.from_fields(the_plan.grid), search=_search(the_plan),
+            chosen=_objective(the_plan.chosen),
             gain=tuple(_gain(g) for g in gains(the_plan)),
         ),
-        front=tuple(told.FrontPlan.of(p) for p in made.front) or None,
+        front=tuple(told.FrontPlan.from_fields(p) for p in made.front) or None,
         worst_point=_worst(the_plan, points),
         compensation=_compensation(the_plan) if trajectory is not None else None,
         infeasible_points=tuple(_infeasible(the_plan, points)),
@@ -117,7 +118,7 @@ def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> told.Optim
         rapid_detours=timeline.detours if timeline else (),
         obstructions=tuple(told.Obstruction(before=o.before, after=o.after, reason=o.text) for o in stopped),
         verification=None if verification is None else told.VerificationTold(
-            passed=verification.ok, checks=tuple(told.CheckTold.of(c) for c in verification.checks)
+            passed=verification.ok, checks=tuple(told.CheckTold.from_fields(c) for c in verification.checks)
         ),
         programs=tuple(p.as_result() for p in made.programs),
         notes=tuple(cell.notes),
@@ -131,7 +132,7 @@ def _toolpath(toolpath: Toolpath) -> told.ToolpathRead:
     return told.ToolpathRead(
         source=toolpath.source, format=toolpath.format, points=len(toolpath),
         cutting_points=int(toolpath.cutting.sum()), operations=tuple(o.label for o in toolpath.operations),
-        ignored=tuple(told.IgnoredWord.of(w) for w in toolpath.ignored),
+        ignored=tuple(told.IgnoredWord.from_fields(w) for w in toolpath.ignored),
     )  # fmt: skip
 
 

@@ -24,11 +24,12 @@ from machopt.domain.toolpath import Move, Toolpath
 from machopt.errors import InputError
 from machopt.formats.options import options_as_user
 from machopt.job.manifest import BATCH_ROLES
+from machopt.job.resultform import wrong_parts
 from machopt.job.resultprograms import programs
 from machopt.job.scope import checked, done, not_run, unchecked
 from machopt.job.told import AGREE, DIGITS, Points, Told, known, near, same, same_items, short
 from machopt.output.hashes import sha256_of
-from machopt.output.jsonfile import plain, read_json, wrong_key
+from machopt.output.jsonfile import plain, read_json
 from machopt.output.manifest import MANIFEST, listed
 from machopt.verify import Check, Verification
 from machopt.verify.table import read_columns
@@ -59,21 +60,9 @@ def result_checks(
     try:
         result = OptimizeResult.model_validate(value)
     except ValidationError as problem:  # what somebody else wrote into the file may be of any shape
-        return _of_another_form(problem)
+        return [_check(f"result.json {part}", said) for part, said in wrong_parts(problem).items()]
     told = Told(result, folder, cell, toolpath, options, manifest.inputs if manifest else inputs, manifest, contents)
     return [_check(f"result.json {name}", _tried(part, told)) for name, part in _PARTS.items()]
-
-
-def _of_another_form(problem: ValidationError) -> list[Check]:
-    """The parts whose keys are wrong; the others cannot be compared without them."""
-    wrong: dict[str, list[str]] = {}
-    for error in problem.errors():
-        part = _PART_OF.get(str(error["loc"][0]) if error["loc"] else "", "verdict")
-        said = wrong.setdefault(part, [])
-        words = wrong_key(error)
-        if words not in said:
-            said.append(words)
-    return [_check(f"result.json {part}", said) for part, said in wrong.items()]
 
 
 def _tried(part: Callable[[Told], Iterable[str]], told: Told) -> list[str]:
@@ -401,14 +390,3 @@ _PARTS: dict[str, Callable[[Told], Iterable[str]]] = {
     "front": _front,
     "compensation": _compensation, "verification": _verification, "programs": programs, "warnings": _warnings,
 }  # fmt: skip
-
-_PART_OF = {
-    "inputs": "inputs", "cell": "inputs", "outputs": "outputs", "options": "options", "reading": "options",
-    "index": "options", "chosen_from": "options", "toolpath": "toolpath", "worst_point": "worst point",
-    "infeasible_points": "infeasible points", "breaks": "infeasible points", "obstructions": "infeasible points",
-    "cycle_time_s": "times", "timings_s": "times", "rapid_detours": "times", "feed_held_share": "feed",
-    "feed_dips": "feed", "objective": "objective", "index_scale": "objective", "front": "front",
-    "compensation": "compensation", "verification": "verification", "programs": "programs", "notes": "warnings",
-    "warnings": "warnings",
-}  # fmt: skip
-"""Top-level key → the part that holds it; the others, and keys that are none, belong to the verdict."""

@@ -73,7 +73,7 @@ def plan_table(
     job = Job(folder / "cell", toolpath, folder / "out", posts)
     coarse = ("rotation_step_deg=15", *overrides)  # the plan need not be good, only sound
     outcome = optimize(Request(cell=job.cell, toolpath=toolpath, out=job.out, overrides=coarse, posts=posts))
-    assert outcome.exit_code == 0, outcome.result["verification"]
+    assert outcome.exit_code == 0, outcome.result.plain()["verification"]
     return job
 
 

@@ -51,7 +51,7 @@ def plan_in(language: str, folder: Path) -> Job:
     job = Job(folder / "cell", toolpath, folder / "out", (language,))
     outcome = optimize(Request(cell=job.cell, toolpath=toolpath, out=job.out, posts=(language,),
                                overrides=("rotation_step_deg=15",)))  # fmt: skip
-    assert outcome.exit_code == 0, outcome.result["verification"]
+    assert outcome.exit_code == 0, outcome.result.plain()["verification"]
     return job
 
 

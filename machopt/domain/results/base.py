@@ -40,7 +40,7 @@ class Part(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
     @classmethod
-    def of(cls, found: object) -> Self:
+    def from_fields(cls, found: object) -> Self:
         """From anything with the fields as attributes."""
         return cls(**vars(found))
 

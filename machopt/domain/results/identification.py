@@ -1,0 +1,130 @@
+"""identification.json of ``machopt identify``."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from machopt.domain.results.base import Count, Flag, Hashes, Known, Knowns, Number, Numbers, Part, Text
+
+
+class JointStiffness(Part):
+    """One joint of the constant model; where it is not identified, the cell's value or a bound."""
+
+    joint: Count
+    k_Nm_per_rad: Number
+    ci90: tuple[Known, Known]
+    identified: Flag
+    reason: Text
+    largest_torque_Nm: Number
+    compliance_sigma_rad_per_Nm: Known
+    interval: tuple[Known, Known]
+
+
+class TermCoefficient(Part):
+    """One coefficient of a term that was fitted."""
+
+    effect: Text
+    location: Text
+    coefficient: Text
+    unit: Text
+    value: Known
+    ci90: tuple[Known, Known]
+    identified: Flag
+    reason: Text
+    interval: tuple[Known, Known]
+
+
+class OutlyingReading(Part):
+    """A reading that the fit put aside; ``reading`` counts from 1."""
+
+    reading: Count
+    place: Text
+    component: Literal["dx", "dy", "dz", "rx", "ry", "rz"]
+    residual: Number
+    unit: Literal["mm", "mrad"]
+    sigmas: Number
+
+
+class NoiseParts(Part):
+    """1 sigma of a coordinate in mm, by what shares it."""
+
+    reading: Known
+    cycle: Known
+    pose: Known
+
+
+class RecordFinding(Part):
+    """What is odd about the record."""
+
+    code: Text
+    severity: Text
+    message: Text
+    rows: tuple[Count, ...]
+
+
+class IdentifyOptionsTold(Part):
+    """As asked for."""
+
+    model: Text
+    fit: tuple[Text, ...]
+    geometric: Flag
+    plain_least_squares: Flag = Field(validation_alias="plain", serialization_alias="plain")
+    robust: Flag
+    grid_cell_mm: Number
+    seed: Count
+
+
+class GridTold(Part):
+    """The stiffness grid."""
+
+    cell_mm: Number
+    origin_mm: Numbers
+    shape: tuple[Count, ...]
+    heldout_rmse_mm: Known
+    heldout_rmse_constant_mm: Known
+    spread_between_cells_percent: Knowns
+    held_joints: tuple[Count, ...]
+    readings_per_cell: Numbers
+
+
+class ShareOfRange(Part):
+    """A share, in the mean and at most."""
+
+    mean: Number
+    largest: Number
+
+
+class IdentificationResult(Part):
+    """The whole file."""
+
+    machopt_identification: Literal[1]
+    version: Text
+    cell: Text
+    recording: Text
+    model: Literal["constant", "grid"]
+    readings: Count
+    poses: Count
+    joints: tuple[JointStiffness, ...]
+    terms: tuple[TermCoefficient, ...]
+    known_combinations: tuple[Text, ...]
+    rmse_mm: Known
+    heldout_rmse_mm: Known
+    rmse_mrad: Known
+    heldout_rmse_mrad: Known
+    explained_share: Known
+    heldout_explained_share: Known
+    condition_number: Known
+    condition_number_dumas2011: Known
+    interval_level: Number
+    outliers: tuple[OutlyingReading, ...]
+    noise_mm: NoiseParts
+    findings: tuple[RecordFinding, ...]
+    warnings: tuple[Text, ...]
+    notes: tuple[Text, ...]
+    options: IdentifyOptionsTold
+    inputs: Hashes
+    grid: GridTold | None = None
+    equilibrium_influence_share: ShareOfRange | None = None
+    monte_carlo_percent: Knowns | None = None

@@ -1,0 +1,154 @@
+"""plan.json of ``machopt plan-poses``."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from machopt.domain.results.base import Count, Flag, Hashes, Known, Knowns, Number, Part, Text
+
+
+class CandidatesTold(Part):
+    """Poses looked at, and where the others failed first."""
+
+    poses: Count
+    tried: Count
+    rejected: dict[Text, Count]
+
+
+class LoadCasesTold(Part):
+    """Pose × load pairs, and what forbids the others."""
+
+    ways: Count
+    admissible: Count
+    rejected: dict[Text, Count]
+
+
+class UnknownTold(Part):
+    """A number to be known, and how well this plan tells it; a share of ``scale`` where ``relative``."""
+
+    name: Text
+    unit: Text
+    scale: Known
+    relative: Flag
+    standard_uncertainty: Known
+    seen: Flag
+
+
+class DesignTold(Part):
+    """How good the plan is."""
+
+    condition_number: Known
+    rms: Known
+    worst: Known
+    log_det: Known
+    d_efficiency_at_least: Known
+    worst_if_prior_wrong: Knowns
+
+
+class TargetTold(Part):
+    """What the wanted uncertainty takes; null where it is out of reach."""
+
+    percent: Number
+    poses: Count | None
+    readings: Count | None
+
+
+class CurveTold(Part):
+    """Uncertainty over the number of poses."""
+
+    poses: tuple[Count, ...]
+    rms: Knowns
+
+
+class HeuristicTold(Part):
+    """Another way to choose, at the same effort."""
+
+    name: Text
+    poses: Count
+    rms_10_50_90: Knowns
+    standard_uncertainty: Knowns
+    d_efficiency: Known
+    a_efficiency: Known
+    e_efficiency: Known
+    readings_for_the_same: Known
+    curve_rms: Knowns
+
+
+class Visit(Part):
+    """One step of the work, each from 1."""
+
+    pose: Count
+    cycle: Count
+    session: Count
+
+
+class StandTold(Part):
+    """A law that may be true."""
+
+    effect: Text
+    location: Text
+    law: Text
+
+
+class PairTold(Part):
+    """Two laws and how well the plan tells them apart."""
+
+    one: StandTold
+    two: StandTold
+    words: Text
+    why: Text
+    noncentrality_per_cycle: Known
+    noncentrality_planned: Known
+    cycles_for_power: Count | None
+    cycles_until_diagnose_excludes: Count | None
+    random_noncentrality_per_cycle: Known
+    told_apart: Flag
+    otherwise: Text | None
+
+
+class NoiseTold(Part):
+    """1 sigma of a reading, and of what readings of a pose share."""
+
+    own: Known
+    pose: Known
+
+
+class DiscriminateTold(Part):
+    """Of a plan that tells explanations apart."""
+
+    level: Number
+    power: Number
+    noncentrality_needed: Number
+    noise_mm: NoiseTold
+    steps: Knowns
+    cycles: Count
+    least_noncentrality_per_cycle: Known
+    random_least_noncentrality_per_cycle: Known
+    pairs: tuple[PairTold, ...]
+
+
+class PosesResult(Part):
+    """The whole file; without an admissible load test it ends with the warnings."""
+
+    machopt_poses: Literal[1]
+    version: Text
+    verdict: Literal["done", "infeasible"]
+    inputs: Hashes
+    options: dict[Text, Text]
+    cell: Text
+    characteristic_length_mm: Number
+    reading_uncertainty_mm: Number
+    candidates: CandidatesTold
+    load_cases: LoadCasesTold
+    warnings: tuple[Text, ...]
+    poses: Count | None = None
+    readings: Count | None = None
+    load_cases_chosen: Count | None = None
+    unknowns: tuple[UnknownTold, ...] | None = None
+    not_told_apart: tuple[tuple[Text, ...], ...] | None = None
+    design: DesignTold | None = None
+    target: TargetTold | None = None
+    curve: CurveTold | None = None
+    heuristics: tuple[HeuristicTold, ...] | None = None
+    order: tuple[Visit, ...] | None = None
+    discriminate: DiscriminateTold | None = None

@@ -1,0 +1,45 @@
+"""The JSON schemas of the result documents, made from the models; they lie beside this file, for other programs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from machopt.domain.results.base import Part
+from machopt.domain.results.batch import BatchRecord, BatchResult
+from machopt.domain.results.diagnosis import DiagnosisResult
+from machopt.domain.results.identification import IdentificationResult
+from machopt.domain.results.maps import MapResult
+from machopt.domain.results.optimize import OptimizeResult
+from machopt.domain.results.poses import PosesResult
+
+FOLDER = Path(__file__).with_name("schemas")
+DOCUMENTS: dict[str, type[Part]] = {
+    "result.json": OptimizeResult,
+    "identification.json": IdentificationResult,
+    "diagnosis.json": DiagnosisResult,
+    "plan.json": PosesResult,
+    "map.json": MapResult,
+    "batch.json": BatchResult,
+    "job.json": BatchRecord,
+}
+"""File of an output folder → its model."""
+
+
+def schema_name(document: str) -> str:
+    """``result.schema.json`` of ``result.json``."""
+    return f"{Path(document).stem}.schema.json"
+
+
+def schema_text(document: str) -> str:
+    """The schema of one document, as its file has it."""
+    schema = DOCUMENTS[document].model_json_schema(by_alias=True, mode="serialization")
+    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": document}
+    return json.dumps({**head, **schema, "title": document}, indent=1, ensure_ascii=False) + "\n"
+
+
+def write_schemas(folder: Path = FOLDER) -> None:
+    """Write all of them."""
+    folder.mkdir(exist_ok=True)
+    for document in DOCUMENTS:
+        (folder / schema_name(document)).write_text(schema_text(document), encoding="utf-8", newline="\n")

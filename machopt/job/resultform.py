@@ -1,0 +1,30 @@
+"""Which part of result.json is not of the form that machopt writes, and what is wrong with it."""
+
+from __future__ import annotations
+
+from pydantic import ValidationError
+
+from machopt.output.jsonfile import wrong_key
+
+_PART_OF = {
+    "inputs": "inputs", "cell": "inputs", "outputs": "outputs", "options": "options", "reading": "options",
+    "index": "options", "chosen_from": "options", "toolpath": "toolpath", "worst_point": "worst point",
+    "infeasible_points": "infeasible points", "breaks": "infeasible points", "obstructions": "infeasible points",
+    "cycle_time_s": "times", "timings_s": "times", "rapid_detours": "times", "feed_held_share": "feed",
+    "feed_dips": "feed", "objective": "objective", "index_scale": "objective", "front": "front",
+    "compensation": "compensation", "verification": "verification", "programs": "programs", "notes": "warnings",
+    "warnings": "warnings",
+}  # fmt: skip
+"""Top-level key → the part that holds it; the others, and keys that are none, belong to the verdict."""
+
+
+def wrong_parts(problem: ValidationError) -> dict[str, list[str]]:
+    """What is wrong by part, each thing once; the other parts cannot be compared without these."""
+    wrong: dict[str, list[str]] = {}
+    for error in problem.errors():
+        part = _PART_OF.get(str(error["loc"][0]) if error["loc"] else "", "verdict")
+        said = wrong.setdefault(part, [])
+        words = wrong_key(error)
+        if words not in said:
+            said.append(words)
+    return wrong

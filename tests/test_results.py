@@ -1,0 +1,93 @@
+"""Result documents: the published schemas are the models', and what is not of their form is said, not believed."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from machopt.domain.results.base import Part
+from machopt.domain.results.batch import BatchComparison, BatchRecord, BatchRow
+from machopt.domain.results.diagnosis import Estimated
+from machopt.domain.results.schema import DOCUMENTS, FOLDER, schema_name, schema_text
+from machopt.errors import InputError
+from machopt.output import read_result, write_result
+
+ROW = BatchRow(exit_code=0, verdict="done", reason="", mean=0.25, warnings=("a",))
+RECORD = BatchRecord(machopt_batch_job=1, job="a", key="k", state="done", row=ROW, files=("points.csv",))
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_the_published_schema_is_current(document: str) -> None:
+    """``python docs/make_reference.py`` writes them again."""
+    assert (FOLDER / schema_name(document)).read_text(encoding="utf-8") == schema_text(document)
+
+
+def test_no_other_schema_lies_there() -> None:
+    assert {f.name for f in FOLDER.iterdir()} == {schema_name(d) for d in DOCUMENTS}
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_no_mapping_takes_unknown_keys(document: str) -> None:
+    schema = json.loads(schema_text(document))
+    for name, part in {**schema["$defs"], document: schema}.items():
+        assert part["additionalProperties"] is False, name
+
+
+def test_what_is_written_is_read(tmp_path: Path) -> None:
+    write_result(tmp_path / "job.json", RECORD)
+    assert read_result(tmp_path / "job.json", BatchRecord) == RECORD
+    assert json.loads((tmp_path / "job.json").read_text())["row"] == {
+        "exit_code": 0, "verdict": "done", "reason": "", "mean": 0.25, "warnings": ["a"]
+    }  # fmt: skip
+    write_result(tmp_path / "again.json", read_result(tmp_path / "job.json", BatchRecord))
+    assert (tmp_path / "again.json").read_bytes() == (tmp_path / "job.json").read_bytes()
+
+
+def test_numbers_are_as_json_has_them() -> None:
+    told = Estimated(value=np.float64(2.0), unit="mm", ci95=(np.float64(1.0), float("inf")), ci90=(float("nan"), 3))
+    assert told.plain() == {"value": 2.0, "unit": "mm", "ci95": [1.0, None], "ci90": [None, 3]}
+    assert isinstance(told.ci90[1], int)  # 3 is not written as 3.0
+
+
+def test_a_key_that_python_has_a_word_for_keeps_its_name() -> None:
+    plain = BatchComparison(compared_with="b", rows=(), only_here=(), only_there=()).plain()
+    assert next(iter(plain)) == "with"
+    assert BatchComparison.model_validate(plain).compared_with == "b"
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda v: v.update(approved=True), "approved is no key of this file"),
+        (lambda v: v["row"].pop("verdict"), "row.verdict is missing"),
+        (lambda v: v["row"].update(mean="0.25"), "row.mean is '0.25'; a valid"),
+        (lambda v: v["row"].update(exit_code=True), "row.exit_code is True"),
+        (lambda v: v.update(machopt_batch_job=2), "machopt_batch_job is 2; 1 was expected"),
+        (lambda v: v.update(row=[1]), "row is [1]; a valid dictionary"),
+        (lambda v: v.update(files="points.csv"), "files is 'points.csv'"),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path: Path, change: Any, said: str) -> None:
+    value = RECORD.plain()
+    change(value)
+    (tmp_path / "job.json").write_text(json.dumps(value))
+    with pytest.raises(InputError, match=re.escape(said)) as problem:
+        read_result(tmp_path / "job.json", BatchRecord)
+    assert "job.json" in str(problem.value)
+
+
+def test_results_are_frozen() -> None:
+    with pytest.raises(ValidationError, match="frozen"):
+        RECORD.state = "crashed"  # type: ignore[misc]
+
+
+def test_no_field_hides_one_of_pydantics_own() -> None:
+    """A field named ``copy`` or ``json`` would take a method's place."""
+    for model in DOCUMENTS.values():
+        assert not set(model.model_fields) & set(dir(Part)), model
