@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from machopt.domain.results.base import Count, Flag, Hashes, Known, Knowns, Number, Numbers, Part, Text
+from machopt.domain.results.base import Count, Hashes, Known, Knowns, Number, Numbers, Part, Text
 
 
 class AxisTold(Part):
@@ -38,7 +38,7 @@ class MapOptionsTold(Part):
     q_deg: Numbers | None
     pick: Text
     by: Text
-    collision: Flag
+    collision: Text
     load: LoadTold | None
     limit_margin_deg: Number
     singularity_wrist_deg: Known
