@@ -13,6 +13,8 @@ from machopt.report.template import part, render
 if TYPE_CHECKING:
     from markupsafe import Markup
 
+UPLOT = "uplot"  # the folder of assets that holds the chart library as it is published, with its licence
+
 
 def page_html(
     title: str, head: Sequence[tuple[str, str]], sections: Sequence[tuple[str, str, Markup | str]],
@@ -30,10 +32,12 @@ def page_html(
     """
     from markupsafe import Markup
 
+    charts = "chart.js" in scripts
+    styles = [*([f"{UPLOT}/uPlot.min.css"] if charts else []), "page.css"]
     return render(
         "page.html", title=title, head=head, sections=[s for s in sections if s[2]], footer=footer,
-        style=Markup(_asset("page.css")), code=Markup("".join(_asset(name) for name in scripts)),
-        specs=Markup(_embedded(specs)),
+        style=Markup("".join(_asset(name) for name in styles)), code=Markup("".join(_asset(name) for name in scripts)),
+        library=Markup(_library()) if charts else "", specs=Markup(_embedded(specs)),
     ) + "\n"  # fmt: skip
 
 
@@ -44,6 +48,14 @@ def section(anchor: str, title: str, lead: Markup | str, body: Markup | str) -> 
 
 def _asset(name: str) -> str:
     return (files("machopt.report") / "assets" / name).read_text(encoding="utf-8")
+
+
+def _library() -> str:
+    """The chart library with its licence; its banner names a place, and a page must not look as if it went there."""
+    code = _asset(f"{UPLOT}/uPlot.iife.min.js")
+    banner = re.match(r"/\*!\s*\S+ \(v([\d.]+)\)\s*\*/\s*", code)
+    assert banner is not None
+    return f"/* uPlot {banner[1]}\n{_asset(f'{UPLOT}/LICENSE')}*/\n{code[banner.end() :]}\n"
 
 
 def _embedded(specs: dict[str, Any]) -> str:

@@ -1,27 +1,7 @@
-// Line charts in SVG: hover reads values, dragging zooms every chart of the same group, a click on a legend entry hides it.
-const NS = "http://www.w3.org/2000/svg";
-const groups = {};
-
-function el(tag, attrs, parent, text) {
-  const e = document.createElementNS(NS, tag);
-  for (const k in attrs) e.setAttribute(k, attrs[k]);
-  if (text !== undefined) e.textContent = text;
-  if (parent) parent.appendChild(e);
-  return e;
-}
-
-function ticks(lo, hi, n) {
-  const span = hi - lo || 1, raw = span / n, mag = Math.pow(10, Math.floor(Math.log10(raw)));
-  const step = [1, 2, 2.5, 5, 10].map(m => m * mag).find(s => span / s <= n) || 10 * mag;
-  const out = [];
-  for (let i = Math.ceil(lo / step - 1e-9); i * step <= hi + 1e-9 * span; i++) out.push(i * step);
-  return { at: out, text: v => v.toFixed(decimalsOf(step)).replace("-", "−") };
-}
-
-function decimalsOf(step) {
-  for (let d = 0; d < 9; d++) if (Math.abs(step * 10 ** d - Math.round(step * 10 ** d)) < 1e-6) return d;
-  return 9;
-}
+// Charts by uPlot: what machopt adds is the tooltip, shaded operations, limits and marks. Drag to zoom, double click to see all.
+const FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Liberation Sans", Arial, sans-serif';
+const TICK = "#4a5563", LABEL = "#333d49", RULE = "#e8ebee", AXIS = "#7c8794", BOX = "#aab2bc", LIMIT = "#b3261e";
+const PLOTS = [];
 
 const tip = document.createElement("div");
 tip.className = "tip";
@@ -44,165 +24,141 @@ function showTip(evt, rows) {
 }
 
 const hideTip = () => { tip.style.display = "none"; };
+const minus = text => text.replace("-", "−");
 
-function nearest(x, v) {
-  let lo = 0, hi = x.length - 1;
-  while (hi - lo > 1) { const m = (lo + hi) >> 1; if (x[m] < v) lo = m; else hi = m; }
-  return Math.abs(x[lo] - v) <= Math.abs(x[hi] - v) ? lo : hi;
+// Numbers of an axis with as many decimals as its steps need.
+function plain(u, values, axis, space, step) {
+  let d = 0;
+  while (d < 9 && Math.abs(step * 10 ** d - Math.round(step * 10 ** d)) > 1e-6) d++;
+  return values.map(v => minus((v + 0).toFixed(d)));
 }
 
-// Shared by charts and the map: the plot's svg, its x axis, drag to zoom, double click to see all again.
-function frame(host, spec, M, H) {
-  const W = Math.max(320, host.clientWidth);
-  const svg = el("svg", { viewBox: `0 0 ${W} ${H}`, class: "plot", role: "img", "aria-label": spec.title || "" });
-  return { W, H, M, svg, w: W - M.l - M.r, h: H - M.t - M.b };
+function logTicks(lo, hi) {
+  const out = [], decades = Math.log10(hi / lo), steps = decades > 2.5 ? [1] : decades > 0.9 ? [1, 2, 5] : [1, 1.5, 2, 3, 4, 5, 6, 8];
+  for (let e = Math.floor(Math.log10(lo)); e <= Math.log10(hi); e++) for (const m of steps) { const v = m * 10 ** e; if (v >= lo && v <= hi) out.push(v); }
+  return out;
 }
 
-function xAxis(F, spec, x0, x1) {
-  const X = v => F.M.l + (v - x0) / (x1 - x0 || 1) * F.w;
-  const t = ticks(x0, x1, Math.max(3, F.w / 90)), base = F.M.t + F.h;
-  for (const v of t.at) {
-    el("line", { x1: X(v), x2: X(v), y1: base, y2: base + 4, class: "axis" }, F.svg);
-    el("text", { x: X(v), y: base + 16, class: "tick", "text-anchor": "middle" }, F.svg, t.text(v));
-  }
-  if (spec.xlabel) el("text", { x: F.M.l + F.w / 2, y: F.H - 3, class: "label", "text-anchor": "middle" }, F.svg, spec.xlabel);
-  return X;
-}
+const short = v => v >= 1e4 || v < 1e-2 ? v.toExponential(1).replace("e+", "e").replace(".0", "") : String(+v.toPrecision(3));
 
-function yAxis(F, label, y0, y1, grid, given) {
-  const Y = v => F.M.t + F.h - (v - y0) / (y1 - y0 || 1) * F.h;
-  const t = given || ticks(y0, y1, Math.max(3.6, F.h / 40));
-  for (const v of t.at) {
-    if (grid) el("line", { x1: F.M.l, x2: F.M.l + F.w, y1: Y(v), y2: Y(v), class: "grid" }, F.svg);
-    el("text", { x: F.M.l - 6, y: Y(v) + 4, class: "tick", "text-anchor": "end" }, F.svg, t.text(v));
-  }
-  if (label) el("text", { transform: `translate(12 ${F.M.t + F.h / 2}) rotate(-90)`, class: "label", "text-anchor": "middle" }, F.svg, label);
-  return Y;
-}
-
-function interact(F, range, full, group, onMove, onLeave) {
-  const hit = el("rect", { x: F.M.l, y: F.M.t, width: F.w, height: F.h, class: "hit" }, F.svg);
-  const sel = el("rect", { y: F.M.t, height: F.h, class: "select", width: 0 }, F.svg);
-  const at = evt => {
-    const box = F.svg.getBoundingClientRect();
-    return { px: (evt.clientX - box.left) * F.W / box.width, py: (evt.clientY - box.top) * F.H / box.height };
+// One side's axis; `log` scales and named places get ticks of their own.
+function axis(side, label, { grid = true, log = false, names = null, size = side % 2 ? 46 : 22, ...more } = {}) {
+  const given = log ? { splits: (u, k, lo, hi) => logTicks(lo, hi), filter: (u, at) => at, values: (u, at) => at.map(short) } : {};
+  if (names) given.splits = u => {
+    const every = side % 2 ? 1 : Math.ceil(names.length * 32 / (u.width - 64));
+    return names.map((_, i) => i).filter(i => i % every === 0);
   };
-  const value = px => range[0] + (px - F.M.l) / F.w * (range[1] - range[0]);
-  let start = null;
-  hit.addEventListener("pointerdown", e => { start = at(e).px; hit.setPointerCapture(e.pointerId); });
-  hit.addEventListener("pointermove", e => {
-    const { px, py } = at(e);
-    if (start === null) return onMove(e, value(px), px, py);
-    sel.setAttribute("x", Math.min(start, px));
-    sel.setAttribute("width", Math.abs(px - start));
-  });
-  hit.addEventListener("pointerup", e => {
-    const a = value(start), b = value(at(e).px), moved = Math.abs(at(e).px - start) > 5;
-    start = null;
-    sel.setAttribute("width", 0);
-    if (moved) zoom(group, [Math.max(full[0], Math.min(a, b)), Math.min(full[1], Math.max(a, b))]);
-  });
-  hit.addEventListener("dblclick", () => zoom(group, null));
-  hit.addEventListener("pointerleave", () => { hideTip(); onLeave(); });
+  if (names) given.values = (u, at) => at.map(i => names[i]);
+  return {
+    side, label: label || null, labelSize: label ? 18 : 0, labelGap: 0, size, gap: 4, font: `11px ${FONT}`, labelFont: `12px ${FONT}`,
+    stroke: TICK, grid: { show: grid, stroke: RULE, width: 1 }, ticks: { size: 4, stroke: AXIS, width: 1 }, values: plain,
+    space: side % 2 ? 34 : 80, ...given, ...more,
+  };
 }
 
-function zoom(group, range) {
-  for (const c of groups[group] || []) { c.range = range; c.draw(); }
+// A uPlot in its place: as wide as that is, on paper too.
+function plot(host, opts, data) {
+  const u = new uPlot({ ...opts, width: opts.width || Math.max(260, host.clientWidth) }, data, host);
+  if (!opts.width) {
+    PLOTS.push(u);
+    new ResizeObserver(() => { if (host.clientWidth && host.clientWidth !== u.width) u.setSize({ width: host.clientWidth, height: u.height }); }).observe(host);
+  }
+  u.over.addEventListener("mouseleave", hideTip);
+  return u;
 }
 
-function register(group, c) {
-  (groups[group] = groups[group] || []).push(c);
-  c.draw();
-  let width = 0;
-  new ResizeObserver(() => {
-    if (c.host.clientWidth && c.host.clientWidth !== width) { width = c.host.clientWidth; c.draw(); }
-  }).observe(c.host);
+const PAPER = 660; // px between the margins of an A4 page
+window.addEventListener("beforeprint", () => {
+  for (const u of PLOTS) if (u.width > PAPER) u.setSize({ width: PAPER, height: u.height });
+  document.querySelectorAll("details").forEach(d => { d.open = true; });
+});
+window.addEventListener("afterprint", () => { for (const u of PLOTS) u.setSize({ width: u.root.parentNode.clientWidth, height: u.height }); });
+
+// Where the pointer is in a plot, in its pixels.
+function under(u, evt) {
+  const box = u.over.getBoundingClientRect();
+  return [evt.clientX - box.left, evt.clientY - box.top];
+}
+
+// Draws in pixels of the page within the plot, or around it too.
+function paint(u, draw, { clip = true } = {}) {
+  const { ctx, bbox } = u, r = uPlot.pxRatio;
+  ctx.save();
+  ctx.scale(r, r);
+  const box = { x: bbox.left / r, y: bbox.top / r, w: bbox.width / r, h: bbox.height / r };
+  if (clip) { ctx.beginPath(); ctx.rect(box.x, box.y, box.w, box.h); ctx.clip(); }
+  draw(ctx, box, v => u.valToPos(v, "x", true) / r, v => u.valToPos(v, "y", true) / r);
+  ctx.restore();
+}
+
+function write(ctx, text, x, y, color, align, size = 11) {
+  ctx.font = `${size}px ${FONT}`; ctx.fillStyle = color; ctx.textAlign = align; ctx.textBaseline = "alphabetic";
+  ctx.fillText(text, x, y);
+}
+
+function rule(ctx, x0, y0, x1, y1, color, dash = [], width = 1) {
+  ctx.strokeStyle = color; ctx.lineWidth = width; ctx.setLineDash(dash);
+  ctx.beginPath(); ctx.moveTo(x0, y0); ctx.lineTo(x1, y1); ctx.stroke();
+}
+
+const edge = u => paint(u, (ctx, b) => { ctx.strokeStyle = BOX; ctx.strokeRect(b.x, b.y, b.w, b.h); }, { clip: false });
+const dashes = text => text ? text.split(" ").map(Number) : [];
+
+function legend(entries, show) {
+  const of = k => entries[k - 1];
+  return { show, live: false, markers: { width: 2, stroke: (u, k) => of(k).color, fill: (u, k) => of(k).type === "points" && !of(k).hollow ? of(k).color : null, dash: (u, k) => of(k).dash ? "dashed" : "solid" } };
+}
+
+// Runs too short to be seen as lines, which get a dot: the holes of a drilling job.
+function dots(u, x, y) {
+  const out = [], known = k => y[k] !== null && y[k] !== undefined, px = k => u.valToPos(x[k], "x");
+  for (let k = 0, first = -1; k <= x.length; k++) {
+    if (k < x.length && known(k)) { if (first < 0) first = k; continue; }
+    if (first >= 0 && px(k - 1) - px(first) < 3) out.push(first);
+    first = -1;
+  }
+  return out;
 }
 
 function lineChart(host, spec) {
-  const c = { host, range: null, hidden: new Set() };
-  const full = [spec.x[0], spec.x[spec.x.length - 1]];
-  if (full[0] === full[1]) { full[0] -= 0.5; full[1] += 0.5; }
-  c.draw = () => {
-    const [x0, x1] = c.range || full;
-    const F = frame(host, spec, { l: 58, r: 14, t: spec.labels ? 20 : 8, b: spec.xlabel ? 36 : 22 }, spec.height || 230);
-    const shown = spec.series.filter((_, i) => !c.hidden.has(i));
-    let lo = spec.ymin ?? Infinity, hi = spec.ymax ?? -Infinity;
-    for (const s of shown) for (let i = 0; i < spec.x.length; i++) {
-      const v = s.y[i];
-      if (v === null || spec.x[i] < x0 || spec.x[i] > x1) continue;
-      if (v < lo) lo = v;
-      if (v > hi) hi = v;
-    }
+  const range = (u, lo, hi) => {
+    lo = Math.min(lo ?? Infinity, spec.ymin ?? Infinity); hi = hi ?? -Infinity;
     for (const l of spec.hlines || []) if (l.fit) { lo = Math.min(lo, l.y); hi = Math.max(hi, l.y); }
-    if (lo > hi) { lo = 0; hi = 1; }
+    if (lo > hi) return [0, 1];
     const pad = (hi - lo || Math.abs(hi) || 1) * 0.06;
-    if (spec.ymin === undefined) lo -= pad;
-    if (!spec.fixedTop) hi += pad;
-    for (const [i, b] of (spec.bands || []).entries()) {
-      const a = Math.max(b.from, x0), z = Math.min(b.to, x1);
-      if (a >= z) continue;
-      const px = F.M.l + (a - x0) / (x1 - x0) * F.w, pw = (z - a) / (x1 - x0) * F.w;
-      if (i % 2) el("rect", { x: px, y: F.M.t, width: pw, height: F.h, class: "band" }, F.svg);
-      if (spec.labels && pw > 6.2 * b.label.length + 4)
-        el("text", { x: px + pw / 2, y: F.M.t - 6, class: "tick", "text-anchor": "middle" }, F.svg, b.label);
-    }
-    const Y = yAxis(F, spec.ylabel, lo, hi, true), X = xAxis(F, spec, x0, x1);
-    const clip = el("clipPath", { id: `clip-${spec.id}` }, el("defs", {}, F.svg));
-    el("rect", { x: F.M.l, y: F.M.t - 1, width: F.w, height: F.h + 2 }, clip);
-    const g = el("g", { "clip-path": `url(#clip-${spec.id})` }, F.svg);
-    for (const l of spec.hlines || []) {
-      el("line", { x1: F.M.l, x2: F.M.l + F.w, y1: Y(l.y), y2: Y(l.y), class: "limit" }, g);
-      if (l.label) el("text", { x: F.M.l + F.w - 4, y: Y(l.y) + (l.below ? 13 : -4), class: "tick limit-text", "text-anchor": "end" }, g, l.label);
-    }
-    spec.series.forEach((s, i) => {
-      if (c.hidden.has(i)) return;
-      let dots = "", d = "", pen = false, last = -1;
-      for (let k = 0; k < spec.x.length; k++) {
-        const v = s.y[k];
-        if (v === null) { pen = false; continue; }
-        d += (pen ? "L" : "M") + X(spec.x[k]).toFixed(1) + " " + Y(v).toFixed(1);
-        if (!pen && (k + 1 >= spec.x.length || s.y[k + 1] === null)) dots += `M${X(spec.x[k]).toFixed(1)} ${Y(v).toFixed(1)}h0.1`; // a hole
-        pen = true;
-      }
-      el("path", { d, class: "line", stroke: s.color, "stroke-width": s.width || 1.6, "stroke-dasharray": s.dash || "none" }, g);
-      if (dots) el("path", { d: dots, class: "line", stroke: s.color, "stroke-width": 5, "stroke-linecap": "round" }, g);
-    });
-    el("rect", { x: F.M.l, y: F.M.t, width: F.w, height: F.h, class: "box" }, F.svg);
-    for (const m of spec.marks || []) {
-      if (m.x < x0 || m.x > x1) continue;
-      const p = el("path", { d: `M${X(m.x)} ${F.M.t + 11}l-5 -10h10z`, class: "mark" }, F.svg);
-      el("title", {}, p, m.label);
-    }
-    const cursor = el("line", { y1: F.M.t, y2: F.M.t + F.h, class: "cursor" }, F.svg);
-    interact(F, [x0, x1], full, spec.group, (evt, v) => {
-      const k = nearest(spec.x, v);
-      cursor.setAttribute("x1", X(spec.x[k])); cursor.setAttribute("x2", X(spec.x[k]));
-      cursor.style.display = "block";
-      const rows = [[spec.xname, spec.x[k].toFixed(spec.xdec ?? 1)]];
-      for (const e of spec.extra || []) if (e.names[e.at[k]] !== undefined && e.names[e.at[k]] !== "") rows.push([e.name, e.names[e.at[k]]]);
-      spec.series.forEach((s, i) => { if (!c.hidden.has(i)) rows.push([s.name, s.y[k] === null ? "–" : `${+s.y[k].toPrecision(5)} ${spec.unit || ""}`, s.color]); });
-      showTip(evt, rows);
-    }, () => { cursor.style.display = "none"; });
-    host.replaceChildren();
-    if (spec.title) { const h = document.createElement("div"); h.className = "chart-title"; h.textContent = spec.title; host.appendChild(h); }
-    if (spec.series.length > 1 && spec.legend !== false) host.appendChild(legend(spec, c));
-    host.appendChild(F.svg);
+    return [spec.ymin === undefined ? lo - pad : lo, hi + pad];
   };
-  register(spec.group, c);
-}
-
-function legend(spec, c) {
-  const box = document.createElement("div");
-  box.className = "legend";
-  spec.series.forEach((s, i) => {
-    const b = document.createElement("button");
-    const key = el("svg", { viewBox: "0 0 26 8", width: 26, height: 8 });
-    el("line", { x1: 1, x2: 25, y1: 4, y2: 4, stroke: s.color, "stroke-width": 2.4, "stroke-dasharray": s.dash || "none" }, key);
-    b.append(key, s.name);
-    b.className = c.hidden.has(i) ? "off" : "";
-    b.onclick = () => { if (!c.hidden.delete(i)) c.hidden.add(i); c.draw(); };
-    box.appendChild(b);
+  const shade = u => paint(u, (ctx, b, X) => {
+    (spec.bands || []).forEach((band, i) => {
+      const from = Math.max(X(band.from), b.x), to = Math.min(X(band.to), b.x + b.w);
+      if (from >= to) return;
+      if (i % 2) { ctx.fillStyle = "#f3f5f8"; ctx.fillRect(from, b.y, to - from, b.h); }
+      if (to - from > 6.2 * band.label.length + 4) write(ctx, band.label, (from + to) / 2, b.y - 6, TICK, "center");
+    });
+  }, { clip: false });
+  const mark = u => paint(u, (ctx, b, X, Y) => {
+    for (const l of spec.hlines || []) {
+      rule(ctx, b.x, Y(l.y), b.x + b.w, Y(l.y), LIMIT, [6, 4], 1.1);
+      if (l.label) write(ctx, l.label, b.x + b.w - 4, Y(l.y) + (l.below ? 13 : -4), LIMIT, "right");
+    }
+    ctx.fillStyle = LIMIT;
+    for (const m of spec.marks || []) { const x = X(m.x); ctx.beginPath(); ctx.moveTo(x, b.y + 11); ctx.lineTo(x - 5, b.y + 1); ctx.lineTo(x + 5, b.y + 1); ctx.fill(); }
   });
-  return box;
+  const u = plot(host, {
+    title: spec.title, height: spec.height || 230, padding: [spec.labels ? 20 : 8, 14, spec.xlabel ? 0 : 4, spec.ylabel ? 0 : 4],
+    legend: legend(spec.series, spec.series.length > 1 && spec.legend !== false),
+    cursor: { sync: { key: spec.group, setSeries: false, scales: ["x", null] }, drag: { x: true, y: false }, points: { size: 6 } },
+    scales: { x: { time: false }, y: { range } },
+    axes: [axis(2, spec.xlabel, { grid: false }), axis(3, spec.ylabel)],
+    series: [{}, ...spec.series.map(s => ({ label: s.name, stroke: s.color, width: s.width || 1.6, dash: s.dash ? dashes(s.dash) : undefined, points: { show: true, filter: u => dots(u, spec.x, s.y), size: 4, width: 0, fill: s.color } }))],
+    hooks: { drawClear: [shade], draw: [mark, edge] },
+  }, [spec.x, ...spec.series.map(s => s.y)]);
+  u.over.addEventListener("mousemove", evt => {
+    const [x] = under(u, evt), k = u.posToIdx(x), rows = [[spec.xname, spec.x[k].toFixed(spec.xdec ?? 1)]];
+    for (const e of spec.extra || []) if (e.names[e.at[k]] !== undefined && e.names[e.at[k]] !== "") rows.push([e.name, e.names[e.at[k]]]);
+    spec.series.forEach((s, i) => { if (u.series[i + 1].show) rows.push([s.name, s.y[k] === null ? "–" : `${+s.y[k].toPrecision(5)} ${spec.unit || ""}`, s.color]); });
+    for (const m of spec.marks || []) if (Math.abs(u.valToPos(m.x, "x") - x) < 6) rows.push(["dip", m.label, LIMIT]);
+    showTip(evt, rows);
+  });
+  return u;
 }

@@ -1,17 +1,4 @@
 // A quantity over two or three axes: colours, isolines, hatching where there is no posture, and the arm under the pointer.
-const FIELD_STYLE = `
-.field .bar { display: flex; flex-wrap: wrap; gap: 8px 18px; align-items: center; margin: 6px 0 8px; font-size: 13px; }
-.field select, .field input { font: inherit; } .field label { display: inline-flex; gap: 6px; align-items: center; }
-.field .pick button { font: inherit; padding: 2px 10px; border: 1px solid #9aa3ad; background: #fff; cursor: pointer; margin-left: -1px; }
-.field .pick button.on { background: #1552b8; border-color: #1552b8; color: #fff; }
-.field .two { display: grid; grid-template-columns: minmax(0, 1fr) 340px; gap: 16px; align-items: start; }
-.field .side h3 { margin: 0 0 4px; } .field .numbers table { font-size: 12.5px; width: auto; min-width: 60%; } .field .numbers th { background: none; position: static; }
-.field .numbers td, .field .numbers th { padding: 2px 8px; } .field .numbers .here td { font-weight: 600; background: #eef3fb; }
-.field .side .joints { font-size: 12px; color: var(--soft); font-variant-numeric: tabular-nums; margin: 4px 0; }
-.field .iso { fill: none; stroke: #fff; stroke-width: 1; opacity: .85; pointer-events: none; }
-.field .isotext { font-size: 10.5px; fill: #111; stroke: #fff; stroke-width: 3px; paint-order: stroke; pointer-events: none; }
-@media (max-width: 900px) { .field .two { grid-template-columns: 1fr; } }`;
-
 function valuesOf(v) {
   if (!v || !v.level) return () => null;
   const raw = new Uint16Array(bytes(v.level).buffer), a = v.log ? Math.log(v.low) : v.low, b = v.log ? Math.log(v.high) : v.high;
@@ -21,41 +8,7 @@ function valuesOf(v) {
 const LUT = Array.from({ length: 256 }, (_, i) => ramp(i / 255).map(Math.round));
 const shown = (v, digits) => v === null ? "–" : String(+v.toPrecision(digits || 4)).replace("-", "−");
 
-function logTicks(lo, hi) {
-  const out = [], many = Math.log10(hi / lo) > 2;
-  for (let e = Math.floor(Math.log10(lo)); e <= Math.log10(hi); e++)
-    for (const m of many ? [1, 3] : [1, 2, 5]) { const v = m * 10 ** e; if (v >= lo && v <= hi) out.push(v); }
-  return { at: out, text: v => shown(v, 3) };
-}
-
-// Line segments of value = level over a grid of nu × nv cell centres; cells with a hole are left out.
-function isoline(at, nu, nv, level) {
-  const out = [];
-  for (let i = 0; i < nu - 1; i++) for (let j = 0; j < nv - 1; j++) {
-    const c = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-    if (c.some(v => v === null)) continue;
-    const corner = [[i, j], [i + 1, j], [i + 1, j + 1], [i, j + 1]], hit = [];
-    for (let e = 0; e < 4; e++) {
-      const a = c[e], b = c[(e + 1) % 4];
-      if ((a < level) === (b < level)) continue;
-      const t = (level - a) / (b - a), p = corner[e], q = corner[(e + 1) % 4];
-      hit.push([p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1])]);
-    }
-    if (hit.length === 2) out.push(hit);
-    else if (hit.length === 4) { // saddle: join by the middle's side
-      const mid = (c[0] + c[1] + c[2] + c[3]) / 4, same = (mid < level) === (c[0] < level);
-      out.push(same ? [hit[0], hit[1]] : [hit[3], hit[0]], same ? [hit[2], hit[3]] : [hit[1], hit[2]]);
-    }
-  }
-  return out;
-}
-
 function fieldMap(host, spec) {
-  if (!document.getElementById("field-style")) {
-    const style = document.createElement("style");
-    style.id = "field-style"; style.textContent = FIELD_STYLE;
-    document.head.appendChild(style);
-  }
   const shape = spec.axes.map(a => a.values.length), volume = shape.length === 3, place = spec.kind !== "joints";
   const strides = shape.map((_, i) => shape.slice(i + 1).reduce((a, b) => a * b, 1));
   const layers = spec.layers.map(l => ({
@@ -124,85 +77,105 @@ function fieldMap(host, spec) {
     return { f, l, v, from, to, log, part, good: x => f.better === "less" ? 1 - part(x) : part(x), value: l.at[f.key], guess: l.guessAt[f.key] };
   }
 
-  function image(w, h, nu, nv, S) {
+  // Colours of the samples, and white where the even course between them goes over a level.
+  function image(w, h, nu, nv, S, levels) {
     const canvas = document.createElement("canvas");
     canvas.width = w; canvas.height = h;
-    const ctx = canvas.getContext("2d"), img = ctx.createImageData(w, h), px = img.data;
+    const ctx = canvas.getContext("2d"), img = ctx.createImageData(w, h), px = img.data, step = new Int16Array(w * h).fill(-1);
+    const known = k => S.l.code[k] === 0 ? S.value(k) : null, near = {};
     for (let y = 0; y < h; y++) {
-      const j = Math.min(nv - 1, Math.floor((h - 1 - y + 0.5) / h * nv));
+      const v = (h - y - 0.5) / h * nv, j = Math.min(nv - 1, Math.floor(v));
       for (let x = 0; x < w; x++) {
-        const k = cell(Math.min(nu - 1, Math.floor((x + 0.5) / w * nu)), j), s = S.l.code[k], value = S.value(k);
+        const a = (x + 0.5) / w * nu, i = Math.min(nu - 1, Math.floor(a)), k = cell(i, j), s = S.l.code[k], value = S.value(k);
         let rgb;
         if (s !== 0) rgb = (PATTERN[s] || PATTERN[7])(x, y);
         else if (value === null) rgb = WHITE;
         else rgb = S.guess && S.guess[k] && x % 14 < 3 && (y + 7 * (Math.floor(x / 14) % 2)) % 14 < 3 ? WHITE : LUT[Math.round(255 * Math.min(1, Math.max(0, S.good(value))))];
-        const at = 4 * (y * w + x);
-        px[at] = rgb[0]; px[at + 1] = rgb[1]; px[at + 2] = rgb[2]; px[at + 3] = 255;
+        const i0 = Math.floor(a - 0.5), j0 = Math.floor(v - 0.5);
+        if (levels.length && i0 >= 0 && j0 >= 0 && i0 < nu - 1 && j0 < nv - 1) {
+          const c = [known(cell(i0, j0)), known(cell(i0 + 1, j0)), known(cell(i0, j0 + 1)), known(cell(i0 + 1, j0 + 1))];
+          if (!c.includes(null)) {
+            const f = a - 0.5 - i0, g = v - 0.5 - j0, here = (c[0] * (1 - f) + c[1] * f) * (1 - g) + (c[2] * (1 - f) + c[3] * f) * g;
+            const n = step[y * w + x] = levels.filter(l => l <= here).length;
+            for (const other of [x ? step[y * w + x - 1] : -1, y ? step[(y - 1) * w + x] : -1])
+              if (other >= 0 && other !== n) { rgb = WHITE; (near[Math.max(n, other) - 1] ||= []).push([x / w, y / h]); }
+          }
+        }
+        px.set([...rgb, 255], 4 * (y * w + x));
       }
     }
     ctx.putImageData(img, 0, 0);
-    return canvas.toDataURL();
+    return [canvas, near];
   }
 
-  function scaleBar(F, S) {
-    const x = F.M.l + F.w + 16, w = 15, n = 60;
-    for (let i = 0; i < n; i++) {
-      const t = (i + 0.5) / n;
-      el("rect", { x, width: w, y: F.M.t + F.h * (1 - (i + 1) / n), height: F.h / n + 0.6, fill: `rgb(${ramp(S.f.better === "less" ? 1 - t : t).map(Math.round).join(",")})` }, F.svg);
+  // A level's number stands where no other is near, nor the border.
+  function label(ctx, b, near, levels, words) {
+    const placed = [];
+    for (const [n, at] of Object.entries(near)) {
+      let best = null, most = 26;
+      for (let i = 0; i < at.length; i += Math.max(1, Math.floor(at.length / 150))) {
+        const x = at[i][0] * b.w, y = at[i][1] * b.h;
+        const room = Math.min(x, b.w - x, 2 * y, 2 * (b.h - y), ...placed.map(p => Math.hypot(p[0] - x, 1.6 * (p[1] - y))));
+        if (room > most) { most = room; best = [x, y]; }
+      }
+      if (!best) continue;
+      placed.push(best);
+      ctx.lineWidth = 3; ctx.strokeStyle = "#fff"; ctx.font = `10.5px ${FONT}`; ctx.textAlign = "center"; ctx.lineJoin = "round";
+      ctx.strokeText(words[n], b.x + best[0], b.y + best[1] + 4);
+      write(ctx, words[n], b.x + best[0], b.y + best[1] + 4, "#111", "center", 10.5);
     }
-    el("rect", { x, y: F.M.t, width: w, height: F.h, class: "box" }, F.svg);
-    const t = S.log ? logTicks(S.from, S.to) : ticks(S.from, S.to, Math.max(3, F.h / 55));
-    for (const v of t.at) {
-      const y = F.M.t + F.h * (1 - S.part(v));
-      el("line", { x1: x + w, x2: x + w + 4, y1: y, y2: y, class: "axis" }, F.svg);
-      el("text", { x: x + w + 7, y: y + 4, class: "tick" }, F.svg, t.text(v));
-    }
-    if (S.v.high > S.to * (1 + 1e-9)) el("text", { x, y: F.M.t - 6, class: "tick" }, F.svg, `up to ${shown(S.v.high, 3)}`);
-    if (S.v.low < S.from * (1 - 1e-9)) el("text", { x, y: F.M.t + F.h + 14, class: "tick" }, F.svg, `from ${shown(S.v.low, 3)}`);
-    el("text", { transform: `translate(${F.W - 5} ${F.M.t + F.h / 2}) rotate(-90)`, class: "label", "text-anchor": "middle" }, F.svg, S.f.unit ? `${S.f.name} (${S.f.unit})` : S.f.name);
-    return t;
   }
 
-  let frameNow = null;
+  let frameNow = null, plotted = null;
   function draw() {
     const [u, v] = uv(), U = spec.axes[u], V = spec.axes[v], nu = shape[u], nv = shape[v], S = source();
     const du = U.values[1] - U.values[0], dv = V.values[1] - V.values[0];
     const u0 = U.values[0] - du / 2, u1 = U.values[nu - 1] + du / 2, v0 = V.values[0] - dv / 2, v1 = V.values[nv - 1] + dv / 2;
-    const M = { l: 62, r: 98, t: 20, b: 38 }, W = Math.max(320, main.clientWidth);
-    let w = W - M.l - M.r, h = Math.min(560, Math.max(200, place ? w * (v1 - v0) / (u1 - u0) : Math.min(w * 0.75, w * (v1 - v0) / (u1 - u0))));
+    const left = 64, right = 102, top = 20, bottom = 40, bar0 = 16, thick = 15;
+    let w = Math.max(320, main.clientWidth) - left - right;
+    let h = Math.min(560, Math.max(200, place ? w * (v1 - v0) / (u1 - u0) : Math.min(w * 0.75, w * (v1 - v0) / (u1 - u0))));
     if (place) w = Math.min(w, h * (u1 - u0) / (v1 - v0));
-    const F = { W: M.l + w + M.r, H: h + M.t + M.b, M, w, h };
-    F.svg = el("svg", { viewBox: `0 0 ${F.W} ${F.H}`, class: "plot", role: "img", "aria-label": S.f.name, style: `width:${F.W}px;max-width:100%` });
-    el("image", { href: image(2 * Math.round(w), 2 * Math.round(h), nu, nv, S), x: M.l, y: M.t, width: w, height: h, preserveAspectRatio: "none" }, F.svg);
-    const Y = yAxis(F, `${V.label} (${V.unit})`, v0, v1, false), X = xAxis(F, { xlabel: `${U.label} (${U.unit})` }, u0, u1);
-    const clip = el("clipPath", { id: "clip-field" }, el("defs", {}, F.svg));
-    el("rect", { x: M.l, y: M.t, width: w, height: h }, clip);
-    const g = el("g", { "clip-path": "url(#clip-field)" }, F.svg), t = scaleBar(F, S);
-    const px = i => X(U.values[0] + i * du), py = j => Y(V.values[0] + j * dv);
-    const placed = [], labels = [];
-    if (st.lines) for (const level of t.at) {
-      const found = isoline((i, j) => { const k = cell(i, j); return S.l.code[k] === 0 ? S.value(k) : null; }, nu, nv, level);
-      if (!found.length) continue;
-      el("path", { d: found.map(([a, b]) => `M${px(a[0]).toFixed(1)} ${py(a[1]).toFixed(1)}L${px(b[0]).toFixed(1)} ${py(b[1]).toFixed(1)}`).join(""), class: "iso" }, g);
-      if (found.length < 12) continue;
-      let at = null, most = 26; // the label stands where no other is near, nor the border
-      for (let n = 0; n < found.length; n += Math.max(1, Math.floor(found.length / 150))) {
-        const x = px(found[n][0][0]), y = py(found[n][0][1]);
-        const room = Math.min(x - M.l, M.l + w - x, 2 * (y - M.t), 2 * (M.t + h - y), ...placed.map(p => Math.hypot(p[0] - x, 1.6 * (p[1] - y))));
-        if (room > most) { most = room; at = [x, y]; }
+    let levels = [], words = [];
+    const name = S.f.unit ? `${S.f.name} (${S.f.unit})` : S.f.name, scale = axis(1, name, { grid: false, log: S.log, size: right - 18, gap: bar0 + thick + 8, ticks: { show: false, size: 0 }, space: 55 });
+    const said = scale.values;
+    scale.values = (p, at, ...more) => { levels = at; words = said(p, at, ...more); return words; };
+    const colours = p => paint(p, (ctx, b) => {
+      const [canvas, near] = image(2 * Math.round(b.w), 2 * Math.round(b.h), nu, nv, S, st.lines ? levels : []);
+      ctx.drawImage(canvas, b.x, b.y, b.w, b.h);
+      frameNow.near = near;
+    });
+    const scaleBar = p => paint(p, (ctx, b) => {
+      const x = b.x + b.w + bar0, n = 60;
+      label(ctx, b, frameNow.near, levels, words);
+      for (let i = 0; i < n; i++) {
+        const t = (i + 0.5) / n;
+        ctx.fillStyle = `rgb(${ramp(S.f.better === "less" ? 1 - t : t).map(Math.round).join(",")})`;
+        ctx.fillRect(x, b.y + b.h * (1 - (i + 1) / n), thick, b.h / n + 0.6);
       }
-      if (at) { placed.push(at); labels.push([at, t.text(level)]); }
-    }
-    for (const [[x, y], text] of labels) el("text", { x, y: y + 4, class: "isotext", "text-anchor": "middle" }, g, text);
-    el("rect", { x: M.l, y: M.t, width: w, height: h, class: "box" }, F.svg);
-    const mark = el("g", { "clip-path": "url(#clip-field)", "pointer-events": "none" }, F.svg);
-    const hit = el("rect", { x: M.l, y: M.t, width: w, height: h, class: "hit" }, F.svg);
-    const under = e => {
-      const box = F.svg.getBoundingClientRect(), x = (e.clientX - box.left) * F.W / box.width, y = (e.clientY - box.top) * F.H / box.height;
-      return cell(Math.max(0, Math.min(nu - 1, Math.floor((x - M.l) / w * nu))), Math.max(0, Math.min(nv - 1, Math.floor((M.t + h - y) / h * nv))));
+      ctx.strokeStyle = BOX; ctx.strokeRect(x, b.y, thick, b.h);
+      for (const level of levels) { const y = b.y + b.h * (1 - S.part(level)); rule(ctx, x + thick, y, x + thick + 4, y, AXIS); }
+      if (S.v.high > S.to * (1 + 1e-9)) write(ctx, `up to ${shown(S.v.high, 3)}`, x, b.y - 6, TICK, "left");
+      if (S.v.low < S.from * (1 - 1e-9)) write(ctx, `from ${shown(S.v.low, 3)}`, x, b.y + b.h + 14, TICK, "left");
+    }, { clip: false });
+    const fixed = (lo, hi, more) => ({ time: false, auto: false, min: lo, max: hi, range: () => [lo, hi], ...more });
+    frameNow = { near: {} };
+    if (plotted) plotted.destroy();
+    main.replaceChildren();
+    const p = plotted = plot(main, {
+      width: Math.round(left + w + right), height: Math.round(top + h + bottom), padding: [top, 0, 0, 0], legend: { show: false },
+      cursor: { drag: { x: false, y: false }, points: { show: false } },
+      scales: { x: fixed(u0, u1), y: fixed(v0, v1), value: fixed(S.from, S.to, { distr: S.log ? 3 : 1 }) },
+      axes: [axis(2, `${U.label} (${U.unit})`, { grid: false }), axis(3, `${V.label} (${V.unit})`, { grid: false }), { ...scale, scale: "value" }],
+      series: [{}, { paths: () => null, points: { show: false } }, { scale: "value", paths: () => null, points: { show: false } }],
+      hooks: { drawClear: [colours], draw: [edge, scaleBar, () => point()] },
+    }, [[u0, u1], [null, null], [null, null]]);
+    const mark = el("svg", { class: "over" }, p.over);
+    const at = e => {
+      const [x, y] = under(p, e), n = (value, from, step, count) => Math.max(0, Math.min(count - 1, Math.floor((value - from) / step)));
+      return cell(n(p.posToVal(x, "x"), u0, du, nu), n(p.posToVal(y, "y"), v0, dv, nv));
     };
-    hit.addEventListener("pointermove", e => {
-      st.over = under(e);
+    p.over.addEventListener("mousemove", e => {
+      st.over = at(e);
       point();
       const rows = [[spec.axes.map(a => a.name).join(", "), `${where(st.over).map(x => +x.toFixed(2)).join(", ")} ${U.unit}`]], s = S.l.code[st.over], value = S.value(st.over);
       if (s !== 0) rows.push(["no posture", spec.names[s]]);
@@ -210,14 +183,12 @@ function fieldMap(host, spec) {
       if (s === 0 && S.guess && S.guess[st.over]) rows.push(["", "outside the measured places"]);
       showTip(e, rows);
     });
-    hit.addEventListener("pointerleave", () => { st.over = null; hideTip(); point(); });
-    hit.addEventListener("click", e => { const k = under(e); st.keep = st.keep === k ? null : k; point(); });
-    frameNow = { X, Y, u, v, mark, du, dv, outline: outlineOf(u0, u1, v0, v1, u, v) };
-    main.replaceChildren(F.svg);
+    p.over.addEventListener("mouseleave", () => { st.over = null; point(); });
+    p.over.addEventListener("click", e => { const k = at(e); st.keep = st.keep === k ? null : k; point(); });
+    Object.assign(frameNow, { X: x => p.valToPos(x, "x"), Y: y => p.valToPos(y, "y"), u, v, mark, outline: outlineOf(u0, u1, v0, v1, u, v) });
     bar.querySelectorAll("[data-layer]").forEach(b => b.classList.toggle("on", layers[+b.dataset.layer] === S.l));
     if (slider) { const a = spec.axes[st.normal]; sliderText.textContent = `${a.name} = ${+a.values[st.level].toFixed(1)} ${a.unit}`; }
     keyBox.replaceChildren(key(S));
-    point();
   }
 
   // The map's own rectangle seen from above, where it is one of places.
@@ -285,15 +256,8 @@ function fieldMap(host, spec) {
   function key(S) {
     const box = document.createElement("div");
     box.className = "map-key";
-    const swatch = (name, color) => {
-      const item = document.createElement("span"), canvas = document.createElement("canvas"), ctx = canvas.getContext("2d");
-      canvas.width = 44; canvas.height = 28;
-      for (let x = 0; x < 44; x++) for (let y = 0; y < 28; y++) { ctx.fillStyle = `rgb(${color(x, y).join(",")})`; ctx.fillRect(x, y, 1, 1); }
-      item.append(canvas, name);
-      box.appendChild(item);
-    };
-    for (const s of S.l.present) if (s !== 0) swatch(spec.names[s], PATTERN[s] || PATTERN[7]);
-    if (S.guess) swatch("outside the measured places: a guess", (x, y) => x % 14 < 3 && (y + 7 * (Math.floor(x / 14) % 2)) % 14 < 3 ? WHITE : [38, 130, 142]);
+    for (const s of S.l.present) if (s !== 0) box.appendChild(swatch(spec.names[s], PATTERN[s] || PATTERN[7]));
+    if (S.guess) box.appendChild(swatch("outside the measured places: a guess", (x, y) => x % 14 < 3 && (y + 7 * (Math.floor(x / 14) % 2)) % 14 < 3 ? WHITE : [38, 130, 142]));
     const note = document.createElement("span");
     note.textContent = S.f.note; note.style.color = "var(--soft)";
     box.appendChild(note);

@@ -1,3 +1,12 @@
+// Pieces of SVG, for keys and stick figures.
+function el(tag, attrs, parent, text) {
+  const e = document.createElementNS("http://www.w3.org/2000/svg", tag);
+  for (const k in attrs) e.setAttribute(k, attrs[k]);
+  if (text !== undefined) e.textContent = text;
+  if (parent) parent.appendChild(e);
+  return e;
+}
+
 // The map path length × rotation: colour is the index, hatching says why a place cannot be used.
 const RAMP = [[68, 1, 84], [72, 40, 120], [62, 74, 137], [49, 104, 142], [38, 130, 142], [31, 158, 137], [53, 183, 121], [110, 206, 88], [181, 222, 43], [253, 231, 37]];
 
@@ -24,6 +33,14 @@ function bytes(text) {
   return out;
 }
 
+function swatch(name, color) {
+  const item = document.createElement("span"), canvas = document.createElement("canvas"), ctx = canvas.getContext("2d");
+  canvas.width = 44; canvas.height = 28;
+  for (let x = 0; x < 44; x++) for (let y = 0; y < 28; y++) { ctx.fillStyle = `rgb(${color(x, y).join(",")})`; ctx.fillRect(x, y, 1, 1); }
+  item.append(canvas, name);
+  return item;
+}
+
 function heatMap(host, spec) {
   const N = spec.stations, R = spec.rotations, status = bytes(spec.status);
   const level = new Uint16Array(bytes(spec.index).buffer);
@@ -31,9 +48,10 @@ function heatMap(host, spec) {
   const goodness = v => { const t = (v - spec.from) / (spec.to - spec.from || 1); return spec.large_is_good ? t : 1 - t; };
   const lut = new Uint8Array(3 * 256);
   for (let i = 0; i < 256; i++) lut.set(ramp(i / 255), 3 * i);
-  const c = { host, range: null, byPoint: spec.by_point };
   const half = (spec.rotation[R - 1] - spec.rotation[0]) / Math.max(1, R - 1) / 2 || 2.5;
   const g0 = spec.rotation[0] - half, g1 = spec.rotation[R - 1] + half;
+  const step = [5, 10, 15, 30, 45, 60, 90].find(d => (g1 - g0) / d <= 9) || 90;
+  let byPoint = spec.by_point, u = null;
 
   function image(w, h, edges, x0, x1) {
     const canvas = document.createElement("canvas");
@@ -56,52 +74,58 @@ function heatMap(host, spec) {
       }
     }
     ctx.putImageData(img, 0, 0);
-    return canvas.toDataURL();
+    return canvas;
   }
 
-  c.draw = () => {
-    const xs = c.byPoint ? spec.rank : spec.s;
-    const edges = new Float64Array(N + 1);
+  function draw() {
+    const xs = byPoint ? spec.rank : spec.s, edges = new Float64Array(N + 1);
     for (let k = 1; k < N; k++) edges[k] = (xs[k - 1] + xs[k]) / 2;
     edges[0] = xs[0]; edges[N] = xs[N - 1];
     if (edges[N] <= edges[0]) { edges[0] -= 0.5; edges[N] += 0.5; }
-    const full = [edges[0], edges[N]], [x0, x1] = (!c.byPoint && c.range) || full;
-    const F = frame(host, spec, { l: 58, r: 14, t: 8, b: 36 }, 400);
-    el("image", { href: image(2 * Math.round(F.w), 2 * F.h, edges, x0, x1), x: F.M.l, y: F.M.t, width: F.w, height: F.h, preserveAspectRatio: "none" }, F.svg);
-    const degrees = { at: [], text: v => `${v}°`.replace("-", "−") };
-    const step = [5, 10, 15, 30, 45, 60, 90].find(d => (g1 - g0) / d <= 9) || 90;
-    for (let v = Math.ceil(g0 / step) * step; v <= g1; v += step) degrees.at.push(v);
-    const Y = yAxis(F, "Rotation about the tool axis φ (deg)", g0, g1, false, degrees);
-    const X = xAxis(F, { xlabel: c.byPoint ? "Station along the toolpath" : spec.xlabel }, x0, x1);
-    const clip = el("clipPath", { id: "clip-map" }, el("defs", {}, F.svg));
-    el("rect", { x: F.M.l, y: F.M.t, width: F.w, height: F.h }, clip);
-    const g = el("g", { "clip-path": "url(#clip-map)" }, F.svg);
-    for (const line of spec.lines) {
-      let d = "", last = null;
-      for (let k = 0; k < N; k++) {
-        const v = line.y[k];
-        if (v === null) { last = null; continue; }
-        const jump = last === null || Math.abs(v - last) > 180;
-        d += (jump ? "M" : "L") + X(xs[k]).toFixed(1) + " " + Y(v).toFixed(1);
-        if (jump) d += "h0.1";
-        last = v;
+    const colours = u => paint(u, (ctx, b) => {
+      ctx.drawImage(image(2 * Math.round(b.w), 2 * Math.round(b.h), edges, u.scales.x.min, u.scales.x.max), b.x, b.y, b.w, b.h);
+    });
+    const lines = u => paint(u, (ctx, b, X, Y) => {
+      ctx.lineJoin = "round";
+      for (const line of spec.lines) {
+        const p = new Path2D();
+        let last = null;
+        line.y.forEach((v, k) => {
+          if (v !== null) {
+            const x = X(xs[k]), y = Y(v);
+            if (last === null || Math.abs(v - last) > 180) { p.moveTo(x, y); p.lineTo(x + 0.1, y); } else p.lineTo(x, y);
+          }
+          last = v;
+        });
+        for (const [color, wide, dash] of [[line.casing, 2.2, []], [line.color, 0, dashes(line.dash)]]) { ctx.strokeStyle = color; ctx.lineWidth = line.width + wide; ctx.setLineDash(dash); ctx.stroke(p); }
       }
-      el("path", { d, class: "line", stroke: line.casing, "stroke-width": line.width + 2.2 }, g);
-      el("path", { d, class: "line", stroke: line.color, "stroke-width": line.width, "stroke-dasharray": line.dash || "none" }, g);
-    }
-    el("rect", { x: F.M.l, y: F.M.t, width: F.w, height: F.h, class: "box" }, F.svg);
-    interact(F, [x0, x1], full, c.byPoint ? "none" : spec.group, (evt, v, px, py) => {
-      let k = nearest(xs, v);
-      const r = Math.min(R - 1, Math.max(0, Math.floor((F.M.t + F.h - py) / F.h * R)));
-      const cell = k * R + r, value = valueOf(cell), s = status[cell];
-      const rows = [["point", spec.point[k]], ["path length", `${spec.s[k].toFixed(1)} mm`], ["φ", `${spec.rotation[r].toFixed(1)}°`]];
+    });
+    if (u) { PLOTS.splice(PLOTS.indexOf(u), 1); u.destroy(); }
+    host.replaceChildren(key());
+    const ends = [edges[0], edges[N]], sync = byPoint ? undefined : { key: spec.group, setSeries: false, scales: ["x", null] };
+    u = plot(host, {
+      height: 400, padding: [8, 14, 0, 0], legend: { show: false },
+      cursor: { sync, drag: { x: true, y: false }, points: { show: false } },
+      scales: { x: { time: false, range: (u, lo, hi) => lo === xs[0] && hi === xs[N - 1] ? ends : [lo, hi] }, y: { range: [g0, g1] } },
+      axes: [
+        axis(2, byPoint ? "Station along the toolpath" : spec.xlabel, { grid: false }),
+        axis(3, "Rotation about the tool axis φ (deg)", {
+          grid: false, values: (u, at) => at.map(v => minus(`${v}°`)),
+          splits: () => Array.from({ length: 1 + Math.floor((g1 - g0) / step) }, (_, i) => (Math.ceil(g0 / step) + i) * step).filter(v => v <= g1),
+        }),
+      ],
+      series: [{}, { paths: () => null, points: { show: false } }], hooks: { drawClear: [colours], draw: [lines, edge] },
+    }, [xs, xs.map(() => null)]);
+    u.over.addEventListener("mousemove", evt => {
+      const [x, y] = under(u, evt), k = u.posToIdx(x);
+      const r = Math.min(R - 1, Math.max(0, Math.floor((u.posToVal(y, "y") - g0) / (g1 - g0) * R)));
+      const cell = k * R + r, value = valueOf(cell), rows = [["point", spec.point[k]], ["path length", `${spec.s[k].toFixed(1)} mm`], ["φ", `${spec.rotation[r].toFixed(1)}°`]];
       if (value !== null) rows.push([spec.label, `${+value.toPrecision(4)} ${spec.unit}`]);
-      rows.push(["state", spec.names[s]]);
+      rows.push(["state", spec.names[status[cell]]]);
       for (const l of spec.lines) if (l.y[k] !== null) rows.push([l.name, `${l.y[k].toFixed(1)}°`, l.color]);
       showTip(evt, rows);
-    }, () => {});
-    host.replaceChildren(key(), F.svg);
-  };
+    });
+  }
 
   function key() {
     const box = document.createElement("div");
@@ -124,19 +148,11 @@ function heatMap(host, spec) {
       box.appendChild(item);
     }
     const flip = document.createElement("button");
-    flip.textContent = c.byPoint ? "show over path length" : "show by station";
-    flip.onclick = () => { c.byPoint = !c.byPoint; c.draw(); };
+    flip.textContent = byPoint ? "show over path length" : "show by station";
+    flip.onclick = () => { byPoint = !byPoint; draw(); };
     box.appendChild(flip);
     return box;
   }
 
-  function swatch(name, color) {
-    const item = document.createElement("span"), canvas = document.createElement("canvas");
-    canvas.width = 44; canvas.height = 28;
-    const ctx = canvas.getContext("2d");
-    for (let x = 0; x < 44; x++) for (let y = 0; y < 28; y++) { ctx.fillStyle = `rgb(${color(x, y).join(",")})`; ctx.fillRect(x, y, 1, 1); }
-    item.append(canvas, name);
-    return item;
-  }
-  register(spec.group, c);
+  draw();
 }

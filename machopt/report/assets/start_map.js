@@ -8,4 +8,3 @@ if (DATA.arms) {
   svg.style.maxWidth = "520px";
   document.getElementById("arms").replaceChildren(svg);
 }
-window.addEventListener("beforeprint", () => document.querySelectorAll("details").forEach(d => { d.open = true; }));

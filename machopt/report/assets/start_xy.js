@@ -1,3 +1,2 @@
 const DATA = JSON.parse(document.getElementById("data").textContent);
 for (const spec of DATA.xy) { const host = document.getElementById(spec.id); if (host) xyChart(host, spec); }
-window.addEventListener("beforeprint", () => document.querySelectorAll("details").forEach(d => { d.open = true; }));

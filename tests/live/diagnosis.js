@@ -1,0 +1,11 @@
+found.drawn = PLOTS.map(u => [u.root.parentNode.id, Object.keys(ink(u)).length]);
+const u = of("d-law1"), spec = DATA.xy.find(s => s.id === "d-law1"), l = spec.layers.find(l => l.type === "points");
+const k = 3, x = u.valToPos(l.x[k], "x") / u.over.clientWidth, y = u.valToPos(l.y[k], "y") / u.over.clientHeight;
+send(u, "mousemove", x, y);
+found.tip = document.querySelector(".tip").textContent;
+found.expected = [l.name, String(+l.x[k].toPrecision(5)), String(+l.y[k].toPrecision(5))];
+found.legend = [...u.root.querySelectorAll(".u-legend .u-label")].map(e => e.textContent).filter(t => t);
+const before = total(u);
+u.root.querySelector(".u-legend .u-series:not(.unnamed) th").dispatchEvent(new MouseEvent("click", { bubbles: true }));
+await wait(100);
+found.less = total(u) < before;

@@ -1,0 +1,130 @@
+"""The pages in a browser: every picture is drawn, no script fails, and pointer, legend and zoom do what they say."""
+
+from __future__ import annotations
+
+import hashlib
+import html as entities
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+from made_up_diagnosis import explained
+from made_up_report import full_result
+from test_diagnosis_page import page as diagnosis_of
+from test_map_page import made_up as made_up_map
+
+from machopt.report.diagnosis_page import diagnosis_html
+from machopt.report.map_page import map_page_html
+from machopt.report.page import report_html
+
+ASSETS = Path(__file__).resolve().parents[1] / "machopt" / "report" / "assets"
+LIVE = Path(__file__).with_name("live")
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+TIMEOUT = 90.0  # s; a page takes two or three
+WATCH = "<script>window.failed = []; window.addEventListener('error', e => failed.push(e.message));</script>"
+
+
+def in_browser(page: str, script: str, folder: Path) -> dict[str, Any]:
+    """What a script of ``live`` finds on a page once that is drawn; ``failed`` lists the errors of the page."""
+    browser = next((path for name in BROWSERS if (path := shutil.which(name))), None)
+    if browser is None:
+        pytest.skip(f"a browser is absent (none of {', '.join(BROWSERS)}): the pages' scripts are not exercised")
+    tools, own = ((LIVE / f"{name}.js").read_text(encoding="utf-8") for name in ("tools", script))
+    end = f"""<script>"use strict";{tools}
+    window.addEventListener("load", async () => {{
+      await wait(200);
+      const found = {{}};
+      try {{ {own} }} catch (e) {{ failed.push("test: " + e.stack); }}
+      const pre = document.createElement("pre");
+      pre.id = "found"; pre.textContent = JSON.stringify({{ ...found, failed }});
+      document.body.appendChild(pre);
+    }});</script>"""
+    file = folder / "page.html"
+    file.write_text(page.replace("<head>", "<head>" + WATCH).replace("</body>", end + "</body>"), encoding="utf-8")
+    command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--window-size=1200,900",
+               "--no-first-run", f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=8000",
+               "--dump-dom", file.as_uri()]  # fmt: skip
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, start_new_session=True
+    ) as process:
+        try:
+            dom, _ = process.communicate(timeout=TIMEOUT)
+        except subprocess.TimeoutExpired:
+            dom = ""
+        finally:
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)
+    if "<html" not in dom:
+        pytest.skip("a browser that starts is absent: the pages' scripts are not exercised")
+    written = re.search(r'<pre id="found">(.*?)</pre>', dom, re.S)
+    assert written is not None, "the page came to no end"
+    return dict(json.loads(entities.unescape(written[1])))
+
+
+def test_the_chart_library_is_the_one_that_was_published() -> None:
+    """uPlot 1.6.32 from the npm registry, its licence beside it and on every page that uses it."""
+    published = {
+        "LICENSE": "8f989229699b4fe2f1a0432d0e9edc338a8a911e250e2d1b01ecd770a5f5b1bd",
+        "uPlot.iife.min.js": "19c8d4c6ad88929a79f4ae49d6f7161566dfd0ba3d15cc495e974f787eb78f1f",
+        "uPlot.min.css": "df630c6a8d6f8eeaff264b50f73ce5b114f646ffd9a0bb74f049b0a00135fa04",
+    }
+    files = {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in (ASSETS / "uplot").iterdir()}
+    assert files == published
+    html = report_html(full_result(points=20, samples=100))
+    assert html.count("var uPlot=") == 1
+    assert "uPlot 1.6.32\nThe MIT License (MIT)\n\nCopyright (c) 2022 Leon Sorokin" in html
+
+
+@pytest.mark.slow
+def test_report_is_drawn_and_answers_the_pointer(tmp_path: Path) -> None:
+    data = full_result(points=60, samples=400)
+    found = in_browser(report_html(data), "report", tmp_path)
+    assert found["failed"] == []
+    drawn = dict(found["drawn"])
+    assert {"map", "c-index", "c-feed", "c-q0", "c-v5"} <= set(drawn)
+    assert min(drawn.values()) > 5  # colours, smoothed ones too
+    assert drawn["map"] > 100
+    low, high = found["full"]
+    for words in ("path length (mm)", "point", "operation", "chosen", "mm"):
+        assert words in found["tip"]
+    for words in ("point", "φ", "state", "Jiao 2022"):
+        assert words in found["map"]
+    for a, b in found["zoomed"]:  # together, to the half that was dragged over; a pixel is a thousandth
+        assert a == pytest.approx(low + 0.25 * (high - low), abs=0.01 * (high - low))
+        assert b == pytest.approx(low + 0.75 * (high - low), abs=0.01 * (high - low))
+    assert found["other"] != found["zoomed"][0]
+    assert found["back"] == found["full"]
+    assert found["hidden"] == 1
+    assert found["less"]
+    assert (found["flip"], found["flipped"]) == ("show by station", ["show over path length", 0, 59])
+
+
+@pytest.mark.slow
+def test_diagnosis_is_drawn_and_names_the_nearest_point(tmp_path: Path) -> None:
+    found = in_browser(diagnosis_html(diagnosis_of(explained())), "diagnosis", tmp_path)
+    assert found["failed"] == []
+    assert min(colours for _, colours in found["drawn"]) > 5
+    assert "fitted law: play operator on the joint torque" in found["legend"]
+    assert all(words in found["tip"] for words in found["expected"])
+    assert found["less"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["slice", "volume", "joints"])
+def test_map_is_drawn_with_isolines_and_answers_the_pointer(kind: str, tmp_path: Path) -> None:
+    found = in_browser(map_page_html(made_up_map(kind)), "map", tmp_path)
+    assert found["failed"] == []
+    assert "best by the quantity postures are chosen by" in found["best"]
+    assert found["arm"] > 0
+    assert found["lines"] > 50  # white pixels
+    assert "under the pointer" in found["under"]
+    assert "Stiffness, <softest> direction" in found["tip"]
+    assert "kept" in found["kept"]
+    assert "Deflection under the load" in found["here"]
+    assert ("level" in found) == (kind == "volume")
