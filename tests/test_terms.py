@@ -320,6 +320,8 @@ def test_terms_still_to_be_fitted_have_coefficients_without_values(arm: tuple[Ro
         ("joint_zero_offset", "joint:2", {}, "is not known", "terms[0].effect"),
         ("link_compliance", "link:7", {}, "cannot be at 'link:7'; valid: link:1", "terms[0].location"),
         ("joint_coupling", "joint:5-4", {}, "valid: joint:1-2, joint:1-3", "terms[0].location"),
+        ("link_compliance", "link:2", {"EI_across_Nm2": 1e6}, "normal", "terms[0].parameters.normal"),
+        ("link_compliance", "link:2", {"EI_across_Nm2": 1e6, "normal": [0, 0, 0]}, "an axis across it", "normal"),
         ("link_compliance", "link:4", {"EI_Nm": 1.0}, "did you mean 'EI_Nm2'", "terms[0].parameters.EI_Nm"),
         ("link_compliance", "link:4", {"EI_Nm2": -1.0}, "found -1; expected more than zero", "parameters.EI_Nm2"),
         ("link_compliance", "link:4", {"EI_Nm2": "soft"}, "'soft'; expected a number", "parameters.EI_Nm2"),

@@ -48,6 +48,12 @@ TERMS = {
     "balancer": Term("gravity_compensator", "joint:2", {
         "force_times_length_Nm": 4e3, "rate_times_length2_Nm": 3e4, "ratio": 0.3, "angle_deg": 50.0}),
     "link beam": Term("link_compliance", "link:2", {"EI_Nm2": 3e6, "GJ_Nm2": 2e6, "EA_N": 5e8}),
+    "link box": Term("link_compliance", "link:3",
+                     {"EI_Nm2": 3e6, "EI_across_Nm2": 9e5, "GJ_Nm2": 2e6, "normal": [0.1, 1.0, 0.2]}),
+    "link box, rigid in a plane": Term("link_compliance", "link:2", {"EI_across_Nm2": 9e5, "normal": [0.0, 1.0, 0.0]}),
+    "link box, rigid across": Term("link_compliance", "link:2", {"EI_Nm2": 9e5, "normal": [0.0, 1.0, 0.0]}),
+    "tool box": Term("tool_compliance", "tool", {"EI_Nm2": 4e4, "EI_across_Nm2": 2e4, "EA_N": 5e7,
+                                                 "normal": [0.0, 1.0, 0.3]}),
     "link placed": Term("link_compliance", "link:4",
                         {"EI_Nm2": 8e5, "from_mm": [1.5e3, 0, 700], "to_mm": [2.2e3, 0, 710]}),
     "link matrix": Term("link_compliance", "link:3", {"compliance": FULL}),

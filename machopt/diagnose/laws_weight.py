@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from machopt.diagnose.problem import Hypothesis, Quantity, Shape
 from machopt.diagnose.readings import Readings
 from machopt.domain.stiffness import Term
-from machopt.effects.beam import bent_about
+from machopt.effects.bodies import LINK, TWO_PLANES
 from machopt.errors import InputError
 from machopt.model.terms import LinearTerm, term_of
 
@@ -143,7 +143,6 @@ def _beam_sizes(x: Array, which: tuple[int, ...]) -> Mapping[str, Quantity]:
 
 def two_planes(r: Readings, i: int, columns: Array, note: str = NOTE) -> Hypothesis:
     """A box is stiffer one way than the other."""
-    L = float(np.linalg.norm(r.robot.point[i] - r.robot.point[i - 1]))
 
     def sizes(x: Array, shape: Shape) -> Mapping[str, Quantity]:
         names = ("1/EI in the arm's plane", "1/EI across it", "1/GJ")
@@ -151,10 +150,7 @@ def two_planes(r: Readings, i: int, columns: Array, note: str = NOTE) -> Hypothe
         return {"1/EI": Quantity(float(x[:2].max()), "1/(N·m²)"), **parts}
 
     def correction(x: Array, shape: Shape) -> Term:
-        u, v, a = _principal(r, i)  # at the link's end, base_link axes at q = 0, as a matrix term has it
-        C = float(x[0]) * bent_about(u, a, L) + float(x[1]) * bent_about(v, a, L)
-        C[3:, 3:] += float(x[2]) * L * np.outer(a, a)
-        return Term("link_compliance", f"link:{i}", {"compliance": C.tolist()})
+        return Term(LINK.name, f"link:{i}", TWO_PLANES.stated(x, _principal(r, i)[0]))
 
     return Hypothesis(
         "link_compliance", f"link:{i}", "bends in two planes and twists", f"{CANTILEVER}, EI of each principal axis",

@@ -1,10 +1,78 @@
-"""Bodies that bend: links, base, tool. The matrices of beams are in :mod:`machopt.effects.beam`; frames, forms and
-files stand in :mod:`machopt.model.terms.body`.
+"""Bodies that bend: links, base, tool. Frames and the forms of a matrix stand in :mod:`machopt.model.terms.body`.
+
+A beam is clamped at one end and loaded at the other; x along it, and z the principal axis that its key ``EI_Nm2``
+bends about where the two planes differ.
 """
 
 from __future__ import annotations
 
-from machopt.effects.protocol import Effect
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from machopt.effects import files
+from machopt.effects.beam import bent_about, cantilever_axial, cantilever_bending, cantilever_torsion
+from machopt.effects.protocol import Array, Effect, Parameter
+
+PER_BEND = "1/(N·m²)"
+ACROSS = "EI_across_Nm2"
+PARTS: Mapping[str, Parameter] = MappingProxyType({
+    p.key: p
+    for p in (
+        Parameter(key="EI_Nm2", unit=PER_BEND, least=0.0, positive=True, inverse=True, name="1/EI"),
+        Parameter(key=ACROSS, unit=PER_BEND, least=0.0, positive=True, inverse=True, name="1/EI across"),
+        Parameter(key="GJ_Nm2", unit=PER_BEND, least=0.0, positive=True, inverse=True, name="1/GJ"),
+        Parameter(key="EA_N", unit="1/N", least=0.0, positive=True, inverse=True, name="1/EA"),
+    )
+})  # fmt: skip
+NORMAL = "normal"  # key of the principal axis, base_link axes with all joints at zero
+RIGID = "compliance_diagonal"  # no EI is large enough to say that nothing gives
+
+
+@dataclass(frozen=True)
+class Beam:
+    """A beam by what bends, twists and stretches; an extension nobody asked about is 100 times stiffer than bending."""
+
+    keys: tuple[str, ...] = ("EI_Nm2", "GJ_Nm2")
+    planes: bool = False  # it bends otherwise in one plane than in the other
+    word = ""
+    remembers = False
+    shape: tuple[Parameter, ...] = ()
+
+    @staticmethod
+    def stating(keys: Iterable[str]) -> Beam:
+        """The one that a file with these keys means; one to be fitted where no number is stated."""
+        given = set(keys)
+        planes = bool(given & {ACROSS, NORMAL})
+        stated = tuple(k for k in PARTS if k in given)
+        return Beam(stated, planes) if stated else TWO_PLANES if planes else Beam()
+
+    @property
+    def coefficients(self) -> tuple[Parameter, ...]:
+        return tuple(PARTS[k] for k in self.keys)
+
+    def matrices(self, length: float) -> Array:
+        """(P, 6, 6) compliance at the loaded end per unit of each coefficient, local axes; length in m."""
+        x, y, z = np.eye(3)
+        made = {
+            "EI_Nm2": bent_about(z, x, length) if self.planes else cantilever_bending(length),
+            ACROSS: bent_about(y, x, length), "GJ_Nm2": cantilever_torsion(length), "EA_N": cantilever_axial(length),
+        }  # fmt: skip
+        return np.stack([made[k] for k in self.keys])
+
+    def stated(self, values: Array, normal: Array | None = None) -> dict[str, Any]:
+        """The parameters of a file."""
+        if not np.any(values):
+            return {RIGID: [0.0] * 6}
+        axis = {} if normal is None else {NORMAL: [float(v) for v in normal]}
+        return {**files.write(self, values, np.empty(0)), **axis}
+
+
+TWO_PLANES = Beam(("EI_Nm2", ACROSS, "GJ_Nm2"), planes=True)
+
 
 LINK = Effect(
     name="link_compliance",

@@ -157,7 +157,8 @@ def write(law: Stated, values: Array, shape: Array, memory: str = "") -> dict[st
     for group, numbers in ((law.coefficients, values), (law.shape, shape)):
         rows = _parted(group, np.asarray(numbers, float))
         for p, of in zip(group, rows, strict=True):
-            row = of / p.factor
+            with np.errstate(divide="ignore"):
+                row = 1.0 / (of * p.factor) if p.inverse else of / p.factor
             if np.isfinite(row).all() and len(row):
                 single = not p.many or (p.bare and len(row) == 1)
                 out[p.key] = float(row[0]) if single else [float(v) for v in row]
@@ -219,7 +220,7 @@ def _row(p: Parameter, given: Parameters) -> Array:
     value = given.number(p.key, positive=p.positive)
     if value < p.least:
         raise given.error(p.key, f"found {value:g}; expected at least {_bound(p.least)}")
-    return np.array([value * p.factor])
+    return np.array([1.0 / (value * p.factor) if p.inverse else value * p.factor])
 
 
 def _bound(least: float) -> str:

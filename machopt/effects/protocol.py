@@ -34,6 +34,7 @@ class Parameter:
     factor: float = 1.0  # SI per unit of the key
     least: float = -np.inf  # in the unit of the key
     positive: bool = False  # above zero
+    inverse: bool = False  # the key holds one over the number, which is left out where the number is zero
     required: bool = False  # no fit searches for it: a file that means this law states it
     many: bool = False  # a list in files
     bare: bool = False  # of one branch alone, the number without a list

@@ -215,6 +215,8 @@ def _spring(p: Mapping[str, Any], at: Array, along: Array, length: float, *, too
         return (_frame(at, along) if tool else _frame(at, None)), np.triu(C) + np.triu(C, 1).T
     if "compliance_diagonal" in p:
         return (_frame(at, along) if tool else _frame(at, None)), np.diag(np.asarray(p["compliance_diagonal"], float))
+    if "normal" in p:
+        return _box(p, at, along, length)
     C = np.zeros((6, 6))
     if "EI_Nm2" in p:
         C += _bar(length, 1.0 / float(p["EI_Nm2"]), 0.0, 0.0)
@@ -223,6 +225,22 @@ def _spring(p: Mapping[str, Any], at: Array, along: Array, length: float, *, too
     if "EA_N" in p:
         C += _bar(length, 0.0, 0.0, 1.0 / float(p["EA_N"]))
     return _frame(at, along), C
+
+
+def _box(p: Mapping[str, Any], at: Array, along: Array, length: float) -> tuple[Array, Array]:
+    """A beam that bends by EI about its principal axis ``normal`` and by another EI about the one across."""
+    bends = np.array([1.0 / float(p.get(key, np.inf)) for key in ("EI_across_Nm2", "EI_Nm2")])
+    C = _bar(length, 0.0, 1.0 / float(p.get("GJ_Nm2", np.inf)), 1.0 / float(p.get("EA_N", np.inf)))
+    one = _bar(length, 1.0, 0.0, 0.0)
+    for turn, shift, bend in ((4, 2, bends[0]), (5, 1, bends[1])):
+        pair = np.ix_((shift, turn), (shift, turn))
+        C[pair] += bend * one[pair]
+    x = along / np.linalg.norm(along)
+    y = np.cross(np.asarray(p["normal"], float), x)
+    y /= np.linalg.norm(y)
+    S = np.eye(4)
+    S[:3, :3], S[:3, 3] = np.column_stack([x, y, np.cross(x, y)]), at
+    return S, C
 
 
 def _bar(length: float, bend: float, twist: float, stretch: float) -> Array:

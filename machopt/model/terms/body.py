@@ -16,13 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.stiffness import Term
-from machopt.effects.beam import (
-    Cylinder,
-    cantilever_axial,
-    cantilever_bending,
-    cantilever_torsion,
-    stepped,
-)
+from machopt.effects import files
+from machopt.effects.beam import Cylinder, stepped
+from machopt.effects.bodies import NORMAL, Beam
 from machopt.effects.files import Parameters
 from machopt.model.robot import ArmState, Robot
 from machopt.model.terms.base import Coefficient, LinearTerm, Maker
@@ -30,6 +26,7 @@ from machopt.se3 import normalise, skew, transform
 
 Array = NDArray[np.float64]
 LEAST_LENGTH = 1e-3  # m; joints nearer than this make no beam
+LEAST_SINE = 1e-3  # of the angle between a beam and its principal axis
 ROWS = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 
@@ -169,20 +166,17 @@ def _spring(
     """A beam (coefficients 1/EI, 1/GJ, 1/EA), or a symmetric matrix with 21 coefficients, or its diagonal."""
     form = _form(parameters, beam=length > 0)
     if form == "beam":
-        names = ("EI_Nm2", "GJ_Nm2", "EA_N")
-        # an extension nobody asked about stays out of a fit: it is 100 times stiffer than bending
-        used = [n for n in names if parameters.has(n)] or list(names[:2])
-        parts = {"EI_Nm2": cantilever_bending, "GJ_Nm2": cantilever_torsion, "EA_N": cantilever_axial}
-        basis = np.stack([parts[n](length) for n in used])
-        values = np.array([1.0 / parameters.number(n, np.nan) for n in used])
-        coefficients = tuple(Coefficient(f"1/{n.split('_')[0]}", "1/N" if n == "EA_N" else "1/(N·m²)") for n in used)
+        beam = Beam.stating(parameters.keys)
+        normal = _normal(parameters, S) if beam.planes else None
+        if normal is not None:
+            S = transform(np.stack([S[:3, 0], np.cross(normal, S[:3, 0]), normal], axis=-1), S[:3, 3])
+        values, _, _ = files.read(beam, parameters)
+        coefficients = tuple(Coefficient(*c) for c in files.named(beam, len(values)))
 
         def written(x: Array) -> dict[str, Any]:
-            if not np.any(x):  # rigid: no EI is large enough to say so
-                return {**given, "compliance_diagonal": [0.0] * 6}
-            return {**given, **{n: float(1.0 / v) for n, v in zip(used, x, strict=True) if v > 0}}
+            return {**given, **beam.stated(x, normal)}
 
-        return BodySpring(effect, location, body, S, basis, coefficients, values, written)
+        return BodySpring(effect, location, body, S, beam.matrices(length), coefficients, values, written)
     if effect != "tool_compliance":
         S = transform(np.eye(3), S[:3, 3])  # matrices stand in base_link axes at q = 0, the tool's in beam axes
     pairs = [(i, j) for i in range(6) for j in range(i, 6) if form == "full" or i == j]
@@ -208,6 +202,15 @@ def _spring(
         return {**given, key: full.tolist() if form == "full" else np.diag(full).tolist()}
 
     return BodySpring(effect, location, body, S, basis, coefficients, values, matrix)
+
+
+def _normal(parameters: Parameters, S: Array) -> Array:
+    """(3,) the principal axis that a beam states, made square to it."""
+    stated = parameters.array(NORMAL, (3,))
+    square = stated - (stated @ S[:3, 0]) * S[:3, 0]
+    if not np.linalg.norm(square) > LEAST_SINE * np.linalg.norm(stated):
+        raise parameters.error(NORMAL, f"found {stated.tolist()}, along the beam; an axis across it would work")
+    return normalise(square)
 
 
 def _form(parameters: Parameters, *, beam: bool) -> str:
