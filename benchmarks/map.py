@@ -10,7 +10,7 @@ import tempfile
 from pathlib import Path
 from time import perf_counter
 
-from machopt.job.map import Request, run_map
+from machopt.services.map import Request, run_map
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
 MAPS: dict[str, tuple[str, dict[str, object]]] = {

@@ -8,11 +8,11 @@ from machopt.domain.toolpath import Toolpath
 from machopt.formats.posts import program_name, write_program
 from machopt.formats.posts.densify import Tolerance
 from machopt.formats.tables import write_points_csv, write_trajectory_csv
-from machopt.job.points import point_results
-from machopt.job.program import Programmed
-from machopt.job.readback import Compared, Posted, check_programs, controller_for
 from machopt.plan.pipeline import Plan, as_driven
 from machopt.plan.timeline import Timeline
+from machopt.services.points import point_results
+from machopt.services.program import Programmed
+from machopt.services.readback import Compared, Posted, check_programs, controller_for
 
 
 def posted(

@@ -223,7 +223,7 @@ def test_a_job_that_the_disk_did_not_take_is_tried_again(tmp_path: Path, monkeyp
     def full(_: object) -> None:
         raise InputError("the output folder cannot be written") from OSError(errno.ENOSPC, "full")
 
-    monkeypatch.setattr("machopt.job.run.optimize", full)
+    monkeypatch.setattr("machopt.services.run.optimize", full)
     found = task.run({"request": {"cell": ".", "toolpath": "a.nc", "plan_file": None}}, tmp_path / "out")
     assert (found["exit_code"], found["verdict"]) == (1, task.NOT_WRITTEN)  # 1 is tried again, 2 is an answer
 

@@ -12,10 +12,10 @@ from damages.damage import JOBS, Damage, Job, copy_of, reseal
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
-from machopt.job import verify as service
-from machopt.job.inforce import Request
-from machopt.job.verify import verify
 from machopt.output.hashes import digest, sha256_of
+from machopt.services import verify as service
+from machopt.services.inforce import Request
+from machopt.services.verify import verify
 from machopt.verify import Verification
 from machopt.verify.table import Motion
 

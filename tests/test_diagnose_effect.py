@@ -16,11 +16,11 @@ from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
 from machopt.formats.toolpath import read_toolpath
-from machopt.job.diagnose_effect import TEST_FORCE, effect_on_job
-from machopt.job.diagnose_result import job_effect
 from machopt.model.elastic import ArmElasticity
 from machopt.plan.explain import gamma
 from machopt.plan.pipeline import Plan, plan
+from machopt.services.diagnose_effect import TEST_FORCE, effect_on_job
+from machopt.services.diagnose_result import job_effect
 
 ROOT = Path(__file__).resolve().parent.parent
 CELL = load_cell(ROOT / "cells" / "kr500_milling")

@@ -16,9 +16,9 @@ from machopt.domain.parameters import ParameterKey, joint_spring
 from machopt.domain.stiffness import Stiffness, Term
 from machopt.formats.cell import load_cell
 from machopt.formats.stiffness import load_stiffness, write_stiffness
-from machopt.job.diagnose import stiffness_of
 from machopt.model.robot import load_robot
 from machopt.model.terms import compile_terms, term_of
+from machopt.services.diagnose import stiffness_of
 
 ROOT = Path(__file__).resolve().parent.parent
 CELL = load_cell(ROOT / "cells" / "kr240_drilling")

@@ -22,13 +22,13 @@ from machopt.diagnose.result import Diagnosis, Estimate
 from machopt.effects import registry
 from machopt.effects.words import named, place
 from machopt.formats.cell import load_cell
-from machopt.job.diagnose_result import page_of, result_of, rows_location, write_residuals
 from machopt.output import write_json
 from machopt.report.diagnosis_figures import binned_mean, binned_rms, law, over_axis, per_group, window
 from machopt.report.diagnosis_limits import limits_html
 from machopt.report.diagnosis_page import diagnosis_html, write_diagnosis
 from machopt.report.diagnosis_svg import machine_strip, share_bars
 from machopt.report.diagnosis_words import alternatives, axis_note, measured, numeral, sized
+from machopt.services.diagnose_result import page_of, result_of, rows_location, write_residuals
 
 CELL = load_cell(Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling")
 CASES = ("explained", "consistent", "unexplained", "three", "torque")
@@ -442,9 +442,9 @@ def test_command_passes_its_options_on_and_every_verdict_is_success(
         seen.append(request)
         return Outcome(result_of(CELL, made_up.recording(), getattr(made_up, verdict)()), request.out / "report.html")
 
-    stub = ModuleType("machopt.job.diagnose")
+    stub = ModuleType("machopt.services.diagnose")
     stub.Request, stub.run_diagnose = Request, run  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "machopt.job.diagnose", stub)
+    monkeypatch.setitem(sys.modules, "machopt.services.diagnose", stub)
     common = argparse.ArgumentParser(add_help=False)
     for flag in ("--quiet", "--json", "--debug"):
         common.add_argument(flag, action="store_true")

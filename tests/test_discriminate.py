@@ -23,12 +23,12 @@ from machopt.domain.stiffness import Stiffness
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.poses import read_poses_csv
-from machopt.job.poses import Outcome, Request, run_plan_poses
-from machopt.job.poses_discriminate import _contests
-from machopt.job.poses_predicted import Predicted, law_of, load_tests, noise_of_cases, steps_for
-from machopt.job.poses_rivals import NOTHING, Diagnosed, Dispute, Stand, diagnosed
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import load_masses, load_robot
+from machopt.services.poses import Outcome, Request, run_plan_poses
+from machopt.services.poses_discriminate import _contests
+from machopt.services.poses_predicted import Predicted, law_of, load_tests, noise_of_cases, steps_for
+from machopt.services.poses_rivals import NOTHING, Diagnosed, Dispute, Stand, diagnosed
 
 CELL = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
 COMPLIANCE = 1.0 / np.array([1.41e6, 4.01e5, 9.35e5, 3.60e5, 3.70e5, 3.80e5])

@@ -17,8 +17,8 @@ from machopt.formats.cell import load_cell
 from machopt.formats.recording import write_recording
 from machopt.formats.stiffness import load_stiffness
 from machopt.identify.simulate import Simulated, SmoothField, TrueArm, random_loads, record, scattered_poses
-from machopt.job.identify import Outcome, Request, run_identify, term_from_text
 from machopt.model.robot import load_robot
+from machopt.services.identify import Outcome, Request, run_identify, term_from_text
 
 ROOT = Path(__file__).resolve().parent.parent
 CELL = ROOT / "cells" / "kr240_drilling"

@@ -17,12 +17,12 @@ from machopt.domain.reason import Reason
 from machopt.domain.stiffness import Term
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
-from machopt.job.map import Outcome, Request, run_map
 from machopt.model.collision import CollisionModel
 from machopt.model.elastic import ArmElasticity
 from machopt.model.ik import Margins, solver_for, turns
 from machopt.model.robot import load_chain, load_robot
 from machopt.se3 import inverse
+from machopt.services.map import Outcome, Request, run_map
 from machopt.verify.arm import Arm as PinocchioArm
 from machopt.workspace.along import JUMP, follow
 from machopt.workspace.fields import FIELDS, Load, Setting, evaluate, offered

@@ -17,8 +17,6 @@ from PIL import Image
 
 from machopt.domain.reason import Reason
 from machopt.formats.cell import load_cell
-from machopt.job.map import Request, run_map
-from machopt.job.map_result import REASONS
 from machopt.model.robot import load_robot
 from machopt.report.contours import isolines, round_levels
 from machopt.report.map_data import ArmLines, MapAxis, MapData, MapField, MapLayer, MeasuredView
@@ -26,6 +24,8 @@ from machopt.report.map_figures import ANGLE_LEVEL, curves, field_spec, levels, 
 from machopt.report.map_page import map_page_html, where
 from machopt.report.map_svg import map_svg, pair_svg
 from machopt.report.still import VIRIDIS, colours, hatching, image
+from machopt.services.map import Request, run_map
+from machopt.services.map_result import REASONS
 
 KR240 = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
 ASSETS = Path(__file__).resolve().parents[1] / "machopt" / "report" / "assets"

@@ -15,9 +15,9 @@ from machopt.formats.cell import load_cell
 from machopt.formats.poses import PosesTable, read_poses_csv, write_poses_csv
 from machopt.formats.recording import load_recording
 from machopt.identify.experiment import experiment
-from machopt.job.poses import Outcome, Request, run_plan_poses
 from machopt.model.collision import CollisionModel
 from machopt.model.robot import load_chain
+from machopt.services.poses import Outcome, Request, run_plan_poses
 
 CELL = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
 QUICK: dict[str, Any] = {"candidates": 200, "starts": 1, "poses": 6, "target_percent": 10.0,

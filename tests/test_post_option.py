@@ -12,7 +12,7 @@ import pytest
 from controllers import without_controller
 from posted import posted
 
-import machopt.job.posts
+import machopt.services.posts
 from machopt.cli import main
 from machopt.domain.options import FixedRotation, PlanOptions
 from machopt.domain.program import LIN
@@ -22,10 +22,10 @@ from machopt.formats.posts import post_text, write_program
 from machopt.formats.posts.densify import Tolerance, departure
 from machopt.formats.programs import read_program
 from machopt.formats.toolpath import read_toolpath
-from machopt.job.posts import tolerance_of
-from machopt.job.program import robot_program
 from machopt.plan.pipeline import plan
 from machopt.plan.timeline import build_timeline
+from machopt.services.posts import tolerance_of
+from machopt.services.program import robot_program
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
 # a pass over the head with everything a program must say in its place
@@ -264,7 +264,7 @@ def test_a_program_that_says_something_else_is_exit_4(
             file.write_bytes(data.replace(old, new, 1))
         return files
 
-    monkeypatch.setattr(machopt.job.posts, "write_program", faulty)
+    monkeypatch.setattr(machopt.services.posts, "write_program", faulty)
     assert optimize(tmp_path, "--quiet") == 4
     told = capsys.readouterr().err
     assert words in told

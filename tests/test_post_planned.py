@@ -18,9 +18,9 @@ from machopt.formats.cell import load_cell
 from machopt.formats.posts import needs_samples, post_names
 from machopt.formats.posts.densify import Tolerance
 from machopt.formats.toolpath import read_toolpath
-from machopt.job.program import robot_program, sampled_program
 from machopt.plan.pipeline import Plan, plan
 from machopt.plan.timeline import Timeline, build_timeline
+from machopt.services.program import robot_program, sampled_program
 
 ROOT = Path(__file__).resolve().parents[1]
 pytestmark = pytest.mark.slow

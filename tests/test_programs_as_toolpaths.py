@@ -17,7 +17,7 @@ from machopt.formats.cell import load_cell
 from machopt.formats.posts import post_names, program_name, write_program
 from machopt.formats.programs import KnownRobot
 from machopt.formats.toolpath import read_toolpath
-from machopt.job.knownrobot import known_robot
+from machopt.services.knownrobot import known_robot
 
 ROOT_FOLDER = Path(__file__).resolve().parents[1]
 CELL = ROOT_FOLDER / "cells" / "kr500_milling"

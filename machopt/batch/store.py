@@ -22,12 +22,12 @@ from machopt.batch.task import DISK
 from machopt.domain.manifest import Manifest
 from machopt.domain.results.batch import BatchRecord, BatchResult
 from machopt.errors import InputError
-from machopt.job.manifest import BATCH_ROLES
 from machopt.output import MANIFEST, read_manifest, read_result, write_json, write_manifest, write_result
 from machopt.output.jsonfile import read_json
 from machopt.output.lock import locked
 from machopt.output.manifest import differences
 from machopt.output.swap import exchange, sync_folder, sync_tree
+from machopt.services.manifest import BATCH_ROLES
 
 JOBS, WORK, LOCK = "jobs", ".work", ".lock"
 RECORD, TIMING = "job.json", "timing.json"  # both and the log are in BATCH_ROLES

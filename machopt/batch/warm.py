@@ -57,7 +57,7 @@ x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min
 
 def tiny_job(folder: Path) -> int:
     """Do the job in an empty folder; returns its exit code, 0."""
-    from machopt.job.run import Request, optimize
+    from machopt.services.run import Request, optimize
 
     cell = folder / "cell"
     cell.mkdir()

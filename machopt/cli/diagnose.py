@@ -51,7 +51,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
 
 
 def _diagnose(args: argparse.Namespace) -> int:
-    from machopt.job.diagnose import Request, run_diagnose
+    from machopt.services.diagnose import Request, run_diagnose
 
     request = Request(
         cell=args.cell, recordings=tuple(args.recording), out=args.out, channel=args.channel, toolpath=args.toolpath,

@@ -68,7 +68,7 @@ def _add_identify(p: argparse.ArgumentParser) -> None:
 
 
 def _identify(args: argparse.Namespace) -> int:
-    from machopt.job.identify import Request, run_identify
+    from machopt.services.identify import Request, run_identify
 
     request = Request(
         cell=args.cell, recordings=tuple(args.recording), out=args.out, model=args.model, terms=tuple(args.fit),
@@ -189,7 +189,7 @@ def _add_poses(p: argparse.ArgumentParser) -> None:
 
 
 def _plan_poses(args: argparse.Namespace) -> int:
-    from machopt.job.poses import Request, run_plan_poses
+    from machopt.services.poses import Request, run_plan_poses
 
     renamed = {"anchors": "anchors_mm", "tracker": "tracker_mm", "prior": "prior_Nm_per_rad"}
     return _run(args, Request, run_plan_poses, renamed)
@@ -244,7 +244,7 @@ def _add_map(p: argparse.ArgumentParser) -> None:
 
 
 def _map(args: argparse.Namespace) -> int:
-    from machopt.job.map import Request, run_map
+    from machopt.services.map import Request, run_map
 
     told_of_effects(args)
     return _run(args, Request, run_map, {})

@@ -97,7 +97,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
 
 
 def _optimize(args: argparse.Namespace) -> int:
-    from machopt.job.run import Request, optimize
+    from machopt.services.run import Request, optimize
 
     direct = {
         "method": args.method,
@@ -141,7 +141,7 @@ def _inspect(args: argparse.Namespace) -> int:
     robot = None
     if args.cell is not None:
         from machopt.formats.cell import load_cell
-        from machopt.job.knownrobot import known_robot
+        from machopt.services.knownrobot import known_robot
 
         robot = known_robot(load_cell(args.cell, allow_external=args.allow_external))
     toolpath = read_toolpath(args.file, robot=robot, **reading(args))
@@ -164,8 +164,8 @@ def _inspect(args: argparse.Namespace) -> int:
 
 def _verify(args: argparse.Namespace) -> int:
     from machopt.cli.failures import causes_first, failures
-    from machopt.job.inforce import Request
-    from machopt.job.verify import verify
+    from machopt.services.inforce import Request
+    from machopt.services.verify import verify
 
     done = verify(Request(
         cell=args.cell, toolpath=args.toolpath, out=args.out, plan_file=args.plan, overrides=tuple(args.set),

@@ -1,4 +1,4 @@
-"""What the page of a map shows, in SI; :mod:`machopt.job.map_page` fills it."""
+"""What the page of a map shows, in SI; :mod:`machopt.services.map_page` fills it."""
 
 from __future__ import annotations
 

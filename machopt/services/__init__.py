@@ -1,1 +1,1 @@
-"""The main job from files to files: load → plan → export → verify → report. The command line only parses and prints."""
+"""One command each, from files to files: load → call → write. The command line only parses and prints."""

@@ -27,13 +27,13 @@ from machopt.formats.kinematics import write_kinematics
 from machopt.formats.recording import load_recording, load_recordings
 from machopt.formats.stiffness import load_stiffness, write_stiffness
 from machopt.identify.experiment import experiment
-from machopt.job.diagnose_result import page_of, result_of, write_residuals
-from machopt.job.inputs import input_hashes, recording_inputs, single
-from machopt.job.manifest import write_command_manifest
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import Masses, Robot, load_masses, load_robot
 from machopt.output import output_folder, write_result
 from machopt.report.diagnosis_page import write_diagnosis
+from machopt.services.diagnose_result import page_of, result_of, write_residuals
+from machopt.services.inputs import input_hashes, recording_inputs, single
+from machopt.services.manifest import write_command_manifest
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -116,7 +116,7 @@ def _diagnosed(request: Request, own: tuple[Own, ...], progress: Progress) -> Ou
         kinematics = _write_kinematics(folder, cell, d)
         effect = None
         if request.toolpath is not None and after is not None and before is not None:
-            from machopt.job.diagnose_effect import effect_on_job  # the planner takes a second to load
+            from machopt.services.diagnose_effect import effect_on_job  # the planner takes a second to load
 
             progress("what it changes for the toolpath")
             effect = effect_on_job(cell, before, after, request.toolpath)

@@ -25,10 +25,10 @@ from machopt.domain.stiffness import Stiffness
 from machopt.errors import InputError
 from machopt.formats.options import load_options
 from machopt.formats.toolpath import read_toolpath
-from machopt.job.knownrobot import known_robot
 from machopt.plan.explain import explain_points, gamma
 from machopt.plan.pipeline import Plan, plan
 from machopt.se3 import wrap
+from machopt.services.knownrobot import known_robot
 
 Array = NDArray[np.float64]
 CHANGED = np.radians(1.0)  # a rotation that differs by less is the same choice

@@ -28,13 +28,13 @@ from machopt.identify.pipeline import identify
 from machopt.identify.result import Identification
 from machopt.identify.uncertainty import uncertainty
 from machopt.identify.units import same_factor
-from machopt.job.identify_page import page_of
-from machopt.job.inputs import input_hashes, recording_inputs
-from machopt.job.manifest import write_command_manifest
 from machopt.model.robot import load_masses, load_robot
 from machopt.model.terms import compile_terms
 from machopt.output import output_folder, write_result
 from machopt.report.identification_page import write_identification
+from machopt.services.identify_page import page_of
+from machopt.services.inputs import input_hashes, recording_inputs
+from machopt.services.manifest import write_command_manifest
 
 CI90 = 0.9
 

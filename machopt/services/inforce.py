@@ -13,9 +13,9 @@ from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
 from machopt.formats.options import load_options, options_as_user
 from machopt.formats.toolpath import read_toolpath
-from machopt.job.knownrobot import known_robot
-from machopt.job.reading import reading_as_user, reading_from_user
 from machopt.output.jsonfile import plain
+from machopt.services.knownrobot import known_robot
+from machopt.services.reading import reading_as_user, reading_from_user
 from machopt.verify import Check
 
 NAN = float("nan")

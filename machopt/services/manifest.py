@@ -16,11 +16,11 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.formats.options import options_as_user
 from machopt.formats.posts.densify import Tolerance
-from machopt.job import scope
-from machopt.job.inputs import cell_inputs, distinct, single
-from machopt.job.reading import reading_as_user
 from machopt.output import write_manifest
 from machopt.output.jsonfile import plain
+from machopt.services import scope
+from machopt.services.inputs import cell_inputs, distinct, single
+from machopt.services.reading import reading_as_user
 
 ROLES = {
     "points.csv": "points", "trajectory.csv": "trajectory", "compensation.csv": "compensation",

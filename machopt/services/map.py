@@ -18,13 +18,6 @@ from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.fields import read_measured_stiffness, write_map_csv
 from machopt.formats.options import load_options
-from machopt.job.inputs import single
-from machopt.job.manifest import write_command_manifest
-from machopt.job.map_measured import compare
-from machopt.job.map_page import page_data
-from machopt.job.map_request import MapOptions, Request, resolve
-from machopt.job.map_result import Layer, map_columns, map_json, places
-from machopt.job.map_samples import build_samples
 from machopt.model.collision import CollisionModel
 from machopt.model.elastic import ArmElasticity
 from machopt.model.ik import Margins, solver_for
@@ -33,6 +26,13 @@ from machopt.model.robot import LinkShape, Robot, load_chain, load_masses
 from machopt.output import output_folder, write_result
 from machopt.report.map_page import write_map_page
 from machopt.report.map_svg import write_map_svg
+from machopt.services.inputs import single
+from machopt.services.manifest import write_command_manifest
+from machopt.services.map_measured import compare
+from machopt.services.map_page import page_data
+from machopt.services.map_request import MapOptions, Request, resolve
+from machopt.services.map_result import Layer, map_columns, map_json, places
+from machopt.services.map_samples import build_samples
 from machopt.workspace.along import follow
 from machopt.workspace.fields import FIELDS, Field, Setting, default_criterion, evaluate, offered
 from machopt.workspace.postures import Arm, Collides, Goodness, Postures, choose_postures, given_postures, tool_poses

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from machopt.errors import InputError
 from machopt.formats.fields import MeasuredStiffness
-from machopt.job.map_request import MapOptions, Request
 from machopt.se3 import inverse
+from machopt.services.map_request import MapOptions, Request
 from machopt.workspace.fields import Field, Setting
 from machopt.workspace.idw import Interpolated, interpolate_idw, leave_one_out
 from machopt.workspace.postures import Arm, choose_postures, tool_poses

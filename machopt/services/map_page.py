@@ -11,11 +11,11 @@ import machopt
 from machopt.domain.cell import Cell
 from machopt.domain.reason import Reason
 from machopt.domain.results.maps import MapResult
-from machopt.job.map_measured import Comparison
-from machopt.job.map_request import MapOptions
-from machopt.job.map_result import DEG, MM, REASONS, Layer
 from machopt.report.map_data import ArmLines, MapAxis, MapData, MapField, MapLayer, MeasuredView
 from machopt.se3 import inverse
+from machopt.services.map_measured import Comparison
+from machopt.services.map_request import MapOptions
+from machopt.services.map_result import DEG, MM, REASONS, Layer
 from machopt.workspace.fields import Field, Setting
 from machopt.workspace.postures import Arm
 from machopt.workspace.samples import XYZ, Samples

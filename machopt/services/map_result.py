@@ -13,12 +13,12 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
 from machopt.domain.results.maps import MapResult
 from machopt.formats.fields import Column
-from machopt.job.inputs import input_hashes
-from machopt.job.map_measured import Comparison
-from machopt.job.map_request import MapOptions, Request
 from machopt.output.hashes import sha256_of
 from machopt.output.jsonfile import plain
 from machopt.se3 import inverse
+from machopt.services.inputs import input_hashes
+from machopt.services.map_measured import Comparison
+from machopt.services.map_request import MapOptions, Request
 from machopt.workspace.fields import Field, Setting, Unit, Values
 from machopt.workspace.postures import Arm, Postures
 from machopt.workspace.samples import Samples, farthest_reach

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from machopt.domain.cell import Cell
 from machopt.errors import InputError
-from machopt.job.map_request import MapOptions
 from machopt.se3 import inverse
+from machopt.services.map_request import MapOptions
 from machopt.workspace.postures import Arm, candidates, tool_poses
 from machopt.workspace.samples import (
     XYZ,

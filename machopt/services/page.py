@@ -13,8 +13,6 @@ import machopt
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.formats.options import without_effect
-from machopt.job.points import PointResults, reason_of
-from machopt.job.posts import Written
 from machopt.plan.breaks import place
 from machopt.plan.certificate import certificate
 from machopt.plan.compensate import residual
@@ -26,6 +24,8 @@ from machopt.plan.timeline import Timeline
 from machopt.plan.uncertainty import gains
 from machopt.report import data as page
 from machopt.se3 import wrap
+from machopt.services.points import PointResults, reason_of
+from machopt.services.posts import Written
 from machopt.verify import Verification
 
 Array = NDArray[np.float64]

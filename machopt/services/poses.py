@@ -15,10 +15,16 @@ from machopt.domain.stiffness import Stiffness
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.poses import write_poses_csv, write_recording_template
-from machopt.job.inputs import input_hashes, recording_inputs
-from machopt.job.manifest import write_command_manifest
-from machopt.job.poses_discriminate import Discriminating, compliance_for, discriminating, noise_for
-from machopt.job.poses_request import (
+from machopt.model.collision import CollisionModel
+from machopt.model.elastic import ArmElasticity
+from machopt.model.kinetostatic import characteristic_length
+from machopt.model.robot import load_chain, load_masses
+from machopt.output import output_folder, write_result
+from machopt.report.poses_page import sentence, write_poses_page
+from machopt.services.inputs import input_hashes, recording_inputs
+from machopt.services.manifest import write_command_manifest
+from machopt.services.poses_discriminate import Discriminating, compliance_for, discriminating, noise_for
+from machopt.services.poses_request import (
     Request,
     check,
     load_criteria,
@@ -31,15 +37,9 @@ from machopt.job.poses_request import (
     ways_of,
     without_workpiece,
 )
-from machopt.job.poses_result import cautions, page_of, poses_table, result_of, stepped, template_of
-from machopt.job.poses_rivals import diagnosed
-from machopt.job.poses_standing import cases_at_rest, weights_of
-from machopt.model.collision import CollisionModel
-from machopt.model.elastic import ArmElasticity
-from machopt.model.kinetostatic import characteristic_length
-from machopt.model.robot import load_chain, load_masses
-from machopt.output import output_folder, write_result
-from machopt.report.poses_page import sentence, write_poses_page
+from machopt.services.poses_result import cautions, page_of, poses_table, result_of, stepped, template_of
+from machopt.services.poses_rivals import diagnosed
+from machopt.services.poses_standing import cases_at_rest, weights_of
 
 __all__ = ["Outcome", "Request", "run_plan_poses"]
 

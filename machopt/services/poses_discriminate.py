@@ -35,11 +35,11 @@ from machopt.diagnose.findings import AS_GOOD, MOST_OF, PAIRED
 from machopt.diagnose.limits import NINE_OF_TEN
 from machopt.domain.cell import Cell
 from machopt.effects.words import spoken
-from machopt.job.poses_predicted import Law, Predicted, law_of, load_tests, noise_of_cases, standing, steps_for
-from machopt.job.poses_request import Request, noise_of
-from machopt.job.poses_rivals import HIDDEN, MOST, NOTHING, PLACES, Diagnosed, Dispute, Stand
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import Masses, Robot
+from machopt.services.poses_predicted import Law, Predicted, law_of, load_tests, noise_of_cases, standing, steps_for
+from machopt.services.poses_request import Request, noise_of
+from machopt.services.poses_rivals import HIDDEN, MOST, NOTHING, PLACES, Diagnosed, Dispute, Stand
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -21,10 +21,10 @@ from machopt.diagnose.readings import Readings
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
 from machopt.effects import registry
-from machopt.job.poses_rivals import NOTHING, Diagnosed, Stand
 from machopt.model.gravity import gravity_torque
 from machopt.model.robot import Masses, Robot
 from machopt.se3 import quaternion
+from machopt.services.poses_rivals import NOTHING, Diagnosed, Stand
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

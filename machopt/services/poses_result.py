@@ -19,14 +19,14 @@ from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording, StandardUncertainty
 from machopt.domain.results.poses import PosesResult
 from machopt.formats.poses import PosesTable
-from machopt.job.poses_discriminate import Discriminating, described
-from machopt.job.poses_predicted import HOLD
-from machopt.job.poses_request import Request, shown
-from machopt.job.poses_rivals import Stand
 from machopt.model.collision import LONGEST, CollisionModel
 from machopt.model.robot import Robot
 from machopt.output.jsonfile import plain
 from machopt.report import poses_page as page
+from machopt.services.poses_discriminate import Discriminating, described
+from machopt.services.poses_predicted import HOLD
+from machopt.services.poses_request import Request, shown
+from machopt.services.poses_rivals import Stand
 
 Array = NDArray[np.float64]
 

@@ -12,10 +12,10 @@ from machopt.design.candidates import PosePool
 from machopt.design.loadcases import LoadCases, LoadCriteria, load_cases
 from machopt.design.loads import LoadWay
 from machopt.design.measurement import ReadingNoise
-from machopt.job.poses_request import Request
 from machopt.model.elastic import ArmElasticity
 from machopt.model.gravity import gravity_torque
 from machopt.model.robot import Masses
+from machopt.services.poses_request import Request
 
 NO_LOAD = "nothing hangs on the arm"
 

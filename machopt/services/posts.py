@@ -27,13 +27,13 @@ from machopt.formats.posts import (
 )
 from machopt.formats.posts.densify import Tolerance
 from machopt.formats.posts.postfile import ALIASES, post_names
-from machopt.job.program import Programmed, posture_of, robot_program, sampled_program
-from machopt.job.readback import Compared, Posted, controller_for
 from machopt.model.robot import Robot, load_chain
 from machopt.output.hashes import sha256_of
 from machopt.plan.blend import SPIN_TOLERANCE
 from machopt.plan.pipeline import Plan
 from machopt.plan.timeline import BEND, Timeline
+from machopt.services.program import Programmed, posture_of, robot_program, sampled_program
+from machopt.services.readback import Compared, Posted, controller_for
 from machopt.verify import Verification
 
 TOLERANCE_MM = 0.05

@@ -29,10 +29,10 @@ from machopt.formats.programs import ParsedProgram, read_program, recognised
 from machopt.formats.programs.configuration import first_difference
 from machopt.formats.programs.joints import urdf_joints
 from machopt.formats.programs.toolpath import URDF_JOINTS
-from machopt.job.program import posture_of
-from machopt.job.rewritten import Rewritten, failed_check
 from machopt.model.ik import refine
 from machopt.model.robot import Robot, load_chain
+from machopt.services.program import posture_of
+from machopt.services.rewritten import Rewritten, failed_check
 from machopt.verify.arm import Arm
 from machopt.verify.check import Check
 from machopt.verify.encoder import true_angles

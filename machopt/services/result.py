@@ -15,11 +15,6 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.results import optimize as told
 from machopt.domain.toolpath import Toolpath
 from machopt.formats.options import options_as_user, without_effect
-from machopt.job.front import Point, left_out
-from machopt.job.inputs import hashes_of
-from machopt.job.points import PointResults, reason_of
-from machopt.job.posts import Written, read_back
-from machopt.job.scope import done, not_run
 from machopt.output.hashes import sha256_of
 from machopt.output.manifest import listed
 from machopt.plan.breaks import Break
@@ -30,6 +25,11 @@ from machopt.plan.pipeline import Plan, Scored
 from machopt.plan.retime import Dip
 from machopt.plan.timeline import Timeline
 from machopt.plan.uncertainty import Gain, gains
+from machopt.services.front import Point, left_out
+from machopt.services.inputs import hashes_of
+from machopt.services.points import PointResults, reason_of
+from machopt.services.posts import Written, read_back
+from machopt.services.scope import done, not_run
 from machopt.verify import Verification
 
 

@@ -23,14 +23,14 @@ from machopt.domain.results.optimize import ChoiceObjective, MeanGain, Objective
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.errors import InputError
 from machopt.formats.options import options_as_user
-from machopt.job.manifest import BATCH_ROLES
-from machopt.job.resultform import wrong_parts
-from machopt.job.resultprograms import programs
-from machopt.job.scope import checked, done, not_run, unchecked
-from machopt.job.told import AGREE, DIGITS, Points, Told, known, near, same, same_items, short
 from machopt.output.hashes import sha256_of
 from machopt.output.jsonfile import plain, read_json
 from machopt.output.manifest import MANIFEST, listed
+from machopt.services.manifest import BATCH_ROLES
+from machopt.services.resultform import wrong_parts
+from machopt.services.resultprograms import programs
+from machopt.services.scope import checked, done, not_run, unchecked
+from machopt.services.told import AGREE, DIGITS, Points, Told, known, near, same, same_items, short
 from machopt.verify import Check, Verification
 from machopt.verify.table import read_columns
 

@@ -21,9 +21,9 @@ from machopt.formats.posts.densify import Tolerance
 from machopt.formats.posts.rounding import rounding
 from machopt.formats.posts.wording import difference, other_line_end, undecodable
 from machopt.formats.programs import ParsedProgram
-from machopt.job.program import posture_of
-from machopt.job.zonelaw import zone_check
 from machopt.model.robot import load_chain
+from machopt.services.program import posture_of
+from machopt.services.zonelaw import zone_check
 from machopt.verify.check import Check
 
 Array = NDArray[np.float64]

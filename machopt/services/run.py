@@ -19,16 +19,6 @@ from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options, options_as_user
 from machopt.formats.tables import write_compensation_csv, write_points_csv, write_trajectory_csv
 from machopt.formats.toolpath import read_toolpath
-from machopt.job.front import FILE as FRONT
-from machopt.job.front import front, measured, refuse, write_front
-from machopt.job.inputs import hashes_of
-from machopt.job.knownrobot import known_robot
-from machopt.job.manifest import ROLES, optimize_manifest
-from machopt.job.page import report_data
-from machopt.job.points import point_results
-from machopt.job.posts import is_post_file, tolerance_of, wanted_posts, withdrawn, withheld, write_programs
-from machopt.job.result import Made, result_of
-from machopt.job.verify import content_checks, verify_folder
 from machopt.model.robot import load_robot
 from machopt.output import MANIFEST, output_folder, write_manifest, write_result
 from machopt.plan.gaps import told
@@ -40,6 +30,16 @@ from machopt.plan.wrongunit import wrong_unit
 from machopt.report.data import FrontPoint
 from machopt.report.page import write_report
 from machopt.se3 import inverse
+from machopt.services.front import FILE as FRONT
+from machopt.services.front import front, measured, refuse, write_front
+from machopt.services.inputs import hashes_of
+from machopt.services.knownrobot import known_robot
+from machopt.services.manifest import ROLES, optimize_manifest
+from machopt.services.page import report_data
+from machopt.services.points import point_results
+from machopt.services.posts import is_post_file, tolerance_of, wanted_posts, withdrawn, withheld, write_programs
+from machopt.services.result import Made, result_of
+from machopt.services.verify import content_checks, verify_folder
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,14 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
-from machopt.job.inforce import Request, failed, in_force
-from machopt.job.inputs import cell_inputs, distinct, single
-from machopt.job.manifest import BATCH_ROLES, ROLES
-from machopt.job.posts import post_of, tolerance_of
-from machopt.job.readback import Posted, check_programs
-from machopt.job.resultcheck import result_checks
-from machopt.job.scope import not_run, unchecked
 from machopt.output.manifest import MANIFEST, differences, read_manifest
+from machopt.services.inforce import Request, failed, in_force
+from machopt.services.inputs import cell_inputs, distinct, single
+from machopt.services.manifest import BATCH_ROLES, ROLES
+from machopt.services.posts import post_of, tolerance_of
+from machopt.services.readback import Posted, check_programs
+from machopt.services.resultcheck import result_checks
+from machopt.services.scope import not_run, unchecked
 from machopt.verify import Check, Verification, verify_output
 from machopt.verify.table import Motion, read_motion
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from machopt.job.run import Request, optimize
 from machopt.output import MANIFEST
 from machopt.output.hashes import sha256_of
 from machopt.output.manifest import listed, seal
+from machopt.services.run import Request, optimize
 
 ROOT = Path(__file__).resolve().parents[2]
 CELLS = ROOT / "cells"
