@@ -180,3 +180,15 @@ def test_a_trajectory_of_minutes_is_read_in_seconds(tmp_path: Path) -> None:
     """A quarter of an hour every 12 ms: more numbers than the strict YAML reader takes at all."""
     (tmp_path / "a.yaml").write_text(ROS + "".join(f"  - {POINT % k}\n" for k in range(3, 75_000)))
     assert len(read_program(tmp_path / "a.yaml")) == 75_000
+
+
+def test_a_long_program_is_no_endless_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A program of a million lines was refused: the limits are there for loops."""
+    monkeypatch.setattr("machopt.formats.programs.builder.MOST_MOVES", 10)
+    monkeypatch.setattr("machopt.formats.programs.builder.MOST_STEPS", 10)
+    program, cut = tmp_path / "a.src", f"LIN {POSE}\n"
+    program.write_text("DEF a()\n" + 50 * cut + "END\n")
+    assert len(read_program(program)) == 50
+    program.write_text(f"DEF a()\nFOR i=1 TO 50\n{cut}ENDFOR\nEND\n")
+    with pytest.raises(InputError, match=r"line 2: more than 10 statements"):
+        read_program(program)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial.transform import Rotation
 from small_cell import small_cell
 
@@ -15,7 +16,7 @@ from machopt.model import nearest, threads
 from machopt.model.collision import CollisionModel
 from machopt.model.robot import load_chain
 from machopt.model.surfaces import Surfaces
-from machopt.model.triangles import follow, mesh_of
+from machopt.model.triangles import PIECES, _divided, follow, mesh_of
 from machopt.se3 import transform
 
 EXACT = 1e-11  # m, beside the rounding of fcl's own; TIE of the module is a tenth of that
@@ -73,3 +74,16 @@ def test_nearest_pair_is_the_least_of_all_and_does_not_depend_on_the_cores(
             d = 0.0 if within else max(model.surfaces.distance((i, j), T), 0.0)
             every.append(np.inf if pair.unless_cutting and cutting[n] else d)
         assert found[0].distance[n] == pytest.approx(min([*every, nearest.CAP]), abs=EXACT)
+
+
+def test_dividing_long_triangles_leaves_the_surface_as_it_is() -> None:
+    slender = trimesh.creation.cylinder(0.05, 1.0, sections=12).triangles
+    fine = _divided(slender, 0.1)
+    edges = np.linalg.norm(fine - np.roll(fine, -1, axis=1), axis=2)
+    assert len(fine) > 10 * len(slender)
+    assert edges.max() <= 0.1
+    area = [0.5 * np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1).sum() for t in (slender, fine)]
+    assert area[0] == pytest.approx(area[1], rel=1e-12)
+    assert len(_divided(slender, 1e-3)) <= len(slender) + PIECES  # a bound on what many long triangles cost
+    flat = np.zeros((3, 3, 3))
+    np.testing.assert_array_equal(_divided(flat, 0.0), flat)

@@ -3,7 +3,7 @@
 Mostly a plane between the convex hulls of the two shows that they are apart; it is looked for along the shortest way
 between the hulls (Gilbert 1966), which a few steps come near enough to. Else the two trees of boxes
 (:mod:`machopt.model.triangles`) are gone down. The second surface is not moved first: a box of it is placed when it is
-looked at, as the box along the first one's axes around the turned box, and triangles in boxes that are near each other.
+looked at, and compared along the axes of either; and triangles are, in boxes that are near each other.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from machopt.compiled import compiled
 from machopt.model.bodies import Body
 from machopt.model.threads import side_by_side
 from machopt.model.triangles import DEPTH, Mesh, mesh_of, triangles
-from machopt.se3 import inverse
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -33,7 +32,6 @@ class Outline:
 
     mesh: Mesh
     hull: Array
-    grain: float  # m, mean diagonal of the smallest boxes
 
 
 def outline_of(body: Body) -> Outline:
@@ -45,10 +43,7 @@ def outline_of(body: Body) -> Outline:
     except QhullError:  # flat: the box around it will do
         signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
         hull = body.box_centre + (signs * body.box_half) @ body.box_rotation.T
-    mesh = mesh_of(body)
-    leaf = mesh.child < 0
-    grain = np.linalg.norm(mesh.high[leaf] - mesh.low[leaf], axis=1).mean()
-    return Outline(mesh, np.ascontiguousarray(hull), float(grain))
+    return Outline(mesh_of(body), np.ascontiguousarray(hull))
 
 
 def nearer(a: Outline, b: Outline, T: Array, limit: float) -> Bools:
@@ -56,8 +51,6 @@ def nearer(a: Outline, b: Outline, T: Array, limit: float) -> Bools:
 
     Quickest where neighbouring rows are neighbouring placements. What is wholly inside is apart.
     """
-    if b.grain > a.grain:  # boxes around long triangles lose most when they are turned
-        a, b, T = b, a, inverse(T)
     T = np.ascontiguousarray(T, float)
     limit = max(limit, TOUCH)
     x, y = a.mesh, b.mesh
@@ -127,16 +120,24 @@ def _placed(T: Array, triangle: Array, normal: Array, out: Array, turned: Array)
 
 @compiled
 def _apart(low: Array, high: Array, k: int, lo: Array, hi: Array, m: int, T: Array) -> float:
-    """m² by which box k is apart, at least, from box m moved by T."""
-    gap = 0.0
+    """m² by which box k is apart, at least, from box m moved by T: along the axes of the one or of the other."""
+    x = 0.5 * (lo[m, 0] + hi[m, 0]), 0.5 * (lo[m, 1] + hi[m, 1]), 0.5 * (lo[m, 2] + hi[m, 2])
+    h = 0.5 * (hi[m, 0] - lo[m, 0]), 0.5 * (hi[m, 1] - lo[m, 1]), 0.5 * (hi[m, 2] - lo[m, 2])
+    dx = T[0, 0] * x[0] + T[0, 1] * x[1] + T[0, 2] * x[2] + T[0, 3] - 0.5 * (low[k, 0] + high[k, 0])
+    dy = T[1, 0] * x[0] + T[1, 1] * x[1] + T[1, 2] * x[2] + T[1, 3] - 0.5 * (low[k, 1] + high[k, 1])
+    dz = T[2, 0] * x[0] + T[2, 1] * x[1] + T[2, 2] * x[2] + T[2, 3] - 0.5 * (low[k, 2] + high[k, 2])
+    u, v, w = 0.5 * (high[k, 0] - low[k, 0]), 0.5 * (high[k, 1] - low[k, 1]), 0.5 * (high[k, 2] - low[k, 2])
+    ax = max(abs(dx) - u - abs(T[0, 0]) * h[0] - abs(T[0, 1]) * h[1] - abs(T[0, 2]) * h[2], 0.0)
+    ay = max(abs(dy) - v - abs(T[1, 0]) * h[0] - abs(T[1, 1]) * h[1] - abs(T[1, 2]) * h[2], 0.0)
+    az = max(abs(dz) - w - abs(T[2, 0]) * h[0] - abs(T[2, 1]) * h[1] - abs(T[2, 2]) * h[2], 0.0)
+    gap = ax * ax + ay * ay + az * az
+    other = 0.0
     for c in range(3):
-        middle, half = T[c, 3], 0.0
-        for i in range(3):
-            middle += 0.5 * T[c, i] * (lo[m, i] + hi[m, i])
-            half += 0.5 * abs(T[c, i]) * (hi[m, i] - lo[m, i])
-        way = max(low[k, c] - middle - half, middle - half - high[k, c], 0.0)
-        gap += way * way
-    return gap
+        off = abs(T[0, c] * dx + T[1, c] * dy + T[2, c] * dz)
+        off -= h[c] + abs(T[0, c]) * u + abs(T[1, c]) * v + abs(T[2, c]) * w
+        if off > 0.0:
+            other += off * off
+    return float(max(gap, other))
 
 
 @compiled

@@ -19,7 +19,9 @@ from machopt.model.bodies import Body
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-LEAF = 4  # triangles in a box that is not divided any more
+LEAF = 2  # triangles in a box that is not divided any more
+FINE = 0.1  # of a body's size: triangles with longer edges are divided
+PIECES = 20_000  # most triangles that dividing makes
 DEPTH = 512  # pairs of boxes waiting on the way down the trees
 GUARD = 1e-9  # m, by which sums of motions may be off
 TIE = 1e-12  # m, by which equal distances may differ in their last digits
@@ -41,11 +43,28 @@ class Mesh:
 
 
 def mesh_of(body: Body) -> Mesh:
-    """Boxes around a body's triangles."""
-    corners = np.ascontiguousarray(body.vertices[body.faces])
+    """Boxes around a body's triangles, the long ones divided: a box around a long triangle holds little of it."""
+    corners = _divided(body.vertices[body.faces], FINE * float(np.linalg.norm(np.ptp(body.vertices, axis=0))))
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size = np.linalg.norm(normals, axis=1, keepdims=True)
     return Mesh(corners, np.where(size**2 > FLAT, normals / np.maximum(size, 1e-300), 0.0), *_boxes(corners))
+
+
+def _divided(corners: Array, longest: float) -> Array:
+    """The same surface with no edge above ``longest`` m, where PIECES allow: triangles (F, 3, 3) halved, and halved."""
+    done, made = [corners[:0]], 0
+    while len(corners):
+        edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)  # from each corner to the next
+        long = edges.max(axis=1) > longest
+        made += int(long.sum())
+        if made > PIECES:
+            break
+        done.append(corners[~long])
+        first = edges[long].argmax(axis=1)
+        a, b, c = (corners[long][np.arange(len(first)), (first + k) % 3] for k in range(3))
+        middle = 0.5 * (a + b)
+        corners = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+    return np.ascontiguousarray(np.concatenate([*done, corners]))
 
 
 @compiled

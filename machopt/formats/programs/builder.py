@@ -21,8 +21,8 @@ from machopt.formats.source import Source
 STANDING_TOOL = (
     "the robot carries the workpiece past a tool that stands still: not supported; post the job for a tool on the robot"
 )
-MOST_MOVES = 1_000_000
-MOST_STEPS = 2_000_000  # statements carried out: loops that end are shorter
+MOST_MOVES = 1_000_000  # beyond one for each line: what a loop may repeat
+MOST_STEPS = 2_000_000  # statements carried out, beyond one for each line: loops that end are shorter
 FARTHEST = 1e3  # m; no robot cell is larger, so the number is a fault
 MOST_DEGREES = 1e5  # of an axis
 SAME_ATTITUDE = 1e-6  # of a rotation matrix: programs carry six digits at most
@@ -82,7 +82,7 @@ class Builder:
             InputError: the program does not end.
         """
         self._steps += 1
-        if self._steps > MOST_STEPS:
+        if self._steps > MOST_STEPS + line:
             raise self.error(f"more than {MOST_STEPS} statements are carried out: a loop does not end here", line)
 
     def override(self, percent: float | None, line: int) -> None:
@@ -183,8 +183,8 @@ class Builder:
         self, kind: int, axes: tuple[float, ...] | None, T: Array | None, feed: float, blend: float, time: float,
         external: Sequence[float], configuration: Mapping[str, object] | None, line: int,
     ) -> None:  # fmt: skip
-        if len(self) >= MOST_MOVES:
-            raise self.error(f"more than {MOST_MOVES} moves", line)
+        if len(self) >= MOST_MOVES + line:
+            raise self.error(f"more than {MOST_MOVES} moves beyond one a line", line)
         nan = math.nan
         self._numbers.extend(axes if axes is not None else (nan,) * 6)
         self._numbers.extend(T[:3].ravel().tolist() if T is not None else (nan,) * 12)
