@@ -56,7 +56,7 @@ function axis(side, label, { grid = true, log = false, names = null, size = side
   };
 }
 
-// A uPlot in its place: as wide as that is, on paper too.
+// A uPlot in its place: as wide as that is; on paper the style sheet narrows it.
 function plot(host, opts, data) {
   const u = new uPlot({ ...opts, width: opts.width || Math.max(260, host.clientWidth) }, data, host);
   if (!opts.width) {
@@ -67,12 +67,7 @@ function plot(host, opts, data) {
   return u;
 }
 
-const PAPER = 660; // px between the margins of an A4 page
-window.addEventListener("beforeprint", () => {
-  for (const u of PLOTS) if (u.width > PAPER) u.setSize({ width: PAPER, height: u.height });
-  document.querySelectorAll("details").forEach(d => { d.open = true; });
-});
-window.addEventListener("afterprint", () => { for (const u of PLOTS) u.setSize({ width: u.root.parentNode.clientWidth, height: u.height }); });
+window.addEventListener("beforeprint", () => document.querySelectorAll("details").forEach(d => { d.open = true; }));
 
 // Where the pointer is in a plot, in its pixels.
 function under(u, evt) {
