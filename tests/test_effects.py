@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from machopt.diagnose import deflection, engine
+from machopt.diagnose import at_joint, deflection, engine
 from machopt.diagnose.problem import Catalogue, Family, Problem, Unknown
 from machopt.diagnose.readings import Readings
 from machopt.diagnose.words import sentence
@@ -21,6 +21,7 @@ from machopt.effects.corrections import entry, extended
 from machopt.effects.protocol import (
     COMPLIANCE,
     JOINTS,
+    MEMORIES,
     Array,
     Beside,
     Drive,
@@ -363,6 +364,30 @@ def load_test() -> tuple[Readings, Stiffness]:
     state, visit = robot.state(q, tool, bodies=True), session * 12 + pose
     c = 1.0 / cell.stiffness.joints
     return Readings(recording, robot, tool, masses, state, w, 6, True, c, session, visit, rows), cell.stiffness
+
+
+def test_what_a_cell_holds_explains_what_diagnose_fitted_whatever_the_gear_remembers() -> None:
+    """Every law at a joint that load tests offer, in every memory: finding → file → the same displacement."""
+    r, _ = load_test()
+    r = replace(r, recording=replace(r.recording, time=np.cumsum(np.linspace(5.0, 40.0, len(r)))))
+    seen = set()
+    for h in deflection.catalogue(r, None).hypotheses:
+        if h.location != "joint:3" or h.effect not in {e.name for e in registry.of_joint_torque() if e.remembers}:
+            continue
+        for shape in h.shapes[:: max(len(h.shapes) // 8, 1)]:
+            columns = h.columns(shape)
+            x = 1e-5 / np.abs(columns).max(axis=(0, 1)) * np.arange(1.0, columns.shape[2] + 1.0)
+            term = h.correction(x, shape)
+            assert isinstance(term, Term)
+            other = Term("joint_backlash", "joint:2", {"width_arcmin": 1.0, "transition_Nm": 50.0})
+            moved, left = at_joint.lived_through(r, (other, term))
+            assert left == (other,)
+            np.testing.assert_allclose(moved, columns @ x, rtol=1e-9, atol=1e-16)
+            seen.add((h.effect, term.parameters["memory"]))
+    assert seen == {(e, m) for e in ("joint_hysteresis", "joint_creep") for m in MEMORIES}
+    creep_term = Term("joint_creep", "joint:3", {"extra_rad_per_Nm": 1e-7, "time_constant_s": 9.0, "memory": "visit"})
+    timeless = replace(r, recording=replace(r.recording, time=None), memo={})
+    assert at_joint.lived_through(timeless, (creep_term,))[1] == (creep_term,)
 
 
 def test_one_file_and_one_line_add_an_effect(toy: Effect, tmp_path: Path) -> None:

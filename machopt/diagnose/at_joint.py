@@ -6,7 +6,7 @@ of a load test counts φ(with load) − φ(without), a measured pose φ as it is
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from machopt.diagnose.history import history
 from machopt.diagnose.problem import Curve, Hypothesis, Quantity, Shape
 from machopt.diagnose.readings import Readings
 from machopt.domain.stiffness import Term
-from machopt.effects import files
+from machopt.effects import files, registry
 from machopt.effects.protocol import ARCMIN, MEMORIES, Drive, Effect, Law, Scale, joints_of, timed
 
 Array = NDArray[np.float64]
@@ -97,6 +97,34 @@ def pair(r: Readings, effect: Effect, where: str, note: str, equation: str = "")
         lambda x, s: law.sizes(x, np.array(s), scale), law.grid(scale),
         correction=lambda x, s: Term(effect.called, where, files.write(law, x, np.array(s))), family="joint", note=note,
     )  # fmt: skip
+
+
+def lived_through(r: Readings, terms: Sequence[Term]) -> tuple[Array, tuple[Term, ...]]:
+    """What terms of a stiffness file make of a load test whose gears remember as the terms say.
+
+    Args:
+        r: readings.
+        terms: any; a term without ``memory`` is none of them, nor one by time where the recording has none.
+
+    Returns:
+        (N, 6) m, rad at the TCP, and the terms that are not in it.
+    """
+    moved, others = np.zeros((len(r), 6)), []
+    single = {e.called: e for e in registry.of_joint_torque()}
+    for term in terms:
+        effect = single.get(term.effect)
+        if effect is None or "memory" not in term.parameters:
+            others.append(term)
+            continue
+        given = files.Parameters(term.parameters, term.effect)
+        law = files.law_of(effect, given)
+        values, shape, memory = files.read(law, given)
+        if timed(law) and r.recording.time is None:
+            others.append(term)
+            continue
+        j, _ = joints_of(term.location)
+        moved += r.state.J[:, :, j] * (twist(r, j, law, shape, memory) @ values)[:, None]
+    return moved, tuple(others)
 
 
 def twist(r: Readings, j: int, law: Law, shape: Array, memory: str) -> Array:

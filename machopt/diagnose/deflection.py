@@ -62,14 +62,9 @@ def build(
     y = tests.measured - known
     c = np.clip(start(A, y, load) if compliance is None else compliance, 0.0, MOST_COMPLIANCE)
     labels = clusters(tests)
-    _, visit = np.unique(np.stack([tests.pose, tests.session], axis=1), axis=0, return_inverse=True)
-    _, session = np.unique(tests.session, return_inverse=True)
-    readings = Readings(
-        recording, robot, T_flange_tcp, masses, tests.state, tests.wrench, tests.dimensions, True, c,
-        session.reshape(-1), visit.reshape(-1), tests.cycle, {} if memo is None else memo,
-    )  # fmt: skip
+    readings = readings_of(recording, tests, robot, T_flange_tcp, masses, c, memo)
     predicted = A @ c
-    gains = [predicted * (session == s)[:, None] for s in range(1, int(session.max()) + 1)]
+    gains = [predicted * (readings.session == s)[:, None] for s in range(1, int(readings.session.max()) + 1)]
     base = np.concatenate([A, *(g[:, :, None] for g in gains)], axis=2)
     unknowns = [Unknown(f"joint {j}", "rad/(N·m)", 0.0, f"joint:{j}", key=joint_spring(j)) for j in range(1, 7)]
     unknowns += [
@@ -90,6 +85,19 @@ def build(
         weight_known=masses is not None,
     )  # fmt: skip
     return problem, catalogue(readings, curved), readings
+
+
+def readings_of(
+    recording: Recording, tests: Experiment, robot: Robot, T_flange_tcp: Array, masses: Masses | None,
+    compliance: Array, memo: dict[str, History] | None = None,
+) -> Readings:  # fmt: skip
+    """The readings of a load test with what gears may remember of it; see :func:`build`."""
+    _, visit = np.unique(np.stack([tests.pose, tests.session], axis=1), axis=0, return_inverse=True)
+    _, session = np.unique(tests.session, return_inverse=True)
+    return Readings(
+        recording, robot, T_flange_tcp, masses, tests.state, tests.wrench, tests.dimensions, True, compliance,
+        session.reshape(-1), visit.reshape(-1), tests.cycle, {} if memo is None else memo,
+    )  # fmt: skip
 
 
 def catalogue(r: Readings, curved: Array | None) -> Catalogue:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.diagnose import absolute, deflection, engine, motion, record, userterms
+from machopt.diagnose import absolute, at_joint, deflection, engine, motion, record, userterms
 from machopt.diagnose.history import History
 from machopt.diagnose.problem import Catalogue, Problem
 from machopt.diagnose.result import Coefficient, Diagnosis, Finding
@@ -190,9 +190,12 @@ def _load_tests(
     memo: dict[str, History] = {}
     terms = None
     if known is not None and known.terms:  # what they add to the springs
-        whole = ArmElasticity(robot, T, known, masses=masses).at(recording.q)
+        r = deflection.readings_of(recording, tests, robot, T, masses, 1.0 / known.joints, memo)
+        lived, settled = at_joint.lived_through(r, known.terms)
+        ArmElasticity(robot, T, known, masses=masses)  # refuses what no plan could use either
+        whole = ArmElasticity(robot, T, replace(known, terms=settled), masses=masses).at(recording.q)
         springs = ArmElasticity(robot, T, Stiffness(known.joints)).at(recording.q)
-        terms = whole.respond(tests.wrench) - springs.respond(tests.wrench)
+        terms = lived + whole.respond(tests.wrench) - springs.respond(tests.wrench)
 
     def build(compliance: Array | None) -> tuple[Problem, Catalogue]:
         problem, catalogue, readings = deflection.build(
