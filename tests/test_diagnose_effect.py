@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from machopt.diagnose.onjob import TEST_FORCE, effect_on_job
 from machopt.domain.results.diagnosis import EffectOnJob
 from machopt.domain.stiffness import Stiffness, Term
 from machopt.errors import InputError
@@ -19,7 +20,6 @@ from machopt.formats.toolpath import read_toolpath
 from machopt.model.elastic import ArmElasticity
 from machopt.plan.explain import gamma
 from machopt.plan.pipeline import Plan, plan
-from machopt.services.diagnose_effect import TEST_FORCE, effect_on_job
 from machopt.services.diagnose_result import job_effect
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -38,7 +38,7 @@ OPTIONS = load_options(CELL.plan, None, ONLY_MEAN)
 
 @pytest.fixture(scope="module")
 def effect() -> dict[str, Any]:
-    return effect_on_job(CELL, OLD, NEW, PATH, OPTIONS).plain()
+    return effect_on_job(CELL, OLD, NEW, read_toolpath(PATH), OPTIONS).plain()
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +107,7 @@ def test_the_page_and_the_file_take_it(effect: dict[str, Any]) -> None:
 
 
 def test_nothing_found_changes_nothing() -> None:
-    same = effect_on_job(CELL, OLD, OLD, PATH, OPTIONS).plain()
+    same = effect_on_job(CELL, OLD, OLD, read_toolpath(PATH), OPTIONS).plain()
     assert same["rotation"] == {"mean_change_deg": 0.0, "max_change_deg": 0.0, "changed_share": 0.0}
     assert same["deflection_mm"]["before"] == same["deflection_mm"]["unchanged"] == same["deflection_mm"]["after"]
     assert "the rotation stays as it is" in same["sentence"]
@@ -115,7 +115,7 @@ def test_nothing_found_changes_nothing() -> None:
 
 def test_without_a_process_force_a_stated_one_is_taken() -> None:
     options = replace(OPTIONS, force=replace(OPTIONS.force, travel=0.0, normal=0.0, axial=0.0))
-    found = effect_on_job(CELL, OLD, NEW, PATH, options).plain()
+    found = effect_on_job(CELL, OLD, NEW, read_toolpath(PATH), options).plain()
     assert found["force"] == f"{TEST_FORCE:g} N along the tool axis"
     assert found["deflection_mm"]["unchanged"]["mean"] >= found["deflection_mm"]["before"]["mean"]
     assert found["force"] in found["sentence"]
@@ -130,13 +130,15 @@ def _table(folder: Path, x: float) -> Path:
 
 
 def test_what_cannot_be_planned_is_a_reason(tmp_path: Path) -> None:
-    far = effect_on_job(CELL, OLD, NEW, _table(tmp_path, 9000.0), OPTIONS).plain()
+    far = effect_on_job(CELL, OLD, NEW, read_toolpath(_table(tmp_path, 9000.0)), OPTIONS).plain()
     assert "out of reach" in far["reason"]
     assert far["reason"] in far["sentence"]
     assert job_effect(EffectOnJob.model_validate(far)).changes == ()
     hard = Term("joint_nonlinear_stiffness", "joint:3",
                 {"law": "knee", "extra_rad_per_Nm": -2.0 * float(C[2]), "knee_Nm": 300.0})  # fmt: skip
-    against = effect_on_job(CELL, OLD, replace(OLD, terms=(hard,)), _table(tmp_path, 0.0), OPTIONS).plain()
+    against = effect_on_job(
+        CELL, OLD, replace(OLD, terms=(hard,)), read_toolpath(_table(tmp_path, 0.0)), OPTIONS
+    ).plain()
     assert "joint_nonlinear_stiffness takes" in against["reason"]
 
 
@@ -145,7 +147,7 @@ def test_points_that_are_out_of_reach_are_left_out_and_counted(tmp_path: Path) -
     rows = "\n".join(["9000,0,50,0,0,1,rapid,,b", "9000,0,0,0,0,1,approach,900,b", "9040,0,0,0,0,1,cut,900,b"])
     file.write_text(file.read_text() + rows + "\n")
     options = load_options(CELL.plan, None, [*ONLY_MEAN, "allow_gaps=true"])
-    found = effect_on_job(CELL, OLD, NEW, file, options).plain()
+    found = effect_on_job(CELL, OLD, NEW, read_toolpath(file), options).plain()
     assert found["reason"] is None
     assert found["points_not_reached"] > 0
     assert "out of reach" in found["not_reached_because"]
@@ -155,4 +157,4 @@ def test_points_that_are_out_of_reach_are_left_out_and_counted(tmp_path: Path) -
 
 def test_a_toolpath_that_cannot_be_read_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"none\.csv"):
-        effect_on_job(CELL, OLD, NEW, tmp_path / "none.csv", OPTIONS)
+        effect_on_job(CELL, OLD, NEW, read_toolpath(tmp_path / "none.csv"), OPTIONS)

@@ -10,6 +10,7 @@ from typing import cast
 import numpy as np
 import pytest
 
+from machopt.diagnose.extended import stiffness_of
 from machopt.diagnose.problem import Unknown
 from machopt.diagnose.result import Coefficient, Diagnosis
 from machopt.domain.parameters import ParameterKey, joint_spring
@@ -18,7 +19,6 @@ from machopt.formats.cell import load_cell
 from machopt.formats.stiffness import load_stiffness, write_stiffness
 from machopt.model.robot import load_robot
 from machopt.model.terms import compile_terms, term_of
-from machopt.services.diagnose import stiffness_of
 
 ROOT = Path(__file__).resolve().parent.parent
 CELL = load_cell(ROOT / "cells" / "kr240_drilling")

@@ -17,6 +17,9 @@ from machopt.design.loadcases import LoadCases, LoadCriteria, load_cases
 from machopt.design.loads import load_ways
 from machopt.design.maximin import Contest, best_readings, by_pose, left_of_all, needed_noncentrality, power
 from machopt.design.measurement import ReadingNoise
+from machopt.diagnose.apart.disputes import NOTHING, Diagnosed, Dispute, Stand
+from machopt.diagnose.apart.predicted import Predicted, law_of, load_tests, noise_of_cases, steps_for
+from machopt.diagnose.apart.separate import _contests
 from machopt.domain.cell import Cell
 from machopt.domain.parameters import joint_spring
 from machopt.domain.stiffness import Stiffness
@@ -26,9 +29,7 @@ from machopt.formats.poses import read_poses_csv
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import load_masses, load_robot
 from machopt.services.poses import Outcome, Request, run_plan_poses
-from machopt.services.poses_discriminate import _contests
-from machopt.services.poses_predicted import Predicted, law_of, load_tests, noise_of_cases, steps_for
-from machopt.services.poses_rivals import NOTHING, Diagnosed, Dispute, Stand, diagnosed
+from machopt.services.poses_diagnosed import diagnosed
 
 CELL = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
 COMPLIANCE = 1.0 / np.array([1.41e6, 4.01e5, 9.35e5, 3.60e5, 3.70e5, 3.80e5])

@@ -15,15 +15,14 @@ from machopt.design.measurement import ReadingNoise
 from machopt.model.elastic import ArmElasticity
 from machopt.model.gravity import gravity_torque
 from machopt.model.robot import Masses
-from machopt.services.poses_request import Request
 
 NO_LOAD = "nothing hangs on the arm"
 
 
-def weights_of(request: Request, ways: Sequence[LoadWay]) -> tuple[LoadWay, ...]:
-    """No load, then the weights that were offered, hung at the TCP."""
+def weights_of(offered: bool, ways: Sequence[LoadWay]) -> tuple[LoadWay, ...]:
+    """No load, then the weights among the ways, hung at the TCP, where weights were offered."""
     none = LoadWay("weight", np.array([0.0, 0.0, -1.0]), None, np.zeros(3), (0.0,), NO_LOAD)
-    hung = () if request.weights_kg is None else tuple(w for w in ways if w.kind == "weight" and not w.arm.any())
+    hung = tuple(w for w in ways if w.kind == "weight" and not w.arm.any()) if offered else ()
     return (none, *hung)
 
 

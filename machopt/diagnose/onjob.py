@@ -11,8 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,13 +20,11 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
 from machopt.domain.results.diagnosis import CasePoints, Cases, Change, EffectOnJob, MeanAndWorst, RotationChange
 from machopt.domain.stiffness import Stiffness
+from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
-from machopt.formats.options import load_options
-from machopt.formats.toolpath import read_toolpath
 from machopt.plan.explain import explain_points, gamma
 from machopt.plan.pipeline import Plan, plan
 from machopt.se3 import wrap
-from machopt.services.knownrobot import known_robot
 
 Array = NDArray[np.float64]
 CHANGED = np.radians(1.0)  # a rotation that differs by less is the same choice
@@ -37,9 +33,8 @@ TEST_FORCE = 1000.0  # N along the tool axis, where the cell's plan states no pr
 
 
 def effect_on_job(
-    cell: Cell, stiffness_before: Stiffness, stiffness_after: Stiffness, toolpath_path: Path | str,
-    options: PlanOptions | None = None, reading: Mapping[str, Any] | None = None,
-) -> EffectOnJob:  # fmt: skip
+    cell: Cell, stiffness_before: Stiffness, stiffness_after: Stiffness, toolpath: Toolpath, options: PlanOptions
+) -> EffectOnJob:
     """Plan a toolpath with the model as it was and with what was found, and compare.
 
     Deflections are those of the programmed path, without compensation; means are over the length cut. A force that the
@@ -49,19 +44,12 @@ def effect_on_job(
         cell: the cell; its own stiffness is not used.
         stiffness_before: joint springs refitted alone.
         stiffness_after: joint springs refitted together with the terms found.
-        toolpath_path: a CAM file or table.
-        options: of planning; None: the cell's own.
-        reading: keywords of :func:`machopt.formats.toolpath.read_toolpath`.
+        toolpath: what is cut.
+        options: of planning.
 
     Returns:
-        the block ``effect_on_job`` of diagnosis.json: ``toolpath``, ``sentence``, ``reason`` (None, or why nothing can
-        be said), ``rotation``, ``deflection_mm``, ``worst_point``, ``changes``, and curves with one value a point.
-
-    Raises:
-        InputError: the toolpath cannot be read, or an option does not hold.
+        the block ``effect_on_job`` of diagnosis.json.
     """
-    options = load_options(cell.plan) if options is None else options
-    toolpath = read_toolpath(toolpath_path, robot=known_robot(cell), **dict(reading or {}))
     try:
         old, new = (plan(replace(cell, stiffness=s), toolpath, options) for s in (stiffness_before, stiffness_after))
     except InputError as error:  # a cell that is not planned for, or springs that hold no load: nothing to compare

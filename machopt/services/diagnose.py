@@ -10,22 +10,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.diagnose import absolute, at_joint, deflection, engine, motion, record, userterms
+from machopt.diagnose.extended import stiffness_of
 from machopt.diagnose.history import History
 from machopt.diagnose.problem import Catalogue, Problem
-from machopt.diagnose.result import Coefficient, Diagnosis, Finding
+from machopt.diagnose.result import Diagnosis, Finding
 from machopt.diagnose.words import sentence
 from machopt.domain.cell import Cell
 from machopt.domain.kinematics import KinematicCorrection, Kinematics
 from machopt.domain.recording import Recording
 from machopt.domain.results.diagnosis import DiagnosisResult
-from machopt.domain.stiffness import Stiffness, Term
+from machopt.domain.stiffness import Stiffness
 from machopt.effects.corrections import extended
 from machopt.effects.own import Own, in_use, run
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.kinematics import write_kinematics
+from machopt.formats.options import load_options
 from machopt.formats.recording import load_recording, load_recordings
 from machopt.formats.stiffness import load_stiffness, write_stiffness
+from machopt.formats.toolpath import read_toolpath
 from machopt.identify.experiment import experiment
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import Masses, Robot, load_masses, load_robot
@@ -33,14 +36,12 @@ from machopt.output import output_folder, write_result
 from machopt.report.diagnosis_page import write_diagnosis
 from machopt.services.diagnose_result import page_of, result_of, write_residuals
 from machopt.services.inputs import input_hashes, recording_inputs, single
+from machopt.services.knownrobot import known_robot
 from machopt.services.manifest import write_command_manifest
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
-LEAST_COMPLIANCE = 1e-10  # rad/(N·m), of a joint that no load moved
 GEOMETRIC = "geometric_stiffness"  # counted in any case
-JOINTS = 6
-CERTAIN_JOINT = 0.5  # standard error per compliance from which on a joint keeps the cell's value
 
 
 @dataclass(frozen=True)
@@ -116,10 +117,11 @@ def _diagnosed(request: Request, own: tuple[Own, ...], progress: Progress) -> Ou
         kinematics = _write_kinematics(folder, cell, d)
         effect = None
         if request.toolpath is not None and after is not None and before is not None:
-            from machopt.services.diagnose_effect import effect_on_job  # the planner takes a second to load
+            from machopt.diagnose.onjob import effect_on_job  # the planner takes a second to load
 
             progress("what it changes for the toolpath")
-            effect = effect_on_job(cell, before, after, request.toolpath)
+            toolpath = read_toolpath(request.toolpath, robot=known_robot(cell))
+            effect = effect_on_job(cell, before, after, toolpath, load_options(cell.plan))
         inputs = input_hashes(cell, request.recordings)
         said = {"channel": request.channel, "max_findings": request.max_findings, "seed": request.seed,
                 "accept": list(request.accept), "terms": [p.name for p in request.terms]}  # fmt: skip
@@ -298,37 +300,6 @@ def _masses(cell: Cell) -> Masses | None:
     except InputError:
         return None
     return masses if masses.mass.sum() > 0 else None
-
-
-def stiffness_of(cell: Cell, d: Diagnosis) -> tuple[Stiffness | None, Stiffness | None]:
-    """Joints as refitted and terms, without and with what was found; what the data do not show is the cell's.
-
-    None where the cell has no stiffness and the data show fewer than six joints.
-    """
-    springs = {c.unknown.spring: c for c in d.coefficients if c.unknown.spring is not None}
-    found = tuple(f.correction for f in d.findings if isinstance(f.correction, Term))
-    known = () if cell.stiffness is None else cell.stiffness.terms
-    new = {(t.effect, t.location) for t in found}
-    terms = (*(t for t in known if (t.effect, t.location) not in new), *found)
-    if not springs:
-        return cell.stiffness, None if cell.stiffness is None else replace(cell.stiffness, terms=terms)
-    if cell.stiffness is None and len(springs) < JOINTS:
-        return None, None
-    prior = None if cell.stiffness is None else cell.stiffness.joints
-
-    def stiffness(of: Callable[[Coefficient], float]) -> Array:
-        out = []
-        for j in range(JOINTS):
-            c = springs.get(j + 1)
-            value = 0.0 if c is None else of(c)
-            sure = c is not None and value > LEAST_COMPLIANCE and c.sigma < CERTAIN_JOINT * value
-            if not sure and prior is not None:
-                out.append(float(prior[j]))
-            else:
-                out.append(1.0 / max(value, LEAST_COMPLIANCE))
-        return np.array(out)
-
-    return Stiffness(stiffness(lambda c: c.before), terms=known), Stiffness(stiffness(lambda c: c.value), terms=terms)
 
 
 def _write_model(folder: Path, stiffness: Stiffness | None) -> str | None:

@@ -6,9 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from machopt.design.atrest import cases_at_rest, weights_of
 from machopt.design.candidates import PoseScreen, sample_poses
 from machopt.design.loadcases import load_cases
 from machopt.design.poseplan import PosePlan, plan_poses
+from machopt.diagnose.apart.separate import Asked, Discriminating, compliance_for, discriminating, noise_for
 from machopt.domain.manifest import with_scope
 from machopt.domain.results.poses import PosesResult
 from machopt.domain.stiffness import Stiffness
@@ -23,7 +25,7 @@ from machopt.output import output_folder, write_result
 from machopt.report.poses_page import sentence, write_poses_page
 from machopt.services.inputs import input_hashes, recording_inputs
 from machopt.services.manifest import write_command_manifest
-from machopt.services.poses_discriminate import Discriminating, compliance_for, discriminating, noise_for
+from machopt.services.poses_diagnosed import diagnosed
 from machopt.services.poses_request import (
     Request,
     check,
@@ -38,8 +40,6 @@ from machopt.services.poses_request import (
     without_workpiece,
 )
 from machopt.services.poses_result import cautions, page_of, poses_table, result_of, stepped, template_of
-from machopt.services.poses_rivals import diagnosed
-from machopt.services.poses_standing import cases_at_rest, weights_of
 
 __all__ = ["Outcome", "Request", "run_plan_poses"]
 
@@ -79,7 +79,8 @@ def run_plan_poses(request: Request, progress: Callable[[str], None] = lambda _:
     if found is not None and not found.disputes:
         raise InputError("this diagnosis leaves nothing that poses and loads could tell apart",
                          file=request.discriminate, where="--discriminate")  # fmt: skip
-    noise = noise_of(request) if found is None else noise_for(request, found, 1)
+    asked = Asked(noise_of(request), request.displacement_mm is not None, request.targets_mm / 1e3)
+    noise = asked.noise if found is None else noise_for(asked, found, 1)
     size = plan_size(request)
     terms = terms_of(request, robot, T)
     _enough_numbers(request, noise.dimensions, 6 + sum(len(t.coefficients) for t in terms))
@@ -99,7 +100,7 @@ def run_plan_poses(request: Request, progress: Callable[[str], None] = lambda _:
     pool = sample_poses(screen, limits, cell.home, size.candidates, size.seed)
     criteria = load_criteria(request, noise)
     if found is not None and found.channel == "position":
-        ways = weights_of(request, ways)
+        ways = weights_of(request.weights_kg is not None, ways)
         cases = cases_at_rest(pool, ways, prior, criteria, noise, masses)
     else:
         cases = load_cases(pool, ways, prior, terms, criteria, noise)
@@ -107,7 +108,7 @@ def run_plan_poses(request: Request, progress: Callable[[str], None] = lambda _:
     apart: Discriminating | None = None
     if len(cases) and found is not None:
         weight = masses if masses.mass.sum() > 0 else None
-        apart = discriminating(request, found, cell, robot, weight, pool, cases, ways, prior, size, progress)
+        apart = discriminating(asked, found, cell, robot, weight, pool, cases, ways, prior, size, progress)
         plan, noise = apart.plan, apart.noise
         warnings = (*warnings, *apart.notes)
     elif len(cases):

@@ -15,6 +15,9 @@ from machopt.design.loads import LoadWay
 from machopt.design.maximin import LEVEL, POWER, needed_noncentrality
 from machopt.design.measurement import UNLOADED_TWICE, ReadingNoise
 from machopt.design.poseplan import MOST_POSES, Comparison, PosePlan
+from machopt.diagnose.apart.disputes import Stand
+from machopt.diagnose.apart.predicted import HOLD
+from machopt.diagnose.apart.separate import Discriminating, described
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording, StandardUncertainty
 from machopt.domain.results.poses import PosesResult
@@ -23,10 +26,7 @@ from machopt.model.collision import LONGEST, CollisionModel
 from machopt.model.robot import Robot
 from machopt.output.jsonfile import plain
 from machopt.report import poses_page as page
-from machopt.services.poses_discriminate import Discriminating, described
-from machopt.services.poses_predicted import HOLD
 from machopt.services.poses_request import Request, shown
-from machopt.services.poses_rivals import Stand
 
 Array = NDArray[np.float64]
 

@@ -1,18 +1,16 @@
-"""What a diagnosis left open, read from its folder: which laws the next measurement has to tell apart."""
+"""What a diagnosis left open: which laws the next measurement has to tell apart."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from os.path import isdir
 from pathlib import Path
 from typing import Any
 
 from machopt.domain.parameters import JOINT_SPRING, ParameterKey
 from machopt.domain.results.diagnosis import DiagnosisResult, FindingTold, RivalTold
 from machopt.errors import InputError
-from machopt.output import read_result
 
 MOST = 5  # rivals of one finding: the nearest
 REJECTED = 2  # nearest rejected rivals that a finding without open ones is held against
@@ -68,19 +66,16 @@ class Diagnosed:
     notes: tuple[str, ...]  # what cannot be planned for, and why
 
 
-def diagnosed(folder: Path) -> Diagnosed:
-    """Read ``diagnosis.json``.
+def left_open(data: DiagnosisResult, file: Path) -> Diagnosed:
+    """What a diagnosis left open.
+
+    Args:
+        data: the diagnosis as it was written.
+        file: where it stands, for what is said of it.
 
     Raises:
-        InputError: no diagnosis, one of a motion, or one of another version.
+        InputError: it is of a motion, or lacks a number that a plan needs.
     """
-    file = folder / "diagnosis.json" if isdir(folder) else folder
-    if not file.is_file():
-        raise InputError("there is no such file; the folder that machopt diagnose wrote would work", file=file)
-    try:
-        data = read_result(file, DiagnosisResult)
-    except InputError as problem:
-        raise InputError(f"{problem.reason}; a fresh machopt diagnose writes what a plan needs", file=file) from None
     if data.channel not in ("deflection", "position"):
         raise InputError(
             f"is a diagnosis of a motion (channel {data.channel}); poses and loads can be planned for load tests "

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from machopt.design.loadcases import LoadCases
 from machopt.design.measurement import ReadingNoise
 from machopt.diagnose import absolute, deflection, userterms
+from machopt.diagnose.apart.disputes import NOTHING, Diagnosed, Stand
 from machopt.diagnose.problem import Hypothesis
 from machopt.diagnose.readings import Readings
 from machopt.domain.cell import Cell
@@ -24,7 +25,6 @@ from machopt.effects import registry
 from machopt.model.gravity import gravity_torque
 from machopt.model.robot import Masses, Robot
 from machopt.se3 import quaternion
-from machopt.services.poses_rivals import NOTHING, Diagnosed, Stand
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -1,4 +1,4 @@
-"""``machopt plan-poses --discriminate``: poses and loads at which the explanations that a diagnosis left differ most.
+"""Poses and loads at which the explanations that a diagnosis left differ most.
 
 ::
 
@@ -31,15 +31,14 @@ from machopt.design.measurement import UNLOADED_TWICE, ReadingNoise
 from machopt.design.poseplan import PlanSize, PosePlan, problem_of, unknowns_of
 from machopt.design.schedule import schedule, shortest_way
 from machopt.design.search import Design, information
+from machopt.diagnose.apart.disputes import HIDDEN, MOST, NOTHING, PLACES, Diagnosed, Dispute, Stand
+from machopt.diagnose.apart.predicted import Law, Predicted, law_of, load_tests, noise_of_cases, standing, steps_for
 from machopt.diagnose.findings import AS_GOOD, MOST_OF, PAIRED
 from machopt.diagnose.limits import NINE_OF_TEN
 from machopt.domain.cell import Cell
 from machopt.effects.words import spoken
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import Masses, Robot
-from machopt.services.poses_predicted import Law, Predicted, law_of, load_tests, noise_of_cases, standing, steps_for
-from machopt.services.poses_request import Request, noise_of
-from machopt.services.poses_rivals import HIDDEN, MOST, NOTHING, PLACES, Diagnosed, Dispute, Stand
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -50,6 +49,15 @@ LEFT = 1e-3  # of a law's own square that no rival imitates, over all candidates
 MOST_CYCLES = 10  # that a plan asks for by itself
 LOOKED = 50  # cycles counted up to
 DRAWS = 30  # random designs beside
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What the user says of the measurement."""
+
+    noise: ReadingNoise  # of a reading, with the rounds that are wanted at least
+    stated: bool  # the user typed the noise: it counts even where the diagnosis saw another
+    targets: float  # m, between the targets on the tool
 
 
 @dataclass(frozen=True)
@@ -86,19 +94,17 @@ class Discriminating:
     notes: tuple[str, ...]
 
 
-def noise_for(request: Request, found: Diagnosed, cycles: int) -> ReadingNoise:
+def noise_for(asked: Asked, found: Diagnosed, cycles: int) -> ReadingNoise:
     """Noise of ``cycles`` rounds: what the diagnosis saw, or what was typed."""
-    if found.scatter is None or request.displacement_mm is not None:
-        stated = noise_of(request)
+    stated = asked.noise
+    if found.scatter is None or asked.stated:
         return replace(stated, cycles=cycles, targets=stated.targets if found.coordinates == 6 else None)
     own, visit = found.scatter
     targets = None
     if found.coordinates == 6:
-        targets = own / found.turn if found.turn else request.targets_mm / 1e3
+        targets = own / found.turn if found.turn else asked.targets
     # each round arrives anew, so what a visit shares is new in each
-    return ReadingNoise(
-        own / np.sqrt(UNLOADED_TWICE), 0.0, visit / np.sqrt(cycles), request.force_percent / 100, targets, cycles
-    )
+    return ReadingNoise(own / np.sqrt(UNLOADED_TWICE), 0.0, visit / np.sqrt(cycles), stated.force, targets, cycles)
 
 
 def compliance_for(found: Diagnosed, stiffness: Array) -> Array:
@@ -107,14 +113,14 @@ def compliance_for(found: Diagnosed, stiffness: Array) -> Array:
 
 
 def discriminating(
-    request: Request, found: Diagnosed, cell: Cell, robot: Robot, masses: Masses | None, pool: PosePool,
+    asked: Asked, found: Diagnosed, cell: Cell, robot: Robot, masses: Masses | None, pool: PosePool,
     cases: LoadCases, ways: Sequence[LoadWay], prior: ArmElasticity, size: PlanSize,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Discriminating:  # fmt: skip
     """Choose poses, loads and rounds.
 
     Args:
-        request: sizes and options.
+        asked: what is believed of the instrument, and rounds.
         found: the diagnosis.
         cell, robot, masses: the arm.
         pool, cases, ways: what may be measured; at least one case.
@@ -122,7 +128,7 @@ def discriminating(
         size: poses, loads, seed.
     """
     rng = np.random.default_rng(size.seed)
-    noise = noise_for(request, found, 1)
+    noise = noise_for(asked, found, 1)
     compliance = compliance_for(found, prior.stiffness.joints)
     stands = [s for d in found.disputes for s in (*d.stands, *d.beside)]
     steps = steps_for(stands) if found.channel == "deflection" else (1.0,)
@@ -151,10 +157,10 @@ def discriminating(
     chance = np.array([[_separation(both, covariance, shared, few.pose, b) for b in draws] for _, both in open_])
     wanted = []
     for (_, both), first in zip(open_, each, strict=True):
-        wanted.append(_cycles(request, found, few, steps, both, blocks, first, enough))
+        wanted.append(_cycles(asked, found, few, steps, both, blocks, first, enough))
     most = max((min(c or MOST_CYCLES, MOST_CYCLES) for c in wanted), default=1)
-    cycles = max(request.cycles, most)
-    final = noise_for(request, found, cycles)
+    cycles = max(asked.noise.cycles, most)
+    final = noise_for(asked, found, cycles)
     own, together = noise_of_cases(few, final, steps)
     pairs = []
     for k, (pair, both) in enumerate(open_):
@@ -244,7 +250,7 @@ def _separation(
 
 
 def _cycles(
-    request: Request, found: Diagnosed, cases: LoadCases, steps: tuple[float, ...], contests: Sequence[Contest],
+    asked: Asked, found: Diagnosed, cases: LoadCases, steps: tuple[float, ...], contests: Sequence[Contest],
     blocks: Sequence[Sequence[int]], first: float, enough: float,
 ) -> int | None:  # fmt: skip
     """The least number of rounds that separates a pair; the load's own error does not average."""
@@ -252,7 +258,7 @@ def _cycles(
         return 1
     n = int(np.ceil(enough / max(first, 1e-12))) if first * LOOKED >= enough else LOOKED + 1
     while n <= LOOKED:
-        own, shared = noise_of_cases(cases, noise_for(request, found, n), steps)
+        own, shared = noise_of_cases(cases, noise_for(asked, found, n), steps)
         if _separation(contests, own, shared, cases.pose, blocks) >= enough:
             return n
         n += 1 + n // 8
