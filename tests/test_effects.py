@@ -43,6 +43,7 @@ from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import load_masses, load_robot
 from machopt.model.terms import term_of, vocabulary
 from machopt.model.terms.body import BodySpring
+from machopt.se3 import skew
 from machopt.verify import springs
 from machopt.verify.encoder import true_angles
 
@@ -275,6 +276,26 @@ def test_beams_keep_their_numbers_and_are_the_bodies_of_a_matrix(beam: bodies.Be
         np.testing.assert_allclose(full.response(state, wrench) @ full.values, moved, rtol=1e-9, atol=1e-18)
     alike = bodies.TWO_PLANES.matrices(0.7)
     np.testing.assert_array_equal(alike[0] + alike[1], bodies.Beam().matrices(0.7)[0])
+
+
+def test_a_beam_by_its_sections_is_its_matrix_and_sags_as_tables_have_it() -> None:
+    """Loaded at its end and beyond it: the matrices carried there; its own weight W alone: W L³/8EI and W L²/6EI."""
+    L, (x, y, z) = 0.8, np.eye(3)
+    axes = [np.tile(n, (7, 1)) for n in (z, -y, x)]
+    wrench = np.random.default_rng(0).normal(size=(7, 6))
+    at_end = bodies.sections(axes, L, np.tile(L * x, (7, 1)), wrench)
+    expected = np.einsum("pij,nj->nip", bodies.TWO_PLANES.matrices(L), wrench)
+    np.testing.assert_allclose(at_end, expected, rtol=1e-12, atol=1e-15)
+    beyond = np.array([0.3, -0.2, 0.5])
+    G = np.eye(6)
+    G[:3, 3:] = -skew(beyond)
+    carried = np.einsum("ij,pjk,lk,nl->nip", G, bodies.TWO_PLANES.matrices(L), G, wrench)
+    np.testing.assert_allclose(
+        bodies.sections(axes, L, np.tile(L * x + beyond, (7, 1)), wrench), carried, rtol=1e-12, atol=1e-14
+    )
+    sag = bodies.sections(axes, L, np.tile(L * x, (7, 1)), np.zeros((7, 6)), [(-50.0 * y, L)])[0]
+    np.testing.assert_allclose(sag[:, 0], [0.0, -50.0 * L**3 / 8.0, 0.0, 0.0, 0.0, -50.0 * L**2 / 6.0], atol=1e-12)
+    np.testing.assert_allclose(sag[:, 1:], 0.0, atol=1e-12)
 
 
 def test_one_word_of_files_may_mean_an_elastic_and_a_kinematic_effect() -> None:

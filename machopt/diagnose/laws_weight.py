@@ -15,14 +15,13 @@ from numpy.typing import NDArray
 from machopt.diagnose.problem import Hypothesis, Quantity, Shape
 from machopt.diagnose.readings import Readings
 from machopt.domain.stiffness import Term
-from machopt.effects.bodies import LINK, TWO_PLANES
+from machopt.effects.bodies import LINK, TWO_PLANES, sections
 from machopt.errors import InputError
 from machopt.model.terms import LinearTerm, term_of
 
 Array = NDArray[np.float64]
 BEAMS = (1, 2, 3, 4, 5)  # link 6 and the tool are one body
 LEAST_LENGTH = 1e-3  # m; joints nearer than this make no beam
-SECTIONS = 4  # Gauss points: exact up to x⁷, and a uniform beam under its own weight has x⁴
 NOTE = "under weight, out of what the joints' torques explain"
 CANTILEVER = "cantilever under weight and load: L³/3EI, L²/2EI, L/EI, L/GJ (zhang2025 eq. 19)"
 
@@ -89,10 +88,8 @@ def bodies(r: Readings) -> list[Hypothesis]:
 def beam(r: Readings, i: int) -> Array:
     """Link i as a beam, (N, D, 3) per unit of 1/EI in the arm's plane, 1/EI across it, 1/GJ.
 
-    A section at x carries m(x), the moment of all loads beyond it; it turns by m·n/EI a length about each of its
-    principal axes n and by m·a/GJ about the link's, and each turn moves the TCP about x. One principal axis is the
-    normal of the arm's plane, the axis of joint 2 with all joints at zero. The link's own weight is spread evenly from
-    its root to twice as far as its centre of mass.
+    One principal axis is the normal of the arm's plane, the axis of joint 2 with all joints at zero. The link's own
+    weight is spread evenly from its root to twice as far as its centre of mass.
 
     Returns:
         zeros where the next joint leaves no length.
@@ -101,29 +98,16 @@ def beam(r: Readings, i: int) -> Array:
     assert r.state.p_bodies is not None
     start, end = r.robot.point[i - 1], r.robot.point[i]
     length = float(np.linalg.norm(end - start))
-    out = np.zeros((len(r), 6, 3))
     if length < LEAST_LENGTH:
-        return out[:, : r.dimensions]
+        return np.zeros((len(r), r.dimensions, 3))
     R, moved, tip = r.state.R_bodies[:, i], r.state.p_bodies[:, i], r.state.T_base_tool[:, :3, 3]
     axes = [R @ n for n in _principal(r, i)]
-    a, root = axes[2], R @ start + moved
     beyond = r.wrench if r.masses is None else r.wrench + weight_wrench(r, r.masses.body > i)
     own = [] if r.masses is None else [
         (r.masses.mass[b] * r.masses.gravity, 2.0 * float((r.masses.com[b] - start) @ (end - start)) / length)
         for b in np.flatnonzero(r.masses.body == i)
     ]  # fmt: skip
-    nodes, weights = np.polynomial.legendre.leggauss(SECTIONS)
-    for x, w in zip(0.5 * length * (nodes + 1.0), 0.5 * length * weights, strict=True):
-        lever = tip - root - x * a
-        moment = beyond[:, 3:] + np.cross(lever, beyond[:, :3])
-        for weight, span in own:
-            if span > x:  # what is left of it beyond the section pulls in its middle
-                moment = moment + 0.5 * (span - x) ** 2 / span * np.cross(a, weight)
-        for k, n in enumerate(axes):
-            turn = w * np.einsum("nc,nc->n", n, moment)[:, None] * n
-            out[:, :3, k] += np.cross(turn, lever)
-            out[:, 3:, k] += turn
-    return out[:, : r.dimensions]
+    return sections(axes, length, tip - (R @ start + moved), beyond, own)[:, : r.dimensions]
 
 
 def _principal(r: Readings, i: int) -> tuple[Array, Array, Array]:

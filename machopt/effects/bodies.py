@@ -6,7 +6,7 @@ bends about where the two planes differ.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -17,6 +17,7 @@ from machopt.effects import files
 from machopt.effects.beam import bent_about, cantilever_axial, cantilever_bending, cantilever_torsion
 from machopt.effects.protocol import Array, Effect, Parameter
 
+SECTIONS = 4  # Gauss points: exact up to x⁷, and a uniform beam under its own weight has x⁴
 PER_BEND = "1/(N·m²)"
 ACROSS = "EI_across_Nm2"
 PARTS: Mapping[str, Parameter] = MappingProxyType({
@@ -72,6 +73,39 @@ class Beam:
 
 
 TWO_PLANES = Beam(("EI_Nm2", ACROSS, "GJ_Nm2"), planes=True)
+
+
+def sections(
+    axes: Sequence[Array], length: float, tip: Array, wrench: Array, own: Sequence[tuple[Array, float]] = ()
+) -> Array:
+    """What a beam does under all that it carries, its own weight too, by the moment in each of its sections.
+
+    A section at x carries m(x), the moment of all loads beyond it; it turns by m·n/EI a length about each of its
+    principal axes n and by m·a/GJ about the beam's, and each turn moves the TCP about x.
+
+    Args:
+        axes: three of (N, 3): the principal axis of ``EI_Nm2``, that across, the beam's own from root to end.
+        length: m.
+        tip: (N, 3) m, the TCP as seen from the root.
+        wrench: (N, 6) N, N·m at the TCP, of all that hangs on the end.
+        own: of each weight that is spread evenly from the root: the whole of it (3,) N, and how far it reaches in m.
+
+    Returns:
+        (N, 6, 3) twist of the TCP per unit of 1/EI, 1/EI across, 1/GJ.
+    """
+    out = np.zeros((len(wrench), 6, 3))
+    nodes, weights = np.polynomial.legendre.leggauss(SECTIONS)
+    for x, w in zip(0.5 * length * (nodes + 1.0), 0.5 * length * weights, strict=True):
+        lever = tip - x * axes[2]
+        moment = wrench[:, 3:] + np.cross(lever, wrench[:, :3])
+        for weight, span in own:
+            if span > x:  # what is left of it beyond the section pulls in its middle
+                moment = moment + 0.5 * (span - x) ** 2 / span * np.cross(axes[2], weight)
+        for k, n in enumerate(axes):
+            turn = w * np.einsum("nc,nc->n", n, moment)[:, None] * n
+            out[:, :3, k] += np.cross(turn, lever)
+            out[:, 3:, k] += turn
+    return out
 
 
 LINK = Effect(
