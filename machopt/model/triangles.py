@@ -68,14 +68,43 @@ def _divided(corners: Array, longest: float) -> Array:
 
 
 @compiled
+def _part(value: Array, order: Ints, low: int, high: int, at: int) -> None:
+    """Bring the least of value[low … high] before place ``at``, and ``order`` with them (Hoare 1961, Find)."""
+    while low < high:
+        pivot, i, j = value[(low + high) // 2], low, high
+        while i <= j:
+            while value[i] < pivot:
+                i += 1
+            while pivot < value[j]:
+                j -= 1
+            if i <= j:
+                value[i], value[j] = value[j], value[i]
+                order[i], order[j] = order[j], order[i]
+                i += 1
+                j -= 1
+        if j < at:
+            low = i
+        if at < i:
+            high = j
+
+
 def _boxes(corners: Array) -> tuple[Array, Array, Ints, Ints, Ints, Ints]:
-    """Divide at the median along the longest side, down to LEAF triangles."""
-    most = 2 * len(corners)  # halves of two triangles or more
+    """Divide at the median along the longest side, down to LEAF triangles; what :class:`Mesh` keeps of it."""
+    most = 2 * len(corners)  # halves hold two triangles or more, before they are divided
     low, high = np.empty((most, 3)), np.empty((most, 3))
-    child, first, count = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most, np.int64)
+    child, first, count = (np.empty(most, np.int64) for _ in range(3))
     order = np.arange(len(corners))
+    made = _divide(corners, low, high, child, first, count, order, np.empty(len(corners)))
+    return low[:made], high[:made], child[:made], first[:made], count[:made], order
+
+
+@compiled
+def _divide(
+    corners: Array, low: Array, high: Array, child: Ints, first: Ints, count: Ints, order: Ints, middle: Array
+) -> int:
+    """Fill the boxes' arrays, level by level, and sort ``order``; returns how many boxes there are."""
     first[0], count[0], made, k = 0, len(corners), 1, 0
-    while k < made:  # a box's halves come behind all made before: level by level
+    while k < made:
         a, n = first[k], count[k]
         for c in range(3):
             low[k, c], high[k, c] = np.inf, -np.inf
@@ -90,17 +119,16 @@ def _boxes(corners: Array) -> tuple[Array, Array, Ints, Ints, Ints, Ints]:
             for c in range(1, 3):
                 if high[k, c] - low[k, c] > high[k, side] - low[k, side]:
                     side = c
-            middle = np.empty(n)
-            for m in range(n):
-                of = order[a + m]
+            for m in range(a, a + n):
+                of = order[m]
                 middle[m] = corners[of, 0, side] + corners[of, 1, side] + corners[of, 2, side]
-            order[a : a + n] = order[a : a + n][np.argsort(middle, kind="mergesort")]
             child[k], half = made, n // 2
+            _part(middle, order, a, a + n - 1, a + half)
             first[made], count[made] = a, half
             first[made + 1], count[made + 1] = a + half, n - half
             made += 2
         k += 1
-    return low[:made], high[:made], child[:made], first[:made], count[:made], order
+    return made
 
 
 @compiled
