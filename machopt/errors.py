@@ -4,7 +4,6 @@
 
     MachoptError
     ├── InputError          exit 2   a file or an option is wrong: says what, where and what would have worked
-    ├── InfeasibleError     exit 3   the whole request has no answer (single points are data, never raised)
     └── VerificationError   exit 4   the exported trajectory does not hold what the plan promised
 """
 
@@ -34,12 +33,6 @@ class InputError(MachoptError):
         self.file, self.where, self.reason = file, where, message
         place = ": ".join(str(p) for p in (file, where) if p is not None)
         super().__init__(f"{place}: {message}" if place else message)
-
-
-class InfeasibleError(MachoptError):
-    """No feasible answer to the whole request; the report lists why, point by point."""
-
-    exit_code = 3
 
 
 class VerificationError(MachoptError):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -73,3 +74,14 @@ def test_start_up_loads_nothing_heavy(module: str) -> None:
     """`machopt --help` answers within half a second because these are imported late."""
     code = f"import {module}, sys; print(*({{m.partition('.')[0] for m in sys.modules}} & set({HEAVY})))"
     assert python(code).split() == []
+
+
+def test_nothing_lies_about() -> None:
+    """No leaving of an editor, a merge or a patch, in the repository or in what is packed from it."""
+    left = (".orig", ".rej", ".bak", ".tmp", ".swp", "~")
+    places = [PACKAGE, *(ROOT / name for name in ("tests", "docs", "cells", "toolpaths", "benchmarks"))]
+    found = [p for place in places for p in place.rglob("*") if p.name.endswith(left) or " (copy)" in p.name]
+    found += [p for p in ROOT.iterdir() if p.name.endswith(left)]
+    assert not found
+    packed = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["hatch"]["build"]
+    assert packed["targets"]["wheel"]["packages"] == ["machopt"]  # so the wheel holds what the package's folder holds

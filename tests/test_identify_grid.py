@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from grid_poses import grid_plan
 
 from machopt.domain.cell import Cell
 from machopt.domain.reason import Reason
@@ -19,7 +20,6 @@ from machopt.identify.grid import ON_FACE, GridFit, _positions, fit_grid
 from machopt.identify.gridcells import Region, kriging, touched
 from machopt.identify.gridequations import GridEquations
 from machopt.identify.gridevidence import Prior
-from machopt.identify.gridplan import grid_plan
 from machopt.identify.simulate import Compliance, Noise, Simulated, SmoothField, TrueArm, random_loads, record
 from machopt.identify.tiled import product, spd_inverse, times
 from machopt.model.collision import CollisionModel

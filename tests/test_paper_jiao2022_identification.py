@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from grid_poses import grid_plan
 
 from machopt.domain.stiffness import Stiffness
 from machopt.formats.cell import load_cell
@@ -21,7 +22,6 @@ from machopt.identify.experiment import experiment
 from machopt.identify.fit import fit
 from machopt.identify.grid import fit_grid
 from machopt.identify.gridcells import Region
-from machopt.identify.gridplan import grid_plan
 from machopt.identify.simulate import SmoothField, TrueArm, random_loads, record
 from machopt.model.elastic import ArmElasticity, held_stiffness, joint_stiffness
 from machopt.model.ik import Margins, solver_for

@@ -31,14 +31,6 @@ class Comparison:
     only_here: tuple[str, ...]  # toolpaths
     only_there: tuple[str, ...]
 
-    @property
-    def verdicts_changed(self) -> int:
-        return sum(row["verdict"] != row["verdict_before"] for row in self.rows)
-
-    @property
-    def rotations_changed(self) -> int:
-        return sum(bool(row["turned_share"]) for row in self.rows)
-
 
 def compare(jobs: Path, lines: Sequence[Line], other: Path, result: BatchResult) -> Comparison:
     """Pair the jobs of two batches by toolpath and variant, and take the differences.

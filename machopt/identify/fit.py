@@ -119,10 +119,6 @@ class Fit:
         """(N,) readings with a coordinate that is put aside."""
         return np.asarray((self.weighting.robust < OUT).any(axis=1))
 
-    def valued(self, x: Array | None = None) -> tuple[LinearTerm, ...]:
-        """The fitted terms with their values."""
-        return with_values(self.terms, self.x if x is None else x)
-
 
 def with_values(terms: Sequence[LinearTerm], x: Array) -> tuple[LinearTerm, ...]:
     """Terms with the coefficients that follow the six joints in x."""
