@@ -15,36 +15,53 @@ section 3.4, for their order on arms with three parallel axes. Where h₆ ∥ h 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.compiled import compiled
 from machopt.model.geometry import common_point
 from machopt.model.robot import Robot
-from machopt.se3 import axis_rotation, inverse, wrap
+from machopt.model.vectors import Vector, angle_about, cross, dot, plus, turned
+from machopt.se3 import inverse
 
 Array = NDArray[np.float64]
 BRANCHES = 8
 ROUNDING = 1e-10  # how far a cosine may exceed 1 and still count as 1: rounding at a fully stretched arm
+ALIGNED = 1e-9  # sine of the angle between axes 2 and 6 below which q₆ is free
 
 
 @dataclass(frozen=True)
 class ThreeParallel:
     """The constants of one arm for the closed form."""
 
-    robot: Robot
-    h: Array  # (3,) common direction of axes 2, 3, 4
-    sense: Array  # (3,) ±1, sense of axes 2, 3, 4 along h
-    wrist: Array  # (3,) m, where axes 5 and 6 meet at q = 0
+    vectors: tuple[Vector, ...]  # the lines' axes, and what else :func:`_branches` takes of the arm
+    numbers: tuple[float, ...]
     T_flange_zero_base: Array  # (4, 4) inverse of the flange pose at q = 0
 
     @classmethod
     def for_robot(cls, robot: Robot) -> ThreeParallel:
-        h = robot.axis[1]
+        axis, p, h = robot.axis, robot.point, robot.axis[1]
+        wrist = common_point(robot, (4, 5))[0]  # where axes 5 and 6 meet at q = 0
+
+        def flat(v: Array) -> Array:
+            return np.asarray(v - (v @ h) * h)
+
+        across = flat(np.eye(3)[np.abs(h).argmin()])
+        across /= np.linalg.norm(across)
+        sense2, sense3 = (1.0 if axis[i] @ h > 0 else -1.0 for i in (2, 3))
+        a, b = flat(p[3] - p[2]), flat(p[2] - p[1])  # the two links as seen along h
+        along5 = (axis[5] @ axis[4]) * (h @ axis[4])
+        c5, s5 = axis[5] @ h - along5, h @ np.cross(axis[4], axis[5])
+        c3, s3 = b @ a, b @ np.cross(sense2 * h, a)
+        vectors = (*axis, across, p[0], p[1] - p[0], p[3] - p[2], p[2] - p[1], p[3] - wrist, wrist)
+        numbers = (h @ (wrist - p[0]), along5, np.hypot(c5, s5), np.arctan2(s5, c5), a @ a + b @ b,
+                   np.hypot(c3, s3), np.arctan2(s3, c3), sense2, sense3)  # fmt: skip
         return cls(
-            robot=robot, h=h, sense=np.where(robot.axis[1:4] @ h > 0, 1.0, -1.0),
-            wrist=common_point(robot, (4, 5))[0], T_flange_zero_base=inverse(robot.T_base_flange_zero),
+            tuple((float(x), float(y), float(z)) for x, y, z in vectors), tuple(map(float, numbers)),
+            inverse(robot.T_base_flange_zero),
         )  # fmt: skip
 
     def solve(self, T_base_flange: Array) -> Array:
@@ -56,100 +73,71 @@ class ThreeParallel:
         Returns:
             (M, 8, 6) rad in (−π, π], NaN where the branch does not exist.
         """
-        axis, point, h = self.robot.axis, self.robot.point, self.h
-        G = np.asarray(T_base_flange, float) @ self.T_flange_zero_base
-        R, M = G[:, :3, :3], len(G)
-        Gw = np.einsum("mij,j->mi", R, self.wrist) + G[:, :3, 3]
-
-        q1 = _height(h, axis[0], Gw - point[0], h @ (self.wrist - point[0]))  # (M, 2)
-        R1t = axis_rotation(axis[0], -q1)  # (M, 2, 3, 3)
-        R1tR = R1t @ R[:, None]
-        goal = np.einsum("i,msij,j->ms", h, R1tR, axis[5])
-        q5 = _height_angles(h, axis[4], axis[5], goal)  # (M, 2, 2)
-
-        R5 = axis_rotation(axis[4], q5)  # (M, 2, 2, 3, 3)
-        left = np.einsum("i,msij->msj", h, R1tR)[:, :, None]  # R6ᵀR5ᵀh
-        right = np.einsum("i,mswij->mswj", h, R5)
-        q6 = _turn(axis[5], right, np.broadcast_to(left, right.shape), inverse_sense=True)
-        # wrist singularity: left ∥ h6, any q6 will do
-        lost = np.linalg.norm(np.cross(axis[5], left), axis=-1) < 1e-9
-        q6 = np.where(lost, 0.0, q6)
-
-        R6t = axis_rotation(axis[5], -q6)
-        R56t = np.swapaxes(R5, -1, -2)
-        # x = E1⁻¹ G E6⁻¹ E5⁻¹ p4 = E2 E3 p4
-        y = self.wrist + np.einsum("mswij,mswjk,k->mswi", R6t, R56t, point[3] - self.wrist)
-        z = np.einsum("mij,mswj->mswi", R, y) + G[:, None, None, :3, 3] - point[0]
-        x = point[0] + np.einsum("msij,mswj->mswi", R1t, z)
-        R234 = R1tR[:, :, None] @ R6t @ R56t
-
-        q3 = _reach(h * self.sense[1], point[2], point[3], point[1], x)  # (M, 2, 2, 2)
-        u = point[2] + axis_rotation(axis[2], q3) @ (point[3] - point[2]) - point[1]
-        q2 = _turn(axis[1], u, (x - point[1])[:, :, :, None], inverse_sense=False)
-        total = _turn_of(h, R234)[..., None]  # q2 + s3 q3 + s4 q4
-        q4 = self.sense[2] * (total - q2 - self.sense[1] * q3)
-
-        shape = (M, 2, 2, 2)
-        q = np.stack(
-            [
-                np.broadcast_to(q1[:, :, None, None], shape), q2, q3, q4,
-                np.broadcast_to(q5[..., None], shape), np.broadcast_to(q6[..., None], shape),
-            ],
-            axis=-1,
-        ).reshape(M, BRANCHES, 6)  # fmt: skip
-        q = wrap(q)
-        q[~np.isfinite(q).all(axis=-1)] = np.nan
+        G = np.ascontiguousarray(np.asarray(T_base_flange, float) @ self.T_flange_zero_base)
+        q = np.full((len(G), BRANCHES, 6), np.nan)
+        _solve_all(self.vectors, self.numbers, G, q)
         return q
 
 
-def _height(h: Array, axis: Array, v: Array, height: float) -> Array:
-    """Both roots q (..., 2) of h · Rot(axis, −q) v = height."""
-    along = (v @ axis) * (h @ axis)
-    c = v @ h - along  # coefficient of cos q
-    s = np.einsum("...i,i->...", v, np.cross(axis, h))  # of sin q: h·(−axis × v) = v·(axis × h)
-    return _two_roots(c, s, height - along)
+@compiled
+def _solve_all(vectors: tuple[Vector, ...], numbers: tuple[float, ...], G: Array, q: Array) -> None:
+    for m in range(len(G)):
+        _branches(vectors, numbers, G[m], q[m])
 
 
-def _height_angles(h: Array, axis: Array, v: Array, height: Array) -> Array:
-    """Both roots q (..., 2) of h · Rot(axis, q) v = height for fixed v."""
-    along = (v @ axis) * (h @ axis)
-    c = np.full(height.shape, v @ h - along)
-    s = np.full(height.shape, h @ np.cross(axis, v))
-    return _two_roots(c, s, height - along)
+@compiled
+def _branches(vectors: tuple[Vector, ...], numbers: tuple[float, ...], G: Array, q: Array) -> None:
+    """Fill q (8, 6), NaN before, with the branches that exist; G (4, 4) is the motion from the pose at q = 0."""
+    h1, h, h3, _, h5, h6, across, p1, p12, link, upper, fore, wrist = vectors
+    height, along5, n5, centre5, links, n3, centre3, sense3, sense4 = numbers
+    X, Y, Z = (G[0, 0], G[0, 1], G[0, 2]), (G[1, 0], G[1, 1], G[1, 2]), (G[2, 0], G[2, 1], G[2, 2])
+    t = (G[0, 3], G[1, 3], G[2, 3])
+    v = (dot(X, wrist) + t[0] - p1[0], dot(Y, wrist) + t[1] - p1[1], dot(Z, wrist) + t[2] - p1[2])
+    along = dot(v, h1) * dot(h, h1)
+    c, s = dot(v, h) - along, dot(v, cross(h1, h))
+    half1, centre1 = _half(height - along, math.hypot(c, s)), math.atan2(s, c)
+    if math.isnan(half1):
+        return
+    for shoulder in range(2):
+        q1 = centre1 + half1 if shoulder == 0 else centre1 - half1
+        c1, s1 = math.cos(q1), math.sin(q1)
+        k = turned(h1, c1, s1, h)
+        seen = (X[0] * k[0] + Y[0] * k[1] + Z[0] * k[2], X[1] * k[0] + Y[1] * k[1] + Z[1] * k[2],
+                X[2] * k[0] + Y[2] * k[1] + Z[2] * k[2])  # R6ᵀR5ᵀh  # fmt: skip
+        half5 = _half(dot(seen, h6) - along5, n5)
+        if math.isnan(half5):
+            continue
+        lost = cross(h6, seen)
+        free = dot(lost, lost) < ALIGNED * ALIGNED  # wrist singularity: any q6 will do
+        for bend in range(2):
+            q5 = centre5 + half5 if bend == 0 else centre5 - half5
+            c5, s5 = math.cos(q5), math.sin(q5)
+            q6 = 0.0 if free else -angle_about(h6, turned(h5, c5, -s5, h), seen)
+            c6, s6 = math.cos(q6), math.sin(q6)
+            # from p1 to where axis 4 goes, before joint 1 turned it
+            y = plus(wrist, turned(h6, c6, -s6, turned(h5, c5, -s5, fore)))
+            z = turned(h1, c1, -s1, (dot(X, y) + t[0] - p1[0], dot(Y, y) + t[1] - p1[1], dot(Z, y) + t[2] - p1[2]))
+            x = (z[0] - p12[0], z[1] - p12[1], z[2] - p12[2])  # from axis 2
+            e = turned(h6, c6, -s6, turned(h5, c5, -s5, across))
+            e = turned(h1, c1, -s1, (dot(X, e), dot(Y, e), dot(Z, e)))
+            total = angle_about(h, across, e)  # q2 ± q3 ± q4
+            beside = dot(x, h)
+            half3 = _half(0.5 * (dot(x, x) - beside * beside - links), n3)
+            if math.isnan(half3):
+                continue
+            for elbow in range(2):
+                q3 = centre3 + half3 if elbow == 0 else centre3 - half3
+                u = plus(upper, turned(h3, math.cos(q3), math.sin(q3), link))
+                q2 = angle_about(h, u, x)
+                out = q[4 * shoulder + 2 * bend + elbow]
+                out[0], out[1], out[2], out[4], out[5] = q1, q2, q3, q5, q6
+                out[3] = sense4 * (total - q2 - sense3 * q3)
+                for i in range(6):
+                    out[i] = math.pi - (math.pi - out[i]) % (2.0 * math.pi)  # in (−π, π]
 
 
-def _two_roots(c: Array, s: Array, d: Array | float) -> Array:
-    """q = atan2(s, c) ± acos(d / |(c, s)|), NaN where |d| exceeds the amplitude; + first."""
-    amplitude = np.hypot(c, s)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = d / amplitude
-        ratio = np.where(np.abs(ratio) <= 1.0 + ROUNDING, np.clip(ratio, -1.0, 1.0), np.nan)
-        half = np.arccos(ratio)
-    middle = np.arctan2(s, c)
-    return np.stack([middle + half, middle - half], axis=-1)
-
-
-def _turn(axis: Array, u: Array, v: Array, *, inverse_sense: bool) -> Array:
-    """The angle about ``axis`` from u to v (from v to u with ``inverse_sense``), components along it ignored."""
-    angle: Array = np.arctan2(np.cross(u, v) @ axis, np.sum(u * v, axis=-1) - (u @ axis) * (v @ axis))
-    return -angle if inverse_sense else angle
-
-
-def _turn_of(axis: Array, R: Array) -> Array:
-    """Angle of rotations R (..., 3, 3) known to be about ``axis``."""
-    vee = np.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], axis=-1)
-    angle: Array = np.arctan2(vee @ axis, np.trace(R, axis1=-2, axis2=-1) - 1.0)
-    return angle
-
-
-def _reach(axis: Array, centre: Array, moved: Array, fixed: Array, x: Array) -> Array:
-    """Both roots q (..., 2) of |centre + Rot(axis, q)(moved − centre) − fixed| = |x − fixed|, seen along axis."""
-    a, b, t = _flat(axis, moved - centre), _flat(axis, centre - fixed), _flat(axis, x - fixed)
-    d = 0.5 * (np.sum(t * t, axis=-1) - a @ a - b @ b)
-    c = np.full(d.shape, b @ a)
-    s = np.full(d.shape, b @ np.cross(axis, a))
-    return _two_roots(c, s, d)
-
-
-def _flat(axis: Array, v: Array) -> Array:
-    return v - (v @ axis)[..., None] * axis if v.ndim > 1 else v - (v @ axis) * axis
+@compiled
+def _half(d: float, amplitude: float) -> float:
+    """Half the angle between both solutions of amplitude · cos(q − q₀) = d, NaN where there is none."""
+    ratio = d / amplitude if amplitude > 0.0 else math.nan
+    return math.acos(min(max(ratio, -1.0), 1.0)) if abs(ratio) <= 1.0 + ROUNDING else math.nan

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from machopt.compiled import compiled
 from machopt.model.robot import Robot
+from machopt.model.vectors import Vector, angle_about, cross, dot, plus, turned
 
 Array = NDArray[np.float64]
-Vector = tuple[float, float, float]  # as kernels keep them: in registers
 Vectors = tuple[Vector, ...]
 Numbers = tuple[float, ...]
 PARALLEL = 1e-6  # rad; two axes of a URDF with printed decimals count as parallel below this
@@ -156,7 +156,7 @@ def spherical_branches(vectors: Vectors, numbers: Numbers, T: Array, q: Array, m
         q1 = centre1 + half1 if s == 0 else centre1 - half1
         c1, s1 = math.cos(q1), math.sin(q1)
         # joint 3: distance from axis 2 to the wrist centre
-        v = _plus(turned(h1, c1, -s1, u), p21)
+        v = plus(turned(h1, c1, -s1, u), p21)
         square = dot(v, v)
         half3 = _half(square / 2 - links, reach)
         # the chord |v| against the longest and the shortest the two links can make
@@ -169,7 +169,7 @@ def spherical_branches(vectors: Vectors, numbers: Numbers, T: Array, q: Array, m
             margin[1, first] = margin[1, first + 1] = min(half3, math.pi - half3)
             q3 = centre3 + half3 if e == 0 else centre3 - half3
             c3, s3 = math.cos(q3), math.sin(q3)
-            q2 = _angle_about(h2, _plus(turned(h3, c3, s3, b), a), v)
+            q2 = angle_about(h2, plus(turned(h3, c3, s3, b), a), v)
             c2, s2 = math.cos(q2), math.sin(q2)
             # wrist: axis 6 as link 3 sees it, and axis 4 as it would be seen with joints 4 to 6 at zero
             x = turned(h3, c3, -s3, turned(h2, c2, -s2, turned(h1, c1, -s1, g)))
@@ -186,8 +186,8 @@ def spherical_branches(vectors: Vectors, numbers: Numbers, T: Array, q: Array, m
                 c5, s5 = math.cos(q5), math.sin(q5)
                 out = q[first + f]
                 out[0], out[1], out[2], out[4] = q1, q2, q3, q5
-                out[3] = _angle_about(h4, turned(h5, c5, s5, h6), x)
-                out[5] = -_angle_about(h6, turned(h5, c5, -s5, h4), y)
+                out[3] = angle_about(h4, turned(h5, c5, s5, h6), x)
+                out[5] = -angle_about(h6, turned(h5, c5, -s5, h4), y)
                 for i in range(6):
                     out[i] = math.pi - (math.pi - out[i]) % (2.0 * math.pi)  # in (−π, π]
     return _not_negative(short)
@@ -204,31 +204,3 @@ def _half(C: float, n: float) -> float:
     """Half the angle between both solutions of n cos(q − q₀) = C, NaN where there is none."""
     ratio = C / n if n > 0.0 else math.nan
     return math.acos(ratio) if abs(ratio) <= 1.0 else math.nan
-
-
-@compiled
-def _angle_about(h: Vector, source: Vector, target: Vector) -> float:
-    """Angle about h that turns ``source`` onto ``target`` (components normal to h)."""
-    return math.atan2(dot(cross(source, target), h), dot(source, target) - dot(source, h) * dot(target, h))
-
-
-@compiled
-def turned(h: Vector, c: float, s: float, v: Vector) -> Vector:
-    """Rodrigues: v turned about the unit axis h by the angle with this cosine and sine."""
-    x, rest = cross(h, v), (1.0 - c) * dot(h, v)
-    return (c * v[0] + s * x[0] + rest * h[0], c * v[1] + s * x[1] + rest * h[1], c * v[2] + s * x[2] + rest * h[2])
-
-
-@compiled
-def cross(a: Vector, b: Vector) -> Vector:
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-
-
-@compiled
-def dot(a: Vector, b: Vector) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@compiled
-def _plus(a: Vector, b: Vector) -> Vector:
-    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])

@@ -1,0 +1,37 @@
+"""Vectors of three numbers as compiled kernels keep them: in registers."""
+
+from __future__ import annotations
+
+import math
+
+from machopt.compiled import compiled
+
+Vector = tuple[float, float, float]
+
+
+@compiled
+def angle_about(h: Vector, source: Vector, target: Vector) -> float:
+    """Angle about h that turns ``source`` onto ``target`` (components normal to h)."""
+    return math.atan2(dot(cross(source, target), h), dot(source, target) - dot(source, h) * dot(target, h))
+
+
+@compiled
+def turned(h: Vector, c: float, s: float, v: Vector) -> Vector:
+    """Rodrigues: v turned about the unit axis h by the angle with this cosine and sine."""
+    x, rest = cross(h, v), (1.0 - c) * dot(h, v)
+    return (c * v[0] + s * x[0] + rest * h[0], c * v[1] + s * x[1] + rest * h[1], c * v[2] + s * x[2] + rest * h[2])
+
+
+@compiled
+def cross(a: Vector, b: Vector) -> Vector:
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+@compiled
+def dot(a: Vector, b: Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled
+def plus(a: Vector, b: Vector) -> Vector:
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
