@@ -81,10 +81,22 @@ def main() -> None:
         start = time.perf_counter()
         for n in range(SINGLE):
             subprocess.run(
-                [sys.executable, "-m", "machopt.cli", "optimize", str(CELL), str(TOOLPATH), "--quiet", "--set",
-                 f"seed={n}", "-o", str(place / f"single{n}")],
-                check=True, env={**os.environ, "PYTHONPATH": str(ROOT)},
-            )  # fmt: skip
+                [
+                    sys.executable,
+                    "-m",
+                    "machopt.cli",
+                    "optimize",
+                    str(CELL),
+                    str(TOOLPATH),
+                    "--quiet",
+                    "--set",
+                    f"seed={n}",
+                    "-o",
+                    str(place / f"single{n}"),
+                ],
+                check=True,
+                env={**os.environ, "PYTHONPATH": str(ROOT)},
+            )
         print(f"the same as single commands: {60 * SINGLE / (time.perf_counter() - start):.1f} a minute")
         print(f"load of the machine meanwhile: {os.getloadavg()[1]:.1f} on {os.cpu_count()} cores")
 

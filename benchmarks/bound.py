@@ -28,10 +28,14 @@ from machopt.plan.pipeline import plan
 
 ROOT = Path(__file__).resolve().parent.parent
 SHIPPED = (
-    ("kr500_milling", "plain.csv"), ("kr500_milling", "cylinder_head_face.cls"), ("kr500_milling", "contour_5axis.csv"),
-    ("kr240_drilling", "panel_holes.csv"), ("irb6700_drilling", "plate_holes.csv"), ("s420f_handling", "castings.csv"),
+    ("kr500_milling", "plain.csv"),
+    ("kr500_milling", "cylinder_head_face.cls"),
+    ("kr500_milling", "contour_5axis.csv"),
+    ("kr240_drilling", "panel_holes.csv"),
+    ("irb6700_drilling", "plate_holes.csv"),
+    ("s420f_handling", "castings.csv"),
     ("cutting_cobot", "bone_tracks.csv"),
-)  # fmt: skip
+)
 MOST, MEDIAN = 0.5, 0.1  # %, the goals
 
 
@@ -51,10 +55,16 @@ def main() -> int:
     for n in range(args.random):
         cell_name, name = SHIPPED[int(rng.integers(len(SHIPPED)))]
         cell, toolpath = load_cell(ROOT / "cells" / cell_name), read_toolpath(ROOT / "toolpaths" / name)
-        weights = Weights(worst=float(rng.uniform(0.1, 2.0)), travel=float(rng.uniform(0.0, 0.1)),
-                          rotation=float(rng.uniform(0.0, 0.3)))  # fmt: skip
-        moved = replace(toolpath, position=toolpath.position + rng.uniform(-0.05, 0.05, 3),
-                        feed=toolpath.feed * float(rng.uniform(0.3, 2.0)))  # fmt: skip
+        weights = Weights(
+            worst=float(rng.uniform(0.1, 2.0)),
+            travel=float(rng.uniform(0.0, 0.1)),
+            rotation=float(rng.uniform(0.0, 0.3)),
+        )
+        moved = replace(
+            toolpath,
+            position=toolpath.position + rng.uniform(-0.05, 0.05, 3),
+            feed=toolpath.feed * float(rng.uniform(0.3, 2.0)),
+        )
         found.append(_told(f"random {n}: {name} moved", cell, moved, args.step, weights))
     gaps = [100 * c.gap for c in found if c is not None]
     most, median = max(gaps), statistics.median(gaps)
@@ -68,8 +78,11 @@ def _told(label: str, cell: Cell, toolpath: Toolpath, step: float, weights: Weig
     if found is None:
         print(f"{label[:44]:44} no continuous way along the whole path")
     else:
-        print(f"{label[:44]:44} {found.objective:10.5f} {found.bound:10.5f} {100 * found.gap:7.3f} "
-              f"{100 * found.beyond:18.3f}", flush=True)  # fmt: skip
+        print(
+            f"{label[:44]:44} {found.objective:10.5f} {found.bound:10.5f} {100 * found.gap:7.3f} "
+            f"{100 * found.beyond:18.3f}",
+            flush=True,
+        )
     return found
 
 

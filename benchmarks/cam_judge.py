@@ -103,11 +103,13 @@ def compare(v: Verdict, mine: Toolpath, other: Path3, *, feed_given: bool) -> No
         ok = own and math.isclose(own[0], theirs[0], rel_tol=1e-3) and math.isclose(own[-1], theirs[-1], rel_tol=1e-3)
         v.feeds = "" if ok else f"{own[:1]}..{own[-1:]} ({len(own)}) against {theirs[0]}..{theirs[-1]} ({len(theirs)})"
     for name, wrong in (
-        ("ends", v.missing_ends > 0), ("path", v.off_path > 0), ("extent", v.extent_mm > SAGITTA),
+        ("ends", v.missing_ends > 0),
+        ("path", v.off_path > 0),
+        ("extent", v.extent_mm > SAGITTA),
         ("length", not other.pecks and abs(v.cut_difference_mm) > LENGTH * v.cut_mm + PLACE),
         ("rapids", not other.pecks and abs(v.rapid_difference_mm) > LENGTH * other.length(rapid=True) + PLACE),
         ("feeds", bool(v.feeds)),
-    ):  # fmt: skip
+    ):
         if wrong:
             v.differs.append(name)
 
@@ -173,10 +175,12 @@ def main() -> int:
             verdicts.append(judge(file, name))
             tell(verdicts[-1])
     both = [v for v in verdicts if not v.refused and not v.second]
-    print(f"\n{len(verdicts)} files: {len(both)} read by both, {sum(not v.differs for v in both)} of them alike; "
-          f"{sum(bool(v.refused) and bool(v.second) for v in verdicts)} refused by both, "
-          f"{sum(bool(v.refused) and not v.second for v in verdicts)} by machopt only, "
-          f"{sum(bool(v.second) and not v.refused for v in verdicts)} by the second reader only")  # fmt: skip
+    print(
+        f"\n{len(verdicts)} files: {len(both)} read by both, {sum(not v.differs for v in both)} of them alike; "
+        f"{sum(bool(v.refused) and bool(v.second) for v in verdicts)} refused by both, "
+        f"{sum(bool(v.refused) and not v.second for v in verdicts)} by machopt only, "
+        f"{sum(bool(v.second) and not v.refused for v in verdicts)} by the second reader only"
+    )
     if args.csv is not None:
         with args.csv.open("w", newline="", encoding="utf-8") as f:
             writer = csv.writer(f)
@@ -194,12 +198,16 @@ def tell(v: Verdict) -> None:
     if v.refused or v.second:
         print(f"{head} machopt: {v.refused[:110] or 'reads it'} | second: {v.second[:70] or 'reads it'}")
         return
-    print(f"{head} {v.points:7} points {v.ends:6} ends  {'DIFFERS: ' + ' '.join(v.differs) if v.differs else 'alike'}"
-          f"{'  [' + v.given + ']' if v.given else ''}")  # fmt: skip
+    print(
+        f"{head} {v.points:7} points {v.ends:6} ends  {'DIFFERS: ' + ' '.join(v.differs) if v.differs else 'alike'}"
+        f"{'  [' + v.given + ']' if v.given else ''}"
+    )
     if v.differs:
-        print(f"      ends missing {v.missing_ends} {v.first_missing}; off path {v.off_path} {v.first_off}; "
-              f"extent {v.extent_mm:.4f}; cut {v.cut_difference_mm:+.3f} of {v.cut_mm:.1f}; "
-              f"rapid {v.rapid_difference_mm:+.3f}; feeds {v.feeds}")  # fmt: skip
+        print(
+            f"      ends missing {v.missing_ends} {v.first_missing}; off path {v.off_path} {v.first_off}; "
+            f"extent {v.extent_mm:.4f}; cut {v.cut_difference_mm:+.3f} of {v.cut_mm:.1f}; "
+            f"rapid {v.rapid_difference_mm:+.3f}; feeds {v.feeds}"
+        )
 
 
 if __name__ == "__main__":

@@ -77,8 +77,10 @@ def look(file: Path, folder: Path, options: dict[str, Any], ask: bool) -> Row:
     toolpath, given, row.refused = read_or_ask(file, options, ask)
     if toolpath is not None:
         describe(row, toolpath)
-    row.given = [f"--{'feed' if k == 'default_feed' else k} {v:g}" if isinstance(v, float) else f"--{k} {v}"
-                 for k, v in given.items()]  # fmt: skip
+    row.given = [
+        f"--{'feed' if k == 'default_feed' else k} {v:g}" if isinstance(v, float) else f"--{k} {v}"
+        for k, v in given.items()
+    ]
     row.given = [g.replace("0.0166667", "1000") for g in row.given]
     row.seconds = time.perf_counter() - start
     return row
@@ -172,9 +174,11 @@ def summary(rows: list[Row]) -> None:
     """How many were read as they are, with what given, and refused for what."""
     read = [r for r in rows if not r.refused]
     plain = sum(not r.given for r in read)
-    print(f"\n{len(rows)} files: {len(read)} read ({plain} as they are), {len(rows) - len(read)} refused; "
-          f"{sum(r.points for r in read):,} points in {sum(r.seconds for r in rows):.1f} s; "
-          f"{sum(bool(r.ignored) for r in read)} of those read hold words that were not understood")  # fmt: skip
+    print(
+        f"\n{len(rows)} files: {len(read)} read ({plain} as they are), {len(rows) - len(read)} refused; "
+        f"{sum(r.points for r in read):,} points in {sum(r.seconds for r in rows):.1f} s; "
+        f"{sum(bool(r.ignored) for r in read)} of those read hold words that were not understood"
+    )
     given = collections.Counter(" ".join(g.split()[0] for g in r.given) for r in read if r.given)
     for what, count in given.most_common():
         print(f"  {count:4} read with {what}")

@@ -109,9 +109,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         shipped = ROOT / "toolpaths" / "cylinder_head_face.cls"
         made_by = {
-            "shipped": lambda *_: shipped, "spiral": spiral,
+            "shipped": lambda *_: shipped,
+            "spiral": spiral,
             "raster": lambda points, folder: raster(points, folder, args.passes),
-        }  # fmt: skip
+        }
         file = made_by[args.job](args.points, File(folder))
         toolpath = read_toolpath(file)
     options = load_options(load_cell(CELL).plan, None, [])
@@ -127,8 +128,9 @@ def main() -> None:
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         print(
             f"{way.name}: {len(made.path.stations)} stations of {len(made.path.index)} points, "
-            f"{time.perf_counter() - start:.1f} s, up to {peak:.0f} MiB, {made.chosen_from}", flush=True,
-        )  # fmt: skip
+            f"{time.perf_counter() - start:.1f} s, up to {peak:.0f} MiB, {made.chosen_from}",
+            flush=True,
+        )
     scale, best = rows[-1][1].scores.scale, np.nan
     for name, made in reversed(rows):
         a, velocity = made.chosen.assignment, made.setup.cell.limits.velocity[:6]

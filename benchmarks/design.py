@@ -43,8 +43,10 @@ def main() -> None:
     print(f"{'candidate poses':<34}{len(pool):>9}{perf_counter() - start:>9.2f} s  ({pool.tried} tried)")
     noise = ReadingNoise(12e-6, 15e-6, 30e-6, 0.0075)
     R_base_world = cell.T_world_base[:3, :3].T
-    ways = (*load_ways((50.0,), (), 1, np.zeros((0, 3)), (0.0, 0.2), R_base_world)[:2],
-            *load_ways((), (500.0,), 4, np.zeros((0, 3)), (0.2,), R_base_world)[:4])  # fmt: skip
+    ways = (
+        *load_ways((50.0,), (), 1, np.zeros((0, 3)), (0.0, 0.2), R_base_world)[:2],
+        *load_ways((), (500.0,), 4, np.zeros((0, 3)), (0.2,), R_base_world)[:4],
+    )
     prior = ArmElasticity(robot, T, cell.stiffness)
     start = perf_counter()
     cases = load_cases(pool, ways, prior, (), LoadCriteria(1e-4, 5e-3, nu_p=0.05), noise)
@@ -63,8 +65,10 @@ def main() -> None:
         ]
         ratio = (float(np.median(chance)) / found.rms(every)) ** 2
         bound = efficiency_bound(problem, design, loads)
-        print(f"{f'{POSES} poses × {loads} loads, two starts':<34}{POSES * loads:>9}{took:>9.2f} s  "
-              f"(D-efficiency ≥ {bound:.2f}; random poses need {ratio:.1f} × the readings)")  # fmt: skip
+        print(
+            f"{f'{POSES} poses × {loads} loads, two starts':<34}{POSES * loads:>9}{took:>9.2f} s  "
+            f"(D-efficiency ≥ {bound:.2f}; random poses need {ratio:.1f} × the readings)"
+        )
 
 
 if __name__ == "__main__":

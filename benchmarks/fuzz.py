@@ -27,9 +27,12 @@ STRETCH = 250  # cases
 CAM = {
     "apt": (samples.NX, samples.CATIA, samples.CREO, samples.HSM, samples.CAMWORKS),
     "gcode": (samples.FANUC, samples.FIVE_AXES, samples.WITHOUT_TCP, samples.LINUXCNC),
-    "siemens": (samples.SIEMENS,), "heidenhain": (samples.HEIDENHAIN,), "iso": (samples.DIN_ISO,),
-    "nci": (samples.NCI,), "csv": (samples.TABLE, samples.POSES),
-}  # fmt: skip
+    "siemens": (samples.SIEMENS,),
+    "heidenhain": (samples.HEIDENHAIN,),
+    "iso": (samples.DIN_ISO,),
+    "nci": (samples.NCI,),
+    "csv": (samples.TABLE, samples.POSES),
+}
 FORMATS = tuple(dict.fromkeys((*CAM, *mutations.FORMATS)))
 
 

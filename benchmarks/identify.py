@@ -55,9 +55,12 @@ def main() -> None:
     print(f"peak memory {peak:.0f} MB, {peak - before:.0f} MB more than before the first run")
     wrong = np.array([j.k for j in found.joints]) / TRUE_K - 1
     error = sure.sigma[:6] * TRUE_K
-    print("joint: error, standard error in %: " + ", ".join(
-        f"{j + 1}: {100 * w:+.2f}, {100 * s:.2f}" for j, (w, s) in enumerate(zip(wrong, error, strict=True))
-    ))  # fmt: skip
+    print(
+        "joint: error, standard error in %: "
+        + ", ".join(
+            f"{j + 1}: {100 * w:+.2f}, {100 * s:.2f}" for j, (w, s) in enumerate(zip(wrong, error, strict=True))
+        )
+    )
 
 
 if __name__ == "__main__":

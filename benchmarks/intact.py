@@ -86,9 +86,11 @@ def line(points: Sequence[Sequence[float]], feed: float = 1500.0, **more: Any) -
     """Rapid above the first, plunge at a feed, the points, retract by a rapid move."""
     first, last = points[0], points[-1]
     return [
-        rapid(first[0], first[1], 60, **more), Row(first[0], first[1], 3, "approach", 2000.0, **more),
-        *(Row(p[0], p[1], p[2], "cut", feed, **more) for p in points), rapid(last[0], last[1], 60, **more),
-    ]  # fmt: skip
+        rapid(first[0], first[1], 60, **more),
+        Row(first[0], first[1], 3, "approach", 2000.0, **more),
+        *(Row(p[0], p[1], p[2], "cut", feed, **more) for p in points),
+        rapid(last[0], last[1], 60, **more),
+    ]
 
 
 def circle(r: float, n: int, z: float = -0.5) -> list[list[float]]:
@@ -96,8 +98,10 @@ def circle(r: float, n: int, z: float = -0.5) -> list[list[float]]:
 
 
 def spiral(r: float, n: int, turns: float = 3.0, z: float = -0.5) -> list[list[float]]:
-    return [[r * f * math.cos(a), r * f * math.sin(a), z]
-            for f, a in zip(np.linspace(0.1, 1, n), np.linspace(0, 2 * math.pi * turns, n), strict=True)]  # fmt: skip
+    return [
+        [r * f * math.cos(a), r * f * math.sin(a), z]
+        for f, a in zip(np.linspace(0.1, 1, n), np.linspace(0, 2 * math.pi * turns, n), strict=True)
+    ]
 
 
 def pocket(w: float, h: float, step: float) -> list[list[float]]:
@@ -117,9 +121,12 @@ def tilted(r: float, n: int, most_deg: float) -> list[Row]:
         out.append(Row(2 * r * f, 10 * math.sin(math.pi * f), 0.5, "cut", 1200.0, (v[0], v[1], v[2])))
     first, last = out[0], out[-1]
     return [
-        rapid(first.x, first.y, 60, axis=first.axis), Row(first.x, first.y, 5, "approach", 2000.0, first.axis), *out,
-        Row(last.x, last.y, 5, "retract", 2000.0, last.axis), rapid(last.x, last.y, 60, axis=last.axis),
-    ]  # fmt: skip
+        rapid(first.x, first.y, 60, axis=first.axis),
+        Row(first.x, first.y, 5, "approach", 2000.0, first.axis),
+        *out,
+        Row(last.x, last.y, 5, "retract", 2000.0, last.axis),
+        rapid(last.x, last.y, 60, axis=last.axis),
+    ]
 
 
 def holes(n: int, deep: float = -8.0, *, retract: bool = True) -> list[Row]:
@@ -180,8 +187,16 @@ def write_table(
         for n, r in enumerate(rows):
             feed = "" if r.feed is None else f"{r.feed * scale:.6f}"
             place = [f"{v * scale:.7f}" for v in (r.x, r.y, r.z)]
-            out.writerow([*place, *(f"{v:.9f}" for v in r.axis), r.move, feed, r.label,
-                          *(column[n] for column in extra.values())])  # fmt: skip
+            out.writerow(
+                [
+                    *place,
+                    *(f"{v:.9f}" for v in r.axis),
+                    r.move,
+                    feed,
+                    r.label,
+                    *(column[n] for column in extra.values()),
+                ]
+            )
 
 
 def write_gcode(file: Path, rows: Sequence[Row], *, inch: bool = False) -> None:
@@ -223,8 +238,11 @@ def write_path(folder: Path, job: Job, rows: Sequence[Row]) -> tuple[Path, tuple
         case "gcode" | "gcode_inch":
             write_gcode(file := folder / "job.nc", rows, inch=job.writer == "gcode_inch")
         case "apt" | "clsf":
-            write_apt(file := folder / ("job.aptsource" if job.writer == "apt" else "job.cls"), rows,
-                      clsf=job.writer == "clsf")  # fmt: skip
+            write_apt(
+                file := folder / ("job.aptsource" if job.writer == "apt" else "job.cls"),
+                rows,
+                clsf=job.writer == "clsf",
+            )
         case "heidenhain":
             write_heidenhain(file := folder / "job.h", rows)
         case "inch":
@@ -315,23 +333,35 @@ def around(folder: Path, name: str) -> dict[str, Any]:
         "machopt_stiffness: 1\njoints_Nm_per_rad: [2e6, 2e6, 1.5e6, 4e5, 3e5, 2e5]\n"
     )
     return {
-        "machopt_cell": 1, "name": name,
+        "machopt_cell": 1,
+        "name": name,
         "robot": {
-            "urdf": f"{name}.urdf", "base_link": "base_link", "flange_link": "flange" if "flange" in links else "tool0",
-            "arm_joints": [str(j.get("name")) for j in moving], "external_joints": [],
+            "urdf": f"{name}.urdf",
+            "base_link": "base_link",
+            "flange_link": "flange" if "flange" in links else "tool0",
+            "arm_joints": [str(j.get("name")) for j in moving],
+            "external_joints": [],
             "packages": {p.name: p.name for p in folder.iterdir() if p.is_dir()},
             "home_deg": {"m20ia": [0, 0, 0, 0, -45, 0], "rx160": [0, 20, 80, 0, 45, 0]}.get(
-                name, [0, -90, 90, 0, 45, 0]),
+                name, [0, -90, 90, 0, 45, 0]
+            ),
             "limits": {"velocity_deg_s": [100.0] * 6, "acceleration_deg_s2": [300.0] * 6, "jerk_deg_s3": [2000.0] * 6},
         },
-        "tool": {"tcp": {"xyz_mm": [120, 0, 180], "rpy_deg": [0, 30, 0]}, "mass_kg": 8, "com_mm": [30, 0, 80],
-                 "geometry": [{"name": "spindle", "cylinder_mm": [30, 90], "xyz_mm": [40, 0, 50]}],
-                 "cutter": {"diameter_mm": 8, "length_mm": 50}},
-        "workpiece": {"link": "world", "pose": {"xyz_mm": [ahead, 0, high]},
-                      "geometry": [{"name": "block", "box_mm": [220, 220, 60], "xyz_mm": [0, 0, -30]}]},
+        "tool": {
+            "tcp": {"xyz_mm": [120, 0, 180], "rpy_deg": [0, 30, 0]},
+            "mass_kg": 8,
+            "com_mm": [30, 0, 80],
+            "geometry": [{"name": "spindle", "cylinder_mm": [30, 90], "xyz_mm": [40, 0, 50]}],
+            "cutter": {"diameter_mm": 8, "length_mm": 50},
+        },
+        "workpiece": {
+            "link": "world",
+            "pose": {"xyz_mm": [ahead, 0, high]},
+            "geometry": [{"name": "block", "box_mm": [220, 220, 60], "xyz_mm": [0, 0, -30]}],
+        },
         "obstacles": [{"name": "table", "box_mm": [400, 600, 40], "xyz_mm": [ahead, 0, high - 90]}],
         "stiffness": "stiffness.yaml",
-    }  # fmt: skip
+    }
 
 
 # ---- the jobs ------------------------------------------------------------------------------------------------------
@@ -364,7 +394,9 @@ def fixed_jobs() -> list[Job]:
     short = line([[0, 0, -0.5], [10, 0, -0.5], [12, 6, -0.5]])
     bare = [rapid(0, 0, 60), Row(0, 0, -0.5), Row(10, 0, -0.5), rapid(10, 0, 60)]
     feeds = line([[x, 0, -0.5] for x in range(8)])
-    feeds = [Row(r.x, r.y, r.z, r.move, None if r.feed is None else (30, 6000, 60, 3000)[n % 4]) for n, r in enumerate(feeds)]  # fmt: skip
+    feeds = [
+        Row(r.x, r.y, r.z, r.move, None if r.feed is None else (30, 6000, 60, 3000)[n % 4]) for n, r in enumerate(feeds)
+    ]
     double = line([[0, 0, -0.5], [0, 0, -0.5], [8, 0, -0.5], [8, 0, -0.5], [8, 0, -0.5], [8, 8, -0.5], [0, 8, -0.5]])
     odd = [r for n, word in enumerate(ODD) for r in line([[n * 6, 0, -0.5], [n * 6, 5, -0.5]], label=word)]
     arc = circle(300, 25)
@@ -372,9 +404,17 @@ def fixed_jobs() -> list[Job]:
     jobs = [
         Job("bare step 30", "kr500_milling", bare, ("--set", "rotation_step_deg=30")),
         Job("bare", "kr500_milling", bare),
-        Job("L default", "kr500_milling", L, ("--method", "default"), infeasible=True),  # gamma = 0 turns 90° on the spot
+        Job(
+            "L default", "kr500_milling", L, ("--method", "default"), infeasible=True
+        ),  # gamma = 0 turns 90° on the spot
         Job("L jiao", "kr500_milling", L, ("--method", "jiao2022")),
-        Job("L default bare", "kr500_milling", [rapid(0, 0, 60), *(Row(*p) for p in ((0, 0, -0.5), (30, 0, -0.5), (30, 20, -0.5))), rapid(30, 20, 60)], ("--method", "default"), infeasible=True),
+        Job(
+            "L default bare",
+            "kr500_milling",
+            [rapid(0, 0, 60), *(Row(*p) for p in ((0, 0, -0.5), (30, 0, -0.5), (30, 20, -0.5))), rapid(30, 20, 60)],
+            ("--method", "default"),
+            infeasible=True,
+        ),
         Job("pocket", "kr500_milling", line(pocket(30, 12, 4))),
         Job("spiral", "kr500_milling", line(spiral(15, 60)), ("--set", "sample_ms=4")),
         Job("circle closed", "kr500_milling", line(circle(15, 37)), ("--sample-ms", "20")),
@@ -386,11 +426,34 @@ def fixed_jobs() -> list[Job]:
         Job("one point", "kr500_milling", [Row(0, 0, -0.5)]),
         Job("one point between rapids", "kr500_milling", [rapid(0, 0, 40), Row(0, 0, -0.5), rapid(0, 0, 40)]),
         Job("no rapids", "kr500_milling", [Row(0, 0, -0.5), Row(10, 0, -0.5), Row(10, 10, -0.5)]),
-        Job("ramp and plunge", "kr500_milling", [rapid(0, 0, 30), Row(0, 0, 2, "approach", 3000), Row(20, 0, -2, "cut", 600), Row(0, 0, -4, "cut", 600), Row(0, 0, -6, "cut", 100), Row(0, 0, 30, "retract", 3000)]),
+        Job(
+            "ramp and plunge",
+            "kr500_milling",
+            [
+                rapid(0, 0, 30),
+                Row(0, 0, 2, "approach", 3000),
+                Row(20, 0, -2, "cut", 600),
+                Row(0, 0, -4, "cut", 600),
+                Row(0, 0, -6, "cut", 100),
+                Row(0, 0, 30, "retract", 3000),
+            ],
+        ),
         Job("compensate", "kr500_milling", L, ("--compensate",)),
-        Job("compensate circle", "kr500_milling", line(circle(12, 25)), ("--compensate", "--set", "force_N={travel: 300, normal: 100, axial: 500}")),
+        Job(
+            "compensate circle",
+            "kr500_milling",
+            line(circle(12, 25)),
+            ("--compensate", "--set", "force_N={travel: 300, normal: 100, axial: 500}"),
+        ),
         Job("compensate plunge", "kr500_milling", holes(3), ("--compensate",)),
-        Job("compensate soft", "kr500_milling", L, ("--compensate", "--set", "compensation_max_mm=5"), edit=soft(2e5), infeasible=True),  # the shift would be too steep, and that is said
+        Job(
+            "compensate soft",
+            "kr500_milling",
+            L,
+            ("--compensate", "--set", "compensation_max_mm=5"),
+            edit=soft(2e5),
+            infeasible=True,
+        ),  # the shift would be too steep, and that is said
         Job("soft 1e3", "kr500_milling", short, edit=soft(1e3), refused=True),
         Job("soft 5e4", "kr500_milling", short, edit=soft(5e4)),
         Job("two grid", "kr500_milling", short, edit=change(stiffness="stiffness_two_grid.yaml")),
@@ -408,16 +471,49 @@ def fixed_jobs() -> list[Job]:
         Job("no tool mesh", "kr500_milling", short, edit=change(tool__geometry=[])),
         Job("no workpiece", "kr500_milling", short, edit=change(workpiece__geometry=[])),
         Job("no cutter", "kr500_milling", line([[0, 0, 1], [10, 0, 1]]), edit=change(tool__cutter=None)),
-        Job("cls", "kr500_milling", L, writer="clsf"), Job("apt", "kr500_milling", L, writer="apt"),
+        Job("cls", "kr500_milling", L, writer="clsf"),
+        Job("apt", "kr500_milling", L, writer="apt"),
         Job("gcode", "kr500_milling", tilted(15, 12, 10), writer="gcode"),
         Job("gcode inch", "kr500_milling", L, writer="gcode_inch"),
         Job("heidenhain", "kr500_milling", L, writer="heidenhain"),
         Job("inch table", "kr500_milling", L, writer="inch"),
         Job("gap middle", "kr500_milling", far, ("--allow-gaps",), gaps=True),
-        Job("gap first", "kr500_milling", line([[3000, 0, 0], [10, 0, -0.5], [20, 0, -0.5], [20, 10, -0.5]]), ("--allow-gaps",), gaps=True),
-        Job("gap one in the middle", "kr500_milling", [*line([[0, 0, -0.5], [10, 0, -0.5], [20, 0, -0.5]])[:-1], Row(20, 3000, -0.5), *line([[30, 0, -0.5], [40, 0, -0.5]])[2:]], ("--allow-gaps",), gaps=True),
-        Job("gap last", "kr500_milling", line([[0, 0, -0.5], [10, 0, -0.5], [20, 0, -0.5], [20, 3000, -0.5]]), ("--allow-gaps",), gaps=True),
-        Job("gap operation", "kr500_milling", [*line([[0, 0, -0.5], [10, 0, -0.5]], label="a"), *line([[3000, 0, -0.5], [3000, 10, -0.5]], label="b"), *line([[0, 20, -0.5], [10, 20, -0.5]], label="c")], ("--allow-gaps",), gaps=True),
+        Job(
+            "gap first",
+            "kr500_milling",
+            line([[3000, 0, 0], [10, 0, -0.5], [20, 0, -0.5], [20, 10, -0.5]]),
+            ("--allow-gaps",),
+            gaps=True,
+        ),
+        Job(
+            "gap one in the middle",
+            "kr500_milling",
+            [
+                *line([[0, 0, -0.5], [10, 0, -0.5], [20, 0, -0.5]])[:-1],
+                Row(20, 3000, -0.5),
+                *line([[30, 0, -0.5], [40, 0, -0.5]])[2:],
+            ],
+            ("--allow-gaps",),
+            gaps=True,
+        ),
+        Job(
+            "gap last",
+            "kr500_milling",
+            line([[0, 0, -0.5], [10, 0, -0.5], [20, 0, -0.5], [20, 3000, -0.5]]),
+            ("--allow-gaps",),
+            gaps=True,
+        ),
+        Job(
+            "gap operation",
+            "kr500_milling",
+            [
+                *line([[0, 0, -0.5], [10, 0, -0.5]], label="a"),
+                *line([[3000, 0, -0.5], [3000, 10, -0.5]], label="b"),
+                *line([[0, 20, -0.5], [10, 20, -0.5]], label="c"),
+            ],
+            ("--allow-gaps",),
+            gaps=True,
+        ),
         Job("unreachable", "kr500_milling", line([[0, 0, -0.5], [3000, 0, -0.5]]), infeasible=True),
         Job("drilling", "irb6700_drilling", holes(5)),
         Job("drilling no retract", "irb6700_drilling", holes(4, retract=False)),
@@ -425,28 +521,66 @@ def fixed_jobs() -> list[Job]:
         Job("drilling compensate", "irb6700_drilling", holes(3), ("--compensate", "--set", "force_N={axial: 400}")),
         Job("panel holes", "kr240_drilling", holes(3)),
         Job("panel L default", "kr240_drilling", short, ("--method", "default")),
-        Job("handling", "s420f_handling", [rapid(0, 0, 120), Row(0, 0, 30, "approach", 6000), Row(0, 0, 2, "cut", 600), Row(0, 0, 60, "retract", 6000), rapid(300, 300, 120), Row(300, 300, 2, "cut", 600), Row(300, 300, 60, "retract", 6000)]),
+        Job(
+            "handling",
+            "s420f_handling",
+            [
+                rapid(0, 0, 120),
+                Row(0, 0, 30, "approach", 6000),
+                Row(0, 0, 2, "cut", 600),
+                Row(0, 0, 60, "retract", 6000),
+                rapid(300, 300, 120),
+                Row(300, 300, 2, "cut", 600),
+                Row(300, 300, 60, "retract", 6000),
+            ],
+        ),
         Job("cobot", "cutting_cobot", line([[0, 0, 0.5], [5, 0, 0.5], [10, 1, 0.5]], 120)),
-    ]  # fmt: skip
-    posts = ("krl", "krl_pos", "krl_spline", "rapid", "fanuc", "fanuc_joint", "urscript", "urscript_movep",
-             "urscript_servoj", "val3", "jbi", "jbi_rectan", "csv", "json", "ros_yaml", "ros_json")  # fmt: skip
+    ]
+    posts = (
+        "krl",
+        "krl_pos",
+        "krl_spline",
+        "rapid",
+        "fanuc",
+        "fanuc_joint",
+        "urscript",
+        "urscript_movep",
+        "urscript_servoj",
+        "val3",
+        "jbi",
+        "jbi_rectan",
+        "csv",
+        "json",
+        "ros_yaml",
+        "ros_json",
+    )
     for k in range(0, len(posts), 4):
         chosen = tuple(word for post in posts[k : k + 4] for word in ("--post", post))
         jobs.append(Job(f"posts {' '.join(posts[k : k + 4])}", "kr500_milling", short, chosen))
         jobs.append(Job(f"posts drilling {' '.join(posts[k : k + 4])}", "irb6700_drilling", holes(2), chosen))
-    jobs += [Job(f"{name} {n}", name, rows) for name in ("m20ia", "rx160", "kr210l150", "kr500_r2800_2")
-             for n, rows in (("L", L), ("tilts", tilted(15, 12, 10)), ("circle", line(circle(15, 25))))]  # fmt: skip
+    jobs += [
+        Job(f"{name} {n}", name, rows)
+        for name in ("m20ia", "rx160", "kr210l150", "kr500_r2800_2")
+        for n, rows in (("L", L), ("tilts", tilted(15, 12, 10)), ("circle", line(circle(15, 25))))
+    ]
     return jobs
 
 
 def random_jobs(count: int, seed: int) -> list[Job]:
     rng = np.random.default_rng(seed)
     options: list[tuple[str, ...]] = [
-        (), (), ("--method", "default"), ("--method", "jiao2022"), ("--set", "rotation_step_deg=30"),
-        ("--compensate", "--set", "force_N={travel: 100, normal: 50, axial: 80}"), ("--sample-ms", "4"), ("--sample-ms", "20"),
-        ("--post", "rapid", "--post", "fanuc"), ("--post", "urscript_movep", "--post", "jbi_rectan"),
+        (),
+        (),
+        ("--method", "default"),
+        ("--method", "jiao2022"),
+        ("--set", "rotation_step_deg=30"),
+        ("--compensate", "--set", "force_N={travel: 100, normal: 50, axial: 80}"),
+        ("--sample-ms", "4"),
+        ("--sample-ms", "20"),
+        ("--post", "rapid", "--post", "fanuc"),
+        ("--post", "urscript_movep", "--post", "jbi_rectan"),
         ("--index", "jiao2022"),
-    ]  # fmt: skip
+    ]
     cells = ("kr500_milling", "irb6700_drilling")
     return [
         Job(f"random {seed}:{n}", str(rng.choice(cells)), random_path(rng), options[int(rng.integers(len(options)))])
@@ -496,8 +630,11 @@ def run(job: Job, folder: Path, robots: Path | None, acceptance: Path | None) ->
         return Outcome(code, None, "-", (), err.strip())
     verified, text, _ = called(["verify", str(cell), str(file), str(out), "--json"])
     checks = json.loads(text).get("checks", []) if text.strip() else []
-    failing = tuple(f"{c['name']}: {c['value']:.4g} > {c['limit']:.4g} {c['unit']} ({c['where'][:160]})" for c in checks
-                    if not c["passed"] and c["value"] is not None)  # fmt: skip
+    failing = tuple(
+        f"{c['name']}: {c['value']:.4g} > {c['limit']:.4g} {c['unit']} ({c['where'][:160]})"
+        for c in checks
+        if not c["passed"] and c["value"] is not None
+    )
     failing += tuple(f"{c['name']}: {c['where'][:160]}" for c in checks if not c["passed"] and c["value"] is None)
     accepted = "-"
     if acceptance is not None and code == 0 and not job.gaps and len(rows) > 1 and "--compensate" not in job.options:
@@ -539,8 +676,11 @@ def main() -> None:
         ran += 1
         bad = found.alarm(job)
         alarms += bad
-        print(f"{job.name:44} {job.cell:18} {found.optimize:^8} {found.verify!s:^6} {found.accepted[:80]}"
-              f"{'  <-- ALARM' if bad else ''} {time.perf_counter() - start:.1f} s", flush=True)  # fmt: skip
+        print(
+            f"{job.name:44} {job.cell:18} {found.optimize:^8} {found.verify!s:^6} {found.accepted[:80]}"
+            f"{'  <-- ALARM' if bad else ''} {time.perf_counter() - start:.1f} s",
+            flush=True,
+        )
         for text in found.failing:
             print(f"    {text}")
         if (bad or found.optimize) and found.said:

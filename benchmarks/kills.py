@@ -23,9 +23,15 @@ from machopt.output.manifest import differences
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min\n" + "".join(
     f"{x},0,{z},0,0,1,{move},{feed}\n"
-    for x, z, move, feed in ((-100, 60, "rapid", ""), (-100, 5, "approach", 1000), (-100, -0.5, "cut", 1500),
-                             (-90, -0.5, "cut", 1500), (-90, 5, "retract", 1000), (-90, 60, "rapid", ""))
-)  # fmt: skip
+    for x, z, move, feed in (
+        (-100, 60, "rapid", ""),
+        (-100, 5, "approach", 1000),
+        (-100, -0.5, "cut", 1500),
+        (-90, -0.5, "cut", 1500),
+        (-90, 5, "retract", 1000),
+        (-90, 60, "rapid", ""),
+    )
+)
 
 
 def main() -> int:
@@ -41,8 +47,19 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as place:
         toolpath, out = Path(place) / "cut.csv", Path(place) / "out"
         toolpath.write_text(TABLE, encoding="utf-8")
-        command = [sys.executable, "-m", "machopt.cli", "optimize", str(args.cell), str(toolpath), "-o", str(out),
-                   "--quiet", "--set", "rotation_step_deg=30"]  # fmt: skip
+        command = [
+            sys.executable,
+            "-m",
+            "machopt.cli",
+            "optimize",
+            str(args.cell),
+            str(toolpath),
+            "-o",
+            str(out),
+            "--quiet",
+            "--set",
+            "rotation_step_deg=30",
+        ]
         subprocess.run(command, check=True)  # the first one may compile
         begun = time.monotonic()
         subprocess.run(command, check=True)
@@ -70,8 +87,10 @@ def main() -> int:
             last = found
         subprocess.run(command, check=True)
         beside = sorted(p.name for p in out.parent.iterdir() if p not in (out, toolpath))
-        print(f"{killed} of {done} runs killed within {whole:.1f} s each, {replaced} replaced the folder; "
-              f"never missing, never mixed; left beside it: {', '.join(beside) or 'nothing'}")  # fmt: skip
+        print(
+            f"{killed} of {done} runs killed within {whole:.1f} s each, {replaced} replaced the folder; "
+            f"never missing, never mixed; left beside it: {', '.join(beside) or 'nothing'}"
+        )
         return 1 if beside else 0
 
 

@@ -69,8 +69,10 @@ def main() -> None:
                 cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
             stages = json.loads((out / "result.json").read_text(encoding="utf-8"))["timings_s"]
             loop = plain * points * CONFIGURATIONS
-            print(f"{points} points: exit {code}, {wall:.1f} s wall ({wall / loop:.2f} of the loop), {cpu:.1f} s CPU, "
-                  f"peak of all so far {after.ru_maxrss / 1024:.0f} MiB")  # fmt: skip
+            print(
+                f"{points} points: exit {code}, {wall:.1f} s wall ({wall / loop:.2f} of the loop), {cpu:.1f} s CPU, "
+                f"peak of all so far {after.ru_maxrss / 1024:.0f} MiB"
+            )
             print("   " + ", ".join(f"{stage} {seconds:.1f}" for stage, seconds in stages.items()), flush=True)
 
 

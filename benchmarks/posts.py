@@ -38,8 +38,10 @@ def speed(moves: int, posts: list[str]) -> None:
             parsed = read_program(folder / main_file(post, program_name("part", post)))
             end = time.perf_counter()
             size = sum(f.stat().st_size for f in files) / 1e6
-            print(f"{post:16} {moves} moves: written {middle - start:.2f} s, {size:.1f} MB in {len(files)} files, "
-                  f"read {end - middle:.2f} s, {len(parsed)} moves")  # fmt: skip
+            print(
+                f"{post:16} {moves} moves: written {middle - start:.2f} s, {size:.1f} MB in {len(files)} files, "
+                f"read {end - middle:.2f} s, {len(parsed)} moves"
+            )
 
 
 def paths(count: int, posts: list[str]) -> None:
@@ -50,10 +52,14 @@ def paths(count: int, posts: list[str]) -> None:
             for n in range(count):
                 labels = tuple(rng.choice(LABELS, rng.integers(1, 4), replace=False))
                 recipe = Recipe(
-                    seed=int(rng.integers(2**32)), moves=int(rng.integers(2, 40)),
+                    seed=int(rng.integers(2**32)),
+                    moves=int(rng.integers(2, 40)),
                     blend=float(rng.choice([0, 1e-4, 1e-2])),
-                    slowest=2e-4, feeds=int(rng.integers(1, 5)), operations=labels, events=int(rng.integers(0, 5)),
-                )  # fmt: skip
+                    slowest=2e-4,
+                    feeds=int(rng.integers(1, 5)),
+                    operations=labels,
+                    events=int(rng.integers(0, 5)),
+                )
                 csv_round_trip(recipe, post, (PLAIN, MAPPED)[n % 2], Path(name))
         print(f"{post:16} {count} random paths came back within print, {time.perf_counter() - start:.0f} s")
 

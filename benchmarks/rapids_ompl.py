@@ -51,9 +51,16 @@ def ours(setup: Any, a: Any, b: Any, seed: int) -> Way:
 
     start = time.perf_counter()
     found = plan_rapid(
-        a, b, limits=setup.driven.limits, scale=0.8, sample=0.012, collision=setup.collision, step=STEP, detours=list,
+        a,
+        b,
+        limits=setup.driven.limits,
+        scale=0.8,
+        sample=0.012,
+        collision=setup.collision,
+        step=STEP,
+        detours=list,
         rng=np.random.default_rng(seed),
-    )  # fmt: skip
+    )
     took = time.perf_counter() - start
     return Way(took, took, found.waypoints if isinstance(found, RapidMove) else None)
 
@@ -145,12 +152,16 @@ def main() -> int:
         took = [w.seconds for w in ways]
         corners = np.mean([len(ways[n].points) - 2 for n in both])
         print("seconds:", " ".join(f"{w.search:.2f}/{w.seconds:.2f}" for w in ways))
-        print(f"{name}: {len(got)} of {len(ways)} found, all free: {all(free)}; median {np.median(took):.2f} s, "
-              f"mean {np.mean(took):.2f} s, longest {max(took):.2f} s; search alone: median "
-              f"{np.median([w.search for w in ways]):.2f} s")  # fmt: skip
-        print(f"  the {len(both)} found by both: median {np.median(length):.0f}° summed over the joints (mean "
-              f"{np.mean(length):.0f}°), {np.median(drive):.2f} s to drive ({np.mean(drive):.2f} s), "
-              f"{corners:.1f} corners")  # fmt: skip
+        print(
+            f"{name}: {len(got)} of {len(ways)} found, all free: {all(free)}; median {np.median(took):.2f} s, "
+            f"mean {np.mean(took):.2f} s, longest {max(took):.2f} s; search alone: median "
+            f"{np.median([w.search for w in ways]):.2f} s"
+        )
+        print(
+            f"  the {len(both)} found by both: median {np.median(length):.0f}° summed over the joints (mean "
+            f"{np.mean(length):.0f}°), {np.median(drive):.2f} s to drive ({np.mean(drive):.2f} s), "
+            f"{corners:.1f} corners"
+        )
     return 0
 
 

@@ -100,10 +100,16 @@ def rapid(f: TextIO, n: int) -> None:
 
 
 FILES = {
-    "long.apt": apt, "arcs.cls": clsf_with_arcs, "three.nc": gcode, "five.nc": five_axes,
-    "vectors.mpf": vectors, "long.h": heidenhain, "long.csv": table,
-    "robot.src": krl, "robot.mod": rapid,
-}  # fmt: skip
+    "long.apt": apt,
+    "arcs.cls": clsf_with_arcs,
+    "three.nc": gcode,
+    "five.nc": five_axes,
+    "vectors.mpf": vectors,
+    "long.h": heidenhain,
+    "long.csv": table,
+    "robot.src": krl,
+    "robot.mod": rapid,
+}
 
 
 def main() -> int:
@@ -121,8 +127,11 @@ def main() -> int:
                 lines = sum(block.count(b"\n") for block in iter(lambda f=f: f.read(1 << 20), b""))
             done = subprocess.run([sys.executable, "-c", _READ, str(file)], capture_output=True, text=True, check=True)
             read, took, cpu, memory = done.stdout.split()
-            print(f"{name:<12}{lines:>10,}{file.stat().st_size / 1e6:>7.0f}{int(read):>10,}{float(took):>7.1f}"
-                  f"{float(cpu):>7.1f}{lines / float(cpu):>13,.0f}{float(memory):>7.2f}", flush=True)  # fmt: skip
+            print(
+                f"{name:<12}{lines:>10,}{file.stat().st_size / 1e6:>7.0f}{int(read):>10,}{float(took):>7.1f}"
+                f"{float(cpu):>7.1f}{lines / float(cpu):>13,.0f}{float(memory):>7.2f}",
+                flush=True,
+            )
             late += float(took) > MOST_SECONDS * max(n / 1e6, 0.1) or float(memory) > MOST_GIB * max(n / 1e6, 0.5)
             file.unlink()
     return 1 if late else 0

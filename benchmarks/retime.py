@@ -48,8 +48,10 @@ def main() -> None:
             took = perf_counter() - start
         if not isinstance(out, RunTrajectory):
             raise SystemExit(f"{name}: {out}")
-        print(f"{name:<30}{len(run.position):>8}{out.duration:>10.1f}{len(out.q):>9}{took:>8.2f}{out.held_share:>11.1%}"
-              f"{len(out.dips):>6}")  # fmt: skip
+        print(
+            f"{name:<30}{len(run.position):>8}{out.duration:>10.1f}{len(out.q):>9}{took:>8.2f}{out.held_share:>11.1%}"
+            f"{len(out.dips):>6}"
+        )
 
 
 if __name__ == "__main__":

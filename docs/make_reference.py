@@ -22,18 +22,34 @@ from machopt.formats import cell_schema, joblist, kinematics, options, recording
 
 PAGE = Path(__file__).with_name("reference.md")
 FILES: tuple[tuple[str, str, type[BaseModel]], ...] = (
-    ("cell.yaml", "Of `machopt optimize`, `verify`, `map` and all others: the robot and what stands around it. "
-     "`identify` and `diagnose` take arms of any number of joints.", cell_schema.CellKeys),
-    ("Planning options", "In `plan:` of cell.yaml, a `--plan` file, `options:` of a batch list, or `--set key=value`; "
-     "the later one wins.", options.OptionKeys),
-    ("stiffness.yaml", "Named by `stiffness:` of cell.yaml; `identify` and `diagnose` write it.",
-     stiffness._StiffnessFile),
-    ("kinematics.yaml", "Named by `kinematics:` of cell.yaml; `diagnose` writes it. " + " ".join(
-        f"`{effect}` has {', '.join(f'`{p}`' for p in names)}." for effect, names in kinematics.PARAMETERS.items()),
-     kinematics._KinematicsFile),
+    (
+        "cell.yaml",
+        "Of `machopt optimize`, `verify`, `map` and all others: the robot and what stands around it. "
+        "`identify` and `diagnose` take arms of any number of joints.",
+        cell_schema.CellKeys,
+    ),
+    (
+        "Planning options",
+        "In `plan:` of cell.yaml, a `--plan` file, `options:` of a batch list, or `--set key=value`; "
+        "the later one wins.",
+        options.OptionKeys,
+    ),
+    (
+        "stiffness.yaml",
+        "Named by `stiffness:` of cell.yaml; `identify` and `diagnose` write it.",
+        stiffness._StiffnessFile,
+    ),
+    (
+        "kinematics.yaml",
+        "Named by `kinematics:` of cell.yaml; `diagnose` writes it. "
+        + " ".join(
+            f"`{effect}` has {', '.join(f'`{p}`' for p in names)}." for effect, names in kinematics.PARAMETERS.items()
+        ),
+        kinematics._KinematicsFile,
+    ),
     ("recording.yaml", "Beside the data files of a recording folder.", recording._RecordingFile),
     ("Batch list", "The YAML file of `machopt batch LIST`.", joblist.ListKeys),
-)  # fmt: skip
+)
 HEAD = """# Every key of every file
 
 Made from the schemas by `python docs/make_reference.py`. Units are in the keys or said here; frames are in

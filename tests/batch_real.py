@@ -14,9 +14,12 @@ from machopt.batch import task
 ROOT = Path(__file__).resolve().parents[1]
 JOBS, GATED = 60, 30  # the jobs from the thirtieth on wait for the gate
 CELLS = {  # and a toolpath for each, with how many of its rows make a small job
-    "s420f_handling": ("castings", 4), "cutting_cobot": ("bone_tracks", 4), "irb6700_drilling": ("plate_holes", 4),
-    "kr240_drilling": ("panel_holes", 4), "kr500_milling": ("plain", 9),
-}  # fmt: skip
+    "s420f_handling": ("castings", 4),
+    "cutting_cobot": ("bone_tracks", 4),
+    "irb6700_drilling": ("plate_holes", 4),
+    "kr240_drilling": ("panel_holes", 4),
+    "kr500_milling": ("plain", 9),
+}
 METHODS = ("global", "default", "jiao2022")
 
 

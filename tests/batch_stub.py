@@ -52,8 +52,15 @@ def run(job: Mapping[str, Any], out: Path) -> dict[str, object]:
     out.mkdir()
     (out / "points.csv").write_text("gamma_deg,move,branch\n" + f"{gain},cut,1\n" * 3)
     (out / "report.html").write_text(f"<p>{path.name}</p>")
-    return {"exit_code": 0, "verdict": "done", "reason": "", "gain_percent": gain, "unit": "mm",
-            "mean": 1.0 / (1 + gain), "warnings": []}  # fmt: skip
+    return {
+        "exit_code": 0,
+        "verdict": "done",
+        "reason": "",
+        "gain_percent": gain,
+        "unit": "mm",
+        "mean": 1.0 / (1 + gain),
+        "warnings": [],
+    }
 
 
 def folder_of(place: Path, **words: str) -> Path:

@@ -28,10 +28,52 @@ from machopt.formats.stiffness import load_stiffness
 
 HANG = 30.0  # s of computing for one small file
 WILD = (
-    "nan", "inf", "-inf", ".nan", ".inf", "1e30", "-1e30", "1e400", "1e-30", "0", "-0", "-1", "1e9", "3.1416", "190,0",
-    "1_000", "0x10", "1e", "--3", "", " ", "true", "null", "~", "[]", "{}", "[1, 2]", "x", "ä", "\u0663", "0.001",
-    "1000", "99999999999999999999", "1.2.3", "<", "&", '"', "'", "\t", "*a", "&a 1", "!x 1", "|", "- 1", "# 1",
-)  # fmt: skip
+    "nan",
+    "inf",
+    "-inf",
+    ".nan",
+    ".inf",
+    "1e30",
+    "-1e30",
+    "1e400",
+    "1e-30",
+    "0",
+    "-0",
+    "-1",
+    "1e9",
+    "3.1416",
+    "190,0",
+    "1_000",
+    "0x10",
+    "1e",
+    "--3",
+    "",
+    " ",
+    "true",
+    "null",
+    "~",
+    "[]",
+    "{}",
+    "[1, 2]",
+    "x",
+    "ä",
+    "\u0663",
+    "0.001",
+    "1000",
+    "99999999999999999999",
+    "1.2.3",
+    "<",
+    "&",
+    '"',
+    "'",
+    "\t",
+    "*a",
+    "&a 1",
+    "!x 1",
+    "|",
+    "- 1",
+    "# 1",
+)
 _NUMBER = re.compile(r"(?<![\w.])[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?(?![\w.])")
 _WORD = re.compile(r"[A-Za-z_][A-Za-z_0-9]{2,}")
 
@@ -77,8 +119,16 @@ def another(number: str, rng: random.Random) -> str:
 
 def misspelt(word: str, rng: random.Random) -> str:
     k = rng.randrange(len(word))
-    return rng.choice((word[:k] + word[k + 1 :], word[:k] + word[k] + word[k:], word.upper(), word + "s",
-                       word[:k] + "x" + word[k + 1 :], word[::-1]))  # fmt: skip
+    return rng.choice(
+        (
+            word[:k] + word[k + 1 :],
+            word[:k] + word[k] + word[k:],
+            word.upper(),
+            word + "s",
+            word[:k] + "x" + word[k + 1 :],
+            word[::-1],
+        )
+    )
 
 
 def _replaced(text: str, pattern: re.Pattern[str], rng: random.Random, by: Callable[[str], str]) -> str:
@@ -309,8 +359,11 @@ class Case:
             if key in DEFAULTS and rng.random() < 0.6:
                 value = str(DEFAULTS[key]).replace("'", "").lower()
                 value = value if rng.random() < 0.3 else _replaced(value, _NUMBER, rng, lambda n: another(n, rng))
-            words.append(rng.choice((f"{key}={value}", f"{key} = {value}", f"{key}:{value}", f"{key}.{key}={value}"))
-                         if rng.random() < 0.2 else f"{key}={value}")  # fmt: skip
+            words.append(
+                rng.choice((f"{key}={value}", f"{key} = {value}", f"{key}:{value}", f"{key}.{key}={value}"))
+                if rng.random() < 0.2
+                else f"{key}={value}"
+            )
         if rng.random() < 0.5:
             return load_options(overrides=words)
         plan = self.folder / "plan.yaml"
@@ -320,9 +373,24 @@ class Case:
 
 
 OPTION_VALUES = (
-    "global", "jiao2022", "deflection", "auto", "5", "0.5", "90", "180", "-180", "[-90, 90]", "[90, -90]",
-    "{normal: 200}", "{axial: 1e4, travel: -3}", "{mean: 0, worst: 0}", "[{point: 3, gamma_deg: 45}]", "12", "false",
-)  # fmt: skip
+    "global",
+    "jiao2022",
+    "deflection",
+    "auto",
+    "5",
+    "0.5",
+    "90",
+    "180",
+    "-180",
+    "[-90, 90]",
+    "[90, -90]",
+    "{normal: 200}",
+    "{axial: 1e4, travel: -3}",
+    "{mean: 0, worst: 0}",
+    "[{point: 3, gamma_deg: 45}]",
+    "12",
+    "false",
+)
 DEFAULTS = options_as_user(PlanOptions())
 FORMATS = ("urdf", "mesh", "cell", "stiffness", "recording", "options")
 

@@ -48,11 +48,12 @@ def urdf() -> str:
             '<mass value="190"/>',
             '<inertia ixx="2" ixy="0" ixz="0" iyy="2" iyz="0" izz="1"/></inertial>',
             '<collision><origin xyz="0 0 0.15" rpy="0 0 0"/>',
-            '<geometry><mesh filename="link.stl"/></geometry></collision>' if k == 6
+            '<geometry><mesh filename="link.stl"/></geometry></collision>'
+            if k == 6
             else '<geometry><box size="0.2 0.2 0.3"/></geometry></collision>',
             '<visual><geometry><mesh filename="picture.dae"/></geometry></visual>',
             "</link>",
-        ]  # fmt: skip
+        ]
     for k in range(1, 7):
         lines += [
             f'<joint name="a{k}" type="revolute">',
@@ -64,10 +65,11 @@ def urdf() -> str:
             "</joint>",
         ]
     lines += [
-        '<link name="base"/>', '<link name="flange"/>',
+        '<link name="base"/>',
+        '<link name="flange"/>',
         '<joint name="f" type="fixed"><parent link="l6"/><child link="flange"/></joint>',
         "</robot>",
-    ]  # fmt: skip
+    ]
     return "\n".join(lines) + "\n"
 
 

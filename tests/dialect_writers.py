@@ -83,8 +83,15 @@ def number(v: float, rng: random.Random, *, dot: bool = True, plus: bool = True)
 
 def noise(rng: random.Random, dialect: str) -> str:
     """A comment line of the dialect."""
-    marks = {"gcode": "(X9 Y9 G1)", "siemens": ";X9 Y9 G1", "heidenhain": "; L X+9", "apt": "$$ GOTO/9,9,9",
-             "krl": "; LIN {X 9}", "rapid": "! MoveL p9;", "ur": "# movel(p[9])"}  # fmt: skip
+    marks = {
+        "gcode": "(X9 Y9 G1)",
+        "siemens": ";X9 Y9 G1",
+        "heidenhain": "; L X+9",
+        "apt": "$$ GOTO/9,9,9",
+        "krl": "; LIN {X 9}",
+        "rapid": "! MoveL p9;",
+        "ur": "# movel(p[9])",
+    }
     return marks[dialect]
 
 
@@ -397,8 +404,10 @@ def fanuc(legs: list[Leg], rng: random.Random) -> Text:
     t.add("/POS")
     for k, p in enumerate(places):
         x, y, z = (number(v, rng, plus=False, dot=False) for v in p)
-        t.add(f"P[{k + 1}]{{\n   GP1:\n\tUF : 1, UT : 1,\tCONFIG : 'N U T, 0, 0, 0',\n\tX = {x} mm,\tY = {y} mm,\t"
-              f"Z = {z} mm,\n\tW = 180.000 deg,\tP = 0.000 deg,\tR = 0.000 deg\n}};")  # fmt: skip
+        t.add(
+            f"P[{k + 1}]{{\n   GP1:\n\tUF : 1, UT : 1,\tCONFIG : 'N U T, 0, 0, 0',\n\tX = {x} mm,\tY = {y} mm,\t"
+            f"Z = {z} mm,\n\tW = 180.000 deg,\tP = 0.000 deg,\tR = 0.000 deg\n}};"
+        )
     t.add("/END")
     return t
 
@@ -428,8 +437,16 @@ def urscript(legs: list[Leg], rng: random.Random) -> Text:
 def jbi(legs: list[Leg], rng: random.Random) -> Text:
     t = Text()
     points = [leg.end for leg in legs]
-    for s in ("/JOB", "//NAME A", "//POS", f"///NPOS {len(points)},0,0,0,0,0", "///TOOL 1", "///POSTYPE BASE",
-              "///RECTAN", "///RCONF 0,0,0,0,0,0,0,0"):  # fmt: skip
+    for s in (
+        "/JOB",
+        "//NAME A",
+        "//POS",
+        f"///NPOS {len(points)},0,0,0,0,0",
+        "///TOOL 1",
+        "///POSTYPE BASE",
+        "///RECTAN",
+        "///RCONF 0,0,0,0,0,0,0,0",
+    ):
         t.add(s)
     for k, p in enumerate(points):
         t.add(f"C{k:05d}=" + ",".join(f"{v:.9f}" for v in p) + ",180.00,0.00,0.00")

@@ -106,9 +106,15 @@ def grid_plan(
         why[ok[collision.check(chosen_q[ok], np.zeros(len(ok), bool)).hit]] = Reason.COLLIDING
     serves = why == Reason.OK
     return GridPlan(
-        region, position, np.array(angles), poses, np.where(serves[:, None], chosen_q, np.nan),
-        np.where(serves, chosen, -1).astype(np.int64), why, members,
-    )  # fmt: skip
+        region,
+        position,
+        np.array(angles),
+        poses,
+        np.where(serves[:, None], chosen_q, np.nan),
+        np.where(serves, chosen, -1).astype(np.int64),
+        why,
+        members,
+    )
 
 
 def _positions(region: Region) -> tuple[Array, Ints]:

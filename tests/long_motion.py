@@ -106,7 +106,7 @@ def tip(q: np.ndarray) -> np.ndarray:
 
 def write(
     folder: Path, samples: int, rate: float, seed: int, stribeck: float = 0.0, shows: str = "tau"
-) -> tuple[Path, Path]:  # fmt: skip
+) -> tuple[Path, Path]:
     """Cell and recording; with a Stribeck peak (N·m) at joint 2, else with nothing that the base does not hold.
 
     Args:

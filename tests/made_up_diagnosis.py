@@ -6,15 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from machopt.diagnose.problem import (
-    Curve,
-    Family,
-    KinematicCorrection,
-    Problem,
-    RecordCorrection,
-    Unknown,
-    Untestable,
-)
+from machopt.diagnose.problem import Curve, Family, KinematicCorrection, Problem, RecordCorrection, Unknown, Untestable
 from machopt.diagnose.result import Coefficient, Diagnosis, Errors, Estimate, Finding, Limit, Proof, Rival, Share
 from machopt.domain.recording import Recording
 from machopt.domain.results.diagnosis import EffectOnJob
@@ -36,10 +28,18 @@ def recording(*, motion: bool = False) -> Recording:
     branch = np.tile(np.repeat([1, -1], 8), POSES).astype(np.int8)
     q = np.repeat(rng.uniform(-1.5, 1.5, (POSES, 6)), EACH, axis=0)
     return Recording(
-        kind="motion" if motion else "deflection", source="tests_of_may", q=q, pose=pose, cycle=pose,
-        session=(pose > 15).astype(np.int64), line=np.arange(2, N + 2), wrench=wrench,
-        branch=None if motion else branch, displacement=np.zeros((N, 3)), files=("data.csv",),
-    )  # fmt: skip
+        kind="motion" if motion else "deflection",
+        source="tests_of_may",
+        q=q,
+        pose=pose,
+        cycle=pose,
+        session=(pose > 15).astype(np.int64),
+        line=np.arange(2, N + 2),
+        wrench=wrench,
+        branch=None if motion else branch,
+        displacement=np.zeros((N, 3)),
+        files=("data.csv",),
+    )
 
 
 def _estimate(value: float, unit: str, half: float) -> Estimate:
@@ -63,11 +63,16 @@ def hysteresis(joint: int = 3, after: float = 0.025) -> Finding:
     left[7] = 40.0  # a reading that hardly sees the joint
     place = f"joint:{joint}"
     return Finding(
-        effect="joint_hysteresis", location=place, law="play operator on the joint torque",
-        equation="φ = P_w[τ_j]/k: Prandtl–Ishlinskii with one play (Ruderman 2012)", note="on load reversal",
+        effect="joint_hysteresis",
+        location=place,
+        law="play operator on the joint torque",
+        equation="φ = P_w[τ_j]/k: Prandtl–Ishlinskii with one play (Ruderman 2012)",
+        note="on load reversal",
         one_of=(("joint_hysteresis", place),),
         parameters={"width": _estimate(0.9, "arcmin", 0.08), "threshold": _estimate(212.0, "N·m", 31.0)},
-        before=0.061, after=after, p_value=0.0004,
+        before=0.061,
+        after=after,
+        p_value=0.0004,
         rivals=(
             Rival("joint_backlash", place, "dead zone on total torque", 0.31, "rejected", 0.0002),
             Rival("joint_hysteresis", place, "Bouc–Wen", 0.96, "not excluded", 0.31),
@@ -78,7 +83,7 @@ def hysteresis(joint: int = 3, after: float = 0.025) -> Finding:
         correction=RecordCorrection("joint_hysteresis", place, {"width_arcmin": 0.9}) if joint == 99 else None,
         curve=Curve(loop_x, law, f"torque at joint {joint} in N·m", "twist in arcmin", torque, per_reading),
         curve_residual=left,
-    )  # fmt: skip
+    )
 
 
 def link() -> Finding:
@@ -86,46 +91,76 @@ def link() -> Finding:
     rng = np.random.default_rng(8)
     x = rng.uniform(-900, 900, N)
     return Finding(
-        "link_compliance", "link:4", "beam with one EI", "L³/3EI, L²/2EI, L/EI (Euler–Bernoulli)",
+        "link_compliance",
+        "link:4",
+        "beam with one EI",
+        "L³/3EI, L²/2EI, L/EI (Euler–Bernoulli)",
         "in bending across the forearm",
         (("link_compliance", "link:4"), ("joint_coupling", "joint:4-5"), ("tool_compliance", "tool")),
         {"compliance": _estimate(2.4e-7, "rad/(N·m)", 0.4e-7), "share_of_deflection": _estimate(14.2, "%", 2.2)},
-        0.025, 0.021, 0.012,
-        (Rival("joint_pose_dependent_stiffness", "joint:4", "first harmonic", 0.45, "rejected", 0.003),
-         Rival("tool_compliance", "tool", "6×6 diagonal", 0.93, "not excluded", 0.22)),
+        0.025,
+        0.021,
+        0.012,
+        (
+            Rival("joint_pose_dependent_stiffness", "joint:4", "first harmonic", 0.45, "rejected", 0.003),
+            Rival("tool_compliance", "tool", "6×6 diagonal", 0.93, "not excluded", 0.22),
+        ),
         correction=Term("link_compliance", "link:4", {"EI_Nm2": 3.1e6, "length_mm": 600.0}),
-        curve=Curve(np.array([-900.0, 900.0]), np.array([-0.2, 0.2]), "moment at link 4 in N·m",
-                    "rotation in mrad", x, 0.2 * x / 900),
+        curve=Curve(
+            np.array([-900.0, 900.0]),
+            np.array([-0.2, 0.2]),
+            "moment at link 4 in N·m",
+            "rotation in mrad",
+            x,
+            0.2 * x / 900,
+        ),
         curve_residual=rng.normal(0, 0.08, N),
-    )  # fmt: skip
+    )
 
 
 def zero_offset() -> Finding:
     """A kinematic correction without a curve."""
     return Finding(
-        "joint_zero_offset", "joint:5", "constant offset", "Δx = J_5 Δφ", "",
+        "joint_zero_offset",
+        "joint:5",
+        "constant offset",
+        "Δx = J_5 Δφ",
+        "",
         (("joint_zero_offset", "joint:5"), ("displacement_frame", "sensor:displacement")),
-        {"offset": _estimate(0.021, "deg", 0.006)}, 0.0212, 0.0203, 0.04,
+        {"offset": _estimate(0.021, "deg", 0.006)},
+        0.0212,
+        0.0203,
+        0.04,
         correction=KinematicCorrection("joint_zero_offset", "joint:5", {"offset_deg": 0.021}),
-    )  # fmt: skip
+    )
 
 
 def frame() -> Finding:
     """The record itself: stays in the diagnosis."""
     return Finding(
-        "force_sensor_frame", "sensor:force", "axes turned", "w_recorded = (I + [φ]×) w", "",
-        (("force_sensor_frame", "sensor:force"),), {"angle": _estimate(1.8, "deg", 0.2)}, 0.05, 0.03, 0.0004,
+        "force_sensor_frame",
+        "sensor:force",
+        "axes turned",
+        "w_recorded = (I + [φ]×) w",
+        "",
+        (("force_sensor_frame", "sensor:force"),),
+        {"angle": _estimate(1.8, "deg", 0.2)},
+        0.05,
+        0.03,
+        0.0004,
         correction=RecordCorrection("force_sensor_frame", "sensor:force", {"rotation_deg": [0.1, 1.7, -0.4]}),
         record=True,
-    )  # fmt: skip
+    )
 
 
 def _limits() -> tuple[Limit, ...]:
     out = []
     for effect, unit, size in (
-        ("joint_backlash", "arcmin", 0.11), ("joint_hysteresis", "arcmin", 0.14),
-        ("joint_nonlinear_stiffness", "%", 12.0), ("joint_pose_dependent_stiffness", "%", 6.0),
-    ):  # fmt: skip
+        ("joint_backlash", "arcmin", 0.11),
+        ("joint_hysteresis", "arcmin", 0.14),
+        ("joint_nonlinear_stiffness", "%", 12.0),
+        ("joint_pose_dependent_stiffness", "%", 6.0),
+    ):
         for j in range(1, 7):
             value = size * (1 + 0.4 * abs(j - 3))
             if j == 6:
@@ -138,12 +173,18 @@ def _limits() -> tuple[Limit, ...]:
     out += [Limit("link_compliance", f"link:{j}", 3e-8 * j, "rad/(N·m)") for j in range(1, 6)]
     out += [
         Limit("base_compliance", "base", 4.1e-9, "rad/(N·m)"),
-        Limit("tool_compliance", "tool", 0.021, "µm/N", "only as a set",
-              (("tool_compliance", "tool"), ("link_compliance", "link:6"))),
+        Limit(
+            "tool_compliance",
+            "tool",
+            0.021,
+            "µm/N",
+            "only as a set",
+            (("tool_compliance", "tool"), ("link_compliance", "link:6")),
+        ),
         Limit("force_sensor_frame", "sensor:force", 0.31, "deg"),
         Limit("joint_coupling", "joint:4-5", 2.2e-8, "rad/(N·m)"),
         Limit("gravity_compensator", "joint:2", 3.3, "%"),
-    ]  # fmt: skip
+    ]
     return tuple(out)
 
 
@@ -159,11 +200,15 @@ def _errors(before: float, after: float, spoilt: tuple[int, ...], columns: int =
         residual[n] += 1.2e-3
         final[n] += 1.2e-3
     kept = ~np.isin(np.arange(N), spoilt)
-    by = np.array([
-        [1e3 * np.sqrt(np.mean(x[EACH * g : EACH * (g + 1)][kept[EACH * g : EACH * (g + 1)]] ** 2))
-         for x in (residual, final)]
-        for g in range(POSES)
-    ])  # fmt: skip
+    by = np.array(
+        [
+            [
+                1e3 * np.sqrt(np.mean(x[EACH * g : EACH * (g + 1)][kept[EACH * g : EACH * (g + 1)]] ** 2))
+                for x in (residual, final)
+            ]
+            for g in range(POSES)
+        ]
+    )
     return Errors(residual, final, by, np.arange(POSES))
 
 
@@ -184,18 +229,34 @@ def explained() -> Diagnosis:
     r = recording()
     force = np.linalg.norm(r.wrench[:, :3], axis=1)  # type: ignore[index]
     return Diagnosis(
-        channel="deflection", predicted="TCP displacement under load", verdict="explained",
+        channel="deflection",
+        predicted="TCP displacement under load",
+        verdict="explained",
         sentence="57 µm of 61 µm on unseen poses come back in every repeat. They sit at joint 3, on load reversal: "
         "0.90 arcmin (0.82 … 0.98) of hysteresis. With it unseen poses err by 25 µm, 83 % of the repeatable power is "
         "closed (p < 0.001). Nothing else in the catalogue does as well. Next: nothing needs telling apart.",
-        unit="mm", heldout_before=0.061, noise_floor=0.022, repeatable=0.057, mismatch_p=0.0002, heldout_after=0.025,
-        explained=0.83, repeatable_after=0.0235, findings=(hysteresis(),),
+        unit="mm",
+        heldout_before=0.061,
+        noise_floor=0.022,
+        repeatable=0.057,
+        mismatch_p=0.0002,
+        heldout_after=0.025,
+        explained=0.83,
+        repeatable_after=0.0235,
+        findings=(hysteresis(),),
         mismatch=(
-            Share("joint:3", 0.78, "on load reversal"), Share("link:3", 0.41, ""), Share("joint:2", 0.19, "in phase"),
-            Share("link:2", 0.16, ""), Share("tool", 0.06, ""), Share("sensor:force", 0.03, ""),
-            Share("base", 0.012, ""), Share("joint:4", 0.004, ""),
-            Share("branch", 0.71, "unloading against loading", "data"), Share("load", 0.22, "at low load", "data"),
-            Share("q3", 0.11, "where joint 3 is stretched", "data"), Share("session", 0.02, "", "data"),
+            Share("joint:3", 0.78, "on load reversal"),
+            Share("link:3", 0.41, ""),
+            Share("joint:2", 0.19, "in phase"),
+            Share("link:2", 0.16, ""),
+            Share("tool", 0.06, ""),
+            Share("sensor:force", 0.03, ""),
+            Share("base", 0.012, ""),
+            Share("joint:4", 0.004, ""),
+            Share("branch", 0.71, "unloading against loading", "data"),
+            Share("load", 0.22, "at low load", "data"),
+            Share("q3", 0.11, "where joint 3 is stretched", "data"),
+            Share("session", 0.02, "", "data"),
         ),
         limits=_limits(),
         untestable=(
@@ -203,52 +264,89 @@ def explained() -> Diagnosis:
             Untestable("thermal_drift", "environment", "the recording has neither time nor temperature"),
             *(Untestable("joint_friction", f"joint:{j}", "needs a motion with torques") for j in range(1, 7)),
         ),
-        coefficients=_coefficients(), errors=_errors(0.061, 0.025, (40, 133, 400)),
-        proof=Proof(np.array([3, 8, 14, 19, 22, 28]), 0.064, 0.026, 0.022, 6, 6, 0.0156), used=used,
-        outliers=np.array([41, 134, 401]), axes={
-            "load": force, "session": r.session.astype(float), "branch": r.branch.astype(float), "q3": r.q[:, 2],  # type: ignore[union-attr]
-        }, tried=1312,
+        coefficients=_coefficients(),
+        errors=_errors(0.061, 0.025, (40, 133, 400)),
+        proof=Proof(np.array([3, 8, 14, 19, 22, 28]), 0.064, 0.026, 0.022, 6, 6, 0.0156),
+        used=used,
+        outliers=np.array([41, 134, 401]),
+        axes={
+            "load": force,
+            "session": r.session.astype(float),
+            "branch": r.branch.astype(float),
+            "q3": r.q[:, 2],  # type: ignore[union-attr]
+        },
+        tried=1312,
         next_experiment="Load joint 3 through zero at q3 = 40° and −30°: ± 600 N along x, 6 cycles of 8 steps each.",
         notes=("Force gain of session 2 differs from session 1 by 0.7 %.",),
         warnings=("Joint 6 is hardly loaded by these readings.",),
-    )  # fmt: skip
+    )
 
 
 def consistent() -> Diagnosis:
     """Nothing is there."""
     return replace(
-        explained(), verdict="consistent", findings=(), proof=None, heldout_before=0.0228, heldout_after=0.0228,
+        explained(),
+        verdict="consistent",
+        findings=(),
+        proof=None,
+        heldout_before=0.0228,
+        heldout_after=0.0228,
         sentence="Model and recording agree: unseen poses err by 23 µm where readings scatter by 22 µm, and nothing of "
         "it comes back in repeats (p 0.41). Backlash of 0.11 arcmin at joint 3 would have been seen.",
-        noise_floor=0.022, repeatable=0.0031, mismatch_p=0.41, explained=np.nan, repeatable_after=0.0031,
-        mismatch=(), errors=_errors(0.0, 0.0, ()), used=np.ones(N, bool), outliers=np.zeros(0, np.int64),
-        next_experiment="", notes=(), warnings=(),
-    )  # fmt: skip
+        noise_floor=0.022,
+        repeatable=0.0031,
+        mismatch_p=0.41,
+        explained=np.nan,
+        repeatable_after=0.0031,
+        mismatch=(),
+        errors=_errors(0.0, 0.0, ()),
+        used=np.ones(N, bool),
+        outliers=np.zeros(0, np.int64),
+        next_experiment="",
+        notes=(),
+        warnings=(),
+    )
 
 
 def unexplained() -> Diagnosis:
     """Something is there that no term explains."""
     d = explained()
     return replace(
-        d, verdict="unexplained", findings=(), proof=None, heldout_after=0.061, explained=0.0, repeatable_after=0.057,
+        d,
+        verdict="unexplained",
+        findings=(),
+        proof=None,
+        heldout_after=0.061,
+        explained=0.0,
+        repeatable_after=0.057,
         sentence="57 µm of 61 µm on unseen poses come back in every repeat, and no law of the catalogue predicts them. "
         "They live at joint 3 or link 3, mostly between loading and unloading.",
         errors=replace(d.errors, final=d.errors.residual, by_group=d.errors.by_group[:, [0, 0]]),
         next_experiment="Repeat poses 4 and 17 with holds of 60 s at each load: rest time splits creep from friction.",
-    )  # fmt: skip
+    )
 
 
 def three() -> Diagnosis:
     """Three findings, two of them sets, one open share."""
     d = explained()
     return replace(
-        d, verdict="partly_explained", findings=(hysteresis(after=0.03), link(), zero_offset()), explained=0.55,
-        repeatable_after=0.038, heldout_after=0.0423, errors=_errors(0.061, 0.0423, (40, 133, 400)),
-        mismatch=(*d.mismatch[:7], Share("joint:4-5", 0.2, "in posture"), Share("rows:41,134,401", 0.05, ""),
-                  Share("controller", 0.31, ""), *d.mismatch[8:]),
+        d,
+        verdict="partly_explained",
+        findings=(hysteresis(after=0.03), link(), zero_offset()),
+        explained=0.55,
+        repeatable_after=0.038,
+        heldout_after=0.0423,
+        errors=_errors(0.061, 0.0423, (40, 133, 400)),
+        mismatch=(
+            *d.mismatch[:7],
+            Share("joint:4-5", 0.2, "in posture"),
+            Share("rows:41,134,401", 0.05, ""),
+            Share("controller", 0.31, ""),
+            *d.mismatch[8:],
+        ),
         sentence="57 µm of 61 µm on unseen poses come back in every repeat. Three effects close 55 % of it: hysteresis "
         "of joint 3, compliance of link 4 (or of the tool, or a coupling of joints 4 and 5), a zero offset of joint 5.",
-    )  # fmt: skip
+    )
 
 
 def torque() -> Diagnosis:
@@ -260,24 +358,50 @@ def torque() -> Diagnosis:
     speed = np.sin(np.arange(N) / 20)
     line = np.linspace(-1, 1, 200)
     f = Finding(
-        "joint_friction", "joint:2", "Coulomb, viscous and Stribeck", "τ = (c + (s − c) exp(−(v/v_s)²)) sign v + b v",
-        "at reversal", (("joint_friction", "joint:2"),),
-        {"coulomb": _estimate(182.0, "N·m", 12.0), "viscous": _estimate(41.3, "N·m·s/rad", 5.0)}, 15.2, 6.5, 0.0004,
+        "joint_friction",
+        "joint:2",
+        "Coulomb, viscous and Stribeck",
+        "τ = (c + (s − c) exp(−(v/v_s)²)) sign v + b v",
+        "at reversal",
+        (("joint_friction", "joint:2"),),
+        {"coulomb": _estimate(182.0, "N·m", 12.0), "viscous": _estimate(41.3, "N·m·s/rad", 5.0)},
+        15.2,
+        6.5,
+        0.0004,
         correction=RecordCorrection("joint_friction", "joint:2", {"coulomb_Nm": 182.0}),
-        curve=Curve(line, 14 * np.sign(line) + 3 * line, "velocity of joint 2 in rad/s", "friction torque in N·m",
-                    speed, 14 * np.sign(speed) + 3 * speed),
+        curve=Curve(
+            line,
+            14 * np.sign(line) + 3 * line,
+            "velocity of joint 2 in rad/s",
+            "friction torque in N·m",
+            speed,
+            14 * np.sign(speed) + 3 * speed,
+        ),
         curve_residual=after[:, 1],
-    )  # fmt: skip
+    )
     return replace(
-        d, channel="torque", predicted="joint torque by rigid-body dynamics", unit="N·m", heldout_before=15.2,
-        heldout_after=6.5, noise_floor=6.1, repeatable=13.9, findings=(f,),
+        d,
+        channel="torque",
+        predicted="joint torque by rigid-body dynamics",
+        unit="N·m",
+        heldout_before=15.2,
+        heldout_after=6.5,
+        noise_floor=6.1,
+        repeatable=13.9,
+        findings=(f,),
         errors=Errors(before, after, by, np.arange(POSES)),
-        mismatch=(Share("joint:2", 0.66, "at reversal"), Share("joint:3", 0.21, "at reversal"),
-                  Share("sensor:tau", 0.04, ""), Share("qd2", 0.6, "near standstill", "data")),
-        axes={"qd2": speed, "time": np.arange(N) * 0.012}, used=np.ones(N, bool), outliers=np.zeros(0, np.int64),
+        mismatch=(
+            Share("joint:2", 0.66, "at reversal"),
+            Share("joint:3", 0.21, "at reversal"),
+            Share("sensor:tau", 0.04, ""),
+            Share("qd2", 0.6, "near standstill", "data"),
+        ),
+        axes={"qd2": speed, "time": np.arange(N) * 0.012},
+        used=np.ones(N, bool),
+        outliers=np.zeros(0, np.int64),
         proof=Proof(np.array([3, 8, 14]), 15.0, 6.4, 6.1, 3, 3, 0.125),
         sentence="13.9 N·m of 15.2 N·m come back in every repeat: friction of joint 2, 182 N·m Coulomb.",
-    )  # fmt: skip
+    )
 
 
 def problem(d: Diagnosis) -> Problem:
@@ -290,26 +414,40 @@ def problem(d: Diagnosis) -> Problem:
     else:
         families = (Family("translation", (0, 1, 2), "mm", 1e3),)
     return Problem(
-        d.channel, d.errors.residual, np.zeros((N, columns, 1)), (Unknown("none", ""),), families, group, group, group,
-        r.session, np.full(N, -1), r.line, np.arange(1, N + 1),
-    )  # fmt: skip
+        d.channel,
+        d.errors.residual,
+        np.zeros((N, columns, 1)),
+        (Unknown("none", ""),),
+        families,
+        group,
+        group,
+        group,
+        r.session,
+        np.full(N, -1),
+        r.line,
+        np.arange(1, N + 1),
+    )
 
 
 def job() -> EffectOnJob:
     """What --toolpath gives."""
     s = np.arange(60)
-    return EffectOnJob.model_validate({
-        "toolpath": "rivets.apt", "reason": None,
-        "sentence": "The chosen rotation changes at 41 of 60 points; the worst predicted "
-        "deflection falls from 0.212 to 0.148 mm.",
-        "changes": [
-            {"what": "worst predicted deflection", "before": 0.212, "after": 0.148, "unit": "mm"},
-            {"what": "mean predicted deflection", "before": 0.114, "after": 0.098, "unit": "mm"},
-            {"what": "points that change rotation", "before": 0, "after": 41, "unit": ""},
-        ],
-        "point": s.tolist(), "gamma_before_deg": (20 * np.sin(s / 9)).tolist(),
-        "gamma_after_deg": (35 * np.sin(s / 9) + 8).tolist(),
-        "deflection_before_mm": (0.11 + 0.02 * np.sin(s / 5)).tolist(),
-        "deflection_unchanged_mm": (0.15 + 0.06 * np.sin(s / 5)).tolist(),
-        "deflection_after_mm": [*(0.12 + 0.03 * np.sin(s[:-1] / 5)).tolist(), None],
-    })  # fmt: skip
+    return EffectOnJob.model_validate(
+        {
+            "toolpath": "rivets.apt",
+            "reason": None,
+            "sentence": "The chosen rotation changes at 41 of 60 points; the worst predicted "
+            "deflection falls from 0.212 to 0.148 mm.",
+            "changes": [
+                {"what": "worst predicted deflection", "before": 0.212, "after": 0.148, "unit": "mm"},
+                {"what": "mean predicted deflection", "before": 0.114, "after": 0.098, "unit": "mm"},
+                {"what": "points that change rotation", "before": 0, "after": 41, "unit": ""},
+            ],
+            "point": s.tolist(),
+            "gamma_before_deg": (20 * np.sin(s / 9)).tolist(),
+            "gamma_after_deg": (35 * np.sin(s / 9) + 8).tolist(),
+            "deflection_before_mm": (0.11 + 0.02 * np.sin(s / 5)).tolist(),
+            "deflection_unchanged_mm": (0.15 + 0.06 * np.sin(s / 5)).tolist(),
+            "deflection_after_mm": [*(0.12 + 0.03 * np.sin(s[:-1] / 5)).tolist(), None],
+        }
+    )

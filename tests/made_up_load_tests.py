@@ -45,9 +45,16 @@ class Planned:
 
 
 def planned(
-    rng: np.random.Generator, poses: int = 20, loads: int = 4, repeats: int = 2, force: float = 1500.0,
-    moment: float = 150.0, k: np.ndarray = TRUE_K, q: np.ndarray | None = None, wrench: np.ndarray | None = None,
-) -> Planned:  # fmt: skip
+    rng: np.random.Generator,
+    poses: int = 20,
+    loads: int = 4,
+    repeats: int = 2,
+    force: float = 1500.0,
+    moment: float = 150.0,
+    k: np.ndarray = TRUE_K,
+    q: np.ndarray | None = None,
+    wrench: np.ndarray | None = None,
+) -> Planned:
     """Random poses and load directions (the same loads in each cycle of a pose)."""
     q = CENTRE + SPREAD * rng.uniform(-1, 1, (poses, 6)) if q is None else q
     poses = len(q)
@@ -65,9 +72,15 @@ def planned(
 
 
 def measured(
-    made: Planned, rng: np.random.Generator, *, rotations: bool = False, noise: float = 1.0, outliers: float = OUTLIERS,
-    labels: bool = True, stated: bool = True,
-) -> Recording:  # fmt: skip
+    made: Planned,
+    rng: np.random.Generator,
+    *,
+    rotations: bool = False,
+    noise: float = 1.0,
+    outliers: float = OUTLIERS,
+    labels: bool = True,
+    stated: bool = True,
+) -> Recording:
     """One recording of the tests with noise of the trade and gross outliers (slipped decimals, wrong readings)."""
     N, D = len(made.q), 6 if rotations else 3
     size = noise * np.array([1, 1, 1, PER_METRE, PER_METRE, PER_METRE])[:D]
@@ -85,12 +98,20 @@ def measured(
             w[n, rng.integers(3)] *= 0.1
     force = FORCE_SHARE * float(np.sqrt(np.mean(made.wrench[:, :3] ** 2)))
     return Recording(
-        kind="deflection", source="made up", q=made.q, pose=made.pose,
-        cycle=made.cycle if labels else np.arange(N), session=np.zeros(N, np.int64), line=np.arange(2, N + 2),
-        wrench=w, displacement=d, labelled=frozenset({"pose", "cycle"}) if labels else frozenset(),
+        kind="deflection",
+        source="made up",
+        q=made.q,
+        pose=made.pose,
+        cycle=made.cycle if labels else np.arange(N),
+        session=np.zeros(N, np.int64),
+        line=np.arange(2, N + 2),
+        wrench=w,
+        displacement=d,
+        labelled=frozenset({"pose", "cycle"}) if labels else frozenset(),
         uncertainty=StandardUncertainty(WHITE, PER_METRE * WHITE if rotations else None, force)
-        if stated else StandardUncertainty(),
-    )  # fmt: skip
+        if stated
+        else StandardUncertainty(),
+    )
 
 
 def draw(rng: np.random.Generator, *, rotations: bool = False, noise: float = 1.0, **design: object) -> Experiment:

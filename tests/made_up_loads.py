@@ -116,16 +116,31 @@ def arm(cell: str | Path = "kr240_drilling") -> Arm:
     tool = words["tool"]
     tcp = _frame(np.array(tool["tcp"]["xyz_mm"]) / 1e3, np.radians(tool["tcp"]["rpy_deg"]))
     return Arm(
-        np.array(origin), np.array(axis) / np.linalg.norm(axis, axis=1)[:, None], T, tcp,
-        np.array([*mass, tool["mass_kg"]]), np.array([*com, np.array(tool["com_mm"]) / 1e3]), np.array(lower),
-        np.array(upper), np.array(stiffness["joints_Nm_per_rad"], float), np.radians(words["robot"]["home_deg"]),
-    )  # fmt: skip
+        np.array(origin),
+        np.array(axis) / np.linalg.norm(axis, axis=1)[:, None],
+        T,
+        tcp,
+        np.array([*mass, tool["mass_kg"]]),
+        np.array([*com, np.array(tool["com_mm"]) / 1e3]),
+        np.array(lower),
+        np.array(upper),
+        np.array(stiffness["joints_Nm_per_rad"], float),
+        np.radians(words["robot"]["home_deg"]),
+    )
 
 
 def planned(
-    a: Arm, rng: np.random.Generator, *, poses: int = 16, sessions: int = 2, loads: int = 4, directions: int = 2,
-    force: float = 1500.0, moment: float = 0.0, spread: float = 1.0,
-) -> Plan:  # fmt: skip
+    a: Arm,
+    rng: np.random.Generator,
+    *,
+    poses: int = 16,
+    sessions: int = 2,
+    loads: int = 4,
+    directions: int = 2,
+    force: float = 1500.0,
+    moment: float = 0.0,
+    spread: float = 1.0,
+) -> Plan:
     """Postures about home; at each, cycles in random directions up and down in equal steps; poses in random order."""
     reach = spread * np.radians([60, 28, 35, 90, 45, 120])
     q = np.clip(a.home + rng.uniform(-1, 1, (poses, 6)) * reach, a.lower + 0.05, a.upper - 0.05)
@@ -182,9 +197,15 @@ def stand(a: Arm, truth: Truth, plan: Plan) -> tuple[Array, Array, Array, Array]
 
 
 def load_tests(
-    a: Arm, truth: Truth, plan: Plan, rng: np.random.Generator, dirt: Dirt = Dirt(), *, rotations: bool = False,
+    a: Arm,
+    truth: Truth,
+    plan: Plan,
+    rng: np.random.Generator,
+    dirt: Dirt = Dirt(),
+    *,
+    rotations: bool = False,
     frame: str = "base",
-) -> Recording:  # fmt: skip
+) -> Recording:
     """What a tracker and a force sensor write down."""
     exact = displaced(a, truth, plan, rotations=rotations)
     rows = np.flatnonzero(plan.loaded)
@@ -205,12 +226,21 @@ def load_tests(
     for n in np.flatnonzero(rng.random(N) < dirt.outliers):
         d[n, :3] += 0.4e-3 * rng.standard_normal(3)
     return Recording(
-        kind="deflection", source="made up", q=plan.q[rows], pose=plan.pose[rows], cycle=plan.cycle[rows],
-        session=plan.session[rows], line=np.arange(2, N + 2), wrench=w, wrench_frame=frame,  # type: ignore[arg-type]
-        displacement=d, time=plan.time[rows], branch=np.where(plan.rising[rows], 1, -1).astype(np.int8),
+        kind="deflection",
+        source="made up",
+        q=plan.q[rows],
+        pose=plan.pose[rows],
+        cycle=plan.cycle[rows],
+        session=plan.session[rows],
+        line=np.arange(2, N + 2),
+        wrench=w,
+        wrench_frame=frame,  # type: ignore[arg-type]
+        displacement=d,
+        time=plan.time[rows],
+        branch=np.where(plan.rising[rows], 1, -1).astype(np.int8),
         labelled=frozenset({"pose", "cycle", "session"}),
         uncertainty=StandardUncertainty(dirt.white, dirt.per_metre * dirt.white if rotations else None),
-    )  # fmt: skip
+    )
 
 
 def displaced(a: Arm, truth: Truth, plan: Plan, *, rotations: bool = False) -> Array:
@@ -328,8 +358,11 @@ def _turned(v: Array) -> Array:
     K[:, 0, 1], K[:, 0, 2], K[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
     K -= np.swapaxes(K, 1, 2)
     safe = np.where(angle > 1e-9, angle, 1.0)
-    return np.eye(3) + np.where(angle > 1e-9, np.sin(angle) / safe, 1.0) * K + np.where(
-        angle > 1e-9, (1 - np.cos(angle)) / safe**2, 0.5) * (K @ K)  # fmt: skip
+    return (
+        np.eye(3)
+        + np.where(angle > 1e-9, np.sin(angle) / safe, 1.0) * K
+        + np.where(angle > 1e-9, (1 - np.cos(angle)) / safe**2, 0.5) * (K @ K)
+    )
 
 
 def _vector(R: Array) -> Array:

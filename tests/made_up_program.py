@@ -31,17 +31,26 @@ MOUNT = np.array([[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0.01], [0, 0, 0, 1.0]])
 # as FANUC counts: the upper arm upright is 0, axis 3 is the forearm's angle to the horizontal
 MAPPED = Controller(
     joint_map=JointMap(
-        np.array([-1.0, 1, 1, -1, 1, -1]), np.array([-30.0, 90, -90, 0, 0, 180]),
+        np.array([-1.0, 1, 1, -1, 1, -1]),
+        np.array([-30.0, 90, -90, 0, 0, 180]),
         np.array([[0, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0], [0, 1.0, 0, 0, 0, 0], *[[0.0] * 6] * 3]),
     ),
-    T_base_root=ROOT, T_flange_mount=MOUNT, tool_number=3, base_number=2, nonflip_j5="negative",
-)  # fmt: skip
+    T_base_root=ROOT,
+    T_flange_mount=MOUNT,
+    tool_number=3,
+    base_number=2,
+    nonflip_j5="negative",
+)
 PLAIN = Controller(nonflip_j5="positive")
 
 EVENTS = (
-    ("spindle", "SPINDL/9000,RPM,CLW", 9000.0), ("coolant", "COOLNT/ON", np.nan), ("dwell", "DELAY/1.5", 1.5),
-    ("tool", "LOADTL/12", 12.0), ("coolant", "COOLNT/OFF", np.nan), ("comment", "MESSAGE to all", np.nan),
-)  # fmt: skip
+    ("spindle", "SPINDL/9000,RPM,CLW", 9000.0),
+    ("coolant", "COOLNT/ON", np.nan),
+    ("dwell", "DELAY/1.5", 1.5),
+    ("tool", "LOADTL/12", 12.0),
+    ("coolant", "COOLNT/OFF", np.nan),
+    ("comment", "MESSAGE to all", np.nan),
+)
 
 
 @dataclass(frozen=True)
@@ -84,12 +93,26 @@ def program(recipe: Recipe, controller: Controller = PLAIN, robot: Robot = ARM) 
     T = np.linalg.inv(WORKPIECE) @ robot.fk(q, TOOL)
     standing = standing_of(robot, q, controller)
     return RobotProgram(
-        kind=kind, q=q, T_workpiece_tcp=T, feed=feed, cutting=cutting, move=move, operation=operation,
-        operations=recipe.operations, T_flange_tcp=TOOL, T_base_workpiece=WORKPIECE, events=events, blend=recipe.blend,
+        kind=kind,
+        q=q,
+        T_workpiece_tcp=T,
+        feed=feed,
+        cutting=cutting,
+        move=move,
+        operation=operation,
+        operations=recipe.operations,
+        T_flange_tcp=TOOL,
+        T_base_workpiece=WORKPIECE,
+        events=events,
+        blend=recipe.blend,
         source="cell; a.apt",
-        behind=None if standing is None else standing[0], elbow_up=None if standing is None else standing[1],
-        time=0.012 * np.arange(n), joint_names=robot.joints, tool_mass=45.0, tool_com=np.array([0.01, 0, 0.15]),
-    )  # fmt: skip
+        behind=None if standing is None else standing[0],
+        elbow_up=None if standing is None else standing[1],
+        time=0.012 * np.arange(n),
+        joint_names=robot.joints,
+        tool_mass=45.0,
+        tool_com=np.array([0.01, 0, 0.15]),
+    )
 
 
 def standing_of(robot: Robot, q: np.ndarray, controller: Controller) -> tuple[np.ndarray, np.ndarray] | None:

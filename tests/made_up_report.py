@@ -70,18 +70,35 @@ def full_result(points: int = 800, rotations: int = 72, samples: int = 20_000) -
         toolpath="bracket_op10.aptsource",
         version="0.1.0",
         summary=Summary(
-            outcome="done", verification="passed", quantity="deflection",
-            worst_default=1.82e-4, worst_jiao2022=1.31e-4, worst_chosen=1.08e-4,
-            mean_default=1.4e-4, mean_jiao2022=1.05e-4, mean_chosen=9.0e-5,
+            outcome="done",
+            verification="passed",
+            quantity="deflection",
+            worst_default=1.82e-4,
+            worst_jiao2022=1.31e-4,
+            worst_chosen=1.08e-4,
+            mean_default=1.4e-4,
+            mean_jiao2022=1.05e-4,
+            mean_chosen=9.0e-5,
             gains=(Gain("the CAM's default rotation", 0.36, 0.06, (0.26, 0.46)), Gain("Jiao 2022", 0.14)),
-            feed_held=0.991, cycle_time=240.0, cutting_time=188.0, path_length=3.2, points=points,
-            nearest_miss=0.0124, nearest_pair="link5 – fixture", nearest_point=211,
+            feed_held=0.991,
+            cycle_time=240.0,
+            cutting_time=188.0,
+            path_length=3.2,
+            points=points,
+            nearest_miss=0.0124,
+            nearest_pair="link5 – fixture",
+            nearest_point=211,
         ),
         hashes=(("cell.yaml", "3f" * 32), ("bracket_op10.aptsource", "a1" * 32)),
         options=(("index", "deflection"), ("rotation step", "5 deg"), ("sample", "12 ms"), ("seed", "0")),
         map=RotationMap(
-            s=s, point=np.arange(points), rotation=grid, index=index, status=status,
-            chosen=gamma, jiao2022=gamma + 0.3 + 0.1 * np.sin(20 * u),
+            s=s,
+            point=np.arange(points),
+            rotation=grid,
+            index=index,
+            status=status,
+            chosen=gamma,
+            jiao2022=gamma + 0.3 + 0.1 * np.sin(20 * u),
             cam_default=np.where((u > 0.4) & (u < 0.5), np.nan, 0.0),
         ),
         path=path,
@@ -91,13 +108,32 @@ def full_result(points: int = 800, rotations: int = 72, samples: int = 20_000) -
             FeedDip(655.0, 2.61, 150.7, 1.1, 0.02, 0.0163, "a6 jerk"),
         ),
         worst=tuple(
-            WorstPoint(p, "slot", 1.08e-4 - k * 1e-7, 1.82e-4, 0.6, 1.08e-4, np.nan, 1.5e6, 0.03,
-                       "arm stretched; joint 2 carries 61 % of the deflection")
+            WorstPoint(
+                p,
+                "slot",
+                1.08e-4 - k * 1e-7,
+                1.82e-4,
+                0.6,
+                1.08e-4,
+                np.nan,
+                1.5e6,
+                0.03,
+                "arm stretched; joint 2 carries 61 % of the deflection",
+            )
             for k, p in enumerate((180, 181, 182, 640, 12))
         ),
         operations=tuple(
-            OperationRow(label, "point" if "drill" in label else "trajectory", points // 4, 0.8, 47.0, 1.8e-4, 1.05e-4,
-                         0.0124, 0.99)
+            OperationRow(
+                label,
+                "point" if "drill" in label else "trajectory",
+                points // 4,
+                0.8,
+                47.0,
+                1.8e-4,
+                1.05e-4,
+                0.0124,
+                0.99,
+            )
             for label in labels
         ),
         ignored=(IgnoredWord("PPRINT", 14, 3, True), IgnoredWord("GOFWDX", 1, 812, False)),
@@ -109,15 +145,29 @@ def full_result(points: int = 800, rotations: int = 72, samples: int = 20_000) -
             Check("collision between samples", None, "", "", "no meshes"),
         ),
         programs=(
-            Program("krl", ("krl/bracket_op10.src", "krl/bracket_op10.dat"), 1210, 3, 5e-5, 812, 2.1e-8, 2.4e-7, nan_,
-                    9e-8, 1.6e-5, 1.2e-4, 8e-4, True),
+            Program(
+                "krl",
+                ("krl/bracket_op10.src", "krl/bracket_op10.dat"),
+                1210,
+                3,
+                5e-5,
+                812,
+                2.1e-8,
+                2.4e-7,
+                nan_,
+                9e-8,
+                1.6e-5,
+                1.2e-4,
+                8e-4,
+                True,
+            ),
             Program("jbi", ("jbi/BRACKET.JBI",), 1650, 3, 5e-5, 812, 2.6e-6, 8e-6, 8e-6, 8e-7, 1.8e-5, 1.4e-4, 9e-4),
             Program("ros_json", ("ros_json/bracket_op10.json",), 20100, 0, 5e-5, 20000, 1e-9, 1e-9, 1e-9),
             Program("mine.toml", ("mine/bracket_op10.own",), 900, 3, 5e-5, checked=False),
         ),
         timings=(("read", 0.21), ("candidates", 0.12), ("score", 0.2), ("choose", 0.31), ("smooth", 0.4)),
         events=(Event(0, "spindle", "SPINDL/9000,RPM,CLW", 9000.0), Event(200, "coolant", "COOLNT/ON")),
-    )  # fmt: skip
+    )
 
 
 def infeasible_result() -> ReportData:

@@ -56,9 +56,13 @@ def urdf_text() -> str:
 
 def limits() -> JointLimits:
     lower, upper = (np.deg2rad([j[3][k] for j in _JOINTS]).astype(float) for k in (0, 1))
-    return JointLimits(lower, upper, np.deg2rad([120, 115, 120, 190, 180, 260.0]),
-                       np.deg2rad([300, 300, 300, 500, 500, 800.0]),
-                       np.deg2rad([2000, 2000, 2000, 4000, 4000, 6000.0]))  # fmt: skip
+    return JointLimits(
+        lower,
+        upper,
+        np.deg2rad([120, 115, 120, 190, 180, 260.0]),
+        np.deg2rad([300, 300, 300, 500, 500, 800.0]),
+        np.deg2rad([2000, 2000, 2000, 4000, 4000, 6000.0]),
+    )
 
 
 def pose(x: float, y: float, z: float, pitch: float = 0.0) -> np.ndarray:
@@ -74,21 +78,35 @@ def small_cell(folder: Path, **changes: object) -> Cell:
     urdf = folder / "robot.urdf"
     urdf.write_text(urdf_text())
     fields: dict[str, object] = {
-        "name": "small", "folder": folder, "urdf": urdf, "packages": {}, "base_link": "base_link",
-        "flange_link": "flange", "arm_joints": tuple(j[0] for j in _JOINTS), "external_joints": (),
-        "external_prismatic": (), "home": np.deg2rad([0, -90, 90, 0, 45, 0.0]), "external_home": np.zeros(0),
-        "T_world_base": np.eye(4), "limits": limits(),
+        "name": "small",
+        "folder": folder,
+        "urdf": urdf,
+        "packages": {},
+        "base_link": "base_link",
+        "flange_link": "flange",
+        "arm_joints": tuple(j[0] for j in _JOINTS),
+        "external_joints": (),
+        "external_prismatic": (),
+        "home": np.deg2rad([0, -90, 90, 0, 45, 0.0]),
+        "external_home": np.zeros(0),
+        "T_world_base": np.eye(4),
+        "limits": limits(),
         "tool": Tool(
-            pose(0, 0, 0.35), 20.0, np.zeros(3),
+            pose(0, 0, 0.35),
+            20.0,
+            np.zeros(3),
             (Shape("spindle", "box", (0.12, 0.12, 0.28), None, pose(0, 0, 0.14)),),
             Cutter(0.012, 0.06),
         ),
-        "workpiece": Workpiece("world", pose(1.5, 0, 0.6),
-                               (Shape("block", "box", (0.4, 0.5, 0.1), None, pose(0, 0, -0.05)),)),
-        "obstacles": (Shape("table", "box", (1.0, 1.4, 0.1), None, pose(1.5, 0, 0.44)),
-                      Shape("post", "cylinder", (0.05, 0.5), None, pose(1.3, 0.6, 0.75))),
+        "workpiece": Workpiece(
+            "world", pose(1.5, 0, 0.6), (Shape("block", "box", (0.4, 0.5, 0.1), None, pose(0, 0, -0.05)),)
+        ),
+        "obstacles": (
+            Shape("table", "box", (1.0, 1.4, 0.1), None, pose(1.5, 0, 0.44)),
+            Shape("post", "cylinder", (0.05, 0.5), None, pose(1.3, 0.6, 0.75)),
+        ),
         "stiffness": None,
-    }  # fmt: skip
+    }
     return Cell(**{**fields, **changes})  # type: ignore[arg-type]
 
 
@@ -103,6 +121,15 @@ def real_cell(folder: Path, name: str, obstacles: tuple[Shape, ...] = ()) -> Cel
     flange = "flange" if any(x.get("name") == "flange" for x in tree.iter("link")) else "tool0"
     packages = {p.name: p for p in root.iterdir() if p.is_dir()}
     cell = small_cell(folder)
-    return Cell(**{**cell.__dict__, "urdf": urdf, "packages": packages, "flange_link": flange, "folder": root,
-                   "arm_joints": tuple(str(j.get("name")) for j in moving), "home": np.zeros(6),
-                   "obstacles": obstacles or cell.obstacles})  # fmt: skip
+    return Cell(
+        **{
+            **cell.__dict__,
+            "urdf": urdf,
+            "packages": packages,
+            "flange_link": flange,
+            "folder": root,
+            "arm_joints": tuple(str(j.get("name")) for j in moving),
+            "home": np.zeros(6),
+            "obstacles": obstacles or cell.obstacles,
+        }
+    )

@@ -13,15 +13,25 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "machopt"
 
 TOP_LEVEL = {
-    "pyproject.toml", "machopt", "tests", "cells", "toolpaths", "README.md",
-    "LICENSE", "CHANGELOG.md", "Makefile", "benchmarks", "docs",
-}  # fmt: skip
+    "pyproject.toml",
+    "machopt",
+    "tests",
+    "cells",
+    "toolpaths",
+    "README.md",
+    "LICENSE",
+    "CHANGELOG.md",
+    "Makefile",
+    "benchmarks",
+    "docs",
+}
 MADE = {"out", "build", "dist"}  # what commands leave behind; git ignores it
 
-MOST_LINES = 400
+MOST_LINES = 500  # as the formatter lays them, an argument a line
 LONGER: dict[str, str] = {
     "formats/programs/krl.py": "one interpreter: its state and its statements",
     "formats/programs/rapid.py": "one interpreter: its state and its statements",
+    "report/identification_page.py": "the blocks of one page, each a list of its fields",
 }  # file: why it is longer
 
 HEAVY = (

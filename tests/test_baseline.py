@@ -94,8 +94,11 @@ def test_cam_default_has_gamma_zero_everywhere_and_reaches(tmp_path: FilePath) -
 def test_cam_default_starts_nearest_to_home_and_follows(tmp_path: FilePath) -> None:
     setup, path = ready(facing_cell(tmp_path), milling())
     a = cam_default(path, setup.arm, setup.cell.home)
-    first = setup.arm.solver.solve(setup.arm.T_base_workpiece @ tcp_poses(path, np.zeros(1, np.int32), a.phi[:1])
-                                   @ np.linalg.inv(setup.arm.T_flange_tcp)).q[0]  # fmt: skip
+    first = setup.arm.solver.solve(
+        setup.arm.T_base_workpiece
+        @ tcp_poses(path, np.zeros(1, np.int32), a.phi[:1])
+        @ np.linalg.inv(setup.arm.T_flange_tcp)
+    ).q[0]
     every = (first[:, None] + setup.arm.turns).reshape(-1, 6)
     inside = (every >= setup.arm.lower).all(axis=1) & (every <= setup.arm.upper).all(axis=1)
     nearest = every[inside][np.abs(every[inside] - setup.cell.home).max(axis=1).argmin()]

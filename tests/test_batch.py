@@ -191,8 +191,9 @@ def test_real_jobs_give_what_the_single_command_gives_and_batches_are_compared(s
     for name, cell in (("one", CELL), ("two", tmp_path / "softer")):
         jobs = tmp_path / f"{name}.yaml"
         jobs.write_text(list_text.format(cell))
-        request = Request((str(jobs),), tmp_path / name, scheduler=scheduler, compare=outs[-1] if outs else None,
-                          posts=posts)  # fmt: skip
+        request = Request(
+            (str(jobs),), tmp_path / name, scheduler=scheduler, compare=outs[-1] if outs else None, posts=posts
+        )
         outcome = run_batch(replace(request, version="test"))
         outs.append(tmp_path / name)
         assert (outcome.exit_code, outcome.done) == (3, 2)
@@ -242,9 +243,12 @@ assert compiled() == warm, compiled() - warm
 assert all(len(f.signatures) == 1 for f in kernels), [f.signatures for f in kernels]
 """
     done = subprocess.run(
-        [sys.executable, "-c", code, str(tmp_path), str(ROOT)], capture_output=True, text=True, check=False,
+        [sys.executable, "-c", code, str(tmp_path), str(ROOT)],
+        capture_output=True,
+        text=True,
+        check=False,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
+    )
     assert done.returncode == 0, done.stderr
 
 

@@ -36,10 +36,13 @@ sys.exit(run_batch(request, lambda p: print(p.kept + p.done, flush=True)).exit_c
 
 def driver(jobs: Path, out: Path, entry: str = "batch_stub") -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "-c", _DRIVE, str(jobs), str(out), str(CELL), entry], stdout=subprocess.PIPE, text=True,
-        env={**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"}, start_new_session=True,
+        [sys.executable, "-c", _DRIVE, str(jobs), str(out), str(CELL), entry],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"},
+        start_new_session=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler) and None,  # noqa: PLW1509
-    )  # fmt: skip
+    )
 
 
 def wait_for(process: subprocess.Popen[str], number: int) -> None:

@@ -64,7 +64,7 @@ def test_a_job_has_its_own_posts_else_those_of_the_list_else_those_of_the_comman
         ("posts: [krl]\npost: krl", r"posts: post and posts stand together; keep one"),
         ("jobs: [{toolpath: jobs/a.nc, post: krll}]", r"line 2: jobs\[0\]\.post: no such post .*did you mean 'krl'"),
     ],
-)  # fmt: skip
+)
 def test_a_wrong_post_in_a_list_is_told_with_its_place(text: str, words: str, tmp_path: Path) -> None:
     folder_of(tmp_path, a="sleep 0")
     listed = tmp_path / "list.yaml"
@@ -139,16 +139,30 @@ def test_the_command_passes_posts_on(
 def test_a_program_that_does_not_read_back_is_the_reason_in_the_summary() -> None:
     part = {"mean": 1e-8, "worst": 1e-8}
     result = {
-        "exit_code": 4, "verdict": "verification failed", "index": "deflection", "index_scale": 1.0,
+        "exit_code": 4,
+        "verdict": "verification failed",
+        "index": "deflection",
+        "index_scale": 1.0,
         "worst_point": None,
-        "objective": {"gain": [], "chosen": part, "cam_default": part}, "infeasible_points": [],
-        "breaks": [], "obstructions": [],
-        "toolpath": {"points": 3, "ignored": []}, "cycle_time_s": 1.0, "feed_held_share": 1.0, "warnings": [],
-        "verification": {"checks": [{"name": "cut throughout", "passed": True, "where": ""},
-                                    {"name": "a.src: CAM points", "passed": False, "where": "point 3 is missing"}]},
-        "programs": [{"post": "krl", "files": [], "differences": ["move 3 (line 9) goes elsewhere"]},
-                     {"post": "csv", "files": [], "differences": []}],
-    }  # fmt: skip
+        "objective": {"gain": [], "chosen": part, "cam_default": part},
+        "infeasible_points": [],
+        "breaks": [],
+        "obstructions": [],
+        "toolpath": {"points": 3, "ignored": []},
+        "cycle_time_s": 1.0,
+        "feed_held_share": 1.0,
+        "warnings": [],
+        "verification": {
+            "checks": [
+                {"name": "cut throughout", "passed": True, "where": ""},
+                {"name": "a.src: CAM points", "passed": False, "where": "point 3 is missing"},
+            ]
+        },
+        "programs": [
+            {"post": "krl", "files": [], "differences": ["move 3 (line 9) goes elsewhere"]},
+            {"post": "csv", "files": [], "differences": []},
+        ],
+    }
     found = row(result)
     assert found["reason"] == "a.src: CAM points at point 3 is missing"
     assert found["programs"] == []  # none is left in OUT

@@ -63,8 +63,13 @@ def test_each_vertex_is_the_pose_asked_for(setup: Setup) -> None:
     path, arm = leaning(30), setup.arm
     c = enumerate_candidates(path, arm, OPTIONS)
     poses = arm.T_base_workpiece @ tcp_poses(path, path.stations, c.phi_at())
-    np.testing.assert_allclose(np.abs(c.phi_at() + path.offset[path.stations][:, None] - 0.1234).min(axis=1)[
-        np.flatnonzero(path.index[path.stations] == 3)], 0.0, atol=1e-12)  # fmt: skip
+    np.testing.assert_allclose(
+        np.abs(c.phi_at() + path.offset[path.stations][:, None] - 0.1234).min(axis=1)[
+            np.flatnonzero(path.index[path.stations] == 3)
+        ],
+        0.0,
+        atol=1e-12,
+    )
     exists = np.isfinite(c.q).all(axis=-1)
     s, r, b = np.nonzero(exists & (c.reason == 0))
     reached = setup.robot.fk(c.q[s, r, b], arm.T_flange_tcp)

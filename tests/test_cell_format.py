@@ -257,7 +257,7 @@ SCHEMA = [
     ("obstacles:", "notes: old\nobstacles:", ["notes", "write it as a comment: #"]),
     ("obstacles:", "tcp: {}\nobstacles:", ["unknown key 'tcp'; it belongs under tool; valid: "]),
     ("sphere_mm: 80", "sphere_mm: 80, link: a", ["obstacles[1].link", "stand still in world"]),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("old", "new", "parts"), SCHEMA, ids=[p[-1][0] + f"#{n}" for n, p in enumerate(SCHEMA)])
@@ -287,8 +287,11 @@ def test_missing_and_empty_and_binary_files(folder: Path, tmp_path: Path) -> Non
 
 JOINTS = [
     ("base_link: base", "base_link: bas", ["robot.base_link", "'bas' is not in robot.urdf", "did you mean 'base'?"]),
-    ("base_link: base\n  flange_link: flange", "base_link: l3\n  flange_link: l1",
-     ["robot.flange_link", "'l1' is not connected behind base_link 'l3'"]),
+    (
+        "base_link: base\n  flange_link: flange",
+        "base_link: l3\n  flange_link: l1",
+        ["robot.flange_link", "'l1' is not connected behind base_link 'l3'"],
+    ),
     ("flange_link: flange", "flange_link: l5", ["robot.flange_link", "a5 (revolute)", "expected six revolute joints"]),
     ("  home", "  arm_joints: [a1, a2, a3, a4, a5, b6]\n  home", ["robot.arm_joints[5]", "'b6' is not in", "valid:"]),
     ("  home", "  arm_joints: [a2, a1, a3, a4, a5, a6]\n  home", ["robot.arm_joints", "in order, a1 (revolute), a2"]),
@@ -296,20 +299,29 @@ JOINTS = [
     ("  home", "  arm_joints: [a1, a2]\n  home", ["robot.arm_joints", "found a list of 2", "expected 6 values"]),
     ("  home", "  arm_joints: [f, a1, a2, a3, a4, a5]\n  home", ["robot.arm_joints[0]", "'f' is fixed"]),
     ("  home", "  external_joints: [a6]\n  home", ["a5 (revolute)", "expected six revolute joints"]),
-    ("100, 100, 100, 200, 200, 300]", "100, 100]",
-     ["robot.limits.velocity_deg_s", "found 2 values", "expected 6", "(a1, a2, a3, a4, a5, a6)"]),
+    (
+        "100, 100, 100, 200, 200, 300]",
+        "100, 100]",
+        ["robot.limits.velocity_deg_s", "found 2 values", "expected 6", "(a1, a2, a3, a4, a5, a6)"],
+    ),
     ("600, 600, 900]", "600, 0, 900]", ["robot.limits.acceleration_deg_s2[4]", "found 0 for joint 'a5'", "above 0"]),
     ("6000, 9000]", "6000, -9]", ["robot.limits.jerk_deg_s3[5]", "found -9"]),
     ("limits:\n", "limits:\n    position_deg: [[-90, 90]]\n", ["limits.position_deg", "found 1 values", "expected 6"]),
-    ("limits:\n", "limits:\n    position_deg: [[9, -9]" + ", [-90, 90]" * 5 + "]\n",
-     ["robot.limits.position_deg[0]", "found [9.0, -9.0] for joint 'a1'", "lowest < highest"]),
-    ("limits:\n", "limits:\n    position_deg: [[-90, 180]" + ", [-90, 90]" * 5 + "]\n",
-     ["robot.limits.position_deg[0]", "the URDF allows [-171.887, 171.887]"]),
+    (
+        "limits:\n",
+        "limits:\n    position_deg: [[9, -9]" + ", [-90, 90]" * 5 + "]\n",
+        ["robot.limits.position_deg[0]", "found [9.0, -9.0] for joint 'a1'", "lowest < highest"],
+    ),
+    (
+        "limits:\n",
+        "limits:\n    position_deg: [[-90, 180]" + ", [-90, 90]" * 5 + "]\n",
+        ["robot.limits.position_deg[0]", "the URDF allows [-171.887, 171.887]"],
+    ),
     ("home_deg: [0, -90,", "home_deg: [0, -190,", ["robot.home_deg[1]", "found -190 for joint 'a2'", "[-171.887, 171"]),
     ("home_deg: [0, -90,", "home_deg: [0, 0, -90,", ["robot.home_deg", "found 7 values", "expected 6"]),
     ("workpiece:\n", "workpiece:\n  link: tabel\n", ["workpiece.link", "'tabel' is not in robot.urdf", "valid: world"]),
     ("workpiece:\n", "workpiece:\n  link: l3\n", ["workpiece.link", "moved by the arm's joint 'a3'"]),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("old", "new", "parts"), JOINTS, ids=[p[-1][0] + f"#{n}" for n, p in enumerate(JOINTS)])
@@ -338,7 +350,7 @@ URDFS = [
     (urdf(mesh="../outside.stl"), ["outside the cell folder", "--allow-external"]),
     (urdf(mesh='link.stl" scale="0 1 1'), ["scale '0 1 1'", "three positive numbers"]),
     (urdf(mesh='link.stl" scale="1000 1000 1000'), ["link.stl is 200 m wide", 'scale="1 1 1"']),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("text", "parts"), URDFS, ids=[p[-1][0] + f"#{n}" for n, p in enumerate(URDFS)])
@@ -399,11 +411,14 @@ def test_packages_map_is_used_and_checked(folder: Path) -> None:
         (b"solid nothing\nendsolid nothing\n", ["holds no triangles"]),
         (b"", ["spindle.stl"]),
         (b"\x00\x01garbage that is no mesh", ["spindle.stl"]),
-        (b"solid x\nfacet normal 0 0 1\nouter loop\nvertex 1 2 nan\nvertex 0 0 1\nvertex 1 0 0\nendloop\nendfacet\n"
-         b"endsolid x\n", ["spindle.stl"]),
+        (
+            b"solid x\nfacet normal 0 0 1\nouter loop\nvertex 1 2 nan\nvertex 0 0 1\nvertex 1 0 0\nendloop\nendfacet\n"
+            b"endsolid x\n",
+            ["spindle.stl"],
+        ),
     ],
     ids=["empty solid", "no bytes", "garbage", "nan"],
-)  # fmt: skip
+)
 def test_broken_meshes(folder: Path, content: bytes, parts: list[str]) -> None:
     (folder / "spindle.stl").write_bytes(content)
     expect(refusal(folder), "cell.yaml: line 17: tool.geometry[0].mesh", *parts)
@@ -440,7 +455,7 @@ STIFF = [
     (STIFFNESS + "covariance: [[1,1,0,0,0,0]" + ",[0,0,0,0,0,0]" * 5 + "]\n", ["not symmetric", "row 1 column 2"]),
     (STIFFNESS + "covariance: [[-1,0,0,0,0,0]" + ",[0,0,0,0,0,0]" * 5 + "]\n", ["negative eigenvalue -1"]),
     (STIFFNESS + "terms: [{effect: x}]\n", ["terms[0].location", "required key is missing"]),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("text", "parts"), STIFF, ids=[p[-1][0] + f"#{n}" for n, p in enumerate(STIFF)])
@@ -483,8 +498,22 @@ def test_stiffness_round_trip(seed: int, tmp_path_factory: pytest.TempPathFactor
 def test_scalars_follow_the_core_schema_of_yaml_1_2() -> None:
     text = "[1e-3, no, on, 010, 0o10, 0x1F, '3', 1_000, 12:30, ~, true, .5, -2., +3, 2024-01-01]"
     assert parse_yaml(text, "t").value == [
-        1e-3, "no", "on", 10, 8, 31, "3", "1_000", "12:30", None, True, 0.5, -2.0, 3, "2024-01-01",
-    ]  # fmt: skip
+        1e-3,
+        "no",
+        "on",
+        10,
+        8,
+        31,
+        "3",
+        "1_000",
+        "12:30",
+        None,
+        True,
+        0.5,
+        -2.0,
+        3,
+        "2024-01-01",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -35,8 +35,12 @@ def shown(*triangles: list[list[float]]) -> bytes:
 STL, ASCII, PLY = exported("stl"), exported("stl_ascii"), exported("ply")
 ASCII_PLY, OFF, OBJ = exported("ply", encoding="ascii"), exported("off"), exported("obj")
 SHEET = shown(*[[[0, 0, 0], [1, n, 0], [0, n + 1, 0]] for n in range(6)])  # type: ignore[list-item]
-FOLDED = exported("stl", trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]],
-                                         [[0, 1, 2], [2, 1, 0], [0, 1, 3], [3, 1, 0]], process=False))  # fmt: skip
+FOLDED = exported(
+    "stl",
+    trimesh.Trimesh(
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2], [2, 1, 0], [0, 1, 3], [3, 1, 0]], process=False
+    ),
+)
 DAMAGES = [  # suffix, content, what the refusal says
     ("stl", b"", ["is empty"]),
     ("stl", STL[:-1], ["is cut", "counts 12 triangles, which take 684 bytes, and it holds 683"]),
@@ -78,7 +82,7 @@ DAMAGES = [  # suffix, content, what the refusal says
     ("dae", b"<COLLADA/>", ["is of type '.dae'", ".stl, .obj, .ply, .off"]),
     ("step", b"ISO-10303-21;", ["is of type '.step'"]),
     ("", STL, ["is of type 'none'"]),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("suffix", "data", "parts"), DAMAGES, ids=[f"{n} {d[0]}" for n, d in enumerate(DAMAGES)])

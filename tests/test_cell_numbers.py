@@ -39,7 +39,7 @@ REFUSED = [
     (SPEED, "[100, 100, 100, 200, 200, 0]", ["velocity_deg_s[5]", "found 0", "above 0"]),
     (ACC, "[1e9, 300, 300, 600, 600, 900]", ["acceleration_deg_s2[0]", "at most 1e+06"]),
     (JERK, "[1e9, 300, 300, 600, 600, 900]", ["jerk_deg_s3[0]", "at most 1e+08"]),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("old", "new", "parts"), REFUSED, ids=[f"{n} {r[1][:20]}" for n, r in enumerate(REFUSED)])
@@ -52,7 +52,7 @@ ROBOT = [
     ('lower="-3" upper="3"', 'lower="-185" upper="185"', ["joint 'a1' turns from -185 to 185", "-3.2289 to 3.2289"]),
     ('xyz="0 0 0.3"', 'xyz="0 0 300"', ["an arm of 1800 m", "in mm: 1.8 m"]),
     ('xyz="0 0 0.3"', 'xyz="0 0 0.0003"', ["an arm of 0.0018 m", "in km: 1.8 m"]),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("old", "new", "parts"), ROBOT, ids=[r[2][0] for r in ROBOT])

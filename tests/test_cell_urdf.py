@@ -55,7 +55,7 @@ DAMAGES = [  # what stands in the file, what it becomes (once), what the refusal
     (BOX, '<box size="0.2 -1 0.3"/>', ["sizes above 0"]),
     (BOX, '<box dimension="0.2 0.2 0.3"/>', ["unknown attribute 'dimension'"]),
     (BOX, '<sphere radius="0"/>', ["sizes above 0"]),
-    (BOX, '<sphere/>', ["sphere of collision of link 'l1' has no 'radius'"]),
+    (BOX, "<sphere/>", ["sphere of collision of link 'l1' has no 'radius'"]),
     (BOX, '<cylinder radius="0.1"/>', ["has no 'length'"]),
     (BOX, '<cylinder radius="0.1" length="inf"/>', ["'inf'", "finite"]),
     (BOX, BOX + BOX, ["box stands twice"]),
@@ -101,7 +101,7 @@ DAMAGES = [  # what stands in the file, what it becomes (once), what the refusal
     ('<robot name="r">', '<!DOCTYPE r SYSTEM "file:///etc/passwd">\n<robot name="r">', ["document type"]),
     ('<link name="base"/>', '<link name="&bodies;"/>', ["is not XML: undefined entity"]),
     ("</robot>", "", ["is not XML: no element found"]),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("old", "new", "parts"), DAMAGES, ids=[f"{n} {d[2][0]}" for n, d in enumerate(DAMAGES)])

@@ -40,10 +40,15 @@ def test_labels_of_operations_survive_the_trajectory_and_both_readers_agree(labe
 
     n = 3
     t = Trajectory(
-        time=np.arange(n) * 0.012, point=np.arange(n, dtype=float), operation=np.zeros(n, np.int32),
-        move=np.full(n, int(Move.CUT), np.int8), q=np.zeros((n, 6)), external=np.zeros((n, 0)), gamma=np.zeros(n),
+        time=np.arange(n) * 0.012,
+        point=np.arange(n, dtype=float),
+        operation=np.zeros(n, np.int32),
+        move=np.full(n, int(Move.CUT), np.int8),
+        q=np.zeros((n, 6)),
+        external=np.zeros((n, 0)),
+        gamma=np.zeros(n),
         feed=np.full(n, 0.01),
-    )  # fmt: skip
+    )
     file = tmp_path / "trajectory.csv"
     write_trajectory_csv(file, t, (label,))
     want = " ".join(label.split())

@@ -27,9 +27,13 @@ from machopt.plan.pipeline import Plan, plan
 EXACT = 1e-12  # of J: rounding
 CURVES = 5e-3  # of J: a smooth curve is a local optimum beside the grid's exact one
 weights = st.builds(
-    Weights, mean=st.floats(0.1, 2.0), worst=st.floats(0.0, 4.0), travel=st.floats(0.0, 0.5),
-    rotation=st.floats(0.0, 0.5), feed=st.floats(0.0, 4.0),
-)  # fmt: skip
+    Weights,
+    mean=st.floats(0.1, 2.0),
+    worst=st.floats(0.0, 4.0),
+    travel=st.floats(0.0, 0.5),
+    rotation=st.floats(0.0, 0.5),
+    feed=st.floats(0.0, 4.0),
+)
 seeds = st.integers(0, 10**6)
 rapids = st.sampled_from([(0, 3), (0,), (0, 2, 4)])
 
@@ -90,8 +94,12 @@ def one_scale(monkeypatch: pytest.MonkeyPatch, scale: float = 1e-6) -> None:
 
 def planned(folder: FilePath, rows: Rows, priced: Weights, step: float, reach: float = 180.0) -> Plan:
     cell = small_cell(folder, stiffness=Stiffness(np.array([1.4e6, 4.0e5, 9.4e5, 3.6e5, 3.7e5, 3.8e5])))
-    options = PlanOptions(weights=priced, rotation_step=math.radians(step), collision=False,
-                          rotation_range=(-math.radians(reach), math.radians(reach)))  # fmt: skip
+    options = PlanOptions(
+        weights=priced,
+        rotation_step=math.radians(step),
+        collision=False,
+        rotation_range=(-math.radians(reach), math.radians(reach)),
+    )
     return plan(cell, toolpath(rows, feed=0.01), options)
 
 

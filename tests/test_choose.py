@@ -51,8 +51,15 @@ def random_problem(seed: int, rapid: tuple[int, ...] = (0, 3), turning: int = 2)
     feasible = rng.uniform(size=(S, rotations, B, turning)) < 0.75
     cost = np.where(feasible.any(axis=-1), rng.uniform(0.5, 2.0, (S, rotations, B)), np.nan)
     reason = np.where(feasible.any(axis=-1), Reason.OK, Reason.LIMIT).astype(np.uint8)
-    candidates = Candidates(phi=np.arange(rotations) * np.pi / 2 - np.pi, q=wrap(q), turns=turns, reason=reason,
-                            feasible=feasible, stable=True, shortfall=np.zeros(S))  # fmt: skip
+    candidates = Candidates(
+        phi=np.arange(rotations) * np.pi / 2 - np.pi,
+        q=wrap(q),
+        turns=turns,
+        reason=reason,
+        feasible=feasible,
+        stable=True,
+        shortfall=np.zeros(S),
+    )
     return path, candidates, Scores(cost=cost, index="stiffness", scale=1.0)
 
 
@@ -61,9 +68,15 @@ def told(candidates: Candidates, s: int, v: Vertex) -> np.ndarray:
 
 
 def transition(
-    path: Path, candidates: Candidates, window: np.ndarray, seconds: np.ndarray, s: int, a: Vertex, b: Vertex,
+    path: Path,
+    candidates: Candidates,
+    window: np.ndarray,
+    seconds: np.ndarray,
+    s: int,
+    a: Vertex,
+    b: Vertex,
     options: PlanOptions,
-) -> float:  # fmt: skip
+) -> float:
     """Price of going from vertex a at station s − 1 to b at s; infinite where the rules forbid it."""
     w, share = options.weights, path.motion_share[path.stations[s]]
     dq = np.abs(told(candidates, s, b) - told(candidates, s - 1, a))
@@ -313,9 +326,14 @@ def test_rotation_stays_in_plunges_and_changes_no_faster_than_the_axes() -> None
         path = build_path(toolpath(rows, feed=feed))
         n, S = 72, len(path.stations)
         candidates = Candidates(
-            np.arange(n) * 2 * np.pi / n - np.pi, np.zeros((S, n, 1, 6)), NO_TURN, np.zeros((S, n, 1), np.uint8),
-            np.ones((S, n, 1, 1), bool), True, np.zeros(S),
-        )  # fmt: skip
+            np.arange(n) * 2 * np.pi / n - np.pi,
+            np.zeros((S, n, 1, 6)),
+            NO_TURN,
+            np.zeros((S, n, 1), np.uint8),
+            np.ones((S, n, 1, 1), bool),
+            True,
+            np.zeros(S),
+        )
         window, seconds = _windows(path, candidates, 2.0)
         assert (window[path.plunge[path.stations]] == 0).all()
         assert window[0] < 0
@@ -331,9 +349,14 @@ def test_rotation_stays_in_plunges_and_changes_no_faster_than_the_axes() -> None
 def open_grid(path: Path, n: int = 72) -> Candidates:
     S = len(path.stations)
     return Candidates(
-        np.arange(n) * 2 * np.pi / n - np.pi, np.zeros((S, n, 1, 6)), NO_TURN, np.zeros((S, n, 1), np.uint8),
-        np.ones((S, n, 1, 1), bool), True, np.zeros(S),
-    )  # fmt: skip
+        np.arange(n) * 2 * np.pi / n - np.pi,
+        np.zeros((S, n, 1, 6)),
+        NO_TURN,
+        np.zeros((S, n, 1), np.uint8),
+        np.ones((S, n, 1, 1), bool),
+        True,
+        np.zeros(S),
+    )
 
 
 def test_bounds_fixed_and_preferred_rotation() -> None:
@@ -373,9 +396,13 @@ def test_a_stretch_chosen_again_is_the_best_of_all_sequences_that_keep_the_rest(
     first, last = max(s - 2, -1), min(s + 2, S)
     old = sequence(choice)
     ideal = min(
-        (t + worst * w for t, w, v in every_sequence(path, candidates, scores, options)
-         if v[: max(first + 1, 0)] == old[: max(first + 1, 0)] and v[last:] == old[last:]), default=None,
-    )  # fmt: skip
+        (
+            t + worst * w
+            for t, w, v in every_sequence(path, candidates, scores, options)
+            if v[: max(first + 1, 0)] == old[: max(first + 1, 0)] and v[last:] == old[last:]
+        ),
+        default=None,
+    )
     again = grid.again(choice, first, last, Edges.none())
     if ideal is None:
         assert again is None

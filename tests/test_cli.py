@@ -181,10 +181,14 @@ def _run_until(stage: str, number: int, table: Path, out: Path) -> int:
     """Start the command in its own process and send it a signal when it announces a stage."""
     command = [sys.executable, "-m", "machopt.cli", "optimize", str(KR500), str(table), "-o", str(out)]
     with subprocess.Popen(
-        command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+        command,
+        cwd=ROOT,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         preexec_fn=_heed_interrupts,  # noqa: PLW1509 — no threads are running here
-    ) as process:  # fmt: skip
+    ) as process:
         assert process.stderr is not None
         for line in process.stderr:
             if stage in line:

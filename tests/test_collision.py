@@ -60,8 +60,9 @@ def coal_distances(cell: Cell, model: CollisionModel, q: np.ndarray) -> np.ndarr
         for p, pair in enumerate(model.pairs):
             if "cutter" not in pair.kinds:
                 at = [coal.Transform3s(placed[k][:3, :3], placed[k][:3, 3]) for k in (pair.a, pair.b)]
-                out[n, p] = coal.distance(geometry[pair.a], at[0], geometry[pair.b], at[1],
-                                          coal.DistanceRequest(), coal.DistanceResult())  # fmt: skip
+                out[n, p] = coal.distance(
+                    geometry[pair.a], at[0], geometry[pair.b], at[1], coal.DistanceRequest(), coal.DistanceResult()
+                )
     return out
 
 
@@ -259,10 +260,7 @@ def test_bad_input_says_what_would_work(folder: Path) -> None:
     cell = small_cell(folder)
     with pytest.raises(InputError, match="positioners are not supported"):
         model_of(replace(cell, workpiece=Workpiece("link_3", np.eye(4))))
-    for name, text, expected in (
-        ("gone.stl", None, "not a file"),
-        ("x.stl", "solid x\nendsolid x\n", "mesh of 'm'"),
-    ):
+    for name, text, expected in (("gone.stl", None, "not a file"), ("x.stl", "solid x\nendsolid x\n", "mesh of 'm'")):
         if text is not None:
             (folder / name).write_text(text)
         shape = Shape("m", "mesh", (1.0,), folder / name, np.eye(4))

@@ -28,8 +28,14 @@ HEADER = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation\n"
 def job(tmp_path_factory: pytest.TempPathFactory) -> tuple[FilePath, FilePath, FilePath]:
     """The corner on the KR500 with one long segment; toolpath, output without and with compensation."""
     folder = tmp_path_factory.mktemp("job")
-    rows = ["-100,-60,40,0,0,1,rapid,,c", "-100,-60,-0.5,0,0,1,approach,1000,c", "60,-60,-0.5,0,0,1,cut,1500,c",
-            "60,0,-0.5,0,0,1,cut,1500,c", "60,20,-0.5,0,0,1,cut,1500,c", "60,20,40,0,0,1,retract,1000,c"]  # fmt: skip
+    rows = [
+        "-100,-60,40,0,0,1,rapid,,c",
+        "-100,-60,-0.5,0,0,1,approach,1000,c",
+        "60,-60,-0.5,0,0,1,cut,1500,c",
+        "60,0,-0.5,0,0,1,cut,1500,c",
+        "60,20,-0.5,0,0,1,cut,1500,c",
+        "60,20,40,0,0,1,retract,1000,c",
+    ]
     path = folder / "corner.csv"
     path.write_text(HEADER + "\n".join(rows) + "\n")
     coarse = ("--set", "rotation_step_deg=10")  # joint 4 turns by 49° between two planning points of the cut
@@ -72,8 +78,7 @@ def test_the_command_writes_what_it_shifts(job: tuple[FilePath, FilePath, FilePa
     assert json.loads((shifted / "result.json").read_text())["options"]["compensate"] is True
     # the program goes to the shifted points, and to those between that leave the line: 160 mm in eight pieces
     program = (shifted / "corner_csv.src").read_text()
-    lin = np.array([[float(v) for v in m] for m in
-                    re.findall(r"LIN \{X (\S+?),Y (\S+?),Z (\S+?),", program)])  # fmt: skip
+    lin = np.array([[float(v) for v in m] for m in re.findall(r"LIN \{X (\S+?),Y (\S+?),Z (\S+?),", program)])
     corners = np.array([[float(r[c]) for c in ("x_mm", "y_mm", "z_mm")] for r in after]) + comp
     for target in corners[1:]:
         assert np.linalg.norm(lin - target, axis=1).min() < 2e-4  # four decimals
@@ -152,8 +157,11 @@ def test_the_verification_recomputes_the_shift(job: tuple[FilePath, FilePath, Fi
 def test_terms_count_in_the_shift_and_in_its_verification(tmp_path: FilePath) -> None:
     """irb6700 drilling with link 4 and the tool giving way: softer, shifted more, and verified by its own laws."""
     path = tmp_path / "holes.csv"
-    holes = [f"{x},-120,{z},0,0,1,{move},{feed},h" for x in (-150, -110) for z, move, feed in
-             ((25, "rapid", ""), (-12, "cut", "260"), (25, "retract", "1000"))]  # fmt: skip
+    holes = [
+        f"{x},-120,{z},0,0,1,{move},{feed},h"
+        for x in (-150, -110)
+        for z, move, feed in ((25, "rapid", ""), (-12, "cut", "260"), (25, "retract", "1000"))
+    ]
     path.write_text(HEADER + "\n".join(holes) + "\n")
     stiff = ROOT / "cells" / "irb6700_drilling"
     soft = changed_cell(tmp_path, base=stiff)

@@ -67,7 +67,10 @@ if "--help" in sys.argv:
 """
     for words in (["--help"], ["inspect", str(ROOT / "toolpaths" / "plate_holes.csv")]):
         done = subprocess.run(
-            [sys.executable, "-c", code, heavy, *words], capture_output=True, text=True, check=False,
+            [sys.executable, "-c", code, heavy, *words],
+            capture_output=True,
+            text=True,
+            check=False,
             env={**os.environ, "PYTHONPATH": str(ROOT)},
-        )  # fmt: skip
+        )
         assert done.returncode == 0, done.stderr

@@ -294,12 +294,31 @@ def test_the_list_holds_what_was_promised() -> None:
     assert sum(c.ugly for c in listed) * 3 >= groups["null"]
     singles = Counter(c.parts[0].effect for c in listed if c.group == "single")
     vocabulary = {
-        "joint_nonlinear_stiffness", "joint_backlash", "joint_hysteresis", "joint_creep",
-        "joint_pose_dependent_stiffness", "joint_zero_offset", "transmission_error", "joint_friction",
-        "joint_coupling", "gravity_compensator", "link_compliance", "base_compliance", "tool_compliance", "payload",
-        "geometric_stiffness", "force_sensor_offset", "force_sensor_gain", "force_sensor_frame", "displacement_frame",
-        "load_geometry", "time_skew", "thermal_drift", "servo_lag", "joint_elasticity",
-    }  # fmt: skip
+        "joint_nonlinear_stiffness",
+        "joint_backlash",
+        "joint_hysteresis",
+        "joint_creep",
+        "joint_pose_dependent_stiffness",
+        "joint_zero_offset",
+        "transmission_error",
+        "joint_friction",
+        "joint_coupling",
+        "gravity_compensator",
+        "link_compliance",
+        "base_compliance",
+        "tool_compliance",
+        "payload",
+        "geometric_stiffness",
+        "force_sensor_offset",
+        "force_sensor_gain",
+        "force_sensor_frame",
+        "displacement_frame",
+        "load_geometry",
+        "time_skew",
+        "thermal_drift",
+        "servo_lag",
+        "joint_elasticity",
+    }
     assert set(singles) == vocabulary  # units and outliers stand under broken records
     for effect in vocabulary:
         levels = {c.parts[0].level for c in listed if c.group == "single" and c.parts[0].effect == effect}
@@ -313,10 +332,16 @@ def test_the_list_holds_what_was_promised() -> None:
 
 
 CHOSEN = (
-    "deflection/joint_hysteresis.2/large", "deflection/tool_compliance.9/large", "absolute/thermal_drift.3/medium",
-    "motion/joint_friction.0/large", "motion/transmission_error.5/large", "motion/servo_lag.9/medium",
-    "null/deflection.3", "null/absolute.0", "record/units.0",
-)  # fmt: skip
+    "deflection/joint_hysteresis.2/large",
+    "deflection/tool_compliance.9/large",
+    "absolute/thermal_drift.3/medium",
+    "motion/joint_friction.0/large",
+    "motion/transmission_error.5/large",
+    "motion/servo_lag.9/medium",
+    "null/deflection.3",
+    "null/absolute.0",
+    "record/units.0",
+)
 
 
 @pytest.fixture(scope="module")
@@ -381,8 +406,15 @@ def test_the_same_seed_gives_the_same_bytes(folder: Path, tmp_path: Path) -> Non
 def answer(folder: Path, findings: dict[str, list[dict[str, object]]], verdict: str = "explained") -> None:
     for path in folder.glob("*.truth.json"):
         name = path.name.split(".")[0]
-        said = {"machopt_diagnosis": 1, "verdict": verdict, "findings": findings.get(name, []), "mismatch": [],
-                "rmse_unit": "mm", "final": {"heldout_rmse": 0.02}, "detection_limits": []}  # fmt: skip
+        said = {
+            "machopt_diagnosis": 1,
+            "verdict": verdict,
+            "findings": findings.get(name, []),
+            "mismatch": [],
+            "rmse_unit": "mm",
+            "final": {"heldout_rmse": 0.02},
+            "detection_limits": [],
+        }
         (folder / name / "out").mkdir(exist_ok=True)
         (folder / name / "out" / "diagnosis.json").write_text(json.dumps(said))
 

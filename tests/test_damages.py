@@ -60,8 +60,9 @@ def _load_cell(path: Path, **how: bool) -> Cell:
     return _CELLS[key]
 
 
-def _verify_output(cell: Cell, toolpath: Toolpath, out: Path, *, options: PlanOptions, motion: Motion | None
-                   ) -> Verification:  # fmt: skip
+def _verify_output(
+    cell: Cell, toolpath: Toolpath, out: Path, *, options: PlanOptions, motion: Motion | None
+) -> Verification:
     read = digest(toolpath.position.tobytes() + toolpath.axis.tobytes() + toolpath.feed.tobytes())
     tables = [(name, (out / name).is_file() and sha256_of(out / name)) for name in TABLES]
     key = repr((_bytes_of(cell.folder), read, tables, options))

@@ -94,13 +94,20 @@ def measure(
     turned = rotation_from_vector(2 * noise * rng.normal(size=p.shape)) @ Q @ R
     N = len(q)
     return Recording(
-        kind="absolute", source="made up", q=q, pose=np.tile(np.arange(POSES), VISITS),
-        cycle=np.repeat(np.arange(VISITS), POSES), session=np.repeat(np.arange(VISITS), POSES),
-        line=np.arange(2, N + 2), wrench=load, position=p, quaternion=quaternion(turned) if six else None,
+        kind="absolute",
+        source="made up",
+        q=q,
+        pose=np.tile(np.arange(POSES), VISITS),
+        cycle=np.repeat(np.arange(VISITS), POSES),
+        session=np.repeat(np.arange(VISITS), POSES),
+        line=np.arange(2, N + 2),
+        wrench=load,
+        position=p,
+        quaternion=quaternion(turned) if six else None,
         time=np.concatenate([1e5 * v + 60.0 * np.arange(POSES) for v in range(VISITS)]),
         temperature=np.concatenate([21 + 4 * (1 - np.exp(-np.arange(POSES) / 25.0)) for _ in range(VISITS)]),
         registration="fit" if registration == "fit" else "fixed",
-    )  # fmt: skip
+    )
 
 
 def build(recording: Recording, **changes: object) -> tuple[Problem, Catalogue]:
@@ -244,8 +251,11 @@ def test_heat_needs_a_clock_or_a_thermometer() -> None:
     catalogue = build(recording)[1]
     assert not names(catalogue, "thermal_drift")
     assert "thermal_drift" in {u.effect for u in catalogue.untestable}
-    assert {h.law.split()[-1] for h in build(replace(recording, time=measure().time))[1].hypotheses
-            if h.effect == "thermal_drift"} == {"session"}  # fmt: skip
+    assert {
+        h.law.split()[-1]
+        for h in build(replace(recording, time=measure().time))[1].hypotheses
+        if h.effect == "thermal_drift"
+    } == {"session"}
 
 
 def test_orders_follow_what_the_angles_can_show() -> None:
@@ -255,8 +265,20 @@ def test_orders_follow_what_the_angles_can_show() -> None:
     def orders(angles: Array) -> tuple[float, ...]:
         state = robot.state(angles, cell.tool.T_flange_tcp, bodies=True)
         none = np.zeros(len(angles), np.int64)
-        r = Readings(measure(), robot, cell.tool.T_flange_tcp, masses, state, np.zeros((len(angles), 6)), 3, False,
-                     np.full(6, 1e-6), none, none, none)  # fmt: skip
+        r = Readings(
+            measure(),
+            robot,
+            cell.tool.T_flange_tcp,
+            masses,
+            state,
+            np.zeros((len(angles), 6)),
+            3,
+            False,
+            np.full(6, 1e-6),
+            none,
+            none,
+            none,
+        )
         return wave_orders(r, 3)
 
     many = orders(q)
@@ -297,16 +319,28 @@ def warmed() -> Array:
 
 Case = tuple[str, str, str, dict[str, object], tuple[float, ...], float]
 CASES: list[Case] = [
-    ("joint_zero_offset", "joint:3", "constant", {"delta": lambda q: np.radians(0.01) * unit(3) + 0 * q}, (),
-     np.radians(0.01)),
+    (
+        "joint_zero_offset",
+        "joint:3",
+        "constant",
+        {"delta": lambda q: np.radians(0.01) * unit(3) + 0 * q},
+        (),
+        np.radians(0.01),
+    ),
     ("transmission_error", "joint:4", "one", {"delta": wave(4, 5.0, 12.0, 0.0)}, (5.0,), 12 * ARCSEC),
-    ("transmission_error", "joint:3", "a wave",
-     {"delta": lambda q: wave(3, 4.0, 8.0, 0.0)(q) + wave(3, 8.0, 3.0, 4.0)(q)}, (4.0, 8.0), 8 * ARCSEC),
+    (
+        "transmission_error",
+        "joint:3",
+        "a wave",
+        {"delta": lambda q: wave(3, 4.0, 8.0, 0.0)(q) + wave(3, 8.0, 3.0, 4.0)(q)},
+        (4.0, 8.0),
+        8 * ARCSEC,
+    ),
     ("joint_coupling", "joint:4-5", "gears", {"delta": lambda q: 6e-5 * q[:, 3:4] * unit(5)}, (), 6e-5),
     ("joint_coupling", "joint:5-6", "gears", {"delta": lambda q: 2e-4 * q[:, 4:5] * unit(6), "six": True}, (), 2e-4),
     ("payload", "tool", "another mass at another", {"masses": "heavier"}, (), 8.0),
     ("thermal_drift", "environment", "the arm grows with", {"grow": "warmed"}, (), 1.2e-5),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize("case", CASES, ids=[f"{c[0]}@{c[1]}" for c in CASES])
@@ -381,8 +415,9 @@ def readings(masses: Masses | None, load: Array, q: Array) -> Readings:
     cell, robot, _ = arm()
     T = cell.tool.T_flange_tcp
     none = np.zeros(len(q), np.int64)
-    return Readings(measure(), robot, T, masses, robot.state(q, T, bodies=True), load, 6, False, np.full(6, 1e-6), none,
-                    none, none)  # fmt: skip
+    return Readings(
+        measure(), robot, T, masses, robot.state(q, T, bodies=True), load, 6, False, np.full(6, 1e-6), none, none, none
+    )
 
 
 @pytest.mark.parametrize("link", [2, 4])

@@ -132,11 +132,22 @@ def test_a_zero_offset_goes_into_kinematics(tmp_path: Path) -> None:
     p, _, _, _ = stand(a, Truth(a.nominal * 1.1, zero=zero), plan)
     keep = plan.loaded
     N = int(keep.sum())
-    write_recording(tmp_path / "rec", Recording(
-        kind="absolute", source="made up", q=plan.q[keep], pose=plan.pose[keep], cycle=plan.cycle[keep],
-        session=plan.session[keep], line=np.arange(2, N + 2), position=p[keep] + 20e-6 * rng.standard_normal((N, 3)),
-        time=plan.time[keep], registration="fit", labelled=frozenset({"pose", "cycle", "session"}),
-    ))  # fmt: skip
+    write_recording(
+        tmp_path / "rec",
+        Recording(
+            kind="absolute",
+            source="made up",
+            q=plan.q[keep],
+            pose=plan.pose[keep],
+            cycle=plan.cycle[keep],
+            session=plan.session[keep],
+            line=np.arange(2, N + 2),
+            position=p[keep] + 20e-6 * rng.standard_normal((N, 3)),
+            time=plan.time[keep],
+            registration="fit",
+            labelled=frozenset({"pose", "cycle", "session"}),
+        ),
+    )
     result = run(tmp_path / "out", tmp_path / "rec")
     assert [(f["effect"], f["location"]) for f in result["findings"]] == [("joint_zero_offset", "joint:3")]
     size = next(iter(result["findings"][0]["parameters"].values()))
@@ -227,8 +238,9 @@ def test_records_that_say_nothing_are_refused(tmp_path: Path, capsys: pytest.Cap
     assert r.wrench is not None
     assert r.displacement is not None
     for changes, said in (
-        ({"wrench": 0 * r.wrench}, "load is zero"), ({"displacement": 0 * r.displacement}, "displacement is zero"),
-    ):  # fmt: skip
+        ({"wrench": 0 * r.wrench}, "load is zero"),
+        ({"displacement": 0 * r.displacement}, "displacement is zero"),
+    ):
         run(tmp_path / "out", _written(tmp_path, r, **changes), code=2)
         assert said in capsys.readouterr().err
     for count in (1, 3):
@@ -285,8 +297,10 @@ def test_a_killed_run_leaves_nothing(tmp_path: Path) -> None:
     code = "import sys; from machopt.cli import main; sys.exit(main())"
     child = subprocess.Popen(
         [sys.executable, "-c", code, "diagnose", str(CELL), str(tmp_path / "rec"), "-o", str(out)],
-        stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True,
-    )  # fmt: skip
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        text=True,
+    )
     assert child.stderr is not None
     for line in child.stderr:
         if "search" in line:

@@ -126,19 +126,43 @@ def _largest(a, k, plan, joint: int) -> float:
 
 
 SINGLE = [
-    ("kr240_drilling", "joint_nonlinear_stiffness", "joint:4",
-     lambda a, k, p: Truth(k, {3: sine_knee(1.2 / k[3], 0.45 * _largest(a, k, p, 3))}), False),
-    ("kr500_milling", "joint_backlash", "joint:1",
-     lambda a, k, p: Truth(k, {0: clicking(0.35 * ARCMIN, 0.02 * _largest(a, k, p, 0))}), False),
-    ("irb6700_drilling", "link_compliance", "link:2",
-     lambda a, k, p: Truth(k, hinges={2: np.diag([1.0, 0.8, 1.2]) * 0.9 / k[1]}), True),
-    ("kr240_drilling", "base_compliance", "base",
-     lambda a, k, p: Truth(k, hinges={0: np.diag([1.0, 1.3, 0.3]) * 0.04 / k[1]}), False),
-    ("kr500_milling", "joint_coupling", "joint:4-5",
-     lambda a, k, p: Truth(k, coupled=_pair(0.07 / k[4])), False),
-    ("irb6700_drilling", "load_geometry", "sensor:force",
-     lambda a, k, p: Truth(k, hook=np.array([0.03, -0.02, 0.0])), False),
-]  # fmt: skip
+    (
+        "kr240_drilling",
+        "joint_nonlinear_stiffness",
+        "joint:4",
+        lambda a, k, p: Truth(k, {3: sine_knee(1.2 / k[3], 0.45 * _largest(a, k, p, 3))}),
+        False,
+    ),
+    (
+        "kr500_milling",
+        "joint_backlash",
+        "joint:1",
+        lambda a, k, p: Truth(k, {0: clicking(0.35 * ARCMIN, 0.02 * _largest(a, k, p, 0))}),
+        False,
+    ),
+    (
+        "irb6700_drilling",
+        "link_compliance",
+        "link:2",
+        lambda a, k, p: Truth(k, hinges={2: np.diag([1.0, 0.8, 1.2]) * 0.9 / k[1]}),
+        True,
+    ),
+    (
+        "kr240_drilling",
+        "base_compliance",
+        "base",
+        lambda a, k, p: Truth(k, hinges={0: np.diag([1.0, 1.3, 0.3]) * 0.04 / k[1]}),
+        False,
+    ),
+    ("kr500_milling", "joint_coupling", "joint:4-5", lambda a, k, p: Truth(k, coupled=_pair(0.07 / k[4])), False),
+    (
+        "irb6700_drilling",
+        "load_geometry",
+        "sensor:force",
+        lambda a, k, p: Truth(k, hook=np.array([0.03, -0.02, 0.0])),
+        False,
+    ),
+]
 
 
 def _pair(c: float) -> np.ndarray:
@@ -168,9 +192,11 @@ def test_one_fault_is_named_where_it_is(
 def test_the_width_of_backlash_lies_in_its_interval(tmp_path: Path) -> None:
     width = 0.4
     recording, _, _ = made(
-        "kr500_milling", 31, lambda a, k, p: Truth(k, {0: clicking(width * ARCMIN, 0.01 * _largest(a, k, p, 0))}),
+        "kr500_milling",
+        31,
+        lambda a, k, p: Truth(k, {0: clicking(width * ARCMIN, 0.01 * _largest(a, k, p, 0))}),
         poses=20,
-    )  # fmt: skip
+    )
     d = diagnosed(tmp_path, "kr500_milling", recording)
     found = next(f for f in d.findings if f.effect == "joint_backlash").parameters["width"]
     assert found.unit == "arcmin"

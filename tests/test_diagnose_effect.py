@@ -27,8 +27,9 @@ CELL = load_cell(ROOT / "cells" / "kr500_milling")
 assert CELL.stiffness is not None
 OLD = CELL.stiffness
 C = 1.0 / OLD.joints
-FOUND = Term("joint_hysteresis", "joint:4",
-             {"law": "play", "weights_rad_per_Nm": [2.0 * float(C[3])], "thresholds_Nm": [20.0]})  # fmt: skip
+FOUND = Term(
+    "joint_hysteresis", "joint:4", {"law": "play", "weights_rad_per_Nm": [2.0 * float(C[3])], "thresholds_Nm": [20.0]}
+)
 NEW = replace(OLD, terms=(*OLD.terms, FOUND))
 PATH = ROOT / "toolpaths" / "plain.csv"
 # the mean alone counts, so that the planner cannot but lower it
@@ -123,8 +124,12 @@ def test_without_a_process_force_a_stated_one_is_taken() -> None:
 
 def _table(folder: Path, x: float) -> Path:
     file = folder / "path.csv"
-    rows = [f"{x},0,50,0,0,1,rapid,,a", f"{x},0,0,0,0,1,approach,900,a", f"{x + 40},0,0,0,0,1,cut,900,a",
-            f"{x + 40},0,50,0,0,1,retract,900,a"]  # fmt: skip
+    rows = [
+        f"{x},0,50,0,0,1,rapid,,a",
+        f"{x},0,0,0,0,1,approach,900,a",
+        f"{x + 40},0,0,0,0,1,cut,900,a",
+        f"{x + 40},0,50,0,0,1,retract,900,a",
+    ]
     file.write_text("x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation\n" + "\n".join(rows) + "\n")
     return file
 
@@ -134,8 +139,11 @@ def test_what_cannot_be_planned_is_a_reason(tmp_path: Path) -> None:
     assert "out of reach" in far["reason"]
     assert far["reason"] in far["sentence"]
     assert job_effect(EffectOnJob.model_validate(far)).changes == ()
-    hard = Term("joint_nonlinear_stiffness", "joint:3",
-                {"law": "knee", "extra_rad_per_Nm": -2.0 * float(C[2]), "knee_Nm": 300.0})  # fmt: skip
+    hard = Term(
+        "joint_nonlinear_stiffness",
+        "joint:3",
+        {"law": "knee", "extra_rad_per_Nm": -2.0 * float(C[2]), "knee_Nm": 300.0},
+    )
     against = effect_on_job(
         CELL, OLD, replace(OLD, terms=(hard,)), read_toolpath(_table(tmp_path, 0.0)), OPTIONS
     ).plain()

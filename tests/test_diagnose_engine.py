@@ -36,18 +36,34 @@ def made_up(seed: int, extra: float = 0.0, gain: float = GAIN) -> tuple[Problem,
     y += (VISIT * rng.standard_normal((visit.max() + 1, 3)))[visit]
     y += known * gain * rng.standard_normal(cycle.max() + 1)[cycle][:, None]
     problem = Problem(
-        "deflection", y, X[:, :, :4], tuple(Unknown(f"x{k}", "m") for k in range(4)),
-        (Family("translation", (0, 1, 2), "mm", 1e3),), group, visit, cycle, session,
-        np.tile(np.arange(N // SESSIONS), SESSIONS), np.arange(2, N + 2), np.arange(1, N + 1), scale=known,
-    )  # fmt: skip
+        "deflection",
+        y,
+        X[:, :, :4],
+        tuple(Unknown(f"x{k}", "m") for k in range(4)),
+        (Family("translation", (0, 1, 2), "mm", 1e3),),
+        group,
+        visit,
+        cycle,
+        session,
+        np.tile(np.arange(N // SESSIONS), SESSIONS),
+        np.arange(2, N + 2),
+        np.arange(1, N + 1),
+        scale=known,
+    )
     return problem, X[:, :, 4:]
 
 
 def law(columns: np.ndarray, name: str = "wind", where: str = "arm", lower: tuple[float, ...] = ()) -> Hypothesis:
     return Hypothesis(
-        name, where, "made up", "y = a x", lambda shape: columns,
-        lambda x, shape: {"size": Quantity(1e6 * float(x[0]), "µm")}, lower=lower, family="body",
-    )  # fmt: skip
+        name,
+        where,
+        "made up",
+        "y = a x",
+        lambda shape: columns,
+        lambda x, shape: {"size": Quantity(1e6 * float(x[0]), "µm")},
+        lower=lower,
+        family="body",
+    )
 
 
 def catalogue(columns: np.ndarray, rng: np.random.Generator, others: int = 20) -> Catalogue:

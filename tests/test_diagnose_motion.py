@@ -38,17 +38,34 @@ def arm(folder: Path, joints: int = 1, kind: str = "revolute", tool: float = 0.0
     axis = "1 0 0" if kind == "prismatic" else "0 -1 0"
     parts, parent = [], "base"
     for i in range(1, joints + 1):
-        parts.append(LINK.format(i=i, c=LENGTH, m=MASS, I=INERTIA, kind=kind, parent=parent, axis=axis,
-                                 at=0.0 if i == 1 else 1.0))  # fmt: skip
+        parts.append(
+            LINK.format(
+                i=i, c=LENGTH, m=MASS, I=INERTIA, kind=kind, parent=parent, axis=axis, at=0.0 if i == 1 else 1.0
+            )
+        )
         parent = f"l{i}"
     urdf = folder / "arm.urdf"
     urdf.write_text(f'<robot name="arm"><link name="base"/>{"".join(parts)}</robot>', encoding="utf-8")
     one = np.ones(joints)
     return Cell(
-        "bench", folder, urdf, {}, "base", parent, tuple(f"a{i}" for i in range(1, joints + 1)), (), (),
-        np.zeros(joints), np.zeros(0), np.eye(4), JointLimits(-one, one, one, one, one),
-        Tool(np.eye(4), tool, np.array([0.2, 0.0, 0.1])), Workpiece("world", np.eye(4)), (), None,
-    )  # fmt: skip
+        "bench",
+        folder,
+        urdf,
+        {},
+        "base",
+        parent,
+        tuple(f"a{i}" for i in range(1, joints + 1)),
+        (),
+        (),
+        np.zeros(joints),
+        np.zeros(0),
+        np.eye(4),
+        JointLimits(-one, one, one, one, one),
+        Tool(np.eye(4), tool, np.array([0.2, 0.0, 0.1])),
+        Workpiece("world", np.eye(4)),
+        (),
+        None,
+    )
 
 
 def excited(joints: int, rng: np.random.Generator, *, periods: int = 4, rate: float = 100.0, period: float = 6.0):
@@ -66,8 +83,19 @@ def excited(joints: int, rng: np.random.Generator, *, periods: int = 4, rate: fl
 
 def recorded(t, q, v, tau=None, **more) -> Recording:
     zeros = np.zeros(len(t), np.int64)
-    return Recording("motion", "bench", q, zeros, np.arange(len(t)), zeros, np.arange(len(t)) + 2, time=t, velocity=v,
-                     torque=tau, **more)  # fmt: skip
+    return Recording(
+        "motion",
+        "bench",
+        q,
+        zeros,
+        np.arange(len(t)),
+        zeros,
+        np.arange(len(t)) + 2,
+        time=t,
+        velocity=v,
+        torque=tau,
+        **more,
+    )
 
 
 def diagnosed(recording: Recording, cell: Cell, channel):

@@ -43,8 +43,12 @@ def scaled(r: Recording, group: str, factor: float) -> Recording:
     if group == "q1_deg":
         return replace(r, q=factor * r.q)
     w, d = r.wrench.copy(), r.displacement.copy()
-    target, columns = {"fx_N": (w, slice(0, 3)), "mx_Nm": (w, slice(3, 6)), "dx_mm": (d, slice(0, 3)),
-                       "rx_mrad": (d, slice(3, 6))}[group]  # fmt: skip
+    target, columns = {
+        "fx_N": (w, slice(0, 3)),
+        "mx_Nm": (w, slice(3, 6)),
+        "dx_mm": (d, slice(0, 3)),
+        "rx_mrad": (d, slice(3, 6)),
+    }[group]
     target[:, columns] *= factor
     return replace(r, wrench=w, displacement=d)
 
@@ -62,13 +66,24 @@ def test_a_sound_record_is_left_as_it_is() -> None:
 
 
 UNITS = [
-    ("dx_mm", 1e-3, False), ("dx_mm", 1 / 25.4, False), ("dx_mm", 1e3, False), ("dx_mm", 0.1, False),
-    ("dx_mm", 1e-3, True), ("dx_mm", 1 / 25.4, True), ("dx_mm", 1e3, True),
-    ("fx_N", 1e-3, False), ("fx_N", 1 / 9.80665, False), ("fx_N", 1e-3, True), ("fx_N", 1 / 9.80665, True),
+    ("dx_mm", 1e-3, False),
+    ("dx_mm", 1 / 25.4, False),
+    ("dx_mm", 1e3, False),
+    ("dx_mm", 0.1, False),
+    ("dx_mm", 1e-3, True),
+    ("dx_mm", 1 / 25.4, True),
+    ("dx_mm", 1e3, True),
+    ("fx_N", 1e-3, False),
+    ("fx_N", 1 / 9.80665, False),
+    ("fx_N", 1e-3, True),
+    ("fx_N", 1 / 9.80665, True),
     ("mx_Nm", 1e3, True),
-    ("rx_mrad", 1e-3, True), ("rx_mrad", float(np.degrees(1e-3)), True), ("rx_mrad", 1e3, True),
-    ("q1_deg", float(np.pi / 180), False), ("q1_deg", float(np.pi / 180), True),
-]  # fmt: skip
+    ("rx_mrad", 1e-3, True),
+    ("rx_mrad", float(np.degrees(1e-3)), True),
+    ("rx_mrad", 1e3, True),
+    ("q1_deg", float(np.pi / 180), False),
+    ("q1_deg", float(np.pi / 180), True),
+]
 
 
 @pytest.mark.parametrize(("group", "factor", "rotations"), UNITS)

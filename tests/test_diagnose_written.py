@@ -29,10 +29,11 @@ def diagnosed(joints: dict[int, float], terms: tuple[Term, ...], sigma: float = 
     """Only what is looked at: compliances under the names of a motion's channel, and findings."""
     other = Coefficient(Unknown("offset 1", "rad", location="joint:1"), 0.0, 1e-3, 1e-5)
     springs = [
-        Coefficient(Unknown(f"compliance {j}", "rad/(N·m)", 0.0, f"joint:{j}", key=joint_spring(j)), 2 * c, c,
-                    sigma * c)
+        Coefficient(
+            Unknown(f"compliance {j}", "rad/(N·m)", 0.0, f"joint:{j}", key=joint_spring(j)), 2 * c, c, sigma * c
+        )
         for j, c in joints.items()
-    ]  # fmt: skip
+    ]
     found = [SimpleNamespace(effect=t.effect, location=t.location, correction=t) for t in terms]
     return cast("Diagnosis", SimpleNamespace(coefficients=(other, *springs), findings=tuple(found)))
 

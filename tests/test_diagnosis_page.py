@@ -34,12 +34,33 @@ CELL = load_cell(Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling
 CASES = ("explained", "consistent", "unexplained", "three", "torque")
 VOID = {"meta", "hr", "br"}
 VOCABULARY = {
-    "joint_nonlinear_stiffness", "joint_backlash", "joint_hysteresis", "joint_creep",
-    "joint_pose_dependent_stiffness", "joint_zero_offset", "transmission_error", "joint_friction", "joint_coupling",
-    "gravity_compensator", "link_compliance", "base_compliance", "tool_compliance", "payload",
-    "geometric_stiffness", "force_sensor_offset", "force_sensor_gain", "force_sensor_frame", "displacement_frame",
-    "load_geometry", "units", "time_skew", "outliers", "thermal_drift", "servo_lag", "joint_elasticity",
-}  # fmt: skip
+    "joint_nonlinear_stiffness",
+    "joint_backlash",
+    "joint_hysteresis",
+    "joint_creep",
+    "joint_pose_dependent_stiffness",
+    "joint_zero_offset",
+    "transmission_error",
+    "joint_friction",
+    "joint_coupling",
+    "gravity_compensator",
+    "link_compliance",
+    "base_compliance",
+    "tool_compliance",
+    "payload",
+    "geometric_stiffness",
+    "force_sensor_offset",
+    "force_sensor_gain",
+    "force_sensor_frame",
+    "displacement_frame",
+    "load_geometry",
+    "units",
+    "time_skew",
+    "outliers",
+    "thermal_drift",
+    "servo_lag",
+    "joint_elasticity",
+}
 
 
 class Balanced(HTMLParser):
@@ -460,9 +481,17 @@ def test_command_passes_its_options_on_and_every_verdict_is_success(
     assert getattr(made_up, verdict)().sentence in out
     assert "report: out/report.html" in out
     expected = Request(
-        Path("cell"), (Path("mon"), Path("tue")), Path("out"), "torque", Path("t.apt"), (Path("a.py"), Path("b.py")), 2,
-        ("units",), 7, True,
-    )  # fmt: skip
+        Path("cell"),
+        (Path("mon"), Path("tue")),
+        Path("out"),
+        "torque",
+        Path("t.apt"),
+        (Path("a.py"), Path("b.py")),
+        2,
+        ("units",),
+        7,
+        True,
+    )
     assert seen == [expected]
     assert len(fields(Request)) == 10  # no option is dropped on the way
     args = parser.parse_args([*typed.split(), "--json"])

@@ -45,8 +45,9 @@ def small(rng: np.random.Generator) -> tuple[list[Contest], np.ndarray, np.ndarr
     laws = [rng.normal(size=(N, R, 1)) for _ in range(3)]
     contests = [
         Contest(t, r, np.concatenate([base, laws[r]], axis=2), 3.0 * laws[t][:, :, 0])
-        for t, r in product(range(3), repeat=2) if t != r
-    ]  # fmt: skip
+        for t, r in product(range(3), repeat=2)
+        if t != r
+    ]
     return contests, np.broadcast_to(np.eye(R), (N, R, R)), np.zeros((R, R)), np.repeat(np.arange(6), 2)
 
 
@@ -116,9 +117,7 @@ def open_(*stands: Stand, pairs: tuple[tuple[int, int], ...] = ((0, 1),)) -> Dia
 
 def predicted(cell: Cell, cases: LoadCases, q: np.ndarray, steps: tuple[float, ...]) -> Predicted:
     robot = load_robot(cell)
-    return load_tests(
-        open_(), cases, q, robot, cell.tool.T_flange_tcp, load_masses(cell), COMPLIANCE, steps, 3
-    )  # fmt: skip
+    return load_tests(open_(), cases, q, robot, cell.tool.T_flange_tcp, load_masses(cell), COMPLIANCE, steps, 3)
 
 
 def fewer(cases: LoadCases, keep: np.ndarray) -> LoadCases:
@@ -128,10 +127,16 @@ def fewer(cases: LoadCases, keep: np.ndarray) -> LoadCases:
 
 @pytest.mark.parametrize(
     ("effect", "law"),
-    [("joint_nonlinear_stiffness", "two slopes"), ("joint_nonlinear_stiffness", "three slopes"),
-     ("joint_nonlinear_stiffness", "cubic"), ("joint_hysteresis", "play"), ("joint_hysteresis", "two plays"),
-     ("joint_creep", "one time constant"), ("joint_pose_dependent_stiffness", "soft sector")],
-)  # fmt: skip
+    [
+        ("joint_nonlinear_stiffness", "two slopes"),
+        ("joint_nonlinear_stiffness", "three slopes"),
+        ("joint_nonlinear_stiffness", "cubic"),
+        ("joint_hysteresis", "play"),
+        ("joint_hysteresis", "two plays"),
+        ("joint_creep", "one time constant"),
+        ("joint_pose_dependent_stiffness", "soft sector"),
+    ],
+)
 def test_a_law_is_the_same_beside_other_readings(
     cell: Cell, tests: tuple[LoadCases, np.ndarray], effect: str, law: str
 ) -> None:
@@ -168,21 +173,54 @@ def test_twist_of_the_forearm_is_joint_4_for_every_experiment(cell: Cell, tests:
 def diagnosis(folder: Path, findings: list[dict[str, Any]], **changes: Any) -> Path:
     folder.mkdir(parents=True)
     data = {
-        "machopt_diagnosis": 1, "verdict": "explained", "channel": "deflection", "rmse_unit": "mm",
+        "machopt_diagnosis": 1,
+        "verdict": "explained",
+        "channel": "deflection",
+        "rmse_unit": "mm",
         "baseline": {"heldout_rmse": 0.06, "noise_floor": 0.02, "repeatable_rmse": 0.05, "p_value": 0.01},
         "final": {"heldout_rmse": 0.02, "explained_share": 0.9, "repeatable_rmse": None},
-        "version": "1", "cell": "c", "recording": "r", "sentence": "", "predicted": "load tests", "not_testable": [],
-        "model": None, "kinematics": None, "readings": 60, "outliers": None, "proof": None, "tried": 9, "notes": [],
-        "warnings": [], "effect_on_job": None, "options": {}, "inputs": {},
-        "findings": findings, "mismatch": [], "detection_limits": [],
-        "next_experiment": "measure again", "coefficients": [
-            {"name": f"joint {j + 1}", "location": f"joint:{j + 1}", "unit": "rad/(N·m)", "before": None,
-             "value": float(c), "sigma": None, "key": asdict(joint_spring(j + 1))}
+        "version": "1",
+        "cell": "c",
+        "recording": "r",
+        "sentence": "",
+        "predicted": "load tests",
+        "not_testable": [],
+        "model": None,
+        "kinematics": None,
+        "readings": 60,
+        "outliers": None,
+        "proof": None,
+        "tried": 9,
+        "notes": [],
+        "warnings": [],
+        "effect_on_job": None,
+        "options": {},
+        "inputs": {},
+        "findings": findings,
+        "mismatch": [],
+        "detection_limits": [],
+        "next_experiment": "measure again",
+        "coefficients": [
+            {
+                "name": f"joint {j + 1}",
+                "location": f"joint:{j + 1}",
+                "unit": "rad/(N·m)",
+                "before": None,
+                "value": float(c),
+                "sigma": None,
+                "key": asdict(joint_spring(j + 1)),
+            }
             for j, c in enumerate(COMPLIANCE)
         ],
-        "recorded": {"kind": "deflection", "coordinates": 3, "wrench_frame": "base", "displacement_frame": "base",
-                     "registration": "fixed", "scatter_m": {"own": 1.7e-5, "visit": 1e-5}},
-    } | changes  # fmt: skip
+        "recorded": {
+            "kind": "deflection",
+            "coordinates": 3,
+            "wrench_frame": "base",
+            "displacement_frame": "base",
+            "registration": "fixed",
+            "scatter_m": {"own": 1.7e-5, "visit": 1e-5},
+        },
+    } | changes
     (folder / "diagnosis.json").write_text(json.dumps(data))
     return folder
 
@@ -194,8 +232,16 @@ def finding(own: Stand, *rivals: Stand, open_too: bool = True) -> dict[str, Any]
 
     names = [list(s.name) for s in (own, *(rivals if open_too else ()))]
     rest = {"closed_share": 0.9, "standing": "not excluded", "p_value": 0.3, "placebo": False}
-    told = {"parameters": {}, "heldout_rmse_before": 0.06, "heldout_rmse_after": 0.02, "p_value": 0.001, "equation": "",
-            "note": "", "of_the_record": False, "correction": None}  # fmt: skip
+    told = {
+        "parameters": {},
+        "heldout_rmse_before": 0.06,
+        "heldout_rmse_after": 0.02,
+        "p_value": 0.001,
+        "equation": "",
+        "note": "",
+        "of_the_record": False,
+        "correction": None,
+    }
     return as_fitted(own) | told | {"one_of": names, "rivals": [as_fitted(r) | rest for r in rivals]}
 
 
@@ -205,8 +251,14 @@ def test_what_is_open_is_read_from_the_diagnosis(tmp_path: Path) -> None:
     assert sets.scatter == (1.7e-5, 1e-5)
     alone = diagnosed(diagnosis(tmp_path / "b", [finding(LINK_4, LINK_3, open_too=False)]))
     assert alone.disputes[0].stands == (LINK_4, LINK_3, NOTHING)
-    limit = {"effect": "joint_backlash", "location": "joint:2", "value": 0.2, "unit": "arcmin", "standing": "testable",
-             "one_of": []}  # fmt: skip
+    limit = {
+        "effect": "joint_backlash",
+        "location": "joint:2",
+        "value": 0.2,
+        "unit": "arcmin",
+        "standing": "testable",
+        "one_of": [],
+    }
     quiet = diagnosed(diagnosis(tmp_path / "c", [], verdict="consistent", detection_limits=[limit]))
     assert quiet.disputes[0].stands == (NOTHING, Stand("joint_backlash", "joint:2", size=0.2))
     share = [{"axis": a, "share": s, "note": "", "kind": "machine"} for a, s in (("link:2", 0.2), ("joint:3", 0.7))]
@@ -235,9 +287,18 @@ def test_what_cannot_be_planned_for_is_refused(tmp_path: Path) -> None:
 def plan(folder: Path, *stands: Stand) -> Outcome:
     found = diagnosis(folder / "diagnosis", [finding(*stands)])
     request = Request(
-        CELL, folder / "out", discriminate=found, candidates=200, poses=6, cycles=1, starts=1, weights_kg=(50.0, 100.0),
-        pull_N=(500.0, 1000.0), max_load_N=2000.0, no_collision=True,
-    )  # fmt: skip
+        CELL,
+        folder / "out",
+        discriminate=found,
+        candidates=200,
+        poses=6,
+        cycles=1,
+        starts=1,
+        weights_kg=(50.0, 100.0),
+        pull_N=(500.0, 1000.0),
+        max_load_N=2000.0,
+        no_collision=True,
+    )
     return run_plan_poses(request)
 
 
@@ -245,7 +306,12 @@ def test_command_plans_what_tells_two_links_apart(tmp_path: Path) -> None:
     done = plan(tmp_path, LINK_4, LINK_3)
     folder = done.report.parent
     assert sorted(p.name for p in folder.iterdir()) == [
-        "manifest.json", "plan.json", "poses.csv", "recording_template", "report.html"]  # fmt: skip
+        "manifest.json",
+        "plan.json",
+        "poses.csv",
+        "recording_template",
+        "report.html",
+    ]
     told = json.loads((folder / "plan.json").read_text())["discriminate"]
     (pair,) = told["pairs"]
     assert {pair["one"]["location"], pair["two"]["location"]} == {"link:3", "link:4"}
@@ -279,11 +345,25 @@ def test_cycles_are_stepped_where_a_law_remembers(tmp_path: Path) -> None:
 def test_measured_poses_are_planned_too(tmp_path: Path) -> None:
     zero = Stand("joint_zero_offset", "joint:2", "constant angle", (5e-5,))
     heavy = Stand("payload", "tool", "another mass at the stated centre", (12.0,))
-    recorded = {"kind": "absolute", "coordinates": 3, "wrench_frame": "base", "displacement_frame": "base",
-                "registration": "fit", "scatter_m": {"own": 3e-5, "visit": 0.0}}  # fmt: skip
+    recorded = {
+        "kind": "absolute",
+        "coordinates": 3,
+        "wrench_frame": "base",
+        "displacement_frame": "base",
+        "registration": "fit",
+        "scatter_m": {"own": 3e-5, "visit": 0.0},
+    }
     found = diagnosis(tmp_path / "d", [finding(zero, heavy)], channel="position", recorded=recorded)
-    request = Request(CELL, tmp_path / "out", discriminate=found, candidates=200, poses=8, starts=1,
-                      weights_kg=(80.0,), no_collision=True)  # fmt: skip
+    request = Request(
+        CELL,
+        tmp_path / "out",
+        discriminate=found,
+        candidates=200,
+        poses=8,
+        starts=1,
+        weights_kg=(80.0,),
+        no_collision=True,
+    )
     told = run_plan_poses(request).result.plain()["discriminate"]
     assert isinstance(told, dict)
     (pair,) = told["pairs"]

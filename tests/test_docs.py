@@ -26,6 +26,10 @@ def test_the_reference_is_current(reference: ModuleType) -> None:
 
 
 def test_every_key_says_what_it_is(reference: ModuleType) -> None:
-    silent = [f"{title}: {name}" for title, _, model in reference.FILES
-              for name, info in reference.keys(model) if not info.description]  # fmt: skip
+    silent = [
+        f"{title}: {name}"
+        for title, _, model in reference.FILES
+        for name, info in reference.keys(model)
+        if not info.description
+    ]
     assert silent == []

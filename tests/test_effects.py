@@ -97,9 +97,7 @@ def test_a_path_in_pieces_is_the_same_path() -> None:
     corners = np.array([0.0, 900.0, -300.0, -250.0, 1000.0, 0.0])
     fine = np.concatenate([np.linspace(a, b, 8)[:-1] for a, b in itertools.pairwise(corners)] + [corners[-1:]])
     for beta in (0.3, 0.5, 0.65, 1.0):
-        few, many = (
-            hysteresis.drag(x, np.array([1] + [0] * (len(x) - 1)), 200.0, beta) for x in (corners, fine)
-        )  # fmt: skip
+        few, many = (hysteresis.drag(x, np.array([1] + [0] * (len(x) - 1)), 200.0, beta) for x in (corners, fine))
         np.testing.assert_allclose(many[::7], few, rtol=1e-12)
         assert np.abs(many).max() < 1.0
 
@@ -359,9 +357,15 @@ class Saturating(Settled):
 
 
 TOY = Effect(
-    name="joint_jelly", noun="jelly", sentence="The joint gives as jelly does.", port="twist", places=JOINTS,
-    laws=(Saturating(),), elastic=True, note="at small torque",
-)  # fmt: skip
+    name="joint_jelly",
+    noun="jelly",
+    sentence="The joint gives as jelly does.",
+    port="twist",
+    places=JOINTS,
+    laws=(Saturating(),),
+    elastic=True,
+    note="at small torque",
+)
 
 
 @pytest.fixture
@@ -422,10 +426,19 @@ def test_one_file_and_one_line_add_an_effect(toy: Effect, tmp_path: Path) -> Non
     truth += np.random.default_rng(1).normal(size=truth.shape) * np.repeat([5e-6, 5e-6], 3)
     rows = np.arange(1, len(r) + 1)
     problem = Problem(
-        "deflection", truth, base, tuple(Unknown(f"joint {j}", COMPLIANCE, 0.0, f"joint:{j}") for j in range(1, 7)),
+        "deflection",
+        truth,
+        base,
+        tuple(Unknown(f"joint {j}", COMPLIANCE, 0.0, f"joint:{j}") for j in range(1, 7)),
         (Family("translation", (0, 1, 2), "mm", 1e3), Family("rotation", (3, 4, 5), "mrad", 1e3)),
-        r.recording.pose, r.visit, r.cycle, r.session, np.tile(np.arange(48), 2), rows, rows,
-    )  # fmt: skip
+        r.recording.pose,
+        r.visit,
+        r.cycle,
+        r.session,
+        np.tile(np.arange(48), 2),
+        rows,
+        rows,
+    )
     catalogue = Catalogue(tuple(h for h in tried.hypotheses if h.effect in (toy.name, hysteresis.EFFECT.name)))
     d = engine.diagnose(problem, catalogue, engine.Options(), np.random.default_rng(0))
     assert [(f.effect, f.location) for f in d.findings] == [(toy.name, "joint:3")]

@@ -56,9 +56,13 @@ def soft_test(
     c = soft * constant(cell)
     arm = TrueArm(robot, cell.tool.T_flange_tcp, c, masses=masses)
     made = record(
-        arm, poses(cell, robot, rng), random_loads(rng, 30, 4, 2000, 300), rng, rotations=True,
+        arm,
+        poses(cell, robot, rng),
+        random_loads(rng, 30, 4, 2000, 300),
+        rng,
+        rotations=True,
         noise=Noise.none() if noise is None else noise,
-    )  # fmt: skip
+    )
     return experiment(made.recording, robot, cell.tool.T_flange_tcp), c
 
 
@@ -169,9 +173,7 @@ def _tiny_arm(cell: Cell) -> tuple[Robot, np.ndarray]:
 
 
 @pytest.mark.parametrize("weight", [False, True])
-def test_prediction_is_the_simulated_arm_to_rounding(
-    cell: Cell, robot: Robot, masses: Masses, weight: bool
-) -> None:  # fmt: skip
+def test_prediction_is_the_simulated_arm_to_rounding(cell: Cell, robot: Robot, masses: Masses, weight: bool) -> None:
     """Newton on joint angles here, a chain of bodies brought to rest by iteration there."""
     e, c = soft_test(cell, robot, masses if weight else None)
     assert np.abs(e.measured[:, :3]).max() > 0.01  # centimetres: no small-angle shortcut could pass
@@ -242,9 +244,7 @@ def test_small_loads_give_the_linear_result(cell: Cell, robot: Robot) -> None:
     q, loads = poses(cell, robot, rng), random_loads(rng, 30, 4, 1000, 200)
     off = []
     for share in (1.0, 0.1, 0.01):
-        e = experiment(
-            record(TrueArm(robot, T, c), q, share * loads, rng, noise=Noise.none()).recording, robot, T
-        )  # fmt: skip
+        e = experiment(record(TrueArm(robot, T, c), q, share * loads, rng, noise=Noise.none()).recording, robot, T)
         linear = least_squares(e)
         found = refine(Equilibrium(e, robot, T), linear)
         off.append(np.abs(linear / found.compliance - 1).max())

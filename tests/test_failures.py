@@ -28,21 +28,34 @@ INDEX = Check("index of the samples", False, 4.0, 0.02, "mm", "sample 766, point
 @pytest.mark.parametrize(
     ("checks", "first", "last"),
     [
-        ((OK, FILES, COLUMN, VERDICT),
-         "points.csv is changed: 9 bytes, 8 were written; points.csv k_axial_N_mm: point 7: 4 N/mm, 5 N/mm follows",
-         "  because of that also: result.json verdict"),
-        ((COLUMN, VERDICT), "points.csv k_axial_N_mm: point 7: 4 N/mm, 5 N/mm follows",
-         "  because of that also: result.json verdict"),
-        ((FILES, INPUTS, COLUMN),
-         "OUT was not made from these inputs: another stiffness: stiffness.yaml is other",
-         "  also points.csv k_axial_N_mm: point 7: 4 N/mm, 5 N/mm follows"),
-        ((LOST, PROGRAMS, VERDICT, TIMES), "trajectory.csv: cannot be read: No such file or directory",
-         "  because of that also: robot programs, result.json verdict, result.json times"),
-        ((JERK, INDEX), "trajectory.csv, index of the samples: 4 mm, the limit is 0.02, at sample 766, point 8.000",
-         "  also trajectory.csv, joint jerk: 2.577 of the limit, the limit is 1.1, at axis 2, sample 775"),
+        (
+            (OK, FILES, COLUMN, VERDICT),
+            "points.csv is changed: 9 bytes, 8 were written; points.csv k_axial_N_mm: point 7: 4 N/mm, 5 N/mm follows",
+            "  because of that also: result.json verdict",
+        ),
+        (
+            (COLUMN, VERDICT),
+            "points.csv k_axial_N_mm: point 7: 4 N/mm, 5 N/mm follows",
+            "  because of that also: result.json verdict",
+        ),
+        (
+            (FILES, INPUTS, COLUMN),
+            "OUT was not made from these inputs: another stiffness: stiffness.yaml is other",
+            "  also points.csv k_axial_N_mm: point 7: 4 N/mm, 5 N/mm follows",
+        ),
+        (
+            (LOST, PROGRAMS, VERDICT, TIMES),
+            "trajectory.csv: cannot be read: No such file or directory",
+            "  because of that also: robot programs, result.json verdict, result.json times",
+        ),
+        (
+            (JERK, INDEX),
+            "trajectory.csv, index of the samples: 4 mm, the limit is 0.02, at sample 766, point 8.000",
+            "  also trajectory.csv, joint jerk: 2.577 of the limit, the limit is 1.1, at axis 2, sample 775",
+        ),
         ((VERDICT,), f"result.json verdict: {SAID}", f"result.json verdict: {SAID}"),
     ],
-)  # fmt: skip
+)
 def test_the_first_line_is_the_cause(checks: tuple[Check, ...], first: str, last: str) -> None:
     lines = failures(checks).split("\n")
     assert lines[0] == first

@@ -29,9 +29,12 @@ def test_a_plan_is_dominated_by_one_that_is_nowhere_worse() -> None:
 
 @pytest.mark.parametrize(
     ("options", "works"),
-    [(PlanOptions(method="jiao2022"), "--method global"), (PlanOptions(compensate=True), "without --compensate"),
-     (PlanOptions(allow_gaps=True), "without it")],
-)  # fmt: skip
+    [
+        (PlanOptions(method="jiao2022"), "--method global"),
+        (PlanOptions(compensate=True), "without --compensate"),
+        (PlanOptions(allow_gaps=True), "without it"),
+    ],
+)
 def test_what_makes_no_sense_is_refused_with_what_works(options: PlanOptions, works: str) -> None:
     with pytest.raises(InputError, match=works):
         refuse(options)

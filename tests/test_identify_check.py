@@ -217,10 +217,13 @@ def test_joint_positions_in_radians_are_refused(frame: str) -> None:
     record = good(rotations=False)
     R = robot.fk(record.q, T)[:, :3, :3]
     if frame == "tool":
-        turned = [np.einsum("nji,nbj->nbi", R, v.reshape(len(v), -1, 3)).reshape(v.shape)
-                  for v in (record.wrench, record.displacement)]  # fmt: skip
-        record = replace(record, wrench=turned[0], displacement=turned[1], wrench_frame="tool",
-                         displacement_frame="tool")  # fmt: skip
+        turned = [
+            np.einsum("nji,nbj->nbi", R, v.reshape(len(v), -1, 3)).reshape(v.shape)
+            for v in (record.wrench, record.displacement)
+        ]
+        record = replace(
+            record, wrench=turned[0], displacement=turned[1], wrench_frame="tool", displacement_frame="tool"
+        )
         assert not {"frames", "joint_units"} & set(found(record))
     finding = found(replace(record, q=np.radians(record.q)))["joint_units"]
     assert finding.severity == "error"

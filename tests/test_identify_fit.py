@@ -120,8 +120,12 @@ def test_variance_components_maximise_the_restricted_likelihood() -> None:
         W = np.linalg.inv(S)
         H = X.T @ W @ X
         r = y.reshape(-1) - X @ np.linalg.solve(H, X.T @ W @ y.reshape(-1))
-        return float(np.linalg.slogdet(S)[1] + np.linalg.slogdet(H / np.outer(*[np.sqrt(np.diag(H))] * 2))[1]
-                     + 2 * np.log(np.sqrt(np.diag(H))).sum() + r @ W @ r)  # fmt: skip
+        return float(
+            np.linalg.slogdet(S)[1]
+            + np.linalg.slogdet(H / np.outer(*[np.sqrt(np.diag(H))] * 2))[1]
+            + 2 * np.log(np.sqrt(np.diag(H))).sum()
+            + r @ W @ r
+        )
 
     least = deviance(found)
     for field in ("scale", "cycle", "visit"):
@@ -245,10 +249,12 @@ def test_wrench_and_displacement_in_tool_axes_give_the_same_result() -> None:
     _, robot, T = cell()
     R = robot.fk(record.q, T)[:, :3, :3]
     turned = replace(
-        record, wrench_frame="tool", displacement_frame="tool",
+        record,
+        wrench_frame="tool",
+        displacement_frame="tool",
         wrench=np.einsum("nji,nbj->nbi", R, record.wrench.reshape(-1, 2, 3)).reshape(-1, 6),
         displacement=np.einsum("nji,nj->ni", R, record.displacement),
-    )  # fmt: skip
+    )
     # weights and coefficients are sought to a thousandth of a standard error, which is 3 % of joint 6
     np.testing.assert_allclose(fit(experiment(turned, robot, T)).x, base.x, rtol=3e-5)
 

@@ -59,9 +59,15 @@ class Rig:
         return self.poses(ORIGIN + SIZE * rng.random((count, 3)), rng)
 
     def measure(
-        self, law: Law, q: np.ndarray, rng: np.random.Generator, loads: int = 6, share: np.ndarray | None = None,
-        noise: Noise | None = None, rotations: bool = False,
-    ) -> tuple[Fit, Simulated]:  # fmt: skip
+        self,
+        law: Law,
+        q: np.ndarray,
+        rng: np.random.Generator,
+        loads: int = 6,
+        share: np.ndarray | None = None,
+        noise: Noise | None = None,
+        rotations: bool = False,
+    ) -> tuple[Fit, Simulated]:
         w = random_loads(rng, len(q), loads, 1000, 300) * (1.0 if share is None else share[:, None, None])
         arm = TrueArm(self.robot, self.T, law)
         made = record(arm, q, w, rng, loads_per_cycle=3, noise=noise, rotations=rotations)
@@ -70,8 +76,9 @@ class Rig:
     def fresh_error(self, law: Law, stiffness: Stiffness, rng: np.random.Generator) -> float:
         """rms in m of a predicted coordinate at 80 new poses, against the noise-free truth."""
         q = self.anywhere(rng, 80)
-        made = record(TrueArm(self.robot, self.T, law), q, random_loads(rng, len(q), 4, 1000, 300), rng,
-                      noise=Noise.none())  # fmt: skip
+        made = record(
+            TrueArm(self.robot, self.T, law), q, random_loads(rng, len(q), 4, 1000, 300), rng, noise=Noise.none()
+        )
         e = experiment(made.recording, self.robot, self.T)
         k = joint_stiffness(stiffness, e.T_base_tcp[:, :3, 3]).k
         return float(np.sqrt(np.mean((np.einsum("ndj,nj->nd", e.response(), 1 / k) - e.measured) ** 2)))

@@ -46,8 +46,12 @@ def done(simulated: Simulated, tmp_path_factory: pytest.TempPathFactory) -> Outc
 def test_files_agree_with_each_other_and_with_the_truth(done: Outcome, simulated: Simulated) -> None:
     out = done.report.parent
     assert sorted(p.name for p in out.iterdir()) == [
-        "identification.json", "manifest.json", "readings.csv", "report.html", "stiffness.yaml",
-    ]  # fmt: skip
+        "identification.json",
+        "manifest.json",
+        "readings.csv",
+        "report.html",
+        "stiffness.yaml",
+    ]
     result = json.loads((out / "identification.json").read_text())
     assert result["machopt_identification"] == 1
     assert (result["readings"], result["poses"], result["model"]) == (128, 16, "constant")
@@ -134,9 +138,15 @@ def test_several_sessions_are_one_identification(simulated: Simulated, tmp_path:
         assert r.wrench is not None
         assert r.displacement is not None
         part = replace(
-            r, q=r.q[rows], pose=r.pose[rows], cycle=r.cycle[rows], session=r.session[rows], line=r.line[rows],
-            wrench=r.wrench[rows], displacement=r.displacement[rows],
-        )  # fmt: skip
+            r,
+            q=r.q[rows],
+            pose=r.pose[rows],
+            cycle=r.cycle[rows],
+            session=r.session[rows],
+            line=r.line[rows],
+            wrench=r.wrench[rows],
+            displacement=r.displacement[rows],
+        )
         write_recording(tmp_path / name, part)
     both = (tmp_path / "monday", tmp_path / "tuesday")
     result = run_identify(Request(CELL, both, tmp_path / "out", studies=False)).result.plain()
@@ -165,8 +175,10 @@ def test_terms_that_are_no_terms(text: str) -> None:
 def test_parameters_of_a_term_to_be_fitted() -> None:
     term = term_from_text("tool_compliance@tool{length_mm: 400, form: beam}")
     assert (term.effect, term.location, term.parameters) == (
-        "tool_compliance", "tool", {"length_mm": 400, "form": "beam"},
-    )  # fmt: skip
+        "tool_compliance",
+        "tool",
+        {"length_mm": 400, "form": "beam"},
+    )
 
 
 def damaged(simulated: Simulated, factor: float) -> Simulated:
@@ -191,9 +203,15 @@ def test_two_poses_are_not_enough_for_six_joints(simulated: Simulated, tmp_path:
     assert r.wrench is not None
     assert r.displacement is not None
     part = replace(
-        r, q=r.q[rows], pose=r.pose[rows], cycle=r.cycle[rows], session=r.session[rows], line=r.line[rows],
-        wrench=r.wrench[rows], displacement=r.displacement[rows],
-    )  # fmt: skip
+        r,
+        q=r.q[rows],
+        pose=r.pose[rows],
+        cycle=r.cycle[rows],
+        session=r.session[rows],
+        line=r.line[rows],
+        wrench=r.wrench[rows],
+        displacement=r.displacement[rows],
+    )
     write_recording(tmp_path / "recording", part)
     result = run_identify(Request(CELL, (tmp_path / "recording",), tmp_path / "out", studies=False)).result.plain()
     assert result["heldout_rmse_mm"] is None  # no pose is left to judge by
@@ -202,13 +220,16 @@ def test_two_poses_are_not_enough_for_six_joints(simulated: Simulated, tmp_path:
 
 @pytest.mark.parametrize(
     ("change", "where"),
-    [({"model": "cubic"}, "--model"), ({"grid_cell_mm": 0.0}, "--grid-cell-mm"), ({"level_percent": 100.0}, "--level"),
-     ({"grid_shape": (1, 0, 1)}, "--grid-shape"), ({"plain": True, "model": "grid"}, "--plain"),
-     ({"terms": ("link_complianc@link:4",)}, "effect")],
-)  # fmt: skip
-def test_options_that_do_not_fit(
-    simulated: Simulated, tmp_path: Path, change: dict[str, object], where: str
-) -> None:  # fmt: skip
+    [
+        ({"model": "cubic"}, "--model"),
+        ({"grid_cell_mm": 0.0}, "--grid-cell-mm"),
+        ({"level_percent": 100.0}, "--level"),
+        ({"grid_shape": (1, 0, 1)}, "--grid-shape"),
+        ({"plain": True, "model": "grid"}, "--plain"),
+        ({"terms": ("link_complianc@link:4",)}, "effect"),
+    ],
+)
+def test_options_that_do_not_fit(simulated: Simulated, tmp_path: Path, change: dict[str, object], where: str) -> None:
     write_recording(tmp_path / "recording", simulated.recording)
     with pytest.raises(InputError, match=where):
         run_identify(replace(Request(CELL, (tmp_path / "recording",), tmp_path / "out"), **change))  # type: ignore[arg-type]
@@ -290,9 +311,15 @@ def test_a_page_of_few_readings_has_no_nan(simulated: Simulated, tmp_path: Path)
     down = np.zeros_like(r.wrench[rows])
     down[:, 2] = -200.0  # no torque on joint 1
     part = replace(
-        r, q=r.q[rows], pose=r.pose[rows], cycle=r.cycle[rows], session=r.session[rows], line=r.line[rows],
-        wrench=down, displacement=r.displacement[rows],
-    )  # fmt: skip
+        r,
+        q=r.q[rows],
+        pose=r.pose[rows],
+        cycle=r.cycle[rows],
+        session=r.session[rows],
+        line=r.line[rows],
+        wrench=down,
+        displacement=r.displacement[rows],
+    )
     write_recording(tmp_path / "recording", part)
     done = run_identify(Request(CELL, (tmp_path / "recording",), tmp_path / "out", accept=("load_sign",)))
     page = done.report.read_text(encoding="utf-8")

@@ -74,9 +74,7 @@ def test_cluster_robust_covariance_is_cr2_written_out() -> None:
     Z = [r @ x for r, x in zip(roots, X, strict=True)]
     b = M @ h.sum(axis=0)
     adjust = [np.linalg.inv(np.real(sqrtm(np.eye(len(z)) - z @ M @ z.T))) for z in Z]
-    scores = np.array([
-        M @ z.T @ a @ (r @ v - z @ b) for z, a, r, v in zip(Z, adjust, roots, y, strict=True)
-    ])  # fmt: skip
+    scores = np.array([M @ z.T @ a @ (r @ v - z @ b) for z, a, r, v in zip(Z, adjust, roots, y, strict=True)])
     np.testing.assert_allclose(covariance, scores.T @ scores, rtol=1e-9)
     stacked = np.vstack(Z)
     residual_maker = np.eye(len(stacked)) - stacked @ M @ stacked.T

@@ -190,8 +190,14 @@ def test_no_general_solution_appears_twice(name: str) -> None:
 def test_a_calibrated_arm_keeps_all_its_branches() -> None:
     """Axes some 0.1 mrad and 0.1 mm off the nominal: no closed form holds, and the exact structure is nearly there."""
     g = np.random.default_rng(8)
-    arm = Robot(JOINTS, normalise(UR5.axis + 1e-4 * g.normal(size=(6, 3))), UR5.point + 1e-4 * g.normal(size=(6, 3)),
-                UR5.T_base_flange_zero, -FULL, FULL)  # fmt: skip
+    arm = Robot(
+        JOINTS,
+        normalise(UR5.axis + 1e-4 * g.normal(size=(6, 3))),
+        UR5.point + 1e-4 * g.normal(size=(6, 3)),
+        UR5.T_base_flange_zero,
+        -FULL,
+        FULL,
+    )
     solver = GeneralSolver.for_robot(arm)
     assert solver.kind == "general"
     q, T = random_poses(arm, 1000, seed=9)

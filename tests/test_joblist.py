@@ -23,8 +23,10 @@ def test_folders_patterns_and_cells_beside(tmp_path: Path) -> None:
     (inner / "c.nc").write_text("#sleep 0")
     found = find_jobs(request_for(jobs, tmp_path / "out"))
     assert [(j.shown, j.cell.name) for j in found.jobs] == [
-        ("a.nc", "s420f_handling"), ("b.nc", "s420f_handling"), ("deep/c.nc", "cell"),
-    ]  # fmt: skip
+        ("a.nc", "s420f_handling"),
+        ("b.nc", "s420f_handling"),
+        ("deep/c.nc", "cell"),
+    ]
     assert found.left_out == ("README.md",)
     assert len({j.label for j in found.jobs}) == 3
     pattern = find_jobs(request_for(f"{jobs}/**/*.nc", tmp_path / "out"))
@@ -47,17 +49,19 @@ def test_lists_combine_and_name(tmp_path: Path) -> None:
     )
     found = find_jobs(request_for(yaml, tmp_path / "out", reading={"unit": "mm", "machine": None})).jobs
     assert [(j.shown, j.variant, j.time_limit) for j in found] == [
-        ("jobs/a.nc", "fine", 5), ("jobs/a.nc", "paper", 5), ("jobs/b.nc", "fine", 5), ("jobs/b.nc", "paper", 5),
+        ("jobs/a.nc", "fine", 5),
+        ("jobs/a.nc", "paper", 5),
+        ("jobs/b.nc", "fine", 5),
+        ("jobs/b.nc", "paper", 5),
         ("jobs/a.nc", "Ünique / name", 9),
-    ]  # fmt: skip
+    ]
     assert found[1].options == {"method": "jiao2022"}
     assert found[4].reading == {"unit": "mm", "default_feed": pytest.approx(0.01)}  # 600 mm/min in m/s
     assert found[4].label.startswith("jobs-a-s420f_handling-Unique-name-")
     table = tmp_path / "list.csv"
     table.write_text(
-        "# a comment\ntoolpath,cell,force_N.normal,memory_limit_MiB\n"
-        f"jobs/a.nc,{CELL},200,500\njobs/b.nc,,,\n"
-    )  # fmt: skip
+        f"# a comment\ntoolpath,cell,force_N.normal,memory_limit_MiB\njobs/a.nc,{CELL},200,500\njobs/b.nc,,,\n"
+    )
     a, b = find_jobs(request_for(table, tmp_path / "out")).jobs
     assert (a.options, a.memory_limit) == ({"force_N": {"normal": 200}}, 500 * 2**20)
     assert (b.options, b.cell) == ({}, CELL)
@@ -73,8 +77,11 @@ def test_the_list_in_the_readme_is_one(tmp_path: Path) -> None:
         (tmp_path / file).touch()
     found = find_jobs(request_for(listed, tmp_path / "out")).jobs
     assert [(j.cell.name, j.toolpath.name, j.variant) for j in found[:4]] == [
-        ("a", "x.cls", "fine"), ("a", "x.cls", "paper"), ("b", "x.cls", "fine"), ("b", "x.cls", "paper"),
-    ]  # fmt: skip
+        ("a", "x.cls", "fine"),
+        ("a", "x.cls", "paper"),
+        ("b", "x.cls", "fine"),
+        ("b", "x.cls", "paper"),
+    ]
     assert (found[4].reading, found[4].time_limit, found[4].posts) == ({"tool_axis": "+z"}, 600.0, ("krl",))
 
 
@@ -104,7 +111,7 @@ GOOD = "machopt_batch: 1\njobs:\n  - {cell: CELL, toolpath: jobs/a.nc}\n"
         ("l.csv", "toolpath,cell\njobs/a.nc,nowhere\n", "line 2: cell: no such cell: nowhere"),
         ("l.csv", "toolpath,toolpath\na,b\n", "column stands twice"),
     ],
-)  # fmt: skip
+)
 def test_a_bad_list_starts_nothing_and_says_where(name: str, text: str, words: str, tmp_path: Path) -> None:
     folder_of(tmp_path, a="sleep 0")
     file = tmp_path / name

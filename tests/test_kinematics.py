@@ -70,13 +70,17 @@ REFUSED = [
     (entry("joint_zero_offset", "joint:1", "offset_deg: 30"), ["found 30", "at most 10 degrees"]),
     (entry("transmission_error", "joint:1", "per_turn: 0, cos_arcsec: 1, sin_arcsec: 1"), ["per_turn", "more than 0"]),
     (entry("transmission_error", "joint:1", "per_turn: [1, 2], cos_arcsec: 1, sin_arcsec: 1"), ["differ in length"]),
-    (entry("transmission_error", "joint:1", "per_turn: [2, 2], cos_arcsec: [1, 1], sin_arcsec: [1, 1]"),
-     ["each order once"]),
-    (entry("transmission_error", "joint:2", "per_turn: 200, cos_arcsec: 600, sin_arcsec: 0"),
-     ["joint 2", "0.58 rad per rad", "0.5"]),
+    (
+        entry("transmission_error", "joint:1", "per_turn: [2, 2], cos_arcsec: [1, 1], sin_arcsec: [1, 1]"),
+        ["each order once"],
+    ),
+    (
+        entry("transmission_error", "joint:2", "per_turn: 200, cos_arcsec: 600, sin_arcsec: 0"),
+        ["joint 2", "0.58 rad per rad", "0.5"],
+    ),
     (2 * entry("joint_zero_offset", "joint:1", "offset_deg: 1"), ["line 4", "stands twice"]),
     ("  - {effect: joint_zero_offset}\n", ["required key is missing"]),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("rows", "parts"), REFUSED)
@@ -99,7 +103,10 @@ def test_what_is_found_comes_on_top_of_what_is_known() -> None:
     )
     both = extended(ALL, more)
     assert {(c.effect, c.location): c.parameters for c in both.corrections}["transmission_error", "joint:5"] == {
-        "per_turn": [2.0, 7.0], "cos_arcsec": [61.0, 5.0], "sin_arcsec": [4.0, 6.0]}  # fmt: skip
+        "per_turn": [2.0, 7.0],
+        "cos_arcsec": [61.0, 5.0],
+        "sin_arcsec": [4.0, 6.0],
+    }
     q = np.random.default_rng(1).uniform(-2, 2, (5, 6))
     parts = (
         correction().delta(q) + correction(Kinematics(more[:3])).delta(q) + correction(Kinematics(more[3:])).delta(q)
@@ -117,8 +124,9 @@ def test_there_and_back_again_by_two_programs() -> None:
     np.testing.assert_allclose(correction().encoder_angles(stands), q, atol=2e-15)  # round-off of 3 rad
     np.testing.assert_allclose(true_angles(ALL, q), stands, atol=2e-15)  # the verifier's own code
     assert np.degrees(stands - q)[0, 2] == pytest.approx(0.2, abs=1e-12)
-    np.testing.assert_allclose(stands[:, 4] - q[:, 4], 1e-3 * q[:, 3] + np.radians(1 / 60) * np.cos(2 * q[:, 4]),
-                               atol=2e-15)  # fmt: skip
+    np.testing.assert_allclose(
+        stands[:, 4] - q[:, 4], 1e-3 * q[:, 3] + np.radians(1 / 60) * np.cos(2 * q[:, 4]), atol=2e-15
+    )
     q[3, 2] = np.nan
     assert np.isnan(correction().encoder_angles(q)[3, 2])
     assert np.isfinite(correction().encoder_angles(q)[4]).all()

@@ -47,9 +47,18 @@ def in_browser(page: str, script: str, folder: Path) -> dict[str, Any]:
     }});</script>"""
     file = folder / "page.html"
     file.write_text(page.replace("<head>", "<head>" + WATCH).replace("</body>", end + "</body>"), encoding="utf-8")
-    command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--window-size=1200,900",
-               "--no-first-run", f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=8000",
-               "--dump-dom", file.as_uri()]  # fmt: skip
+    command = [
+        browser,
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--window-size=1200,900",
+        "--no-first-run",
+        f"--user-data-dir={folder / 'profile'}",
+        "--virtual-time-budget=8000",
+        "--dump-dom",
+        file.as_uri(),
+    ]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, start_new_session=True
     ) as process:

@@ -55,16 +55,24 @@ def cell():  # type: ignore[no-untyped-def]
 def arm(cell) -> Arm:  # type: ignore[no-untyped-def]
     robot = load_robot(cell)
     lower, upper = cell.limits.lower[:6], cell.limits.upper[:6]
-    return Arm(robot, solver_for(robot), cell.tool.T_flange_tcp, lower + 0.01, upper - 0.01, cell.home,
-               Margins(0.087, 0.052, 0.05, 0.01))  # fmt: skip
+    return Arm(
+        robot,
+        solver_for(robot),
+        cell.tool.T_flange_tcp,
+        lower + 0.01,
+        upper - 0.01,
+        cell.home,
+        Margins(0.087, 0.052, 0.05, 0.01),
+    )
 
 
 @pytest.fixture(scope="module")
 def setting(cell, arm: Arm) -> Setting:  # type: ignore[no-untyped-def]
     elasticity = ArmElasticity(arm.robot, arm.T_flange_tcp, cell.stiffness)
     load = Load(np.array([100.0, 200.0, -1500.0, 50.0, -40.0, 30.0]), "frame")
-    return Setting(arm.robot, arm.T_flange_tcp, elasticity, 0.6, cell.limits.lower[:6], cell.limits.upper[:6],
-                   np.eye(3), load)  # fmt: skip
+    return Setting(
+        arm.robot, arm.T_flange_tcp, elasticity, 0.6, cell.limits.lower[:6], cell.limits.upper[:6], np.eye(3), load
+    )
 
 
 def postures(n: int, seed: int = 0) -> np.ndarray:
@@ -108,13 +116,17 @@ def test_slice_is_what_pinocchio_says_of_its_joints(tmp_path: Path, cell) -> Non
         C = J @ np.diag(1 / k) @ J.T
         tt, z = C[:3, :3], T[:3, 2]
         expected = {
-            "k_x_N_mm": 1e-3 / tt[0, 0], "k_y_N_mm": 1e-3 / tt[1, 1], "k_z_N_mm": 1e-3 / tt[2, 2],
-            "k_axial_N_mm": 1e-3 / (z @ tt @ z), "k_min_N_mm": 1e-3 / np.linalg.eigvalsh(tt)[2],
+            "k_x_N_mm": 1e-3 / tt[0, 0],
+            "k_y_N_mm": 1e-3 / tt[1, 1],
+            "k_z_N_mm": 1e-3 / tt[2, 2],
+            "k_axial_N_mm": 1e-3 / (z @ tt @ z),
+            "k_min_N_mm": 1e-3 / np.linalg.eigvalsh(tt)[2],
             "k_max_N_mm": 1e-3 / np.linalg.eigvalsh(tt)[0],
             "k_across_N_mm": 1e-3 / np.linalg.eigvalsh(T[:3, :2].T @ tt @ T[:3, :2])[1],
             "deflection_mm": 1e3 * np.linalg.norm((C @ wrench)[:3]),
-            "held_x_N_mm": 1e-3 * np.linalg.inv(C)[0, 0], "held_z_N_mm": 1e-3 * np.linalg.inv(C)[2, 2],
-        }  # fmt: skip
+            "held_x_N_mm": 1e-3 * np.linalg.inv(C)[0, 0],
+            "held_z_N_mm": 1e-3 * np.linalg.inv(C)[2, 2],
+        }
         N = np.diag([1 / 0.6] * 3 + [1.0] * 3) @ J
         expected["dexterity"] = 6 / np.sqrt(np.trace(N.T @ N) * np.trace(np.linalg.inv(N.T @ N)))
         for name, number in expected.items():  # differences with 1e-5 rad err by about 1e-9 of J, times its condition
@@ -193,9 +205,7 @@ def test_dexterity_over_joints_2_and_3_has_the_two_dark_lines_of_dumas2011_figur
     q = np.radians(np.array([(0, x, y, 45, 45, 45) for x, y in product(a2, a3)]))
     poses = r.link_poses(q)
     centre = np.einsum("mij,j->mi", poses[:, 3, :3, :3], wrist) + poses[:, 3, :3, 3]
-    shoulder, elbow = (
-        np.einsum("mij,j->mi", poses[:, i, :3, :3], r.point[i]) + poses[:, i, :3, 3] for i in (1, 2)
-    )  # fmt: skip
+    shoulder, elbow = (np.einsum("mij,j->mi", poses[:, i, :3, :3], r.point[i]) + poses[:, i, :3, 3] for i in (1, 2))
     upper, fore = elbow - shoulder, centre - elbow
     fold = np.cross(upper, fore)[:, 1].reshape(dexterity.shape)  # zero: stretched or folded
     off = centre[:, 0].reshape(dexterity.shape)  # zero: on axis 1 (q1 = 0, everything in the xz plane)
@@ -259,8 +269,9 @@ def test_every_pick_is_what_brute_force_over_all_postures_finds(arm: Arm, settin
                     known = known[known == 3]
                 if len(known):
                     v = value[m, r, known]
-                    per_rotation.append({"best": v.max(), "worst": v.min(), "home": v[np.argmin(far[m, r, known])]}.get(
-                        str(pick), v[0]))  # fmt: skip
+                    per_rotation.append(
+                        {"best": v.max(), "worst": v.min(), "home": v[np.argmin(far[m, r, known])]}.get(str(pick), v[0])
+                    )
             assert p.ok[m] == bool(per_rotation)
             if per_rotation:  # equal within 1e-6 counts as equal, so the choice may be worse by that
                 assert goodness(p.q[m : m + 1])[0] == pytest.approx(max(per_rotation), rel=2e-6)
@@ -423,8 +434,16 @@ def test_measured_table_stands_beside_the_model(tmp_path: Path, arm: Arm, settin
     table.write_text("\n".join(lines) + "\n", encoding="utf-8")
     low, high = T[:, :3, 3].min(axis=0) * 1e3, T[:, :3, 3].max(axis=0) * 1e3
     box = tuple(f"{c}={a:.0f}:{b:.0f}" for c, a, b in zip("xyz", low, high, strict=True))
-    outcome = make_map(tmp_path / "m", volume=True, ranges=box, steps=("150",), measured=table, length=600.0,
-                       fixed_rotation=True, collision="none")  # fmt: skip
+    outcome = make_map(
+        tmp_path / "m",
+        volume=True,
+        ranges=box,
+        steps=("150",),
+        measured=table,
+        length=600.0,
+        fixed_rotation=True,
+        collision="none",
+    )
     told = json.loads((tmp_path / "m" / "map.json").read_text(encoding="utf-8"))["measured"]
     assert told["readings"] == 12
     assert told["relative_error"]["kx"]["model_rms"] < 1e-6  # the readings are the model's own, to printed digits
@@ -477,8 +496,13 @@ def test_default_range_holds_everything_that_can_be_reached(tmp_path: Path) -> N
 
 
 def test_same_input_same_bytes(tmp_path: Path) -> None:
-    asked = {"ranges": ("x=700:1900", "z=100:1700"), "steps": ("200",), "force": "0,0,-500", "rotation_step": 60.0,
-             "length": 600.0}  # fmt: skip
+    asked = {
+        "ranges": ("x=700:1900", "z=100:1700"),
+        "steps": ("200",),
+        "force": "0,0,-500",
+        "rotation_step": 60.0,
+        "length": 600.0,
+    }
     make_map(tmp_path / "a", **asked)
     make_map(tmp_path / "b", **asked)
     names = {"map.csv", "map_free.csv", "map.json", "map.svg", "report.html", "manifest.json"}
@@ -618,7 +642,7 @@ def test_bad_options_name_the_option_and_what_would_work(
         ("x_mm,y_mm,z_mm,kx_N_mm\n1,2,3,900\n1,2,3,-4\n", r"line 3, column kx_N_mm: found -4 N/mm"),
         ("x_mm,y_mm,z_mm,kx_N_mm\n1,2,3,900\n1,2,3,\n", r"line 3"),
     ],
-)  # fmt: skip
+)
 def test_bad_tables_of_measured_stiffness_are_named(tmp_path: Path, text: str, message: str) -> None:
     table = tmp_path / "measured.csv"
     table.write_text(text, encoding="utf-8")

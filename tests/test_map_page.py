@@ -98,9 +98,17 @@ def made_up(kind: str = "slice", **changes: object) -> MapData:
         q = np.where(reason[:, None] == 0, rng.uniform(-2, 2, (M, 6)), np.nan)
         k = np.where(reason == 0, rng.uniform(2e5, 9e5, M), np.nan)
         bend = np.where(reason == 0, rng.uniform(1e-4, 5e-3, M), np.nan)
-        return MapLayer(name, title, {"k_min": k, "k_x": 2 * k, "deflection": bend, "measured_x": 2.2 * k}, reason, q,
-                        np.where(reason == 0, 0.5, np.nan), np.where(reason == 1, 0.123, 0.0), int(np.nanargmax(k)),
-                        {"measured_x": rng.random(M) < 0.5})  # fmt: skip
+        return MapLayer(
+            name,
+            title,
+            {"k_min": k, "k_x": 2 * k, "deflection": bend, "measured_x": 2.2 * k},
+            reason,
+            q,
+            np.where(reason == 0, 0.5, np.nan),
+            np.where(reason == 1, 0.123, 0.0),
+            int(np.nanargmax(k)),
+            {"measured_x": rng.random(M) < 0.5},
+        )
 
     fields = (
         MapField("k_min", "Stiffness, <softest> direction", "N/m", "more", "a note & more"),
@@ -108,19 +116,48 @@ def made_up(kind: str = "slice", **changes: object) -> MapData:
         MapField("deflection", "Deflection under the load", "m", "less", "length"),
         MapField("measured_x", "Measured k_x, interpolated", "N/m", "more", "IDW"),
     )
-    arm = ArmLines(tuple("abcdef"), np.tile([0.0, 0, 1], (6, 1)), np.arange(18.0).reshape(6, 3) / 10, np.zeros(3),
-                   np.array([0.0, 0, 1]), np.ones(3), 1.1 * np.ones(3))  # fmt: skip
-    seen = MeasuredView("m<.csv", ("x",), rng.random((4, 3)), np.full((4, 1), 9e5), np.full((4, 1), 8e5),
-                        np.full((4, 1), 7e5), np.full((4, 1), np.nan),
-                        {"x": {"left_out_rms": 0.1, "left_out_median": 0.05, "model_rms": 0.2, "model_median": 0.2,
-                               "held_rms": None}}, True, 2.0)  # fmt: skip
+    arm = ArmLines(
+        tuple("abcdef"),
+        np.tile([0.0, 0, 1], (6, 1)),
+        np.arange(18.0).reshape(6, 3) / 10,
+        np.zeros(3),
+        np.array([0.0, 0, 1]),
+        np.ones(3),
+        1.1 * np.ones(3),
+    )
+    seen = MeasuredView(
+        "m<.csv",
+        ("x",),
+        rng.random((4, 3)),
+        np.full((4, 1), 9e5),
+        np.full((4, 1), 8e5),
+        np.full((4, 1), 7e5),
+        np.full((4, 1), np.nan),
+        {"x": {"left_out_rms": 0.1, "left_out_median": 0.05, "model_rms": 0.2, "model_median": 0.2, "held_rms": None}},
+        True,
+        2.0,
+    )
     data = MapData(
-        title="Map of <a & b>", cell="a <b>", version="0", kind=kind, frame="base", place="Slice <y> = 0",  # type: ignore[arg-type]
-        axes=axes, fixed=np.zeros(3), end=np.ones(3) if kind == "line" else None, fields=fields,
-        layers=(layer("given", "rotation γ = 0°"), layer("free", "best rotation γ")), criterion="k_min", reasons=NAMES,
-        arm=arm, verdict="half of it <can> be reached", warnings=("mind </script> & the gap",), measured=seen,
-        options=(("by", "k_min"),), hashes=(("cell.yaml", "0" * 64),),
-    )  # fmt: skip
+        title="Map of <a & b>",
+        cell="a <b>",
+        version="0",
+        kind=kind,
+        frame="base",
+        place="Slice <y> = 0",  # type: ignore[arg-type]
+        axes=axes,
+        fixed=np.zeros(3),
+        end=np.ones(3) if kind == "line" else None,
+        fields=fields,
+        layers=(layer("given", "rotation γ = 0°"), layer("free", "best rotation γ")),
+        criterion="k_min",
+        reasons=NAMES,
+        arm=arm,
+        verdict="half of it <can> be reached",
+        warnings=("mind </script> & the gap",),
+        measured=seen,
+        options=(("by", "k_min"),),
+        hashes=(("cell.yaml", "0" * 64),),
+    )
     return replace(data, **changes)  # type: ignore[arg-type]
 
 
@@ -196,8 +233,9 @@ def test_page_knows_joints_reasons_and_units_of_every_sample() -> None:
         ok = layer.reason == 0
         np.testing.assert_allclose(angle[ok] * ANGLE_LEVEL, np.degrees(layer.q[ok]), atol=ANGLE_LEVEL / 2 + 1e-9)
         np.testing.assert_allclose(decoded(told["value"]["k_min"])[ok], layer.value["k_min"][ok] * 1e-3, rtol=1e-4)
-        np.testing.assert_allclose(decoded(told["value"]["deflection"])[ok], layer.value["deflection"][ok] * 1e3,
-                                   rtol=1e-2, atol=1e-4)  # fmt: skip
+        np.testing.assert_allclose(
+            decoded(told["value"]["deflection"])[ok], layer.value["deflection"][ok] * 1e3, rtol=1e-2, atol=1e-4
+        )
         guess = np.frombuffer(base64.b64decode(told["value"]["measured_x"]["guess"]), np.uint8)
         np.testing.assert_array_equal(guess.astype(bool), layer.guess["measured_x"])
     script = (ASSETS / "field.js").read_text(encoding="utf-8")
@@ -240,8 +278,9 @@ def test_curves_merge_equal_lines_and_keep_gaps() -> None:
     charts = {c["id"]: c for c in curves(replace(data, fields=more))}
     tip = charts["c-tip-given"]
     assert [s["name"] for s in tip["series"]] == [
-        "Stiffness along x and along the tool axis", "Stiffness, <softest> direction",
-    ]  # fmt: skip
+        "Stiffness along x and along the tool axis",
+        "Stiffness, <softest> direction",
+    ]
     assert tip["series"][0]["y"][2] is None
     assert [s["name"] for s in charts["c-deflection"]["series"]] == ["rotation γ = 0°", "best rotation γ = 28.6479°"]
     specs = map_specs(data)

@@ -27,9 +27,10 @@ from machopt.se3 import wrap
 
 UP = (0.0, 0.0, 1.0)
 OPTIONS = PlanOptions(
-    weights=Weights(mean=0.8, worst=0.7, travel=0.3, rotation=0.4, feed=3.0, clearance=0.6), preferred_rotation=0.5,
+    weights=Weights(mean=0.8, worst=0.7, travel=0.3, rotation=0.4, feed=3.0, clearance=0.6),
+    preferred_rotation=0.5,
     preferred_weight=0.3,
-)  # fmt: skip
+)
 SAME = 1e-12  # of J: rounding of a few hundred sums
 
 
@@ -178,9 +179,14 @@ def test_nothing_near_the_programmes_answer_is_better() -> None:
 
 def test_short_rapid_moves_cost_more_travel() -> None:
     """a·b/π per rad, b = 1 + NEAR/(d + NEAR/10): by hand for one short and one long move."""
-    rows: Rows = [((0, 0, 0), UP, Move.RAPID), ((0.01, 0, 0), UP, Move.CUT), ((0.06, 0, 0), UP, Move.RAPID),
-                  ((0.07, 0, 0), UP, Move.CUT), ((2.07, 0, 0), UP, Move.RAPID),
-                  ((2.08, 0, 0), UP, Move.CUT)]  # fmt: skip
+    rows: Rows = [
+        ((0, 0, 0), UP, Move.RAPID),
+        ((0.01, 0, 0), UP, Move.CUT),
+        ((0.06, 0, 0), UP, Move.RAPID),
+        ((0.07, 0, 0), UP, Move.CUT),
+        ((2.07, 0, 0), UP, Move.RAPID),
+        ((2.08, 0, 0), UP, Move.CUT),
+    ]
     path = build_path(toolpath(rows))
     terms = Terms.of(path, VELOCITY, PlanOptions())
     assert terms.travel[2] == pytest.approx(1 / 3 / np.pi * (1 + NEAR / (0.05 + NEAR / 10)))

@@ -56,9 +56,13 @@ def nothing(path: Path) -> None:
 
 
 KINDS = [
-    (pipe, "is a named pipe"), (folder, "is a directory"), (circle, "cannot be read: Too many levels"),
-    (device, "is a device"), (huge, "holds 3 GiB; expected"), (nothing, "no such file"),
-]  # fmt: skip
+    (pipe, "is a named pipe"),
+    (folder, "is a directory"),
+    (circle, "cannot be read: Too many levels"),
+    (device, "is a device"),
+    (huge, "holds 3 GiB; expected"),
+    (nothing, "no such file"),
+]
 
 
 @pytest.mark.parametrize("reader", READERS)
@@ -98,11 +102,18 @@ def test_a_file_that_grows_while_it_is_read_is_held_to_its_limit(
 
 @pytest.mark.parametrize(
     "words",
-    [["optimize", "{p}", "{p}", "-o", "{o}"], ["inspect", "{p}"], ["identify", "{p}", "{p}", "-o", "{o}"],
-     ["diagnose", "{p}", "{p}", "-o", "{o}"], ["map", "{p}", "-o", "{o}"], ["plan-poses", "{p}", "-o", "{o}"],
-     ["batch", "{p}", "-o", "{o}"], ["verify", "{p}", "{p}", "{p}"]],
+    [
+        ["optimize", "{p}", "{p}", "-o", "{o}"],
+        ["inspect", "{p}"],
+        ["identify", "{p}", "{p}", "-o", "{o}"],
+        ["diagnose", "{p}", "{p}", "-o", "{o}"],
+        ["map", "{p}", "-o", "{o}"],
+        ["plan-poses", "{p}", "-o", "{o}"],
+        ["batch", "{p}", "-o", "{o}"],
+        ["verify", "{p}", "{p}", "{p}"],
+    ],
     ids=lambda w: w[0],
-)  # fmt: skip
+)
 def test_no_command_waits_for_a_pipe(words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pipe(tmp_path / "pipe")
     code = main([w.format(p=tmp_path / "pipe", o=tmp_path / "out") for w in words])

@@ -40,15 +40,34 @@ def flat(options: PlanOptions) -> dict[str, object]:
 def test_every_option_of_the_planner_has_a_user_key_and_back() -> None:
     """Each field, moved off its default, survives PlanOptions → user → PlanOptions."""
     other = PlanOptions(
-        method="jiao2022", index="deflection", force=ProcessForce(10, 20, 30), weights=Weights(2, 3, 4, 5),
-        rotation_step=radians(2.5), rotation_range=(-pi / 2, pi / 3), preferred_rotation=radians(15),
-        preferred_weight=0.7, fixed=(FixedRotation(3, radians(45)),), singularity_wrist=radians(7),
-        singularity_elbow=radians(8), singularity_shoulder=0.12, limit_margin=radians(2), clearance=0.011,
+        method="jiao2022",
+        index="deflection",
+        force=ProcessForce(10, 20, 30),
+        weights=Weights(2, 3, 4, 5),
+        rotation_step=radians(2.5),
+        rotation_range=(-pi / 2, pi / 3),
+        preferred_rotation=radians(15),
+        preferred_weight=0.7,
+        fixed=(FixedRotation(3, radians(45)),),
+        singularity_wrist=radians(7),
+        singularity_elbow=radians(8),
+        singularity_shoulder=0.12,
+        limit_margin=radians(2),
+        clearance=0.011,
         clearance_full=0.13,
-        collision_step=radians(0.7), collision=False, sample=0.004, path_tolerance=33e-6,
-        axis_tolerance=radians(0.21), approach_feed=0.07, rapid_scale=0.31, limit_scale=0.47, allow_gaps=True,
-        compensate=True, compensation_max=0.003, seed=9,
-    )  # fmt: skip
+        collision_step=radians(0.7),
+        collision=False,
+        sample=0.004,
+        path_tolerance=33e-6,
+        axis_tolerance=radians(0.21),
+        approach_feed=0.07,
+        rapid_scale=0.31,
+        limit_scale=0.47,
+        allow_gaps=True,
+        compensate=True,
+        compensation_max=0.003,
+        seed=9,
+    )
     same = [f.name for f in fields(other) if getattr(other, f.name) == getattr(PlanOptions(), f.name)]
     assert same == []  # an option added later must be added above, too
     user = options_as_user(other)
@@ -68,11 +87,7 @@ def test_every_option_of_the_planner_has_a_user_key_and_back() -> None:
     feed=st.floats(0.001, 120_000).map(lambda v: round(v, 3)),
 )
 def test_user_numbers_come_back_as_written(step: float, clearance: float, feed: float) -> None:
-    user: dict[str, object] = {
-        "rotation_step_deg": step,
-        "clearance_mm": clearance,
-        "approach_feed_mm_min": feed,
-    }
+    user: dict[str, object] = {"rotation_step_deg": step, "clearance_mm": clearance, "approach_feed_mm_min": feed}
     shown = options_as_user(load_options(user))
     assert {k: shown[k] for k in user} == user
 
@@ -96,10 +111,7 @@ def test_later_layers_win_and_mappings_merge(tmp_path: Path) -> None:
 
 
 BAD = [
-    (
-        "rotation_steps_deg=3",
-        ["--set", "unknown key 'rotation_steps_deg'", "did you mean 'rotation_step_deg'?"],
-    ),
+    ("rotation_steps_deg=3", ["--set", "unknown key 'rotation_steps_deg'", "did you mean 'rotation_step_deg'?"]),
     ("rotation_step_deg=no", ["--set", "rotation_step_deg", "found the text 'no'", "expected a number"]),
     ("rotation_step_deg=0.1", ["found 0.1", "greater than or equal to 0.5", "0.5 to 90"]),
     ("rotation_step_deg", ["--set", "found 'rotation_step_deg'", "expected key=value"]),

@@ -83,11 +83,7 @@ def test_a_foreign_folder_is_not_replaced(tmp_path: Path, monkeypatch: pytest.Mo
     (tmp_path / "photos" / "result.json").write_text('{"score": 1}')
     (tmp_path / "file").write_text("x")
     monkeypatch.chdir(tmp_path)
-    for name, message in (
-        ("photos", "not an earlier machopt output"),
-        ("file", "is a file"),
-        (".", "working"),
-    ):
+    for name, message in (("photos", "not an earlier machopt output"), ("file", "is a file"), (".", "working")):
         with pytest.raises(InputError, match=message), output_folder(tmp_path / name):
             pytest.fail("not reached")
     assert (tmp_path / "photos" / "result.json").exists()
@@ -103,8 +99,12 @@ def test_a_killed_run_leaves_nothing(tmp_path: Path, number: signal.Signals, cod
         " print('in', flush=True)\n time.sleep(60)\n"
     )
     env = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
-    with subprocess.Popen([sys.executable, "-c", script, str(tmp_path / "out")], env=env,
-                          stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as run:  # fmt: skip
+    with subprocess.Popen(
+        [sys.executable, "-c", script, str(tmp_path / "out")],
+        env=env,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    ) as run:
         assert run.stdout is not None
         run.stdout.readline()
         run.send_signal(number)
@@ -161,8 +161,9 @@ def killed(tmp_path: Path, code: str) -> None:
     script = f"import sys\nsys.path.insert(0, {str(Path(__file__).parent)!r})\nfrom test_output import *\n{code}"
     script += "\nprint('now', flush=True)\ntime.sleep(60)\n"
     env = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
-    with subprocess.Popen([sys.executable, "-c", script, str(tmp_path / "out")], env=env,
-                          stdout=subprocess.PIPE) as run:  # fmt: skip
+    with subprocess.Popen(
+        [sys.executable, "-c", script, str(tmp_path / "out")], env=env, stdout=subprocess.PIPE
+    ) as run:
         assert run.stdout is not None
         assert run.stdout.readline() == b"now\n"
         run.kill()
@@ -192,7 +193,9 @@ def test_what_another_run_is_writing_is_left_alone(tmp_path: Path) -> None:
 
 def test_a_run_killed_between_two_renames_leaves_the_old_folder_to_the_next(tmp_path: Path) -> None:
     write(tmp_path / "out", 1)
-    killed(tmp_path, """
+    killed(
+        tmp_path,
+        """
 folders.exchange = lambda a, b: False
 rename = Path.rename
 def stopping(self, target):
@@ -201,7 +204,8 @@ def stopping(self, target):
         print('now', flush=True)
         time.sleep(60)
 Path.rename = stopping
-write(Path(sys.argv[1]), 2)""")  # fmt: skip
+write(Path(sys.argv[1]), 2)""",
+    )
     assert not (tmp_path / "out").exists()
     with pytest.raises(InputError, match="stop here"), output_folder(tmp_path / "out"):  # noqa: PT012
         assert generation(tmp_path / "out") == 1
@@ -293,9 +297,13 @@ def test_the_longest_name_works(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("number", "hint"),
-    [(errno.ENOSPC, "free some space"), (errno.EDQUOT, "free some space"), (errno.EROFS, "a place you may write to"),
-     (errno.EIO, "")],
-)  # fmt: skip
+    [
+        (errno.ENOSPC, "free some space"),
+        (errno.EDQUOT, "free some space"),
+        (errno.EROFS, "a place you may write to"),
+        (errno.EIO, ""),
+    ],
+)
 @pytest.mark.parametrize("named", [True, False])
 def test_a_disk_that_takes_no_more_is_one_message(number: int, hint: str, named: bool, tmp_path: Path) -> None:
     write(tmp_path / "out", 1)

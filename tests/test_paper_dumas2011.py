@@ -59,35 +59,56 @@ def printed_jacobian(t: np.ndarray, d2: float, d3: float, d4: float, R4: float, 
     """Eq. 31 as it stands, term by term, misprints and all."""
     (c1, c2, _, c4, c5, _), (s1, s2, _, s4, s5, _) = np.cos(t), np.sin(t)
     c23, s23 = np.cos(t[1] + t[2]), np.sin(t[1] + t[2])
-    return np.array([
+    return np.array(
         [
-            -d2*s1 - d3*c2*s1 - d4*c23*s1 + R4*s1*s23 + R6*c5*s1*s23 + R6*c23*c4*s1*s5 + R6*c1*s4*s5,
-            -R4*c1*c23 - R6*c1*c23*c5 - d3*c1*s2 - d4*c1*s23 + R6*c1*c4*s23*s5,
-            -R4*c1*c23 - R6*c1*c23*c5 - d4*c1*s23 + R6*c1*c4*s23*s5,
-            R6*c4*s1*s5 + R6*c1*c23*s4*s5,
-            -R6*c1*c23*c4*c5 + R6*c5*s1*s4 + R6*c1*s23*s5,
-            0,
-        ],
-        [
-            d2*c1 + d3*c1*c2 + d4*c1*c23 - R4*c1*s23 - R6*c1*c5*s23 - R6*c1*c23*c4*s5 + R6*s1*s4*s5,
-            -R4*c23*s1 - R6*c23*c5*s1 - d3*s1*s2 - d4*s1*s23 + R6*c4*s1*s23*s5,
-            -R4*c23*s1 - R6*c23*c5*s1 - d4*s1*s23 + R6*c4*s1*s23*s5,
-            -R6*c1*c4*s5 + R6*c23*s1*s4*s5,
-            -R6*c23*c4*c5*s1 - R6*c1*c5*s4 + R6*s1*s23*s5,
-            0,
-        ],
-        [
-            0,
-            d3*c2 + d4*c23 - R4*s23 - R6*c5*s23 - R6*c23*c4*s5*d4*c23 - R4*s23 - R6*c5*s23 - R6*c23*c4*s5,
-            R6*s23*s4*s5,
-            -R6*c4*c5*s23,
-            -R6*c23*s5,
-            0,
-        ],
-        [0, s1, s1, -c1*s23, c4*s1 + c1*c23*s4, -c1*c5*s23 - c1*c23*c4*s5 + s1*s4*s5],
-        [0, -c1, -c1, -s1*s23, -c1*c4 + c23*s1*s4, -c5*s1*s23 - c23*c4*s1*s5 - c1*s4*s5],
-        [1, 0, 0, c23, s23*s4, c23*c5 - c4*s23*s5],
-    ])  # fmt: skip
+            [
+                -d2 * s1
+                - d3 * c2 * s1
+                - d4 * c23 * s1
+                + R4 * s1 * s23
+                + R6 * c5 * s1 * s23
+                + R6 * c23 * c4 * s1 * s5
+                + R6 * c1 * s4 * s5,
+                -R4 * c1 * c23 - R6 * c1 * c23 * c5 - d3 * c1 * s2 - d4 * c1 * s23 + R6 * c1 * c4 * s23 * s5,
+                -R4 * c1 * c23 - R6 * c1 * c23 * c5 - d4 * c1 * s23 + R6 * c1 * c4 * s23 * s5,
+                R6 * c4 * s1 * s5 + R6 * c1 * c23 * s4 * s5,
+                -R6 * c1 * c23 * c4 * c5 + R6 * c5 * s1 * s4 + R6 * c1 * s23 * s5,
+                0,
+            ],
+            [
+                d2 * c1
+                + d3 * c1 * c2
+                + d4 * c1 * c23
+                - R4 * c1 * s23
+                - R6 * c1 * c5 * s23
+                - R6 * c1 * c23 * c4 * s5
+                + R6 * s1 * s4 * s5,
+                -R4 * c23 * s1 - R6 * c23 * c5 * s1 - d3 * s1 * s2 - d4 * s1 * s23 + R6 * c4 * s1 * s23 * s5,
+                -R4 * c23 * s1 - R6 * c23 * c5 * s1 - d4 * s1 * s23 + R6 * c4 * s1 * s23 * s5,
+                -R6 * c1 * c4 * s5 + R6 * c23 * s1 * s4 * s5,
+                -R6 * c23 * c4 * c5 * s1 - R6 * c1 * c5 * s4 + R6 * s1 * s23 * s5,
+                0,
+            ],
+            [
+                0,
+                d3 * c2
+                + d4 * c23
+                - R4 * s23
+                - R6 * c5 * s23
+                - R6 * c23 * c4 * s5 * d4 * c23
+                - R4 * s23
+                - R6 * c5 * s23
+                - R6 * c23 * c4 * s5,
+                R6 * s23 * s4 * s5,
+                -R6 * c4 * c5 * s23,
+                -R6 * c23 * s5,
+                0,
+            ],
+            [0, s1, s1, -c1 * s23, c4 * s1 + c1 * c23 * s4, -c1 * c5 * s23 - c1 * c23 * c4 * s5 + s1 * s4 * s5],
+            [0, -c1, -c1, -s1 * s23, -c1 * c4 + c23 * s1 * s4, -c5 * s1 * s23 - c23 * c4 * s1 * s5 - c1 * s4 * s5],
+            [1, 0, 0, c23, s23 * s4, c23 * c5 - c4 * s23 * s5],
+        ]
+    )
 
 
 def plane(step: float = 1.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -51,12 +51,14 @@ def levers_a3(theta: np.ndarray, mended: bool) -> np.ndarray:
     upper_s = L2 * c2 if mended else L1 + L2 * c2
     upper_c = L2 * c2 if mended else L2 * s2
     fore = L3 * c23 + s23 * LAMBDA4
-    return np.array([
-        s1 * (s1 * (upper_s + fore) + LAMBDA6 * a) + c1 * (c1 * (upper_c + fore) + b * LAMBDA6),
-        s1 * (s1 * fore + LAMBDA6 * a) + c1 * (c1 * fore + b3 * LAMBDA6),
-        c1 * s23 * (s1 * s23 * LAMBDA4 + LAMBDA6 * a) - s1 * s23 * (c1 * s23 * LAMBDA4 + b4 * LAMBDA6),
-        LAMBDA6 * ((-c1 * c23 * s4 + s1 * c4) * a + (s1 * c23 * s4 + c1 * c4) * b),
-    ])  # fmt: skip
+    return np.array(
+        [
+            s1 * (s1 * (upper_s + fore) + LAMBDA6 * a) + c1 * (c1 * (upper_c + fore) + b * LAMBDA6),
+            s1 * (s1 * fore + LAMBDA6 * a) + c1 * (c1 * fore + b3 * LAMBDA6),
+            c1 * s23 * (s1 * s23 * LAMBDA4 + LAMBDA6 * a) - s1 * s23 * (c1 * s23 * LAMBDA4 + b4 * LAMBDA6),
+            LAMBDA6 * ((-c1 * c23 * s4 + s1 * c4) * a + (s1 * c23 * s4 + c1 * c4) * b),
+        ]
+    )
 
 
 def c33(levers: np.ndarray, k: np.ndarray) -> float:

@@ -124,8 +124,12 @@ def test_zhang_table_2_is_transcribed(zhang: Arm) -> None:
 
 def test_zhang_table_3_is_transcribed(table_3: dict[str, Array]) -> None:
     np.testing.assert_array_equal(table_3["posture"], np.repeat(np.arange(1, 6), 3))
-    sums = {"f{}_N": [24038.24, -4256.87, 14441.07], "m{}_Nm": [567.19, 1837.348, 617.382],
-            "d{}_mm": [-2.20, -9.53, -1.92], "theory_d{}_mm": [-2.04, -8.82, -1.80]}  # fmt: skip
+    sums = {
+        "f{}_N": [24038.24, -4256.87, 14441.07],
+        "m{}_Nm": [567.19, 1837.348, 617.382],
+        "d{}_mm": [-2.20, -9.53, -1.92],
+        "theory_d{}_mm": [-2.04, -8.82, -1.80],
+    }
     for pattern, expected in sums.items():
         np.testing.assert_allclose(triple(table_3, pattern).sum(axis=0), expected, atol=1e-6)
 

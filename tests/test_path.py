@@ -22,12 +22,19 @@ def toolpath(rows: Rows, kind: str = "trajectory", reference: np.ndarray | None 
     position, axis = np.array([r[0] for r in rows], float), np.array([r[1] for r in rows], float)
     move = np.array([r[2] for r in rows], np.int8)
     return Toolpath(
-        position=position, axis=axis / np.linalg.norm(axis, axis=1, keepdims=True), move=move,
-        feed=np.where(move == Move.RAPID, np.nan, feed), operation=np.zeros(n, np.int32),
+        position=position,
+        axis=axis / np.linalg.norm(axis, axis=1, keepdims=True),
+        move=move,
+        feed=np.where(move == Move.RAPID, np.nan, feed),
+        operation=np.zeros(n, np.int32),
         operations=(Operation("op", kind),),  # type: ignore[arg-type]
-        reference=np.full((n, 3), np.nan) if reference is None else reference, tolerance=np.full(n, np.nan),
-        line=np.arange(n, dtype=np.int32), source="test", format="test", sha256="",
-    )  # fmt: skip
+        reference=np.full((n, 3), np.nan) if reference is None else reference,
+        tolerance=np.full(n, np.nan),
+        line=np.arange(n, dtype=np.int32),
+        source="test",
+        format="test",
+        sha256="",
+    )
 
 
 def square(side: float = 0.1) -> Rows:

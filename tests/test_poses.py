@@ -200,9 +200,7 @@ def test_half_the_readings_reach_the_papers_accuracy(name: str, loads: int, nois
     everywhere = Chooser("random", np.arange(len(bench.pool)))
     choosers = [everywhere, as_zhang2025(bench.pool), as_dumas2011(bench.pool, bench.cases, bench.screen, bench.limits)]
     for chooser in choosers:
-        draws = [
-            rms(bench.problem, draw(chooser, bench.problem, bench.cases, n, loads, rng)) for _ in range(40)
-        ]  # fmt: skip
+        draws = [rms(bench.problem, draw(chooser, bench.problem, bench.cases, n, loads, rng)) for _ in range(40)]
         assert ours < np.median(draws), chooser.name
     cube = jiao2022_pool(bench.screen, bench.pool, bench.limits, rng)
     cases = bench.cases_of(cube)

@@ -20,8 +20,15 @@ from machopt.model.robot import load_chain
 from machopt.services.poses import Outcome, Request, run_plan_poses
 
 CELL = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
-QUICK: dict[str, Any] = {"candidates": 200, "starts": 1, "poses": 6, "target_percent": 10.0,
-                         "weights_kg": (50.0,), "pull_N": (500.0, 1000.0), "max_load_N": 2000.0}  # fmt: skip
+QUICK: dict[str, Any] = {
+    "candidates": 200,
+    "starts": 1,
+    "poses": 6,
+    "target_percent": 10.0,
+    "weights_kg": (50.0,),
+    "pull_N": (500.0, 1000.0),
+    "max_load_N": 2000.0,
+}
 
 
 def plan(out: Path, **options: Any) -> Outcome:
@@ -37,7 +44,12 @@ def test_folder_holds_what_the_contract_says(done: Outcome) -> None:
     folder = done.report.parent
     assert done.exit_code == 0
     assert sorted(p.name for p in folder.iterdir()) == [
-        "manifest.json", "plan.json", "poses.csv", "recording_template", "report.html"]  # fmt: skip
+        "manifest.json",
+        "plan.json",
+        "poses.csv",
+        "recording_template",
+        "report.html",
+    ]
     result = json.loads((folder / "plan.json").read_text())
     assert result["machopt_poses"] == 1
     json.dumps(done.result.plain())  # plain numbers, for --json
@@ -227,11 +239,21 @@ def test_table_reads_back_and_is_strict(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     n = 3
     table = PosesTable(
-        np.array([1, 1, 2]), np.array([1, 2, 1]), np.ones(n, np.int64), rng.normal(size=(n, 6)),
-        ('50 kg, "soft"', "a", "b"), rng.normal(size=(n, 6)), rng.normal(size=(n, 3)), rng.normal(size=(n, 3)),
-        rng.random(n), rng.random(n), rng.random(n), np.array([0.1, np.nan, 0.2]), rng.normal(size=(n, 3)),
+        np.array([1, 1, 2]),
+        np.array([1, 2, 1]),
+        np.ones(n, np.int64),
+        rng.normal(size=(n, 6)),
+        ('50 kg, "soft"', "a", "b"),
+        rng.normal(size=(n, 6)),
+        rng.normal(size=(n, 3)),
+        rng.normal(size=(n, 3)),
+        rng.random(n),
+        rng.random(n),
+        rng.random(n),
+        np.array([0.1, np.nan, 0.2]),
+        rng.normal(size=(n, 3)),
         (True, None, False),
-    )  # fmt: skip
+    )
     file = tmp_path / "poses.csv"
     write_poses_csv(file, table)
     back = read_poses_csv(file)

@@ -62,7 +62,7 @@ def ls(line: str, position: str = "", more: str = "") -> str:
         ("a.csv", "# machopt_program 1\nitem,q1_deg\n", "missing"),
         ("a.txt", "hello\n", "not recognised as a robot program; readable are"),
     ],
-)  # fmt: skip
+)
 def test_refusals_say_where_and_what_would_work(tmp_path: Path, name: str, text: str, message: str) -> None:
     (tmp_path / name).write_text(text)
     with pytest.raises(InputError, match=message) as caught:
@@ -74,15 +74,15 @@ def test_arcs_become_chords(tmp_path: Path) -> None:
     """A quarter circle of radius 100 mm, in three languages, on the circle and within the arc tolerance."""
     texts = {
         "a.src": "DEF a()\n$VEL.CP=0.1\nLIN {X 100,Y 0,Z 5,A 0,B 0,C 180}\n"
-                 "CIRC {X 70.710678,Y 70.710678,Z 5,A 0,B 0,C 180},{X 0,Y 100,Z 5,A 90,B 0,C 180} C_DIS\nEND\n",
+        "CIRC {X 70.710678,Y 70.710678,Z 5,A 0,B 0,C 180},{X 0,Y 100,Z 5,A 90,B 0,C 180} C_DIS\nEND\n",
         "a.mod": module(
             "MoveL [[100,0,5],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,tool0;",
             "MoveC [[70.710678,70.710678,5],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],"
             "[[0,100,5],[0,0.70710678,0.70710678,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,z1,tool0;",
         ),
         "a.script": "movel(p[0.1,0,0.005,3.14159265,0,0],v=0.1)\nmovec(p[0.070710678,0.070710678,0.005,3.14159265,0,0],"
-                    "p[0,0.1,0.005,2.22144147,2.22144147,0],a=1,v=0.1,r=0.001)\n",
-    }  # fmt: skip
+        "p[0,0.1,0.005,2.22144147,2.22144147,0],a=1,v=0.1,r=0.001)\n",
+    }
     for name, text in texts.items():
         (tmp_path / name).write_text(text)
         parsed = read_program(tmp_path / name)
@@ -149,13 +149,15 @@ def test_a_trajectory_is_the_same_however_its_yaml_is_laid_out(tmp_path: Path, t
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("sec: 2,", "sec: 2, sec: 3,", "twice|duplicate"), ("sec: 2,", "sec: 0,", "does not rise"),
-        ("sec: 2,", "sec: .nan,", "finite|nan"), ("velocities: []", "velocities: [1]", "none or 6"),
+        ("sec: 2,", "sec: 2, sec: 3,", "twice|duplicate"),
+        ("sec: 2,", "sec: 0,", "does not rise"),
+        ("sec: 2,", "sec: .nan,", "finite|nan"),
+        ("velocities: []", "velocities: [1]", "none or 6"),
         ("  # move: cut\n", "  # move: cut\n  - 3\n", "expected positions"),
         ("0.1, ", "0.1, &a 1, ", "found 7 numbers|alias"),
         ("0.1, ", "'0.1', ", "finite numbers"),
     ],
-)  # fmt: skip
+)
 def test_faults_of_a_trajectory_are_named(tmp_path: Path, old: str, new: str, message: str) -> None:
     (tmp_path / "a.yaml").write_text(ROS.replace(old, new, 1))
     with pytest.raises(InputError, match=message):

@@ -137,11 +137,15 @@ def test_half_turns(axis: np.ndarray) -> None:
 @pytest.mark.parametrize(
     ("post", "text", "name"),
     [
-        ("krl", "2nd op-A", "p2nd_op_A"), ("krl", "part", "part"), ("krl", "ü", "p"),
+        ("krl", "2nd op-A", "p2nd_op_A"),
+        ("krl", "part", "part"),
+        ("krl", "ü", "p"),
         ("krl", "x" * 40, "x" * 19 + "_bd91"),
-        ("fanuc", "2nd op-A", "P2ND_OP_A"), ("val3", "x" * 40, "x" * 10 + "_bd91"), ("rapid", "Main", "pMain"),
+        ("fanuc", "2nd op-A", "P2ND_OP_A"),
+        ("val3", "x" * 40, "x" * 10 + "_bd91"),
+        ("rapid", "Main", "pMain"),
     ],
-)  # fmt: skip
+)
 def test_names(post: str, text: str, name: str) -> None:
     assert program_name(text, post) == name
 

@@ -76,8 +76,18 @@ def copied(folder: Path, more: str = "") -> Path:
 
 
 def optimize(folder: Path, *options: str) -> int:
-    return main(["optimize", str(folder / "cell"), str(folder / "part.apt"), "-o", str(folder / "out"),
-                 "--method", "default", *options])  # fmt: skip
+    return main(
+        [
+            "optimize",
+            str(folder / "cell"),
+            str(folder / "part.apt"),
+            "-o",
+            str(folder / "out"),
+            "--method",
+            "default",
+            *options,
+        ]
+    )
 
 
 def result(folder: Path) -> dict[str, Any]:
@@ -247,13 +257,20 @@ def test_an_arm_of_unknown_posture_gets_no_status(tmp_path: Path, capsys: pytest
 
 @pytest.mark.parametrize(
     ("old", "new", "words"),
-    [(b"LIN {X -9", b"LIN {X -8", "targets on the motion"), (b",T ", b",T 1", "names another one"),
-     (b"; CAM: COOLNT/ON", b"; cam", "6 for 7")],
-)  # fmt: skip
+    [
+        (b"LIN {X -9", b"LIN {X -8", "targets on the motion"),
+        (b",T ", b",T 1", "names another one"),
+        (b"; CAM: COOLNT/ON", b"; cam", "6 for 7"),
+    ],
+)
 def test_a_program_that_says_something_else_is_exit_4(
-    old: bytes, new: bytes, words: str, tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+    old: bytes,
+    new: bytes,
+    words: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     copied(tmp_path, "controller: {post: krl}\n")
 
     def faulty(folder: Path | None, *rest: Any, **more: Any) -> list[Path]:

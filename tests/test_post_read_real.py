@@ -46,7 +46,7 @@ REFUSED = {
     "robot_ur/RoboDK__UniveralRobots.urp": "is a PolyScope program",
     "robot_ur/UniversalRobots__dmgmori_simple.script": "holds no moves",
     "robot_ur/UniversalRobots__joint_impedance_cartesian_circle_motion.script": "holds no moves",
-}  # fmt: skip
+}
 
 
 def test_every_robot_program_is_spoken_for() -> None:

@@ -25,9 +25,17 @@ from machopt.formats.toolpath import read_toolpath
 from machopt.se3 import tool_rotation
 
 MAIN = {
-    "rapid": "{}.mod", "fanuc": "{}.ls", "fanuc_joint": "{}.ls", "val3": "{0}/{0}.pjx", "jbi": "{}.JBI",
-    "jbi_rectan": "{}.JBI", "csv": "{}.csv", "json": "{}.json", "ros_yaml": "{}.yaml", "ros_json": "{}.json",
-}  # fmt: skip
+    "rapid": "{}.mod",
+    "fanuc": "{}.ls",
+    "fanuc_joint": "{}.ls",
+    "val3": "{0}/{0}.pjx",
+    "jbi": "{}.JBI",
+    "jbi_rectan": "{}.JBI",
+    "csv": "{}.csv",
+    "json": "{}.json",
+    "ros_yaml": "{}.yaml",
+    "ros_json": "{}.json",
+}
 JOINTS_ONLY = ("fanuc_joint", "jbi", "ros_yaml", "ros_json", "urscript_servoj")
 NO_MAP = ("csv", "json", "ros_yaml", "ros_json")
 # half of the last printed decimal: mm and axis angle in deg; orientation in deg: three such angles may add up, and a
@@ -186,8 +194,12 @@ def test_configuration_bits_and_turns_are_those_of_the_joints(tmp_path: Path) ->
             assert -180 < a[k, axis] - 360 * turn <= 180 or a[k, axis] - 360 * turn == -180
         assert parsed["val3"].configuration[k]["wrist"] == ("wnegative" if below[4] else "wpositive")
         rconf = parsed["jbi_rectan"].configuration[k]["rconf"]
-        assert rconf == (int(below[4]), int(not p.elbow_up[k]), int(p.behind[k]),
-                         *(int(abs(a[k, axis]) >= 180) for axis in (3, 5, 0)))  # fmt: skip
+        assert rconf == (
+            int(below[4]),
+            int(not p.elbow_up[k]),
+            int(p.behind[k]),
+            *(int(abs(a[k, axis]) >= 180) for axis in (3, 5, 0)),
+        )
 
 
 def _folders(tmp_path: Path) -> list[str]:
@@ -226,11 +238,14 @@ LABELS = st.lists(TEXT.map(lambda t: " ".join(t.split())).filter(bool), min_size
 @st.composite
 def recipes(draw: st.DrawFn) -> Recipe:
     return Recipe(
-        seed=draw(st.integers(0, 2**32 - 1)), moves=draw(st.integers(2, 14)),
+        seed=draw(st.integers(0, 2**32 - 1)),
+        moves=draw(st.integers(2, 14)),
         blend=draw(st.sampled_from([0.0, 1e-4, 1e-2])),
-        slowest=draw(st.sampled_from([2e-4, 1e-2])), feeds=draw(st.integers(1, 4)), operations=tuple(draw(LABELS)),
+        slowest=draw(st.sampled_from([2e-4, 1e-2])),
+        feeds=draw(st.integers(1, 4)),
+        operations=tuple(draw(LABELS)),
         events=draw(st.integers(0, 4)),
-    )  # fmt: skip
+    )
 
 
 def csv_text(t: Toolpath | None, p: RobotProgram | None = None) -> str:
@@ -266,8 +281,13 @@ def csv_round_trip(recipe: Recipe, post: str, controller: Controller, folder: Pa
     T = made.T_workpiece_tcp.copy()
     T[:, :3, 3] = path.position
     T[:, :3, :3] = tool_rotation(path.axis, T[:, :3, 0], np.zeros(len(T)))
-    p = replace(made, T_workpiece_tcp=T, feed=np.where(made.kind == LIN, path.feed, np.nan),
-                operations=tuple(o.label for o in path.operations), operation=path.operation)  # fmt: skip
+    p = replace(
+        made,
+        T_workpiece_tcp=T,
+        feed=np.where(made.kind == LIN, path.feed, np.nan),
+        operations=tuple(o.label for o in path.operations),
+        operation=path.operation,
+    )
     file = written(folder, p, post, controller)
     options = ReadOptions(default_feed=0.01)
     again = read_program_as_toolpath(file, options, robot=known(controller))

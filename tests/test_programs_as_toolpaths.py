@@ -119,9 +119,13 @@ def test_the_tool_axis_is_said_where_the_frame_looks_the_other_way(tmp_path: Pat
 
 @pytest.mark.parametrize(
     ("header", "attitude"),
-    [("a_deg,b_deg,c_deg", "30,0,180"), ("w_deg,p_deg,r_deg", "180,0,30"),
-     ("qw,qx,qy,qz", "0,0.9659258263,0.2588190451,0"), ("rvx_rad,rvy_rad,rvz_rad", "3.0345454,0.8131040,0")],
-)  # fmt: skip
+    [
+        ("a_deg,b_deg,c_deg", "30,0,180"),
+        ("w_deg,p_deg,r_deg", "180,0,30"),
+        ("qw,qx,qy,qz", "0,0.9659258263,0.2588190451,0"),
+        ("rvx_rad,rvy_rad,rvz_rad", "3.0345454,0.8131040,0"),
+    ],
+)
 def test_tables_of_robot_poses(tmp_path: Path, header: str, attitude: str) -> None:
     """One attitude four ways: Rz(30°) Rx(180°), so the tool points down and its x axis lies at 30°."""
     (tmp_path / "a.csv").write_text(

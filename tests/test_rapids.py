@@ -24,9 +24,14 @@ STEP, SAMPLE = np.deg2rad(1.0), 0.012
 
 def plan(q_from: np.ndarray, q_to: np.ndarray, collision: CollisionModel | None = None, **more: object) -> object:
     fields: dict[str, object] = {
-        "limits": limits(), "scale": 0.8, "sample": SAMPLE, "collision": collision, "step": STEP,
-        "detours": list, "rng": np.random.default_rng(0),
-    }  # fmt: skip
+        "limits": limits(),
+        "scale": 0.8,
+        "sample": SAMPLE,
+        "collision": collision,
+        "step": STEP,
+        "detours": list,
+        "rng": np.random.default_rng(0),
+    }
     return plan_rapid(np.asarray(q_from, float), np.asarray(q_to, float), **{**fields, **more})  # type: ignore[arg-type]
 
 

@@ -72,8 +72,13 @@ def _joined(moves: list[tuple[Any, ...]]) -> list[Leg]:
 
 
 @pytest.mark.parametrize("name", DIALECTS)
-@settings(max_examples=25, deadline=None, derandomize=True, database=None,
-          suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])  # fmt: skip
+@settings(
+    max_examples=25,
+    deadline=None,
+    derandomize=True,
+    database=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
 @given(data=st.data(), seed=st.integers(0, 2**20))
 def test_a_path_is_read_back(tmp_path: Path, name: str, data: st.DataObject, seed: int) -> None:
     dialect = DIALECTS[name]

@@ -130,10 +130,12 @@ def test_wrong_rotary_signs_are_told_by_the_plunges(tmp_path: Path) -> None:
     [
         ("G21 G90\nG43.5 H1\nG0 X0 Y0 Z9 I0 J3 K4\nG1 X1 F99\n", (0.0, 0.6, 0.8)),
         ("G71 G90\nTRAORI\nG0 X0 Y0 Z9 A3=0 B3=3 C3=4\nG1 X1 F99\nTRAFOOF\n", (0.0, 0.6, 0.8)),
-        ("BEGIN PGM A MM\nM128\nLN X+0 Y+0 Z+9 NX0 NY0 NZ1 TX+0 TY+0.6 TZ+0.8 FMAX\nL X+1 F99\nEND PGM A MM\n",
-         (0.0, 0.6, 0.8)),
+        (
+            "BEGIN PGM A MM\nM128\nLN X+0 Y+0 Z+9 NX0 NY0 NZ1 TX+0 TY+0.6 TZ+0.8 FMAX\nL X+1 F99\nEND PGM A MM\n",
+            (0.0, 0.6, 0.8),
+        ),
     ],
-)  # fmt: skip
+)
 def test_tool_vectors(tmp_path: Path, text: str, expected: tuple[float, float, float]) -> None:
     t = read(tmp_path, text)
     assert t.axis[0] == pytest.approx(expected)
@@ -183,7 +185,7 @@ def test_heidenhain_circles_pole_and_drilling(tmp_path: Path) -> None:
         "10 CYCL DEF 200 DRILLING ~\n    Q200=2 ;SET-UP CLEARANCE ~\n    Q201=-9 ;DEPTH ~\n    Q206=150 ;FEED ~\n"
         "    Q202=9 ;PECK ~\n    Q203=+1 ;SURFACE ~\n    Q204=20\n"
         "11 L X+30 Y+30 FMAX M99\n12 L Z-1 FMAX M91\n13 END PGM TEST MM\n",
-    )  # fmt: skip
+    )
     p = mm(t)
     circle = p[1 : int(np.flatnonzero(np.abs(p[:, 0]) < 1e-9)[-1])]
     assert t.format == "heidenhain"
@@ -291,10 +293,14 @@ def test_a_siemens_five_axis_program_as_a_post_writes_it(tmp_path: Path) -> None
     [
         ("a.nc", "G21 G90\nG52 X10 Y-4\nG0 X0 Y0 Z5\nG1 Z-1 F50\nX20\n", ""),
         ("a.mpf", "G71 G90\nTRANS X10 Y-4\nG0 X0 Y0 Z5\nG1 Z-1 F50\nX20\n", ""),
-        ("a.h", "BEGIN PGM A MM\nCYCL DEF 7.0\nCYCL DEF 7.1 X+10\nCYCL DEF 7.2 Y-4\nL X+0 Y+0 Z+5 FMAX\nL Z-1 F50\n"
-                "L X+20\n", "END PGM A MM\n"),
+        (
+            "a.h",
+            "BEGIN PGM A MM\nCYCL DEF 7.0\nCYCL DEF 7.1 X+10\nCYCL DEF 7.2 Y-4\nL X+0 Y+0 Z+5 FMAX\nL Z-1 F50\n"
+            "L X+20\n",
+            "END PGM A MM\n",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_shift_before_the_first_move_moves_every_point(tmp_path: Path, name: str, head: str, tail: str) -> None:
     """The shift's numbers stand in the file, so the path is told from the work offset, whenever the shift comes."""
     (tmp_path / name).write_text(head + tail)

@@ -127,9 +127,15 @@ SIEMENS = "{} G90 G17 G94\nR1=5\nG0 X0 Y0 Z0\nG1 X1 F{}\n"
 
 @pytest.mark.parametrize(
     ("word", "unit", "x", "feed"),
-    [("G70", "inch", 25.4, 254.0), ("G70", "mm", 25.4, 10.0), ("G700", None, 25.4, 254.0), ("G71", None, 1.0, 10.0),
-     ("G71", "inch", 1.0, 254.0), ("G710", None, 1.0, 10.0)],
-)  # fmt: skip
+    [
+        ("G70", "inch", 25.4, 254.0),
+        ("G70", "mm", 25.4, 10.0),
+        ("G700", None, 25.4, 254.0),
+        ("G71", None, 1.0, 10.0),
+        ("G71", "inch", 1.0, 254.0),
+        ("G710", None, 1.0, 10.0),
+    ],
+)
 def test_feeds_of_sinumerik_stay_in_the_controls_unit(
     tmp_path: Path, word: str, unit: str | None, x: float, feed: float
 ) -> None:

@@ -205,9 +205,11 @@ def test_the_way_of_the_tip_is_followed_while_rotary_axes_turn(tmp_path: Path) -
 
 @settings(max_examples=60, deadline=None)
 @given(
-    a=st.floats(-120.0, 120.0), c=st.floats(-400.0, 400.0),
-    p=st.tuples(*[st.floats(-300.0, 300.0)] * 3), name=st.sampled_from(["table-ac@3,4,-5", "mixed-ac@200/3,4,-5"]),
-)  # fmt: skip
+    a=st.floats(-120.0, 120.0),
+    c=st.floats(-400.0, 400.0),
+    p=st.tuples(*[st.floats(-300.0, 300.0)] * 3),
+    name=st.sampled_from(["table-ac@3,4,-5", "mixed-ac@200/3,4,-5"]),
+)
 def test_tool_axis_and_tip_belong_together(a: float, c: float, p: tuple[float, float, float], name: str) -> None:
     """Raising the machine's Z moves the tip along the tool axis of a table; heads and mixed machines keep lengths."""
     rotary = machine(name)

@@ -89,8 +89,10 @@ def test_three_controls_say_the_same_of_one_tilted_facet() -> None:
         n = min(len(a), len(b), 12)
         assert n == 12
         assert np.abs(a[:n] - b[:n]).max() < 2e-4
-    axis = [t.axis[(t.line > low) & (t.line < high) & t.cutting][0] for t, low, high in
-            ((siemens, 363, 383), (trunnion, 379, 397))]  # fmt: skip
+    axis = [
+        t.axis[(t.line > low) & (t.line < high) & t.cutting][0]
+        for t, low, high in ((siemens, 363, 383), (trunnion, 379, 397))
+    ]
     assert np.allclose(axis[0], axis[1], atol=1e-4)
     assert np.allclose(axis[0], [-0.43120, -0.43120, 0.79253], atol=1e-4)
 

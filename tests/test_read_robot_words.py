@@ -31,8 +31,19 @@ def mm(t: Toolpath) -> list[list[float]]:
     return (np.round(t.position * 1e3, 9) + 0.0).tolist()  # metres and back costs the last bits
 
 
-@pytest.mark.parametrize("here", ["PTP $AXIS_ACT", "PTP $POS_ACT", "LIN $POS_ACT C_DIS", "SPTP $AXIS_ACT", "PTP XHOME",
-                                  "PTP  XHOME  C_PTP", "PTP HOME", "SPTP XHOME"])  # fmt: skip
+@pytest.mark.parametrize(
+    "here",
+    [
+        "PTP $AXIS_ACT",
+        "PTP $POS_ACT",
+        "LIN $POS_ACT C_DIS",
+        "SPTP $AXIS_ACT",
+        "PTP XHOME",
+        "PTP  XHOME  C_PTP",
+        "PTP HOME",
+        "SPTP XHOME",
+    ],
+)
 def test_krl_begins_where_the_robot_stands(tmp_path: Path, here: str) -> None:
     t = krl(tmp_path, f"{here}\n{START}LIN {{X 10}}")
     assert mm(t) == [[0, 0, 5], [10, 0, 5]]
@@ -145,10 +156,14 @@ def test_fanuc_registers_are_refused_and_times_are_speeds(tmp_path: Path) -> Non
 
 
 def test_urscript_leaves_out_a_move_to_where_it_stands(tmp_path: Path) -> None:
-    t = read(tmp_path, "a.script", "def a():\n  movel(get_actual_tcp_pose(),1.2,0.01)\n"
-             "  movel(p[0,0,0.005,3.141592653589793,0,0],1.2,0.01)\n"
-             "  movel(p[0.01,0,0.005,3.141592653589793,0,0],1.2,0.01)\n"
-             "end\na()\n")  # fmt: skip
+    t = read(
+        tmp_path,
+        "a.script",
+        "def a():\n  movel(get_actual_tcp_pose(),1.2,0.01)\n"
+        "  movel(p[0,0,0.005,3.141592653589793,0,0],1.2,0.01)\n"
+        "  movel(p[0.01,0,0.005,3.141592653589793,0,0],1.2,0.01)\n"
+        "end\na()\n",
+    )
     assert mm(t) == [[0, 0, 5], [10, 0, 5]]
 
 
@@ -190,10 +205,13 @@ L1, L2 = " 1: L P[1] 100mm/sec FINE ;\n", " 3: L P[2] 100mm/sec FINE ;\n"
         ("a.jbi", JOB.format("SFTON P000 BF\nMOVL C00000 V=10.0\n"), "SFTON shifts every point"),
         ("a.jbi", JOB.format("SETE P001 (1) 5000\nMOVL P001 V=10.0\n"), "changes the position P001"),
         ("a.jbi", JOB.format("MOVL C00000 V=10.0\nCALL JOB:B IF B000=1\n"), "decides while the robot runs"),
-        ("a.script", SCRIPT.format("  force_mode(p[0,0,0,0,0,0],[0,0,1,0,0,0],[0,0,9,0,0,0],2,[1,1,1,1,1,1])\n"
-                                   + UR.format(0)), "line 2: force_mode moves the tool off its targets"),
+        (
+            "a.script",
+            SCRIPT.format("  force_mode(p[0,0,0,0,0,0],[0,0,1,0,0,0],[0,0,9,0,0,0],2,[1,1,1,1,1,1])\n" + UR.format(0)),
+            "line 2: force_mode moves the tool off its targets",
+        ),
     ],
-)  # fmt: skip
+)
 def test_words_that_once_counted_as_understood(tmp_path: Path, dialect: str, text: str, cause: str) -> None:
     with pytest.raises(InputError, match=cause):
         read(tmp_path, dialect, text)

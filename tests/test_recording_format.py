@@ -587,9 +587,15 @@ def test_what_cannot_be_written(tmp_path: Path) -> None:
 
 def test_long_recordings_load_and_still_name_the_cell(tmp_path: Path) -> None:
     n = 100_000
-    head = f"time_s,{Q}," + ",".join(f"{p}{i}{u}" for p, u in (
-        ("qcmd", "_deg"), ("qse", "_deg"), ("qd", "_deg_s"), ("tau", "_Nm"), ("current", "_A")) for i in range(1, 7)
-    ) + ",x_mm,y_mm,z_mm"  # fmt: skip
+    head = (
+        f"time_s,{Q},"
+        + ",".join(
+            f"{p}{i}{u}"
+            for p, u in (("qcmd", "_deg"), ("qse", "_deg"), ("qd", "_deg_s"), ("tau", "_Nm"), ("current", "_A"))
+            for i in range(1, 7)
+        )
+        + ",x_mm,y_mm,z_mm"
+    )
     cells = ",".join(["12.345678"] * 39)
     rows = [f"{0.004 * k:.3f},{cells}" for k in range(n)]
     path = folder(tmp_path, "\n".join([head, *rows, ""]), plain("motion"))

@@ -87,8 +87,9 @@ def test_the_same_data_give_the_same_bytes(tmp_path: Path) -> None:
     assert (tmp_path / "a.html").read_bytes() == (tmp_path / "b.html").read_bytes()
 
 
-@pytest.mark.parametrize("missing", [f.name for f in fields(ReportData) if f.name not in
-                                     ("title", "cell", "toolpath", "version", "summary")])  # fmt: skip
+@pytest.mark.parametrize(
+    "missing", [f.name for f in fields(ReportData) if f.name not in ("title", "cell", "toolpath", "version", "summary")]
+)
 def test_any_part_may_be_missing(missing: str) -> None:
     data = full_result(points=50, samples=300)
     empty = "" if missing == "created" else None if missing in ("map", "path", "motion") else ()
@@ -112,9 +113,18 @@ def test_hostile_names_do_not_break_the_page() -> None:
     assert data.path is not None
     path = replace(data.path, nearest_pair=(evil,) * len(data.path.s))
     html = report_html(
-        replace(data, title=evil, cell=evil, toolpath=evil, operations=operations, warnings=(evil,), path=path,
-                ignored=(IgnoredWord(evil, 1, 1, False),), options=((evil, evil),))
-    )  # fmt: skip
+        replace(
+            data,
+            title=evil,
+            cell=evil,
+            toolpath=evil,
+            operations=operations,
+            warnings=(evil,),
+            path=path,
+            ignored=(IgnoredWord(evil, 1, 1, False),),
+            options=((evil, evil),),
+        )
+    )
     assert html.count("<script") == 2
     assert "<script>alert" not in html
     assert evil in read(html).text
@@ -140,18 +150,30 @@ def test_the_verdict_answers_gain_and_safety() -> None:
         ({"verification": "not run"}, "NOT VERIFIED", "verification not run"),
         ({"worst_default": float("nan")}, "VERIFIED", "no gain over it to state"),
         ({"worst_default": 1.0e-4}, "VERIFIED", "there is no gain over the CAM's default"),
-        ({"gains": (Gain("Jiao 2022", 0.05, 0.04, (-0.02, 0.12), False),)}, "VERIFIED",
-         "The gain over Jiao 2022, 5 % ± 4 % on average, is below the stiffness model's own uncertainty"),
-        ({"gains": (Gain("Jiao 2022", -0.012, 0.004, (-0.019, -0.005)),)}, "VERIFIED",
-         "1.2 % ± 0.4 % more than with Jiao 2022 (90 %: 0.5 to 1.9 %)"),
-        ({"shift": Shift(3.3e-4, 2.8e-4, 2.1e-5, 4e-6)}, "VERIFIED",
-         "shifted by up to 0.330 mm against the predicted deflection, which leaves 0.004 mm on average and 0.021 mm"),
-        ({"quantity": "stiffness", "worst_default": 1e6, "worst_chosen": 1.5e6}, "VERIFIED",
-         "Predicted least stiffness 1.000 → 1.500 N/µm (+50 %"),
+        (
+            {"gains": (Gain("Jiao 2022", 0.05, 0.04, (-0.02, 0.12), False),)},
+            "VERIFIED",
+            "The gain over Jiao 2022, 5 % ± 4 % on average, is below the stiffness model's own uncertainty",
+        ),
+        (
+            {"gains": (Gain("Jiao 2022", -0.012, 0.004, (-0.019, -0.005)),)},
+            "VERIFIED",
+            "1.2 % ± 0.4 % more than with Jiao 2022 (90 %: 0.5 to 1.9 %)",
+        ),
+        (
+            {"shift": Shift(3.3e-4, 2.8e-4, 2.1e-5, 4e-6)},
+            "VERIFIED",
+            "shifted by up to 0.330 mm against the predicted deflection, which leaves 0.004 mm on average and 0.021 mm",
+        ),
+        (
+            {"quantity": "stiffness", "worst_default": 1e6, "worst_chosen": 1.5e6},
+            "VERIFIED",
+            "Predicted least stiffness 1.000 → 1.500 N/µm (+50 %",
+        ),
         ({"quantity": "stiffness", "worst_default": 1.5e6, "worst_chosen": 1e6}, "VERIFIED", "there is no gain"),
         ({"infeasible_points": 3}, "VERIFIED", "3 points without an answer"),
     ],
-)  # fmt: skip
+)
 def test_the_verdict_never_flatters(changes: dict[str, object], badge: str, words: str) -> None:
     data = full_result(points=50, samples=300)
     v = verdict(replace(data, summary=replace(data.summary, **changes)))  # type: ignore[arg-type]

@@ -23,8 +23,17 @@ def test_the_block_names_files_differences_and_what_lies_between_the_points() ->
     rows = re.findall(r"<tr>(.*?)</tr>", html.partition("<tbody>")[2])
     krl, jbi, ros, mine = (re.sub(r"<[^>]+>", " ", row) for row in rows)
     assert 'href="krl/bracket_op10.src"' in rows[0]
-    for words in ("812 moves", "3 of them added", "1210 lines", "&lt; 0.0001 mm", "0.005 mm/min", "0.016 of 0.050 mm",
-                  "tool axis 0.007 deg", "orientation 0.046 deg", "equal"):  # fmt: skip
+    for words in (
+        "812 moves",
+        "3 of them added",
+        "1210 lines",
+        "&lt; 0.0001 mm",
+        "0.005 mm/min",
+        "0.016 of 0.050 mm",
+        "tool axis 0.007 deg",
+        "orientation 0.046 deg",
+        "equal",
+    ):
         assert words in krl
     assert "0.0026 mm" in jbi  # mm: 2.6 µm of whole pulses
     assert "no lines: joints are interpolated" in ros
@@ -36,8 +45,19 @@ def test_the_block_names_files_differences_and_what_lies_between_the_points() ->
 def test_a_program_that_differs_is_told_first_and_spoils_the_verdict() -> None:
     data = full_result(points=50, samples=300)
     differences = ("move 3 (line 14) goes elsewhere", "events differ")
-    bad = Program("krl", ("part<1>.src",), 12, 0, 5e-5, 10, 0.05, path_error=8e-5, events_equal=False,
-                  configuration_equal=False, differences=differences)  # fmt: skip
+    bad = Program(
+        "krl",
+        ("part<1>.src",),
+        12,
+        0,
+        5e-5,
+        10,
+        0.05,
+        path_error=8e-5,
+        events_equal=False,
+        configuration_equal=False,
+        differences=differences,
+    )
     summary = replace(data.summary, outcome="verification_failed", note="But the program part.src: events differ.")
     data = replace(data, programs=(bad,), summary=summary)
     html = block(data)

@@ -43,8 +43,12 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
     write_result(tmp_path / "job.json", RECORD)
     assert read_result(tmp_path / "job.json", BatchRecord) == RECORD
     assert json.loads((tmp_path / "job.json").read_text())["row"] == {
-        "exit_code": 0, "verdict": "done", "reason": "", "mean": 0.25, "warnings": ["a"]
-    }  # fmt: skip
+        "exit_code": 0,
+        "verdict": "done",
+        "reason": "",
+        "mean": 0.25,
+        "warnings": ["a"],
+    }
     write_result(tmp_path / "again.json", read_result(tmp_path / "job.json", BatchRecord))
     assert (tmp_path / "again.json").read_bytes() == (tmp_path / "job.json").read_bytes()
 

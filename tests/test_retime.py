@@ -23,15 +23,20 @@ ROBOT = Robot(  # a large six-axis arm, stretched forward at zero
     np.array(
         [[0, 0, 1.045], [0.5, 0, 1.045], [1.8, 0, 1.045], [1.8, 0, 0.99], [2.825, 0, 0.99], [2.825, 0, 0.99]], float
     ),
-    FLANGE, np.full(6, -6.0), np.full(6, 6.0),
-)  # fmt: skip
+    FLANGE,
+    np.full(6, -6.0),
+    np.full(6, 6.0),
+)
 TCP = transform(np.eye(3), np.array([0.05, 0, 0.3]))
 HOME = np.array([0.1, -1.2, 1.3, 0.2, 0.8, 0.3])
 T_BASE_WORKPIECE = ROBOT.fk(HOME, TCP) @ transform(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
 LIMITS = JointLimits(
-    np.full(6, -6.0), np.full(6, 6.0), np.radians([90, 80, 75, 90, 83, 130.0]),
-    np.radians([200, 200, 200, 350, 350, 500.0]), np.radians([2000, 2000, 2000, 4000, 4000, 6000.0]),
-)  # fmt: skip
+    np.full(6, -6.0),
+    np.full(6, 6.0),
+    np.radians([90, 80, 75, 90, 83, 130.0]),
+    np.radians([200, 200, 200, 350, 350, 500.0]),
+    np.radians([2000, 2000, 2000, 4000, 4000, 6000.0]),
+)
 
 
 def make(
@@ -48,8 +53,18 @@ def make(
         seed, error = refine(ROBOT, T, seed, TCP, 30)
         assert error < 1e-9
         q[k] = seed
-    return RunInput(p, a, reference, phi, q, np.broadcast_to(np.asarray(feed, float), n).copy(), T_BASE_WORKPIECE, TCP,
-                    ROBOT, limits)  # fmt: skip
+    return RunInput(
+        p,
+        a,
+        reference,
+        phi,
+        q,
+        np.broadcast_to(np.asarray(feed, float), n).copy(),
+        T_BASE_WORKPIECE,
+        TCP,
+        ROBOT,
+        limits,
+    )
 
 
 def distance(p: Array, a: Array, b: Array) -> float:
@@ -106,8 +121,9 @@ def zigzag() -> Array:
 
 
 def scaled(factor: float) -> JointLimits:
-    return replace(LIMITS, velocity=LIMITS.velocity * factor, acceleration=LIMITS.acceleration * factor,
-                   jerk=LIMITS.jerk * factor)  # fmt: skip
+    return replace(
+        LIMITS, velocity=LIMITS.velocity * factor, acceleration=LIMITS.acceleration * factor, jerk=LIMITS.jerk * factor
+    )
 
 
 def noise(n: int) -> Array:
@@ -141,10 +157,7 @@ RUNS: dict[str, tuple[Callable[[], RunInput], float]] = {  # and the least share
         lambda: make(*contour(120, 0.003), feed=np.where(np.arange(120) // 10 % 2, 0.005, 0.05)),
         0.9,
     ),
-    "feed × 10 at each point": (
-        lambda: make(*contour(60, 0.003), feed=np.where(np.arange(60) % 2, 0.005, 0.05)),
-        0.5,
-    ),
+    "feed × 10 at each point": (lambda: make(*contour(60, 0.003), feed=np.where(np.arange(60) % 2, 0.005, 0.05)), 0.5),
     "link, then cut": (
         lambda: make([[0, 0, 0], [0, 0, 0.1], [0.3, 0.1, 0.1], [0.3, 0.1, 0.05]], feed=np.array([0.5, 0.5, 0.5, 0.02])),
         0.6,

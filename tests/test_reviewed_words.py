@@ -27,9 +27,10 @@ ELSEWHERE = {
 
 def _ignored(tree: ast.AST) -> list[ast.Call]:
     return [
-        n for n in ast.walk(tree)
+        n
+        for n in ast.walk(tree)
         if isinstance(n, ast.Call) and isinstance(n.func, ast.Attribute) and n.func.attr == "ignore"
-    ]  # fmt: skip
+    ]
 
 
 def test_every_word_that_is_simply_understood_is_reviewed() -> None:
@@ -86,8 +87,11 @@ def test_every_option_named_in_a_message_parses(capsys: pytest.CaptureFixture[st
 
 COMMANDS = ("optimize", "identify", "diagnose", "plan-poses", "map", "inspect", "verify", "batch")
 PARTS = {  # part of the package → commands whose messages it writes
-    "formats": COMMANDS, "cli": COMMANDS, "job": COMMANDS, "plan": ("optimize", "verify", "batch"),
-}  # fmt: skip
+    "formats": COMMANDS,
+    "cli": COMMANDS,
+    "job": COMMANDS,
+    "plan": ("optimize", "verify", "batch"),
+}
 OPTION_WORD = re.compile(r"(?<![\w-])--[a-z][A-Za-z-]*[A-Za-z]")
 
 

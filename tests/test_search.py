@@ -36,8 +36,9 @@ def leaning(folder: FilePath, rows: Rows, obstacles: tuple[Shape, ...], options:
     """The small cell with its spindle at 45° to the flange, so that turning about the tool moves the whole arm."""
     tool = small_cell(folder).tool
     lean = pose(0.1, 0, 0.25, np.pi / 4)
-    tool = replace(tool, T_flange_tcp=lean,
-                   geometry=(Shape("spindle", "box", (0.1, 0.1, 0.2), None, lean @ pose(0, 0, -0.17)),))  # fmt: skip
+    tool = replace(
+        tool, T_flange_tcp=lean, geometry=(Shape("spindle", "box", (0.1, 0.1, 0.2), None, lean @ pose(0, 0, -0.17)),)
+    )
     cell = small_cell(folder, stiffness=Stiffness(K), tool=tool, obstacles=obstacles)
     return plan(cell, toolpath(rows), options)
 

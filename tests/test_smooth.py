@@ -209,9 +209,13 @@ def test_dropped_stations_leave_a_gap_and_the_rest_is_smooth() -> None:
 
 @pytest.mark.parametrize(
     ("cell_name", "name"),
-    [("kr500_milling", "plain.csv"), ("kr500_milling", "cylinder_head_face.cls"), ("kr240_drilling", "panel_holes.csv"),
-     ("cutting_cobot", "bone_tracks.csv")],
-)  # fmt: skip
+    [
+        ("kr500_milling", "plain.csv"),
+        ("kr500_milling", "cylinder_head_face.cls"),
+        ("kr240_drilling", "panel_holes.csv"),
+        ("cutting_cobot", "bone_tracks.csv"),
+    ],
+)
 def test_shipped_path_stays_in_its_corridor(cell_name: str, name: str) -> None:
     cell, tp = load_cell(ROOT / "cells" / cell_name), read_toolpath(ROOT / "toolpaths" / name)
     options = PlanOptions(collision=False, rotation_range=tuple(np.radians([-100.0, 100.0])))  # type: ignore[arg-type]

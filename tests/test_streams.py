@@ -18,9 +18,12 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 def shell(words: str, **environment: str) -> subprocess.CompletedProcess[str]:
     command = " ".join(f"'{w}'" for w in INSPECT)
     return subprocess.run(
-        ["sh", "-c", words.replace("COMMAND", command)], capture_output=True, text=True, check=False,
+        ["sh", "-c", words.replace("COMMAND", command)],
+        capture_output=True,
+        text=True,
+        check=False,
         env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
-    )  # fmt: skip
+    )
 
 
 def test_a_reader_that_has_gone_is_no_success_and_no_traceback() -> None:

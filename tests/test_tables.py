@@ -103,8 +103,12 @@ def test_columns_are_the_contracts(tmp_path: Path) -> None:
 
 
 def test_added_columns_stand_last_and_only_where_there_is_something(tmp_path: Path) -> None:
-    table = replace(points_table(3), deflection_std=np.array([1e-6, np.nan, 2e-6]), k_axial_std=np.full(3, 1e4),
-                    compensation=np.array([[1e-4, -2e-4, 0.0]] * 3))  # fmt: skip
+    table = replace(
+        points_table(3),
+        deflection_std=np.array([1e-6, np.nan, 2e-6]),
+        k_axial_std=np.full(3, 1e4),
+        compensation=np.array([[1e-4, -2e-4, 0.0]] * 3),
+    )
     write_points_csv(tmp_path / "p.csv", table)
     head, first, second, _ = (tmp_path / "p.csv").read_text(encoding="utf-8").splitlines()
     assert head.endswith("k_jiao_x_N_mm,deflection_std_mm,k_axial_std_N_mm,comp_dx_mm,comp_dy_mm,comp_dz_mm")
@@ -145,10 +149,7 @@ def test_writing_is_deterministic(tmp_path: Path) -> None:
     ("change", "message"),
     [
         (lambda s: s.replace("q3_deg", "q3"), r"header: column q3_deg is missing"),
-        (
-            lambda s: s.replace("\n", ",1\n").replace("mm_min,1", "mm_min,colour"),
-            "header: column colour is unknown",
-        ),
+        (lambda s: s.replace("\n", ",1\n").replace("mm_min,1", "mm_min,colour"), "header: column colour is unknown"),
         (lambda s: s.replace("0.012,", "abc,", 1), "line 3, column time_s: found 'abc'"),
         (lambda s: s.replace("0.012,", "nan,", 1), "line 3, column time_s: found 'nan'"),
         (lambda s: s.replace("0.024,", "0.012,", 1), "line 4, column time_s: time does not rise"),

@@ -126,18 +126,39 @@ def evil_report() -> str:
     data = full_result(points=40, samples=200)
     operations = tuple(replace(o, label=EVIL) for o in data.operations)
     programs = tuple(replace(p, files=(EVIL,), differences=(EVIL,), unstarted=(EVIL,)) for p in data.programs)
-    return report_html(replace(data, cell=EVIL, toolpath=EVIL, operations=operations, programs=programs, notes=(EVIL,),
-                               ignored=(IgnoredWord(EVIL, 1, 1, False),)))  # fmt: skip
+    return report_html(
+        replace(
+            data,
+            cell=EVIL,
+            toolpath=EVIL,
+            operations=operations,
+            programs=programs,
+            notes=(EVIL,),
+            ignored=(IgnoredWord(EVIL, 1, 1, False),),
+        )
+    )
 
 
 def evil_toolpath() -> str:
     xyz = np.array([[0.0, 0, 0.01], [0.01, 0, 0], [0.02, 0.01, 0]])
     t = Toolpath(
-        xyz, np.tile([0.0, 0, 1], (3, 1)), np.array([Move.RAPID, Move.CUT, Move.CUT], np.int8), np.full(3, 0.01),
-        np.zeros(3, np.int32), (Operation(EVIL, "trajectory", EVIL),), np.full((3, 3), np.nan), np.full(3, np.nan),
-        np.arange(3, dtype=np.int32), EVIL, "csv", "0", (Event(1, "comment", EVIL),), (IgnoredWord(EVIL, 1, 1, False),),
-        (EVIL,), {EVIL: EVIL},
-    )  # fmt: skip
+        xyz,
+        np.tile([0.0, 0, 1], (3, 1)),
+        np.array([Move.RAPID, Move.CUT, Move.CUT], np.int8),
+        np.full(3, 0.01),
+        np.zeros(3, np.int32),
+        (Operation(EVIL, "trajectory", EVIL),),
+        np.full((3, 3), np.nan),
+        np.full(3, np.nan),
+        np.arange(3, dtype=np.int32),
+        EVIL,
+        "csv",
+        "0",
+        (Event(1, "comment", EVIL),),
+        (IgnoredWord(EVIL, 1, 1, False),),
+        (EVIL,),
+        {EVIL: EVIL},
+    )
     return toolpath_page(t, summarise(t))
 
 
@@ -153,13 +174,36 @@ def evil_diagnosis() -> str:
 def evil_identification() -> str:
     joints = tuple(Coefficient(EVIL, EVIL, 1e6, 9e5, 1.1e6, 1e6, n > 0, EVIL) for n in range(6))
     shift = np.full((4, 3), 1e-3)
-    return identification_html(IdentificationPage(
-        title=EVIL, cell=EVIL, recording=EVIL, version="0", tone="", badge=EVIL, sentence=EVIL, cautions=(EVIL,),
-        joints=joints, terms=joints[:1], measured=shift, predicted=0.9 * shift, heldout=0.8 * shift, sigma=0.01 * shift,
-        pose=np.arange(4), line=np.arange(4), load=np.full(4, 100.0), outlier=np.zeros(4, bool), leverage=np.zeros(4),
-        compliances=np.full(6, 1e-6), covariance=1e-16 * np.eye(6), rmse=1e-5, heldout_rmse=1e-5, displacement=1e-3,
-        condition_number=3.0, facts=((EVIL, EVIL),),
-    ))  # fmt: skip
+    return identification_html(
+        IdentificationPage(
+            title=EVIL,
+            cell=EVIL,
+            recording=EVIL,
+            version="0",
+            tone="",
+            badge=EVIL,
+            sentence=EVIL,
+            cautions=(EVIL,),
+            joints=joints,
+            terms=joints[:1],
+            measured=shift,
+            predicted=0.9 * shift,
+            heldout=0.8 * shift,
+            sigma=0.01 * shift,
+            pose=np.arange(4),
+            line=np.arange(4),
+            load=np.full(4, 100.0),
+            outlier=np.zeros(4, bool),
+            leverage=np.zeros(4),
+            compliances=np.full(6, 1e-6),
+            covariance=1e-16 * np.eye(6),
+            rmse=1e-5,
+            heldout_rmse=1e-5,
+            displacement=1e-3,
+            condition_number=3.0,
+            facts=((EVIL, EVIL),),
+        )
+    )
 
 
 def evil_poses() -> str:
@@ -167,16 +211,33 @@ def evil_poses() -> str:
 
 
 def evil_batch() -> str:
-    job = {"job": EVIL, "toolpath": EVIL, "cell": EVIL, "variant": EVIL, "state": "done", "verdict": EVIL,
-           "report": EVIL, "folder": EVIL, "gain_percent": None, "warnings": (EVIL,)}  # fmt: skip
+    job = {
+        "job": EVIL,
+        "toolpath": EVIL,
+        "cell": EVIL,
+        "variant": EVIL,
+        "state": "done",
+        "verdict": EVIL,
+        "report": EVIL,
+        "folder": EVIL,
+        "gain_percent": None,
+        "warnings": (EVIL,),
+    }
     return batch_html(BatchData("0", True, (job,), left_out=(EVIL,), compared_with=EVIL, only_here=(EVIL,)))
 
 
 @pytest.mark.parametrize(
     ("page", "scripts"),
-    [(evil_report, 2), (evil_toolpath, 2), (evil_map, 2), (evil_diagnosis, 2), (evil_identification, 2),
-     (evil_poses, 2), (evil_batch, 3)],
-)  # fmt: skip
+    [
+        (evil_report, 2),
+        (evil_toolpath, 2),
+        (evil_map, 2),
+        (evil_diagnosis, 2),
+        (evil_identification, 2),
+        (evil_poses, 2),
+        (evil_batch, 3),
+    ],
+)
 def test_a_hostile_name_is_a_name(page: Callable[[], str], scripts: int) -> None:
     """In the toolpath, the cell, the recording and all they hold; no script runs but the page's own."""
     html = page()

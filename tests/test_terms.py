@@ -26,8 +26,19 @@ from machopt.plan.pipeline import prepare
 from machopt.plan.score import directions, score_candidates
 
 ROOT = Path(__file__).resolve().parent.parent
-PSD = np.array([[2.0, 0.3, 0, 0, 0.1, 0], [0.3, 1.0, 0, 0, 0, 0.2], [0, 0, 3, 0.4, 0, 0], [0, 0, 0.4, 2, 0, 0],
-                [0.1, 0, 0, 0, 1.5, 0], [0, 0.2, 0, 0, 0, 1.2]]) * 1e-8  # fmt: skip
+PSD = (
+    np.array(
+        [
+            [2.0, 0.3, 0, 0, 0.1, 0],
+            [0.3, 1.0, 0, 0, 0, 0.2],
+            [0, 0, 3, 0.4, 0, 0],
+            [0, 0, 0.4, 2, 0, 0],
+            [0.1, 0, 0, 0, 1.5, 0],
+            [0, 0.2, 0, 0, 0, 1.2],
+        ]
+    )
+    * 1e-8
+)
 CYLINDERS = [
     {"diameter_mm": 60.0, "length_mm": 90.0, "youngs_GPa": 210.0, "bore_mm": 25.0},
     {"diameter_mm": 20.0, "length_mm": 50.0, "youngs_GPa": 600.0, "poisson": 0.22},
@@ -35,8 +46,11 @@ CYLINDERS = [
 FORMS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "beam": ("link_compliance", "link:4", {"EI_Nm2": EI, "GJ_Nm2": GJ}),
     "beam, stretched too": ("link_compliance", "link:2", {"EI_Nm2": EI, "GJ_Nm2": GJ, "EA_N": EA}),
-    "beam between points": ("link_compliance", "link:3",
-                            {"EI_Nm2": EI, "from_mm": [300.0, 0, 1900], "to_mm": [900.0, 50, 2000]}),
+    "beam between points": (
+        "link_compliance",
+        "link:3",
+        {"EI_Nm2": EI, "from_mm": [300.0, 0, 1900], "to_mm": [900.0, 50, 2000]},
+    ),
     "diagonal": ("link_compliance", "link:5", {"compliance_diagonal": [1e-9, 2e-9, 0, 1e-8, 3e-8, 2e-8]}),
     "full": ("link_compliance", "link:3", {"compliance": PSD.tolist()}),
     "base": ("base_compliance", "base", {"compliance_diagonal": [0, 0, 0, 2e-8, 3e-8, 1e-8]}),
@@ -45,12 +59,14 @@ FORMS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "tool, own length": ("tool_compliance", "tool", {"EI_Nm2": 2e4, "GJ_Nm2": 1e4, "EA_N": 1e8, "length_mm": 180.0}),
     "tool, full": ("tool_compliance", "tool", {"compliance": PSD.tolist()}),
     "cylinders": ("tool_compliance", "tool", {"cylinders": CYLINDERS}),
-    "cylinders and sensor": ("tool_compliance", "tool",
-                             {"cylinders": CYLINDERS, "sensor_N_per_mm": [7.4e4, 7.4e4, 9.8e4],
-                              "sensor_Nm_per_rad": [1.2e5, 1.2e5, 2.0e5]}),
+    "cylinders and sensor": (
+        "tool_compliance",
+        "tool",
+        {"cylinders": CYLINDERS, "sensor_N_per_mm": [7.4e4, 7.4e4, 9.8e4], "sensor_Nm_per_rad": [1.2e5, 1.2e5, 2.0e5]},
+    ),
     "coupling": ("joint_coupling", "joint:4-5", {"compliance_rad_per_Nm": 3e-7}),
     "posture": ("joint_pose_dependent_stiffness", "joint:2", {"cos_rad_per_Nm": 2e-8, "sin_rad_per_Nm": -1e-8}),
-}  # fmt: skip
+}
 BODIES = {name for name, (effect, _, _) in FORMS.items() if not effect.startswith("joint")}
 
 
@@ -217,8 +233,10 @@ def test_compliances_add_and_follow_their_coefficients(arm: tuple[Robot, np.ndar
         alone[p] = beam.values[p]
         np.testing.assert_allclose(
             beam.response(state, w)[..., p] * beam.values[p],
-            np.einsum("mij,mj->mi", compliance(arm, beam.with_values(alone), q), w), rtol=1e-9, atol=1e-18,
-        )  # fmt: skip
+            np.einsum("mij,mj->mi", compliance(arm, beam.with_values(alone), q), w),
+            rtol=1e-9,
+            atol=1e-18,
+        )
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -298,9 +316,13 @@ def test_every_form_survives_its_file(arm: tuple[Robot, np.ndarray], form: str, 
 
 
 def test_terms_still_to_be_fitted_have_coefficients_without_values(arm: tuple[Robot, np.ndarray]) -> None:
-    counts = {("link_compliance", "link:4", "beam"): 2, ("link_compliance", "link:4", "full"): 21,
-              ("base_compliance", "base", "diagonal"): 6, ("base_compliance", "base", "full"): 21,
-              ("tool_compliance", "tool", "beam"): 2}  # fmt: skip
+    counts = {
+        ("link_compliance", "link:4", "beam"): 2,
+        ("link_compliance", "link:4", "full"): 21,
+        ("base_compliance", "base", "diagonal"): 6,
+        ("base_compliance", "base", "full"): 21,
+        ("tool_compliance", "tool", "beam"): 2,
+    }
     for (effect, location, form), n in counts.items():
         term = term_of(effect, location, *arm, form=form)
         assert len(term.coefficients) == n == len(term.values)
@@ -328,18 +350,33 @@ def test_terms_still_to_be_fitted_have_coefficients_without_values(arm: tuple[Ro
         ("link_compliance", "link:5", {"from_mm": [1, 2, 3], "to_mm": [1, 2, 3]}, "makes no beam", "[0].parameters"),
         ("link_compliance", "link:4", {"from_mm": [0, 0]}, "expected 3 finite numbers", "parameters.from_mm"),
         ("base_compliance", "base", {"form": "beam"}, "valid: diagonal, full", "parameters.form"),
-        ("base_compliance", "base", {"compliance_diagonal": [1, 1, 1, 1, 1, -1]}, "at least zero",
-         "compliance_diagonal"),
+        (
+            "base_compliance",
+            "base",
+            {"compliance_diagonal": [1, 1, 1, 1, 1, -1]},
+            "at least zero",
+            "compliance_diagonal",
+        ),
         ("base_compliance", "base", {"compliance": np.triu(np.ones((6, 6))).tolist()}, "not symmetric", "compliance"),
         ("base_compliance", "base", {"compliance": (np.eye(6) - 0.5).tolist()}, "negative eigenvalue", "compliance"),
         ("tool_compliance", "tool", {"cylinders": []}, "expected a list of mappings", "cylinders"),
-        ("tool_compliance", "tool", {"cylinders": [{"diameter_mm": 20}]}, "length_mm is needed",
-         "cylinders[0].length_mm"),
-        ("tool_compliance", "tool", {"cylinders": [{**CYLINDERS[0], "bore_mm": 60}]}, "less than the diameter",
-         "bore_mm"),
+        (
+            "tool_compliance",
+            "tool",
+            {"cylinders": [{"diameter_mm": 20}]},
+            "length_mm is needed",
+            "cylinders[0].length_mm",
+        ),
+        (
+            "tool_compliance",
+            "tool",
+            {"cylinders": [{**CYLINDERS[0], "bore_mm": 60}]},
+            "less than the diameter",
+            "bore_mm",
+        ),
         ("tool_compliance", "tool", {"cylinders": CYLINDERS, "sensor_N_per_mm": [1, 1, 0]}, "above zero", "sensor_N"),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_is_said_with_its_place(
     arm: tuple[Robot, np.ndarray], effect: str, location: str, parameters: Mapping[str, Any], message: str, where: str
 ) -> None:

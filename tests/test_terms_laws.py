@@ -39,26 +39,51 @@ K = CELL.stiffness.joints
 C = 1.0 / K
 ARCMIN = np.pi / 180 / 60
 LAWS: dict[str, tuple[str, str, dict[str, Any]]] = {
-    "knee": ("joint_nonlinear_stiffness", "joint:3",
-             {"law": "knee", "extra_rad_per_Nm": 0.4 * C[2], "knee_Nm": 2000.0}),
-    "harder below the knee": ("joint_nonlinear_stiffness", "joint:2",
-                              {"law": "knee", "extra_rad_per_Nm": -0.3 * C[1], "knee_Nm": 1500.0}),
-    "knees": ("joint_nonlinear_stiffness", "joint:5",
-              {"law": "knees", "extra_rad_per_Nm": [0.5 * C[4], 0.2 * C[4]], "knees_Nm": [40.0, 160.0]}),
+    "knee": (
+        "joint_nonlinear_stiffness",
+        "joint:3",
+        {"law": "knee", "extra_rad_per_Nm": 0.4 * C[2], "knee_Nm": 2000.0},
+    ),
+    "harder below the knee": (
+        "joint_nonlinear_stiffness",
+        "joint:2",
+        {"law": "knee", "extra_rad_per_Nm": -0.3 * C[1], "knee_Nm": 1500.0},
+    ),
+    "knees": (
+        "joint_nonlinear_stiffness",
+        "joint:5",
+        {"law": "knees", "extra_rad_per_Nm": [0.5 * C[4], 0.2 * C[4]], "knees_Nm": [40.0, 160.0]},
+    ),
     "cubic": ("joint_nonlinear_stiffness", "joint:3", {"law": "cubic", "cubic_rad_per_Nm3": -1e-8 * C[2]}),
     "softening cubic": ("joint_nonlinear_stiffness", "joint:4", {"law": "cubic", "cubic_rad_per_Nm3": 2e-6 * C[3]}),
     "backlash": ("joint_backlash", "joint:5", {"width_arcmin": 0.6, "transition_Nm": 30.0}),
-    "hysteresis": ("joint_hysteresis", "joint:2",
-                   {"law": "play", "weights_rad_per_Nm": [0.3 * C[1], 0.2 * C[1]], "thresholds_Nm": [80.0, 400.0]}),
+    "hysteresis": (
+        "joint_hysteresis",
+        "joint:2",
+        {"law": "play", "weights_rad_per_Nm": [0.3 * C[1], 0.2 * C[1]], "thresholds_Nm": [80.0, 400.0]},
+    ),
     "creep": ("joint_creep", "joint:3", {"extra_rad_per_Nm": 0.1 * C[2], "time_constant_s": 20.0}),
-    "harmonics": ("joint_pose_dependent_stiffness", "joint:2",
-                  {"cos_rad_per_Nm": 0.1 * C[1], "sin_rad_per_Nm": -0.2 * C[1], "cos2_rad_per_Nm": 0.15 * C[1],
-                   "sin2_rad_per_Nm": 0.1 * C[1]}),
-    "sector": ("joint_pose_dependent_stiffness", "joint:3",
-               {"law": "sector", "extra_rad_per_Nm": 0.5 * C[2], "centre_deg": 100.0, "width_deg": 15.0}),
-    "compensator": ("gravity_compensator", "joint:2",
-                    {"force_times_length_Nm": -3e5, "rate_times_length2_Nm": 6e4, "ratio": 0.35, "angle_deg": 40.0}),
-}  # fmt: skip
+    "harmonics": (
+        "joint_pose_dependent_stiffness",
+        "joint:2",
+        {
+            "cos_rad_per_Nm": 0.1 * C[1],
+            "sin_rad_per_Nm": -0.2 * C[1],
+            "cos2_rad_per_Nm": 0.15 * C[1],
+            "sin2_rad_per_Nm": 0.1 * C[1],
+        },
+    ),
+    "sector": (
+        "joint_pose_dependent_stiffness",
+        "joint:3",
+        {"law": "sector", "extra_rad_per_Nm": 0.5 * C[2], "centre_deg": 100.0, "width_deg": 15.0},
+    ),
+    "compensator": (
+        "gravity_compensator",
+        "joint:2",
+        {"force_times_length_Nm": -3e5, "rate_times_length2_Nm": 6e4, "ratio": 0.35, "angle_deg": 40.0},
+    ),
+}
 
 
 def elasticity(*terms: Term, weight: bool = True, k: np.ndarray = K, **more: Any) -> ArmElasticity:
@@ -189,8 +214,11 @@ def test_each_law_against_its_own_direct_computation(name: str) -> None:
     size = np.abs(expected[:, :3]).max()
     assert size > 2e-6  # m: the cases do exercise the law
     np.testing.assert_allclose(more, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
-    np.testing.assert_allclose(elasticity(term).at(q).deflection(w[:, :3])[0],
-                               elasticity(term).at(q).respond(w * [1, 1, 1, 0, 0, 0])[0, :3], rtol=1e-12)  # fmt: skip
+    np.testing.assert_allclose(
+        elasticity(term).at(q).deflection(w[:, :3])[0],
+        elasticity(term).at(q).respond(w * [1, 1, 1, 0, 0, 0])[0, :3],
+        rtol=1e-12,
+    )
 
 
 def test_weight_decides_where_a_law_stands() -> None:
@@ -252,8 +280,13 @@ def _readings() -> Readings:
 
 
 def _hypotheses(r: Readings) -> list[Hypothesis]:
-    out = [*laws_compensator.apparent(r), *laws_body.coupling(r), *laws_body.links(r), *laws_body.base(r),
-           *laws_body.tool(r)]  # fmt: skip
+    out = [
+        *laws_compensator.apparent(r),
+        *laws_body.coupling(r),
+        *laws_body.links(r),
+        *laws_body.base(r),
+        *laws_body.tool(r),
+    ]
     for j in range(6):
         for effect in registry.of_joint_torque():
             out += at_joint.hypotheses(r, j, effect)[0]
@@ -304,20 +337,50 @@ def test_every_elastic_law_of_diagnose_is_a_term_and_predicts_what_it_fitted(tmp
     [
         ("joint_nonlinear_stiffness", "joint:1", {"knee_Nm": 3.0}, "is missing; valid: knee, knees, cubic", ".law"),
         ("joint_nonlinear_stiffness", "joint:1", {"law": "kne"}, "found 'kne'; valid: knee, knees, cubic", ".law"),
-        ("joint_nonlinear_stiffness", "joint:1", {"law": "knee", "knees_Nm": [1.0]}, "did you mean 'knee_Nm'",
-         "knees_Nm"),
-        ("joint_nonlinear_stiffness", "joint:1", {"law": "knee", "knee_Nm": -1.0}, "expected more than zero",
-         "knee_Nm"),
-        ("joint_nonlinear_stiffness", "joint:1", {"law": "knees", "extra_rad_per_Nm": [1.0], "knees_Nm": [1.0, 2.0]},
-         "found 1 numbers; expected 2", "extra_rad_per_Nm"),
-        ("joint_nonlinear_stiffness", "joint:1", {"law": "knees", "extra_rad_per_Nm": 1.0, "knees_Nm": [1.0]},
-         "found 1.0; expected a list of numbers", "extra_rad_per_Nm"),
+        (
+            "joint_nonlinear_stiffness",
+            "joint:1",
+            {"law": "knee", "knees_Nm": [1.0]},
+            "did you mean 'knee_Nm'",
+            "knees_Nm",
+        ),
+        (
+            "joint_nonlinear_stiffness",
+            "joint:1",
+            {"law": "knee", "knee_Nm": -1.0},
+            "expected more than zero",
+            "knee_Nm",
+        ),
+        (
+            "joint_nonlinear_stiffness",
+            "joint:1",
+            {"law": "knees", "extra_rad_per_Nm": [1.0], "knees_Nm": [1.0, 2.0]},
+            "found 1 numbers; expected 2",
+            "extra_rad_per_Nm",
+        ),
+        (
+            "joint_nonlinear_stiffness",
+            "joint:1",
+            {"law": "knees", "extra_rad_per_Nm": 1.0, "knees_Nm": [1.0]},
+            "found 1.0; expected a list of numbers",
+            "extra_rad_per_Nm",
+        ),
         ("joint_backlash", "joint:2", {"width_arcmin": -0.1, "transition_Nm": 3.0}, "at least zero", "width_arcmin"),
         ("joint_backlash", "joint:7", {}, "cannot be at 'joint:7'", "terms[0].location"),
-        ("joint_hysteresis", "joint:2", {"weights_rad_per_Nm": [-1e-7], "thresholds_Nm": [3.0]}, "found -1e-07",
-         "weights_rad_per_Nm[0]"),
-        ("joint_hysteresis", "joint:2", {"weights_rad_per_Nm": [1e-7], "thresholds_Nm": [0.0]}, "torques above zero",
-         "thresholds_Nm"),
+        (
+            "joint_hysteresis",
+            "joint:2",
+            {"weights_rad_per_Nm": [-1e-7], "thresholds_Nm": [3.0]},
+            "found -1e-07",
+            "weights_rad_per_Nm[0]",
+        ),
+        (
+            "joint_hysteresis",
+            "joint:2",
+            {"weights_rad_per_Nm": [1e-7], "thresholds_Nm": [0.0]},
+            "torques above zero",
+            "thresholds_Nm",
+        ),
         ("joint_hysteresis", "joint:2", {"law": "bouc-wen"}, "valid: play", ".law"),
         ("joint_creep", "joint:2", {"extra_rad_per_Nm": -1e-9}, "at least zero", "extra_rad_per_Nm"),
         ("joint_creep", "joint:2", {"time_constant_s": 0}, "more than zero", "time_constant_s"),
@@ -326,7 +389,7 @@ def test_every_elastic_law_of_diagnose_is_a_term_and_predicts_what_it_fitted(tmp
         ("gravity_compensator", "joint:3", {}, "cannot be at 'joint:3'; valid: joint:2", "location"),
         ("gravity_compensator", "joint:2", {"ratio": 1.0}, "the pivots meet", "ratio"),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_is_said_with_its_place(
     effect: str, location: str, parameters: dict[str, Any], message: str, where: str
 ) -> None:
@@ -363,12 +426,19 @@ def test_springs_that_give_way_against_the_load_are_refused() -> None:
     elasticity(joint("joint_nonlinear_stiffness", 3, **knees))  # −0.8 beyond the first knee, −0.3 below it
     swapped = {**knees, "knees_Nm": [300.0, 100.0]}  # −0.3 below the first knee, +0.5 to the second
     elasticity(joint("joint_nonlinear_stiffness", 3, **swapped))
-    together = joint("joint_pose_dependent_stiffness", 3, law="sector", extra_rad_per_Nm=-0.3 * C[2], centre_deg=90.0,
-                     width_deg=10.0)  # fmt: skip
+    together = joint(
+        "joint_pose_dependent_stiffness", 3, law="sector", extra_rad_per_Nm=-0.3 * C[2], centre_deg=90.0, width_deg=10.0
+    )
     with pytest.raises(InputError, match="with the joint's other terms"):
         elasticity(joint("joint_nonlinear_stiffness", 3, **knees), together)
-    second = joint("joint_pose_dependent_stiffness", 2, cos_rad_per_Nm=0.0, sin_rad_per_Nm=0.0,
-                   cos2_rad_per_Nm=1.05 * C[1], sin2_rad_per_Nm=0.0)  # fmt: skip
+    second = joint(
+        "joint_pose_dependent_stiffness",
+        2,
+        cos_rad_per_Nm=0.0,
+        sin_rad_per_Nm=0.0,
+        cos2_rad_per_Nm=1.05 * C[1],
+        sin2_rad_per_Nm=0.0,
+    )
     with pytest.raises(InputError, match=r"takes .* from joint 2 at -90 deg"):
         elasticity(second)
     effect, location, p = LAWS["compensator"]
@@ -447,8 +517,11 @@ def test_optimize_takes_the_laws_and_bends_more(tmp_path: Path) -> None:
     """The command, with terms that all soften: the predicted deflection grows at every point of the same rotation."""
     names = ("knees", "softening cubic", "hysteresis", "creep", "sector")
     toolpath = tmp_path / "holes.csv"
-    rows = [f"{40 * k},{60 * (k % 2)},{z},0,0,1,{move},{feed},drill" for k in range(3) for z, move, feed in
-            ((60, "rapid", ""), (10, "approach", 900), (-5, "cut", 300), (30, "retract", 900))]  # fmt: skip
+    rows = [
+        f"{40 * k},{60 * (k % 2)},{z},0,0,1,{move},{feed},drill"
+        for k in range(3)
+        for z, move, feed in ((60, "rapid", ""), (10, "approach", 900), (-5, "cut", 300), (30, "retract", 900))
+    ]
     toolpath.write_text("x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation\n" + "\n".join(rows) + "\n")
     worst = {}
     for case in ("plain", "laws"):

@@ -15,8 +15,18 @@ from machopt.model.touching import BLOCK, nearer, outline_of
 def body_of(mesh: trimesh.Trimesh) -> Body:
     v = np.array(mesh.vertices)
     low, high = v.min(0), v.max(0)
-    return Body("b", "link", 1, v, np.array(mesh.faces, np.int64), np.eye(3), (low + high) / 2, (high - low) / 2,
-                np.zeros((1, 3)), 1.0)  # fmt: skip
+    return Body(
+        "b",
+        "link",
+        1,
+        v,
+        np.array(mesh.faces, np.int64),
+        np.eye(3),
+        (low + high) / 2,
+        (high - low) / 2,
+        np.zeros((1, 3)),
+        1.0,
+    )
 
 
 def placements(count: int, spread: float) -> np.ndarray:

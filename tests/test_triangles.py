@@ -40,9 +40,26 @@ def test_distances_are_those_of_fcl_and_crossing_surfaces_have_none() -> None:
     x, y = mesh_of(a), mesh_of(b)
     far, none = np.full(300, np.inf), np.full(300, -np.inf)
     d, _ = follow(
-        x.corners, x.normals, x.low, x.high, x.child, x.first, x.count, x.order, y.corners, y.normals, y.child, y.first,
-        y.count, y.order, np.arange(300), T, 10.0 * np.arange(300), none, far,
-    )  # fmt: skip
+        x.corners,
+        x.normals,
+        x.low,
+        x.high,
+        x.child,
+        x.first,
+        x.count,
+        x.order,
+        y.corners,
+        y.normals,
+        y.child,
+        y.first,
+        y.count,
+        y.order,
+        np.arange(300),
+        T,
+        10.0 * np.arange(300),
+        none,
+        far,
+    )
     surfaces = Surfaces([a, b])
     theirs = np.array([max(surfaces.distance((0, 1), M), 0.0) for M in T])
     assert 0.02 < (theirs == 0.0).mean() < 0.9

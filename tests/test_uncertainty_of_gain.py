@@ -23,8 +23,16 @@ from machopt.services.points import point_results
 
 ROOT = FilePath(__file__).resolve().parent.parent
 TERMS = (Term("link_compliance", "link:4", {"EI_Nm2": 3e6, "GJ_Nm2": 2e6}), Term("geometric_stiffness", "arm"))
-CORRELATED = np.array([[1.0, 0.5, 0, 0, 0, 0], [0.5, 1, -0.3, 0, 0, 0], [0, -0.3, 1, 0, 0, 0.2],
-                       [0, 0, 0, 1, 0.6, 0], [0, 0, 0, 0.6, 1, 0], [0, 0, 0.2, 0, 0, 1]])  # fmt: skip
+CORRELATED = np.array(
+    [
+        [1.0, 0.5, 0, 0, 0, 0],
+        [0.5, 1, -0.3, 0, 0, 0],
+        [0, -0.3, 1, 0, 0, 0.2],
+        [0, 0, 0, 1, 0.6, 0],
+        [0, 0, 0, 0.6, 1, 0],
+        [0, 0, 0.2, 0, 0, 1],
+    ]
+)
 
 
 def with_stiffness(p: Plan, stiffness: Stiffness) -> Plan:

@@ -39,10 +39,19 @@ def toolpath() -> Toolpath:
     n = len(POINTS)
     feed = np.where(np.array(MOVES) == Move.RAPID, np.nan, FEED)
     return Toolpath(
-        POINTS.copy(), np.tile([0, 0, 1.0], (n, 1)), np.array(MOVES, np.int8), feed, np.zeros(n, np.int32),
-        (Operation("slot", "trajectory"),), np.full((n, 3), np.nan), np.full(n, np.nan),
-        np.arange(1, n + 1, dtype=np.int32), "slot.csv", "csv", "",
-    )  # fmt: skip
+        POINTS.copy(),
+        np.tile([0, 0, 1.0], (n, 1)),
+        np.array(MOVES, np.int8),
+        feed,
+        np.zeros(n, np.int32),
+        (Operation("slot", "trajectory"),),
+        np.full((n, 3), np.nan),
+        np.full(n, np.nan),
+        np.arange(1, n + 1, dtype=np.int32),
+        "slot.csv",
+        "csv",
+        "",
+    )
 
 
 def solve(robot: Robot, cell: Cell, tip: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -80,9 +89,10 @@ def sound(cell: Cell) -> dict[str, list[object]]:
     back = int(np.flatnonzero(np.isfinite(s))[-1])
     table: dict[str, list[object]] = {
         "time_s": [n * CYCLE for n in range(len(rows))],
-        "point": [r[0] for r in rows], "operation": ["slot" if n <= back else "" for n in range(len(rows))],
+        "point": [r[0] for r in rows],
+        "operation": ["slot" if n <= back else "" for n in range(len(rows))],
         "move": [r[1].word for r in rows],
-    }  # fmt: skip
+    }
     for i in range(6):
         table[f"q{i + 1}_deg"] = [float(np.degrees(r[2][i])) for r in rows]
     table["gamma_deg"] = [np.nan if r[1] == Move.RAPID else GAMMA for r in rows]
@@ -108,15 +118,26 @@ def points_table(table: dict[str, list[object]], cell: Cell) -> dict[str, list[o
     margin = np.degrees(np.minimum(np.radians(at) - cell.limits.lower, cell.limits.upper - np.radians(at)).min(axis=1))
     blank = [np.nan] * len(POINTS)
     out: dict[str, list[object]] = {
-        "point": list(range(len(POINTS))), "operation": ["slot"] * len(POINTS), "move": [m.word for m in MOVES],
-        **{f"{c}_mm": list(1e3 * POINTS[:, n]) for n, c in enumerate("xyz")}, "i": [0.0] * 5, "j": [0.0] * 5,
-        "k": [1.0] * 5, "gamma_deg": [GAMMA] * 5, "branch": branch.tolist(),
-        **{f"q{i + 1}_deg": at[:, i].tolist() for i in range(6)}, "k_axial_N_mm": blank, "k_normal_N_mm": list(blank),
-        "deflection_mm": list(blank), "clearance_mm": (1e3 * near.distance).tolist(),
-        "limit_margin_deg": margin.tolist(), "singularity": singular.tolist(), "status": ["ok"] * len(POINTS),
+        "point": list(range(len(POINTS))),
+        "operation": ["slot"] * len(POINTS),
+        "move": [m.word for m in MOVES],
+        **{f"{c}_mm": list(1e3 * POINTS[:, n]) for n, c in enumerate("xyz")},
+        "i": [0.0] * 5,
+        "j": [0.0] * 5,
+        "k": [1.0] * 5,
+        "gamma_deg": [GAMMA] * 5,
+        "branch": branch.tolist(),
+        **{f"q{i + 1}_deg": at[:, i].tolist() for i in range(6)},
+        "k_axial_N_mm": blank,
+        "k_normal_N_mm": list(blank),
+        "deflection_mm": list(blank),
+        "clearance_mm": (1e3 * near.distance).tolist(),
+        "limit_margin_deg": margin.tolist(),
+        "singularity": singular.tolist(),
+        "status": ["ok"] * len(POINTS),
         "reason": [""] * len(POINTS),
         "nearest_pair": [model.pairs[p].name if p >= 0 else "" for p in near.pair],
-    }  # fmt: skip
+    }
     return out
 
 
@@ -126,8 +147,12 @@ def write(file: Path, table: dict[str, list[object]]) -> None:
         writer = csv.writer(stream)
         writer.writerow(table)
         for row in zip(*table.values(), strict=True):
-            writer.writerow([f"{x:.9f}" if isinstance(x, float) and np.isfinite(x) else
-                             ("" if isinstance(x, float) else x) for x in row])  # fmt: skip
+            writer.writerow(
+                [
+                    f"{x:.9f}" if isinstance(x, float) and np.isfinite(x) else ("" if isinstance(x, float) else x)
+                    for x in row
+                ]
+            )
 
 
 @pytest.fixture(scope="module")
@@ -143,8 +168,14 @@ def table(cell: Cell) -> dict[str, list[object]]:
 Damage = Callable[[dict[str, list[object]]], None]
 
 
-def verified(cell: Cell, table: dict[str, list[object]], out: Path, damage: Damage | None = None,
-             points: Damage | None = None, options: PlanOptions | None = None) -> Verification:  # fmt: skip
+def verified(
+    cell: Cell,
+    table: dict[str, list[object]],
+    out: Path,
+    damage: Damage | None = None,
+    points: Damage | None = None,
+    options: PlanOptions | None = None,
+) -> Verification:
     copy = {name: list(column) for name, column in table.items()}
     of_points = points_table(copy, cell)
     if damage is not None:
@@ -303,8 +334,13 @@ def test_catches_contacts(cell: Cell, table: dict[str, list[object]], tmp_path: 
     def unmeasured(t: dict[str, list[object]]) -> None:
         t["clearance_mm"] = [np.nan] * len(POINTS)
 
-    off = verified(replace(cell, obstacles=(*cell.obstacles, clamp)), table, tmp_path, points=unmeasured,
-                   options=PlanOptions(collision=False))  # fmt: skip
+    off = verified(
+        replace(cell, obstacles=(*cell.obstacles, clamp)),
+        table,
+        tmp_path,
+        points=unmeasured,
+        options=PlanOptions(collision=False),
+    )
     assert off.ok
     assert [c.name for c in off.checks if c.passed is None and "switched off" in c.where] == ["collisions"]
 

@@ -82,10 +82,17 @@ def poses(count: int, far: float, seed: int) -> np.ndarray:
 def measured(a: Any, b: Any, T: np.ndarray) -> np.ndarray:
     """(K,) m by coal, 0 in contact."""
     still = coal.Transform3s(np.eye(3), np.zeros(3))
-    return np.array([
-        max(coal.distance(a, still, b, coal.Transform3s(x[:3, :3], x[:3, 3]), coal.DistanceRequest(),
-                          coal.DistanceResult()), 0.0) for x in T
-    ])  # fmt: skip
+    return np.array(
+        [
+            max(
+                coal.distance(
+                    a, still, b, coal.Transform3s(x[:3, :3], x[:3, 3]), coal.DistanceRequest(), coal.DistanceResult()
+                ),
+                0.0,
+            )
+            for x in T
+        ]
+    )
 
 
 @pytest.mark.parametrize("first", SHAPES)

@@ -44,8 +44,12 @@ def verified(job: Job, *options: str) -> int:
 def test_what_is_switched_off_stands_everywhere_in_the_same_words(
     without_collision: Job, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = (NOT_CHECKED, "path tolerance 0.5 mm instead of 0.02 mm",
-             "tool axis tolerance 0.2 deg instead of 0.05 deg", "gaps allowed")  # fmt: skip
+    words = (
+        NOT_CHECKED,
+        "path tolerance 0.5 mm instead of 0.02 mm",
+        "tool axis tolerance 0.2 deg instead of 0.05 deg",
+        "gaps allowed",
+    )
     out = without_collision.out
     result = json.loads((out / "result.json").read_text())
     manifest, _ = read_manifest(out)
@@ -83,8 +87,9 @@ def test_options_and_reading_come_from_the_manifest(tmp_path: Path, capsys: pyte
     toolpath = tmp_path / "pass.csv"
     toolpath.write_text("x_mm,y_mm,z_mm,i,j,k,move\n" + "".join(f"{x},{y},{z},0,0,1,{m}\n" for x, y, z, m, _ in PASS))
     wide = ("path_tolerance_mm=0.4", "rotation_step_deg=15")
-    asked = Request(cell=KR500, toolpath=toolpath, out=tmp_path / "out", overrides=wide,
-                    reading={"default_feed": 1100 / 60e3})  # fmt: skip
+    asked = Request(
+        cell=KR500, toolpath=toolpath, out=tmp_path / "out", overrides=wide, reading={"default_feed": 1100 / 60e3}
+    )
     assert optimize(asked).exit_code == 0
     assert read_manifest(tmp_path / "out")[0].reading == {"feed_mm_min": 1100.0}
     job = Job(KR500, toolpath, tmp_path / "out")
@@ -147,8 +152,10 @@ def test_an_infeasible_plan_leaves_no_program_and_verifies_as_such(
     toolpath = tmp_path / "far.csv"
     toolpath.write_text(HEADER + "\n9000,0,0,0,0,1,cut,1000\n9010,0,0,0,0,1,cut,1000\n")
     out = tmp_path / "out"
-    assert main(["optimize", str(KR500), str(toolpath), "-o", str(out), "--quiet", "--post", "krl",
-                 "--post", "rapid"]) == 3  # fmt: skip
+    assert (
+        main(["optimize", str(KR500), str(toolpath), "-o", str(out), "--quiet", "--post", "krl", "--post", "rapid"])
+        == 3
+    )
     assert {f.name for f in out.iterdir()} == {"manifest.json", "points.csv", "report.html", "result.json"}
     result = json.loads((out / "result.json").read_text())
     assert [(p["post"], p["files"]) for p in result["programs"]] == [("krl", []), ("rapid", [])]
@@ -172,12 +179,17 @@ def test_a_plan_that_does_not_hold_leaves_no_program(tmp_path: Path, monkeypatch
     toolpath = tmp_path / "pass.csv"
     toolpath.write_text(HEADER + "\n" + "".join(f"{x},{y},{z},0,0,1,{move},{feed}\n" for x, y, z, move, feed in PASS))
     out = tmp_path / "out"
-    done = optimize(Request(cell=KR500, toolpath=toolpath, out=out, overrides=("rotation_step_deg=15",),
-                            posts=("krl", "urscript")))  # fmt: skip
+    done = optimize(
+        Request(cell=KR500, toolpath=toolpath, out=out, overrides=("rotation_step_deg=15",), posts=("krl", "urscript"))
+    )
     assert done.exit_code == 4
     assert {f.name for f in out.iterdir()} == {
-        "manifest.json", "points.csv", "report.html", "result.json", "trajectory.csv",
-    }  # fmt: skip
+        "manifest.json",
+        "points.csv",
+        "report.html",
+        "result.json",
+        "trajectory.csv",
+    }
     result = json.loads((out / "result.json").read_text())
     assert [p["withheld"] for p in result["programs"]] == ["verification failed", "verification failed"]
     assert read_manifest(out)[0].programs == ()
@@ -187,8 +199,24 @@ def test_a_plan_that_does_not_hold_leaves_no_program(tmp_path: Path, monkeypatch
 def test_what_other_commands_wrote_is_refused_by_name(
     plain: Job, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["map", str(KR500), "-o", str(tmp_path / "map"), "--quiet", "--step", "800", "--collision", "none",
-                 "--rotation-step", "90"]) == 0  # fmt: skip
+    assert (
+        main(
+            [
+                "map",
+                str(KR500),
+                "-o",
+                str(tmp_path / "map"),
+                "--quiet",
+                "--step",
+                "800",
+                "--collision",
+                "none",
+                "--rotation-step",
+                "90",
+            ]
+        )
+        == 0
+    )
     manifest, sealed = read_manifest(tmp_path / "map")
     assert sealed
     assert manifest.unchecked == (NOT_CHECKED,)

@@ -29,44 +29,70 @@ K = np.array([1.4e6, 4.0e5, 9.4e5, 3.6e5, 3.7e5, 3.8e5])  # N·m/rad
 FULL = (np.diag([3e-9, 2e-9, 4e-9, 5e-8, 6e-8, 7e-8]) + 2e-10).tolist()
 TERMS = {
     "coupling": Term("joint_coupling", "joint:4-5", {"compliance_rad_per_Nm": 4e-7}),
-    "harmonics": Term("joint_pose_dependent_stiffness", "joint:2",
-                      {"cos_rad_per_Nm": 3e-7, "sin_rad_per_Nm": -2e-7, "cos2_rad_per_Nm": 1e-7,
-                       "sin2_rad_per_Nm": 5e-8}),
-    "sector": Term("joint_pose_dependent_stiffness", "joint:3",
-                   {"law": "sector", "extra_rad_per_Nm": 6e-7, "centre_deg": 40.0, "width_deg": 30.0}),
+    "harmonics": Term(
+        "joint_pose_dependent_stiffness",
+        "joint:2",
+        {"cos_rad_per_Nm": 3e-7, "sin_rad_per_Nm": -2e-7, "cos2_rad_per_Nm": 1e-7, "sin2_rad_per_Nm": 5e-8},
+    ),
+    "sector": Term(
+        "joint_pose_dependent_stiffness",
+        "joint:3",
+        {"law": "sector", "extra_rad_per_Nm": 6e-7, "centre_deg": 40.0, "width_deg": 30.0},
+    ),
     "creep": Term("joint_creep", "joint:1", {"extra_rad_per_Nm": 2e-7, "time_constant_s": 10.0}),
     "knee": Term("joint_nonlinear_stiffness", "joint:3", {"law": "knee", "extra_rad_per_Nm": 8e-7, "knee_Nm": 900.0}),
-    "knees": Term("joint_nonlinear_stiffness", "joint:2",
-                  {"law": "knees", "extra_rad_per_Nm": [5e-7, 3e-7], "knees_Nm": [300.0, 1200.0]}),
+    "knees": Term(
+        "joint_nonlinear_stiffness",
+        "joint:2",
+        {"law": "knees", "extra_rad_per_Nm": [5e-7, 3e-7], "knees_Nm": [300.0, 1200.0]},
+    ),
     "softening": Term("joint_nonlinear_stiffness", "joint:2", {"law": "cubic", "cubic_rad_per_Nm3": 2e-13}),
     "hardening": Term("joint_nonlinear_stiffness", "joint:2", {"law": "cubic", "cubic_rad_per_Nm3": -4e-13}),
     "backlash": Term("joint_backlash", "joint:5", {"width_arcmin": 0.8, "transition_Nm": 60.0}),
-    "hysteresis": Term("joint_hysteresis", "joint:4",
-                       {"weights_rad_per_Nm": [4e-7, 2e-7], "thresholds_Nm": [20.0, 90.0]}),
-    "rounded": Term("joint_hysteresis", "joint:4",
-                    {"law": "bouc_wen", "drag_arcmin": 0.02, "reach_Nm": 70.0, "beta": 0.65}),
-    "balancer": Term("gravity_compensator", "joint:2", {
-        "force_times_length_Nm": 4e3, "rate_times_length2_Nm": 3e4, "ratio": 0.3, "angle_deg": 50.0}),
+    "hysteresis": Term(
+        "joint_hysteresis", "joint:4", {"weights_rad_per_Nm": [4e-7, 2e-7], "thresholds_Nm": [20.0, 90.0]}
+    ),
+    "rounded": Term(
+        "joint_hysteresis", "joint:4", {"law": "bouc_wen", "drag_arcmin": 0.02, "reach_Nm": 70.0, "beta": 0.65}
+    ),
+    "balancer": Term(
+        "gravity_compensator",
+        "joint:2",
+        {"force_times_length_Nm": 4e3, "rate_times_length2_Nm": 3e4, "ratio": 0.3, "angle_deg": 50.0},
+    ),
     "link beam": Term("link_compliance", "link:2", {"EI_Nm2": 3e6, "GJ_Nm2": 2e6, "EA_N": 5e8}),
-    "link box": Term("link_compliance", "link:3",
-                     {"EI_Nm2": 3e6, "EI_across_Nm2": 9e5, "GJ_Nm2": 2e6, "normal": [0.1, 1.0, 0.2]}),
+    "link box": Term(
+        "link_compliance", "link:3", {"EI_Nm2": 3e6, "EI_across_Nm2": 9e5, "GJ_Nm2": 2e6, "normal": [0.1, 1.0, 0.2]}
+    ),
     "link box, rigid in a plane": Term("link_compliance", "link:2", {"EI_across_Nm2": 9e5, "normal": [0.0, 1.0, 0.0]}),
     "link box, rigid across": Term("link_compliance", "link:2", {"EI_Nm2": 9e5, "normal": [0.0, 1.0, 0.0]}),
-    "tool box": Term("tool_compliance", "tool", {"EI_Nm2": 4e4, "EI_across_Nm2": 2e4, "EA_N": 5e7,
-                                                 "normal": [0.0, 1.0, 0.3]}),
-    "link placed": Term("link_compliance", "link:4",
-                        {"EI_Nm2": 8e5, "from_mm": [1.5e3, 0, 700], "to_mm": [2.2e3, 0, 710]}),
+    "tool box": Term(
+        "tool_compliance", "tool", {"EI_Nm2": 4e4, "EI_across_Nm2": 2e4, "EA_N": 5e7, "normal": [0.0, 1.0, 0.3]}
+    ),
+    "link placed": Term(
+        "link_compliance", "link:4", {"EI_Nm2": 8e5, "from_mm": [1.5e3, 0, 700], "to_mm": [2.2e3, 0, 710]}
+    ),
     "link matrix": Term("link_compliance", "link:3", {"compliance": FULL}),
-    "base": Term("base_compliance", "base",
-                 {"compliance_diagonal": [2e-9, 2e-9, 1e-9, 3e-8, 3e-8, 1e-8], "at_mm": [10, 20, 30]}),
+    "base": Term(
+        "base_compliance", "base", {"compliance_diagonal": [2e-9, 2e-9, 1e-9, 3e-8, 3e-8, 1e-8], "at_mm": [10, 20, 30]}
+    ),
     "tool beam": Term("tool_compliance", "tool", {"EI_Nm2": 4e4, "GJ_Nm2": 3e4}),
     "tool matrix": Term("tool_compliance", "tool", {"compliance": FULL}),
-    "tool stack": Term("tool_compliance", "tool", {
-        "cylinders": [{"diameter_mm": 60, "length_mm": 120, "youngs_GPa": 210, "bore_mm": 20},
-                      {"diameter_mm": 16, "length_mm": 80, "youngs_GPa": 600, "poisson": 0.22}],
-        "sensor_N_per_mm": [4e4, 4e4, 9e4], "sensor_Nm_per_rad": [5e4, 5e4, 8e4], "scale": 1.1}),
+    "tool stack": Term(
+        "tool_compliance",
+        "tool",
+        {
+            "cylinders": [
+                {"diameter_mm": 60, "length_mm": 120, "youngs_GPa": 210, "bore_mm": 20},
+                {"diameter_mm": 16, "length_mm": 80, "youngs_GPa": 600, "poisson": 0.22},
+            ],
+            "sensor_N_per_mm": [4e4, 4e4, 9e4],
+            "sensor_Nm_per_rad": [5e4, 5e4, 8e4],
+            "scale": 1.1,
+        },
+    ),
     "K_C": Term("geometric_stiffness", "arm", {}),
-}  # fmt: skip
+}
 
 
 @pytest.fixture(scope="module")
@@ -97,9 +123,25 @@ def poses(cell: Cell, n: int = 12) -> np.ndarray:
 @pytest.mark.parametrize("name", [*TERMS, "everything"])
 def test_every_term_of_a_stiffness_file_is_recomputed(cell: Cell, name: str) -> None:
     """Small-load compliance, displacement under load and the paper's index, to rounding of 1e-9 of themselves."""
-    terms = (TERMS[name],) if name != "everything" else tuple(
-        TERMS[n] for n in ("coupling", "harmonics", "knee", "backlash", "hysteresis", "balancer", "link beam", "base",
-                           "tool stack", "K_C"))  # fmt: skip
+    terms = (
+        (TERMS[name],)
+        if name != "everything"
+        else tuple(
+            TERMS[n]
+            for n in (
+                "coupling",
+                "harmonics",
+                "knee",
+                "backlash",
+                "hysteresis",
+                "balancer",
+                "link beam",
+                "base",
+                "tool stack",
+                "K_C",
+            )
+        )
+    )
     stiffness = Stiffness(K, terms=terms)
     robot, arm, q = load_robot(cell), Arm(cell), poses(cell)
     theirs = ArmElasticity(
@@ -173,10 +215,19 @@ def some_path(kind: str) -> Toolpath:
         reference_direction[5:15] = [0.3, 0.5, 0.1]
     drilling = "point" if kind == "drilling" else "trajectory"
     return Toolpath(
-        position, axis, move, np.where(move == Move.RAPID, np.nan, 0.02), np.zeros(n, np.int32),
-        (Operation("a", drilling),), reference_direction, np.full(n, np.nan), np.arange(1, n + 1, dtype=np.int32), "p",  # type: ignore[arg-type]
-        "csv", "",
-    )  # fmt: skip
+        position,
+        axis,
+        move,
+        np.where(move == Move.RAPID, np.nan, 0.02),
+        np.zeros(n, np.int32),
+        (Operation("a", drilling),),
+        reference_direction,
+        np.full(n, np.nan),
+        np.arange(1, n + 1, dtype=np.int32),
+        "p",  # type: ignore[arg-type]
+        "csv",
+        "",
+    )
 
 
 @pytest.mark.parametrize("kind", ["travel", "given", "drilling"])

@@ -37,15 +37,29 @@ def grid_of(
 ) -> Grid:
     S, R, B, _ = feasible.shape
     candidates = Candidates(
-        phi=np.arange(R) * TURN / R, q=q, turns=turns, reason=np.zeros((S, R, B), np.uint8), feasible=feasible,
-        stable=stable, shortfall=np.zeros(S),
-    )  # fmt: skip
+        phi=np.arange(R) * TURN / R,
+        q=q,
+        turns=turns,
+        reason=np.zeros((S, R, B), np.uint8),
+        feasible=feasible,
+        stable=stable,
+        shortfall=np.zeros(S),
+    )
     return Grid(
-        candidates=candidates, counted=np.ones(S, bool), window=window, seconds=rng.uniform(0.1, 1, S),
-        shift=rng.integers(0, R, S).astype(np.int32), node=rng.uniform(0, 1, (S, R, B)),
-        raw=rng.uniform(1, 2, (S, R, B)), slowness=rng.uniform(0.3, 1, 6), price_q=rng.uniform(0, 1, S),
-        price_r=rng.uniform(0, 1, S), price_t=rng.uniform(0, 1, S), nudged=np.zeros(S), worst=1.0,
-    )  # fmt: skip
+        candidates=candidates,
+        counted=np.ones(S, bool),
+        window=window,
+        seconds=rng.uniform(0.1, 1, S),
+        shift=rng.integers(0, R, S).astype(np.int32),
+        node=rng.uniform(0, 1, (S, R, B)),
+        raw=rng.uniform(1, 2, (S, R, B)),
+        slowness=rng.uniform(0.3, 1, 6),
+        price_q=rng.uniform(0, 1, S),
+        price_r=rng.uniform(0, 1, S),
+        price_t=rng.uniform(0, 1, S),
+        nudged=np.zeros(S),
+        worst=1.0,
+    )
 
 
 def banned(edges: Edges, s: int, u: int, v: int, T: int) -> Edges:

@@ -17,19 +17,33 @@ ROBOTS = ("kr240_drilling", "irb6700_drilling", "kr500_milling")
 STIFF = ("irb6700_drilling", "kr500_milling")
 # where the effect can be seen at all beside the springs
 SHOWS = {
-    "geometric_stiffness": ("kr240_drilling",), "gravity_compensator": ("kr240_drilling",), "tool_compliance": STIFF,
-}  # fmt: skip
+    "geometric_stiffness": ("kr240_drilling",),
+    "gravity_compensator": ("kr240_drilling",),
+    "tool_compliance": STIFF,
+}
 ODD = "cutting_cobot"  # no spherical wrist
 SIZES = ("small", "medium", "large")
 # for a quick look: fewer cases, fewer readings
 FAST = (
-    "null/deflection.[0-9]", "null/absolute.[0-3]", "null/motion.[0-2]",
-    "deflection/joint_hysteresis.2/large", "deflection/link_compliance.6/large", "deflection/joint_backlash.1/large",
-    "deflection/force_sensor_gain.14/large", "deflection/base_compliance.8/large", "absolute/joint_zero_offset.0/large",
-    "absolute/thermal_drift.3/large", "motion/joint_friction.0/large", "motion/time_skew.4/medium",
-    "pair/joint_hysteresis+link_compliance.0", "outside/loose_bolt.0", "outside/tracker_kick.8", "set/base_spin.1",
-    "record/units.0", "record/outliers.4",
-)  # fmt: skip
+    "null/deflection.[0-9]",
+    "null/absolute.[0-3]",
+    "null/motion.[0-2]",
+    "deflection/joint_hysteresis.2/large",
+    "deflection/link_compliance.6/large",
+    "deflection/joint_backlash.1/large",
+    "deflection/force_sensor_gain.14/large",
+    "deflection/base_compliance.8/large",
+    "absolute/joint_zero_offset.0/large",
+    "absolute/thermal_drift.3/large",
+    "motion/joint_friction.0/large",
+    "motion/time_skew.4/medium",
+    "pair/joint_hysteresis+link_compliance.0",
+    "outside/loose_bolt.0",
+    "outside/tracker_kick.8",
+    "set/base_spin.1",
+    "record/units.0",
+    "record/outliers.4",
+)
 
 
 def joints(*numbers: int) -> tuple[str, ...]:
@@ -99,32 +113,48 @@ PAIRS = (
     ("motion", "torque", ("joint_friction", joints(1, 3)), ("payload", ("tool",))),
     ("motion", "link", ("joint_hysteresis", joints(2)), ("transmission_error", joints(1, 3))),
     ("motion", "link", ("joint_backlash", joints(1)), ("time_skew", ("sensor:qse",))),
-)  # fmt: skip
+)
 OUTSIDE = (
-    ("deflection", "3d", "loose_bolt", ("base",)), ("deflection", "6d", "loose_bolt", ("base",)),
-    ("deflection", "3d", "bearing_play", joints(1, 2, 3)), ("deflection", "6d", "bearing_play", joints(1, 2, 3)),
-    ("deflection", "3d", "hose_spring", ("link:4",)), ("deflection", "3d", "bent_amplifier", ("sensor:force",)),
-    ("absolute", "3d", "sun_bow", ("link:2",)), ("absolute", "6d", "sun_bow", ("link:2",)),
-    ("absolute", "3d", "tracker_kick", ("tracker",)), ("absolute", "3d", "gear_wear", joints(1, 2, 3)),
-    ("absolute", "3d", "hose_spring", ("link:4",)), ("motion", "torque", "cable_drag", joints(4, 5, 6)),
-    ("motion", "torque", "gear_wear", joints(1, 2, 3)), ("motion", "link", "gear_wear", joints(1, 3, 4)),
+    ("deflection", "3d", "loose_bolt", ("base",)),
+    ("deflection", "6d", "loose_bolt", ("base",)),
+    ("deflection", "3d", "bearing_play", joints(1, 2, 3)),
+    ("deflection", "6d", "bearing_play", joints(1, 2, 3)),
+    ("deflection", "3d", "hose_spring", ("link:4",)),
+    ("deflection", "3d", "bent_amplifier", ("sensor:force",)),
+    ("absolute", "3d", "sun_bow", ("link:2",)),
+    ("absolute", "6d", "sun_bow", ("link:2",)),
+    ("absolute", "3d", "tracker_kick", ("tracker",)),
+    ("absolute", "3d", "gear_wear", joints(1, 2, 3)),
+    ("absolute", "3d", "hose_spring", ("link:4",)),
+    ("motion", "torque", "cable_drag", joints(4, 5, 6)),
+    ("motion", "torque", "gear_wear", joints(1, 2, 3)),
+    ("motion", "link", "gear_wear", joints(1, 3, 4)),
     ("motion", "torque", "rotor_inertia", joints(1, 2, 3)),
-)  # fmt: skip
+)
 INSEPARABLE = (
-    ("soft_everywhere", ("base", "link:2", "link:4", "tool"), "3d"), ("base_spin", ("base",), "6d"),
-    ("forearm_twist", ("link:4",), "6d"), ("end_turn", ("link:2",), "3d"), ("flange_twist", ("tool",), "3d"),
-    ("common_gain", ("sensor:force",), "3d"), ("gravity_compensator", joints(2), "3d"),
-    ("joint_coupling", ("joint:2-3",), "3d"), ("tool_compliance", ("tool",), "3d"),
+    ("soft_everywhere", ("base", "link:2", "link:4", "tool"), "3d"),
+    ("base_spin", ("base",), "6d"),
+    ("forearm_twist", ("link:4",), "6d"),
+    ("end_turn", ("link:2",), "3d"),
+    ("flange_twist", ("tool",), "3d"),
+    ("common_gain", ("sensor:force",), "3d"),
+    ("gravity_compensator", joints(2), "3d"),
+    ("joint_coupling", ("joint:2-3",), "3d"),
+    ("tool_compliance", ("tool",), "3d"),
     ("joint_backlash", joints(2, 3), "3d"),
-)  # fmt: skip
+)
 BROKEN = (
-    ("deflection", "3d", "units", ("column:dx_mm",)), ("deflection", "3d", "units", ("column:q1_deg",)),
-    ("deflection", "6d", "units", ("column:mx_Nm",)), ("deflection", "6d", "units", ("column:rx_mrad",)),
-    ("deflection", "3d", "outliers", ("rows",)), ("deflection", "6d", "outliers", ("rows",)),
-    ("absolute", "3d", "units", ("column:x_mm",)), ("absolute", "3d", "outliers", ("rows",)),
+    ("deflection", "3d", "units", ("column:dx_mm",)),
+    ("deflection", "3d", "units", ("column:q1_deg",)),
+    ("deflection", "6d", "units", ("column:mx_Nm",)),
+    ("deflection", "6d", "units", ("column:rx_mrad",)),
+    ("deflection", "3d", "outliers", ("rows",)),
+    ("deflection", "6d", "outliers", ("rows",)),
+    ("absolute", "3d", "units", ("column:x_mm",)),
+    ("absolute", "3d", "outliers", ("rows",)),
     ("deflection", "3d", "force_sensor_frame", ("sensor:force",)),
     ("deflection", "3d", "load_geometry", ("sensor:force",)),
-)  # fmt: skip
+)
 
 
 def cases() -> list[Case]:
@@ -135,19 +165,46 @@ def cases() -> list[Case]:
             robots = SHOWS.get(effect, ROBOTS)
             frame = "tool" if effect.startswith("force_") and level != "medium" else "base"
             part = Part(effect, places, level)
-            out.append(Case(f"deflection/{effect}.{n}/{level}", "single", "deflection", channel, robots, (part,),
-                            wrench_frame=frame))  # fmt: skip
+            out.append(
+                Case(
+                    f"deflection/{effect}.{n}/{level}",
+                    "single",
+                    "deflection",
+                    channel,
+                    robots,
+                    (part,),
+                    wrench_frame=frame,
+                )
+            )
     for n, (effect, places) in enumerate(ABSOLUTE):
         for level in SIZES:
             channel, weights = ("6d", 0) if (n + len(level)) % 3 == 0 else ("3d", 1 if level == "large" else 0)
-            out.append(Case(f"absolute/{effect}.{n}/{level}", "single", "absolute", channel, STIFF,
-                            (Part(effect, places, level),), weights=weights))  # fmt: skip
+            out.append(
+                Case(
+                    f"absolute/{effect}.{n}/{level}",
+                    "single",
+                    "absolute",
+                    channel,
+                    STIFF,
+                    (Part(effect, places, level),),
+                    weights=weights,
+                )
+            )
     for n, (effect, places, channel) in enumerate(MOTION):
         for level in SIZES:
             # the small ones are looked for with sensors behind the gears, where no friction hides them
             options = {"motor_side": channel == "torque" and (level != "small" or effect == "joint_friction")}
-            out.append(Case(f"motion/{effect}.{n}/{level}", "single", "motion", channel, ROBOTS,
-                            (Part(effect, places, level),), options=options))  # fmt: skip
+            out.append(
+                Case(
+                    f"motion/{effect}.{n}/{level}",
+                    "single",
+                    "motion",
+                    channel,
+                    ROBOTS,
+                    (Part(effect, places, level),),
+                    options=options,
+                )
+            )
     for n, (kind, channel, one, two) in enumerate(PAIRS):
         parts = (Part(*one, "large"), Part(*two, "large"))
         robots = STIFF if kind == "absolute" else SHOWS.get(one[0], ROBOTS)

@@ -45,8 +45,13 @@ def diagnose(case: Path, extra: list[str]) -> tuple[str, float, str]:
         try:
             answer = subprocess.run(
                 [*COMMAND, "cell", "recording", "-o", "out", "--quiet", *extra],
-                cwd=room, capture_output=True, text=True, check=False, timeout=LONGEST, env=_environment(),
-            )  # fmt: skip
+                cwd=room,
+                capture_output=True,
+                text=True,
+                check=False,
+                timeout=LONGEST,
+                env=_environment(),
+            )
             code = answer.returncode
             if code != 0:
                 problem = f"exit code {code}: {answer.stderr.strip()[-300:]}"
@@ -101,8 +106,10 @@ def main(arguments: list[str] | None = None) -> int:
         for name, seconds, problem in pool.map(lambda n: diagnose(options.out / n, options.extra), names):
             times.append(seconds)
             print(f"{name}  {seconds:6.1f} s  {problem}".rstrip())
-    print(f"\n{len(times)} diagnoses, {sum(times) / len(times):.1f} s each, longest {max(times):.1f} s, "
-          f"{perf_counter() - start:.0f} s in all\n")  # fmt: skip
+    print(
+        f"\n{len(times)} diagnoses, {sum(times) / len(times):.1f} s each, longest {max(times):.1f} s, "
+        f"{perf_counter() - start:.0f} s in all\n"
+    )
     return score.main([str(options.out)])
 
 

@@ -53,11 +53,23 @@ def recording(file: Path, folder: Path) -> tuple[Path, np.ndarray]:
     n = len(data["t"])
     force = float(data["gtau"]) * np.asarray(data["vir"], float)
     zeros = np.zeros(n, np.int64)
-    write_recording(folder, Recording(
-        "motion", "emps", np.asarray(data["qm"], float)[:, None], zeros, np.arange(n), zeros, np.arange(n) + 2,
-        time=np.asarray(data["t"], float), torque=force[:, None], q_command=np.asarray(data["qg"], float)[:, None],
-        prismatic=(True,), notes="EMPS benchmark, Janot, Gautier & Brunot 2019",
-    ))  # fmt: skip
+    write_recording(
+        folder,
+        Recording(
+            "motion",
+            "emps",
+            np.asarray(data["qm"], float)[:, None],
+            zeros,
+            np.arange(n),
+            zeros,
+            np.arange(n) + 2,
+            time=np.asarray(data["t"], float),
+            torque=force[:, None],
+            q_command=np.asarray(data["qg"], float)[:, None],
+            prismatic=(True,),
+            notes="EMPS benchmark, Janot, Gautier & Brunot 2019",
+        ),
+    )
     return folder, force
 
 
@@ -82,9 +94,21 @@ def main(arguments: list[str] | None = None) -> int:
     folder, force = recording(options.data / "DATA_EMPS.mat", options.out / "recording")
     result = options.out / "diagnosis"
     subprocess.run(
-        [sys.executable, "-m", "machopt.cli", "diagnose", str(place), str(folder), "-o", str(result), "--seed",
-         str(options.seed), "--quiet"], check=True,
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-m",
+            "machopt.cli",
+            "diagnose",
+            str(place),
+            str(folder),
+            "-o",
+            str(result),
+            "--seed",
+            str(options.seed),
+            "--quiet",
+        ],
+        check=True,
+    )
     said = json.loads((result / "diagnosis.json").read_text(encoding="utf-8"))
     with (result / "residuals.csv").open(encoding="utf-8") as file:
         table = list(csv.DictReader(file))

@@ -117,11 +117,24 @@ def recording(data: Path, folder: Path) -> Path:
         parts["session"].append(np.full(len(q), k))
     joined = {k: np.concatenate(v) for k, v in parts.items()}
     n = len(joined["q"])
-    write_recording(folder, Recording(
-        "motion", "kr300", joined["q"], np.zeros(n, np.int64), np.arange(n), joined["session"].astype(np.int64),
-        np.arange(n) + 2, time=joined["t"], q_secondary=joined["qse"], velocity=joined["v"], torque=joined["tau"],
-        labelled=frozenset({"session"}), notes="three runs of 10 s at 4 ms without process load",
-    ))  # fmt: skip
+    write_recording(
+        folder,
+        Recording(
+            "motion",
+            "kr300",
+            joined["q"],
+            np.zeros(n, np.int64),
+            np.arange(n),
+            joined["session"].astype(np.int64),
+            np.arange(n) + 2,
+            time=joined["t"],
+            q_secondary=joined["qse"],
+            velocity=joined["v"],
+            torque=joined["tau"],
+            labelled=frozenset({"session"}),
+            notes="three runs of 10 s at 4 ms without process load",
+        ),
+    )
     return folder
 
 
@@ -130,8 +143,10 @@ def report(said: dict[str, Any]) -> None:
     unit, first, last = said["rmse_unit"], said["baseline"], said["final"]
     print(f"\n{said['predicted']}: {said['sentence']}")
     print(*(f"  {n}" for n in said["notes"]), sep="\n")
-    print(f"  {said['verdict']}: held-out error {first['heldout_rmse']:.4g} → {last['heldout_rmse']:.4g} {unit}, noise "
-          f"{first['noise_floor']:.4g}")  # fmt: skip
+    print(
+        f"  {said['verdict']}: held-out error {first['heldout_rmse']:.4g} → {last['heldout_rmse']:.4g} {unit}, noise "
+        f"{first['noise_floor']:.4g}"
+    )
     for f in said["findings"]:
         sizes = ", ".join(f"{k} {v['value']:.4g} {v['unit']}" for k, v in list(f["parameters"].items())[:4])
         others = ", ".join(f"{e} {where}" for e, where in f["one_of"][1:])
@@ -156,9 +171,23 @@ def main(arguments: list[str] | None = None) -> int:
     for channel in ("link", "torque"):
         result = options.out / channel
         subprocess.run(
-            [sys.executable, "-m", "machopt.cli", "diagnose", str(place), str(record), "-o", str(result), "--channel",
-             channel, "--seed", str(options.seed), "--quiet"], check=True,
-        )  # fmt: skip
+            [
+                sys.executable,
+                "-m",
+                "machopt.cli",
+                "diagnose",
+                str(place),
+                str(record),
+                "-o",
+                str(result),
+                "--channel",
+                channel,
+                "--seed",
+                str(options.seed),
+                "--quiet",
+            ],
+            check=True,
+        )
         report(json.loads((result / "diagnosis.json").read_text(encoding="utf-8")))
     print(f"\nbeside it: {LITERATURE}")
     return 0

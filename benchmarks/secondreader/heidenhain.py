@@ -149,8 +149,11 @@ class Tnc:
         rapid = "FMAX" in s or re.search(r"\bF\s*MAX", s) is not None
         if f := re.search(rf"\bF\s*({NUM})", s):
             self.feed = float(f[1]) * (2.54 if self.scale > 1 else 1.0)  # inch programs: tenths of inch/min
-        words = self.words(re.sub(r"\b(F|R|DR|M|S|IPA|PA|PR)\s*[-+]?[\d.]*|\bFMAX|\bR[LR0]\b", " ", s[len(kind):])
-                           if kind != "CP" else re.sub(r"\b(IPA|PA)\s*[-+]?[\d.]+|DR[-+]", " ", s[2:]))  # fmt: skip
+        words = self.words(
+            re.sub(r"\b(F|R|DR|M|S|IPA|PA|PR)\s*[-+]?[\d.]*|\bFMAX|\bR[LR0]\b", " ", s[len(kind) :])
+            if kind != "CP"
+            else re.sub(r"\b(IPA|PA)\s*[-+]?[\d.]+|DR[-+]", " ", s[2:])
+        )
         if re.search(r"\bM91\b|\bM92\b", s):
             for name, _ in words:
                 if name[-1] in "XYZ":
@@ -220,9 +223,14 @@ class Tnc:
         axis = self.tilt @ np.array([0.0, 0.0, 1.0])
         self.path.at = self.world(self.place)
         self.path.arc_to(
-            self.world(end), self.world(centre.tolist()), (self.tilt @ np.array(normal)).tolist(), turns,
-            feed=self.feed, line=line, axis=axis.tolist(),
-        )  # fmt: skip
+            self.world(end),
+            self.world(centre.tolist()),
+            (self.tilt @ np.array(normal)).tolist(),
+            turns,
+            feed=self.feed,
+            line=line,
+            axis=axis.tolist(),
+        )
         self.place = end
 
     def drill(self, line: int) -> None:

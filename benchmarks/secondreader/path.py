@@ -51,9 +51,18 @@ class Path3:
         self._add(end[None], length, rapid, feed, False, line, axis)
 
     def arc_to(
-        self, end: Vector, centre: Vector, normal: Sequence[float], turns: int = 0, *,
-        feed: float, line: int, rapid: bool = False, axis: Sequence[float] = (0, 0, 1), full: bool = True,
-    ) -> None:  # fmt: skip
+        self,
+        end: Vector,
+        centre: Vector,
+        normal: Sequence[float],
+        turns: int = 0,
+        *,
+        feed: float,
+        line: int,
+        rapid: bool = False,
+        axis: Sequence[float] = (0, 0, 1),
+        full: bool = True,
+    ) -> None:
         """A counter-clockwise arc or helix about ``normal``; start = end is a full circle where ``full``."""
         if self.at is None:
             raise NotReadError(f"line {line}: an arc without a known start")
@@ -78,9 +87,10 @@ class Path3:
         radius = ra + (rb - ra) * t
         foot = centre + ((start - centre) @ n) * n
         pts = (
-            foot + radius[:, None] * (np.cos(sweep * t)[:, None] * u + np.sin(sweep * t)[:, None] * v)
+            foot
+            + radius[:, None] * (np.cos(sweep * t)[:, None] * u + np.sin(sweep * t)[:, None] * v)
             + (rise * t)[:, None] * n
-        )  # fmt: skip
+        )
         pts[-1] = end
         self._add(pts, math.hypot(sweep * (ra + rb) / 2, rise), rapid, feed, True, line, axis)
 

@@ -45,9 +45,14 @@ def krl_frame(text: str, before: Frame | None) -> Frame | None:
 def krl(text: str, data: str = "") -> Path3:
     """LIN, PTP, CIRC (and the spline words SLIN, SPTP, SCIRC) to literal frames and to frames of the data list."""
     p = Path3("krl")
-    named = {m[1].upper(): m[2] for m in re.finditer(
-        r"^\s*(?:DECL\s+)?(?:GLOBAL\s+)?(?:(?:E6POS|POS|FRAME)\s+)?([\w$]+(?:\[\s*\d+\s*\])?)\s*=\s*(\{[^}]*\})",
-        data + "\n" + text, re.M | re.I)}  # fmt: skip
+    named = {
+        m[1].upper(): m[2]
+        for m in re.finditer(
+            r"^\s*(?:DECL\s+)?(?:GLOBAL\s+)?(?:(?:E6POS|POS|FRAME)\s+)?([\w$]+(?:\[\s*\d+\s*\])?)\s*=\s*(\{[^}]*\})",
+            data + "\n" + text,
+            re.M | re.I,
+        )
+    }
     named = {re.sub(r"\s", "", k): v.upper() for k, v in named.items()}
     feed, last, axes = math.nan, None, 0
     for number, raw in unrolled(text):
@@ -101,11 +106,13 @@ def unrolled(text: str) -> list[tuple[int, str]]:
 # -- ABB ----------------------------------------------------------------------------------------------------------
 def quaternion(q: Sequence[float]) -> Vector:
     w, x, y, z = np.array(q) / np.linalg.norm(q)
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 def rapid(text: str) -> Path3:

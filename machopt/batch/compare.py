@@ -16,10 +16,25 @@ from machopt.domain.results.batch import BatchResult
 _TURNED = 1.0  # deg; a rotation that differs less is the same choice
 
 COLUMNS = (
-    "job", "toolpath", "variant", "verdict_before", "verdict", "rotation_mean_deg", "rotation_worst_deg",
-    "worst_at_point", "turned_share", "branch_changes", "unit", "mean_before", "mean", "worst_before", "worst",
-    "cycle_time_before_s", "cycle_time_s", "note",
-)  # fmt: skip
+    "job",
+    "toolpath",
+    "variant",
+    "verdict_before",
+    "verdict",
+    "rotation_mean_deg",
+    "rotation_worst_deg",
+    "worst_at_point",
+    "turned_share",
+    "branch_changes",
+    "unit",
+    "mean_before",
+    "mean",
+    "worst_before",
+    "worst",
+    "cycle_time_before_s",
+    "cycle_time_s",
+    "note",
+)
 
 
 @dataclass(frozen=True)
@@ -54,10 +69,11 @@ def compare(jobs: Path, lines: Sequence[Line], other: Path, result: BatchResult)
     rows = [_row(jobs, mine[a], other / "jobs", theirs[b]) for a, b in pairs.items()]
     rows.sort(key=lambda r: (r["verdict"] == r["verdict_before"], -(r["rotation_worst_deg"] or 0.0), r["job"]))
     return Comparison(
-        other.resolve().name, tuple(rows),
+        other.resolve().name,
+        tuple(rows),
         tuple(sorted(line.job.shown for label, line in mine.items() if label not in pairs)),
         tuple(sorted(row["toolpath"] for label, row in theirs.items() if label not in pairs.values())),
-    )  # fmt: skip
+    )
 
 
 def _unique(what: dict[str, tuple[str, str]]) -> dict[tuple[str, str], str]:
@@ -68,10 +84,15 @@ def _unique(what: dict[str, tuple[str, str]]) -> dict[tuple[str, str], str]:
 def _row(jobs: Path, line: Line, others: Path, before: dict[str, Any]) -> dict[str, Any]:
     row = line.row
     out: dict[str, Any] = {
-        "job": line.job.label, "toolpath": line.job.shown, "variant": line.job.variant,
-        "verdict_before": before["verdict"], "verdict": line.verdict, "unit": row.get("unit") or before.get("unit"),
-        "cycle_time_before_s": before.get("cycle_time_s"), "cycle_time_s": row.get("cycle_time_s"),
-    }  # fmt: skip
+        "job": line.job.label,
+        "toolpath": line.job.shown,
+        "variant": line.job.variant,
+        "verdict_before": before["verdict"],
+        "verdict": line.verdict,
+        "unit": row.get("unit") or before.get("unit"),
+        "cycle_time_before_s": before.get("cycle_time_s"),
+        "cycle_time_s": row.get("cycle_time_s"),
+    }
     same_unit = row.get("unit") is None or before.get("unit") is None or row["unit"] == before["unit"]
     for name in ("mean", "worst"):
         out[f"{name}_before"] = before.get(name) if same_unit else None
@@ -104,10 +125,12 @@ def _turned(before: Iterable[tuple[float, str]], after: Iterable[tuple[float, st
         return {}
     at, worst, _ = max(pairs, key=lambda p: (p[1], -p[0]))
     return {
-        "rotation_mean_deg": math.fsum(p[1] for p in pairs) / len(pairs), "rotation_worst_deg": worst,
-        "worst_at_point": at, "turned_share": sum(p[1] > _TURNED for p in pairs) / len(pairs),
+        "rotation_mean_deg": math.fsum(p[1] for p in pairs) / len(pairs),
+        "rotation_worst_deg": worst,
+        "worst_at_point": at,
+        "turned_share": sum(p[1] > _TURNED for p in pairs) / len(pairs),
         "branch_changes": sum(p[2] for p in pairs),
-    }  # fmt: skip
+    }
 
 
 def _number(text: str) -> float:

@@ -46,8 +46,9 @@ class Engine:
             self._held.close()
             raise InputError(
                 f"no Dask scheduler answers at {self._address} ({problem}); its address as `dask scheduler` prints it, "
-                "e.g. tcp://127.0.0.1:8786, would work", where="--scheduler",
-            ) from None  # fmt: skip
+                "e.g. tcp://127.0.0.1:8786, would work",
+                where="--scheduler",
+            ) from None
         self._seen = time.monotonic()
         return self
 
@@ -86,14 +87,17 @@ class Engine:
             if isinstance(answer, BaseException):
                 raise InputError(
                     f"worker {worker} cannot run machopt ({type(answer).__name__}: {answer}); install the same version "
-                    "there", where="--scheduler",
-                )  # fmt: skip
+                    "there",
+                    where="--scheduler",
+                )
             version, seen = answer
             if seen != token:
                 raise InputError(
                     f"worker {worker} does not see the output folder; a folder on a file system shared by all would "
-                    "work", file=work.parent, where="--scheduler",
-                )  # fmt: skip
+                    "work",
+                    file=work.parent,
+                    where="--scheduler",
+                )
             if self._version is None and version != program_version():
                 same = "install the same there" if self._address else "it was changed this moment; start again"
                 raise InputError(f"worker {worker} has machopt {version}, here is {program_version()}; {same}")

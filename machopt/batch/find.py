@@ -16,12 +16,56 @@ from machopt.formats.joblist import ListedJob, is_job_table, matching, post_name
 from machopt.output import is_machopt_output
 
 LISTS = (".yaml", ".yml")
-NO_TOOLPATHS = frozenset({  # what lies beside toolpaths; files with other names are tried, and refused with a reason
-    ".7z", ".bak", ".bat", ".bmp", ".catpart", ".dae", ".doc", ".docx", ".gif", ".gz", ".htm", ".html", ".iges", ".igs",
-    ".ipynb", ".jpeg", ".jpg", ".json", ".log", ".md", ".obj", ".pdf", ".ply", ".png", ".prt", ".py", ".rar", ".rst",
-    ".sh", ".sldprt", ".step", ".stl", ".stp", ".svg", ".tgz", ".toml", ".urdf", ".webp", ".x_t", ".xacro", ".xls",
-    ".xlsx", ".xml", ".yaml", ".yml", ".zip",
-})  # fmt: skip
+NO_TOOLPATHS = frozenset(
+    {  # what lies beside toolpaths; files with other names are tried, and refused with a reason
+        ".7z",
+        ".bak",
+        ".bat",
+        ".bmp",
+        ".catpart",
+        ".dae",
+        ".doc",
+        ".docx",
+        ".gif",
+        ".gz",
+        ".htm",
+        ".html",
+        ".iges",
+        ".igs",
+        ".ipynb",
+        ".jpeg",
+        ".jpg",
+        ".json",
+        ".log",
+        ".md",
+        ".obj",
+        ".pdf",
+        ".ply",
+        ".png",
+        ".prt",
+        ".py",
+        ".rar",
+        ".rst",
+        ".sh",
+        ".sldprt",
+        ".step",
+        ".stl",
+        ".stp",
+        ".svg",
+        ".tgz",
+        ".toml",
+        ".urdf",
+        ".webp",
+        ".x_t",
+        ".xacro",
+        ".xls",
+        ".xlsx",
+        ".xml",
+        ".yaml",
+        ".yml",
+        ".zip",
+    }
+)
 _SLUG = 40  # letters of each part of a label
 
 
@@ -66,14 +110,16 @@ def find_jobs(request: Request) -> Found:
                 raise InputError(
                     f"{job.shown} with the same cell and options stands twice, first in {jobs[job.label].where}; "
                     "keep one, or name them differently (name: …)",
-                    file=item.file, where=item.where,
-                )  # fmt: skip
+                    file=item.file,
+                    where=item.where,
+                )
             jobs[job.label] = job
     if not jobs:
         raise InputError(
             "no toolpath found; a folder of CAM files, a pattern in quotes ('parts/*.nc') or a list (YAML, CSV) would "
-            f"work{_but(left_out)}", file=", ".join(request.jobs),
-        )  # fmt: skip
+            f"work{_but(left_out)}",
+            file=", ".join(request.jobs),
+        )
     return Found(tuple(jobs.values()), tuple(left_out))
 
 
@@ -133,8 +179,9 @@ def _job(item: ListedJob, base: Path, request: Request) -> Job:
     if cell is None:
         raise InputError(
             "has no cell; --cell FOLDER, a folder named cell beside it, or the key cell in a list would work",
-            file=item.toolpath if not item.where else item.file, where=item.where or None,
-        )  # fmt: skip
+            file=item.toolpath if not item.where else item.file,
+            where=item.where or None,
+        )
     toolpath, cell = item.toolpath.resolve(), cell.expanduser().resolve()
     base = base.resolve()
     place = _relative(toolpath, base)
@@ -152,9 +199,18 @@ def _job(item: ListedJob, base: Path, request: Request) -> Job:
     reading = {**{k: v for k, v in request.reading.items() if v is not None}, **item.reading}
     where = f"{item.file}: {item.where}" if item.where else str(item.file)
     return Job(
-        label, cell, toolpath, shown, variant or _short(item.options), item.options, reading, item.time_limit,
-        item.memory_limit, where, item.posts or _posts(request),
-    )  # fmt: skip
+        label,
+        cell,
+        toolpath,
+        shown,
+        variant or _short(item.options),
+        item.options,
+        reading,
+        item.time_limit,
+        item.memory_limit,
+        where,
+        item.posts or _posts(request),
+    )
 
 
 def _posts(request: Request) -> tuple[str | Path, ...]:

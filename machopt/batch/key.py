@@ -21,8 +21,20 @@ from machopt.formats.options import load_options, options_as_user
 from machopt.formats.posts import load_post
 from machopt.formats.programs import read_program, recognised
 
-NUMERIC = ("numpy", "scipy", "pin", "ruckig", "trimesh", "python-fcl", "coal", "numba", "llvmlite",
-           "ruamel.yaml", "pydantic", "pyarrow")  # fmt: skip
+NUMERIC = (
+    "numpy",
+    "scipy",
+    "pin",
+    "ruckig",
+    "trimesh",
+    "python-fcl",
+    "coal",
+    "numba",
+    "llvmlite",
+    "ruamel.yaml",
+    "pydantic",
+    "pyarrow",
+)
 """Packages whose version may move a number or the reading of a file."""
 _MADE = frozenset({".pyc", ".pyo", ".nbi", ".nbc"})  # what Python and numba store beside the sources
 

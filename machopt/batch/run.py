@@ -73,8 +73,9 @@ def run_batch(request: Request, progress: Callable[[Progress], None] = lambda _:
             stopped = True
         lines = _lines(store, plans)
         compared = None if other is None else _compared(store, lines, other)
-        result = result_of(found, lines, keys.version, complete=not stopped, others=store.others(_labels(plans)),
-                           compared=compared)  # fmt: skip
+        result = result_of(
+            found, lines, keys.version, complete=not stopped, others=store.others(_labels(plans)), compared=compared
+        )
         write_summary(store, lines, result, compared)
         code = STOPPED if stopped else exit_code_of(lines)
         store.write_manifest(_manifest(request, plans, "stopped" if stopped else "complete", code))
@@ -82,8 +83,11 @@ def run_batch(request: Request, progress: Callable[[Progress], None] = lambda _:
 
 
 def _check(request: Request) -> None:
-    for value, name in ((request.time_limit, "--time-limit-s"), (request.memory_limit, "--memory-limit-mib"),
-                        (request.workers, "--jobs")):  # fmt: skip
+    for value, name in (
+        (request.time_limit, "--time-limit-s"),
+        (request.memory_limit, "--memory-limit-mib"),
+        (request.workers, "--jobs"),
+    ):
         if value is not None and not value > 0:
             raise InputError(f"found {value:g}; more than zero would work", where=name)
     if request.plan_file is not None and not request.plan_file.is_file():
@@ -95,10 +99,14 @@ def _manifest(request: Request, plans: Sequence[Ready | Refused], verdict: str, 
     read = {name: sha for plan in plans if isinstance(plan, Ready) for name, sha in plan.inputs.items()}
     inputs = tuple(ManifestFile(name, "input", sha, _size(Path(name))) for name, sha in sorted(read.items()))
     return Manifest(
-        command="batch", verdict=verdict, exit_code=code, versions=versions(), inputs=inputs,
+        command="batch",
+        verdict=verdict,
+        exit_code=code,
+        versions=versions(),
+        inputs=inputs,
         options={"overrides": list(request.overrides), "posts": list(map(str, request.posts))},
         reading=reading_as_user(request.reading),
-    )  # fmt: skip
+    )
 
 
 def _size(file: Path) -> int:
@@ -161,17 +169,26 @@ def _ends(
 def _spec(plan: Ready, request: Request, store: Store, memory: int | None) -> Spec:
     job = plan.job
     fields = {
-        "cell": str(job.cell), "toolpath": str(job.toolpath),
+        "cell": str(job.cell),
+        "toolpath": str(job.toolpath),
         "plan_file": None if request.plan_file is None else str(request.plan_file.resolve()),
-        "overrides": list(request.overrides), "direct": job.options, "reading": job.reading,
-        "allow_external": request.allow_external, "posts": [str(p) for p in job.posts],
+        "overrides": list(request.overrides),
+        "direct": job.options,
+        "reading": job.reading,
+        "allow_external": request.allow_external,
+        "posts": [str(p) for p in job.posts],
         **{k: str(v) if isinstance(v, Path) else v for k, v in request.extra.items()},
-    }  # fmt: skip
+    }
     return Spec(
-        label=job.label, key=plan.key, batch=store.work.name, work=str(store.work), entry=request.entry,
-        job={"request": fields}, time_limit=job.time_limit or request.time_limit,
+        label=job.label,
+        key=plan.key,
+        batch=store.work.name,
+        work=str(store.work),
+        entry=request.entry,
+        job={"request": fields},
+        time_limit=job.time_limit or request.time_limit,
         memory_limit=job.memory_limit or memory,
-    )  # fmt: skip
+    )
 
 
 def _record(ready: Ready, ended: Ended, request: Request) -> BatchRecord:
@@ -225,8 +242,12 @@ def _still(file: Path, sha: str) -> bool:
 
 
 def _timing(ended: Ended) -> dict[str, Any]:
-    return {"wall_s": round(ended.wall, 3), "cpu_s": round(ended.cpu, 3), "peak_MiB": round(ended.peak / _MIB),
-            "worker": ended.worker}  # fmt: skip
+    return {
+        "wall_s": round(ended.wall, 3),
+        "cpu_s": round(ended.cpu, 3),
+        "peak_MiB": round(ended.peak / _MIB),
+        "worker": ended.worker,
+    }
 
 
 def _lines(store: Store, plans: Sequence[Ready | Refused], again: Collection[str] = ()) -> list[Line]:

@@ -191,8 +191,9 @@ def told(folder: Path) -> Iterator[None]:
             raise
         raise InputError(
             f"cannot be written: {problem.strerror}; what is finished is kept, the same command goes on when there is "
-            "space and the right to write", file=folder,
-        ) from problem  # fmt: skip
+            "space and the right to write",
+            file=folder,
+        ) from problem
 
 
 @contextlib.contextmanager

@@ -20,11 +20,33 @@ if TYPE_CHECKING:
     from machopt.batch.store import Store
 
 COLUMNS = (
-    "rank", "job", "toolpath", "cell", "variant", "verdict", "exit_code", "gain_percent", "gain_std_percent",
-    "gain_over_jiao2022_percent", "unit", "mean", "mean_cam_default", "worst", "worst_cam_default", "worst_point",
-    "deflection_mm", "k_axial_N_mm", "cycle_time_s", "feed_held_percent", "points", "infeasible_points", "programs",
-    "warnings", "reason", "report",
-)  # fmt: skip
+    "rank",
+    "job",
+    "toolpath",
+    "cell",
+    "variant",
+    "verdict",
+    "exit_code",
+    "gain_percent",
+    "gain_std_percent",
+    "gain_over_jiao2022_percent",
+    "unit",
+    "mean",
+    "mean_cam_default",
+    "worst",
+    "worst_cam_default",
+    "worst_point",
+    "deflection_mm",
+    "k_axial_N_mm",
+    "cycle_time_s",
+    "feed_held_percent",
+    "points",
+    "infeasible_points",
+    "programs",
+    "warnings",
+    "reason",
+    "report",
+)
 _ORDER = ("done", "verification failed", "infeasible", "refused", "over time", "over memory", "crashed", "waiting")
 _TIMES = ("wall_s", "cpu_s", "peak_MiB", "worker")
 
@@ -80,30 +102,52 @@ def exit_code_of(lines: Iterable[Line]) -> int:
 
 
 def result_of(
-    found: Found, lines: Sequence[Line], version: str, *, complete: bool, others: Sequence[str] = (),
+    found: Found,
+    lines: Sequence[Line],
+    version: str,
+    *,
+    complete: bool,
+    others: Sequence[str] = (),
     compared: Comparison | None = None,
-) -> BatchResult:  # fmt: skip
+) -> BatchResult:
     """batch.json: the same for the same jobs, however often the batch was stopped."""
     states = Counter(line.state for line in lines)
     return BatchResult(
-        machopt_batch=1, version=version, complete=complete, exit_code=exit_code_of(lines) if complete else None,
+        machopt_batch=1,
+        version=version,
+        complete=complete,
+        exit_code=exit_code_of(lines) if complete else None,
         counts={state: states[state] for state in _ORDER if states[state]},
         jobs=tuple(_line(rank, line) for rank, line in enumerate(ranked(lines), 1)),
-        left_out_files=tuple(found.left_out), other_jobs_in_folder=tuple(others),
-        compare=None if compared is None else BatchComparison(
-            compared_with=compared.other, rows=tuple(BatchDifference.model_validate(r) for r in compared.rows),
-            only_here=compared.only_here, only_there=compared.only_there,
+        left_out_files=tuple(found.left_out),
+        other_jobs_in_folder=tuple(others),
+        compare=None
+        if compared is None
+        else BatchComparison(
+            compared_with=compared.other,
+            rows=tuple(BatchDifference.model_validate(r) for r in compared.rows),
+            only_here=compared.only_here,
+            only_there=compared.only_there,
         ),
-    )  # fmt: skip
+    )
 
 
 def _line(rank: int, line: Line) -> BatchLine:
     own = {k: v for k, v in line.row.items() if k != "verdict"}
     return BatchLine(
-        rank=rank, job=line.job.label, key=line.key, toolpath=line.job.shown, cell=line.cell_name,
-        variant=line.job.variant, options=dict(line.job.options), state=line.state, verdict=line.verdict, **own,
-        folder=line.folder, report=line.report,
-    )  # fmt: skip
+        rank=rank,
+        job=line.job.label,
+        key=line.key,
+        toolpath=line.job.shown,
+        cell=line.cell_name,
+        variant=line.job.variant,
+        options=dict(line.job.options),
+        state=line.state,
+        verdict=line.verdict,
+        **own,
+        folder=line.folder,
+        report=line.report,
+    )
 
 
 def write_summary(store: Store, lines: Sequence[Line], result: BatchResult, compared: Comparison | None) -> None:
@@ -123,10 +167,17 @@ def write_summary(store: Store, lines: Sequence[Line], result: BatchResult, comp
 def _cells(rank: int, line: Line) -> dict[str, object]:
     warnings, programs = line.row.get("warnings", ()), line.row.get("programs", ())
     return {
-        **line.row, "rank": rank, "job": line.job.label, "toolpath": line.job.shown, "cell": line.cell_name,
-        "variant": line.job.variant, "verdict": line.verdict, "programs": " ".join(programs),
-        "warnings": len(warnings), "report": line.report,
-    }  # fmt: skip
+        **line.row,
+        "rank": rank,
+        "job": line.job.label,
+        "toolpath": line.job.shown,
+        "cell": line.cell_name,
+        "variant": line.job.variant,
+        "verdict": line.verdict,
+        "programs": " ".join(programs),
+        "warnings": len(warnings),
+        "report": line.report,
+    }
 
 
 def _csv(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
@@ -152,14 +203,23 @@ def _page(lines: Sequence[Line], result: BatchResult, compared: Comparison | Non
         version=result.version,
         complete=result.complete,
         jobs=tuple(
-            {**line.row, "job": line.job.label, "toolpath": line.job.shown, "cell": line.cell_name,
-             "variant": line.job.variant, "state": line.state, "verdict": line.verdict, "folder": line.folder,
-             "report": line.report}
+            {
+                **line.row,
+                "job": line.job.label,
+                "toolpath": line.job.shown,
+                "cell": line.cell_name,
+                "variant": line.job.variant,
+                "state": line.state,
+                "verdict": line.verdict,
+                "folder": line.folder,
+                "report": line.report,
+            }
             for line in ranked(lines)
         ),
-        left_out=result.left_out_files, others=result.other_jobs_in_folder,
+        left_out=result.left_out_files,
+        others=result.other_jobs_in_folder,
         compared_with="" if compared is None else compared.other,
         differences=() if compared is None else compared.rows,
         only_here=() if compared is None else compared.only_here,
         only_there=() if compared is None else compared.only_there,
-    )  # fmt: skip
+    )

@@ -150,9 +150,12 @@ class Server:
         self._words = tempfile.TemporaryFile()  # noqa: SIM115 — closed with the server
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "machopt.batch.nursery", entry, *([] if forks else ["--once"])],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._words, start_new_session=True,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._words,
+            start_new_session=True,
             env={**os.environ, **ONE_THREAD, "PYTHONPATH": os.pathsep.join(p or os.getcwd() for p in sys.path)},
-        )  # fmt: skip
+        )
         self._answers: queue.Queue[dict[str, Any] | None] = queue.Queue()
         self._silent = threading.Event()  # no answer will come any more
         threading.Thread(target=self._listen, daemon=True).start()

@@ -14,9 +14,13 @@ from pathlib import Path
 from machopt.batch.key import program_version
 
 _AXES = (  # origin of the joint in m, axis: an arm of common proportions with a spherical wrist
-    ("0 0 0.67", "0 0 -1"), ("0.35 0 0", "0 1 0"), ("1.15 0 0", "0 1 0"),
-    ("1.0 0 0.04", "-1 0 0"), ("0 {offset} 0", "0 1 0"), ("0.21 0 0", "-1 0 0"),
-)  # fmt: skip
+    ("0 0 0.67", "0 0 -1"),
+    ("0.35 0 0", "0 1 0"),
+    ("1.15 0 0", "0 1 0"),
+    ("1.0 0 0.04", "-1 0 0"),
+    ("0 {offset} 0", "0 1 0"),
+    ("0.21 0 0", "-1 0 0"),
+)
 _BODY = '<collision><geometry><sphere radius="0.02"/></geometry></collision>'
 _CELL = """\
 machopt_cell: 1

@@ -22,9 +22,11 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         help="many cells × toolpaths × options, each job in a process of its own, resumable",
     )
     job.add_argument(
-        "toolpaths", nargs="+", metavar="JOBS",
+        "toolpaths",
+        nargs="+",
+        metavar="JOBS",
         help="folders of toolpaths, patterns in quotes ('parts/*.nc'), toolpath files, or lists of jobs (YAML, CSV)",
-    )  # fmt: skip
+    )
     job.add_argument("-o", "--out", type=Path, required=True, help="output folder; the same goes on where it stopped")
     job.add_argument("--cell", type=Path, help="cell of toolpaths with no folder named cell beside or above them")
     job.add_argument("--jobs", type=int, metavar="N", help="jobs at a time on this machine (one a core)")
@@ -34,14 +36,19 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     job.add_argument("--keep-failed", action="store_true", help="do not try crashed and oversized jobs again")
     job.add_argument("--compare", type=Path, metavar="OTHER_OUT", help="also say what differs from another batch")
     job.add_argument(
-        "--post", action="append", default=[], metavar="POST",
+        "--post",
+        action="append",
+        default=[],
+        metavar="POST",
         help="robot program of every job: krl, rapid, fanuc, urscript, … or a template file; may be repeated "
         "(the job's own post in a list, else this, else the cell's controller.post; without any no program)",
-    )  # fmt: skip
+    )
     job.add_argument(
-        "--program-tolerance-mm", type=float, metavar="MM",
+        "--program-tolerance-mm",
+        type=float,
+        metavar="MM",
         help="how far straight lines between a program's points may leave the motion before a point is added (0.05)",
-    )  # fmt: skip
+    )
     job.add_argument("--plan", type=Path, metavar="FILE", help="planning options for all jobs as YAML")
     job.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a planning option for all jobs")
     job.add_argument("--seed", type=int, help="of the random search around obstacles, for all jobs")
@@ -55,13 +62,22 @@ def _batch(args: argparse.Namespace) -> int:
 
     overrides = [*args.set, *([] if args.seed is None else [f"seed={args.seed}"])]
     request = Request(
-        jobs=tuple(args.toolpaths), out=args.out, cell=args.cell, plan_file=args.plan, overrides=tuple(overrides),
-        reading=reading(args), allow_external=args.allow_external, workers=args.jobs, scheduler=args.scheduler,
-        time_limit=args.time_limit_s, keep_failed=args.keep_failed, compare=args.compare,
+        jobs=tuple(args.toolpaths),
+        out=args.out,
+        cell=args.cell,
+        plan_file=args.plan,
+        overrides=tuple(overrides),
+        reading=reading(args),
+        allow_external=args.allow_external,
+        workers=args.jobs,
+        scheduler=args.scheduler,
+        time_limit=args.time_limit_s,
+        keep_failed=args.keep_failed,
+        compare=args.compare,
         posts=tuple(args.post),
         extra={} if args.program_tolerance_mm is None else {"program_tolerance_mm": args.program_tolerance_mm},
         memory_limit=None if args.memory_limit_mib is None else int(args.memory_limit_mib * 2**20),
-    )  # fmt: skip
+    )
     with _Bar(show=not (args.quiet or args.json)) as bar:
         outcome = run_batch(request, bar.told)
     counts = outcome.result.counts
@@ -103,7 +119,8 @@ class _Bar:
 
     def told(self, progress: Any) -> None:
         if self._bar is not None:
-            self._bar.update(self._task, total=progress.total, completed=progress.kept + progress.done,
-                             description=progress.line)  # fmt: skip
+            self._bar.update(
+                self._task, total=progress.total, completed=progress.kept + progress.done, description=progress.line
+            )
         elif self._show:
             print(progress.line, file=sys.stderr, flush=True)

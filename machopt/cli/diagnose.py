@@ -38,12 +38,19 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         help="what is predicted of a motion: joint torque, link-side against motor-side joints, or the tip's position",
     )
     p.add_argument("--toolpath", type=Path, metavar="FILE", help="say what the findings change for this toolpath")
-    p.add_argument("--terms", type=Path, action="append", default=[], metavar="FILE.py",
-                   help="laws of your own to try too; RUNS the code in FILE.py with your rights, so give only files "
-                   "you trust; may be repeated")  # fmt: skip
+    p.add_argument(
+        "--terms",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE.py",
+        help="laws of your own to try too; RUNS the code in FILE.py with your rights, so give only files "
+        "you trust; may be repeated",
+    )
     p.add_argument("--max-findings", type=natural, default=3, metavar="N", help="most effects named at once (3)")
-    p.add_argument("--accept", action="append", default=[], metavar="CODE",
-                   help="take this error of the record as a warning")  # fmt: skip
+    p.add_argument(
+        "--accept", action="append", default=[], metavar="CODE", help="take this error of the record as a warning"
+    )
     p.add_argument("--allow-external", action="store_true", help="let the cell use files outside its folder")
     p.add_argument("--seed", type=natural, default=0, help="same input and seed, same bytes")
     p.add_argument("--jobs", type=positive, default=1, metavar="N", help="accepted for scripts; one process runs")
@@ -54,10 +61,17 @@ def _diagnose(args: argparse.Namespace) -> int:
     from machopt.services.diagnose import Request, run_diagnose
 
     request = Request(
-        cell=args.cell, recordings=tuple(args.recording), out=args.out, channel=args.channel, toolpath=args.toolpath,
-        terms=tuple(args.terms), max_findings=args.max_findings, accept=tuple(args.accept), seed=args.seed,
+        cell=args.cell,
+        recordings=tuple(args.recording),
+        out=args.out,
+        channel=args.channel,
+        toolpath=args.toolpath,
+        terms=tuple(args.terms),
+        max_findings=args.max_findings,
+        accept=tuple(args.accept),
+        seed=args.seed,
         allow_external=args.allow_external,
-    )  # fmt: skip
+    )
     if not args.quiet:
         for file in args.terms:
             print(f"machopt: --terms runs the code in {file} with your rights", file=sys.stderr)

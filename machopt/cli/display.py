@@ -12,14 +12,22 @@ class Display:
     """The stage at work, on a terminal as a live line, elsewhere one line a stage."""
 
     _WORDS: ClassVar[dict[str, str]] = {
-        "load": "reading cell and toolpath", "prepare": "building kinematics and collision model",
-        "candidates": "every branch, turn and rotation", "score": "stiffness of every candidate",
-        "baselines": "CAM default and jiao2022", "choose": "best sequence for the whole path",
-        "smooth": "smooth rotation", "check": "collisions", "compare": "comparing methods",
+        "load": "reading cell and toolpath",
+        "prepare": "building kinematics and collision model",
+        "candidates": "every branch, turn and rotation",
+        "score": "stiffness of every candidate",
+        "baselines": "CAM default and jiao2022",
+        "choose": "best sequence for the whole path",
+        "smooth": "smooth rotation",
+        "check": "collisions",
+        "compare": "comparing methods",
         "compensate": "shifting the path against the deflection",
-        "points": "stiffness and clearance per point", "retime": "feed, acceleration and jerk",
-        "export": "trajectory, tables and program", "verify": "verifying with independent code", "report": "report",
-    }  # fmt: skip
+        "points": "stiffness and clearance per point",
+        "retime": "feed, acceleration and jerk",
+        "export": "trajectory, tables and program",
+        "verify": "verifying with independent code",
+        "report": "report",
+    }
 
     def __init__(self, *, show: bool) -> None:
         self._status: Any = None

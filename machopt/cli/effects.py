@@ -10,10 +10,14 @@ from pathlib import Path
 def add_effects(parser: argparse.ArgumentParser) -> None:
     """``--effects FILE.py``."""
     parser.add_argument(
-        "--effects", type=Path, action="append", default=[], metavar="FILE.py",
+        "--effects",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE.py",
         help="effects of your own that stiffness.yaml holds, as machopt diagnose --terms FILE.py found them; runs the "
         "code in that file; may be repeated",
-    )  # fmt: skip
+    )
 
 
 def told_of_effects(args: argparse.Namespace) -> None:

@@ -66,8 +66,9 @@ def _rank(c: Check, checks: Sequence[Check]) -> int:
         return 1
     if c.name.endswith(_UNREADABLE):
         return 2
-    unread = [o.name.removesuffix(_UNREADABLE).strip() for o in checks
-              if o.passed is False and o.name.endswith(_UNREADABLE)]  # fmt: skip
+    unread = [
+        o.name.removesuffix(_UNREADABLE).strip() for o in checks if o.passed is False and o.name.endswith(_UNREADABLE)
+    ]
     if (
         c.name in _FOLLOWS
         or (unread and c.name.startswith("result.json"))

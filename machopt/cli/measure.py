@@ -62,8 +62,9 @@ def _add_identify(p: argparse.ArgumentParser) -> None:
     p.add_argument("--keep-outliers", action="store_true", help="no reading is put aside")
     p.add_argument("--level", type=float, default=90.0, metavar="PERCENT", help="of the intervals (90)")
     p.add_argument("--no-studies", action="store_true", help="leave out subsets and repeated measurement errors")
-    p.add_argument("--accept", action="append", default=[], metavar="CODE",
-                   help="take this error of the record as a warning")  # fmt: skip
+    p.add_argument(
+        "--accept", action="append", default=[], metavar="CODE", help="take this error of the record as a warning"
+    )
     p.set_defaults(run=_identify)
 
 
@@ -71,11 +72,23 @@ def _identify(args: argparse.Namespace) -> int:
     from machopt.services.identify import Request, run_identify
 
     request = Request(
-        cell=args.cell, recordings=tuple(args.recording), out=args.out, model=args.model, terms=tuple(args.fit),
-        geometric=args.geometric, plain=args.plain, robust=not args.keep_outliers, grid_cell_mm=args.grid_cell_mm,
-        grid_origin_mm=args.grid_origin_mm, grid_shape=args.grid_shape, level_percent=args.level,
-        studies=not args.no_studies, accept=tuple(args.accept), seed=args.seed, allow_external=args.allow_external,
-    )  # fmt: skip
+        cell=args.cell,
+        recordings=tuple(args.recording),
+        out=args.out,
+        model=args.model,
+        terms=tuple(args.fit),
+        geometric=args.geometric,
+        plain=args.plain,
+        robust=not args.keep_outliers,
+        grid_cell_mm=args.grid_cell_mm,
+        grid_origin_mm=args.grid_origin_mm,
+        grid_shape=args.grid_shape,
+        level_percent=args.level,
+        studies=not args.no_studies,
+        accept=tuple(args.accept),
+        seed=args.seed,
+        allow_external=args.allow_external,
+    )
     with Display(show=_shown(args)) as display:
         done = run_identify(request, display.stage)
     if args.json:
@@ -237,8 +250,9 @@ def _add_map(p: argparse.ArgumentParser) -> None:
     load.add_argument("--power", type=float, default=2.0, help="of inverse distance weighting (2)")
     load.add_argument("--neighbours", type=int, help="of inverse distance weighting (all)")
     p.add_argument("--plan", type=Path, metavar="FILE", dest="plan_file", help="planning options as YAML")
-    p.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE",
-                   help="override a planning option")  # fmt: skip
+    p.add_argument(
+        "--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="override a planning option"
+    )
     add_effects(p)
     p.set_defaults(run=_map)
 

@@ -16,23 +16,30 @@ def reading_parser() -> argparse.ArgumentParser:
     p.add_argument("--machine", help="kinematics behind rotary axes in G-code, e.g. table-ac, head-bc")
     p.add_argument("--feed", type=float, metavar="MM_MIN", help="feed of cutting moves in a file that has none")
     p.add_argument(
-        "--tool-axis", metavar="AXIS",
+        "--tool-axis",
+        metavar="AXIS",
         help="direction from tip to shank in the tool frame of robot programs and pose tables: -z (default), "
         "--tool-axis=+z where the frame's z points into the spindle",
-    )  # fmt: skip
+    )
     p.add_argument(
-        "--offset", action="append", default=[], metavar="NAME=X,Y,Z",
+        "--offset",
+        action="append",
+        default=[],
+        metavar="NAME=X,Y,Z",
         help="where a further work offset of the program lies in its first one, mm, e.g. G55=100,0,0; may be repeated",
-    )  # fmt: skip
+    )
     p.add_argument(
-        "--decimals", type=int, metavar="N",
+        "--decimals",
+        type=int,
+        metavar="N",
         help="G-code numbers without a decimal point count the N-th decimal (X0019685 is 1.9685 with 4); 0: as they "
         "stand",
-    )  # fmt: skip
+    )
     p.add_argument(
-        "--cycle-order", metavar="WORDS",
+        "--cycle-order",
+        metavar="WORDS",
         help="what numbers without a word in an APT CYCLE/ stand for (depth,clear,retract)",
-    )  # fmt: skip
+    )
     p.add_argument("--max-extent", type=float, metavar="MM", help="largest extent of a path that is believed (50000)")
     p.add_argument("--strict", action="store_true", help="refuse words that are not understood")
     return p
@@ -50,9 +57,12 @@ def reading(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError(f"an extent of {args.max_extent:g} mm; more than zero would work", where="--max-extent")
     feed = None if args.feed is None else args.feed / 60e3
     said = {
-        "unit": args.unit, "machine": args.machine, "strict": args.strict or None, "default_feed": feed,
+        "unit": args.unit,
+        "machine": args.machine,
+        "strict": args.strict or None,
+        "default_feed": feed,
         "tool_axis": args.tool_axis,
-    }  # fmt: skip
+    }
     given: dict[str, Any] = {key: value for key, value in said.items() if value is not None}
     if args.offset:
         given["offsets"] = list(args.offset)

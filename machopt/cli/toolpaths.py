@@ -44,28 +44,38 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         "--allow-gaps", action="store_true", default=None, help="plan the rest where points are unreachable"
     )
     job.add_argument(
-        "--compensate", action="store_true", default=None,
+        "--compensate",
+        action="store_true",
+        default=None,
         help="shift the commanded path against the deflection predicted under force_N",
-    )  # fmt: skip
+    )
     job.add_argument(
-        "--post", action="append", default=[], metavar="POST",
+        "--post",
+        action="append",
+        default=[],
+        metavar="POST",
         help="robot program to write: krl, rapid, fanuc, urscript, val3, jbi, csv, json, ros, … or a template file; "
         "may be repeated (the cell's controller.post; without either no robot program is written)",
-    )  # fmt: skip
+    )
     job.add_argument(
-        "--program-tolerance-mm", type=float, metavar="MM",
+        "--program-tolerance-mm",
+        type=float,
+        metavar="MM",
         help="how far straight lines between a program's points may leave the motion before a point is added (0.05)",
-    )  # fmt: skip
+    )
     job.add_argument(
-        "--map-collisions", choices=("chosen", "full"), default="chosen",
+        "--map-collisions",
+        choices=("chosen", "full"),
+        default="chosen",
         help="full: for the report's map, look for collisions of every configuration, for half a minute at most "
         "(chosen: only what the choice had to look at)",
-    )  # fmt: skip
+    )
     job.add_argument(
-        "--front", action="store_true",
+        "--front",
+        action="store_true",
         help="plan up to five times more, with other weights and clearance: stiffness against cycle time, joint "
         "travel and clearance: front.csv, and a section of the report",
-    )  # fmt: skip
+    )
     job.add_argument("--sample-ms", type=float, help="time between exported samples (12)")
     job.add_argument("--seed", type=natural, help="of the random search around obstacles")
     job.add_argument(
@@ -108,11 +118,20 @@ def _optimize(args: argparse.Namespace) -> int:
         "seed": args.seed,
     }
     request = Request(
-        cell=args.cell, toolpath=args.toolpath, out=args.out, plan_file=args.plan, overrides=tuple(args.set),
-        direct=direct, reading=reading(args), allow_external=args.allow_external, posts=tuple(args.post),
-        program_tolerance_mm=args.program_tolerance_mm, front=args.front, map_all=args.map_collisions == "full",
+        cell=args.cell,
+        toolpath=args.toolpath,
+        out=args.out,
+        plan_file=args.plan,
+        overrides=tuple(args.set),
+        direct=direct,
+        reading=reading(args),
+        allow_external=args.allow_external,
+        posts=tuple(args.post),
+        program_tolerance_mm=args.program_tolerance_mm,
+        front=args.front,
+        map_all=args.map_collisions == "full",
         effects=tuple(args.effects),
-    )  # fmt: skip
+    )
     told_of_effects(args)
     with Display(show=not (args.quiet or args.json)) as display, compiling(display):
         outcome = optimize(request, display.stage)
@@ -167,15 +186,28 @@ def _verify(args: argparse.Namespace) -> int:
     from machopt.services.inforce import Request
     from machopt.services.verify import verify
 
-    done = verify(Request(
-        cell=args.cell, toolpath=args.toolpath, out=args.out, plan_file=args.plan, overrides=tuple(args.set),
-        reading=reading(args), allow_external=args.allow_external,
-    ))  # fmt: skip
+    done = verify(
+        Request(
+            cell=args.cell,
+            toolpath=args.toolpath,
+            out=args.out,
+            plan_file=args.plan,
+            overrides=tuple(args.set),
+            reading=reading(args),
+            allow_external=args.allow_external,
+        )
+    )
     found = done.verification
     if args.json:
         checks = [vars(c) for c in found.checks]
-        value = {"passed": found.ok, "verdict": done.line, "samples": found.samples, "duration_s": found.duration,
-                 "notes": done.notes, "checks": checks}  # fmt: skip
+        value = {
+            "passed": found.ok,
+            "verdict": done.line,
+            "samples": found.samples,
+            "duration_s": found.duration,
+            "notes": done.notes,
+            "checks": checks,
+        }
         print(json.dumps(finite(value), ensure_ascii=False))
     elif not args.quiet:
         print("\n".join(_check_line(c) for c in causes_first(found.checks)))
@@ -201,7 +233,7 @@ def _summary(result: OptimizeResult, report: Path) -> list[str]:
     path, objective = result.toolpath, result.objective
     lines = [
         f"{result.verdict}: {path.cutting_points} cutting points of {path.points}, "
-        f"{len(path.operations)} operations, {path.format}",
+        f"{len(path.operations)} operations, {path.format}"
     ]
     for name in ("cam_default", "jiao2022", "chosen"):
         o: ChoiceObjective = getattr(objective, name)

@@ -27,9 +27,13 @@ def weights_of(offered: bool, ways: Sequence[LoadWay]) -> tuple[LoadWay, ...]:
 
 
 def cases_at_rest(
-    pool: PosePool, ways: Sequence[LoadWay], prior: ArmElasticity, criteria: LoadCriteria, noise: ReadingNoise,
+    pool: PosePool,
+    ways: Sequence[LoadWay],
+    prior: ArmElasticity,
+    criteria: LoadCriteria,
+    noise: ReadingNoise,
     masses: Masses,
-) -> LoadCases:  # fmt: skip
+) -> LoadCases:
     """Every pose without load, and with each weight that its limits allow.
 
     Args:
@@ -43,9 +47,17 @@ def cases_at_rest(
     P, zero = len(pool), np.zeros(len(pool))
     six = np.zeros((P, 6))
     bare = LoadCases(
-        np.arange(P), np.zeros(P, np.int64), zero, six, pool.T_base_tcp[:, :3, 3], six,
-        np.zeros((P, noise.dimensions, 6)), zero, zero, {},
-    )  # fmt: skip
+        np.arange(P),
+        np.zeros(P, np.int64),
+        zero,
+        six,
+        pool.T_base_tcp[:, :3, 3],
+        six,
+        np.zeros((P, noise.dimensions, 6)),
+        zero,
+        zero,
+        {},
+    )
     parts = [bare]
     if len(ways) > 1 and P:
         hung = load_cases(pool, ways[1:], prior, (), criteria, noise)
@@ -59,6 +71,14 @@ def cases_at_rest(
     tau = gravity_torque(prior.robot, masses, pool.state)[0]
     weight = (pool.state.J * tau[:, None, :])[:, : noise.dimensions]
     return LoadCases(
-        both("pose"), both("way"), both("magnitude"), both("wrench"), both("point"), both("twist"),
-        both("response") + weight[pose[order]], both("nu_p"), both("nu_r"), parts[-1].rejected,
-    )  # fmt: skip
+        both("pose"),
+        both("way"),
+        both("magnitude"),
+        both("wrench"),
+        both("point"),
+        both("twist"),
+        both("response") + weight[pose[order]],
+        both("nu_p"),
+        both("nu_r"),
+        parts[-1].rejected,
+    )

@@ -63,9 +63,14 @@ class PosePool:
 
 
 REASONS = (
-    "TCP too low", "TCP too high", "TCP outside the box", "too far from the tracker", "hidden from the tracker",
-    "KCI too low", "collision or too little clearance",
-)  # fmt: skip
+    "TCP too low",
+    "TCP too high",
+    "TCP outside the box",
+    "too far from the tracker",
+    "hidden from the tracker",
+    "KCI too low",
+    "collision or too little clearance",
+)
 
 
 @dataclass(frozen=True)
@@ -114,9 +119,13 @@ class PoseScreen:
 
 
 def sample_poses(
-    screen: PoseScreen, limits: tuple[Array, Array], home: Array, wanted: int, seed: int,
+    screen: PoseScreen,
+    limits: tuple[Array, Array],
+    home: Array,
+    wanted: int,
+    seed: int,
     progress: Callable[[int], None] = lambda _: None,
-) -> PosePool:  # fmt: skip
+) -> PosePool:
     """Draw joint positions until ``wanted`` of them pass.
 
     Scrambled Sobol points over the joint ranges; a joint that turns more than once is drawn within half a turn of

@@ -29,9 +29,19 @@ class Discrimination:
 
 
 def discriminate(
-    responses_a: Array, responses_b: Array, values_b: Array, covariance: Array, pose: Ints, shared: Array,
-    poses: int, loads: int, *, rng: np.random.Generator, values_a: Array | None = None, starts: int = 2,
-) -> Discrimination:  # fmt: skip
+    responses_a: Array,
+    responses_b: Array,
+    values_b: Array,
+    covariance: Array,
+    pose: Ints,
+    shared: Array,
+    poses: int,
+    loads: int,
+    *,
+    rng: np.random.Generator,
+    values_a: Array | None = None,
+    starts: int = 2,
+) -> Discrimination:
     """The readings on which law b looks least like law a.
 
     Args:

@@ -44,8 +44,9 @@ class Chooser:
     strong: bool = False  # only loads that bend the arm at least as much as the pose's median load
 
 
-def draw(chooser: Chooser, problem: Problem, cases: LoadCases, poses: int, loads: int,
-         rng: np.random.Generator) -> tuple[tuple[int, ...], ...]:  # fmt: skip
+def draw(
+    chooser: Chooser, problem: Problem, cases: LoadCases, poses: int, loads: int, rng: np.random.Generator
+) -> tuple[tuple[int, ...], ...]:
     """A design as the heuristic makes one: random among what it admits.
 
     Args:

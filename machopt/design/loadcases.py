@@ -20,9 +20,13 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 REASONS = (
-    "rope too short", "load above the limit", "deflection above the limit", "joint torque above the limit",
-    "K_C matters too much", "too small to measure",
-)  # fmt: skip
+    "rope too short",
+    "load above the limit",
+    "deflection above the limit",
+    "joint torque above the limit",
+    "K_C matters too much",
+    "too small to measure",
+)
 
 
 @dataclass(frozen=True)
@@ -57,9 +61,13 @@ class LoadCases:
 
 
 def load_cases(
-    pool: PosePool, ways: Sequence[LoadWay], prior: ArmElasticity, terms: Sequence[LinearTerm],
-    criteria: LoadCriteria, noise: ReadingNoise,
-) -> LoadCases:  # fmt: skip
+    pool: PosePool,
+    ways: Sequence[LoadWay],
+    prior: ArmElasticity,
+    terms: Sequence[LinearTerm],
+    criteria: LoadCriteria,
+    noise: ReadingNoise,
+) -> LoadCases:
     """Every admissible pose × load.
 
     Args:
@@ -81,9 +89,17 @@ def load_cases(
         return np.asarray(np.stack([getattr(p, name) for p in parts], axis=1)[ok])
 
     return LoadCases(
-        pose, way, pick("magnitude"), pick("wrench"), pick("point"), pick("twist"), pick("response"), pick("nu_p"),
-        pick("nu_r"), {reason: int(n) for reason, n in zip(REASONS, rejected, strict=True) if n},
-    )  # fmt: skip
+        pose,
+        way,
+        pick("magnitude"),
+        pick("wrench"),
+        pick("point"),
+        pick("twist"),
+        pick("response"),
+        pick("nu_p"),
+        pick("nu_r"),
+        {reason: int(n) for reason, n in zip(REASONS, rejected, strict=True) if n},
+    )
 
 
 @dataclass(frozen=True)
@@ -102,9 +118,14 @@ class _Way:
 
 
 def _one_way(
-    pool: PosePool, way: LoadWay, elastic: Elastic, dJ: Array, terms: Sequence[LinearTerm], criteria: LoadCriteria,
+    pool: PosePool,
+    way: LoadWay,
+    elastic: Elastic,
+    dJ: Array,
+    terms: Sequence[LinearTerm],
+    criteria: LoadCriteria,
     dimensions: int,
-) -> _Way:  # fmt: skip
+) -> _Way:
     J = pool.state.J
     unit, point = unit_wrench(way, pool.T_base_tcp)
     possible = np.asarray(np.isfinite(unit).all(axis=1))

@@ -43,9 +43,13 @@ class LoadWay:
 
 
 def load_ways(
-    weights: Sequence[float], pulls: Sequence[float], azimuths: int, anchors: Array, arms: Sequence[float],
+    weights: Sequence[float],
+    pulls: Sequence[float],
+    azimuths: int,
+    anchors: Array,
+    arms: Sequence[float],
     R_base_world: Array,
-) -> tuple[LoadWay, ...]:  # fmt: skip
+) -> tuple[LoadWay, ...]:
     """Every combination of direction and arm.
 
     Args:
@@ -73,8 +77,9 @@ def load_ways(
         for n in range(0 if len(anchors) else azimuths):
             angle = 2.0 * np.pi * n / azimuths
             direction = R_base_world @ np.array([np.cos(angle), np.sin(angle), 0.0])
-            out.append(LoadWay("pull", direction, None, at, sizes,
-                               f"horizontal pull at {np.degrees(angle):.4g} deg {place}"))  # fmt: skip
+            out.append(
+                LoadWay("pull", direction, None, at, sizes, f"horizontal pull at {np.degrees(angle):.4g} deg {place}")
+            )
     return tuple(out)
 
 

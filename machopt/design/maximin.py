@@ -50,9 +50,15 @@ def needed_noncentrality(level: float = LEVEL, chance: float = POWER) -> float:
 
 
 def best_readings(
-    contests: Sequence[Contest], covariance: Array, shared: Array, pose: Ints, poses: int, loads: int,
-    rng: np.random.Generator, starts: int = 1,
-) -> tuple[tuple[int, ...], ...]:  # fmt: skip
+    contests: Sequence[Contest],
+    covariance: Array,
+    shared: Array,
+    pose: Ints,
+    poses: int,
+    loads: int,
+    rng: np.random.Generator,
+    starts: int = 1,
+) -> tuple[tuple[int, ...], ...]:
     """Choose ``poses`` poses with up to ``loads`` readings each.
 
     Args:
@@ -86,9 +92,7 @@ def random_readings(pose: Ints, poses: int, loads: int, rng: np.random.Generator
     return tuple(out)
 
 
-def power(
-    contest: Contest, covariance: Array, shared: Array, pose: Ints, blocks: Sequence[Sequence[int]]
-) -> float:  # fmt: skip
+def power(contest: Contest, covariance: Array, shared: Array, pose: Ints, blocks: Sequence[Sequence[int]]) -> float:
     """Noncentrality of a design in one contest, the error of a pose shared by its readings."""
     rows = np.array(sorted(n for b in blocks for n in b), np.int64)
     at = {int(n): k for k, n in enumerate(rows)}

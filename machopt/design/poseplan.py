@@ -137,10 +137,20 @@ def problem_of(
 
 
 def plan_poses(
-    pool: PosePool, cases: LoadCases, screen: PoseScreen, limits: tuple[Array, Array], home: Array, velocity: Array,
-    prior: ArmElasticity, terms: Sequence[LinearTerm], ways: Sequence[LoadWay], criteria: LoadCriteria,
-    noise: ReadingNoise, size: PlanSize, progress: Callable[[str], None] = lambda _: None,
-) -> PosePlan:  # fmt: skip
+    pool: PosePool,
+    cases: LoadCases,
+    screen: PoseScreen,
+    limits: tuple[Array, Array],
+    home: Array,
+    velocity: Array,
+    prior: ArmElasticity,
+    terms: Sequence[LinearTerm],
+    ways: Sequence[LoadWay],
+    criteria: LoadCriteria,
+    noise: ReadingNoise,
+    size: PlanSize,
+    progress: Callable[[str], None] = lambda _: None,
+) -> PosePlan:
     """Choose, judge, compare and order.
 
     Args:
@@ -182,9 +192,19 @@ def plan_poses(
         beside.append(_compare(chooser, own, cube_cases, found, judged, design, size.loads, numbers, rng))
     visits = schedule(design.blocks, noise.cycles, rng)
     return PosePlan(
-        unknowns, cases, design, found, judged, believed, bound, tuple(c for c in beside if c is not None), numbers,
-        curve, needed, visits,
-    )  # fmt: skip
+        unknowns,
+        cases,
+        design,
+        found,
+        judged,
+        believed,
+        bound,
+        tuple(c for c in beside if c is not None),
+        numbers,
+        curve,
+        needed,
+        visits,
+    )
 
 
 @dataclass
@@ -211,9 +231,16 @@ def _curve_numbers(poses: int, numbers_a_pose: int, unknowns: int) -> tuple[int,
 
 
 def _compare(
-    chooser: Chooser, problem: Problem, cases: LoadCases, best: Accuracy, judged: Bools, design: Design, loads: int,
-    numbers: tuple[int, ...], rng: np.random.Generator,
-) -> Comparison | None:  # fmt: skip
+    chooser: Chooser,
+    problem: Problem,
+    cases: LoadCases,
+    best: Accuracy,
+    judged: Bools,
+    design: Design,
+    loads: int,
+    numbers: tuple[int, ...],
+    rng: np.random.Generator,
+) -> Comparison | None:
     """A heuristic's usual luck; None where it has fewer poses than the plan."""
     n = len(design.blocks)
     available = int(np.isin(chooser.poses, cases.pose).sum())
@@ -221,9 +248,7 @@ def _compare(
         return None
 
     def drawn(count: int, times: int) -> list[Accuracy]:
-        return [
-            accuracy(information(problem, draw(chooser, problem, cases, count, loads, rng))) for _ in range(times)
-        ]  # fmt: skip
+        return [accuracy(information(problem, draw(chooser, problem, cases, count, loads, rng))) for _ in range(times)]
 
     at = drawn(n, DRAWS)
     rms = np.array([a.rms(judged) for a in at])
@@ -235,7 +260,11 @@ def _compare(
     efficiencies = np.array([efficiency(a, best) for a in at])
     sigma = np.quantile(np.array([a.sigma for a in at]), 0.5, axis=0, method="nearest")
     return Comparison(
-        chooser.name, available, (low, middle, high), sigma,
+        chooser.name,
+        available,
+        (low, middle, high),
+        sigma,
         tuple(float(e) for e in np.median(efficiencies, axis=0)),  # type: ignore[arg-type]
-        (middle / best.rms(judged)) ** 2, curve,
-    )  # fmt: skip
+        (middle / best.rms(judged)) ** 2,
+        curve,
+    )

@@ -208,9 +208,7 @@ class _Search:
         values = [self._value([*rest, self.of_block(v)]) for v in variants]
         return variants[int(np.argmax(values))]
 
-    def _best_block(
-        self, Ms: list[Array], loads: int, taken: Bools, among: Bools | None = None
-    ) -> tuple[int, ...]:  # fmt: skip
+    def _best_block(self, Ms: list[Array], loads: int, taken: Bools, among: Bools | None = None) -> tuple[int, ...]:
         """The free pose, with its loads, that adds most to Σ w log det."""
         gains = self._first_gains(Ms, among)
         sums = self._sums_of_best(gains, loads)
@@ -256,11 +254,15 @@ class _Search:
         pick = np.maximum(slots, 0)
         states = [
             _Growth(
-                m.response[pick], m.covariance[pick], np.broadcast_to(_inverse(M), (K, *M.shape)),
-                np.broadcast_to(self.problem.shared, (K, D, D)), np.zeros((K, D, M.shape[0])), m.weight,
+                m.response[pick],
+                m.covariance[pick],
+                np.broadcast_to(_inverse(M), (K, *M.shape)),
+                np.broadcast_to(self.problem.shared, (K, D, D)),
+                np.zeros((K, D, M.shape[0])),
+                m.weight,
             )
             for m, M in zip(self.problem.models, Ms, strict=True)
-        ]  # fmt: skip
+        ]
         free = slots >= 0
         chosen = np.full((K, loads), -1, np.int64)
         total = np.zeros(K)

@@ -100,10 +100,21 @@ def build(
         families.append(Family("rotation", (3, 4, 5), "mrad", 1e3, stated.rotation))
     loaded = bool(np.abs(readings.wrench).max() > 0.0)
     problem = Problem(
-        "position", y, base, tuple(unknowns), tuple(families), recording.pose, visit, visit, readings.session,
-        replicate, recording.line, np.arange(1, len(recording) + 1),
-        scale=readings.through(readings.wrench) if loaded else None, time=recording.time,
-    )  # fmt: skip
+        "position",
+        y,
+        base,
+        tuple(unknowns),
+        tuple(families),
+        recording.pose,
+        visit,
+        visit,
+        readings.session,
+        replicate,
+        recording.line,
+        np.arange(1, len(recording) + 1),
+        scale=readings.through(readings.wrench) if loaded else None,
+        time=recording.time,
+    )
     readings = replace(readings, visit=visit, cycle=visit)
     return problem, catalogue(readings, problem), model.notes(frame)
 
@@ -227,9 +238,19 @@ class _Model:
         T = self.cell.tool.T_flange_tcp.copy()
         T[:3, 3] += frame.target
         return Readings(
-            self.recording, self.robot, T, self.masses, replace(state, q=self.recording.q), self.wrench, self.D, False,
-            np.maximum(frame.compliance, RIGID * self.nominal), session.reshape(-1).astype(np.int64), none, none,
-        )  # fmt: skip
+            self.recording,
+            self.robot,
+            T,
+            self.masses,
+            replace(state, q=self.recording.q),
+            self.wrench,
+            self.D,
+            False,
+            np.maximum(frame.compliance, RIGID * self.nominal),
+            session.reshape(-1).astype(np.int64),
+            none,
+            none,
+        )
 
     def notes(self, frame: _Frame) -> tuple[str, ...]:
         out = []

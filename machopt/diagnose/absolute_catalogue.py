@@ -27,10 +27,14 @@ DISTINCT = 0.3  # of what the base leaves of a law: less beside a zero offset of
 def catalogue(r: Readings, problem: Problem) -> Catalogue:
     """Every effect that measured poses can show, without those that the base takes up altogether."""
     offered: list[Hypothesis] = [
-        *laws_kinematic.zero_offsets(r), *laws_kinematic.transmission_errors(r), *laws_kinematic.couplings(r),
-        *laws_environment.payload(r), *laws_environment.compensator(r), *laws_environment.thermal(r),
+        *laws_kinematic.zero_offsets(r),
+        *laws_kinematic.transmission_errors(r),
+        *laws_kinematic.couplings(r),
+        *laws_environment.payload(r),
+        *laws_environment.compensator(r),
+        *laws_environment.thermal(r),
         *laws_weight.bodies(r),
-    ]  # fmt: skip
+    ]
     missing = list(_untestable(r))
     drives = np.quantile(np.abs(r.torque), 0.9, axis=0)
     kinds = [e for e in registry.of_joint_torque() if not e.remembers]
@@ -91,13 +95,15 @@ def _own(columns: Array, base: Array, r: Readings, j: int) -> bool:
 
 def _untestable(r: Readings) -> list[Untestable]:
     out = [
-        Untestable("geometric_stiffness", "arm", "counted exactly: the arm is in equilibrium where it really stands"),
+        Untestable("geometric_stiffness", "arm", "counted exactly: the arm is in equilibrium where it really stands")
     ]
     for effect in registry.of_joint_torque():
         if effect.remembers:
-            how = "since when the torque has been there" if timed(effect.laws[0]) else (
-                "how the torque came there; load cycles do"
-            )  # fmt: skip
+            how = (
+                "since when the torque has been there"
+                if timed(effect.laws[0])
+                else ("how the torque came there; load cycles do")
+            )
             out.append(Untestable(effect.name, effect.places[0], f"measured poses do not say {how}"))
     if r.masses is None:
         out += [

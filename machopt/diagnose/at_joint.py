@@ -50,9 +50,7 @@ def scale_of(r: Readings, j: int, law: Law) -> Scale:
     return Scale(_largest(torque), max(float(r.compliance[j]), LEAST_SOFT), float(low), float(high))
 
 
-def _hypothesis(
-    r: Readings, j: int, effect: Effect, law: Law, scale: Scale, grid: tuple[Shape, ...]
-) -> Hypothesis:  # fmt: skip
+def _hypothesis(r: Readings, j: int, effect: Effect, law: Law, scale: Scale, grid: tuple[Shape, ...]) -> Hypothesis:
     where = f"joint:{j + 1}"
     own = len(law.shape) and len(grid[0])  # numbers of a shape; what a gear remembers follows as its place in MEMORIES
 
@@ -77,9 +75,19 @@ def _hypothesis(
     count = columns(grid[0]).shape[2]
     lower = tuple(least for _, _, least in files.named(law, count))
     return Hypothesis(
-        effect.name, where, law.name, law.equation, columns, sizes, grid, lower if np.isfinite(lower).any() else (),
-        term, effect.note, "joint", curve if law.weighs or (law.remembers and not timed(law)) else None,
-    )  # fmt: skip
+        effect.name,
+        where,
+        law.name,
+        law.equation,
+        columns,
+        sizes,
+        grid,
+        lower if np.isfinite(lower).any() else (),
+        term,
+        effect.note,
+        "joint",
+        curve if law.weighs or (law.remembers and not timed(law)) else None,
+    )
 
 
 def pair(r: Readings, effect: Effect, where: str, note: str, equation: str = "") -> Hypothesis:
@@ -93,10 +101,17 @@ def pair(r: Readings, effect: Effect, where: str, note: str, equation: str = "")
         return r.lift(i, by_j) + r.lift(j, by_i)
 
     return Hypothesis(
-        effect.called, where, law.name, equation or law.equation, columns,
-        lambda x, s: law.sizes(x, np.array(s), scale), law.grid(scale),
-        correction=lambda x, s: Term(effect.called, where, files.write(law, x, np.array(s))), family="joint", note=note,
-    )  # fmt: skip
+        effect.called,
+        where,
+        law.name,
+        equation or law.equation,
+        columns,
+        lambda x, s: law.sizes(x, np.array(s), scale),
+        law.grid(scale),
+        correction=lambda x, s: Term(effect.called, where, files.write(law, x, np.array(s))),
+        family="joint",
+        note=note,
+    )
 
 
 def lived_through(r: Readings, terms: Sequence[Term]) -> tuple[Array, tuple[Term, ...]]:
@@ -159,9 +174,13 @@ def _loop(r: Readings, j: int, law: Law, shape: Array, x: Array, memory: str, sc
     cycle = law.columns(shape, Drive(path, np.zeros_like(path), None, first)) @ x
     each = twist(r, j, law, shape, memory) @ x
     return Curve(
-        path, cycle / ARCMIN, f"load torque at joint {j + 1} in N·m", "twist in arcmin", r.load_torque[:, j],
+        path,
+        cycle / ARCMIN,
+        f"load torque at joint {j + 1} in N·m",
+        "twist in arcmin",
+        r.load_torque[:, j],
         each / ARCMIN,
-    )  # fmt: skip
+    )
 
 
 def _largest(tau: Array) -> float:

@@ -60,18 +60,30 @@ def contradictions(recording: Recording, robot: Robot, T_flange_tcp: Array) -> t
     chance = 0.5 ** len(np.unique(recording.pose))  # that every pose agrees by accident
     said = f"{100 * against:.0f} % of the readings move against their load. " if against > AGAINST else ""
     if load == "hung":
-        out.append(_finding(
-            "load_geometry", "sensor:force",
-            f"{said}Displacements fit a weight of the recorded size that hangs straight down, not the recorded "
-            "directions", before, after, chance,
-        ))  # fmt: skip
+        out.append(
+            _finding(
+                "load_geometry",
+                "sensor:force",
+                f"{said}Displacements fit a weight of the recorded size that hangs straight down, not the recorded "
+                "directions",
+                before,
+                after,
+                chance,
+            )
+        )
         said = ""
     if axis >= 0:
         name = "xyz"[axis]
-        out.append(_finding(
-            "displacement_frame", "sensor:displacement", f"{said}d{name} counts against {name} of the stated axes",
-            before, after, chance,
-        ))  # fmt: skip
+        out.append(
+            _finding(
+                "displacement_frame",
+                "sensor:displacement",
+                f"{said}d{name} counts against {name} of the stated axes",
+                before,
+                after,
+                chance,
+            )
+        )
     return ways[best], out
 
 
@@ -123,9 +135,19 @@ def _one_lever(recording: Recording, robot: Robot, T_flange_tcp: Array) -> tuple
 
 def _finding(effect: str, where: str, words: str, before: float, after: float, p_value: float) -> Finding:
     return Finding(
-        effect, where, WORD, "", words, ((effect, where),), {}, before, after, p_value,
-        correction=RecordCorrection(effect, where, {"message": words}), record=True,
-    )  # fmt: skip
+        effect,
+        where,
+        WORD,
+        "",
+        words,
+        ((effect, where),),
+        {},
+        before,
+        after,
+        p_value,
+        correction=RecordCorrection(effect, where, {"message": words}),
+        record=True,
+    )
 
 
 def _unexplained(recording: Recording, robot: Robot, T_flange_tcp: Array) -> float:

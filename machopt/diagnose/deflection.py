@@ -36,9 +36,15 @@ MOST_COMPLIANCE = 1e-4  # rad/(N·m)
 
 
 def build(
-    recording: Recording, tests: Experiment, robot: Robot, T_flange_tcp: Array, masses: Masses | None,
-    compliance: Array | None = None, memo: dict[str, History] | None = None, terms: Array | None = None,
-) -> tuple[Problem, Catalogue, Readings]:  # fmt: skip
+    recording: Recording,
+    tests: Experiment,
+    robot: Robot,
+    T_flange_tcp: Array,
+    masses: Masses | None,
+    compliance: Array | None = None,
+    memo: dict[str, History] | None = None,
+    terms: Array | None = None,
+) -> tuple[Problem, Catalogue, Readings]:
     """Equations and hypotheses of a load test.
 
     Args:
@@ -79,25 +85,52 @@ def build(
     if tests.dimensions == 6:
         families.append(Family("rotation", (3, 4, 5), "mrad", 1e3, u.rotation))
     problem = Problem(
-        "deflection", y, base, tuple(unknowns), tuple(families), tests.pose, readings.visit,
-        tests.cycle if labels.has_cycle else readings.visit, readings.session, replicates(tests, recording),
-        tests.line, np.arange(1, len(tests) + 1), scale=predicted, known=known if curved is not None else None,
+        "deflection",
+        y,
+        base,
+        tuple(unknowns),
+        tuple(families),
+        tests.pose,
+        readings.visit,
+        tests.cycle if labels.has_cycle else readings.visit,
+        readings.session,
+        replicates(tests, recording),
+        tests.line,
+        np.arange(1, len(tests) + 1),
+        scale=predicted,
+        known=known if curved is not None else None,
         weight_known=masses is not None,
-    )  # fmt: skip
+    )
     return problem, catalogue(readings, curved), readings
 
 
 def readings_of(
-    recording: Recording, tests: Experiment, robot: Robot, T_flange_tcp: Array, masses: Masses | None,
-    compliance: Array, memo: dict[str, History] | None = None,
-) -> Readings:  # fmt: skip
+    recording: Recording,
+    tests: Experiment,
+    robot: Robot,
+    T_flange_tcp: Array,
+    masses: Masses | None,
+    compliance: Array,
+    memo: dict[str, History] | None = None,
+) -> Readings:
     """The readings of a load test with what gears may remember of it; see :func:`build`."""
     _, visit = np.unique(np.stack([tests.pose, tests.session], axis=1), axis=0, return_inverse=True)
     _, session = np.unique(tests.session, return_inverse=True)
     return Readings(
-        recording, robot, T_flange_tcp, masses, tests.state, tests.wrench, tests.dimensions, True, compliance,
-        session.reshape(-1), visit.reshape(-1), tests.cycle, {} if memo is None else memo,
-    )  # fmt: skip
+        recording,
+        robot,
+        T_flange_tcp,
+        masses,
+        tests.state,
+        tests.wrench,
+        tests.dimensions,
+        True,
+        compliance,
+        session.reshape(-1),
+        visit.reshape(-1),
+        tests.cycle,
+        {} if memo is None else memo,
+    )
 
 
 def catalogue(r: Readings, curved: Array | None) -> Catalogue:

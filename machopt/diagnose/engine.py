@@ -210,14 +210,31 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
     factor = problem.families[0].factor
     rows = problem.row[~used]
     result = Diagnosis(
-        problem.channel, options.predicted, verdict, "", problem.families[0].unit,
-        heldout.rmse(problem, before, used), heldout.floor(problem, floor_noise, used), factor * float(np.sqrt(power)),
-        there.p_value, heldout.rmse(problem, after, used), explained, factor * float(np.sqrt(max(rest.power, 0.0))),
-        tuple(findings), tuple(shares), tuple(seen), state.catalogue.untestable,
-        tuple(_coefficients(state, () if withdrawn else state.chosen)), Errors(before, after, by_group, groups), proof,
-        used, rows, state.catalogue.axes, sum(len(t.shapes) for t in state.tried),
+        problem.channel,
+        options.predicted,
+        verdict,
+        "",
+        problem.families[0].unit,
+        heldout.rmse(problem, before, used),
+        heldout.floor(problem, floor_noise, used),
+        factor * float(np.sqrt(power)),
+        there.p_value,
+        heldout.rmse(problem, after, used),
+        explained,
+        factor * float(np.sqrt(max(rest.power, 0.0))),
+        tuple(findings),
+        tuple(shares),
+        tuple(seen),
+        state.catalogue.untestable,
+        tuple(_coefficients(state, () if withdrawn else state.chosen)),
+        Errors(before, after, by_group, groups),
+        proof,
+        used,
+        rows,
+        state.catalogue.axes,
+        sum(len(t.shapes) for t in state.tried),
         notes=tuple(words.withdrawn(withdrawn)) + words.noise_note(floor_noise),
-    )  # fmt: skip
+    )
     return replace(result, sentence=words.sentence(result), next_experiment=words.next_experiment(result))
 
 
@@ -243,10 +260,22 @@ def _finding(state: State, k: int) -> Finding:
     curve = None if h.curve is None else h.curve(x, shape)
     left = None if curve is None else _along(full.residual, h.columns(shape), x, curve.per_reading)
     return Finding(
-        h.effect, h.location, h.law, h.equation, h.note, tuple(names), estimates(state.base, state.chosen, k),
-        heldout.rmse(state.problem, without, state.used), heldout.rmse(state.problem, full.heldout(), state.used),
-        c.p_value, tuple(others), h.correction(x, shape), curve, left, h.family == "sensor",
-    )  # fmt: skip
+        h.effect,
+        h.location,
+        h.law,
+        h.equation,
+        h.note,
+        tuple(names),
+        estimates(state.base, state.chosen, k),
+        heldout.rmse(state.problem, without, state.used),
+        heldout.rmse(state.problem, full.heldout(), state.used),
+        c.p_value,
+        tuple(others),
+        h.correction(x, shape),
+        curve,
+        left,
+        h.family == "sensor",
+    )
 
 
 def _along(residual: Array, columns: Array, x: Array, law: Array) -> Array:

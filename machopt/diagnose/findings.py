@@ -60,10 +60,19 @@ def rivals(model: Model, chosen: Sequence[Chosen], k: int, tried: Sequence[Tried
         maybe = s.total > 0 and (close or (p > PAIRED and s.total > MOST_OF * own.total))
         if maybe:
             names.append(name)
-        out.append(Rival(
-            h.effect, h.location, h.law, float(np.clip(s.total / max(own.total, 1e-12), -1.0, 2.0)),
-            "not excluded" if maybe else "rejected", p, h.effect == mine.effect, fit(s), named,
-        ))  # fmt: skip
+        out.append(
+            Rival(
+                h.effect,
+                h.location,
+                h.law,
+                float(np.clip(s.total / max(own.total, 1e-12), -1.0, 2.0)),
+                "not excluded" if maybe else "rejected",
+                p,
+                h.effect == mine.effect,
+                fit(s),
+                named,
+            )
+        )
     return [r for n, r in enumerate(out) if n < SHOWN or r.standing == "not excluded"], names
 
 
@@ -79,9 +88,7 @@ def estimates(model: Model, chosen: Sequence[Chosen], k: int) -> dict[str, Estim
         if s != c.scored.shape and m.rss - _rss(beside, c) > NEAR_SHAPE * m.spread:
             continue
         x, covariance, freedom = sandwich(m)
-        low_high = _quantity_intervals(
-            c, x[-p:], covariance[-p:, -p:], freedom, c.tried.shapes[s], c.tried.unit[s]
-        )  # fmt: skip
+        low_high = _quantity_intervals(c, x[-p:], covariance[-p:, -p:], freedom, c.tried.shapes[s], c.tried.unit[s])
         for name, interval in low_high.items():
             if name in ends:
                 ends[name].append(interval)
@@ -90,9 +97,11 @@ def estimates(model: Model, chosen: Sequence[Chosen], k: int) -> dict[str, Estim
         both = np.array(ends[name]) if ends[name] else np.full((1, 2, 2), q.value)
         low, high = both[:, :, 0].min(axis=0), both[:, :, 1].max(axis=0)
         out[name] = Estimate(
-            q.value, q.unit, (min(float(low[0]), q.value), max(float(high[0]), q.value)),
+            q.value,
+            q.unit,
+            (min(float(low[0]), q.value), max(float(high[0]), q.value)),
             (min(float(low[1]), q.value), max(float(high[1]), q.value)),
-        )  # fmt: skip
+        )
     return out
 
 

@@ -74,9 +74,12 @@ def _history(r: Readings, memory: int) -> History:
         start[rows], at[rows] = count, count + 1 + np.arange(len(rows))
         visit, session, count = here, now, count + 1 + len(rows)
     return History(
-        np.concatenate(torque), np.concatenate(gap) if gap else np.full(count, np.nan), np.array(first, np.int64), at,
+        np.concatenate(torque),
+        np.concatenate(gap) if gap else np.full(count, np.nan),
+        np.array(first, np.int64),
+        at,
         start,
-    )  # fmt: skip
+    )
 
 
 def _gaps(time: Array, last: float) -> Array:

@@ -38,9 +38,11 @@ def geometric_finding(state: State) -> Known | None:
         return None
     columns = [k for k, u in enumerate(problem.unknowns) if u.location != "arm"]
     bare = replace(
-        problem, y=problem.y + problem.known, base=problem.base[:, :, columns],
+        problem,
+        y=problem.y + problem.known,
+        base=problem.base[:, :, columns],
         unknowns=tuple(problem.unknowns[k] for k in columns),
-    )  # fmt: skip
+    )
     model, unit = base_model(bare, state.w, np.random.default_rng(0))
     model = replace(model, fold=state.base.fold, folds=state.base.folds)
     alone = Fitted(model, bare.base, unit, bare.y)
@@ -55,13 +57,21 @@ def geometric_finding(state: State) -> Known | None:
     wide = share / own
     return Known(
         Finding(
-            "geometric_stiffness", "arm", "loaded equilibrium",
-            "K_C of load and weight, dumas2011 eqs. 8–10, solved instead of linearised", "grows with the load squared",
+            "geometric_stiffness",
+            "arm",
+            "loaded equilibrium",
+            "K_C of load and weight, dumas2011 eqs. 8–10, solved instead of linearised",
+            "grows with the load squared",
             (("geometric_stiffness", "arm"),),
-            {"share": Estimate(share, "%", (share - 1.645 * wide, share + 1.645 * wide),
-                               (share - 1.96 * wide, share + 1.96 * wide))},
-            heldout.rmse(problem, before, state.used), heldout.rmse(problem, after, state.used),
-            float(2 * ndtr(-own)), correction=Term("geometric_stiffness", "arm", {}),
+            {
+                "share": Estimate(
+                    share, "%", (share - 1.645 * wide, share + 1.645 * wide), (share - 1.96 * wide, share + 1.96 * wide)
+                )
+            },
+            heldout.rmse(problem, before, state.used),
+            heldout.rmse(problem, after, state.used),
+            float(2 * ndtr(-own)),
+            correction=Term("geometric_stiffness", "arm", {}),
         ),
         before,
-    )  # fmt: skip
+    )

@@ -42,10 +42,18 @@ def links(r: Readings) -> list[Hypothesis]:
             continue
 
         for which, law in (((0,), "bends"), ((1,), "twists"), ((0, 1), "bends and twists")):
-            out.append(_linear(
-                r, term, which, law, "cantilever: L³/3EI, L²/2EI, L/EI, L/GJ at the link's end",
-                partial(_beam_sizes, which), (0.0,) * len(which), "body",
-            ))  # fmt: skip
+            out.append(
+                _linear(
+                    r,
+                    term,
+                    which,
+                    law,
+                    "cantilever: L³/3EI, L²/2EI, L/EI, L/GJ at the link's end",
+                    partial(_beam_sizes, which),
+                    (0.0,) * len(which),
+                    "body",
+                )
+            )
         out.append(two_planes(bare, i, beam(bare, i), NOTE))
     return out
 
@@ -63,14 +71,17 @@ def base(r: Readings) -> list[Hypothesis]:
         return {"tilt_compliance": Quantity(float(np.max(np.abs(x[:2]))), "rad/(N·m)")}
 
     def six(x: Array) -> Mapping[str, Quantity]:
-        return {"tilt_compliance": Quantity(float(np.max(np.abs(x[3:5]))), "rad/(N·m)"),
-                "translation": Quantity(float(np.max(np.abs(x[:3]))), "m/N")}  # fmt: skip
+        return {
+            "tilt_compliance": Quantity(float(np.max(np.abs(x[3:5]))), "rad/(N·m)"),
+            "translation": Quantity(float(np.max(np.abs(x[:3]))), "m/N"),
+        }
 
     return [
         _linear(r, term, (3, 4), "tilts", "G₀ C₀ G₀ᵀ w, C₀ about x and y of base_link", tilt, (0.0,) * 2, "body"),
-        _linear(r, term, tuple(range(6)), "gives way in six directions", "G₀ C₀ G₀ᵀ w, C₀ diagonal", six, (0.0,) * 6,
-                "body"),
-    ]  # fmt: skip
+        _linear(
+            r, term, tuple(range(6)), "gives way in six directions", "G₀ C₀ G₀ᵀ w, C₀ diagonal", six, (0.0,) * 6, "body"
+        ),
+    ]
 
 
 def tool(r: Readings) -> list[Hypothesis]:
@@ -81,18 +92,36 @@ def tool(r: Readings) -> list[Hypothesis]:
     except InputError:
         beam = None
     if beam is not None and len(beam.coefficients) == 2:
-        out.append(_linear(
-            r, beam, (0,), "bends", "cantilever from the flange to the TCP",
-            lambda x: {"1/EI": Quantity(abs(float(x[0])), "1/(N·m²)")}, (0.0,), "body",
-        ))  # fmt: skip
+        out.append(
+            _linear(
+                r,
+                beam,
+                (0,),
+                "bends",
+                "cantilever from the flange to the TCP",
+                lambda x: {"1/EI": Quantity(abs(float(x[0])), "1/(N·m²)")},
+                (0.0,),
+                "body",
+            )
+        )
     spring = term_of("tool_compliance", "tool", r.robot, r.T_flange_tcp, form="diagonal")
 
     def sizes(x: Array) -> Mapping[str, Quantity]:
         return {"lateral_compliance": Quantity(1e6 * float(np.max(np.abs(x[:3]))), "µm/N")}
 
     each = tuple(range(6)) if r.dimensions == 6 else (0, 1, 2)
-    out.append(_linear(r, spring, each, "spring at the tool", "R C Rᵀ w, C diagonal in tool axes", sizes,
-                       (0.0,) * len(each), "body"))  # fmt: skip
+    out.append(
+        _linear(
+            r,
+            spring,
+            each,
+            "spring at the tool",
+            "R C Rᵀ w, C diagonal in tool axes",
+            sizes,
+            (0.0,) * len(each),
+            "body",
+        )
+    )
     out += _round(r)
     out.append(_full(r))
     return out
@@ -119,12 +148,23 @@ def _round(r: Readings) -> list[Hypothesis]:
         def correction(x: Array, shape: Shape, mix: Array = mix) -> Term:
             return full.with_values(mix @ x).to_file()
 
-        out.append(Hypothesis(
-            "tool_compliance", "tool", law, "R C Rᵀ w at the TCP, C of a body of revolution", columns,
-            lambda x, s: {"lateral_compliance": Quantity(1e6 * abs(float(x[0])), "µm/N"),
-                          "tilt_compliance": Quantity(abs(float(x[1])), "rad/(N·m)")},
-            lower=(0.0, 0.0, -np.inf), correction=correction, family="body", note="constant in the tool frame",
-        ))  # fmt: skip
+        out.append(
+            Hypothesis(
+                "tool_compliance",
+                "tool",
+                law,
+                "R C Rᵀ w at the TCP, C of a body of revolution",
+                columns,
+                lambda x, s: {
+                    "lateral_compliance": Quantity(1e6 * abs(float(x[0])), "µm/N"),
+                    "tilt_compliance": Quantity(abs(float(x[1])), "rad/(N·m)"),
+                },
+                lower=(0.0, 0.0, -np.inf),
+                correction=correction,
+                family="body",
+                note="constant in the tool frame",
+            )
+        )
     return out
 
 
@@ -151,10 +191,16 @@ def _full(r: Readings) -> Hypothesis:
         return {"lateral_compliance": Quantity(1e6 * max(abs(named[n]) for n in ("ty", "tz")), "µm/N")}
 
     return Hypothesis(
-        "tool_compliance", "tool", "gives way in every direction", "R C Rᵀ w at the TCP, C symmetric",
-        lambda s: r.elastic(full)[:, :, which], sizes, correction=correction, family="body",
+        "tool_compliance",
+        "tool",
+        "gives way in every direction",
+        "R C Rᵀ w at the TCP, C symmetric",
+        lambda s: r.elastic(full)[:, :, which],
+        sizes,
+        correction=correction,
+        family="body",
         note="constant in the tool frame",
-    )  # fmt: skip
+    )
 
 
 def _revolved() -> tuple[Array, Array, Array]:
@@ -176,9 +222,15 @@ def _in_axes(C: Array, turn: Array, names: list[str]) -> Array:
 
 
 def _linear(
-    r: Readings, term: LinearTerm, which: tuple[int, ...], law: str, equation: str,
-    sizes: Callable[[Array], Mapping[str, Quantity]], lower: tuple[float, ...], family: str,
-) -> Hypothesis:  # fmt: skip
+    r: Readings,
+    term: LinearTerm,
+    which: tuple[int, ...],
+    law: str,
+    equation: str,
+    sizes: Callable[[Array], Mapping[str, Quantity]],
+    lower: tuple[float, ...],
+    family: str,
+) -> Hypothesis:
     def columns(shape: Shape) -> Array:
         return r.elastic(term)[:, :, list(which)]
 
@@ -188,6 +240,14 @@ def _linear(
         return term.with_values(full).to_file()
 
     return Hypothesis(
-        term.effect, term.location, law, equation, columns, lambda x, s: sizes(x), lower=lower, correction=correction,
-        family=family, note=NOTE,
-    )  # fmt: skip
+        term.effect,
+        term.location,
+        law,
+        equation,
+        columns,
+        lambda x, s: sizes(x),
+        lower=lower,
+        correction=correction,
+        family=family,
+        note=NOTE,
+    )

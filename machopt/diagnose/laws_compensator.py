@@ -35,18 +35,27 @@ def apparent(r: Readings) -> list[Hypothesis]:
 
     def sizes(x: Array, shape: Shape) -> Mapping[str, Quantity]:
         slope = LINKAGE.slope(np.array(shape), np.linspace(q.min(), q.max(), 60))
-        return {"variation": Quantity(50.0 * float(np.ptp(slope @ x)) * c, "%"),
-                "force_times_length": Quantity(float(x[0]), "N·m"),
-                "rate_times_length_squared": Quantity(float(x[1]), "N·m")}  # fmt: skip
+        return {
+            "variation": Quantity(50.0 * float(np.ptp(slope @ x)) * c, "%"),
+            "force_times_length": Quantity(float(x[0]), "N·m"),
+            "rate_times_length_squared": Quantity(float(x[1]), "N·m"),
+        }
 
     def correction(x: Array, s: Shape) -> Term:
         return Term(EFFECT.name, "joint:2", files.write(LINKAGE, x, np.array(s)))
 
     return [
         Hypothesis(
-            EFFECT.name, "joint:2", LINKAGE.name,
-            "k₂(q₂) = k₂ + d²U/dq², U of a spring F₀ + k s, s² = a² + L² + 2aL cos(α + q₂)", columns, sizes,
-            LINKAGE.grid(), correction=correction, family="joint",
-            note="joint 2 only, by its angle", penalty=4.0,
+            EFFECT.name,
+            "joint:2",
+            LINKAGE.name,
+            "k₂(q₂) = k₂ + d²U/dq², U of a spring F₀ + k s, s² = a² + L² + 2aL cos(α + q₂)",
+            columns,
+            sizes,
+            LINKAGE.grid(),
+            correction=correction,
+            family="joint",
+            note="joint 2 only, by its angle",
+            penalty=4.0,
         )
-    ]  # fmt: skip
+    ]

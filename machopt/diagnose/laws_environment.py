@@ -37,29 +37,53 @@ def payload(r: Readings) -> list[Hypothesis]:
     cause = "J c Jᵀ w of the weight of Δm at the tool side, c as the base has it"
 
     def full(x: Array, shape: Shape) -> Mapping[str, Quantity]:
-        return {"mass": Quantity(float(x[0]), "kg"),
-                **{f"moment_{a}": Quantity(float(v), "kg·m") for a, v in zip("xyz", x[1:], strict=True)}}  # fmt: skip
+        return {
+            "mass": Quantity(float(x[0]), "kg"),
+            **{f"moment_{a}": Quantity(float(v), "kg·m") for a, v in zip("xyz", x[1:], strict=True)},
+        }
 
     def shifted(x: Array, shape: Shape) -> Mapping[str, Quantity]:
-        return {"shift": Quantity(1e3 * float(np.linalg.norm(x)) / carried, "mm"),
-                **{f"moment_{a}": Quantity(float(v), "kg·m") for a, v in zip("xyz", x, strict=True)}}  # fmt: skip
+        return {
+            "shift": Quantity(1e3 * float(np.linalg.norm(x)) / carried, "mm"),
+            **{f"moment_{a}": Quantity(float(v), "kg·m") for a, v in zip("xyz", x, strict=True)},
+        }
 
     where, note = "tool", "with gravity: as the joints' compliance, but shaped by the flange's weight alone"
     out = [
         Hypothesis(
-            "payload", where, "another mass at the stated centre", cause, lambda s: weight @ np.r_[1.0, at][:, None],
-            lambda x, s: {"mass": Quantity(float(x[0]), "kg")}, family="environment", note=note,
+            "payload",
+            where,
+            "another mass at the stated centre",
+            cause,
+            lambda s: weight @ np.r_[1.0, at][:, None],
+            lambda x, s: {"mass": Quantity(float(x[0]), "kg")},
+            family="environment",
+            note=note,
         ),
         Hypothesis(
-            "payload", where, "another mass at another place", f"{cause}, with Δ(m·com)", lambda s: weight, full,
-            family="environment", note=note,
+            "payload",
+            where,
+            "another mass at another place",
+            f"{cause}, with Δ(m·com)",
+            lambda s: weight,
+            full,
+            family="environment",
+            note=note,
         ),
-    ]  # fmt: skip
+    ]
     if carried > 0.0:
-        out.append(Hypothesis(
-            "payload", where, "the stated mass at another place", f"{cause}, Δm = 0", lambda s: weight[:, :, 1:],
-            shifted, family="environment", note=note,
-        ))  # fmt: skip
+        out.append(
+            Hypothesis(
+                "payload",
+                where,
+                "the stated mass at another place",
+                f"{cause}, Δm = 0",
+                lambda s: weight[:, :, 1:],
+                shifted,
+                family="environment",
+                note=note,
+            )
+        )
     return out
 
 
@@ -95,14 +119,30 @@ def compensator(r: Readings) -> list[Hypothesis]:
             return {"peak_torque": Quantity(float(np.abs(drive(along, shape) @ x).max()), "N·m")}
 
         def curve(x: Array, shape: Shape, drive: Drive = drive) -> Curve:
-            return Curve(np.degrees(along), drive(along, shape) @ x, "joint 2 in deg", "torque in N·m", np.degrees(q),
-                         drive(q, shape) @ x)  # fmt: skip
+            return Curve(
+                np.degrees(along),
+                drive(along, shape) @ x,
+                "joint 2 in deg",
+                "torque in N·m",
+                np.degrees(q),
+                drive(q, shape) @ x,
+            )
 
-        out.append(Hypothesis(
-            EFFECT.name, "joint:2", own.name, f"{equation} (Klimchik et al. arXiv 1311.6810)",
-            lambda s, drive=drive: r.lift(1, c * drive(q, s)),  # type: ignore[misc]
-            sizes, own.grid(), family="joint", note="joint 2 only, by its angle", penalty=penalty, curve=curve,
-        ))  # fmt: skip
+        out.append(
+            Hypothesis(
+                EFFECT.name,
+                "joint:2",
+                own.name,
+                f"{equation} (Klimchik et al. arXiv 1311.6810)",
+                lambda s, drive=drive: r.lift(1, c * drive(q, s)),  # type: ignore[misc]
+                sizes,
+                own.grid(),
+                family="joint",
+                note="joint 2 only, by its angle",
+                penalty=penalty,
+                curve=curve,
+            )
+        )
     return out
 
 
@@ -132,11 +172,21 @@ def thermal(r: Readings) -> list[Hypothesis]:
                     size["rise"] = Quantity(warmed, "K")  # of castings, if they are of iron or steel
                 return size | ({"time_constant": Quantity(shape[0], "s")} if shape else {})
 
-            out.append(Hypothesis(
-                "thermal_drift", "environment", f"{pattern} {driver.words}", f"α L ΔT: {driver.equation}", lifted,
-                sizes, driver.shapes, (least,) * columns.shape[2] if np.isfinite(least) else (), family="environment",
-                note="with time and temperature, whatever the pose and load", penalty=penalty,
-            ))  # fmt: skip
+            out.append(
+                Hypothesis(
+                    "thermal_drift",
+                    "environment",
+                    f"{pattern} {driver.words}",
+                    f"α L ΔT: {driver.equation}",
+                    lifted,
+                    sizes,
+                    driver.shapes,
+                    (least,) * columns.shape[2] if np.isfinite(least) else (),
+                    family="environment",
+                    note="with time and temperature, whatever the pose and load",
+                    penalty=penalty,
+                )
+            )
     return out
 
 
@@ -166,13 +216,20 @@ def _drivers(r: Readings) -> list[_Driver]:
         constants = tuple((t,) for t in WARM if LEAST_WARM * longest <= t <= MOST_WARM * longest)
         if longest > LEAST_SPAN:
             if constants:
-                out.append(_Driver(
-                    "after the start of a session", "s = 1 − exp(−t/T), t since the session began",
-                    lambda s: 1.0 - np.exp(-since / s[0]), constants, 0.0,
-                ))  # fmt: skip
-            out.append(_Driver(
-                "evenly over a session", "s = t since the session began", lambda s: since / longest, ((),), -np.inf
-            ))  # fmt: skip
+                out.append(
+                    _Driver(
+                        "after the start of a session",
+                        "s = 1 − exp(−t/T), t since the session began",
+                        lambda s: 1.0 - np.exp(-since / s[0]),
+                        constants,
+                        0.0,
+                    )
+                )
+            out.append(
+                _Driver(
+                    "evenly over a session", "s = t since the session began", lambda s: since / longest, ((),), -np.inf
+                )
+            )
     return out
 
 
@@ -204,15 +261,23 @@ def frame(r: Readings) -> list[Hypothesis]:
     columns = _stand(r)
 
     def sizes(x: Array, shape: Shape) -> Mapping[str, Quantity]:
-        return {"angle": Quantity(float(np.degrees(np.linalg.norm(x[3:]))), "deg"),
-                "shift": Quantity(1e3 * float(np.linalg.norm(x[:3])), "mm")}  # fmt: skip
+        return {
+            "angle": Quantity(float(np.degrees(np.linalg.norm(x[3:]))), "deg"),
+            "shift": Quantity(1e3 * float(np.linalg.norm(x[:3])), "mm"),
+        }
 
     return [
         Hypothesis(
-            "displacement_frame", "sensor:displacement", "the tracker's frame stands elsewhere",
-            "p = T p_recorded, T a shift and a small turn about the middle of the points", lambda s: columns, sizes,
-            correction=lambda x, s: RecordCorrection("displacement_frame", "sensor:displacement", {
-                k: v.value for k, v in sizes(x, s).items()}),
-            family="sensor", note="in the record, not in the robot",
+            "displacement_frame",
+            "sensor:displacement",
+            "the tracker's frame stands elsewhere",
+            "p = T p_recorded, T a shift and a small turn about the middle of the points",
+            lambda s: columns,
+            sizes,
+            correction=lambda x, s: RecordCorrection(
+                "displacement_frame", "sensor:displacement", {k: v.value for k, v in sizes(x, s).items()}
+            ),
+            family="sensor",
+            note="in the record, not in the robot",
         )
-    ]  # fmt: skip
+    ]

@@ -32,10 +32,16 @@ def zero_offsets(r: Readings) -> list[Hypothesis]:
     """The encoder's zero is not the joint's: Δ_j = offset (mastering error)."""
     said = f"{kinematic.Constant.equation}, at the TCP J_j δ (Mooring, Roth & Driels 1991, Fundamentals of Manipulator "
     return [
-        _unloaded(r, kinematic.ZERO, where, "constant angle", f"{said}Calibration)",
-                  note="without load, smooth over the poses")
+        _unloaded(
+            r,
+            kinematic.ZERO,
+            where,
+            "constant angle",
+            f"{said}Calibration)",
+            note="without load, smooth over the poses",
+        )
         for where in kinematic.ZERO.places
-    ]  # fmt: skip
+    ]
 
 
 def transmission_errors(r: Readings) -> list[Hypothesis]:
@@ -85,25 +91,47 @@ def _waves(r: Readings, j: int, law: str, equation: str, shapes: tuple[Shape, ..
         return Curve(at / DEGREE, line, f"joint {j + 1} in deg", "angle in arcsec", q / DEGREE, each)
 
     return _unloaded(
-        r, kinematic.WAVES, f"joint:{j + 1}", law,
-        f"{equation}, at the TCP J_j Δ_j (Whitney, Lozinski & Rourke 1986)", shapes, curve, penalty,
+        r,
+        kinematic.WAVES,
+        f"joint:{j + 1}",
+        law,
+        f"{equation}, at the TCP J_j Δ_j (Whitney, Lozinski & Rourke 1986)",
+        shapes,
+        curve,
+        penalty,
         "without load, periodic over the joint's angle",
-    )  # fmt: skip
+    )
 
 
 def _unloaded(
-    r: Readings, effect: Effect, where: str, law: str, equation: str, shapes: tuple[Shape, ...] = ((),),
-    curve: Callable[[Array, Shape], Curve] | None = None, penalty: float = 0.0, note: str = "",
-) -> Hypothesis:  # fmt: skip
+    r: Readings,
+    effect: Effect,
+    where: str,
+    law: str,
+    equation: str,
+    shapes: tuple[Shape, ...] = ((),),
+    curve: Callable[[Array, Shape], Curve] | None = None,
+    penalty: float = 0.0,
+    note: str = "",
+) -> Hypothesis:
     """A law of port angle, lifted to the TCP."""
     own, (by, moved) = effect.unloaded, joints_of(where)
     assert own is not None  # port angle
     q = r.state.q[:, by]
     return Hypothesis(
-        effect.called, where, law, equation, lambda s: r.lift(moved, own.columns(np.array(s), q)),
-        lambda x, s: own.sizes(x, np.array(s)), shapes, correction=lambda x, s: entry(effect, where, x, np.array(s)),
-        family="kinematic", note=note, curve=curve, penalty=penalty,
-    )  # fmt: skip
+        effect.called,
+        where,
+        law,
+        equation,
+        lambda s: r.lift(moved, own.columns(np.array(s), q)),
+        lambda x, s: own.sizes(x, np.array(s)),
+        shapes,
+        correction=lambda x, s: entry(effect, where, x, np.array(s)),
+        family="kinematic",
+        note=note,
+        curve=curve,
+        penalty=penalty,
+    )
 
 
 def couplings(r: Readings) -> list[Hypothesis]:
@@ -111,11 +139,16 @@ def couplings(r: Readings) -> list[Hypothesis]:
     out = []
     for i, j in WRIST:
         where = f"joint:{i}-{j}"
-        out.append(_unloaded(
-            r, coupling.KINEMATIC, where, "gears drag the next joint",
-            f"Δ_{j} = κ q_{i} (hollow wrist: the shaft of joint {j} runs through joint {i})",
-            note=f"joint {j} without load, in proportion to joint {i}",
-        ))  # fmt: skip
+        out.append(
+            _unloaded(
+                r,
+                coupling.KINEMATIC,
+                where,
+                "gears drag the next joint",
+                f"Δ_{j} = κ q_{i} (hollow wrist: the shaft of joint {j} runs through joint {i})",
+                note=f"joint {j} without load, in proportion to joint {i}",
+            )
+        )
         if np.abs(r.torque[:, [i - 1, j - 1]]).max() > 0.0:
             said = f"{coupling.Elastic.equation} under weight and load"
             out.append(pair(r, coupling.ELASTIC, where, "with the torque of the other joint", said))

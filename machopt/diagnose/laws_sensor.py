@@ -45,14 +45,32 @@ def force_sensor(r: Readings) -> list[Hypothesis]:
         }
 
     return [
-        _record("force_sensor_offset", FORCE, "zero of the force", "w_recorded = w + b, b constant in the sensor",
-                offset, lambda x, s: {"offset": Quantity(float(np.linalg.norm(x)), "N"), **_vector("offset", x, "N")}),
-        _record("force_sensor_gain", FORCE, "gain of one axis", "f_k recorded = (1 + g) f_k", gain,
-                lambda x, s: {"gain": Quantity(100.0 * _gain(float(x[0])), "%"), "axis": Quantity(s[0] + 1.0, "")},
-                ((0.0,), (1.0,), (2.0,))),
-        _record("force_sensor_frame", FORCE, "axes turned", "w_recorded = (I + [φ]×) w: C w breaks Maxwell reciprocity",
-                frame, lambda x, s: angle(x)),
-    ]  # fmt: skip
+        _record(
+            "force_sensor_offset",
+            FORCE,
+            "zero of the force",
+            "w_recorded = w + b, b constant in the sensor",
+            offset,
+            lambda x, s: {"offset": Quantity(float(np.linalg.norm(x)), "N"), **_vector("offset", x, "N")},
+        ),
+        _record(
+            "force_sensor_gain",
+            FORCE,
+            "gain of one axis",
+            "f_k recorded = (1 + g) f_k",
+            gain,
+            lambda x, s: {"gain": Quantity(100.0 * _gain(float(x[0])), "%"), "axis": Quantity(s[0] + 1.0, "")},
+            ((0.0,), (1.0,), (2.0,)),
+        ),
+        _record(
+            "force_sensor_frame",
+            FORCE,
+            "axes turned",
+            "w_recorded = (I + [φ]×) w: C w breaks Maxwell reciprocity",
+            frame,
+            lambda x, s: angle(x),
+        ),
+    ]
 
 
 def _gain(x: float) -> float:
@@ -67,15 +85,25 @@ def displacement_frame(r: Readings) -> list[Hypothesis]:
     axes = R if r.recording.displacement_frame == "tool" else np.broadcast_to(np.eye(3), R.shape)
 
     def turned(shape: Shape) -> Array:
-        parts = [np.concatenate([np.cross(axes[:, :, k], d[:, a : a + 3]) for a in range(0, r.dimensions, 3)], axis=1)
-                 for k in range(3)]  # fmt: skip
+        parts = [
+            np.concatenate([np.cross(axes[:, :, k], d[:, a : a + 3]) for a in range(0, r.dimensions, 3)], axis=1)
+            for k in range(3)
+        ]
         return np.stack(parts, axis=2)
 
     return [
-        _record("displacement_frame", "sensor:displacement", "axes turned", "δ_recorded = (I + [φ]×) δ", turned,
-                lambda x, s: {"angle": Quantity(float(np.degrees(np.linalg.norm(x))), "deg"),
-                              **_vector("about", np.degrees(x), "deg")})
-    ]  # fmt: skip
+        _record(
+            "displacement_frame",
+            "sensor:displacement",
+            "axes turned",
+            "δ_recorded = (I + [φ]×) δ",
+            turned,
+            lambda x, s: {
+                "angle": Quantity(float(np.degrees(np.linalg.norm(x))), "deg"),
+                **_vector("about", np.degrees(x), "deg"),
+            },
+        )
+    ]
 
 
 def load_geometry(r: Readings) -> list[Hypothesis]:
@@ -97,12 +125,23 @@ def load_geometry(r: Readings) -> list[Hypothesis]:
         return np.stack(parts, axis=2)
 
     return [
-        _record("load_geometry", FORCE, "hook beside the TCP", "m = m_recorded + r × f, r constant in the tool", beside,
-                lambda x, s: {"offset": Quantity(1e3 * float(np.linalg.norm(x)), "mm"),
-                              **_vector("offset", 1e3 * x, "mm")}),
-        _record("load_geometry", FORCE, "pull askew", "f along e + u instead of e, u constant in base_link", askew,
-                lambda x, s: {"angle": Quantity(float(np.degrees(np.linalg.norm(x))), "deg")}),
-    ]  # fmt: skip
+        _record(
+            "load_geometry",
+            FORCE,
+            "hook beside the TCP",
+            "m = m_recorded + r × f, r constant in the tool",
+            beside,
+            lambda x, s: {"offset": Quantity(1e3 * float(np.linalg.norm(x)), "mm"), **_vector("offset", 1e3 * x, "mm")},
+        ),
+        _record(
+            "load_geometry",
+            FORCE,
+            "pull askew",
+            "f along e + u instead of e, u constant in base_link",
+            askew,
+            lambda x, s: {"angle": Quantity(float(np.degrees(np.linalg.norm(x))), "deg")},
+        ),
+    ]
 
 
 def _vector(name: str, x: Array, unit: str) -> dict[str, Quantity]:
@@ -110,9 +149,14 @@ def _vector(name: str, x: Array, unit: str) -> dict[str, Quantity]:
 
 
 def _record(
-    effect: str, where: str, law: str, equation: str, columns: Callable[[Shape], Array],
-    sizes: Callable[[Array, Shape], Mapping[str, Quantity]], shapes: tuple[Shape, ...] = ((),),
-) -> Hypothesis:  # fmt: skip
+    effect: str,
+    where: str,
+    law: str,
+    equation: str,
+    columns: Callable[[Shape], Array],
+    sizes: Callable[[Array, Shape], Mapping[str, Quantity]],
+    shapes: tuple[Shape, ...] = ((),),
+) -> Hypothesis:
     def correction(x: Array, shape: Shape) -> RecordCorrection:
         return RecordCorrection(effect, where, {k: q.value for k, q in sizes(x, shape).items()})
 

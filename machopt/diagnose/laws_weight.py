@@ -54,21 +54,34 @@ def bodies(r: Readings) -> list[Hypothesis]:
             ((1,), "twists", columns[:, :, 2:]),
             ((0, 1), "bends and twists", np.stack([bends, columns[:, :, 2]], axis=2)),
         ):
-            out.append(_hypothesis(
-                r, term, which, law, CANTILEVER, lambda s, made=made: made,  # type: ignore[misc]
-                lambda x, which=which: _beam_sizes(x, which),  # type: ignore[misc]
-            ))  # fmt: skip
+            out.append(
+                _hypothesis(
+                    r,
+                    term,
+                    which,
+                    law,
+                    CANTILEVER,
+                    lambda s, made=made: made,  # type: ignore[misc]
+                    lambda x, which=which: _beam_sizes(x, which),  # type: ignore[misc]
+                )
+            )
         out.append(two_planes(r, i, columns))
     everything = np.ones(0 if r.masses is None else len(r.masses.body), bool)
     load = r.wrench + weight_wrench(r, everything)
     if not np.abs(load).max() > 0.0:
         return out
     base = term_of("base_compliance", "base", r.robot, r.T_flange_tcp)
-    out.append(_hypothesis(
-        r, base, (3, 4), "tilts", "G₀ C₀ G₀ᵀ w, C₀ about x and y of base_link, w weight and load",
-        lambda s: base.response(r.state, load)[:, : r.dimensions, 3:5],
-        lambda x: {"tilt_compliance": Quantity(float(np.max(np.abs(x))), "rad/(N·m)")},
-    ))  # fmt: skip
+    out.append(
+        _hypothesis(
+            r,
+            base,
+            (3, 4),
+            "tilts",
+            "G₀ C₀ G₀ᵀ w, C₀ about x and y of base_link, w weight and load",
+            lambda s: base.response(r.state, load)[:, : r.dimensions, 3:5],
+            lambda x: {"tilt_compliance": Quantity(float(np.max(np.abs(x))), "rad/(N·m)")},
+        )
+    )
     try:
         tool = term_of("tool_compliance", "tool", r.robot, r.T_flange_tcp)
     except InputError:
@@ -78,10 +91,17 @@ def bodies(r: Readings) -> list[Hypothesis]:
         if r.masses is not None:
             own[:] = r.masses.body == 6
         bent = tool.response(r.state, r.wrench + weight_wrench(r, own))[:, : r.dimensions]
-        out.append(_hypothesis(
-            r, tool, (0,), "bends", "cantilever from the flange to the TCP under weight and load",
-            lambda s: bent[:, :, :1], lambda x: _beam_sizes(x, (0,)),
-        ))  # fmt: skip
+        out.append(
+            _hypothesis(
+                r,
+                tool,
+                (0,),
+                "bends",
+                "cantilever from the flange to the TCP under weight and load",
+                lambda s: bent[:, :, :1],
+                lambda x: _beam_sizes(x, (0,)),
+            )
+        )
     return out
 
 
@@ -103,10 +123,14 @@ def beam(r: Readings, i: int) -> Array:
     R, moved, tip = r.state.R_bodies[:, i], r.state.p_bodies[:, i], r.state.T_base_tool[:, :3, 3]
     axes = [R @ n for n in _principal(r, i)]
     beyond = r.wrench if r.masses is None else r.wrench + weight_wrench(r, r.masses.body > i)
-    own = [] if r.masses is None else [
-        (r.masses.mass[b] * r.masses.gravity, 2.0 * float((r.masses.com[b] - start) @ (end - start)) / length)
-        for b in np.flatnonzero(r.masses.body == i)
-    ]  # fmt: skip
+    own = (
+        []
+        if r.masses is None
+        else [
+            (r.masses.mass[b] * r.masses.gravity, 2.0 * float((r.masses.com[b] - start) @ (end - start)) / length)
+            for b in np.flatnonzero(r.masses.body == i)
+        ]
+    )
     return sections(axes, length, tip - (R @ start + moved), beyond, own)[:, : r.dimensions]
 
 
@@ -137,21 +161,42 @@ def two_planes(r: Readings, i: int, columns: Array, note: str = NOTE) -> Hypothe
         return Term(LINK.name, f"link:{i}", TWO_PLANES.stated(x, _principal(r, i)[0]))
 
     return Hypothesis(
-        "link_compliance", f"link:{i}", "bends in two planes and twists", f"{CANTILEVER}, EI of each principal axis",
-        lambda s: columns, sizes, lower=(0.0,) * 3, correction=correction, family="body", note=note,
-    )  # fmt: skip
+        "link_compliance",
+        f"link:{i}",
+        "bends in two planes and twists",
+        f"{CANTILEVER}, EI of each principal axis",
+        lambda s: columns,
+        sizes,
+        lower=(0.0,) * 3,
+        correction=correction,
+        family="body",
+        note=note,
+    )
 
 
 def _hypothesis(
-    r: Readings, term: LinearTerm, which: tuple[int, ...], law: str, equation: str,
-    columns: Callable[[Shape], Array], sizes: Callable[[Array], Mapping[str, Quantity]],
-) -> Hypothesis:  # fmt: skip
+    r: Readings,
+    term: LinearTerm,
+    which: tuple[int, ...],
+    law: str,
+    equation: str,
+    columns: Callable[[Shape], Array],
+    sizes: Callable[[Array], Mapping[str, Quantity]],
+) -> Hypothesis:
     def correction(x: Array, shape: Shape) -> Term:
         full = np.zeros(len(term.coefficients))
         full[list(which)] = x
         return term.with_values(full).to_file()
 
     return Hypothesis(
-        term.effect, term.location, law, equation, columns, lambda x, s: sizes(x), lower=(0.0,) * len(which),
-        correction=correction, family="body", note=NOTE,
-    )  # fmt: skip
+        term.effect,
+        term.location,
+        law,
+        equation,
+        columns,
+        lambda x, s: sizes(x),
+        lower=(0.0,) * len(which),
+        correction=correction,
+        family="body",
+        note=NOTE,
+    )

@@ -38,9 +38,7 @@ class Repeatable:
     lasting: bool = False  # what comes back does so over time, not over poses
 
 
-def repeatable(
-    problem: Problem, residual: Array, used: Flags, noise: Noise, rng: np.random.Generator
-) -> Repeatable:  # fmt: skip
+def repeatable(problem: Problem, residual: Array, used: Flags, noise: Noise, rng: np.random.Generator) -> Repeatable:
     """Measure it.
 
     Where time matters, what visits share with the next one (of another pose) comes back, too: heat, a tracker that

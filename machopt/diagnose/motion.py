@@ -58,8 +58,9 @@ def refuse_other_joints(recording: Recording, cell: Cell) -> None:
             found, right = ("deg", "mm") if own else ("mm", "deg")
             raise InputError(
                 f"q{j + 1}_{found} is of a joint that {'turns' if own else 'slides'}, but {name!r} of the cell "
-                f"{'slides' if own else 'turns'}; q{j + 1}_{right} is expected", file=recording.source,
-            )  # fmt: skip
+                f"{'slides' if own else 'turns'}; q{j + 1}_{right} is expected",
+                file=recording.source,
+            )
 
 
 def build(
@@ -110,7 +111,7 @@ def build(
 
 def _scene(
     recording: Recording, cell: Cell, motion: Motion, dynamics: Dynamics | None, predicted: Array | None
-) -> Scene:  # fmt: skip
+) -> Scene:
     n = motion.q.shape[1]
     prismatic = tuple(dynamics is not None and dynamics.prismatic(j) for j in range(n))
     return Scene(

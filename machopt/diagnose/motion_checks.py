@@ -19,8 +19,13 @@ from machopt.diagnose.result import Estimate, Finding
 from machopt.domain.recording import Recording
 from machopt.errors import InputError
 
-COLUMNS = {"q": "q{}_deg q{}_mm", "velocity": "qd{}_deg_s qd{}_mm_s", "torque": "tau{}_Nm tau{}_N",
-           "q_secondary": "qse{}_deg qse{}_mm", "q_command": "qcmd{}_deg qcmd{}_mm"}  # fmt: skip
+COLUMNS = {
+    "q": "q{}_deg q{}_mm",
+    "velocity": "qd{}_deg_s qd{}_mm_s",
+    "torque": "tau{}_Nm tau{}_N",
+    "q_secondary": "qse{}_deg qse{}_mm",
+    "q_command": "qcmd{}_deg qcmd{}_mm",
+}
 THOUSANDS = {1e-3: "a thousandth of the unit", 1e3: "a thousand times the unit"}
 FACTORS = {np.pi / 180.0: "radians for degrees", 180.0 / np.pi: "degrees twice", **THOUSANDS}
 FEW_DEGREES, FEW_MILLIMETRES = 6.3, 5.0  # a range that is rather radians, metres
@@ -104,8 +109,10 @@ def _units_of(recording: Recording, name: str, joints: list[int]) -> tuple[Recor
     values[:, joints] *= scale
     words = FACTORS[known[0]] if odd != "q" else "metres for millimetres" if slides else "radians for degrees"
     mended = replace(recording, **{odd: values})
-    misfit = [np.sum([by_stretch(_off(a[:, j]) - _off(b[:, j])) for j in sure], axis=0)
-              for a, b in (_against_encoders(r, name) for r in (recording, mended))]  # fmt: skip
+    misfit = [
+        np.sum([by_stretch(_off(a[:, j]) - _off(b[:, j])) for j in sure], axis=0)
+        for a, b in (_against_encoders(r, name) for r in (recording, mended))
+    ]
     where = column(recording, odd, joints[0])
     return mended, [_units(where, 1.0 / scale, words, sign_test(misfit[0], misfit[1]))]
 
@@ -187,8 +194,10 @@ def quality(recording: Recording, joints: int) -> tuple[Recording, list[str]]:
     out = []
     moves = np.ptp(recording.q[:, :joints], axis=0) > MOVES
     if not moves.any():
-        raise InputError(f"{recording.source}: no joint moves by more than {np.degrees(MOVES):.2g}° (or "
-                         f"{1e3 * MOVES:g} mm); there is no motion to diagnose")  # fmt: skip
+        raise InputError(
+            f"{recording.source}: no joint moves by more than {np.degrees(MOVES):.2g}° (or "
+            f"{1e3 * MOVES:g} mm); there is no motion to diagnose"
+        )
     for name in ("velocity", "torque"):
         values = getattr(recording, name)
         if values is None:
@@ -197,10 +206,14 @@ def quality(recording: Recording, joints: int) -> tuple[Recording, list[str]]:
             x, label = values[:, j], column(recording, name, j)
             if np.ptp(x) == 0 and moves[j]:
                 if name == "torque":
-                    raise InputError(f"{recording.source}: {label} never changes though joint {j + 1} moves; a "
-                                     "recording without it, or with what it was, would work")  # fmt: skip
-                out.append(f"{label} never changes though joint {j + 1} moves: velocities are differentiated from the "
-                           "encoders instead")  # fmt: skip
+                    raise InputError(
+                        f"{recording.source}: {label} never changes though joint {j + 1} moves; a "
+                        "recording without it, or with what it was, would work"
+                    )
+                out.append(
+                    f"{label} never changes though joint {j + 1} moves: velocities are differentiated from the "
+                    "encoders instead"
+                )
                 recording = replace(recording, velocity=None)
                 break
             if name == "torque":
@@ -244,16 +257,25 @@ def servo_lag(recording: Recording, motion: Motion) -> list[Finding]:
     error = 1e3 * np.sqrt(np.array([before.sum(), after.sum()]) / asked.size)
     parameters = {"delay": _sure(1e3 * mean, "ms", 1e3 * float(np.sqrt(np.sum(sure**2))) / len(moving))}
     parameters |= {f"delay_{j + 1}": _sure(1e3 * float(d), "ms", 1e3 * float(sure[j])) for j, d in enumerate(delay)}
-    parameters |= {"following_error": _sure(float(error[0]), unit, 0.0),
-                   "following_error_left": _sure(float(error[1]), unit, 0.0)}  # fmt: skip
+    parameters |= {
+        "following_error": _sure(float(error[0]), unit, 0.0),
+        "following_error_left": _sure(float(error[1]), unit, 0.0),
+    }
     return [
         Finding(
-            "servo_lag", "controller", "encoders behind the command", "q(t) = q_command(t − T), joint by joint",
-            "in proportion to speed", (("servo_lag", "controller"), ("time_skew", "sensor:qcmd")), parameters,
-            float("nan"), float("nan"), sign_test(before, after),
+            "servo_lag",
+            "controller",
+            "encoders behind the command",
+            "q(t) = q_command(t − T), joint by joint",
+            "in proportion to speed",
+            (("servo_lag", "controller"), ("time_skew", "sensor:qcmd")),
+            parameters,
+            float("nan"),
+            float("nan"),
+            sign_test(before, after),
             correction=RecordCorrection("servo_lag", "controller", {"delay_ms": (1e3 * delay).tolist()}),
         )
-    ]  # fmt: skip
+    ]
 
 
 def _centred(x: Array) -> Array:
@@ -269,7 +291,16 @@ def _sure(value: float, unit: str, sigma: float) -> Estimate:
 def _units(name: str, factor: float, words: str, p_value: float) -> Finding:
     where = f"column:{name}"
     return Finding(
-        "units", where, words, "column = factor × what its name says", "in the record, not in the robot",
-        (("units", where),), {"factor": _sure(factor, "1", 0.0)}, float("nan"), float("nan"), p_value,
-        correction=RecordCorrection("units", where, {"factor": factor}), record=True,
-    )  # fmt: skip
+        "units",
+        where,
+        words,
+        "column = factor × what its name says",
+        "in the record, not in the robot",
+        (("units", where),),
+        {"factor": _sure(factor, "1", 0.0)},
+        float("nan"),
+        float("nan"),
+        p_value,
+        correction=RecordCorrection("units", where, {"factor": factor}),
+        record=True,
+    )

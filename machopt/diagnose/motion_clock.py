@@ -61,7 +61,16 @@ def skew(
     # one column, so that two names of one difference of clocks are one and the same
     shapes: tuple[Shape, ...] = ((best if abs(best) > STILL else 0.0,),)
     return Hypothesis(
-        "time_skew", f"sensor:{sensor}", "clock of its own", "f_recorded(t) = f(t − d)", columns, sizes, shapes,
+        "time_skew",
+        f"sensor:{sensor}",
+        "clock of its own",
+        "f_recorded(t) = f(t − d)",
+        columns,
+        sizes,
+        shapes,
         correction=lambda x, s: RecordCorrection("time_skew", f"sensor:{sensor}", {"late_ms": 1e3 * float(x[0])}),
-        note="in proportion to speed, all joints by the same time", family="sensor", penalty=penalty, exact=True,
-    )  # fmt: skip
+        note="in proportion to speed, all joints by the same time",
+        family="sensor",
+        penalty=penalty,
+        exact=True,
+    )

@@ -126,9 +126,16 @@ def joint_law(
 ) -> Hypothesis:
     """A hypothesis at one joint from its signal (M,) or (M, p) at each shape."""
     return Hypothesis(
-        effect, f"joint:{joint + 1}", law, equation, lambda shape: scene.column(joint, signal(shape)), quantities,
-        shapes, family=more.pop("family", "joint"), **more,
-    )  # fmt: skip
+        effect,
+        f"joint:{joint + 1}",
+        law,
+        equation,
+        lambda shape: scene.column(joint, signal(shape)),
+        quantities,
+        shapes,
+        family=more.pop("family", "joint"),
+        **more,
+    )
 
 
 def curve(scene: Scene, x: Array, y: Array, x_label: str, y_label: str, bins: int = 80) -> Curve:

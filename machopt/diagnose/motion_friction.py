@@ -18,9 +18,18 @@ from machopt.diagnose.problem import Array, Hypothesis, Quantity, Shape
 Turn = tuple[float, float]
 # how friction turns over at a reversal in the base: breakaway path in rad (m), or speed in rad/s (m/s) of a tanh
 TURNS = (
-    (0.0, 0.0), (2e-5, 0.0), (5e-5, 0.0), (1e-4, 0.0), (2e-4, 0.0), (5e-4, 0.0), (1e-3, 0.0),
-    (0.0, 0.003), (0.0, 0.01), (0.0, 0.03), (0.0, 0.1),
-)  # fmt: skip
+    (0.0, 0.0),
+    (2e-5, 0.0),
+    (5e-5, 0.0),
+    (1e-4, 0.0),
+    (2e-4, 0.0),
+    (5e-4, 0.0),
+    (1e-3, 0.0),
+    (0.0, 0.003),
+    (0.0, 0.01),
+    (0.0, 0.03),
+    (0.0, 0.1),
+)
 DRAG = (0.01, 0.03, 0.08, 0.2)  # rad; slip on paths this long is no breakaway of a gear but something dragged along
 STRIBECK = (0.03, 0.06, 0.12, 0.25, 0.5)  # of the joint's largest speed
 WARM = (15.0, 60.0, 300.0)  # s
@@ -141,8 +150,19 @@ def friction(scene: Scene, joint: int, turn: Turn) -> list[Hypothesis]:
                 f"friction beyond Coulomb and viscous in {unit}",
             )
 
-        return joint_law(scene, joint, "joint_friction", name, equation, signal, sizes, shapes, note=note, curve=line,
-                         family="friction")  # fmt: skip
+        return joint_law(
+            scene,
+            joint,
+            "joint_friction",
+            name,
+            equation,
+            signal,
+            sizes,
+            shapes,
+            note=note,
+            curve=line,
+            family="friction",
+        )
 
     def knee(x: Array, s: Shape) -> Mapping[str, Quantity]:
         return {"stribeck_speed": Quantity(s[0] * fast * angle, f"{way}/s")}
@@ -152,17 +172,44 @@ def friction(scene: Scene, joint: int, turn: Turn) -> list[Hypothesis]:
     source = "; Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30 (1994) 1083"
     laws = [
         law("Stribeck", "τ_f += z F_s exp(−|q̇|/v_s)" + source, stribeck, slow, "stribeck", knee, "at low speed"),
-        law("other in the other direction", "τ_f += d |q̇| + F exp(−|q̇|/v)", lopsided, ((),), "lopsided",
-            None, "differs with the direction"),
-        law("viscous bends", "τ_f += d₂ q̇|q̇| + d₁ z √|q̇|: shear thinning of grease", curved, ((),), "torque",
-            None, "over speed"),
-        law("Stribeck, load, direction" + (", warmth" if heat else ""),
-            "τ_f += (z F_s + F_d) exp(−|q̇|/v_s) + μ z |τ| + d_w w q̇; w " + by + source, all_of_it, both, "stribeck",
-            knee, "over speed, load and warmth"),
-        law("dragged along", "τ_f += F z, dz = (sgn q̇ − z) |dq|/d with a long path d: cables, hoses, seals",
-            dragged, tuple((d,) for d in DRAG), "torque", lambda x, s: {"path": Quantity(s[0] * angle, way)},
-            "after reversals", m.q[:, joint]),
-    ]  # fmt: skip
+        law(
+            "other in the other direction",
+            "τ_f += d |q̇| + F exp(−|q̇|/v)",
+            lopsided,
+            ((),),
+            "lopsided",
+            None,
+            "differs with the direction",
+        ),
+        law(
+            "viscous bends",
+            "τ_f += d₂ q̇|q̇| + d₁ z √|q̇|: shear thinning of grease",
+            curved,
+            ((),),
+            "torque",
+            None,
+            "over speed",
+        ),
+        law(
+            "Stribeck, load, direction" + (", warmth" if heat else ""),
+            "τ_f += (z F_s + F_d) exp(−|q̇|/v_s) + μ z |τ| + d_w w q̇; w " + by + source,
+            all_of_it,
+            both,
+            "stribeck",
+            knee,
+            "over speed, load and warmth",
+        ),
+        law(
+            "dragged along",
+            "τ_f += F z, dz = (sgn q̇ − z) |dq|/d with a long path d: cables, hoses, seals",
+            dragged,
+            tuple((d,) for d in DRAG),
+            "torque",
+            lambda x, s: {"path": Quantity(s[0] * angle, way)},
+            "after reversals",
+            m.q[:, joint],
+        ),
+    ]
     if scene.predicted is not None and np.ptp(load) > 0.05 * heavy:
         laws.insert(1, law("load-dependent", "τ_f += μ z |τ|", loaded, ((),), "torque", None, "grows with the load"))
     if heat:

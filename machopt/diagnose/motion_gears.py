@@ -74,8 +74,9 @@ def _law(
         return curve(scene, driver, twist / ARCMIN, f"load torque at joint {joint + 1} in N·m", "twist in arcmin")
 
     more = {} if term is None else {"correction": term}
-    return joint_law(scene, joint, effect, words, equation, signal, sizes, shapes, lower=lower, note=note, curve=line,
-                     **more)  # fmt: skip
+    return joint_law(
+        scene, joint, effect, words, equation, signal, sizes, shapes, lower=lower, note=note, curve=line, **more
+    )
 
 
 def _of_registry(
@@ -91,10 +92,19 @@ def _of_registry(
 
     lower = tuple(least for _, _, least in files.named(law, law.columns(np.array(grid[0]), drive).shape[-1]))
     return _law(
-        scene, joint, effect.name, law.name, law.equation, lambda s: law.columns(np.array(s), drive), load,
-        lambda x, s: law.sizes(x, np.array(s), scale), grid, lower if np.isfinite(lower).any() else (), effect.note,
+        scene,
+        joint,
+        effect.name,
+        law.name,
+        law.equation,
+        lambda s: law.columns(np.array(s), drive),
+        load,
+        lambda x, s: law.sizes(x, np.array(s), scale),
+        grid,
+        lower if np.isfinite(lower).any() else (),
+        effect.note,
         term,
-    )  # fmt: skip
+    )
 
 
 def _vibration(scene: Scene, joint: int, load: Array, inertia: Array, fit: Fit) -> Hypothesis:
@@ -128,9 +138,18 @@ def _vibration(scene: Scene, joint: int, load: Array, inertia: Array, fit: Fit) 
         z = max(DAMPING, key=lambda d: gain(best, d))
     shapes = (*shapes, (float(best), float(z)))
     return _law(
-        scene, joint, "joint_elasticity", "mass on a spring", "M(q) φ̈ + 2ζ√(kM) φ̇ + k φ = τ: beyond c τ it swings",
-        response, load, sizes, shapes, (0.0,), "after the load changes",
-    )  # fmt: skip
+        scene,
+        joint,
+        "joint_elasticity",
+        "mass on a spring",
+        "M(q) φ̈ + 2ζ√(kM) φ̇ + k φ = τ: beyond c τ it swings",
+        response,
+        load,
+        sizes,
+        shapes,
+        (0.0,),
+        "after the load changes",
+    )
 
 
 def drive(scene: Scene) -> tuple[Array, str] | None:

@@ -71,8 +71,10 @@ def build(scene: Scene, joints: list[int]) -> tuple[Problem, Catalogue]:
             for j in joints:  # the motor's torque holds friction that never reaches the gear
                 way = np.stack([np.sign(m.v[:, j]), m.v[:, j]], axis=1)
                 base = np.concatenate([base, scene.column(j, way)], axis=2)
-                unknowns += [Unknown(f"friction in the torque {j + 1}, {k}", u, location=f"joint:{j + 1}")
-                             for k, u in (("Coulomb", "rad"), ("viscous", "s"))]  # fmt: skip
+                unknowns += [
+                    Unknown(f"friction in the torque {j + 1}, {k}", u, location=f"joint:{j + 1}")
+                    for k, u in (("Coulomb", "rad"), ("viscous", "s"))
+                ]
     # encoders of one kind have one noise, whatever the joints leave
     fit = Fit(y, base, np.ones(len(joints)))
     for j in joints:
@@ -85,9 +87,14 @@ def build(scene: Scene, joints: list[int]) -> tuple[Problem, Catalogue]:
         base=base,
         unknowns=tuple(unknowns),
         families=(Family("link-side angle", tuple(range(len(joints))), "mrad", 1e3),),
-        group=m.group, visit=m.visit, cycle=m.cycle, session=m.first(m.session), replicate=m.replicate,
-        line=m.first(rec.line[m.index]), row=m.first(m.index) + 1,
-    )  # fmt: skip
+        group=m.group,
+        visit=m.visit,
+        cycle=m.cycle,
+        session=m.first(m.session),
+        replicate=m.replicate,
+        line=m.first(rec.line[m.index]),
+        row=m.first(m.index) + 1,
+    )
     q = m.q[:, joints]
 
     def late(d: float) -> Array:

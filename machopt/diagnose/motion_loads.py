@@ -7,15 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from machopt.diagnose.motion_frame import Scene, curve, joint_law
-from machopt.diagnose.problem import (
-    Array,
-    Correction,
-    Curve,
-    Hypothesis,
-    Quantity,
-    RecordCorrection,
-    Shape,
-)
+from machopt.diagnose.problem import Array, Correction, Curve, Hypothesis, Quantity, RecordCorrection, Shape
 from machopt.effects import files
 from machopt.effects.compensator import EFFECT, HARMONIC, LINKAGE
 from machopt.effects.corrections import entry
@@ -52,13 +44,39 @@ def payload(scene: Scene, columns: Array) -> list[Hypothesis]:
         return RecordCorrection("payload", "tool", {k: q.value for k, q in sizes(x, s).items()})
 
     return [
-        Hypothesis("payload", "tool", "mass and centre of mass", source, lambda s: columns, sizes, family="body",
-                   correction=fix, note="with gravity and acceleration of the tool"),
-        Hypothesis("payload", "tool", "mass at the tool's centre of mass", source, lambda s: columns[:, :, :1], sizes,
-                   family="body", correction=fix, note="with gravity and acceleration of the tool"),
-        Hypothesis("payload", "tool", "centre of mass elsewhere", source, lambda s: columns[:, :, 1:], shifted,
-                   family="body", note="with gravity and acceleration of the tool"),
-    ]  # fmt: skip
+        Hypothesis(
+            "payload",
+            "tool",
+            "mass and centre of mass",
+            source,
+            lambda s: columns,
+            sizes,
+            family="body",
+            correction=fix,
+            note="with gravity and acceleration of the tool",
+        ),
+        Hypothesis(
+            "payload",
+            "tool",
+            "mass at the tool's centre of mass",
+            source,
+            lambda s: columns[:, :, :1],
+            sizes,
+            family="body",
+            correction=fix,
+            note="with gravity and acceleration of the tool",
+        ),
+        Hypothesis(
+            "payload",
+            "tool",
+            "centre of mass elsewhere",
+            source,
+            lambda s: columns[:, :, 1:],
+            shifted,
+            family="body",
+            note="with gravity and acceleration of the tool",
+        ),
+    ]
 
 
 def compensator(scene: Scene) -> list[Hypothesis]:
@@ -74,15 +92,25 @@ def compensator(scene: Scene) -> list[Hypothesis]:
         def sizes(x: Array, s: Shape) -> Mapping[str, Quantity]:
             pull = signal(s) @ x
             # the offset of joint 2 hides a constant part: what varies is what is seen
-            return {"variation": Quantity(float(np.ptp(pull)), "N·m"),
-                    "peak_torque": Quantity(float(np.abs(pull).max()), "N·m")}  # fmt: skip
+            return {
+                "variation": Quantity(float(np.ptp(pull)), "N·m"),
+                "peak_torque": Quantity(float(np.abs(pull).max()), "N·m"),
+            }
 
         return joint_law(
-            scene, 1, EFFECT.name, name, equation, signal, sizes, own.grid(), family="compensator",
+            scene,
+            1,
+            EFFECT.name,
+            name,
+            equation,
+            signal,
+            sizes,
+            own.grid(),
+            family="compensator",
             curve=lambda x, s: curve(scene, np.degrees(q), signal(s) @ x, "joint 2 in degrees", "torque in N·m"),
             note="with the angle of joint 2",
             correction=lambda x, s: RecordCorrection(EFFECT.name, "joint:2", files.write(own, x, np.array(s))),
-        )  # fmt: skip
+        )
 
     return [
         law("harmonic", "τ₂ += a cos q₂ + b sin q₂: a spring with no length of its own", HARMONIC),
@@ -130,20 +158,35 @@ def ripple(scene: Scene, joint: int, unit: str, factor: float, *, torque: bool) 
 
         def fix(x: Array, s: Shape) -> Correction:
             if torque:
-                return RecordCorrection("transmission_error", where, {
-                    "order": s[0], "cos_Nm": float(x[0]), "sin_Nm": float(x[1])})  # fmt: skip
+                return RecordCorrection(
+                    "transmission_error", where, {"order": s[0], "cos_Nm": float(x[0]), "sin_Nm": float(x[1])}
+                )
             return entry(WAVES, where, x, np.array(multiples(s, harmonics)))
 
         def line(x: Array, s: Shape) -> Curve:
-            return curve(scene, np.degrees(np.mod(q, 2 * np.pi / s[0])), over(s, harmonics) @ x * factor,
-                         f"joint {joint + 1} within one of {s[0]:g} waves a turn in degrees", f"in {unit}")  # fmt: skip
+            return curve(
+                scene,
+                np.degrees(np.mod(q, 2 * np.pi / s[0])),
+                over(s, harmonics) @ x * factor,
+                f"joint {joint + 1} within one of {s[0]:g} waves a turn in degrees",
+                f"in {unit}",
+            )
 
         words = "one wave" if harmonics == 1 else "wave and its second harmonic"
         return joint_law(
-            scene, joint, "transmission_error", words, "A sin(Nq + φ)" + (" + B sin(2Nq + ψ)" if harmonics > 1 else ""),
-            lambda s: over(s, harmonics), sizes, shapes, family="kinematic", curve=line, correction=fix,
+            scene,
+            joint,
+            "transmission_error",
+            words,
+            "A sin(Nq + φ)" + (" + B sin(2Nq + ψ)" if harmonics > 1 else ""),
+            lambda s: over(s, harmonics),
+            sizes,
+            shapes,
+            family="kinematic",
+            curve=line,
+            correction=fix,
             note="periodic with the gear",
-        )  # fmt: skip
+        )
 
     return [law(1), law(2)]
 
@@ -171,7 +214,17 @@ def springy(scene: Scene, joint: int) -> list[Hypothesis]:
     if not shapes:
         return []
     return [
-        joint_law(scene, joint, "joint_elasticity", "mass on a spring", "τ += M ẍ, M ẍ + 2ζ√(kM) ẋ + k x = −τ",
-                  response, sizes, shapes, lower=(0.0,), family="vibration",
-                  note="after accelerations change")
-    ]  # fmt: skip
+        joint_law(
+            scene,
+            joint,
+            "joint_elasticity",
+            "mass on a spring",
+            "τ += M ẍ, M ẍ + 2ζ√(kM) ẋ + k x = −τ",
+            response,
+            sizes,
+            shapes,
+            lower=(0.0,),
+            family="vibration",
+            note="after accelerations change",
+        )
+    ]

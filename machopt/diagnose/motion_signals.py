@@ -126,8 +126,10 @@ def signals(recording: Recording, joints: int, readings: int = READINGS, *, repe
         raise InputError(f"{recording.source}: one sample a session; a motion needs a few seconds")
     if (steps[same] <= 0).any():
         k = int(np.flatnonzero(same & (steps <= 0))[0]) + 1
-        raise InputError(f"{recording.source}: time stands still at {recording.place(int(index[k]))}; "
-                         "every sample needs its own time_s")  # fmt: skip
+        raise InputError(
+            f"{recording.source}: time stands still at {recording.place(int(index[k]))}; "
+            "every sample needs its own time_s"
+        )
     dt = float(np.median(steps[same]))
     breaks = ~same | (steps > max(GAP * dt, PAUSE))
     segment = np.r_[0, np.cumsum(breaks)].astype(np.int64)
@@ -176,12 +178,34 @@ def signals(recording: Recording, joints: int, readings: int = READINGS, *, repe
         first[s], last[s] = time[s][0] + edge, time[s][-1] - edge
     keep = (time[starts] >= first[starts]) & (time[ends - 1] <= last[starts])
     source = "recorded" if recording.velocity is not None else "differentiated"
-    notes.insert(0, f"{len(q)} samples at {rate:.4g} Hz, averaged by {step} to {int(keep.sum())} readings at "
-                    f"{rate / step:.4g} Hz; velocity {source}, it and acceleration through a zero-phase low-pass of "
-                    f"fourth order at {cutoff:.3g} Hz")  # fmt: skip
+    notes.insert(
+        0,
+        f"{len(q)} samples at {rate:.4g} Hz, averaged by {step} to {int(keep.sum())} readings at "
+        f"{rate / step:.4g} Hz; velocity {source}, it and acceleration through a zero-phase low-pass of "
+        f"fourth order at {cutoff:.3g} Hz",
+    )
     group, visit, cycle, replicate = _labels(time, session, segment, period, length, starts, keep, step * dt, notes)
-    return Motion(index, rate, time, session, segment, period, cutoff, q, v, a, starts, keep, group, visit, cycle,
-                  replicate, step, length, tuple(notes))  # fmt: skip
+    return Motion(
+        index,
+        rate,
+        time,
+        session,
+        segment,
+        period,
+        cutoff,
+        q,
+        v,
+        a,
+        starts,
+        keep,
+        group,
+        visit,
+        cycle,
+        replicate,
+        step,
+        length,
+        tuple(notes),
+    )
 
 
 def _spans(segment: Ints) -> list[slice]:
@@ -273,9 +297,16 @@ def _blocks(segment: Ints, period: Ints, step: int) -> Ints:
 
 
 def _labels(
-    time: Array, session: Ints, segment: Ints, period: Ints, length: float, starts: Ints, keep: NDArray[np.bool_],
-    block: float, notes: list[str],
-) -> tuple[Ints, Ints, Ints, Ints]:  # fmt: skip
+    time: Array,
+    session: Ints,
+    segment: Ints,
+    period: Ints,
+    length: float,
+    starts: Ints,
+    keep: NDArray[np.bool_],
+    block: float,
+    notes: list[str],
+) -> tuple[Ints, Ints, Ints, Ints]:
     """Groups, visits, cycles and replicates of the kept blocks."""
     at = starts[keep]
     sessions = int(session.max()) + 1
@@ -292,8 +323,10 @@ def _labels(
         slot = np.rint(phase / block).astype(np.int64)
         near = np.abs(phase / block - slot) < 0.05
         replicate = np.where(near, session[at] * (int(slot.max()) + 1) + slot, -1)
-        notes.append(f"the motion repeats every {length:.4g} s; held out together: the same {length / bins:.2g} s of "
-                     f"all periods of a session ({len(np.unique(group))} groups)")  # fmt: skip
+        notes.append(
+            f"the motion repeats every {length:.4g} s; held out together: the same {length / bins:.2g} s of "
+            f"all periods of a session ({len(np.unique(group))} groups)"
+        )
     else:
         total = float(sum(time[s][-1] - time[s][0] for s in _spans(segment)))
         width = float(np.clip(total / STRETCHES, STRETCH, 4.0))
@@ -304,8 +337,9 @@ def _labels(
         group = group.reshape(-1).astype(np.int64)
         visit, replicate = group.copy(), np.full(len(at), -1, np.int64)
         phase = local
-        notes.append(f"no repeats are used; held out together: {width:.2g} s at a time "
-                     f"({len(np.unique(group))} groups)")  # fmt: skip
+        notes.append(
+            f"no repeats are used; held out together: {width:.2g} s at a time ({len(np.unique(group))} groups)"
+        )
     part = (phase / max(SHORT_CYCLE, 4.0 * block)).astype(np.int64)
     cycle = np.unique(np.stack([visit, part]), axis=1, return_inverse=True)[1].reshape(-1).astype(np.int64)
     return group.astype(np.int64), visit.astype(np.int64), cycle, replicate.astype(np.int64)

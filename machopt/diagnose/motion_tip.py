@@ -83,9 +83,14 @@ def build(scene: Scene, robot: Robot) -> tuple[Problem, Catalogue, list[Finding]
         base=base,
         unknowns=tuple(unknowns),
         families=(Family("translation", (0, 1, 2), "mm", 1e3, rec.uncertainty.displacement),),
-        group=m.group, visit=m.visit, cycle=m.cycle, session=m.first(m.session), replicate=m.replicate,
-        line=m.first(rec.line[m.index]), row=m.first(m.index) + 1,
-    )  # fmt: skip
+        group=m.group,
+        visit=m.visit,
+        cycle=m.cycle,
+        session=m.first(m.session),
+        replicate=m.replicate,
+        line=m.first(rec.line[m.index]),
+        row=m.first(m.index) + 1,
+    )
 
     def lift(joint: int, x: Array) -> Array:
         return scene.everywhere(pose.J[:, :, joint, None] * x[:, None, :])
@@ -179,14 +184,24 @@ def _late_encoders(y: Array, base: Array, scene: Scene, followed: Array, lag: Ar
     before, after = (1e3 * np.sqrt(heldout(e, base, group, even) / count) for e in (y - own[:, :, 0], y))
     return [
         Finding(
-            "time_skew", "sensor:q", "clock of its own", "q_recorded(t) = q(t − d)", "in proportion to speed",
+            "time_skew",
+            "sensor:q",
+            "clock of its own",
+            "q_recorded(t) = q(t − d)",
+            "in proportion to speed",
             (("time_skew", "sensor:q"),),
-            {"late": Estimate(late, "ms", (late - 1.645 * sigma, late + 1.645 * sigma),
-                              (late - 1.96 * sigma, late + 1.96 * sigma))},
-            float(np.median(before)), float(np.median(after)), sign_test(before, after),
-            correction=RecordCorrection("time_skew", "sensor:q", {"late_ms": late}), record=True,
+            {
+                "late": Estimate(
+                    late, "ms", (late - 1.645 * sigma, late + 1.645 * sigma), (late - 1.96 * sigma, late + 1.96 * sigma)
+                )
+            },
+            float(np.median(before)),
+            float(np.median(after)),
+            sign_test(before, after),
+            correction=RecordCorrection("time_skew", "sensor:q", {"late_ms": late}),
+            record=True,
         )
-    ]  # fmt: skip
+    ]
 
 
 def _servo(scene: Scene, fit: Fit, robot: Robot, asked: Array, followed: Array, lag: Array) -> list[Hypothesis]:
@@ -209,11 +224,18 @@ def _servo(scene: Scene, fit: Fit, robot: Robot, asked: Array, followed: Array, 
     if abs(mean) > 1e-5:
         out.append(
             Hypothesis(
-                "servo_lag", "controller", "as the encoders show it",
-                "TCP = f(q) and not f(q_command): the encoders stay behind by Σ J_j q̇_j T_j", lambda s: own, sizes,
-                correction=fix, note="in proportion to speed", family="controller", exact=True,
+                "servo_lag",
+                "controller",
+                "as the encoders show it",
+                "TCP = f(q) and not f(q_command): the encoders stay behind by Σ J_j q̇_j T_j",
+                lambda s: own,
+                sizes,
+                correction=fix,
+                note="in proportion to speed",
+                family="controller",
+                exact=True,
             )
-        )  # fmt: skip
+        )
 
     def late(d: float) -> Array:
         return m.within(m.mean(robot.fk(m.late(asked, d), T_tool)[:, :3, 3] - tip))
@@ -227,10 +249,17 @@ def _servo(scene: Scene, fit: Fit, robot: Robot, asked: Array, followed: Array, 
     shapes: tuple[Shape, ...] = ((0.0,),) if best < 1e-4 else ((0.0,), (best,))
     out.append(
         Hypothesis(
-            "servo_lag", "controller", "one delay of all joints", "q(t) = q_command(t − T)", column,
-            lambda x, s: {"delay": Quantity(1e3 * float(x[0]), "ms")}, shapes, (0.0,),
+            "servo_lag",
+            "controller",
+            "one delay of all joints",
+            "q(t) = q_command(t − T)",
+            column,
+            lambda x, s: {"delay": Quantity(1e3 * float(x[0]), "ms")},
+            shapes,
+            (0.0,),
             lambda x, s: RecordCorrection("servo_lag", "controller", {"delay_ms": 1e3 * float(x[0])}),
-            note="in proportion to speed", family="controller",
+            note="in proportion to speed",
+            family="controller",
         )
-    )  # fmt: skip
+    )
     return out

@@ -48,9 +48,10 @@ def build(scene: Scene) -> tuple[Problem, Catalogue]:
         scene = replace(scene, scale=scale, lift=one_joint(m, n, scale=scale))
         y = y * scale
         base = base * scale[:, None]
-        scene.notes.append("torques are weighted by the noise of each joint: where only noise is left the error is the "
-                           "rms over joints in N·m; 1 N·m counts " +
-                           ", ".join(f"{s:.3g}" for s in scale) + " at joints 1 … " + str(n))  # fmt: skip
+        scene.notes.append(
+            "torques are weighted by the noise of each joint: where only noise is left the error is the "
+            "rms over joints in N·m; 1 N·m counts " + ", ".join(f"{s:.3g}" for s in scale) + " at joints 1 … " + str(n)
+        )
     P, T, L = (scene.everywhere(x) for x in dynamics.regressors(m.q, m.v, m.a))
     if np.abs(T).max() > 1e-9 and dynamics.tool_mass > 0:
         base = np.concatenate([base, T], axis=2)
@@ -62,17 +63,24 @@ def build(scene: Scene) -> tuple[Problem, Catalogue]:
             Unknown(f"mass of link {b + 1}, relative", "1", location=f"link:{b + 1}", prior=LINK_SCALE)
             for b in dynamics.bodies
         ]
-        scene.notes.append("masses of several links differ from the URDF's: a scale of each is refitted, so that a "
-                           "payload shows only where no link could have it")  # fmt: skip
+        scene.notes.append(
+            "masses of several links differ from the URDF's: a scale of each is refitted, so that a "
+            "payload shows only where no link could have it"
+        )
     problem = Problem(
         channel="torque",
         y=y,
         base=base,
         unknowns=tuple(unknowns),
         families=(Family("joint torque", tuple(range(n)), "N" if all(scene.prismatic) else "N·m", 1.0),),
-        group=m.group, visit=m.visit, cycle=m.cycle, session=m.first(m.session), replicate=m.replicate,
-        line=m.first(rec.line[m.index]), row=m.first(m.index) + 1,
-    )  # fmt: skip
+        group=m.group,
+        visit=m.visit,
+        cycle=m.cycle,
+        session=m.first(m.session),
+        replicate=m.replicate,
+        line=m.first(rec.line[m.index]),
+        row=m.first(m.index) + 1,
+    )
     return problem, _catalogue(scene, P, paths, best, rough)
 
 

@@ -74,9 +74,10 @@ def twin_contrast(problem: Problem, residual: Array, used: Flags) -> tuple[Array
     if not len(rows):
         return out, twins
     count = np.bincount(label, minlength=len(kinds)).astype(float)
-    mean = np.stack(
-        [np.bincount(label, residual[rows, d], len(kinds)) for d in range(residual.shape[1])], axis=1
-    ) / np.maximum(count, 1.0)[:, None]  # fmt: skip
+    mean = (
+        np.stack([np.bincount(label, residual[rows, d], len(kinds)) for d in range(residual.shape[1])], axis=1)
+        / np.maximum(count, 1.0)[:, None]
+    )
     out[rows] = (residual[rows] - mean[label]) / np.sqrt(1.0 - 1.0 / count[label])[:, None]
     twins[rows] = True
     return out, twins
@@ -134,9 +135,11 @@ def _split(problem: Problem, family: Family, e: Array, rows: Flags) -> tuple[flo
         weight = 1.0 / (own2 * np.array(errors) + np.median(np.array(slopes) ** 2))
         gain = float(np.sum(weight * (np.array(slopes) ** 2 - own2 * np.array(errors))) / np.sum(weight))
     return (
-        max(float(np.sqrt(own2)), tiny), float(np.sqrt(shift2 - visit2)), float(np.sqrt(visit2)),
+        max(float(np.sqrt(own2)), tiny),
+        float(np.sqrt(shift2 - visit2)),
+        float(np.sqrt(visit2)),
         float(np.sqrt(max(gain, 0.0))),
-    )  # fmt: skip
+    )
 
 
 def _between(shifts: Array, visits: NDArray[np.int64]) -> float:

@@ -143,13 +143,19 @@ def _block(name: str, c: _Compared, old: Plan, new: Plan) -> EffectOnJob:
         deflection_before_mm=tuple((1e3 * c.before[rows]).tolist()),
         deflection_unchanged_mm=tuple((1e3 * c.unchanged[rows]).tolist()),
         deflection_after_mm=tuple((1e3 * c.after[rows]).tolist()),
-    )  # fmt: skip
+    )
 
 
 def _sentence(
-    mean: Mapping[str, float], worst: Mapping[str, float], point: Mapping[str, float], turned: float, share: float,
-    force: str, lost: int, cut: int,
-) -> str:  # fmt: skip
+    mean: Mapping[str, float],
+    worst: Mapping[str, float],
+    point: Mapping[str, float],
+    turned: float,
+    share: float,
+    force: str,
+    lost: int,
+    cut: int,
+) -> str:
     out = (
         f"Under the {force} the rotation chosen so far bends by {mean['unchanged']:.3f} mm in the mean (believed: "
         f"{mean['before']:.3f}), at worst {worst['unchanged']:.3f} mm at point {point['unchanged']:g} (believed: "

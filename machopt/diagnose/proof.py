@@ -51,6 +51,11 @@ def prove(state: State, most: int, rng: np.random.Generator) -> Proof | None:
     signs = rng.choice([-1.0, 1.0], (FLIPS, len(won)))
     p = float((1 + np.sum(signs @ won >= won.sum())) / (FLIPS + 1)) if len(won) else float("nan")
     return Proof(
-        locked, heldout.rmse(problem, before, seen), heldout.rmse(problem, after, seen),
-        heldout.floor(problem, state.noise, seen), int((won > 0).sum()), len(won), p,
-    )  # fmt: skip
+        locked,
+        heldout.rmse(problem, before, seen),
+        heldout.rmse(problem, after, seen),
+        heldout.floor(problem, state.noise, seen),
+        int((won > 0).sum()),
+        len(won),
+        p,
+    )

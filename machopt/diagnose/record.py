@@ -41,8 +41,10 @@ DIFFERENT_LOAD = 0.05  # of the largest load: readings under loads so unlike do 
 LENGTHS = {"metres": 1e3, "centimetres": 10.0, "inches": 25.4, "micrometres": 1e-3}
 SOFTEST, MOST_TURN = 1e-4, 0.05  # rad/(N·m) of a joint, rad of its twist: more is no arm
 SIZES = (  # displacement per load as read, per what it is; thousands show against any robot and are checked first
-    ("inches", 1 / 25.4, "dx_mm", 25.4), ("centimetres", 0.1, "dx_mm", 10.0), ("kilograms", 9.80665, "fx_N", 9.80665),
-)  # fmt: skip
+    ("inches", 1 / 25.4, "dx_mm", 25.4),
+    ("centimetres", 0.1, "dx_mm", 10.0),
+    ("kilograms", 9.80665, "fx_N", 9.80665),
+)
 FAR, NEAR, UNUSUAL = 5.0, 1.6, 10.0  # factors: from the cell's stiffness, of a unit, of a robot of this size
 HALF = 0.5  # share of the displacement that may be left over
 CLEARLY = 0.1  # misfit of another unit per that of the stated one
@@ -50,9 +52,10 @@ FRAMES = {
     "displacement_frame": ("displacement_frame", "sensor:displacement"),
     "wrench_frame": ("force_sensor_frame", "sensor:force"),
     "frames": ("displacement_frame", "sensor:displacement"),
-    "load_sign": ("load_geometry", "sensor:force"), "moment_at_base": ("load_geometry", "sensor:force"),
+    "load_sign": ("load_geometry", "sensor:force"),
+    "moment_at_base": ("load_geometry", "sensor:force"),
     "moment_at_flange": ("load_geometry", "sensor:force"),
-}  # fmt: skip
+}
 
 
 def mend(
@@ -102,8 +105,9 @@ def mend(
     return recording, findings + more, warnings
 
 
-def where_it_stands(tests: Experiment, recording: Recording, robot: Robot, T_flange_tcp: Array, masses: Masses | None
-                    ) -> Experiment:  # fmt: skip
+def where_it_stands(
+    tests: Experiment, recording: Recording, robot: Robot, T_flange_tcp: Array, masses: Masses | None
+) -> Experiment:
     """A wrench read in tool axes, in base axes by where load and weight put the tool, not by where encoders say it is.
 
     R(q + c τ) instead of R(q): springs that sag by 5 mrad turn a sensor by as much, and its axes would seem askew.
@@ -158,12 +162,19 @@ def outliers(recording: Recording, diagnosis: Diagnosis, copies: Flags, problem:
     # that Gaussian noise makes even one of these rows
     by_noise = float(min(2.0 * ndtr(-GROSS) * diagnosis.errors.final.size, 1.0))
     return Finding(
-        "outliers", f"rows:{rows}", "gross errors", "residual beyond six robust standard deviations",
+        "outliers",
+        f"rows:{rows}",
+        "gross errors",
+        "residual beyond six robust standard deviations",
         f"{clerical} look like slipped decimals or copied rows" if clerical else "",
-        (("outliers", f"rows:{rows}"),), {"count": Estimate(count, "1", (count, count), (count, count))},
-        diagnosis.heldout_before, diagnosis.heldout_after, by_noise,
-        correction=RecordCorrection("outliers", f"rows:{rows}", {"rows": rows}), record=True,
-    )  # fmt: skip
+        (("outliers", f"rows:{rows}"),),
+        {"count": Estimate(count, "1", (count, count), (count, count))},
+        diagnosis.heldout_before,
+        diagnosis.heldout_after,
+        by_noise,
+        correction=RecordCorrection("outliers", f"rows:{rows}", {"rows": rows}),
+        record=True,
+    )
 
 
 def _comes_back(diagnosis: Diagnosis, problem: Equations) -> Flags:
@@ -208,9 +219,10 @@ def _mended(recording: Recording, error: Problem, robot: Robot, T_flange_tcp: Ar
         return replace(recording, wrench_frame=_other(recording.wrench_frame))
     if error.code == "frames":
         return replace(
-            recording, wrench_frame=_other(recording.wrench_frame),
+            recording,
+            wrench_frame=_other(recording.wrench_frame),
             displacement_frame=_other(recording.displacement_frame),
-        )  # fmt: skip
+        )
     assert recording.wrench is not None  # the check read them
     assert recording.displacement is not None
     if error.code == "load_sign":
@@ -225,8 +237,11 @@ def _mended(recording: Recording, error: Problem, robot: Robot, T_flange_tcp: Ar
     if error.code in ("units", "rotation_units", "moment_units", "force_units") and error.column:
         w, d = recording.wrench.copy(), recording.displacement.copy()
         target, columns = {
-            "fx_N": (w, slice(0, 3)), "mx_Nm": (w, slice(3, 6)), "dx_mm": (d, slice(0, 3)), "rx_mrad": (d, slice(3, 6)),
-        }[error.column]  # fmt: skip
+            "fx_N": (w, slice(0, 3)),
+            "mx_Nm": (w, slice(3, 6)),
+            "dx_mm": (d, slice(0, 3)),
+            "rx_mrad": (d, slice(3, 6)),
+        }[error.column]
         target[:, columns] *= error.factor
         if error.code == "units" and error.column == "fx_N":  # forces and moments fit each other as they are
             w[:, 3:] *= error.factor
@@ -244,9 +259,19 @@ def _said(error: Problem, before: float, after: float, p_value: float) -> Findin
         factor = float(np.degrees(1.0)) if error.code == "joint_units" else error.factor
         parameters = {"factor": Estimate(1.0 / factor, "1", (1.0 / factor,) * 2, (1.0 / factor,) * 2)}
     return Finding(
-        effect, where, "the record, read as stated", "", error.message, ((effect, where),), parameters, 1e3 * before,
-        1e3 * after, p_value, correction=RecordCorrection(effect, where, {"message": error.message}), record=True,
-    )  # fmt: skip
+        effect,
+        where,
+        "the record, read as stated",
+        "",
+        error.message,
+        ((effect, where),),
+        parameters,
+        1e3 * before,
+        1e3 * after,
+        p_value,
+        correction=RecordCorrection(effect, where, {"message": error.message}),
+        record=True,
+    )
 
 
 def _by_size(tests: Experiment, prior: Array | None, reach: float) -> Problem | None:
@@ -270,9 +295,13 @@ def _by_size(tests: Experiment, prior: Array | None, reach: float) -> Problem | 
         nearer = abs(np.log(max(usual, 1e-300) / value)) < min(abs(np.log(max(usual, 1e-300))), np.log(UNUSUAL))
         if abs(np.log(seen / value)) < np.log(NEAR) and nearer:
             return Problem(
-                "units", "error", f"displacement per load is {seen:.3g} times what the cell's stiffness gives: the "
-                f"columns {column} … seem to hold {name}", column=column, factor=factor,
-            )  # fmt: skip
+                "units",
+                "error",
+                f"displacement per load is {seen:.3g} times what the cell's stiffness gives: the "
+                f"columns {column} … seem to hold {name}",
+                column=column,
+                factor=factor,
+            )
     return None
 
 
@@ -354,16 +383,28 @@ def _poses(
     if best > CLEARLY * stated:
         return recording, [], []
     before, after = (
-        np.array([np.median(np.linalg.norm(x_ - robot.fk(q_, T_flange_tcp)[:, :3, 3], axis=1)[recording.pose == g])
-                  for g in np.unique(recording.pose)])
+        np.array(
+            [
+                np.median(np.linalg.norm(x_ - robot.fk(q_, T_flange_tcp)[:, :3, 3], axis=1)[recording.pose == g])
+                for g in np.unique(recording.pose)
+            ]
+        )
         for q_, x_ in ((recording.q, recording.position), (q, x))
-    )  # fmt: skip
+    )
     said = Finding(
-        "units", f"column:{column}", "the record, read as stated", "", f"the columns {column} … seem to hold {name}",
-        (("units", f"column:{column}"),), {"factor": Estimate(1 / factor, "1", (1 / factor,) * 2, (1 / factor,) * 2)},
-        1e3 * stated, 1e3 * best, _votes(recording.pose, before, after), record=True,
+        "units",
+        f"column:{column}",
+        "the record, read as stated",
+        "",
+        f"the columns {column} … seem to hold {name}",
+        (("units", f"column:{column}"),),
+        {"factor": Estimate(1 / factor, "1", (1 / factor,) * 2, (1 / factor,) * 2)},
+        1e3 * stated,
+        1e3 * best,
+        _votes(recording.pose, before, after),
+        record=True,
         correction=RecordCorrection("units", f"column:{column}", {"message": f"{column} … seem to hold {name}"}),
-    )  # fmt: skip
+    )
     return replace(recording, q=q, position=x), [said], []
 
 

@@ -69,10 +69,13 @@ def _one(model: Model, t: Tried, H: Array, h: Array, M: Array, folds: tuple[Arra
     C_r, C_p, XX_p, Xy_p = C_r[at, pick], C_f[at, pick], XX_f[at, pick], Xy_f[at, pick]
     xb = x_fold - np.einsum("fpq,fiq,fi->fp", M_fold, C_r, xc)
     new = (
-        yy - 2 * np.einsum("fp,fp->f", xb, Xy) - 2 * np.einsum("fi,fi->f", xc, Xy_p)
-        + np.einsum("fp,fpq,fq->f", xb, XX, xb) + np.einsum("fi,fij,fj->f", xc, XX_p, xc)
+        yy
+        - 2 * np.einsum("fp,fp->f", xb, Xy)
+        - 2 * np.einsum("fi,fi->f", xc, Xy_p)
+        + np.einsum("fp,fpq,fq->f", xb, XX, xb)
+        + np.einsum("fi,fij,fj->f", xc, XX_p, xc)
         + 2 * np.einsum("fi,fip,fp->f", xc, C_p, xb)
-    )  # fmt: skip
+    )
     return Scored(t, best, x[best], float(gain[best]), loss - new, float(visible[best]))
 
 

@@ -128,9 +128,10 @@ class _Search:
         scored = score(model, [t for t in self.tried if t.hypothesis.name not in taken])
         chance = by_chance(model, scored, self.residual, self.rng)
         good = [
-            k for k, s in enumerate(scored)
+            k
+            for k, s in enumerate(scored)
             if chance[k] <= CHANCE and s.gain > _law_error(s, chosen) and holds(model, s)
-        ]  # fmt: skip
+        ]
         if not good:
             return None
         best = simplest(model, [scored[k] for k in good])

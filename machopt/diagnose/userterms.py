@@ -44,8 +44,9 @@ def load(own: Sequence[Own] = ()) -> list[tuple[str, Offer]]:
         elif not o.has_effects:
             raise InputError(
                 "has no function hypotheses(readings); one that yields Hypothesis objects, or EFFECTS, a list of "
-                "effects, would work", file=o.file,
-            )  # fmt: skip
+                "effects, would work",
+                file=o.file,
+            )
     return out
 
 
@@ -78,8 +79,9 @@ def _check(h: object, readings: Readings, source: str) -> None:
         if columns.ndim != 3 or columns.shape[:2] != wanted or not np.isfinite(columns).all():
             raise InputError(
                 f"columns of {h.effect} at {h.location} have the shape {columns.shape} (or NaN); finite "
-                f"({wanted[0]}, {wanted[1]}, p) would work", file=source,
-            )  # fmt: skip
+                f"({wanted[0]}, {wanted[1]}, p) would work",
+                file=source,
+            )
         if not h.quantities(np.ones(columns.shape[2]), shape):
             raise InputError(
                 f"quantities of {h.effect} at {h.location} are empty; the size of the effect as the first would work",

@@ -34,9 +34,12 @@ def sentence(d: Diagnosis) -> str:
         f"{head}: {'; '.join(parts)}. Unseen {d.predicted or 'readings'}: {_size(d.heldout_before, d.unit)} → "
         f"{_size(d.heldout_after, d.unit)} (noise {_size(d.noise_floor, d.unit)})"
         + (f", {100 * d.explained:.0f} % of the mismatch closed. " if d.explained > 0 else ". ")
-        + (f"These data cannot exclude {', '.join(open_[:4])}{' …' if len(open_) > 4 else ''}."
-           if open_ else "No other explanation of the catalogue does as well.")
-    )  # fmt: skip
+        + (
+            f"These data cannot exclude {', '.join(open_[:4])}{' …' if len(open_) > 4 else ''}."
+            if open_
+            else "No other explanation of the catalogue does as well."
+        )
+    )
 
 
 def next_experiment(d: Diagnosis) -> str:

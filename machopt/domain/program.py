@@ -24,9 +24,7 @@ Array = NDArray[np.float64]
 PTP, LIN = 0, 1
 LEAST_FEED = 1e-6  # m/s, the last digit of KUKA's $VEL.CP
 
-EVENT_LINES = (
-    "spindle_on", "spindle_off", "coolant_on", "coolant_off", "tool", "dwell", "stop", "comment",
-)  # fmt: skip
+EVENT_LINES = ("spindle_on", "spindle_off", "coolant_on", "coolant_off", "tool", "dwell", "stop", "comment")
 """What a CAM event becomes in a program: names of template items, and keys of the cell's ``controller.lines``."""
 
 

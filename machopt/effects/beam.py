@@ -131,7 +131,11 @@ def planar_beam_as_zhang2025(length: float, EI: float, EA: float) -> Array:
     a, b, c, d, e = EA / L, 12 * EI / L**3, 6 * EI / L**2, 4 * EI / L, 2 * EI / L
     return np.array(
         [
-            [a, 0, 0, -a, 0, 0], [0, b, c, 0, -b, c], [0, c, d, 0, -c, e],
-            [-a, 0, 0, a, 0, 0], [0, -b, -c, 0, b, -c], [0, c, e, 0, -c, d],
+            [a, 0, 0, -a, 0, 0],
+            [0, b, c, 0, -b, c],
+            [0, c, d, 0, -c, e],
+            [-a, 0, 0, a, 0, 0],
+            [0, -b, -c, 0, b, -c],
+            [0, c, e, 0, -c, d],
         ]
-    )  # fmt: skip
+    )

@@ -20,15 +20,17 @@ from machopt.effects.protocol import Array, Effect, Parameter
 SECTIONS = 4  # Gauss points: exact up to x⁷, and a uniform beam under its own weight has x⁴
 PER_BEND = "1/(N·m²)"
 ACROSS = "EI_across_Nm2"
-PARTS: Mapping[str, Parameter] = MappingProxyType({
-    p.key: p
-    for p in (
-        Parameter(key="EI_Nm2", unit=PER_BEND, least=0.0, positive=True, inverse=True, name="1/EI"),
-        Parameter(key=ACROSS, unit=PER_BEND, least=0.0, positive=True, inverse=True, name="1/EI across"),
-        Parameter(key="GJ_Nm2", unit=PER_BEND, least=0.0, positive=True, inverse=True, name="1/GJ"),
-        Parameter(key="EA_N", unit="1/N", least=0.0, positive=True, inverse=True, name="1/EA"),
-    )
-})  # fmt: skip
+PARTS: Mapping[str, Parameter] = MappingProxyType(
+    {
+        p.key: p
+        for p in (
+            Parameter(key="EI_Nm2", unit=PER_BEND, least=0.0, positive=True, inverse=True, name="1/EI"),
+            Parameter(key=ACROSS, unit=PER_BEND, least=0.0, positive=True, inverse=True, name="1/EI across"),
+            Parameter(key="GJ_Nm2", unit=PER_BEND, least=0.0, positive=True, inverse=True, name="1/GJ"),
+            Parameter(key="EA_N", unit="1/N", least=0.0, positive=True, inverse=True, name="1/EA"),
+        )
+    }
+)
 NORMAL = "normal"  # key of the principal axis, base_link axes with all joints at zero
 RIGID = "compliance_diagonal"  # no EI is large enough to say that nothing gives
 
@@ -60,8 +62,10 @@ class Beam:
         x, y, z = np.eye(3)
         made = {
             "EI_Nm2": bent_about(z, x, length) if self.planes else cantilever_bending(length),
-            ACROSS: bent_about(y, x, length), "GJ_Nm2": cantilever_torsion(length), "EA_N": cantilever_axial(length),
-        }  # fmt: skip
+            ACROSS: bent_about(y, x, length),
+            "GJ_Nm2": cantilever_torsion(length),
+            "EA_N": cantilever_axial(length),
+        }
         return np.stack([made[k] for k in self.keys])
 
     def stated(self, values: Array, normal: Array | None = None) -> dict[str, Any]:

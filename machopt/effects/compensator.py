@@ -28,10 +28,7 @@ class Linkage:
         Parameter(key="force_times_length_Nm", unit="N·m"),
         Parameter(key="rate_times_length2_Nm", unit="N·m"),
     )
-    shape = (
-        Parameter(key="ratio", unit="1", positive=True),
-        Parameter(key="angle_deg", unit="rad", factor=DEGREE),
-    )
+    shape = (Parameter(key="ratio", unit="1", positive=True), Parameter(key="angle_deg", unit="rad", factor=DEGREE))
 
     def torque(self, shape: Array, angle: Array) -> Array:
         s, ds, _ = _distance(shape, angle)

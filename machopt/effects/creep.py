@@ -63,10 +63,12 @@ def lag(x: Array, gap: Array, first: Ints, constant: float) -> Array:
     """
     return np.asarray(
         _lag(
-            np.ascontiguousarray(x, float), np.ascontiguousarray(gap, float), np.ascontiguousarray(first, np.int64),
+            np.ascontiguousarray(x, float),
+            np.ascontiguousarray(gap, float),
+            np.ascontiguousarray(first, np.int64),
             float(constant),
         )
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True)
@@ -103,12 +105,11 @@ class Late(Settled):
         whole = float(np.sum(values))
         if scale.compliance is None:
             return {
-                "size": Quantity(whole * scale.reach / ARCMIN, "arcmin"), "slowest": Quantity(float(shape[-1]), "s")
-            }  # fmt: skip
+                "size": Quantity(whole * scale.reach / ARCMIN, "arcmin"),
+                "slowest": Quantity(float(shape[-1]), "s"),
+            }
         slow = {"slow_constant": Quantity(float(shape[1]), "s")} if len(shape) > 1 else {}
-        return {
-            "share": percent(whole, scale.compliance), "time_constant": Quantity(float(shape[0]), "s"), **slow
-        }  # fmt: skip
+        return {"share": percent(whole, scale.compliance), "time_constant": Quantity(float(shape[0]), "s"), **slow}
 
     def grid(self, scale: Scale) -> tuple[Shape, ...]:
         if self.count > 1:

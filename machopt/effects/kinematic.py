@@ -46,15 +46,30 @@ class Waves:
     remembers = False
     equation = "Δ_j = Σ a_n cos nq_j + b_n sin nq_j"
     coefficients = tuple(
-        Parameter(key=f"{f}_arcsec", unit="rad", factor=ARCSEC, many=True, bare=True, required=True, most=7200.0,
-                  said="arcsec") for f in ("cos", "sin")
-    )  # fmt: skip
+        Parameter(
+            key=f"{f}_arcsec",
+            unit="rad",
+            factor=ARCSEC,
+            many=True,
+            bare=True,
+            required=True,
+            most=7200.0,
+            said="arcsec",
+        )
+        for f in ("cos", "sin")
+    )
     shape = (
         Parameter(
-            key="per_turn", unit="1/rev", positive=True, many=True, bare=True, required=True, most=1e4,
+            key="per_turn",
+            unit="1/rev",
+            positive=True,
+            many=True,
+            bare=True,
+            required=True,
+            most=1e4,
             said="waves a turn of the joint",
         ),
-    )  # fmt: skip
+    )
 
     def columns(self, shape: Array, angle: Array, derivative: int = 0) -> Array:
         return waves(angle, shape, derivative)

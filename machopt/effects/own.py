@@ -23,9 +23,17 @@ from machopt.errors import InputError
 
 GROUP = "machopt.effects"
 BROKEN = (  # what code of a user's own may raise
-    ArithmeticError, AssertionError, AttributeError, ImportError, LookupError, NameError, OSError, RuntimeError,
-    TypeError, ValueError,
-)  # fmt: skip
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    ImportError,
+    LookupError,
+    NameError,
+    OSError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+)
 
 
 @dataclass(frozen=True)
@@ -110,6 +118,7 @@ def _checked(offered: object, source: str) -> list[Effect]:
         if not (e.laws and e.elastic and e.port == "twist" and set(e.places) <= set(JOINTS)):
             raise InputError(
                 f"{e.name}: an elastic effect with laws, port twist and places joint:1 … joint:6 would work; for "
-                "anything else hypotheses(readings) of machopt diagnose", file=source,
-            )  # fmt: skip
+                "anything else hypotheses(readings) of machopt diagnose",
+                file=source,
+            )
     return list(offered)

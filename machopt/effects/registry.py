@@ -23,14 +23,34 @@ from machopt.effects import (
 from machopt.effects.protocol import Effect, Unloaded
 
 LISTED = (
-    bodies.LINK, bodies.BASE, bodies.TOOL, coupling.ELASTIC,
-    hardening.EFFECT, backlash.EFFECT, hysteresis.EFFECT, creep.EFFECT, by_angle.EFFECT,
-    compensator.EFFECT, load.GEOMETRIC, load.PAYLOAD,
-    kinematic.ZERO, kinematic.WAVES, coupling.KINEMATIC,
-    drive.FRICTION, drive.LAG, drive.VIBRATION, environment.THERMAL,
-    record.OFFSET, record.GAIN, record.FRAME, record.DISPLACEMENT, record.LOAD, record.UNITS, record.CLOCK,
+    bodies.LINK,
+    bodies.BASE,
+    bodies.TOOL,
+    coupling.ELASTIC,
+    hardening.EFFECT,
+    backlash.EFFECT,
+    hysteresis.EFFECT,
+    creep.EFFECT,
+    by_angle.EFFECT,
+    compensator.EFFECT,
+    load.GEOMETRIC,
+    load.PAYLOAD,
+    kinematic.ZERO,
+    kinematic.WAVES,
+    coupling.KINEMATIC,
+    drive.FRICTION,
+    drive.LAG,
+    drive.VIBRATION,
+    environment.THERMAL,
+    record.OFFSET,
+    record.GAIN,
+    record.FRAME,
+    record.DISPLACEMENT,
+    record.LOAD,
+    record.UNITS,
+    record.CLOCK,
     record.OUTLIERS,
-)  # fmt: skip
+)
 
 
 def registry(effects: Iterable[Effect]) -> Mapping[str, Effect]:

@@ -7,10 +7,18 @@ from collections.abc import Sequence
 from machopt.effects import registry
 
 _SENSORS = {
-    "force": "force sensor", "displacement": "tracker", "tau": "torque channel", "qse": "link-side encoder",
-    "q": "encoder", "qcmd": "command channel", "position": "tracker", "wrench": "force sensor", "current": "current",
-    "qd": "velocity channel", "xyz": "tracker",
-}  # fmt: skip
+    "force": "force sensor",
+    "displacement": "tracker",
+    "tau": "torque channel",
+    "qse": "link-side encoder",
+    "q": "encoder",
+    "qcmd": "command channel",
+    "position": "tracker",
+    "wrench": "force sensor",
+    "current": "current",
+    "qd": "velocity channel",
+    "xyz": "tracker",
+}
 _MOST_ROWS = 6
 
 

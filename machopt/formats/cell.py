@@ -88,8 +88,12 @@ class _Reader:
         check_arm(urdf, chain, self.reach, self.document)
         limits = read_limits(chain, keys, self.document, self.warnings)
         check_limits(keys, chain, self.document, self.warnings)
-        self.scene = Scene(self.reach + sum(_travel(limits.lower[i], limits.upper[i])
-                                            for i, j in enumerate(chain.moving) if j.kind == "prismatic"))  # fmt: skip
+        self.scene = Scene(
+            self.reach
+            + sum(
+                _travel(limits.lower[i], limits.upper[i]) for i, j in enumerate(chain.moving) if j.kind == "prismatic"
+            )
+        )
         home = read_home(chain, limits, keys, self.document)
         packages = self.urdf_meshes(urdf, self.packages())
         tool, workpiece = self.tool(), self.workpiece()
@@ -187,8 +191,10 @@ class _Reader:
             self.warnings.append(f"{urdf.path.name} has no collision geometry, so the arm's own body is not checked")
         drawn = [p.name for p in urdf.parts if p.visuals and not p.collisions]
         if urdf.has_collision and drawn:
-            self.warnings.append(f"{urdf.path.name} has no collision geometry for the links {', '.join(drawn)}: what "
-                                 "touches them is not seen")  # fmt: skip
+            self.warnings.append(
+                f"{urdf.path.name} has no collision geometry for the links {', '.join(drawn)}: what "
+                "touches them is not seen"
+            )
         found = dict(packages)
         for mesh in urdf.meshes:
 
@@ -212,8 +218,11 @@ class _Reader:
             def at(message: str, link: str = solid.link, line: int = solid.line) -> InputError:
                 return InputError(message, file=urdf.path, where=f"line {line}: collision of link {link!r}")
 
-            self.warn(judge_size(Sized(f"a {solid.kind}", "link", solid.size, "its sizes {:g} times as large".format),
-                                 self.scene, at))  # fmt: skip
+            self.warn(
+                judge_size(
+                    Sized(f"a {solid.kind}", "link", solid.size, "its sizes {:g} times as large".format), self.scene, at
+                )
+            )
         return found
 
     def mesh(self, path: Path, scale: float, role: Role, fail: Fail, remedy: Callable[[float], str]) -> None:
@@ -306,8 +315,12 @@ class _Reader:
         else:
             kind, given = "sphere", [keys.sphere_mm or 0.0]
         size = tuple(v / 1e3 for v in given)
-        body = Sized(f"{kind}_mm {given}", role, box_extent(size, kind),
-                     lambda factor: str([float(f"{v * factor:.6g}") for v in given]))  # fmt: skip
+        body = Sized(
+            f"{kind}_mm {given}",
+            role,
+            box_extent(size, kind),
+            lambda factor: str([float(f"{v * factor:.6g}") for v in given]),
+        )
         self.warn(judge_size(body, self.scene, partial(self.document.error, (*loc, f"{kind}_mm"))))
         return Shape(name, kind, size, None, T)
 
@@ -317,8 +330,9 @@ class _Reader:
             if s.name in seen:
                 raise InputError(
                     f"two bodies are named {s.name!r}; all names of shapes must differ",
-                    file=self.document.file, where="obstacles",
-                )  # fmt: skip
+                    file=self.document.file,
+                    where="obstacles",
+                )
             seen.add(s.name)
 
     def missing_bodies(self, tool: Tool, workpiece: Workpiece) -> None:

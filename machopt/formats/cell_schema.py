@@ -44,8 +44,11 @@ class ShapeKeys(PoseKeys):
         given = [k for k in SHAPE_KEYS if getattr(self, k) is not None]
         if len(given) != 1:
             raise ValueError(f"found {', '.join(given) or 'no shape'}; expected exactly one of {', '.join(SHAPE_KEYS)}")
-        sizes = {"box_mm": self.box_mm, "cylinder_mm": self.cylinder_mm,
-                 "sphere_mm": None if self.sphere_mm is None else [self.sphere_mm]}.get(given[0])  # fmt: skip
+        sizes = {
+            "box_mm": self.box_mm,
+            "cylinder_mm": self.cylinder_mm,
+            "sphere_mm": None if self.sphere_mm is None else [self.sphere_mm],
+        }.get(given[0])
         if sizes is not None and min(sizes) <= 0:
             raise ValueError(f"{given[0]}: found {sizes}; expected sizes above 0")
         if self.scale is not None and self.mesh is None:

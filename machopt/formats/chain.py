@@ -158,9 +158,7 @@ def _external(urdf: Urdf, keys: CellKeys, document: Document) -> list[UrdfJoint]
     return out
 
 
-def _arm(
-    chain: list[UrdfJoint], urdf: Urdf, keys: CellKeys, document: Document, any_chain: bool
-) -> list[UrdfJoint]:  # fmt: skip
+def _arm(chain: list[UrdfJoint], urdf: Urdf, keys: CellKeys, document: Document, any_chain: bool) -> list[UrdfJoint]:
     """The arm's joints among the moving joints base → flange that are not external."""
     kinds = ("revolute", "continuous", "prismatic") if any_chain else ("revolute", "continuous")
     wanted = "revolute or prismatic" if any_chain else "revolute"
@@ -190,8 +188,7 @@ def _to_workpiece(urdf: Urdf, arm: list[UrdfJoint], keys: CellKeys, document: Do
     link = keys.workpiece.link
     if link not in urdf.links:
         raise document.error(
-            ("workpiece", "link"),
-            f"link {link!r} is not in {urdf.path.name}; {nearest(link, ['world', *urdf.links])}",
+            ("workpiece", "link"), f"link {link!r} is not in {urdf.path.name}; {nearest(link, ['world', *urdf.links])}"
         )
     path = urdf.chain(link)
     carried = [j.name for j in path if j in arm]

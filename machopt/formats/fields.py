@@ -19,9 +19,11 @@ _PLACE = ("x_mm", "y_mm", "z_mm")
 _JOINTS = tuple(f"q{i}_deg" for i in range(1, 7))
 _STIFFNESS = ("kx_N_mm", "ky_N_mm", "kz_N_mm")
 _VOCABULARY = Vocabulary(
-    numbers=(*_PLACE, *_JOINTS, *_STIFFNESS), words=("label",),
-    listed="x_mm y_mm z_mm or q1_deg … q6_deg, kx_N_mm ky_N_mm kz_N_mm, label", refused={},
-)  # fmt: skip
+    numbers=(*_PLACE, *_JOINTS, *_STIFFNESS),
+    words=("label",),
+    listed="x_mm y_mm z_mm or q1_deg … q6_deg, kx_N_mm ky_N_mm kz_N_mm, label",
+    refused={},
+)
 _ROWS_AT_ONCE = 4096
 
 

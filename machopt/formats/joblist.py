@@ -214,8 +214,9 @@ def _header(path: Path, line: int, header: list[str]) -> list[str]:
 
 def _row(path: Path, line: int, header: list[str], row: list[str]) -> Document:
     if len(row) != len(header):
-        raise InputError(f"found {len(row)} fields; expected {len(header)} as in the header", file=path,
-                         where=f"line {line}")  # fmt: skip
+        raise InputError(
+            f"found {len(row)} fields; expected {len(header)} as in the header", file=path, where=f"line {line}"
+        )
     columns, value, lines = _columns(), dict[str, object](), dict[Loc, int]({(): line})
     for name, cell in zip(header, row, strict=True):
         text, loc = cell.strip(), columns[name]
@@ -241,17 +242,31 @@ def _explicit(
 
 
 def _job(
-    keys: ListKeys, job: JobKeys, cell: Path | None, file: Path, name: str, options: dict[str, object],
-    posts: tuple[str | Path, ...], path: Path, where: str,
-) -> ListedJob:  # fmt: skip
+    keys: ListKeys,
+    job: JobKeys,
+    cell: Path | None,
+    file: Path,
+    name: str,
+    options: dict[str, object],
+    posts: tuple[str | Path, ...],
+    path: Path,
+    where: str,
+) -> ListedJob:
     """A job with the list's own reading and limits under it."""
     time = job.time_limit_s or keys.time_limit_s
     memory = job.memory_limit_MiB or keys.memory_limit_MiB
     return ListedJob(
-        cell=cell, toolpath=file, name=name, options=options,
-        reading={**reading_si(keys.reading), **reading_si(job.reading)}, time_limit=time,
-        memory_limit=None if memory is None else int(memory * _MIB), file=path, where=where, posts=posts,
-    )  # fmt: skip
+        cell=cell,
+        toolpath=file,
+        name=name,
+        options=options,
+        reading={**reading_si(keys.reading), **reading_si(job.reading)},
+        time_limit=time,
+        memory_limit=None if memory is None else int(memory * _MIB),
+        file=path,
+        where=where,
+        posts=posts,
+    )
 
 
 def _cell(document: Document, loc: Loc, name: str) -> Path:

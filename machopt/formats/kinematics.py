@@ -56,8 +56,9 @@ def load_kinematics(path: Path | str) -> Kinematics:
         loc: Loc = ("corrections", n)
         _check_place(document, loc, c.effect, c.location)
         if (c.effect, c.location) in seen:
-            raise document.error(loc, f"{c.effect} at {c.location} stands twice; keep one (waves of a transmission "
-                                 "error stand in lists)")  # fmt: skip
+            raise document.error(
+                loc, f"{c.effect} at {c.location} stands twice; keep one (waves of a transmission error stand in lists)"
+            )
         seen[(c.effect, c.location)] = n
         out.append(KinematicCorrection(c.effect, c.location, _parameters(document, (*loc, "parameters"), c)))
     found = Kinematics(tuple(out), Path(path))
@@ -82,8 +83,10 @@ def write_kinematics(path: Path | str, kinematics: Kinematics) -> None:
 
 def _check_place(document: Document, loc: Loc, effect: str, location: str) -> None:
     if effect not in PARAMETERS:
-        raise document.error((*loc, "effect"), f"found {effect!r}; {nearest(effect, list(PARAMETERS))} "
-                             "(what is elastic belongs into stiffness.yaml)")  # fmt: skip
+        raise document.error(
+            (*loc, "effect"),
+            f"found {effect!r}; {nearest(effect, list(PARAMETERS))} (what is elastic belongs into stiffness.yaml)",
+        )
     places = registry.without_load()[effect][0].places
     if location not in places:
         wanted = "joint:i-j, i < j, e.g. joint:4-5" if "-" in places[0] else f"{places[0]} … {places[-1]}"
@@ -112,8 +115,9 @@ def _parameters(document: Document, loc: Loc, c: _Correction) -> Mapping[str, An
             lengths.add(-1)
             _check_number(document, (*loc, p.key), p, value)
     if len(lengths) > 1:
-        raise document.error(loc, f"{', '.join(wanted)} differ in length; expected three numbers, or three lists of "
-                             "the same length")  # fmt: skip
+        raise document.error(
+            loc, f"{', '.join(wanted)} differ in length; expected three numbers, or three lists of the same length"
+        )
     for p in law.shape:  # the only number of a form: which branch it is
         values = c.parameters[p.key]
         if isinstance(values, list) and len(set(values)) < len(values):

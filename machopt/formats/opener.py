@@ -21,9 +21,12 @@ MESH = 128 * MIB  # two and a half million triangles in binary STL
 TEMPLATE = 4 * MIB
 
 _KINDS = (
-    (stat.S_ISDIR, "a directory"), (stat.S_ISFIFO, "a named pipe"), (stat.S_ISCHR, "a device"),
-    (stat.S_ISBLK, "a device"), (stat.S_ISSOCK, "a socket"),
-)  # fmt: skip
+    (stat.S_ISDIR, "a directory"),
+    (stat.S_ISFIFO, "a named pipe"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+    (stat.S_ISSOCK, "a socket"),
+)
 
 
 def read_file(path: Path, *, expected: str, most: int) -> bytes:
@@ -62,8 +65,9 @@ def read_text(path: Path, *, expected: str, most: int) -> str:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as problem:
         line = data.count(b"\n", 0, problem.start) + 1
-        raise InputError(f"is not UTF-8 text (byte {problem.start}); expected {expected} in UTF-8", file=path,
-                         where=f"line {line}") from None  # fmt: skip
+        raise InputError(
+            f"is not UTF-8 text (byte {problem.start}); expected {expected} in UTF-8", file=path, where=f"line {line}"
+        ) from None
 
 
 def check_file(path: Path, *, expected: str, most: int) -> int:

@@ -308,31 +308,36 @@ def _consistent(options: PlanOptions) -> None:
         raise InputError(
             f"a step of {_tidy(degrees(options.rotation_step))}° does not fit into the range "
             f"{_tidy(degrees(lo))}°…{_tidy(degrees(hi))}°; a smaller step would work",
-            file="options", where="rotation_step_deg",
-        )  # fmt: skip
+            file="options",
+            where="rotation_step_deg",
+        )
     for p in options.fixed:
         if not lo - 1e-9 <= p.gamma <= hi + 1e-9:  # rad; round-off of the degrees only
             raise InputError(
                 f"point {p.point} is fixed at {_tidy(degrees(p.gamma))}°, outside the range "
                 f"{_tidy(degrees(lo))}°…{_tidy(degrees(hi))}°",
-                file="options", where="fixed",
-            )  # fmt: skip
+                file="options",
+                where="fixed",
+            )
     if options.compensate and not options.force.given:
         raise InputError(
             "there is no force to compensate for; the process force as force_N, e.g. force_N={normal: 200}, would work",
-            file="options", where="compensate",
-        )  # fmt: skip
+            file="options",
+            where="compensate",
+        )
     if options.weights.clearance > 0 and not options.collision:
         raise InputError(
             "the objective is to count clearance, and collisions are switched off; collision=true would work",
-            file="options", where="weights.clearance",
-        )  # fmt: skip
+            file="options",
+            where="weights.clearance",
+        )
     w = options.weights
     if w.mean == 0 and w.worst == 0:
         raise InputError(
             "mean and worst are both 0, so stiffness would not count; one of them above 0 would work",
-            file="options", where="weights",
-        )  # fmt: skip
+            file="options",
+            where="weights",
+        )
 
 
 def _tidy(value: float) -> float:

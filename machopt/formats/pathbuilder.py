@@ -146,8 +146,7 @@ class PathBuilder:
             raise self.source.error(f"feed {feed:g} on a cutting move; expected a feed above zero", line)
         if self.options.default_feed is None:
             raise self.source.error(
-                "cutting move without a feed; expected a feed word before it, or give one with --feed MM_MIN",
-                line,
+                "cutting move without a feed; expected a feed word before it, or give one with --feed MM_MIN", line
             )
         self.warn_once("cutting moves without a feed of their own take the given default feed")
         return self.options.default_feed * 60e3

@@ -86,9 +86,13 @@ def check_extent(source: Source, p: Array, line: NDArray[np.int32], limit: float
 
 
 def with_kinds(
-    operations: Sequence[Operation], p: Array, axis: Array, move: NDArray[np.int32], operation: NDArray[np.int32],
+    operations: Sequence[Operation],
+    p: Array,
+    axis: Array,
+    move: NDArray[np.int32],
+    operation: NDArray[np.int32],
     from_cycle: NDArray[np.bool_],
-) -> tuple[Operation, ...]:  # fmt: skip
+) -> tuple[Operation, ...]:
     """Operations with ``kind``: point where every cut runs along the tool axis or comes from a cycle.
 
     Args:

@@ -57,21 +57,28 @@ def check_arm(urdf: Urdf, chain: Chain, arm_reach: float, document: Document) ->
     if len(chain.arm) == 6 and not _REACH[0] <= arm_reach <= _REACH[1]:
         factor = 1e-3 if arm_reach > _REACH[1] else 1e3
         unit = "mm" if factor < 1 else "km"
-        raise document.error(loc, f"the origins of the joints of {urdf.path.name} make an arm of {arm_reach:.4g} m; "
-                             f"expected {_REACH[0]:g} to {_REACH[1]:g} m (if they are in {unit}: "
-                             f"{arm_reach * factor:.4g} m)")  # fmt: skip
+        raise document.error(
+            loc,
+            f"the origins of the joints of {urdf.path.name} make an arm of {arm_reach:.4g} m; "
+            f"expected {_REACH[0]:g} to {_REACH[1]:g} m (if they are in {unit}: "
+            f"{arm_reach * factor:.4g} m)",
+        )
     wide = [j for j in chain.moving if j.kind == "revolute" and max(abs(j.lower), abs(j.upper)) > _REVOLUTIONS]
     for j in chain.moving:
         far = max(abs(j.lower), abs(j.upper))
         if j.kind == "prismatic" and far > _RAIL:
-            raise document.error(loc, f"{lines[j.name]}: joint {j.name!r} slides from {j.lower:g} to {j.upper:g} m; "
-                                 f"if that is mm, {j.lower / 1e3:g} to {j.upper / 1e3:g} would work")  # fmt: skip
+            raise document.error(
+                loc,
+                f"{lines[j.name]}: joint {j.name!r} slides from {j.lower:g} to {j.upper:g} m; "
+                f"if that is mm, {j.lower / 1e3:g} to {j.upper / 1e3:g} would work",
+            )
         if j in wide and (far > _ENDLESS or sum(w in chain.arm for w in wide) > 1):
             raise document.error(
-                loc, f"{lines[j.name]}: joint {j.name!r} turns from {j.lower:g} to {j.upper:g} rad; "
+                loc,
+                f"{lines[j.name]}: joint {j.name!r} turns from {j.lower:g} to {j.upper:g} rad; "
                 f"if that is degrees, {math.radians(j.lower):.5g} to {math.radians(j.upper):.5g} would work; "
                 'without limits, type="continuous"',
-            )  # fmt: skip
+            )
 
 
 def check_limits(keys: CellKeys, chain: Chain, document: Document, warnings: list[str]) -> None:
@@ -141,15 +148,19 @@ def check_tool(keys: ToolKeys, loc: Loc, arm_reach: float, document: Document, w
     off = math.hypot(*xyz) / 1e3
     most = max(_TCP[0] * arm_reach, _TCP[1])
     if off > most:
-        raise document.error((*loc, "tcp", "xyz_mm"), f"found {xyz}, {off:.4g} m from the flange; expected "
-                             f"mm and at most {most:.3g} m (in µm it would be {[v / 1e3 for v in xyz]})")  # fmt: skip
+        raise document.error(
+            (*loc, "tcp", "xyz_mm"),
+            f"found {xyz}, {off:.4g} m from the flange; expected "
+            f"mm and at most {most:.3g} m (in µm it would be {[v / 1e3 for v in xyz]})",
+        )
     if keys.cutter is not None:
         _check_cutter(keys.cutter, (*loc, "cutter"), document)
         if 0.0 < max(map(abs, xyz)) < _METRES_LOOK and off * 1e3 < keys.cutter.length_mm:
             raise document.error(
-                (*loc, "tcp", "xyz_mm"), f"found {xyz} mm: the cutter is {keys.cutter.length_mm:g} mm long and would "
+                (*loc, "tcp", "xyz_mm"),
+                f"found {xyz} mm: the cutter is {keys.cutter.length_mm:g} mm long and would "
                 f"reach back through the flange; if that is m, {[v * 1e3 for v in xyz]} would work",
-            )  # fmt: skip
+            )
     if keys.mass_kg > _HEAVIEST:
         raise document.error((*loc, "mass_kg"), f"found {keys.mass_kg:g}; expected kg, at most {_HEAVIEST:g}")
     if keys.mass_kg > _HEAVY:
@@ -169,8 +180,10 @@ def _check_cutter(keys: CutterKeys, loc: Loc, document: Document) -> None:
         if not least <= value <= most:
             other = value * 1e3 if value < least else value / 1e3
             unit = "m" if value < least else "µm"
-            raise document.error((*loc, key), f"found {value:g}; expected mm, {least:g} to {most:g} (if it is "
-                                 f"in {unit}, {other:g} would work)")  # fmt: skip
+            raise document.error(
+                (*loc, key),
+                f"found {value:g}; expected mm, {least:g} to {most:g} (if it is in {unit}, {other:g} would work)",
+            )
 
 
 def check_stiffness(
@@ -191,9 +204,10 @@ def check_stiffness(
     where = f"{file}: joint stiffness {shown}"
     if sag > _BREAK:
         raise document.error(
-            ("stiffness",), f"joint stiffness {shown} gives {math.degrees(sag):.3g}° under the tool's "
+            ("stiffness",),
+            f"joint stiffness {shown} gives {math.degrees(sag):.3g}° under the tool's "
             f"{keys.tool.mass_kg:g} kg at {arm_reach:.3g} m (softest of joints 1 to 3: {least:g}); {units}",
-        )  # fmt: skip
+        )
     if sag > _SAG:
         warnings.append(f"{where} gives {math.degrees(sag):.3g}° under the tool's weight alone; {units}")
     elif arm_reach > 1.5 and float(max(row.max() for row in rows)) < _ARMS_LOOK:
@@ -203,15 +217,19 @@ def check_stiffness(
     if stiffness.grid is not None:
         extent = stiffness.grid.cell * max(stiffness.grid.shape)
         if extent < arm_reach / 100.0:
-            warnings.append(f"{file}: the stiffness grid spans {extent * 1e3:.4g} mm of an arm that "
-                            f"reaches {arm_reach:.3g} m; cell_mm is in mm")  # fmt: skip
+            warnings.append(
+                f"{file}: the stiffness grid spans {extent * 1e3:.4g} mm of an arm that "
+                f"reaches {arm_reach:.3g} m; cell_mm is in mm"
+            )
         if float(np.linalg.norm(stiffness.grid.origin)) > 20.0 * max(arm_reach, 1.0):
             warnings.append(f"{file}: the stiffness grid lies beyond the arm's reach; origin_mm is in mm")
     if stiffness.covariance is not None:
         share = float((np.sqrt(np.diag(stiffness.covariance)) * stiffness.joints).max())
         if share > 1.0:
-            warnings.append(f"{file}: covariance makes a joint's compliance uncertain by "
-                            f"{share:.3g} times itself; (rad/(N·m))² of the compliances is expected")  # fmt: skip
+            warnings.append(
+                f"{file}: covariance makes a joint's compliance uncertain by "
+                f"{share:.3g} times itself; (rad/(N·m))² of the compliances is expected"
+            )
 
 
 def _right_angle(value: float) -> bool:

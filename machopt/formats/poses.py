@@ -82,16 +82,38 @@ def read_poses_csv(path: Path | str) -> PosesTable:
     header, rows = _rows(file)
     turned = all(name in header for name in _ROTATION)
     D = 6 if turned else 3
-    expected = [*_LABELS, *_joints(), "load", "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm", "x_mm", "y_mm",
-                "z_mm", *_MEASURED[:D], "kci", "nu_p", "nu_r_deg", "clearance_mm", "session", "load_x_mm", "load_y_mm",
-                "load_z_mm", "way_free"]  # fmt: skip
+    expected = [
+        *_LABELS,
+        *_joints(),
+        "load",
+        "fx_N",
+        "fy_N",
+        "fz_N",
+        "mx_Nm",
+        "my_Nm",
+        "mz_Nm",
+        "x_mm",
+        "y_mm",
+        "z_mm",
+        *_MEASURED[:D],
+        "kci",
+        "nu_p",
+        "nu_r_deg",
+        "clearance_mm",
+        "session",
+        "load_x_mm",
+        "load_y_mm",
+        "load_z_mm",
+        "way_free",
+    ]
     for what, names in (
         ("is missing", [n for n in expected if n not in header]),
         ("is unknown", [n for n in header if n not in expected]),
     ):
         if names:
-            raise InputError(f"column {', '.join(names)} {what}; expected {', '.join(expected)}",
-                             file=file, where="header")  # fmt: skip
+            raise InputError(
+                f"column {', '.join(names)} {what}; expected {', '.join(expected)}", file=file, where="header"
+            )
     at = {name: header.index(name) for name in expected}
 
     def column(name: str, *, empty: bool = False) -> Array:
@@ -104,29 +126,45 @@ def read_poses_csv(path: Path | str) -> PosesTable:
         values = column(name)
         bad = np.flatnonzero(values != np.round(values))
         if bad.size:
-            raise InputError(f"found {values[bad[0]]:g}; expected a whole number",
-                             file=file, where=f"line {rows[bad[0]][0]}, column {name}")  # fmt: skip
+            raise InputError(
+                f"found {values[bad[0]]:g}; expected a whole number",
+                file=file,
+                where=f"line {rows[bad[0]][0]}, column {name}",
+            )
         return values.astype(np.int64)
 
     order = whole("order")
     wrong = np.flatnonzero(order != np.arange(1, len(order) + 1))
     if wrong.size:
-        raise InputError(f"found {order[wrong[0]]}; expected {wrong[0] + 1}, rows stand in the order of work",
-                         file=file, where=f"line {rows[wrong[0]][0]}, column order")  # fmt: skip
+        raise InputError(
+            f"found {order[wrong[0]]}; expected {wrong[0] + 1}, rows stand in the order of work",
+            file=file,
+            where=f"line {rows[wrong[0]][0]}, column order",
+        )
     ways = [row[at["way_free"]] for _, row in rows]
     odd = next((n for n, word in enumerate(ways) if word not in _YES), None)
     if odd is not None:
-        raise InputError(f"found {ways[odd]!r}; expected yes, no or nothing",
-                         file=file, where=f"line {rows[odd][0]}, column way_free")  # fmt: skip
+        raise InputError(
+            f"found {ways[odd]!r}; expected yes, no or nothing",
+            file=file,
+            where=f"line {rows[odd][0]}, column way_free",
+        )
     return PosesTable(
-        pose=whole("pose"), cycle=whole("cycle"), session=whole("session"), q=block(*_joints()) * _DEG,
+        pose=whole("pose"),
+        cycle=whole("cycle"),
+        session=whole("session"),
+        q=block(*_joints()) * _DEG,
         load=tuple(row[at["load"]] for _, row in rows),
         wrench=block("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"),
-        position=block("x_mm", "y_mm", "z_mm") * _MM, displacement=block(*_MEASURED[:D]) * 1e-3,
-        kci=column("kci"), nu_p=column("nu_p"), nu_r=column("nu_r_deg") * _DEG,
+        position=block("x_mm", "y_mm", "z_mm") * _MM,
+        displacement=block(*_MEASURED[:D]) * 1e-3,
+        kci=column("kci"),
+        nu_p=column("nu_p"),
+        nu_r=column("nu_r_deg") * _DEG,
         clearance=column("clearance_mm", empty=True) * _MM,
-        load_point=block("load_x_mm", "load_y_mm", "load_z_mm") * _MM, way_free=tuple(_YES[w] for w in ways),
-    )  # fmt: skip
+        load_point=block("load_x_mm", "load_y_mm", "load_z_mm") * _MM,
+        way_free=tuple(_YES[w] for w in ways),
+    )
 
 
 def write_recording_template(folder: Path, recording: Recording) -> None:
@@ -177,8 +215,9 @@ def _rows(file: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     header = [name.strip() for name in rows[0][1]]
     for line, row in rows[1:]:
         if len(row) != len(header):
-            raise InputError(f"found {len(row)} fields, expected {len(header)} as in the header",
-                             file=file, where=f"line {line}")  # fmt: skip
+            raise InputError(
+                f"found {len(row)} fields, expected {len(header)} as in the header", file=file, where=f"line {line}"
+            )
     return header, rows[1:]
 
 

@@ -14,9 +14,20 @@ _COMPONENTS = ("dx_mm", "dy_mm", "dz_mm", "rx_mrad", "ry_mrad", "rz_mrad")
 
 
 def write_readings_csv(
-    path: Path, *, pose: Ints, cycle: Ints, session: Ints, line: Ints, wrench: Array, measured: Array,
-    predicted: Array, heldout: Array, uncertainty: Array, weight: Array, leverage: Array,
-) -> None:  # fmt: skip
+    path: Path,
+    *,
+    pose: Ints,
+    cycle: Ints,
+    session: Ints,
+    line: Ints,
+    wrench: Array,
+    measured: Array,
+    predicted: Array,
+    heldout: Array,
+    uncertainty: Array,
+    weight: Array,
+    leverage: Array,
+) -> None:
     """Write the table, one row a reading.
 
     Args:
@@ -31,9 +42,12 @@ def write_readings_csv(
     """
     names = _COMPONENTS[: measured.shape[1]]
     columns: list[tuple[str, Array | Ints, str]] = [
-        ("reading", np.arange(1, len(pose) + 1), "d"), ("pose", pose, "d"), ("cycle", cycle, "d"),
-        ("session", session, "d"), ("line", line, "d"),
-    ]  # fmt: skip
+        ("reading", np.arange(1, len(pose) + 1), "d"),
+        ("pose", pose, "d"),
+        ("cycle", cycle, "d"),
+        ("session", session, "d"),
+        ("line", line, "d"),
+    ]
     for c, name in enumerate(("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")):
         columns.append((name, wrench[:, c], ".6g"))
     for kind, values in (("measured", measured), ("predicted", predicted), ("heldout", heldout)):

@@ -16,16 +16,7 @@ from pydantic import Field
 
 from machopt.domain.recording import Ints, Recording, StandardUncertainty
 from machopt.errors import InputError
-from machopt.formats.recording_columns import (
-    BRANCHES,
-    CHANNELS,
-    LABELS,
-    branches,
-    chain,
-    channels,
-    labels,
-    vocabulary,
-)
+from machopt.formats.recording_columns import BRANCHES, CHANNELS, LABELS, branches, chain, channels, labels, vocabulary
 from machopt.formats.recording_join import join, number_poses, separate_cycles, wide_poses
 from machopt.formats.recording_table import DataTable, read_table
 from machopt.formats.yamlstrict import Document, Strict, read_yaml, show, validate
@@ -34,9 +25,12 @@ Array = NDArray[np.float64]
 
 _YAML, _DATA = "recording.yaml", "data.csv"
 _UNCERTAINTY = {
-    "displacement_mm": ("displacement", 1e-3), "rotation_mrad": ("rotation", 1e-3), "force_N": ("force", 1.0),
-    "moment_Nm": ("moment", 1.0), "joint_deg": ("joint", np.pi / 180.0),
-}  # fmt: skip
+    "displacement_mm": ("displacement", 1e-3),
+    "rotation_mrad": ("rotation", 1e-3),
+    "force_N": ("force", 1.0),
+    "moment_Nm": ("moment", 1.0),
+    "joint_deg": ("joint", np.pi / 180.0),
+}
 _RADIANS_LOOK = 6.3  # every joint of every reading within a turn in rad: degrees would be a straight arm, hardly moved
 _ROWS_AT_ONCE = 4096
 
@@ -87,8 +81,9 @@ def load_recording(path: Path | str) -> Recording:
         if other.labelled != runs[0].labelled:
             name = next(n for n in LABELS if (n in other.labelled) != (n in runs[0].labelled))
             has, not_ = (p, data[0]) if name in other.labelled else (data[0], p)
-            raise InputError(f"has no column {name} but {has.name} has; files of a recording need the same columns",
-                             file=not_)  # fmt: skip
+            raise InputError(
+                f"has no column {name} but {has.name} has; files of a recording need the same columns", file=not_
+            )
     recording = join(runs, new_sessions=False)
     _refuse_falling_time(recording, data)
     warnings = (
@@ -253,8 +248,9 @@ def _refuse_falling_time(recording: Recording, files: Sequence[Path]) -> None:
         raise InputError(
             f"time does not rise: {time[bad[0] + 1]:.12g} s after {time[bad[0]]:.12g} s in {recording.place(before)}; "
             "several runs need a column session, or one file a run in a list under data",
-            file=file, where=f"line {recording.line[here]}, column time_s",
-        )  # fmt: skip
+            file=file,
+            where=f"line {recording.line[here]}, column time_s",
+        )
 
 
 def _frames_not_given(document: Document, recording: Recording) -> list[str]:

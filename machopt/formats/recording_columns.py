@@ -125,8 +125,9 @@ def chain(table: DataTable, kind: Kind) -> Prismatic:
     """
     if kind != "motion":
         return (False,) * 6
-    turns, slides = ({i for i in range(1, MOST_JOINTS + 1) if name.format(i) in table.numbers}
-                     for name in ("q{}_deg", "q{}_mm"))  # fmt: skip
+    turns, slides = (
+        {i for i in range(1, MOST_JOINTS + 1) if name.format(i) in table.numbers} for name in ("q{}_deg", "q{}_mm")
+    )
     both = sorted(turns & slides)
     if both:
         raise table.error(f"q{both[0]}_deg and q{both[0]}_mm both stand; a joint turns or slides, keep one")

@@ -150,15 +150,17 @@ def _refuse_different(first: Recording, rest: Sequence[Recording]) -> None:
         for name in _SAME:
             a, b = getattr(first, name), getattr(other, name)
             if not np.array_equal(a, b):
-                raise InputError(f"{name} is {b} but {a} in {_name(first)}; recordings read together must agree",
-                                 file=_name(other))  # fmt: skip
+                raise InputError(
+                    f"{name} is {b} but {a} in {_name(first)}; recordings read together must agree", file=_name(other)
+                )
         for name in (*(c.field for c in CHANNELS), "branch"):
             a, b = getattr(first, name), getattr(other, name)
             if (a is None) != (b is None) or (a is not None and a.shape[1:] != b.shape[1:]):
                 raise InputError(
                     f"holds {_channel(name, b)}, but {_name(first)} {_channel(name, a)}; recordings read together need "
-                    "the same columns", file=_name(other),
-                )  # fmt: skip
+                    "the same columns",
+                    file=_name(other),
+                )
 
 
 def _name(recording: Recording) -> str:

@@ -86,8 +86,11 @@ def _refuse_wild(table: DataTable) -> None:
             continue
         wild = np.flatnonzero(np.abs(values) > _MOST[unit])
         if wild.size:
-            raise table.error(f"found {values[wild[0]]:g}; expected at most {_MOST[unit]:g} to either side: no "
-                              "instrument reads more", int(wild[0]), name)  # fmt: skip
+            raise table.error(
+                f"found {values[wild[0]]:g}; expected at most {_MOST[unit]:g} to either side: no instrument reads more",
+                int(wild[0]),
+                name,
+            )
 
 
 def _read_csv(path: Path, data: bytes, vocabulary: Vocabulary) -> DataTable:

@@ -18,9 +18,19 @@ DECIMALS = 6
 
 
 def write_residuals_csv(
-    path: Path, *, row: Ints, line: Ints, file: Sequence[str], pose: Ints, session: Ints, used: NDArray[np.bool_],
-    names: Sequence[str], factors: Sequence[float], before: Array, after: Array,
-) -> None:  # fmt: skip
+    path: Path,
+    *,
+    row: Ints,
+    line: Ints,
+    file: Sequence[str],
+    pose: Ints,
+    session: Ints,
+    used: NDArray[np.bool_],
+    names: Sequence[str],
+    factors: Sequence[float],
+    before: Array,
+    after: Array,
+) -> None:
     """Write the table, one row a reading.
 
     Args:
@@ -34,9 +44,13 @@ def write_residuals_csv(
         before, after: (N, D) held-out residuals of the base alone and with the findings; NaN is an empty field.
     """
     labels: list[tuple[str, Sequence[object]]] = [
-        ("row", row.tolist()), ("line", line.tolist()), *([("file", [as_cell(f) for f in file])] if len(file) else []),
-        ("pose", pose.tolist()), ("session", session.tolist()), ("used", used.astype(int).tolist()),
-    ]  # fmt: skip
+        ("row", row.tolist()),
+        ("line", line.tolist()),
+        *([("file", [as_cell(f) for f in file])] if len(file) else []),
+        ("pose", pose.tolist()),
+        ("session", session.tolist()),
+        ("used", used.astype(int).tolist()),
+    ]
     scale = np.asarray(factors, float)
     for kind, values in (("before", before), ("after", after)):
         for name, column in zip(names, (values * scale).T.tolist(), strict=True):

@@ -37,10 +37,23 @@ from machopt.formats.frames import Transfer, turn
 from machopt.formats.pathbuilder import Vector
 
 _ORDERS = {  # name → axes in the order their matrices are multiplied, z last
-    "table-ac": "CA", "table-bc": "CB", "head-ac": "CA", "head-bc": "CB", "mixed-ac": "CA", "mixed-bc": "CB",
-    "table-ab": "BA", "table-ba": "AB", "head-ab": "AB", "head-ba": "BA",
-    "table-a": "A", "table-b": "B", "table-c": "C", "head-a": "A", "head-b": "B", "three-axis": "",
-}  # fmt: skip
+    "table-ac": "CA",
+    "table-bc": "CB",
+    "head-ac": "CA",
+    "head-bc": "CB",
+    "mixed-ac": "CA",
+    "mixed-bc": "CB",
+    "table-ab": "BA",
+    "table-ba": "AB",
+    "head-ab": "AB",
+    "head-ba": "BA",
+    "table-a": "A",
+    "table-b": "B",
+    "table-c": "C",
+    "head-a": "A",
+    "head-b": "B",
+    "three-axis": "",
+}
 MACHINES = tuple(name + end for name in _ORDERS for end in ("", "-reversed") if not (end and "table" not in name))
 HELP = (
     "table-ac, table-bc, head-ac, head-bc, mixed-ac, mixed-bc (C turns the table or the head's foot), table-ab "

@@ -96,8 +96,7 @@ def _positive(document: Document, loc: Loc, values: list[float]) -> Array:
     for n, value in enumerate(values):
         if not _SOFTEST <= value <= _STIFFEST:
             raise document.error(
-                (*loc, n),
-                f"found {show(value)}; expected N·m/rad between {_SOFTEST:g} and {_STIFFEST:g}",
+                (*loc, n), f"found {show(value)}; expected N·m/rad between {_SOFTEST:g} and {_STIFFEST:g}"
             )
     return _frozen(values)
 

@@ -105,8 +105,11 @@ class _Rows:
         bad = ~np.isfinite(values) & (np.array([t != "nan" for t in texts]) if empty else True)
         if bad.any():
             row = int(np.flatnonzero(bad)[0])
-            raise InputError(f"found {self.columns[name][row]!r}, expected a finite number",
-                             file=self.file, where=f"line {self.lines[row]}, column {name}")  # fmt: skip
+            raise InputError(
+                f"found {self.columns[name][row]!r}, expected a finite number",
+                file=self.file,
+                where=f"line {self.lines[row]}, column {name}",
+            )
         return values
 
 
@@ -149,8 +152,16 @@ def read_trajectory_csv(path: Path) -> TrajectoryTable:
     """
     header, rows = _read(path)
     external = [name for name in header if name.startswith("e") and name.split("_")[0][1:].isdigit()]
-    expected = ["time_s", "point", "operation", "move", *(f"q{i}_deg" for i in range(1, 7)), *external,
-                "gamma_deg", "feed_mm_min"]  # fmt: skip
+    expected = [
+        "time_s",
+        "point",
+        "operation",
+        "move",
+        *(f"q{i}_deg" for i in range(1, 7)),
+        *external,
+        "gamma_deg",
+        "feed_mm_min",
+    ]
     for i, name in enumerate(external, start=1):
         if name not in (f"e{i}_mm", f"e{i}_deg"):
             raise InputError(f"found {name!r}, expected e{i}_mm or e{i}_deg", file=path, where="header")
@@ -160,8 +171,11 @@ def read_trajectory_csv(path: Path) -> TrajectoryTable:
     time = rows.numbers("time_s")
     if len(time) > 1 and not np.all(np.diff(time) > 0):
         row = int(np.flatnonzero(np.diff(time) <= 0)[0]) + 1
-        raise InputError(f"time does not rise: {time[row]:g} s after {time[row - 1]:g} s",
-                         file=path, where=f"line {rows.lines[row]}, column time_s")  # fmt: skip
+        raise InputError(
+            f"time does not rise: {time[row]:g} s after {time[row - 1]:g} s",
+            file=path,
+            where=f"line {rows.lines[row]}, column time_s",
+        )
     labels = tuple(from_cell(cell) for cell in rows.columns["operation"])
     operations = tuple(dict.fromkeys(label for label in labels if label))
     number = {"": -1, **{label: i for i, label in enumerate(operations)}}
@@ -319,8 +333,11 @@ def _read_text(path: Path, text: TextIO) -> tuple[list[str], _Rows]:
         if header is None:
             header = [name.strip() for name in row]
         elif len(row) != len(header):
-            raise InputError(f"found {len(row)} fields, expected {len(header)} as in the header",
-                             file=path, where=f"line {reader.line_num}")  # fmt: skip
+            raise InputError(
+                f"found {len(row)} fields, expected {len(header)} as in the header",
+                file=path,
+                where=f"line {reader.line_num}",
+            )
         else:
             rows.append(row)
             lines.append(reader.line_num)
@@ -335,8 +352,9 @@ def _check_header(path: Path, header: list[str], expected: list[str]) -> None:
     twice = sorted({name for name in header if header.count(name) > 1})
     for what, names in (("is missing", missing), ("is unknown", unknown), ("stands twice", twice)):
         if names:
-            raise InputError(f"column {', '.join(names)} {what}; expected {', '.join(expected)}",
-                             file=path, where="header")  # fmt: skip
+            raise InputError(
+                f"column {', '.join(names)} {what}; expected {', '.join(expected)}", file=path, where="header"
+            )
 
 
 def _move_codes(rows: _Rows) -> list[int]:
@@ -345,8 +363,11 @@ def _move_codes(rows: _Rows) -> list[int]:
         return [_MOVE_WORDS[w] for w in words]
     except KeyError as error:
         row = words.index(str(error.args[0]))
-        raise InputError(f"found {words[row]!r}, expected one of {', '.join(_MOVE_WORDS)}",
-                         file=rows.file, where=f"line {rows.lines[row]}, column move") from None  # fmt: skip
+        raise InputError(
+            f"found {words[row]!r}, expected one of {', '.join(_MOVE_WORDS)}",
+            file=rows.file,
+            where=f"line {rows.lines[row]}, column move",
+        ) from None
 
 
 def _float_or_nan(text: str) -> float:

@@ -89,8 +89,18 @@ def read_toolpath(
         InputError: the file or an option is wrong; names file and line, what was found and what would work.
     """
     path = Path(path)
-    options = ReadOptions(unit, strict, arc_tolerance, machine, default_feed, work_offsets(offsets), tuple(cycle_order),
-                          tool_axis, decimals, max_extent)  # fmt: skip
+    options = ReadOptions(
+        unit,
+        strict,
+        arc_tolerance,
+        machine,
+        default_feed,
+        work_offsets(offsets),
+        tuple(cycle_order),
+        tool_axis,
+        decimals,
+        max_extent,
+    )
     data = read_bytes(path)
     if data[:4] == b"PAR1":
         return read_parquet(path, data, options)

@@ -226,9 +226,14 @@ def _problem(model: type[BaseModel], e: ErrorDetails) -> tuple[Loc, str]:
     if kind in ("value_error", "assertion_error"):
         return loc, str(e["msg"]).removeprefix("Value error, ")
     plain = {
-        "float_type": "a number", "int_type": "a whole number", "string_type": "text", "list_type": "a list",
-        "bool_type": "true or false", "dict_type": "a mapping", "int_from_float": "a whole number",
-    }  # fmt: skip
+        "float_type": "a number",
+        "int_type": "a whole number",
+        "string_type": "text",
+        "list_type": "a list",
+        "bool_type": "true or false",
+        "dict_type": "a mapping",
+        "int_from_float": "a whole number",
+    }
     if kind == "model_type":
         wanted = f"a mapping with {_keys(_inner_model(info) or owner)}"
     elif kind in ("too_short", "too_long"):

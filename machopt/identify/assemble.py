@@ -132,11 +132,19 @@ def _joints(fit: Fit, sure: Uncertainty, settled: Settled) -> tuple[JointResult,
     high = np.where([s.identified for s in settled.standing[:6]], np.maximum(interval[:, 1], k), interval[:, 1])
     return tuple(
         JointResult(
-            j + 1, float(k[j]), (float(low[j]), float(high[j])), float(sure.sigma[j]),
-            float(sure.freedom[j]), s.identified, s.reason, s.torque, s.expected, s.inflation,
+            j + 1,
+            float(k[j]),
+            (float(low[j]), float(high[j])),
+            float(sure.sigma[j]),
+            float(sure.freedom[j]),
+            s.identified,
+            s.reason,
+            s.torque,
+            s.expected,
+            s.inflation,
         )
         for j, s in enumerate(settled.standing[:6])
-    )  # fmt: skip
+    )
 
 
 def _terms(fit: Fit, sure: Uncertainty, settled: Settled, x: Array) -> tuple[TermResult, ...]:
@@ -145,8 +153,17 @@ def _terms(fit: Fit, sure: Uncertainty, settled: Settled, x: Array) -> tuple[Ter
         if u.term is not None:
             term = fit.terms[u.term]
             low, high = sure.interval[p]
-            out.append(TermResult(
-                term.effect, term.location, term.coefficients[u.coefficient].name, u.unit, float(x[p]),
-                (float(low), float(high)), float(sure.sigma[p]), s.identified, s.reason,
-            ))  # fmt: skip
+            out.append(
+                TermResult(
+                    term.effect,
+                    term.location,
+                    term.coefficients[u.coefficient].name,
+                    u.unit,
+                    float(x[p]),
+                    (float(low), float(high)),
+                    float(sure.sigma[p]),
+                    s.identified,
+                    s.reason,
+                )
+            )
     return tuple(out)

@@ -34,9 +34,18 @@ SCREW = 0.2  # |f·m| / (|f| |m|) that no force through a point makes; rounding 
 COARSE_STEP = 5e-6  # m; displacements read to a finer step do not repeat by chance in all their axes
 
 CODES = (  # of errors that can be accepted
-    "displacement_frame", "wrench_frame", "frames", "load_sign", "moment_at_base", "moment_at_flange", "force_units",
-    "joint_units", "units", "moment_units", "rotation_units",
-)  # fmt: skip
+    "displacement_frame",
+    "wrench_frame",
+    "frames",
+    "load_sign",
+    "moment_at_base",
+    "moment_at_flange",
+    "force_units",
+    "joint_units",
+    "units",
+    "moment_units",
+    "rotation_units",
+)
 
 
 def check_experiment(
@@ -69,9 +78,14 @@ def check_experiment(
         if not any(f.severity == "error" for f in found):  # and in a wrong frame, sizes mean nothing
             found += unit_findings(e, ways[0], reach, prior)
     found += [
-        *lever, *_too_little(e, unknowns), *_screws(e), *_repeated(e), *_far(e, reach), *_unloaded(e),
+        *lever,
+        *_too_little(e, unknowns),
+        *_screws(e),
+        *_repeated(e),
+        *_far(e, reach),
+        *_unloaded(e),
         *_outside_limits(e, robot),
-    ]  # fmt: skip
+    ]
     return sorted(found, key=lambda f: f.severity != "error")
 
 
@@ -143,20 +157,26 @@ def _screws(e: Experiment) -> list[Finding]:
     rows = np.flatnonzero(share > SCREW)
     if not len(rows):
         return []
-    return [Finding(
-        "moment_along_force", "warning",
-        f"{places(e, rows)}: the moment has a part along the force, which no single force makes, unlike in all other "
-        "readings; check sign and axes of the moments there", tuple(rows.tolist()),
-    )]  # fmt: skip
+    return [
+        Finding(
+            "moment_along_force",
+            "warning",
+            f"{places(e, rows)}: the moment has a part along the force, which no single force makes, unlike in all "
+            "other readings; check sign and axes of the moments there",
+            tuple(rows.tolist()),
+        )
+    ]
 
 
 def _repeated(e: Experiment) -> list[Finding]:
     """Readings that are copies of others."""
     steps = e.measured[:, :3] / COARSE_STEP
     fine = bool(np.abs(steps - np.round(steps)).max() > 0.02)
-    keys = [e.wrench, e.measured] if fine else [
-        e.wrench, e.measured, e.state.q, np.stack([e.pose, e.cycle, e.session], axis=1),
-    ]  # fmt: skip
+    keys = (
+        [e.wrench, e.measured]
+        if fine
+        else [e.wrench, e.measured, e.state.q, np.stack([e.pose, e.cycle, e.session], axis=1)]
+    )
     table = np.concatenate([np.asarray(k, float) for k in keys], axis=1)
     moved = e.measured.any(axis=1)
     _, first, back = np.unique(table, axis=0, return_index=True, return_inverse=True)
@@ -164,22 +184,30 @@ def _repeated(e: Experiment) -> list[Finding]:
     if not len(rows):
         return []
     original = e.place(int(first[back.reshape(-1)[rows[0]]]))
-    return [Finding(
-        "repeated_rows", "warning",
-        f"{places(e, rows)}: the same loads and displacements to the last digit as before ({original} at first); "
-        "copies make the result look surer than it is, remove them", tuple(rows.tolist()),
-    )]  # fmt: skip
+    return [
+        Finding(
+            "repeated_rows",
+            "warning",
+            f"{places(e, rows)}: the same loads and displacements to the last digit as before ({original} at first); "
+            "copies make the result look surer than it is, remove them",
+            tuple(rows.tolist()),
+        )
+    ]
 
 
 def _far(e: Experiment, reach: float) -> list[Finding]:
     rows = np.flatnonzero(np.linalg.norm(e.measured[:, :3], axis=1) > MOST_MOVED * reach)
     if not len(rows):
         return []
-    return [Finding(
-        "impossible_displacement", "warning",
-        f"{places(e, rows)}: displaced by more than {1e3 * MOST_MOVED * reach:.0f} mm, more than an arm of this reach "
-        "gives way; check these rows, or the unit of the displacement", tuple(rows.tolist()),
-    )]  # fmt: skip
+    return [
+        Finding(
+            "impossible_displacement",
+            "warning",
+            f"{places(e, rows)}: displaced by more than {1e3 * MOST_MOVED * reach:.0f} mm, more than an arm of this "
+            "reach gives way; check these rows, or the unit of the displacement",
+            tuple(rows.tolist()),
+        )
+    ]
 
 
 def _unloaded(e: Experiment) -> list[Finding]:
@@ -191,11 +219,15 @@ def _unloaded(e: Experiment) -> list[Finding]:
     rows = np.flatnonzero(~loaded & (size > 0.3 * float(np.median(size[loaded]))))
     if not len(rows):
         return []
-    return [Finding(
-        "moved_without_load", "warning",
-        f"{places(e, rows)}: displaced although no load is recorded; displacements count from the unloaded state of "
-        "the same cycle", tuple(rows.tolist()),
-    )]  # fmt: skip
+    return [
+        Finding(
+            "moved_without_load",
+            "warning",
+            f"{places(e, rows)}: displaced although no load is recorded; displacements count from the unloaded state "
+            "of the same cycle",
+            tuple(rows.tolist()),
+        )
+    ]
 
 
 def _outside_limits(e: Experiment, robot: Robot) -> list[Finding]:
@@ -208,27 +240,36 @@ def _outside_limits(e: Experiment, robot: Robot) -> list[Finding]:
     joint = int(np.argmax(outside.sum(axis=0)))
     low, high = np.degrees(robot.lower[joint]), np.degrees(robot.upper[joint])
     worst = np.degrees(q[rows[np.argmax(outside[rows, joint])], joint])
-    return [Finding(
-        "outside_limits", "warning",
-        f"{places(e, rows)}: joint {joint + 1} stands outside its limits ({worst:.1f}° where the robot of the cell "
-        f"goes from {low:.0f}° to {high:.0f}°); check zero, sign and order of the q columns, or the robot",
-        tuple(rows.tolist()),
-    )]  # fmt: skip
+    return [
+        Finding(
+            "outside_limits",
+            "warning",
+            f"{places(e, rows)}: joint {joint + 1} stands outside its limits ({worst:.1f}° where the robot of the cell "
+            f"goes from {low:.0f}° to {high:.0f}°); check zero, sign and order of the q columns, or the robot",
+            tuple(rows.tolist()),
+        )
+    ]
 
 
 def _too_little(e: Experiment, unknowns: int) -> list[Finding]:
     poses, equations = len(np.unique(e.pose)), e.measured.size
     out = []
     if poses < 4:
-        out.append(Finding(
-            "few_poses", "warning",
-            f"only {poses} pose{'s' if poses > 1 else ''}: joints are told apart by posture, and errors shared by a "
-            "pose cannot be seen; ten poses or more would work (machopt plan-poses chooses them)",
-        ))  # fmt: skip
+        out.append(
+            Finding(
+                "few_poses",
+                "warning",
+                f"only {poses} pose{'s' if poses > 1 else ''}: joints are told apart by posture, and errors shared by "
+                "a pose cannot be seen; ten poses or more would work (machopt plan-poses chooses them)",
+            )
+        )
     if equations < 3 * unknowns:
-        out.append(Finding(
-            "few_readings", "warning",
-            f"{len(e)} readings of {e.dimensions} coordinates are {equations} equations for {unknowns} unknowns; three "
-            "times as many as unknowns, better more, would tell how sure the result is",
-        ))  # fmt: skip
+        out.append(
+            Finding(
+                "few_readings",
+                "warning",
+                f"{len(e)} readings of {e.dimensions} coordinates are {equations} equations for {unknowns} unknowns; "
+                "three times as many as unknowns, better more, would tell how sure the result is",
+            )
+        )
     return out

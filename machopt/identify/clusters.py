@@ -89,9 +89,14 @@ def clusters(experiment: Experiment) -> Clusters:
     order = np.argsort(pose, kind="stable")
     starts = np.searchsorted(pose[order], np.arange(pose.max() + 2))
     return Clusters(
-        cycle.astype(np.int64), visit_of_cycle.astype(np.int64), pose_of_visit.astype(np.int64), order,
-        starts.astype(np.int64), has_cycle, has_visit,
-    )  # fmt: skip
+        cycle.astype(np.int64),
+        visit_of_cycle.astype(np.int64),
+        pose_of_visit.astype(np.int64),
+        order,
+        starts.astype(np.int64),
+        has_cycle,
+        has_visit,
+    )
 
 
 @dataclass(frozen=True)

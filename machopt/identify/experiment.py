@@ -64,14 +64,24 @@ class Experiment:
         """The readings of ``rows`` alone."""
         s = self.state
         state = ArmState(
-            s.q[rows], s.T_base_tool[rows], s.J[rows],
-            None if s.R_bodies is None else s.R_bodies[rows], None if s.p_bodies is None else s.p_bodies[rows],
-        )  # fmt: skip
+            s.q[rows],
+            s.T_base_tool[rows],
+            s.J[rows],
+            None if s.R_bodies is None else s.R_bodies[rows],
+            None if s.p_bodies is None else s.p_bodies[rows],
+        )
         return replace(
-            self, state=state, T_base_tcp=self.T_base_tcp[rows], wrench=self.wrench[rows],
-            measured=self.measured[rows], pose=self.pose[rows], cycle=self.cycle[rows], session=self.session[rows],
-            line=self.line[rows], file=None if self.file is None else self.file[rows],
-        )  # fmt: skip
+            self,
+            state=state,
+            T_base_tcp=self.T_base_tcp[rows],
+            wrench=self.wrench[rows],
+            measured=self.measured[rows],
+            pose=self.pose[rows],
+            cycle=self.cycle[rows],
+            session=self.session[rows],
+            line=self.line[rows],
+            file=None if self.file is None else self.file[rows],
+        )
 
     def response(self, terms: Sequence[LinearTerm] = ()) -> Array:
         """(N, D, 6 + P) displacement per unit of each joint compliance, then of each term's coefficients."""
@@ -116,11 +126,21 @@ def experiment(recording: Recording, robot: Robot, T_flange_tcp: Array) -> Exper
         np.stack([recording.session, recording.pose, recording.cycle], axis=1), axis=0, return_inverse=True
     )
     return Experiment(
-        recording.source, state, state.T_base_tool, wrench, measured, recording.pose,
-        cycle.reshape(-1).astype(np.int64), recording.session, recording.line,
-        recording.uncertainty, recording.files, recording.file,
-        (recording.wrench_frame, recording.displacement_frame), point,
-    )  # fmt: skip
+        recording.source,
+        state,
+        state.T_base_tool,
+        wrench,
+        measured,
+        recording.pose,
+        cycle.reshape(-1).astype(np.int64),
+        recording.session,
+        recording.line,
+        recording.uncertainty,
+        recording.files,
+        recording.file,
+        (recording.wrench_frame, recording.displacement_frame),
+        point,
+    )
 
 
 def _turned(R: Array, v: Array) -> Array:

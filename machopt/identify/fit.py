@@ -192,9 +192,7 @@ def fit(
     H, h = equations.total()
     free = minimise(H, h, np.full(len(what), -np.inf)) * column
     x = minimise(H, h, lower / column) * column if bounded else free
-    return Fit(
-        experiment, tuple(terms), what, A, y, x, free, column, lower, groups, weighting, equations, weighted
-    )  # fmt: skip
+    return Fit(experiment, tuple(terms), what, A, y, x, free, column, lower, groups, weighting, equations, weighted)
 
 
 def _columns(A: Array, y: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -266,12 +264,14 @@ class _Problem:
             parts = self.sums(weighting)
             found = tuple(
                 components(
-                    self.clusters, s, float(np.median(V[c][:, [0, 1, 2], [0, 1, 2]])),
+                    self.clusters,
+                    s,
+                    float(np.median(V[c][:, [0, 1, 2], [0, 1, 2]])),
                     stated=self.stated[c],
                     before=found[c] if found else None,
                 )
                 for c, s in enumerate(parts)
-            )  # fmt: skip
+            )
             weighting = Weighting(V, found, doubt)
             H, h = self._normal(parts, found).total()
             new = minimise(H, h, self.lower / self.column)

@@ -200,12 +200,22 @@ def _varying(fit: Fit, hold: Array | None) -> tuple[Bools, Array]:
 
 
 def _result(
-    work: GridEquations, region: Region, evidence: Evidence, weighting: Weighting, prior: Prior, posterior: Posterior,
+    work: GridEquations,
+    region: Region,
+    evidence: Evidence,
+    weighting: Weighting,
+    prior: Prior,
+    posterior: Posterior,
     rounds: int,
-) -> GridFit:  # fmt: skip
+) -> GridFit:
     fit, vary, used, F, C, G = (
-        work.constant, work.vary, work.places.cells, int(work.vary.sum()), len(work.places.cells), len(region)
-    )  # fmt: skip
+        work.constant,
+        work.vary,
+        work.places.cells,
+        int(work.vary.sum()),
+        len(work.places.cells),
+        len(region),
+    )
     weight, left, mean, unsure = kriging(region, used, prior.range if work.smooth else 0.0)
     z, cov = posterior.beta[: C * F].reshape(C, F), posterior.covariance[: C * F, : C * F].reshape(C, F, C, F)
     every = weight @ z  # (G, F)
@@ -240,12 +250,22 @@ def _result(
         constant = 1.0 / fit.compliance
     return GridFit(
         StiffnessGrid(region.origin, region.cell, region.shape, 1.0 / c, sigma / c),
-        c[:, :, None] * c[:, None, :] * log_cov, 1.0 / centre, np.outer(centre, centre) * around, constant,
-        spread, prior.within * spread,
+        c[:, :, None] * c[:, None, :] * log_cov,
+        1.0 / centre,
+        np.outer(centre, centre) * around,
+        constant,
+        spread,
+        prior.within * spread,
         prior.range * region.cell if work.smooth else 0.0,
-        tuple(int(j) + 1 for j in np.flatnonzero(~vary)), readings, learned, terms,
-        _held_out(work, evidence, weighting, prior, posterior), weighting, work.rows, rounds,
-    )  # fmt: skip
+        tuple(int(j) + 1 for j in np.flatnonzero(~vary)),
+        readings,
+        learned,
+        terms,
+        _held_out(work, evidence, weighting, prior, posterior),
+        weighting,
+        work.rows,
+        rounds,
+    )
 
 
 def _held_out(
@@ -277,7 +297,7 @@ def _held_out(
     constant = fit.y[rows] - np.einsum("ndp,np->nd", fit.A[rows], x[pose[rows]])
     return HeldOut(
         work.residual(without), constant, fit.experiment.pose[rows], np.asarray((weighting.robust >= OUT).all(axis=1))
-    )  # fmt: skip
+    )
 
 
 def _joints(which: Bools) -> str:

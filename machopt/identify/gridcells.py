@@ -61,12 +61,7 @@ class Region:
 
 
 def region_of(
-    position: Array,
-    cell: float,
-    origin: Array | None,
-    shape: tuple[int, int, int] | None,
-    on_face: float,
-    source: str,
+    position: Array, cell: float, origin: Array | None, shape: tuple[int, int, int] | None, on_face: float, source: str
 ) -> Region:
     """The grid asked for; where origin or shape are not given, whole cells about the positions (M, 3).
 

@@ -36,7 +36,7 @@ class GridEquations:
     @classmethod
     def of(
         cls, constant: Fit, rows: Bools, places: Touched, vary: Bools, reference: Array, smooth: bool
-    ) -> GridEquations:  # fmt: skip
+    ) -> GridEquations:
         """Rewrite the equations of ``constant`` for the readings ``rows`` (N,)."""
         A = constant.A[rows]
         joints = A[..., :6] * reference
@@ -84,11 +84,17 @@ class GridEquations:
             )
         stated = self.constant.experiment.uncertainty
         return Evidence(
-            self.groups, parts, [_variance(v) for v in V],
+            self.groups,
+            parts,
+            [_variance(v) for v in V],
             [s is not None for s in (stated.displacement, stated.rotation)][: len(V)],
-            self.places.site, self.places.place, len(self.places.cells), int(self.vary.sum()),
-            self.places.distance, self.smooth,
-        )  # fmt: skip
+            self.places.site,
+            self.places.place,
+            len(self.places.cells),
+            int(self.vary.sum()),
+            self.places.distance,
+            self.smooth,
+        )
 
     def first_unknowns(self) -> Array:
         """(n,) log relative compliances of the cells, cell by cell, then the scaled terms: the constant model."""

@@ -202,10 +202,14 @@ def _combinations(
             value = float(fit.x[i] + ratio * fit.x[j])
             sigma = float(np.sqrt(max(variance, 0.0)) * fit.column[i])
             if sigma < MOST_ERROR * abs(value):
-                out.append(Combination(
-                    f"joint {i + 1} and joint {j + 1} together: c{i + 1} + {ratio:.3g} c{j + 1} = "
-                    f"{value:.3g} ± {sigma:.1g} rad/(N·m)", value, sigma,
-                ))  # fmt: skip
+                out.append(
+                    Combination(
+                        f"joint {i + 1} and joint {j + 1} together: c{i + 1} + {ratio:.3g} c{j + 1} = "
+                        f"{value:.3g} ± {sigma:.1g} rad/(N·m)",
+                        value,
+                        sigma,
+                    )
+                )
     return tuple(out)
 
 

@@ -73,10 +73,23 @@ def identify(
     grid, why = _grid(solved, options)
     return assemble(
         Parts(
-            experiment, solved.fit, solved.uncertainty, solved.settled, model.known, model.geometric, left_out, grid,
-            why, tuple(findings), tuple(said), subsets, errors_study, solved.equilibrium_influence, solved.notes,
+            experiment,
+            solved.fit,
+            solved.uncertainty,
+            solved.settled,
+            model.known,
+            model.geometric,
+            left_out,
+            grid,
+            why,
+            tuple(findings),
+            tuple(said),
+            subsets,
+            errors_study,
+            solved.equilibrium_influence,
+            solved.notes,
         )
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True)
@@ -108,14 +121,25 @@ def _model(robot: Robot, T_flange_tcp: Array, prior: Stiffness | None, options: 
 
 
 def _solve(
-    experiment: Experiment, robot: Robot, T_flange_tcp: Array, model: _Model, nominal: Array | None,
-    options: IdentifyOptions, masses: Masses | None,
-) -> _Solved:  # fmt: skip
+    experiment: Experiment,
+    robot: Robot,
+    T_flange_tcp: Array,
+    model: _Model,
+    nominal: Array | None,
+    options: IdentifyOptions,
+    masses: Masses | None,
+) -> _Solved:
     def fitted(e: Experiment, before: Fit | None = None) -> _Solved:
         found = fit(
-            e, model.fitted, model.known, robust=options.robust, weighted=options.weighted, bounded=options.bounded,
-            groups=None if before is None else before.clusters, weighting=None if before is None else before.weighting,
-        )  # fmt: skip
+            e,
+            model.fitted,
+            model.known,
+            robust=options.robust,
+            weighted=options.weighted,
+            bounded=options.bounded,
+            groups=None if before is None else before.clusters,
+            weighting=None if before is None else before.weighting,
+        )
         sure = uncertainty(found, options.level)
         return _Solved(found, sure, settle(found, sure, nominal), None)
 
@@ -142,8 +166,12 @@ def _with_load(plain: _Solved, equilibrium: Equilibrium, fitted: Callable[[Exper
     except InputError:  # no spring holds such a load: the record is wrong otherwise, and other checks say how
         return plain
     again = fitted(about)
-    known = np.array([a.identified and b.identified for a, b in zip(
-        plain.settled.standing[:6], again.settled.standing[:6], strict=True)])  # fmt: skip
+    known = np.array(
+        [
+            a.identified and b.identified
+            for a, b in zip(plain.settled.standing[:6], again.settled.standing[:6], strict=True)
+        ]
+    )
     sigma = np.where(known, again.uncertainty.sigma[:6], np.inf)
     moved = np.abs(again.settled.x[:6] - plain.settled.x[:6])
     if not (moved > LOAD_MATTERS * sigma).any():

@@ -61,35 +61,49 @@ def readings(experiment: Experiment, robot: Robot, T_flange_tcp: Array) -> list[
         ("displacement_frame", f"{said_d} axes; displacement_frame: {frame_d} would work", e.wrench, turned_d),
         ("wrench_frame", f"{said_w}; wrench_frame: {frame_w} would work", turned_w, e.measured),
         (
-            "frames", f"wrench and displacement are stated (or taken) in {stated_wrench} and {stated_displacement} "
-            f"axes, but fit in {frame_w} and {frame_d} axes; other frames in recording.yaml would work", turned_w,
+            "frames",
+            f"wrench and displacement are stated (or taken) in {stated_wrench} and {stated_displacement} "
+            f"axes, but fit in {frame_w} and {frame_d} axes; other frames in recording.yaml would work",
+            turned_w,
             turned_d,
         ),
         (
-            "load_sign", "the arm moves against its load: the columns hold the load on the tool or the sensor, not the "
-            "one on the robot; all forces and moments with the opposite sign would work", -e.wrench, e.measured,
+            "load_sign",
+            "the arm moves against its load: the columns hold the load on the tool or the sensor, not the "
+            "one on the robot; all forces and moments with the opposite sign would work",
+            -e.wrench,
+            e.measured,
         ),
-    ]  # fmt: skip
+    ]
     if moment.any():
         about_base = np.concatenate([force, moment - np.cross(p, force)], axis=1)
         about_flange = np.concatenate([force, moment + np.cross(flange - p, force)], axis=1)
         cases += [
             (
-                "moment_at_base", "the moments are about the origin of base_link, not about the TCP; moments about the "
-                "TCP, m − p × f, would work", about_base, e.measured,
+                "moment_at_base",
+                "the moments are about the origin of base_link, not about the TCP; moments about the "
+                "TCP, m − p × f, would work",
+                about_base,
+                e.measured,
             ),
             (
-                "moment_at_flange", "the moments are about the flange, not about the TCP; wrench_point_mm: [0, 0, 0] "
-                "would work", about_flange, e.measured,
+                "moment_at_flange",
+                "the moments are about the flange, not about the TCP; wrench_point_mm: [0, 0, 0] would work",
+                about_flange,
+                e.measured,
             ),
-        ]  # fmt: skip
+        ]
         for unit, newtons in FORCE_UNITS.items():  # forces and moments that do not belong together
             as_newtons = np.concatenate([force * newtons, moment + (newtons - 1.0) * np.cross(e.lever, force)], axis=1)
             what = f"the columns fx_N … seem to hold {unit}" + (" (or mx_Nm … N·mm)" if newtons == 1e3 else "")
-            cases.append((
-                "force_units", f"forces and moments fit each other only where {what}; newtons and N·m would work",
-                as_newtons, e.measured,
-            ))  # fmt: skip
+            cases.append(
+                (
+                    "force_units",
+                    f"forces and moments fit each other only where {what}; newtons and N·m would work",
+                    as_newtons,
+                    e.measured,
+                )
+            )
     out = [_judge(e, *case) for case in cases]
     turns = _as_radians(e, robot, T_flange_tcp)
     return out if turns is None else [*out, turns]
@@ -108,9 +122,11 @@ def _as_radians(e: Experiment, robot: Robot, T_flange_tcp: Array) -> Reading | N
         turned = np.einsum("nij,nbj->nbi", turn, v.reshape(len(v), -1, 3)).reshape(v.shape)
         parts.append(turned if frame == "tool" else v)
     return _judge(
-        replace(e, state=state, T_base_tcp=there), "joint_units",
-        "the columns q1_deg … q6_deg seem to hold radians; degrees would work", *parts,
-    )  # fmt: skip
+        replace(e, state=state, T_base_tcp=there),
+        "joint_units",
+        "the columns q1_deg … q6_deg seem to hold radians; degrees would work",
+        *parts,
+    )
 
 
 def _judge(e: Experiment, name: str, message: str, wrench: Array, measured: Array) -> Reading:

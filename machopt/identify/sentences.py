@@ -28,9 +28,8 @@ def warnings(
             "are needed"
         )
     out += [
-        f"joint {j + 1} is not identified: {s.reason}"
-        for j, s in enumerate(settled.standing[:6]) if not s.identified
-    ]  # fmt: skip
+        f"joint {j + 1} is not identified: {s.reason}" for j, s in enumerate(settled.standing[:6]) if not s.identified
+    ]
     for t, term in enumerate(fit.terms):
         own_ones = [s for u, s in zip(fit.unknowns, settled.standing, strict=True) if u.term == t]
         if not any(s.identified for s in own_ones):
@@ -63,9 +62,12 @@ def warnings(
         )
     stated = fit.experiment.uncertainty
     for value, scatter, unit, factor in zip(
-        (stated.displacement, stated.rotation), fit.weighting.scatter(fit.clusters), ("mm", "mrad"), (1e3, 1e3),
+        (stated.displacement, stated.rotation),
+        fit.weighting.scatter(fit.clusters),
+        ("mm", "mrad"),
+        (1e3, 1e3),
         strict=False,
-    ):  # fmt: skip
+    ):
         if value is not None and fit.weighted and scatter.reading > STATED_OFF * value:
             out.append(
                 f"readings scatter by {factor * scatter.reading:.3g} {unit} about the model, {factor * value:.3g} "
@@ -84,13 +86,18 @@ def notes(fit: Fit, sure: Uncertainty, settled: Settled) -> tuple[str, ...]:
     out = []
     if fit.weighted:
         for name, scatter, factor, unit, own in zip(
-            ("displacement", "rotation"), fit.weighting.scatter(fit.clusters), (1e6, 1e6), ("µm", "µrad"),
-            (stated.displacement, stated.rotation), strict=False,
-        ):  # fmt: skip
+            ("displacement", "rotation"),
+            fit.weighting.scatter(fit.clusters),
+            (1e6, 1e6),
+            ("µm", "µrad"),
+            (stated.displacement, stated.rotation),
+            strict=False,
+        ):
             shared = [
                 f"{factor * v:.3g} {unit} shared by a {level}"
-                for v, level in ((scatter.cycle, "load cycle"), (scatter.visit, "visit to a pose")) if v is not None
-            ]  # fmt: skip
+                for v, level in ((scatter.cycle, "load cycle"), (scatter.visit, "visit to a pose"))
+                if v is not None
+            ]
             said = (
                 "stated and checked against the residuals"
                 if own is not None

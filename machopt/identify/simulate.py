@@ -61,9 +61,12 @@ class SmoothField:
         """A random field; ``scale`` is the length of change, in m over positions and in rad over joints."""
         size = 3 if over == "position" else 6
         return cls(
-            np.asarray(constant, float), rng.standard_normal((6, waves, size)) / scale,
-            rng.uniform(0, 2 * np.pi, (6, waves)), np.broadcast_to(np.asarray(amplitude, float), (6,)), over,
-        )  # fmt: skip
+            np.asarray(constant, float),
+            rng.standard_normal((6, waves, size)) / scale,
+            rng.uniform(0, 2 * np.pi, (6, waves)),
+            np.broadcast_to(np.asarray(amplitude, float), (6,)),
+            over,
+        )
 
     def __call__(self, q: Array, position: Array) -> Array:
         x = position if self.over == "position" else q
@@ -210,14 +213,26 @@ def record(
     q = q_true + noise.joint * rng.standard_normal((P, 6))[pose]
     total = float(np.sqrt(noise.white**2 + noise.cycle**2 + noise.pose**2))
     recording = Recording(
-        kind="deflection", source=name, q=q, pose=pose.astype(np.int64), cycle=cycle.astype(np.int64),
-        session=np.zeros(N, np.int64), line=np.arange(2, N + 2), wrench=read, displacement=measured,
+        kind="deflection",
+        source=name,
+        q=q,
+        pose=pose.astype(np.int64),
+        cycle=cycle.astype(np.int64),
+        session=np.zeros(N, np.int64),
+        line=np.arange(2, N + 2),
+        wrench=read,
+        displacement=measured,
         uncertainty=StandardUncertainty(
-            displacement=total or None, rotation=noise.rotation or None,
-            force=noise.force * float(np.abs(wrench[:, :3]).mean()) or None, joint=noise.joint or None,
-        ) if total else StandardUncertainty(),
-        notes="simulated", labelled=frozenset({"pose", "cycle"}),
-    )  # fmt: skip
+            displacement=total or None,
+            rotation=noise.rotation or None,
+            force=noise.force * float(np.abs(wrench[:, :3]).mean()) or None,
+            joint=noise.joint or None,
+        )
+        if total
+        else StandardUncertainty(),
+        notes="simulated",
+        labelled=frozenset({"pose", "cycle"}),
+    )
     return Simulated(recording, q_true, wrench, true, arm.compliance_at(poses)[pose], outlier)
 
 

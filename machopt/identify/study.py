@@ -96,9 +96,15 @@ def subset_study(fit: Fit, settled: Settled, rng: np.random.Generator, *, of: st
 
 
 def monte_carlo(
-    fit: Fit, settled: Settled, robot: Robot, T_flange_tcp: Array, rng: np.random.Generator, *, draws: int = DRAWS,
+    fit: Fit,
+    settled: Settled,
+    robot: Robot,
+    T_flange_tcp: Array,
+    rng: np.random.Generator,
+    *,
+    draws: int = DRAWS,
     uncertainty: StandardUncertainty | None = None,
-) -> MonteCarlo:  # fmt: skip
+) -> MonteCarlo:
     """Perturb displacements, loads and joint positions by their uncertainty and fit again.
 
     Args:
@@ -123,8 +129,10 @@ def monte_carlo(
     used = StandardUncertainty(
         scatter[0].together if stated.displacement is None else stated.displacement,
         (scatter[1].together if stated.rotation is None else stated.rotation) if e.dimensions == 6 else None,
-        stated.force, stated.moment, stated.joint,
-    )  # fmt: skip
+        stated.force,
+        stated.moment,
+        stated.joint,
+    )
     own = np.repeat([used.displacement or 0.0, used.rotation or 0.0], 3)[: e.dimensions]
     load = np.repeat([used.force or 0.0, used.moment or 0.0], 3)
     count = int(np.clip(READINGS_AT_MOST // len(e), FEWEST_DRAWS, draws))
@@ -133,9 +141,16 @@ def monte_carlo(
         q = e.state.q + (used.joint or 0.0) * rng.standard_normal(e.state.q.shape)
         state = robot.state(q, T_flange_tcp, bodies=bool(fit.terms)) if used.joint else e.state
         drawn = Experiment(
-            e.source, state, state.T_base_tool, e.wrench + load * rng.standard_normal(e.wrench.shape), e.measured,
-            e.pose, e.cycle, e.session, e.line,
-        )  # fmt: skip
+            e.source,
+            state,
+            state.T_base_tool,
+            e.wrench + load * rng.standard_normal(e.wrench.shape),
+            e.measured,
+            e.pose,
+            e.cycle,
+            e.session,
+            e.line,
+        )
         A = drawn.response(fit.terms) * fit.column
         y = fit.y + own * rng.standard_normal(fit.y.shape)
         out[r] = _solved(fit, A, y)[:6]

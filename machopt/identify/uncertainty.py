@@ -78,10 +78,15 @@ def uncertainty(fit: Fit, level: float = 0.9) -> Uncertainty:
     interval = _intervals(fit, H, sigma, model, freedom, level)
     unit = fit.column
     return Uncertainty(
-        level, sigma * unit, freedom, interval * unit[:, None], covariance * np.outer(unit, unit), unseen,
+        level,
+        sigma * unit,
+        freedom,
+        interval * unit[:, None],
+        covariance * np.outer(unit, unit),
+        unseen,
         float(np.sqrt(values[-1] / max(values[0], 0.0))) if values[0] > NULL * values[-1] else np.inf,
         _condition(fit.A),
-    )  # fmt: skip
+    )
 
 
 def cluster_robust(H: Array, h: Array, M: Array) -> tuple[Array, Array]:

@@ -25,10 +25,15 @@ LEAST_MOMENT = 1.0  # N·m
 READ_AS = {"rad": 1e-3, "degrees": float(np.degrees(1e-3)), "µrad": 1e3}  # number read per number meant, for mrad
 NEAR_UNIT = 3.0  # factor within which a rotation's size names its unit
 SUSPECTS = {  # displacement per load as read, per what it is
-    "displacements in metres": 1e-3, "displacements in inches": 1 / 25.4, "displacements in centimetres": 0.1,
-    "displacements in hundredths of a millimetre": 100.0, "displacements in micrometres": 1e3,
-    "loads in kilograms": 9.80665, "loads in pounds": 4.44822, "loads in kilonewtons": 1e3,
-}  # fmt: skip
+    "displacements in metres": 1e-3,
+    "displacements in inches": 1 / 25.4,
+    "displacements in centimetres": 0.1,
+    "displacements in hundredths of a millimetre": 100.0,
+    "displacements in micrometres": 1e3,
+    "loads in kilograms": 9.80665,
+    "loads in pounds": 4.44822,
+    "loads in kilonewtons": 1e3,
+}
 THOUSANDS = ("displacements in metres", "displacements in micrometres", "loads in kilonewtons")
 ALIKE, LEAST_ALIKE = 1.2, 3  # factor between joints, and from a unit's; joints that say so
 NEAR_SUSPECT = 2.2  # factor: stiffness is rarely known better beforehand
@@ -67,11 +72,14 @@ def unit_findings(e: Experiment, stated: Reading, reach: float, prior: Array | N
         message = f"displacement per load is {_times(seen)} {against}: {cause}"
         out.append(Finding("units", "error", message, column=column, factor=factor))
     elif doubtful:
-        out.append(Finding(
-            "far_from_nominal", "warning",
-            f"displacement per load is {_times(seen)} {against}{_suspects(seen)}; check the units of load and "
-            f"displacement{', or the stiffness in the cell' if prior is not None else ''}",
-        ))  # fmt: skip
+        out.append(
+            Finding(
+                "far_from_nominal",
+                "warning",
+                f"displacement per load is {_times(seen)} {against}{_suspects(seen)}; check the units of load and "
+                f"displacement{', or the stiffness in the cell' if prior is not None else ''}",
+            )
+        )
     turned = _ratio(e, generic, slice(3, 6)) if e.dimensions == 6 else np.nan
     if turned > 0 and _off(turned / s, DOUBTFUL_ROTATION) and not wrong:
         out.append(_rotation(turned / s, doubtful))
@@ -88,19 +96,27 @@ def lever_findings(e: Experiment, reach: float, prior: Array | None) -> list[Fin
     typical = float(np.median(lever[both]))
     if typical > 10.0 * reach:
         cause, column, factor = _forces_or_moments(e, reach, prior)
-        return [Finding(
-            "moment_units", "error",
-            f"moments are {typical:.3g} m times the forces, the arm reaches {reach:.2g} m: {cause}",
-            column=column, factor=factor,
-        )]  # fmt: skip
+        return [
+            Finding(
+                "moment_units",
+                "error",
+                f"moments are {typical:.3g} m times the forces, the arm reaches {reach:.2g} m: {cause}",
+                column=column,
+                factor=factor,
+            )
+        ]
     rows = np.flatnonzero(lever > max(3.0 * reach, 20.0 * typical))
     if not len(rows):
         return []
-    return [Finding(
-        "lever_arm", "warning",
-        f"{places(e, rows)}: the moment is more than {lever[rows].min():.2g} m times the force, beyond the arm's "
-        f"reach of {reach:.2g} m; check the moments there", tuple(rows.tolist()),
-    )]  # fmt: skip
+    return [
+        Finding(
+            "lever_arm",
+            "warning",
+            f"{places(e, rows)}: the moment is more than {lever[rows].min():.2g} m times the force, beyond the arm's "
+            f"reach of {reach:.2g} m; check the moments there",
+            tuple(rows.tolist()),
+        )
+    ]
 
 
 def reach_of(robot: Robot, T_flange_tcp: Array) -> float:
@@ -122,8 +138,10 @@ def _forces_or_moments(e: Experiment, reach: float, prior: Array | None) -> tupl
     as_kilonewtons[:, :3] *= 1e3
     as_newton_millimetres[:, 3:] *= 1e-3
     expected = _generic(reach) if prior is None else prior
-    off = [abs(np.log(_ratio(replace(e, wrench=w), expected, slice(0, 3)) or np.nan))
-           for w in (as_kilonewtons, as_newton_millimetres)]  # fmt: skip
+    off = [
+        abs(np.log(_ratio(replace(e, wrench=w), expected, slice(0, 3)) or np.nan))
+        for w in (as_kilonewtons, as_newton_millimetres)
+    ]
     if off[0] < off[1]:
         return "columns fx_N … seem to hold kilonewtons; newtons would work", "fx_N", 1e3
     return "columns mx_Nm … seem to hold N·mm; N·m would work", "mx_Nm", 1e-3
@@ -135,9 +153,12 @@ def _rotation(ratio: float, displacement_doubtful: bool) -> Finding:
     guess = min(READ_AS, key=lambda unit: abs(np.log(ratio / READ_AS[unit])))
     if _off(ratio / READ_AS[guess], NEAR_UNIT) or displacement_doubtful:
         return Finding(
-            "rotation_units", "error", start + "one of them is in another unit; mm and mrad would work",
-            column="rx_mrad", factor=1.0 / ratio,
-        )  # fmt: skip
+            "rotation_units",
+            "error",
+            start + "one of them is in another unit; mm and mrad would work",
+            column="rx_mrad",
+            factor=1.0 / ratio,
+        )
     message = f"{start}columns rx_mrad … seem to hold {guess}; mrad would work"
     return Finding("rotation_units", "error", message, column="rx_mrad", factor=1.0 / READ_AS[guess])
 
@@ -201,15 +222,19 @@ def _culprit(e: Experiment, ratio: float) -> tuple[str, str, float]:
     if ratio < 1:
         return (
             f"with a median displacement of {1e3 * moved:.2g} mm under {force:.3g} N the columns dx_mm … seem to hold "
-            "metres; millimetres would work", "dx_mm", 1e3,
-        )  # fmt: skip
+            "metres; millimetres would work",
+            "dx_mm",
+            1e3,
+        )
     if force < 10.0:  # N; nothing bends visibly under less
         words = f"with a median force of {force:.2g} N the columns fx_N … seem to hold kilonewtons; newtons would work"
         return words, "fx_N", 1e3
     return (
         f"with a median displacement of {1e3 * moved:.3g} mm under {force:.3g} N the columns dx_mm … seem to hold "
-        "micrometres (or fx_N … a thousandth of newtons); millimetres would work", "dx_mm", 1e-3,
-    )  # fmt: skip
+        "micrometres (or fx_N … a thousandth of newtons); millimetres would work",
+        "dx_mm",
+        1e-3,
+    )
 
 
 def _times(ratio: float) -> str:

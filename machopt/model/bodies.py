@@ -55,8 +55,9 @@ def cell_bodies(cell: Cell, robot: Robot) -> list[Body]:
         raise InputError(
             f"the workpiece stands on link {cell.workpiece.link!r}; "
             "positioners are not supported yet, 'world' would work",
-            file=cell.folder / "cell.yaml", where="workpiece.link",
-        )  # fmt: skip
+            file=cell.folder / "cell.yaml",
+            where="workpiece.link",
+        )
     T_base_world = inverse(cell.T_world_base)
     flange = robot.T_base_flange_zero
     out = [_body(s, "tool", 6, flange @ s.T_parent_shape) for s in cell.tool.geometry]
@@ -103,8 +104,10 @@ def may_hold(a: Body, b: Body, T: Array) -> Bools:
     R, t = T[:, :3, :3], T[:, :3, 3]
     there = R @ b.vertices[0] + t
     here = np.einsum("sji,sj->si", R, a.vertices[0] - t)
-    held = [(np.abs((x - body.box_centre) @ body.box_rotation) <= body.box_half).all(axis=1)
-            for body, x in ((a, there), (b, here))]  # fmt: skip
+    held = [
+        (np.abs((x - body.box_centre) @ body.box_rotation) <= body.box_half).all(axis=1)
+        for body, x in ((a, there), (b, here))
+    ]
     return np.asarray(held[0] | held[1])
 
 
@@ -135,13 +138,17 @@ def _closed(faces: NDArray[np.int64]) -> bool:
 
 def _body(shape: Shape, kind: Kind, link: int, T_base_shape: Array) -> Body:
     vertices, faces = _triangles(shape)
-    body = _bounded(Body(shape.name, kind, link, vertices, faces, np.eye(3), np.zeros(3), np.zeros(3),
-                         np.zeros((1, 3)), 0.0))  # fmt: skip
+    body = _bounded(
+        Body(shape.name, kind, link, vertices, faces, np.eye(3), np.zeros(3), np.zeros(3), np.zeros((1, 3)), 0.0)
+    )
     R, t = T_base_shape[:3, :3], T_base_shape[:3, 3]
     return replace(
-        body, vertices=vertices @ R.T + t, box_rotation=R @ body.box_rotation,
-        box_centre=R @ body.box_centre + t, sphere_centres=body.sphere_centres @ R.T + t,
-    )  # fmt: skip
+        body,
+        vertices=vertices @ R.T + t,
+        box_rotation=R @ body.box_rotation,
+        box_centre=R @ body.box_centre + t,
+        sphere_centres=body.sphere_centres @ R.T + t,
+    )
 
 
 def _triangles(shape: Shape) -> tuple[Array, NDArray[np.int64]]:
@@ -170,8 +177,9 @@ def _load(shape: Shape) -> tuple[Array, NDArray[np.int64]]:
     try:
         mesh = trimesh.load(path, force="mesh")
     except (ValueError, TypeError, KeyError, IndexError, NotImplementedError, ImportError) as error:
-        raise InputError(f"mesh of {shape.name!r} cannot be read ({error}); STL, OBJ or PLY would work",
-                         file=path) from error  # fmt: skip
+        raise InputError(
+            f"mesh of {shape.name!r} cannot be read ({error}); STL, OBJ or PLY would work", file=path
+        ) from error
     vertices, faces = np.array(mesh.vertices, float), np.array(mesh.faces, np.int64)
     if not len(faces) or not np.isfinite(vertices).all():
         raise InputError(f"mesh of {shape.name!r} holds no finite triangles", file=path)
@@ -192,7 +200,10 @@ def _bounded(body: Body) -> Body:
     count = int(np.clip(np.ceil(half[long] / max(across, 1e-9)), 1, SLABS))
     offset = (np.arange(count) + 0.5) / count * 2.0 - 1.0
     return replace(
-        body, box_rotation=R, box_centre=centre, box_half=half,
+        body,
+        box_rotation=R,
+        box_centre=centre,
+        box_half=half,
         sphere_centres=centre + np.outer(offset * half[long], R[:, long]),
         sphere_radius=float(np.hypot(half[long] / count, across)),
-    )  # fmt: skip
+    )

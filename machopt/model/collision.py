@@ -246,11 +246,15 @@ class CollisionModel:
         """Drop pairs that touch by construction; sampled, so it needs no list made by hand."""
         robot, bodies = self._robot, self._bodies
         asked = [
-            n for n, (i, j, _) in enumerate(wanted)
-            if bodies[j].kind != "cutter" and (bodies[i].kind == bodies[j].kind == "link"
-                                               or {bodies[i].kind, bodies[j].kind} == {"link", "tool"}
-                                               or self.stack.links[n] == (0, 1))
-        ]  # fmt: skip
+            n
+            for n, (i, j, _) in enumerate(wanted)
+            if bodies[j].kind != "cutter"
+            and (
+                bodies[i].kind == bodies[j].kind == "link"
+                or {bodies[i].kind, bodies[j].kind} == {"link", "tool"}
+                or self.stack.links[n] == (0, 1)
+            )
+        ]
         rng = np.random.default_rng(0)  # the same poses for every run of a robot
         q = robot.lower + (robot.upper - robot.lower) * rng.random((SAMPLES, 6))
         quick = self._touching(q[: SAMPLES // 10], asked)[:, asked].mean(axis=0)

@@ -215,18 +215,19 @@ class Elastic:
             return np.asarray(replace(self, gears=None).jiao_sensitivity(direction) * (self.gears / self.k) ** 2)
         C = self.compliance()
         P = np.concatenate(
-            [np.broadcast_to(np.eye(3), (*C.shape[:-2], 3, 3)),
-             -np.swapaxes(np.linalg.solve(C[..., 3:, 3:], C[..., 3:, :3]), -1, -2)], axis=-1
-        )  # fmt: skip
+            [
+                np.broadcast_to(np.eye(3), (*C.shape[:-2], 3, 3)),
+                -np.swapaxes(np.linalg.solve(C[..., 3:, 3:], C[..., 3:, :3]), -1, -2),
+            ],
+            axis=-1,
+        )
         S, turned = P @ C @ np.swapaxes(P, -1, -2), P @ self.state.J  # (M, 3, 3), (M, 3, 6)
         Se = np.einsum("...ij,...j->...i", S, direction)
         SSe = np.einsum("...ij,...j->...i", S, Se)
         size = np.linalg.norm(SSe, axis=-1)[..., None]
         SSSe = np.einsum("...ij,...j->...i", S, SSe)
         # (S² e)ᵀ (∂S S + S ∂S) e with ∂S = t tᵀ is (t·SSe)(t·Se) + (t·SSSe)(t·e)
-        on_e, on_Se, on_SSe, on_SSSe = (
-            np.einsum("...ci,...c->...i", turned, v) for v in (direction, Se, SSe, SSSe)
-        )  # fmt: skip
+        on_e, on_Se, on_SSe, on_SSSe = (np.einsum("...ci,...c->...i", turned, v) for v in (direction, Se, SSe, SSSe))
         return np.asarray(0.5 * size**-1.5 * (on_SSe * on_Se + on_SSSe * on_e))
 
     def twist_of(self, term: LinearTerm, wrench: Array, *, small: bool = False) -> Array:
@@ -255,9 +256,13 @@ class ArmElasticity:
     """
 
     def __init__(
-        self, robot: Robot, T_flange_tcp: Array, stiffness: Stiffness, limits: tuple[Array, Array] | None = None,
+        self,
+        robot: Robot,
+        T_flange_tcp: Array,
+        stiffness: Stiffness,
+        limits: tuple[Array, Array] | None = None,
         masses: Masses | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.robot, self.T_flange_tcp, self.stiffness = robot, T_flange_tcp, stiffness
         file = stiffness.file
         compiled, self.geometric = compile_terms(stiffness.terms, robot, T_flange_tcp, file)
@@ -275,9 +280,7 @@ class ArmElasticity:
         wrong = against_load(compiled, k, limits)
         if wrong:
             raise InputError(wrong, file=file, where="terms")
-        self.terms = tuple(
-            replace(t, gear=self._gears) if isinstance(t, GravityCompensator) else t for t in compiled
-        )  # fmt: skip
+        self.terms = tuple(replace(t, gear=self._gears) if isinstance(t, GravityCompensator) else t for t in compiled)
         self._known = tuple(
             t.folded() if isinstance(t, BodySpring) else t for t in self.terms if not isinstance(t, GravityCompensator)
         )

@@ -111,9 +111,15 @@ def judged(
 
 @compiled
 def _judge(
-    q: Array, margin: Array, least: Array, turns: Array, lower: Array, upper: Array, reason: NDArray[np.uint8],
+    q: Array,
+    margin: Array,
+    least: Array,
+    turns: Array,
+    lower: Array,
+    upper: Array,
+    reason: NDArray[np.uint8],
     fits: NDArray[np.bool_],
-) -> None:  # fmt: skip
+) -> None:
     for m in range(q.shape[0]):
         for b in range(q.shape[1]):
             exists = True

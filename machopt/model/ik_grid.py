@@ -43,8 +43,9 @@ def _coarse(n: int, stride: int) -> Index:
     return np.unique(np.append(np.arange(0, n, stride), n - 1)).astype(np.int64)
 
 
-def _fill_lines(robot: Robot, T: Array, q: Array, start: Index, steps: Index, stride: int,
-                solve: Callable[[Array], Array]) -> None:  # fmt: skip
+def _fill_lines(
+    robot: Robot, T: Array, q: Array, start: Index, steps: Index, stride: int, solve: Callable[[Array], Array]
+) -> None:
     """Fill q strictly between ``start`` and ``start + steps·stride`` of every line, both ends being solved."""
     while True:
         longer = steps > 1
@@ -136,8 +137,9 @@ def _label(q: Array, out: Array, jump: float) -> None:
 
 
 @compiled
-def _continue(q: Array, neighbour: Array, out: Array, taken: NDArray[np.bool_], used: NDArray[np.bool_],
-              jump: float) -> None:  # fmt: skip
+def _continue(
+    q: Array, neighbour: Array, out: Array, taken: NDArray[np.bool_], used: NDArray[np.bool_], jump: float
+) -> None:
     """Give each solution the index of the nearest solution of a neighbour, closest pair first."""
     B = len(q)
     gap = np.full((B, B), np.inf)

@@ -111,8 +111,9 @@ def _solve6(A: Array, b: Array) -> bool:
 
 
 @compiled
-def newton(axis: Array, point: Array, end: Array, goal: Array, pose_of: NDArray[np.int64], q0: Array,
-           iterations: int) -> tuple[Array, Array]:  # fmt: skip
+def newton(
+    axis: Array, point: Array, end: Array, goal: Array, pose_of: NDArray[np.int64], q0: Array, iterations: int
+) -> tuple[Array, Array]:
     """Newton from rough starts.
 
     Args:
@@ -155,8 +156,9 @@ def _between(A: Array, B: Array, t: float, out: Array) -> None:
 
 
 @compiled
-def track(axis: Array, point: Array, end: Array, poses: Array, start: NDArray[np.int64], goal: NDArray[np.int64],
-          q0: Array) -> Array:  # fmt: skip
+def track(
+    axis: Array, point: Array, end: Array, poses: Array, start: NDArray[np.int64], goal: NDArray[np.int64], q0: Array
+) -> Array:
     """Follow one solution from pose to neighbouring pose.
 
     The step is taken whole when Newton contracts at once and no joint turns more than TRACK_MOVE; otherwise

@@ -57,12 +57,22 @@ class ThreeParallel:
         c5, s5 = axis[5] @ h - along5, h @ np.cross(axis[4], axis[5])
         c3, s3 = b @ a, b @ np.cross(sense2 * h, a)
         vectors = (*axis, across, p[0], p[1] - p[0], p[3] - p[2], p[2] - p[1], p[3] - wrist, wrist)
-        numbers = (h @ (wrist - p[0]), along5, np.hypot(c5, s5), np.arctan2(s5, c5), a @ a + b @ b,
-                   np.hypot(c3, s3), np.arctan2(s3, c3), sense2, sense3)  # fmt: skip
+        numbers = (
+            h @ (wrist - p[0]),
+            along5,
+            np.hypot(c5, s5),
+            np.arctan2(s5, c5),
+            a @ a + b @ b,
+            np.hypot(c3, s3),
+            np.arctan2(s3, c3),
+            sense2,
+            sense3,
+        )
         return cls(
-            tuple((float(x), float(y), float(z)) for x, y, z in vectors), tuple(map(float, numbers)),
+            tuple((float(x), float(y), float(z)) for x, y, z in vectors),
+            tuple(map(float, numbers)),
             inverse(robot.T_base_flange_zero),
-        )  # fmt: skip
+        )
 
     def solve(self, T_base_flange: Array) -> Array:
         """All eight branches, index = 4·shoulder + 2·wrist + elbow.
@@ -102,8 +112,11 @@ def _branches(vectors: tuple[Vector, ...], numbers: tuple[float, ...], G: Array,
         q1 = centre1 + half1 if shoulder == 0 else centre1 - half1
         c1, s1 = math.cos(q1), math.sin(q1)
         k = turned(h1, c1, s1, h)
-        seen = (X[0] * k[0] + Y[0] * k[1] + Z[0] * k[2], X[1] * k[0] + Y[1] * k[1] + Z[1] * k[2],
-                X[2] * k[0] + Y[2] * k[1] + Z[2] * k[2])  # R6ᵀR5ᵀh  # fmt: skip
+        seen = (
+            X[0] * k[0] + Y[0] * k[1] + Z[0] * k[2],
+            X[1] * k[0] + Y[1] * k[1] + Z[1] * k[2],
+            X[2] * k[0] + Y[2] * k[1] + Z[2] * k[2],
+        )  # R6ᵀR5ᵀh
         half5 = _half(dot(seen, h6) - along5, n5)
         if math.isnan(half5):
             continue

@@ -115,8 +115,18 @@ def constants(robot: Robot, W: Array) -> tuple[Vectors, Numbers]:
     base, reach = a @ a + b @ b + 2 * ha * hb, np.hypot(A3, B3)
     to_zero = zero[:3, :3].T  # directions at q = 0 as the flange sees them there
     vectors = (*h, p[0], p[0] - p[1], a, b, to_zero @ (W - zero[:3, 3]), to_zero @ h[5], *zero[:3, :3])
-    numbers = (h[0] @ h[1], (W - p[0]) @ h[1], base / 2, reach, np.arctan2(B3, A3), h45 * h56, np.hypot(A5, B5),
-               np.arctan2(B5, A5), np.sqrt(base + 2 * reach), np.sqrt(max(base - 2 * reach, 0.0)))  # fmt: skip
+    numbers = (
+        h[0] @ h[1],
+        (W - p[0]) @ h[1],
+        base / 2,
+        reach,
+        np.arctan2(B3, A3),
+        h45 * h56,
+        np.hypot(A5, B5),
+        np.arctan2(B5, A5),
+        np.sqrt(base + 2 * reach),
+        np.sqrt(max(base - 2 * reach, 0.0)),
+    )
     return tuple((float(x), float(y), float(z)) for x, y, z in vectors), tuple(map(float, numbers))
 
 
@@ -174,8 +184,11 @@ def spherical_branches(vectors: Vectors, numbers: Numbers, T: Array, q: Array, m
             # wrist: axis 6 as link 3 sees it, and axis 4 as it would be seen with joints 4 to 6 at zero
             x = turned(h3, c3, -s3, turned(h2, c2, -s2, turned(h1, c1, -s1, g)))
             y = turned(h1, c1, s1, turned(h2, c2, s2, turned(h3, c3, s3, h4)))
-            k = (X[0] * y[0] + Y[0] * y[1] + Z[0] * y[2], X[1] * y[0] + Y[1] * y[1] + Z[1] * y[2],
-                 X[2] * y[0] + Y[2] * y[1] + Z[2] * y[2])  # fmt: skip
+            k = (
+                X[0] * y[0] + Y[0] * y[1] + Z[0] * y[2],
+                X[1] * y[0] + Y[1] * y[1] + Z[1] * y[2],
+                X[2] * y[0] + Y[2] * y[1] + Z[2] * y[2],
+            )
             y = (dot(zx, k), dot(zy, k), dot(zz, k))
             half5 = _half(dot(h4, x) - h456, n5)
             if math.isnan(half5):

@@ -71,11 +71,7 @@ def kci(J: Array, length: float) -> Array:
 
 
 def characteristic_length(
-    robot: Robot,
-    T_flange_tcp: Array,
-    limits: tuple[Array, Array] | None = None,
-    starts: int = 2048,
-    refined: int = 16,
+    robot: Robot, T_flange_tcp: Array, limits: tuple[Array, Array] | None = None, starts: int = 2048, refined: int = 16
 ) -> CharacteristicLength:
     """The L that minimises κ_F over postures and L together.
 

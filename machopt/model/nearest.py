@@ -125,10 +125,26 @@ class _Measure:
         if len(still.corners) < len(moving.corners):  # the smaller one is moved, at every row
             still, moving, motion = moving, still, inverse(T)
         d, fresh = follow(
-            still.corners, still.normals, still.low, still.high, still.child, still.first, still.count, still.order,
-            moving.corners, moving.normals, moving.child, moving.first, moving.count, moving.order,
-            order, np.ascontiguousarray(motion), way, bound, most,
-        )  # fmt: skip
+            still.corners,
+            still.normals,
+            still.low,
+            still.high,
+            still.child,
+            still.first,
+            still.count,
+            still.order,
+            moving.corners,
+            moving.normals,
+            moving.child,
+            moving.first,
+            moving.count,
+            moving.order,
+            order,
+            np.ascontiguousarray(motion),
+            way,
+            bound,
+            most,
+        )
         if any(self.surfaces.contained((i, j), T[n]) for n in np.flatnonzero(fresh & (d > 0.0)).tolist()):
             for n in order.tolist():  # the distance of the surfaces proves nothing for the rows between
                 within = self.surfaces.contained((i, j), T[n])

@@ -127,16 +127,18 @@ def load_dynamics(cell: Cell) -> Dynamics:
     if missing:
         raise InputError(
             f"arm joint {missing[0]!r} is not a moving joint of the URDF; it has {', '.join(full.names[1:])}",
-            file=cell.urdf, where="robot.arm_joints",
-        )  # fmt: skip
+            file=cell.urdf,
+            where="robot.arm_joints",
+        )
     locked = [full.getJointId(name) for name in full.names[1:] if name not in wanted]
     model = pin.buildReducedModel(full, locked, pin.neutral(full)) if locked else full
     if model.nq != model.nv or model.nv != len(cell.arm_joints) or list(model.names[1:]) != list(cell.arm_joints):
         raise InputError(
             f"the arm joints {', '.join(cell.arm_joints)} are not a chain of bounded revolute or prismatic joints "
             f"(found {', '.join(model.names[1:])})",
-            file=cell.urdf, where="robot.arm_joints",
-        )  # fmt: skip
+            file=cell.urdf,
+            where="robot.arm_joints",
+        )
     bodies = tuple(i for i in range(model.nv) if model.inertias[i + 1].mass > 0.0)
     if not bodies:
         raise InputError("no moving link has an <inertial>; joint torques need masses and inertias", file=cell.urdf)

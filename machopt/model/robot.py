@@ -176,10 +176,13 @@ def load_chain(cell: Cell) -> tuple[Robot, tuple[LinkShape, ...]]:
             where="robot.flange_link",
         )
     robot = Robot(
-        joints=cell.arm_joints, axis=axis, point=point,
+        joints=cell.arm_joints,
+        axis=axis,
+        point=point,
         T_base_flange_zero=T_base_world @ data.oMf[flange].homogeneous,
-        lower=lower, upper=upper,
-    )  # fmt: skip
+        lower=lower,
+        upper=upper,
+    )
     return robot, _link_shapes(cell, model, data, T_base_world, ids)
 
 
@@ -209,10 +212,11 @@ def load_masses(cell: Cell) -> Masses:
         T = T_base_world @ data.oMf[_frame(cell, model, cell.flange_link)].homogeneous
         found.append((6, cell.tool.mass, T[:3, :3] @ cell.tool.com + T[:3, 3]))
     return Masses(
-        np.array([b for b, _, _ in found], np.int64), np.array([m for _, m, _ in found], float),
+        np.array([b for b, _, _ in found], np.int64),
+        np.array([m for _, m, _ in found], float),
         np.array([c for _, _, c in found], float).reshape(-1, 3),
         cell.T_world_base[:3, :3].T @ np.array([0.0, 0.0, -GRAVITY]),
-    )  # fmt: skip
+    )
 
 
 def _urdf_model(cell: Cell) -> Any:
@@ -261,8 +265,9 @@ def _link_shapes(cell: Cell, model: object, data: object, T_base_world: Array, i
     if len(geometry.geometryObjects) != described:  # the parser drops what it cannot read, with a line on the log
         raise InputError(
             f"describes {described} collision bodies, of which the robot model has {len(geometry.geometryObjects)}; "
-            "a body that is not there cannot be checked", file=cell.urdf,
-        )  # fmt: skip
+            "a body that is not there cannot be checked",
+            file=cell.urdf,
+        )
     shapes = []
     for g in geometry.geometryObjects:
         joint, link = g.parentJoint, 0
@@ -281,8 +286,9 @@ def _link_shapes(cell: Cell, model: object, data: object, T_base_world: Array, i
         elif kind == "Sphere":
             shape = Shape(g.name, "sphere", (float(g.geometry.radius),), None, T)
         else:
-            raise InputError(f"collision geometry {g.name!r} is a {kind}; mesh, box, cylinder or sphere would work",
-                             file=cell.urdf)  # fmt: skip
+            raise InputError(
+                f"collision geometry {g.name!r} is a {kind}; mesh, box, cylinder or sphere would work", file=cell.urdf
+            )
         shapes.append(LinkShape(link, shape))
     return tuple(shapes)
 
@@ -292,6 +298,7 @@ def _mesh_shape(cell: Cell, g: Any, T: Array) -> Shape:
 
     scale = np.asarray(g.meshScale, float)
     if not np.allclose(scale, scale[0]):
-        raise InputError(f"collision mesh {g.name!r} is scaled unevenly {scale.tolist()}; one scale would work",
-                         file=cell.urdf)  # fmt: skip
+        raise InputError(
+            f"collision mesh {g.name!r} is scaled unevenly {scale.tolist()}; one scale would work", file=cell.urdf
+        )
     return Shape(g.name, "mesh", (float(scale[0]),), Path(g.meshPath), T)

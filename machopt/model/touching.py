@@ -60,9 +60,25 @@ def nearer(a: Outline, b: Outline, T: Array, limit: float) -> Bools:
         out: Bools = ~_between(a.hull, b.hull, some, limit)
         left = np.flatnonzero(out)
         out[left] = _rows(
-            x.corners, x.normals, x.low, x.high, x.child, x.first, x.count, x.order,
-            y.corners, y.normals, y.low, y.high, y.child, y.first, y.count, y.order, some[left], limit,
-        )  # fmt: skip
+            x.corners,
+            x.normals,
+            x.low,
+            x.high,
+            x.child,
+            x.first,
+            x.count,
+            x.order,
+            y.corners,
+            y.normals,
+            y.low,
+            y.high,
+            y.child,
+            y.first,
+            y.count,
+            y.order,
+            some[left],
+            limit,
+        )
         return out
 
     return np.concatenate([np.zeros(0, bool), *side_by_side(block, range(0, len(T), BLOCK))])
@@ -142,10 +158,25 @@ def _apart(low: Array, high: Array, k: int, lo: Array, hi: Array, m: int, T: Arr
 
 @compiled
 def _rows(
-    a: Array, na: Array, low: Array, high: Array, child: Ints, first: Ints, count: Ints, order: Ints,
-    b: Array, nb: Array, lo: Array, hi: Array, inner: Ints, begin: Ints, number: Ints, sequence: Ints,
-    T: Array, limit: float,
-) -> NDArray[np.bool_]:  # fmt: skip
+    a: Array,
+    na: Array,
+    low: Array,
+    high: Array,
+    child: Ints,
+    first: Ints,
+    count: Ints,
+    order: Ints,
+    b: Array,
+    nb: Array,
+    lo: Array,
+    hi: Array,
+    inner: Ints,
+    begin: Ints,
+    number: Ints,
+    sequence: Ints,
+    T: Array,
+    limit: float,
+) -> NDArray[np.bool_]:
     """As :func:`nearer` says, ``limit`` at least TOUCH; a … order and b … sequence as in :class:`Mesh`."""
     out = np.zeros(len(T), np.bool_)
     waiting, work = np.empty((DEPTH, 2), np.int64), np.empty((7, 3))

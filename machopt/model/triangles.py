@@ -209,8 +209,13 @@ def _pierced(A: Array, n: Array, B: Array) -> bool:
         y = (B[m, 0] - A[0, 0]) * n[0] + (B[m, 1] - A[0, 1]) * n[1] + (B[m, 2] - A[0, 2]) * n[2]
         if x * y < 0.0:
             f = x / (x - y)
-            if _over(A, n, B[k, 0] + f * (B[m, 0] - B[k, 0]), B[k, 1] + f * (B[m, 1] - B[k, 1]),
-                     B[k, 2] + f * (B[m, 2] - B[k, 2])):  # fmt: skip
+            if _over(
+                A,
+                n,
+                B[k, 0] + f * (B[m, 0] - B[k, 0]),
+                B[k, 1] + f * (B[m, 1] - B[k, 1]),
+                B[k, 2] + f * (B[m, 2] - B[k, 2]),
+            ):
                 return True
     return False
 
@@ -298,10 +303,29 @@ def _gap(low: Array, high: Array, k: int, lo: Array, hi: Array, m: int) -> float
 
 @compiled
 def _nearest(
-    a: Array, na: Array, low: Array, high: Array, child: Ints, first: Ints, count: Ints, order: Ints,
-    b: Array, nb: Array, lo: Array, hi: Array, inner: Ints, begin: Ints, number: Ints, sequence: Ints,
-    i: int, j: int, waiting: Ints, gaps: Array, work: Array, u: Array,
-) -> tuple[float, int, int]:  # fmt: skip
+    a: Array,
+    na: Array,
+    low: Array,
+    high: Array,
+    child: Ints,
+    first: Ints,
+    count: Ints,
+    order: Ints,
+    b: Array,
+    nb: Array,
+    lo: Array,
+    hi: Array,
+    inner: Ints,
+    begin: Ints,
+    number: Ints,
+    sequence: Ints,
+    i: int,
+    j: int,
+    waiting: Ints,
+    gaps: Array,
+    work: Array,
+    u: Array,
+) -> tuple[float, int, int]:
     """m between two surfaces with boxes in one frame, and the two triangles; i and j are a first guess of these."""
     best, _ = triangles(a[i], na[i], b[j], nb[j], np.inf, work)
     for c in range(3):
@@ -340,10 +364,26 @@ def _nearest(
 
 @compiled
 def follow(
-    a: Array, na: Array, low: Array, high: Array, child: Ints, first: Ints, count: Ints, order: Ints,
-    b: Array, nb: Array, inner: Ints, begin: Ints, number: Ints, sequence: Ints,
-    rows: Ints, T: Array, way: Array, bound: Array, most: Array,
-) -> tuple[Array, NDArray[np.bool_]]:  # fmt: skip
+    a: Array,
+    na: Array,
+    low: Array,
+    high: Array,
+    child: Ints,
+    first: Ints,
+    count: Ints,
+    order: Ints,
+    b: Array,
+    nb: Array,
+    inner: Ints,
+    begin: Ints,
+    number: Ints,
+    sequence: Ints,
+    rows: Ints,
+    T: Array,
+    way: Array,
+    bound: Array,
+    most: Array,
+) -> tuple[Array, NDArray[np.bool_]]:
     """Distances of two surfaces at some rows, where they can be below ``most``.
 
     Args:
@@ -371,9 +411,29 @@ def follow(
         _move(T[n], b, nb, moved, turned)
         _draw(moved, inner, begin, number, sequence, lo, hi)
         d, i, j = _nearest(
-            a, na, low, high, child, first, count, order, moved, turned, lo, hi, inner, begin, number, sequence,
-            i, j, waiting, gaps, work, u,
-        )  # fmt: skip
+            a,
+            na,
+            low,
+            high,
+            child,
+            first,
+            count,
+            order,
+            moved,
+            turned,
+            lo,
+            hi,
+            inner,
+            begin,
+            number,
+            sequence,
+            i,
+            j,
+            waiting,
+            gaps,
+            work,
+            u,
+        )
         fresh[n] = last < 0 or max(d, known) <= gone
         out[n], known, last = d, d, n
     return out, fresh

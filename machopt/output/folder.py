@@ -51,8 +51,9 @@ def output_folder(path: Path | str) -> Iterator[Path]:
         try:
             _refuse_foreign(target, named)
             held.callback(_remove_empty, _make_parents(target.parent))
-            held.enter_context(locked(place.lock, "another run is writing this folder; wait for it, or name another",
-                                      named))  # fmt: skip
+            held.enter_context(
+                locked(place.lock, "another run is writing this folder; wait for it, or name another", named)
+            )
             place.recover()
             _refuse_foreign(target, named)
             partial = place.new("partial")

@@ -20,10 +20,22 @@ FORMAT = 1
 NOT_OURS = frozenset({".DS_Store", "Thumbs.db", "desktop.ini"})  # file managers leave these wherever one looks
 _SHA = re.compile(r"[0-9a-f]{64}")
 _KEYS: dict[str, Any] = {
-    "machopt_manifest": int, "command": str, "verdict": str, "exit_code": int, "versions": dict, "inputs": dict,
-    "reading": dict, "options": dict, "programs": list, "program_tolerance_mm": (int, float, type(None)),
-    "checked": list, "unchecked": list, "warnings": list, "files": dict, "seal": str,
-}  # fmt: skip
+    "machopt_manifest": int,
+    "command": str,
+    "verdict": str,
+    "exit_code": int,
+    "versions": dict,
+    "inputs": dict,
+    "reading": dict,
+    "options": dict,
+    "programs": list,
+    "program_tolerance_mm": (int, float, type(None)),
+    "checked": list,
+    "unchecked": list,
+    "warnings": list,
+    "files": dict,
+    "seal": str,
+}
 
 
 @dataclass(frozen=True)
@@ -35,9 +47,13 @@ class Difference:
 
 
 def write_manifest(
-    folder: Path, manifest: Manifest, roles: Mapping[str, str], names: Iterable[str] | None = None, *,
+    folder: Path,
+    manifest: Manifest,
+    roles: Mapping[str, str],
+    names: Iterable[str] | None = None,
+    *,
     into: Path | None = None,
-) -> Manifest:  # fmt: skip
+) -> Manifest:
     """Hash every file of the folder and write manifest.json.
 
     Args:
@@ -135,15 +151,24 @@ def _as_json(m: Manifest) -> dict[str, Any]:
     def files(some: Iterable[ManifestFile]) -> dict[str, object]:
         return {f.name: {"role": f.role, "sha256": f.sha256, "size": f.size} for f in some}
 
-    found = plain({
-        "machopt_manifest": FORMAT, "command": m.command, "verdict": m.verdict, "exit_code": m.exit_code,
-        "versions": m.versions, "inputs": files(m.inputs), "reading": m.reading, "options": m.options,
-        "programs": [{"post": p.post, "files": p.files} for p in m.programs],
-        "program_tolerance_mm": m.program_tolerance_mm,
-        "checked": [{"what": c.what, "how": c.how} for c in m.checked], "unchecked": m.unchecked,
-        "warnings": m.warnings,
-        "files": files(m.files),
-    })  # fmt: skip
+    found = plain(
+        {
+            "machopt_manifest": FORMAT,
+            "command": m.command,
+            "verdict": m.verdict,
+            "exit_code": m.exit_code,
+            "versions": m.versions,
+            "inputs": files(m.inputs),
+            "reading": m.reading,
+            "options": m.options,
+            "programs": [{"post": p.post, "files": p.files} for p in m.programs],
+            "program_tolerance_mm": m.program_tolerance_mm,
+            "checked": [{"what": c.what, "how": c.how} for c in m.checked],
+            "unchecked": m.unchecked,
+            "warnings": m.warnings,
+            "files": files(m.files),
+        }
+    )
     return dict(found)
 
 
@@ -183,13 +208,20 @@ def _read(value: Mapping[str, Any], file: Path) -> Manifest:
         raise wrong("versions", versions, "a word for each name")
     tolerance = value["program_tolerance_mm"]
     return Manifest(
-        command=value["command"], verdict=value["verdict"], exit_code=value["exit_code"], versions=versions,
-        inputs=files("inputs"), files=files("files"), options=value["options"], reading=value["reading"],
+        command=value["command"],
+        verdict=value["verdict"],
+        exit_code=value["exit_code"],
+        versions=versions,
+        inputs=files("inputs"),
+        files=files("files"),
+        options=value["options"],
+        reading=value["reading"],
         programs=tuple(ManifestProgram(p, words("programs", f)) for p, f in pairs("programs", ("post", "files"))),
         program_tolerance_mm=None if tolerance is None else float(tolerance),
         checked=tuple(Covered(what, str(how)) for what, how in pairs("checked", ("what", "how"))),
-        unchecked=words("unchecked", value["unchecked"]), warnings=words("warnings", value["warnings"]),
-    )  # fmt: skip
+        unchecked=words("unchecked", value["unchecked"]),
+        warnings=words("warnings", value["warnings"]),
+    )
 
 
 def _inside(name: str) -> bool:

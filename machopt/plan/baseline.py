@@ -187,9 +187,14 @@ def _follow(path: Path, arm: Arm, phi: Array, home: Array) -> Assignment:
 
 @compiled
 def _nearest_to_last(
-    every: Array, why: NDArray[np.uint8], starts: NDArray[np.bool_], turns: Array, lower: Array, upper: Array,
+    every: Array,
+    why: NDArray[np.uint8],
+    starts: NDArray[np.bool_],
+    turns: Array,
+    lower: Array,
+    upper: Array,
     home: Array,
-) -> tuple[Array, Ints, NDArray[np.uint8]]:  # fmt: skip
+) -> tuple[Array, Ints, NDArray[np.uint8]]:
     """Per point the feasible configuration nearest to the one before: q (P, 6), its branch, the reason where none is.
 
     Args:

@@ -114,9 +114,15 @@ def _distance(dp: Array, dR: Array) -> Array:
 
 
 def build_curves(
-    position: Array, axis: Array, reference: Array, phi: Array, feed: Array,
-    phi_curve: Callable[[Array], Array] | None, path_tolerance: float, axis_tolerance: float,
-) -> list[Curve] | int:  # fmt: skip
+    position: Array,
+    axis: Array,
+    reference: Array,
+    phi: Array,
+    feed: Array,
+    phi_curve: Callable[[Array], Array] | None,
+    path_tolerance: float,
+    axis_tolerance: float,
+) -> list[Curve] | int:
     """Split a run where it turns back, and round the parts.
 
     Returns:

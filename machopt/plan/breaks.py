@@ -28,9 +28,19 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 FLIP = np.radians(120.0)  # no rotation about the tool axis that a run is given turns a joint so far between two points
 Code = Literal[
-    "joint_jump", "joint_limit", "singularity", "collision", "no_pose", "rotation", "configuration",
-    "home_collides", "rapid_collides", "rapid_blocked", "no_room", "not_driven",
-]  # fmt: skip
+    "joint_jump",
+    "joint_limit",
+    "singularity",
+    "collision",
+    "no_pose",
+    "rotation",
+    "configuration",
+    "home_collides",
+    "rapid_collides",
+    "rapid_blocked",
+    "no_room",
+    "not_driven",
+]
 
 
 @dataclass(frozen=True)
@@ -138,8 +148,12 @@ def _break(path: Path, setup: Setup, c: Candidates, found: Found, s: int) -> Bre
     gap = np.abs(wrap(reached[:, None] - there[None, :]))
     if gap.size and path.plunge[st[s]] and gap.min() > 1e-6:
         v = float(np.degrees(gap.min()))
-        return made("rotation", f"the rotation is kept along a plunge, and none works at both ends (the nearest are "
-                    f"{v:.1f}° apart)", value=v, limit=0.0)  # fmt: skip
+        return made(
+            "rotation",
+            f"the rotation is kept along a plunge, and none works at both ends (the nearest are {v:.1f}° apart)",
+            value=v,
+            limit=0.0,
+        )
     if gap.size and gap.min() > largest:
         v = float(np.degrees(gap.min()))
         return made(
@@ -148,8 +162,12 @@ def _break(path: Path, setup: Setup, c: Candidates, found: Found, s: int) -> Bre
     return made("configuration", "what works here is another configuration of the arm than what works before")
 
 
-_SENTENCE = {"limit": "break a joint limit", "singular": "come too near a singularity",
-             "collision": "collide", "way": "collide or have no pose on the way"}  # fmt: skip
+_SENTENCE = {
+    "limit": "break a joint limit",
+    "singular": "come too near a singularity",
+    "collision": "collide",
+    "way": "collide or have no pose on the way",
+}
 
 
 def _continuations(setup: Setup, c: Candidates, found: Found, s: int) -> _Tally:
@@ -176,8 +194,14 @@ def _continuations(setup: Setup, c: Candidates, found: Found, s: int) -> _Tally:
                         if why == Reason.OK and size[r] < tally.jump[0]:
                             tally.jump = (float(size[r]), int(np.abs(step[r]).argmax()))
                         continue
-                    _judge(tally, arm.lower, arm.upper, qa[r] + step[r] + c.turns[alive[r, bu]], why,
-                           int(found.pairs[s, target[r], b]))  # fmt: skip
+                    _judge(
+                        tally,
+                        arm.lower,
+                        arm.upper,
+                        qa[r] + step[r] + c.turns[alive[r, bu]],
+                        why,
+                        int(found.pairs[s, target[r], b]),
+                    )
     return tally
 
 

@@ -41,12 +41,18 @@ class Arm:
         upper = cell.limits.upper[:6] - options.limit_margin
         origin, windings = fewest_turns(lower, upper)
         return cls(
-            solver=solver, origin=origin, windings=windings,
+            solver=solver,
+            origin=origin,
+            windings=windings,
             T_base_workpiece=inverse(cell.T_world_base) @ cell.workpiece.T_link_workpiece,
-            T_flange_tcp=cell.tool.T_flange_tcp, lower=lower, upper=upper, turns=turns(lower, upper),
-            margins=Margins(options.singularity_wrist, options.singularity_elbow, options.singularity_shoulder,
-                            options.limit_margin),
-        )  # fmt: skip
+            T_flange_tcp=cell.tool.T_flange_tcp,
+            lower=lower,
+            upper=upper,
+            turns=turns(lower, upper),
+            margins=Margins(
+                options.singularity_wrist, options.singularity_elbow, options.singularity_shoulder, options.limit_margin
+            ),
+        )
 
 
 @dataclass(frozen=True)
@@ -154,9 +160,13 @@ def _nudges(path: Path, phi: Array, options: PlanOptions) -> Array:
 
 
 def _forbid_by_user(
-    path: Path, phi: Array, options: PlanOptions, reason: NDArray[np.uint8], feasible: NDArray[np.bool_],
+    path: Path,
+    phi: Array,
+    options: PlanOptions,
+    reason: NDArray[np.uint8],
+    feasible: NDArray[np.bool_],
     nudge: Array | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """The user's rotation bounds and fixed rotations, as masks on gamma."""
     moved = phi[None, :] + (0.0 if nudge is None else nudge[:, None])
     gamma = np.asarray(wrap(moved + path.offset[path.stations][:, None]))  # (S, R)

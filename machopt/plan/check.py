@@ -68,9 +68,7 @@ class Checker:
                     hit[part], pair[part], lost[part] = self.stretch(part, phi[part], q[part])
         return PathCheck(hit, pair, lost)
 
-    def stretch(
-        self, rows: NDArray[np.intp], phi: Array, q: Array
-    ) -> tuple[Bools, NDArray[np.int32], Bools]:  # fmt: skip
+    def stretch(self, rows: NDArray[np.intp], phi: Array, q: Array) -> tuple[Bools, NDArray[np.int32], Bools]:
         """(n,) hit, pair and lost of successive planning points ``rows`` (n,) at phi (n,) rad and q (n, 6) rad."""
         n = len(rows)
         dense, owner, lost = self._filled(rows, phi, q)

@@ -97,20 +97,33 @@ class Grid:
 
     @classmethod
     def of(
-        cls, path: Path, candidates: Candidates, scores: Scores, velocity: Array, options: PlanOptions,
+        cls,
+        path: Path,
+        candidates: Candidates,
+        scores: Scores,
+        velocity: Array,
+        options: PlanOptions,
         wide: NDArray[np.bool_] | None = None,
-    ) -> Grid:  # fmt: skip
+    ) -> Grid:
         """Arguments as for :func:`choose`."""
         window, seconds = _windows(path, candidates, float(velocity.min()), wide)
         terms, w = Terms.at_stations(path, velocity, options), options.weights
         nudge = np.zeros(len(path.stations)) if candidates.nudge is None else candidates.nudge
         return cls(
-            candidates=candidates, counted=path.counted[path.stations], window=window, seconds=seconds,
-            shift=_same_direction(path, len(candidates.phi)), node=_node_price(terms, candidates, scores),
+            candidates=candidates,
+            counted=path.counted[path.stations],
+            window=window,
+            seconds=seconds,
+            shift=_same_direction(path, len(candidates.phi)),
+            node=_node_price(terms, candidates, scores),
             raw=np.where(np.isfinite(scores.cost), scores.cost / scores.scale, np.inf),
-            slowness=terms.slowness, price_q=w.travel * terms.travel, price_r=w.rotation * terms.rotation,
-            price_t=w.feed * terms.lost, nudged=np.diff(nudge, prepend=nudge[:1]), worst=options.weights.worst,
-        )  # fmt: skip
+            slowness=terms.slowness,
+            price_q=w.travel * terms.travel,
+            price_r=w.rotation * terms.rotation,
+            price_t=w.feed * terms.lost,
+            nudged=np.diff(nudge, prepend=nudge[:1]),
+            worst=options.weights.worst,
+        )
 
     def choose(self, edges: Edges | None = None) -> Choice:
         """The best sequence of the whole path."""
@@ -234,8 +247,14 @@ class _Part:
             )
             if stop >= 0:
                 return None
-            turned = fitting(self.grid.candidates, self.rows, vertex, joined(self.grid.candidates, self.rows, vertex),
-                             mask, self.edges)  # fmt: skip
+            turned = fitting(
+                self.grid.candidates,
+                self.rows,
+                vertex,
+                joined(self.grid.candidates, self.rows, vertex),
+                mask,
+                self.edges,
+            )
             if turned is not None:
                 return turned, value
         vertex, value, stop, *_ = self.solve(mask & allowed[..., None], limit)

@@ -163,8 +163,16 @@ def rescored(plan: Plan, assignment: Assignment) -> Plan:
 
 def _objective(plan: Plan, a: Assignment, cost: Array) -> Objective:
     velocity = plan.setup.cell.limits.velocity[:6]
-    return objective(plan.path, cost, a.q, a.phi, plan.scores.scale, velocity, plan.options,
-                     along(plan.path, plan.setup.collision, a.q, plan.options))  # fmt: skip
+    return objective(
+        plan.path,
+        cost,
+        a.q,
+        a.phi,
+        plan.scores.scale,
+        velocity,
+        plan.options,
+        along(plan.path, plan.setup.collision, a.q, plan.options),
+    )
 
 
 @dataclass(frozen=True)
@@ -205,9 +213,12 @@ def residual(plan: Plan) -> Residual | None:
     weight = length / length.sum() if length.sum() > 0 else np.full(len(end), 1.0 / len(end))
     size = np.linalg.norm(plan.compensation.offset, axis=1) * path.counted
     return Residual(
-        float(size.max()), float(path.weight @ size), float(left.max()), float(rule @ left @ weight),
+        float(size.max()),
+        float(path.weight @ size),
+        float(left.max()),
+        float(rule @ left @ weight),
         float(rule @ bent @ weight),
-    )  # fmt: skip
+    )
 
 
 def _with_room(setup: Setup) -> Setup:

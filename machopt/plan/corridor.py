@@ -70,13 +70,7 @@ class Stretch:
 
     @classmethod
     def of(
-        cls,
-        path: Path,
-        candidates: Candidates,
-        scores: Scores,
-        choice: Choice,
-        rows: NDArray[np.intp],
-        terms: Terms,
+        cls, path: Path, candidates: Candidates, scores: Scores, choice: Choice, rows: NDArray[np.intp], terms: Terms
     ) -> Stretch:
         points = path.stations[rows]
         band = corridor(candidates, scores, choice, rows)
@@ -168,9 +162,16 @@ def corridor(candidates: Candidates, scores: Scores, choice: Choice, rows: NDArr
         for column in range(min(REACH * stride, R) // stride + 1, REACH + 1):  # once round
             found[:, :, REACH + sign * column] = seen
     span = np.maximum(reached.sum(axis=1), 1e-12)[:, None]
-    return Corridor(phi=phi, low=limit[:, 0], high=limit[:, 1], cost=found[0] / scores.scale,
-                    slope=(neighbour[1] - neighbour[0]) / span, step=stride * grid, q=choice.q[rows],
-                    crowded=found[1] if len(found) > 1 else None)  # fmt: skip
+    return Corridor(
+        phi=phi,
+        low=limit[:, 0],
+        high=limit[:, 1],
+        cost=found[0] / scores.scale,
+        slope=(neighbour[1] - neighbour[0]) / span,
+        step=stride * grid,
+        q=choice.q[rows],
+        crowded=found[1] if len(found) > 1 else None,
+    )
 
 
 def turning_length(path: Path, first: int, last: int) -> Array:

@@ -97,9 +97,11 @@ def _sentence(plan: Plan, s: int, reason: Reason, point: int) -> str:
         if k >= 0:
             return f"{plan.setup.collision.pairs[k].name} touch or come nearer than the clearance"
     if feasible:
-        return (f"{feasible} of {len(rotations)} rotations work here, but none can be reached from the neighbouring "
-                "points without leaving the path: a retract between them, another rotation range or a smaller "
-                "singularity margin would help")  # fmt: skip
+        return (
+            f"{feasible} of {len(rotations)} rotations work here, but none can be reached from the neighbouring "
+            "points without leaving the path: a retract between them, another rotation range or a smaller "
+            "singularity margin would help"
+        )
     if (rows == Reason.UNREACHABLE).all():
         return (
             f"out of reach at every rotation: the wrist centre lies {1e3 * plan.candidates.shortfall[s]:.0f} mm "
@@ -196,12 +198,16 @@ def hints(plan: Plan) -> tuple[str, ...]:
         )
     if not plan.directions.in_grid.all():
         share = 1.0 - float(plan.directions.in_grid[plan.path.counted].mean()) if plan.path.counted.any() else 1.0
-        out.append(f"{100 * share:.0f} % of the cutting points lie outside the identified stiffness grid; "
-                   "the constant values are used there.")  # fmt: skip
+        out.append(
+            f"{100 * share:.0f} % of the cutting points lie outside the identified stiffness grid; "
+            "the constant values are used there."
+        )
     bent = plan.chosen.cost[plan.path.counted & np.isfinite(plan.chosen.cost)]
     if plan.scores.index == "deflection" and bent.max(initial=0.0) > LARGE:
-        out.append(f"The force bends the arm by up to {1e3 * bent.max():,.0f} mm, beyond linear elasticity; "
-                   "is force_N in N, and the stiffness in N·m/rad?")  # fmt: skip
+        out.append(
+            f"The force bends the arm by up to {1e3 * bent.max():,.0f} mm, beyond linear elasticity; "
+            "is force_N in N, and the stiffness in N·m/rad?"
+        )
     out += plan.setup.elasticity.warnings
     changes = _changes(plan)
     if changes:

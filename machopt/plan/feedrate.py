@@ -85,11 +85,14 @@ class Bounds:
 def node_caps(D: Array, feed_cap: Array, velocity: Array, acceleration: Array, jerk: Array) -> tuple[Array, Array]:
     """Largest v (M,) at each node, and what each joint allows by velocity, acceleration and jerk alone (M, 6, 3)."""
     with np.errstate(divide="ignore"):
-        single = np.stack([
-            velocity / np.abs(D[:, :, 0]),
-            np.sqrt(ACCELERATION_SHARE * acceleration / np.abs(D[:, :, 1])),
-            np.cbrt(JERK_SHARE * jerk / np.abs(D[:, :, 2])),
-        ], axis=-1)  # fmt: skip
+        single = np.stack(
+            [
+                velocity / np.abs(D[:, :, 0]),
+                np.sqrt(ACCELERATION_SHARE * acceleration / np.abs(D[:, :, 1])),
+                np.cbrt(JERK_SHARE * jerk / np.abs(D[:, :, 2])),
+            ],
+            axis=-1,
+        )
     return np.minimum(FEED * feed_cap, single.min(axis=(1, 2))), single
 
 
@@ -171,8 +174,20 @@ def _holds(i: int, w: float, v: float, a: float, j: float, Q: Array, cap: Array,
 
 
 @compiled
-def _advance(i: int, u: float, v: float, a: float, j: float, h: float, check_start: bool, un: Array, Q: Array,
-             cap: Array, al: Array, jl: Array) -> tuple[int, int, float, float, float]:  # fmt: skip
+def _advance(
+    i: int,
+    u: float,
+    v: float,
+    a: float,
+    j: float,
+    h: float,
+    check_start: bool,
+    un: Array,
+    Q: Array,
+    cap: Array,
+    al: Array,
+    jl: Array,
+) -> tuple[int, int, float, float, float]:
     """One step. Returns code (0 good, 1 breaks a limit, 2 leaves the curve), interval, u, v, a.
 
     ``check_start`` is never given as a constant, nor is the first ``i``: numba would compile it once for each.
@@ -244,8 +259,20 @@ def _corners(un: Array, cap: Array, around: Array) -> Array:
 
 
 @compiled
-def _policy(i: int, u: float, v: float, a: float, c: float, x: float, h: float, un: Array, Q: Array, easy: Array,
-            al: Array, jl: Array) -> float:  # fmt: skip
+def _policy(
+    i: int,
+    u: float,
+    v: float,
+    a: float,
+    c: float,
+    x: float,
+    h: float,
+    un: Array,
+    Q: Array,
+    easy: Array,
+    al: Array,
+    jl: Array,
+) -> float:
     """Jerk of the plan's next step: as hard as allowed, yet so that the speed aimed at is reached with a = 0."""
     jlo, jhi, _, _ = _window(i, (u - un[i]) / (un[i + 1] - un[i]), v, a, 0.0, Q, al, jl, BRAKING_SHARE)
     v1 = max(v + a * h, 0.0)
@@ -269,8 +296,21 @@ def _policy(i: int, u: float, v: float, a: float, c: float, x: float, h: float, 
 
 
 @compiled
-def _brake(i: int, u: float, v: float, a: float, c: float, x: float, h: float, un: Array, Q: Array, cap: Array,
-           easy: Array, al: Array, jl: Array) -> tuple[int, float]:  # fmt: skip
+def _brake(
+    i: int,
+    u: float,
+    v: float,
+    a: float,
+    c: float,
+    x: float,
+    h: float,
+    un: Array,
+    Q: Array,
+    cap: Array,
+    easy: Array,
+    al: Array,
+    jl: Array,
+) -> tuple[int, float]:
     """Follow the plan to a stop. Returns code (as _advance) and where it stops or fails."""
     for _ in range(100_000):
         if v < 1e-12:
@@ -288,8 +328,21 @@ def _brake(i: int, u: float, v: float, a: float, c: float, x: float, h: float, u
 
 
 @compiled
-def _try(i: int, u: float, v: float, a: float, j: float, h: float, un: Array, Q: Array, cap: Array, easy: Array,
-         corner: Array, al: Array, jl: Array) -> tuple[int, float, float, float]:  # fmt: skip
+def _try(
+    i: int,
+    u: float,
+    v: float,
+    a: float,
+    j: float,
+    h: float,
+    un: Array,
+    Q: Array,
+    cap: Array,
+    easy: Array,
+    corner: Array,
+    al: Array,
+    jl: Array,
+) -> tuple[int, float, float, float]:
     """A step with jerk j and a way to a stop after it. Returns code (0: there is one), where it stops, its plan."""
     code, i, u, v, a = _advance(i, u, v, a, j, h, h > 0.0, un, Q, cap, al, jl)
     if code != 0:

@@ -19,13 +19,22 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
     ("model.ik_spherical", "_solve_all", f"UniTuple(UniTuple(f8,3),15),UniTuple(f8,10),{_F3},{_F3},{_F3},{_F1}"),
     ("model.ik", "_judge", f"{_F3},{_F3},{_F1},{_F2},{_F1},{_F1},u1[:,::1],b1[:,:,::1]"),
     ("plan.baseline", "_nearest_to_last", f"{_F3},u1[:,::1],b1[::1],{_F2},{_F1},{_F1},{_FIXED}"),
-    ("plan.sequence", "cheapest_sequence",
-     f"{_F3},f8[:,:,:,::1],{_F2},b1[:,:,:,::1],{_S1},b1,{_S1},{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},f8,{_I1},{_S1},{_S1},b1"),
-    ("model.triangles", "follow",
-     f"{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},{_F2},{_I1},{_I1},{_I1},{_I1},{_I1},{_F3},{_F1},f8[:],{_F1}"),
+    (
+        "plan.sequence",
+        "cheapest_sequence",
+        f"{_F3},f8[:,:,:,::1],{_F2},b1[:,:,:,::1],{_S1},b1,{_S1},{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},f8,{_I1},{_S1},{_S1},b1",
+    ),
+    (
+        "model.triangles",
+        "follow",
+        f"{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},{_F2},{_I1},{_I1},{_I1},{_I1},{_I1},{_F3},{_F1},f8[:],{_F1}",
+    ),
     ("model.touching", "_between", f"{_F2},{_F2},{_F3},f8"),
-    ("model.touching", "_rows",
-     f"{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},f8"),
+    (
+        "model.touching",
+        "_rows",
+        f"{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},f8",
+    ),
     ("plan.blend", "_carry", f"{_F2},{_F1}"),
     ("plan.blend", "_grade", f"{_F1},{_F1}"),
     ("plan.blend", "_round", f"{_F1},{_I1},{_F1},{_F1},{_F2},{_F3}"),
@@ -43,7 +52,7 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
     ("verify.contact", "_chords", f"{_F3},{_F1},f8"),
     ("verify.bodies", "_gap", f"{_F3},b1,{_F2},{_F1},{_F1},{_F2},f8"),
     ("verify.between", "_follow", f"{_P},{_P},{_F3},{_I1},{_F1},{_F1}"),
-)  # fmt: skip
+)
 
 
 def compile_all() -> list[Any]:
@@ -63,8 +72,10 @@ def compile_beside() -> subprocess.Popen[bytes] | None:
     try:
         return subprocess.Popen(
             [sys.executable, "-m", "machopt.plan.kernels"],
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
     except OSError:  # no process to be had: everything is compiled here
         return None
 

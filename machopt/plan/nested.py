@@ -35,9 +35,12 @@ def thinned(candidates: Candidates, scores: Scores, k: int) -> tuple[Candidates,
     """Each k-th rotation, on the same scale."""
     feasible = np.ascontiguousarray(candidates.feasible[:, ::k])
     coarse = replace(
-        candidates, phi=candidates.phi[::k], q=np.ascontiguousarray(candidates.q[:, ::k]),
-        reason=candidates.reason[:, ::k], feasible=feasible,
-    )  # fmt: skip
+        candidates,
+        phi=candidates.phi[::k],
+        q=np.ascontiguousarray(candidates.q[:, ::k]),
+        reason=candidates.reason[:, ::k],
+        feasible=feasible,
+    )
     crowded = None if scores.crowded is None else np.ascontiguousarray(scores.crowded[:, ::k])
     return coarse, replace(scores, cost=np.ascontiguousarray(scores.cost[:, ::k]), crowded=crowded)
 

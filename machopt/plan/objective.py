@@ -121,12 +121,16 @@ class Terms:
         d = np.r_[np.inf, np.linalg.norm(np.diff(path.position, axis=0), axis=1)]
         swing = np.where(flown, 1.0 + NEAR / (d + 0.1 * NEAR), 1.0)
         return cls(
-            options=options, share=path.weight, counted=path.counted, travel=a * swing / np.pi,
+            options=options,
+            share=path.weight,
+            counted=path.counted,
+            travel=a * swing / np.pi,
             rotation=np.where(flown, 0.0, a / np.pi),
             lost=np.where(flown, 0.0, np.full(n, 1.0 / max(float(path.time[-1]), 1e-9))),
-            seconds=np.diff(path.time, prepend=path.time[0]), slowness=1.0 / (AXIS_SPEED * velocity),
+            seconds=np.diff(path.time, prepend=path.time[0]),
+            slowness=1.0 / (AXIS_SPEED * velocity),
             offset=path.offset,
-        )  # fmt: skip
+        )
 
     @classmethod
     def at_stations(cls, path: Path, velocity: Array, options: PlanOptions) -> Terms:
@@ -135,8 +139,11 @@ class Terms:
         Both ends of a run are stations, so that rapid moves lead from station to station.
         """
         st = path.stations
-        return replace(cls.of(path, velocity, options).take(st), share=path.station_weight,
-                       seconds=np.diff(path.time[st], prepend=path.time[st[0]]))  # fmt: skip
+        return replace(
+            cls.of(path, velocity, options).take(st),
+            share=path.station_weight,
+            seconds=np.diff(path.time[st], prepend=path.time[st[0]]),
+        )
 
     def take(self, rows: NDArray[Any]) -> Terms:
         """The terms of some of the places."""
@@ -161,9 +168,15 @@ class Terms:
         length, turn, slow = self.motion(q, phi)
         w = self.weights
         return np.asarray(
-            edge_price(length, turn, late(slow, self.seconds[1:]), w.travel * self.travel[1:],
-                       w.rotation * self.rotation[1:], w.feed * self.lost[1:])
-        )  # fmt: skip
+            edge_price(
+                length,
+                turn,
+                late(slow, self.seconds[1:]),
+                w.travel * self.travel[1:],
+                w.rotation * self.rotation[1:],
+                w.feed * self.lost[1:],
+            )
+        )
 
     def motion(self, q: Array, phi: Array) -> tuple[Array, Array, Array]:
         """(…, n − 1) each: rad of all axes, rad about the tool axis, and s that the slowest axis needs."""
@@ -172,9 +185,15 @@ class Terms:
 
 
 def objective(
-    path: Path, cost: Array, q: Array, phi: Array, scale: float, velocity: Array, options: PlanOptions,
+    path: Path,
+    cost: Array,
+    q: Array,
+    phi: Array,
+    scale: float,
+    velocity: Array,
+    options: PlanOptions,
     crowded: Array | None = None,
-) -> Objective:  # fmt: skip
+) -> Objective:
     """J of one assignment at all planning points; infinite where a counted point has no cost.
 
     Args:

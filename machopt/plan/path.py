@@ -149,12 +149,23 @@ def build_path(toolpath: Toolpath, keep: tuple[int, ...] = (), *, corners: float
     natural = _natural_reference(toolpath.reference[high], travel, axis, drilling)
     reference = carried(natural, axis, runs)
     return Path(
-        index=index, position=position, axis=axis, move=toolpath.move[high], feed=toolpath.feed[high], run=run,
-        time=np.cumsum(np.where(joined, seconds, 0.0)), s=s,
-        travel=travel, is_point=np.abs(index - np.round(index)) < SAME_INDEX, is_drilling=drilling, plunge=plunge,
-        reference=reference, offset=_signed_angle(natural, reference, -axis),
-        stations=_stations(position, axis, toolpath.move[high], runs, np.searchsorted(index, keep)), runs=runs,
-    )  # fmt: skip
+        index=index,
+        position=position,
+        axis=axis,
+        move=toolpath.move[high],
+        feed=toolpath.feed[high],
+        run=run,
+        time=np.cumsum(np.where(joined, seconds, 0.0)),
+        s=s,
+        travel=travel,
+        is_point=np.abs(index - np.round(index)) < SAME_INDEX,
+        is_drilling=drilling,
+        plunge=plunge,
+        reference=reference,
+        offset=_signed_angle(natural, reference, -axis),
+        stations=_stations(position, axis, toolpath.move[high], runs, np.searchsorted(index, keep)),
+        runs=runs,
+    )
 
 
 def _known_feed(feed: Array) -> Array:
@@ -299,8 +310,9 @@ def _detail(position: Array, axis: Array, runs: tuple[tuple[int, int], ...]) -> 
         chord = np.column_stack(ahead) - np.column_stack(behind)
         size = np.linalg.norm(chord, axis=1, keepdims=True)
         chord = np.divide(chord, size, out=np.zeros_like(chord), where=size > 0)
-        bend, tilt = (2.0 * np.arcsin(np.minimum(0.5 * np.linalg.norm(np.diff(d, axis=0), axis=1), 1.0))
-                      for d in (chord, n))  # fmt: skip
+        bend, tilt = (
+            2.0 * np.arcsin(np.minimum(0.5 * np.linalg.norm(np.diff(d, axis=0), axis=1), 1.0)) for d in (chord, n)
+        )
         share = np.maximum(np.maximum(step / SPACING, bend / BEND), tilt / TILT)
         out[rows] = total + np.r_[0.0, np.cumsum(share)]
         total = float(out[last])

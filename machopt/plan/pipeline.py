@@ -38,13 +38,7 @@ from machopt.plan.nested import best_of_nested
 from machopt.plan.objective import Objective, objective
 from machopt.plan.path import Path, build_path
 from machopt.plan.realise import Assignment, realise
-from machopt.plan.score import (
-    Directions,
-    Scores,
-    configuration_cost,
-    directions,
-    score_candidates,
-)
+from machopt.plan.score import Directions, Scores, configuration_cost, directions, score_candidates
 from machopt.plan.search import Found, Search
 from machopt.plan.smooth import follow_grid
 from machopt.se3 import wrap
@@ -209,9 +203,7 @@ def plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Timings 
         ok = np.flatnonzero(assignment.reason == Reason.OK)
         cost[ok] = configuration_cost(setup.elasticity, d, ok, assignment.q[ok], scores.index)
         crowded = along(path, setup.collision, assignment.q, options)
-        value = objective(
-            path, cost, assignment.q, assignment.phi, scores.scale, velocity, options, crowded
-        )  # fmt: skip
+        value = objective(path, cost, assignment.q, assignment.phi, scores.scale, velocity, options, crowded)
         return Scored(assignment, cost, value)
 
     with stage("baselines"):
@@ -245,15 +237,35 @@ def plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Timings 
         _name_dropped(path, choice, candidates, chosen.assignment)
     grid = _grid_objective(path, choice, candidates, scores, setup, options)
     return Plan(
-        setup, options, path, d, candidates, scores, choice, chosen, source, grid, default, paper, check, rounds,
-        breaks=breaks, found=found,
-    )  # fmt: skip
+        setup,
+        options,
+        path,
+        d,
+        candidates,
+        scores,
+        choice,
+        chosen,
+        source,
+        grid,
+        default,
+        paper,
+        check,
+        rounds,
+        breaks=breaks,
+        found=found,
+    )
 
 
 def _searched(
-    path: Path, setup: Setup, candidates: Candidates, scores: Scores, scored: Callable[[Assignment], Scored],
-    options: PlanOptions, clock: Timings, checker: Checker,
-) -> Found:  # fmt: skip
+    path: Path,
+    setup: Setup,
+    candidates: Candidates,
+    scores: Scores,
+    scored: Callable[[Assignment], Scored],
+    options: PlanOptions,
+    clock: Timings,
+    checker: Checker,
+) -> Found:
     """The global choice, smoothed and free of contacts as far as that can be had."""
 
     def prefer_grid(choice: Choice, curve: Assignment, plain: Assignment) -> bool:
@@ -313,7 +325,7 @@ def _whole(scored: Scored, path: Path) -> bool:
 
 def _grid_objective(
     path: Path, choice: Choice, candidates: Candidates, scores: Scores, setup: Setup, options: PlanOptions
-) -> Objective:  # fmt: skip
+) -> Objective:
     """The objective of the grid optimum; decimated points take the cost of their neighbouring stations."""
     st, rows = path.stations, np.arange(len(path.stations))
     plain = follow_grid(path, candidates, choice)

@@ -37,10 +37,14 @@ def realise(path: Path, arm: Arm, robot: Robot, phi: Array, seed: Array) -> Assi
     """Solve for the exact poses near ``seed`` (P, 6); rows with a NaN seed stay without a configuration."""
     P = len(path.index)
     out = Assignment(
-        phi=phi, q=np.full((P, 6), np.nan), branch=np.full(P, -1, np.int32),
-        reason=np.full(P, Reason.NO_PATH, np.uint8), shoulder=np.full(P, np.nan), elbow=np.full(P, np.nan),
+        phi=phi,
+        q=np.full((P, 6), np.nan),
+        branch=np.full(P, -1, np.int32),
+        reason=np.full(P, Reason.NO_PATH, np.uint8),
+        shoulder=np.full(P, np.nan),
+        elbow=np.full(P, np.nan),
         wrist=np.full(P, np.nan),
-    )  # fmt: skip
+    )
     known = np.flatnonzero(np.isfinite(seed).all(axis=1) & np.isfinite(phi))
     for first in range(0, len(known), ROWS):
         _solved(path, arm, robot, known[first : first + ROWS], seed, out)

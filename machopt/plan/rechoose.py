@@ -88,7 +88,11 @@ class Chooser:
         if self._grid is None or self._dropped != dropped:
             self._dropped = dropped
             self._grid = Grid.of(
-                self.path, self.candidates, self.scores, self.velocity, self.options,
+                self.path,
+                self.candidates,
+                self.scores,
+                self.velocity,
+                self.options,
                 self.wide if self.wide.any() else None,
-            )  # fmt: skip
+            )
         return self._grid

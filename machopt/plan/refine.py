@@ -45,9 +45,11 @@ def with_corners(plan: Plan, toolpath: Toolpath, length: float) -> Plan:
     path = replace(path, stations=rows[old.stations].astype(np.int32))
     setup = plan.setup
     refined = replace(
-        plan, path=path, check=None,
+        plan,
+        path=path,
+        check=None,
         directions=directions(path, setup.arm.T_base_workpiece, setup.elasticity, plan.options.force),
-    )  # fmt: skip
+    )
 
     def carried(scored: Scored) -> Scored:
         assignment = _between(plan, path, rows, scored.assignment)

@@ -114,8 +114,9 @@ def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
     n = len(run.position)
     if n and not (np.isfinite(run.feed[1:]).all() and (run.feed[1:] > 0).all()):
         raise ValueError("every move of a run needs a feed above zero")
-    curves = build_curves(run.position, run.axis, run.reference, run.phi, run.feed, run.phi_curve,
-                          run.path_tolerance, run.axis_tolerance)  # fmt: skip
+    curves = build_curves(
+        run.position, run.axis, run.reference, run.phi, run.feed, run.phi_curve, run.path_tolerance, run.axis_tolerance
+    )
     if isinstance(curves, int):
         return RunFailure(curves, f"the tool axis turns by more than 170° between points {curves - 1} and {curves}")
     if not curves:  # no length: stand still for one sample
@@ -138,8 +139,9 @@ def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
     point[0], point[-1] = 0.0, n - 1.0
     held = np.nan_to_num(join("ratio")) >= HELD
     dips = tuple(dip for part in parts for dip in part.dips)
-    return RunTrajectory(q, point, join("speed"), join("phi"), held, dips, (len(q) - 1) * run.sample,
-                         float(held[1:].mean()))  # fmt: skip
+    return RunTrajectory(
+        q, point, join("speed"), join("phi"), held, dips, (len(q) - 1) * run.sample, float(held[1:].mean())
+    )
 
 
 def _drive(run: RunInput, curve: Curve, begin: Where, finish: Where) -> _Part | RunFailure:
@@ -269,9 +271,17 @@ def _law_ratios(
 
 
 def _dips(
-    ratio: Array, at: Array, point: Array, v: Array, slope: Array, u: Array, single: Array, use: Array,
-    begin: Where, finish: Where,
-) -> list[Dip]:  # fmt: skip
+    ratio: Array,
+    at: Array,
+    point: Array,
+    v: Array,
+    slope: Array,
+    u: Array,
+    single: Array,
+    use: Array,
+    begin: Where,
+    finish: Where,
+) -> list[Dip]:
     """Stretches below HELD. Blamed is what bounds the speed lowest there, or in a ramp the limit that is used most."""
     low = np.r_[False, ratio[1:] < HELD, False]
     edge = np.flatnonzero(np.diff(low.astype(int)))
@@ -286,6 +296,14 @@ def _dips(
         joint, limit = np.unravel_index(int(np.argmax(use[first : last + 1].max(axis=0))), (6, 3))
         if where in {"path", "reorientation"} and len(bound) and bound.min() < 1.25 * v[slowest]:
             _, joint, limit = np.unravel_index(int(np.argmin(bound)), bound.shape)
-        dips.append(Dip(float(point[first]), float(point[last]), float(ratio[slowest]), where, int(joint) + 1,
-                        LIMITS[int(limit)]))  # fmt: skip
+        dips.append(
+            Dip(
+                float(point[first]),
+                float(point[last]),
+                float(ratio[slowest]),
+                where,
+                int(joint) + 1,
+                LIMITS[int(limit)],
+            )
+        )
     return dips

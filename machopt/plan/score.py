@@ -91,8 +91,9 @@ def configuration_cost(
                 raise InputError(
                     f"the joint springs do not hold {np.linalg.norm(d.force[p], axis=-1).max():.4g} N: with "
                     "geometric_stiffness the arm would buckle; a force in N, or a file without that term, would work",
-                    file="options", where="force_N",
-                )  # fmt: skip
+                    file="options",
+                    where="force_N",
+                )
             return out
         if index == "jiao2022":
             return np.asarray(1.0 / elastic.jiao_index(d.axial[p]))

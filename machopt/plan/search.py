@@ -143,9 +143,18 @@ class Search:
             budget, grid_is_free = 2 * budget, False
             choice = self._again(choice)
         return Found(
-            self._without_breaks(found, choice), source, choice, check, self.rounds, self.pairs, self.banned,
-            self.edges, self.chooser.wide, self.looked, not check.free,
-        )  # fmt: skip
+            self._without_breaks(found, choice),
+            source,
+            choice,
+            check,
+            self.rounds,
+            self.pairs,
+            self.banned,
+            self.edges,
+            self.chooser.wide,
+            self.looked,
+            not check.free,
+        )
 
     # --- choosing ------------------------------------------------------------------------------------------------
 
@@ -204,14 +213,17 @@ class Search:
         if take.all():
             return plain, grid, "grid"
 
-        mixed = Assignment(**{
-            name: np.where(take.reshape(-1, *(1,) * (values.ndim - 1)), values, getattr(curve, name))
-            for name, values in vars(plain).items()
-        })  # fmt: skip
+        mixed = Assignment(
+            **{
+                name: np.where(take.reshape(-1, *(1,) * (values.ndim - 1)), values, getattr(curve, name))
+                for name, values in vars(plain).items()
+            }
+        )
         checked = PathCheck(
-            np.where(take, grid.hit, check.hit), np.where(take, grid.pair, check.pair).astype(np.int32),
+            np.where(take, grid.hit, check.hit),
+            np.where(take, grid.pair, check.pair).astype(np.int32),
             np.where(take, grid.lost, check.lost),
-        )  # fmt: skip
+        )
         return mixed, checked, "smooth and grid"
 
     # --- striking out --------------------------------------------------------------------------------------------
@@ -283,8 +295,10 @@ class Search:
             s = int(at)
             joined = s > 0 and s not in choice.broken and not choice.dropped[s - 1]
             if joined and self.path.run[self.path.stations[s]] == self.path.run[self.path.stations[s - 1]]:
-                gone = [not self.candidates.feasible[k, choice.rotation[k], choice.branch[k], choice.turn[k]]
-                        for k in (s - 1, s)]  # fmt: skip
+                gone = [
+                    not self.candidates.feasible[k, choice.rotation[k], choice.branch[k], choice.turn[k]]
+                    for k in (s - 1, s)
+                ]
                 if not any(gone):
                     self._strike_edges(choice, s)
         if (int(self.candidates.feasible.sum()), len(self.edges)) == before:

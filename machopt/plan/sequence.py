@@ -102,9 +102,25 @@ def _groups(before: Array, q: Array, turns: Array) -> Any:  # numba infers
 
 @compiled
 def cheapest_sequence(
-    node: Any, q: Any, turns: Any, feasible: Any, window: Any, stable: Any, shift: Any, seconds: Any, slowness: Any,
-    price_q: Any, price_r: Any, price_t: Any, nudged: Any, limit: float, ban: Any, ban_u: Any, ban_v: Any, loose: bool,
-) -> Any:  # numba infers  # fmt: skip
+    node: Any,
+    q: Any,
+    turns: Any,
+    feasible: Any,
+    window: Any,
+    stable: Any,
+    shift: Any,
+    seconds: Any,
+    slowness: Any,
+    price_q: Any,
+    price_r: Any,
+    price_t: Any,
+    nudged: Any,
+    limit: float,
+    ban: Any,
+    ban_u: Any,
+    ban_v: Any,
+    loose: bool,
+) -> Any:  # numba infers
     """Cheapest sequence; returns (S, 3) rotation, branch, turn (−1 where dropped), its value, where it stopped, breaks
     (S,) and what is reached (S, V).
 

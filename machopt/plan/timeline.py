@@ -132,9 +132,16 @@ class _Builder:
         trajectory = None if self.obstructions else self._joined()
         held = self.held_time / self.cut_time if self.cut_time > 0 else 1.0
         return Timeline(
-            trajectory, tuple(self.dips), tuple(self.obstructions), tuple(self.detours), tuple(self.legs), held,
-            self.phi, tuple(self.driven), self.given_up,
-        )  # fmt: skip
+            trajectory,
+            tuple(self.dips),
+            tuple(self.obstructions),
+            tuple(self.detours),
+            tuple(self.legs),
+            held,
+            self.phi,
+            tuple(self.driven),
+            self.given_up,
+        )
 
     def _stretch(self, here: _Place, first: int, last: int) -> _Place | None:
         """Drive one stretch from ``here``; returns where it ends, None where it cannot be driven."""
@@ -201,8 +208,13 @@ class _Builder:
         return [leg for leg in (to, down, run, up) if leg is not None], _Place(end, float(index[last]), last)
 
     def _no_room(self, before: float, after: float) -> Break:
-        return Break(before, after, "no_room", "there is no room to lift the tool out of the cut at the gap",
-                     "more room above the part, or another pose of the part, would help")  # fmt: skip
+        return Break(
+            before,
+            after,
+            "no_room",
+            "there is no room to lift the tool out of the cut at the gap",
+            "more room above the part, or another pose of the part, would help",
+        )
 
     def _feed_after(self) -> Array:
         """(P,) m/s of the move to each point, of the next one with a feed where that is a rapid move."""
@@ -214,12 +226,18 @@ class _Builder:
 
     def _rapid(self, a: _Place, b: _Place) -> Leg | Break:
         move = plan_rapid(
-            a.q, b.q, limits=self.plan.setup.driven.limits, scale=self.options.rapid_scale, sample=self.options.sample,
-            collision=self.plan.setup.collision, step=self.options.collision_step, rng=self.rng,
+            a.q,
+            b.q,
+            limits=self.plan.setup.driven.limits,
+            scale=self.options.rapid_scale,
+            sample=self.options.sample,
+            collision=self.plan.setup.collision,
+            step=self.options.collision_step,
+            rng=self.rng,
             detours=lambda: self.lifts.detours(a.row, b.row),
             iterations=SEARCH if not self.obstructions and not self.given_up else SEARCH_IN_VAIN,
             known_free=way_between(a.q, b.q) in self.free,
-        )  # fmt: skip
+        )
         if isinstance(move, Blocked):
             return _blocked(move, a, b)
         q, waypoints = move.q, move.waypoints
@@ -230,10 +248,17 @@ class _Builder:
         if move.kind != "direct":
             self.detours.append(f"{place(a.index)} → {place(b.index)}: {move.kind}, {len(waypoints) - 2} way points")
         operation = self.toolpath.operation[round(b.index)] if np.isfinite(b.index) else -1
-        return Leg("rapid", q, np.linspace(a.index, b.index, n) if n > 1 else np.array([b.index]),
-                   np.full(n, Move.RAPID, np.int8), np.full(n, operation, np.int32), np.full(n, np.nan),
-                   waypoints[1:], np.full(len(waypoints) - 1, b.index),
-                   np.full(len(waypoints) - 1, np.nan))  # fmt: skip
+        return Leg(
+            "rapid",
+            q,
+            np.linspace(a.index, b.index, n) if n > 1 else np.array([b.index]),
+            np.full(n, Move.RAPID, np.int8),
+            np.full(n, operation, np.int32),
+            np.full(n, np.nan),
+            waypoints[1:],
+            np.full(len(waypoints) - 1, b.index),
+            np.full(len(waypoints) - 1, np.nan),
+        )
 
     def _withdrawal(self, row: int) -> float:
         """m along the tool axis until a rapid move may begin; 0 where it may at once, or never."""
@@ -257,9 +282,17 @@ class _Builder:
             at = float(self.path.index[row])
             return _not_driven(at, at, done.reason)
         n = len(done.q)
-        return Leg("lift", done.q, np.full(n, self.path.index[row]), np.full(n, move, np.int8),
-                             np.full(n, self._operation(rows[:1])[0], np.int32), np.full(n, np.nan),
-                             self._told(b[None]), self.path.index[rows[:1]], np.array([feed]))  # fmt: skip
+        return Leg(
+            "lift",
+            done.q,
+            np.full(n, self.path.index[row]),
+            np.full(n, move, np.int8),
+            np.full(n, self._operation(rows[:1])[0], np.int32),
+            np.full(n, np.nan),
+            self._told(b[None]),
+            self.path.index[rows[:1]],
+            np.array([feed]),
+        )
 
     def _touch(self, first: int, last: int) -> Leg:
         """Points without any way between them: the tool stands there for a sample each."""
@@ -298,20 +331,39 @@ class _Builder:
         self.cut_time += float(cutting.sum()) * self.options.sample
         self.held_time += float((cutting & done.held).sum()) * self.options.sample
         self.dips += [dip.at(np.interp([dip.first, dip.last], np.arange(len(rows)), index)) for dip in done.dips]
-        return Leg("run", done.q, np.interp(local, np.arange(len(rows)), index), move,
-                   self._operation(rows[segment]), gamma,
-                   self._told(self.q[rows][told]), index[told], feed[told])  # fmt: skip
+        return Leg(
+            "run",
+            done.q,
+            np.interp(local, np.arange(len(rows)), index),
+            move,
+            self._operation(rows[segment]),
+            gamma,
+            self._told(self.q[rows][told]),
+            index[told],
+            feed[told],
+        )
 
     def _retime(self, position: Array, rows: NDArray[np.int32], q: Array, feed: Array) -> RunTrajectory | RunFailure:
         setup = self.plan.setup
-        return retime_run(RunInput(
-            position=position, axis=self.path.axis[rows], reference=self.path.reference[rows],
-            phi=self.plan.chosen.assignment.phi[rows], q=q, feed=feed,
-            T_base_workpiece=setup.arm.T_base_workpiece, T_flange_tcp=setup.arm.T_flange_tcp, robot=setup.robot,
-            limits=self.cell.limits, sample=self.options.sample, path_tolerance=self.options.path_tolerance,
-            axis_tolerance=self.options.axis_tolerance, limit_scale=self.options.limit_scale,
-            correction=setup.correction,
-        ))  # fmt: skip
+        return retime_run(
+            RunInput(
+                position=position,
+                axis=self.path.axis[rows],
+                reference=self.path.reference[rows],
+                phi=self.plan.chosen.assignment.phi[rows],
+                q=q,
+                feed=feed,
+                T_base_workpiece=setup.arm.T_base_workpiece,
+                T_flange_tcp=setup.arm.T_flange_tcp,
+                robot=setup.robot,
+                limits=self.cell.limits,
+                sample=self.options.sample,
+                path_tolerance=self.options.path_tolerance,
+                axis_tolerance=self.options.axis_tolerance,
+                limit_scale=self.options.limit_scale,
+                correction=setup.correction,
+            )
+        )
 
     def _told(self, q: Array) -> Array:
         """(W, 6) encoder angles of true angles."""
@@ -379,18 +431,40 @@ def _needed(phi: Array, is_point: NDArray[np.bool_], index: Array, position: Arr
 def _blocked(move: Blocked, a: _Place, b: _Place) -> Break:
     at = a if move.reason == "start" else b
     if move.reason != "way" and at.row < 0:
-        return Break(a.index, b.index, "home_collides", f"{move.pair} touch or come nearer than the clearance at the "
-                     "home pose", "another home pose (robot.home_deg), or moving what is there, would help",
-                     pair=move.pair)  # fmt: skip
+        return Break(
+            a.index,
+            b.index,
+            "home_collides",
+            f"{move.pair} touch or come nearer than the clearance at the home pose",
+            "another home pose (robot.home_deg), or moving what is there, would help",
+            pair=move.pair,
+        )
     if move.reason != "way":
-        return Break(a.index, b.index, "rapid_collides", f"{move.pair} touch or come nearer than the clearance at the "
-                     f"{move.reason} of the rapid move, at {place(at.index)}", "an approach or retract to a place "
-                     "clear of the part, or a smaller clearance_mm, would help", pair=move.pair)  # fmt: skip
-    return Break(a.index, b.index, "rapid_blocked", f"no free way was found past {move.pair}", "a retract to a place "
-                 "clear of everything, another home pose, another seed, or moving what is in the way would help",
-                 pair=move.pair)  # fmt: skip
+        return Break(
+            a.index,
+            b.index,
+            "rapid_collides",
+            f"{move.pair} touch or come nearer than the clearance at the "
+            f"{move.reason} of the rapid move, at {place(at.index)}",
+            "an approach or retract to a place clear of the part, or a smaller clearance_mm, would help",
+            pair=move.pair,
+        )
+    return Break(
+        a.index,
+        b.index,
+        "rapid_blocked",
+        f"no free way was found past {move.pair}",
+        "a retract to a place "
+        "clear of everything, another home pose, another seed, or moving what is in the way would help",
+        pair=move.pair,
+    )
 
 
 def _not_driven(before: float, after: float, why: str) -> Break:
-    return Break(before, after, "not_driven", why, "more points there, a finer rotation_step_deg or larger singularity "
-                 "margins would help")  # fmt: skip
+    return Break(
+        before,
+        after,
+        "not_driven",
+        why,
+        "more points there, a finer rotation_step_deg or larger singularity margins would help",
+    )

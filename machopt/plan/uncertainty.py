@@ -63,10 +63,11 @@ class Spread:
         np.add.at(total, rows, grid.joints[touched])
         share = count[rows, None] * (grid.joints[touched] / total[rows]) ** 2
         return cls(
-            np.concatenate([constant[None], cells]), np.concatenate([rows, outside]),
+            np.concatenate([constant[None], cells]),
+            np.concatenate([rows, outside]),
             np.concatenate([touched + 1, np.zeros(len(outside), np.int64)]),
             np.concatenate([share, np.ones((len(outside), 6))]),
-        )  # fmt: skip
+        )
 
     @property
     def known(self) -> bool:

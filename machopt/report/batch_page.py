@@ -51,10 +51,13 @@ def batch_html(data: BatchData) -> str:
     ]
     done = sum(job["state"] == "done" for job in data.jobs)
     return page_html(
-        f"Batch of {counted(len(data.jobs), 'job')}", (("Done", f"{done} of {len(data.jobs)}"),), sections, {},
+        f"Batch of {counted(len(data.jobs), 'job')}",
+        (("Done", f"{done} of {len(data.jobs)}"),),
+        sections,
+        {},
         scripts=("start_batch.js",),
         footer=fragment("batch.html", "footer", data.version),
-    )  # fmt: skip
+    )
 
 
 def _verdict(data: BatchData) -> Body:
@@ -97,19 +100,29 @@ def _verdict(data: BatchData) -> Body:
 
 
 _STATES = {
-    "verification failed": "failed verification", "infeasible": "infeasible", "refused": "refused",
-    "over time": "over the time limit", "over memory": "over the memory limit", "crashed": "crashed",
+    "verification failed": "failed verification",
+    "infeasible": "infeasible",
+    "refused": "refused",
+    "over time": "over the time limit",
+    "over memory": "over the memory limit",
+    "crashed": "crashed",
     "waiting": "not run",
-}  # fmt: skip
+}
 
 
 def _attention(data: BatchData) -> Body:
     rows = [
         (_link(job, job["folder"]), job["cell"], job["variant"], _word(job), job.get("reason", ""))
-        for job in data.jobs if job["state"] not in ("done", "waiting")
-    ]  # fmt: skip
-    columns = [Column("Toolpath", "html"), Column("Cell"), Column("Variant"), Column("Verdict", "html"),
-               Column("Why", "why")]  # fmt: skip
+        for job in data.jobs
+        if job["state"] not in ("done", "waiting")
+    ]
+    columns = [
+        Column("Toolpath", "html"),
+        Column("Cell"),
+        Column("Variant"),
+        Column("Verdict", "html"),
+        Column("Why", "why"),
+    ]
     lead = "Jobs without an answer, or with one that must not be run. The others are not touched by them."
     return section("attention", "Needs attention", lead, _table(columns, rows, keep=("Toolpath", "Verdict", "Why")))
 
@@ -118,21 +131,41 @@ def _ranking(data: BatchData) -> Body:
     gains = [abs(job["gain_percent"]) for job in data.jobs if job.get("gain_percent") is not None]
     widest = max(gains, default=1.0) or 1.0
     columns = [
-        Column("Rank", "n"), Column("Toolpath", "html"), Column("Variant"), Column("Verdict", "html"),
-        Column("Gain (%)", "html"), Column("Gain over jiao2022 (%)", "n"), Column("Mean", "n"), Column("Worst", "n"),
-        Column("Unit"), Column("Worst point", "n"), Column("Cycle (s)", "n"), Column("Feed held (%)", "n"),
-        Column("Warnings", "n"), Column("Wall (s)", "html"),
-    ]  # fmt: skip
+        Column("Rank", "n"),
+        Column("Toolpath", "html"),
+        Column("Variant"),
+        Column("Verdict", "html"),
+        Column("Gain (%)", "html"),
+        Column("Gain over jiao2022 (%)", "n"),
+        Column("Mean", "n"),
+        Column("Worst", "n"),
+        Column("Unit"),
+        Column("Worst point", "n"),
+        Column("Cycle (s)", "n"),
+        Column("Feed held (%)", "n"),
+        Column("Warnings", "n"),
+        Column("Wall (s)", "html"),
+    ]
     rows = [
         (
-            rank, fragment("batch.html", "placed", _link(job, job["report"] or job["folder"]), job["cell"]),
-            job["variant"], _word(job), _gain(job, widest), _signed(job.get("gain_over_jiao2022_percent")),
-            _number(job.get("mean")), _number(job.get("worst")), job.get("unit", ""), _text(job.get("worst_point")),
-            _number(job.get("cycle_time_s"), 1), _number(job.get("feed_held_percent"), 1),
-            len(job.get("warnings", ())), fragment("batch.html", "wall", job["job"]),
+            rank,
+            fragment("batch.html", "placed", _link(job, job["report"] or job["folder"]), job["cell"]),
+            job["variant"],
+            _word(job),
+            _gain(job, widest),
+            _signed(job.get("gain_over_jiao2022_percent")),
+            _number(job.get("mean")),
+            _number(job.get("worst")),
+            job.get("unit", ""),
+            _text(job.get("worst_point")),
+            _number(job.get("cycle_time_s"), 1),
+            _number(job.get("feed_held_percent"), 1),
+            len(job.get("warnings", ())),
+            fragment("batch.html", "wall", job["job"]),
         )
-        for rank, job in enumerate(data.jobs, 1) if job["state"] in ("done", "verification failed")
-    ]  # fmt: skip
+        for rank, job in enumerate(data.jobs, 1)
+        if job["state"] in ("done", "verification failed")
+    ]
     lead = (
         "The largest gain first. Mean and worst are of deflection (mm) or of stiffness along the tool (N/mm); "
         "summary.csv has those of the CAM default beside them."
@@ -145,23 +178,42 @@ def _compared(data: BatchData) -> Body:
     if not data.compared_with:
         return ""
     columns = [
-        Column("Toolpath", "html"), Column("Variant"), Column("Verdict"),
-        Column("Rotation differs, mean (deg)", "n"), Column("worst (deg)", "n"), Column("at point", "n"),
-        Column("of the points (%)", "n"), Column("Branch changes", "n"), Column("Mean before", "n"), Column("now", "n"),
-        Column("Worst before", "n"), Column("now", "n"), Column("Unit"), Column("Cycle before (s)", "n"),
-        Column("now (s)", "n"), Column("Note"),
-    ]  # fmt: skip
+        Column("Toolpath", "html"),
+        Column("Variant"),
+        Column("Verdict"),
+        Column("Rotation differs, mean (deg)", "n"),
+        Column("worst (deg)", "n"),
+        Column("at point", "n"),
+        Column("of the points (%)", "n"),
+        Column("Branch changes", "n"),
+        Column("Mean before", "n"),
+        Column("now", "n"),
+        Column("Worst before", "n"),
+        Column("now", "n"),
+        Column("Unit"),
+        Column("Cycle before (s)", "n"),
+        Column("now (s)", "n"),
+        Column("Note"),
+    ]
     report = {job["job"]: job["report"] or job["folder"] for job in data.jobs}
     rows = [
         (
-            _link(row, report.get(row["job"], "")), row["variant"], _change(row),
-            _number(row["rotation_mean_deg"], 1), _number(row["rotation_worst_deg"], 1), _text(row["worst_at_point"]),
-            "–" if row["turned_share"] is None else f"{100 * row['turned_share']:.0f}", _text(row["branch_changes"]),
-            *(_number(row[k]) for k in ("mean_before", "mean", "worst_before", "worst")), row["unit"] or "",
-            _number(row["cycle_time_before_s"], 1), _number(row["cycle_time_s"], 1), row["note"],
+            _link(row, report.get(row["job"], "")),
+            row["variant"],
+            _change(row),
+            _number(row["rotation_mean_deg"], 1),
+            _number(row["rotation_worst_deg"], 1),
+            _text(row["worst_at_point"]),
+            "–" if row["turned_share"] is None else f"{100 * row['turned_share']:.0f}",
+            _text(row["branch_changes"]),
+            *(_number(row[k]) for k in ("mean_before", "mean", "worst_before", "worst")),
+            row["unit"] or "",
+            _number(row["cycle_time_before_s"], 1),
+            _number(row["cycle_time_s"], 1),
+            row["note"],
         )
         for row in data.differences
-    ]  # fmt: skip
+    ]
     verdicts = sum(row["verdict"] != row["verdict_before"] for row in data.differences)
     turned = sum(bool(row["turned_share"]) for row in data.differences)
     lead = (

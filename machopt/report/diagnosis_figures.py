@@ -45,24 +45,55 @@ def per_group(data: DiagnosisPage) -> Spec | None:
         for n, b, a in zip(names, before, after, strict=True)
     ]
     layers: list[Spec] = [
-        {"type": "line", "color": LAW, "dash": "6 4", "name": "noise floor", "x": [-0.5, len(order) - 0.5],
-         "y": [factor * d.noise_floor] * 2, "width": 1.2},
-        {"type": "points", "name": "model as it was, refitted", "color": BEFORE, "hollow": True, "size": 3.2,
-         "x": numbers(x), "y": numbers(before), "lo": numbers(np.minimum(before, after)),
-         "hi": numbers(np.maximum(before, after)), "labels": labels},
-    ]  # fmt: skip
+        {
+            "type": "line",
+            "color": LAW,
+            "dash": "6 4",
+            "name": "noise floor",
+            "x": [-0.5, len(order) - 0.5],
+            "y": [factor * d.noise_floor] * 2,
+            "width": 1.2,
+        },
+        {
+            "type": "points",
+            "name": "model as it was, refitted",
+            "color": BEFORE,
+            "hollow": True,
+            "size": 3.2,
+            "x": numbers(x),
+            "y": numbers(before),
+            "lo": numbers(np.minimum(before, after)),
+            "hi": numbers(np.maximum(before, after)),
+            "labels": labels,
+        },
+    ]
     if not math.isfinite(d.noise_floor):
         del layers[0]
     if d.findings:
-        layers.append({"type": "points", "name": "with what was found", "color": AFTER, "size": 3.2, "x": numbers(x),
-                       "y": numbers(after), "labels": labels})  # fmt: skip
+        layers.append(
+            {
+                "type": "points",
+                "name": "with what was found",
+                "color": AFTER,
+                "size": 3.2,
+                "x": numbers(x),
+                "y": numbers(after),
+                "labels": labels,
+            }
+        )
     if not d.findings:
         for part in ("lo", "hi"):
             del layers[-1][part]
     return {
-        "id": "d-groups", "title": f"Held-out error of each {data.group_word}, worst first", "ymin": 0, "height": 270,
-        "xlabel": data.group_word.capitalize(), "ylabel": f"rms error ({unit})", "xcats": names, "layers": layers,
-    }  # fmt: skip
+        "id": "d-groups",
+        "title": f"Held-out error of each {data.group_word}, worst first",
+        "ymin": 0,
+        "height": 270,
+        "xlabel": data.group_word.capitalize(),
+        "ylabel": f"rms error ({unit})",
+        "xcats": names,
+        "layers": layers,
+    }
 
 
 def over_axis(data: DiagnosisPage, axis: str, spec_id: str) -> Spec | None:
@@ -91,18 +122,42 @@ def over_axis(data: DiagnosisPage, axis: str, spec_id: str) -> Spec | None:
     for what, size, color, hollow, aside in pairs:
         shift = aside if few else 0.0
         labels = [[["line", str(data.line[n])], [data.group_word, str(data.pose[n])]] for n in drawn]
-        layers.append({"type": "points", "name": what, "color": color, "hollow": hollow, "size": 1.6,
-                       "x": numbers(at[drawn] + shift), "y": numbers(size[drawn]), "labels": labels})  # fmt: skip
+        layers.append(
+            {
+                "type": "points",
+                "name": what,
+                "color": color,
+                "hollow": hollow,
+                "size": 1.6,
+                "x": numbers(at[drawn] + shift),
+                "y": numbers(size[drawn]),
+                "labels": labels,
+            }
+        )
     for _, size, color, _, aside in pairs:
         x, mean = binned_rms(at[good], size[good], few=few)
         shift = aside if few else 0.0
-        layers.append({"type": "points" if few else "line", "name": f"rms, {'before' if color == BEFORE else 'after'}",
-                       "color": color, "width": 2.4, "size": 5, "mark": "diamond", "x": numbers(x + shift),
-                       "y": numbers(mean)})  # fmt: skip
+        layers.append(
+            {
+                "type": "points" if few else "line",
+                "name": f"rms, {'before' if color == BEFORE else 'after'}",
+                "color": color,
+                "width": 2.4,
+                "size": 5,
+                "mark": "diamond",
+                "x": numbers(x + shift),
+                "y": numbers(mean),
+            }
+        )
     spec: Spec = {
-        "id": spec_id, "title": f"Size of the residual{whose} over {axis_words(axis)}", "ymin": 0, "height": 270,
-        "xlabel": name[:1].upper() + name[1:], "ylabel": f"Held-out residual, rms ({unit})", "layers": layers,
-    }  # fmt: skip
+        "id": spec_id,
+        "title": f"Size of the residual{whose} over {axis_words(axis)}",
+        "ymin": 0,
+        "height": 270,
+        "xlabel": name[:1].upper() + name[1:],
+        "ylabel": f"Held-out residual, rms ({unit})",
+        "layers": layers,
+    }
     if few:
         spec["xcats"] = [axis_value(axis, v, "") for v in different.tolist()]
     return spec
@@ -149,24 +204,57 @@ def law(data: DiagnosisPage, n: int, f: Finding) -> Spec | None:
         rows = np.flatnonzero(here)
         rows = rows[_pick(len(rows), MOST_POINTS // len(parts))]
         labels = [[["line", str(data.line[r])], [data.group_word, str(data.pose[r])]] for r in rows]
-        layers.append({"type": "points", "name": name, "color": color, "hollow": True, "size": 1.8,
-                       "x": numbers(c.data_x[rows]), "y": numbers(value[rows]), "labels": labels})  # fmt: skip
+        layers.append(
+            {
+                "type": "points",
+                "name": name,
+                "color": color,
+                "hollow": True,
+                "size": 1.8,
+                "x": numbers(c.data_x[rows]),
+                "y": numbers(value[rows]),
+                "labels": labels,
+            }
+        )
     for name, color, _, here in parts:
         x, mean, half = binned_mean(c.data_x[here], value[here])
         if len(x) > 1:
-            layers.append({"type": "points", "name": f"{name}, averaged", "color": color, "mark": "diamond", "size": 4,
-                           "bar": 2, "x": numbers(x), "y": numbers(mean), "lo": numbers(mean - half),
-                           "hi": numbers(mean + half)})  # fmt: skip
+            layers.append(
+                {
+                    "type": "points",
+                    "name": f"{name}, averaged",
+                    "color": color,
+                    "mark": "diamond",
+                    "size": 4,
+                    "bar": 2,
+                    "x": numbers(x),
+                    "y": numbers(mean),
+                    "lo": numbers(mean - half),
+                    "hi": numbers(mean + half),
+                }
+            )
     order = _pick(len(c.x), MOST_POINTS)
-    layers.append({"type": "line", "name": f"fitted law: {f.law}", "color": LAW, "width": 2.4,
-                   "x": numbers(c.x[order]), "y": numbers(c.law[order])})  # fmt: skip
+    layers.append(
+        {
+            "type": "line",
+            "name": f"fitted law: {f.law}",
+            "color": LAW,
+            "width": 2.4,
+            "x": numbers(c.x[order]),
+            "y": numbers(c.law[order]),
+        }
+    )
     left = int(good.sum() - inside.sum())
     more = f"; {left} readings lie outside the picture" if left else ""
     return {
-        "id": f"d-law{n}", "title": f"What the readings show, and the fitted law{more}", "height": 340,
-        "xlabel": c.x_label, "ylabel": c.y_label, "hlines": [{"y": 0, "class": "axis", "fit": True}],
+        "id": f"d-law{n}",
+        "title": f"What the readings show, and the fitted law{more}",
+        "height": 340,
+        "xlabel": c.x_label,
+        "ylabel": c.y_label,
+        "hlines": [{"y": 0, "class": "axis", "fit": True}],
         "layers": layers,
-    }  # fmt: skip
+    }
 
 
 def window(value: Array, line: Array) -> tuple[float, float]:
@@ -204,24 +292,51 @@ def binned_mean(x: Array, y: Array) -> tuple[Array, Array, Array]:
 def job_charts(job: JobEffect) -> list[Spec]:
     """Rotation and predicted deflection along the toolpath."""
     sets: list[tuple[str, str, str, list[tuple[str, Array, str, str]]]] = [
-        ("d-gamma", "Chosen rotation of the tool", "γ (deg)",
-         [("before", job.gamma_before, BEFORE, "5 4"), ("with what was found", job.gamma_after, AFTER, "none")]),
-        ("d-deflection", "Predicted deflection", "Deflection (mm)",
-         [("old choice, old model", job.deflection_before, GREY, "2 3"),
-          ("old choice, new model", job.deflection_unchanged, BEFORE, "5 4"),
-          ("new choice, new model", job.deflection_after, AFTER, "none")]),
-    ]  # fmt: skip
+        (
+            "d-gamma",
+            "Chosen rotation of the tool",
+            "γ (deg)",
+            [("before", job.gamma_before, BEFORE, "5 4"), ("with what was found", job.gamma_after, AFTER, "none")],
+        ),
+        (
+            "d-deflection",
+            "Predicted deflection",
+            "Deflection (mm)",
+            [
+                ("old choice, old model", job.deflection_before, GREY, "2 3"),
+                ("old choice, new model", job.deflection_unchanged, BEFORE, "5 4"),
+                ("new choice, new model", job.deflection_after, AFTER, "none"),
+            ],
+        ),
+    ]
     out = []
     for name, title, label, curves in sets:
         layers = []
         for what, values, color, dash in curves:
             if len(values) and len(values) == len(job.point):
                 pick = _pick(len(values), MOST_POINTS)
-                layers.append({"type": "line", "name": what, "color": color, "dash": dash, "width": 1.8,
-                               "x": numbers(job.point[pick]), "y": numbers(values[pick])})  # fmt: skip
+                layers.append(
+                    {
+                        "type": "line",
+                        "name": what,
+                        "color": color,
+                        "dash": dash,
+                        "width": 1.8,
+                        "x": numbers(job.point[pick]),
+                        "y": numbers(values[pick]),
+                    }
+                )
         if layers:
-            out.append({"id": name, "title": title, "xlabel": "Point of the toolpath", "ylabel": label, "height": 240,
-                        "layers": layers})  # fmt: skip
+            out.append(
+                {
+                    "id": name,
+                    "title": title,
+                    "xlabel": "Point of the toolpath",
+                    "ylabel": label,
+                    "height": 240,
+                    "layers": layers,
+                }
+            )
     return out
 
 

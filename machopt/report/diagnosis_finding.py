@@ -37,12 +37,23 @@ def finding_html(n: int, f: Finding, unit: str, charts: set[str]) -> Markup:
     one_of = (own, *(name for name in f.one_of if name != own))
     placebos = [r for r in f.rivals if r.placebo]
     return fragment(
-        "diagnosis.html", "finding", number=n, heading=heading(f), said=what(f.effect), several=len(f.one_of) > 1,
-        alternatives=alternatives(one_of), cards=part("boxes", boxes(_cards(f, unit)), True), law=f.law,
-        equation=f.equation, parameters=_parameters(f.parameters), drawn=f"d-law{n}" in charts,
-        placebos=len(placebos), lost=sum(r.standing == "rejected" for r in placebos), rivals=_rivals(f.rivals),
+        "diagnosis.html",
+        "finding",
+        number=n,
+        heading=heading(f),
+        said=what(f.effect),
+        several=len(f.one_of) > 1,
+        alternatives=alternatives(one_of),
+        cards=part("boxes", boxes(_cards(f, unit)), True),
+        law=f.law,
+        equation=f.equation,
+        parameters=_parameters(f.parameters),
+        drawn=f"d-law{n}" in charts,
+        placebos=len(placebos),
+        lost=sum(r.standing == "rejected" for r in placebos),
+        rivals=_rivals(f.rivals),
         goes_into=goes_into(f.correction),
-    )  # fmt: skip
+    )
 
 
 def goes_into(correction: Correction | None) -> str:
@@ -85,8 +96,13 @@ def _parameters(parameters: Mapping[str, Estimate]) -> Markup | str:
         value, low, high = numeral(factor * e.value, factor * e.ci90[0], factor * e.ci90[1])
         _, low95, high95 = numeral(factor * e.value, factor * e.ci95[0], factor * e.ci95[1])
         rows.append([name.replace("_", " "), value, unit, _between(low, high), _between(low95, high95)])
-    columns = [Column("Parameter"), Column("Value", "n"), Column("Unit"), Column("90 % interval", "n"),
-               Column("95 % interval", "n")]  # fmt: skip
+    columns = [
+        Column("Parameter"),
+        Column("Value", "n"),
+        Column("Unit"),
+        Column("90 % interval", "n"),
+        Column("95 % interval", "n"),
+    ]
     return table(columns, rows) if rows else ""
 
 
@@ -102,14 +118,22 @@ def _rivals(rivals: tuple[Rival, ...]) -> Markup | str:
     words = {"rejected": part("toned", "pass", "rejected"), "not excluded": part("strong", "not excluded")}
     order = sorted(rivals, key=lambda r: (r.placebo, r.standing == "rejected", -r.closed))
     rows = [
-        [("placebo: " if r.placebo else "") + named(r.effect, r.location), r.law, percent(r.closed), chance(r.p_value),
-         words[r.standing]]
+        [
+            ("placebo: " if r.placebo else "") + named(r.effect, r.location),
+            r.law,
+            percent(r.closed),
+            chance(r.p_value),
+            words[r.standing],
+        ]
         for r in order
-    ]  # fmt: skip
+    ]
     columns = [
-        Column("Rival"), Column("Law"), Column("Reaches of the gain", "n"), Column("p that it does as well", "n"),
+        Column("Rival"),
+        Column("Law"),
+        Column("Reaches of the gain", "n"),
+        Column("p that it does as well", "n"),
         Column("", "html"),
-    ]  # fmt: skip
+    ]
     return table(columns, rows)
 
 

@@ -38,10 +38,14 @@ def limits_html(d: Diagnosis) -> Body:
         columns = [Column("Elsewhere"), Column("Least size", "html"), Column("Unit")]
         body += table(columns, [[_capital(named(*n)), _cell(n, least, reasons, ""), _unit(least.get(n))] for n in rest])
     sets = [
-        [_capital(named(x.effect, x.location)), " ".join(_size(x)) if math.isfinite(x.value) else "–",
-         listed([named(*n) for n in x.one_of if n != (x.effect, x.location)], "and") or "–"]
-        for x in least.values() if x.standing == "only as a set"
-    ]  # fmt: skip
+        [
+            _capital(named(x.effect, x.location)),
+            " ".join(_size(x)) if math.isfinite(x.value) else "–",
+            listed([named(*n) for n in x.one_of if n != (x.effect, x.location)], "and") or "–",
+        ]
+        for x in least.values()
+        if x.standing == "only as a set"
+    ]
     if sets:
         columns = [Column("Effect"), Column("Least size", "n"), Column("Cannot be told from")]
         body += folded("Only as one of a set", len(sets), table(columns, sets))

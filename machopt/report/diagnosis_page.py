@@ -71,10 +71,14 @@ def diagnosis_html(data: DiagnosisPage) -> str:
     d = data.diagnosis
     head = (("Cell", data.cell), ("Recording", data.recording), ("Predicted", d.predicted))
     return page_html(
-        data.title, head, sections, {"xy": charts}, scripts=("chart.js", "xy.js", "start_xy.js"),
+        data.title,
+        head,
+        sections,
+        {"xy": charts},
+        scripts=("chart.js", "xy.js", "start_xy.js"),
         footer=f"machopt {data.version}. Errors are rms per coordinate of readings that no fit saw, outliers "
         "apart. Intervals in brackets are 90 %. Click a legend entry to hide it.",
-    )  # fmt: skip
+    )
 
 
 def _verdict(data: DiagnosisPage) -> Body:
@@ -103,12 +107,16 @@ def _where(data: DiagnosisPage) -> Body:
         return ""
     body: Body = machine_strip(d)
     if d.findings:
-        body += part("lead", "Orange bars and full marks: where a finding sits. Dashed marks: where these data would "
-                     "place it just as well.")  # fmt: skip
+        body += part(
+            "lead",
+            "Orange bars and full marks: where a finding sits. Dashed marks: where these data would "
+            "place it just as well.",
+        )
     notes = [
         [place(s.axis), percent(s.share), s.note]
-        for s in sorted(machine, key=lambda s: -s.share) if s.share >= LEAST and s.note
-    ]  # fmt: skip
+        for s in sorted(machine, key=lambda s: -s.share)
+        if s.share >= LEAST and s.note
+    ]
     if notes:
         columns = [Column("Part of the machine"), Column("Share", "n"), Column("Shows")]
         body += folded("Parts of the machine", len(notes), table(columns, notes))
@@ -176,9 +184,8 @@ def _findings(data: DiagnosisPage, have: set[str]) -> Body:
     else:
         said = _open(d)
     return section(
-        "findings", "What is missing", f"{d.tried} combinations of law, place and shape were tried.",
-        part("note", said),
-    )  # fmt: skip
+        "findings", "What is missing", f"{d.tried} combinations of law, place and shape were tried.", part("note", said)
+    )
 
 
 def _open(d: Diagnosis) -> str:
@@ -192,8 +199,9 @@ def _open(d: Diagnosis) -> str:
     machine = [f"{place(s.axis)} ({percent(s.share)})" for s in ranked if s.kind == "machine"][:3]
     data = [
         f"{axis_words(s.axis)}{f', {axis_note(s.axis, s.note)}' if s.note else ''} ({percent(s.share)})"
-        for s in ranked if s.kind == "data"
-    ][:3]  # fmt: skip
+        for s in ranked
+        if s.kind == "data"
+    ][:3]
     out = f"{sized(d.repeatable, d.unit)} rms come back in every repeat and no law of the catalogue predicts them"
     out += " on unseen readings, so none is named."
     if machine:
@@ -247,12 +255,22 @@ def _record(data: DiagnosisPage) -> Body:
         main = [n for n, c in enumerate(data.coordinates) if c.main]
         size[out] = np.abs(d.errors.residual[out][:, main]).max(axis=1) * data.coordinates[main[0]].factor
         rows = [
-            [str(data.row[n]), f"{data.file[n]} line {data.line[n]}" if data.file else str(data.line[n]),
-             str(data.pose[n]), str(data.session[n]), sized(float(size[n]), d.unit)]
+            [
+                str(data.row[n]),
+                f"{data.file[n]} line {data.line[n]}" if data.file else str(data.line[n]),
+                str(data.pose[n]),
+                str(data.session[n]),
+                sized(float(size[n]), d.unit),
+            ]
             for n in out
-        ]  # fmt: skip
-        columns = [Column("Row", "n"), Column("Line", "n"), Column(data.group_word.capitalize(), "n"),
-                   Column("Session", "n"), Column("Largest residual", "n")]  # fmt: skip
+        ]
+        columns = [
+            Column("Row", "n"),
+            Column("Line", "n"),
+            Column(data.group_word.capitalize(), "n"),
+            Column("Session", "n"),
+            Column("Largest residual", "n"),
+        ]
         body += folded("Readings put aside", len(rows), table(columns, rows), opened=len(rows) <= OPEN)
     lead = f"{len(d.used)} readings, {len(out)} put aside; no fit and no error figure uses those."
     if not len(out):
@@ -265,13 +283,23 @@ def _model(d: Diagnosis) -> Body:
     others = [c for c in d.coefficients if c.unknown.unit not in COMPLIANCE]
     body: Body = ""
     if joints:
-        columns = [Column("Joint"), Column("k (N·m/rad)", "n"), Column("N·m/arcmin", "n"),
-                   Column("90 % interval (N·m/rad)", "n"), Column("Before (N·m/rad)", "n"),
-                   Column("Change", "n")]  # fmt: skip
+        columns = [
+            Column("Joint"),
+            Column("k (N·m/rad)", "n"),
+            Column("N·m/arcmin", "n"),
+            Column("90 % interval (N·m/rad)", "n"),
+            Column("Before (N·m/rad)", "n"),
+            Column("Change", "n"),
+        ]
         body += table(columns, [_stiffness_row(c) for c in joints])
     if others:
-        columns = [Column("Coefficient"), Column("Value", "n"), Column("± 90 %", "n"), Column("Before", "n"),
-                   Column("Unit")]  # fmt: skip
+        columns = [
+            Column("Coefficient"),
+            Column("Value", "n"),
+            Column("± 90 %", "n"),
+            Column("Before", "n"),
+            Column("Unit"),
+        ]
         rows = [_plain_row(c) for c in others]
         body += folded("Other coefficients", len(rows), table(columns, rows), opened=len(rows) <= OPEN)
     lead = (
@@ -286,10 +314,13 @@ def _stiffness_row(c: Coefficient) -> list[str]:
     low, high = _inverse(c.value + Z90 * c.sigma), _inverse(c.value - Z90 * c.sigma)
     change = 100 * (k / before - 1.0) if math.isfinite(k) and math.isfinite(before) else math.nan
     return [
-        _joint(c), digits(k), digits(k * ARCMIN),
-        f"{digits(low)} … {digits(high)}" if math.isfinite(c.sigma) else "–", digits(before),
+        _joint(c),
+        digits(k),
+        digits(k * ARCMIN),
+        f"{digits(low)} … {digits(high)}" if math.isfinite(c.sigma) else "–",
+        digits(before),
         f"{change:+.1f} %".replace("-", "−") if math.isfinite(change) else "–",
-    ]  # fmt: skip
+    ]
 
 
 def _joint(c: Coefficient) -> str:
@@ -314,8 +345,15 @@ def _job(data: DiagnosisPage, have: set[str]) -> Body:
     rows = []
     for c in job.changes:
         change = 100 * (c.after / c.before - 1.0) if c.before and math.isfinite(c.before + c.after) else math.nan
-        rows.append([c.what, digits(c.before), digits(c.after), c.unit,
-                     f"{change:+.0f} %".replace("-", "−") if math.isfinite(change) else "–"])  # fmt: skip
+        rows.append(
+            [
+                c.what,
+                digits(c.before),
+                digits(c.after),
+                c.unit,
+                f"{change:+.0f} %".replace("-", "−") if math.isfinite(change) else "–",
+            ]
+        )
     columns = [Column(""), Column("Before", "n"), Column("After", "n"), Column("Unit"), Column("Change", "n")]
     body: Body = part("paragraph", job.sentence) if job.sentence else ""
     body += table(columns, rows) if rows else ""

@@ -57,12 +57,32 @@ def machine_strip(d: Diagnosis) -> Markup:
         if math.isfinite(share) and share >= LEAST:
             high = _HIGH * min(share, 1.0)
             bar = min(30.0, 0.62 * wide)
-            out.append(shape("rect", x=slot.x - bar / 2, y=floor - high, width=bar, height=high,
-                             fill=FOUND if mine else BLUE, fill_opacity="0.95" if mine else "0.75"))  # fmt: skip
+            out.append(
+                shape(
+                    "rect",
+                    x=slot.x - bar / 2,
+                    y=floor - high,
+                    width=bar,
+                    height=high,
+                    fill=FOUND if mine else BLUE,
+                    fill_opacity="0.95" if mine else "0.75",
+                )
+            )
             out.append(_text(slot.x, floor - high - 4, f"{100 * share:.0f}", "middle", "tick"))
         if slot.location not in _chain():
-            out.append(shape("rect", x=slot.x - 9, y=_ARM - 9, width=18, height=18, rx=4, fill="#fff", stroke=METAL,
-                             stroke_width=1.6))  # fmt: skip
+            out.append(
+                shape(
+                    "rect",
+                    x=slot.x - 9,
+                    y=_ARM - 9,
+                    width=18,
+                    height=18,
+                    rx=4,
+                    fill="#fff",
+                    stroke=METAL,
+                    stroke_width=1.6,
+                )
+            )
         for n, line in enumerate(slot.label):
             out.append(_text(slot.x, _ARM + 28 + 13 * n, line, "middle", "tick"))
         marks = [(n, True) for where, n in found if where == slot.location]
@@ -98,9 +118,15 @@ def share_bars(shares: Sequence[Share], label: str) -> Markup | str:
 def _svg(width: float, height: float, label: str, parts: Sequence[Shape]) -> Markup:
     """A picture that scrolls where the page is too narrow to read it."""
     box = f"-4 0 {width + 4:.0f} {height:.0f}"
-    return fragment("diagnosis.html", "scrolled", drawn(shape(
-        "svg", class_="plot", style="min-width:700px", viewBox=box, role="img", aria_label=label, inside=parts
-    )))  # fmt: skip
+    return fragment(
+        "diagnosis.html",
+        "scrolled",
+        drawn(
+            shape(
+                "svg", class_="plot", style="min-width:700px", viewBox=box, role="img", aria_label=label, inside=parts
+            )
+        ),
+    )
 
 
 def _mark(x: float, y: float, number: int, *, full: bool) -> list[Shape]:
@@ -110,9 +136,17 @@ def _mark(x: float, y: float, number: int, *, full: bool) -> list[Shape]:
         style = {"r": 8.5, "fill": "#fff", "stroke": FOUND, "stroke_dasharray": "3 2"}
     return [
         shape("circle", cx=x, cy=y, **style),
-        shape("text", str(number), x=x, y=y + 4, text_anchor="middle", font_size=11, font_weight=700 if full else 400,
-              fill="#fff" if full else "#333d49"),
-    ]  # fmt: skip
+        shape(
+            "text",
+            str(number),
+            x=x,
+            y=y + 4,
+            text_anchor="middle",
+            font_size=11,
+            font_weight=700 if full else 400,
+            fill="#fff" if full else "#333d49",
+        ),
+    ]
 
 
 def _chain() -> tuple[str, ...]:

@@ -13,9 +13,17 @@ HALF_MM = 0.5  # below it a length reads better in µm
 
 DEG = 180.0 / math.pi
 AXIS_UNITS = {
-    "q": ("deg", DEG), "qd": ("deg/s", DEG), "speed": ("deg/s", DEG), "load": ("N", 1.0), "time": ("s", 1.0),
-    "temperature": ("°C", 1.0), "x": ("mm", 1e3), "y": ("mm", 1e3), "z": ("mm", 1e3), "tau": ("N·m", 1.0),
-}  # fmt: skip
+    "q": ("deg", DEG),
+    "qd": ("deg/s", DEG),
+    "speed": ("deg/s", DEG),
+    "load": ("N", 1.0),
+    "time": ("s", 1.0),
+    "temperature": ("°C", 1.0),
+    "x": ("mm", 1e3),
+    "y": ("mm", 1e3),
+    "z": ("mm", 1e3),
+    "tau": ("N·m", 1.0),
+}
 _RANGE = re.compile(r"(-?\d[\d.e+-]*)(?: … (-?\d[\d.e+-]*))?: (.*)")  # "0.7252 … 0.9975: 33 % of the readings", SI
 
 
@@ -118,9 +126,13 @@ def axis_note(axis: str, note: str) -> str:
 def readable(unit: str) -> tuple[float, str]:
     """Factor and unit that keep the numbers of a compliance readable."""
     return {
-        "rad/(N·m)": (1e6, "µrad/(N·m)"), "m/N": (1e6, "µm/N"), "rad/N": (1e6, "µrad/N"), "m": (1e3, "mm"),
-        "rad": (1e3, "mrad"), "1": (1.0, ""),
-    }.get(unit, (1.0, unit))  # fmt: skip
+        "rad/(N·m)": (1e6, "µrad/(N·m)"),
+        "m/N": (1e6, "µm/N"),
+        "rad/N": (1e6, "µrad/N"),
+        "m": (1e3, "mm"),
+        "rad": (1e3, "mrad"),
+        "1": (1.0, ""),
+    }.get(unit, (1.0, unit))
 
 
 def percent(share: float) -> str:

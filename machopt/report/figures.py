@@ -48,21 +48,42 @@ def _map_spec(data: ReportData, m: RotationMap) -> Spec:
         ("chosen", m.chosen, "#ffffff", "#000000", 2.6, ""),
     ]
     return {
-        "id": "map", "title": "map", "group": "path", "xlabel": "Path length (mm)",
-        "stations": len(pick), "rotations": len(m.rotation),
-        "s": numbers(m.s[pick] * LENGTH.factor, 7), "rank": list(range(len(pick))),
+        "id": "map",
+        "title": "map",
+        "group": "path",
+        "xlabel": "Path length (mm)",
+        "stations": len(pick),
+        "rotations": len(m.rotation),
+        "s": numbers(m.s[pick] * LENGTH.factor, 7),
+        "rank": list(range(len(pick))),
         "point": [int(p) for p in m.point[pick]],
         "rotation": numbers(m.rotation * ANGLE.factor),
-        "index": packed(index, lowest, highest), "lowest": lowest, "highest": highest, "known": bool(known.size),
-        "from": low, "to": high, "large_is_good": words.large_is_good,
-        "status": packed_codes(status), "present": [int(c) for c in np.unique(status)],
-        "names": list(STATUS_NAMES), "label": words.axis.lower(), "unit": unit.name, "by_point": _sparse(m.s),
+        "index": packed(index, lowest, highest),
+        "lowest": lowest,
+        "highest": highest,
+        "known": bool(known.size),
+        "from": low,
+        "to": high,
+        "large_is_good": words.large_is_good,
+        "status": packed_codes(status),
+        "present": [int(c) for c in np.unique(status)],
+        "names": list(STATUS_NAMES),
+        "label": words.axis.lower(),
+        "unit": unit.name,
+        "by_point": _sparse(m.s),
         "lines": [
-            {"name": name, "y": numbers(_within(line[pick], m.rotation) * ANGLE.factor), "color": color,
-             "casing": casing, "width": width, "dash": dash}
-            for name, line, color, casing, width, dash in lines if np.isfinite(line).any()
+            {
+                "name": name,
+                "y": numbers(_within(line[pick], m.rotation) * ANGLE.factor),
+                "color": color,
+                "casing": casing,
+                "width": width,
+                "dash": dash,
+            }
+            for name, line, color, casing, width, dash in lines
+            if np.isfinite(line).any()
         ],
-    }  # fmt: skip
+    }
 
 
 def _sparse(s: Array) -> bool:
@@ -84,43 +105,107 @@ def _path_charts(data: ReportData, p: PathSeries) -> list[Spec]:
     own = data.summary.quantity == "deflection"  # then the tolerance belongs into the first picture
     tolerance = ("tolerance", p.tolerance * FINE_LENGTH.factor, LIMIT, "8 4")
     charts = [
-        _chart("c-index", p.s * LENGTH.factor, [
-            *([tolerance] if own else []),
-            ("CAM default", p.index_default * unit.factor, DEFAULT, "6 3"),
-            ("Jiao 2022", p.index_jiao2022 * unit.factor, JIAO, "4 2"),
-            ("chosen", p.index_chosen * unit.factor, CHOSEN, ""),
-        ], f"{words.axis} ({unit.name})" if unit.name else words.axis, unit, bands=bands, ymin=0,
-            title=f"{words.axis} along the toolpath: {words.better}", p=p),
-        _chart("c-deflection", p.s * LENGTH.factor, [
-            tolerance, ("predicted deflection", p.deflection * FINE_LENGTH.factor, CHOSEN, ""),
-        ], "Deflection (mm)", FINE_LENGTH, bands=bands, ymin=0, title="Predicted deflection", p=p)
-        if not own else None,
-        _chart("c-stiffness", p.s * LENGTH.factor, [
-            ("K_fd, Jiao 2022 (orientation held)", p.k_jiao2022 * STIFFNESS.factor, JIAO, "4 2"),
-            ("axial, at the tip", p.k_axial * STIFFNESS.factor, CHOSEN, ""),
-            ("normal, at the tip", p.k_normal * STIFFNESS.factor, FOURTH, ""),
-        ], "Stiffness (N/µm)", STIFFNESS, bands=bands, ymin=0, title="Stiffness of the chosen posture", p=p),
-        _chart("c-shift", p.s * LENGTH.factor, [
-            (axis, p.shift[:, n] * FINE_LENGTH.factor, color, dash)
-            for n, (axis, color, dash) in enumerate((("x", CHOSEN, ""), ("y", JIAO, "4 2"), ("z", FOURTH, "")))
-        ], "Shift (mm)", FINE_LENGTH, bands=bands, ymin=None, p=p,
-            title="Commanded path less programmed path, in workpiece axes")
-        if p.shift is not None else None,
-        _chart("c-clearance", p.s * LENGTH.factor, [
-            ("clearance", p.clearance * LENGTH.factor, CHOSEN, ""),
-        ], "Clearance (mm)", LENGTH, bands=bands, ymin=0, title="Clearance to the nearest body", p=p),
-        _chart("c-margins", p.s * LENGTH.factor, [
-            ("to the nearest joint limit", p.limit_margin * ANGLE.factor, CHOSEN, ""),
-            ("to the nearest singularity", p.singularity * ANGLE.factor, JIAO, ""),
-        ], "Margin (deg)", ANGLE, bands=bands, ymin=0, title="Margins in angle", p=p),
-    ]  # fmt: skip
+        _chart(
+            "c-index",
+            p.s * LENGTH.factor,
+            [
+                *([tolerance] if own else []),
+                ("CAM default", p.index_default * unit.factor, DEFAULT, "6 3"),
+                ("Jiao 2022", p.index_jiao2022 * unit.factor, JIAO, "4 2"),
+                ("chosen", p.index_chosen * unit.factor, CHOSEN, ""),
+            ],
+            f"{words.axis} ({unit.name})" if unit.name else words.axis,
+            unit,
+            bands=bands,
+            ymin=0,
+            title=f"{words.axis} along the toolpath: {words.better}",
+            p=p,
+        ),
+        _chart(
+            "c-deflection",
+            p.s * LENGTH.factor,
+            [tolerance, ("predicted deflection", p.deflection * FINE_LENGTH.factor, CHOSEN, "")],
+            "Deflection (mm)",
+            FINE_LENGTH,
+            bands=bands,
+            ymin=0,
+            title="Predicted deflection",
+            p=p,
+        )
+        if not own
+        else None,
+        _chart(
+            "c-stiffness",
+            p.s * LENGTH.factor,
+            [
+                ("K_fd, Jiao 2022 (orientation held)", p.k_jiao2022 * STIFFNESS.factor, JIAO, "4 2"),
+                ("axial, at the tip", p.k_axial * STIFFNESS.factor, CHOSEN, ""),
+                ("normal, at the tip", p.k_normal * STIFFNESS.factor, FOURTH, ""),
+            ],
+            "Stiffness (N/µm)",
+            STIFFNESS,
+            bands=bands,
+            ymin=0,
+            title="Stiffness of the chosen posture",
+            p=p,
+        ),
+        _chart(
+            "c-shift",
+            p.s * LENGTH.factor,
+            [
+                (axis, p.shift[:, n] * FINE_LENGTH.factor, color, dash)
+                for n, (axis, color, dash) in enumerate((("x", CHOSEN, ""), ("y", JIAO, "4 2"), ("z", FOURTH, "")))
+            ],
+            "Shift (mm)",
+            FINE_LENGTH,
+            bands=bands,
+            ymin=None,
+            p=p,
+            title="Commanded path less programmed path, in workpiece axes",
+        )
+        if p.shift is not None
+        else None,
+        _chart(
+            "c-clearance",
+            p.s * LENGTH.factor,
+            [("clearance", p.clearance * LENGTH.factor, CHOSEN, "")],
+            "Clearance (mm)",
+            LENGTH,
+            bands=bands,
+            ymin=0,
+            title="Clearance to the nearest body",
+            p=p,
+        ),
+        _chart(
+            "c-margins",
+            p.s * LENGTH.factor,
+            [
+                ("to the nearest joint limit", p.limit_margin * ANGLE.factor, CHOSEN, ""),
+                ("to the nearest singularity", p.singularity * ANGLE.factor, JIAO, ""),
+            ],
+            "Margin (deg)",
+            ANGLE,
+            bands=bands,
+            ymin=0,
+            title="Margins in angle",
+            p=p,
+        ),
+    ]
     return [c for c in charts if c is not None]
 
 
 def _chart(
-    name: str, x: Array, series: Sequence[tuple[str, Array, str, str]], ylabel: str, unit: Unit,
-    *, bands: list[Spec], ymin: float | None, title: str, p: PathSeries,
-) -> Spec | None:  # fmt: skip
+    name: str,
+    x: Array,
+    series: Sequence[tuple[str, Array, str, str]],
+    ylabel: str,
+    unit: Unit,
+    *,
+    bands: list[Spec],
+    ymin: float | None,
+    title: str,
+    p: PathSeries,
+) -> Spec | None:
     """A picture over path length with point, operation and nearest pair in its tooltip; None without numbers."""
     series = [entry for entry in series if np.isfinite(entry[1]).any()]
     if not series:
@@ -134,12 +219,20 @@ def _chart(
     if pairs:
         extra.append({"name": "nearest", "names": pairs, "at": [number[p.nearest_pair[i]] for i in k]})
     return {
-        "id": name, "title": title, "group": "path", "x": numbers(x[k], 7), "xname": "path length (mm)",
-        "xlabel": "Path length (mm)", "ylabel": ylabel, "unit": unit.name, "bands": bands,
+        "id": name,
+        "title": title,
+        "group": "path",
+        "x": numbers(x[k], 7),
+        "xname": "path length (mm)",
+        "xlabel": "Path length (mm)",
+        "ylabel": ylabel,
+        "unit": unit.name,
+        "bands": bands,
         **({} if ymin is None else {"ymin": ymin}),
-        "labels": bool(bands), "extra": extra,
+        "labels": bool(bands),
+        "extra": extra,
         "series": [{"name": n, "y": numbers(y[k]), "color": c, "dash": d} for n, y, c, d in series],
-    }  # fmt: skip
+    }
 
 
 def _labels(bands: list[Spec]) -> dict[int, str]:
@@ -154,10 +247,14 @@ def _bands(p: PathSeries, operations: tuple[OperationRow, ...]) -> list[Spec]:
     starts, stops = [0, *cuts.tolist()], [*cuts.tolist(), len(p.s)]
     s = p.s * LENGTH.factor
     return [
-        {"from": float(s[max(a - 1, 0)]), "to": float(s[b - 1]), "number": int(p.operation[a]),
-         "label": operations[p.operation[a]].label if 0 <= p.operation[a] < len(operations) else ""}
+        {
+            "from": float(s[max(a - 1, 0)]),
+            "to": float(s[b - 1]),
+            "number": int(p.operation[a]),
+            "label": operations[p.operation[a]].label if 0 <= p.operation[a] < len(operations) else "",
+        }
         for a, b in zip(starts, stops, strict=True)
-    ]  # fmt: skip
+    ]
 
 
 def _motion_charts(m: MotionSeries, dips: tuple[FeedDip, ...]) -> list[Spec]:
@@ -177,13 +274,32 @@ def _motion_charts(m: MotionSeries, dips: tuple[FeedDip, ...]) -> list[Spec]:
         k = keep([m.q[:, j]], _SMALL)
         limits = [
             {"y": float(f"{v * unit.factor:.6g}"), "label": unit.text(v), "below": i == 1, "fit": True}
-            for i, v in enumerate((m.lower[j], m.upper[j])) if np.isfinite(v)
-        ]  # fmt: skip
-        charts.append(_time_chart(f"c-q{j}", m.time[k], [(name, m.q[k, j] * unit.factor, CHOSEN)],
-                                  title=f"{name} ({unit.name})", unit=unit.name, hlines=limits))  # fmt: skip
+            for i, v in enumerate((m.lower[j], m.upper[j]))
+            if np.isfinite(v)
+        ]
+        charts.append(
+            _time_chart(
+                f"c-q{j}",
+                m.time[k],
+                [(name, m.q[k, j] * unit.factor, CHOSEN)],
+                title=f"{name} ({unit.name})",
+                unit=unit.name,
+                hlines=limits,
+            )
+        )
         peaks = [(word, np.maximum.reduceat(values[:, j], starts) * 100, c) for word, values, c in ratios]
-        charts.append(_time_chart(f"c-v{j}", m.time[starts], peaks, title=f"{name} (% of its limits)", unit="%",
-                                  ymin=0, legend=False, hlines=[{"y": 100, "fit": True}]))  # fmt: skip
+        charts.append(
+            _time_chart(
+                f"c-v{j}",
+                m.time[starts],
+                peaks,
+                title=f"{name} (% of its limits)",
+                unit="%",
+                ymin=0,
+                legend=False,
+                hlines=[{"y": 100, "fit": True}],
+            )
+        )
     return charts
 
 
@@ -192,8 +308,15 @@ def _feed_chart(m: MotionSeries, dips: tuple[FeedDip, ...]) -> Spec:
     programmed = np.where(m.cutting, m.feed_programmed, np.nan) * FEED.factor
     k = keep([programmed, actual])
     where = {"name": "path length (mm)", "names": numbers(m.s[k] * LENGTH.factor, 6), "at": list(range(len(k)))}
-    spec = _time_chart("c-feed", m.time[k], [("programmed", programmed[k], DEFAULT), ("actual", actual[k], CHOSEN)],
-                       title="Feed in the cut", unit="mm/min", ymin=0, height=250)  # fmt: skip
+    spec = _time_chart(
+        "c-feed",
+        m.time[k],
+        [("programmed", programmed[k], DEFAULT), ("actual", actual[k], CHOSEN)],
+        title="Feed in the cut",
+        unit="mm/min",
+        ymin=0,
+        height=250,
+    )
     marks = [{"x": d.time + d.duration / 2, "label": d.cause} for d in dips[:_MARKS]]
     return {**spec, "ylabel": "Feed (mm/min)", "xlabel": "Time (s)", "extra": [where], "marks": marks}
 
@@ -202,8 +325,14 @@ def _time_chart(
     name: str, time: Array, series: Sequence[tuple[str, Array, str]], *, title: str, unit: str, **more: object
 ) -> Spec:
     return {
-        "id": name, "title": title, "group": "time", "x": numbers(time, 7), "xname": "time (s)", "xdec": 3,
-        "unit": unit, "height": 150,
+        "id": name,
+        "title": title,
+        "group": "time",
+        "x": numbers(time, 7),
+        "xname": "time (s)",
+        "xdec": 3,
+        "unit": unit,
+        "height": 150,
         "series": [{"name": n, "y": numbers(y), "color": c} for n, y, c in series],
         **more,
-    }  # fmt: skip
+    }

@@ -20,14 +20,29 @@ def front_section(data: ReportData) -> Markup | str:
     if not data.front:
         return ""
     unit = "deflection mm" if data.summary.quantity == "deflection" else "compliance mm/N"
-    columns = [Column("plan"), Column("changed"), Column(f"mean {unit}", "n"), Column(f"worst {unit}", "n"),
-               Column("cycle s", "n"), Column("joint travel deg", "n"), Column("clearance mm", "n"),
-               Column("")]  # fmt: skip
+    columns = [
+        Column("plan"),
+        Column("changed"),
+        Column(f"mean {unit}", "n"),
+        Column(f"worst {unit}", "n"),
+        Column("cycle s", "n"),
+        Column("joint travel deg", "n"),
+        Column("clearance mm", "n"),
+        Column(""),
+    ]
     rows = [
-        (p.name, p.changed, f"{p.mean:.4g}", f"{p.worst:.4g}", f"{p.cycle:.2f}", f"{p.travel:.0f}",
-         "–" if p.clearance is None else f"{p.clearance:.2f}", "dominated" if p.dominated else "")
+        (
+            p.name,
+            p.changed,
+            f"{p.mean:.4g}",
+            f"{p.worst:.4g}",
+            f"{p.cycle:.2f}",
+            f"{p.travel:.0f}",
+            "–" if p.clearance is None else f"{p.clearance:.2f}",
+            "dominated" if p.dominated else "",
+        )
         for p in data.front
-    ]  # fmt: skip
+    ]
     lead = (
         "Whole plans with other weights or another clearance, each driven and checked. A plan is dominated where "
         "another is nowhere worse in mean, time, travel and clearance."
@@ -50,11 +65,24 @@ def _picture(data: ReportData, unit: str) -> Markup:
         marks.append(shape("circle", cx=x, cy=y, r=5, fill="none" if p.dominated else ink, stroke=ink))
         marks.append(shape("text", p.name, x=x + 8, y=y - 6, **small))
     words = [
-        shape("text", f"cycle {min(time):.2f} to {max(time):.2f} s", x=WIDTH / 2, y=HEIGHT - 8, text_anchor="middle",
-              **small),
+        shape(
+            "text",
+            f"cycle {min(time):.2f} to {max(time):.2f} s",
+            x=WIDTH / 2,
+            y=HEIGHT - 8,
+            text_anchor="middle",
+            **small,
+        ),
         shape("text", f"mean {unit}, {min(mean):.4g} to {max(mean):.4g}", x=6, y=14, **small),
-    ]  # fmt: skip
-    return drawn(shape(
-        "svg", viewBox=f"0 0 {WIDTH + 90} {HEIGHT}", width="100%", style=f"max-width:{WIDTH + 90}px", role="img",
-        aria_label="mean over cycle time", inside=[*words, *marks],
-    ))  # fmt: skip
+    ]
+    return drawn(
+        shape(
+            "svg",
+            viewBox=f"0 0 {WIDTH + 90} {HEIGHT}",
+            width="100%",
+            style=f"max-width:{WIDTH + 90}px",
+            role="img",
+            aria_label="mean over cycle time",
+            inside=[*words, *marks],
+        )
+    )

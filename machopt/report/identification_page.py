@@ -57,11 +57,14 @@ def identification_html(data: IdentificationPage) -> str:
         ("run", "This run", _run(data)),
     ]
     return page_html(
-        data.title, (("Cell", data.cell), ("Recording", data.recording)), sections, {"xy": charts},
+        data.title,
+        (("Cell", data.cell), ("Recording", data.recording)),
+        sections,
+        {"xy": charts},
         scripts=("chart.js", "xy.js", "start_xy.js"),
         footer=f"machopt {data.version}. Lengths mm, angles mrad, stiffness N·m/rad. Bars of "
         f"stiffness are {100 * data.level:g} % intervals, ellipses 90 % regions. Click a legend entry to hide it.",
-    )  # fmt: skip
+    )
 
 
 def stiffness_text(k: float, digits: int = 3) -> str:
@@ -93,20 +96,32 @@ def _coefficient_rows(rows: tuple[Coefficient, ...], *, arcmin: bool) -> list[li
         half = 50.0 * (c.high - c.low) / c.value if math.isfinite(c.high) and c.value else math.nan
         half = half if half <= MOST_HALF else math.nan  # so wide that the two sides are nothing alike
         name = c.name.replace(" ", "\u00a0", 1)  # "joint 1" on one line
-        out.append([
-            name, stiffness_text(c.value), *([f"{c.value * ARCMIN:.0f}"] if arcmin else [c.unit]), spread,
-            f"± {half:.1f} %" if math.isfinite(half) else "–", stiffness_text(c.prior),
-            part("toned", "pass", "yes") if c.identified else part("toned", "fail", "no"), c.reason,
-        ])  # fmt: skip
+        out.append(
+            [
+                name,
+                stiffness_text(c.value),
+                *([f"{c.value * ARCMIN:.0f}"] if arcmin else [c.unit]),
+                spread,
+                f"± {half:.1f} %" if math.isfinite(half) else "–",
+                stiffness_text(c.prior),
+                part("toned", "pass", "yes") if c.identified else part("toned", "fail", "no"),
+                c.reason,
+            ]
+        )
     return out
 
 
 def _joints(data: IdentificationPage, have: set[str]) -> Body:
     columns = [
-        Column("Joint"), Column("k (N·m/rad)", "n"), Column("N·m/arcmin", "n"),
-        Column(f"{100 * data.level:g} % interval", "n"), Column("", "n"), Column("Before (N·m/rad)", "n"),
-        Column("Identified", "html"), Column("Why", "why"),
-    ]  # fmt: skip
+        Column("Joint"),
+        Column("k (N·m/rad)", "n"),
+        Column("N·m/arcmin", "n"),
+        Column(f"{100 * data.level:g} % interval", "n"),
+        Column("", "n"),
+        Column("Before (N·m/rad)", "n"),
+        Column("Identified", "html"),
+        Column("Why", "why"),
+    ]
     body: Body = table(columns, _coefficient_rows(data.joints, arcmin=True))
     if data.terms:
         columns = [Column("Further physics"), Column("Value", "n"), Column("Unit"), *columns[3:]]
@@ -152,12 +167,20 @@ def _grid(data: IdentificationPage, have: set[str]) -> Body:
     small = [_host(f"i-grid{j}", have) for j in range(6)]
     g = data.grid
     rows = [
-        [str(n), *(f"{v * 1e3:.0f}" for v in g.centre[n]), f"{g.readings[n]:.1f}",
-         *(f"{stiffness_text(g.k[n, j])} ± {100 * g.std[n, j] / g.k[n, j]:.0f} %" for j in range(6))]
+        [
+            str(n),
+            *(f"{v * 1e3:.0f}" for v in g.centre[n]),
+            f"{g.readings[n]:.1f}",
+            *(f"{stiffness_text(g.k[n, j])} ± {100 * g.std[n, j] / g.k[n, j]:.0f} %" for j in range(6)),
+        ]
         for n in range(len(g.k))
-    ]  # fmt: skip
-    columns = [Column("Cell", "n"), *(Column(f"{a} (mm)", "n") for a in "xyz"), Column("Readings", "n"),
-               *(Column(f"k{j + 1}", "n") for j in range(6))]  # fmt: skip
+    ]
+    columns = [
+        Column("Cell", "n"),
+        *(Column(f"{a} (mm)", "n") for a in "xyz"),
+        Column("Readings", "n"),
+        *(Column(f"k{j + 1}", "n") for j in range(6)),
+    ]
     body = part("grid", 3, small) + folded("Cells", len(rows), table(columns, rows))
     lead = (
         f"{g.shape[0]} × {g.shape[1]} × {g.shape[2]} cells. A cell with few readings stays near the constant value "
@@ -173,8 +196,13 @@ def _models(data: IdentificationPage) -> Body:
         [c.name, str(c.coefficients), f"{c.rmse * 1e3:.4f}", f"{c.heldout * 1e3:.4f}", "taken" if c.chosen else ""]
         for c in data.comparisons
     ]
-    columns = [Column("Model"), Column("Unknowns", "n"), Column("Fit error (mm)", "n"),
-               Column("Held-out error (mm)", "n"), Column("")]  # fmt: skip
+    columns = [
+        Column("Model"),
+        Column("Unknowns", "n"),
+        Column("Fit error (mm)", "n"),
+        Column("Held-out error (mm)", "n"),
+        Column(""),
+    ]
     return section("models", "Models tried", "Judged by poses they did not see.", table(columns, rows))
 
 
@@ -183,17 +211,32 @@ def _readings(data: IdentificationPage) -> Body:
     shown = np.abs(residual[:, :3] / data.sigma[:, :3]).max(axis=1)
     order = np.argsort(-shown, kind="stable")[:60]
     rows = [
-        [str(data.line[n]), str(data.pose[n]), f"{data.load[n]:.0f}",
-         *(f"{data.measured[n, a] * 1e3:.3f}" for a in range(3)),
-         *(f"{residual[n, a] * 1e3:+.3f}".replace("-", "−") for a in range(3)), f"{shown[n]:.1f}",
-         f"{data.leverage[n]:.2f}", "left out as an outlier" if data.outlier[n] else ""]
+        [
+            str(data.line[n]),
+            str(data.pose[n]),
+            f"{data.load[n]:.0f}",
+            *(f"{data.measured[n, a] * 1e3:.3f}" for a in range(3)),
+            *(f"{residual[n, a] * 1e3:+.3f}".replace("-", "−") for a in range(3)),
+            f"{shown[n]:.1f}",
+            f"{data.leverage[n]:.2f}",
+            "left out as an outlier" if data.outlier[n] else "",
+        ]
         for n in order
-    ]  # fmt: skip
+    ]
     columns = [
-        Column("Line", "n"), Column("Pose", "n"), Column("Force (N)", "n"), Column("dx (mm)", "n"),
-        Column("dy", "n"), Column("dz", "n"), Column("residual x (mm)", "n"), Column("y", "n"), Column("z", "n"),
-        Column("largest / σ", "n"), Column("Leverage", "n"), Column(""),
-    ]  # fmt: skip
+        Column("Line", "n"),
+        Column("Pose", "n"),
+        Column("Force (N)", "n"),
+        Column("dx (mm)", "n"),
+        Column("dy", "n"),
+        Column("dz", "n"),
+        Column("residual x (mm)", "n"),
+        Column("y", "n"),
+        Column("z", "n"),
+        Column("largest / σ", "n"),
+        Column("Leverage", "n"),
+        Column(""),
+    ]
     lead = "The readings that fit worst, with the line of the data file each stands on."
     return section("readings", "Readings", lead, table(columns, rows))
 
@@ -226,24 +269,46 @@ def _forest(joints: tuple[Coefficient, ...], level: float) -> Spec:
     k = np.array([c.value for c in joints])
     high = np.array([c.high for c in joints])
     top = 3.0 * np.nanmax(k)
-    layers: list[Spec] = [{
-        "type": "points", "name": "before", "color": "#7a8490", "mark": "diamond", "size": 4, "hollow": True,
-        "x": numbers(np.array([c.prior for c in joints])), "y": numbers(at + 0.22),
-    }]  # fmt: skip
+    layers: list[Spec] = [
+        {
+            "type": "points",
+            "name": "before",
+            "color": "#7a8490",
+            "mark": "diamond",
+            "size": 4,
+            "hollow": True,
+            "x": numbers(np.array([c.prior for c in joints])),
+            "y": numbers(at + 0.22),
+        }
+    ]
     for seen, name, color in ((True, "identified", "#1552b8"), (False, "not seen by the data", "#b3261e")):
         pick = [n for n, c in enumerate(joints) if c.identified is seen]
         if pick:
-            layers.append({
-                "type": "points", "name": name, "color": color, "size": 4, "bar": 3, "hollow": not seen,
-                "x": numbers(k[pick]), "y": numbers(at[pick]),
-                "xlo": numbers(np.array([max(joints[n].low, 1.0) for n in pick])),
-                "xhi": numbers(np.where(np.isfinite(high[pick]), high[pick], top)),
-                "labels": [[["joint", joints[n].name]] for n in pick],
-            })  # fmt: skip
+            layers.append(
+                {
+                    "type": "points",
+                    "name": name,
+                    "color": color,
+                    "size": 4,
+                    "bar": 3,
+                    "hollow": not seen,
+                    "x": numbers(k[pick]),
+                    "y": numbers(at[pick]),
+                    "xlo": numbers(np.array([max(joints[n].low, 1.0) for n in pick])),
+                    "xhi": numbers(np.where(np.isfinite(high[pick]), high[pick], top)),
+                    "labels": [[["joint", joints[n].name]] for n in pick],
+                }
+            )
     return {
-        "id": "i-joints", "title": f"{100 * level:g} % intervals", "xlog": True, "xlabel": "Stiffness (N·m/rad)",
-        "ycats": [c.name for c in reversed(joints)], "left": 70, "height": 40 + 34 * len(joints), "layers": layers,
-    }  # fmt: skip
+        "id": "i-joints",
+        "title": f"{100 * level:g} % intervals",
+        "xlog": True,
+        "xlabel": "Stiffness (N·m/rad)",
+        "ycats": [c.name for c in reversed(joints)],
+        "left": 70,
+        "height": 40 + 34 * len(joints),
+        "layers": layers,
+    }
 
 
 def _pick(n: int) -> NDArray[np.intp]:
@@ -251,8 +316,9 @@ def _pick(n: int) -> NDArray[np.intp]:
 
 
 def _labels(data: IdentificationPage, rows: NDArray[np.intp]) -> list[list[list[str]]]:
-    return [[["pose", str(data.pose[n])], ["line", str(data.line[n])], ["force", f"{data.load[n]:.0f} N"]]
-            for n in rows]  # fmt: skip
+    return [
+        [["pose", str(data.pose[n])], ["line", str(data.line[n])], ["force", f"{data.load[n]:.0f} N"]] for n in rows
+    ]
 
 
 def _parity(data: IdentificationPage, first: int) -> Spec:
@@ -263,12 +329,28 @@ def _parity(data: IdentificationPage, first: int) -> Spec:
     layers: list[Spec] = [{"type": "line", "color": "#7a8490", "dash": "5 4", "x": ends, "y": ends}]
     for a, (name, color) in enumerate(AXES):
         m, p, s = (1e3 * v[rows, first + a] for v in (data.measured, data.predicted, data.sigma))
-        layers.append({"type": "points", "name": f"{'r' if first else 'd'}{name}", "color": color, "labels": labels,
-                       "x": numbers(p), "y": numbers(m), "lo": numbers(m - s), "hi": numbers(m + s)})  # fmt: skip
+        layers.append(
+            {
+                "type": "points",
+                "name": f"{'r' if first else 'd'}{name}",
+                "color": color,
+                "labels": labels,
+                "x": numbers(p),
+                "y": numbers(m),
+                "lo": numbers(m - s),
+                "hi": numbers(m + s),
+            }
+        )
     what = "rotation" if first else "displacement"
-    return {"id": "i-parity-rot" if first else "i-parity", "title": f"Measured against predicted {what}",
-            "xlabel": f"Predicted ({unit})", "ylabel": f"Measured ({unit})", "equal": True, "height": 380,
-            "layers": layers}  # fmt: skip
+    return {
+        "id": "i-parity-rot" if first else "i-parity",
+        "title": f"Measured against predicted {what}",
+        "xlabel": f"Predicted ({unit})",
+        "ylabel": f"Measured ({unit})",
+        "equal": True,
+        "height": 380,
+        "layers": layers,
+    }
 
 
 def _residual(data: IdentificationPage, first: int) -> Spec:
@@ -279,13 +361,29 @@ def _residual(data: IdentificationPage, first: int) -> Spec:
     for a, (name, color) in enumerate(AXES):
         r = 1e3 * (data.measured - data.predicted)[rows, first + a]
         s = 1e3 * data.sigma[rows, first + a]
-        layers.append({"type": "points", "name": f"{'r' if first else 'd'}{name}", "color": color, "size": 2.4,
-                       "x": numbers(np.asarray(at, float) + 0.22 * (a - 1)), "y": numbers(r),
-                       "lo": numbers(r - s), "hi": numbers(r + s),
-                       "labels": labels})  # fmt: skip
-    return {"id": "i-residual-rot" if first else "i-residual", "title": f"Residual per pose ({unit})", "height": 250,
-            "xlabel": "Pose", "ylabel": f"Measured − predicted ({unit})", "xcats": [str(p) for p in poses],
-            "hlines": [{"y": 0, "class": "axis", "fit": True}], "layers": layers}  # fmt: skip
+        layers.append(
+            {
+                "type": "points",
+                "name": f"{'r' if first else 'd'}{name}",
+                "color": color,
+                "size": 2.4,
+                "x": numbers(np.asarray(at, float) + 0.22 * (a - 1)),
+                "y": numbers(r),
+                "lo": numbers(r - s),
+                "hi": numbers(r + s),
+                "labels": labels,
+            }
+        )
+    return {
+        "id": "i-residual-rot" if first else "i-residual",
+        "title": f"Residual per pose ({unit})",
+        "height": 250,
+        "xlabel": "Pose",
+        "ylabel": f"Measured − predicted ({unit})",
+        "xcats": [str(p) for p in poses],
+        "hlines": [{"y": 0, "class": "axis", "fit": True}],
+        "layers": layers,
+    }
 
 
 def _over_load(data: IdentificationPage) -> Spec:
@@ -293,12 +391,25 @@ def _over_load(data: IdentificationPage) -> Spec:
     labels = _labels(data, rows)
     r = 1e3 * (data.measured - data.predicted)[rows]
     layers: list[Spec] = [
-        {"type": "points", "name": f"d{name}", "color": color, "size": 2.4, "x": numbers(data.load[rows]),
-         "y": numbers(r[:, a]), "labels": labels}
+        {
+            "type": "points",
+            "name": f"d{name}",
+            "color": color,
+            "size": 2.4,
+            "x": numbers(data.load[rows]),
+            "y": numbers(r[:, a]),
+            "labels": labels,
+        }
         for a, (name, color) in enumerate(AXES)
-    ]  # fmt: skip
-    return {"id": "i-load", "title": "Residual over load", "xlabel": "Force (N)", "ylabel": "Residual (mm)",
-            "hlines": [{"y": 0, "class": "axis", "fit": True}], "layers": layers}  # fmt: skip
+    ]
+    return {
+        "id": "i-load",
+        "title": "Residual over load",
+        "xlabel": "Force (N)",
+        "ylabel": "Residual (mm)",
+        "hlines": [{"y": 0, "class": "axis", "fit": True}],
+        "layers": layers,
+    }
 
 
 def _heldout(data: IdentificationPage) -> Spec:
@@ -306,13 +417,30 @@ def _heldout(data: IdentificationPage) -> Spec:
     size = 1e3 * np.linalg.norm(data.measured[rows, :3], axis=1)
     layers: list[Spec] = []
     for name, values, color, hollow in (
-        ("fit", data.predicted, "#1552b8", False), ("pose left out", data.heldout, "#d9730d", True),
-    ):  # fmt: skip
+        ("fit", data.predicted, "#1552b8", False),
+        ("pose left out", data.heldout, "#d9730d", True),
+    ):
         error = 1e3 * np.linalg.norm((data.measured - values)[rows, :3], axis=1)
-        layers.append({"type": "points", "name": name, "color": color, "hollow": hollow, "size": 2.6,
-                       "x": numbers(size), "y": numbers(error), "labels": _labels(data, rows)})  # fmt: skip
-    return {"id": "i-heldout", "title": "Size of the error, fitted and with the pose left out", "ymin": 0,
-            "xlabel": "Measured displacement (mm)", "ylabel": "Error (mm)", "layers": layers}  # fmt: skip
+        layers.append(
+            {
+                "type": "points",
+                "name": name,
+                "color": color,
+                "hollow": hollow,
+                "size": 2.6,
+                "x": numbers(size),
+                "y": numbers(error),
+                "labels": _labels(data, rows),
+            }
+        )
+    return {
+        "id": "i-heldout",
+        "title": "Size of the error, fitted and with the pose left out",
+        "ymin": 0,
+        "xlabel": "Measured displacement (mm)",
+        "ylabel": "Error (mm)",
+        "layers": layers,
+    }
 
 
 def _ellipses(data: IdentificationPage) -> list[Spec]:
@@ -321,8 +449,10 @@ def _ellipses(data: IdentificationPage) -> list[Spec]:
     sigma = np.sqrt(np.diag(data.covariance))
     pairs = [
         (abs(data.covariance[i, j]) / (sigma[i] * sigma[j]), i, j)
-        for i in seen for j in seen if i < j and sigma[i] > 0 and sigma[j] > 0
-    ]  # fmt: skip
+        for i in seen
+        for j in seen
+        if i < j and sigma[i] > 0 and sigma[j] > 0
+    ]
     out = []
     t = np.linspace(0.0, 2 * np.pi, 61)
     for n, (_, i, j) in enumerate(sorted(pairs, key=lambda p: (-p[0], p[1], p[2]))[:ELLIPSES]):
@@ -331,41 +461,90 @@ def _ellipses(data: IdentificationPage) -> list[Spec]:
         ring = V @ (np.sqrt(CHI2_90 * np.maximum(w, 0.0))[:, None] * np.stack([np.cos(t), np.sin(t)]))
         c = data.compliances[[i, j]]
         layers: list[Spec] = [
-            {"type": "line", "name": "90 %", "color": "#1552b8", "x": numbers(1e6 * (c[0] + ring[0])),
-             "y": numbers(1e6 * (c[1] + ring[1]))},
-            {"type": "points", "name": "identified", "color": "#1552b8", "size": 3, "legend": False,
-             "x": numbers(1e6 * c[:1]), "y": numbers(1e6 * c[1:])},
-        ]  # fmt: skip
+            {
+                "type": "line",
+                "name": "90 %",
+                "color": "#1552b8",
+                "x": numbers(1e6 * (c[0] + ring[0])),
+                "y": numbers(1e6 * (c[1] + ring[1])),
+            },
+            {
+                "type": "points",
+                "name": "identified",
+                "color": "#1552b8",
+                "size": 3,
+                "legend": False,
+                "x": numbers(1e6 * c[:1]),
+                "y": numbers(1e6 * c[1:]),
+            },
+        ]
         r = S[0, 1] / math.sqrt(S[0, 0] * S[1, 1])
-        out.append({
-            "id": f"i-ellipse{n}", "title": f"Joints {i + 1} and {j + 1}: correlation {r:+.2f}".replace("-", "−"),
-            "xlabel": f"c{i + 1} (µrad/(N·m))", "ylabel": f"c{j + 1} (µrad/(N·m))", "height": 230, "layers": layers,
-        })  # fmt: skip
+        out.append(
+            {
+                "id": f"i-ellipse{n}",
+                "title": f"Joints {i + 1} and {j + 1}: correlation {r:+.2f}".replace("-", "−"),
+                "xlabel": f"c{i + 1} (µrad/(N·m))",
+                "ylabel": f"c{j + 1} (µrad/(N·m))",
+                "height": 230,
+                "layers": layers,
+            }
+        )
     return out
 
 
 def _subset(study: SubsetStudy, j: int) -> Spec:
     x = numbers(study.tests.astype(float))
     layers: list[Spec] = [
-        {"type": "band", "color": JOINTS[j], "x": x, "y": x, "lo": numbers(study.low[:, j]),
-         "hi": numbers(study.high[:, j])},
+        {
+            "type": "band",
+            "color": JOINTS[j],
+            "x": x,
+            "y": x,
+            "lo": numbers(study.low[:, j]),
+            "hi": numbers(study.high[:, j]),
+        },
         {"type": "line", "color": JOINTS[j], "x": x, "y": numbers(study.median[:, j])},
-    ]  # fmt: skip
+    ]
     layers[0]["y"] = layers[1]["y"]
-    return {"id": f"i-subset{j}", "title": f"Joint {j + 1}", "xlabel": "Tests", "ylabel": "k (N·m/rad)", "ylog": True,
-            "height": 190, "layers": layers}  # fmt: skip
+    return {
+        "id": f"i-subset{j}",
+        "title": f"Joint {j + 1}",
+        "xlabel": "Tests",
+        "ylabel": "k (N·m/rad)",
+        "ylog": True,
+        "height": 190,
+        "layers": layers,
+    }
 
 
 def _grid_chart(g: GridView, j: int) -> Spec:
     at = np.arange(len(g.k), dtype=float)
-    labels = [[["cell", str(n)], ["centre (mm)", ", ".join(f"{v * 1e3:.0f}" for v in g.centre[n])],
-               ["readings", f"{g.readings[n]:.1f}"]] for n in range(len(g.k))]  # fmt: skip
+    labels = [
+        [
+            ["cell", str(n)],
+            ["centre (mm)", ", ".join(f"{v * 1e3:.0f}" for v in g.centre[n])],
+            ["readings", f"{g.readings[n]:.1f}"],
+        ]
+        for n in range(len(g.k))
+    ]
     layers: list[Spec] = [
-        {"type": "line", "color": "#7a8490", "dash": "5 4", "x": [0.0, max(len(g.k) - 1.0, 1e-3)],
-         "y": [float(g.constant[j])] * 2},
-        {"type": "points", "name": f"joint {j + 1}", "color": JOINTS[j], "size": 2.6, "x": numbers(at),
-         "y": numbers(g.k[:, j]), "lo": numbers(g.k[:, j] - 1.645 * g.std[:, j]),
-         "hi": numbers(g.k[:, j] + 1.645 * g.std[:, j]), "labels": labels},
-    ]  # fmt: skip
-    return {"id": f"i-grid{j}", "title": f"Joint {j + 1} (N·m/rad)", "xlabel": "Cell", "height": 200,
-            "layers": layers}  # fmt: skip
+        {
+            "type": "line",
+            "color": "#7a8490",
+            "dash": "5 4",
+            "x": [0.0, max(len(g.k) - 1.0, 1e-3)],
+            "y": [float(g.constant[j])] * 2,
+        },
+        {
+            "type": "points",
+            "name": f"joint {j + 1}",
+            "color": JOINTS[j],
+            "size": 2.6,
+            "x": numbers(at),
+            "y": numbers(g.k[:, j]),
+            "lo": numbers(g.k[:, j] - 1.645 * g.std[:, j]),
+            "hi": numbers(g.k[:, j] + 1.645 * g.std[:, j]),
+            "labels": labels,
+        },
+    ]
+    return {"id": f"i-grid{j}", "title": f"Joint {j + 1} (N·m/rad)", "xlabel": "Cell", "height": 200, "layers": layers}

@@ -15,8 +15,12 @@ Flags = NDArray[np.bool_]
 FieldUnit = Literal["N/m", "m", "rad", "1", "share"]
 
 UNITS: dict[FieldUnit, Unit] = {
-    "N/m": Unit(1e-3, "N/mm", 0), "m": FINE_LENGTH, "rad": Unit(ANGLE.factor, "deg", 3), "1": BARE, "share": SHARE,
-}  # fmt: skip
+    "N/m": Unit(1e-3, "N/mm", 0),
+    "m": FINE_LENGTH,
+    "rad": Unit(ANGLE.factor, "deg", 3),
+    "1": BARE,
+    "share": SHARE,
+}
 
 
 @dataclass(frozen=True)

@@ -46,16 +46,23 @@ def field_spec(data: MapData) -> Spec:
     """A map of colours over two or three axes, every field and layer inside."""
     fields = [f for f in data.fields if any(np.isfinite(layer.value.get(f.key, np.nan)).any() for layer in data.layers)]
     return {
-        "id": "field", "kind": data.kind, "frame": data.frame,
-        "axes": [{"name": a.name, "label": a.label, "unit": a.shown.name,
-                  "values": numbers(a.values * a.shown.factor, 9)} for a in data.axes],
+        "id": "field",
+        "kind": data.kind,
+        "frame": data.frame,
+        "axes": [
+            {"name": a.name, "label": a.label, "unit": a.shown.name, "values": numbers(a.values * a.shown.factor, 9)}
+            for a in data.axes
+        ],
         "fixed": numbers(data.fixed * LENGTH.factor, 9),
-        "fields": [{"key": f.key, "name": f.name, "unit": f.shown.name, "better": f.better, "note": f.note}
-                   for f in fields],
-        "first": data.criterion, "names": list(data.reasons), "angle": ANGLE_LEVEL,
+        "fields": [
+            {"key": f.key, "name": f.name, "unit": f.shown.name, "better": f.better, "note": f.note} for f in fields
+        ],
+        "first": data.criterion,
+        "names": list(data.reasons),
+        "angle": ANGLE_LEVEL,
         "layers": [_layer_spec(layer, fields) for layer in data.layers],
         "arm": arm_spec(data),
-    }  # fmt: skip
+    }
 
 
 def arm_spec(data: MapData) -> Spec:
@@ -63,10 +70,14 @@ def arm_spec(data: MapData) -> Spec:
     a = data.arm
     mm = LENGTH.factor
     return {
-        "joints": list(a.joints), "axis": [numbers(v, 9) for v in a.axis],
-        "point": [numbers(v * mm, 7) for v in a.point], "base": numbers(a.base * mm, 7), "up": numbers(a.up, 9),
-        "flange": numbers(a.flange * mm, 7), "tcp": numbers(a.tcp * mm, 7),
-    }  # fmt: skip
+        "joints": list(a.joints),
+        "axis": [numbers(v, 9) for v in a.axis],
+        "point": [numbers(v * mm, 7) for v in a.point],
+        "base": numbers(a.base * mm, 7),
+        "up": numbers(a.up, 9),
+        "flange": numbers(a.flange * mm, 7),
+        "tcp": numbers(a.tcp * mm, 7),
+    }
 
 
 def _layer_spec(layer: MapLayer, fields: Sequence[MapField]) -> Spec:
@@ -79,11 +90,16 @@ def _layer_spec(layer: MapLayer, fields: Sequence[MapField]) -> Spec:
             if field.key in layer.guess:
                 value[field.key]["guess"] = packed_codes(layer.guess[field.key].astype(np.uint8))
     return {
-        "name": layer.name, "title": layer.title, "status": packed_codes(layer.reason),
-        "present": [int(c) for c in np.unique(layer.reason)], "best": layer.best,
-        "q": base64.b64encode(angles.tobytes()).decode("ascii"), "value": value,
-        "gamma": levels(layer.gamma * ANGLE.factor), "shortfall": levels(layer.shortfall * LENGTH.factor),
-    }  # fmt: skip
+        "name": layer.name,
+        "title": layer.title,
+        "status": packed_codes(layer.reason),
+        "present": [int(c) for c in np.unique(layer.reason)],
+        "best": layer.best,
+        "q": base64.b64encode(angles.tobytes()).decode("ascii"),
+        "value": value,
+        "gamma": levels(layer.gamma * ANGLE.factor),
+        "shortfall": levels(layer.shortfall * LENGTH.factor),
+    }
 
 
 def levels(values: Array) -> Spec:
@@ -102,8 +118,15 @@ def levels(values: Array) -> Spec:
     t = (np.log(v) if log else v) - a
     out[known] = np.round(np.clip(t / ((b - a) or 1.0), 0.0, 1.0) * 65534)
     p2, median, p98 = (float(x) for x in np.percentile(v, [2, 50, 98]))
-    return {"level": base64.b64encode(out.tobytes()).decode("ascii"), "low": low, "high": high, "log": bool(log),
-            "from": p2, "to": p98, "median": median}  # fmt: skip
+    return {
+        "level": base64.b64encode(out.tobytes()).decode("ascii"),
+        "low": low,
+        "high": high,
+        "log": bool(log),
+        "from": p2,
+        "to": p98,
+        "median": median,
+    }
 
 
 def curves(data: MapData) -> list[Spec]:
@@ -113,9 +136,15 @@ def curves(data: MapData) -> list[Spec]:
     charts: list[Spec | None] = []
     for layer in data.layers:
         tail = f", {layer.title}{_at_gamma(layer)}" if data.kind == "line" else ""
-        charts.append(_curve(data, x, f"tip-{layer.name}", f"Stiffness at the tool tip{tail}", [
-            (layer, "k_x"), (layer, "k_y"), (layer, "k_z"), (layer, "k_axial"), (layer, "k_min"),
-        ]))  # fmt: skip
+        charts.append(
+            _curve(
+                data,
+                x,
+                f"tip-{layer.name}",
+                f"Stiffness at the tool tip{tail}",
+                [(layer, "k_x"), (layer, "k_y"), (layer, "k_z"), (layer, "k_axial"), (layer, "k_min")],
+            )
+        )
     charts.append(_curve(data, x, "deflection", "Deflection under the load", _each(data, "deflection")))
     charts.append(_curve(data, x, "dexterity", "Dexterity 1/κ_F", _each(data, "dexterity")))
     first = data.layers[0]
@@ -179,15 +208,28 @@ def _joints(data: MapData, x: Array, layer: MapLayer) -> Spec | None:
 
 
 def _chart(
-    data: MapData, x: Array, name: str, title: str, lines: Sequence[tuple[str, Array, str, str]], unit: str,
-    *, zero: bool,
-) -> Spec:  # fmt: skip
+    data: MapData,
+    x: Array,
+    name: str,
+    title: str,
+    lines: Sequence[tuple[str, Array, str, str]],
+    unit: str,
+    *,
+    zero: bool,
+) -> Spec:
     k = keep([y for _, y, _, _ in lines])
     axis = data.axes[0]
     spec: Spec = {
-        "id": name, "title": title, "group": "curve", "x": numbers(x[k], 7), "unit": unit, "height": 240,
-        "xname": f"{axis.name} ({axis.shown.name})", "xlabel": f"{axis.label} ({axis.shown.name})",
-        "ylabel": unit, "xdec": 2,
+        "id": name,
+        "title": title,
+        "group": "curve",
+        "x": numbers(x[k], 7),
+        "unit": unit,
+        "height": 240,
+        "xname": f"{axis.name} ({axis.shown.name})",
+        "xlabel": f"{axis.label} ({axis.shown.name})",
+        "ylabel": unit,
+        "xdec": 2,
         "series": [{"name": n, "y": numbers(y[k]), "color": c, "dash": d} for n, y, c, d in lines],
-    }  # fmt: skip
+    }
     return {**spec, "ymin": 0} if zero else spec

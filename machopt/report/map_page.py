@@ -42,11 +42,14 @@ def map_page_html(data: MapData) -> str:
         ("run", "This run", _run(data)),
     ]
     return page_html(
-        data.title, (("Cell", data.cell), ("Map", data.place)), sections, specs,
+        data.title,
+        (("Cell", data.cell), ("Map", data.place)),
+        sections,
+        specs,
         scripts=("chart.js", "heatmap.js", "arm.js", "field.js", "start_map.js"),
         footer=f"machopt {data.version}. Lengths mm, angles deg, stiffness N/mm as in map.csv. "
         f"x, y, z are those of {data.frame}.",
-    )  # fmt: skip
+    )
 
 
 _CURVES = {
@@ -71,13 +74,23 @@ def _cards(data: MapData) -> list[tuple[str, str, str, str]]:
             out.append((f"Reached, {layer.title}", f"{100 * share:.0f}", "%", f"of {len(layer.reason):,} samples"))
         if layer.best >= 0:
             value = layer.value[f.key]
-            out.append((f"Best place, {layer.title}" if data.kind != "joints" else "Best posture",
-                             f.shown.text(float(value[layer.best])), f.shown.name,
-                             where(data, layer.best)))  # fmt: skip
+            out.append(
+                (
+                    f"Best place, {layer.title}" if data.kind != "joints" else "Best posture",
+                    f.shown.text(float(value[layer.best])),
+                    f.shown.name,
+                    where(data, layer.best),
+                )
+            )
             known = value[np.isfinite(value)]
-            out.append((f"Median, {layer.title}" if data.kind != "joints" else "Median",
-                             f.shown.text(float(np.median(known))), f.shown.name,
-                             f.name[0].lower() + f.name[1:]))  # fmt: skip
+            out.append(
+                (
+                    f"Median, {layer.title}" if data.kind != "joints" else "Median",
+                    f.shown.text(float(np.median(known))),
+                    f.shown.name,
+                    f.name[0].lower() + f.name[1:],
+                )
+            )
     gain = next((layer.value["gain"] for layer in data.layers if "gain" in layer.value), None)
     if gain is not None and np.isfinite(gain).any():
         share = f"{100 * float(np.nanmedian(gain)):.0f}"
@@ -88,9 +101,10 @@ def _cards(data: MapData) -> list[tuple[str, str, str, str]]:
 def where(data: MapData, row: int) -> str:
     """Coordinates of a sample in words."""
     index = np.unravel_index(row, data.shape)
-    return ", ".join(
-        f"{a.name} {a.shown.text(float(a.values[i]))}" for a, i in zip(data.axes, index, strict=True)
-    ) + f" {data.axes[0].shown.name}"  # fmt: skip
+    return (
+        ", ".join(f"{a.name} {a.shown.text(float(a.values[i]))}" for a, i in zip(data.axes, index, strict=True))
+        + f" {data.axes[0].shown.name}"
+    )
 
 
 def _map(data: MapData) -> Body:
@@ -113,16 +127,27 @@ def _measured(data: MapData) -> Body:
     rows = []
     for axis in m.axes:
         e = m.errors[axis]
-        rows.append([f"k_{axis}", *(_percent(e[name]) for name in ("left_out_rms", "left_out_median", "model_rms",
-                                                                  "model_median", "held_rms"))])  # fmt: skip
+        rows.append(
+            [
+                f"k_{axis}",
+                *(
+                    _percent(e[name])
+                    for name in ("left_out_rms", "left_out_median", "model_rms", "model_median", "held_rms")
+                ),
+            ]
+        )
     names = ("From the others, rms error", "median", "Model 1/(eᵀCe), rms error", "median", "K_m, rms error")
     heads = [Column("Direction"), *(Column(name, "n") for name in names)]
     summary = table(heads, rows)
     unit = 1e-3
     columns = [Column("x (mm)", "n"), Column("y", "n"), Column("z", "n")]
     for axis in m.axes:
-        columns += [Column(f"k_{axis} measured (N/mm)", "n"), Column("from the others", "n"), Column("model", "n"),
-                    Column("K_m", "n")]  # fmt: skip
+        columns += [
+            Column(f"k_{axis} measured (N/mm)", "n"),
+            Column("from the others", "n"),
+            Column("model", "n"),
+            Column("K_m", "n"),
+        ]
     listed = []
     for i in range(len(m.position)):
         row = [LENGTH.text(float(v)) for v in m.position[i]]
@@ -146,8 +171,15 @@ def _whole(value: float) -> str:
 
 
 def _numbers(data: MapData) -> Body:
-    columns = [Column("Quantity"), Column("Unit"), Column("Least", "n"), Column("Where"), Column("Median", "n"),
-               Column("Largest", "n"), Column("Where")]  # fmt: skip
+    columns = [
+        Column("Quantity"),
+        Column("Unit"),
+        Column("Least", "n"),
+        Column("Where"),
+        Column("Median", "n"),
+        Column("Largest", "n"),
+        Column("Where"),
+    ]
     body: Body = ""
     for layer in data.layers:
         rows = [row for f in data.fields if f.key in layer.value for row in _row(data, f, layer)]
@@ -162,8 +194,17 @@ def _row(data: MapData, f: MapField, layer: MapLayer) -> list[list[str]]:
         return []
     low, high = int(np.nanargmin(value)), int(np.nanargmax(value))
     text = f.shown.text
-    return [[f.name, f.shown.name, text(float(value[low])), where(data, low), text(float(np.nanmedian(value))),
-             text(float(value[high])), where(data, high)]]  # fmt: skip
+    return [
+        [
+            f.name,
+            f.shown.name,
+            text(float(value[low])),
+            where(data, low),
+            text(float(np.nanmedian(value))),
+            text(float(value[high])),
+            where(data, high),
+        ]
+    ]
 
 
 def _reasons(data: MapData, layer: MapLayer) -> Markup:

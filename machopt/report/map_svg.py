@@ -109,9 +109,11 @@ def pair_svg(data: MapData, axis: str) -> Markup:
         if data.kind == "slice" and data.measured is not None:
             at = data.measured.position[:, ["xyz".index(a.name) for a in data.axes]] * data.axes[0].shown.factor
             x, y = box[0] + (at[:, 0] - u0) / (u1 - u0) * w, box[1] + h - (at[:, 1] - v0) / (v1 - v0) * h
-            parts += [shape("circle", cx=a, cy=b, r=3.5, fill="#fff", stroke="#b3261e")
-                      for a, b in zip(x.tolist(), y.tolist(), strict=True)
-                      if box[0] <= a <= box[0] + w and box[1] <= b <= box[1] + h]  # fmt: skip
+            parts += [
+                shape("circle", cx=a, cy=b, r=3.5, fill="#fff", stroke="#b3261e")
+                for a, b in zip(x.tolist(), y.tolist(), strict=True)
+                if box[0] <= a <= box[0] + w and box[1] <= b <= box[1] + h
+            ]
     width = 2 * (w + _LEFT + 24) + _BAR
     label = f"Stiffness along {axis} ({fields[0].shown.name})"
     parts.extend(colour_bar((width - _BAR + 4, _TOP, 14.0, h), low, high, label, inverted=False))
@@ -131,17 +133,26 @@ def _ends(axis: MapAxis) -> tuple[float, float]:
 
 
 def _panel(
-    axes: tuple[MapAxis, ...], layer: MapLayer, value: Array, reason: Codes, field: MapField,
-    limits: tuple[float, float], box: Box, data: MapData, guess: NDArray[np.bool_] | None = None,
-) -> list[Shape]:  # fmt: skip
+    axes: tuple[MapAxis, ...],
+    layer: MapLayer,
+    value: Array,
+    reason: Codes,
+    field: MapField,
+    limits: tuple[float, float],
+    box: Box,
+    data: MapData,
+    guess: NDArray[np.bool_] | None = None,
+) -> list[Shape]:
     x, y, w, h = box
     low, high = limits
     out = [image(box, _pixels(value, reason, field, low, high, (round(w * _PIXEL), round(h * _PIXEL)), guess))]
     nu, nv = value.shape
     for level in round_levels(low, high).tolist():
         found = isolines(np.where(reason == 0, value, np.nan), level)
-        at = [zip((x + (p[:, 0] + 0.5) / nu * w).tolist(), (y + h - (p[:, 1] + 0.5) / nv * h).tolist(), strict=True)
-              for p in found]  # fmt: skip
+        at = [
+            zip((x + (p[:, 0] + 0.5) / nu * w).tolist(), (y + h - (p[:, 1] + 0.5) / nv * h).tolist(), strict=True)
+            for p in found
+        ]
         lines = ("M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in points) for points in at)
         out += [stroke("".join(lines), "i")] if found else []
     label = [f"{a.label} ({a.shown.name})" for a in axes]
@@ -151,9 +162,14 @@ def _panel(
 
 
 def _pixels(
-    value: Array, reason: Codes, field: MapField, low: float, high: float, size: tuple[int, int],
+    value: Array,
+    reason: Codes,
+    field: MapField,
+    low: float,
+    high: float,
+    size: tuple[int, int],
     guess: NDArray[np.bool_] | None = None,
-) -> Pixels:  # fmt: skip
+) -> Pixels:
     """(height, width, 3) nearest sample a pixel; grey and hatched where there is no posture."""
     w, h = size
     i = np.minimum((np.arange(w) + 0.5) / w * value.shape[0], value.shape[0] - 1).astype(int)
@@ -197,8 +213,12 @@ def _curve(chart: Spec, box: Box) -> list[Shape]:
     known = np.concatenate([v[np.isfinite(v)] for v in lines])
     low, high = min(0.0, float(known.min())), (float(known.max()) * 1.05 or 1.0)
     first, last = float(at[0]), float(at[-1])
-    out = [*ticks_left(box, low, high, chart["ylabel"], grid=True), *ticks_below(box, first, last, chart["xlabel"]),
-           frame(box), text(x, y - 7, chart["title"])]  # fmt: skip
+    out = [
+        *ticks_left(box, low, high, chart["ylabel"], grid=True),
+        *ticks_below(box, first, last, chart["xlabel"]),
+        frame(box),
+        text(x, y - 7, chart["title"]),
+    ]
     for n, (series, values) in enumerate(zip(chart["series"], lines, strict=True)):
         px, py = x + w * (at - first) / (last - first), y + h * (1 - (values - low) / (high - low))
         d, pen = "", "M"

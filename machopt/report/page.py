@@ -57,12 +57,15 @@ def report_html(data: ReportData) -> str:
         ("run", "This run", _run(data)),
     ]
     return page_html(
-        data.title, (("Cell", data.cell), ("Toolpath", data.toolpath)), sections, specs,
+        data.title,
+        (("Cell", data.cell), ("Toolpath", data.toolpath)),
+        sections,
+        specs,
         scripts=("chart.js", "heatmap.js", "start.js"),
         footer=f"machopt {data.version}{f', {data.created}' if data.created else ''}. "
         "Lengths mm, angles deg, stiffness N/µm, feed mm/min. Drag in a picture to zoom, double click to see all, "
         "click a legend entry to hide it.",
-    )  # fmt: skip
+    )
 
 
 def _verdict(data: ReportData) -> Body:
@@ -96,10 +99,7 @@ def _map(data: ReportData, specs: Spec) -> Body:
         "cannot be used, and the hatching says why. "
     ) + (data.map.collisions if data.map is not None else "")
     return section(
-        "rotation",
-        f"{WORDS[data.summary.quantity].axis} over path and rotation",
-        lead,
-        part("chart", "map"),
+        "rotation", f"{WORDS[data.summary.quantity].axis} over path and rotation", lead, part("chart", "map")
     )
 
 

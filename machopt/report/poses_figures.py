@@ -30,34 +30,69 @@ def bars(data: PosesPage) -> Spec:
         at = np.arange(len(shown), dtype=float) + BAR * (n - (len(entries) - 1) / 2)
         value = np.asarray(100 * sigma[shown], float)
         seen = np.isfinite(value)
-        layers.append({
-            "type": "points", "name": name, "color": color, "size": 0.1, "bar": 16, "x": numbers(at[seen]),
-            "y": numbers(value[seen]), "lo": [0.0] * int(seen.sum()), "hi": numbers(value[seen]),
-            "labels": [[["unknown", data.unknowns[p]]] for p in shown[seen]],
-        })  # fmt: skip
+        layers.append(
+            {
+                "type": "points",
+                "name": name,
+                "color": color,
+                "size": 0.1,
+                "bar": 16,
+                "x": numbers(at[seen]),
+                "y": numbers(value[seen]),
+                "lo": [0.0] * int(seen.sum()),
+                "hi": numbers(value[seen]),
+                "labels": [[["unknown", data.unknowns[p]]] for p in shown[seen]],
+            }
+        )
     lines = [{"y": 100 * data.target, "fit": False}] if math.isfinite(data.target) else []
     return {
-        "id": "p-bars", "title": "Expected standard uncertainty of each joint's stiffness", "ymin": 0, "height": 270,
-        "ylabel": "1 σ (% of the stiffness)", "yname": "1 σ (%)", "xcats": [data.unknowns[p] for p in shown],
-        "hlines": lines, "layers": layers,
-    }  # fmt: skip
+        "id": "p-bars",
+        "title": "Expected standard uncertainty of each joint's stiffness",
+        "ymin": 0,
+        "height": 270,
+        "ylabel": "1 σ (% of the stiffness)",
+        "yname": "1 σ (%)",
+        "xcats": [data.unknowns[p] for p in shown],
+        "hlines": lines,
+        "layers": layers,
+    }
 
 
 def curve(data: PosesPage) -> Spec:
     """Expected 1 σ over the number of poses."""
     x = np.array(data.curve_poses, float) * data.per_pose
     layers: list[Spec] = [
-        {"type": "line", "name": h.name, "color": COLORS[h.name], "dash": "5 4", "x": numbers(x),
-         "y": numbers(100 * h.curve)}
+        {
+            "type": "line",
+            "name": h.name,
+            "color": COLORS[h.name],
+            "dash": "5 4",
+            "x": numbers(x),
+            "y": numbers(100 * h.curve),
+        }
         for h in data.heuristics
-    ]  # fmt: skip
-    layers.append({"type": "line", "name": "this plan", "color": OURS, "width": 2.4, "x": numbers(x),
-                   "y": numbers(100 * data.curve)})  # fmt: skip
+    ]
+    layers.append(
+        {
+            "type": "line",
+            "name": "this plan",
+            "color": OURS,
+            "width": 2.4,
+            "x": numbers(x),
+            "y": numbers(100 * data.curve),
+        }
+    )
     layers.append({"type": "points", "color": OURS, "x": numbers(x), "y": numbers(100 * data.curve), "legend": False})
     return {
-        "id": "p-curve", "title": "Root mean square uncertainty over the number of readings", "xlog": True,
-        "ylog": True, "xlabel": "Readings", "ylabel": "rms 1 σ (%)", "height": 260, "layers": layers,
-    }  # fmt: skip
+        "id": "p-curve",
+        "title": "Root mean square uncertainty over the number of readings",
+        "xlog": True,
+        "ylog": True,
+        "xlabel": "Readings",
+        "ylabel": "rms 1 σ (%)",
+        "height": 260,
+        "layers": layers,
+    }
 
 
 def views(data: PosesPage) -> list[Spec]:
@@ -70,22 +105,48 @@ def views(data: PosesPage) -> list[Spec]:
     along = np.einsum("bkc,bc->bk", arms[:, :, :2], heading)  # each arm turned into the plane of its own TCP
     views = [
         ("p-top", "From above", "x (mm)", "y (mm)", cloud[:, 0], cloud[:, 1], arms[:, :, 0], arms[:, :, 1]),
-        ("p-side", "From the side, each arm in the plane of its TCP", "Distance from the base's z axis (mm)", "z (mm)",
-         np.linalg.norm(cloud[:, :2], axis=1), cloud[:, 2], along, arms[:, :, 2]),
-    ]  # fmt: skip
+        (
+            "p-side",
+            "From the side, each arm in the plane of its TCP",
+            "Distance from the base's z axis (mm)",
+            "z (mm)",
+            np.linalg.norm(cloud[:, :2], axis=1),
+            cloud[:, 2],
+            along,
+            arms[:, :, 2],
+        ),
+    ]
     return [
         {
-            "id": name, "title": title, "xlabel": xlabel, "ylabel": ylabel, "equal": True, "height": 510,
+            "id": name,
+            "title": title,
+            "xlabel": xlabel,
+            "ylabel": ylabel,
+            "equal": True,
+            "height": 510,
             "layers": [
-                {"type": "points", "name": "candidates", "color": "#c3c9d1", "size": 1.4, "x": numbers(cx, 4),
-                 "y": numbers(cy, 4)},
+                {
+                    "type": "points",
+                    "name": "candidates",
+                    "color": "#c3c9d1",
+                    "size": 1.4,
+                    "x": numbers(cx, 4),
+                    "y": numbers(cy, 4),
+                },
                 {"type": "line", "name": "arms", "color": "#d9730d", "width": 1.1, "x": _broken(ax), "y": _broken(ay)},
-                {"type": "points", "name": "chosen", "color": OURS, "size": 4, "x": numbers(ax[:, -1], 5),
-                 "y": numbers(ay[:, -1], 5), "labels": [[["pose", str(n + 1)]] for n in range(len(ax))]},
+                {
+                    "type": "points",
+                    "name": "chosen",
+                    "color": OURS,
+                    "size": 4,
+                    "x": numbers(ax[:, -1], 5),
+                    "y": numbers(ay[:, -1], 5),
+                    "labels": [[["pose", str(n + 1)]] for n in range(len(ax))],
+                },
             ],
         }
         for name, title, xlabel, ylabel, cx, cy, ax, ay in views
-    ]  # fmt: skip
+    ]
 
 
 def _broken(rows: Array) -> list[float | None]:

@@ -131,10 +131,14 @@ def poses_html(data: PosesPage) -> str:
         ("run", "This run", _run(data)),
     ]
     return page_html(
-        data.title, (("Cell", data.cell),), sections, {"xy": charts}, scripts=("chart.js", "xy.js", "start_xy.js"),
+        data.title,
+        (("Cell", data.cell),),
+        sections,
+        {"xy": charts},
+        scripts=("chart.js", "xy.js", "start_xy.js"),
         footer=f"machopt {data.version}. Lengths mm, forces N, moments N·m, angles deg. Uncertainties are one "
         "standard deviation of the joint stiffness as a share of its value. Click a legend entry to hide it.",
-    )  # fmt: skip
+    )
 
 
 def _verdict(data: PosesPage) -> Body:
@@ -197,17 +201,29 @@ def _apart(data: PosesPage) -> Body:
     if data.work is None or not data.apart:
         return ""
     columns = [
-        Column("Explanations"), Column("Noncentrality a round", "n"), Column("Planned", "n"),
-        Column("Rounds for 90 %", "n"), Column("Until diagnose excludes one", "n"),
-        Column("Random poses, a round", "n"), Column("Otherwise", "why"),
-    ]  # fmt: skip
+        Column("Explanations"),
+        Column("Noncentrality a round", "n"),
+        Column("Planned", "n"),
+        Column("Rounds for 90 %", "n"),
+        Column("Until diagnose excludes one", "n"),
+        Column("Random poses, a round", "n"),
+        Column("Otherwise", "why"),
+    ]
     body: Body = ""
     for why in dict.fromkeys(a.why for a in data.apart):
         rows = [
-            [a.pair, _number(a.per_cycle, 1), _number(a.planned, 1), "–" if a.cycles is None else str(a.cycles),
-             "–" if a.until is None else str(a.until), _number(a.random, 1), a.advice]
-            for a in data.apart if a.why == why
-        ]  # fmt: skip
+            [
+                a.pair,
+                _number(a.per_cycle, 1),
+                _number(a.planned, 1),
+                "–" if a.cycles is None else str(a.cycles),
+                "–" if a.until is None else str(a.until),
+                _number(a.random, 1),
+                a.advice,
+            ]
+            for a in data.apart
+            if a.why == why
+        ]
         body += part("heading", why[:1].upper() + why[1:]) + table(columns, rows)
     lead = (
         "Each explanation in turn is taken as true, as the diagnosis fitted it; the other may refit its own numbers "
@@ -224,9 +240,13 @@ def _cards(data: PosesPage) -> list[tuple[str, str, str, str]]:
     cards = [
         ("Poses", str(data.poses), "", f"of {data.passed} candidates"),
         ("Readings", str(data.readings), "", f"{data.per_pose} at each pose"),
-        ("Condition number", f"{data.condition:.1f}" if math.isfinite(data.condition) else "–", "",
-         "of the whitened design"),
-    ]  # fmt: skip
+        (
+            "Condition number",
+            f"{data.condition:.1f}" if math.isfinite(data.condition) else "–",
+            "",
+            "of the whitened design",
+        ),
+    ]
     if math.isfinite(data.bound):
         cards.append(("D-efficiency", f"≥ {100 * data.bound:.0f}", "%", "against any choice of as many"))
     if data.apart:
@@ -243,24 +263,35 @@ def _accuracy(data: PosesPage) -> Body:
     if data.work is None:
         return ""
     columns = [
-        Column("Chosen by"), Column("How"), Column("Poses to draw from", "n"), Column("rms (%)", "n"),
-        Column("10–90 % of draws (%)", "n"), Column("D-eff.", "n"), Column("A-eff.", "n"), Column("E-eff.", "n"),
+        Column("Chosen by"),
+        Column("How"),
+        Column("Poses to draw from", "n"),
+        Column("rms (%)", "n"),
+        Column("10–90 % of draws (%)", "n"),
+        Column("D-eff.", "n"),
+        Column("A-eff.", "n"),
+        Column("E-eff.", "n"),
         Column("Readings for the same", "n"),
-    ]  # fmt: skip
+    ]
     how = "tells explanations apart" if data.apart else "D-optimal"
     rows = [["this plan", how, str(data.passed), f"{100 * data.rms:.2f}", "–", "1", "1", "1", "1"]]
     for h in data.heuristics:
-        rows.append([
-            h.name, h.words, str(h.poses), _number(100 * h.rms[1], 2),
-            f"{_number(100 * h.rms[0], 2)} … {_number(100 * h.rms[2], 2)}",
-            *(f"{e:.2f}" for e in h.efficiency), f"× {_number(h.readings, 1)}",
-        ])  # fmt: skip
+        rows.append(
+            [
+                h.name,
+                h.words,
+                str(h.poses),
+                _number(100 * h.rms[1], 2),
+                f"{_number(100 * h.rms[0], 2)} … {_number(100 * h.rms[2], 2)}",
+                *(f"{e:.2f}" for e in h.efficiency),
+                f"× {_number(h.readings, 1)}",
+            ]
+        )
     further: Body = ""
     if not data.relative.all():
         rows_further = [
-            [n, _number(100 * s, 1)]
-            for n, s, r in zip(data.unknowns, data.sigma, data.relative, strict=True) if not r
-        ]  # fmt: skip
+            [n, _number(100 * s, 1)] for n, s, r in zip(data.unknowns, data.sigma, data.relative, strict=True) if not r
+        ]
         what = "Further physics without a prior value: one sigma in percent of a joint's usual contribution"
         further = part("heading", what) + table([Column("Unknown"), Column("1 σ (%)", "n")], rows_further)
     lead = (
@@ -294,17 +325,34 @@ def _work(data: PosesPage) -> Body:
         return ""
     words = {True: "free", False: "touches: drive round", None: "–"}
     columns = [
-        Column("#", "n"), Column("Round", "n"), Column("Pose", "n"), Column("Cycle", "n"),
-        Column("q1 … q6 (deg)", "n"), Column("Load", "why"), Column("|d| (mm)", "n"),
-        Column("KCI", "n"), Column("ν_p", "n"), Column("Clearance (mm)", "n"), Column("Straight way"),
-    ]  # fmt: skip
+        Column("#", "n"),
+        Column("Round", "n"),
+        Column("Pose", "n"),
+        Column("Cycle", "n"),
+        Column("q1 … q6 (deg)", "n"),
+        Column("Load", "why"),
+        Column("|d| (mm)", "n"),
+        Column("KCI", "n"),
+        Column("ν_p", "n"),
+        Column("Clearance (mm)", "n"),
+        Column("Straight way"),
+    ]
     rows = [
-        [str(n + 1), str(t.session[n]), str(t.pose[n]), str(t.cycle[n]),
-         "  ".join(f"{v:.1f}".replace("-", "−") for v in np.degrees(t.q[n])), t.load[n],
-         f"{1e3 * t.deflection[n]:.2f}", f"{t.kci[n]:.2f}", f"{t.nu_p[n]:.4f}",
-         _number(1e3 * float(t.clearance[n]), 0), words[t.way_free[n]]]
+        [
+            str(n + 1),
+            str(t.session[n]),
+            str(t.pose[n]),
+            str(t.cycle[n]),
+            "  ".join(f"{v:.1f}".replace("-", "−") for v in np.degrees(t.q[n])),
+            t.load[n],
+            f"{1e3 * t.deflection[n]:.2f}",
+            f"{t.kci[n]:.2f}",
+            f"{t.nu_p[n]:.4f}",
+            _number(1e3 * float(t.clearance[n]), 0),
+            words[t.way_free[n]],
+        ]
         for n in range(len(t.pose))
-    ]  # fmt: skip
+    ]
     lead = (
         "poses.csv holds the same rows with the full wrench. In each row: read the unloaded TCP, load, read, unload, "
         "read again. The rounds run in opposite directions and the loads are shuffled, so that drift does not look "

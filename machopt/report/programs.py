@@ -28,10 +28,17 @@ def programs(data: ReportData) -> Markup | str:
     if not data.programs:
         return ""
     columns = [
-        Column("Post"), Column("Files", "html"), Column("Moves", "html"), Column("Targets off by", "html"),
-        Column("Feeds off by", "n"), Column("Configuration"), Column("Events"), Column("Between the points", "html"),
-        Column("Feed by the controller's model", "html"), Column("Check", "html"),
-    ]  # fmt: skip
+        Column("Post"),
+        Column("Files", "html"),
+        Column("Moves", "html"),
+        Column("Targets off by", "html"),
+        Column("Feeds off by", "n"),
+        Column("Configuration"),
+        Column("Events"),
+        Column("Between the points", "html"),
+        Column("Feed by the controller's model", "html"),
+        Column("Check", "html"),
+    ]
     body = table(columns, [_row(p) for p in data.programs])
     wrong = [(p.files[0] if p.files else p.post, text) for p in data.programs for text in p.differences]
     if wrong:
@@ -53,9 +60,17 @@ def _row(p: Program) -> tuple[object, ...]:
     events = "equal" if p.events_equal else "differ"
     state = part("toned", "fail", "differs") if p.differences else part("toned", "pass", "reads back")
     return (
-        p.post, _files(p), moves, _targets(p), _least(p.feed_error, _FEED), configuration, events,
-        _between(p), _feed(p), state,
-    )  # fmt: skip
+        p.post,
+        _files(p),
+        moves,
+        _targets(p),
+        _least(p.feed_error, _FEED),
+        configuration,
+        events,
+        _between(p),
+        _feed(p),
+        state,
+    )
 
 
 def _said(rows: Sequence[Program], what: str, title: str) -> Markup | str:
@@ -72,10 +87,13 @@ def _feed(p: Program) -> Markup | str:
     """What the controller will hold of the programmed feed, at which deviation."""
     if not math.isfinite(p.feed_mean):
         return "the motion's own: it is streamed, or no model is known"
-    return part("unbroken", [
-        f"{100 * p.feed_mean:.0f} % on average, {100 * p.feed_lowest:.0f} % in the slowest move",
-        f"points passed by {_SHORT.text(p.feed_deviation, unit=True)} at most",
-    ])  # fmt: skip
+    return part(
+        "unbroken",
+        [
+            f"{100 * p.feed_mean:.0f} % on average, {100 * p.feed_lowest:.0f} % in the slowest move",
+            f"points passed by {_SHORT.text(p.feed_deviation, unit=True)} at most",
+        ],
+    )
 
 
 def _targets(p: Program) -> Markup:
@@ -101,15 +119,23 @@ def _between(p: Program) -> Markup | str:
         return "no lines: joints are interpolated"
     share = min(p.path_error / p.tolerance, 1.25) if p.tolerance else 0.0
     colour = "#a61b1b" if share > 1.0 else "#1552b8"
-    bar = drawn(shape(
-        "svg", width=1.25 * _BAR + 1, height=11, role="img", aria_label="share of the tolerance", inside=[
-            shape("rect", y=1, width=_BAR, height=9, fill="#e8ebee"),
-            shape("rect", y=1, width=share * _BAR, height=9, fill=colour),
-            shape("path", d=f"M{_BAR} 0V11", stroke="#b3261e"),
-        ],
-    ))  # fmt: skip
+    bar = drawn(
+        shape(
+            "svg",
+            width=1.25 * _BAR + 1,
+            height=11,
+            role="img",
+            aria_label="share of the tolerance",
+            inside=[
+                shape("rect", y=1, width=_BAR, height=9, fill="#e8ebee"),
+                shape("rect", y=1, width=share * _BAR, height=9, fill=colour),
+                shape("path", d=f"M{_BAR} 0V11", stroke="#b3261e"),
+            ],
+        )
+    )
     words = [
         f"{_SHORT.text(p.path_error)} of {_SHORT.text(p.tolerance, unit=True)}",
-        f"tool axis {_least(p.axis_error, _TURN)}", f"orientation {_least(p.turn_error, _TURN)}",
-    ]  # fmt: skip
+        f"tool axis {_least(p.axis_error, _TURN)}",
+        f"orientation {_least(p.turn_error, _TURN)}",
+    ]
     return fragment("report.html", "below", bar, part("unbroken", words))

@@ -17,9 +17,14 @@ UPLOT = "uplot"  # the folder of assets that holds the chart library as it is pu
 
 
 def page_html(
-    title: str, head: Sequence[tuple[str, str]], sections: Sequence[tuple[str, str, Markup | str]],
-    specs: dict[str, Any], *, scripts: Sequence[str], footer: Markup | str,
-) -> str:  # fmt: skip
+    title: str,
+    head: Sequence[tuple[str, str]],
+    sections: Sequence[tuple[str, str, Markup | str]],
+    specs: dict[str, Any],
+    *,
+    scripts: Sequence[str],
+    footer: Markup | str,
+) -> str:
     """The page as text; the same data give the same bytes.
 
     Args:
@@ -34,11 +39,20 @@ def page_html(
 
     charts = "chart.js" in scripts
     styles = [*([f"{UPLOT}/uPlot.min.css"] if charts else []), "page.css"]
-    return render(
-        "page.html", title=title, head=head, sections=[s for s in sections if s[2]], footer=footer,
-        style=Markup("".join(_asset(name) for name in styles)), code=Markup("".join(_asset(name) for name in scripts)),
-        library=Markup(_library()) if charts else "", specs=Markup(_embedded(specs)),
-    ) + "\n"  # fmt: skip
+    return (
+        render(
+            "page.html",
+            title=title,
+            head=head,
+            sections=[s for s in sections if s[2]],
+            footer=footer,
+            style=Markup("".join(_asset(name) for name in styles)),
+            code=Markup("".join(_asset(name) for name in scripts)),
+            library=Markup(_library()) if charts else "",
+            specs=Markup(_embedded(specs)),
+        )
+        + "\n"
+    )
 
 
 def section(anchor: str, title: str, lead: Markup | str, body: Markup | str) -> Markup | str:

@@ -19,10 +19,21 @@ Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 Box = tuple[float, float, float, float]  # x, y, width, height
 
-VIRIDIS = np.array([
-    [68, 1, 84], [72, 40, 120], [62, 74, 137], [49, 104, 142], [38, 130, 142], [31, 158, 137], [53, 183, 121],
-    [110, 206, 88], [181, 222, 43], [253, 231, 37],
-], float)  # fmt: skip
+VIRIDIS = np.array(
+    [
+        [68, 1, 84],
+        [72, 40, 120],
+        [62, 74, 137],
+        [49, 104, 142],
+        [38, 130, 142],
+        [31, 158, 137],
+        [53, 183, 121],
+        [110, 206, 88],
+        [181, 222, 43],
+        [253, 231, 37],
+    ],
+    float,
+)
 INK, PALE = np.array([92, 98, 108], np.uint8), np.array([226, 228, 231], np.uint8)
 _STYLE = (
     ".still text{font-family:Arial,Liberation Sans,sans-serif;font-size:12px;fill:#333d49}"
@@ -96,8 +107,14 @@ def colours(t: Array) -> Pixels:
 
 def hatching(code: int, x: NDArray[np.intp], y: NDArray[np.intp]) -> Pixels:
     """(..., 3) pixels that stand for a reason code; patterns differ so that they survive a grey print."""
-    patterns = {1: x < 0, 2: (x + y) % 12 < 3, 3: y % 9 < 2, 4: x % 9 < 2, 5: (x % 10 < 2) | (y % 10 < 2),
-                6: (x - y) % 10 < 4}  # fmt: skip
+    patterns = {
+        1: x < 0,
+        2: (x + y) % 12 < 3,
+        3: y % 9 < 2,
+        4: x % 9 < 2,
+        5: (x % 10 < 2) | (y % 10 < 2),
+        6: (x - y) % 10 < 4,
+    }
     ink, pale = (np.array([126, 34, 40], np.uint8), np.array([222, 178, 178], np.uint8)) if code == 6 else (INK, PALE)
     mark = patterns.get(code, (x % 12 < 2) & (y % 12 < 2))
     return np.where(mark[..., None], ink, pale)

@@ -38,8 +38,9 @@ def shape(tag: str, /, words: str = "", *, title: str = "", inside: Sequence[Sha
     """
     attributes = {
         name if name == "viewBox" else name.rstrip("_").replace("_", "-"): _written(value)
-        for name, value in given.items() if value != ""
-    }  # fmt: skip
+        for name, value in given.items()
+        if value != ""
+    }
     return Shape(tag, attributes, words, title, inside)
 
 

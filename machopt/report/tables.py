@@ -44,32 +44,66 @@ def worst_points(data: ReportData) -> Markup:
     what = WORDS[data.summary.quantity].axis
     own = data.summary.quantity == "deflection"  # then the deflection stands in the first column already
     columns = [
-        Column("Point", "n"), Column("Operation"), Column(f"{what} ({unit.name})", "n"),
-        Column("CAM default", "n"), Column("Change", "n"), *([] if own else [Column("Deflection (mm)", "n")]),
+        Column("Point", "n"),
+        Column("Operation"),
+        Column(f"{what} ({unit.name})", "n"),
+        Column("CAM default", "n"),
+        Column("Change", "n"),
+        *([] if own else [Column("Deflection (mm)", "n")]),
         Column("± 1 σ (mm)", "n"),
-        Column("Tolerance (mm)", "n"), Column("γ (deg)", "n"), Column("k axial (N/µm)", "n"),
-        Column("Clearance (mm)", "n"), Column("Why", "why"),
-    ]  # fmt: skip
+        Column("Tolerance (mm)", "n"),
+        Column("γ (deg)", "n"),
+        Column("k axial (N/µm)", "n"),
+        Column("Clearance (mm)", "n"),
+        Column("Why", "why"),
+    ]
     rows = [
         (
-            w.point, w.operation, unit.text(w.value), unit.text(w.value_default), change(w.value_default, w.value),
-            *(() if own else (FINE_LENGTH.text(w.deflection),)), FINE_LENGTH.text(w.deflection_std),
+            w.point,
+            w.operation,
+            unit.text(w.value),
+            unit.text(w.value_default),
+            change(w.value_default, w.value),
+            *(() if own else (FINE_LENGTH.text(w.deflection),)),
+            FINE_LENGTH.text(w.deflection_std),
             FINE_LENGTH.text(w.tolerance),
-            ANGLE.text(w.gamma), STIFFNESS.text(w.k_axial), LENGTH.text(w.clearance), w.reason,
+            ANGLE.text(w.gamma),
+            STIFFNESS.text(w.k_axial),
+            LENGTH.text(w.clearance),
+            w.reason,
         )
         for w in data.worst
-    ]  # fmt: skip
+    ]
     return table(columns, rows)
 
 
 def infeasible_points(data: ReportData) -> Markup:
-    columns = [Column("Point", "n"), Column("Operation"), Column("x (mm)", "n"), Column("y (mm)", "n"),
-               Column("z (mm)", "n"), Column("State"), Column("Why"), Column("How far off"),
-               Column("What would help")]  # fmt: skip
-    return table(columns, [
-        (p.point, p.operation, *(LENGTH.text(float(v)) for v in p.position), p.status, p.reason, p.shortfall, p.help)
-        for p in data.infeasible
-    ])  # fmt: skip
+    columns = [
+        Column("Point", "n"),
+        Column("Operation"),
+        Column("x (mm)", "n"),
+        Column("y (mm)", "n"),
+        Column("z (mm)", "n"),
+        Column("State"),
+        Column("Why"),
+        Column("How far off"),
+        Column("What would help"),
+    ]
+    return table(
+        columns,
+        [
+            (
+                p.point,
+                p.operation,
+                *(LENGTH.text(float(v)) for v in p.position),
+                p.status,
+                p.reason,
+                p.shortfall,
+                p.help,
+            )
+            for p in data.infeasible
+        ],
+    )
 
 
 def breaks(data: ReportData) -> Markup:
@@ -81,35 +115,72 @@ def operations(data: ReportData) -> Markup:
     unit = QUANTITY[data.summary.quantity]
     worst = "Least" if WORDS[data.summary.quantity].large_is_good else "Worst"
     columns = [
-        Column("Operation"), Column("Kind"), Column("Points", "n"), Column("Path (mm)", "n"), Column("Time (s)", "n"),
-        Column(f"{worst}, CAM default ({unit.name})", "n"), Column(f"{worst}, chosen ({unit.name})", "n"),
-        Column("Change", "n"), Column("Nearest miss (mm)", "n"), Column("Feed held (%)", "n"), Column("State"),
-    ]  # fmt: skip
+        Column("Operation"),
+        Column("Kind"),
+        Column("Points", "n"),
+        Column("Path (mm)", "n"),
+        Column("Time (s)", "n"),
+        Column(f"{worst}, CAM default ({unit.name})", "n"),
+        Column(f"{worst}, chosen ({unit.name})", "n"),
+        Column("Change", "n"),
+        Column("Nearest miss (mm)", "n"),
+        Column("Feed held (%)", "n"),
+        Column("State"),
+    ]
     rows = [
         (
-            o.label or "(no name)", o.kind, o.points, LENGTH.text(o.length), TIME.text(o.time),
-            unit.text(o.worst_default), unit.text(o.worst_chosen), change(o.worst_default, o.worst_chosen),
-            LENGTH.text(o.nearest_miss), SHARE.text(o.feed_held), o.status,
+            o.label or "(no name)",
+            o.kind,
+            o.points,
+            LENGTH.text(o.length),
+            TIME.text(o.time),
+            unit.text(o.worst_default),
+            unit.text(o.worst_chosen),
+            change(o.worst_default, o.worst_chosen),
+            LENGTH.text(o.nearest_miss),
+            SHARE.text(o.feed_held),
+            o.status,
         )
         for o in data.operations
-    ]  # fmt: skip
+    ]
     return table(columns, rows)
 
 
 def feed_dips(data: ReportData) -> Markup:
-    columns = [Column("Point", "n"), Column("Path (mm)", "n"), Column("From (s)", "n"), Column("For (s)", "n"),
-               Column("Programmed (mm/min)", "n"), Column("Lowest (mm/min)", "n"), Column("Held (%)", "n"),
-               Column("What did it")]  # fmt: skip
-    return table(columns, [
-        (f"{d.point:.1f}", LENGTH.text(d.s), MOMENT.text(d.time), MOMENT.text(d.duration), FEED.text(d.feed_programmed),
-         FEED.text(d.feed_lowest), SHARE.text(d.feed_lowest / d.feed_programmed if d.feed_programmed else 0.0), d.cause)
-        for d in sorted(data.dips, key=lambda d: d.feed_lowest - d.feed_programmed)
-    ])  # fmt: skip
+    columns = [
+        Column("Point", "n"),
+        Column("Path (mm)", "n"),
+        Column("From (s)", "n"),
+        Column("For (s)", "n"),
+        Column("Programmed (mm/min)", "n"),
+        Column("Lowest (mm/min)", "n"),
+        Column("Held (%)", "n"),
+        Column("What did it"),
+    ]
+    return table(
+        columns,
+        [
+            (
+                f"{d.point:.1f}",
+                LENGTH.text(d.s),
+                MOMENT.text(d.time),
+                MOMENT.text(d.duration),
+                FEED.text(d.feed_programmed),
+                FEED.text(d.feed_lowest),
+                SHARE.text(d.feed_lowest / d.feed_programmed if d.feed_programmed else 0.0),
+                d.cause,
+            )
+            for d in sorted(data.dips, key=lambda d: d.feed_lowest - d.feed_programmed)
+        ],
+    )
 
 
 def checks(data: ReportData) -> Markup:
-    words = {True: piece("toned", "pass", "passed"), False: piece("toned", "fail", "failed"),
-             None: piece("toned", "none", "not run")}  # fmt: skip
+    words = {
+        True: piece("toned", "pass", "passed"),
+        False: piece("toned", "fail", "failed"),
+        None: piece("toned", "none", "not run"),
+    }
     columns = [Column("Check"), Column("Result", "html"), Column("Found"), Column("Allowed"), Column("Where")]
     return table(columns, [(c.name, words[c.passed], c.found, c.allowed, c.where) for c in data.checks])
 
@@ -144,6 +215,6 @@ def pairs(first: str, second: str, rows: Sequence[tuple[str, str]], kind: str = 
 
 def part(
     count: int, title: str, build: Callable[[ReportData], Markup], data: ReportData, *, opened: bool = False
-) -> Markup | str:  # fmt: skip
+) -> Markup | str:
     """A folded table, or nothing where there is nothing to list."""
     return folded(title, count, build(data), opened=opened) if count else ""

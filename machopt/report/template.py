@@ -20,9 +20,14 @@ def _environment() -> Environment:
     from jinja2 import Environment, PackageLoader, StrictUndefined  # late: commands without a page do without
 
     return Environment(
-        loader=PackageLoader("machopt.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True, cache_size=-1, auto_reload=False,
-    )  # fmt: skip
+        loader=PackageLoader("machopt.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        cache_size=-1,
+        auto_reload=False,
+    )
 
 
 def render(template: str, /, **values: Any) -> str:

@@ -43,9 +43,13 @@ def toolpath_page(toolpath: Toolpath, summary: Mapping[str, Any]) -> str:
     ]
     head = (("File", str(summary["source"])), ("Format", str(summary["format"])), ("Unit", str(summary["unit"])))
     return page_html(
-        f"Toolpath {summary['source']}", head, sections, {}, scripts=(),
+        f"Toolpath {summary['source']}",
+        head,
+        sections,
+        {},
+        scripts=(),
         footer=f"machopt {machopt.__version__}. Lengths mm, feeds mm/min, angles deg. SHA-256 {summary['sha256']}.",
-    )  # fmt: skip
+    )
 
 
 def _verdict(summary: Mapping[str, Any], unknown: Sequence[Mapping[str, Any]]) -> Body:
@@ -82,16 +86,28 @@ def _views(toolpath: Toolpath) -> Body:
 
 def _operations(operations: Sequence[Mapping[str, Any]]) -> Body:
     columns = [
-        Column("No.", "n"), Column("Operation"), Column("Kind"), Column("Tool"), Column("Points", "n"),
-        Column("Cutting", "n"), Column("Feed (mm/min)", "n"), Column("First line", "n"),
-    ]  # fmt: skip
+        Column("No.", "n"),
+        Column("Operation"),
+        Column("Kind"),
+        Column("Tool"),
+        Column("Points", "n"),
+        Column("Cutting", "n"),
+        Column("Feed (mm/min)", "n"),
+        Column("First line", "n"),
+    ]
     rows = [
         (
-            k + 1, o["label"], o["kind"], o["tool"] or "–", o["points"], o["cutting_points"],
-            _range(o["feed_mm_min"]), o["first_line"] if o["first_line"] is not None else "–",
+            k + 1,
+            o["label"],
+            o["kind"],
+            o["tool"] or "–",
+            o["points"],
+            o["cutting_points"],
+            _range(o["feed_mm_min"]),
+            o["first_line"] if o["first_line"] is not None else "–",
         )
         for k, o in enumerate(operations)
-    ]  # fmt: skip
+    ]
     lead = "A point operation drills: every cut runs along the tool axis or comes from a cycle."
     return section("operations", "Operations", lead, table(columns, rows))
 

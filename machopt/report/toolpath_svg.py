@@ -52,10 +52,13 @@ VIEWS = (
     View("front", "From the front", (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), ("x (mm)", "z (mm)")),
     View("side", "From the side", (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), ("y (mm)", "z (mm)")),
     View(
-        "slanted", "Slanted", (math.cos(_A), math.sin(_A), 0.0),
-        (-math.sin(_A) * math.sin(_B), math.cos(_A) * math.sin(_B), math.cos(_B)), None,
+        "slanted",
+        "Slanted",
+        (math.cos(_A), math.sin(_A), 0.0),
+        (-math.sin(_A) * math.sin(_B), math.cos(_A) * math.sin(_B), math.cos(_B)),
+        None,
     ),
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True)
@@ -113,8 +116,17 @@ def _move(pixels: Array, move: NDArray[np.int8], which: Move) -> list[Shape]:
     else:
         d = "".join(f"M{a:.1f} {b:.1f}L{c:.1f} {e:.1f}" for a, b, c, e in _distinct(lines).tolist())
     width = 1.3 if which is Move.CUT else 0.9
-    return [shape("path", title=which.word, class_="line", d=d, stroke=COLOURS[which], stroke_width=width,
-                  stroke_dasharray=_DASHED.get(which, ""))]  # fmt: skip
+    return [
+        shape(
+            "path",
+            title=which.word,
+            class_="line",
+            d=d,
+            stroke=COLOURS[which],
+            stroke_width=width,
+            stroke_dasharray=_DASHED.get(which, ""),
+        )
+    ]
 
 
 def _thinned(points: Array, cell: float) -> Array:

@@ -40,8 +40,10 @@ def verdict(data: ReportData) -> Verdict:
         parts = [f"for {number} of {s.points} points{why}"] if number else []
         if data.breaks:
             first = data.breaks[0]
-            parts.append(f"at {counted(len(data.breaks), 'break')} of the motion, the first from {first.before} to "
-                         f"{first.after} ({first.reason})")  # fmt: skip
+            parts.append(
+                f"at {counted(len(data.breaks), 'break')} of the motion, the first from {first.before} to "
+                f"{first.after} ({first.reason})"
+            )
         sentence = (
             f"No answer {' and '.join(parts)} as the cell stands; no trajectory was written. "
             "The tables below say for each what stands in the way, by how much, and what would help."
@@ -55,8 +57,14 @@ def verdict(data: ReportData) -> Verdict:
         parts.append(
             f"nearest miss at the points {LENGTH.text(s.nearest_miss, unit=True)}{f' ({where})' if where else ''}"
         )
-    parts.append(with_scope({"passed": "verification passed", "failed": "verification failed",
-                              "not run": "verification not run"}[s.verification], s.unchecked))  # fmt: skip
+    parts.append(
+        with_scope(
+            {"passed": "verification passed", "failed": "verification failed", "not run": "verification not run"}[
+                s.verification
+            ],
+            s.unchecked,
+        )
+    )
     sentence = "; ".join(p for p in parts if p)
     sentence = _joined(sentence[:1].upper() + sentence[1:] + ".", s.note)
     if s.verification == "failed" or s.outcome == "verification_failed":
@@ -196,8 +204,9 @@ def _cautions(data: ReportData) -> tuple[str, ...]:
         out += [
             f"The gain over {g.over}, {gain_text(g)} on average, is below the stiffness model's own uncertainty "
             "or rounding: the two are not distinguishable."
-            for g in s.gains if not g.distinguishable
-        ]  # fmt: skip
+            for g in s.gains
+            if not g.distinguishable
+        ]
     if s.outcome != "infeasible" and s.infeasible_points:
         out.append(f"{counted(s.infeasible_points, 'point')} without an answer, left out of the motion.")
     unknown = [w for w in data.ignored if not w.understood]

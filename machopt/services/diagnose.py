@@ -97,8 +97,11 @@ def _diagnosed(request: Request, own: tuple[Own, ...], progress: Progress) -> Ou
     cell = load_cell(request.cell, allow_external=request.allow_external, any_chain=in_motion)
     laws = userterms.load(own)
     if request.toolpath is not None and not request.toolpath.is_file():  # said before minutes of work, not after
-        raise InputError("there is no such file; a toolpath that optimize reads would work", file=request.toolpath,
-                         where="--toolpath")  # fmt: skip
+        raise InputError(
+            "there is no such file; a toolpath that optimize reads would work",
+            file=request.toolpath,
+            where="--toolpath",
+        )
     if request.channel != "auto" and recording.kind != "motion":
         raise InputError(
             f"found {request.channel}; channels are of a motion, this recording is of kind {recording.kind!r}",
@@ -123,12 +126,23 @@ def _diagnosed(request: Request, own: tuple[Own, ...], progress: Progress) -> Ou
             toolpath = read_toolpath(request.toolpath, robot=known_robot(cell))
             effect = effect_on_job(cell, before, after, toolpath, load_options(cell.plan))
         inputs = input_hashes(cell, request.recordings)
-        said = {"channel": request.channel, "max_findings": request.max_findings, "seed": request.seed,
-                "accept": list(request.accept), "terms": [p.name for p in request.terms]}  # fmt: skip
+        said = {
+            "channel": request.channel,
+            "max_findings": request.max_findings,
+            "seed": request.seed,
+            "accept": list(request.accept),
+            "terms": [p.name for p in request.terms],
+        }
         result = result_of(
-            cell, found.recording, d, model=model, kinematics=kinematics, effect_on_job=effect, options=said,
+            cell,
+            found.recording,
+            d,
+            model=model,
+            kinematics=kinematics,
+            effect_on_job=effect,
+            options=said,
             inputs=inputs,
-        )  # fmt: skip
+        )
         write_residuals(folder / "residuals.csv", found.recording, d, found.problem)
         progress("report")
         facts = tuple((k, str(v)) for k, v in (said | inputs).items())
@@ -137,23 +151,27 @@ def _diagnosed(request: Request, own: tuple[Own, ...], progress: Progress) -> Ou
         read = [single(f, "terms") for f in request.terms]
         read += [] if request.toolpath is None else [single(request.toolpath, "toolpath")]
         write_command_manifest(
-            folder, "diagnose", request, cell, verdict=result.verdict,
+            folder,
+            "diagnose",
+            request,
+            cell,
+            verdict=result.verdict,
             inputs=(*recording_inputs(request.recordings), *read),
-        )  # fmt: skip
+        )
     return Outcome(d, result, request.out / "report.html")
 
 
 def _at_rest(
-    request: Request, cell: Cell, recording: Recording, options: engine.Options,
-    laws: list[tuple[str, userterms.Offer]],
-) -> _Found:  # fmt: skip
+    request: Request, cell: Cell, recording: Recording, options: engine.Options, laws: list[tuple[str, userterms.Offer]]
+) -> _Found:
     """Load tests and poses."""
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
     masses = _masses(cell)
     prior = None if cell.stiffness is None else cell.stiffness.joints
     if laws and recording.kind != "deflection":
-        raise InputError("laws of your own are tried on load tests (kind deflection) only", where="--terms",
-                         file=recording.source)  # fmt: skip
+        raise InputError(
+            "laws of your own are tried on load tests (kind deflection) only", where="--terms", file=recording.source
+        )
     options.progress("checking the record")
     recording, mended, warnings = record.mend(recording, robot, T, prior, request.accept)
     copies = record.copied(recording)
@@ -184,10 +202,16 @@ def _at_rest(
 
 
 def _load_tests(
-    request: Request, recording: Recording, robot: Robot, T: Array, masses: Masses | None,
-    laws: list[tuple[str, userterms.Offer]], known: Stiffness | None, copies: NDArray[np.bool_],
+    request: Request,
+    recording: Recording,
+    robot: Robot,
+    T: Array,
+    masses: Masses | None,
+    laws: list[tuple[str, userterms.Offer]],
+    known: Stiffness | None,
+    copies: NDArray[np.bool_],
     options: engine.Options,
-) -> tuple[Diagnosis, Problem]:  # fmt: skip
+) -> tuple[Diagnosis, Problem]:
     tests = record.where_it_stands(experiment(recording, robot, T), recording, robot, T, masses)
     memo: dict[str, History] = {}
     terms = None
@@ -200,9 +224,7 @@ def _load_tests(
         terms = lived + whole.respond(tests.wrench) - springs.respond(tests.wrench)
 
     def build(compliance: Array | None) -> tuple[Problem, Catalogue]:
-        problem, catalogue, readings = deflection.build(
-            recording, tests, robot, T, masses, compliance, memo, terms
-        )  # fmt: skip
+        problem, catalogue, readings = deflection.build(recording, tests, robot, T, masses, compliance, memo, terms)
         own = userterms.offered(laws, readings)
         return problem, replace(catalogue, hypotheses=(*catalogue.hypotheses, *own))
 
@@ -246,17 +268,22 @@ def _motion(request: Request, cell: Cell, recording: Recording, options: engine.
     """Time series."""
     motion.refuse_other_joints(recording, cell)
     if request.toolpath is not None and (len(cell.arm_joints) != 6 or cell.arm_prismatic):
-        raise InputError("a toolpath needs an arm of six revolute joints; without it the motion is diagnosed all the "
-                         "same", where="--toolpath")  # fmt: skip
+        raise InputError(
+            "a toolpath needs an arm of six revolute joints; without it the motion is diagnosed all the same",
+            where="--toolpath",
+        )
     possible = motion.channels(recording, cell)
     if not possible:
         raise InputError(
             "nothing that was recorded can be predicted: joint torque with inertias in the URDF, link-side encoders "
             "(qse1_deg …) or a tracked TCP (x_mm …) would work"
-            + ("; of current1_A … nothing says the torque: times torque constant and gear ratio it is tau1_Nm"
-               if recording.current is not None else ""),
+            + (
+                "; of current1_A … nothing says the torque: times torque constant and gear ratio it is tau1_Nm"
+                if recording.current is not None
+                else ""
+            ),
             file=recording.source,
-        )  # fmt: skip
+        )
     channel = possible[0] if request.channel == "auto" else request.channel
     if channel not in possible:
         raise InputError(f"found {channel}; this recording allows {', '.join(possible)}", where="--channel")
@@ -285,12 +312,20 @@ def _with_record(
         beyond, left = before**2 - d.noise_floor**2, max(d.heldout_after**2 - d.noise_floor**2, 0.0)
         explained = float(np.clip(1.0 - left / beyond, 0.0, 1.0)) if beyond > 0 else d.explained
     if len(findings) > len(d.findings):
-        verdict = "explained" if d.verdict in ("consistent", "explained") or explained >= engine.CLOSED else (
-            "partly_explained")  # fmt: skip
+        verdict = (
+            "explained"
+            if d.verdict in ("consistent", "explained") or explained >= engine.CLOSED
+            else ("partly_explained")
+        )
     out = replace(
-        d, findings=findings, verdict=verdict, heldout_before=before, explained=explained, notes=(*d.notes, *notes),
+        d,
+        findings=findings,
+        verdict=verdict,
+        heldout_before=before,
+        explained=explained,
+        notes=(*d.notes, *notes),
         warnings=warnings,
-    )  # fmt: skip
+    )
     return replace(out, sentence=sentence(out)) if findings != d.findings else out
 
 

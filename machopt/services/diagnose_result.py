@@ -27,9 +27,13 @@ ABSORBED = "what is refitted in any case takes it up on these readings"
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
 _UNITS = {"N·m": "Nm", "µm": "um"}  # in column names
 _CURVES = (
-    "point", "gamma_before_deg", "gamma_after_deg", "deflection_before_mm", "deflection_unchanged_mm",
+    "point",
+    "gamma_before_deg",
+    "gamma_after_deg",
+    "deflection_before_mm",
+    "deflection_unchanged_mm",
     "deflection_after_mm",
-)  # fmt: skip
+)
 
 
 def rows_location(rows: Sequence[int] | Ints) -> str:
@@ -38,10 +42,16 @@ def rows_location(rows: Sequence[int] | Ints) -> str:
 
 
 def result_of(
-    cell: Cell, recording: Recording | Sequence[Recording], diagnosis: Diagnosis, *,
-    model: str | None = "stiffness.yaml", kinematics: str | None = None, effect_on_job: EffectOnJob | None = None,
-    options: Mapping[str, Any] | None = None, inputs: Mapping[str, str] | None = None,
-) -> DiagnosisResult:  # fmt: skip
+    cell: Cell,
+    recording: Recording | Sequence[Recording],
+    diagnosis: Diagnosis,
+    *,
+    model: str | None = "stiffness.yaml",
+    kinematics: str | None = None,
+    effect_on_job: EffectOnJob | None = None,
+    options: Mapping[str, Any] | None = None,
+    inputs: Mapping[str, str] | None = None,
+) -> DiagnosisResult:
     """``diagnosis.json``; NaN and infinities are None.
 
     Args:
@@ -66,23 +76,37 @@ def result_of(
         "predicted": d.predicted,
         "rmse_unit": d.unit,
         "baseline": {
-            "heldout_rmse": d.heldout_before, "noise_floor": d.noise_floor, "repeatable_rmse": d.repeatable,
+            "heldout_rmse": d.heldout_before,
+            "noise_floor": d.noise_floor,
+            "repeatable_rmse": d.repeatable,
             "p_value": d.mismatch_p,
         },
         "final": {
-            "heldout_rmse": d.heldout_after, "explained_share": d.explained, "repeatable_rmse": d.repeatable_after,
+            "heldout_rmse": d.heldout_after,
+            "explained_share": d.explained,
+            "repeatable_rmse": d.repeatable_after,
         },
         "mismatch": [{"axis": s.axis, "share": s.share, "note": s.note, "kind": s.kind} for s in d.mismatch],
         "findings": [_finding(f, d) for f in d.findings],
         "detection_limits": [
-            {"effect": x.effect, "location": x.location, "value": x.value, "unit": x.unit, "standing": x.standing,
-             "one_of": [list(name) for name in x.one_of]}
-            for x in d.limits if np.isfinite(x.value)
+            {
+                "effect": x.effect,
+                "location": x.location,
+                "value": x.value,
+                "unit": x.unit,
+                "standing": x.standing,
+                "one_of": [list(name) for name in x.one_of],
+            }
+            for x in d.limits
+            if np.isfinite(x.value)
         ],
         "not_testable": [
             *({"effect": u.effect, "location": u.location, "reason": u.reason} for u in d.untestable),
-            *({"effect": x.effect, "location": x.location, "reason": ABSORBED} for x in d.limits
-              if not np.isfinite(x.value)),
+            *(
+                {"effect": x.effect, "location": x.location, "reason": ABSORBED}
+                for x in d.limits
+                if not np.isfinite(x.value)
+            ),
         ],
         "next_experiment": d.next_experiment,
         "model": model,
@@ -90,15 +114,27 @@ def result_of(
         "readings": len(d.used),
         "recorded": _recorded(recording, d),
         "outliers": {"location": rows_location(d.outliers), "rows": d.outliers.tolist()} if len(d.outliers) else None,
-        "proof": None if d.proof is None else {
-            "groups": d.proof.groups.tolist(), "heldout_rmse_before": d.proof.before,
-            "heldout_rmse_after": d.proof.after, "noise_floor": d.proof.noise_floor, "wins": d.proof.wins,
-            "of": d.proof.of, "p_value": d.proof.p_value,
+        "proof": None
+        if d.proof is None
+        else {
+            "groups": d.proof.groups.tolist(),
+            "heldout_rmse_before": d.proof.before,
+            "heldout_rmse_after": d.proof.after,
+            "noise_floor": d.proof.noise_floor,
+            "wins": d.proof.wins,
+            "of": d.proof.of,
+            "p_value": d.proof.p_value,
         },
         "coefficients": [
-            {"name": c.unknown.name, "location": c.unknown.location, "unit": c.unknown.unit, "before": c.before,
-             "value": c.value, "sigma": c.sigma,
-             "key": None if c.unknown.key is None else asdict(c.unknown.key)}
+            {
+                "name": c.unknown.name,
+                "location": c.unknown.location,
+                "unit": c.unknown.unit,
+                "before": c.before,
+                "value": c.value,
+                "sigma": c.sigma,
+                "key": None if c.unknown.key is None else asdict(c.unknown.key),
+            }
             for c in d.coefficients
         ],
         "tried": d.tried,
@@ -107,7 +143,7 @@ def result_of(
         "effect_on_job": None if effect_on_job is None else effect_on_job.plain(),
         "options": dict(options or {}),
         "inputs": dict(inputs or {}),
-    }  # fmt: skip
+    }
     return DiagnosisResult.model_validate(_plain(out))
 
 
@@ -115,18 +151,33 @@ def _finding(f: Finding, d: Diagnosis) -> dict[str, Any]:
     own = (f.effect, f.location)
     one_of = [list(own), *(list(name) for name in f.one_of if name != own)]  # the named one first, always there
     return {
-        "effect": f.effect, "location": f.location, "one_of": one_of,
+        "effect": f.effect,
+        "location": f.location,
+        "one_of": one_of,
         "parameters": {name: _estimate(e) for name, e in f.parameters.items()},
-        "heldout_rmse_before": f.before, "heldout_rmse_after": f.after, "p_value": f.p_value,
-        "law": f.law, "equation": f.equation, "note": f.note, "of_the_record": f.record,
+        "heldout_rmse_before": f.before,
+        "heldout_rmse_after": f.after,
+        "p_value": f.p_value,
+        "law": f.law,
+        "equation": f.equation,
+        "note": f.note,
+        "of_the_record": f.record,
         "rivals": [
-            {"effect": r.effect, "location": r.location, "law": r.law, "closed_share": r.closed,
-             "standing": r.standing, "p_value": r.p_value, "placebo": r.placebo, "fit": _fit(r.fit)}
+            {
+                "effect": r.effect,
+                "location": r.location,
+                "law": r.law,
+                "closed_share": r.closed,
+                "standing": r.standing,
+                "p_value": r.p_value,
+                "placebo": r.placebo,
+                "fit": _fit(r.fit),
+            }
             for r in f.rivals
         ],
         "correction": _correction(f.correction),
         "fit": _fit(f.rivals[0].named) if f.rivals else None,
-    }  # fmt: skip
+    }
 
 
 def _recorded(recording: Recording | Sequence[Recording], d: Diagnosis) -> dict[str, Any]:
@@ -137,9 +188,12 @@ def _recorded(recording: Recording | Sequence[Recording], d: Diagnosis) -> dict[
     parts = _parts(recording)
     first, residual = parts[0], d.errors.final
     out: dict[str, Any] = {
-        "kind": first.kind, "coordinates": residual.shape[1], "wrench_frame": first.wrench_frame,
-        "displacement_frame": first.displacement_frame, "registration": first.registration,
-    }  # fmt: skip
+        "kind": first.kind,
+        "coordinates": residual.shape[1],
+        "wrench_frame": first.wrench_frame,
+        "displacement_frame": first.displacement_frame,
+        "registration": first.registration,
+    }
     if first.kind == "motion" or sum(len(r) for r in parts) != len(residual):
         return out
     labels = np.concatenate([np.stack([np.full(len(r), n), r.session, r.pose], axis=1) for n, r in enumerate(parts)])
@@ -172,8 +226,12 @@ def _correction(c: Correction | None) -> dict[str, Any] | None:
     if c is None:
         return None
     kinds = {KinematicCorrection: "kinematics", RecordCorrection: "record"}
-    return {"of": kinds.get(type(c), "stiffness"), "effect": c.effect, "location": c.location,
-            "parameters": dict(c.parameters)}  # fmt: skip
+    return {
+        "of": kinds.get(type(c), "stiffness"),
+        "effect": c.effect,
+        "location": c.location,
+        "parameters": dict(c.parameters),
+    }
 
 
 def write_residuals(
@@ -187,16 +245,29 @@ def write_residuals(
         for c in page["coordinates"]
     ]
     write_residuals_csv(
-        path, row=page["row"], line=page["line"], file=page["file"], pose=page["pose"], session=page["session"],
-        used=diagnosis.used, names=names, factors=[c.factor for c in page["coordinates"]],
-        before=diagnosis.errors.residual, after=diagnosis.errors.final,
-    )  # fmt: skip
+        path,
+        row=page["row"],
+        line=page["line"],
+        file=page["file"],
+        pose=page["pose"],
+        session=page["session"],
+        used=diagnosis.used,
+        names=names,
+        factors=[c.factor for c in page["coordinates"]],
+        before=diagnosis.errors.residual,
+        after=diagnosis.errors.final,
+    )
 
 
 def page_of(
-    cell: Cell, recording: Recording | Sequence[Recording], diagnosis: Diagnosis, facts: tuple[tuple[str, str], ...],
-    effect_on_job: EffectOnJob | None = None, *, problem: Problem | None = None,
-) -> DiagnosisPage:  # fmt: skip
+    cell: Cell,
+    recording: Recording | Sequence[Recording],
+    diagnosis: Diagnosis,
+    facts: tuple[tuple[str, str], ...],
+    effect_on_job: EffectOnJob | None = None,
+    *,
+    problem: Problem | None = None,
+) -> DiagnosisPage:
     """Collect everything the page shows.
 
     Args:
@@ -214,10 +285,16 @@ def page_of(
     if whole and all(r.branch is not None for r in parts):
         branch = np.concatenate([r.branch for r in parts if r.branch is not None])
     return DiagnosisPage(
-        title=f"Diagnosis of {cell.name}", cell=cell.name, recording=_source(recording), version=machopt.__version__,
-        diagnosis=diagnosis, branch=branch, facts=facts,
-        job=None if effect_on_job is None else job_effect(effect_on_job), **places,
-    )  # fmt: skip
+        title=f"Diagnosis of {cell.name}",
+        cell=cell.name,
+        recording=_source(recording),
+        version=machopt.__version__,
+        diagnosis=diagnosis,
+        branch=branch,
+        facts=facts,
+        job=None if effect_on_job is None else job_effect(effect_on_job),
+        **places,
+    )
 
 
 def job_effect(given: EffectOnJob) -> JobEffect:
@@ -242,8 +319,9 @@ def _places(
     if whole and len(names) > 1:
         file = tuple(
             r.files[0 if r.file is None else int(r.file[k])] if r.files else r.source
-            for r in parts for k in range(len(r))
-        )  # fmt: skip
+            for r in parts
+            for k in range(len(r))
+        )
     row = np.arange(1, n + 1)
     group = joined["pose"]
     if problem is not None:
@@ -254,9 +332,15 @@ def _places(
     first = dict(zip(*(v.tolist() for v in np.unique(group, return_index=True)), strict=True))
     named = tuple(str(pose[first[g]]) if g in first else str(g) for g in d.errors.groups.tolist())
     return {
-        "coordinates": _coordinates(d, problem), "pose": pose, "session": joined["session"], "line": joined["line"],
-        "row": row, "file": file, "group_word": word, "group_names": named,
-    }  # fmt: skip
+        "coordinates": _coordinates(d, problem),
+        "pose": pose,
+        "session": joined["session"],
+        "line": joined["line"],
+        "row": row,
+        "file": file,
+        "group_word": word,
+        "group_names": named,
+    }
 
 
 def _coordinates(d: Diagnosis, problem: Problem | None) -> tuple[Coordinate, ...]:

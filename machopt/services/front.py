@@ -71,13 +71,19 @@ def variants(options: PlanOptions) -> list[tuple[str, str, PlanOptions]]:
     """Name, what is changed, and the options of each further plan."""
     w = options.weights
     out = [
-        ("stiffness alone", "weights.travel, rotation and feed / 10",
-         replace(options, weights=replace(w, travel=w.travel / 10, rotation=w.rotation / 10, feed=w.feed / 10))),
+        (
+            "stiffness alone",
+            "weights.travel, rotation and feed / 10",
+            replace(options, weights=replace(w, travel=w.travel / 10, rotation=w.rotation / 10, feed=w.feed / 10)),
+        ),
         ("less travel", "weights.travel × 4", replace(options, weights=replace(w, travel=4 * w.travel))),
         ("least travel", "weights.travel × 20", replace(options, weights=replace(w, travel=20 * w.travel))),
-        ("less time", "weights.feed and travel × 10",
-         replace(options, weights=replace(w, feed=10 * w.feed, travel=10 * w.travel))),
-    ]  # fmt: skip
+        (
+            "less time",
+            "weights.feed and travel × 10",
+            replace(options, weights=replace(w, feed=10 * w.feed, travel=10 * w.travel)),
+        ),
+    ]
     if options.collision:
         wide = options.clearance + 0.01
         out.append(("more clearance", f"clearance_mm {1e3 * wide:g}", replace(options, clearance=wide)))
@@ -101,10 +107,14 @@ def measured(name: str, changed: str, the_plan: Plan, timeline: Timeline, points
     unit = 1e3 * the_plan.scores.scale
     clearance = points.table.clearance
     return Point(
-        name, changed, unit * o.mean, unit * o.worst, float(motion.time[-1]),
+        name,
+        changed,
+        unit * o.mean,
+        unit * o.worst,
+        float(motion.time[-1]),
         float(np.degrees(np.abs(np.diff(motion.q, axis=0)).sum())),
         1e3 * float(np.nanmin(clearance)) if np.isfinite(clearance).any() else None,
-    )  # fmt: skip
+    )
 
 
 def front(cell: Cell, toolpath: Toolpath, options: PlanOptions, own: Point, drive: Motion) -> list[Point]:

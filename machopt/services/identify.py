@@ -98,10 +98,19 @@ def run_identify(request: Request, progress: Callable[[str], None] = lambda _: N
         write_stiffness(folder / "stiffness.yaml", found.stiffness)
         t = found.table
         write_readings_csv(
-            folder / "readings.csv", pose=tests.pose, cycle=recording.cycle, session=tests.session, line=tests.line,
-            wrench=tests.wrench, measured=t.measured, predicted=t.predicted, heldout=t.measured - t.heldout,
-            uncertainty=t.uncertainty, weight=t.weight, leverage=found.influence.leverage,
-        )  # fmt: skip
+            folder / "readings.csv",
+            pose=tests.pose,
+            cycle=recording.cycle,
+            session=tests.session,
+            line=tests.line,
+            wrench=tests.wrench,
+            measured=t.measured,
+            predicted=t.predicted,
+            heldout=t.measured - t.heldout,
+            uncertainty=t.uncertainty,
+            weight=t.weight,
+            leverage=found.influence.leverage,
+        )
         progress("report")
         write_identification(folder / "report.html", page_of(cell, recording, tests, found, _facts(result)))
         write_result(folder / "identification.json", result)
@@ -138,14 +147,19 @@ def _options(request: Request) -> IdentifyOptions:
     return IdentifyOptions(
         model="constant" if request.plain else request.model,  # type: ignore[arg-type]
         terms=tuple(term_from_text(t) for t in request.terms),
-        geometric=request.geometric, load_effect=not request.plain,
-        weighted=not request.plain, robust=request.robust and not request.plain, bounded=not request.plain,
+        geometric=request.geometric,
+        load_effect=not request.plain,
+        weighted=not request.plain,
+        robust=request.robust and not request.plain,
+        bounded=not request.plain,
         grid_cell=request.grid_cell_mm / 1e3,
         grid_origin=None if origin is None else (origin[0] / 1e3, origin[1] / 1e3, origin[2] / 1e3),
         grid_shape=None if shape is None else (shape[0], shape[1], shape[2]),
-        level=request.level_percent / 100.0, studies=request.studies, accept=frozenset(request.accept),
+        level=request.level_percent / 100.0,
+        studies=request.studies,
+        accept=frozenset(request.accept),
         seed=request.seed,
-    )  # fmt: skip
+    )
 
 
 def term_from_text(text: str) -> Term:
@@ -179,15 +193,30 @@ def result_of(request: Request, cell: Cell, recording: Recording, found: Identif
         "readings": found.readings,
         "poses": found.poses,
         "joints": [
-            {"joint": j.joint, "k_Nm_per_rad": j.k, "ci90": [low, _finite(high)],
-             "identified": j.identified, "reason": j.reason, "largest_torque_Nm": j.torque,
-             "compliance_sigma_rad_per_Nm": _finite(j.sigma), "interval": [j.interval[0], _finite(j.interval[1])]}
+            {
+                "joint": j.joint,
+                "k_Nm_per_rad": j.k,
+                "ci90": [low, _finite(high)],
+                "identified": j.identified,
+                "reason": j.reason,
+                "largest_torque_Nm": j.torque,
+                "compliance_sigma_rad_per_Nm": _finite(j.sigma),
+                "interval": [j.interval[0], _finite(j.interval[1])],
+            }
             for j, (low, high) in zip(found.joints, joints90, strict=True)
         ],
         "terms": [
-            {"effect": t.effect, "location": t.location, "coefficient": t.name, "unit": t.unit, "value": t.value,
-             "ci90": [_finite(v) for v in ci90], "identified": t.identified, "reason": t.reason,
-             "interval": [_finite(v) for v in t.interval]}
+            {
+                "effect": t.effect,
+                "location": t.location,
+                "coefficient": t.name,
+                "unit": t.unit,
+                "value": t.value,
+                "ci90": [_finite(v) for v in ci90],
+                "identified": t.identified,
+                "reason": t.reason,
+                "interval": [_finite(v) for v in t.interval],
+            }
             for t, ci90 in zip(found.terms, terms90, strict=True)
         ],
         "known_combinations": list(found.combinations),
@@ -201,8 +230,14 @@ def result_of(request: Request, cell: Cell, recording: Recording, found: Identif
         "condition_number_dumas2011": found.condition_plain,
         "interval_level": request.level_percent / 100.0,
         "outliers": [
-            {"reading": o.reading + 1, "place": o.place, "component": ("dx", "dy", "dz", "rx", "ry", "rz")[o.axis],
-             "residual": 1e3 * o.residual, "unit": "mm" if o.axis < 3 else "mrad", "sigmas": o.sigmas}
+            {
+                "reading": o.reading + 1,
+                "place": o.place,
+                "component": ("dx", "dy", "dz", "rx", "ry", "rz")[o.axis],
+                "residual": 1e3 * o.residual,
+                "unit": "mm" if o.axis < 3 else "mrad",
+                "sigmas": o.sigmas,
+            }
             for o in found.outliers
         ],
         "noise_mm": _scatter(found),
@@ -213,24 +248,34 @@ def result_of(request: Request, cell: Cell, recording: Recording, found: Identif
         "warnings": [*cell.warnings, *recording.warnings, *found.warnings, *_alike(found, cell)],
         "notes": [*found.notes, *([found.why_model] if found.why_model else [])],
         "options": {
-            "model": request.model, "fit": list(request.terms), "geometric": request.geometric, "plain": request.plain,
-            "robust": request.robust, "grid_cell_mm": request.grid_cell_mm, "seed": request.seed,
+            "model": request.model,
+            "fit": list(request.terms),
+            "geometric": request.geometric,
+            "plain": request.plain,
+            "robust": request.robust,
+            "grid_cell_mm": request.grid_cell_mm,
+            "seed": request.seed,
         },
         "inputs": input_hashes(cell, request.recordings),
-    }  # fmt: skip
+    }
     if found.grid is not None:
         g = found.grid
         grid, constant = g.heldout.rmse
         out["grid"] = {
-            "cell_mm": 1e3 * g.grid.cell, "origin_mm": (1e3 * g.grid.origin).tolist(), "shape": list(g.grid.shape),
-            "heldout_rmse_mm": 1e3 * grid, "heldout_rmse_constant_mm": 1e3 * constant,
-            "spread_between_cells_percent": (100 * g.spread).tolist(), "held_joints": list(g.held),
+            "cell_mm": 1e3 * g.grid.cell,
+            "origin_mm": (1e3 * g.grid.origin).tolist(),
+            "shape": list(g.grid.shape),
+            "heldout_rmse_mm": 1e3 * grid,
+            "heldout_rmse_constant_mm": 1e3 * constant,
+            "spread_between_cells_percent": (100 * g.spread).tolist(),
+            "held_joints": list(g.held),
             "readings_per_cell": g.readings.tolist(),
-        }  # fmt: skip
+        }
     if found.equilibrium_influence is not None:
         out["equilibrium_influence_share"] = {
-            "mean": float(found.equilibrium_influence.mean()), "largest": float(found.equilibrium_influence.max()),
-        }  # fmt: skip
+            "mean": float(found.equilibrium_influence.mean()),
+            "largest": float(found.equilibrium_influence.max()),
+        }
     if found.monte_carlo is not None:
         out["monte_carlo_percent"] = [_finite(100 * v) for v in found.monte_carlo.spread]
     return IdentificationResult.model_validate(out)
@@ -266,8 +311,9 @@ def _facts(result: IdentificationResult) -> tuple[tuple[str, str], ...]:
     rows = [(name, str(value)) for name, value in result.options.plain().items()]
     rows += [
         (f"noise shared by a {name}" if name != "reading" else "noise of a reading", f"{value:.4f} mm")
-        for name, value in noise.items() if value is not None
-    ]  # fmt: skip
+        for name, value in noise.items()
+        if value is not None
+    ]
     rows += [("note", text) for text in result.notes]
     rows += list(result.inputs.items())
     return tuple(rows)

@@ -12,13 +12,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
 from machopt.identify.experiment import Experiment
 from machopt.identify.result import Identification, JointResult, TermResult
-from machopt.report.identification import (
-    Coefficient,
-    Comparison,
-    GridView,
-    IdentificationPage,
-    SubsetStudy,
-)
+from machopt.report.identification import Coefficient, Comparison, GridView, IdentificationPage, SubsetStudy
 
 Array = NDArray[np.float64]
 MOSTLY = 0.5  # share of the displacements' power; real arms show 0.8 and more (dumas2011 section 5.3)
@@ -42,21 +36,38 @@ def page_of(
         tone, badge = "bad", "NOT EXPLAINED"
     prior = None if cell.stiffness is None else cell.stiffness.joints
     return IdentificationPage(
-        title=f"Stiffness of {cell.name}", cell=cell.name, recording=recording.source, version=machopt.__version__,
-        tone=tone, badge=badge, sentence=_sentence(found, heldout_rmse),
+        title=f"Stiffness of {cell.name}",
+        cell=cell.name,
+        recording=recording.source,
+        version=machopt.__version__,
+        tone=tone,
+        badge=badge,
+        sentence=_sentence(found, heldout_rmse),
         cautions=(*cell.warnings, *recording.warnings, *found.warnings, *found.combinations),
-        joints=tuple(_joint(j, prior) for j in found.joints), terms=tuple(_term(x) for x in found.terms),
-        measured=t.measured, predicted=t.predicted, heldout=t.measured - t.heldout, sigma=sigma, pose=tests.pose,
-        line=tests.line, load=np.linalg.norm(tests.wrench[:, :3], axis=1),
-        outlier=np.asarray((t.weight < 0.5).any(axis=1)), leverage=found.influence.leverage,
+        joints=tuple(_joint(j, prior) for j in found.joints),
+        terms=tuple(_term(x) for x in found.terms),
+        measured=t.measured,
+        predicted=t.predicted,
+        heldout=t.measured - t.heldout,
+        sigma=sigma,
+        pose=tests.pose,
+        line=tests.line,
+        load=np.linalg.norm(tests.wrench[:, :3], axis=1),
+        outlier=np.asarray((t.weight < 0.5).any(axis=1)),
+        leverage=found.influence.leverage,
         compliances=1.0 / found.stiffness.joints,
         covariance=np.zeros((6, 6)) if found.stiffness.covariance is None else found.stiffness.covariance,
-        rmse=found.errors.rmse, heldout_rmse=heldout_rmse,
-        displacement=float(np.sqrt(np.mean(t.measured[:, :3] ** 2))), condition_number=found.condition_number,
+        rmse=found.errors.rmse,
+        heldout_rmse=heldout_rmse,
+        displacement=float(np.sqrt(np.mean(t.measured[:, :3] ** 2))),
+        condition_number=found.condition_number,
         level=found.uncertainty.level,
-        comparisons=_comparisons(found), subset=_subset(found),
-        monte_carlo=None if found.monte_carlo is None else found.monte_carlo.spread, grid=_grid(found), facts=facts,
-    )  # fmt: skip
+        comparisons=_comparisons(found),
+        subset=_subset(found),
+        monte_carlo=None if found.monte_carlo is None else found.monte_carlo.spread,
+        grid=_grid(found),
+        facts=facts,
+    )
 
 
 def _sentence(found: Identification, heldout: float) -> str:

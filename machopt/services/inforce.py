@@ -82,5 +82,6 @@ def failed(name: str, why: str) -> Check:
 def _contradictions(used: dict[str, Any], recorded: dict[str, Any]) -> list[str]:
     return [
         f"{key} = {used[key]} here, but the folder was made with {recorded.get(key, 'none')}"
-        for key in used if used[key] != recorded.get(key)
-    ]  # fmt: skip
+        for key in used
+        if used[key] != recorded.get(key)
+    ]

@@ -23,14 +23,30 @@ from machopt.services.inputs import cell_inputs, distinct, single
 from machopt.services.reading import reading_as_user
 
 ROLES = {
-    "points.csv": "points", "trajectory.csv": "trajectory", "compensation.csv": "compensation",
+    "points.csv": "points",
+    "trajectory.csv": "trajectory",
+    "compensation.csv": "compensation",
     "front.csv": "front",
-    "result.json": "result", "identification.json": "result", "diagnosis.json": "result", "plan.json": "result",
-    "map.json": "result", "batch.json": "result", "report.html": "report", "summary.html": "report",
-    "map.svg": "report", "stiffness.yaml": "stiffness", "kinematics.yaml": "kinematics", "readings.csv": "table",
-    "residuals.csv": "table", "poses.csv": "table", "map.csv": "table", "map_free.csv": "table",
-    "summary.csv": "table", "compare.csv": "table", "timings.csv": "table",
-}  # fmt: skip
+    "result.json": "result",
+    "identification.json": "result",
+    "diagnosis.json": "result",
+    "plan.json": "result",
+    "map.json": "result",
+    "batch.json": "result",
+    "report.html": "report",
+    "summary.html": "report",
+    "map.svg": "report",
+    "stiffness.yaml": "stiffness",
+    "kinematics.yaml": "kinematics",
+    "readings.csv": "table",
+    "residuals.csv": "table",
+    "poses.csv": "table",
+    "map.csv": "table",
+    "map_free.csv": "table",
+    "summary.csv": "table",
+    "compare.csv": "table",
+    "timings.csv": "table",
+}
 BATCH_ROLES = {"job.json": "record", "timing.json": "timing", "log.txt": "log"}  # beside each result of a batch
 _PLACES = (
     "cell",
@@ -46,9 +62,17 @@ _LIBRARIES = ("numpy", "scipy", "numba", "pin", "coal", "python-fcl", "trimesh")
 
 
 def optimize_manifest(
-    cell: Cell, toolpath_file: Path, toolpath: Toolpath, options: PlanOptions, *, reading: Mapping[str, Any],
-    plan_file: Path | None, post_files: Sequence[Path], effects: Sequence[Path] = (), tolerance: Tolerance,
-) -> Manifest:  # fmt: skip
+    cell: Cell,
+    toolpath_file: Path,
+    toolpath: Toolpath,
+    options: PlanOptions,
+    *,
+    reading: Mapping[str, Any],
+    plan_file: Path | None,
+    post_files: Sequence[Path],
+    effects: Sequence[Path] = (),
+    tolerance: Tolerance,
+) -> Manifest:
     """The manifest of one plan; files, programs and verdict follow when they are there."""
     read = single(toolpath_file, "toolpath")
     named = [ManifestFile(read.name, "toolpath", toolpath.sha256 or read.sha256, read.size)]
@@ -56,17 +80,31 @@ def optimize_manifest(
     named += [single(f, "post") for f in post_files]
     named += [single(f, "effects") for f in effects]
     return Manifest(
-        command="optimize", verdict="", exit_code=0, versions=versions(),
-        inputs=distinct((*cell_inputs(cell), *named)), options=options_as_user(options),
-        reading=reading_as_user(reading), program_tolerance_mm=float(f"{1e3 * tolerance.position:.12g}"),
-        checked=scope.checked(options), unchecked=scope.unchecked(cell, options),
-    )  # fmt: skip
+        command="optimize",
+        verdict="",
+        exit_code=0,
+        versions=versions(),
+        inputs=distinct((*cell_inputs(cell), *named)),
+        options=options_as_user(options),
+        reading=reading_as_user(reading),
+        program_tolerance_mm=float(f"{1e3 * tolerance.position:.12g}"),
+        checked=scope.checked(options),
+        unchecked=scope.unchecked(cell, options),
+    )
 
 
 def write_command_manifest(
-    folder: Path, command: str, request: object, cell: Cell, *, verdict: str, exit_code: int = 0,
-    inputs: Iterable[ManifestFile] = (), checked: Iterable[Covered] = (), unchecked: Iterable[str] = (),
-) -> None:  # fmt: skip
+    folder: Path,
+    command: str,
+    request: object,
+    cell: Cell,
+    *,
+    verdict: str,
+    exit_code: int = 0,
+    inputs: Iterable[ManifestFile] = (),
+    checked: Iterable[Covered] = (),
+    unchecked: Iterable[str] = (),
+) -> None:
     """manifest.json of a command that plans no toolpath, beside everything else it wrote.
 
     Args:
@@ -75,10 +113,15 @@ def write_command_manifest(
     """
     asked = {f.name: getattr(request, f.name) for f in fields(request) if f.name not in _PLACES}  # type: ignore[arg-type]
     manifest = Manifest(
-        command=command, verdict=with_scope(verdict, unchecked), exit_code=exit_code, versions=versions(),
-        inputs=distinct((*cell_inputs(cell), *inputs)), options=plain(asked), checked=tuple(checked),
+        command=command,
+        verdict=with_scope(verdict, unchecked),
+        exit_code=exit_code,
+        versions=versions(),
+        inputs=distinct((*cell_inputs(cell), *inputs)),
+        options=plain(asked),
+        checked=tuple(checked),
         unchecked=tuple(unchecked),
-    )  # fmt: skip
+    )
     write_manifest(folder, manifest, ROLES)
 
 

@@ -108,21 +108,24 @@ def _mapped(request: Request, progress: Callable[[str], None]) -> Outcome:
         read = [single(f, role) for f, role in ((request.measured, "measured"), (request.plan_file, "plan")) if f]
         read += [single(f, "effects") for f in request.effects]
         write_command_manifest(
-            folder, "map", request, cell, verdict=message, exit_code=result.exit_code, inputs=read,
-            unchecked=unchecked,
-        )  # fmt: skip
+            folder, "map", request, cell, verdict=message, exit_code=result.exit_code, inputs=read, unchecked=unchecked
+        )
     reached = any(layer.postures.ok.any() for layer in layers)
     return Outcome(0 if reached else 3, result, request.out / "report.html", with_scope(message, unchecked))
 
 
 def _arm(cell: Cell, robot: Robot, options: PlanOptions) -> Arm:
     return Arm(
-        robot=robot, solver=solver_for(robot), T_flange_tcp=cell.tool.T_flange_tcp,
-        lower=cell.limits.lower[:6] + options.limit_margin, upper=cell.limits.upper[:6] - options.limit_margin,
+        robot=robot,
+        solver=solver_for(robot),
+        T_flange_tcp=cell.tool.T_flange_tcp,
+        lower=cell.limits.lower[:6] + options.limit_margin,
+        upper=cell.limits.upper[:6] - options.limit_margin,
         home=cell.home,
-        margins=Margins(options.singularity_wrist, options.singularity_elbow, options.singularity_shoulder,
-                        options.limit_margin),
-    )  # fmt: skip
+        margins=Margins(
+            options.singularity_wrist, options.singularity_elbow, options.singularity_shoulder, options.limit_margin
+        ),
+    )
 
 
 def _setting(cell: Cell, robot: Robot, options: MapOptions) -> Setting:
@@ -132,8 +135,7 @@ def _setting(cell: Cell, robot: Robot, options: MapOptions) -> Setting:
     if cell.stiffness is not None:
         elasticity = ArmElasticity(robot, tool, cell.stiffness, (lower, upper), load_masses(cell))
     length = options.length or characteristic_length(robot, tool).length
-    return Setting(robot, tool, elasticity, length, lower, upper,
-                   options.T_base_frame[:3, :3], options.load)  # fmt: skip
+    return Setting(robot, tool, elasticity, length, lower, upper, options.T_base_frame[:3, :3], options.load)
 
 
 def _criterion(options: MapOptions, setting: Setting) -> Field:
@@ -167,7 +169,7 @@ def _collides(
 
 def _postures(
     samples: Samples, arm: Arm, cell: Cell, options: MapOptions, goodness: Goodness, collides: Collides | None
-) -> dict[str, Postures]:  # fmt: skip
+) -> dict[str, Postures]:
     """Layers by name: "given" rotation, and "free" where the rotation may be chosen."""
     if samples.q is not None:
         return {"given": given_postures(samples.q, cell.limits.lower[:6], cell.limits.upper[:6], collides)}

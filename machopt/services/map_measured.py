@@ -52,9 +52,14 @@ class Comparison:
 
 
 def compare(
-    table: MeasuredStiffness, request: Request, options: MapOptions, arm: Arm, setting: Setting, criterion: Field,
+    table: MeasuredStiffness,
+    request: Request,
+    options: MapOptions,
+    arm: Arm,
+    setting: Setting,
+    criterion: Field,
     places: Array,
-) -> Comparison:  # fmt: skip
+) -> Comparison:
     """Compare a table with the model and spread it over the map's places (M, 3) m in its frame (NaN: no place).
 
     Raises:
@@ -82,14 +87,23 @@ def compare(
     if not inside.any():
         low, high = position.min(axis=0) * 1e3, position.max(axis=0) * 1e3
         spans = ", ".join(f"{c} {a:.0f} to {b:.0f}" for c, a, b in zip("xyz", low, high, strict=True))
-        warnings.append(f"no sample of the map lies between the measured places ({spans} mm): all interpolated values "
-                        "are guesses")  # fmt: skip
+        warnings.append(
+            f"no sample of the map lies between the measured places ({spans} mm): all interpolated values are guesses"
+        )
     return Comparison(
-        file=table.file.name, axes=axes, position=position, measured=measured,
-        left_out=leave_one_out(position, measured, request.power, request.neighbours), model=model, held=held,
-        spread=Interpolated(value, inside, nearest), power=request.power, neighbours=request.neighbours,
-        from_joints=table.q is not None, warnings=tuple(warnings),
-    )  # fmt: skip
+        file=table.file.name,
+        axes=axes,
+        position=position,
+        measured=measured,
+        left_out=leave_one_out(position, measured, request.power, request.neighbours),
+        model=model,
+        held=held,
+        spread=Interpolated(value, inside, nearest),
+        power=request.power,
+        neighbours=request.neighbours,
+        from_joints=table.q is not None,
+        warnings=tuple(warnings),
+    )
 
 
 def _places(
@@ -113,11 +127,17 @@ def _places(
         raise ValueError("a table of measured stiffness has places or joints")
     place, gamma = table.position, options.gamma[:1]
     postures = choose_postures(
-        arm, lambda part: options.T_base_frame @ tool_poses(place[part], options.tool_axis, gamma), (len(place), 1),
-        gamma, lambda joints: criterion.goodness(setting.at(joints)), options.pick,
-    )  # fmt: skip
+        arm,
+        lambda part: options.T_base_frame @ tool_poses(place[part], options.tool_axis, gamma),
+        (len(place), 1),
+        gamma,
+        lambda joints: criterion.goodness(setting.at(joints)),
+        options.pick,
+    )
     missing = int((~postures.ok).sum())
     if missing:
-        warnings.append(f"{missing} of {len(place)} measured places cannot be reached with this tool axis and "
-                        "rotation; joints in the table would tell the postures they were measured in")  # fmt: skip
+        warnings.append(
+            f"{missing} of {len(place)} measured places cannot be reached with this tool axis and "
+            "rotation; joints in the table would tell the postures they were measured in"
+        )
     return place, postures.q, warnings

@@ -22,18 +22,40 @@ from machopt.workspace.samples import XYZ, Samples
 
 Array = NDArray[np.float64]
 
-_GAIN = MapField("gain", "Gain by turning the tool", "share", "more",
-                 "What the best rotation wins over the given one, by the quantity postures are chosen by.")  # fmt: skip
-_ROTATION = MapField("rotation", "Best rotation γ", "rad", "none",
-                     "Rotation about the tool axis at which this place is best; ±180° is the same.")  # fmt: skip
-_FREEDOM = MapField("freedom", "Rotations that can be reached", "share", "more",
-                    "Share of the rotations about the tool axis that have a posture.")  # fmt: skip
+_GAIN = MapField(
+    "gain",
+    "Gain by turning the tool",
+    "share",
+    "more",
+    "What the best rotation wins over the given one, by the quantity postures are chosen by.",
+)
+_ROTATION = MapField(
+    "rotation",
+    "Best rotation γ",
+    "rad",
+    "none",
+    "Rotation about the tool axis at which this place is best; ±180° is the same.",
+)
+_FREEDOM = MapField(
+    "freedom",
+    "Rotations that can be reached",
+    "share",
+    "more",
+    "Share of the rotations about the tool axis that have a posture.",
+)
 
 
 def page_data(
-    cell: Cell, options: MapOptions, setting: Setting, samples: Samples, arm: Arm, layers: list[Layer],
-    criterion: Field, comparison: Comparison | None, result: MapResult,
-) -> MapData:  # fmt: skip
+    cell: Cell,
+    options: MapOptions,
+    setting: Setting,
+    samples: Samples,
+    arm: Arm,
+    layers: list[Layer],
+    criterion: Field,
+    comparison: Comparison | None,
+    result: MapResult,
+) -> MapData:
     """Everything the page and the picture show."""
     fields = [MapField(f.key, f.name, f.unit, f.better, f.note) for f in layers[0].values.fields]
     shown = [_layer(layer, options, criterion) for layer in layers]
@@ -61,20 +83,47 @@ def page_data(
         return np.asarray(p @ R.T + T_frame_base[:3, 3])
 
     return MapData(
-        title=f"Map of {cell.name}", cell=cell.name, version=machopt.__version__, kind=samples.kind,
-        frame=options.frame, place=_place(samples, options), axes=_axes(samples, options), fixed=fixed,
+        title=f"Map of {cell.name}",
+        cell=cell.name,
+        version=machopt.__version__,
+        kind=samples.kind,
+        frame=options.frame,
+        place=_place(samples, options),
+        axes=_axes(samples, options),
+        fixed=fixed,
         end=samples.position[-1] if samples.kind == "line" and samples.position is not None else None,
-        fields=tuple(fields), layers=tuple(shown), criterion=criterion.key,
+        fields=tuple(fields),
+        layers=tuple(shown),
+        criterion=criterion.key,
         reasons=tuple(REASONS.get(r, r.word.replace("_", " ")) for r in Reason),
-        arm=ArmLines(robot.joints, robot.axis @ R.T, moved(robot.point), moved(np.zeros(3)), R[:, 2],
-                     moved(robot.T_base_flange_zero[:3, 3]), moved(tcp[:3, 3])),
-        verdict=result.verdict, warnings=result.warnings,
-        measured=None if comparison is None else MeasuredView(
-            comparison.file, comparison.axes, comparison.position, comparison.measured, comparison.left_out,
-            comparison.model, comparison.held, comparison.errors(), comparison.from_joints, comparison.power,
+        arm=ArmLines(
+            robot.joints,
+            robot.axis @ R.T,
+            moved(robot.point),
+            moved(np.zeros(3)),
+            R[:, 2],
+            moved(robot.T_base_flange_zero[:3, 3]),
+            moved(tcp[:3, 3]),
         ),
-        options=_options(result, setting), hashes=tuple(result.inputs.items()),
-    )  # fmt: skip
+        verdict=result.verdict,
+        warnings=result.warnings,
+        measured=None
+        if comparison is None
+        else MeasuredView(
+            comparison.file,
+            comparison.axes,
+            comparison.position,
+            comparison.measured,
+            comparison.left_out,
+            comparison.model,
+            comparison.held,
+            comparison.errors(),
+            comparison.from_joints,
+            comparison.power,
+        ),
+        options=_options(result, setting),
+        hashes=tuple(result.inputs.items()),
+    )
 
 
 def _layer(layer: Layer, options: MapOptions, criterion: Field) -> MapLayer:
@@ -120,8 +169,11 @@ def _place(samples: Samples, options: MapOptions) -> str:
 
 
 def _options(result: MapResult, setting: Setting) -> tuple[tuple[str, str], ...]:
-    rows = [(name.replace("_", " "), json.dumps(value)) for name, value in result.options.plain().items()
-            if value is not None]  # fmt: skip
+    rows = [
+        (name.replace("_", " "), json.dumps(value))
+        for name, value in result.options.plain().items()
+        if value is not None
+    ]
     terms = [] if setting.elasticity is None else [f"{t.effect} at {t.location}" for t in setting.elasticity.terms]
     rows.append(("characteristic length", f"{setting.length * MM:.1f} mm"))
     rows.append(("terms beside the joint springs", ", ".join(terms) or "none"))

@@ -93,9 +93,11 @@ def resolve(request: Request, cell: Cell) -> MapOptions:
     joints = _joints(request.joints, cell) if request.joints is not None else ()
     line = _line(request.line) if request.line is not None else None
     axes: tuple[str, ...] = {
-        "slice": tuple(_plane(request.slice or "xz")), "volume": XYZ, "line": ("s",),
+        "slice": tuple(_plane(request.slice or "xz")),
+        "volume": XYZ,
+        "line": ("s",),
         "joints": tuple(cell.arm_joints[j] for j in joints),
-    }[kind]  # fmt: skip
+    }[kind]
     unit = _DEG if kind == "joints" else _MM
     tool_axis = np.array(numbers(request.tool_axis, 3, "--tool-axis", "0,0,1"))
     if np.linalg.norm(tool_axis) < 1e-9:
@@ -121,13 +123,24 @@ def resolve(request: Request, cell: Cell) -> MapOptions:
         q = _posture(request.q, cell)
     frame = cast(Frame, request.frame)
     return MapOptions(
-        kind=kind, axes=axes, at=(request.at or 0.0) * _MM, joints=joints, q=q, line=line,
-        ranges=_ranges(request.ranges, axes, kind, unit), steps=_steps(request.steps, axes, kind, unit),
-        frame=frame, T_base_frame=_frame(frame, cell), tool_axis=tool_axis / np.linalg.norm(tool_axis),
-        gamma=_rotations(request), pick=_pick(request.pick), by=request.by, load=_load(request),
+        kind=kind,
+        axes=axes,
+        at=(request.at or 0.0) * _MM,
+        joints=joints,
+        q=q,
+        line=line,
+        ranges=_ranges(request.ranges, axes, kind, unit),
+        steps=_steps(request.steps, axes, kind, unit),
+        frame=frame,
+        T_base_frame=_frame(frame, cell),
+        tool_axis=tool_axis / np.linalg.norm(tool_axis),
+        gamma=_rotations(request),
+        pick=_pick(request.pick),
+        by=request.by,
+        load=_load(request),
         length=None if request.length is None else request.length * _MM,
         collision=cast(Literal["none", "self", "cell"], request.collision),
-    )  # fmt: skip
+    )
 
 
 def numbers(text: str, count: int, where: str, example: str) -> tuple[float, ...]:
@@ -146,8 +159,12 @@ def numbers(text: str, count: int, where: str, example: str) -> tuple[float, ...
 
 
 def _kind(request: Request) -> Kind:
-    asked = {"--slice": request.slice is not None, "--volume": request.volume,
-             "--joints": request.joints is not None, "--line": request.line is not None}  # fmt: skip
+    asked = {
+        "--slice": request.slice is not None,
+        "--volume": request.volume,
+        "--joints": request.joints is not None,
+        "--line": request.line is not None,
+    }
     given = [name for name, there in asked.items() if there]
     if len(given) > 1:
         raise InputError(f"{' and '.join(given)} cannot be mapped at once; one of them would work", where=given[1])
@@ -171,8 +188,11 @@ def _joint(name: str, cell: Cell, where: str) -> int:
 def _joints(text: str, cell: Cell) -> tuple[int, ...]:
     joints = tuple(_joint(word, cell, "--joints") for word in text.split(","))
     if len(joints) > 2 or len(set(joints)) < len(joints):
-        raise InputError(f"found {text!r}, expected one joint or two different ones, such as "
-                         f"{cell.arm_joints[1]},{cell.arm_joints[2]}", where="--joints")  # fmt: skip
+        raise InputError(
+            f"found {text!r}, expected one joint or two different ones, such as "
+            f"{cell.arm_joints[1]},{cell.arm_joints[2]}",
+            where="--joints",
+        )
     return joints
 
 
@@ -202,15 +222,20 @@ def _ranges(words: tuple[str, ...], axes: tuple[str, ...], kind: Kind, unit: flo
     for word in words:
         name, _, rest = word.partition("=")
         if kind == "line":
-            raise InputError("a line has its own ends; --range goes with --slice, --volume and --joints",
-                             where="--range")  # fmt: skip
+            raise InputError(
+                "a line has its own ends; --range goes with --slice, --volume and --joints", where="--range"
+            )
         if name not in axes:
-            raise InputError(f"found {word!r}, but the map runs over {' and '.join(axes)}; expected such as {example}",
-                             where="--range")  # fmt: skip
+            raise InputError(
+                f"found {word!r}, but the map runs over {' and '.join(axes)}; expected such as {example}",
+                where="--range",
+            )
         low, high = numbers(rest.replace(":", ","), 2, "--range", example)
         if not low < high:
-            raise InputError(f"{name} from {low:g} to {high:g} is an empty range; the lower end comes first, such as "
-                             f"{example}", where="--range")  # fmt: skip
+            raise InputError(
+                f"{name} from {low:g} to {high:g} is an empty range; the lower end comes first, such as {example}",
+                where="--range",
+            )
         if name in out:
             raise InputError(f"{name} has two ranges; one would work", where="--range")
         out[name] = low * unit, high * unit
@@ -226,8 +251,9 @@ def _steps(words: tuple[str, ...], axes: tuple[str, ...], kind: Kind, unit: floa
             raise InputError(f"found {word!r}, but the map runs over {' and '.join(axes)}", where="--step")
         (value,) = numbers(rest, 1, "--step", f"{example} or {axes[0]}={example}")
         if value <= 0:
-            raise InputError(f"a step of {value:g} {name_of_unit}; more than 0 would work, such as {example}",
-                             where="--step")  # fmt: skip
+            raise InputError(
+                f"a step of {value:g} {name_of_unit}; more than 0 would work, such as {example}", where="--step"
+            )
         out[name] = value * unit
     return out
 
@@ -262,8 +288,10 @@ def _load(request: Request) -> Load | None:
     else:
         return None
     if not any(values):
-        raise InputError("a load of zero bends nothing; leave it out or give one",
-                         where="--force" if request.force is not None else "--wrench")  # fmt: skip
+        raise InputError(
+            "a load of zero bends nothing; leave it out or give one",
+            where="--force" if request.force is not None else "--wrench",
+        )
     return Load(np.array(values), axes)
 
 
@@ -274,6 +302,9 @@ def _frame(frame: Frame, cell: Cell) -> Array:
     if frame == "world":
         return T_base_world
     if cell.workpiece.link != "world":
-        raise InputError(f"the workpiece stands on {cell.workpiece.link!r}, which an external axis may move; "
-                         "base or world would work", where="--frame")  # fmt: skip
+        raise InputError(
+            f"the workpiece stands on {cell.workpiece.link!r}, which an external axis may move; "
+            "base or world would work",
+            where="--frame",
+        )
     return np.asarray(T_base_world @ cell.workpiece.T_link_workpiece)

@@ -32,11 +32,16 @@ SUFFIX: dict[Unit, tuple[str, float]] = {"N/m": ("_N_mm", 1e-3), "m": ("_mm", MM
 LARGE = 0.02  # m; a deflection beyond the small displacements that linear elasticity holds for
 
 REASONS = {
-    Reason.OK: "posture found", Reason.UNREACHABLE: "out of reach", Reason.LIMIT: "beyond a joint limit",
-    Reason.SINGULAR_WRIST: "wrist too near its singularity", Reason.SINGULAR_ELBOW: "elbow too near its singularity",
-    Reason.SINGULAR_SHOULDER: "wrist too near axis 1", Reason.COLLIDING: "collides",
-    Reason.BOUNDS: "in another branch only", Reason.NO_PATH: "only by a jump",
-}  # fmt: skip
+    Reason.OK: "posture found",
+    Reason.UNREACHABLE: "out of reach",
+    Reason.LIMIT: "beyond a joint limit",
+    Reason.SINGULAR_WRIST: "wrist too near its singularity",
+    Reason.SINGULAR_ELBOW: "elbow too near its singularity",
+    Reason.SINGULAR_SHOULDER: "wrist too near axis 1",
+    Reason.COLLIDING: "collides",
+    Reason.BOUNDS: "in another branch only",
+    Reason.NO_PATH: "only by a jump",
+}
 
 
 @dataclass(frozen=True)
@@ -100,9 +105,17 @@ def map_columns(
 
 
 def map_json(
-    request: Request, cell: Cell, plan: PlanOptions, options: MapOptions, setting: Setting, samples: Samples,
-    arm: Arm, layers: list[Layer], criterion: Field, comparison: Comparison | None,
-) -> tuple[MapResult, str]:  # fmt: skip
+    request: Request,
+    cell: Cell,
+    plan: PlanOptions,
+    options: MapOptions,
+    setting: Setting,
+    samples: Samples,
+    arm: Arm,
+    layers: list[Layer],
+    criterion: Field,
+    comparison: Comparison | None,
+) -> tuple[MapResult, str]:
     """map.json, and its verdict as one sentence."""
     message = _sentence(samples, layers, criterion, arm, setting, options)
     angle = options.kind == "joints"
@@ -121,9 +134,14 @@ def map_json(
         "kind": samples.kind,
         "frame": options.frame,
         "axes": [
-            {"name": a.name, "unit": "deg" if angle else "mm", "from": _tidy(a.values[0] * scale),
-             "to": _tidy(a.values[-1] * scale), "step": _tidy((a.values[1] - a.values[0]) * scale),
-             "count": len(a.values)}
+            {
+                "name": a.name,
+                "unit": "deg" if angle else "mm",
+                "from": _tidy(a.values[0] * scale),
+                "to": _tidy(a.values[-1] * scale),
+                "step": _tidy((a.values[1] - a.values[0]) * scale),
+                "count": len(a.values),
+            }
             for a in samples.axes
         ],
         "samples": len(samples),
@@ -133,10 +151,12 @@ def map_json(
             "gamma_deg": None if angle else _tidy(options.gamma[0] * DEG),
             "rotations": None if angle else len(options.gamma),
             "q_deg": [_tidy(v) for v in (options.q * DEG).tolist()] if angle else None,
-            "pick": options.pick, "by": criterion.key, "collision": options.collision,
-            "load": None if load is None else {
-                "force_N": load.wrench[:3], "moment_Nm": load.wrench[3:], "axes": load.axes,
-            },
+            "pick": options.pick,
+            "by": criterion.key,
+            "collision": options.collision,
+            "load": None
+            if load is None
+            else {"force_N": load.wrench[:3], "moment_Nm": load.wrench[3:], "axes": load.axes},
             "limit_margin_deg": 0.0 if angle else _tidy(plan.limit_margin * DEG),
             "singularity_wrist_deg": None if angle else _tidy(plan.singularity_wrist * DEG),
             "singularity_elbow_deg": None if angle else _tidy(plan.singularity_elbow * DEG),
@@ -146,7 +166,7 @@ def map_json(
         "layers": {layer.name: _summary(samples, layer, options) for layer in layers},
         "measured": None if comparison is None else _measured(comparison),
         "warnings": [*cell.warnings, *_hints(samples, layers, setting), *(comparison.warnings if comparison else ())],
-    }  # fmt: skip
+    }
     return MapResult.model_validate(plain(result)), message
 
 
@@ -157,8 +177,16 @@ def statistics(value: Array) -> dict[str, float] | None:
         return None
     v = value[known]
     low, p2, median, p98, high = np.percentile(v, [0, 2, 50, 98, 100])
-    return {"min": float(low), "p2": float(p2), "median": float(median), "p98": float(p98), "max": float(high),
-            "at_min": int(known[np.argmin(v)]), "at_max": int(known[np.argmax(v)]), "count": len(known)}  # fmt: skip
+    return {
+        "min": float(low),
+        "p2": float(p2),
+        "median": float(median),
+        "p98": float(p98),
+        "max": float(high),
+        "at_min": int(known[np.argmin(v)]),
+        "at_max": int(known[np.argmax(v)]),
+        "count": len(known),
+    }
 
 
 def _summary(samples: Samples, layer: Layer, options: MapOptions) -> dict[str, object]:
@@ -175,12 +203,15 @@ def _summary(samples: Samples, layer: Layer, options: MapOptions) -> dict[str, o
         numbers = {name: found[name] * factor for name in ("min", "p2", "median", "p98", "max")}
         where = {
             f"at_{end}": {"sample": row, "xyz_mm": (place[row] * MM).round(3), "q_deg": (p.q[row] * DEG).round(4)}
-            for end in ("min", "max") for row in (int(found[f"at_{end}"]),)
-        }  # fmt: skip
+            for end in ("min", "max")
+            for row in (int(found[f"at_{end}"]),)
+        }
         fields[column_of(field)] = {"name": field.name, "better": field.better, **numbers, **where}
-    return {"reached": int(p.ok.sum()),
-            "reasons": {Reason(c).word: int(n) for c, n in zip(codes.tolist(), counts.tolist(), strict=True)},
-            "fields": fields}  # fmt: skip
+    return {
+        "reached": int(p.ok.sum()),
+        "reasons": {Reason(c).word: int(n) for c, n in zip(codes.tolist(), counts.tolist(), strict=True)},
+        "fields": fields,
+    }
 
 
 def _measured(c: Comparison) -> dict[str, object]:
@@ -241,27 +272,37 @@ def _hints(samples: Samples, layers: list[Layer], setting: Setting) -> list[str]
             break
         bent = layer.values.value["deflection"][layer.postures.ok]
         if np.isfinite(bent).any() and np.nanmedian(bent) > LARGE:
-            out.append(f"the load bends the arm by {np.nanmedian(bent) * MM:,.0f} mm (median, {layer.name} layer), "
-                       "more than linear elasticity holds for; is it in N?")  # fmt: skip
+            out.append(
+                f"the load bends the arm by {np.nanmedian(bent) * MM:,.0f} mm (median, {layer.name} layer), "
+                "more than linear elasticity holds for; is it in N?"
+            )
         if len(bent) and np.isnan(bent).any():
-            out.append(f"at {100 * np.isnan(bent).mean():.0f} % of the {layer.name} layer the springs do not hold "
-                       "the load: with geometric_stiffness the arm would buckle")  # fmt: skip
+            out.append(
+                f"at {100 * np.isnan(bent).mean():.0f} % of the {layer.name} layer the springs do not hold "
+                "the load: with geometric_stiffness the arm would buckle"
+            )
     dexterity = layers[0].values.value["dexterity"]
     if samples.kind == "joints" and np.isfinite(dexterity).any() and np.nanmax(dexterity) < 0.02:
-        out.append("every posture is all but singular: the fixed joints are (often a straight wrist); --q with the "
-                   "wrist at 45 deg shows the others' part")  # fmt: skip
+        out.append(
+            "every posture is all but singular: the fixed joints are (often a straight wrist); --q with the "
+            "wrist at 45 deg shows the others' part"
+        )
     for layer in layers:
         grid = layer.values.in_grid
         if grid is not None and layer.postures.ok.any() and not grid[layer.postures.ok].all():
             share = 1 - grid[layer.postures.ok].mean()
-            out.append(f"{100 * share:.0f} % of the {layer.name} layer lies outside the stiffness grid, where the "
-                       "constant values hold")  # fmt: skip
+            out.append(
+                f"{100 * share:.0f} % of the {layer.name} layer lies outside the stiffness grid, where the "
+                "constant values hold"
+            )
     if samples.kind == "line":
         for layer in layers:
             jumps = int((layer.postures.reason == Reason.NO_PATH).sum())
             if jumps:
-                out.append(f"{layer.name} rotation: no unbroken branch along the whole line ({jumps} samples would be "
-                           "reached only by a jump); a finer --step shows whether the jump is real")  # fmt: skip
+                out.append(
+                    f"{layer.name} rotation: no unbroken branch along the whole line ({jumps} samples would be "
+                    "reached only by a jump); a finer --step shows whether the jump is real"
+                )
     return out
 
 

@@ -62,8 +62,9 @@ def build_samples(cell: Cell, arm: Arm, options: MapOptions) -> Samples:
         if len(values) < 2:
             raise InputError(
                 f"a step of {_shown(step, options)} leaves one sample of {name}, from {_shown(low, options)} to "
-                f"{_shown(high, options)}; {_shown((high - low) / 2, options)} or less would work", where="--step",
-            )  # fmt: skip
+                f"{_shown(high, options)}; {_shown((high - low) / 2, options)} or less would work",
+                where="--step",
+            )
         axes.append(Axis(name, "rad" if options.kind == "joints" else "m", values))
     if options.kind == "joints":
         return joint_grid(tuple(axes), options.joints, options.q)
@@ -82,8 +83,11 @@ def _line(options: MapOptions) -> Samples:
     step = options.steps.get("s", options.steps.get(""))
     count = LINE_SAMPLES if step is None else int(np.ceil(length / step - 1e-9)) + 1
     if count < 2 or count * len(options.gamma) > MOST_POSES or count > MOST_SAMPLES:
-        raise InputError(f"a step of {1e3 * (step or 0):g} mm makes {count:,} samples of {1e3 * length:g} mm; "
-                         f"{1e3 * _nice(length / 1000):g} mm would work", where="--step")  # fmt: skip
+        raise InputError(
+            f"a step of {1e3 * (step or 0):g} mm makes {count:,} samples of {1e3 * length:g} mm; "
+            f"{1e3 * _nice(length / 1000):g} mm would work",
+            where="--step",
+        )
     return straight_line(start, end, count)
 
 
@@ -163,8 +167,10 @@ def _refuse_many(
     if len({f"{s:.9g}" for s in better.values()}) == 1:
         words = f"--step {_bare(next(iter(better.values())), options):g}"
     times = f" × {rotations} rotations" if rotations > 1 else ""
-    raise InputError(f"{count:,.0f} samples{times} are too many; {words} would work "
-                     f"({_count(spans, better):,.0f} samples)", where="--step")  # fmt: skip
+    raise InputError(
+        f"{count:,.0f} samples{times} are too many; {words} would work ({_count(spans, better):,.0f} samples)",
+        where="--step",
+    )
 
 
 def _nice(value: float) -> float:

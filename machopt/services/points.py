@@ -72,17 +72,32 @@ def point_results(plan: Plan, toolpath: Toolpath) -> PointResults:
     singular = np.fmin(np.fmin(a.wrist[rows], a.elbow[rows]), shoulder)
     why = explain_points(plan)
     table = PointsTable(
-        position=toolpath.position, axis=toolpath.axis, move=toolpath.move, operation=toolpath.operation,
+        position=toolpath.position,
+        axis=toolpath.axis,
+        move=toolpath.move,
+        operation=toolpath.operation,
         operations=tuple(o.label for o in toolpath.operations),
         gamma=np.where(a.reason[rows] == Reason.OK, gamma(plan)[rows], np.nan),
-        branch=a.branch[rows].astype(np.int8), q=told, external=np.empty((n, 0)), external_prismatic=(),
-        k_axial=axial, k_normal=normal, deflection=bend, clearance=clearance, limit_margin=margin, singularity=singular,
-        status=_status(plan, rows), reason=tuple(why.get(p, "") for p in rows.tolist()),
-        feed=toolpath.feed, k_jiao_x=paper, nearest_pair=tuple(pairs),
+        branch=a.branch[rows].astype(np.int8),
+        q=told,
+        external=np.empty((n, 0)),
+        external_prismatic=(),
+        k_axial=axial,
+        k_normal=normal,
+        deflection=bend,
+        clearance=clearance,
+        limit_margin=margin,
+        singularity=singular,
+        status=_status(plan, rows),
+        reason=tuple(why.get(p, "") for p in rows.tolist()),
+        feed=toolpath.feed,
+        k_jiao_x=paper,
+        nearest_pair=tuple(pairs),
         in_grid=None if plan.setup.elasticity.stiffness.grid is None else plan.directions.in_grid[rows],
-        deflection_std=bend_std, k_axial_std=axial_std,
+        deflection_std=bend_std,
+        k_axial_std=axial_std,
         compensation=None if plan.compensation is None else plan.compensation.offset[rows],
-    )  # fmt: skip
+    )
     return PointResults(table, rows, tuple(pairs))
 
 

@@ -77,8 +77,11 @@ def run_plan_poses(request: Request, progress: Callable[[str], None] = lambda _:
     T = cell.tool.T_flange_tcp
     found = None if request.discriminate is None else diagnosed(request.discriminate)
     if found is not None and not found.disputes:
-        raise InputError("this diagnosis leaves nothing that poses and loads could tell apart",
-                         file=request.discriminate, where="--discriminate")  # fmt: skip
+        raise InputError(
+            "this diagnosis leaves nothing that poses and loads could tell apart",
+            file=request.discriminate,
+            where="--discriminate",
+        )
     asked = Asked(noise_of(request), request.displacement_mm is not None, request.targets_mm / 1e3)
     noise = asked.noise if found is None else noise_for(asked, found, 1)
     size = plan_size(request)
@@ -113,9 +116,20 @@ def run_plan_poses(request: Request, progress: Callable[[str], None] = lambda _:
         warnings = (*warnings, *apart.notes)
     elif len(cases):
         plan = plan_poses(
-            pool, cases, screen, limits, cell.home, cell.limits.velocity[:6], prior, terms, ways, criteria, noise,
-            size, progress,
-        )  # fmt: skip
+            pool,
+            cases,
+            screen,
+            limits,
+            cell.home,
+            cell.limits.velocity[:6],
+            prior,
+            terms,
+            ways,
+            criteria,
+            noise,
+            size,
+            progress,
+        )
     unchecked = unchecked_poses(request)
     warnings = (*unchecked, *cell.warnings, *warnings, *cautions(request, pool, cases, plan, noise, ways))
     with output_folder(request.out) as folder:
@@ -138,10 +152,15 @@ def run_plan_poses(request: Request, progress: Callable[[str], None] = lambda _:
         write_poses_page(folder / "report.html", page)
         write_result(folder / "plan.json", result)
         write_command_manifest(
-            folder, "plan-poses", request, cell, verdict=said, exit_code=0 if plan is not None else 3,
+            folder,
+            "plan-poses",
+            request,
+            cell,
+            verdict=said,
+            exit_code=0 if plan is not None else 3,
             inputs=() if request.discriminate is None else recording_inputs([request.discriminate], "diagnosis"),
             unchecked=unchecked,
-        )  # fmt: skip
+        )
     return Outcome(0 if plan is not None else 3, result, request.out / "report.html", with_scope(said, unchecked))
 
 

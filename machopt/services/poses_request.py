@@ -86,29 +86,47 @@ def check(request: Request) -> None:
         InputError: names the option, what was found and what would have worked.
     """
     r = request
-    for option, value, least in (("--poses", r.poses, 1), ("--loads", r.loads, 1), ("--cycles", r.cycles, 1),
-                                 ("--candidates", r.candidates, 1), ("--starts", r.starts, 1), ("--seed", r.seed, 0),
-                                 ("--pull-directions", r.pull_directions, 1)):  # fmt: skip
+    for option, value, least in (
+        ("--poses", r.poses, 1),
+        ("--loads", r.loads, 1),
+        ("--cycles", r.cycles, 1),
+        ("--candidates", r.candidates, 1),
+        ("--starts", r.starts, 1),
+        ("--seed", r.seed, 0),
+        ("--pull-directions", r.pull_directions, 1),
+    ):
         if value < least:
             raise InputError(f"found {value}; expected at least {least}", where=option)
-    for option, value, most in (("--poses", r.poses, MOST_POSES), ("--loads", r.loads, MOST_LOADS),
-                                ("--cycles", r.cycles, MOST_CYCLES), ("--starts", r.starts, MOST_STARTS)):  # fmt: skip
+    for option, value, most in (
+        ("--poses", r.poses, MOST_POSES),
+        ("--loads", r.loads, MOST_LOADS),
+        ("--cycles", r.cycles, MOST_CYCLES),
+        ("--starts", r.starts, MOST_STARTS),
+    ):
         if value > most:
             raise InputError(f"found {value}; expected at most {most}", where=option)
     if r.candidates < r.poses:
-        raise InputError(f"found {r.candidates}; fewer candidates than the {r.poses} poses wanted",
-                         where="--candidates")  # fmt: skip
+        raise InputError(
+            f"found {r.candidates}; fewer candidates than the {r.poses} poses wanted", where="--candidates"
+        )
     for option, number, strict in (
-        ("--displacement-mm", r.displacement_mm, True), ("--targets-mm", r.targets_mm, True),
-        ("--cycle-mm", r.cycle_mm, False), ("--pose-mm", r.pose_mm, False),
-        ("--force-percent", r.force_percent, False), ("--target-percent", r.target_percent, True),
+        ("--displacement-mm", r.displacement_mm, True),
+        ("--targets-mm", r.targets_mm, True),
+        ("--cycle-mm", r.cycle_mm, False),
+        ("--pose-mm", r.pose_mm, False),
+        ("--force-percent", r.force_percent, False),
+        ("--target-percent", r.target_percent, True),
         ("--max-deflection-mm", r.max_deflection_mm, True),
-        ("--max-load-N", r.max_load_N, True), ("--max-nu-p", r.max_nu_p, True),
+        ("--max-load-N", r.max_load_N, True),
+        ("--max-nu-p", r.max_nu_p, True),
         ("--max-nu-r-deg", r.max_nu_r_deg, True),
-        ("--min-signal", r.min_signal, False), ("--clearance-mm", r.clearance_mm, False),
-        ("--limit-margin-deg", r.limit_margin_deg, False), ("--tracker-range-mm", r.tracker_range_mm, True),
-        ("--tracker-angle-deg", r.tracker_angle_deg, False), ("--min-kci", r.min_kci, False),
-    ):  # fmt: skip
+        ("--min-signal", r.min_signal, False),
+        ("--clearance-mm", r.clearance_mm, False),
+        ("--limit-margin-deg", r.limit_margin_deg, False),
+        ("--tracker-range-mm", r.tracker_range_mm, True),
+        ("--tracker-angle-deg", r.tracker_angle_deg, False),
+        ("--min-kci", r.min_kci, False),
+    ):
         if number is not None and not (isfinite(number) and (number > 0 if strict else number >= 0)):
             raise InputError(f"found {number:g}; expected {'more than' if strict else 'at least'} zero", where=option)
     if r.tracker_angle_deg >= 180:
@@ -130,15 +148,20 @@ def check(request: Request) -> None:
             raise InputError(f"found {v:g}; expected 0 (at the TCP) or the arm's length", where="--arms-mm")
     if not r.arms_mm:
         raise InputError("is empty; 0 loads the TCP itself", where="--arms-mm")
-    for option, row, n in (("--box-mm", r.box_mm, 6), ("--tracker", r.tracker_mm, 3),
-                           ("--max-torque-Nm", r.max_torque_Nm, 6), ("--prior", r.prior_Nm_per_rad, 6),
-                           *(("--anchors", a, 3) for a in r.anchors_mm)):  # fmt: skip
+    for option, row, n in (
+        ("--box-mm", r.box_mm, 6),
+        ("--tracker", r.tracker_mm, 3),
+        ("--max-torque-Nm", r.max_torque_Nm, 6),
+        ("--prior", r.prior_Nm_per_rad, 6),
+        *(("--anchors", a, 3) for a in r.anchors_mm),
+    ):
         if row is not None and (len(row) != n or not all(isfinite(v) for v in row)):
             found = f"{len(row)} values" if len(row) != n else ",".join(f"{v:g}" for v in row)
             raise InputError(f"found {found}; expected {n} finite numbers", where=option)
     if r.box_mm is not None and not all(a < b for a, b in zip(r.box_mm[:3], r.box_mm[3:], strict=True)):
-        raise InputError("the highest corner is not above the lowest; expected xmin,ymin,zmin,xmax,ymax,zmax",
-                         where="--box-mm")  # fmt: skip
+        raise InputError(
+            "the highest corner is not above the lowest; expected xmin,ymin,zmin,xmax,ymax,zmax", where="--box-mm"
+        )
     for option, row in (("--prior", r.prior_Nm_per_rad), ("--max-torque-Nm", r.max_torque_Nm)):
         if row is not None and min(row) <= 0:
             raise InputError(f"found {min(row):g}; expected more than zero", where=option)
@@ -160,19 +183,28 @@ def pose_criteria(request: Request) -> PoseCriteria:
     box = None if r.box_mm is None else np.array(r.box_mm).reshape(2, 3) / 1e3
     tracker = None if r.tracker_mm is None else np.array(r.tracker_mm) / 1e3
     return PoseCriteria(
-        r.min_kci, np.radians(r.limit_margin_deg), r.floor_mm / 1e3, r.ceiling_mm / 1e3, box, tracker,
-        r.tracker_range_mm / 1e3, np.radians(r.tracker_angle_deg),
-    )  # fmt: skip
+        r.min_kci,
+        np.radians(r.limit_margin_deg),
+        r.floor_mm / 1e3,
+        r.ceiling_mm / 1e3,
+        box,
+        tracker,
+        r.tracker_range_mm / 1e3,
+        np.radians(r.tracker_angle_deg),
+    )
 
 
 def load_criteria(request: Request, noise: ReadingNoise) -> LoadCriteria:
     """What a load must satisfy, in SI; with a prior that may be wrong, for the softest and the stiffest arm."""
     r = request
     return LoadCriteria(
-        r.min_signal * noise.reading * r.prior_factor, r.max_deflection_mm / 1e3 / r.prior_factor,
+        r.min_signal * noise.reading * r.prior_factor,
+        r.max_deflection_mm / 1e3 / r.prior_factor,
         np.inf if r.max_load_N is None else r.max_load_N,
-        None if r.max_torque_Nm is None else np.array(r.max_torque_Nm), r.max_nu_p, np.radians(r.max_nu_r_deg),
-    )  # fmt: skip
+        None if r.max_torque_Nm is None else np.array(r.max_torque_Nm),
+        r.max_nu_p,
+        np.radians(r.max_nu_r_deg),
+    )
 
 
 def plan_size(request: Request) -> PlanSize:
@@ -230,8 +262,9 @@ def prior_of(request: Request, cell: Cell) -> Stiffness:
         raise InputError(
             "the cell has no stiffness, and loads cannot be judged without a rough one; --prior with six values in "
             "N·m/rad would work (a robot of the same payload is near enough)",
-            file=cell.folder / "cell.yaml", where="--prior",
-        )  # fmt: skip
+            file=cell.folder / "cell.yaml",
+            where="--prior",
+        )
     return cell.stiffness
 
 
@@ -247,8 +280,9 @@ def terms_of(request: Request, robot: Robot, T_flange_tcp: Array) -> tuple[Linea
         if not at:
             raise InputError(f"found {text!r}; expected EFFECT@LOCATION, e.g. link_compliance@link:4", where="--terms")
         if effect == "geometric_stiffness":
-            raise InputError("geometric_stiffness follows from load and kinematics; it has nothing to identify",
-                             where="--terms")  # fmt: skip
+            raise InputError(
+                "geometric_stiffness follows from load and kinematics; it has nothing to identify", where="--terms"
+            )
         if request.terms.count(text) > 1:
             raise InputError(f"{text} stands twice; keep one", where="--terms")
         try:

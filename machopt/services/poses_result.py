@@ -33,15 +33,21 @@ Array = NDArray[np.float64]
 CLOUD = 600  # candidates drawn on the page
 BETWEEN = 60.0  # s between load cycles in the template
 SOURCES = {
-    "random": "any pose that can be reached and loaded", "dumas2011": "zones of good dexterity with low ν_p",
-    "zhang2025": "KCI above 0.45", "jiao2022": "corners and centre of a cube, ±10°",
-}  # fmt: skip
+    "random": "any pose that can be reached and loaded",
+    "dumas2011": "zones of good dexterity with low ν_p",
+    "zhang2025": "KCI above 0.45",
+    "jiao2022": "corners and centre of a cube, ±10°",
+}
 
 
 def poses_table(
-    plan: PosePlan, pool: PosePool, ways: Sequence[LoadWay], collision: CollisionModel | None, home: Array,
+    plan: PosePlan,
+    pool: PosePool,
+    ways: Sequence[LoadWay],
+    collision: CollisionModel | None,
+    home: Array,
     noise: ReadingNoise,
-) -> PosesTable:  # fmt: skip
+) -> PosesTable:
     """One row a load cycle, in the order of work."""
     cases = plan.cases
     reading = np.array([v.reading for v in plan.visits])
@@ -57,13 +63,21 @@ def poses_table(
         hit = collision.check_motion(driven, np.zeros(len(driven), bool), LONGEST).hit
         way_free = [not h for h in hit[1:].tolist()]
     return PosesTable(
-        pose=np.array([v.pose + 1 for v in plan.visits]), cycle=np.array([v.cycle + 1 for v in plan.visits]),
-        session=np.array([v.round + 1 for v in plan.visits]), q=q,
-        load=tuple(ways[cases.way[n]].describe(cases.magnitude[n]) for n in reading), wrench=cases.wrench[reading],
-        position=pool.T_base_tcp[poses, :3, 3], displacement=cases.twist[reading, : noise.dimensions],
-        kci=pool.kci[poses], nu_p=cases.nu_p[reading], nu_r=cases.nu_r[reading], clearance=clearance[back],
-        load_point=cases.point[reading], way_free=tuple(way_free),
-    )  # fmt: skip
+        pose=np.array([v.pose + 1 for v in plan.visits]),
+        cycle=np.array([v.cycle + 1 for v in plan.visits]),
+        session=np.array([v.round + 1 for v in plan.visits]),
+        q=q,
+        load=tuple(ways[cases.way[n]].describe(cases.magnitude[n]) for n in reading),
+        wrench=cases.wrench[reading],
+        position=pool.T_base_tcp[poses, :3, 3],
+        displacement=cases.twist[reading, : noise.dimensions],
+        kci=pool.kci[poses],
+        nu_p=cases.nu_p[reading],
+        nu_r=cases.nu_r[reading],
+        clearance=clearance[back],
+        load_point=cases.point[reading],
+        way_free=tuple(way_free),
+    )
 
 
 def stepped(table: PosesTable, steps: Sequence[float]) -> PosesTable:
@@ -75,12 +89,19 @@ def stepped(table: PosesTable, steps: Sequence[float]) -> PosesTable:
     load = tuple(_share_of(f, words) for words in table.load for f in steps)
     spread = {name: np.repeat(value, K, axis=0) for name, value in vars(table).items() if isinstance(value, np.ndarray)}
     first = np.arange(len(factor)) % K == 0
-    way_free = tuple(free if head else True for free, head in zip(
-        np.repeat(np.array(table.way_free, object), K).tolist(), first.tolist(), strict=True))  # fmt: skip
-    return PosesTable(**{
-        **spread, "load": load, "way_free": way_free, "wrench": spread["wrench"] * factor[:, None],
-        "displacement": spread["displacement"] * factor[:, None],
-    })  # fmt: skip
+    way_free = tuple(
+        free if head else True
+        for free, head in zip(np.repeat(np.array(table.way_free, object), K).tolist(), first.tolist(), strict=True)
+    )
+    return PosesTable(
+        **{
+            **spread,
+            "load": load,
+            "way_free": way_free,
+            "wrench": spread["wrench"] * factor[:, None],
+            "displacement": spread["displacement"] * factor[:, None],
+        }
+    )
 
 
 def _share_of(factor: float, words: str) -> str:
@@ -100,23 +121,31 @@ def template_of(
     own = float(np.sqrt(noise.reading**2 - noise.pose**2))
     force = np.linalg.norm(table.wrench[:, :3], axis=1)
     return Recording(
-        kind="deflection", source="recording_template", q=table.q, pose=table.pose, cycle=table.cycle,
-        session=table.session, line=np.arange(2, len(table) + 2), wrench=table.wrench,
-        displacement=np.zeros_like(table.displacement), **_in_steps(table, steps),
+        kind="deflection",
+        source="recording_template",
+        q=table.q,
+        pose=table.pose,
+        cycle=table.cycle,
+        session=table.session,
+        line=np.arange(2, len(table) + 2),
+        wrench=table.wrench,
+        displacement=np.zeros_like(table.displacement),
+        **_in_steps(table, steps),
         uncertainty=StandardUncertainty(
-            displacement=own, rotation=None if noise.targets is None else own / noise.targets,
+            displacement=own,
+            rotation=None if noise.targets is None else own / noise.targets,
             force=float(noise.force * np.sqrt(np.mean(force**2))) or None,
         ),
         notes=(
             "Each cycle: read the unloaded TCP, load step by step and unload step by step, hold each step as time_s "
             "says and read; enter each reading minus the unloaded one at the start of its cycle, in base_link axes at "
             "the TCP. Replace joints, loads and times by what was really set."
-            if len(steps) > 1 else
-            "Each row: read the unloaded TCP, load, read, unload, read; enter loaded minus the mean of the two "
+            if len(steps) > 1
+            else "Each row: read the unloaded TCP, load, read, unload, read; enter loaded minus the mean of the two "
             "unloaded readings, in base_link axes at the TCP. Replace joints and loads by what was really set."
         ),
         labelled=frozenset({"pose", "cycle", "session"}),
-    )  # fmt: skip
+    )
 
 
 def _in_steps(table: PosesTable, steps: Sequence[float]) -> dict[str, Any]:
@@ -131,9 +160,13 @@ def _in_steps(table: PosesTable, steps: Sequence[float]) -> dict[str, Any]:
 
 
 def cautions(
-    request: Request, pool: PosePool, cases: LoadCases, plan: PosePlan | None, noise: ReadingNoise,
+    request: Request,
+    pool: PosePool,
+    cases: LoadCases,
+    plan: PosePlan | None,
+    noise: ReadingNoise,
     ways: Sequence[LoadWay],
-) -> tuple[str, ...]:  # fmt: skip
+) -> tuple[str, ...]:
     """What the user should know before measuring."""
     out = []
     if plan is None:
@@ -168,10 +201,14 @@ def cautions(
 
 
 _HELP = {
-    "TCP too low": "--floor-mm", "TCP too high": "--ceiling-mm", "TCP outside the box": "--box-mm",
-    "too far from the tracker": "--tracker-range-mm", "hidden from the tracker": "--tracker-angle-deg",
-    "KCI too low": "--min-kci", "collision or too little clearance": "--clearance-mm or --without-workpiece",
-}  # fmt: skip
+    "TCP too low": "--floor-mm",
+    "TCP too high": "--ceiling-mm",
+    "TCP outside the box": "--box-mm",
+    "too far from the tracker": "--tracker-range-mm",
+    "hidden from the tracker": "--tracker-angle-deg",
+    "KCI too low": "--min-kci",
+    "collision or too little clearance": "--clearance-mm or --without-workpiece",
+}
 
 
 def why_nothing(
@@ -198,15 +235,23 @@ def why_nothing(
         "K_C matters too much": "smaller loads, or larger --max-nu-p and --max-nu-r-deg, would work",
         "too small to measure": f"larger loads would work: every one moves the TCP by less than {least:.3f} mm "
         "(--min-signal times the reading's uncertainty)",
-    }[reason]  # fmt: skip
+    }[reason]
     return f"no load is admissible at any of {len(pool)} poses; {count} pose × load pairs fail for {reason!r}: {help_}"
 
 
 def result_of(
-    request: Request, cell: Cell, pool: PosePool, cases: LoadCases, plan: PosePlan | None, noise: ReadingNoise,
-    warnings: Sequence[str], hashes: dict[str, str], length: float, ways: Sequence[LoadWay],
+    request: Request,
+    cell: Cell,
+    pool: PosePool,
+    cases: LoadCases,
+    plan: PosePlan | None,
+    noise: ReadingNoise,
+    warnings: Sequence[str],
+    hashes: dict[str, str],
+    length: float,
+    ways: Sequence[LoadWay],
     apart: Discriminating | None = None,
-) -> PosesResult:  # fmt: skip
+) -> PosesResult:
     """plan.json; relative uncertainties are shares of the prior value."""
     head: dict[str, object] = {
         "machopt_poses": 1,
@@ -226,49 +271,79 @@ def result_of(
     u, found = plan.unknowns, plan.found
     poses, readings = len(plan.design.blocks), len(plan.design.readings)
     worst = [a.worst(plan.judged) for a in plan.believed]
-    return PosesResult.model_validate(plain(head | {
-        "poses": poses,
-        "readings": len(plan.visits) * (1 if apart is None else len(apart.steps)),
-        "load_cases_chosen": readings,
-        "unknowns": [
-            {"name": n, "unit": unit, "scale": s, "relative": r, "standard_uncertainty": e,
-             "seen": bool(np.isfinite(e))}
-            for n, unit, s, r, e in zip(
-                u.names, u.units, u.scale.tolist(), u.relative.tolist(), found.sigma.tolist(), strict=True
-            )
-        ],
-        "not_told_apart": [[u.names[p] for p in group] for group in found.unseen],
-        "design": {
-            "condition_number": found.condition, "rms": found.rms(plan.judged), "worst": found.worst(plan.judged),
-            "log_det": plan.design.value, "d_efficiency_at_least": plan.bound,
-            "worst_if_prior_wrong": worst,
-        },
-        "target": None if request.target_percent is None else {
-            "percent": request.target_percent, "poses": plan.needed,
-            "readings": None if plan.needed is None else plan.needed * request.loads * request.cycles,
-        },
-        "curve": {"poses": list(plan.curve_poses), "rms": list(plan.curve)},
-        "heuristics": [_comparison(c) for c in plan.comparisons],
-        "order": [{"pose": v.pose + 1, "cycle": v.cycle + 1, "session": v.round + 1} for v in plan.visits],
-    } | ({} if apart is None else {"discriminate": _apart(apart)})))  # fmt: skip
+    return PosesResult.model_validate(
+        plain(
+            head
+            | {
+                "poses": poses,
+                "readings": len(plan.visits) * (1 if apart is None else len(apart.steps)),
+                "load_cases_chosen": readings,
+                "unknowns": [
+                    {
+                        "name": n,
+                        "unit": unit,
+                        "scale": s,
+                        "relative": r,
+                        "standard_uncertainty": e,
+                        "seen": bool(np.isfinite(e)),
+                    }
+                    for n, unit, s, r, e in zip(
+                        u.names, u.units, u.scale.tolist(), u.relative.tolist(), found.sigma.tolist(), strict=True
+                    )
+                ],
+                "not_told_apart": [[u.names[p] for p in group] for group in found.unseen],
+                "design": {
+                    "condition_number": found.condition,
+                    "rms": found.rms(plan.judged),
+                    "worst": found.worst(plan.judged),
+                    "log_det": plan.design.value,
+                    "d_efficiency_at_least": plan.bound,
+                    "worst_if_prior_wrong": worst,
+                },
+                "target": None
+                if request.target_percent is None
+                else {
+                    "percent": request.target_percent,
+                    "poses": plan.needed,
+                    "readings": None if plan.needed is None else plan.needed * request.loads * request.cycles,
+                },
+                "curve": {"poses": list(plan.curve_poses), "rms": list(plan.curve)},
+                "heuristics": [_comparison(c) for c in plan.comparisons],
+                "order": [{"pose": v.pose + 1, "cycle": v.cycle + 1, "session": v.round + 1} for v in plan.visits],
+            }
+            | ({} if apart is None else {"discriminate": _apart(apart)})
+        )
+    )
 
 
 def _apart(a: Discriminating) -> dict[str, object]:
     enough = needed_noncentrality()
     return {
-        "level": LEVEL, "power": POWER, "noncentrality_needed": enough,
+        "level": LEVEL,
+        "power": POWER,
+        "noncentrality_needed": enough,
         "noise_mm": {"own": a.noise.displacement * UNLOADED_TWICE**0.5 * 1e3, "pose": a.noise.pose * 1e3},
-        "steps": list(a.steps), "cycles": a.noise.cycles,
-        "least_noncentrality_per_cycle": a.least, "random_least_noncentrality_per_cycle": a.random,
+        "steps": list(a.steps),
+        "cycles": a.noise.cycles,
+        "least_noncentrality_per_cycle": a.least,
+        "random_least_noncentrality_per_cycle": a.random,
         "pairs": [
-            {"one": _stand(p.one), "two": _stand(p.two), "words": described(p), "why": p.why,
-             "noncentrality_per_cycle": p.per_cycle, "noncentrality_planned": p.planned,
-             "cycles_for_power": p.cycles, "cycles_until_diagnose_excludes": p.until,
-             "random_noncentrality_per_cycle": p.random,
-             "told_apart": p.planned >= enough, "otherwise": p.advice or None}
+            {
+                "one": _stand(p.one),
+                "two": _stand(p.two),
+                "words": described(p),
+                "why": p.why,
+                "noncentrality_per_cycle": p.per_cycle,
+                "noncentrality_planned": p.planned,
+                "cycles_for_power": p.cycles,
+                "cycles_until_diagnose_excludes": p.until,
+                "random_noncentrality_per_cycle": p.random,
+                "told_apart": p.planned >= enough,
+                "otherwise": p.advice or None,
+            }
             for p in a.pairs
         ],
-    }  # fmt: skip
+    }
 
 
 def _stand(s: Stand) -> dict[str, object]:
@@ -277,24 +352,44 @@ def _stand(s: Stand) -> dict[str, object]:
 
 def _comparison(c: Comparison) -> dict[str, object]:
     return {
-        "name": c.name, "poses": c.poses, "rms_10_50_90": list(c.rms), "standard_uncertainty": c.sigma.tolist(),
-        "d_efficiency": c.efficiency[0], "a_efficiency": c.efficiency[1], "e_efficiency": c.efficiency[2],
-        "readings_for_the_same": c.readings, "curve_rms": list(c.curve),
-    }  # fmt: skip
+        "name": c.name,
+        "poses": c.poses,
+        "rms_10_50_90": list(c.rms),
+        "standard_uncertainty": c.sigma.tolist(),
+        "d_efficiency": c.efficiency[0],
+        "a_efficiency": c.efficiency[1],
+        "e_efficiency": c.efficiency[2],
+        "readings_for_the_same": c.readings,
+        "curve_rms": list(c.curve),
+    }
 
 
 def page_of(
-    request: Request, cell: Cell, robot: Robot, pool: PosePool, cases: LoadCases, plan: PosePlan | None,
-    table: PosesTable | None, hashes: dict[str, str], warnings: Sequence[str], apart: Discriminating | None = None,
-) -> page.PosesPage:  # fmt: skip
+    request: Request,
+    cell: Cell,
+    robot: Robot,
+    pool: PosePool,
+    cases: LoadCases,
+    plan: PosePlan | None,
+    table: PosesTable | None,
+    hashes: dict[str, str],
+    warnings: Sequence[str],
+    apart: Discriminating | None = None,
+) -> page.PosesPage:
     """Everything the page shows."""
     common: dict[str, Any] = {
-        "title": f"{'Load tests' if apart is None else 'Next measurement'} for {cell.name}", "cell": cell.name,
+        "title": f"{'Load tests' if apart is None else 'Next measurement'} for {cell.name}",
+        "cell": cell.name,
         "version": machopt.__version__,
-        "tried": pool.tried, "passed": len(pool), "cases": len(cases),
-        "rejected_poses": tuple(pool.rejected.items()), "rejected_loads": tuple(cases.rejected.items()),
-        "warnings": tuple(warnings), "options": tuple(shown(request)), "hashes": tuple(hashes.items()),
-    }  # fmt: skip
+        "tried": pool.tried,
+        "passed": len(pool),
+        "cases": len(cases),
+        "rejected_poses": tuple(pool.rejected.items()),
+        "rejected_loads": tuple(cases.rejected.items()),
+        "warnings": tuple(warnings),
+        "options": tuple(shown(request)),
+        "hashes": tuple(hashes.items()),
+    }
     if plan is None or table is None:
         return page.PosesPage(**common, reason=warnings[-1])
     u = plan.unknowns
@@ -303,21 +398,48 @@ def page_of(
         page.Heuristic(c.name, SOURCES[c.name], c.poses, c.sigma, c.rms, c.efficiency, c.readings, np.array(c.curve))
         for c in plan.comparisons
     )
-    rows = () if apart is None else tuple(
-        page.Apart(described(p), p.why, p.per_cycle, p.planned, p.cycles, p.until, p.random, p.advice)
-        for p in apart.pairs
-    )  # fmt: skip
+    rows = (
+        ()
+        if apart is None
+        else tuple(
+            page.Apart(described(p), p.why, p.per_cycle, p.planned, p.cycles, p.until, p.random, p.advice)
+            for p in apart.pairs
+        )
+    )
     return page.PosesPage(
-        **common, apart=rows, rounds=0 if apart is None else apart.noise.cycles, enough=needed_noncentrality(),
-        unknowns=u.names, relative=u.relative, sigma=plan.found.sigma, rms=plan.found.rms(plan.judged),
-        condition=plan.found.condition, bound=plan.bound, poses=len(chosen), readings=len(table),
-        per_pose=request.loads * len(plan.visits) // max(len(plan.design.readings), 1), heuristics=heuristics,
-        curve_poses=plan.curve_poses, curve=np.array(plan.curve), target=_share(request.target_percent),
-        needed=plan.needed, cloud=pool.T_base_tcp[:CLOUD, :3, 3], arms=_arm_points(robot, chosen, cell),
-        work=page.Work(table.session, table.pose, table.cycle, table.q, table.load,
-                       np.linalg.norm(table.displacement[:, :3], axis=1), table.kci, table.nu_p, table.clearance,
-                       table.way_free),
-    )  # fmt: skip
+        **common,
+        apart=rows,
+        rounds=0 if apart is None else apart.noise.cycles,
+        enough=needed_noncentrality(),
+        unknowns=u.names,
+        relative=u.relative,
+        sigma=plan.found.sigma,
+        rms=plan.found.rms(plan.judged),
+        condition=plan.found.condition,
+        bound=plan.bound,
+        poses=len(chosen),
+        readings=len(table),
+        per_pose=request.loads * len(plan.visits) // max(len(plan.design.readings), 1),
+        heuristics=heuristics,
+        curve_poses=plan.curve_poses,
+        curve=np.array(plan.curve),
+        target=_share(request.target_percent),
+        needed=plan.needed,
+        cloud=pool.T_base_tcp[:CLOUD, :3, 3],
+        arms=_arm_points(robot, chosen, cell),
+        work=page.Work(
+            table.session,
+            table.pose,
+            table.cycle,
+            table.q,
+            table.load,
+            np.linalg.norm(table.displacement[:, :3], axis=1),
+            table.kci,
+            table.nu_p,
+            table.clearance,
+            table.way_free,
+        ),
+    )
 
 
 def _share(percent: float | None) -> float:

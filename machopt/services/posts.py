@@ -77,13 +77,18 @@ class Written:
     def as_result(self) -> ProgramTold:
         """For result.json."""
         return ProgramTold(
-            post=self.label, files=self.files, lines=self.lines, tolerance_mm=self.tolerance * 1e3,
-            moves_added=self.added, withheld=self.withheld or None,
+            post=self.label,
+            files=self.files,
+            lines=self.lines,
+            tolerance_mm=self.tolerance * 1e3,
+            moves_added=self.added,
+            withheld=self.withheld or None,
             feed_model=None if self.feed is None else self.feed.as_result(),
-            assumed=self.assumed, not_in_program=self.unstarted,
+            assumed=self.assumed,
+            not_in_program=self.unstarted,
             checked=None if self.checked is None else self.checked.as_result(),
             differences=() if self.checked is None else self.checked.differences,
-        )  # fmt: skip
+        )
 
 
 def wanted_posts(cell: Cell, asked: Sequence[str]) -> tuple[Wanted, ...]:
@@ -128,12 +133,14 @@ def tolerance_of(mm: float | None, options: PlanOptions) -> Tolerance:
     if not (np.isfinite(mm) and mm > least):
         raise InputError(
             f"{mm:g} mm; more than path_tolerance_mm = {least:g} would work: by that much the motion rounds corners, "
-            "and the program's points are the corners", where="--program-tolerance-mm",
-        )  # fmt: skip
+            "and the program's points are the corners",
+            where="--program-tolerance-mm",
+        )
     return Tolerance(
-        position=mm * 1e-3, axis=max(Tolerance.axis, 1.5 * options.axis_tolerance),
+        position=mm * 1e-3,
+        axis=max(Tolerance.axis, 1.5 * options.axis_tolerance),
         turn=max(Tolerance.turn, 2.0 * SPIN_TOLERANCE + BEND + options.axis_tolerance),
-    )  # fmt: skip
+    )
 
 
 def write_programs(
@@ -163,18 +170,30 @@ def write_programs(
         target.mkdir(exist_ok=True)
         program = made[samples].program
         files = write_program(
-            target, program_name(toolpath.source, one.post), program, one.post, controller,
+            target,
+            program_name(toolpath.source, one.post),
+            program,
+            one.post,
+            controller,
             reserved=() if one.folder else OWN_FILES,
-        )  # fmt: skip
+        )
         if isinstance(one.post, Path) and str(one.post) != cell.controller.post:
             (folder / one.label).write_bytes(one.post.read_bytes())  # who verifies has no other way to it
         lines = sum(f.read_bytes().count(b"\n") for f in files)
         names = tuple(f.relative_to(folder).as_posix() for f in files)
-        out.append(Written(
-            one.label, names, lines, made[samples].added, tolerance.position, one.post,
-            model_feed(program, one.post, controller), assumptions(program, one.post, controller),
-            unstarted(one.post, program, controller),
-        ))  # fmt: skip
+        out.append(
+            Written(
+                one.label,
+                names,
+                lines,
+                made[samples].added,
+                tolerance.position,
+                one.post,
+                model_feed(program, one.post, controller),
+                assumptions(program, one.post, controller),
+                unstarted(one.post, program, controller),
+            )
+        )
     return tuple(out)
 
 
@@ -234,10 +253,19 @@ def _short(cell: Cell, robot: Robot, controller: Controller) -> RobotProgram:
     q = np.tile(cell.home, (3, 1))
     standing = posture_of(robot, q, controller)
     return RobotProgram(
-        kind=np.array([PTP, LIN, PTP], np.int8), q=q, T_workpiece_tcp=robot.fk(q, cell.tool.T_flange_tcp),
-        feed=np.array([np.nan, 0.01, np.nan]), cutting=np.array([False, True, False]), operation=np.zeros(3, np.int32),
-        operations=("cut",), T_flange_tcp=cell.tool.T_flange_tcp, T_base_workpiece=np.eye(4),
-        move=np.array([Move.RAPID, Move.CUT, Move.RAPID], np.int8), time=np.arange(3.0), joint_names=cell.arm_joints,
-        behind=None if standing is None else standing[0], elbow_up=None if standing is None else standing[1],
+        kind=np.array([PTP, LIN, PTP], np.int8),
+        q=q,
+        T_workpiece_tcp=robot.fk(q, cell.tool.T_flange_tcp),
+        feed=np.array([np.nan, 0.01, np.nan]),
+        cutting=np.array([False, True, False]),
+        operation=np.zeros(3, np.int32),
+        operations=("cut",),
+        T_flange_tcp=cell.tool.T_flange_tcp,
+        T_base_workpiece=np.eye(4),
+        move=np.array([Move.RAPID, Move.CUT, Move.RAPID], np.int8),
+        time=np.arange(3.0),
+        joint_names=cell.arm_joints,
+        behind=None if standing is None else standing[0],
+        elbow_up=None if standing is None else standing[1],
         tool_mass=cell.tool.mass if cell.tool.mass > 0.0 else float("nan"),
-    )  # fmt: skip
+    )

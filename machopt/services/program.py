@@ -96,22 +96,40 @@ def _rows(legs: tuple[Leg, ...]) -> Array:
 
 
 def _base(
-    plan: Plan, toolpath: Toolpath, q: Array, kind: NDArray[np.int8], feed: Array, move: NDArray[np.int8],
-    operation: NDArray[np.int32], at: Array,
-) -> RobotProgram:  # fmt: skip
+    plan: Plan,
+    toolpath: Toolpath,
+    q: Array,
+    kind: NDArray[np.int8],
+    feed: Array,
+    move: NDArray[np.int8],
+    operation: NDArray[np.int32],
+    at: Array,
+) -> RobotProgram:
     cell, robot = plan.setup.cell, plan.setup.robot
     T = robot.fk(q, cell.tool.T_flange_tcp)
     standing = posture_of(robot, q, cell.controller)
     return RobotProgram(
-        kind=kind, q=q, T_workpiece_tcp=np.linalg.inv(plan.setup.arm.T_base_workpiece) @ T, feed=feed,
-        cutting=(kind == LIN) & (move == Move.CUT), operation=operation, move=move,
-        operations=tuple(o.label for o in toolpath.operations), T_flange_tcp=cell.tool.T_flange_tcp,
-        T_base_workpiece=plan.setup.arm.T_base_workpiece, ptp_speed=plan.options.rapid_scale,
-        events=_events(toolpath, at), source=f"{cell.name}; {toolpath.source}", joint_names=cell.arm_joints,
-        behind=None if standing is None else standing[0], elbow_up=None if standing is None else standing[1],
-        axis_velocity=cell.limits.velocity[:6], axis_acceleration=cell.limits.acceleration[:6], tool_com=cell.tool.com,
+        kind=kind,
+        q=q,
+        T_workpiece_tcp=np.linalg.inv(plan.setup.arm.T_base_workpiece) @ T,
+        feed=feed,
+        cutting=(kind == LIN) & (move == Move.CUT),
+        operation=operation,
+        move=move,
+        operations=tuple(o.label for o in toolpath.operations),
+        T_flange_tcp=cell.tool.T_flange_tcp,
+        T_base_workpiece=plan.setup.arm.T_base_workpiece,
+        ptp_speed=plan.options.rapid_scale,
+        events=_events(toolpath, at),
+        source=f"{cell.name}; {toolpath.source}",
+        joint_names=cell.arm_joints,
+        behind=None if standing is None else standing[0],
+        elbow_up=None if standing is None else standing[1],
+        axis_velocity=cell.limits.velocity[:6],
+        axis_acceleration=cell.limits.acceleration[:6],
+        tool_com=cell.tool.com,
         tool_mass=cell.tool.mass if cell.tool.mass > 0.0 else float("nan"),
-    )  # fmt: skip
+    )
 
 
 def posture_of(robot: Robot, q: Array, controller: Controller) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:

@@ -52,8 +52,9 @@ STEPS, CLOSED, BESIDE_DEG = 5, 1e-8, 3.0  # of Newton's method to a target's own
 FRAME = 1e-6  # m: frames are printed to 1e-3 mm at least
 FRAME_ANGLE = float(np.radians(2e-3))
 MOVES, COMPARED = "moves read", "compared with motion and CAM file"
-NOT_PROGRAMS = frozenset(("points.csv", "trajectory.csv", "compensation.csv", "result.json", "manifest.json",
-                          "report.html"))  # fmt: skip
+NOT_PROGRAMS = frozenset(
+    ("points.csv", "trajectory.csv", "compensation.csv", "result.json", "manifest.json", "report.html")
+)
 
 
 @dataclass(frozen=True)
@@ -86,8 +87,9 @@ class Compared:
         """What is not as it should be, in words."""
         return tuple(
             f"{c.name.partition(': ')[2]}: {c.where}" + (f" ({c.value:.4g} {c.unit})" if np.isfinite(c.value) else "")
-            for c in self.checks if c.passed is False
-        )  # fmt: skip
+            for c in self.checks
+            if c.passed is False
+        )
 
     def worst(self, what: str) -> float:
         """The value of a check by its name behind the file's; NaN where it was not made."""
@@ -116,9 +118,16 @@ class Compared:
 
 
 def check_programs(
-    cell: Cell, toolpath: Toolpath, out: Path, posted: Sequence[Posted], *, options: PlanOptions, tolerance: Tolerance,
-    source: str | None = None, motion: Motion | None = None,
-) -> tuple[Compared, ...]:  # fmt: skip
+    cell: Cell,
+    toolpath: Toolpath,
+    out: Path,
+    posted: Sequence[Posted],
+    *,
+    options: PlanOptions,
+    tolerance: Tolerance,
+    source: str | None = None,
+    motion: Motion | None = None,
+) -> tuple[Compared, ...]:
     """Compare every robot program of an output folder with motion and CAM file.
 
     Args:
@@ -157,8 +166,14 @@ def _strays(out: Path, posted: Sequence[Posted]) -> tuple[Compared, ...]:
         except InputError:
             program = False
         if program:
-            check = Check(f"{name}: a program of this job", False, 1.0, 0.0, "files",
-                          "a robot program that belongs to no post of this folder")  # fmt: skip
+            check = Check(
+                f"{name}: a program of this job",
+                False,
+                1.0,
+                0.0,
+                "files",
+                "a robot program that belongs to no post of this folder",
+            )
             found.append(Compared(Posted("", None, (name,)), 0, (check,)))
     return tuple(found)
 
@@ -184,9 +199,15 @@ class _Ground:
 
     @classmethod
     def of(
-        cls, cell: Cell, toolpath: Toolpath, out: Path, options: PlanOptions, tolerance: Tolerance, source: str,
+        cls,
+        cell: Cell,
+        toolpath: Toolpath,
+        out: Path,
+        options: PlanOptions,
+        tolerance: Tolerance,
+        source: str,
         motion: Motion | None,
-    ) -> _Ground:  # fmt: skip
+    ) -> _Ground:
         motion = motion or read_motion(out / "trajectory.csv", cell)
         points = read_points(out / "points.csv")
         arm = Arm(cell)
@@ -202,11 +223,28 @@ class _Ground:
             ]
             wanted[given_up] = False
         shifted = points.shift is not None
-        line = corners(toolpath, read_shift(out / "compensation.csv")) if shifted else (
-            np.arange(len(toolpath), dtype=float), toolpath.position)  # fmt: skip
+        line = (
+            corners(toolpath, read_shift(out / "compensation.csv"))
+            if shifted
+            else (np.arange(len(toolpath), dtype=float), toolpath.position)
+        )
         rest = arm.placements(cell.home[None], np.zeros((1, len(cell.external_joints))))[0]
-        return cls(cell, toolpath, out, options, tolerance, source, motion, arm, tcp, offset, tilt, wanted, line,
-                   np.linalg.inv(cell.T_world_base) @ rest[-1])  # fmt: skip
+        return cls(
+            cell,
+            toolpath,
+            out,
+            options,
+            tolerance,
+            source,
+            motion,
+            arm,
+            tcp,
+            offset,
+            tilt,
+            wanted,
+            line,
+            np.linalg.inv(cell.T_world_base) @ rest[-1],
+        )
 
     def compare(self, posted: Posted) -> Compared:
         name = posted.files[0]
@@ -227,16 +265,19 @@ class _Ground:
                 posted, len(said), (failed_check(name, "readable", "a target has neither place nor joints"),)
             )
         o = self.options
-        allowed = Allowed(self.tolerance.position, self.tolerance.axis, self.tolerance.turn, o.path_tolerance,
-                          o.axis_tolerance)  # fmt: skip
+        allowed = Allowed(
+            self.tolerance.position, self.tolerance.axis, self.tolerance.turn, o.path_tolerance, o.axis_tolerance
+        )
         read = Check(f"{name}: {MOVES}", True, float(len(said)), float(len(said)), "moves", f"{parsed.dialect}")
         checks, at = along_motion(said, self.motion, self.tcp, allowed)
         rows = np.clip(np.nan_to_num(at), 0, len(self.tcp) - 1)
-        offset, tilt = (np.column_stack([np.interp(rows, np.arange(len(self.tcp)), of[:, c]) for c in range(3)])
-                        for of in (self.offset, self.tilt))  # fmt: skip
-        position = np.column_stack([
-            np.interp(np.arange(len(self.toolpath)), self.corners[0], self.corners[1][:, c]) for c in range(3)
-        ])  # fmt: skip
+        offset, tilt = (
+            np.column_stack([np.interp(rows, np.arange(len(self.tcp)), of[:, c]) for c in range(3)])
+            for of in (self.offset, self.tilt)
+        )
+        position = np.column_stack(
+            [np.interp(np.arange(len(self.toolpath)), self.corners[0], self.corners[1][:, c]) for c in range(3)]
+        )
         cuts = Cuts(self.toolpath, position, self.corners, self.wanted, o.path_tolerance, o.approach_feed, offset, tilt)
         checks += against_cam(said, cuts, _index_at(self.motion, at))
         checks += self._terms(name, parsed, said, controller, rows)
@@ -269,19 +310,32 @@ class _Ground:
         )
         steps = np.array([float(c["step_s"]) if "step_s" in c else np.nan for c in parsed.configuration])  # type: ignore[arg-type]
         streamed = bool(np.isfinite(steps).any() or np.isfinite(parsed.time).any())
-        time = parsed.time if np.isfinite(parsed.time).any() else np.where(
-            np.isfinite(steps), np.cumsum(np.nan_to_num(steps)), np.nan)  # fmt: skip
+        time = (
+            parsed.time
+            if np.isfinite(parsed.time).any()
+            else np.where(np.isfinite(steps), np.cumsum(np.nan_to_num(steps)), np.nan)
+        )
         labels = [*parsed.operations, ""]
         return ReadProgram(
-            file=name, kind=parsed.kind, q=q, T_workpiece_tcp=T, feed=parsed.feed, move=parsed.move,
-            operation=tuple(labels[k] for k in parsed.operation.tolist()), events=parsed.events, line=parsed.line,
-            time=time, streamed=streamed, feed_step=COARSE if parsed.dialect in ("fanuc", "jbi") else 1e-6,
-            place_step=self.tolerance.position if streamed else coarse * REACH, joint_step=coarse * 6.0,
-        )  # fmt: skip
+            file=name,
+            kind=parsed.kind,
+            q=q,
+            T_workpiece_tcp=T,
+            feed=parsed.feed,
+            move=parsed.move,
+            operation=tuple(labels[k] for k in parsed.operation.tolist()),
+            events=parsed.events,
+            line=parsed.line,
+            time=time,
+            streamed=streamed,
+            feed_step=COARSE if parsed.dialect in ("fanuc", "jbi") else 1e-6,
+            place_step=self.tolerance.position if streamed else coarse * REACH,
+            joint_step=coarse * 6.0,
+        )
 
     def _terms(
         self, name: str, parsed: ParsedProgram, said: ReadProgram, controller: Controller, rows: Array
-    ) -> list[Check]:  # fmt: skip
+    ) -> list[Check]:
         """Frames, configuration and words that nobody understood."""
         wrong = _frames(parsed, controller, self.T_base_workpiece, self.cell.tool.T_flange_tcp)
         checks = [
@@ -294,11 +348,19 @@ class _Ground:
         standing = posture_of(robot, q, controller)
         told, first = first_difference(
             parsed.dialect, parsed.configuration, _axes(q, controller), standing, controller.nonflip_j5
-        )  # fmt: skip
+        )
         if told:
             where = "" if first is None else f"move {first + 1}, line {int(parsed.line[first])} names another one"
-            checks.append(Check(f"{name}: configuration", first is None, float(first is not None), 0.0, "moves",
-                                where or "of all moves as their joints are"))  # fmt: skip
+            checks.append(
+                Check(
+                    f"{name}: configuration",
+                    first is None,
+                    float(first is not None),
+                    0.0,
+                    "moves",
+                    where or "of all moves as their joints are",
+                )
+            )
         own = set(re.findall(r"\w+", " ".join(controller.lines.values())))  # of the cell: nobody here knows its words
         strange = [w.word for w in parsed.ignored if not w.understood and own.isdisjoint(re.findall(r"\w+", w.word))]
         strange += [w for w in parsed.warnings if "cut off" in w]
@@ -308,10 +370,26 @@ class _Ground:
             gap = np.linalg.norm(T[:, :3, 3] - said.T_workpiece_tcp[both, :3, 3], axis=1)
             gap = np.maximum(gap, np.linalg.norm(T[:, :3, :3] - said.T_workpiece_tcp[both, :3, :3], axis=(1, 2)))
             n = int(np.argmax(gap))
-            checks.append(Check(f"{name}: poses as the joints", bool(gap[n] <= TWICE), 1e3 * float(gap[n]), 1e3 * TWICE,
-                                "mm", f"move {both[n] + 1}, line {int(parsed.line[both[n]])}"))  # fmt: skip
-        checks.append(Check(f"{name}: every word understood", not strange, float(len(strange)), 0.0, "words",
-                            ", ".join(strange[:4]) or "all"))  # fmt: skip
+            checks.append(
+                Check(
+                    f"{name}: poses as the joints",
+                    bool(gap[n] <= TWICE),
+                    1e3 * float(gap[n]),
+                    1e3 * TWICE,
+                    "mm",
+                    f"move {both[n] + 1}, line {int(parsed.line[both[n]])}",
+                )
+            )
+        checks.append(
+            Check(
+                f"{name}: every word understood",
+                not strange,
+                float(len(strange)),
+                0.0,
+                "words",
+                ", ".join(strange[:4]) or "all",
+            )
+        )
         return checks
 
     def _joints_at(self, said: ReadProgram, rows: Array) -> Array:
@@ -335,8 +413,14 @@ class _Ground:
 
 
 def _unread(file: str) -> Check:
-    return Check(f"{file}: {COMPARED}", None, float("nan"), 0.0, "",
-                 "NOT CHECKED: the program is in a language that no reader here knows")  # fmt: skip
+    return Check(
+        f"{file}: {COMPARED}",
+        None,
+        float("nan"),
+        0.0,
+        "",
+        "NOT CHECKED: the program is in a language that no reader here knows",
+    )
 
 
 def _controller(cell: Cell, posted: Posted) -> tuple[Controller, bool]:

@@ -94,16 +94,25 @@ def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> told.Optim
     trajectory = timeline.trajectory if timeline else None
     stopped = timeline.obstructions if timeline else ()
     return told.OptimizeResult(
-        machopt_result=1, version=machopt.__version__,
-        verdict=made.verdict, exit_code=made.exit_code, unchecked=made.unchecked,
+        machopt_result=1,
+        version=machopt.__version__,
+        verdict=made.verdict,
+        exit_code=made.exit_code,
+        unchecked=made.unchecked,
         inputs=hashes_of(made.manifest.inputs),
         outputs={name: sha256_of(folder / name) for name in sorted(listed(folder))},
-        options=options_as_user(made.options), reading=dict(made.manifest.reading),
-        cell=cell.name, toolpath=_toolpath(toolpath),
-        index=the_plan.scores.index, index_scale=the_plan.scores.scale, chosen_from=the_plan.chosen_from,
+        options=options_as_user(made.options),
+        reading=dict(made.manifest.reading),
+        cell=cell.name,
+        toolpath=_toolpath(toolpath),
+        index=the_plan.scores.index,
+        index_scale=the_plan.scores.scale,
+        chosen_from=the_plan.chosen_from,
         objective=told.Objectives(
-            cam_default=_objective(the_plan.cam_default), jiao2022=_objective(the_plan.jiao2022),
-            grid=told.ObjectiveParts.from_fields(the_plan.grid), search=_search(the_plan),
+            cam_default=_objective(the_plan.cam_default),
+            jiao2022=_objective(the_plan.jiao2022),
+            grid=told.ObjectiveParts.from_fields(the_plan.grid),
+            search=_search(the_plan),
             chosen=_objective(the_plan.chosen),
             gain=tuple(_gain(g) for g in gains(the_plan)),
         ),
@@ -117,23 +126,33 @@ def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> told.Optim
         feed_dips=tuple(_dip(d) for d in (timeline.dips if timeline else ())),
         rapid_detours=timeline.detours if timeline else (),
         obstructions=tuple(told.Obstruction(before=o.before, after=o.after, reason=o.text) for o in stopped),
-        verification=None if verification is None else told.VerificationTold(
+        verification=None
+        if verification is None
+        else told.VerificationTold(
             passed=verification.ok, checks=tuple(told.CheckTold.from_fields(c) for c in verification.checks)
         ),
         programs=tuple(p.as_result() for p in made.programs),
         notes=tuple(cell.notes),
-        warnings=(*cell.warnings, *toolpath.warnings, *without_effect(the_plan.options),
-                  *left_out(made.front, the_plan.options), *hints(the_plan)),
+        warnings=(
+            *cell.warnings,
+            *toolpath.warnings,
+            *without_effect(the_plan.options),
+            *left_out(made.front, the_plan.options),
+            *hints(the_plan),
+        ),
         timings_s={name: round(value, 3) for name, value in seconds.items()},
-    )  # fmt: skip
+    )
 
 
 def _toolpath(toolpath: Toolpath) -> told.ToolpathRead:
     return told.ToolpathRead(
-        source=toolpath.source, format=toolpath.format, points=len(toolpath),
-        cutting_points=int(toolpath.cutting.sum()), operations=tuple(o.label for o in toolpath.operations),
+        source=toolpath.source,
+        format=toolpath.format,
+        points=len(toolpath),
+        cutting_points=int(toolpath.cutting.sum()),
+        operations=tuple(o.label for o in toolpath.operations),
         ignored=tuple(told.IgnoredWord.from_fields(w) for w in toolpath.ignored),
-    )  # fmt: skip
+    )
 
 
 def _infeasible(the_plan: Plan, points: PointResults) -> Iterator[told.InfeasiblePoint]:
@@ -141,17 +160,26 @@ def _infeasible(the_plan: Plan, points: PointResults) -> Iterator[told.Infeasibl
         if the_plan.path.is_point[p]:
             row = round(the_plan.path.index[p])
             yield told.InfeasiblePoint(
-                point=row, status=reason_of(the_plan, p).word, reason=points.table.reason[row],
+                point=row,
+                status=reason_of(the_plan, p).word,
+                reason=points.table.reason[row],
                 help=help_of(the_plan, p),
-            )  # fmt: skip
+            )
 
 
 def _break(b: Break) -> told.BreakTold:
     """Two places that no motion joins; the model writes what is not finite as null."""
     return told.BreakTold(
-        from_point=b.before, to_point=b.after, code=b.code, reason=b.text, help=b.help, joint=b.joint or None,
-        value_deg=b.value, limit_deg=b.limit, pair=b.pair or None,
-    )  # fmt: skip
+        from_point=b.before,
+        to_point=b.after,
+        code=b.code,
+        reason=b.text,
+        help=b.help,
+        joint=b.joint or None,
+        value_deg=b.value,
+        limit_deg=b.limit,
+        pair=b.pair or None,
+    )
 
 
 def _dip(d: Dip) -> told.FeedDip:
@@ -171,19 +199,23 @@ def _search(the_plan: Plan) -> told.SearchBound | None:
     if found is None:
         return None
     return told.SearchBound(
-        sequence=found.sequence, lower_bound=found.bound, gap_percent=100.0 * found.gap,
+        sequence=found.sequence,
+        lower_bound=found.bound,
+        gap_percent=100.0 * found.gap,
         beyond_grid_percent=100.0 * found.beyond,
-    )  # fmt: skip
+    )
 
 
 def _gain(gain: Gain) -> told.MeanGain:
     """How much less the mean cost is: of deflection, or of compliance where no force is given; null where unknown."""
     low, high = gain.interval
     return told.MeanGain(
-        over=gain.over, mean_percent=100.0 * gain.mean, std_percent=100.0 * gain.std,
+        over=gain.over,
+        mean_percent=100.0 * gain.mean,
+        std_percent=100.0 * gain.std,
         ci90=(100.0 * low, 100.0 * high) if np.isfinite(gain.std) else None,
         distinguishable=gain.distinguishable if np.isfinite(gain.mean) else None,
-    )  # fmt: skip
+    )
 
 
 def _compensation(the_plan: Plan) -> told.CompensationTold | None:
@@ -192,10 +224,13 @@ def _compensation(the_plan: Plan) -> told.CompensationTold | None:
         return None
     length = the_plan.compensation.length if the_plan.compensation else float("nan")
     return told.CompensationTold(
-        length_mm=1e3 * length, max_mm=1e3 * found.shift_worst, mean_mm=1e3 * found.shift_mean,
-        uncompensated_mean_mm=1e3 * found.uncompensated, residual_max_mm=1e3 * found.worst,
+        length_mm=1e3 * length,
+        max_mm=1e3 * found.shift_worst,
+        mean_mm=1e3 * found.shift_mean,
+        uncompensated_mean_mm=1e3 * found.uncompensated,
+        residual_max_mm=1e3 * found.worst,
         residual_mean_mm=1e3 * found.mean,
-    )  # fmt: skip
+    )
 
 
 def _worst(the_plan: Plan, points: PointResults) -> told.WorstPoint | None:
@@ -205,7 +240,11 @@ def _worst(the_plan: Plan, points: PointResults) -> told.WorstPoint | None:
     i = int(np.nanargmax(cost))
     t = points.table
     return told.WorstPoint(
-        point=i, k_axial_N_mm=t.k_axial[i] / 1e3, k_normal_N_mm=t.k_normal[i] / 1e3,
-        deflection_mm=t.deflection[i] * 1e3, gamma_deg=float(np.degrees(t.gamma[i])),
-        k_jiao_x_N_mm=t.k_jiao_x[i] / 1e3, q_deg=np.degrees(t.q[i]).round(4),
-    )  # fmt: skip
+        point=i,
+        k_axial_N_mm=t.k_axial[i] / 1e3,
+        k_normal_N_mm=t.k_normal[i] / 1e3,
+        deflection_mm=t.deflection[i] * 1e3,
+        gamma_deg=float(np.degrees(t.gamma[i])),
+        k_jiao_x_N_mm=t.k_jiao_x[i] / 1e3,
+        q_deg=np.degrees(t.q[i]).round(4),
+    )

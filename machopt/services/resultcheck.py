@@ -48,9 +48,14 @@ VERDICTS = {3: "infeasible", 4: "verification failed"}
 
 
 def result_checks(
-    folder: Path, cell: Cell, toolpath: Toolpath, options: PlanOptions, inputs: tuple[ManifestFile, ...],
-    manifest: Manifest | None, contents: Verification | None,
-) -> list[Check]:  # fmt: skip
+    folder: Path,
+    cell: Cell,
+    toolpath: Toolpath,
+    options: PlanOptions,
+    inputs: tuple[ManifestFile, ...],
+    manifest: Manifest | None,
+    contents: Verification | None,
+) -> list[Check]:
     """One check for each part of result.json; a part that is missing or malformed fails its check."""
     file = folder / "result.json"
     try:
@@ -132,8 +137,11 @@ def _options(t: Told) -> Iterable[str]:
     if index == "auto":
         index = "deflection" if t.options.force.given else "stiffness"
     yield from same("index", t.result.index, index)
-    own = {"global": ("smooth", "grid", "smooth and grid", "jiao2022", "cam default"), "jiao2022": ("jiao2022",),
-           "default": ("cam default",)}[t.options.method]  # fmt: skip
+    own = {
+        "global": ("smooth", "grid", "smooth and grid", "jiao2022", "cam default"),
+        "jiao2022": ("jiao2022",),
+        "default": ("cam default",),
+    }[t.options.method]
     if t.result.chosen_from not in own:
         yield f"chosen_from is {short(t.result.chosen_from)}; method {t.options.method} gives {', '.join(own)}"
 
@@ -142,10 +150,13 @@ def _toolpath(t: Told) -> Iterable[str]:
     found, path = t.result.toolpath, t.toolpath
     recorded = [f.name for f in t.inputs if f.role == "toolpath"]
     expected = {
-        "source": recorded[0] if recorded else path.source, "format": path.format, "points": len(path),
-        "cutting_points": int(path.cutting.sum()), "operations": [o.label for o in path.operations],
+        "source": recorded[0] if recorded else path.source,
+        "format": path.format,
+        "points": len(path),
+        "cutting_points": int(path.cutting.sum()),
+        "operations": [o.label for o in path.operations],
         "ignored": [vars(w) for w in path.ignored],
-    }  # fmt: skip
+    }
     yield from same_items("toolpath", found.plain(), plain(expected))
 
 
@@ -232,16 +243,24 @@ def _feed(t: Told) -> Iterable[str]:
 
 def _objective(t: Told) -> Iterable[str]:
     parts, w = t.result.objective, t.options.weights
-    for name, o in (("cam_default", parts.cam_default), ("jiao2022", parts.jiao2022), ("grid", parts.grid),
-                    ("chosen", parts.chosen)):  # fmt: skip
+    for name, o in (
+        ("cam_default", parts.cam_default),
+        ("jiao2022", parts.jiao2022),
+        ("grid", parts.grid),
+        ("chosen", parts.chosen),
+    ):
         if o.mean is None or o.worst is None:
             yield from same(f"objective.{name}.total", o.total, None)
             continue
         total = (
-            w.mean * o.mean + w.worst * o.worst + w.travel * known("travel", o.travel)
-            + w.rotation * known("rotation", o.rotation) + w.feed * known("feed", o.feed)
-            + known("preferred", o.preferred) + w.clearance * known("clearance", o.clearance)
-        )  # fmt: skip
+            w.mean * o.mean
+            + w.worst * o.worst
+            + w.travel * known("travel", o.travel)
+            + w.rotation * known("rotation", o.rotation)
+            + w.feed * known("feed", o.feed)
+            + known("preferred", o.preferred)
+            + w.clearance * known("clearance", o.clearance)
+        )
         yield from near(f"objective.{name}.total", o.total, total, DIGITS, DIGITS)
         if isinstance(o, ChoiceObjective) and not 0.0 <= o.feasible_share <= 1.0:
             yield f"objective.{name}.feasible_share is {short(o.feasible_share)}, not a share"
@@ -277,8 +296,10 @@ def _crowding(t: Told, told: float) -> Iterable[str]:
     counts = t.toolpath.cutting & np.isfinite(points.number("clearance_mm"))
     near = np.clip(1.0 - 1e-3 * points.number("clearance_mm")[counts] / t.options.clearance_full, 0.0, 1.0)
     if len(near) and not near.min() - CROWDED <= told <= near.max() + CROWDED:
-        yield (f"objective.chosen.clearance is {told:.6g}, the points of points.csv have {near.min():.6g} to "
-               f"{near.max():.6g}")  # fmt: skip
+        yield (
+            f"objective.chosen.clearance is {told:.6g}, the points of points.csv have {near.min():.6g} to "
+            f"{near.max():.6g}"
+        )
 
 
 def _gain(gain: MeanGain, own: ObjectiveParts, other: ObjectiveParts) -> Iterable[str]:
@@ -385,8 +406,19 @@ def _front(t: Told) -> Iterable[str]:
 
 
 _PARTS: dict[str, Callable[[Told], Iterable[str]]] = {
-    "verdict": _verdict, "inputs": _inputs, "outputs": _outputs, "options": _options, "toolpath": _toolpath,
-    "worst point": _worst, "infeasible points": _infeasible, "times": _times, "feed": _feed, "objective": _objective,
+    "verdict": _verdict,
+    "inputs": _inputs,
+    "outputs": _outputs,
+    "options": _options,
+    "toolpath": _toolpath,
+    "worst point": _worst,
+    "infeasible points": _infeasible,
+    "times": _times,
+    "feed": _feed,
+    "objective": _objective,
     "front": _front,
-    "compensation": _compensation, "verification": _verification, "programs": programs, "warnings": _warnings,
-}  # fmt: skip
+    "compensation": _compensation,
+    "verification": _verification,
+    "programs": programs,
+    "warnings": _warnings,
+}

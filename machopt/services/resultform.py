@@ -7,14 +7,32 @@ from pydantic import ValidationError
 from machopt.output.jsonfile import wrong_key
 
 _PART_OF = {
-    "inputs": "inputs", "cell": "inputs", "outputs": "outputs", "options": "options", "reading": "options",
-    "index": "options", "chosen_from": "options", "toolpath": "toolpath", "worst_point": "worst point",
-    "infeasible_points": "infeasible points", "breaks": "infeasible points", "obstructions": "infeasible points",
-    "cycle_time_s": "times", "timings_s": "times", "rapid_detours": "times", "feed_held_share": "feed",
-    "feed_dips": "feed", "objective": "objective", "index_scale": "objective", "front": "front",
-    "compensation": "compensation", "verification": "verification", "programs": "programs", "notes": "warnings",
+    "inputs": "inputs",
+    "cell": "inputs",
+    "outputs": "outputs",
+    "options": "options",
+    "reading": "options",
+    "index": "options",
+    "chosen_from": "options",
+    "toolpath": "toolpath",
+    "worst_point": "worst point",
+    "infeasible_points": "infeasible points",
+    "breaks": "infeasible points",
+    "obstructions": "infeasible points",
+    "cycle_time_s": "times",
+    "timings_s": "times",
+    "rapid_detours": "times",
+    "feed_held_share": "feed",
+    "feed_dips": "feed",
+    "objective": "objective",
+    "index_scale": "objective",
+    "front": "front",
+    "compensation": "compensation",
+    "verification": "verification",
+    "programs": "programs",
+    "notes": "warnings",
     "warnings": "warnings",
-}  # fmt: skip
+}
 """Top-level key → the part that holds it; the others, and keys that are none, belong to the verdict."""
 
 

@@ -41,9 +41,15 @@ class Rewritten:
     source: str  # what the program's head says it is from
 
     def checks(
-        self, files: Sequence[str], post: str | Path, parsed: ParsedProgram, said: ReadProgram, controller: Controller,
-        q: Array, T_base_workpiece: Array,
-    ) -> list[Check]:  # fmt: skip
+        self,
+        files: Sequence[str],
+        post: str | Path,
+        parsed: ParsedProgram,
+        said: ReadProgram,
+        controller: Controller,
+        q: Array,
+        T_base_workpiece: Array,
+    ) -> list[Check]:
         """Compare the whole text with the post's, and its zones with the law that the post follows.
 
         Args:
@@ -90,36 +96,61 @@ class Rewritten:
                 wrong.append(f"{file}, line {ends}: does not end in {keys.line_end.upper()} as the post ends its lines")
             if off is not None:
                 wrong.append(f"{file}, line {off.line}: {off.found[:70]!r} where the post writes {off.expected[:70]!r}")
-        return [*checks, Check(f"{name}: wording", not wrong, float(len(wrong)), 0.0, "files",
-                               "; ".join(wrong[:2]) or "every line as the post writes it")]  # fmt: skip
+        return [
+            *checks,
+            Check(
+                f"{name}: wording",
+                not wrong,
+                float(len(wrong)),
+                0.0,
+                "files",
+                "; ".join(wrong[:2]) or "every line as the post writes it",
+            ),
+        ]
 
     def _again(
         self, parsed: ParsedProgram, said: ReadProgram, controller: Controller, q: Array, T_base_workpiece: Array
-    ) -> RobotProgram:  # fmt: skip
+    ) -> RobotProgram:
         """The program as the post took it, from what was read; joints are the motion's, which only zones look at."""
         cell, n = self.cell, len(said)
         standing = posture_of(load_chain(cell)[0], q, controller)
         labels = list(dict.fromkeys(o for o in said.operation if o))
         number = {"": -1, **{label: n for n, label in enumerate(labels)}}
         own = self.toolpath.events
-        events = tuple(replace(e, index=r.index) for e, r in zip(own, parsed.events, strict=True)) if (
-            len(own) == len(parsed.events)) else parsed.events  # fmt: skip
+        events = (
+            tuple(replace(e, index=r.index) for e, r in zip(own, parsed.events, strict=True))
+            if (len(own) == len(parsed.events))
+            else parsed.events
+        )
         linear = said.kind == LIN
         feed = np.where(linear, np.where(said.feed > 0.0, said.feed, 1.0), np.nan)
         kind = said.kind.copy()
         kind[0] = 0  # a program begins with a joint move; that this one does is seen in its text
         feed[0] = np.nan
         return RobotProgram(
-            kind=kind, q=q, T_workpiece_tcp=said.T_workpiece_tcp, feed=feed,
-            cutting=(kind == LIN) & (said.move == Move.CUT), move=said.move,
+            kind=kind,
+            q=q,
+            T_workpiece_tcp=said.T_workpiece_tcp,
+            feed=feed,
+            cutting=(kind == LIN) & (said.move == Move.CUT),
+            move=said.move,
             operation=np.array([number[o] for o in said.operation], np.int32),
-            operations=tuple(labels), T_flange_tcp=cell.tool.T_flange_tcp, T_base_workpiece=T_base_workpiece,
-            ptp_speed=self.options.rapid_scale, events=events, blend=0.0 if said.streamed else self.tolerance.position,
-            source=self.source, joint_names=cell.arm_joints, time=np.arange(n, dtype=float) if said.streamed else None,
-            behind=None if standing is None else standing[0], elbow_up=None if standing is None else standing[1],
-            axis_velocity=cell.limits.velocity[:6], axis_acceleration=cell.limits.acceleration[:6],
-            tool_com=cell.tool.com, tool_mass=cell.tool.mass if cell.tool.mass > 0.0 else float("nan"),
-        )  # fmt: skip
+            operations=tuple(labels),
+            T_flange_tcp=cell.tool.T_flange_tcp,
+            T_base_workpiece=T_base_workpiece,
+            ptp_speed=self.options.rapid_scale,
+            events=events,
+            blend=0.0 if said.streamed else self.tolerance.position,
+            source=self.source,
+            joint_names=cell.arm_joints,
+            time=np.arange(n, dtype=float) if said.streamed else None,
+            behind=None if standing is None else standing[0],
+            elbow_up=None if standing is None else standing[1],
+            axis_velocity=cell.limits.velocity[:6],
+            axis_acceleration=cell.limits.acceleration[:6],
+            tool_com=cell.tool.com,
+            tool_mass=cell.tool.mass if cell.tool.mass > 0.0 else float("nan"),
+        )
 
 
 def failed_check(file: str, what: str, text: str) -> Check:
@@ -134,6 +165,8 @@ def _said_columns(parsed: ParsedProgram) -> dict[str, Sequence[object]]:
         return {"cnt": cnt, "continuous": [n > 0 for n in cnt]}
     if parsed.dialect == "jbi":
         rconf = [w.get("rconf") for w in words]
-        return {"pl": [int(w.get("pl", 0)) for w in words],  # type: ignore[call-overload]
-                "rconf": [",".join(map(str, r)) if isinstance(r, tuple) else "" for r in rconf]}  # fmt: skip
+        return {
+            "pl": [int(w.get("pl", 0)) for w in words],  # type: ignore[call-overload]
+            "rconf": [",".join(map(str, r)) if isinstance(r, tuple) else "" for r in rconf],
+        }
     return {}

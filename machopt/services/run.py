@@ -93,10 +93,16 @@ def _optimize(request: Request, progress: Callable[[str], None]) -> Outcome:
         if not options.allow_gaps:
             _refuse_wrong_unit(cell, toolpath, request)
     manifest = optimize_manifest(
-        cell, request.toolpath, toolpath, options, reading=request.reading, plan_file=request.plan_file,
-        post_files=[Path(text) for text in request.posts if is_post_file(text)], effects=request.effects,
+        cell,
+        request.toolpath,
+        toolpath,
+        options,
+        reading=request.reading,
+        plan_file=request.plan_file,
+        post_files=[Path(text) for text in request.posts if is_post_file(text)],
+        effects=request.effects,
         tolerance=tolerance,
-    )  # fmt: skip
+    )
     with output_folder(request.out) as folder:
         the_plan = plan(cell, toolpath, options, timings)
         if options.compensate:
@@ -117,9 +123,16 @@ def _optimize(request: Request, progress: Callable[[str], None]) -> Outcome:
                     c = the_plan.compensation
                     write_compensation_csv(folder / "compensation.csv", the_plan.path.index, c.offset, c.force)
         made = Made(
-            cell=cell, toolpath=toolpath, options=options, plan=the_plan, points=points, timeline=timeline,
-            verification=None, programs=withheld(posts, tolerance, "there is no motion"), manifest=manifest,
-        )  # fmt: skip
+            cell=cell,
+            toolpath=toolpath,
+            options=options,
+            plan=the_plan,
+            points=points,
+            timeline=timeline,
+            verification=None,
+            programs=withheld(posts, tolerance, "there is no motion"),
+            manifest=manifest,
+        )
         if timeline is not None and driven:
             with timings.stage("programs"):
                 made = made.with_programs(write_programs(folder, posts, the_plan, toolpath, timeline, tolerance))
@@ -135,8 +148,9 @@ def _optimize(request: Request, progress: Callable[[str], None]) -> Outcome:
             shown = mapped(made.plan, request.map_all)
         result = _tell(made, folder, timings, shown)
         if made.verification is not None:
-            whole = verify_folder(cell, toolpath, folder, options=options, inputs=manifest.inputs,
-                                  contents=made.verification)  # fmt: skip
+            whole = verify_folder(
+                cell, toolpath, folder, options=options, inputs=manifest.inputs, contents=made.verification
+            )
             if made.verification.ok and not whole.ok:  # what was written is not what was meant: a bug, or a bad disk
                 result = _tell(replace(made, verification=whole), folder, timings, shown)
     return Outcome(result.exit_code, result, request.out / "report.html")
@@ -148,14 +162,34 @@ def _tell(made: Made, folder: Path, timings: Timings, shown: Mapped) -> Optimize
         made = made.with_programs(withdrawn(folder, made.programs, made.verdict))
     with timings.stage("report"):
         data = report_data(
-            made.plan, made.toolpath, made.points, made.timeline, made.verification, made.programs, shown=shown,
-            unchecked=made.unchecked, hashes=hashes_of(made.manifest.inputs),
-            options=options_as_user(made.options), timings=timings.seconds,
-        )  # fmt: skip
-        data = replace(data, front=tuple(
-            FrontPoint(p.plan, p.changed, p.mean_index, p.worst_index, p.cycle_time_s, p.joint_travel_deg,
-                       p.clearance_mm, p.dominated) for p in made.front
-        ))  # fmt: skip
+            made.plan,
+            made.toolpath,
+            made.points,
+            made.timeline,
+            made.verification,
+            made.programs,
+            shown=shown,
+            unchecked=made.unchecked,
+            hashes=hashes_of(made.manifest.inputs),
+            options=options_as_user(made.options),
+            timings=timings.seconds,
+        )
+        data = replace(
+            data,
+            front=tuple(
+                FrontPoint(
+                    p.plan,
+                    p.changed,
+                    p.mean_index,
+                    p.worst_index,
+                    p.cycle_time_s,
+                    p.joint_travel_deg,
+                    p.clearance_mm,
+                    p.dominated,
+                )
+                for p in made.front
+            ),
+        )
         write_report(folder / "report.html", data)
     for name in ("result.json", MANIFEST):
         (folder / name).unlink(missing_ok=True)
@@ -181,14 +215,17 @@ def _refuse_fixed_beyond(toolpath: Toolpath, options: PlanOptions) -> None:
     if options.fixed and options.method != "global":
         raise InputError(
             f"method {options.method} chooses every rotation by itself and would not keep fixed ones; method global "
-            "would", file="options", where="fixed",
-        )  # fmt: skip
+            "would",
+            file="options",
+            where="fixed",
+        )
     for fixed in options.fixed:
         if fixed.point >= len(toolpath):
             raise InputError(
                 f"point {fixed.point} is fixed, but {toolpath.source} has points 0 to {len(toolpath) - 1}",
-                file="options", where="fixed",
-            )  # fmt: skip
+                file="options",
+                where="fixed",
+            )
 
 
 def _motion(the_plan: Plan, toolpath: Toolpath, options: PlanOptions, timings: Timings) -> Timeline | None:

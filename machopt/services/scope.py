@@ -29,9 +29,12 @@ def unchecked(cell: Cell, options: PlanOptions) -> tuple[str, ...]:
         out.append("collisions NOT checked")
     else:
         there = {
-            "robot": _has_bodies(cell), "workpiece": cell.workpiece.geometry, "tool": cell.tool.geometry,
-            "cutter": cell.tool.cutter, "obstacles": cell.obstacles,
-        }  # fmt: skip
+            "robot": _has_bodies(cell),
+            "workpiece": cell.workpiece.geometry,
+            "tool": cell.tool.geometry,
+            "cutter": cell.tool.cutter,
+            "obstacles": cell.obstacles,
+        }
         missing = [name for name, bodies in there.items() if not bodies]
         if missing:
             out.append(f"collisions with {_listed(missing)} NOT checked (not in the cell)")

@@ -55,9 +55,12 @@ def verify(request: Request) -> Verified:
         manifest = None  # a failed check of its own, below
     used = in_force(request, cell, manifest)
     found = verify_folder(
-        cell, used.toolpath, request.out, options=used.options,
+        cell,
+        used.toolpath,
+        request.out,
+        options=used.options,
         inputs=distinct((*cell_inputs(cell), single(request.toolpath, "toolpath"))),
-    )  # fmt: skip
+    )
     found = replace(found, checks=(*used.checks, *found.checks))
     missing = (*unchecked(cell, used.options), *not_run(found.checks))
     if not found.ok:
@@ -69,9 +72,14 @@ def verify(request: Request) -> Verified:
 
 
 def verify_folder(
-    cell: Cell, toolpath: Toolpath, folder: Path, *, options: PlanOptions, inputs: tuple[ManifestFile, ...],
+    cell: Cell,
+    toolpath: Toolpath,
+    folder: Path,
+    *,
+    options: PlanOptions,
+    inputs: tuple[ManifestFile, ...],
     contents: Verification | None = None,
-) -> Verification:  # fmt: skip
+) -> Verification:
     """Check every file of an output folder of optimize.
 
     Args:
@@ -97,7 +105,7 @@ def verify_folder(
 
 def content_checks(
     cell: Cell, toolpath: Toolpath, folder: Path, *, options: PlanOptions, manifest: Manifest | None
-) -> Verification:  # fmt: skip
+) -> Verification:
     """What the tables and programs of a folder say, recomputed from cell and toolpath; hashes play no part.
 
     Args:
@@ -116,7 +124,7 @@ def content_checks(
 
 def _programs(
     cell: Cell, toolpath: Toolpath, folder: Path, options: PlanOptions, manifest: Manifest | None, motion: Motion | None
-) -> list[Check]:  # fmt: skip
+) -> list[Check]:
     """The robot programs that the manifest lists, and files that look like one and belong to none."""
     listed = () if manifest is None else manifest.programs
     paths = () if manifest is None else manifest.inputs_of("toolpath")
@@ -127,9 +135,15 @@ def _programs(
     try:
         tolerance = tolerance_of(None if manifest is None else manifest.program_tolerance_mm, options)
         found = check_programs(
-            cell, toolpath, folder, posted, options=options, tolerance=tolerance, motion=motion,
+            cell,
+            toolpath,
+            folder,
+            posted,
+            options=options,
+            tolerance=tolerance,
+            motion=motion,
             source=None if name is None else f"{cell.name}; {name}",
-        )  # fmt: skip
+        )
     except InputError as problem:
         return [failed("robot programs", str(problem))]
     return [check for one in found for check in one.checks]

@@ -22,9 +22,15 @@ PERCENT = (
 
 
 def zone_check(
-    file: str, parsed: ParsedProgram, program: RobotProgram, law: Rounding, controller: Controller, *, zones: bool,
+    file: str,
+    parsed: ParsedProgram,
+    program: RobotProgram,
+    law: Rounding,
+    controller: Controller,
+    *,
+    zones: bool,
     own: bool,
-) -> list[Check]:  # fmt: skip
+) -> list[Check]:
     """One check; none where the format has no zones.
 
     Args:
@@ -45,8 +51,16 @@ def zone_check(
         stops = replace(law, distance=np.zeros(len(program)), room=np.zeros(len(program)))
         bad = _distances(parsed, program, law if zones else stops, own)
     named = [f"move {k + 1}, line {int(parsed.line[k])}: {text}" for k, text in bad]
-    return [Check(f"{file}: zones", not bad, float(len(bad)), 0.0, "moves",
-                  "; ".join(named[:3]) or "exact or rounded as the tolerance lets them")]  # fmt: skip
+    return [
+        Check(
+            f"{file}: zones",
+            not bad,
+            float(len(bad)),
+            0.0,
+            "moves",
+            "; ".join(named[:3]) or "exact or rounded as the tolerance lets them",
+        )
+    ]
 
 
 def _distances(parsed: ParsedProgram, program: RobotProgram, law: Rounding, own: bool) -> list[tuple[int, str]]:

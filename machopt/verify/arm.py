@@ -120,8 +120,12 @@ class Arm:
             place.append(np.linalg.inv(self._to_world))
         place[-1] = place[-1] @ self.cell.workpiece.T_link_workpiece
         rest = [np.zeros(3)] * 2
-        return (np.array(parent), np.array(place), np.array([*(step[1] for step in self._steps), *rest]),
-                np.array([*(step[2] for step in self._steps), *rest]))  # fmt: skip
+        return (
+            np.array(parent),
+            np.array(place),
+            np.array([*(step[1] for step in self._steps), *rest]),
+            np.array([*(step[2] for step in self._steps), *rest]),
+        )
 
     def _carried(self, joints: Array, frame: int) -> Array:
         """(S, 4, 4) of a link that is fixed to a joint."""

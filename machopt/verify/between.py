@@ -28,7 +28,7 @@ WAITING = 256  # pairs of boxes: both trees are at most 40 boxes deep
 
 def between(
     a: Parts, b: Parts, T: Array, rows: Ints | None = None, way: Array | None = None, claim: Array | None = None
-) -> tuple[Array, Array]:  # fmt: skip
+) -> tuple[Array, Array]:
     """(K,) m below and (K,) m above the distance, b moved by T (K, 4, 4) in a's own frame; 0 and 0 in contact.
 
     Parts are solid: one inside another is in contact with it. Quickest where neighbouring rows are neighbouring poses.
@@ -149,9 +149,21 @@ def _shortened(S: Array, size: int, x: Array, trial: Array, keep: Ints) -> int:
 
 @compiled
 def _walk(
-    pa: Array, a0: int, a1: int, da: float, pb: Array, b0: int, b1: int, db: float, T: Array, most: float,
-    u: Array, S: Array, work: Array, keep: Ints,
-) -> tuple[float, float]:  # fmt: skip
+    pa: Array,
+    a0: int,
+    a1: int,
+    da: float,
+    pb: Array,
+    b0: int,
+    b1: int,
+    db: float,
+    T: Array,
+    most: float,
+    u: Array,
+    S: Array,
+    work: Array,
+    keep: Ints,
+) -> tuple[float, float]:
     """m below and above the distance of two hulls with discs, b moved by T; u begins as a guess of the way from a to b.
 
     Ends as soon as the bound below reaches ``most``; u becomes the shortest way found, of unit length.
@@ -212,10 +224,27 @@ def _boxes(ma: Array, ha: Array, k: int, mb: Array, hb: Array, m: int, T: Array,
 
 @compiled
 def _bounds(
-    pa: Array, fa: Ints, da: Array, ra: Array, ma: Array, ha: Array,
-    pb: Array, fb: Ints, db: Array, rb: Array, mb: Array, hb: Array,
-    T: Array, most: float, guess: Ints, waiting: Ints, gaps: Array, S: Array, work: Array, keep: Ints,
-) -> tuple[float, float]:  # fmt: skip
+    pa: Array,
+    fa: Ints,
+    da: Array,
+    ra: Array,
+    ma: Array,
+    ha: Array,
+    pb: Array,
+    fb: Ints,
+    db: Array,
+    rb: Array,
+    mb: Array,
+    hb: Array,
+    T: Array,
+    most: float,
+    guess: Ints,
+    waiting: Ints,
+    gaps: Array,
+    S: Array,
+    work: Array,
+    keep: Ints,
+) -> tuple[float, float]:
     """m below and above the distance, close where that is below ``most``; ``guess`` (2,) are two parts that may be the
     nearest, and become them."""
     na, nb = len(ma) // 2, len(mb) // 2
@@ -287,10 +316,23 @@ def _bounds(
 
 @compiled
 def _follow(
-    pa: Array, fa: Ints, da: Array, ra: Array, ma: Array, ha: Array,
-    pb: Array, fb: Ints, db: Array, rb: Array, mb: Array, hb: Array,
-    T: Array, rows: Ints, way: Array, claim: Array,
-) -> tuple[Array, Array]:  # fmt: skip
+    pa: Array,
+    fa: Ints,
+    da: Array,
+    ra: Array,
+    ma: Array,
+    ha: Array,
+    pb: Array,
+    fb: Ints,
+    db: Array,
+    rb: Array,
+    mb: Array,
+    hb: Array,
+    T: Array,
+    rows: Ints,
+    way: Array,
+    claim: Array,
+) -> tuple[Array, Array]:
     below, above = np.zeros(len(T)), np.full(len(T), np.inf)
     guess, waiting, gaps = np.zeros(2, np.int64), np.empty((WAITING, 2), np.int64), np.empty(WAITING)
     S, work, keep = np.empty((4, 3)), np.zeros((6, 3)), np.empty(2, np.int64)
@@ -300,8 +342,7 @@ def _follow(
         if below[n] >= claim[n]:
             continue
         known, above[n] = _bounds(
-            pa, fa, da, ra, ma, ha, pb, fb, db, rb, mb, hb, T[n], claim[n] + BEYOND,
-            guess, waiting, gaps, S, work, keep,
-        )  # fmt: skip
+            pa, fa, da, ra, ma, ha, pb, fb, db, rb, mb, hb, T[n], claim[n] + BEYOND, guess, waiting, gaps, S, work, keep
+        )
         below[n], since = known, way[n]
     return below, above

@@ -195,21 +195,21 @@ def near(a: Body, b: Body, T: Array, margin: float = 0.0) -> bool:
 
     request = coal.CollisionRequest()
     request.security_margin = margin
-    return bool(coal.collide(a.shape, a.placed, b.shape, _placed(T @ b.place), request,
-                             coal.CollisionResult()))  # fmt: skip
+    return bool(coal.collide(a.shape, a.placed, b.shape, _placed(T @ b.place), request, coal.CollisionResult()))
 
 
 def distance(a: Body, b: Body, T: Array) -> float:
     """m between a and b, at most 0 in contact."""
     import coal
 
-    return float(coal.distance(a.shape, a.placed, b.shape, _placed(T @ b.place), coal.DistanceRequest(),
-                               coal.DistanceResult()))  # fmt: skip
+    return float(
+        coal.distance(a.shape, a.placed, b.shape, _placed(T @ b.place), coal.DistanceRequest(), coal.DistanceResult())
+    )
 
 
 def bounds(
     a: Body, b: Body, T: Array, rows: NDArray[np.intp], way: Array | None = None, claim: Array | None = None
-) -> tuple[Array, Array]:  # fmt: skip
+) -> tuple[Array, Array]:
     """(K,) m below and above the distance in some rows, T (K, 4, 4) being b's carrier seen from a's: see
     :func:`machopt.verify.between.between`."""
     if a.parts is None or b.parts is None:
@@ -233,5 +233,16 @@ def _body(name: str, kind: str, link: int, carrier: int, place: Array, shape: An
     balls = np.tile(middle, (count, 1))
     balls[:, long] += half[long] * ((2 * np.arange(count) + 1) / count - 1)
     place = np.asarray(place)
-    return Body(name, kind, link, carrier, place, _placed(place), shape, middle, half, balls,
-                float(np.hypot(half[long] / count, across)))  # fmt: skip
+    return Body(
+        name,
+        kind,
+        link,
+        carrier,
+        place,
+        _placed(place),
+        shape,
+        middle,
+        half,
+        balls,
+        float(np.hypot(half[long] / count, across)),
+    )

@@ -112,7 +112,10 @@ def _rounder(body: Body) -> float:
 def _moving_pairs(bodies: list[Body]) -> list[tuple[Body, Body]]:
     """Any two bodies that move against each other, in either order; the full cutter against all but the part."""
     return [
-        (a, b) for a in bodies for b in bodies
-        if a is not b and a.carrier != b.carrier and ("grazing" in (a.kind, b.kind)) == (
-            {a.kind, b.kind} <= {"workpiece", "grazing", "cutter"})
-    ]  # fmt: skip
+        (a, b)
+        for a in bodies
+        for b in bodies
+        if a is not b
+        and a.carrier != b.carrier
+        and ("grazing" in (a.kind, b.kind)) == ({a.kind, b.kind} <= {"workpiece", "grazing", "cutter"})
+    ]

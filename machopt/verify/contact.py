@@ -33,9 +33,7 @@ class Contact:
     stretches: tuple[int, ...]  # sample before or in each stretch in contact
 
 
-def contacts(
-    arm: Arm, wanted: list[tuple[Body, Body]], q: Array, external: Array, free: Bools
-) -> list[Contact]:  # fmt: skip
+def contacts(arm: Arm, wanted: list[tuple[Body, Body]], q: Array, external: Array, free: Bools) -> list[Contact]:
     """Every pair of bodies that touches along the motion.
 
     Args:

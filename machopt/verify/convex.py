@@ -118,11 +118,13 @@ def _tree(points: Array, sizes: list[int], disc: float, ball: float) -> Parts | 
     first = np.append(0, np.cumsum(size))
     place = np.repeat(begin[order] - first[:-1], size) + np.arange(len(points))
     return Parts(
-        np.ascontiguousarray(points[place]), first,
-        np.full(count, disc), np.full(count, ball),
+        np.ascontiguousarray(points[place]),
+        first,
+        np.full(count, disc),
+        np.full(count, ball),
         np.where(full, (np.where(full, least, 0.0) + np.where(full, most, 0.0)) / 2.0, 0.0),
         np.where(full, (np.where(full, most, 0.0) - np.where(full, least, 0.0)) / 2.0, -1.0),
-    )  # fmt: skip
+    )
 
 
 def _curve(middle: Array) -> Ints:

@@ -116,14 +116,10 @@ class Elasticity:
         every = stiffness.joints[None]
         if stiffness.grid is not None:
             every = np.vstack([every, stiffness.grid.joints])
-        self._curves = tuple(
-            springs.curves(stiffness.terms, every, cell.limits.lower[:6], cell.limits.upper[:6])
-        )  # fmt: skip
+        self._curves = tuple(springs.curves(stiffness.terms, every, cell.limits.lower[:6], cell.limits.upper[:6]))
         zero = arm.stance(np.zeros((1, 6)))
         self._zero = zero.frames[0]
-        self._springs = springs.body_springs(
-            stiffness.terms, zero.origin[0], zero.flange[0], cell.tool.T_flange_tcp
-        )  # fmt: skip
+        self._springs = springs.body_springs(stiffness.terms, zero.origin[0], zero.flange[0], cell.tool.T_flange_tcp)
 
     def at(self, stance: Stance, position: Array) -> Softness:
         """Args: position (N, 3) m of the programmed TCP in base_link."""
@@ -137,9 +133,16 @@ class Elasticity:
             now = stance.frames[:, body] @ np.linalg.inv(self._zero[body]) @ S
             bodies += springs.carried(springs.turned(C, now[:, :3, :3]), stance.tcp[:, :3, 3] - now[:, :3, 3])
         return Softness(
-            stance.J, gear, k, springs.joint_compliance(self.stiffness.terms, stance.q), self._curves, weight, bodies,
-            any(t.effect == "geometric_stiffness" for t in self.stiffness.terms), holds,
-        )  # fmt: skip
+            stance.J,
+            gear,
+            k,
+            springs.joint_compliance(self.stiffness.terms, stance.q),
+            self._curves,
+            weight,
+            bodies,
+            any(t.effect == "geometric_stiffness" for t in self.stiffness.terms),
+            holds,
+        )
 
     def gears(self, position: Array) -> tuple[Array, tuple[tuple[NDArray[np.int64], Array], ...]]:
         """(N, 6) N·m/rad at positions (N, 3) in base_link, and what they are made of."""

@@ -87,8 +87,14 @@ def walk(toolpath: Toolpath, first: int, last: int) -> tuple[Pieces, Array]:
     at = np.append(0.0, np.cumsum(size))
     moves = np.flatnonzero(size > 0)
     ends = first + moves + 1
-    return Pieces(at[moves], at[moves + 1], step[moves] / size[moves, None], toolpath.axis[ends - 1],
-                  toolpath.axis[ends], np.asarray(toolpath.move[ends] == Move.CUT)), at  # fmt: skip
+    return Pieces(
+        at[moves],
+        at[moves + 1],
+        step[moves] / size[moves, None],
+        toolpath.axis[ends - 1],
+        toolpath.axis[ends],
+        np.asarray(toolpath.move[ends] == Move.CUT),
+    ), at
 
 
 def _share(pieces: Pieces, cuts: _Force, s: float, length: float) -> float:

@@ -16,9 +16,18 @@ Array = NDArray[np.float64]
 
 @compiled
 def targets_in_order(
-    place: Array, turn: Array, joints: Array, wanted_place: Array, wanted_turn: Array, wanted_joints: Array,
-    by_joints: NDArray[np.bool_], near_pose: Array, near_joint: Array, lever: float, give_up: int,
-) -> tuple[NDArray[np.int64], Array, Array]:  # fmt: skip
+    place: Array,
+    turn: Array,
+    joints: Array,
+    wanted_place: Array,
+    wanted_turn: Array,
+    wanted_joints: Array,
+    by_joints: NDArray[np.bool_],
+    near_pose: Array,
+    near_joint: Array,
+    lever: float,
+    give_up: int,
+) -> tuple[NDArray[np.int64], Array, Array]:
     """Where each target lies on the motion: on the first stretch ahead that is near it, at the foot beside its nearest
     sample.
 

@@ -76,8 +76,12 @@ def _differs(shape: ElementTree.Element, body: Body) -> str:
         size = [float(v) for key in SIZES[word] for v in str(shape.get(key)).split()]
     except ValueError:
         return f"its size {dict(shape.attrib)} is no number"
-    wanted = {"box": size, "cylinder": [2 * size[0]] * 2 + size[1:], "sphere": [2 * size[0]] * 3,
-              "capsule": [2 * size[0]] * 2 + [size[-1] + 2 * size[0]]}[word]  # fmt: skip
+    wanted = {
+        "box": size,
+        "cylinder": [2 * size[0]] * 2 + size[1:],
+        "sphere": [2 * size[0]] * 3,
+        "capsule": [2 * size[0]] * 2 + [size[-1] + 2 * size[0]],
+    }[word]
     if len(wanted) != 3 or np.abs(np.array(wanted) - extent).max() > SAME_M:
         return f"has {[round(1e3 * v, 3) for v in wanted]} mm, loaded with {np.round(1e3 * extent, 3).tolist()} mm"
     return ""

@@ -24,9 +24,7 @@ Bools = NDArray[np.bool_]
 GAMMA_DEG = 0.1  # the axis may be 0.05° off while the tool rounds a corner, which turns what is measured about it
 
 
-def check_labels(
-    motion: Motion, toolpath: Toolpath, points: Points, ride: Ride, allow_gaps: bool
-) -> list[Check]:  # fmt: skip
+def check_labels(motion: Motion, toolpath: Toolpath, points: Points, ride: Ride, allow_gaps: bool) -> list[Check]:
     """Moves, operations and rotation of trajectory.csv."""
     return [
         counted("moves of the samples", _moves(motion, toolpath, points, ride, allow_gaps)),

@@ -25,8 +25,9 @@ def _time(motion: Motion, options: PlanOptions) -> list[Check]:
     step = np.diff(motion.time)
     off = np.abs(step - motion.cycle) if motion.cycle > 0 else np.full(len(step), np.inf)
     n = int(np.argmax(off))
-    even = Check("uniform time", bool(off[n] <= JITTER_S and (step > 0).all()), float(off[n]), JITTER_S, "s",
-                 motion.at(n + 1))  # fmt: skip
+    even = Check(
+        "uniform time", bool(off[n] <= JITTER_S and (step > 0).all()), float(off[n]), JITTER_S, "s", motion.at(n + 1)
+    )
     wrong = np.array([abs(motion.cycle - options.sample), abs(motion.time[0])])
     told = (f"{1e3 * motion.cycle:g} ms from row to row, {1e3 * options.sample:g} asked for", "the first row")
     return [even, worst("control cycle and start", "s", wrong, JITTER_S, told)]
@@ -45,8 +46,16 @@ def _limits(motion: Motion, cell: Cell) -> list[Check]:
     beyond = np.maximum(limits.lower - q, q - limits.upper)
     n, j = np.unravel_index(np.argmax(beyond), beyond.shape)
     where = f"axis {j + 1}, {motion.at(int(n))}"
-    out = [Check("joint positions", bool(beyond[n, j] <= 1e-8), float(np.degrees(beyond[n, j])), 0.0,
-                 "deg beyond the limit", where)]  # fmt: skip
+    out = [
+        Check(
+            "joint positions",
+            bool(beyond[n, j] <= 1e-8),
+            float(np.degrees(beyond[n, j])),
+            0.0,
+            "deg beyond the limit",
+            where,
+        )
+    ]
     x = np.vstack([np.repeat(q[:1], 3, axis=0), q, np.repeat(q[-1:], 3, axis=0)])
     orders = (
         ("velocity", limits.velocity, VELOCITY),

@@ -47,9 +47,11 @@ def deepest(motion: Motion, arm: Arm, bodies: list[Body], rows: NDArray[np.int64
     world = arm.placements(motion.q[rows], motion.external[rows])
     met = [
         (n, cutter, part)
-        for n in range(len(rows)) for cutter in cutters for part in parts
+        for n in range(len(rows))
+        for cutter in cutters
+        for part in parts
         if near(part, cutter, inverse(world[n, part.carrier]) @ world[n, cutter.carrier])
-    ]  # fmt: skip
+    ]
     best, at = float("nan"), -1
     for i in _some(np.arange(len(met)), LOOKED_AT):
         n, cutter, part = met[i]
@@ -128,10 +130,14 @@ def level(motion: Motion, toolpath: Toolpath, ride: Ride, cell: Cell) -> list[Ch
     k, m = int(np.argmax(under)), int(np.argmax(beside))
     out = [Check(name, bool(under[k] <= BELOW), 1e3 * float(under[k]), 1e3 * BELOW, "mm", motion.at(rows[k]))]
     if beside[m] > BELOW:
-        out.append(not_run(
-            "level beside the cuts",
-            f"the tip goes {1e3 * beside[m]:.1f} mm under the nearest cuts at {motion.at(rows[m])}; "
-            "without workpiece geometry nothing tells whether material is there", "mm"))  # fmt: skip
+        out.append(
+            not_run(
+                "level beside the cuts",
+                f"the tip goes {1e3 * beside[m]:.1f} mm under the nearest cuts at {motion.at(rows[m])}; "
+                "without workpiece geometry nothing tells whether material is there",
+                "mm",
+            )
+        )
     return out
 
 

@@ -37,7 +37,7 @@ OFF = "collision checks are switched off (collision: false)"
 
 def verify_output(
     cell: Cell, toolpath: Toolpath, out: Path, *, options: PlanOptions | None = None, motion: Motion | None = None
-) -> Verification:  # fmt: skip
+) -> Verification:
     """Check ``out/trajectory.csv`` and ``out/points.csv``, and ``compensation.csv`` where points.csv tells a shift.
 
     Every column of both tables is recomputed; what the rows call their moves is checked against the CAM file and
@@ -67,8 +67,9 @@ def verify_output(
             (Check(f"{name} can be read", False, np.nan, np.nan, "", f"{place}{error.reason}"),), 0, 0.0
         )
     arm = Arm(cell)
-    index, position = (np.arange(len(toolpath), dtype=float), toolpath.position) if shift is None else (
-        corners(toolpath, shift))  # fmt: skip
+    index, position = (
+        (np.arange(len(toolpath), dtype=float), toolpath.position) if shift is None else (corners(toolpath, shift))
+    )
     stands = replace(motion, q=true_angles(cell.kinematics, motion.q))
     stood = replace(points, q=true_angles(cell.kinematics, points.q))
     on = ride(motion, toolpath, index, position, arm.tcp_in_workpiece(stands.q, motion.external), options)

@@ -33,12 +33,17 @@ def check_path(motion: Motion, toolpath: Toolpath, points: Points, ride: Ride, a
         _index(motion, ride),
         _visited(motion, wanted),
         _throughout("cut throughout", motion, toolpath, motion.move == Move.CUT, wanted),
-        _throughout("feed moves driven", motion, toolpath, ride.fed | ride.lifted,
-                    (toolpath.move != Move.RAPID) & ~(given_up & allow_gaps)),
+        _throughout(
+            "feed moves driven",
+            motion,
+            toolpath,
+            ride.fed | ride.lifted,
+            (toolpath.move != Move.RAPID) & ~(given_up & allow_gaps),
+        ),
         _rapid_points(motion, toolpath, ride, given_up),
         _order(motion),
         _not_driven(motion, ride, points),
-    ]  # fmt: skip
+    ]
 
 
 def _on_path(motion: Motion, toolpath: Toolpath, ride: Ride) -> list[Check]:
@@ -74,8 +79,9 @@ def _index(motion: Motion, ride: Ride) -> Check:
     rows = np.flatnonzero(ride.fed | ((motion.move == Move.CUT) & np.isfinite(motion.point)))
     if not len(rows):
         return Check("index of the samples", False, np.nan, 1e3 * ride.path_limit, "mm", "no sample is on the toolpath")
-    return worst("index of the samples", "mm", 1e3 * ride.off_index[rows], 1e3 * ride.path_limit,
-                 lambda n: motion.at(rows[n]))  # fmt: skip
+    return worst(
+        "index of the samples", "mm", 1e3 * ride.off_index[rows], 1e3 * ride.path_limit, lambda n: motion.at(rows[n])
+    )
 
 
 def _visited(motion: Motion, wanted: Bools) -> Check:

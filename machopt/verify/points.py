@@ -140,11 +140,23 @@ class PointsCheck:
         out = [
             worst("points.csv x y z", "mm", np.abs(place).max(axis=1), PLACE_MM, self.where(every)),
             worst("points.csv i j k", "1", np.abs(axis).max(axis=1), AXIS, self.where(every)),
-            counted("points.csv operation", [f"point {p} is of {a!r}, the toolpath says {b!r}" for p, (a, b)
-                    in zip(self.points.point, words, strict=True) if a != b]),
-            counted("points.csv move", [f"point {p} is called {a}, the toolpath says {b}" for p, a, b
-                    in zip(self.points.point, self.points.words["move"], move, strict=True) if a != b]),
-        ]  # fmt: skip
+            counted(
+                "points.csv operation",
+                [
+                    f"point {p} is of {a!r}, the toolpath says {b!r}"
+                    for p, (a, b) in zip(self.points.point, words, strict=True)
+                    if a != b
+                ],
+            ),
+            counted(
+                "points.csv move",
+                [
+                    f"point {p} is called {a}, the toolpath says {b}"
+                    for p, a, b in zip(self.points.point, self.points.words["move"], move, strict=True)
+                    if a != b
+                ],
+            ),
+        ]
         if "feed_mm_min" in self.points.numbers:
             out.append(self.column("feed_mm_min", 6e4 * t.feed[k], every, "mm/min", FEED_MM_MIN))
         return out
@@ -159,14 +171,20 @@ class PointsCheck:
             if status not in words:
                 wrong.append(f"{at}: {status!r} is no status")
             elif status == "ok":
-                lacks = [name for name in ("gamma_deg", "branch", "limit_margin_deg", "singularity")
-                         if not np.isfinite(numbers[name][n])]  # fmt: skip
+                lacks = [
+                    name
+                    for name in ("gamma_deg", "branch", "limit_margin_deg", "singularity")
+                    if not np.isfinite(numbers[name][n])
+                ]
                 lacks += [] if self.known[n] else ["joints"]
                 wrong += [f"{at} is ok and lacks {', '.join(lacks)}"] if lacks else []
                 wrong += [f"{at} is ok and has a reason"] if reason else []
             else:
-                more = [name for name in ("gamma_deg", "k_axial_N_mm", "k_normal_N_mm", "deflection_mm", "clearance_mm")
-                        if np.isfinite(numbers[name][n])]  # fmt: skip
+                more = [
+                    name
+                    for name in ("gamma_deg", "k_axial_N_mm", "k_normal_N_mm", "deflection_mm", "clearance_mm")
+                    if np.isfinite(numbers[name][n])
+                ]
                 wrong += [f"{at} is {status} and has {', '.join(more)}"] if more else []
                 wrong += [] if reason else [f"{at} is {status} without a reason"]
         return counted("points.csv status", wrong, "points")
@@ -184,9 +202,10 @@ class PointsCheck:
         return [
             worst("points.csv on the toolpath", "mm", 1e3 * away, ON_MM, self.where(rows)),
             worst("points.csv along the axis", "deg", np.degrees(tilt), ON_DEG, self.where(rows)),
-            worst("points.csv gamma_deg", "deg", np.degrees(np.fmin(turn[:, 0], turn[:, 1])), GAMMA_DEG,
-                  self.where(rows)),
-        ]  # fmt: skip
+            worst(
+                "points.csv gamma_deg", "deg", np.degrees(np.fmin(turn[:, 0], turn[:, 1])), GAMMA_DEG, self.where(rows)
+            ),
+        ]
 
     def _row_of_point(self) -> NDArray[np.intp]:
         """(P,) a row of the table for each point of the toolpath; 0 where it has none."""
@@ -278,6 +297,11 @@ class PointsCheck:
         if not told:
             return Check("points.csv stiffness_from", False, np.nan, 0.0, "rows", "the column is missing")
         wanted = ["grid" if len(cells) else "constant" for cells, _ in holds]
-        return counted("points.csv stiffness_from", [
-            f"point {p} rests on the {a}, not the {b}" for p, a, b in zip(self.points.point, told, wanted, strict=True)
-            if a != b])  # fmt: skip
+        return counted(
+            "points.csv stiffness_from",
+            [
+                f"point {p} rests on the {a}, not the {b}"
+                for p, a, b in zip(self.points.point, told, wanted, strict=True)
+                if a != b
+            ],
+        )

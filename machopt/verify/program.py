@@ -47,9 +47,7 @@ class Allowed:
     axis_corner: float  # rad, the same of the tool axis
 
 
-def along_motion(
-    said: ReadProgram, motion: Motion, tcp: Array, allowed: Allowed
-) -> tuple[list[Check], Array]:  # fmt: skip
+def along_motion(said: ReadProgram, motion: Motion, tcp: Array, allowed: Allowed) -> tuple[list[Check], Array]:
     """Compare a program with the motion.
 
     Args:
@@ -67,19 +65,29 @@ def along_motion(
     place = max(PATH_MM * 1e-3, allowed.corner, allowed.position) + said.place_step  # corners lie between samples
     checks = [
         _worst(said, "targets on the motion", "mm", 1e3 * gap, 1e3 * place, where),
-        _worst(said, "tool axis at targets", "deg", np.degrees(tilt),
-               max(AXIS_DEG, np.degrees(allowed.axis_corner)) + np.degrees(said.joint_step), where),
-        _worst(said, "orientation at targets", "deg", np.degrees(turn),
-               np.degrees(allowed.turn + said.joint_step), where),
-    ]  # fmt: skip
+        _worst(
+            said,
+            "tool axis at targets",
+            "deg",
+            np.degrees(tilt),
+            max(AXIS_DEG, np.degrees(allowed.axis_corner)) + np.degrees(said.joint_step),
+            where,
+        ),
+        _worst(
+            said, "orientation at targets", "deg", np.degrees(turn), np.degrees(allowed.turn + said.joint_step), where
+        ),
+    ]
     for rows, what, most in (
         (np.isfinite(joints) & ~linear, "joints at targets", JOINT_DEG),
         (np.isfinite(joints) & linear, "joints on lines", BRANCH * float(np.degrees(allowed.turn))),
-    ):  # fmt: skip
+    ):
         if rows.any():
             k = np.flatnonzero(rows)
-            checks.append(_worst(said, what, "deg", np.degrees(joints[k]), most + np.degrees(said.joint_step),
-                                 [where[n] for n in k]))  # fmt: skip
+            checks.append(
+                _worst(
+                    said, what, "deg", np.degrees(joints[k]), most + np.degrees(said.joint_step), [where[n] for n in k]
+                )
+            )
     checks.append(_whole(said, motion, at))
     checks += [
         *_lines(said, motion, tcp, at, allowed, where),
@@ -90,9 +98,7 @@ def along_motion(
     return checks, at
 
 
-def _worst(
-    said: ReadProgram, what: str, unit: str, values: Array, limit: float, where: Sequence[str]
-) -> Check:  # fmt: skip
+def _worst(said: ReadProgram, what: str, unit: str, values: Array, limit: float, where: Sequence[str]) -> Check:
     """The greatest of ``values``; a NaN is worse than all."""
     n = int(np.argmax(np.where(np.isnan(values), np.inf, values)))
     return Check(f"{said.file}: {what}", bool(values[n] <= limit), float(values[n]), float(limit), unit, where[n])
@@ -110,9 +116,13 @@ def _matched(
     known: NDArray[np.bool_] = np.asarray(np.isfinite(said.q).all(axis=1))
     if said.streamed and n == len(p) and known.all():
         turn = np.asarray(Rotation.from_matrix(np.swapaxes(R, -1, -2) @ said.T_workpiece_tcp[:, :3, :3]).magnitude())
-        return (np.arange(n, dtype=float), np.linalg.norm(p - said.T_workpiece_tcp[:, :3, 3], axis=1),
-                np.linalg.norm(R[:, :, 2] - said.T_workpiece_tcp[:, :3, 2], axis=1), turn,
-                np.abs(motion.q - said.q).max(axis=1))  # fmt: skip
+        return (
+            np.arange(n, dtype=float),
+            np.linalg.norm(p - said.T_workpiece_tcp[:, :3, 3], axis=1),
+            np.linalg.norm(R[:, :, 2] - said.T_workpiece_tcp[:, :3, 2], axis=1),
+            turn,
+            np.abs(motion.q - said.q).max(axis=1),
+        )
     # a target between two samples is up to half of what they are apart from the nearer one
     gone = _longest(
         np.linalg.norm(np.diff(p, axis=0), axis=1) + LEVER * np.linalg.norm(np.diff(R, axis=0), axis=(1, 2))
@@ -121,10 +131,18 @@ def _matched(
     by_joints = known & (said.kind != LIN)
     T = said.T_workpiece_tcp
     nearest, at, gap = targets_in_order(
-        np.ascontiguousarray(p), np.ascontiguousarray(R), np.ascontiguousarray(motion.q, float),
-        np.ascontiguousarray(T[:, :3, 3]), np.ascontiguousarray(T[:, :3, :3]), np.ascontiguousarray(said.q, float),
-        by_joints, near + 0.5 * gone, near_joint + 0.5 * swept, LEVER, GIVEN_UP,
-    )  # fmt: skip
+        np.ascontiguousarray(p),
+        np.ascontiguousarray(R),
+        np.ascontiguousarray(motion.q, float),
+        np.ascontiguousarray(T[:, :3, 3]),
+        np.ascontiguousarray(T[:, :3, :3]),
+        np.ascontiguousarray(said.q, float),
+        by_joints,
+        near + 0.5 * gone,
+        near_joint + 0.5 * swept,
+        LEVER,
+        GIVEN_UP,
+    )
     on = nearest >= 0
     gap[on], tilt[on], turn[on] = _foot(at[on], T[on], p, R, allowed.corner)
     told = on & known
@@ -186,13 +204,17 @@ def _whole(said: ReadProgram, motion: Motion, at: Array) -> Check:
     start = np.abs(motion.q[: int(at[known[0]]) + 1] - motion.q[0]).max() if at[known[0]] > 0 else 0.0
     left = [f"it ends at sample {at[known[-1]]:.0f} of {last}"] if at[known[-1]] < end - 1 else []
     left += [f"it begins at sample {at[known[0]]:.0f}"] if start > NEAR_JOINT else []
-    return Check(f"{said.file}: whole motion", not left, float(len(left)), 0.0, "ends missing",
-                 "; ".join(left) or "from the first sample to the last")  # fmt: skip
+    return Check(
+        f"{said.file}: whole motion",
+        not left,
+        float(len(left)),
+        0.0,
+        "ends missing",
+        "; ".join(left) or "from the first sample to the last",
+    )
 
 
-def _lines(
-    said: ReadProgram, motion: Motion, tcp: Array, at: Array, allowed: Allowed, where: list[str]
-) -> list[Check]:  # fmt: skip
+def _lines(said: ReadProgram, motion: Motion, tcp: Array, at: Array, allowed: Allowed, where: list[str]) -> list[Check]:
     """The motion's samples against what the controller draws between the targets."""
     known = np.flatnonzero(np.isfinite(at))
     if len(known) < 2 or said.streamed:
@@ -207,17 +229,24 @@ def _lines(
     linear = said.kind[move] == LIN
     checks = []
     if linear.any():
-        off = np.vstack([
-            _off_line(tcp[rows[linear][k : k + AT_ONCE]], said.T_workpiece_tcp[move[linear][k : k + AT_ONCE] - 1],
-                      said.T_workpiece_tcp[move[linear][k : k + AT_ONCE]])
-            for k in range(0, int(linear.sum()), AT_ONCE)
-        ])  # fmt: skip
+        off = np.vstack(
+            [
+                _off_line(
+                    tcp[rows[linear][k : k + AT_ONCE]],
+                    said.T_workpiece_tcp[move[linear][k : k + AT_ONCE] - 1],
+                    said.T_workpiece_tcp[move[linear][k : k + AT_ONCE]],
+                )
+                for k in range(0, int(linear.sum()), AT_ONCE)
+            ]
+        )
         ways = [f"on the way to {where[k]}" for k in move[linear]]
-        for column, (what, unit, limit, scale) in enumerate((
-            ("lines along the motion", "mm", allowed.position + said.place_step, 1e3),
-            ("tool axis along lines", "deg", allowed.axis + said.joint_step, 180.0 / np.pi),
-            ("orientation along lines", "deg", allowed.turn + said.joint_step, 180.0 / np.pi),
-        )):  # fmt: skip
+        for column, (what, unit, limit, scale) in enumerate(
+            (
+                ("lines along the motion", "mm", allowed.position + said.place_step, 1e3),
+                ("tool axis along lines", "deg", allowed.axis + said.joint_step, 180.0 / np.pi),
+                ("orientation along lines", "deg", allowed.turn + said.joint_step, 180.0 / np.pi),
+            )
+        ):
             checks.append(_worst(said, what, unit, scale * off[:, column], scale * limit, ways))
     if not linear.all():
         pick = np.flatnonzero(~linear)
@@ -260,7 +289,7 @@ def _off_joint_line(q: Array, a: Array, b: Array) -> Array:
 
 def _kinds(
     said: ReadProgram, motion: Motion, p: Array, at: Array, linear: NDArray[np.bool_], where: list[str], place: float
-) -> Check:  # fmt: skip
+) -> Check:
     """No joint move where the tool cuts, and what comments call a move is what the motion does there.
 
     Samples within ``place`` (m) of either target tell nothing: round a corner the tool dwells there, and it may stand
@@ -276,15 +305,17 @@ def _kinds(
     apart = np.minimum(*(np.linalg.norm(p[rows] - tip[n], axis=1) for n in (k - 1, k)))
     tells = ~(linear[k] & linear[k - 1]) | (apart > place)
     n, moves = len(at), motion.move[rows[tells]]
-    seen, cuts, led = (np.bincount(k[tells][which], minlength=n) > 0
-                       for which in (slice(None), moves == Move.CUT, moves != Move.RAPID))  # fmt: skip
+    seen, cuts, led = (
+        np.bincount(k[tells][which], minlength=n) > 0 for which in (slice(None), moves == Move.CUT, moves != Move.RAPID)
+    )
     astray = seen & ~linear & led & (not said.streamed)
     called = seen & linear & ((said.move == Move.CUT) != cuts)
     wrong = [
-        f"{where[m]} is a joint move where the tool is led along the path" if astray[m] else
-        f"{where[m]} is called {Move(int(said.move[m])).word} where the motion says otherwise"
+        f"{where[m]} is a joint move where the tool is led along the path"
+        if astray[m]
+        else f"{where[m]} is called {Move(int(said.move[m])).word} where the motion says otherwise"
         for m in np.flatnonzero(astray | called).tolist()
-    ]  # fmt: skip
+    ]
     text = "; ".join(wrong[:3]) or "all agree"
     return Check(f"{said.file}: kinds of moves", not wrong, float(len(wrong)), 0.0, "moves", text)
 
@@ -293,10 +324,19 @@ def _timed(said: ReadProgram, motion: Motion, at: Array, where: list[str]) -> Ch
     """Streamed targets: one a control sample, each at its own time."""
     n = len(motion.time)
     if len(said) != n:
-        return Check(f"{said.file}: one target a sample", False, float(len(said)), float(n), "targets",
-                     f"{len(said)} targets for {n} samples")  # fmt: skip
+        return Check(
+            f"{said.file}: one target a sample",
+            False,
+            float(len(said)),
+            float(n),
+            "targets",
+            f"{len(said)} targets for {n} samples",
+        )
     known = np.isfinite(said.time)
-    off = np.where(known, np.abs(said.time - said.time[known][0] - motion.time + motion.time[known][0]), np.inf) if (
-        known.any()) else np.full(n, np.inf)  # fmt: skip
+    off = (
+        np.where(known, np.abs(said.time - said.time[known][0] - motion.time + motion.time[known][0]), np.inf)
+        if (known.any())
+        else np.full(n, np.inf)
+    )
     off[0] = 0.0 if not known[0] else off[0]  # the first one may be a joint move without a time
     return _worst(said, "times of the samples", "s", off, 2e-6, where)

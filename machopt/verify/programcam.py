@@ -58,15 +58,26 @@ def against_cam(said: ReadProgram, cuts: Cuts, at_index: Array) -> list[Check]:
     points = np.flatnonzero(cuts.wanted)
     missing = points[reached[points] < 0]
     worst = float(gap[points].max(initial=0.0))
-    text = f"{len(missing)} of {len(points)} are not reached in order, first point {missing[0]}" if len(missing) else (
-        "all reached in order")  # fmt: skip
+    text = (
+        f"{len(missing)} of {len(points)} are not reached in order, first point {missing[0]}"
+        if len(missing)
+        else ("all reached in order")
+    )
     checks = [Check(f"{said.file}: CAM points", not len(missing), 1e3 * worst, 1e3 * limit, "mm", text)]
     there = points[reached[points] >= 0]
     if len(there):
         tilted = int(there[np.argmax(tilt[there])])
         most = float(max(AXIS_DEG, np.degrees(cuts.corner / 1e-1))) + float(np.degrees(said.joint_step))
-        checks.append(Check(f"{said.file}: CAM tool axis", bool(np.degrees(tilt[tilted]) <= most),
-                            float(np.degrees(tilt[tilted])), most, "deg", f"point {tilted}"))  # fmt: skip
+        checks.append(
+            Check(
+                f"{said.file}: CAM tool axis",
+                bool(np.degrees(tilt[tilted]) <= most),
+                float(np.degrees(tilt[tilted])),
+                most,
+                "deg",
+                f"point {tilted}",
+            )
+        )
         checks += _cut_moves(said, place, cuts, reached, limit)
     checks += [*_events(said, cuts, reached, at_index), _operations(said, cuts, reached)]
     return checks
@@ -84,9 +95,7 @@ def _reached(place: Array, shank: Array, cuts: Cuts, limit: float) -> tuple[NDAr
     return reached, gap, tilt
 
 
-def _cut_moves(
-    said: ReadProgram, place: Array, cuts: Cuts, reached: NDArray[np.int64], limit: float
-) -> list[Check]:  # fmt: skip
+def _cut_moves(said: ReadProgram, place: Array, cuts: Cuts, reached: NDArray[np.int64], limit: float) -> list[Check]:
     """The moves of each cut: linear, at the file's feed, on the file's line, none of them twice."""
     index, corner = cuts.corners
     path = cuts.toolpath
@@ -131,12 +140,24 @@ def _cut_moves(
             double += [name(n)] if twice > _repeats(path, int(k[n]) - 1) else []
     return [
         _listed(said, "cuts are linear", joint, "cuts"),
-        Check(f"{said.file}: CAM feed", not fast, 6e4 * worst_feed, 6e4 * said.feed_step, "mm/min",
-              "; ".join(fast[:MOST_NAMED]) or "all as in the file"),
-        Check(f"{said.file}: on the CAM lines", not off_line, 1e3 * worst_line, 1e3 * limit, "mm",
-              "; ".join(off_line[:MOST_NAMED]) or "all"),
+        Check(
+            f"{said.file}: CAM feed",
+            not fast,
+            6e4 * worst_feed,
+            6e4 * said.feed_step,
+            "mm/min",
+            "; ".join(fast[:MOST_NAMED]) or "all as in the file",
+        ),
+        Check(
+            f"{said.file}: on the CAM lines",
+            not off_line,
+            1e3 * worst_line,
+            1e3 * limit,
+            "mm",
+            "; ".join(off_line[:MOST_NAMED]) or "all",
+        ),
         _listed(said, "no move twice", double, "moves"),
-    ]  # fmt: skip
+    ]
 
 
 def _first_moves(
@@ -238,10 +259,11 @@ def _operations(said: ReadProgram, cuts: Cuts, reached: NDArray[np.int64]) -> Ch
     kept = {word: _kept(word) for word in set(said.operation)}
     wrong = [
         f"point {n} is cut in {word[:30]!r}"
-        for n, own, word in zip(k.tolist(), path.operation[k].tolist(), map(said.operation.__getitem__,
-                                                                            reached[k].tolist()), strict=True)
+        for n, own, word in zip(
+            k.tolist(), path.operation[k].tolist(), map(said.operation.__getitem__, reached[k].tolist()), strict=True
+        )
         if word and not labels[own].startswith(kept[word])
-    ]  # fmt: skip
+    ]
     return _listed(said, "operations", wrong, "points")
 
 

@@ -74,22 +74,34 @@ def _run_of(toolpath: Toolpath, index: Array) -> NDArray[np.int64]:
 def _smooth(toolpath: Toolpath, shift: Shift, run: NDArray[np.int64]) -> Found:
     """Change of the shift over the length of path it happens on; what changes on no length at all jumps."""
     every = np.arange(len(toolpath), dtype=float)
-    line, axis = (np.column_stack([np.interp(shift.index, every, of[:, c]) for c in range(3)])
-                  for of in (toolpath.position, toolpath.axis))  # fmt: skip
+    line, axis = (
+        np.column_stack([np.interp(shift.index, every, of[:, c]) for c in range(3)])
+        for of in (toolpath.position, toolpath.axis)
+    )
     change = np.linalg.norm(np.diff(shift.offset, axis=0), axis=1)
     way = np.hypot(*(np.linalg.norm(np.diff(of, axis=0), axis=1) for of in (line, TURN * axis)))
     inside = run[1:] == run[:-1]
     with np.errstate(divide="ignore", invalid="ignore"):
         steep = np.where(change > STILL, change / way, 0.0)
     where = [f"from point {a:g} to {b:g}" for a, b in zip(shift.index[:-1], shift.index[1:], strict=True)]
-    return Found("compensation smooth", "mm per mm of path", STEEPEST, np.append(steep[inside], 0.0),
-                 (*(w for w, use in zip(where, inside, strict=True) if use), "nowhere"))  # fmt: skip
+    return Found(
+        "compensation smooth",
+        "mm per mm of path",
+        STEEPEST,
+        np.append(steep[inside], 0.0),
+        (*(w for w, use in zip(where, inside, strict=True) if use), "nowhere"),
+    )
 
 
 def _bounded(shift: Shift, options: PlanOptions) -> Found:
     size = 1e3 * np.linalg.norm(shift.offset, axis=1)
-    return Found("compensation bounded", "mm", 1e3 * options.compensation_max + SAME_MM, size,
-                 tuple(f"point {k:g}" for k in shift.index))  # fmt: skip
+    return Found(
+        "compensation bounded",
+        "mm",
+        1e3 * options.compensation_max + SAME_MM,
+        size,
+        tuple(f"point {k:g}" for k in shift.index),
+    )
 
 
 def _same(toolpath: Toolpath, points: Points, shift: Shift, row_of: dict[int, int]) -> Found:

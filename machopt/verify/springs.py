@@ -191,9 +191,18 @@ def body_springs(
 
 
 KNOWN = {
-    "joint_coupling", BY_ANGLE, "joint_creep", "joint_nonlinear_stiffness", "joint_backlash", "joint_hysteresis",
-    "gravity_compensator", "link_compliance", "base_compliance", "tool_compliance", "geometric_stiffness",
-}  # fmt: skip
+    "joint_coupling",
+    BY_ANGLE,
+    "joint_creep",
+    "joint_nonlinear_stiffness",
+    "joint_backlash",
+    "joint_hysteresis",
+    "gravity_compensator",
+    "link_compliance",
+    "base_compliance",
+    "tool_compliance",
+    "geometric_stiffness",
+}
 
 
 def carried(C: Array, r: Array) -> Array:

@@ -25,9 +25,27 @@ JOINTS = tuple(f"q{i}_deg" for i in range(1, 7))
 SHIFT = ("comp_dx_mm", "comp_dy_mm", "comp_dz_mm")
 MOTION = ("time_s", "point", "operation", "move", *JOINTS, "gamma_deg", "feed_mm_min")
 POINTS = (
-    "point", "operation", "move", "x_mm", "y_mm", "z_mm", "i", "j", "k", "gamma_deg", "branch", *JOINTS, "k_axial_N_mm",
-    "k_normal_N_mm", "deflection_mm", "clearance_mm", "limit_margin_deg", "singularity", "status", "reason",
-)  # fmt: skip
+    "point",
+    "operation",
+    "move",
+    "x_mm",
+    "y_mm",
+    "z_mm",
+    "i",
+    "j",
+    "k",
+    "gamma_deg",
+    "branch",
+    *JOINTS,
+    "k_axial_N_mm",
+    "k_normal_N_mm",
+    "deflection_mm",
+    "clearance_mm",
+    "limit_margin_deg",
+    "singularity",
+    "status",
+    "reason",
+)
 FURTHER = ("feed_mm_min", "k_jiao_x_N_mm", "nearest_pair", "stiffness_from", "deflection_std_mm", "k_axial_std_N_mm")
 TEXT = frozenset(
     {"operation", "move", "status", "reason", "nearest_pair", "stiffness_from", "tool"}
@@ -145,11 +163,15 @@ def read_motion(file: Path, cell: Cell) -> Motion:
     if len(time) < 2:
         raise InputError(f"{len(time)} samples; a motion has two or more", file=file)
     return Motion(
-        time=time, point=table.numbers("point", empty=True), move=_moves(table),
-        q=_joints(table, empty=False), external=np.array(external).T.reshape(len(time), -1),
-        operation=tuple(table.words("operation")), gamma=np.deg2rad(table.numbers("gamma_deg", empty=True)),
+        time=time,
+        point=table.numbers("point", empty=True),
+        move=_moves(table),
+        q=_joints(table, empty=False),
+        external=np.array(external).T.reshape(len(time), -1),
+        operation=tuple(table.words("operation")),
+        gamma=np.deg2rad(table.numbers("gamma_deg", empty=True)),
         feed=table.numbers("feed_mm_min") / 6e4,
-    )  # fmt: skip
+    )
 
 
 def read_points(file: Path) -> Points:
@@ -170,10 +192,13 @@ def read_points(file: Path) -> Points:
     skip = {"point", *JOINTS, *SHIFT}
     shift = np.column_stack([table.numbers(n) for n in SHIFT]) / 1e3 if shifted else None
     return Points(
-        number.astype(int), _joints(table, empty=True), tuple(table.words("status")),
+        number.astype(int),
+        _joints(table, empty=True),
+        tuple(table.words("status")),
         {name: table.numbers(name, empty=name not in POINTS[3:9]) for name in table.parts if name not in skip},
-        {name: tuple(words) for name, words in table.text.items() if name != "status"}, shift,
-    )  # fmt: skip
+        {name: tuple(words) for name, words in table.text.items() if name != "status"},
+        shift,
+    )
 
 
 def read_shift(file: Path) -> Shift:
@@ -187,8 +212,10 @@ def read_shift(file: Path) -> Shift:
     if (np.diff(index) < 0).any():
         row = int(np.flatnonzero(np.diff(index) < 0)[0]) + 2
         raise InputError("the index falls; the corners stand in order", file=file, where=f"data row {row}, point")
-    offset, force = (np.column_stack([table.numbers(n) for n in names])
-                     for names in (("dx_mm", "dy_mm", "dz_mm"), ("fx_N", "fy_N", "fz_N")))  # fmt: skip
+    offset, force = (
+        np.column_stack([table.numbers(n) for n in names])
+        for names in (("dx_mm", "dy_mm", "dz_mm"), ("fx_N", "fy_N", "fz_N"))
+    )
     return Shift(index, offset / 1e3, force)
 
 
@@ -229,8 +256,9 @@ def _check_names(table: Table, needed: Sequence[str], further: Sequence[str]) ->
             raise InputError(f"column {name!r} is missing; there are {', '.join(table.names)}", file=table.file)
     for name in table.names:
         if name not in needed and name not in further:
-            raise InputError(f"column {name!r} is not known; known are {', '.join((*needed, *further))}",
-                             file=table.file)  # fmt: skip
+            raise InputError(
+                f"column {name!r} is not known; known are {', '.join((*needed, *further))}", file=table.file
+            )
 
 
 def _moves(table: Table) -> NDArray[np.int64]:
@@ -315,14 +343,18 @@ def _numbers(words: list[str], name: str, file: Path, before: int) -> Array:
     """Numbers of a block in which something is none; ``before``: rows of the table before it."""
     if not set("".join(words)) <= PLAIN:
         row = next(n for n, text in enumerate(words) if not set(text) <= PLAIN)
-        raise InputError(f"{words[row]!r} is not a finite number in plain digits", file=file,
-                         where=f"data row {before + row + 1}, {name}")  # fmt: skip
+        raise InputError(
+            f"{words[row]!r} is not a finite number in plain digits",
+            file=file,
+            where=f"data row {before + row + 1}, {name}",
+        )
     out = np.array([_float_or_inf(text) for text in words])
     bad = np.isinf(out)
     if bad.any():
         row = int(np.flatnonzero(bad)[0])
-        raise InputError(f"{words[row]!r} is not a finite number", file=file,
-                         where=f"data row {before + row + 1}, {name}")  # fmt: skip
+        raise InputError(
+            f"{words[row]!r} is not a finite number", file=file, where=f"data row {before + row + 1}, {name}"
+        )
     return out
 
 

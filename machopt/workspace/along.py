@@ -66,11 +66,14 @@ def follow(
     every = np.where(reason == Reason.COLLIDING, reason, found.reason.reshape(M, R, B)).reshape(M, R * B)
     why = np.where(every == Reason.OK, Reason.NO_PATH, every).max(axis=1).astype(np.uint8)
     out = Postures(
-        q=np.full((M, 6), np.nan), branch=np.full(M, -1, np.int8), gamma=np.full(M, np.nan), reason=why,
+        q=np.full((M, 6), np.nan),
+        branch=np.full(M, -1, np.int8),
+        gamma=np.full(M, np.nan),
+        reason=why,
         shortfall=found.shortfall.reshape(M, R).min(axis=1),
         count=np.asarray((found.reason.reshape(M, R * B) == Reason.OK).sum(axis=1)),
         rotations=np.asarray((found.reason.reshape(M, R, B) == Reason.OK).any(axis=2).mean(axis=1)),
-    )  # fmt: skip
+    )
     if best is None:
         return out
     _, r, b = best
@@ -82,9 +85,7 @@ def follow(
     return out
 
 
-def _chains(
-    arm: Arm, found: Candidates, M: int, R: int, B: int
-) -> tuple[Array, NDArray[np.int64], NDArray[np.uint8]]:  # fmt: skip
+def _chains(arm: Arm, found: Candidates, M: int, R: int, B: int) -> tuple[Array, NDArray[np.int64], NDArray[np.uint8]]:
     """R·B chains over M samples: postures (M, R, B, 6), branches and reasons (M, R, B)."""
     options, why = found.q.reshape(M, R, B, 6), found.reason.reshape(M, R, B)
     q = np.full((M, R, B, 6), np.nan)

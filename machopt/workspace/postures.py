@@ -118,9 +118,14 @@ def candidates(arm: Arm, T_base_tcp: Array) -> Candidates:
 
 
 def choose_postures(
-    arm: Arm, poses: Callable[[slice], Array], size: tuple[int, int], gamma: Array, goodness: Goodness, pick: Pick,
+    arm: Arm,
+    poses: Callable[[slice], Array],
+    size: tuple[int, int],
+    gamma: Array,
+    goodness: Goodness,
+    pick: Pick,
     collides: Collides | None = None,
-) -> Postures:  # fmt: skip
+) -> Postures:
     """The posture of every sample: a branch by ``pick`` at each rotation, then the rotation that is best with it.
 
     "best" and "worst" compare branches by ``goodness``, "home" takes the branch that moves no joint far from home,
@@ -221,6 +226,11 @@ def given_postures(q: Array, lower: Array, upper: Array, collides: Collides | No
         reason[there[collides(q[there])]] = Reason.COLLIDING
     M, ok = len(q), np.asarray(reason == Reason.OK)
     return Postures(
-        q=np.where(ok[:, None], q, np.nan), branch=np.full(M, -1, np.int8), gamma=np.full(M, np.nan),
-        reason=reason, shortfall=np.zeros(M), count=ok.astype(np.int64), rotations=ok.astype(float),
-    )  # fmt: skip
+        q=np.where(ok[:, None], q, np.nan),
+        branch=np.full(M, -1, np.int8),
+        gamma=np.full(M, np.nan),
+        reason=reason,
+        shortfall=np.zeros(M),
+        count=ok.astype(np.int64),
+        rotations=ok.astype(float),
+    )

@@ -63,9 +63,13 @@ def plan_pass(folder: Path) -> Job:
 
 
 def plan_table(
-    folder: Path, cell: Path, rows: Sequence[tuple[float, float, float, str, str]], *, posts: tuple[str, ...] = (),
+    folder: Path,
+    cell: Path,
+    rows: Sequence[tuple[float, float, float, str, str]],
+    *,
+    posts: tuple[str, ...] = (),
     overrides: tuple[str, ...] = (),
-) -> Job:  # fmt: skip
+) -> Job:
     """Plan a table of (x, y, z, move, feed) with the tool upright, in copies of cell and table."""
     toolpath = folder / "pass.csv"
     toolpath.write_text(HEADER + "\n" + "".join(f"{x},{y},{z},0,0,1,{move},{feed}\n" for x, y, z, move, feed in rows))
@@ -97,10 +101,13 @@ def reseal(out: Path) -> None:
     with editing(out / MANIFEST) as manifest:
         roles = {name: item["role"] for name, item in manifest["files"].items()}
         manifest["files"] = {
-            name: {"role": roles.get(name, "other"), "sha256": sha256_of(out / name),
-                   "size": (out / name).stat().st_size}
+            name: {
+                "role": roles.get(name, "other"),
+                "sha256": sha256_of(out / name),
+                "size": (out / name).stat().st_size,
+            }
             for name in sorted(listed(out) - {MANIFEST})
-        }  # fmt: skip
+        }
         manifest["seal"] = seal(manifest)
 
 

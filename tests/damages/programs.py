@@ -36,8 +36,23 @@ SPINDL/OFF
 FINI
 """
 LINES = {"krl": 'spindle_on: "$OUT[5]=TRUE", spindle_off: "$OUT[5]=FALSE"'}
-LANGUAGES = ("krl", "krl_pos", "krl_spline", "rapid", "fanuc", "fanuc_joint", "urscript", "urscript_servoj", "val3",
-             "jbi", "jbi_rectan", "csv", "json", "ros_yaml", "ros_json")  # fmt: skip
+LANGUAGES = (
+    "krl",
+    "krl_pos",
+    "krl_spline",
+    "rapid",
+    "fanuc",
+    "fanuc_joint",
+    "urscript",
+    "urscript_servoj",
+    "val3",
+    "jbi",
+    "jbi_rectan",
+    "csv",
+    "json",
+    "ros_yaml",
+    "ros_json",
+)
 
 
 def plan_in(language: str, folder: Path) -> Job:
@@ -49,8 +64,9 @@ def plan_in(language: str, folder: Path) -> Job:
     toolpath = folder / "part.apt"
     toolpath.write_text(APT, encoding="utf-8")
     job = Job(folder / "cell", toolpath, folder / "out", (language,))
-    outcome = optimize(Request(cell=job.cell, toolpath=toolpath, out=job.out, posts=(language,),
-                               overrides=("rotation_step_deg=15",)))  # fmt: skip
+    outcome = optimize(
+        Request(cell=job.cell, toolpath=toolpath, out=job.out, posts=(language,), overrides=("rotation_step_deg=15",))
+    )
     assert outcome.exit_code == 0, outcome.result.plain()["verification"]
     return job
 

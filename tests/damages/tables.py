@@ -79,8 +79,19 @@ def given_up(table: Rows) -> None:
     """A point called unreachable as the planner would write it, although it is driven."""
     row = table[5]
     row.update(status="unreachable", reason="out of reach at every rotation")
-    for name in ("gamma_deg", "branch", *JOINTS, "k_axial_N_mm", "k_normal_N_mm", "deflection_mm", "clearance_mm",
-                 "limit_margin_deg", "singularity", "k_jiao_x_N_mm", "nearest_pair"):  # fmt: skip
+    for name in (
+        "gamma_deg",
+        "branch",
+        *JOINTS,
+        "k_axial_N_mm",
+        "k_normal_N_mm",
+        "deflection_mm",
+        "clearance_mm",
+        "limit_margin_deg",
+        "singularity",
+        "k_jiao_x_N_mm",
+        "nearest_pair",
+    ):
         row[name] = ""
 
 

@@ -25,27 +25,58 @@ from machopt.formats.posts import post_names, program_name, write_program  # noq
 
 def job() -> RobotProgram:
     """Twelve moves whose joints are round numbers."""
-    degrees = np.array([
-        [0, -90, 90, 0, 45, 0], [-10, -70, 100, 10, 40, -20], [-10, -68, 98, 10, 40, -20], [-10, -66, 96, 10, 40, -20],
-        [-10, -68, 98, 10, 40, -20], [0, -80, 110, 0, 60, 190], [0, -78, 112, -5, 60, 190], [2, -77, 112, -5, 58, 192],
-        [4, -76, 112, -5, 56, 194], [4, -75, 110, -6, 54, 196], [4, -79, 110, -6, 54, 196], [0, -90, 90, 0, 45, 0],
-    ], float)  # fmt: skip
+    degrees = np.array(
+        [
+            [0, -90, 90, 0, 45, 0],
+            [-10, -70, 100, 10, 40, -20],
+            [-10, -68, 98, 10, 40, -20],
+            [-10, -66, 96, 10, 40, -20],
+            [-10, -68, 98, 10, 40, -20],
+            [0, -80, 110, 0, 60, 190],
+            [0, -78, 112, -5, 60, 190],
+            [2, -77, 112, -5, 58, 192],
+            [4, -76, 112, -5, 56, 194],
+            [4, -75, 110, -6, 54, 196],
+            [4, -79, 110, -6, 54, 196],
+            [0, -90, 90, 0, 45, 0],
+        ],
+        float,
+    )
     q = np.radians(degrees)
     kind = np.array([PTP, PTP, LIN, LIN, LIN, PTP, LIN, LIN, LIN, LIN, LIN, PTP], np.int8)
     move = np.array([1, 1, 2, 0, 3, 1, 0, 0, 0, 0, 3, 1], np.int8)
     feed = np.array([np.nan, np.nan, 0.02, 0.0025, 0.02, np.nan, 0.025, 0.025, 0.025, 0.0125, 0.05, np.nan])
     behind, up = standing_of(ARM, q, MAPPED)  # type: ignore[misc]
     return RobotProgram(
-        kind=kind, q=q, T_workpiece_tcp=np.linalg.inv(WORKPIECE) @ ARM.fk(q, TOOL), feed=feed, move=move,
-        cutting=(kind == LIN) & (move == Move.CUT), operation=np.array([-1, 0, 0, 0, 0, *[1] * 6, -1], np.int32),
-        operations=("Bohren ø6", "face <1>; \"fine\""), T_flange_tcp=TOOL, T_base_workpiece=WORKPIECE,
-        events=(Event(1, "tool", "LOADTL/12", 12.0), Event(2, "spindle", "SPINDL/9000,RPM,CLW", 9000.0),
-                Event(4, "dwell", "DELAY/0.5", 0.5), Event(6, "coolant", "COOLNT/ON"),
-                Event(8, "comment", "PPRINT/look"), Event(11, "spindle", "SPINDL/OFF", 0.0), Event(11, "stop", "STOP")),
-        blend=1e-4, source="golden cell; part.apt", behind=behind, elbow_up=up, time=np.arange(12) * 0.5,
-        joint_names=ARM.joints, tool_mass=45.0, tool_com=np.array([0.01, 0.0, 0.15]),
+        kind=kind,
+        q=q,
+        T_workpiece_tcp=np.linalg.inv(WORKPIECE) @ ARM.fk(q, TOOL),
+        feed=feed,
+        move=move,
+        cutting=(kind == LIN) & (move == Move.CUT),
+        operation=np.array([-1, 0, 0, 0, 0, *[1] * 6, -1], np.int32),
+        operations=("Bohren ø6", 'face <1>; "fine"'),
+        T_flange_tcp=TOOL,
+        T_base_workpiece=WORKPIECE,
+        events=(
+            Event(1, "tool", "LOADTL/12", 12.0),
+            Event(2, "spindle", "SPINDL/9000,RPM,CLW", 9000.0),
+            Event(4, "dwell", "DELAY/0.5", 0.5),
+            Event(6, "coolant", "COOLNT/ON"),
+            Event(8, "comment", "PPRINT/look"),
+            Event(11, "spindle", "SPINDL/OFF", 0.0),
+            Event(11, "stop", "STOP"),
+        ),
+        blend=1e-4,
+        source="golden cell; part.apt",
+        behind=behind,
+        elbow_up=up,
+        time=np.arange(12) * 0.5,
+        joint_names=ARM.joints,
+        tool_mass=45.0,
+        tool_com=np.array([0.01, 0.0, 0.15]),
         axis_acceleration=np.radians([300.0, 290.0, 300.0, 390.0, 370.0, 590.0]),
-    )  # fmt: skip
+    )
 
 
 def write(folder: Path, post: str) -> list[Path]:

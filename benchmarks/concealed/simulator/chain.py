@@ -167,18 +167,14 @@ class Posture:
         F, N, A = (np.cumsum(a[:, ::-1], axis=1)[:, ::-1][:, 1:] for a in (F, N, A))
         turns = np.array(self.chain.turns)
         Q = np.where(
-            turns,
-            np.einsum("bnc,bnc->bn", self.z, N - _cross(self.o, F)),
-            np.einsum("bnc,bnc->bn", self.z, F),
+            turns, np.einsum("bnc,bnc->bn", self.z, N - _cross(self.o, F)), np.einsum("bnc,bnc->bn", self.z, F)
         )
         if not curvature:
             return Q, np.zeros((B, n, n))
         A = A - self.o[:, :, :, None] * F[:, :, None, :]
         trace = np.trace(A, axis1=2, axis2=3)
         h = np.where(
-            turns[:, None],
-            np.einsum("bnij,bnj->bni", A, self.z) - trace[:, :, None] * self.z,
-            _cross(self.z, F),
+            turns[:, None], np.einsum("bnij,bnj->bni", A, self.z) - trace[:, :, None] * self.z, _cross(self.z, F)
         )
         H = (self.z * turns[:, None]) @ np.swapaxes(h, 1, 2)
         upper = np.triu(np.ones((n, n), bool))

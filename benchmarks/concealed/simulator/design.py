@@ -126,7 +126,7 @@ def load_programme(
     wrench = force[np.array(pose)][:, cycle] * (level * share)[:, :, None]
     return Programme(
         q, np.array(pose), np.array(session), cycle, level, zero, branch, wrench, np.array(holds), np.array(when), full
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True)

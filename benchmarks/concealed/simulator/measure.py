@@ -105,10 +105,12 @@ def deflection_table(world: World, programme: Programme, run: Deflections, rng: 
     rows = _outliers(d, noise.outliers, 2.5e-4, rng)
     added = d - clean[:, :3]
     columns: Columns = {
-        "pose": programme.pose[b].astype(float), "cycle": (programme.session[b] * cycles + programme.cycle[s]) * 1.0,
-        "session": programme.session[b] * 1.0, "time_s": np.round(programme.time[b, s], 1),
+        "pose": programme.pose[b].astype(float),
+        "cycle": (programme.session[b] * cycles + programme.cycle[s]) * 1.0,
+        "session": programme.session[b] * 1.0,
+        "time_s": np.round(programme.time[b, s], 1),
         "branch": ["load" if v > 0 else "unload" for v in programme.branch[s]],
-    }  # fmt: skip
+    }
     _joints(columns, "q{}_deg", programme.encoder[b] + 3e-6 * rng.normal(size=(len(b), 6)))
     for i, name in enumerate(FORCE):
         columns[name] = np.round(w[:, i], 2)
@@ -156,9 +158,11 @@ def pose_table(world: World, visits: Visits, run: Poses, still: Poses, rng: np.r
     rows = _outliers(measured, noise.outliers, 4e-4, rng)
     added = added + measured - before
     columns: Columns = {
-        "pose": visits.pose[b] * 1.0, "cycle": visits.cycle[b] * 1.0, "session": visits.session[b] * 1.0,
+        "pose": visits.pose[b] * 1.0,
+        "cycle": visits.cycle[b] * 1.0,
+        "session": visits.session[b] * 1.0,
         "time_s": np.round(visits.time[b] + 8.0 * s, 1),
-    }  # fmt: skip
+    }
     if world.heat is not None or world.noise.tails is None:
         rise, hall = world.heat.temperatures(visits.time) if world.heat is not None else _mild(visits.time)
         columns["temperature_C"] = np.round((hall + 0.9 * rise)[b] + 0.15 * rng.normal(size=N), 2)

@@ -317,9 +317,15 @@ def motion_table(world: World, run: Excitation, moved: Moved, channel: str, rng:
     N = len(np.concatenate(clean))
     which = np.repeat(np.arange(E), len(centre)), np.tile(centre, E)
     return Table(
-        out, np.concatenate(clean), np.concatenate(cluster), np.concatenate(added), np.zeros(0, np.int64),
-        np.zeros((N, 6)), np.zeros((N, 6)), which,
-    )  # fmt: skip
+        out,
+        np.concatenate(clean),
+        np.concatenate(cluster),
+        np.concatenate(added),
+        np.zeros(0, np.int64),
+        np.zeros((N, 6)),
+        np.zeros((N, 6)),
+        which,
+    )
 
 
 def run_cycles(run: Excitation) -> int:

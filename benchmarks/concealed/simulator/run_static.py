@@ -69,9 +69,12 @@ def run_programme(
             return np.repeat(a, S, axis=0)
 
         setting = Setting(
-            more(base.encoder), programme.wrench.reshape(B * S, 6), hold=programme.hold.reshape(-1),
-            lever=None if base.lever is None else more(base.lever), joint_error=more(joint_error),
-        )  # fmt: skip
+            more(base.encoder),
+            programme.wrench.reshape(B * S, 6),
+            hold=programme.hold.reshape(-1),
+            lever=None if base.lever is None else more(base.lever),
+            joint_error=more(joint_error),
+        )
         e = statics.settle(setting)
         position, rotation, worst = e.position.reshape(B, S, 3), e.rotation.reshape(B, S, 3, 3), e.residual
     last_zero = np.maximum.accumulate(np.where(programme.zero, np.arange(S), 0))

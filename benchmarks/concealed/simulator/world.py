@@ -142,9 +142,7 @@ def quiet_world(
         noise.quantum = float(rng.choice([1e-7, 1e-6, 1e-5]))
         noise.outliers = rng.uniform(0.01, 0.03)
         noise.missing = rng.uniform(0.0, 0.15)
-    return World(
-        nominal, arm, noise, Faults(), Motion(), None, wrench_frame, load, total, q, full, kind, six
-    )  # fmt: skip
+    return World(nominal, arm, noise, Faults(), Motion(), None, wrench_frame, load, total, q, full, kind, six)
 
 
 def turned(axis: Array, angle: float) -> Array:

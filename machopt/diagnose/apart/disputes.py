@@ -80,28 +80,38 @@ def left_open(data: DiagnosisResult, file: Path) -> Diagnosed:
         raise InputError(
             f"is a diagnosis of a motion (channel {data.channel}); poses and loads can be planned for load tests "
             f"and measured poses. What it says itself: {data.next_experiment}",
-            file=file, where="channel",
-        )  # fmt: skip
+            file=file,
+            where="channel",
+        )
     recorded = data.recorded
     scatter, turn = recorded.scatter_m, recorded.scatter_rad
     compliance = {
         ParameterKey(c.key.effect, c.key.location, c.key.coefficient).joint: _sure(c.value, file)
-        for c in data.coefficients if c.key is not None and c.key.effect == JOINT_SPRING
-    }  # fmt: skip
+        for c in data.coefficients
+        if c.key is not None and c.key.effect == JOINT_SPRING
+    }
     disputes, notes = _disputes(data, file)
     return Diagnosed(
-        data.channel, data.verdict, recorded.coordinates, recorded.wrench_frame, recorded.displacement_frame,
+        data.channel,
+        data.verdict,
+        recorded.coordinates,
+        recorded.wrench_frame,
+        recorded.displacement_frame,
         recorded.registration,
         None if scatter is None else (_sure(scatter.own, file), _sure(scatter.visit, file)),
-        None if turn is None else _sure(turn.own, file), compliance, tuple(disputes), tuple(notes),
-    )  # fmt: skip
+        None if turn is None else _sure(turn.own, file),
+        compliance,
+        tuple(disputes),
+        tuple(notes),
+    )
 
 
 def _sure(value: float | None, file: Path) -> float:
     """A number that a plan cannot do without."""
     if value is None:
-        raise InputError("does not hold what a plan needs (a number is null); a fresh machopt diagnose writes it",
-                         file=file)  # fmt: skip
+        raise InputError(
+            "does not hold what a plan needs (a number is null); a fresh machopt diagnose writes it", file=file
+        )
     return float(value)
 
 
@@ -114,9 +124,10 @@ def _disputes(data: DiagnosisResult, file: Path) -> tuple[list[Dispute], list[st
     if data.verdict == "unexplained":
         return _places(data, file), notes
     hidden = [
-        Stand(x.effect, x.location, size=float(x.value)) for x in data.detection_limits
+        Stand(x.effect, x.location, size=float(x.value))
+        for x in data.detection_limits
         if x.value is not None and x.standing != "not testable"
-    ]  # fmt: skip
+    ]
     if not hidden:
         return [], notes
     stands = (NOTHING, *hidden)
@@ -144,9 +155,13 @@ def _stand(named: FindingTold | RivalTold) -> Stand:
     if fit is None:
         raise ValueError(f"{named.effect} {named.location} was not fitted")
     return Stand(
-        named.effect, named.location, named.law, tuple(map(float, fit.coefficients)), tuple(map(float, fit.shape)),
+        named.effect,
+        named.location,
+        named.law,
+        tuple(map(float, fit.coefficients)),
+        tuple(map(float, fit.shape)),
         None if fit.correction is None else dict(fit.correction.parameters),
-    )  # fmt: skip
+    )
 
 
 def _places(data: DiagnosisResult, file: Path) -> list[Dispute]:

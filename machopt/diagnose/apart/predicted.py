@@ -68,9 +68,16 @@ def steps_for(stands: Sequence[Stand]) -> tuple[float, ...]:
 
 
 def load_tests(
-    found: Diagnosed, cases: LoadCases, q: Array, robot: Robot, T_flange_tcp: Array, masses: Masses | None,
-    compliance: Array, steps: tuple[float, ...], dimensions: int,
-) -> Predicted:  # fmt: skip
+    found: Diagnosed,
+    cases: LoadCases,
+    q: Array,
+    robot: Robot,
+    T_flange_tcp: Array,
+    masses: Masses | None,
+    compliance: Array,
+    steps: tuple[float, ...],
+    dimensions: int,
+) -> Predicted:
     """Cases of a load test.
 
     Args:
@@ -89,15 +96,34 @@ def load_tests(
     branch = np.tile(np.where(np.arange(K) <= int(np.argmax(steps)), 1, -1), N).astype(np.int8)
     time = case * REST + HOLD * np.tile(np.arange(1, K + 1), N)
     recording = Recording(
-        "deflection", "plan", np.repeat(q, K, axis=0), case, case, np.zeros(N * K, np.int64), np.arange(1, N * K + 1),
-        wrench=wrench, displacement=np.zeros((N * K, dimensions)), time=time, branch=branch,
+        "deflection",
+        "plan",
+        np.repeat(q, K, axis=0),
+        case,
+        case,
+        np.zeros(N * K, np.int64),
+        np.arange(1, N * K + 1),
+        wrench=wrench,
+        displacement=np.zeros((N * K, dimensions)),
+        time=time,
+        branch=branch,
         wrench_frame="tool" if found.wrench_frame == "tool" else "base",
         displacement_frame="tool" if found.displacement_frame == "tool" else "base",
-    )  # fmt: skip
+    )
     readings = Readings(
-        recording, robot, T_flange_tcp, masses, robot.state(recording.q, T_flange_tcp, bodies=True), wrench, dimensions,
-        True, compliance, np.zeros(N * K, np.int64), case, case,
-    )  # fmt: skip
+        recording,
+        robot,
+        T_flange_tcp,
+        masses,
+        robot.state(recording.q, T_flange_tcp, bodies=True),
+        wrench,
+        dimensions,
+        True,
+        compliance,
+        np.zeros(N * K, np.int64),
+        case,
+        case,
+    )
     laws = [*deflection.catalogue(readings, None).hypotheses, *userterms.offered(userterms.load(), readings)]
     J = readings.state.J[:, :dimensions]
     base = J * readings.load_torque[:, None, :]
@@ -105,9 +131,16 @@ def load_tests(
 
 
 def standing(
-    found: Diagnosed, cases: LoadCases, q: Array, cell: Cell, robot: Robot, masses: Masses | None, compliance: Array,
-    dimensions: int, rng: np.random.Generator,
-) -> Predicted:  # fmt: skip
+    found: Diagnosed,
+    cases: LoadCases,
+    q: Array,
+    cell: Cell,
+    robot: Robot,
+    masses: Masses | None,
+    compliance: Array,
+    dimensions: int,
+    rng: np.random.Generator,
+) -> Predicted:
     """Cases of measured poses, with the load of each case or none."""
     T, c = cell.tool.T_flange_tcp, compliance
     theta = q
@@ -120,11 +153,18 @@ def standing(
     pose = robot.fk(theta, T)
     N = len(cases)
     recording = Recording(
-        "absolute", "plan", q, cases.pose, np.arange(N), np.zeros(N, np.int64), np.arange(1, N + 1),
-        wrench=cases.wrench, position=pose[:, :3, 3],
+        "absolute",
+        "plan",
+        q,
+        cases.pose,
+        np.arange(N),
+        np.zeros(N, np.int64),
+        np.arange(1, N + 1),
+        wrench=cases.wrench,
+        position=pose[:, :3, 3],
         quaternion=quaternion(pose[:, :3, :3]) if dimensions == 6 else None,
         registration="fit" if found.registration == "fit" else "fixed",
-    )  # fmt: skip
+    )
     problem, catalogue, _ = absolute.build(recording, cell, robot, masses, rng)
     return Predicted((1.0,), dimensions, _by_case(problem.base, N), catalogue.hypotheses, N)
 

@@ -113,10 +113,18 @@ def compliance_for(found: Diagnosed, stiffness: Array) -> Array:
 
 
 def discriminating(
-    asked: Asked, found: Diagnosed, cell: Cell, robot: Robot, masses: Masses | None, pool: PosePool,
-    cases: LoadCases, ways: Sequence[LoadWay], prior: ArmElasticity, size: PlanSize,
+    asked: Asked,
+    found: Diagnosed,
+    cell: Cell,
+    robot: Robot,
+    masses: Masses | None,
+    pool: PosePool,
+    cases: LoadCases,
+    ways: Sequence[LoadWay],
+    prior: ArmElasticity,
+    size: PlanSize,
     progress: Callable[[str], None] = lambda _: None,
-) -> Discriminating:  # fmt: skip
+) -> Discriminating:
     """Choose poses, loads and rounds.
 
     Args:
@@ -168,10 +176,17 @@ def discriminating(
         advice = "" if wanted[k] is not None else _advice(pair.one, pair.two)
         luck = float(np.median(chance[k]))
         until = max((_until(c, covariance + shared, blocks, at) or LOOKED + 1 for c in both), default=LOOKED + 1)
-        pairs.append(replace(
-            pair, per_cycle=each[k], planned=planned, cycles=wanted[k], until=until if until <= LOOKED else None,
-            random=luck, advice=advice,
-        ))  # fmt: skip
+        pairs.append(
+            replace(
+                pair,
+                per_cycle=each[k],
+                planned=planned,
+                cycles=wanted[k],
+                until=until if until <= LOOKED else None,
+                random=luck,
+                advice=advice,
+            )
+        )
     plan = _plan(prior, few, Design(blocks, min(each, default=0.0)), final, rng)
     least = min(each, default=0.0)
     worst = float(np.median(chance.min(axis=0))) if len(open_) else 0.0
@@ -229,8 +244,11 @@ def _laws(
         kept = kept[:PLACES]
     else:
         most = kept if NOTHING in d.stands else kept[:MOST]
-        notes += [f"{_words(d.stands[k])} stands too, but the nearest {MOST} are enough at once" for k in kept[MOST:]
-                  if k not in most]  # fmt: skip
+        notes += [
+            f"{_words(d.stands[k])} stands too, but the nearest {MOST} are enough at once"
+            for k in kept[MOST:]
+            if k not in most
+        ]
         kept = most
     place = {k: n for n, k in enumerate(kept)}
     laws = [law for k in kept if (law := found[k]) is not None]
@@ -250,9 +268,15 @@ def _separation(
 
 
 def _cycles(
-    asked: Asked, found: Diagnosed, cases: LoadCases, steps: tuple[float, ...], contests: Sequence[Contest],
-    blocks: Sequence[Sequence[int]], first: float, enough: float,
-) -> int | None:  # fmt: skip
+    asked: Asked,
+    found: Diagnosed,
+    cases: LoadCases,
+    steps: tuple[float, ...],
+    contests: Sequence[Contest],
+    blocks: Sequence[Sequence[int]],
+    first: float,
+    enough: float,
+) -> int | None:
     """The least number of rounds that separates a pair; the load's own error does not average."""
     if first >= enough:
         return 1
@@ -294,9 +318,17 @@ def _thinned(cases: LoadCases, most: int, rng: np.random.Generator) -> LoadCases
     keep = np.flatnonzero(np.isin(cases.pose, poses[:enough]))
     keep = np.sort(rng.permutation(keep)[:most])
     return LoadCases(
-        cases.pose[keep], cases.way[keep], cases.magnitude[keep], cases.wrench[keep], cases.point[keep],
-        cases.twist[keep], cases.response[keep], cases.nu_p[keep], cases.nu_r[keep], cases.rejected,
-    )  # fmt: skip
+        cases.pose[keep],
+        cases.way[keep],
+        cases.magnitude[keep],
+        cases.wrench[keep],
+        cases.point[keep],
+        cases.twist[keep],
+        cases.response[keep],
+        cases.nu_p[keep],
+        cases.nu_r[keep],
+        cases.rejected,
+    )
 
 
 def _plan(

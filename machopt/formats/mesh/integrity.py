@@ -53,8 +53,10 @@ def whole_mesh(path: Path, fail: Fail) -> bytes:
         counts = (check_ply if suffix == ".ply" else check_off)(path.name, data, fail)
         _refuse_too_many(path.name, counts.faces, fail)
         if counts.vertices < 1 or counts.faces < 1:
-            raise fail(f"mesh {path.name} holds no triangles: its head counts {counts.vertices} vertices and "
-                       f"{counts.faces} faces")  # fmt: skip
+            raise fail(
+                f"mesh {path.name} holds no triangles: its head counts {counts.vertices} vertices and "
+                f"{counts.faces} faces"
+            )
     else:
         _check_obj(path.name, data, fail)
     return data
@@ -75,8 +77,10 @@ def _check_stl(name: str, data: bytes, fail: Fail) -> None:
         raise fail(f"mesh {name} cannot be read: {len(data)} bytes are too few for binary STL, and it is no ASCII STL")
     need = _STL_HEAD + _STL_FACET * count
     what = "is cut" if len(data) < need else "is damaged"
-    raise fail(f"mesh {name} {what}: its head counts {count} triangles, which take {need} bytes, and it holds "
-               f"{len(data)}; a fresh export would work")  # fmt: skip
+    raise fail(
+        f"mesh {name} {what}: its head counts {count} triangles, which take {need} bytes, and it holds "
+        f"{len(data)}; a fresh export would work"
+    )
 
 
 def _check_ascii_stl(name: str, data: bytes, fail: Fail) -> None:
@@ -84,8 +88,10 @@ def _check_ascii_stl(name: str, data: bytes, fail: Fail) -> None:
     begun, ended = (len(re.findall(pattern, words, re.MULTILINE)) for pattern in (rb"^\s*facet\s", rb"^\s*endfacet\b"))
     corners = len(re.findall(rb"^\s*vertex\s", words, re.MULTILINE))
     if begun != ended or corners != 3 * begun or not re.search(rb"^\s*endsolid\b", words, re.MULTILINE):
-        raise fail(f"mesh {name} is cut or damaged: {begun} facets begin, {ended} end, with {corners} corners of "
-                   f"{3 * begun}, line {data.count(10) + 1} is the last; a fresh export would work")  # fmt: skip
+        raise fail(
+            f"mesh {name} is cut or damaged: {begun} facets begin, {ended} end, with {corners} corners of "
+            f"{3 * begun}, line {data.count(10) + 1} is the last; a fresh export would work"
+        )
     if not begun:
         raise fail(f"mesh {name} holds no triangles")
     _refuse_too_many(name, begun, fail)
@@ -106,5 +112,7 @@ def _check_lines(name: str, data: bytes, pattern: re.Pattern[bytes], fail: Fail)
 
 def _refuse_too_many(name: str, count: int, fail: Fail) -> None:
     if count > _MOST_TRIANGLES:
-        raise fail(f"mesh {name} holds {count} triangles; expected at most {_MOST_TRIANGLES}: a decimated mesh, or its "
-                   "convex parts, would work")  # fmt: skip
+        raise fail(
+            f"mesh {name} holds {count} triangles; expected at most {_MOST_TRIANGLES}: a decimated mesh, or its "
+            "convex parts, would work"
+        )

@@ -15,9 +15,23 @@ from machopt.formats.mesh.fail import Fail
 _NUMBER = rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _NUMBERS = re.compile(rb"\s*%b(?:\s+%b)*\s*" % (_NUMBER, _NUMBER))
 _SIZES = {
-    b"char": 1, b"int8": 1, b"uchar": 1, b"uint8": 1, b"short": 2, b"int16": 2, b"ushort": 2, b"uint16": 2, b"int": 4,
-    b"int32": 4, b"uint": 4, b"uint32": 4, b"float": 4, b"float32": 4, b"double": 8, b"float64": 8,
-}  # fmt: skip
+    b"char": 1,
+    b"int8": 1,
+    b"uchar": 1,
+    b"uint8": 1,
+    b"short": 2,
+    b"int16": 2,
+    b"ushort": 2,
+    b"uint16": 2,
+    b"int": 4,
+    b"int32": 4,
+    b"uint": 4,
+    b"uint32": 4,
+    b"float": 4,
+    b"float32": 4,
+    b"double": 8,
+    b"float64": 8,
+}
 _FEWEST, _MOST = 3, 64  # corners of a face
 
 
@@ -61,8 +75,10 @@ def check_ply(name: str, data: bytes, fail: Fail) -> Counts:
     if not of_face or of_face[0][0] != b"list" or of_face[0][-1] not in (b"vertex_indices", b"vertex_index"):
         raise fail(f"mesh {name} cannot be read: its faces are not given as lists of vertex_indices")
     if 3 * vertices + 4 * faces > len(body):  # a number takes a byte and more
-        raise fail(f"mesh {name} is cut: its header counts {vertices} vertices and {faces} faces, and it holds "
-                   f"{len(data)} bytes")  # fmt: skip
+        raise fail(
+            f"mesh {name} is cut: its header counts {vertices} vertices and {faces} faces, and it holds "
+            f"{len(data)} bytes"
+        )
     if form == b"ascii":
         rows = [row for row in body.split(b"\n") if row.strip()]
         _check_rows(name, rows, vertices, faces, fail)
@@ -81,8 +97,10 @@ def check_off(name: str, data: bytes, fail: Fail) -> Counts:
     rows = [row for row in (line.split(b"#")[0].strip() for line in data.split(b"\n")) if row]
     counts = rows[1].split() if len(rows) > 1 else []
     if not rows or rows[0] != b"OFF" or len(counts) != 3 or not all(re.fullmatch(rb"\d{1,12}", c) for c in counts):
-        raise fail(f"mesh {name} cannot be read: it does not begin with OFF and, in a line, the counts of vertices, "
-                   "faces and edges")  # fmt: skip
+        raise fail(
+            f"mesh {name} cannot be read: it does not begin with OFF and, in a line, the counts of vertices, "
+            "faces and edges"
+        )
     _check_rows(name, rows[2:], int(counts[0]), int(counts[1]), fail)
     return Counts(int(counts[0]), int(counts[1]))
 
@@ -98,8 +116,10 @@ _REAL = {b"float", b"float32", b"double", b"float64"}
 
 def _check_rows(name: str, rows: list[bytes], vertices: int, faces: int, fail: Fail) -> None:
     if len(rows) < vertices + faces:
-        raise fail(f"mesh {name} is cut: its header counts {vertices} vertices and {faces} faces, and {len(rows)} "
-                   "lines follow; a fresh export would work")  # fmt: skip
+        raise fail(
+            f"mesh {name} is cut: its header counts {vertices} vertices and {faces} faces, and {len(rows)} "
+            "lines follow; a fresh export would work"
+        )
     for row in rows[:vertices]:
         if not _NUMBERS.fullmatch(row) or len(row.split()) < 3:
             raise fail(f"mesh {name} is damaged: found the vertex {row[:60]!r}; a fresh export would work")
@@ -107,9 +127,12 @@ def _check_rows(name: str, rows: list[bytes], vertices: int, faces: int, fail: F
         words = row.split()
         corners = int(words[0]) if re.fullmatch(rb"\d{1,3}", words[0]) else 0
         index = words[1 : corners + 1]
-        if not (_FEWEST <= corners <= _MOST and len(index) == corners
-                and all(re.fullmatch(rb"\d{1,9}", i) and int(i) < vertices for i in index)
-                and all(_NUMBERS.fullmatch(w) for w in words[corners + 1 :])):  # fmt: skip
+        if not (
+            _FEWEST <= corners <= _MOST
+            and len(index) == corners
+            and all(re.fullmatch(rb"\d{1,9}", i) and int(i) < vertices for i in index)
+            and all(_NUMBERS.fullmatch(w) for w in words[corners + 1 :])
+        ):
             raise fail(
                 f"mesh {name} is damaged: found the face {row[:60]!r} of {vertices} vertices; a fresh export would work"
             )

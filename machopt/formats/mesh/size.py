@@ -46,8 +46,9 @@ def judge_size(body: Sized, scene: Scene, fail: Fail) -> str | None:
         raise fail(f"{wide}{beside}; if it is in mm, {body.remedy(1e-3)} would work")
     small = _SMALL * scene.reach
     if body.extent < max(_SMALLEST, small if body.role == "link" else 0.0):
-        raise fail(f"{body.what} is only {body.extent * 1e3:.3g} mm wide{beside}; if it is in m, "
-                   f"{body.remedy(1e3)} would work")  # fmt: skip
+        raise fail(
+            f"{body.what} is only {body.extent * 1e3:.3g} mm wide{beside}; if it is in m, {body.remedy(1e3)} would work"
+        )
     if body.extent < max(_ODD, small):
         return f"{body.what} is only {body.extent * 1e3:.3g} mm wide{beside}; is its unit meant?"
     if scene.reach and body.extent > _LARGE * scene.reach:

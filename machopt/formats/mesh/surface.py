@@ -23,8 +23,19 @@ _FLAT = 1e-7  # thickness over width below which single precision cannot tell a 
 _HOLLOW = 1e-9  # volume over that of the box around it, likewise
 _NAMED = 6  # meshes in one warning
 # what trimesh's readers let through on a broken file
-_BROKEN = (ValueError, KeyError, IndexError, TypeError, AttributeError, OSError, EOFError, struct.error,
-           NotImplementedError, OverflowError, ZeroDivisionError)  # fmt: skip
+_BROKEN = (
+    ValueError,
+    KeyError,
+    IndexError,
+    TypeError,
+    AttributeError,
+    OSError,
+    EOFError,
+    struct.error,
+    NotImplementedError,
+    OverflowError,
+    ZeroDivisionError,
+)
 
 
 @dataclass(frozen=True)
@@ -70,8 +81,10 @@ def read_surface(path: Path, fail: Fail) -> Surface:
     if not np.isfinite(used).all():
         raise fail(f"mesh {path.name} holds coordinates that are not finite")
     if len(faces) < _LEAST_TRIANGLES:
-        raise fail(f"mesh {path.name} holds {len(faces)} triangle{'s'[: len(faces) > 1]}, which enclose nothing; "
-                   "a body, or a box in its place, would work")  # fmt: skip
+        raise fail(
+            f"mesh {path.name} holds {len(faces)} triangle{'s'[: len(faces) > 1]}, which enclose nothing; "
+            "a body, or a box in its place, would work"
+        )
     box = np.ptp(used, axis=0)
     thickness = np.linalg.svd((used - used.mean(0)) / max(float(box.max()), 1e-300), compute_uv=False)
     if not box.max() > 0.0 or thickness[-1] <= _FLAT * thickness[0]:

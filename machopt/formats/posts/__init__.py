@@ -27,27 +27,50 @@ from machopt.formats.posts.wording import marked
 from machopt.formats.yamlstrict import nearest
 
 __all__ = [
-    "HeldFeed", "assumptions", "expected_text", "load_post", "model_feed", "needs_samples", "post_names", "post_text",
-    "program_name", "unstarted", "write_program",
-]  # fmt: skip
+    "HeldFeed",
+    "assumptions",
+    "expected_text",
+    "load_post",
+    "model_feed",
+    "needs_samples",
+    "post_names",
+    "post_text",
+    "program_name",
+    "unstarted",
+    "write_program",
+]
 
 DIALECTS = {
-    "krl": krl.DIALECT, "rapid": rapid.DIALECT, "fanuc": fanuc.DIALECT, "urscript": urscript.DIALECT,
-    "val3": val3.DIALECT, "jbi": jbi.DIALECT, "table": tables.DIALECT, "ros": ros.DIALECT,
-}  # fmt: skip
+    "krl": krl.DIALECT,
+    "rapid": rapid.DIALECT,
+    "fanuc": fanuc.DIALECT,
+    "urscript": urscript.DIALECT,
+    "val3": val3.DIALECT,
+    "jbi": jbi.DIALECT,
+    "table": tables.DIALECT,
+    "ros": ros.DIALECT,
+}
 
 
 SILENT = {
-    "spindle_on": "starts no spindle", "spindle_off": "stops no spindle", "coolant_on": "switches no coolant on",
-    "coolant_off": "switches no coolant off", "tool": "changes no tool",
-}  # fmt: skip
+    "spindle_on": "starts no spindle",
+    "spindle_off": "stops no spindle",
+    "coolant_on": "switches no coolant on",
+    "coolant_off": "switches no coolant off",
+    "tool": "changes no tool",
+}
 MARK = 4  # hexadecimal digits: a chance of 1 in 65,000 that two names that begin alike clash
 
 
 def write_program(
-    folder: Path | None, name: str, program: RobotProgram, post: str | Path | None = None,
-    controller: Controller | None = None, *, reserved: Collection[str] = (),
-) -> list[Path]:  # fmt: skip
+    folder: Path | None,
+    name: str,
+    program: RobotProgram,
+    post: str | Path | None = None,
+    controller: Controller | None = None,
+    *,
+    reserved: Collection[str] = (),
+) -> list[Path]:
     """Write a program.
 
     Args:
@@ -78,8 +101,11 @@ def write_program(
             where="name",
         )
     if keys.dialect not in DIALECTS:
-        raise InputError(f"no dialect is named {keys.dialect!r}; {nearest(keys.dialect, list(DIALECTS))}",
-                         file=loaded.origin, where="dialect")  # fmt: skip
+        raise InputError(
+            f"no dialect is named {keys.dialect!r}; {nearest(keys.dialect, list(DIALECTS))}",
+            file=loaded.origin,
+            where="dialect",
+        )
     try:
         files = _engine(loaded, name, program, controller).files()
     except InputError as problem:
@@ -93,8 +119,9 @@ def write_program(
         raise InputError(why or problem.reason, file=file, where=problem.where) from None
     taken = [f for f in files if f.lower() in {r.lower() for r in reserved}]
     if taken:
-        raise InputError(f"writes {taken[0]}, which is a name of the output folder's own",
-                         file=loaded.origin, where="file.name")  # fmt: skip
+        raise InputError(
+            f"writes {taken[0]}, which is a name of the output folder's own", file=loaded.origin, where="file.name"
+        )
     return [] if folder is None else save(folder, files, keys.encoding, keys.line_end)
 
 
@@ -119,9 +146,14 @@ def needs_samples(post: str | Path) -> bool:
 
 
 def expected_text(
-    name: str, program: RobotProgram, post: str | Path, controller: Controller, *, said: Mapping[str, Sequence[object]],
+    name: str,
+    program: RobotProgram,
+    post: str | Path,
+    controller: Controller,
+    *,
+    said: Mapping[str, Sequence[object]],
     zone: Rounding,
-) -> dict[str, str]:  # fmt: skip
+) -> dict[str, str]:
     """Every file of a program with marks for coordinates: see :mod:`machopt.formats.posts.wording`.
 
     Args:
@@ -183,9 +215,14 @@ def unstarted(post: Post | str | Path, program: RobotProgram, controller: Contro
 
 
 def _engine(
-    post: Post, name: str, program: RobotProgram, controller: Controller, *,
-    said: Mapping[str, Sequence[object]] | None = None, zone: Rounding | None = None,
-) -> Engine:  # fmt: skip
+    post: Post,
+    name: str,
+    program: RobotProgram,
+    controller: Controller,
+    *,
+    said: Mapping[str, Sequence[object]] | None = None,
+    zone: Rounding | None = None,
+) -> Engine:
     dialect = DIALECTS[post.keys.dialect]
     if not dialect.maker:
         controller = Controller()  # joints and frames stay those of the URDF
@@ -196,6 +233,10 @@ def _engine(
     makers = {**move_columns(job), **dialect.columns(job)}
     columns = Columns(makers) if said is None else marked(makers, said)
     values = {**program_fields(job), **dialect.values(job)}
-    notes = [*common_notes(job, used, post.keys.samples), *_assumptions(job, used, dialect),
-             *unstarted(post, program, controller), *dialect.notes(job, used)]  # fmt: skip
+    notes = [
+        *common_notes(job, used, post.keys.samples),
+        *_assumptions(job, used, dialect),
+        *unstarted(post, program, controller),
+        *dialect.notes(job, used),
+    ]
     return Engine(post, job, name, columns, values, notes, dialect.maker)

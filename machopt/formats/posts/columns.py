@@ -156,8 +156,10 @@ def program_fields(job: Job) -> dict[str, Value]:
 def common_notes(job: Job, used: frozenset[str], samples: bool) -> list[str]:
     """What the reader of any program must know: where frames and angles are from, and what was not given."""
     p = job.program
-    notes = [f"written by machopt{f' from {p.source}' if p.source else ''}",
-             f"{len(p)} moves. First run slowly and by hand"]  # fmt: skip
+    notes = [
+        f"written by machopt{f' from {p.source}' if p.source else ''}",
+        f"{len(p)} moves. First run slowly and by hand",
+    ]
     if p.external_prismatic:
         notes.append("the workpiece frame holds with the external axes at zero")
     if samples:

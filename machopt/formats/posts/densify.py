@@ -52,7 +52,7 @@ class Departure:
 
 def departure(
     T: Array, targets: Array, at: Array, linear: NDArray[np.bool_], samples: NDArray[np.intp] | None = None
-) -> Departure:  # fmt: skip
+) -> Departure:
     """Samples of a motion against the straight lines between the targets of a program.
 
     The distance is that to the line's nearest place, because when the robot is where is a matter of feed; orientations
@@ -80,9 +80,7 @@ def departure(
     return Departure(rows, move, off[:, 0], off[:, 1], off[:, 2])
 
 
-def densify(
-    T: Array, targets: Array, at: Array, linear: NDArray[np.bool_], tolerance: Tolerance
-) -> NDArray[np.intp]:  # fmt: skip
+def densify(T: Array, targets: Array, at: Array, linear: NDArray[np.bool_], tolerance: Tolerance) -> NDArray[np.intp]:
     """Samples to be made targets so that all samples keep to the lines; arguments as for :func:`departure`.
 
     Returns:

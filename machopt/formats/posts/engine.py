@@ -20,8 +20,20 @@ from machopt.formats.posts.columns import Columns, Job
 from machopt.formats.posts.postfile import Post
 from machopt.formats.posts.template import Template, Value, check_names, compile_template
 
-PART_FIELDS = ("name", "part", "part_number", "first_move", "last_move", "count", "parts", "single", "speeds_count",
-               "zones_count", "corners_count", "line_count")  # fmt: skip
+PART_FIELDS = (
+    "name",
+    "part",
+    "part_number",
+    "first_move",
+    "last_move",
+    "count",
+    "parts",
+    "single",
+    "speeds_count",
+    "zones_count",
+    "corners_count",
+    "line_count",
+)
 MOVE_FIELDS = (
     "number",
     "first",
@@ -35,8 +47,10 @@ ITEM_FIELDS = ("number", "text", "value")  # of items that are no moves
 SPEED_FIELDS = ("speed", "number", "feed_m_s", "feed_mm_s", "feed_mm_min")
 ZONE_FIELDS = ("number", "blend_m", "blend_mm")
 TABLES: Mapping[str, Sequence[str]] = {
-    "speed": SPEED_FIELDS, "zone": ZONE_FIELDS, "corner": ("corner", *SPEED_FIELDS[1:], *ZONE_FIELDS[1:]),
-}  # fmt: skip
+    "speed": SPEED_FIELDS,
+    "zone": ZONE_FIELDS,
+    "corner": ("corner", *SPEED_FIELDS[1:], *ZONE_FIELDS[1:]),
+}
 FEED_DIGITS = 7  # of m/s: feeds that print alike are one speed
 OF_MOVES = ("ptp", "lin", "run", "ptp_change", "lin_change")
 
@@ -51,8 +65,13 @@ class Part:
     stop: int
 
     def fields(self) -> dict[str, Value]:
-        return {"part": self.name, "part_number": self.number, "first_move": self.start + 1, "last_move": self.stop,
-                "count": self.stop - self.start}  # fmt: skip
+        return {
+            "part": self.name,
+            "part_number": self.number,
+            "first_move": self.start + 1,
+            "last_move": self.stop,
+            "count": self.stop - self.start,
+        }
 
 
 @dataclass
@@ -93,9 +112,15 @@ class Engine:
             Part(self.name if len(starts) == 1 else f"{stem}_{k + 1:03d}", k + 1, s, min(s + most, n))
             for k, s in enumerate(starts)
         ]
-        self.values |= {"parts": len(self.parts), "single": len(self.parts) == 1, "name": self.name,
-                        "speeds_count": max(len(self.distinct), 1), "zones_count": max(len(self.zones), 1),
-                        "corners_count": max(len(self.corners), 1), "line_count": "@{line_count}"}  # fmt: skip
+        self.values |= {
+            "parts": len(self.parts),
+            "single": len(self.parts) == 1,
+            "name": self.name,
+            "speeds_count": max(len(self.distinct), 1),
+            "zones_count": max(len(self.zones), 1),
+            "corners_count": max(len(self.corners), 1),
+            "line_count": "@{line_count}",
+        }
 
     def _check_fields(self) -> None:
         """Every field of the post exists where it stands."""
@@ -289,8 +314,11 @@ class Engine:
                 lines[k] = number.format % (k - first + 1) + lines[k]
             lines[:first] = [line.replace("@{line_count}", str(last - first)) for line in lines[:first]]
             if number.most is not None and last - first > number.most:
-                raise InputError(f"{last - first} lines, but the controller counts to {number.most}; "
-                                 "fewer moves in a part would work", where="moves_per_part")  # fmt: skip
+                raise InputError(
+                    f"{last - first} lines, but the controller counts to {number.most}; "
+                    "fewer moves in a part would work",
+                    where="moves_per_part",
+                )
         return "".join(line + "\n" for line in lines)
 
 
@@ -325,10 +353,18 @@ def _runs(job: Job, speed_of: Sequence[int], start: int, stop: int) -> NDArray[n
     k = 0
     while k < stop - start:
         j = k
-        while j < stop - start and cut[j] and (j == k or (
-            start + j not in stops and p.operation[start + j] == p.operation[start + k]
-            and speed_of[start + j] == speed_of[start + k]
-        )):  # fmt: skip
+        while (
+            j < stop - start
+            and cut[j]
+            and (
+                j == k
+                or (
+                    start + j not in stops
+                    and p.operation[start + j] == p.operation[start + k]
+                    and speed_of[start + j] == speed_of[start + k]
+                )
+            )
+        ):
             j += 1
         if j - k >= 3:
             out[k], out[k + 1 : j] = 2, 1

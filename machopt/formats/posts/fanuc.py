@@ -65,11 +65,14 @@ def _check(job: Job, used: frozenset[str]) -> None:
     if job.controller.nonflip_j5 is None:
         raise InputError(
             "FANUC's CONFIG needs to know which sign of J5 is N (non-flip) on this robot: give negative or positive, "
-            "or use the post fanuc_joint, which needs no CONFIG", where="controller.nonflip_j5",
-        )  # fmt: skip
+            "or use the post fanuc_joint, which needs no CONFIG",
+            where="controller.nonflip_j5",
+        )
     if job.program.behind is None:
-        raise InputError("the posture of this arm is not known, so there is no CONFIG; use the post fanuc_joint",
-                         where="controller.post")  # fmt: skip
+        raise InputError(
+            "the posture of this arm is not known, so there is no CONFIG; use the post fanuc_joint",
+            where="controller.post",
+        )
 
 
 def _notes(job: Job, used: frozenset[str]) -> Sequence[str]:
@@ -104,8 +107,9 @@ def check_slowest(job: Job) -> None:
     """
     least = np.nanmin(job.program.feed) if (job.program.kind == LIN).any() else 1.0
     if least < SLOWEST:
-        raise InputError(f"a feed of {least * 6e4:.3g} mm/min cannot be written: the format has steps of 6 mm/min",
-                         where="post")  # fmt: skip
+        raise InputError(
+            f"a feed of {least * 6e4:.3g} mm/min cannot be written: the format has steps of 6 mm/min", where="post"
+        )
 
 
 def _frame(name: str, T: Array) -> str:

@@ -61,10 +61,14 @@ class HeldFeed:
     def as_result(self) -> FeedModel:
         """For result.json: percent, mm, s."""
         return FeedModel(
-            mean_percent=100.0 * self.mean_share, held_length_percent=100.0 * self.held_share,
-            lowest_percent=100.0 * self.lowest_share, lowest_at_move=self.slowest + 1,
-            cutting_time_s=self.cutting_time, rounding_max_mm=1e3 * self.deviation, exact_stops=self.stops,
-        )  # fmt: skip
+            mean_percent=100.0 * self.mean_share,
+            held_length_percent=100.0 * self.held_share,
+            lowest_percent=100.0 * self.lowest_share,
+            lowest_at_move=self.slowest + 1,
+            cutting_time_s=self.cutting_time,
+            rounding_max_mm=1e3 * self.deviation,
+            exact_stops=self.stops,
+        )
 
 
 def acceleration(program: RobotProgram) -> Array | None:
@@ -101,8 +105,9 @@ def held_feed(
     rows = np.flatnonzero((distance > 0.0) & np.isfinite(zone.turn))
     half = np.tan(np.maximum(zone.turn[rows], STRAIGHT) / 2.0)
     both = np.minimum(a[rows], a[rows + 1])
-    corner[rows] = np.minimum.reduce([program.feed[rows], program.feed[rows + 1],
-                                      np.sqrt(both * distance[rows] / half), cap[rows]])  # fmt: skip
+    corner[rows] = np.minimum.reduce(
+        [program.feed[rows], program.feed[rows + 1], np.sqrt(both * distance[rows] / half), cap[rows]]
+    )
     gain = np.zeros(len(program))  # m²/s², of v² along a line; a point that is there twice is no way to speed up on
     gain[1:] = 2.0 * np.where(length[1:] > 0.0, a[1:], 0.0) * length[1:]
     for k in cut:  # what can be reached from behind …
@@ -120,8 +125,11 @@ def held_feed(
     worst = int(np.argmin(share))
     inside = np.isfinite(zone.turn)
     return HeldFeed(
-        float((L / F).sum() / time.sum()), float(L[share >= HELD].sum() / L.sum()), float(share[worst]),
-        int(rows[worst]), float(time.sum()),
+        float((L / F).sum() / time.sum()),
+        float(L[share >= HELD].sum() / L.sum()),
+        float(share[worst]),
+        int(rows[worst]),
+        float(time.sum()),
         float((np.where(rounded, distance, 0.0)[inside] * np.tan(zone.turn[inside] / 4.0)).max(initial=0.0)),
         int((program.cutting[:-1] & program.cutting[1:] & ~(distance[:-1] > 0.0)).sum()),
-    )  # fmt: skip
+    )

@@ -65,8 +65,9 @@ def _assumed(job: Job, used: frozenset[str]) -> Sequence[str]:
 def _check(job: Job, used: frozenset[str]) -> None:
     check_slowest(job)
     if "rconf" in used and job.program.behind is None:
-        raise InputError("the posture of this arm is not known, so there is no RCONF; use the post jbi",
-                         where="controller.post")  # fmt: skip
+        raise InputError(
+            "the posture of this arm is not known, so there is no RCONF; use the post jbi", where="controller.post"
+        )
 
 
 DIALECT = Dialect(

@@ -21,10 +21,23 @@ from machopt.formats.yamlstrict import Document, Strict, nearest, validate
 _TEMPLATES = "machopt.formats.posts"
 ALIASES = {"ros": "ros_yaml"}
 ITEMS = (
-    "call", "note", "part", "speed", "zone", "corner", "operation",
-    "move", "ptp_change", "lin_change", "ptp", "lin", "run_begin", "run",
-    "run_end", *EVENT_LINES,
-)  # fmt: skip
+    "call",
+    "note",
+    "part",
+    "speed",
+    "zone",
+    "corner",
+    "operation",
+    "move",
+    "ptp_change",
+    "lin_change",
+    "ptp",
+    "lin",
+    "run_begin",
+    "run",
+    "run_end",
+    *EVENT_LINES,
+)
 
 
 class FileKeys(Strict):

@@ -12,8 +12,9 @@ from machopt.formats.posts.template import Column
 
 def _check(job: Job, used: frozenset[str]) -> None:
     if job.program.time is None:
-        raise InputError("a JointTrajectory needs the time of every point; write it from the control samples",
-                         where="post")  # fmt: skip
+        raise InputError(
+            "a JointTrajectory needs the time of every point; write it from the control samples", where="post"
+        )
 
 
 def _seconds(job: Job, rest: bool) -> Column:

@@ -139,8 +139,9 @@ class Template:
         return out
 
     def missing(self, name: str) -> InputError:
-        return InputError(f"the program has no value for @{{{name}}}; put it into a section @[{name}|…@]",
-                          where=self.where)  # fmt: skip
+        return InputError(
+            f"the program has no value for @{{{name}}}; put it into a section @[{name}|…@]", where=self.where
+        )
 
 
 def present(value: Value) -> bool:
@@ -174,8 +175,11 @@ def compile_template(text: str, where: str) -> Template:
             continue
         opens = token.group(0) != "@]"
         if opens == bool(needs):
-            raise InputError(f"{token.group(0)!r} " + ("inside another section; sections do not nest" if opens
-                             else "without a section before it"), where=where)  # fmt: skip
+            raise InputError(
+                f"{token.group(0)!r} "
+                + ("inside another section; sections do not nest" if opens else "without a section before it"),
+                where=where,
+            )
         sections.append(Section(tuple(parts), needs, lacking))
         parts, needs, lacking = [], token.group(3) or "", bool(token.group(2))
     if needs:

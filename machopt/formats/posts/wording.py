@@ -20,8 +20,11 @@ from machopt.formats.posts.template import Column
 MARK = 98765.4321  # no coordinate: stands for one until it is compared
 WORD = "machoptword"  # the same for configuration words
 _POSES = "x y z x_m y_m z_m a b c r p w qw qx qy qz rvx rvy rvz ex ey ez i j k".split()  # noqa: SIM905 shorter
-_AXES = [f"{name}{k}{unit}" for k in range(1, 7) for name, unit in (("a", ""), ("a", "_rad"), ("q", ""), ("q", "_deg"),
-                                                                     ("pulse", ""))]  # fmt: skip
+_AXES = [
+    f"{name}{k}{unit}"
+    for k in range(1, 7)
+    for name, unit in (("a", ""), ("a", "_rad"), ("q", ""), ("q", "_deg"), ("pulse", ""))
+]
 _WORDS = "status turn cf1 cf4 cf6 cfx t1 t4 t6 time step sec nanosec".split()  # noqa: SIM905 shorter
 COORDINATES = frozenset((*_POSES, *_AXES, *_WORDS))
 CONFIGURATION = frozenset(("flip", "elbow", "front", "shoulder", "wrist"))

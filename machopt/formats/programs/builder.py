@@ -106,10 +106,18 @@ class Builder:
     # ---- moves
 
     def joint(
-        self, axes_deg: Sequence[float], line: int, *, kind: int = JOINT, feed: float = math.nan,
-        blend: float = 0.0, time: float = NO_TIME, external: Sequence[float] = (),
-        configuration: Mapping[str, object] | None = None, pose: Array | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        axes_deg: Sequence[float],
+        line: int,
+        *,
+        kind: int = JOINT,
+        feed: float = math.nan,
+        blend: float = 0.0,
+        time: float = NO_TIME,
+        external: Sequence[float] = (),
+        configuration: Mapping[str, object] | None = None,
+        pose: Array | None = None,
+    ) -> None:
         """A target in axes (6 numbers; NaN where only pulses are known); ``pose`` where the file gives it too."""
         for value in axes_deg:
             if abs(value) > MOST_DEGREES or math.isinf(value):
@@ -118,18 +126,35 @@ class Builder:
         self.last = pose
 
     def pose(
-        self, kind: int, rows: Rows, x: float, y: float, z: float, line: int, *, feed: float = math.nan,
-        blend: float = 0.0, external: Sequence[float] = (), configuration: Mapping[str, object] | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        kind: int,
+        rows: Rows,
+        x: float,
+        y: float,
+        z: float,
+        line: int,
+        *,
+        feed: float = math.nan,
+        blend: float = 0.0,
+        external: Sequence[float] = (),
+        configuration: Mapping[str, object] | None = None,
+    ) -> None:
         """A target as a pose, position in m."""
         a, b, c, d, e, f, g, h, i = rows
         T = np.array([[a, b, c, x], [d, e, f, y], [g, h, i, z], [0.0, 0.0, 0.0, 1.0]])
         self.placed(kind, T, line, feed=feed, blend=blend, external=external, configuration=configuration)
 
     def placed(
-        self, kind: int, T: Array, line: int, *, feed: float = math.nan, blend: float = 0.0,
-        external: Sequence[float] = (), configuration: Mapping[str, object] | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        kind: int,
+        T: Array,
+        line: int,
+        *,
+        feed: float = math.nan,
+        blend: float = 0.0,
+        external: Sequence[float] = (),
+        configuration: Mapping[str, object] | None = None,
+    ) -> None:
         """A target as a pose (4, 4)."""
         x, y, z = T[:3, 3].tolist()
         if not all(math.isfinite(v) and abs(v) <= FARTHEST for v in (x, y, z)):
@@ -138,9 +163,17 @@ class Builder:
         self.last = T
 
     def circle(
-        self, via: Array, end: Array, line: int, *, feed: float, blend: float, external: Sequence[float] = (),
-        configuration: Mapping[str, object] | None = None, sweep_deg: float | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        via: Array,
+        end: Array,
+        line: int,
+        *,
+        feed: float,
+        blend: float,
+        external: Sequence[float] = (),
+        configuration: Mapping[str, object] | None = None,
+        sweep_deg: float | None = None,
+    ) -> None:
         """An arc from where the robot stands through ``via`` to ``end``, poses (4, 4), as chords.
 
         With ``sweep_deg`` it ends after that angle instead, the other way round where negative (KUKA's CA).
@@ -176,13 +209,28 @@ class Builder:
             final = k + 1 == len(share)
             T = np.eye(4)
             T[:3, :3], T[:3, 3] = R, point
-            self.placed(LINEAR, T, line, feed=feed, blend=blend if final else math.nan, external=external,
-                        configuration=configuration)  # fmt: skip
+            self.placed(
+                LINEAR,
+                T,
+                line,
+                feed=feed,
+                blend=blend if final else math.nan,
+                external=external,
+                configuration=configuration,
+            )
 
     def _add(
-        self, kind: int, axes: tuple[float, ...] | None, T: Array | None, feed: float, blend: float, time: float,
-        external: Sequence[float], configuration: Mapping[str, object] | None, line: int,
-    ) -> None:  # fmt: skip
+        self,
+        kind: int,
+        axes: tuple[float, ...] | None,
+        T: Array | None,
+        feed: float,
+        blend: float,
+        time: float,
+        external: Sequence[float],
+        configuration: Mapping[str, object] | None,
+        line: int,
+    ) -> None:
         if len(self) >= MOST_MOVES + line:
             raise self.error(f"more than {MOST_MOVES} moves beyond one a line", line)
         nan = math.nan
@@ -296,16 +344,29 @@ class Builder:
             some = ", ".join(strange[:8]) + (f" and {len(strange) - 8} more" if len(strange) > 8 else "")
             self.warnings.append(f"not understood: {some}")
         return ParsedProgram(
-            dialect=self.dialect, name=self.name or self.source.path.stem,
+            dialect=self.dialect,
+            name=self.name or self.source.path.stem,
             files=tuple(dict.fromkeys([self.source.path, *self.files])),
-            kind=codes[:, 0].astype(np.int8), axes_deg=numbers[:, :6].copy(), T_base_tcp=T, feed=numbers[:, 18].copy(),
-            blend=numbers[:, 19].copy(), time=numbers[:, 20].copy(), external=external,
-            configuration=tuple(self._configuration), base=codes[:, 1].copy(), tool=codes[:, 2].copy(),
-            bases=tuple(self._bases), tools=tuple(self._tools), move=codes[:, 3].astype(np.int8),
-            operation=codes[:, 4].copy(), operations=tuple(self._operations), events=tuple(self._events),
-            line=codes[:, 5].copy(), warnings=tuple(self.warnings),
+            kind=codes[:, 0].astype(np.int8),
+            axes_deg=numbers[:, :6].copy(),
+            T_base_tcp=T,
+            feed=numbers[:, 18].copy(),
+            blend=numbers[:, 19].copy(),
+            time=numbers[:, 20].copy(),
+            external=external,
+            configuration=tuple(self._configuration),
+            base=codes[:, 1].copy(),
+            tool=codes[:, 2].copy(),
+            bases=tuple(self._bases),
+            tools=tuple(self._tools),
+            move=codes[:, 3].astype(np.int8),
+            operation=codes[:, 4].copy(),
+            operations=tuple(self._operations),
+            events=tuple(self._events),
+            line=codes[:, 5].copy(),
+            warnings=tuple(self.warnings),
             ignored=tuple(IgnoredWord(w, c, at, u) for (w, u), (c, at) in self._ignored.items()),
-        )  # fmt: skip
+        )
 
 
 def _swept(spoke: Array, n: Array, angle: float, tolerance: float) -> Array:

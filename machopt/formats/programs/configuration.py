@@ -18,9 +18,12 @@ Posture = tuple[NDArray[np.bool_], NDArray[np.bool_]]
 
 
 def first_difference(
-    dialect: str, configuration: tuple[Mapping[str, object], ...], axes_deg: Array, posture: Posture | None,
+    dialect: str,
+    configuration: tuple[Mapping[str, object], ...],
+    axes_deg: Array,
+    posture: Posture | None,
     nonflip_j5: Literal["negative", "positive"] | None = None,
-) -> tuple[int, int | None]:  # fmt: skip
+) -> tuple[int, int | None]:
     """How many moves say something that can be counted again, and the first of them that says it wrongly.
 
     Args:

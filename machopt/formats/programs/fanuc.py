@@ -92,8 +92,12 @@ class _Reader:
         self.follow(part, 0)
         if self.jump is not None and self.moves:
             line, text, source = self.jump
-            raise self.out.error(f"{text[:30]!r} decides while the robot runs: the order of moves is not known here; "
-                                 "expand the program first", line, source)  # fmt: skip
+            raise self.out.error(
+                f"{text[:30]!r} decides while the robot runs: the order of moves is not known here; "
+                "expand the program first",
+                line,
+                source,
+            )
         return self.out.build()
 
     def follow(self, part: Part, depth: int) -> None:
@@ -167,25 +171,43 @@ class _Reader:
             axes = [found.values.get(f"J{k}", math.nan) for k in range(1, 7)]
             if any(math.isnan(v) for v in axes):
                 raise self.out.error(f"P[{motion.group(3)}] has no six axes", found.line, part.source)
-            self.out.joint(axes, line, kind=kind, feed=feed if kind == LINEAR else math.nan, blend=blend,
-                           external=found.others, configuration=words)  # fmt: skip
+            self.out.joint(
+                axes,
+                line,
+                kind=kind,
+                feed=feed if kind == LINEAR else math.nan,
+                blend=blend,
+                external=found.others,
+                configuration=words,
+            )
             return
         v = found.values
         if kind == LINEAR and (seconds := _SECONDS.search(tail)) and self.out.last is not None:
             way = float(np.linalg.norm(_pose(v)[:3, 3] - self.out.last[:3, 3]))
             feed = way / (float(seconds.group(1)) * (1e-3 if seconds.group(2) else 1.0) or math.inf)
         rows = fixed_xyz(v["W"], v["P"], v["R"])
-        self.out.pose(kind, rows, v["X"] * 1e-3, v["Y"] * 1e-3, v["Z"] * 1e-3, line,
-                      feed=feed if kind == LINEAR else math.nan, blend=blend, external=found.others,
-                      configuration=words)  # fmt: skip
+        self.out.pose(
+            kind,
+            rows,
+            v["X"] * 1e-3,
+            v["Y"] * 1e-3,
+            v["Z"] * 1e-3,
+            line,
+            feed=feed if kind == LINEAR else math.nan,
+            blend=blend,
+            external=found.others,
+            configuration=words,
+        )
 
     def step(self, by: Position, kind: int, feed: float, blend: float, line: int, part: Part) -> None:
         """INC: the position's numbers are added to the place where the robot stands, along the user frame."""
         if "X" not in by.values or self.out.last is None:
             raise self.out.error(
                 "INC starts where the robot stands, and the program does not say where that is (or gives axes); "
-                "absolute positions would work", line, part.source,
-            )  # fmt: skip
+                "absolute positions would work",
+                line,
+                part.source,
+            )
         if any(by.values[c] for c in "WPR"):
             raise self.out.error(
                 "INC that turns the tool is not read; absolute positions would work", line, part.source
@@ -248,9 +270,7 @@ class _Reader:
             text = text[: end.start()] + text[end.end() :]
         for word in re.split(r"[\s]+", text.strip()):
             if word.upper().rstrip(",") == "RTCP":
-                raise self.out.error(
-                    f"RTCP: {STANDING_TOOL}", line, part.source,
-                )  # fmt: skip
+                raise self.out.error(f"RTCP: {STANDING_TOOL}", line, part.source)
             if not word or _MODIFIER.match(word.upper()):
                 continue
             if word.upper().rstrip(",") == "INC":
@@ -258,8 +278,10 @@ class _Reader:
             if re.match(r"(?:TOOL_)?OFFSET|VOFFSET", word.upper()):
                 raise self.out.error(
                     f"{word.rstrip(',')} shifts the point by a register that the controller holds and the program does "
-                    "not: post the points where they lie", line, part.source,
-                )  # fmt: skip
+                    "not: post the points where they lie",
+                    line,
+                    part.source,
+                )
             self.out.ignore(re.sub(r"\d+", "n", word), line, understood=False)
         return feed, blend
 
@@ -280,8 +302,10 @@ class _Reader:
         elif _STRANGE_MOTION.match(text):
             raise self.out.error(
                 f"{text[:30]!r}: a move to a position that the program does not hold (register, pallet, indirect "
-                "number), or of a kind that is not read; J, L, C and A to P[n] would work", line, part.source,
-            )  # fmt: skip
+                "number), or of a kind that is not read; J, L, C and A to P[n] would work",
+                line,
+                part.source,
+            )
         elif text.startswith("OVERRIDE"):
             percent = re.search(r"=\s*(\d+)\s*%?\s*$", text)
             self.out.override(float(percent.group(1)) if percent else None, line)

@@ -75,8 +75,12 @@ class _Reader:
         self.follow(job, 0)
         if self.jump is not None and len(self.out):
             line, text, source = self.jump
-            raise self.out.error(f"{text[:30]!r} decides while the robot runs: the order of moves is not known here; "
-                                 "expand the job first", line, source)  # fmt: skip
+            raise self.out.error(
+                f"{text[:30]!r} decides while the robot runs: the order of moves is not known here; "
+                "expand the job first",
+                line,
+                source,
+            )
         return self.out.build()
 
     def follow(self, job: Job, depth: int) -> None:
@@ -92,8 +96,10 @@ class _Reader:
             elif word == "SFTON":
                 raise self.out.error(
                     "SFTON shifts every point behind it by a variable that the controller holds: not followed; post "
-                    "the points where they lie", line, job.source,
-                )  # fmt: skip
+                    "the points where they lie",
+                    line,
+                    job.source,
+                )
             elif word == "SPEED":
                 self.speed = {k: number(v) for k, v in _OPTION.findall(text[5:])}.get("V")
                 if self.speed is None:
@@ -101,8 +107,10 @@ class _Reader:
             elif (changed := _CHANGES.match(text)) and changed.group(1) in job.positions:
                 raise self.out.error(
                     f"{text[:30]!r} changes the position {changed.group(1)} while the job runs: not followed; post the "
-                    "points where they lie", line, job.source,
-                )  # fmt: skip
+                    "points where they lie",
+                    line,
+                    job.source,
+                )
             elif word == "CALL" and re.search(r"\bIF\b", text):
                 self.jump = self.jump or (line, text, job.source)
             elif word == "CALL":
@@ -150,8 +158,18 @@ class _Reader:
         configuration = {**found.configuration, **({} if level is None else {"pl": int(level)})}
         if found.kind == "RECTAN":
             x, y, z, w, p, r = found.values[:6]
-            self.out.pose(kind, fixed_xyz(w, p, r), x * 1e-3, y * 1e-3, z * 1e-3, line, feed=feed, blend=blend,
-                          external=found.values[6:], configuration=configuration)  # fmt: skip
+            self.out.pose(
+                kind,
+                fixed_xyz(w, p, r),
+                x * 1e-3,
+                y * 1e-3,
+                z * 1e-3,
+                line,
+                feed=feed,
+                blend=blend,
+                external=found.values[6:],
+                configuration=configuration,
+            )
             return
         axes = list(found.values[:6])
         if found.kind == "PULSE":
@@ -217,7 +235,7 @@ def _split(out: Builder, source: Source | None = None) -> Job:
 
 def _position(
     out: Builder, job: Job, text: str, line: int, kind: str, base: str, tool: str, rconf: dict[str, object]
-) -> None:  # fmt: skip
+) -> None:
     found = _POSITION.fullmatch(text)
     if found is None:
         out.ignore(text[:24], line, understood=False)

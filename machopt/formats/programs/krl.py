@@ -19,21 +19,37 @@ from machopt.formats.source import Source
 _MOVE = re.compile(r"((?:S?(?:PTP|LIN|CIRC)|SPL)(?:_REL)?)\s*(?=[\s{])(.*)", re.IGNORECASE)
 _DECLARE = re.compile(
     r"(?:DECL\s+|GLOBAL\s+|CONST\s+)*(?!PTP\b|LIN\b|RETURN\b|WAIT\b)([A-Za-z_]\w*)\s+(?:GLOBAL\s+)?(\$?[A-Za-z_]\w*)\s*"
-    r"(\[[^\]]*\])?\s*((?:,[^=]*)?)(?:=(.*))?", re.IGNORECASE)  # fmt: skip
+    r"(\[[^\]]*\])?\s*((?:,[^=]*)?)(?:=(.*))?",
+    re.IGNORECASE,
+)
 _ASSIGN = re.compile(r"(\$?[A-Za-z_]\w*\s*(?:\[[^\]]*\])?\s*(?:\.\s*\w+\s*)*)=(?!=)(.*)")
 _CALL = re.compile(r"([A-Za-z_]\w*)\s*\((.*)\)\s*")
 _FOR = re.compile(r"FOR\s+(\w+)\s*=\s*(.+?)\s+TO\s+(.+?)(?:\s+STEP\s+(.+))?", re.IGNORECASE)
 _WITHOUT_EFFECT = re.compile(
-    r"(?:INTERRUPT|GLOBAL\s+INTERRUPT|CONTINUE|INI|EXT|EXTFCT|ENDDAT|IMPORT|SIGNAL|STRUC|ENUM)\b",
-    re.IGNORECASE,
+    r"(?:INTERRUPT|GLOBAL\s+INTERRUPT|CONTINUE|INI|EXT|EXTFCT|ENDDAT|IMPORT|SIGNAL|STRUC|ENUM)\b", re.IGNORECASE
 )
 _DEEPEST = 20
 _AXES = tuple(f"A{k}" for k in range(1, 7))
 _POSE = ("X", "Y", "Z", "A", "B", "C")
-_QUIET = frozenset((
-    "$ADVANCE", "$ORI_TYPE", "$CIRC_TYPE", "$APO", "$ACC", "$ACC_AXIS", "$VEL_AXIS",
-    "$BWDSTART", "$LOAD", "$VEL", "$ACT_BASE", "$ACT_TOOL", "$H_POS", "$JERK", "$ORI_CHECK",
-))  # fmt: skip
+_QUIET = frozenset(
+    (
+        "$ADVANCE",
+        "$ORI_TYPE",
+        "$CIRC_TYPE",
+        "$APO",
+        "$ACC",
+        "$ACC_AXIS",
+        "$VEL_AXIS",
+        "$BWDSTART",
+        "$LOAD",
+        "$VEL",
+        "$ACT_BASE",
+        "$ACT_TOOL",
+        "$H_POS",
+        "$JERK",
+        "$ORI_CHECK",
+    )
+)
 _HERE = re.compile(r"\$(?:AXIS|POS)_(?:ACT|INT|RET|FOR)(?:_ME?A?S)?\s*", re.IGNORECASE)  # where the robot stands
 _HOME = re.compile(r"(?:X?HOME\d*|\$H_POS)\s*", re.IGNORECASE)
 EVENTFUL = ("$OUT", "$ANOUT", "$CYCFLAG", "$FLAG")
@@ -96,9 +112,10 @@ class _Reader:
         own_stem = source.path.stem.lower()
         needed = {
             m.group(1).upper()
-            for r in self.routines.values() for line in r.lines
+            for r in self.routines.values()
+            for line in r.lines
             if (m := re.match(r"(?:S?PTP|S?LIN|SPL|S?CIRC)\s+([A-Za-z_]\w*)", line.code, re.IGNORECASE))
-        } - mine  # fmt: skip
+        } - mine
         if not needed:
             return
         for file in siblings(source.path, (".dat",)):
@@ -220,8 +237,9 @@ class _Reader:
     def decides(self, word: str, line: int, source: Source) -> NoReturn:
         raise self.out.error(
             f"{word} decides about moves while the robot runs: they are not known here; expand the program first",
-            line, source,
-        )  # fmt: skip
+            line,
+            source,
+        )
 
     def call(self, name: str, arguments: str, line: Line, routine: Routine, depth: int) -> None:
         upper = name.upper()
@@ -355,8 +373,14 @@ class _Reader:
             missing = [a for a in _AXES if a not in self.axes]
             if missing:
                 raise KrlError(f"{missing[0]} is not given and stands nowhere before")
-            self.out.joint([self.axes[a] for a in _AXES], line.number, kind=kind, feed=feed, blend=blend,
-                           external=_externals(target))  # fmt: skip
+            self.out.joint(
+                [self.axes[a] for a in _AXES],
+                line.number,
+                kind=kind,
+                feed=feed,
+                blend=blend,
+                external=_externals(target),
+            )
             return
         via = self.full(targets[0]) if len(targets) == 2 else None
         full = self.full(target)
@@ -364,8 +388,16 @@ class _Reader:
         T = _placed(full)
         if via is not None:
             angle = re.search(r"\bCA\s+([-+.\d]+)", rest, re.IGNORECASE)
-            self.out.circle(_placed(via), T, line.number, feed=feed, blend=blend, external=_externals(target),
-                            configuration=bits, sweep_deg=float(angle.group(1)) if angle else None)  # fmt: skip
+            self.out.circle(
+                _placed(via),
+                T,
+                line.number,
+                feed=feed,
+                blend=blend,
+                external=_externals(target),
+                configuration=bits,
+                sweep_deg=float(angle.group(1)) if angle else None,
+            )
             return
         rows = fixed_xyz(full["C"], full["B"], full["A"])
         x, y, z = (full[c] * 1e-3 for c in "XYZ")

@@ -24,28 +24,70 @@ from machopt.formats.programs.rapid_syntax import (
     read_module,
     robtarget,
 )
-from machopt.formats.programs.rapid_syntax import (
-    external as externals,
-)
+from machopt.formats.programs.rapid_syntax import external as externals
 from machopt.formats.programs.rotations import from_quaternion, matrix
 from machopt.formats.source import Source
 
 _ENDINGS = (".mod", ".prg", ".sys", ".modx", ".sysx")
 _DEEPEST = 20
-_MOVES = frozenset((
-    "MOVEJ", "MOVEL", "MOVEC", "MOVEABSJ", "MOVEJDO", "MOVELDO", "MOVECDO", "MOVEJAO", "MOVELAO", "MOVEJGO",
-    "MOVELGO", "MOVEJSYNC", "MOVELSYNC", "MOVECSYNC", "TRIGGL", "TRIGGJ", "TRIGGC", "SEARCHL", "SEARCHC",
-    "MOVEEXTJ",
-))  # fmt: skip
-_QUIET = frozenset((
-    "CONFL", "CONFJ", "SINGAREA", "ACCSET", "VELSET", "ACTUNIT", "DEACTUNIT", "SYNCMOVEON",
-    "SYNCMOVEOFF", "WAITSYNCTASK", "SOFTACT", "SOFTDEACT", "GRIPLOAD", "PATHACCLIM", "WORLDACCLIM", "TPERASE",
-    "TPWRITE", "TPREADFK", "CIRPATHMODE", "EOFFSOFF", "PDISPOFF", "WAITROB", "CLKRESET", "CLKSTART", "CLKSTOP",
-    "MOTIONSUP", "ERRWRITE", "STARTMOVE", "STOPMOVE",
-))  # fmt: skip
-_EVENTS = frozenset((
-    "SETDO", "SETGO", "SETAO", "SET", "RESET", "PULSEDO", "WAITDI", "WAITDO", "WAITUNTIL", "INVERTDO",
-))  # fmt: skip
+_MOVES = frozenset(
+    (
+        "MOVEJ",
+        "MOVEL",
+        "MOVEC",
+        "MOVEABSJ",
+        "MOVEJDO",
+        "MOVELDO",
+        "MOVECDO",
+        "MOVEJAO",
+        "MOVELAO",
+        "MOVEJGO",
+        "MOVELGO",
+        "MOVEJSYNC",
+        "MOVELSYNC",
+        "MOVECSYNC",
+        "TRIGGL",
+        "TRIGGJ",
+        "TRIGGC",
+        "SEARCHL",
+        "SEARCHC",
+        "MOVEEXTJ",
+    )
+)
+_QUIET = frozenset(
+    (
+        "CONFL",
+        "CONFJ",
+        "SINGAREA",
+        "ACCSET",
+        "VELSET",
+        "ACTUNIT",
+        "DEACTUNIT",
+        "SYNCMOVEON",
+        "SYNCMOVEOFF",
+        "WAITSYNCTASK",
+        "SOFTACT",
+        "SOFTDEACT",
+        "GRIPLOAD",
+        "PATHACCLIM",
+        "WORLDACCLIM",
+        "TPERASE",
+        "TPWRITE",
+        "TPREADFK",
+        "CIRPATHMODE",
+        "EOFFSOFF",
+        "PDISPOFF",
+        "WAITROB",
+        "CLKRESET",
+        "CLKSTART",
+        "CLKSTOP",
+        "MOTIONSUP",
+        "ERRWRITE",
+        "STARTMOVE",
+        "STOPMOVE",
+    )
+)
+_EVENTS = frozenset(("SETDO", "SETGO", "SETAO", "SET", "RESET", "PULSEDO", "WAITDI", "WAITDO", "WAITUNTIL", "INVERTDO"))
 _STOPS = frozenset(("STOP", "EXIT", "BREAK"))
 _ZONE = re.compile(r"Z(\d{1,3})")
 Quaternion = tuple[float, float, float, float]  # w first
@@ -103,8 +145,10 @@ class _Reader:
         moving = [p for p in first if any(s.word in _MOVES or s.word in self.procs for s in p.statements)] or first
         if len(moving) > 1:
             names = ", ".join(p.name for p in moving[:5])
-            raise self.out.error(f"holds {len(moving)} procedures that nothing calls ({names}); keep the one to be "
-                                 "read, or call them in their order from a PROC main")  # fmt: skip
+            raise self.out.error(
+                f"holds {len(moving)} procedures that nothing calls ({names}); keep the one to be "
+                "read, or call them in their order from a PROC main"
+            )
         return moving[0] if moving else procs[0]
 
     def declare(self, s: Statement) -> None:
@@ -218,8 +262,10 @@ class _Reader:
         names = {t.text.upper() for t in (inner.tokens if inner.word == "IF" else inner.tokens[:1])}
         if names & {*_MOVES, *self.procs, "GOTO"}:
             until = f" … {BLOCKS[s.word]}" if inner is not s else ""
-            raise RapidError(f"{s.word}{until} decides about moves while the robot runs: they are not known here; "
-                             "expand the program first")  # fmt: skip
+            raise RapidError(
+                f"{s.word}{until} decides about moves while the robot runs: they are not known here; "
+                "expand the program first"
+            )
         if "RETURN" in names:
             self.out.may_end(inner.line)
         if inner is s:
@@ -264,8 +310,10 @@ class _Reader:
             if key not in self.data:
                 self.look_around(value.text)
             if key not in self.data:
-                raise RapidError(f"{value.shown} is declared in none of the modules read; put the module that "
-                                 "declares it beside this one")  # fmt: skip
+                raise RapidError(
+                    f"{value.shown} is declared in none of the modules read; put the module that "
+                    "declares it beside this one"
+                )
             found = self.data[key][0]
             if found is None:
                 raise RapidError(f"{value.shown} gets its value only while the robot runs")
@@ -281,9 +329,12 @@ class _Reader:
             raise RapidError(f"{value.name.lower()}() is where the robot stands: known only while it runs")
         turns = dict(value.options)
         known = all(isinstance(v, float) for v in (*numbers, *turns.values()))
-        if value.name not in ("OFFS", "RELTOOL") or len(numbers) != 3 or not known or (
-            turns and (value.name == "OFFS" or not set(turns) <= {"RX", "RY", "RZ"})
-        ):  # fmt: skip
+        if (
+            value.name not in ("OFFS", "RELTOOL")
+            or len(numbers) != 3
+            or not known
+            or (turns and (value.name == "OFFS" or not set(turns) <= {"RX", "RY", "RZ"}))
+        ):
             raise RapidError(f"{value.name.lower()}(…) is not evaluated; expand the program first")
         point = self.resolved(value.arguments[0], depth + 1)
         x, y, z, q, rest = robtarget(point)
@@ -315,29 +366,14 @@ class _Reader:
 
     # ---- motion
 
-    def motion(
-        self, word: str, values: list[object], options: dict[str, object], line: int, proc: Proc
-    ) -> None:  # fmt: skip
+    def motion(self, word: str, values: list[object], options: dict[str, object], line: int, proc: Proc) -> None:
         if word.startswith(("TRIGG", "SEARCH", "MOVEEXT")):
             raise RapidError(f"{word} is not read; MoveJ, MoveL, MoveC or MoveAbsJ would work")
         count = 2 if word.startswith("MOVEC") else 1
         if len(values) < count + 3:
             raise RapidError(f"found {len(values)} arguments; expected a target, speed, zone and tool")
         for option in options:
-            if option not in (
-                "WOBJ",
-                "ID",
-                "CONC",
-                "V",
-                "T",
-                "Z",
-                "INPOS",
-                "NOEOFFS",
-                "TLOAD",
-                "DO",
-                "AO",
-                "GO",
-            ):
+            if option not in ("WOBJ", "ID", "CONC", "V", "T", "Z", "INPOS", "NOEOFFS", "TLOAD", "DO", "AO", "GO"):
                 self.out.ignore(f"\\{option}", line, understood=False)
         if isinstance(values[0], Call) and values[0].name in ("CROBT", "CJOINTT"):
             self.out.ignore(f"{word} {values[0].name} (to where the robot stands)", line, understood=True)
@@ -376,8 +412,18 @@ class _Reader:
         if isinstance(seconds, float) and seconds > 0.0 and self.out.last is not None:
             feed = math.dist(self.out.last[:3, 3] * 1e3, (x, y, z)) * 1e-3 / seconds
         kind = JOINT if word.startswith("MOVEJ") else LINEAR
-        self.out.pose(kind, rows, x * 1e-3, y * 1e-3, z * 1e-3, line, feed=feed if kind == LINEAR else math.nan,
-                      blend=blend, external=external, configuration=bits)  # fmt: skip
+        self.out.pose(
+            kind,
+            rows,
+            x * 1e-3,
+            y * 1e-3,
+            z * 1e-3,
+            line,
+            feed=feed if kind == LINEAR else math.nan,
+            blend=blend,
+            external=external,
+            configuration=bits,
+        )
 
     def speed(self, value: object, line: int, proc: Proc) -> float:
         """m/s; NaN where it is set elsewhere."""

@@ -16,10 +16,24 @@ _TOKEN = re.compile(
 )
 _DECLARE = ("CONST", "PERS", "VAR", "TASK", "LOCAL")
 BLOCKS = {"IF": "ENDIF", "FOR": "ENDFOR", "WHILE": "ENDWHILE", "TEST": "ENDTEST"}
-_LINE_WORDS = frozenset((
-    "ELSE", "ENDIF", "ENDFOR", "ENDWHILE", "ENDTEST", "ERROR", "UNDO", "BACKWARD", "ENDPROC", "ENDFUNC",
-    "ENDTRAP", "ENDMODULE", "ENDRECORD", "DEFAULT",
-))  # fmt: skip
+_LINE_WORDS = frozenset(
+    (
+        "ELSE",
+        "ENDIF",
+        "ENDFOR",
+        "ENDWHILE",
+        "ENDTEST",
+        "ERROR",
+        "UNDO",
+        "BACKWARD",
+        "ENDPROC",
+        "ENDFUNC",
+        "ENDTRAP",
+        "ENDMODULE",
+        "ENDRECORD",
+        "DEFAULT",
+    )
+)
 _NUMBERS = re.compile(r"\[[-+.,\d\seE\[\]]{0,2000}\](?=\s*[,;\\])")
 _PLAIN_MOVE = re.compile(
     r"\s*(Move(?:L|J|AbsJ))\s+(\[[-+.,\d\seE\[\]]{0,2000}\])\s*,\s*([A-Za-z_]\w*)\s*,\s*([A-Za-z_]\w*)\s*,"
@@ -166,10 +180,14 @@ def _statements(source: Source) -> list[Statement]:
             word = text.upper() if group == 4 else ""
             if word in ("THEN", "DO") or (word in _LINE_WORDS and len(open_tokens) == 1):
                 close()
-        if open_tokens and open_tokens[0].kind == "name" and (
-            open_tokens[0].text.upper() in ("MODULE", "TEST", "CASE", "TRAP", "RECORD")
-            or (_routine(Statement(n, open_tokens)) and open_tokens[-1].text == ")")
-        ):  # fmt: skip
+        if (
+            open_tokens
+            and open_tokens[0].kind == "name"
+            and (
+                open_tokens[0].text.upper() in ("MODULE", "TEST", "CASE", "TRAP", "RECORD")
+                or (_routine(Statement(n, open_tokens)) and open_tokens[-1].text == ")")
+            )
+        ):
             close()
     close()
     return out
@@ -203,8 +221,11 @@ def _routine(s: Statement) -> str:
 def _proc(s: Statement, source: Source) -> Proc:
     names = [t.text for t in s.tokens if t.kind == "name"]
     at = next(k for k, name in enumerate(names) if name.upper() == "PROC")
-    inside = [t.text.upper() for k, t in enumerate(s.tokens[1:], 1) if t.kind == "name" and k + 1 < len(s.tokens)
-              and s.tokens[k + 1].text in (",", ")", "{")]  # fmt: skip
+    inside = [
+        t.text.upper()
+        for k, t in enumerate(s.tokens[1:], 1)
+        if t.kind == "name" and k + 1 < len(s.tokens) and s.tokens[k + 1].text in (",", ")", "{")
+    ]
     return Proc(names[at + 1] if at + 1 < len(names) else "", source, frozenset(inside))
 
 

@@ -18,10 +18,16 @@ def fixed_xyz(x_deg: float, y_deg: float, z_deg: float) -> Rows:
     x, y, z = math.radians(x_deg), math.radians(y_deg), math.radians(z_deg)
     cx, sx, cy, sy, cz, sz = math.cos(x), math.sin(x), math.cos(y), math.sin(y), math.cos(z), math.sin(z)
     return (
-        cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx,
-        sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx,
-        -sy, cy * sx, cy * cx,
-    )  # fmt: skip
+        cz * cy,
+        cz * sy * sx - sz * cx,
+        cz * sy * cx + sz * sx,
+        sz * cy,
+        sz * sy * sx + cz * cx,
+        sz * sy * cx - cz * sx,
+        -sy,
+        cy * sx,
+        cy * cx,
+    )
 
 
 def moving_xyz(x_deg: float, y_deg: float, z_deg: float) -> Rows:
@@ -29,10 +35,16 @@ def moving_xyz(x_deg: float, y_deg: float, z_deg: float) -> Rows:
     x, y, z = math.radians(x_deg), math.radians(y_deg), math.radians(z_deg)
     cx, sx, cy, sy, cz, sz = math.cos(x), math.sin(x), math.cos(y), math.sin(y), math.cos(z), math.sin(z)
     return (
-        cy * cz, -cy * sz, sy,
-        cx * sz + sx * sy * cz, cx * cz - sx * sy * sz, -sx * cy,
-        sx * sz - cx * sy * cz, sx * cz + cx * sy * sz, cx * cy,
-    )  # fmt: skip
+        cy * cz,
+        -cy * sz,
+        sy,
+        cx * sz + sx * sy * cz,
+        cx * cz - sx * sy * sz,
+        -sx * cy,
+        sx * sz - cx * sy * cz,
+        sx * cz + cx * sy * sz,
+        cx * cy,
+    )
 
 
 def from_quaternion(w: float, x: float, y: float, z: float) -> Rows | None:
@@ -42,10 +54,16 @@ def from_quaternion(w: float, x: float, y: float, z: float) -> Rows | None:
         return None
     s = 2.0 / square
     return (
-        1.0 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y),
-        s * (x * y + w * z), 1.0 - s * (x * x + z * z), s * (y * z - w * x),
-        s * (x * z - w * y), s * (y * z + w * x), 1.0 - s * (x * x + y * y),
-    )  # fmt: skip
+        1.0 - s * (y * y + z * z),
+        s * (x * y - w * z),
+        s * (x * z + w * y),
+        s * (x * y + w * z),
+        1.0 - s * (x * x + z * z),
+        s * (y * z - w * x),
+        s * (x * z - w * y),
+        s * (y * z + w * x),
+        1.0 - s * (x * x + y * y),
+    )
 
 
 def from_vector(x: float, y: float, z: float) -> Rows:

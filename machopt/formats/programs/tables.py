@@ -154,9 +154,16 @@ def _row(out: Builder, row: Mapping[str, str], line: int) -> None:
         external.pop()
     blend = value("blend_mm")
     feed = value("feed_mm_min")
-    out.joint([value(c, True) for c in _Q], line, kind=kind, feed=feed / 6e4 if kind == LINEAR else math.nan,
-              blend=0.0 if math.isnan(blend) else blend * 1e-3, time=value("time_s"), external=external,
-              pose=matrix(rows, x * 1e-3, y * 1e-3, z * 1e-3))  # fmt: skip
+    out.joint(
+        [value(c, True) for c in _Q],
+        line,
+        kind=kind,
+        feed=feed / 6e4 if kind == LINEAR else math.nan,
+        blend=0.0 if math.isnan(blend) else blend * 1e-3,
+        time=value("time_s"),
+        external=external,
+        pose=matrix(rows, x * 1e-3, y * 1e-3, z * 1e-3),
+    )
 
 
 def _rows(out: Builder, q: Sequence[float], line: int) -> Rows:
@@ -187,8 +194,10 @@ def _frame_comment(out: Builder, text: str) -> None:
 def _pose_values(out: Builder, value: object, where: str) -> list[float]:
     if not isinstance(value, dict):
         raise out.error(f"{where} has no pose with xyz_mm and quaternion_wxyz")
-    texts = [*_json_numbers(out, value.get("xyz_mm"), 3, f"{where}.xyz_mm"),
-             *_json_numbers(out, value.get("quaternion_wxyz"), 4, f"{where}.quaternion_wxyz")]  # fmt: skip
+    texts = [
+        *_json_numbers(out, value.get("xyz_mm"), 3, f"{where}.xyz_mm"),
+        *_json_numbers(out, value.get("quaternion_wxyz"), 4, f"{where}.quaternion_wxyz"),
+    ]
     return [float(t) for t in texts]
 
 

@@ -115,8 +115,12 @@ def to_toolpath(
             out.ignore(word.word, word.first_line, understood=word.understood)
     out.warnings.extend(w for w in program.warnings if not w.startswith("not understood"))
     _warn_upside_down(out, sign * T[known & (program.move == Move.CUT), 2, column], options.tool_axis)
-    out.meta |= {"unit": "mm", "program": program.name, "tool_axis": f"{options.tool_axis} of the tool frame",
-                 "base": base}  # fmt: skip
+    out.meta |= {
+        "unit": "mm",
+        "program": program.name,
+        "tool_axis": f"{options.tool_axis} of the tool frame",
+        "base": base,
+    }
     return out.build(reference=T[known][:, :3, 0 if column != 0 else 1])
 
 

@@ -71,9 +71,11 @@ class _Reader:
             free = [b for b in self.bodies.values() if b.name not in called and not b.thread]
             moving = [b for b in free if self.moves(b)]
             if len(moving) > 1:
-                raise self.out.error(f"defines {len(moving)} programs that nothing calls "
-                                     f"({', '.join(b.name for b in moving[:5])}); "
-                                     "keep the one to be read, or call them in their order")  # fmt: skip
+                raise self.out.error(
+                    f"defines {len(moving)} programs that nothing calls "
+                    f"({', '.join(b.name for b in moving[:5])}); "
+                    "keep the one to be read, or call them in their order"
+                )
             for body in moving:
                 self.out.name = body.name
                 self.follow(body, 0, len(body.lines), 0)
@@ -147,8 +149,10 @@ class _Reader:
                 if i.code.split(" ")[0] == "return":
                     self.out.may_end(i.number)
             if self.moves(inside):
-                raise ScriptError(f"{code[:30]!r} decides about moves while the robot runs: they are not "
-                                  "known here; expand the program first")  # fmt: skip
+                raise ScriptError(
+                    f"{code[:30]!r} decides about moves while the robot runs: they are not "
+                    "known here; expand the program first"
+                )
             self.out.ignore(f"{code.split()[0]} without moves inside", line.number, understood=True)
             return body.ends[k]
         if found := _ASSIGN.fullmatch(code):
@@ -187,8 +191,13 @@ class _Reader:
             self.out.event(f"{name}({text})", "comment")
         elif name == "set_reference":
             raise ScriptError("set_reference is not followed; poses in the base would work")
-        elif name in ("force_mode", "path_offset_enable", "conveyor_pulse_decode", "track_conveyor_linear",
-                      "track_conveyor_circular"):  # fmt: skip
+        elif name in (
+            "force_mode",
+            "path_offset_enable",
+            "conveyor_pulse_decode",
+            "track_conveyor_linear",
+            "track_conveyor_circular",
+        ):
             raise ScriptError(f"{name} moves the tool off its targets while the robot runs: not followed")
         else:
             self.out.ignore(name, line.number, understood=bool(_QUIET.fullmatch(name)))
@@ -201,9 +210,13 @@ class _Reader:
             self.out.warn_once("a move to where the robot stands is no part of the path: left out", line.number)
             return
         values, options = arguments(text, self.memory)
-        order = {"movej": ("pose", "a", "v", "t", "r"), "movel": ("pose", "a", "v", "t", "r"),
-                 "movep": ("pose", "a", "v", "r"), "movec": ("via", "pose", "a", "v", "r", "mode"),
-                 "servoj": ("pose", "a", "v", "t", "lookahead_time", "gain")}[name]  # fmt: skip
+        order = {
+            "movej": ("pose", "a", "v", "t", "r"),
+            "movel": ("pose", "a", "v", "t", "r"),
+            "movep": ("pose", "a", "v", "r"),
+            "movec": ("via", "pose", "a", "v", "r", "mode"),
+            "servoj": ("pose", "a", "v", "t", "lookahead_time", "gain"),
+        }[name]
         options = dict(zip(order, values, strict=False)) | options
         if "q" in options:
             options["pose"] = options["q"]

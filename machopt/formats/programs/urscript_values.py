@@ -157,8 +157,12 @@ class _Parser:
         if self.peek() == "[":
             self.take()
             index = self.list(depth, "]")
-            if not (isinstance(value, list) and len(index) == 1 and isinstance(index[0], float)
-                    and 0 <= index[0] < len(value)):  # fmt: skip
+            if not (
+                isinstance(value, list)
+                and len(index) == 1
+                and isinstance(index[0], float)
+                and 0 <= index[0] < len(value)
+            ):
                 raise ScriptError(f"{name} has no such element")
             return value[int(index[0])]
         return value

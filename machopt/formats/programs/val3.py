@@ -21,10 +21,25 @@ _ITEM = re.compile(r"\s*([A-Za-z_]\w*)\s*(?:\[\s*(\d+)\s*\])?\s*")
 _CALL = re.compile(r"(?:\w+\s*=\s*)?(?:call\s+)?([A-Za-z_]\w*)\s*\((.*)\)")
 _BLOCK = re.compile(r"(if|for|while|do|switch)\b")
 _DEEPEST = 20
-_QUIET = frozenset((
-    "waitEndMove", "resetMotion", "enablePower", "disablePower", "autoConnectMove", "restartMove", "stopMove",
-    "put", "putln", "logMsg", "popUpMsg", "cls", "userPage", "gotoxy", "title",
-))  # fmt: skip
+_QUIET = frozenset(
+    (
+        "waitEndMove",
+        "resetMotion",
+        "enablePower",
+        "disablePower",
+        "autoConnectMove",
+        "restartMove",
+        "stopMove",
+        "put",
+        "putln",
+        "logMsg",
+        "popUpMsg",
+        "cls",
+        "userPage",
+        "gotoxy",
+        "title",
+    )
+)
 _EVENTS = frozenset(("open", "close", "watch", "wait", "setDio", "aioSet", "dioSet"))
 MOST_FRAMES = 20
 
@@ -138,8 +153,11 @@ class _Reader:
             return
         if word in ("movej", "movel", "movec"):
             if inside:
-                raise self.out.error(f"{word} inside a branch or loop: which moves are made cannot be known here; "
-                                     "expand the program first", line)  # fmt: skip
+                raise self.out.error(
+                    f"{word} inside a branch or loop: which moves are made cannot be known here; "
+                    "expand the program first",
+                    line,
+                )
             self.motion(word, [a.strip() for a in found.group(2).split(",")], line)
         elif word in self.app.programs:
             if inside:

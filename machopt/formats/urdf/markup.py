@@ -72,8 +72,11 @@ class _Builder:
         self._count += 1
         line = self.parser.CurrentLineNumber
         if len(self._open) >= _DEEPEST or self._count > _MOST:
-            raise InputError(f"is nested deeper than {_DEEPEST} levels or holds more than {_MOST} elements",
-                             file=self.path, where=f"line {line}")  # fmt: skip
+            raise InputError(
+                f"is nested deeper than {_DEEPEST} levels or holds more than {_MOST} elements",
+                file=self.path,
+                where=f"line {line}",
+            )
         element = Element(tag, dict(attributes), line)
         if self._open:
             self._open[-1].children.append(element)
@@ -97,5 +100,8 @@ class _Builder:
         self._refuse("declares XML entities")
 
     def _refuse(self, what: str) -> None:
-        raise InputError(f"{what}; a plain URDF without <!DOCTYPE> and entities would work", file=self.path,
-                         where=f"line {self.parser.CurrentLineNumber}")  # fmt: skip
+        raise InputError(
+            f"{what}; a plain URDF without <!DOCTYPE> and entities would work",
+            file=self.path,
+            where=f"line {self.parser.CurrentLineNumber}",
+        )

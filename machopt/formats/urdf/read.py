@@ -36,8 +36,11 @@ def read_urdf(path: Path) -> Urdf:
         )
     for e in (root, *root.descendants()):
         if e.tag.startswith("xacro:"):
-            raise InputError("still holds xacro elements; expand it first (xacro file.xacro > robot.urdf)", file=path,
-                             where=f"line {e.line}")  # fmt: skip
+            raise InputError(
+                "still holds xacro elements; expand it first (xacro file.xacro > robot.urdf)",
+                file=path,
+                where=f"line {e.line}",
+            )
     unused = check_vocabulary(path, root)
     reader = _Reader(path, list(unused.warnings))
     _different(path, root.named("link"), "link")
@@ -53,8 +56,11 @@ def _different(path: Path, elements: list[Element], what: str) -> None:
     for e in elements:
         name = e.attributes.get("name", "")
         if name in seen:
-            raise InputError(f"{what} {name!r} stands twice, first in line {seen[name]}; names must differ", file=path,
-                             where=f"line {e.line}")  # fmt: skip
+            raise InputError(
+                f"{what} {name!r} stands twice, first in line {seen[name]}; names must differ",
+                file=path,
+                where=f"line {e.line}",
+            )
         seen[name] = e.line
 
 
@@ -117,8 +123,11 @@ class _Reader:
             raise self.error(geometry, f"geometry of {of} holds {found}; expected one of box, cylinder, sphere, mesh")
         e = geometry.children[0]
         if e.tag == "capsule":
-            raise self.error(e, f"{of} is a <capsule>, which the robot model drops; a cylinder and two spheres, each a "
-                             f"<{kind}> of its own, would work")  # fmt: skip
+            raise self.error(
+                e,
+                f"{of} is a <capsule>, which the robot model drops; a cylinder and two spheres, each a "
+                f"<{kind}> of its own, would work",
+            )
         if e.tag == "mesh":
             uri = self.word(e, "filename", f"mesh of {of}")
             scale = self.scale(e, uri, link)
@@ -207,8 +216,10 @@ class _Reader:
         if dynamics is not None:
             self.numbers(dynamics, ("damping", "friction", "armature"), f"dynamics of {of}")
             if not {"damping", "friction"} & set(dynamics.attributes):
-                raise self.error(dynamics, f"dynamics of {of} has neither damping nor friction; one of them, or no "
-                                 "<dynamics>, would work")  # fmt: skip
+                raise self.error(
+                    dynamics,
+                    f"dynamics of {of} has neither damping nor friction; one of them, or no <dynamics>, would work",
+                )
         if calibration is not None:
             self.numbers(calibration, ("rising", "falling", "reference_position"), f"calibration of {of}")
         if safety is not None:
@@ -225,11 +236,17 @@ class _Reader:
         xyz = self.vector(e, "xyz", f"origin of {of}") if "xyz" in e.attributes else [0.0] * 3
         rpy = self.vector(e, "rpy", f"origin of {of}") if "rpy" in e.attributes else [0.0] * 3
         if max(map(abs, rpy)) > _TURNS:
-            raise self.error(e, f"rpy of the origin of {of} is {_plain(rpy)}; expected radians, and in degrees that "
-                             f"would be {_plain([round(math.radians(v), 7) for v in rpy])}")  # fmt: skip
+            raise self.error(
+                e,
+                f"rpy of the origin of {of} is {_plain(rpy)}; expected radians, and in degrees that "
+                f"would be {_plain([round(math.radians(v), 7) for v in rpy])}",
+            )
         if max(map(abs, xyz)) > _FARTHEST:
-            raise self.error(e, f"xyz of the origin of {of} is {_plain(xyz)} m, farther than any cell is wide; "
-                             f"if it is in mm, {_plain([v / 1e3 for v in xyz])} would work")  # fmt: skip
+            raise self.error(
+                e,
+                f"xyz of the origin of {of} is {_plain(xyz)} m, farther than any cell is wide; "
+                f"if it is in mm, {_plain([v / 1e3 for v in xyz])} would work",
+            )
         return math.hypot(*xyz)
 
     def word(self, e: Element, key: str, what: str) -> str:
@@ -257,8 +274,9 @@ class _Reader:
         words = text.split()
         good = [w for w in words if _NUMBER.fullmatch(w) and math.isfinite(float(w))]
         if len(words) != 3 or len(good) != 3:
-            raise self.error(e, f"{what}: {key} is {text!r}; expected three finite numbers with blanks between them"
-                             f"{_point(text)}")  # fmt: skip
+            raise self.error(
+                e, f"{what}: {key} is {text!r}; expected three finite numbers with blanks between them{_point(text)}"
+            )
         return [float(w) for w in words]
 
 

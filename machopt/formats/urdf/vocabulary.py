@@ -17,10 +17,24 @@ from pathlib import Path
 from machopt.errors import InputError
 from machopt.formats.urdf.markup import Element
 
-ELSEWHERE = frozenset({
-    "material", "transmission", "gazebo", "ros2_control", "ros_control", "sensor", "plugin", "mujoco", "group",
-    "webots", "isaac_sim", "rviz", "compiler", "actuator",
-})  # fmt: skip
+ELSEWHERE = frozenset(
+    {
+        "material",
+        "transmission",
+        "gazebo",
+        "ros2_control",
+        "ros_control",
+        "sensor",
+        "plugin",
+        "mujoco",
+        "group",
+        "webots",
+        "isaac_sim",
+        "rviz",
+        "compiler",
+        "actuator",
+    }
+)
 """Of a robot: appearance, drives, simulators, sensors."""
 
 
@@ -37,28 +51,40 @@ class Rule:
 _SHAPE = ("mesh", "box", "cylinder", "sphere", "capsule")
 RULES = {
     "robot": Rule(("name", "version"), many=("link", "joint")),
-    "link": Rule(("name", "type"), ("inertial",), ("visual", "collision"),
-                 ("sensor", "gazebo", "self_collision_checking", "contact")),
+    "link": Rule(
+        ("name", "type"),
+        ("inertial",),
+        ("visual", "collision"),
+        ("sensor", "gazebo", "self_collision_checking", "contact"),
+    ),
     "inertial": Rule((), ("origin", "mass", "inertia")),
     "visual": Rule(("name",), ("origin", "geometry"), ignored=("material", "gazebo")),
-    "collision": Rule(("name", "group"), ("origin", "geometry"),
-                      ignored=("material", "contact_coefficients", "verbose", "surface")),
+    "collision": Rule(
+        ("name", "group"), ("origin", "geometry"), ignored=("material", "contact_coefficients", "verbose", "surface")
+    ),
     "geometry": Rule((), _SHAPE),
     "origin": Rule(("xyz", "rpy")),
     "mass": Rule(("value",)),
     "inertia": Rule(("ixx", "ixy", "ixz", "iyy", "iyz", "izz")),
     "mesh": Rule(("filename", "scale")),
-    "box": Rule(("size",)), "sphere": Rule(("radius",)),
-    "cylinder": Rule(("radius", "length")), "capsule": Rule(("radius", "length")),
-    "joint": Rule(("name", "type"), ("origin", "parent", "child", "axis", "limit", "mimic", "dynamics", "calibration",
-                                     "safety_controller"), ignored=("sensor", "gazebo", "transmission", "actuator")),
-    "parent": Rule(("link",)), "child": Rule(("link",)), "axis": Rule(("xyz",)),
+    "box": Rule(("size",)),
+    "sphere": Rule(("radius",)),
+    "cylinder": Rule(("radius", "length")),
+    "capsule": Rule(("radius", "length")),
+    "joint": Rule(
+        ("name", "type"),
+        ("origin", "parent", "child", "axis", "limit", "mimic", "dynamics", "calibration", "safety_controller"),
+        ignored=("sensor", "gazebo", "transmission", "actuator"),
+    ),
+    "parent": Rule(("link",)),
+    "child": Rule(("link",)),
+    "axis": Rule(("xyz",)),
     "limit": Rule(("lower", "upper", "velocity", "effort", "acceleration", "deceleration", "jerk")),
     "mimic": Rule(("joint", "multiplier", "offset")),
     "dynamics": Rule(("damping", "friction", "armature")),
     "calibration": Rule(("rising", "falling", "reference_position")),
     "safety_controller": Rule(("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity")),
-}  # fmt: skip
+}
 _NEAR = 0.6  # share of letters in common from which a word is offered for another
 _NEARER = 0.7  # and from which it is taken for a misspelling of it: "lnik" has 0.75, "acceleration" less of anything
 _BODIES = {"link", "joint", "inertial", "visual", "collision", "geometry"}
@@ -105,14 +131,19 @@ def _check(path: Path, element: Element, context: str, counts: Counter[str]) -> 
     if element.text:
         raise InputError(
             f"the text {element.text[:40]!r} inside {context} is not read by any URDF parser; "
-            "an attribute, or leaving it out, would work", file=path, where=f"line {element.line}",
-        )  # fmt: skip
+            "an attribute, or leaving it out, would work",
+            file=path,
+            where=f"line {element.line}",
+        )
     for k, child in enumerate(element.children):
         inside = child.tag if context == child.tag else f"{context} > {child.tag}"
         if child.tag in rule.one:
             if any(c.tag == child.tag for c in element.children[:k]):
-                raise InputError(f"{inside} stands twice, and only the first would be read; keep one", file=path,
-                                 where=f"line {child.line}")  # fmt: skip
+                raise InputError(
+                    f"{inside} stands twice, and only the first would be read; keep one",
+                    file=path,
+                    where=f"line {child.line}",
+                )
             _check(path, child, inside, counts)
         elif child.tag in rule.many:
             _check(path, child, inside, counts)
@@ -130,16 +161,18 @@ def _check_attributes(path: Path, element: Element, context: str) -> None:
         raise InputError(
             f"<{element.tag}> of {context} has an unknown attribute {name!r}"
             f"{_hint(name, known)}; valid: {', '.join(known) or 'none'}",
-            file=path, where=f"line {element.line}",
-        )  # fmt: skip
+            file=path,
+            where=f"line {element.line}",
+        )
 
 
 def _unknown(path: Path, element: Element, context: str, valid: tuple[str, ...] = ("link", "joint")) -> InputError:
     return InputError(
         f"<{element.tag}> inside {context} is no element of a URDF and would be dropped"
         f"{_hint(element.tag, valid)}; valid: {', '.join(v for v in valid if v != 'capsule') or 'nothing'}",
-        file=path, where=f"line {element.line}",
-    )  # fmt: skip
+        file=path,
+        where=f"line {element.line}",
+    )
 
 
 def _hint(word: str, valid: tuple[str, ...]) -> str:

@@ -132,8 +132,9 @@ def _check_place(term: Term, where: str, file: Any) -> None:
     if term.location not in known[term.effect]:
         raise InputError(
             f"{term.effect} cannot be at {term.location!r}; valid: {_some(known[term.effect])}",
-            file=file, where=f"{where}.location",
-        )  # fmt: skip
+            file=file,
+            where=f"{where}.location",
+        )
 
 
 def _made(term: Term, robot: Robot, T_flange_tcp: Array, parameters: Parameters) -> LinearTerm:

@@ -83,10 +83,11 @@ def _link(robot: Robot, T_flange_tcp: Array, parameters: Parameters, location: s
     length = float(np.linalg.norm(end - start))
     if length < LEAST_LENGTH and _form(parameters, beam=True) == "beam":
         raise parameters.error(
-            "", f"the origins of joint {link} and the next are {length * 1e3:.3g} mm apart, which makes no beam; "
+            "",
+            f"the origins of joint {link} and the next are {length * 1e3:.3g} mm apart, which makes no beam; "
             "from_mm and to_mm (base_link coordinates with all joints at zero) would say where it is; a matrix "
             "(compliance, compliance_diagonal) needs no length",
-        )  # fmt: skip
+        )
     S = transform(beam_axes(end - start) if length >= LEAST_LENGTH else np.eye(3), end)
     given = {k: parameters.array(k, (3,)).tolist() for k in ("from_mm", "to_mm") if parameters.has(k)}
     return _spring("link_compliance", location, link, S, length, parameters, given)
@@ -105,9 +106,10 @@ def _tool(robot: Robot, T_flange_tcp: Array, parameters: Parameters, location: s
     if reach <= LEAST_LENGTH and not (parameters.has("length_mm") or parameters.has("cylinders")):
         if _form(parameters, beam=True) == "beam":  # a matrix needs no length
             raise parameters.error(
-                "length_mm", "is missing, and the TCP lies beside the flange, across the tool axis, which gives a beam "
+                "length_mm",
+                "is missing, and the TCP lies beside the flange, across the tool axis, which gives a beam "
                 "no length; length_mm or a matrix (compliance, compliance_diagonal, form: diagonal) would work",
-            )  # fmt: skip
+            )
         reach = 0.0
     length = parameters.number("length_mm", reach * 1e3, positive=reach > 0.0) / 1e3
     given = {"length_mm": length * 1e3} if parameters.has("length_mm") else {}
@@ -116,15 +118,19 @@ def _tool(robot: Robot, T_flange_tcp: Array, parameters: Parameters, location: s
         fixed, stated = _tool_stack(robot, T_base_tcp, S, parameters)
         scale = Coefficient("scale", "1")
         return BodySpring(
-            "tool_compliance", location, 6, S, fixed[None], (scale,), np.array([parameters.number("scale", 1.0)]),
+            "tool_compliance",
+            location,
+            6,
+            S,
+            fixed[None],
+            (scale,),
+            np.array([parameters.number("scale", 1.0)]),
             lambda x: {**stated, "scale": float(x[0])},
-        )  # fmt: skip
+        )
     return _spring("tool_compliance", location, 6, S, length, parameters, given)
 
 
-def _tool_stack(
-    robot: Robot, T_base_tcp: Array, S: Array, parameters: Parameters
-) -> tuple[Array, dict[str, Any]]:  # fmt: skip
+def _tool_stack(robot: Robot, T_base_tcp: Array, S: Array, parameters: Parameters) -> tuple[Array, dict[str, Any]]:
     """Stepped cylinders (tian2025 eqs. 2–3, with lever arms) and a force sensor at the flange, seen from the TCP."""
     stated: dict[str, Any] = {"cylinders": parameters.mappings("cylinders")}
     steps = []
@@ -132,9 +138,12 @@ def _tool_stack(
         one = parameters.inner(f"cylinders[{n}]", entry)
         bore = one.number("bore_mm", 0.0, positive=False) / 1e3
         step = Cylinder(
-            one.number("diameter_mm") / 1e3, one.number("length_mm") / 1e3, one.number("youngs_GPa") * 1e9,
-            one.number("poisson", 0.3), bore,
-        )  # fmt: skip
+            one.number("diameter_mm") / 1e3,
+            one.number("length_mm") / 1e3,
+            one.number("youngs_GPa") * 1e9,
+            one.number("poisson", 0.3),
+            bore,
+        )
         one.finish()
         if not 0 <= bore < step.diameter:
             raise one.error("bore_mm", "expected at least 0 and less than the diameter")

@@ -71,7 +71,7 @@ class GravityCompensator:
                 "gravity_compensator at joint:2 is a spring beside the gear, which must be known first; without the "
                 "term, or with the balancer in machopt diagnose, this would work",
                 where="terms",
-            )  # fmt: skip
+            )
         column, q2 = state.J[..., :, self.i], state.q[..., self.i]
         per = -LINKAGE.slope(self._shape, q2)
         k = self.gear(state)[..., self.i]

@@ -101,7 +101,7 @@ class JointTerm:
                 f"{self.effect} at {self.location} lacks {', '.join(self.lacking)}, without which it is no curve; "
                 "machopt diagnose searches for it",
                 where="terms",
-            )  # fmt: skip
+            )
 
 
 @dataclass(frozen=True)

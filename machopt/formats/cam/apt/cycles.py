@@ -108,9 +108,13 @@ def parse_cycle(parts: list[str], order: tuple[str, ...] = POSITIONAL) -> CycleW
         return next((values[n] for n in names if n in values), None)
 
     found = {
-        "depth": pick(_DEPTH), "clear": pick(_CLEAR), "retract": pick(_RETRACT), "feed": values.get("FEED"),
-        "peck": pick(_FIRST), "dwell": values.get("DWELL"),
-    }  # fmt: skip
+        "depth": pick(_DEPTH),
+        "clear": pick(_CLEAR),
+        "retract": pick(_RETRACT),
+        "feed": values.get("FEED"),
+        "peck": pick(_FIRST),
+        "dwell": values.get("DWELL"),
+    }
     for what in order:
         if found[what] is None and loose:
             found[what] = loose.pop(0)

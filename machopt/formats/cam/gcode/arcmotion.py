@@ -80,9 +80,18 @@ class ArcReader(ControlState):
         return round(turns)
 
     def along_arc(
-        self, start: Array, end: Array, centre: Array, normal: Array, unknown: list[bool], axis: Vector, line: int, *,
-        turns: int = 1, in_plane: bool = True,
-    ) -> None:  # fmt: skip
+        self,
+        start: Array,
+        end: Array,
+        centre: Array,
+        normal: Array,
+        unknown: list[bool],
+        axis: Vector,
+        line: int,
+        *,
+        turns: int = 1,
+        in_plane: bool = True,
+    ) -> None:
         """Carry out an arc whose centre is known; ``normal`` is the axis of right-handed travel.
 
         Raises:

@@ -46,8 +46,30 @@ from machopt.formats.holecycle import CycleError
 from machopt.formats.source import UNIT_NAMES, ReadOptions, Source
 from machopt.formats.unknowns import fill_unknown
 
-_ADDRESSES = {"CR", "A3", "B3", "C3", "TURN", "RPL", "RND", "RNDM", "CHF", "CHR", "FRC", "FRCM", "AP", "RP", "ANG",
-              "I1", "J1", "K1", "FB", ",R", ",C", ",A"}  # fmt: skip
+_ADDRESSES = {
+    "CR",
+    "A3",
+    "B3",
+    "C3",
+    "TURN",
+    "RPL",
+    "RND",
+    "RNDM",
+    "CHF",
+    "CHR",
+    "FRC",
+    "FRCM",
+    "AP",
+    "RP",
+    "ANG",
+    "I1",
+    "J1",
+    "K1",
+    "FB",
+    ",R",
+    ",C",
+    ",A",
+}
 _HALF_WORD = re.compile(r"(?:^|\s)[XYZABCGIJKRFUVW]\s*[-+.\d]|^[-+.\d]")
 
 

@@ -12,9 +12,7 @@ OFFSETS = {540, 550, 560, 570, 580, 590, 541, 591, 592, 593, *range(5000, 6000, 
 MANY_OFFSETS = {541, 1540}  # G54.1 P, G154 P
 
 # Axis words of these blocks go to the machine's own frame.
-MACHINE_FRAME = {
-    280: "G28", 300: "G30", 530: "G53", 281: "G28.1", 301: "G30.1", 1530: "G153", 740: "G74", 750: "G75",
-}  # fmt: skip
+MACHINE_FRAME = {280: "G28", 300: "G30", 530: "G53", 281: "G28.1", 301: "G30.1", 1530: "G153", 740: "G74", 750: "G75"}
 
 TABLE_OFFSETS = {542, 544}  # G54.2, G54.4; P0: off
 REFUSED = {
@@ -46,8 +44,30 @@ REFUSED_CALLS = {
     "OVR": "it scales the feeds that follow; write the feeds themselves",
     "AR": "arcs by their opening angle are not supported; export them with centre or radius",
     **dict.fromkeys(
-        ("FOR", "ENDFOR", "WHILE", "ENDWHILE", "IF", "ELSE", "ENDIF", "GOTOB", "GOTOF", "GOTO", "REPEAT", "LOOP", "DEF",
-         "UNTIL", "CASE", "PROC", "THEN", "ENDLOOP", "EXTERN", "CALL", "PCALL", "REPEATB"),
+        (
+            "FOR",
+            "ENDFOR",
+            "WHILE",
+            "ENDWHILE",
+            "IF",
+            "ELSE",
+            "ENDIF",
+            "GOTOB",
+            "GOTOF",
+            "GOTO",
+            "REPEAT",
+            "LOOP",
+            "DEF",
+            "UNTIL",
+            "CASE",
+            "PROC",
+            "THEN",
+            "ENDLOOP",
+            "EXTERN",
+            "CALL",
+            "PCALL",
+            "REPEATB",
+        ),
         "this program logic is not followed; expand the program first",
     ),
     **dict.fromkeys(
@@ -59,10 +79,32 @@ REFUSED_CALLS = {
         "it makes the axes mean something else; export it without, as G0 to G3",
     ),
     **dict.fromkeys(
-        ("BSPLINE", "ASPLINE", "CSPLINE", "POLY", "INVCW", "INVCCW", "POCKET3", "POCKET4", "LONGHOLE", "SLOT1", "SLOT2",
-         "CYCLE71", "CYCLE72", "CYCLE76", "CYCLE77", "MEAS", "MEAW", "MEASA", "FXS", "REPOSA", "REPOSL", "CHKDNO"),
+        (
+            "BSPLINE",
+            "ASPLINE",
+            "CSPLINE",
+            "POLY",
+            "INVCW",
+            "INVCCW",
+            "POCKET3",
+            "POCKET4",
+            "LONGHOLE",
+            "SLOT1",
+            "SLOT2",
+            "CYCLE71",
+            "CYCLE72",
+            "CYCLE76",
+            "CYCLE77",
+            "MEAS",
+            "MEAW",
+            "MEASA",
+            "FXS",
+            "REPOSA",
+            "REPOSL",
+            "CHKDNO",
+        ),
         "this motion is not supported; export it as G1, G2 and G3",
     ),
-}  # fmt: skip
+}
 PROGRAM_END = {2, 30, 99}
 POLES = {1100, 1110, 1120}  # Sinumerik

@@ -7,8 +7,17 @@ import math
 from machopt.formats.holecycle import CycleError, HoleCycle
 
 SUPPORTED = (1, 2, 17, 200, 201, 202, 203, 204, 205, 206, 207, 209, 240)
-_OLD_WORDS = {"DIST": "SETUP", "SETUP": "SETUP", "DEPTH": "DEPTH", "PLNGNG": "PECK", "PECKG": "PECK", "PECKING": "PECK",
-              "DWELL": "DWELL", "F": "F", "PITCH": "PITCH"}  # fmt: skip
+_OLD_WORDS = {
+    "DIST": "SETUP",
+    "SETUP": "SETUP",
+    "DEPTH": "DEPTH",
+    "PLNGNG": "PECK",
+    "PECKG": "PECK",
+    "PECKING": "PECK",
+    "DWELL": "DWELL",
+    "F": "F",
+    "PITCH": "PITCH",
+}
 OLD_WORD = r"(DIST|SET ?UP|DEPTH|PLNGNG|PECKG|PECKING|DWELL|PITCH|F)"
 
 

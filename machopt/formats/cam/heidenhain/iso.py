@@ -22,11 +22,19 @@ _WORD = re.compile(r"\s*([A-Z])\s*" + NUMBER)
 _Q = re.compile(r"\s*Q(\d+)\s*=\s*" + NUMBER)
 _MIRROR = re.compile(r"(?:G9[01]\s*)?G28(?:\s*[XYZABC])*")
 _REFUSED = {
-    6: "G6 (tangential arc)", 16: "G16 (polar tangential arc)", 26: "G26 (tangential approach)",
-    27: "G27 (tangential departure)", 28: "G28 (mirroring)", 72: "G72 (scaling)",
-    18: "G18 (another tool axis)", 19: "G19 (another tool axis)", 20: "G20 (another tool axis)",
-    53: "G53 (datum table)", 5: "G5 (arc without a direction)", 15: "G15 (polar arc without a direction)",
-}  # fmt: skip
+    6: "G6 (tangential arc)",
+    16: "G16 (polar tangential arc)",
+    26: "G26 (tangential approach)",
+    27: "G27 (tangential departure)",
+    28: "G28 (mirroring)",
+    72: "G72 (scaling)",
+    18: "G18 (another tool axis)",
+    19: "G19 (another tool axis)",
+    20: "G20 (another tool axis)",
+    53: "G53 (datum table)",
+    5: "G5 (arc without a direction)",
+    15: "G15 (polar arc without a direction)",
+}
 
 
 def read_heidenhain_iso(source: Source, options: ReadOptions) -> Toolpath:

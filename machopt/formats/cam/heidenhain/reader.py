@@ -45,9 +45,14 @@ _IGNORED = (
 _REFUSED = {
     "CTP": "polar tangential arcs",
     "FN": "formulas",
-    "FPOL": "free contours", "FLT": "free contours", "FL": "free contours", "FCT": "free contours",
-    "FC": "free contours", "SEL": "other programs and tables", "CYCL CALL PAT": "point patterns",
-}  # fmt: skip
+    "FPOL": "free contours",
+    "FLT": "free contours",
+    "FL": "free contours",
+    "FCT": "free contours",
+    "FC": "free contours",
+    "SEL": "other programs and tables",
+    "CYCL CALL PAT": "point patterns",
+}
 
 
 def read_heidenhain(source: Source, options: ReadOptions) -> Toolpath:

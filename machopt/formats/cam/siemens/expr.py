@@ -41,12 +41,7 @@ _LEVELS: tuple[dict[str, Callable[[float, float], float]], ...] = (  # weakest f
         ">=": lambda a, b: float(a >= b),
     },
     {"+": lambda a, b: a + b, "-": lambda a, b: a - b},
-    {
-        "*": lambda a, b: a * b,
-        "/": lambda a, b: a / b,
-        "DIV": lambda a, b: float(math.trunc(a / b)),
-        "MOD": math.fmod,
-    },
+    {"*": lambda a, b: a * b, "/": lambda a, b: a / b, "DIV": lambda a, b: float(math.trunc(a / b)), "MOD": math.fmod},
     {"^": lambda a, b: a**b},  # Heidenhain
 )
 Values = dict[str, float]

@@ -26,9 +26,12 @@ _GOTO = re.compile(r"(GOTO[BF]?)\s+(\w+)\s*")
 _REPEAT = re.compile(r"REPEAT(B?)\s+([A-Z_]\w*)(?:\s+([A-Z_]\w*))?(?:\s+P\s*=?\s*(\d+))?\s*")
 _FOR = re.compile(r"FOR\s+(\w+)\s*=\s*(.*)\bTO\b(.*)")
 _BLOCKS = {  # word → (what closes it, words on the way)
-    "IF": ("ENDIF", ("ELSE",)), "FOR": ("ENDFOR", ()), "WHILE": ("ENDWHILE", ()), "REPEAT": ("UNTIL", ()),
+    "IF": ("ENDIF", ("ELSE",)),
+    "FOR": ("ENDFOR", ()),
+    "WHILE": ("ENDWHILE", ()),
+    "REPEAT": ("UNTIL", ()),
     "LOOP": ("ENDLOOP", ()),
-}  # fmt: skip
+}
 _WORD = re.compile(r"(IF|ELSE|ENDIF|FOR|ENDFOR|WHILE|ENDWHILE|REPEAT|UNTIL|LOOP|ENDLOOP)\b\s*(.*)")
 _FLOW_WORD = re.compile(
     r"(?:IF|ELSE|ENDIF|FOR|ENDFOR|WHILE|ENDWHILE|REPEATB?|UNTIL|LOOP|ENDLOOP|GOTO[BF]?|DEF|RET|M17|M99)\b"
@@ -52,8 +55,10 @@ class SiemensFlow:
     """Carries out one program line by line."""
 
     def __init__(self, items: Sequence[Item]) -> None:
-        self.items = [(line, *_PREFIX.match(text).groups(), _PREFIX.sub("", text, 1).strip(), comments)  # type: ignore[union-attr]
-                      for line, text, comments in items]  # fmt: skip
+        self.items = [
+            (line, *_PREFIX.match(text).groups(), _PREFIX.sub("", text, 1).strip(), comments)  # type: ignore[union-attr]
+            for line, text, comments in items
+        ]
         self.raw = items
         self.variables = Variables()
         self.labels: dict[str, list[int]] = {}
