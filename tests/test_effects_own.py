@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from importlib.metadata import EntryPoint
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from machopt.diagnose import deflection, userterms
 from machopt.domain.stiffness import Stiffness, Term
-from machopt.effects import own, registry
+from machopt.effects import files, own, registry
+from machopt.effects.protocol import Parameter
 from machopt.errors import InputError
 from machopt.model.elastic import ArmElasticity
 from machopt.model.terms import vocabulary
@@ -94,11 +97,23 @@ def test_a_file_adds_an_effect_to_diagnosis_and_plan_while_it_is_in_use(jelly: P
         ("EFFECTS = [JELLY]", "EFFECTS = []", "a list of Effect objects would work"),
         ("EFFECTS = [JELLY]", "EFFECTS = [Saturating()]", "holds Saturating"),
         ("EFFECTS = [JELLY]", "EFFECTS = [JELLY, JELLY]", "stands twice"),
-        ('name="joint_jelly"', 'name="joint_creep"', "'joint_creep' stands twice; another name"),
+        ('name="joint_jelly"', 'name="joint_creep"', "'joint_creep' is the name of another effect; another name"),
         ("laws=(Saturating(),)", "laws=()", "an elastic effect with laws"),
         ("places=JOINTS", 'places=("base",)', "joint:1 … joint:6 would work"),
         ("EFFECTS = [JELLY]", "EFFECTS = [1 / 0]", "does not run: ZeroDivisionError"),
         ("EFFECTS = [JELLY]", "(", "does not run: SyntaxError"),
+        ("EFFECTS = [JELLY]", "import sys; sys.exit(0)", "does not run: SystemExit"),
+        ("EFFECTS = [JELLY]", "class E(Exception): pass\nraise E('no')", "does not run: E: no"),
+        ("places=JOINTS", "places=()", "joint:1 … joint:6 would work"),
+        (
+            'name="joint_jelly"',
+            'name="jelly", word="transmission_error"',
+            "'transmission_error' is the name of another",
+        ),
+        ("return shape * np.tanh", "return np.nan * np.tanh", "law 'tanh': columns under -500, 1, 800 N·m"),
+        ("/ shape) ** -2.0", "/ shape)[..., 0]", "law 'tanh': tangent under -500, 1, 800 N·m have the shape (3,)"),
+        ("return shape * np.tanh", "raise ValueError('oops')  #", "law 'tanh' does not run: ValueError: oops"),
+        ("laws=(Saturating(),)", "laws=(3,)", "law 'int' does not run: AttributeError"),
     ],
 )
 def test_a_file_that_will_not_do_says_what_would(jelly: Path, old: str, new: str, said: str) -> None:
@@ -120,3 +135,35 @@ def test_a_file_without_laws_is_refused(jelly: Path) -> None:
         userterms.load(own.run((jelly,)))
     with pytest.raises(InputError, match="has no EFFECTS"), own.in_use(own.with_effects((jelly,))):
         pass
+
+
+def test_laws_of_the_catalogue_answer_as_a_users_must() -> None:
+    for effect in registry.of_joint_torque():
+        for law in effect.laws:
+            own._try(effect, law, "the catalogue")
+
+
+def test_a_package_that_does_not_load_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module, group in ((own, own.GROUP), (own, userterms.GROUP)):
+        broken = EntryPoint("x", "nothere.at_all:EFFECTS", group)
+        monkeypatch.setattr(
+            module, "entry_points", lambda group, broken=broken: [broken] if broken.group == group else []
+        )
+        with pytest.raises(InputError, match=r"nothere.at_all.*does not load: ModuleNotFoundError"):
+            own.installed(group)
+    with pytest.raises(InputError, match="does not load"):
+        userterms.load()
+
+
+def test_numbers_of_a_law_go_to_a_file_and_back_in_any_order() -> None:
+    """A list before a single number was read and written by different rules."""
+    law = SimpleNamespace(
+        word="",
+        coefficients=(Parameter(key="b", unit="", many=True), Parameter(key="a", unit="")),
+        shape=(),
+        remembers=False,
+    )
+    stated = {"a": 5.0, "b": [1.0, 2.0]}
+    values, shape, _ = files.read(law, files.Parameters(stated, "x"))
+    assert files.write(law, values, shape) == stated
+    assert [name for name, *_ in files.named(law, 3)] == ["a", "b[0]", "b[1]"]

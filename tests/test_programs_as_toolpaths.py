@@ -180,7 +180,7 @@ def test_inspect_shows_programs_in_words_json_and_pictures(
     told = capsys.readouterr().out
     assert "format: robot/krl" in told
     assert f"pictures: {page}" in told
-    assert "<svg class=plot" in page.read_text(encoding="utf-8")
+    assert '<svg class="plot"' in page.read_text(encoding="utf-8")
     joints = str(job / "out/fanuc_joint/PASS_CSV.ls")
     assert main(["inspect", joints]) == 2
     assert "inspect takes one with --cell" in capsys.readouterr().err

@@ -89,7 +89,7 @@ COMMANDS = ("optimize", "identify", "diagnose", "plan-poses", "map", "inspect", 
 PARTS = {  # part of the package → commands whose messages it writes
     "formats": COMMANDS,
     "cli": COMMANDS,
-    "job": COMMANDS,
+    "services": COMMANDS,
     "plan": ("optimize", "verify", "batch"),
 }
 OPTION_WORD = re.compile(r"(?<![\w-])--[a-z][A-Za-z-]*[A-Za-z]")

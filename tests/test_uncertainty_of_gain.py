@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path as FilePath
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from test_pipeline import planned
 from machopt.cli.toolpaths import _gain_lines
 from machopt.domain.options import Index
 from machopt.domain.reason import Reason
+from machopt.domain.results.optimize import MeanGain, OptimizeResult
 from machopt.domain.stiffness import Stiffness, StiffnessGrid, Term
 from machopt.formats.stiffness import load_stiffness
 from machopt.formats.toolpath import read_toolpath
@@ -217,9 +220,16 @@ def test_a_gain_below_its_uncertainty_is_said_to_be_none() -> None:
     assert unsure.std == pytest.approx(300 * sure.std, rel=1e-9)
 
     def lines(g: Gain) -> str:
-        share = {"mean_percent": 100 * g.mean, "std_percent": 100 * g.std, "ci90": [100 * v for v in g.interval]}
-        entry = {"over": g.over, **share, "distinguishable": g.distinguishable}
-        return "\n".join(_gain_lines({"index": "deflection", "chosen_from": "smooth", "objective": {"gain": [entry]}}))
+        low, high = (100 * v for v in g.interval)
+        entry = MeanGain(
+            over=g.over,
+            mean_percent=100 * g.mean,
+            std_percent=100 * g.std,
+            ci90=(low, high),
+            distinguishable=g.distinguishable,
+        )
+        told = SimpleNamespace(index="deflection", chosen_from="smooth", objective=SimpleNamespace(gain=(entry,)))
+        return "\n".join(_gain_lines(cast(OptimizeResult, told)))
 
     assert "not distinguishable" in lines(unsure)
     assert "not distinguishable" not in lines(sure)

@@ -14,13 +14,12 @@ installed; a file is run only where ``--terms`` names it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from importlib.metadata import entry_points
 
 import numpy as np
 
 from machopt.diagnose.problem import Hypothesis
 from machopt.diagnose.readings import Readings
-from machopt.effects.own import BROKEN, Own
+from machopt.effects.own import BROKEN, Own, installed
 from machopt.errors import InputError
 
 GROUP = "machopt.diagnose"
@@ -36,7 +35,7 @@ def load(own: Sequence[Own] = ()) -> list[tuple[str, Offer]]:
     Raises:
         InputError: a file that has neither a function ``hypotheses`` nor effects.
     """
-    out: list[tuple[str, Offer]] = [(e.value, e.load()) for e in entry_points(group=GROUP)]
+    out: list[tuple[str, Offer]] = list(installed(GROUP))
     for o in own:
         offer = getattr(o.module, "hypotheses", None)
         if callable(offer):

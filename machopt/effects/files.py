@@ -197,7 +197,8 @@ def _parted(group: tuple[Parameter, ...], numbers: NDArray[Any]) -> list[NDArray
     """The numbers of each parameter; those of one branch stand side by side, single ones before them."""
     single = sum(not p.many for p in group)
     many = numbers[single:].reshape(-1, max(len(group) - single, 1)).T
-    return [numbers[n : n + 1] if not p.many else many[n - single] for n, p in enumerate(group)]
+    lone, rows = iter(range(single)), iter(many)
+    return [next(rows) if p.many else numbers[(n := next(lone)) : n + 1] for p in group]
 
 
 def _joined(group: list[tuple[Parameter, Array]], branches: int) -> Array:

@@ -16,24 +16,16 @@ from importlib.metadata import entry_points
 from os.path import isfile
 from pathlib import Path
 from types import ModuleType
+from typing import Any
+
+import numpy as np
 
 from machopt.effects import registry
-from machopt.effects.protocol import JOINTS, Effect
+from machopt.effects.protocol import JOINTS, Drive, Effect, Scale
 from machopt.errors import InputError
 
 GROUP = "machopt.effects"
-BROKEN = (  # what code of a user's own may raise
-    ArithmeticError,
-    AssertionError,
-    AttributeError,
-    ImportError,
-    LookupError,
-    NameError,
-    OSError,
-    RuntimeError,
-    TypeError,
-    ValueError,
-)
+BROKEN = (Exception, SystemExit)  # what code of a user's own may raise; sys.exit would end the command as if done
 
 
 @dataclass(frozen=True)
@@ -65,7 +57,7 @@ def run(files: Sequence[Path]) -> tuple[Own, ...]:
         sys.modules[spec.name] = module
         try:
             spec.loader.exec_module(module)
-        except (SyntaxError, *BROKEN) as problem:
+        except BROKEN as problem:
             raise InputError(f"does not run: {type(problem).__name__}: {problem}", file=file) from problem
         out.append(Own(file, module))
     return tuple(out)
@@ -92,11 +84,13 @@ def in_use(own: Iterable[Own] = ()) -> Iterator[None]:
         InputError: something that is no effect of single joints, or a name that is taken.
     """
     before = registry.EFFECTS
-    offers = [(e.value, e.load()) for e in entry_points(group=GROUP)]
+    offers = installed(GROUP)
     offers += [(str(o.file), o.module.EFFECTS) for o in own if o.has_effects]
     known = list(before.values())
     for source, offered in offers:
         new = [e for e in _checked(offered, source) if before.get(e.name) is not e]
+        for e in new:
+            _refuse_taken(e, known, source)
         try:
             registry.registry((*known, *new))
         except ValueError as taken:
@@ -109,16 +103,73 @@ def in_use(own: Iterable[Own] = ()) -> Iterator[None]:
         registry.EFFECTS = before
 
 
+def installed(group: str) -> list[tuple[str, Any]]:
+    """What installed packages offer in an entry-point group, with where it comes from.
+
+    Raises:
+        InputError: a package that does not load.
+    """
+    out = []
+    for e in entry_points(group=group):
+        try:
+            out.append((e.value, e.load()))
+        except BROKEN as problem:
+            raise InputError(
+                f"an installed package offers this in {group}, and it does not load: "
+                f"{type(problem).__name__}: {problem}; without the package, or with it mended, it would work",
+                file=e.value,
+            ) from problem
+    return out
+
+
+def _refuse_taken(e: Effect, known: Iterable[Effect], source: str) -> None:
+    for other in known:
+        shared = {e.name, e.called} & {other.name, other.called}
+        if shared:
+            raise InputError(
+                f"EFFECTS: {shared.pop()!r} is the name of another effect; another name would work", file=source
+            )
+
+
 def _checked(offered: object, source: str) -> list[Effect]:
     if not isinstance(offered, list | tuple) or not offered:
         raise InputError(f"EFFECTS is {type(offered).__name__}; a list of Effect objects would work", file=source)
     for e in offered:
         if not isinstance(e, Effect):
             raise InputError(f"EFFECTS holds {type(e).__name__}; Effect objects would work", file=source)
-        if not (e.laws and e.elastic and e.port == "twist" and set(e.places) <= set(JOINTS)):
+        if not (e.laws and e.elastic and e.port == "twist" and e.places and set(e.places) <= set(JOINTS)):
             raise InputError(
                 f"{e.name}: an elastic effect with laws, port twist and places joint:1 … joint:6 would work; for "
                 "anything else hypotheses(readings) of machopt diagnose",
                 file=source,
             )
+        for law in e.laws:
+            _try(e, law, source)
     return list(offered)
+
+
+def _try(e: Effect, law: Any, source: str) -> None:
+    """Let a law answer once: what is NaN or of another form would be lost in a search, or blamed on something else."""
+    load = np.array([-500.0, 1.0, 800.0])  # N·m
+    drive = Drive(load, np.array([-0.5, 0.1, 0.7]), np.array([60.0, 1.0, 1.0]), np.array([1, 0, 0]))
+    name = f"{e.name}: law {getattr(law, 'name', type(law).__name__)!r}"
+    try:
+        grid = law.grid(Scale(800.0, 1e-6, -1.0, 1.0, 60.0))
+        count = len(law.coefficients)
+        answers = [
+            (what, np.asarray(getattr(law, what)(np.array(shape, float), drive), float))
+            for shape in (grid or (tuple(p.factor for p in law.shape),))
+            for what in ("columns", "tangent")
+        ]
+        texts = (law.name, law.equation, law.word, *(p.key for p in (*law.coefficients, *law.shape)))
+    except BROKEN as problem:
+        raise InputError(f"{name} does not run: {type(problem).__name__}: {problem}", file=source) from problem
+    if not count or not all(isinstance(text, str) for text in texts):
+        raise InputError(f"{name}: coefficients and texts (name, equation, word, keys) would work", file=source)
+    for what, answer in answers:
+        if answer.ndim != 2 or len(answer) != len(load) or not answer.shape[1] or not np.isfinite(answer).all():
+            raise InputError(
+                f"{name}: {what} under {', '.join(f'{tau:g}' for tau in load)} N·m have the shape {answer.shape} (or "
+                f"NaN); finite ({len(load)}, p) would work",
+                file=source,
+            )

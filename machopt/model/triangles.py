@@ -90,7 +90,7 @@ def _part(value: Array, order: Ints, low: int, high: int, at: int) -> None:
 
 def _boxes(corners: Array) -> tuple[Array, Array, Ints, Ints, Ints, Ints]:
     """Divide at the median along the longest side, down to LEAF triangles; what :class:`Mesh` keeps of it."""
-    most = 2 * len(corners)  # halves hold two triangles or more, before they are divided
+    most = max(2 * len(corners), 1)  # halves hold two triangles or more, before they are divided
     low, high = np.empty((most, 3)), np.empty((most, 3))
     child, first, count = (np.empty(most, np.int64) for _ in range(3))
     order = np.arange(len(corners))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -71,20 +71,29 @@ def read_result(path: Path, form: type[Document]) -> Document:
     try:
         return form.model_validate(value)
     except ValidationError as problem:
-        first, *more = problem.errors()
-        raise InputError(wrong_key(first) + (f"; and {len(more)} more like it" if more else ""), file=path) from None
+        first, *more = once(problem.errors())
+        raise InputError(first + (f"; and {len(more)} more like it" if more else ""), file=path) from None
+
+
+def once(errors: Sequence[ErrorDetails]) -> list[str]:
+    """What is wrong, once for each key: pydantic tells every kind it tried of one that may be of several."""
+    return list({_key(error): wrong_key(error) for error in reversed(errors)}.values())[::-1]
 
 
 def wrong_key(error: ErrorDetails) -> str:
     """What is wrong with one key, for whoever reads the file."""
-    # what pydantic adds to a place, e.g. the kind it tried of several, is no key of the file
-    key = ".".join(str(part) for part in error["loc"] if not (isinstance(part, str) and part in _KINDS))
+    key = _key(error)
     if error["type"] == "extra_forbidden":
         return f"{key} is no key of this file"
     if error["type"] == "missing":
         return f"{key} is missing"
     found = repr(error["input"])
     return f"{key} is {found if len(found) <= 60 else found[:57] + '…'}; {_expected(error)}"
+
+
+def _key(error: ErrorDetails) -> str:
+    # what pydantic adds to a place, e.g. the kind it tried of several, is no key of the file
+    return ".".join(str(part) for part in error["loc"] if not (isinstance(part, str) and part in _KINDS))
 
 
 _KINDS = frozenset(("int", "float", "constrained-int", "constrained-float"))

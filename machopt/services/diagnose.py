@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from os.path import isfile
 from pathlib import Path
 
 import numpy as np
@@ -96,7 +97,7 @@ def _diagnosed(request: Request, own: tuple[Own, ...], progress: Progress) -> Ou
     in_motion = recording.kind == "motion"
     cell = load_cell(request.cell, allow_external=request.allow_external, any_chain=in_motion)
     laws = userterms.load(own)
-    if request.toolpath is not None and not request.toolpath.is_file():  # said before minutes of work, not after
+    if request.toolpath is not None and not isfile(request.toolpath):  # said before minutes of work, not after
         raise InputError(
             "there is no such file; a toolpath that optimize reads would work",
             file=request.toolpath,
@@ -179,6 +180,7 @@ def _at_rest(
     if recording.kind == "deflection":
         known = None
         if cell.stiffness is not None:
+            ArmElasticity(robot, T, cell.stiffness, masses=masses)  # refuses what no plan could use either
             terms = tuple(t for t in cell.stiffness.terms if t.effect != GEOMETRIC)
             known = Stiffness(cell.stiffness.joints, terms=terms)
         d, problem = _load_tests(request, recording, robot, T, masses, laws, known, copies, options)
@@ -218,7 +220,6 @@ def _load_tests(
     if known is not None and known.terms:  # what they add to the springs
         r = deflection.readings_of(recording, tests, robot, T, masses, 1.0 / known.joints, memo)
         lived, settled = at_joint.lived_through(r, known.terms)
-        ArmElasticity(robot, T, known, masses=masses)  # refuses what no plan could use either
         whole = ArmElasticity(robot, T, replace(known, terms=settled), masses=masses).at(recording.q)
         springs = ArmElasticity(robot, T, Stiffness(known.joints)).at(recording.q)
         terms = lived + whole.respond(tests.wrench) - springs.respond(tests.wrench)

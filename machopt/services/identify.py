@@ -15,6 +15,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
 from machopt.domain.results.identification import IdentificationResult
 from machopt.domain.stiffness import Term
+from machopt.effects.own import in_use
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.readings import write_readings_csv
@@ -76,6 +77,11 @@ def run_identify(request: Request, progress: Callable[[str], None] = lambda _: N
     Raises:
         InputError: bad cell, recording, options or output folder; a record that cannot be right.
     """
+    with in_use():  # effects of installed packages
+        return _identify(request, progress)
+
+
+def _identify(request: Request, progress: Callable[[str], None]) -> Outcome:
     options = _options(request)
     progress("reading cell and recording")
     cell = load_cell(request.cell, allow_external=request.allow_external)

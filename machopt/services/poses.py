@@ -14,6 +14,7 @@ from machopt.diagnose.apart.separate import Asked, Discriminating, compliance_fo
 from machopt.domain.manifest import with_scope
 from machopt.domain.results.poses import PosesResult
 from machopt.domain.stiffness import Stiffness
+from machopt.effects.own import in_use
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.poses import write_poses_csv, write_recording_template
@@ -68,6 +69,11 @@ def run_plan_poses(request: Request, progress: Callable[[str], None] = lambda _:
     Raises:
         InputError: bad cell, option or output folder.
     """
+    with in_use():  # effects of installed packages
+        return _plan_poses(request, progress)
+
+
+def _plan_poses(request: Request, progress: Callable[[str], None]) -> Outcome:
     check(request)
     progress("reading the cell")
     cell = load_cell(request.cell, allow_external=request.allow_external)

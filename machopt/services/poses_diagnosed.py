@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from os.path import isdir, isfile
 from pathlib import Path
 
 from machopt.diagnose.apart.disputes import Diagnosed, left_open
@@ -19,8 +20,8 @@ def diagnosed(folder: Path) -> Diagnosed:
     Raises:
         InputError: no diagnosis, one of a motion, or one of another version.
     """
-    file = folder / "diagnosis.json" if folder.is_dir() else folder
-    if not file.is_file():
+    file = folder / "diagnosis.json" if isdir(folder) else folder
+    if not isfile(file):
         raise InputError("there is no such file; the folder that machopt diagnose wrote would work", file=file)
     try:
         data = read_result(file, DiagnosisResult)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from pydantic import ValidationError
+from pydantic_core import ErrorDetails
 
-from machopt.output.jsonfile import wrong_key
+from machopt.output.jsonfile import once
 
 _PART_OF = {
     "inputs": "inputs",
@@ -38,11 +39,9 @@ _PART_OF = {
 
 def wrong_parts(problem: ValidationError) -> dict[str, list[str]]:
     """What is wrong by part, each thing once; the other parts cannot be compared without these."""
-    wrong: dict[str, list[str]] = {}
+    wrong: dict[str, list[ErrorDetails]] = {}
     for error in problem.errors():
         part = _PART_OF.get(str(error["loc"][0]) if error["loc"] else "", "verdict")
         said = wrong.setdefault(part, [])
-        words = wrong_key(error)
-        if words not in said:
-            said.append(words)
-    return wrong
+        said.append(error)
+    return {part: once(errors) for part, errors in wrong.items()}

@@ -63,7 +63,7 @@ class Law:
 
 def steps_for(stands: Sequence[Stand]) -> tuple[float, ...]:
     """The readings of a load cycle that these laws ask for."""
-    curved = {e.name for e in registry.of_joint_torque() if e.remembers or any(law.weighs for law in e.laws)}
+    curved = {e.called for e in registry.of_joint_torque() if e.remembers or any(law.weighs for law in e.laws)}
     return UP_AND_DOWN if any(s.effect in curved for s in stands) else (1.0,)
 
 

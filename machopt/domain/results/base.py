@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Self
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, StrictBool, StrictFloat, StrictInt, StrictStr
@@ -20,8 +21,32 @@ def _row(value: object) -> object:
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 
+def _flag(value: object) -> object:
+    return bool(value) if isinstance(value, np.bool_) else value
+
+
+def whole(value: object) -> object:
+    """A literal 1 is no true and no 1.0."""
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise ValueError("a whole number was expected")
+    return value
+
+
+def _plain(value: object) -> object:
+    """What options hold, in JSON's own types."""
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
 Text = StrictStr
-Flag = StrictBool
+Flag = Annotated[StrictBool, BeforeValidator(_flag)]
+First = Annotated[Literal[1], BeforeValidator(whole)]
+"""The version of a document's form."""
 Count = Annotated[StrictInt, BeforeValidator(_number)]
 Number = Annotated[StrictInt | StrictFloat, BeforeValidator(_number)]
 Known = Annotated[StrictInt | StrictFloat | None, BeforeValidator(_number)]
@@ -30,7 +55,7 @@ Numbers = Annotated[tuple[Number, ...], BeforeValidator(_row)]
 Knowns = Annotated[tuple[Known, ...], BeforeValidator(_row)]
 Hashes = dict[Text, Text]
 """Name of a file → SHA-256, lower-case hexadecimal."""
-Settings = dict[Text, Any]
+Settings = Annotated[dict[Text, Any], BeforeValidator(_plain)]
 """Options by the names that the user gives them, in any form that JSON has."""
 
 

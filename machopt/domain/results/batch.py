@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from machopt.domain.results.base import Count, Flag, Known, Part, Settings, Text
+from machopt.domain.results.base import Count, First, Flag, Known, Part, Settings, Text
 
 
 class BatchRow(Part):
@@ -38,7 +38,7 @@ class BatchRow(Part):
 class BatchRecord(Part):
     """job.json: the same for the same job; what differs from run to run is in timing.json."""
 
-    machopt_batch_job: Literal[1]
+    machopt_batch_job: First
     job: Text
     key: Text
     state: Text
@@ -117,7 +117,7 @@ class BatchComparison(Part):
 class BatchResult(Part):
     """batch.json: the same for the same jobs, however often the batch was stopped."""
 
-    machopt_batch: Literal[1]
+    machopt_batch: First
     version: Text
     complete: Flag
     exit_code: Count | None

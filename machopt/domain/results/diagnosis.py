@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from machopt.domain.results.base import Count, Flag, Hashes, Known, Knowns, Numbers, Part, Settings, Text
+from machopt.domain.results.base import Count, First, Flag, Hashes, Known, Knowns, Numbers, Part, Settings, Text
 
 Name = tuple[Text, Text]
 """Effect and location."""
@@ -238,7 +238,7 @@ class EffectOnJob(Part):
 class DiagnosisResult(Part):
     """The whole file."""
 
-    machopt_diagnosis: Literal[1]
+    machopt_diagnosis: First
     version: Text
     cell: Text
     recording: Text

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from machopt.domain.results.base import Count, Flag, Hashes, Known, Knowns, Number, Numbers, Part, Text
+from machopt.domain.results.base import Count, First, Flag, Hashes, Known, Knowns, Number, Numbers, Part, Text
 
 
 class JointStiffness(Part):
@@ -99,7 +99,7 @@ class ShareOfRange(Part):
 class IdentificationResult(Part):
     """The whole file."""
 
-    machopt_identification: Literal[1]
+    machopt_identification: First
     version: Text
     cell: Text
     recording: Text

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
-from machopt.domain.results.base import Count, Hashes, Known, Knowns, Number, Numbers, Part, Text
+from machopt.domain.results.base import Count, First, Hashes, Known, Knowns, Number, Numbers, Part, Text, whole
 
 
 class AxisTold(Part):
@@ -102,10 +102,10 @@ class MeasuredTold(Part):
 class MapResult(Part):
     """The whole file."""
 
-    machopt_map: Literal[1]
+    machopt_map: First
     version: Text
     verdict: Text
-    exit_code: Literal[0, 3]
+    exit_code: Annotated[Literal[0, 3], BeforeValidator(whole)]
     inputs: Hashes
     cell: Text
     kind: Text

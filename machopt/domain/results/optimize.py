@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
-from machopt.domain.results.base import Count, Flag, Hashes, Known, Number, Numbers, Part, Settings, Text
+from machopt.domain.results.base import Count, First, Flag, Hashes, Known, Number, Numbers, Part, Settings, Text
 
 
 class IgnoredWord(Part):
@@ -218,7 +216,7 @@ class ProgramTold(Part):
 class OptimizeResult(Part):
     """The whole file."""
 
-    machopt_result: Literal[1]
+    machopt_result: First
     version: Text
     verdict: Text
     exit_code: Count

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from machopt.domain.results.base import Count, Flag, Hashes, Known, Knowns, Number, Part, Text
+from machopt.domain.results.base import Count, First, Flag, Hashes, Known, Knowns, Number, Part, Text
 
 
 class CandidatesTold(Part):
@@ -130,7 +130,7 @@ class DiscriminateTold(Part):
 class PosesResult(Part):
     """The whole file; without an admissible load test it ends with the warnings."""
 
-    machopt_poses: Literal[1]
+    machopt_poses: First
     version: Text
     verdict: Literal["done", "infeasible"]
     inputs: Hashes

@@ -125,7 +125,8 @@ def _check_place(term: Term, where: str, file: Any) -> None:
         close = difflib.get_close_matches(term.effect, known, n=1)
         hint = f"did you mean {close[0]!r}? " if close else ""
         raise InputError(
-            f"effect {term.effect!r} is not known; {hint}valid: {', '.join(known)}; one of your own: --effects FILE.py",
+            f"effect {term.effect!r} is not known; {hint}valid: {', '.join(known)}; one of your own: "
+            "--effects FILE.py in optimize and map, --terms FILE.py in diagnose",
             file=file,
             where=f"{where}.effect",
         )
