@@ -35,7 +35,8 @@ def main() -> None:
             start = perf_counter()
             outcome = run_map(Request(cell=CELLS / cell, out=Path(folder) / "out", **asked))  # type: ignore[arg-type]
             seconds = perf_counter() - start
-        samples, options = outcome.result["samples"], outcome.result["options"]
+        told = outcome.result.plain()
+        samples, options = told["samples"], told["options"]
         rotations = options["rotations"]  # type: ignore[index]
         poses = samples * (1 if rotations is None else rotations + 1)  # type: ignore[operator]
         print(f"{name:46} {samples:8,} {seconds:7.2f} {samples / seconds:10,.0f} {poses / seconds:10,.0f}")  # type: ignore[operator]

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 from batch_stub import CELL, folder_of, request_for
@@ -15,6 +18,8 @@ from machopt.batch.key import Keys, Ready, Refused
 from machopt.batch.request import Outcome, Request
 from machopt.batch.task import row
 from machopt.cli import main
+from machopt.domain.results.batch import BatchResult
+from machopt.domain.results.optimize import OptimizeResult
 from machopt.errors import InputError
 from machopt.formats.posts import post_text
 
@@ -121,7 +126,8 @@ def test_the_command_passes_posts_on(
 
     def noted(request: Request, _: object) -> Outcome:
         asked.append(request)
-        return Outcome(0, {"counts": {}}, tmp_path / "summary.html", 0, 0)
+        told = cast(BatchResult, SimpleNamespace(counts={}))
+        return Outcome(0, told, tmp_path / "summary.html", 0, 0)
 
     words = ["batch", str(jobs), "--cell", str(CELL), "-o", str(tmp_path / "out"), "--quiet"]
     scheduler = "tcp://127.0.0.1:8786"
@@ -163,6 +169,7 @@ def test_a_program_that_does_not_read_back_is_the_reason_in_the_summary() -> Non
             {"post": "csv", "files": [], "differences": []},
         ],
     }
-    found = row(result)
-    assert found["reason"] == "a.src: CAM points at point 3 is missing"
-    assert found["programs"] == []  # none is left in OUT
+    told = json.loads(json.dumps(result), object_hook=lambda part: SimpleNamespace(**part))
+    found = row(cast(OptimizeResult, told))
+    assert found.reason == "a.src: CAM points at point 3 is missing"
+    assert found.programs == ()  # none is left in OUT
