@@ -366,7 +366,9 @@ def test_a_hundred_kills_leave_the_old_or_the_new(tmp_path: Path) -> None:
     begun = time.monotonic()
     write(out, 2, FILES)
     once = time.monotonic() - begun
-    for _ in range(KILLS):
+    for kill in range(4 * KILLS):
+        if kill >= KILLS and last > KILLS // 4:
+            break  # a busy machine lets the child write less before it is killed
         child = os.fork()
         if child == 0:
             for number in range(last + 1, last + 1_000_000):
