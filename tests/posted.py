@@ -10,9 +10,11 @@ from machopt.formats.posts.densify import Tolerance
 from machopt.formats.tables import write_points_csv, write_trajectory_csv
 from machopt.plan.pipeline import Plan, as_driven
 from machopt.plan.timeline import Timeline
+from machopt.postprocess.moves import Programmed
+from machopt.recheck.compared import Compared, Posted
+from machopt.recheck.posts import controller_for
+from machopt.recheck.readback import check_programs
 from machopt.services.points import point_results
-from machopt.services.program import Programmed
-from machopt.services.readback import Compared, Posted, check_programs, controller_for
 
 
 def posted(

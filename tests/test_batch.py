@@ -171,7 +171,7 @@ def test_two_batches_in_one_folder_are_refused(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_real_jobs_give_what_the_single_command_gives_and_batches_are_compared(scheduler: str, tmp_path: Path) -> None:
-    from machopt.services.inforce import Request as Verify
+    from machopt.recheck.inforce import Request as Verify
     from machopt.services.run import Request as Single
     from machopt.services.run import optimize
     from machopt.services.verify import verify

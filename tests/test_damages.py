@@ -13,8 +13,8 @@ from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.output.hashes import digest, sha256_of
+from machopt.recheck.inforce import Request
 from machopt.services import verify as service
-from machopt.services.inforce import Request
 from machopt.services.verify import verify
 from machopt.verify import Verification
 from machopt.verify.table import Motion

@@ -9,7 +9,7 @@ import pytest
 
 from machopt.cli.failures import causes_first, failures
 from machopt.domain.manifest import Covered
-from machopt.services.told import short
+from machopt.recheck.told import short
 from machopt.verify import Check
 
 OK = Check("path", True, 0.006, 0.02, "mm", "sample 3")

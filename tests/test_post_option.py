@@ -12,7 +12,7 @@ import pytest
 from controllers import without_controller
 from posted import posted
 
-import machopt.services.posts
+import machopt.postprocess.written
 from machopt.cli import main
 from machopt.domain.options import FixedRotation, PlanOptions
 from machopt.domain.program import LIN
@@ -24,8 +24,8 @@ from machopt.formats.programs import read_program
 from machopt.formats.toolpath import read_toolpath
 from machopt.plan.pipeline import plan
 from machopt.plan.timeline import build_timeline
-from machopt.services.posts import tolerance_of
-from machopt.services.program import robot_program
+from machopt.postprocess.moves import robot_program
+from machopt.recheck.posts import tolerance_of
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
 # a pass over the head with everything a program must say in its place
@@ -281,7 +281,7 @@ def test_a_program_that_says_something_else_is_exit_4(
             file.write_bytes(data.replace(old, new, 1))
         return files
 
-    monkeypatch.setattr(machopt.services.posts, "write_program", faulty)
+    monkeypatch.setattr(machopt.postprocess.written, "write_program", faulty)
     assert optimize(tmp_path, "--quiet") == 4
     told = capsys.readouterr().err
     assert words in told

@@ -20,7 +20,7 @@ from machopt.formats.posts.densify import Tolerance
 from machopt.formats.toolpath import read_toolpath
 from machopt.plan.pipeline import Plan, plan
 from machopt.plan.timeline import Timeline, build_timeline
-from machopt.services.program import robot_program, sampled_program
+from machopt.postprocess.moves import robot_program, sampled_program
 
 ROOT = Path(__file__).resolve().parents[1]
 pytestmark = pytest.mark.slow

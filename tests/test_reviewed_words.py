@@ -90,6 +90,8 @@ PARTS = {  # part of the package → commands whose messages it writes
     "formats": COMMANDS,
     "cli": COMMANDS,
     "services": COMMANDS,
+    "postprocess": COMMANDS,
+    "recheck": COMMANDS,
     "plan": ("optimize", "verify", "batch"),
 }
 OPTION_WORD = re.compile(r"(?<![\w-])--[a-z][A-Za-z-]*[A-Za-z]")

@@ -15,8 +15,8 @@ from machopt.domain.manifest import with_scope
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
 from machopt.output import read_manifest
-from machopt.services import scope
-from machopt.services.resultcheck import result_checks
+from machopt.recheck import scope
+from machopt.recheck.resultcheck import result_checks
 from machopt.services.run import Request, optimize
 from machopt.verify import Check, Verification
 from machopt.verify.output import verify_output
@@ -175,7 +175,7 @@ def test_a_plan_that_does_not_hold_leaves_no_program(tmp_path: Path, monkeypatch
         found = verify_output(*args, **options)  # type: ignore[arg-type]
         return Verification((*found.checks, Check("weather", False, 1.0, 0.0, "drops", "above")), found.samples, 1.0)
 
-    monkeypatch.setattr("machopt.services.verify.verify_output", broken)
+    monkeypatch.setattr("machopt.recheck.folder.verify_output", broken)
     toolpath = tmp_path / "pass.csv"
     toolpath.write_text(HEADER + "\n" + "".join(f"{x},{y},{z},0,0,1,{move},{feed}\n" for x, y, z, move, feed in PASS))
     out = tmp_path / "out"
@@ -237,7 +237,7 @@ def test_no_part_of_a_result_goes_unlooked_at(plain: Job, tmp_path: Path) -> Non
     from machopt.formats.toolpath import read_toolpath
 
     toolpath = read_toolpath(plain.toolpath)
-    from machopt.services.verify import content_checks
+    from machopt.recheck.folder import content_checks
 
     contents = content_checks(cell, toolpath, plain.out, options=options, manifest=manifest)
     assert told(plain.out) == []

@@ -22,9 +22,9 @@ from machopt.batch.supervise import Ended, Spec, log_tail, signal_name
 from machopt.domain.manifest import Manifest, ManifestFile
 from machopt.domain.results.batch import BatchRecord, BatchResult, BatchRow
 from machopt.errors import InputError
+from machopt.formats.reading import reading_as_user
 from machopt.output import read_result
 from machopt.services.manifest import versions
-from machopt.services.reading import reading_as_user
 
 STOPPED = 130
 FAILED = ("crashed", "over time", "over memory")

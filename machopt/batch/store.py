@@ -26,8 +26,8 @@ from machopt.output import MANIFEST, read_manifest, read_result, write_json, wri
 from machopt.output.jsonfile import read_json
 from machopt.output.lock import locked
 from machopt.output.manifest import differences
+from machopt.output.roles import BATCH_ROLES
 from machopt.output.swap import exchange, sync_folder, sync_tree
-from machopt.services.manifest import BATCH_ROLES
 
 JOBS, WORK, LOCK = "jobs", ".work", ".lock"
 RECORD, TIMING = "job.json", "timing.json"  # both and the log are in BATCH_ROLES

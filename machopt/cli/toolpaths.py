@@ -183,7 +183,7 @@ def _inspect(args: argparse.Namespace) -> int:
 
 def _verify(args: argparse.Namespace) -> int:
     from machopt.cli.failures import causes_first, failures
-    from machopt.services.inforce import Request
+    from machopt.recheck.inforce import Request
     from machopt.services.verify import verify
 
     done = verify(

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
+from machopt.domain.program import Controller
 from machopt.model.ik_spherical import SphericalWristSolver, wrist_centre
 from machopt.model.robot import Robot
 from machopt.se3 import axis_rotation
-
-Array = NDArray[np.float64]
 
 
 def posture(
@@ -50,3 +50,11 @@ def posture(
     behind = np.sum((w - robot.point[0]) * f, axis=-1) < 0.0
     up = np.sum(np.cross(e - s, w - e) * n, axis=-1) > 0.0
     return np.asarray(behind), np.asarray(up)
+
+
+def posture_of(robot: Robot, q: Array, controller: Controller) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
+    """Front is the x axis of the controller's own robot system, at its axis 1 at zero."""
+    front = np.array([1.0, 0.0, 0.0]) if controller.T_base_root is None else controller.T_base_root[:3, 0]
+    joints = controller.joint_map
+    zero = 0.0 if joints is None else float(np.radians(-joints.offset_deg[0] * joints.sign[0]))
+    return posture(robot, q, front, zero)

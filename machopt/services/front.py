@@ -22,8 +22,8 @@ from machopt.formats.tables import write_points_csv, write_trajectory_csv
 from machopt.plan.gaps import told
 from machopt.plan.pipeline import Plan, Timings, as_driven, plan
 from machopt.plan.timeline import Timeline
+from machopt.recheck.folder import content_checks
 from machopt.services.points import PointResults, point_results
-from machopt.services.verify import content_checks
 
 FILE = "front.csv"
 SAME = 1e-6  # relative: nearer than this two plans are alike in what is compared

@@ -16,38 +16,13 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.formats.options import options_as_user
 from machopt.formats.posts.densify import Tolerance
+from machopt.formats.reading import reading_as_user
 from machopt.output import write_manifest
 from machopt.output.jsonfile import plain
-from machopt.services import scope
+from machopt.output.roles import ROLES
+from machopt.recheck import scope
 from machopt.services.inputs import cell_inputs, distinct, single
-from machopt.services.reading import reading_as_user
 
-ROLES = {
-    "points.csv": "points",
-    "trajectory.csv": "trajectory",
-    "compensation.csv": "compensation",
-    "front.csv": "front",
-    "result.json": "result",
-    "identification.json": "result",
-    "diagnosis.json": "result",
-    "plan.json": "result",
-    "map.json": "result",
-    "batch.json": "result",
-    "report.html": "report",
-    "summary.html": "report",
-    "map.svg": "report",
-    "stiffness.yaml": "stiffness",
-    "kinematics.yaml": "kinematics",
-    "readings.csv": "table",
-    "residuals.csv": "table",
-    "poses.csv": "table",
-    "map.csv": "table",
-    "map_free.csv": "table",
-    "summary.csv": "table",
-    "compare.csv": "table",
-    "timings.csv": "table",
-}
-BATCH_ROLES = {"job.json": "record", "timing.json": "timing", "log.txt": "log"}  # beside each result of a batch
 _PLACES = (
     "cell",
     "out",

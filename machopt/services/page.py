@@ -22,10 +22,10 @@ from machopt.plan.pipeline import Plan, Scored
 from machopt.plan.retime import Dip
 from machopt.plan.timeline import Timeline
 from machopt.plan.uncertainty import gains
+from machopt.postprocess.written import Written
 from machopt.report import data as page
 from machopt.se3 import wrap
 from machopt.services.points import PointResults, reason_of
-from machopt.services.posts import Written
 from machopt.verify import Verification
 
 Array = NDArray[np.float64]

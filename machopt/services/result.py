@@ -25,11 +25,11 @@ from machopt.plan.pipeline import Plan, Scored
 from machopt.plan.retime import Dip
 from machopt.plan.timeline import Timeline
 from machopt.plan.uncertainty import Gain, gains
+from machopt.postprocess.written import Written, read_back
+from machopt.recheck.scope import done, not_run
 from machopt.services.front import Point, left_out
 from machopt.services.inputs import hashes_of
 from machopt.services.points import PointResults, reason_of
-from machopt.services.posts import Written, read_back
-from machopt.services.scope import done, not_run
 from machopt.verify import Verification
 
 

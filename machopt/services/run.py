@@ -21,12 +21,17 @@ from machopt.formats.tables import write_compensation_csv, write_points_csv, wri
 from machopt.formats.toolpath import read_toolpath
 from machopt.model.robot import load_robot
 from machopt.output import MANIFEST, output_folder, write_manifest, write_result
+from machopt.output.roles import ROLES
 from machopt.plan.gaps import told
 from machopt.plan.mapped import Mapped, mapped
 from machopt.plan.pipeline import Plan, Timings, as_driven, plan
 from machopt.plan.refine import compensate
 from machopt.plan.timeline import Timeline, build_timeline
 from machopt.plan.wrongunit import wrong_unit
+from machopt.postprocess.wanted import is_post_file, wanted_posts
+from machopt.postprocess.written import withdrawn, withheld, write_programs
+from machopt.recheck.folder import content_checks, verify_folder
+from machopt.recheck.posts import tolerance_of
 from machopt.report.data import FrontPoint
 from machopt.report.page import write_report
 from machopt.se3 import inverse
@@ -34,12 +39,10 @@ from machopt.services.front import FILE as FRONT
 from machopt.services.front import front, measured, refuse, write_front
 from machopt.services.inputs import hashes_of
 from machopt.services.knownrobot import known_robot
-from machopt.services.manifest import ROLES, optimize_manifest
+from machopt.services.manifest import optimize_manifest
 from machopt.services.page import report_data
 from machopt.services.points import point_results
-from machopt.services.posts import is_post_file, tolerance_of, wanted_posts, withdrawn, withheld, write_programs
 from machopt.services.result import Made, result_of
-from machopt.services.verify import content_checks, verify_folder
 
 
 @dataclass(frozen=True)

@@ -1,33 +1,19 @@
-"""``machopt verify`` and the last step of ``machopt optimize``: everything in an output folder held against its inputs.
-
-Both commands go through :func:`content_checks` and :func:`verify_folder`, so they cannot disagree.
-"""
+"""``machopt verify``: an output folder of optimize held against cell and toolpath."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 
-from machopt.domain.cell import Cell
-from machopt.domain.manifest import Manifest, ManifestFile, with_scope
-from machopt.domain.options import PlanOptions
-from machopt.domain.toolpath import Toolpath
+from machopt.domain.manifest import Manifest, with_scope
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
-from machopt.output.manifest import MANIFEST, differences, read_manifest
-from machopt.services.inforce import Request, failed, in_force
+from machopt.output.manifest import read_manifest
+from machopt.recheck.folder import verify_folder
+from machopt.recheck.inforce import Request, in_force
+from machopt.recheck.scope import not_run, unchecked
 from machopt.services.inputs import cell_inputs, distinct, single
-from machopt.services.manifest import BATCH_ROLES, ROLES
-from machopt.services.posts import post_of, tolerance_of
-from machopt.services.readback import Posted, check_programs
-from machopt.services.resultcheck import result_checks
-from machopt.services.scope import not_run, unchecked
-from machopt.verify import Check, Verification, verify_output
-from machopt.verify.table import Motion, read_motion
-
-NAN = float("nan")
-_RESULTS = ("points.csv", "trajectory.csv", "compensation.csv", "front.csv", "result.json", "report.html")
-OPTIMIZE_ROLES = {name: ROLES[name] for name in _RESULTS} | BATCH_ROLES
+from machopt.services.knownrobot import known_robot
+from machopt.verify import Verification
 
 
 @dataclass(frozen=True)
@@ -53,7 +39,7 @@ def verify(request: Request) -> Verified:
         manifest: Manifest | None = read_manifest(request.out)[0]
     except InputError:
         manifest = None  # a failed check of its own, below
-    used = in_force(request, cell, manifest)
+    used = in_force(request, cell, known_robot(cell), manifest)
     found = verify_folder(
         cell,
         used.toolpath,
@@ -69,141 +55,3 @@ def verify(request: Request) -> Verified:
         words = "intact, but without a motion: there was no feasible answer"
         return Verified(found, 3, with_scope(words, missing), used.notes)
     return Verified(found, 0, with_scope("verification passed", missing), used.notes)
-
-
-def verify_folder(
-    cell: Cell,
-    toolpath: Toolpath,
-    folder: Path,
-    *,
-    options: PlanOptions,
-    inputs: tuple[ManifestFile, ...],
-    contents: Verification | None = None,
-) -> Verification:
-    """Check every file of an output folder of optimize.
-
-    Args:
-        cell: the robot cell as it is now.
-        toolpath: what was to be followed, read with the manifest's reading options.
-        folder: the output folder.
-        options: the planning options in force.
-        inputs: the files of cell and toolpath as they are now.
-        contents: what :func:`content_checks` found, where that has been done already.
-
-    Returns:
-        one list of checks: manifest and inputs first, then tables and programs, then what result.json tells of these.
-        Files that are missing or unreadable are failed checks, never exceptions.
-    """
-    manifest, checks = manifest_checks(folder, inputs)
-    if manifest is not None and manifest.exit_code == 3 and not (folder / "trajectory.csv").exists():
-        contents, found = None, Verification((), 0, 0.0)
-    else:
-        contents = found = contents or content_checks(cell, toolpath, folder, options=options, manifest=manifest)
-    told = result_checks(folder, cell, toolpath, options, inputs, manifest, contents)
-    return replace(found, checks=(*checks, *found.checks, *told))
-
-
-def content_checks(
-    cell: Cell, toolpath: Toolpath, folder: Path, *, options: PlanOptions, manifest: Manifest | None
-) -> Verification:
-    """What the tables and programs of a folder say, recomputed from cell and toolpath; hashes play no part.
-
-    Args:
-        manifest: names the programs and their tolerance; in optimize it is not written yet and lists no files.
-    """
-    try:
-        motion: Motion | None = read_motion(folder / "trajectory.csv", cell)
-    except InputError:
-        motion = None  # those who need it try again and say what is wrong
-    try:
-        found = verify_output(cell, toolpath, folder, options=options, motion=motion)
-    except InputError as problem:
-        found = Verification((failed("tables", str(problem)),), 0, NAN)
-    return replace(found, checks=(*found.checks, *_programs(cell, toolpath, folder, options, manifest, motion)))
-
-
-def _programs(
-    cell: Cell, toolpath: Toolpath, folder: Path, options: PlanOptions, manifest: Manifest | None, motion: Motion | None
-) -> list[Check]:
-    """The robot programs that the manifest lists, and files that look like one and belong to none."""
-    listed = () if manifest is None else manifest.programs
-    paths = () if manifest is None else manifest.inputs_of("toolpath")
-    name = (
-        paths[0].name if len(paths) == 1 else None
-    )  # a renamed CAM file is the same input; the head has the first name
-    posted = [Posted(p.post, post_of(p.post, folder, cell, manifest), p.files) for p in listed if p.files]
-    try:
-        tolerance = tolerance_of(None if manifest is None else manifest.program_tolerance_mm, options)
-        found = check_programs(
-            cell,
-            toolpath,
-            folder,
-            posted,
-            options=options,
-            tolerance=tolerance,
-            motion=motion,
-            source=None if name is None else f"{cell.name}; {name}",
-        )
-    except InputError as problem:
-        return [failed("robot programs", str(problem))]
-    return [check for one in found for check in one.checks]
-
-
-def manifest_checks(folder: Path, inputs: tuple[ManifestFile, ...]) -> tuple[Manifest | None, list[Check]]:
-    """The manifest itself, the folder's files against it, and the inputs it names against those given."""
-    try:
-        manifest, sealed = read_manifest(folder)
-    except InputError as problem:
-        return None, [failed(MANIFEST, _no_manifest(folder, problem))]
-    if manifest.command != "optimize":
-        return manifest, [failed(MANIFEST, f"is of machopt {manifest.command}; only what optimize wrote is verified")]
-    checks = [_check(MANIFEST, [] if sealed else ["was edited after it was written: its seal does not fit"])]
-    listed = [f"{d.name} {d.what}" for d in differences(folder, manifest)]
-    checks.append(_check("files as listed", [*listed, *_other_roles(manifest)]))
-    checks.append(_check("made from these inputs", input_differences(manifest.inputs, inputs)))
-    return manifest, checks
-
-
-def _other_roles(manifest: Manifest) -> list[str]:
-    """Files that the manifest lists and optimize does not write, or calls otherwise."""
-    programs = {name for p in manifest.programs for name in p.files}
-    templates = {p.post for p in manifest.programs}  # a user's template lies beside its program
-    out = []
-    for f in manifest.files:
-        role = "program" if f.name in programs else OPTIMIZE_ROLES.get(f.name)
-        if role is None and f.name not in templates:
-            out.append(f"{f.name} is listed as {f.role}, but it is no program of the manifest and no file of optimize")
-        elif role is not None and f.role != role:
-            out.append(f"{f.name} is listed as {f.role}; it is the {role}")
-    return out
-
-
-def input_differences(recorded: tuple[ManifestFile, ...], given: tuple[ManifestFile, ...]) -> list[str]:
-    """Inputs of the cell and the toolpath that are not those recorded, by name and hash."""
-    out = []
-    roles = {f.role for f in given} | {f.role for f in recorded if f.role not in ("plan", "post", "effects")}
-    for role in sorted(roles):
-        then = {f.name: f.sha256 for f in recorded if f.role == role}
-        now = {f.name: f.sha256 for f in given if f.role == role}
-        if sorted(then.values()) == sorted(now.values()):
-            continue  # the same bytes; a moved cell or a renamed file is the same input
-        for name in sorted(then.keys() | now.keys()):
-            old, new = then.get(name), now.get(name)
-            if old != new:
-                made = f"sha256 {old[:12]}…" if old else "nothing of that name"
-                here = f"sha256 {new[:12]}…" if new else "not there"
-                out.append(f"another {role}: {name} is {here}, OUT was made from {made}")
-    return out
-
-
-def _check(name: str, wrong: list[str]) -> Check:
-    return Check(name, not wrong, float(len(wrong)), 0.0, "differences", "; ".join(wrong))
-
-
-def _no_manifest(folder: Path, problem: InputError) -> str:
-    if not (folder / MANIFEST).exists():
-        return (
-            f"{folder} holds no {MANIFEST}: it was written by a version before manifests, or the file was removed. "
-            "What the files say is checked, that they are the ones written is not; optimize again for a folder that is"
-        )
-    return str(problem)

@@ -12,10 +12,10 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
 from machopt.formats.options import load_options, options_as_user
+from machopt.formats.programs.toolpath import KnownRobot
+from machopt.formats.reading import reading_as_user, reading_from_user
 from machopt.formats.toolpath import read_toolpath
 from machopt.output.jsonfile import plain
-from machopt.services.knownrobot import known_robot
-from machopt.services.reading import reading_as_user, reading_from_user
 from machopt.verify import Check
 
 NAN = float("nan")
@@ -44,13 +44,13 @@ class InForce:
     checks: tuple[Check, ...] = ()  # what the manifest records and nobody can use
 
 
-def in_force(request: Request, cell: Cell, manifest: Manifest | None) -> InForce:
+def in_force(request: Request, cell: Cell, robot: KnownRobot | None, manifest: Manifest | None) -> InForce:
     """Options and toolpath; what a manifest records wrongly is a failed check, and the defaults stand in for it.
 
     Raises:
         InputError: the toolpath or an option that the user gave is wrong.
     """
-    robot, recorded = known_robot(cell), {} if manifest is None else manifest.options
+    recorded = {} if manifest is None else manifest.options
     given = {k: v for k, v in request.reading.items() if v not in (None, False)}
     checks: list[Check] = []
     below, reading = cell.plan, dict[str, Any]()

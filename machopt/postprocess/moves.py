@@ -7,16 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.domain.program import LEAST_FEED, LIN, PTP, Controller, RobotProgram
+from machopt.arrays import Array
+from machopt.domain.program import LEAST_FEED, LIN, PTP, RobotProgram
 from machopt.domain.toolpath import Event, Move, Toolpath
 from machopt.domain.trajectory import Trajectory
 from machopt.formats.posts.densify import Tolerance, densify
-from machopt.model.posture import posture
-from machopt.model.robot import Robot
+from machopt.model.posture import posture_of
 from machopt.plan.pipeline import Plan
 from machopt.plan.timeline import Leg, Timeline
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -130,14 +128,6 @@ def _base(
         tool_com=cell.tool.com,
         tool_mass=cell.tool.mass if cell.tool.mass > 0.0 else float("nan"),
     )
-
-
-def posture_of(robot: Robot, q: Array, controller: Controller) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
-    """Front is the x axis of the controller's own robot system, at its axis 1 at zero."""
-    front = np.array([1.0, 0.0, 0.0]) if controller.T_base_root is None else controller.T_base_root[:3, 0]
-    joints = controller.joint_map
-    zero = 0.0 if joints is None else float(np.radians(-joints.offset_deg[0] * joints.sign[0]))
-    return posture(robot, q, front, zero)
 
 
 def _moves(leg: Leg, toolpath: Toolpath) -> NDArray[np.int8]:

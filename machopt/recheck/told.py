@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.manifest import Manifest, ManifestFile
 from machopt.domain.options import PlanOptions
@@ -24,7 +25,6 @@ from machopt.output.manifest import listed
 from machopt.verify import Verification
 from machopt.verify.table import Table, read_table
 
-Array = NDArray[np.float64]
 AGREE = 1e-2  # of a check's limit: between two runs, and machines, a measured value moves by rounding only
 DIGITS = 1e-9  # relative: sums and ratios of figures that stand in the same file
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.program import LIN, Controller, RobotProgram
@@ -21,12 +21,10 @@ from machopt.formats.posts.densify import Tolerance
 from machopt.formats.posts.rounding import rounding
 from machopt.formats.posts.wording import difference, other_line_end, undecodable
 from machopt.formats.programs import ParsedProgram
+from machopt.model.posture import posture_of
 from machopt.model.robot import load_chain
-from machopt.services.program import posture_of
-from machopt.services.zonelaw import zone_check
+from machopt.recheck.zonelaw import zone_check
 from machopt.verify.check import Check
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,29 +10,31 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.program import Controller
 from machopt.domain.readprogram import ReadProgram
-from machopt.domain.results.optimize import ReadBack
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
-from machopt.formats.posts import load_post
 from machopt.formats.posts.densify import Tolerance
 from machopt.formats.programs import ParsedProgram, read_program, recognised
 from machopt.formats.programs.configuration import first_difference
 from machopt.formats.programs.joints import urdf_joints
 from machopt.formats.programs.toolpath import URDF_JOINTS
 from machopt.model.ik import refine
+from machopt.model.posture import posture_of
 from machopt.model.robot import Robot, load_chain
-from machopt.services.program import posture_of
-from machopt.services.rewritten import Rewritten, failed_check
+from machopt.recheck.compared import COMPARED, MOVES, Compared, Posted
+from machopt.recheck.posts import controller_for
+from machopt.recheck.rewritten import Rewritten, failed_check
+from machopt.recheck.terms import controller_axes, index_at, wrong_frames
 from machopt.verify.arm import Arm
 from machopt.verify.check import Check
 from machopt.verify.encoder import true_angles
@@ -41,7 +43,6 @@ from machopt.verify.programcam import Cuts, against_cam
 from machopt.verify.shift import corners
 from machopt.verify.table import Motion, read_motion, read_points, read_shift
 
-Array = NDArray[np.float64]
 PULSES = 3.0  # of an encoder: joints may be off by that much, by rounding and by coupling
 REACH = 5.0  # m: what a joint's last digit is worth there
 COARSE = 5.1e-5  # m/s: FANUC and Yaskawa print tenths of mm/s
@@ -49,72 +50,9 @@ SAME = 1e-8  # rad: places ten metres away by a tenth of a micrometre
 TWICE = 1e-6  # m, and of a rotation's entries: both are printed to nine decimals of a degree
 ROWS = 20_000  # targets worked out at once
 STEPS, CLOSED, BESIDE_DEG = 5, 1e-8, 3.0  # of Newton's method to a target's own joints; m and rad; from the motion's
-FRAME = 1e-6  # m: frames are printed to 1e-3 mm at least
-FRAME_ANGLE = float(np.radians(2e-3))
-MOVES, COMPARED = "moves read", "compared with motion and CAM file"
 NOT_PROGRAMS = frozenset(
     ("points.csv", "trajectory.csv", "compensation.csv", "result.json", "manifest.json", "report.html")
 )
-
-
-@dataclass(frozen=True)
-class Posted:
-    """One program of an output folder, as the folder's manifest lists it."""
-
-    label: str  # the post, as the user gave it
-    post: str | Path | None  # to write it again; None: the template is not at hand
-    files: tuple[str, ...]  # inside the folder, the one that is run first
-
-
-@dataclass(frozen=True)
-class Compared:
-    """What came of one program."""
-
-    posted: Posted
-    moves: int
-    checks: tuple[Check, ...]
-    readable: bool = True  # False: no reader here knows its language
-
-    @classmethod
-    def of(cls, posted: Posted, checks: Sequence[Check]) -> Compared:
-        """From the checks of a whole folder those of one program."""
-        mine = tuple(c for c in checks if c.name.startswith(f"{posted.files[0]}: "))
-        moves = next((c.value for c in mine if c.name.endswith(f": {MOVES}")), 0.0)
-        return cls(posted, int(moves), mine, not any(c.name.endswith(f": {COMPARED}") for c in mine))
-
-    @property
-    def differences(self) -> tuple[str, ...]:
-        """What is not as it should be, in words."""
-        return tuple(
-            f"{c.name.partition(': ')[2]}: {c.where}" + (f" ({c.value:.4g} {c.unit})" if np.isfinite(c.value) else "")
-            for c in self.checks
-            if c.passed is False
-        )
-
-    def worst(self, what: str) -> float:
-        """The value of a check by its name behind the file's; NaN where it was not made."""
-        return next((c.value for c in self.checks if c.name.partition(": ")[2] == what), float("nan"))
-
-    def passed(self, what: str) -> bool | None:
-        """The same of its verdict; None where it was not made."""
-        return next((c.passed for c in self.checks if c.name.partition(": ")[2] == what), None)
-
-    def as_result(self) -> ReadBack | None:
-        """For result.json: mm, deg, mm/min; null where a post has no such thing, or nobody reads it."""
-        if not self.readable:
-            return None
-        return ReadBack(
-            moves=self.moves,
-            positions_max_mm=self.worst("CAM points"),
-            orientations_max_deg=self.worst("orientation at targets"),
-            joints_max_deg=self.worst("joints at targets"),
-            feeds_max_mm_min=self.worst("CAM feed"),
-            path_max_mm=self.worst("lines along the motion"),
-            path_axis_max_deg=self.worst("tool axis along lines"),
-            path_turn_max_deg=self.worst("orientation along lines"),
-            configuration_equal=self.passed("configuration"),
-            events_equal=self.passed("events"),
-        )
 
 
 def check_programs(
@@ -279,7 +217,7 @@ class _Ground:
             [np.interp(np.arange(len(self.toolpath)), self.corners[0], self.corners[1][:, c]) for c in range(3)]
         )
         cuts = Cuts(self.toolpath, position, self.corners, self.wanted, o.path_tolerance, o.approach_feed, offset, tilt)
-        checks += against_cam(said, cuts, _index_at(self.motion, at))
+        checks += against_cam(said, cuts, index_at(self.motion, at))
         checks += self._terms(name, parsed, said, controller, rows)
         if posted.post is None:
             checks.append(
@@ -337,7 +275,7 @@ class _Ground:
         self, name: str, parsed: ParsedProgram, said: ReadProgram, controller: Controller, rows: Array
     ) -> list[Check]:
         """Frames, configuration and words that nobody understood."""
-        wrong = _frames(parsed, controller, self.T_base_workpiece, self.cell.tool.T_flange_tcp)
+        wrong = wrong_frames(parsed, controller, self.T_base_workpiece, self.cell.tool.T_flange_tcp)
         checks = [
             Check(
                 f"{name}: tool and base", not wrong, float(len(wrong)), 0.0, "frames", "; ".join(wrong) or "the cell's"
@@ -347,7 +285,7 @@ class _Ground:
         q = self._joints_of(said, self._joints_at(said, rows), robot)
         standing = posture_of(robot, q, controller)
         told, first = first_difference(
-            parsed.dialect, parsed.configuration, _axes(q, controller), standing, controller.nonflip_j5
+            parsed.dialect, parsed.configuration, controller_axes(q, controller), standing, controller.nonflip_j5
         )
         if told:
             where = "" if first is None else f"move {first + 1}, line {int(parsed.line[first])} names another one"
@@ -428,56 +366,3 @@ def _controller(cell: Cell, posted: Posted) -> tuple[Controller, bool]:
     if posted.post is None:
         return cell.controller, True
     return controller_for(cell, posted.post), isinstance(posted.post, Path)
-
-
-def controller_for(cell: Cell, post: str | Path) -> Controller:
-    """The cell's controller; its own lines for events are in its own language and stay out of other programs."""
-    named = cell.controller.post
-    own = None if named is None else load_post(named).keys.dialect
-    return cell.controller if own == load_post(post).keys.dialect else replace(cell.controller, lines={})
-
-
-def _index_at(motion: Motion, at: Array) -> Array:
-    """(M,) toolpath index where each move ends; NaN where it is not known."""
-    rows = np.clip(np.nan_to_num(at), 0, len(motion.point) - 1)
-    low = np.floor(rows).astype(int)
-    high = np.minimum(low + 1, len(motion.point) - 1)
-    share = rows - low
-    near = np.where(share < 0.5, motion.point[low], motion.point[high])  # beside the ends of what has an index
-    value = (1.0 - share) * motion.point[low] + share * motion.point[high]
-    value = np.where(np.isfinite(value), value, near)
-    return np.where(np.isfinite(at), value, np.nan)
-
-
-def _frames(parsed: ParsedProgram, controller: Controller, T_base_workpiece: Array, T_flange_tcp: Array) -> list[str]:
-    """Tool and base, where the program gives their numbers."""
-    own = parsed.dialect in URDF_JOINTS  # of the URDF, whatever the cell says of its controller
-    root = np.eye(4) if own or controller.T_base_root is None else controller.T_base_root
-    mount = np.eye(4) if own or controller.T_flange_mount is None else controller.T_flange_mount
-    pose, wrong = parsed.has_pose, []
-    for frames, T, name in (
-        ([parsed.bases[k] for k in np.unique(parsed.base[pose])], np.linalg.inv(root) @ T_base_workpiece, "base"),
-        ([parsed.tools[k] for k in np.unique(parsed.tool)], np.linalg.inv(mount) @ T_flange_tcp, "tool"),
-    ):
-        wrong += [f"{len(frames)} {name} frames"] if len(frames) > 1 else []
-        for frame in frames:
-            if frame.T is None:
-                continue
-            gap = float(np.linalg.norm(frame.T[:3, 3] - T[:3, 3]))
-            chord = float(np.linalg.norm(frame.T[:3, :3] - T[:3, :3]) / np.sqrt(2.0))  # the angle where it is small
-            if not (gap <= FRAME and chord <= FRAME_ANGLE):
-                wrong.append(f"the {name} frame {frame.name} lies {1e3 * gap:.3f} mm, {np.degrees(chord):.3f} deg off")
-    return wrong
-
-
-def _axes(q: Array, controller: Controller) -> Array:
-    """(M, 6) deg as the controller counts them: C (sign · q + offset), added up here axis by axis."""
-    m = controller.joint_map
-    degrees = np.degrees(q)
-    if m is None:
-        return np.asarray(degrees)
-    plain = np.column_stack([m.sign[k] * degrees[:, k] + m.offset_deg[k] for k in range(6)])
-    out = plain.copy()
-    for k, j in zip(*np.nonzero(m.coupling), strict=True):
-        out[:, k] += m.coupling[k, j] * plain[:, j]
-    return out

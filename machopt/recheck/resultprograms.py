@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from machopt.domain.results.optimize import ProgramTold
-from machopt.services.posts import post_of, to_be_told
-from machopt.services.readback import Compared, Posted
-from machopt.services.told import AGREE, DIGITS, Told, is_file, near, same, short
+from machopt.recheck.compared import Compared, Posted
+from machopt.recheck.posts import post_of, to_be_told
+from machopt.recheck.told import AGREE, DIGITS, Told, is_file, near, same, short
 
 PROGRAM_ROOM = 1e-4  # mm, deg, mm/min: what rounding moves a measured difference by
 

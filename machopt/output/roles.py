@@ -1,0 +1,32 @@
+"""The role of each file that a command writes, as its manifest lists it."""
+
+from __future__ import annotations
+
+ROLES = {
+    "points.csv": "points",
+    "trajectory.csv": "trajectory",
+    "compensation.csv": "compensation",
+    "front.csv": "front",
+    "result.json": "result",
+    "identification.json": "result",
+    "diagnosis.json": "result",
+    "plan.json": "result",
+    "map.json": "result",
+    "batch.json": "result",
+    "report.html": "report",
+    "summary.html": "report",
+    "map.svg": "report",
+    "stiffness.yaml": "stiffness",
+    "kinematics.yaml": "kinematics",
+    "readings.csv": "table",
+    "residuals.csv": "table",
+    "poses.csv": "table",
+    "map.csv": "table",
+    "map_free.csv": "table",
+    "summary.csv": "table",
+    "compare.csv": "table",
+    "timings.csv": "table",
+}
+
+
+BATCH_ROLES = {"job.json": "record", "timing.json": "timing", "log.txt": "log"}  # beside each result of a batch

@@ -1,0 +1,146 @@
+"""Robot programs of a job: written, with what came back when they were read, or withdrawn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from machopt.domain.results.optimize import ProgramTold
+from machopt.domain.toolpath import Toolpath
+from machopt.formats.posts import (
+    HeldFeed,
+    assumptions,
+    model_feed,
+    needs_samples,
+    program_name,
+    unstarted,
+    write_program,
+)
+from machopt.formats.posts.densify import Tolerance
+from machopt.plan.pipeline import Plan
+from machopt.plan.timeline import Timeline
+from machopt.postprocess.moves import Programmed, robot_program, sampled_program
+from machopt.postprocess.wanted import Wanted
+from machopt.recheck.compared import Compared, Posted
+from machopt.recheck.posts import controller_for
+from machopt.verify import Verification
+
+OWN_FILES = ("points.csv", "trajectory.csv", "compensation.csv", "result.json", "manifest.json", "report.html")
+
+
+@dataclass(frozen=True)
+class Written:
+    """One program of a job."""
+
+    label: str
+    files: tuple[str, ...]  # relative to the output folder, the one that is run first
+    lines: int
+    added: int  # moves put in to keep to the tolerance
+    tolerance: float  # m
+    post: str | Path = ""
+    feed: HeldFeed | None = None  # by the controller's model; None: it streams the motion's own samples
+    assumed: tuple[str, ...] = ()  # of the controller, because the cell does not say it
+    unstarted: tuple[str, ...] = ()  # spindle, coolant and tool words of the CAM file that are comments only
+    checked: Compared | None = None  # what came back; None: it has not been read yet, or is not there
+    withheld: str = ""  # why no file of it is left; empty where it lies there
+
+    @property
+    def ok(self) -> bool:
+        """False where it says something else than motion and CAM file."""
+        return self.checked is None or not self.checked.differences
+
+    @property
+    def posted(self) -> Posted:
+        return Posted(self.label, self.post, self.files)
+
+    def as_result(self) -> ProgramTold:
+        """For result.json."""
+        return ProgramTold(
+            post=self.label,
+            files=self.files,
+            lines=self.lines,
+            tolerance_mm=self.tolerance * 1e3,
+            moves_added=self.added,
+            withheld=self.withheld or None,
+            feed_model=None if self.feed is None else self.feed.as_result(),
+            assumed=self.assumed,
+            not_in_program=self.unstarted,
+            checked=None if self.checked is None else self.checked.as_result(),
+            differences=() if self.checked is None else self.checked.differences,
+        )
+
+
+def write_programs(
+    folder: Path, wanted: Sequence[Wanted], plan: Plan, toolpath: Toolpath, timeline: Timeline, tolerance: Tolerance
+) -> tuple[Written, ...]:
+    """Write every post's program.
+
+    Raises:
+        InputError: a post cannot write this program.
+        ValueError: the timeline has no trajectory.
+    """
+    if timeline.trajectory is None:
+        raise ValueError("a blocked motion is no program")
+    made: dict[bool, Programmed] = {}
+    out: list[Written] = []
+    cell = plan.setup.cell
+    for one in wanted:
+        controller = controller_for(cell, one.post)
+        samples = needs_samples(one.post)
+        if samples not in made:
+            made[samples] = (
+                sampled_program(plan, toolpath, timeline)
+                if samples
+                else robot_program(plan, toolpath, timeline, tolerance)
+            )
+        target = folder / one.folder
+        target.mkdir(exist_ok=True)
+        program = made[samples].program
+        files = write_program(
+            target,
+            program_name(toolpath.source, one.post),
+            program,
+            one.post,
+            controller,
+            reserved=() if one.folder else OWN_FILES,
+        )
+        if isinstance(one.post, Path) and str(one.post) != cell.controller.post:
+            (folder / one.label).write_bytes(one.post.read_bytes())  # who verifies has no other way to it
+        lines = sum(f.read_bytes().count(b"\n") for f in files)
+        names = tuple(f.relative_to(folder).as_posix() for f in files)
+        out.append(
+            Written(
+                one.label,
+                names,
+                lines,
+                made[samples].added,
+                tolerance.position,
+                one.post,
+                model_feed(program, one.post, controller),
+                assumptions(program, one.post, controller),
+                unstarted(one.post, program, controller),
+            )
+        )
+    return tuple(out)
+
+
+def read_back(programs: Sequence[Written], verification: Verification) -> tuple[Written, ...]:
+    """The programs with what the verification says of each."""
+    return tuple(replace(p, checked=Compared.of(p.posted, verification.checks)) if p.files else p for p in programs)
+
+
+def withheld(wanted: Sequence[Wanted], tolerance: Tolerance, why: str) -> tuple[Written, ...]:
+    """What stands for programs that are not written at all."""
+    return tuple(Written(one.label, (), 0, 0, tolerance.position, one.post, withheld=why) for one in wanted)
+
+
+def withdrawn(folder: Path, programs: Sequence[Written], why: str) -> tuple[Written, ...]:
+    """Remove programs that nobody may load, with folders of their own."""
+    for name in (name for p in programs for name in p.files):
+        file = folder / name
+        file.unlink(missing_ok=True)
+        while file.parent != folder and not any(file.parent.iterdir()):
+            file = file.parent
+            file.rmdir()
+    return tuple(replace(p, files=(), withheld=why) for p in programs)

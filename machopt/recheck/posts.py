@@ -1,0 +1,102 @@
+"""Posts by their label, and what follows from a post without any plan: its tolerance, what it takes for granted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from machopt.domain.cell import Cell
+from machopt.domain.manifest import Manifest
+from machopt.domain.options import PlanOptions
+from machopt.domain.program import LIN, PTP, Controller, RobotProgram
+from machopt.domain.toolpath import Move, Toolpath
+from machopt.errors import InputError
+from machopt.formats.posts import (
+    assumptions,
+    load_post,
+    unstarted,
+)
+from machopt.formats.posts.densify import Tolerance
+from machopt.formats.posts.postfile import ALIASES, post_names
+from machopt.model.posture import posture_of
+from machopt.model.robot import Robot, load_chain
+from machopt.output.hashes import sha256_of
+from machopt.plan.blend import SPIN_TOLERANCE
+from machopt.plan.timeline import BEND
+
+TOLERANCE_MM = 0.05
+
+
+def tolerance_of(mm: float | None, options: PlanOptions) -> Tolerance:
+    """The tolerance between the controller's lines and the motion; None takes 0.05 mm.
+
+    The angles leave room for what the motion itself smooths at the corners of the path.
+
+    Raises:
+        InputError: it is below the rounding of corners, which no program of straight lines can follow.
+    """
+    least = options.path_tolerance * 1e3
+    if mm is None:
+        mm = max(TOLERANCE_MM, 2.0 * least)
+    if not (np.isfinite(mm) and mm > least):
+        raise InputError(
+            f"{mm:g} mm; more than path_tolerance_mm = {least:g} would work: by that much the motion rounds corners, "
+            "and the program's points are the corners",
+            where="--program-tolerance-mm",
+        )
+    return Tolerance(
+        position=mm * 1e-3,
+        axis=max(Tolerance.axis, 1.5 * options.axis_tolerance),
+        turn=max(Tolerance.turn, 2.0 * SPIN_TOLERANCE + BEND + options.axis_tolerance),
+    )
+
+
+def post_of(label: str, folder: Path, cell: Cell, manifest: Manifest | None) -> str | Path | None:
+    """The post of that label: a shipped one's name, the cell's own, the folder's copy of a user's template, or None."""
+    if label in post_names() or label in ALIASES:
+        return label
+    own = cell.controller.post
+    if own is not None and Path(own).name == label and Path(own).is_file():
+        return Path(own)
+    copy = folder / label
+    recorded = {f.sha256 for f in (() if manifest is None else manifest.inputs_of("post"))}
+    return copy if copy.is_file() and sha256_of(copy) in recorded else None
+
+
+def to_be_told(cell: Cell, toolpath: Toolpath, post: str | Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """What a program of this post takes for granted, and which events it does not carry out; no plan is needed."""
+    controller = controller_for(cell, post)
+    program = replace(short_program(cell, load_chain(cell)[0], controller), events=toolpath.events)
+    return assumptions(program, post, controller), unstarted(post, program, controller)
+
+
+def short_program(cell: Cell, robot: Robot, controller: Controller) -> RobotProgram:
+    """Three moves at home."""
+    q = np.tile(cell.home, (3, 1))
+    standing = posture_of(robot, q, controller)
+    return RobotProgram(
+        kind=np.array([PTP, LIN, PTP], np.int8),
+        q=q,
+        T_workpiece_tcp=robot.fk(q, cell.tool.T_flange_tcp),
+        feed=np.array([np.nan, 0.01, np.nan]),
+        cutting=np.array([False, True, False]),
+        operation=np.zeros(3, np.int32),
+        operations=("cut",),
+        T_flange_tcp=cell.tool.T_flange_tcp,
+        T_base_workpiece=np.eye(4),
+        move=np.array([Move.RAPID, Move.CUT, Move.RAPID], np.int8),
+        time=np.arange(3.0),
+        joint_names=cell.arm_joints,
+        behind=None if standing is None else standing[0],
+        elbow_up=None if standing is None else standing[1],
+        tool_mass=cell.tool.mass if cell.tool.mass > 0.0 else float("nan"),
+    )
+
+
+def controller_for(cell: Cell, post: str | Path) -> Controller:
+    """The cell's controller; its own lines for events are in its own language and stay out of other programs."""
+    named = cell.controller.post
+    own = None if named is None else load_post(named).keys.dialect
+    return cell.controller if own == load_post(post).keys.dialect else replace(cell.controller, lines={})
