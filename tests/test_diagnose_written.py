@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import re
+from dataclasses import fields, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -10,13 +11,14 @@ from typing import cast
 import numpy as np
 import pytest
 
-from machopt.diagnose.extended import stiffness_of
-from machopt.diagnose.problem import Unknown
-from machopt.diagnose.result import Coefficient, Diagnosis
+from machopt.diagnose.extended import Extended, beside, stiffness_of
+from machopt.diagnose.problem import RecordCorrection, Unknown
+from machopt.diagnose.result import Coefficient, Diagnosis, Finding
 from machopt.domain.parameters import ParameterKey, joint_spring
 from machopt.domain.stiffness import Stiffness, Term
 from machopt.formats.cell import load_cell
 from machopt.formats.stiffness import load_stiffness, write_stiffness
+from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import load_robot
 from machopt.model.terms import compile_terms, term_of
 
@@ -40,7 +42,8 @@ def diagnosed(joints: dict[int, float], terms: tuple[Term, ...], sigma: float = 
 
 def test_joints_that_are_shown_are_written_and_the_others_are_the_cell_s() -> None:
     assert CELL.stiffness is not None
-    before, after = stiffness_of(CELL, diagnosed({2: 1e-6, 3: 2e-6}, (LINK,)))
+    made = stiffness_of(CELL, diagnosed({2: 1e-6, 3: 2e-6}, (LINK,)))
+    before, after = made.before, made.after
     assert before is not None
     assert after is not None
     expected = CELL.stiffness.joints.copy()
@@ -50,7 +53,7 @@ def test_joints_that_are_shown_are_written_and_the_others_are_the_cell_s() -> No
     np.testing.assert_allclose(before.joints, expected, rtol=1e-12)
     assert after.terms == (LINK,)
     assert before.terms == ()
-    _, unsure = stiffness_of(CELL, diagnosed({2: 1e-6}, (), sigma=0.9))
+    unsure = stiffness_of(CELL, diagnosed({2: 1e-6}, (), sigma=0.9)).after
     assert unsure is not None
     np.testing.assert_array_equal(unsure.joints, CELL.stiffness.joints)
 
@@ -59,11 +62,12 @@ def test_a_term_is_written_where_no_joint_is_shown_and_replaces_its_own() -> Non
     assert CELL.stiffness is not None
     old = Term("link_compliance", "link:3", {"EI_Nm2": 5e7})
     cell = replace(CELL, stiffness=replace(CELL.stiffness, terms=(old,)))
-    before, after = stiffness_of(cell, diagnosed({}, (LINK,)))
+    made = stiffness_of(cell, diagnosed({}, (LINK,)))
+    before, after = made.before, made.after
     assert before is cell.stiffness
     assert after is not None
     assert after.terms == (LINK,)
-    assert stiffness_of(replace(CELL, stiffness=None), diagnosed({2: 1e-6}, (LINK,))) == (None, None)
+    assert stiffness_of(replace(CELL, stiffness=None), diagnosed({2: 1e-6}, (LINK,))) == Extended(None, None)
 
 
 def test_keys_name_single_joints() -> None:
@@ -82,3 +86,58 @@ def test_a_beam_that_gives_nothing_stays_one(tmp_path: Path) -> None:
     state = robot.state(np.zeros((1, 6)), tool, bodies=True)
     assert np.isfinite(again[0].values).all()
     np.testing.assert_array_equal(again[0].response(state, np.ones((1, 6))) @ again[0].values, 0.0)
+
+
+KNEE = Term("joint_nonlinear_stiffness", "joint:3", {"law": "knee", "extra_rad_per_Nm": -3e-6, "knee_Nm": 100.0})
+DRAG = Term(
+    "joint_hysteresis", "joint:3", {"law": "bouc_wen", "drag_arcmin": 10.0, "reach_Nm": 100.0, "beta": 0.6}
+)  # takes 29 rad/(MN·m)
+
+
+@pytest.mark.parametrize("soft", [KNEE, DRAG], ids=lambda t: str(t.parameters["law"]))
+def test_a_finding_that_turns_its_joint_against_the_load_is_withheld_with_a_word(soft: Term) -> None:
+    """What is written the planner takes: the joint keeps the spring that fits without it, other findings stay."""
+    made = stiffness_of(CELL, diagnosed({2: 1e-6, 3: 2e-6}, (soft, LINK)))
+    assert made.after is not None
+    assert made.after.terms == (LINK,)
+    assert made.after.joints[1:3] == pytest.approx([1e6, 2.5e5])  # of joint 3 the fit without it
+    assert made.withheld == (soft,)
+    (said,) = made.said
+    assert re.match(r"(nonlinear stiffness|hysteresis) of joint 3 is not in stiffness.yaml", said)
+    assert "from joint 3, which has 2e-06 (1/stiffness); less than that would work" in said
+    limits = CELL.limits.lower[:6], CELL.limits.upper[:6]
+    ArmElasticity(load_robot(CELL), CELL.tool.T_flange_tcp, made.after, limits)
+    fits = replace(
+        soft, parameters={**soft.parameters, **({"extra_rad_per_Nm": -1e-6} if soft is KNEE else {"drag_arcmin": 0.5})}
+    )
+    made = stiffness_of(CELL, diagnosed({2: 1e-6, 3: 2e-6}, (fits,)))
+    assert made.after is not None
+    assert (made.after.terms, made.withheld) == ((fits,), ())
+
+
+def test_terms_that_are_too_much_together_are_withheld_one_after_the_other() -> None:
+    """Two findings at a joint, then one beside a term of the cell's own, which stays."""
+    half = replace(KNEE, parameters={**KNEE.parameters, "extra_rad_per_Nm": -1.5e-6})
+    drag = replace(DRAG, parameters={**DRAG.parameters, "drag_arcmin": 0.5})
+    made = stiffness_of(CELL, diagnosed({3: 2e-6}, (half, drag)))
+    assert made.after is not None
+    assert len(made.after.terms) == len(made.withheld) == 1
+    assert CELL.stiffness is not None
+    cell = replace(CELL, stiffness=replace(CELL.stiffness, terms=(half,)))
+    made = stiffness_of(cell, diagnosed({3: 2e-6}, (drag,)))
+    assert made.after is not None
+    assert made.after.terms == (half,)
+    assert len(made.withheld) == 1
+
+
+def test_a_withheld_finding_says_that_it_stays_in_the_diagnosis() -> None:
+    made = Extended(None, None, (KNEE,), ("said",))
+    f = Finding("e", "joint:3", "", "", "", (), {}, 1.0, 0.5, 0.0)
+    d = Diagnosis.__new__(Diagnosis)
+    for field in fields(Diagnosis):
+        object.__setattr__(d, field.name, ())
+    object.__setattr__(d, "findings", (replace(f, correction=KNEE), replace(f, correction=LINK), f))
+    told = beside(d, made)
+    assert told.findings[0].correction == RecordCorrection(KNEE.effect, KNEE.location, KNEE.parameters)
+    assert told.findings[1:] == d.findings[1:]
+    assert told.warnings == ("said",)

@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from machopt.batch import request as batch
+from machopt.batch.run import run_batch
+from machopt.cli import main
 from machopt.diagnose import deflection, userterms
 from machopt.domain.stiffness import Stiffness, Term
 from machopt.effects import files, own, registry
 from machopt.effects.protocol import Parameter
 from machopt.errors import InputError
+from machopt.identify.fit import fit
 from machopt.model.elastic import ArmElasticity
-from machopt.model.terms import vocabulary
+from machopt.model.terms import term_of, vocabulary
+from machopt.services import identify, poses
+from machopt.services.identify import run_identify
+from machopt.services.poses import run_plan_poses
 
 JELLY = '''
 from dataclasses import dataclass
@@ -167,3 +176,53 @@ def test_numbers_of_a_law_go_to_a_file_and_back_in_any_order() -> None:
     values, shape, _ = files.read(law, files.Parameters(stated, "x"))
     assert files.write(law, values, shape) == stated
     assert [name for name, *_ in files.named(law, 3)] == ["a", "b[0]", "b[1]"]
+
+
+@pytest.mark.parametrize(
+    ("words", "runs"),
+    [
+        (["identify", "cell", "rec"], "machopt.services.identify.run_identify"),
+        (["plan-poses", "cell"], "machopt.services.poses.run_plan_poses"),
+        (["map", "cell"], "machopt.services.map.run_map"),
+        (["batch", "parts"], "machopt.batch.run.run_batch"),
+    ],
+    ids=lambda w: w[0] if isinstance(w, list) else "",
+)
+def test_commands_hand_on_files_with_effects_and_say_that_they_run_them(
+    words: list[str], runs: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked: list[Any] = []
+
+    def noted(request: Any, _: object) -> None:
+        asked.append(request)
+        raise InputError("far enough")
+
+    monkeypatch.setattr(runs, noted)
+    assert main([*words, "-o", "out", "--effects", "a.py", "--effects", "b.py"]) == 2
+    assert asked[0].effects == (Path("a.py"), Path("b.py"))
+    assert "--effects runs the code in a.py with your rights" in capsys.readouterr().err
+
+
+def test_a_missing_file_is_refused_before_anything_else_is_read(tmp_path: Path) -> None:
+    gone, none = (tmp_path / "none.py",), tmp_path / "no cell"
+    with pytest.raises(InputError, match="no such file; a Python file"):
+        run_identify(identify.Request(none, (none,), tmp_path / "out", effects=gone))
+    with pytest.raises(InputError, match="no such file; a Python file"):
+        run_plan_poses(poses.Request(none, tmp_path / "out", effects=gone))
+    with pytest.raises(InputError, match="no such file; a Python file"):
+        run_batch(batch.Request(("parts",), tmp_path / "out", effects=gone))
+
+
+def test_identify_fits_a_law_of_the_users_and_its_shape_is_stated(jelly: Path) -> None:
+    """At one joint with its bend given, without noise: the number that made the readings."""
+    from made_up_load_tests import TRUE_K, cell, draw
+
+    e = draw(np.random.default_rng(1), rotations=True, noise=0.0)
+    _, robot, tool = cell()
+    with own.in_use(own.run((jelly,))):
+        term = term_of("joint_jelly", "joint:2", robot, tool, half_way_Nm=300.0)
+        more = (term.response(e.state, e.wrench) @ np.array([2e-7]))[:, : e.dimensions]
+        J = e.state.J[:, : e.dimensions]
+        measured = np.einsum("nci,ni->nc", J, np.einsum("nci,nc->ni", e.state.J, e.wrench) / TRUE_K) + more
+        found = fit(replace(e, measured=measured), terms=(term,))
+    np.testing.assert_allclose(found.x[6], 2e-7, rtol=1e-6)

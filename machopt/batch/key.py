@@ -105,7 +105,7 @@ class Keys:
             for post in job.posts:
                 load_post(post)  # a faulty template
             key = self._key(job, cell, options_as_user(options))
-            others = (request.plan_file, *request.extra.values(), *job.posts)
+            others = (request.plan_file, *request.effects, *request.extra.values(), *job.posts)
             more = [f for f in others if isinstance(f, Path) and f.is_file()]
             inputs = {str(f.resolve()): self.sha(f) for f in (*cell.files, *self._read_with(job.toolpath), *more)}
         except InputError as problem:
@@ -123,6 +123,7 @@ class Keys:
             "reading": job.reading,
             "posts": [self._value(p) for p in job.posts],
             "allow_external": self.request.allow_external,
+            "effects": [self._value(f) for f in self.request.effects],
             "extra": {k: self._value(v) for k, v in self.request.extra.items()},
         }
         return hashlib.sha256(json.dumps(parts, sort_keys=True, ensure_ascii=True, default=str).encode()).hexdigest()

@@ -29,6 +29,7 @@ class Request:
     keep_failed: bool = False  # do not try crashed, hung and oversized jobs again
     compare: Path | None = None  # another batch's output folder
     posts: tuple[str, ...] = ()  # robot programs to write, for jobs that name none themselves; none: the cell's own
+    effects: tuple[Path, ...] = ()  # Python files with effects of the user's own, which stiffness.yaml may hold
     extra: dict[str, Any] = field(default_factory=dict)  # further fields of job.run.Request, the same for all jobs
     entry: str = "machopt.batch.task"  # module whose run(job, out) does a job and whose warm(folder) prepares for it
     version: str | None = None  # what of the program goes into the hash of a job; None: its version and sources

@@ -21,6 +21,7 @@ from machopt.batch.summary import Line, exit_code_of, result_of, write_summary
 from machopt.batch.supervise import Ended, Spec, log_tail, signal_name
 from machopt.domain.manifest import Manifest, ManifestFile
 from machopt.domain.results.batch import BatchRecord, BatchResult, BatchRow
+from machopt.effects.own import in_use, with_effects
 from machopt.errors import InputError
 from machopt.formats.reading import reading_as_user
 from machopt.output import read_result
@@ -92,6 +93,8 @@ def _check(request: Request) -> None:
             raise InputError(f"found {value:g}; more than zero would work", where=name)
     if request.plan_file is not None and not request.plan_file.is_file():
         raise InputError("no such file", file=request.plan_file, where="--plan")
+    with in_use(with_effects(request.effects)):  # what no job could use is said once, before the first
+        pass
 
 
 def _manifest(request: Request, plans: Sequence[Ready | Refused], verdict: str, code: int) -> Manifest:
@@ -177,6 +180,7 @@ def _spec(plan: Ready, request: Request, store: Store, memory: int | None) -> Sp
         "reading": job.reading,
         "allow_external": request.allow_external,
         "posts": [str(p) for p in job.posts],
+        "effects": [str(f.resolve()) for f in request.effects],
         **{k: str(v) if isinstance(v, Path) else v for k, v in request.extra.items()},
     }
     return Spec(

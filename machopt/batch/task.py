@@ -32,6 +32,7 @@ def run(job: Mapping[str, Any], out: Path) -> dict[str, object]:
     for name in ("cell", "toolpath", "plan_file"):
         fields[name] = Path(fields[name]) if fields[name] is not None else None
     fields |= {name: tuple(fields.get(name, ())) for name in ("overrides", "posts")}
+    fields["effects"] = tuple(map(Path, fields.get("effects", ())))
     try:
         outcome = optimize(Request(out=out, **fields))
     except MachoptError as problem:

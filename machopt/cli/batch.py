@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from machopt.cli.display import finite
+from machopt.cli.effects import add_effects, told_of_effects
 from machopt.cli.readingoptions import reading, reading_parser
 
 Commands = Any  # argparse keeps its subparsers' type private
@@ -53,6 +54,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     job.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a planning option for all jobs")
     job.add_argument("--seed", type=int, help="of the random search around obstacles, for all jobs")
     job.add_argument("--allow-external", action="store_true", help="let cells use files outside their folders")
+    add_effects(job)
     job.set_defaults(run=_batch)
 
 
@@ -60,6 +62,7 @@ def _batch(args: argparse.Namespace) -> int:
     from machopt.batch.request import Request
     from machopt.batch.run import run_batch
 
+    told_of_effects(args)
     overrides = [*args.set, *([] if args.seed is None else [f"seed={args.seed}"])]
     request = Request(
         jobs=tuple(args.toolpaths),
@@ -75,6 +78,7 @@ def _batch(args: argparse.Namespace) -> int:
         keep_failed=args.keep_failed,
         compare=args.compare,
         posts=tuple(args.post),
+        effects=tuple(args.effects),
         extra={} if args.program_tolerance_mm is None else {"program_tolerance_mm": args.program_tolerance_mm},
         memory_limit=None if args.memory_limit_mib is None else int(args.memory_limit_mib * 2**20),
     )

@@ -65,12 +65,14 @@ def _add_identify(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         "--accept", action="append", default=[], metavar="CODE", help="take this error of the record as a warning"
     )
+    add_effects(p)
     p.set_defaults(run=_identify)
 
 
 def _identify(args: argparse.Namespace) -> int:
     from machopt.services.identify import Request, run_identify
 
+    told_of_effects(args)
     request = Request(
         cell=args.cell,
         recordings=tuple(args.recording),
@@ -88,6 +90,7 @@ def _identify(args: argparse.Namespace) -> int:
         accept=tuple(args.accept),
         seed=args.seed,
         allow_external=args.allow_external,
+        effects=tuple(args.effects),
     )
     with Display(show=_shown(args)) as display:
         done = run_identify(request, display.stage)
@@ -198,12 +201,14 @@ def _add_poses(p: argparse.ArgumentParser) -> None:
     search.add_argument("--prior-factor", type=real, default=1.0, help="the prior may be wrong by this factor (1)")
     search.add_argument("--candidates", type=n, default=2000, help="poses to choose from (2000)")
     search.add_argument("--starts", type=n, default=2, help="starts of the search (2)")
+    add_effects(p)
     p.set_defaults(run=_plan_poses)
 
 
 def _plan_poses(args: argparse.Namespace) -> int:
     from machopt.services.poses import Request, run_plan_poses
 
+    told_of_effects(args)
     renamed = {"anchors": "anchors_mm", "tracker": "tracker_mm", "prior": "prior_Nm_per_rad"}
     return _run(args, Request, run_plan_poses, renamed)
 

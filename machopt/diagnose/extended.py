@@ -2,48 +2,115 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.diagnose.problem import RecordCorrection
 from machopt.diagnose.result import Coefficient, Diagnosis
 from machopt.domain.cell import Cell
 from machopt.domain.stiffness import Stiffness, Term
+from machopt.effects.protocol import joints_of
+from machopt.effects.words import spoken
+from machopt.model.elastic import against
+from machopt.model.robot import load_robot
+from machopt.model.terms.against import Against
 
 Array = NDArray[np.float64]
 JOINTS = 6
+JOINT = "joint:"
 LEAST_COMPLIANCE = 1e-10  # rad/(N·m), of a joint that no load moved
 CERTAIN_JOINT = 0.5  # standard error per compliance from which on a joint keeps the cell's value
 
 
-def stiffness_of(cell: Cell, d: Diagnosis) -> tuple[Stiffness | None, Stiffness | None]:
+@dataclass(frozen=True)
+class Extended:
+    """What a diagnosis makes of a cell's stiffness; None where cell and data together know fewer than six joints."""
+
+    before: Stiffness | None  # joints refitted, without what was found
+    after: Stiffness | None  # with it
+    withheld: tuple[Term, ...] = ()  # terms that are not in it
+    said: tuple[str, ...] = ()  # why, a sentence each
+
+
+def stiffness_of(cell: Cell, d: Diagnosis) -> Extended:
     """Joints as refitted and terms, without and with what was found; what the data do not show is the cell's.
 
-    None where the cell has no stiffness and the data show fewer than six joints.
+    A fit knows no sign of a joint's compliance with all its terms. A finding that would turn the joint against its load
+    is named in the diagnosis and withheld from the stiffness; its joints keep the springs that fit without it.
     """
     springs = {c.unknown.spring: c for c in d.coefficients if c.unknown.spring is not None}
     found = tuple(f.correction for f in d.findings if isinstance(f.correction, Term))
     known = () if cell.stiffness is None else cell.stiffness.terms
-    new = {(t.effect, t.location) for t in found}
-    terms = (*(t for t in known if (t.effect, t.location) not in new), *found)
-    if not springs:
-        return cell.stiffness, None if cell.stiffness is None else replace(cell.stiffness, terms=terms)
     if cell.stiffness is None and len(springs) < JOINTS:
-        return None, None
-    prior = None if cell.stiffness is None else cell.stiffness.joints
+        return Extended(None, None)
+    new = {_name(t) for t in found}
+    terms = (*(t for t in known if _name(t) not in new), *found)
+    before = _made(cell, springs, known, lambda c: c.before)
+    after, said = _made(cell, springs, terms, lambda c: c.value), []
+    withheld: list[Term] = []
+    bare: set[int] = set()  # joints, from 1, whose own finding is withheld
+    while found and (wrong := _against(cell, after)) is not None:
+        out = _culprit(terms, new, wrong)
+        bare.update(_joints(out))
+        withheld.append(out)
+        said.append(
+            f"{spoken(out.effect, out.location)} is not in stiffness.yaml, and its joint keeps the spring that fits "
+            f"without it: {wrong.said}"
+        )
+        terms = tuple(t for t in terms if t is not out)
+        after = _made(cell, springs, terms, lambda c: c.before if c.unknown.spring in bare else c.value)
+    return Extended(before, after, tuple(withheld), tuple(said))
 
-    def stiffness(of: Callable[[Coefficient], float]) -> Array:
-        out = []
-        for j in range(JOINTS):
-            c = springs.get(j + 1)
-            value = 0.0 if c is None else of(c)
-            sure = c is not None and value > LEAST_COMPLIANCE and c.sigma < CERTAIN_JOINT * value
-            if not sure and prior is not None:
-                out.append(float(prior[j]))
-            else:
-                out.append(1.0 / max(value, LEAST_COMPLIANCE))
-        return np.array(out)
 
-    return Stiffness(stiffness(lambda c: c.before), terms=known), Stiffness(stiffness(lambda c: c.value), terms=terms)
+def beside(d: Diagnosis, made: Extended) -> Diagnosis:
+    """The diagnosis where what was withheld stays in it, and says so."""
+    findings = tuple(
+        replace(f, correction=RecordCorrection(f.correction.effect, f.correction.location, f.correction.parameters))
+        if any(f.correction is t for t in made.withheld) and f.correction is not None
+        else f
+        for f in d.findings
+    )
+    return replace(d, findings=findings, warnings=(*d.warnings, *made.said))
+
+
+def _made(
+    cell: Cell, springs: Mapping[int, Coefficient], terms: tuple[Term, ...], of: Callable[[Coefficient], float]
+) -> Stiffness:
+    """Joints by the springs that the data show, and terms."""
+    if not springs:
+        assert cell.stiffness is not None  # else six joints are shown
+        return cell.stiffness if terms == cell.stiffness.terms else replace(cell.stiffness, terms=terms)
+    prior, out = None if cell.stiffness is None else cell.stiffness.joints, []
+    for j in range(JOINTS):
+        c = springs.get(j + 1)
+        value = 0.0 if c is None else of(c)
+        sure = c is not None and value > LEAST_COMPLIANCE and c.sigma < CERTAIN_JOINT * value
+        if not sure and prior is not None:
+            out.append(float(prior[j]))
+        else:
+            out.append(1.0 / max(value, LEAST_COMPLIANCE))
+    return Stiffness(np.array(out), terms=terms)
+
+
+def _against(cell: Cell, stiffness: Stiffness) -> Against | None:
+    """As the planner looks at it."""
+    limits = cell.limits.lower[:JOINTS], cell.limits.upper[:JOINTS]
+    return against(stiffness, load_robot(cell), cell.tool.T_flange_tcp, limits)
+
+
+def _culprit(terms: Sequence[Term], new: set[tuple[str, str]], wrong: Against) -> Term:
+    """The term that is said to be wrong, or what was found at its joint: the cell's own held before."""
+    named = [t for t in terms if _name(t) == (wrong.effect, wrong.location)]
+    beside = [t for t in terms if _name(t) in new and _joints(t) & _joints(wrong)]
+    return next(t for t in (*(t for t in named if _name(t) in new), *beside, *named))
+
+
+def _joints(of: Term | Against) -> set[int]:
+    return {j + 1 for j in joints_of(of.location)} if of.location.startswith(JOINT) else set()
+
+
+def _name(t: Term) -> tuple[str, str]:
+    return t.effect, t.location

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -30,12 +31,12 @@ CENTRES = 7
 WIDTHS = (0.12, 0.25)  # of the range
 
 
-class ByAngle(Settled):
+class ByAngle(Settled, ABC):
     """φ = c(q) τ: linear in the torque, by a share s_p(q) for each coefficient."""
 
+    @abstractmethod
     def shares(self, shape: Array, angle: Array) -> Array:
         """(..., P) by which a coefficient counts at joint angles (...,) rad; they are not wrapped."""
-        raise NotImplementedError
 
     def columns(self, shape: Array, drive: Drive) -> Array:
         return np.asarray(drive.torque[..., None] * self.tangent(shape, drive))

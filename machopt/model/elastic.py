@@ -21,7 +21,7 @@ from machopt.errors import InputError
 from machopt.model.gravity import gravity_torque
 from machopt.model.kinetostatic import geometric_stiffness
 from machopt.model.robot import ArmState, Masses, Robot
-from machopt.model.terms.against import against_load, within_reach
+from machopt.model.terms.against import Against, against_load, within_reach
 from machopt.model.terms.base import LinearTerm, compile_terms
 from machopt.model.terms.body import BodySpring
 from machopt.model.terms.compensator import GravityCompensator
@@ -273,13 +273,9 @@ class ArmElasticity:
                 raise InputError(
                     f"{term.effect} at {term.location} lacks values for {', '.join(lacking)}", file=file, where="terms"
                 )
-        k = stiffness.joints[None]
-        if stiffness.grid is not None:
-            k = np.concatenate([k, stiffness.grid.joints])
-        compiled = within_reach(compiled, k, limits)
-        wrong = against_load(compiled, k, limits)
-        if wrong:
-            raise InputError(wrong, file=file, where="terms")
+        compiled, wrong = _as_springs(compiled, stiffness, limits)
+        if wrong is not None:
+            raise InputError(wrong.said, file=file, where="terms")
         self.terms = tuple(replace(t, gear=self._gears) if isinstance(t, GravityCompensator) else t for t in compiled)
         self._known = tuple(
             t.folded() if isinstance(t, BodySpring) else t for t in self.terms if not isinstance(t, GravityCompensator)
@@ -320,6 +316,25 @@ class ArmElasticity:
         T, J = self.robot.fk_jacobian(q, self.T_flange_tcp)
         joint = joint_stiffness(self.stiffness, T[..., :3, 3])
         return J, self._balanced(joint.k, q) if self._balancers else joint.k, joint.in_grid
+
+
+def against(
+    stiffness: Stiffness, robot: Robot, T_flange_tcp: Array, limits: tuple[Array, Array] | None = None
+) -> Against | None:
+    """The term for which :class:`ArmElasticity` would refuse a stiffness whose terms are all complete."""
+    compiled, _ = compile_terms(stiffness.terms, robot, T_flange_tcp, stiffness.file)
+    return _as_springs(compiled, stiffness, limits)[1]
+
+
+def _as_springs(
+    compiled: tuple[LinearTerm, ...], stiffness: Stiffness, limits: tuple[Array, Array] | None
+) -> tuple[tuple[LinearTerm, ...], Against | None]:
+    """The terms as far as each is a spring, and which of them gives way against the load."""
+    k = stiffness.joints[None]
+    if stiffness.grid is not None:
+        k = np.concatenate([k, stiffness.grid.joints])
+    held = within_reach(compiled, k, limits)
+    return held, against_load(held, k, limits)
 
 
 def _diagonal(k: Array) -> Array:

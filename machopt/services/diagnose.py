@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.diagnose import absolute, at_joint, deflection, engine, motion, record, userterms
-from machopt.diagnose.extended import stiffness_of
+from machopt.diagnose.extended import beside, stiffness_of
 from machopt.diagnose.history import History
 from machopt.diagnose.problem import Catalogue, Problem
 from machopt.diagnose.result import Diagnosis, Finding
@@ -114,9 +114,10 @@ def _diagnosed(request: Request, own: tuple[Own, ...], progress: Progress) -> Ou
             found = _motion(request, cell, recording, options)
         else:
             found = _at_rest(request, cell, recording, options, laws)
-        d = replace(found.diagnosis, warnings=(*cell.warnings, *found.diagnosis.warnings))
+        made = stiffness_of(cell, found.diagnosis)
+        before, after = made.before, made.after
+        d = beside(replace(found.diagnosis, warnings=(*cell.warnings, *found.diagnosis.warnings)), made)
         progress("writing the model and tables")
-        before, after = stiffness_of(cell, d)
         model = _write_model(folder, after)
         kinematics = _write_kinematics(folder, cell, d)
         effect = None
@@ -180,7 +181,8 @@ def _at_rest(
     if recording.kind == "deflection":
         known = None
         if cell.stiffness is not None:
-            ArmElasticity(robot, T, cell.stiffness, masses=masses)  # refuses what no plan could use either
+            limits = cell.limits.lower[:6], cell.limits.upper[:6]
+            ArmElasticity(robot, T, cell.stiffness, limits, masses)  # refuses what no plan could use either
             terms = tuple(t for t in cell.stiffness.terms if t.effect != GEOMETRIC)
             known = Stiffness(cell.stiffness.joints, terms=terms)
         d, problem = _load_tests(request, recording, robot, T, masses, laws, known, copies, options)

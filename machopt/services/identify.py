@@ -15,7 +15,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
 from machopt.domain.results.identification import IdentificationResult
 from machopt.domain.stiffness import Term
-from machopt.effects.own import in_use
+from machopt.effects.own import in_use, with_effects
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.readings import write_readings_csv
@@ -34,7 +34,7 @@ from machopt.model.terms import compile_terms
 from machopt.output import output_folder, write_result
 from machopt.report.identification_page import write_identification
 from machopt.services.identify_page import page_of
-from machopt.services.inputs import input_hashes, recording_inputs
+from machopt.services.inputs import input_hashes, recording_inputs, single
 from machopt.services.manifest import write_command_manifest
 
 CI90 = 0.9
@@ -60,6 +60,7 @@ class Request:
     accept: tuple[str, ...] = ()
     seed: int = 0
     allow_external: bool = False
+    effects: tuple[Path, ...] = ()  # Python files with effects of the user's own, which --fit may name
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def run_identify(request: Request, progress: Callable[[str], None] = lambda _: N
     Raises:
         InputError: bad cell, recording, options or output folder; a record that cannot be right.
     """
-    with in_use():  # effects of installed packages
+    with in_use(with_effects(request.effects)):
         return _identify(request, progress)
 
 
@@ -120,9 +121,8 @@ def _identify(request: Request, progress: Callable[[str], None]) -> Outcome:
         progress("report")
         write_identification(folder / "report.html", page_of(cell, recording, tests, found, _facts(result)))
         write_result(folder / "identification.json", result)
-        write_command_manifest(
-            folder, "identify", request, cell, verdict="identified", inputs=recording_inputs(request.recordings)
-        )
+        read = (*recording_inputs(request.recordings), *(single(f, "effects") for f in request.effects))
+        write_command_manifest(folder, "identify", request, cell, verdict="identified", inputs=read)
     return Outcome(found, result, request.out / "report.html")
 
 

@@ -11,10 +11,10 @@ from machopt.design.candidates import PoseScreen, sample_poses
 from machopt.design.loadcases import load_cases
 from machopt.design.poseplan import PosePlan, plan_poses
 from machopt.diagnose.apart.separate import Asked, Discriminating, compliance_for, discriminating, noise_for
-from machopt.domain.manifest import with_scope
+from machopt.domain.manifest import ManifestFile, with_scope
 from machopt.domain.results.poses import PosesResult
 from machopt.domain.stiffness import Stiffness
-from machopt.effects.own import in_use
+from machopt.effects.own import in_use, with_effects
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.poses import write_poses_csv, write_recording_template
@@ -24,7 +24,7 @@ from machopt.model.kinetostatic import characteristic_length
 from machopt.model.robot import load_chain, load_masses
 from machopt.output import output_folder, write_result
 from machopt.report.poses_page import sentence, write_poses_page
-from machopt.services.inputs import input_hashes, recording_inputs
+from machopt.services.inputs import input_hashes, recording_inputs, single
 from machopt.services.manifest import write_command_manifest
 from machopt.services.poses_diagnosed import diagnosed
 from machopt.services.poses_request import (
@@ -69,7 +69,7 @@ def run_plan_poses(request: Request, progress: Callable[[str], None] = lambda _:
     Raises:
         InputError: bad cell, option or output folder.
     """
-    with in_use():  # effects of installed packages
+    with in_use(with_effects(request.effects)):
         return _plan_poses(request, progress)
 
 
@@ -164,10 +164,16 @@ def _plan_poses(request: Request, progress: Callable[[str], None]) -> Outcome:
             cell,
             verdict=said,
             exit_code=0 if plan is not None else 3,
-            inputs=() if request.discriminate is None else recording_inputs([request.discriminate], "diagnosis"),
+            inputs=_read(request),
             unchecked=unchecked,
         )
     return Outcome(0 if plan is not None else 3, result, request.out / "report.html", with_scope(said, unchecked))
+
+
+def _read(request: Request) -> tuple[ManifestFile, ...]:
+    """What a plan was made from beside its cell."""
+    found = () if request.discriminate is None else recording_inputs([request.discriminate], "diagnosis")
+    return (*found, *(single(f, "effects") for f in request.effects))
 
 
 def _enough_numbers(request: Request, dimensions: int, unknowns: int) -> None:

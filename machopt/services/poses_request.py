@@ -77,6 +77,7 @@ class Request:
     starts: int = 2
     seed: int = 0
     allow_external: bool = False
+    effects: tuple[Path, ...] = ()  # Python files with effects of the user's own, which --terms may name
 
 
 def check(request: Request) -> None:

@@ -7,7 +7,7 @@ most of its compliance.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,15 @@ Array = NDArray[np.float64]
 Limits = tuple[Array, Array]
 LEAST = 1e-9  # of the joints' own compliances: less than that in some direction is rounding or negative
 STEPS = 2001  # of a joint's range; between them a second harmonic is missed by 1e-5 of itself
+
+
+@dataclass(frozen=True)
+class Against:
+    """A term that asks for more than its joint has."""
+
+    effect: str
+    location: str
+    said: str  # in words, with what would work
 
 
 def within_reach(terms: Sequence[LinearTerm], k: Array, limits: Limits | None) -> tuple[LinearTerm, ...]:
@@ -44,8 +53,8 @@ def within_reach(terms: Sequence[LinearTerm], k: Array, limits: Limits | None) -
     )
 
 
-def against_load(terms: Sequence[LinearTerm], k: Array, limits: Limits | None) -> str:
-    """What makes the joints' compliance matrix not positive somewhere, in words; empty where nothing does.
+def against_load(terms: Sequence[LinearTerm], k: Array, limits: Limits | None) -> Against | None:
+    """What makes the joints' compliance matrix not positive somewhere; None where nothing does.
 
     The matrix is diag(1/k + what each joint's terms add at least) with the couplings beside the diagonal.
 
@@ -58,22 +67,24 @@ def against_load(terms: Sequence[LinearTerm], k: Array, limits: Limits | None) -
     weakest = k + _beside(terms, limits, most=False)
     if (weakest <= LEAST * k).any():
         row, i = np.argwhere(weakest <= LEAST * k)[0]
-        return (
+        said = (
             f"gravity_compensator takes up to {k[row, i] - weakest[row, i]:.3g} N·m/rad from joint {i + 1}, which has "
             f"{k[row, i]:.3g}; less than that would work"
         )
+        return Against("gravity_compensator", f"joint:{i + 1}", said)
     own = 1.0 / (k + _beside(terms, limits, most=True))
     taken = _taken(terms, limits)
     least = sum((take for _, take, _ in taken), np.zeros(6))
     lost = own + least <= LEAST * own
     if lost.any():
         row, i = np.argwhere(lost)[0]
-        effect, take, where = min(taken, key=lambda part: part[1][i])
+        effect, take, where = min(taken, key=lambda part: float(part[1][i]))
         together = "" if np.isclose(take[i], least[i]) else f", {-least[i]:.3g} with the joint's other terms,"
-        return (
+        said = (
             f"{effect} takes {-take[i]:.3g} rad/(N·m){together} from joint {i + 1}{where}, which has "
             f"{own[row, i]:.3g} (1/stiffness); less than that would work"
         )
+        return Against(effect, f"joint:{i + 1}", said)
     coupling = np.zeros((6, 6))
     for term in terms:
         if isinstance(term, JointCoupling):
@@ -82,12 +93,14 @@ def against_load(terms: Sequence[LinearTerm], k: Array, limits: Limits | None) -
     values = np.linalg.eigvalsh(np.eye(6) + coupling / scale[:, :, None] / scale[:, None, :])
     row = int(values[:, 0].argmin())
     if values[row, 0] > LEAST:
-        return ""
+        return None
     share = np.abs(coupling) / np.outer(scale[row], scale[row])
-    i, j = (int(v) for v in np.unravel_index(int(share.argmax()), share.shape))
-    return (
+    i, j = sorted(int(v) for v in np.unravel_index(int(share.argmax()), share.shape))
+    return Against(
+        "joint_coupling",
+        f"joint:{i + 1}-{j + 1}",
         f"with a joint_coupling of {coupling[i, j]:.3g} rad/(N·m) between joints {i + 1} and {j + 1} some load moves "
-        f"the arm towards itself; at most √(c{i + 1} c{j + 1}) = {scale[row, i] * scale[row, j]:.3g} is possible"
+        f"the arm towards itself; at most √(c{i + 1} c{j + 1}) = {scale[row, i] * scale[row, j]:.3g} is possible",
     )
 
 

@@ -126,7 +126,7 @@ def _check_place(term: Term, where: str, file: Any) -> None:
         hint = f"did you mean {close[0]!r}? " if close else ""
         raise InputError(
             f"effect {term.effect!r} is not known; {hint}valid: {', '.join(known)}; one of your own: "
-            "--effects FILE.py in optimize and map, --terms FILE.py in diagnose",
+            "--effects FILE.py, --terms FILE.py in diagnose",
             file=file,
             where=f"{where}.effect",
         )
