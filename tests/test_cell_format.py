@@ -153,6 +153,28 @@ def test_position_narrows_the_urdf(folder: Path) -> None:
     np.testing.assert_allclose(limits.upper[1], 3.0)  # 171.89° exceeds 3 rad by rounding: the URDF's holds
 
 
+def test_velocities_left_out_are_the_urdfs_and_said(folder: Path) -> None:
+    change(folder, ("    velocity_deg_s: [100, 100, 100, 200, 200, 300]\n", ""))
+    cell = load_cell(folder)
+    np.testing.assert_allclose(cell.limits.velocity, 9.0)
+    expect(" ".join(cell.notes), "velocity_deg_s is not given", "a1 515.7 deg/s", "position_deg is not given")
+    (folder / "robot.urdf").write_text(urdf().replace('velocity="9"', 'velocity="0"', 1))
+    expect(refusal(folder), "robot.limits", "joint 'a1' of the URDF has velocity 0", "expected velocity_deg_s")
+
+
+def test_pairs_that_may_touch_are_pairs_of_names_or_a_file(folder: Path) -> None:
+    change(folder, ("stiffness: stiffness.yaml\n", "stiffness: stiffness.yaml\nignore_pairs: [[l6, post]]\n"))
+    assert load_cell(folder).may_touch[0].first == ("l6_0",)
+    change(folder, ("[[l6, post]]", "[[l6, post, ball]]"))
+    expect(refusal(folder), "ignore_pairs", "['l6', 'post', 'ball'] as entry 1", "pairs of names")
+    change(folder, ("[[l6, post, ball]]", "robot.srdf"))
+    expect(refusal(folder), "ignore_pairs", "no such file: robot.srdf")
+    (folder / "robot.srdf").write_text('<robot><disable_collisions link1="l6" link2="l1"/></robot>')
+    cell = load_cell(folder)
+    assert cell.may_touch == ()  # l1 has no body
+    assert "robot.srdf" in {f.name for f in cell.files}
+
+
 def test_continuous_joint_gets_two_turns_and_a_warning(folder: Path) -> None:
     (folder / "robot.urdf").write_text(urdf().replace('name="a6" type="revolute"', 'name="a6" type="continuous"'))
     cell = load_cell(folder)
@@ -251,7 +273,7 @@ SCHEMA = [
     ("rotation_step_deg: 10", "rotation_step_deg: 100", ["plan.rotation_step_deg", "found 100", "0.5 to 90"]),
     ("name: ball", "name: post", ["two bodies are named 'post'"]),
     ("machopt_cell: 1", "machopt_cell: 1: 2", ["line 1, column", "is not YAML"]),
-    ("obstacles:", "ignore_pairs: [[a, b]]\nobstacles:", ["line 22: ignore_pairs", "found by sampling and left out"]),
+    ("obstacles:", "ignore_pairs: [[a, b]]\nobstacles:", ["line 22: ignore_pairs", "'a' is no link and no body"]),
     ("obstacles:", "tools: {}\nobstacles:", ["line 22: tools", "a cell has one tool: give it as tool:"]),
     ("obstacles:", "collision: false\nobstacles:", ["collision", "belong under plan:", "--set key=value"]),
     ("obstacles:", "notes: old\nobstacles:", ["notes", "write it as a comment: #"]),

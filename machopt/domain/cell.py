@@ -63,6 +63,17 @@ class JointLimits:
 
 
 @dataclass(frozen=True)
+class MayTouch:
+    """Bodies that may touch each other, because the cell says so; every one of ``first`` each of ``second``."""
+
+    a: str  # as the cell or SRDF names them: a link, a body, tool, workpiece or cutter
+    b: str
+    first: tuple[str, ...]  # names of bodies; a link's n-th collision body is called LINK_n, n from 0
+    second: tuple[str, ...]
+    source: str  # where it stands, for readers
+
+
+@dataclass(frozen=True)
 class Cell:
     """A robot cell as cell.yaml describes it; positions and angles in SI."""
 
@@ -89,4 +100,5 @@ class Cell:
     files: tuple[Path, ...] = ()  # every file read for this cell, for the hash of inputs
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()  # what was read and is not used; nothing to worry about
+    may_touch: tuple[MayTouch, ...] = ()
     arm_prismatic: tuple[bool, ...] = ()  # which joints of the arm slide; empty: all turn

@@ -17,8 +17,9 @@ from machopt.domain.cell import Cell, Cutter, JointLimits, Shape, Tool, Workpiec
 from machopt.domain.program import Controller, JointMap
 from machopt.errors import InputError
 from machopt.formats.cell_schema import AnyChainKeys, CellKeys, JointMapKeys, PoseKeys, ShapeKeys
-from machopt.formats.chain import read_chain, read_home, read_limits
+from machopt.formats.chain import limits_of_urdf, read_chain, read_home, read_limits
 from machopt.formats.kinematics import load_kinematics
+from machopt.formats.maytouch import PairReader
 from machopt.formats.mesh import Fail, Scene, Sized, Surface, judge_size, open_surfaces, read_surface
 from machopt.formats.mesh.size import Role
 from machopt.formats.opener import check_file
@@ -108,6 +109,8 @@ class _Reader:
         self.different_names(*tool.geometry, *workpiece.geometry, *obstacles)
         self.missing_bodies(tool, workpiece)
         self.warnings += open_surfaces(self.surfaces)
+        pairs = PairReader(urdf, tool, workpiece, obstacles, self.document)
+        may_touch = pairs.pairs(keys.ignore_pairs, self.file)
         order = chain.order
         arm_prismatic = tuple(j.kind == "prismatic" for j in chain.arm)
         return Cell(
@@ -120,6 +123,7 @@ class _Reader:
             arm_joints=tuple(j.name for j in chain.arm),
             external_joints=tuple(j.name for j in chain.external),
             external_prismatic=tuple(j.kind == "prismatic" for j in chain.external),
+            may_touch=may_touch,
             arm_prismatic=arm_prismatic if any(arm_prismatic) else (),
             home=_frozen(home[order[: len(chain.arm)]]),
             external_home=_frozen(home[order[len(chain.arm) :]]),
@@ -139,7 +143,7 @@ class _Reader:
             kinematics=kinematics,
             files=tuple(dict.fromkeys(self.files)),
             warnings=tuple(self.warnings),
-            notes=_unused(urdf),
+            notes=(*_unused(urdf), *limits_of_urdf(chain, keys)),
         )
 
     def file(self, loc: Loc, name: str) -> Path:

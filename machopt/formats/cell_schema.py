@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from machopt.formats.options import OptionKeys
 from machopt.formats.yamlstrict import Strict
@@ -12,6 +12,7 @@ from machopt.formats.yamlstrict import Strict
 Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
 Axis = Literal["j1", "j2", "j3", "j4", "j5", "j6"]
 _PER_JOINT = "one per moving joint, in chain order"
+_PAIRS = "expected pairs of names, [[link_1, link_3], …], or the name of an SRDF file"
 SHAPE_KEYS = ("box_mm", "cylinder_mm", "sphere_mm", "mesh")
 
 
@@ -58,17 +59,18 @@ class ShapeKeys(PoseKeys):
 
 class LimitKeys(Strict):
     position_deg: list[Annotated[list[float], Field(min_length=2, max_length=2)]] | None = Field(
-        default=None, description=f"[lowest, highest] {_PER_JOINT}"
+        default=None, description=f"[lowest, highest] {_PER_JOINT}; left out: the ranges of the URDF"
     )
-    velocity_deg_s: list[float] = Field(description=f"deg/s (mm/s if prismatic), {_PER_JOINT}")
+    velocity_deg_s: list[float] | None = Field(
+        default=None, description=f"deg/s (mm/s if prismatic), {_PER_JOINT}; left out: the velocities of the URDF"
+    )
     acceleration_deg_s2: list[float] = Field(description=f"deg/s² (mm/s² if prismatic), {_PER_JOINT}")
     jerk_deg_s3: list[float] = Field(description=f"deg/s³ (mm/s³ if prismatic), {_PER_JOINT}")
 
 
 class RobotKeys(Strict):
     HINTS: ClassVar[dict[str, str]] = {
-        "srdf": "SRDF is not read: pairs that touch in nearly every pose are found by sampling and left out, and named "
-        "in the report",
+        "srdf": "name it as ignore_pairs: robot.srdf, at the top of cell.yaml",
         "xacro": "write the URDF first (xacro robot.xacro > robot.urdf) and give it as urdf:",
         "payload_kg": "give the tool's mass as tool.mass_kg",
     }
@@ -162,8 +164,6 @@ class ControllerKeys(Strict):
 class CellKeys(Strict):
     HINTS: ClassVar[dict[str, str]] = {
         "tools": "a cell has one tool: give it as tool:, and plan the operations of another tool with another cell",
-        "ignore_pairs": "it is not read: pairs that touch in nearly every pose are found by sampling and left out, and "
-        "named in the report; where two bodies touch in some poses only, mend their meshes or leave one out",
         **dict.fromkeys(
             ("collision", "collisions", "clearance_mm", "force_N", "method", "seed"),
             "planning options belong under plan:, or into the command as --set key=value",
@@ -185,8 +185,26 @@ class CellKeys(Strict):
     obstacles: list[ShapeKeys] = Field(default=[], description="fixtures, walls, floor, in world")
     stiffness: str | None = Field(default=None, min_length=1, description="a file in the cell folder")
     kinematics: str | None = Field(default=None, min_length=1, description="a file in the cell folder")
+    ignore_pairs: list[str | list[str]] = Field(
+        default=[],
+        description="bodies that may touch: [[link_1, link_3], [tool, link_5], …] by names of links, bodies, `tool`, "
+        "`workpiece` or `cutter`; or an SRDF file, whose disable_collisions count; or files and pairs in one list",
+    )
     plan: OptionKeys | None = Field(default=None, description="the cell's own planning options")
     controller: ControllerKeys | None = Field(default=None, description="what robot programs need to know")
+
+    @field_validator("ignore_pairs", mode="before")
+    @classmethod
+    def _pairs_or_files(cls, value: object) -> object:
+        """One file for a list of one; what else it may be is told in words that fit all of its forms."""
+        entries = [value] if isinstance(value, str) else value
+        if not isinstance(entries, list):
+            raise ValueError(f"found {value!r}; {_PAIRS}")
+        for n, entry in enumerate(entries):
+            pair = isinstance(entry, list) and len(entry) == 2 and all(isinstance(name, str) for name in entry)
+            if not (pair or isinstance(entry, str)):
+                raise ValueError(f"found {entry!r} as entry {n + 1}; {_PAIRS}")
+        return entries
 
 
 class AnyChainRobotKeys(RobotKeys):

@@ -97,8 +97,12 @@ def read_limits(chain: Chain, keys: CellKeys, document: Document, warnings: list
     """Limits in SI, in the order of ``chain.moving``; positions: the narrower of URDF and cell."""
     limits = keys.robot.limits
     rates = {}
-    for key in ("velocity_deg_s", "acceleration_deg_s2", "jerk_deg_s3"):
-        values: list[float] = getattr(limits, key)
+    told = {
+        "velocity_deg_s": velocities(chain, keys, document),
+        "acceleration_deg_s2": limits.acceleration_deg_s2,
+        "jerk_deg_s3": limits.jerk_deg_s3,
+    }
+    for key, values in told.items():
         loc: Loc = ("robot", "limits", key)
         _length(chain, document, loc, len(values))
         for i, value in enumerate(values):
@@ -119,6 +123,8 @@ def read_limits(chain: Chain, keys: CellKeys, document: Document, warnings: list
                 raise document.error((*loc, i), f"{found}; the URDF allows {urdf_range}, which may only be narrowed")
             lower[i], upper[i] = (lo, hi) if j.kind == "continuous" else (max(lo, lower[i]), min(hi, upper[i]))
     speed = rates["velocity_deg_s"]
+    if limits.velocity_deg_s is None:  # the URDF's, in rad/s by its own definition
+        return JointLimits(lower, upper, speed, rates["acceleration_deg_s2"], rates["jerk_deg_s3"])
     turning = [limits.velocity_deg_s[i] for i, j in enumerate(chain.moving) if j in chain.arm and j.kind != "prismatic"]
     if turning and max(turning) < _RAD_LOOK:
         warnings.append(f"robot.limits.velocity_deg_s {limits.velocity_deg_s} looks like rad/s; deg/s is expected")
@@ -126,6 +132,46 @@ def read_limits(chain: Chain, keys: CellKeys, document: Document, warnings: list
     if fast:
         warnings.append(f"robot.limits.velocity_deg_s is above the URDF's velocity for {', '.join(fast)}")
     return JointLimits(lower, upper, speed, rates["acceleration_deg_s2"], rates["jerk_deg_s3"])
+
+
+def velocities(chain: Chain, keys: CellKeys, document: Document) -> list[float]:
+    """Velocity limits in the file's units, in the order of ``chain.moving``: the cell's, else the URDF's.
+
+    Raises:
+        InputError: neither says one.
+    """
+    given = keys.robot.limits.velocity_deg_s
+    if given is not None:
+        return given
+    for j in chain.moving:
+        if not j.velocity > 0.0:  # also NaN, where there is no <limit>
+            found = "no <limit>" if math.isnan(j.velocity) else f"velocity {j.velocity:g}"
+            raise document.error(
+                ("robot", "limits"),
+                f"velocity_deg_s is not given, and joint {j.name!r} of the URDF has {found}; "
+                f"expected velocity_deg_s, one per moving joint ({chain.names}), or a velocity above 0 in the URDF",
+            )
+    return [float(j.velocity / unit) for j, unit in zip(chain.moving, chain.unit, strict=True)]
+
+
+def limits_of_urdf(chain: Chain, keys: CellKeys) -> tuple[str, ...]:
+    """Which limits the cell leaves to the URDF, with their values, in words."""
+    limits, out = keys.robot.limits, []
+    if limits.velocity_deg_s is None:
+        values = ", ".join(
+            f"{j.name} {j.velocity / u:.4g} {'mm/s' if j.kind == 'prismatic' else 'deg/s'}"
+            for j, u in zip(chain.moving, chain.unit, strict=True)
+        )
+        out.append(f"robot.limits.velocity_deg_s is not given; the URDF's velocities hold: {values}")
+    if limits.position_deg is None:
+        values = ", ".join(
+            f"{j.name} {j.lower / u:.4g} to {j.upper / u:.4g} {'mm' if j.kind == 'prismatic' else 'deg'}"
+            for j, u in zip(chain.moving, chain.unit, strict=True)
+            if j.kind != "continuous"
+        )
+        if values:
+            out.append(f"robot.limits.position_deg is not given; the URDF's ranges hold: {values}")
+    return tuple(out)
 
 
 def read_home(chain: Chain, limits: JointLimits, keys: CellKeys, document: Document) -> Array:
@@ -202,7 +248,10 @@ def _to_workpiece(urdf: Urdf, arm: list[UrdfJoint], keys: CellKeys, document: Do
 
 def _urdf_range(joint: UrdfJoint, document: Document, warnings: list[str]) -> tuple[float, float]:
     if joint.kind == "continuous":
-        warnings.append(f"joint {joint.name!r} is continuous; its range is taken as ±360°")
+        warnings.append(
+            f"joint {joint.name!r} is continuous; its range is taken as ±360°, and robot.limits.position_deg may say "
+            "another"
+        )
         return -_CONTINUOUS, _CONTINUOUS
     if not joint.lower < joint.upper:  # also where <limit> is missing
         found = "no <limit>" if math.isnan(joint.lower) else f"lower {joint.lower:g}, upper {joint.upper:g}"

@@ -13,7 +13,7 @@ import numpy as np
 
 from machopt.domain.stiffness import Stiffness
 from machopt.formats.cell_schema import CellKeys, CutterKeys, PoseKeys, ToolKeys
-from machopt.formats.chain import Chain
+from machopt.formats.chain import Chain, velocities
 from machopt.formats.urdf import Urdf
 from machopt.formats.yamlstrict import Document, Loc
 
@@ -88,8 +88,13 @@ def check_limits(keys: CellKeys, chain: Chain, document: Document, warnings: lis
         InputError: beyond any machine.
     """
     limits, loc = keys.robot.limits, ("robot", "limits")
+    told = {
+        "velocity_deg_s": velocities(chain, keys, document),
+        "acceleration_deg_s2": limits.acceleration_deg_s2,
+        "jerk_deg_s3": limits.jerk_deg_s3,
+    }
     for key, most in _FASTEST.items():
-        values: list[float] = getattr(limits, key)
+        values = told[key]
         for i, value in enumerate(values):
             found = f"found {value:g} for joint {chain.moving[i].name!r}"
             if not value <= most:
@@ -98,11 +103,9 @@ def check_limits(keys: CellKeys, chain: Chain, document: Document, warnings: lis
                 raise document.error((*loc, key, i), f"{found}; expected at least {_SLOWEST:g}")
     steps = (("velocity_deg_s", "acceleration_deg_s2", "speed"), ("acceleration_deg_s2", "jerk_deg_s3", "acceleration"))
     for lower, upper, what in steps:
-        slow = max(a / b for a, b in zip(getattr(limits, lower), getattr(limits, upper), strict=True))
+        slow = max(a / b for a, b in zip(told[lower], told[upper], strict=True))
         if slow > _RUN_UP:
-            warnings.append(
-                f"robot.limits.{upper} {getattr(limits, upper)}: full {what} takes {slow:.3g} s; is its unit meant?"
-            )
+            warnings.append(f"robot.limits.{upper} {told[upper]}: full {what} takes {slow:.3g} s; is its unit meant?")
     turning = [i for i, j in enumerate(chain.moving) if j.kind != "prismatic"]
     if limits.position_deg is not None and turning:
         most = max(abs(v) for i in turning for v in limits.position_deg[i])

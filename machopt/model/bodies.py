@@ -91,6 +91,25 @@ def worth_checking(bodies: list[Body]) -> list[tuple[int, int]]:
     return out
 
 
+def neighbours(bodies: list[Body]) -> list[tuple[int, int]]:
+    """Pairs that are not compared because one hangs on the other: links next to each other, the last one and the tool.
+
+    What is fixed to one another does not count.
+    """
+    moving = [(i, b) for i, b in enumerate(bodies) if b.kind in ("link", "tool")]
+    return [(i, j) for i, a in moving for j, b in moving if a.link < b.link and links_apart(a, b) == 1]
+
+
+def allowed(cell: Cell) -> dict[frozenset[str], str]:
+    """Pairs of body names that the cell lets touch, and where it says so."""
+    return {
+        frozenset((a, b)): f"may touch: {pair.source} ({pair.a} ~ {pair.b})"
+        for pair in cell.may_touch
+        for a in pair.first
+        for b in pair.second
+    }
+
+
 def links_apart(a: Body, b: Body) -> int:
     """Steps along the chain; the tool is one beyond link 6."""
     return abs((a.link + (a.kind == "tool")) - (b.link + (b.kind == "tool")))

@@ -25,10 +25,12 @@ from machopt.domain.cell import Cell
 from machopt.model.bodies import (
     TOUCH,
     Kind,
+    allowed,
     cell_bodies,
     cutter_body,
     links_apart,
     may_hold,
+    neighbours,
     robot_bodies,
     worth_checking,
 )
@@ -111,7 +113,8 @@ class CollisionModel:
 
     Attributes:
         pairs: what is checked.
-        excluded: what is not, and why.
+        excluded: what is not, and why: built touching, or the cell lets it.
+        adjacent: links next to each other, which are not compared either.
         suspicious: pairs in touch at the home pose, in words (a model error or a too coarse mesh).
 
     Raises:
@@ -130,14 +133,22 @@ class CollisionModel:
                 elif body.kind == "obstacle" or (body.kind == "link" and body.link <= 4):
                     wanted.append((i, len(self._bodies), False))
             self._bodies += [cutter, drawn_in]
+        by_cell = allowed(cell)
+        told = tuple(
+            self._told(pair[:2], why) for pair in wanted if (why := by_cell.get(self._names(*pair[:2]))) is not None
+        )
+        wanted = [pair for pair in wanted if self._names(*pair[:2]) not in by_cell]
+        self.adjacent: tuple[Excluded, ...] = tuple(
+            self._told(pair, "adjacent: one hangs on the other") for pair in neighbours(self._bodies)
+        )
         self.surfaces = Surfaces(self._bodies)
         self.outlines = side_by_side(outline_of, self._bodies)
-        self.excluded: tuple[Excluded, ...] = ()
         self._take([(i, j) for i, j, _ in wanted], [touch for *_, touch in wanted])
-        self._exclude(wanted)
+        self.excluded: tuple[Excluded, ...] = (*self._exclude(wanted), *told)
         at_home = self._touching(cell.home[None, :])
         self.suspicious: tuple[str, ...] = tuple(
-            f"{p.name} touch or are nearer than the clearance at the home pose"
+            f"{p.name} touch or are nearer than the clearance at the home pose (if they are built so, "
+            f"`ignore_pairs: [[{p.a}, {p.b}]]` in cell.yaml would let them)"
             for p, hit in zip(self.pairs, at_home[0], strict=True)
             if hit
         )
@@ -228,6 +239,12 @@ class CollisionModel:
         asked = ~(np.asarray(cutting, bool)[:, None] & self._spared)
         return nearest_of(self.stack, self.surfaces, [o.mesh for o in self.outlines], np.asarray(q, float), asked, cap)
 
+    def _names(self, i: int, j: int) -> frozenset[str]:
+        return frozenset((self._bodies[i].name, self._bodies[j].name))
+
+    def _told(self, pair: tuple[int, int], reason: str) -> Excluded:
+        return Excluded(self._bodies[pair[0]].name, self._bodies[pair[1]].name, reason, np.nan)
+
     def _take(self, indices: list[tuple[int, int]], touch: list[bool]) -> None:
         bodies = self._bodies
         self.pairs: tuple[Pair, ...] = tuple(
@@ -242,8 +259,8 @@ class CollisionModel:
             for pair, (i, j) in zip(indices, self.stack.links, strict=True)
         ]
 
-    def _exclude(self, wanted: list[tuple[int, int, bool]]) -> None:
-        """Drop pairs that touch by construction; sampled, so it needs no list made by hand."""
+    def _exclude(self, wanted: list[tuple[int, int, bool]]) -> tuple[Excluded, ...]:
+        """Drop pairs that touch by construction, and tell them; sampled, so it needs no list made by hand."""
         robot, bodies = self._robot, self._bodies
         asked = [
             n
@@ -268,12 +285,13 @@ class CollisionModel:
                 dropped[n] = poses.format(share[n])
             elif apart == 2 and share[n] > COARSE:
                 dropped[n] = f"links two apart with coarse meshes: {poses.format(share[n])}"
-        self.excluded = tuple(
+        out = tuple(
             Excluded(bodies[wanted[n][0]].name, bodies[wanted[n][1]].name, reason, float(share[n]))
             for n, reason in dropped.items()
         )
         kept = [pair for n, pair in enumerate(wanted) if n not in dropped]
         self._take([(i, j) for i, j, _ in kept], [touch for *_, touch in kept])
+        return out
 
     def touching(self, q: Array, pair: NDArray[np.integer[Any]]) -> Bools:
         """Whether the one pair asked of each row touches or is nearer than its clearance; no other is looked at.

@@ -16,6 +16,7 @@ from machopt.verify import Check
 from machopt.verify.output import SWITCHED_OFF
 from machopt.verify.ride import AXIS_DEG, PATH_MM
 
+_NAMED = 3  # pairs that may touch are named in the verdict; all stand in the report
 _ROUNDING = 1e-9  # of a limit: what the conversion from user units leaves
 
 
@@ -38,6 +39,10 @@ def unchecked(cell: Cell, options: PlanOptions) -> tuple[str, ...]:
         missing = [name for name, bodies in there.items() if not bodies]
         if missing:
             out.append(f"collisions with {_listed(missing)} NOT checked (not in the cell)")
+        pairs = [f"{p.a} ~ {p.b}" for p in cell.may_touch]
+        if pairs:
+            more = [f"{len(pairs) - _NAMED} more"] if len(pairs) > _NAMED else []
+            out.append(f"{_listed([*pairs[:_NAMED], *more])} NOT checked (ignore_pairs)")
     for name, found, limit, unit in (
         ("path", 1e3 * options.path_tolerance, PATH_MM, "mm"),
         ("tool axis", degrees(options.axis_tolerance), AXIS_DEG, "deg"),

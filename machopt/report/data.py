@@ -295,6 +295,7 @@ class ReportData:
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()  # what the cell's files hold and nothing uses
     excluded_pairs: tuple[ExcludedPair, ...] = ()
+    adjacent_pairs: tuple[ExcludedPair, ...] = ()  # of links next to each other, which no check compares
     checks: tuple[Check, ...] = ()
     programs: tuple[Program, ...] = ()
     front: tuple[FrontPoint, ...] = ()

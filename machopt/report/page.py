@@ -147,7 +147,11 @@ def _axes(data: ReportData, charts: set[str]) -> Body:
 def _verification(data: ReportData) -> Body:
     body: Body = tables.checks(data) if data.checks else ""
     body += tables.part(
-        len(data.excluded_pairs), "Pairs left out of the collision check", tables.excluded_pairs, data, opened=True
+        len(data.excluded_pairs) + len(data.adjacent_pairs),
+        "Pairs left out of the collision check",
+        tables.excluded_pairs,
+        data,
+        opened=bool(data.excluded_pairs),
     )
     lead = "Done on the written trajectory by code that shares nothing with the planner."
     return section("verification", "Verification", lead, body)

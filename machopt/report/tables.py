@@ -199,7 +199,7 @@ def events(data: ReportData) -> Markup:
 
 def excluded_pairs(data: ReportData) -> Markup:
     columns = [Column("Body"), Column("Body"), Column("Why it is not checked")]
-    return table(columns, [(p.first, p.second, p.reason) for p in data.excluded_pairs])
+    return table(columns, [(p.first, p.second, p.reason) for p in (*data.excluded_pairs, *data.adjacent_pairs)])
 
 
 def timings(data: ReportData) -> Markup:

@@ -108,6 +108,7 @@ def report_data(
             for b in all_breaks(plan, timeline.obstructions if timeline else ())
         ),
         excluded_pairs=tuple(page.ExcludedPair(e.a, e.b, e.reason) for e in (model.excluded if model else ())),
+        adjacent_pairs=tuple(page.ExcludedPair(e.a, e.b, e.reason) for e in (model.adjacent if model else ())),
         checks=tuple(
             page.Check(c.name, c.passed, f"{c.value:.4g} {c.unit}", f"{c.limit:.4g} {c.unit}", c.where)
             for c in (verification.checks if verification else ())

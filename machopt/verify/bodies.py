@@ -90,12 +90,16 @@ def pairs(cell: Cell, arm: Arm, bodies: list[Body]) -> list[tuple[Body, Body]]:
 
     Everything on the robot from link 2 on against workpiece and obstacles; links and tool against links at least two
     apart; the cutter against obstacles and links 0 … 4, drawn in against the workpiece. Pairs of links that touch in
-    most random poses are built touching and left out, like link 1 and what the robot stands on.
+    most random poses are built touching and left out, like link 1 and what the robot stands on. What the cell lets
+    touch is left out too.
     """
+    may = may_touch(cell)
     out: list[tuple[Body, Body]] = []
     robot: list[tuple[Body, Body]] = []
     for a in bodies:
         for b in bodies:
+            if (a.name, b.name) in may:
+                continue
             if a.kind in ("workpiece", "obstacle"):
                 if b.kind in ("cutter", "grazing"):
                     wanted = (b.kind == "grazing") == (a.kind == "workpiece")
@@ -117,6 +121,12 @@ def pairs(cell: Cell, arm: Arm, bodies: list[Body]) -> list[tuple[Body, Body]]:
         if share <= TOUCHING and not coarse:
             out.append((a, b))
     return out
+
+
+def may_touch(cell: Cell) -> set[tuple[str, str]]:
+    """Names of bodies that the cell lets touch, in both orders."""
+    one_way = {(a, b) for pair in cell.may_touch for a in pair.first for b in pair.second}
+    return one_way | {(b, a) for a, b in one_way}
 
 
 def all_bodies(cell: Cell, arm: Arm) -> list[Body]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from machopt.domain.cell import Cell
 from machopt.verify.arm import Arm
-from machopt.verify.bodies import Body
+from machopt.verify.bodies import Body, may_touch
 from machopt.verify.check import Check, counted
 
 SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",), "capsule": ("radius", "length")}
@@ -31,7 +31,7 @@ def check_inventory(cell: Cell, arm: Arm, bodies: list[Body], pairs: list[tuple[
     return [
         counted("bodies of the URDF", _lost_bodies(root, bodies), "bodies"),
         counted("joints and masses of the URDF", _lost_weight(root, arm), "links"),
-        counted("bodies checked for contacts", _unchecked(bodies, pairs), "bodies"),
+        counted("bodies checked for contacts", _unchecked(bodies, pairs, cell), "bodies"),
     ]
 
 
@@ -127,7 +127,8 @@ def _lost_weight(root: ElementTree.Element, arm: Arm) -> list[str]:
     return wrong
 
 
-def _unchecked(bodies: list[Body], pairs: list[tuple[Body, Body]]) -> list[str]:
-    """Bodies in no pair; a second copy of one that is (the cutter drawn in) counts with it."""
-    used = {b.name for pair in pairs for b in pair}
+def _unchecked(bodies: list[Body], pairs: list[tuple[Body, Body]], cell: Cell) -> list[str]:
+    """Bodies in no pair, nor in one that the cell lets touch; a second copy of one that is (the cutter drawn in) counts
+    with it."""
+    used = {b.name for pair in pairs for b in pair} | {name for pair in may_touch(cell) for name in pair}
     return [f"{b.kind} {b.name!r} is in no pair that is checked" for b in bodies if b.name not in used]

@@ -1,0 +1,85 @@
+"""``ignore_pairs`` of cell.yaml: which bodies may touch, by name or by an SRDF, down to the bodies themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from machopt.domain.cell import MayTouch, Shape, Tool, Workpiece
+from machopt.formats.urdf import Urdf
+from machopt.formats.urdf.srdf import read_srdf
+from machopt.formats.yamlstrict import Document, Loc, nearest
+
+OpenFile = Callable[[Loc, str], Path]
+
+
+class PairReader:
+    """Names of links and bodies, as pairs may give them.
+
+    A link stands for all its collision bodies, ``tool`` and ``workpiece`` for theirs, ``cutter`` for the cutter.
+    """
+
+    def __init__(
+        self, urdf: Urdf, tool: Tool, workpiece: Workpiece, obstacles: tuple[Shape, ...], document: Document
+    ) -> None:
+        self._urdf, self._document = urdf, document
+        # collision bodies are named after their link and counted, as the robot model names them
+        self._links = {p.name: tuple(f"{p.name}_{n}" for n in range(p.collisions)) for p in urdf.parts}
+        shapes = (*tool.geometry, *workpiece.geometry, *obstacles)
+        self._bodies = {s.name: (s.name,) for s in shapes}
+        self._groups = {
+            "tool": tuple(s.name for s in tool.geometry),
+            "workpiece": tuple(s.name for s in workpiece.geometry),
+            "cutter": ("cutter",) if tool.cutter is not None else (),
+        }
+
+    def pairs(self, given: list[str | list[str]], open_file: OpenFile) -> tuple[MayTouch, ...]:
+        """What ``ignore_pairs`` says, in its order.
+
+        Args:
+            given: the value of the key.
+            open_file: a file the cell names, by key path and name.
+
+        Raises:
+            InputError: a name that nothing has, a pair of a body with itself, no SRDF.
+        """
+        out: list[MayTouch] = []
+        for n, entry in enumerate(given):
+            loc: Loc = ("ignore_pairs", n)
+            if isinstance(entry, str):
+                out += self._srdf(loc, entry, open_file)
+                continue
+            a, b = entry
+            first, second = self._named(a, (*loc, 0)), self._named(b, (*loc, 1))
+            if set(first) & set(second):
+                raise self._document.error(loc, f"found {a!r} and {b!r}, which share a body; expected two that move")
+            for word, bodies in ((a, first), (b, second)):
+                if not bodies:
+                    raise self._document.error(loc, f"{word!r} has no body that could touch anything; leave it out")
+            out.append(MayTouch(a, b, first, second, "ignore_pairs of cell.yaml"))
+        return tuple(out)
+
+    def _srdf(self, loc: Loc, name: str, open_file: OpenFile) -> tuple[MayTouch, ...]:
+        """The pairs of links that this robot has and that have bodies; an SRDF often speaks of a larger one."""
+        path = open_file(loc, name)
+        out = []
+        for pair in read_srdf(path, self._urdf.links):
+            first, second = self._links.get(pair.link1, ()), self._links.get(pair.link2, ())
+            if first and second:
+                why = f"{path.name} line {pair.line}" + (f": {pair.reason}" if pair.reason else "")
+                out.append(MayTouch(pair.link1, pair.link2, first, second, why))
+        return tuple(out)
+
+    def _named(self, word: str, loc: Loc) -> tuple[str, ...]:
+        by_name = [bodies for kind in (self._links, self._bodies) if (bodies := kind.get(word)) is not None]
+        if len(by_name) > 1:
+            raise self._document.error(loc, f"{word!r} names a link and a body; another name for the body would work")
+        if by_name:
+            return by_name[0]
+        if word in self._groups:
+            return self._groups[word]
+        single = {body: (body,) for bodies in self._links.values() for body in bodies}
+        if word in single:
+            return single[word]
+        known = [*self._links, *self._bodies, *self._groups]
+        raise self._document.error(loc, f"{word!r} is no link and no body of the cell; {nearest(word, known)}")

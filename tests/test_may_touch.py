@@ -1,0 +1,116 @@
+"""Bodies that may touch: ``ignore_pairs`` and SRDF, down to the pairs that planner and verification leave out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from small_cell import small_cell
+
+from machopt.domain.cell import Cell, MayTouch, Shape
+from machopt.domain.options import PlanOptions
+from machopt.errors import InputError
+from machopt.formats.maytouch import PairReader
+from machopt.formats.urdf import read_urdf
+from machopt.formats.urdf.srdf import read_srdf
+from machopt.formats.yamlstrict import Loc, parse_yaml
+from machopt.model.collision import CollisionModel
+from machopt.model.robot import load_chain
+from machopt.services.scope import unchecked
+from machopt.verify.arm import Arm
+from machopt.verify.bodies import all_bodies, pairs
+
+SRDF = """<robot name="small">
+  <disable_collisions link1="base_link" link2="link_1" reason="Adjacent"/>
+  <disable_collisions link1="base_link" link2="link_2" reason="Never"/>
+  <disable_collisions link1="gripper" link2="link_2"/>
+  <group name="arm"/>
+</robot>"""
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
+    return small_cell(tmp_path_factory.mktemp("touch"))
+
+
+def told(cell: Cell, *entries: str | list[str]) -> tuple[MayTouch, ...]:
+    reader = PairReader(
+        read_urdf(cell.urdf), cell.tool, cell.workpiece, cell.obstacles, parse_yaml("ignore_pairs: []", "cell.yaml")
+    )
+
+    def open_file(loc: Loc, name: str) -> Path:
+        return cell.folder / name
+
+    return reader.pairs(list(entries), open_file)
+
+
+def test_names_stand_for_their_bodies(cell: Cell) -> None:
+    (cell.folder / "robot.srdf").write_text(SRDF)
+    tool = cell.tool.geometry[0].name
+    found = told(cell, ["link_1", "link_3_0"], ["tool", cell.obstacles[0].name], "robot.srdf")
+    assert [(m.first, m.second) for m in found] == [
+        (("link_1_0",), ("link_3_0",)),
+        ((tool,), (cell.obstacles[0].name,)),
+        (("base_link_0",), ("link_1_0",)),
+        (("base_link_0",), ("link_2_0",)),  # the pair with a link of another robot is not there
+    ]
+    assert found[3].source == "robot.srdf line 3: Never"
+
+
+@pytest.mark.parametrize(
+    ("entry", "parts"),
+    [
+        (["link_1", "lnk_3"], ["ignore_pairs[0][1]", "'lnk_3' is no link", "did you mean 'link_3'?", "workpiece"]),
+        (["flange", "link_3"], ["'flange' has no body"]),
+        (["tool", "tool"], ["share a body"]),
+    ],
+)
+def test_refusals(cell: Cell, entry: list[str], parts: list[str]) -> None:
+    with pytest.raises(InputError) as caught:
+        told(cell, entry)
+    for part in parts:
+        assert part in str(caught.value)
+
+
+def test_srdf_defaults_and_exceptions(tmp_path: Path) -> None:
+    path = tmp_path / "a.srdf"
+    path.write_text('<robot><disable_default_collisions link="a"/><enable_collisions link1="c" link2="a"/></robot>')
+    assert [(p.link1, p.link2, p.reason) for p in read_srdf(path, ("a", "b", "c"))] == [("a", "b", "Default")]
+    path.write_text('<robot>\n<disable_collisions link1="a"/></robot>')
+    with pytest.raises(InputError, match="line 2: <disable_collisions> has no 'link2'"):
+        read_srdf(path, ("a",))
+    path.write_text("<urdf/>")
+    with pytest.raises(InputError, match="an SRDF starts with <robot>"):
+        read_srdf(path, ("a",))
+
+
+def test_planner_and_verification_leave_out_the_same_pairs_and_say_so(cell: Cell) -> None:
+    lenient = replace(cell, may_touch=told(cell, ["base_link", "link_2"], ["cutter", cell.obstacles[0].name]))
+    names = {"base_link_0 ~ link_2_0", f"{cell.obstacles[0].name} ~ cutter"}
+    found = []
+    for each in (cell, lenient):
+        robot, shapes = load_chain(each)
+        model = CollisionModel(each, robot, shapes, 0.0)
+        arm = Arm(each)
+        found.append(
+            (
+                {p.name for p in model.pairs},
+                {f"{a.name} ~ {b.name}" for a, b in pairs(each, arm, all_bodies(each, arm))},
+            )
+        )
+    assert found[0][0] - found[1][0] == names
+    assert found[0][1] - found[1][1] == names
+    assert {f"{e.a} ~ {e.b}" for e in model.excluded} == names
+    assert all("ignore_pairs of cell.yaml" in e.reason for e in model.excluded)
+    assert ("link_1_0", "link_2_0") in {(e.a, e.b) for e in model.adjacent}
+    assert any("base_link ~ link_2" in words and "ignore_pairs" in words for words in unchecked(lenient, PlanOptions()))
+
+
+def test_contact_at_home_names_the_key_that_would_help(cell: Cell) -> None:
+    wall = Shape("wall", "box", (0.1, 2.0, 2.0), None, cell.workpiece.T_link_workpiece)
+    robot, shapes = load_chain(cell)
+    home = replace(cell, obstacles=(replace(wall, T_parent_shape=robot.fk(cell.home)),))
+    words = " ".join(CollisionModel(home, robot, shapes, 0.0).suspicious)
+    assert "ignore_pairs: [[" in words
+    assert "wall" in words
