@@ -17,7 +17,7 @@ from machopt.formats.urdf.srdf import read_srdf
 from machopt.formats.yamlstrict import Loc, parse_yaml
 from machopt.model.collision import CollisionModel
 from machopt.model.robot import load_chain
-from machopt.services.scope import unchecked
+from machopt.recheck.scope import unchecked
 from machopt.verify.arm import Arm
 from machopt.verify.bodies import all_bodies, pairs
 
