@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from machopt.diagnose import absolute, laws_weight
+from machopt.diagnose import absolute, at_body
 from machopt.diagnose.absolute_catalogue import left
 from machopt.diagnose.laws_kinematic import wave_orders
 from machopt.diagnose.problem import Catalogue, Hypothesis, Problem
@@ -425,11 +425,11 @@ def test_a_beam_under_load_alone_is_the_term_of_stiffness_yaml(link: int) -> Non
     q = poses()[:8]
     load = np.random.default_rng(1).normal(size=(8, 6)) * np.array([500, 500, 500, 80, 80, 80.0])
     r = readings(None, load, q)
-    h = next(h for h in laws_weight.bodies(r) if h.name == ("link_compliance", f"link:{link}") and h.law == "bends")
+    h = next(h for h in at_body.hypotheses(r) if h.name == ("link_compliance", f"link:{link}") and h.law == "bends")
     term = term_of("link_compliance", f"link:{link}", r.robot, r.T_flange_tcp)
     expected = term.response(r.state, load)[:, :, 0]
     np.testing.assert_allclose(h.columns(())[:, :, 0], expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
-    both = next(h for h in laws_weight.bodies(r) if h.location == f"link:{link}" and h.law.startswith("bends in two"))
+    both = next(h for h in at_body.hypotheses(r) if h.location == f"link:{link}" and h.law.startswith("bends in two"))
     x = np.array([2e-7, 5e-8, 1e-7])  # its matrix in stiffness.yaml does what its columns do
     written = both.correction(x, ())
     assert written is not None
@@ -446,7 +446,7 @@ def test_a_link_bends_under_its_own_weight_as_a_beam_does() -> None:
     g = own.gravity
     alone = Masses(np.array([4]), np.array([60.0]), (0.5 * (start + end))[None], g)
     r = readings(alone, np.zeros((1, 6)), np.zeros((1, 6)))  # the forearm lies along x with all joints at zero
-    h = next(h for h in laws_weight.bodies(r) if h.name == ("link_compliance", "link:4") and h.law == "bends")
+    h = next(h for h in at_body.hypotheses(r) if h.name == ("link_compliance", "link:4") and h.law == "bends")
     w = 60.0 * 9.80665 / L
     column = h.columns(())[0, :, 0]
     turn = w * L**3 / 6  # about y, nose down
@@ -461,7 +461,7 @@ def test_weight_of_everything_is_the_torque_of_gravity() -> None:
     r = readings(masses, np.zeros((8, 6)), poses()[:8])
     torque = gravity_torque(robot, masses, r.state)[0]
     for i in range(6):
-        w = laws_weight.weight_wrench(r, masses.body > i)
+        w = at_body.weight_wrench(r, masses.body > i)
         np.testing.assert_allclose(np.einsum("nc,nc->n", r.state.J[:, :, i], w), torque[:, i], atol=1e-8)
 
 

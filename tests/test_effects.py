@@ -16,7 +16,7 @@ from machopt.diagnose.words import sentence
 from machopt.domain.kinematics import Kinematics
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Stiffness, Term
-from machopt.effects import bodies, compensator, coupling, creep, files, hysteresis, registry
+from machopt.effects import compensator, coupling, creep, files, hysteresis, registry
 from machopt.effects.corrections import entry, extended
 from machopt.effects.protocol import (
     COMPLIANCE,
@@ -42,8 +42,6 @@ from machopt.model.correction import correction_of
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import load_masses, load_robot
 from machopt.model.terms import term_of, vocabulary
-from machopt.model.terms.body import BodySpring
-from machopt.se3 import skew
 from machopt.verify import springs
 from machopt.verify.encoder import true_angles
 
@@ -246,54 +244,6 @@ def test_springs_beside_a_gear_have_their_slope_and_verify_agrees(law: Beside) -
         if law is effect.beside[0]:
             theirs = springs.balancer([Term(effect.called, "joint:2", stated)], ANGLES)
             np.testing.assert_allclose(theirs, -law.slope(shape, ANGLES) @ values, rtol=1e-11, atol=1e-8)
-
-
-@pytest.mark.parametrize("beam", [bodies.Beam(), bodies.TWO_PLANES, bodies.Beam(("EA_N",))], ids=lambda b: str(b.keys))
-def test_beams_keep_their_numbers_and_are_the_bodies_of_a_matrix(beam: bodies.Beam, tmp_path: Path) -> None:
-    """Through stiffness.yaml, zeros too; the same response as the matrix made from them; two planes are both."""
-    cell = load_cell(ROOT / "cells" / "kr240_drilling")
-    robot, tool = load_robot(cell), cell.tool.T_flange_tcp
-    q = np.random.default_rng(0).uniform(-1.0, 1.0, (5, 6))
-    state, wrench = robot.state(q, tool, bodies=True), np.random.default_rng(1).normal(size=(5, 6))
-    normal = np.array([0.0, 1.0, 0.0])
-    file = tmp_path / "stiffness.yaml"
-    for values in (1e-6 * np.arange(1.0, len(beam.keys) + 1.0), np.eye(len(beam.keys))[0] * 1e-7, 0.0):
-        x = values * np.ones(len(beam.keys))
-        term = Term("link_compliance", "link:2", beam.stated(x, normal if beam.planes else None))
-        write_stiffness(file, Stiffness(np.full(6, 1e6), terms=(term,)))
-        again = term_of(term.effect, term.location, robot, tool, **load_stiffness(file).terms[0].parameters)
-        assert isinstance(again, BodySpring)
-        if np.any(x) and x.all():
-            np.testing.assert_allclose(again.values, x, rtol=1e-14)
-        assert np.isfinite(again.values).all()
-        moved = again.response(state, wrench) @ again.values
-        assert again.to_file() == term if np.any(x) else not moved.any()
-        turn = np.kron(np.eye(2), again.T_base_spring[:3, :3])
-        C = turn @ np.einsum("p,pij->ij", again.values, again.basis) @ turn.T
-        full = term_of(term.effect, term.location, robot, tool, compliance=C.tolist())
-        np.testing.assert_allclose(full.response(state, wrench) @ full.values, moved, rtol=1e-9, atol=1e-18)
-    alike = bodies.TWO_PLANES.matrices(0.7)
-    np.testing.assert_array_equal(alike[0] + alike[1], bodies.Beam().matrices(0.7)[0])
-
-
-def test_a_beam_by_its_sections_is_its_matrix_and_sags_as_tables_have_it() -> None:
-    """Loaded at its end and beyond it: the matrices carried there; its own weight W alone: W L³/8EI and W L²/6EI."""
-    L, (x, y, z) = 0.8, np.eye(3)
-    axes = [np.tile(n, (7, 1)) for n in (z, -y, x)]
-    wrench = np.random.default_rng(0).normal(size=(7, 6))
-    at_end = bodies.sections(axes, L, np.tile(L * x, (7, 1)), wrench)
-    expected = np.einsum("pij,nj->nip", bodies.TWO_PLANES.matrices(L), wrench)
-    np.testing.assert_allclose(at_end, expected, rtol=1e-12, atol=1e-15)
-    beyond = np.array([0.3, -0.2, 0.5])
-    G = np.eye(6)
-    G[:3, 3:] = -skew(beyond)
-    carried = np.einsum("ij,pjk,lk,nl->nip", G, bodies.TWO_PLANES.matrices(L), G, wrench)
-    np.testing.assert_allclose(
-        bodies.sections(axes, L, np.tile(L * x + beyond, (7, 1)), wrench), carried, rtol=1e-12, atol=1e-14
-    )
-    sag = bodies.sections(axes, L, np.tile(L * x, (7, 1)), np.zeros((7, 6)), [(-50.0 * y, L)])[0]
-    np.testing.assert_allclose(sag[:, 0], [0.0, -50.0 * L**3 / 8.0, 0.0, 0.0, 0.0, -50.0 * L**2 / 6.0], atol=1e-12)
-    np.testing.assert_allclose(sag[:, 1:], 0.0, atol=1e-12)
 
 
 def test_one_word_of_files_may_mean_an_elastic_and_a_kinematic_effect() -> None:

@@ -16,7 +16,7 @@ import pinocchio as pin
 import pytest
 from test_cli import changed_cell, optimize, result
 
-from machopt.diagnose import at_joint, laws_body, laws_compensator
+from machopt.diagnose import at_body, at_joint, laws_compensator
 from machopt.diagnose.problem import Hypothesis
 from machopt.diagnose.readings import Readings
 from machopt.domain.recording import Recording
@@ -282,10 +282,8 @@ def _readings() -> Readings:
 def _hypotheses(r: Readings) -> list[Hypothesis]:
     out = [
         *laws_compensator.apparent(r),
-        *laws_body.coupling(r),
-        *laws_body.links(r),
-        *laws_body.base(r),
-        *laws_body.tool(r),
+        *at_joint.couplings(r),
+        *at_body.hypotheses(r),
     ]
     for j in range(6):
         for effect in registry.of_joint_torque():

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.diagnose import at_joint, laws_environment, laws_kinematic, laws_weight
+from machopt.diagnose import at_body, at_joint, laws_environment, laws_kinematic
 from machopt.diagnose.problem import Catalogue, Hypothesis, Problem, Untestable
 from machopt.diagnose.readings import Readings
 from machopt.effects import by_angle, registry
@@ -33,7 +33,7 @@ def catalogue(r: Readings, problem: Problem) -> Catalogue:
         *laws_environment.payload(r),
         *laws_environment.compensator(r),
         *laws_environment.thermal(r),
-        *laws_weight.bodies(r),
+        *at_body.hypotheses(r),
     ]
     missing = list(_untestable(r))
     drives = np.quantile(np.abs(r.torque), 0.9, axis=0)

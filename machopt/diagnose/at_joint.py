@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 LEAST_SOFT = 1e-9  # rad/(N·m), that sizes in percent are of
 ENDS = (0.02, 0.98)  # quantiles that a joint's range of angles lies between
 LARGE = 0.98  # quantile of the torques that counts as the largest
+COUPLED = ((2, 3), (4, 5), (4, 6), (5, 6), (1, 2), (3, 4))  # joints whose gears share a shaft or a casting
 FINE = 60  # points of a loop's branch, for the picture
 
 
@@ -112,6 +113,15 @@ def pair(r: Readings, effect: Effect, where: str, note: str, equation: str = "")
         family="joint",
         note=note,
     )
+
+
+def couplings(r: Readings) -> list[Hypothesis]:
+    """Each of two joints turned by the torque of the other, in a load test."""
+    note, said = (
+        "out of what the joints' torques explain",
+        "Δq_i = c_ij τ_j, Δq_j = c_ij τ_i (wrist gears on one shaft)",
+    )
+    return [pair(r, e, f"joint:{i}-{j}", note, said) for e in registry.of_joint_pairs() for i, j in COUPLED]
 
 
 def lived_through(r: Readings, terms: Sequence[Term]) -> tuple[Array, tuple[Term, ...]]:

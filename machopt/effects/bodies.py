@@ -1,13 +1,14 @@
-"""Bodies that bend: links, base, tool. Frames and the forms of a matrix stand in :mod:`machopt.model.terms.body`.
+"""Laws of bodies that give way: a beam, and a symmetric matrix or some of its entries.
 
-A beam is clamped at one end and loaded at the other; x along it, and z the principal axis that its key ``EI_Nm2``
-bends about where the two planes differ.
+A beam is clamped at its root and loaded at the frame S at its end; x along it, and z the principal axis that its key
+``EI_Nm2`` bends about where the two planes differ. Which effects have these laws stands in :mod:`link`, :mod:`base` and
+:mod:`tool`; where S is, :mod:`machopt.model.terms.body` knows.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -15,9 +16,13 @@ import numpy as np
 
 from machopt.effects import files
 from machopt.effects.beam import bent_about, cantilever_axial, cantilever_bending, cantilever_torsion
-from machopt.effects.protocol import Array, Effect, Parameter
+from machopt.effects.files import Parameters
+from machopt.effects.protocol import Array, Body, BodyLaw, Parameter, Quantity, Shape
+from machopt.se3 import normalise
 
 SECTIONS = 4  # Gauss points: exact up to x⁷, and a uniform beam under its own weight has x⁴
+LEAST_LENGTH = 1e-3  # m; joints nearer than this make no beam
+LEAST_SINE = 1e-3  # of the angle between a beam and its principal axis
 PER_BEND = "1/(N·m²)"
 ACROSS = "EI_across_Nm2"
 PARTS: Mapping[str, Parameter] = MappingProxyType(
@@ -32,18 +37,47 @@ PARTS: Mapping[str, Parameter] = MappingProxyType(
     }
 )
 NORMAL = "normal"  # key of the principal axis, base_link axes with all joints at zero
-RIGID = "compliance_diagonal"  # no EI is large enough to say that nothing gives
+MATRIX, RIGID = "compliance", "compliance_diagonal"  # no EI is large enough to say that nothing gives
+ROWS = ("tx", "ty", "tz", "rx", "ry", "rz")
+EVERY = tuple((i, j) for i in range(6) for j in range(i, 6))
+DIAGONAL = tuple((i, i) for i in range(6))
+UNITS = ("m/N", "1/N", "rad/(N·m)")  # of two translations, of one and a rotation, of two rotations
+SQUARE = 1e-6  # relative, that a symmetric matrix may be off by as printed
+
+
+class Yields:
+    """What most laws of bodies answer."""
+
+    word = ""
+    remembers = False
+    shape: tuple[Parameter, ...] = ()
+    note = ""
+    weighs = False
+    bounded = True
+
+    def axes(self, body: Body) -> Array:
+        return body.axes if body.turned else np.eye(3)
+
+    def sags(self, shape: Array, body: Body, own: Sequence[tuple[Array, float]]) -> Array | None:
+        return None
+
+    def grid(self, body: Body) -> tuple[Shape, ...]:
+        return ((),)
+
+    def stated(self, values: Array, shape: Array, body: Body) -> dict[str, Any]:
+        return files.write(self, values, shape)  # type: ignore[arg-type]  # what inherits has coefficients
+
+    def seen(self, dimensions: int, *, turning: bool) -> BodyLaw:
+        return self  # type: ignore[return-value]  # and matrices
 
 
 @dataclass(frozen=True)
-class Beam:
+class Beam(Yields):
     """A beam by what bends, twists and stretches; an extension nobody asked about is 100 times stiffer than bending."""
 
     keys: tuple[str, ...] = ("EI_Nm2", "GJ_Nm2")
     planes: bool = False  # it bends otherwise in one plane than in the other
-    word = ""
-    remembers = False
-    shape: tuple[Parameter, ...] = ()
+    weighs = True
 
     @staticmethod
     def stating(keys: Iterable[str]) -> Beam:
@@ -54,12 +88,29 @@ class Beam:
         return Beam(stated, planes) if stated else TWO_PLANES if planes else Beam()
 
     @property
+    def name(self) -> str:
+        if self.planes:
+            return "bends in two planes and twists"
+        said = {"EI_Nm2": "bends", "GJ_Nm2": "twists", "EA_N": "stretches"}
+        return " and ".join(said[k] for k in self.keys)
+
+    @property
+    def equation(self) -> str:
+        said = "cantilever: L³/3EI, L²/2EI, L/EI, L/GJ at its end (zhang2025 eq. 20)"
+        return f"{said}, EI of each principal axis" if self.planes else said
+
+    @property
     def coefficients(self) -> tuple[Parameter, ...]:
         return tuple(PARTS[k] for k in self.keys)
 
-    def matrices(self, length: float) -> Array:
-        """(P, 6, 6) compliance at the loaded end per unit of each coefficient, local axes; length in m."""
-        x, y, z = np.eye(3)
+    def axes(self, body: Body) -> Array:
+        if not self.planes or body.normal is None:
+            return body.axes
+        x = body.axes[:, 0]
+        return np.stack([x, np.cross(body.normal, x), body.normal], axis=-1)
+
+    def matrices(self, shape: Array, body: Body) -> Array:
+        (x, y, z), length = np.eye(3), body.length
         made = {
             "EI_Nm2": bent_about(z, x, length) if self.planes else cantilever_bending(length),
             ACROSS: bent_about(y, x, length),
@@ -68,15 +119,152 @@ class Beam:
         }
         return np.stack([made[k] for k in self.keys])
 
-    def stated(self, values: Array, normal: Array | None = None) -> dict[str, Any]:
-        """The parameters of a file."""
+    def sags(self, shape: Array, body: Body, own: Sequence[tuple[Array, float]]) -> Array | None:
+        if not own:
+            return None
+        count = len(own[0][0])
+        x, y, z = (np.tile(e, (count, 1)) for e in np.eye(3))
+        about_z, about_y, twisted = np.moveaxis(
+            sections((z, y, x), body.length, body.length * x, np.zeros((count, 6)), own), 2, 0
+        )
+        made = {
+            "EI_Nm2": about_z if self.planes else about_z + about_y,
+            ACROSS: about_y,
+            "GJ_Nm2": twisted,
+            "EA_N": np.zeros((count, 6)),
+        }
+        return np.stack([made[k] for k in self.keys], axis=-1)
+
+    def stated(self, values: Array, shape: Array, body: Body) -> dict[str, Any]:
         if not np.any(values):
             return {RIGID: [0.0] * 6}
-        axis = {} if normal is None else {NORMAL: [float(v) for v in normal]}
+        axis = {NORMAL: [float(v) for v in body.normal]} if self.planes and body.normal is not None else {}
         return {**files.write(self, values, np.empty(0)), **axis}
+
+    def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        if self.planes:
+            names = ("1/EI in the arm's plane", "1/EI across it", "1/GJ")
+            parts = {name: Quantity(float(v), PER_BEND) for name, v in zip(names, values, strict=True)}
+            return {"1/EI": Quantity(float(values[:2].max()), PER_BEND), **parts}
+        return {p.called: Quantity(abs(float(v)), p.unit) for p, v in zip(self.coefficients, values, strict=True)}
+
+    def grid(self, body: Body) -> tuple[Shape, ...]:
+        return ((),) if body.length >= LEAST_LENGTH else ()
 
 
 TWO_PLANES = Beam(("EI_Nm2", ACROSS, "GJ_Nm2"), planes=True)
+
+
+@dataclass(frozen=True)
+class Entries(Yields):
+    """Some entries of a symmetric compliance matrix at S, the others zero."""
+
+    pairs: tuple[tuple[int, int], ...] = EVERY
+    name: str = "gives way in every direction"
+    equation: str = "R C Rᵀ w at S, C symmetric"
+    note: str = ""
+    weighs: bool = False
+
+    @property
+    def key(self) -> str:
+        return RIGID if all(i == j for i, j in self.pairs) else MATRIX
+
+    @property
+    def bounded(self) -> bool:  # type: ignore[override]  # a property of the base is a constant
+        return self.key == RIGID
+
+    @property
+    def coefficients(self) -> tuple[Parameter, ...]:
+        return tuple(
+            Parameter(
+                key=ROWS[i] if i == j else f"{ROWS[i]}·{ROWS[j]}",
+                unit=UNITS[(i > 2) + (j > 2)],
+                least=0.0 if i == j else -np.inf,
+            )
+            for i, j in self.pairs
+        )
+
+    def matrices(self, shape: Array, body: Body) -> Array:
+        basis = np.zeros((len(self.pairs), 6, 6))
+        for p, (i, j) in enumerate(self.pairs):
+            basis[p, i, j] = basis[p, j, i] = 1.0
+        return basis
+
+    def stated(self, values: Array, shape: Array, body: Body) -> dict[str, Any]:
+        C = np.einsum("p,pij->ij", values, self.matrices(shape, body))
+        return {RIGID: np.diag(C).tolist()} if self.key == RIGID else {MATRIX: pushing_back_nowhere(C).tolist()}
+
+    def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        """Tilt where the body tilts, else what the tip moves sideways."""
+        of = {ROWS[i]: abs(float(v)) for (i, j), v in zip(self.pairs, values, strict=True) if i == j}
+        moved, tilted = (
+            max((of.get(k, 0.0) for k in rows), default=0.0) for rows in (("tx", "ty", "tz"), ("rx", "ry"))
+        )
+        tilt = {"tilt_compliance": Quantity(tilted, UNITS[2])} if "rx" in of else {}
+        return tilt | ({"translation": Quantity(moved, UNITS[0])} if "tx" in of else {})
+
+
+def pushing_back_nowhere(C: Array) -> Array:
+    """The symmetric matrix (6, 6) without what gives way against the load: noise may leave such a direction."""
+    size = np.sqrt(np.maximum(np.diag(C), 1e-30))
+    w, V = np.linalg.eigh(C / np.outer(size, size))
+    return C if w[0] >= 0.0 else np.asarray((V * np.maximum(w, 0.0)) @ V.T * np.outer(size, size))
+
+
+def stated_law(given: Parameters, body: Body) -> tuple[BodyLaw, Array, Array, Body]:
+    """A beam, a symmetric matrix with 21 coefficients, or its diagonal: what the keys of a file mean.
+
+    Raises:
+        InputError: a form that the body has not, or numbers that no body has.
+    """
+    form, none = form_of(given, beam=body.length > 0.0), np.empty(0)
+    if form == "beam":
+        law = Beam.stating(given.keys)
+        if law.planes:
+            body = replace(body, normal=_normal(given, body.axes[:, 0]))
+        return law, files.read(law, given)[0], none, body
+    entries = Entries() if form == "full" else Entries(DIAGONAL)
+    if form == "full":
+        C = given.array(MATRIX, (6, 6), np.full((6, 6), np.nan))
+        if np.isfinite(C).all():
+            _refuse_pushing_back(given, C)
+        return entries, np.array([C[i, j] for i, j in entries.pairs]), none, body
+    values = given.array(RIGID, (6,), np.full(6, np.nan))
+    if (values < 0).any():
+        raise given.error(RIGID, "expected compliances of at least zero")
+    return entries, values, none, body
+
+
+def form_of(given: Parameters, *, beam: bool) -> str:
+    """beam, diagonal or full."""
+    if given.has(MATRIX):
+        return "full"
+    if given.has(RIGID):
+        return "diagonal"
+    if not given.has("form"):
+        return "beam" if beam else "diagonal"
+    form = given.word("form")
+    valid = ("beam", "diagonal", "full") if beam else ("diagonal", "full")
+    if form not in valid:
+        raise given.error("form", f"found {form!r}; valid: {', '.join(valid)}")
+    return form
+
+
+def _normal(given: Parameters, along: Array) -> Array:
+    """(3,) the principal axis that a beam states, made square to it."""
+    stated = given.array(NORMAL, (3,))
+    square = stated - (stated @ along) * along
+    if not np.linalg.norm(square) > LEAST_SINE * np.linalg.norm(stated):
+        raise given.error(NORMAL, f"found {stated.tolist()}, along the beam; an axis across it would work")
+    return normalise(square)
+
+
+def _refuse_pushing_back(given: Parameters, C: Array) -> None:
+    if not np.allclose(C, C.T, rtol=SQUARE, atol=1e-9 * np.abs(C).max()):
+        raise given.error(MATRIX, "is not symmetric; a compliance is")
+    scale = np.sqrt(np.maximum(np.diag(C), 1e-300))
+    if np.linalg.eigvalsh(C / np.outer(scale, scale)).min() < -1e-9 or (np.diag(C) < 0).any():
+        raise given.error(MATRIX, "gives way against the load in some direction (a negative eigenvalue)")
 
 
 def sections(
@@ -110,34 +298,3 @@ def sections(
             out[:, :3, k] += np.cross(turn, lever)
             out[:, 3:, k] += turn
     return out
-
-
-LINK = Effect(
-    name="link_compliance",
-    noun="compliance",
-    spoken="link compliance",
-    sentence="The link body bends or twists; the joint beside it does not.",
-    port="body",
-    places=tuple(f"link:{i}" for i in range(1, 7)),
-    elastic=True,
-)
-
-BASE = Effect(
-    name="base_compliance",
-    noun="compliance",
-    spoken="base compliance",
-    sentence="Pedestal, anchors or floor give way under the overturning moment.",
-    port="body",
-    places=("base",),
-    elastic=True,
-)
-
-TOOL = Effect(
-    name="tool_compliance",
-    noun="compliance",
-    spoken="tool compliance",
-    sentence="Flange, force sensor, spindle or holder bend behind the tool tip.",
-    port="body",
-    places=("tool",),
-    elastic=True,
-)

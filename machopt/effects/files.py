@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.effects.protocol import MEMORIES, Array, Effect, Law, Parameter, Stated
+from machopt.effects.protocol import MEMORIES, Array, Body, BodyLaw, Effect, Law, Parameter, Stated
 from machopt.errors import InputError
 
 
@@ -131,6 +131,23 @@ def law_of(effect: Effect, given: Parameters) -> Law:
     if not word:
         raise given.error("law", f"is missing; valid: {', '.join(words)}")
     return effect.law(word, given.keys)
+
+
+def body_law_of(effect: Effect, given: Parameters, body: Body) -> tuple[BodyLaw, Array, Array, Body]:
+    """Law, coefficients and shape that a file means of a body, and the body as the file has it.
+
+    Raises:
+        InputError: a word that is no law of the effect, or numbers that cannot be.
+    """
+    if effect.reads is not None:
+        return effect.reads(given, body)
+    words = tuple(dict.fromkeys(law.word for law in effect.gives if law.word))
+    word = given.choice("law", words, words[0]) if words else ""
+    known = [law for law in effect.gives if law.word == word]
+    keys = [{p.key for p in (*law.coefficients, *law.shape)} for law in known]
+    law = next((law for law, own in zip(known, keys, strict=True) if given.keys <= own), known[-1])
+    values, shape, _ = read(law, given)
+    return law, values, shape, body
 
 
 def read(law: Stated, given: Parameters) -> tuple[Array, Array, str]:

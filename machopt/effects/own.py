@@ -21,10 +21,11 @@ from typing import Any
 import numpy as np
 
 from machopt.effects import registry
-from machopt.effects.protocol import JOINTS, Drive, Effect, Scale
+from machopt.effects.protocol import JOINTS, Body, BodyLaw, Drive, Effect, Scale
 from machopt.errors import InputError
 
 GROUP = "machopt.effects"
+BODIES = (*(f"link:{i}" for i in range(1, 7)), "base", "tool")
 BROKEN = (Exception, SystemExit)  # what code of a user's own may raise; sys.exit would end the command as if done
 
 
@@ -137,15 +138,40 @@ def _checked(offered: object, source: str) -> list[Effect]:
     for e in offered:
         if not isinstance(e, Effect):
             raise InputError(f"EFFECTS holds {type(e).__name__}; Effect objects would work", file=source)
-        if not (e.laws and e.elastic and e.port == "twist" and e.places and set(e.places) <= set(JOINTS)):
+        of_joint = e.laws and not e.gives and e.port == "twist" and set(e.places) <= set(JOINTS)
+        of_body = e.gives and not e.laws and e.port == "body" and set(e.places) <= set(BODIES)
+        if not (e.elastic and e.places and (of_joint or of_body)):
             raise InputError(
-                f"{e.name}: an elastic effect with laws, port twist and places joint:1 … joint:6 would work; for "
-                "anything else hypotheses(readings) of machopt diagnose",
+                f"{e.name}: an elastic effect with laws, port twist and places joint:1 … joint:6 would work, or one "
+                "that gives, port body and places link:1 … link:6, base, tool would work; for anything else "
+                "hypotheses(readings) of machopt diagnose",
                 file=source,
             )
         for law in e.laws:
             _try(e, law, source)
+        for body in e.gives:
+            _try_body(e, body, source)
     return list(offered)
+
+
+def _try_body(e: Effect, law: BodyLaw, source: str) -> None:
+    """The same of a law of a body."""
+    body = Body(axes=np.eye(3), length=0.5, root=np.eye(4), normal=np.array([0.0, 0.0, 1.0]))
+    name = f"{e.name}: law {getattr(law, 'name', type(law).__name__)!r}"
+    try:
+        shape = np.array((law.grid(body) or ((),))[0], float)
+        answer = np.asarray(law.matrices(shape, body), float)
+        count = len(law.coefficients)
+        law.sizes(np.ones(count), shape)
+        law.stated(np.ones(count), shape, body)
+        law.seen(6, turning=True).axes(body)
+    except BROKEN as problem:
+        raise InputError(f"{name} does not run: {type(problem).__name__}: {problem}", file=source) from problem
+    if answer.shape != (count, 6, 6) or not count or not np.isfinite(answer).all():
+        raise InputError(
+            f"{name}: matrices have the shape {answer.shape} (or NaN); finite ({max(count, 1)}, 6, 6) would work",
+            file=source,
+        )
 
 
 def _try(e: Effect, law: Any, source: str) -> None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from machopt.effects.files import Parameters
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -78,6 +81,17 @@ class Scale:
     high: float = 0.0
     lasting: float = np.inf  # s, the longest history without a break
     sampled: bool = False  # a motion in many samples; else settled readings, some a cycle
+
+
+@dataclass(frozen=True, kw_only=True)
+class Body:
+    """A body where it gives way, all joints at zero: between its root and the frame S at its loaded end."""
+
+    axes: Array  # (3, 3) axes of S in base_link: x along the body, or out of the tool
+    length: float = 0.0  # m; 0: the joints leave none
+    root: Array | None = None  # (4, 4) the flange as seen from S; None: a body that begins anywhere
+    normal: Array | None = None  # (3,) base_link axes: across the body, what the arm moves about in its plane
+    turned: bool = False  # what is no beam is stated in axes of S; else in base_link's
 
 
 class Stated(Protocol):
@@ -187,6 +201,71 @@ class Beside(Stated, Protocol):
         ...
 
 
+class BodyLaw(Stated, Protocol):
+    """How a body gives way under what it bears, linear in that: a twist of S by the wrench there. Stateless; SI."""
+
+    @property
+    def name(self) -> str:
+        """In reports: "bends and twists"."""
+        ...
+
+    @property
+    def equation(self) -> str:
+        """With its source."""
+        ...
+
+    @property
+    def note(self) -> str:
+        """Where it shows; empty: where joints' torques explain nothing."""
+        ...
+
+    @property
+    def weighs(self) -> bool:
+        """Tried where weight bends too, which shows little of a body."""
+        ...
+
+    @property
+    def bounded(self) -> bool:
+        """A search keeps the coefficients above their least; else noise may leave a direction that pushes back."""
+        ...
+
+    def axes(self, body: Body) -> Array:
+        """(3, 3) in base_link, the law's own axes at S with all joints at zero."""
+        ...
+
+    def matrices(self, shape: Array, body: Body) -> Array:
+        """(P, 6, 6) compliance at S per unit of each coefficient, in the law's axes."""
+        ...
+
+    def sags(self, shape: Array, body: Body, own: Sequence[tuple[Array, float]]) -> Array | None:
+        """(K, 6, P) twist of S under weights that are spread evenly along the body; None: they count at S.
+
+        Args:
+            own: of each weight the whole of it (K, 3) N in the law's axes, and how far from the root it reaches, m.
+        """
+        ...
+
+    def stated(self, values: Array, shape: Array, body: Body) -> dict[str, Any]:
+        """The parameters of a file."""
+        ...
+
+    def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        """Numbers of the trade; the first is the effect's size and grows in proportion to the coefficients."""
+        ...
+
+    def grid(self, body: Body) -> tuple[Shape, ...]:
+        """Shapes that a search tries; none of a body that makes no such thing."""
+        ...
+
+    def seen(self, dimensions: int, *, turning: bool) -> BodyLaw:
+        """As readings of 3 or 6 coordinates show it, whose loads turn the tool by moments or only pull."""
+        ...
+
+
+Reader = Callable[["Parameters", Body], tuple[BodyLaw, Array, Array, Body]]
+"""Law, coefficients and shape that a file means, and the body as the file has it."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Effect:
     """A word of the vocabulary and what stands behind it."""
@@ -200,6 +279,8 @@ class Effect:
     laws: tuple[Law, ...] = ()  # in the order in which they are tried
     unloaded: Unloaded | None = None  # the law of port angle
     beside: tuple[Beside, ...] = ()  # those of port torque; the first is the one that files state
+    gives: tuple[BodyLaw, ...] = ()  # those of port body
+    reads: Reader | None = None  # of bodies whose files have forms of their own; None: by what the laws declare
     default: str = ""  # law of a file that states none; empty: it must, where there are several
     elastic: bool = False  # stands in stiffness.yaml
     spoken: str = ""  # the noun where a sentence runs on; empty: the noun

@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 from machopt.effects import (
     backlash,
-    bodies,
+    base,
     by_angle,
     compensator,
     coupling,
@@ -17,15 +17,17 @@ from machopt.effects import (
     hardening,
     hysteresis,
     kinematic,
+    link,
     load,
     record,
+    tool,
 )
 from machopt.effects.protocol import Effect, Unloaded
 
 LISTED = (
-    bodies.LINK,
-    bodies.BASE,
-    bodies.TOOL,
+    link.EFFECT,
+    base.EFFECT,
+    tool.EFFECT,
     coupling.ELASTIC,
     hardening.EFFECT,
     backlash.EFFECT,
@@ -97,3 +99,8 @@ def of_joint_torque(effects: Mapping[str, Effect] | None = None) -> tuple[Effect
 def of_joint_pairs() -> tuple[Effect, ...]:
     """Those that twist each of two joints by the torque of the other."""
     return tuple(e for e in EFFECTS.values() if e.laws and e.paired)
+
+
+def of_bodies(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
+    """Those that give way under the wrench that a body bears, in the order in which a search tries them."""
+    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.gives)

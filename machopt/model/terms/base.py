@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -68,9 +68,6 @@ class LinearTerm(Protocol):
     def to_file(self) -> Term:
         """The term as stiffness.yaml holds it."""
         ...
-
-
-Maker = Callable[[Robot, Array, Parameters, str], LinearTerm]
 
 
 def vocabulary() -> dict[str, tuple[str, ...]]:
@@ -141,9 +138,11 @@ def _check_place(term: Term, where: str, file: Any) -> None:
 def _made(term: Term, robot: Robot, T_flange_tcp: Array, parameters: Parameters) -> LinearTerm:
     from machopt.model.terms import body, compensator, joint
 
-    makers = {**compensator.MAKERS, **body.MAKERS}
-    if term.effect in makers:
-        return makers[term.effect](robot, T_flange_tcp, parameters, term.location)
+    known = registry.elastic(term.effect)
+    if known.gives:
+        return body.body_term(term.effect, robot, T_flange_tcp, parameters, term.location)
+    if known.beside:
+        return compensator.compensator(parameters, term.location)
     return joint.joint_term(term.effect, parameters, term.location)
 
 

@@ -2,12 +2,12 @@
 
 With S the frame where the body gives way, fixed to body b, and r from S to the TCP, a wrench (f, m) at the TCP is
 (Rᵀ f, Rᵀ (m + r × f)) in S; the twist C_S w_S of S is carried back to the TCP the same way. That is G C_S Gᵀ with
-G = [[R, −[r]× R], [0, R]], the congruence that keeps C symmetric and positive.
+G = [[R, −[r]× R], [0, R]], the congruence that keeps C symmetric and positive. Here stands where S is; what a body does
+there its law says, :mod:`machopt.effects.bodies` and its neighbours.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -16,18 +16,70 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.stiffness import Term
-from machopt.effects import files
-from machopt.effects.beam import Cylinder, stepped
-from machopt.effects.bodies import NORMAL, Beam
+from machopt.effects import files, registry
+from machopt.effects.bodies import LEAST_LENGTH, form_of
 from machopt.effects.files import Parameters
+from machopt.effects.protocol import Body, BodyLaw
 from machopt.model.robot import ArmState, Robot
-from machopt.model.terms.base import Coefficient, LinearTerm, Maker
-from machopt.se3 import normalise, skew, transform
+from machopt.model.terms.base import Coefficient, LinearTerm
+from machopt.se3 import inverse, normalise, transform
 
 Array = NDArray[np.float64]
-LEAST_LENGTH = 1e-3  # m; joints nearer than this make no beam
-LEAST_SINE = 1e-3  # of the angle between a beam and its principal axis
-ROWS = ("tx", "ty", "tz", "rx", "ry", "rz")
+LEAST_PLANE = 0.1  # sine of a link against the axis of joint 2, below which the arm has no plane there
+BASE, TOOL = 0, 6  # body indices
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a body gives way, all joints at zero."""
+
+    location: str  # link:i, base, tool
+    body: int  # 0 base_link, i link i; what S is fixed to
+    end: Array  # (3,) m, origin of S in base_link
+    shape: Body
+    given: dict[str, Any] = field(default_factory=dict)  # keys of the file that say where
+
+    @property
+    def beyond(self) -> int:
+        """The first body whose weight it bears at S or beyond; a link's own is spread along it."""
+        return self.body + 1 if 0 < self.body < TOOL else self.body
+
+    def frame(self, law: BodyLaw) -> Array:
+        """(4, 4) S in base_link, with the axes of a law."""
+        return transform(law.axes(self.shape), self.end)
+
+
+def placed(robot: Robot, T_flange_tcp: Array, location: str, parameters: Parameters | None = None) -> Place:
+    """Where the body of a location gives way: as the parameters of a file say, else at the far end of it."""
+    given = Parameters({}, location) if parameters is None else parameters
+    if location == "base":
+        return _base(given, location)
+    if location == "tool":
+        return _tool(robot, T_flange_tcp, given, location)
+    return _link(robot, given, location)
+
+
+def spring(effect: str, place: Place, law: BodyLaw, values: Array, shape: Array) -> BodySpring:
+    """A law at its place, as the planner takes it."""
+    return BodySpring(
+        effect,
+        place,
+        law,
+        shape,
+        place.frame(law),
+        law.matrices(shape, place.shape),
+        tuple(Coefficient(*c) for c in files.named(law, len(values))),
+        values,
+    )
+
+
+def body_term(effect: str, robot: Robot, T_flange_tcp: Array, parameters: Parameters, location: str) -> LinearTerm:
+    """A term of one body from a file."""
+    place, known = placed(robot, T_flange_tcp, location, parameters), registry.elastic(effect)
+    if known.reads is not None:
+        _refuse_no_beam(parameters, place)
+    law, values, shape, body = files.body_law_of(known, parameters, place.shape)
+    return spring(effect, replace(place, shape=body), law, values, shape)
 
 
 @dataclass(frozen=True)
@@ -35,13 +87,22 @@ class BodySpring:
     """Compliance C_S = Σ_p x_p C_p in a frame fixed to one body."""
 
     effect: str
-    location: str
-    body: int  # 0 base_link, i link i
+    place: Place
+    law: BodyLaw
+    shape: Array  # (S,) of the law
     T_base_spring: Array  # (4, 4) the frame S in base_link at q = 0
     basis: Array  # (P, 6, 6) SI, local axes at S
     coefficients: tuple[Coefficient, ...]
     values: Array  # (P,)
-    written: Callable[[Array], dict[str, Any]] = field(compare=False)  # values → parameters of the file
+
+    @property
+    def location(self) -> str:
+        return self.place.location
+
+    @property
+    def body(self) -> int:
+        """0 base_link, i link i."""
+        return self.place.body
 
     @cached_property
     def _in_body(self) -> Array:
@@ -63,6 +124,24 @@ class BodySpring:
         shift = np.einsum("...ij,...pj->...pi", R, twist[..., :3]) + cross(turn, r[..., None, :])
         return np.swapaxes(np.concatenate([shift, turn], axis=-1), -1, -2)
 
+    def sag(self, state: ArmState, own: list[tuple[Array, float]]) -> Array | None:
+        """(M, 6, P) twist of the TCP under weights spread along the body; None: the law counts them at S.
+
+        Args:
+            state: M configurations with bodies.
+            own: of each weight the whole of it (3,) N in base_link axes, and how far from the root it reaches, m.
+        """
+        if state.R_bodies is None or state.p_bodies is None:
+            raise ValueError("an ArmState with bodies is needed")
+        R, moved = state.R_bodies[:, self.body], state.p_bodies[:, self.body]
+        A = R @ self.T_base_spring[:3, :3]
+        twist = self.law.sags(self.shape, self.place.shape, [(np.einsum("mji,j->mi", A, w), span) for w, span in own])
+        if twist is None:
+            return None
+        r = state.T_base_tool[:, :3, 3] - moved - R @ self.T_base_spring[:3, 3]
+        turn, shift = A @ twist[:, 3:], A @ twist[:, :3]
+        return np.concatenate([shift + np.cross(turn, r[:, :, None], axis=1), turn], axis=1)
+
     def with_values(self, values: Array) -> LinearTerm:
         return replace(self, values=np.asarray(values, float))
 
@@ -72,180 +151,71 @@ class BodySpring:
         return replace(self, basis=C[None], coefficients=(Coefficient("scale", "1"),), values=np.ones(1))
 
     def to_file(self) -> Term:
-        return Term(self.effect, self.location, self.written(self.values))
+        stated = self.law.stated(self.values, self.shape, self.place.shape)
+        return Term(self.effect, self.location, {**self.place.given, **stated})
 
 
-def _link(robot: Robot, T_flange_tcp: Array, parameters: Parameters, location: str) -> LinearTerm:
+def _link(robot: Robot, parameters: Parameters, location: str) -> Place:
     link = int(location.removeprefix("link:"))
     points = [*robot.point, robot.T_base_flange_zero[:3, 3]]
     start = parameters.array("from_mm", (3,), points[link - 1] * 1e3) / 1e3
     end = parameters.array("to_mm", (3,), points[link] * 1e3) / 1e3
-    length = float(np.linalg.norm(end - start))
-    if length < LEAST_LENGTH and _form(parameters, beam=True) == "beam":
-        raise parameters.error(
-            "",
-            f"the origins of joint {link} and the next are {length * 1e3:.3g} mm apart, which makes no beam; "
-            "from_mm and to_mm (base_link coordinates with all joints at zero) would say where it is; a matrix "
-            "(compliance, compliance_diagonal) needs no length",
-        )
-    S = transform(beam_axes(end - start) if length >= LEAST_LENGTH else np.eye(3), end)
     given = {k: parameters.array(k, (3,)).tolist() for k in ("from_mm", "to_mm") if parameters.has(k)}
-    return _spring("link_compliance", location, link, S, length, parameters, given)
+    length = float(np.linalg.norm(end - start))
+    if length < LEAST_LENGTH:
+        return Place(location, link, end, Body(axes=np.eye(3)), given)
+    body = Body(axes=beam_axes(end - start), length=length, normal=_across(robot, (end - start) / length))
+    return Place(location, link, end, body, given)
 
 
-def _base(robot: Robot, T_flange_tcp: Array, parameters: Parameters, location: str) -> LinearTerm:
+def _refuse_no_beam(parameters: Parameters, place: Place) -> None:
+    """Raise where a file means a beam and nothing gives it a length."""
+    if place.shape.length > 0.0 or place.location == "base":
+        return
+    if place.location == "tool" and (parameters.has("length_mm") or parameters.has("cylinders")):
+        return
+    if form_of(parameters, beam=True) != "beam":  # a matrix needs no length
+        return
+    if place.location == "tool":
+        raise parameters.error(
+            "length_mm",
+            "is missing, and the TCP lies beside the flange, across the tool axis, which gives a beam "
+            "no length; length_mm or a matrix (compliance, compliance_diagonal, form: diagonal) would work",
+        )
+    link = place.body
+    raise parameters.error(
+        "",
+        f"the origins of joint {link} and the next are less than {LEAST_LENGTH * 1e3:g} mm apart, which makes no beam; "
+        "from_mm and to_mm (base_link coordinates with all joints at zero) would say where it is; a matrix "
+        "(compliance, compliance_diagonal) needs no length",
+    )
+
+
+def _across(robot: Robot, along: Array) -> Array:
+    """(3,) normal of the arm's plane, square to a link; any that is square to it where the link has no plane."""
+    normal = robot.axis[1] - (robot.axis[1] @ along) * along
+    if np.linalg.norm(normal) < LEAST_PLANE:
+        least = int(np.abs(along).argmin())
+        normal = np.eye(3)[least] - along[least] * along
+    return np.asarray(normal / np.linalg.norm(normal))
+
+
+def _base(parameters: Parameters, location: str) -> Place:
     at = parameters.array("at_mm", (3,), np.zeros(3)) / 1e3
     given = {"at_mm": (at * 1e3).tolist()} if parameters.has("at_mm") else {}
-    return _spring("base_compliance", location, 0, transform(np.eye(3), at), 0.0, parameters, given)
+    return Place(location, BASE, at, Body(axes=np.eye(3)), given)
 
 
-def _tool(robot: Robot, T_flange_tcp: Array, parameters: Parameters, location: str) -> LinearTerm:
+def _tool(robot: Robot, T_flange_tcp: Array, parameters: Parameters, location: str) -> Place:
     T_base_tcp = robot.T_base_flange_zero @ T_flange_tcp
     axis = T_base_tcp[:3, 2]
     reach = abs(float(axis @ (T_base_tcp[:3, 3] - robot.T_base_flange_zero[:3, 3])))
-    if reach <= LEAST_LENGTH and not (parameters.has("length_mm") or parameters.has("cylinders")):
-        if _form(parameters, beam=True) == "beam":  # a matrix needs no length
-            raise parameters.error(
-                "length_mm",
-                "is missing, and the TCP lies beside the flange, across the tool axis, which gives a beam "
-                "no length; length_mm or a matrix (compliance, compliance_diagonal, form: diagonal) would work",
-            )
-        reach = 0.0
+    reach = reach if reach > LEAST_LENGTH else 0.0
     length = parameters.number("length_mm", reach * 1e3, positive=reach > 0.0) / 1e3
     given = {"length_mm": length * 1e3} if parameters.has("length_mm") else {}
     S = transform(beam_axes(axis), T_base_tcp[:3, 3])  # at the TCP, x out of the tool
-    if parameters.has("cylinders"):
-        fixed, stated = _tool_stack(robot, T_base_tcp, S, parameters)
-        scale = Coefficient("scale", "1")
-        return BodySpring(
-            "tool_compliance",
-            location,
-            6,
-            S,
-            fixed[None],
-            (scale,),
-            np.array([parameters.number("scale", 1.0)]),
-            lambda x: {**stated, "scale": float(x[0])},
-        )
-    return _spring("tool_compliance", location, 6, S, length, parameters, given)
-
-
-def _tool_stack(robot: Robot, T_base_tcp: Array, S: Array, parameters: Parameters) -> tuple[Array, dict[str, Any]]:
-    """Stepped cylinders (tian2025 eqs. 2–3, with lever arms) and a force sensor at the flange, seen from the TCP."""
-    stated: dict[str, Any] = {"cylinders": parameters.mappings("cylinders")}
-    steps = []
-    for n, entry in enumerate(stated["cylinders"]):
-        one = parameters.inner(f"cylinders[{n}]", entry)
-        bore = one.number("bore_mm", 0.0, positive=False) / 1e3
-        step = Cylinder(
-            one.number("diameter_mm") / 1e3,
-            one.number("length_mm") / 1e3,
-            one.number("youngs_GPa") * 1e9,
-            one.number("poisson", 0.3),
-            bore,
-        )
-        one.finish()
-        if not 0 <= bore < step.diameter:
-            raise one.error("bore_mm", "expected at least 0 and less than the diameter")
-        steps.append(step)
-    C = stepped(steps)
-    if parameters.has("sensor_N_per_mm") or parameters.has("sensor_Nm_per_rad"):
-        # the sensor sits at the flange, its axes are the flange's
-        linear = parameters.array("sensor_N_per_mm", (3,), np.full(3, np.inf)) * 1e3
-        angular = parameters.array("sensor_Nm_per_rad", (3,), np.full(3, np.inf))
-        for key, values in (("sensor_N_per_mm", linear), ("sensor_Nm_per_rad", angular)):
-            if not (values > 0).all():
-                raise parameters.error(key, "expected three stiffnesses above zero")
-            if np.isfinite(values).all():
-                stated[key] = (values / (1e3 if key.endswith("mm") else 1.0)).tolist()
-        local = np.diag(np.concatenate([1.0 / linear, 1.0 / angular]))
-        flange = robot.T_base_flange_zero
-        G = np.eye(6)
-        r = S[:3, 3] - flange[:3, 3]
-        G[:3, 3:] = -skew(r)
-        turn = np.kron(np.eye(2), flange[:3, :3])
-        back = np.kron(np.eye(2), S[:3, :3])
-        C = C + back.T @ G @ turn @ local @ turn.T @ G.T @ back
-    return C, stated
-
-
-def _spring(
-    effect: str, location: str, body: int, S: Array, length: float, parameters: Parameters, given: dict[str, Any]
-) -> BodySpring:
-    """A beam (coefficients 1/EI, 1/GJ, 1/EA), or a symmetric matrix with 21 coefficients, or its diagonal."""
-    form = _form(parameters, beam=length > 0)
-    if form == "beam":
-        beam = Beam.stating(parameters.keys)
-        normal = _normal(parameters, S) if beam.planes else None
-        if normal is not None:
-            S = transform(np.stack([S[:3, 0], np.cross(normal, S[:3, 0]), normal], axis=-1), S[:3, 3])
-        values, _, _ = files.read(beam, parameters)
-        coefficients = tuple(Coefficient(*c) for c in files.named(beam, len(values)))
-
-        def written(x: Array) -> dict[str, Any]:
-            return {**given, **beam.stated(x, normal)}
-
-        return BodySpring(effect, location, body, S, beam.matrices(length), coefficients, values, written)
-    if effect != "tool_compliance":
-        S = transform(np.eye(3), S[:3, 3])  # matrices stand in base_link axes at q = 0, the tool's in beam axes
-    pairs = [(i, j) for i in range(6) for j in range(i, 6) if form == "full" or i == j]
-    basis = np.zeros((len(pairs), 6, 6))
-    for p, (i, j) in enumerate(pairs):
-        basis[p, i, j] = basis[p, j, i] = 1.0
-    coefficients = tuple(
-        Coefficient(ROWS[i] if i == j else f"{ROWS[i]}·{ROWS[j]}", _unit(i, j), 0.0 if i == j else -np.inf)
-        for i, j in pairs
-    )
-    if form == "full":
-        C = parameters.array("compliance", (6, 6), np.full((6, 6), np.nan))
-        if np.isfinite(C).all():
-            _semidefinite(parameters, C)
-        key, values = "compliance", np.array([C[i, j] for i, j in pairs])
-    else:
-        key, values = "compliance_diagonal", parameters.array("compliance_diagonal", (6,), np.full(6, np.nan))
-        if (values < 0).any():
-            raise parameters.error(key, "expected compliances of at least zero")
-
-    def matrix(x: Array) -> dict[str, Any]:
-        full = np.einsum("p,pij->ij", x, basis)
-        return {**given, key: full.tolist() if form == "full" else np.diag(full).tolist()}
-
-    return BodySpring(effect, location, body, S, basis, coefficients, values, matrix)
-
-
-def _normal(parameters: Parameters, S: Array) -> Array:
-    """(3,) the principal axis that a beam states, made square to it."""
-    stated = parameters.array(NORMAL, (3,))
-    square = stated - (stated @ S[:3, 0]) * S[:3, 0]
-    if not np.linalg.norm(square) > LEAST_SINE * np.linalg.norm(stated):
-        raise parameters.error(NORMAL, f"found {stated.tolist()}, along the beam; an axis across it would work")
-    return normalise(square)
-
-
-def _form(parameters: Parameters, *, beam: bool) -> str:
-    if parameters.has("compliance"):
-        return "full"
-    if parameters.has("compliance_diagonal"):
-        return "diagonal"
-    if not parameters.has("form"):
-        return "beam" if beam else "diagonal"
-    form = parameters.word("form")
-    valid = ("beam", "diagonal", "full") if beam else ("diagonal", "full")
-    if form not in valid:
-        raise parameters.error("form", f"found {form!r}; valid: {', '.join(valid)}")
-    return form
-
-
-def _semidefinite(parameters: Parameters, C: Array) -> None:
-    if not np.allclose(C, C.T, rtol=1e-6, atol=1e-9 * np.abs(C).max()):
-        raise parameters.error("compliance", "is not symmetric; a compliance is")
-    scale = np.sqrt(np.maximum(np.diag(C), 1e-300))
-    if np.linalg.eigvalsh(C / np.outer(scale, scale)).min() < -1e-9 or (np.diag(C) < 0).any():
-        raise parameters.error("compliance", "gives way against the load in some direction (a negative eigenvalue)")
-
-
-def _unit(i: int, j: int) -> str:
-    return ("m/N", "1/N", "rad/(N·m)")[(i > 2) + (j > 2)]
+    root = inverse(S) @ robot.T_base_flange_zero
+    return Place(location, TOOL, S[:3, 3], Body(axes=S[:3, :3], length=length, root=root, turned=True), given)
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -261,6 +231,3 @@ def beam_axes(direction: Array) -> Array:
     helper = np.eye(3)[int(np.abs(x).argmin())]
     y = normalise(np.cross(helper, x))
     return np.stack([x, y, np.cross(x, y)], axis=-1)
-
-
-MAKERS: dict[str, Maker] = {"link_compliance": _link, "base_compliance": _base, "tool_compliance": _tool}

@@ -21,8 +21,8 @@ from machopt.effects import files
 from machopt.effects.compensator import EFFECT, LINKAGE
 from machopt.effects.files import Parameters
 from machopt.errors import InputError
-from machopt.model.robot import ArmState, Robot
-from machopt.model.terms.base import Coefficient, LinearTerm, Maker
+from machopt.model.robot import ArmState
+from machopt.model.terms.base import Coefficient, LinearTerm
 
 Array = NDArray[np.float64]
 LEAST_DISTANCE = 1e-3  # of L: pivots that come nearer than this to each other hold no spring
@@ -86,13 +86,11 @@ class GravityCompensator:
         return Term(self.effect, self.location, files.write(LINKAGE, self.values, self._shape))
 
 
-def _compensator(robot: Robot, T_flange_tcp: Array, parameters: Parameters, location: str) -> LinearTerm:
+def compensator(parameters: Parameters, location: str) -> LinearTerm:
+    """The balancer from a file."""
     values, (ratio, alpha), _ = files.read(LINKAGE, parameters)
     if abs(ratio - 1.0) < LEAST_DISTANCE:
         raise parameters.error(
             "ratio", f"found {ratio:g}; with 1 the pivots meet at some angle, anything else would work"
         )
     return GravityCompensator(location, float(ratio), float(alpha), values)
-
-
-MAKERS: dict[str, Maker] = {EFFECT.name: _compensator}

@@ -1,0 +1,18 @@
+"""Links that bend and twist as beams between their joints."""
+
+from __future__ import annotations
+
+from machopt.effects.bodies import TWO_PLANES, Beam, stated_law
+from machopt.effects.protocol import Effect
+
+EFFECT = Effect(
+    name="link_compliance",
+    noun="compliance",
+    spoken="link compliance",
+    sentence="The link body bends or twists; the joint beside it does not.",
+    port="body",
+    places=tuple(f"link:{i}" for i in range(1, 7)),
+    gives=(Beam(("EI_Nm2",)), Beam(("GJ_Nm2",)), Beam(), TWO_PLANES),
+    reads=stated_law,
+    elastic=True,
+)

@@ -1,0 +1,261 @@
+"""The contract of every law of a body, and a body that is added by one file and one line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_effects import load_test
+
+from machopt.diagnose import at_body, deflection, engine
+from machopt.diagnose.problem import Catalogue, Family, Problem, Unknown
+from machopt.domain.stiffness import Stiffness, Term
+from machopt.effects import bodies, own, registry
+from machopt.effects.protocol import COMPLIANCE, Array, Body, BodyLaw, Effect, Parameter, Quantity
+from machopt.effects.words import named
+from machopt.formats.cell import load_cell
+from machopt.formats.stiffness import load_stiffness, write_stiffness
+from machopt.model.elastic import ArmElasticity
+from machopt.model.robot import ArmState, Robot, load_robot
+from machopt.model.terms import term_of, vocabulary
+from machopt.model.terms.body import BodySpring, placed, spring
+from machopt.se3 import skew
+from machopt.verify import springs
+
+ROOT = Path(__file__).resolve().parent.parent
+NONE = np.empty(0)
+CELLS = ("kr240_drilling", "cutting_cobot")  # with a spherical wrist and without
+LAWS = [pytest.param(e, law, id=f"{e.name} {law.name}") for e in registry.of_bodies() for law in e.gives]
+
+
+def arm(cell: str = CELLS[0]) -> tuple[Robot, Array, ArmState, Array]:
+    """Robot, tool, seven postures, a wrench at each."""
+    loaded = load_cell(ROOT / "cells" / cell)
+    robot, tool = load_robot(loaded), loaded.tool.T_flange_tcp
+    rng = np.random.default_rng(0)
+    return robot, tool, robot.state(rng.uniform(-1.0, 1.0, (7, 6)), tool, bodies=True), rng.normal(size=(7, 6)) * 100.0
+
+
+def made(robot: Robot, tool: Array, effect: Effect, law: BodyLaw, where: str) -> BodySpring | None:
+    """A law at a place with coefficients of the size of an arm's; None where the body makes no such thing."""
+    place = placed(robot, tool, where)
+    grid = law.grid(place.shape)
+    if not grid:
+        return None
+    shape = np.array(grid[-1])
+    C = law.matrices(shape, place.shape)
+    values = 1e-8 * np.arange(1.0, len(C) + 1.0) / np.abs(C).max(axis=(1, 2))
+    if not law.bounded:  # a matrix that is positive
+        A = np.random.default_rng(1).normal(size=(6, 6))
+        values = 1e-9 * np.array([(A @ A.T)[i, j] for i, j in bodies.EVERY])
+    elif len(values) == 3 and values.size > 2 and law.coefficients[2].least < 0.0:
+        values[2] *= 0.1  # what couples shift and tilt is less than either
+    return spring(effect.called, place, law, values, shape)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize(("effect", "law"), LAWS)
+def test_a_law_is_symmetric_and_alone_or_among_others_the_same(effect: Effect, law: BodyLaw, cell: str) -> None:
+    """Maxwell; and a state by itself, in a row of others, gives the same twist, linear in the wrench."""
+    robot, tool, state, wrench = arm(cell)
+    seen = 0
+    for where in effect.places:
+        one = made(robot, tool, effect, law, where)
+        if one is None:
+            continue
+        np.testing.assert_allclose(one.basis, one.basis.transpose(0, 2, 1), atol=1e-15)  # m² beside a lever of 1 m
+        whole = one.response(state, wrench)
+        lone = robot.state(state.q[3:4], tool, bodies=True)
+        np.testing.assert_allclose(one.response(lone, wrench[3:4])[0], whole[3], rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(one.response(state, -2.0 * wrench), -2.0 * whole, rtol=1e-12)
+        np.testing.assert_allclose(one.folded().response(state, wrench)[..., 0], whole @ one.values, rtol=1e-9)
+        seen += 1
+    assert seen or law.name.startswith("bends about")  # the TCP lies on the tool's axis
+
+
+@pytest.mark.parametrize(("effect", "law"), LAWS)
+def test_sizes_grow_with_the_coefficients(effect: Effect, law: BodyLaw) -> None:
+    values = np.arange(1.0, len(law.coefficients) + 1.0) * 1e-8
+    one, two = (next(iter(law.sizes(k * values, NONE).values())) for k in (1.0, 2.0))
+    assert two.value == pytest.approx(2.0 * one.value, rel=1e-12)
+    assert one.value > 0.0
+    assert one.unit
+    assert law.equation
+
+
+@pytest.mark.parametrize("zero", [False, True])
+@pytest.mark.parametrize(("effect", "law"), LAWS)
+def test_files_keep_everything_and_verify_has_its_own_writing(
+    effect: Effect, law: BodyLaw, zero: bool, tmp_path: Path
+) -> None:
+    """Through stiffness.yaml: the same twist by the planner's law and by the verifier's; zeros stay zeros."""
+    robot, tool, state, wrench = arm()
+    one = next((m for where in effect.places if (m := made(robot, tool, effect, law, where)) is not None), None)
+    if one is None:
+        pytest.skip("the TCP lies on the tool's axis")
+    values = 0.0 * one.values if zero else one.values
+    term = one.with_values(values).to_file()
+    write_stiffness(tmp_path / "s.yaml", Stiffness(np.full(6, 1e6), terms=(term,)))
+    read = load_stiffness(tmp_path / "s.yaml").terms[0]
+    again = term_of(read.effect, read.location, robot, tool, **dict(read.parameters))
+    assert np.isfinite(again.values).all()
+    moved = one.response(state, wrench) @ values
+    np.testing.assert_allclose(again.response(state, wrench) @ again.values, moved, rtol=1e-9, atol=1e-18)
+    assert state.R_bodies is not None
+    assert state.p_bodies is not None
+    ((body, S, C),) = springs.body_springs([read], robot.point, robot.T_base_flange_zero, tool)
+    for n in range(len(wrench)):  # the verifier's matrix, carried here by hand
+        R, p = state.R_bodies[n, body], state.p_bodies[n, body]
+        G = np.eye(6)
+        G[:3, 3:] = -skew(state.T_base_tool[n, :3, 3] - R @ S[:3, 3] - p)
+        carried = G @ np.kron(np.eye(2), R @ S[:3, :3])
+        np.testing.assert_allclose(carried @ C @ carried.T @ wrench[n], moved[n], rtol=1e-8, atol=1e-16)
+    if np.all(values):
+        assert again.to_file().parameters.keys() == term.parameters.keys()
+
+
+def test_weights_spread_along_a_body_count_where_the_law_says_so() -> None:
+    """A beam sags under its own; what is no beam leaves it to whoever counts weights at its end."""
+    robot, tool, state, _ = arm()
+    own_weight = [(np.array([0.0, 0.0, -500.0]), 0.5)]
+    for effect in registry.of_bodies():
+        for law in effect.gives:
+            one = made(robot, tool, effect, law, effect.places[0])
+            if one is None:
+                continue
+            sag = one.sag(state, own_weight)
+            assert (sag is not None) == isinstance(law, bodies.Beam)
+            assert sag is None or sag.shape == (7, 6, len(one.values))
+
+
+def test_two_planes_that_are_alike_are_one_beam() -> None:
+    body = Body(axes=np.eye(3), length=0.7)
+    alike = bodies.TWO_PLANES.matrices(NONE, body)
+    np.testing.assert_array_equal(alike[0] + alike[1], bodies.Beam().matrices(NONE, body)[0])
+
+
+def test_a_beam_by_its_sections_is_its_matrix_and_sags_as_tables_have_it() -> None:
+    """Loaded at its end and beyond it: the matrices carried there; its own weight W alone: W L³/8EI and W L²/6EI."""
+    L, (x, y, z) = 0.8, np.eye(3)
+    body = Body(axes=np.eye(3), length=L)
+    axes = [np.tile(n, (7, 1)) for n in (z, -y, x)]
+    wrench = np.random.default_rng(0).normal(size=(7, 6))
+    at_end = bodies.sections(axes, L, np.tile(L * x, (7, 1)), wrench)
+    expected = np.einsum("pij,nj->nip", bodies.TWO_PLANES.matrices(NONE, body), wrench)
+    np.testing.assert_allclose(at_end, expected, rtol=1e-12, atol=1e-15)
+    beyond = np.array([0.3, -0.2, 0.5])
+    G = np.eye(6)
+    G[:3, 3:] = -skew(beyond)
+    carried = np.einsum("ij,pjk,lk,nl->nip", G, bodies.TWO_PLANES.matrices(NONE, body), G, wrench)
+    np.testing.assert_allclose(
+        bodies.sections(axes, L, np.tile(L * x + beyond, (7, 1)), wrench), carried, rtol=1e-12, atol=1e-14
+    )
+    sag = bodies.sections(axes, L, np.tile(L * x, (7, 1)), np.zeros((7, 6)), [(-50.0 * y, L)])[0]
+    np.testing.assert_allclose(sag[:, 0], [0.0, -50.0 * L**3 / 8.0, 0.0, 0.0, 0.0, -50.0 * L**2 / 6.0], atol=1e-12)
+    np.testing.assert_allclose(sag[:, 1:], 0.0, atol=1e-12)
+
+
+# --- a toy --------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Sheared(bodies.Yields):
+    """The far end of a body shifts with the force across it, and does not turn."""
+
+    name = "shears"
+    equation = "d = c (I − x xᵀ) f, x along the body"
+    coefficients = (Parameter(key="shear_mm_per_kN", unit="m/N", factor=1e-6, least=0.0),)
+
+    def axes(self, body: Body) -> Array:
+        return body.axes
+
+    def matrices(self, shape: Array, body: Body) -> Array:
+        return np.diag([0.0, 1.0, 1.0, 0.0, 0.0, 0.0])[None]
+
+    def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        return {"shear": Quantity(1e6 * float(values[0]), "mm/kN")}
+
+
+TOY = Effect(
+    name="link_rubber",
+    noun="rubber",
+    sentence="The link ends in rubber.",
+    port="body",
+    places=("link:2", "link:3", "link:4"),
+    gives=(Sheared(),),
+    elastic=True,
+)
+
+
+def test_one_file_and_one_line_add_a_body(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Found by diagnose with its limit, written to stiffness.yaml, read by the planner, then nothing is left."""
+    monkeypatch.setattr(registry, "EFFECTS", registry.registry((*registry.LISTED, TOY)))
+    r, cell = load_test()
+    found = [h for h in at_body.hypotheses(r) if h.effect == TOY.name]
+    assert [h.location for h in found] == list(TOY.places)
+    tried = [h for h in deflection.catalogue(r, None).hypotheses if h.effect in (TOY.name, "link_compliance")]
+    base = r.state.J * r.load_torque[:, None, :]
+    truth = base @ r.compliance + 2e-7 * found[1].columns(())[:, :, 0]
+    truth += np.random.default_rng(1).normal(size=truth.shape) * 5e-6
+    rows = np.arange(1, len(r) + 1)
+    problem = Problem(
+        "deflection",
+        truth,
+        base,
+        tuple(Unknown(f"joint {j}", COMPLIANCE, 0.0, f"joint:{j}") for j in range(1, 7)),
+        (Family("translation", (0, 1, 2), "mm", 1e3), Family("rotation", (3, 4, 5), "mrad", 1e3)),
+        r.recording.pose,
+        r.visit,
+        r.cycle,
+        r.session,
+        np.tile(np.arange(48), 2),
+        rows,
+        rows,
+    )
+    d = engine.diagnose(problem, Catalogue(tuple(tried)), engine.Options(), np.random.default_rng(0))
+    assert [(f.effect, f.location) for f in d.findings] == [(TOY.name, "link:3")]
+    assert named(TOY.name, "link:3") == "rubber of link 3"
+    term = d.findings[0].correction
+    assert isinstance(term, Term)
+    assert term.parameters["shear_mm_per_kN"] == pytest.approx(0.2, rel=0.05)  # noise 5 µm, twists of 0.2 mm
+    write_stiffness(tmp_path / "s.yaml", Stiffness(cell.joints, terms=(term,)))
+    with_toy, without = (
+        ArmElasticity(r.robot, r.T_flange_tcp, s, None, r.masses).at(r.state.q)
+        for s in (load_stiffness(tmp_path / "s.yaml"), Stiffness(cell.joints))
+    )
+    more = with_toy.respond(r.wrench) - without.respond(r.wrench)
+    np.testing.assert_allclose(at_body.moved(r, term), more, rtol=1e-9, atol=1e-15)
+    axis = np.tile([0.0, 0.0, 1.0], (len(r), 1))
+    assert (with_toy.along(axis) >= without.along(axis)).all()  # what optimize and map weigh
+    again = engine.diagnose(
+        replace(problem, y=truth - more), Catalogue(tuple(tried)), engine.Options(), np.random.default_rng(0)
+    )
+    assert again.verdict == "consistent"
+    assert {x.location for x in again.limits if x.effect == TOY.name} == set(TOY.places)
+    assert vocabulary()[TOY.name] == TOY.places
+    assert np.isnan(term_of(TOY.name, "link:2", r.robot, r.T_flange_tcp).values).all()  # EFFECT@LOCATION of identify
+    assert TOY.name not in springs.KNOWN  # so its check says that it did not check it
+
+
+def test_a_users_body_is_taken_and_a_bad_one_named() -> None:
+    own._checked([TOY], "mine.py")
+    for bad, said in (
+        (replace(TOY, places=("wall",)), "link:1 … link:6, base, tool would work"),
+        (replace(TOY, gives=(Flat(),)), r"law 'shears': matrices have the shape"),
+        (replace(TOY, gives=(Broken(),)), r"does not run: ZeroDivisionError"),
+    ):
+        with pytest.raises(own.InputError, match=said):
+            own._checked([bad], "mine.py")
+
+
+class Flat(Sheared):
+    def matrices(self, shape: Array, body: Body) -> Array:
+        return np.eye(6)
+
+
+class Broken(Sheared):
+    def matrices(self, shape: Array, body: Body) -> Array:
+        return np.eye(6)[None] / (1 // 0)
