@@ -1,0 +1,161 @@
+"""The foreign lab's cases: what is concealed, in which channel, by which habits. Robots, places, noise come by seed."""
+
+from __future__ import annotations
+
+import fnmatch
+import zlib
+from dataclasses import dataclass
+
+import faults
+from loadtest import LABS
+
+SETS = {"dev": 41, "sealed": 97}  # first word of every seed
+
+
+@dataclass(frozen=True)
+class Case:
+    """One recording. ``effects`` are names with the loudness wanted (sigmas left after a refit of the base)."""
+
+    group: str  # null single pair outside record
+    channel: str  # load poses motion
+    lab: str
+    effects: tuple[tuple[str, float], ...] = ()
+    fault: str = ""
+    number: int = 0
+
+    @property
+    def key(self) -> str:
+        what = self.fault or "+".join(f"{n}~{loud:g}" for n, loud in self.effects) or "none"
+        return f"{self.group}/{self.channel}/{self.lab}/{what}/{self.number}"
+
+    @property
+    def name(self) -> str:
+        """A folder that says nothing of what is in it."""
+        return f"f{zlib.crc32(self.key.encode()):08x}"
+
+    def seed(self, which: str) -> list[int]:
+        return [SETS[which], zlib.crc32(self.key.encode())]
+
+
+LOAD_EFFECTS = (
+    "joint_nonlinear_stiffness",
+    "joint_backlash",
+    "joint_hysteresis",
+    "joint_creep",
+    "joint_pose_dependent_stiffness",
+    "joint_coupling",
+    "link_compliance",
+    "base_compliance",
+    "tool_compliance",
+    "force_sensor_offset",
+    "force_sensor_gain",
+    "force_sensor_frame",
+    "load_geometry",
+    "displacement_frame",
+    "thermal_drift",
+)
+LOAD_OUTSIDE = ("loose_foot", "nested_reflector", "hose", "bent_amplifier", "slipping_flange", "leaning_floor")
+LOAD_SETS = (
+    ("link_compliance", "joint_backlash"),
+    ("base_compliance", "joint_hysteresis"),
+    ("tool_compliance", "joint_nonlinear_stiffness"),
+    ("joint_hysteresis", "force_sensor_offset"),
+    ("joint_coupling", "base_compliance"),
+    ("joint_backlash", "force_sensor_frame"),
+    ("joint_creep", "link_compliance"),
+    ("thermal_drift", "joint_hysteresis"),
+    ("joint_pose_dependent_stiffness", "tool_compliance"),
+    ("load_geometry", "joint_backlash"),
+    ("link_compliance", "base_compliance", "joint_hysteresis"),
+    ("joint_backlash", "tool_compliance", "thermal_drift"),
+    ("joint_nonlinear_stiffness", "base_compliance", "force_sensor_offset"),
+    ("joint_coupling", "joint_hysteresis", "link_compliance", "displacement_frame"),
+    ("base_compliance", "tool_compliance", "joint_backlash", "joint_hysteresis"),
+)
+# habits under which an effect has no fair chance or no meaning
+UNFIT = {
+    "joint_hysteresis": ("no_repeats",),
+    "thermal_drift": ("one_day", "wandering"),  # no clock; its own wandering noise
+    "force_sensor_frame": ("weights",),
+}
+LOAD_LABS = tuple(LABS)
+LOUDNESS = (0.4, 1.0, 2.5)
+
+
+def _lab(names: tuple[str, ...], k: int) -> str:
+    """The k-th habit that suits all of ``names``."""
+    fit = [lab for lab in LOAD_LABS if all(lab not in UNFIT.get(n, ()) for n in names)]
+    return fit[k % len(fit)]
+
+
+def load_cases() -> list[Case]:
+    out = [Case("null", "load", lab, number=k) for lab in LOAD_LABS for k in range(3)]
+    for k, name in enumerate(LOAD_EFFECTS):
+        for m, loud in enumerate(LOUDNESS):
+            out.append(Case("single", "load", _lab((name,), 5 * m + k), ((name, loud),)))
+    for k, names in enumerate(LOAD_SETS):
+        out.append(Case("pair", "load", _lab(names, 7 * k + 1), tuple((n, 1.6) for n in names)))
+    for k, name in enumerate(LOAD_OUTSIDE):
+        for m, loud in enumerate((0.8, 2.0)):
+            out.append(Case("outside", "load", LOAD_LABS[(3 * k + 5 * m) % 4], ((name, loud),)))
+    out.append(Case("record", "load", "full", fault="tcp_length"))
+    habits = ("plain", "full", "crude", "one_day", "twelve", "through_tcp")
+    for k, fault in enumerate(faults.LOAD_FAULTS):
+        lab = habits[k % 6]
+        if lab == "one_day" and "session" in fault.name:
+            lab = "plain"
+        out.append(Case("record", "load", lab, fault=fault.name))
+    return out
+
+
+def cases() -> list[Case]:
+    """One set."""
+    return load_cases()
+
+
+FAST = (
+    "null/load/plain/none/0",
+    "null/load/through_tcp/none/0",
+    "null/load/through_tcp_6/none/0",
+    "null/load/no_repeats/none/0",
+    "null/load/crude/none/0",
+    "null/load/wandering/none/0",
+    "null/load/weights/none/0",
+    "single/load/*/joint_backlash~1/0",
+    "single/load/*/joint_hysteresis~1/0",
+    "single/load/*/joint_nonlinear_stiffness~2.5/0",
+    "single/load/*/link_compliance~1/0",
+    "single/load/*/base_compliance~1/0",
+    "single/load/*/force_sensor_offset~1/0",
+    "single/load/*/thermal_drift~1/0",
+    "pair/load/*/link_compliance~1.6+joint_backlash*",
+    "pair/load/*/base_compliance~1.6+joint_hysteresis*",
+    "outside/load/*/nested_reflector~2/0",
+    "outside/load/*/slipping_flange~2/0",
+    "record/load/*/inch_one_session/*",
+    "record/load/*/swapped_yz_one_session/*",
+    "record/load/*/rows_one_late_one_session/*",
+    "record/load/*/tracker_reseated/*",
+    "record/load/*/sign_q5/*",
+    "null/poses/fit/none/0",
+    "null/poses/fixed/none/0",
+    "single/poses/*/geometry~2.5/0",
+    "single/poses/*/transmission_error~2.5/0",
+    "single/poses/*/payload~2.5/0",
+    "record/poses/*/pose_sign_q4/*",
+    "null/motion/*/none/0",
+    "single/motion/*/joint_friction~1/0",
+    "single/motion/*/payload~1/0",
+)
+
+
+def chosen(only: list[str], fast: bool, share: float = 1.0) -> list[Case]:
+    """Cases whose key or folder matches a pattern; ``share`` takes an even part of every group, fixed by name."""
+    listed = cases()
+    if fast:
+        listed = [c for c in listed if any(fnmatch.fnmatch(c.key, p) for p in FAST)]
+    if only:
+        listed = [c for c in listed if any(fnmatch.fnmatch(c.key, p) or c.name == p for p in only)]
+    if share < 1.0:
+        listed = [c for c in listed if int(c.name[1:], 16) % 1000 < 1000 * share]
+    return listed

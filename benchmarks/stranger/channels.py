@@ -1,0 +1,57 @@
+"""The channels behind one set of functions: load tests, sets of poses, motions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import concealed_load
+import loadtest
+import numpy as np
+import tables
+from dualquat import Array
+from robots import Robot
+from scene import Clean, Effect, Scene
+
+DISTURBED = loadtest.DISTURBED
+
+
+def scene(channel: str, lab: str, nominal: Robot, built: Robot, rng: np.random.Generator) -> Scene:
+    """An experiment by its channel and the lab's habits."""
+    return loadtest.LoadTest(nominal, built, loadtest.LABS[lab], rng)
+
+
+def draw(of: Scene, name: str, rng: np.random.Generator, loud: float) -> list[Effect]:
+    """Places an effect may have."""
+    assert isinstance(of, loadtest.LoadTest)
+    return concealed_load.draw(name, of, rng, loud)
+
+
+def table(of: Scene, clean: Clean, rng: np.random.Generator) -> tables.Table:
+    """The recording with its noise."""
+    assert isinstance(of, loadtest.LoadTest)
+    return tables.load_table(of, clean, rng)
+
+
+def measured(of: Scene, written: tables.Table, clean: Clean) -> Array:
+    """(N, D) what was read, SI, base axes, as ``clean.y``."""
+    assert isinstance(of, loadtest.LoadTest)
+    c = written.columns
+    D = concealed_load.axes_of(of, of.lab.displacement_frame)
+    parts = [np.einsum("nij,nj->ni", D, 1e-3 * np.stack([c[f"d{a}_mm"] for a in "xyz"], axis=1))]
+    if of.lab.turning:
+        parts.append(np.einsum("nij,nj->ni", D, 1e-3 * np.stack([c[f"r{a}_mrad"] for a in "xyz"], axis=1)))
+    return np.concatenate(parts, axis=1)
+
+
+def repeats(of: Scene) -> bool:
+    """Whether any pose and load was visited twice."""
+    assert isinstance(of, loadtest.LoadTest)
+    return of.lab.sessions * of.lab.cycles > 1
+
+
+def ambient(of: Scene) -> list[dict[str, Any]]:
+    """What is always in such a record and may be named."""
+    out = [{"effect": "geometric_stiffness", "location": "arm"}]
+    if getattr(getattr(of, "lab", None), "name", "") == "wandering":
+        out.append({"effect": "thermal_drift", "location": "environment"})
+    return out

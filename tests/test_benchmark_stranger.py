@@ -1,0 +1,99 @@
+"""The foreign simulator is what it says: rigid motions, beams, gears against textbook results, and honest nulls."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks" / "stranger"))
+
+import arm
+import bodies
+import channels
+import dualquat as dq
+import gears
+import robots
+from loadtest import joint_columns
+from scene import tune
+
+HERE = Path(arm.__file__).parent
+
+
+def test_no_file_imports_machopt() -> None:
+    for path in HERE.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            assert not any(n.split(".")[0] == "machopt" for n in names), path.name
+
+
+def test_motions_compose_like_matrices() -> None:
+    rng = np.random.default_rng(0)
+    a, b = (dq.twist(rng.normal(size=(5, 6))) for _ in range(2))
+    both = dq.times(a, b)
+    assert np.allclose(dq.matrix(both), dq.matrix(a) @ dq.matrix(b), atol=1e-14)
+    assert np.allclose(dq.place(both), dq.place(a) + np.einsum("nij,nj->ni", dq.matrix(a), dq.place(b)), atol=1e-14)
+
+
+def test_slender_beam_bends_by_the_textbook() -> None:
+    EI, L = 2e6, 1.3
+    C = bodies.beam(np.array([L, 0.0, 0.0]), EI, taper=1.0)
+    shear = L / (0.5 * 2 * EI / (0.12 * L) ** 2 / 2.6)
+    assert C[1, 1] == pytest.approx(L**3 / (3 * EI) + shear, rel=1e-4)
+    assert C[5, 5] == pytest.approx(L / EI, rel=1e-12)
+    assert np.allclose(C, C.T)
+    assert np.linalg.eigvalsh(C).min() > 0
+
+
+def test_two_springs_at_rest_agree_with_small_motions() -> None:
+    """Light loads: the tip moves by the sum of J_i J_i·w / k_i, whatever else the solver does."""
+    rng = np.random.default_rng(3)
+    robot = robots.draw("kr240", rng)
+    q = robot.home[None] + rng.uniform(-0.3, 0.3, (4, 6))
+    w = np.zeros((4, 6))
+    w[:, :3] = rng.normal(size=(4, 3))
+    none = np.zeros(4, dtype=int)
+    loaded, _ = arm.rest(arm.Build(robot), arm.Script(q, w, none * 1.0, none, none, none), 1e-14)
+    free, _ = arm.rest(arm.Build(robot), arm.Script(q, 0 * w, none * 1.0, none, none, none), 1e-14)
+    J, _ = joint_columns(robot, free)
+    small = np.einsum("njd,nj->nd", J, np.einsum("njd,nd->nj", J, w[:, :3]) / robot.stiffness)
+    assert dq.place(loaded["tcp"]) - dq.place(free["tcp"]) == pytest.approx(
+        small, abs=0.02 * np.abs(small).max()
+    )  # what weights stiffen
+
+
+def test_gear_memory_closes_its_loop() -> None:
+    """A full loop of Dahl's gear is as wide as it says, and comes back to itself."""
+    one = np.r_[np.linspace(-1, 1, 200), np.linspace(1, -1, 200)]
+    torque = 1000.0 * np.tile(one, 3)
+    n = len(torque)
+    script = arm.Script(np.zeros((n, 6)), np.zeros((n, 6)), np.arange(n) * 1.0, *(np.zeros(n, dtype=int),) * 3)
+    angle = gears.dahl(1e-3, 50.0, "kept")(torque, script)
+    assert angle[-400:] == pytest.approx(angle[-800:-400], abs=1e-9)
+    assert np.ptp(angle[-400:]) == pytest.approx(1e-3, rel=1e-6)
+
+
+@pytest.mark.parametrize("lab", ["plain", "through_tcp_6", "weights"])
+def test_springs_explain_a_null(lab: str) -> None:
+    rng = np.random.default_rng(11)
+    nominal = robots.draw("kr210l150*", rng)
+    scene = channels.scene("load", lab, nominal, robots.as_built(nominal, rng), rng)
+    quiet = scene.clean([])
+    clean = channels.measured(scene, channels.table(scene, quiet, rng), quiet)
+    before = np.sqrt(np.mean(quiet.y[:, :3] ** 2))
+    assert np.sqrt(np.mean((clean - quiet.y)[:, :3] ** 2)) < 0.2 * before
+    # finite motions leave less than a third of a reading's noise
+    assert np.sqrt(np.mean(quiet.left() ** 2)) < 0.35
+
+
+def test_an_effect_is_as_loud_as_wanted() -> None:
+    rng = np.random.default_rng(12)
+    nominal = robots.draw("irb6700", rng)
+    scene = channels.scene("load", "twelve", nominal, robots.as_built(nominal, rng), rng)
+    quiet = scene.clean([])
+    effect = channels.draw(scene, "base_compliance", rng, 0.8)[0]
+    assert tune(scene, effect, quiet) == pytest.approx(0.8, rel=0.06)
