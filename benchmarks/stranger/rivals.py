@@ -1,4 +1,4 @@
-"""What else would explain a record as well: columns of every body and sensor. No name is asked that data cannot give."""
+"""What else would explain a record as well: columns of every body and sensor. No name is asked that data cannot."""
 
 from __future__ import annotations
 
