@@ -381,10 +381,74 @@ def test_urdf_refusals(folder: Path, text: str, parts: list[str]) -> None:
     expect(refusal(folder), "robot.urdf", *parts)
 
 
-def test_mimic_joint_in_the_chain_is_refused(folder: Path) -> None:
-    text = urdf().replace('velocity="9" effort="0"/>', 'velocity="9" effort="0"/><mimic joint="a2"/>', 1)
+def linked(*more: str, mimic: str = '<mimic joint="a2" multiplier="-1" offset="0.1"/>', body: str = "") -> str:
+    """The arm with a joint on axis 3 that follows axis 2."""
+    knee = joint("m3", "l2", "knee", limit='<limit lower="-2" upper="3.2" velocity="0" effort="0"/>' + mimic)
+    text = urdf(f'<link name="knee">{body}</link>', knee, *more)
+    return text.replace(
+        '<parent link="l2"/><child link="l3"/><origin xyz="0 0 0.3"/>', '<parent link="knee"/><child link="l3"/>'
+    )
+
+
+def test_a_joint_that_follows_another_is_read_and_narrows_its_range(folder: Path) -> None:
+    (folder / "robot.urdf").write_text(linked())
+    cell = load_cell(folder)
+    assert [(m.joint, m.source, m.multiplier, m.offset) for m in cell.mimics] == [("m3", "a2", -1.0, 0.1)]
+    assert cell.arm_joints == ("a1", "a2", "a3", "a4", "a5", "a6")
+    np.testing.assert_allclose(cell.limits.lower[:3], [-3, -3, -3])  # −q + 0.1 ≤ 3.2 holds from −3.1 on
+    np.testing.assert_allclose(cell.limits.upper[:3], [3, 2.1, 3])
+    expect(" ".join(cell.notes), "'m3', which follows 'a2', narrows that one to -171.9 to 120.3 deg")
+
+
+BODY = "<collision><geometry><sphere radius='0.1'/></geometry></collision>"
+LINKAGES = [
+    (
+        urdf().replace('velocity="9" effort="0"/>', 'velocity="9" effort="0"/><mimic joint="a2"/>', 1),
+        ["a1 (mimics 'a2')", "expected six"],
+    ),
+    (linked(mimic='<mimic joint="ax"/>'), ["'m3' mimics 'ax', which is no joint of the arm; it has a1"]),
+    (
+        linked(mimic='<mimic joint="a2" multiplier="0.5"/>'),
+        ["multiplier 0.5", "a whole number other than 0 would work"],
+    ),
+    (
+        linked(body=BODY),
+        ["link 'knee' rides on joint 'm3', which mimics 'a2', and has a collision body", "would be planned"],
+    ),
+    (
+        linked(
+            '<link name="rod"/>',
+            joint("r", "l1", "rod", limit='<limit lower="0" upper="1" velocity="1" effort="0"/><mimic joint="m3"/>'),
+        ),
+        ["'r' mimics 'm3', which mimics 'a2' itself", "product of both multipliers"],
+    ),
+    (
+        urdf(
+            f'<link name="rod">{BODY}</link>',
+            joint("r", "l1", "rod", limit='<limit lower="0" upper="1" velocity="1" effort="0"/><mimic joint="a3"/>'),
+        ),
+        ["link 'rod' rides on joint 'r', which mimics 'a3'"],
+    ),
+    (
+        urdf(
+            '<link name="rod"/>',
+            joint(
+                "r", "l1", "rod", "prismatic", '<limit lower="0" upper="1" velocity="1" effort="0"/><mimic joint="a3"/>'
+            ),
+        ),
+        ["'r' mimics 'a3' and is prismatic", "a revolute joint that follows a revolute one would work"],
+    ),
+    (
+        linked().replace('lower="-2" upper="3.2"', 'lower="5" upper="6"'),
+        ["'m3' mimics 'a2' and would leave its own range [5, 6]"],
+    ),
+]
+
+
+@pytest.mark.parametrize(("text", "parts"), LINKAGES, ids=[p[0] for _, p in LINKAGES])
+def test_followers_that_cannot_be_planned_are_refused_by_name(folder: Path, text: str, parts: list[str]) -> None:
     (folder / "robot.urdf").write_text(text)
-    expect(refusal(folder), "joint 'a1' mimics 'a2'")
+    expect(refusal(folder), *parts)
 
 
 # what is refused: files ---------------------------------------------------------------------------------------

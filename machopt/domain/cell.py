@@ -63,6 +63,16 @@ class JointLimits:
 
 
 @dataclass(frozen=True)
+class Mimic:
+    """A joint that follows another: it stands at ``multiplier`` times that one's value plus ``offset``."""
+
+    joint: str
+    source: str  # a joint of the arm, or one that stands still
+    multiplier: float
+    offset: float  # rad or m
+
+
+@dataclass(frozen=True)
 class MayTouch:
     """Bodies that may touch each other, because the cell says so; every one of ``first`` each of ``second``."""
 
@@ -100,5 +110,6 @@ class Cell:
     files: tuple[Path, ...] = ()  # every file read for this cell, for the hash of inputs
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()  # what was read and is not used; nothing to worry about
+    mimics: tuple[Mimic, ...] = ()  # every joint of the URDF that follows another
     may_touch: tuple[MayTouch, ...] = ()
     arm_prismatic: tuple[bool, ...] = ()  # which joints of the arm slide; empty: all turn

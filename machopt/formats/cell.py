@@ -19,6 +19,7 @@ from machopt.errors import InputError
 from machopt.formats.cell_schema import AnyChainKeys, CellKeys, JointMapKeys, PoseKeys, ShapeKeys
 from machopt.formats.chain import limits_of_urdf, read_chain, read_home, read_limits
 from machopt.formats.kinematics import load_kinematics
+from machopt.formats.linkage import followers, narrowed
 from machopt.formats.maytouch import PairReader
 from machopt.formats.mesh import Fail, Scene, Sized, Surface, judge_size, open_surfaces, read_surface
 from machopt.formats.mesh.size import Role
@@ -88,6 +89,8 @@ class _Reader:
         self.reach = reach(urdf, keys, chain)
         check_arm(urdf, chain, self.reach, self.document)
         limits = read_limits(chain, keys, self.document, self.warnings)
+        mimics = followers(urdf, chain.arm, chain.external)
+        limits, tightened = narrowed(limits, urdf, chain.moving, mimics)
         check_limits(keys, chain, self.document, self.warnings)
         self.scene = Scene(
             self.reach
@@ -123,6 +126,7 @@ class _Reader:
             arm_joints=tuple(j.name for j in chain.arm),
             external_joints=tuple(j.name for j in chain.external),
             external_prismatic=tuple(j.kind == "prismatic" for j in chain.external),
+            mimics=mimics,
             may_touch=may_touch,
             arm_prismatic=arm_prismatic if any(arm_prismatic) else (),
             home=_frozen(home[order[: len(chain.arm)]]),
@@ -143,7 +147,7 @@ class _Reader:
             kinematics=kinematics,
             files=tuple(dict.fromkeys(self.files)),
             warnings=tuple(self.warnings),
-            notes=(*_unused(urdf), *limits_of_urdf(chain, keys)),
+            notes=(*_unused(urdf), *limits_of_urdf(chain, keys), *tightened),
         )
 
     def file(self, loc: Loc, name: str) -> Path:

@@ -49,7 +49,8 @@ class Chain:
 def read_chain(urdf: Urdf, keys: CellKeys, document: Document, *, any_chain: bool = False) -> Chain:
     """Find the arm and the external joints, and check that nothing else moves flange or workpiece.
 
-    The arm is six revolute joints; with ``any_chain`` one or more that turn or slide.
+    The arm is six revolute joints, and joints between them that follow one of these; with ``any_chain`` one or more
+    that turn or slide.
     """
     robot = keys.robot
     for key, link in (("base_link", robot.base_link), ("flange_link", robot.flange_link)):
@@ -64,7 +65,7 @@ def read_chain(urdf: Urdf, keys: CellKeys, document: Document, *, any_chain: boo
             f"{robot.flange_link!r} is not connected behind base_link {robot.base_link!r}: "
             f"the chain to it is {' → '.join(j.child for j in to_flange) or 'empty'}",
         )
-    own = [j for j in to_flange[len(to_base) :] if j.moves]
+    own = [j for j in to_flange[len(to_base) :] if j.moves and (any_chain or j.mimic is None)]
     external = _external(urdf, keys, document)
     arm = _arm([j for j in own if j not in external], urdf, keys, document, any_chain)
     if own[own.index(arm[0]) :] != arm:
@@ -73,17 +74,30 @@ def read_chain(urdf: Urdf, keys: CellKeys, document: Document, *, any_chain: boo
             f"the chain is {', '.join(j.name for j in own)}; external joints must stand before the arm's first joint",
         )
     to_part = () if keys.workpiece.link == "world" else _to_workpiece(urdf, arm, keys, document)
-    moving = tuple(dict.fromkeys(j for j in (*to_flange, *to_part) if j.moves))
+    moves = tuple(dict.fromkeys(j for j in (*to_flange, *to_part) if j.moves))
+    followers = [j for j in to_flange[len(to_base) :] if j.mimic is not None]
+    moving = tuple(j for j in moves if any_chain or j not in followers)
     for j in moving:
+        if j.mimic is not None:
+            kind = "moves the base or the workpiece" if not any_chain else "stands in the chain"
+            raise document.error(
+                ("robot", "urdf"),
+                f"joint {j.name!r} mimics {j.mimic.joint!r} and {kind}; only a joint between base_link and "
+                "flange_link may follow another, and none where a motion is diagnosed",
+            )
         if j not in arm and j not in external:
             raise document.error(
                 ("robot", "external_joints"),
                 f"{j.kind} joint {j.name!r} moves the base or the workpiece but is not listed; "
                 "add it to external_joints",
             )
-        if j.mimics is not None:
+    sources = {a.name for a in arm}
+    for j in followers:
+        if j.mimic is not None and j.mimic.joint not in sources and not any_chain:
             raise document.error(
-                ("robot", "urdf"), f"joint {j.name!r} mimics {j.mimics!r}; mimic joints are not supported"
+                ("robot", "urdf"),
+                f"joint {j.name!r} mimics {j.mimic.joint!r}, which is no joint of the arm; it has "
+                f"{', '.join(a.name for a in arm)}",
             )
     idle = [j.name for j in external if j not in moving]
     if idle:
@@ -216,7 +230,14 @@ def _arm(chain: list[UrdfJoint], urdf: Urdf, keys: CellKeys, document: Document,
             raise document.error(loc, f"joint {name!r} is named twice")
         if joint.kind not in kinds:
             raise document.error(loc, f"joint {name!r} is {joint.kind}; expected a {wanted} joint")
+        if joint.mimic is not None:
+            raise document.error(
+                loc, f"joint {name!r} mimics {joint.mimic.joint!r}, so it is no joint of its own; leave it out"
+            )
     found = ", ".join(f"{j.name} ({j.kind})" for j in chain) or "no moving joint"
+    follow = [j for j in urdf.chain(keys.robot.flange_link) if j.mimic is not None]
+    if follow:
+        found += " beside " + ", ".join(f"{j.name} (mimics {j.mimic.joint!r})" for j in follow if j.mimic is not None)
     span = f"from {keys.robot.base_link!r} to {keys.robot.flange_link!r}"
     where: Loc = ("robot", "arm_joints") if names is not None else ("robot", "flange_link")
     if not chain or (len(chain) != 6 and not any_chain) or any(j.kind not in kinds for j in chain):

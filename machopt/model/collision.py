@@ -160,7 +160,7 @@ class CollisionModel:
             q: (S, 6) rad, quickest where neighbouring rows are neighbouring poses.
             cutting: (S,) the cutter may touch the workpiece.
         """
-        rows = Rows(self.stack, q)
+        rows = Rows(self.stack, self._robot.turned(q))
         contacts = _none(len(rows.q))
         near = rows.bound < self._required
         near[cutting] &= ~self._spared
@@ -183,7 +183,7 @@ class CollisionModel:
             step: rad, greatest joint step at which the bounds are renewed (0.1 rad at most is used).
             first_only: stop at the first pair that hits (for planners that only want yes or no).
         """
-        q = np.asarray(q, float)
+        q = self._robot.turned(q)
         dense, owner, at = densify(q, min(step, LONGEST))
         contacts = _none(len(q))
         for start in range(0, len(dense), MOST):  # a block goes on from the last row of the one before
@@ -237,7 +237,7 @@ class CollisionModel:
             cap: m, distances above it are not measured.
         """
         asked = ~(np.asarray(cutting, bool)[:, None] & self._spared)
-        return nearest_of(self.stack, self.surfaces, [o.mesh for o in self.outlines], np.asarray(q, float), asked, cap)
+        return nearest_of(self.stack, self.surfaces, [o.mesh for o in self.outlines], self._robot.turned(q), asked, cap)
 
     def _names(self, i: int, j: int) -> frozenset[str]:
         return frozenset((self._bodies[i].name, self._bodies[j].name))
@@ -253,9 +253,9 @@ class CollisionModel:
         )
         self._required = np.array([pair.clearance for pair in self.pairs])  # (P,) m
         self._spared = np.array(touch, bool)  # (P,) not asked for in moves that cut
-        self.stack = PairStack(self._robot, bodies, indices)
+        self.stack = PairStack(self._robot.serial, bodies, indices)
         self._memory: list[Memory | None] = [
-            Memory(self._robot, i, bodies[pair[1]]) if j - i <= 2 else None
+            Memory(self.stack.robot, i, bodies[pair[1]]) if j - i <= 2 else None
             for pair, (i, j) in zip(indices, self.stack.links, strict=True)
         ]
 
@@ -298,7 +298,7 @@ class CollisionModel:
 
         Much quicker than :meth:`check` where most do. q (S, 6) rad; pair (S,) index into ``pairs``.
         """
-        out = np.zeros(len(q), bool)
+        out, q = np.zeros(len(q), bool), self._robot.turned(q)
         for p in np.unique(pair).tolist():
             rows = np.flatnonzero(pair == p)
             out[rows] = self._near(p, self.stack.relative(p, q[rows]))
@@ -314,7 +314,7 @@ class CollisionModel:
 
     def _touching(self, q: Array, asked: list[int] | None = None) -> Bools:
         """(S, P) in contact or nearer than the clearance, each row by itself."""
-        rows = Rows(self.stack, q)
+        rows = Rows(self.stack, self._robot.turned(q))
         out = np.zeros(rows.bound.shape, bool)
         for p in range(len(self.pairs)) if asked is None else asked:
             n = np.flatnonzero(rows.bound[:, p] < self.pairs[p].clearance)

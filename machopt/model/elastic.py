@@ -266,6 +266,13 @@ class ArmElasticity:
         self.robot, self.T_flange_tcp, self.stiffness = robot, T_flange_tcp, stiffness
         file = stiffness.file
         compiled, self.geometric = compile_terms(stiffness.terms, robot, T_flange_tcp, file)
+        if self.geometric and robot.coupling is not None:
+            raise InputError(
+                "geometric_stiffness is not counted for an arm with joints that mimic others; a file without that term "
+                "would work",
+                file=file,
+                where="terms",
+            )
         for term in compiled:
             lacking = [c.name for c, v in zip(term.coefficients, term.values, strict=True) if not np.isfinite(v)]
             lacking += term.lacking if isinstance(term, JointTerm | GravityCompensator) else ()

@@ -14,7 +14,8 @@ def gravity_torque(robot: Robot, masses: Masses, state: ArmState) -> tuple[Array
     """Joint torques of gravity and their derivative.
 
     g_i = z_i · Σ_{b ≥ i} (p_b − o_i) × m_b a, and ∂g_i/∂θ_j = (z_l × V_h)·a with l = min(i, j), h = max(i, j) and
-    V_h = z_h × Σ_{b ≥ h} m_b (p_b − o_h): the Hessian of the potential, hence symmetric.
+    V_h = z_h × Σ_{b ≥ h} m_b (p_b − o_h): the Hessian of the potential, hence symmetric. Where the lines turn by C q
+    that is Cᵀ g and Cᵀ (∂g/∂θ) C.
 
     Args:
         robot: the arm.
@@ -41,4 +42,5 @@ def gravity_torque(robot: Robot, masses: Masses, state: ArmState) -> tuple[Array
     torque = V @ masses.gravity
     low, high = np.minimum.outer(range(6), range(6)), np.maximum.outer(range(6), range(6))
     slope = np.cross(z[..., low, :], V[..., high, :]) @ masses.gravity
-    return np.asarray(torque), np.asarray(slope)
+    C = robot.coupling
+    return (np.asarray(torque), np.asarray(slope)) if C is None else (torque @ C, C.T @ slope @ C)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -40,12 +40,41 @@ class Solver(Protocol):
 
 
 def solver_for(robot: Robot) -> Solver:
-    """The closed form where the wrist is spherical, else the general solver."""
+    """The closed form where the wrist is spherical, else the general solver; with a linkage, either behind it."""
+    if robot.coupling is not None:
+        return Linked(robot, solver_for(robot.serial))
     if SphericalWristSolver.fits(robot):
         return SphericalWristSolver(robot)
     from machopt.model.ik_bridge import GeneralBranches
 
     return GeneralBranches(robot)
+
+
+class Linked:
+    """A solver for the lines of an arm whose lines turn by C q: q = C⁻¹ θ.
+
+    C holds whole numbers and so does its inverse, so angles that differ by full turns still do.
+    """
+
+    def __init__(self, robot: Robot, lines: Solver) -> None:
+        self.robot, self.lines = robot, lines
+        self.branches, self.branch_stable = lines.branches, lines.branch_stable
+
+    def solve(self, T_base_flange: Array) -> Branches:
+        """All branches of (M, 4, 4) poses."""
+        return self._driven(self.lines.solve(T_base_flange), None)
+
+    def solve_grid(self, T_base_flange: Array, q: Array | None = None) -> Branches:
+        """All branches of (N, R, 4, 4) poses; ``q`` (N·R, B, 6) is filled where it is given."""
+        return self._driven(self.lines.solve_grid(T_base_flange, q), q)
+
+    def _driven(self, found: Branches, out: Array | None) -> Branches:
+        q = self.robot.driven(found.q)
+        q = np.pi - np.remainder(np.pi - q, 2 * np.pi)
+        if out is not None:
+            out[:] = q
+            q = out
+        return replace(found, q=q)
 
 
 def turns(lower: Array, upper: Array) -> Array:

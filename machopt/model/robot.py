@@ -7,7 +7,8 @@ compiled, take any leading dimensions, and are tested against pinocchio.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from machopt.domain.cell import Cell, Shape
 from machopt.errors import InputError
 from machopt.model import chain
+from machopt.model.linkage import at_rest, chain_to, coupling_of
 from machopt.se3 import inverse, transform
 
 Array = NDArray[np.float64]
@@ -55,7 +57,11 @@ class ArmState:
 
 @dataclass(frozen=True)
 class Robot:
-    """A 6R arm as six lines and a flange pose at q = 0, all in base_link."""
+    """A 6R arm as six lines and a flange pose at q = 0, all in base_link.
+
+    Joints that follow another (``<mimic>``) are in the lines: one that turns about the line of its neighbour adds to
+    that one's turn, so θ = C q, J_q = J_θ C, and torques of the joints are Cᵀ times those about the lines.
+    """
 
     joints: tuple[str, ...]
     axis: Array  # (6, 3) unit
@@ -63,6 +69,20 @@ class Robot:
     T_base_flange_zero: Array  # (4, 4)
     lower: Array  # (6,) rad
     upper: Array  # (6,) rad
+    coupling: Array | None = None  # (6, 6) whole numbers: the lines turn by C q (a parallel linkage); None: by q
+
+    @cached_property
+    def serial(self) -> Robot:
+        """The same lines, each turned by an angle of its own: what closed forms and levers are made of."""
+        return self if self.coupling is None else replace(self, coupling=None)
+
+    def turned(self, q: Array) -> Array:
+        """θ = C q (..., 6) rad, by how much each line turns; exactly q without a linkage."""
+        return np.asarray(q, float) if self.coupling is None else np.asarray(q, float) @ self.coupling.T
+
+    def driven(self, theta: Array) -> Array:
+        """q = C⁻¹ θ (..., 6) rad, what the joints are told where the lines turn by θ."""
+        return np.asarray(theta, float) if self.coupling is None else np.asarray(theta) @ np.linalg.inv(self.coupling).T
 
     def link_poses(self, q: Array) -> Array:
         """Motion of each link from its pose at q = 0.
@@ -74,14 +94,14 @@ class Robot:
             (..., 7, 4, 4): entry 0 the identity (base_link), entry i what joint 1…i make of a body fixed to
             link i, in base_link. Multiply onto a pose at q = 0.
         """
-        rows, lead = _rows(q)
+        rows, lead = _rows(self.turned(q))
         R, p = np.empty((len(rows), 7, 3, 3)), np.empty((len(rows), 7, 3))
         chain.links(*self._chain(None)[:2], rows, R, p)
         return transform(R, p).reshape(*lead, 7, 4, 4)
 
     def fk(self, q: Array, T_flange_tool: Array | None = None) -> Array:
         """Pose of the flange (or of a frame fixed to it) in base_link, (..., 4, 4), for q (..., 6) rad."""
-        rows, lead = _rows(q)
+        rows, lead = _rows(self.turned(q))
         T = np.empty((len(rows), 4, 4))
         chain.poses(*self._chain(T_flange_tool), rows, T)
         return T.reshape(*lead, 4, 4)
@@ -102,9 +122,11 @@ class Robot:
             T_flange_tool: (4, 4) that frame in flange; None: the flange itself.
             bodies: fill ``R_bodies`` and ``p_bodies``, at some cost for large batches.
         """
-        rows, lead = _rows(q)
+        rows, lead = _rows(self.turned(q))
         T, J = np.empty((len(rows), 4, 4)), np.empty((len(rows), 6, 6))
         chain.jacobians(*self._chain(T_flange_tool), rows, T, J)
+        if self.coupling is not None:
+            J = J @ self.coupling
         R_bodies = p_bodies = None
         if bodies:
             R, p = np.empty((len(rows), 7, 3, 3)), np.empty((len(rows), 7, 3))
@@ -143,8 +165,8 @@ def load_chain(cell: Cell) -> tuple[Robot, tuple[LinkShape, ...]]:
     import pinocchio as pin
 
     model = _urdf_model(cell)
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, pin.neutral(model))
+    data, rest = model.createData(), at_rest(cell, model)
+    pin.framesForwardKinematics(model, data, rest)
     base = _frame(cell, model, cell.base_link)
     T_world_base = data.oMf[base].homogeneous
     T_base_world = inverse(T_world_base)
@@ -162,14 +184,17 @@ def load_chain(cell: Cell) -> tuple[Robot, tuple[LinkShape, ...]]:
         ids.append(j)
         T = T_base_world @ data.oMi[j].homogeneous
         column = pin.computeFrameJacobian(
-            model, model.createData(), pin.neutral(model), _frame_of_joint(model, j), pin.ReferenceFrame.LOCAL
+            model, model.createData(), rest, _frame_of_joint(model, j), pin.ReferenceFrame.LOCAL
         )[:, model.idx_vs[j]]
         axis[i], point[i] = T[:3, :3] @ column[3:], T[:3, 3]
-        lower[i], upper[i] = model.lowerPositionLimit[model.idx_qs[j]], model.upperPositionLimit[model.idx_qs[j]]
+        lower[i], upper[i] = cell.limits.lower[i], cell.limits.upper[i]
+        if model.nqs[j] == 1:  # one that turns without end has only the cell's limits
+            lower[i], upper[i] = model.lowerPositionLimit[model.idx_qs[j]], model.upperPositionLimit[model.idx_qs[j]]
         if not np.isclose(np.linalg.norm(column[3:]), 1.0, atol=1e-9):
             raise InputError(f"arm joint {name!r} is not revolute", file=cell.urdf, where="robot.arm_joints")
     flange = _frame(cell, model, cell.flange_link)
-    if model.frames[flange].parentJoint != ids[-1]:
+    joints = chain_to(model, model.frames[flange].parentJoint, base)
+    if [j for j in joints if j in ids] != ids:
         raise InputError(
             f"flange link {cell.flange_link!r} is not carried by the last arm joint {cell.arm_joints[-1]!r}",
             file=cell.urdf,
@@ -182,6 +207,7 @@ def load_chain(cell: Cell) -> tuple[Robot, tuple[LinkShape, ...]]:
         T_base_flange_zero=T_base_world @ data.oMf[flange].homogeneous,
         lower=lower,
         upper=upper,
+        coupling=coupling_of(cell, model, joints, ids),
     )
     return robot, _link_shapes(cell, model, data, T_base_world, ids)
 
@@ -196,7 +222,7 @@ def load_masses(cell: Cell) -> Masses:
 
     model = _urdf_model(cell)
     data = model.createData()
-    pin.framesForwardKinematics(model, data, pin.neutral(model))
+    pin.framesForwardKinematics(model, data, at_rest(cell, model))
     T_base_world = inverse(data.oMf[_frame(cell, model, cell.base_link)].homogeneous)
     ids = [model.getJointId(name) for name in cell.arm_joints]
     found = []

@@ -47,15 +47,15 @@ def joints_at_nodes(
         (M, 4, 6) rad/mᵏ, and the first node that failed or −1.
     """
     end = robot.T_base_flange_zero @ T_flange_tcp
-    out, failed = _chain(robot.axis, robot.point, end, u, pose, twist, rough)
-    return np.asarray(out), int(failed)
+    out, failed = _chain(robot.axis, robot.point, end, u, pose, twist, robot.turned(rough))
+    return robot.driven(out), int(failed)
 
 
 def joints_at(robot: Robot, T_flange_tcp: Array, pose: Array, seed: Array) -> tuple[Array, int]:
     """Joints (M, 6) at poses from close seeds, and the first that failed or −1."""
     end = robot.T_base_flange_zero @ T_flange_tcp
-    q, failed = _refine(robot.axis, robot.point, end, pose, seed)
-    return np.asarray(q), int(failed)
+    q, failed = _refine(robot.axis, robot.point, end, pose, robot.turned(seed))
+    return robot.driven(q), int(failed)
 
 
 @compiled

@@ -32,6 +32,7 @@ from machopt.formats.stiffness import load_stiffness, write_stiffness
 from machopt.formats.toolpath import read_toolpath
 from machopt.identify.experiment import experiment
 from machopt.model.elastic import ArmElasticity
+from machopt.model.linkage import refuse_linked
 from machopt.model.robot import Masses, Robot, load_masses, load_robot
 from machopt.output import output_folder, write_result
 from machopt.report.diagnosis_page import write_diagnosis
@@ -167,6 +168,7 @@ def _at_rest(
     request: Request, cell: Cell, recording: Recording, options: engine.Options, laws: list[tuple[str, userterms.Offer]]
 ) -> _Found:
     """Load tests and poses."""
+    refuse_linked(cell, "diagnose")
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
     masses = _masses(cell)
     prior = None if cell.stiffness is None else cell.stiffness.joints

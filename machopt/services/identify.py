@@ -29,6 +29,7 @@ from machopt.identify.pipeline import identify
 from machopt.identify.result import Identification
 from machopt.identify.uncertainty import uncertainty
 from machopt.identify.units import same_factor
+from machopt.model.linkage import refuse_linked
 from machopt.model.robot import load_masses, load_robot
 from machopt.model.terms import compile_terms
 from machopt.output import output_folder, write_result
@@ -87,6 +88,7 @@ def _identify(request: Request, progress: Callable[[str], None]) -> Outcome:
     progress("reading cell and recording")
     cell = load_cell(request.cell, allow_external=request.allow_external)
     recording = _recording(request.recordings)
+    refuse_linked(cell, "identify")
     robot = load_robot(cell)
     tests = experiment(recording, robot, cell.tool.T_flange_tcp)
     for text, term in zip(request.terms, options.terms, strict=True):

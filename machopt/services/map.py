@@ -22,6 +22,7 @@ from machopt.model.collision import CollisionModel
 from machopt.model.elastic import ArmElasticity
 from machopt.model.ik import Margins, solver_for
 from machopt.model.kinetostatic import characteristic_length
+from machopt.model.linkage import refuse_linked
 from machopt.model.robot import LinkShape, Robot, load_chain, load_masses
 from machopt.output import output_folder, write_result
 from machopt.report.map_page import write_map_page
@@ -74,6 +75,7 @@ def _mapped(request: Request, progress: Callable[[str], None]) -> Outcome:
     options = resolve(request, cell)
     measured = read_measured_stiffness(request.measured) if request.measured is not None else None
     progress("prepare")
+    refuse_linked(cell, "map")
     robot, shapes = load_chain(cell)
     arm = _arm(cell, robot, plan_options)
     setting = _setting(cell, robot, options)

@@ -21,6 +21,7 @@ from machopt.formats.poses import write_poses_csv, write_recording_template
 from machopt.model.collision import CollisionModel
 from machopt.model.elastic import ArmElasticity
 from machopt.model.kinetostatic import characteristic_length
+from machopt.model.linkage import refuse_linked
 from machopt.model.robot import load_chain, load_masses
 from machopt.output import output_folder, write_result
 from machopt.report.poses_page import sentence, write_poses_page
@@ -79,6 +80,7 @@ def _plan_poses(request: Request, progress: Callable[[str], None]) -> Outcome:
     cell = load_cell(request.cell, allow_external=request.allow_external)
     if cell.external_joints:
         raise InputError("has external joints; poses are planned for arms that stand still", file=request.cell)
+    refuse_linked(cell, "plan-poses")
     robot, shapes = load_chain(cell)
     T = cell.tool.T_flange_tcp
     found = None if request.discriminate is None else diagnosed(request.discriminate)

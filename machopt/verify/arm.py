@@ -1,6 +1,7 @@
 """Kinematics of the whole URDF: the joints' places and axes by pinocchio, all configurations in one compiled loop.
 
-With A_i the place of joint i in its parent p, E_i(q) its turn about or shift along its own axis:
+Joints that follow another (``<mimic>``) stand where they follow to. With A_i the place of joint i in its parent p,
+E_i(q) its turn about or shift along its own axis:
 
     T_i = T_p A_i E_i(q_i),    E = I + sin q [w]× + (1 − cos q) [w]×²  or  I with q v in the last column.
 
@@ -33,16 +34,24 @@ class Stance:
     tcp: Array  # (N, 4, 4)
     frames: Array  # (N, 7, 4, 4) base_link and the frame of each joint; what a link carries moves with it
     flange: Array  # (N, 4, 4)
+    linked: Array  # (N, 6, 6) what joints that follow another add to that one's column of the Jacobian
 
     @cached_property
     def J(self) -> Array:
-        """(N, 6, 6) geometric Jacobian at the TCP: column i is (z_i × (p − o_i), z_i)."""
-        lever = self.tcp[:, None, :3, 3] - self.origin
-        return np.swapaxes(np.concatenate([np.cross(self.axis, lever), self.axis], axis=-1), 1, 2)
+        """(N, 6, 6) geometric Jacobian at the TCP: column i is (z_i × (p − o_i), z_i), and m times that of each joint
+        that stands at m q_i + o."""
+        return _columns(self.axis, self.origin, self.tcp) + self.linked
 
     def rows(self, keep: NDArray[Any]) -> Stance:
         """Some of the configurations."""
-        return Stance(*(v[keep] for v in (self.q, self.axis, self.origin, self.tcp, self.frames, self.flange)))
+        fields = self.q, self.axis, self.origin, self.tcp, self.frames, self.flange, self.linked
+        return Stance(*(v[keep] for v in fields))
+
+
+def _columns(axis: Array, origin: Array, tcp: Array) -> Array:
+    """(N, 6, K) of K lines (N, K, 3) that turn."""
+    lever = tcp[:, None, :3, 3] - origin
+    return np.swapaxes(np.concatenate([np.cross(axis, lever), axis], axis=-1), 1, 2)
 
 
 class Arm:
@@ -68,6 +77,13 @@ class Arm:
                 raise InputError(f"joint {name!r} is not in the URDF", file=cell.urdf)
         self.joints = [int(self.model.getJointId(name)) for name in cell.arm_joints]
         self._external = [int(self.model.getJointId(name)) for name in cell.external_joints]
+        driven = {name: n for n, name in enumerate((*cell.arm_joints, *cell.external_joints))}
+        # joint of the URDF that follows, column of what it follows (−1: stands still), multiplier, offset
+        self._follow = [
+            (int(self.model.getJointId(m.joint)), driven.get(m.source, -1), m.multiplier, m.offset)
+            for m in cell.mimics
+            if self.model.existJointName(m.joint)
+        ]
         self._flange, self._base = (self._frame(name) for name in (cell.flange_link, cell.base_link))
         self._part = None if cell.workpiece.link == "world" else self._frame(cell.workpiece.link)
 
@@ -105,6 +121,18 @@ class Arm:
         """(S, J + 2) rad or m of every joint, zero where it stays at rest; flange and workpiece have none."""
         out = np.zeros((len(q), self.model.njoints + 2))
         out[:, self.joints], out[:, self._external] = q, external
+        both = np.hstack([q, external])
+        for joint, source, multiplier, offset in self._follow:
+            out[:, joint] = offset + (multiplier * both[:, source] if source >= 0 else 0.0)
+        return out
+
+    @cached_property
+    def turning(self) -> Array:
+        """(6 + E,) rad (or m) that all joints together move per rad of one: more than 1 where others follow it."""
+        out = np.ones(len(self.joints) + len(self._external))
+        for _, source, multiplier, _ in self._follow:
+            if source >= 0:
+                out[source] += abs(multiplier)
         return out
 
     @cached_property
@@ -148,7 +176,9 @@ class Arm:
     def _full(self, q: Array, external: Array) -> Array:
         """Configuration of the whole URDF; a joint that turns without end is held as cosine and sine there."""
         full = self.rest.copy()
-        for j, value in zip((*self.joints, *self._external), (*q, *external), strict=True):
+        values = self._values(q[None], external[None])[0]
+        for j in (*self.joints, *self._external, *(j for j, *_ in self._follow)):
+            value = values[j]
             at = self.model.idx_qs[j]
             if self.model.nqs[j] == 2:
                 full[at : at + 2] = np.cos(value), np.sin(value)
@@ -179,7 +209,23 @@ class Arm:
         turn = np.stack([self._steps[j][2] for j in self.joints])
         axis = np.einsum("njab,jb->nja", frames[:, 1:, :3, :3], turn)
         flange = back @ self._carried(joints, self._flange)
-        return Stance(q, axis, frames[:, 1:, :3, 3], flange @ self.cell.tool.T_flange_tcp, frames, flange)
+        tcp = flange @ self.cell.tool.T_flange_tcp
+        linked = np.zeros((len(q), 6, 6))
+        above = self._above(int(self.model.frames[self._flange].parentJoint))
+        for j, source, multiplier, _ in self._follow:
+            if j in above and source >= 0:
+                T = back @ joints[:, j]
+                column = _columns((T[:, :3, :3] @ self._steps[j][2])[:, None], T[:, None, :3, 3], tcp)
+                linked[:, :, source] += multiplier * column[:, :, 0]
+        return Stance(q, axis, frames[:, 1:, :3, 3], tcp, frames, flange, linked)
+
+    def _above(self, joint: int) -> list[int]:
+        """A joint of the URDF and all that carry it."""
+        out = []
+        while joint > 0:
+            out.append(joint)
+            joint = int(self.model.parents[joint])
+        return out
 
     def gravity(self, q: Array) -> Array:
         """(N, 6) N·m that the weight of links and tool does to the joints at q (N, 6) rad; the tool a point mass.
@@ -196,8 +242,14 @@ class Arm:
             model.inertias[frame.parentJoint] = model.inertias[frame.parentJoint] + frame.placement.act(own)
         data, column = model.createData(), [model.idx_vs[j] for j in self.joints]
         rest = np.zeros(len(self._external))
-        holding = [pin.computeGeneralizedGravity(model, data, self._full(row, rest))[column] for row in q]
-        return -np.array(holding).reshape(len(q), 6)
+        holding = np.array([pin.computeGeneralizedGravity(model, data, self._full(row, rest)) for row in q]).reshape(
+            len(q), -1
+        )
+        torque = -holding[:, column]
+        for j, source, multiplier, _ in self._follow:  # work of a joint that follows is work of the one it follows
+            if 0 <= source < len(self.joints):
+                torque[:, source] -= multiplier * holding[:, model.idx_vs[j]]
+        return np.asarray(torque)
 
     def tcp_in_workpiece(self, q: Array, external: Array) -> Array:
         """(S, 4, 4) pose of the TCP in the CAM frame."""

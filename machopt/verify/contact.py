@@ -67,7 +67,7 @@ class Scene:
     def __init__(self, arm: Arm, bodies: list[Body], rows: Array) -> None:
         self.arm, self.rows, self.bodies = arm, rows, bodies
         self.world = arm.placements(rows[:, :6], rows[:, 6:])
-        self.turn = np.abs(np.diff(rows, axis=0)).sum(axis=1)
+        self.turn = np.abs(np.diff(rows, axis=0)) @ arm.turning
         self._turned = np.append(0.0, np.cumsum(self.turn))
         origins = self.world[:, :-1, :3, 3]
         size = max((reach(b) for b in self.bodies if b.link >= 0), default=0.0)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from machopt.errors import InputError
 from machopt.formats.urdf.markup import Element, read_markup
-from machopt.formats.urdf.tree import MOVING, Urdf, UrdfJoint, UrdfLink, UrdfMesh, UrdfSolid, check_tree
+from machopt.formats.urdf.tree import MOVING, Urdf, UrdfJoint, UrdfLink, UrdfMesh, UrdfMimic, UrdfSolid, check_tree
 from machopt.formats.urdf.vocabulary import check_vocabulary
 
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
@@ -176,12 +176,19 @@ class _Reader:
         if kind != "fixed":
             self.axis(e, of, kind)
         lower, upper, velocity = self.limit(e, of, kind)
-        mimic = e.first("mimic")
-        if mimic is not None:
-            self.numbers(mimic, ("multiplier", "offset"), f"mimic of {of}")
-        mimics = None if mimic is None else self.word(mimic, "joint", f"<mimic> of {of}")
+        mimic = self.mimic(e, of)
         self.unused_numbers(e, of)
-        return UrdfJoint(name, kind, ends[0], ends[1], lower, upper, velocity, mimics, offset, e.line)
+        return UrdfJoint(name, kind, ends[0], ends[1], lower, upper, velocity, mimic, offset, e.line)
+
+    def mimic(self, joint: Element, of: str) -> UrdfMimic | None:
+        e = joint.first("mimic")
+        if e is None:
+            return None
+        given = [
+            self.number(e, key, f"mimic of {of}", "") if key in e.attributes else default
+            for key, default in (("multiplier", 1.0), ("offset", 0.0))
+        ]
+        return UrdfMimic(self.word(e, "joint", f"<mimic> of {of}"), *given)
 
     def axis(self, joint: Element, of: str, kind: str) -> None:
         e = joint.first("axis")

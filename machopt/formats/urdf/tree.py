@@ -11,6 +11,15 @@ MOVING = ("revolute", "continuous", "prismatic", "planar", "floating")
 
 
 @dataclass(frozen=True)
+class UrdfMimic:
+    """A joint that stands at ``multiplier`` times another's value plus ``offset``."""
+
+    joint: str
+    multiplier: float
+    offset: float  # rad or m
+
+
+@dataclass(frozen=True)
 class UrdfJoint:
     name: str
     kind: str  # revolute, continuous, prismatic, fixed, planar, floating
@@ -19,7 +28,7 @@ class UrdfJoint:
     lower: float  # rad or m; NaN where the URDF gives none
     upper: float
     velocity: float  # rad/s or m/s; NaN where the URDF gives none
-    mimics: str | None
+    mimic: UrdfMimic | None
     offset: float  # m, from the parent link's frame to the joint's
     line: int
 
