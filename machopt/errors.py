@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+import difflib
 from pathlib import Path
 
 
@@ -39,3 +40,10 @@ class VerificationError(MachoptError):
     """The independent check of an exported trajectory failed."""
 
     exit_code = 4
+
+
+def nearest(word: str, valid: list[str]) -> str:
+    """``did you mean 'x'? valid: a, b, c`` for an unknown name."""
+    close = difflib.get_close_matches(word, valid, n=1, cutoff=0.5)
+    hint = f"did you mean {close[0]!r}? " if close else ""
+    return f"{hint}valid: {', '.join(valid)}"

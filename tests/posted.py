@@ -9,12 +9,12 @@ from machopt.formats.posts import program_name, write_program
 from machopt.formats.posts.densify import Tolerance
 from machopt.formats.tables import write_points_csv, write_trajectory_csv
 from machopt.plan.pipeline import Plan, as_driven
+from machopt.plan.points import point_results
 from machopt.plan.timeline import Timeline
 from machopt.postprocess.moves import Programmed
 from machopt.recheck.compared import Compared, Posted
 from machopt.recheck.posts import controller_for
 from machopt.recheck.readback import check_programs
-from machopt.services.points import point_results
 
 
 def posted(

@@ -172,7 +172,7 @@ def test_two_batches_in_one_folder_are_refused(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_real_jobs_give_what_the_single_command_gives_and_batches_are_compared(scheduler: str, tmp_path: Path) -> None:
     from machopt.recheck.inforce import Request as Verify
-    from machopt.services.run import Request as Single
+    from machopt.services.load import Request as Single
     from machopt.services.run import optimize
     from machopt.services.verify import verify
 
@@ -225,7 +225,8 @@ def test_the_warm_up_compiles_all_that_jobs_need(tmp_path: Path) -> None:
 import sys, numba
 from pathlib import Path
 from machopt.batch.warm import tiny_job
-from machopt.services.run import Request, optimize
+from machopt.services.load import Request
+from machopt.services.run import optimize
 from machopt.plan.kernels import compile_all
 def compiled():
     found = [v for name, m in list(sys.modules.items()) if name.startswith("machopt")

@@ -24,12 +24,13 @@ from made_up_loads import (
     stand,
 )
 
+from machopt.diagnose.asked import Request
 from machopt.domain.recording import Recording
 from machopt.formats.cell import load_cell
 from machopt.formats.recording import write_recording
 from machopt.model.gravity import gravity_torque
 from machopt.model.robot import load_masses, load_robot
-from machopt.services.diagnose import Request, run_diagnose
+from machopt.services.diagnose import run_diagnose
 
 FORCES = {"kr240_drilling": 1500.0, "kr500_milling": 2500.0, "irb6700_drilling": 300.0, "cutting_cobot": 60.0}
 FEW = {"poses": 14, "sessions": 2, "loads": 3, "directions": 2}

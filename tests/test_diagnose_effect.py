@@ -20,7 +20,7 @@ from machopt.formats.toolpath import read_toolpath
 from machopt.model.elastic import ArmElasticity
 from machopt.plan.explain import gamma
 from machopt.plan.pipeline import Plan, plan
-from machopt.services.diagnose_result import job_effect
+from machopt.report.gather.diagnose import job_effect
 
 ROOT = Path(__file__).resolve().parent.parent
 CELL = load_cell(ROOT / "cells" / "kr500_milling")

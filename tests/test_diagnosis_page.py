@@ -18,7 +18,9 @@ import numpy as np
 import pytest
 
 from machopt.cli import diagnose as command
+from machopt.diagnose.asked import Request
 from machopt.diagnose.result import Diagnosis, Estimate
+from machopt.diagnose.told import result_of, rows_location
 from machopt.effects import registry
 from machopt.effects.words import named, place
 from machopt.formats.cell import load_cell
@@ -28,7 +30,8 @@ from machopt.report.diagnosis_limits import limits_html
 from machopt.report.diagnosis_page import diagnosis_html, write_diagnosis
 from machopt.report.diagnosis_svg import machine_strip, share_bars
 from machopt.report.diagnosis_words import alternatives, axis_note, measured, numeral, sized
-from machopt.services.diagnose_result import page_of, result_of, rows_location, write_residuals
+from machopt.report.gather.diagnose import page_of
+from machopt.services.diagnose_files import write_residuals
 
 CELL = load_cell(Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling")
 CASES = ("explained", "consistent", "unexplained", "three", "torque")
@@ -439,19 +442,6 @@ def test_command_passes_its_options_on_and_every_verdict_is_success(
     verdict: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     @dataclass(frozen=True)
-    class Request:
-        cell: Path
-        recordings: tuple[Path, ...]
-        out: Path
-        channel: str
-        toolpath: Path | None
-        terms: tuple[Path, ...]
-        max_findings: int
-        accept: tuple[str, ...]
-        seed: int
-        allow_external: bool
-
-    @dataclass(frozen=True)
     class Outcome:
         result: dict[str, Any]
         report: Path
@@ -464,7 +454,7 @@ def test_command_passes_its_options_on_and_every_verdict_is_success(
         return Outcome(result_of(CELL, made_up.recording(), getattr(made_up, verdict)()), request.out / "report.html")
 
     stub = ModuleType("machopt.services.diagnose")
-    stub.Request, stub.run_diagnose = Request, run  # type: ignore[attr-defined]
+    stub.run_diagnose = run  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "machopt.services.diagnose", stub)
     common = argparse.ArgumentParser(add_help=False)
     for flag in ("--quiet", "--json", "--debug"):

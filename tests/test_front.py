@@ -9,7 +9,8 @@ import pytest
 
 from machopt.domain.options import PlanOptions
 from machopt.errors import InputError
-from machopt.services.front import HEAD, Point, left_out, refuse, variants, weighed, write_front
+from machopt.plan.front import Point, left_out, refuse, variants, weighed
+from machopt.services.front import HEAD, write_front
 
 A = Point("a", "", 0.4, 0.5, 10.0, 1000.0, 20.0)
 

@@ -16,9 +16,11 @@ from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.recording import write_recording
 from machopt.formats.stiffness import load_stiffness
+from machopt.formats.termtext import term_from_text
+from machopt.identify.asked import Request
 from machopt.identify.simulate import Simulated, SmoothField, TrueArm, random_loads, record, scattered_poses
 from machopt.model.robot import load_robot
-from machopt.services.identify import Outcome, Request, run_identify, term_from_text
+from machopt.services.identify import Outcome, run_identify
 
 ROOT = Path(__file__).resolve().parent.parent
 CELL = ROOT / "cells" / "kr240_drilling"

@@ -25,7 +25,7 @@ from machopt.report.map_page import map_page_html, where
 from machopt.report.map_svg import map_svg, pair_svg
 from machopt.report.still import VIRIDIS, colours, hatching, image
 from machopt.services.map import Request, run_map
-from machopt.services.map_result import REASONS
+from machopt.workspace.told import REASONS
 
 KR240 = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
 ASSETS = Path(__file__).resolve().parents[1] / "machopt" / "report" / "assets"

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from machopt.domain.options import FixedRotation, PlanOptions, ProcessForce, Weights
 from machopt.errors import InputError
 from machopt.formats.options import OptionKeys, load_options, options_as_user, without_effect
-from machopt.services.run import Request, optimize
+from machopt.services.load import Request
+from machopt.services.run import optimize
 
 
 def test_no_layer_gives_the_domain_defaults() -> None:

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from machopt.domain.poses import PosesTable
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
-from machopt.formats.poses import PosesTable, read_poses_csv, write_poses_csv
+from machopt.formats.poses import read_poses_csv, write_poses_csv
 from machopt.formats.recording import load_recording
 from machopt.identify.experiment import experiment
 from machopt.model.collision import CollisionModel

@@ -17,7 +17,8 @@ from machopt.formats.options import load_options
 from machopt.output import read_manifest
 from machopt.recheck import scope
 from machopt.recheck.resultcheck import result_checks
-from machopt.services.run import Request, optimize
+from machopt.services.load import Request
+from machopt.services.run import optimize
 from machopt.verify import Check, Verification
 from machopt.verify.output import verify_output
 

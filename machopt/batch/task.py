@@ -20,13 +20,14 @@ def run(job: Mapping[str, Any], out: Path) -> dict[str, object]:
     """Do one job.
 
     Args:
-        job: ``request``, the fields of :class:`machopt.services.run.Request` with paths as text.
+        job: ``request``, the fields of :class:`machopt.services.load.Request` with paths as text.
         out: the job's result folder, written whole or not at all.
 
     Returns:
         ``exit_code``, ``verdict``, ``reason`` and the numbers of the summary; no folder where the input is refused.
     """
-    from machopt.services.run import Request, optimize
+    from machopt.services.load import Request
+    from machopt.services.run import optimize
 
     fields = dict(job["request"])
     for name in ("cell", "toolpath", "plan_file"):

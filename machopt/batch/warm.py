@@ -61,7 +61,8 @@ x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min
 
 def tiny_job(folder: Path) -> int:
     """Do the job in an empty folder; returns its exit code, 0."""
-    from machopt.services.run import Request, optimize
+    from machopt.services.load import Request
+    from machopt.services.run import optimize
 
     cell = folder / "cell"
     cell.mkdir()

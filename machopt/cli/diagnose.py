@@ -58,7 +58,8 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
 
 
 def _diagnose(args: argparse.Namespace) -> int:
-    from machopt.services.diagnose import Request, run_diagnose
+    from machopt.diagnose.asked import Request
+    from machopt.services.diagnose import run_diagnose
 
     request = Request(
         cell=args.cell,

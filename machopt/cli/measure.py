@@ -70,7 +70,8 @@ def _add_identify(p: argparse.ArgumentParser) -> None:
 
 
 def _identify(args: argparse.Namespace) -> int:
-    from machopt.services.identify import Request, run_identify
+    from machopt.identify.asked import Request
+    from machopt.services.identify import run_identify
 
     told_of_effects(args)
     request = Request(

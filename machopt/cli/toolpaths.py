@@ -107,7 +107,8 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
 
 
 def _optimize(args: argparse.Namespace) -> int:
-    from machopt.services.run import Request, optimize
+    from machopt.services.load import Request
+    from machopt.services.run import optimize
 
     direct = {
         "method": args.method,

@@ -53,3 +53,6 @@ class ReadingNoise:
     def _per_row(self) -> Array:
         """1 for translations; 1/distance for rotations, which are seen as displacements of the targets."""
         return np.ones(3) if self.targets is None else np.repeat([1.0, 1.0 / self.targets], 3)
+
+
+HOLD = 10.0  # s between the readings of a cycle

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.cell import JointLimits
+from machopt.errors import nearest
 from machopt.formats.cell_schema import CellKeys
 from machopt.formats.urdf import Urdf, UrdfJoint
-from machopt.formats.yamlstrict import Document, Loc, nearest
+from machopt.formats.yamlstrict import Document, Loc
 
 Array = NDArray[np.float64]
 

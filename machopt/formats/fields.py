@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.domain.measured import MeasuredStiffness
 from machopt.errors import InputError
 from machopt.formats.recording_table import Vocabulary, read_table
 
@@ -35,20 +36,6 @@ class Column:
     values: Array | Sequence[str]  # (M,) in the unit of the name
     digits: int | None = None  # significant digits of a number; None: ``decimals`` decides
     decimals: int = 6
-
-
-@dataclass(frozen=True)
-class MeasuredStiffness:
-    """Stiffness measured at P places; either the places or the postures are known, or both."""
-
-    file: Path
-    position: Array | None  # (P, 3) m, TCP in the map's frame
-    q: Array | None  # (P, 6) rad
-    stiffness: dict[str, Array]  # "x", "y", "z" → (P,) N/m
-    lines: NDArray[np.int64]  # (P,) for messages
-
-    def __len__(self) -> int:
-        return len(self.lines)
 
 
 def write_map_csv(path: Path, columns: Sequence[Column]) -> None:

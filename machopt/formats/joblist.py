@@ -18,13 +18,13 @@ from typing import Literal
 
 from pydantic import Field
 
-from machopt.errors import InputError
+from machopt.errors import InputError, nearest
 from machopt.formats.opener import YAML, read_text
 from machopt.formats.options import ForceKeys, OptionKeys, WeightKeys
 from machopt.formats.posts import post_names
 from machopt.formats.posts.postfile import ALIASES
 from machopt.formats.source import offsets as work_offsets
-from machopt.formats.yamlstrict import Document, Loc, Strict, nearest, parse_yaml, read_yaml, validate
+from machopt.formats.yamlstrict import Document, Loc, Strict, parse_yaml, read_yaml, validate
 
 _MIB = 2**20
 _PATTERN = set("*?[")

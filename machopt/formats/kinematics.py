@@ -23,7 +23,8 @@ from pydantic import Field
 from machopt.domain.kinematics import KinematicCorrection, Kinematics
 from machopt.effects import files, registry
 from machopt.effects.protocol import Parameter, Unloaded, joints_of
-from machopt.formats.yamlstrict import Document, Loc, Strict, nearest, read_yaml, show, validate
+from machopt.errors import nearest
+from machopt.formats.yamlstrict import Document, Loc, Strict, read_yaml, show, validate
 
 PARAMETERS = {
     word: tuple(p.key for p in (*law.shape, *law.coefficients)) for word, (_, law) in registry.without_load().items()

@@ -6,9 +6,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from machopt.domain.cell import MayTouch, Shape, Tool, Workpiece
+from machopt.errors import nearest
 from machopt.formats.urdf import Urdf
 from machopt.formats.urdf.srdf import read_srdf
-from machopt.formats.yamlstrict import Document, Loc, nearest
+from machopt.formats.yamlstrict import Document, Loc
 
 OpenFile = Callable[[Loc, str], Path]
 

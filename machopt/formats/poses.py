@@ -5,48 +5,24 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.domain.poses import Ints, PosesTable
 from machopt.domain.recording import Recording
 from machopt.errors import InputError
 from machopt.formats.opener import TABLE, read_text
 from machopt.formats.recording import write_recording
 
 Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _DEG, _MM = np.pi / 180.0, 1e-3
 _LABELS = ("order", "pose", "cycle")
 _TRANSLATION, _ROTATION = ("dx_mm", "dy_mm", "dz_mm"), ("rx_mrad", "ry_mrad", "rz_mrad")
 _MEASURED = (*_TRANSLATION, *_ROTATION)
 _YES = {"yes": True, "no": False, "": None}
-
-
-@dataclass(frozen=True)
-class PosesTable:
-    """One row a load cycle (unloaded, loaded, unloaded), in the order of work; SI, base_link axes."""
-
-    pose: Ints  # (N,) label, from 1
-    cycle: Ints  # (N,) label, from 1 at each pose
-    session: Ints  # (N,) round over all poses, from 1
-    q: Array  # (N, 6) rad
-    load: tuple[str, ...]  # (N,) in words
-    wrench: Array  # (N, 6) N, N·m at the TCP
-    position: Array  # (N, 3) m, TCP
-    displacement: Array  # (N, 3) m expected, or (N, 6) with rotations in rad
-    kci: Array  # (N,)
-    nu_p: Array  # (N,)
-    nu_r: Array  # (N,) rad
-    clearance: Array  # (N,) m to the nearest body; NaN where not looked for
-    load_point: Array  # (N, 3) m, where the load acts
-    way_free: tuple[bool | None, ...]  # (N,) straight joint motion from the row before; None: not looked for
-
-    def __len__(self) -> int:
-        return len(self.pose)
 
 
 def write_poses_csv(path: Path, table: PosesTable) -> None:

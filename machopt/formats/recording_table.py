@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.errors import InputError
+from machopt.errors import InputError, nearest
 from machopt.formats.opener import TABLE, read_file
-from machopt.formats.yamlstrict import nearest
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -6,7 +6,6 @@ ruamel.yaml parses the text into nodes; the scalars are resolved here by the YAM
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 import typing
@@ -19,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from machopt.errors import InputError
+from machopt.errors import InputError, nearest
 from machopt.formats.opener import YAML, read_text
 
 Loc = tuple[str | int, ...]
@@ -128,13 +127,6 @@ def dotted(loc: Loc) -> str:
     for part in loc:
         out += f"[{part}]" if isinstance(part, int) else f".{part}" if out else part
     return out
-
-
-def nearest(word: str, valid: list[str]) -> str:
-    """``did you mean 'x'? valid: a, b, c`` for an unknown name."""
-    close = difflib.get_close_matches(word, valid, n=1, cutoff=0.5)
-    hint = f"did you mean {close[0]!r}? " if close else ""
-    return f"{hint}valid: {', '.join(valid)}"
 
 
 def show(value: object) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,6 +25,7 @@ from machopt.postprocess.moves import Programmed, robot_program, sampled_program
 from machopt.postprocess.wanted import Wanted
 from machopt.recheck.compared import Compared, Posted
 from machopt.recheck.posts import controller_for
+from machopt.report import data as page
 from machopt.verify import Verification
 
 OWN_FILES = ("points.csv", "trajectory.csv", "compensation.csv", "result.json", "manifest.json", "report.html")
@@ -68,6 +70,40 @@ class Written:
             not_in_program=self.unstarted,
             checked=None if self.checked is None else self.checked.as_result(),
             differences=() if self.checked is None else self.checked.differences,
+        )
+
+    def as_page(self) -> page.Program:
+        """For the report."""
+        c = self.checked
+        held = self.feed
+        said = page.Program(
+            self.label,
+            self.files,
+            self.lines,
+            self.added,
+            self.tolerance,
+            assumed=self.assumed,
+            unstarted=self.unstarted,
+            withheld=self.withheld,
+            feed_mean=float("nan") if held is None else held.mean_share,
+            feed_lowest=float("nan") if held is None else held.lowest_share,
+            feed_deviation=float("nan") if held is None else held.deviation,
+        )
+        if c is None or not c.readable:
+            return replace(said, checked=False)
+        return replace(
+            said,
+            moves=c.moves,
+            position_error=c.worst("CAM points") / 1e3,
+            angle_error=math.radians(c.worst("orientation at targets")),
+            joint_error=math.radians(c.worst("joints at targets")),
+            feed_error=c.worst("CAM feed") / 6e4,
+            path_error=c.worst("lines along the motion") / 1e3,
+            axis_error=math.radians(c.worst("tool axis along lines")),
+            turn_error=math.radians(c.worst("orientation along lines")),
+            events_equal=c.passed("events") is not False,
+            differences=c.differences,
+            configuration_equal=c.passed("configuration"),
         )
 
 

@@ -1,4 +1,4 @@
-"""What the page of a map shows, in SI; :mod:`machopt.services.map_page` fills it."""
+"""What the page of a map shows, in SI; :mod:`machopt.report.gather.map` fills it."""
 
 from __future__ import annotations
 

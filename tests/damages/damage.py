@@ -15,7 +15,8 @@ from typing import Any
 from machopt.output import MANIFEST
 from machopt.output.hashes import sha256_of
 from machopt.output.manifest import listed, seal
-from machopt.services.run import Request, optimize
+from machopt.services.load import Request
+from machopt.services.run import optimize
 
 ROOT = Path(__file__).resolve().parents[2]
 CELLS = ROOT / "cells"

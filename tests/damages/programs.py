@@ -9,7 +9,8 @@ from functools import partial
 from pathlib import Path
 
 from damages.damage import CELLS, JOBS, Damage, Job, one
-from machopt.services.run import Request, optimize
+from machopt.services.load import Request
+from machopt.services.run import optimize
 
 # a pass over the head with a corner, feeds, and everything that has to happen beside
 APT = """UNITS/MM

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.design.loadcases import LoadCases
-from machopt.design.measurement import ReadingNoise
+from machopt.design.measurement import HOLD, ReadingNoise
 from machopt.diagnose import absolute, deflection, userterms
 from machopt.diagnose.apart.disputes import NOTHING, Diagnosed, Stand
 from machopt.diagnose.problem import Hypothesis
@@ -30,7 +30,6 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 UP_AND_DOWN = (0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.25, 0.0)
-HOLD = 10.0  # s between the readings of a cycle
 REST = 1e4  # s between cycles: in which order they come is not known yet, so none feels the one before
 SAME = 1e-3  # relative, of the parameters of a law here and where it was fitted
 SETTLED = 3  # fixed-point steps to the arm's place under weight

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 from machopt.domain.results.base import Count, First, Flag, Hashes, Known, Knowns, Numbers, Part, Settings, Text
 
@@ -52,7 +52,7 @@ class CorrectionTold(Part):
     of: Literal["stiffness", "kinematics", "record"]
     effect: Text
     location: Text
-    parameters: dict[Text, Any]
+    parameters: Settings
 
 
 class FittedLaw(Part):

@@ -36,7 +36,7 @@ class MapOptionsTold(Part):
     gamma_deg: Known
     rotations: Count | None
     q_deg: Numbers | None
-    pick: Text
+    pick: Text | Count
     by: Text
     collision: Text
     load: LoadTold | None

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from machopt.domain.program import Controller, RobotProgram
-from machopt.errors import InputError
+from machopt.errors import InputError, nearest
 from machopt.formats.posts import fanuc, jbi, krl, rapid, ros, tables, urscript, val3
 from machopt.formats.posts.columns import Columns, Job, common_assumptions, common_notes, move_columns, program_fields
 from machopt.formats.posts.dialect import Dialect
@@ -24,7 +24,6 @@ from machopt.formats.posts.feedmodel import HeldFeed, held_feed
 from machopt.formats.posts.postfile import Post, load_post, post_names, post_text
 from machopt.formats.posts.rounding import Rounding
 from machopt.formats.posts.wording import marked
-from machopt.formats.yamlstrict import nearest
 
 __all__ = [
     "HeldFeed",

@@ -13,10 +13,10 @@ from typing import Literal
 from pydantic import Field
 
 from machopt.domain.program import EVENT_LINES
-from machopt.errors import InputError
+from machopt.errors import InputError, nearest
 from machopt.formats.opener import TEMPLATE, read_text
 from machopt.formats.posts.template import Template, compile_template
-from machopt.formats.yamlstrict import Document, Strict, nearest, validate
+from machopt.formats.yamlstrict import Document, Strict, validate
 
 _TEMPLATES = "machopt.formats.posts"
 ALIASES = {"ros": "ros_yaml"}

@@ -20,8 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.errors import InputError
-from machopt.formats.yamlstrict import nearest
+from machopt.errors import InputError, nearest
 
 Value = object
 Column = Sequence[object] | NDArray[Any]

@@ -1,4 +1,4 @@
-"""What a map is written as: columns of map.csv, the keys of map.json, the sentence for the user."""
+"""What a map tells: map.json, its layers, the sentence for the user."""
 
 from __future__ import annotations
 
@@ -11,15 +11,21 @@ import machopt
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
-from machopt.domain.results.maps import MapResult
-from machopt.formats.fields import Column
-from machopt.output.hashes import sha256_of
-from machopt.output.jsonfile import plain
+from machopt.domain.results.maps import (
+    AxisTold,
+    Extreme,
+    FieldTold,
+    LayerTold,
+    LoadTold,
+    MapOptionsTold,
+    MapResult,
+    MeasuredTold,
+    RelativeError,
+)
 from machopt.se3 import inverse
-from machopt.services.inputs import input_hashes
-from machopt.services.map_measured import Comparison
-from machopt.services.map_request import MapOptions, Request
+from machopt.workspace.asked import MapOptions
 from machopt.workspace.fields import Field, Setting, Unit, Values
+from machopt.workspace.measured import Comparison
 from machopt.workspace.postures import Arm, Postures
 from machopt.workspace.samples import Samples, farthest_reach
 
@@ -67,45 +73,8 @@ def places(samples: Samples, layer: Layer, options: MapOptions) -> Array:
     return in_frame(layer.values.T_base_tcp, options)[:, :3, 3] if samples.position is None else samples.position
 
 
-def map_columns(
-    samples: Samples, layer: Layer, options: MapOptions, given: Layer, comparison: Comparison | None
-) -> list[Column]:
-    """The table of one layer, one row a sample, the last axis fastest."""
-    p, v = layer.postures, layer.values
-    axis = -in_frame(v.T_base_tcp, options)[:, :3, 2]
-    columns = [Column("sample", [str(i) for i in range(len(samples))])]
-    if samples.kind == "line":
-        columns.append(Column("s_mm", samples.axes[0].values * MM, decimals=4))
-    place = places(samples, layer, options)
-    columns += [Column(f"{c}_mm", place[:, i] * MM, decimals=4) for i, c in enumerate("xyz")]
-    columns += [Column(c, axis[:, i]) for i, c in enumerate("ijk")]
-    columns.append(Column("gamma_deg", p.gamma * DEG))
-    columns.append(Column("branch", ["" if b < 0 else str(b) for b in p.branch.tolist()]))
-    joints = p.q if samples.q is None else samples.q
-    columns += [Column(f"q{i + 1}_deg", joints[:, i] * DEG) for i in range(6)]
-    columns += [Column(column_of(f), v.value[f.key] * SUFFIX[f.unit][1], digits=7) for f in v.fields]
-    if v.softest is not None:
-        columns += [Column(f"soft_{c}", v.softest[:, i]) for i, c in enumerate("ijk")]
-    if v.in_grid is not None:
-        known = p.ok.tolist()
-        words = [("grid" if g else "constant") if ok else "" for g, ok in zip(v.in_grid.tolist(), known, strict=True)]
-        columns.append(Column("stiffness_from", words))
-    if samples.q is None:
-        columns.append(Column("postures", [str(n) for n in p.count.tolist()]))
-        columns.append(Column("rotations_percent", p.rotations * 100, decimals=1))
-        columns.append(Column("shortfall_mm", np.where(p.shortfall > 0, p.shortfall * MM, np.nan), decimals=1))
-    if comparison is not None:
-        for f, c in enumerate(comparison.axes):
-            columns.append(Column(f"measured_k{c}_N_mm", comparison.spread.value[:, f] * 1e-3, digits=7))
-        columns.append(Column("measured_nearest_mm", comparison.spread.nearest * MM, decimals=1))
-        inside = zip(comparison.spread.inside.tolist(), np.isfinite(comparison.spread.nearest).tolist(), strict=True)
-        columns.append(Column("measured_hull", [("inside" if i else "outside") if k else "" for i, k in inside]))
-    columns.append(Column("reason", [Reason(r).word for r in p.reason.tolist()]))
-    return columns
-
-
 def map_json(
-    request: Request,
+    inputs: dict[str, str],
     cell: Cell,
     plan: PlanOptions,
     options: MapOptions,
@@ -116,58 +85,57 @@ def map_json(
     criterion: Field,
     comparison: Comparison | None,
 ) -> tuple[MapResult, str]:
-    """map.json, and its verdict as one sentence."""
+    """map.json, and its verdict as one sentence; ``inputs`` are SHA-256 by name."""
     message = _sentence(samples, layers, criterion, arm, setting, options)
     angle = options.kind == "joints"
     scale = DEG if angle else MM
     load = setting.load
-    files = input_hashes(cell)
-    if request.measured is not None:
-        files[request.measured.name] = sha256_of(request.measured)
-    result: dict[str, object] = {
-        "machopt_map": 1,
-        "version": machopt.__version__,
-        "verdict": message,
-        "exit_code": 0 if any(layer.postures.ok.any() for layer in layers) else 3,
-        "inputs": files,
-        "cell": cell.name,
-        "kind": samples.kind,
-        "frame": options.frame,
-        "axes": [
-            {
-                "name": a.name,
-                "unit": "deg" if angle else "mm",
-                "from": _tidy(a.values[0] * scale),
-                "to": _tidy(a.values[-1] * scale),
-                "step": _tidy((a.values[1] - a.values[0]) * scale),
-                "count": len(a.values),
-            }
+    result = MapResult(
+        machopt_map=1,
+        version=machopt.__version__,
+        verdict=message,
+        exit_code=0 if any(layer.postures.ok.any() for layer in layers) else 3,
+        inputs=inputs,
+        cell=cell.name,
+        kind=samples.kind,
+        frame=options.frame,
+        axes=tuple(
+            AxisTold(
+                name=a.name,
+                unit="deg" if angle else "mm",
+                first=_tidy(a.values[0] * scale),
+                last=_tidy(a.values[-1] * scale),
+                step=_tidy((a.values[1] - a.values[0]) * scale),
+                count=len(a.values),
+            )
             for a in samples.axes
-        ],
-        "samples": len(samples),
-        "options": {
-            "at_mm": _tidy(options.at * MM) if options.kind == "slice" else None,
-            "tool_axis": None if angle else [_tidy(v) for v in options.tool_axis.tolist()],
-            "gamma_deg": None if angle else _tidy(options.gamma[0] * DEG),
-            "rotations": None if angle else len(options.gamma),
-            "q_deg": [_tidy(v) for v in (options.q * DEG).tolist()] if angle else None,
-            "pick": options.pick,
-            "by": criterion.key,
-            "collision": options.collision,
-            "load": None
+        ),
+        samples=len(samples),
+        options=MapOptionsTold(
+            at_mm=_tidy(options.at * MM) if options.kind == "slice" else None,
+            tool_axis=None if angle else tuple(_tidy(v) for v in options.tool_axis.tolist()),
+            gamma_deg=None if angle else _tidy(options.gamma[0] * DEG),
+            rotations=None if angle else len(options.gamma),
+            q_deg=tuple(_tidy(v) for v in (options.q * DEG).tolist()) if angle else None,
+            pick=options.pick,
+            by=criterion.key,
+            collision=options.collision,
+            load=None
             if load is None
-            else {"force_N": load.wrench[:3], "moment_Nm": load.wrench[3:], "axes": load.axes},
-            "limit_margin_deg": 0.0 if angle else _tidy(plan.limit_margin * DEG),
-            "singularity_wrist_deg": None if angle else _tidy(plan.singularity_wrist * DEG),
-            "singularity_elbow_deg": None if angle else _tidy(plan.singularity_elbow * DEG),
-            "singularity_shoulder_mm": None if angle else _tidy(plan.singularity_shoulder * MM),
-        },
-        "characteristic_length_mm": setting.length * MM,
-        "layers": {layer.name: _summary(samples, layer, options) for layer in layers},
-        "measured": None if comparison is None else _measured(comparison),
-        "warnings": [*cell.warnings, *_hints(samples, layers, setting), *(comparison.warnings if comparison else ())],
-    }
-    return MapResult.model_validate(plain(result)), message
+            else LoadTold(
+                force_N=tuple(load.wrench[:3].tolist()), moment_Nm=tuple(load.wrench[3:].tolist()), axes=load.axes
+            ),
+            limit_margin_deg=0.0 if angle else _tidy(plan.limit_margin * DEG),
+            singularity_wrist_deg=None if angle else _tidy(plan.singularity_wrist * DEG),
+            singularity_elbow_deg=None if angle else _tidy(plan.singularity_elbow * DEG),
+            singularity_shoulder_mm=None if angle else _tidy(plan.singularity_shoulder * MM),
+        ),
+        characteristic_length_mm=setting.length * MM,
+        layers={layer.name: _summary(samples, layer, options) for layer in layers},
+        measured=None if comparison is None else _measured(comparison),
+        warnings=(*cell.warnings, *_hints(samples, layers, setting), *(comparison.warnings if comparison else ())),
+    )
+    return result, message
 
 
 def statistics(value: Array) -> dict[str, float] | None:
@@ -189,41 +157,47 @@ def statistics(value: Array) -> dict[str, float] | None:
     }
 
 
-def _summary(samples: Samples, layer: Layer, options: MapOptions) -> dict[str, object]:
+def _summary(samples: Samples, layer: Layer, options: MapOptions) -> LayerTold:
     p, v = layer.postures, layer.values
     place = places(samples, layer, options)
     codes, counts = np.unique(p.reason, return_counts=True)
-    fields: dict[str, object] = {}
+
+    def extreme(row: float) -> Extreme:
+        at = int(row)
+        return Extreme(sample=at, xyz_mm=(place[at] * MM).round(3), q_deg=(p.q[at] * DEG).round(4))
+
+    fields: dict[str, FieldTold | None] = {}
     for field in v.fields:
         found = statistics(v.value[field.key])
         factor = SUFFIX[field.unit][1]
-        if found is None:
-            fields[column_of(field)] = None
-            continue
-        numbers = {name: found[name] * factor for name in ("min", "p2", "median", "p98", "max")}
-        where = {
-            f"at_{end}": {"sample": row, "xyz_mm": (place[row] * MM).round(3), "q_deg": (p.q[row] * DEG).round(4)}
-            for end in ("min", "max")
-            for row in (int(found[f"at_{end}"]),)
-        }
-        fields[column_of(field)] = {"name": field.name, "better": field.better, **numbers, **where}
-    return {
-        "reached": int(p.ok.sum()),
-        "reasons": {Reason(c).word: int(n) for c, n in zip(codes.tolist(), counts.tolist(), strict=True)},
-        "fields": fields,
-    }
+        fields[column_of(field)] = (
+            None
+            if found is None
+            else FieldTold(
+                name=field.name,
+                better=field.better,
+                **{name: found[name] * factor for name in ("min", "p2", "median", "p98", "max")},
+                at_min=extreme(found["at_min"]),
+                at_max=extreme(found["at_max"]),
+            )
+        )
+    return LayerTold(
+        reached=int(p.ok.sum()),
+        reasons={Reason(c).word: int(n) for c, n in zip(codes.tolist(), counts.tolist(), strict=True)},
+        fields_of_layer=fields,
+    )
 
 
-def _measured(c: Comparison) -> dict[str, object]:
-    return {
-        "file": c.file,
-        "readings": len(c.position),
-        "power": c.power,
-        "neighbours": c.neighbours,
-        "postures": "of the table" if c.from_joints else "of the map's own choice",
-        "relative_error": {f"k{axis}": row for axis, row in c.errors().items()},
-        "samples_inside_hull": int(c.spread.inside.sum()),
-    }
+def _measured(c: Comparison) -> MeasuredTold:
+    return MeasuredTold(
+        file=c.file,
+        readings=len(c.position),
+        power=c.power,
+        neighbours=c.neighbours,
+        postures="of the table" if c.from_joints else "of the map's own choice",
+        relative_error={f"k{axis}": RelativeError(**row) for axis, row in c.errors().items()},
+        samples_inside_hull=int(c.spread.inside.sum()),
+    )
 
 
 def _sentence(

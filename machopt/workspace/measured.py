@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.domain.measured import MeasuredStiffness
 from machopt.errors import InputError
-from machopt.formats.fields import MeasuredStiffness
 from machopt.se3 import inverse
-from machopt.services.map_request import MapOptions, Request
+from machopt.workspace.asked import MapOptions, Request
 from machopt.workspace.fields import Field, Setting
 from machopt.workspace.idw import Interpolated, interpolate_idw, leave_one_out
 from machopt.workspace.postures import Arm, choose_postures, tool_poses

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -17,21 +16,21 @@ from machopt.plan.breaks import place
 from machopt.plan.certificate import certificate
 from machopt.plan.compensate import residual
 from machopt.plan.explain import all_breaks, gamma, help_of, hints, shortfall_of
+from machopt.plan.front import Point
 from machopt.plan.mapped import Mapped, mapped
 from machopt.plan.pipeline import Plan, Scored
+from machopt.plan.points import PointResults, reason_of
 from machopt.plan.retime import Dip
 from machopt.plan.timeline import Timeline
 from machopt.plan.uncertainty import gains
-from machopt.postprocess.written import Written
 from machopt.report import data as page
-from machopt.se3 import wrap
-from machopt.services.points import PointResults, reason_of
+from machopt.report.gather.optimize_map import rotation_map
+from machopt.report.gather.optimize_series import motion_series, path_series
 from machopt.verify import Verification
 
 Array = NDArray[np.float64]
 WORST = 8  # rows of the table of worst points
 _YARDSTICKS = {"cam default": "the CAM's default rotation", "jiao2022": "Jiao 2022"}
-_STATUS = {Reason.BOUNDS: 2, Reason.NO_PATH: 7}  # the page's codes where they differ from Reason's
 _WORDS = {
     Reason.UNREACHABLE: "unreachable",
     Reason.LIMIT: "joint limit",
@@ -52,8 +51,9 @@ def report_data(
     points: PointResults,
     timeline: Timeline | None,
     verification: Verification | None,
-    programs: Sequence[Written] = (),
+    programs: Sequence[page.Program] = (),
     *,
+    front: Sequence[Point] = (),
     shown: Mapped | None = None,
     unchecked: tuple[str, ...] = (),
     hashes: dict[str, str],
@@ -87,9 +87,9 @@ def report_data(
         summary=summary,
         hashes=tuple(hashes.items()),
         options=tuple((k, str(v)) for k, v in options.items()),
-        map=_map(plan, shown or mapped(plan)),
-        path=_path_series(plan, toolpath, points, series),
-        motion=_motion(plan, toolpath, timeline),
+        map=rotation_map(plan, shown or mapped(plan)),
+        path=path_series(plan, toolpath, points, series),
+        motion=motion_series(plan, toolpath, timeline),
         dips=_dips(plan, timeline),
         worst=_worst_points(plan, toolpath, points, series),
         infeasible=infeasible,
@@ -113,43 +113,22 @@ def report_data(
             page.Check(c.name, c.passed, f"{c.value:.4g} {c.unit}", f"{c.limit:.4g} {c.unit}", c.where)
             for c in (verification.checks if verification else ())
         ),
-        programs=tuple(map(_program, programs)),
+        programs=tuple(programs),
+        front=tuple(
+            page.FrontPoint(
+                name=p.plan,
+                changed=p.changed,
+                mean=p.mean_index,
+                worst=p.worst_index,
+                cycle=p.cycle_time_s,
+                travel=p.joint_travel_deg,
+                clearance=p.clearance_mm,
+                dominated=p.dominated,
+            )
+            for p in front
+        ),
         timings=tuple(timings.items()),
         events=toolpath.events,
-    )
-
-
-def _program(p: Written) -> page.Program:
-    c = p.checked
-    held = p.feed
-    said = page.Program(
-        p.label,
-        p.files,
-        p.lines,
-        p.added,
-        p.tolerance,
-        assumed=p.assumed,
-        unstarted=p.unstarted,
-        withheld=p.withheld,
-        feed_mean=float("nan") if held is None else held.mean_share,
-        feed_lowest=float("nan") if held is None else held.lowest_share,
-        feed_deviation=float("nan") if held is None else held.deviation,
-    )
-    if c is None or not c.readable:
-        return replace(said, checked=False)
-    return replace(
-        said,
-        moves=c.moves,
-        position_error=c.worst("CAM points") / 1e3,
-        angle_error=math.radians(c.worst("orientation at targets")),
-        joint_error=math.radians(c.worst("joints at targets")),
-        feed_error=c.worst("CAM feed") / 6e4,
-        path_error=c.worst("lines along the motion") / 1e3,
-        axis_error=math.radians(c.worst("tool axis along lines")),
-        turn_error=math.radians(c.worst("orientation along lines")),
-        events_equal=c.passed("events") is not False,
-        differences=c.differences,
-        configuration_equal=c.passed("configuration"),
     )
 
 
@@ -231,125 +210,6 @@ def _figures(plan: Plan, scored: Scored) -> tuple[float, float]:
 def _cut_length(plan: Plan) -> float:
     step = np.linalg.norm(np.diff(plan.path.position, axis=0), axis=1)
     return float(step[plan.path.counted[1:]].sum())
-
-
-def _map(plan: Plan, shown: Mapped) -> page.RotationMap | None:
-    """Best branch per station and rotation, marked where its pose was not looked at for collisions.
-
-    Rotation is shown as gamma's carried reference, phi.
-    """
-    st, c = plan.path.stations, shown.candidates
-    cut = np.flatnonzero(plan.path.counted[st])
-    if not len(cut):
-        return None
-    cost = plan.scores.cost[cut]
-    usable = c.feasible[cut].any(axis=-1)
-    rated = np.where(usable, cost, np.inf)
-    first = rated.argmin(axis=2)[:, :, None]
-    best = np.take_along_axis(rated, first, axis=2)[:, :, 0]
-    known = np.take_along_axis(shown.known[cut], first, axis=2)[:, :, 0]
-    value = np.where(np.isfinite(best), best, np.nan)
-    if plan.scores.index != "deflection":
-        value = 1.0 / value
-    status = c.reason_of_rotation()[cut].copy()
-    status[(status == Reason.OK) & ~known] = Reason.NO_PATH
-    for reason, code in _STATUS.items():
-        status[status == reason] = code
-    travelled = np.cumsum(np.r_[0.0, np.linalg.norm(np.diff(plan.path.position, axis=0), axis=1)] * plan.path.counted)
-
-    def line(scored: Scored) -> Array:
-        ok = scored.assignment.reason == Reason.OK
-        return np.asarray(wrap(np.where(ok, scored.assignment.phi, np.nan)[st[cut]]))
-
-    return page.RotationMap(
-        s=travelled[st[cut]],
-        point=plan.path.index[st[cut]],
-        rotation=c.phi,
-        index=value,
-        status=status.astype(np.uint8),
-        chosen=line(plan.chosen),
-        jiao2022=line(plan.jiao2022),
-        cam_default=line(plan.cam_default),
-        collisions=_looked_for(plan, shown),
-    )
-
-
-def _looked_for(plan: Plan, shown: Mapped) -> str:
-    """How much of the map has been checked for collisions, in words."""
-    if plan.setup.collision is None:
-        return "Collisions were not looked for."
-    known, left = shown.looked_at, shown.open
-    some = f"{known:,} of {known + left:,} configurations within reach, limits and margins were checked for collisions"
-    if not shown.asked:
-        return (
-            f"{some}, where the choice wanted to go; dotted places are reachable, but not proven free "
-            "(--map-collisions full checks them all)."
-        )
-    if left:
-        return (
-            f"{some} in the {shown.seconds:.0f} s that --map-collisions full may take; dotted places were left and "
-            "are not proven free."
-        )
-    return f"{some} (--map-collisions full, {shown.seconds:.1f} s)."
-
-
-def _path_series(plan: Plan, toolpath: Toolpath, points: PointResults, series: dict[str, Array]) -> page.PathSeries:
-    t, counted = points.table, plan.path.counted[points.rows]
-
-    def only_cut(values: Array) -> Array:
-        return np.where(counted, values, np.nan)
-
-    return page.PathSeries(
-        s=_distance(toolpath),
-        operation=toolpath.operation,
-        cutting=counted,
-        index_default=only_cut(series["default"]),
-        index_jiao2022=only_cut(series["jiao2022"]),
-        index_chosen=only_cut(series["chosen"]),
-        k_axial=only_cut(t.k_axial),
-        k_normal=only_cut(t.k_normal),
-        k_jiao2022=only_cut(t.k_jiao_x),
-        deflection=only_cut(t.deflection),
-        tolerance=toolpath.tolerance,
-        clearance=t.clearance,
-        nearest_pair=points.nearest_pair,
-        singularity=t.singularity,
-        limit_margin=t.limit_margin,
-        shift=t.compensation,
-    )
-
-
-def _distance(toolpath: Toolpath) -> Array:
-    return np.asarray(np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(toolpath.position, axis=0), axis=1))])
-
-
-def _motion(plan: Plan, toolpath: Toolpath, timeline: Timeline | None) -> page.MotionSeries | None:
-    t = timeline.trajectory if timeline else None
-    if t is None:
-        return None
-    limits, dt = plan.setup.cell.limits, plan.options.sample
-    v = np.diff(t.q, axis=0, prepend=t.q[:1]) / dt
-    a = np.diff(v, axis=0, prepend=v[:1]) / dt
-    j = np.diff(a, axis=0, append=a[-1:]) / dt
-    known = np.isfinite(t.point)
-    s = np.where(known, np.interp(np.where(known, t.point, 0), np.arange(len(toolpath)), _distance(toolpath)), np.nan)
-    ends = np.where(known, np.ceil(np.where(known, t.point, 0) - 1e-9), 0).astype(int)
-    programmed = np.where(known & (t.move != Move.RAPID), toolpath.feed[ends], np.nan)
-    return page.MotionSeries(
-        time=t.time,
-        s=s,
-        q=t.q,
-        velocity_ratio=np.abs(v) / limits.velocity[:6],
-        joint_names=plan.setup.cell.arm_joints,
-        prismatic=(False,) * 6,
-        lower=limits.lower[:6],
-        upper=limits.upper[:6],
-        feed_programmed=programmed,
-        feed_actual=t.feed,
-        cutting=np.asarray(t.move == Move.CUT),
-        acceleration_ratio=np.abs(a) / limits.acceleration[:6],
-        jerk_ratio=np.abs(j) / limits.jerk[:6],
-    )
 
 
 def _dips(plan: Plan, timeline: Timeline | None) -> tuple[page.FeedDip, ...]:

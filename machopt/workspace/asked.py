@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.cell import Cell
-from machopt.errors import InputError
-from machopt.formats.yamlstrict import nearest
+from machopt.errors import InputError, nearest
 from machopt.se3 import inverse
 from machopt.workspace.fields import FIELDS, Load
 from machopt.workspace.postures import Pick

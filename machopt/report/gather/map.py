@@ -13,12 +13,12 @@ from machopt.domain.reason import Reason
 from machopt.domain.results.maps import MapResult
 from machopt.report.map_data import ArmLines, MapAxis, MapData, MapField, MapLayer, MeasuredView
 from machopt.se3 import inverse
-from machopt.services.map_measured import Comparison
-from machopt.services.map_request import MapOptions
-from machopt.services.map_result import DEG, MM, REASONS, Layer
+from machopt.workspace.asked import MapOptions
 from machopt.workspace.fields import Field, Setting
+from machopt.workspace.measured import Comparison
 from machopt.workspace.postures import Arm
 from machopt.workspace.samples import XYZ, Samples
+from machopt.workspace.told import DEG, MM, REASONS, Layer
 
 Array = NDArray[np.float64]
 

@@ -293,6 +293,22 @@ def terms_of(request: Request, robot: Robot, T_flange_tcp: Array) -> tuple[Linea
     return tuple(out)
 
 
+def enough_numbers(request: Request, dimensions: int, unknowns: int) -> None:
+    """Refuse fewer numbers than unknowns.
+
+    Raises:
+        InputError: how many poses would do.
+    """
+    numbers = request.poses * request.loads * dimensions
+    if numbers < unknowns:
+        least = -(-unknowns // (request.loads * dimensions))
+        raise InputError(
+            f"{request.poses} poses with {request.loads} loads give {numbers} numbers for {unknowns} unknowns; "
+            f"{least} poses at least, better twice as many",
+            where="--poses",
+        )
+
+
 def unchecked_poses(request: Request) -> tuple[str, ...]:
     """What the poses are not checked for, in the words of the verdict."""
     if request.no_collision:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.domain.points import PointsTable
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Toolpath
-from machopt.formats.tables import PointsTable
 from machopt.plan.explain import explain_points, gamma
 from machopt.plan.pipeline import Plan
 from machopt.plan.uncertainty import cost_gradient, spread_of

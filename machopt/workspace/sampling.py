@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from machopt.domain.cell import Cell
 from machopt.errors import InputError
 from machopt.se3 import inverse
-from machopt.services.map_request import MapOptions
+from machopt.workspace.asked import MapOptions
 from machopt.workspace.postures import Arm, candidates, tool_poses
 from machopt.workspace.samples import (
     XYZ,

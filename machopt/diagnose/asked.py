@@ -1,0 +1,44 @@
+"""What the user of ``machopt diagnose`` asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from os.path import isfile
+from pathlib import Path
+
+from machopt.errors import InputError
+
+
+@dataclass(frozen=True)
+class Request:
+    """One run."""
+
+    cell: Path
+    recordings: tuple[Path, ...]
+    out: Path
+    channel: str = "auto"
+    toolpath: Path | None = None
+    terms: tuple[Path, ...] = ()  # Python files with laws of the user's own
+    max_findings: int = 3
+    accept: tuple[str, ...] = ()
+    seed: int = 0
+    allow_external: bool = False
+
+
+def check(request: Request, kind: str) -> None:
+    """Refuse what cannot be diagnosed of a recording of this kind, before minutes of work.
+
+    Raises:
+        InputError: names the option, what was found and what would have worked.
+    """
+    if request.toolpath is not None and not isfile(request.toolpath):
+        raise InputError(
+            "there is no such file; a toolpath that optimize reads would work",
+            file=request.toolpath,
+            where="--toolpath",
+        )
+    if request.channel != "auto" and kind != "motion":
+        raise InputError(
+            f"found {request.channel}; channels are of a motion, this recording is of kind {kind!r}",
+            where="--channel",
+        )

@@ -1,0 +1,244 @@
+"""A whole diagnosis: record mended, problem set up, engine run; what was wrong with the record is told beside."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.arrays import Array
+from machopt.diagnose import absolute, at_joint, deflection, engine, motion, record, userterms
+from machopt.diagnose.history import History
+from machopt.diagnose.problem import Catalogue, Problem
+from machopt.diagnose.result import Diagnosis, Finding
+from machopt.diagnose.words import sentence
+from machopt.domain.cell import Cell
+from machopt.domain.recording import Recording
+from machopt.domain.stiffness import Stiffness
+from machopt.errors import InputError
+from machopt.identify.experiment import experiment
+from machopt.model.elastic import ArmElasticity
+from machopt.model.linkage import refuse_linked
+from machopt.model.robot import Masses, Robot, load_masses, load_robot
+
+GEOMETRIC = "geometric_stiffness"  # counted in any case
+
+
+@dataclass(frozen=True)
+class Examined:
+    """A diagnosis with what the files are written from."""
+
+    diagnosis: Diagnosis
+    problem: Problem
+    recording: Recording
+
+
+def at_rest(
+    cell: Cell,
+    recording: Recording,
+    options: engine.Options,
+    laws: list[tuple[str, userterms.Offer]],
+    *,
+    accept: tuple[str, ...],
+    seed: int,
+) -> Examined:
+    """Load tests and poses.
+
+    Args:
+        cell: the robot cell.
+        recording: of kind deflection or absolute.
+        options: of the engine.
+        laws: of the user's own.
+        accept: findings about the record that are not to be mended.
+        seed: of every random choice.
+
+    Raises:
+        InputError: a recording that cannot be right, or is too small for any answer.
+    """
+    refuse_linked(cell, "diagnose")
+    robot, T = load_robot(cell), cell.tool.T_flange_tcp
+    masses = _masses(cell)
+    prior = None if cell.stiffness is None else cell.stiffness.joints
+    if laws and recording.kind != "deflection":
+        raise InputError(
+            "laws of your own are tried on load tests (kind deflection) only", where="--terms", file=recording.source
+        )
+    options.progress("checking the record")
+    recording, mended, warnings = record.mend(recording, robot, T, prior, accept)
+    copies = record.copied(recording)
+    said = [*recording.warnings, *warnings]
+    if recording.kind == "deflection":
+        known = None
+        if cell.stiffness is not None:
+            limits = cell.limits.lower[:6], cell.limits.upper[:6]
+            ArmElasticity(robot, T, cell.stiffness, limits, masses)  # refuses what no plan could use either
+            terms = tuple(t for t in cell.stiffness.terms if t.effect != GEOMETRIC)
+            known = Stiffness(cell.stiffness.joints, terms=terms)
+        d, problem = _load_tests(seed, recording, robot, T, masses, laws, known, copies, options)
+        held = () if known is None else known.terms
+        again = {(f.effect, f.location) for f in d.findings} & {(t.effect, t.location) for t in held}
+        if known is not None and again:  # a law that the cell holds already is fitted anew, not on top of itself
+            options.progress("once more without what the cell holds of it")
+            known = replace(known, terms=tuple(t for t in held if (t.effect, t.location) not in again))
+            d, problem = _load_tests(seed, recording, robot, T, masses, laws, known, copies, options)
+        notes: tuple[str, ...] = ()
+        if held:
+            notes = (f"the cell's own terms count as known: {', '.join(f'{t.effect} {t.location}' for t in held)}",)
+    else:
+        rng = np.random.default_rng(seed)
+        problem, catalogue, notes = absolute.build(recording, cell, robot, masses, rng)
+        problem = replace(problem, time=recording.time, excluded=copies if copies.any() else None)
+        _refuse_too_few(problem, recording)
+        d = engine.diagnose(problem, catalogue, replace(options, predicted="poses"), rng)
+    gross = record.outliers(recording, d, copies, problem)
+    return Examined(_with_record(d, mended, gross, notes, tuple(said)), problem, recording)
+
+
+def _load_tests(
+    seed: int,
+    recording: Recording,
+    robot: Robot,
+    T: Array,
+    masses: Masses | None,
+    laws: list[tuple[str, userterms.Offer]],
+    known: Stiffness | None,
+    copies: NDArray[np.bool_],
+    options: engine.Options,
+) -> tuple[Diagnosis, Problem]:
+    tests = record.where_it_stands(experiment(recording, robot, T), recording, robot, T, masses)
+    memo: dict[str, History] = {}
+    terms = None
+    if known is not None and known.terms:  # what they add to the springs
+        r = deflection.readings_of(recording, tests, robot, T, masses, 1.0 / known.joints, memo)
+        lived, settled = at_joint.lived_through(r, known.terms)
+        whole = ArmElasticity(robot, T, replace(known, terms=settled), masses=masses).at(recording.q)
+        springs = ArmElasticity(robot, T, Stiffness(known.joints)).at(recording.q)
+        terms = lived + whole.respond(tests.wrench) - springs.respond(tests.wrench)
+
+    def build(compliance: Array | None) -> tuple[Problem, Catalogue]:
+        problem, catalogue, readings = deflection.build(recording, tests, robot, T, masses, compliance, memo, terms)
+        own = userterms.offered(laws, readings)
+        return problem, replace(catalogue, hypotheses=(*catalogue.hypotheses, *own))
+
+    problem, catalogue = build(None)
+    if copies.any():
+        problem = replace(problem, excluded=copies)
+    _refuse_too_few(problem, recording)
+    rebuild = _excluding(lambda x: build(np.maximum(x[:6], 0.0)), copies)
+    rng = np.random.default_rng(seed)
+    d = engine.diagnose(problem, catalogue, replace(options, predicted="load tests"), rng, rebuild)
+    return d, problem
+
+
+def _refuse_too_few(problem: Problem, recording: Recording) -> None:
+    """Raise where what is refitted in any case could make up every reading."""
+    unknowns = sum(u.prior is None for u in problem.unknowns)
+    distinct = min(len(problem), 2 * len(np.unique(problem.group)))  # more repeats of one posture tell no more
+    if distinct * problem.dimensions > unknowns and problem.y.size >= 2 * unknowns:
+        return
+    poses = len(np.unique(problem.group))
+    raise InputError(
+        f"{len(problem)} reading{'' if len(problem) == 1 else 's'} of {problem.dimensions} coordinates in {poses} "
+        f"pose{'' if poses == 1 else 's'} cannot be held against a model that refits {unknowns} numbers to them; ten "
+        "poses or more would work (machopt plan-poses chooses them)",
+        file=recording.source,
+    )
+
+
+def _excluding(rebuild: engine.Rebuild, rows: NDArray[np.bool_]) -> engine.Rebuild:
+    if not rows.any():
+        return rebuild
+
+    def again(x: Array) -> tuple[Problem, Catalogue]:
+        problem, catalogue = rebuild(x)
+        return replace(problem, excluded=rows), catalogue
+
+    return again
+
+
+def in_motion(
+    cell: Cell, recording: Recording, options: engine.Options, *, asked: str, seed: int, toolpath: bool
+) -> Examined:
+    """Time series.
+
+    Args:
+        cell: the robot cell.
+        recording: of kind motion.
+        options: of the engine.
+        asked: the channel, or "auto".
+        seed: of every random choice.
+        toolpath: what it changes for one is asked for too.
+
+    Raises:
+        InputError: joints, signals or a channel that lead nowhere.
+    """
+    motion.refuse_other_joints(recording, cell)
+    if toolpath and (len(cell.arm_joints) != 6 or cell.arm_prismatic):
+        raise InputError(
+            "a toolpath needs an arm of six revolute joints; without it the motion is diagnosed all the same",
+            where="--toolpath",
+        )
+    possible = motion.channels(recording, cell)
+    if not possible:
+        raise InputError(
+            "nothing that was recorded can be predicted: joint torque with inertias in the URDF, link-side encoders "
+            "(qse1_deg …) or a tracked TCP (x_mm …) would work"
+            + (
+                "; of current1_A … nothing says the torque: times torque constant and gear ratio it is tau1_Nm"
+                if recording.current is not None
+                else ""
+            ),
+            file=recording.source,
+        )
+    channel = possible[0] if asked == "auto" else asked
+    if channel not in possible:
+        raise InputError(f"found {channel}; this recording allows {', '.join(possible)}", where="--channel")
+    rng = np.random.default_rng(seed)
+    options.progress(f"signals and equations, channel {channel}")
+    problem, catalogue, notes, found = motion.build(recording, cell, channel, rng)
+    words = {
+        "torque": "stretches of joint torque",
+        "link": "stretches of link-side position",
+        "tip": "stretches of tip",
+    }
+    d = engine.diagnose(problem, catalogue, replace(options, predicted=words[channel]), rng)
+    # what leaves the record as it is, like a lag behind the command, changes no error of this channel
+    beside = [f if f.record else replace(f, before=d.heldout_before, after=d.heldout_before) for f in found]
+    return Examined(_with_record(d, beside, None, notes, recording.warnings), problem, recording)
+
+
+def _with_record(
+    d: Diagnosis, mended: list[Finding], gross: Finding | None, notes: tuple[str, ...], warnings: tuple[str, ...]
+) -> Diagnosis:
+    """The diagnosis with what was wrong with the record: mended things first, gross rows last."""
+    findings = (*mended, *d.findings, *(() if gross is None else (gross,)))
+    before, explained, verdict = d.heldout_before, d.explained, d.verdict
+    if mended:  # the record was part of the mismatch: counted from what it left as it was
+        before = max([before, *(f.before for f in mended if np.isfinite(f.before))])
+        beyond, left = before**2 - d.noise_floor**2, max(d.heldout_after**2 - d.noise_floor**2, 0.0)
+        explained = float(np.clip(1.0 - left / beyond, 0.0, 1.0)) if beyond > 0 else d.explained
+    if len(findings) > len(d.findings):
+        verdict = (
+            "explained"
+            if d.verdict in ("consistent", "explained") or explained >= engine.CLOSED
+            else ("partly_explained")
+        )
+    out = replace(
+        d,
+        findings=findings,
+        verdict=verdict,
+        heldout_before=before,
+        explained=explained,
+        notes=(*d.notes, *notes),
+        warnings=warnings,
+    )
+    return replace(out, sentence=sentence(out)) if findings != d.findings else out
+
+
+def _masses(cell: Cell) -> Masses | None:
+    try:
+        masses = load_masses(cell)
+    except InputError:
+        return None
+    return masses if masses.mass.sum() > 0 else None

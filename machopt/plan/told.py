@@ -1,0 +1,112 @@
+"""What result.json tells of a plan, part by part."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from machopt.domain.results import optimize as told
+from machopt.plan.breaks import Break
+from machopt.plan.certificate import certificate
+from machopt.plan.compensate import residual
+from machopt.plan.explain import help_of
+from machopt.plan.pipeline import Plan, Scored
+from machopt.plan.points import PointResults, reason_of
+from machopt.plan.retime import Dip
+from machopt.plan.uncertainty import Gain
+
+
+def infeasible_told(the_plan: Plan, points: PointResults) -> Iterator[told.InfeasiblePoint]:
+    for p in the_plan.missing:
+        if the_plan.path.is_point[p]:
+            row = round(the_plan.path.index[p])
+            yield told.InfeasiblePoint(
+                point=row,
+                status=reason_of(the_plan, p).word,
+                reason=points.table.reason[row],
+                help=help_of(the_plan, p),
+            )
+
+
+def break_told(b: Break) -> told.BreakTold:
+    """Two places that no motion joins; the model writes what is not finite as null."""
+    return told.BreakTold(
+        from_point=b.before,
+        to_point=b.after,
+        code=b.code,
+        reason=b.text,
+        help=b.help,
+        joint=b.joint or None,
+        value_deg=b.value,
+        limit_deg=b.limit,
+        pair=b.pair or None,
+    )
+
+
+def dip_told(d: Dip) -> told.FeedDip:
+    return told.FeedDip(
+        first_point=d.first, last_point=d.last, lowest_ratio=d.ratio, where=d.where, axis=d.joint, limit=d.limit
+    )
+
+
+def objective_told(scored: Scored) -> told.ChoiceObjective:
+    feasible = int((scored.assignment.reason == 0).sum())
+    return told.ChoiceObjective(**vars(scored.objective), feasible_share=feasible / len(scored.assignment.reason))
+
+
+def search_told(the_plan: Plan) -> told.SearchBound | None:
+    """How good the plan is at least, against the grid; null where it has breaks or gaps to go round."""
+    found = certificate(the_plan)
+    if found is None:
+        return None
+    return told.SearchBound(
+        sequence=found.sequence,
+        lower_bound=found.bound,
+        gap_percent=100.0 * found.gap,
+        beyond_grid_percent=100.0 * found.beyond,
+    )
+
+
+def gain_told(gain: Gain) -> told.MeanGain:
+    """How much less the mean cost is: of deflection, or of compliance where no force is given; null where unknown."""
+    low, high = gain.interval
+    return told.MeanGain(
+        over=gain.over,
+        mean_percent=100.0 * gain.mean,
+        std_percent=100.0 * gain.std,
+        ci90=(100.0 * low, 100.0 * high) if np.isfinite(gain.std) else None,
+        distinguishable=gain.distinguishable if np.isfinite(gain.mean) else None,
+    )
+
+
+def compensation_told(the_plan: Plan) -> told.CompensationTold | None:
+    found = residual(the_plan)
+    if found is None:
+        return None
+    length = the_plan.compensation.length if the_plan.compensation else float("nan")
+    return told.CompensationTold(
+        length_mm=1e3 * length,
+        max_mm=1e3 * found.shift_worst,
+        mean_mm=1e3 * found.shift_mean,
+        uncompensated_mean_mm=1e3 * found.uncompensated,
+        residual_max_mm=1e3 * found.worst,
+        residual_mean_mm=1e3 * found.mean,
+    )
+
+
+def worst_told(the_plan: Plan, points: PointResults) -> told.WorstPoint | None:
+    cost = np.where(the_plan.path.counted, the_plan.chosen.cost, np.nan)[points.rows]
+    if not np.isfinite(cost).any():
+        return None
+    i = int(np.nanargmax(cost))
+    t = points.table
+    return told.WorstPoint(
+        point=i,
+        k_axial_N_mm=t.k_axial[i] / 1e3,
+        k_normal_N_mm=t.k_normal[i] / 1e3,
+        deflection_mm=t.deflection[i] * 1e3,
+        gamma_deg=float(np.degrees(t.gamma[i])),
+        k_jiao_x_N_mm=t.k_jiao_x[i] / 1e3,
+        q_deg=np.degrees(t.q[i]).round(4),
+    )

@@ -1,0 +1,74 @@
+"""The rotation map of the report of optimize."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.domain.reason import Reason
+from machopt.plan.mapped import Mapped
+from machopt.plan.pipeline import Plan, Scored
+from machopt.report import data as page
+from machopt.se3 import wrap
+
+_STATUS = {Reason.BOUNDS: 2, Reason.NO_PATH: 7}  # the page's codes where they differ from Reason's
+
+
+def rotation_map(plan: Plan, shown: Mapped) -> page.RotationMap | None:
+    """Best branch per station and rotation, marked where its pose was not looked at for collisions.
+
+    Rotation is shown as gamma's carried reference, phi.
+    """
+    st, c = plan.path.stations, shown.candidates
+    cut = np.flatnonzero(plan.path.counted[st])
+    if not len(cut):
+        return None
+    cost = plan.scores.cost[cut]
+    usable = c.feasible[cut].any(axis=-1)
+    rated = np.where(usable, cost, np.inf)
+    first = rated.argmin(axis=2)[:, :, None]
+    best = np.take_along_axis(rated, first, axis=2)[:, :, 0]
+    known = np.take_along_axis(shown.known[cut], first, axis=2)[:, :, 0]
+    value = np.where(np.isfinite(best), best, np.nan)
+    if plan.scores.index != "deflection":
+        value = 1.0 / value
+    status = c.reason_of_rotation()[cut].copy()
+    status[(status == Reason.OK) & ~known] = Reason.NO_PATH
+    for reason, code in _STATUS.items():
+        status[status == reason] = code
+    travelled = np.cumsum(np.r_[0.0, np.linalg.norm(np.diff(plan.path.position, axis=0), axis=1)] * plan.path.counted)
+
+    def line(scored: Scored) -> Array:
+        ok = scored.assignment.reason == Reason.OK
+        return np.asarray(wrap(np.where(ok, scored.assignment.phi, np.nan)[st[cut]]))
+
+    return page.RotationMap(
+        s=travelled[st[cut]],
+        point=plan.path.index[st[cut]],
+        rotation=c.phi,
+        index=value,
+        status=status.astype(np.uint8),
+        chosen=line(plan.chosen),
+        jiao2022=line(plan.jiao2022),
+        cam_default=line(plan.cam_default),
+        collisions=_looked_for(plan, shown),
+    )
+
+
+def _looked_for(plan: Plan, shown: Mapped) -> str:
+    """How much of the map has been checked for collisions, in words."""
+    if plan.setup.collision is None:
+        return "Collisions were not looked for."
+    known, left = shown.looked_at, shown.open
+    some = f"{known:,} of {known + left:,} configurations within reach, limits and margins were checked for collisions"
+    if not shown.asked:
+        return (
+            f"{some}, where the choice wanted to go; dotted places are reachable, but not proven free "
+            "(--map-collisions full checks them all)."
+        )
+    if left:
+        return (
+            f"{some} in the {shown.seconds:.0f} s that --map-collisions full may take; dotted places were left and "
+            "are not proven free."
+        )
+    return f"{some} (--map-collisions full, {shown.seconds:.1f} s)."

@@ -1,0 +1,71 @@
+"""Curves of the report of optimize: values along the path, the motion."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.domain.toolpath import Move, Toolpath
+from machopt.plan.pipeline import Plan
+from machopt.plan.points import PointResults
+from machopt.plan.timeline import Timeline
+from machopt.report import data as page
+
+
+def path_series(plan: Plan, toolpath: Toolpath, points: PointResults, series: dict[str, Array]) -> page.PathSeries:
+    t, counted = points.table, plan.path.counted[points.rows]
+
+    def only_cut(values: Array) -> Array:
+        return np.where(counted, values, np.nan)
+
+    return page.PathSeries(
+        s=distance(toolpath),
+        operation=toolpath.operation,
+        cutting=counted,
+        index_default=only_cut(series["default"]),
+        index_jiao2022=only_cut(series["jiao2022"]),
+        index_chosen=only_cut(series["chosen"]),
+        k_axial=only_cut(t.k_axial),
+        k_normal=only_cut(t.k_normal),
+        k_jiao2022=only_cut(t.k_jiao_x),
+        deflection=only_cut(t.deflection),
+        tolerance=toolpath.tolerance,
+        clearance=t.clearance,
+        nearest_pair=points.nearest_pair,
+        singularity=t.singularity,
+        limit_margin=t.limit_margin,
+        shift=t.compensation,
+    )
+
+
+def distance(toolpath: Toolpath) -> Array:
+    return np.asarray(np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(toolpath.position, axis=0), axis=1))])
+
+
+def motion_series(plan: Plan, toolpath: Toolpath, timeline: Timeline | None) -> page.MotionSeries | None:
+    t = timeline.trajectory if timeline else None
+    if t is None:
+        return None
+    limits, dt = plan.setup.cell.limits, plan.options.sample
+    v = np.diff(t.q, axis=0, prepend=t.q[:1]) / dt
+    a = np.diff(v, axis=0, prepend=v[:1]) / dt
+    j = np.diff(a, axis=0, append=a[-1:]) / dt
+    known = np.isfinite(t.point)
+    s = np.where(known, np.interp(np.where(known, t.point, 0), np.arange(len(toolpath)), distance(toolpath)), np.nan)
+    ends = np.where(known, np.ceil(np.where(known, t.point, 0) - 1e-9), 0).astype(int)
+    programmed = np.where(known & (t.move != Move.RAPID), toolpath.feed[ends], np.nan)
+    return page.MotionSeries(
+        time=t.time,
+        s=s,
+        q=t.q,
+        velocity_ratio=np.abs(v) / limits.velocity[:6],
+        joint_names=plan.setup.cell.arm_joints,
+        prismatic=(False,) * 6,
+        lower=limits.lower[:6],
+        upper=limits.upper[:6],
+        feed_programmed=programmed,
+        feed_actual=t.feed,
+        cutting=np.asarray(t.move == Move.CUT),
+        acceleration_ratio=np.abs(a) / limits.acceleration[:6],
+        jerk_ratio=np.abs(j) / limits.jerk[:6],
+    )

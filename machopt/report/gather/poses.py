@@ -1,0 +1,120 @@
+"""The page of a measurement plan from the plan."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+import machopt
+from machopt.arrays import Array
+from machopt.design.asked import Request, shown
+from machopt.design.candidates import PosePool
+from machopt.design.loadcases import LoadCases
+from machopt.design.maximin import needed_noncentrality
+from machopt.design.poseplan import PosePlan
+from machopt.diagnose.apart.separate import Discriminating, described
+from machopt.domain.cell import Cell
+from machopt.domain.poses import PosesTable
+from machopt.model.robot import Robot
+from machopt.report import poses_page as page
+
+
+def page_of(
+    request: Request,
+    cell: Cell,
+    robot: Robot,
+    pool: PosePool,
+    cases: LoadCases,
+    plan: PosePlan | None,
+    table: PosesTable | None,
+    hashes: dict[str, str],
+    warnings: Sequence[str],
+    apart: Discriminating | None = None,
+) -> page.PosesPage:
+    """Everything the page shows."""
+    common: dict[str, Any] = {
+        "title": f"{'Load tests' if apart is None else 'Next measurement'} for {cell.name}",
+        "cell": cell.name,
+        "version": machopt.__version__,
+        "tried": pool.tried,
+        "passed": len(pool),
+        "cases": len(cases),
+        "rejected_poses": tuple(pool.rejected.items()),
+        "rejected_loads": tuple(cases.rejected.items()),
+        "warnings": tuple(warnings),
+        "options": tuple(shown(request)),
+        "hashes": tuple(hashes.items()),
+    }
+    if plan is None or table is None:
+        return page.PosesPage(**common, reason=warnings[-1])
+    u = plan.unknowns
+    chosen = pool.q[plan.cases.pose[[b[0] for b in plan.design.blocks]]]
+    heuristics = tuple(
+        page.Heuristic(c.name, SOURCES[c.name], c.poses, c.sigma, c.rms, c.efficiency, c.readings, np.array(c.curve))
+        for c in plan.comparisons
+    )
+    rows = (
+        ()
+        if apart is None
+        else tuple(
+            page.Apart(described(p), p.why, p.per_cycle, p.planned, p.cycles, p.until, p.random, p.advice)
+            for p in apart.pairs
+        )
+    )
+    return page.PosesPage(
+        **common,
+        apart=rows,
+        rounds=0 if apart is None else apart.noise.cycles,
+        enough=needed_noncentrality(),
+        unknowns=u.names,
+        relative=u.relative,
+        sigma=plan.found.sigma,
+        rms=plan.found.rms(plan.judged),
+        condition=plan.found.condition,
+        bound=plan.bound,
+        poses=len(chosen),
+        readings=len(table),
+        per_pose=request.loads * len(plan.visits) // max(len(plan.design.readings), 1),
+        heuristics=heuristics,
+        curve_poses=plan.curve_poses,
+        curve=np.array(plan.curve),
+        target=_share(request.target_percent),
+        needed=plan.needed,
+        cloud=pool.T_base_tcp[:CLOUD, :3, 3],
+        arms=_arm_points(robot, chosen, cell),
+        work=page.Work(
+            table.session,
+            table.pose,
+            table.cycle,
+            table.q,
+            table.load,
+            np.linalg.norm(table.displacement[:, :3], axis=1),
+            table.kci,
+            table.nu_p,
+            table.clearance,
+            table.way_free,
+        ),
+    )
+
+
+def _share(percent: float | None) -> float:
+    return float("nan") if percent is None else percent / 100
+
+
+def _arm_points(robot: Robot, q: Array, cell: Cell) -> Array:
+    """(B, 8, 3) m: points on the six axes, flange and TCP of each pose, in base_link."""
+    bodies = robot.link_poses(q)
+    on_axes = [np.einsum("bij,j->bi", bodies[:, i, :3, :3], robot.point[i]) + bodies[:, i, :3, 3] for i in range(6)]
+    ends = [robot.fk(q)[:, :3, 3], robot.fk(q, cell.tool.T_flange_tcp)[:, :3, 3]]
+    return np.stack([*on_axes, *ends], axis=1)
+
+
+CLOUD = 600  # candidates drawn on the page
+SOURCES = {
+    "random": "any pose that can be reached and loaded",
+    "dumas2011": "zones of good dexterity with low ν_p",
+    "zhang2025": "KCI above 0.45",
+    "jiao2022": "corners and centre of a cube, ±10°",
+}

@@ -1,0 +1,82 @@
+"""Files of ``machopt diagnose`` beside result and page, and what it says of a toolpath."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.diagnose.problem import Problem
+from machopt.diagnose.result import Diagnosis
+from machopt.domain.cell import Cell
+from machopt.domain.kinematics import KinematicCorrection, Kinematics
+from machopt.domain.recording import Recording
+from machopt.domain.results.diagnosis import EffectOnJob
+from machopt.domain.stiffness import Stiffness
+from machopt.effects.corrections import extended
+from machopt.formats.kinematics import write_kinematics
+from machopt.formats.options import load_options
+from machopt.formats.residuals import write_residuals_csv
+from machopt.formats.stiffness import load_stiffness, write_stiffness
+from machopt.formats.toolpath import read_toolpath
+from machopt.report.gather.diagnose import places_of
+from machopt.services.knownrobot import known_robot
+
+Array = NDArray[np.float64]
+
+_UNITS = {"N·m": "Nm", "µm": "um"}  # in column names
+
+
+def write_residuals(
+    path: Path, recording: Recording | Sequence[Recording], diagnosis: Diagnosis, problem: Problem | None = None
+) -> None:
+    """``residuals.csv``: line, pose, session, used, and the residual before and after in each coordinate."""
+    page = places_of(recording, diagnosis, problem)
+    prefix = "d" if diagnosis.channel == "deflection" else ""
+    names = [
+        f"{prefix if c.name in 'xyz' else ''}{c.name.replace(' ', '')}_{_UNITS.get(c.unit, c.unit)}"
+        for c in page["coordinates"]
+    ]
+    write_residuals_csv(
+        path,
+        row=page["row"],
+        line=page["line"],
+        file=page["file"],
+        pose=page["pose"],
+        session=page["session"],
+        used=diagnosis.used,
+        names=names,
+        factors=[c.factor for c in page["coordinates"]],
+        before=diagnosis.errors.residual,
+        after=diagnosis.errors.final,
+    )
+
+
+def write_model(folder: Path, stiffness: Stiffness | None) -> str | None:
+    if stiffness is None:
+        return None
+    write_stiffness(folder / "stiffness.yaml", stiffness)
+    load_stiffness(folder / "stiffness.yaml")  # what optimize cannot read is not written
+    return "stiffness.yaml"
+
+
+def write_corrections(folder: Path, cell: Cell, d: Diagnosis) -> str | None:
+    found = tuple(f.correction for f in d.findings if isinstance(f.correction, KinematicCorrection))
+    if not found:
+        return None
+    known: Kinematics | None = cell.kinematics
+    write_kinematics(folder / "kinematics.yaml", extended(known, found))
+    return "kinematics.yaml"
+
+
+def effect_of(
+    cell: Cell, toolpath: Path | None, before: Stiffness | None, after: Stiffness | None
+) -> EffectOnJob | None:
+    """What the findings change for a toolpath; None without one, or without two models to compare."""
+    if toolpath is None or after is None or before is None:
+        return None
+    from machopt.diagnose.onjob import effect_on_job  # the planner takes a second to load
+
+    return effect_on_job(cell, before, after, read_toolpath(toolpath, robot=known_robot(cell)), load_options(cell.plan))

@@ -1,0 +1,82 @@
+"""What ``machopt optimize`` was asked, loaded and refused where no plan could answer it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from machopt.domain.cell import Cell
+from machopt.domain.manifest import Manifest
+from machopt.domain.options import PlanOptions
+from machopt.domain.toolpath import Toolpath
+from machopt.formats.cell import load_cell
+from machopt.formats.options import load_options
+from machopt.formats.posts.densify import Tolerance
+from machopt.formats.toolpath import read_toolpath
+from machopt.plan.drive import refuse_fixed_beyond, refuse_wrong_unit
+from machopt.plan.front import refuse
+from machopt.postprocess.wanted import Wanted, is_post_file, wanted_posts
+from machopt.recheck.posts import tolerance_of
+from machopt.services.knownrobot import known_robot
+from machopt.services.manifest import optimize_manifest
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the user asked for."""
+
+    cell: Path
+    toolpath: Path
+    out: Path
+    plan_file: Path | None = None
+    overrides: tuple[str, ...] = ()
+    direct: dict[str, object] | None = None  # options by their user key, e.g. {"method": "jiao2022"}
+    reading: dict[str, Any] = field(default_factory=dict)  # keywords of formats.toolpath.read_toolpath
+    allow_external: bool = False
+    posts: tuple[str, ...] = ()  # names or template files; none: the cell's own
+    front: bool = False  # further plans with other weights, for the trade-off
+    program_tolerance_mm: float | None = None  # 0.05, or twice path_tolerance_mm where that is more
+    effects: tuple[Path, ...] = ()  # Python files with effects of the user's own, which stiffness.yaml may hold
+    map_all: bool = False  # look for the collisions of every configuration, for the report's map
+
+
+@dataclass(frozen=True, kw_only=True)
+class Loaded:
+    """Everything a plan is made from."""
+
+    cell: Cell
+    options: PlanOptions
+    toolpath: Toolpath
+    posts: tuple[Wanted, ...]
+    tolerance: Tolerance  # of the programs
+    manifest: Manifest  # without files
+
+
+def load(request: Request) -> Loaded:
+    """Read every file that was named.
+
+    Raises:
+        InputError: bad cell, toolpath, options or post.
+    """
+    cell = load_cell(request.cell, allow_external=request.allow_external)
+    options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
+    posts, tolerance = wanted_posts(cell, request.posts), tolerance_of(request.program_tolerance_mm, options)
+    toolpath = read_toolpath(request.toolpath, robot=known_robot(cell), **request.reading)
+    if request.front:
+        refuse(options)
+    refuse_fixed_beyond(toolpath, options)
+    if not options.allow_gaps:
+        refuse_wrong_unit(cell, toolpath, request.toolpath, stated="unit" in request.reading)
+    manifest = optimize_manifest(
+        cell,
+        request.toolpath,
+        toolpath,
+        options,
+        reading=request.reading,
+        plan_file=request.plan_file,
+        post_files=[Path(text) for text in request.posts if is_post_file(text)],
+        effects=request.effects,
+        tolerance=tolerance,
+    )
+    return Loaded(cell=cell, options=options, toolpath=toolpath, posts=posts, tolerance=tolerance, manifest=manifest)

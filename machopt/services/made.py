@@ -1,0 +1,71 @@
+"""Everything one run of ``machopt optimize`` came to, before it is told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from machopt.domain.cell import Cell
+from machopt.domain.manifest import Manifest, ManifestProgram, with_scope
+from machopt.domain.options import PlanOptions
+from machopt.domain.toolpath import Toolpath
+from machopt.plan.front import Point
+from machopt.plan.pipeline import Plan
+from machopt.plan.points import PointResults
+from machopt.plan.timeline import Timeline
+from machopt.postprocess.written import Written, read_back
+from machopt.recheck.scope import done, not_run
+from machopt.verify import Verification
+
+
+@dataclass(frozen=True, kw_only=True)
+class Made:
+    """Everything one run came to, before it is told."""
+
+    cell: Cell
+    toolpath: Toolpath
+    options: PlanOptions
+    plan: Plan
+    points: PointResults
+    timeline: Timeline | None
+    verification: Verification | None
+    programs: tuple[Written, ...]
+    front: tuple[Point, ...] = ()  # the trade-off, where it was asked for
+    manifest: Manifest  # without files; names inputs, reading options and what is not checked
+
+    @property
+    def exit_code(self) -> int:
+        """0 done, 3 no feasible answer, 4 verification failed."""
+        if self.timeline is None or self.timeline.trajectory is None:
+            return 3
+        held = self.verification is None or self.verification.ok
+        return 0 if held and all(p.ok for p in self.programs) else 4
+
+    @property
+    def verdict(self) -> str:
+        """The verdict with what it does not cover."""
+        word = {3: "infeasible", 4: "verification failed"}.get(self.exit_code)
+        word = word or self._gaps
+        return with_scope(word, self.unchecked)
+
+    @property
+    def unchecked(self) -> tuple[str, ...]:
+        """What the verdict does not cover."""
+        return (*self.manifest.unchecked, *(not_run(self.verification.checks) if self.verification else ()))
+
+    @property
+    def _gaps(self) -> str:
+        """How much of the toolpath is done."""
+        path, missing = self.plan.path, self.plan.missing
+        points = missing[path.is_point[missing]]
+        cut = int(path.counted[points].sum())
+        return done(cut, len(points) - cut)
+
+    def with_programs(self, programs: tuple[Written, ...]) -> Made:
+        """The same with these programs, in the manifest too; one that is withheld has no files."""
+        named = tuple(ManifestProgram(p.label, p.files) for p in programs if p.files)
+        said = tuple(f"{p.files[0]}: {text}" for p in programs if p.files for text in (*p.unstarted, *p.assumed))
+        return replace(self, programs=programs, manifest=replace(self.manifest, programs=named, warnings=said))
+
+    def verified(self, found: Verification) -> Made:
+        """The same with what the verification found, of each program too."""
+        return replace(self, verification=found, programs=read_back(self.programs, found))
