@@ -26,11 +26,32 @@ ROOT = Path(__file__).resolve().parents[1]
 pytestmark = pytest.mark.slow
 
 
+Planned = tuple[Plan, Toolpath, Timeline]
+
+
 @cache
-def job(cell: str, name: str) -> tuple[Plan, Toolpath, Timeline]:
-    t = read_toolpath(ROOT / "toolpaths" / name)
+def job(cell: str, name: str) -> Planned:
+    return _planned(cell, ROOT / "toolpaths" / name)
+
+
+def _planned(cell: str, file: Path) -> Planned:
+    t = read_toolpath(file)
     p = plan(load_cell(ROOT / "cells" / cell), t, PlanOptions(collision=False))
     return p, t, build_timeline(p, t)
+
+
+@pytest.fixture(scope="module")
+def two_rows(tmp_path_factory: pytest.TempPathFactory) -> Planned:
+    """The first two of the panel's ten rows of holes: every kind of move, both turns of the tool axis between rows.
+
+    The posts of samples write and read a line every few milliseconds, so that ten rows would take five times as long.
+    """
+    head, *rows = (ROOT / "toolpaths" / "panel_holes.csv").read_text(encoding="utf-8").splitlines(keepends=True)[1:]
+    file = tmp_path_factory.mktemp("two_rows") / "panel_holes.csv"
+    file.write_text(head + "".join(r for r in rows if r.strip().endswith(("row 1", "row 2"))), encoding="utf-8")
+    found = _planned("kr240_drilling", file)
+    assert len(found[1].operations) == 2
+    return found
 
 
 def drawn(p: RobotProgram, k: int, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -100,8 +121,17 @@ def test_operations_moves_and_events_are_those_of_the_toolpath() -> None:
 
 
 @pytest.mark.parametrize("post", post_names())
-def test_every_post_writes_the_job_and_it_comes_back(tmp_path: Path, post: str) -> None:
-    the_plan, t, timeline = job("kr240_drilling", "panel_holes.csv")
+def test_every_post_writes_the_job_and_it_comes_back(tmp_path: Path, post: str, two_rows: Planned) -> None:
+    _comes_back(tmp_path, post, two_rows)
+
+
+@pytest.mark.parametrize("post", ["krl", "urscript_movep"])  # one that may turn any way between points, one in lines
+def test_the_whole_panel_comes_back(tmp_path: Path, post: str) -> None:
+    _comes_back(tmp_path, post, job("kr240_drilling", "panel_holes.csv"))
+
+
+def _comes_back(tmp_path: Path, post: str, planned: Planned) -> None:
+    the_plan, t, timeline = planned
     cell = the_plan.setup.cell
     known = replace(cell, controller=replace(cell.controller, nonflip_j5="negative"))
     the_plan = replace(the_plan, setup=replace(the_plan.setup, cell=known))
