@@ -13,10 +13,12 @@ from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.output.hashes import digest, sha256_of
+from machopt.recheck import folder as contents
 from machopt.recheck.inforce import Request
 from machopt.services import verify as service
+from machopt.services.inputs import cell_inputs, distinct, single
 from machopt.services.verify import verify
-from machopt.verify import Verification
+from machopt.verify import Check, Verification
 from machopt.verify.table import Motion
 
 PARTS = sorted(p.stem for p in (Path(__file__).parent / "damages").glob("*.py") if p.stem not in ("__init__", "damage"))
@@ -41,12 +43,12 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Job]:
 def _remembered(monkeypatch: pytest.MonkeyPatch) -> None:
     """Cells and tables of the same bytes are read and checked once: most rows damage neither, and it takes a second."""
     monkeypatch.setattr(service, "load_cell", _load_cell)
-    monkeypatch.setattr(service, "verify_output", _verify_output)
+    monkeypatch.setattr(contents, "verify_output", _verify_output)
 
 
 _CELLS: dict[str, Cell] = {}
 _FOUND: dict[str, Verification] = {}
-_READ, _CHECKED = service.load_cell, service.verify_output
+_READ, _CHECKED = service.load_cell, contents.verify_output
 
 
 def _bytes_of(folder: Path, pattern: str = "*") -> str:
@@ -84,14 +86,35 @@ def test_the_intact_plan_passes(name: str, planned: Callable[[str], Job], tmp_pa
     assert found_in(job).failed == ()
 
 
+def _says(damage: Damage) -> bool:
+    """Whether the content gives it away, too."""
+    return damage.reseal and not damage.by_hash_alone
+
+
 @pytest.mark.parametrize("damage", DAMAGES, ids=lambda d: d.name)
 def test_a_damage_is_caught_by_hash(damage: Damage, planned: Callable[[str], Job], tmp_path: Path) -> None:
+    """The whole command where nothing else would tell; else the checks of the manifest, which it gives unchanged."""
     job = copy_of(planned(damage.job), tmp_path)
     damage.apply(job)
-    assert damage.as_is in {c.name for c in found_in(job).failed}
+    checks = _of_manifest(job) if _says(damage) else found_in(job).checks
+    assert damage.as_is in {c.name for c in checks if c.passed is False}
 
 
-@pytest.mark.parametrize("damage", [d for d in DAMAGES if d.reseal and not d.by_hash_alone], ids=lambda d: d.name)
+def _of_manifest(job: Job) -> list[Check]:
+    inputs = distinct((*cell_inputs(_load_cell(job.cell)), single(job.toolpath, "toolpath")))
+    return contents.manifest_checks(job.out, inputs)[1]
+
+
+def test_the_command_gives_the_checks_of_the_manifest(planned: Callable[[str], Job], tmp_path: Path) -> None:
+    job = copy_of(planned("pass"), tmp_path)
+    with (job.out / "report.html").open("a") as page:
+        page.write(" ")
+    given, checks = found_in(job).checks, _of_manifest(job)
+    assert [c.passed for c in checks].count(False) == 1
+    assert set(checks) <= set(given)
+
+
+@pytest.mark.parametrize("damage", [d for d in DAMAGES if _says(d)], ids=lambda d: d.name)
 def test_a_damage_is_caught_by_what_it_says(damage: Damage, planned: Callable[[str], Job], tmp_path: Path) -> None:
     job = copy_of(planned(damage.job), tmp_path)
     damage.apply(job)

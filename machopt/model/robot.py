@@ -152,16 +152,22 @@ def _own(array: Array) -> Array:
 
 
 def load_robot(cell: Cell) -> Robot:
-    """Reduce the cell's URDF to a :class:`Robot`.
+    """Reduce the cell's URDF to a :class:`Robot`; no mesh is read.
 
     Raises:
         InputError: the chain from base_link to flange_link is not made of the six arm joints.
     """
-    return load_chain(cell)[0]
+    return _chain(cell)[0]
 
 
 def load_chain(cell: Cell) -> tuple[Robot, tuple[LinkShape, ...]]:
     """The arm's kinematics and its collision bodies, both read from the URDF at q = 0."""
+    robot, model, data, T_base_world, ids = _chain(cell)
+    return robot, _link_shapes(cell, model, data, T_base_world, ids)
+
+
+def _chain(cell: Cell) -> tuple[Robot, object, object, Array, list[int]]:
+    """The arm's kinematics; pinocchio's model, its data at q = 0, ``T_base_world``, and the number of each joint."""
     import pinocchio as pin
 
     model = _urdf_model(cell)
@@ -209,7 +215,7 @@ def load_chain(cell: Cell) -> tuple[Robot, tuple[LinkShape, ...]]:
         upper=upper,
         coupling=coupling_of(cell, model, joints, ids),
     )
-    return robot, _link_shapes(cell, model, data, T_base_world, ids)
+    return robot, model, data, T_base_world, ids
 
 
 def load_masses(cell: Cell) -> Masses:

@@ -14,7 +14,7 @@ from machopt.formats.posts import (
     write_program,
 )
 from machopt.formats.posts.postfile import post_names
-from machopt.model.robot import Robot, load_chain
+from machopt.model.robot import Robot, load_robot
 from machopt.recheck.posts import controller_for, short_program
 
 
@@ -44,7 +44,7 @@ def wanted_posts(cell: Cell, asked: Sequence[str]) -> tuple[Wanted, ...]:
         if any(w.folder.lower() == folder.lower() for w in out):
             raise InputError(f"{text!r} is asked for twice, or two files have one name", where="--post")
         out.append(Wanted(post, label, folder if len(asked) > 1 else ""))
-    robot = load_chain(cell)[0]
+    robot = load_robot(cell)
     for one in out:
         _try(cell, robot, one)
     return tuple(out)

@@ -21,7 +21,7 @@ from machopt.formats.posts import (
 from machopt.formats.posts.densify import Tolerance
 from machopt.formats.posts.postfile import ALIASES, post_names
 from machopt.model.posture import posture_of
-from machopt.model.robot import Robot, load_chain
+from machopt.model.robot import Robot, load_robot
 from machopt.output.hashes import sha256_of
 from machopt.plan.blend import SPIN_TOLERANCE
 from machopt.plan.timeline import BEND
@@ -68,7 +68,7 @@ def post_of(label: str, folder: Path, cell: Cell, manifest: Manifest | None) -> 
 def to_be_told(cell: Cell, toolpath: Toolpath, post: str | Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """What a program of this post takes for granted, and which events it does not carry out; no plan is needed."""
     controller = controller_for(cell, post)
-    program = replace(short_program(cell, load_chain(cell)[0], controller), events=toolpath.events)
+    program = replace(short_program(cell, load_robot(cell), controller), events=toolpath.events)
     return assumptions(program, post, controller), unstarted(post, program, controller)
 
 

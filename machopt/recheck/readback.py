@@ -30,7 +30,7 @@ from machopt.formats.programs.joints import urdf_joints
 from machopt.formats.programs.toolpath import URDF_JOINTS
 from machopt.model.ik import refine
 from machopt.model.posture import posture_of
-from machopt.model.robot import Robot, load_chain
+from machopt.model.robot import Robot, load_robot
 from machopt.recheck.compared import COMPARED, MOVES, Compared, Posted
 from machopt.recheck.posts import controller_for
 from machopt.recheck.rewritten import Rewritten, failed_check
@@ -281,7 +281,7 @@ class _Ground:
                 f"{name}: tool and base", not wrong, float(len(wrong)), 0.0, "frames", "; ".join(wrong) or "the cell's"
             )
         ]
-        robot = load_chain(self.cell)[0]
+        robot = load_robot(self.cell)
         q = self._joints_of(said, self._joints_at(said, rows), robot)
         standing = posture_of(robot, q, controller)
         told, first = first_difference(

@@ -22,7 +22,7 @@ from machopt.formats.posts.rounding import rounding
 from machopt.formats.posts.wording import difference, other_line_end, undecodable
 from machopt.formats.programs import ParsedProgram
 from machopt.model.posture import posture_of
-from machopt.model.robot import load_chain
+from machopt.model.robot import load_robot
 from machopt.recheck.zonelaw import zone_check
 from machopt.verify.check import Check
 
@@ -111,7 +111,7 @@ class Rewritten:
     ) -> RobotProgram:
         """The program as the post took it, from what was read; joints are the motion's, which only zones look at."""
         cell, n = self.cell, len(said)
-        standing = posture_of(load_chain(cell)[0], q, controller)
+        standing = posture_of(load_robot(cell), q, controller)
         labels = list(dict.fromkeys(o for o in said.operation if o))
         number = {"": -1, **{label: n for n, label in enumerate(labels)}}
         own = self.toolpath.events

@@ -7,7 +7,7 @@ import numpy as np
 from machopt.domain.cell import Cell
 from machopt.formats.programs.parsed import Array
 from machopt.formats.programs.toolpath import KnownRobot
-from machopt.model.robot import Robot, load_chain
+from machopt.model.robot import Robot, load_robot
 from machopt.se3 import inverse
 
 
@@ -22,7 +22,7 @@ def known_robot(cell: Cell) -> KnownRobot | None:
 
     def fk(q: Array, T_flange_tool: Array) -> Array:
         if not loaded:
-            loaded.append(load_chain(cell)[0])
+            loaded.append(load_robot(cell))
         return np.asarray(loaded[0].fk(q, T_flange_tool))
 
     T_base_workpiece = inverse(cell.T_world_base) @ cell.workpiece.T_link_workpiece

@@ -6,6 +6,7 @@ import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import Literal
@@ -140,6 +141,7 @@ def load_post(post: str | Path) -> Post:
     return _compile(read_text(path, expected=expected, most=TEMPLATE), path)
 
 
+@lru_cache(maxsize=32)  # one plan asks for the same post some twenty times; nobody writes into a Post
 def _compile(text: str, origin: Path | str) -> Post:
     try:
         value = tomllib.loads(text)
