@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import tomllib
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -28,6 +29,7 @@ TOP_LEVEL = {
 MADE = {"out", "build", "dist"}  # what commands leave behind; git ignores it
 
 MOST_LINES = 500  # as the formatter lays them, an argument a line
+SERVICE_LINES = 120
 LONGER: dict[str, str] = {
     "formats/programs/krl.py": "one interpreter: its state and its statements",
     "formats/programs/rapid.py": "one interpreter: its state and its statements",
@@ -61,6 +63,21 @@ def test_imports_point_one_way() -> None:
     pytest.importorskip("importlinter")
     out = python("from importlinter.cli import lint_imports_command; lint_imports_command(['--no-cache'])")
     assert "0 broken" in out
+
+
+def test_imports_go_round_in_no_circle() -> None:
+    """Not within a package either, and no late import hides one; what only a type checker reads does not count."""
+    grimp = pytest.importorskip("grimp")
+    graph = grimp.build_graph("machopt", exclude_type_checking_imports=True, cache_dir=None)
+    assert len(graph.modules) > 400
+    arrows = {module: graph.find_modules_directly_imported_by(module) for module in graph.modules}
+    list(TopologicalSorter(arrows).static_order())  # CycleError names the modules of a circle
+
+
+def test_services_hold_no_science() -> None:
+    """They load, call and write: what is longer does more than that."""
+    lines = {p.name: len(p.read_text().splitlines()) for p in (PACKAGE / "services").glob("*.py")}
+    assert not {name: n for name, n in lines.items() if n > SERVICE_LINES}
 
 
 def test_top_level_is_the_agreed_one() -> None:

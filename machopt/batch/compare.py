@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from machopt.batch.summary import Line
+from machopt.batch.line import Line
 from machopt.domain.results.batch import BatchResult
 
 _TURNED = 1.0  # deg; a rotation that differs less is the same choice

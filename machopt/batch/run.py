@@ -15,9 +15,10 @@ from machopt.batch.compare import Comparison, compare
 from machopt.batch.engine import Engine, machine_memory
 from machopt.batch.find import Job, find_jobs
 from machopt.batch.key import Keys, Ready, Refused, program_version, sha256
+from machopt.batch.line import Line
 from machopt.batch.request import Outcome, Progress, Request
 from machopt.batch.store import MAIN, Store, is_batch, open_store
-from machopt.batch.summary import Line, exit_code_of, result_of, write_summary
+from machopt.batch.summary import exit_code_of, result_of, write_summary
 from machopt.batch.supervise import Ended, Spec, log_tail, signal_name
 from machopt.domain.manifest import Manifest, ManifestFile
 from machopt.domain.results.batch import BatchRecord, BatchResult, BatchRow

@@ -7,16 +7,17 @@ import io
 import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from machopt.batch.find import Found, Job
+from machopt.batch.compare import COLUMNS as COMPARED
+from machopt.batch.compare import Comparison
+from machopt.batch.find import Found
+from machopt.batch.line import Line
 from machopt.domain.results.batch import BatchComparison, BatchDifference, BatchLine, BatchResult
 from machopt.formats.celltext import as_cell
 from machopt.report.batch_page import BatchData, batch_html
 
 if TYPE_CHECKING:
-    from machopt.batch.compare import Comparison
     from machopt.batch.store import Store
 
 COLUMNS = (
@@ -49,36 +50,6 @@ COLUMNS = (
 )
 _ORDER = ("done", "verification failed", "infeasible", "refused", "over time", "over memory", "crashed", "waiting")
 _TIMES = ("wall_s", "cpu_s", "peak_MiB", "worker")
-
-
-@dataclass(frozen=True)
-class Line:
-    """One job and what is known of it."""
-
-    job: Job
-    key: str  # empty where the job cannot start
-    cell_name: str
-    state: str
-    row: Mapping[str, Any]
-    files: tuple[str, ...] = field(default=())
-
-    @property
-    def exit_code(self) -> int | None:
-        return self.row.get("exit_code")
-
-    @property
-    def verdict(self) -> str:
-        return str(self.row.get("verdict", "not run"))
-
-    @property
-    def report(self) -> str:
-        """The job's report relative to the summary, empty where it has none."""
-        return f"jobs/{self.job.label}/report.html" if "report.html" in self.files else ""
-
-    @property
-    def folder(self) -> str:
-        """The job's folder relative to the summary, empty where it has none."""
-        return f"jobs/{self.job.label}" if self.state != "waiting" and self.key else ""
 
 
 def ranked(lines: Iterable[Line]) -> list[Line]:
@@ -152,8 +123,6 @@ def _line(rank: int, line: Line) -> BatchLine:
 
 def write_summary(store: Store, lines: Sequence[Line], result: BatchResult, compared: Comparison | None) -> None:
     """Write batch.json, summary.csv, summary.html, timings.csv, timings.js and, where asked for, compare.csv."""
-    from machopt.batch.compare import COLUMNS as COMPARED
-
     times = [{"job": line.job.label, **store.timing(line.job.label)} for line in ranked(lines) if line.folder]
     store.write("summary.csv", _csv(COLUMNS, [_cells(rank, line) for rank, line in enumerate(ranked(lines), 1)]))
     store.write("timings.csv", _csv(("job", *_TIMES), times))

@@ -22,9 +22,10 @@ from machopt.model.gravity import gravity_torque
 from machopt.model.kinetostatic import geometric_stiffness
 from machopt.model.robot import ArmState, Masses, Robot
 from machopt.model.terms.against import Against, against_load, within_reach
-from machopt.model.terms.base import LinearTerm, compile_terms
+from machopt.model.terms.base import LinearTerm
 from machopt.model.terms.body import BodySpring
 from machopt.model.terms.compensator import GravityCompensator
+from machopt.model.terms.compiled import compile_terms
 from machopt.model.terms.joint import JointTerm
 
 Array = NDArray[np.float64]

@@ -9,12 +9,9 @@ from pydantic import Field
 from machopt.domain.results.base import Count, First, Flag, Known, Part, Settings, Text
 
 
-class BatchRow(Part):
-    """A job's numbers; ``mean`` and ``worst`` are in ``unit``. A job without an answer has the first three alone."""
+class JobNumbers(Part):
+    """What a job came to; ``mean`` and ``worst`` are in ``unit``. Empty of a job without an answer."""
 
-    exit_code: Count
-    verdict: Text
-    reason: Text
     points: Count | None = None
     infeasible_points: Count | None = None
     gain_percent: Known = None
@@ -33,6 +30,16 @@ class BatchRow(Part):
     programs: tuple[Text, ...] | None = None
     feed_held_percent: Known = None
     warnings: tuple[Text, ...] | None = None
+
+
+class _Verdict(Part):
+    exit_code: Count
+    verdict: Text
+    reason: Text
+
+
+class BatchRow(JobNumbers, _Verdict):  # the keys of the last base come first
+    """A job's verdict and its numbers."""
 
 
 class BatchRecord(Part):
@@ -46,9 +53,7 @@ class BatchRecord(Part):
     files: tuple[Text, ...] = ()
 
 
-class BatchLine(Part):
-    """A line of batch.json: a job's place, what it is, its row and where its files are. A job that waits has no row."""
-
+class _Which(Part):
     rank: Count
     job: Text
     key: Text
@@ -60,26 +65,15 @@ class BatchLine(Part):
     verdict: Text
     exit_code: Count | None = None
     reason: Text | None = None
-    points: Count | None = None
-    infeasible_points: Count | None = None
-    gain_percent: Known = None
-    gain_std_percent: Known = None
-    distinguishable: Flag | None = None
-    gain_over_jiao2022_percent: Known = None
-    unit: Literal["mm", "N/mm"] | None = None
-    mean: Known = None
-    worst: Known = None
-    mean_cam_default: Known = None
-    worst_cam_default: Known = None
-    worst_point: Count | None = None
-    deflection_mm: Known = None
-    k_axial_N_mm: Known = None
-    cycle_time_s: Known = None
-    programs: tuple[Text, ...] | None = None
-    feed_held_percent: Known = None
-    warnings: tuple[Text, ...] | None = None
+
+
+class _Where(Part):
     folder: Text
     report: Text
+
+
+class BatchLine(_Where, JobNumbers, _Which):  # the keys of the last base come first
+    """A line of batch.json: a job's place, what it is, its row and where its files are. A job that waits has no row."""
 
 
 class BatchDifference(Part):

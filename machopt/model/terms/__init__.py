@@ -14,6 +14,7 @@ zhang2025 eq. 20). The laws themselves are in
 against the load.
 """
 
-from machopt.model.terms.base import LinearTerm, compile_terms, term_of, vocabulary
+from machopt.model.terms.base import LinearTerm
+from machopt.model.terms.compiled import compile_terms, term_of, vocabulary
 
 __all__ = ["LinearTerm", "compile_terms", "term_of", "vocabulary"]
