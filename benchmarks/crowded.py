@@ -80,6 +80,20 @@ def share_colliding(cell_folder: Path, toolpath: Path) -> float:
     return float(hit.mean())
 
 
+def timed(cell: Path, path: Path, out: Path) -> None:
+    """Run ``machopt optimize`` as a process, and print its time, memory, stages and objective."""
+    command = [sys.executable, "-m", "machopt.cli", "optimize", str(cell), str(path), "--quiet", "-o", str(out)]
+    start = time.perf_counter()
+    done = subprocess.run(command, env={**os.environ, "PYTHONPATH": str(ROOT)}, check=False)
+    wall = time.perf_counter() - start
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = used.ru_utime + used.ru_stime
+    print(f"exit {done.returncode}, {wall:.2f} s wall, {cpu:.2f} s CPU, peak {used.ru_maxrss / 1024:.0f} MiB")
+    result = json.loads((out / "result.json").read_text(encoding="utf-8"))
+    print("stages:", ", ".join(f"{k} {v:.2f} s" for k, v in result["timings_s"].items()))
+    print(f"objective {result['objective']['chosen']['total']:.5f}; {result['objective']['search']}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--points", type=int, default=POINTS)
@@ -90,17 +104,7 @@ def main() -> None:
         folder.mkdir(parents=True, exist_ok=True)
         cell, path = make_job(folder, args.points)
         print(f"{args.points} cutting points; {100 * share_colliding(cell, path):.0f} % of the free choice collides")
-        out = Path(name) / "out"
-        command = [sys.executable, "-m", "machopt.cli", "optimize", str(cell), str(path), "--quiet", "-o", str(out)]
-        start = time.perf_counter()
-        done = subprocess.run(command, env={**os.environ, "PYTHONPATH": str(ROOT)}, check=False)
-        wall = time.perf_counter() - start
-        used = resource.getrusage(resource.RUSAGE_CHILDREN)
-        cpu = used.ru_utime + used.ru_stime
-        print(f"exit {done.returncode}, {wall:.2f} s wall, {cpu:.2f} s CPU, peak {used.ru_maxrss / 1024:.0f} MiB")
-        result = json.loads((out / "result.json").read_text(encoding="utf-8"))
-        print("stages:", ", ".join(f"{k} {v:.2f} s" for k, v in result["timings_s"].items()))
-        print(f"objective {result['objective']['chosen']['total']:.5f}; {result['objective']['search']}")
+        timed(cell, path, Path(name) / "out")
 
 
 if __name__ == "__main__":

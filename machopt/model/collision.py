@@ -49,6 +49,7 @@ SAMPLES = 400  # random poses that decide which link pairs are worth checking
 ALWAYS = 0.95  # share of poses in touch from which a pair is taken to be built touching
 COARSE = 0.50  # the same for links two apart, whose meshes often overlap where the real links do not
 LONGEST = 0.1  # rad, joint step above which the motion bound is of no use
+STRIP = np.radians(2.0)  # of a joint, in which poses are taken in the order of the next one
 FINE = 1e-4  # m, motion below which a segment between two free rows is not halved any more
 MOST = 50_000  # rows of a motion that are looked at together, for the sake of memory (some 5 kB each)
 AT_ONCE = 2_000_000  # rows × pairs whose bounds are compared in one array
@@ -165,10 +166,9 @@ class CollisionModel:
         near = rows.bound < self._required
         near[cutting] &= ~self._spared
         for p in np.flatnonzero(near.any(axis=0)).tolist():
-            walk = _Walk(self, rows, p)
-            for n in np.flatnonzero(near[:, p] & ~contacts.hit):
-                if not walk.known_free(int(n)) and walk.hits(int(n)):
-                    contacts.hit[n], contacts.pair[n], contacts.at[n] = True, p, n
+            asked = np.flatnonzero(near[:, p] & ~contacts.hit)
+            hit = asked[self._near(p, rows.relative(p)[asked])] if len(asked) else asked
+            contacts.hit[hit], contacts.pair[hit], contacts.at[hit] = True, p, hit
         return contacts
 
     def check_motion(self, q: Array, cutting: Bools, step: float, *, first_only: bool = False) -> Contacts:
@@ -301,6 +301,9 @@ class CollisionModel:
         out, q = np.zeros(len(q), bool), self._robot.turned(q)
         for p in np.unique(pair).tolist():
             rows = np.flatnonzero(pair == p)
+            i, j = self.stack.links[p]
+            if j - i <= 2:  # two joints decide: neighbours in these are neighbouring placements
+                rows = rows[np.lexsort((q[rows, j - 1], np.round(q[rows, i] / STRIP)))]
             out[rows] = self._near(p, self.stack.relative(p, q[rows]))
         return out
 
@@ -347,10 +350,6 @@ class _Walk:
         since = -np.inf if self.last < 0 else self.known - self.moved(n)
         memory = self.model._memory[self.p]
         return since if memory is None or since > self.clearance else max(since, memory.bound(self.rows.q[n]))
-
-    def known_free(self, n: int) -> bool:
-        """The known distance proves row n free."""
-        return not _too_near(self.bound(n), self.clearance)
 
     def distance(self, n: int) -> float:
         """Exact distance (m) at row n; 0 where one body is inside the other."""

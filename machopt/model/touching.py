@@ -21,9 +21,12 @@ from machopt.model.triangles import DEPTH, Mesh, mesh_of, triangles
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-BLOCK = 2048  # placements of one task, whatever the number of cores
+BLOCK = 512  # placements of one task, whatever the number of cores
 TOUCH = 1e-9  # m, below which surfaces cross
 STEPS = 10  # towards the shortest way between two hulls
+BEYOND = 8.0  # times the motion between two rows: how far beyond the limit the distance of a free row is looked for,
+FAR = 2e-3  # m, where that is less than this
+GUARD = 1e-9  # m, by which motions may be off
 
 
 @dataclass(frozen=True)
@@ -136,24 +139,48 @@ def _placed(T: Array, triangle: Array, normal: Array, out: Array, turned: Array)
 
 @compiled
 def _apart(low: Array, high: Array, k: int, lo: Array, hi: Array, m: int, T: Array) -> float:
-    """m² by which box k is apart, at least, from box m moved by T: along the axes of the one or of the other."""
+    """m² by which box k is apart, at least, from box m moved by T: along the axes of the one or of the other.
+
+    Where none of these axes parts them: m, below zero, by how much it fails to.
+    """
     x = 0.5 * (lo[m, 0] + hi[m, 0]), 0.5 * (lo[m, 1] + hi[m, 1]), 0.5 * (lo[m, 2] + hi[m, 2])
     h = 0.5 * (hi[m, 0] - lo[m, 0]), 0.5 * (hi[m, 1] - lo[m, 1]), 0.5 * (hi[m, 2] - lo[m, 2])
     dx = T[0, 0] * x[0] + T[0, 1] * x[1] + T[0, 2] * x[2] + T[0, 3] - 0.5 * (low[k, 0] + high[k, 0])
     dy = T[1, 0] * x[0] + T[1, 1] * x[1] + T[1, 2] * x[2] + T[1, 3] - 0.5 * (low[k, 1] + high[k, 1])
     dz = T[2, 0] * x[0] + T[2, 1] * x[1] + T[2, 2] * x[2] + T[2, 3] - 0.5 * (low[k, 2] + high[k, 2])
     u, v, w = 0.5 * (high[k, 0] - low[k, 0]), 0.5 * (high[k, 1] - low[k, 1]), 0.5 * (high[k, 2] - low[k, 2])
-    ax = max(abs(dx) - u - abs(T[0, 0]) * h[0] - abs(T[0, 1]) * h[1] - abs(T[0, 2]) * h[2], 0.0)
-    ay = max(abs(dy) - v - abs(T[1, 0]) * h[0] - abs(T[1, 1]) * h[1] - abs(T[1, 2]) * h[2], 0.0)
-    az = max(abs(dz) - w - abs(T[2, 0]) * h[0] - abs(T[2, 1]) * h[1] - abs(T[2, 2]) * h[2], 0.0)
-    gap = ax * ax + ay * ay + az * az
+    ax = abs(dx) - u - abs(T[0, 0]) * h[0] - abs(T[0, 1]) * h[1] - abs(T[0, 2]) * h[2]
+    ay = abs(dy) - v - abs(T[1, 0]) * h[0] - abs(T[1, 1]) * h[1] - abs(T[1, 2]) * h[2]
+    az = abs(dz) - w - abs(T[2, 0]) * h[0] - abs(T[2, 1]) * h[1] - abs(T[2, 2]) * h[2]
+    gap, least = 0.0, max(ax, ay, az)
+    for off in (ax, ay, az):
+        if off > 0.0:
+            gap += off * off
     other = 0.0
     for c in range(3):
         off = abs(T[0, c] * dx + T[1, c] * dy + T[2, c] * dz)
         off -= h[c] + abs(T[0, c]) * u + abs(T[1, c]) * v + abs(T[2, c]) * w
+        least = max(least, off)
         if off > 0.0:
             other += off * off
-    return float(max(gap, other))
+    return float(max(gap, other) if least > 0.0 else least)
+
+
+@compiled
+def _moved(low: Array, high: Array, T: Array, S: Array) -> float:
+    """m by which no point of a box (3,), (3,) is moved farther by T than by S: what its corners show, since how far a
+    point is moved is convex over it."""
+    most = 0.0
+    for corner in range(8):
+        x = high[0] if corner & 1 else low[0]
+        y = high[1] if corner & 2 else low[1]
+        z = high[2] if corner & 4 else low[2]
+        square = 0.0
+        for c in range(3):
+            d = (T[c, 0] - S[c, 0]) * x + (T[c, 1] - S[c, 1]) * y + (T[c, 2] - S[c, 2]) * z + T[c, 3] - S[c, 3]
+            square += d * d
+        most = max(most, square)
+    return float(np.sqrt(most))
 
 
 @compiled
@@ -177,23 +204,34 @@ def _rows(
     T: Array,
     limit: float,
 ) -> NDArray[np.bool_]:
-    """As :func:`nearer` says, ``limit`` at least TOUCH; a … order and b … sequence as in :class:`Mesh`."""
+    """As :func:`nearer` says, ``limit`` at least TOUCH; a … order and b … sequence as in :class:`Mesh`.
+
+    A row that is free tells by how much, as far as BEYOND; the rows that follow are free as long as nothing has moved
+    so far since.
+    """
     out = np.zeros(len(T), np.bool_)
-    waiting, work = np.empty((DEPTH, 2), np.int64), np.empty((7, 3))
+    waiting, gaps, work = np.empty((DEPTH, 2), np.int64), np.empty(DEPTH), np.empty((7, 3))
     moved, turned = np.empty((3, 3)), np.empty(3)
     i, j = -1, -1  # the two triangles that were near in the row before
+    free, room = -1, 0.0  # a row that is free, and m by which its distance is above the limit
     for n in range(len(T)):
+        if free >= 0 and _moved(lo[0], hi[0], T[n], T[free]) < room:
+            continue
         if i >= 0:
             _placed(T[n], b[j], nb[j], moved, turned)
             d, exact = triangles(a[i], na[i], moved, turned, limit, work)
             if exact and d < limit:
                 out[n] = True
                 continue
-        waiting[0, 0], waiting[0, 1], depth = 0, 0, 1
+        best = limit  # nothing farther away is looked for
+        if free == n - 1 >= 0:  # what comes next is likely to be free too
+            step = _moved(lo[0], hi[0], T[n], T[n - 1])
+            best += BEYOND * step if BEYOND * step < FAR else 0.0
+        waiting[0, 0], waiting[0, 1], gaps[0], depth = 0, 0, 0.0, 1
         while depth and not out[n]:
             depth -= 1
             k, m = waiting[depth, 0], waiting[depth, 1]
-            if _apart(low, high, k, lo, hi, m, T[n]) >= limit * limit:
+            if gaps[depth] >= best * best:
                 continue
             if child[k] < 0 and inner[m] < 0:
                 for t in range(begin[m], begin[m] + number[m]):
@@ -201,19 +239,29 @@ def _rows(
                     _placed(T[n], b[w], nb[w], moved, turned)
                     for s in range(first[k], first[k] + count[k]):
                         v = order[s]
-                        d, exact = triangles(a[v], na[v], moved, turned, limit, work)
+                        d, exact = triangles(a[v], na[v], moved, turned, best, work)
                         if exact and d < limit:
                             out[n], i, j = True, v, w
                             break
+                        if exact:
+                            best = min(best, d)
                     if out[n]:
                         break
-            # the box with more triangles is divided
-            elif inner[m] < 0 or (child[k] >= 0 and count[k] >= number[m]):
-                waiting[depth, 0], waiting[depth, 1] = child[k], m
-                waiting[depth + 1, 0], waiting[depth + 1, 1] = child[k] + 1, m
-                depth += 2
+                continue
+            # the box with more triangles is divided, and the half that lies deeper in the other is looked into first
+            if inner[m] < 0 or (child[k] >= 0 and count[k] >= number[m]):
+                k1, k2, m1, m2 = child[k], child[k] + 1, m, m
             else:
-                waiting[depth, 0], waiting[depth, 1] = k, inner[m]
-                waiting[depth + 1, 0], waiting[depth + 1, 1] = k, inner[m] + 1
-                depth += 2
+                k1, k2, m1, m2 = k, k, inner[m], inner[m] + 1
+            g1, g2 = _apart(low, high, k1, lo, hi, m1, T[n]), _apart(low, high, k2, lo, hi, m2, T[n])
+            if g1 < g2:
+                k1, k2, m1, m2, g1, g2 = k2, k1, m2, m1, g2, g1
+            if g1 < best * best:
+                waiting[depth, 0], waiting[depth, 1], gaps[depth] = k1, m1, g1
+                depth += 1
+            if g2 < best * best:
+                waiting[depth, 0], waiting[depth, 1], gaps[depth] = k2, m2, g2
+                depth += 1
+        if not out[n]:
+            free, room = n, best - limit - GUARD
     return out

@@ -18,6 +18,9 @@ from machopt.plan.candidates import Candidates
 
 Bools = NDArray[np.bool_]
 Rows = NDArray[np.intp]
+BRANCHES = (
+    8  # of the vertices, every so many asks the other branches of its pose: what is found there goes on by itself
+)
 
 
 @dataclass
@@ -42,13 +45,15 @@ class Ahead:
 
         Args:
             pair: (n,) whose contact it is.
-            budget: vertices after which no further ring is begun.
+            budget: vertices after which no further ring is begun, shared by the pairs as their contacts are.
 
         Returns:
             how many were looked at.
         """
+        share = np.bincount(pair, minlength=len(self.model.pairs)) / len(pair)
+        left = np.ceil(budget * share).astype(int)  # (P,) a pair is followed as far as it is in the way
         looked = 0
-        while len(vertices) and looked < budget:
+        while len(vertices):
             vertices, pair = self._ring(vertices, pair)
             if len(vertices):
                 s, r, b = np.unravel_index(vertices, self.pairs.shape)
@@ -57,10 +62,13 @@ class Ahead:
                 s, r, b = np.unravel_index(vertices, self.pairs.shape)
                 hit = self.model.touching(self.candidates.q[s, r, b], pair)
                 looked += len(vertices)
+                left -= np.bincount(pair, minlength=len(left))
                 vertices, pair = vertices[hit], pair[hit]
                 vertices, first = np.unique(vertices, return_index=True)  # for two pairs at once: one is told
                 pair = pair[first]
                 self.strike(vertices, pair)
+                on = left[pair] > 0
+                vertices, pair = vertices[on], pair[on]
         return looked
 
     def _ring(self, vertices: Rows, pair: NDArray[np.int32]) -> tuple[Rows, NDArray[np.int32]]:
@@ -74,7 +82,9 @@ class Ahead:
             asked[mine] = True
             s, r, b = np.unravel_index(mine, (S, R, B))
             near = [(np.maximum(s - 1, 0), r, b), (np.minimum(s + 1, S - 1), r, b)]
-            near += [(s, (r - 1) % R, b), (s, (r + 1) % R, b), *((s, r, (b + k) % B) for k in range(1, B))]
+            near += [(s, (r - 1) % R, b), (s, (r + 1) % R, b)]
+            few = (s + r) % BRANCHES == 0
+            near += [(s[few], r[few], (b[few] + k) % B) for k in range(1, B)]
             found = np.unique(np.concatenate([np.ravel_multi_index(v, (S, R, B)) for v in near]))
             found = found[~asked[found] & feasible[found].any(axis=1)]
             asked[found] = True

@@ -43,7 +43,9 @@ class Traded:
         return max(0.0, (self.total - self.bound) / self.total) if self.total > 0 else 0.0
 
 
-def trade(free: Capped, floor: float, weight: float, solve: Callable[[float, float], Capped | None]) -> Traded:
+def trade(
+    free: Capped, floor: float, weight: float, solve: Callable[[float, float], Capped | None], gap: float = GAP
+) -> Traded:
     """The sequence with the least value + weight × worst.
 
     Args:
@@ -52,6 +54,7 @@ def trade(free: Capped, floor: float, weight: float, solve: Callable[[float, flo
         weight: price of the worst index.
         solve: the cheapest sequence with an index of at most its first argument everywhere; None where there is none
             whose value is below its second.
+        gap: share of the total by which a better one may be missed.
     """
     best, total = free, free.value + weight * free.worst
     # sequences worse than ``free`` in the worst index cost more in both terms; left: worst in [floor, free.worst)
@@ -65,12 +68,12 @@ def trade(free: Capped, floor: float, weight: float, solve: Callable[[float, flo
         add(floor, free.worst, free.value)
     left = np.inf  # what a sequence costs at least that a search with a limit passed over
     for _ in range(SOLVES):
-        if not open_ or open_[0][0] >= total * (1 - GAP):
+        if not open_ or open_[0][0] >= total * (1 - gap):
             break
         _, a, b, value = heappop(open_)
         middle = 0.5 * (a + b)
-        left = min(left, total * (1 - GAP))
-        found = solve(middle, total * (1 - GAP) - weight * a)  # with more it cannot be better by GAP
+        left = min(left, total * (1 - gap))
+        found = solve(middle, total * (1 - gap) - weight * a)  # with more it cannot be better by the gap
         add(middle, b, value)
         if found is not None:
             add(a, found.worst, found.value)

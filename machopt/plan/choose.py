@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from machopt.domain.options import PlanOptions
 from machopt.plan.candidates import Candidates
-from machopt.plan.caps import Capped, Traded, trade
+from machopt.plan.caps import GAP, Capped, Traded, trade
 from machopt.plan.edges import Edges
 from machopt.plan.objective import AXIS_SPEED, Terms, node_price, preference
 from machopt.plan.path import Path
@@ -139,13 +139,14 @@ class Grid:
             reached,
         )
 
-    def again(self, choice: Choice, first: int, last: int, edges: Edges) -> Choice | None:
+    def again(self, choice: Choice, first: int, last: int, edges: Edges, gap: float = GAP) -> Choice | None:
         """The choice with the stations between ``first`` and ``last`` chosen again, the best that keeps the others.
 
         Args:
             choice: without breaks; the vertices that it keeps are feasible.
             first: station that keeps its vertex, −1 for none before the stretch.
             last: the same behind it; S for none.
+            gap: share of the objective by which a better one may be missed.
 
         Returns:
             None where no continuous sequence keeps the others. ``bound`` stays what it was: taking vertices or ways
@@ -175,7 +176,7 @@ class Grid:
         at = np.flatnonzero(elsewhere & self.counted & ~choice.dropped)
         part.worst_elsewhere = float(self.raw[at, choice.rotation[at], choice.branch[at]].max(initial=0.0))
         part.value_elsewhere = choice.total - self.worst * self._worst(choice) - before
-        traded = part.traded(mask, Capped(vertex, value + part.value_elsewhere, part.most(vertex)))
+        traded = part.traded(mask, Capped(vertex, value + part.value_elsewhere, part.most(vertex)), gap)
         old[rows] = traded.best.vertex
         return self._made(old, (), traded.total, choice.bound, choice.reached)
 
@@ -272,7 +273,7 @@ class _Part:
                 return turned
         return vertex
 
-    def traded(self, mask: NDArray[np.bool_], free: Capped) -> Traded:
+    def traded(self, mask: NDArray[np.bool_], free: Capped, gap: float = GAP) -> Traded:
         """The best sequence under caps on the worst index, from the best without one."""
         kept = free.vertex[:, 0] >= 0
         at = np.flatnonzero(kept & self.counted)
@@ -289,7 +290,7 @@ class _Part:
             return Capped(vertex, value + self.value_elsewhere, self.most(vertex))
 
         floor = max(float(self.raw[at].min(axis=(1, 2)).max(initial=0.0)), self.worst_elsewhere)
-        return trade(free, floor, self.grid.worst, under)
+        return trade(free, floor, self.grid.worst, under, gap)
 
     def most(self, vertex: Ints) -> float:
         """Worst index of a sequence, here or elsewhere."""

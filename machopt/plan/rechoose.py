@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from machopt.domain.options import PlanOptions
 from machopt.plan.candidates import Candidates
+from machopt.plan.caps import GAP
 from machopt.plan.choose import FREE, Choice, Grid
 from machopt.plan.edges import Edges
 from machopt.plan.path import Path
@@ -18,6 +19,8 @@ Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 DETOUR = np.radians(90.0)  # of rotation that a stretch which is chosen again has room for to either side of a contact
 SPARE = 8  # stations more to either side
+MANY = 0.1  # of the stations lost: the next choice will hardly be the last, and need not be the very best
+ROUGH = 0.05  # of the objective that such a choice may miss
 
 
 @dataclass
@@ -39,8 +42,10 @@ class Chooser:
         """The stretches of a choice that have lost a vertex or a way chosen again; None where that does not do."""
         if choice.dropped.any() or choice.broken:
             return None
-        for first, last in self._stretches(self._lost(choice, edges)):
-            again = self._grid_as_it_is().again(choice, first, last, edges)
+        lost = self._lost(choice, edges)
+        gap = ROUGH if len(lost) > MANY * len(self.wide) else GAP
+        for first, last in self._stretches(lost):
+            again = self._grid_as_it_is().again(choice, first, last, edges, gap)
             if again is None:
                 return None
             choice = again

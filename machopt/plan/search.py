@@ -45,7 +45,7 @@ from machopt.se3 import wrap
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
-AHEAD = 4000  # vertices looked at around the contacts of the first round; twice as many in each next
+AHEAD = 8000  # vertices looked at around the contacts of the first round, and four times as many in each next
 EVERY = 16  # of the first choice's stations is looked at before anything else
 STATIONS = 48  # whose ways are looked at in the first round; twice as many in each next
 SMOOTHINGS = 4  # with less room each, before a run that collides follows the grid
@@ -273,7 +273,7 @@ class Search:
         pair = found.pair[found.hit][first]
         ahead.strike(vertices, pair)
         ahead.look(vertices, pair, self.ahead_of)
-        self.ahead_of *= 2
+        self.ahead_of *= 4
         return len(vertices)
 
     def _kept(self, choice: Choice, stations: Rows, budget: int) -> Rows:
