@@ -16,5 +16,5 @@ lock() {  # FILE WHAT OPTIONS…
   { echo "# $what: versions that were tried together, with hashes. Made by benchmarks/lock.sh"; cat "$made/lock"; } > "$file"
   rm "$made/lock"
 }
-lock .requirements-test.lock 'What `make test` installs' --extra dev --extra parquet
+lock .requirements-test.lock 'What `make test` installs' --extra dev --extra parquet --extra xacro
 lock .requirements.lock 'What `make run` installs' --constraint .requirements-test.lock

@@ -46,6 +46,7 @@ HEAVY = (
     "ssik",
     "ruckig",
     "pyarrow",
+    "xacro",
     "distributed",
     "psutil",
 )

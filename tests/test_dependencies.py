@@ -77,9 +77,9 @@ def own(folder: str) -> set[str]:
 @pytest.mark.parametrize(
     ("folder", "extras"),
     [
-        ("machopt", ("parquet",)),
-        ("tests", ("parquet", "dev", "compare")),
-        ("benchmarks", ("parquet", "dev", "compare")),
+        ("machopt", ("parquet", "xacro")),
+        ("tests", ("parquet", "xacro", "dev", "compare")),
+        ("benchmarks", ("parquet", "xacro", "dev", "compare")),
         ("cells", ()),
         ("toolpaths", ()),
     ],
@@ -102,7 +102,7 @@ def test_nothing_is_declared_that_nobody_imports() -> None:
     known = known_packages()
     everywhere = {name for folder in ("machopt", "tests", "benchmarks") for name, _ in imported(folder)}
     used = {name_of(d) for name in everywhere for d in known.get(name, [DISTRIBUTION.get(name, name)])}
-    assert declared("parquet", "dev", "compare") - used - TOOLS == set()
+    assert declared("parquet", "xacro", "dev", "compare") - used - TOOLS == set()
 
 
 def test_every_bound_is_from_a_version_to_none_and_says_which() -> None:
@@ -117,7 +117,7 @@ def pins(lock: Path) -> dict[str, str]:
     return {name_of(n): v for n, v in re.findall(r"^([A-Za-z0-9._-]+)==([^\s;\\]+)", text, re.MULTILINE)}
 
 
-@pytest.mark.parametrize(("lock", "extras"), [(LOCK, ()), (TEST_LOCK, ("parquet", "dev"))])
+@pytest.mark.parametrize(("lock", "extras"), [(LOCK, ()), (TEST_LOCK, ("parquet", "xacro", "dev"))])
 def test_a_lock_holds_all_that_is_declared_with_hashes_and_no_place(lock: Path, extras: tuple[str, ...]) -> None:
     text = lock.read_text(encoding="utf-8")
     assert declared(*extras) | {"hatchling"} <= set(pins(lock))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from small_cell import small_cell
 
@@ -108,9 +109,9 @@ def test_planner_and_verification_leave_out_the_same_pairs_and_say_so(cell: Cell
 
 
 def test_contact_at_home_names_the_key_that_would_help(cell: Cell) -> None:
-    wall = Shape("wall", "box", (0.1, 2.0, 2.0), None, cell.workpiece.T_link_workpiece)
     robot, shapes = load_chain(cell)
-    home = replace(cell, obstacles=(replace(wall, T_parent_shape=robot.fk(cell.home)),))
-    words = " ".join(CollisionModel(home, robot, shapes, 0.0).suspicious)
-    assert "ignore_pairs: [[" in words
-    assert "wall" in words
+    T = np.linalg.inv(robot.fk(cell.home)) @ np.array([[1, 0, 0, 0.4], [0, 1, 0, 0], [0, 0, 1, 1.2], [0, 0, 0, 1.0]])
+    boom = Shape("boom", "sphere", (0.2,), None, T)  # at home it is in link 2, elsewhere mostly not
+    home = replace(cell, tool=replace(cell.tool, geometry=(boom,)))
+    model = CollisionModel(home, robot, shapes, 0.0)
+    assert any("`ignore_pairs: [[link_2_0, boom]]` in cell.yaml" in words for words in model.suspicious)

@@ -110,6 +110,12 @@ class Cell:
     files: tuple[Path, ...] = ()  # every file read for this cell, for the hash of inputs
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()  # what was read and is not used; nothing to worry about
+    expanded: str | None = None  # the URDF as text where ``urdf`` is a xacro file
     mimics: tuple[Mimic, ...] = ()  # every joint of the URDF that follows another
     may_touch: tuple[MayTouch, ...] = ()
     arm_prismatic: tuple[bool, ...] = ()  # which joints of the arm slide; empty: all turn
+
+    @property
+    def urdf_text(self) -> str:
+        """The robot's description itself."""
+        return self.urdf.read_text(encoding="utf-8-sig") if self.expanded is None else self.expanded

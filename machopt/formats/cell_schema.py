@@ -71,10 +71,11 @@ class LimitKeys(Strict):
 class RobotKeys(Strict):
     HINTS: ClassVar[dict[str, str]] = {
         "srdf": "name it as ignore_pairs: robot.srdf, at the top of cell.yaml",
-        "xacro": "write the URDF first (xacro robot.xacro > robot.urdf) and give it as urdf:",
+        "xacro": "give the file as urdf: robot.urdf.xacro",
         "payload_kg": "give the tool's mass as tool.mass_kg",
     }
-    urdf: str = Field(min_length=1, description="the URDF file, relative to the cell folder")
+    urdf: str = Field(min_length=1, description="the URDF or xacro file, relative to the cell folder")
+    xacro_args: dict[str, str | float | bool] = Field({}, description="values of the xacro file's arguments, by name")
     packages: dict[str, str] = Field({}, description="package:// names to folders, relative to the cell folder")
     base_link: str = Field(min_length=1, description="a link of the URDF")
     flange_link: str = Field(min_length=1, description="a link of the URDF")

@@ -148,8 +148,7 @@ class CollisionModel:
         self.excluded: tuple[Excluded, ...] = (*self._exclude(wanted), *told)
         at_home = self._touching(cell.home[None, :])
         self.suspicious: tuple[str, ...] = tuple(
-            f"{p.name} touch or are nearer than the clearance at the home pose (if they are built so, "
-            f"`ignore_pairs: [[{p.a}, {p.b}]]` in cell.yaml would let them)"
+            f"{p.name} touch or are nearer than the clearance at the home pose{_remedy(p)}"
             for p, hit in zip(self.pairs, at_home[0], strict=True)
             if hit
         )
@@ -404,6 +403,13 @@ class _Walk:
 
 def _none(count: int) -> Contacts:
     return Contacts(np.zeros(count, bool), np.full(count, -1, np.int32), np.full(count, np.nan))
+
+
+def _remedy(pair: Pair) -> str:
+    """What would let two bodies touch that the robot itself is built of."""
+    if not set(pair.kinds) <= {"link", "tool"}:
+        return ""
+    return f" (if they are built so, `ignore_pairs: [[{pair.a}, {pair.b}]]` in cell.yaml would let them)"
 
 
 def _too_near(distance: float, clearance: float) -> bool:

@@ -162,7 +162,7 @@ def load_dynamics(cell: Cell) -> Dynamics:
 
 def _bounded(cell: Cell) -> str:
     """The URDF with joints that turn without end as joints with an angle: pinocchio has cos and sin for those."""
-    root = ElementTree.parse(cell.urdf).getroot()
+    root = ElementTree.fromstring(cell.urdf_text)
     for joint in root.iter("joint"):
         if joint.get("type") == "continuous":
             joint.set("type", "revolute")

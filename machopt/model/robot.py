@@ -255,7 +255,7 @@ def _urdf_model(cell: Cell) -> Any:
     import pinocchio as pin
 
     try:
-        return pin.buildModelFromUrdf(str(cell.urdf))
+        return pin.buildModelFromXML(cell.urdf_text)
     except ValueError as problem:
         raise InputError(f"the robot model cannot be built: {_short(problem)}", file=cell.urdf) from None
 
@@ -285,7 +285,7 @@ def _link_shapes(cell: Cell, model: object, data: object, T_base_world: Array, i
     """Collision bodies of the URDF, placed in base_link at q = 0; those on other branches of the tree count as base."""
     import pinocchio as pin
 
-    text = cell.urdf.read_text(encoding="utf-8-sig")
+    text = cell.urdf_text
     for name, folder in cell.packages.items():  # a package's folder may have another name than the package
         text = text.replace(f"package://{name}/", quoteattr(f"{folder}/")[1:-1])
     folders = [str(cell.urdf.parent), str(cell.folder)]

@@ -91,7 +91,7 @@ def not_run(checks: Iterable[Check]) -> tuple[str, ...]:
 
 def _has_bodies(cell: Cell) -> bool:
     """The robot's own file describes bodies that can touch anything."""
-    return b"<collision" in cell.urdf.read_bytes()
+    return "<collision" in cell.urdf_text
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -68,7 +68,7 @@ class Arm:
         import pinocchio as pin
 
         self.cell = cell
-        self.model: Any = pin.buildModelFromUrdf(str(cell.urdf))
+        self.model: Any = pin.buildModelFromXML(cell.urdf_text)
         self._data = self.model.createData()
         self._forward = pin.framesForwardKinematics
         self.rest: Array = pin.neutral(self.model)

@@ -133,7 +133,7 @@ def all_bodies(cell: Cell, arm: Arm) -> list[Body]:
     """Every body of the cell, as pinocchio and coal load it."""
     import pinocchio as pin
 
-    text = cell.urdf.read_text(encoding="utf-8-sig")
+    text = cell.urdf_text
     for name, folder in cell.packages.items():  # a package's folder may have another name than the package
         text = text.replace(f"package://{name}/", quoteattr(f"{folder}/")[1:-1])
     folders = [str(cell.urdf.parent), str(cell.folder)]

@@ -25,7 +25,7 @@ SAME_KG = 1e-6  # of the total mass
 def check_inventory(cell: Cell, arm: Arm, bodies: list[Body], pairs: list[tuple[Body, Body]]) -> list[Check]:
     """Nothing of the URDF has vanished on its way to the contact check."""
     try:
-        root = ElementTree.parse(cell.urdf).getroot()
+        root = ElementTree.fromstring(cell.urdf_text)
     except (OSError, ElementTree.ParseError) as error:
         return [Check("bodies of the URDF", False, np.nan, 0.0, "bodies", f"{cell.urdf.name} cannot be read: {error}")]
     return [

@@ -43,7 +43,11 @@ def read_markup(path: Path, expected: str) -> Element:
         InputError: unreadable, not UTF-8, not well-formed, too deep or too large, or it declares entities or a
             document type that lies elsewhere.
     """
-    text = read_text(path, expected=expected, most=MARKUP)
+    return parse_markup(read_text(path, expected=expected, most=MARKUP), path, expected)
+
+
+def parse_markup(text: str, path: Path, expected: str) -> Element:
+    """The root element of an XML text that came from ``path``; raises as :func:`read_markup` does."""
     if not text.strip():
         raise InputError(f"is empty; expected {expected}", file=path)
     builder = _Builder(path)

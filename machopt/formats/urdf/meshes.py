@@ -41,3 +41,24 @@ def find_mesh(urdf: Urdf, uri: str, packages: dict[str, Path], cell_folder: Path
             f"folder of that name stands beside the URDF; `packages: {{{name}: its_folder}}` would work"
         )
     return FoundMesh(folder / rest, name, folder)
+
+
+def find_package(name: str, file: Path, packages: dict[str, Path], cell_folder: Path) -> Path:
+    """Folder that ``$(find name)`` in a xacro file means: of the cell's ``packages``, else one of that name above or
+    beside the file, as far up as the cell folder.
+
+    Raises:
+        InputError: there is none.
+    """
+    if name in packages:
+        return packages[name]
+    above = [p for p in file.resolve().parents if p.is_relative_to(cell_folder)]
+    folders = [f for p in above for f in (p, p / name) if f.name == name]
+    found = next((f for f in (*folders, cell_folder / name) if isdir(f)), None)
+    if found is None:
+        raise InputError(
+            f"$(find {name}): the package is not in the cell's packages ({', '.join(packages) or 'none'}) and no "
+            f"folder of that name stands in the cell; `packages: {{{name}: its_folder}}` would work",
+            file=file,
+        )
+    return found

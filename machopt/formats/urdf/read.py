@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from machopt.errors import InputError
-from machopt.formats.urdf.markup import Element, read_markup
+from machopt.formats.urdf.markup import Element, parse_markup, read_markup
 from machopt.formats.urdf.tree import MOVING, Urdf, UrdfJoint, UrdfLink, UrdfMesh, UrdfMimic, UrdfSolid, check_tree
 from machopt.formats.urdf.vocabulary import check_vocabulary
 
@@ -21,15 +21,19 @@ _UNIT = 1e-3  # by which a printed unit vector may miss its length
 _LEAST_AXIS = 1e-6  # length of an axis below which it has no direction
 
 
-def read_urdf(path: Path) -> Urdf:
+def read_urdf(path: Path, text: str | None = None) -> Urdf:
     """Parse a URDF.
+
+    Args:
+        path: the file.
+        text: what it expands to, where it is a xacro file.
 
     Raises:
         InputError: names file, line and element: not XML, not a ``<robot>``, still xacro, entities; an element or
             attribute that is unknown, missing or stands twice; a number that is none, not finite or out of its range;
             links or joints of one name, a link with two parents, a loop.
     """
-    root = read_markup(path, "a URDF")
+    root = read_markup(path, "a URDF") if text is None else parse_markup(text, path, "a URDF")
     if root.tag != "robot":
         raise InputError(
             f"found the root element <{root.tag}>; a URDF starts with <robot>", file=path, where=f"line {root.line}"
@@ -37,7 +41,7 @@ def read_urdf(path: Path) -> Urdf:
     for e in (root, *root.descendants()):
         if e.tag.startswith("xacro:"):
             raise InputError(
-                "still holds xacro elements; expand it first (xacro file.xacro > robot.urdf)",
+                "holds xacro elements that nothing expands; a macro of that name would work",
                 file=path,
                 where=f"line {e.line}",
             )
