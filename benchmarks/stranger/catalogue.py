@@ -108,9 +108,52 @@ def load_cases() -> list[Case]:
     return out
 
 
+POSE_EFFECTS = {  # and the labs where they can be told from the registration
+    "joint_zero_offset": ("fixed", "fit"),
+    "transmission_error": ("fit", "fixed"),
+    "geometry": ("fit", "fixed"),
+    "geometry ": ("fit_6d", "fixed_once"),
+    "joint_coupling": ("fixed", "fit"),
+    "payload": ("fixed", "fit"),
+    "gravity_compensator": ("fit", "fixed_once"),
+    "link_compliance": ("fixed", "fit_6d"),
+    "base_compliance": ("fixed", "fixed_once"),
+    "joint_pose_dependent_stiffness": ("fixed", "fit"),
+    "joint_backlash": ("fixed", "fit"),
+    "thermal_drift": ("fixed", "fit"),
+    "displacement_frame": ("fixed",),
+}
+POSE_SETS = (
+    ("geometry", "transmission_error"),
+    ("geometry", "joint_zero_offset", "transmission_error"),
+    ("payload", "joint_coupling"),
+    ("transmission_error", "thermal_drift"),
+    ("geometry", "link_compliance", "joint_zero_offset"),
+    ("gravity_compensator", "joint_zero_offset"),
+)
+
+
+def pose_cases() -> list[Case]:
+    labs = ("fit", "fixed", "fit_6d", "fixed_once", "fit_crude", "fixed_few")
+    out = [Case("null", "poses", lab, number=k) for lab in labs for k in range(4)]
+    for name, fit in POSE_EFFECTS.items():
+        for m, loud in enumerate((1.0, 3.0)):
+            out.append(Case("single", "poses", fit[m % len(fit)], ((name.strip(), loud),)))
+    for k, names in enumerate(POSE_SETS):
+        out.append(Case("pair", "poses", ("fixed", "fit")[k % 2], tuple((n, 2.0) for n in names)))
+    for k, name in enumerate(("bearing_wobble", "warm_air", "slack_cable")):
+        for m, loud in enumerate((1.0, 2.5)):
+            out.append(Case("outside", "poses", ("fixed", "fit")[(k + m) % 2], ((name, loud),)))
+    for fault in faults.POSE_FAULTS:
+        # the registration would take in what the whole record shares
+        lab = "fixed" if fault.name in ("pose_tracker_reseated", "pose_swapped_yz") else ("fixed", "fit")[len(out) % 2]
+        out.append(Case("record", "poses", lab, fault=fault.name))
+    return out
+
+
 def cases() -> list[Case]:
     """One set."""
-    return load_cases()
+    return load_cases() + pose_cases()
 
 
 FAST = (

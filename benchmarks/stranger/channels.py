@@ -7,33 +7,42 @@ from typing import Any
 import concealed_load
 import loadtest
 import numpy as np
+import poses
 import tables
 from dualquat import Array
 from robots import Robot
 from scene import Clean, Effect, Scene
 
-DISTURBED = loadtest.DISTURBED
+DISTURBED = (*loadtest.DISTURBED, "fit_crude", "fixed_once", "fixed_few")
 
 
 def scene(channel: str, lab: str, nominal: Robot, built: Robot, rng: np.random.Generator) -> Scene:
     """An experiment by its channel and the lab's habits."""
+    if channel == "poses":
+        return poses.PoseSet(nominal, built, poses.POSE_LABS[lab], rng)
     return loadtest.LoadTest(nominal, built, loadtest.LABS[lab], rng)
 
 
 def draw(of: Scene, name: str, rng: np.random.Generator, loud: float) -> list[Effect]:
     """Places an effect may have."""
+    if isinstance(of, poses.PoseSet):
+        return poses.draw(name, of, rng, loud)
     assert isinstance(of, loadtest.LoadTest)
     return concealed_load.draw(name, of, rng, loud)
 
 
 def table(of: Scene, clean: Clean, rng: np.random.Generator) -> tables.Table:
     """The recording with its noise."""
+    if isinstance(of, poses.PoseSet):
+        return poses.pose_table(of, clean, rng)
     assert isinstance(of, loadtest.LoadTest)
     return tables.load_table(of, clean, rng)
 
 
 def measured(of: Scene, written: tables.Table, clean: Clean) -> Array:
     """(N, D) what was read, SI, base axes, as ``clean.y``."""
+    if isinstance(of, poses.PoseSet):
+        return np.concatenate([poses.pose_measured(of, written), clean.y[:, 3:]], axis=1)
     assert isinstance(of, loadtest.LoadTest)
     c = written.columns
     D = concealed_load.axes_of(of, of.lab.displacement_frame)
@@ -45,6 +54,8 @@ def measured(of: Scene, written: tables.Table, clean: Clean) -> Array:
 
 def repeats(of: Scene) -> bool:
     """Whether any pose and load was visited twice."""
+    if isinstance(of, poses.PoseSet):
+        return of.lab.sessions > 1
     assert isinstance(of, loadtest.LoadTest)
     return of.lab.sessions * of.lab.cycles > 1
 

@@ -48,15 +48,15 @@ def load_rivals(scene: LoadTest, clean: Clean) -> dict[Named, Array]:
         if np.linalg.norm(span) < 1e-6:
             continue
         end = dq.place(rigid[f"link{i}"]) + R @ span
-        for C in _beam_parts(span):
-            add("link_compliance", f"link:{i + 1}", _through(C, R, end, tip, load))
+        for C in beam_parts(span):
+            add("link_compliance", f"link:{i + 1}", through(C, R, end, tip, load))
     zero = np.zeros_like(tip)
     for k in range(6):
         C = np.diag(np.eye(6)[k])
-        add("base_compliance", "base", _through(C, np.broadcast_to(np.eye(3), (len(tip), 3, 3)), zero, tip, load))
-        add("tool_compliance", "tool", _through(C, dq.matrix(rigid["tcp"]), tip, tip, load))
-    for C in _beam_parts(robot.tcp[:3]):
-        add("tool_compliance", "tool", _through(C, dq.matrix(rigid["mounted"]), tip, tip, load))
+        add("base_compliance", "base", through(C, np.broadcast_to(np.eye(3), (len(tip), 3, 3)), zero, tip, load))
+        add("tool_compliance", "tool", through(C, dq.matrix(rigid["tcp"]), tip, tip, load))
+    for C in beam_parts(robot.tcp[:3]):
+        add("tool_compliance", "tool", through(C, dq.matrix(rigid["mounted"]), tip, tip, load))
     # what a wrong load makes through the springs
     C = np.einsum("njd,njc,j->ndc", J, J, 1.0 / robot.stiffness)
     S = concealed_load.axes_of(scene, scene.lab.wrench_frame)
@@ -80,7 +80,7 @@ def load_rivals(scene: LoadTest, clean: Clean) -> dict[Named, Array]:
     return {name: np.stack(columns, axis=2)[:, :width] for name, columns in out.items()}
 
 
-def _beam_parts(span: Array) -> list[Array]:
+def beam_parts(span: Array) -> list[Array]:
     """Unit compliances of a uniform beam: bending in two planes, torsion, stretch."""
     from bodies import _across
 
@@ -95,7 +95,7 @@ def _beam_parts(span: Array) -> list[Array]:
     return [*out, B @ np.diag(np.eye(6)[3]) @ B.T, B @ np.diag(np.eye(6)[0]) @ B.T]
 
 
-def _through(C: Array, R: Array, at: Array, tip: Array, load: Array) -> Array:
+def through(C: Array, R: Array, at: Array, tip: Array, load: Array) -> Array:
     """(N, 6) motion of the tip by a body of compliance C in axes R, whose section stands at ``at``."""
     lever = tip - at
     moment = load[:, 3:] + np.cross(lever, load[:, :3])
