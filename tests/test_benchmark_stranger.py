@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,12 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks" / "strang
 
 import arm
 import bodies
+import catalogue
 import channels
 import dualquat as dq
+import faults
 import gears
+import motion
 import robots
 from loadtest import joint_columns
 from scene import tune
@@ -97,3 +101,48 @@ def test_an_effect_is_as_loud_as_wanted() -> None:
     quiet = scene.clean([])
     effect = channels.draw(scene, "base_compliance", rng, 0.8)[0]
     assert tune(scene, effect, quiet) == pytest.approx(0.8, rel=0.06)
+
+
+def test_torques_are_the_energy_s_rate() -> None:
+    """What the joints give is what kinetic and potential energy take up: Newton and Euler against Leibniz."""
+    rng = np.random.default_rng(5)
+    robot = robots.draw("rx160*", rng)
+    scene = motion.Motion(robot, robot, replace(motion.MOTION_LABS["torque"], period=4.0, cycles=1), rng)
+    rows = np.arange(100, 140)
+    power = np.sum(scene.dynamic * scene.qd, axis=1)[rows]
+    # energy of the same arm by its own inertia: torque at unit acceleration, without weight or speed
+    rest = motion.newton_euler(robot, scene.q, 0 * scene.qd, 0 * scene.qdd)
+    energy = np.zeros(len(scene.q))
+    for j in range(6):
+        unit = motion.newton_euler(robot, scene.q, 0 * scene.qd, np.eye(6)[[j] * len(scene.q)]) - rest
+        energy += 0.5 * scene.qd[:, j] * np.sum(unit * scene.qd, axis=1)
+    gained = np.gradient(energy, motion.STEP)[rows] + np.sum(rest * scene.qd, axis=1)[rows]
+    assert gained == pytest.approx(power, abs=2e-3 * np.abs(power).max())
+
+
+def test_every_fault_changes_its_record() -> None:
+    rng = np.random.default_rng(6)
+    nominal = robots.draw("m20ia*", rng)
+    for channel, lab, listed in (
+        ("load", "full", faults.LOAD_FAULTS),
+        ("poses", "fixed", faults.POSE_FAULTS),
+        ("motion", "torque", faults.MOTION_FAULTS),
+    ):
+        scene = channels.scene(channel, lab, nominal, nominal, rng)
+        quiet = scene.clean([])
+        for fault in listed:
+            table = channels.table(scene, quiet, rng)
+            before = {k: np.array(v) for k, v in table.columns.items()}
+            about = dict(table.about)
+            assert fault.spoil(table, rng), fault.name
+            changed = about != table.about or any(np.any(before[k] != v) for k, v in table.columns.items())
+            assert changed, fault.name
+
+
+def test_a_set_has_what_it_promises() -> None:
+    listed = catalogue.cases()
+    assert len({c.name for c in listed}) == len(listed)
+    count = {g: sum(c.group == g for c in listed) for g in ("null", "single", "pair", "outside", "record")}
+    assert count["null"] >= 75
+    assert count["record"] >= 30
+    assert sum(count.values()) >= 200

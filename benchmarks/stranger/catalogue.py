@@ -151,9 +151,28 @@ def pose_cases() -> list[Case]:
     return out
 
 
+MOTION_EFFECTS = {
+    "torque": ("joint_friction", "payload", "gravity_compensator", "time_skew"),
+    "link": ("joint_backlash", "joint_hysteresis", "joint_nonlinear_stiffness", "transmission_error", "time_skew"),
+}
+
+
+def motion_cases() -> list[Case]:
+    labs = ("torque", "torque_restless", "link")
+    out = [Case("null", "motion", lab, number=k) for lab in labs for k in range(6)]
+    for lab, names in MOTION_EFFECTS.items():
+        for name in names:
+            out += [Case("single", "motion", lab, ((name, loud),)) for loud in (0.5, 1.5)]
+    out.append(Case("pair", "motion", "torque", (("payload", 1.5), ("time_skew", 1.0))))
+    out.append(Case("pair", "motion", "link", (("joint_hysteresis", 2.0), ("transmission_error", 1.5))))
+    out += [Case("outside", "motion", "torque", ((n, loud),)) for n in ("rotor", "hose") for loud in (0.6, 1.5)]
+    out += [Case("record", "motion", "torque", fault=f.name) for f in faults.MOTION_FAULTS]
+    return out
+
+
 def cases() -> list[Case]:
     """One set."""
-    return load_cases() + pose_cases()
+    return load_cases() + pose_cases() + motion_cases()
 
 
 FAST = (
@@ -182,13 +201,13 @@ FAST = (
     "record/load/*/sign_q5/*",
     "null/poses/fit/none/0",
     "null/poses/fixed/none/0",
-    "single/poses/*/geometry~2.5/0",
-    "single/poses/*/transmission_error~2.5/0",
-    "single/poses/*/payload~2.5/0",
+    "single/poses/*/geometry~3/0",
+    "single/poses/*/transmission_error~3/0",
+    "single/poses/*/payload~3/0",
     "record/poses/*/pose_sign_q4/*",
-    "null/motion/*/none/0",
-    "single/motion/*/joint_friction~1/0",
-    "single/motion/*/payload~1/0",
+    "null/motion/torque/none/0",
+    "single/motion/*/joint_friction~1.5/0",
+    "single/motion/*/joint_hysteresis~1.5/0",
 )
 
 

@@ -189,7 +189,6 @@ LOAD_FAULTS = [
     Fault("decimal_point", _decimals),
     Fault("other_axes", _other_axes),
 ]
-MOTION_FAULTS: list[Fault] = []
 POSE_FAULTS = [
     Fault("pose_inch", _scaled("", INCH, False)),
     Fault("pose_inch_one_session", _scaled("", INCH, True)),
@@ -200,4 +199,46 @@ POSE_FAULTS = [
     Fault("pose_tracker_reseated", _turned("", 0.05)),
     Fault("pose_pasted_visit", _pasted),
     Fault("pose_swapped_joints_4_6", _swapped("q", 3, 5, False)),
+]
+
+
+def _torques(number: int, change: str) -> Callable[[Table, np.random.Generator], Accepted]:
+    """A torque channel of joint ``number`` with another sign, unit or owner."""
+
+    def spoil(table: Table, rng: np.random.Generator) -> Accepted:
+        own, other = f"tau{number}_Nm", f"tau{number % 6 + 1}_Nm"
+        a, b = table.columns[own], table.columns[other]
+        if change == "sign":
+            table.columns[own] = -a
+        elif change == "motor":  # torque at the motor's shaft, not at the joint
+            table.columns[own] = np.round(a / 187.0, 5)
+        else:
+            table.columns[own], table.columns[other] = b, a
+        group = [f"tau{j}_Nm" for j in range(1, 7)]
+        return _columns(group)
+
+    return spoil
+
+
+def _late(table: Table, rng: np.random.Generator) -> Accepted:
+    """All torques stand three rows too low."""
+    for j in range(1, 7):
+        table.columns[f"tau{j}_Nm"] = np.roll(table.columns[f"tau{j}_Nm"], 3)
+    return [("time_skew", "sensor:tau"), *_columns([f"tau{j}_Nm" for j in range(1, 7)])]
+
+
+def _radians(table: Table, rng: np.random.Generator) -> Accepted:
+    """Velocities in rad/s under a header of degrees."""
+    for j in range(1, 7):
+        table.columns[f"qd{j}_deg_s"] = np.round(np.radians(table.columns[f"qd{j}_deg_s"]), 7)
+    return _columns([f"qd{j}_deg_s" for j in range(1, 7)])
+
+
+MOTION_FAULTS = [
+    Fault("tau_sign_2", _torques(2, "sign")),
+    Fault("tau_motor_side_3", _torques(3, "motor")),
+    Fault("tau_swapped_2_3", _torques(2, "swapped")),
+    Fault("tau_rows_late", _late),
+    Fault("qd_radians", _radians),
+    Fault("motion_sign_q4", _flipped("q", 3, False)),
 ]

@@ -231,7 +231,7 @@ def text(rows: list[Row], misled: list[tuple[Answer, str]], answers: list[Answer
         out.append(f"{row.what:<48}{value:>9}{row.of:>6}  {row.goal:<10} {mark}".rstrip())
     out += ["", f"{len(misled)} misled; again: machopt diagnose {folder}/NAME/cell {folder}/NAME/recording -o out", ""]
     for a, why in misled:
-        said = "; ".join("{} {}".format(*score.name_of(f)) for f in a.findings)
+        said = _said(a)
         true = "; ".join(f"{e['effect']} {e['location'][:40]}" for e in a.truth["effects"])
         out.append(f"{a.name}  {a.truth['key']}  {a.truth['robot']}: {why}")
         out.append(f"    true: {true or 'nothing'} | said: {verdict(a)}: {said or 'nothing'}")
@@ -239,10 +239,14 @@ def text(rows: list[Row], misled: list[tuple[Answer, str]], answers: list[Answer
     missed = [(a, e) for a, e in missed if not score.found(e, a.findings)]
     out += ["", f"{len(missed)} effects missed that were due"]
     for a, e in missed:
-        said = "; ".join("{} {}".format(*score.name_of(f)) for f in a.findings)
+        said = _said(a)
         loud = e["noncentrality"] or 0.0
         out.append(f"{a.name}  {a.truth['key']}: {e['effect']} {e['location']} ({loud:.0f}); said {verdict(a)}: {said}")
     return "\n".join(out)
+
+
+def _said(a: Answer) -> str:
+    return "; ".join(f"{f['effect']} {str(f['location'])[:40]}" for f in a.findings)
 
 
 def main(arguments: list[str] | None = None) -> int:

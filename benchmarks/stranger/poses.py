@@ -67,7 +67,8 @@ class PoseSet:
         self.pose = order
         self.script = arm.Script(poses[order], np.zeros((n, 6)), time, np.arange(n), np.arange(n), session)
         self.rigid = arm.chain(arm.Build(nominal), self.script.q, {"joints": np.zeros((n, 6))})
-        _, self.torque = arm.rest(arm.Build(nominal), self.script)
+        # the lab's own refit of the springs is exact: everything is counted from the arm with nothing concealed
+        self.quiet, self.torque = arm.rest(arm.Build(built), self.script)
         # where the tracker stands, and where its reflector really sits: 0.4 mm from the drawing
         self.tracker = dq.twist(np.r_[rng.uniform(-3, 3, 3), rng.normal(0, 0.6, 3)])
         self.nest = rng.normal(0, 2.5e-4, 3) if lab.fit else np.zeros(3)
@@ -78,11 +79,11 @@ class PoseSet:
             _put(e, build, self)
         frames, _ = arm.rest(build, self.script)
         R = dq.matrix(self.rigid["tcp"])
-        at = dq.place(frames["tcp"]) + dq.matrix(frames["tcp"]) @ self.nest
-        turned = dq.turning(frames["tcp"], self.rigid["tcp"])
+        at = _seen(frames, self.nest)
+        turned = dq.turning(frames["tcp"], self.quiet["tcp"])
         for e in effects:
             at = _read(e, at, self)
-        y = at - dq.place(self.rigid["tcp"])
+        y = at - _seen(self.quiet, self.nest)
         motion, sight = joint_columns(self.nominal, self.rigid)
         J = np.concatenate([motion, sight], axis=2)
         columns = [J[:, j] * self.torque[:, j, None] for j in range(6)]
@@ -290,15 +291,19 @@ def _put(e: Effect, build: arm.Build, scene: PoseSet) -> None:
 
 
 def linkage(angle: Array, scene: PoseSet) -> Array:
-    """(N,) torque of a spring between a crank on joint 2 and the column: s² = r² + L² + 2 r L cos, F = F0 + k (s - s0).
+    """(N,) torque that holds about a third of what the weights ask of joint 2."""
+    return linkage_torque(angle, float(np.max(np.abs(scene.torque[:, 1]))))
 
-    One unit holds about a third of what the weights ask of joint 2.
+
+def linkage_torque(angle: Array, most: float) -> Array:
+    """(N,) torque of a spring between a crank and the column: s² = r² + L² + 2 r L cos, F = F0 + k (s - s0).
+
+    About a third of ``most`` N·m where the crank stands across.
     """
     r, L = 0.12, 0.9
     s = np.sqrt(r**2 + L**2 + 2 * r * L * np.cos(angle))
-    third = 0.33 * float(np.max(np.abs(scene.torque[:, 1])))
     pull = 0.6 + 4.0 * (s - (L - r))
-    return np.asarray(third * pull * r * L * np.sin(angle) / s / r)
+    return np.asarray(0.33 * most * pull * L * np.sin(angle) / s)
 
 
 def _read(e: Effect, at: Array, scene: PoseSet) -> Array:
@@ -362,8 +367,13 @@ def _quaternions(R: Array) -> Array:
 
 
 def pose_measured(scene: PoseSet, table: Table) -> Array:
-    """(N, 3) position read minus the rigid nominal one, in base axes, m."""
+    """(N, 3) position read minus that of the arm with nothing concealed, in base axes, m."""
     at = 1e-3 * np.stack([table.columns[f"{a}_mm"] for a in "xyz"], axis=1)
     if scene.lab.fit:
         at = (at - dq.place(scene.tracker)) @ dq.matrix(scene.tracker)
-    return np.asarray(at - dq.place(scene.rigid["tcp"]))
+    return np.asarray(at - _seen(scene.quiet, scene.nest))
+
+
+def _seen(frames: dict[str, Array], nest: Array) -> Array:
+    """(N, 3) where the reflector is."""
+    return np.asarray(dq.place(frames["tcp"]) + dq.matrix(frames["tcp"]) @ nest)
