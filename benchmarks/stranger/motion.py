@@ -17,7 +17,7 @@ from scene import Clean, Effect, Named
 from tables import Table
 
 ARCMIN = np.pi / 10800
-STEP = 0.01  # s
+STEP = 0.02  # s
 
 
 @dataclass(frozen=True)
