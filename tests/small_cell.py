@@ -5,10 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from machopt.domain.cell import Cell, Cutter, JointLimits, Shape, Tool, Workpiece
 
-ROBOTS = Path(__file__).resolve().parents[2] / "shared" / "data" / "robots"
+OWN = Path(__file__).resolve().parent / "real" / "robots"  # SOURCES.md says whose
+BESIDE = (
+    Path(__file__).resolve().parents[2] / "shared" / "data" / "robots"
+)  # more of them, beside a development checkout
 
 # name, parent → child, origin of the joint, axis, limits in deg (the sizes of a KR 210)
 _JOINTS = [
@@ -110,11 +114,23 @@ def small_cell(folder: Path, **changes: object) -> Cell:
     return Cell(**{**fields, **changes})  # type: ignore[arg-type]
 
 
-def real_cell(folder: Path, name: str, obstacles: tuple[Shape, ...] = ()) -> Cell:
-    """A real robot of the shared data with the small cell's tool; the robot's own limits."""
+def robot_folder(name: str, *, meshes: bool = False) -> Path:
+    """The description of a real robot; the test is skipped where it is absent, or its meshes where they are needed."""
+    own = OWN / name
+    if own.is_dir() and (not meshes or any(own.rglob("*.stl"))):
+        return own
+    if (BESIDE / name).is_dir():
+        return BESIDE / name
+    pytest.skip(
+        f"{'meshes' if meshes else 'the description'} of {name} too large or not free to be published are not here"
+    )
+
+
+def real_cell(folder: Path, name: str, obstacles: tuple[Shape, ...] = (), *, meshes: bool = False) -> Cell:
+    """A real robot with the small cell's tool; the robot's own limits."""
     import xml.etree.ElementTree as ET
 
-    root = ROBOTS / name
+    root = robot_folder(name, meshes=meshes)
     urdf = root / f"{name}.urdf"
     tree = ET.parse(urdf)
     moving = [j for j in tree.iter("joint") if j.get("type") == "revolute"]

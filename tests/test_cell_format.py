@@ -12,6 +12,7 @@ import trimesh
 import yaml as other_yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from small_cell import robot_folder
 
 from machopt.domain.cell import Cell
 from machopt.domain.stiffness import Stiffness, StiffnessGrid, Term
@@ -21,7 +22,6 @@ from machopt.formats.stiffness import load_stiffness, write_stiffness
 from machopt.formats.yamlstrict import parse_yaml
 
 ROOT = Path(__file__).resolve().parents[1]
-ROBOTS = Path(__file__).resolve().parents[2] / "shared" / "data" / "robots"
 
 CELL = """\
 machopt_cell: 1
@@ -233,9 +233,7 @@ def robot_cell(source: Path, tmp_path: Path) -> Cell:
 
 @pytest.mark.parametrize("name", ["kr500_r2800_2", "kr210l150", "m20ia", "rx160"])
 def test_robot_descriptions_of_others_load(name: str, tmp_path: Path) -> None:
-    if not (ROBOTS / name).is_dir():
-        pytest.skip(f"{ROBOTS / name} is absent")
-    cell = robot_cell(ROBOTS / name, tmp_path)
+    cell = robot_cell(robot_folder(name, meshes=True), tmp_path)
     assert len(cell.arm_joints) == 6
     assert sum(f.suffix == ".stl" for f in cell.files) == 7  # every collision mesh, no picture
     assert len(cell.packages) == 1  # found beside the URDF

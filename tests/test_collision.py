@@ -10,7 +10,7 @@ import coal
 import numpy as np
 import pytest
 import trimesh
-from small_cell import ROBOTS, pose, real_cell, small_cell
+from small_cell import pose, real_cell, small_cell
 
 from machopt.domain.cell import Cell, Cutter, Shape, Tool, Workpiece
 from machopt.errors import InputError
@@ -97,11 +97,9 @@ def test_agrees_with_coal_on_primitives(folder: Path, model: CollisionModel) -> 
 
 @pytest.mark.parametrize("name", ["kr210l150", "m20ia"])
 def test_agrees_with_coal_on_a_real_robot(folder: Path, name: str) -> None:
-    if not (ROBOTS / name).is_dir():
-        pytest.skip(f"{ROBOTS / name} is absent")
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.3)
     ball.export(folder / "ball.stl")
-    cell = real_cell(folder, name)
+    cell = real_cell(folder, name, meshes=True)
     part = Shape("ball", "mesh", (1.0,), folder / "ball.stl", pose(0, 0, 0.2))
     cell = replace(cell, workpiece=replace(cell.workpiece, geometry=(part,)))
     model = model_of(cell)

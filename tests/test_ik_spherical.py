@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from small_cell import ROBOTS, real_cell, small_cell
+from small_cell import real_cell, small_cell
 from spherical_reference import Reference, reference_reasons
 
 from machopt.domain.reason import Reason
@@ -25,12 +25,7 @@ MARGINS = Margins(wrist=np.radians(5), elbow=np.radians(3), shoulder=0.05, limit
 
 
 def robot_named(name: str, folder: Path) -> tuple[Robot, np.ndarray, np.ndarray]:
-    if name in SPHERICAL:
-        cell = load_cell(CELLS / name)
-    else:
-        if not (ROBOTS / name).is_dir():
-            pytest.skip(f"real robot descriptions are not here: {ROBOTS / name}")
-        cell = real_cell(folder, name)
+    cell = load_cell(CELLS / name) if name in SPHERICAL else real_cell(folder, name)
     robot = load_robot(cell)
     return robot, np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi)
 

@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from small_cell import ROBOTS, real_cell, small_cell
+from small_cell import real_cell, small_cell
 
 from machopt.domain.cell import Cell
 from machopt.errors import InputError
@@ -27,8 +27,6 @@ EXACT = 1e-12  # m and rad: both sides are double precision over a reach of 3 m
 def cell_named(name: str, folder: Path) -> Cell:
     if name in SHIPPED:
         return load_cell(CELLS / name)
-    if not (ROBOTS / name).is_dir():
-        pytest.skip(f"real robot descriptions are not here: {ROBOTS / name}")
     return real_cell(folder, name)
 
 

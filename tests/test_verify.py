@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_cell import ROBOTS, pose, real_cell, small_cell
+from small_cell import pose, real_cell, small_cell
 
 from machopt.domain.cell import Cell, Shape, Tool
 from machopt.domain.options import PlanOptions
@@ -382,9 +382,7 @@ def coal_distance(cell: Cell, arm: Arm, q: np.ndarray, pair: Pair) -> float:
 @pytest.mark.parametrize("name", ["small", "kr210l150", "kr500_r2800_2"])
 def test_agrees_with_the_planner_s_collision_model(tmp_path: Path, name: str) -> None:
     """Two libraries, two bounds, one answer: random motions, the contacting pairs by name."""
-    if name != "small" and not (ROBOTS / name).is_dir():
-        pytest.skip(f"{ROBOTS / name} is absent")
-    cell = small_cell(tmp_path) if name == "small" else real_cell(tmp_path, name)
+    cell = small_cell(tmp_path) if name == "small" else real_cell(tmp_path, name, meshes=True)
     robot, shapes = load_chain(cell)
     cell = replace(cell, limits=replace(cell.limits, lower=robot.lower, upper=robot.upper))
     model, arm = CollisionModel(cell, robot, shapes, 0.0), Arm(cell)
