@@ -121,9 +121,7 @@ def robot_folder(name: str, *, meshes: bool = False) -> Path:
         return own
     if (BESIDE / name).is_dir():
         return BESIDE / name
-    pytest.skip(
-        f"{'meshes' if meshes else 'the description'} of {name} too large or not free to be published are not here"
-    )
+    pytest.skip(f"{name}: {'its meshes are' if meshes else 'its description is'} not here ({BESIDE})")
 
 
 def real_cell(folder: Path, name: str, obstacles: tuple[Shape, ...] = (), *, meshes: bool = False) -> Cell:
