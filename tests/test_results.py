@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from machopt.domain.results.base import Part
 from machopt.domain.results.batch import BatchComparison, BatchRecord, BatchRow
 from machopt.domain.results.diagnosis import Estimated
+from machopt.domain.results.maps import MapOptionsTold
 from machopt.domain.results.schema import DOCUMENTS, FOLDER, schema_name, schema_text
 from machopt.errors import InputError
 from machopt.output import read_result, write_result
@@ -95,3 +96,12 @@ def test_no_field_hides_one_of_pydantics_own() -> None:
     """A field named ``copy`` or ``json`` would take a method's place."""
     for model in DOCUMENTS.values():
         assert not set(model.model_fields) & set(dir(Part)), model
+
+
+def test_a_branch_may_be_picked_by_its_number() -> None:
+    """``map --pick 3`` is told as it was asked for."""
+    asked = {"at_mm": None, "tool_axis": None, "gamma_deg": None, "rotations": None, "q_deg": None, "by": "k_min"}
+    limits = {"limit_margin_deg": 0.0, "singularity_wrist_deg": None, "singularity_elbow_deg": None}
+    told = {**asked, **limits, "singularity_shoulder_mm": None, "collision": "self", "load": None}
+    assert MapOptionsTold.model_validate({**told, "pick": 3}).plain()["pick"] == 3
+    assert MapOptionsTold.model_validate({**told, "pick": "best"}).plain()["pick"] == "best"

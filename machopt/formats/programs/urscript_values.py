@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from operator import add, mul, sub
 
 import numpy as np
 
+from machopt.formats.expression import Descent
 from machopt.formats.programs.builder import number
 from machopt.formats.programs.parsed import Array
 from machopt.formats.programs.rotations import Rows, from_vector, matrix
 
-_TOKEN = re.compile(r'\s+|(\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+(?:[eE][-+]?\d+)?)|([A-Za-z_]\w*)|("[^"]*"?)|(.)')
-MOST_DEPTH = 30
+MOST_DEPTH = 30  # brackets inside each other
 FARTHEST_TURN = 1e4  # rad of a rotation vector
 
 
@@ -47,9 +48,9 @@ def evaluate(text: str, memory: Mapping[str, object], quietly: bool = False) -> 
     """
     try:
         parser = _Parser(text, memory)
-        value = parser.expression(0)
-        if parser.at < len(parser.tokens):
-            raise ScriptError(f"found {parser.tokens[parser.at][1][:20]!r} behind a value")
+        value = parser.expression()
+        if parser.peek():
+            raise ScriptError(f"found {parser.peek()[:20]!r} behind a value")
         return value
     except ScriptError:
         if quietly:
@@ -74,81 +75,76 @@ def arguments(text: str, memory: Mapping[str, object], quietly: bool = False) ->
     return values, named
 
 
-class _Parser:
+def _quotient(left: float, right: float) -> float:
+    if right == 0.0:
+        raise ScriptError("division by zero")
+    return left / right
+
+
+class _Parser(Descent[object]):
+    """Evaluates while it reads; operators join numbers only."""
+
+    token = re.compile(r'\s*(\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+(?:[eE][-+]?\d+)?|[A-Za-z_]\w*|"[^"]*"?|\S)')
+    levels = ({"+": add, "-": sub}, {"*": mul, "/": _quotient})
+    problem = ScriptError
+    most_depth = MOST_DEPTH + 1
+
     def __init__(self, text: str, memory: Mapping[str, object]) -> None:
-        self.tokens = [(m.lastindex, m.group(m.lastindex)) for m in _TOKEN.finditer(text) if m.lastindex]
-        self.memory, self.at = memory, 0
+        super().__init__(text)
+        self.memory = memory
 
-    def peek(self) -> str:
-        return self.tokens[self.at][1] if self.at < len(self.tokens) else ""
+    def both(self, operator: Callable[[float, float], float], left: object, right: object) -> object:
+        return float(operator(_number(left), _number(right)))
 
-    def take(self, text: str = "") -> tuple[int | None, str]:
-        if self.at >= len(self.tokens) or (text and self.tokens[self.at][1] != text):
-            raise ScriptError(f"found {self.peek()[:20] or 'the end'!r}; expected {text or 'a value'!r}")
-        self.at += 1
-        return self.tokens[self.at - 1]
+    def expect(self, text: str) -> None:
+        if self.peek() != text:
+            raise ScriptError(f"found {self.peek()[:20] or 'the end'!r}; expected {text!r}")
+        self.take()
 
-    def expression(self, depth: int) -> object:
-        out = self.product(depth)
-        while self.peek() in ("+", "-"):
-            sign = self.take()[1]
-            out = _number(out) + (1.0 if sign == "+" else -1.0) * _number(self.product(depth))
-        return out
-
-    def product(self, depth: int) -> object:
-        out = self.unary(depth)
-        while self.peek() in ("*", "/"):
-            sign = self.take()[1]
-            right = _number(self.unary(depth))
-            if sign == "/" and right == 0.0:
-                raise ScriptError("division by zero")
-            out = _number(out) * right if sign == "*" else _number(out) / right
-        return out
-
-    def unary(self, depth: int) -> object:
-        if depth > MOST_DEPTH:
-            raise ScriptError("brackets are nested too deeply")
-        kind, text = self.take()
+    def atom(self) -> object:
+        text = self.peek()
+        if not text:
+            raise ScriptError("found 'the end'; expected 'a value'")
+        self.take()
         if text in ("-", "+"):
-            value = _number(self.unary(depth + 1))
+            value = _number(self.factor())
             return -value if text == "-" else value
-        if kind == 1:
+        if text[0].isdecimal() or (text[0] == "." and len(text) > 1):
             known = number(text)
             if known is None:
                 raise ScriptError(f"{text[:20]!r} is no number")
             return known
-        if kind == 3:
+        if text[0] == '"':
             return text
         if text == "(":
-            inner = self.expression(depth + 1)
-            self.take(")")
+            inner = self.expression()
+            self.expect(")")
             return inner
         if text == "[":
-            return self.list(depth, "]")
-        if kind == 2:
-            return self.name(text, depth)
+            return self.list("]")
+        if text[0] == "_" or (text[0].isascii() and text[0].isalpha()):
+            return self.name(text)
         raise ScriptError(f"found {text[:20]!r}; expected a value")
 
-    def list(self, depth: int, end: str) -> list[object]:
+    def list(self, end: str) -> list[object]:
         out: list[object] = []
         while self.peek() != end:
-            out.append(self.expression(depth + 1))
+            out.append(self.expression())
             if self.peek() == ",":
                 self.take()
             elif self.peek() != end:
                 raise ScriptError(f"found {self.peek()[:20] or 'the end'!r} in a list; expected a comma or {end}")
-        self.take(end)
+        self.expect(end)
         return out
 
-    def name(self, name: str, depth: int) -> object:
+    def name(self, name: str) -> object:
         if name == "p" and self.peek() == "[":
             self.take()
-            return _pose(self.list(depth, "]"))
+            return _pose(self.list("]"))
         if self.peek() == "(":
             self.take()
-            first = self.tokens[self.at][1] if self.at < len(self.tokens) else ""
-            values = self.list(depth, ")")
-            return _function(name, values, first)
+            first = self.peek()
+            return _function(name, self.list(")"), first)
         if name not in self.memory:
             raise ScriptError(f"{name} is not set before it is used")
         value = self.memory[name]
@@ -156,7 +152,7 @@ class _Parser:
             raise ScriptError(f"{name} = {value.text}: known only while the robot runs")
         if self.peek() == "[":
             self.take()
-            index = self.list(depth, "]")
+            index = self.list("]")
             if not (
                 isinstance(value, list)
                 and len(index) == 1

@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
+from operator import add, mod, mul, sub, truediv
+
+from machopt.formats.expression import Descent
 
 
 class ExpressionError(ValueError):
     """The expression cannot be evaluated here; the reader adds file and line."""
 
 
-_TOKEN = re.compile(r"\s*(\d+\.?\d*|\.\d+|\*\*|[-+*/\[\]#=]|<[^<>]*>|[A-Z]+)")
 _COMPARE: dict[str, Callable[[float, float], bool]] = {
     "EQ": lambda a, b: abs(a - b) < 1e-6,  # LinuxCNC's own tolerance
     "NE": lambda a, b: abs(a - b) >= 1e-6,
@@ -25,6 +27,16 @@ _LOGIC: dict[str, Callable[[bool, bool], bool]] = {
     "OR": lambda a, b: a or b,
     "XOR": lambda a, b: a != b,
 }
+
+
+def _logic(what: Callable[[bool, bool], bool]) -> Callable[[float, float], float]:
+    return lambda left, right: float(what(left != 0.0, right != 0.0))
+
+
+def _compared(what: Callable[[float, float], bool]) -> Callable[[float, float], float]:
+    return lambda left, right: float(what(left, right))
+
+
 _DEGREES: dict[str, Callable[[float], float]] = {
     "SIN": lambda v: math.sin(math.radians(v)),
     "COS": lambda v: math.cos(math.radians(v)),
@@ -39,7 +51,6 @@ _DEGREES: dict[str, Callable[[float], float]] = {
     "EXP": math.exp,
     "LN": math.log,
 }
-MAX_DEPTH = 50
 
 
 class Parameters:
@@ -70,7 +81,7 @@ class Parameters:
             ExpressionError: as for :meth:`evaluate`, or something stands after it.
         """
         parser = _Parser(text, 0, self._values)
-        value, at = parser.expression()
+        value, at = parser.expression(), parser.at
         if text[at:].strip():
             raise ExpressionError(f"found {text[at:].strip()[:20]!r} after an expression")
         return value
@@ -80,8 +91,9 @@ class Parameters:
         found: list[float] = []
         at = 0
         while text[at:].strip():
-            value, at = _Parser(text, at, self._values).factor()
-            found.append(value)
+            parser = _Parser(text, at, self._values)
+            found.append(parser.factor())
+            at = parser.at
         return found
 
     def evaluate(self, text: str) -> str:
@@ -95,22 +107,21 @@ class Parameters:
         at = 0
         while at < len(text):
             c = text[at]
-            if c == "[":
-                value, at = _Parser(text, at, self._values).factor()
-                out.append(_plain(value))
-            elif c == "#":
-                parser = _Parser(text, at, self._values)
-                name, end = parser.name()
-                rest = text[end:].lstrip()
-                if rest.startswith("="):
-                    start = len(text) - len(rest) + 1
-                    later[name], at = _Parser(text, start, self._values).expression()
-                else:
-                    value, at = _Parser(text, at, self._values).factor()
-                    out.append(_plain(value))
-            else:
+            if c not in "[#":
                 out.append(c)
                 at += 1
+                continue
+            parser = _Parser(text, at, self._values)
+            if c == "#":
+                name = parser.name()
+                rest = text[parser.at :].lstrip()
+                if rest.startswith("="):
+                    parser.at = len(text) - len(rest) + 1
+                    later[name], at = parser.expression(), parser.at
+                    continue
+                parser.at = at
+            out.append(_plain(parser.factor()))
+            at = parser.at
         self._values.update(later)
         return "".join(out)
 
@@ -127,99 +138,65 @@ def _plain(value: float) -> str:
     return f"{value:.9f}"
 
 
-class _Parser:
-    """Recursive descent; every method returns (value, place after it)."""
+def _power(base: float, exponent: float) -> float:
+    try:
+        return float(base**exponent)
+    except (OverflowError, ZeroDivisionError, TypeError) as problem:
+        raise ExpressionError("a power has no real value") from problem
 
-    def __init__(self, text: str, at: int, values: dict[str, float], depth: int = 0) -> None:
-        self.text, self.at, self.values, self.depth = text, at, values, depth
 
-    def peek(self) -> str:
-        found = _TOKEN.match(self.text, self.at)
-        return found.group(1) if found else ""
+def _by(operator: Callable[[float, float], float]) -> Callable[[float, float], float]:
+    def divided(left: float, right: float) -> float:
+        if right == 0.0:
+            raise ExpressionError("division by zero")
+        return operator(left, right)
 
-    def take(self) -> str:
-        found = _TOKEN.match(self.text, self.at)
-        if not found:
-            raise ExpressionError(f"an expression breaks off at {self.text[self.at : self.at + 10]!r}")
-        self.at = found.end()
-        return found.group(1)
+    return divided
 
-    def name(self) -> tuple[str, int]:
+
+class _Parser(Descent[float]):
+    """Evaluates while it reads."""
+
+    token = re.compile(r"\s*(\d+\.?\d*|\.\d+|\*\*|[-+*/\[\]#=]|<[^<>]*>|[A-Z]+)")
+    levels = (
+        {name: _logic(what) for name, what in _LOGIC.items()},
+        {name: _compared(what) for name, what in _COMPARE.items()},
+        {"+": add, "-": sub},
+        {"*": mul, "/": _by(truediv), "MOD": _by(mod)},
+        {"**": _power},
+    )
+    problem = ExpressionError
+
+    def __init__(self, text: str, at: int, values: dict[str, float]) -> None:
+        super().__init__(text, at)
+        self.values = values
+
+    def both(self, operator: Callable[[float, float], float], left: float, right: float) -> float:
+        return float(operator(left, right))
+
+    def name(self) -> str:
         self.take()  # '#'
         token = self.take()
         if token.startswith("<"):
-            return re.sub(r"\s", "", token), self.at
+            return re.sub(r"\s", "", token)
         if token in "[#":
             raise ExpressionError("indirect parameters (##, #[…]) are not supported")
-        return token, self.at
+        return token
 
-    def expression(self) -> tuple[float, int]:
-        """Logic over comparisons over sums; both bind from the left."""
-        value, _ = self.comparison()
-        while self.peek() in _LOGIC:
-            operator = self.take()
-            right, _ = self.comparison()
-            value = float(_LOGIC[operator](value != 0.0, right != 0.0))
-        return value, self.at
-
-    def comparison(self) -> tuple[float, int]:
-        value, _ = self.sum()
-        while self.peek() in _COMPARE:
-            operator = self.take()
-            value = float(_COMPARE[operator](value, self.sum()[0]))
-        return value, self.at
-
-    def sum(self) -> tuple[float, int]:
-        value, _ = self.term()
-        while self.peek() in ("+", "-"):
-            value = value + self.term()[0] if self.take() == "+" else value - self.term()[0]
-        return value, self.at
-
-    def term(self) -> tuple[float, int]:
-        value, _ = self.power()
-        while self.peek() in ("*", "/", "MOD"):
-            operator = self.take()
-            right, _ = self.power()
-            if operator == "*":
-                value *= right
-            elif right == 0.0:
-                raise ExpressionError("division by zero")
-            else:
-                value = value / right if operator == "/" else value % right
-        return value, self.at
-
-    def power(self) -> tuple[float, int]:
-        value, _ = self.factor()
-        while self.peek() == "**":
-            self.take()
-            try:
-                value = float(value ** self.factor()[0])
-            except (OverflowError, ZeroDivisionError, TypeError) as problem:
-                raise ExpressionError("a power has no real value") from problem
-        return value, self.at
-
-    def factor(self) -> tuple[float, int]:
-        self.depth += 1
-        if self.depth > MAX_DEPTH:
-            raise ExpressionError("an expression is nested too deeply")
-        value = self._factor()
-        self.depth -= 1
-        return value, self.at
-
-    def _factor(self) -> float:
+    def atom(self) -> float:
         token = self.peek()
         if token in ("+", "-"):
             self.take()
-            value, _ = self.factor()
+            value = self.factor()
             return -value if token == "-" else value
         if token == "[":
             self.take()
-            value, _ = self.expression()
+            value = self.expression()
             if self.take() != "]":
                 raise ExpressionError("a bracket is not closed")
             return value
         if token == "#":
-            name, _ = self.name()
+            name = self.name()
             if name not in self.values:
                 if name.startswith(("<_HAL[", "<_INI[")):
                     raise ExpressionError(
@@ -233,18 +210,18 @@ class _Parser:
         if token == "EXISTS":
             if self.take() != "[" or self.peek() != "#":
                 raise ExpressionError("EXISTS is written EXISTS[#<name>]")
-            name, _ = self.name()
+            name = self.name()
             if self.take() != "]":
                 raise ExpressionError("a bracket is not closed")
             return float(name in self.values)
         if token == "ATAN":
-            y, _ = self.factor()
+            y = self.factor()
             if self.take() != "/":
                 raise ExpressionError("ATAN is written ATAN[y]/[x]")
-            return math.degrees(math.atan2(y, self.factor()[0]))
+            return math.degrees(math.atan2(y, self.factor()))
         if token in _DEGREES:
             try:
-                return float(_DEGREES[token](self.factor()[0]))
+                return float(_DEGREES[token](self.factor()))
             except (ValueError, OverflowError) as problem:
                 raise ExpressionError(f"{token} has no value there") from problem
         raise ExpressionError(f"{token!r} is not supported in an expression")

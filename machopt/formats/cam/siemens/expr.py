@@ -6,9 +6,9 @@ import math
 import re
 from collections.abc import Callable
 
-from machopt.formats.cam.gcode.expr import MAX_DEPTH, ExpressionError
+from machopt.formats.cam.gcode.expr import ExpressionError
+from machopt.formats.expression import Descent
 
-_TOKEN = re.compile(r"\s*(\d+\.?\d*(?:EX[-+]?\d+)?|\.\d+|==|<>|>=|<=|<<|[-+*/^()\[\],<>=]|\$?[A-Z_][A-Z0-9_]*)")
 _RADIANS = math.radians
 _FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {  # name → (arguments, function); angles in degrees
     "SIN": (1, lambda v: math.sin(_RADIANS(v))),
@@ -88,45 +88,21 @@ class Variables:
         found = self._read.get((text, at))
         if found is None:
             parser = _Parser(text, at)
-            found = self._read[text, at] = (parser.level(0), parser.at)
+            found = self._read[text, at] = (parser.expression(), parser.at)
         return found
 
 
-class _Parser:
-    """Recursive descent into functions of the variables."""
+class _Parser(Descent[Expression]):
+    """Into functions of the variables."""
 
-    def __init__(self, text: str, at: int) -> None:
-        self.text, self.at, self.depth = text, at, 0
+    token = re.compile(r"\s*(\d+\.?\d*(?:EX[-+]?\d+)?|\.\d+|==|<>|>=|<=|<<|[-+*/^()\[\],<>=]|\$?[A-Z_][A-Z0-9_]*)")
+    levels = _LEVELS
+    problem = ExpressionError
 
-    def peek(self) -> str:
-        found = _TOKEN.match(self.text, self.at)
-        return found.group(1) if found else ""
+    def both(self, operator: Callable[[float, float], float], left: Expression, right: Expression) -> Expression:
+        return lambda values: float(operator(left(values), right(values)))
 
-    def take(self) -> str:
-        found = _TOKEN.match(self.text, self.at)
-        if not found:
-            raise ExpressionError(f"an expression breaks off at {self.text[self.at : self.at + 10]!r}")
-        self.at = found.end()
-        return found.group(1)
-
-    def level(self, n: int) -> Expression:
-        if n == len(_LEVELS):
-            return self.factor()
-        left = self.level(n + 1)
-        while (operator := self.peek()) in _LEVELS[n]:
-            self.take()
-            left = _both(_LEVELS[n][operator], left, self.level(n + 1))
-        return left
-
-    def factor(self) -> Expression:
-        self.depth += 1
-        if self.depth > MAX_DEPTH:
-            raise ExpressionError("an expression is nested too deeply")
-        found = self._factor()
-        self.depth -= 1
-        return found
-
-    def _factor(self) -> Expression:
+    def atom(self) -> Expression:
         token = self.take()
         if token in ("+", "-", "NOT"):
             inner = self.factor()
@@ -134,7 +110,7 @@ class _Parser:
                 return inner
             return (lambda v: -inner(v)) if token == "-" else (lambda v: float(not inner(v)))
         if token == "(":
-            inner = self.level(0)
+            inner = self.expression()
             if self.take() != ")":
                 raise ExpressionError("a bracket is not closed")
             return inner
@@ -151,17 +127,13 @@ class _Parser:
     def call(self, name: str) -> Expression:
         count, function = _FUNCTIONS[name]
         self.take()
-        inner = [self.level(0)]
+        inner = [self.expression()]
         while self.peek() == ",":
             self.take()
-            inner.append(self.level(0))
+            inner.append(self.expression())
         if self.take() != ")" or len(inner) != count:
             raise ExpressionError(f"{name} takes {count} values in brackets")
         return lambda values: float(function(*[f(values) for f in inner]))
-
-
-def _both(operator: Callable[[float, float], float], left: Expression, right: Expression) -> Expression:
-    return lambda values: float(operator(left(values), right(values)))
 
 
 def _value(values: Values, name: str) -> float:
