@@ -20,6 +20,7 @@ import dualquat as dq
 import faults
 import gears
 import motion
+import poses
 import robots
 from loadtest import joint_columns
 from scene import tune
@@ -146,3 +147,24 @@ def test_a_set_has_what_it_promises() -> None:
     assert count["null"] >= 75
     assert count["record"] >= 30
     assert sum(count.values()) >= 200
+
+
+def test_springs_alone_explain_a_null_set_of_poses() -> None:
+    """From the cell's springs, Gauss and Newton on six compliances end at the noise: no geometry, no frame needed."""
+    rng = np.random.default_rng(8)
+    nominal = robots.draw("irb6700", rng)
+    scene = poses.PoseSet(nominal, robots.as_built(nominal, rng), poses.POSE_LABS["fixed"], rng)
+    table = poses.pose_table(scene, scene.clean([]), rng)
+    read = 1e-3 * np.stack([table.columns[f"{a}_mm"] for a in "xyz"], axis=1)
+
+    def tips(soft: np.ndarray) -> np.ndarray:
+        frames, _ = arm.rest(arm.Build(replace(nominal, stiffness=1 / soft)), scene.script)
+        return dq.place(frames["tcp"]).ravel()
+
+    soft = 1 / nominal.stiffness
+    for _ in range(3):
+        now = tips(soft)
+        A = np.stack([(tips(soft * (1 + 0.01 * e)) - now) / 0.01 for e in np.eye(6)], axis=1)
+        soft = soft * (1 + np.linalg.lstsq(A, read.ravel() - now, rcond=None)[0])
+    left = read.ravel() - tips(soft)
+    assert np.sqrt(np.mean(left**2)) < 1.15e-3 * scene.lab.reading.reading

@@ -74,7 +74,7 @@ LOAD_SETS = (
 )
 # habits under which an effect has no fair chance or no meaning
 UNFIT = {
-    "joint_hysteresis": ("no_repeats",),
+    "joint_hysteresis": ("no_repeats", "mirrored"),
     "thermal_drift": ("one_day", "wandering"),  # no clock; its own wandering noise
     "force_sensor_frame": ("weights",),
 }

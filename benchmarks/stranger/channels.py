@@ -68,7 +68,7 @@ def repeats(of: Scene) -> bool:
     if isinstance(of, motion.Motion):
         return of.lab.cycles > 1
     assert isinstance(of, loadtest.LoadTest)
-    return of.lab.sessions * of.lab.cycles > 1
+    return of.lab.sessions * of.lab.cycles > 1 and not of.lab.mirrored
 
 
 def ambient(of: Scene) -> list[dict[str, Any]]:

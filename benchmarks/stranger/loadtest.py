@@ -29,6 +29,7 @@ class Lab:
     up: tuple[float, ...] = (0.25, 0.5, 0.75, 1.0)
     down: tuple[float, ...] = (0.75, 0.5, 0.25)
     both_signs: bool = True
+    mirrored: bool = False  # the second day pulls where the first pushed: nothing is repeated but its mirror image
     turning: bool = False  # rotations recorded too
     moments: str = "none"  # none: no columns; noise: pull through the TCP, columns hold noise; lever: a hook beside it
     wrench_frame: str = "base"
@@ -54,6 +55,7 @@ LABS = {
         Lab("through_tcp_6", moments="noise", turning=True, poses=14),
         Lab("one_day", sessions=1, cycles=2, clock=False),
         Lab("no_repeats", sessions=1, cycles=1, down=(), branch=False, poses=24, up=(0.5, 1.0)),
+        Lab("mirrored", mirrored=True),
         Lab("twelve", poses=12, sessions=2, cycles=1),
         Lab("crude", displacement=Instrument(0.018, 0.012, tails=4.0, step=0.01), outliers=0.01),
         Lab("wandering", displacement=Instrument(0.012, 0.010, wander=0.4), stated=False),
@@ -102,7 +104,11 @@ class LoadTest:
                 visit += 1
                 for k in range(lab.directions * lab.cycles):
                     direction = axes[pose][k % lab.directions]
-                    sign = -1.0 if lab.both_signs and (k + pose + session) % 2 else 1.0
+                    # repeats on another day keep their sign, unless the lab mirrors them
+                    turns = k % lab.directions + pose
+                    turns += k // lab.directions if lab.sessions > 1 else 0
+                    turns += session if lab.mirrored else 0
+                    sign = -1.0 if lab.both_signs and turns % 2 else 1.0
                     cycle += 1
                     first = len(rows)
                     steps = [(0.0, False), *((s, False) for s in lab.up), *((s, True) for s in lab.down)]
