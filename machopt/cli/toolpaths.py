@@ -87,7 +87,8 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     look = commands.add_parser(
         "inspect",
         parents=[common, reading_parser()],
-        help="what a CAM file holds: points, operations, feeds, words not understood",
+        help="what a CAM file holds: points, operations, feeds, words not understood; or a cell or robot: joints, "
+        "limits and who sets them, mounting, pairs that may touch",
     )
     look.add_argument("file", type=Path)
     look.add_argument("--html", type=Path, metavar="OUT.html", help="write a page with pictures of the path")
@@ -158,6 +159,8 @@ def _inspect(args: argparse.Namespace) -> int:
     from machopt.formats.inspect import summarise
     from machopt.formats.toolpath import read_toolpath
 
+    if _is_robot(args.file):
+        return _inspect_robot(args)
     robot = None
     if args.cell is not None:
         from machopt.formats.cell import load_cell
@@ -179,6 +182,26 @@ def _inspect(args: argparse.Namespace) -> int:
         print("\n".join(tree(summary)))
         if args.html is not None:
             print(f"pictures: {args.html}")
+    return 0
+
+
+def _is_robot(path: Path) -> bool:
+    """A cell's folder, its cell.yaml, a URDF or a xacro file; everything else is read as a toolpath."""
+    if path.is_dir():
+        return (path / "cell.yaml").exists()
+    return path.name == "cell.yaml" or path.suffix.lower() in (".urdf", ".xacro")
+
+
+def _inspect_robot(args: argparse.Namespace) -> int:
+    from machopt.services.look import look
+
+    if args.html is not None:
+        raise InputError("pictures are drawn of toolpaths; a cell is told without --html", where="--html")
+    found = look(args.file, allow_external=args.allow_external)
+    if args.json:
+        print(json.dumps(finite(found), ensure_ascii=False))
+    elif not args.quiet:
+        print("\n".join(tree(found)))
     return 0
 
 

@@ -34,7 +34,7 @@ from machopt.formats.plausible import (
     reach,
 )
 from machopt.formats.stiffness import load_stiffness
-from machopt.formats.urdf import Urdf, expand, find_mesh, find_package, is_xacro, read_urdf
+from machopt.formats.urdf import Description, Urdf, describe, find_mesh, find_package
 from machopt.formats.yamlstrict import Document, Loc, read_yaml, validate
 from machopt.se3 import rpy_matrix, transform
 
@@ -85,7 +85,8 @@ class _Reader:
         keys, robot = self.keys, self.keys.robot
         self.files.append(Path(self.document.file).resolve())
         named = self.packages()
-        urdf, expanded = self.urdf(self.file(("robot", "urdf"), robot.urdf), named)
+        description = self.urdf(self.file(("robot", "urdf"), robot.urdf), named)
+        urdf = description.urdf
         chain = read_chain(urdf, keys, self.document, any_chain=self.any_chain)
         self.reach = reach(urdf, keys, chain)
         check_arm(urdf, chain, self.reach, self.document)
@@ -127,7 +128,7 @@ class _Reader:
             arm_joints=tuple(j.name for j in chain.arm),
             external_joints=tuple(j.name for j in chain.external),
             external_prismatic=tuple(j.kind == "prismatic" for j in chain.external),
-            expanded=expanded,
+            expanded=description.text,
             mimics=mimics,
             may_touch=may_touch,
             arm_prismatic=arm_prismatic if any(arm_prismatic) else (),
@@ -194,26 +195,17 @@ class _Reader:
                 raise fail(f"no such folder: {folder} (looked for {out[n]})")
         return out
 
-    def urdf(self, path: Path, packages: dict[str, Path]) -> tuple[Urdf, str | None]:
-        """The robot's description, and its text where it had to be expanded."""
-        arguments = self.keys.robot.xacro_args
-        if not is_xacro(path):
-            if arguments:
-                raise self.document.error(("robot", "xacro_args"), f"{path.name} is no xacro file; leave them out")
-            return read_urdf(path), None
+    def urdf(self, path: Path, packages: dict[str, Path]) -> Description:
+        """The robot's description; what it is made of lies in the cell."""
 
         def find(name: str) -> Path:
             return self.inside(find_package(name, path, packages, self.folder), f"$(find {name})", partial(_of, path))
 
-        found = expand(path, {k: _word(v) for k, v in arguments.items()}, find)
+        found = describe(path, {k: _word(v) for k, v in self.keys.robot.xacro_args.items()}, find)
         for file in found.files:
             self.files.append(self.inside(file, file.name, partial(_of, file)))
-        self.warnings += [f"{path.name}: xacro: {line}" for line in found.warnings]
-        try:
-            return read_urdf(path, found.text), found.text
-        except InputError as problem:
-            where = None if problem.where is None else f"{problem.where} of the URDF it expands to"
-            raise InputError(problem.reason, file=problem.file, where=where) from None
+        self.warnings += found.warnings
+        return found
 
     def urdf_meshes(self, urdf: Urdf, packages: dict[str, Path]) -> dict[str, Path]:
         """Check every collision mesh; returns all packages, the map's and those found beside the URDF."""

@@ -121,7 +121,7 @@ def check_vocabulary(path: Path, robot: Element) -> Unused:
         warnings.append(
             f"{path.name}: line {robot.line}: the text {robot.text[:40]!r} between the elements was not read"
         )
-    return Unused(dict(counts), tuple(warnings))
+    return Unused(dict(+counts), tuple(warnings))
 
 
 def _check(path: Path, element: Element, context: str, counts: Counter[str]) -> None:
