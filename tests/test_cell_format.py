@@ -153,6 +153,17 @@ def test_position_narrows_the_urdf(folder: Path) -> None:
     np.testing.assert_allclose(limits.upper[1], 3.0)  # 171.89° exceeds 3 rad by rounding: the URDF's holds
 
 
+def test_joints_that_nothing_drives_and_turns_beyond_the_search_are_told(folder: Path) -> None:
+    text = urdf('<link name="jaw"/>', joint("grip", "l6", "jaw", "prismatic"))
+    (folder / "robot.urdf").write_text(text.replace('name="a6" type="revolute"', 'name="a6" type="continuous"'))
+    change(folder, ("limits:\n", "limits:\n    position_deg: [" + "[-90, 90]," * 5 + "[-720, 720]]\n"))
+    cell = load_cell(folder)
+    np.testing.assert_allclose(cell.limits.upper[5], 4 * np.pi)
+    expect(
+        " ".join(cell.notes), "nothing drives the joints grip", "of the range of a6 the planner uses -540 to 540 deg"
+    )
+
+
 def test_velocities_left_out_are_the_urdfs_and_said(folder: Path) -> None:
     change(folder, ("    velocity_deg_s: [100, 100, 100, 200, 200, 300]\n", ""))
     cell = load_cell(folder)

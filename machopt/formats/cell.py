@@ -17,7 +17,7 @@ from machopt.domain.cell import Cell, Cutter, JointLimits, Shape, Tool, Workpiec
 from machopt.domain.program import Controller, JointMap
 from machopt.errors import InputError
 from machopt.formats.cell_schema import AnyChainKeys, CellKeys, JointMapKeys, PoseKeys, ShapeKeys
-from machopt.formats.chain import limits_of_urdf, read_chain, read_home, read_limits
+from machopt.formats.chain import limits_of_urdf, read_chain, read_home, read_limits, standing
 from machopt.formats.kinematics import load_kinematics
 from machopt.formats.linkage import followers, narrowed
 from machopt.formats.maytouch import PairReader
@@ -150,7 +150,7 @@ class _Reader:
             kinematics=kinematics,
             files=tuple(dict.fromkeys(self.files)),
             warnings=tuple(self.warnings),
-            notes=(*_unused(urdf), *limits_of_urdf(chain, keys), *tightened),
+            notes=(*_unused(urdf), *limits_of_urdf(chain, keys), *tightened, *standing(urdf, chain, limits)),
         )
 
     def file(self, loc: Loc, name: str) -> Path:

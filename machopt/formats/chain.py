@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 
 _CONTINUOUS = 2 * math.pi  # rad, taken on both sides for a continuous joint
 _SLACK = math.radians(0.01)  # rad (or 0.17 mm); a position limit may exceed the URDF's by its rounding
+_TURNED = 3 * math.pi + 1e-9  # rad; the planner looks for one whole turn more to either side of ±180°
 _RAD_LOOK = 7.0  # deg/s; industrial arms are slower than 7 rad/s and faster than 7 deg/s
 _FASTER = 1.001  # share of the URDF's velocity above which the cell's is worth a word
 
@@ -186,6 +187,25 @@ def limits_of_urdf(chain: Chain, keys: CellKeys) -> tuple[str, ...]:
         )
         if values:
             out.append(f"robot.limits.position_deg is not given; the URDF's ranges hold: {values}")
+    return tuple(out)
+
+
+def standing(urdf: Urdf, chain: Chain, limits: JointLimits) -> tuple[str, ...]:
+    """What of the robot is not used to the full: joints that nothing drives, and turns beyond those that are searched.
+
+    Args:
+        limits: in the order of ``chain.moving``.
+    """
+    out = []
+    idle = [j.name for j in urdf.joints if j.moves and j.mimic is None and j not in chain.moving]
+    if idle:
+        out.append(
+            f"nothing drives the joints {', '.join(idle)} of {urdf.path.name}; they stand at zero with their bodies"
+        )
+    far = np.maximum(np.abs(limits.lower), np.abs(limits.upper))
+    wide = [j.name for i, j in enumerate(chain.moving) if j in chain.arm and j.kind != "prismatic" and far[i] > _TURNED]
+    if wide:
+        out.append(f"of the range of {', '.join(wide)} the planner uses -540 to 540 deg")
     return tuple(out)
 
 
