@@ -68,7 +68,7 @@ class Motion:
         self.viscous = 0.6 * self.coulomb * rng.uniform(0.7, 1.3, 6)
         self.noise = 0.02 * size + 0.004 * np.max(size)
         if lab.link:
-            self.noise = np.full(6, 4e-6)  # rad
+            self.noise = np.full(6, 1.5e-5)  # rad, a good encoder
         none = np.zeros(len(t), dtype=int)
         self.script = arm.Script(self.q, np.zeros((len(t), 6)), t, none, none, none)
 
