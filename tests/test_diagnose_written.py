@@ -141,3 +141,16 @@ def test_a_withheld_finding_says_that_it_stays_in_the_diagnosis() -> None:
     assert told.findings[0].correction == RecordCorrection(KNEE.effect, KNEE.location, KNEE.parameters)
     assert told.findings[1:] == d.findings[1:]
     assert told.warnings == ("said",)
+
+
+def test_a_joint_softer_than_a_file_may_say_is_not_shown() -> None:
+    """Weight hardly turns joint 6: whatever its fit, the cell's value stands; without one the softest that is read."""
+    assert CELL.stiffness is not None
+    made = stiffness_of(CELL, diagnosed({6: 0.09}, ()))
+    assert made.after is not None
+    np.testing.assert_array_equal(made.after.joints, CELL.stiffness.joints)
+    alone = stiffness_of(
+        replace(CELL, stiffness=None), diagnosed({j: 0.09 if j == 6 else 1e-6 for j in range(1, 7)}, ())
+    )
+    assert alone.after is not None
+    assert alone.after.joints == pytest.approx([1e6] * 5 + [1e2])

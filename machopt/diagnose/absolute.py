@@ -18,12 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from machopt.diagnose import held
 from machopt.diagnose.absolute_catalogue import LEVER, catalogue
 from machopt.diagnose.problem import Catalogue, Family, Problem, Unknown
 from machopt.diagnose.readings import Readings
 from machopt.domain.cell import Cell
 from machopt.domain.parameters import joint_spring
 from machopt.domain.recording import Recording
+from machopt.domain.stiffness import Term
 from machopt.errors import InputError
 from machopt.model.correction import correction_of
 from machopt.model.gravity import gravity_torque
@@ -53,7 +55,12 @@ class _Frame:
 
 
 def build(
-    recording: Recording, cell: Cell, robot: Robot, masses: Masses | None, rng: np.random.Generator
+    recording: Recording,
+    cell: Cell,
+    robot: Robot,
+    masses: Masses | None,
+    rng: np.random.Generator,
+    terms: tuple[Term, ...] = (),
 ) -> tuple[Problem, Catalogue, tuple[str, ...]]:
     """Equations and hypotheses of measured TCP poses.
 
@@ -65,6 +72,7 @@ def build(
         robot: the arm whose joints ``recording.q`` are.
         masses: of links and tool; None where the URDF has none: then weight bends nothing.
         rng: nothing here is drawn at random; part of every channel's signature.
+        terms: of the cell's stiffness, that count as known.
 
     Returns:
         Problem (D = 3, or 6 with rotation vectors in base axes where quaternions are recorded), catalogue, notes.
@@ -93,6 +101,7 @@ def build(
             totals[n] = frame.target["xyz".index(u.name[-1])]
     y = y + base @ totals
     readings = model.readings(state, frame)
+    y = y - held.at_rest(readings, terms)[:, : model.D]
     visit, replicate = _labels(recording, readings.wrench)
     stated = recording.uncertainty
     families = [Family("translation", (0, 1, 2), "mm", 1e3, stated.displacement)]

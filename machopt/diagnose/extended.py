@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from machopt.diagnose.problem import RecordCorrection
 from machopt.diagnose.result import Coefficient, Diagnosis
 from machopt.domain.cell import Cell
-from machopt.domain.stiffness import Stiffness, Term
+from machopt.domain.stiffness import SOFTEST, STIFFEST, Stiffness, Term
 from machopt.effects.protocol import joints_of
 from machopt.effects.words import spoken
 from machopt.model.elastic import against
@@ -21,7 +21,6 @@ from machopt.model.terms.against import Against
 Array = NDArray[np.float64]
 JOINTS = 6
 JOINT = "joint:"
-LEAST_COMPLIANCE = 1e-10  # rad/(N·m), of a joint that no load moved
 CERTAIN_JOINT = 0.5  # standard error per compliance from which on a joint keeps the cell's value
 
 
@@ -87,11 +86,12 @@ def _made(
     for j in range(JOINTS):
         c = springs.get(j + 1)
         value = 0.0 if c is None else of(c)
-        sure = c is not None and value > LEAST_COMPLIANCE and c.sigma < CERTAIN_JOINT * value
+        possible = 1.0 / STIFFEST < value < 1.0 / SOFTEST  # else no load moved the joint, or next to none did
+        sure = c is not None and possible and c.sigma < CERTAIN_JOINT * value
         if not sure and prior is not None:
             out.append(float(prior[j]))
         else:
-            out.append(1.0 / max(value, LEAST_COMPLIANCE))
+            out.append(float(np.clip(1.0 / max(value, 1.0 / STIFFEST), SOFTEST, STIFFEST)))
     return Stiffness(np.array(out), terms=terms)
 
 

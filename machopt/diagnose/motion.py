@@ -18,6 +18,7 @@ from machopt.diagnose.problem import Array, Catalogue, Problem, Untestable
 from machopt.diagnose.result import Finding
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
+from machopt.domain.stiffness import Term
 from machopt.errors import InputError
 from machopt.model.rigid import Dynamics, load_dynamics
 
@@ -64,7 +65,13 @@ def refuse_other_joints(recording: Recording, cell: Cell) -> None:
 
 
 def build(
-    recording: Recording, cell: Cell, channel: Predicted, rng: np.random.Generator, *, repeats: bool = True
+    recording: Recording,
+    cell: Cell,
+    channel: Predicted,
+    rng: np.random.Generator,
+    *,
+    repeats: bool = True,
+    terms: tuple[Term, ...] = (),
 ) -> tuple[Problem, Catalogue, tuple[str, ...], tuple[Finding, ...]]:
     """Equations of one channel of a motion, and what may explain what they leave.
 
@@ -73,6 +80,7 @@ def build(
         cell: with the URDF; of its chain only the arm joints count.
         channel: one of :func:`channels`.
         rng: not used by these channels, which leave nothing to chance.
+        terms: of the cell's stiffness, that count as known: those of single joints.
         repeats: hold a phase of a motion that repeats out of all periods at once; False: stretches of time alone.
 
     Returns:
@@ -90,7 +98,7 @@ def build(
     if predicted is not None and channel == "torque":
         mended, of_torque = motion_checks.torque_side(mended, motion, predicted)
         found += of_torque
-    scene = _scene(mended, cell, motion, dynamics, predicted)
+    scene = replace(_scene(mended, cell, motion, dynamics, predicted), known=terms)
     scene.notes.extend(warnings)
     problem, catalogue, more = _equations(scene, channel)
     if channel != "tip":

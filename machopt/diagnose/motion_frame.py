@@ -12,6 +12,7 @@ from machopt.diagnose.motion_signals import Motion
 from machopt.diagnose.problem import Array, Curve, Hypothesis, Ints, Quantities, Shape, Untestable
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
+from machopt.domain.stiffness import Term
 from machopt.model.rigid import Dynamics
 
 ARCMIN, ARCSEC, MRAD = np.pi / 10800.0, np.pi / 648000.0, 1e-3
@@ -30,6 +31,7 @@ class Scene:
     lift: Callable[[int, Array], Array]  # joint, (M, p) → (N, D, p)
     prismatic: tuple[bool, ...]
     scale: Array | None = None  # (D,) of the problem's coordinates; None: 1
+    known: tuple[Term, ...] = ()  # of the cell's stiffness
     notes: list[str] = field(default_factory=list)
     untestable: list[Untestable] = field(default_factory=list)
 

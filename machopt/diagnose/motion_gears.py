@@ -82,9 +82,8 @@ def _law(
 def _of_registry(
     scene: Scene, joint: int, effect: Effect, law: Law, load: Array, scale: Scale, grid: tuple[Shape, ...]
 ) -> Hypothesis:
-    """A law of the registry over the samples; where a segment begins, what the gear holds has settled."""
-    gap = np.where(scene.first > 0, np.inf, scene.step)
-    drive = Drive(load, scene.motion.q[:, joint], gap, scene.first)
+    """A law of the registry over the samples."""
+    drive = _driven(scene, joint, load)
     memory = MEMORIES[-1] if law.remembers else ""
 
     def term(x: Array, s: Shape) -> Term:
@@ -105,6 +104,26 @@ def _of_registry(
         effect.note,
         term,
     )
+
+
+def known(scene: Scene, joint: int, load: Array) -> Array:
+    """(M,) rad that the terms known of one joint make of its load, remembered from where a segment begins."""
+    out = np.zeros(len(load))
+    for term in scene.known:
+        effect = registry.elastic(term.effect)
+        if term.location != f"joint:{joint + 1}" or not effect.laws:
+            continue
+        given = files.Parameters(term.parameters, term.effect)
+        law = files.law_of(effect, given)
+        values, shape, _ = files.read(law, given)
+        out += law.columns(shape, _driven(scene, joint, load)) @ values
+    return out
+
+
+def _driven(scene: Scene, joint: int, load: Array) -> Drive:
+    """Where a segment begins, what the gear holds has settled."""
+    gap = np.where(scene.first > 0, np.inf, scene.step)
+    return Drive(load, scene.motion.q[:, joint], gap, scene.first)
 
 
 def _vibration(scene: Scene, joint: int, load: Array, inertia: Array, fit: Fit) -> Hypothesis:

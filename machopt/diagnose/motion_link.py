@@ -10,7 +10,7 @@ import numpy as np
 
 from machopt.diagnose.motion_clock import skew, valley
 from machopt.diagnose.motion_frame import ARCSEC, Fit, Scene
-from machopt.diagnose.motion_gears import drive, gear_laws
+from machopt.diagnose.motion_gears import drive, gear_laws, known
 from machopt.diagnose.motion_loads import ripple
 from machopt.diagnose.motion_torque import motion_axes
 from machopt.diagnose.problem import Array, Catalogue, Family, Hypothesis, Problem, Unknown, Untestable
@@ -75,6 +75,9 @@ def build(scene: Scene, joints: list[int]) -> tuple[Problem, Catalogue]:
                     Unknown(f"friction in the torque {j + 1}, {k}", u, location=f"joint:{j + 1}")
                     for k, u in (("Coulomb", "rad"), ("viscous", "s"))
                 ]
+    if found is not None:
+        for j in joints if scene.known else ():
+            y = y - scene.column(j, known(scene, j, found[0][:, j]))[:, :, 0]
     # encoders of one kind have one noise, whatever the joints leave
     fit = Fit(y, base, np.ones(len(joints)))
     for j in joints:

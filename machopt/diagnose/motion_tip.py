@@ -15,7 +15,7 @@ import numpy as np
 from machopt.diagnose.motion_checks import sign_test
 from machopt.diagnose.motion_clock import skew, valley
 from machopt.diagnose.motion_frame import ARCSEC, Fit, Scene
-from machopt.diagnose.motion_gears import drive, gear_laws
+from machopt.diagnose.motion_gears import drive, gear_laws, known
 from machopt.diagnose.motion_loads import ripple
 from machopt.diagnose.motion_torque import heldout, motion_axes
 from machopt.diagnose.problem import (
@@ -77,6 +77,9 @@ def build(scene: Scene, robot: Robot) -> tuple[Problem, Catalogue, list[Finding]
     else:
         untestable.append(Untestable("joint_backlash", "arm", "neither torques nor inertias are known"))
     y, base = m.within(m.mean(y_fine)), scene.everywhere(pose.columns(load))
+    if load is not None:
+        for j in range(6) if scene.known else ():
+            y = y - scene.everywhere(pose.J[:, :, j] * known(scene, j, load[:, j])[:, None])
     problem = Problem(
         channel="position",
         y=y,

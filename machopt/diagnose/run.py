@@ -8,21 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
-from machopt.diagnose import absolute, at_joint, deflection, engine, motion, record, userterms
+from machopt.diagnose import absolute, at_joint, deflection, engine, held, motion, record, userterms
 from machopt.diagnose.history import History
 from machopt.diagnose.problem import Catalogue, Problem
 from machopt.diagnose.result import Diagnosis, Finding
 from machopt.diagnose.words import sentence
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
-from machopt.domain.stiffness import Stiffness
+from machopt.domain.stiffness import Stiffness, Term
 from machopt.errors import InputError
 from machopt.identify.experiment import experiment
 from machopt.model.elastic import ArmElasticity
 from machopt.model.linkage import refuse_linked
 from machopt.model.robot import Masses, Robot, load_masses, load_robot
-
-GEOMETRIC = "geometric_stiffness"  # counted in any case
 
 
 @dataclass(frozen=True)
@@ -68,31 +66,33 @@ def at_rest(
     recording, mended, warnings = record.mend(recording, robot, T, prior, accept)
     copies = record.copied(recording)
     said = [*recording.warnings, *warnings]
-    if recording.kind == "deflection":
-        known = None
-        if cell.stiffness is not None:
-            limits = cell.limits.lower[:6], cell.limits.upper[:6]
-            ArmElasticity(robot, T, cell.stiffness, limits, masses)  # refuses what no plan could use either
-            terms = tuple(t for t in cell.stiffness.terms if t.effect != GEOMETRIC)
-            known = Stiffness(cell.stiffness.joints, terms=terms)
-        d, problem = _load_tests(seed, recording, robot, T, masses, laws, known, copies, options)
-        held = () if known is None else known.terms
-        again = {(f.effect, f.location) for f in d.findings} & {(t.effect, t.location) for t in held}
-        if known is not None and again:  # a law that the cell holds already is fitted anew, not on top of itself
-            options.progress("once more without what the cell holds of it")
-            known = replace(known, terms=tuple(t for t in held if (t.effect, t.location) not in again))
-            d, problem = _load_tests(seed, recording, robot, T, masses, laws, known, copies, options)
-        notes: tuple[str, ...] = ()
-        if held:
-            notes = (f"the cell's own terms count as known: {', '.join(f'{t.effect} {t.location}' for t in held)}",)
-    else:
+    notes: tuple[str, ...] = ()
+
+    def load_tests(terms: tuple[Term, ...]) -> tuple[Diagnosis, Problem]:
+        known = None if cell.stiffness is None else Stiffness(cell.stiffness.joints, terms=terms)
+        return _load_tests(seed, recording, robot, T, masses, laws, known, copies, options)
+
+    def poses(terms: tuple[Term, ...]) -> tuple[Diagnosis, Problem]:
+        nonlocal notes
         rng = np.random.default_rng(seed)
-        problem, catalogue, notes = absolute.build(recording, cell, robot, masses, rng)
+        problem, catalogue, notes = absolute.build(recording, cell, robot, masses, rng, terms)
         problem = replace(problem, time=recording.time, excluded=copies if copies.any() else None)
         _refuse_too_few(problem, recording)
-        d = engine.diagnose(problem, catalogue, replace(options, predicted="poses"), rng)
+        return engine.diagnose(problem, catalogue, replace(options, predicted="poses"), rng), problem
+
+    terms = _held(cell, robot, masses)
+    d, problem = held.diagnosed(terms, load_tests if recording.kind == "deflection" else poses)
     gross = record.outliers(recording, d, copies, problem)
     return Examined(_with_record(d, mended, gross, notes, tuple(said)), problem, recording)
+
+
+def _held(cell: Cell, robot: Robot, masses: Masses | None) -> tuple[Term, ...]:
+    """The terms of the cell's stiffness that count as known; refuses what no plan could use either."""
+    if cell.stiffness is None:
+        return ()
+    limits = cell.limits.lower[:6], cell.limits.upper[:6]
+    ArmElasticity(robot, cell.tool.T_flange_tcp, cell.stiffness, limits, masses)
+    return held.terms_of(cell.stiffness.terms)
 
 
 def _load_tests(
@@ -194,15 +194,23 @@ def in_motion(
     channel = possible[0] if asked == "auto" else asked
     if channel not in possible:
         raise InputError(f"found {channel}; this recording allows {', '.join(possible)}", where="--channel")
-    rng = np.random.default_rng(seed)
     options.progress(f"signals and equations, channel {channel}")
-    problem, catalogue, notes, found = motion.build(recording, cell, channel, rng)
     words = {
         "torque": "stretches of joint torque",
         "link": "stretches of link-side position",
         "tip": "stretches of tip",
     }
-    d = engine.diagnose(problem, catalogue, replace(options, predicted=words[channel]), rng)
+    notes: tuple[str, ...] = ()
+    found: tuple[Finding, ...] = ()
+
+    def stretches(terms: tuple[Term, ...]) -> tuple[Diagnosis, Problem]:
+        nonlocal notes, found
+        rng = np.random.default_rng(seed)
+        problem, catalogue, notes, found = motion.build(recording, cell, channel, rng, terms=terms)
+        return engine.diagnose(problem, catalogue, replace(options, predicted=words[channel]), rng), problem
+
+    six = len(cell.arm_joints) == 6 and not cell.arm_prismatic and channel != "torque"
+    d, problem = held.diagnosed(_held(cell, load_robot(cell), _masses(cell)) if six else (), stretches)
     # what leaves the record as it is, like a lag behind the command, changes no error of this channel
     beside = [f if f.record else replace(f, before=d.heldout_before, after=d.heldout_before) for f in found]
     return Examined(_with_record(d, beside, None, notes, recording.warnings), problem, recording)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+SOFTEST, STIFFEST = 1e2, 1e10  # N·m/rad of a joint; beyond these it is another unit, not another robot
 
 
 @dataclass(frozen=True)

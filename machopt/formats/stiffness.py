@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from machopt.domain.stiffness import Stiffness, StiffnessGrid, Term
+from machopt.domain.stiffness import SOFTEST, STIFFEST, Stiffness, StiffnessGrid, Term
 from machopt.formats.yamlstrict import Document, Loc, Strict, read_yaml, show, validate
 
 Array = NDArray[np.float64]
 
 _ROW = "six joint stiffnesses in N·m/rad, joint 1 first"
-_SOFTEST, _STIFFEST = 1e2, 1e10  # N·m/rad; beyond these the file is in another unit, not another robot
 _ASYMMETRY = 1e-6  # relative; a covariance written with seven digits is symmetric to this
 _NEGATIVE = 1e-9  # relative to the largest eigenvalue; round-off of a rank-deficient covariance
 
@@ -94,9 +93,9 @@ def write_stiffness(path: Path | str, stiffness: Stiffness) -> None:
 
 def _positive(document: Document, loc: Loc, values: list[float]) -> Array:
     for n, value in enumerate(values):
-        if not _SOFTEST <= value <= _STIFFEST:
+        if not SOFTEST <= value <= STIFFEST:
             raise document.error(
-                (*loc, n), f"found {show(value)}; expected N·m/rad between {_SOFTEST:g} and {_STIFFEST:g}"
+                (*loc, n), f"found {show(value)}; expected N·m/rad between {SOFTEST:g} and {STIFFEST:g}"
             )
     return _frozen(values)
 

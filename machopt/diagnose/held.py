@@ -1,0 +1,60 @@
+"""Terms that the cell holds already: what they explain is taken off before anything is looked for.
+
+A law that is found all the same where the cell holds it is fitted anew, not on top of itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from machopt.diagnose import at_body, at_joint
+from machopt.diagnose.problem import Array, Problem
+from machopt.diagnose.readings import Readings
+from machopt.diagnose.result import Diagnosis
+from machopt.domain.stiffness import Term
+from machopt.effects import registry
+
+GEOMETRIC = "geometric_stiffness"  # counted in any case
+
+
+def terms_of(terms: tuple[Term, ...]) -> tuple[Term, ...]:
+    """Those that explain something; K_C is counted whether it stands in a file or not."""
+    return tuple(t for t in terms if t.effect != GEOMETRIC)
+
+
+def at_rest(r: Readings, terms: tuple[Term, ...]) -> Array:
+    """(N, 6) m, rad at the TCP, what terms make of measured poses under weight and load.
+
+    Each pose is one of a gear at rest, as a plan takes it: poses do not say how a torque came there. The balancer's
+    torque is not counted, nor is what it mostly cancels.
+    """
+    out = np.zeros((len(r), 6))
+    for term in terms:
+        known = registry.elastic(term.effect)
+        if known.gives:
+            out += at_body.moved(r, term)
+        elif known.laws:
+            out += at_joint.moved(r, term)
+    return out
+
+
+def diagnosed(
+    terms: tuple[Term, ...], diagnose: Callable[[tuple[Term, ...]], tuple[Diagnosis, Problem]]
+) -> tuple[Diagnosis, Problem]:
+    """A diagnosis where terms count as known, once more without those that it names itself.
+
+    Args:
+        terms: what the cell holds.
+        diagnose: of a recording, with these terms known.
+    """
+    d, problem = diagnose(terms)
+    again = {(f.effect, f.location) for f in d.findings} & {(t.effect, t.location) for t in terms}
+    if again:
+        d, problem = diagnose(tuple(t for t in terms if (t.effect, t.location) not in again))
+    if not terms:
+        return d, problem
+    said = f"the cell's own terms count as known: {', '.join(f'{t.effect} {t.location}' for t in terms)}"
+    return replace(d, notes=(*d.notes, said)), problem

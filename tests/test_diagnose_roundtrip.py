@@ -1,0 +1,186 @@
+"""What diagnose finds goes into the cell, and a cell that holds it leaves nothing to be found: channel by channel."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_diagnose_absolute import arm as six_joints
+from test_diagnose_absolute import measure, poses
+from test_diagnose_absolute import readings as at_rest
+from test_diagnose_motion import arm, excited, recorded
+from test_effects import TOY, toy
+
+from machopt.cli import main
+from machopt.diagnose import absolute_catalogue, engine, held, motion
+from machopt.diagnose.problem import Problem
+from machopt.domain.recording import Recording
+from machopt.domain.stiffness import Term
+from machopt.effects import registry
+from machopt.effects.protocol import Array, Drive
+from machopt.formats.cell import load_cell
+from machopt.formats.recording import write_recording
+from machopt.formats.stiffness import load_stiffness
+from machopt.model.gravity import gravity_torque
+from machopt.model.rigid import load_dynamics
+from machopt.model.robot import load_masses
+
+__all__ = ["toy"]  # a fixture
+ROOT = Path(__file__).resolve().parent.parent
+CELL = ROOT / "cells" / "kr240_drilling"
+TRACKED = six_joints()[0].folder
+
+
+class _Bare:
+    """A problem whose base takes up nothing."""
+
+    def __init__(self, n: int) -> None:
+        self.base = np.zeros((n, 6, 1))
+
+
+def test_what_poses_find_is_what_a_cell_with_it_explains() -> None:
+    """Every elastic law in its every shape: column times coefficient, and the term that is written of them."""
+    cell = load_cell(CELL)
+    q = poses()[:20]
+    load = np.random.default_rng(1).normal(size=(20, 6)) * np.array([500, 500, 500, 80, 80, 80.0])
+    r = at_rest(load_masses(cell), load, q)
+    r = replace(r, recording=replace(r.recording, time=None, temperature=None))
+    catalogue = absolute_catalogue.catalogue(r, _Bare(20))  # type: ignore[arg-type]
+    seen = set()
+    for h in catalogue.hypotheses:
+        for shape in h.shapes[:: max(len(h.shapes) // 3, 1)]:
+            columns = h.columns(shape)
+            size = np.abs(columns).max(axis=(0, 1))
+            x = 1e-5 / np.where(size > 0.0, size, np.inf) * np.arange(1.0, columns.shape[2] + 1.0)
+            term = h.correction(x, shape)
+            if isinstance(term, Term):
+                moved = held.at_rest(r, (term,))
+                np.testing.assert_allclose(moved, columns @ x, rtol=1e-9, atol=1e-16, err_msg=f"{h.name} {h.law}")
+                seen.add(h.effect)
+    assert seen == {
+        "joint_nonlinear_stiffness",
+        "joint_backlash",
+        "joint_pose_dependent_stiffness",
+        "joint_coupling",
+        "link_compliance",
+        "base_compliance",
+        "tool_compliance",
+    }
+
+
+def upright(folder: Path) -> tuple[Recording, Array, object]:
+    """One joint without weight, swung by a series; its load, and the cell."""
+    rng = np.random.default_rng(7)
+    turned = np.eye(4)
+    turned[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
+    cell = replace(arm(folder, 1, tool=5.0), T_world_base=turned)
+    t, q, v, a = excited(1, rng, periods=5)
+    load = -load_dynamics(cell).torque(q, v, a)
+    return recorded(t, q, v), load, cell
+
+
+def test_what_a_motion_finds_is_what_a_cell_with_it_explains(tmp_path: Path) -> None:
+    """Every law of one joint's torque, memory included."""
+    recording, load, cell = upright(tmp_path)
+    other = replace(recording, q_secondary=recording.q + load / 2e6)
+    problem, catalogue, _, _ = motion.build(other, cell, "link", np.random.default_rng(0))  # type: ignore[arg-type]
+    seen = set()
+    for h in catalogue.hypotheses:
+        if h.effect not in {e.name for e in registry.of_joint_torque()}:
+            continue
+        for shape in h.shapes[-1:]:
+            columns = h.columns(shape)
+            x = 1e-5 / np.abs(columns).max(axis=(0, 1)) * np.arange(1.0, columns.shape[2] + 1.0)
+            term = h.correction(x, shape)
+            assert isinstance(term, Term)
+            less, *_ = motion.build(other, cell, "link", np.random.default_rng(0), terms=(term,))  # type: ignore[arg-type]
+            np.testing.assert_allclose(problem.y - less.y, columns @ x, rtol=1e-7, atol=1e-15, err_msg=h.law)
+            seen.add(h.law)
+    assert {"play", "Bouc–Wen", "cubic"} <= seen
+
+
+def test_an_effect_of_one_file_and_one_line_is_found_in_a_motion(toy: object, tmp_path: Path) -> None:
+    """From link-side encoders, written as a term, and known it leaves nothing."""
+    recording, load, cell = upright(tmp_path)
+    law, shape = TOY.laws[0], np.array([0.3 * np.abs(load).max()])
+    more = 2e-6 * law.columns(shape, Drive(load[:, 0]))
+    noise = 5e-6 * np.random.default_rng(2).normal(size=load.shape)
+    other = replace(recording, q_secondary=recording.q + load / 2e6 + more + noise)
+
+    def diagnosed(terms: tuple[Term, ...]) -> tuple[engine.Diagnosis, Problem]:
+        problem, catalogue, *_ = motion.build(other, cell, "link", np.random.default_rng(0), terms=terms)  # type: ignore[arg-type]
+        own = replace(catalogue, hypotheses=tuple(h for h in catalogue.hypotheses if h.effect in OWN))
+        return engine.diagnose(problem, own, engine.Options(), np.random.default_rng(0)), problem
+
+    OWN = (TOY.name, "joint_backlash", "joint_hysteresis")
+    found, _ = diagnosed(())
+    assert [(f.effect, f.location) for f in found.findings] == [(TOY.name, "joint:1")]
+    term = found.findings[0].correction
+    assert isinstance(term, Term)
+    again, _ = held.diagnosed((term,), diagnosed)
+    assert again.verdict == "consistent"
+    assert "count as known: joint_jelly joint:1" in again.notes[-1]
+
+
+# --- whole commands -----------------------------------------------------------------------------------------
+
+
+def angled() -> Recording:
+    """Poses of an arm whose joint 3 is softer on one side: a cos q₃ τ₃ under weight; noise 20 µm."""
+    cell, robot, masses = six_joints()
+    assert cell.stiffness is not None
+    a = 0.5 / cell.stiffness.joints[2]
+
+    def delta(q: Array) -> Array:
+        tau = gravity_torque(robot, masses, robot.state(q, cell.tool.T_flange_tcp, bodies=True))[0]
+        out = np.zeros_like(q)
+        out[:, 2] = a * np.sin(2.0 * q[:, 2]) * tau[:, 2]
+        return out
+
+    return measure(delta=delta, noise=2e-5)
+
+
+def swung() -> Recording:
+    """Link-side encoders of an arm in motion with play at joint 1, which no weight holds to one side; noise 50 µrad."""
+    cell = load_cell(CELL)
+    assert cell.stiffness is not None
+    rng = np.random.default_rng(3)
+    t, q, v, a = excited(6, rng, periods=4)
+    q = 0.5 * q + np.radians([0, -90, 100, 0, 60, 0])
+    load = -load_dynamics(cell).torque(q, 0.5 * v, 0.5 * a)
+    law = registry.EFFECTS["joint_hysteresis"].laws[0]
+    first = np.zeros(len(t), np.int64)
+    first[0] = 1
+    twist = load / cell.stiffness.joints
+    shape = np.array([0.3 * np.abs(load[:, 0]).max()])
+    twist[:, 0] += 2.0 / cell.stiffness.joints[0] * law.columns(shape, Drive(load[:, 0], first=first))[:, 0]
+    return recorded(t, q, 0.5 * v, q_secondary=q + twist + 5e-5 * rng.normal(size=q.shape))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("make", "cell", "found"), [(angled, TRACKED, "joint_pose_dependent_stiffness"), (swung, CELL, "joint_hysteresis")]
+)
+def test_finding_file_cell_and_nothing_is_left(make: object, cell: Path, found: str, tmp_path: Path) -> None:
+    """Through the commands: diagnose, its stiffness.yaml into the cell, map takes it, diagnose names nothing more."""
+    write_recording(tmp_path / "rec", make())  # type: ignore[operator]
+    shutil.copytree(cell, tmp_path / "cell")
+    words = ["--quiet", "-o"]
+    assert main(["diagnose", str(cell), str(tmp_path / "rec"), *words, str(tmp_path / "out")]) == 0
+    result = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert found in {f["effect"] for f in result["findings"]}
+    written = load_stiffness(tmp_path / "out" / "stiffness.yaml")
+    assert found in {t.effect for t in written.terms}
+    shutil.copy(tmp_path / "out" / "stiffness.yaml", tmp_path / "cell" / "stiffness.yaml")
+    assert (
+        main(["map", str(tmp_path / "cell"), *words, str(tmp_path / "map"), "--step", "500", "--collision", "none"])
+        == 0
+    )
+    assert main(["diagnose", str(tmp_path / "cell"), str(tmp_path / "rec"), *words, str(tmp_path / "again")]) == 0
+    again = json.loads((tmp_path / "again" / "diagnosis.json").read_text())
+    assert again["verdict"] == "consistent"
+    assert not [f for f in again["findings"] if f["effect"] != "geometric_stiffness"]
