@@ -7,9 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from machopt.domain.toolpath import Array
+from machopt.se3 import normalise, quaternion_matrix, rotation_from_vector, rpy_matrix
 
 UNIT_QUATERNION = 1e-3  # off from unit length: printed decimals; beyond it the numbers are something else
 
@@ -36,38 +35,9 @@ ATTITUDES = {
 def rotations(kind: str, values: Array) -> Array:
     """(N, 3, 3) from (N, 3 or 4) values of one of :data:`ATTITUDES`; angles in radians."""
     if kind == "abc":
-        return _zyx(values[:, 0], values[:, 1], values[:, 2])
+        return rpy_matrix(values[:, ::-1])
     if kind in ("wpr", "rpy"):
-        return _zyx(values[:, 2], values[:, 1], values[:, 0])
+        return rpy_matrix(values)
     if kind == "vector":
-        return _rodrigues(values)
-    return _from_quaternion(values / np.linalg.norm(values, axis=1)[:, None])
-
-
-def _zyx(a: Array, b: Array, c: Array) -> Array:
-    """Rz(a) Ry(b) Rx(c)."""
-    ca, sa, cb, sb, cc, sc = np.cos(a), np.sin(a), np.cos(b), np.sin(b), np.cos(c), np.sin(c)
-    rows = [
-        [ca * cb, ca * sb * sc - sa * cc, ca * sb * cc + sa * sc],
-        [sa * cb, sa * sb * sc + ca * cc, sa * sb * cc - ca * sc],
-        [-sb, cb * sc, cb * cc],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
-
-
-def _rodrigues(v: Array) -> Array:
-    """exp([v]×), v = axis · angle."""
-    angle = np.linalg.norm(v, axis=1)
-    n = v / np.where(angle > 0.0, angle, 1.0)[:, None]
-    half = np.column_stack([np.cos(angle / 2.0), np.sin(angle / 2.0)[:, None] * n])
-    return _from_quaternion(half)
-
-
-def _from_quaternion(q: Array) -> Array:
-    w, x, y, z = q.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
+        return rotation_from_vector(values)
+    return quaternion_matrix(normalise(values))
