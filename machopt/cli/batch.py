@@ -11,6 +11,7 @@ from typing import Any
 from machopt.cli.display import finite
 from machopt.cli.effects import add_effects, told_of_effects
 from machopt.cli.readingoptions import reading, reading_parser
+from machopt.cli.shared import share
 
 Commands = Any  # argparse keeps its subparsers' type private
 
@@ -28,7 +29,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         metavar="JOBS",
         help="folders of toolpaths, patterns in quotes ('parts/*.nc'), toolpath files, or lists of jobs (YAML, CSV)",
     )
-    job.add_argument("-o", "--out", type=Path, required=True, help="output folder; the same goes on where it stopped")
+    share(job, "--out", help="output folder; the same goes on where it stopped")
     job.add_argument("--cell", type=Path, help="cell of toolpaths with no folder named cell beside or above them")
     job.add_argument("--jobs", type=int, metavar="N", help="jobs at a time on this machine (one a core)")
     job.add_argument("--scheduler", metavar="ADDRESS", help="use a running Dask scheduler, e.g. tcp://10.0.0.5:8786")
@@ -36,24 +37,17 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     job.add_argument("--memory-limit-mib", type=float, metavar="MIB", help="memory a job may use (an even share)")
     job.add_argument("--keep-failed", action="store_true", help="do not try crashed and oversized jobs again")
     job.add_argument("--compare", type=Path, metavar="OTHER_OUT", help="also say what differs from another batch")
-    job.add_argument(
+    share(
+        job,
         "--post",
-        action="append",
-        default=[],
-        metavar="POST",
         help="robot program of every job: krl, rapid, fanuc, urscript, … or a template file; may be repeated "
         "(the job's own post in a list, else this, else the cell's controller.post; without any no program)",
     )
-    job.add_argument(
-        "--program-tolerance-mm",
-        type=float,
-        metavar="MM",
-        help="how far straight lines between a program's points may leave the motion before a point is added (0.05)",
-    )
-    job.add_argument("--plan", type=Path, metavar="FILE", help="planning options for all jobs as YAML")
-    job.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a planning option for all jobs")
-    job.add_argument("--seed", type=int, help="of the random search around obstacles, for all jobs")
-    job.add_argument("--allow-external", action="store_true", help="let cells use files outside their folders")
+    share(job, "--program-tolerance-mm")
+    share(job, "--plan", help="planning options for all jobs as YAML")
+    share(job, "--set", help="a planning option for all jobs")
+    share(job, "--seed", type=int, default=None, help="of the random search around obstacles, for all jobs")
+    share(job, "--allow-external", help="let cells use files outside their folders")
     add_effects(job)
     job.set_defaults(run=_batch)
 

@@ -8,7 +8,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from machopt.cli.display import Display, finite, natural, positive
+from machopt.cli.display import Display, finite, natural
+from machopt.cli.shared import share
 
 if TYPE_CHECKING:
     from machopt.domain.results.diagnosis import DiagnosisResult, FindingTold
@@ -28,9 +29,9 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     p = commands.add_parser(
         "diagnose", parents=[common], help="where model and recording differ, and which physics is missing"
     )
-    p.add_argument("cell", type=Path, help="cell folder or its cell.yaml")
+    share(p, "cell")
     p.add_argument("recording", type=Path, nargs="+", help="recording folders (sessions or runs of the same robot)")
-    p.add_argument("-o", "--out", type=Path, required=True, help="output folder")
+    share(p, "--out")
     p.add_argument(
         "--channel",
         choices=("auto", "torque", "link", "tip"),
@@ -48,12 +49,10 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         "you trust; may be repeated",
     )
     p.add_argument("--max-findings", type=natural, default=3, metavar="N", help="most effects named at once (3)")
-    p.add_argument(
-        "--accept", action="append", default=[], metavar="CODE", help="take this error of the record as a warning"
-    )
-    p.add_argument("--allow-external", action="store_true", help="let the cell use files outside its folder")
-    p.add_argument("--seed", type=natural, default=0, help="same input and seed, same bytes")
-    p.add_argument("--jobs", type=positive, default=1, metavar="N", help="accepted for scripts; one process runs")
+    share(p, "--accept")
+    share(p, "--allow-external")
+    share(p, "--seed")
+    share(p, "--jobs")
     p.set_defaults(run=_diagnose)
 
 

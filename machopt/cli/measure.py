@@ -9,8 +9,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from machopt.cli.display import Display, finite, natural, positive
+from machopt.cli.display import Display, finite
 from machopt.cli.effects import add_effects, told_of_effects
+from machopt.cli.shared import share
 
 if TYPE_CHECKING:
     from machopt.domain.results.identification import IdentificationResult
@@ -21,11 +22,11 @@ Commands = Any  # argparse keeps its subparsers' type private
 def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     """Add the three commands to the parser."""
     cell = argparse.ArgumentParser(add_help=False)
-    cell.add_argument("cell", type=Path, help="cell folder or its cell.yaml")
-    cell.add_argument("-o", "--out", type=Path, required=True, help="output folder")
-    cell.add_argument("--allow-external", action="store_true", help="let the cell use files outside its folder")
-    cell.add_argument("--seed", type=natural, default=0, help="same input and seed, same bytes")
-    cell.add_argument("--jobs", type=positive, default=1, metavar="N", help="accepted for scripts; one process runs")
+    share(cell, "cell")
+    share(cell, "--out")
+    share(cell, "--allow-external")
+    share(cell, "--seed")
+    share(cell, "--jobs")
     parents = [common, cell]
     _add_identify(
         commands.add_parser("identify", parents=parents, help="joint stiffness from load–deflection readings")
@@ -62,9 +63,7 @@ def _add_identify(p: argparse.ArgumentParser) -> None:
     p.add_argument("--keep-outliers", action="store_true", help="no reading is put aside")
     p.add_argument("--level", type=float, default=90.0, metavar="PERCENT", help="of the intervals (90)")
     p.add_argument("--no-studies", action="store_true", help="leave out subsets and repeated measurement errors")
-    p.add_argument(
-        "--accept", action="append", default=[], metavar="CODE", help="take this error of the record as a warning"
-    )
+    share(p, "--accept")
     add_effects(p)
     p.set_defaults(run=_identify)
 
@@ -255,10 +254,8 @@ def _add_map(p: argparse.ArgumentParser) -> None:
     load.add_argument("--measured", type=Path, metavar="FILE", help="measured stiffness, shown beside the model")
     load.add_argument("--power", type=float, default=2.0, help="of inverse distance weighting (2)")
     load.add_argument("--neighbours", type=int, help="of inverse distance weighting (all)")
-    p.add_argument("--plan", type=Path, metavar="FILE", dest="plan_file", help="planning options as YAML")
-    p.add_argument(
-        "--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="override a planning option"
-    )
+    share(p, "--plan", dest="plan_file")
+    share(p, "--set", dest="overrides")
     add_effects(p)
     p.set_defaults(run=_map)
 

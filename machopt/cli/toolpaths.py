@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from machopt.cli.compiling import compiling
-from machopt.cli.display import Display, finite, natural, positive, tree
+from machopt.cli.display import Display, finite, tree
 from machopt.cli.effects import add_effects, told_of_effects
 from machopt.cli.readingoptions import reading, reading_parser
+from machopt.cli.shared import share
 from machopt.domain.manifest import with_scope
 from machopt.errors import InputError, VerificationError
 
@@ -26,18 +27,18 @@ Commands = Any  # argparse keeps its subparsers' type private
 def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     """Add the commands to the parser."""
     planning = argparse.ArgumentParser(add_help=False)
-    planning.add_argument("--plan", type=Path, metavar="FILE", help="planning options as YAML")
-    planning.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a planning option")
-    planning.add_argument("--allow-external", action="store_true", help="let the cell use files outside its folder")
+    share(planning, "--plan")
+    share(planning, "--set")
+    share(planning, "--allow-external")
 
     job = commands.add_parser(
         "optimize",
         parents=[common, reading_parser(), planning],
         help="the main job: the stiffest smooth trajectory for a toolpath",
     )
-    job.add_argument("cell", type=Path, help="cell folder or its cell.yaml")
-    job.add_argument("toolpath", type=Path, help="CAM export or point table")
-    job.add_argument("-o", "--out", type=Path, required=True, help="output folder")
+    share(job, "cell")
+    share(job, "toolpath")
+    share(job, "--out")
     job.add_argument("--method", choices=("global", "jiao2022", "default"))
     job.add_argument("--index", choices=("auto", "deflection", "stiffness", "jiao2022"))
     job.add_argument(
@@ -49,20 +50,13 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         default=None,
         help="shift the commanded path against the deflection predicted under force_N",
     )
-    job.add_argument(
+    share(
+        job,
         "--post",
-        action="append",
-        default=[],
-        metavar="POST",
         help="robot program to write: krl, rapid, fanuc, urscript, val3, jbi, csv, json, ros, … or a template file; "
         "may be repeated (the cell's controller.post; without either no robot program is written)",
     )
-    job.add_argument(
-        "--program-tolerance-mm",
-        type=float,
-        metavar="MM",
-        help="how far straight lines between a program's points may leave the motion before a point is added (0.05)",
-    )
+    share(job, "--program-tolerance-mm")
     job.add_argument(
         "--map-collisions",
         choices=("chosen", "full"),
@@ -77,10 +71,8 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         "travel and clearance: front.csv, and a section of the report",
     )
     job.add_argument("--sample-ms", type=float, help="time between exported samples (12)")
-    job.add_argument("--seed", type=natural, help="of the random search around obstacles")
-    job.add_argument(
-        "--jobs", type=positive, default=1, metavar="N", help="accepted for scripts; one plan runs in one process"
-    )
+    share(job, "--seed", default=None, help="of the random search around obstacles")
+    share(job, "--jobs", help="accepted for scripts; one plan runs in one process")
     add_effects(job)
     job.set_defaults(run=_optimize)
 
@@ -93,7 +85,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     look.add_argument("file", type=Path)
     look.add_argument("--html", type=Path, metavar="OUT.html", help="write a page with pictures of the path")
     look.add_argument("--cell", type=Path, help="cell whose robot a program with joint positions was written for")
-    look.add_argument("--allow-external", action="store_true", help="let the cell use files outside its folder")
+    share(look, "--allow-external")
     look.set_defaults(run=_inspect)
 
     check = commands.add_parser(
@@ -101,8 +93,8 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         parents=[common, reading_parser(), planning],
         help="re-check an exported trajectory with independent code",
     )
-    check.add_argument("cell", type=Path)
-    check.add_argument("toolpath", type=Path)
+    share(check, "cell", help=None)
+    share(check, "toolpath", help=None)
     check.add_argument("out", type=Path, help="output folder of optimize")
     check.set_defaults(run=_verify)
 

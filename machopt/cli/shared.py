@@ -1,0 +1,40 @@
+"""Options that several commands have, each written once."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from machopt.cli.display import natural, positive
+
+_ONE_PROCESS = "accepted for scripts; one process runs"
+SHARED: dict[str, dict[str, Any]] = {
+    "cell": {"type": Path, "help": "cell folder or its cell.yaml"},
+    "toolpath": {"type": Path, "help": "CAM export or point table"},
+    "--out": {"flags": ("-o",), "type": Path, "required": True, "help": "output folder"},
+    "--allow-external": {"action": "store_true", "help": "let the cell use files outside its folder"},
+    "--seed": {"type": natural, "default": 0, "help": "same input and seed, same bytes"},
+    "--jobs": {"type": positive, "default": 1, "metavar": "N", "help": _ONE_PROCESS},
+    "--plan": {"type": Path, "metavar": "FILE", "help": "planning options as YAML"},
+    "--set": {"action": "append", "default": [], "metavar": "KEY=VALUE", "help": "override a planning option"},
+    "--post": {"action": "append", "default": [], "metavar": "POST"},
+    "--program-tolerance-mm": {
+        "type": float,
+        "metavar": "MM",
+        "help": "how far straight lines between a program's points may leave the motion before a point is added (0.05)",
+    },
+    "--accept": {
+        "action": "append",
+        "default": [],
+        "metavar": "CODE",
+        "help": "take this error of the record as a warning",
+    },
+}
+"""Name → what argparse is told; ``flags`` are further names."""
+
+
+def share(parser: argparse.ArgumentParser, name: str, **changed: Any) -> None:
+    """Add a shared option; ``changed`` is what this command says otherwise of it."""
+    told = {**SHARED[name], **changed}
+    parser.add_argument(*told.pop("flags", ()), name, **told)
