@@ -16,6 +16,7 @@ from machopt.errors import InputError
 from machopt.model.collision import CollisionModel
 from machopt.model.gravity import gravity_torque
 from machopt.model.ik import solver_for
+from machopt.model.linkage import refuse_linked
 from machopt.model.robot import load_chain, load_masses
 from machopt.plan.follow import joints_at
 from machopt.verify.arm import Arm
@@ -140,3 +141,9 @@ def test_a_follower_needs_the_line_of_the_next_joint(
         return
     with pytest.raises(InputError, match=words):
         load_chain(linked)
+
+
+def test_commands_without_laws_for_linkages_refuse_them(cell: Cell) -> None:
+    with pytest.raises(InputError, match="'m3' mimics 'a2', and identify has no laws"):
+        refuse_linked(cell, "identify")
+    refuse_linked(replace(cell, mimics=()), "identify")

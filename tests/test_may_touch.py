@@ -36,9 +36,8 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
 
 
 def told(cell: Cell, *entries: str | list[str]) -> tuple[MayTouch, ...]:
-    reader = PairReader(
-        read_urdf(cell.urdf), cell.tool, cell.workpiece, cell.obstacles, parse_yaml("ignore_pairs: []", "cell.yaml")
-    )
+    document = parse_yaml("ignore_pairs: []", "cell.yaml")
+    reader = PairReader(read_urdf(cell.urdf), "flange", cell.tool, cell.workpiece, cell.obstacles, document)
 
     def open_file(loc: Loc, name: str) -> Path:
         return cell.folder / name
@@ -63,7 +62,7 @@ def test_names_stand_for_their_bodies(cell: Cell) -> None:
     ("entry", "parts"),
     [
         (["link_1", "lnk_3"], ["ignore_pairs[0][1]", "'lnk_3' is no link", "did you mean 'link_3'?", "workpiece"]),
-        (["flange", "link_3"], ["'flange' has no body"]),
+        (["flange", "tool"], ["share a body"]),
         (["tool", "tool"], ["share a body"]),
     ],
 )
@@ -74,13 +73,22 @@ def test_refusals(cell: Cell, entry: list[str], parts: list[str]) -> None:
         assert part in str(caught.value)
 
 
-def test_srdf_defaults_and_exceptions(tmp_path: Path) -> None:
+def test_flange_and_world_stand_for_what_rides_on_them(cell: Cell) -> None:
+    (pair,) = told(cell, ["world", "flange"])
+    assert pair.first == tuple(s.name for s in (*cell.obstacles, *cell.workpiece.geometry))
+    assert pair.second == tuple(s.name for s in cell.tool.geometry)
+
+
+def test_srdf_defaults_and_exceptions(cell: Cell, tmp_path: Path) -> None:
     path = tmp_path / "a.srdf"
     path.write_text('<robot><disable_default_collisions link="a"/><enable_collisions link1="c" link2="a"/></robot>')
     assert [(p.link1, p.link2, p.reason) for p in read_srdf(path, ("a", "b", "c"))] == [("a", "b", "Default")]
     path.write_text('<robot>\n<disable_collisions link1="a"/></robot>')
     with pytest.raises(InputError, match="line 2: <disable_collisions> has no 'link2'"):
         read_srdf(path, ("a",))
+    path.write_text('<robot xmlns:xacro="x"><xacro:include filename="b"/></robot>')
+    with pytest.raises(InputError, match="the SRDF that it expands to"):
+        told(cell, path.as_posix())
     path.write_text("<urdf/>")
     with pytest.raises(InputError, match="an SRDF starts with <robot>"):
         read_srdf(path, ("a",))

@@ -114,8 +114,9 @@ class _Reader:
         self.different_names(*tool.geometry, *workpiece.geometry, *obstacles)
         self.missing_bodies(tool, workpiece)
         self.warnings += open_surfaces(self.surfaces)
-        pairs = PairReader(urdf, tool, workpiece, obstacles, self.document)
+        pairs = PairReader(urdf, robot.flange_link, tool, workpiece, obstacles, self.document)
         may_touch = pairs.pairs(keys.ignore_pairs, self.file)
+        self.warnings += pairs.warnings
         order = chain.order
         arm_prismatic = tuple(j.kind == "prismatic" for j in chain.arm)
         return Cell(

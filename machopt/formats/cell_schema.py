@@ -189,7 +189,8 @@ class CellKeys(Strict):
     ignore_pairs: list[str | list[str]] = Field(
         default=[],
         description="bodies that may touch: [[link_1, link_3], [tool, link_5], …] by names of links, bodies, `tool`, "
-        "`workpiece` or `cutter`; or an SRDF file, whose disable_collisions count; or files and pairs in one list",
+        "`workpiece`, `cutter` or `world` (all that stands still); or an SRDF file, whose disable_collisions count; or "
+        "files and pairs in one list",
     )
     plan: OptionKeys | None = Field(default=None, description="the cell's own planning options")
     controller: ControllerKeys | None = Field(default=None, description="what robot programs need to know")

@@ -31,6 +31,8 @@ def followers(urdf: Urdf, arm: tuple[UrdfJoint, ...], external: tuple[UrdfJoint,
         m = j.mimic
         if m.joint not in by_name:
             raise _at(urdf, j, f"joint {j.name!r} mimics {m.joint!r}, which the URDF does not have")
+        if j.kind not in (*TURNING, "prismatic"):
+            raise _at(urdf, j, f"joint {j.name!r} is {j.kind} and mimics {m.joint!r}; a revolute one would work")
         source = by_name[m.joint]
         if source.mimic is not None:
             raise _at(

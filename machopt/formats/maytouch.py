@@ -6,8 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from machopt.domain.cell import MayTouch, Shape, Tool, Workpiece
-from machopt.errors import nearest
+from machopt.errors import InputError, nearest
 from machopt.formats.urdf import Urdf
+from machopt.formats.urdf.expand import is_xacro
 from machopt.formats.urdf.srdf import read_srdf
 from machopt.formats.yamlstrict import Document, Loc
 
@@ -17,11 +18,21 @@ OpenFile = Callable[[Loc, str], Path]
 class PairReader:
     """Names of links and bodies, as pairs may give them.
 
-    A link stands for all its collision bodies, ``tool`` and ``workpiece`` for theirs, ``cutter`` for the cutter.
+    A link stands for all its collision bodies, the flange for those of the tool where it has none itself, ``world`` for
+    obstacles and a workpiece that stand still, ``tool`` and ``workpiece`` for theirs, ``cutter`` for the cutter.
+
+    Attributes:
+        warnings: pairs of the cell that name nothing with a body.
     """
 
     def __init__(
-        self, urdf: Urdf, tool: Tool, workpiece: Workpiece, obstacles: tuple[Shape, ...], document: Document
+        self,
+        urdf: Urdf,
+        flange_link: str,
+        tool: Tool,
+        workpiece: Workpiece,
+        obstacles: tuple[Shape, ...],
+        document: Document,
     ) -> None:
         self._urdf, self._document = urdf, document
         # collision bodies are named after their link and counted, as the robot model names them
@@ -32,7 +43,10 @@ class PairReader:
             "tool": tuple(s.name for s in tool.geometry),
             "workpiece": tuple(s.name for s in workpiece.geometry),
             "cutter": ("cutter",) if tool.cutter is not None else (),
+            "world": tuple(s.name for s in (*obstacles, *(workpiece.geometry if workpiece.link == "world" else ()))),
         }
+        self._flange = flange_link
+        self.warnings: list[str] = []
 
     def pairs(self, given: list[str | list[str]], open_file: OpenFile) -> tuple[MayTouch, ...]:
         """What ``ignore_pairs`` says, in its order.
@@ -56,13 +70,16 @@ class PairReader:
                 raise self._document.error(loc, f"found {a!r} and {b!r}, which share a body; expected two that move")
             for word, bodies in ((a, first), (b, second)):
                 if not bodies:
-                    raise self._document.error(loc, f"{word!r} has no body that could touch anything; leave it out")
+                    where = self._document.where(loc)
+                    self.warnings.append(f"{where}: {word!r} has no body that could touch anything")
             out.append(MayTouch(a, b, first, second, "ignore_pairs of cell.yaml"))
         return tuple(out)
 
     def _srdf(self, loc: Loc, name: str, open_file: OpenFile) -> tuple[MayTouch, ...]:
         """The pairs of links that this robot has and that have bodies; an SRDF often speaks of a larger one."""
         path = open_file(loc, name)
+        if is_xacro(path):
+            raise InputError("is a xacro file; the SRDF that it expands to would work", file=path)
         out = []
         for pair in read_srdf(path, self._urdf.links):
             first, second = self._links.get(pair.link1, ()), self._links.get(pair.link2, ())
@@ -76,7 +93,7 @@ class PairReader:
         if len(by_name) > 1:
             raise self._document.error(loc, f"{word!r} names a link and a body; another name for the body would work")
         if by_name:
-            return by_name[0]
+            return by_name[0] or (self._groups["tool"] if word == self._flange else ())
         if word in self._groups:
             return self._groups[word]
         single = {body: (body,) for bodies in self._links.values() for body in bodies}
