@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.diagnose import calibrated
 from machopt.diagnose.problem import RecordCorrection
 from machopt.diagnose.result import Estimate, Finding
 from machopt.domain.recording import Recording
@@ -16,12 +17,7 @@ from machopt.model.robot import Robot
 from machopt.se3 import skew
 
 Array = NDArray[np.float64]
-HOPELESS = 0.6  # unexplained share of the displacement from which on another reading of the load is looked for
-HALVED = 0.5  # a reading must leave less than this of what the stated one leaves
-AGAINST = 0.9  # share of readings that move against their load
-ONE_LEVER = 0.98  # share of the moments that one lever explains in all postures
 TURNED = np.radians(30.0)  # spread of the tool's attitude at which one lever in base axes is no longer a tool's
-FEWEST = 5  # poses
 STEPS = 40  # of reweighting
 WORD = "the record, read as stated"
 
@@ -37,7 +33,7 @@ def contradictions(recording: Recording, robot: Robot, T_flange_tcp: Array) -> t
     recording, lever = _one_lever(recording, robot, T_flange_tcp)
     out += lever
     stated = _unexplained(recording, robot, T_flange_tcp)
-    if stated < HOPELESS:
+    if stated < calibrated.RECORD.hopeless:
         return recording, out
     assert recording.wrench is not None  # kind deflection
     assert recording.displacement is not None
@@ -53,12 +49,16 @@ def contradictions(recording: Recording, robot: Robot, T_flange_tcp: Array) -> t
             ways[load, axis] = replace(recording, wrench=wrench, wrench_frame=frame, displacement=turned)
     left = {k: _unexplained(r, robot, T_flange_tcp) for k, r in ways.items()}
     load, axis = best = min(left, key=lambda k: left[k])
-    if left[best] > HALVED * stated:
+    if left[best] > calibrated.RECORD.halved * stated:
         return recording, out
     before, after = (1e3 * v * float(np.mean(np.abs(d[:, :3]))) for v in (stated, left[best]))
     against = float(np.mean(np.einsum("nc,nc->n", w[:, :3], d[:, :3]) < 0))
     chance = 0.5 ** len(np.unique(recording.pose))  # that every pose agrees by accident
-    said = f"{100 * against:.0f} % of the readings move against their load. " if against > AGAINST else ""
+    said = (
+        f"{100 * against:.0f} % of the readings move against their load. "
+        if against > calibrated.RECORD.against
+        else ""
+    )
     if load == "hung":
         out.append(
             _finding(
@@ -93,7 +93,11 @@ def _one_lever(recording: Recording, robot: Robot, T_flange_tcp: Array) -> tuple
     assert w is not None  # kind deflection
     tests = experiment(recording, robot, T_flange_tcp)
     f, m = tests.wrench[:, :3], w[:, 3:]
-    if recording.wrench_frame != "base" or not m.any() or len(np.unique(tests.pose)) < FEWEST:
+    if (
+        recording.wrench_frame != "base"
+        or not m.any()
+        or len(np.unique(tests.pose)) < calibrated.RECORD.contradicting_poses
+    ):
         return recording, []
     R = tests.T_base_tcp[:, :3, :3]
     spread = float(np.linalg.norm((R - R.mean(axis=0)).reshape(-1, 9), axis=1).mean() / np.sqrt(2.0))
@@ -106,7 +110,7 @@ def _one_lever(recording: Recording, robot: Robot, T_flange_tcp: Array) -> tuple
         x = np.asarray(np.linalg.lstsq(A * weight[:, None], y * weight, rcond=None)[0], float)
         weight = 1.0 / np.sqrt(np.maximum(np.abs(y - A @ x), 1e-3))
     share = 1.0 - float(np.median(np.abs(y - A @ x)) / max(np.median(np.abs(y)), 1e-9))
-    if share < ONE_LEVER:
+    if share < calibrated.RECORD.one_lever:
         return recording, []
     bare = w.copy()
     bare[:, 3:] = 0.0

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.diagnose import heldout, limits, mismatch, noise, words
+from machopt.diagnose import calibrated, heldout, limits, mismatch, noise, words
 from machopt.diagnose.findings import estimates, rivals, sandwich
 from machopt.diagnose.grams import Model, Tried, base_model, tried
 from machopt.diagnose.heldout import Fitted
@@ -32,10 +32,6 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 ROUNDS = 3
 CLIPS = 4
-CERTAIN = 0.005  # chance of the repeatable power below which there is a mismatch
-RESTLESS = 0.2  # variance of whitened residuals beyond 1 that no noise makes, however many visits
-MATTERS = 0.3  # repeatable rmse per noise of one reading that matters
-CLOSED, PARTLY = 0.6, 0.55  # shares of the repeatable power; below, what was found is withdrawn
 
 Rebuild = Callable[[Array], tuple[Problem, Catalogue]]
 
@@ -119,7 +115,7 @@ def _search(problem: Problem, catalogue: Catalogue, options: Options, seed: int,
 
 def _restless(state: State) -> float:
     """Variance of whitened residuals beyond 1 from which on there is a mismatch; more where visits are few."""
-    return max(RESTLESS, 1.5 * float(np.sqrt(2.0 / len(state.w.group_of_visit))))
+    return max(calibrated.PROOF.restless, 1.5 * float(np.sqrt(2.0 / len(state.w.group_of_visit))))
 
 
 def _names(chosen: Sequence[Chosen]) -> list[tuple[str, str, str]]:
@@ -160,7 +156,7 @@ def _good(problem: Problem, residual: Array) -> Flags:
     for family in problem.families:
         e = residual[:, list(family.columns)]
         typical = max(noise.robust_sigma(e), family.stated or 0.0, float(np.finfo(float).tiny))
-        out &= (np.abs(e) <= noise.GROSS * typical).all(axis=1)
+        out &= (np.abs(e) <= calibrated.NOISE.gross * typical).all(axis=1)
     return out
 
 
@@ -176,18 +172,22 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
     unit_noise = floor_noise.together(0)
     power = max(there.power, 0.0)
     explained = float(np.clip(1.0 - max(rest.power, 0.0) / power, 0.0, 1.0)) if power > 0 else 0.0
-    sure = np.isnan(there.p_value) or there.p_value <= CERTAIN or state.base.spread > 1.0 + _restless(state)
-    real = bool(sure and np.sqrt(power) > MATTERS * unit_noise)
+    sure = (
+        np.isnan(there.p_value)
+        or there.p_value <= calibrated.PROOF.certain
+        or state.base.spread > 1.0 + _restless(state)
+    )
+    real = bool(sure and np.sqrt(power) > calibrated.PROOF.matters * unit_noise)
     findings = [_finding(state, k) for k in range(len(state.chosen))]
     withdrawn: list[Finding] = []
-    if state.chosen and explained < PARTLY and real:
+    if state.chosen and explained < calibrated.PROOF.partly and real:
         findings, withdrawn = [], findings
         after, final, explained = before, plain, 0.0
     if known is not None:
         findings.append(known.finding)
     verdict: Verdict
     if findings:
-        verdict = "explained" if explained >= CLOSED or not real else "partly_explained"
+        verdict = "explained" if explained >= calibrated.PROOF.closed or not real else "partly_explained"
     else:
         verdict = "unexplained" if real or withdrawn else "consistent"
     scored = score(state.base, state.tried)

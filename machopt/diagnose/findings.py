@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit
 
+from machopt.diagnose import calibrated
 from machopt.diagnose.grams import Model, Tried, ridged_inverse
 from machopt.diagnose.problem import Shape
 from machopt.diagnose.result import Estimate, Fit, Name, Rival
@@ -17,10 +18,6 @@ from machopt.effects import registry
 from machopt.effects.protocol import FORM
 
 Array = NDArray[np.float64]
-AS_GOOD = 9.0  # difference of gains (three standard deviations) below which a rival is not excluded
-PAIRED = 0.005  # chance of the paired difference over groups below which it is
-MOST_OF = 0.6  # of the gain on unseen groups that a rival must reach; an effect in few groups alone pairs badly
-NEAR_SHAPE = 3.84  # loss of gain within which another shape is as likely (95 %)
 SHOWN = 10
 
 
@@ -56,8 +53,13 @@ def rivals(model: Model, chosen: Sequence[Chosen], k: int, tried: Sequence[Tried
         h = s.tried.hypothesis
         d = own.heldout - s.heldout
         p = _paired(d)
-        close = float(d.sum()) / spread < AS_GOOD or (own.gain - s.gain) / spread < AS_GOOD
-        maybe = s.total > 0 and (close or (p > PAIRED and s.total > MOST_OF * own.total))
+        close = (
+            float(d.sum()) / spread < calibrated.DETECTION.as_good
+            or (own.gain - s.gain) / spread < calibrated.DETECTION.as_good
+        )
+        maybe = s.total > 0 and (
+            close or (p > calibrated.DETECTION.paired and s.total > calibrated.DETECTION.most_of * own.total)
+        )
         if maybe:
             names.append(name)
         out.append(
@@ -85,7 +87,7 @@ def estimates(model: Model, chosen: Sequence[Chosen], k: int) -> dict[str, Estim
     ends: dict[str, list[Array]] = {name: [] for name in value}
     for s in range(len(c.tried.shapes)):
         m = beside.with_columns(c.tried.at(s))
-        if s != c.scored.shape and m.rss - _rss(beside, c) > NEAR_SHAPE * m.spread:
+        if s != c.scored.shape and m.rss - _rss(beside, c) > calibrated.DETECTION.near_shape * m.spread:
             continue
         x, covariance, freedom = sandwich(m)
         low_high = _quantity_intervals(c, x[-p:], covariance[-p:, -p:], freedom, c.tried.shapes[s], c.tried.unit[s])

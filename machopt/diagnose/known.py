@@ -9,18 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from machopt.diagnose import heldout
+from machopt.diagnose import calibrated, heldout
 from machopt.diagnose.grams import base_model
 from machopt.diagnose.heldout import Fitted
 from machopt.diagnose.result import Estimate, Finding
-from machopt.diagnose.select import GAIN, with_chosen
+from machopt.diagnose.select import with_chosen
 from machopt.domain.stiffness import Term
 
 if TYPE_CHECKING:
     from machopt.diagnose.engine import State
 
 Array = NDArray[np.float64]
-NAMED = 0.08  # gain per whitened coordinate: three tenths of the noise; it is there in every recording, and counted
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,7 @@ def geometric_finding(state: State) -> Known | None:
     alone = Fitted(model, bare.base, unit, bare.y)
     without, best = with_chosen(model, state.chosen), with_chosen(state.base, state.chosen)
     gain = (without.rss - best.rss) / best.spread
-    if gain < max(GAIN, NAMED * len(state.base.y)):
+    if gain < max(calibrated.DETECTION.gain, calibrated.DETECTION.named * len(state.base.y)):
         return None
     own = np.sqrt(gain)
     share = 100.0 * float(np.linalg.norm(problem.known[state.used]) / np.linalg.norm(bare.y[state.used]))

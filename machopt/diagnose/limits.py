@@ -11,15 +11,13 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.diagnose import calibrated
 from machopt.diagnose.grams import ABSORBED, NOTHING, Model, Tried, ridged_inverse
 from machopt.diagnose.result import Limit, Name
 from machopt.diagnose.screen import bounded
-from machopt.diagnose.select import GAIN, PER_COEFFICIENT, SHARE
 
 Array = NDArray[np.float64]
-NINE_OF_TEN = 1.28
 DIRECTIONS = 8
-APART = 6.0  # gain that a rival must leave at twice the limit to be told from the effect
 MOST_SHAPES = 6
 
 
@@ -45,9 +43,13 @@ def limits(model: Model, tried: Sequence[Tried], rng: np.random.Generator, of: C
         first[name] = (t, 0)
         p = t.X.shape[2]
         need = np.sqrt(
-            max(GAIN + PER_COEFFICIENT * (p - 1) + t.hypothesis.penalty, SHARE * len(model.y)) * model.spread
+            max(
+                calibrated.DETECTION.gain + calibrated.DETECTION.per_coefficient * (p - 1) + t.hypothesis.penalty,
+                calibrated.DETECTION.share * len(model.y),
+            )
+            * model.spread
         )
-        need += NINE_OF_TEN * np.sqrt(model.spread)
+        need += calibrated.DETECTION.nine_of_ten * np.sqrt(model.spread)
         sizes: list[float] = []
         for s in _some(len(t.shapes)):
             X = t.at(s)
@@ -99,7 +101,8 @@ def _confused(model: Model, M: Array, tried: Sequence[Tried], signals: dict[Name
         name = t.hypothesis.name
         best[name] = np.maximum(best.get(name, np.zeros(len(names))), taken)
     return {
-        n: [o for o in best if o != n and whole[k] - best[o][k] < APART * model.spread] for k, n in enumerate(names)
+        n: [o for o in best if o != n and whole[k] - best[o][k] < calibrated.DETECTION.apart * model.spread]
+        for k, n in enumerate(names)
     }
 
 

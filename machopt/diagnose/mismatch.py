@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.diagnose import calibrated
 from machopt.diagnose.noise import Noise
 from machopt.diagnose.problem import Problem
 from machopt.diagnose.result import Share
@@ -22,11 +23,6 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 FLIPS = 999
 BINS = 3
-LEAST_VISITS = 12
-PERMITTED = 0.005  # chance of what lasts over time
-TRUSTED = 3.0  # times the stated 1 sigma: cycles and returns to a pose err by more than a single reading
-UNSURE = 1.5  # noise power that was taken from few readings may be so much larger
-CONCENTRATED = 1.35  # power of a bin per the mean before it is worth a word
 
 
 @dataclass(frozen=True)
@@ -50,7 +46,7 @@ def repeatable(problem: Problem, residual: Array, used: Flags, noise: Noise, rng
     if problem.time is None:
         return again
     lasting = _lasting(problem, e, used, problem.time, rng)
-    return lasting if lasting.power > again.power and lasting.p_value <= PERMITTED else again
+    return lasting if lasting.power > again.power and lasting.p_value <= calibrated.PROOF.permitted else again
 
 
 def _lasting(problem: Problem, e: Array, used: Flags, time: Array, rng: np.random.Generator) -> Repeatable:
@@ -63,7 +59,7 @@ def _lasting(problem: Problem, e: Array, used: Flags, time: Array, rng: np.rando
     session = np.zeros(len(visits))
     session[label] = problem.session[rows]
     order = np.lexsort((when, session))
-    if len(order) < LEAST_VISITS:
+    if len(order) < calibrated.PROOF.least_visits:
         return Repeatable(0.0, 1.0)
     mean, session = mean[order], session[order]
     spans = np.split(np.arange(len(order)), np.flatnonzero(np.diff(session)) + 1)
@@ -103,11 +99,11 @@ def _allowed(problem: Problem, used: Flags, noise: Noise) -> float:
     """
     family = problem.families[0]
     if family.stated is not None:
-        return (TRUSTED * family.stated) ** 2
+        return (calibrated.PROOF.trusted * family.stated) ** 2
     groups = len(np.unique(problem.group[used])) * len(family.columns)
     free = max(groups - problem.base.shape[2], 1)
     gain = 0.0 if problem.scale is None else noise.gain**2 * float(np.mean(problem.scale[used][:, family.columns] ** 2))
-    return float(UNSURE * (noise.together(0) ** 2 + gain) * (groups / free) ** 2)
+    return float(calibrated.PROOF.unsure * (noise.together(0) ** 2 + gain) * (groups / free) ** 2)
 
 
 def _products(problem: Problem, e: Array, used: Flags) -> tuple[tuple[Array, Array], float]:
@@ -177,7 +173,7 @@ def in_the_data(problem: Problem, residual: Array, used: Flags, noise: Noise, ax
             (float(power[used & m].sum()) / total, words, float((used & m).sum()) / used.sum()) for words, m in parts
         ]
         share, words, fair = max(found, key=lambda f: f[0] - f[2])
-        if share > CONCENTRATED * fair:
+        if share > calibrated.PROOF.concentrated * fair:
             out.append(
                 Share(name, float(np.clip(share, 0.0, 1.0)), f"{words}: {100 * fair:.0f} % of the readings", "data")
             )

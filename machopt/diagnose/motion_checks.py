@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import binom
 
+from machopt.diagnose import calibrated
 from machopt.diagnose.motion_friction import rest_of
 from machopt.diagnose.motion_signals import Motion
 from machopt.diagnose.problem import Array, RecordCorrection
@@ -32,12 +33,6 @@ FEW_DEGREES, FEW_MILLIMETRES = 6.3, 5.0  # a range that is rather radians, metre
 STRETCHES = 24
 MOVES = 2e-3  # rad (m)
 SLOW = 0.5  # s between samples: a clock in milliseconds rather than a motion
-NEAR = 0.08  # relative, of a slope to the factor of a unit
-ALIKE = 0.9  # correlation from which a slope says something
-MOTOR_SIDE = 0.2  # torque below this share of what the arm needs, joint by joint another: before the gear
-CLIPPED = 0.01  # share of samples at the very largest value
-LATE = 1e-3  # s; encoders that follow their command closer than this have no lag worth a word
-EXPLAINS = 0.5  # of the tracking error's power
 
 
 def slope(x: Array, y: Array) -> tuple[float, float]:
@@ -84,7 +79,7 @@ def _units_of(recording: Recording, name: str, joints: list[int]) -> tuple[Recor
     """One channel of the joints that turn, or of those that slide."""
     x, q = _against_encoders(recording, name)
     pairs = {j: slope(q[:, j], x[:, j]) for j in joints if np.isfinite(x[:, j]).all() and np.ptp(x[:, j]) > 0}
-    sure = {j: s for j, (s, r) in pairs.items() if abs(r) > ALIKE}
+    sure = {j: s for j, (s, r) in pairs.items() if abs(r) > calibrated.RECORD.slope_sure}
     if not sure:
         return recording, []
     against = [j for j, s in sure.items() if s < 0]
@@ -95,11 +90,11 @@ def _units_of(recording: Recording, name: str, joints: list[int]) -> tuple[Recor
         )
     factor = float(np.median(list(sure.values())))
     slides = bool(recording.prismatic) and recording.prismatic[joints[0]]
-    known = [f for f in (THOUSANDS if slides else FACTORS) if abs(factor / f - 1.0) < NEAR]
+    known = [f for f in (THOUSANDS if slides else FACTORS) if abs(factor / f - 1.0) < calibrated.RECORD.slope_near]
     assert recording.time is not None  # the caller looked
     if known and name == "velocity" and known[0] > 1.0 and np.median(np.diff(np.sort(recording.time))) > SLOW:
         return _milliseconds(recording, joints)
-    if not known or max(abs(s / factor - 1.0) for s in sure.values()) > NEAR:
+    if not known or max(abs(s / factor - 1.0) for s in sure.values()) > calibrated.RECORD.slope_near:
         return recording, []
     # all joints within a few degrees and everything else 57 times larger: the encoders are the odd ones
     own = recording.q[:, joints]
@@ -153,13 +148,18 @@ def torque_side(recording: Recording, motion: Motion, predicted: Array) -> tuple
     for j in np.flatnonzero(needed > 0.02 * needed.max()).tolist():
         v = motion.v[:, j]
         friction = np.stack([np.ones(len(v)), np.sign(v), v], axis=1)  # it can hide which way the rest points
-        if slope(rest_of(predicted[:, j], friction)[0], rest_of(tau[:, j], friction)[0])[1] < -ALIKE:
+        if (
+            slope(rest_of(predicted[:, j], friction)[0], rest_of(tau[:, j], friction)[0])[1]
+            < -calibrated.RECORD.slope_sure
+        ):
             raise InputError(
                 f"{recording.source}: {column(recording, 'torque', j)} runs against what the arm needs there by its "
                 "masses; the sign of torques that drive the joint forward would work"
             )
     pairs = [slope(predicted[:, j], tau[:, j]) for j in range(predicted.shape[1])]
-    sure = [j for j, (s, r) in enumerate(pairs) if abs(r) > ALIKE and needed[j] > 0.02 * needed.max()]
+    sure = [
+        j for j, (s, r) in enumerate(pairs) if abs(r) > calibrated.RECORD.slope_sure and needed[j] > 0.02 * needed.max()
+    ]
     if len(sure) < min(2, predicted.shape[1]):
         return recording, []
     slopes = np.array([pairs[j][0] for j in sure])
@@ -175,7 +175,7 @@ def torque_side(recording: Recording, motion: Motion, predicted: Array) -> tuple
         said = _units(column(recording, "torque", 0), factor, FACTORS[factor], sign_test(before, after))
         said = replace(said, before=float(np.median(before)), after=float(np.median(after)))
         return replace(recording, torque=recording.torque / factor), [said]
-    if np.all(np.abs(slopes) < MOTOR_SIDE):
+    if np.all(np.abs(slopes) < calibrated.RECORD.motor_side):
         shares = ", ".join(f"{100 * pairs[j][0]:.2g} %" for j in sure)
         raise InputError(
             f"{recording.source}: {column(recording, 'torque', sure[0])} is {shares} of what the arm needs at joints "
@@ -219,7 +219,7 @@ def quality(recording: Recording, joints: int) -> tuple[Recording, list[str]]:
             if name == "torque":
                 top = np.abs(x).max()
                 share = float(np.mean(np.abs(x) >= top * (1.0 - 1e-9)))
-                if top > 0 and share > CLIPPED:
+                if top > 0 and share > calibrated.RECORD.clipped:
                     out.append(f"{label} is at ±{top:.4g} in {100 * share:.1f} % of the samples: cut off at a limit")
     return recording, out
 
@@ -251,7 +251,11 @@ def servo_lag(recording: Recording, motion: Motion) -> list[Finding]:
         after += [float(left[p] @ left[p]) for p in parts]
     moving = delay[np.abs(delay) > 0]
     share = 1.0 - after.sum() / before.sum() if before.sum() > 0 else 0.0
-    if not len(moving) or share < EXPLAINS or abs(float(np.mean(moving))) < LATE:
+    if (
+        not len(moving)
+        or share < calibrated.RECORD.lag_explains
+        or abs(float(np.mean(moving))) < calibrated.RECORD.lag_worth_s
+    ):
         return []
     mean, unit = float(np.mean(moving)), "mm" if recording.prismatic and all(recording.prismatic) else "mrad"
     error = 1e3 * np.sqrt(np.array([before.sum(), after.sum()]) / asked.size)

@@ -13,14 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.diagnose import calibrated
 from machopt.diagnose.problem import Family, Problem
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-GROSS = 6.0  # robust standard deviations beyond which a residual takes no part
 LEAST_SIGMA = 1e-9  # m, rad or N·m: exact readings, made up or rounded to nothing, must not divide by zero
-LEAST_TWINS = 12  # readings with a twin in another visit; with fewer, residuals have to serve
-LEAST_FREEDOM = 20  # of a cycle's own errors
 
 
 @dataclass(frozen=True)
@@ -46,7 +44,7 @@ def estimate(problem: Problem, residual: Array, used: Flags) -> Noise:
         used: (N,) False: put aside.
     """
     contrast, twins = twin_contrast(problem, residual, used)
-    replicated = int(twins.sum()) >= LEAST_TWINS
+    replicated = int(twins.sum()) >= calibrated.NOISE.least_twins
     e, rows = (contrast, twins) if replicated else (residual, used)
     own, cycle, visit = (np.zeros(len(problem.families)) for _ in range(3))
     gain = 0.0
@@ -94,7 +92,7 @@ def _split(problem: Problem, family: Family, e: Array, rows: Flags) -> tuple[flo
     x = e[:, columns]
     typical = robust_sigma(x[rows])
     tiny = LEAST_SIGMA
-    good = rows & (np.abs(x) <= GROSS * max(typical, tiny)).all(axis=1)
+    good = rows & (np.abs(x) <= calibrated.NOISE.gross * max(typical, tiny)).all(axis=1)
     scale = None if problem.scale is None else problem.scale[:, columns]
     at = np.flatnonzero(good)
     order = at[np.argsort(problem.cycle[at], kind="stable")]
@@ -124,7 +122,7 @@ def _split(problem: Problem, family: Family, e: Array, rows: Flags) -> tuple[flo
     if not shifts:
         return max(typical, tiny), 0.0, 0.0, 0.0
     together = float(np.mean(x[good] ** 2)) if good.any() else typical**2
-    if freedom < LEAST_FREEDOM:  # one reading a cycle: nothing tells its error from the cycle's
+    if freedom < calibrated.NOISE.least_freedom:  # one reading a cycle: nothing tells its error from the cycle's
         return max(float(np.sqrt(together)), tiny), 0.0, 0.0, 0.0
     own2 = max(squares / freedom, tiny**2)
     mean2 = np.mean(np.array(shifts) ** 2, axis=1)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.diagnose import heldout
+from machopt.diagnose import calibrated, heldout
 from machopt.diagnose.grams import Tried, base_model, tried
 from machopt.diagnose.result import Proof
 from machopt.diagnose.select import select, with_chosen
@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from machopt.diagnose.engine import State
 
 Array = NDArray[np.float64]
-LOCKED = 0.22  # share of the groups
-FEWEST = 8  # groups, below which none can be spared
 FLIPS = 4096
 
 
@@ -30,9 +28,9 @@ def prove(state: State, most: int, rng: np.random.Generator) -> Proof | None:
     """
     problem = state.problem
     groups = np.unique(problem.group)
-    if len(groups) < FEWEST:
+    if len(groups) < calibrated.PROOF.fewest_groups:
         return None
-    locked = np.sort(rng.choice(groups, max(2, round(LOCKED * len(groups))), replace=False))
+    locked = np.sort(rng.choice(groups, max(2, round(calibrated.PROOF.locked * len(groups))), replace=False))
     away = np.isin(problem.group, locked)
     used = state.used & ~away
     w = whitening(problem, state.noise, used)

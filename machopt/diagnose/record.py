@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtrc, ndtr
 
+from machopt.diagnose import calibrated
 from machopt.diagnose.contradiction import contradictions
-from machopt.diagnose.noise import GROSS
 from machopt.diagnose.problem import Problem as Equations
 from machopt.diagnose.problem import RecordCorrection
 from machopt.diagnose.result import Diagnosis, Estimate, Finding
@@ -31,13 +31,7 @@ from machopt.model.robot import Masses, Robot
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 MOST_REPAIRS = 3
-ORDINARY = 0.08  # share of gross errors and heavy tails that trackers make now and then; more is worth a finding
-ALIKE, LIKE_SIZE = 0.8, 3.0  # cosine and ratio of errors that are the same
-CLERICAL = 3  # slipped decimals or copies; a tracker's own outliers look like one now and then
 SLIP = (10.0, 100.0, 1000.0)
-MOSTLY = 0.5  # of the gross rows
-FITS = 2.0  # noise within which a slipped decimal, put right, meets the prediction
-DIFFERENT_LOAD = 0.05  # of the largest load: readings under loads so unlike do not agree to the last digit
 LENGTHS = {"metres": 1e3, "centimetres": 10.0, "inches": 25.4, "micrometres": 1e-3}
 SOFTEST, MOST_TURN = 1e-4, 0.05  # rad/(N·m) of a joint, rad of its twist: more is no arm
 SIZES = (  # displacement per load as read, per what it is; thousands show against any robot and are checked first
@@ -45,9 +39,6 @@ SIZES = (  # displacement per load as read, per what it is; thousands show again
     ("centimetres", 0.1, "dx_mm", 10.0),
     ("kilograms", 9.80665, "fx_N", 9.80665),
 )
-FAR, NEAR, UNUSUAL = 5.0, 1.6, 10.0  # factors: from the cell's stiffness, of a unit, of a robot of this size
-HALF = 0.5  # share of the displacement that may be left over
-CLEARLY = 0.1  # misfit of another unit per that of the stated one
 FRAMES = {
     "displacement_frame": ("displacement_frame", "sensor:displacement"),
     "wrench_frame": ("force_sensor_frame", "sensor:force"),
@@ -148,19 +139,21 @@ def outliers(recording: Recording, diagnosis: Diagnosis, copies: Flags, problem:
     if measured is not None:
         d = measured[:, :3]
         predicted = d - diagnosis.errors.final[:, :3]
-        noise = FITS * 1e-3 * diagnosis.noise_floor
+        noise = calibrated.RECORD.fits * 1e-3 * diagnosis.noise_floor
         for f in SLIP:
             large = (np.abs(d / f - predicted) < noise) & (np.abs(predicted) > 2.0 * noise)
             small = (np.abs(d - predicted / f) < noise) & (np.abs(predicted) > 5.0 * noise)
             slips |= aside & (large | small).any(axis=1)
     clerical = int((slips | (copies & aside)).sum())
     share = float(aside.mean())
-    if share <= ORDINARY and (clerical < CLERICAL or clerical < MOSTLY * aside.sum()):
+    if share <= calibrated.RECORD.ordinary and (
+        clerical < calibrated.RECORD.clerical or clerical < calibrated.RECORD.mostly * aside.sum()
+    ):
         return None
     rows = ",".join(str(r) for r in problem.row[aside])
     count = float(aside.sum())
     # that Gaussian noise makes even one of these rows
-    by_noise = float(min(2.0 * ndtr(-GROSS) * diagnosis.errors.final.size, 1.0))
+    by_noise = float(min(2.0 * ndtr(-calibrated.NOISE.gross) * diagnosis.errors.final.size, 1.0))
     return Finding(
         "outliers",
         f"rows:{rows}",
@@ -185,7 +178,10 @@ def _comes_back(diagnosis: Diagnosis, problem: Equations) -> Flags:
         if twins.any():
             other = e[twins].mean(axis=0)
             size = float(np.linalg.norm(e[n])), float(np.linalg.norm(other))
-            out[n] = float(e[n] @ other) > ALIKE * size[0] * size[1] and LIKE_SIZE * size[1] > size[0]
+            out[n] = (
+                float(e[n] @ other) > calibrated.RECORD.alike * size[0] * size[1]
+                and calibrated.RECORD.like_size * size[1] > size[0]
+            )
     return out
 
 
@@ -204,7 +200,7 @@ def copied(recording: Recording) -> Flags:
     if recording.wrench is not None:
         size = max(float(np.linalg.norm(recording.wrench[:, :3], axis=1).max()), 1e-9)
         change = np.linalg.norm(np.diff(recording.wrench[:, :3], axis=0), axis=1)
-        moved |= change > DIFFERENT_LOAD * size
+        moved |= change > calibrated.RECORD.different_load * size
     out[1:] = same & moved
     return out
 
@@ -288,12 +284,18 @@ def _by_size(tests: Experiment, prior: Array | None, reach: float) -> Problem | 
         return float(start(predicted[:, :, None], y, load)[0]), predicted
 
     seen, predicted = ratio(prior)
-    if not seen > 0 or 1 / FAR < seen < FAR or np.abs(y - seen * predicted).sum() > HALF * np.abs(y).sum():
+    if (
+        not seen > 0
+        or 1 / calibrated.RECORD.far < seen < calibrated.RECORD.far
+        or np.abs(y - seen * predicted).sum() > calibrated.RECORD.half * np.abs(y).sum()
+    ):
         return None
     usual, _ = ratio(_usual(None, reach))
     for name, value, column, factor in SIZES:
-        nearer = abs(np.log(max(usual, 1e-300) / value)) < min(abs(np.log(max(usual, 1e-300))), np.log(UNUSUAL))
-        if abs(np.log(seen / value)) < np.log(NEAR) and nearer:
+        nearer = abs(np.log(max(usual, 1e-300) / value)) < min(
+            abs(np.log(max(usual, 1e-300))), np.log(calibrated.RECORD.unusual)
+        )
+        if abs(np.log(seen / value)) < np.log(calibrated.RECORD.near) and nearer:
             return Problem(
                 "units",
                 "error",
@@ -380,7 +382,7 @@ def _poses(
         ways["q1_deg", "radians"] = (np.degrees(recording.q), recording.position, float(np.degrees(1.0)))
     (column, name), (q, x, factor) = min(ways.items(), key=lambda w: misfit(w[1][0], w[1][1]))
     best = misfit(q, x)
-    if best > CLEARLY * stated:
+    if best > calibrated.RECORD.clearly * stated:
         return recording, [], []
     before, after = (
         np.array(

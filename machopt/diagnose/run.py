@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
-from machopt.diagnose import absolute, at_joint, deflection, engine, held, motion, record, userterms
+from machopt.diagnose import absolute, at_joint, calibrated, deflection, engine, held, motion, record, userterms
 from machopt.diagnose.history import History
 from machopt.diagnose.problem import Catalogue, Problem
 from machopt.diagnose.result import Diagnosis, Finding
@@ -229,7 +229,7 @@ def _with_record(
     if len(findings) > len(d.findings):
         verdict = (
             "explained"
-            if d.verdict in ("consistent", "explained") or explained >= engine.CLOSED
+            if d.verdict in ("consistent", "explained") or explained >= calibrated.PROOF.closed
             else ("partly_explained")
         )
     out = replace(

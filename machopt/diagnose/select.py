@@ -13,26 +13,14 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.diagnose import calibrated
 from machopt.diagnose.grams import Model, Tried
 from machopt.diagnose.problem import Hypothesis
 from machopt.diagnose.screen import Scored, by_chance, score
 from machopt.effects import registry
 
 Array = NDArray[np.float64]
-CHANCE = 0.01  # of naming anything in a recording without a mismatch
-GAIN = 30.0  # squared noncentrality an effect must have: five and a half standard deviations
-PER_COEFFICIENT = 4.0
-SHARE = 0.008  # of the whitened sum of squares: less does not matter, however long the recording
-GENERALISES = 0.4  # of the gain that must come back on unseen groups
-WITHOUT_BEST = 0.25  # of it that must not hang on a single group
-SIMPLER = 4.0  # gain on unseen groups that a second coefficient of the same effect must bring
-BESIDE, BESIDE_HERE = (
-    0.06,
-    0.3,
-)  # of the largest gain so far: a law that is not quite the true one leaves as much, most of it at its own place
-BESIDE_EXACT = 5e-6  # the same of a clock or a lag, which its column holds to first order
 PAIRS_AMONG = 6
-PAIR_MUST_WIN = 8.0
 
 
 @dataclass(frozen=True)
@@ -55,14 +43,22 @@ def least_gain(model: Model, s: Scored) -> float:
     """Gain that a hypothesis has to reach, per unit of the residual's variance."""
     h = s.tried.hypothesis
     p = s.tried.X.shape[2]
-    return float(max(GAIN + PER_COEFFICIENT * (p - 1) + h.penalty, SHARE * len(model.y)))
+    return float(
+        max(
+            calibrated.DETECTION.gain + calibrated.DETECTION.per_coefficient * (p - 1) + h.penalty,
+            calibrated.DETECTION.share * len(model.y),
+        )
+    )
 
 
 def holds(model: Model, s: Scored) -> bool:
     """Whether a hypothesis is large enough, on readings that did not choose it and not in one group alone."""
     if s.gain / model.spread < least_gain(model, s) or not _plausible(s):
         return False
-    return s.total > GENERALISES * s.gain and s.total - float(s.heldout.max()) > WITHOUT_BEST * s.total
+    return (
+        s.total > calibrated.DETECTION.generalises * s.gain
+        and s.total - float(s.heldout.max()) > calibrated.DETECTION.without_best * s.total
+    )
 
 
 def _plausible(s: Scored) -> bool:
@@ -130,7 +126,7 @@ class _Search:
         good = [
             k
             for k, s in enumerate(scored)
-            if chance[k] <= CHANCE and s.gain > _law_error(s, chosen) and holds(model, s)
+            if chance[k] <= calibrated.DETECTION.chance and s.gain > _law_error(s, chosen) and holds(model, s)
         ]
         if not good:
             return None
@@ -153,8 +149,12 @@ def _law_error(s: Scored, chosen: Sequence[Chosen]) -> float:
 
     def share(c: Chosen) -> float:
         if c.tried.hypothesis.exact:
-            return BESIDE_EXACT
-        return BESIDE_HERE if _near(c.tried.hypothesis, s.tried.hypothesis) else BESIDE
+            return calibrated.DETECTION.beside_exact
+        return (
+            calibrated.DETECTION.beside_here
+            if _near(c.tried.hypothesis, s.tried.hypothesis)
+            else calibrated.DETECTION.beside
+        )
 
     return max((c.scored.gain * share(c) for c in chosen), default=0.0)
 
@@ -172,7 +172,7 @@ def simplest(model: Model, scored: Sequence[Scored]) -> Scored:
     """The best on unseen groups, or a law of the same effect with fewer coefficients that is hardly worse."""
 
     def worth(s: Scored) -> float:
-        cost = s.tried.hypothesis.penalty + SIMPLER * (s.tried.X.shape[2] - 1)
+        cost = s.tried.hypothesis.penalty + calibrated.DETECTION.simpler * (s.tried.X.shape[2] - 1)
         return float(s.total / model.spread - cost)
 
     return max(scored, key=worth)
@@ -192,11 +192,11 @@ def _pairs(model: Model, tried: Sequence[Tried], chosen: list[Chosen]) -> list[C
         for one, two in ((a, b), (b, a)):
             m = model.with_columns(one.tried.at(one.shape))
             second = score(m, [two.tried])[0]
-            if one.total + second.total <= best + PAIR_MUST_WIN * model.spread:
+            if one.total + second.total <= best + calibrated.DETECTION.pair_must_win * model.spread:
                 continue
             first = score(model.with_columns(second.tried.at(second.shape)), [one.tried])[0]
             both = [Chosen(first, chosen[0].p_value), Chosen(second, chosen[1].p_value)]
-            if holds(m, second) and _together(model, both) > best + PAIR_MUST_WIN * model.spread:
+            if holds(m, second) and _together(model, both) > best + calibrated.DETECTION.pair_must_win * model.spread:
                 best, pair = _together(model, both), both
     return pair
 

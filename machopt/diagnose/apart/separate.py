@@ -31,10 +31,9 @@ from machopt.design.measurement import UNLOADED_TWICE, ReadingNoise
 from machopt.design.poseplan import PlanSize, PosePlan, problem_of, unknowns_of
 from machopt.design.schedule import schedule, shortest_way
 from machopt.design.search import Design, information
+from machopt.diagnose import calibrated
 from machopt.diagnose.apart.disputes import HIDDEN, MOST, NOTHING, PLACES, Diagnosed, Dispute, Stand
 from machopt.diagnose.apart.predicted import Law, Predicted, law_of, load_tests, noise_of_cases, standing, steps_for
-from machopt.diagnose.findings import AS_GOOD, MOST_OF, PAIRED
-from machopt.diagnose.limits import NINE_OF_TEN
 from machopt.domain.cell import Cell
 from machopt.effects.words import spoken
 from machopt.model.elastic import ArmElasticity
@@ -300,10 +299,10 @@ def _until(contest: Contest, covariance: Array, blocks: Sequence[Sequence[int]],
     G, total, spread = len(each), float(each.sum()), float(each.var(ddof=1)) if len(each) > 1 else 0.0
     if total <= 0.0 or G < 2:
         return None
-    critical = float(stdtrit(G - 1, 1.0 - PAIRED)) + NINE_OF_TEN
-    alone = 1.0 - total / whole < MOST_OF  # the rival does not reach most of the gain
+    critical = float(stdtrit(G - 1, 1.0 - calibrated.DETECTION.paired)) + calibrated.DETECTION.nine_of_ten
+    alone = 1.0 - total / whole < calibrated.DETECTION.most_of  # the rival does not reach most of the gain
     for n in range(1, LOOKED + 1):
-        larger = n * total - NINE_OF_TEN * 2.0 * np.sqrt(n * total) >= AS_GOOD
+        larger = n * total - calibrated.DETECTION.nine_of_ten * 2.0 * np.sqrt(n * total) >= calibrated.DETECTION.as_good
         if larger and (alone or n * total / np.sqrt(G * n**2 * spread + 4.0 * n * total) >= critical):
             return n
     return None

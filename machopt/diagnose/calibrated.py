@@ -1,0 +1,161 @@
+"""The thresholds that decide what a diagnosis says, by concern, each with where its number comes from.
+
+Numbers that only set how finely something is computed stand beside the computation, grids of shapes in the effects.
+``python benchmarks/thresholds.py`` prints this table with the rates of false alarms and misses of a set of concealed
+cases, and runs them again with a threshold set otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a number comes from."""
+
+    how: str  # "measured", "statistics" or "judgement"
+    script: str = ""  # that it was set by
+    cases: str = ""  # set of the script
+    date: str = ""
+
+
+DEV = Origin("measured", "benchmarks/concealed/run.py", "dev", "2026-11-21")
+STATISTICS = Origin("statistics")  # follows from what it means
+JUDGED = Origin("judgement")  # nothing on record says that a set of cases set it
+
+
+def _set(default: float, why: str, origin: Origin) -> Any:
+    return field(default=default, metadata={"why": why, "origin": origin})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Detection:
+    """What is named, and what is said beside it."""
+
+    chance: float = _set(0.01, "of naming anything in a recording without a mismatch", JUDGED)
+    gain: float = _set(
+        30.0, "squared noncentrality that an effect must have: five and a half standard deviations", JUDGED
+    )
+    per_coefficient: float = _set(4.0, "gain that each coefficient of a law costs", JUDGED)
+    share: float = _set(
+        0.008, "of the whitened sum of squares: less does not matter, however long the recording", JUDGED
+    )
+    generalises: float = _set(0.4, "of the gain that must come back on unseen groups", JUDGED)
+    without_best: float = _set(0.25, "of it that must not hang on a single group", JUDGED)
+    simpler: float = _set(4.0, "gain on unseen groups that a second coefficient of the same effect must bring", JUDGED)
+    beside: float = _set(0.06, "of the largest gain so far that a law not quite the true one leaves", JUDGED)
+    beside_here: float = _set(0.3, "the same at its own place, where most of it is", JUDGED)
+    beside_exact: float = _set(5e-06, "the same of a clock or a lag, which its column holds to first order", DEV)
+    pair_must_win: float = _set(8.0, "gain by which a pair must beat the best single law", JUDGED)
+    nine_of_ten: float = _set(1.28, "standard deviations: a limit is shown in nine of ten repeats", STATISTICS)
+    apart: float = _set(6.0, "gain that a rival must leave at twice the limit to be told from the effect", JUDGED)
+    as_good: float = _set(
+        9.0, "difference of gains below which a rival is not excluded: three standard deviations", STATISTICS
+    )
+    paired: float = _set(0.005, "chance of the paired difference over groups below which a rival is excluded", JUDGED)
+    most_of: float = _set(
+        0.6, "of the gain on unseen groups that a rival must reach; an effect in few groups alone pairs badly", JUDGED
+    )
+    near_shape: float = _set(
+        3.84, "loss of gain within which another shape is as likely: χ² of one number at 95 %", STATISTICS
+    )
+    named: float = _set(
+        0.08,
+        "gain per whitened coordinate of K_C: three tenths of the noise; it is in every recording, and counted",
+        JUDGED,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Proof:
+    """Whether anything is left out, and whether what was found proves itself."""
+
+    certain: float = _set(0.005, "chance of the repeatable power below which there is a mismatch", JUDGED)
+    restless: float = _set(
+        0.2, "variance of whitened residuals beyond 1 that no noise makes, however many visits", JUDGED
+    )
+    matters: float = _set(0.3, "repeatable rmse per noise of one reading that matters", JUDGED)
+    closed: float = _set(0.6, "share of the repeatable power from which on findings explain it", JUDGED)
+    partly: float = _set(0.55, "share below which what was found is withdrawn", JUDGED)
+    locked: float = _set(0.22, "share of the groups that the proof locks away", JUDGED)
+    fewest_groups: int = _set(8, "groups, below which none can be spared", JUDGED)
+    least_visits: int = _set(12, "visits that a test of repeats asks for", JUDGED)
+    permitted: float = _set(0.005, "chance of what lasts over time", JUDGED)
+    trusted: float = _set(
+        3.0, "times the stated 1 sigma: cycles and returns to a pose err by more than a single reading", JUDGED
+    )
+    unsure: float = _set(1.5, "noise power that was taken from few readings may be so much larger", JUDGED)
+    concentrated: float = _set(1.35, "power of a bin per the mean before it is worth a word", JUDGED)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseLevels:
+    """Which readings tell the noise."""
+
+    gross: float = _set(6.0, "robust standard deviations beyond which a residual takes no part", JUDGED)
+    least_twins: int = _set(12, "readings with a twin in another visit; with fewer, residuals have to serve", JUDGED)
+    least_freedom: int = _set(20, "degrees of freedom that a cycle's own errors ask for", JUDGED)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recorded:
+    """What is wrong with the record."""
+
+    ordinary: float = _set(
+        0.08, "share of gross errors and heavy tails that trackers make now and then; more is worth a finding", DEV
+    )
+    alike: float = _set(0.8, "cosine of errors that are the same", JUDGED)
+    like_size: float = _set(3.0, "ratio of errors that are the same", JUDGED)
+    clerical: int = _set(3, "slipped decimals or copies; a tracker's own outliers look like one now and then", DEV)
+    mostly: float = _set(0.5, "of the gross rows", JUDGED)
+    fits: float = _set(2.0, "noise within which a slipped decimal, put right, meets the prediction", JUDGED)
+    different_load: float = _set(
+        0.05, "of the largest load: readings under loads so unlike do not agree to the last digit", JUDGED
+    )
+    far: float = _set(5.0, "factor from the cell's stiffness that another unit makes", JUDGED)
+    near: float = _set(1.6, "factor around that of a unit", JUDGED)
+    unusual: float = _set(10.0, "factor from a robot of this size", JUDGED)
+    half: float = _set(0.5, "share of the displacement that may be left over", JUDGED)
+    clearly: float = _set(0.1, "misfit of another unit per that of the stated one", JUDGED)
+    hopeless: float = _set(
+        0.6, "unexplained share of the displacement from which on another reading of the load is looked for", JUDGED
+    )
+    halved: float = _set(0.5, "a reading must leave less than this of what the stated one leaves", JUDGED)
+    against: float = _set(0.9, "share of readings that move against their load", JUDGED)
+    one_lever: float = _set(0.98, "share of the moments that one lever explains in all postures", JUDGED)
+    contradicting_poses: int = _set(5, "poses, below which nothing contradicts itself", JUDGED)
+    slope_near: float = _set(0.08, "relative, of a slope to the factor of a unit", JUDGED)
+    slope_sure: float = _set(0.9, "correlation from which a slope says something", JUDGED)
+    motor_side: float = _set(
+        0.2, "torque below this share of what the arm needs, joint by joint another: before the gear", JUDGED
+    )
+    clipped: float = _set(0.01, "share of samples at the very largest value", JUDGED)
+    lag_worth_s: float = _set(
+        0.001, "s; encoders that follow their command closer than this have no lag worth a word", JUDGED
+    )
+    lag_explains: float = _set(0.5, "of the tracking error's power", JUDGED)
+
+
+DETECTION, PROOF, NOISE, RECORD = Detection(), Proof(), NoiseLevels(), Recorded()
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """One line of the table."""
+
+    concern: str  # name of the table
+    name: str
+    value: float
+    why: str
+    origin: Origin
+
+
+def every() -> Iterator[Threshold]:
+    """All thresholds as they are in force, table by table."""
+    for concern in ("DETECTION", "PROOF", "NOISE", "RECORD"):
+        table = globals()[concern]
+        for f in fields(table):
+            yield Threshold(concern, f.name, getattr(table, f.name), f.metadata["why"], f.metadata["origin"])
