@@ -2,7 +2,11 @@
 # make quick   unit tests, a minute  make test    all tests     (JOBS=n processes; the cores of this machine)
 # make proofs  statistics over many records, torture by kills: some minutes more
 # make lint    format, lint, imports, types
-# make check   lint, test, proofs   make clean   remove .venv and out/
+# make check   lint, test, proofs   make clean   remove .venv, .venv-lowest and out/
+# make coverage  all tests, counting branches: fails where a package of tests/branches.py falls below its floor
+# make lowest  the quick tests on the lowest versions that pyproject.toml allows, in .venv-lowest
+# make nightly all tests with twenty times as many examples of each property, drawn anew
+# make slow    all tests once, one process, to write tests/slow.txt anew: which tests `quick` leaves out, what goes first
 PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
@@ -10,6 +14,7 @@ CELL   ?= cells/kr500_milling
 PATHS  ?= toolpaths/cylinder_head_face.cls
 OUT    ?= out/cylinder_head
 JOBS   ?= auto
+TEST_LOCK ?= .requirements-test.lock
 SOURCES := pyproject.toml $(shell find machopt -name '*.py')
 
 # one module, one process: its fixtures are made once; conftest.py says which modules come first
@@ -18,7 +23,7 @@ PYTEST := $(BIN)/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reor
 # the tests start hundreds of processes; each would compile the package anew
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: run quick test proofs lint check clean
+.PHONY: run quick test proofs coverage lowest nightly slow lint check clean
 .DELETE_ON_ERROR:
 
 run: $(VENV)/.installed
@@ -33,6 +38,19 @@ test: $(VENV)/.installed-dev
 proofs: $(VENV)/.installed-dev
 	$(PYTEST) -m proof
 
+coverage: $(VENV)/.installed-dev
+	$(PYTEST) -m 'not proof' --cov --cov-report=
+	$(BIN)/python tests/branches.py
+
+nightly: $(VENV)/.installed-dev
+	HYPOTHESIS_PROFILE=nightly $(PYTEST) -m 'not proof'
+
+slow: $(VENV)/.installed-dev
+	$(BIN)/python -m pytest -n 0 --record-slow -m 'not proof'
+
+lowest:
+	$(MAKE) quick VENV=.venv-lowest TEST_LOCK=.requirements-lowest.lock
+
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
@@ -42,7 +60,7 @@ lint: $(VENV)/.installed-dev
 check: lint test proofs
 
 clean:
-	rm -rf $(VENV) out
+	rm -rf $(VENV) .venv-lowest out .coverage
 
 $(VENV)/.python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -59,7 +77,7 @@ $(VENV)/.installed: $(VENV)/.python .requirements.lock $(SOURCES)
 	test -e $(VENV)/.installed-dev || { $(PIP) --require-hashes -r .requirements.lock && $(SELF) .; }
 	@touch $@
 
-$(VENV)/.installed-dev: $(VENV)/.python .requirements-test.lock pyproject.toml
-	$(PIP) --require-hashes -r .requirements-test.lock
+$(VENV)/.installed-dev: $(VENV)/.python $(TEST_LOCK) pyproject.toml
+	$(PIP) --require-hashes -r $(TEST_LOCK)
 	$(SELF) -e .
 	@touch $@

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# Make the two lock files anew from pyproject.toml; needs `uv` (pip install uv). Then run the tests, and say in the
+# Make the three lock files anew from pyproject.toml; needs `uv` (pip install uv). Then run the tests, and say in the
 # changelog what moved.
 #   .requirements.lock         what `make run` installs         .requirements-test.lock   what `make test` installs
+#   .requirements-lowest.lock  what `make lowest` installs: the lowest version of all that pyproject.toml names
 set -euo pipefail
 cd "$(dirname "$0")/.."
 made=$(mktemp -d)
@@ -12,9 +13,11 @@ lock() {  # FILE WHAT OPTIONS…
   local file=$1 what=$2
   shift 2
   uv pip compile --quiet pyproject.toml "$made/build.in" "$@" --universal --python-version 3.11 --generate-hashes \
-    --no-header --no-annotate --no-emit-index-url --output-file "$made/lock"
+    --no-header --no-annotate --no-emit-index-url --no-strip-extras --output-file "$made/lock"
   { echo "# $what: versions that were tried together, with hashes. Made by benchmarks/lock.sh"; cat "$made/lock"; } > "$file"
   rm "$made/lock"
 }
 lock .requirements-test.lock 'What `make test` installs' --extra dev --extra parquet --extra xacro
 lock .requirements.lock 'What `make run` installs' --constraint .requirements-test.lock
+lock .requirements-lowest.lock 'What `make lowest` installs, nothing above its bound in pyproject.toml' \
+  --extra dev --extra parquet --extra xacro --resolution lowest-direct

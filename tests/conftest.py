@@ -11,7 +11,7 @@ import hashlib
 import os
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
 # One process a core runs the tests; a second BLAS thread in each would only wait actively for its partner: of the
@@ -20,6 +20,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import hypothesis
 import pytest
+from examples import examples
 
 ROOT = Path(__file__).resolve().parents[1]
 EXPECTED_SKIPS = (
@@ -35,7 +36,11 @@ hypothesis.settings.register_profile(  # the same examples in every run, whateve
     "ci", derandomize=True, deadline=None, database=None, print_blob=True
 )
 hypothesis.settings.register_profile("dev", deadline=None)
-hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "dev")
+hypothesis.settings.register_profile(  # `make nightly`: other examples each time, and many; a failure prints its blob
+    "nightly", deadline=None, max_examples=examples(100), database=None, print_blob=True
+)
+PROFILE = os.environ.get("HYPOTHESIS_PROFILE") or ("ci" if os.environ.get("CI") else "dev")
+hypothesis.settings.load_profile(PROFILE)
 
 _skips: Counter[str] = Counter()
 _seconds: defaultdict[str, float] = defaultdict(float)
@@ -102,7 +107,7 @@ def _alone(lock: Path) -> Iterator[None]:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
-        "--record-slow", action="store_true", help=f"write tests/{SLOW.name} anew from this run of all tests"
+        "--record-slow", action="store_true", help=f"write tests/{SLOW.name} anew for the modules of this run"
     )
     parser.addoption("--strict-skips", action="store_true", help="fail where a test is skipped for no expected reason")
 
@@ -135,11 +140,18 @@ def unexpected_skips(skips: Counter[str]) -> Counter[str]:
     return Counter({why: n for why, n in skips.items() if not any(re.search(p, why) for p in EXPECTED_SKIPS)})
 
 
+def slow_list(known: Iterable[str], seconds: Mapping[str, float], longest: Mapping[str, float]) -> list[str]:
+    """The lines of SLOW: modules that ran by what they took now, others as they stand, none that is gone."""
+    kept = {n for n in known if n.partition("::")[0] not in seconds and (ROOT / n.partition("::")[0]).exists()}
+    modules = {name for name, took in seconds.items() if took >= LONG_MODULE}
+    tests = {n for n, took in longest.items() if took >= LONG and n.partition("::")[0] not in modules}
+    return sorted(kept | modules | tests)
+
+
 def pytest_sessionfinish(session: pytest.Session) -> None:
     if session.config.getoption("--record-slow") and not hasattr(session.config, "workerinput"):
-        modules = {name for name, seconds in _seconds.items() if seconds >= LONG_MODULE}
-        tests = {n for n, seconds in _longest.items() if seconds >= LONG and n.partition("::")[0] not in modules}
-        SLOW.write_text("\n".join(sorted(modules | tests)) + "\n", encoding="utf-8")
+        lines = slow_list(SLOW.read_text(encoding="utf-8").split(), _seconds, _longest)
+        SLOW.write_text("\n".join(lines) + "\n", encoding="utf-8")
     strict = session.config.getoption("--strict-skips") and not hasattr(session.config, "workerinput")
     if strict and unexpected_skips(_skips) and session.exitstatus == pytest.ExitCode.OK:
         session.exitstatus = pytest.ExitCode.TESTS_FAILED

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 import yaml as other_yaml
+from examples import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_cell import robot_folder
@@ -562,7 +563,7 @@ def test_stiffness_refusals(tmp_path: Path, text: str, parts: list[str]) -> None
     expect(str(caught.value), str(file), *parts)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_stiffness_round_trip(seed: int, tmp_path_factory: pytest.TempPathFactory) -> None:
     rng = np.random.default_rng(seed)

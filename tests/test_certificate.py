@@ -8,6 +8,7 @@ from pathlib import Path as FilePath
 
 import numpy as np
 import pytest
+from examples import examples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from small_cell import small_cell
@@ -39,7 +40,7 @@ rapids = st.sampled_from([(0, 3), (0,), (0, 2, 4)])
 
 
 @given(seeds, rapids, weights)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 def test_bound_and_choice_against_every_sequence(seed: int, rapid: tuple[int, ...], priced: Weights) -> None:
     path, candidates, scores = random_problem(seed, rapid)
     options = PlanOptions(weights=priced, preferred_rotation=0.4)
@@ -53,7 +54,7 @@ def test_bound_and_choice_against_every_sequence(seed: int, rapid: tuple[int, ..
 
 
 @given(seeds, rapids, weights, st.data())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 def test_more_freedom_never_costs(seed: int, rapid: tuple[int, ...], priced: Weights, data: st.DataObject) -> None:
     """Rotations or branches struck out, as by a narrower range or a coarser grid: what is left is never better."""
     path, candidates, scores = random_problem(seed, rapid)
@@ -117,7 +118,7 @@ def jobs(draw: st.DrawFn) -> Rows:
 
 
 @given(jobs(), st.floats(0.1, 2.0), st.sampled_from([(10.0, 5.0), (20.0, 10.0), (10.0, 2.0)]))
-@settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(5), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_refining_and_widening_never_make_the_plan_worse(
     tmp_path: FilePath, rows: Rows, worst: float, steps: tuple[float, float]
 ) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path as FilePath
 
 import numpy as np
 import pytest
+from examples import NIGHTLY, examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_cli import optimize
@@ -183,7 +184,7 @@ def test_a_leaning_plunge_shifts_like_an_upright_one(tmp_path: FilePath) -> None
     assert max(step) < 0.06 * size  # w(sin 1.5° / sin 10°) = 6 %: nothing happens at any one angle
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=examples(60), deadline=None, derandomize=not NIGHTLY)
 @given(st.integers(0, 10_000), st.sampled_from([0.005, 0.01, 0.02]))
 def test_the_force_that_is_compensated_never_jumps(seed: int, length: float) -> None:
     """Random paths with leaning plunges, corners, reversals, links, rapid moves: the stated Lipschitz bound holds."""

@@ -16,6 +16,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 LOCK, TEST_LOCK = ROOT / ".requirements.lock", ROOT / ".requirements-test.lock"
+LOWEST = ROOT / ".requirements-lowest.lock"
 DISTRIBUTION = {"pinocchio": "pin", "coal": "coal", "eaik": "eaik", "hppfcl": "coal"}
 """Import name → distribution, of what installs outside the usual folder or need not be there."""
 TOOLS = {
@@ -24,6 +25,7 @@ TOOLS = {
     "mypy",
     "import-linter",
     "pytest-xdist",
+    "pytest-cov",
 }  # called as commands or loaded by pytest, never imported
 
 
@@ -114,10 +116,12 @@ def test_every_bound_is_from_a_version_to_none_and_says_which() -> None:
 
 def pins(lock: Path) -> dict[str, str]:
     text = lock.read_text(encoding="utf-8")
-    return {name_of(n): v for n, v in re.findall(r"^([A-Za-z0-9._-]+)==([^\s;\\]+)", text, re.MULTILINE)}
+    return {name_of(n): v for n, v in re.findall(r"^([A-Za-z0-9._-]+)(?:\[\w+\])?==([^\s;\\]+)", text, re.MULTILINE)}
 
 
-@pytest.mark.parametrize(("lock", "extras"), [(LOCK, ()), (TEST_LOCK, ("parquet", "xacro", "dev"))])
+@pytest.mark.parametrize(
+    ("lock", "extras"), [(LOCK, ()), (TEST_LOCK, ("parquet", "xacro", "dev")), (LOWEST, ("parquet", "xacro", "dev"))]
+)
 def test_a_lock_holds_all_that_is_declared_with_hashes_and_no_place(lock: Path, extras: tuple[str, ...]) -> None:
     text = lock.read_text(encoding="utf-8")
     assert declared(*extras) | {"hatchling"} <= set(pins(lock))
@@ -129,3 +133,23 @@ def test_a_lock_holds_all_that_is_declared_with_hashes_and_no_place(lock: Path, 
 
 def test_the_job_runs_on_the_versions_that_are_tested() -> None:
     assert pins(LOCK).items() <= pins(TEST_LOCK).items()
+
+
+def test_the_lowest_versions_are_the_bounds() -> None:
+    """What `make lowest` tries is what pyproject.toml promises, to the last number."""
+    pinned = pins(LOWEST)
+    extras = PROJECT["optional-dependencies"]
+    lists = [PROJECT["dependencies"], extras["parquet"], extras["xacro"], extras["dev"]]
+    for requirement in (r for requirements in lists for r in requirements):
+        bound = re.search(r">=([\d.]+)", requirement)
+        assert bound is not None
+        found = pinned[name_of(requirement)]
+        assert numbers(found) == numbers(bound[1]), f"{requirement}: {found} is the lowest that goes with the others"
+
+
+def numbers(version: str) -> tuple[int, ...]:
+    """2.2 and 2.2.0 are the same version."""
+    parts = [int(p) for p in version.split(".")]
+    while parts and parts[-1] == 0:
+        parts.pop()
+    return tuple(parts)

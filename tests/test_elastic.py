@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from examples import NIGHTLY, examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -98,7 +99,7 @@ def test_loaded_state_has_least_energy(arm: tuple[Robot, np.ndarray, np.ndarray]
     assert best == pytest.approx(-0.5 * force @ deflection(robot.fk_jacobian(q, tool)[1], k, force), rel=2e-3)
 
 
-@settings(max_examples=50, deadline=None, derandomize=True)
+@settings(max_examples=examples(50), deadline=None, derandomize=not NIGHTLY)
 @given(st.lists(st.floats(-1, 1), min_size=3, max_size=3).filter(lambda v: np.linalg.norm(v) > 0.1), st.integers(0, 99))
 def test_directional_compliance_is_the_quadratic_form(
     arm: tuple[Robot, np.ndarray, np.ndarray], e: list[float], seed: int
@@ -259,7 +260,7 @@ def test_outside_the_grid_the_constants_hold_and_are_flagged() -> None:
     np.testing.assert_array_equal(no_grid.k, np.broadcast_to(np.arange(6.0), (6, 6)))
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=examples(100), deadline=None, derandomize=not NIGHTLY)
 @given(
     st.lists(st.integers(-4, 14), min_size=3, max_size=3),
     st.lists(st.sampled_from([0.0, 1e-5, -1e-5, 0.11]), min_size=3, max_size=3),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from examples import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -15,7 +16,7 @@ Array = np.ndarray
 ROUND_OFF = 1e-12  # m, rad: double precision over a few metres
 SEEDS = st.integers(0, 2**32 - 1)
 
-PROPERTY = settings(max_examples=60, deadline=None)
+PROPERTY = settings(max_examples=examples(60), deadline=None)
 
 
 def rotations(rng: np.random.Generator, n: int) -> Rotation:

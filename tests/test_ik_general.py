@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from examples import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -324,7 +325,7 @@ def test_one_index_is_one_branch_along_the_path(name: str) -> None:
 
 
 @given(st.integers(0, 10**6))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 def test_closed_form_indices_name_the_assembly_mode(seed: int) -> None:
     """Turning the base turns q1 of every branch alike and changes nothing else, index by index."""
     _, T = random_poses(UR5, 1, seed)

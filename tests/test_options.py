@@ -7,6 +7,7 @@ from math import pi, radians
 from pathlib import Path
 
 import pytest
+from examples import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -81,7 +82,7 @@ def test_every_option_of_the_planner_has_a_user_key_and_back() -> None:
     assert found == pytest.approx(expected, rel=1e-11)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=examples(50), deadline=None)
 @given(
     step=st.floats(0.5, 90).map(lambda v: round(v, 3)),
     clearance=st.floats(0, 500).map(lambda v: round(v, 3)),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from examples import NIGHTLY, examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -71,7 +72,7 @@ def at_point(path: Path, k: int) -> int:
 # --- points, runs, lengths ---------------------------------------------------------------------------------
 
 
-@settings(max_examples=30, deadline=None, derandomize=True)
+@settings(max_examples=examples(30), deadline=None, derandomize=not NIGHTLY)
 @given(st.integers(1, 40), st.integers(0, 1000))
 def test_every_toolpath_point_is_there_once_and_in_order(n: int, seed: int) -> None:
     tp = swaying(n, seed)
@@ -211,7 +212,7 @@ def test_gamma_zero_is_travel_for_milling_and_workpiece_x_for_holes() -> None:
         )
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=examples(40), deadline=None, derandomize=not NIGHTLY)
 @given(st.integers(2, 30), st.integers(0, 1000), st.floats(-3, 3))
 def test_phi_about_the_carried_reference_is_gamma_about_the_natural_one(n: int, seed: int, phi: float) -> None:
     path = build_path(swaying(n, seed))

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from examples import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_up_program import ARM, PLAIN, Recipe, program
@@ -104,7 +105,7 @@ def test_status_is_left_out_rather_than_guessed(tmp_path: Path) -> None:
         write_program(tmp_path, "cartesian", replace(p, behind=None, elbow_up=None), "krl_pos", PLAIN)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 @given(*[st.floats(-180, 180)] * 3)
 def test_every_notation_turns_back_into_the_rotation(a: float, b: float, c: float) -> None:
     R = rz_ry_rx(a, b, c)

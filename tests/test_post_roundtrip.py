@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from examples import NIGHTLY, examples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from made_up_program import ARM, MAPPED, PLAIN, ROOT, TOOL, WORKPIECE, Recipe, program
@@ -311,7 +312,13 @@ def csv_round_trip(recipe: Recipe, post: str, controller: Controller, folder: Pa
 
 @pytest.mark.parametrize("post", post_names())
 def test_csv_to_program_and_back(post: str) -> None:
-    @settings(max_examples=12, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck), database=None)
+    @settings(
+        max_examples=examples(12),
+        deadline=None,
+        derandomize=not NIGHTLY,
+        suppress_health_check=list(HealthCheck),
+        database=None,
+    )
     @given(recipes(), st.sampled_from([PLAIN, MAPPED]))
     def round_trip(recipe: Recipe, controller: Controller) -> None:
         with tempfile.TemporaryDirectory() as name:

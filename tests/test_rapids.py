@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from examples import NIGHTLY, examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_cell import limits, pose, small_cell
@@ -48,7 +49,7 @@ def ratios(q: np.ndarray, scale: float) -> list[float]:
 angle = st.floats(-2.0, 2.0)
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=examples(60), deadline=None, derandomize=not NIGHTLY)
 @given(st.lists(angle, min_size=6, max_size=6), st.lists(angle, min_size=6, max_size=6), st.floats(0.05, 1.0))
 def test_samples_keep_the_limits_and_the_line(a: list[float], b: list[float], scale: float) -> None:
     start, end = np.array(a), np.array(b)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from dialect_writers import DIALECTS, PLANES, Array, Dialect, Leg
+from examples import NIGHTLY, examples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -73,9 +74,9 @@ def _joined(moves: list[tuple[Any, ...]]) -> list[Leg]:
 
 @pytest.mark.parametrize("name", DIALECTS)
 @settings(
-    max_examples=25,
+    max_examples=examples(25),
     deadline=None,
-    derandomize=True,
+    derandomize=not NIGHTLY,
     database=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from examples import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -133,7 +134,7 @@ def test_an_older_controls_drilling_cycle_takes_r_parameters(tmp_path: Path) -> 
     assert np.round(t.position[-1, 2] * 1e3, 6) == 10.0
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=examples(80), deadline=None)
 @given(a=st.integers(-50, 50), b=st.integers(1, 9), c=st.floats(-80.0, 80.0))
 def test_expressions_agree_with_python(a: int, b: int, c: float) -> None:
     v = Variables()

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from examples import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -203,7 +204,7 @@ def test_the_way_of_the_tip_is_followed_while_rotary_axes_turn(tmp_path: Path) -
     assert t.feed[t.cutting] == pytest.approx(2.0 * 40.0 * np.pi / 2.0 / 60e3, rel=1e-3)  # chords for the arc
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(
     a=st.floats(-120.0, 120.0),
     c=st.floats(-400.0, 400.0),

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from examples import NIGHTLY, examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_cell import real_cell, small_cell
@@ -112,7 +113,7 @@ def test_leading_dimensions_do_not_matter(tmp_path: Path) -> None:
 vector = st.lists(st.floats(-1.0, 1.0).map(lambda x: round(x, 3)), min_size=3, max_size=3)
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=examples(25), deadline=None, derandomize=not NIGHTLY)
 @given(
     st.lists(st.tuples(vector, vector, vector.filter(lambda v: np.linalg.norm(v) > 0.1)), min_size=7, max_size=7),
     st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6),

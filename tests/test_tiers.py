@@ -1,0 +1,112 @@
+"""How the suite itself is run: tiers, skips, the floor of the branches; and what the wheel of the package holds."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+import zipfile
+from collections import Counter
+from pathlib import Path
+
+import branches
+import pytest
+from branches import Counted
+from conftest import LONG, LONG_MODULE, PROFILE, slow_list, unexpected_skips
+from examples import NIGHTLY, examples
+from hypothesis import settings
+
+import machopt
+
+ROOT = Path(__file__).resolve().parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+
+def test_a_skip_for_another_reason_is_told() -> None:
+    skips = Counter({"m20ia: its meshes are not here (x)": 3, "could not import 'pyarrow'": 2})
+    assert unexpected_skips(skips) == Counter({"could not import 'pyarrow'": 2})
+
+
+def test_modules_that_ran_are_recorded_anew_and_others_stay() -> None:
+    known = ["tests/test_cli.py", "tests/test_tiers.py::test_was_long", "tests/test_gone.py"]
+    ran = {"tests/test_tiers.py": LONG_MODULE - 1, "tests/test_damages.py": LONG_MODULE}
+    longest = {
+        "tests/test_tiers.py::test_long": LONG,
+        "tests/test_tiers.py::test_was_long": LONG / 2,
+        "tests/test_damages.py::test_long": LONG,  # its module is named already
+    }
+    assert slow_list(known, ran, longest) == [
+        "tests/test_cli.py",
+        "tests/test_damages.py",
+        "tests/test_tiers.py::test_long",
+    ]
+
+
+def test_examples_are_the_same_in_ci_and_many_at_night() -> None:
+    assert settings.default is not None
+    if PROFILE == "ci":
+        assert settings.default.derandomize
+    assert settings.default.deadline is None
+    assert examples(30) == (600 if NIGHTLY else 30)
+
+
+def test_branches_are_summed_by_package_and_held_against_the_floor() -> None:
+    files = [
+        Counted("plan/a.py", 9, 10),
+        Counted("plan/b.py", 81, 90),
+        Counted("model/x.py", 8, 10),
+        Counted("se3.py", 0, 0),
+    ]
+    packages = branches.by_package(files)
+    assert [(p.name, p.taken, p.all) for p in packages] == [("model", 8, 10), ("plan", 90, 100), ("se3.py", 0, 0)]
+    wrong = branches.below(packages)
+    assert "model: 80.0 % of 10 branches, less than 90 %" in wrong
+    assert "effects was not measured" in wrong
+    assert not any(line.startswith("plan") for line in wrong)
+
+
+def test_every_package_of_the_floor_is_one_that_the_layers_know() -> None:
+    """`estimate` may be drawn before it is built."""
+    there = {p.name for p in (ROOT / "machopt").iterdir() if p.is_dir()}
+    assert set(branches.FLOOR) - there <= {"estimate"}
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.Path:
+    from hatchling.builders.wheel import WheelBuilder
+
+    (made,) = WheelBuilder(str(ROOT)).build(directory=str(tmp_path_factory.mktemp("wheel")), versions=["standard"])
+    return zipfile.Path(made)
+
+
+def test_the_wheel_says_that_it_is_typed_and_holds_no_leavings(wheel: zipfile.Path) -> None:
+    names = wheel.root.namelist()
+    assert "machopt/py.typed" in names
+    assert not [n for n in names if re.search(r"\.(orig|rej|pyc|nbi|nbc|bak)$|__pycache__|^tests/", n)]
+    assert any(n.endswith("licenses/LICENSE") for n in names)
+
+
+def test_there_is_one_source_of_the_version(wheel: zipfile.Path) -> None:
+    assert "version" in PROJECT["dynamic"]
+    name = f"machopt-{machopt.__version__}.dist-info/METADATA"
+    metadata = (wheel / name).read_text(encoding="utf-8")
+    assert f"\nVersion: {machopt.__version__}\n" in metadata
+    said = {line.removeprefix("Classifier: ") for line in metadata.splitlines() if line.startswith("Classifier: ")}
+    assert set(PROJECT["classifiers"]) <= said
+
+
+def test_classifiers_say_the_python_that_is_required() -> None:
+    """That the index knows them is what the build of the wheel checks."""
+    lowest = re.search(r">=(3\.\d+)", PROJECT["requires-python"])
+    assert lowest is not None
+    assert f"Programming Language :: Python :: {lowest[1]}" in PROJECT["classifiers"]
+
+
+def test_hooks_are_the_steps_of_make_lint() -> None:
+    import yaml
+
+    hooks = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))["repos"]
+    assert [r["repo"] for r in hooks] == ["local"]  # nothing is fetched
+    entries = {h["entry"].removeprefix(".venv/bin/").replace(" .", "") for r in hooks for h in r["hooks"]}
+    steps = re.search(r"^lint:.*\n((?:\t.*\n)+)", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+    assert steps is not None
+    assert entries == {line.strip().removeprefix("$(BIN)/").removesuffix(" .") for line in steps[1].splitlines()}
