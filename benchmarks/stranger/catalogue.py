@@ -165,7 +165,11 @@ def motion_cases() -> list[Case]:
             out += [Case("single", "motion", lab, ((name, loud),)) for loud in (0.5, 1.5)]
     out.append(Case("pair", "motion", "torque", (("payload", 1.5), ("time_skew", 1.0))))
     out.append(Case("pair", "motion", "link", (("joint_hysteresis", 2.0), ("transmission_error", 1.5))))
-    out += [Case("outside", "motion", "torque", ((n, loud),)) for n in ("rotor", "hose") for loud in (0.6, 1.5)]
+    out += [
+        Case("outside", "motion", "torque", ((n, loud),))
+        for n in ("rotor", "hose", "soft_reversal")
+        for loud in (0.6, 1.5)
+    ]
     out += [Case("record", "motion", "torque", fault=f.name) for f in faults.MOTION_FAULTS]
     return out
 

@@ -18,6 +18,7 @@ from tables import Table
 
 ARCMIN = np.pi / 10800
 STEP = 0.02  # s
+SHARP = 3e-4  # rad/s over which dry friction turns over: at once, for any sampled record
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ class Motion:
 
     def _torque(self, effects: list[Effect], torque: Array) -> tuple[Array, Array]:
         y = torque - self.dynamic
-        slip = np.tanh(self.qd / 0.005)
+        slip = np.tanh(self.qd / SHARP)
         y = y + self.coulomb * slip + self.viscous * self.qd
         for e in effects:
             j = e.detail.get("joint", 1)
@@ -103,6 +104,8 @@ class Motion:
             elif e.effect == "gravity_compensator":
                 angle = self.q[:, 1] - self.nominal.home[1] + e.detail["at"]
                 y[:, 1] -= e.amplitude * linkage_torque(angle, float(np.max(np.abs(self.dynamic[:, 1]))))
+            elif "soft" in e.detail:  # every seal drags like honey at first
+                y += self.coulomb * (np.tanh(self.qd / (0.005 * e.amplitude)) - slip)
             elif "rotor" in e.detail:
                 y[:, j] += e.amplitude * self.noise[j] * self.qdd[:, j] / np.sqrt(np.mean(self.qdd[:, j] ** 2))
             elif "hose" in e.detail:
@@ -163,7 +166,10 @@ def draw(name: str, scene: Motion, rng: np.random.Generator, loud: float) -> lis
         elif name in ("rotor", "hose"):
             same = (("joint_elasticity", where),) if name == "rotor" else ()
             out.append(Effect("unnamed", where, 1.0, 20.0, accepted=same, detail={"joint": j, name: 1}))
-    if name == "payload":
+    if name == "soft_reversal":
+        same = tuple(("joint_friction", f"joint:{j}") for j in range(1, 7))
+        out = [Effect("unnamed", "arm", 1.0, 8.0, accepted=same, detail={"soft": 1})]
+    elif name == "payload":
         out = [Effect(name, "tool", 0.2 * scene.built.tool_mass, 200.0, "kg", 1.0, "mass")]
     elif name == "gravity_compensator":
         out = [Effect(name, "joint:2", 0.2, 1.0, detail={"at": rng.uniform(-1, 1)})]
