@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.diagnose import at_body, at_joint, laws_compensator, laws_sensor
+from machopt.diagnose import at_body, at_joint, at_sensor, laws_compensator
 from machopt.diagnose.history import History
 from machopt.diagnose.problem import Catalogue, Family, Hypothesis, Problem, Unknown, Untestable
 from machopt.diagnose.readings import Readings
@@ -149,7 +149,7 @@ def catalogue(r: Readings, curved: Array | None) -> Catalogue:
                 missing.append(Untestable(kind.name, f"joint:{j + 1}", reason))
     out += laws_compensator.apparent(r)
     out += [*at_joint.couplings(r), *at_body.hypotheses(r)]
-    out += [*laws_sensor.force_sensor(r), *laws_sensor.displacement_frame(r), *laws_sensor.load_geometry(r)]
+    out += at_sensor.hypotheses(r)
     if curved is None:
         missing.append(Untestable("geometric_stiffness", "arm", "the springs found do not hold the recorded loads"))
     for effect, where, why in (

@@ -201,6 +201,45 @@ class Beside(Stated, Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class Recorded:
+    """What a load test records in K readings, as far as sensors may have it wrong. base_link axes."""
+
+    wrench: Array  # (K, 6) N, N·m at the TCP
+    displacement: Array  # (K, D) m, rad of the TCP, as predicted so far
+    axes: Array  # (K, 3, 3) of the sensor, its axes in columns
+    tool: Array  # (K, 3, 3) of the tool
+
+
+class RecordLaw(Stated, Protocol):
+    """What acts beyond what is recorded, linear in its coefficients. Stateless; SI."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def equation(self) -> str:
+        """With its source."""
+        ...
+
+    @property
+    def moves(self) -> str:
+        """What it changes: "wrench", which acts through the arm, or "displacement"."""
+        ...
+
+    def columns(self, shape: Array, seen: Recorded) -> Array:
+        """(K, 6, P) N, N·m or (K, D, P) m, rad per unit of each coefficient."""
+        ...
+
+    def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        """Numbers of the trade; the first is the effect's size and grows in proportion to small coefficients."""
+        ...
+
+    def grid(self) -> tuple[Shape, ...]:
+        """Shapes that a search tries."""
+        ...
+
+
 class BodyLaw(Stated, Protocol):
     """How a body gives way under what it bears, linear in that: a twist of S by the wrench there. Stateless; SI."""
 
@@ -280,6 +319,7 @@ class Effect:
     unloaded: Unloaded | None = None  # the law of port angle
     beside: tuple[Beside, ...] = ()  # those of port torque; the first is the one that files state
     gives: tuple[BodyLaw, ...] = ()  # those of port body
+    recorded: tuple[RecordLaw, ...] = ()  # those of port record, on forces and displacements
     reads: Reader | None = None  # of bodies whose files have forms of their own; None: by what the laws declare
     default: str = ""  # law of a file that states none; empty: it must, where there are several
     elastic: bool = False  # stands in stiffness.yaml

@@ -20,6 +20,7 @@ from machopt.effects import (
     link,
     load,
     record,
+    sensor,
     tool,
 )
 from machopt.effects.protocol import Effect, Unloaded
@@ -44,11 +45,11 @@ LISTED = (
     drive.LAG,
     drive.VIBRATION,
     environment.THERMAL,
-    record.OFFSET,
-    record.GAIN,
-    record.FRAME,
-    record.DISPLACEMENT,
-    record.LOAD,
+    sensor.OFFSET,
+    sensor.GAIN,
+    sensor.FRAME,
+    sensor.DISPLACEMENT,
+    sensor.LOAD,
     record.UNITS,
     record.CLOCK,
     record.OUTLIERS,
@@ -104,3 +105,8 @@ def of_joint_pairs() -> tuple[Effect, ...]:
 def of_bodies(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
     """Those that give way under the wrench that a body bears, in the order in which a search tries them."""
     return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.gives)
+
+
+def of_records(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
+    """Those that are wrong with forces or displacements of a record."""
+    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.recorded)

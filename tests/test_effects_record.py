@@ -1,0 +1,108 @@
+"""The contract of every law of a record, and one that is added by one file and one line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from test_effects import load_test
+
+from machopt.diagnose import at_sensor, deflection
+from machopt.diagnose.problem import RecordCorrection
+from machopt.effects import registry
+from machopt.effects.protocol import Array, Effect, Parameter, Quantity, Recorded, RecordLaw, Shape
+
+LAWS = [pytest.param(e, law, id=f"{e.name} {law.name}") for e in registry.of_records() for law in e.recorded]
+
+
+def seen() -> Recorded:
+    rng = np.random.default_rng(0)
+    axes, tool = (np.linalg.qr(rng.normal(size=(5, 3, 3)))[0] for _ in range(2))
+    return Recorded(rng.normal(size=(5, 6)) * 100.0, rng.normal(size=(5, 6)) * 1e-3, axes, tool)
+
+
+@pytest.mark.parametrize(("effect", "law"), LAWS)
+def test_a_law_counts_each_reading_by_itself_and_its_size_grows(effect: Effect, law: RecordLaw) -> None:
+    whole = seen()
+    assert len(effect.places) == 1
+    for shape in (np.array(s) for s in law.grid()):
+        columns = law.columns(shape, whole)
+        assert columns.shape == (5, 6, len(law.coefficients))
+        one = Recorded(whole.wrench[2:3], whole.displacement[2:3], whole.axes[2:3], whole.tool[2:3])
+        np.testing.assert_allclose(law.columns(shape, one)[0], columns[2], rtol=1e-14, atol=1e-15)
+        values = 1e-9 * np.arange(1.0, len(law.coefficients) + 1.0)
+        one_size, two = (next(iter(law.sizes(k * values, shape).values())) for k in (1.0, 2.0))
+        assert two.value == pytest.approx(2.0 * one_size.value, rel=1e-7)  # a gain of the reading is 1/(1 − x) − 1
+        assert one_size.unit
+        assert law.equation
+
+
+def test_laws_are_the_errors_that_a_sensor_makes() -> None:
+    """Recorded by hand with a small error: what acts is recorded plus column times coefficient, to first order."""
+    s, size = seen(), 1e-6
+    effects = {(e.name, law.name): law for e in registry.of_records() for law in e.recorded}
+    force, moment = s.wrench[:, :3], s.wrench[:, 3:]
+    zero = np.zeros_like(force)
+    about = s.axes[:, :, 1]
+    e = s.axes[:, :, 2]
+    acting = {
+        ("force_sensor_offset", "zero of the force"): (1, (), np.concatenate([force - size * about, moment], axis=1)),
+        ("force_sensor_gain", "gain of one axis"): (
+            0,
+            (2.0,),
+            np.concatenate([force - size * e * np.einsum("nc,nc->n", e, force)[:, None], moment], axis=1),
+        ),
+        ("force_sensor_frame", "axes turned"): (
+            1,
+            (),
+            s.wrench - size * np.concatenate([np.cross(about, force), np.cross(about, moment)], axis=1),
+        ),
+        ("load_geometry", "hook beside the TCP"): (
+            0,
+            (),
+            s.wrench + np.concatenate([zero, np.cross(size * s.tool[:, :, 0], force)], axis=1),
+        ),
+    }
+    for name, (k, shape, truth) in acting.items():
+        found = s.wrench + size * effects[name].columns(np.array(shape), s)[:, :, k]
+        np.testing.assert_allclose(found, truth, rtol=1e-12, err_msg=str(name))
+    askew = effects["load_geometry", "pull askew"].columns(np.empty(0), s)[:, :3]
+    assert np.abs(np.einsum("nc,ncp->np", force, askew)).max() < 1e-9  # N²: it turns the pull and keeps its size
+
+
+@dataclass(frozen=True)
+class Leaks:
+    """The vertical force reads more the larger the sideways one: a cell that is not square."""
+
+    name = "crosstalk"
+    equation = "f_z recorded = f_z + x |f_xy|"
+    word = ""
+    remembers = False
+    moves = "wrench"
+    coefficients = (Parameter(key="crosstalk", unit="1"),)
+    shape: tuple[Parameter, ...] = ()
+
+    def columns(self, shape: Array, seen: Recorded) -> Array:
+        out = np.zeros((len(seen.wrench), 6, 1))
+        out[:, 2, 0] = -np.linalg.norm(seen.wrench[:, :2], axis=1)
+        return out
+
+    def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        return {"crosstalk": Quantity(100.0 * abs(float(values[0])), "%")}
+
+    def grid(self) -> tuple[Shape, ...]:
+        return ((),)
+
+
+def test_one_file_and_one_line_add_a_sensor_s_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    toy = replace(registry.EFFECTS["force_sensor_gain"], name="force_sensor_crosstalk", recorded=(Leaks(),))
+    monkeypatch.setattr(registry, "EFFECTS", registry.registry((*registry.LISTED, toy)))
+    r, _ = load_test()
+    (h,) = (h for h in at_sensor.hypotheses(r) if h.effect == toy.name)
+    assert any(other.name == h.name for other in deflection.catalogue(r, None).hypotheses)
+    wrench = np.zeros_like(r.wrench)
+    wrench[:, 2] = -np.linalg.norm(r.wrench[:, :2], axis=1)
+    np.testing.assert_allclose(h.columns(())[:, :, 0], r.through(wrench), rtol=1e-12, atol=1e-18)
+    assert h.correction(np.array([0.02]), ()) == RecordCorrection(toy.name, "sensor:force", {"crosstalk": 2.0})
