@@ -12,15 +12,36 @@ from palletiser import full, linked_urdf, mimics, write
 from small_cell import small_cell
 
 from machopt.domain.cell import Cell, Tool
+from machopt.domain.toolpath import Move
 from machopt.errors import InputError
+from machopt.formats.tables import read_trajectory_csv
 from machopt.model.collision import CollisionModel
 from machopt.model.gravity import gravity_torque
 from machopt.model.ik import solver_for
 from machopt.model.linkage import refuse_linked
 from machopt.model.robot import load_chain, load_masses
 from machopt.plan.follow import joints_at
+from machopt.services.run import Request, optimize
 from machopt.verify.arm import Arm
 
+CELL = """\
+machopt_cell: 1
+name: linked
+robot:
+  urdf: robot.urdf
+  base_link: base_link
+  flange_link: flange
+  home_deg: [0, -90, 0, 0, 45, 0]
+  limits:
+    acceleration_deg_s2: [300, 300, 300, 500, 500, 800]
+    jerk_deg_s3: [2000, 2000, 2000, 4000, 4000, 6000]
+tool: {tcp: {xyz_mm: [0, 0, 350], rpy_deg: [0, 30, 0]}, cutter: {diameter_mm: 12, length_mm: 60}}
+workpiece:
+  pose: {xyz_mm: [1500, 0, 600]}
+  geometry: [{name: block, box_mm: [400, 500, 100], xyz_mm: [0, 0, -50]}]
+stiffness: stiffness.yaml
+plan: {rotation_step_deg: 10}
+"""
 MASS = (
     '<inertial><origin xyz="0.3 0.1 0.05"/><mass value="120"/>'
     '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
@@ -147,3 +168,31 @@ def test_commands_without_laws_for_linkages_refuse_them(cell: Cell) -> None:
     with pytest.raises(InputError, match="'m3' mimics 'a2', and identify has no laws"):
         refuse_linked(cell, "identify")
     refuse_linked(replace(cell, mimics=()), "identify")
+
+
+@pytest.mark.slow
+def test_a_linked_arm_mills_and_the_motion_is_that_of_the_urdf(tmp_path: Path) -> None:
+    """The whole command; the tip is then followed by pinocchio with the mimic joint set by hand."""
+    cell = small_cell(tmp_path)
+    write(tmp_path, linked_urdf(offset=0.0))
+    (tmp_path / "stiffness.yaml").write_text(
+        "machopt_stiffness: 1\njoints_Nm_per_rad: [3.8e6, 6.6e6, 3.9e6, 5.6e5, 6.6e5, 4.7e5]\n"
+    )
+    (tmp_path / "cell.yaml").write_text(CELL)
+    path = tmp_path / "line.csv"
+    path.write_text(
+        "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min\n0,0,50,0,0,1,rapid,\n"
+        + "".join(f"{x},0,5,0,0,1,cut,1200\n" for x in range(0, 60, 10))
+        + "50,0,50,0,0,1,rapid,\n"
+    )
+    outcome = optimize(Request(tmp_path, path, tmp_path / "out"))
+    assert outcome.exit_code == 0
+    table = read_trajectory_csv(tmp_path / "out" / "trajectory.csv").trajectory
+    model = pin.buildModelFromUrdf(str(cell.urdf))
+    data, frame = model.createData(), model.getFrameId("flange")
+    cutting = np.flatnonzero((table.move == Move.CUT) & (table.point >= 1.0))  # behind the plunge
+    for n in cutting[:: max(len(cutting) // 20, 1)]:
+        pin.framesForwardKinematics(model, data, full(model, table.q[n], mimics(offset=0.0)))
+        tip = data.oMf[frame].homogeneous @ np.array([0.0, 0.0, 0.35, 1.0])
+        assert abs(tip[1]) < 2e-5
+        assert abs(tip[2] - 0.605) < 2e-5

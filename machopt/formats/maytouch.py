@@ -76,17 +76,25 @@ class PairReader:
         return tuple(out)
 
     def _srdf(self, loc: Loc, name: str, open_file: OpenFile) -> tuple[MayTouch, ...]:
-        """The pairs of links that this robot has and that have bodies; an SRDF often speaks of a larger one."""
+        """The pairs of links that this robot has and that have bodies; an SRDF often speaks of a larger one.
+
+        Links with one joint between them, which it lists too, are never compared.
+        """
         path = open_file(loc, name)
         if is_xacro(path):
             raise InputError("is a xacro file; the SRDF that it expands to would work", file=path)
         out = []
         for pair in read_srdf(path, self._urdf.links):
             first, second = self._links.get(pair.link1, ()), self._links.get(pair.link2, ())
-            if first and second:
+            if first and second and self._joints_between(pair.link1, pair.link2) > 1:
                 why = f"{path.name} line {pair.line}" + (f": {pair.reason}" if pair.reason else "")
                 out.append(MayTouch(pair.link1, pair.link2, first, second, why))
         return tuple(out)
+
+    def _joints_between(self, a: str, b: str) -> int:
+        """Moving joints from one link to the other."""
+        ways = [{j.name for j in self._urdf.chain(link) if j.moves} for link in (a, b)]
+        return len(ways[0] ^ ways[1])
 
     def _named(self, word: str, loc: Loc) -> tuple[str, ...]:
         by_name = [bodies for kind in (self._links, self._bodies) if (bodies := kind.get(word)) is not None]
