@@ -1,4 +1,4 @@
-"""Operators with memory on sampled signals: presliding, and a mass on a spring; compiled, one pass each."""
+"""A mass on a spring along sampled signals; compiled, one pass."""
 
 from __future__ import annotations
 
@@ -6,29 +6,6 @@ import numpy as np
 
 from machopt.compiled import compiled
 from machopt.diagnose.problem import Array, Ints
-
-PARTS = 4  # of a sampling interval
-SHARP = 1e-9  # rad
-
-
-@compiled
-def _presliding(v: Array, dt: float, first: Ints, distance: float, parts: int) -> Array:
-    out = np.empty_like(v)
-    z = 0.0
-    for n in range(len(v)):
-        if first[n]:
-            z = np.sign(v[n])
-        elif distance <= SHARP:
-            # at once; parts of the interval would make it late by half a part. At rest it stays as it was
-            z = np.sign(v[n]) if v[n] != 0.0 else z
-        else:
-            # a reversal lies between samples; one step a sample would put it half an interval off
-            for k in range(parts):
-                now = v[n - 1] + (v[n] - v[n - 1]) * (k + 0.5) / parts
-                s = np.sign(now)
-                z = s + (z - s) * np.exp(-abs(now) * dt / parts / distance)
-        out[n] = z
-    return out
 
 
 @compiled
@@ -52,24 +29,6 @@ def _mass_on_spring(load: Array, inertia: Array, step: Array, first: Ints, k: fl
         v = e * ((b * wd - z * w * a) * c - (a * wd + z * w * b) * s)
         out[n] = x
     return out
-
-
-def presliding(v: Array, dt: float, first: Ints, distance: float) -> Array:
-    """Direction of motion with a breakaway path: dz = (sgn q̇ − z) |dq| / d.
-
-    Args:
-        v: (M,) rad/s.
-        dt: s between samples.
-        first: (M,) 1 where a segment begins.
-        distance: d, rad (m); below SHARP it is the sign itself.
-
-    Returns:
-        (M,) −1 … 1.
-
-    Source:
-        Dahl, A solid friction model, TOR-158, Aerospace Corp. (1968).
-    """
-    return np.asarray(_presliding(np.ascontiguousarray(v), dt, first, max(distance, SHARP), PARTS))
 
 
 def mass_on_spring(load: Array, inertia: Array, step: Array, first: Ints, k: float, damping: float) -> Array:

@@ -1,16 +1,8 @@
-"""What motors, controllers and swinging links do in motion."""
+"""What controllers and swinging links do in motion."""
 
 from __future__ import annotations
 
 from machopt.effects.protocol import JOINTS, Effect
-
-FRICTION = Effect(
-    name="joint_friction",
-    noun="friction",
-    sentence="The motor works against friction that the model does not hold.",
-    port="torque",
-    places=JOINTS,
-)
 
 LAG = Effect(
     name="servo_lag",

@@ -240,6 +240,62 @@ class RecordLaw(Stated, Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class Rubbing:
+    """How a joint moves in K samples, as its friction feels it; of a slide m for rad and N for N·m."""
+
+    speed: Array  # (K,) rad/s
+    way: Array  # (K,) −1 … 1, which way friction points
+    load: Array  # (K,) N·m, size of the torque that it carries
+    first: Ints  # (K,) 1 where a segment begins
+    step: float  # s between samples
+    warmth: Callable[[float], Array]  # (K,) 0 … 1 for a time constant in s; of zero by the recorded temperature
+    slides: bool = False
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How a joint moves in a recording: what shapes of friction are of."""
+
+    fast: float  # rad/s, about its largest speed
+    loaded: bool  # what it carries changes
+    warming: tuple[float, ...] = ()  # s, time constants that the recording can show
+
+
+class FrictionLaw(Stated, Protocol):
+    """A torque of the motor beyond Coulomb and viscous friction, linear in its coefficients. Stateless; SI."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def equation(self) -> str:
+        """With its source."""
+        ...
+
+    @property
+    def note(self) -> str:
+        """Where it shows."""
+        ...
+
+    @property
+    def by_angle(self) -> bool:
+        """Its picture is over the joint's angle; else over its speed."""
+        ...
+
+    def columns(self, shape: Array, seen: Rubbing) -> Array:
+        """(K, P) N·m per unit of each coefficient."""
+        ...
+
+    def sizes(self, values: Array, shape: Array, seen: Rubbing) -> Mapping[str, Quantity]:
+        """Numbers of the trade; the first is the effect's size and grows in proportion to the coefficients."""
+        ...
+
+    def grid(self, pace: Pace) -> tuple[Shape, ...]:
+        """Shapes that a search tries; none where the recording cannot show it."""
+        ...
+
+
 class BodyLaw(Stated, Protocol):
     """How a body gives way under what it bears, linear in that: a twist of S by the wrench there. Stateless; SI."""
 
@@ -320,6 +376,7 @@ class Effect:
     beside: tuple[Beside, ...] = ()  # those of port torque; the first is the one that files state
     gives: tuple[BodyLaw, ...] = ()  # those of port body
     recorded: tuple[RecordLaw, ...] = ()  # those of port record, on forces and displacements
+    rubs: tuple[FrictionLaw, ...] = ()  # those of a motor's torque in motion
     reads: Reader | None = None  # of bodies whose files have forms of their own; None: by what the laws declare
     default: str = ""  # law of a file that states none; empty: it must, where there are several
     elastic: bool = False  # stands in stiffness.yaml

@@ -14,6 +14,7 @@ from machopt.effects import (
     creep,
     drive,
     environment,
+    friction,
     hardening,
     hysteresis,
     kinematic,
@@ -41,7 +42,7 @@ LISTED = (
     kinematic.ZERO,
     kinematic.WAVES,
     coupling.KINEMATIC,
-    drive.FRICTION,
+    friction.EFFECT,
     drive.LAG,
     drive.VIBRATION,
     environment.THERMAL,
@@ -110,3 +111,8 @@ def of_bodies(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]
 def of_records(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
     """Those that are wrong with forces or displacements of a record."""
     return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.recorded)
+
+
+def of_friction(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
+    """Those that a motor works against in motion."""
+    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.rubs)

@@ -1,0 +1,86 @@
+"""The contract of every law of friction, and one that is added by one file and one line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_diagnose_motion import arm, excited, recorded
+
+from machopt.diagnose import motion
+from machopt.effects import friction, registry
+from machopt.effects.protocol import Array, FrictionLaw, Pace, Parameter, Quantity, Rubbing
+from machopt.model.rigid import load_dynamics
+
+LAWS = [pytest.param(law, id=law.name) for e in registry.of_friction() for law in e.rubs]
+PACES = (Pace(1.5, True, (15.0, 60.0)), Pace(1.5, False))
+
+
+def seen(count: int = 400, *, slides: bool = False) -> Rubbing:
+    t = np.arange(count) / 100.0
+    v = 1.5 * np.sin(3.0 * t) + 0.2
+    first = np.zeros(count, np.int64)
+    first[0] = 1
+    load = 100.0 + 50.0 * np.cos(t)
+    return Rubbing(v, np.sign(v), load, first, 0.01, lambda T: 1.0 - np.exp(-t / max(T, 1.0)), slides)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_law_has_a_column_for_each_coefficient_and_sizes_that_grow(law: FrictionLaw) -> None:
+    grids = [law.grid(pace) for pace in PACES]
+    assert any(grids)
+    whole = seen()
+    for shape in (np.array(grid[-1]) for grid in grids if grid):
+        assert len(shape) == len(law.shape)
+        columns = law.columns(shape, whole)
+        assert columns.shape == (400, len(law.coefficients))
+        part = replace(seen(150), warmth=lambda T: whole.warmth(T)[:150])
+        np.testing.assert_allclose(
+            law.columns(shape, part), columns[:150], rtol=1e-14
+        )  # what comes later changes nothing
+        values = np.arange(1.0, len(law.coefficients) + 1.0)
+        one, two = (next(iter(law.sizes(k * values, shape, whole).values())) for k in (1.0, 2.0))
+        assert two.value == pytest.approx(2.0 * one.value, rel=1e-12)
+        assert (one.unit, next(iter(law.sizes(values, shape, seen(slides=True)).values())).unit) == ("N·m", "N")
+        assert law.note
+        assert law.equation
+
+
+def test_what_a_recording_cannot_show_is_not_offered() -> None:
+    bare, warmed = ({law.name for law in friction.EFFECT.rubs if law.grid(pace)} for pace in (PACES[1], PACES[0]))
+    assert "load-dependent" in warmed - bare
+    assert {"warms up", "Stribeck, load, direction, warmth"} <= warmed - bare
+    assert bare - warmed == {"Stribeck, load, direction"}
+
+
+@dataclass(frozen=True)
+class Sticky(friction.Bends):
+    """A torque with the cube of speed."""
+
+    name = "churns"
+    equation = "τ_f += d₃ q̇³"
+    coefficients = (Parameter(key="cube", unit="N·m·s³/rad³"),)
+
+    def columns(self, shape: Array, seen: Rubbing) -> Array:
+        return np.asarray(seen.speed**3)[:, None]
+
+    def sizes(self, values: Array, shape: Array, seen: Rubbing) -> dict[str, Quantity]:
+        return {"cube": Quantity(float(values[0]), "N·m·s³/rad³")}
+
+
+def test_one_file_and_one_line_add_friction(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Offered at every joint that moves; its column is the law at the speeds of the motion."""
+    toy = replace(friction.EFFECT, name="joint_churning", rubs=(Sticky(),))
+    monkeypatch.setattr(registry, "EFFECTS", registry.registry((*registry.LISTED, toy)))
+    cell = arm(tmp_path, 2, tool=5.0)
+    t, q, v, a = excited(2, np.random.default_rng(1))
+    tau = load_dynamics(cell).torque(q, v, a)
+    _, catalogue, *_ = motion.build(recorded(t, q, v, tau), cell, "torque", np.random.default_rng(0))
+    found = [h for h in catalogue.hypotheses if h.effect == toy.name]
+    assert [h.location for h in found] == ["joint:1", "joint:2"]
+    assert found[0].quantities(np.array([0.3]), ())["cube"].value == 0.3
+    column = found[1].columns(())[:, :, 0]
+    assert not column[:, 0].any()
+    assert np.abs(column[:, 1]).max() > 0.0
