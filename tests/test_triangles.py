@@ -16,8 +16,8 @@ from machopt.model import nearest, threads
 from machopt.model.collision import CollisionModel
 from machopt.model.robot import load_chain
 from machopt.model.surfaces import Surfaces
-from machopt.model.triangles import PIECES, _divided, follow, mesh_of
-from machopt.se3 import transform
+from machopt.model.triangles import PIECES, _divided, distance, follow, mesh_of
+from machopt.se3 import inverse, transform
 
 EXACT = 1e-11  # m, beside the rounding of fcl's own; TIE of the module is a tenth of that
 
@@ -64,6 +64,12 @@ def test_distances_are_those_of_fcl_and_crossing_surfaces_have_none() -> None:
     theirs = np.array([max(surfaces.distance((0, 1), M), 0.0) for M in T])
     assert 0.02 < (theirs == 0.0).mean() < 0.9
     np.testing.assert_allclose(d, theirs, rtol=0.0, atol=EXACT)
+    for still, moving, motion in ((x, y, T), (y, x, inverse(T))):  # one by one, from wherever the last one left off
+        guess, single = (0, 0), []
+        for M in motion:
+            apart, guess = distance(still, moving, M, guess)
+            single.append(apart)
+        np.testing.assert_allclose(single, theirs, rtol=0.0, atol=EXACT)
 
 
 def test_nearest_pair_is_the_least_of_all_and_does_not_depend_on_the_cores(

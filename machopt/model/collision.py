@@ -1,6 +1,7 @@
 """Does anything touch, and how near is it: robot, tool, cutter, workpiece, obstacles.
 
-Exact triangle distances cost 0.05–1 ms, so they are computed only where cheap bounds leave doubt:
+Exact triangle distances cost 0.05–5 ms, so they are computed only where cheap bounds leave doubt, and what they find
+too near on a way is so by fcl's word:
 
 1. Spheres around one body against a box around the other bound every pair's distance from below, for all rows
    at once in NumPy.
@@ -40,6 +41,7 @@ from machopt.model.robot import LinkShape, Robot
 from machopt.model.surfaces import Surfaces
 from machopt.model.threads import side_by_side
 from machopt.model.touching import nearer, outline_of
+from machopt.model.triangles import distance
 from machopt.se3 import inverse
 
 Array = NDArray[np.float64]
@@ -337,6 +339,7 @@ class _Walk:
     def __post_init__(self) -> None:
         self.clearance = self.model.pairs[self.p].clearance
         self._way: Array | None = None
+        self._near = 0, 0  # triangles, one of each body
 
     def moved(self, n: int) -> float:
         """m, bound on the relative motion between row ``last`` and row n."""
@@ -354,7 +357,7 @@ class _Walk:
         """Exact distance (m) at row n; 0 where one body is inside the other."""
         if n != self.last:
             at = self.model.stack.index[self.p], self.rows.relative(self.p)[n]
-            d = self.model.surfaces.distance(*at)
+            d = self._measured(at[1])
             # Surfaces apart by more than the way since a row known to be outside cannot have been crossed.
             fresh = self.last < 0 or self.known <= 0.0 or max(d, self.known) <= self.moved(n)
             if d > 0.0 and fresh and self.model.surfaces.contained(*at):
@@ -364,6 +367,13 @@ class _Walk:
             if memory is not None and d > self.clearance:
                 memory.add(self.rows.q[n], d)
         return self.known
+
+    def _measured(self, T: Array) -> float:
+        """m between the surfaces with the second body moved by T (4, 4); what is too near is so by fcl's word."""
+        pair = self.model.stack.index[self.p]
+        a, b = (self.model.outlines[k].mesh for k in pair)
+        d, self._near = distance(a, b, T, self._near)
+        return self.model.surfaces.distance(pair, T) if _too_near(d, self.clearance) else d
 
     def hits(self, n: int) -> bool:
         return _too_near(self.distance(n), self.clearance)
@@ -393,7 +403,7 @@ class _Walk:
         middle = 0.5 * (qa + qb)
         i, j = self.rows.pairs.links[self.p]
         poses = self.rows.pairs.robot.link_poses(middle)
-        d = self.model.surfaces.distance(self.model.stack.index[self.p], inverse(poses[i]) @ poses[j])
+        d = self._measured(inverse(poses[i]) @ poses[j])
         if _too_near(d, self.clearance):
             return 0.5
         # The bound is a sum over joints of |Δq| times the lever, so half the joint step is half the bound.

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from machopt.compiled import compiled
 from machopt.model.bodies import Body
+from machopt.se3 import inverse
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -437,3 +438,85 @@ def follow(
         fresh[n] = last < 0 or max(d, known) <= gone
         out[n], known, last = d, d, n
     return out, fresh
+
+
+def distance(a: Mesh, b: Mesh, T: Array, guess: tuple[int, int]) -> tuple[float, tuple[int, int]]:
+    """m between two surfaces, b moved by T (4, 4) seen from a, 0 where they cross; and which triangles are that near.
+
+    Args:
+        guess: a triangle of each that may be near the other: what the last question of them told.
+    """
+    turn = len(a.corners) < len(b.corners)  # the smaller one is moved
+    x, y, k, m = (b, a, guess[1], guess[0]) if turn else (a, b, *guess)
+    d, k, m = _at(
+        x.corners,
+        x.normals,
+        x.low,
+        x.high,
+        x.child,
+        x.first,
+        x.count,
+        x.order,
+        y.corners,
+        y.normals,
+        y.child,
+        y.first,
+        y.count,
+        y.order,
+        np.ascontiguousarray(inverse(T) if turn else T),
+        k,
+        m,
+    )
+    return d, (m, k) if turn else (k, m)
+
+
+@compiled
+def _at(
+    a: Array,
+    na: Array,
+    low: Array,
+    high: Array,
+    child: Ints,
+    first: Ints,
+    count: Ints,
+    order: Ints,
+    b: Array,
+    nb: Array,
+    inner: Ints,
+    begin: Ints,
+    number: Ints,
+    sequence: Ints,
+    T: Array,
+    i: int,
+    j: int,
+) -> tuple[float, int, int]:
+    """As :func:`distance` says; a … sequence as for :func:`follow`."""
+    moved, turned = np.empty_like(b), np.empty_like(nb)
+    lo, hi = np.empty((len(inner), 3)), np.empty((len(inner), 3))
+    _move(T, b, nb, moved, turned)
+    _draw(moved, inner, begin, number, sequence, lo, hi)
+    waiting, gaps, work = np.empty((DEPTH, 2), np.int64), np.empty(DEPTH), np.empty((7, 3))
+    return _nearest(
+        a,
+        na,
+        low,
+        high,
+        child,
+        first,
+        count,
+        order,
+        moved,
+        turned,
+        lo,
+        hi,
+        inner,
+        begin,
+        number,
+        sequence,
+        i,
+        j,
+        waiting,
+        gaps,
+        work,
+        np.empty(3),
+    )

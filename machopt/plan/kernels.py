@@ -29,6 +29,11 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
         "follow",
         f"{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},{_F2},{_I1},{_I1},{_I1},{_I1},{_I1},{_F3},{_F1},f8[:],{_F1}",
     ),
+    (
+        "model.triangles",
+        "_at",
+        f"{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},{_F2},{_I1},{_I1},{_I1},{_I1},{_F2},i8,i8",
+    ),
     ("model.touching", "_between", f"{_F2},{_F2},{_F3},f8"),
     (
         "model.touching",
