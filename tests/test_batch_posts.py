@@ -103,6 +103,20 @@ def test_the_key_holds_names_and_the_bytes_of_template_files(tmp_path: Path) -> 
     assert "mine.toml" in faulty.reason
 
 
+def test_the_key_holds_the_bytes_of_files_with_effects(tmp_path: Path) -> None:
+    jobs = folder_of(tmp_path, a="sleep 0")
+    mine = tmp_path / "mine.py"
+    mine.write_text("EFFECTS = []")
+    plain = request_for(jobs, tmp_path / "out")
+    with_effects = replace(plain, effects=(mine,))
+    before = key_of(with_effects)
+    assert isinstance(before, Ready)
+    assert str(mine) in before.inputs
+    assert before.key != key(plain)
+    mine.write_text("EFFECTS = [1]")
+    assert key(with_effects) != before.key
+
+
 def test_the_template_of_a_cell_is_in_the_key_too(tmp_path: Path) -> None:
     import shutil
 
