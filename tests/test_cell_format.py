@@ -376,6 +376,7 @@ URDFS = [
     (urdf().replace('<child link="l2"/>', '<child link="l1"/>'), ["'l1' hangs on two joints, 'a1' and 'a2'"]),
     (urdf().replace('<child link="l2"/>', ""), ["joint 'a2' has no <child>"]),
     (urdf('<link name="lonely"/>'), ["2 root links", "lonely"]),
+    (urdf().replace('<robot name="r">', "<robot>"), ["<robot> has no name"]),
     (urdf(joint("loop", "l6", "base")), ["closed loop"]),
     (urdf(mesh="nowhere.stl"), ["link 'l6'", "no such file: nowhere.stl"]),
     (urdf(mesh="package://some_pkg/a.stl"), ["link 'l6'", "package 'some_pkg'", "packages: {some_pkg:"]),

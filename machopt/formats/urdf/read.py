@@ -38,6 +38,8 @@ def read_urdf(path: Path, text: str | None = None) -> Urdf:
         raise InputError(
             f"found the root element <{root.tag}>; a URDF starts with <robot>", file=path, where=f"line {root.line}"
         )
+    if not root.attributes.get("name"):
+        raise InputError('<robot> has no name; <robot name="…"> would work', file=path, where=f"line {root.line}")
     for e in (root, *root.descendants()):
         if e.tag.startswith("xacro:"):
             raise InputError(
