@@ -1,4 +1,4 @@
-"""The one name for an array of numbers."""
+"""The one name for each kind of array; shape, unit and frame stand where it is used."""
 
 from __future__ import annotations
 
@@ -6,4 +6,5 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-"""Float64; shape, unit and frame stand where it is used."""
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from machopt.arrays import Array
 from machopt.plan.blend import Curve, build_curves, path_parameter
-from machopt.se3 import Array, tool_rotation
+from machopt.se3 import tool_rotation
 
 TOLERANCE = 15e-6  # m
 AXIS_TOLERANCE = np.radians(0.03)

@@ -8,13 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from machopt.arrays import Array
 from machopt.domain.cell import JointLimits
 from machopt.model.ik import refine
 from machopt.model.robot import Robot
 from machopt.plan import feedrate
 from machopt.plan.blend import path_parameter
 from machopt.plan.retime import RunFailure, RunInput, RunTrajectory, retime_run
-from machopt.se3 import Array, inverse, tool_rotation, transform
+from machopt.se3 import inverse, tool_rotation, transform
 
 FLANGE = transform(np.array([[0, 0, 1], [0, -1, 0], [1, 0, 0]]), np.array([3.115, 0, 0.99]))
 ROBOT = Robot(  # a large six-axis arm, stretched forward at zero

@@ -6,10 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from machopt.arrays import Array, Bools
 
 LEAST = 1e-6  # information on an unknown by itself: 1 sigma of 1000 times its scale is no knowledge
 NULL = 1e-10  # of the largest eigenvalue, unknowns scaled alike: less is rounding

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.design.candidates import PoseCriteria
 from machopt.design.loadcases import LoadCriteria
 from machopt.design.loads import GRAVITY, LoadWay, load_ways
@@ -23,7 +23,6 @@ from machopt.model.robot import Robot
 from machopt.model.terms import LinearTerm, term_of
 from machopt.se3 import inverse
 
-Array = NDArray[np.float64]
 Sensor = Literal["tracker", "tracker3", "dial"]
 SENSORS: dict[Sensor, float] = {"tracker": 0.012, "tracker3": 0.012, "dial": 0.005}
 """mm, 1 sigma of one coordinate: a laser tracker with one target or three, three dial gauges."""

@@ -6,18 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from machopt.arrays import Array, Bools, Ints
 from machopt.errors import InputError
 from machopt.model.collision import CollisionModel
 from machopt.model.kinetostatic import kci
 from machopt.model.robot import ArmState, Robot
 from machopt.se3 import normalise
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 BLOCK = 1024  # poses drawn at a time, a power of two as Sobol's sequence wants it
 MOST_TRIED = 100  # times the wanted number, at least; an arm that finds fewer stands in its own way

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array, Ints
 from machopt.design.search import Design, Problem, information, readings_by_pose
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 NULL = 1e-10  # of the largest eigenvalue of the information: less is rounding
 BLIND = 1e-6  # of the largest response: less is none

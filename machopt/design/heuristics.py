@@ -14,18 +14,14 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array, Ints
 from machopt.design.candidates import PosePool, PoseScreen, pool_of
 from machopt.design.loadcases import LoadCases
 from machopt.design.search import Problem
 from machopt.model.ik import solver_for, turns
 from machopt.model.kinetostatic import kci
 from machopt.se3 import axis_rotation, inverse, transform
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 ZHANG = 0.45  # KCI above which zhang2025 measures
 MAP = 41  # angles of joints 2 and 3 on the dexterity map

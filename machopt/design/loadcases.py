@@ -6,18 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array, Bools, Ints
 from machopt.design.candidates import PosePool
 from machopt.design.loads import LoadWay, unit_wrench
 from machopt.design.measurement import ReadingNoise
 from machopt.model.elastic import ArmElasticity, Elastic
 from machopt.model.kinetostatic import influence_of_geometric, jacobian_derivative
 from machopt.model.terms import LinearTerm
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 REASONS = (
     "rope too short",

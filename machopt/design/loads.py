@@ -11,11 +11,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.se3 import normalise
 
-Array = NDArray[np.float64]
 Kind = Literal["weight", "pull", "rope"]
 
 GRAVITY = 9.80665  # m/s², standard gravity

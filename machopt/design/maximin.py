@@ -18,10 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import ncx2, norm
 
+from machopt.arrays import Array, Ints
 from machopt.design.discriminate import noncentrality
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 SMOOTH, SHARP = 4.0, 40.0  # of the power mean that stands for the minimum: no contest is forgotten; the least alone
 SMALL = 1e-3  # noncentrality that counts as none

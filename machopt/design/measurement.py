@@ -11,9 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from machopt.arrays import Array
 
 UNLOADED_TWICE = 1.5  # variance of (loaded − mean of two unloaded readings), in variances of one
 

@@ -12,8 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array, Bools
 from machopt.design.accuracy import Accuracy, accuracy, efficiency, smallest_number
 from machopt.design.candidates import PosePool, PoseScreen
 from machopt.design.certificate import efficiency_bound
@@ -25,10 +25,6 @@ from machopt.design.schedule import Visit, schedule, shortest_way
 from machopt.design.search import Design, Model, Problem, choose, information, promising
 from machopt.model.elastic import ArmElasticity
 from machopt.model.terms import LinearTerm
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 DRAWS = 40  # random designs of each heuristic
 CURVE_DRAWS = 16  # the same at every number of poses of the curve

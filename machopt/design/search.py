@@ -20,11 +20,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
+from machopt.arrays import Array, Bools, Ints
 
 RIDGE = 1e-4  # information before any reading: 1 sigma of 100 (of a relative unknown: 10,000 %)
 SHORTLIST = 48  # poses whose loads are worked out together, the best by single readings

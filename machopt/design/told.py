@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 import machopt
 from machopt.design.asked import Request, shown
@@ -27,8 +26,6 @@ from machopt.domain.results.poses import (
     UnknownTold,
     Visit,
 )
-
-Array = NDArray[np.float64]
 
 
 def result_of(

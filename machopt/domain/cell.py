@@ -7,13 +7,11 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.kinematics import Kinematics
 from machopt.domain.program import Controller
 from machopt.domain.stiffness import Stiffness
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -4,12 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from machopt.arrays import Array
-
-Ints = NDArray[np.int64]
+from machopt.arrays import Array, Ints
 
 
 @dataclass(frozen=True)

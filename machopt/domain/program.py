@@ -17,9 +17,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.toolpath import Event, Move
-
-Array = NDArray[np.float64]
 
 PTP, LIN = 0, 1
 LEAST_FEED = 1e-6  # m/s, the last digit of KUKA's $VEL.CP

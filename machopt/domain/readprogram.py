@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.toolpath import Event
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

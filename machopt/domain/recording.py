@@ -12,8 +12,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from machopt.arrays import Array, Ints
+
 Kind = Literal["deflection", "absolute", "motion"]
 Axes = Literal["base", "tool"]
 

@@ -7,10 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
+from machopt.arrays import Array
 
-Array = NDArray[np.float64]
 SOFTEST, STIFFEST = 1e2, 1e10  # N·m/rad of a joint; beyond these it is another unit, not another robot
 
 

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from machopt.arrays import Array
 
 
 class Move(enum.IntEnum):

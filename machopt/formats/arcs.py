@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from machopt.domain.toolpath import Array
+from machopt.arrays import Array
 
 MAX_CHORDS = 200_000  # of one curve: beyond it the tolerance or the radius is a fault
 RADIUS_WARN = 0.05  # mm between start and end radius: programs print three to six decimals

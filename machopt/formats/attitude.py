@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from machopt.domain.toolpath import Array
+from machopt.arrays import Array
 from machopt.se3 import normalise, quaternion_matrix, rotation_from_vector, rpy_matrix
 
 UNIT_QUATERNION = 1e-3  # off from unit length: printed decimals; beyond it the numbers are something else

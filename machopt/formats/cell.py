@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.cell import Cell, Cutter, JointLimits, Shape, Tool, Workpiece
 from machopt.domain.program import Controller, JointMap
 from machopt.errors import InputError
@@ -37,8 +37,6 @@ from machopt.formats.stiffness import load_stiffness
 from machopt.formats.urdf import Description, Urdf, describe, find_mesh, find_package
 from machopt.formats.yamlstrict import Document, Loc, read_yaml, validate
 from machopt.se3 import rpy_matrix, transform
-
-Array = NDArray[np.float64]
 
 _ANY_SIZE = 1 << 62  # bytes; each reader has its own limit
 

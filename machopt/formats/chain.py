@@ -9,15 +9,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.cell import JointLimits
 from machopt.errors import nearest
 from machopt.formats.cell_schema import CellKeys
 from machopt.formats.urdf import Urdf, UrdfJoint
 from machopt.formats.yamlstrict import Document, Loc
-
-Array = NDArray[np.float64]
 
 _CONTINUOUS = 2 * math.pi  # rad, taken on both sides for a continuous joint
 _SLACK = math.radians(0.01)  # rad (or 0.17 mm); a position limit may exceed the URDF's by its rounding

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.domain.toolpath import Array
+from machopt.arrays import Array
 from machopt.errors import InputError
 from machopt.formats.source import Source
 

@@ -8,13 +8,11 @@ from math import isfinite
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.measured import MeasuredStiffness
 from machopt.errors import InputError
 from machopt.formats.recording_table import Vocabulary, read_table
-
-Array = NDArray[np.float64]
 
 _PLACE = ("x_mm", "y_mm", "z_mm")
 _JOINTS = tuple(f"q{i}_deg" for i in range(1, 7))

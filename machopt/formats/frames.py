@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from machopt.domain.toolpath import Array
+from machopt.arrays import Array
 from machopt.formats.pathbuilder import Vector
 
 ORTHONORMAL = 1e-3  # axes printed with four decimals are that far from orthonormal

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.domain.toolpath import Array, Event, IgnoredWord, Move, Operation, Toolpath
+from machopt.arrays import Array
+from machopt.domain.toolpath import Event, IgnoredWord, Move, Operation, Toolpath
 from machopt.formats.arcs import RADIUS_FAULT, RADIUS_WARN, Arc, ArcError
 from machopt.formats.pathchecks import ArcSpan, arc_directions, check_extent, check_numbers, with_kinds
 from machopt.formats.source import ReadOptions, Source

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.domain.toolpath import Array, Move, Operation
+from machopt.arrays import Array
+from machopt.domain.toolpath import Move, Operation
 from machopt.formats.source import Source
 
 MAX_COORDINATE_MM = 1e6  # a kilometre: no robot cell is larger, so the number is a fault

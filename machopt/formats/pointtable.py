@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.domain.toolpath import Array, Move, Toolpath
+from machopt.arrays import Array
+from machopt.domain.toolpath import Move, Toolpath
 from machopt.errors import InputError
 from machopt.formats.attitude import ATTITUDES, UNIT_QUATERNION, rotations
 from machopt.formats.csvcolumns import Columns, Words, cells_of, data_lines, is_number, number_cell, read_columns

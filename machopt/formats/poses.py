@@ -8,15 +8,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from machopt.domain.poses import Ints, PosesTable
+from machopt.arrays import Array, Ints
+from machopt.domain.poses import PosesTable
 from machopt.domain.recording import Recording
 from machopt.errors import InputError
 from machopt.formats.opener import TABLE, read_text
 from machopt.formats.recording import write_recording
-
-Array = NDArray[np.float64]
 
 _DEG, _MM = np.pi / 180.0, 1e-3
 _LABELS = ("order", "pose", "cycle")

@@ -11,17 +11,15 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
-from machopt.domain.recording import Ints, Recording, StandardUncertainty
+from machopt.arrays import Ints
+from machopt.domain.recording import Recording, StandardUncertainty
 from machopt.errors import InputError
 from machopt.formats.recording_columns import BRANCHES, CHANNELS, LABELS, branches, chain, channels, labels, vocabulary
 from machopt.formats.recording_join import join, number_poses, separate_cycles, wide_poses
 from machopt.formats.recording_table import DataTable, read_table
 from machopt.formats.yamlstrict import Document, Strict, read_yaml, show, validate
-
-Array = NDArray[np.float64]
 
 _YAML, _DATA = "recording.yaml", "data.csv"
 _UNCERTAINTY = {

@@ -8,10 +8,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.recording import Kind
 from machopt.formats.recording_table import DataTable, Vocabulary
-
-Array = NDArray[np.float64]
 
 LABELS = ("pose", "cycle", "session")
 BRANCHES = {"load": 1, "unload": -1, "": 0}  # an empty cell: not stated

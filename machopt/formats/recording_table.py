@@ -13,13 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array, Ints
 from machopt.errors import InputError, nearest
 from machopt.formats.opener import TABLE, read_file
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _ROWS_AT_ONCE = 4096
 _MOST = {"_Nm": 1e7, "_N": 1e7, "_mm": 1e7, "_mrad": 1e5, "_deg": 1e8, "_deg_s": 1e8, "_A": 1e5, "_C": 1e4}

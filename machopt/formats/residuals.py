@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array, Ints
 from machopt.formats.celltext import as_cell
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 DECIMALS = 6
 
 

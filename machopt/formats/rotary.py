@@ -31,7 +31,7 @@ from functools import cached_property
 
 import numpy as np
 
-from machopt.domain.toolpath import Array
+from machopt.arrays import Array
 from machopt.errors import InputError
 from machopt.formats.frames import Transfer, turn
 from machopt.formats.pathbuilder import Vector

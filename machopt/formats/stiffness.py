@@ -6,13 +6,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from machopt.arrays import Array
 from machopt.domain.stiffness import SOFTEST, STIFFEST, Stiffness, StiffnessGrid, Term
 from machopt.formats.yamlstrict import Document, Loc, Strict, read_yaml, show, validate
-
-Array = NDArray[np.float64]
 
 _ROW = "six joint stiffnesses in N·m/rad, joint 1 first"
 _ASYMMETRY = 1e-6  # relative; a covariance written with seven digits is symmetric to this

@@ -17,14 +17,13 @@ from typing import TextIO
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.points import PointsTable
 from machopt.domain.toolpath import Move
 from machopt.domain.trajectory import Trajectory
 from machopt.errors import InputError
 from machopt.formats.celltext import as_cell, from_cell
 from machopt.formats.opener import TABLE, read_text
-
-Array = NDArray[np.float64]
 
 MM_PER_M = 1e3
 DEG_PER_RAD = 180.0 / np.pi

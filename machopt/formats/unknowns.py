@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from machopt.domain.toolpath import Array, Move
+from machopt.arrays import Array
+from machopt.domain.toolpath import Move
 from machopt.formats.pathbuilder import PathBuilder
 
 

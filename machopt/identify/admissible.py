@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from machopt.arrays import Array, Ints
 from machopt.identify.fit import Fit
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 NEGATIVE = 1e-10  # eigenvalue of a matrix of unit diagonal below which it counts as negative; a file may have 1e-9
 START_SHARE = 1e-3  # of the largest eigenvalue, what a negative one starts from
 STEPS = 2000

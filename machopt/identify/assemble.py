@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.stiffness import Stiffness, Term
 from machopt.identify.experiment import Experiment
 from machopt.identify.finding import Finding
@@ -21,8 +21,6 @@ from machopt.identify.study import MonteCarlo, SubsetStudy
 from machopt.identify.uncertainty import Uncertainty
 from machopt.model.elastic import joint_stiffness
 from machopt.model.terms import LinearTerm
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-Array = NDArray[np.float64]
+from machopt.arrays import Array
+
 RANK = 1e-11  # eigenvalue per largest one; below it a direction has no data
 NOTHING = 1e-40  # diagonal element per the largest one that counts as zero
 BISECTIONS = 50

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.errors import InputError
 from machopt.identify.experiment import Experiment
 from machopt.identify.finding import Finding, places
@@ -19,8 +19,6 @@ from machopt.identify.rivals import Reading, readings
 from machopt.identify.units import lever_findings, reach_of, unit_findings
 from machopt.model.robot import Robot
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 BETTER, MUCH_BETTER = 0.6, 0.35  # unexplained share of a rival reading per that of the stated one
 WINS = 0.8  # share of poses in which a rival must be better
 A_LITTLE_BETTER, WINS_EVERYWHERE, MANY_POSES = 0.8, 0.95, 8  # enough for a warning, too: less better, but everywhere

@@ -12,13 +12,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from machopt.arrays import Array, Ints
 from machopt.identify.experiment import Experiment
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 LEAST_REPLICATES = 5  # degrees of freedom (readings beyond the first of their group) that show a component at all
 
 

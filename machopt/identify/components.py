@@ -9,12 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from machopt.arrays import Array
 from machopt.identify.clusters import Clusters, Components, Sums, normal
 
-Array = NDArray[np.float64]
 LEAST, MOST = 1e-4, 1e4  # variance of a shift per variance of a reading; at the least end it counts as none
 NOTHING = 1e-20  # weight of a coefficient per the largest one; below it the readings say nothing of it
 STARTS = (1e-1, 10.0)

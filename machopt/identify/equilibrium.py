@@ -17,6 +17,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array, Ints
 from machopt.errors import InputError
 from machopt.identify.experiment import Experiment
 from machopt.model.gravity import gravity_torque
@@ -24,9 +25,6 @@ from machopt.model.kinetostatic import geometric_stiffness
 from machopt.model.robot import ArmState, Masses, Robot
 from machopt.model.terms import LinearTerm
 from machopt.se3 import rotation_vector, skew
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 AT_REST = 1e-13  # rad
 MOST_STEPS = 30  # Newton from the commanded joints takes 3 to 5

@@ -13,13 +13,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array, Ints
 from machopt.domain.recording import Axes, Recording, StandardUncertainty
 from machopt.errors import InputError
 from machopt.model.robot import ArmState, Robot
 from machopt.model.terms import LinearTerm
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.recording import StandardUncertainty
 from machopt.errors import InputError
 from machopt.identify.bounded import minimise
@@ -25,7 +26,6 @@ from machopt.identify.noise import reading_covariance
 from machopt.identify.robust import scale, start, weights
 from machopt.model.terms import LinearTerm
 
-Array = NDArray[np.float64]
 ROUNDS = 8
 SETTLED = 1e-3  # change of a coefficient per its standard error between rounds
 UNSEEN = 1e-7  # effect of a coefficient per the largest one; below it is rounding and counts as none

@@ -16,8 +16,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array, Bools, Ints
 from machopt.domain.stiffness import StiffnessGrid
 from machopt.errors import InputError
 from machopt.identify.bounded import minimise
@@ -26,10 +26,6 @@ from machopt.identify.fit import OUT, Fit, Weighting
 from machopt.identify.gridcells import Region, kriging, region_of, touched
 from machopt.identify.gridequations import GridEquations
 from machopt.identify.gridevidence import Evidence, Posterior, Prior, sum_of, summed
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 ON_FACE = 1e-3  # m; a pose meant to be on a face is that near it, by the arm's own repeatability
 SEEN = 2.0  # standard errors; a joint whose constant compliance is less does not vary by cell

@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from machopt.arrays import Array, Bools, Ints
 from machopt.errors import InputError
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 SITE = 0.05  # of a cell's edge; positions rounded alike are one site
 
 MOST_CELLS_IN_ALL = 8000  # each has a row in stiffness.yaml and on the page

@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array, Bools
 from machopt.identify.clusters import Clusters, Components, clusters, shifts, sums
 from machopt.identify.fit import Fit, Weighting
 from machopt.identify.gridcells import Touched
 from machopt.identify.gridevidence import Evidence, Linear, Posterior, Prior
 from machopt.identify.robust import scale, weights
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 SHIFT_START = 0.3  # variance of a shared shift per reading's: away from none, where the likelihood is flat
 
 

@@ -20,16 +20,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.sparse import bsr_matrix, csr_matrix
 
+from machopt.arrays import Array, Ints
 from machopt.identify.clusters import Clusters, Components, Normal, Sums, normal
 from machopt.identify.components import LEAST, MOST, TRUST_IN_STATED
 from machopt.identify.tiled import product, spd_inverse, times
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 SPREADS = (1e-3, 1.0)  # least and largest s in log compliance: at a thousandth the cells are one
 WITHIN = (1e-3, 1.0)  # of a site about its cell: at most as much as cells differ

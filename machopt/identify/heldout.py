@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array, Ints
 from machopt.identify.fit import Fit
 from machopt.identify.identifiability import Settled
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 ONE_BY_ONE = 60  # poses up to which each is left out by itself
 FOLDS = 20  # beyond
 

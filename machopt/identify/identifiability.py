@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from machopt.arrays import Array
 from machopt.identify.admissible import FittedMatrix, fitted_matrices, gives_way, nearest
 from machopt.identify.bounded import minimise
 from machopt.identify.fit import Fit, Unknown
 from machopt.identify.uncertainty import NULL, Uncertainty
 
-Array = NDArray[np.float64]
 MOST_ERROR = 0.5  # standard error per compliance beyond which a joint counts as not identified
 FEW = 3  # coefficients of a term that are judged each by itself
 TOLD_APART = 0.95  # correlation of two estimates beyond which they are named together

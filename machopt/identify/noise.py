@@ -10,13 +10,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.recording import StandardUncertainty
 from machopt.identify.experiment import Experiment
 from machopt.model.terms import LinearTerm
 
-Array = NDArray[np.float64]
 MOST_COMPLIANCE = 1e-4  # rad/(N·m)
 LEAST_SHARE = 1e-3  # of a channel's typical displacement: no reading is taken for more exact than that
 

@@ -13,8 +13,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.stiffness import Stiffness
 from machopt.errors import InputError
 from machopt.identify.assemble import Parts, assemble
@@ -32,7 +32,6 @@ from machopt.identify.uncertainty import Uncertainty, uncertainty
 from machopt.model.robot import Masses, Robot
 from machopt.model.terms import LinearTerm, compile_terms
 
-Array = NDArray[np.float64]
 FEWEST_POSES_FOR_SUBSETS = 6
 FEWEST_POSES_FOR_GRID = 12  # to be tried where it is not asked for
 WORTH_A_GRID = 2.0  # standard errors of the gain on unseen poses; one would take a grid in one of six recordings

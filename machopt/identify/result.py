@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.stiffness import Stiffness
 from machopt.identify.components import Scatter
 from machopt.identify.finding import Finding
@@ -18,8 +18,6 @@ from machopt.identify.identifiability import Settled
 from machopt.identify.influence import Influence, Outlier
 from machopt.identify.study import MonteCarlo, SubsetStudy
 from machopt.identify.uncertainty import Uncertainty
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.identify.bounded import minimise
 from machopt.identify.experiment import Experiment
 from machopt.identify.robust import scale, start
 from machopt.model.robot import Robot
 
-Array = NDArray[np.float64]
 STEPS = 12
 FORCE_UNITS = {"kilograms": 9.80665, "pounds": 4.44822, "kilonewtons": 1e3}  # newtons in one
 MOST_RADIANS = 6.3  # a turn; degrees within it would be an arm that hardly moved

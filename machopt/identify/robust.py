@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from machopt.arrays import Array
+
 FULL, NONE = 3.0, 6.0  # sigma; a residual counts fully up to the first, not at all from the second on
 START_STEPS = 25
 NORMAL = 0.6745  # median of |x| for a standard normal x

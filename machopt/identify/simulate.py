@@ -13,12 +13,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.recording import Recording, StandardUncertainty
 from machopt.model.robot import Masses, Robot
 from machopt.se3 import axis_rotation, rotation_from_vector, rotation_vector
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Compliance = Callable[[Array, Array], Array]  # q (M, 6) rad, TCP (M, 3) m in base_link → (M, 6) rad/(N·m)
 
 AT_REST = 1e-13  # rad and m; far below the least displacement of interest, above rounding

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array, Ints
 from machopt.domain.recording import StandardUncertainty
 from machopt.identify.clusters import normal, sums
 from machopt.identify.experiment import Experiment
@@ -14,8 +14,6 @@ from machopt.identify.fit import Fit
 from machopt.identify.identifiability import Settled
 from machopt.model.robot import Robot
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 SIZES = 24  # numbers of tests tried at most
 SUBSETS = 60
 DRAWS = 200

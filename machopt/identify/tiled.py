@@ -8,9 +8,9 @@ even on a quiet one. Tiles of 64 keep each product below the size at which it do
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from machopt.arrays import Array
+
 TILE = 64  # 64³ multiplications are the most that OpenBLAS leaves to one thread
 
 

@@ -15,13 +15,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit  # scipy.stats would take a second to load
 
+from machopt.arrays import Array
 from machopt.identify.bounded import profile
 from machopt.identify.fit import Fit
 
-Array = NDArray[np.float64]
 NULL = 1e-10  # eigenvalue of the scaled normal matrix per largest one: no data in that direction
 LEAST_FREEDOM = 1.0  # degrees of freedom below which a quantile of Student's t says nothing
 

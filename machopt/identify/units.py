@@ -5,15 +5,14 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.identify.experiment import Experiment
 from machopt.identify.finding import Finding, places
 from machopt.identify.rivals import Reading
 from machopt.identify.robust import start
 from machopt.model.robot import Robot
 
-Array = NDArray[np.float64]
 GENERIC_STIFFNESS, GENERIC_REACH = 1e6, 2.5  # N·m/rad of a joint of an arm that reaches so far (m); grows with reach³
 MOST_GENERIC = 60.0  # ratio to the generic arm beyond which units are wrong, where the cell has no stiffness
 MOST_GENERIC_TOO = 15.0  # the same where the cell's stiffness is off by more than a hundred, too

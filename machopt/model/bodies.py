@@ -13,13 +13,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array, Bools
 from machopt.domain.cell import Cell, Cutter, Shape
 from machopt.errors import InputError
 from machopt.model.robot import LinkShape, Robot
 from machopt.se3 import inverse
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Kind = Literal["link", "tool", "cutter", "workpiece", "obstacle"]
 
 CYLINDER_SIDES = 48  # circumscribed: at most 0.22 % outside the true radius

@@ -14,11 +14,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.model.bodies import Body
 from machopt.model.robot import Robot
 from machopt.se3 import inverse
-
-Array = NDArray[np.float64]
 
 BLOCK = 1024  # rows bounded at once; keeps the work arrays in cache
 MEMORY = 3000  # distances remembered of one pair

@@ -10,14 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.cell import JointLimits
 from machopt.domain.kinematics import Kinematics
 from machopt.effects import files, registry
 from machopt.effects.protocol import Unloaded, joints_of
 
-Array = NDArray[np.float64]
 SETTLED = 1e-15  # rad, round-off of an angle
 AT = 2001  # angles of a joint's range at which what it does to another one is looked at, its ends among them
 PASSES = 100  # of the fixed point; |Δ'| = ½, the most that is let in, needs 50

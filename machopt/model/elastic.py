@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.stiffness import Stiffness, StiffnessGrid
 from machopt.errors import InputError
 from machopt.model.gravity import gravity_torque
@@ -28,7 +29,6 @@ from machopt.model.terms.compensator import GravityCompensator
 from machopt.model.terms.compiled import compile_terms
 from machopt.model.terms.joint import JointTerm
 
-Array = NDArray[np.float64]
 TOOL = 6  # the body that also carries the tool, whose mass is known without those of the links
 FACE_TOLERANCE = 1e-6  # m; a TCP this near a face, edge or corner of the grid belongs to all its cells
 

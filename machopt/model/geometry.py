@@ -7,11 +7,10 @@ Two lines (h_i, p_i) and (h_j, p_j) are parallel when |h_i × h_j| is zero; othe
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.model.robot import Robot
 
-Array = NDArray[np.float64]
 PARALLEL_RAD = 1e-6  # URDFs print π/2 with six decimals or more; below this the closed form is within Newton's reach
 MEETING_M = 1e-6  # a micrometre: far under any machine's accuracy, far above rounding
 

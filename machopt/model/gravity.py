@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.model.robot import ArmState, Masses, Robot
-
-Array = NDArray[np.float64]
 
 
 def gravity_torque(robot: Robot, masses: Masses, state: ArmState) -> tuple[Array, Array]:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.model.ik_general import GeneralSolver
 from machopt.model.ik_spherical import Branches
 from machopt.model.robot import Robot
 from machopt.se3 import normalise, skew
 
-Array = NDArray[np.float64]
 LENGTH = 0.5  # m, makes the linear rows of the Jacobian comparable with the angular ones
 
 

@@ -24,10 +24,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.model.robot import Robot
 from machopt.se3 import axis_rotation, inverse
 
-Array = NDArray[np.float64]
 SAMPLES = np.array([0.0, 2.0, 4.0]) * np.pi / 3.0  # three angles fix a first-order trigonometric polynomial
 TO_COEFFICIENTS = np.linalg.inv(np.stack([np.ones(3), np.cos(SAMPLES), np.sin(SAMPLES)], axis=1))
 NEARLY_REAL = 0.03  # |Im x|/(1 + |x|²): double roots split by √rounding; Newton decides what is real

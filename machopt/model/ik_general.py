@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.errors import InputError
 from machopt.model.geometry import is_spherical_wrist, is_three_parallel
 from machopt.model.ik_elimination import Choice, Elimination
@@ -26,7 +27,6 @@ from machopt.model.robot import Robot
 
 __all__ = ["GeneralSolver", "is_spherical_wrist", "is_three_parallel", "solve_general"]
 
-Array = NDArray[np.float64]
 GENERIC_BRANCHES = 16  # Primrose 1986: a general 6R arm has at most sixteen
 CLOSED_RAD, CLOSED_M = 1e-5, 1e-5  # URDFs print π/2 as 1.5708; Newton takes the closed form the rest of the way
 POLISH_RAD = 0.05  # a closed-form root that Newton moves further is another branch

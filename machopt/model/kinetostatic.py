@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.model.robot import Robot
 
-Array = NDArray[np.float64]
 RANK = 1e-12  # a singular value this much smaller than the largest is rounding: the posture is singular
 UNTOUCHED = 1e-9  # a direction with a smaller share in a lost one does not feel the singularity
 

@@ -10,12 +10,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.errors import InputError
 
-Array = NDArray[np.float64]
 SAME_RAD, SAME_M = 1e-6, 1e-6  # two axes are one line below: URDFs print six decimals
 
 

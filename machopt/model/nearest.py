@@ -11,14 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array, Bools
 from machopt.model.bounds import PairStack, Rows
 from machopt.model.surfaces import Surfaces
 from machopt.model.threads import side_by_side
 from machopt.model.triangles import Mesh, follow
 from machopt.se3 import inverse
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 CAP = 0.5  # m, beyond which nothing is measured
 BLOCK = 4096  # rows of one task, whatever the number of cores: what is found must not depend on it

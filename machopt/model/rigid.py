@@ -10,14 +10,13 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.errors import InputError
 from machopt.model.robot import GRAVITY
 from machopt.se3 import skew
 
-Array = NDArray[np.float64]
 _BLOCK = 10  # inertial parameters of a body: m, m c (3), Ixx Ixy Iyy Ixz Iyz Izz about the joint's origin
 
 

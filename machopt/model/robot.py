@@ -16,13 +16,13 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.cell import Cell, Shape
 from machopt.errors import InputError
 from machopt.model import chain
 from machopt.model.linkage import at_rest, chain_to, coupling_of
 from machopt.se3 import inverse, transform
 
-Array = NDArray[np.float64]
 GRAVITY = 9.80665  # m/s², standard gravity
 
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.model.bodies import Body, inside
-
-Array = NDArray[np.float64]
 
 
 class Surfaces:

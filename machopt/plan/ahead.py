@@ -12,11 +12,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Bools
 from machopt.domain.reason import Reason
 from machopt.model.collision import CollisionModel
 from machopt.plan.candidates import Candidates
 
-Bools = NDArray[np.bool_]
 Rows = NDArray[np.intp]
 BRANCHES = (
     8  # of the vertices, every so many asks the other branches of its pose: what is found there goes on by itself

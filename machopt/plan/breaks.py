@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.reason import Reason
 from machopt.plan.candidates import Candidates
 from machopt.plan.path import Path
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from machopt.plan.pipeline import Scored, Setup
     from machopt.plan.search import Found
 
-Array = NDArray[np.float64]
 FLIP = np.radians(120.0)  # no rotation about the tool axis that a run is given turns a joint so far between two points
 Code = Literal[
     "joint_jump",

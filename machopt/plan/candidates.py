@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
@@ -16,7 +17,6 @@ from machopt.model.threads import side_by_side
 from machopt.plan.path import Path, tcp_poses
 from machopt.se3 import inverse, wrap
 
-Array = NDArray[np.float64]
 CHUNK = 4_096  # poses solved at once by a closed form: what lies between poses and branches stays in a core's cache
 TRACKED = 16_384  # by the general solver, which labels the branches of so many poses by continuity
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array, Bools
 from machopt.domain.options import PlanOptions
 from machopt.model.collision import CollisionModel
 from machopt.model.ik import refine
@@ -16,8 +17,6 @@ from machopt.plan.path import Path
 from machopt.plan.realise import CONVERGED, SAME_BRANCH
 from machopt.se3 import normalise, tool_rotation, transform
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 NEAR = np.radians(3.0)  # joint step up to which the way between two points is taken as straight in the joints
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array, Bools
 from machopt.domain.options import PlanOptions
 from machopt.plan.candidates import Candidates
 from machopt.plan.caps import GAP, Capped, Traded, trade
@@ -24,9 +25,7 @@ from machopt.plan.sequence import cheapest_sequence
 from machopt.plan.winding import fitting, joined, whole
 from machopt.se3 import wrap
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
-Bools = NDArray[np.bool_]
 TURNING = AXIS_SPEED  # share of the slowest axis's velocity limit that rotation about the tool axis may take
 MAX_TURN = np.radians(80.0)  # of the rotation between neighbouring stations
 FREE, LIFT = -1, -2

@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.reason import Reason
 from machopt.plan.candidates import Arm
 from machopt.plan.check import Checker
@@ -38,7 +39,6 @@ from machopt.plan.score import configuration_cost
 if TYPE_CHECKING:
     from machopt.plan.pipeline import Plan, Setup
 
-Array = NDArray[np.float64]
 NOTHING = 1e-6  # m; a smaller shift is nothing to refuse
 STILL = 1e-8  # m; a smaller change of the shift is none
 PASSES = 2  # of −d and the configuration it leads to; the second changes |d| by |d|/reach, a third by its square

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
+from machopt.arrays import Array
 from machopt.domain.options import PlanOptions
 from machopt.plan.candidates import Candidates
 from machopt.plan.choose import Choice
@@ -18,7 +19,6 @@ from machopt.plan.path import Path
 from machopt.plan.score import Scores
 from machopt.se3 import wrap
 
-Array = NDArray[np.float64]
 REACH = 16  # steps to either side of the chosen rotation that the corridor may span
 STEP = np.radians(5.0)  # of the corridor, or one of the grid where that is wider
 SIDE_STEP = np.radians(30.0)  # largest joint step between neighbouring rotations of one branch

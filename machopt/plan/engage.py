@@ -24,12 +24,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.options import ProcessForce
 from machopt.domain.toolpath import Move
 from machopt.plan.path import Path, any_normal
 from machopt.se3 import normalise
 
-Array = NDArray[np.float64]
 SIDEWAYS = float(np.sin(np.radians(10.0)))  # sin α₀
 PLACES = 128  # of a window at which the mean is taken; a corner is met to 1 % of its turn
 

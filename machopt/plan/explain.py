@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.reason import Reason
 from machopt.plan.breaks import Break
 from machopt.plan.pipeline import Plan
 from machopt.plan.wrongunit import reach_of
 from machopt.se3 import wrap
 
-Array = NDArray[np.float64]
 NEARLY_PARALLEL = np.radians(8.0)
 LARGE = 0.02  # m; a deflection beyond the small displacements that linear elasticity holds for
 FAR = 20.0  # m; no arm reaches so far, so a length was given in another unit

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Bools
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Move
 from machopt.plan.path import Path
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from machopt.plan.pipeline import Plan
 
 Stretch = tuple[int, int]  # first and last planning point
-Bools = NDArray[np.bool_]
 
 
 def stretches(path: Path, reason: NDArray[np.uint8], breaks: tuple[Break, ...]) -> list[Stretch]:

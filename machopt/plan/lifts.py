@@ -7,15 +7,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.model.ik import refine
 from machopt.plan.gaps import Stretch
 from machopt.plan.path import tcp_poses
 from machopt.plan.pipeline import Plan
 from machopt.plan.straight import Touch, Way, free_ways
 
-Array = NDArray[np.float64]
 LIFTS = (0.02, 0.05, 0.1, 0.2, 0.4)  # m along the tool axis, tried in this order around obstacles
 GAP_LIFTS = (0.05, 0.02, 0.1, 0.2, 0.4)  # m along the tool axis where the path is interrupted, tried in this order
 WITHDRAWALS = (0.002, 0.005, 0.01, 0.02, 0.035, 0.05, 0.1, 0.2, 0.4)  # m along the tool axis out of the workpiece

@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Bools
 from machopt.domain.reason import Reason
 from machopt.plan.ahead import Ahead
 from machopt.plan.candidates import Candidates
 from machopt.plan.pipeline import Plan
 
-Bools = NDArray[np.bool_]
 SECONDS = 30.0  # that the rest may take
 COARSE = 32  # stations apart in the first pass, half of that in each next
 BLOCK = 512  # configurations between two looks at the clock

@@ -8,15 +8,14 @@ branch. What the choice trades is therefore close to the told objective, not equ
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.options import PlanOptions
 from machopt.model.collision import CollisionModel
 from machopt.plan.candidates import Candidates
 from machopt.plan.objective import crowding
 from machopt.plan.path import Path
 
-Array = NDArray[np.float64]
 MEASURED = 32  # stations at which every configuration is measured
 
 

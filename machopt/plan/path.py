@@ -18,11 +18,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.plan.carry import carried
 from machopt.se3 import normalise, wrap
 
-Array = NDArray[np.float64]
 ARM = 0.15  # m per rad: how much an axis change counts as path length, about a tool's length
 PARALLEL = np.cos(np.radians(1.0))  # a plunge runs along the tool axis within this
 UNKNOWN_FEED = 0.05  # m/s, for the time of approach moves without a feed

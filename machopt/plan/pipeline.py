@@ -17,6 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
@@ -43,7 +44,6 @@ from machopt.plan.search import Found, Search
 from machopt.plan.smooth import follow_grid
 from machopt.se3 import wrap
 
-Array = NDArray[np.float64]
 BOUND_SLACK = np.radians(0.05)  # of the user's rotation bounds, where a yardstick is asked whether it keeps them
 Progress = Callable[[str], None]
 

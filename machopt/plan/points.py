@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.points import PointsTable
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Toolpath
@@ -15,7 +16,6 @@ from machopt.plan.explain import explain_points, gamma
 from machopt.plan.pipeline import Plan
 from machopt.plan.uncertainty import cost_gradient, spread_of
 
-Array = NDArray[np.float64]
 ROWS = 32_768  # of the table, worked out at once
 
 

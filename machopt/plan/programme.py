@@ -18,15 +18,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import LinAlgError, solveh_banded
 
+from machopt.arrays import Array
 from machopt.plan.corridor import Ends, Stretch
 from machopt.plan.costtable import CostTable
 from machopt.plan.objective import disliked
 
-Array = NDArray[np.float64]
 WIDTHS = np.r_[np.geomspace(3e-2, 3e-7, 16), 3e-7, 3e-7]  # ε in rad, and in c₀ for the worst cost
 STIFF = np.r_[np.geomspace(3e3, 3e5, 16), 3e6, 3e7]  # price per rad² out of the corridor, at each width
 STEPS = 6  # most Newton steps at one width

@@ -14,12 +14,10 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.cell import JointLimits
 from machopt.model.collision import CollisionModel
-
-Array = NDArray[np.float64]
 
 STILL = 1e-9  # rad, joints that differ by less do not move
 REACH = 0.8  # rad, longest extension of the tree: benchmarks/rapids_ompl.py

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.reason import Reason
 from machopt.model.ik import branch_reasons, refine
 from machopt.model.robot import Robot
@@ -14,7 +15,6 @@ from machopt.plan.candidates import Arm
 from machopt.plan.path import Path, tcp_poses
 from machopt.se3 import inverse, wrap
 
-Array = NDArray[np.float64]
 CONVERGED = 1e-9  # m and rad, the accuracy every exported configuration is held to
 ROWS = 4096  # solved at once: matrices of them stay in a core's cache, and a million points in memory
 SAME_BRANCH = np.radians(30.0)  # a Newton step that ends farther from its seed has left the branch

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.options import PlanOptions
 from machopt.plan.candidates import Candidates
 from machopt.plan.caps import GAP
@@ -15,7 +16,6 @@ from machopt.plan.edges import Edges
 from machopt.plan.path import Path
 from machopt.plan.score import Scores
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 DETOUR = np.radians(90.0)  # of rotation that a stretch which is chosen again has room for to either side of a contact
 SPARE = 8  # stations more to either side

@@ -15,8 +15,6 @@ from machopt.plan.pipeline import Plan, Scored
 from machopt.plan.realise import Assignment, realise
 from machopt.plan.score import directions
 
-Array = NDArray[np.float64]
-
 
 def compensate(plan: Plan, toolpath: Toolpath) -> Plan:
     """The plan for the path shifted against its deflection, with the same rotation; what cannot be shifted says why.

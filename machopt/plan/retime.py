@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.cell import JointLimits
 from machopt.model.correction import Correction
 from machopt.model.robot import Robot
@@ -22,7 +23,6 @@ from machopt.plan.blend import Curve, build_curves
 from machopt.plan.feedrate import Bounds, TimeLaw, node_caps, time_law
 from machopt.plan.follow import joints_at, joints_at_nodes, poses_along
 
-Array = NDArray[np.float64]
 HELD = 0.95  # of the programmed feed
 STEPS_PER_SAMPLE = 3
 ROUNDS = 8  # of lowering the speed where samples exceed a limit

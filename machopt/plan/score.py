@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.options import Index, PlanOptions, ProcessForce
 from machopt.errors import InputError
 from machopt.model.elastic import ArmElasticity, joint_stiffness
@@ -31,7 +32,6 @@ from machopt.plan.engage import process_force, sideways
 from machopt.plan.path import Path
 from machopt.se3 import wrap
 
-Array = NDArray[np.float64]
 CHUNK = 8_192  # configurations at a time
 
 

@@ -27,6 +27,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
 from machopt.plan.ahead import Ahead
@@ -43,7 +44,6 @@ from machopt.plan.sequence import jump
 from machopt.plan.smooth import Smoothed, follow_grid, smooth
 from machopt.se3 import wrap
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 AHEAD = 8000  # vertices looked at around the contacts of the first round, and four times as many in each next
 EVERY = 16  # of the first choice's stations is looked at before anything else

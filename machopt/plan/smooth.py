@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.options import PlanOptions
 from machopt.plan.candidates import Candidates
 from machopt.plan.choose import Choice
@@ -24,7 +24,6 @@ from machopt.plan.realise import between_stations
 from machopt.plan.score import Scores
 from machopt.plan.spline import spline_answers
 
-Array = NDArray[np.float64]
 SWEEPS = 2  # over the runs
 FINE = 8  # steps a grid step is divided into for runs with one rotation
 

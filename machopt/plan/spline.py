@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline, PchipInterpolator
 
+from machopt.arrays import Array
 from machopt.plan.corridor import Ends, Merit, Stretch
 from machopt.plan.costtable import CostTable
 from machopt.plan.path import Path
 from machopt.plan.programme import Basis, Programme
 
-Array = NDArray[np.float64]
 KNOTS = 160  # most spline intervals in a run
 KNOT_SPACING = 0.15  # s at the programmed feed, least distance of knots
 CURVATURE = 2e-2  # price of the mean square angular acceleration of phi, per (rad/s²)²

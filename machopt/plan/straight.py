@@ -10,11 +10,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.model.collision import CollisionModel
 
-Array = NDArray[np.float64]
 Way = tuple[bytes, bytes]
 
 

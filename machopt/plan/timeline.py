@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Move, Toolpath
@@ -32,7 +33,6 @@ from machopt.plan.rapids import Blocked, plan_rapid, time_legs
 from machopt.plan.retime import Dip, RunFailure, RunInput, RunTrajectory, retime_run
 from machopt.plan.straight import Way, way_between
 
-Array = NDArray[np.float64]
 BEND = np.radians(0.1)  # rotation that a straight move between two toolpath points may miss before a point is added
 BOW = 2e-6  # m, the same of a shifted path; unshifted it is straight between toolpath points to rounding
 SEARCH = 2000  # extensions of the random tree for a rapid move that nothing simpler frees

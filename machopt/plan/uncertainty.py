@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.options import Index
 from machopt.domain.reason import Reason
 from machopt.domain.stiffness import Stiffness
@@ -28,7 +29,6 @@ from machopt.plan.score import Directions
 if TYPE_CHECKING:
     from machopt.plan.pipeline import Plan, Scored
 
-Array = NDArray[np.float64]
 NINETY = 1.6448536269514722  # half-width of the 90 % interval of a normal distribution, in σ
 NONE = 1e-4  # of the mean: a smaller difference is rounding of the smoothing, not a gain
 

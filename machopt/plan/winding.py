@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array, Bools
 from machopt.plan.candidates import Candidates
 from machopt.plan.edges import Edges
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 Counts = NDArray[np.int_]
-Bools = NDArray[np.bool_]
 TWO_PI = 2.0 * np.pi
 
 

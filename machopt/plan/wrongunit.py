@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.toolpath import Toolpath
 from machopt.model.robot import Robot
 
-Array = NDArray[np.float64]
 TINY = 5e-4  # m; a whole path with its rapids is longer
 _FACTORS = ((25.4, "inches that are mm"), (1e3, "mm that are thousandths of one"))
 _HELP = (

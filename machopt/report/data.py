@@ -8,9 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.toolpath import Event, IgnoredWord
-
-Array = NDArray[np.float64]
 
 Quantity = Literal["deflection", "stiffness", "index"]
 """What is optimised: deflection in m (small is good), stiffness in N/m or a bare index (large is good)."""

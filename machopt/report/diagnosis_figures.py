@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.diagnose.result import Finding
 from machopt.effects.words import place
 from machopt.report.diagnosis import DiagnosisPage, JobEffect
 from machopt.report.diagnosis_words import axis_unit, axis_value, axis_words, sized
 from machopt.report.series import numbers
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Spec = dict[str, Any]  # JSON for assets/xy.js
 

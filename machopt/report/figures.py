@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.report.data import STATUS_NAMES, FeedDip, MotionSeries, OperationRow, PathSeries, ReportData, RotationMap
 from machopt.report.display import ANGLE, FEED, FINE_LENGTH, LENGTH, QUANTITY, STIFFNESS, WORDS, Unit
 from machopt.report.series import keep, numbers, packed, packed_codes
 
-Array = NDArray[np.float64]
 Spec = dict[str, Any]  # JSON for assets/*.js
 
 CHOSEN, JIAO, DEFAULT, FOURTH, LIMIT = "#1552b8", "#d9730d", "#7a8490", "#2c8a57", "#b3261e"

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     Body = Markup | str
 
-Array = NDArray[np.float64]
 Spec = dict[str, Any]  # JSON for assets/xy.js
 
 ARCMIN = np.pi / 180 / 60

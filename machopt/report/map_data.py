@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.report.display import ANGLE, BARE, FINE_LENGTH, LENGTH, SHARE, Unit
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 FieldUnit = Literal["N/m", "m", "rad", "1", "share"]
 

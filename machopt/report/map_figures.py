@@ -7,14 +7,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.report.display import ANGLE, LENGTH
 from machopt.report.figures import CHOSEN, DEFAULT, FOURTH, JIAO, LIMIT
 from machopt.report.map_data import MapData, MapField, MapLayer
 from machopt.report.series import keep, numbers, packed_codes
 
-Array = NDArray[np.float64]
 Spec = dict[str, Any]
 
 ANGLE_LEVEL = 0.02  # deg, steps in which the page knows joint angles

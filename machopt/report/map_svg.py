@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.report.contours import isolines, round_levels
 from machopt.report.map_data import MapAxis, MapData, MapField, MapLayer
 from machopt.report.map_figures import Spec, curves
@@ -31,7 +32,6 @@ from machopt.report.svg import Shape, shape
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-Array = NDArray[np.float64]
 Codes = NDArray[np.uint8]
 
 _WIDTH, _MOST_HEIGHT, _PIXEL = 460.0, 460.0, 2

@@ -6,14 +6,13 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.report.series import numbers
 
 if TYPE_CHECKING:
     from machopt.report.poses_page import PosesPage
 
-Array = NDArray[np.float64]
 Spec = dict[str, Any]  # JSON for assets/xy.js
 
 OURS = "#1552b8"

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array, Bools, Ints
 from machopt.report.poses_figures import bars, curve, views
 from machopt.report.shell import page_html, section
 from machopt.report.tables import Column, folded, table
@@ -19,10 +19,6 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
     Body = Markup | str
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from machopt.arrays import Array
+
 Index = NDArray[np.intp]
 
 PLOT_POINTS = 3000

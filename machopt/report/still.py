@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.report.contours import round_levels
 from machopt.report.svg import Shape, Style, drawn, shape
 
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 Box = tuple[float, float, float, float]  # x, y, width, height
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.domain.toolpath import Array, Move, Toolpath
+from machopt.arrays import Array
+from machopt.domain.toolpath import Move, Toolpath
 from machopt.report.svg import Shape, Style, drawn, shape
 
 if TYPE_CHECKING:

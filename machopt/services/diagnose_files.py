@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from machopt.diagnose.problem import Problem
 from machopt.diagnose.result import Diagnosis
 from machopt.domain.cell import Cell
@@ -23,8 +20,6 @@ from machopt.formats.stiffness import load_stiffness, write_stiffness
 from machopt.formats.toolpath import read_toolpath
 from machopt.report.gather.diagnose import places_of
 from machopt.services.knownrobot import known_robot
-
-Array = NDArray[np.float64]
 
 _UNITS = {"N·m": "Nm", "µm": "um"}  # in column names
 

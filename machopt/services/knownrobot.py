@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.domain.cell import Cell
-from machopt.formats.programs.parsed import Array
 from machopt.formats.programs.toolpath import KnownRobot
 from machopt.model.robot import Robot, load_robot
 from machopt.se3 import inverse

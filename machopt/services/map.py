@@ -6,9 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from machopt.domain.manifest import with_scope
 from machopt.domain.results.maps import MapResult
 from machopt.effects.own import in_use, with_effects
@@ -33,7 +30,6 @@ from machopt.workspace.measured import compare
 from machopt.workspace.sampling import build_samples
 from machopt.workspace.told import Layer, map_json, places
 
-Array = NDArray[np.float64]
 _UNCHECKED = {"none": ("collisions NOT checked",), "self": (), "cell": ()}  # "self" is what a map means, not less
 
 __all__ = ["Outcome", "Request", "run_map"]

@@ -17,11 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.errors import InputError
 from machopt.verify.compiled import compiled
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.verify.check import Check, worst
 from machopt.verify.table import Points
-
-Array = NDArray[np.float64]
 
 ROTATION_DEG = 0.25  # rotations are rounded at corners, as the path is
 MARGIN_DEG = 2e-5  # five decimals

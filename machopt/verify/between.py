@@ -10,13 +10,10 @@ shortest way of all, by as much as the distance found: faces that look at each o
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array, Ints
 from machopt.verify.compiled import compiled
 from machopt.verify.convex import Parts
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 APART = 1e-8  # m between the two bounds, at which they are close enough
 GUARD = 1e-10  # m, far above the rounding of metres

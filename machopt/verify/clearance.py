@@ -17,11 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.verify.bodies import Body, bounds, distance, gap
 from machopt.verify.contact import Scene
 
-Array = NDArray[np.float64]
 CAP = 0.5  # m, beyond which the planner does not measure
 TOLERANCE = 5e-7  # m: four decimals of a mm, and six of the joints' degrees over a reach of metres
 CYLINDER, SPHERE = 0.0022, 0.0071  # of the radius, by which a circumscribed polyhedron is larger

@@ -13,12 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array, Bools
 from machopt.verify.arm import Arm
 from machopt.verify.bodies import Body, bounds, gap, inverse, near, reach
 from machopt.verify.compiled import compiled
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 STEP = np.radians(0.5)  # joint motion between rows that are looked at first
 FLOOR = 1e-4  # m, motion below which a stretch is not halved any more

@@ -11,10 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from machopt.arrays import Array, Ints
 
 SHELL = 256  # corners above which a shell is not tried for convexity
 FLAT = 1e-10  # m, by which corners of a convex shell may lie before one of its planes

@@ -25,12 +25,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.stiffness import Stiffness, StiffnessGrid
 from machopt.verify import springs
 from machopt.verify.arm import Arm, Stance
 
-Array = NDArray[np.float64]
 TOUCH = 1e-6  # m; a point this near a face of the stiffness grid belongs to the cells on both sides
 
 

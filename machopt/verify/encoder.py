@@ -8,11 +8,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.kinematics import Kinematics
-
-Array = NDArray[np.float64]
 
 
 def true_angles(kinematics: Kinematics | None, q: Array) -> Array:

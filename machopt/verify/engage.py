@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.options import ProcessForce
 from machopt.domain.toolpath import Move, Toolpath
 
-Array = NDArray[np.float64]
 ACROSS = 0.17364817766693033  # sin 10°
 PIECES = 200  # of a window
 PARALLEL = 0.9998476951563913  # cos 1°

@@ -4,8 +4,8 @@ row is called; and the feed column, which is the speed the samples really have."
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.verify.check import Check, worst
@@ -13,7 +13,6 @@ from machopt.verify.reference import SAME
 from machopt.verify.ride import Ride
 from machopt.verify.table import Motion
 
-Array = NDArray[np.float64]
 FEED = 1.02  # of the programmed feed
 COLUMN_MM_MIN = 0.005  # three decimals, and nine of the joints' degrees over metres of reach within one sample
 

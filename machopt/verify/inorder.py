@@ -9,9 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.verify.compiled import compiled
-
-Array = NDArray[np.float64]
 
 
 @compiled

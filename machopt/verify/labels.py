@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array, Bools
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.verify import reference
 from machopt.verify.check import Check, counted, worst
@@ -19,8 +20,6 @@ from machopt.verify.reference import SAME
 from machopt.verify.ride import Ride
 from machopt.verify.table import Motion, Points
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 GAMMA_DEG = 0.1  # the axis may be 0.05° off while the tool rounds a corner, which turns what is measured about it
 
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.verify.check import Check, worst
 from machopt.verify.table import Motion
 
-Array = NDArray[np.float64]
 VELOCITY, ACCELERATION, JERK = 1.01, 1.03, 1.10  # differences over the limits: rounding grows with the order
 JITTER_S = 5e-6  # of the control cycle: the time column is rounded
 HOME_DEG = 1e-6  # joints are printed with nine decimals

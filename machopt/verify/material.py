@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.toolpath import Toolpath
 from machopt.verify.arm import Arm
@@ -14,7 +15,6 @@ from machopt.verify.contact import Contact
 from machopt.verify.ride import Ride
 from machopt.verify.table import Motion
 
-Array = NDArray[np.float64]
 TOUCHED, LOOKED_AT = 400, 48  # samples asked whether they touch, and how deep
 DEEPEST = 1.0  # m
 FINE = 1e-4  # m, of a depth

@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
@@ -30,7 +29,6 @@ from machopt.verify.ride import ride
 from machopt.verify.shift import Found, compare_shift, corners
 from machopt.verify.table import Motion, Points, read_motion, read_points, read_shift
 
-Array = NDArray[np.float64]
 SWITCHED_OFF = "collisions"  # the row that says that contacts and clearances were not looked at
 OFF = "collision checks are switched off (collision: false)"
 

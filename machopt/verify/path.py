@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Bools
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.verify.check import Check, counted, worst
@@ -12,8 +12,6 @@ from machopt.verify.reference import SAME
 from machopt.verify.ride import Ride
 from machopt.verify.table import Motion, Points
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 SPARED, NEAR_M = 2.0, 1e-5  # ways of a sample that a cut may lack, one at either end; m, rounding of the index
 REACHED_MM = 0.02  # a rapid point, which the motion rests at: no corner is rounded there
 GAP = Reason.GAP.word

@@ -28,6 +28,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array, Bools
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
@@ -39,9 +40,6 @@ from machopt.verify.engage import sideways
 from machopt.verify.ride import Ride
 from machopt.verify.springs import UnknownTermError
 from machopt.verify.table import WORDS, Motion, Points
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 PLACE_MM, AXIS, FEED_MM_MIN = 1e-6, 1e-9, 1e-3  # six, nine and three decimals, without the joints
 ROWS = 20_000  # of the table, recomputed at once

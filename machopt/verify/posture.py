@@ -26,9 +26,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.verify.arm import Stance
 
-Array = NDArray[np.float64]
 PARALLEL = 1e-6  # rad; axes of a URDF with printed decimals
 MEETING = 2e-6  # m
 LENGTH = 0.5  # m, what linear rows of a Jacobian are divided by

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from machopt.arrays import Array
 from machopt.domain.program import LIN
 from machopt.domain.readprogram import ReadProgram
 from machopt.domain.toolpath import Move
@@ -23,8 +24,6 @@ from machopt.verify.inorder import targets_in_order
 from machopt.verify.points import JOINT_DEG
 from machopt.verify.ride import AXIS_DEG, PATH_MM
 from machopt.verify.table import Motion
-
-Array = NDArray[np.float64]
 
 LEVER = 0.01  # m: an angle counts as much as the way it moves a point so far from the tip, to tell places apart
 NEAR = 2.5e-4  # m: a target farther from the motion is not on it; ten times what a right one is off

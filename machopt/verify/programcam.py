@@ -12,14 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.program import LIN
 from machopt.domain.readprogram import ReadProgram
 from machopt.domain.toolpath import Toolpath
 from machopt.verify.check import Check
 from machopt.verify.inorder import lines_in_order
 from machopt.verify.ride import AXIS_DEG, PATH_MM
-
-Array = NDArray[np.float64]
 
 FEED_SHARE = 1e-4  # of the feed: what is left of a number printed to six digits
 MOST_NAMED = 3

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.toolpath import Move, Toolpath
 
-Array = NDArray[np.float64]
 ALONG = np.radians(1.0)  # a move this near the tool axis has no direction across it
 
 

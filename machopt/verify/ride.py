@@ -13,13 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array, Bools
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.verify.reference import SAME
 from machopt.verify.table import Motion
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 PATH_MM, AXIS_DEG = 0.02, 0.05  # how far the TCP may leave the toolpath at a feed
 HIGHEST = 0.5  # m, to which the tool is lifted along its axis
 

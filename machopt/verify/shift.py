@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Move, Toolpath
@@ -19,7 +20,6 @@ from machopt.verify.engage import demanded_force, runs
 from machopt.verify.springs import UnknownTermError
 from machopt.verify.table import Motion, Points, Shift
 
-Array = NDArray[np.float64]
 RELATIVE, ABSOLUTE_MM = 0.02, 0.002  # of the deflection, which the last smoothing of the rotation changes a little
 FORCE_SHARE = 0.02  # of the force: the mean over a window is taken at other places than in the plan
 LENGTHS = (0.005, 0.010, 0.020, 0.040)  # m, over which the force may turn, come and go

@@ -17,11 +17,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.stiffness import Term
 
-Array = NDArray[np.float64]
 BY_ANGLE = "joint_pose_dependent_stiffness"
 HARMONICS = ("cos_rad_per_Nm", "sin_rad_per_Nm", "cos2_rad_per_Nm", "sin2_rad_per_Nm")
 STEEPEST = 0.9  # of a joint's compliance that a hardening cubic may take before it goes on along its tangent

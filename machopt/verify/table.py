@@ -15,11 +15,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.toolpath import Move
 from machopt.errors import InputError
-
-Array = NDArray[np.float64]
 
 JOINTS = tuple(f"q{i}_deg" for i in range(1, 7))
 SHIFT = ("comp_dx_mm", "comp_dy_mm", "comp_dz_mm")

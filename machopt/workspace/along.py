@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.reason import Reason
 from machopt.workspace.postures import Arm, Candidates, Collides, Goodness, Pick, Postures, candidates, place_turns
 
-Array = NDArray[np.float64]
 JUMP = np.radians(45.0)
 """A joint that moves further between neighbouring samples has jumped: another branch differs by far more (a flipped
 wrist by 180° of axis 4), a joint that is driven along a finely sampled line by far less."""

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Literal, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.errors import InputError, nearest
 from machopt.se3 import inverse
@@ -17,7 +17,6 @@ from machopt.workspace.fields import FIELDS, Load
 from machopt.workspace.postures import Pick
 from machopt.workspace.samples import XYZ, Kind
 
-Array = NDArray[np.float64]
 Frame = Literal["base", "world", "workpiece"]
 
 PLANES = ("xy", "xz", "yz")

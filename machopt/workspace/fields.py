@@ -10,11 +10,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.model.elastic import ArmElasticity, Elastic, joint_stiffness, translational_compliance
 from machopt.model.kinetostatic import geometric_stiffness, influence_of_geometric, kci, stiffness_along
 from machopt.model.robot import ArmState, Robot
 
-Array = NDArray[np.float64]
 Unit = Literal["N/m", "m", "rad", "1"]
 RIGID = 1e-18  # of the largest compliance (m/N and rad/(N·m) mixed): rounding, no motion that way
 

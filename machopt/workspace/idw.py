@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from machopt.arrays import Array
 
 FLAT = 1e-6  # of the extent: measured points this near a plane (a line) span that plane (line), no volume
 SAME = 1e-9  # m; a query this near a measured point takes its value

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.measured import MeasuredStiffness
 from machopt.errors import InputError
 from machopt.se3 import inverse
@@ -14,8 +14,6 @@ from machopt.workspace.asked import MapOptions, Request
 from machopt.workspace.fields import Field, Setting
 from machopt.workspace.idw import Interpolated, interpolate_idw, leave_one_out
 from machopt.workspace.postures import Arm, choose_postures, tool_poses
-
-Array = NDArray[np.float64]
 
 APART = 5e-3  # m; places and joints of a table that disagree by more belong to another tool or frame
 

@@ -14,12 +14,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.reason import Reason
 from machopt.model.ik import Margins, Solver, branch_reasons
 from machopt.model.robot import Robot
 from machopt.se3 import inverse, tool_rotation, transform
 
-Array = NDArray[np.float64]
 Codes = NDArray[np.uint8]
 Goodness = Callable[[Array], Array]  # q (K, 6) rad → (K,), larger is better
 Collides = Callable[[Array], NDArray[np.bool_]]  # q (K, 6) rad → (K,)

@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.model.robot import Robot
 
-Array = NDArray[np.float64]
 Kind = Literal["slice", "volume", "line", "joints"]
 XYZ = ("x", "y", "z")
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from math import degrees, radians
 
 import numpy as np
-from numpy.typing import NDArray
 
 from machopt.domain.cell import Cell
 from machopt.errors import InputError
@@ -23,8 +22,6 @@ from machopt.workspace.samples import (
     straight_line,
     trimmed,
 )
-
-Array = NDArray[np.float64]
 
 USUAL_POSES = 150_000  # samples × rotations where the user leaves the step open: seconds
 USUAL_SAMPLES = 20_000

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 import machopt
+from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
@@ -28,8 +28,6 @@ from machopt.workspace.fields import Field, Setting, Unit, Values
 from machopt.workspace.measured import Comparison
 from machopt.workspace.postures import Arm, Postures
 from machopt.workspace.samples import Samples, farthest_reach
-
-Array = NDArray[np.float64]
 
 MM, DEG = 1e3, float(np.degrees(1.0))
 SUFFIX: dict[Unit, tuple[str, float]] = {"N/m": ("_N_mm", 1e-3), "m": ("_mm", MM), "rad": ("_deg", DEG), "1": ("", 1.0)}

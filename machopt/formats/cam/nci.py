@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machopt.domain.toolpath import Array, Move, Toolpath
+from machopt.arrays import Array
+from machopt.domain.toolpath import Move, Toolpath
 from machopt.formats.arcs import ArcError, arc
 from machopt.formats.cam import reviewed
 from machopt.formats.frames import Frame, FrameError, Transfer

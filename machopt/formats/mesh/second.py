@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.formats.mesh.fail import Fail
-
-Array = NDArray[np.float64]
 
 _SAME = 1e-4  # of the longest side; text formats are printed with six digits and more
 _LOST = 0.02  # share of triangles that may be left out as slivers without an area

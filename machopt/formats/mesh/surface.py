@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.formats.mesh.fail import Fail
 from machopt.formats.mesh.integrity import whole_mesh
 from machopt.formats.mesh.second import check_same
-
-Array = NDArray[np.float64]
 
 _LEAST_TRIANGLES = 4  # a tetrahedron; fewer enclose nothing
 _FLAT = 1e-7  # thickness over width below which single precision cannot tell a body from a sheet

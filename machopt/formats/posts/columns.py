@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.program import LIN, Controller, JointMap, RobotProgram
 from machopt.domain.toolpath import Move
 from machopt.formats.posts.orientation import abc_deg, quaternion, rotation_vector, xyz_deg
@@ -15,7 +15,6 @@ from machopt.formats.posts.rounding import Rounding, rounding
 from machopt.formats.posts.template import Column, Value
 from machopt.se3 import inverse
 
-Array = NDArray[np.float64]
 MM, MM_MIN = 1e3, 6e4
 ROUNDED = frozenset(
     ("rounded", "blend_m", "blend_mm", "zone_number", "corner", "corner_number", "cnt", "pl")

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.se3 import axis_rotation
-
-Array = NDArray[np.float64]
 
 SHORT = 1e-4  # m; on a shorter line the place says nothing about how far the tool has turned
 APART = 1e-4  # m from another target: moves of a few micrometres make a controller stumble

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from machopt.formats.posts.columns import ROUNDED, Array, Job
+from machopt.arrays import Array
+from machopt.formats.posts.columns import ROUNDED, Job
 from machopt.formats.posts.template import Column, Value
 
 

@@ -12,9 +12,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.domain.program import LIN
 from machopt.errors import InputError
-from machopt.formats.posts.columns import Array, Job
+from machopt.formats.posts.columns import Job
 from machopt.formats.posts.dialect import Dialect, Passing
 from machopt.formats.posts.feedmodel import acceleration
 from machopt.formats.posts.orientation import abc_deg

@@ -36,11 +36,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.program import LIN, RobotProgram
 from machopt.domain.results.optimize import FeedModel
 from machopt.formats.posts.rounding import Rounding
-
-Array = NDArray[np.float64]
 
 HELD = 0.95  # of the programmed feed: what counts as held, as in the planner's own figure
 STRAIGHT = 1e-6  # rad

@@ -17,7 +17,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.formats.posts.columns import Array, Job
+from machopt.arrays import Array
+from machopt.formats.posts.columns import Job
 from machopt.formats.posts.dialect import Dialect
 
 PRINTED = 5  # decimals of axis angles: a bit must agree with the number beside it

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from machopt import se3
+from machopt.arrays import Array
 
-Array = NDArray[np.float64]
 UPRIGHT = 1e-9  # cosine of the middle angle below which the other two turn about one line
 
 

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from machopt.formats.posts.columns import Array, Job
+from machopt.arrays import Array
+from machopt.formats.posts.columns import Job
 from machopt.formats.posts.dialect import Dialect
 
 PRINTED = 4  # decimals: an axis that stands at its zero by print counts as standing there

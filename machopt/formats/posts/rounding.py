@@ -24,9 +24,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.program import LIN, RobotProgram
-
-Array = NDArray[np.float64]
 
 LADDER_MM = np.array([a * 10.0**b for b in (-2, -1, 0, 1) for a in (1.0, 1.6, 2.5, 4.0, 6.3)])[1:]  # 0.016 … 63 mm
 LEAST = 2e-5  # m; a shorter zone is a stop in all but name

@@ -11,10 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.domain.toolpath import Event, IgnoredWord, Move
 from machopt.errors import InputError
 from machopt.formats.arcs import ArcError, arc
-from machopt.formats.programs.parsed import JOINT, LINEAR, Array, Frame, ParsedProgram
+from machopt.formats.programs.parsed import JOINT, LINEAR, Frame, ParsedProgram
 from machopt.formats.programs.rotations import Rows, between
 from machopt.formats.source import Source
 

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.formats.programs.parsed import Array
+from machopt.arrays import Array
 
 SLACK = 2e-4  # deg: axes are printed to 1e-4 at least
 Posture = tuple[NDArray[np.bool_], NDArray[np.bool_]]

@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.formats.programs.builder import STANDING_TOOL, Builder, number
 from machopt.formats.programs.nearby import called
-from machopt.formats.programs.parsed import JOINT, LINEAR, Array, Frame, ParsedProgram
+from machopt.formats.programs.parsed import JOINT, LINEAR, Frame, ParsedProgram
 from machopt.formats.programs.rotations import fixed_xyz, halfway, matrix
 from machopt.formats.source import Source
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from machopt.formats.programs.parsed import Array
+from machopt.arrays import Array
 
 
 def urdf_joints(axes_deg: Array, sign: Array, offset_deg: Array, coupling: Array) -> Array:

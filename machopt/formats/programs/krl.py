@@ -8,11 +8,12 @@ from typing import NoReturn
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.formats.programs.builder import MOST_MOVES, STANDING_TOOL, Builder
 from machopt.formats.programs.krl_files import OPENS, Line, Routine, first_word, read_module
 from machopt.formats.programs.krl_values import KrlError, Memory, Value, evaluate, plain_aggregate, split_name, whole
 from machopt.formats.programs.nearby import called, opened, siblings
-from machopt.formats.programs.parsed import JOINT, LINEAR, Array, Frame, ParsedProgram
+from machopt.formats.programs.parsed import JOINT, LINEAR, Frame, ParsedProgram
 from machopt.formats.programs.rotations import fixed_xyz, matrix
 from machopt.formats.source import Source
 

@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.toolpath import Event, IgnoredWord
-
-Array = NDArray[np.float64]
 
 JOINT, LINEAR = 0, 1
 

@@ -7,9 +7,10 @@ import re
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.formats.programs.builder import STANDING_TOOL, Builder
 from machopt.formats.programs.nearby import called, opened, siblings
-from machopt.formats.programs.parsed import JOINT, LINEAR, Array, Frame, ParsedProgram
+from machopt.formats.programs.parsed import JOINT, LINEAR, Frame, ParsedProgram
 from machopt.formats.programs.rapid_syntax import (
     BLOCKS,
     Call,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from machopt.arrays import Array
+
 Rows = tuple[float, float, float, float, float, float, float, float, float]
 FLAT = 1e-18  # m³·m²: three places within a micrometre of a line
 LEAST_NORM = 0.9  # of a quaternion as printed; programs with four decimals are far closer to 1

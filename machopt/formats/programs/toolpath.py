@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.program import Controller
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.formats.pathbuilder import PathBuilder
 from machopt.formats.programs.joints import urdf_joints
-from machopt.formats.programs.parsed import Array, ParsedProgram
+from machopt.formats.programs.parsed import ParsedProgram
 from machopt.formats.programs.rotations import inverted
 from machopt.formats.source import TOOL_AXES, ReadOptions, Source
 

@@ -10,9 +10,9 @@ from operator import add, mul, sub
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.formats.expression import Descent
 from machopt.formats.programs.builder import number
-from machopt.formats.programs.parsed import Array
 from machopt.formats.programs.rotations import Rows, from_vector, matrix
 
 MOST_DEPTH = 30  # brackets inside each other

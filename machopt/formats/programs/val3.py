@@ -10,10 +10,11 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.errors import InputError
 from machopt.formats.programs.builder import Builder, number
 from machopt.formats.programs.nearby import opened, siblings
-from machopt.formats.programs.parsed import JOINT, LINEAR, Array, Frame, ParsedProgram
+from machopt.formats.programs.parsed import JOINT, LINEAR, Frame, ParsedProgram
 from machopt.formats.programs.rotations import matrix, moving_xyz
 from machopt.formats.source import Source
 

@@ -10,13 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.model.terms.base import LinearTerm
 from machopt.model.terms.compensator import GravityCompensator
 from machopt.model.terms.joint import JointCoupling, JointTerm
 
-Array = NDArray[np.float64]
 Limits = tuple[Array, Array]
 LEAST = 1e-9  # of the joints' own compliances: less than that in some direction is rounding or negative
 STEPS = 2001  # of a joint's range; between them a second harmonic is missed by 1e-5 of itself

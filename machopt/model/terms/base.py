@@ -5,13 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from machopt.arrays import Array
 from machopt.domain.stiffness import Term
 from machopt.model.robot import ArmState
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.stiffness import Term
 from machopt.effects import files, registry
 from machopt.effects.bodies import LEAST_LENGTH, form_of
@@ -24,7 +24,6 @@ from machopt.model.robot import ArmState, Robot
 from machopt.model.terms.base import Coefficient, LinearTerm
 from machopt.se3 import inverse, normalise, transform
 
-Array = NDArray[np.float64]
 LEAST_PLANE = 0.1  # sine of a link against the axis of joint 2, below which the arm has no plane there
 BASE, TOOL = 0, 6  # body indices
 

@@ -14,8 +14,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.stiffness import Term
 from machopt.effects import files
 from machopt.effects.compensator import EFFECT, LINKAGE
@@ -24,7 +24,6 @@ from machopt.errors import InputError
 from machopt.model.robot import ArmState
 from machopt.model.terms.base import Coefficient, LinearTerm
 
-Array = NDArray[np.float64]
 LEAST_DISTANCE = 1e-3  # of L: pivots that come nearer than this to each other hold no spring
 
 

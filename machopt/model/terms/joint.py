@@ -15,16 +15,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.stiffness import Term
 from machopt.effects import files, registry
 from machopt.effects.protocol import Drive, Law, joints_of
 from machopt.errors import InputError
 from machopt.model.robot import ArmState
 from machopt.model.terms.base import Coefficient, LinearTerm
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

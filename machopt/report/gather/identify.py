@@ -5,16 +5,15 @@ from __future__ import annotations
 from math import isfinite
 
 import numpy as np
-from numpy.typing import NDArray
 
 import machopt
+from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
 from machopt.identify.experiment import Experiment
 from machopt.identify.result import Identification, JointResult, TermResult
 from machopt.report.identification import Coefficient, Comparison, GridView, IdentificationPage, SubsetStudy
 
-Array = NDArray[np.float64]
 MOSTLY = 0.5  # share of the displacements' power; real arms show 0.8 and more (dumas2011 section 5.3)
 
 

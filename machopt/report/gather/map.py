@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 
 import numpy as np
-from numpy.typing import NDArray
 
 import machopt
+from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.reason import Reason
 from machopt.domain.results.maps import MapResult
@@ -19,8 +19,6 @@ from machopt.workspace.measured import Comparison
 from machopt.workspace.postures import Arm
 from machopt.workspace.samples import XYZ, Samples
 from machopt.workspace.told import DEG, MM, REASONS, Layer
-
-Array = NDArray[np.float64]
 
 _GAIN = MapField(
     "gain",

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import machopt
+from machopt.arrays import Array
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.formats.options import without_effect
@@ -28,7 +29,6 @@ from machopt.report.gather.optimize_map import rotation_map
 from machopt.report.gather.optimize_series import motion_series, path_series
 from machopt.verify import Verification
 
-Array = NDArray[np.float64]
 WORST = 8  # rows of the table of worst points
 _YARDSTICKS = {"cam default": "the CAM's default rotation", "jiao2022": "Jiao 2022"}
 _WORDS = {

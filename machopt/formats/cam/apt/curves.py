@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from machopt.domain.toolpath import Array
+from machopt.arrays import Array
 from machopt.formats.arcs import RADIUS_FAULT, RADIUS_WARN, ArcError, arc, cubic_spline
 from machopt.formats.cam.apt.tokens import groups, leading_numbers, number
 from machopt.formats.pathbuilder import PathBuilder, check_radius

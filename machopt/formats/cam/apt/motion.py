@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from machopt.domain.toolpath import Array, Move
+from machopt.arrays import Array
+from machopt.domain.toolpath import Move
 from machopt.formats.cam.apt.curves import Curves
 from machopt.formats.cam.apt.cycles import HsmCycle
 from machopt.formats.cam.apt.dialect import Dialect, sniff_dialect, unit_scale

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from machopt.domain.toolpath import Array, Move
+from machopt.arrays import Array
+from machopt.domain.toolpath import Move
 from machopt.formats.arcs import ArcError, arc
 from machopt.formats.cam.gcode.blocks import Block
 from machopt.formats.cam.gcode.contour import Segment

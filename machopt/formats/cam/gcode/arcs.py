@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from machopt.domain.toolpath import Array
+from machopt.arrays import Array
 from machopt.formats.arcs import RADIUS_FAULT, RADIUS_WARN, ArcError, from_radius
 from machopt.formats.pathbuilder import PathBuilder
 

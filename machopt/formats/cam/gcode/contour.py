@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from machopt.domain.toolpath import Array
+from machopt.arrays import Array
 from machopt.formats.arcs import ArcError, arc
 from machopt.formats.cam.gcode.polar import plane_axes
 from machopt.formats.corners import Element, Rounding, chamfer, rounding

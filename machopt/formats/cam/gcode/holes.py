@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from machopt.domain.toolpath import Array, Move
+from machopt.arrays import Array
+from machopt.domain.toolpath import Move
 from machopt.formats.cam.gcode.arcmotion import ArcReader
 from machopt.formats.cam.gcode.blocks import Block
 from machopt.formats.cam.gcode.cycles import Canned

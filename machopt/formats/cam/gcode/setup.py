@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from machopt.domain.toolpath import Array
+from machopt.arrays import Array
 from machopt.formats.arcs import ArcError
 from machopt.formats.frames import Transfer
 from machopt.formats.pathbuilder import PathBuilder, Vector

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from machopt.domain.toolpath import Array
+from machopt.arrays import Array
 from machopt.formats.arcs import ArcError
 
 Lead = Literal["LT", "LN", "CT", "LCT"]

@@ -8,7 +8,8 @@ import re
 
 import numpy as np
 
-from machopt.domain.toolpath import Array, Move
+from machopt.arrays import Array
+from machopt.domain.toolpath import Move
 from machopt.formats.arcs import ArcError
 from machopt.formats.cam import reviewed
 from machopt.formats.cam.gcode.blocks import Block
