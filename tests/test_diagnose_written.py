@@ -115,6 +115,22 @@ def test_a_finding_that_turns_its_joint_against_the_load_is_withheld_with_a_word
     assert (made.after.terms, made.withheld) == ((fits,), ())
 
 
+def test_a_body_that_would_push_back_is_withheld_and_the_cell_s_own_stays() -> None:
+    """A matrix fitted to noise may have a negative eigenvalue: no file may hold it; the diagnosis is told."""
+    C = np.diag([1e-9, 1e-9, 0.0, 1e-6, -1e-6, 0.0]).tolist()
+    wrong = Term("tool_compliance", "tool", {"compliance": C})
+    own = replace(wrong, parameters={"compliance": np.diag([1e-9] * 3 + [1e-7] * 3).tolist()})
+    assert CELL.stiffness is not None
+    cell = replace(CELL, stiffness=replace(CELL.stiffness, terms=(own,)))
+    made = stiffness_of(cell, diagnosed({}, (wrong, LINK)))
+    assert made.after is not None
+    assert made.after.terms == (own, LINK)
+    assert made.withheld == (wrong,)
+    (said,) = made.said
+    assert "tool compliance is not in stiffness.yaml" in said
+    assert "gives way against the load" in said
+
+
 def test_terms_that_are_too_much_together_are_withheld_one_after_the_other() -> None:
     """Two findings at a joint, then one beside a term of the cell's own, which stays."""
     half = replace(KNEE, parameters={**KNEE.parameters, "extra_rad_per_Nm": -1.5e-6})

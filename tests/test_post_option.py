@@ -337,3 +337,16 @@ def test_points_are_added_where_the_controllers_line_would_leave_the_motion(tmp_
     assert close.program.feed[cut] == pytest.approx(0.01)
     x = close.program.T_workpiece_tcp[cut, 0, 3]
     assert (np.diff(x) >= -1e-6).all()  # in the order of the path
+
+
+def test_a_point_where_the_tool_stands_already_asks_for_no_feed(tmp_path: Path) -> None:
+    """An approach ends where the first cut begins, each with its own feed: nothing moves between the two."""
+    cell = copied(tmp_path, "controller: {post: krl}\n")
+    rows = [(60, "rapid", ""), (20, "rapid", ""), (-0.5, "approach", 600), (-0.5, "cut", 1500)]
+    lines = [f"-100,0,{z},0,0,1,{move},{feed}" for z, move, feed in rows]
+    lines += [f"{x},0,-0.5,0,0,1,cut,1500" for x in (-90, -80)]
+    file = tmp_path / "part.csv"
+    file.write_text("\n".join(["x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min", *lines]) + "\n", encoding="utf-8")
+    out = str(tmp_path / "out")
+    assert main(["optimize", str(cell), str(file), "-o", out, "--method", "default", "--quiet"]) == 0
+    assert result(tmp_path)["programs"][0]["differences"] == []

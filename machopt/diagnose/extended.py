@@ -14,9 +14,11 @@ from machopt.domain.cell import Cell
 from machopt.domain.stiffness import SOFTEST, STIFFEST, Stiffness, Term
 from machopt.effects.protocol import joints_of
 from machopt.effects.words import spoken
+from machopt.errors import InputError
 from machopt.model.elastic import against
 from machopt.model.robot import load_robot
 from machopt.model.terms.against import Against
+from machopt.model.terms.compiled import compile_terms
 
 Array = NDArray[np.float64]
 JOINTS = 6
@@ -45,11 +47,18 @@ def stiffness_of(cell: Cell, d: Diagnosis) -> Extended:
     known = () if cell.stiffness is None else cell.stiffness.terms
     if cell.stiffness is None and len(springs) < JOINTS:
         return Extended(None, None)
+    impossible = {id(t): why for t in found if (why := _impossible(cell, t)) is not None}
+    withheld = [t for t in found if id(t) in impossible]
+    said = [
+        f"{spoken(t.effect, t.location)} is not in stiffness.yaml, since nothing that is built can be so: "
+        f"{impossible[id(t)]}"
+        for t in withheld
+    ]
+    found = tuple(t for t in found if id(t) not in impossible)
     new = {_name(t) for t in found}
     terms = (*(t for t in known if _name(t) not in new), *found)
     before = _made(cell, springs, known, lambda c: c.before)
-    after, said = _made(cell, springs, terms, lambda c: c.value), []
-    withheld: list[Term] = []
+    after = _made(cell, springs, terms, lambda c: c.value)
     bare: set[int] = set()  # joints, from 1, whose own finding is withheld
     while found and (wrong := _against(cell, after)) is not None:
         out = _culprit(terms, new, wrong)
@@ -93,6 +102,15 @@ def _made(
         else:
             out.append(float(np.clip(1.0 / max(value, 1.0 / STIFFEST), SOFTEST, STIFFEST)))
     return Stiffness(np.array(out), terms=terms)
+
+
+def _impossible(cell: Cell, term: Term) -> str | None:
+    """Why no file may hold a term, by the law's own word; None where one may."""
+    try:
+        compile_terms((term,), load_robot(cell), cell.tool.T_flange_tcp, None)
+    except InputError as error:
+        return error.reason
+    return None
 
 
 def _against(cell: Cell, stiffness: Stiffness) -> Against | None:

@@ -116,7 +116,9 @@ def _cut_moves(said: ReadProgram, place: Array, cuts: Cuts, reached: NDArray[np.
         want = path.feed[k]
         off = np.abs(said.feed[move] - want[nth])
         off[np.isnan(off)] = np.inf
-        asked = (np.isfinite(want) & ~bent)[nth]
+        step = np.abs(np.diff(np.hstack([path.position, path.axis]), axis=0)).max(axis=1)
+        still = np.append(False, step < 1e-9)[k]  # nothing moves to what is reached already
+        asked = (np.isfinite(want) & ~bent & ~still)[nth]
         worst_feed = float(off[asked].max(initial=0.0))
         wrong = asked & ~(off <= said.feed_step + FEED_SHARE * want[nth])
         for n in np.unique(nth[wrong])[:MOST_NAMED].tolist():
