@@ -13,10 +13,11 @@ from scipy.spatial.transform import Rotation
 from small_cell import small_cell
 
 from machopt.model import nearest, threads
+from machopt.model.boxes import PIECES, _divided, mesh_of
 from machopt.model.collision import CollisionModel
 from machopt.model.robot import load_chain
 from machopt.model.surfaces import Surfaces
-from machopt.model.triangles import PIECES, _divided, distance, follow, mesh_of
+from machopt.model.triangles import distance, follow
 from machopt.se3 import inverse, transform
 
 EXACT = 1e-11  # m, beside the rounding of fcl's own; TIE of the module is a tenth of that

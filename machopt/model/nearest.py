@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array, Bools
 from machopt.model.bounds import PairStack, Rows
+from machopt.model.boxes import Mesh
 from machopt.model.surfaces import Surfaces
 from machopt.model.threads import side_by_side
-from machopt.model.triangles import Mesh, follow
+from machopt.model.triangles import follow
 from machopt.se3 import inverse
 
 CAP = 0.5  # m, beyond which nothing is measured

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from machopt.compiled import compiled
 from machopt.model.bodies import Body
+from machopt.model.boxes import Mesh, mesh_of
 from machopt.model.threads import side_by_side
-from machopt.model.triangles import DEPTH, Mesh, mesh_of, triangles
+from machopt.model.triangles import DEPTH, triangles
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
