@@ -122,9 +122,10 @@ def test_a_body_that_would_push_back_is_withheld_and_the_cell_s_own_stays() -> N
     own = replace(wrong, parameters={"compliance": np.diag([1e-9] * 3 + [1e-7] * 3).tolist()})
     assert CELL.stiffness is not None
     cell = replace(CELL, stiffness=replace(CELL.stiffness, terms=(own,)))
-    made = stiffness_of(cell, diagnosed({}, (wrong, LINK)))
+    made = stiffness_of(cell, diagnosed({2: 1e-6}, (wrong, LINK)))
     assert made.after is not None
     assert made.after.terms == (own, LINK)
+    assert made.after.joints[1] == pytest.approx(5e5)  # fitted without it, not beside it
     assert made.withheld == (wrong,)
     (said,) = made.said
     assert "tool compliance is not in stiffness.yaml" in said

@@ -72,6 +72,16 @@ def test_refusals(cell: Cell, entry: list[str], parts: list[str]) -> None:
         assert part in str(caught.value)
 
 
+@pytest.mark.parametrize(("name", "like"), [("base_link_0", "link base_link"), ("cutter", "the tool's cutter")])
+def test_a_pair_may_not_speak_of_two_bodies_at_once(cell: Cell, name: str, like: str) -> None:
+    """Planner and verification both know pairs by name: what may touch would be let through for the other one too."""
+    assert cell.tool.cutter is not None
+    twice = replace(cell, obstacles=(replace(cell.obstacles[0], name=name),))
+    assert told(twice) == ()  # without pairs names carry no permission
+    with pytest.raises(InputError, match=f"named '{name}' like .*{like}; another name would work"):
+        told(twice, ["link_1", "link_3"])
+
+
 def test_flange_and_world_stand_for_what_rides_on_them(cell: Cell) -> None:
     (pair,) = told(cell, ["world", "flange"])
     assert pair.first == tuple(s.name for s in (*cell.obstacles, *cell.workpiece.geometry))

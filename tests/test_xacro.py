@@ -13,6 +13,7 @@ from small_cell import urdf_text
 from machopt.domain.cell import Cell
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
+from machopt.formats.urdf.expand import is_xacro
 from machopt.model.robot import load_chain
 from machopt.verify.arm import Arm
 
@@ -137,3 +138,12 @@ def test_files_it_includes_from_outside_need_permission(folder: Path) -> None:
     main.write_text(ROBOT.replace("$(find my_robot)/parts/arm.xacro", str(outside)))
     with pytest.raises(InputError, match="outside the cell folder"):
         load_cell(folder)
+
+
+def test_comments_are_not_carried_out(folder: Path) -> None:
+    """Robots of ROS-Industrial often keep the macro they came from, as a comment."""
+    plain = folder / "plain.urdf"
+    plain.write_text("<robot name='r'>\n<!-- was <xacro:arm_macro a='$(env HOME)'/>\n -->\n<link name='l'/></robot>")
+    assert not is_xacro(plain)
+    plain.write_text("<robot name='r'><!-- one --><xacro:arm/><!-- two --></robot>")
+    assert is_xacro(plain)

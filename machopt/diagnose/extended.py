@@ -50,19 +50,20 @@ def stiffness_of(cell: Cell, d: Diagnosis) -> Extended:
     impossible = {id(t): why for t in found if (why := _impossible(cell, t)) is not None}
     withheld = [t for t in found if id(t) in impossible]
     said = [
-        f"{spoken(t.effect, t.location)} is not in stiffness.yaml, since nothing that is built can be so: "
-        f"{impossible[id(t)]}"
+        f"{spoken(t.effect, t.location)} is not in stiffness.yaml, and the joints keep the springs that fit without "
+        f"it, since nothing that is built can be so: {impossible[id(t)]}"
         for t in withheld
     ]
     found = tuple(t for t in found if id(t) not in impossible)
     new = {_name(t) for t in found}
     terms = (*(t for t in known if _name(t) not in new), *found)
     before = _made(cell, springs, known, lambda c: c.before)
-    after = _made(cell, springs, terms, lambda c: c.value)
-    bare: set[int] = set()  # joints, from 1, whose own finding is withheld
+    # a joint's own finding is withheld with the spring that was fitted beside it; a body's is beside all of them
+    bare = set(range(1, JOINTS + 1)) if withheld else set()
+    after = _made(cell, springs, terms, lambda c: c.before if c.unknown.spring in bare else c.value)
     while found and (wrong := _against(cell, after)) is not None:
         out = _culprit(terms, new, wrong)
-        bare.update(_joints(out))
+        bare.update(_joints(out) or range(1, JOINTS + 1))
         withheld.append(out)
         said.append(
             f"{spoken(out.effect, out.location)} is not in stiffness.yaml, and its joint keeps the spring that fits "

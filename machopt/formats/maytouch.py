@@ -56,8 +56,10 @@ class PairReader:
             open_file: a file the cell names, by key path and name.
 
         Raises:
-            InputError: a name that nothing has, a pair of a body with itself, no SRDF.
+            InputError: a name that nothing has, or that two bodies have, a pair of a body with itself, no SRDF.
         """
+        if given:
+            self._one_name_each()
         out: list[MayTouch] = []
         for n, entry in enumerate(given):
             loc: Loc = ("ignore_pairs", n)
@@ -74,6 +76,17 @@ class PairReader:
                     self.warnings.append(f"{where}: {word!r} has no body that could touch anything")
             out.append(MayTouch(a, b, first, second, "ignore_pairs of cell.yaml"))
         return tuple(out)
+
+    def _one_name_each(self) -> None:
+        """A pair is told by names, so a second body of the same name would be let touch with the first."""
+        taken = {body: f"a body of link {link}" for link, bodies in self._links.items() for body in bodies}
+        taken |= dict.fromkeys(self._groups["cutter"], "the tool's cutter")
+        for name in self._bodies:
+            if name in taken:
+                raise self._document.error(
+                    ("ignore_pairs",),
+                    f"a body of the cell is named {name!r} like {taken[name]}; another name would work",
+                )
 
     def _srdf(self, loc: Loc, name: str, open_file: OpenFile) -> tuple[MayTouch, ...]:
         """The pairs of links that this robot has and that have bodies; an SRDF often speaks of a larger one.

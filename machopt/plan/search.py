@@ -273,7 +273,7 @@ class Search:
         pair = found.pair[found.hit][first]
         ahead.strike(vertices, pair)
         ahead.look(vertices, pair, self.ahead_of)
-        self.ahead_of *= 4
+        self.ahead_of = min(4 * self.ahead_of, self.pairs.size)
         return len(vertices)
 
     def _kept(self, choice: Choice, stations: Rows, budget: int) -> Rows:

@@ -24,6 +24,7 @@ Find = Callable[[str], Path]
 _ELEMENT = re.compile(r"<xacro:\w")
 _ARGUMENT = re.compile(r"<xacro:arg\s[^>]*?name\s*=\s*[\"']([^\"']+)[\"']|\$\(arg\s+(\w+)\s*\)")
 _ENVIRONMENT = re.compile(r"\$\((?:opt)?env\b")
+_COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,12 @@ class Expanded:
 
 def is_xacro(path: Path) -> bool:
     """By its name, or because it uses the language."""
-    return path.suffix.lower() == ".xacro" or bool(_ELEMENT.search(read_text(path, expected="a URDF", most=MARKUP)))
+    return path.suffix.lower() == ".xacro" or bool(_ELEMENT.search(_said(path, "a URDF")))
+
+
+def _said(path: Path, expected: str) -> str:
+    """The text of a file without its comments."""
+    return _COMMENT.sub("", read_text(path, expected=expected, most=MARKUP))
 
 
 def expand(path: Path, arguments: Mapping[str, str], find: Find) -> Expanded:
@@ -98,7 +104,7 @@ def expand(path: Path, arguments: Mapping[str, str], find: Find) -> Expanded:
 def _check(path: Path, files: tuple[Path, ...], arguments: Mapping[str, str]) -> None:
     declared: set[str] = set()
     for file in files:
-        text = read_text(file, expected="a xacro file", most=MARKUP)
+        text = _said(file, "a xacro file")
         declared |= {name for found in _ARGUMENT.findall(text) for name in found if name}
         if _ENVIRONMENT.search(text):
             raise InputError(
