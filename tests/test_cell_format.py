@@ -411,6 +411,19 @@ def test_a_joint_that_follows_another_is_read_and_narrows_its_range(folder: Path
     expect(" ".join(cell.notes), "'m3', which follows 'a2', narrows that one to -171.9 to 120.3 deg")
 
 
+def test_a_joint_that_follows_another_slows_it(folder: Path) -> None:
+    """The follower turns as fast as the multiplier says: what its own drive train cannot, the leading joint may not."""
+    free = load_cell(folder).limits.velocity[1]
+    text = linked(mimic='<mimic joint="a2" multiplier="-2"/>')
+    slow = text.replace('upper="3.2" velocity="0"', 'upper="3.2" velocity="0.5"')
+    assert slow != text
+    (folder / "robot.urdf").write_text(slow)
+    cell = load_cell(folder)
+    assert cell.limits.velocity[1] == pytest.approx(0.25)
+    assert free > 0.25
+    expect(" ".join(cell.notes), "velocity limit of 'm3', which follows 'a2', lowers that one's to 14.32 deg/s")
+
+
 BODY = "<collision><geometry><sphere radius='0.1'/></geometry></collision>"
 LINKAGES = [
     (

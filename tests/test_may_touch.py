@@ -132,3 +132,14 @@ def test_contact_at_home_names_the_key_that_would_help(cell: Cell) -> None:
     home = replace(cell, tool=replace(cell.tool, geometry=(boom,)))
     model = CollisionModel(home, robot, shapes, 0.0)
     assert any("`ignore_pairs: [[link_2_0, boom]]` in cell.yaml" in words for words in model.suspicious)
+
+
+def test_an_srdf_of_another_robot_is_said(cell: Cell) -> None:
+    (cell.folder / "other.srdf").write_text(
+        '<robot name="o"><disable_collisions link1="Link_1" link2="Link_3"/></robot>'
+    )
+    document = parse_yaml("ignore_pairs: []", "cell.yaml")
+    reader = PairReader(read_urdf(cell.urdf), "flange", cell.tool, cell.workpiece, cell.obstacles, document)
+    assert reader.pairs(["other.srdf"], lambda loc, name: cell.folder / name) == ()
+    (warning,) = reader.warnings
+    assert "other.srdf names no two links of this robot in any of its 1 pairs (its first is Link_1 ~ Link_3)" in warning

@@ -63,7 +63,7 @@ def followers(urdf: Urdf, arm: tuple[UrdfJoint, ...], external: tuple[UrdfJoint,
 def narrowed(
     limits: JointLimits, urdf: Urdf, moving: tuple[UrdfJoint, ...], mimics: tuple[Mimic, ...]
 ) -> tuple[JointLimits, tuple[str, ...]]:
-    """Position limits of the arm that keep its followers within their own, and what was narrowed, in words.
+    """Limits of the arm that keep the places and speeds of its followers in theirs, and what was narrowed, in words.
 
     Args:
         limits: in SI, in the order of ``moving``.
@@ -71,11 +71,19 @@ def narrowed(
     Raises:
         InputError: nothing is left of a range.
     """
-    lower, upper, said = limits.lower.copy(), limits.upper.copy(), []
+    lower, upper, velocity, said = limits.lower.copy(), limits.upper.copy(), limits.velocity.copy(), []
     by_name = {j.name: j for j in urdf.joints}
     for m in mimics:
         follower, n = by_name[m.joint], next((k for k, j in enumerate(moving) if j.name == m.source), None)
-        if n is None or follower.kind == "continuous" or not follower.lower < follower.upper:
+        if n is None:
+            continue
+        if 0.0 < follower.velocity < velocity[n] * abs(m.multiplier):  # NaN and zero: the URDF gives none
+            velocity[n] = follower.velocity / abs(m.multiplier)
+            said.append(
+                f"the velocity limit of {m.joint!r}, which follows {m.source!r}, lowers that one's to "
+                f"{math.degrees(velocity[n]):.4g} deg/s"
+            )
+        if follower.kind == "continuous" or not follower.lower < follower.upper:
             continue
         ends = sorted((end - m.offset) / m.multiplier for end in (follower.lower, follower.upper))
         if ends[0] <= lower[n] and upper[n] <= ends[1]:
@@ -92,7 +100,7 @@ def narrowed(
             f"the range of {m.joint!r}, which follows {m.source!r}, narrows that one to "
             f"{math.degrees(lower[n]):.4g} to {math.degrees(upper[n]):.4g} deg"
         )
-    return replace(limits, lower=lower, upper=upper), tuple(said)
+    return replace(limits, lower=lower, upper=upper, velocity=velocity), tuple(said)
 
 
 def _plannable(urdf: Urdf, j: UrdfJoint, source: UrdfJoint, arm: tuple[UrdfJoint, ...]) -> None:

@@ -96,8 +96,13 @@ class PairReader:
         path = open_file(loc, name)
         if is_xacro(path):
             raise InputError("is a xacro file; the SRDF that it expands to would work", file=path)
-        out = []
-        for pair in read_srdf(path, self._urdf.links):
+        out, told = [], read_srdf(path, self._urdf.links)
+        if told and not any({pair.link1, pair.link2} <= set(self._links) for pair in told):
+            self.warnings.append(
+                f"{self._document.where(loc)}: {path.name} names no two links of this robot in any of its {len(told)} "
+                f"pairs (its first is {told[0].link1} ~ {told[0].link2}), so it lets nothing touch"
+            )
+        for pair in told:
             first, second = self._links.get(pair.link1, ()), self._links.get(pair.link2, ())
             if first and second and self._joints_between(pair.link1, pair.link2) > 1:
                 why = f"{path.name} line {pair.line}" + (f": {pair.reason}" if pair.reason else "")
@@ -113,8 +118,10 @@ class PairReader:
         by_name = [bodies for kind in (self._links, self._bodies) if (bodies := kind.get(word)) is not None]
         if len(by_name) > 1:
             raise self._document.error(loc, f"{word!r} names a link and a body; another name for the body would work")
-        if by_name:
-            return by_name[0] or (self._groups["tool"] if word == self._flange else ())
+        if by_name and by_name[0]:
+            return by_name[0]
+        if by_name:  # a link without bodies of its own, as the flange and the URDF's "world" mostly are
+            return self._groups["tool"] if word == self._flange else self._groups.get(word, ())
         if word in self._groups:
             return self._groups[word]
         single = {body: (body,) for bodies in self._links.values() for body in bodies}

@@ -39,7 +39,9 @@ def unchecked(cell: Cell, options: PlanOptions) -> tuple[str, ...]:
         missing = [name for name, bodies in there.items() if not bodies]
         if missing:
             out.append(f"collisions with {_listed(missing)} NOT checked (not in the cell)")
-        pairs = [f"{p.a} ~ {p.b}" for p in cell.may_touch]
+        standing = {s.name for s in (*cell.workpiece.geometry, *cell.obstacles, *cell.tool.geometry)} | {"cutter"}
+        first = sorted(cell.may_touch, key=lambda p: not standing & {*p.first, *p.second})  # a link's own come last
+        pairs = [f"{p.a} ~ {p.b}" for p in first if p.first and p.second]
         if pairs:
             more = [f"{len(pairs) - _NAMED} more"] if len(pairs) > _NAMED else []
             out.append(f"{_listed([*pairs[:_NAMED], *more])} NOT checked (ignore_pairs)")
