@@ -160,6 +160,7 @@ def test_joints_that_nothing_drives_and_turns_beyond_the_search_are_told(folder:
     change(folder, ("limits:\n", "limits:\n    position_deg: [" + "[-90, 90]," * 5 + "[-720, 720]]\n"))
     cell = load_cell(folder)
     np.testing.assert_allclose(cell.limits.upper[5], 4 * np.pi)
+    assert not [w for w in cell.warnings if "continuous" in w]  # it has the range that the warning would ask for
     expect(
         " ".join(cell.notes), "nothing drives the joints grip", "of the range of a6 the planner uses -540 to 540 deg"
     )

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import shutil
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from test_effects import TOY, toy
 from machopt.cli import main
 from machopt.diagnose import absolute_catalogue, engine, held, motion
 from machopt.diagnose.problem import Problem
+from machopt.diagnose.result import Finding
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Term
 from machopt.effects import registry
@@ -33,6 +35,14 @@ __all__ = ["toy"]  # a fixture
 ROOT = Path(__file__).resolve().parent.parent
 CELL = ROOT / "cells" / "kr240_drilling"
 TRACKED = six_joints()[0].folder
+
+
+@dataclass(frozen=True)
+class Noted:
+    """What a diagnosis is looked at for."""
+
+    findings: tuple[Finding, ...] = ()
+    notes: tuple[str, ...] = ("before",)
 
 
 class _Bare:
@@ -124,6 +134,30 @@ def test_an_effect_of_one_file_and_one_line_is_found_in_a_motion(toy: object, tm
     again, _ = held.diagnosed((term,), diagnosed)
     assert again.verdict == "consistent"
     assert "count as known: joint_jelly joint:1" in again.notes[-1]
+
+
+def test_terms_that_a_channel_does_not_count_are_said_apart() -> None:
+    """A link's term in a motion, a balancer's in poses: nobody may read that they were taken off."""
+    play = Term("joint_backlash", "joint:2", {"half_gap_arcmin": 1.0})
+    link = Term("link_compliance", "link:3", {"EI_Nm2": 1e7})
+    across = Term("joint_coupling", "joint:4-5", {})
+    balancer = Term("gravity_compensator", "joint:2", {})
+    assert [held.in_motions(t) for t in (play, link, across, balancer)] == [True, False, False, False]
+    assert [held.in_poses(t) for t in (play, link, balancer)] == [True, True, False]
+    d = cast("engine.Diagnosis", Noted())
+    known: list[tuple[Term, ...]] = []
+
+    def look(terms: tuple[Term, ...]) -> tuple[engine.Diagnosis, Problem]:
+        known.append(terms)
+        return d, cast("Problem", None)
+
+    said, _ = held.diagnosed((play, link), look, held.in_motions)
+    assert known == [(play,)]
+    assert said.notes == (
+        "before",
+        "the cell's own terms that this kind of recording does not count: link_compliance link:3",
+        "the cell's own terms count as known: joint_backlash joint:2",
+    )
 
 
 # --- whole commands -----------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ from machopt.diagnose.readings import Readings
 from machopt.diagnose.result import Diagnosis
 from machopt.domain.stiffness import Term
 from machopt.effects import registry
+from machopt.effects.protocol import joints_of
 
 GEOMETRIC = "geometric_stiffness"  # counted in any case
 
@@ -41,20 +42,39 @@ def at_rest(r: Readings, terms: tuple[Term, ...]) -> Array:
     return out
 
 
+def in_poses(term: Term) -> bool:
+    """What :func:`at_rest` counts."""
+    effect = registry.elastic(term.effect)
+    return bool(effect.gives or effect.laws)
+
+
+def in_motions(term: Term) -> bool:
+    """What a motion counts where it tells the torque: laws of single joints."""
+    first, last = joints_of(term.location) if term.location.startswith("joint:") else (0, 1)
+    return first == last and bool(registry.elastic(term.effect).laws)
+
+
 def diagnosed(
-    terms: tuple[Term, ...], diagnose: Callable[[tuple[Term, ...]], tuple[Diagnosis, Problem]]
+    terms: tuple[Term, ...],
+    diagnose: Callable[[tuple[Term, ...]], tuple[Diagnosis, Problem]],
+    counts: Callable[[Term], bool] = lambda _: True,
 ) -> tuple[Diagnosis, Problem]:
     """A diagnosis where terms count as known, once more without those that it names itself.
 
     Args:
         terms: what the cell holds.
         diagnose: of a recording, with these terms known.
+        counts: whether such a recording counts a term; the others are said.
     """
+    left = tuple(t for t in terms if not counts(t))
+    terms = tuple(t for t in terms if counts(t))
     d, problem = diagnose(terms)
     again = {(f.effect, f.location) for f in d.findings} & {(t.effect, t.location) for t in terms}
     if again:
         d, problem = diagnose(tuple(t for t in terms if (t.effect, t.location) not in again))
-    if not terms:
-        return d, problem
-    said = f"the cell's own terms count as known: {', '.join(f'{t.effect} {t.location}' for t in terms)}"
-    return replace(d, notes=(*d.notes, said)), problem
+    said = [
+        f"the cell's own terms {words}: {', '.join(f'{t.effect} {t.location}' for t in some)}"
+        for words, some in (("that this kind of recording does not count", left), ("count as known", terms))
+        if some
+    ]
+    return replace(d, notes=(*d.notes, *said)) if said else d, problem

@@ -81,7 +81,10 @@ def at_rest(
         return engine.diagnose(problem, catalogue, replace(options, predicted="poses"), rng), problem
 
     terms = _held(cell, robot, masses)
-    d, problem = held.diagnosed(terms, load_tests if recording.kind == "deflection" else poses)
+    if recording.kind == "deflection":
+        d, problem = held.diagnosed(terms, load_tests)
+    else:
+        d, problem = held.diagnosed(terms, poses, held.in_poses)
     gross = record.outliers(recording, d, copies, problem)
     return Examined(_with_record(d, mended, gross, notes, tuple(said)), problem, recording)
 
@@ -210,7 +213,8 @@ def in_motion(
         return engine.diagnose(problem, catalogue, replace(options, predicted=words[channel]), rng), problem
 
     six = len(cell.arm_joints) == 6 and not cell.arm_prismatic and channel != "torque"
-    d, problem = held.diagnosed(_held(cell, load_robot(cell), _masses(cell)) if six else (), stretches)
+    terms = _held(cell, load_robot(cell), _masses(cell)) if six else ()
+    d, problem = held.diagnosed(terms, stretches, held.in_motions)
     # what leaves the record as it is, like a lag behind the command, changes no error of this channel
     beside = [f if f.record else replace(f, before=d.heldout_before, after=d.heldout_before) for f in found]
     return Examined(_with_record(d, beside, None, notes, recording.warnings), problem, recording)

@@ -123,7 +123,9 @@ def read_limits(chain: Chain, keys: CellKeys, document: Document, warnings: list
             if value <= 0:
                 raise document.error((*loc, i), f"found {value:g} for joint {chain.moving[i].name!r}; expected above 0")
         rates[key] = np.array(values) * chain.unit
-    lower, upper = np.array([_urdf_range(j, document, warnings) for j in chain.moving]).T
+    lower, upper = np.array(
+        [_urdf_range(j, document, warnings, given=limits.position_deg is not None) for j in chain.moving]
+    ).T
     if limits.position_deg is not None:
         loc = ("robot", "limits", "position_deg")
         _length(chain, document, loc, len(limits.position_deg))
@@ -286,12 +288,14 @@ def _to_workpiece(urdf: Urdf, arm: list[UrdfJoint], keys: CellKeys, document: Do
     return path
 
 
-def _urdf_range(joint: UrdfJoint, document: Document, warnings: list[str]) -> tuple[float, float]:
+def _urdf_range(joint: UrdfJoint, document: Document, warnings: list[str], *, given: bool) -> tuple[float, float]:
+    """``given``: the cell has a range of its own."""
     if joint.kind == "continuous":
-        warnings.append(
-            f"joint {joint.name!r} is continuous; its range is taken as ±360°, and robot.limits.position_deg may say "
-            "another"
-        )
+        if not given:
+            warnings.append(
+                f"joint {joint.name!r} is continuous; its range is taken as ±360°, and robot.limits.position_deg may "
+                "say another"
+            )
         return -_CONTINUOUS, _CONTINUOUS
     if not joint.lower < joint.upper:  # also where <limit> is missing
         found = "no <limit>" if math.isnan(joint.lower) else f"lower {joint.lower:g}, upper {joint.upper:g}"
