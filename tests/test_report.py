@@ -8,6 +8,7 @@ import re
 from dataclasses import fields, replace
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from machopt.report import write_report
 from machopt.report.data import STATUS_NAMES, Gain, ReportData, Shift
 from machopt.report.display import ANGLE, FEED, FINE_LENGTH, STIFFNESS
 from machopt.report.figures import figure_specs
+from machopt.report.gather.optimize_series import along, cut_length
 from machopt.report.page import report_html
 from machopt.report.series import keep, packed
 from machopt.report.verdict import cards, verdict
@@ -238,3 +240,12 @@ def test_a_map_without_any_answer_is_drawn() -> None:
     spec = figure_specs(replace(data, map=nothing))["map"]
     assert spec["present"] == [1]
     assert packed(np.array([np.nan]), 0.0, 0.0) == base64.b64encode(b"\xff\xff").decode()
+
+
+def test_one_path_length_stands_on_every_axis() -> None:
+    """Rapid moves add nothing, at points and in between, and what lies at no point has no length."""
+    made = np.array([[0.0, 0, 0], [0.3, 0, 0], [0.3, 0.4, 0], [0.3, 0.4, 0.1]])
+    toolpath = SimpleNamespace(position=made)
+    s = cut_length(toolpath, np.array([False, True, False, True]))  # type: ignore[arg-type]
+    np.testing.assert_allclose(s, [0.0, 0.3, 0.3, 0.4])
+    np.testing.assert_allclose(along(s, np.array([0.5, 1.7, np.nan, 2.5])), [0.15, 0.3, np.nan, 0.35])

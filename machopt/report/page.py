@@ -110,7 +110,12 @@ def _path(charts: set[str]) -> Body:
         body += part("chart", "c-stiffness") + fragment("report.html", "stiffness_note")
     small = [part("chart", name) for name in ("c-clearance", "c-margins") if name in charts]
     body += part("grid", 2, small) if small else ""
-    return section("path", "Along the path", "All pictures share the path length and zoom together.", body)
+    return section(
+        "path",
+        "Along the path",
+        "All pictures share the path length, counted where the tool cuts, and zoom together.",
+        body,
+    )
 
 
 def _worst(data: ReportData) -> Body:

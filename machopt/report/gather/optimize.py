@@ -26,7 +26,7 @@ from machopt.plan.timeline import Timeline
 from machopt.plan.uncertainty import gains
 from machopt.report import data as page
 from machopt.report.gather.optimize_map import rotation_map
-from machopt.report.gather.optimize_series import motion_series, path_series
+from machopt.report.gather.optimize_series import along, cut_length, motion_series, path_series
 from machopt.verify import Verification
 
 WORST = 8  # rows of the table of worst points
@@ -64,7 +64,8 @@ def report_data(
     index = plan.scores.index
     quantity: page.Quantity = index if index in ("deflection", "stiffness") else "index"
     series = {name: _shown(plan, s) for name, s in _assignments(plan)}
-    summary = replace(_summary(plan, points, timeline, verification, quantity), unchecked=unchecked)
+    s = cut_length(toolpath, plan.path.counted[points.rows])
+    summary = replace(_summary(plan, points, timeline, verification, quantity, float(s[-1])), unchecked=unchecked)
     infeasible = tuple(
         page.InfeasiblePoint(
             point=round(plan.path.index[p]),
@@ -87,10 +88,10 @@ def report_data(
         summary=summary,
         hashes=tuple(hashes.items()),
         options=tuple((k, str(v)) for k, v in options.items()),
-        map=rotation_map(plan, shown or mapped(plan)),
+        map=rotation_map(plan, shown or mapped(plan), s),
         path=path_series(plan, toolpath, points, series),
-        motion=motion_series(plan, toolpath, timeline),
-        dips=_dips(plan, timeline),
+        motion=motion_series(plan, toolpath, points, timeline),
+        dips=_dips(plan, timeline, s),
         worst=_worst_points(plan, toolpath, points, series),
         infeasible=infeasible,
         operations=_operations(plan, toolpath, points, timeline, series),
@@ -148,6 +149,7 @@ def _summary(
     timeline: Timeline | None,
     verification: Verification | None,
     quantity: page.Quantity,
+    length: float,
 ) -> page.Summary:
     figures = {name: _figures(plan, scored) for name, scored in _assignments(plan)}
     clearance = points.table.clearance
@@ -170,7 +172,7 @@ def _summary(
         feed_held=timeline.held_share if timeline and feasible else float("nan"),
         cycle_time=float(trajectory.time[-1]) if trajectory else float("nan"),
         cutting_time=float((trajectory.move == Move.CUT).sum() * plan.options.sample) if trajectory else float("nan"),
-        path_length=_cut_length(plan),
+        path_length=length,
         points=len(points.rows),
         infeasible_points=int(plan.path.is_point[plan.missing].sum()),
         nearest_miss=float(clearance[nearest]) if nearest >= 0 else float("nan"),
@@ -207,17 +209,11 @@ def _figures(plan: Plan, scored: Scored) -> tuple[float, float]:
     return worst, mean
 
 
-def _cut_length(plan: Plan) -> float:
-    step = np.linalg.norm(np.diff(plan.path.position, axis=0), axis=1)
-    return float(step[plan.path.counted[1:]].sum())
-
-
-def _dips(plan: Plan, timeline: Timeline | None) -> tuple[page.FeedDip, ...]:
+def _dips(plan: Plan, timeline: Timeline | None, s: Array) -> tuple[page.FeedDip, ...]:
     if timeline is None or timeline.trajectory is None:
         return ()
     t = timeline.trajectory
     cut = np.flatnonzero((t.move != Move.RAPID) & np.isfinite(t.point))
-    s = plan.path.s
     out = []
     for dip in timeline.dips:
         at = cut[np.searchsorted(t.point[cut], dip.first)] if len(cut) and dip.first <= t.point[cut[-1]] else None
@@ -228,7 +224,7 @@ def _dips(plan: Plan, timeline: Timeline | None) -> tuple[page.FeedDip, ...]:
         out.append(
             page.FeedDip(
                 point=dip.first,
-                s=float(np.interp(dip.first, plan.path.index, s)),
+                s=float(along(s, np.array(dip.first))),
                 time=float(t.time[at]) if at is not None else float("nan"),
                 duration=max(float(t.time[end] - t.time[at]), 0.0) if at is not None else float("nan"),
                 feed_programmed=programmed,

@@ -9,15 +9,16 @@ from machopt.domain.reason import Reason
 from machopt.plan.mapped import Mapped
 from machopt.plan.pipeline import Plan, Scored
 from machopt.report import data as page
+from machopt.report.gather.optimize_series import along
 from machopt.se3 import wrap
 
 _STATUS = {Reason.BOUNDS: 2, Reason.NO_PATH: 7}  # the page's codes where they differ from Reason's
 
 
-def rotation_map(plan: Plan, shown: Mapped) -> page.RotationMap | None:
+def rotation_map(plan: Plan, shown: Mapped, s: Array) -> page.RotationMap | None:
     """Best branch per station and rotation, marked where its pose was not looked at for collisions.
 
-    Rotation is shown as gamma's carried reference, phi.
+    Rotation is shown as gamma's carried reference, phi; ``s`` (N,) m is the path length at the toolpath's points.
     """
     st, c = plan.path.stations, shown.candidates
     cut = np.flatnonzero(plan.path.counted[st])
@@ -36,14 +37,13 @@ def rotation_map(plan: Plan, shown: Mapped) -> page.RotationMap | None:
     status[(status == Reason.OK) & ~known] = Reason.NO_PATH
     for reason, code in _STATUS.items():
         status[status == reason] = code
-    travelled = np.cumsum(np.r_[0.0, np.linalg.norm(np.diff(plan.path.position, axis=0), axis=1)] * plan.path.counted)
 
     def line(scored: Scored) -> Array:
         ok = scored.assignment.reason == Reason.OK
         return np.asarray(wrap(np.where(ok, scored.assignment.phi, np.nan)[st[cut]]))
 
     return page.RotationMap(
-        s=travelled[st[cut]],
+        s=along(s, plan.path.index[st[cut]]),
         point=plan.path.index[st[cut]],
         rotation=c.phi,
         index=value,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.domain.toolpath import Move, Toolpath
@@ -19,7 +20,7 @@ def path_series(plan: Plan, toolpath: Toolpath, points: PointResults, series: di
         return np.where(counted, values, np.nan)
 
     return page.PathSeries(
-        s=distance(toolpath),
+        s=cut_length(toolpath, counted),
         operation=toolpath.operation,
         cutting=counted,
         index_default=only_cut(series["default"]),
@@ -38,11 +39,21 @@ def path_series(plan: Plan, toolpath: Toolpath, points: PointResults, series: di
     )
 
 
-def distance(toolpath: Toolpath) -> Array:
-    return np.asarray(np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(toolpath.position, axis=0), axis=1))])
+def cut_length(toolpath: Toolpath, counted: NDArray[np.bool_]) -> Array:
+    """(N,) m cut up to each toolpath point: the one path length of the page. Rapid and linking moves add nothing."""
+    step = np.r_[0.0, np.linalg.norm(np.diff(toolpath.position, axis=0), axis=1)]
+    return np.asarray(np.cumsum(step * counted))
 
 
-def motion_series(plan: Plan, toolpath: Toolpath, timeline: Timeline | None) -> page.MotionSeries | None:
+def along(s: Array, point: Array) -> Array:
+    """Path length (m) at fractional toolpath points, NaN where there is none; ``s`` (N,) at the points."""
+    known = np.isfinite(point)
+    return np.asarray(np.where(known, np.interp(np.where(known, point, 0.0), np.arange(len(s)), s), np.nan))
+
+
+def motion_series(
+    plan: Plan, toolpath: Toolpath, points: PointResults, timeline: Timeline | None
+) -> page.MotionSeries | None:
     t = timeline.trajectory if timeline else None
     if t is None:
         return None
@@ -51,12 +62,11 @@ def motion_series(plan: Plan, toolpath: Toolpath, timeline: Timeline | None) -> 
     a = np.diff(v, axis=0, prepend=v[:1]) / dt
     j = np.diff(a, axis=0, append=a[-1:]) / dt
     known = np.isfinite(t.point)
-    s = np.where(known, np.interp(np.where(known, t.point, 0), np.arange(len(toolpath)), distance(toolpath)), np.nan)
     ends = np.where(known, np.ceil(np.where(known, t.point, 0) - 1e-9), 0).astype(int)
     programmed = np.where(known & (t.move != Move.RAPID), toolpath.feed[ends], np.nan)
     return page.MotionSeries(
         time=t.time,
-        s=s,
+        s=along(cut_length(toolpath, plan.path.counted[points.rows]), t.point),
         q=t.q,
         velocity_ratio=np.abs(v) / limits.velocity[:6],
         joint_names=plan.setup.cell.arm_joints,
