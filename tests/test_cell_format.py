@@ -195,30 +195,35 @@ def test_continuous_joint_gets_two_turns_and_a_warning(folder: Path) -> None:
     expect(cell.warnings[0], "'a6' is continuous", "±360°")
 
 
-def test_rail_and_positioner_stand_at_their_place_in_the_chain(folder: Path) -> None:
+def test_rail_and_positioner_stand_behind_the_arm_as_listed(folder: Path) -> None:
     rail = joint("rail", "floor", "base", "prismatic", '<limit lower="0" upper="4" velocity="1" effort="0"/>')
     turn = joint("turn", "floor", "table")
     (folder / "robot.urdf").write_text(urdf('<link name="floor"/><link name="table"/>', turn, rail))
     change(
         folder,
-        ("  home_deg: [0,", "  external_joints: [turn, rail]\n  home_deg: [1500, 0,"),
-        ("90, 0, 10, 0]", "90, 0, 10, 0, 45]"),
-        ("100, 100, 100, 200, 200, 300]", "800, 100, 100, 100, 200, 200, 300, 50]"),
-        ("300, 300, 300, 600, 600, 900]", "1000, 300, 300, 300, 600, 600, 900, 60]"),
-        ("3000, 3000, 3000, 6000, 6000, 9000]", "5000, 3000, 3000, 3000, 6000, 6000, 9000, 700]"),
+        ("  home_deg: [0,", "  external_joints: [turn, rail]\n  home_deg: [0,"),
+        ("90, 0, 10, 0]", "90, 0, 10, 0, 45, 1500]"),
+        ("100, 100, 100, 200, 200, 300]", "100, 100, 100, 200, 200, 300, 50, 800]"),
+        ("300, 300, 300, 600, 600, 900]", "300, 300, 300, 600, 600, 900, 60, 1000]"),
+        ("3000, 3000, 3000, 6000, 6000, 9000]", "3000, 3000, 3000, 6000, 6000, 9000, 700, 5000]"),
         ("workpiece:\n", "workpiece:\n  link: table\n"),
     )
     cell = load_cell(folder)
-    assert cell.external_joints == ("rail", "turn")
-    assert cell.external_prismatic == (True, False)
-    np.testing.assert_allclose(cell.external_home, [1.5, np.pi / 4])
-    np.testing.assert_allclose(cell.limits.velocity[6:], [0.8, np.radians(50)])
+    assert cell.external_joints == ("turn", "rail")
+    assert cell.external_prismatic == (False, True)
+    np.testing.assert_allclose(cell.external_home, [np.pi / 4, 1.5])
+    np.testing.assert_allclose(cell.limits.velocity[6:], [np.radians(50), 0.8])
     np.testing.assert_allclose(cell.home, np.radians([0, -90, 90, 0, 10, 0]))
-    np.testing.assert_allclose(cell.limits.upper[6:], [4.0, 3.0])
-    change(folder, ("home_deg: [1500, 0, -90, 90, 0, 10, 0, 45]", "home_deg: [0, -90, 90, 0, 10, 0]"))
+    np.testing.assert_allclose(cell.limits.upper[6:], [3.0, 4.0])
+    np.testing.assert_allclose(cell.T_world_base[:3, 3], [0, 0, 0.5])  # pose: the root's; the rail at zero lies 0.3 up
+    change(folder, ("home_deg: [0, -90, 90, 0, 10, 0, 45, 1500]", "home_deg: [0, -90, 90, 0, 10, 0]"))
     np.testing.assert_allclose(load_cell(folder).external_home, 0)
     change(folder, ("[turn, rail]", "[turn]"))
     expect(refusal(folder), "external_joints", "prismatic joint 'rail'", "add it to external_joints")
+    change(
+        folder, ("external_joints: [turn]", "external_joints: [turn, rail]"), ("base_link: base", "base_link: floor")
+    )
+    expect(refusal(folder), "'rail' stands between base_link 'floor' and the flange", "base_link would be 'base'")
 
 
 def test_numbers_that_look_like_metres_or_radians_are_warned_of(folder: Path) -> None:

@@ -115,7 +115,6 @@ class _Reader:
         pairs = PairReader(urdf, robot.flange_link, tool, workpiece, obstacles, self.document)
         may_touch = pairs.pairs(keys.ignore_pairs, self.file)
         self.warnings += pairs.warnings
-        order = chain.order
         arm_prismatic = tuple(j.kind == "prismatic" for j in chain.arm)
         return Cell(
             name=keys.name,
@@ -131,12 +130,12 @@ class _Reader:
             mimics=mimics,
             may_touch=may_touch,
             arm_prismatic=arm_prismatic if any(arm_prismatic) else (),
-            home=_frozen(home[order[: len(chain.arm)]]),
-            external_home=_frozen(home[order[len(chain.arm) :]]),
-            T_world_base=self.pose(("robot", "pose"), robot.pose),
+            home=_frozen(home[: len(chain.arm)]),
+            external_home=_frozen(home[len(chain.arm) :]),
+            T_world_base=self.base(urdf, bool(chain.external)),
             limits=JointLimits(
                 *(
-                    _frozen(row[order])
+                    _frozen(row)
                     for row in (limits.lower, limits.upper, limits.velocity, limits.acceleration, limits.jerk)
                 )
             ),
@@ -278,6 +277,15 @@ class _Reader:
         """(4, 4) in SI of a frame; small positions are suspected to be metres."""
         check_pose(keys, loc, self.document, self.warnings)
         return _pose(keys)
+
+    def base(self, urdf: Urdf, carried: bool) -> Array:
+        """(4, 4) base_link in world; where external joints move anything, ``robot.pose`` is that of the URDF's root, and
+        base_link stands where the joints above it leave it at zero."""
+        robot = self.keys.robot
+        T = self.pose(("robot", "pose"), robot.pose)
+        for joint in urdf.chain(robot.base_link) if carried else ():
+            T = T @ transform(rpy_matrix(np.array(joint.rpy)), np.array(joint.xyz))
+        return _frozen(T)
 
     def controller(self) -> Controller:
         """The controller; what the cell does not say stays unknown."""

@@ -11,7 +11,7 @@ from machopt.formats.yamlstrict import Strict
 
 Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
 Axis = Literal["j1", "j2", "j3", "j4", "j5", "j6"]
-_PER_JOINT = "one per moving joint, in chain order"
+_PER_JOINT = "one per moving joint: arm joints, then external joints as listed"
 _PAIRS = "expected pairs of names, [[link_1, link_3], …], or the name of an SRDF file"
 SHAPE_KEYS = ("box_mm", "cylinder_mm", "sphere_mm", "mesh")
 
@@ -79,9 +79,11 @@ class RobotKeys(Strict):
     packages: dict[str, str] = Field({}, description="package:// names to folders, relative to the cell folder")
     base_link: str = Field(min_length=1, description="a link of the URDF")
     flange_link: str = Field(min_length=1, description="a link of the URDF")
-    pose: PoseKeys = Field(default=PoseKeys(), description="base_link in world")
+    pose: PoseKeys = Field(
+        default=PoseKeys(), description="base_link in world; with external joints: the URDF's root link"
+    )
     arm_joints: list[str] | None = Field(default=None, min_length=6, max_length=6, description="names of joints 1 to 6")
-    external_joints: list[str] = Field(default=[], description="names of rail and positioner joints, in chain order")
+    external_joints: list[str] = Field(default=[], description="names of rail, gantry and positioner joints")
     home_deg: list[float] = Field(min_length=6, description=f"degrees (mm if prismatic), {_PER_JOINT}")
     limits: LimitKeys = Field(description="of every moving joint")
 

@@ -1,7 +1,5 @@
-"""The moving joints of a cell in chain order, and the per-joint arrays that follow them.
-
-Order: along the chain root → flange, then along root → workpiece link (a positioner beside the arm).
-"""
+"""The moving joints of a cell, and the per-joint arrays that follow them: arm joints in chain order, then the external
+ones as the cell lists them."""
 
 from __future__ import annotations
 
@@ -26,15 +24,11 @@ _FASTER = 1.001  # share of the URDF's velocity above which the cell's is worth 
 
 @dataclass(frozen=True)
 class Chain:
-    """``moving`` in chain order, as the file's arrays are; ``order`` sorts them arm first, then external."""
+    """``moving`` as the file's arrays are: arm joints, then external joints as listed."""
 
     arm: tuple[UrdfJoint, ...]
     external: tuple[UrdfJoint, ...]
     moving: tuple[UrdfJoint, ...]
-
-    @property
-    def order(self) -> list[int]:
-        return [self.moving.index(j) for j in (*self.arm, *self.external)]
 
     @property
     def unit(self) -> Array:
@@ -68,10 +62,12 @@ def read_chain(urdf: Urdf, keys: CellKeys, document: Document, *, any_chain: boo
     own = [j for j in to_flange[len(to_base) :] if j.moves and (any_chain or j.mimic is None)]
     external = _external(urdf, keys, document)
     arm = _arm([j for j in own if j not in external], urdf, keys, document, any_chain)
-    if own[own.index(arm[0]) :] != arm:
+    behind = next((j for j in external if j in to_flange[len(to_base) :]), None)
+    if behind is not None:
         raise document.error(
             ("robot", "external_joints"),
-            f"the chain is {', '.join(j.name for j in own)}; external joints must stand before the arm's first joint",
+            f"joint {behind.name!r} stands between base_link {robot.base_link!r} and the flange; expected a rail that "
+            f"carries base_link, so that base_link would be {behind.child!r} or a link behind it",
         )
     to_part = () if keys.workpiece.link == "world" else _to_workpiece(urdf, arm, keys, document)
     moves = tuple(dict.fromkeys(j for j in (*to_flange, *to_part) if j.moves))
@@ -104,7 +100,7 @@ def read_chain(urdf: Urdf, keys: CellKeys, document: Document, *, any_chain: boo
         raise document.error(
             ("robot", "external_joints"), f"joint {idle[0]!r} moves neither the flange nor the workpiece link"
         )
-    return Chain(tuple(arm), tuple(j for j in moving if j not in arm), moving)
+    return Chain(tuple(arm), tuple(external), (*arm, *external))
 
 
 def read_limits(chain: Chain, keys: CellKeys, document: Document, warnings: list[str]) -> JointLimits:
@@ -214,8 +210,7 @@ def read_home(chain: Chain, limits: JointLimits, keys: CellKeys, document: Docum
     values = keys.robot.home_deg
     full = values
     if len(values) == len(chain.arm) < len(chain.moving):
-        given = iter(values)
-        full = [next(given) if j in chain.arm else 0.0 for j in chain.moving]
+        full = [*values, *([0.0] * len(chain.external))]
     _length(chain, document, ("robot", "home_deg"), len(full))
     home = np.array(full) * chain.unit
     for i, j in enumerate(chain.moving):

@@ -178,13 +178,13 @@ class _Reader:
             if end is None:
                 raise self.error(e, f"{of} has no <{tag}>")
             ends.append(self.word(end, "link", f"<{tag}> of {of}"))
-        offset = self.origin(e, of)
+        xyz, rpy = self.origin(e, of)
         if kind != "fixed":
             self.axis(e, of, kind)
         lower, upper, velocity = self.limit(e, of, kind)
         mimic = self.mimic(e, of)
         self.unused_numbers(e, of)
-        return UrdfJoint(name, kind, ends[0], ends[1], lower, upper, velocity, mimic, offset, e.line)
+        return UrdfJoint(name, kind, ends[0], ends[1], lower, upper, velocity, mimic, xyz, rpy, e.line)
 
     def mimic(self, joint: Element, of: str) -> UrdfMimic | None:
         e = joint.first("mimic")
@@ -241,11 +241,11 @@ class _Reader:
 
     # words and numbers ------------------------------------------------------------------------------------------
 
-    def origin(self, parent: Element, of: str) -> float:
-        """Checks the <origin>; returns how far it lies off, in m."""
+    def origin(self, parent: Element, of: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Checks the <origin>; returns its place in m and its angles in rad."""
         e = parent.first("origin")
         if e is None:
-            return 0.0
+            return (0.0,) * 3, (0.0,) * 3
         xyz = self.vector(e, "xyz", f"origin of {of}") if "xyz" in e.attributes else [0.0] * 3
         rpy = self.vector(e, "rpy", f"origin of {of}") if "rpy" in e.attributes else [0.0] * 3
         if max(map(abs, rpy)) > _TURNS:
@@ -260,7 +260,7 @@ class _Reader:
                 f"xyz of the origin of {of} is {_plain(xyz)} m, farther than any cell is wide; "
                 f"if it is in mm, {_plain([v / 1e3 for v in xyz])} would work",
             )
-        return math.hypot(*xyz)
+        return tuple(xyz), tuple(rpy)
 
     def word(self, e: Element, key: str, what: str) -> str:
         if not e.attributes.get(key):

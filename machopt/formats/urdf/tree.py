@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -29,8 +30,14 @@ class UrdfJoint:
     upper: float
     velocity: float  # rad/s or m/s; NaN where the URDF gives none
     mimic: UrdfMimic | None
-    offset: float  # m, from the parent link's frame to the joint's
+    xyz: tuple[float, ...]  # m, of the joint in the parent link's frame
+    rpy: tuple[float, ...]  # rad
     line: int
+
+    @property
+    def offset(self) -> float:
+        """m from the parent link's frame to the joint's."""
+        return math.hypot(*self.xyz)
 
     @property
     def moves(self) -> bool:
