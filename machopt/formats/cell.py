@@ -279,8 +279,8 @@ class _Reader:
         return _pose(keys)
 
     def base(self, urdf: Urdf, carried: bool) -> Array:
-        """(4, 4) base_link in world; where external joints move anything, ``robot.pose`` is that of the URDF's root, and
-        base_link stands where the joints above it leave it at zero."""
+        """(4, 4) base_link in world, joints above it at zero; ``carried``: by or beside external joints, which make
+        ``robot.pose`` the pose of the URDF's root."""
         robot = self.keys.robot
         T = self.pose(("robot", "pose"), robot.pose)
         for joint in urdf.chain(robot.base_link) if carried else ():
