@@ -96,7 +96,7 @@ class Cell:
     external_prismatic: tuple[bool, ...]
     home: Array  # (6,) rad; one a joint of the arm
     external_home: Array  # (E,) rad or m
-    T_world_base: Array  # (4, 4)
+    T_world_base: Array  # (4, 4) with all joints at zero
     limits: JointLimits
     tool: Tool
     workpiece: Workpiece

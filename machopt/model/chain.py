@@ -76,6 +76,25 @@ def links(axis: Array, point: Array, q: Array, R: Array, p: Array) -> None:
 
 
 @compiled
+def moved_links(axis: Array, point: Array, slides: NDArray[np.bool_], theta: Array, R: Array, p: Array) -> None:
+    """As :func:`links` for n lines (n, 3) of which some shift: theta (M, n) rad or m, R (M, n + 1, 3, 3) and p."""
+    n = len(axis)
+    for m in range(len(theta)):
+        _begin(R[m, 0], p[m, 0])
+        for i in range(n):
+            for r in range(3):
+                for c in range(3):
+                    R[m, i + 1, r, c] = R[m, i, r, c]
+                p[m, i + 1, r] = p[m, i, r]
+            if slides[i]:
+                for r in range(3):
+                    way = R[m, i, r, 0] * axis[i, 0] + R[m, i, r, 1] * axis[i, 1] + R[m, i, r, 2] * axis[i, 2]
+                    p[m, i + 1, r] += theta[m, i] * way
+            else:
+                _turned(R[m, i + 1], p[m, i + 1], axis[i], point[i], theta[m, i])
+
+
+@compiled
 def jacobians(axis: Array, point: Array, zero: Array, q: Array, T: Array, J: Array) -> None:
     """Fill the poses T (M, 4, 4) as :func:`poses`, and J (M, 6, 6), linear part first, at the frame's origin."""
     R, p, h, o = np.empty((3, 3)), np.empty(3), np.empty((6, 3)), np.empty((6, 3))

@@ -170,10 +170,10 @@ def _chain(cell: Cell) -> tuple[Robot, object, object, Array, list[int]]:
     """The arm's kinematics; pinocchio's model, its data at q = 0, ``T_base_world``, and the number of each joint."""
     import pinocchio as pin
 
-    model = _urdf_model(cell)
+    model = urdf_model(cell)
     data, rest = model.createData(), at_rest(cell, model)
     pin.framesForwardKinematics(model, data, rest)
-    base = _frame(cell, model, cell.base_link)
+    base = frame_of(cell, model, cell.base_link)
     T_world_base = data.oMf[base].homogeneous
     T_base_world = inverse(T_world_base)
     axis, point, lower, upper = np.empty((6, 3)), np.empty((6, 3)), np.empty(6), np.empty(6)
@@ -198,7 +198,7 @@ def _chain(cell: Cell) -> tuple[Robot, object, object, Array, list[int]]:
             lower[i], upper[i] = model.lowerPositionLimit[model.idx_qs[j]], model.upperPositionLimit[model.idx_qs[j]]
         if not np.isclose(np.linalg.norm(column[3:]), 1.0, atol=1e-9):
             raise InputError(f"arm joint {name!r} is not revolute", file=cell.urdf, where="robot.arm_joints")
-    flange = _frame(cell, model, cell.flange_link)
+    flange = frame_of(cell, model, cell.flange_link)
     joints = chain_to(model, model.frames[flange].parentJoint, base)
     if [j for j in joints if j in ids] != ids:
         raise InputError(
@@ -226,10 +226,10 @@ def load_masses(cell: Cell) -> Masses:
     """
     import pinocchio as pin
 
-    model = _urdf_model(cell)
+    model = urdf_model(cell)
     data = model.createData()
     pin.framesForwardKinematics(model, data, at_rest(cell, model))
-    T_base_world = inverse(data.oMf[_frame(cell, model, cell.base_link)].homogeneous)
+    T_base_world = inverse(data.oMf[frame_of(cell, model, cell.base_link)].homogeneous)
     ids = [model.getJointId(name) for name in cell.arm_joints]
     found = []
     for j in range(1, model.njoints):
@@ -241,7 +241,7 @@ def load_masses(cell: Cell) -> Masses:
             inertia = model.inertias[j]
             found.append((ids.index(carrier) + 1, inertia.mass, T[:3, :3] @ inertia.lever + T[:3, 3]))
     if cell.tool.mass > 0.0:
-        T = T_base_world @ data.oMf[_frame(cell, model, cell.flange_link)].homogeneous
+        T = T_base_world @ data.oMf[frame_of(cell, model, cell.flange_link)].homogeneous
         found.append((6, cell.tool.mass, T[:3, :3] @ cell.tool.com + T[:3, 3]))
     return Masses(
         np.array([b for b, _, _ in found], np.int64),
@@ -251,7 +251,8 @@ def load_masses(cell: Cell) -> Masses:
     )
 
 
-def _urdf_model(cell: Cell) -> Any:
+def urdf_model(cell: Cell) -> Any:
+    """Pinocchio's model of the cell's URDF."""
     import pinocchio as pin
 
     try:
@@ -270,7 +271,8 @@ def _collision_elements(text: str) -> int:
     return len(ElementTree.fromstring(text).findall("{*}link/{*}collision"))
 
 
-def _frame(cell: Cell, model: object, name: str) -> int:
+def frame_of(cell: Cell, model: object, name: str) -> int:
+    """Number of a link's frame in pinocchio's model."""
     if not model.existFrame(name):  # type: ignore[attr-defined]
         links = ", ".join(f.name for f in model.frames if str(f.type) == "BODY")  # type: ignore[attr-defined]
         raise InputError(f"link {name!r} is not in the URDF; it has {links}", file=cell.urdf)

@@ -1,0 +1,253 @@
+"""The whole machine as one chain that begins at the part: positioner, hall, rail or gantry, arm.
+
+::
+
+    part ─(−e of the positioner, last joint first)→ hall ─(+e of the rail)→ base ─ q1 … q6 → flange → tool
+    link 0   1 … P−1                                  P                     P+1 … P+L   P+L+1 … P+L+6
+
+Every joint is a line, given in base_link where all joints are zero, about which it turns or along which it shifts. A
+joint that carries the part counts backwards: seen from the part its line moves by −e. A body of link k that is at X
+(in base_link) at zero is then, seen from the part, at
+
+    E₁ E₂ … E_k X,    E_i = exp(ξ_i θ_i),    θ = sign · x[column]   (Lynch & Park 2017, section 4.1)
+
+with x = (q, e) the joints of the arm, then the external ones as the cell lists them. Without external joints this is
+the arm alone, and part, hall and base are one link.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.arrays import Array, Bools
+from machopt.domain.cell import Cell
+from machopt.errors import InputError
+from machopt.model import chain
+from machopt.model.linkage import at_rest
+from machopt.model.robot import Robot, frame_of, urdf_model
+from machopt.se3 import inverse, transform
+
+Ints = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Machine:
+    """n = 6 + E lines in the order of the chain, in base_link where all joints are zero."""
+
+    robot: Robot
+    axis: Array  # (n, 3) unit: direction of the line
+    point: Array  # (n, 3) m, on it; of no meaning where it shifts
+    slides: Bools  # (n,) it shifts along its line
+    column: Ints  # (n,) which entry of x = (q, e) moves it
+    sign: Array  # (n,) −1 where it carries the part
+    positioner: int  # P, joints that carry the part
+    rail: int  # L, joints that carry the base
+    T_base_workpiece_zero: Array  # (4, 4)
+    T_world_base_zero: Array  # (4, 4)
+
+    @property
+    def external(self) -> int:
+        """E, how many external joints there are."""
+        return self.positioner + self.rail
+
+    @property
+    def hall(self) -> int:
+        """Link of the chain that stands still in the world."""
+        return self.positioner
+
+    @property
+    def base(self) -> int:
+        """Link of the chain that is base_link; link i of the arm is this plus i."""
+        return self.external
+
+    def moved(self, x: Array) -> Array:
+        """θ (..., n): by how much each line moves at x (..., n) rad or m."""
+        x = np.asarray(x, float)
+        both = np.concatenate([self.robot.turned(x[..., :6]), x[..., 6:]], axis=-1)
+        return np.asarray(both[..., self.column] * self.sign)
+
+    def links(self, x: Array) -> tuple[Array, Array]:
+        """Where the links are, seen from the part.
+
+        Args:
+            x: (M, n) rad or m.
+
+        Returns:
+            R (M, n + 1, 3, 3) and p (M, n + 1, 3) m: a point y (in base_link) of link k at zero is at R[k] y + p[k];
+            entry 0 the identity.
+        """
+        theta = np.array(self.moved(x), float, order="C").reshape(-1, len(self.axis))
+        n = len(self.axis)
+        R, p = np.empty((len(theta), n + 1, 3, 3)), np.empty((len(theta), n + 1, 3))
+        chain.moved_links(_own(self.axis), _own(self.point), np.array(self.slides), theta, R, p)
+        return R, p
+
+    def fk(self, x: Array, T_flange_tool: Array | None = None) -> Array:
+        """Pose of the flange, or of a frame fixed to it, in the workpiece frame: (M, 4, 4) at x (M, n)."""
+        zero = self.robot.T_base_flange_zero if T_flange_tool is None else self.robot.T_base_flange_zero @ T_flange_tool
+        R, p = self.links(x)
+        seen = transform(R[:, -1], p[:, -1]) @ zero
+        return np.asarray(inverse(self.T_base_workpiece_zero) @ seen)
+
+    def fk_jacobian(self, x: Array, T_flange_tool: Array | None = None) -> tuple[Array, Array]:
+        """:meth:`fk`, and the Jacobian (M, 6, n) in the columns of x.
+
+        It maps joint velocity to the twist of the tool's origin seen from the part, in workpiece axes, linear part
+        first: what feed is measured in.
+        """
+        R, p = self.links(x)
+        zero = self.robot.T_base_flange_zero if T_flange_tool is None else self.robot.T_base_flange_zero @ T_flange_tool
+        seen = transform(R[:, -1], p[:, -1]) @ zero
+        M, n = len(R), len(self.axis)
+        h = np.einsum("mkij,kj->mki", R[:, :-1], self.axis)
+        o = np.einsum("mkij,kj->mki", R[:, :-1], self.point) + p[:, :-1]
+        slides = np.asarray(self.slides)[None, :, None]
+        linear = np.where(slides, h, np.cross(h, seen[:, None, :3, 3] - o))
+        angular = np.where(slides, 0.0, h)
+        own = np.concatenate([linear, angular], axis=-1) * self.sign[None, :, None]
+        J = np.empty((M, 6, n))
+        J[:, :, self.column] = np.swapaxes(own, 1, 2)
+        if self.robot.coupling is not None:
+            J[:, :, :6] = J[:, :, :6] @ self.robot.coupling
+        back = self.T_base_workpiece_zero[:3, :3].T
+        J = np.concatenate([back @ J[:, :3], back @ J[:, 3:]], axis=1)
+        return np.asarray(inverse(self.T_base_workpiece_zero) @ seen), J
+
+    def T_base_workpiece(self, external: Array) -> Array:
+        """(M, 4, 4) the workpiece frame in base_link where the external joints are at ``external`` (M, E) rad or m."""
+        T = np.broadcast_to(self.T_base_workpiece_zero, (len(external), 4, 4))
+        if self.positioner:
+            T = self._part_moved(external) @ T
+        return np.asarray(inverse(self._base_moved(external)) @ T if self.rail else T)
+
+    def T_world_base(self, external: Array) -> Array:
+        """(M, 4, 4) base_link in world."""
+        return np.asarray(self.T_world_base_zero @ self._base_moved(external))
+
+    def T_world_workpiece(self, external: Array) -> Array:
+        """(M, 4, 4) the workpiece frame in world."""
+        return np.asarray(self.T_world_base_zero @ self._part_moved(external) @ self.T_base_workpiece_zero)
+
+    def _part_moved(self, external: Array) -> Array:
+        """(M, 4, 4) the motion of what the positioner carries from where it is at zero, in base_link at zero."""
+        return self._product(external, range(self.positioner - 1, -1, -1))
+
+    def _base_moved(self, external: Array) -> Array:
+        """(M, 4, 4) the same of base_link."""
+        return self._product(external, range(self.positioner, self.external))
+
+    def _product(self, external: Array, lines: range) -> Array:
+        external = np.asarray(external, float)
+        out = np.broadcast_to(np.eye(4), (len(external), 4, 4))
+        for k in lines:
+            step = exponential(self.axis[k], self.point[k], bool(self.slides[k]), external[:, self.column[k] - 6])
+            out = out @ step
+        return np.asarray(out)
+
+
+def exponential(axis: Array, point: Array, slides: bool, by: Array) -> Array:
+    """(M, 4, 4) of a turn by ``by`` (M,) rad about a line, or a shift along it in m."""
+    out = np.tile(np.eye(4), (len(by), 1, 1))
+    if slides:
+        out[:, :3, 3] = by[:, None] * axis
+        return out
+    K = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
+    out[:, :3, :3] += np.sin(by)[:, None, None] * K + (1.0 - np.cos(by))[:, None, None] * (K @ K)
+    out[:, :3, 3] = point - out[:, :3, :3] @ point
+    return out
+
+
+def load_machine(cell: Cell, robot: Robot) -> Machine:
+    """The chain from the part to the tool.
+
+    Args:
+        robot: the arm of the same cell.
+
+    Raises:
+        InputError: an external joint moves base and part alike, or is not listed.
+    """
+    from_part, from_base, T_base_part, lines = _external(cell)
+    P, L = len(from_part), len(from_base)
+    order = [*reversed(from_part), *from_base]
+    columns = [6 + cell.external_joints.index(name) for name in order]
+    return Machine(
+        robot=robot,
+        axis=np.array([*(lines[name][0] for name in order), *robot.axis]).reshape(-1, 3),
+        point=np.array([*(lines[name][1] for name in order), *robot.point]).reshape(-1, 3),
+        slides=np.array([*(lines[name][2] for name in order), *([False] * 6)]),
+        column=np.array([*columns, *range(6)], np.intp),
+        sign=np.array([-1.0] * P + [1.0] * (L + 6)),
+        positioner=P,
+        rail=L,
+        T_base_workpiece_zero=T_base_part,
+        T_world_base_zero=cell.T_world_base,
+    )
+
+
+def _external(cell: Cell) -> tuple[list[str], list[str], Array, dict[str, tuple[Array, Array, bool]]]:
+    """External joints that carry the part and those that carry the base, root first; ``T_base_workpiece`` at zero; the
+    line of each (axis, point, whether it slides) in base_link at zero."""
+    if not cell.external_joints and cell.workpiece.link == "world":  # no URDF need be read
+        return [], [], np.asarray(inverse(cell.T_world_base) @ cell.workpiece.T_link_workpiece), {}
+    import pinocchio as pin
+
+    model = urdf_model(cell)
+    data, rest = model.createData(), at_rest(cell, model)
+    pin.computeJointJacobians(model, data, rest)
+    pin.updateFramePlacements(model, data)
+    base = model.frames[frame_of(cell, model, cell.base_link)]
+    T_root_base = data.oMi[base.parentJoint].homogeneous @ base.placement.homogeneous
+    T_base_root = inverse(T_root_base)
+    from_base = _carrying(model, int(base.parentJoint))
+    if cell.workpiece.link == "world":
+        from_part, T_base_part = [], inverse(cell.T_world_base) @ cell.workpiece.T_link_workpiece
+    else:
+        part = model.frames[frame_of(cell, model, cell.workpiece.link)]
+        from_part = _carrying(model, int(part.parentJoint))
+        T_root_link = data.oMi[part.parentJoint].homogeneous @ part.placement.homogeneous
+        T_base_part = T_base_root @ T_root_link @ cell.workpiece.T_link_workpiece
+    both = [name for name in from_part if name in from_base]
+    if both:
+        raise InputError(
+            f"joint {both[0]!r} moves the robot's base and the workpiece alike; a rail that carries only the base, or "
+            "a positioner that carries only the workpiece, would work",
+            file=cell.urdf,
+            where="robot.external_joints",
+        )
+    lines = {}
+    for name in (*from_part, *from_base):
+        if name not in cell.external_joints:
+            raise InputError(
+                f"joint {name!r} moves the base or the workpiece and is not listed",
+                file=cell.urdf,
+                where="robot.external_joints",
+            )
+        lines[name] = _line(model, data, int(model.getJointId(name)), T_base_root)
+    return from_part, from_base, np.asarray(T_base_part), lines
+
+
+def _carrying(model: Any, joint: int) -> list[str]:
+    """Names of the moving joints from the root to this one, root first."""
+    out = []
+    while joint > 0:
+        out.append(str(model.names[joint]))
+        joint = int(model.parents[joint])
+    return out[::-1]
+
+
+def _line(model: Any, data: Any, joint: int, T_base_root: Array) -> tuple[Array, Array, bool]:
+    import pinocchio as pin
+
+    own = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)[:, model.idx_vs[joint]]
+    T = T_base_root @ data.oMi[joint].homogeneous
+    slides = bool(np.linalg.norm(own[3:]) < 0.5)
+    return T[:3, :3] @ (own[:3] if slides else own[3:]), T[:3, 3], slides
+
+
+def _own(array: Array) -> Array:
+    """A plain copy, so that the kernel is compiled once (:mod:`.robot`)."""
+    return np.array(array, float, order="C")

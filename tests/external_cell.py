@@ -1,0 +1,78 @@
+"""Small cells with external axes: the arm of :mod:`small_cell` on a rail, beside a turntable, or both."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from small_cell import pose, small_cell, urdf_text
+
+from machopt.domain.cell import Cell, JointLimits, Shape
+
+_LIMIT = '<limit lower="{}" upper="{}" velocity="3" effort="1"/>'
+RAIL = (
+    '<link name="hall"/><link name="carriage"><collision><origin xyz="0 0 -0.1"/><geometry><box size="0.7 0.7 0.15"/>'
+    '</geometry></collision></link><joint name="rail" type="prismatic"><parent link="hall"/><child link="carriage"/>'
+    '<origin xyz="0.1 0 -0.2"/><axis xyz="0 1 0"/>'
+    + _LIMIT.format(-2.5, 2.5)
+    + '</joint><joint name="stand" type="fixed"><parent link="carriage"/><child link="base_link"/>'
+    '<origin xyz="-0.1 0 0.2"/></joint>'
+)
+TABLE = (
+    '<link name="plate"><collision><origin xyz="0 0 -0.06"/><geometry><cylinder radius="0.5" length="0.1"/></geometry>'
+    '</collision></link><joint name="turn" type="revolute"><parent link="{}"/><child link="plate"/>'
+    '<origin xyz="1.6 0 0.5"/><axis xyz="0 0 1"/>' + _LIMIT.format(-3.2, 3.2) + "</joint>"
+)
+TILT = (
+    '<link name="cradle"/><joint name="tilt" type="revolute"><parent link="{}"/><child link="cradle"/>'
+    '<origin xyz="0.2 0.1 0.05" rpy="0.1 0 0"/><axis xyz="0 1 0"/>' + _LIMIT.format(-1.0, 1.0) + "</joint>"
+)
+
+
+def external_cell(folder: Path, *, rail: bool = False, table: bool = False, tilt: bool = False) -> Cell:
+    """The rail carries the arm along y (±2.5 m); the table turns the part about z, and with ``tilt`` about y before.
+
+    Externals stand in the order rail, tilt, turn. The block is 2.4 m long (y) where there is no table.
+    """
+    cell = small_cell(folder)
+    root = "hall" if rail else "base_link"
+    text = RAIL if rail else ""
+    names: list[str] = ["rail"] if rail else []
+    if tilt:
+        text += TILT.format(root)
+        names.append("tilt")
+    if table:
+        text += TABLE.format("cradle" if tilt else root)
+        names.append("turn")
+    cell.urdf.write_text(urdf_text().replace("</robot>", text + "</robot>"))
+    slides = tuple(name == "rail" for name in names)
+    own = cell.limits
+    low, high = ([{"rail": b, "turn": c, "tilt": d}[n] for n in names] for b, c, d in ((-2.5, -3.2, -1), (2.5, 3.2, 1)))
+
+    def more(values: np.ndarray, linear: float, angular: float) -> np.ndarray:
+        return np.r_[values, [linear if s else angular for s in slides]]
+
+    limits = JointLimits(
+        np.r_[own.lower, low],
+        np.r_[own.upper, high],
+        more(own.velocity, 1.0, 1.5),
+        more(own.acceleration, 2.0, 3.0),
+        more(own.jerk, 15.0, 20.0),
+    )
+    part = cell.workpiece
+    if table:
+        block = (Shape("block", "box", (0.4, 0.5, 0.1), None, pose(0, 0, -0.05)),)
+        part = replace(part, link="plate", T_link_workpiece=pose(0.05, 0, 0.11), geometry=block)
+    else:
+        block = (Shape("block", "box", (0.4, 2.4, 0.1), None, pose(0, 0, -0.05)),)
+        part = replace(part, geometry=block)
+    return replace(
+        cell,
+        external_joints=tuple(names),
+        external_prismatic=slides,
+        external_home=np.zeros(len(names)),
+        limits=limits,
+        workpiece=part,
+        obstacles=(),
+    )
