@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import machopt
 from machopt.batch.find import Job
 from machopt.batch.request import Request
 from machopt.domain.cell import Cell
@@ -20,6 +19,7 @@ from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options, options_as_user
 from machopt.formats.posts import load_post
 from machopt.formats.programs import read_program, recognised
+from machopt.version import __version__
 
 NUMERIC = (
     "numpy",
@@ -48,8 +48,8 @@ def program_version() -> str:
     total = hashlib.sha256(f"{sys.version_info[:2]}".encode())
     for name in NUMERIC:
         total.update(f"{name} {_version(name)}\0".encode())
-    total.update(shipped(Path(machopt.__file__).parent).encode())
-    return f"{machopt.__version__}+{total.hexdigest()[:12]}"
+    total.update(shipped(Path(__file__).parents[1]).encode())
+    return f"{__version__}+{total.hexdigest()[:12]}"
 
 
 def shipped(package: Path) -> str:

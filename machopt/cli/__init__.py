@@ -13,6 +13,7 @@ from typing import NoReturn
 import machopt
 from machopt.cli import batch, diagnose, measure, toolpaths
 from machopt.errors import MachoptError
+from machopt.version import __version__
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -69,7 +70,7 @@ class _Parser(argparse.ArgumentParser):
 
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="machopt", description=machopt.__doc__.splitlines()[0] if machopt.__doc__ else None)
-    parser.add_argument("--version", action="version", version=f"machopt {machopt.__version__}")
+    parser.add_argument("--version", action="version", version=f"machopt {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     common = argparse.ArgumentParser(add_help=False)
     common.add_argument("--quiet", action="store_true", help="print errors only")

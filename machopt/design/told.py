@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-import machopt
 from machopt.design.asked import Request, shown
 from machopt.design.candidates import PosePool
 from machopt.design.loadcases import LoadCases
@@ -26,6 +25,7 @@ from machopt.domain.results.poses import (
     UnknownTold,
     Visit,
 )
+from machopt.version import __version__
 
 
 def result_of(
@@ -48,7 +48,7 @@ def result_of(
     """
     head = PosesResult(
         machopt_poses=1,
-        version=machopt.__version__,
+        version=__version__,
         verdict="done" if plan is not None else "infeasible",
         inputs=hashes,
         options=dict(shown(request)),

@@ -8,7 +8,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-import machopt
 from machopt.diagnose.problem import Correction, RecordCorrection
 from machopt.diagnose.result import Diagnosis, Finding, Fit
 from machopt.domain.cell import Cell
@@ -34,6 +33,7 @@ from machopt.domain.results.diagnosis import (
     RivalTold,
     Scatter,
 )
+from machopt.version import __version__
 
 Ints = NDArray[np.int64]
 ABSORBED = "what is refitted in any case takes it up on these readings"
@@ -72,7 +72,7 @@ def result_of(
     absorbed = (x for x in d.limits if not np.isfinite(x.value))
     return DiagnosisResult(
         machopt_diagnosis=1,
-        version=machopt.__version__,
+        version=__version__,
         cell=cell.name,
         recording=source_of(recording),
         verdict=d.verdict,

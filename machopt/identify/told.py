@@ -7,7 +7,6 @@ from typing import Literal
 
 import numpy as np
 
-import machopt
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
 from machopt.domain.results.identification import (
@@ -25,6 +24,7 @@ from machopt.identify.asked import Request
 from machopt.identify.result import Identification
 from machopt.identify.uncertainty import uncertainty
 from machopt.identify.units import same_factor
+from machopt.version import __version__
 
 CI90 = 0.9
 
@@ -45,7 +45,7 @@ def result_of(
     joints90, terms90 = _ninety(found)
     result = IdentificationResult(
         machopt_identification=1,
-        version=machopt.__version__,
+        version=__version__,
         cell=cell.name,
         recording=recording.source,
         model=found.model,

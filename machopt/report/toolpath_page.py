@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import machopt
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.report.shell import page_html, section
 from machopt.report.tables import Column, folded, table
 from machopt.report.template import fragment, part
 from machopt.report.toolpath_svg import COLOURS, VIEWS, view_svg
+from machopt.version import __version__
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -48,7 +48,7 @@ def toolpath_page(toolpath: Toolpath, summary: Mapping[str, Any]) -> str:
         sections,
         {},
         scripts=(),
-        footer=f"machopt {machopt.__version__}. Lengths mm, feeds mm/min, angles deg. SHA-256 {summary['sha256']}.",
+        footer=f"machopt {__version__}. Lengths mm, feeds mm/min, angles deg. SHA-256 {summary['sha256']}.",
     )
 
 

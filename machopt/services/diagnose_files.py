@@ -21,6 +21,7 @@ from machopt.formats.toolpath import read_toolpath
 from machopt.report.gather.diagnose import places_of
 from machopt.services.knownrobot import known_robot
 
+STIFFNESS, KINEMATICS = "stiffness.yaml", "kinematics.yaml"
 _UNITS = {"N·m": "Nm", "µm": "um"}  # in column names
 
 
@@ -49,21 +50,26 @@ def write_residuals(
     )
 
 
-def write_model(folder: Path, stiffness: Stiffness | None) -> str | None:
+def write_model(folder: Path, stiffness: Stiffness | None) -> None:
+    """``stiffness.yaml``, where there is one."""
     if stiffness is None:
-        return None
-    write_stiffness(folder / "stiffness.yaml", stiffness)
-    load_stiffness(folder / "stiffness.yaml")  # what optimize cannot read is not written
-    return "stiffness.yaml"
+        return
+    write_stiffness(folder / STIFFNESS, stiffness)
+    load_stiffness(folder / STIFFNESS)  # what optimize cannot read is not written
 
 
-def write_corrections(folder: Path, cell: Cell, d: Diagnosis) -> str | None:
-    found = tuple(f.correction for f in d.findings if isinstance(f.correction, KinematicCorrection))
+def corrections_of(d: Diagnosis) -> tuple[KinematicCorrection, ...]:
+    """What is not elastic of what was found."""
+    return tuple(f.correction for f in d.findings if isinstance(f.correction, KinematicCorrection))
+
+
+def write_corrections(folder: Path, cell: Cell, d: Diagnosis) -> None:
+    """``kinematics.yaml``, where something belongs there."""
+    found = corrections_of(d)
     if not found:
-        return None
+        return
     known: Kinematics | None = cell.kinematics
-    write_kinematics(folder / "kinematics.yaml", extended(known, found))
-    return "kinematics.yaml"
+    write_kinematics(folder / KINEMATICS, extended(known, found))
 
 
 def effect_of(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -51,6 +52,8 @@ class Loaded:
     posts: tuple[Wanted, ...]
     tolerance: Tolerance  # of the programs
     manifest: Manifest  # without files
+    front: bool
+    map_all: bool
 
 
 def load(request: Request) -> Loaded:
@@ -60,9 +63,23 @@ def load(request: Request) -> Loaded:
         InputError: bad cell, toolpath, options or post.
     """
     cell = load_cell(request.cell, allow_external=request.allow_external)
+    return prepared(cell, lambda: read_toolpath(request.toolpath, robot=known_robot(cell), **request.reading), request)
+
+
+def prepared(cell: Cell, read: Callable[[], Toolpath], request: Request) -> Loaded:
+    """What was asked of a cell and a toolpath, refused where no plan could answer it.
+
+    Args:
+        cell: as it was read, or changed since.
+        read: gives the toolpath; asked for when the options are known to be good.
+        request: files it names beside these two are read.
+
+    Raises:
+        InputError: bad options, toolpath or post.
+    """
     options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
     posts, tolerance = wanted_posts(cell, request.posts), tolerance_of(request.program_tolerance_mm, options)
-    toolpath = read_toolpath(request.toolpath, robot=known_robot(cell), **request.reading)
+    toolpath = read()
     if request.front:
         refuse(options)
     refuse_fixed_beyond(toolpath, options)
@@ -79,4 +96,13 @@ def load(request: Request) -> Loaded:
         effects=request.effects,
         tolerance=tolerance,
     )
-    return Loaded(cell=cell, options=options, toolpath=toolpath, posts=posts, tolerance=tolerance, manifest=manifest)
+    return Loaded(
+        cell=cell,
+        options=options,
+        toolpath=toolpath,
+        posts=posts,
+        tolerance=tolerance,
+        manifest=manifest,
+        front=request.front,
+        map_all=request.map_all,
+    )

@@ -9,7 +9,6 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import machopt
 from machopt.domain.cell import Cell
 from machopt.domain.manifest import Covered, Manifest, ManifestFile, with_scope
 from machopt.domain.options import PlanOptions
@@ -22,6 +21,7 @@ from machopt.output.jsonfile import plain
 from machopt.output.roles import ROLES
 from machopt.recheck import scope
 from machopt.services.inputs import cell_inputs, distinct, single
+from machopt.version import __version__
 
 _PLACES = (
     "cell",
@@ -102,7 +102,7 @@ def write_command_manifest(
 
 def versions() -> dict[str, str]:
     """machopt, Python and the libraries that the numbers come from."""
-    out = {"machopt": machopt.__version__, "python": platform.python_version()}
+    out = {"machopt": __version__, "python": platform.python_version()}
     for name in _LIBRARIES:
         try:
             out[name] = version(name)

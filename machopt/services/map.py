@@ -6,31 +6,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from machopt.domain.manifest import with_scope
 from machopt.domain.results.maps import MapResult
 from machopt.effects.own import in_use, with_effects
-from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.fields import read_measured_stiffness, write_map_csv
-from machopt.formats.options import load_options
-from machopt.model.linkage import refuse_linked
-from machopt.model.robot import load_chain
+from machopt.formats.fields import write_map_csv
 from machopt.output import output_folder, write_result
-from machopt.output.hashes import sha256_of
-from machopt.report.gather.map import page_data
 from machopt.report.map_page import write_map_page
 from machopt.report.map_svg import write_map_svg
-from machopt.services.inputs import input_hashes, single
+from machopt.services.inputs import single
 from machopt.services.manifest import write_command_manifest
 from machopt.services.map_columns import map_columns
-from machopt.workspace.asked import Request, resolve
-from machopt.workspace.fields import evaluate
-from machopt.workspace.mapping import arm_of, collides_of, criterion_of, goodness_of, postures_of, setting_of
-from machopt.workspace.measured import compare
-from machopt.workspace.sampling import build_samples
-from machopt.workspace.told import Layer, map_json, places
-
-_UNCHECKED = {"none": ("collisions NOT checked",), "self": (), "cell": ()}  # "self" is what a map means, not less
+from machopt.services.mapped import Mapped, mapped
+from machopt.workspace.asked import Request
 
 __all__ = ["Outcome", "Request", "run_map"]
 
@@ -54,56 +40,31 @@ def run_map(request: Request, progress: Callable[[str], None] = lambda _: None) 
     Raises:
         InputError: bad cell, options, measured table or output folder.
     """
-    with in_use(with_effects(request.effects)):
-        return _mapped(request, progress)
+    with in_use(with_effects(request.effects)), output_folder(request.out) as folder:
+        done = mapped(request, progress)
+        write(done, folder, progress)
+    return Outcome(done.exit_code, done.result, request.out / "report.html", done.message)
 
 
-def _mapped(request: Request, progress: Callable[[str], None]) -> Outcome:
-    progress("load")
-    cell = load_cell(request.cell, allow_external=request.allow_external)
-    plan_options = load_options(cell.plan, request.plan_file, list(request.overrides))
-    options = resolve(request, cell)
-    measured = read_measured_stiffness(request.measured) if request.measured is not None else None
-    progress("prepare")
-    refuse_linked(cell, "map")
-    robot, shapes = load_chain(cell)
-    arm = arm_of(cell, robot, plan_options)
-    setting = setting_of(cell, robot, options)
-    criterion = criterion_of(options, setting)
-    if isinstance(options.pick, int) and options.pick >= arm.solver.branches:
-        raise InputError(f"found branch {options.pick}; the arm has 0 to {arm.solver.branches - 1}", where="--pick")
-    collides = collides_of(cell, robot, shapes, plan_options, options)
-    unchecked = _UNCHECKED[request.collision]
-    with output_folder(request.out) as folder:
-        progress("samples")
-        samples = build_samples(cell, arm, options)
-        progress("postures")
-        chosen = postures_of(samples, arm, cell, options, goodness_of(criterion, setting), collides)
-        progress("fields")
-        layers = [Layer(name, postures, evaluate(setting, postures.q)) for name, postures in chosen.items()]
-        comparison = None
-        if measured is not None:
-            comparison = compare(
-                measured, request, options, arm, setting, criterion, places(samples, layers[0], options)
-            )
-        files = input_hashes(cell)
-        if request.measured is not None:
-            files[request.measured.name] = sha256_of(request.measured)
-        result, message = map_json(
-            files, cell, plan_options, options, setting, samples, arm, layers, criterion, comparison
-        )
-        progress("report")
-        for layer in layers:
-            name = "map.csv" if layer is layers[0] else f"map_{layer.name}.csv"
-            write_map_csv(folder / name, map_columns(samples, layer, options, layers[0], comparison))
-        data = page_data(cell, options, setting, samples, arm, layers, criterion, comparison, result)
-        write_map_page(folder / "report.html", data)
-        write_map_svg(folder / "map.svg", data)
-        write_result(folder / "map.json", result)
-        read = [single(f, role) for f, role in ((request.measured, "measured"), (request.plan_file, "plan")) if f]
-        read += [single(f, "effects") for f in request.effects]
-        write_command_manifest(
-            folder, "map", request, cell, verdict=message, exit_code=result.exit_code, inputs=read, unchecked=unchecked
-        )
-    reached = any(layer.postures.ok.any() for layer in layers)
-    return Outcome(0 if reached else 3, result, request.out / "report.html", with_scope(message, unchecked))
+def write(done: Mapped, folder: Path, progress: Callable[[str], None] = lambda _: None) -> None:
+    """Write its files into an empty folder."""
+    progress("report")
+    request, first = done.request, done.layers[0]
+    for layer in done.layers:
+        name = "map.csv" if layer is first else f"map_{layer.name}.csv"
+        write_map_csv(folder / name, map_columns(done.samples, layer, done.options, first, done.comparison))
+    write_map_page(folder / "report.html", done.page)
+    write_map_svg(folder / "map.svg", done.page)
+    write_result(folder / "map.json", done.result)
+    read = [single(f, role) for f, role in ((request.measured, "measured"), (request.plan_file, "plan")) if f]
+    read += [single(f, "effects") for f in request.effects]
+    write_command_manifest(
+        folder,
+        "map",
+        request,
+        done.cell,
+        verdict=done.verdict,
+        exit_code=done.result.exit_code,
+        inputs=read,
+        unchecked=done.unchecked,
+    )

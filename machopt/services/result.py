@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import machopt
 from machopt.domain.results import optimize as told
 from machopt.domain.toolpath import Toolpath
 from machopt.formats.options import options_as_user, without_effect
@@ -25,6 +24,7 @@ from machopt.plan.told import (
 from machopt.plan.uncertainty import gains
 from machopt.services.inputs import hashes_of
 from machopt.services.made import Made
+from machopt.version import __version__
 
 
 def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> told.OptimizeResult:
@@ -35,7 +35,7 @@ def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> told.Optim
     stopped = timeline.obstructions if timeline else ()
     return told.OptimizeResult(
         machopt_result=1,
-        version=machopt.__version__,
+        version=__version__,
         verdict=made.verdict,
         exit_code=made.exit_code,
         unchecked=made.unchecked,

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-import machopt
 from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
@@ -23,6 +22,7 @@ from machopt.domain.results.maps import (
     RelativeError,
 )
 from machopt.se3 import inverse
+from machopt.version import __version__
 from machopt.workspace.asked import MapOptions
 from machopt.workspace.fields import Field, Setting, Unit, Values
 from machopt.workspace.measured import Comparison
@@ -90,7 +90,7 @@ def map_json(
     load = setting.load
     result = MapResult(
         machopt_map=1,
-        version=machopt.__version__,
+        version=__version__,
         verdict=message,
         exit_code=0 if any(layer.postures.ok.any() for layer in layers) else 3,
         inputs=inputs,

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-import machopt
 from machopt.arrays import Array
 from machopt.diagnose.problem import Problem
 from machopt.diagnose.result import Diagnosis
@@ -16,6 +15,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
 from machopt.domain.results.diagnosis import EffectOnJob
 from machopt.report.diagnosis import Coordinate, DiagnosisPage, JobChange, JobEffect
+from machopt.version import __version__
 
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
 _CURVES = (
@@ -57,7 +57,7 @@ def page_of(
         title=f"Diagnosis of {cell.name}",
         cell=cell.name,
         recording=source_of(recording),
-        version=machopt.__version__,
+        version=__version__,
         diagnosis=diagnosis,
         branch=branch,
         facts=facts,

@@ -6,13 +6,13 @@ from math import isfinite
 
 import numpy as np
 
-import machopt
 from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
 from machopt.identify.experiment import Experiment
 from machopt.identify.result import Identification, JointResult, TermResult
 from machopt.report.identification import Coefficient, Comparison, GridView, IdentificationPage, SubsetStudy
+from machopt.version import __version__
 
 MOSTLY = 0.5  # share of the displacements' power; real arms show 0.8 and more (dumas2011 section 5.3)
 
@@ -38,7 +38,7 @@ def page_of(
         title=f"Stiffness of {cell.name}",
         cell=cell.name,
         recording=recording.source,
-        version=machopt.__version__,
+        version=__version__,
         tone=tone,
         badge=badge,
         sentence=_sentence(found, heldout_rmse),

@@ -6,13 +6,13 @@ import json
 
 import numpy as np
 
-import machopt
 from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.reason import Reason
 from machopt.domain.results.maps import MapResult
 from machopt.report.map_data import ArmLines, MapAxis, MapData, MapField, MapLayer, MeasuredView
 from machopt.se3 import inverse
+from machopt.version import __version__
 from machopt.workspace.asked import MapOptions
 from machopt.workspace.fields import Field, Setting
 from machopt.workspace.measured import Comparison
@@ -83,7 +83,7 @@ def page_data(
     return MapData(
         title=f"Map of {cell.name}",
         cell=cell.name,
-        version=machopt.__version__,
+        version=__version__,
         kind=samples.kind,
         frame=options.frame,
         place=_place(samples, options),

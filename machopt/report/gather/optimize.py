@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-import machopt
 from machopt.arrays import Array
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Move, Toolpath
@@ -28,6 +27,7 @@ from machopt.report import data as page
 from machopt.report.gather.optimize_map import rotation_map
 from machopt.report.gather.optimize_series import along, cut_length, motion_series, path_series
 from machopt.verify import Verification
+from machopt.version import __version__
 
 WORST = 8  # rows of the table of worst points
 _YARDSTICKS = {"cam default": "the CAM's default rotation", "jiao2022": "Jiao 2022"}
@@ -84,7 +84,7 @@ def report_data(
         title=f"{plan.setup.cell.name}: {toolpath.source}",
         cell=plan.setup.cell.name,
         toolpath=toolpath.source,
-        version=machopt.__version__,
+        version=__version__,
         summary=summary,
         hashes=tuple(hashes.items()),
         options=tuple((k, str(v)) for k, v in options.items()),

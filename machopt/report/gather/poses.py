@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-import machopt
 from machopt.arrays import Array
 from machopt.design.asked import Request, shown
 from machopt.design.candidates import PosePool
@@ -19,6 +18,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.poses import PosesTable
 from machopt.model.robot import Robot
 from machopt.report import poses_page as page
+from machopt.version import __version__
 
 
 def page_of(
@@ -37,7 +37,7 @@ def page_of(
     common: dict[str, Any] = {
         "title": f"{'Load tests' if apart is None else 'Next measurement'} for {cell.name}",
         "cell": cell.name,
-        "version": machopt.__version__,
+        "version": __version__,
         "tried": pool.tried,
         "passed": len(pool),
         "cases": len(cases),

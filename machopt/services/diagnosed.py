@@ -1,0 +1,104 @@
+"""A diagnosis in memory: everything that ``machopt diagnose`` computes before it writes its first file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from machopt.diagnose import engine, userterms
+from machopt.diagnose.asked import Request, check
+from machopt.diagnose.extended import beside, stiffness_of
+from machopt.diagnose.problem import Problem
+from machopt.diagnose.result import Diagnosis
+from machopt.diagnose.run import at_rest, in_motion
+from machopt.diagnose.told import result_of
+from machopt.domain.cell import Cell
+from machopt.domain.recording import Recording
+from machopt.domain.results.diagnosis import DiagnosisResult
+from machopt.domain.stiffness import Stiffness
+from machopt.effects.own import Own
+from machopt.formats.cell import load_cell
+from machopt.formats.recording import load_recording, load_recordings
+from machopt.report.diagnosis import DiagnosisPage
+from machopt.report.gather.diagnose import page_of
+from machopt.services.diagnose_files import (
+    KINEMATICS,
+    STIFFNESS,
+    corrections_of,
+    effect_of,
+)
+from machopt.services.inputs import input_hashes
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Diagnosed:
+    """A diagnosis in memory: nothing of it is written yet."""
+
+    request: Request
+    cell: Cell
+    recording: Recording
+    problem: Problem | None
+    diagnosis: Diagnosis
+    model: Stiffness | None  # the extended one, where it is one
+    page: DiagnosisPage
+    result: DiagnosisResult
+
+
+def diagnosed(request: Request, own: tuple[Own, ...], progress: Progress, cell: Cell | None = None) -> Diagnosed:
+    """What the model leaves out.
+
+    Args:
+        request: what was asked; its ``out`` is not looked at.
+        own: the files of ``request.terms``, run and in use.
+        cell: where it has been read already.
+    """
+    progress("reading cell and recording")
+    paths = request.recordings
+    recording = load_recording(paths[0]) if len(paths) == 1 else load_recordings(paths)
+    moving = recording.kind == "motion"
+    if cell is None:
+        cell = load_cell(request.cell, allow_external=request.allow_external, any_chain=moving)
+    laws = userterms.load(own)
+    check(request, recording.kind)
+    options = engine.Options(most=request.max_findings, progress=progress)
+    if moving:
+        asked, job = request.channel, request.toolpath is not None
+        found = in_motion(cell, recording, options, asked=asked, seed=request.seed, toolpath=job)
+    else:
+        found = at_rest(cell, recording, options, laws, accept=request.accept, seed=request.seed)
+    made = stiffness_of(cell, found.diagnosis)
+    d = beside(replace(found.diagnosis, warnings=(*cell.warnings, *found.diagnosis.warnings)), made)
+    if request.toolpath is not None and made.after is not None and made.before is not None:
+        progress("what it changes for the toolpath")
+    effect = effect_of(cell, request.toolpath, made.before, made.after)
+    inputs = input_hashes(cell, request.recordings)
+    said = {
+        "channel": request.channel,
+        "max_findings": request.max_findings,
+        "seed": request.seed,
+        "accept": list(request.accept),
+        "terms": [p.name for p in request.terms],
+    }
+    result = result_of(
+        cell,
+        found.recording,
+        d,
+        model=None if made.after is None else STIFFNESS,
+        kinematics=KINEMATICS if corrections_of(d) else None,
+        effect_on_job=effect,
+        options=said,
+        inputs=inputs,
+    )
+    facts = tuple((k, str(v)) for k, v in (said | inputs).items())
+    return Diagnosed(
+        request=request,
+        cell=cell,
+        recording=found.recording,
+        problem=found.problem,
+        diagnosis=d,
+        model=made.after,
+        page=page_of(cell, found.recording, d, facts, effect, problem=found.problem),
+        result=result,
+    )

@@ -1,0 +1,70 @@
+"""A stiffness in memory: everything that ``machopt identify`` computes before it writes its first file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from machopt.domain.cell import Cell
+from machopt.domain.recording import Recording
+from machopt.domain.results.identification import IdentificationResult
+from machopt.errors import InputError
+from machopt.formats.cell import load_cell
+from machopt.formats.recording import load_recording, load_recordings
+from machopt.formats.termtext import term_from_text
+from machopt.identify.asked import Request, check, options_of
+from machopt.identify.experiment import Experiment, experiment
+from machopt.identify.pipeline import identify
+from machopt.identify.result import Identification
+from machopt.identify.told import result_of
+from machopt.model.linkage import refuse_linked
+from machopt.model.robot import load_masses, load_robot
+from machopt.model.terms import compile_terms
+from machopt.services.inputs import input_hashes
+
+
+@dataclass(frozen=True)
+class Identified:
+    """A stiffness in memory: nothing of it is written yet."""
+
+    request: Request
+    cell: Cell
+    recording: Recording
+    tests: Experiment
+    identification: Identification
+    result: IdentificationResult
+
+
+def identified(request: Request, progress: Callable[[str], None], cell: Cell | None = None) -> Identified:
+    """The stiffness.
+
+    Args:
+        request: what was asked; its ``out`` is not looked at.
+        cell: where it has been read already.
+    """
+    check(request)
+    options = options_of(request, tuple(term_from_text(t) for t in request.terms))
+    progress("reading cell and recording")
+    cell = load_cell(request.cell, allow_external=request.allow_external) if cell is None else cell
+    recording = _recording(request.recordings)
+    refuse_linked(cell, "identify")
+    robot = load_robot(cell)
+    tests = experiment(recording, robot, cell.tool.T_flange_tcp)
+    for text, term in zip(request.terms, options.terms, strict=True):
+        try:
+            compile_terms((term,), robot, cell.tool.T_flange_tcp)
+        except InputError as problem:
+            raise InputError(problem.reason, where=f"--fit {text}") from None
+    masses = load_masses(cell) if options.geometric else None
+    progress("identifying")
+    random = np.random.default_rng(options.seed)
+    found = identify(tests, robot, cell.tool.T_flange_tcp, cell.stiffness, options, random, masses)
+    result = result_of(request, cell, recording, found, input_hashes(cell, request.recordings))
+    return Identified(request, cell, recording, tests, found, result)
+
+
+def _recording(paths: tuple[Path, ...]) -> Recording:
+    return load_recording(paths[0]) if len(paths) == 1 else load_recordings(paths)
