@@ -8,11 +8,14 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from small_cell import small_cell
+from external_cell import external_cell
+from small_cell import pose, small_cell
 
-from machopt.domain.cell import Cell
+from machopt.domain.cell import Cell, Shape
 from machopt.formats.cell import load_cell
 from machopt.verify.arm import Arm
+from machopt.verify.bodies import all_bodies, pairs
+from machopt.verify.contact import contacts
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
 SHIPPED = sorted(folder.name for folder in CELLS.iterdir() if (folder / "cell.yaml").is_file())
@@ -30,15 +33,16 @@ AROUND = """<link name="floor"/><link name="carriage"/><link name="turntable"/><
  <axis xyz="0 0 -1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>"""
 
 
-def one_by_one(cell: Cell, q: np.ndarray, external: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(S, J + 2, 4, 4) in world as Arm.placements has them, and (S, 6, 3) axes in base_link, by pinocchio."""
+def one_by_one(cell: Cell, q: np.ndarray, external: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(S, J + 2, 4, 4) in world as Arm.placements has them, (S, 6, 3) axes in base_link, (S, 4, 4) base_link in world,
+    by pinocchio."""
     model = pin.buildModelFromUrdf(str(cell.urdf))
     data = model.createData()
     names = (*cell.arm_joints, *cell.external_joints)
     base, flange = model.getFrameId(cell.base_link), model.getFrameId(cell.flange_link)
     pin.framesForwardKinematics(model, data, pin.neutral(model))
     to_world = cell.T_world_base @ data.oMf[base].inverse().homogeneous
-    places, axes = [], []
+    places, axes, bases = [], [], []
     for row in np.hstack([q, external]):
         full = pin.neutral(model)
         for name, value in zip(names, row, strict=True):
@@ -55,23 +59,24 @@ def one_by_one(cell: Cell, q: np.ndarray, external: np.ndarray) -> tuple[np.ndar
         places.append([*joints, tip, part @ cell.workpiece.T_link_workpiece])
         turn = data.J[3:, [model.idx_vs[model.getJointId(name)] for name in cell.arm_joints]]
         axes.append((data.oMf[base].rotation.T @ turn).T)
-    return np.array(places), np.array(axes)
+        bases.append(to_world @ data.oMf[base].homogeneous)
+    return np.array(places), np.array(axes), np.array(bases)
 
 
 def held_against(cell: Cell, externals: int = 0) -> None:
     rng = np.random.default_rng(11)
     q, external = rng.uniform(-7.0, 7.0, (40, 6)), rng.uniform(-2.0, 2.0, (40, externals))
     arm = Arm(cell)
-    places, _ = one_by_one(cell, q, external)
+    places, axes, base = one_by_one(cell, q, external)
     np.testing.assert_allclose(arm.placements(q, external), places, rtol=0, atol=ROUNDING)
     tcp = np.linalg.inv(places[:, -1]) @ places[:, -2] @ cell.tool.T_flange_tcp
     np.testing.assert_allclose(arm.tcp_in_workpiece(q, external), tcp, rtol=0, atol=ROUNDING)
-    at_rest, axes = one_by_one(cell, q, np.zeros((40, externals)))
-    stance, back = arm.stance(q), np.linalg.inv(cell.T_world_base)
+    stance, back = arm.stance(q, external), np.linalg.inv(base)
     np.testing.assert_allclose(stance.axis, axes, rtol=0, atol=ROUNDING)
-    np.testing.assert_allclose(stance.flange, back @ at_rest[:, -2], rtol=0, atol=ROUNDING)
-    np.testing.assert_allclose(stance.frames[:, 1:], (back @ at_rest)[:, arm.joints], rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(stance.flange, back @ places[:, -2], rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(stance.frames[:, 1:], (back[:, None] @ places)[:, arm.joints], rtol=0, atol=ROUNDING)
     np.testing.assert_array_equal(stance.origin, stance.frames[:, 1:, :3, 3])
+    np.testing.assert_allclose(arm.T_base_workpiece(external), back @ places[:, -1], rtol=0, atol=ROUNDING)
 
 
 @pytest.mark.parametrize("name", SHIPPED)
@@ -94,3 +99,76 @@ def test_rail_and_turntable_with_oblique_axes_and_a_joint_nobody_moves(tmp_path:
 def test_no_rows(tmp_path: Path) -> None:
     arm = Arm(small_cell(tmp_path))
     assert arm.placements(np.empty((0, 6)), np.empty((0, 0))).shape == (0, arm.model.njoints + 2, 4, 4)
+
+
+def test_what_stands_where_says_so_or_is_refused(tmp_path: Path) -> None:
+    arm = Arm(external_cell(tmp_path, rail=True))
+    with pytest.raises(ValueError, match="say where they stand"):
+        arm.stance(np.zeros((1, 6)))
+    with pytest.raises(ValueError, match="say where they stand"):
+        arm.gravity(np.zeros((1, 6)))
+
+
+def test_weight_follows_a_gantry_that_tilts(tmp_path: Path) -> None:
+    """By the energy: m g times the height of the tool, the only mass, and its slope in each joint."""
+    cell = external_cell(tmp_path, rail=True)
+    text = cell.urdf.read_text().replace('name="rail" type="prismatic"', 'name="rail" type="revolute"')
+    cell.urdf.write_text(text)
+    cell = replace(cell, tool=replace(cell.tool, mass=30.0, com=np.array([0.0, 0.02, 0.1])))
+    arm, h = Arm(cell), 1e-6
+    q, e = np.random.default_rng(3).uniform(-1, 1, (5, 6)), np.linspace(-0.9, 0.9, 5)[:, None]
+
+    def energy(x: np.ndarray) -> np.ndarray:
+        return 30.0 * 9.80665 * (arm.placements(x, e)[:, -2] @ np.append(cell.tool.com, 1.0))[:, 2]
+
+    steps = h * np.eye(6)
+    slope = np.column_stack([(energy(q + step) - energy(q - step)) / (2 * h) for step in steps])
+    np.testing.assert_allclose(arm.gravity(q, e), -slope, atol=1e-4)  # 1 kJ to 15 digits over 2 h
+    assert np.abs(arm.gravity(q, e) - arm.gravity(q, 0 * e)).max() > 10.0
+
+
+def names(cell: Cell) -> set[frozenset[str]]:
+    arm = Arm(cell)
+    return {frozenset((a.name, b.name)) for a, b in pairs(cell, arm, all_bodies(cell, arm))}
+
+
+def test_pairs_are_what_joints_lie_between(tmp_path: Path) -> None:
+    post = Shape("post", "box", (0.1, 0.1, 1.0), None, pose(1.0, 3.4, 0.5))
+    clamp = Shape("clamp", "box", (0.05, 0.05, 0.05), None, pose(0.2, 0.1, 0.1), "plate")
+    cell = replace(external_cell(tmp_path, rail=True, table=True), obstacles=(post, clamp))
+    found = names(cell)
+    for pair in (
+        ("carriage_0", "post"),  # the rail drives it there
+        ("base_link_0", "post"),
+        ("clamp", "post"),
+        ("block", "post"),
+        ("plate_0", "post"),
+        ("plate_0", "carriage_0"),
+        ("plate_0", "link_5_0"),
+        ("plate_0", "cutter"),
+        ("clamp", "link_1_0"),
+        ("clamp", "carriage_0"),
+    ):
+        assert frozenset(pair) in found, pair
+    for pair in (("carriage_0", "base_link_0"), ("plate_0", "block"), ("plate_0", "clamp"), ("clamp", "block")):
+        assert frozenset(pair) not in found, pair
+    still = names(replace(external_cell(tmp_path), obstacles=(post,)))
+    assert frozenset(("base_link_0", "post")) not in still
+
+
+def test_contacts_of_what_a_rail_and_a_table_move(tmp_path: Path) -> None:
+    """The carriage runs through a post between two samples; a clamp on the table through another."""
+    post = Shape("post", "box", (0.02, 0.02, 1.0), None, pose(0.1, 1.0, -0.3))
+    clamp = Shape("clamp", "box", (0.05, 0.05, 0.3), None, pose(0.45, 0.0, 0.15), "plate")
+    stop = Shape("stop", "box", (0.02, 0.02, 0.2), None, pose(1.6, 0.45, 0.6))
+    cell = replace(external_cell(tmp_path, rail=True, table=True), obstacles=(post, clamp, stop))
+    arm = Arm(cell)
+    wanted = pairs(cell, arm, all_bodies(cell, arm))
+    q = np.tile(cell.home, (2, 1))
+
+    def hits(*external: tuple[float, float]) -> set[str]:
+        return {c.pair for c in contacts(arm, wanted, q, np.array(external), np.ones(2, bool))}
+
+    assert hits((0.0, 0.0), (0.6, 0.5)) == set()
+    assert "post ~ carriage_0" in hits((0.0, 0.0), (2.0, 0.0))
+    assert hits((0.0, 0.5), (0.0, 2.5)) == {"stop ~ clamp"}

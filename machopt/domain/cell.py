@@ -16,13 +16,14 @@ from machopt.domain.stiffness import Stiffness
 
 @dataclass(frozen=True)
 class Shape:
-    """One collision body, placed in its parent frame (flange for the tool, workpiece, or world)."""
+    """One collision body, placed in its parent frame (flange for the tool, workpiece, or ``link``)."""
 
     name: str
     kind: Literal["mesh", "box", "cylinder", "sphere"]
     size: tuple[float, ...]  # m. box: (x, y, z); cylinder: (radius, height along z); sphere: (radius,); mesh: (scale,)
     mesh: Path | None
     T_parent_shape: Array  # (4, 4)
+    link: str = "world"  # of obstacles: what carries it, world or a link of the URDF (a rail's or a positioner's)
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,7 @@ class Cell:
     limits: JointLimits
     tool: Tool
     workpiece: Workpiece
-    obstacles: tuple[Shape, ...]  # placed in world
+    obstacles: tuple[Shape, ...]  # placed in their ``link``, mostly world
     stiffness: Stiffness | None
     plan: dict[str, object] = field(default_factory=dict)  # the cell's planning defaults, validated like --plan
     controller: Controller = field(default_factory=Controller)  # what programs are written for

@@ -147,7 +147,7 @@ class _Ground:
         motion: Motion | None,
     ) -> _Ground:
         motion = motion or read_motion(out / "trajectory.csv", cell)
-        points = read_points(out / "points.csv")
+        points = read_points(out / "points.csv", cell)
         arm = Arm(cell)
         tcp = arm.tcp_in_workpiece(motion.q, motion.external)
         offset, tilt = np.zeros((len(tcp), 3)), np.zeros((len(tcp), 3))

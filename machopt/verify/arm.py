@@ -25,9 +25,10 @@ from machopt.verify.compiled import compiled
 
 @dataclass(frozen=True)
 class Stance:
-    """The arm at N configurations, external axes at rest: lines of its six axes and what they carry, in base_link."""
+    """The arm at N configurations: lines of its six axes and what they carry, in base_link, wherever that stands."""
 
     q: Array  # (N, 6) rad, true angles
+    external: Array  # (N, E) rad or m
     axis: Array  # (N, 6, 3) unit
     origin: Array  # (N, 6, 3) m, of each joint's frame
     tcp: Array  # (N, 4, 4)
@@ -43,7 +44,7 @@ class Stance:
 
     def rows(self, keep: NDArray[Any]) -> Stance:
         """Some of the configurations."""
-        fields = self.q, self.axis, self.origin, self.tcp, self.frames, self.flange, self.linked
+        fields = self.q, self.external, self.axis, self.origin, self.tcp, self.frames, self.flange, self.linked
         return Stance(*(v[keep] for v in fields))
 
 
@@ -91,13 +92,51 @@ class Arm:
             raise InputError(f"link {name!r} is not in the URDF", file=self.cell.urdf)
         return int(self.model.getFrameId(name))
 
-    def link_of(self, joint: int) -> int:
-        """Arm link (0 … 6) that moves with a joint of the URDF."""
+    def link_of(self, frame: int) -> int:
+        """Arm link (0 … 6) that a link of the URDF, as pinocchio numbers frames, rides on.
+
+        In a cell with external joints −1 for what is not below base_link: the hall, rails and their carriages, a
+        positioner.
+        """
+        joint = int(self.model.frames[frame].parentJoint)
         while joint > 0:
             if joint in self.joints:
                 return self.joints.index(joint) + 1
             joint = int(self.model.parents[joint])
+        while self._external and frame != self._base:
+            if frame == 0:
+                return -1
+            frame = int(self.model.frames[frame].parentFrame)
         return 0
+
+    def moved_by(self, carrier: int) -> frozenset[int]:
+        """Joints of the URDF that move an entry of :meth:`placements` in the hall; of −1 none.
+
+        Joints that nothing drives move nothing.
+        """
+        driven = {*self.joints, *self._external, *(j for j, source, *_ in self._follow if source >= 0)}
+        out, parent = set(), self._chain[0]
+        while carrier >= 0:
+            out |= {carrier} & driven
+            carrier = int(parent[carrier])
+        return frozenset(out)
+
+    def riding(self, link: str) -> tuple[int, Array]:
+        """Entry of :meth:`placements` that carries a link of the URDF or ``world`` (−1), and (4, 4) the link there."""
+        if link == "world":
+            return -1, np.eye(4)
+        frame = self.model.frames[self._frame(link)]
+        return int(frame.parentJoint), np.asarray(frame.placement.homogeneous)
+
+    @property
+    def base(self) -> int:
+        """Entry of :meth:`placements` that carries base_link."""
+        return int(self.model.frames[self._base].parentJoint)
+
+    @property
+    def part(self) -> int:
+        """Entry of :meth:`placements` of the workpiece frame."""
+        return int(self.model.njoints) + 1
 
     def placements(self, q: Array, external: Array) -> Array:
         """Where everything is.
@@ -133,6 +172,11 @@ class Arm:
             if source >= 0:
                 out[source] += abs(multiplier)
         return out
+
+    @cached_property
+    def slides(self) -> NDArray[np.bool_]:
+        """(6 + E,) which of the driven joints shift."""
+        return np.array([bool(self._steps[j][1].any()) for j in (*self.joints, *self._external)])
 
     @cached_property
     def _chain(self) -> tuple[NDArray[np.int64], Array, Array, Array]:
@@ -187,20 +231,31 @@ class Arm:
 
     @cached_property
     def _to_world(self) -> Array:
-        """(4, 4) the URDF's root in world: base_link stands where cell.yaml puts it with the external axes at rest."""
+        """(4, 4) the URDF's root in world: base_link stands where the cell puts it with the external axes at zero."""
         self._forward(self.model, self._data, self.rest)
         to_world: Array = self.cell.T_world_base @ np.linalg.inv(self._data.oMf[self._base].homogeneous)
         return to_world
 
-    @cached_property
-    def T_base_workpiece(self) -> Array:
-        """(4, 4) the CAM frame in base_link, external axes at rest."""
-        T = self.placements(np.zeros((1, 6)), np.zeros((1, len(self._external))))[0, -1]
-        return np.asarray(np.linalg.inv(self.cell.T_world_base) @ T)
+    def T_base_workpiece(self, external: Array) -> Array:
+        """(N, 4, 4) the CAM frame in base_link with external joints at (N, E) rad or m."""
+        values = np.zeros((len(external), 6)), external
+        base = self._carried(self._joint_frames(*values), self._base)
+        return np.asarray(np.linalg.inv(self._to_world @ base) @ self.placements(*values)[:, -1])
 
-    def stance(self, q: Array) -> Stance:
-        """Axes, frames and TCP at q (N, 6) rad in base_link, external joints at rest."""
-        joints = self._joint_frames(q, np.zeros((len(q), len(self._external))))
+    def _stood(self, q: Array, external: Array | None) -> Array:
+        """(N, E) external joints; only a cell that has none may leave them out.
+
+        Raises:
+            ValueError: it has some.
+        """
+        if external is None and self._external:
+            raise ValueError("this cell has external joints: say where they stand")
+        return np.empty((len(q), 0)) if external is None else external
+
+    def stance(self, q: Array, external: Array | None = None) -> Stance:
+        """Axes, frames and TCP at q (N, 6) rad in base_link, external joints at (N, E) rad or m."""
+        external = self._stood(q, external)
+        joints = self._joint_frames(q, external)
         back = np.linalg.inv(self._carried(joints, self._base))
         frames = np.empty((len(q), 7, 4, 4))
         frames[:, 0] = np.eye(4)
@@ -216,7 +271,7 @@ class Arm:
                 T = back @ joints[:, j]
                 column = _columns((T[:, :3, :3] @ self._steps[j][2])[:, None], T[:, None, :3, 3], tcp)
                 linked[:, :, source] += multiplier * column[:, :, 0]
-        return Stance(q, axis, frames[:, 1:, :3, 3], tcp, frames, flange, linked)
+        return Stance(q, external, axis, frames[:, 1:, :3, 3], tcp, frames, flange, linked)
 
     def _above(self, joint: int) -> list[int]:
         """A joint of the URDF and all that carry it."""
@@ -226,8 +281,9 @@ class Arm:
             joint = int(self.model.parents[joint])
         return out
 
-    def gravity(self, q: Array) -> Array:
-        """(N, 6) N·m that the weight of links and tool does to the joints at q (N, 6) rad; the tool a point mass.
+    def gravity(self, q: Array, external: Array | None = None) -> Array:
+        """(N, 6) N·m that the weight of links and tool does to the joints at q (N, 6) rad, external joints at (N, E);
+        the tool a point mass.
 
         Weight acts along −z of world with 9.80665 m/s². What is missing in the URDF weighs nothing.
         """
@@ -240,10 +296,9 @@ class Arm:
             own = pin.Inertia(tool.mass, np.asarray(tool.com, float), np.zeros((3, 3)))
             model.inertias[frame.parentJoint] = model.inertias[frame.parentJoint] + frame.placement.act(own)
         data, column = model.createData(), [model.idx_vs[j] for j in self.joints]
-        rest = np.zeros(len(self._external))
-        holding = np.array([pin.computeGeneralizedGravity(model, data, self._full(row, rest)) for row in q]).reshape(
-            len(q), -1
-        )
+        rows = zip(q, self._stood(q, external), strict=True)
+        holding = np.array([pin.computeGeneralizedGravity(model, data, self._full(*row)) for row in rows])
+        holding = holding.reshape(len(q), -1)
         torque = -holding[:, column]
         for j, source, multiplier, _ in self._follow:  # work of a joint that follows is work of the one it follows
             if 0 <= source < len(self.joints):

@@ -27,7 +27,9 @@ TOUCHING, COARSE = 0.90, 0.40  # share of them in touch: any pair; links two apa
 class Body:
     name: str
     kind: str  # link, tool, cutter, grazing (the cutter drawn in), workpiece, obstacle
-    link: int  # 0 … 6; the tool side 7; −1 what does not belong to the robot
+    link: (
+        int  # 0 … 6; the tool side 7; −1 what base_link does not carry: the hall, rails below it, positioner, workpiece
+    )
     carrier: int  # entry of Arm.placements that carries it, −1 the world
     place: Array  # (4, 4) in the carrier
     placed: Any  # the same for coal
@@ -88,18 +90,21 @@ def pairs(cell: Cell, arm: Arm, bodies: list[Body]) -> list[tuple[Body, Body]]:
     """What must not touch: (still or lower, moving or higher).
 
     Everything on the robot from link 2 on against workpiece and obstacles; links and tool against links at least two
-    apart; the cutter against obstacles and links 0 … 4, drawn in against the workpiece. Pairs of links that touch in
-    most random poses are built touching and left out, like link 1 and what the robot stands on. What the cell lets
+    apart; the cutter against obstacles and links 0 … 4, drawn in against the workpiece. Where external joints move base
+    or workpiece, further what moves against each other by them: :func:`_by_external_joints`. Pairs of links that touch
+    in most random poses are built touching and left out, like link 1 and what the robot stands on. What the cell lets
     touch is left out too.
     """
     may = may_touch(cell)
     out: list[tuple[Body, Body]] = []
-    robot: list[tuple[Body, Body]] = []
+    robot = _by_external_joints(arm, bodies, may) if cell.external_joints else []
     for a in bodies:
         for b in bodies:
             if (a.name, b.name) in may:
                 continue
-            if a.kind in ("workpiece", "obstacle"):
+            if a.kind == "link" and a.link < 0:
+                out += [(a, b)] if b.kind == "cutter" else []
+            elif a.kind in ("workpiece", "obstacle"):
                 if b.kind in ("cutter", "grazing"):
                     wanted = (b.kind == "grazing") == (a.kind == "workpiece")
                     out += [(a, b)] if wanted else []
@@ -110,16 +115,56 @@ def pairs(cell: Cell, arm: Arm, bodies: list[Body]) -> list[tuple[Body, Body]]:
             elif a.kind == "link" and b.kind in ("link", "tool") and b.link - a.link >= 2:
                 robot.append((a, b))
     rng = np.random.default_rng(20)  # the planner's poses are others
-    lower, upper = cell.limits.lower[:6], cell.limits.upper[:6]
-    q = lower + (upper - lower) * rng.random((POSES, 6))
-    world = arm.placements(q, np.tile(cell.external_home, (POSES, 1)))
+    lower, upper = cell.limits.lower, cell.limits.upper
+    x = lower + (upper - lower) * rng.random((POSES, len(lower)))
+    world = arm.placements(x[:, :6], x[:, 6:])
     for a, b in robot:
         T = world[:, b.carrier] if a.carrier < 0 else inverse(world[:, a.carrier]) @ world[:, b.carrier]
         share = np.mean([near(a, b, x) for x in T])
-        coarse = a.kind == "link" and b.link - a.link == 2 and share > COARSE
+        coarse = a.kind == "link" and a.link >= 0 and b.link - a.link == 2 and share > COARSE
         if share <= TOUCHING and not coarse:
             out.append((a, b))
     return out
+
+
+def _by_external_joints(arm: Arm, bodies: list[Body], may: set[tuple[str, str]]) -> list[tuple[Body, Body]]:
+    """Pairs beyond those of an arm on a floor, by which joints lie between the two bodies.
+
+    What stands in the hall or rides on a positioner (a machine's link, the part, an obstacle) against base and link 1
+    of the arm, and against each other; a machine's own links against the arm's others and the tool too. Two links of
+    one machine, or a positioner's link and what rides on it, are neighbours with a single joint between them.
+    """
+    things = [b for b in bodies if b.link < 0]
+    out = []
+    for n, a in enumerate(things):
+        low = a.kind == "link"
+        rivals = [b for b in bodies if b.kind == "link" and b.link >= 0 and (low or b.link == 0)]
+        rivals += [b for b in bodies if low and b.kind == "tool"]
+        for b in (*rivals, *things[n + 1 :]):
+            moved = arm.moved_by(a.carrier), arm.moved_by(b.carrier)
+            between = len(moved[0] ^ moved[1])
+            links = [x for x in (a, b) if x.kind == "link"]
+            if len(links) == 2:
+                facing = any(_of_part(arm, x) and _of_base(arm, y) for x, y in (links, links[::-1]))
+                neighbours = between < 2 and not facing
+            elif len(links) == 1:
+                ridden = [m for x, m in zip((a, b), moved, strict=True) if x.kind != "link" and m]
+                neighbours = between < 2 and bool(ridden) and not _of_base(arm, links[0])
+            else:
+                neighbours = False
+            if between and not neighbours and (a.name, b.name) not in may:
+                out.append((b, a) if b.carrier < 0 else (a, b))
+    return out
+
+
+def _of_base(arm: Arm, body: Body) -> bool:
+    """It rides on what carries base_link, or on the arm."""
+    return body.link >= 0 or bool(arm.moved_by(body.carrier) & arm.moved_by(arm.base))
+
+
+def _of_part(arm: Arm, body: Body) -> bool:
+    """It rides with the workpiece on a positioner."""
+    return bool(arm.moved_by(body.carrier) & arm.moved_by(arm.part))
 
 
 def may_touch(cell: Cell) -> set[tuple[str, str]]:
@@ -143,11 +188,13 @@ def all_bodies(cell: Cell, arm: Arm) -> list[Body]:
     out = []
     for g in geometry.geometryObjects:
         joint = int(g.parentJoint)
-        out.append(_body(g.name, "link", arm.link_of(joint), joint, g.placement.homogeneous, g.geometry))
+        out.append(_body(g.name, "link", arm.link_of(int(g.parentFrame)), joint, g.placement.homogeneous, g.geometry))
     flange, part = arm.model.njoints, arm.model.njoints + 1
     out += [_body(s.name, "tool", 7, flange, s.T_parent_shape, _shape(s)) for s in cell.tool.geometry]
     out += [_body(s.name, "workpiece", -1, part, s.T_parent_shape, _shape(s)) for s in cell.workpiece.geometry]
-    out += [_body(s.name, "obstacle", -1, -1, s.T_parent_shape, _shape(s)) for s in cell.obstacles]
+    for s in cell.obstacles:
+        carrier, place = arm.riding(s.link)
+        out.append(_body(s.name, "obstacle", -1, carrier, place @ s.T_parent_shape, _shape(s)))
     if cell.tool.cutter is not None:
         out += [_cutter(cell.tool.cutter, cell.tool.T_flange_tcp, flange, kind) for kind in ("cutter", "grazing")]
     return out

@@ -65,12 +65,14 @@ class Scene:
     def __init__(self, arm: Arm, bodies: list[Body], rows: Array) -> None:
         self.arm, self.rows, self.bodies = arm, rows, bodies
         self.world = arm.placements(rows[:, :6], rows[:, 6:])
-        self.turn = np.abs(np.diff(rows, axis=0)) @ arm.turning
-        self._turned = np.append(0.0, np.cumsum(self.turn))
-        origins = self.world[:, :-1, :3, 3]
-        size = max((reach(b) for b in self.bodies if b.link >= 0), default=0.0)
+        rides = bool(arm.moved_by(arm.part))
+        origins = self.world[:, : None if rides else -1, :3, 3]
+        size = max((reach(b) for b in self.bodies if b.link >= 0 or arm.moved_by(b.carrier)), default=0.0)
         arm_length = float(np.linalg.norm(origins - origins[:, :1], axis=-1).max())
         self.lever = 2.0 * (arm_length + size)  # m, no point of the robot is farther from any axis
+        # a slide by d moves points as a turn by d over the lever would, and bends no path by more than that does
+        self.turn = np.abs(np.diff(rows, axis=0)) @ (arm.turning / np.where(arm.slides, self.lever, 1.0))
+        self._turned = np.append(0.0, np.cumsum(self.turn))
         self._relative: dict[tuple[int, int], Array] = {}
         self._gone: dict[tuple[int, int], Array] = {}
 
@@ -119,7 +121,8 @@ class Scene:
         """(M − 1,) m: |x(t) − x(start)| + |x(end) − x(t)| for all points x of b, at most.
 
         The chord, of the centre and by rotation, and what the path bends off it: a point's second derivative is at
-        most (Σ|Δq|)² times the longest lever, the bend therefore an eighth of that, there and back a quarter.
+        most (Σ|Δq|)² times the longest lever L (|Δ|/L of a slide: its product with a turn is 2 |Δ| |Δq|, with a slide
+        nothing), the bend therefore an eighth of that, there and back a quarter.
         """
         chord = _chords(T, b.place[:3, :3] @ b.middle + b.place[:3, 3], float(np.linalg.norm(b.half)))
         bend: Array = chord + self.turn**2 * self.lever / 4.0
@@ -129,9 +132,9 @@ class Scene:
 @compiled
 def _seen(world: Array, a: int, b: int, rows: NDArray[np.int64]) -> Array:
     """(K, 4, 4) frame b seen from frame a, −1 the world, in some rows of ``world`` (M, F, 4, 4)."""
-    out = np.zeros((len(rows), 4, 4))
+    out, hall = np.zeros((len(rows), 4, 4)), np.eye(4)
     for n in range(len(rows)):
-        T = world[rows[n], b]
+        T = world[rows[n], b] if b >= 0 else hall
         if a < 0:
             for i in range(4):
                 for j in range(4):
@@ -197,7 +200,7 @@ class _Chase:
             return False
         q = 0.5 * (qa + qb)
         world = self.scene.arm.placements(q[None, :6], q[None, 6:])[0]
-        T = world[self.b.carrier]
+        T = world[self.b.carrier] if self.b.carrier >= 0 else np.eye(4)
         if self.a.carrier >= 0:
             T = inverse(world[self.a.carrier]) @ T
         if self._near(T, 0.0):

@@ -117,7 +117,7 @@ class Elasticity:
         if stiffness.grid is not None:
             every = np.vstack([every, stiffness.grid.joints])
         self._curves = tuple(springs.curves(stiffness.terms, every, cell.limits.lower[:6], cell.limits.upper[:6]))
-        zero = arm.stance(np.zeros((1, 6)))
+        zero = arm.stance(np.zeros((1, 6)), np.zeros((1, len(cell.external_joints))))
         self._zero = zero.frames[0]
         self._springs = springs.body_springs(stiffness.terms, zero.origin[0], zero.flange[0], cell.tool.T_flange_tcp)
 
@@ -127,7 +127,7 @@ class Elasticity:
         k = gear.copy()
         k[:, 1] += springs.balancer(self.stiffness.terms, stance.q[:, 1])
         weighs = any(c.feels_weight for c in self._curves)
-        weight = self.arm.gravity(stance.q) if weighs else np.zeros((len(gear), 6))
+        weight = self.arm.gravity(stance.q, stance.external) if weighs else np.zeros((len(gear), 6))
         bodies = np.zeros((len(gear), 6, 6))
         for body, S, C in self._springs:
             now = stance.frames[:, body] @ np.linalg.inv(self._zero[body]) @ S

@@ -11,6 +11,7 @@ from machopt.verify.table import Motion
 
 VELOCITY, ACCELERATION, JERK = 1.01, 1.03, 1.10  # differences over the limits: rounding grows with the order
 JITTER_S = 5e-6  # of the control cycle: the time column is rounded
+ARM = 6  # axes of the arm, before the external ones
 HOME_DEG = 1e-6  # joints are printed with nine decimals
 
 
@@ -34,7 +35,7 @@ def _time(motion: Motion, options: PlanOptions) -> list[Check]:
 def _home(motion: Motion, cell: Cell) -> Check:
     home = np.concatenate([cell.home, cell.external_home])
     ends = np.hstack([motion.q, motion.external])[[0, -1]]
-    off = np.degrees(np.abs(ends - home).max(axis=1))
+    off = np.degrees(np.abs(ends - home).max(axis=1))  # a metre of a slide counts as a radian
     return worst("from home to home", "deg", off, HOME_DEG, ("the first row", "the last row"))
 
 
@@ -43,17 +44,10 @@ def _limits(motion: Motion, cell: Cell) -> list[Check]:
     limits = cell.limits
     beyond = np.maximum(limits.lower - q, q - limits.upper)
     n, j = np.unravel_index(np.argmax(beyond), beyond.shape)
-    where = f"axis {j + 1}, {motion.at(int(n))}"
-    out = [
-        Check(
-            "joint positions",
-            bool(beyond[n, j] <= 1e-8),
-            float(np.degrees(beyond[n, j])),
-            0.0,
-            "deg beyond the limit",
-            where,
-        )
-    ]
+    slides = j >= len(cell.home) and cell.external_prismatic[j - len(cell.home)]
+    far = float(1e3 * beyond[n, j] if slides else np.degrees(beyond[n, j]))
+    where, unit = f"{_axis(int(j))}, {motion.at(int(n))}", f"{'mm' if slides else 'deg'} beyond the limit"
+    out = [Check("joint positions", bool(beyond[n, j] <= 1e-8), far, 0.0, unit, where)]
     x = np.vstack([np.repeat(q[:1], 3, axis=0), q, np.repeat(q[-1:], 3, axis=0)])
     orders = (
         ("velocity", limits.velocity, VELOCITY),
@@ -64,6 +58,10 @@ def _limits(motion: Motion, cell: Cell) -> list[Check]:
         x = np.diff(x, axis=0) / motion.cycle
         ratio = np.abs(x) / limit
         n, j = np.unravel_index(np.argmax(ratio), ratio.shape)
-        where = f"axis {j + 1}, {motion.at(int(np.clip(n - 2, 0, len(q) - 1)))}"
+        where = f"{_axis(int(j))}, {motion.at(int(np.clip(n - 2, 0, len(q) - 1)))}"
         out.append(Check(f"joint {name}", bool(ratio[n, j] <= most), float(ratio[n, j]), most, "of the limit", where))
     return out
+
+
+def _axis(j: int) -> str:
+    return f"axis {j + 1}" if j < ARM else f"external axis e{j + 1 - ARM}"

@@ -56,7 +56,7 @@ def verify_output(
     out = Path(out)
     try:
         motion = motion or read_motion(out / "trajectory.csv", cell)
-        points = read_points(out / "points.csv")
+        points = read_points(out / "points.csv", cell)
         shift = read_shift(out / "compensation.csv") if points.shift is not None else None
     except InputError as error:
         name = Path(str(error.file)).name if error.file is not None else "tables"
@@ -79,12 +79,9 @@ def verify_output(
     ]
     bodies = all_bodies(cell, arm)
     wanted = pairs(cell, arm, bodies)
-    if cell.external_joints:
-        checks.append(not_run("points.csv", "its rows are recomputed only where no external axis moves"))
-    else:
-        table = PointsCheck(cell, toolpath, points, arm, np.nan_to_num(stood.q), options)
-        checks += [*table.all(motion, on), *_clearance(table, stood, bodies, wanted, options)]
-        checks += check_asked(toolpath, points, np.flatnonzero(table.live), options)
+    table = PointsCheck(cell, toolpath, points, arm, np.nan_to_num(stood.q), options)
+    checks += [*table.all(motion, on), *_clearance(table, stood, bodies, wanted, options)]
+    checks += check_asked(toolpath, points, np.flatnonzero(table.live), options)
     if shift is not None:
         checks += [_shift_check(f) for f in compare_shift(cell, toolpath, stands, stood, shift, arm, options)]
     checks += check_inventory(cell, arm, bodies, wanted)
@@ -119,7 +116,7 @@ def _clearance(
     short, beyond, pair = np.zeros(len(rows)), np.zeros(len(rows)), [""] * len(rows)
     for first in range(0, len(rows), ROWS):
         some = slice(first, first + ROWS)
-        scene = Scene(table.arm, bodies, stood.q[rows[some]])
+        scene = Scene(table.arm, bodies, np.hstack([stood.q, stood.external])[rows[some]])
         found = check_clearances(scene, wanted, told[some] / 1e3, tuple(named[n] for n in rows[some]), graze[some])
         short[some], beyond[some], pair[some] = found.short, found.beyond, found.pair
     return [

@@ -51,6 +51,11 @@ STIFF_N_MM, BEND_MM = 1e-4, 2e-7  # four and seven decimals
 JOINT_DEG = 0.1  # of the samples around the point: corners are rounded by up to 15 µm, over a short lever
 
 
+def turned(T: Array, v: Array) -> Array:
+    """(N, 3) vectors (N, 3) with the axes of frames (N, 4, 4)."""
+    return np.asarray(np.einsum("nij,nj->ni", T[:, :3, :3], v))
+
+
 class PointsCheck:
     """The rows of points.csv beside the CAM file's points and the arm at their joints.
 
@@ -64,20 +69,23 @@ class PointsCheck:
         """Args: q (N, 6) rad, true angles of the rows."""
         self.cell, self.toolpath, self.points, self.options = cell, toolpath, points, options
         self.arm, self.q = arm, q
+        known = np.isfinite(points.external).all(axis=1, keepdims=True)
+        self.external = np.where(known, points.external, cell.external_home)
+        self.T_base_workpiece = arm.T_base_workpiece(self.external)  # (N, 4, 4)
         self.inside = (points.point >= 0) & (points.point < len(toolpath))
         self.k = np.clip(points.point, 0, len(toolpath) - 1)  # point of each row
-        self.known: Bools = np.asarray(np.isfinite(points.q).all(axis=1))
+        self.known: Bools = np.asarray(np.isfinite(np.hstack([points.q, points.external])).all(axis=1))
         self.live = self.known & points.ok & self.inside
         self.directions = reference.at_points(toolpath)
         self.tcp = np.empty((len(q), 4, 4))
         for some, stance in self.stances(np.arange(len(q))):
-            self.tcp[some] = np.linalg.inv(arm.T_base_workpiece) @ stance.tcp
+            self.tcp[some] = np.linalg.inv(self.T_base_workpiece[some]) @ stance.tcp
 
     def stances(self, rows: NDArray[np.intp]) -> Iterator[tuple[slice, Stance]]:
         """The arm at the given rows, so many at a time as fit the memory, and which of them these are."""
         for first in range(0, len(rows), ROWS):
             some = slice(first, first + ROWS)
-            yield some, self.arm.stance(self.q[rows[some]])
+            yield some, self.arm.stance(self.q[rows[some]], self.external[rows[some]])
 
     def where(self, rows: NDArray[np.intp]) -> Callable[[int], str]:
         """Names the n-th of the rows."""
@@ -222,9 +230,10 @@ class PointsCheck:
         after = np.searchsorted(s[on], at, side="left")
         before = np.searchsorted(s[on], at, side="right") - 1
         a, b = on[np.clip(before, 0, len(on) - 1)], on[np.clip(after, 0, len(on) - 1)]
-        low, high = np.minimum(motion.q[a], motion.q[b]), np.maximum(motion.q[a], motion.q[b])
-        q = self.points.q[rows]
-        off = np.degrees(np.maximum(low - q, q - high).max(axis=1))
+        driven = np.hstack([motion.q, motion.external])
+        low, high = np.minimum(driven[a], driven[b]), np.maximum(driven[a], driven[b])
+        q = np.hstack([self.points.q, self.points.external])[rows]
+        off = np.degrees(np.maximum(low - q, q - high).max(axis=1))  # a metre of a slide counts as a radian
         return worst("points.csv as driven", "deg", np.maximum(off, 0.0), JOINT_DEG, self.where(rows))
 
     def _posture(self) -> list[Check]:
@@ -256,15 +265,15 @@ class PointsCheck:
             law = elastic.Elasticity(self.cell, self.arm, self.cell.stiffness)
         except UnknownTermError as error:
             return [not_run(name, f"no second law is written for {error}")]
-        rows, T = np.flatnonzero(self.live), self.arm.T_base_workpiece
-        o, R, pull = self.options.force, T[:3, :3], sideways(self.toolpath)
+        rows, o, pull = np.flatnonzero(self.live), self.options.force, sideways(self.toolpath)
         axial, normal, held, bend, axial_std, bend_std = (np.full(len(rows), np.nan) for _ in range(6))
         for some, stance in self.stances(rows):
             k = self.k[rows[some]]
-            soft = law.at(stance, self.toolpath.position[k] @ R.T + T[:3, 3])
+            T = self.T_base_workpiece[rows[some]]
+            soft = law.at(stance, turned(T, self.toolpath.position[k]) + T[:, :3, 3])
             axis = self.toolpath.axis[k]
-            e, across = axis @ R.T, np.cross(axis, self.directions.travel[k]) @ R.T
-            force = elastic.force_at(pull[k], axis, o.travel, o.normal, o.axial) @ R.T
+            e, across = turned(T, axis), turned(T, np.cross(axis, self.directions.travel[k]))
+            force = turned(T, elastic.force_at(pull[k], axis, o.travel, o.normal, o.axial))
             axial[some], normal[some], held[some] = soft.along(e), soft.along(across), soft.held(e)
             if o.given:
                 bend[some] = np.linalg.norm(soft.displacement(force), axis=1)
@@ -289,8 +298,8 @@ class PointsCheck:
 
     def _grid(self, law: elastic.Elasticity) -> Check:
         """Which rows rest on a cell of the grid: all rows, whether or not they have a configuration."""
-        T = self.arm.T_base_workpiece
-        _, holds = law.gears(self.toolpath.position[self.k] @ T[:3, :3].T + T[:3, 3])
+        T = self.T_base_workpiece
+        _, holds = law.gears(turned(T, self.toolpath.position[self.k]) + T[:, :3, 3])
         told = self.points.words.get("stiffness_from", ())
         if not told:
             return Check("points.csv stiffness_from", False, np.nan, 0.0, "rows", "the column is missing")

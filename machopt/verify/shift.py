@@ -117,10 +117,12 @@ def _same(toolpath: Toolpath, points: Points, shift: Shift, row_of: dict[int, in
 
 
 def _joints(motion: Motion, points: Points, shift: Shift, rows: NDArray[np.int64]) -> dict[int, Array]:
-    """Joints (6,) with which each of these corners is cut: between two samples of the motion, else of points.csv."""
+    """Joints (6 + E,), arm joints first, with which each of these corners is cut: between two samples of the motion,
+    else of points.csv."""
+    driven, stood = (np.hstack([of.q, of.external]) for of in (motion, points))
     cuts = np.flatnonzero((motion.move != Move.RAPID) & np.isfinite(motion.point))
     s = np.maximum.accumulate(motion.point[cuts]) if len(cuts) else np.empty(0)
-    told = {k: q for k, q, status in zip(points.point.tolist(), points.q, points.status, strict=True) if status == "ok"}
+    told = {k: q for k, q, status in zip(points.point.tolist(), stood, points.status, strict=True) if status == "ok"}
     out: dict[int, Array] = {}
     for row in rows.tolist():
         x = float(shift.index[row])
@@ -128,7 +130,7 @@ def _joints(motion: Motion, points: Points, shift: Shift, rows: NDArray[np.int64
         a = max(b - 1, 0)
         if s[a] <= x <= s[b] and cuts[b] - cuts[a] <= 1:
             f = (x - s[a]) / (s[b] - s[a]) if s[b] > s[a] else 1.0
-            out[row] = motion.q[cuts[a]] + f * (motion.q[cuts[b]] - motion.q[cuts[a]])
+            out[row] = driven[cuts[a]] + f * (driven[cuts[b]] - driven[cuts[a]])
         elif round(x) in told and abs(x - round(x)) < 1e-6 and np.isfinite(told[round(x)]).all():
             out[row] = told[round(x)]
     return out
@@ -159,10 +161,12 @@ def _deflection(cell: Cell, toolpath: Toolpath, joints: dict[int, Array], shift:
     except UnknownTermError as error:
         return Found(name, unit, limit, np.empty(0), (), f"no second law is written for {error}")
     index, commanded = corners(toolpath, shift)
-    rows, T = np.array(list(joints)), arm.T_base_workpiece
-    R = T[:3, :3]
-    programmed = (commanded[rows] - shift.offset[rows]) @ R.T + T[:3, 3]
-    d = law.at(arm.stance(np.array(list(joints.values()))), programmed).displacement(shift.force[rows] @ R.T) @ R
+    rows, x = np.array(list(joints)), np.array(list(joints.values()))
+    stance, T = arm.stance(x[:, :6], x[:, 6:]), arm.T_base_workpiece(x[:, 6:])
+    R = T[:, :3, :3]
+    programmed = np.einsum("nij,nj->ni", R, commanded[rows] - shift.offset[rows]) + T[:, :3, 3]
+    d = law.at(stance, programmed).displacement(np.einsum("nij,nj->ni", R, shift.force[rows]))
+    d = np.einsum("nji,nj->ni", R, d)
     size = np.linalg.norm(d, axis=1)
     off = np.linalg.norm(shift.offset[rows] + d, axis=1) / (RELATIVE * size + ABSOLUTE_MM * 1e-3)
     return Found(name, unit, limit, off, tuple(f"point {index[row]:g}" for row in joints))

@@ -128,6 +128,7 @@ class Points:
 
     point: NDArray[np.int64]  # (N,)
     q: Array  # (N, 6) rad by encoder, NaN where the point has none
+    external: Array  # (N, E) rad or m, likewise
     status: tuple[str, ...]
     numbers: dict[str, Array]  # every further column of numbers, in the file's units, NaN where empty
     words: dict[str, tuple[str, ...]]  # operation, move, reason, nearest_pair, stiffness_from
@@ -155,9 +156,7 @@ def read_motion(file: Path, cell: Cell) -> Motion:
         InputError: the file, a column or a number is missing, or a column is unknown.
     """
     table = read_table(file)
-    axes = [f"e{n}_mm" if prismatic else f"e{n}_deg" for n, prismatic in enumerate(cell.external_prismatic, start=1)]
-    _check_names(table, (*MOTION, *axes), ("tool",))
-    external = [table.numbers(name) / (1e3 if name.endswith("mm") else 180.0 / np.pi) for name in axes]
+    _check_names(table, (*MOTION, *_external_names(cell)), ("tool",))
     time = table.numbers("time_s")
     if len(time) < 2:
         raise InputError(f"{len(time)} samples; a motion has two or more", file=file)
@@ -166,14 +165,14 @@ def read_motion(file: Path, cell: Cell) -> Motion:
         point=table.numbers("point", empty=True),
         move=_moves(table),
         q=_joints(table, empty=False),
-        external=np.array(external).T.reshape(len(time), -1),
+        external=_external(table, cell, empty=False),
         operation=tuple(table.words("operation")),
         gamma=np.deg2rad(table.numbers("gamma_deg", empty=True)),
         feed=table.numbers("feed_mm_min") / 6e4,
     )
 
 
-def read_points(file: Path) -> Points:
+def read_points(file: Path, cell: Cell) -> Points:
     """points.csv.
 
     Raises:
@@ -181,18 +180,20 @@ def read_points(file: Path) -> Points:
     """
     table = read_table(file)
     shifted = any(name in table for name in SHIFT)
-    _check_names(table, (*POINTS, *(SHIFT if shifted else ())), FURTHER)
+    axes = _external_names(cell)
+    _check_names(table, (*POINTS, *axes, *(SHIFT if shifted else ())), FURTHER)
     number = table.numbers("point")
     odd = np.flatnonzero((number != np.round(number)) | (np.abs(number) > MOST))
     if len(odd):
         row = int(odd[0])
         raise InputError(f"{number[row]:g} is no point number", file=file, where=f"data row {row + 1}, point")
     _moves(table)
-    skip = {"point", *JOINTS, *SHIFT}
+    skip = {"point", *JOINTS, *axes, *SHIFT}
     shift = np.column_stack([table.numbers(n) for n in SHIFT]) / 1e3 if shifted else None
     return Points(
         number.astype(int),
         _joints(table, empty=True),
+        _external(table, cell, empty=True),
         tuple(table.words("status")),
         {name: table.numbers(name, empty=name not in POINTS[3:9]) for name in table.parts if name not in skip},
         {name: tuple(words) for name, words in table.text.items() if name != "status"},
@@ -273,6 +274,17 @@ def _moves(table: Table) -> NDArray[np.int64]:
 
 def _joints(table: Table, *, empty: bool) -> Array:
     return np.deg2rad(np.column_stack([table.numbers(name, empty=empty) for name in JOINTS]))
+
+
+def _external_names(cell: Cell) -> list[str]:
+    return [f"e{n}_mm" if slides else f"e{n}_deg" for n, slides in enumerate(cell.external_prismatic, start=1)]
+
+
+def _external(table: Table, cell: Cell, *, empty: bool) -> Array:
+    """(rows, E) rad or m."""
+    names = _external_names(cell)
+    columns = [table.numbers(n, empty=empty) * (1e-3 if n.endswith("mm") else np.pi / 180.0) for n in names]
+    return np.array(columns).T.reshape(len(table.words("move")), -1)
 
 
 def _blocks(file: Path) -> Iterator[dict[str, list[str]]]:
