@@ -208,7 +208,9 @@ def test_rail_and_positioner_stand_behind_the_arm_as_listed(folder: Path) -> Non
         ("3000, 3000, 3000, 6000, 6000, 9000]", "3000, 3000, 3000, 6000, 6000, 9000, 700, 5000]"),
         ("workpiece:\n", "workpiece:\n  link: table\n"),
     )
+    change(folder, ("sphere_mm: 80", "sphere_mm: 80, link: table"))
     cell = load_cell(folder)
+    assert [s.link for s in cell.obstacles] == ["world", "table"]
     assert cell.external_joints == ("turn", "rail")
     assert cell.external_prismatic == (False, True)
     np.testing.assert_allclose(cell.external_home, [np.pi / 4, 1.5])
@@ -294,7 +296,12 @@ SCHEMA = [
     ("obstacles:", "collision: false\nobstacles:", ["collision", "belong under plan:", "--set key=value"]),
     ("obstacles:", "notes: old\nobstacles:", ["notes", "write it as a comment: #"]),
     ("obstacles:", "tcp: {}\nobstacles:", ["unknown key 'tcp'; it belongs under tool; valid: "]),
-    ("sphere_mm: 80", "sphere_mm: 80, link: a", ["obstacles[1].link", "stand still in world"]),
+    ("sphere_mm: 80", "sphere_mm: 80, link: a", ["obstacles[1].link", "link 'a' is not in robot.urdf", "world, base"]),
+    (
+        "sphere_mm: 80",
+        "sphere_mm: 80, link: l3",
+        ["obstacles[1].link", "moved by the arm's joint 'a3'", "tool.geometry"],
+    ),
 ]
 
 

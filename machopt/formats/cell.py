@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from os.path import exists, isdir
 from pathlib import Path
@@ -17,7 +17,7 @@ from machopt.domain.cell import Cell, Cutter, JointLimits, Shape, Tool, Workpiec
 from machopt.domain.program import Controller, JointMap
 from machopt.errors import InputError
 from machopt.formats.cell_schema import AnyChainKeys, CellKeys, JointMapKeys, PoseKeys, ShapeKeys
-from machopt.formats.chain import limits_of_urdf, read_chain, read_home, read_limits, standing
+from machopt.formats.chain import Chain, check_carrier, limits_of_urdf, read_chain, read_home, read_limits, standing
 from machopt.formats.kinematics import load_kinematics
 from machopt.formats.linkage import followers, narrowed
 from machopt.formats.maytouch import PairReader
@@ -108,7 +108,7 @@ class _Reader:
         kinematics = None
         if keys.kinematics is not None:
             kinematics = load_kinematics(self.file(("kinematics",), keys.kinematics))
-        obstacles = self.shapes(("obstacles",), keys.obstacles)
+        obstacles = self.obstacles(urdf, chain)
         self.different_names(*tool.geometry, *workpiece.geometry, *obstacles)
         self.missing_bodies(tool, workpiece)
         self.warnings += open_surfaces(self.surfaces)
@@ -319,7 +319,17 @@ class _Reader:
             lines={name: line for name, line in keys.lines.model_dump().items() if line is not None},
         )
 
-    def shapes(self, loc: Loc, rows: list[ShapeKeys]) -> tuple[Shape, ...]:
+    def obstacles(self, urdf: Urdf, chain: Chain) -> tuple[Shape, ...]:
+        rows = self.keys.obstacles
+        bodies = self.shapes(("obstacles",), rows)
+        out = []
+        for n, (row, body) in enumerate(zip(rows, bodies, strict=True)):
+            if row.link != "world":
+                check_carrier(row.link, urdf, chain, self.document, ("obstacles", n, "link"))
+            out.append(replace(body, link=row.link))
+        return tuple(out)
+
+    def shapes(self, loc: Loc, rows: Sequence[ShapeKeys]) -> tuple[Shape, ...]:
         return tuple(self.shape((*loc, n), loc, row) for n, row in enumerate(rows))
 
     def shape(self, loc: Loc, group: Loc, keys: ShapeKeys) -> Shape:

@@ -26,8 +26,7 @@ class PoseKeys(Strict):
 
 class ShapeKeys(PoseKeys):
     HINTS: ClassVar[dict[str, str]] = {
-        "link": "bodies of obstacles stand still in world, those of the tool ride on flange_link, those of the part on "
-        "workpiece.link",
+        "link": "bodies of the tool ride on flange_link, those of the part on workpiece.link; obstacles have the key",
         "size_mm": "give box_mm: [x, y, z] edge lengths",
         "radius_mm": "give sphere_mm: radius, or cylinder_mm: [radius, height]",
     }
@@ -55,6 +54,12 @@ class ShapeKeys(PoseKeys):
         if self.scale is not None and self.mesh is None:
             raise ValueError(f"scale belongs to a mesh; {given[0]} is in mm already")
         return self
+
+
+class ObstacleKeys(ShapeKeys):
+    link: str = Field(
+        default="world", min_length=1, description="`world`, or a link of the URDF that a rail or positioner moves"
+    )
 
 
 class LimitKeys(Strict):
@@ -185,7 +190,7 @@ class CellKeys(Strict):
     packages: dict[str, str] = Field({}, description="package:// names to folders, relative to the cell folder")
     tool: ToolKeys = Field(description="what the flange carries")
     workpiece: WorkpieceKeys = Field(description="where the CAM coordinates are")
-    obstacles: list[ShapeKeys] = Field(default=[], description="fixtures, walls, floor, in world")
+    obstacles: list[ObstacleKeys] = Field(default=[], description="fixtures, walls, floor, in their link")
     stiffness: str | None = Field(default=None, min_length=1, description="a file in the cell folder")
     kinematics: str | None = Field(default=None, min_length=1, description="a file in the cell folder")
     ignore_pairs: list[str | list[str]] = Field(

@@ -267,6 +267,23 @@ def _arm(chain: list[UrdfJoint], urdf: Urdf, keys: CellKeys, document: Document,
     return chain
 
 
+def check_carrier(link: str, urdf: Urdf, chain: Chain, document: Document, loc: Loc) -> None:
+    """That an obstacle may ride on a link.
+
+    Raises:
+        InputError: there is no such link, or the arm moves it.
+    """
+    if link not in urdf.links:
+        raise document.error(loc, f"link {link!r} is not in {urdf.path.name}; {nearest(link, ['world', *urdf.links])}")
+    carried = [j.name for j in urdf.chain(link) if j in chain.arm]
+    if carried:
+        raise document.error(
+            loc,
+            f"link {link!r} is moved by the arm's joint {carried[-1]!r}; expected world or a link of a rail or "
+            "positioner (a body of the arm belongs into the URDF or under tool.geometry)",
+        )
+
+
 def _to_workpiece(urdf: Urdf, arm: list[UrdfJoint], keys: CellKeys, document: Document) -> tuple[UrdfJoint, ...]:
     link = keys.workpiece.link
     if link not in urdf.links:

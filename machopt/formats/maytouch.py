@@ -43,7 +43,8 @@ class PairReader:
             "tool": tuple(s.name for s in tool.geometry),
             "workpiece": tuple(s.name for s in workpiece.geometry),
             "cutter": ("cutter",) if tool.cutter is not None else (),
-            "world": tuple(s.name for s in (*obstacles, *(workpiece.geometry if workpiece.link == "world" else ()))),
+            "world": tuple(s.name for s in obstacles if s.link == "world")
+            + tuple(s.name for s in workpiece.geometry if workpiece.link == "world"),
         }
         self._flange = flange_link
         self.warnings: list[str] = []
