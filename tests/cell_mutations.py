@@ -205,12 +205,14 @@ def sane_mesh(folder: Path) -> None:
     import coal
 
     from machopt.model.bodies import cell_bodies
+    from machopt.model.lines import Carriers
+    from machopt.model.machine import load_machine
     from machopt.model.robot import load_chain
 
     cell = load_cell(folder)
     shape = cell.tool.geometry[0]
     robot, _ = load_chain(cell)
-    ours = cell_bodies(cell, robot)[0]
+    ours = cell_bodies(cell, Carriers(cell, load_machine(cell, robot)))[0]
     theirs = coal.MeshLoader().load(str(shape.mesh), np.full(3, shape.size[0]))
     theirs.computeLocalAABB()
     T = robot.T_base_flange_zero @ shape.T_parent_shape

@@ -17,6 +17,7 @@ from machopt.errors import InputError
 from machopt.model.bodies import Body, cutter_body, inside
 from machopt.model.bounds import Rows
 from machopt.model.collision import CollisionModel
+from machopt.model.machine import load_machine
 from machopt.model.robot import load_chain
 
 ROUND = 0.0022  # the prisms that stand for cylinders are up to 0.22 % larger; spheres up to 0.7 %
@@ -249,14 +250,14 @@ def test_cutter_runs_back_from_the_tcp(folder: Path) -> None:
     robot, _ = load_chain(cell)
     T = np.linalg.inv(robot.T_base_flange_zero @ cell.tool.T_flange_tcp)
     for shrink in (0.0, 1e-4):
-        v = cutter_body(cell, robot, Cutter(0.012, 0.06), shrink).vertices @ T[:3, :3].T + T[:3, 3]
+        v = cutter_body(cell, load_machine(cell, robot), Cutter(0.012, 0.06), shrink).vertices @ T[:3, :3].T + T[:3, 3]
         np.testing.assert_allclose([v[:, 2].min(), v[:, 2].max()], [-0.06, -shrink], atol=1e-9)
         np.testing.assert_allclose(np.hypot(v[:, 0], v[:, 1]).max(), 0.006 - shrink, rtol=ROUND)
 
 
 def test_bad_input_says_what_would_work(folder: Path) -> None:
     cell = small_cell(folder)
-    with pytest.raises(InputError, match="positioners are not supported"):
+    with pytest.raises(InputError, match="'a1' moves the base or the workpiece and is not listed"):
         model_of(replace(cell, workpiece=Workpiece("link_3", np.eye(4))))
     for name, text, expected in (("gone.stl", None, "not a file"), ("x.stl", "solid x\nendsolid x\n", "mesh of 'm'")):
         if text is not None:

@@ -1,4 +1,7 @@
-"""Collision bodies as triangles: one list in base_link at q = 0, with a box and a few spheres around each.
+"""Collision bodies as triangles: one list in base_link at zero, with a box and a few spheres around each.
+
+Each moves with a link of the machine's chain (:mod:`machopt.model.machine`); of an arm alone, link 0 is base_link and
+everything that stands still. At zero all joints are zero.
 
 Boxes, cylinders and spheres become triangles too (round ones circumscribed, so never smaller than they are):
 triangle–triangle distances are exact and have no iteration that could fail, and one code path serves all.
@@ -16,7 +19,9 @@ from numpy.typing import NDArray
 from machopt.arrays import Array, Bools
 from machopt.domain.cell import Cell, Cutter, Shape
 from machopt.errors import InputError
-from machopt.model.robot import LinkShape, Robot
+from machopt.model.lines import Carriers
+from machopt.model.machine import Machine
+from machopt.model.robot import LinkShape
 from machopt.se3 import inverse
 
 Kind = Literal["link", "tool", "cutter", "workpiece", "obstacle"]
@@ -29,50 +34,52 @@ TOUCH = 1e-4  # m, by which the cutter shrinks in the cutter–workpiece test of
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A closed or open surface that moves with one link (0: base_link and everything that stands still)."""
+    """A closed or open surface that moves with one link of the chain (0: what the part moves with)."""
 
     name: str
     kind: Kind
-    link: int  # 0…6
-    vertices: Array  # (V, 3) m, in base_link at q = 0
+    link: int  # 0 … 6 + E
+    vertices: Array  # (V, 3) m, in base_link at zero
     faces: NDArray[np.int64]  # (F, 3)
-    box_rotation: Array  # (3, 3) columns: axes of a box around the body, in base_link at q = 0
+    box_rotation: Array  # (3, 3) columns: axes of a box around the body, in base_link at zero
     box_centre: Array  # (3,) m
     box_half: Array  # (3,) m
     sphere_centres: Array  # (K, 3) m; K spheres that cover the box
     sphere_radius: float  # m, of each
+    apart: tuple[int, ...] = ()  # links next to its own in the chain that do not hang on it
 
 
-def robot_bodies(robot: Robot, shapes: tuple[LinkShape, ...]) -> list[Body]:
+def robot_bodies(carriers: Carriers, shapes: tuple[LinkShape, ...]) -> list[Body]:
     """The URDF's collision shapes."""
-    return [_body(s.shape, "link", s.link, s.shape.T_parent_shape) for s in shapes]
+    out = []
+    for s in shapes:
+        by = carriers.of_shape(s)
+        out.append(replace(_body(s.shape, "link", by.link, s.shape.T_parent_shape), apart=by.apart))
+    return out
 
 
-def cell_bodies(cell: Cell, robot: Robot) -> list[Body]:
+def cell_bodies(cell: Cell, carriers: Carriers) -> list[Body]:
     """Tool, workpiece and obstacles of the cell (the cutter apart, see :func:`cutter_body`)."""
-    if cell.workpiece.link != "world":
-        raise InputError(
-            f"the workpiece stands on link {cell.workpiece.link!r}; "
-            "positioners are not supported yet, 'world' would work",
-            file=cell.folder / "cell.yaml",
-            where="workpiece.link",
-        )
-    T_base_world = inverse(cell.T_world_base)
-    flange = robot.T_base_flange_zero
-    out = [_body(s, "tool", 6, flange @ s.T_parent_shape) for s in cell.tool.geometry]
-    T_base_part = T_base_world @ cell.workpiece.T_link_workpiece
+    machine = carriers.machine
+    T_base_world = inverse(machine.T_world_base_zero)
+    flange = machine.robot.T_base_flange_zero
+    out = [_body(s, "tool", machine.base + 6, flange @ s.T_parent_shape) for s in cell.tool.geometry]
+    T_base_part = machine.T_base_workpiece_zero
     out += [_body(s, "workpiece", 0, T_base_part @ s.T_parent_shape) for s in cell.workpiece.geometry]
-    return out + [_body(s, "obstacle", 0, T_base_world @ s.T_parent_shape) for s in cell.obstacles]
+    for s in cell.obstacles:
+        link, T = (machine.hall, T_base_world) if s.link == "world" else carriers.place(s.link)
+        out.append(_body(s, "obstacle", link, T @ s.T_parent_shape))
+    return out
 
 
-def cutter_body(cell: Cell, robot: Robot, cutter: Cutter, shrink: float = 0.0) -> Body:
+def cutter_body(cell: Cell, machine: Machine, cutter: Cutter, shrink: float = 0.0) -> Body:
     """The cutter as a cylinder from the TCP back along −z, ``shrink`` m smaller at its radius and its tip."""
     radius = max(cutter.diameter / 2 - shrink, cutter.diameter / 4)
     length = max(cutter.length - shrink, cutter.length / 2)
-    T = robot.T_base_flange_zero @ cell.tool.T_flange_tcp
+    T = machine.robot.T_base_flange_zero @ cell.tool.T_flange_tcp
     centre = np.eye(4)
     centre[2, 3] = -cutter.length + length / 2
-    return _body(Shape("cutter", "cylinder", (radius, length), None, np.eye(4)), "cutter", 6, T @ centre)
+    return _body(Shape("cutter", "cylinder", (radius, length), None, np.eye(4)), "cutter", machine.base + 6, T @ centre)
 
 
 def worth_checking(bodies: list[Body]) -> list[tuple[int, int]]:
@@ -80,12 +87,10 @@ def worth_checking(bodies: list[Body]) -> list[tuple[int, int]]:
     out = []
     for i, a in enumerate(bodies):
         for j, b in enumerate(bodies):
-            if (a.link, i) >= (b.link, j) or (a.link == b.link == 0):
+            if a.link >= b.link:
                 continue
-            if a.kind in ("link", "tool") and b.kind in ("link", "tool"):
-                if links_apart(a, b) >= 2:
-                    out.append((i, j))
-            elif b.link >= 1:
+            both = a.kind in ("link", "tool") and b.kind in ("link", "tool")
+            if not (both and hangs(a, b)):
                 out.append((i, j))
     return out
 
@@ -96,7 +101,7 @@ def neighbours(bodies: list[Body]) -> list[tuple[int, int]]:
     What is fixed to one another does not count.
     """
     moving = [(i, b) for i, b in enumerate(bodies) if b.kind in ("link", "tool")]
-    return [(i, j) for i, a in moving for j, b in moving if a.link < b.link and links_apart(a, b) == 1]
+    return [(i, j) for i, a in moving for j, b in moving if a.link < b.link and hangs(a, b)]
 
 
 def allowed(cell: Cell) -> dict[frozenset[str], str]:
@@ -109,8 +114,13 @@ def allowed(cell: Cell) -> dict[frozenset[str], str]:
     }
 
 
+def hangs(a: Body, b: Body) -> bool:
+    """Whether two bodies of the machine hang on each other directly."""
+    return links_apart(a, b) == 1 and b.link not in a.apart and a.link not in b.apart
+
+
 def links_apart(a: Body, b: Body) -> int:
-    """Steps along the chain; the tool is one beyond link 6."""
+    """Steps along the chain; the tool is one beyond the last link."""
     return abs((a.link + (a.kind == "tool")) - (b.link + (b.kind == "tool")))
 
 

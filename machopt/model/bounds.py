@@ -4,7 +4,11 @@ Two facts carry the collision check. Spheres that cover one body and a box aroun
 distance from below. And while the joints move by Δq, no point of one body moves relative to the other by more
 than D = Σ_k |Δq_k| (ρ_k + D), with ρ_k the largest distance of the body from axis k at the start (a lever
 cannot grow by more than the motion itself), hence D = Σ|Δq_k| ρ_k / (1 − Σ|Δq_k|); half the joint step has
-half the bound.
+half the bound. A joint that slides adds |Δq_k| as it is (ρ_k = 1) and makes no lever of its own grow, so it does not
+count in the denominator.
+
+Rows hold θ, one value a line of the chain (:class:`machopt.model.lines.Lines`): between links i < j lie the lines
+i … j − 1, as between links 0 and 3 of an arm its joints 1 to 3.
 """
 
 from __future__ import annotations
@@ -16,6 +20,7 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.model.bodies import Body
+from machopt.model.lines import Lines
 from machopt.model.robot import Robot
 from machopt.se3 import inverse
 
@@ -28,13 +33,13 @@ class PairStack:
     """Spheres and boxes of P pairs as arrays.
 
     Args:
-        robot: kinematics.
+        lines: kinematics.
         bodies: all bodies.
         index: (P) of two indices into ``bodies``, the lower link first.
     """
 
-    def __init__(self, robot: Robot, bodies: list[Body], index: list[tuple[int, int]]) -> None:
-        self.robot, self.bodies, self.index = robot, bodies, index
+    def __init__(self, lines: Lines, bodies: list[Body], index: list[tuple[int, int]]) -> None:
+        self.lines, self.bodies, self.index = lines, bodies, index
         self.links = [(bodies[i].link, bodies[j].link) for i, j in index]
         self.groups = sorted(set(self.links))
         self.group = np.array([self.groups.index(g) for g in self.links], int)
@@ -48,19 +53,27 @@ class PairStack:
         padded = [np.resize(b.sphere_centres, (most, 3)) for b in balls]
         self.centres = np.array([np.vstack([c.T, np.ones(most)]) for c in padded]).reshape(-1, 4, most)
         self.radius = np.array([b.sphere_radius for b in balls])
-        self.reach = _reach(robot, bodies)
+        self.reach = _reach(lines, bodies)
+        self.scale = _scale(lines, self.reach)
+
+    @property
+    def robot(self) -> Robot:
+        """The arm, every line by itself."""
+        return self.lines.machine.robot.serial
 
     def relative(self, p: int, q: Array) -> Array:
-        """(S, 4, 4) motion of pair p's second body from q = 0 to q (S, 6) rad, seen from the first body's link."""
-        poses = self.robot.link_poses(q)
+        """(S, 4, 4) motion of pair p's second body from zero to θ = q (S, n), seen from the first body's link."""
+        poses = self.lines.link_poses(q)
         i, j = self.links[p]
         return np.asarray(poses[:, j] if i == 0 else inverse(poses[:, i]) @ poses[:, j])
 
     def lever(self, p: int) -> float:
-        """m, how far pair p's second body reaches from the axis of the one joint between the two."""
-        body = self.bodies[self.index[p][1]]
+        """m, how far pair p's second body reaches from the axis of the one joint between the two; 1 where it slides."""
+        body, lines = self.bodies[self.index[p][1]], self.lines
         k = body.link - 1
-        return float(np.linalg.norm(np.cross(body.vertices - self.robot.point[k], self.robot.axis[k]), axis=1).max())
+        if lines.slides[k]:
+            return 1.0
+        return float(np.linalg.norm(np.cross(body.vertices - lines.point[k], lines.axis[k]), axis=1).max())
 
 
 @dataclass
@@ -68,13 +81,13 @@ class Rows:
     """Poses, distance bounds and motion bounds of one sequence of joint positions."""
 
     pairs: PairStack
-    q: Array
+    q: Array  # (S, n) rad or m, θ of the lines
     bound: Array = field(init=False)  # (S, P) m, never above the true distance
     reach: Array = field(init=False)  # (S − 1,) m, never below any pair's relative motion to the next row
 
     def __post_init__(self) -> None:
-        pairs, self.q = self.pairs, np.asarray(self.q, float).reshape(-1, 6)
-        self.poses = pairs.robot.link_poses(self.q)
+        pairs, self.q = self.pairs, np.asarray(self.q, float).reshape(-1, self.pairs.lines.count)
+        self.poses = pairs.lines.link_poses(self.q)
         self._relative = np.empty((len(pairs.groups), len(self.q), 4, 4))
         for g, (i, j) in enumerate(pairs.groups):
             self._relative[g] = self.poses[:, j] if i == 0 else inverse(self.poses[:, i]) @ self.poses[:, j]
@@ -83,7 +96,8 @@ class Rows:
         for start in range(0, len(self.q), BLOCK):
             self.bound[start : start + BLOCK] = self._bounds(slice(start, start + BLOCK))
         delta = np.abs(np.diff(self.q, axis=0))
-        self._delta, self._turn = delta, delta.sum(axis=1)
+        slides = pairs.lines.slides
+        self._delta, self._turn = delta, (delta[:, ~slides] if slides.any() else delta).sum(axis=1)
         self.reach = _whole(delta @ pairs.reach, self._turn)
 
     def _bounds(self, rows: slice) -> Array:
@@ -109,13 +123,16 @@ class Rows:
         i, j = self.pairs.index[p]
         low = self.pairs.bodies[i].link
         if (low, j) not in self._travel:
-            body, robot = self.pairs.bodies[j], self.pairs.robot
+            body, lines = self.pairs.bodies[j], self.pairs.lines
             centre = self.poses[:-1, body.link] @ np.append(body.box_centre, 1.0)
-            lever = np.zeros((len(self.q) - 1, 6))
+            lever = np.zeros((len(self.q) - 1, lines.count))
             for k in range(low, body.link):
+                if lines.slides[k]:
+                    lever[:, k] = 1.0
+                    continue
                 pose = self.poses[:-1, k]
-                arm = centre[:, :3] - (pose[:, :3, :3] @ robot.point[k] + pose[:, :3, 3])
-                lever[:, k] = np.linalg.norm(np.cross(pose[:, :3, :3] @ robot.axis[k], arm), axis=1)
+                arm = centre[:, :3] - (pose[:, :3, :3] @ lines.point[k] + pose[:, :3, 3])
+                lever[:, k] = np.linalg.norm(np.cross(pose[:, :3, :3] @ lines.axis[k], arm), axis=1)
                 lever[:, k] += np.linalg.norm(body.box_half)
             self._travel[low, j] = _whole(np.einsum("sk,sk->s", self._delta, lever), self._turn)
         return self._travel[low, j]
@@ -126,25 +143,27 @@ class Memory:
 
     Straight through joint space no point of the second body moves by more than Σ_k |Δq_k| ρ_k, ρ_k being its
     largest distance from axis k in any pose; so every distance d found at q' bounds that at q by d − Σ|Δq_k| ρ_k.
-    Neighbouring links are always near each other, so without it they would cost a distance at every pose.
+    Neighbouring links are always near each other, so without it they would cost a distance at every pose. A line that
+    slides has ρ_k = 1 and makes the levers before it longer by its stroke.
     """
 
-    def __init__(self, robot: Robot, low: int, body: Body) -> None:
+    def __init__(self, lines: Lines, low: int, body: Body) -> None:
         self.joints = slice(low, body.link)
         self._levers = np.zeros(body.link - low)
         for n, k in enumerate(range(low, body.link)):
-            arm = body.vertices - robot.point[body.link - 1]
-            if k == body.link - 1:  # turns with this joint alone: the distance from its axis stays
-                self._levers[n] = np.linalg.norm(np.cross(arm, robot.axis[k]), axis=1).max()
+            arm = body.vertices - lines.point[body.link - 1]
+            if lines.slides[k]:
+                self._levers[n] = 1.0
+            elif k == body.link - 1:  # turns with this joint alone: the distance from its axis stays
+                self._levers[n] = np.linalg.norm(np.cross(arm, lines.axis[k]), axis=1).max()
             else:
-                chain = np.linalg.norm(np.diff(robot.point[k : body.link], axis=0), axis=1).sum()
-                self._levers[n] = chain + np.linalg.norm(arm, axis=1).max()
+                self._levers[n] = _chain(lines, k, body.link) + np.linalg.norm(arm, axis=1).max()
         self._at = np.empty((MEMORY, body.link - low))
         self._distance = np.empty(MEMORY)
         self._count = 0
 
     def bound(self, q: Array) -> float:
-        """m, never above the distance at q (6,) rad."""
+        """m, never above the distance at θ = q (n,)."""
         n = min(self._count, MEMORY)
         if n == 0:
             return -np.inf
@@ -156,11 +175,18 @@ class Memory:
         self._count += 1
 
 
-def densify(q: Array, step: float) -> tuple[Array, NDArray[np.int64], Array]:
-    """Rows at most ``step`` apart in every joint, the row each leads to, and its fractional row."""
+def densify(q: Array, step: float, scale: Array | None = None) -> tuple[Array, NDArray[np.int64], Array]:
+    """Rows at most ``step`` apart in every joint, the row each leads to, and its fractional row.
+
+    Args:
+        q: (S, n) θ of the lines.
+        step: rad.
+        scale: (n,) what a unit of each line counts; None: 1.
+    """
     if len(q) == 0:
-        return q.reshape(0, 6), np.zeros(0, np.int64), np.zeros(0)
-    parts = np.maximum(np.ceil(np.abs(np.diff(q, axis=0)).max(axis=1) / step), 1).astype(int)
+        return q.reshape(0, q.shape[-1]), np.zeros(0, np.int64), np.zeros(0)
+    way = np.abs(np.diff(q, axis=0))
+    parts = np.maximum(np.ceil((way if scale is None else way * scale).max(axis=1) / step), 1).astype(int)
     owner = np.repeat(np.arange(1, len(q)), parts)
     count = np.arange(len(owner)) - np.repeat(np.cumsum(parts) - parts, parts) + 1
     share = count / np.repeat(parts, parts)
@@ -169,16 +195,28 @@ def densify(q: Array, step: float) -> tuple[Array, NDArray[np.int64], Array]:
     return np.vstack([q[:1], dense]), np.append(0, owner), np.append(0.0, owner - 1 + share)
 
 
-def _reach(robot: Robot, bodies: list[Body]) -> Array:
-    """(6,) m: no body point is ever farther from axis k than this."""
-    point = robot.point
-    out = np.zeros(6)
+def _chain(lines: Lines, k: int, end: int) -> float:
+    """m, no farther apart are the points of line k and of the last line before link ``end`` ever."""
+    between = np.linalg.norm(np.diff(lines.point[k:end], axis=0), axis=1).sum()
+    return float(between + lines.stroke[k + 1 : end].sum()) if lines.slides.any() else float(between)
+
+
+def _reach(lines: Lines, bodies: list[Body]) -> Array:
+    """(n,) m: no body point is ever farther from axis k than this; 1 for a line that slides, whatever it carries."""
+    point = lines.point
+    out = np.zeros(lines.count)
     for body in bodies:
+        own = np.linalg.norm(body.box_centre - point[body.link - 1]) + np.linalg.norm(body.box_half)
         for k in range(body.link):
-            chain = np.linalg.norm(np.diff(point[k : body.link], axis=0), axis=1).sum()
-            own = np.linalg.norm(body.box_centre - point[body.link - 1]) + np.linalg.norm(body.box_half)
-            out[k] = max(out[k], chain + own)
-    return out
+            out[k] = max(out[k], _chain(lines, k, body.link) + own)
+    return np.where(lines.slides, 1.0, out) if lines.slides.any() else out
+
+
+def _scale(lines: Lines, reach: Array) -> Array | None:
+    """(n,) rad per unit of each line: a shift counts as a turn that moves bodies as far; None: all turn."""
+    if not lines.slides.any():
+        return None
+    return np.where(lines.slides, 1.0 / max(float(reach[~lines.slides].max()), 1e-3), 1.0)
 
 
 def _whole(first_order: Array, turn: Array) -> Array:

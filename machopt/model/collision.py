@@ -10,7 +10,8 @@ too near on a way is so by fcl's word:
    d(a) + d(b) − 2·clearance exceeds it (each free ball covers its share of the way); otherwise the segment is
    halved until it does or a contact shows.
 
-Both bounds are in :mod:`machopt.model.bounds`.
+Both bounds are in :mod:`machopt.model.bounds`. With external axes everything is seen from the part: bodies ride on the
+links of the machine's chain (:mod:`machopt.model.machine`), and what stands in the hall is one of them.
 """
 
 from __future__ import annotations
@@ -36,6 +37,8 @@ from machopt.model.bodies import (
     worth_checking,
 )
 from machopt.model.bounds import Memory, PairStack, Rows, densify
+from machopt.model.lines import Carriers, Lines
+from machopt.model.machine import load_machine
 from machopt.model.nearest import CAP, Nearest, nearest_of
 from machopt.model.robot import LinkShape, Robot
 from machopt.model.surfaces import Surfaces
@@ -101,7 +104,10 @@ class Contacts:
 
 
 class CollisionModel:
-    """Robot, tool, cutter, workpiece and obstacles of a cell, checked at joint positions.
+    """Machine, tool, cutter, workpiece and obstacles of a cell, checked at joint positions.
+
+    Joint positions x are (S, 6 + E): the joints of the arm in rad, then the external joints in rad or m as the cell
+    lists them.
 
     ``cutting`` (S,) marks moves in which the cutter may touch the workpiece; entry n speaks of the move that
     ends in row n. In the other moves the cutter, drawn in by 0.1 mm at radius and tip, must not touch the
@@ -109,8 +115,8 @@ class CollisionModel:
     other pair.
 
     Args:
-        cell: tool, workpiece, obstacles and T_world_base.
-        robot: kinematics.
+        cell: tool, workpiece, obstacles, T_world_base and external joints.
+        robot: kinematics of the arm.
         shapes: the URDF's collision bodies, from :func:`machopt.model.robot.load_chain`.
         clearance: m, required distance.
 
@@ -121,19 +127,21 @@ class CollisionModel:
         suspicious: pairs in touch at the home pose, in words (a model error or a too coarse mesh).
 
     Raises:
-        InputError: a mesh cannot be read, or the workpiece stands on a positioner.
+        InputError: a mesh cannot be read, or the external joints make no chain.
     """
 
     def __init__(self, cell: Cell, robot: Robot, shapes: tuple[LinkShape, ...], clearance: float) -> None:
-        self._robot, self.clearance = robot, clearance
-        self._bodies = [*robot_bodies(robot, shapes), *cell_bodies(cell, robot)]
+        machine = load_machine(cell, robot)
+        self._lines, self.clearance = Lines.of(cell, machine), clearance
+        carriers = Carriers(cell, machine)
+        self._bodies = [*robot_bodies(carriers, shapes), *cell_bodies(cell, carriers)]
         wanted = [(i, j, False) for i, j in worth_checking(self._bodies)]
         if cell.tool.cutter is not None:
-            cutter, drawn_in = (cutter_body(cell, robot, cell.tool.cutter, s) for s in (0.0, TOUCH))
+            cutter, drawn_in = (cutter_body(cell, machine, cell.tool.cutter, s) for s in (0.0, TOUCH))
             for i, body in enumerate(self._bodies):
                 if body.kind == "workpiece":
                     wanted.append((i, len(self._bodies) + 1, True))
-                elif body.kind == "obstacle" or (body.kind == "link" and body.link <= 4):
+                elif body.kind == "obstacle" or (body.kind == "link" and body.link <= machine.base + 4):
                     wanted.append((i, len(self._bodies), False))
             self._bodies += [cutter, drawn_in]
         by_cell = allowed(cell)
@@ -148,7 +156,7 @@ class CollisionModel:
         self.outlines = side_by_side(outline_of, self._bodies)
         self._take([(i, j) for i, j, _ in wanted], [touch for *_, touch in wanted])
         self.excluded: tuple[Excluded, ...] = (*self._exclude(wanted), *told)
-        at_home = self._touching(cell.home[None, :])
+        at_home = self._touching(np.append(cell.home, cell.external_home)[None, :])
         self.suspicious: tuple[str, ...] = tuple(
             f"{p.name} touch or are nearer than the clearance at the home pose{_remedy(p)}"
             for p, hit in zip(self.pairs, at_home[0], strict=True)
@@ -159,10 +167,10 @@ class CollisionModel:
         """Which rows collide or are nearer than the clearance; rows are taken by themselves.
 
         Args:
-            q: (S, 6) rad, quickest where neighbouring rows are neighbouring poses.
+            q: (S, 6 + E) rad or m, quickest where neighbouring rows are neighbouring poses.
             cutting: (S,) the cutter may touch the workpiece.
         """
-        rows = Rows(self.stack, self._robot.turned(q))
+        rows = Rows(self.stack, self._lines.moved(q))
         contacts = _none(len(rows.q))
         near = rows.bound < self._required
         near[cutting] &= ~self._spared
@@ -179,13 +187,14 @@ class CollisionModel:
         0.1 mm between rows may be missed; nothing deeper.
 
         Args:
-            q: (S, 6) rad.
+            q: (S, 6 + E) rad or m.
             cutting: (S,) the cutter may touch the workpiece in the move to the row.
-            step: rad, greatest joint step at which the bounds are renewed (0.1 rad at most is used).
+            step: rad, greatest joint step at which the bounds are renewed (0.1 rad at most is used); a joint that
+                slides may go as far as a body is moved by such a turn.
             first_only: stop at the first pair that hits (for planners that only want yes or no).
         """
-        q = self._robot.turned(q)
-        dense, owner, at = densify(q, min(step, LONGEST))
+        q = self._lines.moved(q)
+        dense, owner, at = densify(q, min(step, LONGEST), self.stack.scale)
         contacts = _none(len(q))
         for start in range(0, len(dense), MOST):  # a block goes on from the last row of the one before
             some = slice(max(start - 1, 0), start + MOST)
@@ -197,7 +206,7 @@ class CollisionModel:
     def _along(
         self, dense: Array, cutting: Bools, owner: NDArray[np.int64], at: Array, contacts: Contacts, first_only: bool
     ) -> None:
-        """Fill in the contacts of some dense rows (D, 6); owner, at (D,) as :func:`densify` tells them."""
+        """Fill in the contacts of some dense rows (D, n); owner, at (D,) as :func:`densify` tells them."""
         rows = Rows(self.stack, dense)
         for p, doubt in self._doubtful(rows, cutting[owner]):
             walk = _Walk(self, rows, p)
@@ -233,12 +242,12 @@ class CollisionModel:
         """Least distance over all pairs at each row, and whose it is; 0 in contact.
 
         Args:
-            q: (S, 6) rad, quickest where neighbouring rows are neighbouring poses.
+            q: (S, 6 + E) rad or m, quickest where neighbouring rows are neighbouring poses.
             cutting: (S,) the cutter may touch the workpiece.
             cap: m, distances above it are not measured.
         """
         asked = ~(np.asarray(cutting, bool)[:, None] & self._spared)
-        return nearest_of(self.stack, self.surfaces, [o.mesh for o in self.outlines], self._robot.turned(q), asked, cap)
+        return nearest_of(self.stack, self.surfaces, [o.mesh for o in self.outlines], self._lines.moved(q), asked, cap)
 
     def _names(self, i: int, j: int) -> frozenset[str]:
         return frozenset((self._bodies[i].name, self._bodies[j].name))
@@ -254,15 +263,15 @@ class CollisionModel:
         )
         self._required = np.array([pair.clearance for pair in self.pairs])  # (P,) m
         self._spared = np.array(touch, bool)  # (P,) not asked for in moves that cut
-        self.stack = PairStack(self._robot.serial, bodies, indices)
+        self.stack = PairStack(self._lines, bodies, indices)
         self._memory: list[Memory | None] = [
-            Memory(self.stack.robot, i, bodies[pair[1]]) if j - i <= 2 else None
+            Memory(self._lines, i, bodies[pair[1]]) if j - i <= 2 else None
             for pair, (i, j) in zip(indices, self.stack.links, strict=True)
         ]
 
     def _exclude(self, wanted: list[tuple[int, int, bool]]) -> tuple[Excluded, ...]:
         """Drop pairs that touch by construction, and tell them; sampled, so it needs no list made by hand."""
-        robot, bodies = self._robot, self._bodies
+        lines, bodies = self._lines, self._bodies
         asked = [
             n
             for n, (i, j, _) in enumerate(wanted)
@@ -270,21 +279,22 @@ class CollisionModel:
             and (
                 bodies[i].kind == bodies[j].kind == "link"
                 or {bodies[i].kind, bodies[j].kind} == {"link", "tool"}
-                or self.stack.links[n] == (0, 1)
+                or ("link" in (bodies[i].kind, bodies[j].kind) and bodies[j].link - bodies[i].link == 1)
             )
         ]
         rng = np.random.default_rng(0)  # the same poses for every run of a robot
-        q = robot.lower + (robot.upper - robot.lower) * rng.random((SAMPLES, 6))
+        q = lines.lower + (lines.upper - lines.lower) * rng.random((SAMPLES, lines.count))
         quick = self._touching(q[: SAMPLES // 10], asked)[:, asked].mean(axis=0)
         asked = [n for n, share in zip(asked, quick, strict=True) if share > COARSE / 2]
         share = self._touching(q, asked).mean(axis=0)
         dropped: dict[int, str] = {}
         poses = f"in touch in {{:.0%}} of {SAMPLES} random poses"
         for n in asked:
-            apart = links_apart(bodies[wanted[n][0]], bodies[wanted[n][1]])
+            a, b = (bodies[k] for k in wanted[n][:2])
+            of_one = a.link >= lines.machine.hall or b.link <= lines.machine.hall  # the positioner, or arm and rail
             if share[n] > ALWAYS:
                 dropped[n] = poses.format(share[n])
-            elif apart == 2 and share[n] > COARSE:
+            elif of_one and links_apart(a, b) == 2 and share[n] > COARSE:
                 dropped[n] = f"links two apart with coarse meshes: {poses.format(share[n])}"
         out = tuple(
             Excluded(bodies[wanted[n][0]].name, bodies[wanted[n][1]].name, reason, float(share[n]))
@@ -297,9 +307,9 @@ class CollisionModel:
     def touching(self, q: Array, pair: NDArray[np.integer[Any]]) -> Bools:
         """Whether the one pair asked of each row touches or is nearer than its clearance; no other is looked at.
 
-        Much quicker than :meth:`check` where most do. q (S, 6) rad; pair (S,) index into ``pairs``.
+        Much quicker than :meth:`check` where most do. q (S, 6 + E) rad or m; pair (S,) index into ``pairs``.
         """
-        out, q = np.zeros(len(q), bool), self._robot.turned(q)
+        out, q = np.zeros(len(q), bool), self._lines.moved(q)
         for p in np.unique(pair).tolist():
             rows = np.flatnonzero(pair == p)
             i, j = self.stack.links[p]
@@ -318,7 +328,7 @@ class CollisionModel:
 
     def _touching(self, q: Array, asked: list[int] | None = None) -> Bools:
         """(S, P) in contact or nearer than the clearance, each row by itself."""
-        rows = Rows(self.stack, self._robot.turned(q))
+        rows = Rows(self.stack, self._lines.moved(q))
         out = np.zeros(rows.bound.shape, bool)
         for p in range(len(self.pairs)) if asked is None else asked:
             n = np.flatnonzero(rows.bound[:, p] < self.pairs[p].clearance)
@@ -402,7 +412,7 @@ class _Walk:
             return np.nan
         middle = 0.5 * (qa + qb)
         i, j = self.rows.pairs.links[self.p]
-        poses = self.rows.pairs.robot.link_poses(middle)
+        poses = self.rows.pairs.lines.link_poses(middle)
         d = self._measured(inverse(poses[i]) @ poses[j])
         if _too_near(d, self.clearance):
             return 0.5

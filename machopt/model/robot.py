@@ -32,6 +32,8 @@ class LinkShape:
 
     link: int
     shape: Shape  # placed in base_link coordinates at q = 0
+    above: tuple[str, ...] = ()  # names of the moving joints of the URDF that carry it, the nearest first
+    part: str = ""  # the link of the URDF that it belongs to
 
 
 @dataclass(frozen=True)
@@ -304,11 +306,11 @@ def _link_shapes(cell: Cell, model: object, data: object, T_base_world: Array, i
         )
     shapes = []
     for g in geometry.geometryObjects:
-        joint, link = g.parentJoint, 0
-        while joint > 0 and link == 0:  # walk up to the nearest arm joint
-            if joint in ids:
-                link = ids.index(joint) + 1
+        joint, above = g.parentJoint, []
+        while joint > 0:
+            above.append(joint)
             joint = model.parents[joint]  # type: ignore[attr-defined]
+        link = next((ids.index(joint) + 1 for joint in above if joint in ids), 0)
         T = T_base_world @ data.oMi[g.parentJoint].homogeneous @ g.placement.homogeneous  # type: ignore[attr-defined]
         kind = type(g.geometry).__name__
         if g.meshPath and kind.startswith("BVH"):
@@ -323,7 +325,8 @@ def _link_shapes(cell: Cell, model: object, data: object, T_base_world: Array, i
             raise InputError(
                 f"collision geometry {g.name!r} is a {kind}; mesh, box, cylinder or sphere would work", file=cell.urdf
             )
-        shapes.append(LinkShape(link, shape))
+        names = tuple(str(model.names[j]) for j in above)  # type: ignore[attr-defined]
+        shapes.append(LinkShape(link, shape, names, str(model.frames[g.parentFrame].name)))  # type: ignore[attr-defined]
     return tuple(shapes)
 
 

@@ -1,0 +1,152 @@
+"""The lines that move the bodies of a machine, in the order of its chain, and which of them carries what."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from xml.etree import ElementTree
+
+import numpy as np
+
+from machopt.arrays import Array, Bools
+from machopt.domain.cell import Cell
+from machopt.model import chain
+from machopt.model.linkage import at_rest
+from machopt.model.machine import Machine
+from machopt.model.robot import LinkShape, frame_of, urdf_model
+from machopt.se3 import inverse, transform
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """n lines from the part to the tool; θ (n,) rad or m says how far each moves, x (n,) where the joints are.
+
+    Between links i < j of the chain lie the lines i … j − 1, counted from 0.
+    """
+
+    machine: Machine
+    lower: Array  # (n,) rad or m, of x
+    upper: Array  # (n,)
+
+    @classmethod
+    def of(cls, cell: Cell, machine: Machine) -> Lines:
+        """With the ranges of the robot's joints, and the cell's of external ones."""
+        robot, limits = machine.robot, cell.limits
+        return cls(machine, np.append(robot.lower, limits.lower[6:]), np.append(robot.upper, limits.upper[6:]))
+
+    @property
+    def count(self) -> int:
+        """n."""
+        return len(self.machine.axis)
+
+    @property
+    def axis(self) -> Array:
+        """(n, 3) unit, in base_link where all joints are at zero."""
+        return self.machine.axis
+
+    @property
+    def point(self) -> Array:
+        """(n, 3) m, on each line."""
+        return self.machine.point
+
+    @property
+    def slides(self) -> Bools:
+        """(n,) moves along its line."""
+        return self.machine.slides
+
+    @cached_property
+    def stroke(self) -> Array:
+        """(n,) m, how far a line that slides is ever shifted; 0 for those that turn."""
+        most = np.maximum(np.abs(self.lower), np.abs(self.upper))[self.machine.column]
+        return np.where(self.slides, most, 0.0)
+
+    def moved(self, x: Array) -> Array:
+        """θ (..., n) at joints x (..., n): with linkages, signs and the chain's order."""
+        return self.machine.moved(x) if self.machine.external else self.machine.robot.turned(x)
+
+    def link_poses(self, theta: Array) -> Array:
+        """(..., n + 1, 4, 4) motion of each link from where it is at zero, seen from the part (link 0); θ (..., n)."""
+        if not self.machine.external:
+            return self.machine.robot.serial.link_poses(theta)
+        n, lead = self.count, np.shape(theta)[:-1]
+        rows = np.array(theta, float, order="C").reshape(-1, n)
+        R, p = np.empty((len(rows), n + 1, 3, 3)), np.empty((len(rows), n + 1, 3))
+        # plain copies, so that the kernel is compiled once
+        chain.moved_links(np.array(self.axis), np.array(self.point), np.array(self.slides), rows, R, p)
+        return transform(R, p).reshape(*lead, n + 1, 4, 4)
+
+
+@dataclass(frozen=True)
+class Carrier:
+    """What carries a body: a link of the chain, and which links next to it do not hang on it."""
+
+    link: int
+    apart: tuple[int, ...] = ()
+
+
+class Carriers:
+    """Which link of a machine's chain carries the links of the URDF.
+
+    What no joint of the chain carries stands in the hall. On what stands there a positioner or the arm hangs only where
+    the URDF says so, link by link: the robot's base and the foot of a table are both of the hall.
+
+    Args:
+        cell: URDF, and names of the joints.
+        machine: of the same cell.
+    """
+
+    def __init__(self, cell: Cell, machine: Machine) -> None:
+        self._cell, self.machine = cell, machine
+        names = (*cell.arm_joints, *cell.external_joints)
+        order = [names[c] for c in machine.column]
+        P = machine.positioner
+        self._link = {name: k if k < P else k + 1 for k, name in enumerate(order)}
+        self._next = {k: order[line] for k, line in ((P - 1, P - 1), (P + 1, P)) if line >= 0}
+
+    def of_shape(self, shape: LinkShape) -> Carrier:
+        """What carries a collision body of the URDF."""
+        if not self.machine.external:
+            return Carrier(shape.link)
+        link = self._of(shape.above)
+        if link != self.machine.hall:
+            return Carrier(link)
+        return Carrier(link, tuple(k for k, above in self._above_next.items() if shape.part not in above))
+
+    def place(self, link: str) -> tuple[int, Array]:
+        """What carries a link of the URDF, and (4, 4) its frame in base_link with all joints at zero."""
+        import pinocchio as pin
+
+        cell = self._cell
+        model = urdf_model(cell)
+        data = model.createData()
+        pin.framesForwardKinematics(model, data, at_rest(cell, model))
+        base, frame = (frame_of(cell, model, name) for name in (cell.base_link, link))
+        joint, above = int(model.frames[frame].parentJoint), []
+        while joint > 0:
+            above.append(str(model.names[joint]))
+            joint = int(model.parents[joint])
+        T = inverse(data.oMf[base].homogeneous) @ data.oMf[frame].homogeneous
+        return self._of(tuple(above)), np.asarray(T)
+
+    def _of(self, above: tuple[str, ...]) -> int:
+        return next((self._link[name] for name in above if name in self._link), self.machine.hall)
+
+    @cached_property
+    def _above_next(self) -> dict[int, set[str]]:
+        """Of each link next to the hall: the links of the URDF on which its joint hangs."""
+        root = ElementTree.fromstring(self._cell.urdf_text)
+        parent, child = {}, {}
+        for joint in root.findall("{*}joint"):
+            ends = joint.find("{*}parent"), joint.find("{*}child")
+            if ends[0] is not None and ends[1] is not None:
+                parent[joint.get("name")] = ends[0].get("link", "")
+                child[ends[1].get("link", "")] = joint.get("name")
+        out = {}
+        for k, name in self._next.items():
+            link: str | None = parent.get(name)
+            above: set[str] = set()
+            while link is not None:
+                above.add(link)
+                link = parent.get(child.get(link))
+            out[k] = above
+        return out
