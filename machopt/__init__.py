@@ -12,8 +12,16 @@ Pipeline of the main job (``machopt optimize CELL TOOLPATH -o OUT``)::
 Each step is one file in :mod:`machopt.plan` and owns its result type; ``plan/pipeline.py`` draws the
 arrows. Imports point one way::
 
-    cli → batch → job → report | formats | verify → diagnose → plan | identify | design | workspace
-        → model → domain → se3 → errors
+    cli → api → batch → services → report | formats | verify → diagnose → plan | identify | design | workspace
+        → model → effects → domain → se3 → errors
+
+As a library (:mod:`machopt.api`)::
+
+    import machopt
+
+    cell = machopt.Cell.load("cells/kr500_milling")
+    plan = machopt.optimize(cell, "part.cls", rotation_step_deg=2.5)
+    plan.points["deflection_mm"], plan.verify().ok, plan.save("out/part")
 
 Frames: ``world`` → ``base_link`` → joints → ``flange`` → ``tcp``; ``workpiece`` is the frame of the CAM
 coordinates. ``T_a_b`` maps coordinates in b to coordinates in a. Twists and wrenches: linear part first.
@@ -22,4 +30,78 @@ turns the TCP about its own z, right-handed.
 Units: SI inside (m, rad, N, N·m, kg, s); mm, degrees and mm/min only in files and reports.
 """
 
-__version__ = "0.1.0"
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+from machopt.errors import InputError, MachoptError, VerificationError
+from machopt.version import __version__
+
+if TYPE_CHECKING:
+    from machopt.api import (
+        Cell,
+        Diagnosis,
+        Figure,
+        Identification,
+        Map,
+        Plan,
+        PosePlan,
+        Table,
+        Toolpath,
+        diagnose,
+        identify,
+        map,
+        optimize,
+        plan_poses,
+    )
+
+__all__ = [
+    "Cell",
+    "Diagnosis",
+    "Figure",
+    "Identification",
+    "InputError",
+    "MachoptError",
+    "Map",
+    "Plan",
+    "PosePlan",
+    "Table",
+    "Toolpath",
+    "VerificationError",
+    "__version__",
+    "diagnose",
+    "identify",
+    "map",
+    "optimize",
+    "plan_poses",
+]
+"""The names that stay: what is not here may change with any version."""
+
+
+def _late(name: str) -> property:
+    """A public name, imported when it is first asked for, so that ``import machopt`` loads nothing heavy."""
+
+    def get(_: ModuleType) -> object:
+        return getattr(import_module("machopt.api"), name)
+
+    def keep(_: ModuleType, __: object) -> None:
+        """Functions have the names of commands, and so have the packages behind them: importing
+        ``machopt.identify.fit`` puts its package here as an attribute, which must not take the function's place."""
+
+    return property(get, keep)
+
+
+class _Face(ModuleType):
+    """This module, with its public names as properties."""
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *__all__})
+
+
+for _name in __all__:
+    if _name not in globals():
+        setattr(_Face, _name, _late(_name))
+sys.modules[__name__].__class__ = _Face

@@ -41,7 +41,9 @@ from machopt.se3 import rpy_matrix, transform
 _ANY_SIZE = 1 << 62  # bytes; each reader has its own limit
 
 
-def load_cell(path: Path | str, *, allow_external: bool = False, any_chain: bool = False) -> Cell:
+def load_cell(
+    path: Path | str, *, allow_external: bool = False, any_chain: bool = False, stiffness: Path | None = None
+) -> Cell:
     """Read a cell folder.
 
     Args:
@@ -49,6 +51,7 @@ def load_cell(path: Path | str, *, allow_external: bool = False, any_chain: bool
         allow_external: accept files outside the cell folder.
         any_chain: accept any number of revolute and prismatic joints between base and flange, and no tool and no
             workpiece: for a recorded motion, which needs no more than the chain's dynamics.
+        stiffness: a stiffness.yaml to take in place of the one that the cell names, wherever it lies.
 
     Raises:
         InputError: names file, line and key, what was found and what was expected.
@@ -60,7 +63,7 @@ def load_cell(path: Path | str, *, allow_external: bool = False, any_chain: bool
             raise InputError("no cell.yaml in this folder", file=path)
     document = read_yaml(file)
     keys = validate(AnyChainKeys if any_chain else CellKeys, document)
-    return _Reader(document, keys, file.resolve().parent, allow_external, any_chain).cell()
+    return _Reader(document, keys, file.resolve().parent, allow_external, any_chain, stiffness).cell()
 
 
 @dataclass
@@ -72,6 +75,7 @@ class _Reader:
     folder: Path
     allow_external: bool
     any_chain: bool = False
+    other_stiffness: Path | None = None
     files: list[Path] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     read: dict[Path, Surface] = field(default_factory=dict)
@@ -102,8 +106,12 @@ class _Reader:
         packages = self.urdf_meshes(urdf, named)
         tool, workpiece = self.tool(), self.workpiece()
         stiffness = None
-        if keys.stiffness is not None:
-            stiffness = load_stiffness(self.file(("stiffness",), keys.stiffness))
+        other = self.other_stiffness
+        if other is not None:
+            check_file(other, expected="a stiffness.yaml", most=_ANY_SIZE)
+            self.files.append(other.resolve())
+        if keys.stiffness is not None or other is not None:
+            stiffness = load_stiffness(other or self.file(("stiffness",), str(keys.stiffness)))
             check_stiffness(stiffness, keys, self.reach, self.document, self.warnings)
         kinematics = None
         if keys.kinematics is not None:

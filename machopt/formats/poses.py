@@ -6,8 +6,10 @@ import csv
 import io
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from machopt.arrays import Array, Ints
 from machopt.domain.poses import PosesTable
@@ -25,13 +27,29 @@ _YES = {"yes": True, "no": False, "": None}
 
 def write_poses_csv(path: Path, table: PosesTable) -> None:
     """Write ``poses.csv``; rows are numbered from 1 in ``order``."""
+    columns = {**_columns(table), "load": [_quoted(v) for v in table.load]}  # in its place
+    with path.open("w", encoding="utf-8", newline="\n") as out:
+        out.write(",".join(columns) + "\n")
+        out.writelines(",".join(row) + "\n" for row in zip(*columns.values(), strict=True))
+
+
+def poses_columns(table: PosesTable) -> dict[str, NDArray[Any]]:
+    """The columns of ``poses.csv`` by name: its very numbers, NaN for an empty field; words as they are."""
+    words = ("load", "way_free")
+    return {
+        name: np.array(values) if name in words else np.array([float(v or "nan") for v in values])
+        for name, values in _columns(table).items()
+    }
+
+
+def _columns(table: PosesTable) -> dict[str, list[str]]:
     D = table.displacement.shape[1]
-    columns: dict[str, list[str]] = {
+    return {
         "order": [str(n + 1) for n in range(len(table))],
         "pose": [str(v) for v in table.pose.tolist()],
         "cycle": [str(v) for v in table.cycle.tolist()],
         **_numbers(_joints(), table.q / _DEG, 6),
-        "load": [_quoted(v) for v in table.load],
+        "load": list(table.load),
         **_numbers(("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"), table.wrench, 4),
         **_numbers(("x_mm", "y_mm", "z_mm"), table.position / _MM, 4),
         **_numbers(_MEASURED[:D], table.displacement / 1e-3, 6),
@@ -41,9 +59,6 @@ def write_poses_csv(path: Path, table: PosesTable) -> None:
         **_numbers(("load_x_mm", "load_y_mm", "load_z_mm"), table.load_point / _MM, 4),
         "way_free": ["" if v is None else "yes" if v else "no" for v in table.way_free],
     }
-    with path.open("w", encoding="utf-8", newline="\n") as out:
-        out.write(",".join(columns) + "\n")
-        out.writelines(",".join(row) + "\n" for row in zip(*columns.values(), strict=True))
 
 
 def read_poses_csv(path: Path | str) -> PosesTable:

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,14 @@ class _Column:
     name: str
     format: str
     values: Sequence[object]
+    meant: NDArray[Any] | None = None  # (rows,) the same: NaN where a field is empty, words as they are without CSV
+
+    @property
+    def array(self) -> NDArray[Any]:
+        """(rows,) numbers or words, read-only."""
+        out = np.array(self.values) if self.meant is None else self.meant
+        out.setflags(write=False)
+        return out
 
 
 @dataclass(frozen=True)
@@ -96,9 +104,19 @@ def write_trajectory_csv(
         operations: labels that ``trajectory.operation`` points to; −1 gives an empty field.
         external_prismatic: (E,) True where the external axis moves along (mm), False where it turns (deg).
     """
-    t = trajectory
+    _write(path, _trajectory(trajectory, operations, external_prismatic))
+
+
+def trajectory_columns(
+    trajectory: Trajectory, operations: Sequence[str], external_prismatic: Sequence[bool] = ()
+) -> dict[str, NDArray[Any]]:
+    """The columns of ``trajectory.csv`` by name, (S,) each and read-only: its very numbers, NaN for an empty field."""
+    return {c.name: c.array for c in _trajectory(trajectory, operations, external_prismatic)}
+
+
+def _trajectory(t: Trajectory, operations: Sequence[str], external_prismatic: Sequence[bool]) -> list[_Column]:
     move, operation = _words(t.move, t.operation, operations)
-    columns = [
+    return [
         _Column("time_s", f"%.{_time_decimals(t.time)}f", t.time.tolist()),
         _optional("point", t.point, 6),
         operation,
@@ -107,7 +125,6 @@ def write_trajectory_csv(
         _optional("gamma_deg", t.gamma * DEG_PER_RAD, 6),
         _optional("feed_mm_min", t.feed * MM_MIN_PER_M_S, 3),
     ]
-    _write(path, columns)
 
 
 def read_trajectory_csv(path: Path) -> TrajectoryTable:
@@ -169,6 +186,15 @@ def write_points_csv(path: Path, table: PointsTable) -> None:
     q1_deg … q6_deg and limit_margin_deg are of encoder angles, kinematics.yaml of the cell counted in; stiffness,
     clearance and singularity of where the arm really stands.
     """
+    _write(path, _points(table))
+
+
+def points_columns(table: PointsTable) -> dict[str, NDArray[Any]]:
+    """The columns of ``points.csv`` by name, (N,) each and read-only: its very numbers, NaN for an empty field."""
+    return {c.name: c.array for c in _points(table)}
+
+
+def _points(table: PointsTable) -> list[_Column]:
     n = len(table)
     move, operation = _words(table.move, table.operation, table.operations)
     columns = [
@@ -178,7 +204,12 @@ def write_points_csv(path: Path, table: PointsTable) -> None:
         *(_optional(f"{c}_mm", table.position[:, i] * MM_PER_M, 6) for i, c in enumerate("xyz")),
         *(_optional(c, table.axis[:, i], 9) for i, c in enumerate("ijk")),
         _optional("gamma_deg", table.gamma * DEG_PER_RAD, 6),
-        _Column("branch", "%s", ["" if b < 0 else str(b) for b in table.branch.tolist()]),
+        _Column(
+            "branch",
+            "%s",
+            ["" if b < 0 else str(b) for b in table.branch.tolist()],
+            np.where(table.branch < 0, np.nan, table.branch.astype(float)),
+        ),
         *_joint_columns(table.q, table.external, table.external_prismatic, decimals=6),
         _optional("k_axial_N_mm", table.k_axial * N_MM_PER_N_M, 4),
         _optional("k_normal_N_mm", table.k_normal * N_MM_PER_N_M, 4),
@@ -186,13 +217,13 @@ def write_points_csv(path: Path, table: PointsTable) -> None:
         _optional("clearance_mm", table.clearance * MM_PER_M, 4),
         _optional("limit_margin_deg", table.limit_margin * DEG_PER_RAD, 5),
         _optional("singularity", table.singularity * DEG_PER_RAD, 5),
-        _Column("status", "%s", [_quoted(s) for s in table.status]),
-        _Column("reason", "%s", [_quoted(s) for s in table.reason]),
+        _text("status", table.status),
+        _text("reason", table.reason),
         _optional("feed_mm_min", table.feed * MM_MIN_PER_M_S, 3),
         _optional("k_jiao_x_N_mm", table.k_jiao_x * N_MM_PER_N_M, 4),
     ]
     if table.nearest_pair:
-        columns.append(_Column("nearest_pair", "%s", [_quoted(p) for p in table.nearest_pair]))
+        columns.append(_text("nearest_pair", table.nearest_pair))
     if table.in_grid is not None:
         columns.append(_Column("stiffness_from", "%s", ["grid" if g else "constant" for g in table.in_grid.tolist()]))
     if table.deflection_std is not None:
@@ -202,7 +233,7 @@ def write_points_csv(path: Path, table: PointsTable) -> None:
     if table.compensation is not None:
         shift = table.compensation * MM_PER_M
         columns += [_optional(f"comp_d{c}_mm", shift[:, i], 6) for i, c in enumerate("xyz")]
-    _write(path, columns)
+    return columns
 
 
 def write_compensation_csv(path: Path, index: Array, offset: Array, force: Array) -> None:
@@ -236,8 +267,12 @@ def _words(move: NDArray[np.int8], operation: NDArray[np.int32], labels: Sequenc
     quoted = [*(_quoted(label) for label in labels), ""]
     return (
         _Column("move", "%s", [moves[m] for m in move.tolist()]),
-        _Column("operation", "%s", [quoted[o] for o in operation.tolist()]),
+        _Column("operation", "%s", [quoted[o] for o in operation.tolist()], np.array([*labels, ""])[operation]),
     )
+
+
+def _text(name: str, words: Sequence[str]) -> _Column:
+    return _Column(name, "%s", [_quoted(w) for w in words], np.array(words, dtype=np.str_))
 
 
 def _optional(name: str, values: Array, decimals: int) -> _Column:
@@ -245,8 +280,8 @@ def _optional(name: str, values: Array, decimals: int) -> _Column:
     rounded = np.round(np.asarray(values, float), decimals) + 0.0
     fmt = f"%.{decimals}f"
     if np.isfinite(rounded).all():
-        return _Column(name, fmt, rounded.tolist())
-    return _Column(name, "%s", [fmt % v if isfinite(v) else "" for v in rounded.tolist()])
+        return _Column(name, fmt, rounded.tolist(), rounded)
+    return _Column(name, "%s", [fmt % v if isfinite(v) else "" for v in rounded.tolist()], rounded)
 
 
 def _time_decimals(time: Array) -> int:

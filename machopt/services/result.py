@@ -11,6 +11,7 @@ from machopt.output.hashes import sha256_of
 from machopt.output.manifest import listed
 from machopt.plan.explain import all_breaks, hints
 from machopt.plan.front import left_out
+from machopt.plan.pipeline import Plan
 from machopt.plan.told import (
     break_told,
     compensation_told,
@@ -48,14 +49,7 @@ def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> told.Optim
         index=the_plan.scores.index,
         index_scale=the_plan.scores.scale,
         chosen_from=the_plan.chosen_from,
-        objective=told.Objectives(
-            cam_default=objective_told(the_plan.cam_default),
-            jiao2022=objective_told(the_plan.jiao2022),
-            grid=told.ObjectiveParts.from_fields(the_plan.grid),
-            search=search_told(the_plan),
-            chosen=objective_told(the_plan.chosen),
-            gain=tuple(gain_told(g) for g in gains(the_plan)),
-        ),
+        objective=objectives_of(the_plan),
         front=tuple(told.FrontPlan.from_fields(p) for p in made.front) or None,
         worst_point=worst_told(the_plan, points),
         compensation=compensation_told(the_plan) if trajectory is not None else None,
@@ -81,6 +75,18 @@ def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> told.Optim
             *hints(the_plan),
         ),
         timings_s={name: round(value, 3) for name, value in seconds.items()},
+    )
+
+
+def objectives_of(the_plan: Plan) -> told.Objectives:
+    """What the plan comes to, and what it is compared with."""
+    return told.Objectives(
+        cam_default=objective_told(the_plan.cam_default),
+        jiao2022=objective_told(the_plan.jiao2022),
+        grid=told.ObjectiveParts.from_fields(the_plan.grid),
+        search=search_told(the_plan),
+        chosen=objective_told(the_plan.chosen),
+        gain=tuple(gain_told(g) for g in gains(the_plan)),
     )
 
 

@@ -1,0 +1,43 @@
+"""What ``import machopt`` offers: the commands as functions, their results in memory.
+
+::
+
+    Cell.load ──┐
+                ├─ optimize ─► Plan ── points, joints, deflection, figures.map(), verify(), save(OUT)
+    Toolpath.read ┘
+    identify ─► Identification   diagnose ─► Diagnosis   map ─► Map   plan_poses ─► PosePlan
+
+Each function calls the service that its command calls, so ``save(OUT)`` writes what the command writes, and takes the
+command's options under the names that ``manifest.json`` has for them. Numbers have the units of the files: mm, degrees,
+N, N·m, mm/min. Arrays are read-only. Nothing is printed; what is wrong with an input is an
+:class:`~machopt.errors.InputError`.
+
+The names stand in ``machopt/__init__.py``; this package is not imported before one of them is asked for.
+"""
+
+from machopt.api.cell import Cell
+from machopt.api.diagnosis import Diagnosis, diagnose
+from machopt.api.figure import Figure
+from machopt.api.identification import Identification, identify
+from machopt.api.maps import Map, map
+from machopt.api.plan import Plan, optimize
+from machopt.api.poses import PosePlan, plan_poses
+from machopt.api.table import Table
+from machopt.api.toolpath import Toolpath
+
+__all__ = [
+    "Cell",
+    "Diagnosis",
+    "Figure",
+    "Identification",
+    "Map",
+    "Plan",
+    "PosePlan",
+    "Table",
+    "Toolpath",
+    "diagnose",
+    "identify",
+    "map",
+    "optimize",
+    "plan_poses",
+]

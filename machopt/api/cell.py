@@ -1,0 +1,123 @@
+"""A robot cell in memory."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.domain import cell as domain
+from machopt.domain.manifest import ManifestFile
+from machopt.effects.own import Own, in_use, with_effects
+from machopt.errors import InputError
+from machopt.formats.cell import load_cell
+from machopt.services.inputs import cell_inputs
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A robot cell: arm, tool, workpiece, obstacles, limits, stiffness. :meth:`load` makes one."""
+
+    path: Path  # cell folder or its cell.yaml, as it was given
+    description: domain.Cell  # everything that was read, in SI
+    allow_external: bool
+    effects: tuple[Own, ...]  # files with effects of the user's own, run
+    files: tuple[ManifestFile, ...]  # what was read, by hash
+
+    @classmethod
+    def load(
+        cls,
+        path: str | os.PathLike[str],
+        *,
+        stiffness: str | os.PathLike[str] | None = None,
+        effects: Iterable[str | os.PathLike[str]] = (),
+        allow_external: bool = False,
+    ) -> Cell:
+        """Read a cell folder.
+
+        Args:
+            path: the cell folder, or its cell.yaml.
+            stiffness: a stiffness.yaml to take in place of the one that cell.yaml names, wherever it lies. The command
+                ``machopt verify`` refuses plans of such a cell as long as cell.yaml names another.
+            effects: Python files with effects of your own that the stiffness file holds; **runs the code in them**. All
+                that is made from the cell knows them.
+            allow_external: let the cell use files outside its folder.
+
+        Raises:
+            InputError: names file, line and key, what was found and what was expected.
+        """
+        own = with_effects([Path(f) for f in effects])
+        with in_use(own):
+            cell = load_cell(
+                Path(path), allow_external=allow_external, stiffness=None if stiffness is None else Path(stiffness)
+            )
+        return cls(Path(path), cell, allow_external, own, cell_inputs(cell))
+
+    def with_stiffness(self, file: str | os.PathLike[str]) -> Cell:
+        """The same cell with another stiffness.yaml, e.g. the one that ``identify`` or ``diagnose`` saved.
+
+        Raises:
+            InputError: the file is not one, or the numbers cannot be those of this arm.
+        """
+        files = [own.file for own in self.effects]
+        return Cell.load(self.path, stiffness=file, effects=files, allow_external=self.allow_external)
+
+    @property
+    def name(self) -> str:
+        return self.description.name
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """(J,) names of the moving joints: the arm's in chain order, then the external ones."""
+        return (*self.description.arm_joints, *self.description.external_joints)
+
+    @property
+    def home(self) -> Array:
+        """(J,) home position by encoder, degrees; mm where a joint slides."""
+        slides = (*(self.description.arm_prismatic or (False,) * 6), *self.description.external_prismatic)
+        si = np.concatenate([self.description.home, self.description.external_home])
+        return _read_only(np.where(slides, si * 1e3, np.degrees(si)))
+
+    @property
+    def joint_stiffness(self) -> Array | None:
+        """(6,) constant joint stiffness, N·m/rad; None where the cell names no stiffness file."""
+        return None if self.description.stiffness is None else _read_only(self.description.stiffness.joints)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is odd about the cell, but no reason to refuse it."""
+        return self.description.warnings
+
+    def unchanged(self) -> Cell:
+        """The cell itself, if its files are still those that were read: a result names its inputs by hash.
+
+        Raises:
+            InputError: a file has changed since.
+        """
+        now = {f.name: f.sha256 for f in cell_inputs(self.description)}
+        for file in self.files:
+            if now.get(file.name) != file.sha256:
+                raise InputError("has changed since the cell was loaded; load it again", file=file.name)
+        return self
+
+    def __repr__(self) -> str:
+        return f"<Cell {self.name!r} of {self.path}>"
+
+
+def cell_of(cell: Cell | str | os.PathLike[str]) -> Cell:
+    """A cell, loaded where a path was given.
+
+    Raises:
+        InputError: the path leads to no cell; or a file of the cell has changed.
+    """
+    return cell.unchanged() if isinstance(cell, Cell) else Cell.load(cell)
+
+
+def _read_only(values: Array) -> Array:
+    out = np.array(values, float)
+    out.setflags(write=False)
+    return out

@@ -1,0 +1,121 @@
+"""``machopt.map``: stiffness and dexterity over workspace or joint space."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.api.asked import NOWHERE, asked
+from machopt.api.cell import Cell, cell_of
+from machopt.api.figure import Figure
+from machopt.api.saved import Named, Progress, effects_of, saved, silent
+from machopt.api.table import Table
+from machopt.arrays import Array
+from machopt.domain.results.maps import MapResult
+from machopt.report.map_svg import map_svg
+from machopt.services.map import write
+from machopt.services.map_columns import map_columns
+from machopt.services.mapped import Mapped, mapped
+from machopt.workspace.asked import Request
+
+
+@dataclass(frozen=True)
+class MapFigures:
+    """Pictures of a map."""
+
+    _made: Mapped
+
+    def map(self) -> Figure:
+        """What ``map.svg`` shows: the quantity that postures are chosen by, a panel a layer."""
+        return Figure(map_svg(self._made.page))
+
+
+@dataclass(frozen=True)
+class Map:
+    """Stiffness and dexterity at a set of samples. :func:`map` makes one."""
+
+    cell: Cell
+    _made: Mapped
+
+    @property
+    def result(self) -> MapResult:
+        """map.json, typed."""
+        return self._made.result
+
+    @property
+    def verdict(self) -> str:
+        """One sentence, with what was not checked."""
+        return self._made.message
+
+    @cached_property
+    def layers(self) -> dict[str, Table]:
+        """A table a layer, the columns of its CSV file: ``given``, and ``free`` where the rotation is free too."""
+        made, first = self._made, self._made.layers[0]
+        out = {}
+        for layer in made.layers:
+            columns = map_columns(made.samples, layer, made.options, first, made.comparison)
+            out[layer.name] = Table({c.name: _array(c.values) for c in columns})
+        return out
+
+    @property
+    def samples(self) -> Table:
+        """The columns of ``map.csv``, one row a sample."""
+        return next(iter(self.layers.values()))
+
+    @property
+    def figures(self) -> MapFigures:
+        return MapFigures(self._made)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        return tuple(self.result.warnings)
+
+    def save(self, out: Named) -> MapResult:
+        """Write what ``machopt map`` writes; returns map.json, typed.
+
+        Raises:
+            InputError: OUT holds something else or cannot be written; or the cell has changed since.
+        """
+        saved(self.cell, out, lambda folder: write(self._made, folder))
+        return self.result
+
+    def __repr__(self) -> str:
+        return f"<Map of {self.cell.name!r}: {self.verdict}>"
+
+
+def map(cell: Cell | Named, *, progress: Progress = silent, **options: Any) -> Map:
+    """Stiffness and dexterity over workspace or joint space: ``machopt map``.
+
+    Args:
+        cell: a cell, or the path of its folder.
+        progress: told what is being done.
+        options: as :class:`machopt.workspace.asked.Request` has them, e.g. ``slice="xy"``, ``at=800``,
+            ``steps=["100"]``, ``force="0,0,500"``; numbers in mm, degrees, N.
+
+    Raises:
+        InputError: bad cell, option or measured table.
+    """
+    a_cell = cell_of(cell)
+    request = asked(
+        Request,
+        options,
+        cell=a_cell.path,
+        out=NOWHERE,
+        allow_external=a_cell.allow_external,
+        effects=tuple(own.file for own in a_cell.effects),
+    )
+    with effects_of(a_cell):
+        return Map(a_cell, mapped(request, progress, a_cell.description))
+
+
+def _array(values: Array | Sequence[str]) -> NDArray[Any]:
+    """Numbers, also those that the table writes as words because some are missing; else words."""
+    if isinstance(values, np.ndarray):
+        return values.copy()
+    numbers = all(v.lstrip("-").isdigit() or not v for v in values)
+    return np.array([float(v or "nan") for v in values]) if numbers else np.array(values)

@@ -1,0 +1,36 @@
+"""How results are written."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TypeVar
+
+from machopt.api.cell import Cell
+from machopt.effects.own import in_use
+from machopt.output import output_folder
+
+W = TypeVar("W")
+Progress = Callable[[str], None]
+Named = str | os.PathLike[str]
+
+
+def silent(_: str) -> None:
+    """Progress that nobody wants to hear of."""
+
+
+def saved(cell: Cell, out: Named, write: Callable[[Path], W]) -> W:
+    """Write a result made from a cell into OUT: whole or not at all.
+
+    Raises:
+        InputError: OUT holds something else, or a file of the cell has changed since it was loaded.
+    """
+    with effects_of(cell.unchanged()), output_folder(Path(out)) as folder:
+        return write(folder)
+
+
+def effects_of(cell: Cell) -> AbstractContextManager[None]:
+    """Within it the effects of the user's own are known."""
+    return in_use(cell.effects)

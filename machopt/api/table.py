@@ -1,0 +1,86 @@
+"""Columns by name, as a table file has them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.errors import InputError, nearest
+
+if TYPE_CHECKING:
+    import pandas
+    import pyarrow
+
+
+class Table(Mapping[str, NDArray[Any]]):
+    """A table: column name → (rows,) read-only array.
+
+    Names and units are those of the file that ``save`` writes (``x_mm``, ``q1_deg``, ``deflection_mm`` …), and so are
+    the numbers, to the last written decimal. An empty field is NaN; words are strings.
+    """
+
+    def __init__(self, columns: Mapping[str, NDArray[Any]]) -> None:
+        self._columns = dict(columns)
+        for values in self._columns.values():
+            values.setflags(write=False)
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """The column of this name.
+
+        Raises:
+            KeyError: there is none; the message names the nearest.
+        """
+        try:
+            return self._columns[name]
+        except KeyError:
+            raise KeyError(f"no column {name!r}; {nearest(name, list(self._columns))}") from None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._columns)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._columns
+
+    def __len__(self) -> int:
+        """Number of columns; :attr:`rows` has the other one."""
+        return len(self._columns)
+
+    def __repr__(self) -> str:
+        return f"<Table of {self.rows} rows: {', '.join(self._columns)}>"
+
+    @property
+    def rows(self) -> int:
+        return len(next(iter(self._columns.values()), ()))
+
+    def array(self, *names: str) -> NDArray[np.float64]:
+        """(rows, columns) of these columns of numbers side by side, read-only."""
+        out = np.column_stack([np.asarray(self[name], float) for name in names])
+        out.setflags(write=False)
+        return out
+
+    def frame(self) -> pandas.DataFrame:
+        """The table as a pandas data frame of its own memory.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError:
+            raise InputError("a data frame needs pandas; pip install pandas, or Table.arrow()") from None
+        return pandas.DataFrame({name: values.copy() for name, values in self._columns.items()})
+
+    def arrow(self) -> pyarrow.Table:
+        """The table as an Arrow table, which polars, DuckDB and Parquet take.
+
+        Raises:
+            InputError: pyarrow is not installed.
+        """
+        try:
+            import pyarrow
+        except ImportError:
+            raise InputError("an Arrow table needs pyarrow; pip install 'machopt[parquet]'") from None
+        return pyarrow.table({name: values.tolist() for name, values in self._columns.items()})

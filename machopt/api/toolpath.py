@@ -1,0 +1,99 @@
+"""A toolpath in memory."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from machopt.api.cell import Cell
+from machopt.arrays import Array
+from machopt.domain import toolpath as domain
+from machopt.formats.reading import reading_from_user
+from machopt.formats.toolpath import read_toolpath
+from machopt.services.knownrobot import known_robot
+
+
+@dataclass(frozen=True)
+class Toolpath:
+    """Points of the tool tip with tool axis, N of them, in the order of the file. :meth:`read` makes one."""
+
+    path: Path  # the file, as it was given
+    description: domain.Toolpath  # everything that was read, in SI
+    reading: Mapping[str, Any] = field(default_factory=dict)  # how it was read, for the manifest
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str], *, cell: Cell | None = None, **reading: Any) -> Toolpath:
+        """Read a CAM export, a robot program or a point table.
+
+        Args:
+            path: the file; what it is is told by its content.
+            cell: whose robot a program with joint positions was written for.
+            reading: what the file does not say itself, by the names of ``manifest.json``: ``unit`` ("mm", "inch"),
+                ``machine``, ``feed_mm_min``, ``tool_axis``, ``offsets``, ``decimals``, ``cycle_order``, ``strict`` …
+
+        Raises:
+            InputError: names file and line, what was found and what was expected; or a keyword that is none of these.
+        """
+        said = reading_from_user(reading)
+        robot = None if cell is None else known_robot(cell.description)
+        return cls(Path(path), read_toolpath(Path(path), robot=robot, **said), said)
+
+    def __len__(self) -> int:
+        """Number of points."""
+        return len(self.description)
+
+    @property
+    def position(self) -> Array:
+        """(N, 3) tool tip in ``workpiece``, mm."""
+        out = 1e3 * self.description.position
+        out.setflags(write=False)
+        return out
+
+    @property
+    def axis(self) -> Array:
+        """(N, 3) unit vectors from tip to shank in ``workpiece``."""
+        return self.description.axis
+
+    @property
+    def feed(self) -> Array:
+        """(N,) mm/min along the move that ends at each point; NaN for rapid moves."""
+        out = 60e3 * self.description.feed
+        out.setflags(write=False)
+        return out
+
+    @property
+    def move(self) -> tuple[str, ...]:
+        """(N,) what the robot does on the way to each point: cut, rapid, approach, retract, link."""
+        return tuple(domain.Move(m).word for m in np.asarray(self.description.move).tolist())
+
+    @property
+    def operations(self) -> tuple[str, ...]:
+        """Labels of the operations, in their order."""
+        return tuple(o.label for o in self.description.operations)
+
+    @property
+    def not_understood(self) -> tuple[str, ...]:
+        """Words of the file that no reader here knows, each with the line it first stands in."""
+        words = self.description.ignored
+        return tuple(f"{w.word} (line {w.first_line})" for w in words if not w.understood)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        return self.description.warnings
+
+    def __repr__(self) -> str:
+        return f"<Toolpath of {len(self)} points, {self.description.format}, {self.path}>"
+
+
+def toolpath_of(path: Toolpath | str | os.PathLike[str], cell: Cell) -> Toolpath:
+    """A toolpath, read where a path was given.
+
+    Raises:
+        InputError: the file is no toolpath.
+    """
+    return path if isinstance(path, Toolpath) else Toolpath.read(path, cell=cell)

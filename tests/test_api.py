@@ -1,0 +1,194 @@
+"""The library: its names, its options, and that it writes what the commands write."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import inspect
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from damages.damage import CELLS, HEADER, PASS
+
+import machopt
+import machopt.api
+from machopt.api.asked import GIVEN, asked, names_of
+from machopt.cli import _parser
+from machopt.design.asked import Request as PosesRequest
+from machopt.diagnose.asked import Request as DiagnoseRequest
+from machopt.identify.asked import Request as IdentifyRequest
+from machopt.workspace.asked import Request as MapRequest
+
+KR500 = CELLS / "kr500_milling"
+ELSEWHERE = {"InputError", "MachoptError", "VerificationError", "__version__"}
+
+
+def test_the_names_that_stay_are_there_and_say_what_they_are() -> None:
+    assert machopt.__all__ == sorted(machopt.__all__)
+    assert set(machopt.__all__) == set(machopt.api.__all__) | ELSEWHERE
+    assert set(machopt.__all__) <= set(dir(machopt))
+    for name in machopt.api.__all__:
+        thing = getattr(machopt, name)
+        assert thing is getattr(machopt.api, name)
+        assert inspect.getdoc(thing), name
+        if inspect.isfunction(thing):
+            assert "Raises:" in (thing.__doc__ or ""), name
+            untyped = [p.name for p in inspect.signature(thing).parameters.values() if p.annotation is p.empty]
+            assert not untyped, name
+    with pytest.raises(AttributeError):
+        machopt.no_such_name  # noqa: B018
+
+
+def test_packages_of_the_same_name_do_not_take_a_functions_place() -> None:
+    import machopt.diagnose.asked
+    import machopt.identify.fit
+
+    assert inspect.isfunction(machopt.identify)
+    assert inspect.isfunction(machopt.diagnose)
+    from machopt.identify import asked as module
+
+    assert inspect.ismodule(module)
+
+
+def test_the_package_loads_nothing_before_a_name_is_asked_for() -> None:
+    code = "import machopt, sys; print('numpy' in sys.modules, any(m.startswith('machopt.api') for m in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout.split() == ["False", "False"]
+    done = subprocess.run(
+        [sys.executable, "-m", "machopt", "--version"], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout == f"machopt {machopt.__version__}\n"
+
+
+RENAMED = {"anchors": "anchors_mm", "tracker": "tracker_mm", "prior": "prior_Nm_per_rad", "plan": "plan_file"}
+
+
+@pytest.mark.parametrize(
+    ("command", "request_type"),
+    [
+        (["identify", "c", "r", "-o", "o"], IdentifyRequest),
+        (["diagnose", "c", "r", "-o", "o"], DiagnoseRequest),
+        (["map", "c", "-o", "o"], MapRequest),
+        (["plan-poses", "c", "-o", "o"], PosesRequest),
+    ],
+    ids=["identify", "diagnose", "map", "plan-poses"],
+)
+def test_a_command_and_its_function_have_the_same_options_and_defaults(
+    command: list[str], request_type: type[Any]
+) -> None:
+    args = vars(_parser().parse_args(command))
+    by_field = {RENAMED.get(name, name): value for name, value in args.items()}
+    fields = {f.name: f for f in dataclasses.fields(request_type)}
+    shared = [name for name in names_of(request_type) if name in by_field]
+    assert len(shared) > 0.6 * len(names_of(request_type))
+    for name in shared:
+        value = by_field[name]
+        assert fields[name].default == (tuple(value) if isinstance(value, list) else value), name
+
+
+def test_an_option_that_is_none_is_answered_with_the_nearest() -> None:
+    with pytest.raises(machopt.InputError, match=r"max_finding: .*did you mean 'max_findings'"):
+        asked(DiagnoseRequest, {"max_finding": 2}, cell=Path("c"), recordings=(), out=Path())
+    with pytest.raises(machopt.InputError, match=r"rotation_stepp_deg.*rotation_step_deg"):
+        machopt.optimize(KR500, CELLS.parent / "toolpaths" / "plain.csv", rotation_stepp_deg=3)
+    with pytest.raises(machopt.InputError, match=r"no cell\.yaml"):
+        machopt.Cell.load(CELLS)
+    assert set(GIVEN) >= {"cell", "out"}
+
+
+def test_values_are_taken_in_any_form() -> None:
+    request = asked(
+        PosesRequest,
+        {"weights_kg": [20, 50], "discriminate": "folder", "anchors_mm": [[1, 2, 3]], "terms": "a@b"},
+        cell=Path("c"),
+        out=Path(),
+        effects=(),
+    )
+    assert request.weights_kg == (20, 50)
+    assert request.discriminate == Path("folder")
+    assert request.anchors_mm == ((1, 2, 3),)
+    assert request.terms == ("a@b",)
+
+
+def test_tables_are_columns_that_nobody_writes_into(monkeypatch: pytest.MonkeyPatch) -> None:
+    table = machopt.Table({"x_mm": np.array([1.0, np.nan]), "status": np.array(["ok", "bounds"])})
+    assert list(table) == ["x_mm", "status"]
+    assert (len(table), table.rows) == (2, 2)
+    with pytest.raises(ValueError, match="read-only"):
+        table["x_mm"][0] = 2.0
+    with pytest.raises(KeyError, match="did you mean 'x_mm'"):
+        table["x_m"]
+    assert table.array("x_mm").shape == (2, 1)
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(machopt.InputError, match="needs pandas"):
+        table.frame()
+    with pytest.raises(machopt.InputError, match="needs pyarrow"):
+        table.arrow()
+
+
+def test_pictures_are_svg(tmp_path: Path) -> None:
+    figure = machopt.Figure("<svg/>")
+    assert figure.save(tmp_path / "a.svg").read_text() == "<svg/>\n"
+    with pytest.raises(machopt.InputError, match=r"a\.svg would work"):
+        figure.save(tmp_path / "a.png")
+
+
+@pytest.mark.slow
+def test_what_is_saved_is_what_the_command_writes(
+    tmp_path: Path, shipped_plan: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """But for times, which stand in result.json and the report, and their hashes in the manifest."""
+    toolpath = tmp_path / "pass.csv"
+    rows = "".join(f"{x},{y},{z},0,0,1,{move},{feed}\n" for x, y, z, move, feed in PASS)
+    toolpath.write_text(f"{HEADER}\n{rows}")
+    by_command = shipped_plan(KR500, toolpath, "--post", "krl", "--set", "rotation_step_deg=10")
+    capsys.readouterr()
+    cell = machopt.Cell.load(str(KR500))
+    plan = machopt.optimize(cell, toolpath, posts=["krl"], rotation_step_deg=10)
+    assert plan.feasible
+    assert plan.points.rows == len(plan.toolpath) == len(plan.joints) == len(plan.deflection)
+    assert plan.trajectory is not None
+    assert plan.trajectory["time_s"][-1] == pytest.approx(plan.cycle_time_s)
+    assert plan.figures.map().svg.startswith("<svg")
+    assert plan.verify().ok
+    result = plan.save(tmp_path / "out")
+    assert capsys.readouterr() == ("", "")
+    assert result.exit_code == 0
+    timed = {"result.json", "report.html", "manifest.json"}
+    files = {p.relative_to(by_command).as_posix() for p in by_command.rglob("*") if p.is_file()}
+    assert files == {p.relative_to(tmp_path / "out").as_posix() for p in (tmp_path / "out").rglob("*") if p.is_file()}
+    assert len(files - timed) > 2
+    for name in files - timed:
+        assert (tmp_path / "out" / name).read_bytes() == (by_command / name).read_bytes(), name
+    told, expected = (json.loads((f / "result.json").read_text()) for f in (tmp_path / "out", by_command))
+    for value in (told, expected):
+        del value["timings_s"], value["outputs"]["report.html"]
+    assert told == expected
+
+
+def test_a_cell_that_changed_is_not_planned_with(tmp_path: Path) -> None:
+    import shutil
+
+    shutil.copytree(KR500, tmp_path / "cell")
+    cell = machopt.Cell.load(tmp_path / "cell")
+    file = tmp_path / "cell" / "stiffness.yaml"
+    other = cell.with_stiffness(shutil.copy(file, tmp_path / "other.yaml"))
+    assert other.joint_stiffness is not None
+    assert cell.joint_stiffness is not None
+    assert (other.joint_stiffness == cell.joint_stiffness).all()
+    file.write_text(file.read_text() + "# seen again\n")
+    with pytest.raises(machopt.InputError, match=r"stiffness.yaml.*has changed"):
+        cell.unchanged()
+
+
+def test_every_command_is_a_function_or_known_not_to_be() -> None:
+    (commands,) = (a for a in _parser()._actions if isinstance(a, argparse._SubParsersAction))
+    functions = {n.replace("_", "-") for n in machopt.__all__ if inspect.isfunction(getattr(machopt, n))}
+    assert functions <= set(commands.choices)
