@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_up_program import ARM, PLAIN, Recipe, program
 
-from machopt.domain.program import LIN, Controller, RobotProgram
+from machopt.domain.program import LIN, Controller, ExternalAxis, RobotProgram
 from machopt.errors import InputError
 from machopt.formats.posts import program_name, write_program
 from machopt.formats.posts.krl import status_bits, turn_bits
@@ -159,8 +159,8 @@ def test_what_no_program_can_hold_is_refused(tmp_path: Path) -> None:
         replace(p, kind=np.full(3, LIN, np.int8))
     with pytest.raises(ValueError, match="needs a feed"):
         replace(p, kind=np.array([0, 1, 1], np.int8), feed=np.array([np.nan, np.nan, 0.1]))
-    with pytest.raises(ValueError, match="external_prismatic"):
-        replace(p, external_prismatic=(True,))
+    with pytest.raises(ValueError, match="external_axes"):
+        replace(p, external_axes=(ExternalAxis("rail", True, False),))
     with pytest.raises(ValueError, match="must rise"):
         replace(p, time=np.zeros(3))
     slow = replace(p, kind=np.array([0, 1, 1], np.int8), feed=np.array([np.nan, 5e-5, 0.1]))
@@ -168,9 +168,12 @@ def test_what_no_program_can_hold_is_refused(tmp_path: Path) -> None:
         write_program(tmp_path, "PART", slow, "fanuc_joint")
 
 
+RAIL_AND_TABLE = (ExternalAxis("rail", True, False), ExternalAxis("turn", False, True))
+
+
 def with_externals() -> RobotProgram:
     p = program(Recipe(4, moves=9))
-    return replace(p, external=np.linspace(0, 1, 18).reshape(9, 2), external_prismatic=(True, False))
+    return replace(p, external=np.linspace(0, 1, 18).reshape(9, 2), external_axes=RAIL_AND_TABLE)
 
 
 @pytest.mark.parametrize(

@@ -42,12 +42,35 @@ class JointMap:
 
 
 @dataclass(frozen=True)
+class ExternalAxis:
+    """One external joint of a cell, as programs have to know it."""
+
+    joint: str  # its name in the URDF
+    slides: bool  # mm, else degrees
+    carries_part: bool  # a positioner; else it carries the robot's base (rail, gantry)
+
+
+@dataclass(frozen=True)
+class ExternalDrive:
+    """How a controller counts one external joint: sign · value + offset, in mm or degrees."""
+
+    number: int | None = None  # of KUKA's E1 … E6, ABB's eax_a … f; None: by its place among the cell's external joints
+    sign: float = 1.0  # ±1
+    offset: float = 0.0  # mm or deg, the controller's value where the URDF's joint is zero
+    unit: str | None = None  # ABB: name of the mechanical unit
+    machine: int | None = None  # KUKA: which MACHINE_DEF the positioner is
+    pulses: float | None = None  # per mm or deg, Yaskawa
+
+
+@dataclass(frozen=True)
 class Controller:
     """What a post must know of the robot's controller; everything optional, and what is missing is told."""
 
     post: str | None = None  # a post's name, or a template file; None: no maker is known and none is assumed
     joint_map: JointMap | None = None  # None: the URDF's joints are taken as they are
     T_base_root: Array | None = None  # (4, 4) the controller's own robot coordinate system in base_link
+    T_world_root: Array | None = None  # (4, 4) the controller's WORLD in the cell's, where a rail carries the robot
+    external: Mapping[str, ExternalDrive] = field(default_factory=dict)  # by the joint's name in the URDF
     T_flange_mount: Array | None = None  # (4, 4) the controller's flange (tool 0) in the URDF's flange link
     tool_number: int | None = None
     base_number: int | None = None
@@ -62,7 +85,7 @@ class Controller:
 class RobotProgram:
     """M moves in order, SI, joints as the URDF counts them.
 
-    The first move must be a PTP. ``T_base_workpiece`` holds with the external axes at zero.
+    The first move must be a PTP. ``T_base_workpiece`` holds with the external axes where they stand at that move.
     """
 
     kind: NDArray[np.int8]  # (M,) PTP or LIN
@@ -75,7 +98,8 @@ class RobotProgram:
     T_flange_tcp: Array  # (4, 4)
     T_base_workpiece: Array  # (4, 4), workpiece in the robot's base_link
     external: Array = field(default_factory=lambda: np.empty((0, 0)))  # (M, E) rad or m
-    external_prismatic: tuple[bool, ...] = ()  # (E,)
+    external_axes: tuple[ExternalAxis, ...] = ()  # (E,)
+    T_carrier_workpiece: Array | None = None  # (4, 4) in the positioner's link, else, on a rail alone, in world
     events: tuple[Event, ...] = ()  # ``index`` is the move that the event comes before
     ptp_speed: float = 0.8  # share of the axis velocity limits on PTP moves
     blend: float = 0.0  # m by which rounded corners may pass a point between cutting moves; 0 stops exactly at each
@@ -95,13 +119,18 @@ class RobotProgram:
             raise ValueError("a robot program begins with a PTP move")
         if not (self.feed[self.kind == LIN] >= LEAST_FEED).all():
             raise ValueError("every LIN move needs a feed of at least 1e-6 m/s, the last digit of $VEL.CP")
-        if len(self.external_prismatic) != (self.external.shape[1] if self.external.size else 0):
-            raise ValueError("external_prismatic needs one entry for each column of external")
+        if len(self.external_axes) != (self.external.shape[1] if self.external.size else 0):
+            raise ValueError("external_axes needs one entry for each column of external")
         if self.time is not None and not (np.diff(self.time) > 0).all():
             raise ValueError("the times of a program must rise")
 
     def __len__(self) -> int:
         return len(self.kind)
+
+    @property
+    def part_rides(self) -> bool:
+        """A positioner carries the workpiece."""
+        return any(axis.carries_part for axis in self.external_axes)
 
     @property
     def moves(self) -> NDArray[np.int8]:

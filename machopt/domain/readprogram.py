@@ -21,6 +21,7 @@ class ReadProgram:
     file: str  # inside the output folder
     kind: NDArray[np.int8]  # (M,) PTP or LIN of machopt.domain.program
     q: Array  # (M, 6) rad; NaN where the target is a pose only
+    external: Array  # (M, E) rad or m as the cell lists them; NaN where the program does not say
     T_workpiece_tcp: Array  # (M, 4, 4), of joint targets by forward kinematics
     feed: Array  # (M,) m/s on LIN moves, NaN where the program does not say
     move: NDArray[np.int8]  # (M,) Move codes as its comments say

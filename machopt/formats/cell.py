@@ -14,8 +14,8 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.domain.cell import Cell, Cutter, JointLimits, Shape, Tool, Workpiece
-from machopt.domain.program import Controller, JointMap
-from machopt.errors import InputError
+from machopt.domain.program import Controller, ExternalDrive, JointMap
+from machopt.errors import InputError, nearest
 from machopt.formats.cell_schema import AnyChainKeys, CellKeys, JointMapKeys, PoseKeys, ShapeKeys
 from machopt.formats.chain import Chain, check_carrier, limits_of_urdf, read_chain, read_home, read_limits, standing
 from machopt.formats.kinematics import load_kinematics
@@ -152,7 +152,7 @@ class _Reader:
             obstacles=obstacles,
             stiffness=stiffness,
             plan={} if keys.plan is None else keys.plan.given(),
-            controller=self.controller(),
+            controller=self.controller(chain),
             kinematics=kinematics,
             files=tuple(dict.fromkeys(self.files)),
             warnings=tuple(self.warnings),
@@ -295,7 +295,31 @@ class _Reader:
             T = T @ transform(rpy_matrix(np.array(joint.rpy)), np.array(joint.xyz))
         return _frozen(T)
 
-    def controller(self) -> Controller:
+    def drives(self, chain: Chain) -> dict[str, ExternalDrive]:
+        """How the controller counts external joints."""
+        out: dict[str, ExternalDrive] = {}
+        names = [j.name for j in chain.external]
+        given = {} if self.keys.controller is None else self.keys.controller.external
+        for name, keys in given.items():
+            if name not in names:
+                raise self.document.error(
+                    ("controller", "external", name),
+                    f"{name!r} is no external joint of this cell; {nearest(name, names) if names else 'it has none'}",
+                )
+            if keys.pulses == 0.0:
+                raise self.document.error(
+                    ("controller", "external", name, "pulses"), "found 0; expected another number"
+                )
+            out[name] = ExternalDrive(keys.number, keys.sign, keys.offset, keys.unit, keys.machine, keys.pulses)
+        numbers = [out.get(n, ExternalDrive()).number or k for k, n in enumerate(names, start=1)]
+        if len(set(numbers)) != len(numbers):
+            raise self.document.error(
+                ("controller", "external"),
+                f"the numbers of {', '.join(names)} are {numbers}; expected one number of its own for each axis",
+            )
+        return out
+
+    def controller(self, chain: Chain) -> Controller:
         """The controller; what the cell does not say stays unknown."""
         keys = self.keys.controller
         if keys is None:
@@ -317,6 +341,8 @@ class _Reader:
             post=post,
             joint_map=None if keys.joint_map is None else _joint_map(keys.joint_map),
             T_base_root=None if keys.root is None else self.pose(("controller", "root"), keys.root),
+            T_world_root=None if keys.world is None else self.pose(("controller", "world"), keys.world),
+            external=self.drives(chain),
             T_flange_mount=None if keys.flange is None else self.pose(("controller", "flange"), keys.flange),
             tool_number=keys.tool_number,
             base_number=keys.base_number,

@@ -149,6 +149,24 @@ class EventLineKeys(Strict):
     comment: str | None = Field(default=None, description="a line with @{text}")
 
 
+class ExternalKeys(Strict):
+    number: int | None = Field(
+        default=None,
+        ge=1,
+        le=6,
+        description="which external axis of the controller: 1 for E1 or eax_a; by its place in the list if left out",
+    )
+    sign: Literal[-1, 1] = Field(default=1, description="1 or -1, the controller's direction against the URDF's")
+    offset: float = Field(default=0.0, description="mm or degrees, the controller's value at the URDF's zero")
+    unit: str | None = Field(
+        default=None, pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$", description="ABB: the mechanical unit, such as STN1"
+    )
+    machine: int | None = Field(
+        default=None, ge=1, le=7, description="KUKA: n of the MACHINE_DEF[n] that the positioner is, mostly 2"
+    )
+    pulses: float | None = Field(default=None, description="Yaskawa: encoder pulses per mm or degree")
+
+
 class ControllerKeys(Strict):
     post: str | None = Field(
         default=None, min_length=1, description="a post's name, or a .toml file in the cell folder; none is assumed"
@@ -156,6 +174,12 @@ class ControllerKeys(Strict):
     joint_map: JointMapKeys | None = Field(default=None, description="controller = coupling(sign * joint + offset_deg)")
     root: PoseKeys | None = Field(default=None, description="the controller's robot coordinate system in base_link")
     flange: PoseKeys | None = Field(default=None, description="the controller's tool 0 in flange_link")
+    world: PoseKeys | None = Field(
+        default=None, description="the controller's WORLD in the cell's world, where a rail carries the robot"
+    )
+    external: dict[str, ExternalKeys] = Field(
+        default={}, description="how the controller counts the external joints, by their names in the URDF"
+    )
     tool_number: int | None = Field(default=None, ge=0, description="of the tool stored in the controller")
     base_number: int | None = Field(default=None, ge=0, description="of the base or user frame stored there")
     pulses_per_deg: list[float] | None = Field(default=None, min_length=6, max_length=6, description="encoder pulses")

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.manifest import Manifest
 from machopt.domain.options import PlanOptions
-from machopt.domain.program import LIN, PTP, Controller, RobotProgram
+from machopt.domain.program import LIN, PTP, Controller, ExternalAxis, RobotProgram
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.errors import InputError
 from machopt.formats.posts import (
@@ -20,6 +21,7 @@ from machopt.formats.posts import (
 )
 from machopt.formats.posts.densify import Tolerance
 from machopt.formats.posts.postfile import ALIASES, post_names
+from machopt.model.machine import load_machine
 from machopt.model.posture import posture_of
 from machopt.model.robot import Robot, load_robot
 from machopt.output.hashes import sha256_of
@@ -85,7 +87,10 @@ def short_program(cell: Cell, robot: Robot, controller: Controller) -> RobotProg
         operation=np.zeros(3, np.int32),
         operations=("cut",),
         T_flange_tcp=cell.tool.T_flange_tcp,
-        T_base_workpiece=np.eye(4),
+        T_base_workpiece=standing_part(cell, cell.external_home),
+        external=np.tile(cell.external_home, (3, 1)),
+        external_axes=external_axes(cell),
+        T_carrier_workpiece=carried_part(cell),
         move=np.array([Move.RAPID, Move.CUT, Move.RAPID], np.int8),
         time=np.arange(3.0),
         joint_names=cell.arm_joints,
@@ -93,6 +98,33 @@ def short_program(cell: Cell, robot: Robot, controller: Controller) -> RobotProg
         elbow_up=None if standing is None else standing[1],
         tool_mass=cell.tool.mass if cell.tool.mass > 0.0 else float("nan"),
     )
+
+
+def external_axes(cell: Cell) -> tuple[ExternalAxis, ...]:
+    """The external joints of a cell as posts take them."""
+    if not cell.external_joints:
+        return ()
+    machine = load_machine(cell, load_robot(cell))
+    part = {int(c) - 6 for c, sign in zip(machine.column, machine.sign, strict=True) if sign < 0 and c >= 6}
+    return tuple(
+        ExternalAxis(name, slides, k in part)
+        for k, (name, slides) in enumerate(zip(cell.external_joints, cell.external_prismatic, strict=True))
+    )
+
+
+def carried_part(cell: Cell) -> Array | None:
+    """(4, 4) the workpiece in the positioner's link, else in world; None where no external joint moves anything."""
+    axes = external_axes(cell)
+    if not axes:
+        return None
+    if any(axis.carries_part for axis in axes):
+        return cell.workpiece.T_link_workpiece
+    return np.asarray(load_machine(cell, load_robot(cell)).T_world_workpiece(cell.external_home[None])[0])
+
+
+def standing_part(cell: Cell, external: Array) -> Array:
+    """(4, 4) the workpiece in base_link with external joints at (E,) rad or m."""
+    return np.asarray(load_machine(cell, load_robot(cell)).T_base_workpiece(external[None])[0])
 
 
 def controller_for(cell: Cell, post: str | Path) -> Controller:

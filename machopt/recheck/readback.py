@@ -34,7 +34,7 @@ from machopt.model.robot import Robot, load_robot
 from machopt.recheck.compared import COMPARED, MOVES, Compared, Posted
 from machopt.recheck.posts import controller_for
 from machopt.recheck.rewritten import Rewritten, failed_check
-from machopt.recheck.terms import controller_axes, index_at, wrong_frames
+from machopt.recheck.terms import COUPLED, controller_axes, external_of, frame_given, index_at, wrong_frames
 from machopt.verify.arm import Arm
 from machopt.verify.check import Check
 from machopt.verify.encoder import true_angles
@@ -133,7 +133,6 @@ class _Ground:
     tilt: Array  # (S, 3) from the tool axis there (tip to shank) to the true one
     wanted: NDArray[np.bool_]  # (N,)
     corners: tuple[Array, Array]
-    T_base_workpiece: Array
 
     @classmethod
     def of(
@@ -166,7 +165,6 @@ class _Ground:
             if shifted
             else (np.arange(len(toolpath), dtype=float), toolpath.position)
         )
-        rest = arm.placements(cell.home[None], np.zeros((1, len(cell.external_joints))))[0]
         return cls(
             cell,
             toolpath,
@@ -181,7 +179,6 @@ class _Ground:
             tilt,
             wanted,
             line,
-            np.linalg.inv(cell.T_world_base) @ rest[-1],
         )
 
     def compare(self, posted: Posted) -> Compared:
@@ -226,7 +223,7 @@ class _Ground:
         else:
             job = Rewritten(self.cell, self.toolpath, self.out, self.options, self.tolerance, self.source)
             q = self._joints_at(said, rows)
-            checks += job.checks(posted.files, posted.post, parsed, said, controller, q, self.T_base_workpiece)
+            checks += job.checks(posted.files, posted.post, parsed, said, controller, q, self._external(said, rows))
         return Compared(posted, len(said), (read, *checks))
 
     def _in_cell_terms(self, name: str, parsed: ParsedProgram, controller: Controller) -> ReadProgram:
@@ -235,13 +232,17 @@ class _Ground:
         mapped = m is not None and parsed.dialect not in URDF_JOINTS
         axes = parsed.axes_deg
         q = urdf_joints(axes, m.sign, m.offset_deg, m.coupling) if mapped and m is not None else np.radians(axes)
+        external, _ = external_of(parsed, self.cell, self.arm, controller)
         T = parsed.T_base_tcp.copy()
         joint = ~parsed.has_pose & np.isfinite(q).all(axis=1)
+        driven, wanted = np.hstack([q, external]), np.hstack([self.motion.q, self.motion.external])
         if len(q) == len(self.motion.q):  # streamed: the motion's own samples have been placed already
-            same = joint & (np.abs(q - self.motion.q).max(axis=1) < SAME)
+            same = joint & (np.abs(driven - wanted).max(axis=1) < SAME)
             T[same], joint = self.tcp[same], joint & ~same
         if joint.any():
-            T[joint] = self.arm.tcp_in_workpiece(q[joint], np.zeros((int(joint.sum()), len(self.cell.external_joints))))
+            # where external axes are missing is told elsewhere; home lets the rest be looked at
+            stood = np.where(np.isfinite(external), external, self.cell.external_home)
+            T[joint] = self.arm.tcp_in_workpiece(q[joint], stood[joint])
         pulses = controller.pulses_per_deg
         coarse = (
             float(np.radians(PULSES / np.abs(pulses).min())) if pulses is not None and parsed.dialect == "jbi" else 0.0
@@ -258,6 +259,7 @@ class _Ground:
             file=name,
             kind=parsed.kind,
             q=q,
+            external=external,
             T_workpiece_tcp=T,
             feed=parsed.feed,
             move=parsed.move,
@@ -275,14 +277,18 @@ class _Ground:
         self, name: str, parsed: ParsedProgram, said: ReadProgram, controller: Controller, rows: Array
     ) -> list[Check]:
         """Frames, configuration and words that nobody understood."""
-        wrong = wrong_frames(parsed, controller, self.T_base_workpiece, self.cell.tool.T_flange_tcp)
+        given = frame_given(parsed, self.cell, self.arm, controller, self.motion.external[0])
+        coupled = parsed.dialect in COUPLED and bool(self.arm.moved_by(self.arm.part))
+        wrong = wrong_frames(parsed, controller, given, self.cell.tool.T_flange_tcp, rides=coupled)
+        _, spare = external_of(parsed, self.cell, self.arm, controller)
+        wrong += [f"{spare} values of external axes that the cell has not"] if spare else []
         checks = [
             Check(
                 f"{name}: tool and base", not wrong, float(len(wrong)), 0.0, "frames", "; ".join(wrong) or "the cell's"
             )
         ]
         robot = load_robot(self.cell)
-        q = self._joints_of(said, self._joints_at(said, rows), robot)
+        q = self._joints_of(said, self._joints_at(said, rows), self._external(said, rows), robot)
         standing = posture_of(robot, q, controller)
         told, first = first_difference(
             parsed.dialect, parsed.configuration, controller_axes(q, controller), standing, controller.nonflip_j5
@@ -304,7 +310,7 @@ class _Ground:
         strange += [w for w in parsed.warnings if "cut off" in w]
         both = np.flatnonzero(parsed.has_pose & np.isfinite(said.q).all(axis=1))
         if len(both):  # tables say the same thing twice
-            T = self.arm.tcp_in_workpiece(said.q[both], np.zeros((len(both), len(self.cell.external_joints))))
+            T = self.arm.tcp_in_workpiece(said.q[both], self._external(said, rows)[both])
             gap = np.linalg.norm(T[:, :3, 3] - said.T_workpiece_tcp[both, :3, 3], axis=1)
             gap = np.maximum(gap, np.linalg.norm(T[:, :3, :3] - said.T_workpiece_tcp[both, :3, :3], axis=(1, 2)))
             n = int(np.argmax(gap))
@@ -335,12 +341,19 @@ class _Ground:
         s = np.arange(len(self.motion.q))
         return np.column_stack([np.interp(rows, s, self.motion.q[:, k]) for k in range(6)])
 
-    def _joints_of(self, said: ReadProgram, near: Array, robot: Robot) -> Array:
+    def _external(self, said: ReadProgram, rows: Array) -> Array:
+        """(M, E) rad or m as the program says, those of the motion where it does not."""
+        s = np.arange(len(self.motion.q))
+        columns = [np.interp(rows, s, e) for e in self.motion.external.T]
+        driven = np.array(columns).T.reshape(len(said), -1)
+        return np.where(np.isfinite(said.external), said.external, driven)
+
+    def _joints_of(self, said: ReadProgram, near: Array, external: Array, robot: Robot) -> Array:
         """(M, 6) rad: joints of each target itself, those of the motion (``near``) where none are close to them.
 
         The motion rounds what the program says at its targets; an axis may stand on the other side of zero there.
         """
-        wanted = self.T_base_workpiece @ said.T_workpiece_tcp
+        wanted = self.arm.T_base_workpiece(external) @ said.T_workpiece_tcp
         out = near.copy()
         for first in range(0, len(near), ROWS):
             some = slice(first, first + ROWS)

@@ -23,6 +23,7 @@ from machopt.formats.posts.wording import difference, other_line_end, undecodabl
 from machopt.formats.programs import ParsedProgram
 from machopt.model.posture import posture_of
 from machopt.model.robot import load_robot
+from machopt.recheck.posts import carried_part, external_axes, standing_part
 from machopt.recheck.zonelaw import zone_check
 from machopt.verify.check import Check
 
@@ -46,7 +47,7 @@ class Rewritten:
         said: ReadProgram,
         controller: Controller,
         q: Array,
-        T_base_workpiece: Array,
+        external: Array,
     ) -> list[Check]:
         """Compare the whole text with the post's, and its zones with the law that the post follows.
 
@@ -57,11 +58,11 @@ class Rewritten:
             said: the same in the cell's terms.
             controller: as the post took it.
             q: (M, 6) rad, the motion's joints where its moves end.
-            T_base_workpiece: (4, 4).
+            external: (M, E) rad or m, where the external joints stand there.
         """
         name = files[0]
         keys = load_post(post).keys
-        program = self._again(parsed, said, controller, q, T_base_workpiece)
+        program = self._again(parsed, said, controller, q, external)
         law = rounding(program, controller.moves_per_part or keys.moves_per_part if keys.moves_per_part else None)
         zones, own = bool(load_post(post).used & ROUNDED), isinstance(post, Path)
         checks = [] if said.streamed else zone_check(name, parsed, program, law, controller, zones=zones, own=own)
@@ -107,7 +108,7 @@ class Rewritten:
         ]
 
     def _again(
-        self, parsed: ParsedProgram, said: ReadProgram, controller: Controller, q: Array, T_base_workpiece: Array
+        self, parsed: ParsedProgram, said: ReadProgram, controller: Controller, q: Array, external: Array
     ) -> RobotProgram:
         """The program as the post took it, from what was read; joints are the motion's, which only zones look at."""
         cell, n = self.cell, len(said)
@@ -135,7 +136,10 @@ class Rewritten:
             operation=np.array([number[o] for o in said.operation], np.int32),
             operations=tuple(labels),
             T_flange_tcp=cell.tool.T_flange_tcp,
-            T_base_workpiece=T_base_workpiece,
+            T_base_workpiece=standing_part(cell, cell.external_home),
+            external=external,
+            external_axes=external_axes(cell),
+            T_carrier_workpiece=carried_part(cell),
             ptp_speed=self.options.rapid_scale,
             events=events,
             blend=0.0 if said.streamed else self.tolerance.position,

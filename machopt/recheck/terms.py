@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.domain.program import Controller
+from machopt.domain.cell import Cell
+from machopt.domain.program import Controller, ExternalDrive
 from machopt.formats.programs import ParsedProgram
 from machopt.formats.programs.toolpath import URDF_JOINTS
+from machopt.verify.arm import Arm
 from machopt.verify.table import Motion
 
 FRAME = 1e-6  # m: frames are printed to 1e-3 mm at least
@@ -26,16 +28,80 @@ def index_at(motion: Motion, at: Array) -> Array:
     return np.where(np.isfinite(at), value, np.nan)
 
 
-def wrong_frames(
-    parsed: ParsedProgram, controller: Controller, T_base_workpiece: Array, T_flange_tcp: Array
-) -> list[str]:
-    """Tool and base, where the program gives their numbers."""
+COUPLED = ("krl", "rapid", "fanuc", "jbi")  # the controller moves base frames with rail and positioner
+SHOWN = ("krl", "rapid")  # of these, programs that show it
+
+
+def external_of(parsed: ParsedProgram, cell: Cell, arm: Arm, controller: Controller) -> tuple[Array, int]:
+    """(M, E) rad or m as the cell lists its external joints, NaN where the program does not say; and how many values
+    belong to none of them."""
+    rides = [arm.model.getJointId(name) in arm.moved_by(arm.part) for name in cell.external_joints]
+    drives = [controller.external.get(name, ExternalDrive()) for name in cell.external_joints]
+    numbers = [drive.number or k for k, drive in enumerate(drives, start=1)]
+    own = parsed.dialect in URDF_JOINTS
+    order = sorted(range(len(numbers)), key=numbers.__getitem__)
+    if parsed.dialect in ("krl", "rapid"):
+        place = {k: numbers[k] - 1 for k in order}
+    elif own:
+        place = {k: k for k in order}
+    else:  # the group that carries the robot, then the one that carries the part
+        groups = [k for k in order if not rides[k]] + [k for k in order if rides[k]]
+        place = {k: n for n, k in enumerate(order if parsed.dialect == "val3" else groups)}
+    out = np.full((len(parsed), len(numbers)), np.nan)
+    for k, column in place.items():
+        if column >= parsed.external.shape[1]:
+            continue
+        values, scale = parsed.external[:, column], 1e-3 if cell.external_prismatic[k] else np.pi / 180.0
+        if parsed.dialect == "ros":
+            scale = 1.0
+        if not own:
+            pulsed = np.array([_pulsed(words.get("external"), column) for words in parsed.configuration])
+            values = np.where(pulsed, values / (drives[k].pulses or np.nan), values)
+            values = (values - drives[k].offset) * drives[k].sign
+        out[:, k] = scale * values
+    spare = [c for c in range(parsed.external.shape[1]) if c not in place.values()]
+    return out, int(np.isfinite(parsed.external[:, spare]).sum())
+
+
+def _pulsed(words: object, column: int) -> bool:
+    return isinstance(words, tuple) and column < len(words) and words[column] == "pulse"
+
+
+def frame_given(parsed: ParsedProgram, cell: Cell, arm: Arm, controller: Controller, external: Array) -> Array:
+    """(4, 4) the workpiece in the frame that the controller counts its base frames from.
+
+    A controller that knows rail and positioner has it in the positioner's flange, or on a rail in its WORLD; any other
+    in its robot coordinate system, with external joints at (E,).
+    """
     own = parsed.dialect in URDF_JOINTS  # of the URDF, whatever the cell says of its controller
-    root = np.eye(4) if own or controller.T_base_root is None else controller.T_base_root
+    if cell.external_joints and parsed.dialect in COUPLED:
+        if arm.moved_by(arm.part):
+            return cell.workpiece.T_link_workpiece
+        world = arm.placements(np.zeros((1, 6)), external[None])[0, arm.part]
+        return world if controller.T_world_root is None else np.asarray(np.linalg.inv(controller.T_world_root) @ world)
+    T = arm.T_base_workpiece(external[None])[0]
+    return T if own or controller.T_base_root is None else np.asarray(np.linalg.inv(controller.T_base_root) @ T)
+
+
+def wrong_frames(
+    parsed: ParsedProgram, controller: Controller, T_given_workpiece: Array, T_flange_tcp: Array, *, rides: bool
+) -> list[str]:
+    """Tool and base, where the program gives their numbers.
+
+    Args:
+        T_given_workpiece: of :func:`frame_given`.
+        rides: a positioner carries the part.
+    """
+    own = parsed.dialect in URDF_JOINTS
     mount = np.eye(4) if own or controller.T_flange_mount is None else controller.T_flange_mount
     pose, wrong = parsed.has_pose, []
+    for k in np.unique(parsed.base[pose]) if parsed.dialect in SHOWN else ():
+        frame = parsed.bases[k]
+        if bool(frame.rides_on) != rides:
+            state = f"moves with {frame.rides_on}" if frame.rides_on else "stands still"
+            wrong.append(f"the base frame {frame.name} {state}, the workpiece {'is carried' if rides else 'is not'}")
     for frames, T, name in (
-        ([parsed.bases[k] for k in np.unique(parsed.base[pose])], np.linalg.inv(root) @ T_base_workpiece, "base"),
+        ([parsed.bases[k] for k in np.unique(parsed.base[pose])], T_given_workpiece, "base"),
         ([parsed.tools[k] for k in np.unique(parsed.tool)], np.linalg.inv(mount) @ T_flange_tcp, "tool"),
     ):
         wrong += [f"{len(frames)} {name} frames"] if len(frames) > 1 else []

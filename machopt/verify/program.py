@@ -31,6 +31,7 @@ NEAR_JOINT = float(np.radians(0.3))  # rad, the same of joint targets
 GIVEN_UP = 25  # targets that lie nowhere: enough to say so
 SHORT = 1e-4  # m: on a shorter line the place does not tell how far the tool has turned
 RAPID_DEG = 0.1  # deg: between rapid way points joints go straight; corners there are rounded in time only
+EXTERNAL = 0.05  # mm or deg of an external axis at a target
 BRANCH = 3.0  # of the orientation's tolerance: joints of a pose that has been compared only tell which branch it is
 AT_ONCE = 50_000  # samples
 
@@ -87,6 +88,8 @@ def along_motion(said: ReadProgram, motion: Motion, tcp: Array, allowed: Allowed
                     said, what, "deg", np.degrees(joints[k]), most + np.degrees(said.joint_step), [where[n] for n in k]
                 )
             )
+    if motion.external.shape[1]:
+        checks.append(_external(said, motion, tcp, at, allowed, where))
     checks.append(_whole(said, motion, at))
     checks += [
         *_lines(said, motion, tcp, at, allowed, where),
@@ -113,6 +116,9 @@ def _matched(
     near = max(NEAR, 3.0 * (allowed.corner + said.place_step))
     near_joint = max(NEAR_JOINT, 3.0 * said.joint_step)
     known: NDArray[np.bool_] = np.asarray(np.isfinite(said.q).all(axis=1))
+    driven, wanted = motion.q, said.q
+    if np.isfinite(said.external).all():  # rails and tables tell places apart as joints do; a metre counts as a radian
+        driven, wanted = np.hstack([motion.q, motion.external]), np.hstack([said.q, said.external])
     if said.streamed and n == len(p) and known.all():
         turn = np.asarray(Rotation.from_matrix(np.swapaxes(R, -1, -2) @ said.T_workpiece_tcp[:, :3, :3]).magnitude())
         return (
@@ -126,16 +132,16 @@ def _matched(
     gone = _longest(
         np.linalg.norm(np.diff(p, axis=0), axis=1) + LEVER * np.linalg.norm(np.diff(R, axis=0), axis=(1, 2))
     )
-    swept = _longest(np.abs(np.diff(motion.q, axis=0)).max(axis=1))
+    swept = _longest(np.abs(np.diff(driven, axis=0)).max(axis=1))
     by_joints = known & (said.kind != LIN)
     T = said.T_workpiece_tcp
     nearest, at, gap = targets_in_order(
         np.ascontiguousarray(p),
         np.ascontiguousarray(R),
-        np.ascontiguousarray(motion.q, float),
+        np.ascontiguousarray(driven, float),
         np.ascontiguousarray(T[:, :3, 3]),
         np.ascontiguousarray(T[:, :3, :3]),
-        np.ascontiguousarray(said.q, float),
+        np.ascontiguousarray(wanted, float),
         by_joints,
         near + 0.5 * gone,
         near_joint + 0.5 * swept,
@@ -147,6 +153,30 @@ def _matched(
     told = on & known
     joints[told] = np.abs(_between(motion.q, at[told]) - said.q[told]).max(axis=1)
     return at, gap, tilt, turn, joints
+
+
+def _external(
+    said: ReadProgram, motion: Motion, tcp: Array, at: Array, allowed: Allowed, where: Sequence[str]
+) -> Check:
+    """Every target says where rails and positioners stand, and they stand there at that place of the motion.
+
+    Where the motion rounds a corner of the program, the place along it is known to as much.
+    """
+    off = np.full(len(said), np.nan)
+    on = np.flatnonzero(np.isfinite(at))
+    a = np.clip(at[on].astype(np.int64), 0, len(tcp) - 1)
+    b = np.minimum(a + 1, len(tcp) - 1)
+    away = np.abs(_between(motion.external, at[on]) - said.external[on])
+    way = np.linalg.norm(tcp[b, :3, 3] - tcp[a, :3, 3], axis=1)
+    loose = np.minimum(max(allowed.corner, 1e-6) / np.maximum(way, 1e-6), 1.0) * (said.kind[on] == LIN)
+    away = np.maximum(away - loose[:, None] * np.abs(motion.external[b] - motion.external[a]), 0.0)
+    unit = np.where(motion.slides, 1e3, 180.0 / np.pi)
+    off[on] = (away * unit).max(axis=1)
+    missing = np.flatnonzero(~np.isfinite(said.external).all(axis=1))
+    if len(missing):
+        text = f"{where[int(missing[0])]} does not say where the external axes stand"
+        return Check(f"{said.file}: external axes at targets", False, np.nan, EXTERNAL, "mm or deg", text)
+    return _worst(said, "external axes at targets", "mm or deg", np.nan_to_num(off), EXTERNAL, where)
 
 
 def _longest(step: Array) -> Array:
@@ -198,7 +228,8 @@ def _whole(said: ReadProgram, motion: Motion, at: Array) -> Check:
     if not len(known):
         return Check(f"{said.file}: whole motion", False, float(len(at)), 0.0, "targets off", "no target is on it")
     last = len(motion.time) - 1
-    moved = np.abs(motion.q - motion.q[-1]).max(axis=1) > NEAR_JOINT
+    driven = np.hstack([motion.q, motion.external])
+    moved = np.abs(driven - driven[-1]).max(axis=1) > NEAR_JOINT
     end = int(np.flatnonzero(moved)[-1]) + 1 if moved.any() else 0  # at rest from here on
     start = np.abs(motion.q[: int(at[known[0]]) + 1] - motion.q[0]).max() if at[known[0]] > 0 else 0.0
     left = [f"it ends at sample {at[known[-1]]:.0f} of {last}"] if at[known[-1]] < end - 1 else []
@@ -249,11 +280,12 @@ def _lines(said: ReadProgram, motion: Motion, tcp: Array, at: Array, allowed: Al
             checks.append(_worst(said, what, unit, scale * off[:, column], scale * limit, ways))
     if not linear.all():
         pick = np.flatnonzero(~linear)
-        q = np.full((len(at), motion.q.shape[1]), np.nan)
-        q[known] = _between(motion.q, at[known])
-        joint = np.isfinite(said.q).all(axis=1)
-        q[joint] = said.q[joint]
-        bow = _off_joint_line(motion.q[rows[pick]], q[move[pick] - 1], q[move[pick]])
+        driven, told = np.hstack([motion.q, motion.external]), np.hstack([said.q, said.external])
+        q = np.full((len(at), driven.shape[1]), np.nan)
+        q[known] = _between(driven, at[known])
+        joint = np.isfinite(told).all(axis=1)
+        q[joint] = told[joint]
+        bow = _off_joint_line(driven[rows[pick]], q[move[pick] - 1], q[move[pick]])
         ways = [f"on the way to {where[k]}" for k in move[pick]]
         limit = RAPID_DEG + float(np.degrees(said.joint_step))
         checks.append(_worst(said, "joint moves along the motion", "deg", np.degrees(bow), limit, ways))

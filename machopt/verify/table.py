@@ -110,6 +110,7 @@ class Motion:
     operation: tuple[str, ...]  # (S,) labels, empty for none
     gamma: Array  # (S,) rad, NaN where empty
     feed: Array  # (S,) m/s
+    slides: tuple[bool, ...] = ()  # (E,) which external axes are in m
 
     @property
     def cycle(self) -> float:
@@ -169,6 +170,7 @@ def read_motion(file: Path, cell: Cell) -> Motion:
         operation=tuple(table.words("operation")),
         gamma=np.deg2rad(table.numbers("gamma_deg", empty=True)),
         feed=table.numbers("feed_mm_min") / 6e4,
+        slides=cell.external_prismatic,
     )
 
 

@@ -20,6 +20,7 @@ from machopt.formats.posts import fanuc, jbi, krl, rapid, ros, tables, urscript,
 from machopt.formats.posts.columns import Columns, Job, common_assumptions, common_notes, move_columns, program_fields
 from machopt.formats.posts.dialect import Dialect
 from machopt.formats.posts.engine import Engine, event_item, part_length, save
+from machopt.formats.posts.external import external_assumptions
 from machopt.formats.posts.feedmodel import HeldFeed, held_feed
 from machopt.formats.posts.postfile import Post, load_post, post_names, post_text
 from machopt.formats.posts.rounding import Rounding
@@ -193,7 +194,10 @@ def assumptions(program: RobotProgram, post: str | Path, controller: Controller)
 
 
 def _assumptions(job: Job, used: frozenset[str], dialect: Dialect) -> list[str]:
-    return [*common_assumptions(job), *dialect.assumed(job, used)] if dialect.maker else []
+    if not dialect.maker:
+        return []
+    external = external_assumptions(job.program, job.controller, used) if dialect.coupled else []
+    return [*common_assumptions(job), *external, *dialect.assumed(job, used)]
 
 
 def unstarted(post: Post | str | Path, program: RobotProgram, controller: Controller) -> tuple[str, ...]:
@@ -223,6 +227,8 @@ def _engine(
     zone: Rounding | None = None,
 ) -> Engine:
     dialect = DIALECTS[post.keys.dialect]
+    if not dialect.coupled:
+        program = replace(program, T_carrier_workpiece=None)
     if not dialect.maker:
         controller = Controller()  # joints and frames stay those of the URDF
     job = Job.of(program, controller, part_length(post, controller))

@@ -10,6 +10,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.domain.program import LIN, Controller, JointMap, RobotProgram
 from machopt.domain.toolpath import Move
+from machopt.formats.posts.external import MOST, external_columns, external_fields, external_notes
 from machopt.formats.posts.orientation import abc_deg, quaternion, rotation_vector, xyz_deg
 from machopt.formats.posts.rounding import Rounding, rounding
 from machopt.formats.posts.template import Column, Value
@@ -55,8 +56,13 @@ class Job:
 
     @property
     def T_root_workpiece(self) -> Array:
-        """(4, 4) the workpiece in the controller's robot coordinate system."""
-        T, root = self.program.T_base_workpiece, self.controller.T_base_root
+        """(4, 4) the workpiece in the frame its targets are given from: the controller's robot coordinate system; with
+        external axes the positioner's flange, or on a rail alone the controller's WORLD."""
+        T, root = self.program.T_carrier_workpiece, self.controller.T_world_root
+        if T is None:
+            T, root = self.program.T_base_workpiece, self.controller.T_base_root
+        elif self.program.part_rides:
+            root = None
         return T if root is None else inverse(root) @ T
 
 
@@ -100,9 +106,7 @@ def move_columns(job: Job) -> dict[str, Callable[[], Column]]:
         out[f"pulse{k + 1}"] = lambda k=k, s=pulses: (  # type: ignore[misc]
             np.full(n, np.nan) if s is None else job.axes_deg[:, k] * s
         )
-        out[f"e{k + 1}"] = lambda k=k: _external(p, k)  # type: ignore[misc]
-        unit = ("mm" if p.external_prismatic[k] else "deg") if k < len(p.external_prismatic) else ""
-        out[f"e{k + 1}_unit"] = lambda unit=unit: [unit] * n  # type: ignore[misc]
+    out |= external_columns(p, c)
     words = [m.word for m in sorted(Move)]
     labels = [*p.operations, ""]
     out |= {
@@ -140,13 +144,14 @@ def program_fields(job: Job) -> dict[str, Value]:
         "tool_number": float("nan") if c.tool_number is None else c.tool_number,
         "base_number": float("nan") if c.base_number is None else c.base_number,
         "mass": p.tool_mass,
-        "externals": len(p.external_prismatic),
+        **external_fields(p, c),
         "exact": largest <= 0.0,
     }
     com = job.com_mm
     out |= {f"com_{axis}": float(v) for axis, v in zip("xyz", com, strict=True)}
     out |= {f"com_{axis}_m": float(v) / MM for axis, v in zip("xyz", com, strict=True)}
-    out |= {f"joint_{k + 1}": name for k, name in enumerate(p.joint_names)}
+    names = [*p.joint_names, *(a.joint for a in p.external_axes)]
+    out |= {f"joint_{k + 1}": names[k] if k < len(names) else "" for k in range(6 + MOST)}
     for prefix, T in (("tool_", job.T_mount_tcp), ("base_", job.T_root_workpiece)):
         out |= {name: float(make()) for name, make in pose_fields(prefix, T).items()}
     return out
@@ -159,8 +164,10 @@ def common_notes(job: Job, used: frozenset[str], samples: bool) -> list[str]:
         f"written by machopt{f' from {p.source}' if p.source else ''}",
         f"{len(p)} moves. First run slowly and by hand",
     ]
-    if p.external_prismatic:
-        notes.append("the workpiece frame holds with the external axes at zero")
+    if p.external_axes:
+        notes += external_notes(p, job.controller)
+        if p.T_carrier_workpiece is None:
+            notes.append("the workpiece frame holds with the external axes where they stand at the first move")
     if samples:
         notes.append("control samples: the controller interpolates between them")
     elif p.blend > 0.0 and used & ROUNDED:
@@ -180,19 +187,13 @@ def common_assumptions(job: Job) -> list[str]:
         out.append(
             "no controller.joint_map in the cell: axis angles are the URDF's joints, same sign, same zero, no coupling"
         )
-    if c.T_base_root is None:
+    if job.program.T_carrier_workpiece is None and c.T_base_root is None:
         out.append("no controller.root in the cell: the robot's own coordinate system is base_link")
     if c.T_flange_mount is None:
         out.append("no controller.flange in the cell: tool 0 is the URDF's flange link")
     if not np.isfinite(job.program.tool_mass):
         out.append("no tool.mass_kg in the cell: set the load on the controller")
     return out
-
-
-def _external(p: RobotProgram, k: int) -> Array:
-    if k >= len(p.external_prismatic):
-        return np.full(len(p), np.nan)
-    return np.asarray(p.external[:, k] * (MM if p.external_prismatic[k] else 180.0 / np.pi))
 
 
 class Columns(Mapping[str, Column]):

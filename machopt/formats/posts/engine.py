@@ -32,6 +32,7 @@ PART_FIELDS = (
     "speeds_count",
     "zones_count",
     "corners_count",
+    "positions",
     "line_count",
 )
 MOVE_FIELDS = (
@@ -115,6 +116,7 @@ class Engine:
         self.values |= {
             "parts": len(self.parts),
             "single": len(self.parts) == 1,
+            "positions": n if len(self.parts) == 1 else 0,
             "name": self.name,
             "speeds_count": max(len(self.distinct), 1),
             "zones_count": max(len(self.zones), 1),

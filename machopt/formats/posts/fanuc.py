@@ -91,6 +91,8 @@ def _notes(job: Job, used: frozenset[str]) -> Sequence[str]:
 
 def _assumed(job: Job, used: frozenset[str]) -> Sequence[str]:
     c, out = job.controller, []
+    if job.program.part_rides:
+        out.append("group 2 is the positioner and leads group 1: a coordinated pair (CPAIR) is set up for both")
     if c.tool_number is None:
         out.append("no controller.tool_number in the cell: UTOOL 1 is taken")
     if c.base_number is None:
@@ -133,4 +135,5 @@ DIALECT = Dialect(
     assumed=_assumed,
     check=_check,
     passing=_passing,
+    coupled=True,
 )

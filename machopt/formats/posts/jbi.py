@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from machopt.errors import InputError
 from machopt.formats.posts.columns import Job
 from machopt.formats.posts.dialect import Dialect, Passing
+from machopt.formats.posts.external import external_fields
 from machopt.formats.posts.fanuc import check_slowest
 
 PRINTED = 4
@@ -57,6 +58,10 @@ def _assumed(job: Job, used: frozenset[str]) -> Sequence[str]:
         out.append("no controller.base_number in the cell: user frame 1 is taken")
     if c.pulses_per_deg is None:
         out.append("no controller.pulses_per_deg in the cell: joint positions stand in degrees, not in pulses")
+    if job.program.external_axes and not external_fields(job.program, c)["external_pulses"]:
+        out.append("no pulses under controller.external in the cell: base and station axes stand in mm and degrees")
+    if job.program.part_rides:
+        out.append("the station leads the robot: a coordinated group of both is set up")
     if c.position_levels is None and "pl" in used:
         out.append("no controller.position_levels_mm in the cell: PL=1 where any rounding would do, else PL=0")
     return out
@@ -64,6 +69,11 @@ def _assumed(job: Job, used: frozenset[str]) -> Sequence[str]:
 
 def _check(job: Job, used: frozenset[str]) -> None:
     check_slowest(job)
+    if "rconf" in used and job.program.part_rides:
+        raise InputError(
+            "Cartesian positions do not ride on a station here; use the post jbi, whose positions are axes",
+            where="controller.post",
+        )
     if "rconf" in used and job.program.behind is None:
         raise InputError(
             "the posture of this arm is not known, so there is no RCONF; use the post jbi", where="controller.post"
@@ -81,4 +91,5 @@ DIALECT = Dialect(
     assumed=_assumed,
     check=_check,
     passing=_passing,
+    coupled=True,
 )

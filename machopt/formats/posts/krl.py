@@ -12,7 +12,7 @@ Bits 0 and 1 come from the arm's geometry; where it has no wrist root, S is left
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 from machopt.arrays import Array
 from machopt.formats.posts.columns import Job
 from machopt.formats.posts.dialect import Dialect
+from machopt.formats.posts.external import driven, external_fields
+from machopt.formats.posts.template import Value
 
 PRINTED = 5  # decimals of axis angles: a bit must agree with the number beside it
 
@@ -48,17 +50,40 @@ def _notes(job: Job, used: frozenset[str]) -> Sequence[str]:
         notes.append("S is left out: the arm's posture is not known (LIN does not read it)")
     if np.isfinite(job.program.tool_mass):
         notes.append("$LOAD holds mass and centre of mass of the cell's tool; its inertia is not known and stands as 0")
+    rails = [d for d in driven(job.program, job.controller) if not d.axis.carries_part]
+    if rails:
+        axes = ", ".join(f"E{d.number}" for d in rails)
+        notes.append(f"$ROBROOT rides on {axes}: its $ERSYSROOT and coupling in the machine data must say so")
     notes.append("first run in T1")
     return notes
 
 
 def _assumed(job: Job, used: frozenset[str]) -> Sequence[str]:
+    if job.program.T_carrier_workpiece is not None:
+        return []
     return ["$ROBROOT is zero; where it is not, shift MO_BASE"] if job.controller.T_base_root is None else []
+
+
+def _values(job: Job) -> Mapping[str, Value]:
+    """What $BASE is set to: a frame in the robot root, in WORLD, or in the flange of an external kinematic (EK)."""
+    number = job.controller.base_number
+    frame = "MO_BASE" if number is None else f"BASE_DATA[{number}]"
+    machine = external_fields(job.program, job.controller)["part_machine"]
+    if job.program.T_carrier_workpiece is None:
+        where = "the robot root"
+    elif job.program.part_rides:
+        definition = f"MACHINE_DEF[{machine:.0f}]"
+        where, frame = f"the flange of {definition}", f"EK({definition}.ROOT,{definition}.MECH_TYPE,{frame})"
+    else:
+        where = "WORLD"
+    return {"base_words": frame, "base_where": where}
 
 
 DIALECT = Dialect(
     columns=lambda job: {"status": lambda: _status(job), "turn": lambda: turn_bits(job.axes_deg)},
+    values=_values,
     notes=_notes,
     assumed=_assumed,
+    coupled=True,
     absent={"status": "the posture of this arm is not known, so there is no S; the post krl works without"},
 )

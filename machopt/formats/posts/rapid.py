@@ -51,4 +51,5 @@ DIALECT = Dialect(
     values=lambda job: {"monitored": job.program.behind is not None},
     notes=_notes,
     assumed=_assumed,
+    coupled=True,
 )

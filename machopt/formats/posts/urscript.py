@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from machopt.errors import InputError
 from machopt.formats.posts.columns import Job
 from machopt.formats.posts.dialect import Dialect
+from machopt.formats.posts.external import refuse
 
 
 def _notes(job: Job, used: frozenset[str]) -> Sequence[str]:
@@ -17,6 +18,7 @@ def _notes(job: Job, used: frozenset[str]) -> Sequence[str]:
 
 
 def _check(job: Job, used: frozenset[str]) -> None:
+    refuse(job.program, "URScript has no external axes; another post would work, or none", unless_still=False)
     if "step" in used and job.program.time is None:
         raise InputError("servoj needs the time of every move; write it from the control samples", where="post")
 

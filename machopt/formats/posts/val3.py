@@ -8,6 +8,7 @@ import numpy as np
 
 from machopt.formats.posts.columns import Job
 from machopt.formats.posts.dialect import Dialect
+from machopt.formats.posts.external import driven, refuse
 
 PRINTED = 5
 
@@ -28,7 +29,20 @@ def _notes(job: Job, used: frozenset[str]) -> Sequence[str]:
     notes = ["lengths mm, angles deg, speeds mm/s"]
     if "shoulder" in used and job.program.behind is None:
         notes.append("the shoulder's side is not known: ssame")
-    return notes
+    return [*notes, *_stands(job)]
+
+
+def _check(job: Job, used: frozenset[str]) -> None:
+    why = "VAL3 moves no rail or positioner; one that stands still all the way (plan: mode locked) would work"
+    refuse(job.program, why, unless_still=True)
+
+
+def _stands(job: Job) -> list[str]:
+    axes = driven(job.program, job.controller)
+    if not axes:
+        return []
+    places, units = " ".join(f"{d.values[0] + 0.0:.6f}" for d in axes), ", ".join(d.word for d in axes)
+    return [f"external axes must stand where the next line says, in {units}", f"external: {places}"]
 
 
 DIALECT = Dialect(
@@ -38,4 +52,5 @@ DIALECT = Dialect(
         "wrist": lambda: _side(job, 4, ("wpositive", "wnegative")),
     },
     notes=_notes,
+    check=_check,
 )

@@ -26,7 +26,12 @@ _AXES = [
     for name, unit in (("a", ""), ("a", "_rad"), ("q", ""), ("q", "_deg"), ("pulse", ""))
 ]
 _WORDS = "status turn cf1 cf4 cf6 cfx t1 t4 t6 time step sec nanosec".split()  # noqa: SIM905 shorter
-COORDINATES = frozenset((*_POSES, *_AXES, *_WORDS))
+_EXTERNAL = [
+    f"{axis}{unit}"
+    for axis in (*(f"e{k}" for k in range(1, 7)), *(f"{g}{k}" for g in ("rail", "table") for k in range(1, 4)))
+    for unit in ("", "_si", "_pulse", "_plain")
+]
+COORDINATES = frozenset((*_POSES, *_AXES, *_EXTERNAL, *_WORDS))
 CONFIGURATION = frozenset(("flip", "elbow", "front", "shoulder", "wrist"))
 _HOLE = re.compile(rf"98765(?:\.4321\d*|\.432|\.43|\.4)?|{WORD}")
 _FILL = re.compile(r"[-+]?[0-9]+(?:\.[0-9]+)?|[A-Za-z]+")  # \d takes digits of other scripts, a control does not

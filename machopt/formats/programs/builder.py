@@ -36,7 +36,7 @@ _CAM_KINDS = (
     (re.compile(r"\s*(?:DELAY|DWELL|G0?4\b)", re.IGNORECASE), "dwell"),
     (re.compile(r"\s*(?:STOP|OPSTOP|M0?[01]\b)", re.IGNORECASE), "stop"),
 )
-_LABEL = re.compile(r"\s*(operation|move|CAM)\s*:\s?(.*)", re.IGNORECASE)
+_LABEL = re.compile(r"\s*(operation|move|CAM|external)\s*:\s?(.*)", re.IGNORECASE)
 
 
 @dataclass
@@ -52,6 +52,8 @@ class Builder:
     warnings: list[str] = field(default_factory=list)
     feed: float = math.nan
     pace: float = 1.0  # the program's own override: what every feed is multiplied by
+    stands_by_comment: bool = False  # the language has no external axes: a comment says where they must stand
+    standing: tuple[float, ...] = ()  # mm or deg, what it said
     last: Array | None = None  # (4, 4) the pose the robot stands at in the active base, None where unknown
     _numbers: array[float] = field(default_factory=lambda: array("d"))  # 6 axes, 12 pose, feed, blend, time
     _codes: array[int] = field(default_factory=lambda: array("i"))  # kind base tool move operation line
@@ -245,7 +247,7 @@ class Builder:
         if not self._tools:
             self.set_tool(Frame("tool", None))
         self._codes.extend((kind, self._base, self._tool, move, self._operation, line))
-        self._external.append(tuple(external))
+        self._external.append(tuple(external) or self.standing)
         self._configuration.append(configuration or {})
         self._fresh = False
 
@@ -271,6 +273,10 @@ class Builder:
         elif word == "move":
             self.word(rest.lower())
             self._told = True
+        elif word == "external":
+            values = [number(v) for v in rest.split()]
+            if self.stands_by_comment and all(v is not None for v in values):
+                self.standing = tuple(v for v in values if v is not None)
         else:
             self.event(rest, fresh=True)
 
@@ -386,7 +392,7 @@ def _index(frames: list[Frame], frame: Frame) -> int:
         same = (frame.T is None and other.T is None) or (
             frame.T is not None and other.T is not None and np.array_equal(frame.T, other.T)
         )
-        if other.name == frame.name and same:
+        if other.name == frame.name and other.rides_on == frame.rides_on and same:
             return k
     frames.append(frame)
     return len(frames) - 1

@@ -396,7 +396,7 @@ def _positions(part: Part, start: int) -> None:
             if group != "1":
                 more, trouble = _values(sections[group])
                 fault = fault or trouble
-                others += [more[k] for k in sorted(more)]
+                others += [more[k] for k in sorted(more) if k[0] in "JE"]
         if not fault and "J1" not in values and not {"X", "Y", "Z", "W", "P", "R"} <= set(values):
             fault = "found neither J1 … J6 nor X, Y, Z, W, P, R"
         part.positions[index] = Position(line, values, frames.get("UF"), frames.get("UT"), bits, tuple(others), fault)

@@ -14,6 +14,8 @@ from machopt.formats.source import Source
 
 _POSITION = re.compile(r"((?:E|B)?(?:C|P|EX|BP)\d+)\s*=\s*(.*)")
 _REFERENCE = re.compile(r"\b((?:C|P)\d+)\b")
+_BASE, _STATION = re.compile(r"\b(BC\d+|BP\d+)\b"), re.compile(r"\b(EC\d+|EX\d+)\b")
+_LED = re.compile(r"\+MOV[JLC]\s+((?:EC|EX)\d+)(?:\s+V[JRE]?\s*=\s*[\d.]+)?")  # what the station does meanwhile
 _OPTION = re.compile(r"\b(VJ|VR|VE|V|PL|CR|ACC|DEC|NWAIT|FPT)\s*=?\s*(\d+\.?\d*|\.\d+)?")
 _QUIET = re.compile(
     r"(?:NOP|END|SETE|SETTOOL|MSG|COMM|CLEAR|SET|INC|DEC|ADD|SUB|MUL|DIV|ARATION|REFP|SFTOF|GETE|GETS|MFRAME|CNVRT)\b"
@@ -130,8 +132,13 @@ class _Reader:
                 self.out.ignore("label" if text.startswith("*") else word, line, understood=known)
 
     def motion(self, job: Job, word: str, rest: str, line: int) -> None:
-        if word not in ("MOVJ", "MOVL"):
+        station = _LED.search(rest)
+        if station is not None:
+            rest = rest[: station.start()] + " " + rest[station.end() :]
+        if word not in ("MOVJ", "MOVL") and not (word == "SMOVL" and station is not None):
             raise self.out.error(f"{word} is not read; MOVJ and MOVL would work", line, job.source)
+        names = [*_BASE.findall(rest), *([] if station is None else [station.group(1)])]
+        rest = _BASE.sub(" ", rest)
         reference = _REFERENCE.search(rest)
         if reference is None:
             raise self.out.error(f"{word} without a position", line, job.source)
@@ -156,6 +163,9 @@ class _Reader:
         self.out.set_tool(Frame(found.tool, None))
         level = options.get("PL")
         configuration = {**found.configuration, **({} if level is None else {"pl": int(level)})}
+        external, counted = self.others(job, names, line)
+        external += found.values[6:]
+        configuration["external"] = counted
         if found.kind == "RECTAN":
             x, y, z, w, p, r = found.values[:6]
             self.out.pose(
@@ -167,7 +177,7 @@ class _Reader:
                 line,
                 feed=feed,
                 blend=blend,
-                external=found.values[6:],
+                external=external,
                 configuration=configuration,
             )
             return
@@ -175,9 +185,21 @@ class _Reader:
         if found.kind == "PULSE":
             configuration["pulses"] = tuple(int(v) for v in axes)
             axes = [math.nan] * 6 if self.scale is None else [v / s for v, s in zip(axes, self.scale, strict=True)]
-        self.out.joint(
-            axes, line, kind=kind, feed=feed, blend=blend, external=found.values[6:], configuration=configuration
-        )
+        self.out.joint(axes, line, kind=kind, feed=feed, blend=blend, external=external, configuration=configuration)
+
+    def others(self, job: Job, names: list[str], line: int) -> tuple[tuple[float, ...], tuple[str, ...]]:
+        """Values of base and station axes, and what each is counted in: pulse, or angle for mm and degrees."""
+        values: tuple[float, ...] = ()
+        counted: tuple[str, ...] = ()
+        for name in names:
+            found = job.positions.get(name)
+            if found is None:
+                raise self.out.error(
+                    f"{name} is not in //POS: the controller holds it, the job does not", line, job.source
+                )
+            values += found.values
+            counted += (found.kind.lower(),) * len(found.values)
+        return values, counted
 
     def call(self, job: Job, text: str, line: int, depth: int) -> None:
         found = re.match(r"CALL\s+JOB\s*:\s*(\S+)", text)

@@ -29,6 +29,11 @@ _FOR = re.compile(r"FOR\s+(\w+)\s*=\s*(.+?)\s+TO\s+(.+?)(?:\s+STEP\s+(.+))?", re
 _WITHOUT_EFFECT = re.compile(
     r"(?:INTERRUPT|GLOBAL\s+INTERRUPT|CONTINUE|INI|EXT|EXTFCT|ENDDAT|IMPORT|SIGNAL|STRUC|ENUM)\b", re.IGNORECASE
 )
+_KINEMATIC = re.compile(
+    r"EK\s*\(\s*MACHINE_DEF\s*\[([^\]]+)\]\s*\.\s*ROOT\s*,"
+    r"\s*MACHINE_DEF\s*\[([^\]]+)\]\s*\.\s*MECH_TYPE\s*,\s*(.+)\)",
+    re.IGNORECASE,
+)
 _DEEPEST = 20
 _AXES = tuple(f"A{k}" for k in range(1, 7))
 _POSE = ("X", "Y", "Z", "A", "B", "C")
@@ -46,6 +51,7 @@ _QUIET = frozenset(
         "$VEL",
         "$ACT_BASE",
         "$ACT_TOOL",
+        "$ACT_EX_AX",
         "$H_POS",
         "$JERK",
         "$ORI_CHECK",
@@ -328,9 +334,15 @@ class _Reader:
             self.out.ignore(f"{word}=", line, understood=False)
 
     def frame(self, word: str, text: str) -> None:
+        rides = ""
+        if found := _KINEMATIC.fullmatch(text):
+            numbers = {whole(found.group(k), self.memory) for k in (1, 2)}
+            if len(numbers) > 1:
+                raise KrlError(f"{text[:60]!r} takes root and type of two machines; expected those of one")
+            rides, text = f"MACHINE_DEF[{numbers.pop()}]", found.group(3)
         value = _quietly(text, self.memory)
         known = isinstance(value, dict) and all(isinstance(value.get(c), float) for c in _POSE)
-        frame = Frame(text, _placed({c: float(value[c]) for c in _POSE}) if known else None)  # type: ignore[index]
+        frame = Frame(text, _placed({c: float(value[c]) for c in _POSE}) if known else None, rides)  # type: ignore[index]
         if word == "$BASE":
             self.out.set_base(frame)
             self.out.last = None

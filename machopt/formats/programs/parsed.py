@@ -21,6 +21,7 @@ class Frame:
 
     name: str
     T: Array | None  # (4, 4) m; None where the program names it but the controller holds the numbers
+    rides_on: str = ""  # the mechanical unit that moves it, in the maker's word; T is then in that unit's own flange
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class ParsedProgram:
     feed: Array  # (M,) m/s of the TCP on linear moves; NaN where the program does not say
     blend: Array  # (M,) m, how far from the target the robot may leave it; 0 exact stop, NaN not said in mm
     time: Array  # (M,) s from the start, NaN where the format gives none
-    external: Array  # (M, E) mm or deg as written, NaN where absent
+    external: Array  # (M, E) as written: mm, deg or pulses, of messages of ROS m or rad; NaN where absent
     configuration: tuple[Mapping[str, object], ...]  # (M,) status, turns, confdata … in the maker's own names
     base: NDArray[np.int32]  # (M,) index into ``bases``
     tool: NDArray[np.int32]  # (M,) index into ``tools``

@@ -462,8 +462,18 @@ class _Reader:
             self.out.set_tool(Frame(tool_name.lower(), self.frame(tool, "TOOL0", False)))
         if base_name != self.base_name:
             self.base_name = base_name
-            self.out.set_base(Frame(base_name.lower(), self.frame(base, "WOBJ0", True)))
+            self.out.set_base(Frame(base_name.lower(), self.frame(base, "WOBJ0", True), self.moved_by(base)))
             self.out.last = None
+
+    def moved_by(self, value: object) -> str:
+        """The mechanical unit that carries a work object, empty for one that stands still or is not known."""
+        if not isinstance(value, Name) or value.text not in self.data:
+            return ""
+        try:
+            found = self.resolved(value)
+        except RapidError:
+            return ""
+        return _moved(found) if isinstance(found, list) else ""
 
     def frame(self, value: object, zero: str, work_object: bool) -> Array | None:
         """(4, 4) of tooldata or wobjdata, None where the controller holds it."""
@@ -484,6 +494,8 @@ class _Reader:
             )
             raise RapidError(f"{name} (robhold): {STANDING_TOOL}")
         places = found[3:5] if work_object else found[1:2]
+        if work_object and _moved(found):  # what the user frame says does not count, the unit's place does
+            places = found[4:5]
         out = np.eye(4)
         for place in places:
             if not (isinstance(place, list) and len(place) == 2):
@@ -494,6 +506,13 @@ class _Reader:
                 return None
             out = out @ matrix(rows, p[0] * 1e-3, p[1] * 1e-3, p[2] * 1e-3)
         return out
+
+
+def _moved(found: list[object]) -> str:
+    """The mechanical unit that moves wobjdata (ufprog FALSE), empty for one that stands still."""
+    if len(found) < 3 or not (isinstance(found[1], Name) and found[1].text == "FALSE"):
+        return ""
+    return found[2] if isinstance(found[2], str) else "?"
 
 
 def _plain(s: Statement) -> str:

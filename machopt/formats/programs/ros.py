@@ -13,7 +13,7 @@ from machopt.formats.programs.parsed import ParsedProgram
 from machopt.formats.programs.tables import load_json
 from machopt.formats.source import Source
 
-JOINTS = 6
+JOINTS, MOST = 6, 12
 _KEY = re.compile(r"\b([a-z_]+):(?=\s)")
 
 
@@ -32,18 +32,19 @@ def read_ros(source: Source, arc_tolerance: float, strict: bool = False) -> Pars
     names, points = document.get("joint_names"), document.get("points")
     if not isinstance(names, list) or not isinstance(points, list) or not points:
         raise out.error("expected joint_names and a list of points, as trajectory_msgs/JointTrajectory has them")
-    if len(names) != JOINTS or not all(isinstance(n, str) for n in names):
-        raise out.error(f"moves {len(names)} joints; expected the {JOINTS} of the arm")
+    if not JOINTS <= len(names) <= MOST or not all(isinstance(n, str) for n in names):
+        raise out.error(f"moves {len(names)} joints; expected the {JOINTS} of the arm, then external ones")
     told = _told_json(out, source) if is_json else _told_yaml(source)
     previous = -math.inf
     for n, point in enumerate(points, 1):
         for kind, text in told.get(n, ()):
             out.comment(f"{kind}: {text}")
-        positions, time = _point(out, point, n)
+        positions, time = _point(out, point, n, len(names))
         if not time > previous:
             raise out.error(f"points[{n - 1}]: time_from_start {time:g} s does not rise")
         previous = time
-        out.joint([math.degrees(v) for v in positions], n, kind=out.streamed_kind, blend=math.nan, time=time)
+        arm, external = [math.degrees(v) for v in positions[:JOINTS]], positions[JOINTS:]
+        out.joint(arm, n, kind=out.streamed_kind, blend=math.nan, time=time, external=external)
     for kind, text in told.get(len(points) + 1, ()):
         out.comment(f"{kind}: {text}")
     return out.build()
@@ -97,16 +98,16 @@ def _no_number(word: str) -> float:
     raise ValueError(word)
 
 
-def _point(out: Builder, point: object, n: int) -> tuple[list[float], float]:
+def _point(out: Builder, point: object, n: int, joints: int) -> tuple[list[float], float]:
     where = f"points[{n - 1}]"
     if not isinstance(point, dict):
         raise out.error(f"{where}: expected positions and time_from_start")
     positions = _numbers(out, point.get("positions"), f"{where}.positions")
-    if len(positions) != JOINTS:
-        raise out.error(f"{where}.positions: found {len(positions)} numbers, expected {JOINTS}")
+    if len(positions) != joints:
+        raise out.error(f"{where}.positions: found {len(positions)} numbers, expected {joints}")
     for key in ("velocities", "accelerations", "effort"):
-        if key in point and len(_numbers(out, point[key], f"{where}.{key}")) not in (0, JOINTS):
-            raise out.error(f"{where}.{key}: expected none or {JOINTS} numbers")
+        if key in point and len(_numbers(out, point[key], f"{where}.{key}")) not in (0, joints):
+            raise out.error(f"{where}.{key}: expected none or {joints} numbers")
     time = point.get("time_from_start")
     if not isinstance(time, dict):
         raise out.error(f"{where}.time_from_start: expected sec and nanosec")
