@@ -61,14 +61,14 @@ def ready(cell: Cell, tp: Toolpath, options: PlanOptions = OPTIONS) -> tuple[Set
 
 
 def paper(setup: Setup, path: Path, options: PlanOptions = OPTIONS) -> Assignment:
-    d = directions(path, setup.arm.T_base_workpiece, setup.elasticity, options.force)
+    d = directions(path, setup.arm, setup.elasticity, options.force)
     return jiao2022(path, setup.arm, setup.elasticity, d, None, setup.cell.home, options)
 
 
 def paper_roll(setup: Setup, path: Path, phi: np.ndarray) -> np.ndarray:
     """γ of eq. 27 by scipy: the tool's own axes as the paper has them (its x is the tool axis), Rz Ry Rx in base."""
     every = np.arange(len(path.index), dtype=np.int32)
-    T = setup.arm.T_base_workpiece @ tcp_poses(path, every, np.nan_to_num(phi))
+    T = setup.arm.machine.T_base_workpiece_zero @ tcp_poses(path, every, np.nan_to_num(phi))
     permuted = T[:, :3, [2, 0, 1]]
     return Rotation.from_matrix(permuted).as_euler("ZYX")[:, 2]
 
@@ -84,7 +84,7 @@ def test_cam_default_has_gamma_zero_everywhere_and_reaches(tmp_path: FilePath) -
         ok = a.reason == Reason.OK
         assert ok.mean() > 0.9
         every = np.flatnonzero(ok).astype(np.int32)
-        wanted = setup.arm.T_base_workpiece @ tcp_poses(path, every, a.phi[ok])
+        wanted = setup.arm.machine.T_base_workpiece_zero @ tcp_poses(path, every, a.phi[ok])
         np.testing.assert_allclose(setup.robot.fk(a.q[ok], setup.arm.T_flange_tcp), wanted, atol=1e-9)
         assert np.isnan(a.q[a.branch < 0]).all()
         assert (a.q[ok] >= setup.arm.lower).all()
@@ -95,7 +95,7 @@ def test_cam_default_starts_nearest_to_home_and_follows(tmp_path: FilePath) -> N
     setup, path = ready(facing_cell(tmp_path), milling())
     a = cam_default(path, setup.arm, setup.cell.home)
     first = setup.arm.solver.solve(
-        setup.arm.T_base_workpiece
+        setup.arm.machine.T_base_workpiece_zero
         @ tcp_poses(path, np.zeros(1, np.int32), a.phi[:1])
         @ np.linalg.inv(setup.arm.T_flange_tcp)
     ).q[0]
@@ -173,11 +173,13 @@ def test_key_points_take_the_stiffest_of_the_ten_degree_rotations(tmp_path: File
     setup, path = ready(facing_cell(tmp_path), milling())
     a = paper(setup, path)
     rows = np.flatnonzero(path.counted)
-    R_bw = setup.arm.T_base_workpiece[:3, :3]
+    R_bw = setup.arm.machine.T_base_workpiece_zero[:3, :3]
     for p in (rows[0], rows[-1]):
         scores = {}
         for step in range(-18, 18):
-            T = setup.arm.T_base_workpiece @ tcp_poses(path, np.array([p], np.int32), np.array([step * STEP]))
+            T = setup.arm.machine.T_base_workpiece_zero @ tcp_poses(
+                path, np.array([p], np.int32), np.array([step * STEP])
+            )
             q = setup.arm.solver.solve(T @ np.linalg.inv(setup.arm.T_flange_tcp)).q[0, a.branch[p]]
             every = q + setup.arm.turns
             inside = ((every >= setup.arm.lower) & (every <= setup.arm.upper)).all(axis=1)

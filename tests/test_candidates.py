@@ -62,7 +62,7 @@ def test_each_vertex_is_the_pose_asked_for(setup: Setup) -> None:
     """The fixed point's rotation off the grid included."""
     path, arm = leaning(30), setup.arm
     c = enumerate_candidates(path, arm, OPTIONS)
-    poses = arm.T_base_workpiece @ tcp_poses(path, path.stations, c.phi_at())
+    poses = arm.machine.T_base_workpiece_zero @ tcp_poses(path, path.stations, c.phi_at())
     np.testing.assert_allclose(
         np.abs(c.phi_at() + path.offset[path.stations][:, None] - 0.1234).min(axis=1)[
             np.flatnonzero(path.index[path.stations] == 3)

@@ -63,7 +63,7 @@ def straight_on(p: Plan) -> np.ndarray:
 
 def loaded(p: Plan, rows: np.ndarray, stiffness: Stiffness) -> np.ndarray:
     """(n, 3) where the tip is, in the workpiece frame, in equilibrium with the force: joint springs at full length."""
-    robot, tool, T = p.setup.robot, p.setup.arm.T_flange_tcp, p.setup.arm.T_base_workpiece
+    robot, tool, T = p.setup.robot, p.setup.arm.T_flange_tcp, p.setup.arm.machine.T_base_workpiece_zero
     nominal = p.path.position if p.compensation is None else p.path.position - p.compensation.offset
     k = joint_stiffness(stiffness, nominal[rows] @ T[:3, :3].T + T[:3, 3]).k
     commanded = p.chosen.assignment.q[rows]
@@ -90,7 +90,7 @@ def test_the_bent_tool_is_where_it_was_programmed(bent: tuple[Plan, Plan]) -> No
     np.testing.assert_allclose(np.linalg.norm(after.compensation.offset[rows], axis=1), d, rtol=0.01)
     np.testing.assert_array_equal(after.chosen.assignment.phi, before.chosen.assignment.phi)  # the same rotation
     T = after.setup.robot.fk(after.chosen.assignment.q, after.setup.arm.T_flange_tcp)
-    base = after.setup.arm.T_base_workpiece
+    base = after.setup.arm.machine.T_base_workpiece_zero
     np.testing.assert_allclose(-T[:, :3, 2] @ base[:3, :3], after.path.axis, atol=1e-8)  # and the same tool axis
     np.testing.assert_allclose((T[:, :3, 3] - base[:3, 3]) @ base[:3, :3], after.path.position, atol=1e-8)
 
@@ -140,7 +140,7 @@ def test_refining_changes_no_choice(tmp_path: FilePath) -> None:
             assert (b.assignment.phi[new] <= np.maximum(low, high) + 1e-12).all()
     arm = fine.setup.arm
     T = fine.setup.robot.fk(fine.chosen.assignment.q, arm.T_flange_tcp)
-    base = arm.T_base_workpiece
+    base = arm.machine.T_base_workpiece_zero
     np.testing.assert_allclose((T[:, :3, 3] - base[:3, 3]) @ base[:3, :3], fine.path.position, atol=1e-8)
     straight: Rows = [((0, 0, 0.02), UP, R), ((0, 0, 0), UP, C), ((0, 0, -0.01), UP, C)]
     same = small_job(tmp_path, straight, replace(FREE, rotation_step=np.radians(30.0)))
@@ -156,7 +156,7 @@ def test_residual_is_second_order_on_straights_and_half_the_turn_of_the_force_at
     assert residual(before) is None
     at = int(np.flatnonzero(before.path.index == 4)[0])  # the corner: along x comes in, along y goes out
     d = before.directions
-    T = before.setup.arm.T_base_workpiece[:3, :3]
+    T = before.setup.arm.machine.T_base_workpiece_zero[:3, :3]
     elastic = before.setup.elasticity.at(after.chosen.assignment.q[[at]], d.k[[at]])
     jump = elastic.deflection(d.force[[at]])[0] - elastic.deflection(d.force[[at - 1]])[0]
     assert found.worst == pytest.approx(0.5 * float(np.linalg.norm(jump @ T)), rel=0.05)
@@ -238,7 +238,7 @@ def test_compensation_on_a_simulated_truth_falls_as_jiao2022_finds() -> None:
         if model is None:
             return float(np.linalg.norm(loaded(p, rows, truth) - p.path.position[rows], axis=1).mean())
         arm = p.setup.arm
-        at = p.path.position @ arm.T_base_workpiece[:3, :3].T + arm.T_base_workpiece[:3, 3]
+        at = p.path.position @ arm.machine.T_base_workpiece_zero[:3, :3].T + arm.machine.T_base_workpiece_zero[:3, 3]
         setup = replace(p.setup, elasticity=ArmElasticity(p.setup.robot, arm.T_flange_tcp, model))
         directions = replace(p.directions, k=joint_stiffness(model, at).k)
         moved = shifted(replace(p, setup=setup, directions=directions), 0.005)

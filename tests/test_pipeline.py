@@ -126,7 +126,7 @@ def test_configurations_are_exact_within_limits_and_clear_of_singularities(case:
     p = planned(case)
     a, arm = p.chosen.assignment, p.setup.arm
     every = np.arange(len(p.path.index), dtype=np.int32)
-    wanted = arm.T_base_workpiece @ tcp_poses(p.path, every, a.phi)
+    wanted = arm.machine.T_base_workpiece_zero @ tcp_poses(p.path, every, a.phi)
     assert np.abs(p.setup.robot.fk(a.q, arm.T_flange_tcp) - wanted).max() < EXACT
     assert (a.q >= arm.lower).all()
     assert (a.q <= arm.upper).all()

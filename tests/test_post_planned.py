@@ -74,7 +74,7 @@ def test_straight_lines_between_way_points_are_the_motion(cell: str, name: str) 
     p = robot_program(the_plan, t, timeline).program
     options = the_plan.options
     assert p.kind[0] == PTP
-    inverse = np.linalg.inv(the_plan.setup.arm.T_base_workpiece)
+    inverse = np.linalg.inv(the_plan.setup.arm.machine.T_base_workpiece_zero)
     row = 1
     worst_gap = worst_angle = 0.0
     for leg in timeline.legs:

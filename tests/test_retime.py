@@ -11,6 +11,7 @@ import pytest
 from machopt.arrays import Array
 from machopt.domain.cell import JointLimits
 from machopt.model.ik import refine
+from machopt.model.machine import Machine
 from machopt.model.robot import Robot
 from machopt.plan import feedrate
 from machopt.plan.blend import path_parameter
@@ -61,7 +62,8 @@ def make(
         phi,
         q,
         np.broadcast_to(np.asarray(feed, float), n).copy(),
-        T_BASE_WORKPIECE,
+        Machine.alone(ROBOT, T_BASE_WORKPIECE),
+        np.empty((n, 0)),
         TCP,
         ROBOT,
         limits,

@@ -198,7 +198,7 @@ def test_looking_ahead_strikes_out_what_one_pair_touches_around_a_contact(tmp_pa
     alike = model.touching(c.q[s, r, b], np.full(len(s), pair))
     assert alike[found.pair == pair].all()
     assert not alike[~found.hit].any() or model.pairs[pair].unless_cutting
-    ahead = Ahead(c, model, touch, np.full(usable.shape, -1, np.int32))
+    ahead = Ahead(c, model, touch, np.empty((len(touch), 0)), np.full(usable.shape, -1, np.int32))
     start = np.flatnonzero(found.pair == pair)[:1]
     seed = np.ravel_multi_index((s[start], r[start], b[start]), usable.shape)
     ahead.strike(seed, np.array([pair], np.int32))

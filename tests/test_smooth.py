@@ -221,7 +221,7 @@ def test_shipped_path_stays_in_its_corridor(cell_name: str, name: str) -> None:
     options = PlanOptions(collision=False, rotation_range=tuple(np.radians([-100.0, 100.0])))  # type: ignore[arg-type]
     setup, path, velocity = prepare(cell, options), build_path(tp), cell.limits.velocity[:6]
     candidates = enumerate_candidates(path, setup.arm, options)
-    d = directions(path, setup.arm.T_base_workpiece, setup.elasticity, options.force)
+    d = directions(path, setup.arm, setup.elasticity, options.force)
     scores = score_candidates(path, candidates, setup.elasticity, d, options)
     choice = choose(path, candidates, scores, velocity, options)
     curve = smooth(path, candidates, scores, choice, velocity, options)

@@ -412,7 +412,7 @@ def test_the_planner_scores_candidates_with_the_terms() -> None:
         for stiffness in (cell.stiffness, soft):
             setup = prepare(replace(cell, stiffness=stiffness), options)
             path = build_path(toolpath)
-            d = directions(path, setup.arm.T_base_workpiece, setup.elasticity, options.force)
+            d = directions(path, setup.arm, setup.elasticity, options.force)
             candidates = enumerate_candidates(path, setup.arm, options)
             costs.append(score_candidates(path, candidates, setup.elasticity, d, options).cost)
         known = np.argwhere(np.isfinite(costs[1]))

@@ -42,7 +42,7 @@ def with_stiffness(p: Plan, stiffness: Stiffness) -> Plan:
     """The same motions judged by another stiffness: costs of all three, nothing chosen anew."""
     arm, path = p.setup.arm, p.path
     elasticity = ArmElasticity(p.setup.robot, arm.T_flange_tcp, stiffness)
-    at = path.position @ arm.T_base_workpiece[:3, :3].T + arm.T_base_workpiece[:3, 3]
+    at = path.position @ arm.machine.T_base_workpiece_zero[:3, :3].T + arm.machine.T_base_workpiece_zero[:3, 3]
     joint = joint_stiffness(stiffness, at)
     d = replace(p.directions, k=joint.k, in_grid=joint.in_grid)
     out = replace(p, setup=replace(p.setup, elasticity=elasticity), directions=d)
@@ -194,7 +194,7 @@ def test_cells_of_a_grid_err_independently_and_as_a_whole() -> None:
 
 
 def with_k(p: Plan, stiffness: Stiffness):  # type: ignore[no-untyped-def]
-    T = p.setup.arm.T_base_workpiece
+    T = p.setup.arm.machine.T_base_workpiece_zero
     joint = joint_stiffness(stiffness, p.path.position @ T[:3, :3].T + T[:3, 3])
     return replace(p.directions, k=joint.k)
 

@@ -49,6 +49,22 @@ class Machine:
     T_base_workpiece_zero: Array  # (4, 4)
     T_world_base_zero: Array  # (4, 4)
 
+    @classmethod
+    def alone(cls, robot: Robot, T_base_workpiece: Array) -> Machine:
+        """An arm in the origin of the world, and a part that stands still."""
+        return cls(
+            robot=robot,
+            axis=robot.axis,
+            point=robot.point,
+            slides=np.zeros(6, bool),
+            column=np.arange(6),
+            sign=np.ones(6),
+            positioner=0,
+            rail=0,
+            T_base_workpiece_zero=T_base_workpiece,
+            T_world_base_zero=np.eye(4),
+        )
+
     @property
     def external(self) -> int:
         """E, how many external joints there are."""

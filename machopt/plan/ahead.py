@@ -8,11 +8,12 @@ out for a contact of its own pose only, so looking ahead changes what has to be 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.arrays import Bools
+from machopt.arrays import Array, Bools
 from machopt.domain.reason import Reason
 from machopt.model.collision import CollisionModel
 from machopt.plan.candidates import Candidates
@@ -30,8 +31,13 @@ class Ahead:
     candidates: Candidates
     model: CollisionModel
     may_touch: Bools  # (S,) the cutter may be in the workpiece there
+    external: Array  # (S, E) m or rad, where the external joints stand
     pairs: NDArray[np.int32]  # (S, R, B) pair that a vertex was struck out for, −1 else; filled here
     asked: dict[int, Bools] = field(default_factory=dict)  # pair → (S·R·B,) vertices it was looked at for
+
+    def whole(self, s: Rows, r: NDArray[Any], b: NDArray[Any]) -> Array:
+        """(n, 6 + E) joints of the machine at vertices (n,)."""
+        return np.hstack([self.candidates.q[s, r, b], self.external[s]])
 
     def strike(self, vertices: Rows, pair: NDArray[np.int32]) -> None:
         """Strike out vertices (n,), flat over (S, R, B), each for its own contact between a pair (n,) of bodies."""
@@ -60,7 +66,7 @@ class Ahead:
                 order = np.lexsort((s, r, b))  # along the path: there the same two triangles often touch on
                 vertices, pair = vertices[order], pair[order]
                 s, r, b = np.unravel_index(vertices, self.pairs.shape)
-                hit = self.model.touching(self.candidates.q[s, r, b], pair)
+                hit = self.model.touching(self.whole(s, r, b), pair)
                 looked += len(vertices)
                 left -= np.bincount(pair, minlength=len(left))
                 vertices, pair = vertices[hit], pair[hit]

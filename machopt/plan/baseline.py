@@ -80,7 +80,7 @@ def _roll(path: Path, arm: Arm, rows: Ints) -> Array:
     paper's own Table 2) and turns wildly about it; for such a group the base axis farthest from all its tool axes takes
     the place of z.
     """
-    R = (arm.T_base_workpiece @ tcp_poses(path, rows, np.zeros(len(rows))))[:, :3, :3]
+    R = arm.in_base(path.external[rows], tcp_poses(path, rows, np.zeros(len(rows))))[:, :3, :3]
     across = np.linalg.norm(R[:, :, :2], axis=2).min(axis=0)  # (3,) sine between each base axis and the tool, at worst
     e = 2 if across[2] > np.sin(LEAST_TILT) else int(across.argmax())
     # paper's tool axes as ours: x = z (the rotation axis), y = x, z = y; for e = z this is R32 / R33 of eq. 27
@@ -90,7 +90,7 @@ def _roll(path: Path, arm: Arm, rows: Ints) -> Array:
 def _groups(path: Path, arm: Arm) -> list[tuple[Ints, Ints, Array]]:
     """Key points, the points between them, and the proportion (0…1) of each."""
     counted = path.counted
-    position = path.position @ arm.T_base_workpiece[:3, :3].T
+    position = arm.directions(path.external, path.position)
     groups, holes = [], []
     for first, last in path.runs:
         rows = (first + np.flatnonzero(counted[first : last + 1])).astype(np.int32)
@@ -134,7 +134,8 @@ def _best_rotations(
         if collision is not None:  # step 4: interfered configurations are abandoned
             for i in range(len(keys)):
                 rotations = np.flatnonzero(ok[i, :, b])
-                ok[i, rotations, b] = ~collision.check(q[i, rotations, b], np.ones(len(rotations), bool)).hit
+                stands = path.whole(q[i, rotations, b], np.full(len(rotations), keys[i]))
+                ok[i, rotations, b] = ~collision.check(stands, np.ones(len(rotations), bool)).hit
         if ok[:, :, b].any(axis=1).all():
             break
     else:
@@ -149,7 +150,7 @@ def _best_rotations(
 
 def _solve(path: Path, arm: Arm, rows: Ints, phi: Array) -> tuple[Array, NDArray[np.uint8]]:
     """All branches at rows × rotations with the turn nearest to zero that fits the limits: q (…, B, 6), reason."""
-    poses = arm.T_base_workpiece @ tcp_poses(path, rows, phi) @ inverse(arm.T_flange_tcp)
+    poses = arm.in_base(path.external[rows], tcp_poses(path, rows, phi)) @ inverse(arm.T_flange_tcp)
     branches = arm.solver.solve(poses.reshape(-1, 4, 4))
     why = branch_reasons(branches, arm.margins).reshape(*phi.shape, -1)
     q = branches.q.reshape(*phi.shape, -1, 6)
@@ -171,7 +172,7 @@ def _unwrapped(path: Path, phi: Array) -> Array:
 def _follow(path: Path, arm: Arm, phi: Array, home: Array) -> Assignment:
     """Per point the feasible configuration nearest to the one before; NaN where there is none."""
     every = np.arange(len(path.index), dtype=np.int32)
-    poses = arm.T_base_workpiece @ tcp_poses(path, every, phi) @ inverse(arm.T_flange_tcp)
+    poses = arm.in_base(path.external, tcp_poses(path, every, phi)) @ inverse(arm.T_flange_tcp)
     branches = arm.solver.solve(poses)
     why = branch_reasons(branches, arm.margins)
     P = len(every)

@@ -13,6 +13,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
 from machopt.model.ik import Margins, Solver, count_from, fewest_turns, judged, turns
+from machopt.model.machine import Machine
 from machopt.model.threads import side_by_side
 from machopt.plan.path import Path, tcp_poses
 from machopt.se3 import inverse, wrap
@@ -26,7 +27,7 @@ class Arm:
     """What the steps need of the cell's kinematics."""
 
     solver: Solver
-    T_base_workpiece: Array  # (4, 4)
+    machine: Machine  # where the workpiece stands in base_link, by the external joints
     T_flange_tcp: Array  # (4, 4)
     lower: Array  # (6,) rad, limit margin taken off
     upper: Array  # (6,)
@@ -36,7 +37,7 @@ class Arm:
     margins: Margins
 
     @classmethod
-    def of(cls, cell: Cell, solver: Solver, options: PlanOptions) -> Arm:
+    def of(cls, cell: Cell, solver: Solver, machine: Machine, options: PlanOptions) -> Arm:
         lower = cell.limits.lower[:6] + options.limit_margin
         upper = cell.limits.upper[:6] - options.limit_margin
         origin, windings = fewest_turns(lower, upper)
@@ -44,7 +45,7 @@ class Arm:
             solver=solver,
             origin=origin,
             windings=windings,
-            T_base_workpiece=inverse(cell.T_world_base) @ cell.workpiece.T_link_workpiece,
+            machine=machine,
             T_flange_tcp=cell.tool.T_flange_tcp,
             lower=lower,
             upper=upper,
@@ -53,6 +54,32 @@ class Arm:
                 options.singularity_wrist, options.singularity_elbow, options.singularity_shoulder, options.limit_margin
             ),
         )
+
+    def in_base(self, external: Array, poses: Array) -> Array:
+        """Poses (n, …, 4, 4) in the workpiece frame as base_link has them, external joints at ``external`` (n, E)."""
+        T = self._stands(external)
+        return np.asarray(T.reshape(*T.shape[:-2], *(1,) * (poses.ndim - T.ndim), 4, 4) @ poses)
+
+    def directions(self, external: Array, v: Array) -> Array:
+        """Directions v (n, 3) in the workpiece frame as base_link has them."""
+        return _turned(self._stands(external)[..., :3, :3], v)
+
+    def back(self, external: Array, v: Array) -> Array:
+        """Directions v (n, 3) in base_link as the workpiece frame has them."""
+        return _turned(np.swapaxes(self._stands(external)[..., :3, :3], -1, -2), v)
+
+    def places(self, external: Array, p: Array) -> Array:
+        """Points p (n, 3) m in the workpiece frame as base_link has them."""
+        T = self._stands(external)
+        return np.asarray(_turned(T[..., :3, :3], p) + T[..., :3, 3])
+
+    def _stands(self, external: Array) -> Array:
+        """T_base_workpiece (n, 4, 4), or (4, 4) where no joint moves it."""
+        return self.machine.T_base_workpiece(external) if self.machine.external else self.machine.T_base_workpiece_zero
+
+
+def _turned(R: Array, v: Array) -> Array:
+    return np.asarray(v @ R.T if R.ndim == 2 else np.einsum("nij,nj->ni", R, v))
 
 
 @dataclass(frozen=True)
@@ -134,7 +161,8 @@ def enumerate_candidates(path: Path, arm: Arm, options: PlanOptions) -> Candidat
 def _turning_poses(path: Path, arm: Arm) -> tuple[Array, Array, Array]:
     """(S, 1, 4, 4) each: the flange poses of a station are the first + cos φ · the second + sin φ · the third."""
     phi = np.broadcast_to([0.0, np.pi, 0.5 * np.pi], (len(path.stations), 3))
-    poses = arm.T_base_workpiece @ tcp_poses(path, path.stations, phi) @ inverse(arm.T_flange_tcp)
+    there = arm.in_base(path.external[path.stations], tcp_poses(path, path.stations, phi))
+    poses = there @ inverse(arm.T_flange_tcp)
     ahead, back, across = poses[:, 0:1], poses[:, 1:2], poses[:, 2:3]
     still = 0.5 * (ahead + back)
     return still, 0.5 * (ahead - back), across - still

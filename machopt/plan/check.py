@@ -80,13 +80,13 @@ class Checker:
         return hit, pair, lost
 
     def _filled(self, rows: NDArray[np.intp], phi: Array, q: Array) -> tuple[Array, NDArray[np.intp], Bools]:
-        """Configurations (M, 6) with more of them where a step is long, whose way (M,) each belongs to, lost (n,)."""
+        """Configurations (M, 6 + E), more of them where a step is long, whose way (M,) each belongs to, lost (n,)."""
         n = len(rows)
         lost = np.zeros(n, bool)
         pieces = np.ones(n, int)
         pieces[1:] = np.maximum(np.ceil(np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0) / NEAR), 1).astype(int)
         if (pieces == 1).all():
-            return q, np.arange(n), lost
+            return self.path.whole(q, rows), np.arange(n), lost
         owner = np.repeat(np.arange(n), pieces)
         share = np.concatenate([np.arange(1, k + 1) / k for k in pieces])
         inner = np.flatnonzero(share < 1.0)
@@ -98,11 +98,12 @@ class Checker:
             return np.asarray((1 - g) * values[a] + g * values[b])
 
         R = tool_rotation(normalise(between(path.axis[rows])), between(path.reference[rows]), between(phi))
-        pose = self.arm.T_base_workpiece @ transform(R, between(path.position[rows]))
+        stands = between(path.external[rows])
+        pose = self.arm.in_base(stands, transform(R, between(path.position[rows])))
         seed = between(q)
         exact, error = refine(self.robot, pose, seed, self.arm.T_flange_tcp, iterations=6)
         bad = ~((error <= CONVERGED) & (np.abs(exact - seed).max(axis=1) <= SAME_BRANCH))
-        out = q[owner].copy()
-        out[inner] = np.where(bad[:, None], seed, exact)
+        out = path.whole(q, rows)[owner]
+        out[inner] = np.hstack([np.where(bad[:, None], seed, exact), stands])
         lost[b[bad]] = True
         return out, owner, lost

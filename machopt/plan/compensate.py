@@ -74,7 +74,6 @@ def steepness(path: Path, offset: Array) -> Array:
 def shifted(plan: Plan, length: float) -> Plan:
     """The plan for the path shifted against the force that turns, comes and goes over ``length`` (m)."""
     before, path = plan.chosen.assignment, plan.path
-    R = plan.setup.arm.T_base_workpiece[:3, :3]
     force = engaged_force(path, plan.options.force, length)
     known = np.flatnonzero((before.reason == Reason.OK) & force.any(axis=1))
     setup = _with_room(plan.setup)
@@ -82,7 +81,9 @@ def shifted(plan: Plan, length: float) -> Plan:
     moved, after = path, before
     for _ in range(PASSES):
         q = np.where(np.isfinite(after.q), after.q, before.q)[known]  # where the first pass leads nowhere, so be it
-        offset[known] = -plan.setup.elasticity.at(q, plan.directions.k[known]).deflection(force[known] @ R.T) @ R
+        push = setup.arm.directions(path.external[known], force[known])
+        bent = plan.setup.elasticity.at(q, plan.directions.k[known]).deflection(push)
+        offset[known] = -setup.arm.back(path.external[known], bent)
         offset = _filled(path, offset, before.reason == Reason.OK)
         moved = replace(path, position=path.position + offset)
         after = realise(moved, setup.arm, setup.robot, before.phi, before.q)
@@ -162,14 +163,13 @@ def rescored(plan: Plan, assignment: Assignment) -> Plan:
 
 
 def _objective(plan: Plan, a: Assignment, cost: Array) -> Objective:
-    velocity = plan.setup.cell.limits.velocity[:6]
     return objective(
         plan.path,
         cost,
-        a.q,
+        plan.setup.in_rad(plan.path, a.q),
         a.phi,
         plan.scores.scale,
-        velocity,
+        plan.setup.velocity,
         plan.options,
         along(plan.path, plan.setup.collision, a.q, plan.options),
     )
@@ -194,7 +194,7 @@ def residual(plan: Plan) -> Residual | None:
     """
     if plan.compensation is None:
         return None
-    path, R = plan.path, plan.setup.arm.T_base_workpiece[:3, :3]
+    path, arm = plan.path, plan.setup.arm
     q, ok = plan.chosen.assignment.q, plan.chosen.assignment.reason == Reason.OK
     end = 1 + np.flatnonzero(path.counted[1:] & ok[1:] & ok[:-1] & (path.run[1:] == path.run[:-1]))
     if not len(end):
@@ -207,7 +207,7 @@ def residual(plan: Plan) -> Residual | None:
             plan.compensation.offset[end] - plan.compensation.offset[end - 1]
         )
         elastic = plan.setup.elasticity.at(between, plan.directions.k[end - 1])
-        d = elastic.deflection(plan.directions.force[end - 1]) @ R
+        d = arm.back(path.external[end - 1], elastic.deflection(plan.directions.force[end - 1]))
         left[row], bent[row] = np.linalg.norm(offset + d, axis=1), np.linalg.norm(d, axis=1)
     rule = np.array([0.125, 0.25, 0.25, 0.25, 0.125])  # trapezoids
     weight = length / length.sum() if length.sum() > 0 else np.full(len(end), 1.0 / len(end))

@@ -6,15 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
+from machopt.model.machine import load_machine
 from machopt.model.robot import load_robot
 from machopt.plan.pipeline import Plan, Timings
 from machopt.plan.timeline import Timeline, build_timeline
 from machopt.plan.wrongunit import wrong_unit
-from machopt.se3 import inverse
 
 
 def refuse_wrong_unit(cell: Cell, toolpath: Toolpath, file: Path, *, stated: bool) -> None:
@@ -26,12 +27,19 @@ def refuse_wrong_unit(cell: Cell, toolpath: Toolpath, file: Path, *, stated: boo
         file: what it was read from.
         stated: the user gave the unit: a small path is meant.
     """
-    if cell.workpiece.link != "world" or cell.external_joints:
-        return  # refused by the plan
-    T_base_workpiece = inverse(cell.T_world_base) @ cell.workpiece.T_link_workpiece
-    why = wrong_unit(toolpath, load_robot(cell), T_base_workpiece, cell.tool.T_flange_tcp, stated=stated)
-    if why:
-        raise InputError(why, file=file)
+    robot = load_robot(cell)
+    machine = load_machine(cell, robot)
+    stands = machine.T_base_workpiece(_corners(cell))
+    why = [wrong_unit(toolpath, robot, T, cell.tool.T_flange_tcp, stated=stated) for T in stands]
+    if all(why):  # wherever the external joints stand
+        raise InputError(why[0], file=file)
+
+
+def _corners(cell: Cell) -> Array:
+    """(N, E) home of the external joints, and the places between the ends of their ranges."""
+    ends = [np.linspace(a, b, 5) for a, b in zip(cell.limits.lower[6:], cell.limits.upper[6:], strict=True)]
+    grid = np.stack(np.meshgrid(*ends, indexing="ij"), axis=-1).reshape(-1, len(ends)) if ends else np.empty((0, 0))
+    return np.vstack([cell.external_home, grid])
 
 
 def refuse_fixed_beyond(toolpath: Toolpath, options: PlanOptions) -> None:

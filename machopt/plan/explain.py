@@ -64,7 +64,7 @@ def help_of(plan: Plan, point: int) -> str:
 def _towards(plan: Plan, point: int) -> str:
     """Which way the workpiece would have to go: from the point to axis 1, as far as reach lacks."""
     arm = plan.setup.arm
-    at = arm.T_base_workpiece[:3, :3] @ plan.path.position[point] + arm.T_base_workpiece[:3, 3]
+    at = arm.places(plan.path.external[[point]], plan.path.position[[point]])[0]
     middle = plan.setup.robot.point[1]  # axis 2, the shoulder
     way = middle - at
     size, short = float(np.linalg.norm(way)), 1e3 * shortfall_of(plan, point)

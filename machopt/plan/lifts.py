@@ -21,11 +21,17 @@ WITHDRAWALS = (0.002, 0.005, 0.01, 0.02, 0.035, 0.05, 0.1, 0.2, 0.4)  # m along 
 LIFT_STEP = 0.01  # m between the configurations along a lift
 
 
+def home_of(plan: Plan) -> Array:
+    """(6 + E,) where the machine stands before and after the motion, true angles."""
+    return np.asarray(np.r_[plan.setup.driven.home, plan.setup.cell.external_home])
+
+
 class Lifts:
     """Lifts at the planning points of a plan."""
 
     def __init__(self, plan: Plan) -> None:
         self.plan, self.path, self.options, self.q = plan, plan.path, plan.options, plan.chosen.assignment.q
+        self.x = plan.path.whole(self.q)  # (P, 6 + E) with the external joints, which stand still along a lift
         self.touch = Touch(frozenset(), frozenset(), frozenset())
         self.heights: dict[int, float] = {}  # m by planning point, of withdrawals
 
@@ -38,7 +44,7 @@ class Lifts:
                 continue
             if model is None:
                 return height
-            steps = np.vstack([self.q[row][None], way])
+            steps = np.vstack([self.x[row], self._whole(row, way)])
             if (
                 not model.check_motion(steps, np.ones(len(steps), bool), self.options.collision_step).any
                 and not (model.check(steps[-1:], np.array([False])).hit[0])
@@ -49,24 +55,29 @@ class Lifts:
     def detours(self, row_a: int, row_b: int) -> Iterator[Array]:
         """Way points that lift the tool off at either end, or both."""
         for height in LIFTS:
-            up_a = self.lifted(row_a, height) if row_a >= 0 else None
-            up_b = self.lifted(row_b, height) if row_b >= 0 else None
+            up_a, up_b = (self.lifted(row, height) if row >= 0 else None for row in (row_a, row_b))
             for pair in ((up_a, up_b), (up_a, None), (None, up_b)):
                 way = [w for w in pair if w is not None]
                 if way and len(way) == sum(p is not None for p in pair):
                     yield np.array(way)
 
     def lifted(self, row: int, height: float) -> Array | None:
-        """The configuration with the tool drawn back along its axis, or None where there is none nearby."""
+        """(6 + E,) the tool drawn back along its axis by the arm, or None where there is no configuration nearby."""
         way = self._way(row, height)
-        return None if way is None else np.asarray(way[-1])
+        return None if way is None else self._whole(row, way[-1:])[0]
+
+    def _whole(self, row: int, way: Array) -> Array:
+        """(n, 6 + E) joints of the machine along a lift (n, 6) at a planning point."""
+        return self.path.whole(way, np.full(len(way), row))
 
     def _way(self, row: int, height: float) -> Array | None:
         """(n, 6) configurations LIFT_STEP apart that draw the tool back along its axis, None where one is missing."""
         arm = self.plan.setup.arm
         q: Array = self.q[row]
         rows = np.array([row], np.int32)
-        pose = arm.T_base_workpiece @ tcp_poses(self.path, rows, self.plan.chosen.assignment.phi[rows])[0]
+        pose = arm.in_base(self.path.external[rows], tcp_poses(self.path, rows, self.plan.chosen.assignment.phi[rows]))[
+            0
+        ]
         way = []
         for share in np.linspace(0.0, height, int(np.ceil(height / LIFT_STEP - 1e-9)) + 1)[1:]:
             lifted = pose.copy()
@@ -79,11 +90,11 @@ class Lifts:
 
     def free_between(self, pieces: list[Stretch]) -> frozenset[Way]:
         """Straight rapid moves from home over these stretches and back that are free, looked at all at once."""
-        model, home = self.plan.setup.collision, self.plan.setup.driven.home
+        model, home = self.plan.setup.collision, home_of(self.plan)
         if model is None or not pieces:
             return frozenset()
         whole = set(self.path.runs)  # where others begin and end depends on what is found at the gap
-        self.touch = Touch.of(model, self.q, (row for piece in pieces for row in piece))
+        self.touch = Touch.of(model, self.x, (row for piece in pieces for row in piece))
         ends: list[tuple[Array, Array]] = []
         here: Array | None = home
         for piece in pieces:
@@ -98,7 +109,7 @@ class Lifts:
     def _stands(self, row: int) -> Array | None:
         """Where a rapid move to or from the end of a run begins or ends."""
         height = self.withdrawal(row)
-        return self.lifted(row, height) if height else np.asarray(self.q[row])
+        return self.lifted(row, height) if height else np.asarray(self.x[row])
 
     def withdrawal(self, row: int) -> float:
         """m along the tool axis until a rapid move may begin; 0 where it may at once, or never."""
@@ -110,15 +121,15 @@ class Lifts:
         model = self.plan.setup.collision
         if model is None:
             return 0.0
-        touch = self.touch if row in self.touch.asked else Touch.of(model, self.q, [row])
+        touch = self.touch if row in self.touch.asked else Touch.of(model, self.x, [row])
         if row not in touch.rapid or row in touch.cut:
             return 0.0
-        q = self.q[row][None]
+        x = self.x[row][None]
         for height in WITHDRAWALS:
             up = self.lifted(row, height)
             if (
                 up is None
-                or model.check_motion(np.vstack([q, up]), np.array([True, True]), self.options.collision_step).any
+                or model.check_motion(np.vstack([x, up]), np.array([True, True]), self.options.collision_step).any
             ):
                 return 0.0
             if not model.check(up[None], np.array([False])).hit[0]:

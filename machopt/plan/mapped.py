@@ -59,7 +59,7 @@ def mapped(plan: Plan, full: bool = False, seconds: float = SECONDS) -> Mapped:
     start = time.perf_counter()
     c = replace(c, feasible=c.feasible.copy(), reason=c.reason.copy())
     touch = plan.path.may_touch[plan.path.stations]
-    ahead = Ahead(c, model, touch, np.full(c.reason.shape, -1, np.int32))
+    ahead = Ahead(c, model, touch, plan.path.external[plan.path.stations], np.full(c.reason.shape, -1, np.int32))
     cut = plan.path.counted[plan.path.stations]
     pass_ = COARSE
     while pass_:
@@ -80,7 +80,7 @@ def _look(ahead: Ahead, known: Bools, rows: NDArray[np.intp]) -> None:
     s, r, b = np.unravel_index(rows, known.shape)
     left = ahead.candidates.feasible[s, r, b].any(axis=1)
     s, r, b, rows = s[left], r[left], b[left], rows[left]
-    found = ahead.model.check(ahead.candidates.q[s, r, b], ahead.may_touch[s])
+    found = ahead.model.check(ahead.whole(s, r, b), ahead.may_touch[s])
     free = ~found.hit
     known[s[free], r[free], b[free]] = True
     order = np.argsort(rows[found.hit])

@@ -31,7 +31,7 @@ def along(path: Path, model: CollisionModel | None, q: Array, options: PlanOptio
     out = np.full(len(q), np.nan)
     known = np.flatnonzero(np.isfinite(q).all(axis=1))
     full = options.clearance_full
-    out[known] = crowding(model.nearest(q[known], path.may_touch[known], full).distance, full)
+    out[known] = crowding(model.nearest(path.whole(q[known], known), path.may_touch[known], full).distance, full)
     return out
 
 
@@ -44,7 +44,9 @@ def over_grid(path: Path, model: CollisionModel | None, c: Candidates, options: 
     at = np.unique(np.linspace(0, S - 1, min(S, MEASURED)).round().astype(int))
     found = np.full((len(at), *usable.shape[1:]), np.nan)
     r, b, n = np.nonzero(usable[at].transpose(1, 2, 0))
-    distance = model.nearest(c.q[at[n], r, b], path.may_touch[st[at[n]]], options.clearance_full).distance
+    distance = model.nearest(
+        path.whole(c.q[at[n], r, b], st[at[n]]), path.may_touch[st[at[n]]], options.clearance_full
+    ).distance
     found[n, r, b] = crowding(distance, options.clearance_full)
     after = np.minimum(np.searchsorted(at, np.arange(S)), len(at) - 1)
     before = np.maximum(after - 1, 0)

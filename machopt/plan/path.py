@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +62,11 @@ class Path:
     offset: Array  # (P,) rad, gamma − phi
     stations: NDArray[np.int32]  # (S,) indices into the P points where the choice is made
     runs: tuple[tuple[int, int], ...]  # first and last planning point of each run
+    external: Array  # (P, E) m or rad, where the external joints stand
+
+    def whole(self, q: Array, rows: NDArray[Any] | slice = slice(None)) -> Array:
+        """(n, 6 + E): joints q (n, 6) rad at planning points ``rows``, and where the external joints stand there."""
+        return np.hstack([q, self.external[rows]])
 
     @property
     def may_touch(self) -> NDArray[np.bool_]:
@@ -165,6 +171,7 @@ def build_path(toolpath: Toolpath, keep: tuple[int, ...] = (), *, corners: float
         offset=_signed_angle(natural, reference, -axis),
         stations=_stations(position, axis, toolpath.move[high], runs, np.searchsorted(index, keep)),
         runs=runs,
+        external=np.empty((len(index), 0)),
     )
 
 

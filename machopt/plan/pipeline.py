@@ -27,6 +27,7 @@ from machopt.model.collision import CollisionModel
 from machopt.model.correction import Correction, correction_of
 from machopt.model.elastic import ArmElasticity
 from machopt.model.ik import solver_for
+from machopt.model.machine import Machine, load_machine
 from machopt.model.robot import Robot, load_chain, load_masses
 from machopt.plan.baseline import cam_default, jiao2022
 from machopt.plan.breaks import Break, breaks_of_choice, jumps
@@ -44,6 +45,8 @@ from machopt.plan.search import Found, Search
 from machopt.plan.smooth import follow_grid
 from machopt.se3 import wrap
 
+LENGTH = 0.5  # m of a sliding joint that count as a rad of travel: about an arm's link
+UPRIGHT = np.cos(np.radians(0.1))  # of a joint's axis against the vertical
 BOUND_SLACK = np.radians(0.05)  # of the user's rotation bounds, where a yardstick is asked whether it keeps them
 Progress = Callable[[str], None]
 
@@ -62,6 +65,21 @@ class Setup:
     elasticity: ArmElasticity
     collision: CollisionModel | None
     correction: Correction | None = None  # from encoder to true angles; None: they are the same
+
+    @property
+    def per_rad(self) -> Array:
+        """(6 + E,) how much of each joint counts as a rad of travel: a length as :data:`LENGTH` of it."""
+        lengths = np.array(self.cell.external_prismatic, bool)
+        return np.concatenate([np.ones(6), np.where(lengths, 1.0 / LENGTH, 1.0)])
+
+    @property
+    def velocity(self) -> Array:
+        """(6 + E,) velocity limits of the machine, lengths as they count (:attr:`per_rad`) in rad/s."""
+        return np.asarray(self.cell.limits.velocity * self.per_rad)
+
+    def in_rad(self, path: Path, q: Array) -> Array:
+        """(P, 6 + E) joints of the machine along a path, lengths as they count."""
+        return np.asarray(path.whole(q) * self.per_rad)
 
     @property
     def driven(self) -> Cell:
@@ -148,28 +166,35 @@ def prepare(cell: Cell, options: PlanOptions) -> Setup:
             file=cell.folder / "cell.yaml",
             where="stiffness",
         )
-    if cell.workpiece.link != "world":
-        raise InputError(
-            f"the workpiece is carried by link {cell.workpiece.link!r}; positioners are not supported yet, "
-            "'world' would work",
-            file=cell.folder / "cell.yaml",
-            where="workpiece.link",
-        )
-    if cell.external_joints:
-        raise InputError(
-            f"external joints {', '.join(cell.external_joints)} are not planned yet; a cell without them would work",
-            file=cell.folder / "cell.yaml",
-            where="robot.external_joints",
-        )
     robot, shapes = load_chain(cell)
     correction = correction_of(cell.kinematics)
     driven = in_true_angles(cell, correction)
-    arm = Arm.of(driven, solver_for(robot), options)
+    machine = load_machine(cell, robot)
+    _refuse_tilting(cell, machine)
+    arm = Arm.of(driven, solver_for(robot), machine, options)
     elasticity = ArmElasticity(
         robot, cell.tool.T_flange_tcp, cell.stiffness, (cell.limits.lower[:6], cell.limits.upper[:6]), load_masses(cell)
     )
     collision = CollisionModel(driven, robot, shapes, options.clearance) if options.collision else None
     return Setup(cell, robot, arm, elasticity, collision, correction)
+
+
+def _refuse_tilting(cell: Cell, machine: Machine) -> None:
+    """Weight is reckoned with in one attitude of the base."""
+    up = cell.T_world_base[2, :3]  # in base_link
+    for k in range(machine.positioner, machine.external):
+        if not machine.slides[k] and abs(machine.axis[k] @ up) < UPRIGHT:
+            raise InputError(
+                f"joint {cell.external_joints[machine.column[k] - 6]!r} tilts the robot's base, and its weight is "
+                "reckoned with in one attitude; a joint that slides or turns about the vertical would work",
+                file=cell.folder / "cell.yaml",
+                where="robot.external_joints",
+            )
+
+
+def standing(path: Path, external: Array) -> Path:
+    """The path with the external joints at (E,) everywhere, or at (P, E)."""
+    return replace(path, external=np.array(np.broadcast_to(external, (len(path.index), np.shape(external)[-1]))))
 
 
 def in_true_angles(cell: Cell, correction: Correction | None) -> Cell:
@@ -179,37 +204,53 @@ def in_true_angles(cell: Cell, correction: Correction | None) -> Cell:
     return replace(cell, home=correction.true_angles(cell.home), limits=correction.true_limits(cell.limits))
 
 
-def plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Timings | None = None) -> Plan:
-    """Plan one toolpath in one cell; infeasible points are data in the result, never an exception."""
+def plan(
+    cell: Cell,
+    toolpath: Toolpath,
+    options: PlanOptions,
+    timings: Timings | None = None,
+    *,
+    setup: Setup | None = None,
+    external: Array | None = None,
+) -> Plan:
+    """Plan one toolpath in one cell; infeasible points are data in the result, never an exception.
+
+    Args:
+        setup: of the same cell and options, made before.
+        external: (P, E) m or rad, where the external joints stand at the planning points; None: at home.
+    """
     clock = timings or Timings()
 
     def stage(name: str) -> AbstractContextManager[None]:
         return clock.stage(name)
 
     with stage("prepare"):
-        setup = prepare(cell, options)
-        path = build_path(toolpath, tuple(f.point for f in options.fixed))
-        d = directions(path, setup.arm.T_base_workpiece, setup.elasticity, options.force)
+        setup = prepare(cell, options) if setup is None else setup
+        at_home = standing(build_path(toolpath, tuple(f.point for f in options.fixed)), cell.external_home)
+        path = at_home if external is None else standing(at_home, external)
+        d = directions(path, setup.arm, setup.elasticity, options.force)
+        same = path is at_home or np.array_equal(path.external, at_home.external)
+        d_home = d if same else directions(at_home, setup.arm, setup.elasticity, options.force)
     with stage("candidates"):
         candidates = enumerate_candidates(path, setup.arm, options)
     with stage("score"):
         scores = score_candidates(path, candidates, setup.elasticity, d, options)
         scores = replace(scores, crowded=over_grid(path, setup.collision, candidates, options))
 
-    velocity = cell.limits.velocity[:6]
-
-    def scored(assignment: Assignment) -> Scored:
+    def scored(assignment: Assignment, path: Path = path, d: Directions = d) -> Scored:
         cost = np.full(len(path.index), np.nan)
         ok = np.flatnonzero(assignment.reason == Reason.OK)
         cost[ok] = configuration_cost(setup.elasticity, d, ok, assignment.q[ok], scores.index)
         crowded = along(path, setup.collision, assignment.q, options)
-        value = objective(path, cost, assignment.q, assignment.phi, scores.scale, velocity, options, crowded)
+        x = setup.in_rad(path, assignment.q)
+        value = objective(path, cost, x, assignment.phi, scores.scale, setup.velocity, options, crowded)
         return Scored(assignment, cost, value)
 
     with stage("baselines"):
-        default = scored(_free(cam_default(path, setup.arm, setup.driven.home), path, setup, options))
-        by_paper = jiao2022(path, setup.arm, setup.elasticity, d, setup.collision, setup.driven.home, options)
-        paper = scored(_free(by_paper, path, setup, options))
+        by_file = cam_default(at_home, setup.arm, setup.driven.home)
+        default = scored(_free(by_file, at_home, setup, options), at_home, d_home)
+        by_paper = jiao2022(at_home, setup.arm, setup.elasticity, d_home, setup.collision, setup.driven.home, options)
+        paper = scored(_free(by_paper, at_home, setup, options), at_home, d_home)
 
     checker = Checker.of(path, setup.arm, setup.robot, setup.collision, options)
     found: Found | None = None
@@ -220,7 +261,7 @@ def plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Timings 
         choice, check, rounds = found.choice, found.check, found.rounds
         chosen, source, from_search = scored(found.assignment), found.source, True
         with stage("compare"):
-            for other, name in ((paper, "jiao2022"), (default, "cam default")):
+            for other, name in ((paper, "jiao2022"), (default, "cam default")) if same else ():
                 wanted = _as_asked(other.assignment.phi, path, options)
                 if wanted and other.objective.total < chosen.objective.total and _whole(other, path):
                     chosen, source, check, from_search = other, name, None, False
@@ -336,4 +377,5 @@ def _grid_objective(
     if scores.crowded is not None:
         near = np.where(choice.dropped, np.nan, scores.crowded[rows, choice.rotation, choice.branch])
         crowded = np.interp(np.arange(len(path.index)), st, near)
-    return objective(path, cost, plain.seed, plain.phi, scores.scale, setup.cell.limits.velocity[:6], options, crowded)
+    x = setup.in_rad(path, plain.seed)
+    return objective(path, cost, x, plain.phi, scores.scale, setup.velocity, options, crowded)

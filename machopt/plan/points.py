@@ -62,7 +62,7 @@ def point_results(plan: Plan, toolpath: Toolpath) -> PointResults:
     clearance, pairs = np.full(n, np.nan), [""] * n
     model = plan.setup.collision
     if model is not None and len(ok):
-        near = model.nearest(q[ok], plan.path.may_touch[rows[ok]])
+        near = model.nearest(plan.path.whole(q[ok], rows[ok]), plan.path.may_touch[rows[ok]])
         clearance[ok] = near.distance
         for i, k in zip(ok, near.pair, strict=True):
             pairs[i] = model.pairs[k].name if k >= 0 else ""
@@ -80,8 +80,8 @@ def point_results(plan: Plan, toolpath: Toolpath) -> PointResults:
         gamma=np.where(a.reason[rows] == Reason.OK, gamma(plan)[rows], np.nan),
         branch=a.branch[rows].astype(np.int8),
         q=told,
-        external=np.empty((n, 0)),
-        external_prismatic=(),
+        external=plan.path.external[rows],
+        external_prismatic=plan.setup.cell.external_prismatic,
         k_axial=axial,
         k_normal=normal,
         deflection=bend,

@@ -30,9 +30,9 @@ SHORTCUTS = 60  # attempts to cut corners of the tree's path
 class RapidMove:
     """A collision-free motion at rest at both ends."""
 
-    waypoints: Array  # (W, 6) rad, first and last are the ends; straight in joint space and at rest at each
+    waypoints: Array  # (W, n) rad or m, first and last are the ends; straight in joint space and at rest at each
     kind: Literal["direct", "retract", "sampled"]
-    q: Array  # (S, 6) rad, one row a control sample, both ends included exactly
+    q: Array  # (S, n) rad or m, one row a control sample, both ends included exactly
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Blocked:
     """No free motion was found."""
 
     pair: str  # what touches first on the straight line (or at an end), "a ~ b"
-    where: Array  # (6,) rad, there
+    where: Array  # (n,) rad or m, there
     fraction: float  # of the straight line; 0 or 1 where an end itself is not free
     reason: Literal["start", "end", "way"]
 
@@ -58,20 +58,22 @@ def plan_rapid(
     rng: np.random.Generator,
     iterations: int = ITERATIONS,
     known_free: bool = False,
+    per_rad: Array | None = None,
 ) -> RapidMove | Blocked:
     """Plan and time a rapid move.
 
     Args:
-        q_from, q_to: (6,) rad.
-        limits: of the arm joints first; position, velocity, acceleration, jerk.
+        q_from, q_to: (n,) rad or m, of the arm and then of the external joints.
+        limits: of the same; position, velocity, acceleration, jerk.
         scale: share of the velocity, acceleration and jerk limits to use.
         sample: s, control sample.
         collision: None leaves collisions unchecked.
         step: rad, greatest joint step between collision checks.
-        detours: called only when the straight line is blocked; gives waypoints (W, 6) in between, best first.
+        detours: called only when the straight line is blocked; gives waypoints (W, n) in between, best first.
         rng: for the random tree; the same state gives the same move.
         iterations: extensions of the random tree before giving up; 0 leaves it out.
         known_free: the straight line has been checked already and is free.
+        per_rad: (n,) how much of each joint counts as a rad in the random tree; None: a rad.
     """
     q_from, q_to = np.asarray(q_from, float), np.asarray(q_to, float)
     direct = np.array([q_from, q_to])
@@ -86,20 +88,21 @@ def plan_rapid(
         return moved(direct, "direct")
     if blocked.reason != "way":
         return blocked
-    low, high = limits.lower[:6], limits.upper[:6]
+    low, high = limits.lower[: len(q_from)], limits.upper[: len(q_from)]
     for between in detours():
-        waypoints = np.vstack([q_from, np.asarray(between, float).reshape(-1, 6), q_to])
+        waypoints = np.vstack([q_from, np.asarray(between, float).reshape(-1, len(q_from)), q_to])
         if (waypoints >= low - STILL).all() and (waypoints <= high + STILL).all():  # noqa: SIM102 — cheap test first
             if _free(collision, waypoints, step):
                 return moved(waypoints, "retract")
-    path = _connect(collision, direct, limits, step, rng, iterations=iterations)
+    measure = np.ones(len(q_from)) if per_rad is None else per_rad
+    path = _connect(collision, direct, limits, step, rng, measure, iterations=iterations)
     if path is None:
         return blocked
     return moved(_shortcut(collision, path, step, rng), "sampled")
 
 
 def time_legs(waypoints: Array, limits: JointLimits, scale: float, sample: float) -> Array:
-    """(S, 6) samples along straight legs, at rest at every waypoint, which all fall on a sample.
+    """(S, n) samples along straight legs, at rest at every waypoint, which all fall on a sample.
 
     With s ∈ [0, 1] along a leg Δq, joint i keeps its limits where |ds/dt| ≤ v_i / |Δq_i|, and so for the
     second and third derivative; the tightest joint rules. A leg's time is stretched to a whole number of
@@ -125,12 +128,12 @@ def _profile(delta: Array, limits: JointLimits, scale: float, sample: float) -> 
     import ruckig
 
     moving = np.abs(delta) > STILL * 1e-3
-    size = np.abs(delta).max()  # the profile runs in rad of the joint that goes farthest
+    size = np.abs(delta).max()  # the profile runs in rad (or m) of the joint that goes farthest
     ratio = size / np.abs(delta[moving])
     command = ruckig.InputParameter(1)
     command.current_position, command.target_position = [0.0], [float(size)]
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
-    v, a, j = (float(scale * (np.asarray(bound)[:6][moving] * ratio).min()) for bound in bounds)
+    v, a, j = (float(scale * (np.asarray(bound)[: len(delta)][moving] * ratio).min()) for bound in bounds)
     command.max_velocity, command.max_acceleration, command.max_jerk = [v], [a], [j]
     trajectory = ruckig.Trajectory(1)
     result = ruckig.Ruckig(1).calculate(command, trajectory)
@@ -167,10 +170,11 @@ class _Tree:
     """Free joint positions, each reached by a free straight line from its parent."""
 
     q: list[Array]
+    measure: Array  # (n,) per rad
     parent: list[int] = field(default_factory=lambda: [-1])
 
     def nearest(self, q: Array) -> int:
-        return int(np.argmin(np.abs(np.array(self.q) - q).max(axis=1)))
+        return int(np.argmin(np.abs((np.array(self.q) - q) * self.measure).max(axis=1)))
 
     def add(self, q: Array, parent: int) -> int:
         self.q.append(q)
@@ -192,17 +196,18 @@ def _connect(
     limits: JointLimits,
     step: float,
     rng: np.random.Generator,
+    measure: Array,
     *,
     iterations: int,
 ) -> Array | None:
-    """(W, 6) a free path by two trees growing towards each other, None if they did not meet."""
-    here, there = _Tree([direct[0]]), _Tree([direct[1]])
+    """(W, n) a free path by two trees growing towards each other, None if they did not meet."""
+    here, there = _Tree([direct[0]], measure), _Tree([direct[1]], measure)
     swapped = False
-    low, high = limits.lower[:6], limits.upper[:6]
+    low, high = limits.lower[: len(measure)], limits.upper[: len(measure)]
     for n in range(iterations):
-        wide = WIDE * (1.0 + 4.0 * n / iterations)
+        wide = WIDE * (1.0 + 4.0 * n / iterations) / measure
         box = np.maximum(low, direct.min(axis=0) - wide), np.minimum(high, direct.max(axis=0) + wide)
-        target = box[0] + (box[1] - box[0]) * rng.random(6)
+        target = box[0] + (box[1] - box[0]) * rng.random(len(measure))
         new = _extend(collision, here, here.nearest(target), target, step)
         if new is not None:
             meet = there.nearest(here.q[new])
@@ -221,7 +226,7 @@ def _connect(
 def _extend(collision: CollisionModel, tree: _Tree, near: int, target: Array, step: float) -> int | None:
     """One step of at most REACH from entry ``near`` towards the target; None if it is not free."""
     away = target - tree.q[near]
-    far = float(np.abs(away).max())
+    far = float(np.abs(away * tree.measure).max())
     q = target if far <= REACH else tree.q[near] + away * (REACH / far)
     if far < STILL or not _free(collision, np.array([tree.q[near], q]), step):
         return None if far >= STILL else near

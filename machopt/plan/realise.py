@@ -53,7 +53,7 @@ def realise(path: Path, arm: Arm, robot: Robot, phi: Array, seed: Array) -> Assi
 
 def _solved(path: Path, arm: Arm, robot: Robot, known: NDArray[np.intp], seed: Array, out: Assignment) -> None:
     """Fill in the rows ``known`` (n,) of an assignment."""
-    poses = arm.T_base_workpiece @ tcp_poses(path, known.astype(np.int32), out.phi[known])
+    poses = arm.in_base(path.external[known], tcp_poses(path, known.astype(np.int32), out.phi[known]))
     q, error = refine(robot, poses, seed[known], arm.T_flange_tcp, iterations=5)
     bad = (error > CONVERGED) | (np.abs(q - seed[known]).max(axis=1) > SAME_BRANCH)
     out.reason[known[bad]] = Reason.UNREACHABLE

@@ -40,13 +40,15 @@ def with_corners(plan: Plan, toolpath: Toolpath, length: float) -> Plan:
     if len(path.index) == len(old.index):
         return plan
     rows = np.searchsorted(path.index, old.index)
-    path = replace(path, stations=rows[old.stations].astype(np.int32))
+    stands = [np.interp(path.index, old.index, column) for column in old.external.T]  # added points lie inside runs
+    external = np.array(stands).T.reshape(len(path.index), -1)
+    path = replace(path, stations=rows[old.stations].astype(np.int32), external=external)
     setup = plan.setup
     refined = replace(
         plan,
         path=path,
         check=None,
-        directions=directions(path, setup.arm.T_base_workpiece, setup.elasticity, plan.options.force),
+        directions=directions(path, setup.arm, setup.elasticity, plan.options.force),
     )
 
     def carried(scored: Scored) -> Scored:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from machopt.arrays import Array
 from machopt.domain.cell import JointLimits
 from machopt.model.correction import Correction
+from machopt.model.machine import Machine
 from machopt.model.robot import Robot
 from machopt.plan.blend import Curve, build_curves
 from machopt.plan.feedrate import Bounds, TimeLaw, node_caps, time_law
@@ -43,7 +44,8 @@ class RunInput:
     phi: Array  # (n,) rad, continuous
     q: Array  # (n, 6) rad, true angles, continuous
     feed: Array  # (n,) m/s of the move that ends here; feed[0] is not used
-    T_base_workpiece: Array
+    machine: Machine
+    external: Array  # (n, E) m or rad, where the external joints stand: the same at all points
     T_flange_tcp: Array
     robot: Robot
     limits: JointLimits
@@ -53,6 +55,12 @@ class RunInput:
     limit_scale: float = 0.97
     phi_curve: Callable[[Array], Array] | None = None  # phi as a smooth function of blend.path_parameter
     correction: Correction | None = None  # limits hold for encoder angles; None: those are the true ones
+
+    @property
+    def T_base_workpiece(self) -> Array:
+        """(4, 4)."""
+        machine = self.machine
+        return machine.T_base_workpiece(self.external[:1])[0] if machine.external else machine.T_base_workpiece_zero
 
     def told(self, q: Array) -> Array:
         """(S, 6) rad by encoder, of true angles."""
@@ -85,6 +93,7 @@ class RunTrajectory:
     phi: Array  # (S,) rad
     held: NDArray[np.bool_]  # (S,) the step that ends here was driven at HELD times the programmed feed or faster
     dips: tuple[Dip, ...]
+    external: Array  # (S, E) m or rad
     duration: float  # s
     held_share: float  # of the duration
 
@@ -117,13 +126,23 @@ def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
     curves = build_curves(
         run.position, run.axis, run.reference, run.phi, run.feed, run.phi_curve, run.path_tolerance, run.axis_tolerance
     )
+    if np.ptp(run.external, axis=0).any():
+        raise ValueError("external joints move inside a run")
     if isinstance(curves, int):
         return RunFailure(curves, f"the tool axis turns by more than 170° between points {curves - 1} and {curves}")
     if not curves:  # no length: stand still for one sample
         ends = [0, n - 1]
         none = np.zeros(2)
         return RunTrajectory(
-            run.told(run.q[ends]), np.array(ends, float), none, run.phi[ends], none > 0, (), run.sample, 0.0
+            run.told(run.q[ends]),
+            np.array(ends, float),
+            none,
+            run.phi[ends],
+            none > 0,
+            (),
+            run.external[ends],
+            run.sample,
+            0.0,
         )
     parts: list[_Part] = []
     for k, curve in enumerate(curves):
@@ -140,7 +159,15 @@ def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
     held = np.nan_to_num(join("ratio")) >= HELD
     dips = tuple(dip for part in parts for dip in part.dips)
     return RunTrajectory(
-        q, point, join("speed"), join("phi"), held, dips, (len(q) - 1) * run.sample, float(held[1:].mean())
+        q,
+        point,
+        join("speed"),
+        join("phi"),
+        held,
+        dips,
+        np.repeat(run.external[:1], len(q), axis=0),
+        (len(q) - 1) * run.sample,
+        float(held[1:].mean()),
     )
 
 

@@ -27,7 +27,7 @@ from machopt.domain.options import Index, PlanOptions, ProcessForce
 from machopt.errors import InputError
 from machopt.model.elastic import ArmElasticity, joint_stiffness
 from machopt.model.threads import side_by_side
-from machopt.plan.candidates import Candidates
+from machopt.plan.candidates import Arm, Candidates
 from machopt.plan.engage import process_force, sideways
 from machopt.plan.path import Path
 from machopt.se3 import wrap
@@ -64,12 +64,13 @@ def resolve_index(options: PlanOptions) -> Index:
     return "deflection" if options.force.given else "stiffness"
 
 
-def directions(path: Path, T_base_workpiece: Array, elasticity: ArmElasticity, force: ProcessForce) -> Directions:
-    R = T_base_workpiece[:3, :3]
-    axial, travel = path.axis @ R.T, path.travel @ R.T
+def directions(path: Path, arm: Arm, elasticity: ArmElasticity, force: ProcessForce) -> Directions:
+    """Of a path, where the external joints stand along it."""
+    e = path.external
+    axial, travel = arm.directions(e, path.axis), arm.directions(e, path.travel)
     normal = np.cross(axial, travel)
-    f = process_force(path.axis, sideways(path), force) @ R.T
-    joint = joint_stiffness(elasticity.stiffness, path.position @ R.T + T_base_workpiece[:3, 3])
+    f = arm.directions(e, process_force(path.axis, sideways(path), force))
+    joint = joint_stiffness(elasticity.stiffness, arm.places(e, path.position))
     return Directions(axial, normal, f, joint.k, joint.in_grid, path.is_drilling)
 
 

@@ -92,7 +92,11 @@ class Search:
         self.ahead_of = AHEAD
         model = self.checker.model
         touch = self.path.may_touch[self.path.stations]
-        self.ahead = None if model is None else Ahead(self.candidates, model, touch, self.pairs)
+        self.ahead = (
+            None
+            if model is None
+            else Ahead(self.candidates, model, touch, self.path.external[self.path.stations], self.pairs)
+        )
         self.chooser = Chooser(self.path, self.candidates, self.scores, self.velocity, self.options, np.zeros(S, bool))
 
     def run(self, prefer_grid: Callable[[Choice, Assignment, Assignment], bool]) -> Found:
@@ -264,7 +268,7 @@ class Search:
             return 0
         s, r, b = s[usable], r[usable], b[usable]
         self.progress("check")
-        found = ahead.model.check(self.candidates.q[s, r, b], ahead.may_touch[s])
+        found = ahead.model.check(ahead.whole(s, r, b), ahead.may_touch[s])
         self.looked[s, r, b] = True
         if not found.any:
             return 0

@@ -27,7 +27,7 @@ class Touch:
 
     @classmethod
     def of(cls, model: CollisionModel, q: Array, rows: Iterable[int]) -> Touch:
-        """Of some rows of q (P, 6) rad."""
+        """Of some rows of q (P, 6 + E) rad or m."""
         asked = np.unique(np.fromiter(rows, np.int64))
         hit = asked[model.check(q[asked], np.zeros(len(asked), bool)).hit]
         worse = hit[model.check(q[hit], np.ones(len(hit), bool)).hit] if len(hit) else hit
@@ -35,12 +35,12 @@ class Touch:
 
 
 def way_between(a: Array, b: Array) -> Way:
-    """What a straight rapid move is known by: the joints (6,) at its ends, to the last bit."""
+    """What a straight rapid move is known by: the joints (6 + E,) at its ends, to the last bit."""
     return np.asarray(a, float).tobytes(), np.asarray(b, float).tobytes()
 
 
 def free_ways(model: CollisionModel, ends: Sequence[tuple[Array, Array]], step: float) -> frozenset[Way]:
-    """Of straight rapid moves, each from joints (6,) to joints (6,), those that are free, ends included.
+    """Of straight rapid moves, each from joints (6 + E,) to joints (6 + E,), those that are free, ends included.
 
     Args:
         ends: in the order in which they are driven, so that one begins near where the last one ended.
@@ -48,7 +48,7 @@ def free_ways(model: CollisionModel, ends: Sequence[tuple[Array, Array]], step: 
     """
     if not ends:
         return frozenset()
-    rows = np.array(ends, float).reshape(-1, 6)
+    rows = np.array([row for pair in ends for row in pair], float)
     starts = np.arange(len(rows)) % 2 == 0
     begun = model.check(rows[starts], np.zeros(len(ends), bool)).hit
     # What the model says of a start is of the way to it, which nobody drives straight: the cutter may be in the part.

@@ -26,7 +26,7 @@ from machopt.domain.toolpath import Move, Toolpath
 from machopt.domain.trajectory import Trajectory
 from machopt.plan.breaks import Break, place
 from machopt.plan.gaps import Stretch, stretches, uncut, worth
-from machopt.plan.lifts import Lifts
+from machopt.plan.lifts import Lifts, home_of
 from machopt.plan.path import Path
 from machopt.plan.pipeline import Plan
 from machopt.plan.rapids import Blocked, plan_rapid, time_legs
@@ -52,6 +52,8 @@ class Leg:
     waypoints: Array  # (W, 6) rad by encoder, targets in order, without the start
     waypoint_index: Array  # (W,) fractional toolpath index
     waypoint_feed: Array  # (W,) m/s of the straight move that ends there, NaN in rapid moves
+    external: Array  # (S, E) m or rad
+    waypoint_external: Array  # (W, E)
 
 
 @dataclass(frozen=True)
@@ -71,9 +73,9 @@ class Timeline:
 
 @dataclass(frozen=True)
 class _Place:
-    """Where the arm stands between two stretches."""
+    """Where the machine stands between two stretches."""
 
-    q: Array  # (6,) rad
+    x: Array  # (6 + E,) rad or m, true angles
     index: float  # along the toolpath, NaN at home
     row: int  # planning point, −1 at home
 
@@ -90,6 +92,7 @@ class _Builder:
         self.options: PlanOptions = plan.options
         self.path: Path = plan.path
         self.q = plan.chosen.assignment.q
+        self.x = plan.path.whole(self.q)  # (P, 6 + E) with the external joints
         self.feed_after = self._feed_after()
         self.phi = plan.chosen.assignment.phi.copy()
         self.legs: list[Leg] = []
@@ -106,14 +109,13 @@ class _Builder:
         self.free: frozenset[Way] = frozenset()  # straight rapid moves known to be free
 
     def build(self) -> Timeline:
-        here = _Place(self.plan.setup.driven.home, float("nan"), -1)
+        here = home = _Place(home_of(self.plan), float("nan"), -1)
         reason, breaks = self.plan.chosen.assignment.reason, self.plan.breaks
         pieces = stretches(self.path, reason, breaks)
         self.free = self.lifts.free_between(pieces)
         for n, (first, last) in enumerate(pieces):
             here = self._stretch(here, first, last) or here
             self.progress((n + 1) / max(len(pieces), 1))
-        home = _Place(self.plan.setup.driven.home, float("nan"), -1)
         back = self._rapid(here, home)
         if isinstance(back, Break):
             self.obstructions.append(back)
@@ -187,15 +189,15 @@ class _Builder:
             return self._no_room(here.index, float(index[first]))
         if np.isnan(lift_out):
             return self._no_room(float(index[last]), float("nan") if last + 1 == len(index) else float(index[last + 1]))
-        start = self.lifts.lifted(first, lift_in) if lift_in else self.q[first]
-        end = self.lifts.lifted(last, lift_out) if lift_out else self.q[last]
+        start = self.lifts.lifted(first, lift_in) if lift_in else self.x[first]
+        end = self.lifts.lifted(last, lift_out) if lift_out else self.x[last]
         if start is None or end is None:
             raise AssertionError("a lift that was found is there")
         to = self._rapid(here, _Place(start, float(index[first]), first))
         if isinstance(to, Break):
             return to
-        down = self._straight(start, self.q[first], first, Move.APPROACH, lift_in) if lift_in else None
-        up = self._straight(self.q[last], end, last, Move.RETRACT, lift_out) if lift_out else None
+        down = self._straight(start, self.x[first], first, Move.APPROACH, lift_in) if lift_in else None
+        up = self._straight(self.x[last], end, last, Move.RETRACT, lift_out) if lift_out else None
         run: Leg | Break | None = None
         if isinstance(down, Break) or isinstance(up, Break):
             return down if isinstance(down, Break) else up  # type: ignore[return-value]  # one of them is a break
@@ -226,8 +228,8 @@ class _Builder:
 
     def _rapid(self, a: _Place, b: _Place) -> Leg | Break:
         move = plan_rapid(
-            a.q,
-            b.q,
+            a.x,
+            b.x,
             limits=self.plan.setup.driven.limits,
             scale=self.options.rapid_scale,
             sample=self.options.sample,
@@ -236,28 +238,31 @@ class _Builder:
             rng=self.rng,
             detours=lambda: self.lifts.detours(a.row, b.row),
             iterations=SEARCH if not self.obstructions and not self.given_up else SEARCH_IN_VAIN,
-            known_free=way_between(a.q, b.q) in self.free,
+            known_free=way_between(a.x, b.x) in self.free,
+            per_rad=self.plan.setup.per_rad,
         )
         if isinstance(move, Blocked):
             return _blocked(move, a, b)
-        q, waypoints = move.q, move.waypoints
+        x, waypoints = move.q, move.waypoints
         if self.plan.setup.correction is not None:
             waypoints = self._told(waypoints)
-            q = time_legs(waypoints, self.cell.limits, self.options.rapid_scale, self.options.sample)
-        n = len(q)
+            x = time_legs(waypoints, self.cell.limits, self.options.rapid_scale, self.options.sample)
+        n = len(x)
         if move.kind != "direct":
             self.detours.append(f"{place(a.index)} → {place(b.index)}: {move.kind}, {len(waypoints) - 2} way points")
         operation = self.toolpath.operation[round(b.index)] if np.isfinite(b.index) else -1
         return Leg(
             "rapid",
-            q,
+            x[:, :6],
             np.linspace(a.index, b.index, n) if n > 1 else np.array([b.index]),
             np.full(n, Move.RAPID, np.int8),
             np.full(n, operation, np.int32),
             np.full(n, np.nan),
-            waypoints[1:],
+            waypoints[1:, :6],
             np.full(len(waypoints) - 1, b.index),
             np.full(len(waypoints) - 1, np.nan),
+            x[:, 6:],
+            waypoints[1:, 6:],
         )
 
     def _withdrawal(self, row: int) -> float:
@@ -277,7 +282,7 @@ class _Builder:
             if move is Move.APPROACH
             else self.options.approach_feed
         )
-        done = self._retime(position, rows, np.array([a, b]), np.full(2, feed))
+        done = self._retime(position, rows, np.array([a[:6], b[:6]]), np.full(2, feed))
         if isinstance(done, RunFailure):
             at = float(self.path.index[row])
             return _not_driven(at, at, done.reason)
@@ -289,9 +294,11 @@ class _Builder:
             np.full(n, move, np.int8),
             np.full(n, self._operation(rows[:1])[0], np.int32),
             np.full(n, np.nan),
-            self._told(b[None]),
+            self._told(b[None, :6]),
             self.path.index[rows[:1]],
             np.array([feed]),
+            done.external,
+            b[None, 6:],
         )
 
     def _touch(self, first: int, last: int) -> Leg:
@@ -308,6 +315,8 @@ class _Builder:
             waypoints=self._told(self.q[[last]]),
             waypoint_index=self.path.index[[last]],
             waypoint_feed=np.array([self.options.approach_feed]),
+            external=np.repeat(self.path.external[[first]], n, axis=0),
+            waypoint_external=self.path.external[[last]],
         )
 
     def _run(self, first: int, last: int) -> Leg | Break:
@@ -341,6 +350,8 @@ class _Builder:
             self._told(self.q[rows][told]),
             index[told],
             feed[told],
+            done.external,
+            self.path.external[rows][told],
         )
 
     def _retime(self, position: Array, rows: NDArray[np.int32], q: Array, feed: Array) -> RunTrajectory | RunFailure:
@@ -353,7 +364,8 @@ class _Builder:
                 phi=self.plan.chosen.assignment.phi[rows],
                 q=q,
                 feed=feed,
-                T_base_workpiece=setup.arm.T_base_workpiece,
+                machine=setup.arm.machine,
+                external=self.path.external[rows],
                 T_flange_tcp=setup.arm.T_flange_tcp,
                 robot=setup.robot,
                 limits=self.cell.limits,
@@ -366,9 +378,16 @@ class _Builder:
         )
 
     def _told(self, q: Array) -> Array:
-        """(W, 6) encoder angles of true angles."""
+        """(W, 6 or more) with encoder angles of true angles; what follows the arm's joints is left as it is."""
         correction = self.plan.setup.correction
-        return q if correction is None else correction.encoder_angles(q)
+        return q if correction is None else np.hstack([correction.encoder_angles(q[:, :6]), q[:, 6:]])
+
+    def _in_part(self, q: Array, external: Array) -> Array:
+        """(S, 4, 4) TCP where feed is measured: as the workpiece sees it where anything moves it."""
+        setup, T_flange_tcp = self.plan.setup, self.cell.tool.T_flange_tcp
+        if not setup.arm.machine.external:
+            return setup.robot.fk(q, T_flange_tcp)
+        return setup.arm.machine.fk(np.hstack([q, external]), T_flange_tcp)
 
     def _operation(self, rows: NDArray[np.int32]) -> NDArray[np.int32]:
         return np.asarray(self.toolpath.operation[np.ceil(self.path.index[rows] - 1e-12).astype(int)])
@@ -383,12 +402,13 @@ class _Builder:
         q = join("q")
         correction = self.plan.setup.correction
         stands = q if correction is None else correction.true_angles(q)
-        T = self.plan.setup.robot.fk(stands, self.cell.tool.T_flange_tcp)
+        external = join("external")
+        T = self._in_part(stands, external)
         speed = np.r_[0.0, np.linalg.norm(np.diff(T[:, :3, 3], axis=0), axis=1) / self.options.sample]
         return Trajectory(
             time=np.arange(len(q), dtype=float) * self.options.sample,
             q=q,
-            external=np.empty((len(q), 0)),
+            external=external,
             point=join("index"),
             move=join("move").astype(np.int8),
             operation=join("operation").astype(np.int32),

@@ -129,10 +129,10 @@ def cost_gradient(
 
 def spread_of(plan: Plan) -> Spread:
     """What the joints at the planning points are made of."""
-    T, programmed = plan.setup.arm.T_base_workpiece, plan.path.position
+    programmed = plan.path.position
     if plan.compensation is not None:
         programmed = programmed - plan.compensation.offset
-    return Spread.of(plan.setup.elasticity.stiffness, programmed @ T[:3, :3].T + T[:3, 3])
+    return Spread.of(plan.setup.elasticity.stiffness, plan.setup.arm.places(plan.path.external, programmed))
 
 
 def gains(plan: Plan) -> tuple[Gain, ...]:

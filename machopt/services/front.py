@@ -46,7 +46,8 @@ def front(cell: Cell, toolpath: Toolpath, options: PlanOptions, own: Point, driv
         with tempfile.TemporaryDirectory() as text:
             folder = Path(text)
             write_points_csv(folder / "points.csv", points.table)
-            write_trajectory_csv(folder / "trajectory.csv", timeline.trajectory, [o.label for o in toolpath.operations])
+            labels, kinds = [o.label for o in toolpath.operations], cell.external_prismatic
+            write_trajectory_csv(folder / "trajectory.csv", timeline.trajectory, labels, kinds)
             if not content_checks(cell, toolpath, folder, options=other, manifest=None).ok:
                 continue
         found.append(measured(name, changed, the_plan, timeline, points))

@@ -56,7 +56,8 @@ def write_tables(folder: Path, plan: Plan, points: PointResults, timeline: Timel
     write_points_csv(folder / "points.csv", points.table)
     if timeline is None or timeline.trajectory is None:
         return
-    write_trajectory_csv(folder / "trajectory.csv", timeline.trajectory, points.table.operations)
+    kinds = plan.setup.cell.external_prismatic
+    write_trajectory_csv(folder / "trajectory.csv", timeline.trajectory, points.table.operations, kinds)
     if plan.compensation is not None:
         c = plan.compensation
         write_compensation_csv(folder / "compensation.csv", plan.path.index, c.offset, c.force)
