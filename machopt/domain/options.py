@@ -43,6 +43,23 @@ class Weights:
     clearance: float = 0.0  # nearness to anything, mean along the path: 1 at contact, 0 from clearance_full on
 
 
+ExternalMode = Literal["locked", "operation", "moving"]
+
+
+@dataclass(frozen=True)
+class ExternalAxis:
+    """How one external joint is used."""
+
+    joint: str  # its name, or e1, e2 … in the order of the cell
+    mode: ExternalMode | None = None  # locked: at ``at`` or home; operation: one value for each; moving with the path
+    operations: tuple[tuple[str, ExternalMode], ...] = ()  # modes of operations by label, before ``mode``
+    weight: float = 1.0  # of its travel, as a share of that of a joint of the arm
+    at: float | None = None  # m or rad, where it is locked
+    preferred: float | None = None  # m or rad
+    range: tuple[float, float] | None = None  # m or rad, within its limits
+    unit: Literal["mm", "deg", ""] = ""  # of what is given; "": nothing with a unit is
+
+
 @dataclass(frozen=True)
 class PlanOptions:
     """Everything that steers one plan."""
@@ -74,3 +91,4 @@ class PlanOptions:
     compensate: bool = False  # drive a path shifted against the deflection predicted under ``force``
     compensation_max: float = 0.002  # m, a larger shift is refused: a unit is wrong, or the arm far too soft
     seed: int = 0
+    external: tuple[ExternalAxis, ...] = ()

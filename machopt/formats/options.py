@@ -10,9 +10,18 @@ from math import degrees, radians
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
-from machopt.domain.options import FixedRotation, Index, Method, PlanOptions, ProcessForce, Weights
+from machopt.domain.options import (
+    ExternalAxis,
+    ExternalMode,
+    FixedRotation,
+    Index,
+    Method,
+    PlanOptions,
+    ProcessForce,
+    Weights,
+)
 from machopt.errors import InputError
 from machopt.formats.yamlstrict import Document, Loc, Strict, parse_yaml, read_yaml, validate
 
@@ -40,6 +49,37 @@ class WeightKeys(Strict):
         ge=0,
         description="of nearness to anything over the length cut: 1 at contact, 0 at clearance_full_mm",
     )
+
+
+class ExternalKeys(Strict):
+    """One external joint, by its name or as e1, e2 … in the order of the cell."""
+
+    mode: ExternalMode | None = Field(
+        default=None, description="locked (at home, or at_mm, at_deg); operation: one value for each; or moving"
+    )
+    operations: dict[str, ExternalMode] | None = Field(default=None, description="the mode of operations by label")
+    weight: float | None = Field(default=None, ge=0, description="of its travel: 1 counts like a joint of the arm")
+    at_mm: float | None = Field(default=None, description="where it is locked, mm")
+    at_deg: float | None = Field(default=None, description="the same of a joint that turns, degrees")
+    preferred_mm: float | None = Field(default=None, description="value whose neighbourhood is preferred, mm")
+    preferred_deg: float | None = Field(default=None, description="the same of a joint that turns, degrees")
+    range_mm: list[float] | None = Field(
+        default=None, min_length=2, max_length=2, description="[lowest, highest] to use of its range, mm"
+    )
+    range_deg: list[float] | None = Field(
+        default=None, min_length=2, max_length=2, description="the same of a joint that turns, degrees"
+    )
+
+    @model_validator(mode="after")
+    def _one_unit(self) -> ExternalKeys:
+        given = [k for k, v in self.model_dump(exclude_none=True).items() if k.endswith(("_mm", "_deg"))]
+        if len({k.rsplit("_", 1)[1] for k in given}) > 1:
+            raise ValueError(f"found {', '.join(given)}; a joint slides (mm) or turns (deg), not both")
+        for key in ("range_mm", "range_deg"):
+            value = getattr(self, key)
+            if value is not None and not value[0] <= value[1]:
+                raise ValueError(f"{key}: found {value}; expected [lowest, highest]")
+        return self
 
 
 class FixedKeys(Strict):
@@ -110,6 +150,9 @@ class OptionKeys(Strict):
     )
     compensation_max_mm: float | None = Field(default=None, gt=0, le=50, description="a larger shift is refused, mm")
     seed: int | None = Field(default=None, ge=0, description="of the tree search for rapid moves")
+    external: dict[str, ExternalKeys] | None = Field(
+        default=None, description="how the external joints are used, by name or e1, e2 … in the order of the cell"
+    )
 
     @field_validator("rotation_range_deg")
     @classmethod
@@ -225,9 +268,45 @@ def options_as_user(options: PlanOptions) -> dict[str, object]:
         "compensation_max_mm": _tidy(options.compensation_max / _MM),
         "seed": options.seed,
     }
+    if options.external:
+        user["external"] = {axis.joint: _external_as_user(axis) for axis in options.external}
     if options.preferred_rotation is not None:
         user["preferred_rotation_deg"] = _tidy(degrees(options.preferred_rotation))
     return user
+
+
+def _external_as_user(axis: ExternalAxis) -> dict[str, object]:
+    factor = _MM if axis.unit == "mm" else radians(1.0)
+    out: dict[str, object] = {"weight": axis.weight}
+    if axis.mode is not None:
+        out["mode"] = axis.mode
+    if axis.operations:
+        out["operations"] = dict(axis.operations)
+    for name in ("at", "preferred", "range"):
+        value = getattr(axis, name)
+        if value is not None:
+            told = [_tidy(v / factor) for v in value] if name == "range" else _tidy(value / factor)
+            out[f"{name}_{axis.unit}"] = told
+    return out
+
+
+def _external_axis(joint: str, keys: ExternalKeys) -> ExternalAxis:
+    unit: Literal["mm", "deg", ""] = ""
+    si: dict[str, object] = {}
+    for name in ("at", "preferred", "range"):
+        for u, factor in (("mm", _MM), ("deg", radians(1.0))):
+            value = getattr(keys, f"{name}_{u}")
+            if value is not None:
+                unit = "mm" if u == "mm" else "deg"
+                si[name] = (value[0] * factor, value[1] * factor) if name == "range" else value * factor
+    return ExternalAxis(
+        joint=joint,
+        mode=keys.mode,
+        operations=tuple((keys.operations or {}).items()),
+        weight=1.0 if keys.weight is None else keys.weight,
+        unit=unit,
+        **si,  # type: ignore[arg-type]
+    )
 
 
 def _checked(document: Document, prefix: Loc = ()) -> dict[str, object]:
@@ -249,7 +328,7 @@ def _merge(below: dict[str, object], above: dict[str, object]) -> dict[str, obje
     out = dict(below)
     for key, value in above.items():
         old = out.get(key)
-        out[key] = {**old, **value} if isinstance(old, dict) and isinstance(value, dict) else value
+        out[key] = _merge(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
     return out
 
 
@@ -296,6 +375,8 @@ def _to_si(keys: OptionKeys) -> PlanOptions:
         si["weights"] = Weights(**keys.weights.model_dump(exclude_none=True))
     if keys.fixed is not None:
         si["fixed"] = tuple(FixedRotation(f.point, radians(f.gamma_deg)) for f in keys.fixed)
+    if keys.external is not None:
+        si["external"] = tuple(_external_axis(joint, given) for joint, given in keys.external.items())
     options = PlanOptions(**si)  # type: ignore[arg-type]
     _consistent(options)
     return options

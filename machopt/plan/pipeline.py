@@ -212,12 +212,14 @@ def plan(
     *,
     setup: Setup | None = None,
     external: Array | None = None,
+    scale: float | None = None,
 ) -> Plan:
     """Plan one toolpath in one cell; infeasible points are data in the result, never an exception.
 
     Args:
         setup: of the same cell and options, made before.
         external: (P, E) m or rad, where the external joints stand at the planning points; None: at home.
+        scale: c₀, where plans are compared that have other candidates; None: of its own.
     """
     clock = timings or Timings()
 
@@ -236,6 +238,7 @@ def plan(
     with stage("score"):
         scores = score_candidates(path, candidates, setup.elasticity, d, options)
         scores = replace(scores, crowded=over_grid(path, setup.collision, candidates, options))
+        scores = scores if scale is None else replace(scores, scale=scale)
 
     def scored(assignment: Assignment, path: Path = path, d: Directions = d) -> Scored:
         cost = np.full(len(path.index), np.nan)

@@ -15,9 +15,10 @@ from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.formats.tables import write_points_csv, write_trajectory_csv
+from machopt.plan.external import best_plan
 from machopt.plan.front import Point, measured, variants, weighed
 from machopt.plan.gaps import told
-from machopt.plan.pipeline import Plan, Timings, as_driven, plan
+from machopt.plan.pipeline import Plan, Timings, as_driven
 from machopt.plan.points import point_results
 from machopt.plan.timeline import Timeline
 from machopt.recheck.folder import content_checks
@@ -37,7 +38,7 @@ def front(cell: Cell, toolpath: Toolpath, options: PlanOptions, own: Point, driv
     found = [own]
     for name, changed, other in variants(options):
         quiet = Timings()
-        the_plan = plan(cell, toolpath, other, quiet)
+        the_plan = best_plan(cell, toolpath, other, quiet)
         timeline = drive(the_plan, toolpath, other, quiet)
         if timeline is None or timeline.trajectory is None:
             continue

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from machopt.plan.drive import motion_of
+from machopt.plan.external import best_plan
 from machopt.plan.gaps import told
-from machopt.plan.pipeline import Timings, as_driven, plan
+from machopt.plan.pipeline import Timings, as_driven
 from machopt.plan.points import point_results
 from machopt.plan.refine import compensate
 from machopt.postprocess.written import withheld
@@ -26,7 +27,7 @@ class Planned:
 def planned(given: Loaded, timings: Timings) -> Planned:
     """The plan, and its motion where there is one."""
     cell, options, toolpath = given.cell, given.options, given.toolpath
-    the_plan = plan(cell, toolpath, options, timings)
+    the_plan = best_plan(cell, toolpath, options, timings)
     if options.compensate:
         with timings.stage("compensate"):
             the_plan = compensate(the_plan, toolpath)

@@ -1,0 +1,376 @@
+"""Where the external joints stand: at home, or at one value for each operation, chosen with everything else.
+
+A run cannot be left to move a rail, so operations that share a run share a value. For each such group a grid of values
+is laid over the ranges of its joints, coarse first and then finer around the best:
+
+    value g ─► candidates and scores at some stations, 15° of rotation ─► the best sequence: mean m, worst w, motion
+
+c₀, the unit of the index, is the median over the candidates of all values. Groups hang together by the worst index and
+by the way between their values: with a cap on the worst the cheapest chain of values is exact, and every cap that
+matters is tried. The best few are then planned in full (:func:`machopt.plan.pipeline.plan`), with home among them, and
+the best plan is taken: fewest points lost, then least J.
+
+    J = Σ share·(m + motion) + w_worst·max w + Σ price·|Δe|
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.domain.cell import Cell
+from machopt.domain.options import ExternalAxis, PlanOptions
+from machopt.domain.toolpath import Toolpath
+from machopt.errors import InputError, nearest
+from machopt.plan.candidates import enumerate_candidates
+from machopt.plan.choose import choose
+from machopt.plan.part import part_of, rows_of
+from machopt.plan.path import Path, build_path
+from machopt.plan.pipeline import Plan, Setup, Timings, plan, prepare, standing
+from machopt.plan.score import directions, score_candidates
+
+COARSE = {1: 9, 2: 5, 3: 4}  # values of each joint in the first grid, by how many are free
+FINER = 3  # times the grid is halved around the best value of each group
+STATIONS = 160  # at which a value is judged
+STEP = np.radians(15.0)  # of rotation, there
+PLANNED = 3  # values planned in full where all can be driven
+TRIED = 8  # where the first ones cannot
+AS_GOOD = 1.15  # times the best estimate: home is planned in full below that
+LOST = 1e3  # of J for all stations lost: a value that loses fewer is better
+CAPS = 48  # on the worst index that are tried at most
+RAPID = 1.5  # times a travel counts on the way to another value (:mod:`machopt.plan.objective`, b)
+PREFERRED = 0.1  # of J, price of a rad (or LENGTH) from a preferred value
+MOVING = "moving"
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What a value comes to for one group, at some stations."""
+
+    value: Array  # (E,) m or rad
+    lost: float  # share of the stations without a pose, or behind a break
+    mean: float  # over the length the group cuts, in the unit of the index
+    worst: float  # the same
+    motion: float  # what J counts beside them, within the group
+
+
+@dataclass(frozen=True)
+class Group:
+    """Operations that share their values."""
+
+    runs: tuple[int, ...]
+    operations: tuple[int, ...]
+    low: Array  # (E,) m or rad; equal to ``high`` where the joint is locked
+    high: Array  # (E,)
+    share: float  # of the length cut
+
+
+def best_plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Timings | None = None) -> Plan:
+    """Plan one toolpath, the external joints where they serve it best by their modes.
+
+    Raises:
+        InputError: an option names no external joint or asks for what is not planned.
+    """
+    clock = timings or Timings()
+    axes = _axes(cell, options)
+    if not cell.external_joints:
+        return plan(cell, toolpath, options, clock)
+    with clock.stage("prepare"):
+        setup = prepare(cell, options)
+        path = build_path(toolpath, tuple(f.point for f in options.fixed))
+        groups = _groups(cell, toolpath, path, axes)
+    if all((g.low == g.high).all() for g in groups):
+        at = _spread(path, groups, [g.low for g in groups])
+        return plan(cell, toolpath, options, clock, setup=setup, external=at)
+    with clock.stage("external"):
+        search = _Search(setup, options, path, groups, axes)
+        search.judge()
+    best: tuple[tuple[float, float], Plan] | None = None
+    seen: list[list[Array]] = []
+
+    def planned(values: list[Array]) -> Plan:
+        nonlocal best
+        seen.append(values)
+        at = _spread(path, groups, values)
+        found = plan(cell, toolpath, options, clock, setup=setup, external=at, scale=search.scale)
+        key = _lost(found), found.chosen.objective.total + search.liking(values)
+        if best is None or key < best[0]:
+            best = key, found
+        return found
+
+    whole = 0
+    while len(seen) < TRIED and whole < PLANNED:
+        values = search.chain()
+        if values is None:
+            break
+        bad = [
+            n for n in _lost_groups(planned(values), groups) if np.ptp([groups[n].low, groups[n].high], axis=0).any()
+        ]
+        whole += not bad
+        for n in bad or ([0] if len(groups) == 1 else []):
+            search.exclude(n, values[n], 0.5 if bad else 0.25)
+        if not bad and len(groups) > 1:
+            break
+    home = search.at_home()
+    new = not any(np.array_equal(home, values) for values in seen)
+    if new and (best is None or best[0][0] or search.estimate(home) <= AS_GOOD * search.estimate(seen[0])):
+        planned(home)
+    if best is None:
+        raise AssertionError("home has been planned")
+    return best[1]
+
+
+def _lost_groups(found: Plan, groups: Sequence[Group]) -> list[int]:
+    """Groups with points that have no configuration, or with breaks."""
+    path = found.path
+    runs = set(path.run[found.missing[path.may_touch[found.missing]]].tolist())
+    for b in found.breaks:
+        if np.isfinite(b.after):
+            runs.add(int(path.run[np.searchsorted(path.index, b.after - 1e-9)]))
+    return [n for n, group in enumerate(groups) if runs & set(group.runs)]
+
+
+def _lost(found: Plan) -> float:
+    """Points that have no configuration, and breaks."""
+    missing = found.missing[found.path.may_touch[found.missing]]
+    return float(len(missing) + len(found.breaks))
+
+
+def _axes(cell: Cell, options: PlanOptions) -> tuple[ExternalAxis, ...]:
+    """The options of each external joint, in the order of the cell."""
+    names = list(cell.external_joints)
+    by_name = {name: ExternalAxis(name) for name in names}
+    for axis in options.external:
+        name = axis.joint
+        if name not in names and name.startswith("e") and name[1:].isdigit() and 1 <= int(name[1:]) <= len(names):
+            name = names[int(name[1:]) - 1]
+        if name not in names:
+            what = nearest(axis.joint, [*names, *(f"e{k + 1}" for k in range(len(names)))])
+            raise InputError(
+                f"{axis.joint!r} is no external joint of the cell; {what if names else 'it has none'}",
+                file="options",
+                where=f"external.{axis.joint}",
+            )
+        k = names.index(name)
+        unit = "mm" if cell.external_prismatic[k] else "deg"
+        if axis.unit not in ("", unit):
+            raise InputError(
+                f"{name!r} {'slides' if unit == 'mm' else 'turns'}: values in {unit} would work, found {axis.unit}",
+                file="options",
+                where=f"external.{axis.joint}",
+            )
+        by_name[name] = axis
+    return tuple(by_name[name] for name in names)
+
+
+def _groups(cell: Cell, toolpath: Toolpath, path: Path, axes: Sequence[ExternalAxis]) -> list[Group]:
+    """Operations joined by runs that they share, in the order of the path."""
+    labels = [o.label for o in toolpath.operations]
+    for axis in axes:
+        for label, _ in axis.operations:
+            if label not in labels:
+                raise InputError(
+                    f"{label!r} is no operation of the toolpath; {nearest(label, labels)}",
+                    file="options",
+                    where=f"external.{axis.joint}.operations",
+                )
+    of_row = toolpath.operation[np.ceil(path.index - 1e-12).astype(int)]
+    group = np.arange(len(labels))
+    for first, last in path.runs:
+        own = np.unique(group[of_row[first : last + 1]])
+        group[np.isin(group, own)] = own[0]
+    limits, out = cell.limits, []
+    for g in dict.fromkeys(group[of_row[first]] for first, _ in path.runs):
+        operations = np.flatnonzero(group == g)
+        runs = tuple(k for k, (first, _) in enumerate(path.runs) if group[of_row[first]] == g)
+        low, high = np.empty(len(axes)), np.empty(len(axes))
+        for k, axis in enumerate(axes):
+            modes = {dict(axis.operations).get(labels[o], axis.mode or "operation"): labels[o] for o in operations}
+            if len(modes) > 1:
+                told = ", ".join(f"{label!r} {mode}" for mode, label in modes.items())
+                raise InputError(
+                    f"{told}: they share a run without a rapid move, so they share a mode; one mode would work",
+                    file="options",
+                    where=f"external.{axis.joint}.operations",
+                )
+            mode = next(iter(modes))
+            if mode == MOVING:
+                raise InputError(
+                    "external joints do not move along a path yet; mode operation or locked would work",
+                    file="options",
+                    where=f"external.{axis.joint}.mode",
+                )
+            low[k], high[k] = _range(cell, k, axis, limits.lower[6 + k], limits.upper[6 + k], locked=mode == "locked")
+        share = float(path.weight[rows_of(path, runs)].sum())
+        out.append(Group(runs, tuple(operations.tolist()), low, high, share))
+    return out
+
+
+def _range(cell: Cell, k: int, axis: ExternalAxis, low: float, high: float, *, locked: bool) -> tuple[float, float]:
+    """What a joint may take, m or rad."""
+    unit, per = ("mm", 1e3) if cell.external_prismatic[k] else ("deg", float(np.degrees(1.0)))
+    if locked:
+        at = float(cell.external_home[k]) if axis.at is None else axis.at
+        if not low - 1e-9 <= at <= high + 1e-9:
+            raise InputError(
+                f"found {at * per:g} {unit}; the range of {cell.external_joints[k]!r} is [{low * per:g}, "
+                f"{high * per:g}]",
+                file="options",
+                where=f"external.{axis.joint}.at_{unit}",
+            )
+        return at, at
+    a, b = axis.range or (low, high)
+    if max(a, low) > min(b, high):
+        raise InputError(
+            f"found [{a * per:g}, {b * per:g}] {unit}, outside the range [{low * per:g}, {high * per:g}] of "
+            f"{cell.external_joints[k]!r}",
+            file="options",
+            where=f"external.{axis.joint}.range_{unit}",
+        )
+    return max(a, low), min(b, high)
+
+
+def _spread(path: Path, groups: Sequence[Group], values: Sequence[Array]) -> Array:
+    """(P, E) the values of the groups at the planning points."""
+    out = np.empty((len(path.index), len(values[0])))
+    for group, value in zip(groups, values, strict=True):
+        out[rows_of(path, group.runs)] = value
+    return out
+
+
+class _Search:
+    """The values of all groups; ``scale`` is c₀."""
+
+    def __init__(
+        self, setup: Setup, options: PlanOptions, path: Path, groups: list[Group], axes: Sequence[ExternalAxis]
+    ) -> None:
+        self.setup, self.path, self.groups, self.axes = setup, path, groups, axes
+        self.options = replace(options, rotation_step=max(options.rotation_step, STEP))
+        self.home = setup.cell.external_home
+        self.parts = [part_of(path, g.runs, STATIONS) for g in groups]
+        self.judged: list[list[Judged]] = [[] for _ in groups]
+        self.per = setup.per_rad[6:]
+        self.weight = np.array([axis.weight for axis in axes])
+        self.medians: list[float] = []
+        self._every: list[list[Judged]] = []
+
+    @property
+    def scale(self) -> float:
+        """c₀: the median over groups and values of the median cost over the candidates there."""
+        return float(np.median(self.medians)) if self.medians else 1.0
+
+    def judge(self) -> None:
+        """Judge the coarse grid of every group, then finer ones around its best."""
+        for n, group in enumerate(self.groups):
+            free = np.flatnonzero(group.high > group.low)
+            count = COARSE.get(len(free), 4)
+            step = (group.high - group.low) / (count - 1)
+            grid = [np.linspace(a, b, count if b > a else 1) for a, b in zip(group.low, group.high, strict=True)]
+            inside = np.clip(self.home, group.low, group.high)
+            for value in [inside, *map(np.array, itertools.product(*grid))]:
+                self._judge(n, value)
+            for _ in range(FINER):
+                step = 0.5 * step
+                centre = min(self.judged[n], key=self._rank).value
+                around = [(-1.0, 0.0, 1.0) if k in free else (0.0,) for k in range(len(step))]
+                for side in itertools.product(*around):
+                    self._judge(n, np.clip(centre + np.array(side) * step, group.low, group.high))
+        self._every = [list(own) for own in self.judged]
+
+    def _judge(self, n: int, value: Array) -> None:
+        """What a value comes to for a group; once."""
+        if any(np.array_equal(j.value, value) for j in self.judged[n]):
+            return
+        part, setup = standing(self.parts[n], value), self.setup
+        d = directions(part, setup.arm, setup.elasticity, self.options.force)
+        candidates = enumerate_candidates(part, setup.arm, self.options)
+        if not candidates.feasible.any():
+            self.judged[n].append(Judged(value, 1.0, 0.0, 0.0, 0.0))
+            return
+        scores = score_candidates(part, candidates, setup.elasticity, d, self.options)
+        self.medians.append(scores.scale)
+        choice = choose(part, candidates, scores, setup.cell.limits.velocity[:6], self.options)
+        there, w = np.flatnonzero(~choice.dropped), self.options.weights
+        cost = scores.cost[there, choice.rotation[there], choice.branch[there]]
+        share, counted = part.station_weight[there], part.counted[part.stations[there]]
+        mean, worst = float(share @ cost), float(cost[counted].max(initial=0.0))
+        motion = choice.total - (w.mean * mean + w.worst * worst) / scores.scale
+        lost = (int(choice.dropped.sum()) + len(choice.broken)) / len(choice.rotation)
+        self.judged[n].append(Judged(value, lost, mean, worst, motion))
+
+    def _rank(self, j: Judged) -> float:
+        """J of a group by itself."""
+        return self._alone(j) + self.options.weights.worst * j.worst / self.scale
+
+    def _alone(self, j: Judged) -> float:
+        return LOST * j.lost + self.options.weights.mean * j.mean / self.scale + j.motion + self._liked(j.value)
+
+    def _liked(self, value: Array) -> float:
+        """Price of leaving the preferred values: of the square of how far."""
+        asked = np.array([np.nan if axis.preferred is None else axis.preferred for axis in self.axes])
+        return float(PREFERRED * np.nansum(((value - asked) * self.per) ** 2))
+
+    def liking(self, values: Sequence[Array]) -> float:
+        """Σ share · price of leaving the preferred values."""
+        return sum(g.share * self._liked(v) for g, v in zip(self.groups, values, strict=True))
+
+    def at_home(self) -> list[Array]:
+        """Home, or what is nearest to it, for every group."""
+        return [np.clip(self.home, g.low, g.high) for g in self.groups]
+
+    def exclude(self, n: int, value: Array, share: float) -> None:
+        """Take values of a group away that lie within ``share`` of a coarse step of one."""
+        group = self.groups[n]
+        step = (group.high - group.low) / max(COARSE.get(int((group.high > group.low).sum()), 4) - 1, 1)
+        self.judged[n] = [j for j in self.judged[n] if (np.abs(j.value - value) > share * step + 1e-12).any()]
+
+    def estimate(self, values: Sequence[Array]) -> float:
+        """J of values that were judged, by the stations."""
+        chosen = [next(j for j in self._every[n] if np.array_equal(j.value, value)) for n, value in enumerate(values)]
+        worst = max(j.worst for j in chosen) / self.scale
+        return sum(g.share * self._alone(j) for g, j in zip(self.groups, chosen, strict=True)) + (
+            self.options.weights.worst * worst + self._travel(values)
+        )
+
+    def _travel(self, values: Sequence[Array]) -> float:
+        ways = np.abs(np.diff([self.home, *values, self.home], axis=0)) @ (self.weight * self.per)
+        shares = np.array([g.share for g in self.groups])
+        return float(self._price * np.r_[shares, shares[-1]] @ ways)
+
+    @property
+    def _price(self) -> float:
+        return self.options.weights.travel * RAPID / np.pi
+
+    def chain(self) -> list[Array] | None:
+        """The cheapest values of all groups, of those that are left; None where a group has none."""
+        if not all(self.judged):
+            return None
+        worsts = np.unique([j.worst for own in self.judged for j in own])
+        floor = max(min(j.worst for j in own) for own in self.judged)
+        caps = worsts[worsts >= floor]
+        caps = caps[np.unique(np.linspace(0, len(caps) - 1, min(len(caps), CAPS)).round().astype(int))]
+        found = [(total, values) for cap in caps for total, values in [self._under(float(cap))]]
+        return min(found, key=lambda f: f[0])[1]
+
+    def _under(self, cap: float) -> tuple[float, list[Array]]:
+        """The cheapest chain whose worst index is at most ``cap``, and its J."""
+        before, at, back = np.zeros(1), self.home[None], []
+        for n, group in enumerate(self.groups):
+            allowed = [j for j in self.judged[n] if j.worst <= cap]
+            here = np.array([j.value for j in allowed])
+            ways = np.abs(here[:, None] - at[None]) @ (self.weight * self.per)
+            every = before[None] + self._price * group.share * ways
+            back.append((every.argmin(axis=1), here))
+            own = np.array([group.share * self._alone(j) for j in allowed])
+            before, at = every.min(axis=1) + own, here
+        last = before + self._price * self.groups[-1].share * (np.abs(at - self.home) @ (self.weight * self.per))
+        k, values = int(last.argmin()), []
+        total = float(last[k]) + self.options.weights.worst * cap / self.scale
+        for source, here in reversed(back):
+            values.append(here[k])
+            k = int(source[k])
+        return total, values[::-1]
