@@ -76,3 +76,47 @@ def external_cell(folder: Path, *, rail: bool = False, table: bool = False, tilt
         workpiece=part,
         obstacles=(),
     )
+
+
+def external_folder(folder: Path, *, rail: bool = False, table: bool = False, tilt: bool = False) -> Path:
+    """The same as a cell folder, with a stiffness file."""
+    cell = external_cell(folder, rail=rail, table=table, tilt=tilt)
+    per = np.where([False] * 6 + list(cell.external_prismatic), 1e3, 180 / np.pi)
+
+    def row(values: np.ndarray) -> str:
+        return "[" + ", ".join(f"{v:.6g}" for v in np.asarray(values) * per) + "]"
+
+    def at(T: np.ndarray) -> str:
+        return f"xyz_mm: [{', '.join(f'{1e3 * v:.6g}' for v in T[:3, 3])}]"
+
+    block = cell.workpiece.geometry[0]
+    (folder / "cell.yaml").write_text(
+        f"""machopt_cell: 1
+name: small cell with external axes
+robot:
+  urdf: robot.urdf
+  base_link: base_link
+  flange_link: flange
+  external_joints: [{", ".join(cell.external_joints)}]
+  home_deg: {row(np.r_[cell.home, cell.external_home])}
+  limits:
+    velocity_deg_s: {row(cell.limits.velocity)}
+    acceleration_deg_s2: {row(cell.limits.acceleration)}
+    jerk_deg_s3: {row(cell.limits.jerk)}
+tool:
+  tcp: {{xyz_mm: [0, 0, 350]}}
+  mass_kg: 20
+  geometry: [{{name: spindle, box_mm: [120, 120, 280], xyz_mm: [0, 0, 140]}}]
+  cutter: {{diameter_mm: 12, length_mm: 60}}
+workpiece:
+  link: {cell.workpiece.link}
+  pose: {{{at(cell.workpiece.T_link_workpiece)}}}
+  geometry: [{{name: block, box_mm: [{", ".join(f"{1e3 * v:g}" for v in block.size)}], {at(block.T_parent_shape)}}}]
+stiffness: stiffness.yaml
+plan: {{rotation_step_deg: 15, force_N: {{axial: 200, normal: 100}}}}
+"""
+    )
+    (folder / "stiffness.yaml").write_text(
+        "machopt_stiffness: 1\njoints_Nm_per_rad: [1.41e6, 1.2e6, 9.35e5, 3.60e5, 3.70e5, 3.8e5]\n"
+    )
+    return folder

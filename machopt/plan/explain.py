@@ -208,12 +208,25 @@ def hints(plan: Plan) -> tuple[str, ...]:
             "is force_N in N, and the stiffness in N·m/rad?"
         )
     out += plan.setup.elasticity.warnings
+    out += _where_external(plan)
     changes = _changes(plan)
     if changes:
         more = f"; and {len(changes) - 6} more" if len(changes) > 6 else ""
         told = "; ".join(changes[:6]) + more
         out.append(f"The arm changes its configuration between runs, where the tool is retracted: {told}")
     return tuple(out)
+
+
+def _where_external(plan: Plan) -> list[str]:
+    """Where each external joint stands while the tool cuts."""
+    cell, cut, out = plan.setup.cell, plan.path.counted, []
+    for k, (name, slides) in enumerate(zip(cell.external_joints, cell.external_prismatic, strict=True)):
+        value = plan.path.external[cut, k] * (1e3 if slides else np.degrees(1.0))
+        if len(value):
+            low, high, unit = float(value.min()), float(value.max()), "mm" if slides else "°"
+            span = f"at {low:.4g} {unit}" if high - low < 1e-6 else f"from {low:.4g} to {high:.4g} {unit}"
+            out.append(f"External joint {name} (e{k + 1}) stands {span} while cutting.")
+    return out
 
 
 def _changes(plan: Plan) -> list[str]:

@@ -1,0 +1,150 @@
+"""Plans with rails and positioners: one law with cells that stand still, values chosen, options refused by name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path as FilePath
+
+import numpy as np
+import pytest
+from external_cell import external_cell
+from small_cell import small_cell
+from test_path import Rows, toolpath
+
+from machopt.domain.cell import Cell, Workpiece
+from machopt.domain.options import ExternalAxis, PlanOptions, ProcessForce
+from machopt.domain.stiffness import Stiffness
+from machopt.domain.toolpath import Move, Operation, Toolpath
+from machopt.errors import InputError
+from machopt.formats.options import load_options, options_as_user
+from machopt.model.machine import load_machine
+from machopt.model.robot import load_robot
+from machopt.plan.external import best_plan
+from machopt.plan.pipeline import Plan, plan, prepare
+from machopt.plan.rapids import RapidMove, plan_rapid
+from machopt.plan.timeline import build_timeline
+
+K = Stiffness(np.array([1.4e6, 1.2e6, 9.4e5, 3.6e5, 3.7e5, 3.8e5]))
+OPTIONS = PlanOptions(
+    collision=False, rotation_step=np.radians(30.0), force=ProcessForce(normal=200.0, axial=100.0), sample=0.02
+)
+UP = (0.0, 0.0, 1.0)
+
+
+def slots(*starts: float, x: float = 0.0) -> Rows:
+    """A short slot along y from each place, come to by a rapid move."""
+    rows: Rows = []
+    for y in starts:
+        rows += [((x, y, 0.05), UP, Move.RAPID)]
+        rows += [((x, y + d, 0.0), UP, Move.CUT) for d in (0.0, 0.04, 0.08)]
+        rows += [((x, y + 0.08, 0.05), UP, Move.RETRACT)]
+    return rows
+
+
+def apart(path: Toolpath) -> Toolpath:
+    """Every run an operation of its own."""
+    operation = (np.cumsum(path.move == Move.RAPID) - 1).astype(np.int32)
+    labels = tuple(Operation(f"op{k}", "trajectory") for k in range(int(operation[-1]) + 1))
+    return replace(path, operation=operation, operations=labels)
+
+
+def driven(p: Plan, path: Toolpath) -> np.ndarray:
+    """(S, 6 + E) the exported motion."""
+    motion = build_timeline(p, path).trajectory
+    assert motion is not None
+    return np.hstack([motion.q, motion.external])
+
+
+@pytest.mark.parametrize(("kind", "e"), [({"rail": True}, 0.3), ({"table": True, "tilt": True}, 0.2)])
+def test_a_cell_that_stands_at_e_is_one_that_was_built_so(tmp_path: FilePath, kind: dict[str, bool], e: float) -> None:
+    cell = replace(external_cell(tmp_path, **kind), stiffness=K)
+    cell = replace(cell, external_home=np.full(len(cell.external_joints), e))
+    machine = load_machine(cell, load_robot(cell))
+    T = cell.T_world_base @ machine.T_base_workpiece(cell.external_home[None])[0]
+    still = small_cell(tmp_path / "..", stiffness=K, workpiece=Workpiece("world", T), obstacles=())
+    path = toolpath(slots(0.1, -0.1))
+    ours, theirs = driven(plan(cell, path, OPTIONS), path), driven(plan(still, path, OPTIONS), path)
+    np.testing.assert_allclose(ours[:, :6], theirs, atol=1e-9)  # rounding of T, through Newton steps
+    np.testing.assert_array_equal(ours[:, 6:], np.full((len(ours), len(cell.external_joints)), e))
+
+
+def test_one_value_for_each_operation(tmp_path: FilePath) -> None:
+    """Slots at both ends of a long part: nowhere in reach from one place, and never worse than home."""
+    cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
+    path = apart(toolpath(slots(-2.4, 2.3)))
+    p = best_plan(cell, path, OPTIONS)
+    assert not len(p.missing)
+    first, second = (p.path.external[a : b + 1, 0] for a, b in p.path.runs)
+    assert np.ptp(first) == np.ptp(second) == 0
+    assert first[0] < -0.5
+    assert second[0] > 0.5
+    x = driven(p, path)
+    assert np.abs(np.diff(x[:, 6])).max() <= 0.02 * cell.limits.velocity[6]
+    locked = best_plan(cell, path, replace(OPTIONS, external=(ExternalAxis("e1", "locked"),)))
+    assert len(locked.missing)
+
+
+def test_the_value_chosen_is_no_worse_than_home(tmp_path: FilePath) -> None:
+    cell = replace(external_cell(tmp_path, table=True), stiffness=K)
+    path = toolpath(slots(0.15))
+    p = best_plan(cell, path, OPTIONS)
+    home = plan(cell, path, OPTIONS, scale=p.scores.scale)
+    assert p.chosen.objective.total <= home.chosen.objective.total
+    assert p.cam_default.objective.total == home.cam_default.objective.total  # the file's rotation, table at home
+    inside = replace(OPTIONS, external=(ExternalAxis("turn", "operation", range=(0.5, 0.6)),))
+    assert 0.5 <= best_plan(cell, path, inside).path.external[0, 0] <= 0.6
+
+
+@pytest.mark.parametrize(
+    ("axis", "told"),
+    [
+        (ExternalAxis("slide"), "'slide' is no external joint of the cell"),
+        (ExternalAxis("rail", at=1.0, unit="deg"), "'rail' slides: values in mm would work"),
+        (ExternalAxis("rail", "locked", at=9.0, unit="mm"), r"found 9000 mm; the range of 'rail' is \[-2500, 2500\]"),
+        (ExternalAxis("rail", range=(3.0, 4.0), unit="mm"), r"outside the range \[-2500, 2500\]"),
+        (ExternalAxis("e1", operations=(("face", "locked"),)), "'face' is no operation of the toolpath"),
+        (ExternalAxis("e1", "moving"), "do not move along a path yet"),
+    ],
+)
+def test_what_is_not_planned_is_refused_by_name(tmp_path: FilePath, axis: ExternalAxis, told: str) -> None:
+    cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
+    with pytest.raises(InputError, match=told):
+        best_plan(cell, toolpath(slots(0.0)), replace(OPTIONS, external=(axis,)))
+
+
+def test_a_gantry_that_tilts_is_refused(tmp_path: FilePath) -> None:
+    cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
+    text = cell.urdf.read_text().replace('name="rail" type="prismatic"', 'name="rail" type="revolute"')
+    cell.urdf.write_text(text)
+    with pytest.raises(InputError, match="'rail' tilts the robot's base"):
+        prepare(replace(cell, external_prismatic=(False,)), OPTIONS)
+
+
+def test_options_come_back_as_they_were_given() -> None:
+    words = ["external.e1.mode=operation", "external.e1.range_mm=[0, 6000]", "external.turn.preferred_deg=30"]
+    options = load_options(None, None, words)
+    assert options.external[0].range == (0.0, 6.0)
+    told = options_as_user(options)
+    assert load_options(told) == options  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="slides \\(mm\\) or turns"):
+        load_options(None, None, ["external.e1={at_mm: 1, preferred_deg: 2}"])
+
+
+def test_a_rapid_move_takes_the_rail_along(tmp_path: FilePath) -> None:
+    cell: Cell = external_cell(tmp_path, rail=True)
+    ends = np.zeros(7), np.array([0.1, -1.0, 0.5, 0.2, 0.1, 0.0, 2.0])
+    move = plan_rapid(
+        *ends,
+        limits=cell.limits,
+        scale=0.8,
+        sample=0.012,
+        collision=None,
+        step=0.02,
+        detours=lambda: (),
+        rng=np.random.default_rng(0),
+    )
+    assert isinstance(move, RapidMove)
+    v = np.diff(move.q, axis=0) / 0.012
+    assert (np.abs(v).max(axis=0) <= 0.8 * cell.limits.velocity * 1.001).all()
+    assert np.abs(v[:, 6]).max() > 0.75 * cell.limits.velocity[6]  # the rail goes farthest, and rules
+    np.testing.assert_allclose(move.q[-1], ends[1], atol=1e-12)
