@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 import machopt
-from machopt.cli import batch, diagnose, measure, toolpaths
+from machopt.cli import batch, diagnose, measure, place, toolpaths
 from machopt.errors import MachoptError
 from machopt.version import __version__
 
@@ -79,5 +79,6 @@ def _parser() -> argparse.ArgumentParser:
     toolpaths.add_commands(commands, common)
     measure.add_commands(commands, common)
     diagnose.add_commands(commands, common)
+    place.add_commands(commands, common)
     batch.add_commands(commands, common)
     return parser

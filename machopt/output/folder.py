@@ -26,7 +26,15 @@ from machopt.output.manifest import MANIFEST, listed, read_manifest
 from machopt.output.signals import Signals
 from machopt.output.swap import exchange, sync_folder, sync_tree
 
-RESULT_FILES = ("result.json", "identification.json", "diagnosis.json", "plan.json", "map.json", "batch.json")
+RESULT_FILES = (
+    "result.json",
+    "identification.json",
+    "diagnosis.json",
+    "plan.json",
+    "map.json",
+    "place.json",
+    "batch.json",
+)
 """A folder is ours, and may be replaced, if one of these is a JSON object with a key machopt…"""
 _SHOWN = 40  # letters of the name in those of its siblings, which may be no longer than 255 bytes
 

@@ -28,6 +28,7 @@ _PLACES = (
     "out",
     "recordings",
     "toolpath",
+    "toolpaths",
     "measured",
     "plan_file",
     "discriminate",

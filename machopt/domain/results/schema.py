@@ -11,6 +11,7 @@ from machopt.domain.results.diagnosis import DiagnosisResult
 from machopt.domain.results.identification import IdentificationResult
 from machopt.domain.results.maps import MapResult
 from machopt.domain.results.optimize import OptimizeResult
+from machopt.domain.results.place import PlaceResult
 from machopt.domain.results.poses import PosesResult
 
 FOLDER = Path(__file__).with_name("schemas")
@@ -20,6 +21,7 @@ DOCUMENTS: dict[str, type[Part]] = {
     "diagnosis.json": DiagnosisResult,
     "plan.json": PosesResult,
     "map.json": MapResult,
+    "place.json": PlaceResult,
     "batch.json": BatchResult,
     "job.json": BatchRecord,
 }

@@ -1,0 +1,112 @@
+"""What a run has found so far, line by line beside its output folder, so that another can go on with it.
+
+The first line says what was asked, by hash; a journal of another question is begun afresh. A line that a killed run
+left half-written is passed over. The file goes when the run has ended well.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+from pathlib import Path
+from typing import Any, TypeVar
+
+from machopt.errors import InputError
+from machopt.placement.asked import Shift
+from machopt.placement.found import Place, Planned
+
+One = TypeVar("One", Place, Planned)
+
+
+class Journal:
+    """Found places by number; ``path`` None: kept nowhere.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+
+    def __init__(self, path: Path | None, key: str) -> None:
+        self.path = path
+        self._places: dict[int, Place] = {}
+        self._planned: dict[int, Planned] = {}
+        if path is None:
+            return
+        if not self._read(path, key):
+            self._places, self._planned = {}, {}
+            self._write("w", {"placement": key})
+
+    @property
+    def known(self) -> int:
+        """Places that an earlier run looked at."""
+        return len(self._places)
+
+    def place(self, number: int, shift: Shift) -> Place | None:
+        found = self._places.get(number)
+        return found if found is not None and found.shift == shift else None
+
+    def planned(self, place: Place) -> Planned | None:
+        return self._planned.get(place.number)
+
+    def keep(self, one: One) -> One:
+        """Note what was found."""
+        kind = "place" if isinstance(one, Place) else "planned"
+        self._write("a", {kind: _plain(one)})
+        return one
+
+    def done(self) -> None:
+        """The run has ended well."""
+        if self.path is not None:
+            self.path.unlink(missing_ok=True)
+
+    def _read(self, path: Path, key: str) -> bool:
+        try:
+            lines = path.read_text(encoding="utf-8").splitlines()
+        except (OSError, UnicodeDecodeError):
+            return False
+        if not lines or _object(lines[0]) != {"placement": key}:
+            return False
+        for line in lines[1:]:
+            with contextlib.suppress(TypeError, KeyError, ValueError):
+                kind, value = next(iter(_object(line).items()))
+                if kind == "place":
+                    place = _place(value)
+                    self._places[place.number] = place
+                elif kind == "planned":
+                    whole = {"place": _place(value["place"]), "shares": tuple(value["shares"])}
+                    one = Planned(**{**_numbers(value), **whole})
+                    self._planned[one.place.number] = one
+        return True
+
+    def _write(self, mode: str, value: dict[str, Any]) -> None:
+        if self.path is None:
+            return
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with self.path.open(mode, encoding="utf-8", newline="\n") as file:
+                file.write(json.dumps(value) + "\n")
+        except OSError as problem:
+            raise InputError(f"cannot be written: {problem.strerror}", file=self.path) from None
+
+
+def _object(line: str) -> dict[str, Any]:
+    try:
+        value = json.loads(line)
+    except json.JSONDecodeError:
+        return {}
+    return value if isinstance(value, dict) else {}
+
+
+def _plain(one: Any) -> Any:
+    """Fields as JSON has them; what is not finite as text."""
+    if isinstance(one, Place | Planned | Shift):
+        return {name: _plain(value) for name, value in vars(one).items()}
+    return repr(one) if isinstance(one, float) and not math.isfinite(one) else one
+
+
+def _numbers(value: dict[str, Any]) -> dict[str, Any]:
+    return {name: float(v) if v in ("inf", "-inf", "nan") else v for name, v in value.items()}
+
+
+def _place(value: dict[str, Any]) -> Place:
+    return Place(**{**_numbers(value), "shift": Shift(**value["shift"])})

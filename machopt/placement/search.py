@@ -1,0 +1,250 @@
+"""Best first: every place is looked at, the promising ones are planned wholly, until none left can be better.
+
+What is found is written to a journal as it is found, so that a run that was stopped goes on where it was.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from machopt.domain.cell import Cell
+from machopt.domain.options import PlanOptions
+from machopt.domain.reason import Reason
+from machopt.domain.toolpath import Toolpath
+from machopt.model.robot import load_chain
+from machopt.placement.asked import HERE, Search, Shift, inside, shifts, steps
+from machopt.placement.found import CLOSE, Near, Place, Planned, Siting
+from machopt.placement.journal import Journal
+from machopt.placement.moved import Carried, centre_of, moved, named
+from machopt.placement.outlook import Outlook, outlook
+from machopt.placement.standing import Standing
+from machopt.plan.candidates import Arm
+from machopt.plan.drive import motion_of
+from machopt.plan.explain import all_breaks, explain_points
+from machopt.plan.path import Path, build_path
+from machopt.plan.pipeline import Plan, Setup, Timings, plan, prepare
+from machopt.plan.score import configuration_cost
+
+RIGID = 1e9  # times a joint's stiffness: it gives no more
+AROUND = 0.020  # m: how far the best places are moved to see how sensitive they are
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """A cell and its jobs, ready to be looked at from anywhere."""
+
+    cell: Cell
+    toolpaths: tuple[Toolpath, ...]
+    options: PlanOptions
+    setup: Setup  # without collisions: springs and chain are the same at every place
+    paths: tuple[Path, ...]
+    carried: Carried
+    standing: Standing
+
+    @classmethod
+    def of(cls, cell: Cell, toolpaths: tuple[Toolpath, ...], options: PlanOptions, search: Search) -> Site:
+        setup = prepare(cell, replace(options, collision=False))
+        standing = Standing.of(cell, *load_chain(cell))
+        names = named(cell, search, standing.holding(base=search.base) if search.carry is None else frozenset())
+        positions = np.concatenate([t.position for t in toolpaths])
+        carried = Carried(search.base, names, centre_of(cell, positions, base=search.base))
+        return cls(cell, toolpaths, options, setup, tuple(build_path(t) for t in toolpaths), carried, standing)
+
+    def outlooks(self, shift: Shift) -> tuple[Outlook, ...]:
+        """One a job; none after the first that is not reached."""
+        arm = Arm.of(moved(self.setup.driven, self.carried, shift), self.setup.arm.solver, self.options)
+        out: list[Outlook] = []
+        for path in self.paths:
+            out.append(outlook(self.setup, arm, path, self.options))
+            if not out[-1].reached:
+                break
+        return tuple(out)
+
+    def place(self, number: int, shift: Shift, why: str) -> Place:
+        """Look at a place; ``why`` nothing can stand there."""
+        if why:
+            return Place(number, shift, why)
+        found = self.outlooks(shift)
+        last = found[-1]
+        if not last.reached:
+            name = self.toolpaths[len(found) - 1].source
+            return Place(number, shift, f"point {last.point} of {name}: {_REASONS[last.reason]}", point=last.point)
+        job = int(np.argmax([o.bound for o in found]))
+        return Place(
+            number,
+            shift,
+            bound=found[job].bound,
+            worst=max(o.worst for o in found),
+            mean=float(np.mean([o.mean for o in found])),
+            job=job,
+            point=found[job].point,
+        )
+
+    def planned(self, place: Place) -> Planned:
+        """Plan every job there, to its motion."""
+        begun = time.perf_counter()
+        cell = moved(self.cell, self.carried, place.shift)
+        worst, mean, cycle, softest = [], [], 0.0, []
+        for toolpath in self.toolpaths:
+            quiet = Timings()
+            one = plan(cell, toolpath, self.options, quiet)
+            timeline = motion_of(one, toolpath, self.options, quiet)
+            if timeline is None or timeline.trajectory is None:
+                why = f"no motion for {toolpath.source}: {_lost(one)}"
+                return Planned(place, why, seconds=time.perf_counter() - begun)
+            worst.append(one.chosen.objective.worst * one.scores.scale)
+            mean.append(one.chosen.objective.mean * one.scores.scale)
+            cycle += float(timeline.trajectory.time[-1])
+            softest.append(_softest(one))
+        job = int(np.argmax(worst))
+        return Planned(
+            place,
+            worst=worst[job],
+            mean=float(np.mean(mean)),
+            job=job,
+            point=softest[job][0],
+            shares=softest[job][1],
+            cycle_time=cycle,
+            seconds=time.perf_counter() - begun,
+        )
+
+
+def find(site: Site, search: Search, journal: Journal, progress: Progress = lambda _: None) -> Siting:
+    """Look at every place, plan the promising ones.
+
+    Args:
+        site: cell and jobs.
+        search: ranges and limits.
+        journal: of what an earlier run found.
+        progress: told what is done.
+    """
+    begun = time.monotonic()
+    places = _looked_at(site, search, journal, progress, begun)
+    by_number = {p.number: p for p in places}
+    planned: dict[int, Planned] = {}
+
+    def whole(place: Place) -> None:
+        known = journal.planned(place)
+        planned[place.number] = known if known is not None else journal.keep(site.planned(place))
+
+    progress(f"plan 1: {HERE.words}")
+    if by_number[0].open:
+        whole(by_number[0])
+    queue = sorted((p for p in places if p.open and p.number), key=lambda p: (max(p.worst, p.bound), p.bound, p.number))
+    stopped = ""
+    for place in queue:
+        values = sorted(p.worst for p in planned.values() if not p.refused)
+        if len(values) - (0 in planned and not planned[0].refused) >= search.best and all(
+            p.bound >= values[0] * (1 - CLOSE) for p in queue if p.number not in planned
+        ):
+            break
+        if len(planned) >= search.plans:
+            stopped = f"after {search.plans} plans"
+            break
+        if time.monotonic() - begun > search.seconds and values:
+            stopped = f"after {search.seconds / 60:.3g} min"
+            break
+        told = f", best so far {1e3 * values[0]:.4g}" if values else ""
+        progress(f"plan {len(planned) + 1} of at most {search.plans}: {place.shift.words}{told}")
+        whole(place)
+    left = min((p.bound for p in queue if p.number not in planned), default=np.inf)
+    grid = Siting(site.carried, tuple(places), tuple(planned.values()), {}, left, stopped)
+    if grid.best and time.monotonic() - begun < search.seconds:
+        progress("between the places of the grid")
+        finer = _between(site, grid.best[0].place, search, len(places))
+        if finer is not None:
+            places.append(finer)
+            whole(finer)
+    out = Siting(site.carried, tuple(places), tuple(planned.values()), {}, left, stopped)
+    progress("around the best")
+    around = {p.place.number: _around(site, p.place, search) for p in out.best[: search.best]}
+    return replace(out, around=around)
+
+
+def _looked_at(site: Site, search: Search, journal: Journal, progress: Progress, begun: float) -> list[Place]:
+    refusal = site.standing.refusal(site.carried.names, base=search.base)
+    every = shifts(search)
+    out: list[Place] = []
+    for k, shift in enumerate(every):
+        known = journal.place(k, shift)
+        if known is None:
+            if out and time.monotonic() - begun > search.seconds:
+                out.append(Place(k, shift, "not looked at: the time was over"))
+                continue
+            why = refusal.why(shift, shift.matrix(site.carried.centre)) if k else ""
+            known = journal.keep(site.place(k, shift, why))
+        out.append(known)
+        if k % 10 == 0 or k + 1 == len(every):
+            progress(f"place {k + 1} of {len(every)}, {sum(p.open for p in out)} within reach")
+    return out
+
+
+def _between(site: Site, best: Place, search: Search, number: int) -> Place | None:
+    """A better place near the best of the grid, by what the grid of rotations comes to there; None: there is none.
+
+    Steps along one axis at a time, each from the best so far, of half, a quarter and an eighth of the grid's.
+    """
+    refusal = site.standing.refusal(site.carried.names, base=search.base)
+    grid, now = steps(search), best
+    for part in (0.5, 0.25, 0.125):
+        for axis in ("x", "y", "z", "turn"):
+            size = part * getattr(grid, axis)
+            for sign in (-1.0, 1.0) if size else ():
+                shift = inside(search, replace(now.shift, **{axis: getattr(now.shift, axis) + sign * size}))
+                if shift == now.shift:
+                    continue
+                found = site.place(number, shift, refusal.why(shift, shift.matrix(site.carried.centre)))
+                if found.open and found.worst < now.worst:
+                    now = found
+                    break
+    return None if now is best else now
+
+
+def _around(site: Site, place: Place, search: Search) -> tuple[Near, ...]:
+    refusal = site.standing.refusal(site.carried.names, base=search.base)
+    out = []
+    for axis in "xyz":
+        for sign in (-1.0, 1.0):
+            value = getattr(place.shift, axis) + sign * AROUND
+            shift = replace(place.shift, **{axis: value})
+            found = site.place(-1, shift, refusal.why(shift, shift.matrix(site.carried.centre)))
+            out.append(Near(shift, f"{axis} {sign * 1e3 * AROUND:+.0f} mm", found.refused, found.worst))
+    return tuple(out)
+
+
+def _softest(one: Plan) -> tuple[float, tuple[float, ...]]:
+    """Where the index is worst, as a toolpath index, and the share of it that would go if each joint were rigid."""
+    cost = np.where(one.path.counted, one.chosen.cost, -np.inf)
+    p = np.array([int(np.nanargmax(cost))])
+    q, elasticity, index = one.chosen.assignment.q[p], one.setup.elasticity, one.scores.index
+    whole = configuration_cost(elasticity, one.directions, p, q, index)[0]
+    shares = []
+    for j in range(6):
+        k = one.directions.k.copy()
+        k[p, j] *= RIGID
+        left = configuration_cost(elasticity, replace(one.directions, k=k), p, q, index)[0]
+        shares.append(float(1.0 - left / whole))
+    return float(one.path.index[p[0]]), tuple(shares)
+
+
+def _lost(one: Plan) -> str:
+    """The first reason why a plan is not driven."""
+    points = [f"point {one.path.index[p]:g}: {sentence}" for p, sentence in explain_points(one).items()]
+    breaks = [f"{b.where}: {b.text}" for b in all_breaks(one)]
+    return (*points, *breaks, "it could not be driven")[0]
+
+
+_REASONS = {
+    Reason.UNREACHABLE: "out of reach",
+    Reason.LIMIT: "beyond a joint limit",
+    Reason.SINGULAR_WRIST: "too near the wrist singularity",
+    Reason.SINGULAR_ELBOW: "too near the elbow singularity",
+    Reason.SINGULAR_SHOULDER: "too near the shoulder singularity",
+    Reason.BOUNDS: "outside the rotations that are allowed",
+}

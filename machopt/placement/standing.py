@@ -1,0 +1,152 @@
+"""What holds the workpiece or the robot, and whether what moves would stand in something that stays.
+
+Two bodies hold each other where less than GAP lies between them. What is reached from the part in fewer such steps
+than from base_link moves with it: its fixture and the fixture's legs, but not the floor that both stand on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.domain.cell import Cell
+from machopt.model.bodies import Body, cell_bodies, inside, robot_bodies
+from machopt.model.robot import LinkShape, Robot
+from machopt.placement.asked import Shift
+
+if TYPE_CHECKING:
+    from trimesh.collision import CollisionManager
+
+GAP = 0.010  # m; a fixture drawn with so much room below the part still holds it
+SINK = 1e-3  # m; what rests on something that stays may go down so far
+PART, BASE = "workpiece", "base_link"
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """The bodies that stand still, in world: the part's as one, those of base_link as one, and the obstacles."""
+
+    bodies: Mapping[str, tuple[Body, ...]]
+    T_world_base: Array  # the bodies' vertices are in base_link where the cell has it
+
+    @classmethod
+    def of(cls, cell: Cell, robot: Robot, shapes: tuple[LinkShape, ...]) -> Standing:
+        found: dict[str, list[Body]] = {}
+        for body in cell_bodies(cell, robot):
+            if body.kind in ("workpiece", "obstacle"):
+                found.setdefault(PART if body.kind == "workpiece" else body.name, []).append(body)
+        base = [s for s in shapes if s.link == 0]
+        if base:
+            found[BASE] = list(robot_bodies(robot, tuple(base)))
+        return cls({name: tuple(b) for name, b in found.items()}, cell.T_world_base)
+
+    def holding(self, *, base: bool) -> frozenset[str]:
+        """Obstacles that hold the part (or base_link, and then not the part)."""
+        graph = self._graph()
+        near, far = (BASE, PART) if base else (PART, BASE)
+        mine, others = _steps(graph, near), _steps(graph, far)
+        return frozenset(n for n in mine if n not in (PART, BASE) and mine[n] < others.get(n, np.inf))
+
+    def refusal(self, moving: frozenset[str], *, base: bool) -> Refusal:
+        """What answers for each shift why the cell cannot stand so."""
+        movers = moving | {BASE if base else PART}
+        return Refusal.of(self, frozenset(n for n in self.bodies if n in movers))
+
+    def _graph(self) -> dict[str, set[str]]:
+        managers = {name: _manager({name: bodies}, self.T_world_base) for name, bodies in self.bodies.items()}
+        graph: dict[str, set[str]] = {name: set() for name in managers}
+        names = list(managers)
+        for k, a in enumerate(names):
+            for b in names[k + 1 :]:
+                if managers[a].min_distance_other(managers[b]) <= GAP:
+                    graph[a].add(b)
+                    graph[b].add(a)
+        return graph
+
+
+@dataclass(frozen=True, eq=False)
+class Refusal:
+    """Holds what moves against what stays, place by place."""
+
+    standing: Standing
+    movers: frozenset[str]
+    stayers: Any  # CollisionManager
+    moving: Any
+    touching: frozenset[frozenset[str]]  # pairs that touch where the cell has them
+    resting: tuple[str, ...]  # what stays and carries something that moves
+
+    @classmethod
+    def of(cls, standing: Standing, movers: frozenset[str]) -> Refusal:
+        moving = _manager({n: b for n, b in standing.bodies.items() if n in movers}, standing.T_world_base)
+        stayers = _manager({n: b for n, b in standing.bodies.items() if n not in movers}, standing.T_world_base)
+        hit, pairs = moving.in_collision_other(stayers, return_names=True) if movers else (False, set())
+        touching = frozenset(frozenset((_plain(a), _plain(b))) for a, b in pairs) if hit else frozenset()
+        resting = set()
+        for name, bodies in standing.bodies.items():
+            if name not in movers and movers:
+                one = _manager({name: bodies}, standing.T_world_base)
+                if moving.min_distance_other(one) <= SINK:
+                    resting.add(name)
+        return cls(standing, movers, stayers, moving, touching, tuple(sorted(resting)))
+
+    def why(self, shift: Shift, S: Array) -> str:
+        """One sentence, empty where the cell can stand so. S (4, 4): the shift in world."""
+        if self.resting and shift.z < -SINK:
+            return f"it rests on {', '.join(self.resting)} and would sink into it"
+        for name in sorted(self.movers):
+            for k, _ in enumerate(self.standing.bodies[name]):
+                self.moving.set_transform(f"{name}#{k}", S)
+        hit, pairs = self.moving.in_collision_other(self.stayers, return_names=True)
+        if hit:
+            new = {frozenset((_plain(a), _plain(b))) for a, b in pairs} - self.touching
+            if new:
+                a, b = sorted(sorted(pair) for pair in new)[0]
+                return f"{a} would stand in {b}"
+        return self._swallowed(S)
+
+    def _swallowed(self, S: Array) -> str:
+        """A body wholly inside another touches no surface."""
+        T = self.standing.T_world_base
+        back = np.linalg.inv(T) @ S @ T
+        for name in sorted(self.movers):
+            for a in self.standing.bodies[name]:
+                there = back[:3, :3] @ a.vertices[0] + back[:3, 3]
+                for other in sorted(set(self.standing.bodies) - self.movers):
+                    if frozenset((name, other)) in self.touching:
+                        continue
+                    for b in self.standing.bodies[other]:
+                        here = back[:3, :3].T @ (b.vertices[0] - back[:3, 3])
+                        if inside(b, there) or inside(a, here):
+                            return f"{name} would stand in {other}"
+        return ""
+
+
+def _manager(bodies: Mapping[str, Iterable[Body]], T_world_base: Array) -> CollisionManager:
+    import trimesh
+    from trimesh.collision import CollisionManager
+
+    out = CollisionManager()
+    for name, parts in bodies.items():
+        for k, body in enumerate(parts):
+            at = body.vertices @ T_world_base[:3, :3].T + T_world_base[:3, 3]
+            out.add_object(f"{name}#{k}", trimesh.Trimesh(at, body.faces, process=False))
+    return out
+
+
+def _plain(name: str) -> str:
+    return name.rsplit("#", 1)[0]
+
+
+def _steps(graph: Mapping[str, set[str]], start: str) -> dict[str, int]:
+    """Steps from a body to each that it is joined to."""
+    found: dict[str, int] = {start: 0} if start in graph else {}
+    front = list(found)
+    while front:
+        beyond = sorted({n for name in front for n in graph[name]} - set(found))
+        found.update(dict.fromkeys(beyond, found[front[0]] + 1))
+        front = beyond
+    return found

@@ -1,0 +1,227 @@
+"""What ``machopt place`` says of what it found: place.json, places.csv and the data of the page."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from math import degrees
+from pathlib import Path
+
+import numpy as np
+
+import machopt
+from machopt.domain.cell import Cell
+from machopt.domain.options import PlanOptions
+from machopt.domain.results.place import NearTold, PlaceResult, PlaceTold, SearchTold
+from machopt.formats.celltext import as_cell
+from machopt.formats.options import options_as_user
+from machopt.placement.asked import Search, Shift, steps
+from machopt.placement.found import Place, Planned, Siting
+from machopt.placement.moved import moved
+from machopt.placement.search import Site
+from machopt.plan.score import resolve_index
+from machopt.report.place_page import Mark, PlacePage
+
+HEAD = ("dx_mm", "dy_mm", "dz_mm", "turn_deg", "refused", "bound", "outlook", "planned_worst", "cycle_time_s")
+
+
+@dataclass(frozen=True)
+class Confirmed:
+    """One of the best, as ``optimize`` wrote and verified it."""
+
+    planned: Planned
+    folder: str
+    verdict: str
+    exit_code: int
+
+
+def unit_of(options: PlanOptions) -> tuple[str, float]:
+    """The index's unit for people, and what an index in m or m/N is multiplied with."""
+    return ("mm", 1e3) if resolve_index(options) == "deflection" else ("mm/kN", 1e6)
+
+
+def result_of(
+    site: Site, search: Search, siting: Siting, confirmed: tuple[Confirmed, ...], inputs: dict[str, str]
+) -> PlaceResult:
+    """place.json; ``inputs``: SHA-256 by name."""
+    cell, unit = site.cell, unit_of(site.options)
+    here = next((p for p in siting.planned if p.place.number == 0), None)
+    base = here.worst if here is not None and not here.refused else np.nan
+    best = [_told(site, siting, c.planned, base, c) for c in confirmed]
+    code = 3 if not best else max(c.exit_code for c in confirmed)
+    top = siting.best[0] if siting.best else None
+    gain = 100 * (1 - top.worst / base) if top is not None else np.nan
+    grid = steps(search)
+    return PlaceResult(
+        machopt_place=1,
+        version=machopt.__version__,
+        verdict=_verdict(siting, gain, code, edges(search, top)),
+        exit_code=0 if code == 0 else 3 if code == 3 else 4,
+        inputs=inputs,
+        cell=cell.name,
+        toolpaths=tuple(t.source for t in site.toolpaths),
+        moved="base_link" if siting.carried.base else "workpiece",
+        carried=tuple(sorted(siting.carried.names)),
+        turn_about_mm=_mm(siting.carried.centre),
+        index=resolve_index(site.options),
+        unit=unit[0],
+        search=SearchTold(
+            x_mm=_mm(search.x),
+            y_mm=_mm(search.y),
+            z_mm=_mm(search.z),
+            turn_deg=tuple(degrees(v) for v in search.turn),
+            step_mm=_mm(grid.along),
+            step_deg=degrees(grid.turn),
+            places=search.places,
+            plans=search.plans,
+            minutes=search.seconds / 60,
+        ),
+        looked_at=len(siting.places),
+        within_reach=sum(p.open for p in siting.places),
+        planned=len(siting.planned),
+        proven=siting.proven,
+        stopped=siting.stopped,
+        open_bound=unit[1] * siting.open_bound,
+        gain_percent=gain,
+        at_edge=edges(search, top),
+        as_it_stands=_told(site, siting, here, base, None) if here is not None else _refused(site, siting.places[0]),
+        best=tuple(best),
+        options=options_as_user(site.options),
+        warnings=cell.warnings,
+    )
+
+
+def edges(search: Search, top: Planned | None) -> tuple[str, ...]:
+    """Where the best place lies at the end of a range: beyond it there may be a better one."""
+    if top is None:
+        return ()
+    out = []
+    for name in ("x", "y", "z", "turn"):
+        low, high = getattr(search, name)
+        value = getattr(top.place.shift, name)
+        if high > low and min(value - low, high - value) < 1e-9:
+            out.append(f"{name} {'least' if value - low < 1e-9 else 'greatest'}")
+    return tuple(out)
+
+
+def _verdict(siting: Siting, gain: float, code: int, edge: tuple[str, ...]) -> str:
+    if not siting.best:
+        return f"infeasible: no plan at any of {len(siting.places)} places"
+    if code:
+        return "verification failed at one of the best places"
+    top = siting.best[0]
+    if top.place.number == 0:
+        text = "the best place is where the cell has it"
+    else:
+        less = f", worst index {gain:.1f} % less" if np.isfinite(gain) else "; where the cell has it nothing is planned"
+        text = f"best place: {top.place.shift.words}{less}"
+    if siting.proven:
+        text += f"; no other of the {len(siting.places)} places can be better"
+    else:
+        rest = f" by {100 * (1 - siting.open_bound / top.worst):.1f} %" if np.isfinite(siting.open_bound) else ""
+        text += f"; stopped {siting.stopped}, a place left out may be better{rest} at most"
+    return text + (f"; at the edge of the range ({', '.join(edge)})" if edge else "")
+
+
+def _told(site: Site, siting: Siting, one: Planned, base: float, done: Confirmed | None) -> PlaceTold:
+    unit = unit_of(site.options)[1]
+    pose = _pose(site.cell, siting, one.place.shift)
+    around = tuple(
+        NearTold(
+            moved=n.moved,
+            worst=unit * n.worst,
+            change_percent=100 * (n.worst / one.place.worst - 1),
+            refused=n.refused,
+        )
+        for n in siting.around.get(one.place.number, ())
+    )
+    return PlaceTold(
+        folder=done.folder if done is not None else None,
+        shift_mm=_mm(one.place.shift.along),
+        turn_deg=degrees(one.place.shift.turn),
+        xyz_mm=pose[0],
+        rpy_deg=pose[1],
+        worst=unit * one.worst,
+        mean=unit * one.mean,
+        bound=unit * one.place.bound,
+        gain_percent=100 * (1 - one.worst / base),
+        cycle_time_s=one.cycle_time,
+        worst_toolpath=site.toolpaths[one.job].source if not one.refused else None,
+        worst_point=one.point,
+        joint_share_percent=tuple(100 * s for s in one.shares),
+        around=around,
+        verdict=done.verdict if done is not None else one.refused or "planned",
+    )
+
+
+def _refused(site: Site, place: Place) -> PlaceTold:
+    """Where the cell has it, if nothing can be planned there."""
+    return PlaceTold(
+        folder=None,
+        shift_mm=(0.0, 0.0, 0.0),
+        turn_deg=0.0,
+        xyz_mm=_mm(site.cell.workpiece.T_link_workpiece[:3, 3]),
+        rpy_deg=(),
+        worst=None,
+        mean=None,
+        bound=None,
+        gain_percent=None,
+        cycle_time_s=None,
+        worst_toolpath=None,
+        worst_point=None,
+        joint_share_percent=(),
+        around=(),
+        verdict=place.refused,
+    )
+
+
+def _pose(cell: Cell, siting: Siting, shift: Shift) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """xyz_mm and rpy_deg in world of what moves, as cell.yaml has them."""
+    from scipy.spatial.transform import Rotation
+
+    at = moved(cell, siting.carried, shift)
+    T = at.T_world_base if siting.carried.base else at.workpiece.T_link_workpiece
+    angles = Rotation.from_matrix(T[:3, :3]).as_euler("xyz", degrees=True)
+    return _mm(T[:3, 3]), tuple(round(float(v), 9) + 0.0 for v in angles)
+
+
+def write_places(path: Path, site: Site, siting: Siting) -> None:
+    """places.csv: every place that was looked at, the cell's own first; the index in its unit."""
+    unit = unit_of(site.options)[1]
+    planned = {p.place.number: p for p in siting.planned}
+    with path.open("w", encoding="utf-8", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(HEAD)
+        for p in siting.places:
+            one = planned.get(p.number)
+            why = p.refused or (one.refused if one is not None else "")
+            values = [*(1e3 * v for v in p.shift.along), degrees(p.shift.turn)]
+            found = [unit * p.bound, unit * p.worst]
+            found += [unit * one.worst, one.cycle_time] if one is not None else [np.nan, np.nan]
+            rows.writerow([*map(_number, values), as_cell(why), *map(_number, found)])
+
+
+def page_of(site: Site, siting: Siting, result: PlaceResult) -> PlacePage:
+    """The page's data."""
+    unit = unit_of(site.options)[1]
+    planned = {p.place.number: p for p in siting.planned}
+    marks = tuple(
+        Mark(
+            x=1e3 * p.shift.x,
+            y=1e3 * p.shift.y,
+            value=unit * (planned[p.number].worst if p.number in planned else p.worst),
+            planned=p.number in planned,
+            words=p.shift.words,
+            refused=p.refused or (planned[p.number].refused if p.number in planned else ""),
+        )
+        for p in siting.places
+    )
+    return PlacePage(result, marks)
+
+
+def _mm(values: object) -> tuple[float, ...]:
+    return tuple(round(1e3 * float(v), 9) + 0.0 for v in np.asarray(values, float))
+
+
+def _number(value: float) -> str:
+    return f"{value:.9g}" if np.isfinite(value) else ""

@@ -1,0 +1,286 @@
+"""The page of ``machopt place``: a map of the index over x and y, the best places, and what is near them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from machopt.domain.results.place import NearTold, PlaceResult, PlaceTold
+from machopt.report.shell import page_html, section
+from machopt.report.still import colours
+from machopt.report.svg import Shape, Style, drawn, shape
+from machopt.report.tables import Column, folded, table
+from machopt.report.template import part
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
+    Body = Markup | str
+
+WIDTH, HEIGHT = 640.0, 460.0
+LEFT, TOP, RIGHT, BOTTOM = 64.0, 16.0, 120.0, 44.0
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A place on the map; mm, and the index in its unit (of the plan, else of the outlook)."""
+
+    x: float
+    y: float
+    value: float
+    planned: bool
+    words: str
+    refused: str
+
+
+@dataclass(frozen=True)
+class PlacePage:
+    """What the page shows."""
+
+    result: PlaceResult
+    marks: tuple[Mark, ...]
+
+
+def write_place_page(path: Path, data: PlacePage) -> None:
+    """Write the page; the same data give the same bytes."""
+    path.write_text(place_html(data), encoding="utf-8", newline="\n")
+
+
+def place_html(data: PlacePage) -> str:
+    """The page as text."""
+    r = data.result
+    sections = [
+        ("verdict", "Verdict", _verdict(data)),
+        ("map", "Map", _map(data)),
+        ("best", "Best places", _best(r)),
+        ("around", "Around", _around(r)),
+        ("rules", "What rules", _rules(r)),
+        ("refused", "Refused", _refused(data)),
+        ("run", "This run", _run(r)),
+    ]
+    return page_html(
+        f"Placement: {r.cell}",
+        (("Cell", r.cell), ("Toolpaths", ", ".join(r.toolpaths))),
+        sections,
+        {},
+        scripts=(),
+        footer=f"machopt {r.version}. Lengths mm, angles deg, index {r.index} in {r.unit}; x, y and z are those of "
+        "world, shifts count from where the cell has it.",
+    )
+
+
+def _verdict(data: PlacePage) -> Body:
+    r = data.result
+    tone = {0: "good", 3: "bad"}.get(r.exit_code, "bad")
+    badge = {0: "PLACED", 3: "NOWHERE"}.get(r.exit_code, "NOT CONFIRMED")
+    cards = []
+    if r.best:
+        top = r.best[0]
+        cards.append(("Worst index", f"{_n(top.worst)}", r.unit, f"mean {_n(top.mean)} {r.unit}"))
+        if r.as_it_stands is not None and r.as_it_stands.worst is not None:
+            cards.append(("As it stands", f"{_n(r.as_it_stands.worst)}", r.unit, "the same planner, the cell unmoved"))
+        if r.gain_percent is not None:
+            cards.append(("Gain", f"{r.gain_percent:.1f}", "%", "of the worst index over all toolpaths"))
+        cards.append(("Places", f"{r.within_reach}", "", f"within reach of {r.looked_at}, {r.planned} planned wholly"))
+    said = f"{r.verdict[0].upper()}{r.verdict[1:]}."
+    return part("verdict", "verdict", tone, badge, said, r.warnings, cards)
+
+
+def _map(data: PlacePage) -> Body:
+    best: dict[tuple[float, float], Mark] = {}
+    for mark in data.marks:
+        at = (round(mark.x, 6), round(mark.y, 6))
+        if at not in best or _rank(mark) < _rank(best[at]):
+            best[at] = mark
+    marks = list(best.values())
+    if len({m.x for m in marks}) < 2 and len({m.y for m in marks}) < 2:
+        return ""
+    lead = (
+        "Each square is a place; where height or turn vary too, the best of them. A ring marks places that were "
+        "planned wholly, with collisions and motion; the others show the best the grid of rotations comes to without "
+        "collisions. Crosses cannot be reached or stood on. The diamond is where the cell has it, the star the best."
+    )
+    return section("map", f"Worst index over x and y ({data.result.unit}, less is better)", lead, _picture(data, marks))
+
+
+def _rank(mark: Mark) -> tuple[bool, float]:
+    return (bool(mark.refused) or not math.isfinite(mark.value), mark.value)
+
+
+def _picture(data: PlacePage, marks: Sequence[Mark]) -> Markup:
+    xs, ys = np.array([m.x for m in marks]), np.array([m.y for m in marks])
+    step = min((float(np.diff(np.unique(v)).max()) for v in (xs, ys) if len(np.unique(v)) > 1), default=1.0)
+    low = np.array([xs.min(), ys.min()]) - 0.5 * step
+    high = np.array([xs.max(), ys.max()]) + 0.5 * step
+    scale = min((WIDTH - LEFT - RIGHT) / (high[0] - low[0]), (HEIGHT - TOP - BOTTOM) / (high[1] - low[1]))
+    wide, tall = scale * (high - low)
+
+    def at(x: float, y: float) -> tuple[float, float]:
+        return LEFT + scale * (x - float(low[0])), TOP + tall - scale * (y - float(low[1]))
+
+    known = np.array([m.value for m in marks if not m.refused and math.isfinite(m.value)])
+    least, most = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
+    span = most - least or 1.0
+    small: Style = {"font_size": 11, "fill": "currentColor"}
+    size = 0.94 * scale * step
+    shapes: list[Shape] = []
+    for m in sorted(marks, key=lambda m: (m.planned, m.x, m.y)):
+        x, y = at(m.x, m.y)
+        if m.refused or not math.isfinite(m.value):
+            arm = 0.16 * size
+            left, right, up, down = x - arm, x + arm, y - arm, y + arm
+            cross = f"M{left:.1f} {up:.1f}L{right:.1f} {down:.1f}M{left:.1f} {down:.1f}L{right:.1f} {up:.1f}"
+            title = f"{m.words}: {m.refused or 'no continuous way'}"
+            shapes.append(shape("path", d=cross, stroke="currentColor", opacity=0.45, fill="none", title=title))
+            continue
+        red, green, blue = (int(v) for v in np.asarray(colours(np.array([(most - m.value) / span])))[0][:3])
+        title = f"{m.words}: {_n(m.value)} {data.result.unit}{' (planned)' if m.planned else ''}"
+        fill = f"rgb({red},{green},{blue})"
+        shapes.append(shape("rect", x=x - size / 2, y=y - size / 2, width=size, height=size, fill=fill, title=title))
+        if m.planned:
+            shapes.append(
+                shape("circle", cx=x, cy=y, r=0.3 * size, fill="none", stroke="#fff", stroke_width=2, title=title)
+            )
+    shapes.append(shape("text", "◆", x=at(0, 0)[0], y=at(0, 0)[1] + 5, text_anchor="middle", font_size=15, fill="#fff"))
+    if data.result.best:
+        bx, by = at(data.result.best[0].shift_mm[0], data.result.best[0].shift_mm[1])
+        shapes.append(shape("text", "★", x=bx, y=by + 6, text_anchor="middle", font_size=18, fill="#fff"))
+    for k in range(5):
+        vx, vy = low + (high - low) * k / 4
+        shapes.append(shape("text", f"{vx:.0f}", x=at(vx, 0)[0], y=TOP + tall + 16, text_anchor="middle", **small))
+        shapes.append(shape("text", f"{vy:.0f}", x=LEFT - 8, y=at(0, vy)[1] + 4, text_anchor="end", **small))
+    shapes.append(shape("text", "x (mm)", x=LEFT + wide / 2, y=TOP + tall + 34, text_anchor="middle", **small))
+    shapes.append(shape("text", "y (mm)", x=4.0, y=TOP + 4, **small))
+    for k in range(24):
+        red, green, blue = (int(v) for v in np.asarray(colours(np.array([1 - k / 23])))[0][:3])
+        y = TOP + tall * (1 - (k + 1) / 24)
+        shapes.append(
+            shape("rect", x=LEFT + wide + 18, y=y, width=14, height=tall / 24 + 0.6, fill=f"rgb({red},{green},{blue})")
+        )
+    for value, y in ((most, TOP + 8), (least, TOP + tall)):
+        shapes.append(shape("text", _n(value), x=LEFT + wide + 38, y=y, **small))
+    return drawn(
+        shape(
+            "svg",
+            viewBox=f"0 0 {LEFT + wide + RIGHT:.0f} {TOP + tall + BOTTOM:.0f}",
+            width="100%",
+            style=f"max-width:{LEFT + wide + RIGHT:.0f}px",
+            role="img",
+            aria_label="worst index over x and y",
+            inside=shapes,
+        )
+    )
+
+
+def _best(r: PlaceResult) -> Body:
+    if not r.best:
+        return ""
+    columns = [
+        Column("Place"),
+        Column("x (mm)", "n"),
+        Column("y (mm)", "n"),
+        Column("z (mm)", "n"),
+        Column("turn (deg)", "n"),
+        Column(f"Worst ({r.unit})", "n"),
+        Column(f"Mean ({r.unit})", "n"),
+        Column("Gain (%)", "n"),
+        Column("Cycle (s)", "n"),
+        Column("Plan"),
+    ]
+    rows = [_row(f"{k}", p) for k, p in enumerate(r.best, 1)]
+    if r.as_it_stands is not None:
+        rows.append(_row("as it stands", r.as_it_stands))
+    lead = (
+        "Whole plans with collisions and motion. Each folder holds the moved cell and, for every toolpath, what "
+        "optimize writes: motion, programs, report, verified."
+    )
+    return section("best", "Best places", lead, table(columns, rows))
+
+
+def _row(name: str, p: PlaceTold) -> tuple[str, ...]:
+    x, y, z = p.shift_mm
+    plan = f"{p.folder}/ ({p.verdict})" if p.folder else p.verdict
+    gain = _n(p.gain_percent, ".1f")
+    return (
+        name,
+        *(f"{v:+.0f}" for v in (x, y, z)),
+        f"{p.turn_deg:+.1f}",
+        _n(p.worst),
+        _n(p.mean),
+        gain,
+        _n(p.cycle_time_s, ".1f"),
+        plan,
+    )
+
+
+def _around(r: PlaceResult) -> Body:
+    moved = [n.moved for n in r.best[0].around] if r.best else []
+    if not moved:
+        return ""
+    columns = [Column("Place"), *(Column(m, "n") for m in moved)]
+    rows = [(str(k), *(_near(n) for n in p.around)) for k, p in enumerate(r.best, 1)]
+    lead = "Change of the worst index when the place is missed by so much; collisions are not looked at."
+    return section("around", "If the place is missed", lead, table(columns, rows))
+
+
+def _near(near: NearTold) -> str:
+    if near.refused or near.change_percent is None:
+        return near.refused or "no way"
+    return f"{near.change_percent:+.1f} %"
+
+
+def _rules(r: PlaceResult) -> Body:
+    if not r.best:
+        return ""
+    columns = [
+        Column("Place"),
+        Column("Toolpath"),
+        Column("Point", "n"),
+        *(Column(f"Joint {j} (%)", "n") for j in range(1, 7)),
+    ]
+    rows = [
+        (str(k), p.worst_toolpath or "", _n(p.worst_point, "g"), *(f"{s:.0f}" for s in p.joint_share_percent))
+        for k, p in enumerate(r.best, 1)
+    ]
+    lead = "The point with the worst index, and how much of it would go if one joint were rigid."
+    return section("rules", "What rules there", lead, table(columns, rows))
+
+
+def _refused(data: PlacePage) -> Body:
+    rows = [(m.words, m.refused) for m in data.marks if m.refused]
+    if not rows:
+        return ""
+    body = folded(
+        "Places where nothing can stand or be reached", len(rows), table([Column("Place"), Column("Why")], rows)
+    )
+    return section("refused", "Refused", "", body)
+
+
+def _run(r: PlaceResult) -> Body:
+    s = r.search
+    rows = [
+        ("moved", r.moved + (f" with {', '.join(r.carried)}" if r.carried else "")),
+        ("ranges", f"x {_range(s.x_mm)} mm, y {_range(s.y_mm)} mm, z {_range(s.z_mm)} mm, turn {_range(s.turn_deg)}°"),
+        ("grid", f"{s.places} places at most, {' × '.join(f'{v:.0f}' for v in s.step_mm)} mm, {s.step_deg:.1f}°"),
+        ("turned about", f"the vertical through {', '.join(f'{v:.0f}' for v in r.turn_about_mm)} mm"),
+        (
+            "best possible among the places left",
+            f"{_n(r.open_bound)} {r.unit}" if r.open_bound is not None else "none left",
+        ),
+        ("stopped", r.stopped or "when no place left could be better"),
+    ]
+    return section("run", "This run", "", table([Column(""), Column("")], rows))
+
+
+def _range(values: Sequence[float]) -> str:
+    low, high = values
+    return f"{low:.0f}" if low == high else f"{low:.0f} to {high:.0f}"
+
+
+def _n(value: float | None, form: str = ".4g") -> str:
+    return "–" if value is None or not math.isfinite(value) else f"{value:{form}}"

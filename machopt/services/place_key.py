@@ -1,0 +1,51 @@
+"""What ``machopt place`` can compare, and how a stopped run knows its own question again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+import machopt
+from machopt.domain.cell import Cell
+from machopt.domain.options import PlanOptions
+from machopt.domain.toolpath import Toolpath
+from machopt.errors import InputError
+from machopt.formats.options import options_as_user
+from machopt.placement.asked import Search
+from machopt.services.inputs import input_hashes
+
+
+def refuse_options(options: PlanOptions) -> None:
+    """Refuse options under which places cannot be compared.
+
+    Raises:
+        InputError: with what would work.
+    """
+    wrong = None
+    if options.method != "global":
+        wrong = ("method", f"method {options.method} does not look for the best plan; global would work")
+    elif options.allow_gaps:
+        wrong = ("allow_gaps", "a place could win by leaving the soft points out; false would work")
+    elif options.fixed:
+        wrong = ("fixed", "fixed rotations belong to one place; a plan at the place that was found takes them")
+    if wrong:
+        raise InputError(wrong[1], file="options", where=wrong[0])
+
+
+def key_of(cell: Cell, toolpaths: tuple[Toolpath, ...], options: PlanOptions, search: Search) -> str:
+    """A hash of everything that decides what is found; limits of time and number do not."""
+    ranges = {k: v for k, v in asdict(search).items() if k not in ("seconds", "plans", "best")}
+    asked = [machopt.__version__, input_hashes(cell), [t.sha256 for t in toolpaths], options_as_user(options), ranges]
+    points = b"".join(np.ascontiguousarray(t.position).tobytes() for t in toolpaths)  # as read: units and words count
+    text = json.dumps(asked, sort_keys=True, default=str).encode()
+    return hashlib.sha256(text + points).hexdigest()
+
+
+def names_of(files: tuple[Path, ...]) -> list[str]:
+    """A folder's name for each toolpath: its own, numbered where two are alike."""
+    stems = [f.stem for f in files]
+    return stems if len({*stems, "cell"}) == len(files) + 1 else [f"{k}-{stem}" for k, stem in enumerate(stems, 1)]
