@@ -33,15 +33,15 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         "toolpaths", nargs="+", type=Path, metavar="TOOLPATH", help="CAM exports or point tables, one job each"
     )
     share(job, "--out", help="output folder; the same command goes on where it was stopped")
-    for name, default, what in (
-        ("x-mm", "-300:300", "shift along x of world"),
-        ("y-mm", "-300:300", "shift along y of world"),
-        ("z-mm", "0:0", "shift along z of world"),
-        ("turn-deg", "0:0", "turn about the vertical through the middle of the toolpaths, or through base_link"),
+    for name, reach, what in (
+        ("x-mm", 300, "shift along x of world"),
+        ("y-mm", 300, "shift along y of world"),
+        ("z-mm", 0, "shift along z of world"),
+        ("turn-deg", 0, "turn about the vertical through the middle of the toolpaths, or through base_link"),
     ):
-        job.add_argument(
-            f"--{name}", type=_range, default=_range(default), metavar="FROM:TO", help=f"{what} ({default})"
-        )
+        told = f"{what}, least and greatest ({-reach} {reach})"
+        default, ends = [-reach, reach], ("FROM", "TO")
+        job.add_argument(f"--{name}", type=float, nargs=2, default=default, metavar=ends, help=told)
     job.add_argument("--places", type=positive, default=200, metavar="N", help="places to look at, at most (200)")
     job.add_argument("--best", type=positive, default=3, metavar="N", help="places written as whole verified plans (3)")
     job.add_argument("--plans", type=positive, default=40, metavar="N", help="places to plan wholly, at most (40)")
@@ -61,16 +61,6 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     share(job, "--post", help="robot program for the best places; may be repeated (the cell's controller.post)")
     add_effects(job)
     job.set_defaults(run=_place)
-
-
-def _range(text: str) -> tuple[float, float]:
-    try:
-        values = [float(v) for v in text.split(":")]
-    except ValueError:
-        values = []
-    if not 1 <= len(values) <= 2:
-        raise argparse.ArgumentTypeError(f"found {text!r}; expected FROM:TO, e.g. -300:300, or one number")
-    return values[0], values[-1]
 
 
 def _place(args: argparse.Namespace) -> int:

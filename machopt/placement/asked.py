@@ -104,7 +104,7 @@ def shifts(search: Search) -> tuple[Shift, ...]:
     out = (HERE, *(s for s in grid if max(abs(v) for v in (*s.along, LEVER * s.turn)) > 1e-9))
     if len(out) == 1:
         raise InputError(
-            "the ranges hold no other place than the one the cell has; e.g. --x-mm -300:300 would work", where="--x-mm"
+            "the ranges hold no other place than the one the cell has; e.g. --x-mm -300 300 would work", where="--x-mm"
         )
     return out
 

@@ -61,14 +61,18 @@ class Journal:
 
     def _read(self, path: Path, key: str) -> bool:
         try:
-            lines = path.read_text(encoding="utf-8").splitlines()
+            text = path.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError):
             return False
+        lines = text.splitlines()
         if not lines or _object(lines[0]) != {"placement": key}:
             return False
+        if not text.endswith("\n"):  # a killed run left half a line: the next begins its own
+            with path.open("a", encoding="utf-8") as file:
+                file.write("\n")
         for line in lines[1:]:
             with contextlib.suppress(TypeError, KeyError, ValueError):
-                kind, value = next(iter(_object(line).items()))
+                ((kind, value),) = _object(line).items()
                 if kind == "place":
                     place = _place(value)
                     self._places[place.number] = place

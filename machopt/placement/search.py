@@ -15,7 +15,6 @@ from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Toolpath
-from machopt.model.robot import load_chain
 from machopt.placement.asked import HERE, Search, Shift, inside, shifts, steps
 from machopt.placement.found import CLOSE, Near, Place, Planned, Siting
 from machopt.placement.journal import Journal
@@ -50,7 +49,7 @@ class Site:
     @classmethod
     def of(cls, cell: Cell, toolpaths: tuple[Toolpath, ...], options: PlanOptions, search: Search) -> Site:
         setup = prepare(cell, replace(options, collision=False))
-        standing = Standing.of(cell, *load_chain(cell))
+        standing = Standing.of(cell)
         names = named(cell, search, standing.holding(base=search.base) if search.carry is None else frozenset())
         positions = np.concatenate([t.position for t in toolpaths])
         carried = Carried(search.base, names, centre_of(cell, positions, base=search.base))

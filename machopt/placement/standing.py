@@ -1,7 +1,8 @@
 """What holds the workpiece or the robot, and whether what moves would stand in something that stays.
 
-Two bodies hold each other where less than GAP lies between them. What is reached from the part in fewer such steps
-than from base_link moves with it: its fixture and the fixture's legs, but not the floor that both stand on.
+Two bodies hold each other where less than GAP lies between them. What hangs together with the part moves with it,
+unless something rests on it that stays: its fixture and the fixture's legs move, the floor that robot and fixture stand
+on does not.
 """
 
 from __future__ import annotations
@@ -15,13 +16,16 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.model.bodies import Body, cell_bodies, inside, robot_bodies
-from machopt.model.robot import LinkShape, Robot
+from machopt.model.lines import Carriers
+from machopt.model.machine import load_machine
+from machopt.model.robot import load_chain
 from machopt.placement.asked import Shift
 
 if TYPE_CHECKING:
     from trimesh.collision import CollisionManager
 
 GAP = 0.010  # m; a fixture drawn with so much room below the part still holds it
+LEVEL = 1e-6  # m; of two bodies that touch the one whose lowest point is higher rests on the other
 SINK = 1e-3  # m; what rests on something that stays may go down so far
 PART, BASE = "workpiece", "base_link"
 
@@ -34,27 +38,43 @@ class Standing:
     T_world_base: Array  # the bodies' vertices are in base_link where the cell has it
 
     @classmethod
-    def of(cls, cell: Cell, robot: Robot, shapes: tuple[LinkShape, ...]) -> Standing:
+    def of(cls, cell: Cell) -> Standing:
+        robot, shapes = load_chain(cell)
+        carriers = Carriers(cell, load_machine(cell, robot))
         found: dict[str, list[Body]] = {}
-        for body in cell_bodies(cell, robot):
+        for body in cell_bodies(cell, carriers):
             if body.kind in ("workpiece", "obstacle"):
                 found.setdefault(PART if body.kind == "workpiece" else body.name, []).append(body)
         base = [s for s in shapes if s.link == 0]
         if base:
-            found[BASE] = list(robot_bodies(robot, tuple(base)))
+            found[BASE] = list(robot_bodies(carriers, tuple(base)))
         return cls({name: tuple(b) for name, b in found.items()}, cell.T_world_base)
 
     def holding(self, *, base: bool) -> frozenset[str]:
-        """Obstacles that hold the part (or base_link, and then not the part)."""
+        """Obstacles that move along with the part (or with base_link).
+
+        They hang together with it, and nothing that stays rests on any of them.
+        """
+        start, other = (BASE, PART) if base else (PART, BASE)
         graph = self._graph()
-        near, far = (BASE, PART) if base else (PART, BASE)
-        mine, others = _steps(graph, near), _steps(graph, far)
-        return frozenset(n for n in mine if n not in (PART, BASE) and mine[n] < others.get(n, np.inf))
+        lowest = {name: min(self._height(b) for b in bodies) for name, bodies in self.bodies.items()}
+        kept = set(graph) - {other} - graph.get(other, set()) | {start}
+        while True:
+            kept = _joined(graph, start, kept)
+            stays = {m for m in kept - {start} for n in graph[m] - kept if lowest[n] > lowest[m] + LEVEL}
+            if not stays:
+                return frozenset(kept - {start})
+            kept -= stays
 
     def refusal(self, moving: frozenset[str], *, base: bool) -> Refusal:
         """What answers for each shift why the cell cannot stand so."""
         movers = moving | {BASE if base else PART}
         return Refusal.of(self, frozenset(n for n in self.bodies if n in movers))
+
+    def _height(self, body: Body) -> float:
+        """m above the world's origin, of the lowest point."""
+        T = self.T_world_base
+        return float((body.vertices @ T[2, :3]).min() + T[2, 3])
 
     def _graph(self) -> dict[str, set[str]]:
         managers = {name: _manager({name: bodies}, self.T_world_base) for name, bodies in self.bodies.items()}
@@ -104,7 +124,8 @@ class Refusal:
         if hit:
             new = {frozenset((_plain(a), _plain(b))) for a, b in pairs} - self.touching
             if new:
-                a, b = sorted(sorted(pair) for pair in new)[0]
+                pair = min(new, key=sorted)
+                a, b = sorted(pair, key=lambda n: n not in self.movers)
                 return f"{a} would stand in {b}"
         return self._swallowed(S)
 
@@ -141,12 +162,10 @@ def _plain(name: str) -> str:
     return name.rsplit("#", 1)[0]
 
 
-def _steps(graph: Mapping[str, set[str]], start: str) -> dict[str, int]:
-    """Steps from a body to each that it is joined to."""
-    found: dict[str, int] = {start: 0} if start in graph else {}
-    front = list(found)
+def _joined(graph: Mapping[str, set[str]], start: str, among: set[str]) -> set[str]:
+    """What hangs together with a body, by way of ``among`` only."""
+    found, front = {start}, {start}
     while front:
-        beyond = sorted({n for name in front for n in graph[name]} - set(found))
-        found.update(dict.fromkeys(beyond, found[front[0]] + 1))
-        front = beyond
+        front = {n for name in front for n in graph.get(name, set())} & among - found
+        found |= front
     return found

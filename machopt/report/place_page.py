@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     Body = Markup | str
 
 WIDTH, HEIGHT = 640.0, 460.0
-LEFT, TOP, RIGHT, BOTTOM = 64.0, 16.0, 120.0, 44.0
+LEFT, TOP, RIGHT, BOTTOM = 84.0, 16.0, 120.0, 44.0
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ def _picture(data: PlacePage, marks: Sequence[Mark]) -> Markup:
         shapes.append(shape("text", f"{vx:.0f}", x=at(vx, 0)[0], y=TOP + tall + 16, text_anchor="middle", **small))
         shapes.append(shape("text", f"{vy:.0f}", x=LEFT - 8, y=at(0, vy)[1] + 4, text_anchor="end", **small))
     shapes.append(shape("text", "x (mm)", x=LEFT + wide / 2, y=TOP + tall + 34, text_anchor="middle", **small))
-    shapes.append(shape("text", "y (mm)", x=4.0, y=TOP + 4, **small))
+    shapes.append(shape("text", "y (mm)", x=2.0, y=TOP + tall / 2, **small))
     for k in range(24):
         red, green, blue = (int(v) for v in np.asarray(colours(np.array([1 - k / 23])))[0][:3])
         y = TOP + tall * (1 - (k + 1) / 24)

@@ -94,9 +94,8 @@ def _placed(request: Request, progress: Callable[[str], None]) -> Outcome:
         write_places(folder / "places.csv", site, siting)
         write_place_page(folder / "report.html", page_of(site, siting, result))
         write_result(folder / "place.json", result)
-        read = [single(f, "toolpath") for f in request.toolpaths]
-        read += [single(f, role) for f, role in ((request.plan_file, "plan"),) if f]
-        read += [single(f, "effects") for f in request.effects]
+        roles = {"toolpath": request.toolpaths, "plan": (request.plan_file,), "effects": request.effects}
+        read = [single(f, role) for role, files in roles.items() for f in files if f is not None]
         write_command_manifest(
             folder, "place", request, cell, verdict=result.verdict, exit_code=result.exit_code, inputs=read
         )
@@ -108,14 +107,9 @@ def _confirm(
     request: Request, site: Site, siting: Siting, one: Planned, folder: Path, progress: Callable[[str], None]
 ) -> Confirmed:
     """A place as ``optimize`` plans, exports and verifies it."""
-    cell = write_moved_cell(
-        folder / "cell",
-        site.cell,
-        moved(site.cell, siting.carried, one.place.shift),
-        f"made by machopt place from {site.cell.name}: {one.place.shift.words}",
-    )
-    same = ("plan_file", "overrides", "reading", "posts", "effects")
-    asked = {name: getattr(request, name) for name in same}
+    head = f"made by machopt place from {site.cell.name}: {one.place.shift.words}"
+    cell = write_moved_cell(folder / "cell", site.cell, moved(site.cell, siting.carried, one.place.shift), head)
+    asked = {name: getattr(request, name) for name in ("plan_file", "overrides", "reading", "posts", "effects")}
     verdicts, code = [], 0
     for name, file in zip(names_of(request.toolpaths), request.toolpaths, strict=True):
         progress(f"write {folder.name}: {file.name}")

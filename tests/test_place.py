@@ -1,0 +1,293 @@
+"""Placement: which places are looked at, what moves, what holds the part, and that the search finds the best of all."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from small_cell import pose, small_cell
+
+from machopt.cli import main
+from machopt.domain.cell import Cell, Shape
+from machopt.domain.options import PlanOptions
+from machopt.domain.stiffness import Stiffness
+from machopt.errors import InputError
+from machopt.formats.cell import load_cell
+from machopt.formats.movedcell import write_moved_cell
+from machopt.formats.toolpath import read_toolpath
+from machopt.placement.asked import HERE, LEVER, Search, Shift, inside, shifts, steps
+from machopt.placement.found import Place, Planned
+from machopt.placement.journal import Journal
+from machopt.placement.moved import Carried, centre_of, moved, named, refuse
+from machopt.placement.search import Site, find
+from machopt.placement.standing import Standing
+
+CELLS = Path(__file__).resolve().parents[1] / "cells"
+HOLES = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min\n" + "".join(
+    f"{x},{y},20,0,0,1,rapid,\n{x},{y},-2,0,0,1,cut,300\n{x},{y},20,0,0,1,retract,3000\n"
+    for x in (-80, 80)
+    for y in (-60, 60)
+)
+
+
+def test_the_first_place_is_the_cells_own_and_the_rest_an_even_grid() -> None:
+    search = Search(x=(-0.2, 0.2), y=(-0.1, 0.1), z=(0.0, 0.0), turn=(0.0, 0.0), places=15)
+    found = shifts(search)
+    assert found[0] == HERE
+    assert len(found) <= 16
+    assert len({s.x for s in found}) == 5
+    assert len({s.y for s in found}) == 3
+    assert steps(search).x == pytest.approx(0.1)
+    assert len(set(found)) == len(found)  # the cell's own is not there twice
+
+
+@given(
+    st.tuples(*[st.floats(0.0, 1.0)] * 3, st.floats(0.0, 3.0)).filter(lambda v: max(v) > 1e-3),
+    st.integers(1, 300),
+)
+def test_there_are_never_more_places_than_asked_for(spans: tuple[float, ...], most: int) -> None:
+    search = Search(**{n: (0.1, 0.1 + v) for n, v in zip(("x", "y", "z", "turn"), spans, strict=True)}, places=most)
+    found = shifts(search)
+    assert 2 <= len(found) <= most + 1
+    for name in ("x", "y", "z", "turn"):
+        low, high = getattr(search, name)
+        assert all(low - 1e-9 <= getattr(s, name) <= high + 1e-9 for s in found[1:])
+    assert all(inside(search, s) == s for s in found[1:])
+
+
+@pytest.mark.parametrize(
+    ("asked", "works"),
+    [
+        ({"x": (0.1, -0.1)}, "least before greatest"),
+        ({"y": (0.0, 300.0)}, "at most 20 m"),
+        ({"turn": (0.0, 90.0)}, "at most 6.28 rad"),
+        ({"x": (0.0, float("nan"))}, "least before greatest"),
+        ({"places": 0}, "1 or more"),
+        ({"seconds": 0.0}, "positive number"),
+    ],
+)
+def test_ranges_that_are_none_are_refused(asked: dict[str, object], works: str) -> None:
+    with pytest.raises(InputError, match=works):
+        Search(**asked)  # type: ignore[arg-type]
+
+
+def test_a_range_without_another_place_is_refused() -> None:
+    with pytest.raises(InputError, match="--x-mm -300 300"):
+        shifts(Search(x=(0.0, 0.0), y=(0.0, 0.0)))
+
+
+def test_a_turn_keeps_the_middle_and_carries_the_fixture_along(tmp_path: Path) -> None:
+    cell = small_cell(tmp_path)
+    middle = centre_of(cell, np.array([[-0.1, -0.2, 0.0], [0.1, 0.2, 0.0]]), base=False)
+    np.testing.assert_allclose(middle, [1.5, 0, 0.6])
+    carried = Carried(False, frozenset({"table"}), middle)
+    at = moved(cell, carried, Shift(0.1, 0.0, 0.05, np.pi / 2))
+    np.testing.assert_allclose(at.workpiece.T_link_workpiece[:3, 3], [1.6, 0, 0.65], atol=1e-12)
+    np.testing.assert_allclose(at.workpiece.T_link_workpiece[:3, 0], [0, 1, 0], atol=1e-12)
+    relative = [np.linalg.inv(c.workpiece.T_link_workpiece) @ c.obstacles[0].T_parent_shape for c in (cell, at)]
+    np.testing.assert_allclose(*relative, atol=1e-12)
+    assert at.obstacles[1] is cell.obstacles[1]  # the post stays
+
+
+def test_moving_the_robot_is_moving_all_else_the_other_way(tmp_path: Path) -> None:
+    cell, shift = small_cell(tmp_path), Shift(0.2, -0.1, 0.0, 0.3)
+    at = moved(cell, Carried(True, frozenset(), cell.T_world_base[:3, 3]), shift)
+    S = shift.matrix(cell.T_world_base[:3, 3])
+    np.testing.assert_allclose(
+        np.linalg.inv(at.T_world_base) @ at.workpiece.T_link_workpiece,
+        np.linalg.inv(S) @ cell.workpiece.T_link_workpiece,
+        atol=1e-12,
+    )
+
+
+def test_what_holds_the_part_moves_with_it_and_the_floor_does_not(tmp_path: Path) -> None:
+    floor = Shape("floor", "box", (6.0, 6.0, 0.1), None, pose(1.0, 0, -0.05))
+    leg = Shape("leg", "box", (0.2, 0.2, 0.39), None, pose(1.5, 0, 0.195))
+    cell = small_cell(tmp_path)
+    standing = Standing.of(replace(cell, obstacles=(*cell.obstacles, leg, floor)))
+    assert standing.holding(base=False) == {"table", "leg"}  # the post hangs in the air beside it
+    assert standing.holding(base=True) == set()  # robot and leg stand on the floor
+
+
+def test_a_table_that_robot_and_part_stand_on_stays(tmp_path: Path) -> None:
+    bench = Shape("bench", "box", (3.0, 2.0, 0.49), None, pose(1.0, 0, 0.245))
+    pedestal = Shape("pedestal", "box", (0.5, 0.5, 0.5), None, pose(0.0, 0, 0.74))
+    vice = Shape("vice", "box", (0.3, 0.3, 0.06), None, pose(1.5, 0, 0.52))
+    cell = small_cell(tmp_path, T_world_base=pose(0, 0, 0.99), obstacles=(bench, pedestal, vice))
+    cell = replace(cell, workpiece=replace(cell.workpiece, T_link_workpiece=pose(1.5, 0, 0.65)))
+    assert Standing.of(cell).holding(base=False) == {"vice"}
+    assert Standing.of(cell).holding(base=True) == {"pedestal"}
+    ceiling = Shape("ceiling", "box", (3.0, 2.0, 0.1), None, pose(1.0, 0, 3.05))
+    wall = Shape("wall", "box", (0.1, 2.0, 3.0), None, pose(2.45, 0, 1.5))
+    hung = np.diag([1.0, -1.0, -1.0, 1.0])
+    hung[2, 3] = 3.0
+    cell = replace(cell, T_world_base=hung, obstacles=(bench, vice, ceiling, wall))
+    assert Standing.of(cell).holding(base=False) == {"vice", "bench"}
+
+
+def test_nothing_is_put_into_anything(tmp_path: Path) -> None:
+    cell = small_cell(tmp_path)
+    standing = Standing.of(cell)
+    centre = np.array([1.5, 0, 0.6])
+    refusal = standing.refusal(frozenset(), base=False)  # the block alone, on a table that stays
+
+    def why(shift: Shift) -> str:
+        return refusal.why(shift, shift.matrix(centre))
+
+    assert why(HERE) == ""
+    assert why(Shift(x=0.1)) == ""
+    assert "table" in why(Shift(z=-0.05))
+    assert why(Shift(z=-0.005)) == ""  # there is a gap of 10 mm
+    assert "post" in why(Shift(x=-0.2, y=0.5))
+    inside_it = Standing.of(
+        replace(cell, obstacles=(Shape("hall", "box", (1.0, 1.0, 1.0), None, pose(1.5, 3.0, 0.6)),))
+    )
+    far = Shift(y=3.0)
+    swallowed = inside_it.refusal(frozenset(), base=False).why(far, far.matrix(centre))
+    assert swallowed == "workpiece would stand in hall"
+
+
+def test_what_rests_on_something_does_not_sink_into_it(tmp_path: Path) -> None:
+    cell = small_cell(tmp_path, obstacles=(Shape("table", "box", (1.0, 1.4, 0.1), None, pose(1.5, 0, 0.45)),))
+    refusal = Standing.of(cell).refusal(frozenset(), base=False)
+    down, aside = Shift(z=-0.02), Shift(x=0.1)
+    assert refusal.why(down, down.matrix(np.zeros(3))) == "it rests on table and would sink into it"
+    assert refusal.why(aside, aside.matrix(np.zeros(3))) == ""
+
+
+def test_obstacles_are_named_right(tmp_path: Path) -> None:
+    cell, holding = small_cell(tmp_path), frozenset({"table"})
+    assert named(cell, Search(), holding) == {"table"}
+    assert named(cell, Search(stay=("table",)), holding) == frozenset()
+    assert named(cell, Search(carry=("post",)), holding) == {"post"}
+    with pytest.raises(InputError, match="did you mean 'table'"):
+        named(cell, Search(carry=("tabel",)), holding)
+
+
+def test_a_part_on_a_positioner_is_refused(tmp_path: Path) -> None:
+    cell = small_cell(tmp_path)
+    with pytest.raises(InputError, match="optimize chooses"):
+        refuse(replace(cell, workpiece=replace(cell.workpiece, link="table")))
+
+
+def test_the_journal_knows_its_own_question_and_survives_a_cut_line(tmp_path: Path) -> None:
+    file = tmp_path / "x.jsonl"
+    first = Journal(file, "a")
+    place = first.keep(Place(3, Shift(0.1), bound=0.5, worst=float("inf")))
+    done = first.keep(Planned(place, worst=0.7, shares=(0.5,) * 6))
+    with file.open("a") as out:
+        out.write('{"place": {"numb')
+    again = Journal(file, "a")
+    assert again.place(3, Shift(0.1)) == place
+    assert again.place(3, Shift(0.2)) is None
+    found = again.planned(place)
+    assert found is not None
+    assert found.worst == done.worst
+    assert found.shares == done.shares
+    assert Journal(file, "b").place(3, Shift(0.1)) is None  # another question begins afresh
+    assert Journal(file, "a").place(3, Shift(0.1)) is None
+    Journal(file, "a").done()
+    assert not file.exists()
+
+
+@pytest.mark.parametrize("base", [False, True])
+def test_the_moved_cell_loads_as_what_was_planned(tmp_path: Path, base: bool) -> None:
+    cell = load_cell(CELLS / "kr240_drilling")
+    carried = Carried(base, frozenset({"leg_1", "frame_left"}), np.array([1.7, 0.0, 0.8]))
+    at = moved(cell, carried, Shift(0.123, -0.2, 0.01, 0.7))
+    file = write_moved_cell(tmp_path / "cell", cell, at, "a head")
+    found = load_cell(file.parent)
+    np.testing.assert_allclose(found.T_world_base, at.T_world_base, atol=2e-8)
+    np.testing.assert_allclose(found.workpiece.T_link_workpiece, at.workpiece.T_link_workpiece, atol=2e-8)
+    for a, b in zip(found.obstacles, at.obstacles, strict=True):
+        np.testing.assert_allclose(a.T_parent_shape, b.T_parent_shape, atol=2e-8)
+    text = file.read_text("utf-8")
+    assert text.startswith("# a head\n")
+    assert "# an assumption: README.md" in text
+
+
+def _site(folder: Path, search: Search) -> Site:
+    cell: Cell = replace(small_cell(folder), stiffness=Stiffness(np.array([2.0, 2.0, 1.5, 0.5, 0.4, 0.3]) * 1e6))
+    (folder / "holes.csv").write_text(HOLES)
+    options = PlanOptions(rotation_step=np.radians(15.0))
+    return Site.of(cell, (read_toolpath(folder / "holes.csv"),), options, search)
+
+
+@pytest.mark.slow
+def test_the_best_place_is_the_best_of_all_and_stopping_changes_nothing(tmp_path: Path) -> None:
+    """Against every place planned wholly, which is what the bound saves."""
+    search = Search(x=(-0.3, 0.5), y=(-0.2, 0.2), places=12, best=1)
+    site = _site(tmp_path, search)
+    file = tmp_path / "journal.jsonl"
+    found = find(site, search, Journal(file, "q"))
+    every = [site.planned(p) for p in found.places[: len(shifts(search))] if p.open]
+    assert len(every) > 6
+    done = {p.place.number: p for p in every if not p.refused}
+    for p in done.values():
+        assert p.worst >= p.place.bound * (1 - 2e-3)  # the bound holds, but for what lies between grid rotations
+    best = min(p.worst for p in done.values())
+    assert found.proven
+    assert found.best[0].worst <= best * (1 + 2e-3)
+    assert len(found.planned) < len(every)
+    told: list[str] = []
+    again = find(site, search, Journal(file, "q"), told.append)
+    assert [(p.place, p.worst, p.shares) for p in again.planned] == [
+        (p.place, p.worst, p.shares) for p in found.planned
+    ]
+    few = find(site, replace(search, plans=1), Journal(None, ""))
+    assert few.stopped
+    assert not few.proven
+    assert few.open_bound <= few.best[0].worst
+
+
+@pytest.mark.slow
+def test_the_command_writes_verified_plans_in_moved_cells(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "holes.csv").write_text(HOLES.replace("20,0,0,1", "60,0,0,1"))
+    out = tmp_path / "out"
+    asked = ["place", str(CELLS / "kr240_drilling"), str(tmp_path / "holes.csv"), "-o", str(out), "--places", "4"]
+    code = main(
+        [*asked, "--x-mm", "-100", "100", "--y-mm", "0", "0", "--best", "1", "--json", "--set", "rotation_step_deg=15"]
+    )
+    told = json.loads(capsys.readouterr().out)
+    assert code == 0
+    assert told["proven"]
+    assert told["best"][0]["folder"] == "best-1"
+    assert set(told["carried"]) >= {"frame_near", "clamp_1", "leg_4"}
+    assert "pedestal" not in told["carried"]
+    assert json.loads((out / "best-1" / "holes" / "result.json").read_text())["verdict"].startswith("done")
+    checked = ["verify", str(out / "best-1" / "cell"), str(tmp_path / "holes.csv"), str(out / "best-1" / "holes")]
+    assert main([*checked, "--quiet", "--set", "rotation_step_deg=15"]) == 0
+    rows = (out / "places.csv").read_text().splitlines()
+    assert len(rows) == 1 + told["looked_at"]
+    assert rows[1].startswith("0,0,0,0,,")
+    assert not (tmp_path / "out.progress.jsonl").exists()
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        (["--set", "method=jiao2022"], "global would work"),
+        (["--set", "allow_gaps=true"], "leaving the soft points out"),
+        (["--x-mm", "300", "-300"], "least before greatest"),
+        (["--carry", "clampp_1"], "did you mean 'clamp_1'"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str], says: str
+) -> None:
+    (tmp_path / "holes.csv").write_text(HOLES)
+    asked = ["place", str(CELLS / "kr240_drilling"), str(tmp_path / "holes.csv"), "-o", str(tmp_path / "out"), *more]
+    assert main(asked) == 2
+    assert says in capsys.readouterr().err
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["holes.csv"]
+
+
+def test_places_weigh_turns_as_shifts() -> None:
+    found = steps(Search(x=(0, 0.3), y=(0, 0), turn=(0, 1.0), places=16))
+    assert found.x == pytest.approx(0.1)
+    assert found.turn == pytest.approx(0.1 / LEVER)
