@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-import machopt
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
@@ -17,6 +16,7 @@ from machopt.errors import InputError
 from machopt.formats.options import options_as_user
 from machopt.placement.asked import Search
 from machopt.services.inputs import input_hashes
+from machopt.version import __version__
 
 
 def refuse_options(options: PlanOptions) -> None:
@@ -39,7 +39,7 @@ def refuse_options(options: PlanOptions) -> None:
 def key_of(cell: Cell, toolpaths: tuple[Toolpath, ...], options: PlanOptions, search: Search) -> str:
     """A hash of everything that decides what is found; limits of time and number do not."""
     ranges = {k: v for k, v in asdict(search).items() if k not in ("seconds", "plans", "best")}
-    asked = [machopt.__version__, input_hashes(cell), [t.sha256 for t in toolpaths], options_as_user(options), ranges]
+    asked = [__version__, input_hashes(cell), [t.sha256 for t in toolpaths], options_as_user(options), ranges]
     points = b"".join(np.ascontiguousarray(t.position).tobytes() for t in toolpaths)  # as read: units and words count
     text = json.dumps(asked, sort_keys=True, default=str).encode()
     return hashlib.sha256(text + points).hexdigest()

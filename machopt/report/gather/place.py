@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-import machopt
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.results.place import NearTold, PlaceResult, PlaceTold, SearchTold
@@ -21,6 +20,7 @@ from machopt.placement.moved import moved
 from machopt.placement.search import Site
 from machopt.plan.score import resolve_index
 from machopt.report.place_page import Mark, PlacePage
+from machopt.version import __version__
 
 HEAD = ("dx_mm", "dy_mm", "dz_mm", "turn_deg", "refused", "bound", "outlook", "planned_worst", "cycle_time_s")
 
@@ -54,7 +54,7 @@ def result_of(
     grid = steps(search)
     return PlaceResult(
         machopt_place=1,
-        version=machopt.__version__,
+        version=__version__,
         verdict=_verdict(siting, gain, code, edges(search, top)),
         exit_code=0 if code == 0 else 3 if code == 3 else 4,
         inputs=inputs,
