@@ -11,7 +11,7 @@ from examples import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from machopt.domain.options import FixedRotation, PlanOptions, ProcessForce, Weights
+from machopt.domain.options import ExternalAxis, FixedRotation, PlanOptions, ProcessForce, Weights
 from machopt.errors import InputError
 from machopt.formats.options import OptionKeys, load_options, options_as_user, without_effect
 from machopt.services.load import Request
@@ -69,6 +69,10 @@ def test_every_option_of_the_planner_has_a_user_key_and_back() -> None:
         compensate=True,
         compensation_max=0.003,
         seed=9,
+        external=(
+            ExternalAxis("e1", "locked", (("face", "operation"),), 0.5, 1.25, 0.25, (0.125, 2.5), "mm"),
+            ExternalAxis("turn", "operation"),
+        ),
     )
     same = [f.name for f in fields(other) if getattr(other, f.name) == getattr(PlanOptions(), f.name)]
     assert same == []  # an option added later must be added above, too
