@@ -63,6 +63,8 @@ def full_result(points: int = 800, rotations: int = 72, samples: int = 20_000) -
         nearest_pair=tuple("link5 – fixture" if c < 0.03 else "spindle – workpiece" for c in clearance),
         singularity=np.radians(20 + 10 * np.sin(6 * u)),
         limit_margin=np.radians(35 + 20 * np.cos(3 * u)),
+        phi=gamma,
+        gamma=gamma + 0.2,
     )
     return ReportData(
         title="Drilling cell KR240: bracket_op10",
@@ -100,6 +102,7 @@ def full_result(points: int = 800, rotations: int = 72, samples: int = 20_000) -
             chosen=gamma,
             jiao2022=gamma + 0.3 + 0.1 * np.sin(20 * u),
             cam_default=np.where((u > 0.4) & (u < 0.5), np.nan, 0.0),
+            offset=0.2 + 0.0 * u,
         ),
         path=path,
         motion=_motion(samples, s),
@@ -114,6 +117,7 @@ def full_result(points: int = 800, rotations: int = 72, samples: int = 20_000) -
                 1.08e-4 - k * 1e-7,
                 1.82e-4,
                 0.6,
+                0.4,
                 1.08e-4,
                 np.nan,
                 1.5e6,

@@ -27,16 +27,26 @@ ASSETS = Path(__file__).resolve().parents[1] / "machopt" / "report" / "assets"
 LIVE = Path(__file__).with_name("live")
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 TIMEOUT = 90.0  # s; a page takes two or three
-WATCH = "<script>window.failed = []; window.addEventListener('error', e => failed.push(e.message));</script>"
+WATCH = (
+    "<script>window.failed = []; window.addEventListener('error', e => failed.push(e.message)); "
+    "for (const kind of ['error', 'warn']) console[kind] = (...words) => failed.push(words.join(' '));</script>"
+)
 
 
-def in_browser(page: str, script: str, folder: Path) -> dict[str, Any]:
-    """What a script of ``live`` finds on a page once that is drawn; ``failed`` lists the errors of the page."""
+def in_browser(
+    page: str, script: str, folder: Path, given: dict[str, Any] | None = None, *, draws: bool = False
+) -> dict[str, Any]:
+    """What a script of ``live`` finds on a page once that is drawn; ``failed`` lists the errors of the page.
+
+    Args:
+        given: what the script finds as ``GIVEN``.
+        draws: the page draws in three dimensions, which the browser then does by its own rasteriser.
+    """
     browser = next((path for name in BROWSERS if (path := shutil.which(name))), None)
     if browser is None:
         pytest.skip(f"a browser is absent (none of {', '.join(BROWSERS)}): the pages' scripts are not exercised")
     tools, own = ((LIVE / f"{name}.js").read_text(encoding="utf-8") for name in ("tools", script))
-    end = f"""<script>"use strict";{tools}
+    end = f"""<script>"use strict";const GIVEN = {json.dumps(given or {})};{tools}
     window.addEventListener("load", async () => {{
       await wait(200);
       const found = {{}};
@@ -51,7 +61,7 @@ def in_browser(page: str, script: str, folder: Path) -> dict[str, Any]:
         browser,
         "--headless",
         "--no-sandbox",
-        "--disable-gpu",
+        *(("--use-angle=swiftshader", "--enable-unsafe-swiftshader") if draws else ("--disable-gpu",)),
         "--window-size=1200,900",
         "--no-first-run",
         f"--user-data-dir={folder / 'profile'}",

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from machopt.domain.cell import Cell
 from machopt.model.bodies import (
     TOUCH,
+    Body,
     Kind,
     allowed,
     cell_bodies,
@@ -162,6 +163,11 @@ class CollisionModel:
             for p, hit in zip(self.pairs, at_home[0], strict=True)
             if hit
         )
+
+    @property
+    def bodies(self) -> tuple[Body, ...]:
+        """What is checked; a cutter stands in it twice, the second time drawn in."""
+        return tuple(self._bodies)
 
     def check(self, q: Array, cutting: Bools) -> Contacts:
         """Which rows collide or are nearer than the clearance; rows are taken by themselves.

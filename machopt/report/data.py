@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.domain.toolpath import Event, IgnoredWord
+from machopt.report.scene import View
 
 Quantity = Literal["deflection", "stiffness", "index"]
 """What is optimised: deflection in m (small is good), stiffness in N/m or a bare index (large is good)."""
@@ -113,6 +114,7 @@ class RotationMap:
     chosen: Array  # (N,) rad, NaN where there is none
     jiao2022: Array  # (N,) rad
     cam_default: Array  # (N,) rad
+    offset: Array | None = None  # (N,) rad, γ − φ
     collisions: str = ""  # how much of it was checked for collisions, one sentence
 
 
@@ -136,6 +138,8 @@ class PathSeries:
     singularity: Array  # (N,) rad
     limit_margin: Array  # (N,) rad
     shift: Array | None = None  # (N, 3) m in workpiece, added to the commanded path
+    phi: Array | None = None  # (N,) rad, the chosen rotation from the carried reference
+    gamma: Array | None = None  # (N,) rad, the same from the direction of travel
 
 
 @dataclass(frozen=True)
@@ -179,6 +183,7 @@ class WorstPoint:
     value: float  # in the summary's quantity
     value_default: float
     gamma: float  # rad
+    phi: float  # rad
     deflection: float  # m
     tolerance: float  # m
     k_axial: float  # N/m
@@ -283,6 +288,7 @@ class ReportData:
     hashes: tuple[tuple[str, str], ...] = ()  # file, sha256
     options: tuple[tuple[str, str], ...] = ()
     map: RotationMap | None = None
+    view: View | None = None
     path: PathSeries | None = None
     motion: MotionSeries | None = None
     dips: tuple[FeedDip, ...] = ()

@@ -6,10 +6,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.report.data import STATUS_NAMES, FeedDip, MotionSeries, OperationRow, PathSeries, ReportData, RotationMap
 from machopt.report.display import ANGLE, FEED, FINE_LENGTH, LENGTH, QUANTITY, STIFFNESS, WORDS, Unit
+from machopt.report.scene import View
+from machopt.report.scene_spec import floats, motion_spec, path_spec, scene_spec, stations_spec
 from machopt.report.series import keep, numbers, packed, packed_codes
 
 Spec = dict[str, Any]  # JSON for assets/*.js
@@ -29,12 +32,43 @@ def figure_specs(data: ReportData) -> Spec:
         charts += _path_charts(data, data.path)
     if data.motion is not None and len(data.motion.time):
         charts += _motion_charts(data.motion, data.dips)
-    return {"charts": charts, "map": _map_spec(data, data.map) if data.map is not None else None}
+    out: Spec = {"charts": charts, "map": None}
+    if data.map is not None:
+        out["map"] = _map_spec(data, data.map)
+    if data.path is not None and data.path.phi is not None and data.path.gamma is not None:
+        out["rotation"] = {
+            "phi": floats(data.path.phi * ANGLE.factor),
+            "gamma": floats(data.path.gamma * ANGLE.factor),
+        }
+    if data.view is not None:
+        out["view"] = _view_spec(data.view, data.map) | {"start": _start(data)}
+    return out
+
+
+def _start(data: ReportData) -> int | None:
+    """The point the picture opens at: where the result is decided."""
+    points = [*(p.point for p in data.infeasible[:1]), *(w.point for w in data.worst[:1])]
+    return points[0] if points else None
+
+
+def _view_spec(view: View, m: RotationMap | None) -> Spec:
+    stations = None if view.stations is None or m is None else stations_spec(view.stations, _stations_shown(m))
+    return {
+        "scene": scene_spec(view.scene),
+        "path": path_spec(view.path),
+        "stations": stations,
+        "motion": None if view.motion is None else motion_spec(view.motion),
+        "corrected": view.corrected,
+    }
+
+
+def _stations_shown(m: RotationMap) -> NDArray[np.intp]:
+    return np.unique(np.linspace(0, len(m.s) - 1, min(len(m.s), _MAP_STATIONS)).round().astype(np.intp))
 
 
 def _map_spec(data: ReportData, m: RotationMap) -> Spec:
     unit, words = QUANTITY[data.summary.quantity], WORDS[data.summary.quantity]
-    pick = np.unique(np.linspace(0, len(m.s) - 1, min(len(m.s), _MAP_STATIONS)).round().astype(int))
+    pick = _stations_shown(m)
     status = m.status[pick]
     index = np.where((status == 0) | (status == 7), m.index[pick] * unit.factor, np.nan)
     known = index[np.isfinite(index)]
@@ -55,8 +89,9 @@ def _map_spec(data: ReportData, m: RotationMap) -> Spec:
         "rotations": len(m.rotation),
         "s": numbers(m.s[pick] * LENGTH.factor, 7),
         "rank": list(range(len(pick))),
-        "point": [int(p) for p in m.point[pick]],
+        "point": numbers(m.point[pick], 9),
         "rotation": numbers(m.rotation * ANGLE.factor),
+        "offset": None if m.offset is None else numbers(m.offset[pick] * ANGLE.factor),
         "index": packed(index, lowest, highest),
         "lowest": lowest,
         "highest": highest,

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
     Body = Markup | str
 
+SCENE = ("fk.js", "stage.js", "view.js")
+
 _SHIFT_NOTE = (
     "The commanded path is the programmed one less the deflection predicted at each point; the shift fades in along "
     "the approach and out along the retract. Where the path turns sharply the force turns with it at once, which no "
@@ -45,6 +47,7 @@ def report_html(data: ReportData) -> str:
     sections = [
         ("verdict", "Verdict", _verdict(data)),
         ("infeasible", "Infeasible points", _infeasible(data)),
+        ("scene", "Robot", _scene(data)),
         ("rotation", "Map", _map(data, specs)),
         ("path", "Along the path", _path(charts)),
         ("points", "Worst points", _worst(data)),
@@ -61,7 +64,7 @@ def report_html(data: ReportData) -> str:
         (("Cell", data.cell), ("Toolpath", data.toolpath)),
         sections,
         specs,
-        scripts=("chart.js", "heatmap.js", "start.js"),
+        scripts=("chart.js", "heatmap.js", *(SCENE if data.view is not None else ()), "start.js"),
         footer=f"machopt {data.version}{f', {data.created}' if data.created else ''}. "
         "Lengths mm, angles deg, stiffness N/µm, feed mm/min. Drag in a picture to zoom, double click to see all, "
         "click a legend entry to hide it.",
@@ -87,6 +90,17 @@ def _infeasible(data: ReportData) -> Body:
         lead = "Successive places that are possible by themselves, and no motion of the arm that joins them."
         out += section("breaks", "Where the motion breaks off", lead, tables.breaks(data))
     return out
+
+
+def _scene(data: ReportData) -> Body:
+    if data.view is None:
+        return ""
+    lead = (
+        "Turn it by dragging, go nearer with the buttons or, after a click into it, with the wheel. A click on the "
+        "path, on the map, on a curve or on a point's number in a table sets the robot there; on the map also to "
+        "rotations that were not chosen, and the chosen posture stays as a shadow."
+    )
+    return section("scene", "The robot on its path", lead, fragment("report.html", "view"))
 
 
 def _map(data: ReportData, specs: Spec) -> Body:

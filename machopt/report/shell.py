@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
 UPLOT = "uplot"  # the folder of assets that holds the chart library as it is published, with its licence
+THREE = "three"  # the same of the 3-D library, as far as it is used
 
 
 def page_html(
@@ -37,7 +38,7 @@ def page_html(
     """
     from markupsafe import Markup
 
-    charts = "chart.js" in scripts
+    charts, scene = "chart.js" in scripts, "stage.js" in scripts
     styles = [*([f"{UPLOT}/uPlot.min.css"] if charts else []), "page.css"]
     return (
         render(
@@ -48,7 +49,7 @@ def page_html(
             footer=footer,
             style=Markup("".join(_asset(name) for name in styles)),
             code=Markup("".join(_asset(name) for name in scripts)),
-            library=Markup(_library()) if charts else "",
+            library=Markup((_library() if charts else "") + (_three() if scene else "")),
             specs=Markup(_embedded(specs)),
         )
         + "\n"
@@ -70,6 +71,11 @@ def _library() -> str:
     banner = re.match(r"/\*!\s*\S+ \(v([\d.]+)\)\s*\*/\s*", code)
     assert banner is not None
     return f"/* uPlot {banner[1]}\n{_asset(f'{UPLOT}/LICENSE')}*/\n{code[banner.end() :]}\n"
+
+
+def _three() -> str:
+    """What the pages use of three.js, with its licence; ``assets/three/entry.js`` says how it is made."""
+    return f"/* three.js\n{_asset(f'{THREE}/LICENSE')}*/\n{_asset(f'{THREE}/three.min.js')}\n"
 
 
 def _embedded(specs: dict[str, Any]) -> str:

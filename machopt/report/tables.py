@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from machopt.report.data import ReportData
 from machopt.report.display import ANGLE, FEED, FINE_LENGTH, LENGTH, MOMENT, QUANTITY, SHARE, STIFFNESS, TIME, WORDS
+from machopt.report.template import fragment
 from machopt.report.template import part as piece
 from machopt.report.verdict import change
 
@@ -52,6 +53,7 @@ def worst_points(data: ReportData) -> Markup:
         *([] if own else [Column("Deflection (mm)", "n")]),
         Column("± 1 σ (mm)", "n"),
         Column("Tolerance (mm)", "n"),
+        Column("φ (deg)", "n"),
         Column("γ (deg)", "n"),
         Column("k axial (N/µm)", "n"),
         Column("Clearance (mm)", "n"),
@@ -59,7 +61,7 @@ def worst_points(data: ReportData) -> Markup:
     ]
     rows = [
         (
-            w.point,
+            _place(data, w.point),
             w.operation,
             unit.text(w.value),
             unit.text(w.value_default),
@@ -67,6 +69,7 @@ def worst_points(data: ReportData) -> Markup:
             *(() if own else (FINE_LENGTH.text(w.deflection),)),
             FINE_LENGTH.text(w.deflection_std),
             FINE_LENGTH.text(w.tolerance),
+            ANGLE.text(w.phi),
             ANGLE.text(w.gamma),
             STIFFNESS.text(w.k_axial),
             LENGTH.text(w.clearance),
@@ -75,6 +78,11 @@ def worst_points(data: ReportData) -> Markup:
         for w in data.worst
     ]
     return table(columns, rows)
+
+
+def _place(data: ReportData, point: float) -> Markup | float:
+    """A point's number, as a link into the 3-D picture where there is one."""
+    return point if data.view is None else fragment("report.html", "place", point)
 
 
 def infeasible_points(data: ReportData) -> Markup:
@@ -93,7 +101,7 @@ def infeasible_points(data: ReportData) -> Markup:
         columns,
         [
             (
-                p.point,
+                _place(data, p.point),
                 p.operation,
                 *(LENGTH.text(float(v)) for v in p.position),
                 p.status,
@@ -161,7 +169,7 @@ def feed_dips(data: ReportData) -> Markup:
         columns,
         [
             (
-                f"{d.point:.1f}",
+                _place(data, round(d.point, 1)),
                 LENGTH.text(d.s),
                 MOMENT.text(d.time),
                 MOMENT.text(d.duration),

@@ -1,7 +1,52 @@
 // Charts by uPlot: what machopt adds is the tooltip, shaded operations, limits and marks. Drag to zoom, double click to see all.
 const FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Liberation Sans", Arial, sans-serif';
-const TICK = "#4a5563", LABEL = "#333d49", RULE = "#e8ebee", AXIS = "#7c8794", BOX = "#aab2bc", LIMIT = "#b3261e";
+const LIMIT_COLOR = "#b3261e";
 const PLOTS = [];
+
+// Colours of the page's style sheet; on a dark screen lines go over to lighter tones of their own colour.
+const screenDark = window.matchMedia("(prefers-color-scheme: dark)");
+let dark = false, TICK, RULE, AXIS, BOX, BAND, LIMIT;
+const LIGHTER = { "#1552b8": "#74a9ff", "#d9730d": "#f59a45", "#7a8490": "#a3aebb", "#2c8a57": "#55bd8b", "#b3261e": "#ff7b72", "#1b2430": "#dfe5ec", "#222": "#dfe5ec" };
+const tone = color => dark && LIGHTER[color] || color;
+
+function readColors(paper = false) {
+  dark = screenDark.matches && !paper;
+  document.documentElement.classList.toggle("dark", dark);
+  const style = getComputedStyle(document.documentElement), of = name => style.getPropertyValue(name).trim();
+  [TICK, RULE, AXIS, BOX, BAND] = ["--tick", "--grid", "--axis", "--box", "--band"].map(of);
+  LIMIT = tone(LIMIT_COLOR);
+}
+
+function recolor(paper = false) {
+  readColors(paper);
+  for (const u of PLOTS) {
+    u.root.querySelectorAll(".u-legend .u-series").forEach((row, k) => { const m = row.querySelector(".u-marker"), s = u.series[k]; if (m && k && s.tint) m.style.borderColor = tone(s.tint); });
+    u.redraw(false, true);
+  }
+}
+
+readColors();
+screenDark.addEventListener("change", () => recolor());
+window.addEventListener("beforeprint", () => recolor(true));
+window.addEventListener("afterprint", () => recolor());
+
+// The place the robot stands at, marked in every picture that shares its axis; who sets it says so to all (see view.js).
+const HERE = { path: null, station: null, time: null, phi: null };
+let onPick = null, rotationAtTime = null, rotationAtPoint = null;
+
+function markHere(u) {
+  const at = HERE[u.axisOf], box = u.over;
+  if (!u.here) { u.here = document.createElement("div"); u.here.className = "here"; box.appendChild(u.here); }
+  const x = at === null || at === undefined ? NaN : u.valToPos(at, "x");
+  u.here.style.display = x >= 0 && x <= box.clientWidth ? "block" : "none";
+  u.here.style.left = `${x}px`;
+  if (u.height2) { u.here.style.setProperty("--y", HERE.phi === null ? "-99px" : `${u.valToPos(HERE.phi, "y")}px`); }
+}
+
+function moveHere(place) {
+  Object.assign(HERE, place);
+  for (const u of PLOTS) if (u.axisOf) markHere(u);
+}
 
 const tip = document.createElement("div");
 tip.className = "tip";
@@ -51,7 +96,7 @@ function axis(side, label, { grid = true, log = false, names = null, size = side
   if (names) given.values = (u, at) => at.map(i => names[i]);
   return {
     side, label: label || null, labelSize: label ? 18 : 0, labelGap: 0, size, gap: 4, font: `11px ${FONT}`, labelFont: `12px ${FONT}`,
-    stroke: TICK, grid: { show: grid, stroke: RULE, width: 1 }, ticks: { size: 4, stroke: AXIS, width: 1 }, values: plain,
+    stroke: () => TICK, grid: { show: grid, stroke: () => RULE, width: 1 }, ticks: { size: 4, stroke: () => AXIS, width: 1 }, values: plain,
     space: side % 2 ? 34 : 80, ...given, ...more,
   };
 }
@@ -64,6 +109,17 @@ function plot(host, opts, data) {
     new ResizeObserver(() => { if (host.clientWidth && host.clientWidth !== u.width) u.setSize({ width: host.clientWidth, height: u.height }); }).observe(host);
   }
   u.over.addEventListener("mouseleave", hideTip);
+  if (opts.axisOf) {
+    u.axisOf = opts.axisOf;
+    u.height2 = opts.height2;
+    (u.hooks.draw = u.hooks.draw || []).push(markHere);
+    markHere(u);
+  }
+  if (opts.pick) { // a click, and no end of a drag
+    let down = null;
+    u.over.addEventListener("mousedown", evt => { down = [evt.clientX, evt.clientY]; });
+    u.over.addEventListener("click", evt => { if (onPick && down && Math.hypot(evt.clientX - down[0], evt.clientY - down[1]) < 4) onPick(opts.pick(u, evt)); });
+  }
   return u;
 }
 
@@ -101,7 +157,7 @@ const dashes = text => text ? text.split(" ").map(Number) : [];
 
 function legend(entries, show) {
   const of = k => entries[k - 1];
-  return { show, live: false, markers: { width: 2, stroke: (u, k) => of(k).color, fill: (u, k) => of(k).type === "points" && !of(k).hollow ? of(k).color : null, dash: (u, k) => of(k).dash ? "dashed" : "solid" } };
+  return { show, live: false, markers: { width: 2, stroke: (u, k) => tone(of(k).color), fill: (u, k) => of(k).type === "points" && !of(k).hollow ? tone(of(k).color) : null, dash: (u, k) => of(k).dash ? "dashed" : "solid" } };
 }
 
 // Runs too short to be seen as lines, which get a dot: the holes of a drilling job.
@@ -127,7 +183,7 @@ function lineChart(host, spec) {
     (spec.bands || []).forEach((band, i) => {
       const from = Math.max(X(band.from), b.x), to = Math.min(X(band.to), b.x + b.w);
       if (from >= to) return;
-      if (i % 2) { ctx.fillStyle = "#f3f5f8"; ctx.fillRect(from, b.y, to - from, b.h); }
+      if (i % 2) { ctx.fillStyle = BAND; ctx.fillRect(from, b.y, to - from, b.h); }
       if (to - from > 6.2 * band.label.length + 4) write(ctx, band.label, (from + to) / 2, b.y - 6, TICK, "center");
     });
   }, { clip: false });
@@ -139,19 +195,25 @@ function lineChart(host, spec) {
     ctx.fillStyle = LIMIT;
     for (const m of spec.marks || []) { const x = X(m.x); ctx.beginPath(); ctx.moveTo(x, b.y + 11); ctx.lineTo(x - 5, b.y + 1); ctx.lineTo(x + 5, b.y + 1); ctx.fill(); }
   });
+  const places = (spec.extra || []).find(e => e.name === "point");
+  const pick = spec.group === "time" ? (u, evt) => ({ kind: "time", time: u.posToVal(under(u, evt)[0], "x") })
+    : places ? (u, evt) => ({ kind: "point", point: places.names[places.at[u.posToIdx(under(u, evt)[0])]] }) : null;
   const u = plot(host, {
+    axisOf: spec.group, pick,
     title: spec.title, height: spec.height || 230, padding: [spec.labels ? 20 : 8, 14, spec.xlabel ? 0 : 4, spec.ylabel ? 0 : 4],
     legend: legend(spec.series, spec.series.length > 1 && spec.legend !== false),
     cursor: { sync: { key: spec.group, setSeries: false, scales: ["x", null] }, drag: { x: true, y: false }, points: { size: 6 } },
     scales: { x: { time: false }, y: { range } },
     axes: [axis(2, spec.xlabel, { grid: false }), axis(3, spec.ylabel)],
-    series: [{}, ...spec.series.map(s => ({ label: s.name, stroke: s.color, width: s.width || 1.6, dash: s.dash ? dashes(s.dash) : undefined, points: { show: true, filter: u => dots(u, spec.x, s.y), size: 4, width: 0, fill: s.color } }))],
+    series: [{}, ...spec.series.map(s => ({ label: s.name, tint: s.color, stroke: () => tone(s.color), width: s.width || 1.6, dash: s.dash ? dashes(s.dash) : undefined, points: { show: true, filter: u => dots(u, spec.x, s.y), size: 4, width: 0, fill: () => tone(s.color) } }))],
     hooks: { drawClear: [shade], draw: [mark, edge] },
   }, [spec.x, ...spec.series.map(s => s.y)]);
   u.over.addEventListener("mousemove", evt => {
     const [x] = under(u, evt), k = u.posToIdx(x), rows = [[spec.xname, spec.x[k].toFixed(spec.xdec ?? 1)]];
     for (const e of spec.extra || []) if (e.names[e.at[k]] !== undefined && e.names[e.at[k]] !== "") rows.push([e.name, e.names[e.at[k]]]);
-    spec.series.forEach((s, i) => { if (u.series[i + 1].show) rows.push([s.name, s.y[k] === null ? "–" : `${+s.y[k].toPrecision(5)} ${spec.unit || ""}`, s.color]); });
+    if (places && rotationAtPoint) rows.push(...rotationAtPoint(places.names[places.at[k]]));
+    else if (spec.group === "time" && rotationAtTime) rows.push(...rotationAtTime(spec.x[k]));
+    spec.series.forEach((s, i) => { if (u.series[i + 1].show) rows.push([s.name, s.y[k] === null ? "–" : `${minus(String(+s.y[k].toPrecision(5)))} ${spec.unit || ""}`, tone(s.color)]); });
     for (const m of spec.marks || []) if (Math.abs(u.valToPos(m.x, "x") - x) < 6) rows.push(["dip", m.label, LIMIT]);
     showTip(evt, rows);
   });

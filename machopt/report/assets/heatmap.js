@@ -52,6 +52,8 @@ function heatMap(host, spec) {
   const g0 = spec.rotation[0] - half, g1 = spec.rotation[R - 1] + half;
   const step = [5, 10, 15, 30, 45, 60, 90].find(d => (g1 - g0) / d <= 9) || 90;
   let byPoint = spec.by_point, u = null;
+  const rowAt = (u, y) => Math.min(R - 1, Math.max(0, Math.floor((u.posToVal(y, "y") - g0) / (g1 - g0) * R)));
+  const turned = v => v - 360 * Math.round(v / 360), degrees = v => minus(`${(Math.abs(v) < 0.05 ? 0 : v).toFixed(1)}°`);
 
   function image(w, h, edges, x0, x1) {
     const canvas = document.createElement("canvas");
@@ -104,6 +106,8 @@ function heatMap(host, spec) {
     host.replaceChildren(key());
     const ends = [edges[0], edges[N]], sync = byPoint ? undefined : { key: spec.group, setSeries: false, scales: ["x", null] };
     u = plot(host, {
+      axisOf: byPoint ? "station" : spec.group, height2: true,
+      pick: (u, evt) => { const [x, y] = under(u, evt); return { kind: "map", k: u.posToIdx(x), r: rowAt(u, y) }; },
       height: 400, padding: [8, 14, 0, 0], legend: { show: false },
       cursor: { sync, drag: { x: true, y: false }, points: { show: false } },
       scales: { x: { time: false, range: (u, lo, hi) => lo === xs[0] && hi === xs[N - 1] ? ends : [lo, hi] }, y: { range: [g0, g1] } },
@@ -117,12 +121,13 @@ function heatMap(host, spec) {
       series: [{}, { paths: () => null, points: { show: false } }], hooks: { drawClear: [colours], draw: [lines, edge] },
     }, [xs, xs.map(() => null)]);
     u.over.addEventListener("mousemove", evt => {
-      const [x, y] = under(u, evt), k = u.posToIdx(x);
-      const r = Math.min(R - 1, Math.max(0, Math.floor((u.posToVal(y, "y") - g0) / (g1 - g0) * R)));
-      const cell = k * R + r, value = valueOf(cell), rows = [["point", spec.point[k]], ["path length", `${spec.s[k].toFixed(1)} mm`], ["φ", `${spec.rotation[r].toFixed(1)}°`]];
+      const [x, y] = under(u, evt), k = u.posToIdx(x), r = rowAt(u, y), phi = spec.rotation[r];
+      const cell = k * R + r, value = valueOf(cell), rows = [["point", +spec.point[k].toFixed(2)], ["path length", `${spec.s[k].toFixed(1)} mm`], ["φ", degrees(phi)]];
+      if (spec.offset) rows.push(["γ", degrees(turned(phi + spec.offset[k]))]);
       if (value !== null) rows.push([spec.label, `${+value.toPrecision(4)} ${spec.unit}`]);
       rows.push(["state", spec.names[status[cell]]]);
-      for (const l of spec.lines) if (l.y[k] !== null) rows.push([l.name, `${l.y[k].toFixed(1)}°`, l.color]);
+      for (const l of spec.lines) if (l.y[k] !== null) rows.push([l.name, spec.offset ? `φ ${degrees(l.y[k])}, γ ${degrees(turned(l.y[k] + spec.offset[k]))}` : `φ ${degrees(l.y[k])}`, l.color]);
+      if (onPick) rows.push(["click", "sets the robot to this place"]);
       showTip(evt, rows);
     });
   }

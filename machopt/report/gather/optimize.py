@@ -25,7 +25,9 @@ from machopt.plan.timeline import Timeline
 from machopt.plan.uncertainty import gains
 from machopt.report import data as page
 from machopt.report.gather.optimize_map import rotation_map
+from machopt.report.gather.optimize_scene import view_of
 from machopt.report.gather.optimize_series import along, cut_length, motion_series, path_series
+from machopt.se3 import wrap
 from machopt.verify import Verification
 from machopt.version import __version__
 
@@ -80,6 +82,7 @@ def report_data(
         if plan.path.is_point[p]
     )
     model = plan.setup.collision
+    shown = shown or mapped(plan)
     return page.ReportData(
         title=f"{plan.setup.cell.name}: {toolpath.source}",
         cell=plan.setup.cell.name,
@@ -88,7 +91,8 @@ def report_data(
         summary=summary,
         hashes=tuple(hashes.items()),
         options=tuple((k, str(v)) for k, v in options.items()),
-        map=rotation_map(plan, shown or mapped(plan), s),
+        map=rotation_map(plan, shown, s),
+        view=view_of(plan, toolpath, points, timeline, shown, series["chosen"]),
         path=path_series(plan, toolpath, points, series),
         motion=motion_series(plan, toolpath, points, timeline),
         dips=_dips(plan, timeline, s),
@@ -255,7 +259,7 @@ def _worst_points(
     order = known[np.argsort(values[known], kind="stable")]
     if plan.scores.index == "deflection":
         order = order[::-1]
-    t, turned = points.table, gamma(plan)[points.rows]
+    t, turned, phi = points.table, gamma(plan)[points.rows], wrap(plan.chosen.assignment.phi[points.rows])
     picked: list[int] = []
     for i in order:  # not eight neighbours of the same valley
         if all(abs(int(i) - j) > 0.02 * len(values) for j in picked):
@@ -269,6 +273,7 @@ def _worst_points(
             value=float(values[i]),
             value_default=float(series["default"][i]),
             gamma=float(turned[i]),
+            phi=float(phi[i]),
             deflection=float(t.deflection[i]),
             tolerance=float(toolpath.tolerance[i]),
             k_axial=float(t.k_axial[i]),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.domain.reason import Reason
@@ -21,15 +22,11 @@ def rotation_map(plan: Plan, shown: Mapped, s: Array) -> page.RotationMap | None
     Rotation is shown as gamma's carried reference, phi; ``s`` (N,) m is the path length at the toolpath's points.
     """
     st, c = plan.path.stations, shown.candidates
-    cut = np.flatnonzero(plan.path.counted[st])
+    cut = cut_stations(plan)
     if not len(cut):
         return None
-    cost = plan.scores.cost[cut]
-    usable = c.feasible[cut].any(axis=-1)
-    rated = np.where(usable, cost, np.inf)
-    first = rated.argmin(axis=2)[:, :, None]
-    best = np.take_along_axis(rated, first, axis=2)[:, :, 0]
-    known = np.take_along_axis(shown.known[cut], first, axis=2)[:, :, 0]
+    first, best = best_branch(plan, shown, cut)
+    known = np.take_along_axis(shown.known[cut], first[:, :, None], axis=2)[:, :, 0]
     value = np.where(np.isfinite(best), best, np.nan)
     if plan.scores.index != "deflection":
         value = 1.0 / value
@@ -51,8 +48,22 @@ def rotation_map(plan: Plan, shown: Mapped, s: Array) -> page.RotationMap | None
         chosen=line(plan.chosen),
         jiao2022=line(plan.jiao2022),
         cam_default=line(plan.cam_default),
+        offset=plan.path.offset[st[cut]],
         collisions=_looked_for(plan, shown),
     )
+
+
+def cut_stations(plan: Plan) -> NDArray[np.intp]:
+    """(N,) the stations that the map shows: those the tool cuts to."""
+    return np.flatnonzero(plan.path.counted[plan.path.stations])
+
+
+def best_branch(plan: Plan, shown: Mapped, st: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array]:
+    """(N, R) the usable branch with the least cost, and that cost; infinite where none is usable."""
+    usable = shown.candidates.feasible[st].any(axis=-1)
+    rated = np.where(usable, plan.scores.cost[st], np.inf)
+    first = rated.argmin(axis=2)
+    return first, np.take_along_axis(rated, first[:, :, None], axis=2)[:, :, 0]
 
 
 def _looked_for(plan: Plan, shown: Mapped) -> str:

@@ -11,6 +11,7 @@ from machopt.plan.pipeline import Plan
 from machopt.plan.points import PointResults
 from machopt.plan.timeline import Timeline
 from machopt.report import data as page
+from machopt.se3 import wrap
 
 
 def path_series(plan: Plan, toolpath: Toolpath, points: PointResults, series: dict[str, Array]) -> page.PathSeries:
@@ -36,6 +37,8 @@ def path_series(plan: Plan, toolpath: Toolpath, points: PointResults, series: di
         singularity=t.singularity,
         limit_margin=t.limit_margin,
         shift=t.compensation,
+        phi=np.asarray(wrap(plan.chosen.assignment.phi[points.rows])),
+        gamma=t.gamma,
     )
 
 

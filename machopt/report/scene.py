@@ -1,0 +1,103 @@
+"""What stands in the 3-D picture of a page: a tree of joints, the bodies they carry, and postures to show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.arrays import Array
+from machopt.report.decimate import Faces
+
+Kind = Literal["link", "tool", "cutter", "workpiece", "obstacle"]
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint of the tree, as a line in root axes where every joint stands at zero."""
+
+    name: str
+    parent: int  # the joint that carries it; −1: the root
+    axis: Array  # (3,) unit
+    point: Array  # (3,) m, on the line
+    prismatic: bool
+    lower: float  # rad or m
+    upper: float
+
+
+@dataclass(frozen=True)
+class Body:
+    """A surface that one joint carries."""
+
+    name: str
+    kind: Kind
+    joint: int  # −1: stands still
+    vertices: Array  # (V, 3) m, root axes, every joint at zero
+    faces: Faces  # (F, 3)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A cell: joint i turns the frames it carries about its line, so M_i = M_parent · exp(line_i θ_i) with θ = C q."""
+
+    T_world_root: Array  # (4, 4)
+    joints: tuple[Joint, ...]  # parents before children
+    bodies: tuple[Body, ...]
+    T_root_tool: Array  # (4, 4) TCP where every joint stands at zero
+    T_root_part: Array  # (4, 4) the same of the frame of the toolpath
+    tool_joint: int  # the joint that carries the tool
+    part_joint: int = -1  # … the workpiece
+    coupling: Array | None = None  # (J, J) C; None: identity
+
+
+@dataclass(frozen=True)
+class Path3D:
+    """The toolpath in the frame of the workpiece; P points."""
+
+    position: Array  # (P, 3) m
+    point: Array  # (P,) toolpath point
+    cutting: NDArray[np.bool_]  # (P,) the segment that ends here cuts
+    value: Array  # (P,) what colours it, NaN where unknown
+    label: str  # what that is, with its unit
+    large_is_good: bool
+
+
+@dataclass(frozen=True)
+class Stations:
+    """What the picture says at the places of the map; N stations, R rotations, J joints."""
+
+    q: Array  # (N, R, J) rad or m: the posture of each cell of the map, NaN where no posture reaches
+    chosen: Array  # (N, J), NaN where there is none
+    k: Array  # (N, 6) N·m/rad, springs of the arm's joints
+    force: Array | None  # (N, 3) N in root axes; None: none was given
+    compliance: Array  # (N, 6) m/N at the chosen posture: xx, yy, zz, xy, xz, yz in root axes, NaN where there is none
+    bend: Array | None  # (N, 3) m in root axes, deflection at the chosen posture; None: no force was given
+    clearance: Array  # (N,) m at the chosen posture
+    nearest: tuple[str, ...]  # (N,) the two bodies
+    singularity: Array  # (N,) rad
+    terms: tuple[str, ...] = ()  # of the stiffness beside the joints' springs: not in what other rotations show
+
+
+@dataclass(frozen=True)
+class Motion3D:
+    """The motion as it is played; M samples, J joints."""
+
+    time: Array  # (M,) s
+    q: Array  # (M, J) rad or m, where the arm truly stands
+    point: Array  # (M,) fractional toolpath point, NaN outside the toolpath
+    s: Array  # (M,) m of path length, NaN outside
+    phi: Array  # (M,) rad, NaN where there is none
+    gamma: Array  # (M,) rad
+
+
+@dataclass(frozen=True)
+class View:
+    """Everything the 3-D picture of optimize shows."""
+
+    scene: Scene
+    path: Path3D
+    stations: Stations | None = None  # of the map; None: there is none
+    motion: Motion3D | None = None
+    corrected: bool = False  # joints shown are true angles, and the robot is told others

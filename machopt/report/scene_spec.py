@@ -1,0 +1,158 @@
+"""The 3-D picture as JSON for ``assets/stage.js`` and ``assets/view.js``: small numbers, packed."""
+
+from __future__ import annotations
+
+import base64
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.arrays import Array
+from machopt.report.decimate import decimated
+from machopt.report.display import ANGLE, LENGTH
+from machopt.report.scene import Body, Motion3D, Path3D, Scene, Stations
+from machopt.report.series import numbers
+
+Spec = dict[str, Any]  # JSON
+
+TRIANGLES = 24_000  # of all bodies together: about 0.3 MB on the page
+FEWEST = 200  # that any body may have
+SAMPLES = 6_000  # of the motion
+NONE = 65535  # level that stands for no number
+
+
+def bodies_within(bodies: tuple[Body, ...], triangles: int = TRIANGLES) -> tuple[Body, ...]:
+    """The bodies with as many triangles as the page has room for, shared by what each has beyond FEWEST."""
+    have = np.array([len(b.faces) for b in bodies], float)
+    if have.sum() <= triangles:
+        return bodies
+    room = max(triangles - float(np.minimum(have, FEWEST).sum()), 0.0)
+    extra = np.maximum(have - FEWEST, 0.0) ** 0.5  # the root: small bodies keep their shape beside scans
+    allowed = np.minimum(have, FEWEST) + room * extra / extra.sum()
+    out = []
+    for body, most in zip(bodies, allowed.tolist(), strict=True):
+        vertices, faces = decimated(body.vertices, body.faces, int(most))
+        out.append(Body(body.name, body.kind, body.joint, vertices, faces))
+    return tuple(out)
+
+
+def scene_spec(scene: Scene) -> Spec:
+    """The cell as JSON: lengths in m, angles in rad, matrices row by row."""
+    return {
+        "root": numbers(scene.T_world_root.ravel(), 9),
+        "joints": [
+            {
+                "name": j.name,
+                "parent": j.parent,
+                "axis": numbers(j.axis, 12),
+                "point": numbers(j.point, 12),
+                "prismatic": j.prismatic,
+                "lower": _finite(j.lower),
+                "upper": _finite(j.upper),
+                "factor": (LENGTH if j.prismatic else ANGLE).factor,
+                "unit": "mm" if j.prismatic else "°",
+            }
+            for j in scene.joints
+        ],
+        "coupling": None if scene.coupling is None else [numbers(row, 9) for row in scene.coupling],
+        "tool": numbers(scene.T_root_tool.ravel(), 12),
+        "tool_joint": scene.tool_joint,
+        "part": numbers(scene.T_root_part.ravel(), 12),
+        "part_joint": scene.part_joint,
+        "bodies": [_body_spec(b) for b in bodies_within(scene.bodies) if len(b.faces)],
+        "triangles": int(sum(len(b.faces) for b in scene.bodies)),
+    }
+
+
+def path_spec(path: Path3D) -> Spec:
+    """The toolpath as JSON; colours are chosen by the page."""
+    known = path.value[np.isfinite(path.value)]
+    low, high = (float(v) for v in np.percentile(known, [2, 98])) if known.size else (0.0, 1.0)
+    return {
+        "at": floats(path.position),
+        "point": floats(path.point),
+        "cutting": base64.b64encode(np.packbits(path.cutting, bitorder="little").tobytes()).decode("ascii"),
+        "value": floats(path.value),
+        "label": path.label,
+        "known": bool(known.size),
+        "from": low,
+        "to": high,
+        "large_is_good": path.large_is_good,
+    }
+
+
+def stations_spec(stations: Stations, pick: NDArray[np.intp]) -> Spec:
+    """What belongs to the stations of the map that are drawn, as JSON."""
+    nearest = [stations.nearest[i] for i in pick]
+    names = list(dict.fromkeys(nearest))
+    number = {name: i for i, name in enumerate(names)}
+    return {
+        "q": levels(stations.q[pick]),
+        "chosen": levels(stations.chosen[pick]),
+        "k": floats(stations.k[pick]),
+        "force": None if stations.force is None else floats(stations.force[pick]),
+        "bend": None if stations.bend is None else floats(stations.bend[pick]),
+        "compliance": floats(stations.compliance[pick]),
+        "clearance": numbers(stations.clearance[pick] * LENGTH.factor, 5),
+        "singularity": numbers(stations.singularity[pick] * ANGLE.factor, 4),
+        "nearest": [number[name] for name in nearest],
+        "names": names,
+        "terms": list(stations.terms),
+    }
+
+
+def motion_spec(motion: Motion3D) -> Spec:
+    """The motion as JSON, every so many samples: in between, the page goes on straight lines."""
+    k = np.unique(np.r_[0 : len(motion.time) : -(-len(motion.time) // SAMPLES), len(motion.time) - 1])
+    return {
+        "time": floats(motion.time[k]),
+        "q": levels(motion.q[k]),
+        "point": floats(motion.point[k]),
+        "s": floats(motion.s[k] * LENGTH.factor),
+        "phi": floats(motion.phi[k] * ANGLE.factor),
+        "gamma": floats(motion.gamma[k] * ANGLE.factor),
+    }
+
+
+def levels(values: Array) -> Spec:
+    """Joints (…, J) as 16-bit levels between the least and the largest of each; NONE stands for NaN."""
+    flat = np.asarray(values, float).reshape(-1, values.shape[-1])
+    known = np.isfinite(flat)
+    low = np.where(known, flat, np.inf).min(axis=0, initial=np.inf)
+    high = np.where(known, flat, -np.inf).max(axis=0, initial=-np.inf)
+    low, high = np.where(np.isfinite(low), low, 0.0), np.where(np.isfinite(high), high, 0.0)
+    step = np.where(high > low, (high - low) / (NONE - 1), 1.0)
+    out = np.full(flat.shape, NONE, "<u2")
+    out[known] = np.round((flat - low) / step)[known]
+    return {
+        "low": low.tolist(),
+        "step": step.tolist(),
+        "data": base64.b64encode(out.tobytes()).decode("ascii"),
+    }
+
+
+def floats(values: Array) -> str:
+    """Base64 of little-endian 32-bit numbers."""
+    return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")
+
+
+def _body_spec(body: Body) -> Spec:
+    low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
+    step = np.where(high > low, (high - low) / (NONE - 1), 1.0)
+    at = np.round((body.vertices - low) / step).astype("<u2")
+    faces = body.faces.astype("<u2" if len(body.vertices) <= NONE else "<u4")
+    return {
+        "name": body.name,
+        "kind": body.kind,
+        "joint": body.joint,
+        "low": low.tolist(),
+        "step": step.tolist(),
+        "at": base64.b64encode(at.tobytes()).decode("ascii"),
+        "faces": base64.b64encode(faces.tobytes()).decode("ascii"),
+        "wide": len(body.vertices) > NONE,
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None

@@ -1,0 +1,59 @@
+"""The 3-D picture of a made-up result: the small cell's arm on a path over its block."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from made_up_report import full_result
+
+from machopt.domain.cell import Cell
+from machopt.model.robot import Robot, load_chain
+from machopt.report.data import ReportData
+from machopt.report.gather.scene import bodies_of, scene_of
+from machopt.report.scene import Motion3D, Path3D, Stations, View
+
+POSTURE = np.radians([10, -80, 110, 20, 60, 30])
+
+
+def with_view(cell: Cell, points: int = 60, rotations: int = 72, samples: int = 400) -> tuple[ReportData, Robot]:
+    """A full result with a picture: axis 1 follows the path, axis 6 the rotation, unreachable cells have none."""
+    robot, shapes = load_chain(cell)
+    data = full_result(points, rotations, samples)
+    m, p, motion = data.map, data.path, data.motion
+    assert m is not None
+    assert p is not None
+    assert motion is not None
+    u = np.linspace(0, 1, points)
+    q = np.broadcast_to(POSTURE, (points, rotations, 6)).copy()
+    q[..., 0] += 0.4 * u[:, None]
+    q[..., 5] += m.rotation
+    chosen = q[:, 0].copy()
+    chosen[:, 5] = POSTURE[5] + m.chosen
+    q[m.status == 1] = np.nan
+    at = np.interp(motion.s, p.s, np.arange(points), left=np.nan, right=np.nan)
+    line = np.column_stack([0.3 * u - 0.15, 0.2 * np.sin(6 * u), 0 * u])
+    view = View(
+        scene=scene_of(cell, robot, bodies_of(cell, robot, shapes)),
+        path=Path3D(line, np.arange(points, dtype=float), u > 0.05, 1e3 * p.deflection, "deflection (mm)", False),
+        stations=Stations(
+            q=q,
+            chosen=chosen,
+            k=np.full((points, 6), 1e6),
+            force=np.tile([100.0, 0.0, 50.0], (points, 1)),
+            bend=np.tile([1e-4, 2e-5, 0.0], (points, 1)),
+            compliance=np.tile([1e-6, 2e-6, 5e-7, 1e-7, 0.0, 0.0], (points, 1)),
+            clearance=p.clearance,
+            nearest=p.nearest_pair,
+            singularity=p.singularity,
+        ),
+        motion=Motion3D(
+            time=motion.time,
+            q=POSTURE + 0.1 * motion.q,
+            point=at,
+            s=motion.s,
+            phi=np.interp(at, np.arange(points), m.chosen),
+            gamma=np.interp(at, np.arange(points), m.chosen) + 0.2,
+        ),
+    )
+    return replace(data, view=view, worst=tuple(replace(w, point=w.point % points) for w in data.worst)), robot

@@ -1,0 +1,141 @@
+"""What the 3-D picture is made of: fewer triangles, packed numbers, joints that stand as pinocchio has them."""
+
+from __future__ import annotations
+
+import base64
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from made_up_view import with_view
+from palletiser import full, linked_urdf, mimics
+from small_cell import small_cell
+from test_live_pages import ASSETS, in_browser
+
+from machopt.domain.cell import Cell
+from machopt.report.decimate import decimated
+from machopt.report.page import report_html
+from machopt.report.scene import Body
+from machopt.report.scene_spec import bodies_within, levels, scene_spec
+
+Q = np.random.default_rng(3).uniform(-2.5, 2.5, (20, 6))
+
+
+def ball(rings: int) -> tuple[np.ndarray, np.ndarray]:
+    """A unit sphere by longitude and latitude, its vertices not shared at the seam: a mesh as they come."""
+    a, b = np.meshgrid(np.linspace(0, 2 * np.pi, 2 * rings), np.linspace(0, np.pi, rings), indexing="ij")
+    vertices = np.stack([np.cos(a) * np.sin(b), np.sin(a) * np.sin(b), np.cos(b)], axis=-1).reshape(-1, 3)
+    i, j = np.meshgrid(np.arange(2 * rings - 1), np.arange(rings - 1), indexing="ij")
+    k = (i * rings + j).ravel()
+    return vertices, np.concatenate([np.c_[k, k + rings, k + 1], np.c_[k + 1, k + rings, k + rings + 1]])
+
+
+def test_fewer_triangles_keep_the_shape() -> None:
+    vertices, faces = ball(80)
+    less, kept = decimated(vertices, faces, 2000)
+    assert 500 < len(kept) <= 2000
+    radius = np.linalg.norm(less, axis=1)
+    assert radius.min() > 0.93  # a cell of the grid is 0.09 wide
+    assert radius.max() <= 1.0 + 1e-12
+    corners = less[kept]
+    volume = float(np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum()) / 6
+    assert abs(volume) == pytest.approx(4 / 3 * np.pi, rel=0.05)  # no hole, no face turned over
+    same = decimated(vertices, faces, len(faces))
+    assert same[0] is vertices
+
+
+def test_the_bodies_share_one_budget() -> None:
+    big, small = ball(90), ball(8)
+    bodies = tuple(Body(name, "link", 0, *mesh) for name, mesh in (("big", big), ("small", small)))
+    shown = bodies_within(bodies, 3000)
+    assert sum(len(b.faces) for b in shown) <= 3000
+    assert len(shown[1].faces) == len(small[1])  # the little one is left alone
+
+
+def test_joint_values_come_back_from_their_levels() -> None:
+    q = Q.copy()
+    q[3] = np.nan
+    spec = levels(q)
+    level = np.frombuffer(base64.b64decode(spec["data"]), "<u2").reshape(q.shape)
+    back = np.where(level == 65535, np.nan, np.array(spec["low"]) + level * np.array(spec["step"]))
+    np.testing.assert_allclose(back, q, atol=5.0 / 65534, rtol=0)
+
+
+def test_a_page_with_the_picture_is_small_and_names_its_library(tmp_path: Path) -> None:
+    data, _ = with_view(small_cell(tmp_path), points=5000, samples=60_000)
+    html = report_html(data)
+    assert len(html.encode()) < 12_000_000
+    places = set(re.findall(r"https?://[^\"'\s)]*", html))
+    assert places == {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xhtml"}  # names of languages, not places
+    assert html.count("var THREE=") == 1
+    assert "Copyright © 2010-2026 three.js authors" in html
+    assert len((ASSETS / "three" / "three.min.js").read_bytes()) < 700_000
+    without = report_html(replace(data, view=None))
+    assert "THREE" not in without
+    assert "data-point" not in without
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("linkage", [False, True])
+def test_the_page_stands_the_arm_where_pinocchio_does(linkage: bool, tmp_path: Path) -> None:
+    cell: Cell = small_cell(tmp_path)
+    if linkage:
+        (tmp_path / "robot.urdf").write_text(linked_urdf(offset=0.0))
+        cell = replace(cell, mimics=mimics(offset=0.0))
+    data, robot = with_view(cell)
+    assert (robot.coupling is not None) == linkage
+    assert data.view is not None
+    assert scene_spec(data.view.scene)["joints"][1]["unit"] == "°"
+    found = in_browser(report_html(data), "kinematics", tmp_path, {"q": Q.tolist()}, draws=True)
+    assert found["failed"] == []
+    model = pin.buildModelFromXML(cell.urdf_text)
+    work = model.createData()
+    flange = model.getFrameId("flange")
+    for q, pose, stretched, eigen in zip(Q, found["poses"], found["compliance"], found["eigenvalues"], strict=True):
+        value = full(model, q, cell.mimics)
+        pin.framesForwardKinematics(model, work, value)
+        T = work.oMf[flange].homogeneous @ cell.tool.T_flange_tcp
+        np.testing.assert_allclose(np.reshape(pose, (3, 4)), T[:3], atol=1e-9)
+        J = robot.fk_jacobian(q, cell.tool.T_flange_tcp)[1][:3]  # held against pinocchio in test_robot.py
+        C = J @ J.T / 1e6
+        np.testing.assert_allclose(np.reshape(stretched, (3, 3)), C, atol=1e-12)
+        np.testing.assert_allclose(eigen, np.linalg.eigvalsh(C)[::-1], atol=1e-12)
+
+
+@pytest.mark.slow
+def test_slider_map_curves_and_tables_move_one_robot(tmp_path: Path) -> None:
+    data, _ = with_view(small_cell(tmp_path))
+    found = in_browser(report_html(data), "view", tmp_path, draws=True)
+    assert found["failed"] == []
+    assert found["asked"] == 0  # of the network or of other files
+    assert found["colours"] > 200
+    assert found["moved"] > 500  # pixels that differ, each time the robot is sent elsewhere
+    assert found["turned"] > 100
+    assert found["cell"] == pytest.approx(found["wanted"], abs=1e-4)  # the posture that was stored for that cell
+    for words in ("not the chosen one", "State", "Clearance", "a6", "γ"):
+        assert words in found["told"]
+    assert "no posture of the arm reaches" in found["unreachable"]
+    point, shown, marks = found["curve"]
+    assert shown == pytest.approx(point, abs=0.1)
+    assert len(marks) > 10  # every picture over path or time, the map among them
+    assert min(marks) >= 0
+    assert found["slider"][0] != found["slider"][1]
+    assert found["link"] == [pytest.approx(found["linked"], abs=0.1), "#scene"]
+    assert "φ, γ" in found["tip"]
+    assert found["keyboard"]
+
+
+@pytest.mark.slow
+def test_without_webgl_the_page_says_so_and_goes_on(tmp_path: Path) -> None:
+    data, _ = with_view(small_cell(tmp_path))
+    blind = (
+        "<script>const given = HTMLCanvasElement.prototype.getContext; HTMLCanvasElement.prototype.getContext = "
+        "function (kind, ...more) { return kind[0] === 'w' ? null : given.call(this, kind, ...more); };</script>"
+    )
+    found = in_browser(report_html(data).replace("<head>", "<head>" + blind), "blind", tmp_path)
+    assert found["failed"] == []
+    assert "no WebGL" in found["said"]
+    assert "not the chosen one" in found["told"]
