@@ -31,14 +31,16 @@ def with_view(cell: Cell, points: int = 60, rotations: int = 72, samples: int = 
     chosen = q[:, 0].copy()
     chosen[:, 5] = POSTURE[5] + m.chosen
     q[m.status == 1] = np.nan
+    more = len(cell.external_joints)
+    still = [(0, 0)] * 2 + [(0, more)]
     at = np.interp(motion.s, p.s, np.arange(points), left=np.nan, right=np.nan)
     line = np.column_stack([0.3 * u - 0.15, 0.2 * np.sin(6 * u), 0 * u])
     view = View(
         scene=scene_of(cell, robot, bodies_of(cell, robot, shapes)),
         path=Path3D(line, np.arange(points, dtype=float), u > 0.05, 1e3 * p.deflection, "deflection (mm)", False),
         stations=Stations(
-            q=q,
-            chosen=chosen,
+            q=np.pad(q, still),
+            chosen=np.pad(chosen, still[1:]),
             k=np.full((points, 6), 1e6),
             force=np.tile([100.0, 0.0, 50.0], (points, 1)),
             bend=np.tile([1e-4, 2e-5, 0.0], (points, 1)),
@@ -49,7 +51,7 @@ def with_view(cell: Cell, points: int = 60, rotations: int = 72, samples: int = 
         ),
         motion=Motion3D(
             time=motion.time,
-            q=POSTURE + 0.1 * motion.q,
+            q=np.pad(POSTURE + 0.1 * motion.q, still[1:]),
             point=at,
             s=motion.s,
             phi=np.interp(at, np.arange(points), m.chosen),

@@ -10,10 +10,12 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from external_cell import external_cell
 from made_up_view import with_view
 from palletiser import full, linked_urdf, mimics
 from small_cell import small_cell
 from test_live_pages import ASSETS, in_browser
+from test_machine import by_pinocchio
 
 from machopt.domain.cell import Cell
 from machopt.report.decimate import decimated
@@ -79,30 +81,35 @@ def test_a_page_with_the_picture_is_small_and_names_its_library(tmp_path: Path) 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("linkage", [False, True])
-def test_the_page_stands_the_arm_where_pinocchio_does(linkage: bool, tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["arm", "linkage", "rail and table"])
+def test_the_page_stands_the_arm_where_pinocchio_does(kind: str, tmp_path: Path) -> None:
     cell: Cell = small_cell(tmp_path)
-    if linkage:
+    if kind == "linkage":
         (tmp_path / "robot.urdf").write_text(linked_urdf(offset=0.0))
         cell = replace(cell, mimics=mimics(offset=0.0))
+    elif kind == "rail and table":
+        cell = external_cell(tmp_path, rail=True, table=True, tilt=True)
     data, robot = with_view(cell)
-    assert (robot.coupling is not None) == linkage
+    assert (robot.coupling is not None) == (kind == "linkage")
     assert data.view is not None
     assert scene_spec(data.view.scene)["joints"][1]["unit"] == "°"
-    found = in_browser(report_html(data), "kinematics", tmp_path, {"q": Q.tolist()}, draws=True)
+    x = np.random.default_rng(3).uniform(-1.0, 1.0, (8, 6 + len(cell.external_joints)))
+    found = in_browser(report_html(data), "kinematics", tmp_path, {"q": x.tolist()}, draws=True)
     assert found["failed"] == []
     model = pin.buildModelFromXML(cell.urdf_text)
     work = model.createData()
     flange = model.getFrameId("flange")
-    for q, pose, stretched, eigen in zip(Q, found["poses"], found["compliance"], found["eigenvalues"], strict=True):
-        value = full(model, q, cell.mimics)
-        pin.framesForwardKinematics(model, work, value)
-        T = work.oMf[flange].homogeneous @ cell.tool.T_flange_tcp
-        np.testing.assert_allclose(np.reshape(pose, (3, 4)), T[:3], atol=1e-9)
+    for n, q in enumerate(x):
+        T = np.vstack([np.reshape(found["poses"][n], (3, 4)), [0, 0, 0, 1]])  # of the tool, seen from the part
+        if kind == "rail and table":
+            np.testing.assert_allclose(T, by_pinocchio(cell, q)[0], atol=1e-9)
+            continue
+        pin.framesForwardKinematics(model, work, full(model, q, cell.mimics))
+        tool = work.oMf[flange].homogeneous @ cell.tool.T_flange_tcp
+        np.testing.assert_allclose(T, np.linalg.inv(cell.workpiece.T_link_workpiece) @ tool, atol=1e-9)
         J = robot.fk_jacobian(q, cell.tool.T_flange_tcp)[1][:3]  # held against pinocchio in test_robot.py
-        C = J @ J.T / 1e6
-        np.testing.assert_allclose(np.reshape(stretched, (3, 3)), C, atol=1e-12)
-        np.testing.assert_allclose(eigen, np.linalg.eigvalsh(C)[::-1], atol=1e-12)
+        np.testing.assert_allclose(np.reshape(found["compliance"][n], (3, 3)), J @ J.T / 1e6, atol=1e-12)
+        np.testing.assert_allclose(found["eigenvalues"][n], np.linalg.eigvalsh(J @ J.T / 1e6)[::-1], atol=1e-12)
 
 
 @pytest.mark.slow

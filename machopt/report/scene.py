@@ -40,16 +40,17 @@ class Body:
 
 @dataclass(frozen=True)
 class Scene:
-    """A cell: joint i turns the frames it carries about its line, so M_i = M_parent · exp(line_i θ_i) with θ = C q."""
+    """A cell: joint i turns what it carries about its line, so M_i = M_parent · exp(line_i θ_i), θ = C q of the arm."""
 
     T_world_root: Array  # (4, 4)
-    joints: tuple[Joint, ...]  # parents before children
+    joints: tuple[Joint, ...]  # the arm's six, then external ones in the order of the cell
     bodies: tuple[Body, ...]
     T_root_tool: Array  # (4, 4) TCP where every joint stands at zero
     T_root_part: Array  # (4, 4) the same of the frame of the toolpath
     tool_joint: int  # the joint that carries the tool
     part_joint: int = -1  # … the workpiece
-    coupling: Array | None = None  # (J, J) C; None: identity
+    base_joint: int = -1  # … base_link, in whose axes forces and compliances are given
+    coupling: Array | None = None  # (6, 6) C of the arm's joints; None: identity
 
 
 @dataclass(frozen=True)
@@ -71,9 +72,9 @@ class Stations:
     q: Array  # (N, R, J) rad or m: the posture of each cell of the map, NaN where no posture reaches
     chosen: Array  # (N, J), NaN where there is none
     k: Array  # (N, 6) N·m/rad, springs of the arm's joints
-    force: Array | None  # (N, 3) N in root axes; None: none was given
-    compliance: Array  # (N, 6) m/N at the chosen posture: xx, yy, zz, xy, xz, yz in root axes, NaN where there is none
-    bend: Array | None  # (N, 3) m in root axes, deflection at the chosen posture; None: no force was given
+    force: Array | None  # (N, 3) N in base_link; None: none was given
+    compliance: Array  # (N, 6) m/N at the chosen posture: xx, yy, zz, xy, xz, yz in base_link, NaN where there is none
+    bend: Array | None  # (N, 3) m in base_link, deflection at the chosen posture; None: no force was given
     clearance: Array  # (N,) m at the chosen posture
     nearest: tuple[str, ...]  # (N,) the two bodies
     singularity: Array  # (N,) rad

@@ -60,6 +60,7 @@ def scene_spec(scene: Scene) -> Spec:
         "tool_joint": scene.tool_joint,
         "part": numbers(scene.T_root_part.ravel(), 12),
         "part_joint": scene.part_joint,
+        "base_joint": scene.base_joint,
         "bodies": [_body_spec(b) for b in bodies_within(scene.bodies) if len(b.faces)],
         "triangles": int(sum(len(b.faces) for b in scene.bodies)),
     }

@@ -37,10 +37,14 @@ const FK = (() => {
     return R;
   }
 
-  // What each joint makes of the bodies it carries, in root axes.
+  // C q: lines of the arm that turn with more than one joint; joints beyond the arm go by themselves.
+  const turned = (scene, q) => scene.coupling ? q.map((v, i) => i < scene.coupling.length ? scene.coupling[i].reduce((sum, c, j) => sum + c * q[j], 0) : v) : q;
+
+  // What each joint makes of the bodies it carries, in root axes. Parents may stand behind their children in the list.
   function motions(scene, q) {
-    const turns = scene.coupling ? scene.coupling.map(row => row.reduce((sum, c, i) => sum + c * q[i], 0)) : q, out = [];
-    scene.joints.forEach((j, i) => { const own = screw(j, turns[i]); out.push(j.parent < 0 ? own : after(out[j.parent], own)); });
+    const by = turned(scene, q), out = [];
+    const of = i => { if (!out[i]) { const j = scene.joints[i], own = screw(j, by[i]); out[i] = j.parent < 0 ? own : after(of(j.parent), own); } return out[i]; };
+    scene.joints.forEach((_, i) => of(i));
     return out;
   }
 
@@ -55,7 +59,8 @@ const FK = (() => {
       own[i] = j.prismatic ? h : cross(h, [tip[0] - x[0], tip[1] - x[1], tip[2] - x[2]]);
     }
     if (!scene.coupling) return own;
-    return own.map((_, q) => [0, 1, 2].map(c => own.reduce((sum, lever, i) => sum + lever[c] * scene.coupling[i][q], 0)));
+    const n = scene.coupling.length;
+    return own.map((lever, q) => q >= n ? lever : [0, 1, 2].map(c => own.slice(0, n).reduce((sum, l, i) => sum + l[c] * scene.coupling[i][q], 0)));
   }
 
   // C = Σ l lᵀ / k in m/N, row by row; k in N·m/rad by joint, joints without one hold.
@@ -79,6 +84,13 @@ const FK = (() => {
     return [first, 3 * mean - first - last, last];
   }
 
+  // A vector or a symmetric matrix of base_link, in root axes.
+  const baseOf = (scene, M) => scene.base_joint < 0 ? STILL : M[scene.base_joint];
+  function spread(B, C) {
+    const R = [0, 4, 8].map(i => B.slice(i, i + 3)), RC = R.map(r => [0, 1, 2].map(c => r[0] * C[c] + r[1] * C[3 + c] + r[2] * C[6 + c]));
+    return RC.flatMap(r => R.map(row => dot(r, row)));
+  }
+
   const times = (C, f) => [0, 3, 6].map(i => C[i] * f[0] + C[i + 1] * f[1] + C[i + 2] * f[2]);
-  return { STILL, after, inverse, screw, motions, tool, part, levers, compliance, eigenvalues, times, place, turn, origin, dot };
+  return { baseOf, spread, STILL, after, inverse, screw, motions, tool, part, levers, compliance, eigenvalues, times, place, turn, origin, dot };
 })();

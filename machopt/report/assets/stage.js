@@ -25,10 +25,12 @@ function stage3d(canvas, scene) {
   if (!context) return null;
   const renderer = new THREE.WebGLRenderer({ canvas, context, antialias: true, alpha: true });
   const world = new THREE.Scene(), root = new THREE.Group(), camera = new THREE.PerspectiveCamera(38, 1, 0.02, 100);
+  const onPart = new THREE.Group(); // what is given in the frame of the toolpath
   const matrix = M => new THREE.Matrix4().set(...M.slice(0, 12), 0, 0, 0, 1);
   const moved = (object, M) => { object.matrixAutoUpdate = false; object.matrix.copy(matrix(M)); object.matrixWorldNeedsUpdate = true; return object; };
   moved(root, scene.root);
   world.add(root);
+  root.add(onPart);
   world.add(new THREE.HemisphereLight("#ffffff", "#9aa0aa", 2.4));
   const lamp = new THREE.DirectionalLight("#ffffff", 1.5);
   camera.add(lamp);
@@ -50,7 +52,7 @@ function stage3d(canvas, scene) {
   });
 
   // One robot: all bodies that some joint carries. Several may stand in one picture.
-  function arm({ opacity = 1, color = "" } = {}) {
+  function arm({ opacity = 1, color = "", leads = opacity === 1 } = {}) {
     const group = new THREE.Group(), held = [];
     for (const s of shapes) if (s.joint >= 0) { const mesh = new THREE.Mesh(s.geometry, skin(s.kind, opacity, color)); held.push([mesh, s.joint]); group.add(mesh); }
     root.add(group);
@@ -58,14 +60,14 @@ function stage3d(canvas, scene) {
       group,
       stand(q) {
         group.visible = Boolean(q);
-        if (q) { const M = FK.motions(scene, q); for (const [mesh, joint] of held) moved(mesh, M[joint]); }
+        if (q) { const M = FK.motions(scene, q); for (const [mesh, joint] of held) moved(mesh, M[joint]); if (leads) moved(onPart, FK.part(scene, M)); }
       },
     };
   }
   for (const s of shapes) if (s.joint < 0) root.add(moved(new THREE.Mesh(s.geometry, skin(s.kind, s.kind === "workpiece" ? 0.75 : 1)), FK.STILL));
 
   // Lines of a width in pixels; colours as triples 0…1, one a point.
-  function lines(points, colors, width, parent = root) {
+  function lines(points, colors, width, parent = onPart) {
     const geometry = new THREE.LineSegmentsGeometry();
     geometry.setPositions(points);
     if (colors) geometry.setColors(colors);
@@ -117,6 +119,7 @@ function stage3d(canvas, scene) {
   const grow = p => { const w = FK.place(scene.root, p); for (let i = 0; i < 3; i++) { low[i] = Math.min(low[i], w[i]); high[i] = Math.max(high[i], w[i]); } };
   function include(q) {
     const M = FK.motions(scene, q);
+    moved(onPart, FK.part(scene, M));
     for (const s of shapes) if (s.joint >= 0 || s.kind === "workpiece") {
       const { min, max } = s.geometry.boundingBox;
       for (let i = 0; i < 8; i++) { const p = [i & 1 ? max.x : min.x, i & 2 ? max.y : min.y, i & 4 ? max.z : min.z]; grow(s.joint < 0 ? p : FK.place(M[s.joint], p)); }

@@ -38,7 +38,8 @@ function robotView(host, data) {
   let arm, ghost, here, ball, needle, load, unit = 1;
   if (stage) {
     stage.include(home);
-    for (let k = 0; k < P; k++) stage.grow(inRoot(k));
+    const part = FK.part(scene, FK.motions(scene, home));
+    for (let k = 0; k < P; k++) stage.grow(FK.place(part, onPart(k)));
     arm = stage.arm();
     ghost = stage.arm({ opacity: 0.16 });
     const span = stage.size();
@@ -59,14 +60,14 @@ function robotView(host, data) {
     make("p", "note", frame, "This browser offers no WebGL, so the picture is left out. Place and rotation can be set all the same: by the controls, on the map and on the curves; the text says what is there.");
   }
 
-  function inRoot(k) { return FK.place(FK.part(scene, FK.motions(scene, home)), [at3[3 * k], at3[3 * k + 1], at3[3 * k + 2]]); }
+  function onPart(k) { return [at3[3 * k], at3[3 * k + 1], at3[3 * k + 2]]; }
 
   function goodness(v) { const t = (v - path.from) / (path.to - path.from || 1); return path.large_is_good ? t : 1 - t; }
 
   function drawPath() {
     const cut = [], colors = [], air = [];
     for (let k = 1; k < P; k++) {
-      const a = inRoot(k - 1), b = inRoot(k);
+      const a = onPart(k - 1), b = onPart(k);
       if (isCut(k)) {
         const color = Number.isFinite(bends[k]) ? ramp(goodness(bends[k])).map(c => c / 255) : [0.85, 0.2, 0.2];
         cut.push(...a, ...b); colors.push(...color, ...color);
@@ -152,9 +153,10 @@ function robotView(host, data) {
     const own = place.k >= 0 && soft && place.chosen ? Array.from(soft.slice(6 * place.k, 6 * place.k + 6)) : null;
     const exact = own && Number.isFinite(own[0]) && cuttingNow(place);
     const k6 = place.k >= 0 && springs ? Array.from(springs.slice(6 * place.k, 6 * place.k + 6)) : null;
-    const C = exact ? [own[0], own[3], own[4], own[3], own[1], own[5], own[4], own[5], own[2]] : M && k6 && cuttingNow(place) ? FK.compliance(scene, M, k6) : null;
-    const f = place.k >= 0 && force ? Array.from(force.slice(3 * place.k, 3 * place.k + 3)) : null;
-    const d = C && f ? (exact && bend ? Array.from(bend.slice(3 * place.k, 3 * place.k + 3)) : FK.times(C, f)) : null;
+    const base = M && FK.baseOf(scene, M), three = (values, k) => FK.turn(base, Array.from(values.slice(3 * k, 3 * k + 3)));
+    const C = exact ? FK.spread(base, [own[0], own[3], own[4], own[3], own[1], own[5], own[4], own[5], own[2]]) : M && k6 && cuttingNow(place) ? FK.compliance(scene, M, k6) : null;
+    const f = C && force ? three(force, place.k) : null;
+    const d = f && (exact && bend ? three(bend, place.k) : FK.times(C, f));
     if (stage) {
       arm.stand(place.q);
       ghost.stand(!place.chosen && chosen && place.k >= 0 ? chosen.row(place.k) : null);
@@ -175,19 +177,22 @@ function robotView(host, data) {
   // A place between the cuts has no station of its own.
   const cuttingNow = place => place.k >= 0 && Math.abs(map.point[place.k] - place.point) < 1.01;
 
+  function partNow() { return FK.part(scene, FK.motions(scene, shown.q || home)); }
+
   function onPath(point) {
     let k = 0;
     while (k < P - 1 && pathPoint[k + 1] <= point) k++;
     const next = Math.min(k + 1, P - 1), span = pathPoint[next] - pathPoint[k], f = span > 0 ? Math.min(1, (point - pathPoint[k]) / span) : 0;
-    const a = inRoot(k), b = inRoot(next);
-    return a.map((v, i) => v + f * (b[i] - v));
+    const a = onPart(k), b = onPart(next);
+    return FK.place(partNow(), a.map((v, i) => v + f * (b[i] - v)));
   }
 
   function pickOnPath(evt) {
     const box = canvas.getBoundingClientRect(), x = evt.clientX - box.left, y = evt.clientY - box.top;
+    const part = partNow();
     let best = -1, far = 12;
     for (let k = 0; k < P; k++) {
-      const p = stage.onCanvas(inRoot(k));
+      const p = stage.onCanvas(FK.place(part, onPart(k)));
       if (p && Math.hypot(p[0] - x, p[1] - y) < far) { far = Math.hypot(p[0] - x, p[1] - y); best = k; }
     }
     if (best >= 0) go(atPoint(pathPoint[best]));
