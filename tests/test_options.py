@@ -71,7 +71,7 @@ def test_every_option_of_the_planner_has_a_user_key_and_back() -> None:
         seed=9,
         external=(
             ExternalAxis("e1", "locked", (("face", "operation"),), 0.5, 1.25, 0.25, (0.125, 2.5), "mm"),
-            ExternalAxis("turn", "operation"),
+            ExternalAxis("turn", "moving", (), 1.5, 0.1, 0.2, (-1.0, 1.0), "deg"),
         ),
     )
     same = [f.name for f in fields(other) if getattr(other, f.name) == getattr(PlanOptions(), f.name)]
