@@ -56,7 +56,7 @@ def outlook(setup: Setup, arm: Arm, path: Path, options: PlanOptions, *, beyond:
     lost = _unreached(path, candidates)
     if lost is not None:
         return lost
-    d = directions(path, arm.T_base_workpiece, setup.elasticity, options.force)
+    d = directions(path, arm, setup.elasticity, options.force)
     scores = score_candidates(path, candidates, setup.elasticity, d, options)
     counted = np.flatnonzero(path.counted[path.stations])
     if not len(counted):

@@ -15,6 +15,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Toolpath
+from machopt.model.machine import load_machine
 from machopt.placement.asked import HERE, Search, Shift, inside, shifts, steps
 from machopt.placement.found import CLOSE, Near, Place, Planned, Siting
 from machopt.placement.journal import Journal
@@ -57,7 +58,8 @@ class Site:
 
     def outlooks(self, shift: Shift) -> tuple[Outlook, ...]:
         """One a job; none after the first that is not reached."""
-        arm = Arm.of(moved(self.setup.driven, self.carried, shift), self.setup.arm.solver, self.options)
+        cell = moved(self.setup.driven, self.carried, shift)
+        arm = Arm.of(cell, self.setup.arm.solver, load_machine(cell, self.setup.robot), self.options)
         out: list[Outlook] = []
         for path in self.paths:
             out.append(outlook(self.setup, arm, path, self.options))
