@@ -59,6 +59,7 @@ def test_every_option_of_the_planner_has_a_user_key_and_back() -> None:
         clearance_full=0.13,
         collision_step=radians(0.7),
         collision=False,
+        gouge=0.0004,
         sample=0.004,
         path_tolerance=33e-6,
         axis_tolerance=radians(0.21),

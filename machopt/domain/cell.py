@@ -28,10 +28,14 @@ class Shape:
 
 @dataclass(frozen=True)
 class Cutter:
-    """The rotating cutter: a cylinder from the TCP back along −z of the TCP."""
+    """The rotating cutter: a cylinder from the TCP back along −z of the TCP, rounded at its tip's edge.
+
+    Collisions are those of the whole cylinder; the corner counts where the cutter is held against the finished part.
+    """
 
     diameter: float  # m
     length: float  # m
+    corner: float = 0.0  # m, radius of the corner: 0 is an end mill, half the diameter a ball
 
 
 @dataclass(frozen=True)

@@ -81,6 +81,7 @@ class PlanOptions:
     clearance_full: float = 0.05  # m, from which more gains nothing, where the objective counts it
     collision_step: float = radians(1.0)  # joint step between collision checks
     collision: bool = True
+    gouge: float | None = None  # m by which the cutter may be in the part, taken as finished; None: not looked for
     sample: float = 0.012  # s
     path_tolerance: float = 15e-6  # m, corner rounding
     axis_tolerance: float = radians(0.03)

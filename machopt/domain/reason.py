@@ -20,6 +20,7 @@ class Reason(enum.IntEnum):
     NO_PATH = 9  # feasible by itself, but not joined to its neighbours without a jump
     GAP = 10  # feasible, but the cut to it is left out: it lies at a gap that the user allowed
     SHIFT = 11  # feasible as programmed, but the shift against the deflection is refused
+    GOUGING = 12  # the CAM file itself drives the cutter into the finished part, whatever the robot does
 
     @property
     def word(self) -> str:

@@ -270,7 +270,9 @@ class _Reader:
             mass=keys.mass_kg,
             com=_frozen(np.array(keys.com_mm) / 1e3),
             geometry=self.shapes(("tool", "geometry"), keys.geometry),
-            cutter=None if cutter is None else Cutter(cutter.diameter_mm / 1e3, cutter.length_mm / 1e3),
+            cutter=None
+            if cutter is None
+            else Cutter(cutter.diameter_mm / 1e3, cutter.length_mm / 1e3, cutter.corner_mm / 1e3),
         )
 
     def workpiece(self) -> Workpiece:

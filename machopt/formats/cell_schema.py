@@ -96,6 +96,17 @@ class RobotKeys(Strict):
 class CutterKeys(Strict):
     diameter_mm: float = Field(gt=0, description="mm")
     length_mm: float = Field(gt=0, description="mm from the TCP back along -z")
+    corner_mm: float = Field(
+        default=0.0,
+        ge=0,
+        description="radius of the tip's edge: 0 for an end mill, half the diameter for a ball; for gouges",
+    )
+
+    @model_validator(mode="after")
+    def _corner_fits(self) -> CutterKeys:
+        if self.corner_mm > self.diameter_mm / 2 + 1e-9:
+            raise ValueError(f"corner_mm {self.corner_mm:g} is more than half the diameter, {self.diameter_mm / 2:g}")
+        return self
 
 
 class ToolKeys(Strict):

@@ -128,6 +128,13 @@ class OptionKeys(Strict):
         default=None, ge=0.05, le=10, description="joint step between collision checks, degrees"
     )
     collision: bool | None = Field(default=None, description="false: contacts are not looked for, and that is told")
+    gouge_tolerance_mm: float | None = Field(
+        default=None,
+        gt=0,
+        le=50,
+        description="workpiece.geometry is the finished part, and a cutter deeper in it than this at a feed gouges; "
+        "left out: not looked for",
+    )
     sample_ms: float | None = Field(default=None, ge=0.5, le=100, description="step of trajectory.csv, ms")
     path_tolerance_mm: float | None = Field(
         default=None, gt=0, le=10, description="by which the motion may round corners, mm"
@@ -270,6 +277,8 @@ def options_as_user(options: PlanOptions) -> dict[str, object]:
     }
     if options.external:
         user["external"] = {axis.joint: _external_as_user(axis) for axis in options.external}
+    if options.gouge is not None:
+        user["gouge_tolerance_mm"] = _tidy(options.gouge / _MM)
     if options.preferred_rotation is not None:
         user["preferred_rotation_deg"] = _tidy(degrees(options.preferred_rotation))
     return user
@@ -338,6 +347,7 @@ def _to_si(keys: OptionKeys) -> PlanOptions:
         ("singularity_shoulder_mm", "singularity_shoulder", _MM),
         ("clearance_mm", "clearance", _MM),
         ("clearance_full_mm", "clearance_full", _MM),
+        ("gouge_tolerance_mm", "gouge", _MM),
         ("path_tolerance_mm", "path_tolerance", _MM),
         ("compensation_max_mm", "compensation_max", _MM),
         ("sample_ms", "sample", _MS),

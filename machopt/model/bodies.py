@@ -146,7 +146,7 @@ def inside(body: Body, point: Array) -> bool:
     nothing, and a room drawn with its normals inwards is hollow.
     """
     local = body.box_rotation.T @ (point - body.box_centre)
-    if (np.abs(local) > body.box_half).any() or not _closed(body.faces):
+    if (np.abs(local) > body.box_half).any() or not closed(body.faces):
         return False
     a, b, c = (body.vertices[body.faces[:, k]] - point for k in range(3))
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
@@ -156,7 +156,7 @@ def inside(body: Body, point: Array) -> bool:
     return bool(angle > 2.0 * np.pi)
 
 
-def _closed(faces: NDArray[np.int64]) -> bool:
+def closed(faces: NDArray[np.int64]) -> bool:
     """Every edge is run through once in each direction."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     n = int(faces.max()) + 1
@@ -165,7 +165,7 @@ def _closed(faces: NDArray[np.int64]) -> bool:
 
 
 def _body(shape: Shape, kind: Kind, link: int, T_base_shape: Array) -> Body:
-    vertices, faces = _triangles(shape)
+    vertices, faces = triangles_of(shape)
     body = _bounded(
         Body(shape.name, kind, link, vertices, faces, np.eye(3), np.zeros(3), np.zeros(3), np.zeros((1, 3)), 0.0)
     )
@@ -179,7 +179,12 @@ def _body(shape: Shape, kind: Kind, link: int, T_base_shape: Array) -> Body:
     )
 
 
-def _triangles(shape: Shape) -> tuple[Array, NDArray[np.int64]]:
+def triangles_of(shape: Shape) -> tuple[Array, NDArray[np.int64]]:
+    """Vertices (V, 3) m and faces (F, 3) of a shape in its own frame; round ones circumscribed.
+
+    Raises:
+        InputError: a mesh cannot be read.
+    """
     import trimesh
 
     if shape.kind == "mesh":

@@ -35,7 +35,12 @@ class Mesh:
 
 def mesh_of(body: Body) -> Mesh:
     """Boxes around a body's triangles, the long ones divided: a box around a long triangle holds little of it."""
-    corners = _divided(body.vertices[body.faces], FINE * float(np.linalg.norm(np.ptp(body.vertices, axis=0))))
+    return mesh_of_triangles(body.vertices, body.faces)
+
+
+def mesh_of_triangles(vertices: Array, faces: Ints) -> Mesh:
+    """The same of vertices (V, 3) m and faces (F, 3)."""
+    corners = _divided(vertices[faces], FINE * float(np.linalg.norm(np.ptp(vertices, axis=0))))
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size = np.linalg.norm(normals, axis=1, keepdims=True)
     return Mesh(corners, np.where(size**2 > FLAT, normals / np.maximum(size, 1e-300), 0.0), *_boxes(corners))

@@ -49,6 +49,11 @@ def help_of(plan: Plan, point: int) -> str:
     """What would make planning point ``point`` possible."""
     if plan.chosen.assignment.reason[point] == Reason.GAP:
         return "what helps at the gap it lies at brings this cut back too"
+    if plan.chosen.assignment.reason[point] == Reason.GOUGING:
+        return (
+            "another tool axis, a smaller cutter or another path in the CAM file would help, no posture does; or "
+            "tool.cutter.corner_mm, where the cutter has a corner radius"
+        )
     if plan.chosen.assignment.reason[point] == Reason.SHIFT:
         return "a larger compensation_max_mm where the shift is meant, a stiffer pose, or no compensation would help"
     s = min(int(np.searchsorted(plan.path.stations, point)), len(plan.path.stations) - 1)

@@ -35,6 +35,7 @@ from machopt.plan.candidates import Arm, Candidates, enumerate_candidates
 from machopt.plan.check import Checker, PathCheck
 from machopt.plan.choose import Choice, choose
 from machopt.plan.compensate import Compensation, rescored
+from machopt.plan.gouge import gouges_of
 from machopt.plan.nearness import along, over_grid
 from machopt.plan.nested import best_of_nested
 from machopt.plan.objective import Objective, objective
@@ -233,6 +234,10 @@ def plan(
         d = directions(path, setup.arm, setup.elasticity, options.force)
         same = path is at_home or np.array_equal(path.external, at_home.external)
         d_home = d if same else directions(at_home, setup.arm, setup.elasticity, options.force)
+    gouges = None
+    if options.gouge is not None:
+        with stage("gouges"):
+            gouges = gouges_of(path, cell, options.gouge)
     with stage("candidates"):
         candidates = enumerate_candidates(path, setup.arm, options)
     with stage("score"):
@@ -276,6 +281,8 @@ def plan(
     if check is not None:
         chosen.assignment.reason[check.lost & (chosen.assignment.reason == Reason.OK)] = Reason.NO_PATH
         chosen.assignment.reason[check.hit] = Reason.COLLIDING
+    if gouges is not None:
+        chosen.assignment.reason[gouges.deep] = Reason.GOUGING
     breaks = breaks_of_choice(path, setup, candidates, found) if found and from_search else jumps(path, chosen)
     if from_search:
         _name_dropped(path, choice, candidates, chosen.assignment)
@@ -297,6 +304,7 @@ def plan(
         rounds,
         breaks=breaks,
         found=found,
+        notes=gouges.sentences() if gouges is not None else {},
     )
 
 

@@ -44,6 +44,7 @@ _WORDS = {
     Reason.NO_PATH: "no continuous way",
     Reason.GAP: "left out at a gap",
     Reason.SHIFT: "shift refused",
+    Reason.GOUGING: "gouges the finished part",
 }
 
 

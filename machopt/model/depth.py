@@ -1,0 +1,295 @@
+"""How deep a cutter is in the part: over points of its surface, the farthest from the part's surface from inside.
+
+A point inside a solid is as deep as the nearest place of its surface is far; of several bodies the one it is deepest in
+counts. Boxes, cylinders and spheres are taken as they are, meshes by their triangles.
+
+From row to row a point moves little. One that was found outside by d cannot be deeper than the limit before it has
+moved by d and the limit together, so most points of a path are asked for once in many rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.arrays import Array, Ints
+from machopt.compiled import compiled
+from machopt.domain.cell import Cutter, Shape
+from machopt.errors import InputError
+from machopt.model.bodies import closed, triangles_of
+from machopt.model.boxes import Mesh, mesh_of_triangles
+from machopt.model.threads import side_by_side
+from machopt.se3 import inverse
+
+ROWS = 256  # of one task, whatever the number of cores
+DEPTH = 128  # boxes waiting on the way down a tree
+FINEST, WIDEST = 5e-4, 3e-3  # m between points of the cutter's surface; between, a quarter of its radius
+AROUND = 24, 96  # fewest and most points of a circle
+# Directions no CAM file draws its edges along: the majority of three says whether a point is inside.
+RAYS = np.array([[0.5381, 0.3127, 0.7827], [-0.2911, 0.8713, -0.3951], [0.7219, -0.6037, 0.3389]])
+
+
+@dataclass(frozen=True)
+class Deepest:
+    """The cutter's deepest point at each of M poses."""
+
+    depth: Array  # (M,) m; 0 where it is not deeper than the limit
+    place: Array  # (M, 3) m, in the frame of the part; NaN where it is not
+
+
+def cutter_points(cutter: Cutter) -> Array:
+    """(K, 3) m, points of the cutter's surface in the TCP's frame: tip, corner and side, rings along the axis."""
+    radius, corner = cutter.diameter / 2.0, min(cutter.corner, cutter.diameter / 2.0)
+    step = float(np.clip(radius / 4.0, FINEST, WIDEST))
+    flat = np.linspace(0.0, radius - corner, int(np.ceil((radius - corner) / step)) + 1)
+    turn = np.linspace(0.0, np.pi / 2, int(np.ceil(corner * np.pi / 2 / step)) + 1)[1:]
+    side = np.linspace(corner, cutter.length, max(int(np.ceil((cutter.length - corner) / step)), 1) + 1)[1:]
+    profile = [(r, 0.0) for r in flat]
+    profile += [(radius - corner + corner * np.sin(t), corner * (1.0 - np.cos(t))) for t in turn]
+    profile += [(radius, h) for h in side]
+    out = []
+    for r, height in profile:
+        count = int(np.clip(np.ceil(2.0 * np.pi * r / step), *AROUND)) if r > 0.0 else 1
+        angle = 2.0 * np.pi * np.arange(count) / count
+        out.append(np.column_stack([r * np.cos(angle), r * np.sin(angle), np.full(count, -height)]))
+    return np.concatenate(out)
+
+
+def deepest(shapes: tuple[Shape, ...], points: Array, T_part_tool: Array, limit: float) -> Deepest:
+    """Where the points go deeper than ``limit`` into the part.
+
+    Args:
+        shapes: closed bodies of the part, in its frame.
+        points: (K, 3) m, on the tool.
+        T_part_tool: (M, 4, 4), quickest where neighbouring rows are neighbouring poses.
+        limit: m.
+
+    Raises:
+        InputError: a mesh is open, so nothing is inside it.
+    """
+    rows = np.ascontiguousarray(T_part_tool, float)
+    best, place = np.zeros(len(rows)), np.full((len(rows), 3), np.nan)
+    for shape in shapes:
+        seen = inverse(shape.T_parent_shape) @ rows
+        depth, k = _in_mesh(shape, points, seen, limit) if shape.kind == "mesh" else _in_solid(shape, points, seen)
+        more = (depth > limit) & (depth > best)
+        best[more] = depth[more]
+        at = rows[more]
+        place[more] = np.einsum("mij,mj->mi", at[:, :3, :3], points[k[more]]) + at[:, :3, 3]
+    return Deepest(best, place)
+
+
+def _in_solid(shape: Shape, points: Array, T: Array) -> tuple[Array, Ints]:
+    """(M,) greatest depth in m in a box, cylinder or sphere, below zero outside, and (M,) which point's."""
+    depth, which = np.empty(len(T)), np.empty(len(T), np.int64)
+    for start in range(0, len(T), ROWS):
+        some = T[start : start + ROWS]
+        x = np.einsum("mij,kj->mki", some[:, :3, :3], points) + some[:, None, :3, 3]
+        if shape.kind == "box":
+            d = (np.array(shape.size) / 2.0 - np.abs(x)).min(axis=-1)
+        elif shape.kind == "cylinder":
+            d = np.minimum(shape.size[0] - np.hypot(x[..., 0], x[..., 1]), shape.size[1] / 2.0 - np.abs(x[..., 2]))
+        else:
+            d = shape.size[0] - np.linalg.norm(x, axis=-1)
+        k = d.argmax(axis=1)
+        depth[start : start + ROWS], which[start : start + ROWS] = d[np.arange(len(k)), k], k
+    return depth, which
+
+
+def _in_mesh(shape: Shape, points: Array, T: Array, limit: float) -> tuple[Array, Ints]:
+    vertices, faces = triangles_of(shape)
+    if not closed(faces):
+        raise InputError(
+            f"mesh of {shape.name!r} is open, so nothing is inside it and no gouge can be seen; a closed surface of "
+            "the finished part would work, or no gouge_tolerance_mm",
+            file=shape.mesh,
+        )
+    mesh = mesh_of_triangles(vertices, faces)
+    own = np.ascontiguousarray(points)
+
+    def block(start: int) -> tuple[Array, Ints]:
+        return _rows(own, T[start : start + ROWS], *_arrays(mesh), RAYS, limit)
+
+    found = side_by_side(block, range(0, len(T), ROWS))
+    none = np.zeros(0), np.zeros(0, np.int64)
+    depths, which = zip(none, *found, strict=True)
+    return np.concatenate(depths), np.concatenate(which)
+
+
+def _arrays(mesh: Mesh) -> tuple[Array, Array, Array, Ints, Ints, Ints, Ints]:
+    return mesh.corners, mesh.low, mesh.high, mesh.child, mesh.first, mesh.count, mesh.order
+
+
+@compiled
+def _rows(
+    points: Array,
+    T: Array,
+    corners: Array,
+    low: Array,
+    high: Array,
+    child: Ints,
+    first: Ints,
+    count: Ints,
+    order: Ints,
+    rays: Array,
+    limit: float,
+) -> tuple[Array, Ints]:
+    """(M,) greatest depth m above ``limit``, 0 where none is, and (M,) which point's; rows T (M, 4, 4) of a mesh."""
+    depth, which = np.zeros(len(T)), np.zeros(len(T), np.int64)
+    room, last = np.zeros(len(points)), np.zeros((len(points), 3))  # m that a point may move and not be too deep
+    waiting, gaps, x = np.empty(DEPTH, np.int64), np.empty(DEPTH), np.empty(3)
+    for m in range(len(T)):
+        for k in range(len(points)):
+            square = 0.0
+            for c in range(3):
+                x[c] = T[m, c, 0] * points[k, 0] + T[m, c, 1] * points[k, 1] + T[m, c, 2] * points[k, 2] + T[m, c, 3]
+                square += (x[c] - last[k, c]) ** 2
+            if m > 0 and square < room[k] * room[k]:
+                continue
+            d = np.sqrt(_nearest(x, corners, low, high, child, first, count, order, limit * limit, waiting, gaps))
+            for c in range(3):
+                last[k, c] = x[c]
+            if d <= limit:
+                room[k] = 0.0
+                continue
+            votes = 0
+            for r in range(3):
+                votes += _crossings(x, rays[r], corners, low, high, child, first, count, order, waiting) % 2
+            if votes < 2:
+                room[k] = d + limit
+                continue
+            room[k] = 0.0
+            if d > depth[m]:
+                depth[m], which[m] = d, k
+    return depth, which
+
+
+@compiled
+def _box_gap(x: Array, low: Array, high: Array, k: int) -> float:
+    """m² from a point to a box."""
+    gap = 0.0
+    for c in range(3):
+        off = max(low[k, c] - x[c], x[c] - high[k, c], 0.0)
+        gap += off * off
+    return float(gap)
+
+
+@compiled
+def _nearest(
+    x: Array,
+    corners: Array,
+    low: Array,
+    high: Array,
+    child: Ints,
+    first: Ints,
+    count: Ints,
+    order: Ints,
+    enough: float,
+    waiting: Ints,
+    gaps: Array,
+) -> float:
+    """m² to the nearest triangle; any that is below ``enough`` will do."""
+    best = np.inf
+    waiting[0], gaps[0], depth = 0, _box_gap(x, low, high, 0), 1
+    while depth:
+        depth -= 1
+        k = waiting[depth]
+        if gaps[depth] >= best:
+            continue
+        if child[k] < 0:
+            for s in range(first[k], first[k] + count[k]):
+                best = min(best, _to_triangle(x, corners[order[s]]))
+            if best <= enough:
+                return best
+            continue
+        k1, k2 = child[k], child[k] + 1
+        g1, g2 = _box_gap(x, low, high, k1), _box_gap(x, low, high, k2)
+        if g1 < g2:  # the nearer one is looked into first
+            k1, k2, g1, g2 = k2, k1, g2, g1
+        waiting[depth], gaps[depth], waiting[depth + 1], gaps[depth + 1] = k1, g1, k2, g2
+        depth += 2
+    return best
+
+
+@compiled
+def _to_triangle(p: Array, A: Array) -> float:
+    """m² from a point to a triangle (Ericson 2005, section 5.1.5)."""
+    u0, u1, u2 = A[1, 0] - A[0, 0], A[1, 1] - A[0, 1], A[1, 2] - A[0, 2]
+    v0, v1, v2 = A[2, 0] - A[0, 0], A[2, 1] - A[0, 1], A[2, 2] - A[0, 2]
+    w0, w1, w2 = p[0] - A[0, 0], p[1] - A[0, 1], p[2] - A[0, 2]
+    d1, d2 = u0 * w0 + u1 * w1 + u2 * w2, v0 * w0 + v1 * w1 + v2 * w2
+    if d1 <= 0.0 and d2 <= 0.0:
+        return float(w0 * w0 + w1 * w1 + w2 * w2)
+    uu, uv, vv = u0 * u0 + u1 * u1 + u2 * u2, u0 * v0 + u1 * v1 + u2 * v2, v0 * v0 + v1 * v1 + v2 * v2
+    d3, d4 = d1 - uu, d2 - uv
+    d5, d6 = d1 - uv, d2 - vv
+    s, t = 0.0, 0.0
+    a, b, c = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
+    if d3 >= 0.0 and d4 <= d3:
+        s = 1.0
+    elif d6 >= 0.0 and d5 <= d6:
+        t = 1.0
+    elif c <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        s = d1 / (d1 - d3) if d1 > d3 else 0.0
+    elif b <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        t = d2 / (d2 - d6) if d2 > d6 else 0.0
+    elif a <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
+        size = (d4 - d3) + (d5 - d6)
+        t = (d4 - d3) / size if size > 0.0 else 0.0
+        s = 1.0 - t
+    else:
+        size = a + b + c
+        s, t = (b / size, c / size) if size > 0.0 else (0.0, 0.0)
+    x, y, z = w0 - s * u0 - t * v0, w1 - s * u1 - t * v1, w2 - s * u2 - t * v2
+    return float(x * x + y * y + z * z)
+
+
+@compiled
+def _crossings(
+    x: Array,
+    ray: Array,
+    corners: Array,
+    low: Array,
+    high: Array,
+    child: Ints,
+    first: Ints,
+    count: Ints,
+    order: Ints,
+    waiting: Ints,
+) -> int:
+    """How often a ray from a point goes through the surface (Möller and Trumbore 1997)."""
+    hits = 0
+    waiting[0], depth = 0, 1
+    while depth:
+        depth -= 1
+        k = waiting[depth]
+        near, far = 0.0, np.inf
+        for c in range(3):
+            a, b = (low[k, c] - x[c]) / ray[c], (high[k, c] - x[c]) / ray[c]
+            near, far = max(near, min(a, b)), min(far, max(a, b))
+        if near > far + 1e-9:
+            continue
+        if child[k] >= 0:
+            waiting[depth], waiting[depth + 1] = child[k], child[k] + 1
+            depth += 2
+            continue
+        for s in range(first[k], first[k] + count[k]):
+            A = corners[order[s]]
+            u0, u1, u2 = A[1, 0] - A[0, 0], A[1, 1] - A[0, 1], A[1, 2] - A[0, 2]
+            v0, v1, v2 = A[2, 0] - A[0, 0], A[2, 1] - A[0, 1], A[2, 2] - A[0, 2]
+            p0, p1, p2 = ray[1] * v2 - ray[2] * v1, ray[2] * v0 - ray[0] * v2, ray[0] * v1 - ray[1] * v0
+            det = u0 * p0 + u1 * p1 + u2 * p2
+            if det == 0.0:
+                continue
+            w0, w1, w2 = x[0] - A[0, 0], x[1] - A[0, 1], x[2] - A[0, 2]
+            f = (w0 * p0 + w1 * p1 + w2 * p2) / det
+            if f < 0.0 or f > 1.0:
+                continue
+            r0, r1, r2 = w1 * u2 - w2 * u1, w2 * u0 - w0 * u2, w0 * u1 - w1 * u0
+            g = (ray[0] * r0 + ray[1] * r1 + ray[2] * r2) / det
+            if g < 0.0 or f + g > 1.0:
+                continue
+            if (v0 * r0 + v1 * r1 + v2 * r2) / det > 0.0:
+                hits += 1
+    return hits

@@ -1,0 +1,97 @@
+"""Depth of a cutter in a part against analytic solids and trimesh."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from small_cell import pose
+
+from machopt.domain.cell import Cutter, Shape
+from machopt.errors import InputError
+from machopt.model.depth import cutter_points, deepest
+
+LIMIT = 1e-4
+
+
+def exported(mesh: trimesh.Trimesh, folder: Path, name: str = "part.stl") -> Shape:
+    mesh.export(folder / name)
+    return Shape("part", "mesh", (1.0,), folder / name, np.eye(4))
+
+
+def poses(count: int, seed: int, spread: float) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    T = np.tile(np.eye(4), (count, 1, 1))
+    T[:, :3, :3] = np.linalg.qr(rng.normal(size=(count, 3, 3)))[0]
+    T[:, :3, 3] = rng.uniform(-spread, spread, (count, 3))
+    return T
+
+
+def test_points_lie_on_the_cutter() -> None:
+    for corner in (0.0, 0.002, 0.006):
+        x = cutter_points(Cutter(0.012, 0.05, corner))
+        r, h = np.hypot(x[:, 0], x[:, 1]), -x[:, 2]
+        core, rise = np.maximum(r - (0.006 - corner), 0.0), np.maximum(corner - h, 0.0)
+        assert h.min() == 0.0
+        np.testing.assert_allclose(h.max(), 0.05)
+        np.testing.assert_allclose(r.max(), 0.006)
+        on = (np.abs(np.hypot(core, rise) - corner) < 1e-12) | (np.abs(r - 0.006) < 1e-12)
+        assert on[h < 0.05 - 1e-12].all()
+
+
+def test_meshes_agree_with_the_solids_they_are_made_of(tmp_path: Path) -> None:
+    points, T = cutter_points(Cutter(0.01, 0.04)), poses(60, 0, 0.12)
+    box = Shape("box", "box", (0.16, 0.2, 0.1), None, pose(0.01, 0, 0.02, 0.3))
+    mesh = trimesh.creation.box(box.size)
+    by_mesh = replace(exported(mesh, tmp_path), T_parent_shape=box.T_parent_shape)
+    a, b = (deepest((s,), points, T, LIMIT) for s in (box, by_mesh))
+    assert 10 < (a.depth > 0).sum() < 60
+    np.testing.assert_allclose(a.depth, b.depth, atol=1e-7)  # STL holds single precision
+    np.testing.assert_allclose(a.place[a.depth > 0], b.place[a.depth > 0], atol=1e-7)
+
+
+def test_a_part_with_a_pocket_agrees_with_trimesh(tmp_path: Path) -> None:
+    """Rows that follow one another, so that what is remembered of the row before is used; an independent distance."""
+    ring = trimesh.creation.annulus(r_min=0.03, r_max=0.08, height=0.05, sections=16)
+    part, points = exported(ring, tmp_path), cutter_points(Cutter(0.008, 0.06, 0.002))[::7]
+    t = np.linspace(0.0, 1.0, 12)
+    T = np.tile(np.eye(4), (12, 1, 1))
+    T[:, :3, 3] = np.column_stack([0.09 - 0.09 * t, 0.01 * t, 0.04 - 0.05 * t])
+    found = deepest((part,), points, T, LIMIT)
+    for m in range(12):
+        x = points + T[m, :3, 3]
+        tri = ring.triangles - x[:, None, None]
+        a, b, c = tri[:, :, 0], tri[:, :, 1], tri[:, :, 2]
+        la, lb, lc = (np.linalg.norm(v, axis=-1) for v in (a, b, c))
+        top = np.einsum("kfi,kfi->kf", a, np.cross(b, c))
+        low = la * lb * lc + (a * b).sum(-1) * lc + (b * c).sum(-1) * la + (c * a).sum(-1) * lb
+        inside = np.arctan2(top, low).sum(axis=1) > np.pi
+        best = 0.0
+        if inside.any():
+            each = np.repeat(x[inside], len(ring.triangles), axis=0)
+            near = trimesh.triangles.closest_point(np.tile(ring.triangles, (int(inside.sum()), 1, 1)), each)
+            best = float(np.linalg.norm(near - each, axis=1).reshape(int(inside.sum()), -1).min(axis=1).max())
+        assert found.depth[m] == pytest.approx(best if best > LIMIT else 0.0, abs=1e-6)
+    assert found.depth[0] == 0.0
+    assert found.depth.max() > 0.004
+
+
+def test_what_is_remembered_does_not_change_what_is_found(tmp_path: Path) -> None:
+    part = exported(trimesh.creation.icosphere(subdivisions=3, radius=0.05), tmp_path)
+    points, t = cutter_points(Cutter(0.01, 0.05)), np.linspace(0, 1, 200)
+    T = np.tile(np.eye(4), (200, 1, 1))
+    T[:, :3, 3] = np.column_stack([0.1 - 0.2 * t, 0.02 * np.sin(9 * t), 0.05 - 0.01 * t])
+    together = deepest((part,), points, T, LIMIT).depth
+    alone = np.array([deepest((part,), points, row[None], LIMIT).depth[0] for row in T[::40]])
+    np.testing.assert_array_equal(together[::40], alone)
+    assert together.max() > 0.005
+
+
+def test_an_open_surface_is_refused(tmp_path: Path) -> None:
+    box = trimesh.creation.box((0.1, 0.1, 0.1))
+    open_box = trimesh.Trimesh(box.vertices, box.faces[2:])
+    with pytest.raises(InputError, match="open, so nothing is inside it"):
+        deepest((exported(open_box, tmp_path),), cutter_points(Cutter(0.01, 0.05)), np.eye(4)[None], LIMIT)

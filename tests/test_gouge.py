@@ -1,0 +1,97 @@
+"""Gouges of a path: counted by hand on flat, tilted and bumpy parts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_cell import pose, small_cell
+from test_path import toolpath
+
+from machopt.domain.cell import Cell, Cutter, Shape, Tool
+from machopt.domain.toolpath import Move
+from machopt.errors import InputError
+from machopt.plan.gouge import gouges_of
+from machopt.plan.path import Path as PlanPath
+from machopt.plan.path import build_path
+
+Triple = tuple[float, float, float]
+UP = (0.0, 0.0, 1.0)
+LIMIT = 1e-4
+FEW = 1e-5  # m: what a cosine of the 24 to 96 points of a circle leaves out
+
+
+def cell_of(folder: Path, part: tuple[Shape, ...], corner: float = 0.0) -> Cell:
+    cell = small_cell(folder)
+    tool = replace(cell.tool, cutter=Cutter(0.012, 0.05, corner))
+    return replace(cell, tool=tool, workpiece=replace(cell.workpiece, geometry=part))
+
+
+def plate(top: float = 0.0) -> Shape:
+    return Shape("plate", "box", (0.2, 0.2, 0.05), None, pose(0.05, 0.0, top - 0.025))
+
+
+def path_of(*points: tuple[str, Triple, Triple]) -> PlanPath:
+    return build_path(toolpath([(xyz, axis, Move[move.upper()]) for move, xyz, axis in points]))
+
+
+def tilted(degrees: float) -> Triple:
+    return (0.0, float(np.sin(np.radians(degrees))), float(np.cos(np.radians(degrees))))
+
+
+def test_a_flat_cutter_on_a_flat_face_does_not_gouge_and_a_tilted_one_does(tmp_path: Path) -> None:
+    cell = cell_of(tmp_path, (plate(),))
+    flat = path_of(("rapid", (0, 0, 0.05), UP), ("cut", (0, 0, 0), UP), ("cut", (0.05, 0, 0), UP))
+    assert not gouges_of(flat, cell, LIMIT).deep.any()
+    axis = tilted(3.0)
+    tilt = path_of(("rapid", (0, 0, 0.05), axis), ("cut", (0, 0, 0), axis), ("cut", (0.05, 0, 0), axis))
+    found = gouges_of(tilt, cell, LIMIT)
+    at = np.flatnonzero(tilt.index == 2.0)[0]
+    assert found.depth[at] == pytest.approx(0.006 * np.sin(np.radians(3.0)), abs=FEW)
+    np.testing.assert_allclose(found.place[at, 1:], [0.006 * np.cos(np.radians(3.0)), -found.depth[at]], atol=FEW)
+    assert "gouges the finished part by 0.314 mm" in found.sentences()[int(at)]
+    ball = cell_of(tmp_path, (plate(),), corner=0.006)
+    # a ball's centre lies 6 mm up the axis, so its lowest point is only 8 µm below the tip's plane
+    assert gouges_of(tilt, ball, 1e-6).depth.max() < 1e-5
+
+
+def test_a_gouge_between_two_points_is_found_where_it_is(tmp_path: Path) -> None:
+    """A rib between two points that lie clear of it, and a corner the tool leans into on the way."""
+    rib = Shape("rib", "box", (0.002, 0.1, 0.004), None, pose(0.0473, 0.0, 0.002))
+    cell = cell_of(tmp_path, (plate(), rib))
+    path = path_of(("rapid", (0, 0, 0.05), UP), ("cut", (0, 0, 0), UP), ("cut", (0.1, 0, 0), UP))
+    found = gouges_of(path, cell, LIMIT)
+    ends = np.flatnonzero(path.is_point)
+    assert found.depth[ends[1]] == 0.0
+    deep = np.flatnonzero(found.deep)
+    assert len(deep)
+    assert (np.abs(found.tip[deep, 0] - 0.0473) <= 0.007 + 1e-3).all()  # radius and half the rib, a step
+    assert found.depth.max() == pytest.approx(0.001, abs=1e-4)  # half its thickness: no place of it is deeper
+
+
+def test_all_the_length_of_the_cutter_counts_and_rapid_moves_do_not(tmp_path: Path) -> None:
+    wall = Shape("wall", "box", (0.2, 0.02, 0.1), None, pose(0.05, 0.016 + 1e-6, 0.05))  # the side just touches
+    cell = cell_of(tmp_path, (plate(), wall))
+    lean = tilted(2.0)
+
+    def along(axis: Triple, last: str) -> PlanPath:
+        return path_of(("rapid", (0, 0, 0), axis), ("cut", (0.02, 0, 0), axis), (last, (0.04, 0, 0), axis))
+
+    assert not gouges_of(along(UP, "cut"), cell, LIMIT).deep.any()
+    found = gouges_of(along(lean, "cut"), cell, LIMIT)
+    assert found.depth.max() == pytest.approx(0.05 * np.sin(np.radians(2.0)), abs=1e-4)  # its upper end, in the wall
+    assert found.place[found.depth.argmax(), 2] > 0.04
+    rapid = gouges_of(along(lean, "rapid"), cell, LIMIT)
+    assert rapid.deep[1]
+    assert not rapid.deep[0]
+    assert not rapid.deep[-1]
+
+
+def test_what_cannot_be_looked_for_is_refused(tmp_path: Path) -> None:
+    path = path_of(("rapid", (0, 0, 0.05), UP), ("cut", (0, 0, 0), UP))
+    with pytest.raises(InputError, match=r"has no workpiece\.geometry"):
+        gouges_of(path, cell_of(tmp_path, ()), LIMIT)
+    with pytest.raises(InputError, match=r"has no tool\.cutter"):
+        gouges_of(path, replace(cell_of(tmp_path, (plate(),)), tool=Tool(np.eye(4))), LIMIT)
