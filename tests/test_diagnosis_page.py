@@ -57,6 +57,7 @@ VOCABULARY = {
     "force_sensor_frame",
     "displacement_frame",
     "load_geometry",
+    "columns",
     "units",
     "time_skew",
     "outliers",

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from machopt.diagnose import held
+from machopt.diagnose import held, loads
 from machopt.diagnose.absolute_catalogue import LEVER, catalogue
 from machopt.diagnose.problem import Catalogue, Family, Problem, Unknown
 from machopt.diagnose.readings import Readings
@@ -302,7 +302,7 @@ def _labels(recording: Recording, wrench: Array) -> tuple[Ints, Ints]:
     key = np.stack([recording.session, recording.pose, recording.cycle], axis=1)
     visit = np.unique(key, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
     size = np.array([max(float(np.abs(wrench[:, a : a + 3]).max()), 1e-9) for a in (0, 3)])
-    w = wrench / np.repeat(size, 3)
+    w = wrench / loads.same(size, SAME_LOAD, recording.uncertainty)
     if np.abs(wrench).max() == 0.0:
         w = np.zeros_like(wrench)
     replicate = np.full(len(recording), -1, np.int64)
@@ -310,7 +310,7 @@ def _labels(recording: Recording, wrench: Array) -> tuple[Ints, Ints]:
     for pose in np.unique(recording.pose):
         rows = np.flatnonzero(recording.pose == pose)
         while len(rows):
-            near = np.abs(w[rows] - w[rows[0]]).max(axis=1) < SAME_LOAD
+            near = np.abs(w[rows] - w[rows[0]]).max(axis=1) < 1.0
             if near.sum() > 1:
                 replicate[rows[near]] = n
                 n += 1

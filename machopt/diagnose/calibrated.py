@@ -88,6 +88,10 @@ class Proof:
         3.0, "times the stated 1 sigma: cycles and returns to a pose err by more than a single reading", JUDGED
     )
     unsure: float = _set(1.5, "noise power that was taken from few readings may be so much larger", JUDGED)
+    beyond_stated: float = _set(
+        10.0, "times the stated 1 sigma: what is left or called noise cannot be the instruments' own", JUDGED
+    )
+    gain_doubt: float = _set(0.02, "of the displacement under load, that a force may be wrong by", JUDGED)
     concentrated: float = _set(1.35, "power of a bin per the mean before it is worth a word", JUDGED)
 
 
@@ -96,6 +100,16 @@ class NoiseLevels:
     """Which readings tell the noise."""
 
     gross: float = _set(6.0, "robust standard deviations beyond which a residual takes no part", JUDGED)
+    mostly: float = _set(0.5, "share of a session's or a pose's readings beyond which they are no outliers", STATISTICS)
+    least_part: int = _set(4, "readings of a session or pose that such a share asks for", JUDGED)
+    silent: float = _set(
+        1.5, "times the stated 1 sigma: a load component whose rms is less holds nothing but noise", JUDGED
+    )
+    silent_peak: float = _set(4.0, "times the stated 1 sigma that a reading of such a component may reach", STATISTICS)
+    silent_share: float = _set(0.01, "of the readings that may exceed it: gross errors", JUDGED)
+    same: float = _set(
+        4.24, "times the stated 1 sigma: loads that differ less are the same: three of a difference", STATISTICS
+    )
     least_twins: int = _set(12, "readings with a twin in another visit; with fewer, residuals have to serve", JUDGED)
     least_freedom: int = _set(20, "degrees of freedom that a cycle's own errors ask for", JUDGED)
 
@@ -129,6 +143,20 @@ class Recorded:
     contradicting_poses: int = _set(5, "poses, below which nothing contradicts itself", JUDGED)
     slope_near: float = _set(0.08, "relative, of a slope to the factor of a unit", JUDGED)
     slope_sure: float = _set(0.9, "correlation from which a slope says something", JUDGED)
+    session_falls: float = _set(
+        0.3,
+        "misfit of a session read otherwise, per that of the stated reading: a wrong sign of one axis shows",
+        JUDGED,
+    )
+    pose_falls: float = _set(0.15, "the same of a single pose, which has no replicates in others", JUDGED)
+    part_level: float = _set(2.0, "misfit of the other sessions or poses that a mended one may have", JUDGED)
+    part_stands_out: float = _set(
+        2.0, "misfit per that of the others, below which no session or pose is looked at again", JUDGED
+    )
+    part_readings: int = _set(6, "readings, below which no session or pose is read otherwise", JUDGED)
+    part_as_good: float = _set(1.3, "ratio of misfits between which replicates and the cell decide", JUDGED)
+    poses_to_compare: int = _set(6, "poses, below which none is held against the others", JUDGED)
+    same_force: float = _set(0.08, "of the largest force of a pose: replicates across sessions", JUDGED)
     motor_side: float = _set(
         0.2, "torque below this share of what the arm needs, joint by joint another: before the gear", JUDGED
     )

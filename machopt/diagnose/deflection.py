@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.diagnose import at_body, at_joint, at_sensor, laws_compensator
+from machopt.diagnose import at_body, at_joint, at_sensor, laws_compensator, loads
 from machopt.diagnose.history import History
 from machopt.diagnose.problem import Catalogue, Family, Hypothesis, Problem, Unknown, Untestable
 from machopt.diagnose.readings import Readings
@@ -196,13 +196,12 @@ def replicates(tests: Experiment, recording: Recording) -> Ints:
         rows = np.flatnonzero(tests.pose == pose)
         w = tests.wrench[rows].copy()
         force, moment = np.linalg.norm(w[:, :3], axis=1).max(), np.linalg.norm(w[:, 3:], axis=1).max()
-        w[:, :3] /= max(force, 1e-9)
-        w[:, 3:] /= max(moment, 1e-9)
+        w /= loads.same(np.array([force, moment]), SAME_LOAD, recording.uncertainty)
         free = np.ones(len(rows), bool)
         for k in range(len(rows)):
             if not free[k]:
                 continue
-            near = free & (branch[rows] == branch[rows[k]]) & (np.abs(w - w[k]).max(axis=1) < SAME_LOAD)
+            near = free & (branch[rows] == branch[rows[k]]) & (np.abs(w - w[k]).max(axis=1) < 1.0)
             free[near] = False
             if near.sum() > 1:
                 out[rows[near]] = n

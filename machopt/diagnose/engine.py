@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.diagnose import calibrated, heldout, limits, mismatch, noise, words
-from machopt.diagnose.findings import estimates, rivals, sandwich
-from machopt.diagnose.grams import Model, Tried, base_model, tried
+from machopt.diagnose import aside, calibrated, heldout, instruments, limits, mismatch, noise, words
+from machopt.diagnose.findings import estimates, rivals
+from machopt.diagnose.grams import Model, Tried, base_model, sandwich, tried
 from machopt.diagnose.heldout import Fitted
 from machopt.diagnose.known import geometric_finding
 from machopt.diagnose.noise import Noise
@@ -102,7 +102,7 @@ def _search(problem: Problem, catalogue: Catalogue, options: Options, seed: int,
         before, state = state, State(problem, catalogue, used, found, w, base, unit, each, chosen)
         fitted = state.fitted(chosen)
         residual = fitted.residual
-        again = _good(problem, residual) & _allowed(problem)
+        again = aside.good(problem, residual) & _allowed(problem)
         same = before is not None and _names(before.chosen) == _names(chosen) and np.array_equal(again, used)
         if same or number == ROUNDS - 1:
             break
@@ -143,21 +143,11 @@ def _robust(problem: Problem) -> tuple[Array, Flags]:
         b = np.concatenate([(problem.y[used] * scale).reshape(-1), np.zeros(len(prior))])
         x = np.linalg.lstsq(np.concatenate([A / size, held]), b, rcond=1e-10)[0] / size
         residual = problem.y - problem.base @ x
-        good = _good(problem, residual) & _allowed(problem)
+        good = aside.good(problem, residual) & _allowed(problem)
         if np.array_equal(good, used):
             break
         used = good
     return residual, used
-
-
-def _good(problem: Problem, residual: Array) -> Flags:
-    """(N,) readings without a gross error in any coordinate."""
-    out = np.ones(len(residual), bool)
-    for family in problem.families:
-        e = residual[:, list(family.columns)]
-        typical = max(noise.robust_sigma(e), family.stated or 0.0, float(np.finfo(float).tiny))
-        out &= (np.abs(e) <= calibrated.NOISE.gross * typical).all(axis=1)
-    return out
 
 
 def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagnosis:
@@ -190,6 +180,9 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
         verdict = "explained" if explained >= calibrated.PROOF.closed or not real else "partly_explained"
     else:
         verdict = "unexplained" if real or withdrawn else "consistent"
+    left = instruments.beyond(problem, after, floor_noise, used)
+    if left is not None:
+        verdict = left.verdict(verdict)
     scored = score(state.base, state.tried)
     beyond = max(state.base.rss - len(state.base.y) + state.base.X.shape[1], 1.0)
     machine = mismatch.in_the_machine(scored, beyond) if verdict != "consistent" else []
@@ -233,7 +226,9 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
         rows,
         state.catalogue.axes,
         sum(len(t.shapes) for t in state.tried),
-        notes=tuple(words.withdrawn(withdrawn)) + words.noise_note(floor_noise),
+        notes=tuple(words.withdrawn(withdrawn))
+        + words.noise_note(floor_noise)
+        + (() if left is None else (left.words,)),
     )
     return replace(result, sentence=words.sentence(result), next_experiment=words.next_experiment(result))
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit
 
 from machopt.diagnose import calibrated
-from machopt.diagnose.grams import Model, Tried, ridged_inverse
+from machopt.diagnose.grams import Model, Tried, sandwich
 from machopt.diagnose.problem import Shape
 from machopt.diagnose.result import Estimate, Fit, Name, Rival
 from machopt.diagnose.screen import Scored, score
@@ -105,17 +105,6 @@ def estimates(model: Model, chosen: Sequence[Chosen], k: int) -> dict[str, Estim
             (min(float(low[1]), q.value), max(float(high[1]), q.value)),
         )
     return out
-
-
-def sandwich(model: Model) -> tuple[Array, Array, float]:
-    """Coefficients, cluster-robust covariance (folds as clusters) and degrees of freedom."""
-    M, x = ridged_inverse(model.normal), model.coefficients
-    u = model.by_fold(model.Xy) - np.einsum("fij,j->fi", model.by_fold(model.XX), x)
-    G, P = model.folds, len(x)
-    robust = M @ (u.T @ u) @ M * G / max(G - 1, 1)
-    # few groups: the robust part alone is noisy, and too small as often as too large
-    grow = np.sqrt(np.maximum(np.diag(M) * model.spread / np.maximum(np.diag(robust), 1e-12 * np.diag(M)), 1.0))
-    return x, robust * np.outer(grow, grow), float(max(G - P // 2, 4))
 
 
 def _quantity_intervals(

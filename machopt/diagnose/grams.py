@@ -160,3 +160,14 @@ def _unit(X: Array) -> Array:
 
 def _visits(w: Whitening, X: Array) -> list[Array]:
     return np.split(X, w.visit_starts[1:-1])
+
+
+def sandwich(model: Model) -> tuple[Array, Array, float]:
+    """Coefficients, cluster-robust covariance (folds as clusters) and degrees of freedom."""
+    M, x = ridged_inverse(model.normal), model.coefficients
+    u = model.by_fold(model.Xy) - np.einsum("fij,j->fi", model.by_fold(model.XX), x)
+    G, P = model.folds, len(x)
+    robust = M @ (u.T @ u) @ M * G / max(G - 1, 1)
+    # few groups: the robust part alone is noisy, and too small as often as too large
+    grow = np.sqrt(np.maximum(np.diag(M) * model.spread / np.maximum(np.diag(robust), 1e-12 * np.diag(M)), 1.0))
+    return x, robust * np.outer(grow, grow), float(max(G - P // 2, 4))

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtrc, ndtr
 
-from machopt.diagnose import calibrated
+from machopt.diagnose import calibrated, loads, sessions
+from machopt.diagnose.aside import comes_back
 from machopt.diagnose.contradiction import contradictions
 from machopt.diagnose.problem import Problem as Equations
 from machopt.diagnose.problem import RecordCorrection
@@ -66,10 +67,13 @@ def mend(
     Raises:
         InputError: no load or no displacement at all.
     """
+    recording, odd = sessions.mended(recording, robot, T_flange_tcp, prior, accept)
     if recording.kind == "absolute":
-        return _poses(recording, robot, T_flange_tcp, accept)
-    findings: list[Finding] = []
-    warnings: list[str] = []
+        recording, findings, warnings = _poses(recording, robot, T_flange_tcp, accept)
+        return recording, [*odd, *findings], warnings
+    findings = []
+    warnings = []
+    recording, silent = loads.heard(recording)
     for _ in range(MOST_REPAIRS):
         tests = experiment(recording, robot, T_flange_tcp)
         found = check_experiment(tests, robot, T_flange_tcp, prior)
@@ -93,7 +97,7 @@ def mend(
         chance = _votes(tests.pose, _off_by_pose(tests, usual), _off_by_pose(right, usual))
         findings = _joined(findings, _said(error, before, _misfit(right), chance))
     recording, more = contradictions(recording, robot, T_flange_tcp)
-    return recording, findings + more, warnings
+    return recording, [*odd, *findings, *more], [*silent, *warnings]
 
 
 def where_it_stands(
@@ -131,7 +135,8 @@ def outliers(recording: Recording, diagnosis: Diagnosis, copies: Flags, problem:
         copies: (N,) rows that repeat the displacement of the row before under another load.
         problem: which readings are twins.
     """
-    aside = ~diagnosis.used & ~_comes_back(diagnosis, problem)
+    out = ~diagnosis.used
+    aside = out & ~comes_back(problem, diagnosis.errors.final, out)
     if not aside.any():
         return None
     measured = recording.displacement if recording.kind == "deflection" else recording.position
@@ -168,21 +173,6 @@ def outliers(recording: Recording, diagnosis: Diagnosis, copies: Flags, problem:
         correction=RecordCorrection("outliers", f"rows:{rows}", {"rows": rows}),
         record=True,
     )
-
-
-def _comes_back(diagnosis: Diagnosis, problem: Equations) -> Flags:
-    """(N,) readings whose twins of another visit are off by the same: what comes back is no gross error."""
-    e, out = diagnosis.errors.final[:, :3], np.zeros(len(problem), bool)
-    for n in np.flatnonzero(~diagnosis.used & (problem.replicate >= 0)):
-        twins = (problem.replicate == problem.replicate[n]) & (problem.visit != problem.visit[n])
-        if twins.any():
-            other = e[twins].mean(axis=0)
-            size = float(np.linalg.norm(e[n])), float(np.linalg.norm(other))
-            out[n] = (
-                float(e[n] @ other) > calibrated.RECORD.alike * size[0] * size[1]
-                and calibrated.RECORD.like_size * size[1] > size[0]
-            )
-    return out
 
 
 def copied(recording: Recording) -> Flags:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
-from machopt.diagnose import absolute, at_joint, calibrated, deflection, engine, held, motion, record, userterms
+from machopt.diagnose import absolute, at_joint, deflection, engine, held, motion, record, userterms
 from machopt.diagnose.history import History
 from machopt.diagnose.problem import Catalogue, Problem
 from machopt.diagnose.result import Diagnosis, Finding
@@ -230,12 +230,8 @@ def _with_record(
         before = max([before, *(f.before for f in mended if np.isfinite(f.before))])
         beyond, left = before**2 - d.noise_floor**2, max(d.heldout_after**2 - d.noise_floor**2, 0.0)
         explained = float(np.clip(1.0 - left / beyond, 0.0, 1.0)) if beyond > 0 else d.explained
-    if len(findings) > len(d.findings):
-        verdict = (
-            "explained"
-            if d.verdict in ("consistent", "explained") or explained >= calibrated.PROOF.closed
-            else ("partly_explained")
-        )
+    if mended and d.verdict == "unexplained":  # what the record hid is put right, and more is there
+        verdict = "partly_explained"
     out = replace(
         d,
         findings=findings,

@@ -17,6 +17,7 @@ from machopt.diagnose import calibrated
 from machopt.diagnose.grams import Model, Tried
 from machopt.diagnose.problem import Hypothesis
 from machopt.diagnose.screen import Scored, by_chance, score
+from machopt.diagnose.unproven import unproven
 from machopt.effects import registry
 
 Array = NDArray[np.float64]
@@ -218,7 +219,9 @@ def _backward(model: Model, chosen: list[Chosen]) -> list[Chosen]:
         for k, c in enumerate(out):
             beside = with_chosen(model, out[:k] + out[k + 1 :])
             again.append((beside, score(beside, [c.tried])[0]))
-        weak = [k for k, (m, s) in enumerate(again) if not holds(m, s)]
+        weak = [k for k, (m, s) in enumerate(again) if not holds(m, s)] or unproven(
+            with_chosen(model, out), [(c.tried, c.scored.shape) for c in out]
+        )
         if not weak:
             kept = [Chosen(s, c.p_value) for c, (_, s) in zip(out, again, strict=True)]
             return sorted(kept, key=lambda c: -c.scored.total)

@@ -14,9 +14,12 @@ def sentence(d: Diagnosis) -> str:
     """How much, where, what, how sure, what is not excluded, what next."""
     error = f"{_size(d.heldout_before, d.unit)} on {d.predicted or 'readings'} that no fit saw"
     if d.verdict == "consistent":
+        after = f"{_size(d.heldout_after, d.unit)} on {d.predicted or 'readings'} that no fit saw"
+        put_right = "; ".join(f"{_found(f)}" for f in d.findings)
         return (
-            f"Consistent: the refitted model leaves {error}, noise alone {_size(d.noise_floor, d.unit)}; nothing "
-            "that comes back in repeats is left to explain."
+            f"Consistent{f' once the record is put right ({put_right})' if put_right else ''}: the refitted model "
+            f"leaves {after}, noise alone {_size(d.noise_floor, d.unit)}; nothing that comes back in repeats is left "
+            "to explain."
         )
     twins = math.isfinite(d.mismatch_p)
     left = f"{_size(d.repeatable, d.unit)} of it {'comes back in repeats' if twins else 'is more than the noise'}"

@@ -14,6 +14,16 @@ UNITS = Effect(
     of="in",
 )
 
+COLUMNS = Effect(
+    name="columns",
+    noun="wrong columns",
+    spoken="columns",
+    sentence="Signs, axes or rows of the columns are exchanged: what stands there belongs elsewhere.",
+    port="record",
+    places=(),
+    of="in",
+)
+
 CLOCK = Effect(
     name="time_skew",
     noun="time skew",

@@ -52,6 +52,7 @@ LISTED = (
     sensor.DISPLACEMENT,
     sensor.LOAD,
     record.UNITS,
+    record.COLUMNS,
     record.CLOCK,
     record.OUTLIERS,
 )

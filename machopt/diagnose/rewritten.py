@@ -1,0 +1,155 @@
+"""The ways a clerk writes a part of a record otherwise than the rest: units, axes, signs, rows slipped by one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, replace
+from itertools import permutations, product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.recording import Recording
+from machopt.identify.rivals import FORCE_UNITS
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+LENGTHS = {"inches": 25.4, "centimetres": 10.0, "metres": 1e3, "micrometres": 1e-3}  # millimetres in one
+HEADS = {"displacement": "dx_mm", "position": "x_mm"}
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way to read a part, put right."""
+
+    effect: str  # "units" or "columns"
+    column: str  # first of the group
+    words: str  # what was written
+    read: Callable[[Recording], Recording]
+    factor: float = 1.0  # on the columns
+    scale: float = 1.0  # a misfit after reading counts so many times: metres read as millimetres shrink any misfit
+
+
+def ways(part: Recording) -> Iterator[Way]:
+    """All that are looked for.
+
+    Args:
+        part: the readings of one session or pose.
+    """
+    kind = "displacement" if part.kind == "deflection" else "position"
+    head = HEADS[kind]
+    for name, f in LENGTHS.items():
+        yield Way(
+            "units",
+            head,
+            f"the columns {head} … hold {name}",
+            lambda r, f=f: _changed(r, kind, f * np.eye(3)),  # type: ignore[misc]
+            f,
+            max(1.0, 1.0 / f),
+        )
+    for M, words in _axes():
+        yield Way("columns", head, f"{head} … hold {words}", lambda r, M=M: _changed(r, kind, M))  # type: ignore[misc]
+    for by in (-1, 1):
+        yield Way(
+            "columns",
+            head,
+            f"the rows of {head} … stand one too {'low' if by < 0 else 'high'}",
+            lambda r, by=by: _slipped(r, kind, by),  # type: ignore[misc]
+        )
+    for j in range(part.q.shape[1]):
+        yield Way(
+            "columns",
+            f"q{j + 1}_deg",
+            f"q{j + 1}_deg has the other sign",
+            lambda r, j=j: _turned_back(r, j),  # type: ignore[misc]
+        )
+    if part.kind == "deflection" and part.wrench is not None:
+        yield from _of_loads(bool(part.wrench[:, 3:].any()))
+
+
+def _of_loads(moments: bool) -> Iterator[Way]:
+    for together in (False, True) if moments else (False,):
+        beside = " and mx_Nm …" if together else ""
+        for name, f in FORCE_UNITS.items():
+            yield Way(
+                "units",
+                "fx_N",
+                f"the columns fx_N …{beside} hold {name}",
+                lambda r, f=f, t=together: _loaded(r, f * np.eye(3), t),  # type: ignore[misc]
+                f,
+            )
+        for M, words in _axes():
+            yield Way(
+                "columns",
+                "fx_N",
+                f"fx_N …{beside} hold {words}",
+                lambda r, M=M, t=together: _loaded(r, M, t),  # type: ignore[misc]
+            )
+
+
+def _axes() -> Iterator[tuple[Array, str]]:
+    """Signed permutations but the identity, fewest changes first, with what the columns x, y, z then held."""
+    found = []
+    for order in permutations(range(3)):
+        for sign in product((1.0, -1.0), repeat=3):
+            M = np.zeros((3, 3))  # right = M written
+            for written, axis in enumerate(order):
+                M[axis, written] = sign[written]
+            changes = sum(o != k for k, o in enumerate(order)) + sum(s < 0 for s in sign)
+            words = ", ".join(("−" if s < 0 else "") + "xyz"[o] for o, s in zip(order, sign, strict=True))
+            if changes:
+                found.append((changes, M, words))
+    for _, M, words in sorted(found, key=lambda f: f[0]):
+        yield M, words
+
+
+def taken(recording: Recording, rows: Flags) -> Recording:
+    """The readings of ``rows`` alone."""
+    changed: dict[str, Any] = {}
+    for f in fields(recording):
+        value = getattr(recording, f.name)
+        if isinstance(value, np.ndarray) and f.name != "wrench_point":
+            changed[f.name] = value[rows]
+    return replace(recording, **changed)
+
+
+def put(recording: Recording, part: Recording, rows: Flags) -> Recording:
+    """The recording with ``rows`` as ``part`` has them."""
+    changed: dict[str, Any] = {}
+    for name in ("q", "wrench", "displacement", "position", "quaternion"):
+        old = getattr(recording, name)
+        if old is not None:
+            new = old.copy()
+            new[rows] = getattr(part, name)
+            changed[name] = new
+    return replace(recording, **changed)
+
+
+def _changed(r: Recording, kind: str, M: Array) -> Recording:
+    values = getattr(r, kind).copy()
+    values[:, :3] = values[:, :3] @ M.T
+    changes: dict[str, Any] = {kind: values}
+    return replace(r, **changes)
+
+
+def _slipped(r: Recording, kind: str, by: int) -> Recording:
+    changes: dict[str, Any] = {kind: np.roll(getattr(r, kind), by, axis=0)}
+    if kind == "position" and r.quaternion is not None:
+        changes["quaternion"] = np.roll(r.quaternion, by, axis=0)
+    return replace(r, **changes)
+
+
+def _turned_back(r: Recording, joint: int) -> Recording:
+    q = r.q.copy()
+    q[:, joint] *= -1.0
+    return replace(r, q=q)
+
+
+def _loaded(r: Recording, M: Array, together: bool) -> Recording:
+    assert r.wrench is not None  # ways looks for it
+    w = r.wrench.copy()
+    w[:, :3] = w[:, :3] @ M.T
+    if together:
+        w[:, 3:] = w[:, 3:] @ M.T
+    return replace(r, wrench=w)
