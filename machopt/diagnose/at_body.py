@@ -17,6 +17,7 @@ from machopt.diagnose.problem import Hypothesis, Quantity, Shape
 from machopt.diagnose.readings import Readings
 from machopt.domain.stiffness import Term
 from machopt.effects import files, registry
+from machopt.effects.bodies import Entries
 from machopt.effects.protocol import BodyLaw, Effect
 from machopt.model.terms import term_of
 from machopt.model.terms.body import BodySpring, Place, placed, spring
@@ -118,5 +119,6 @@ def _hypothesis(
         lower=lower if np.isfinite(lower).any() else (),
         correction=lambda x, shape: made(x, shape).to_file(),
         family="body",
+        possible=law.nearest if isinstance(law, Entries) and not law.bounded else None,
         note=law.note or (NOTE if r.differences else f"under weight, {NOTE}"),
     )

@@ -50,6 +50,9 @@ class Detection:
     beside_here: float = _set(0.3, "the same at its own place, where most of it is", JUDGED)
     beside_exact: float = _set(5e-06, "the same of a clock or a lag, which its column holds to first order", DEV)
     pair_must_win: float = _set(8.0, "gain by which a pair must beat the best single law", JUDGED)
+    possible: float = _set(
+        0.7, "of the gain that must stay with the nearest coefficients that something built can have", JUDGED
+    )
     nine_of_ten: float = _set(1.28, "standard deviations: a limit is shown in nine of ten repeats", STATISTICS)
     apart: float = _set(6.0, "gain that a rival must leave at twice the limit to be told from the effect", JUDGED)
     as_good: float = _set(

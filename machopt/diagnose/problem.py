@@ -119,6 +119,7 @@ class Hypothesis:
     family: str = ""  # effects that are rivals of one kind: "joint", "body", "sensor", "kinematic", "environment"
     curve: Callable[[Array, Shape], Curve] | None = None  # the law itself, for the report
     penalty: float = 0.0  # beyond that of its coefficients; for laws that are flexible enough to fit anything
+    possible: Callable[[Array], Array] | None = None  # coefficients that something built can have, near the given ones
     exact: bool = False  # the law leaves nothing of its effect (a clock, a measured lag), however large that is
 
     @property

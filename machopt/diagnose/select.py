@@ -17,7 +17,7 @@ from machopt.diagnose import calibrated
 from machopt.diagnose.grams import Model, Tried
 from machopt.diagnose.problem import Hypothesis
 from machopt.diagnose.screen import Scored, by_chance, score
-from machopt.diagnose.unproven import unproven
+from machopt.diagnose.unproven import kept_if_possible, unproven
 from machopt.effects import registry
 
 Array = NDArray[np.float64]
@@ -58,6 +58,7 @@ def holds(model: Model, s: Scored) -> bool:
         return False
     return (
         s.total > calibrated.DETECTION.generalises * s.gain
+        and kept_if_possible(model, s.tried, s.shape, s.x, s.gain) >= calibrated.DETECTION.possible * s.gain
         and s.total - float(s.heldout.max()) > calibrated.DETECTION.without_best * s.total
     )
 

@@ -14,7 +14,9 @@ Array = NDArray[np.float64]
 
 
 def unproven(model: Model, laws: Sequence[tuple[Tried, int]]) -> list[int]:
-    """Which laws have no coefficient, and no size, whose 95 % interval excludes zero.
+    """Which laws have no size, of those that are said, whose 95 % interval excludes zero.
+
+    A coefficient alone is not enough: what couples two directions that both do not give way is nothing built.
 
     Args:
         model: with the columns of all laws, in their order, after those of the base.
@@ -28,24 +30,46 @@ def unproven(model: Model, laws: Sequence[tuple[Tried, int]]) -> list[int]:
     for k, (law, shape) in enumerate(laws):
         p = law.X.shape[2]
         own, V = x[at : at + p], covariance[at : at + p, at : at + p]
-        sure = bool((np.abs(own) > t * np.sqrt(np.maximum(np.diag(V), 0.0))).any())
-        if not sure and not _size_proven(law, shape, own, V, t):
+        if not _proven(law, shape, own, V, t):
             out.append(k)
         at += p
     return out
 
 
-def _size_proven(law: Tried, shape: int, x: Array, V: Array, t: float) -> bool:
-    """Whether the effect's size is beyond zero, though its coefficients stand in for each other."""
+def kept_if_possible(model: Model, law: Tried, shape: int, x: Array, gain: float) -> float:
+    """Gain that stays where the coefficients are brought to the nearest that something built can have.
+
+    Args:
+        model: beside which the law was fitted.
+        law, shape: with its whitened columns.
+        x: (p,) its best coefficients, in the law's own scale.
+        gain: with them.
+    """
+    possible = law.hypothesis.possible
+    if possible is None:
+        return gain
+    unit, X = law.unit[shape], law.at(shape)
+    moved = possible(x * unit) / unit - x
+    B = model.X.T @ X
+    S = X.T @ X - B.T @ model.inverse @ B
+    return float(gain - moved @ S @ moved)
+
+
+def _proven(law: Tried, shape: int, x: Array, V: Array, t: float) -> bool:
+    """Whether one of the effect's sizes is beyond zero, by its slope in the coefficients."""
     h, unit = law.hypothesis, law.unit[shape]
+    if h.lower:
+        x = np.maximum(x, np.array(h.lower))
 
-    def size(v: Array) -> float:
-        return float(next(iter(h.quantities(v * unit, law.shapes[shape]).values())).value)
+    def sizes(v: Array) -> Array:
+        return np.array([q.value for q in h.quantities(v * unit, law.shapes[shape]).values()])
 
-    slope = np.zeros(len(x))
+    slope = []
     for i in range(len(x)):
         step = np.zeros(len(x))
         step[i] = 1e-3 * max(float(np.sqrt(max(V[i, i], 0.0))), abs(float(x[i])), 1e-12)
-        slope[i] = (size(x + step) - size(x - step)) / (2.0 * step[i])
-    slope = np.nan_to_num(slope, posinf=0.0, neginf=0.0)
-    return abs(size(x)) > t * float(np.sqrt(max(slope @ V @ slope, 0.0))) > 0.0
+        slope.append((sizes(x + step) - sizes(x - step)) / (2.0 * step[i]))
+    g = np.nan_to_num(np.array(slope), posinf=0.0, neginf=0.0)  # (p, sizes)
+    sigma = np.sqrt(np.maximum(np.einsum("pk,pq,qk->k", g, V, g), 0.0))
+    here = np.nan_to_num(sizes(x), posinf=np.finfo(float).max)
+    return bool(((np.abs(here) > t * sigma) & (sigma > 0.0)).any())

@@ -194,6 +194,14 @@ class Entries(Yields):
         C = np.einsum("p,pij->ij", values, self.matrices(shape, body))
         return {RIGID: np.diag(C).tolist()} if self.key == RIGID else {MATRIX: pushing_back_nowhere(C).tolist()}
 
+    def nearest(self, values: Array) -> Array:
+        """The coefficients of a body that pushes back nowhere, near these."""
+        C = np.zeros((6, 6))
+        for v, (i, j) in zip(values, self.pairs, strict=True):
+            C[i, j] = C[j, i] = v
+        C = pushing_back_nowhere(C)
+        return np.array([C[i, j] for i, j in self.pairs])
+
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
         """Tilt where the body tilts, else what the tip moves sideways."""
         of = {ROWS[i]: abs(float(v)) for (i, j), v in zip(self.pairs, values, strict=True) if i == j}
@@ -205,10 +213,16 @@ class Entries(Yields):
 
 
 def pushing_back_nowhere(C: Array) -> Array:
-    """The symmetric matrix (6, 6) without what gives way against the load: noise may leave such a direction."""
-    size = np.sqrt(np.maximum(np.diag(C), 1e-30))
-    w, V = np.linalg.eigh(C / np.outer(size, size))
-    return C if w[0] >= 0.0 else np.asarray((V * np.maximum(w, 0.0)) @ V.T * np.outer(size, size))
+    """The symmetric matrix (6, 6) without what gives way against the load: noise may leave such a direction.
+
+    A direction whose own entry is below zero goes altogether; scaled by it, what couples it to others would grow
+    without bound.
+    """
+    gives = np.diag(C) > 0.0
+    size = np.sqrt(np.where(gives, np.diag(C), 1.0))
+    kept = np.where(np.outer(gives, gives), C, 0.0)
+    w, V = np.linalg.eigh(kept / np.outer(size, size))
+    return kept if w[0] >= 0.0 else np.asarray((V * np.maximum(w, 0.0)) @ V.T * np.outer(size, size))
 
 
 def stated_law(given: Parameters, body: Body) -> tuple[BodyLaw, Array, Array, Body]:

@@ -1,0 +1,240 @@
+"""A fault of one session or pose is mended by what the others say; most of a session is no outlier."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from made_up_loads import ARCMIN, CELLS, Dirt, Truth, arm, clicking, load_tests, planned
+from test_diagnose_absolute import arm as measured_arm
+from test_diagnose_absolute import measure
+
+from machopt.diagnose import aside, instruments, loads, sessions
+from machopt.diagnose.noise import Noise
+from machopt.diagnose.problem import Family, Problem
+from machopt.diagnose.result import Finding
+from machopt.domain.recording import Recording, StandardUncertainty
+from machopt.effects.bodies import pushing_back_nowhere
+from machopt.formats.cell import load_cell
+from machopt.model.robot import load_robot
+
+CELL = "kr240_drilling"
+
+
+@cache
+def sound(sessions: int = 2, frame: str = "base", moment: float = 0.0, concealed: bool = True) -> Recording:
+    """Forces of 1.5 kN at 10 poses; a backlash of half an arcmin that no spring explains."""
+    rng = np.random.default_rng(5)
+    a = arm(CELL)
+    truth = Truth(a.nominal * rng.uniform(0.75, 1.3, 6), {2: clicking(0.5 * ARCMIN, 80.0)} if concealed else {})
+    plan = planned(a, rng, poses=10, loads=3, sessions=sessions, moment=moment)
+    return load_tests(a, truth, plan, rng, Dirt(outliers=0.01), frame=frame)
+
+
+def mended(r: Recording, accept: tuple[str, ...] = ()) -> tuple[Recording, list[Finding]]:
+    cell = load_cell(CELLS / CELL)
+    assert cell.stiffness is not None
+    return sessions.mended(r, load_robot(cell), cell.tool.T_flange_tcp, cell.stiffness.joints, accept)
+
+
+def spoilt(r: Recording, name: str, change: Callable[[np.ndarray], np.ndarray], rows: np.ndarray) -> Recording:
+    values = getattr(r, name).copy()
+    values[rows] = change(values[rows])
+    return replace(r, **{name: values})
+
+
+def forces(v: np.ndarray, factor: float) -> np.ndarray:
+    return np.hstack([v[:, :3] * factor, v[:, 3:]])
+
+
+FAULTS = {
+    "inches": ("displacement", lambda v: v / 25.4, "units", "dx_mm"),
+    "centimetres": ("displacement", lambda v: v / 10.0, "units", "dx_mm"),
+    "micrometres": ("displacement", lambda v: v * 1e3, "units", "dx_mm"),
+    "kilograms": ("wrench", lambda v: forces(v, 1 / 9.80665), "units", "fx_N"),
+    "pounds": ("wrench", lambda v: forces(v, 1 / 4.44822), "units", "fx_N"),
+    "kilonewtons": ("wrench", lambda v: forces(v, 1e-3), "units", "fx_N"),
+    "y and z": ("displacement", lambda v: v[:, [0, 2, 1]], "columns", "dx_mm"),
+    "turned round": ("displacement", lambda v: v[:, [1, 2, 0]], "columns", "dx_mm"),
+    "−z": ("displacement", lambda v: v * [1, 1, -1], "columns", "dx_mm"),
+    "−fx": ("wrench", lambda v: v * [-1, 1, 1, 1, 1, 1], "columns", "fx_N"),
+    "one row low": ("displacement", lambda v: np.roll(v, 1, axis=0), "columns", "dx_mm"),
+    "one row high": ("displacement", lambda v: np.roll(v, -1, axis=0), "columns", "dx_mm"),
+    "−q5": ("q", lambda v: v * [1, 1, 1, 1, -1, 1], "columns", "q5_deg"),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_session_written_otherwise_is_read_like_the_other(name: str) -> None:
+    column, change, effect, where = FAULTS[name]
+    for frame in ("base", "tool") if effect == "columns" else ("base",):
+        r = sound(frame=frame)
+        bad = spoilt(r, column, change, r.session == 1)
+        out, findings = mended(bad)
+        assert [(f.effect, f.location) for f in findings] == [(effect, f"column:{where}")]
+        assert np.allclose(getattr(out, column), getattr(r, column), rtol=1e-9, atol=1e-12)
+        assert findings[0].record
+        assert findings[0].parameters["session"].value == 1.0
+        assert findings[0].after < 0.3 * findings[0].before
+
+
+@pytest.mark.parametrize("frame", ["base", "tool"])
+@pytest.mark.parametrize("concealed", [False, True])
+def test_sound_sessions_are_left_as_they_are(frame: str, concealed: bool) -> None:
+    for r in (sound(frame=frame, concealed=concealed), sound(3, concealed=concealed)):
+        out, findings = mended(r)
+        assert findings == []
+        assert out is r
+
+
+def test_a_wrong_record_throughout_is_not_a_session_s_fault() -> None:
+    r = sound()
+    assert r.displacement is not None
+    _, findings = mended(replace(r, displacement=r.displacement / 25.4))
+    assert findings == []
+
+
+def test_two_sessions_of_three_are_mended_and_what_the_user_accepts_is_not() -> None:
+    r = sound(3)
+    bad = spoilt(r, "displacement", lambda v: v / 25.4, r.session == 2)
+    bad = spoilt(bad, "wrench", lambda v: v * [1, 1, -1, 1, 1, -1], r.session == 0)
+    out, findings = mended(bad)
+    assert {(f.effect, f.parameters["session"].value) for f in findings} == {("units", 2.0), ("columns", 0.0)}
+    assert np.allclose(out.displacement, r.displacement)  # type: ignore[arg-type]
+    assert {f.effect for f in mended(bad, ("units",))[1]} <= {"columns"}
+
+
+def test_a_pose_in_inches_is_read_like_the_others() -> None:
+    r = sound()
+    out, findings = mended(spoilt(r, "displacement", lambda v: v / 25.4, r.pose == 3))
+    assert [(f.effect, f.location) for f in findings] == [("units", "column:dx_mm")]
+    assert findings[0].parameters["pose"].value == 3.0
+    assert np.allclose(out.displacement, r.displacement)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("registration", ["fit", "fixed"])
+@pytest.mark.parametrize(
+    ("change", "effect"),
+    [
+        (lambda v: v / 25.4, "units"),
+        (lambda v: v * [1, -1, 1], "columns"),
+        (lambda v: v[:, [2, 1, 0]], "columns"),
+        (lambda v: np.roll(v, 1, axis=0), "columns"),
+    ],
+)
+def test_a_session_of_poses_is_read_like_the_others(registration: str, change, effect: str) -> None:
+    cell, robot, _ = measured_arm()
+    r = measure(noise=25e-6, registration=registration)
+    r = replace(r, session=np.repeat(np.arange(3), len(r) // 3))
+    T = cell.tool.T_flange_tcp
+    assert sessions.mended(r, robot, T, None)[0] is r
+    out, findings = sessions.mended(spoilt(r, "position", change, r.session == 2), robot, T, None)
+    assert [(f.effect, f.location) for f in findings] == [(effect, "column:x_mm")]
+    assert np.allclose(out.position, r.position)  # type: ignore[arg-type]
+
+
+# outliers ------------------------------------------------------------------------------------------------------
+
+
+def small(N: int = 24, stated: float | None = 1e-5, scale: float | None = None) -> Problem:
+    """Six poses, twice a session, two sessions; every reading has twins."""
+    pose = np.tile(np.repeat(np.arange(N // 4), 2), 2)
+    session = np.repeat([0, 1], N // 2)
+    visit = session * 100 + pose
+    return Problem(
+        "deflection",
+        np.zeros((N, 3)),
+        np.zeros((N, 3, 1)),
+        (),
+        (Family("translation", (0, 1, 2), "mm", 1e3, stated),),
+        pose,
+        visit,
+        visit,
+        session,
+        pose,
+        np.arange(N),
+        np.arange(1, N + 1),
+        scale=None if scale is None else np.full((N, 3), scale),
+    )
+
+
+def test_few_rows_are_outliers_and_most_of_a_session_or_what_comes_back_is_none() -> None:
+    p, rng = small(), np.random.default_rng(0)
+    e = 1e-5 * rng.standard_normal((24, 3))
+    assert aside.good(p, e).all()
+    one = e.copy()
+    one[5] += 1e-3
+    assert np.flatnonzero(~aside.good(p, one)).tolist() == [5]
+    session = e.copy()
+    session[12:20] += rng.choice([-1, 1], (8, 1)) * 1e-3  # eight of the twelve, each its own way
+    assert aside.good(p, session).all()
+    again = e.copy()
+    again[[4, 16]] += 1e-3  # the same pose in both sessions
+    assert aside.good(p, again).all()
+
+
+# loads ---------------------------------------------------------------------------------------------------------
+
+
+def test_load_columns_of_noise_count_as_zero_and_no_others() -> None:
+    rng = np.random.default_rng(1)
+    r = sound(moment=200.0)
+    assert r.wrench is not None
+    stated = replace(r, uncertainty=StandardUncertainty(15e-6, None, 5.0, 2.0))
+    assert loads.heard(stated) == (stated, [])
+    w = r.wrench.copy()
+    w[:, 3:] = 2.0 * rng.standard_normal((len(r), 3))
+    noisy = replace(stated, wrench=w)
+    heard, said = loads.heard(noisy)
+    assert heard.wrench is not None
+    assert not heard.wrench[:, 3:].any()
+    assert np.array_equal(heard.wrench[:, :3], w[:, :3])
+    assert len(said) == 1
+    w = w.copy()
+    w[r.pose == 2, 3] += 40.0  # a true moment in a tenth of the readings
+    heard, _ = loads.heard(replace(stated, wrench=w))
+    assert heard.wrench is not None
+    assert heard.wrench[:, 3].any()
+    unstated = replace(noisy, uncertainty=StandardUncertainty())
+    assert loads.heard(unstated)[0] is unstated
+
+
+def test_loads_that_the_sensor_cannot_tell_apart_are_the_same() -> None:
+    apart = loads.same(np.array([1000.0, 3.0]), 0.08, StandardUncertainty(None, None, 5.0, 2.0))
+    assert apart[:3] == pytest.approx([80.0] * 3)
+    assert (apart[3:] > 8.0).all()
+    assert (loads.same(np.zeros(2), 0.08, StandardUncertainty()) > 0).all()
+
+
+# what is said --------------------------------------------------------------------------------------------------
+
+
+def test_what_no_such_instrument_makes_is_not_all_well() -> None:
+    p, used = small(), np.ones(24, bool)
+    noise = Noise(np.array([1e-5]), np.zeros(1), np.zeros(1), 0.0, True)
+    fine, poor = np.full((24, 3), 3e-5), np.full((24, 3), 5e-4)
+    assert instruments.beyond(p, fine, noise, used) is None
+    left = instruments.beyond(p, poor, noise, used)
+    assert left is not None
+    assert [left.verdict(v) for v in ("consistent", "explained", "partly_explained")] == [
+        "unexplained",
+        "partly_explained",
+        "partly_explained",
+    ]
+    assert "50 times" in left.words
+    loud = replace(noise, own=np.array([1e-3]))
+    assert instruments.beyond(p, fine, loud, used) is not None
+    assert instruments.beyond(small(stated=None), poor, loud, used) is None
+    assert instruments.beyond(small(scale=0.05), poor, noise, used) is None  # a soft arm: 1 % of 50 mm
+
+
+def test_no_body_is_made_infinitely_soft_by_an_entry_below_zero() -> None:
+    C = np.diag([1e-8, 2e-8, 1e-8, 1e-7, 1e-7, -1e-9])
+    C[1, 5] = C[5, 1] = 3e-8
+    out = pushing_back_nowhere(C)
+    assert np.linalg.eigvalsh(out).min() >= -1e-20
+    assert np.abs(out).max() <= 1e-7
+    assert np.allclose(out, np.diag([1e-8, 2e-8, 1e-8, 1e-7, 1e-7, 0.0]))
