@@ -125,7 +125,9 @@ def test_a_pose_in_inches_is_read_like_the_others() -> None:
         (lambda v: np.roll(v, 1, axis=0), "columns"),
     ],
 )
-def test_a_session_of_poses_is_read_like_the_others(registration: str, change, effect: str) -> None:
+def test_a_session_of_poses_is_read_like_the_others(
+    registration: str, change: Callable[[np.ndarray], np.ndarray], effect: str
+) -> None:
     cell, robot, _ = measured_arm()
     r = measure(noise=25e-6, registration=registration)
     r = replace(r, session=np.repeat(np.arange(3), len(r) // 3))
