@@ -12,7 +12,7 @@ from made_up_loads import ARCMIN, CELLS, Dirt, Truth, arm, clicking, load_tests,
 from test_diagnose_absolute import arm as measured_arm
 from test_diagnose_absolute import measure
 
-from machopt.diagnose import aside, instruments, loads, sessions
+from machopt.diagnose import aside, instruments, loads, sessions, throughout
 from machopt.diagnose.noise import Noise
 from machopt.diagnose.problem import Family, Problem
 from machopt.diagnose.result import Finding
@@ -136,6 +136,43 @@ def test_a_session_of_poses_is_read_like_the_others(
     out, findings = sessions.mended(spoilt(r, "position", change, r.session == 2), robot, T, None)
     assert [(f.effect, f.location) for f in findings] == [(effect, "column:x_mm")]
     assert np.allclose(out.position, r.position)  # type: ignore[arg-type]
+
+
+THROUGHOUT = {
+    "x and y": ("displacement", lambda v: v[:, [1, 0, 2]], "dx_mm"),
+    "fx and fz": ("wrench", lambda v: v[:, [2, 1, 0, 3, 4, 5]], "fx_N"),
+    "−q5": ("q", lambda v: v * [1, 1, 1, 1, -1, 1], "q5_deg"),
+    "q2 and q3": ("q", lambda v: v[:, [0, 2, 1, 3, 4, 5]], "q2_deg"),
+    "one row low": ("displacement", lambda v: np.roll(v, 1, axis=0), "dx_mm"),
+}
+
+
+@pytest.mark.parametrize("name", THROUGHOUT)
+def test_columns_exchanged_in_the_whole_record_are_put_right(name: str) -> None:
+    column, change, where = THROUGHOUT[name]
+    cell, r = load_cell(CELLS / CELL), sound()
+    robot, T = load_robot(cell), cell.tool.T_flange_tcp
+    assert throughout.mended(r, robot, T) == (r, [])
+    bad = replace(r, **{column: change(getattr(r, column))})
+    out, findings = throughout.mended(bad, robot, T)
+    assert [(f.effect, f.location) for f in findings] == [("columns", f"column:{where}")]
+    assert np.allclose(getattr(out, column), getattr(r, column))
+    assert throughout.mended(bad, robot, T, ("columns",)) == (bad, [])
+
+
+def test_a_tracker_turned_far_is_a_frame_and_a_mirrored_one_is_not() -> None:
+    cell, robot, _ = measured_arm()
+    T = cell.tool.T_flange_tcp
+    r = measure(noise=25e-6)
+    assert r.position is not None
+    turned = replace(r, position=r.position[:, [2, 0, 1]] * [1, -1, -1] + 0.5)
+    assert throughout.mended(turned, robot, T) == (turned, [])
+    mirrored = replace(turned, position=turned.position * [1, 1, -1])  # type: ignore[operator]
+    _, findings = throughout.mended(mirrored, robot, T)
+    assert [(f.effect, f.location) for f in findings] == [("columns", "column:x_mm")]
+    out, findings = throughout.mended(replace(turned, q=turned.q * [1, 1, 1, -1, 1, 1]), robot, T)
+    assert [(f.effect, f.location) for f in findings] == [("columns", "column:q4_deg")]
+    assert np.array_equal(out.q, turned.q)
 
 
 # outliers ------------------------------------------------------------------------------------------------------

@@ -152,6 +152,11 @@ class Recorded:
         JUDGED,
     )
     pose_falls: float = _set(0.15, "the same of a single pose, which has no replicates in others", JUDGED)
+    whole_off: float = _set(
+        0.12, "unexplained share of the displacement from which on whole columns are read otherwise", JUDGED
+    )
+    whole_pose_off: float = _set(0.005, "the same of measured poses, per the size of their coordinates", JUDGED)
+    whole_falls: float = _set(0.2, "misfit of the whole record read otherwise, per that of the stated reading", JUDGED)
     part_level: float = _set(2.0, "misfit of the other sessions or poses that a mended one may have", JUDGED)
     part_stands_out: float = _set(
         2.0, "misfit per that of the others, below which no session or pose is looked at again", JUDGED

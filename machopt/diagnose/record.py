@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtrc, ndtr
 
-from machopt.diagnose import calibrated, loads, sessions
+from machopt.diagnose import calibrated, loads, sessions, throughout
 from machopt.diagnose.aside import comes_back
 from machopt.diagnose.contradiction import contradictions
 from machopt.diagnose.problem import Problem as Equations
@@ -70,7 +70,8 @@ def mend(
     recording, odd = sessions.mended(recording, robot, T_flange_tcp, prior, accept)
     if recording.kind == "absolute":
         recording, findings, warnings = _poses(recording, robot, T_flange_tcp, accept)
-        return recording, [*odd, *findings], warnings
+        recording, more = throughout.mended(recording, robot, T_flange_tcp, accept)
+        return recording, [*odd, *findings, *more], warnings
     findings = []
     warnings = []
     recording, silent = loads.heard(recording)
@@ -97,7 +98,8 @@ def mend(
         chance = _votes(tests.pose, _off_by_pose(tests, usual), _off_by_pose(right, usual))
         findings = _joined(findings, _said(error, before, _misfit(right), chance))
     recording, more = contradictions(recording, robot, T_flange_tcp)
-    return recording, [*odd, *findings, *more], [*silent, *warnings]
+    recording, exchanged = throughout.mended(recording, robot, T_flange_tcp, accept)
+    return recording, [*odd, *findings, *more, *exchanged], [*silent, *warnings]
 
 
 def where_it_stands(

@@ -139,10 +139,10 @@ def _repairs(
         others = _rows(whole, ~rows)
         x = others.fit()
         rest = others.error(x)
-        level_of_others = max(_typical(rest), sigma)
+        level_of_others = max(typical(rest), sigma)
         known = others, rest, level == "session"
         seen, _ = _misfit(_rows(whole, rows), x, *known)
-        before = _typical(seen)
+        before = typical(seen)
         if before < limits.part_stands_out * level_of_others:
             continue
         part = taken(recording, rows)
@@ -151,16 +151,16 @@ def _repairs(
             changed = way.read(part)
             now = equations(changed, robot, T)
             e, twins = _misfit(now, x, *known)
-            after = _typical(e) * way.scale
-            if after > falls * before or _typical(e) > limits.part_level * level_of_others:
+            after = typical(e) * way.scale
+            if after > falls * before or typical(e) > limits.part_level * level_of_others:
                 continue
             whole_again = put(recording, changed, rows)
             every = equations(whole_again, robot, T)
             left = _left(every, label)
             if left > limits.session_falls**0.5 * _left(whole, label):
                 continue
-            chance = _chance(now.pose, np.linalg.norm(seen, axis=1), np.linalg.norm(e, axis=1) * way.scale)
-            yield _Repair(k, way, whole_again, before, after, left, twins, _far(every, prior), chance)
+            by_chance = chance(now.pose, np.linalg.norm(seen, axis=1), np.linalg.norm(e, axis=1) * way.scale)
+            yield _Repair(k, way, whole_again, before, after, left, twins, _far(every, prior), by_chance)
 
 
 def _best(found: list[_Repair]) -> _Repair | None:
@@ -213,11 +213,12 @@ def _rows(e: Equations, rows: Flags) -> Equations:
     )
 
 
-def _typical(e: Array) -> float:
+def typical(e: Array) -> float:
+    """Median size of (N, 3) errors."""
     return float(np.median(np.linalg.norm(e, axis=1)))
 
 
-def _chance(pose: Ints, before: Array, after: Array) -> float:
+def chance(pose: Ints, before: Array, after: Array) -> float:
     """That so many poses come nearer by accident: a sign test."""
     each = [np.median(after[pose == g]) < np.median(before[pose == g]) for g in np.unique(pose)]
     better = int(np.sum(each))

@@ -1,0 +1,126 @@
+"""Signs, axes, joints and rows that are exchanged in the whole record: no session is there to say so, only the model.
+
+Taken where one way to read the columns leaves far less than the stated one, and no other way does nearly as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.diagnose import calibrated
+from machopt.diagnose.problem import RecordCorrection
+from machopt.diagnose.result import Finding
+from machopt.diagnose.rewritten import Way, ways
+from machopt.diagnose.sessions import WORD, Equations, chance, equations, typical
+from machopt.domain.recording import Recording
+from machopt.model.robot import Robot
+
+Array = NDArray[np.float64]
+ALIGNMENTS = 12  # steps to the frame of least absolute deviations
+
+
+def mended(
+    recording: Recording, robot: Robot, T_flange_tcp: Array, accept: Collection[str] = ()
+) -> tuple[Recording, list[Finding]]:
+    """Read the columns of a whole record otherwise where that is sure; at most one such fault.
+
+    Args:
+        recording: kind deflection or absolute; units, frames and single sessions mended.
+        robot, T_flange_tcp: the arm.
+        accept: effects that the user says are none.
+    """
+    if "columns" in accept or (recording.kind == "absolute" and recording.position is None):
+        return recording, []
+    stated = equations(_registered(recording, robot, T_flange_tcp), robot, T_flange_tcp)
+    before = _error(stated)
+    left = _share(stated, before)
+    gate = calibrated.RECORD.whole_off if recording.kind == "deflection" else calibrated.RECORD.whole_pose_off
+    if left < gate:
+        return recording, []
+    found = []
+    for way in _ways(recording):
+        changed = way.read(recording)
+        now = equations(_registered(changed, robot, T_flange_tcp), robot, T_flange_tcp)
+        after = _error(now)
+        if _share(now, after) < calibrated.RECORD.whole_falls * left:
+            found.append((_share(now, after), len(found), way, changed, after))
+    if not found:
+        return recording, []
+    least, _, way, changed, after = min(found, key=lambda f: f[:2])
+    if typical(after) > calibrated.RECORD.whole_falls * typical(before):
+        return recording, []
+    as_good = [f for f in found if f[0] < calibrated.RECORD.part_as_good * least]
+    if recording.registration == "fit" and {f[2].column for f in as_good} == {"x_mm"}:
+        _, _, way, changed, after = as_good[0]  # a free frame: every mirror is the same one, turned
+    elif len(as_good) > 1:  # which of them it is cannot be told: nothing is mended on a guess
+        return recording, []
+    where = f"column:{way.column}"
+    words = f"{way.words}, in the whole record: so read the model leaves {100 * least / left:.2g} % of what it left"
+    sizes = [np.linalg.norm(e, axis=1) for e in (before, after)]
+    return changed, [
+        Finding(
+            way.effect,
+            where,
+            WORD,
+            "",
+            words,
+            ((way.effect, where),),
+            {},
+            1e3 * typical(before),
+            1e3 * typical(after),
+            chance(stated.pose, *sizes),
+            correction=RecordCorrection(way.effect, where, {"message": words}),
+            record=True,
+        )
+    ]
+
+
+def _registered(recording: Recording, robot: Robot, T_flange_tcp: Array) -> Recording:
+    """Positions brought to base_link where the tracker's frame is free, however far it is turned (Kabsch, robust)."""
+    if recording.kind != "absolute" or recording.registration != "fit" or recording.position is None:
+        return recording
+    p, x = robot.fk(recording.q, T_flange_tcp)[:, :3, 3], recording.position
+    weight, out = np.ones(len(p)), x
+    for _ in range(ALIGNMENTS):
+        w = weight[:, None] / weight.sum()
+        a, b = (w * x).sum(axis=0), (w * p).sum(axis=0)
+        U, _, Vt = np.linalg.svd((w * (x - a)).T @ (p - b))
+        turn = Vt.T @ np.diag([1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T))]) @ U.T
+        out = (x - a) @ turn.T + b
+        size = np.linalg.norm(out - p, axis=1)
+        weight = 1.0 / np.maximum(size, max(0.1 * float(np.median(size)), 1e-9))
+    return replace(recording, position=out)
+
+
+def _ways(recording: Recording) -> Iterator[Way]:
+    """Without units, which have their own check, and without what turns the load as a whole."""
+    for way in ways(recording):
+        if way.effect == "columns":
+            yield way
+    n = recording.q.shape[1]
+    for a, b in combinations(range(n), 2):
+        yield Way(
+            "columns",
+            f"q{a + 1}_deg",
+            f"q{a + 1}_deg and q{b + 1}_deg are exchanged",
+            lambda r, a=a, b=b: _exchanged(r, a, b),  # type: ignore[misc]
+        )
+
+
+def _exchanged(r: Recording, a: int, b: int) -> Recording:
+    q = r.q.copy()
+    q[:, [a, b]] = q[:, [b, a]]
+    return replace(r, q=q)
+
+
+def _error(e: Equations) -> Array:
+    return e.error(e.fit())
+
+
+def _share(e: Equations, error: Array) -> float:
+    return float(np.abs(error).sum() / max(e.size.sum(), 1e-300))
