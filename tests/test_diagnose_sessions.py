@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -43,14 +44,15 @@ def mended(r: Recording, accept: tuple[str, ...] = ()) -> tuple[Recording, list[
 def spoilt(r: Recording, name: str, change: Callable[[np.ndarray], np.ndarray], rows: np.ndarray) -> Recording:
     values = getattr(r, name).copy()
     values[rows] = change(values[rows])
-    return replace(r, **{name: values})
+    changes: dict[str, Any] = {name: values}
+    return replace(r, **changes)
 
 
 def forces(v: np.ndarray, factor: float) -> np.ndarray:
     return np.hstack([v[:, :3] * factor, v[:, 3:]])
 
 
-FAULTS = {
+FAULTS: dict[str, tuple[str, Callable[[np.ndarray], np.ndarray], str, str]] = {
     "inches": ("displacement", lambda v: v / 25.4, "units", "dx_mm"),
     "centimetres": ("displacement", lambda v: v / 10.0, "units", "dx_mm"),
     "micrometres": ("displacement", lambda v: v * 1e3, "units", "dx_mm"),
@@ -138,7 +140,7 @@ def test_a_session_of_poses_is_read_like_the_others(
     assert np.allclose(out.position, r.position)  # type: ignore[arg-type]
 
 
-THROUGHOUT = {
+THROUGHOUT: dict[str, tuple[str, Callable[[np.ndarray], np.ndarray], str]] = {
     "x and y": ("displacement", lambda v: v[:, [1, 0, 2]], "dx_mm"),
     "fx and fz": ("wrench", lambda v: v[:, [2, 1, 0, 3, 4, 5]], "fx_N"),
     "−q5": ("q", lambda v: v * [1, 1, 1, 1, -1, 1], "q5_deg"),
@@ -153,7 +155,7 @@ def test_columns_exchanged_in_the_whole_record_are_put_right(name: str) -> None:
     cell, r = load_cell(CELLS / CELL), sound()
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
     assert throughout.mended(r, robot, T) == (r, [])
-    bad = replace(r, **{column: change(getattr(r, column))})
+    bad = spoilt(r, column, change, np.ones(len(r), bool))
     out, findings = throughout.mended(bad, robot, T)
     assert [(f.effect, f.location) for f in findings] == [("columns", f"column:{where}")]
     assert np.allclose(getattr(out, column), getattr(r, column))
@@ -167,7 +169,8 @@ def test_a_tracker_turned_far_is_a_frame_and_a_mirrored_one_is_not() -> None:
     assert r.position is not None
     turned = replace(r, position=r.position[:, [2, 0, 1]] * [1, -1, -1] + 0.5)
     assert throughout.mended(turned, robot, T) == (turned, [])
-    mirrored = replace(turned, position=turned.position * [1, 1, -1])  # type: ignore[operator]
+    assert turned.position is not None
+    mirrored = replace(turned, position=turned.position * np.array([1.0, 1.0, -1.0]))
     _, findings = throughout.mended(mirrored, robot, T)
     assert [(f.effect, f.location) for f in findings] == [("columns", "column:x_mm")]
     out, findings = throughout.mended(replace(turned, q=turned.q * [1, 1, 1, -1, 1, 1]), robot, T)

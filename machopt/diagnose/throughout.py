@@ -42,7 +42,7 @@ def mended(
     gate = calibrated.RECORD.whole_off if recording.kind == "deflection" else calibrated.RECORD.whole_pose_off
     if left < gate:
         return recording, []
-    found = []
+    found: list[tuple[float, int, Way, Recording, Array]] = []
     for way in _ways(recording):
         changed = way.read(recording)
         now = equations(_registered(changed, robot, T_flange_tcp), robot, T_flange_tcp)
