@@ -14,9 +14,9 @@ Array = NDArray[np.float64]
 
 
 def unproven(model: Model, laws: Sequence[tuple[Tried, int]]) -> list[int]:
-    """Which laws have no size, of those that are said, whose 95 % interval excludes zero.
+    """Which laws have no coefficient, and no size that is said, whose 95 % interval excludes zero.
 
-    A coefficient alone is not enough: what couples two directions that both do not give way is nothing built.
+    Of a body only what gives way counts: what couples two directions that do not is nothing built.
 
     Args:
         model: with the columns of all laws, in their order, after those of the base.
@@ -58,8 +58,11 @@ def kept_if_possible(model: Model, law: Tried, shape: int, x: Array, gain: float
 def _proven(law: Tried, shape: int, x: Array, V: Array, t: float) -> bool:
     """Whether one of the effect's sizes is beyond zero, by its slope in the coefficients."""
     h, unit = law.hypothesis, law.unit[shape]
+    counts = np.isfinite(h.lower) if h.lower else np.full(len(x), h.possible is None)
     if h.lower:
         x = np.maximum(x, np.array(h.lower))
+    if (counts & (np.abs(x) > t * np.sqrt(np.maximum(np.diag(V), 0.0)))).any():
+        return True
 
     def sizes(v: Array) -> Array:
         return np.array([q.value for q in h.quantities(v * unit, law.shapes[shape]).values()])
