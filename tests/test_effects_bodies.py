@@ -14,6 +14,7 @@ from machopt.diagnose import at_body, deflection, engine
 from machopt.diagnose.problem import Catalogue, Family, Problem, Unknown
 from machopt.domain.stiffness import Stiffness, Term
 from machopt.effects import bodies, own, registry
+from machopt.effects.definite import nearest_definite
 from machopt.effects.protocol import COMPLIANCE, Array, Body, BodyLaw, Effect, Parameter, Quantity
 from machopt.effects.words import named
 from machopt.formats.cell import load_cell
@@ -259,3 +260,33 @@ class Flat(Sheared):
 class Broken(Sheared):
     def matrices(self, shape: Array, body: Body) -> Array:
         return np.eye(6)[None] / (1 // 0)
+
+
+def test_the_nearest_body_is_nearest_as_the_readings_count() -> None:
+    pairs = [(i, j) for i in range(3) for j in range(i, 3)]
+    rng = np.random.default_rng(5)
+    C = np.diag([2e-8, 3e-8, -1e-8])  # gives way against the load along z
+    C[0, 1] = C[1, 0] = 1e-8
+    values = np.array([C[i, j] for i, j in pairs])
+    shown = rng.normal(size=(40, 6)) * [1.0, 1.0, 30.0, 1.0, 1.0, 1.0]  # what couples x with z is shown best
+    metric = shown.T @ shown
+
+    def cost(x: Array) -> float:
+        return float((x - values) @ metric @ (x - values))
+
+    def matrix(x: Array) -> Array:
+        made = np.zeros((3, 3))
+        for v, (i, j) in zip(x, pairs, strict=True):
+            made[i, j] = made[j, i] = v
+        return made
+
+    near = nearest_definite(values, pairs, metric)
+    assert np.linalg.eigvalsh(matrix(near)).min() > -1e-12 * np.abs(near).max()
+    w, V = np.linalg.eigh(C)
+    plain = (V * np.maximum(w, 0.0)) @ V.T
+    assert cost(near) <= cost(np.array([plain[i, j] for i, j in pairs]))
+    for _ in range(50):  # no other one nearby is nearer
+        L = np.linalg.cholesky(matrix(near) + 1e-12 * np.eye(3)) + 1e-6 * rng.normal(size=(3, 3))
+        assert cost(np.array([(L @ L.T)[i, j] for i, j in pairs])) > cost(near) * (1 - 1e-6)
+    possible = np.array([3e-8, 0.0, 0.0, 2e-8, 0.0, 1e-8])
+    np.testing.assert_array_equal(nearest_definite(possible, pairs, metric), possible)

@@ -17,7 +17,6 @@ from machopt.diagnose.problem import Hypothesis, Quantity, Shape
 from machopt.diagnose.readings import Readings
 from machopt.domain.stiffness import Term
 from machopt.effects import files, registry
-from machopt.effects.bodies import Entries
 from machopt.effects.protocol import BodyLaw, Effect
 from machopt.model.terms import term_of
 from machopt.model.terms.body import BodySpring, Place, placed, spring
@@ -100,7 +99,8 @@ def _hypothesis(
         return spring(effect.called, place, law, values, np.array(shape))
 
     count = len(law.coefficients)
-    lower = tuple(least for _, _, least in files.named(law, count)) if law.bounded else ()
+    least = tuple(least for _, _, least in files.named(law, count))
+    lower = least if law.bounded else ()
 
     def columns(shape: Shape) -> Array:
         return _twist(r, made(np.zeros(count), shape), load)[:, : r.dimensions]
@@ -119,6 +119,6 @@ def _hypothesis(
         lower=lower if np.isfinite(lower).any() else (),
         correction=lambda x, shape: made(x, shape).to_file(),
         family="body",
-        possible=law.nearest if isinstance(law, Entries) and not law.bounded else None,
+        possible=None if np.isfinite(least).all() else law.nearest,
         note=law.note or (NOTE if r.differences else f"under weight, {NOTE}"),
     )

@@ -81,8 +81,13 @@ class Proof:
         0.2, "variance of whitened residuals beyond 1 that no noise makes, however many visits", JUDGED
     )
     matters: float = _set(0.3, "repeatable rmse per noise of one reading that matters", JUDGED)
-    closed: float = _set(0.6, "share of the repeatable power from which on findings explain it", JUDGED)
-    partly: float = _set(0.55, "share below which what was found is withdrawn", JUDGED)
+    as_noise: float = _set(1.3, "times the noise that unseen readings may leave where findings explain it", JUDGED)
+    surely_better: float = _set(
+        0.05,
+        "chance that unseen groups are predicted better by accident, from which what was found is withdrawn",
+        JUDGED,
+    )
+    half: float = _set(0.7, "of the error on unseen readings: less is better, however few groups it shows in", JUDGED)
     locked: float = _set(0.22, "share of the groups that the proof locks away", JUDGED)
     fewest_groups: int = _set(8, "groups, below which none can be spared", JUDGED)
     least_visits: int = _set(12, "visits that a test of repeats asks for", JUDGED)

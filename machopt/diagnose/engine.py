@@ -170,14 +170,15 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
     real = bool(sure and np.sqrt(power) > calibrated.PROOF.matters * unit_noise)
     findings = [_finding(state, k) for k in range(len(state.chosen))]
     withdrawn: list[Finding] = []
-    if state.chosen and explained < calibrated.PROOF.partly and real:
+    if state.chosen and real and not heldout.better(problem, before, after, used):
         findings, withdrawn = [], findings
         after, final, explained = before, plain, 0.0
+        rest = there
     if known is not None:
         findings.append(known.finding)
     verdict: Verdict
     if findings:
-        verdict = "explained" if explained >= calibrated.PROOF.closed or not real else "partly_explained"
+        verdict = "explained" if _nothing_left(state, rest, after) else "partly_explained"
     else:
         verdict = "unexplained" if real or withdrawn else "consistent"
     left = instruments.beyond(problem, after, floor_noise, used)
@@ -231,6 +232,14 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
         + (() if left is None else (left.words,)),
     )
     return replace(result, sentence=words.sentence(result), next_experiment=words.next_experiment(result))
+
+
+def _nothing_left(state: State, rest: mismatch.Repeatable, after: Array) -> bool:
+    """Whether findings leave no repeatable part, or no more than noise may make."""
+    noise_floor = heldout.floor(state.problem, state.noise, state.used)
+    if heldout.rmse(state.problem, after, state.used) <= calibrated.PROOF.as_noise * noise_floor:
+        return True
+    return rest.p_value > calibrated.PROOF.certain  # nothing was repeated: not a number, and not known
 
 
 def _limits(state: State, chosen: Sequence[Chosen], rng: np.random.Generator) -> list[Limit]:
@@ -292,8 +301,13 @@ def _shares(state: State, findings: Sequence[Finding], machine: list[Share]) -> 
 
 
 def _coefficients(state: State, chosen: Sequence[Chosen]) -> list[Coefficient]:
-    x, covariance, _ = sandwich(with_chosen(state.base, chosen))
+    _, covariance, _ = sandwich(with_chosen(state.base, chosen))
     P = len(state.unit)
+    m, X = state.base, state.base.X
+    held = m.Xy.sum(axis=0)  # beside the effects as they are said, which bounds may have moved
+    for c in chosen:
+        held = held - X.T @ (c.columns @ c.scored.x)
+    x = m.inverse @ held
     before = state.base.coefficients * state.unit
     sigma = np.sqrt(np.maximum(np.diag(covariance)[:P], 0.0)) * state.unit
     return [

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtr
 
+from machopt.diagnose import calibrated
 from machopt.diagnose.grams import Model, ridged_inverse
 from machopt.diagnose.noise import Noise
 from machopt.diagnose.problem import Problem
@@ -65,6 +67,18 @@ def floor(problem: Problem, noise: Noise, used: Flags) -> float:
     if problem.scale is not None:
         gain = noise.gain * rms(problem.scale[used][:, list(family.columns)])
     return family.factor * float(np.hypot(noise.together(0), gain))
+
+
+def better(problem: Problem, before: Array, after: Array, used: Flags) -> bool:
+    """Whether groups are predicted better than before by more than chance: paired, each group counting the same."""
+    errors, _ = by_group(problem, (before, after), used)
+    power = errors[np.isfinite(errors).all(axis=1)] ** 2
+    if len(power) < 2:  # nothing to compare with
+        return bool(np.sum(power[:, 1]) < np.sum(power[:, 0]))
+    d = np.log(np.maximum(power[:, 0], 1e-300) / np.maximum(power[:, 1], 1e-300))
+    error = float(d.std(ddof=1)) / np.sqrt(len(d))
+    chance = float(stdtr(len(d) - 1, -float(d.mean()) / error)) if error > 0 else float(d.mean() <= 0)
+    return chance <= calibrated.PROOF.surely_better or rms(after[used]) < calibrated.PROOF.half * rms(before[used])
 
 
 def by_group(problem: Problem, residuals: Sequence[Array], used: Flags) -> tuple[Array, NDArray[np.int64]]:

@@ -119,7 +119,8 @@ class Hypothesis:
     family: str = ""  # effects that are rivals of one kind: "joint", "body", "sensor", "kinematic", "environment"
     curve: Callable[[Array, Shape], Curve] | None = None  # the law itself, for the report
     penalty: float = 0.0  # beyond that of its coefficients; for laws that are flexible enough to fit anything
-    possible: Callable[[Array], Array] | None = None  # coefficients that something built can have, near the given ones
+    # coefficients (p,) that something built can have, nearest to the given ones by how the misfit grows (p, p)
+    possible: Callable[[Array, Array], Array] | None = None
     exact: bool = False  # the law leaves nothing of its effect (a clock, a measured lag), however large that is
 
     @property

@@ -7,7 +7,7 @@ exhaustively, because one effect can stand in for two.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -17,7 +17,7 @@ from machopt.diagnose import calibrated
 from machopt.diagnose.grams import Model, Tried
 from machopt.diagnose.problem import Hypothesis
 from machopt.diagnose.screen import Scored, by_chance, score
-from machopt.diagnose.unproven import kept_if_possible, unproven
+from machopt.diagnose.unproven import possible, unproven
 from machopt.effects import registry
 
 Array = NDArray[np.float64]
@@ -58,8 +58,9 @@ def holds(model: Model, s: Scored) -> bool:
         return False
     return (
         s.total > calibrated.DETECTION.generalises * s.gain
-        and kept_if_possible(model, s.tried, s.shape, s.x, s.gain) >= calibrated.DETECTION.possible * s.gain
+        and possible(model, s.tried, s.shape, s.x)[1] <= (1.0 - calibrated.DETECTION.possible) * s.gain
         and s.total - float(s.heldout.max()) > calibrated.DETECTION.without_best * s.total
+        and not unproven(model.with_columns(s.tried.at(s.shape)), [(s.tried, s.shape)])
     )
 
 
@@ -224,7 +225,10 @@ def _backward(model: Model, chosen: list[Chosen]) -> list[Chosen]:
             with_chosen(model, out), [(c.tried, c.scored.shape) for c in out]
         )
         if not weak:
-            kept = [Chosen(s, c.p_value) for c, (_, s) in zip(out, again, strict=True)]
+            kept = [
+                Chosen(replace(s, x=possible(m, s.tried, s.shape, s.x)[0]), c.p_value)
+                for c, (m, s) in zip(out, again, strict=True)
+            ]
             return sorted(kept, key=lambda c: -c.scored.total)
         worst = min(weak, key=lambda k: again[k][1].total)
         out = out[:worst] + out[worst + 1 :]

@@ -36,23 +36,25 @@ def unproven(model: Model, laws: Sequence[tuple[Tried, int]]) -> list[int]:
     return out
 
 
-def kept_if_possible(model: Model, law: Tried, shape: int, x: Array, gain: float) -> float:
-    """Gain that stays where the coefficients are brought to the nearest that something built can have.
+def possible(model: Model, law: Tried, shape: int, x: Array) -> tuple[Array, float]:
+    """The coefficients that something built can have and that lose the least, and what they lose.
 
     Args:
-        model: beside which the law was fitted.
+        model: beside which the law was fitted; its coefficients adapt.
         law, shape: with its whitened columns.
         x: (p,) its best coefficients, in the law's own scale.
-        gain: with them.
+
+    Returns:
+        (p,) in the same scale; the whitened sum of squares beyond that of ``x``.
     """
-    possible = law.hypothesis.possible
-    if possible is None:
-        return gain
+    if law.hypothesis.possible is None:
+        return x, 0.0
     unit, X = law.unit[shape], law.at(shape)
-    moved = possible(x * unit) / unit - x
     B = model.X.T @ X
     S = X.T @ X - B.T @ model.inverse @ B
-    return float(gain - moved @ S @ moved)
+    there = law.hypothesis.possible(x * unit, S / np.outer(unit, unit)) / unit
+    moved = there - x
+    return np.asarray(there), float(moved @ S @ moved)
 
 
 def _proven(law: Tried, shape: int, x: Array, V: Array, t: float) -> bool:

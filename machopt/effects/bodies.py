@@ -16,6 +16,7 @@ import numpy as np
 
 from machopt.effects import files
 from machopt.effects.beam import bent_about, cantilever_axial, cantilever_bending, cantilever_torsion
+from machopt.effects.definite import nearest_definite
 from machopt.effects.files import Parameters
 from machopt.effects.protocol import Array, Body, BodyLaw, Parameter, Quantity, Shape
 from machopt.se3 import normalise
@@ -66,6 +67,9 @@ class Yields:
 
     def stated(self, values: Array, shape: Array, body: Body) -> dict[str, Any]:
         return files.write(self, values, shape)  # type: ignore[arg-type]  # what inherits has coefficients
+
+    def nearest(self, values: Array, metric: Array) -> Array:
+        return values
 
     def seen(self, dimensions: int, *, turning: bool) -> BodyLaw:
         return self  # type: ignore[return-value]  # and matrices
@@ -194,13 +198,8 @@ class Entries(Yields):
         C = np.einsum("p,pij->ij", values, self.matrices(shape, body))
         return {RIGID: np.diag(C).tolist()} if self.key == RIGID else {MATRIX: pushing_back_nowhere(C).tolist()}
 
-    def nearest(self, values: Array) -> Array:
-        """The coefficients of a body that pushes back nowhere, near these."""
-        C = np.zeros((6, 6))
-        for v, (i, j) in zip(values, self.pairs, strict=True):
-            C[i, j] = C[j, i] = v
-        C = pushing_back_nowhere(C)
-        return np.array([C[i, j] for i, j in self.pairs])
+    def nearest(self, values: Array, metric: Array) -> Array:
+        return nearest_definite(values, self.pairs, metric)
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
         """Tilt where the body tilts, else what the tip moves sideways."""

@@ -340,6 +340,15 @@ class BodyLaw(Stated, Protocol):
         """
         ...
 
+    def nearest(self, values: Array, metric: Array) -> Array:
+        """Coefficients of a body that pushes back nowhere.
+
+        Args:
+            values: (p,) where noise has its way.
+            metric: (p, p) how the sum of squares that readings leave grows with a change of them.
+        """
+        ...
+
     def stated(self, values: Array, shape: Array, body: Body) -> dict[str, Any]:
         """The parameters of a file."""
         ...

@@ -22,6 +22,7 @@ from machopt.effects.bodies import (
     Yields,
     stated_law,
 )
+from machopt.effects.definite import nearest_definite
 from machopt.effects.files import Parameters
 from machopt.effects.protocol import Array, Body, BodyLaw, Effect, Parameter, Quantity, Shape
 from machopt.se3 import normalise, skew
@@ -66,7 +67,9 @@ class TipMatrix(Entries):
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
         sideways = [abs(float(v)) for pair, v in zip(self.pairs, values, strict=True) if pair in DIAGONAL[1:3]]
-        return {"lateral_compliance": Quantity(1e6 * max(sideways), "µm/N")}
+        tilts = [abs(float(v)) for pair, v in zip(self.pairs, values, strict=True) if pair in DIAGONAL[4:]]
+        tilt = {"tilt_compliance": Quantity(max(tilts), UNITS[2])} if tilts else {}
+        return {"lateral_compliance": Quantity(1e6 * max(sideways), "µm/N"), **tilt}
 
     def seen(self, dimensions: int, *, turning: bool) -> BodyLaw:
         if dimensions == 6 or turning:
@@ -81,7 +84,7 @@ class Round(Yields):
     line: bool  # about the line from the flange to the TCP; else about the tool's axis
     note = NOTE
     equation = "R C Rᵀ w at the TCP, C of a body of revolution"
-    coefficients = (
+    coefficients: tuple[Parameter, ...] = (
         Parameter(key="shift", unit=UNITS[0], least=0.0),
         Parameter(key="tilt", unit=UNITS[2], least=0.0),
         Parameter(key="both", unit=UNITS[1]),
@@ -91,11 +94,16 @@ class Round(Yields):
     def name(self) -> str:
         return "bends about the line from flange to TCP" if self.line else "round, bends and tilts"
 
+    def seen(self, dimensions: int, *, turning: bool) -> BodyLaw:
+        """Places under forces show its shift alone."""
+        return self if dimensions == 6 or turning else replace(self, coefficients=self.coefficients[:1])
+
     def matrices(self, shape: Array, body: Body) -> Array:
         made = np.zeros((3, 6, 6))
         made[0, 1, 1] = made[0, 2, 2] = made[1, 4, 4] = made[1, 5, 5] = 1.0
         made[2, 1, 5] = made[2, 5, 1] = 1.0
         made[2, 2, 4] = made[2, 4, 2] = -1.0
+        made = made[: len(self.coefficients)]
         if not self.line:
             return made
         turn = np.kron(np.eye(2), _about(_line(body)))
@@ -105,10 +113,11 @@ class Round(Yields):
         return {MATRIX: np.einsum("p,pij->ij", values, self.matrices(shape, body)).tolist()}
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
-        return {
-            "lateral_compliance": Quantity(1e6 * abs(float(values[0])), "µm/N"),
-            "tilt_compliance": Quantity(abs(float(values[1])), UNITS[2]),
-        }
+        tilt = {"tilt_compliance": Quantity(abs(float(values[1])), UNITS[2])} if len(values) > 1 else {}
+        return {"lateral_compliance": Quantity(1e6 * abs(float(values[0])), "µm/N"), **tilt}
+
+    def nearest(self, values: Array, metric: Array) -> Array:
+        return nearest_definite(values, ((0, 0), (1, 1), (0, 1))[: len(values)], metric)
 
     def grid(self, body: Body) -> tuple[Shape, ...]:
         if not self.line:
