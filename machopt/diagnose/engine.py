@@ -181,7 +181,8 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
         verdict = "explained" if _nothing_left(state, rest, after) else "partly_explained"
     else:
         verdict = "unexplained" if real or withdrawn else "consistent"
-    left = instruments.beyond(problem, after, floor_noise, used)
+    few = len(np.unique(problem.group)) < calibrated.PROOF.fewest_groups  # predicting one from the rest goes too far
+    left = instruments.beyond(problem, final.residual if few else after, floor_noise, used)
     if left is not None:
         verdict = left.verdict(verdict)
     scored = score(state.base, state.tried)

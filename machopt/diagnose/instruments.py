@@ -33,7 +33,7 @@ def beyond(problem: Problem, left: Array, noise: Noise, used: Flags) -> Beyond |
 
     Args:
         problem: its first family is judged.
-        left: (N, D) of unseen readings, SI.
+        left: (N, D) of unseen readings, SI; of all where poses are too few to leave any out.
         noise: as found.
         used: (N,) readings that count.
     """
@@ -50,7 +50,7 @@ def beyond(problem: Problem, left: Array, noise: Noise, used: Flags) -> Beyond |
     if max(floor, rest) <= most:
         return None
     stated = family.factor * family.stated
-    worst, what = (floor, "passes for noise") if floor > most else (rest, "is left on unseen readings")
+    worst, what = (floor, "passes for noise") if floor > most else (rest, "is left")
     return Beyond(
         f"{worst:.3g} {family.unit} {what}, {worst / stated:.0f} times the {stated:.3g} {family.unit} that the "
         "recording states for a reading: something else is there, of the record or of the robot"

@@ -88,6 +88,8 @@ def mended(
         return recording, out
     if recording.kind == "deflection" and (recording.wrench is None or recording.displacement is None):
         return recording, out
+    if recording.kind == "deflection" and not (np.any(recording.wrench) and np.any(recording.displacement)):
+        return recording, out  # says nothing, which is refused where it is looked at
     _, session = np.unique(recording.session, return_inverse=True)
     levels: list[tuple[str, Ints, Ints]] = [("session", session.reshape(-1).astype(np.int64), recording.session)]
     if recording.kind == "deflection":
