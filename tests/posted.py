@@ -24,8 +24,9 @@ def posted(
     out.mkdir(parents=True)
     assert timeline.trajectory is not None
     write_points_csv(out / "points.csv", point_results(as_driven(plan, timeline.phi), toolpath).table)
-    write_trajectory_csv(out / "trajectory.csv", timeline.trajectory, [o.label for o in toolpath.operations])
     cell = plan.setup.cell
+    labels = [o.label for o in toolpath.operations]
+    write_trajectory_csv(out / "trajectory.csv", timeline.trajectory, labels, cell.external_prismatic)
     files = write_program(out, program_name(toolpath.source, post), made.program, post, controller_for(cell, post))
     names = tuple(f.relative_to(out).as_posix() for f in files)
     (found,) = check_programs(

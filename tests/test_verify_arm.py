@@ -152,6 +152,8 @@ def test_pairs_are_what_joints_lie_between(tmp_path: Path) -> None:
         assert frozenset(pair) in found, pair
     for pair in (("carriage_0", "base_link_0"), ("plate_0", "block"), ("plate_0", "clamp"), ("clamp", "block")):
         assert frozenset(pair) not in found, pair
+    hung = names(external_cell(tmp_path, table=True))  # the table is a child of base_link there
+    assert {frozenset(("plate_0", "link_1_0")), frozenset(("plate_0", "cutter"))} <= hung
     still = names(replace(external_cell(tmp_path), obstacles=(post,)))
     assert frozenset(("base_link_0", "post")) not in still
 

@@ -15,6 +15,7 @@ from machopt.formats.posts.densify import Tolerance, densify
 from machopt.model.posture import posture_of
 from machopt.plan.pipeline import Plan
 from machopt.plan.timeline import Leg, Timeline
+from machopt.recheck.posts import carried_part, external_axes, standing_part
 
 
 @dataclass(frozen=True)
@@ -36,23 +37,23 @@ def robot_program(plan: Plan, toolpath: Toolpath, timeline: Timeline, tolerance:
         ValueError: the timeline has no trajectory.
     """
     trajectory, legs = _driven(timeline), timeline.legs
-    Q = np.vstack([plan.setup.cell.home[None], *(leg.waypoints for leg in legs)])
+    cell = plan.setup.cell
+    arm = np.vstack([cell.home[None], *(leg.waypoints for leg in legs)])
+    X = np.hstack([arm, np.vstack([cell.external_home[None], *(leg.waypoint_external for leg in legs)])])
     index = np.concatenate([[np.nan], *(leg.waypoint_index for leg in legs)])
     feed = np.concatenate([[np.nan], *(leg.waypoint_feed for leg in legs)])
     move = np.concatenate([[np.int8(Move.RAPID)], *(_moves(leg, toolpath) for leg in legs)]).astype(np.int8)
     at = _rows(legs)
-    robot, T_flange_tcp = plan.setup.robot, plan.setup.cell.tool.T_flange_tcp
-    added = densify(
-        robot.fk(trajectory.q, T_flange_tcp), robot.fk(Q, T_flange_tcp), at, np.isfinite(feed), tolerance or Tolerance()
-    )
+    driven = np.hstack([trajectory.q, trajectory.external])
+    added = densify(_tcp(plan, driven), _tcp(plan, X), at, np.isfinite(feed), tolerance or Tolerance())
     if len(added):
         place = np.searchsorted(at, added, side="left")  # each goes before the target of its line
-        Q = np.insert(Q, place, trajectory.q[added], axis=0)
+        X = np.insert(X, place, driven[added], axis=0)
         index, feed = np.insert(index, place, trajectory.point[added]), np.insert(feed, place, feed[place])
         move, at = np.insert(move, place, move[place]), np.insert(at, place, added)
     kind = np.where(np.isfinite(feed), LIN, PTP).astype(np.int8)
     operation = np.where(np.isfinite(index), toolpath.operation[_point(index)], -1).astype(np.int32)
-    made = _base(plan, toolpath, Q, kind, feed, move, operation, index)
+    made = _base(plan, toolpath, X, kind, feed, move, operation, index)
     return Programmed(replace(made, blend=(tolerance or Tolerance()).position), at, len(added))
 
 
@@ -66,7 +67,8 @@ def sampled_program(plan: Plan, toolpath: Toolpath, timeline: Timeline) -> Progr
     kind = np.where(trajectory.move == Move.RAPID, PTP, LIN).astype(np.int8)
     kind[0] = PTP
     feed = np.where(kind == LIN, np.maximum(trajectory.feed, LEAST_FEED), np.nan)
-    made = _base(plan, toolpath, trajectory.q, kind, feed, trajectory.move, trajectory.operation, trajectory.point)
+    driven = np.hstack([trajectory.q, trajectory.external])
+    made = _base(plan, toolpath, driven, kind, feed, trajectory.move, trajectory.operation, trajectory.point)
     return Programmed(replace(made, time=trajectory.time), np.arange(len(trajectory.time), dtype=float), 0)
 
 
@@ -96,27 +98,29 @@ def _rows(legs: tuple[Leg, ...]) -> Array:
 def _base(
     plan: Plan,
     toolpath: Toolpath,
-    q: Array,
+    x: Array,
     kind: NDArray[np.int8],
     feed: Array,
     move: NDArray[np.int8],
     operation: NDArray[np.int32],
     at: Array,
 ) -> RobotProgram:
-    cell, robot = plan.setup.cell, plan.setup.robot
-    T = robot.fk(q, cell.tool.T_flange_tcp)
+    cell, robot, q = plan.setup.cell, plan.setup.robot, x[:, :6]
     standing = posture_of(robot, q, cell.controller)
     return RobotProgram(
         kind=kind,
         q=q,
-        T_workpiece_tcp=np.linalg.inv(plan.setup.arm.machine.T_base_workpiece_zero) @ T,
+        T_workpiece_tcp=_tcp(plan, x) if cell.external_joints else _in_part(plan, _tcp(plan, x)),
         feed=feed,
         cutting=(kind == LIN) & (move == Move.CUT),
         operation=operation,
         move=move,
         operations=tuple(o.label for o in toolpath.operations),
         T_flange_tcp=cell.tool.T_flange_tcp,
-        T_base_workpiece=plan.setup.arm.machine.T_base_workpiece_zero,
+        T_base_workpiece=standing_part(cell, cell.external_home),
+        external=x[:, 6:],
+        external_axes=external_axes(cell),
+        T_carrier_workpiece=carried_part(cell),
         ptp_speed=plan.options.rapid_scale,
         events=_events(toolpath, at),
         source=f"{cell.name}; {toolpath.source}",
@@ -128,6 +132,19 @@ def _base(
         tool_com=cell.tool.com,
         tool_mass=cell.tool.mass if cell.tool.mass > 0.0 else float("nan"),
     )
+
+
+def _tcp(plan: Plan, x: Array) -> Array:
+    """(M, 4, 4) the tool at (M, 6 + E) rad or m: in the workpiece where external joints move it, else in base_link."""
+    setup = plan.setup
+    T_flange_tcp = setup.cell.tool.T_flange_tcp
+    if setup.cell.external_joints:
+        return setup.arm.machine.fk(x, T_flange_tcp)
+    return setup.robot.fk(x, T_flange_tcp)
+
+
+def _in_part(plan: Plan, T: Array) -> Array:
+    return np.asarray(np.linalg.inv(plan.setup.arm.machine.T_base_workpiece_zero) @ T)
 
 
 def _moves(leg: Leg, toolpath: Toolpath) -> NDArray[np.int8]:

@@ -36,14 +36,6 @@ def wanted_posts(cell: Cell, asked: Sequence[str]) -> tuple[Wanted, ...]:
         InputError: no such post, a faulty template, the same one twice, or the cell does not say what it needs.
     """
     out: list[Wanted] = []
-    if cell.external_joints and asked:
-        raise InputError(
-            f"{asked[0]!r}: programs do not tell the external joints {', '.join(cell.external_joints)} yet; without a "
-            "post, trajectory.csv has them",
-            where="--post",
-        )
-    if cell.external_joints:
-        return ()
     for text in asked or ([] if cell.controller.post is None else [cell.controller.post]):
         file = is_post_file(text)
         post: str | Path = Path(text) if file else text

@@ -102,12 +102,22 @@ class Arm:
         while joint > 0:
             if joint in self.joints:
                 return self.joints.index(joint) + 1
+            if joint in self._external and joint not in self.moved_by(self.base):  # a table that hangs on base_link
+                return -1
             joint = int(self.model.parents[joint])
         while self._external and frame != self._base:
             if frame == 0:
                 return -1
             frame = int(self.model.frames[frame].parentFrame)
         return 0
+
+    @property
+    def holds_part(self) -> bool:
+        """The workpiece's link hangs on base_link: what turns it is that one's neighbour."""
+        frame = 0 if self._part is None else self._part
+        while frame not in (0, self._base):
+            frame = int(self.model.frames[frame].parentFrame)
+        return frame != 0
 
     def moved_by(self, carrier: int) -> frozenset[int]:
         """Joints of the URDF that move an entry of :meth:`placements` in the hall; of −1 none.

@@ -149,7 +149,7 @@ def _by_external_joints(arm: Arm, bodies: list[Body], may: set[tuple[str, str]])
                 neighbours = between < 2 and not facing
             elif len(links) == 1:
                 ridden = [m for x, m in zip((a, b), moved, strict=True) if x.kind != "link" and m]
-                neighbours = between < 2 and bool(ridden) and not _of_base(arm, links[0])
+                neighbours = between < 2 and bool(ridden) and links[0].link < 0 and not _of_base(arm, links[0])
             else:
                 neighbours = False
             if between and not neighbours and (a.name, b.name) not in may:
@@ -159,7 +159,7 @@ def _by_external_joints(arm: Arm, bodies: list[Body], may: set[tuple[str, str]])
 
 def _of_base(arm: Arm, body: Body) -> bool:
     """It rides on what carries base_link, or on the arm."""
-    return body.link >= 0 or bool(arm.moved_by(body.carrier) & arm.moved_by(arm.base))
+    return body.link >= (1 if arm.holds_part else 0) or bool(arm.moved_by(body.carrier) & arm.moved_by(arm.base))
 
 
 def _of_part(arm: Arm, body: Body) -> bool:

@@ -1,0 +1,98 @@
+"""Jobs with a rail and a turntable as programs: written from the plan, read back, every damage to an axis caught."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from external_cell import external_cell
+from posted import posted
+from test_external import OPTIONS, K, apart, slots
+from test_path import toolpath
+
+from machopt.domain.cell import Cell
+from machopt.domain.options import ExternalAxis
+from machopt.domain.program import Controller, ExternalDrive
+from machopt.domain.toolpath import Toolpath
+from machopt.formats.posts.densify import Tolerance
+from machopt.plan.external import best_plan
+from machopt.plan.pipeline import Plan
+from machopt.plan.timeline import Timeline, build_timeline
+from machopt.postprocess.moves import robot_program, sampled_program
+from machopt.recheck.compared import Compared
+from machopt.recheck.readback import check_programs
+
+POSTS = ("krl", "rapid", "fanuc", "jbi", "csv", "ros_json")
+TOLERANCE = Tolerance(turn=float(np.radians(1.0)))
+
+
+@dataclass(frozen=True)
+class Job:
+    cell: Cell
+    path: Toolpath
+    plan: Plan
+    timeline: Timeline
+
+    def posted(self, folder: Path, post: str) -> Compared:
+        make = sampled_program if post.startswith("ros") else robot_program
+        made = make(self.plan, self.path, self.timeline)
+        return posted(folder, self.plan, self.path, self.timeline, made, TOLERANCE, post)
+
+
+@pytest.fixture(scope="module")
+def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
+    """Two slots, each with a place of the rail and a turn of the table of its own."""
+    cell = external_cell(tmp_path_factory.mktemp("cell"), rail=True, table=True)
+    drives = {"rail": ExternalDrive(2, -1.0, 500.0), "turn": ExternalDrive(1, 1.0, 10.0, "STN1", 2)}
+    cell = replace(cell, stiffness=K, controller=Controller(nonflip_j5="negative", external=drives))
+    path = apart(toolpath(slots(-0.1, 0.05)))
+    options = replace(OPTIONS, external=tuple(ExternalAxis(f"e{k}", "operation") for k in (1, 2)))
+    p = best_plan(cell, path, options)
+    timeline = build_timeline(p, path)
+    assert timeline.trajectory is not None
+    return Job(cell, path, p, timeline)
+
+
+@pytest.mark.parametrize("post", POSTS)
+def test_every_maker(tmp_path: Path, job: Job, post: str) -> None:
+    found = job.posted(tmp_path / "out", post)
+    assert found.differences == ()
+    assert found.passed("external axes at targets") is True
+
+
+def grown(text: str, before: str, by: float) -> str:
+    """The number behind the last ``before`` in the second line that has one, grown."""
+    line = [line for line in text.split("\n") if before in line][1]
+    head, _, tail = line.rpartition(before)
+    number = tail[: len(tail) - len(tail.lstrip("-.0123456789"))]
+    return text.replace(line, f"{head}{before}{float(number) + by:.4f}{tail[len(number) :]}", 1)
+
+
+def cut(text: str, before: str) -> str:
+    line = [line for line in text.split("\n") if before in line][1]
+    head, _, tail = line.partition(before)
+    return text.replace(line, head + tail.lstrip("-.0123456789"), 1)
+
+
+DAMAGES: list[tuple[str, str, Callable[[str], str], str]] = [
+    ("krl", "no E2 in a line", lambda t: cut(t, ",E2 "), "does not say where the external axes stand"),
+    ("krl", "a rail 0.2 mm off", lambda t: grown(t, ",E2 ", 0.2), "external axes at targets"),
+    ("krl", "another direction", lambda t: t.replace(",E1 ", ",E1 -"), "targets on the motion"),
+]
+
+
+@pytest.mark.parametrize(("post", "damage", "change", "told"), DAMAGES, ids=[d[1] for d in DAMAGES])
+def test_damages(tmp_path: Path, job: Job, post: str, damage: str, change: Callable[[str], str], told: str) -> None:
+    sound = job.posted(tmp_path / "out", post)
+    file = tmp_path / "out" / sound.posted.files[0]
+    text = file.read_bytes().decode()
+    changed = change(text)
+    assert changed != text, damage
+    file.write_bytes(changed.encode())
+    (found,) = check_programs(
+        job.cell, job.path, tmp_path / "out", [sound.posted], options=job.plan.options, tolerance=TOLERANCE
+    )
+    assert any(told in d for d in found.differences), found.differences
