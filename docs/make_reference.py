@@ -1,5 +1,5 @@
 """Write reference.md beside this file: every key of every file that machopt reads, from the schemas themselves; and the
-JSON schemas of what machopt writes, inside the package.
+JSON schemas of what machopt reads and writes, inside the package.
 
 ``python docs/make_reference.py`` writes both; tests hold that they are current and that every key says what it is.
 """
@@ -18,7 +18,7 @@ from pydantic_core import PydanticUndefined
 
 from machopt.domain.options import PlanOptions
 from machopt.domain.results.schema import write_schemas
-from machopt.formats import cell_schema, joblist, kinematics, options, recording, stiffness
+from machopt.formats import cell_schema, joblist, kinematics, options, recording, schema, stiffness
 
 PAGE = Path(__file__).with_name("reference.md")
 FILES: tuple[tuple[str, str, type[BaseModel]], ...] = (
@@ -151,3 +151,4 @@ def _words(annotation: object) -> str:
 if __name__ == "__main__":
     PAGE.write_text(page(), encoding="utf-8")
     write_schemas()
+    schema.write_schemas()

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 import machopt
-from machopt.cli import batch, diagnose, measure, place, toolpaths
+from machopt.cli import batch, cells, diagnose, measure, place, toolpaths
 from machopt.errors import MachoptError
 from machopt.version import __version__
 
@@ -81,4 +81,5 @@ def _parser() -> argparse.ArgumentParser:
     diagnose.add_commands(commands, common)
     place.add_commands(commands, common)
     batch.add_commands(commands, common)
+    cells.add_commands(commands, common)
     return parser

@@ -48,3 +48,4 @@ class Stiffness:
     grid: StiffnessGrid | None = None
     terms: tuple[Term, ...] = ()
     file: Path | None = field(default=None, compare=False)  # it was read from, for messages
+    estimated: bool = False  # by a rule, from no measurement of this arm

@@ -113,6 +113,11 @@ class _Reader:
         if keys.stiffness is not None or other is not None:
             stiffness = load_stiffness(other or self.file(("stiffness",), str(keys.stiffness)))
             check_stiffness(stiffness, keys, self.reach, self.document, self.warnings)
+            if stiffness.estimated:
+                self.warnings.append(
+                    f"{Path(stiffness.file or '').name} is estimated, not measured: the gain it promises is that of a "
+                    "typical arm (machopt plan-poses, then identify, would measure this one)"
+                )
         kinematics = None
         if keys.kinematics is not None:
             kinematics = load_kinematics(self.file(("kinematics",), keys.kinematics))

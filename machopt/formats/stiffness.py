@@ -41,6 +41,9 @@ class _StiffnessFile(Strict):
     )
     grid: _Grid | None = Field(default=None, description="stiffness that differs over the workspace")
     terms: list[_Term] = Field(default=[], description="further physics, the terms that diagnose finds")
+    estimated: bool = Field(
+        default=False, description="true: by a rule (machopt init writes such), from no measurement of this arm"
+    )
 
 
 def load_stiffness(path: Path | str) -> Stiffness:
@@ -55,7 +58,7 @@ def load_stiffness(path: Path | str) -> Stiffness:
     covariance = None if data.covariance is None else _covariance(document, data.covariance)
     grid = None if data.grid is None else _grid(document, data.grid)
     terms = tuple(Term(t.effect, t.location, t.parameters) for t in data.terms)
-    return Stiffness(joints, covariance, grid, terms, Path(path))
+    return Stiffness(joints, covariance, grid, terms, Path(path), data.estimated)
 
 
 def write_stiffness(path: Path | str, stiffness: Stiffness) -> None:
@@ -65,6 +68,8 @@ def write_stiffness(path: Path | str, stiffness: Stiffness) -> None:
     data: dict[str, object] = {"machopt_stiffness": 1, "joints_Nm_per_rad": _rows(stiffness.joints)}
     if stiffness.covariance is not None:
         data["covariance"] = _rows(stiffness.covariance)
+    if stiffness.estimated:
+        data["estimated"] = True
     if stiffness.grid is not None:
         grid = stiffness.grid
         data["grid"] = {

@@ -51,9 +51,19 @@ def describe(path: Path, arguments: Mapping[str, str], find: Find) -> Descriptio
 
 def read_robot(path: Path) -> Urdf:
     """A URDF or xacro file by itself, its packages beside it or a few folders above."""
+    return describe_alone(path).urdf
+
+
+def describe_alone(path: Path) -> Description:
+    """The same with the text that a xacro file expands to."""
+    return describe(path, {}, lambda name: package_alone(name, path))
+
+
+def package_alone(name: str, path: Path) -> Path:
+    """Folder of a package beside a robot's file or a few folders above.
+
+    Raises:
+        InputError: there is none.
+    """
     above = path.resolve().parents
-
-    def find(name: str) -> Path:
-        return find_package(name, path, {}, above[min(_UP, len(above) - 1)])
-
-    return describe(path, {}, find).urdf
+    return find_package(name, path, {}, above[min(_UP, len(above) - 1)])

@@ -1,0 +1,31 @@
+"""What the user of ``machopt init`` asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Request:
+    """The options of ``machopt init``; mm, degrees, kg, N·m/rad."""
+
+    robot: Path
+    out: Path
+    name: str | None = None  # of the cell; the robot's file name
+    base_link: str | None = None
+    flange_link: str | None = None
+    tool_length_mm: float = 200.0  # from the flange to the TCP, out of the flange
+    tcp_mm: tuple[float, ...] | None = None  # in flange_link; out of the flange by tool_length_mm
+    tcp_rpy_deg: tuple[float, ...] | None = None  # z out of the flange
+    tool_mass_kg: float = 0.0
+    tool_mesh: Path | None = None
+    cutter_diameter_mm: float = 10.0
+    cutter_length_mm: float = 40.0
+    workpiece_mm: tuple[float, ...] | None = None  # CAM frame in world; where the arm reaches well
+    workpiece_rpy_deg: tuple[float, ...] = (0.0, 0.0, 0.0)
+    workpiece_mesh: Path | None = None
+    toolpath: Path | None = None  # that must be reached
+    stiffness: Path | None = None  # a stiffness.yaml; an estimate
+    velocity_deg_s: tuple[float, ...] | None = None  # the URDF's
+    post: str = ""

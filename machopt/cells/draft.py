@@ -1,0 +1,159 @@
+"""A new cell as far as the URDF and the user tell it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.cells.asked import Request
+from machopt.cells.place import pointing
+from machopt.cells.robotfiles import URDF
+from machopt.cells.text import NewCell
+from machopt.errors import InputError
+from machopt.formats.urdf import ArmLinks, Urdf, UrdfJoint
+
+_BODY_RADIUS_MM = 40.0  # of the spindle that stands for one that is not given
+
+
+def draft(request: Request, urdf: Urdf, links: ArmLinks) -> tuple[NewCell, tuple[str, ...]]:
+    """Links, limits and tool; the workpiece and home are provisional.
+
+    Returns:
+        The cell, and what of it is a guess.
+
+    Raises:
+        InputError: an option is wrong, or the URDF has no limits and no option gives them.
+    """
+    _check(request)
+    joints = (*links.arm, *links.external)
+    slides = tuple(j.kind == "prismatic" for j in joints)
+    scale = [1e3 if slide else 180.0 / math.pi for slide in slides]
+    lower, upper = _ranges(joints, scale, urdf)
+    velocity, of = _velocities(request, joints, scale, urdf)
+    guesses = [] if request.tool_mass_kg else ["tool.mass_kg is 0: the tool's weight is not counted"]
+    body = '{name: spindle, mesh: "tool' + request.tool_mesh.suffix.lower() + '"}' if request.tool_mesh else ""
+    if not body:
+        guesses.append("the tool's body is a plain cylinder; give its mesh or its boxes")
+    part = request.workpiece_mesh
+    if part is None:
+        guesses.append("the workpiece has no body, so nothing is checked against it")
+    new = NewCell(
+        name=request.name or urdf.path.stem,
+        urdf=URDF,
+        source=urdf.path.name,
+        base_link=links.base_link,
+        flange_link=links.flange_link,
+        flange_note=_flange_note(links),
+        external=tuple(j.name for j in links.external),
+        joints=tuple(j.name for j in joints),
+        prismatic=slides,
+        lower=lower,
+        upper=upper,
+        velocity=velocity,
+        velocity_of=of,
+        home=[min(max(0.0, a), b) for a, b in zip(lower, upper, strict=True)],
+        tcp_mm=request.tcp_mm or (0.0, 0.0, request.tool_length_mm),
+        tcp_rpy_deg=request.tcp_rpy_deg or (0.0, 0.0, 0.0),
+        tcp_note="",
+        mass_kg=request.tool_mass_kg,
+        com_mm=(0.0, 0.0, 0.0),
+        body=body,
+        body_note="in flange_link" if body else "GUESS: a cylinder from the flange to the cutter",
+        cutter_mm=(request.cutter_diameter_mm, request.cutter_length_mm),
+        workpiece_mm=request.workpiece_mm or (1000.0, 0.0, 500.0),
+        workpiece_rpy_deg=request.workpiece_rpy_deg,
+        workpiece_body="" if part is None else '{name: part, mesh: "workpiece' + part.suffix.lower() + '"}',
+        workpiece_note="as given: the CAM coordinates in world",
+        stiffness_note="as given" if request.stiffness else "ESTIMATED: see there, and measure",
+        post=request.post,
+    )
+    return new, tuple(guesses)
+
+
+def aimed(new: NewCell, request: Request, out: Array | None) -> tuple[NewCell, tuple[str, ...]]:
+    """The tool along the direction (3,) in which the flange looks, in the flange frame; None: not known."""
+    guesses: list[str] = []
+    if out is None:
+        out, known = np.array([0.0, 0.0, 1.0]), "GUESS: along z of the flange; the URDF does not tell where it looks"
+        guesses.append("the URDF does not tell where the flange looks; check tool.tcp")
+    else:
+        axis = np.round(out, 3) + 0.0
+        known = f"z out of the flange, which looks along [{', '.join(f'{v:g}' for v in axis)}] of {new.flange_link}"
+    rpy = [float(v) for v in np.round(np.degrees(pointing(out)), 4)] if request.tcp_rpy_deg is None else None
+    along = [float(v) for v in np.round(request.tool_length_mm * out, 3)] if request.tcp_mm is None else None
+    if along is not None:
+        known += "; GUESS: the length"
+        guesses.append(f"the TCP is {request.tool_length_mm:g} mm out of the flange; put in the tool's own data")
+    tcp, turn = along or new.tcp_mm, rpy or new.tcp_rpy_deg
+    length = float(np.linalg.norm(tcp)) - new.cutter_mm[1]
+    body = new.body
+    middle = [float(v) + 0.0 for v in np.round(0.5 * length * out, 3)]
+    if not body and length > 0:
+        angles = [float(v) + 0.0 for v in np.round(np.degrees(pointing(out)), 4)]
+        body = f"{{name: spindle, cylinder_mm: [{_BODY_RADIUS_MM:g}, {length:g}], xyz_mm: {middle}, rpy_deg: {angles}}}"
+    note = "as given" if along is None and rpy is None else known
+    return replace(new, tcp_mm=tcp, tcp_rpy_deg=turn, tcp_note=note, body=body, com_mm=middle), tuple(guesses)
+
+
+def _check(r: Request) -> None:
+    for option, row in (("--tcp-mm", r.tcp_mm), ("--tcp-rpy-deg", r.tcp_rpy_deg), ("--workpiece-mm", r.workpiece_mm)):
+        if row is not None and len(row) != 3:
+            raise InputError(f"found {len(row)} numbers; expected three", where=option)
+    for name, value in (("--tool-length-mm", r.tool_length_mm), ("--cutter-diameter-mm", r.cutter_diameter_mm)):
+        if not (math.isfinite(value) and value > 0):
+            raise InputError(f"found {value:g}; expected more than zero", where=name)
+    if r.tcp_mm is None and not 0 < r.cutter_length_mm < r.tool_length_mm:
+        raise InputError(
+            f"found {r.cutter_length_mm:g}; expected more than zero and less than --tool-length-mm, "
+            f"{r.tool_length_mm:g}",
+            where="--cutter-length-mm",
+        )
+    for name, file in (("--tool-mesh", r.tool_mesh), ("--workpiece-mesh", r.workpiece_mesh)):
+        if file is not None and not file.is_file():
+            raise InputError("there is no such file", file=file, where=name)
+
+
+def _ranges(joints: tuple[UrdfJoint, ...], scale: list[float], urdf: Urdf) -> tuple[list[float], list[float]]:
+    lower, upper = [], []
+    for j, s in zip(joints, scale, strict=True):
+        if j.kind == "continuous":
+            low, high = -360.0, 360.0
+        elif j.lower < j.upper:
+            low, high = float(j.lower * s), float(j.upper * s)
+        else:
+            raise InputError(
+                f"joint {j.name!r} has no range; a <limit> with lower < upper would work",
+                file=urdf.path,
+                where=f"line {j.line}",
+            )
+        lower.append(round(low, 3))
+        upper.append(round(high, 3))
+    return lower, upper
+
+
+def _velocities(
+    request: Request, joints: tuple[UrdfJoint, ...], scale: list[float], urdf: Urdf
+) -> tuple[list[float], str]:
+    given = request.velocity_deg_s
+    if given is not None:
+        if len(given) != len(joints):
+            raise InputError(f"found {len(given)} numbers; expected {len(joints)}", where="--velocity-deg-s")
+        return [float(v) for v in given], "as given"
+    missing = [j.name for j in joints if not j.velocity > 0.0]
+    if missing:
+        raise InputError(
+            f"the URDF has no velocity for {', '.join(missing)}; --velocity-deg-s with {len(joints)} values from the "
+            "data sheet would work",
+            file=urdf.path,
+            where="--velocity-deg-s",
+        )
+    return [round(float(j.velocity * s), 3) for j, s in zip(joints, scale, strict=True)], "of the URDF"
+
+
+def _flange_note(links: ArmLinks) -> str:
+    if not links.flanges:
+        return "the last link of the arm"
+    return f"not {' or '.join(links.flanges)}, which may look another way; tool data must be of the link named here"

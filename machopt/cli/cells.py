@@ -1,0 +1,93 @@
+"""The commands about cells themselves: ``init``, ``validate``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from machopt.cli.display import finite
+from machopt.cli.measure import _floats
+from machopt.cli.shared import share
+
+Commands = Any  # argparse keeps its subparsers' type private
+
+_QUESTIONS = (
+    ("tool_length_mm", "flange to TCP, mm", float),
+    ("tool_mass_kg", "mass of spindle, holder and cutter, kg", float),
+    ("cutter_diameter_mm", "cutter diameter, mm", float),
+    ("cutter_length_mm", "cutter length, mm", float),
+    ("post", "robot program to write (krl, rapid, fanuc, urscript … or nothing)", str),
+)
+"""What ``--ask`` asks: option, words, kind."""
+
+
+def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
+    """Add the commands to the parser."""
+    from machopt.cells.asked import Request
+
+    p = commands.add_parser("init", parents=[common], help="a new cell from a robot's URDF or xacro file")
+    p.add_argument("robot", type=Path, help="URDF or xacro file; its packages beside it or above it")
+    share(p, "--out", metavar="CELL", help="folder of the new cell")
+    p.add_argument("--ask", action="store_true", help="ask for the tool on the terminal; without it nothing is asked")
+    p.add_argument("--name", help="of the cell (the robot file's)")
+    p.add_argument("--base-link", metavar="LINK", help="(base_link, or what bears the first joint)")
+    p.add_argument("--flange-link", metavar="LINK", help="(tool0, flange, or the last link)")
+    tool = p.add_argument_group("tool")
+    _number(tool, "--tool-length-mm", Request.tool_length_mm, "flange to TCP, the way the flange looks")
+    tool.add_argument("--tcp-mm", type=_floats, metavar="X,Y,Z", help="TCP in the flange link, instead of a length")
+    tool.add_argument("--tcp-rpy-deg", type=_floats, metavar="R,P,Y", help="(z the way the flange looks)")
+    _number(tool, "--tool-mass-kg", Request.tool_mass_kg, "spindle, holder and cutter")
+    tool.add_argument("--tool-mesh", type=Path, metavar="FILE", help="its body, in the flange link (a cylinder)")
+    _number(tool, "--cutter-diameter-mm", Request.cutter_diameter_mm, "of the cutter")
+    _number(tool, "--cutter-length-mm", Request.cutter_length_mm, "of the cutter")
+    part = p.add_argument_group("workpiece")
+    part.add_argument("--toolpath", type=Path, metavar="FILE", help="put it where the arm reaches all of this path")
+    part.add_argument("--workpiece-mm", type=_floats, metavar="X,Y,Z", help="CAM frame in world (in reach)")
+    part.add_argument("--workpiece-rpy-deg", type=_floats, default=Request.workpiece_rpy_deg, metavar="R,P,Y")
+    part.add_argument("--workpiece-mesh", type=Path, metavar="FILE", help="its body, in CAM coordinates")
+    arm = p.add_argument_group("arm")
+    arm.add_argument("--stiffness", type=Path, metavar="FILE", help="a stiffness.yaml (an estimate by the arm's size)")
+    arm.add_argument("--velocity-deg-s", type=_floats, metavar="V1,…,V6", help="joint velocities (the URDF's)")
+    arm.add_argument("--post", default=Request.post, help="robot program to write: krl, rapid, fanuc, …")
+    p.set_defaults(run=_init)
+
+
+def _number(group: Any, option: str, default: float, what: str) -> None:
+    group.add_argument(option, type=float, default=default, help=f"{what} ({default:g})")
+
+
+def _init(args: argparse.Namespace) -> int:
+    from dataclasses import fields
+
+    from machopt.cells.asked import Request
+    from machopt.services.newcell import run_init
+
+    if args.ask:
+        _ask(args)
+    done = run_init(Request(**{f.name: getattr(args, f.name) for f in fields(Request)}))
+    cell = done.cell
+    if args.json:
+        told = {"cell": str(done.folder), "joints": cell.arm_joints, "flange_link": cell.flange_link}
+        print(json.dumps(finite({**told, "guesses": done.guesses, "warnings": cell.warnings}), ensure_ascii=False))
+    elif not args.quiet:
+        print(f"{done.folder / 'cell.yaml'}: {cell.base_link} to {cell.flange_link} by {', '.join(cell.arm_joints)}")
+        print("\n".join(f"  put in your own: {g}" for g in done.guesses))
+        print(f"next: machopt validate {done.folder}")
+    return 0
+
+
+def _ask(args: argparse.Namespace) -> None:
+    """Ask for what was not given; Return keeps what stands in brackets."""
+    for name, words, kind in _QUESTIONS:
+        while True:
+            try:
+                said = input(f"{words} [{getattr(args, name)}]: ").strip()
+                if said:
+                    setattr(args, name, kind(said))
+                break
+            except ValueError:
+                print("  a number would work")
+            except EOFError:
+                return

@@ -1,0 +1,102 @@
+"""``machopt init``: from a robot's URDF or xacro file to a cell folder that validates."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.cells.asked import Request
+from machopt.cells.draft import aimed, draft
+from machopt.cells.place import find_place, outward, sample_path
+from machopt.cells.robotfiles import copy_file, copy_robot, new_folder
+from machopt.cells.text import NewCell, cell_text, estimated_stiffness, stiffness_text
+from machopt.domain.cell import Cell
+from machopt.formats.cell import load_cell
+from machopt.formats.options import load_options
+from machopt.formats.schema import schema_name, schema_text
+from machopt.formats.toolpath import read_toolpath
+from machopt.formats.urdf import describe_alone, find_arm
+from machopt.model.collision import CollisionModel
+from machopt.model.robot import load_chain, load_robot
+from machopt.workspace.mapping import arm_of
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came out."""
+
+    cell: Cell
+    folder: Path
+    guesses: tuple[str, ...]  # what the user should put in or look at, one sentence each
+
+
+def run_init(request: Request) -> Outcome:
+    """Write a new cell.
+
+    Raises:
+        InputError: the robot cannot be read or is no six-axis arm, an option is wrong, or the folder is taken.
+    """
+    description = describe_alone(request.robot)
+    links = find_arm(description.urdf, request.base_link, request.flange_link)
+    span = sum(j.offset for j in description.urdf.chain(links.flange_link) if j not in links.external)
+    new, guesses = draft(request, description.urdf, links)
+    with new_folder(request.out) as folder:
+        copy_robot(description, folder)
+        for file, name in ((request.tool_mesh, "tool"), (request.workpiece_mesh, "workpiece")):
+            if file is not None:
+                copy_file(file, folder / f"{name}{file.suffix.lower()}")
+        for schema in ("cell.yaml", "stiffness.yaml"):
+            (folder / "schemas").mkdir(exist_ok=True)
+            (folder / "schemas" / schema_name(schema)).write_text(schema_text(schema), encoding="utf-8")
+        if request.stiffness is not None:
+            copy_file(request.stiffness, folder / "stiffness.yaml")
+        else:
+            text = stiffness_text(estimated_stiffness(span), span=span)
+            (folder / "stiffness.yaml").write_text(text, encoding="utf-8")
+            guesses += ("stiffness.yaml is estimated from the arm's size; measure it (plan-poses, identify)",)
+        cell = _written(folder, new)
+        robot = load_robot(cell)
+        new, said = aimed(new, request, outward(robot))
+        cell = _written(folder, new)
+        if request.workpiece_mm is None:
+            new, more = _placed(new, request, cell, span)
+            said += more
+            cell = _written(folder, new)
+        guesses += said
+    return Outcome(load_cell(request.out), request.out, guesses)
+
+
+def _placed(new: NewCell, request: Request, cell: Cell, span: float) -> tuple[NewCell, tuple[str, ...]]:
+    """The workpiece where the arm reaches it well, and home above it."""
+    options = load_options(None)
+    robot, shapes = load_chain(cell)
+    arm, bodies = arm_of(cell, robot, options), CollisionModel(cell, robot, shapes, options.clearance)
+    rest = cell.external_home
+
+    def free(q: Array) -> bool:
+        x = np.concatenate([q, np.broadcast_to(rest, (len(q), len(rest)))], axis=1)
+        return not bodies.check(x, np.ones(len(q), bool)).any
+
+    if request.toolpath is not None:
+        path = read_toolpath(request.toolpath)
+        position, axis, of = path.position, path.axis, request.toolpath.name
+    else:
+        position, axis = sample_path(span)
+        of = "a block"
+    found = find_place(arm, position, axis, span, free)
+    if found is None:
+        return new, (f"no place before the arm was found where it reaches all of {of}; put in workpiece.pose and home",)
+    note = f"GUESS: where one posture reaches all of {of} with {math.degrees(found.margin):.0f} deg to the joint limits"
+    home = [float(v) for v in np.round(np.degrees(found.home), 2)]
+    at = [float(v) for v in np.round(1e3 * found.T_base_workpiece[:3, 3])]
+    placed = replace(new, workpiece_mm=at, workpiece_note=note, home=[*home, *new.home[6:]])
+    return placed, ("workpiece.pose is where the arm reaches well, not where your workpiece is",)
+
+
+def _written(folder: Path, new: NewCell) -> Cell:
+    (folder / "cell.yaml").write_text(cell_text(new), encoding="utf-8", newline="\n")
+    return load_cell(folder)

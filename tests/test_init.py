@@ -1,0 +1,177 @@
+"""``machopt init``: from a URDF to a cell that loads, aims the tool out of the flange and reaches its workpiece."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_cell import robot_folder, small_cell, urdf_text
+
+from machopt.cells.asked import Request
+from machopt.cells.place import find_place, outward, pointing, sample_path
+from machopt.cells.robotfiles import copy_robot
+from machopt.cells.text import REFERENCE_NM_PER_RAD, REFERENCE_SPAN_M, estimated_stiffness
+from machopt.cli import main
+from machopt.errors import InputError
+from machopt.formats.cell import load_cell
+from machopt.formats.options import load_options
+from machopt.formats.schema import FILES, FOLDER, schema_name, schema_text
+from machopt.formats.urdf import describe_alone, find_arm, read_robot
+from machopt.model.robot import load_chain, load_robot
+from machopt.se3 import rpy_matrix
+from machopt.services.newcell import run_init
+from machopt.workspace.mapping import arm_of
+
+ROOT = Path(__file__).resolve().parents[1]
+REAL = ("m20ia", "kr210l150", "kr500_r2800_2")
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Path:
+    file = tmp_path / "arm.urdf"
+    file.write_text(urdf_text())
+    return file
+
+
+def test_a_new_cell_loads_reaches_its_workpiece_and_stands_free(robot: Path, tmp_path: Path) -> None:
+    from machopt.model.collision import CollisionModel
+
+    toolpath = ROOT / "toolpaths" / "plate_holes.csv"
+    done = run_init(Request(robot, tmp_path / "new" / "cell", toolpath=toolpath, post="krl"))
+    cell = load_cell(tmp_path / "new" / "cell")
+    assert (cell.base_link, cell.flange_link, cell.controller.post) == ("base_link", "flange", "krl")
+    assert cell.stiffness is not None
+    assert cell.stiffness.estimated
+    assert any("estimated, not measured" in w for w in cell.warnings)
+    assert done.guesses
+    text = (tmp_path / "new" / "cell" / "cell.yaml").read_text()
+    assert text.startswith("# yaml-language-server: $schema=schemas/cell.schema.json\n")
+    assert (tmp_path / "new" / "cell" / "schemas" / "cell.schema.json").read_text() == schema_text("cell.yaml")
+    urdf = read_robot(robot)
+    assert np.degrees(cell.limits.velocity) == pytest.approx(
+        [np.degrees(j.velocity) for j in urdf.joints[:6]], abs=1e-3
+    )
+    assert cell.limits.acceleration == pytest.approx(cell.limits.velocity / 0.35, rel=1e-5)
+    assert cell.limits.jerk == pytest.approx(cell.limits.acceleration / 0.14, rel=1e-5)
+    bodies = load_chain(cell)
+    assert cell.tool.T_flange_tcp[:3, 2] == pytest.approx(outward(bodies[0]), abs=1e-6)
+    assert CollisionModel(cell, *bodies, 0.002).suspicious == ()
+
+
+@pytest.mark.parametrize("turn", [(0, 90, 0), (90, 0, 0), (0, 180, 0), (10, -20, 30), (0, 0, 0)])
+def test_the_flange_looks_out_of_the_arm_however_its_frame_is_turned(turn: tuple[float, ...], tmp_path: Path) -> None:
+    """flange against tool0: the frames differ by a quarter turn, and a tool along the wrong z stands sideways."""
+    there = load_robot(small_cell(tmp_path))
+    R = rpy_matrix(np.radians(turn))
+    T = there.T_base_flange_zero.copy()
+    T[:3, :3] = T[:3, :3] @ R
+    found, before = outward(replace(there, T_base_flange_zero=T)), outward(there)
+    assert found is not None
+    assert before is not None
+    assert R @ found == pytest.approx(before, abs=1e-9)
+    assert there.T_base_flange_zero[:3, :3] @ before == pytest.approx([1.0, 0.0, 0.0], abs=1e-9)  # the URDF's arm
+    assert rpy_matrix(pointing(found))[:, 2] == pytest.approx(found, abs=1e-9)
+
+
+def test_shipped_cells_have_flanges_that_look_along_z() -> None:
+    for name in ("kr240_drilling", "cutting_cobot"):
+        found = outward(load_robot(load_cell(ROOT / "cells" / name)))
+        assert found == pytest.approx([0.0, 0.0, 1.0], abs=1e-9)
+
+
+def test_all_of_a_path_is_reached_from_one_branch(tmp_path: Path) -> None:
+    cell = small_cell(tmp_path)
+    arm = arm_of(cell, load_robot(cell), load_options(None))
+    found = find_place(arm, *sample_path(3.0), 3.0)
+    assert found is not None
+    assert found.margin > np.radians(5)
+    assert (found.home > arm.lower).all()
+    assert (found.home < arm.upper).all()
+    far = np.array([[0.0, 0.0, 0.0], [30.0, 0.0, 0.0]])
+    assert find_place(arm, far, np.array([[0.0, 0.0, 1.0]] * 2), 3.0) is None
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_arms_of_the_field_are_found(name: str) -> None:
+    arm = find_arm(read_robot(robot_folder(name) / f"{name}.urdf"))
+    assert (arm.base_link, arm.flange_link, arm.flanges) == ("base_link", "tool0", ("link_6", "flange"))
+    assert len(arm.arm) == 6
+
+
+def test_links_that_are_not_there_and_arms_that_are_none_are_said(robot: Path, tmp_path: Path) -> None:
+    urdf = read_robot(robot)
+    with pytest.raises(InputError, match=r"--flange-link: link 'flang' is not there; did you mean 'flange'"):
+        find_arm(urdf, None, "flang")
+    with pytest.raises(InputError, match=r"six joints that turn would work"):
+        find_arm(urdf, "link_1")
+    assert find_arm(urdf, "base_link", "link_6").flange_link == "link_6"
+    two = robot.read_text().replace("</robot>", "").replace('"flange"', '"l_flange"')
+    second = urdf_text().partition("<link")[2].replace('name="', 'name="r_').replace('link="', 'link="r_')
+    (tmp_path / "two.urdf").write_text(
+        two + "<link" + second.replace("</robot>", "") + '<joint name="j" type="fixed"><parent link="base_link"/>'
+        '<child link="r_base_link"/><origin xyz="0 2 0" rpy="0 0 0"/></joint></robot>'
+    )
+    with pytest.raises(InputError, match=r"more than one arm; name one of l_flange, r_flange"):
+        find_arm(read_robot(tmp_path / "two.urdf"))
+
+
+def test_a_robots_meshes_come_along_from_wherever_they_lie(tmp_path: Path) -> None:
+    import trimesh
+
+    mesh = trimesh.creation.box((0.1, 0.1, 0.1))
+    for place in ("pkg/meshes/a.stl", "robot/beside/b.stl", "else/c.stl"):
+        (tmp_path / place).parent.mkdir(parents=True, exist_ok=True)
+        mesh.export(tmp_path / place)
+    names = ("package://pkg/meshes/a.stl", "beside/b.stl", "../else/c.stl")
+    parts = "".join(
+        f'<link name="l{n}"><collision><geometry><mesh filename="{uri}"/></geometry></collision></link>'
+        for n, uri in enumerate(names)
+    )
+    joints = "".join(
+        f'<joint name="j{n}" type="fixed"><parent link="l{n}"/><child link="l{n + 1}"/></joint>' for n in range(2)
+    )
+    (tmp_path / "robot" / "r.urdf").write_text(f'<robot name="r">{parts}{joints}</robot>')
+    out = tmp_path / "out"
+    out.mkdir()
+    assert len(copy_robot(describe_alone(tmp_path / "robot" / "r.urdf"), out)) == 3
+    assert {p.relative_to(out).as_posix() for p in out.rglob("*.stl")} == {
+        "pkg/meshes/a.stl",
+        "beside/b.stl",
+        "meshes/c.stl",
+    }
+    assert '"meshes/c.stl"' in (out / "robot.urdf").read_text()
+    (tmp_path / "else" / "c.stl").unlink()
+    with pytest.raises(InputError, match=r"line 1: collision mesh of link 'l2': no such file"):
+        copy_robot(describe_alone(tmp_path / "robot" / "r.urdf"), out)
+
+
+def test_a_similar_arm_half_the_size_is_an_eighth_as_stiff() -> None:
+    assert estimated_stiffness(REFERENCE_SPAN_M) == REFERENCE_NM_PER_RAD
+    assert np.array(estimated_stiffness(REFERENCE_SPAN_M / 2)) * 8 == pytest.approx(REFERENCE_NM_PER_RAD, rel=5e-3)
+
+
+def test_the_command_refuses_what_it_would_overwrite_and_what_it_cannot_know(
+    robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "cell"
+    assert main(["init", str(robot), "-o", str(out), "--workpiece-mm", "1500,0,600", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["flange_link"] == "flange"
+    before = (out / "cell.yaml").read_bytes()
+    assert main(["init", str(robot), "-o", str(out)]) == 2
+    assert "is not empty" in capsys.readouterr().err
+    assert (out / "cell.yaml").read_bytes() == before
+    slow = robot.read_text().replace('velocity="2"', 'velocity="0"')
+    robot.write_text(slow)
+    assert main(["init", str(robot), "-o", str(tmp_path / "c2")]) == 2
+    assert "--velocity-deg-s with 6 values" in capsys.readouterr().err
+    assert [p for p in tmp_path.iterdir() if p.name.startswith(".")] == []
+
+
+@pytest.mark.parametrize("file", sorted(FILES))
+def test_the_schema_of_a_file_is_current(file: str) -> None:
+    assert (FOLDER / schema_name(file)).read_text(encoding="utf-8") == schema_text(file), "run docs/make_reference.py"
+    assert {f.name for f in FOLDER.iterdir()} == {schema_name(f) for f in FILES}
