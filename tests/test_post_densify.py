@@ -108,3 +108,19 @@ def test_where_samples_run_out_the_lines_stay_as_far_off_as_they_are() -> None:
     at[0] = 0.0
     rows = densify(few, targets, at, np.ones(len(few), bool), Tolerance(1e-5, WIDE, WIDE))
     assert rows.tolist() == [1, 2, 3, 4]
+
+
+def test_an_external_axis_that_moves_unevenly_becomes_targets() -> None:
+    """A straight way of 1 m while a rail goes by a cosine: even pieces are as long as its curvature lets them."""
+    n = 2001
+    T = np.tile(np.eye(4), (n, 1, 1))
+    T[:, 0, 3] = np.linspace(0.0, 1.0, n)
+    rail = 0.3 * (1.0 - np.cos(np.pi * T[:, :1, 3]))
+    ends, linear = np.array([0.0, n - 1.0]), np.ones(2, bool)
+    assert len(densify(T, T[[0, -1]], ends, linear, Tolerance())) == 0
+    added = densify(T, T[[0, -1]], ends, linear, Tolerance(), (rail, rail[[0, -1]]))
+    rows = np.r_[0, added, n - 1]
+    off = departure(T, T[rows], rows.astype(float), np.ones(len(rows), bool), None, (rail, rail[rows]))
+    assert off.external.max() <= Tolerance().external
+    least = np.pi * np.sqrt(0.3 / (8 * Tolerance().external))  # steps of a curve with a bow of the tolerance, at most
+    assert 0.5 * least <= len(rows) <= 4 * least

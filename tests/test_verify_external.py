@@ -11,15 +11,23 @@ from external_cell import external_cell
 from test_verify import CYCLE, FEED, GAMMA, MOVES, POINTS, Damage, names, shift, toolpath, write
 
 from machopt.domain.cell import Cell
+from machopt.domain.options import PlanOptions
+from machopt.domain.program import LIN, PTP, RobotProgram
 from machopt.domain.toolpath import Move
+from machopt.formats.posts import write_program
+from machopt.formats.posts.densify import Tolerance, densify
 from machopt.model.collision import CollisionModel
 from machopt.model.ik import solver_for
 from machopt.model.machine import Machine, load_machine
 from machopt.model.robot import load_chain, load_robot
 from machopt.plan.rapids import time_legs
+from machopt.recheck.compared import Posted
+from machopt.recheck.posts import short_program
+from machopt.recheck.readback import check_programs
 from machopt.verify import Verification, verify_output
 from machopt.verify.arm import Arm
 from machopt.verify.posture import posture
+from machopt.verify.table import Motion, read_motion
 
 WAY = {"rail": 0.25, "tilt": 0.08, "turn": 0.3}  # m or rad, while the tool cuts 0.2 m
 KINDS = {"rail": {"rail": True}, "table": {"table": True, "tilt": True}, "both": {"rail": True, "table": True}}
@@ -53,7 +61,9 @@ def sound(cell: Cell) -> tuple[Columns, np.ndarray]:
         index.append(a + share[:, 0] * (b - a))
         moves += [move] * count
         tips.append(POINTS[a] + share * (POINTS[b] - POINTS[a]))
-        stood.append(share * way if move == Move.CUT else np.full((count, 1), float(a >= 3)) * way)
+        stood.append(
+            0.5 * (1.0 - np.cos(np.pi * share)) * way if move == Move.CUT else np.full((count, 1), float(a >= 3)) * way
+        )
     e = np.vstack([*stood, np.array([[0.0], [0.0], [0.5], [1.0], [1.0]]) * way])
     start = np.tile(np.deg2rad([0, -60, 100, 0, 50, 0]), (len(e), 1))
     x = solve(m, cell, np.vstack([*tips, POINTS]), np.hstack([start, e]))
@@ -172,3 +182,50 @@ def test_damages(made: Made, tmp_path: Path) -> None:
     slower = replace(cell.limits, velocity=np.append(cell.limits.velocity[:6], 0.01 * cell.limits.velocity[6:]))
     (fast,) = (c for c in verified(made, tmp_path, cell=replace(cell, limits=slower)).failed if "velocity" in c.name)
     assert "external axis e" in fast.where
+
+
+def program(cell: Cell, motion: Motion, tolerance: Tolerance) -> RobotProgram:
+    """Home, the first point, a line to each point and to what lies between where the axes go unevenly, home."""
+    arm, x = Arm(cell), np.hstack([motion.q, motion.external])
+    T = arm.tcp_in_workpiece(motion.q, motion.external)
+    known = np.flatnonzero(np.isfinite(motion.point))
+    at = np.r_[0, [known[np.abs(motion.point[known] - k).argmin()] for k in range(len(POINTS))], len(x) - 1]
+    kind = np.array([PTP, PTP, *[LIN] * (len(POINTS) - 1), PTP], np.int8)
+    move = np.array([Move.RAPID, *MOVES, Move.RAPID], np.int8)
+    external = motion.external, motion.external[at]
+    added = densify(T, T[at], at.astype(float), kind == LIN, tolerance, external)
+    place = np.searchsorted(at, added)
+    at, kind, move = np.insert(at, place, added), np.insert(kind, place, LIN), np.insert(move, place, move[place])
+    return replace(
+        short_program(cell, load_robot(cell), cell.controller),
+        kind=kind,
+        q=x[at, :6],
+        external=x[at, 6:],
+        T_workpiece_tcp=T[at],
+        feed=np.where(kind == LIN, FEED, np.nan),
+        cutting=move == Move.CUT,
+        move=move,
+        operation=np.where(np.isfinite(motion.point[at]), 0, -1).astype(np.int32),
+        operations=("slot",),
+        behind=None,
+        elbow_up=None,
+        time=None,
+    )
+
+
+def test_a_program_between_whose_targets_the_axes_go_evenly(made: Made, tmp_path: Path) -> None:
+    """Enough targets and it is the motion; without what lies between, the axes go another way than the motion's."""
+    cell = made[0]
+    verified(made, tmp_path)
+    motion = read_motion(tmp_path / "trajectory.csv", cell)
+    for tolerance, passed in ((Tolerance(), True), (Tolerance(external=1.0), False)):
+        write_program(tmp_path, "slot", program(cell, motion, tolerance), "krl", cell.controller)
+        posted = [Posted("krl", "krl", ("slot.src", "slot.dat"))]
+        (found,) = check_programs(
+            cell, toolpath(), tmp_path, posted, options=PlanOptions(), tolerance=Tolerance(), motion=motion
+        )
+        assert found.passed("external axes at targets") is True
+        assert found.passed("lines along the motion") is True
+        assert found.passed("external axes along lines") is passed, found.worst("external axes along lines")
+        wrong = [d for d in found.differences if not d.startswith(("wording", "zones", "external axes along"))]
+        assert wrong == []

@@ -45,7 +45,8 @@ def robot_program(plan: Plan, toolpath: Toolpath, timeline: Timeline, tolerance:
     move = np.concatenate([[np.int8(Move.RAPID)], *(_moves(leg, toolpath) for leg in legs)]).astype(np.int8)
     at = _rows(legs)
     driven = np.hstack([trajectory.q, trajectory.external])
-    added = densify(_tcp(plan, driven), _tcp(plan, X), at, np.isfinite(feed), tolerance or Tolerance())
+    external = (trajectory.external, X[:, 6:]) if cell.external_joints else None
+    added = densify(_tcp(plan, driven), _tcp(plan, X), at, np.isfinite(feed), tolerance or Tolerance(), external)
     if len(added):
         place = np.searchsorted(at, added, side="left")  # each goes before the target of its line
         X = np.insert(X, place, driven[added], axis=0)

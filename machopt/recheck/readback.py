@@ -201,7 +201,12 @@ class _Ground:
             )
         o = self.options
         allowed = Allowed(
-            self.tolerance.position, self.tolerance.axis, self.tolerance.turn, o.path_tolerance, o.axis_tolerance
+            self.tolerance.position,
+            self.tolerance.axis,
+            self.tolerance.turn,
+            o.path_tolerance,
+            o.axis_tolerance,
+            self.tolerance.external,
         )
         read = Check(f"{name}: {MOVES}", True, float(len(said)), float(len(said)), "moves", f"{parsed.dialect}")
         checks, at = along_motion(said, self.motion, self.tcp, allowed)

@@ -9,7 +9,7 @@ motion must lie on that. What the controller makes of the corners is its own mat
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,7 @@ class Allowed:
     turn: float  # rad between the whole orientations
     corner: float  # m that the motion rounds corners by, at which the program has targets
     axis_corner: float  # rad, the same of the tool axis
+    external: float = 1e-3  # m or rad of an external axis between the controller's even way and the motion's
 
 
 def along_motion(said: ReadProgram, motion: Motion, tcp: Array, allowed: Allowed) -> tuple[list[Check], Array]:
@@ -278,6 +279,8 @@ def _lines(said: ReadProgram, motion: Motion, tcp: Array, at: Array, allowed: Al
             )
         ):
             checks.append(_worst(said, what, unit, scale * off[:, column], scale * limit, ways))
+        if motion.external.shape[1]:
+            checks.append(_along(said, motion, rows[linear], move[linear], off[:, 3], at, allowed, ways))
     if not linear.all():
         pick = np.flatnonzero(~linear)
         driven, told = np.hstack([motion.q, motion.external]), np.hstack([said.q, said.external])
@@ -292,8 +295,39 @@ def _lines(said: ReadProgram, motion: Motion, tcp: Array, at: Array, allowed: Al
     return checks
 
 
+def _along(
+    said: ReadProgram,
+    motion: Motion,
+    rows: NDArray[np.int64],
+    move: NDArray[np.int64],
+    share: Array,
+    at: Array,
+    allowed: Allowed,
+    ways: list[str],
+) -> Check:
+    """External axes at samples against the even way that the controller makes of them between two targets.
+
+    The place of a sample on its line is known to the corner that the motion rounds there, over which they move on.
+    """
+    known = np.isfinite(at)
+    ends = np.full((len(at), motion.external.shape[1]), np.nan)
+    ends[known] = _between(motion.external, at[known])
+    ends = np.where(np.isfinite(said.external), said.external, ends)
+    whole = ends[move] - ends[move - 1]
+    tip = said.T_workpiece_tcp[:, :3, 3]
+    way = np.linalg.norm(tip[move] - tip[move - 1], axis=1)
+    loose = np.minimum(max(allowed.corner, allowed.position) / np.maximum(way, 1e-9), 1.0)[:, None] * np.abs(whole)
+    off = np.maximum(np.abs(motion.external[rows] - ends[move - 1] - share[:, None] * whole) - loose, 0.0)
+    most, n = allowed.external, int(np.argmax(off.max(axis=1)))
+    axis = int(np.argmax(off[n]))
+    away = f"{1e3 * off[n, axis]:.3g} mm" if motion.slides[axis] else f"{np.degrees(off[n, axis]):.3g} deg"
+    words = f"of {1e3 * most:g} mm or {np.degrees(most):.3g} deg"
+    check = _worst(said, "external axes along lines", words, off.max(axis=1) / most, 1.0, ways)
+    return replace(check, where=f"{check.where}: e{axis + 1} by {away}")
+
+
 def _off_line(T: Array, A: Array, B: Array) -> Array:
-    """(K, 3) m, rad, rad: poses against even moves A → B: tip straight, orientation about one axis."""
+    """(K, 4) m, rad, rad, share: poses against even moves A → B, tip straight, orientation about one axis."""
     way = B[:, :3, 3] - A[:, :3, 3]
     length2 = np.einsum("ij,ij->i", way, way)
     along = np.einsum("ij,ij->i", T[:, :3, 3] - A[:, :3, 3], way)
@@ -307,7 +341,7 @@ def _off_line(T: Array, A: Array, B: Array) -> Array:
     share = np.where(length2 < SHORT**2, np.clip(done / np.where(angle > 1e-12, angle, 1.0), 0.0, 1.0), share)
     there = start * Rotation.from_rotvec(share[:, None] * whole)
     z = np.linalg.norm(there.apply([0.0, 0.0, 1.0]) - T[:, :3, 2], axis=1)
-    return np.column_stack([gap, 2.0 * np.arcsin(np.clip(z / 2.0, 0.0, 1.0)), (there.inv() * now).magnitude()])
+    return np.column_stack([gap, 2.0 * np.arcsin(np.clip(z / 2.0, 0.0, 1.0)), (there.inv() * now).magnitude(), share])
 
 
 def _off_joint_line(q: Array, a: Array, b: Array) -> Array:

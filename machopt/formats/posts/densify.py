@@ -1,7 +1,8 @@
 """Way points close enough that what a controller draws between them is the motion, within a stated tolerance.
 
-Between two Cartesian targets a controller leads the tool tip on a straight line and turns it evenly about one axis. The
-planned motion is known by its samples; where they leave that line, the sample that is farthest off becomes a target.
+Between two Cartesian targets a controller leads the tool tip on a straight line and turns it evenly about one axis, and
+takes rails and positioners along evenly. The planned motion is known by its samples; where they leave that line, the
+sample that is farthest off becomes a target.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ class Tolerance:
     position: float = 5e-5  # m
     axis: float = float(np.radians(0.05))  # rad between the tool axes
     turn: float = float(np.radians(0.6))  # rad between the whole orientations, mostly about the tool's own axis
+    external: float = 1e-3  # m or rad of an external axis: the tool's place does not hang on it, only the arm's posture
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,7 @@ class Departure:
     position: Array  # (K,) m
     axis: Array  # (K,) rad
     turn: Array  # (K,) rad
+    external: Array  # (K,) m or rad, the external axis farthest off; 0 where there is none
 
     def worst(self) -> tuple[float, float, float]:
         """Largest distance (m), angle between tool axes and between orientations (rad)."""
@@ -45,12 +48,18 @@ class Departure:
 
     def share(self, tolerance: Tolerance) -> Array:
         """(K,) of the tolerance."""
-        parts = (self.position / tolerance.position, self.axis / tolerance.axis, self.turn / tolerance.turn)
+        pairs = ((getattr(self, name), getattr(tolerance, name)) for name in ("position", "axis", "turn", "external"))
+        parts = [off / most for off, most in pairs]
         return np.asarray(np.max(parts, axis=0))
 
 
 def departure(
-    T: Array, targets: Array, at: Array, linear: NDArray[np.bool_], samples: NDArray[np.intp] | None = None
+    T: Array,
+    targets: Array,
+    at: Array,
+    linear: NDArray[np.bool_],
+    samples: NDArray[np.intp] | None = None,
+    external: tuple[Array, Array] | None = None,
 ) -> Departure:
     """Samples of a motion against the straight lines between the targets of a program.
 
@@ -63,6 +72,7 @@ def departure(
         at: (M,) place of each target among the samples, fractional, not falling.
         linear: (M,) True where the move is a straight line.
         samples: those to look at; all by default.
+        external: (S, E) and (M, E) rad or m, external joints at samples and targets.
 
     Invalid for: corner rounding and curves that the controller draws by itself (SPL); they come on top.
     """
@@ -75,11 +85,23 @@ def departure(
         _off(T[rows[k : k + AT_ONCE]], targets[move[k : k + AT_ONCE] - 1], targets[move[k : k + AT_ONCE]])
         for k in range(0, len(rows), AT_ONCE)
     ]
-    off = np.vstack(parts) if parts else np.empty((0, 3))
-    return Departure(rows, move, off[:, 0], off[:, 1], off[:, 2])
+    off = np.vstack(parts) if parts else np.empty((0, 4))
+    aside = np.zeros(len(rows))
+    if external is not None and external[0].shape[1]:
+        driven, ends = external
+        even = ends[move - 1] + off[:, 3:] * (ends[move] - ends[move - 1])
+        aside = np.abs(driven[rows] - even).max(axis=1)
+    return Departure(rows, move, off[:, 0], off[:, 1], off[:, 2], aside)
 
 
-def densify(T: Array, targets: Array, at: Array, linear: NDArray[np.bool_], tolerance: Tolerance) -> NDArray[np.intp]:
+def densify(
+    T: Array,
+    targets: Array,
+    at: Array,
+    linear: NDArray[np.bool_],
+    tolerance: Tolerance,
+    external: tuple[Array, Array] | None = None,
+) -> NDArray[np.intp]:
     """Samples to be made targets so that all samples keep to the lines; arguments as for :func:`departure`.
 
     Returns:
@@ -89,7 +111,7 @@ def densify(T: Array, targets: Array, at: Array, linear: NDArray[np.bool_], tole
     added: list[NDArray[np.intp]] = []
     samples: NDArray[np.intp] = np.arange(len(T))
     while len(samples):
-        off = departure(T, targets, at, linear, samples)
+        off = departure(T, targets, at, linear, samples, external)
         share = off.share(tolerance)
         here = T[off.sample, :3, 3]
         ends = np.stack([np.linalg.norm(here - targets[off.move - k, :3, 3], axis=-1) for k in (0, 1)])
@@ -107,11 +129,13 @@ def densify(T: Array, targets: Array, at: Array, linear: NDArray[np.bool_], tole
         place = off.move[worst]  # before the target that ends the move
         at, linear = np.insert(at, place, rows), np.insert(linear, place, True)
         targets = np.insert(targets, place, T[rows], axis=0)
+        if external is not None:
+            external = external[0], np.insert(external[1], place, external[0][rows], axis=0)
     return np.sort(np.concatenate(added)) if added else np.empty(0, np.intp)
 
 
 def _off(T: Array, A: Array, B: Array) -> Array:
-    """(K, 3) m, rad, rad: poses against the lines A → B."""
+    """(K, 4) m, rad, rad: poses against the lines A → B; and their share of the way."""
     p, start = T[:, :3, 3], A[:, :3, 3]
     way = B[:, :3, 3] - start
     length2 = np.sum(way * way, axis=-1)
@@ -124,7 +148,7 @@ def _off(T: Array, A: Array, B: Array) -> Array:
     share = np.where(turning, np.clip(done / np.where(angle > 1e-12, angle, 1.0), 0.0, 1.0), share)
     R = A[:, :3, :3] @ axis_rotation(axis, share * angle)
     z = np.linalg.norm(R[:, :, 2] - T[:, :3, 2], axis=-1)
-    return np.column_stack([gap, 2.0 * np.arcsin(np.clip(z / 2.0, 0.0, 1.0)), _angle(R, T[:, :3, :3])])
+    return np.column_stack([gap, 2.0 * np.arcsin(np.clip(z / 2.0, 0.0, 1.0)), _angle(R, T[:, :3, :3]), share])
 
 
 def _angle(R0: Array, R1: Array) -> Array:
