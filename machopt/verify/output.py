@@ -19,6 +19,7 @@ from machopt.verify.clearance import TOLERANCE, check_clearances, may_cut
 from machopt.verify.contact import Scene, contacts
 from machopt.verify.encoder import true_angles
 from machopt.verify.feed import check_feed
+from machopt.verify.gouge import check_gouges
 from machopt.verify.inventory import check_inventory
 from machopt.verify.labels import check_labels
 from machopt.verify.limits import check_limits
@@ -85,6 +86,7 @@ def verify_output(
     if shift is not None:
         checks += [_shift_check(f) for f in compare_shift(cell, toolpath, stands, stood, shift, arm, options)]
     checks += check_inventory(cell, arm, bodies, wanted)
+    checks += check_gouges(stands, toolpath, on, arm, bodies, options, shift is not None)
     if options.collision:
         checks.append(told_contacts(contacts(arm, wanted, stands.q, stands.external, on.free), stands, arm, bodies))
         checks += [*outside_cuts(stands, toolpath, on, arm, bodies), *level(stands, toolpath, on, cell)]

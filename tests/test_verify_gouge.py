@@ -1,0 +1,76 @@
+"""The verifier's depth of a cutter in a part: by hand, and against the planner's, which shares no code with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import coal
+import numpy as np
+import pytest
+import trimesh
+
+from machopt.domain.cell import Cutter, Shape
+from machopt.model.depth import cutter_points
+from machopt.model.depth import deepest as planners
+from machopt.verify.bodies import Body, _body
+from machopt.verify.gouge import deepest, surface_points
+
+LIMIT = 1e-4
+
+
+def body(shape: object, place: np.ndarray | None = None) -> Body:
+    return _body("part", "workpiece", -1, -1, np.eye(4) if place is None else place, shape)
+
+
+def mesh(folder: Path, made: trimesh.Trimesh) -> tuple[Shape, Body]:
+    made.export(folder / "part.stl")
+    loaded = coal.MeshLoader().load(str(folder / "part.stl"), np.ones(3))
+    return Shape("part", "mesh", (1.0,), folder / "part.stl", np.eye(4)), body(loaded)
+
+
+def at(x: float, y: float, z: float, tilt: float = 0.0) -> np.ndarray:
+    T = np.eye(4)
+    c, s = np.cos(tilt), np.sin(tilt)
+    T[:3, :3] = [[1, 0, 0], [0, -c, s], [0, -s, -c]]  # the TCP looks down
+    T[:3, 3] = x, y, z
+    return T
+
+
+@pytest.mark.parametrize("corner", [0.0, 0.002, 0.006])
+def test_points_cover_the_cutter(corner: float) -> None:
+    x = surface_points(Cutter(0.012, 0.03, corner))
+    r, h = np.hypot(x[:, 0], x[:, 1]), -x[:, 2]
+    off = np.hypot(np.maximum(r - (0.006 - corner), 0.0), np.maximum(corner - h, 0.0)) - corner
+    assert ((np.abs(off) < 1e-6) | (np.abs(r - 0.006) < 1e-9)).all()
+    # every point of the planner's rings has one near by
+    rings = cutter_points(Cutter(0.012, 0.03, corner))
+    gap = np.array([np.linalg.norm(x - p, axis=1).min() for p in rings])
+    assert gap.max() < 0.0016  # 1.5 steps of 1 mm
+
+
+def test_a_tilted_cutter_in_a_flat_face(tmp_path: Path) -> None:
+    points, tilt = surface_points(Cutter(0.012, 0.05)), np.radians(3.0)
+    expected = 0.006 * np.sin(tilt)
+    block = trimesh.creation.box((0.2, 0.2, 0.05))
+    block.apply_translation((0, 0, -0.025))
+    T = np.array([at(0, 0, 0.001), at(0.01, 0, 0, tilt), at(0.02, 0, 0)])
+    for part in (body(coal.Box(0.2, 0.2, 0.05), at(0, 0, -0.025)), mesh(tmp_path, block)[1]):
+        depth, row, x = deepest(part, points, T, LIMIT)
+        assert row == 1
+        assert depth == pytest.approx(expected, abs=2e-6)
+        np.testing.assert_allclose((part.place[:3, :3] @ x + part.place[:3, 3])[2], -expected, atol=2e-6)
+        assert deepest(part, points, T[[0, 2]], LIMIT)[0] == 0.0
+
+
+def test_agrees_with_the_planner_on_a_part_with_a_pocket(tmp_path: Path) -> None:
+    ring = trimesh.creation.annulus(r_min=0.03, r_max=0.08, height=0.05, sections=32)
+    shape, part = mesh(tmp_path, ring)
+    cutter = Cutter(0.01, 0.06, 0.002)
+    rng = np.random.default_rng(4)
+    T = np.array([at(*row) for row in rng.uniform((-0.1, -0.1, -0.03, -0.5), (0.1, 0.1, 0.05, 0.5), (25, 4))])
+    ours = planners((shape,), cutter_points(cutter), T, LIMIT).depth
+    theirs = np.array([deepest(part, surface_points(cutter), row[None], LIMIT)[0] for row in T])
+    assert 5 < (ours > 0).sum() < 25
+    np.testing.assert_allclose(theirs, ours, atol=0.0011)  # points 1 and 1.25 mm apart
+    np.testing.assert_array_equal(theirs[ours > 0.0012] > 0, True)
+    np.testing.assert_array_equal(theirs[ours == 0] < 0.0012, True)
