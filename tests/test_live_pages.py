@@ -42,9 +42,6 @@ def in_browser(
         given: what the script finds as ``GIVEN``.
         draws: the page draws in three dimensions, which the browser then does by its own rasteriser.
     """
-    browser = next((path for name in BROWSERS if (path := shutil.which(name))), None)
-    if browser is None:
-        pytest.skip(f"a browser is absent (none of {', '.join(BROWSERS)}): the pages' scripts are not exercised")
     tools, own = ((LIVE / f"{name}.js").read_text(encoding="utf-8") for name in ("tools", script))
     end = f"""<script>"use strict";const GIVEN = {json.dumps(given or {})};{tools}
     window.addEventListener("load", async () => {{
@@ -57,6 +54,19 @@ def in_browser(
     }});</script>"""
     file = folder / "page.html"
     file.write_text(page.replace("<head>", "<head>" + WATCH).replace("</body>", end + "</body>"), encoding="utf-8")
+    dom = browse(folder, file, "--virtual-time-budget=8000", "--dump-dom", draws=draws)
+    if "<html" not in dom:
+        pytest.skip("a browser that starts is absent: the pages' scripts are not exercised")
+    written = re.search(r'<pre id="found">(.*?)</pre>', dom, re.S)
+    assert written is not None, "the page came to no end"
+    return dict(json.loads(entities.unescape(written[1])))
+
+
+def browse(folder: Path, file: Path, *asked: str, draws: bool = False) -> str:
+    """What a browser prints when it opens a page; empty where it does not come to an end."""
+    browser = next((path for name in BROWSERS if (path := shutil.which(name))), None)
+    if browser is None:
+        pytest.skip(f"a browser is absent (none of {', '.join(BROWSERS)}): the pages' scripts are not exercised")
     command = [
         browser,
         "--headless",
@@ -65,8 +75,7 @@ def in_browser(
         "--window-size=1200,900",
         "--no-first-run",
         f"--user-data-dir={folder / 'profile'}",
-        "--virtual-time-budget=8000",
-        "--dump-dom",
+        *asked,
         file.as_uri(),
     ]
     with subprocess.Popen(
@@ -79,11 +88,7 @@ def in_browser(
         finally:
             if process.poll() is None:
                 os.killpg(process.pid, signal.SIGKILL)
-    if "<html" not in dom:
-        pytest.skip("a browser that starts is absent: the pages' scripts are not exercised")
-    written = re.search(r'<pre id="found">(.*?)</pre>', dom, re.S)
-    assert written is not None, "the page came to no end"
-    return dict(json.loads(entities.unescape(written[1])))
+    return dom
 
 
 def test_the_chart_library_is_the_one_that_was_published() -> None:

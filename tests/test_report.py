@@ -17,8 +17,9 @@ from made_up_report import full_result, infeasible_result
 from machopt.domain.toolpath import IgnoredWord
 from machopt.report import write_report
 from machopt.report.data import STATUS_NAMES, Gain, ReportData, Shift
-from machopt.report.display import ANGLE, FEED, FINE_LENGTH, STIFFNESS
+from machopt.report.display import ANGLE, FEED, FINE_LENGTH, STIFFNESS, fixed
 from machopt.report.figures import figure_specs
+from machopt.report.gather.optimize import measured
 from machopt.report.gather.optimize_series import along, cut_length
 from machopt.report.page import report_html
 from machopt.report.series import keep, packed
@@ -186,6 +187,9 @@ def test_the_verdict_never_flatters(changes: dict[str, object], badge: str, word
 def test_si_becomes_shop_units() -> None:
     assert FINE_LENGTH.text(1.23456e-4, unit=True) == "0.123 mm"
     assert ANGLE.text(-np.pi / 2) == "−90.0"
+    assert ANGLE.text(-1e-4) == "0.0"  # no minus that is only rounding
+    assert fixed(0.26, 1, signed=True) == "+0.3"
+    assert fixed(-0.04, 1, signed=True) == "0.0"
     assert FEED.text(0.02, unit=True) == "1200 mm/min"
     assert STIFFNESS.text(1.5e6, unit=True) == "1.500 N/µm"
     assert FINE_LENGTH.text(float("nan")) == "–"
@@ -249,3 +253,10 @@ def test_one_path_length_stands_on_every_axis() -> None:
     s = cut_length(toolpath, np.array([False, True, False, True]))  # type: ignore[arg-type]
     np.testing.assert_allclose(s, [0.0, 0.3, 0.3, 0.4])
     np.testing.assert_allclose(along(s, np.array([0.5, 1.7, np.nan, 2.5])), [0.15, 0.3, np.nan, 0.35])
+
+
+def test_a_margin_is_not_called_a_negative_excess() -> None:
+    assert measured(-5.541, "deg beyond the limit") == "5.541 deg within the limit"
+    assert measured(0.25, "mm beyond the limit") == "0.25 mm beyond the limit"
+    assert measured(0.0, "deg beyond the limit") == "at the limit"
+    assert measured(-0.5, "mm") == "−0.5 mm"

@@ -14,7 +14,7 @@ from external_cell import external_cell
 from made_up_view import with_view
 from palletiser import full, linked_urdf, mimics
 from small_cell import small_cell
-from test_live_pages import ASSETS, in_browser
+from test_live_pages import ASSETS, browse, in_browser
 from test_machine import by_pinocchio
 
 from machopt.domain.cell import Cell
@@ -146,3 +146,14 @@ def test_without_webgl_the_page_says_so_and_goes_on(tmp_path: Path) -> None:
     assert found["failed"] == []
     assert "no WebGL" in found["said"]
     assert "not the chosen one" in found["told"]
+
+
+@pytest.mark.slow
+def test_a_report_is_three_sheets_of_paper(tmp_path: Path) -> None:
+    data, _ = with_view(small_cell(tmp_path))
+    page, sheets = tmp_path / "page.html", tmp_path / "page.pdf"
+    page.write_text(report_html(data), encoding="utf-8")
+    browse(tmp_path, page, "--no-pdf-header-footer", f"--print-to-pdf={sheets}", draws=True)
+    if not sheets.is_file():
+        pytest.skip("a browser that prints is absent: the sheets are not counted")
+    assert 1 <= len(re.findall(rb"/Type\s*/Page\b(?!s)", sheets.read_bytes())) <= 3

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
+from machopt.report.display import fixed
 from machopt.report.shell import page_html, section
 from machopt.report.tables import Column, folded, table
 from machopt.report.template import fragment, part
@@ -167,7 +168,9 @@ def _ranking(data: BatchData) -> Body:
         if job["state"] in ("done", "verification failed")
     ]
     lead = (
-        "The largest gain first. Mean and worst are of deflection (mm) or of stiffness along the tool (N/mm); "
+        "By the gain over the CAM's default rotation, the largest first; then jobs where that rotation is not "
+        "feasible, by name; then jobs that failed their verification. Mean and worst are of deflection (mm) or of "
+        "stiffness along the tool (N/mm); "
         "summary.csv has those of the CAM default beside them."
     )
     body = fragment("batch.html", "unrolled") + _table(columns, rows) if rows else ""
@@ -295,7 +298,7 @@ def _signed(value: float | None) -> str:
 
 
 def _percent(value: float) -> str:
-    return f"{value:.1f}".replace("-", "−")
+    return fixed(value, 1)
 
 
 def _number(value: float | None, decimals: int | None = None) -> str:
@@ -304,7 +307,7 @@ def _number(value: float | None, decimals: int | None = None) -> str:
         return "–"
     if decimals is None:
         decimals = 0 if abs(value) >= 100 else 3 if abs(value) < 10 else 2
-    return f"{value:.{decimals}f}".replace("-", "−")
+    return fixed(value, decimals)
 
 
 def _text(value: object) -> str:

@@ -132,7 +132,7 @@ def _rivals(rivals: tuple[Rival, ...]) -> Markup | str:
         Column("Law"),
         Column("Reaches of the gain", "n"),
         Column("p that it does as well", "n"),
-        Column("", "html"),
+        Column("Standing", "html"),
     ]
     return table(columns, rows)
 

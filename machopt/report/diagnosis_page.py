@@ -17,6 +17,7 @@ from machopt.report.diagnosis_finding import boxes, finding_html
 from machopt.report.diagnosis_limits import limits_html
 from machopt.report.diagnosis_svg import LEAST, machine_strip, share_bars
 from machopt.report.diagnosis_words import VERDICTS, axis_note, axis_words, chance, digits, percent, plural, sized
+from machopt.report.display import fixed
 from machopt.report.shell import page_html, section
 from machopt.report.tables import Column, folded, table
 from machopt.report.template import fragment, part
@@ -351,10 +352,10 @@ def _job(data: DiagnosisPage, have: set[str]) -> Body:
                 digits(c.before),
                 digits(c.after),
                 c.unit,
-                f"{change:+.0f} %".replace("-", "−") if math.isfinite(change) else "–",
+                f"{fixed(change, 0, signed=True)} %" if math.isfinite(change) else "–",
             ]
         )
-    columns = [Column(""), Column("Before", "n"), Column("After", "n"), Column("Unit"), Column("Change", "n")]
+    columns = [Column("Quantity"), Column("Before", "n"), Column("After", "n"), Column("Unit"), Column("Change", "n")]
     body: Body = part("paragraph", job.sentence) if job.sentence else ""
     body += table(columns, rows) if rows else ""
     both = [part("chart", name) for name in ("d-gamma", "d-deflection") if name in have]

@@ -8,6 +8,12 @@ from dataclasses import dataclass
 from machopt.report.data import Quantity
 
 
+def fixed(value: float, decimals: int, *, signed: bool = False) -> str:
+    """So many decimals with a true minus sign; what rounds to zero has none."""
+    rounded = round(value, decimals) + 0.0
+    return f"{rounded:{'+' if signed and rounded else ''}.{decimals}f}".replace("-", "−")
+
+
 @dataclass(frozen=True)
 class Unit:
     """A displayed unit: shown = SI · factor."""
@@ -20,7 +26,7 @@ class Unit:
         """The value as shown, "–" where there is none."""
         if not math.isfinite(value):
             return "–"
-        number = f"{value * self.factor:.{self.decimals}f}".replace("-", "−")
+        number = fixed(value * self.factor, self.decimals)
         return f"{number} {self.name}".rstrip() if unit else number
 
 

@@ -28,7 +28,7 @@ def front_section(data: ReportData) -> Markup | str:
         Column("cycle s", "n"),
         Column("joint travel deg", "n"),
         Column("clearance mm", "n"),
-        Column(""),
+        Column("note"),
     ]
     rows = [
         (

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.report.display import fixed
 from machopt.report.identification import Coefficient, GridView, IdentificationPage, SubsetStudy
 from machopt.report.series import numbers
 from machopt.report.shell import page_html, section
@@ -116,7 +117,7 @@ def _joints(data: IdentificationPage, have: set[str]) -> Body:
         Column("k (N·m/rad)", "n"),
         Column("N·m/arcmin", "n"),
         Column(f"{100 * data.level:g} % interval", "n"),
-        Column("", "n"),
+        Column("Half of it", "n"),
         Column("Before (N·m/rad)", "n"),
         Column("Identified", "html"),
         Column("Why", "why"),
@@ -200,7 +201,7 @@ def _models(data: IdentificationPage) -> Body:
         Column("Unknowns", "n"),
         Column("Fit error (mm)", "n"),
         Column("Held-out error (mm)", "n"),
-        Column(""),
+        Column("Verdict"),
     ]
     return section("models", "Models tried", "Judged by poses they did not see.", table(columns, rows))
 
@@ -214,10 +215,10 @@ def _readings(data: IdentificationPage) -> Body:
             str(data.line[n]),
             str(data.pose[n]),
             f"{data.load[n]:.0f}",
-            *(f"{data.measured[n, a] * 1e3:.3f}" for a in range(3)),
-            *(f"{residual[n, a] * 1e3:+.3f}".replace("-", "−") for a in range(3)),
+            *(fixed(float(data.measured[n, a]) * 1e3, 3) for a in range(3)),
+            *(fixed(float(residual[n, a]) * 1e3, 3, signed=True) for a in range(3)),
             f"{shown[n]:.1f}",
-            f"{data.leverage[n]:.2f}",
+            fixed(float(data.leverage[n]), 2),
             "left out as an outlier" if data.outlier[n] else "",
         ]
         for n in order
@@ -234,7 +235,7 @@ def _readings(data: IdentificationPage) -> Body:
         Column("z", "n"),
         Column("largest / σ", "n"),
         Column("Leverage", "n"),
-        Column(""),
+        Column("Note"),
     ]
     lead = "The readings that fit worst, with the line of the data file each stands on."
     return section("readings", "Readings", lead, table(columns, rows))
@@ -303,6 +304,7 @@ def _forest(joints: tuple[Coefficient, ...], level: float) -> Spec:
         "title": f"{100 * level:g} % intervals",
         "xlog": True,
         "xlabel": "Stiffness (N·m/rad)",
+        "ylabel": "Joint",
         "ycats": [c.name for c in reversed(joints)],
         "left": 70,
         "height": 40 + 34 * len(joints),

@@ -64,6 +64,7 @@ def report_html(data: ReportData) -> str:
         (("Cell", data.cell), ("Toolpath", data.toolpath)),
         sections,
         specs,
+        brief=True,
         scripts=("chart.js", "heatmap.js", *(SCENE if data.view is not None else ()), "start.js"),
         footer=f"machopt {data.version}{f', {data.created}' if data.created else ''}. "
         "Lengths mm, angles deg, stiffness N/µm, feed mm/min. Drag in a picture to zoom, double click to see all, "

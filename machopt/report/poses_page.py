@@ -375,7 +375,9 @@ def _run(data: PosesPage) -> Body:
 
 
 def _percent(share: float) -> str:
-    return f"{100 * share:.2g} %"
+    """Two digits; what is ten times itself is no measure any more."""
+    percent = 100.0 * share
+    return "more than 1000 %" if percent > 1000.0 else f"{percent:.0f} %" if percent >= 10.0 else f"{percent:.2g} %"
 
 
 def _number(value: float, decimals: int) -> str:

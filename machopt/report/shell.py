@@ -25,6 +25,7 @@ def page_html(
     *,
     scripts: Sequence[str],
     footer: Markup | str,
+    brief: bool = False,
 ) -> str:
     """The page as text; the same data give the same bytes.
 
@@ -35,6 +36,7 @@ def page_html(
         specs: what the scripts draw; they find it as JSON in ``#data``.
         scripts: files of ``report/assets``, in order.
         footer: below the last section.
+        brief: printed on few sheets: small pictures, the first rows of tables, nothing that is folded.
     """
     from markupsafe import Markup
 
@@ -47,6 +49,7 @@ def page_html(
             head=head,
             sections=[s for s in sections if s[2]],
             footer=footer,
+            kind="brief" if brief else "full",
             style=Markup("".join(_asset(name) for name in styles)),
             code=Markup("".join(_asset(name) for name in scripts)),
             library=Markup((_library() if charts else "") + (_three() if scene else "")),

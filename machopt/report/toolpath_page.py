@@ -113,12 +113,12 @@ def _operations(operations: Sequence[Mapping[str, Any]]) -> Body:
 
 
 def _extent(summary: Mapping[str, Any]) -> Body:
-    columns = [Column(""), *(Column(f"{c} {side} (mm)", "n") for c in "xyz" for side in ("from", "to"))]
+    columns = [Column("Moves"), *(Column(f"{c} {side} (mm)", "n") for c in "xyz" for side in ("from", "to"))]
     rows = []
     for name, key in (("all moves", "extent_mm"), ("cuts", "cutting_extent_mm")):
         box = summary[key]
         rows.append((name, *(_number(box[side][k], 3) for k in range(3) for side in ("min", "max"))))
-    meta = table([Column("What the file says"), Column("", "mono")], sorted(summary["meta"].items()))
+    meta = table([Column("What the file says"), Column("Value", "mono")], sorted(summary["meta"].items()))
     return section(
         "extent", "Extent", "In the file's own coordinate system, which is the workpiece.", table(columns, rows) + meta
     )

@@ -1,6 +1,7 @@
 const canvas = document.querySelector("#view canvas");
 const pixels = async () => {
-  await wait(150);
+  await wait(50);
+  VIEW.stage.paintNow(); // a busy machine may owe the frame that was asked for
   const flat = document.createElement("canvas");
   flat.width = canvas.width; flat.height = canvas.height;
   const ctx = flat.getContext("2d");

@@ -27,8 +27,20 @@ function recolor(paper = false) {
 
 readColors();
 screenDark.addEventListener("change", () => recolor());
-window.addEventListener("beforeprint", () => recolor(true));
-window.addEventListener("afterprint", () => recolor());
+// On paper: dark on white, and where a page is to be brief its pictures are drawn anew in the size they have there.
+window.addEventListener("beforeprint", () => {
+  readColors(true);
+  if (document.body.classList.contains("brief")) for (const u of PLOTS) {
+    const place = u.root.parentNode, share = place.closest(".grid3") ? 3 : place.closest(".grid2") ? 2 : 1;
+    u.before = [u.width, u.height];
+    u.setSize({ width: Math.round(1080 / share) - 12, height: Math.round(u.height * (share === 3 ? 0.72 : 0.66)) });
+  }
+  recolor(true);
+});
+window.addEventListener("afterprint", () => {
+  for (const u of PLOTS) if (u.before) { u.setSize({ width: u.before[0], height: u.before[1] }); delete u.before; }
+  recolor();
+});
 
 // The place the robot stands at, marked in every picture that shares its axis; who sets it says so to all (see view.js).
 const HERE = { path: null, station: null, time: null, phi: null };
@@ -50,7 +62,7 @@ function moveHere(place) {
 
 const tip = document.createElement("div");
 tip.className = "tip";
-document.body.appendChild(tip);
+(document.querySelector("main") || document.body).appendChild(tip);
 
 function showTip(evt, rows) {
   tip.replaceChildren();
@@ -123,7 +135,7 @@ function plot(host, opts, data) {
   return u;
 }
 
-window.addEventListener("beforeprint", () => document.querySelectorAll("details").forEach(d => { d.open = true; }));
+window.addEventListener("beforeprint", () => document.querySelectorAll(".full details").forEach(d => { d.open = true; }));
 
 // Where the pointer is in a plot, in its pixels.
 function under(u, evt) {

@@ -133,7 +133,8 @@ function stage3d(canvas, scene) {
   canvas.addEventListener("blur", () => { controls.enableZoom = false; });
   canvas.addEventListener("pointerdown", () => canvas.focus({ preventScroll: true }));
   let due = 0;
-  const draw = () => { if (!due) due = requestAnimationFrame(() => { due = 0; renderer.render(world, camera); }); };
+  const paintNow = () => { due = 0; renderer.render(world, camera); };
+  const draw = () => { if (!due) due = requestAnimationFrame(paintNow); };
   controls.addEventListener("change", draw);
 
   function resize() {
@@ -172,5 +173,5 @@ function stage3d(canvas, scene) {
   }
 
   new ResizeObserver(resize).observe(canvas);
-  return { arm, lines, marker, ellipsoid, arrow, include, grow, look, zoom, draw, resize, onCanvas, renderer, world, camera, root, size: () => Math.hypot(...low.map((v, i) => high[i] - v)) };
+  return { arm, lines, marker, ellipsoid, arrow, include, grow, look, zoom, draw, paintNow, resize, onCanvas, renderer, world, camera, root, size: () => Math.hypot(...low.map((v, i) => high[i] - v)) };
 }

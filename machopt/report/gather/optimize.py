@@ -31,6 +31,7 @@ from machopt.se3 import wrap
 from machopt.verify import Verification
 from machopt.version import __version__
 
+BEYOND = " beyond the limit"  # the verification's unit of a distance from a limit, positive on the wrong side
 WORST = 8  # rows of the table of worst points
 _YARDSTICKS = {"cam default": "the CAM's default rotation", "jiao2022": "Jiao 2022"}
 _WORDS = {
@@ -116,7 +117,7 @@ def report_data(
         excluded_pairs=tuple(page.ExcludedPair(e.a, e.b, e.reason) for e in (model.excluded if model else ())),
         adjacent_pairs=tuple(page.ExcludedPair(e.a, e.b, e.reason) for e in (model.adjacent if model else ())),
         checks=tuple(
-            page.Check(c.name, c.passed, f"{c.value:.4g} {c.unit}", f"{c.limit:.4g} {c.unit}", c.where)
+            page.Check(c.name, c.passed, measured(c.value, c.unit), measured(c.limit, c.unit), c.where)
             for c in (verification.checks if verification else ())
         ),
         programs=tuple(programs),
@@ -340,6 +341,14 @@ def _operations(
 
 def _label(toolpath: Toolpath, plan: Plan, row: int) -> str:
     return str(toolpath.operations[toolpath.operation[int(np.ceil(plan.path.index[row] - 1e-9))]].label)
+
+
+def measured(value: float, unit: str) -> str:
+    """A value of a check as it is read aloud: what is not beyond a limit is within it, and by how much."""
+    side = unit.removesuffix(BEYOND)
+    if side != unit and value <= 0.0:
+        return "at the limit" if value == 0.0 else f"{-value:.4g} {side} within the limit"
+    return f"{value + 0.0:.4g} {unit}".replace("-", "−", 1)
 
 
 def _length(metres: float) -> str:
