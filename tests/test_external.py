@@ -28,6 +28,7 @@ K = Stiffness(np.array([1.4e6, 1.2e6, 9.4e5, 3.6e5, 3.7e5, 3.8e5]))
 OPTIONS = PlanOptions(
     collision=False, rotation_step=np.radians(30.0), force=ProcessForce(normal=200.0, axial=100.0), sample=0.02
 )
+VALUES = replace(OPTIONS, external=(ExternalAxis("e1", "operation"),))
 UP = (0.0, 0.0, 1.0)
 
 
@@ -72,7 +73,7 @@ def test_one_value_for_each_operation(tmp_path: FilePath) -> None:
     """Slots at both ends of a long part: nowhere in reach from one place, and never worse than home."""
     cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
     path = apart(toolpath(slots(-2.4, 2.3)))
-    p = best_plan(cell, path, OPTIONS)
+    p = best_plan(cell, path, VALUES)
     assert not len(p.missing)
     first, second = (p.path.external[a : b + 1, 0] for a, b in p.path.runs)
     assert np.ptp(first) == np.ptp(second) == 0
@@ -87,12 +88,48 @@ def test_one_value_for_each_operation(tmp_path: FilePath) -> None:
 def test_the_value_chosen_is_no_worse_than_home(tmp_path: FilePath) -> None:
     cell = replace(external_cell(tmp_path, table=True), stiffness=K)
     path = toolpath(slots(0.15))
-    p = best_plan(cell, path, OPTIONS)
+    p = best_plan(cell, path, replace(OPTIONS, external=(ExternalAxis("turn", "operation"),)))
     home = plan(cell, path, OPTIONS, scale=p.scores.scale)
     assert p.chosen.objective.total <= home.chosen.objective.total
     assert p.cam_default.objective.total == home.cam_default.objective.total  # the file's rotation, table at home
     inside = replace(OPTIONS, external=(ExternalAxis("turn", "operation", range=(0.5, 0.6)),))
     assert 0.5 <= best_plan(cell, path, inside).path.external[0, 0] <= 0.6
+
+
+def long_slot(length: float, points: int = 24) -> Toolpath:
+    """One slot along the rail, from −length to length."""
+    ys = np.linspace(-length, length, points)
+    rows: Rows = [((0.0, ys[0], 0.05), UP, Move.RAPID)]
+    rows += [((0.0, y, 0.0), UP, Move.CUT) for y in ys]
+    return toolpath([*rows, ((0.0, ys[-1], 0.05), UP, Move.RETRACT)], feed=0.05)
+
+
+def test_a_part_longer_than_the_reach_is_cut_in_one_go(tmp_path: FilePath) -> None:
+    cell, path = replace(external_cell(tmp_path, rail=True), stiffness=K), long_slot(2.2)
+    assert len(best_plan(cell, path, VALUES).missing)
+    p = best_plan(cell, path, OPTIONS)
+    assert not len(p.missing)
+    x = driven(p, path)
+    for order, limit in enumerate((cell.limits.velocity, cell.limits.acceleration, cell.limits.jerk), 1):
+        used = np.abs(np.diff(x, order, axis=0)).max(axis=0) / OPTIONS.sample**order / limit
+        assert used.max() <= 1.0, order
+    assert np.ptp(x[:, 6]) > 2.0
+    assert (x[:, 6] >= cell.limits.lower[6]).all()
+    assert (x[:, 6] <= cell.limits.upper[6]).all()
+    motion = build_timeline(p, path).trajectory
+    assert motion is not None
+    tip = p.setup.arm.machine.fk(x, cell.tool.T_flange_tcp)[motion.move == Move.CUT][:, :3, 3]
+    assert np.abs(tip[:, 0]).max() < 2e-5  # the slot is straight, whatever the rail does
+    speed = np.linalg.norm(np.diff(tip, axis=0), axis=1) / OPTIONS.sample
+    assert speed.max() <= 0.05 * 1.001  # the feed is the tool's in the part
+
+
+@pytest.mark.parametrize("kind", [{"rail": True}, {"table": True}])
+def test_moving_is_never_worse_than_the_best_value(tmp_path: FilePath, kind: dict[str, bool]) -> None:
+    cell, path = replace(external_cell(tmp_path, **kind), stiffness=K), long_slot(0.2, 8)
+    moving, fixed = best_plan(cell, path, OPTIONS), best_plan(cell, path, VALUES)
+    assert moving.scores.scale == fixed.scores.scale
+    assert moving.chosen.objective.total <= fixed.chosen.objective.total
 
 
 @pytest.mark.parametrize(
@@ -103,7 +140,6 @@ def test_the_value_chosen_is_no_worse_than_home(tmp_path: FilePath) -> None:
         (ExternalAxis("rail", "locked", at=9.0, unit="mm"), r"found 9000 mm; the range of 'rail' is \[-2500, 2500\]"),
         (ExternalAxis("rail", range=(3.0, 4.0), unit="mm"), r"outside the range \[-2500, 2500\]"),
         (ExternalAxis("e1", operations=(("face", "locked"),)), "'face' is no operation of the toolpath"),
-        (ExternalAxis("e1", "moving"), "do not move along a path yet"),
     ],
 )
 def test_what_is_not_planned_is_refused_by_name(tmp_path: FilePath, axis: ExternalAxis, told: str) -> None:

@@ -81,6 +81,26 @@ def test_jacobian_is_the_derivative(tmp_path: Path, kind: dict[str, bool]) -> No
         np.testing.assert_allclose(J[:, :, c], twist, atol=1e-8)  # h² f‴ / 6 and rounding over h
 
 
+@pytest.mark.parametrize("kind", KINDS, ids="-".join)
+def test_jets_are_derivatives(tmp_path: Path, kind: dict[str, bool]) -> None:
+    m = machine(external_cell(tmp_path, **kind))
+    rng, u, h = np.random.default_rng(4), np.linspace(0.0, 1.0, 5), 1e-4
+    c = rng.uniform(-0.5, 0.5, (4, m.external))
+
+    def way(u: np.ndarray) -> np.ndarray:
+        """(M, 4, E) a cubic and its derivatives."""
+        powers = [[1 + 0 * u, u, u**2, u**3], [0 * u, 1 + 0 * u, 2 * u, 3 * u**2]]
+        powers += [[0 * u, 0 * u, 2 + 0 * u, 6 * u], [0 * u, 0 * u, 0 * u, 6 + 0 * u]]
+        return np.stack([np.stack(p, axis=1) @ c for p in powers], axis=1)
+
+    jets = m.T_base_workpiece_jets(way(u))
+    np.testing.assert_allclose(jets[:, 0], m.T_base_workpiece(way(u)[:, 0]), atol=ROUNDING)
+    ahead, behind = (m.T_base_workpiece_jets(way(u + side)) for side in (h, -h))
+    for order in range(3):
+        slope = (ahead[:, order] - behind[:, order]) / (2 * h)
+        np.testing.assert_allclose(jets[:, order + 1], slope, atol=2e-6)  # h² f‴ / 6, and rounding over h
+
+
 def test_links_of_an_arm_alone_are_the_robots(tmp_path: Path) -> None:
     cell = small_cell(tmp_path)
     m = machine(cell)

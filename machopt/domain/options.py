@@ -51,7 +51,7 @@ class ExternalAxis:
     """How one external joint is used."""
 
     joint: str  # its name, or e1, e2 … in the order of the cell
-    mode: ExternalMode | None = None  # locked: at ``at`` or home; operation: one value for each; moving with the path
+    mode: ExternalMode | None = None  # locked: at ``at`` or home; operation: one value each; moving, also None
     operations: tuple[tuple[str, ExternalMode], ...] = ()  # modes of operations by label, before ``mode``
     weight: float = 1.0  # of its travel, as a share of that of a joint of the arm
     at: float | None = None  # m or rad, where it is locked

@@ -55,7 +55,7 @@ class ExternalKeys(Strict):
     """One external joint, by its name or as e1, e2 … in the order of the cell."""
 
     mode: ExternalMode | None = Field(
-        default=None, description="locked (at home, or at_mm, at_deg); operation: one value for each; or moving"
+        default=None, description="locked (at home, or at_mm, at_deg); operation: one value for each; moving (default)"
     )
     operations: dict[str, ExternalMode] | None = Field(default=None, description="the mode of operations by label")
     weight: float | None = Field(default=None, ge=0, description="of its travel: 1 counts like a joint of the arm")

@@ -140,6 +140,42 @@ class Machine:
             T = self._part_moved(external) @ T
         return np.asarray(inverse(self._base_moved(external)) @ T if self.rail else T)
 
+    def T_base_workpiece_jets(self, external: Array) -> Array:
+        """(M, 4, 4, 4) :meth:`T_base_workpiece` and its derivatives 1 … 3 along a way, entry k the k-th one.
+
+        exp(ξ e(u)) turns with the angle's own derivatives, and a product has those of Leibniz.
+
+        Args:
+            external: (M, 4, E) the joints and their derivatives.
+        """
+        out = np.zeros((len(external), 4, 4, 4))
+        out[:, 0] = self.T_base_workpiece_zero
+        for k in range(self.positioner):  # part last: from the part's side on
+            out = product_jets(self._exponential_jets(k, external, 1.0), out)
+        for k in range(self.positioner, self.external):
+            out = product_jets(self._exponential_jets(k, external, -1.0), out)
+        return out
+
+    def _exponential_jets(self, k: int, external: Array, sign: float) -> Array:
+        """(M, 4, 4, 4) of line k moved by ``sign`` times its joint."""
+        e = sign * external[:, :, self.column[k] - 6]
+        out = np.zeros((len(e), 4, 4, 4))
+        out[:, 0] = exponential(self.axis[k], self.point[k], bool(self.slides[k]), e[:, 0])
+        h = self.axis[k]
+        if self.slides[k]:
+            out[:, 1:, :3, 3] = e[:, 1:, None] * h
+            return out
+        K = np.array([[0.0, -h[2], h[1]], [h[2], 0.0, -h[0]], [-h[1], h[0], 0.0]])
+        s, c = np.sin(e[:, 0]), np.cos(e[:, 0])
+        e1, e2, e3 = e[:, 1], e[:, 2], e[:, 3]
+        sine = [c * e1, c * e2 - s * e1**2, c * (e3 - e1**3) - 3.0 * s * e1 * e2]
+        rise = [s * e1, s * e2 + c * e1**2, s * (e3 - e1**3) + 3.0 * c * e1 * e2]  # of 1 − cos
+        for order in range(3):
+            R = sine[order][:, None, None] * K + rise[order][:, None, None] * (K @ K)
+            out[:, order + 1, :3, :3] = R
+            out[:, order + 1, :3, 3] = -R @ self.point[k]
+        return out
+
     def T_world_base(self, external: Array) -> Array:
         """(M, 4, 4) base_link in world."""
         return np.asarray(self.T_world_base_zero @ self._base_moved(external))
@@ -163,6 +199,19 @@ class Machine:
             step = exponential(self.axis[k], self.point[k], bool(self.slides[k]), external[:, self.column[k] - 6])
             out = out @ step
         return np.asarray(out)
+
+
+def product_jets(A: Array, B: Array) -> Array:
+    """(M, 4, 4, 4) jets of a product of matrices by the jets (M, 4, 4, 4) of its factors."""
+    return np.stack(
+        [
+            A[:, 0] @ B[:, 0],
+            A[:, 1] @ B[:, 0] + A[:, 0] @ B[:, 1],
+            A[:, 2] @ B[:, 0] + 2.0 * (A[:, 1] @ B[:, 1]) + A[:, 0] @ B[:, 2],
+            A[:, 3] @ B[:, 0] + 3.0 * (A[:, 2] @ B[:, 1] + A[:, 1] @ B[:, 2]) + A[:, 0] @ B[:, 3],
+        ],
+        axis=1,
+    )
 
 
 def exponential(axis: Array, point: Array, slides: bool, by: Array) -> Array:

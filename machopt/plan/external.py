@@ -1,4 +1,4 @@
-"""Where the external joints stand: at home, or at one value for each operation, chosen with everything else.
+"""Where the external joints stand: at home, at one value for each operation, or moving along the path.
 
 A run cannot be left to move a rail, so operations that share a run share a value. For each such group a grid of values
 is laid over the ranges of its joints, coarse first and then finer around the best:
@@ -8,7 +8,8 @@ is laid over the ranges of its joints, coarse first and then finer around the be
 c₀, the unit of the index, is the median over the candidates of all values. Groups hang together by the worst index and
 by the way between their values: with a cap on the worst the cheapest chain of values is exact, and every cap that
 matters is tried. The best few are then planned in full (:func:`machopt.plan.pipeline.plan`), with home among them, and
-the best plan is taken: fewest points lost, then least J.
+the best plan is taken: fewest points lost, then least J. Joints that may move along the path are first held at such
+values too; the way of :mod:`machopt.plan.moving` is planned in full beside them, and never taken where it is worse.
 
     J = Σ share·(m + motion) + w_worst·max w + Σ price·|Δe|
 """
@@ -21,17 +22,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from machopt.arrays import Array
+from machopt.arrays import Array, Bools
 from machopt.domain.cell import Cell
 from machopt.domain.options import ExternalAxis, PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError, nearest
 from machopt.plan.candidates import enumerate_candidates
 from machopt.plan.choose import choose
+from machopt.plan.moving import Range, curve
 from machopt.plan.part import part_of, rows_of
 from machopt.plan.path import Path, build_path
 from machopt.plan.pipeline import Plan, Setup, Timings, plan, prepare, standing
 from machopt.plan.score import directions, score_candidates
+from machopt.plan.timeline import build_timeline
 
 COARSE = {1: 9, 2: 5, 3: 4}  # values of each joint in the first grid, by how many are free
 FINER = 3  # times the grid is halved around the best value of each group
@@ -41,6 +44,8 @@ PLANNED = 3  # values planned in full where all can be driven
 TRIED = 8  # where the first ones cannot
 AS_GOOD = 1.15  # times the best estimate: home is planned in full below that
 LOST = 1e3  # of J for all stations lost: a value that loses fewer is better
+ROOM = 0.01  # of a range, kept from its ends by a joint that moves: a curve through points may pass beyond them
+MOVES_TRIED = 2  # the same where the joints may move along the path
 CAPS = 48  # on the worst index that are tried at most
 RAPID = 1.5  # times a travel counts on the way to another value (:mod:`machopt.plan.objective`, b)
 PREFERRED = 0.1  # of J, price of a rad (or LENGTH) from a preferred value
@@ -64,6 +69,7 @@ class Group:
 
     runs: tuple[int, ...]
     operations: tuple[int, ...]
+    moving: Bools  # (E,) the joint may move along the path
     low: Array  # (E,) m or rad; equal to ``high`` where the joint is locked
     high: Array  # (E,)
     share: float  # of the length cut
@@ -102,8 +108,9 @@ def best_plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Tim
             best = key, found
         return found
 
-    whole = 0
-    while len(seen) < TRIED and whole < PLANNED:
+    moves = any((g.moving & (g.high > g.low)).any() for g in groups)
+    whole, tried = 0, MOVES_TRIED if moves else TRIED
+    while len(seen) < tried and whole < PLANNED:
         values = search.chain()
         if values is None:
             break
@@ -121,7 +128,42 @@ def best_plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Tim
         planned(home)
     if best is None:
         raise AssertionError("home has been planned")
-    return best[1]
+    if not moves:
+        return best[1]
+    with clock.stage("external"):
+        at = _moved(setup, options, path, groups, axes, best[1].path.external, search.scale)
+    found = plan(cell, toolpath, options, clock, setup=setup, external=at, scale=search.scale)
+    key = _lost(found), found.chosen.objective.total + search.liking_along(at)
+    if not key < best[0]:
+        return best[1]
+    if best[0][0] == 0:  # there is another answer, should this one not be driven
+        with clock.stage("external"):
+            timeline = build_timeline(found, toolpath)
+        if timeline.trajectory is None:
+            return best[1]
+    return found
+
+
+def _moved(
+    setup: Setup,
+    options: PlanOptions,
+    path: Path,
+    groups: Sequence[Group],
+    axes: Sequence[ExternalAxis],
+    fixed: Array,
+    scale: float,
+) -> Array:
+    """(P, E) the external joints along the path where they may move, elsewhere as ``fixed`` (P, E)."""
+    out = fixed.copy()
+    weight = np.array([axis.weight for axis in axes])
+    for g in groups:
+        if (g.moving & (g.high > g.low)).any():
+            rows = rows_of(path, g.runs)
+            stands = fixed[rows[0]]
+            room = ROOM * (g.high - g.low)
+            low, high = (np.where(g.moving, bound, stands) for bound in (g.low + room, g.high - room))
+            out[rows] = curve(setup, options, path, Range(g.runs, g.moving, stands, low, high, g.share), scale, weight)
+    return out
 
 
 def _lost_groups(found: Plan, groups: Sequence[Group]) -> list[int]:
@@ -187,9 +229,9 @@ def _groups(cell: Cell, toolpath: Toolpath, path: Path, axes: Sequence[ExternalA
     for g in dict.fromkeys(group[of_row[first]] for first, _ in path.runs):
         operations = np.flatnonzero(group == g)
         runs = tuple(k for k, (first, _) in enumerate(path.runs) if group[of_row[first]] == g)
-        low, high = np.empty(len(axes)), np.empty(len(axes))
+        low, high, moving = np.empty(len(axes)), np.empty(len(axes)), np.zeros(len(axes), bool)
         for k, axis in enumerate(axes):
-            modes = {dict(axis.operations).get(labels[o], axis.mode or "operation"): labels[o] for o in operations}
+            modes = {dict(axis.operations).get(labels[o], axis.mode or MOVING): labels[o] for o in operations}
             if len(modes) > 1:
                 told = ", ".join(f"{label!r} {mode}" for mode, label in modes.items())
                 raise InputError(
@@ -198,15 +240,10 @@ def _groups(cell: Cell, toolpath: Toolpath, path: Path, axes: Sequence[ExternalA
                     where=f"external.{axis.joint}.operations",
                 )
             mode = next(iter(modes))
-            if mode == MOVING:
-                raise InputError(
-                    "external joints do not move along a path yet; mode operation or locked would work",
-                    file="options",
-                    where=f"external.{axis.joint}.mode",
-                )
+            moving[k] = mode == MOVING
             low[k], high[k] = _range(cell, k, axis, limits.lower[6 + k], limits.upper[6 + k], locked=mode == "locked")
         share = float(path.weight[rows_of(path, runs)].sum())
-        out.append(Group(runs, tuple(operations.tolist()), low, high, share))
+        out.append(Group(runs, tuple(operations.tolist()), moving, low, high, share))
     return out
 
 
@@ -317,6 +354,10 @@ class _Search:
     def liking(self, values: Sequence[Array]) -> float:
         """Σ share · price of leaving the preferred values."""
         return sum(g.share * self._liked(v) for g, v in zip(self.groups, values, strict=True))
+
+    def liking_along(self, external: Array) -> float:
+        """The same of joints (P, E) that move."""
+        return float(self.path.weight @ np.array([self._liked(e) for e in external]))
 
     def at_home(self) -> list[Array]:
         """Home, or what is nearest to it, for every group."""

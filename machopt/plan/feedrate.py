@@ -75,15 +75,15 @@ class Bounds:
     """What limits the speed at the nodes of a curve."""
 
     u: Array  # (M,)
-    derivatives: Array  # (M, 6, 3) q', q'', q'''
+    derivatives: Array  # (M, n, 3) q', q'', q''' of the axes that move
     cap: Array  # (M,) m/s largest v
-    velocity: Array  # (6,) limits, already scaled
+    velocity: Array  # (n,) limits, already scaled
     acceleration: Array
     jerk: Array
 
 
 def node_caps(D: Array, feed_cap: Array, velocity: Array, acceleration: Array, jerk: Array) -> tuple[Array, Array]:
-    """Largest v (M,) at each node, and what each joint allows by velocity, acceleration and jerk alone (M, 6, 3)."""
+    """Largest v (M,) at each node, and what each joint allows by velocity, acceleration and jerk alone (M, n, 3)."""
     with np.errstate(divide="ignore"):
         single = np.stack(
             [
@@ -124,7 +124,13 @@ def _gentle(b: Bounds) -> TimeLaw:
     order = np.argsort(np.r_[b.u, u], kind="stable")
     at = np.r_[b.u, u][order]
     V, A, J = (np.interp(at, u, x)[:, None] for x in (v, a, j))
-    D = np.stack([np.stack([np.interp(at, b.u, b.derivatives[:, d, k]) for d in range(6)], 1) for k in range(3)], 2)
+    D = np.stack(
+        [
+            np.stack([np.interp(at, b.u, b.derivatives[:, d, k]) for d in range(b.derivatives.shape[1])], 1)
+            for k in range(3)
+        ],
+        2,
+    )
     need = [
         (V[:, 0] / np.interp(at, b.u, b.cap)).max(),
         np.sqrt((np.abs(D[..., 1] * V**2 + D[..., 0] * A) / b.acceleration).max()),
@@ -141,7 +147,7 @@ def _window(
 ) -> tuple[float, float, float, float]:
     """Intervals of jerk and of acceleration that the joints allow, h s after the acceleration was a."""
     jlo, jhi, alo, ahi = -1e30, 1e30, -1e30, 1e30
-    for d in range(6):
+    for d in range(Q.shape[1]):
         g = Q[i, d, 0] + w * (Q[i + 1, d, 0] - Q[i, d, 0])
         if abs(g) < 1e-9:
             continue
@@ -162,7 +168,7 @@ def _window(
 def _holds(i: int, w: float, v: float, a: float, j: float, Q: Array, cap: Array, al: Array, jl: Array) -> bool:
     if v > (cap[i] + w * (cap[i + 1] - cap[i])) * (1.0 + 1e-9):
         return False
-    for d in range(6):
+    for d in range(Q.shape[1]):
         g = Q[i, d, 0] + w * (Q[i + 1, d, 0] - Q[i, d, 0])
         g2 = Q[i, d, 1] + w * (Q[i + 1, d, 1] - Q[i, d, 1])
         if abs(g2 * v * v + g * a) > al[d]:

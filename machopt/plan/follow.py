@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from machopt.compiled import compiled
 from machopt.model.ik_newton import _error, _forward, _solve6
+from machopt.model.machine import product_jets
 from machopt.model.robot import Robot
 from machopt.plan.blend import Curve
 from machopt.plan.taylor import twist_derivatives
@@ -25,8 +26,18 @@ STRAY = 0.3  # rad: a node farther than this from the joints given at the points
 
 
 def poses_along(curve: Curve, u: Array, T_base_workpiece: Array) -> tuple[Array, Array, Array, Array]:
-    """TCP poses (M, 4, 4) in base_link, spatial twists with two derivatives (M, 3, 6), phi (M,), |dp/du| (M,)."""
+    """TCP poses (M, 4, 4) in base_link, spatial twists with two derivatives (M, 3, 6), phi (M,), |dp/du| (M,).
+
+    Args:
+        T_base_workpiece: (4, 4), or its jets (M, 4, 4, 4) where external joints move; dp is seen from the workpiece.
+    """
     jets, phi = curve.jets(u)
+    if T_base_workpiece.ndim == 4:
+        T = np.zeros_like(T_base_workpiece)
+        T[:, :, :3, :3], T[:, :, :3, 3], T[:, 0, 3, 3] = jets.rotation, jets.position, 1.0
+        T = product_jets(T_base_workpiece, T)
+        twist = twist_derivatives(T[:, :, :3, 3], T[:, :, :3, :3])
+        return np.ascontiguousarray(T[:, 0]), twist, phi, np.linalg.norm(jets.position[:, 1], axis=1)
     R = T_base_workpiece[:3, :3]
     position = jets.position @ R.T
     position[:, 0] += T_base_workpiece[:3, 3]

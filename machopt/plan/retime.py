@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -20,7 +21,7 @@ from machopt.domain.cell import JointLimits
 from machopt.model.correction import Correction
 from machopt.model.machine import Machine
 from machopt.model.robot import Robot
-from machopt.plan.blend import Curve, build_curves
+from machopt.plan.blend import Curve, build_curves, path_parameter
 from machopt.plan.feedrate import Bounds, TimeLaw, node_caps, time_law
 from machopt.plan.follow import joints_at, joints_at_nodes, poses_along
 
@@ -29,6 +30,7 @@ STEPS_PER_SAMPLE = 3
 ROUNDS = 8  # of lowering the speed where samples exceed a limit
 SLACK = 1.01  # samples may exceed the scaled limits by this (limit_scale leaves more room)
 NO_FEED = 1e3  # m/s: stands for "no feed limit" where the TCP does not travel
+NEAR = 1e-5  # m of path: points nearer than this say nothing of how external joints move between them
 Limit = Literal["velocity", "acceleration", "jerk"]
 LIMITS: tuple[Limit, ...] = ("velocity", "acceleration", "jerk")
 Where = Literal["path", "start", "stop", "reversal", "reorientation"]
@@ -45,7 +47,7 @@ class RunInput:
     q: Array  # (n, 6) rad, true angles, continuous
     feed: Array  # (n,) m/s of the move that ends here; feed[0] is not used
     machine: Machine
-    external: Array  # (n, E) m or rad, where the external joints stand: the same at all points
+    external: Array  # (n, E) m or rad, where the external joints stand
     T_flange_tcp: Array
     robot: Robot
     limits: JointLimits
@@ -56,11 +58,48 @@ class RunInput:
     phi_curve: Callable[[Array], Array] | None = None  # phi as a smooth function of blend.path_parameter
     correction: Correction | None = None  # limits hold for encoder angles; None: those are the true ones
 
+    @cached_property
+    def moves(self) -> bool:
+        """The external joints move along the run."""
+        return bool(np.ptp(self.external, axis=0).any())
+
     @property
-    def T_base_workpiece(self) -> Array:
-        """(4, 4)."""
+    def axes(self) -> int:
+        """How many axes move along the run, those of the arm first."""
+        return 6 + self.external.shape[1] if self.moves else 6
+
+    @cached_property
+    def _external_curve(self) -> Callable[..., Array]:
+        """The external joints by the parameter of :mod:`.blend`, twice differentiable, through every point."""
+        from scipy.interpolate import CubicSpline
+
+        u = path_parameter(self.position, self.axis, self.reference, self.phi)
+        keep = np.r_[True, np.diff(u) > NEAR]
+        keep[-1] = True
+        at = np.flatnonzero(keep)
+        if len(at) > 2 and u[at[-1]] - u[at[-2]] <= NEAR:
+            at = np.delete(at, -2)
+        curve: Callable[..., Array] = CubicSpline(u[at], self.external[at], bc_type="natural")
+        return curve
+
+    def external_along(self, u: Array) -> Array:
+        """(M, 4, E) the external joints and their derivatives at u."""
+        if not self.moves:
+            out = np.zeros((len(u), 4, self.external.shape[1]))
+            out[:, 0] = self.external[0]
+            return out
+        return np.stack([self._external_curve(u, order) for order in range(4)], axis=1)
+
+    def stands(self, u: Array) -> Array:
+        """T_base_workpiece (4, 4), or its jets (M, 4, 4, 4) at u where external joints move."""
         machine = self.machine
+        if self.moves:
+            return machine.T_base_workpiece_jets(self.external_along(u))
         return machine.T_base_workpiece(self.external[:1])[0] if machine.external else machine.T_base_workpiece_zero
+
+    def name(self, axis: int) -> str:
+        """Of an axis by its number from 0 on."""
+        return f"axis {axis + 1}" if axis < 6 else f"external joint e{axis - 5}"
 
     def told(self, q: Array) -> Array:
         """(S, 6) rad by encoder, of true angles."""
@@ -75,7 +114,7 @@ class Dip:
     last: float
     ratio: float  # lowest share of the programmed feed
     where: Where  # start, stop: the unavoidable ramps from and to rest; reorientation: the tool turns on the spot
-    joint: int  # 1…6
+    joint: int  # 1…6, then the external ones
     limit: Limit
 
     def at(self, ends: Array) -> Dip:
@@ -116,6 +155,7 @@ class _Part:
     phi: Array
     ratio: Array  # (S,) of the programmed feed, step that ends here; the first is NaN
     dips: list[Dip]
+    external: Array  # (S, E) m or rad
 
 
 def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
@@ -126,8 +166,6 @@ def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
     curves = build_curves(
         run.position, run.axis, run.reference, run.phi, run.feed, run.phi_curve, run.path_tolerance, run.axis_tolerance
     )
-    if np.ptp(run.external, axis=0).any():
-        raise ValueError("external joints move inside a run")
     if isinstance(curves, int):
         return RunFailure(curves, f"the tool axis turns by more than 170° between points {curves - 1} and {curves}")
     if not curves:  # no length: stand still for one sample
@@ -165,7 +203,7 @@ def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
         join("phi"),
         held,
         dips,
-        np.repeat(run.external[:1], len(q), axis=0),
+        join("external"),
         (len(q) - 1) * run.sample,
         float(held[1:].mean()),
     )
@@ -174,7 +212,7 @@ def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
 def _drive(run: RunInput, curve: Curve, begin: Where, finish: Where) -> _Part | RunFailure:
     u = curve.nodes()
     index = curve.index(u)
-    pose, twist, _, p1 = poses_along(curve, u, run.T_base_workpiece)
+    pose, twist, _, p1 = poses_along(curve, u, run.stands(u))
     k = np.clip(index.astype(int), 0, len(run.q) - 2)
     rough = run.q[k] + (index - k)[:, None] * (run.q[k + 1] - run.q[k])
     D, failed = joints_at_nodes(run.robot, run.T_flange_tcp, u, pose, twist, rough)
@@ -183,11 +221,14 @@ def _drive(run: RunInput, curve: Curve, begin: Where, finish: Where) -> _Part | 
             float(index[failed]), "the pose cannot be reached in the branch chosen at the points around it"
         )
     E = D if run.correction is None else run.correction.encoder_path(D)
-    out = (E[:, 0] < run.limits.lower[:6] - 1e-9) | (E[:, 0] > run.limits.upper[:6] + 1e-9)
+    if run.moves:
+        E = np.concatenate([E, run.external_along(u)], axis=2)
+    axes = run.axes
+    out = (E[:, 0] < run.limits.lower[:axes] - 1e-9) | (E[:, 0] > run.limits.upper[:axes] + 1e-9)
     if out.any():
         node, joint = np.argwhere(out)[0]
-        return RunFailure(float(index[node]), f"axis {joint + 1} leaves its range between the points")
-    v, a, j = (run.limit_scale * x[:6] for x in (run.limits.velocity, run.limits.acceleration, run.limits.jerk))
+        return RunFailure(float(index[node]), f"{run.name(int(joint))} leaves its range between the points")
+    v, a, j = (run.limit_scale * x[:axes] for x in (run.limits.velocity, run.limits.acceleration, run.limits.jerk))
     derivatives = np.ascontiguousarray(E[:, 1:].transpose(0, 2, 1))
     cap, single = node_caps(derivatives, _feed_cap(run, curve, u, p1), v, a, j)
     for attempt in range(ROUNDS + 1):
@@ -196,7 +237,7 @@ def _drive(run: RunInput, curve: Curve, begin: Where, finish: Where) -> _Part | 
         sampled = _sampled(run, curve, u, D, law.slower(steps * run.sample / law.duration), steps)
         if isinstance(sampled, RunFailure):
             return sampled
-        law, at, T, q, phi = sampled
+        law, at, p, q, phi = sampled
         excess = _excess(q, v, a, j, run.sample)
         worst = float(excess.max())
         if worst <= SLACK or attempt == ROUNDS:
@@ -210,27 +251,27 @@ def _drive(run: RunInput, curve: Curve, begin: Where, finish: Where) -> _Part | 
         sampled = _sampled(run, curve, u, D, law.slower(steps * run.sample / law.duration), steps)
         if isinstance(sampled, RunFailure):
             return sampled
-        law, at, T, q, phi = sampled
+        law, at, p, q, phi = sampled
     t = np.asarray(np.arange(steps + 1) * run.sample, float)
     t[-1] = law.duration
     _, vt, at_acc, jt = law.at(t)
     point = curve.index(at)
-    ratio = np.r_[
-        np.nan, np.linalg.norm(np.diff(T[:, :3, 3], axis=0), axis=1) / run.sample / programmed(run, point[1:])
-    ]
+    ratio = np.r_[np.nan, np.linalg.norm(np.diff(p, axis=0), axis=1) / run.sample / programmed(run, point[1:])]
     slope = np.interp(at, u, p1)
     law_ratio = _law_ratios(u, derivatives, at, vt, at_acc, jt, v, a, j)
     dips = _dips(ratio, at, point, vt, slope, u, single, law_ratio, begin, finish)
-    return _Part(q, point, vt * slope, phi, ratio, dips)
+    return _Part(q[:, :6], point, vt * slope, phi, ratio, dips, run.external_along(at)[:, 0])
 
 
 def _sampled(
     run: RunInput, curve: Curve, u: Array, D: Array, law: TimeLaw, steps: int
 ) -> tuple[TimeLaw, Array, Array, Array, Array] | RunFailure:
+    """The law, u, places (S, 3) m of the TCP where the feed is measured, axes (S, axes) as told, phi at the samples."""
     t = np.minimum(np.arange(steps + 1) * run.sample, law.duration)
     at = np.maximum.accumulate(np.clip(law.at(t)[0], u[0], u[-1]))
     at[0], at[-1] = u[0], u[-1]
-    pose, _, phi, _ = poses_along(curve, at, run.T_base_workpiece)
+    stands = run.stands(at)
+    pose, _, phi, _ = poses_along(curve, at, stands)
     k = np.clip(np.searchsorted(u, at, side="right") - 1, 0, len(u) - 2)
     h = (at - u[k])[:, None]
     seed = D[k, 0] + h * (D[k, 1] + h * (0.5 * D[k, 2] + h / 6.0 * D[k, 3]))
@@ -239,7 +280,10 @@ def _sampled(
         return RunFailure(
             float(curve.index(at[failed : failed + 1])[0]), "the pose between the points cannot be reached"
         )
-    return law, at, pose, run.told(q), phi
+    if not run.moves:
+        return law, at, pose[:, :3, 3], run.told(q), phi
+    place = np.einsum("mij,mi->mj", stands[:, 0, :3, :3], pose[:, :3, 3] - stands[:, 0, :3, 3])  # in the workpiece
+    return law, at, place, np.hstack([run.told(q), run.external_along(at)[:, 0]]), phi
 
 
 def _excess(q: Array, velocity: Array, acceleration: Array, jerk: Array, sample: float) -> Array:
@@ -288,7 +332,7 @@ def _feed_cap(run: RunInput, curve: Curve, u: Array, slope: Array) -> Array:
 def _law_ratios(
     u: Array, D: Array, at: Array, v: Array, a: Array, j: Array, velocity: Array, acceleration: Array, jerk: Array
 ) -> Array:
-    """(S, 6, 3) use of each joint's limits at the samples."""
+    """(S, n, 3) use of each axis's limits at the samples."""
     k = np.clip(np.searchsorted(u, at, side="right") - 1, 0, len(u) - 2)
     w = ((at - u[k]) / (u[k + 1] - u[k]))[:, None, None]
     g1, g2, g3 = np.moveaxis(D[k] + w * (D[k + 1] - D[k]), -1, 0)
@@ -320,7 +364,7 @@ def _dips(
             where = "reorientation"
         a, b = np.searchsorted(u, at[first]), np.searchsorted(u, at[last], side="right")
         bound = single[a:b]
-        joint, limit = np.unravel_index(int(np.argmax(use[first : last + 1].max(axis=0))), (6, 3))
+        joint, limit = np.unravel_index(int(np.argmax(use[first : last + 1].max(axis=0))), use.shape[1:])
         if where in {"path", "reorientation"} and len(bound) and bound.min() < 1.25 * v[slowest]:
             _, joint, limit = np.unravel_index(int(np.argmin(bound)), bound.shape)
         dips.append(

@@ -334,7 +334,10 @@ class _Builder:
         move = _every_cut_shown(move, local, index, rows, self.path)
         gamma = done.phi + self.path.offset[rows][below]
         self.phi[rows] = np.interp(np.arange(len(rows)), local, done.phi)
-        told = _needed(self.plan.chosen.assignment.phi[rows], self.path.is_point[rows], index, self.path.position[rows])
+        phi = self.plan.chosen.assignment.phi[rows]
+        told = _needed(phi, self.path.is_point[rows], index, self.path.position[rows])
+        if np.ptp(self.path.external[rows], axis=0).any():
+            told[:] = True  # between two targets the controller moves them on the line
         told[0] = False  # the move starts there
         cutting = move == Move.CUT
         self.cut_time += float(cutting.sum()) * self.options.sample

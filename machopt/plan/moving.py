@@ -1,0 +1,335 @@
+"""External joints that move along the path: the best way over a grid of values, coarse to fine, then made smooth.
+
+At some stations every value g of a grid, rotation r (15°) and branch b is a vertex. Inside a run a step leads to the
+neighbouring value and rotation in the same branch; over a rapid move any value follows any. With c the index, c₀ its
+unit, and the terms of :mod:`machopt.plan.objective`:
+
+    cost = Σ w_mean·share·c/c₀ + Σ (travel + rotation + time lost) + w_worst·max c/c₀
+
+The worst index is traded by caps on it. The stairs that come out are smoothed along the path (Whittaker's smoother with
+third differences: Eilers 2003, eq. 4, here by path length), and a finer grid is laid around the curve, twice. What is
+found is a proposal: it is planned in full like a fixed value, and taken where it is better
+(:mod:`machopt.plan.external`). Point operations, and runs too short for a curve, keep one value each.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.arrays import Array, Bools
+from machopt.compiled import compiled
+from machopt.domain.options import PlanOptions
+from machopt.plan.candidates import enumerate_candidates
+from machopt.plan.objective import Terms, edge_price_compiled, late_compiled
+from machopt.plan.part import part_of
+from machopt.plan.path import Path
+from machopt.plan.pipeline import Setup
+from machopt.plan.score import directions, score_candidates
+from machopt.plan.sequence import jump
+
+COARSE = {1: 9, 2: 5, 3: 3}  # values of each joint, by how many move
+AROUND = {1: 2, 2: 1, 3: 1}  # steps to either side of the curve in the finer grids
+FINER = 2  # finer grids, of half the step each
+VERTICES = 3_000_000  # of a grid in all
+MOST, LEAST = 240, 60  # stations
+STEP = np.radians(15.0)  # of rotation
+LOST = 1e3  # price of a path on which no station is reached
+CAPS = (0.0, 0.15, 0.3, 0.5, 0.75)  # between the least possible worst index and that of the cheapest way
+WAVE = 1.0 / 6.0  # share of a run: shorter waves of the stairs are smoothed away
+SHORTEST = 0.2, 2.0  # m and s: at least so long
+SAMPLE = 0.01  # m, of the grid a run is smoothed on
+SAMPLES = 400  # at most
+
+
+@dataclass(frozen=True)
+class Range:
+    """What the external joints of one group of operations may do."""
+
+    runs: tuple[int, ...]
+    moving: Bools  # (E,)
+    fixed: Array  # (E,) m or rad, values of the others
+    low: Array  # (E,)
+    high: Array  # (E,)
+    share: float  # of the length cut
+
+
+def curve(setup: Setup, options: PlanOptions, path: Path, group: Range, scale: float, weight: Array) -> Array:
+    """(n, E) where the external joints stand at the planning points of a group's runs, in order.
+
+    Args:
+        scale: c₀.
+        weight: (E,) of their travel.
+    """
+    free = np.flatnonzero(group.moving & (group.high > group.low))
+    count = COARSE[len(free)]
+    whole = round(2 * np.pi / max(options.rotation_step, STEP)) * setup.arm.solver.branches
+    stations = int(np.clip(VERTICES / (whole * count ** len(free)), LEAST, MOST))
+    part = part_of(path, group.runs, stations)
+    opts = replace(options, rotation_step=max(options.rotation_step, STEP))
+    step = (group.high - group.low) / (count - 1)
+    grid = _offsets(free, [np.linspace(group.low[k], group.high[k], count) for k in free], group.fixed)
+    values = np.broadcast_to(grid, (len(part.stations), *grid.shape))
+    near = _neighbours([count] * len(free))
+    found = np.empty((len(part.index), len(group.fixed)))
+    for level in range(FINER + 1):
+        stairs = _best_way(setup, opts, part, values, near, scale, weight, group.share)
+        found = _smooth(part, stairs, group, WAVE / 1.5**level)
+        step = 0.5 * step
+        side = AROUND[len(free)]
+        around = _offsets(free, [np.arange(-side, side + 1) * step[k] for k in free], np.zeros(len(group.fixed)))
+        values = np.clip(found[part.stations][:, None] + around, group.low, group.high)
+        near = _neighbours([2 * side + 1] * len(free))
+    return found
+
+
+def _offsets(free: NDArray[np.intp], of_each: list[Array], fixed: Array) -> Array:
+    """(G, E) all combinations of the values of the free joints, the others at ``fixed``."""
+    out = np.tile(fixed, (int(np.prod([len(v) for v in of_each])), 1))
+    out[:, free] = np.array(list(itertools.product(*of_each)))
+    return out
+
+
+def _neighbours(counts: list[int]) -> NDArray[np.int64]:
+    """(G, 3^k) numbers of the values next to each, itself among them; −1 where the grid ends."""
+    at = np.array(list(itertools.product(*(range(n) for n in counts))))
+    out = []
+    for side in itertools.product((0, -1, 1), repeat=len(counts)):
+        to = at + np.array(side)
+        inside = ((to >= 0) & (to < np.array(counts))).all(axis=1)
+        out.append(np.where(inside, np.ravel_multi_index(np.clip(to, 0, np.array(counts) - 1).T, counts), -1))
+    return np.array(out, np.int64).T.copy()
+
+
+def _best_way(
+    setup: Setup,
+    options: PlanOptions,
+    part: Path,
+    values: Array,
+    near: NDArray[np.int64],
+    scale: float,
+    weight: Array,
+    share: float,
+) -> Array:
+    """(S, E) the values (S, G, E) of the best way through the grid."""
+    S, G = values.shape[:2]
+    station_of = np.minimum(np.searchsorted(part.stations, np.arange(len(part.index))), S - 1)
+    cost, q = [], []
+    stable = True
+    for g in range(G):
+        there = replace(part, external=values[station_of, g])
+        candidates = enumerate_candidates(there, setup.arm, options)
+        d = directions(there, setup.arm, setup.elasticity, options.force)
+        cost.append(score_candidates(there, candidates, setup.elasticity, d, options).cost)
+        q.append(np.where(candidates.feasible.any(axis=3)[..., None], candidates.q, np.nan))
+        stable = candidates.stable
+    c = np.stack(cost, axis=1) / scale  # (S, G, R, B)
+    R, B = c.shape[2:]
+    terms, w = Terms.at_stations(part, setup.velocity, options), options.weights
+    per = setup.per_rad[6:]
+    lost = LOST / S
+    joined = np.r_[False, part.run[part.stations][1:] == part.run[part.stations][:-1]]
+    kept = np.asarray((part.is_drilling | part.plunge)[part.stations])
+    edges = _edges(
+        np.stack(q, axis=1).reshape(S, -1, 6),
+        values * per,
+        near,
+        R,
+        B,
+        joined,
+        kept,
+        terms.seconds,
+        terms.slowness,
+        weight,
+        np.ascontiguousarray(w.travel * terms.travel),
+        np.ascontiguousarray(w.rotation * terms.rotation),
+        np.ascontiguousarray(w.feed * terms.lost),
+        jump(stable),
+        lost,
+    )
+    flown = np.ascontiguousarray(w.travel * terms.travel)
+    node = terms.share[:, None] * w.mean * c.reshape(S, -1)
+    node = np.where(np.isfinite(node), node, lost)
+    counted = np.asarray(part.counted[part.stations])
+    raw = np.where(counted[:, None] & np.isfinite(c.reshape(S, -1)), c.reshape(S, -1), 0.0)
+    scaled = values * per * weight
+
+    def under(cap: float) -> tuple[float, float, NDArray[np.int64]]:
+        way, total = _walk(np.where(raw > cap, lost, node), edges, near, scaled, R, B, joined, flown)
+        worst = float(raw[np.arange(S), way].max())
+        return total + w.worst / max(share, 1e-9) * worst, worst, way
+
+    best = under(np.inf)
+    most = best[1]
+    reached = np.where(np.isfinite(c.reshape(S, -1)), c.reshape(S, -1), np.inf).min(axis=1)[counted]
+    least = float(reached[np.isfinite(reached)].max(initial=0.0))
+    for t in CAPS:
+        if most > least:
+            found = under(least + t * (most - least))
+            best = min(best, found, key=lambda f: f[0])
+    return np.asarray(values[np.arange(S), best[2] // (R * B)])
+
+
+@compiled
+def _edges(
+    q: Array,
+    e: Array,
+    near: NDArray[np.int64],
+    R: int,
+    B: int,
+    joined: Bools,
+    kept: Bools,
+    seconds: Array,
+    slowness: Array,
+    weight: Array,
+    travel: Array,
+    rotation: Array,
+    feed: Array,
+    most: float,
+    lost: float,
+) -> NDArray[np.float32]:
+    """(S, K·3, V) price of the step into each vertex, from its neighbour values and rotations, of station s − 1.
+
+    Args:
+        q: (S, V, 6) rad, NaN where there is no pose; vertex (g·R + r)·B + b.
+        e: (S, G, E) external joints, lengths as they count in rad.
+        near: (G, K).
+        kept: (S,) value and rotation are kept into it: the tool drills or plunges.
+        most: rad, a joint that turns farther has left the branch.
+        lost: price of such a step.
+    """
+    S, V = q.shape[0], q.shape[1]
+    K, E = near.shape[1], e.shape[2]
+    turn = 2.0 * np.pi / R
+    out = np.zeros((S, K * 3, V), np.float32)
+    for s in range(1, S):
+        if not joined[s]:
+            continue
+        for v in range(V):
+            b, r, g = v % B, (v // B) % R, v // (B * R)
+            for k in range(K):
+                h = near[g, k]
+                way, slow = 0.0, 0.0
+                if h >= 0:
+                    for c in range(E):
+                        d = abs(e[s, g, c] - e[s - 1, h, c])
+                        way += weight[c] * d
+                        slow = max(slow, d * slowness[6 + c])
+                for dr in range(-1, 2):
+                    if h < 0 or (kept[s] and (k > 0 or dr != 0)):
+                        out[s, 3 * k + dr + 1, v] = np.inf
+                        continue
+                    u = (h * R + (r + dr) % R) * B + b
+                    length, late, far = way, slow, 0.0
+                    for c in range(6):
+                        d = q[s, v, c] - q[s - 1, u, c]
+                        d = abs(d - 2.0 * np.pi * np.round(d / (2.0 * np.pi)))
+                        length += d
+                        late = max(late, d * slowness[c])
+                        far = max(far, d)
+                    if np.isnan(length):  # a place that is not reached is paid for by itself
+                        length, late, far = way, slow, 0.0
+                    price = edge_price_compiled(
+                        length, turn * abs(dr), late_compiled(late, seconds[s]), travel[s], rotation[s], feed[s]
+                    )
+                    out[s, 3 * k + dr + 1, v] = price + (lost if far > most else 0.0)
+    return out
+
+
+@compiled
+def _walk(
+    node: Array,
+    edges: NDArray[np.float32],
+    near: NDArray[np.int64],
+    e: Array,
+    R: int,
+    B: int,
+    joined: Bools,
+    flown: Array,
+) -> tuple[NDArray[np.int64], float]:
+    """The cheapest way: its vertex (S,) and its price. ``e`` (S, G, E) weighed, ``flown`` (S,) its price on rapids."""
+    S, V = node.shape
+    G, K = near.shape
+    back = np.full((S, V), -1, np.int64)
+    here, before = node[0].copy(), np.empty(V)
+    for s in range(1, S):
+        before[:] = here
+        if not joined[s]:
+            last = np.zeros(G, np.int64)
+            for g in range(G):
+                last[g] = g * R * B + np.argmin(before[g * R * B : (g + 1) * R * B])
+            for g in range(G):
+                least, which = np.inf, -1
+                for h in range(G):
+                    way = 0.0
+                    for c in range(e.shape[2]):
+                        way += abs(e[s, g, c] - e[s - 1, h, c])
+                    price = before[last[h]] + flown[s] * way
+                    if price < least:
+                        least, which = price, last[h]
+                for v in range(g * R * B, (g + 1) * R * B):
+                    here[v], back[s, v] = least + node[s, v], which
+            continue
+        for v in range(V):
+            b, r, g = v % B, (v // B) % R, v // (B * R)
+            least, which = np.inf, -1
+            for k in range(K):
+                h = near[g, k]
+                if h < 0:
+                    continue
+                for dr in range(-1, 2):
+                    u = (h * R + (r + dr) % R) * B + b
+                    price = before[u] + edges[s, 3 * k + dr + 1, v]
+                    if price < least:
+                        least, which = price, u
+            here[v], back[s, v] = least + node[s, v], which
+    vertex = np.zeros(S, np.int64)
+    vertex[S - 1] = np.argmin(here)
+    for s in range(S - 1, 0, -1):
+        vertex[s - 1] = back[s, vertex[s]]
+    return vertex, here[vertex[S - 1]]
+
+
+def _smooth(part: Path, stairs: Array, group: Range, wave: float) -> Array:
+    """(n, E) a smooth curve for each run through the stairs (S, E) at its stations."""
+    from scipy.interpolate import CubicSpline
+
+    out = np.empty((len(part.index), stairs.shape[1]))
+    for first, last in part.runs:
+        own = np.flatnonzero((part.stations >= first) & (part.stations <= last))
+        s, steps = part.s[part.stations[own]] - part.s[first], stairs[own]
+        rows = slice(first, last + 1)
+        length = float(part.s[last] - part.s[first])
+        seconds = float(part.time[last] - part.time[first])
+        shortest = max(SHORTEST[0], SHORTEST[1] * length / max(seconds, 1e-9))
+        if part.is_drilling[first : last + 1].any() or length < shortest or len(own) < 3:
+            out[rows] = np.median(steps, axis=0)
+            continue
+        n = int(np.clip(length / SAMPLE, 16, SAMPLES))
+        at = np.linspace(0.0, length, n)
+        keep = np.r_[True, np.diff(s) > 1e-9]
+        raw = np.column_stack([np.interp(at, s[keep], column[keep]) for column in steps.T])
+        curve = _whittaker(raw, max(wave * length, shortest) / (at[1] - at[0]))
+        middle, room = curve.mean(axis=0), np.ones(len(curve.T))
+        for k in range(len(room)):  # not beyond the range, and as smooth as before
+            middle[k] = np.clip(middle[k], group.low[k], group.high[k])
+            over, under = curve[:, k].max() - middle[k], middle[k] - curve[:, k].min()
+            room[k] = min(
+                1.0,
+                (group.high[k] - middle[k]) / over if over > 0 else 1.0,
+                (middle[k] - group.low[k]) / under if under > 0 else 1.0,
+            )
+        curve = middle + room * (curve - middle)
+        out[rows] = np.clip(CubicSpline(at, curve)(part.s[rows] - part.s[first]), group.low, group.high)
+    return out
+
+
+def _whittaker(values: Array, wave: float) -> Array:
+    """The columns (n, E) without waves shorter than so many samples (half of such a wave is left)."""
+    n = len(values)
+    third = np.diff(np.eye(n), 3, axis=0)
+    stiff = (2.0 * np.sin(np.pi / max(wave, 2.0))) ** -6.0
+    return np.asarray(np.linalg.solve(np.eye(n) + stiff * third.T @ third, values))
