@@ -132,7 +132,8 @@ def _best_way(
     per = setup.per_rad[6:]
     lost = LOST / S
     joined = np.r_[False, part.run[part.stations][1:] == part.run[part.stations][:-1]]
-    kept = np.asarray((part.is_drilling | part.plunge)[part.stations])
+    still: Bools = part.is_drilling | part.plunge
+    kept = still[part.stations]
     edges = _edges(
         np.stack(q, axis=1).reshape(S, -1, 6),
         values * per,

@@ -223,11 +223,11 @@ def _feed(t: Told) -> Iterable[str]:
     least, most = ((row[cut] >= HELD).mean() for row in ratio)
     if not least - slack <= share <= most + slack:
         yield f"feed_held_share is {share:.6g}, {least:.6g} to {most:.6g} follows"
-    inside = np.zeros(len(at), bool)
+    inside, axes = np.zeros(len(at), bool), len(t.cell.limits.velocity)
     for n, dip in enumerate(dips):
         first, last = known("first_point", dip.first_point), known("last_point", dip.last_point)
         inside |= (at >= first - ON_POINT) & (at <= last + ON_POINT)
-        if not (0.0 <= dip.lowest_ratio < HELD and 1 <= dip.axis <= 6 and first <= last):
+        if not (0.0 <= dip.lowest_ratio < HELD and 1 <= dip.axis <= axes and first <= last):
             yield f"feed_dips.{n} is none: {short(dip)}"
     missed = int((cut & (ratio[1] < HELD - FEED) & ~inside).sum())
     if missed > 2 * runs:
