@@ -124,7 +124,7 @@ def _best_way(
         candidates = enumerate_candidates(there, setup.arm, options)
         d = directions(there, setup.arm, setup.elasticity, options.force)
         cost.append(score_candidates(there, candidates, setup.elasticity, d, options).cost)
-        q.append(np.where(candidates.feasible.any(axis=3)[..., None], candidates.q, np.nan))
+        q.append(np.where(np.asarray(candidates.feasible.any(axis=3))[..., None], candidates.q, np.nan))
         stable = candidates.stable
     c = np.stack(cost, axis=1) / scale  # (S, G, R, B)
     R, B = c.shape[2:]
