@@ -47,6 +47,7 @@ if TYPE_CHECKING:
         Figure,
         Identification,
         Map,
+        Placement,
         Plan,
         PosePlan,
         Table,
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
         identify,
         map,
         optimize,
+        place,
         plan_poses,
     )
 
@@ -66,6 +68,7 @@ __all__ = [
     "InputError",
     "MachoptError",
     "Map",
+    "Placement",
     "Plan",
     "PosePlan",
     "Table",
@@ -76,6 +79,7 @@ __all__ = [
     "identify",
     "map",
     "optimize",
+    "place",
     "plan_poses",
 ]
 """The names that stay: what is not here may change with any version."""

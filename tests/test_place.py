@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_cell import pose, small_cell
 
+import machopt
 from machopt.cli import main
 from machopt.domain.cell import Cell, Shape
 from machopt.domain.options import PlanOptions
@@ -266,6 +267,22 @@ def test_the_command_writes_verified_plans_in_moved_cells(tmp_path: Path, capsys
     assert len(rows) == 1 + told["looked_at"]
     assert rows[1].startswith("0,0,0,0,,")
     assert not (tmp_path / "out.progress.jsonl").exists()
+
+
+@pytest.mark.slow
+def test_the_library_finds_what_the_command_finds(tmp_path: Path) -> None:
+    (tmp_path / "holes.csv").write_text(HOLES.replace("20,0,0,1", "60,0,0,1"))
+    asked = {"x_mm": (-100, 100), "y_mm": (0, 0), "places": 3, "best": 1, "rotation_step_deg": 15.0}
+    found = machopt.place(CELLS / "kr240_drilling", tmp_path / "holes.csv", **asked)
+    assert found.proven
+    assert found.places.rows == found.result.looked_at
+    told = found.save(tmp_path / "out")
+    before = found.result
+    assert told.best[0].worst == before.best[0].worst
+    assert before.best[0].folder is None
+    assert (tmp_path / "out" / str(told.best[0].folder) / "holes" / "trajectory.csv").is_file()
+    with pytest.raises(machopt.InputError, match="rotation_step_deg"):
+        machopt.place(CELLS / "kr240_drilling", tmp_path / "holes.csv", rotation_stp_deg=15.0)
 
 
 @pytest.mark.parametrize(

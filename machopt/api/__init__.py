@@ -20,6 +20,7 @@ from machopt.api.diagnosis import Diagnosis, diagnose
 from machopt.api.figure import Figure
 from machopt.api.identification import Identification, identify
 from machopt.api.maps import Map, map
+from machopt.api.placement import Placement, place
 from machopt.api.plan import Plan, optimize
 from machopt.api.poses import PosePlan, plan_poses
 from machopt.api.table import Table
@@ -31,6 +32,7 @@ __all__ = [
     "Figure",
     "Identification",
     "Map",
+    "Placement",
     "Plan",
     "PosePlan",
     "Table",
@@ -39,5 +41,6 @@ __all__ = [
     "identify",
     "map",
     "optimize",
+    "place",
     "plan_poses",
 ]

@@ -88,7 +88,7 @@ def _place(args: argparse.Namespace) -> int:
         ),
         plan_file=args.plan,
         overrides=tuple(args.set),
-        reading=reading(args),
+        readings=(reading(args),) * len(args.toolpaths),
         posts=tuple(args.post),
         effects=tuple(args.effects),
     )

@@ -6,8 +6,10 @@ import csv
 from dataclasses import dataclass
 from math import degrees
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
@@ -21,8 +23,6 @@ from machopt.placement.search import Site
 from machopt.plan.score import resolve_index
 from machopt.report.place_page import Mark, PlacePage
 from machopt.version import __version__
-
-HEAD = ("dx_mm", "dy_mm", "dz_mm", "turn_deg", "refused", "bound", "outlook", "planned_worst", "cycle_time_s")
 
 
 @dataclass(frozen=True)
@@ -41,14 +41,22 @@ def unit_of(options: PlanOptions) -> tuple[str, float]:
 
 
 def result_of(
-    site: Site, search: Search, siting: Siting, confirmed: tuple[Confirmed, ...], inputs: dict[str, str]
+    site: Site, search: Search, siting: Siting, confirmed: tuple[Confirmed, ...] | None, inputs: dict[str, str]
 ) -> PlaceResult:
-    """place.json; ``inputs``: SHA-256 by name."""
+    """place.json.
+
+    Args:
+        confirmed: the best as they were written; None before that.
+        inputs: SHA-256 by name.
+    """
     cell, unit = site.cell, unit_of(site.options)
     here = next((p for p in siting.planned if p.place.number == 0), None)
     base = here.worst if here is not None and not here.refused else np.nan
-    best = [_told(site, siting, c.planned, base, c) for c in confirmed]
-    code = 3 if not best else max(c.exit_code for c in confirmed)
+    if confirmed is None:
+        best = [_told(site, siting, p, base, None) for p in siting.best[: search.best]]
+    else:
+        best = [_told(site, siting, c.planned, base, c) for c in confirmed]
+    code = 3 if not best else max((c.exit_code for c in confirmed or ()), default=0)
     top = siting.best[0] if siting.best else None
     gain = 100 * (1 - top.worst / base) if top is not None else np.nan
     grid = steps(search)
@@ -185,20 +193,32 @@ def _pose(cell: Cell, siting: Siting, shift: Shift) -> tuple[tuple[float, ...], 
     return _mm(T[:3, 3]), tuple(round(float(v), 9) + 0.0 for v in angles)
 
 
-def write_places(path: Path, site: Site, siting: Siting) -> None:
-    """places.csv: every place that was looked at, the cell's own first; the index in its unit."""
+def columns_of(site: Site, siting: Siting) -> dict[str, NDArray[Any]]:
+    """places.csv by column: every place that was looked at, the cell's own first; the index in its unit."""
     unit = unit_of(site.options)[1]
     planned = {p.place.number: p for p in siting.planned}
+    every = siting.places
+    whole = [planned.get(p.number) for p in every]
+    refused = [p.refused or ("" if one is None else one.refused) for p, one in zip(every, whole, strict=True)]
+    return {
+        **{f"d{a}_mm": np.array([1e3 * getattr(p.shift, a) for p in every]) for a in "xyz"},
+        "turn_deg": np.degrees([p.shift.turn for p in every]),
+        "refused": np.array(refused),
+        "bound": unit * np.array([p.bound for p in every]),
+        "outlook": unit * np.array([p.worst for p in every]),
+        "planned_worst": unit * np.array([np.nan if one is None else one.worst for one in whole]),
+        "cycle_time_s": np.array([np.nan if one is None else one.cycle_time for one in whole]),
+    }
+
+
+def write_places(path: Path, site: Site, siting: Siting) -> None:
+    """places.csv."""
+    columns = columns_of(site, siting)
     with path.open("w", encoding="utf-8", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(HEAD)
-        for p in siting.places:
-            one = planned.get(p.number)
-            why = p.refused or (one.refused if one is not None else "")
-            values = [*(1e3 * v for v in p.shift.along), degrees(p.shift.turn)]
-            found = [unit * p.bound, unit * p.worst]
-            found += [unit * one.worst, one.cycle_time] if one is not None else [np.nan, np.nan]
-            rows.writerow([*map(_number, values), as_cell(why), *map(_number, found)])
+        rows.writerow(columns)
+        for row in zip(*columns.values(), strict=True):
+            rows.writerow([as_cell(str(v)) if isinstance(v, np.str_) else _number(v) for v in row])
 
 
 def page_of(site: Site, siting: Siting, result: PlaceResult) -> PlacePage:

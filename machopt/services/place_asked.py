@@ -1,11 +1,13 @@
-"""What ``machopt place`` can compare, and how a stopped run knows its own question again."""
+"""What ``machopt place`` was asked, what it can compare, and how a stopped run knows its own question again."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +19,22 @@ from machopt.formats.options import options_as_user
 from machopt.placement.asked import Search
 from machopt.services.inputs import input_hashes
 from machopt.version import __version__
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """What the user asked for."""
+
+    cell: Path
+    toolpaths: tuple[Path, ...]
+    readings: tuple[Mapping[str, Any], ...]  # one a toolpath: keywords of formats.toolpath.read_toolpath
+    out: Path
+    search: Search = field(default_factory=Search)
+    plan_file: Path | None = None
+    overrides: tuple[str, ...] = ()
+    direct: dict[str, object] | None = None  # options by their user key
+    posts: tuple[str, ...] = ()
+    effects: tuple[Path, ...] = ()
 
 
 def refuse_options(options: PlanOptions) -> None:
@@ -43,9 +61,3 @@ def key_of(cell: Cell, toolpaths: tuple[Toolpath, ...], options: PlanOptions, se
     points = b"".join(np.ascontiguousarray(t.position).tobytes() for t in toolpaths)  # as read: units and words count
     text = json.dumps(asked, sort_keys=True, default=str).encode()
     return hashlib.sha256(text + points).hexdigest()
-
-
-def names_of(files: tuple[Path, ...]) -> list[str]:
-    """A folder's name for each toolpath: its own, numbered where two are alike."""
-    stems = [f.stem for f in files]
-    return stems if len({*stems, "cell"}) == len(files) + 1 else [f"{k}-{stem}" for k, stem in enumerate(stems, 1)]

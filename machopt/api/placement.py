@@ -1,0 +1,144 @@
+"""``machopt.place``: where to put the workpiece, or the robot."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import radians
+from pathlib import Path
+from typing import Any, Literal
+
+from machopt.api.asked import NOWHERE
+from machopt.api.cell import Cell, cell_of
+from machopt.api.saved import Named, Progress, effects_of, saved, silent
+from machopt.api.table import Table
+from machopt.api.toolpath import Toolpath, toolpath_of
+from machopt.domain.results.place import PlaceResult
+from machopt.errors import InputError
+from machopt.placement.asked import Search
+from machopt.report.gather.place import columns_of, result_of
+from machopt.services.inputs import input_hashes
+from machopt.services.place import Request, Sited, sited, write
+
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Places that were looked at, and the best of them. :func:`place` makes one."""
+
+    cell: Cell
+    _found: Sited
+
+    @property
+    def proven(self) -> bool:
+        """No other place that was looked at can be better."""
+        return self._found.siting.proven
+
+    @property
+    def result(self) -> PlaceResult:
+        """place.json, typed; without the verdicts on plans, which :meth:`save` makes."""
+        site = self._found.site
+        hashes = {**input_hashes(site.cell), **{t.source: t.sha256 for t in site.toolpaths}}
+        return result_of(site, self._found.request.search, self._found.siting, None, hashes)
+
+    @property
+    def verdict(self) -> str:
+        """One sentence."""
+        return self.result.verdict
+
+    @property
+    def places(self) -> Table:
+        """The columns of ``places.csv``, one row a place, the cell's own first."""
+        return Table(columns_of(self._found.site, self._found.siting))
+
+    def save(self, out: Named) -> PlaceResult:
+        """Write what ``machopt place`` writes: the best as moved cells with whole verified plans.
+
+        Raises:
+            InputError: OUT holds something else or cannot be written; or the cell has changed since.
+        """
+        return saved(self.cell, out, lambda folder: write(self._found, folder))
+
+    def __repr__(self) -> str:
+        return f"<Placement in {self.cell.name!r}: {self.verdict}>"
+
+
+def place(
+    cell: Cell | Named,
+    toolpaths: Toolpath | Named | Iterable[Toolpath | Named],
+    *,
+    x_mm: Range = (-300.0, 300.0),
+    y_mm: Range = (-300.0, 300.0),
+    z_mm: Range = (0.0, 0.0),
+    turn_deg: Range = (0.0, 0.0),
+    places: int = 200,
+    best: int = 3,
+    plans: int = 40,
+    minutes: float = 10.0,
+    move: Literal["workpiece", "base"] = "workpiece",
+    carry: Iterable[str] | None = None,
+    stay: Iterable[str] = (),
+    plan_file: Named | None = None,
+    posts: Iterable[Named] = (),
+    progress: Progress = silent,
+    **options: Any,
+) -> Placement:
+    """Where to put the workpiece, or the robot, so that the worst index over all toolpaths is best: ``machopt place``.
+
+    Args:
+        cell: a cell, or the path of its folder.
+        toolpaths: one or several, as toolpaths or paths of files.
+        x_mm, y_mm, z_mm: least and greatest shift along the axes of world, mm.
+        turn_deg: least and greatest turn about the vertical through the middle of the toolpaths (or base_link).
+        places: how many to look at, at most.
+        best: how many :meth:`Placement.save` writes as whole plans.
+        plans: how many to plan wholly, at most.
+        minutes: begin no further place after that.
+        move: what moves.
+        carry: obstacles that move along; None: what holds it.
+        stay: obstacles that do not, though they hold it.
+        plan_file: planning options as YAML (``--plan``).
+        posts: robot programs of the best places (``--post``).
+        progress: told what is being done.
+        options: planning options as for :func:`machopt.optimize`.
+
+    Raises:
+        InputError: cell, toolpath, range or an option is wrong; says which, and what would work.
+    """
+    a_cell = cell_of(cell)
+    if move not in ("workpiece", "base"):
+        raise InputError(f"found {move!r}; valid: workpiece, base", where="move")
+    several = [toolpaths] if isinstance(toolpaths, Toolpath | str | os.PathLike) else list(toolpaths)
+    if not several:
+        raise InputError("no toolpath was given; one or more would work", where="toolpaths")
+    read = [toolpath_of(t, a_cell) for t in several]
+    if a_cell.allow_external:
+        raise InputError("files outside the cell folder are in no copy of it; a cell without them would work")
+    x, y, z = ((a / 1e3, b / 1e3) for a, b in (x_mm, y_mm, z_mm))
+    request = Request(
+        cell=a_cell.path,
+        toolpaths=tuple(t.path for t in read),
+        readings=tuple(t.reading for t in read),
+        out=NOWHERE,
+        search=Search(
+            x=x,
+            y=y,
+            z=z,
+            turn=(radians(turn_deg[0]), radians(turn_deg[1])),
+            places=places,
+            base=move == "base",
+            carry=None if carry is None else tuple(carry),
+            stay=tuple(stay),
+            best=best,
+            plans=plans,
+            seconds=60 * minutes,
+        ),
+        plan_file=None if plan_file is None else Path(plan_file),
+        direct=options,
+        posts=tuple(os.fspath(p) for p in ((posts,) if isinstance(posts, str) else posts)),
+        effects=tuple(own.file for own in a_cell.effects),
+    )
+    with effects_of(a_cell):
+        return Placement(a_cell, sited(request, a_cell.description, tuple(t.description for t in read), progress))

@@ -1,0 +1,54 @@
+"""The best places as ``optimize`` plans, exports and verifies them, each with its moved cell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from machopt.formats.movedcell import write_moved_cell
+from machopt.placement.found import Planned, Siting
+from machopt.placement.moved import moved
+from machopt.placement.search import Site
+from machopt.report.gather.place import Confirmed
+from machopt.services import load as one_plan
+from machopt.services.place_asked import Request
+from machopt.services.run import optimize
+
+
+def confirmed(
+    request: Request, site: Site, siting: Siting, folder: Path, progress: Callable[[str], None]
+) -> tuple[Confirmed, ...]:
+    """Write ``best-1`` …: ``cell`` and, for each toolpath, a whole output of ``optimize``."""
+    best = siting.best[: request.search.best]
+    return tuple(_confirm(request, site, siting, one, folder / f"best-{k}", progress) for k, one in enumerate(best, 1))
+
+
+def _confirm(
+    request: Request, site: Site, siting: Siting, one: Planned, folder: Path, progress: Callable[[str], None]
+) -> Confirmed:
+    head = f"made by machopt place from {site.cell.name}: {one.place.shift.words}"
+    cell = write_moved_cell(folder / "cell", site.cell, moved(site.cell, siting.carried, one.place.shift), head)
+    verdicts, code = [], 0
+    for name, file, reading in zip(names_of(request.toolpaths), request.toolpaths, request.readings, strict=True):
+        progress(f"write {folder.name}: {file.name}")
+        asked = one_plan.Request(
+            cell=cell.parent,
+            toolpath=file,
+            out=folder / name,
+            plan_file=request.plan_file,
+            overrides=request.overrides,
+            direct=request.direct,
+            reading=dict(reading),
+            posts=request.posts,
+            effects=request.effects,
+        )
+        done = optimize(asked)
+        verdicts.append(f"{file.name}: {done.result.verdict}")
+        code = max(code, done.exit_code)
+    return Confirmed(one, folder.name, "; ".join(verdicts), code)
+
+
+def names_of(files: tuple[Path, ...]) -> list[str]:
+    """A folder's name for each toolpath: its own, numbered where two are alike."""
+    stems = [f.stem for f in files]
+    return stems if len({*stems, "cell"}) == len(files) + 1 else [f"{k}-{stem}" for k, stem in enumerate(stems, 1)]
