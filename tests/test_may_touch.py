@@ -21,6 +21,7 @@ from machopt.model.robot import load_chain
 from machopt.recheck.scope import unchecked
 from machopt.verify.arm import Arm
 from machopt.verify.bodies import all_bodies, pairs
+from machopt.verify.inventory import check_inventory
 
 SRDF = """<robot name="small">
   <disable_collisions link1="base_link" link2="link_1" reason="Adjacent"/>
@@ -143,3 +144,22 @@ def test_an_srdf_of_another_robot_is_said(cell: Cell) -> None:
     assert reader.pairs(["other.srdf"], lambda loc, name: cell.folder / name) == ()
     (warning,) = reader.warnings
     assert "other.srdf names no two links of this robot in any of its 1 pairs (its first is Link_1 ~ Link_3)" in warning
+
+
+def test_a_body_in_no_pair_is_excused_only_where_the_cell_lets_all_its_pairs_touch(cell: Cell) -> None:
+    arm = Arm(cell)
+    bodies = all_bodies(cell, arm)
+    every = pairs(cell, arm, bodies)
+
+    def told(others: tuple[str, ...]) -> list[str]:
+        """Without any pair of link 3, which the cell lets touch some others."""
+        lenient = replace(cell, may_touch=(MayTouch("a", "b", ("link_3_0",), others, "here"),))
+        left = [pair for pair in pairs(lenient, arm, bodies) if "link_3_0" not in {b.name for b in pair}]
+        return [c.where for c in check_inventory(lenient, arm, bodies, left) if c.passed is False]
+
+    rivals = {b.name for pair in every if "link_3_0" in {x.name for x in pair} for b in pair} - {"link_3_0"}
+    (where,) = told(("base_link_0",))
+    assert "link 'link_3_0' is in no pair that is checked" in where
+    lenient = replace(cell, may_touch=(MayTouch("a", "b", ("link_3_0",), tuple(sorted(rivals)), "here"),))
+    left = pairs(lenient, arm, bodies)
+    assert all(c.passed for c in check_inventory(lenient, arm, bodies, left))

@@ -142,7 +142,7 @@ class CollisionModel:
             for i, body in enumerate(self._bodies):
                 if body.kind == "workpiece":
                     wanted.append((i, len(self._bodies) + 1, True))
-                elif body.kind == "obstacle" or (body.kind == "link" and body.link <= machine.base + 4):
+                elif body.kind == "obstacle" or (body.kind == "link" and body.link <= machine.base + 5):
                     wanted.append((i, len(self._bodies), False))
             self._bodies += [cutter, drawn_in]
         by_cell = allowed(cell)
@@ -281,12 +281,9 @@ class CollisionModel:
         asked = [
             n
             for n, (i, j, _) in enumerate(wanted)
-            if bodies[j].kind != "cutter"
-            and (
-                bodies[i].kind == bodies[j].kind == "link"
-                or {bodies[i].kind, bodies[j].kind} == {"link", "tool"}
-                or ("link" in (bodies[i].kind, bodies[j].kind) and bodies[j].link - bodies[i].link == 1)
-            )
+            if bodies[i].kind == bodies[j].kind == "link"
+            or {bodies[i].kind, bodies[j].kind} == {"link", "tool"}
+            or ("link" in (bodies[i].kind, bodies[j].kind) and bodies[j].link - bodies[i].link == 1)
         ]
         rng = np.random.default_rng(0)  # the same poses for every run of a robot
         q = lines.lower + (lines.upper - lines.lower) * rng.random((SAMPLES, lines.count))

@@ -90,7 +90,7 @@ def pairs(cell: Cell, arm: Arm, bodies: list[Body]) -> list[tuple[Body, Body]]:
     """What must not touch: (still or lower, moving or higher).
 
     Everything on the robot from link 2 on against workpiece and obstacles; links and tool against links at least two
-    apart; the cutter against obstacles and links 0 … 4, drawn in against the workpiece. Where external joints move base
+    apart; the cutter against obstacles and links 0 … 5, drawn in against the workpiece. Where external joints move base
     or workpiece, further what moves against each other by them: :func:`_by_external_joints`. Pairs of links that touch
     in most random poses are built touching and left out, like link 1 and what the robot stands on. What the cell lets
     touch is left out too.
@@ -110,8 +110,8 @@ def pairs(cell: Cell, arm: Arm, bodies: list[Body]) -> list[tuple[Body, Body]]:
                     out += [(a, b)] if wanted else []
                 elif b.link >= 1:
                     (out if b.link >= 2 else robot).append((a, b))
-            elif a.kind == "link" and b.kind == "cutter" and a.link <= 4:
-                out.append((a, b))
+            elif a.kind == "link" and b.kind == "cutter" and a.link <= 5:
+                (out if a.link <= 4 else robot).append((a, b))
             elif a.kind == "link" and b.kind in ("link", "tool") and b.link - a.link >= 2:
                 robot.append((a, b))
     rng = np.random.default_rng(20)  # the planner's poses are others
@@ -121,7 +121,7 @@ def pairs(cell: Cell, arm: Arm, bodies: list[Body]) -> list[tuple[Body, Body]]:
     for a, b in robot:
         T = world[:, b.carrier] if a.carrier < 0 else inverse(world[:, a.carrier]) @ world[:, b.carrier]
         share = np.mean([near(a, b, x) for x in T])
-        coarse = a.kind == "link" and a.link >= 0 and b.link - a.link == 2 and share > COARSE
+        coarse = a.kind == "link" and a.link >= 0 and b.link - a.link == 2 and b.kind != "cutter" and share > COARSE
         if share <= TOUCHING and not coarse:
             out.append((a, b))
     return out

@@ -8,13 +8,14 @@ link's mass must be felt, and every body must stand in some pair that is checked
 
 from __future__ import annotations
 
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
 
 from machopt.domain.cell import Cell
 from machopt.verify.arm import Arm
-from machopt.verify.bodies import Body, may_touch
+from machopt.verify.bodies import Body, may_touch, pairs
 from machopt.verify.check import Check, counted
 
 SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",), "capsule": ("radius", "length")}
@@ -22,7 +23,7 @@ SAME_M = 1e-6
 SAME_KG = 1e-6  # of the total mass
 
 
-def check_inventory(cell: Cell, arm: Arm, bodies: list[Body], pairs: list[tuple[Body, Body]]) -> list[Check]:
+def check_inventory(cell: Cell, arm: Arm, bodies: list[Body], checked: list[tuple[Body, Body]]) -> list[Check]:
     """Nothing of the URDF has vanished on its way to the contact check."""
     try:
         root = ElementTree.fromstring(cell.urdf_text)
@@ -31,7 +32,7 @@ def check_inventory(cell: Cell, arm: Arm, bodies: list[Body], pairs: list[tuple[
     return [
         counted("bodies of the URDF", _lost_bodies(root, bodies), "bodies"),
         counted("joints and masses of the URDF", _lost_weight(root, arm), "links"),
-        counted("bodies checked for contacts", _unchecked(bodies, pairs, cell), "bodies"),
+        counted("bodies checked for contacts", _unchecked(cell, arm, bodies, checked), "bodies"),
     ]
 
 
@@ -127,8 +128,13 @@ def _lost_weight(root: ElementTree.Element, arm: Arm) -> list[str]:
     return wrong
 
 
-def _unchecked(bodies: list[Body], pairs: list[tuple[Body, Body]], cell: Cell) -> list[str]:
-    """Bodies in no pair, nor in one that the cell lets touch; a second copy of one that is (the cutter drawn in) counts
-    with it."""
-    used = {b.name for pair in pairs for b in pair} | {name for pair in may_touch(cell) for name in pair}
-    return [f"{b.kind} {b.name!r} is in no pair that is checked" for b in bodies if b.name not in used]
+def _unchecked(cell: Cell, arm: Arm, bodies: list[Body], checked: list[tuple[Body, Body]]) -> list[str]:
+    """Bodies in no pair, though the cell does not let them touch all that they would be held against; a second copy of
+    one that is in a pair (the cutter drawn in) counts with it."""
+    used = {b.name for pair in checked for b in pair}
+    idle, may = [b for b in bodies if b.name not in used], may_touch(cell)
+    if any(b.name in pair for pair in may for b in idle):
+        every = [(a.name, b.name) for a, b in pairs(replace(cell, may_touch=()), arm, bodies)]
+        own = {b.name: [pair for pair in every if b.name in pair] for b in idle}
+        idle = [b for b in idle if not own[b.name] or any(pair not in may for pair in own[b.name])]
+    return [f"{b.kind} {b.name!r} is in no pair that is checked" for b in idle]
