@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +54,12 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     arm.add_argument("--post", default=Request.post, help="robot program to write: krl, rapid, fanuc, …")
     p.set_defaults(run=_init)
 
+    look = commands.add_parser("validate", parents=[common], help="everything wrong or odd about a cell; a picture")
+    share(look, "cell")
+    share(look, "--allow-external")
+    look.add_argument("--picture", type=Path, metavar="FILE.svg", help="draw the cell at home from three sides")
+    look.set_defaults(run=_validate)
+
 
 def _number(group: Any, option: str, default: float, what: str) -> None:
     group.add_argument(option, type=float, default=default, help=f"{what} ({default:g})")
@@ -76,6 +83,28 @@ def _init(args: argparse.Namespace) -> int:
         print("\n".join(f"  put in your own: {g}" for g in done.guesses))
         print(f"next: machopt validate {done.folder}")
     return 0
+
+
+def _validate(args: argparse.Namespace) -> int:
+    from machopt.services.validate import validate
+
+    done = validate(args.cell, allow_external=args.allow_external, picture_file=args.picture)
+    warnings = len(done.findings) - len(done.errors)
+    if args.json:
+        findings = [vars(f) for f in done.findings]
+        told = {"cell": str(args.cell), "errors": len(done.errors), "warnings": warnings, "findings": findings}
+        print(json.dumps(finite(told), ensure_ascii=False))
+    elif not args.quiet:
+        for f in done.findings:
+            if f.level == "warning":
+                print(f"warning: {f.where}: {f.text}" if f.where else f"warning: {f.text}")
+        if not done.errors:
+            print(f"{args.cell}: valid, {warnings} warning{'' if warnings == 1 else 's'}")
+        if done.picture is not None:
+            print(f"picture: {done.picture}")
+    for f in done.errors if not args.json else ():
+        print(f"machopt: {f.text}", file=sys.stderr)
+    return done.exit_code
 
 
 def _ask(args: argparse.Namespace) -> None:

@@ -56,14 +56,30 @@ def load_cell(
     Raises:
         InputError: names file, line and key, what was found and what was expected.
     """
+    document = read_yaml(cell_file(path))
+    return cell_of(document, allow_external=allow_external, any_chain=any_chain, stiffness=stiffness)
+
+
+def cell_file(path: Path | str) -> Path:
+    """cell.yaml of a cell folder, or the file itself.
+
+    Raises:
+        InputError: there is none in the folder.
+    """
     file = Path(path)
     if isdir(file):
         file = file / "cell.yaml"
         if not exists(file):
             raise InputError("no cell.yaml in this folder", file=path)
-    document = read_yaml(file)
+    return file
+
+
+def cell_of(
+    document: Document, *, allow_external: bool = False, any_chain: bool = False, stiffness: Path | None = None
+) -> Cell:
+    """A cell from cell.yaml as it was parsed; otherwise as :func:`load_cell`."""
     keys = validate(AnyChainKeys if any_chain else CellKeys, document)
-    return _Reader(document, keys, file.resolve().parent, allow_external, any_chain, stiffness).cell()
+    return _Reader(document, keys, Path(document.file).resolve().parent, allow_external, any_chain, stiffness).cell()
 
 
 @dataclass

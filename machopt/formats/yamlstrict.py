@@ -110,15 +110,28 @@ def validate(model: type[M], document: Document, prefix: Loc = ()) -> M:
     try:
         return model.model_validate(document.value)
     except ValidationError as err:
-        # an unknown key first: the missing key beside it is often the same one, misspelt
-        found = sorted(err.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
-        problems = [_problem(model, e) for e in found]
+        problems = _problems(model, err)
     (loc, text), rest = problems[0], problems[1:]
     for other, message in rest[: _SHOWN_PROBLEMS - 1]:
         text += f"\n  {document.where(prefix + other)}: {message}"
     if len(rest) >= _SHOWN_PROBLEMS:
         text += f"\n  and {len(rest) - _SHOWN_PROBLEMS + 1} more"
     raise document.error(prefix + loc, text)
+
+
+def all_problems(model: type[BaseModel], document: Document) -> list[tuple[Loc, str]]:
+    """Key path and message of everything in a document that its schema refuses; none: it is accepted."""
+    try:
+        model.model_validate(document.value)
+    except ValidationError as err:
+        return _problems(model, err)
+    return []
+
+
+def _problems(model: type[BaseModel], err: ValidationError) -> list[tuple[Loc, str]]:
+    # an unknown key first: the missing key beside it is often the same one, misspelt
+    found = sorted(err.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
+    return [_problem(model, e) for e in found]
 
 
 def dotted(loc: Loc) -> str:

@@ -82,6 +82,11 @@ def cutter_body(cell: Cell, machine: Machine, cutter: Cutter, shrink: float = 0.
     return _body(Shape("cutter", "cylinder", (radius, length), None, np.eye(4)), "cutter", machine.base + 6, T @ centre)
 
 
+def tool_bodies(cell: Cell) -> list[Body]:
+    """The tool's bodies by themselves, in the flange frame."""
+    return [_body(s, "tool", 0, s.T_parent_shape) for s in cell.tool.geometry]
+
+
 def worth_checking(bodies: list[Body]) -> list[tuple[int, int]]:
     """Pairs (lower link first) that could touch, without the cutter's."""
     out = []

@@ -1,0 +1,145 @@
+"""Everything that the reader refuses about a cell: what is wrong is put aside and the rest read on."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from machopt.domain.cell import Cell
+from machopt.errors import InputError
+from machopt.formats.cell import cell_file, cell_of
+from machopt.formats.cell_schema import CellKeys
+from machopt.formats.yamlstrict import Document, Loc, all_problems, read_yaml
+
+_OPTIONAL: tuple[Loc, ...] = (
+    ("stiffness",),
+    ("kinematics",),
+    ("ignore_pairs",),
+    ("controller",),
+    ("plan",),
+    ("tool", "cutter"),
+    ("tool", "com_mm"),
+    ("tool", "mass_kg"),
+    ("robot", "limits", "velocity_deg_s"),
+    ("robot", "limits", "position_deg"),
+    ("robot", "pose"),
+)
+"""Keys without which a cell can still be read."""
+_LISTS: tuple[Loc, ...] = (("tool", "geometry"), ("workpiece", "geometry"), ("obstacles",))
+_MOST = 50  # problems; a file with more is not a cell with mistakes
+
+
+@dataclass(frozen=True)
+class Read:
+    """A cell as far as it can be read."""
+
+    cell: Cell | None  # without what was put aside; None where the rest cannot be read either
+    problems: tuple[InputError, ...]
+    put_aside: tuple[str, ...]  # keys
+
+
+def read_all(path: Path, *, allow_external: bool = False) -> Read:
+    """Read a cell, and on after each mistake as if what is wrong were not there.
+
+    A mistake that leaves nothing to go on with (in the robot, say) ends it: what stands behind it is not looked at.
+    """
+    try:
+        document = read_yaml(cell_file(path))
+    except InputError as problem:
+        return Read(None, (problem,), ())
+    problems: list[InputError] = []
+    aside: list[str] = []
+    for loc, message in all_problems(CellKeys, document):
+        problems.append(document.error(loc, message))
+        place = _droppable(document, loc)
+        if place is not None:
+            document = without(document, place)
+            aside.append(".".join(map(str, place)))
+    if all_problems(CellKeys, document):
+        return Read(None, tuple(problems), tuple(aside))
+    while len(problems) < _MOST:
+        try:
+            return Read(cell_of(document, allow_external=allow_external), tuple(problems), tuple(aside))
+        except InputError as problem:
+            problems.append(problem)
+            said, tried = str(problem), ((p, without(document, p)) for p in _places(document))
+            guilty = next((p for p, rest in tried if _answer(rest, allow_external) != said), None)
+        if guilty is None:
+            break
+        document = without(document, guilty)
+        aside.append(".".join(map(str, guilty)))
+    return Read(None, tuple(problems), tuple(aside))
+
+
+def without(document: Document, loc: Loc) -> Document:
+    """The same document without a key or an entry of a list; what stood behind the entry counts one less."""
+    value = copy.deepcopy(document.value)
+    at: Any = value
+    for part in loc[:-1]:
+        at = at[part]
+    del at[loc[-1]]
+    lines = document.lines
+    if isinstance(loc[-1], int):  # what stood behind it moves up
+        lines = {_moved_up(k, loc): line for k, line in lines.items() if k[: len(loc)] != loc}
+    return replace(document, value=value, lines=lines)
+
+
+def _moved_up(key: Loc, gone: Loc) -> Loc:
+    n = len(gone) - 1
+    last, own = gone[-1], key[n] if len(key) > n else None
+    if key[:n] == gone[:n] and isinstance(own, int) and isinstance(last, int) and own > last:
+        return (*key[:n], own - 1, *key[n + 1 :])
+    return key
+
+
+def _places(document: Document) -> Iterator[Loc]:
+    """What can be put aside, where it is there."""
+    for loc in _LISTS:
+        found = _at(document, loc)
+        if isinstance(found, list):
+            yield from ((*loc, n) for n in range(len(found)))
+    yield from (loc for loc in _OPTIONAL if _at(document, loc) is not None)
+
+
+def _droppable(document: Document, loc: Loc) -> Loc | None:
+    """What to put aside so that a mistake at a key path is gone: the key where it is unknown, else what it is in."""
+    for n in range(len(loc), 0, -1):
+        part = loc[:n]
+        listed = any(part[:-1] == place and isinstance(part[-1], int) for place in _LISTS)
+        if listed or part in _OPTIONAL or (n == len(loc) and not _known(part)):
+            return part if _at(document, part) is not None else None
+    return None
+
+
+def _known(loc: Loc) -> bool:
+    """A key of the schema: one that is not may go."""
+    model: Any = CellKeys
+    for part in loc:
+        fields = getattr(model, "model_fields", None)
+        if fields is None:
+            return True
+        if part not in fields:
+            return isinstance(part, int)
+        model = fields[part].annotation
+    return True
+
+
+def _at(document: Document, loc: Loc) -> Any:
+    at: Any = document.value
+    for part in loc:
+        try:
+            at = at[part]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return at
+
+
+def _answer(document: Document, allow_external: bool) -> str:
+    try:
+        cell_of(document, allow_external=allow_external)
+    except InputError as problem:
+        return str(problem)
+    return ""

@@ -1,0 +1,76 @@
+"""``machopt validate``: everything wrong or odd about a cell, with a picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from machopt.cells.picture import picture
+from machopt.cells.problems import read_all
+from machopt.cells.review import Finding, review
+from machopt.domain.cell import Cell
+from machopt.errors import InputError
+from machopt.formats.cell import cell_file
+
+
+@dataclass(frozen=True)
+class Validated:
+    """What was found."""
+
+    cell: Cell | None  # without what is wrong; None where too much is
+    findings: tuple[Finding, ...]  # errors first
+    picture: Path | None
+
+    @property
+    def errors(self) -> tuple[Finding, ...]:
+        return tuple(f for f in self.findings if f.level == "error")
+
+    @property
+    def exit_code(self) -> int:
+        """0: a plan can be made; 2: none, or none that could be driven."""
+        return 2 if self.errors else 0
+
+
+def validate(path: Path, *, allow_external: bool = False, picture_file: Path | None = None) -> Validated:
+    """Look at a cell.
+
+    Args:
+        path: the cell folder, or its cell.yaml.
+        allow_external: let the cell use files outside its folder.
+        picture_file: where to draw it, .svg.
+
+    Raises:
+        InputError: there is no such cell, or the picture cannot be written.
+    """
+    if picture_file is not None and picture_file.suffix.lower() != ".svg":
+        raise InputError(f"pictures are SVG; {picture_file.stem}.svg would work", file=picture_file)
+    if not cell_file(path).is_file():
+        raise InputError("there is no such file; a cell folder or its cell.yaml would work", file=path)
+    read = read_all(path, allow_external=allow_external)
+    found = [Finding("error", "", str(p)) for p in read.problems]
+    drawn = None
+    if read.cell is not None:
+        found += [f for f in review(read.cell) if not _put_aside(f, read.put_aside)]
+        found += [Finding("warning", "", w) for w in read.cell.warnings]
+        if picture_file is not None:
+            drawn = _draw(read.cell, picture_file, found)
+    found.sort(key=lambda f: f.level)  # stable, and errors come first by the alphabet
+    return Validated(read.cell, tuple(found), drawn)
+
+
+def _put_aside(finding: Finding, keys: tuple[str, ...]) -> bool:
+    """What is only missing because a mistake in it has been told already."""
+    return finding.where != "" and any(k.split(".")[0] == finding.where.split(".")[0] for k in keys)
+
+
+def _draw(cell: Cell, file: Path, found: list[Finding]) -> Path | None:
+    try:
+        text = picture(cell)
+    except InputError as problem:
+        found.append(Finding("error", "", str(problem)))
+        return None
+    try:
+        file.write_text(text + "\n", encoding="utf-8", newline="\n")
+    except OSError as problem:
+        raise InputError(f"cannot be written: {problem.strerror}", file=file) from None
+    return file

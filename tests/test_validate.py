@@ -1,0 +1,146 @@
+"""``machopt validate``: all that is wrong at once, and what a planner would not notice."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from small_cell import urdf_text
+
+from machopt.cells.asked import Request
+from machopt.cells.problems import read_all
+from machopt.cli import main
+from machopt.errors import InputError
+from machopt.services.newcell import run_init
+from machopt.services.validate import validate
+
+CELLS = Path(__file__).resolve().parents[1] / "cells"
+Make = Callable[..., Path]
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("cell")
+    (folder / "arm.urdf").write_text(urdf_text())
+    run_init(Request(folder / "arm.urdf", folder / "cell", post="krl"))
+    return folder / "cell"
+
+
+@pytest.fixture
+def changed(good: Path, tmp_path: Path) -> Make:
+    """The good cell with texts of cell.yaml replaced."""
+
+    def make(*pairs: tuple[str, str], file: str = "cell.yaml") -> Path:
+        folder = tmp_path / "cell"
+        if not folder.exists():
+            shutil.copytree(good, folder)
+        text = (folder / file).read_text()
+        for old, new in pairs:
+            assert old in text, old
+            text = text.replace(old, new)
+        (folder / file).write_text(text)
+        return folder
+
+    return make
+
+
+def line_of(folder: Path, start: str) -> str:
+    """The line of cell.yaml that begins with this."""
+    return next(x for x in (folder / "cell.yaml").read_text().splitlines() if x.lstrip().startswith(start))
+
+
+def texts(folder: Path) -> str:
+    return "\n".join(f"{f.level} {f.where}: {f.text}" for f in validate(folder).findings)
+
+
+@pytest.mark.parametrize("name", ["kr240_drilling", "kr500_milling"])
+def test_a_shipped_cell_is_valid_and_drawn(name: str, tmp_path: Path) -> None:
+    done = validate(CELLS / name, picture_file=tmp_path / "cell.svg")
+    assert (done.findings, done.exit_code) == ((), 0)
+    svg = (tmp_path / "cell.svg").read_text()
+    assert svg.startswith("<svg")
+    assert svg.count("from ") == 3
+    assert "nan" not in svg
+
+
+def test_what_init_writes_is_valid(good: Path) -> None:
+    done = validate(good)
+    assert done.errors == ()
+    assert "estimated" in texts(good)
+
+
+def test_a_tool_that_stands_sideways_is_told(good: Path, changed: Make) -> None:
+    """flange against tool0: the planner verifies what such a cell says, and the spindle hits the arm's side."""
+    tcp = line_of(good, "tcp:")
+    folder = changed((tcp, "  tcp: {xyz_mm: [200, 0, 0], rpy_deg: [0, 90, 0]}"))
+    assert "warning tool.tcp: the TCP lies 200 mm beside the flange and 0 mm out of it" in texts(folder)
+    assert "looks along [0, 0, 1] of its own frame" in texts(folder)
+    folder = changed(("xyz_mm: [200, 0, 0], rpy_deg: [0, 90, 0]", "xyz_mm: [0, 0, -200]"))
+    assert "200 mm behind the flange" in texts(folder)
+
+
+def test_a_tool_whose_body_and_tip_do_not_fit_is_told(good: Path, changed: Make) -> None:
+    folder = changed(("cylinder_mm: [40, 160]", "cylinder_mm: [40, 300]"))
+    assert "spindle reaches 30 mm beyond the TCP" in texts(folder)
+    assert "warning tool.tcp: the TCP lies inside spindle" in texts(folder)
+    folder = changed(("cylinder_mm: [40, 300]", "cylinder_mm: [40, 60]"))
+    assert "the cutter's upper end (40 mm behind the TCP) is 50 mm from the nearest body" in texts(folder)
+
+
+def test_a_part_out_of_reach_and_a_home_in_contact_are_errors(good: Path, changed: Make) -> None:
+    pose = line_of(good, "pose: {xyz_mm: [").strip()
+    lines = (good / "cell.yaml").read_text().splitlines()
+    pose = next(x for x in lines[lines.index("workpiece:") :] if x.strip().startswith("pose:"))
+    folder = changed((pose, "  pose: {xyz_mm: [9000, 0, 500]}"), ("obstacles: []", "obstacles: [{sphere_mm: 300}]"))
+    told = texts(folder)
+    assert "error workpiece.pose: none of the corners of 100 mm around the workpiece's frame can be reached" in told
+    assert "mm of reach" in told
+    changed(("obstacles: [{sphere_mm: 300}]", "obstacles: [{name: hall, box_mm: [1000, 9000, 9000]}]"))
+    assert "error robot.home_deg: " in texts(folder)
+    assert "touch at home" in texts(folder)
+    assert validate(folder).exit_code == 2
+
+
+def test_every_mistake_is_told_at_once(changed: Make, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = changed(
+        ("mass_kg: 0", "mass_kg: -4"),
+        (
+            "obstacles: []",
+            "foo: 3\nobstacles: [{box_mm: [1, 2]}, {name: b, mesh: gone.stl}, {name: c, mesh: lost.stl}]",
+        ),
+        ("post: krl", "post: krll"),
+    )
+    changed(("joints_Nm_per_rad", "joint_Nm_per_rad"), file="stiffness.yaml")
+    assert main(["validate", str(folder), "--json"]) == 2
+    told = json.loads(capsys.readouterr().out)
+    every = "\n".join(f["text"] for f in told["findings"] if f["level"] == "error")
+    for part in (
+        "unknown key 'foo'",
+        "tool.mass_kg: found -4",
+        "expected 3 values: edge lengths",
+        "no such file: gone.stl",
+        "no such file: lost.stl",
+        "did you mean 'joints_Nm_per_rad'",
+        "did you mean 'krl'",
+    ):
+        assert part in every, part
+    assert told["errors"] == 7
+    assert main(["validate", str(folder)]) == 2
+    assert capsys.readouterr().err.count("machopt: ") == 7
+
+
+def test_a_mistake_in_the_robot_ends_it(changed: Make) -> None:
+    read = read_all(changed(("base_link: base_link", "base_link: base_lnk")))
+    assert read.cell is None
+    assert len(read.problems) == 1
+    assert "did you mean 'base_link'" in str(read.problems[0])
+
+
+def test_no_cell_and_no_picture_are_refused(good: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no cell\.yaml in this folder"):
+        validate(tmp_path)
+    with pytest.raises(InputError, match=r"pictures are SVG; a\.svg would work"):
+        validate(good, picture_file=tmp_path / "a.png")
