@@ -138,6 +138,13 @@ class Recorded:
         0.05, "of the largest load: readings under loads so unlike do not agree to the last digit", JUDGED
     )
     far: float = _set(5.0, "factor from the cell's stiffness that another unit makes", JUDGED)
+    far_alike: float = _set(3.5, "the same where every joint is off alike: pounds", JUDGED)
+    shown: float = _set(0.03, "share of the displacement from which on a joint shows", JUDGED)
+    alike_factor: float = _set(
+        2.5, "ratio of the largest to the least factor between joints that are off alike", JUDGED
+    )
+    far_spring: float = _set(3.0, "factor by which a cell may miss a spring before it is worth a word", JUDGED)
+    sure_spring: float = _set(0.2, "standard error per compliance from which on a spring is known", JUDGED)
     near: float = _set(1.6, "factor around that of a unit", JUDGED)
     unusual: float = _set(10.0, "factor from a robot of this size", JUDGED)
     half: float = _set(0.5, "share of the displacement that may be left over", JUDGED)

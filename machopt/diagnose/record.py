@@ -39,6 +39,7 @@ SIZES = (  # displacement per load as read, per what it is; thousands show again
     ("inches", 1 / 25.4, "dx_mm", 25.4),
     ("centimetres", 0.1, "dx_mm", 10.0),
     ("kilograms", 9.80665, "fx_N", 9.80665),
+    ("pounds", 4.44822, "fx_N", 4.44822),
 )
 FRAMES = {
     "displacement_frame": ("displacement_frame", "sensor:displacement"),
@@ -276,17 +277,18 @@ def _by_size(tests: Experiment, prior: Array | None, reach: float) -> Problem | 
         return float(start(predicted[:, :, None], y, load)[0]), predicted
 
     seen, predicted = ratio(prior)
+    alike = _alike(tests, prior)
+    far = calibrated.RECORD.far_alike if alike else calibrated.RECORD.far
     if (
         not seen > 0
-        or 1 / calibrated.RECORD.far < seen < calibrated.RECORD.far
+        or 1 / far < seen < far
         or np.abs(y - seen * predicted).sum() > calibrated.RECORD.half * np.abs(y).sum()
     ):
         return None
     usual, _ = ratio(_usual(None, reach))
-    for name, value, column, factor in SIZES:
-        nearer = abs(np.log(max(usual, 1e-300) / value)) < min(
-            abs(np.log(max(usual, 1e-300))), np.log(calibrated.RECORD.unusual)
-        )
+    for name, value, column, factor in sorted(SIZES, key=lambda s: abs(np.log(seen / s[1]))):
+        as_stated = np.inf if alike else abs(np.log(max(usual, 1e-300)))
+        nearer = abs(np.log(max(usual, 1e-300) / value)) < min(as_stated, np.log(calibrated.RECORD.unusual))
         if abs(np.log(seen / value)) < np.log(calibrated.RECORD.near) and nearer:
             return Problem(
                 "units",
@@ -297,6 +299,15 @@ def _by_size(tests: Experiment, prior: Array | None, reach: float) -> Problem | 
                 factor=factor,
             )
     return None
+
+
+def _alike(tests: Experiment, prior: Array) -> bool:
+    """Whether all joints that show are off by about the same factor, as a unit makes it and no robot."""
+    y, A = tests.measured[:, :3], tests.response()[:, :3]
+    c = start(A, y, np.linalg.norm(tests.wrench, axis=1))
+    moved = np.abs(A * c).sum(axis=(0, 1))
+    ratio = (c * prior)[moved > calibrated.RECORD.shown * moved.sum()]
+    return bool(len(ratio) > 2 and (ratio > 0).all() and ratio.max() < calibrated.RECORD.alike_factor * ratio.min())
 
 
 def _force_unit(error: Problem, recording: Recording, robot: Robot, T_flange_tcp: Array) -> Problem:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
-from machopt.diagnose import absolute, at_joint, deflection, engine, held, motion, record, userterms
+from machopt.diagnose import absolute, at_joint, cellvalues, deflection, engine, held, motion, record, userterms
 from machopt.diagnose.history import History
 from machopt.diagnose.problem import Catalogue, Problem
 from machopt.diagnose.result import Diagnosis, Finding
@@ -86,6 +86,7 @@ def at_rest(
     else:
         d, problem = held.diagnosed(terms, poses, held.in_poses)
     gross = record.outliers(recording, d, copies, problem)
+    said += cellvalues.far_off(d, prior)
     return Examined(_with_record(d, mended, gross, notes, tuple(said)), problem, recording)
 
 
