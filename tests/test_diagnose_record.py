@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from made_up_loads import ARCMIN, CELLS, Dirt, Truth, arm, clicking, load_tests, planned
 
 from machopt.diagnose import record
-from machopt.diagnose.result import Finding
+from machopt.diagnose.cellvalues import far_off
+from machopt.diagnose.problem import Unknown
+from machopt.diagnose.result import Coefficient, Finding
+from machopt.domain.parameters import joint_spring
 from machopt.domain.recording import Recording
 from machopt.formats.cell import load_cell
 from machopt.identify.experiment import experiment
@@ -75,6 +79,7 @@ UNITS = [
     ("dx_mm", 1e3, True),
     ("fx_N", 1e-3, False),
     ("fx_N", 1 / 9.80665, False),
+    ("fx_N", 1 / 4.44822, False),
     ("fx_N", 1e-3, True),
     ("fx_N", 1 / 9.80665, True),
     ("mx_Nm", 1e3, True),
@@ -183,3 +188,15 @@ def test_a_wrench_in_tool_axes_turns_with_the_sagging_tool() -> None:
     assert turned < 0.2 * straight  # springs are known to some per cent, backlash and the load's own turn apart
     told = experiment(base, arm_, T)
     assert record.where_it_stands(told, base, arm_, T, masses) is told
+
+
+def test_a_spring_that_the_cell_misses_by_far_is_said() -> None:
+    def joint(number: int, value: float, sigma: float) -> Coefficient:
+        return Coefficient(Unknown(f"joint {number}", "rad/(N·m)", key=joint_spring(number)), value, value, sigma)
+
+    found = [joint(1, 1e-6, 1e-8), joint(2, 1e-5, 1e-7), joint(3, 1e-5, 9e-6), joint(4, 1e-7, 1e-9)]
+    said = far_off(SimpleNamespace(coefficients=found), np.full(6, 1e6))  # type: ignore[arg-type]
+    assert [s[:27] for s in said] == ["joint 2 comes out 10 times ", "joint 4 comes out 10 times "]
+    assert "softer" in said[0]
+    assert "stiffer" in said[1]
+    assert far_off(SimpleNamespace(coefficients=found), None) == []  # type: ignore[arg-type]
