@@ -292,7 +292,7 @@ SCHEMA = [
     ("name: ball", "name: post", ["two bodies are named 'post'"]),
     ("machopt_cell: 1", "machopt_cell: 1: 2", ["line 1, column", "is not YAML"]),
     ("obstacles:", "ignore_pairs: [[a, b]]\nobstacles:", ["line 22: ignore_pairs", "'a' is no link and no body"]),
-    ("obstacles:", "tools: {}\nobstacles:", ["line 22: tools", "a cell has one tool: give it as tool:"]),
+    ("obstacles:", "tools: {3: {tcp: {}}}\nobstacles:", ["both tool and tools; expected tool or tools"]),
     ("obstacles:", "collision: false\nobstacles:", ["collision", "belong under plan:", "--set key=value"]),
     ("obstacles:", "notes: old\nobstacles:", ["notes", "write it as a comment: #"]),
     ("obstacles:", "tcp: {}\nobstacles:", ["unknown key 'tcp'; it belongs under tool; valid: "]),

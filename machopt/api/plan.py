@@ -89,7 +89,8 @@ class Plan:
         if timeline is None or timeline.trajectory is None:
             return None
         table = self._made.made.points.table
-        return Table(trajectory_columns(timeline.trajectory, table.operations, table.external_prismatic))
+        tool = self._made.made.plan.setup.cell.tool_name
+        return Table(trajectory_columns(timeline.trajectory, table.operations, table.external_prismatic, tool))
 
     @property
     def joints(self) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -116,6 +117,8 @@ class Cell:
     expanded: str | None = None  # the URDF as text where ``urdf`` is a xacro file
     mimics: tuple[Mimic, ...] = ()  # every joint of the URDF that follows another
     may_touch: tuple[MayTouch, ...] = ()
+    tools: Mapping[str, Tool] = field(default_factory=dict)  # the tool table by the CAM file's words; empty: one tool
+    tool_name: str | None = None  # which of the table ``tool`` is; the first one until a toolpath says
     arm_prismatic: tuple[bool, ...] = ()  # which joints of the arm slide; empty: all turn
 
     @property

@@ -34,6 +34,12 @@ class Operation:
     kind: Literal["point", "trajectory"]  # point: drilling and the like, cuts run along the tool axis
     tool: str = ""
     comment: str = ""
+    tool_named: str = ""  # another word of the file for the same tool, such as its name beside its number
+
+    @property
+    def tools(self) -> tuple[str, ...]:
+        """Every word of the file for its tool."""
+        return tuple(word for word in (self.tool, self.tool_named) if word)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from os.path import exists, isdir
@@ -16,7 +16,7 @@ from machopt.arrays import Array
 from machopt.domain.cell import Cell, Cutter, JointLimits, Shape, Tool, Workpiece
 from machopt.domain.program import Controller, ExternalDrive, JointMap
 from machopt.errors import InputError, nearest
-from machopt.formats.cell_schema import AnyChainKeys, CellKeys, JointMapKeys, PoseKeys, ShapeKeys
+from machopt.formats.cell_schema import AnyChainKeys, CellKeys, JointMapKeys, PoseKeys, ShapeKeys, ToolKeys
 from machopt.formats.chain import Chain, check_carrier, limits_of_urdf, read_chain, read_home, read_limits, standing
 from machopt.formats.kinematics import load_kinematics
 from machopt.formats.linkage import followers, narrowed
@@ -120,7 +120,8 @@ class _Reader:
         )
         home = read_home(chain, limits, keys, self.document)
         packages = self.urdf_meshes(urdf, named)
-        tool, workpiece = self.tool(), self.workpiece()
+        tools, workpiece = self.tools(), self.workpiece()
+        name, tool = next(iter(tools.items()))
         stiffness = None
         other = self.other_stiffness
         if other is not None:
@@ -138,10 +139,11 @@ class _Reader:
         if keys.kinematics is not None:
             kinematics = load_kinematics(self.file(("kinematics",), keys.kinematics))
         obstacles = self.obstacles(urdf, chain)
-        self.different_names(*tool.geometry, *workpiece.geometry, *obstacles)
+        for other_tool in tools.values():
+            self.different_names(*other_tool.geometry, *workpiece.geometry, *obstacles)
         self.missing_bodies(tool, workpiece)
         self.warnings += open_surfaces(self.surfaces)
-        pairs = PairReader(urdf, robot.flange_link, tool, workpiece, obstacles, self.document)
+        pairs = PairReader(urdf, robot.flange_link, _any_of(tools), workpiece, obstacles, self.document)
         may_touch = pairs.pairs(keys.ignore_pairs, self.file)
         self.warnings += pairs.warnings
         arm_prismatic = tuple(j.kind == "prismatic" for j in chain.arm)
@@ -169,6 +171,8 @@ class _Reader:
                 )
             ),
             tool=tool,
+            tools=tools if keys.tools else {},
+            tool_name=name if keys.tools else None,
             workpiece=workpiece,
             obstacles=obstacles,
             stiffness=stiffness,
@@ -177,7 +181,13 @@ class _Reader:
             kinematics=kinematics,
             files=tuple(dict.fromkeys(self.files)),
             warnings=tuple(self.warnings),
-            notes=(*_unused(urdf), *limits_of_urdf(chain, keys), *tightened, *standing(urdf, chain, limits)),
+            notes=(
+                *_unused(urdf),
+                *_table(tools),
+                *limits_of_urdf(chain, keys),
+                *tightened,
+                *standing(urdf, chain, limits),
+            ),
         )
 
     def file(self, loc: Loc, name: str) -> Path:
@@ -282,15 +292,20 @@ class _Reader:
         self.surfaces.append(surface)
         self.warn(judge_size(Sized(f"mesh {path.name}", role, surface.extent * scale, remedy), self.scene, fail))
 
-    def tool(self) -> Tool:
-        keys = self.keys.tool
+    def tools(self) -> dict[str, Tool]:
+        """The tool table; a cell's only tool by an empty name."""
+        if self.keys.tool is not None:
+            return {"": self.tool(self.keys.tool, ("tool",))}
+        return {name: self.tool(keys, ("tools", name)) for name, keys in self.keys.tools.items()}
+
+    def tool(self, keys: ToolKeys, loc: Loc) -> Tool:
         cutter = keys.cutter
-        check_tool(keys, ("tool",), self.reach, self.document, self.warnings)
+        check_tool(keys, loc, self.reach, self.document, self.warnings)
         return Tool(
-            T_flange_tcp=self.pose(("tool", "tcp"), keys.tcp),
+            T_flange_tcp=self.pose((*loc, "tcp"), keys.tcp),
             mass=keys.mass_kg,
             com=_frozen(np.array(keys.com_mm) / 1e3),
-            geometry=self.shapes(("tool", "geometry"), keys.geometry),
+            geometry=self.shapes((*loc, "geometry"), keys.geometry),
             cutter=None
             if cutter is None
             else Cutter(cutter.diameter_mm / 1e3, cutter.length_mm / 1e3, cutter.corner_mm / 1e3),
@@ -390,10 +405,11 @@ class _Reader:
         return tuple(self.shape((*loc, n), loc, row) for n, row in enumerate(rows))
 
     def shape(self, loc: Loc, group: Loc, keys: ShapeKeys) -> Shape:
-        name = keys.name or f"{'obstacle' if group[0] == 'obstacles' else group[0]}_{loc[-1]}"
+        kind = {"obstacles": "obstacle", "tools": "tool"}.get(str(group[0]), group[0])
+        name = keys.name or f"{kind}_{loc[-1]}"
         check_pose(keys, loc, self.document, self.warnings, near=False)
         T = _pose(keys)
-        role: Role = "obstacle" if group[0] == "obstacles" else "tool" if group[0] == "tool" else "workpiece"
+        role: Role = "obstacle" if group[0] == "obstacles" else "tool" if group[0] in ("tool", "tools") else "workpiece"
         if keys.mesh is None:
             return self.solid(loc, name, role, keys, T)
         scale = 1.0 if keys.scale is None else keys.scale
@@ -443,6 +459,20 @@ class _Reader:
     def warn(self, message: str | None) -> None:
         if message is not None:
             self.warnings.append(message)
+
+
+def _table(tools: Mapping[str, Tool]) -> list[str]:
+    if len(tools) < 2:
+        return []
+    return [f"of the tools {', '.join(tools)} the first is taken by commands that no toolpath tells which"]
+
+
+def _any_of(tools: Mapping[str, Tool]) -> Tool:
+    """One tool with the bodies of all, for pairs that may touch by their names."""
+    first = next(iter(tools.values()))
+    bodies = {shape.name: shape for tool in tools.values() for shape in tool.geometry}
+    cutter = next((tool.cutter for tool in tools.values() if tool.cutter is not None), None)
+    return replace(first, geometry=tuple(bodies.values()), cutter=cutter)
 
 
 def _of(file: Path, message: str) -> InputError:

@@ -206,7 +206,6 @@ class ControllerKeys(Strict):
 
 class CellKeys(Strict):
     HINTS: ClassVar[dict[str, str]] = {
-        "tools": "a cell has one tool: give it as tool:, and plan the operations of another tool with another cell",
         **dict.fromkeys(
             ("collision", "collisions", "clearance_mm", "force_N", "method", "seed"),
             "planning options belong under plan:, or into the command as --set key=value",
@@ -223,7 +222,10 @@ class CellKeys(Strict):
     name: str = Field(min_length=1, description="a name for reports")
     robot: RobotKeys = Field(description="the arm")
     packages: dict[str, str] = Field({}, description="package:// names to folders, relative to the cell folder")
-    tool: ToolKeys = Field(description="what the flange carries")
+    tool: ToolKeys | None = Field(default=None, description="what the flange carries; or `tools`")
+    tools: dict[str, ToolKeys] = Field(
+        default={}, description="instead of `tool`: what it may carry, by the numbers or names of the CAM file"
+    )
     workpiece: WorkpieceKeys = Field(description="where the CAM coordinates are")
     obstacles: list[ObstacleKeys] = Field(default=[], description="fixtures, walls, floor, in their link")
     stiffness: str | None = Field(default=None, min_length=1, description="a file in the cell folder")
@@ -236,6 +238,17 @@ class CellKeys(Strict):
     )
     plan: OptionKeys | None = Field(default=None, description="the cell's own planning options")
     controller: ControllerKeys | None = Field(default=None, description="what robot programs need to know")
+
+    @field_validator("tools", mode="before")
+    @classmethod
+    def _numbers_are_names(cls, value: object) -> object:
+        return {str(name): keys for name, keys in value.items()} if isinstance(value, dict) else value
+
+    @model_validator(mode="after")
+    def _one_or_a_table(self) -> CellKeys:
+        if (self.tool is None) == (not self.tools):
+            raise ValueError(f"found {'both tool and tools' if self.tools else 'no tool'}; expected tool or tools")
+        return self
 
     @field_validator("ignore_pairs", mode="before")
     @classmethod

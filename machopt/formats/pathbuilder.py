@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from array import array
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +69,12 @@ class PathBuilder:
             raise self.source.error(f"more than {MAX_POINTS} points", moves_and_lines[-1][1])
 
     def add_table(
-        self, numbers: Array, move: NDArray[np.int32], line: NDArray[np.int32], labels: list[tuple[int, str]]
+        self,
+        numbers: Array,
+        move: NDArray[np.int32],
+        line: NDArray[np.int32],
+        labels: list[tuple[int, str]],
+        tools: Mapping[int, str] | None = None,
     ) -> None:
         """Append a whole table.
 
@@ -76,6 +82,7 @@ class PathBuilder:
             numbers: (N, 7) x y z i j k feed (mm, mm/min).
             move, line: (N,) Move codes and source lines.
             labels: first row and label of each operation; none: they go on in the present one.
+            tools: of operations by their first row.
         """
         lacking = np.flatnonzero((move == Move.CUT) & ~(numbers[:, 6] > 0.0))
         for row in lacking.tolist():
@@ -85,7 +92,7 @@ class PathBuilder:
         stops = [start for start, _ in labels[1:]] + [len(numbers)]
         for (start, label), stop in zip(labels or [(0, "")], stops, strict=True):
             if labels:
-                self.begin_operation(label)
+                self.begin_operation(label, tool=(tools or {}).get(start, ""))
             if not self._open:
                 self._start_operation()
             codes[start:stop, 1] = len(self._operations) - 1
@@ -152,18 +159,24 @@ class PathBuilder:
         self.warn_once("cutting moves without a feed of their own take the given default feed")
         return self.options.default_feed * 60e3
 
-    def begin_operation(self, label: str, *, tool: str = "", comment: str = "") -> None:
+    def begin_operation(self, label: str, *, tool: str = "", comment: str = "", tool_named: str = "") -> None:
         """Points from here on belong to a new operation, unless it is the one already open."""
         label = " ".join(label.split()) or "unnamed"
         if self._open and self._operations[-1].label == label and not tool:
             return
-        self._pending = Operation(label, "trajectory", tool, comment)
+        self._pending = Operation(label, "trajectory", tool, comment, tool_named)
         self._open = False
 
     def change_tool(self, tool: str) -> None:
         """A new operation for a new tool; one that was named but has no points yet keeps its name."""
         named = not self._open and self._pending.label != "main"
-        self.begin_operation(self._pending.label if named else f"T{tool}", tool=tool)
+        also = self._pending.tool if named and self._pending.tool != tool else ""
+        self.begin_operation(self._pending.label if named else f"T{tool}", tool=tool, tool_named=also)
+
+    def also_tool(self, word: str) -> None:
+        """Another word for the tool of an operation that was named and has no points yet."""
+        if not self._open and self._pending.tool != word:
+            self._pending = replace(self._pending, tool_named=word)
 
     def event(self, kind: str, text: str, value: float = math.nan) -> None:
         """Something that happens before the move to the next point starts."""

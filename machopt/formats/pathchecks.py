@@ -114,7 +114,9 @@ def with_kinds(
     has_sideways = np.bincount(operation[sideways], minlength=count) > 0
     has_plunge = np.bincount(operation[plunge], minlength=count) > 0
     return tuple(
-        Operation(o.label, "point" if has_plunge[k] and not has_sideways[k] else "trajectory", o.tool, o.comment)
+        Operation(
+            o.label, "point" if has_plunge[k] and not has_sideways[k] else "trajectory", o.tool, o.comment, o.tool_named
+        )
         for k, o in enumerate(operations)
     )
 

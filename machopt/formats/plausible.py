@@ -198,7 +198,8 @@ def check_stiffness(
         InputError: the tool's weight alone would turn a joint by 6°.
     """
     rows = [stiffness.joints] if stiffness.grid is None else [stiffness.joints, *stiffness.grid.joints]
-    torque = keys.tool.mass_kg * _GRAVITY * arm_reach
+    heaviest = max(tool.mass_kg for tool in ((keys.tool,) if keys.tool is not None else keys.tools.values()))
+    torque = heaviest * _GRAVITY * arm_reach
     least = float(min(row[:3].min() for row in rows))  # the wrist does not bear the weight at arm's length
     sag = torque / least
     shown = [float(f"{v:.4g}") for v in stiffness.joints]
@@ -209,7 +210,7 @@ def check_stiffness(
         raise document.error(
             ("stiffness",),
             f"joint stiffness {shown} gives {math.degrees(sag):.3g}° under the tool's "
-            f"{keys.tool.mass_kg:g} kg at {arm_reach:.3g} m (softest of joints 1 to 3: {least:g}); {units}",
+            f"{heaviest:g} kg at {arm_reach:.3g} m (softest of joints 1 to 3: {least:g}); {units}",
         )
     if sag > _SAG:
         warnings.append(f"{where} gives {math.degrees(sag):.3g}° under the tool's weight alone; {units}")

@@ -22,7 +22,7 @@ _UNIT_ENDINGS = {"_mm": "mm", "_inch": "inch", "_in": "inch", "": None}
 _POINT = ("x", "y", "z")
 _AXIS = ("i", "j", "k")
 _REFERENCE = ("rx", "ry", "rz")
-_WORDS = ("move", "operation")
+_WORDS = ("move", "operation", "tool")
 _PLAIN = (*_AXIS, *_WORDS, *_REFERENCE)
 _OPTIONAL = ("feed", "tolerance", *_REFERENCE)
 _MOVES = {m.word: m for m in Move}
@@ -246,7 +246,7 @@ class _Table:
         move = self.moves()
         table[(move == Move.RAPID) | ((table[:, 6] == 0.0) & (move != Move.CUT)), 6] = np.nan
         self.out.meta["unit"] = self.unit
-        self.out.add_table(table, move, self.columns.line, self.labels())
+        self.out.add_table(table, move, self.columns.line, *self.labels())
         return self.out.build(reference=reference, tolerance_mm=tolerance)
 
     def attitudes(self) -> Array:
@@ -285,13 +285,30 @@ class _Table:
             codes.append(int(found))
         return np.array(codes, dtype=np.int32)[words.codes]
 
-    def labels(self) -> list[tuple[int, str]]:
-        """First row and label of each operation."""
+    def labels(self) -> tuple[list[tuple[int, str]], dict[int, str]]:
+        """First row and label of each operation, and its tool, which holds until another one is named."""
+        n = len(self.columns.line)
+        tool, names = self.tools(n)
         if "operation" not in self.names:
-            return []
-        words = self.columns.words[self.names["operation"]]
-        starts = np.concatenate([[0], np.flatnonzero(np.diff(words.codes)) + 1])
-        return [(k, words.names[words.codes[k]]) for k in starts.tolist()]
+            starts = np.concatenate([[0], np.flatnonzero(np.diff(tool)) + 1]).tolist() if names else []
+            several = len(starts) > 1
+            labels = [(k, f"T{names[tool[k]]}" if several else "main") for k in starts]
+        else:
+            words = self.columns.words[self.names["operation"]]
+            new = (np.diff(words.codes) != 0) | (np.diff(tool) != 0)
+            starts = np.concatenate([[0], np.flatnonzero(new) + 1]).tolist()
+            labels = [(k, words.names[words.codes[k]]) for k in starts]
+        return labels, {k: names[tool[k]] for k in starts if names}
+
+    def tools(self, n: int) -> tuple[NDArray[np.int64], list[str]]:
+        """(N,) index into names of tools; an empty field means the tool of the row before."""
+        if "tool" not in self.names:
+            return np.zeros(n, np.int64), []
+        words = self.columns.words[self.names["tool"]]
+        empty = np.array([not name.strip() for name in words.names])[words.codes]
+        rows = np.maximum.accumulate(np.where(empty, -1, np.arange(n)))
+        codes = words.codes[np.maximum(rows, np.flatnonzero(~empty)[:1].sum())]
+        return np.asarray(codes, np.int64), [name.strip() for name in words.names]
 
     def reference(self, r: Array) -> Array:
         given = ~np.isnan(r).any(axis=1)

@@ -88,7 +88,11 @@ class _Rows:
 
 
 def write_trajectory_csv(
-    path: Path, trajectory: Trajectory, operations: Sequence[str], external_prismatic: Sequence[bool] = ()
+    path: Path,
+    trajectory: Trajectory,
+    operations: Sequence[str],
+    external_prismatic: Sequence[bool] = (),
+    tool: str | None = None,
 ) -> None:
     """Write ``trajectory.csv``.
 
@@ -103,18 +107,24 @@ def write_trajectory_csv(
         trajectory: S samples, SI.
         operations: labels that ``trajectory.operation`` points to; −1 gives an empty field.
         external_prismatic: (E,) True where the external axis moves along (mm), False where it turns (deg).
+        tool: its name, where the cell has a table of tools.
     """
-    _write(path, _trajectory(trajectory, operations, external_prismatic))
+    _write(path, _trajectory(trajectory, operations, external_prismatic, tool))
 
 
 def trajectory_columns(
-    trajectory: Trajectory, operations: Sequence[str], external_prismatic: Sequence[bool] = ()
+    trajectory: Trajectory,
+    operations: Sequence[str],
+    external_prismatic: Sequence[bool] = (),
+    tool: str | None = None,
 ) -> dict[str, NDArray[Any]]:
     """The columns of ``trajectory.csv`` by name, (S,) each and read-only: its very numbers, NaN for an empty field."""
-    return {c.name: c.array for c in _trajectory(trajectory, operations, external_prismatic)}
+    return {c.name: c.array for c in _trajectory(trajectory, operations, external_prismatic, tool)}
 
 
-def _trajectory(t: Trajectory, operations: Sequence[str], external_prismatic: Sequence[bool]) -> list[_Column]:
+def _trajectory(
+    t: Trajectory, operations: Sequence[str], external_prismatic: Sequence[bool], tool: str | None
+) -> list[_Column]:
     move, operation = _words(t.move, t.operation, operations)
     return [
         _Column("time_s", f"%.{_time_decimals(t.time)}f", t.time.tolist()),
@@ -124,6 +134,7 @@ def _trajectory(t: Trajectory, operations: Sequence[str], external_prismatic: Se
         *_joint_columns(t.q, t.external, external_prismatic),
         _optional("gamma_deg", t.gamma * DEG_PER_RAD, 6),
         _optional("feed_mm_min", t.feed * MM_MIN_PER_M_S, 3),
+        *([] if tool is None else [_text("tool", [tool] * len(t.time))]),
     ]
 
 
@@ -144,6 +155,7 @@ def read_trajectory_csv(path: Path) -> TrajectoryTable:
         *external,
         "gamma_deg",
         "feed_mm_min",
+        *(["tool"] if "tool" in header else []),
     ]
     for i, name in enumerate(external, start=1):
         if name not in (f"e{i}_mm", f"e{i}_deg"):

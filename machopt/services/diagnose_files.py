@@ -17,6 +17,7 @@ from machopt.formats.kinematics import write_kinematics
 from machopt.formats.options import load_options
 from machopt.formats.residuals import write_residuals_csv
 from machopt.formats.stiffness import load_stiffness, write_stiffness
+from machopt.formats.toolchoice import with_tool
 from machopt.formats.toolpath import read_toolpath
 from machopt.report.gather.diagnose import places_of
 from machopt.services.knownrobot import known_robot
@@ -80,4 +81,5 @@ def effect_of(
         return None
     from machopt.diagnose.onjob import effect_on_job  # the planner takes a second to load
 
-    return effect_on_job(cell, before, after, read_toolpath(toolpath, robot=known_robot(cell)), load_options(cell.plan))
+    path = read_toolpath(toolpath, robot=known_robot(cell))
+    return effect_on_job(with_tool(cell, path), before, after, path, load_options(cell.plan))

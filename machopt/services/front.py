@@ -48,7 +48,7 @@ def front(cell: Cell, toolpath: Toolpath, options: PlanOptions, own: Point, driv
             folder = Path(text)
             write_points_csv(folder / "points.csv", points.table)
             labels, kinds = [o.label for o in toolpath.operations], cell.external_prismatic
-            write_trajectory_csv(folder / "trajectory.csv", timeline.trajectory, labels, kinds)
+            write_trajectory_csv(folder / "trajectory.csv", timeline.trajectory, labels, kinds, cell.tool_name)
             if not content_checks(cell, toolpath, folder, options=other, manifest=None).ok:
                 continue
         found.append(measured(name, changed, the_plan, timeline, points))

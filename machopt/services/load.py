@@ -14,6 +14,7 @@ from machopt.domain.toolpath import Toolpath
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
 from machopt.formats.posts.densify import Tolerance
+from machopt.formats.toolchoice import with_tool
 from machopt.formats.toolpath import read_toolpath
 from machopt.plan.drive import refuse_fixed_beyond, refuse_wrong_unit
 from machopt.plan.front import refuse
@@ -80,6 +81,7 @@ def prepared(cell: Cell, read: Callable[[], Toolpath], request: Request) -> Load
     options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
     posts, tolerance = wanted_posts(cell, request.posts), tolerance_of(request.program_tolerance_mm, options)
     toolpath = read()
+    cell = with_tool(cell, toolpath)
     if request.front:
         refuse(options)
     refuse_fixed_beyond(toolpath, options)

@@ -12,6 +12,7 @@ from machopt.domain.toolpath import Toolpath
 from machopt.effects.own import in_use, with_effects
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
+from machopt.formats.toolchoice import with_tool
 from machopt.formats.toolpath import read_toolpath
 from machopt.output import output_folder, write_result
 from machopt.placement.found import Siting
@@ -90,6 +91,7 @@ def sited(
     Raises:
         InputError: the cell, an option or a range is wrong.
     """
+    cell = with_tool(cell, *toolpaths)
     refuse(cell)
     options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
     refuse_options(options)

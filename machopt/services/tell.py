@@ -56,8 +56,9 @@ def write_tables(folder: Path, plan: Plan, points: PointResults, timeline: Timel
     write_points_csv(folder / "points.csv", points.table)
     if timeline is None or timeline.trajectory is None:
         return
-    kinds = plan.setup.cell.external_prismatic
-    write_trajectory_csv(folder / "trajectory.csv", timeline.trajectory, points.table.operations, kinds)
+    cell, labels = plan.setup.cell, points.table.operations
+    file = folder / "trajectory.csv"
+    write_trajectory_csv(file, timeline.trajectory, labels, cell.external_prismatic, cell.tool_name)
     if plan.compensation is not None:
         c = plan.compensation
         write_compensation_csv(folder / "compensation.csv", plan.path.index, c.offset, c.force)

@@ -157,7 +157,9 @@ def read_motion(file: Path, cell: Cell) -> Motion:
         InputError: the file, a column or a number is missing, or a column is unknown.
     """
     table = read_table(file)
-    _check_names(table, (*MOTION, *_external_names(cell)), ("tool",))
+    _check_names(table, (*MOTION, *_external_names(cell), *(["tool"] if cell.tools else [])), ("tool",))
+    if cell.tools:
+        _check_tool(table, cell)
     time = table.numbers("time_s")
     if len(time) < 2:
         raise InputError(f"{len(time)} samples; a motion has two or more", file=file)
@@ -260,6 +262,16 @@ def _check_names(table: Table, needed: Sequence[str], further: Sequence[str]) ->
         if name not in needed and name not in further:
             raise InputError(
                 f"column {name!r} is not known; known are {', '.join((*needed, *further))}", file=table.file
+            )
+
+
+def _check_tool(table: Table, cell: Cell) -> None:
+    """Every row has the tool that the toolpath wants."""
+    for row, word in enumerate(table.words("tool"), start=1):
+        if word != cell.tool_name:
+            known = f"the cell has {', '.join(cell.tools)}" if word not in cell.tools else "the toolpath wants another"
+            raise InputError(
+                f"{word!r} is not the tool {cell.tool_name!r}; {known}", file=table.file, where=f"data row {row}, tool"
             )
 
 

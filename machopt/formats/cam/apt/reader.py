@@ -256,6 +256,8 @@ class _Reader(SystemReader):
             self.out.begin_operation(f"tool {self.tool}", tool=self.tool)
         elif self.dialect is Dialect.HSM:
             self.out.change_tool(self.tool)
+        else:
+            self.out.also_tool(self.tool)
 
     def load(self, word: str, rest: str, line: int) -> None:
         parts = rest.split(",")
