@@ -8,10 +8,10 @@ import io
 import os
 import sys
 from collections.abc import Sequence
-from typing import NoReturn
 
 import machopt
-from machopt.cli import batch, cells, diagnose, measure, place, toolpaths
+from machopt.cli import batch, cells, completion, diagnose, measure, place, toolpaths
+from machopt.cli.parser import Parser
 from machopt.errors import MachoptError
 from machopt.version import __version__
 
@@ -61,15 +61,8 @@ def _open_streams() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line, without two screens of usage above it."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"machopt: {message} ({self.prog} --help lists the options)\n")
-
-
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(prog="machopt", description=machopt.__doc__.splitlines()[0] if machopt.__doc__ else None)
+    parser = Parser(prog="machopt", description=machopt.__doc__.splitlines()[0] if machopt.__doc__ else None)
     parser.add_argument("--version", action="version", version=f"machopt {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     common = argparse.ArgumentParser(add_help=False)
@@ -82,4 +75,5 @@ def _parser() -> argparse.ArgumentParser:
     place.add_commands(commands, common)
     batch.add_commands(commands, common)
     cells.add_commands(commands, common)
+    completion.add_commands(commands, parser)
     return parser
