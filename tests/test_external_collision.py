@@ -236,3 +236,17 @@ def test_the_cutter_follows_the_part(tmp_path: Path) -> None:
     assert hit.hit[0]
     assert model.pairs[hit.pair[0]].name == "block ~ cutter"
     assert not model.check(x[:1], np.ones(1, bool)).hit.any()
+
+
+def test_external_joints_that_stand_at_home_need_no_values(both: tuple[Cell, CollisionModel]) -> None:
+    cell, _ = both
+    home = 0.4 * cell.limits.upper[6:]
+    cell = replace(cell, external_home=home)
+    robot, shapes = load_chain(cell)
+    model, still = model_of(cell), CollisionModel(cell, robot, shapes, 0.0, still=True)
+    q, free = random_x(cell, 60, seed=7)[:, :6], np.zeros(60, bool)
+    x = np.hstack([q, np.tile(home, (60, 1))])
+    np.testing.assert_array_equal(still.check(q, free).hit, model.check(x, free).hit)
+    np.testing.assert_array_equal(still.nearest(q, free).distance, model.nearest(x, free).distance)
+    bare = replace(cell, workpiece=replace(cell.workpiece, link="world", geometry=()), obstacles=())
+    assert CollisionModel(bare, robot, shapes, 0.0, still=True).check(q, free).hit.shape == (60,)

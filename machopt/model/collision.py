@@ -120,6 +120,7 @@ class CollisionModel:
         robot: kinematics of the arm.
         shapes: the URDF's collision bodies, from :func:`machopt.model.robot.load_chain`.
         clearance: m, required distance.
+        still: the external joints stand at home, and x is (S, 6): the arm's joints alone.
 
     Attributes:
         pairs: what is checked.
@@ -131,9 +132,11 @@ class CollisionModel:
         InputError: a mesh cannot be read, or the external joints make no chain.
     """
 
-    def __init__(self, cell: Cell, robot: Robot, shapes: tuple[LinkShape, ...], clearance: float) -> None:
+    def __init__(
+        self, cell: Cell, robot: Robot, shapes: tuple[LinkShape, ...], clearance: float, *, still: bool = False
+    ) -> None:
         machine = load_machine(cell, robot)
-        self._lines, self.clearance = Lines.of(cell, machine), clearance
+        self._lines, self.clearance = Lines.of(cell, machine, still=still), clearance
         carriers = Carriers(cell, machine)
         self._bodies = [*robot_bodies(carriers, shapes), *cell_bodies(cell, carriers)]
         wanted = [(i, j, False) for i, j in worth_checking(self._bodies)]
@@ -157,7 +160,7 @@ class CollisionModel:
         self.outlines = side_by_side(outline_of, self._bodies)
         self._take([(i, j) for i, j, _ in wanted], [touch for *_, touch in wanted])
         self.excluded: tuple[Excluded, ...] = (*self._exclude(wanted), *told)
-        at_home = self._touching(np.append(cell.home, cell.external_home)[None, :])
+        at_home = self._touching(np.append(cell.home, cell.external_home)[None, : self._lines.columns])
         self.suspicious: tuple[str, ...] = tuple(
             f"{p.name} touch or are nearer than the clearance at the home pose{_remedy(p)}"
             for p, hit in zip(self.pairs, at_home[0], strict=True)
@@ -286,7 +289,8 @@ class CollisionModel:
             or ("link" in (bodies[i].kind, bodies[j].kind) and bodies[j].link - bodies[i].link == 1)
         ]
         rng = np.random.default_rng(0)  # the same poses for every run of a robot
-        q = lines.lower + (lines.upper - lines.lower) * rng.random((SAMPLES, lines.count))
+        few = slice(0, lines.columns)
+        q = lines.lower[few] + (lines.upper - lines.lower)[few] * rng.random((SAMPLES, lines.columns))
         quick = self._touching(q[: SAMPLES // 10], asked)[:, asked].mean(axis=0)
         asked = [n for n, share in zip(asked, quick, strict=True) if share > COARSE / 2]
         share = self._touching(q, asked).mean(axis=0)

@@ -25,14 +25,25 @@ class Lines:
     """
 
     machine: Machine
-    lower: Array  # (n,) rad or m, of x
-    upper: Array  # (n,)
+    lower: Array  # (6 + E,) rad or m, of the cell's joints
+    upper: Array  # (6 + E,)
+    held: Array | None = None  # (E,) where external joints stand for good, x being the arm's alone; None: x has all
 
     @classmethod
-    def of(cls, cell: Cell, machine: Machine) -> Lines:
-        """With the ranges of the robot's joints, and the cell's of external ones."""
+    def of(cls, cell: Cell, machine: Machine, *, still: bool = False) -> Lines:
+        """With the ranges of the robot's joints, and the cell's of external ones.
+
+        Args:
+            still: the external joints stand at home.
+        """
         robot, limits = machine.robot, cell.limits
-        return cls(machine, np.append(robot.lower, limits.lower[6:]), np.append(robot.upper, limits.upper[6:]))
+        low, high = np.append(robot.lower, limits.lower[6:]), np.append(robot.upper, limits.upper[6:])
+        return cls(machine, low, high, cell.external_home if still and machine.external else None)
+
+    @property
+    def columns(self) -> int:
+        """How many joints x has."""
+        return len(self.lower) if self.held is None else 6
 
     @property
     def count(self) -> int:
@@ -61,8 +72,10 @@ class Lines:
         return np.where(self.slides, most, 0.0)
 
     def moved(self, x: Array) -> Array:
-        """θ (..., n) at joints x (..., n): with linkages, signs and the chain's order."""
-        return self.machine.moved(x) if self.machine.external else self.machine.robot.turned(x)
+        """θ (..., n) at joints x (..., n or 6): with linkages, signs and the chain's order."""
+        if self.held is not None:
+            x = np.concatenate([x, np.broadcast_to(self.held, (*np.shape(x)[:-1], len(self.held)))], axis=-1)
+        return self.machine.moved(x) if self.machine.external else self.machine.robot.turned(np.asarray(x)[..., :6])
 
     def link_poses(self, theta: Array) -> Array:
         """(..., n + 1, 4, 4) motion of each link from where it is at zero, seen from the part (link 0); θ (..., n)."""

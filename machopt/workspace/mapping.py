@@ -72,7 +72,7 @@ def collides_of(
     if options.collision == "self":
         part = replace(cell.workpiece, link="world", geometry=())
         cell = replace(cell, obstacles=(), workpiece=part)
-    model = CollisionModel(cell, robot, shapes, plan.clearance)
+    model = CollisionModel(cell, robot, shapes, plan.clearance, still=True)
     return lambda q: model.check(q, np.ones(len(q), bool)).hit  # the cutter may touch the workpiece
 
 

@@ -77,7 +77,8 @@ def measurement(request: Request, cell: Cell, found: Diagnosed | None, progress:
     prior = ArmElasticity(robot, T, believed, limits, masses)
     progress("building kinematics and collision model")
     bare = without_workpiece(cell) if request.without_workpiece else cell
-    collision = None if request.no_collision else CollisionModel(bare, robot, shapes, request.clearance_mm / 1e3)
+    clearance = request.clearance_mm / 1e3
+    collision = None if request.no_collision else CollisionModel(bare, robot, shapes, clearance, still=True)
     length = characteristic_length(robot, T).length
     screen = PoseScreen(robot, T, cell.T_world_base, length, pose_criteria(request), collision)
     progress("looking for poses that can be measured")
