@@ -18,10 +18,14 @@ from test_live_pages import ASSETS, browse, in_browser
 from test_machine import by_pinocchio
 
 from machopt.domain.cell import Cell
+from machopt.model.robot import load_chain
 from machopt.report.decimate import decimated
+from machopt.report.gather.scene import bodies_of, scene_of
 from machopt.report.page import report_html
-from machopt.report.scene import Body
-from machopt.report.scene_spec import bodies_within, levels, scene_spec
+from machopt.report.scene import Body, Postures, Vectors
+from machopt.report.scene_spec import bodies_within, levels, posture_view, scene_spec
+from machopt.report.shell import POSTURE, page_html, section
+from machopt.report.template import fragment
 
 Q = np.random.default_rng(3).uniform(-2.5, 2.5, (20, 6))
 
@@ -157,3 +161,27 @@ def test_a_report_is_three_sheets_of_paper(tmp_path: Path) -> None:
     if not sheets.is_file():
         pytest.skip("a browser that prints is absent: the sheets are not counted")
     assert 1 <= len(re.findall(rb"/Type\s*/Page\b(?!s)", sheets.read_bytes())) <= 3
+
+
+@pytest.mark.slow
+def test_postures_are_stepped_through_with_their_vectors(tmp_path: Path) -> None:
+    cell = small_cell(tmp_path)
+    robot, shapes = load_chain(cell)
+    force = np.tile([100.0, 0.0, 0.0], (4, 1))
+    postures = Postures(
+        q=Q[:4],
+        label="Pose",
+        names=("one", "two", "three", "four"),
+        words=((("Load", "first"),), (("Load", "second"),), (("Load", "<third>"),), (("Load", "fourth"),)),
+        vectors=(Vectors("force", "#d61f69", force),),
+    )
+    view = posture_view("Poses", scene_of(cell, robot, bodies_of(cell, robot, shapes)), postures)
+    body = section("poses", "Poses", "", fragment("report.html", "view"))
+    html = page_html("Poses", (), [("poses", "Poses", body)], {"view": view}, scripts=POSTURE, footer="")
+    found = in_browser(html, "posture", tmp_path, draws=True)
+    assert found["failed"] == []
+    assert found["colours"] > 100
+    assert found["moved"] > 300
+    assert "three" in found["told"]
+    assert "<third>" in found["told"]
+    assert found["shown"] == 2

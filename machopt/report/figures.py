@@ -41,8 +41,21 @@ def figure_specs(data: ReportData) -> Spec:
             "gamma": floats(data.path.gamma * ANGLE.factor),
         }
     if data.view is not None:
-        out["view"] = _view_spec(data.view, data.map) | {"start": _start(data)}
+        out["view"] = _view_spec(data.view, data.map) | {"start": _start(data), "reasons": _reasons(data)}
     return out
+
+
+def _reasons(data: ReportData) -> list[Spec]:
+    """Why points have no answer, for the picture's words."""
+    return [
+        {
+            "point": p.point,
+            "reason": ", ".join(filter(None, [p.reason or p.status, p.shortfall])),
+            "help": p.help or "–",
+            "at": numbers(p.position * LENGTH.factor),
+        }
+        for p in data.infeasible[:_MARKS]
+    ]
 
 
 def _start(data: ReportData) -> int | None:

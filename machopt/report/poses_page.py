@@ -11,9 +11,11 @@ import numpy as np
 
 from machopt.arrays import Array, Bools, Ints
 from machopt.report.poses_figures import bars, curve, views
-from machopt.report.shell import page_html, section
+from machopt.report.scene import Postures, Scene
+from machopt.report.scene_spec import posture_view
+from machopt.report.shell import POSTURE, page_html, section
 from machopt.report.tables import Column, folded, table
-from machopt.report.template import part
+from machopt.report.template import fragment, joined, part
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -101,6 +103,8 @@ class PosesPage:
     apart: tuple[Apart, ...] = ()  # of a plan that discriminates
     rounds: int = 0
     enough: float = math.nan  # noncentrality for 90 % at the 1 % level
+    scene: Scene | None = None
+    postures: Postures | None = None
 
 
 def write_poses_page(path: Path, data: PosesPage) -> None:
@@ -130,11 +134,17 @@ def poses_html(data: PosesPage) -> str:
         data.title,
         (("Cell", data.cell),),
         sections,
-        {"xy": charts},
-        scripts=("chart.js", "xy.js", "start_xy.js"),
+        {"xy": charts, **_view(data)},
+        scripts=("chart.js", "xy.js", *(POSTURE if _view(data) else ()), "start_xy.js"),
         footer=f"machopt {data.version}. Lengths mm, forces N, moments N·m, angles deg. Uncertainties are one "
         "standard deviation of the joint stiffness as a share of its value. Click a legend entry to hide it.",
     )
+
+
+def _view(data: PosesPage) -> dict[str, object]:
+    if data.scene is None or data.postures is None:
+        return {}
+    return {"view": posture_view("The arm at the chosen poses", data.scene, data.postures)}
 
 
 def _verdict(data: PosesPage) -> Body:
@@ -310,8 +320,12 @@ def _amount(data: PosesPage) -> Body:
 def _poses(data: PosesPage) -> Body:
     if data.work is None:
         return ""
-    lead = "The arm at each pose as a line through its axes; grey dots are candidates, blue dots the chosen TCPs."
-    body = part("grid", 2, [part("chart", "p-top"), part("chart", "p-side")])
+    lead = (
+        "Step through the chosen poses; the others stand as shadows. Below, the arm as a line through its axes: grey "
+        "dots are candidates, blue dots the chosen TCPs."
+    )
+    body = fragment("report.html", "view") if _view(data) else joined(())
+    body += part("grid", 2, [part("chart", "p-top"), part("chart", "p-side")])
     return section("poses", "Poses", lead, body)
 
 

@@ -102,3 +102,23 @@ class View:
     stations: Stations | None = None  # of the map; None: there is none
     motion: Motion3D | None = None
     corrected: bool = False  # joints shown are true angles, and the robot is told others
+
+
+@dataclass(frozen=True)
+class Vectors:
+    """One vector at the tool for each posture."""
+
+    name: str  # what it is, and how long it is drawn
+    color: str
+    at: Array  # (N, 3) in root axes, of any unit; the longest is drawn a seventh of the picture long
+
+
+@dataclass(frozen=True)
+class Postures:
+    """Postures to step through; N of them."""
+
+    q: Array  # (N, J) rad or m
+    label: str  # of the slider
+    names: tuple[str, ...]  # (N,)
+    words: tuple[tuple[tuple[str, str], ...], ...] = ()  # (N,) name and value pairs
+    vectors: tuple[Vectors, ...] = ()

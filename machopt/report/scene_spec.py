@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from machopt.arrays import Array
 from machopt.report.decimate import decimated
 from machopt.report.display import ANGLE, LENGTH
-from machopt.report.scene import Body, Motion3D, Path3D, Scene, Stations
+from machopt.report.scene import Body, Motion3D, Path3D, Postures, Scene, Stations
 from machopt.report.series import numbers
 
 Spec = dict[str, Any]  # JSON
@@ -114,6 +114,38 @@ def motion_spec(motion: Motion3D) -> Spec:
         "phi": floats(motion.phi[k] * ANGLE.factor),
         "gamma": floats(motion.gamma[k] * ANGLE.factor),
     }
+
+
+def posture_view(title: str, scene: Scene, postures: Postures | None = None, path: Path3D | None = None) -> Spec:
+    """A picture without a motion, for ``assets/posture.js``."""
+    return {
+        "title": title,
+        "scene": scene_spec(scene),
+        "path": None if path is None else path_spec(path),
+        "postures": None
+        if postures is None
+        else {
+            "q": levels(postures.q),
+            "label": postures.label,
+            "names": list(postures.names),
+            "words": [[list(pair) for pair in row] for row in postures.words] or [[] for _ in postures.names],
+            "vectors": [
+                {"name": v.name, "color": v.color, "at": floats(v.at), "length": 1.0 / (_longest(v.at) or 1.0)}
+                for v in postures.vectors
+            ],
+        },
+    }
+
+
+def bare_scene() -> Scene:
+    """Nothing but a frame: for a toolpath by itself."""
+    one = np.eye(4)
+    return Scene(one, (), (), one, one, tool_joint=-1)
+
+
+def _longest(at: Array) -> float:
+    sizes = np.linalg.norm(at, axis=1)
+    return float(np.nanmax(sizes)) if np.isfinite(sizes).any() else 0.0
 
 
 def levels(values: Array) -> Spec:

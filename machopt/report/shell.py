@@ -17,6 +17,9 @@ UPLOT = "uplot"  # the folder of assets that holds the chart library as it is pu
 THREE = "three"  # the same of the 3-D library, as far as it is used
 
 
+POSTURE = ("heatmap.js", "fk.js", "stage.js", "posture.js", "start_posture.js")  # scripts of a picture without a motion
+
+
 def page_html(
     title: str,
     head: Sequence[tuple[str, str]],

@@ -6,8 +6,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from machopt.domain.toolpath import Move, Toolpath
-from machopt.report.shell import page_html, section
+from machopt.report.display import LENGTH
+from machopt.report.scene import Path3D
+from machopt.report.scene_spec import bare_scene, posture_view
+from machopt.report.shell import POSTURE, page_html, section
 from machopt.report.tables import Column, folded, table
 from machopt.report.template import fragment, part
 from machopt.report.toolpath_svg import COLOURS, VIEWS, view_svg
@@ -17,6 +22,9 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
     Body = Markup | str
+
+
+MOST_POINTS = 10_000  # of the picture in three dimensions
 
 
 def write_toolpath_page(path: Path, toolpath: Toolpath, summary: Mapping[str, Any]) -> None:
@@ -35,6 +43,7 @@ def toolpath_page(toolpath: Toolpath, summary: Mapping[str, Any]) -> str:
     unknown = [w for w in summary["ignored"] if not w["understood"]]
     sections = [
         ("read", "As read", _verdict(summary, unknown)),
+        ("scene", "Toolpath", _scene(toolpath)),
         ("views", "Pictures", _views(toolpath)),
         ("operations", "Operations", _operations(summary["operations"])),
         ("extent", "Extent", _extent(summary)),
@@ -46,10 +55,26 @@ def toolpath_page(toolpath: Toolpath, summary: Mapping[str, Any]) -> str:
         f"Toolpath {summary['source']}",
         head,
         sections,
-        {},
-        scripts=(),
+        {"view": posture_view("Toolpath", bare_scene(), path=_line(toolpath))} if len(toolpath) > 1 else {},
+        scripts=POSTURE if len(toolpath) > 1 else (),
         footer=f"machopt {__version__}. Lengths mm, feeds mm/min, angles deg. SHA-256 {summary['sha256']}.",
     )
+
+
+def _scene(toolpath: Toolpath) -> Body:
+    if len(toolpath) < 2:
+        return ""
+    lead = "Turn it by dragging; cuts in the order of the file from dark to bright, other moves thin and grey."
+    return section("scene", "The toolpath", lead, fragment("report.html", "view"))
+
+
+def _line(toolpath: Toolpath) -> Path3D:
+    """The toolpath coloured by the length cut so far; of a long one every so many points."""
+    n = len(toolpath)
+    step = np.r_[0.0, np.linalg.norm(np.diff(toolpath.position, axis=0), axis=1)] * toolpath.cutting
+    k = np.unique(np.r_[0 : n : -(-n // MOST_POINTS), n - 1])
+    along = np.cumsum(step) * LENGTH.factor
+    return Path3D(toolpath.position[k], k.astype(float), toolpath.cutting[k], along[k], "length cut (mm)", True)
 
 
 def _verdict(summary: Mapping[str, Any], unknown: Sequence[Mapping[str, Any]]) -> Body:

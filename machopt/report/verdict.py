@@ -37,7 +37,7 @@ def verdict(data: ReportData) -> Verdict:
         kinds = sorted({p.status for p in data.infeasible})
         why = f" ({', '.join(kinds)})" if kinds else ""
         number = s.infeasible_points or len(data.infeasible)
-        parts = [f"for {number} of {s.points} points{why}"] if number else []
+        parts = [f"for {number} of {s.points} points{why}{_first_of(data)}"] if number else []
         if data.breaks:
             first = data.breaks[0]
             parts.append(
@@ -73,6 +73,15 @@ def verdict(data: ReportData) -> Verdict:
         return Verdict(with_scope("NOT VERIFIED", s.unchecked), "warn", sentence, _cautions(data))
     tone = "warn" if s.infeasible_points or s.unchecked else ""
     return Verdict(with_scope("VERIFIED", s.unchecked), tone, sentence, _cautions(data))
+
+
+def _first_of(data: ReportData) -> str:
+    """Where the first point without an answer lies, and how far off it is."""
+    if not data.infeasible:
+        return ""
+    p = data.infeasible[0]
+    x, y, z = (LENGTH.text(float(v)) for v in p.position)
+    return f", the first point {p.point} at x {x}, y {y}, z {z} mm{f', {p.shortfall}' if p.shortfall else ''},"
 
 
 def cards(data: ReportData) -> list[Card]:

@@ -24,6 +24,7 @@ from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.model.linkage import refuse_linked
 from machopt.report.gather.poses import page_of
+from machopt.report.gather.scene import scene_of
 from machopt.report.poses_page import PosesPage, sentence
 from machopt.services.inputs import input_hashes
 from machopt.services.poses_diagnosed import diagnosed
@@ -85,7 +86,8 @@ def planned(request: Request, progress: Callable[[str], None], cell: Cell | None
         table = table if m.apart is None else stepped(table, steps)
         if found is None or found.channel == "deflection":
             template = template_of(table, m.plan, m.noise, request, steps)
-    page = page_of(request, cell, m.robot, m.pool, m.cases, m.plan, table, hashes, warnings, m.apart)
+    scene = None if m.collision is None else scene_of(cell, m.robot, m.collision.bodies)
+    page = page_of(request, cell, m.robot, m.pool, m.cases, m.plan, table, hashes, warnings, m.apart, scene)
     verdict = page.reason or sentence(page)
     return Planned(
         request=request, cell=cell, table=table, template=template, page=page, result=result, verdict=verdict

@@ -175,3 +175,19 @@ function stage3d(canvas, scene) {
   new ResizeObserver(resize).observe(canvas);
   return { arm, lines, marker, ellipsoid, arrow, include, grow, look, zoom, draw, paintNow, resize, onCanvas, renderer, world, camera, root, size: () => Math.hypot(...low.map((v, i) => high[i] - v)) };
 }
+
+// The toolpath in the picture: cuts coloured by their value, the rest thin and grey.
+function pathLines(stage, path) {
+  const at = unpack(path.at, Float32Array), value = unpack(path.value, Float32Array), cutting = bytes(path.cutting), cut = [], colors = [], air = [];
+  const good = v => { const t = (v - path.from) / (path.to - path.from || 1); return path.large_is_good ? t : 1 - t; };
+  const linear = c => { const v = c / 255; return v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4; }; // the renderer's own measure
+  for (let k = 1; k < value.length; k++) {
+    const ends = at.subarray(3 * k - 3, 3 * k + 3);
+    if (cutting[k >> 3] >> (k & 7) & 1) {
+      const color = !path.known ? [0.2, 0.45, 0.85] : Number.isFinite(value[k]) ? ramp(good(value[k])).map(linear) : [0.85, 0.2, 0.2];
+      cut.push(...ends); colors.push(...color, ...color);
+    } else air.push(...ends);
+  }
+  if (air.length) stage.lines(air, null, 1);
+  if (cut.length) stage.lines(cut, colors, path.known ? 3.5 : 2);
+}

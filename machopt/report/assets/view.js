@@ -1,8 +1,7 @@
 // The robot on its path: one place at a time, set by slider, map, curves, tables or the picture itself, and told in words.
 function robotView(host, data) {
-  const { scene, path, stations, motion, corrected } = data.view, map = data.map, bends = unpack(path.value, Float32Array);
-  const at3 = unpack(path.at, Float32Array), pathPoint = unpack(path.point, Float32Array), cutting = bytes(path.cutting);
-  const isCut = k => cutting[k >> 3] >> (k & 7) & 1;
+  const { scene, path, stations, motion, corrected } = data.view, map = data.map;
+  const at3 = unpack(path.at, Float32Array), pathPoint = unpack(path.point, Float32Array);
   const P = pathPoint.length, deg = 180 / Math.PI, wrap = v => v - 360 * Math.round(v / 360);
   const grid = stations && levelled(stations.q), chosen = stations && levelled(stations.chosen);
   const move = motion && { time: unpack(motion.time, Float32Array), q: levelled(motion.q), point: unpack(motion.point, Float32Array), s: unpack(motion.s, Float32Array), phi: unpack(motion.phi, Float32Array), gamma: unpack(motion.gamma, Float32Array) };
@@ -47,7 +46,7 @@ function robotView(host, data) {
     here = stage.marker(1.6 * unit, "#d61f69");
     ball = stage.ellipsoid("#2b8cff");
     needle = stage.arrow("#d61f69");
-    drawPath();
+    pathLines(stage, path);
     for (const [name, words] of [["corner", "Corner"], ["front", "Front"], ["side", "Side"], ["top", "Top"]]) button(words, `View: ${name}`, () => stage.look(name));
     button("Tool", "View: close to the tool", () => { const M = FK.motions(scene, shown.q || home), w = FK.place(scene.root, FK.origin(FK.tool(scene, M))); stage.look("corner", w, span / 4); });
     button("+", "Nearer", () => stage.zoom(0.8));
@@ -61,21 +60,6 @@ function robotView(host, data) {
   }
 
   function onPart(k) { return [at3[3 * k], at3[3 * k + 1], at3[3 * k + 2]]; }
-
-  function goodness(v) { const t = (v - path.from) / (path.to - path.from || 1); return path.large_is_good ? t : 1 - t; }
-
-  function drawPath() {
-    const cut = [], colors = [], air = [];
-    for (let k = 1; k < P; k++) {
-      const a = onPart(k - 1), b = onPart(k);
-      if (isCut(k)) {
-        const color = Number.isFinite(bends[k]) ? ramp(goodness(bends[k])).map(c => c / 255) : [0.85, 0.2, 0.2];
-        cut.push(...a, ...b); colors.push(...color, ...color);
-      } else air.push(...a, ...b);
-    }
-    if (air.length) stage.lines(air, null, 1);
-    if (cut.length) stage.lines(cut, colors, 3.5);
-  }
 
   function key() {
     const box = make("div", "map-key", host);
@@ -136,8 +120,14 @@ function robotView(host, data) {
     const k = nearestStation(point);
     if (k < 0) return shown;
     const phi = chosenPhi(k), q = chosen.row(k);
-    if (q) return { q, t: null, k, r: -1, point: map.point[k], s: map.s[k], phi: phi ?? NaN, gamma: phi === null ? NaN : wrap(phi + map.offset[k]), chosen: true };
-    return atCell(k, bestCell(k));
+    if (q) return { q, t: null, k, r: -1, point, s: map.s[k], phi: phi ?? NaN, gamma: phi === null ? NaN : wrap(phi + map.offset[k]), chosen: true };
+    return { ...atCell(k, bestCell(k)), point };
+  }
+
+  // Where no posture reaches, the arm stands as a shadow where it last could.
+  function nearestPosture(k) {
+    for (let d = 0; d < N; d++) for (const at of [k - d, k + d]) { const q = at >= 0 && at < N && chosen.row(at); if (q) return q; }
+    return home;
   }
 
   // The rotation that came farthest where none was chosen.
@@ -159,7 +149,7 @@ function robotView(host, data) {
     const d = f && (exact && bend ? three(bend, place.k) : FK.times(C, f));
     if (stage) {
       arm.stand(place.q);
-      ghost.stand(!place.chosen && chosen && place.k >= 0 ? chosen.row(place.k) : null);
+      ghost.stand(!place.q ? nearestPosture(place.k) : !place.chosen && chosen && place.k >= 0 ? chosen.row(place.k) : null);
       here.at(place.k >= 0 && Number.isFinite(place.point) ? onPath(place.point) : tip);
       ball.at(tip, C, C ? 40 * unit / FK.eigenvalues(C)[0] : 1);
       needle.at(tip, d && d.map(v => v / Math.hypot(...d) * 40 * unit * Math.min(2, Math.hypot(...d) / worstBend)), 1.1 * unit);
@@ -207,12 +197,18 @@ function robotView(host, data) {
     const title = make("p", "where", told), list = make("dl", "", told);
     const row = (name, value, kind) => { make("dt", "", list, name); make("dd", kind || "", list, value); };
     title.textContent = `Point ${whole(place.point)}` + (Number.isFinite(place.s) ? `, path length ${place.s.toFixed(1)} mm` : "") + (Number.isFinite(place.t) && place.t !== null ? `, ${place.t.toFixed(2)} s` : "");
-    row("Rotation", `φ ${angleText(place.phi)}, γ ${angleText(place.gamma)}${place.r >= 0 ? ", not the chosen one" : place.chosen ? ", chosen" : ""}`);
+    row("Rotation", `φ ${angleText(place.phi)}, γ ${angleText(place.gamma)}${place.r >= 0 ? (chosen.row(place.k) ? ", not the chosen one" : ", none was chosen here") : place.chosen ? ", chosen" : ""}`);
     const cell = place.r >= 0 ? place.k * R + place.r : -1;
     if (cell >= 0) {
       const code = status[cell], value = indexAt(cell);
       row("State", code === 7 ? "feasible, collisions not checked" : map.names[code], code === 0 ? "pass" : code === 7 ? "" : "fail");
       if (value !== null) row(map.label[0].toUpperCase() + map.label.slice(1), `${+value.toPrecision(4)} ${map.unit}`);
+    }
+    const why = (data.view.reasons || []).find(w => Math.abs(w.point - place.point) < 0.51);
+    if (why) {
+      row("Why", why.reason, "fail");
+      row("Would help", why.help);
+      row("Place", minus(`x ${why.at[0].toFixed(1)}, y ${why.at[1].toFixed(1)}, z ${why.at[2].toFixed(1)} mm`));
     }
     if (!place.q) { row("Axes", "no posture of the arm reaches this place with this rotation", "fail"); }
     const same = cell >= 0 && indexAt(cell) !== null && map.label === "deflection"; // told above, with all terms
@@ -234,7 +230,7 @@ function robotView(host, data) {
       scene.joints.forEach((j, i) => { make("th", "n", head, j.name).scope = "col"; make("td", margins[i][0] < 0 ? "n fail" : "n", body, minus(`${(Math.round(place.q[i] * j.factor * 10) / 10 + 0).toFixed(1)}${j.unit}`)); });
       if (corrected) make("p", "lead", told, "Where the axes truly stand; the robot is told corrected values.");
     }
-    if (place.r >= 0) {
+    if (place.r >= 0 && chosen.row(place.k)) {
       const back = make("button", "", told, "back to the chosen rotation");
       back.type = "button";
       back.onclick = () => go(atPoint(place.point));

@@ -18,6 +18,8 @@ from machopt.domain.cell import Cell
 from machopt.domain.poses import PosesTable
 from machopt.model.robot import Robot
 from machopt.report import poses_page as page
+from machopt.report.display import FINE_LENGTH, LENGTH
+from machopt.report.scene import Postures, Scene, Vectors
 from machopt.version import __version__
 
 
@@ -32,6 +34,7 @@ def page_of(
     hashes: dict[str, str],
     warnings: Sequence[str],
     apart: Discriminating | None = None,
+    scene: Scene | None = None,
 ) -> page.PosesPage:
     """Everything the page shows."""
     common: dict[str, Any] = {
@@ -84,6 +87,8 @@ def page_of(
         needed=plan.needed,
         cloud=pool.T_base_tcp[:CLOUD, :3, 3],
         arms=_arm_points(robot, chosen, cell),
+        scene=scene,
+        postures=_postures(chosen, table),
         work=page.Work(
             table.session,
             table.pose,
@@ -95,6 +100,31 @@ def page_of(
             table.nu_p,
             table.clearance,
             table.way_free,
+        ),
+    )
+
+
+def _postures(chosen: Array, table: PosesTable) -> Postures:
+    """The poses in the order they are chosen in, with the first load of each."""
+    rows = [np.flatnonzero(np.isclose(table.q, q).all(axis=1)) for q in chosen]
+    known = [n for n, found in enumerate(rows) if len(found)]
+    first = [int(rows[n][0]) for n in known]
+    return Postures(
+        q=chosen[known],
+        label="Pose",
+        names=tuple(f"Pose {table.pose[k]}" for k in first),
+        words=tuple(
+            (
+                ("Readings", str(len(rows[n]))),
+                ("First load", table.load[k]),
+                ("Displacement", FINE_LENGTH.text(float(np.linalg.norm(table.displacement[k, :3])), unit=True)),
+                ("Clearance", LENGTH.text(float(table.clearance[k]), unit=True)),
+            )
+            for n, k in zip(known, first, strict=True)
+        ),
+        vectors=(
+            Vectors("force of the pose's first load", "#d61f69", table.wrench[first, :3]),
+            Vectors("displacement that it is expected to make", "#1d9a6c", table.displacement[first, :3]),
         ),
     )
 
