@@ -22,6 +22,7 @@ from machopt.se3 import inverse, tool_rotation, transform
 
 ROOT = Path(__file__).resolve().parent.parent
 CELLS = ("cutting_cobot", "irb6700_drilling", "kr240_drilling", "kr500_milling", "s420f_handling")
+EXTERNAL = ("kr240_turntable", "kr500_rail")
 
 # jiao2022, Table 2: configurations in degrees and rotation about the tool axis
 TAGS = {
@@ -118,6 +119,26 @@ def test_generator_makes_the_committed_files(tmp_path: Path, monkeypatch: pytest
             np.testing.assert_allclose(a.vertices, b.vertices, atol=1e-6)  # single precision in the file
         elif path.suffix != ".urdf":  # its inertias may differ in the last digit between numpy versions
             assert (tmp_path / path).read_text(encoding="utf-8") == (ROOT / "cells" / path).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", EXTERNAL)
+def test_cells_with_external_axes(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The generator makes the committed files; nothing touches at home."""
+    make = script("cells/make_cells.py")
+    more = script("cells/make_external_cells.py")
+    for module in (make, more):
+        monkeypatch.setattr(module, "HERE", tmp_path)
+    more.write(more.CELLS[name]())
+    made = sorted(p.relative_to(tmp_path) for p in tmp_path.rglob("*") if p.is_file())
+    on_disk = (p for p in (ROOT / "cells" / name).rglob("*") if p.is_file() and p.suffix != ".md")
+    assert made == sorted(p.relative_to(ROOT / "cells") for p in on_disk)
+    for path in made:
+        if path.suffix == ".yaml":
+            assert (tmp_path / path).read_text(encoding="utf-8") == (ROOT / "cells" / path).read_text(encoding="utf-8")
+    cell = cell_of(name)
+    assert cell.warnings == ()
+    robot, shapes = load_chain(cell)
+    assert CollisionModel(cell, robot, shapes, clearance=0.002).suspicious == ()
 
 
 # --- kr500_milling: Table 2 of jiao2022 --------------------------------------------------------------------
@@ -349,9 +370,10 @@ def tips_and_axes(name: str) -> tuple[np.ndarray, np.ndarray, list[str]]:
 def test_toolpath_generator_makes_the_committed_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     make = script("toolpaths/make_toolpaths.py")
     monkeypatch.setattr(make, "HERE", tmp_path)
-    for name in vars(make):
-        if name.startswith("write_"):
-            getattr(make, name)()
+    for module in (make, script("toolpaths/make_external_toolpaths.py")):  # which writes through the first
+        for name in vars(module):
+            if name.startswith("write_"):
+                getattr(module, name)()
     made = sorted(p.name for p in tmp_path.iterdir())
     assert made == sorted(
         p.name for p in (ROOT / "toolpaths").iterdir() if p.is_file() and p.suffix not in (".py", ".md")

@@ -69,6 +69,7 @@ def test_a_cell_that_stands_at_e_is_one_that_was_built_so(tmp_path: FilePath, ki
     np.testing.assert_array_equal(ours[:, 6:], np.full((len(ours), len(cell.external_joints)), e))
 
 
+@pytest.mark.slow
 def test_one_value_for_each_operation(tmp_path: FilePath) -> None:
     """Slots at both ends of a long part: nowhere in reach from one place, and never worse than home."""
     cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
@@ -104,6 +105,7 @@ def long_slot(length: float, points: int = 24) -> Toolpath:
     return toolpath([*rows, ((0.0, ys[-1], 0.05), UP, Move.RETRACT)], feed=0.05)
 
 
+@pytest.mark.slow
 def test_a_part_longer_than_the_reach_is_cut_in_one_go(tmp_path: FilePath) -> None:
     cell, path = replace(external_cell(tmp_path, rail=True), stiffness=K), long_slot(2.2)
     assert len(best_plan(cell, path, VALUES).missing)
@@ -124,6 +126,7 @@ def test_a_part_longer_than_the_reach_is_cut_in_one_go(tmp_path: FilePath) -> No
     assert speed.max() <= 0.05 * 1.001  # the feed is the tool's in the part
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [{"rail": True}, {"table": True}])
 def test_moving_is_never_worse_than_the_best_value(tmp_path: FilePath, kind: dict[str, bool]) -> None:
     cell, path = replace(external_cell(tmp_path, **kind), stiffness=K), long_slot(0.2, 8)

@@ -161,7 +161,9 @@ def _moved(
             rows = rows_of(path, g.runs)
             stands = fixed[rows[0]]
             room = ROOM * (g.high - g.low)
-            low, high = (np.where(g.moving, bound, stands) for bound in (g.low + room, g.high - room))
+            low, high = (
+                np.where(g.moving, bound + side * room, bound) for bound, side in ((g.low, 1.0), (g.high, -1.0))
+            )
             out[rows] = curve(setup, options, path, Range(g.runs, g.moving, stands, low, high, g.share), scale, weight)
     return out
 

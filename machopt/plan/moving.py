@@ -7,9 +7,10 @@ unit, and the terms of :mod:`machopt.plan.objective`:
     cost = Σ w_mean·share·c/c₀ + Σ (travel + rotation + time lost) + w_worst·max c/c₀
 
 The worst index is traded by caps on it. The stairs that come out are smoothed along the path (Whittaker's smoother with
-third differences: Eilers 2003, eq. 4, here by path length), and a finer grid is laid around the curve, twice. What is
-found is a proposal: it is planned in full like a fixed value, and taken where it is better
-(:mod:`machopt.plan.external`). Point operations, and runs too short for a curve, keep one value each.
+third differences: Eilers 2003, eq. 4, here by path length), and a finer grid is laid around the curve, a few times.
+What is found is a proposal: it is planned in full like a fixed value, and taken where it is better
+(:mod:`machopt.plan.external`). Point operations, and runs too short for a curve, keep one value each; joints that keep
+one value for an operation are tried at a few.
 """
 
 from __future__ import annotations
@@ -31,9 +32,12 @@ from machopt.plan.pipeline import Setup
 from machopt.plan.score import directions, score_candidates
 from machopt.plan.sequence import jump
 
-COARSE = {1: 9, 2: 5, 3: 3}  # values of each joint, by how many move
+COARSE = {1: 9, 2: 7, 3: 4}  # most values of each joint, by how many move
+APART = 0.8  # rad, or as much as counts so: coarse values need not lie closer
+HELD = 5  # values of a joint that keeps one, beside that of the best plan in which none moves
 AROUND = {1: 2, 2: 1, 3: 1}  # steps to either side of the curve in the finer grids
-FINER = 2  # finer grids, of half the step each
+FINER = 4  # finer grids at most, of half the step each, until that is
+FINEST = 0.2  # rad, or as much as counts so
 VERTICES = 3_000_000  # of a grid in all
 MOST, LEAST = 240, 60  # stations
 STEP = np.radians(15.0)  # of rotation
@@ -51,8 +55,8 @@ class Range:
 
     runs: tuple[int, ...]
     moving: Bools  # (E,)
-    fixed: Array  # (E,) m or rad, values of the others
-    low: Array  # (E,)
+    fixed: Array  # (E,) m or rad, values of the best plan in which none moves
+    low: Array  # (E,) what may be used; equal to ``high`` where a joint is locked
     high: Array  # (E,)
     share: float  # of the length cut
 
@@ -65,25 +69,50 @@ def curve(setup: Setup, options: PlanOptions, path: Path, group: Range, scale: f
         weight: (E,) of their travel.
     """
     free = np.flatnonzero(group.moving & (group.high > group.low))
-    count = COARSE[len(free)]
+    size = (group.high - group.low)[free] * setup.per_rad[6:][free]
+    counts = [int(np.clip(np.ceil(way / APART) + 1, 3, COARSE[len(free)])) for way in size]
     whole = round(2 * np.pi / max(options.rotation_step, STEP)) * setup.arm.solver.branches
-    stations = int(np.clip(VERTICES / (whole * count ** len(free)), LEAST, MOST))
+    stations = int(np.clip(VERTICES / (whole * int(np.prod(counts))), LEAST, MOST))
     part = part_of(path, group.runs, stations)
     opts = replace(options, rotation_step=max(options.rotation_step, STEP))
-    step = (group.high - group.low) / (count - 1)
-    grid = _offsets(free, [np.linspace(group.low[k], group.high[k], count) for k in free], group.fixed)
-    values = np.broadcast_to(grid, (len(part.stations), *grid.shape))
-    near = _neighbours([count] * len(free))
-    found = np.empty((len(part.index), len(group.fixed)))
-    for level in range(FINER + 1):
-        stairs = _best_way(setup, opts, part, values, near, scale, weight, group.share)
-        found = _smooth(part, stairs, group, WAVE / 1.5**level)
+    step = np.zeros(len(group.fixed))
+    step[free] = (group.high - group.low)[free] / (np.array(counts) - 1)
+    ends = zip(free, counts, strict=True)
+    of_each = [np.linspace(group.low[k], group.high[k], n) for k, n in ends]
+    near = _neighbours(counts)
+
+    def way(values: Array) -> tuple[float, Array]:
+        return _best_way(setup, opts, part, values, near, scale, weight, group.share)
+
+    def coarse(held: Array) -> tuple[float, Array]:
+        grid = _offsets(free, of_each, held)
+        return way(np.broadcast_to(grid, (len(part.stations), *grid.shape)))
+
+    tries = [(*coarse(held), held) for held in _held(group)]  # of joints that keep one value
+    _, stairs, held = min(tries, key=lambda found: found[0])
+    found = _smooth(part, stairs, group, WAVE)
+    for level in range(1, FINER + 1):
+        if float((step * setup.per_rad[6:]).max()) <= FINEST:
+            break
         step = 0.5 * step
         side = AROUND[len(free)]
         around = _offsets(free, [np.arange(-side, side + 1) * step[k] for k in free], np.zeros(len(group.fixed)))
-        values = np.clip(found[part.stations][:, None] + around, group.low, group.high)
+        around = found[part.stations][:, None] + around
         near = _neighbours([2 * side + 1] * len(free))
-    return found
+        _, stairs = way(np.where(group.moving, np.clip(around, group.low, group.high), held))
+        found = _smooth(part, stairs, group, WAVE / 1.5**level)
+    return np.where(group.moving, found, held)
+
+
+def _held(group: Range) -> list[Array]:
+    """(E,) values tried of the joints that keep one; those of the best plan without motion first."""
+    choices = [
+        [group.fixed[k]]
+        if group.moving[k] or a == b
+        else list(dict.fromkeys([group.fixed[k], *np.linspace(a, b, HELD)]))
+        for k, (a, b) in enumerate(zip(group.low, group.high, strict=True))
+    ]
+    return [np.array(values) for values in itertools.product(*choices)]
 
 
 def _offsets(free: NDArray[np.intp], of_each: list[Array], fixed: Array) -> Array:
@@ -113,8 +142,8 @@ def _best_way(
     scale: float,
     weight: Array,
     share: float,
-) -> Array:
-    """(S, E) the values (S, G, E) of the best way through the grid."""
+) -> tuple[float, Array]:
+    """What the best way through the grid of values (S, G, E) costs, and its values (S, E)."""
     S, G = values.shape[:2]
     station_of = np.minimum(np.searchsorted(part.stations, np.arange(len(part.index))), S - 1)
     cost, q = [], []
@@ -171,7 +200,7 @@ def _best_way(
         if most > least:
             found = under(least + t * (most - least))
             best = min(best, found, key=lambda f: f[0])
-    return np.asarray(values[np.arange(S), best[2] // (R * B)])
+    return best[0], np.asarray(values[np.arange(S), best[2] // (R * B)])
 
 
 @compiled
