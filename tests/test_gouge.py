@@ -11,11 +11,16 @@ from small_cell import pose, small_cell
 from test_path import toolpath
 
 from machopt.domain.cell import Cell, Cutter, Shape, Tool
+from machopt.domain.options import PlanOptions
+from machopt.domain.stiffness import Stiffness
 from machopt.domain.toolpath import Move
 from machopt.errors import InputError
+from machopt.plan.explain import help_of
 from machopt.plan.gouge import gouges_of
 from machopt.plan.path import Path as PlanPath
 from machopt.plan.path import build_path
+from machopt.plan.pipeline import plan
+from machopt.plan.points import point_results
 
 Triple = tuple[float, float, float]
 UP = (0.0, 0.0, 1.0)
@@ -95,3 +100,21 @@ def test_what_cannot_be_looked_for_is_refused(tmp_path: Path) -> None:
         gouges_of(path, cell_of(tmp_path, ()), LIMIT)
     with pytest.raises(InputError, match=r"has no tool\.cutter"):
         gouges_of(path, replace(cell_of(tmp_path, (plate(),)), tool=Tool(np.eye(4))), LIMIT)
+
+
+def test_a_plan_gives_up_what_gouges_and_says_so(tmp_path: Path) -> None:
+    """Of two cuts at one height the second leans over: its points are lost to every posture, the first's are not."""
+    cell = replace(cell_of(tmp_path, (plate(),)), stiffness=Stiffness(np.full(6, 1e6)))
+    lean = tilted(4.0)
+    rows = []
+    for x, axis in ((0.0, UP), (0.03, lean)):
+        rows += [((x, 0.0, 0.05), axis, Move.RAPID), ((x, 0.0, 0.0), axis, Move.CUT)]
+        rows += [((x + 0.03, 0.0, 0.0), axis, Move.CUT)]
+    path = toolpath(rows)
+    options = PlanOptions(collision=False, rotation_step=np.radians(45.0), gouge=LIMIT)
+    found = plan(cell, path, options)
+    points = point_results(found, path).table
+    assert points.status == ("ok", "ok", "ok", "ok", "gouging", "gouging")
+    assert "gouges the finished part by 0.419 mm at (30.00" in points.reason[4]
+    assert "smaller cutter" in help_of(found, int(np.flatnonzero(found.path.index == 4.0)[0]))
+    assert not len(plan(cell, path, replace(options, gouge=5e-4)).missing)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import coal
 import numpy as np
@@ -10,10 +12,12 @@ import pytest
 import trimesh
 
 from machopt.domain.cell import Cutter, Shape
+from machopt.domain.options import PlanOptions
 from machopt.model.depth import cutter_points
 from machopt.model.depth import deepest as planners
 from machopt.verify.bodies import Body, _body
-from machopt.verify.gouge import deepest, surface_points
+from machopt.verify.check import Check
+from machopt.verify.gouge import check_gouges, deepest, surface_points
 
 LIMIT = 1e-4
 
@@ -74,3 +78,26 @@ def test_agrees_with_the_planner_on_a_part_with_a_pocket(tmp_path: Path) -> None
     np.testing.assert_allclose(theirs, ours, atol=0.0011)  # points 1 and 1.25 mm apart
     np.testing.assert_array_equal(theirs[ours > 0.0012] > 0, True)
     np.testing.assert_array_equal(theirs[ours == 0] < 0.0012, True)
+
+
+def test_only_what_is_fed_counts_and_the_place_is_told() -> None:
+    cutter = Cutter(0.012, 0.05)
+    tcp = np.array([at(0.001 * n, 0, 0) for n in range(40)])
+    tcp[20:, 2, 3] = -0.0007
+    part: Any = body(coal.Box(0.2, 0.2, 0.05), at(0, 0, -0.025))
+    arm: Any = SimpleNamespace(cell=SimpleNamespace(tool=SimpleNamespace(cutter=cutter)))
+    motion: Any = SimpleNamespace(at=lambda n: f"sample {n}", point=np.linspace(0.0, 1.0, 40))
+    line: Any = SimpleNamespace()  # asked only where the path is shifted
+
+    def found(fed: np.ndarray, gouge: float | None) -> list[Check]:
+        ride: Any = SimpleNamespace(tcp=tcp, fed=fed, path_limit=2e-5)
+        return check_gouges(motion, line, ride, arm, [part], PlanOptions(gouge=gouge), shifted=False)
+
+    everywhere = np.ones(40, bool)
+    (deep,) = found(everywhere, 5e-4)
+    assert deep.passed is False
+    assert deep.value == pytest.approx(0.7, abs=1e-6)
+    assert "mm, sample 2" in deep.where
+    assert found(everywhere, 7e-4)[0].passed
+    assert found(np.arange(40) < 20, 5e-4)[0].passed
+    assert found(everywhere, None) == []
