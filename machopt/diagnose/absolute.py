@@ -40,6 +40,7 @@ STEPS = 5  # of the robust first fit
 HUBER = 2.0  # robust standard deviations, from where on a reading counts less in the first fit
 PRIOR = 1.0  # relative 1 sigma of the cell's stiffness, which the first fit leans on where weight says nothing
 LEAST_BEND = 1e-7  # m at the cell's own stiffness: a joint whose torque moves the TCP less has no column
+NEAR_CELL = 2.0  # factor
 RIGID = 0.05  # of the cell's compliance: what sizes of torque are stated through is never less
 SOFT = 1e-6  # rad/(N·m), where the cell has no stiffness
 
@@ -61,6 +62,7 @@ def build(
     masses: Masses | None,
     rng: np.random.Generator,
     terms: tuple[Term, ...] = (),
+    found: Array | None = None,
 ) -> tuple[Problem, Catalogue, tuple[str, ...]]:
     """Equations and hypotheses of measured TCP poses.
 
@@ -73,6 +75,7 @@ def build(
         masses: of links and tool; None where the URDF has none: then weight bends nothing.
         rng: nothing here is drawn at random; part of every channel's signature.
         terms: of the cell's stiffness, that count as known.
+        found: (P,) coefficients of the base beside what was found before, SI; None: nothing was looked for yet.
 
     Returns:
         Problem (D = 3, or 6 with rotation vectors in base axes where quaternions are recorded), catalogue, notes.
@@ -100,7 +103,11 @@ def build(
         elif u.location == "tool":
             totals[n] = frame.target["xyz".index(u.name[-1])]
     y = y + base @ totals
-    readings = model.readings(state, frame)
+    springs = frame.compliance.copy()
+    for n, u in enumerate(unknowns if found is not None else ()):
+        if u.spring is not None:
+            springs[u.spring - 1] = found[n]  # type: ignore[index]  # no unknowns where there is none
+    readings = model.readings(state, frame, springs)
     y = y - held.at_rest(readings, terms)[:, : model.D]
     visit, replicate = _labels(recording, readings.wrench)
     stated = recording.uncertainty
@@ -240,8 +247,13 @@ class _Model:
             frame.shift + Q @ shift, rotation_vector(Q @ rotation_from_vector(turn)), frame.target + target, compliance
         )
 
-    def readings(self, state: ArmState, frame: _Frame) -> Readings:
-        """For the laws: bodies and Jacobian where the loaded arm stands, joints as the encoders say."""
+    def readings(self, state: ArmState, frame: _Frame, springs: Array) -> Readings:
+        """For the laws: bodies and Jacobian where the loaded arm stands, joints as the encoders say.
+
+        Weights that nobody stated make springs soft in a fit that does not know of them, and what they do would then be
+        looked for through springs that are soft because of them. So none counts as far from the cell's.
+        """
+        near = NEAR_CELL if self.cell.stiffness is not None else 1.0 / RIGID
         _, session = np.unique(self.recording.session, return_inverse=True)
         none = np.zeros(len(self.angles), np.int64)
         T = self.cell.tool.T_flange_tcp.copy()
@@ -255,7 +267,7 @@ class _Model:
             self.wrench,
             self.D,
             False,
-            np.maximum(frame.compliance, RIGID * self.nominal),
+            np.clip(springs, self.nominal / near, np.inf if self.cell.stiffness is None else near * self.nominal),
             session.reshape(-1).astype(np.int64),
             none,
             none,

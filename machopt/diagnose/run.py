@@ -73,12 +73,16 @@ def at_rest(
         return _load_tests(seed, recording, robot, T, masses, laws, known, copies, options)
 
     def poses(terms: tuple[Term, ...]) -> tuple[Diagnosis, Problem]:
-        nonlocal notes
         rng = np.random.default_rng(seed)
-        problem, catalogue, notes = absolute.build(recording, cell, robot, masses, rng, terms)
-        problem = replace(problem, time=recording.time, excluded=copies if copies.any() else None)
+
+        def build(found: Array | None) -> tuple[Problem, Catalogue]:
+            nonlocal notes
+            problem, catalogue, notes = absolute.build(recording, cell, robot, masses, rng, terms, found)
+            return replace(problem, time=recording.time, excluded=copies if copies.any() else None), catalogue
+
+        problem, catalogue = build(None)
         _refuse_too_few(problem, recording)
-        return engine.diagnose(problem, catalogue, replace(options, predicted="poses"), rng), problem
+        return engine.diagnose(problem, catalogue, replace(options, predicted="poses"), rng, build), problem
 
     terms = _held(cell, robot, masses)
     if recording.kind == "deflection":
