@@ -226,8 +226,11 @@ function robotView(host, data) {
         if (stations.singularity[k] !== null) row("Singularity", `${stations.singularity[k].toFixed(1)}° away`);
         if (near !== null) row("Clearance", `${near.toFixed(1)} mm${stations.names[stations.nearest[k]] ? ` (${stations.names[stations.nearest[k]]})` : ""}`);
       } else if (place.r >= 0) row("Clearance", "measured at the chosen rotation only");
-      const axes = make("table", "joints", told), head = make("tr", "", make("thead", "", axes)), body = make("tr", "", make("tbody", "", axes));
-      scene.joints.forEach((j, i) => { make("th", "n", head, j.name).scope = "col"; make("td", margins[i][0] < 0 ? "n fail" : "n", body, minus(`${(Math.round(place.q[i] * j.factor * 10) / 10 + 0).toFixed(1)}${j.unit}`)); });
+      let head, body;
+      scene.joints.forEach((j, i) => {
+        if (i % 6 === 0) { const axes = make("table", "joints", told); head = make("tr", "", make("thead", "", axes)); body = make("tr", "", make("tbody", "", axes)); }
+        make("th", "n", head, j.name).scope = "col"; make("td", margins[i][0] < 0 ? "n fail" : "n", body, minus(`${(Math.round(place.q[i] * j.factor * 10) / 10 + 0).toFixed(1)}${j.unit}`));
+      });
       if (corrected) make("p", "lead", told, "Where the axes truly stand; the robot is told corrected values.");
     }
     if (place.r >= 0 && chosen.row(place.k)) {

@@ -80,8 +80,10 @@ def _stations(plan: Plan, points: PointResults, shown: Mapped) -> Stations | Non
             bend[ok] = elastic.deflection(d.force[rows[ok]])
     near = np.clip(np.round(plan.path.index[rows]).astype(int), 0, len(points.rows) - 1)
     return Stations(
-        q=_postures(plan, shown, st),
-        chosen=np.where((a.reason[rows] == Reason.OK)[:, None], a.q[rows], np.nan),
+        q=_with_external(_postures(plan, shown, st), plan.path.external[rows][:, None]),
+        chosen=_with_external(
+            np.where((a.reason[rows] == Reason.OK)[:, None], a.q[rows], np.nan), plan.path.external[rows]
+        ),
         k=d.k[rows],
         force=d.force[rows] if given else None,
         bend=bend if given else None,
@@ -105,6 +107,12 @@ def _postures(plan: Plan, shown: Mapped, st: NDArray[np.intp]) -> Array:
     return np.asarray(q - 2 * np.pi * np.round((q - middle) / (2 * np.pi)), np.float32)
 
 
+def _with_external(q: Array, external: Array) -> Array:
+    """Joints of the arm (…, 6) and where the external ones stand there (…, E), as the picture has them: (…, 6 + E)."""
+    stands = np.broadcast_to(external, (*q.shape[:-1], external.shape[-1])).astype(q.dtype)
+    return np.concatenate([q, stands], axis=-1)
+
+
 def _motion(plan: Plan, toolpath: Toolpath, points: PointResults, timeline: Timeline | None) -> Motion3D | None:
     t = timeline.trajectory if timeline else None
     if t is None:
@@ -115,7 +123,7 @@ def _motion(plan: Plan, toolpath: Toolpath, points: PointResults, timeline: Time
     q = t.q if plan.setup.correction is None else plan.setup.correction.true_angles(t.q)
     return Motion3D(
         time=t.time,
-        q=q,
+        q=_with_external(q, t.external),
         point=t.point,
         s=along(s, t.point),
         phi=np.where(known, wrap(phi), np.nan),
