@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from os.path import exists, isdir
@@ -14,9 +14,10 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.domain.cell import Cell, Cutter, JointLimits, Shape, Tool, Workpiece
-from machopt.domain.program import Controller, ExternalDrive, JointMap
+from machopt.domain.program import Controller, ExternalDrive
 from machopt.errors import InputError, nearest
-from machopt.formats.cell_schema import AnyChainKeys, CellKeys, JointMapKeys, PoseKeys, ShapeKeys, ToolKeys
+from machopt.formats.cell_schema import AnyChainKeys, CellKeys, PoseKeys, ShapeKeys, ToolKeys
+from machopt.formats.cellparts import any_of, first_taken, frozen, joint_map_of
 from machopt.formats.chain import Chain, check_carrier, limits_of_urdf, read_chain, read_home, read_limits, standing
 from machopt.formats.kinematics import load_kinematics
 from machopt.formats.linkage import followers, narrowed
@@ -143,7 +144,7 @@ class _Reader:
             self.different_names(*other_tool.geometry, *workpiece.geometry, *obstacles)
         self.missing_bodies(tool, workpiece)
         self.warnings += open_surfaces(self.surfaces)
-        pairs = PairReader(urdf, robot.flange_link, _any_of(tools), workpiece, obstacles, self.document)
+        pairs = PairReader(urdf, robot.flange_link, any_of(tools), workpiece, obstacles, self.document)
         may_touch = pairs.pairs(keys.ignore_pairs, self.file)
         self.warnings += pairs.warnings
         arm_prismatic = tuple(j.kind == "prismatic" for j in chain.arm)
@@ -161,12 +162,12 @@ class _Reader:
             mimics=mimics,
             may_touch=may_touch,
             arm_prismatic=arm_prismatic if any(arm_prismatic) else (),
-            home=_frozen(home[: len(chain.arm)]),
-            external_home=_frozen(home[len(chain.arm) :]),
+            home=frozen(home[: len(chain.arm)]),
+            external_home=frozen(home[len(chain.arm) :]),
             T_world_base=self.base(urdf, bool(chain.external)),
             limits=JointLimits(
                 *(
-                    _frozen(row)
+                    frozen(row)
                     for row in (limits.lower, limits.upper, limits.velocity, limits.acceleration, limits.jerk)
                 )
             ),
@@ -183,7 +184,7 @@ class _Reader:
             warnings=tuple(self.warnings),
             notes=(
                 *_unused(urdf),
-                *_table(tools),
+                *first_taken(tools),
                 *limits_of_urdf(chain, keys),
                 *tightened,
                 *standing(urdf, chain, limits),
@@ -304,7 +305,7 @@ class _Reader:
         return Tool(
             T_flange_tcp=self.pose((*loc, "tcp"), keys.tcp),
             mass=keys.mass_kg,
-            com=_frozen(np.array(keys.com_mm) / 1e3),
+            com=frozen(np.array(keys.com_mm) / 1e3),
             geometry=self.shapes((*loc, "geometry"), keys.geometry),
             cutter=None
             if cutter is None
@@ -331,7 +332,7 @@ class _Reader:
         T = self.pose(("robot", "pose"), robot.pose)
         for joint in urdf.chain(robot.base_link) if carried else ():
             T = T @ transform(rpy_matrix(np.array(joint.rpy)), np.array(joint.xyz))
-        return _frozen(T)
+        return frozen(T)
 
     def drives(self, chain: Chain) -> dict[str, ExternalDrive]:
         """How the controller counts external joints."""
@@ -377,15 +378,15 @@ class _Reader:
             )
         return Controller(
             post=post,
-            joint_map=None if keys.joint_map is None else _joint_map(keys.joint_map),
+            joint_map=None if keys.joint_map is None else joint_map_of(keys.joint_map),
             T_base_root=None if keys.root is None else self.pose(("controller", "root"), keys.root),
             T_world_root=None if keys.world is None else self.pose(("controller", "world"), keys.world),
             external=self.drives(chain),
             T_flange_mount=None if keys.flange is None else self.pose(("controller", "flange"), keys.flange),
             tool_number=keys.tool_number,
             base_number=keys.base_number,
-            pulses_per_deg=None if pulses is None else _frozen(np.array(pulses)),
-            position_levels=None if levels is None else _frozen(np.array(levels) / 1e3),
+            pulses_per_deg=None if pulses is None else frozen(np.array(pulses)),
+            position_levels=None if levels is None else frozen(np.array(levels) / 1e3),
             moves_per_part=keys.moves_per_part,
             nonflip_j5=keys.nonflip_j5,
             lines={name: line for name, line in keys.lines.model_dump().items() if line is not None},
@@ -461,20 +462,6 @@ class _Reader:
             self.warnings.append(message)
 
 
-def _table(tools: Mapping[str, Tool]) -> list[str]:
-    if len(tools) < 2:
-        return []
-    return [f"of the tools {', '.join(tools)} the first is taken by commands that no toolpath tells which"]
-
-
-def _any_of(tools: Mapping[str, Tool]) -> Tool:
-    """One tool with the bodies of all, for pairs that may touch by their names."""
-    first = next(iter(tools.values()))
-    bodies = {shape.name: shape for tool in tools.values() for shape in tool.geometry}
-    cutter = next((tool.cutter for tool in tools.values() if tool.cutter is not None), None)
-    return replace(first, geometry=tuple(bodies.values()), cutter=cutter)
-
-
 def _of(file: Path, message: str) -> InputError:
     return InputError(message, file=file)
 
@@ -497,19 +484,5 @@ def _unused(urdf: Urdf) -> tuple[str, ...]:
     return (f"{urdf.path.name}: elements that say nothing of bodies, masses and joints, not used: {found}",)
 
 
-def _joint_map(keys: JointMapKeys) -> JointMap:
-    coupling = np.zeros((6, 6))
-    for axis, sources in keys.coupling.items():
-        for other, factor in sources.items():
-            coupling[int(axis[1]) - 1, int(other[1]) - 1] = factor
-    return JointMap(_frozen(np.array(keys.sign)), _frozen(np.array(keys.offset_deg)), _frozen(coupling))
-
-
 def _pose(keys: PoseKeys) -> Array:
-    return _frozen(transform(rpy_matrix(np.radians(keys.rpy_deg)), np.array(keys.xyz_mm) / 1e3))
-
-
-def _frozen(array: Array) -> Array:
-    out = np.array(array, float)
-    out.setflags(write=False)
-    return out
+    return frozen(transform(rpy_matrix(np.radians(keys.rpy_deg)), np.array(keys.xyz_mm) / 1e3))
