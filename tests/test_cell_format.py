@@ -295,7 +295,7 @@ SCHEMA = [
     ("obstacles:", "tools: {3: {tcp: {}}}\nobstacles:", ["both tool and tools; expected tool or tools"]),
     ("obstacles:", "collision: false\nobstacles:", ["collision", "belong under plan:", "--set key=value"]),
     ("obstacles:", "notes: old\nobstacles:", ["notes", "write it as a comment: #"]),
-    ("obstacles:", "tcp: {}\nobstacles:", ["unknown key 'tcp'; it belongs under tool; valid: "]),
+    ("obstacles:", "tcp: {}\nobstacles:", ["unknown key 'tcp'; it belongs under tool or tools; valid: "]),
     ("sphere_mm: 80", "sphere_mm: 80, link: a", ["obstacles[1].link", "link 'a' is not in robot.urdf", "world, base"]),
     (
         "sphere_mm: 80",
