@@ -19,6 +19,7 @@ from machopt.api.cell import Cell
 from machopt.api.diagnosis import Diagnosis, diagnose
 from machopt.api.figure import Figure
 from machopt.api.identification import Identification, identify
+from machopt.api.jobs import batch
 from machopt.api.maps import Map, map
 from machopt.api.placement import Placement, place
 from machopt.api.plan import Plan, optimize
@@ -37,6 +38,7 @@ __all__ = [
     "PosePlan",
     "Table",
     "Toolpath",
+    "batch",
     "diagnose",
     "identify",
     "map",

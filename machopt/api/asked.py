@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from machopt.errors import InputError, nearest
 
 R = TypeVar("R")
-GIVEN = ("cell", "recordings", "out", "allow_external", "effects")  # what a call gives by other means
+GIVEN = ("cell", "recordings", "jobs", "robot", "out", "allow_external", "effects")  # what a call gives by other means
 NOWHERE = Path()  # ``out`` of a request whose place is named later, by ``save``
 
 

@@ -6,10 +6,14 @@ import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from machopt.api.asked import asked
 from machopt.arrays import Array
+from machopt.cells.asked import Request
+from machopt.cells.review import Finding
 from machopt.domain import cell as domain
 from machopt.domain.manifest import ManifestFile
 from machopt.effects.own import Own, in_use, with_effects
@@ -56,6 +60,40 @@ class Cell:
                 Path(path), allow_external=allow_external, stiffness=None if stiffness is None else Path(stiffness)
             )
         return cls(Path(path), cell, allow_external, own, cell_inputs(cell))
+
+    @classmethod
+    def new(cls, robot: str | os.PathLike[str], out: str | os.PathLike[str], **options: Any) -> Cell:
+        """Write a new cell folder from a robot's URDF or xacro file, as ``machopt init`` does, and load it.
+
+        What is a guess or an estimate in it says so in cell.yaml.
+
+        Args:
+            robot: URDF or xacro file.
+            out: the new cell folder.
+            options: as :class:`machopt.cells.asked.Request` has them, e.g. ``tool_length_mm=250``,
+                ``toolpath="part.nc"``, ``post="krl"``.
+
+        Raises:
+            InputError: the robot is no six-axis arm, an option is wrong, or the folder is taken.
+        """
+        from machopt.services.newcell import run_init
+
+        run_init(asked(Request, options, robot=Path(robot), out=Path(out)))
+        return cls.load(out)
+
+    def validate(self, *, picture: str | os.PathLike[str] | None = None) -> tuple[Finding, ...]:
+        """Everything wrong or odd about the cell as it lies in its folder, errors first: ``machopt validate``.
+
+        Args:
+            picture: an SVG file to draw it into, at home from three sides.
+
+        Raises:
+            InputError: the picture cannot be written.
+        """
+        from machopt.services.validate import validate
+
+        file = None if picture is None else Path(picture)
+        return validate(self.path, allow_external=self.allow_external, picture_file=file).findings
 
     def with_stiffness(self, file: str | os.PathLike[str]) -> Cell:
         """The same cell with another stiffness.yaml, e.g. the one that ``identify`` or ``diagnose`` saved.

@@ -1,0 +1,57 @@
+"""``machopt.batch``: many cells × toolpaths × options on Dask."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from machopt.api.asked import asked, paths
+from machopt.api.saved import Named
+from machopt.batch.request import Progress, Request
+from machopt.batch.run import run_batch
+from machopt.domain.results.batch import BatchResult
+
+
+def batch(
+    jobs: Named | Iterable[Named],
+    out: Named,
+    *,
+    cell: Named | None = None,
+    effects: Iterable[Named] = (),
+    allow_external: bool = False,
+    progress: Callable[[Progress], None] | None = None,
+    **options: Any,
+) -> BatchResult:
+    """Many jobs, each in a process of its own; called again, it goes on where it stopped: ``machopt batch``.
+
+    Args:
+        jobs: folders of toolpaths, patterns like ``parts/*.nc``, toolpath files, or lists of jobs (YAML, CSV).
+        out: output folder: ``summary.csv``, ``summary.html``, ``batch.json`` and a folder a job.
+        cell: of toolpaths with no folder named cell beside or above them.
+        effects: Python files with effects of your own that stiffness files hold; **runs the code in them**.
+        allow_external: let cells use files outside their folders.
+        progress: told how far it is, after every job.
+        options: as :class:`machopt.batch.request.Request` has them, e.g. ``workers=2``,
+            ``scheduler="tcp://10.0.0.5:8786"``, ``overrides=["rotation_step_deg=10"]``.
+
+    Returns:
+        batch.json, typed: the state of every job, and how many have which.
+
+    Raises:
+        InputError: a job, an option or the output folder is wrong.
+    """
+    request = asked(
+        Request,
+        options,
+        jobs=tuple(str(p) for p in paths(jobs)),
+        out=Path(out),
+        cell=None if cell is None else Path(cell),
+        effects=paths(effects),
+        allow_external=allow_external,
+    )
+    return run_batch(request, progress or _silent).result
+
+
+def _silent(_: Progress) -> None:
+    """Progress that nobody wants to hear of."""
