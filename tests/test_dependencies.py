@@ -79,9 +79,9 @@ def own(folder: str) -> set[str]:
 @pytest.mark.parametrize(
     ("folder", "extras"),
     [
-        ("machopt", ("parquet", "xacro")),
-        ("tests", ("parquet", "xacro", "dev", "compare")),
-        ("benchmarks", ("parquet", "xacro", "dev", "compare")),
+        ("machopt", ("parquet", "xacro", "frames")),
+        ("tests", ("parquet", "xacro", "frames", "dev", "compare")),
+        ("benchmarks", ("parquet", "xacro", "frames", "dev", "compare")),
         ("cells", ()),
         ("toolpaths", ()),
     ],
@@ -104,7 +104,7 @@ def test_nothing_is_declared_that_nobody_imports() -> None:
     known = known_packages()
     everywhere = {name for folder in ("machopt", "tests", "benchmarks") for name, _ in imported(folder)}
     used = {name_of(d) for name in everywhere for d in known.get(name, [DISTRIBUTION.get(name, name)])}
-    assert declared("parquet", "xacro", "dev", "compare") - used - TOOLS == set()
+    assert declared("parquet", "xacro", "frames", "dev", "compare") - used - TOOLS == set()
 
 
 def test_every_bound_is_from_a_version_to_none_and_says_which() -> None:

@@ -11,6 +11,7 @@ import pytest
 import machopt
 from machopt.cli import main
 from machopt.formats.cam import reviewed
+from machopt.formats.cell_schema import CutterKeys
 from machopt.formats.options import OptionKeys
 
 PACKAGE = Path(machopt.__file__).parent
@@ -88,7 +89,19 @@ def test_every_option_named_in_a_message_parses(capsys: pytest.CaptureFixture[st
     assert not wrong
 
 
-COMMANDS = ("optimize", "identify", "diagnose", "plan-poses", "map", "inspect", "verify", "batch")
+COMMANDS = (
+    "optimize",
+    "identify",
+    "diagnose",
+    "plan-poses",
+    "map",
+    "inspect",
+    "verify",
+    "batch",
+    "place",
+    "init",
+    "validate",
+)
 PARTS = {  # part of the package → commands whose messages it writes
     "formats": COMMANDS,
     "cli": COMMANDS,
@@ -122,8 +135,8 @@ def test_every_option_of_any_message_exists(part: str, capsys: pytest.CaptureFix
 
 
 def test_every_planning_key_that_a_message_names_exists() -> None:
-    """Keys of ``--set`` in the sentences about what would help."""
-    keys = set(OptionKeys.model_fields)
+    """Keys of ``--set`` and of the tool's cutter in the sentences about what would help."""
+    keys = {*OptionKeys.model_fields, *CutterKeys.model_fields}
     ending = re.compile(r"\b[a-z]+(?:_[a-z]+)*_(?:deg|mm|ms)\b")
     named = {
         word

@@ -70,7 +70,7 @@ class Table(Mapping[str, NDArray[Any]]):
         try:
             import pandas
         except ImportError:
-            raise InputError("a data frame needs pandas; pip install pandas, or Table.arrow()") from None
+            raise InputError("a data frame needs pandas; pip install 'machopt[frames]', or Table.arrow()") from None
         return pandas.DataFrame({name: values.copy() for name, values in self._columns.items()})
 
     def arrow(self) -> pyarrow.Table:
