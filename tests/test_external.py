@@ -19,6 +19,7 @@ from machopt.errors import InputError
 from machopt.formats.options import load_options, options_as_user
 from machopt.model.machine import load_machine
 from machopt.model.robot import load_robot
+from machopt.plan.certificate import certificate
 from machopt.plan.external import best_plan
 from machopt.plan.pipeline import Plan, plan, prepare
 from machopt.plan.rapids import RapidMove, plan_rapid
@@ -124,6 +125,10 @@ def test_a_part_longer_than_the_reach_is_cut_in_one_go(tmp_path: FilePath) -> No
     assert np.abs(tip[:, 0]).max() < 2e-5  # the slot is straight, whatever the rail does
     speed = np.linalg.norm(np.diff(tip, axis=0), axis=1) / OPTIONS.sample
     assert speed.max() <= 0.05 * 1.001  # the feed is the tool's in the part
+    told = certificate(p)
+    assert told is not None
+    assert told.sequence == pytest.approx(told.grid, rel=0.05)  # one unit, the rail's own way included in both
+    assert told.sequence > p.choice.total
 
 
 @pytest.mark.slow

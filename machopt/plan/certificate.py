@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from machopt.plan.objective import Terms
 from machopt.plan.pipeline import Plan
 
 
@@ -13,7 +14,8 @@ from machopt.plan.pipeline import Plan
 class Certificate:
     """Values of J (:mod:`machopt.plan.objective`).
 
-    The bound holds for every sequence over the grid of rotations, branches and turns, by the prices of the search:
+    The bound holds for every sequence over the grid of rotations, branches and turns, with the external joints where
+    the plan has them, by the prices of the search:
     where stations lie closer in time than a grid step of rotation takes, a step has the time since the last one. The
     smooth curve lies between the grid's steps and may be below it.
     """
@@ -34,10 +36,18 @@ class Certificate:
         return 1.0 - self.objective / self.grid if self.grid > 0 else 0.0
 
 
+def _external(plan: Plan) -> float:
+    """What the travel of the external joints costs: the same in every sequence, and the search leaves it out."""
+    path, setup = plan.path, plan.setup
+    way = np.abs(np.diff(path.external * setup.per_rad[6:], axis=0)).sum(axis=1)
+    terms = Terms.of(path, setup.velocity, plan.options)
+    return float(plan.options.weights.travel * (terms.travel[1:] @ way))
+
+
 def certificate(plan: Plan) -> Certificate | None:
     """The certificate of a plan; None where its path has gaps or breaks to go round, or was not searched."""
-    c = plan.choice
-    values = (plan.chosen.objective.total, c.total, c.bound, plan.grid.total)
+    c, ways = plan.choice, _external(plan)
+    values = (plan.chosen.objective.total, c.total + ways, c.bound + ways, plan.grid.total)
     if plan.found is None or c.broken or not np.isfinite(values).all():
         return None
     return Certificate(*values)
