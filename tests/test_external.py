@@ -140,6 +140,31 @@ def test_moving_is_never_worse_than_the_best_value(tmp_path: FilePath, kind: dic
     assert moving.chosen.objective.total <= fixed.chosen.objective.total
 
 
+def ring(radius: float = 0.12, holes: int = 4) -> Toolpath:
+    """Holes round about, their axes leaning out."""
+    rows: Rows = []
+    for a in np.linspace(0.0, 2.0 * np.pi, holes, endpoint=False):
+        axis = (0.6 * np.cos(a), 0.6 * np.sin(a), 0.8)
+        at = np.array([radius * np.cos(a), radius * np.sin(a), 0.0])
+        for d, move in ((0.05, Move.RAPID), (0.002, Move.APPROACH), (-0.003, Move.CUT), (0.05, Move.RETRACT)):
+            rows.append((tuple(at + d * np.array(axis)), axis, move))
+    return toolpath(rows)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["moving", "operation"])
+def test_a_joint_more_makes_no_plan_worse(tmp_path: FilePath, mode: str) -> None:
+    cell, path = replace(external_cell(tmp_path, rail=True, table=True), stiffness=K), ring()
+    free = tuple(ExternalAxis(name, mode) for name in ("rail", "turn"))
+    both = best_plan(cell, path, replace(OPTIONS, external=free))
+    for k, name in enumerate(("rail", "turn")):
+        one = best_plan(cell, path, replace(OPTIONS, external=(free[1 - k], ExternalAxis(name, "locked"))))
+        own, w = one.chosen.objective, OPTIONS.weights
+        index = w.mean * own.mean + w.worst * own.worst
+        in_the_unit_of_both = own.total + index * (one.scores.scale / both.scores.scale - 1.0)
+        assert both.chosen.objective.total <= 1.005 * in_the_unit_of_both, name
+
+
 @pytest.mark.parametrize(
     ("axis", "told"),
     [

@@ -9,7 +9,8 @@ c₀, the unit of the index, is the median over the candidates of all values. Gr
 by the way between their values: with a cap on the worst the cheapest chain of values is exact, and every cap that
 matters is tried. The best few are then planned in full (:func:`machopt.plan.pipeline.plan`), with home among them, and
 the best plan is taken: fewest points lost, then least J. Joints that may move along the path are first held at such
-values too; the way of :mod:`machopt.plan.moving` is planned in full beside them, and never taken where it is worse.
+values too; the way of :mod:`machopt.plan.moving`, of all of them or of some, is planned in full beside them, and never
+taken where it is worse.
 
     J = Σ share·(m + motion) + w_worst·max w + Σ price·|Δe|
 """
@@ -131,9 +132,21 @@ def best_plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Tim
     if not moves:
         return best[1]
     with clock.stage("external"):
-        at = _moved(setup, options, path, groups, axes, best[1].path.external, search.scale)
-    found = plan(cell, toolpath, options, clock, setup=setup, external=at, scale=search.scale)
-    key = _lost(found), found.chosen.objective.total + search.liking_along(at)
+        fixed = best[1].path.external
+        stands = [fixed[rows_of(path, g.runs)[0]] for g in groups]
+        ways = [
+            _moved(setup, options, path, some, axes, stands, search.scale)
+            for some in _fewer(groups, stands, cell.external_home)
+        ]
+    looks = replace(options, rotation_step=max(options.rotation_step, STEP)) if len(ways) > 1 else options
+
+    def along(at: Array, options: PlanOptions = options) -> tuple[tuple[float, float], Plan]:
+        found = plan(cell, toolpath, options, clock, setup=setup, external=at, scale=search.scale)
+        return (_lost(found), found.chosen.objective.total + search.liking_along(at)), found
+
+    looked = [along(at, looks) for at in ways]
+    k = min(range(len(ways)), key=lambda k: looked[k][0])
+    key, found = looked[k] if looks.rotation_step == options.rotation_step else along(ways[k])
     if not key < best[0]:
         return best[1]
     if best[0][0] == 0:  # there is another answer, should this one not be driven
@@ -144,27 +157,52 @@ def best_plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Tim
     return found
 
 
+def _fewer(groups: Sequence[Group], stands: Sequence[Array], home: Array) -> list[list[Group]]:
+    """The groups with all their joints moving, and with fewer, the others at home or where they stand in the best plan.
+
+    More joints have a coarser grid, so that by itself more freedom could end in a worse plan.
+    """
+    free = np.flatnonzero(np.any([g.moving & (g.high > g.low) for g in groups], axis=0))
+    out = [list(groups)]
+    for n in range(len(free) - 1, 0, -1):
+        for some in itertools.combinations(free, n):
+            rests = np.isin(np.arange(len(home)), free) & ~np.isin(np.arange(len(home)), some)
+            at_home, as_best = [np.clip(home, g.low, g.high) for g in groups], list(stands)
+            same = all(np.array_equal(a[rests], b[rests]) for a, b in zip(at_home, as_best, strict=True))
+            for values in [at_home] if same else [at_home, as_best]:
+                out.append([_resting(g, rests & g.moving, v) for g, v in zip(groups, values, strict=True)])
+    return out
+
+
+def _resting(group: Group, rests: Bools, value: Array) -> Group:
+    """The group with some joints locked at a value."""
+    low, high = (np.where(rests, value, bound) for bound in (group.low, group.high))
+    return replace(group, moving=group.moving & ~rests, low=low, high=high)
+
+
 def _moved(
     setup: Setup,
     options: PlanOptions,
     path: Path,
     groups: Sequence[Group],
     axes: Sequence[ExternalAxis],
-    fixed: Array,
+    stands: Sequence[Array],
     scale: float,
 ) -> Array:
-    """(P, E) the external joints along the path where they may move, elsewhere as ``fixed`` (P, E)."""
-    out = fixed.copy()
+    """(P, E) the external joints along the path where they may move, elsewhere at the values (E,) of their group."""
+    stands = [np.clip(value, g.low, g.high) for g, value in zip(groups, stands, strict=True)]
+    out = _spread(path, groups, stands)
     weight = np.array([axis.weight for axis in axes])
-    for g in groups:
+    for g, value in zip(groups, stands, strict=True):
         if (g.moving & (g.high > g.low)).any():
             rows = rows_of(path, g.runs)
-            stands = fixed[rows[0]]
             room = ROOM * (g.high - g.low)
             low, high = (
                 np.where(g.moving, bound + side * room, bound) for bound, side in ((g.low, 1.0), (g.high, -1.0))
             )
-            out[rows] = curve(setup, options, path, Range(g.runs, g.moving, stands, low, high, g.share), scale, weight)
+            home = np.clip(setup.cell.external_home, g.low, g.high)
+            group = Range(g.runs, g.moving, value, home, low, high, g.share)
+            out[rows] = curve(setup, options, path, group, scale, weight)
     return out
 
 
@@ -312,6 +350,9 @@ class _Search:
             inside = np.clip(self.home, group.low, group.high)
             for value in [inside, *map(np.array, itertools.product(*grid))]:
                 self._judge(n, value)
+            if len(free) > 1:  # each joint alone as finely as if the others were locked: no freedom makes it worse
+                for k in free:
+                    self._along_one(n, int(k), inside)
             for _ in range(FINER):
                 step = 0.5 * step
                 centre = min(self.judged[n], key=self._rank).value
@@ -319,6 +360,20 @@ class _Search:
                 for side in itertools.product(*around):
                     self._judge(n, np.clip(centre + np.array(side) * step, group.low, group.high))
         self._every = [list(own) for own in self.judged]
+
+    def _along_one(self, n: int, k: int, inside: Array) -> None:
+        """Judge the values of joint ``k`` with the others at home: the grid of one joint, and finer around its best."""
+        group = self.groups[n]
+        off = np.arange(len(inside)) == k
+        for v in np.linspace(group.low[k], group.high[k], COARSE[1]):
+            self._judge(n, np.where(off, v, inside))
+        step = (group.high[k] - group.low[k]) / (COARSE[1] - 1)
+        for _ in range(FINER):
+            step = 0.5 * step
+            own = [j for j in self.judged[n] if np.array_equal(j.value[~off], inside[~off])]
+            centre = min(own, key=self._rank).value
+            for side in (-step, step):
+                self._judge(n, np.clip(centre + side * off, group.low, group.high))
 
     def _judge(self, n: int, value: Array) -> None:
         """What a value comes to for a group; once."""

@@ -34,7 +34,7 @@ from machopt.plan.sequence import jump
 
 COARSE = {1: 9, 2: 7, 3: 4}  # most values of each joint, by how many move
 APART = 0.8  # rad, or as much as counts so: coarse values need not lie closer
-HELD = 5  # values of a joint that keeps one, beside that of the best plan in which none moves
+HELD = 5  # values of a joint that keeps one, beside home and that of the best plan in which none moves
 AROUND = {1: 2, 2: 1, 3: 1}  # steps to either side of the curve in the finer grids
 FINER = 4  # finer grids at most, of half the step each, until that is
 FINEST = 0.2  # rad, or as much as counts so
@@ -56,6 +56,7 @@ class Range:
     runs: tuple[int, ...]
     moving: Bools  # (E,)
     fixed: Array  # (E,) m or rad, values of the best plan in which none moves
+    home: Array  # (E,)
     low: Array  # (E,) what may be used; equal to ``high`` where a joint is locked
     high: Array  # (E,)
     share: float  # of the length cut
@@ -109,7 +110,7 @@ def _held(group: Range) -> list[Array]:
     choices = [
         [group.fixed[k]]
         if group.moving[k] or a == b
-        else list(dict.fromkeys([group.fixed[k], *np.linspace(a, b, HELD)]))
+        else list(dict.fromkeys([group.fixed[k], group.home[k], *np.linspace(a, b, HELD)]))
         for k, (a, b) in enumerate(zip(group.low, group.high, strict=True))
     ]
     return [np.array(values) for values in itertools.product(*choices)]
