@@ -172,6 +172,7 @@ def test_a_joint_more_makes_no_plan_worse(tmp_path: FilePath, mode: str) -> None
         (ExternalAxis("rail", at=1.0, unit="deg"), "'rail' slides: values in mm would work"),
         (ExternalAxis("rail", "locked", at=9.0, unit="mm"), r"found 9000 mm; the range of 'rail' is \[-2500, 2500\]"),
         (ExternalAxis("rail", range=(3.0, 4.0), unit="mm"), r"outside the range \[-2500, 2500\]"),
+        (ExternalAxis("rail", at=1.0, unit="mm"), "at_mm is where a locked joint stands, and 'rail' may move"),
         (ExternalAxis("e1", operations=(("face", "locked"),)), "'face' is no operation of the toolpath"),
     ],
 )
@@ -179,6 +180,14 @@ def test_what_is_not_planned_is_refused_by_name(tmp_path: FilePath, axis: Extern
     cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
     with pytest.raises(InputError, match=told):
         best_plan(cell, toolpath(slots(0.0)), replace(OPTIONS, external=(axis,)))
+
+
+def test_a_joint_under_two_names_has_what_the_later_one_says_beside_the_rest(tmp_path: FilePath) -> None:
+    named, short = ExternalAxis("rail", "moving", range=(0.2, 0.3), unit="mm"), ExternalAxis("e1", "operation")
+    cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
+    p = best_plan(cell, toolpath(slots(0.15)), replace(OPTIONS, external=(named, short)))
+    assert ((p.path.external >= 0.2) & (p.path.external <= 0.3)).all()
+    assert len(np.unique(p.path.external[p.path.run == 0])) == 1
 
 
 def test_a_gantry_that_tilts_is_refused(tmp_path: FilePath) -> None:

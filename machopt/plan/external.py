@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -245,7 +245,15 @@ def _axes(cell: Cell, options: PlanOptions) -> tuple[ExternalAxis, ...]:
                 file="options",
                 where=f"external.{axis.joint}",
             )
-        by_name[name] = axis
+        if axis.at is not None and not axis.mode and "locked" not in dict(axis.operations).values():
+            raise InputError(
+                f"at_{unit} is where a locked joint stands, and {name!r} may move; mode: locked would work",
+                file="options",
+                where=f"external.{axis.joint}.at_{unit}",
+            )
+        # "rail" in the cell and "e1" beside it: what the later one says counts, the rest stays
+        said = {f.name: getattr(axis, f.name) for f in fields(axis) if getattr(axis, f.name) != f.default}
+        by_name[name] = replace(by_name[name], **said)
     return tuple(by_name[name] for name in names)
 
 
