@@ -188,6 +188,8 @@ def test_a_joint_under_two_names_has_what_the_later_one_says_beside_the_rest(tmp
     p = best_plan(cell, toolpath(slots(0.15)), replace(OPTIONS, external=(named, short)))
     assert ((p.path.external >= 0.2) & (p.path.external <= 0.3)).all()
     assert len(np.unique(p.path.external[p.path.run == 0])) == 1
+    locked = (ExternalAxis("rail", "locked"), ExternalAxis("e1", at=0.25, unit="mm"))
+    assert (best_plan(cell, toolpath(slots(0.15)), replace(OPTIONS, external=locked)).path.external == 0.25).all()
 
 
 def test_a_gantry_that_tilts_is_refused(tmp_path: FilePath) -> None:

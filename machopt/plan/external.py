@@ -245,15 +245,16 @@ def _axes(cell: Cell, options: PlanOptions) -> tuple[ExternalAxis, ...]:
                 file="options",
                 where=f"external.{axis.joint}",
             )
-        if axis.at is not None and not axis.mode and "locked" not in dict(axis.operations).values():
+        # "rail" in the cell and "e1" beside it: what the later one says counts, the rest stays
+        said = {f.name: getattr(axis, f.name) for f in fields(axis) if getattr(axis, f.name) != f.default}
+        by_name[name] = replace(by_name[name], **said)
+        now = by_name[name]
+        if now.at is not None and not now.mode and "locked" not in dict(now.operations).values():
             raise InputError(
                 f"at_{unit} is where a locked joint stands, and {name!r} may move; mode: locked would work",
                 file="options",
                 where=f"external.{axis.joint}.at_{unit}",
             )
-        # "rail" in the cell and "e1" beside it: what the later one says counts, the rest stays
-        said = {f.name: getattr(axis, f.name) for f in fields(axis) if getattr(axis, f.name) != f.default}
-        by_name[name] = replace(by_name[name], **said)
     return tuple(by_name[name] for name in names)
 
 
