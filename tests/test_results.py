@@ -105,3 +105,10 @@ def test_a_branch_may_be_picked_by_its_number() -> None:
     told = {**asked, **limits, "singularity_shoulder_mm": None, "collision": "self", "load": None}
     assert MapOptionsTold.model_validate({**told, "pick": 3}).plain()["pick"] == 3
     assert MapOptionsTold.model_validate({**told, "pick": "best"}).plain()["pick"] == "best"
+
+
+def test_a_whole_document_names_itself_by_its_verdict() -> None:
+    """A cell of a notebook that ends with ``plan.save(…)`` shows one line."""
+    shown = type("Shown", (Part,), {"__annotations__": {"version": str, "verdict": str}})
+    assert repr(shown(version="1", verdict="done")) == "<Shown: done>"
+    assert repr(ROW).startswith("BatchRow(")

@@ -69,6 +69,12 @@ class Part(BaseModel):
         """From anything with the fields as attributes."""
         return cls(**vars(found))
 
+    def __repr__(self) -> str:
+        """A whole document by its verdict: written out it fills many pages of a notebook."""
+        verdict = getattr(self, "verdict", None)
+        whole = isinstance(verdict, str) and "version" in type(self).model_fields
+        return f"<{type(self).__name__}: {verdict}>" if whole else super().__repr__()
+
     def plain(self) -> dict[str, Any]:
         """As the file has it, in JSON's own types and in the order of the fields; what was not given is left out."""
         return self.model_dump(mode="json", by_alias=True, exclude_unset=True)
