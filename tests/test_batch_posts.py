@@ -12,7 +12,7 @@ import pytest
 from batch_stub import CELL, folder_of, request_for
 from controllers import without_controller
 
-import machopt.batch.run
+from machopt.batch import run as batch_run
 from machopt.batch.find import find_jobs
 from machopt.batch.key import Keys, Ready, Refused
 from machopt.batch.request import Outcome, Request
@@ -146,7 +146,7 @@ def test_the_command_passes_posts_on(
     words = ["batch", str(jobs), "--cell", str(CELL), "-o", str(tmp_path / "out"), "--quiet"]
     scheduler = "tcp://127.0.0.1:8786"
     with monkeypatch.context() as patch:
-        patch.setattr(machopt.batch.run, "run_batch", noted)
+        patch.setattr(batch_run, "run_batch", noted)
         more = ["--program-tolerance-mm", "0.1", "--scheduler", scheduler]
         assert main([*words, "--post", "krl", "--post", "rapid", *more]) == 0
     assert asked[0].posts == ("krl", "rapid")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib import import_module
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import SimpleNamespace
@@ -197,7 +198,8 @@ def test_commands_hand_on_files_with_effects_and_say_that_they_run_them(
         asked.append(request)
         raise InputError("far enough")
 
-    monkeypatch.setattr(runs, noted)
+    module, _, name = runs.rpartition(".")
+    monkeypatch.setattr(import_module(module), name, noted)  # by path: functions of like names hide packages
     assert main([*words, "-o", "out", "--effects", "a.py", "--effects", "b.py"]) == 2
     assert asked[0].effects == (Path("a.py"), Path("b.py"))
     assert "--effects runs the code in a.py with your rights" in capsys.readouterr().err

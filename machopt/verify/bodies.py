@@ -132,7 +132,7 @@ def _by_external_joints(arm: Arm, bodies: list[Body], may: set[tuple[str, str]])
 
     What stands in the hall or rides on a positioner (a machine's link, the part, an obstacle) against base and link 1
     of the arm, and against each other; a machine's own links against the arm's others and the tool too. Two links of
-    one machine, or a positioner's link and what rides on it, are neighbours with a single joint between them.
+    one machine are neighbours with a single joint between them; a part on a turning table can meet its cheeks.
     """
     things = [b for b in bodies if b.link < 0]
     out = []
@@ -147,9 +147,6 @@ def _by_external_joints(arm: Arm, bodies: list[Body], may: set[tuple[str, str]])
             if len(links) == 2:
                 facing = any(_of_part(arm, x) and _of_base(arm, y) for x, y in (links, links[::-1]))
                 neighbours = between < 2 and not facing
-            elif len(links) == 1:
-                ridden = [m for x, m in zip((a, b), moved, strict=True) if x.kind != "link" and m]
-                neighbours = between < 2 and bool(ridden) and links[0].link < 0 and not _of_base(arm, links[0])
             else:
                 neighbours = False
             if between and not neighbours and (a.name, b.name) not in may:
