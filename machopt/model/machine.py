@@ -283,14 +283,6 @@ def _external(cell: Cell) -> tuple[list[str], list[str], Array, dict[str, tuple[
             file=cell.urdf,
             where="robot.external_joints",
         )
-    idle = [name for name in cell.external_joints if name not in (*from_part, *from_base)]
-    if idle:
-        raise InputError(
-            f"joint {idle[0]!r} moves neither the base nor the workpiece; those that do: "
-            f"{', '.join((*from_part, *from_base)) or 'none'}",
-            file=cell.urdf,
-            where="robot.external_joints",
-        )
     lines = {}
     for name in (*from_part, *from_base):
         if name not in cell.external_joints:
