@@ -226,6 +226,8 @@ def test_rail_and_positioner_stand_behind_the_arm_as_listed(folder: Path) -> Non
         folder, ("external_joints: [turn]", "external_joints: [turn, rail]"), ("base_link: base", "base_link: floor")
     )
     expect(refusal(folder), "'rail' stands between base_link 'floor' and the flange", "base_link would be 'base'")
+    change(folder, ("base_link: floor", "base_link: base"), ("  link: table\n", ""))
+    expect(refusal(folder), "joint 'turn' moves neither the flange nor the workpiece link")
 
 
 def test_numbers_that_look_like_metres_or_radians_are_warned_of(folder: Path) -> None:
