@@ -51,12 +51,14 @@ def test_what_is_concealed_is_named_and_nothing_else(folder: Path) -> None:
 
 
 @pytest.mark.proof
-def test_an_effect_outside_the_catalogue_is_noticed_and_not_misnamed(tmp_path: Path) -> None:
+def test_an_effect_outside_the_catalogue_is_noticed_and_nothing_is_claimed_to_explain_it(tmp_path: Path) -> None:
+    """What predicts unseen poses better is told, however little it closes: as a part, beside what is left."""
     assert generate.main(["--set", "dev", "--out", str(tmp_path), "--only", "outside/bearing_play.3"]) == 0
     (truth,) = tmp_path.glob("*.truth.json")
     _, _, problem = run.diagnose(tmp_path / truth.name.removesuffix(".truth.json"), [])
     (answer,) = score.read(tmp_path)
     assert not problem
-    assert answer.findings == []
     assert answer.said is not None
-    assert answer.said["verdict"] == "unexplained"
+    assert answer.said["verdict"] == ("partly_explained" if answer.findings else "unexplained")
+    final = answer.said["final"]
+    assert final["repeatable_rmse"] > 0.5 * answer.said["baseline"]["repeatable_rmse"]  # most of it is still there
