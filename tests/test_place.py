@@ -304,6 +304,20 @@ def test_what_cannot_be_compared_is_refused(
     assert sorted(p.name for p in tmp_path.iterdir()) == ["holes.csv"]
 
 
+@pytest.mark.slow
+def test_a_part_out_of_reach_as_it_stands_may_be_brought_into_it(tmp_path: Path) -> None:
+    """By a shift; where none does, the unit is asked about, and nothing is written."""
+    holes = HOLES.replace("\n-80,", "\n4920,").replace("\n80,", "\n5080,").replace(",20,0,0,1", ",60,0,0,1")
+    (tmp_path / "holes.csv").write_text(holes)
+    cell, asked = CELLS / "kr240_drilling", {"y_mm": (0, 0), "places": 2, "rotation_step_deg": 15.0}
+    with pytest.raises(machopt.InputError, match="inches that are mm"):
+        machopt.place(cell, tmp_path / "holes.csv", x_mm=(-100, 100), **asked)
+    found = machopt.place(cell, tmp_path / "holes.csv", x_mm=(-5000, -4900), **asked)
+    assert found.result.best[0].shift_mm[0] <= -4900
+    assert found.result.as_it_stands is not None
+    assert "out of reach" in found.result.as_it_stands.verdict
+
+
 def test_places_weigh_turns_as_shifts() -> None:
     found = steps(Search(x=(0, 0.3), y=(0, 0), turn=(0, 1.0), places=16))
     assert found.x == pytest.approx(0.1)

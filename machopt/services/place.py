@@ -54,9 +54,8 @@ class Sited:
 def place(request: Request, progress: Progress = lambda _: None) -> Outcome:
     """Look for the best place.
 
-    Writes ``place.json``, ``places.csv`` (every place that was looked at), ``report.html`` and a folder ``best-1`` …
-    for each of the best, with the moved cell and a whole output of ``optimize`` for each toolpath. Until it is done,
-    what was found stands in ``OUT.progress.jsonl``: the same command goes on with it.
+    Writes ``place.json``, ``places.csv``, ``report.html`` and ``best-1`` …: the moved cell and a whole output of
+    ``optimize`` for each toolpath. Until then ``OUT.progress.jsonl`` has what was found: the same command goes on.
 
     Raises:
         InputError: bad cell, toolpath, options, ranges or output folder.
@@ -95,13 +94,14 @@ def sited(
     refuse(cell)
     options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
     refuse_options(options)
-    for file, reading, toolpath in zip(request.toolpaths, request.readings, toolpaths, strict=True):
-        refuse_wrong_unit(cell, toolpath, file, stated="unit" in reading)
     site = Site.of(cell, toolpaths, options, request.search)
     notes = Journal(journal, key_of(cell, toolpaths, options, request.search))
-    if notes.known:
-        progress(f"going on with {notes.known} places that are known")
-    return Sited(request, site, find(site, request.search, notes, progress))
+    progress(f"going on with {notes.known} places that are known" if notes.known else "places")
+    siting = find(site, request.search, notes, progress)
+    if not siting.best:  # a part out of reach as it stands is what placement may help; one out of reach anywhere is not
+        for file, reading, toolpath in zip(request.toolpaths, request.readings, toolpaths, strict=True):
+            refuse_wrong_unit(cell, toolpath, file, stated="unit" in reading)
+    return Sited(request, site, siting)
 
 
 def write(found: Sited, folder: Path, progress: Progress = lambda _: None) -> PlaceResult:
