@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import tomllib
@@ -113,3 +114,13 @@ def test_nothing_lies_about() -> None:
     assert not found
     packed = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["hatch"]["build"]
     assert packed["targets"]["wheel"]["packages"] == ["machopt"]  # so the wheel holds what the package's folder holds
+
+
+def test_the_float_array_has_one_name() -> None:
+    """``machopt.arrays`` names it; a second alias in a file is a second thing to know."""
+    again = [
+        str(path.relative_to(PACKAGE))
+        for path in PACKAGE.rglob("*.py")
+        if path.name != "arrays.py" and re.search(r"^\w+ = NDArray\[np\.float64\]$", path.read_text(), re.MULTILINE)
+    ]
+    assert again == []

@@ -16,6 +16,7 @@ from test_diagnose_absolute import readings as at_rest
 from test_diagnose_motion import arm, excited, recorded
 from test_effects import TOY, toy
 
+from machopt.arrays import Array
 from machopt.cli import main
 from machopt.diagnose import absolute_catalogue, engine, held, motion
 from machopt.diagnose.problem import Problem
@@ -23,7 +24,7 @@ from machopt.diagnose.result import Finding
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Term
 from machopt.effects import registry
-from machopt.effects.protocol import Array, Drive
+from machopt.effects.protocol import Drive
 from machopt.formats.cell import load_cell
 from machopt.formats.recording import write_recording
 from machopt.formats.stiffness import load_stiffness

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from machopt.arrays import Array
 from machopt.diagnose import at_joint, deflection, engine
 from machopt.diagnose.problem import Catalogue, Family, Problem, Unknown
 from machopt.diagnose.readings import Readings
@@ -22,7 +23,6 @@ from machopt.effects.protocol import (
     COMPLIANCE,
     JOINTS,
     MEMORIES,
-    Array,
     Beside,
     Drive,
     Effect,

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from test_effects import load_test
 
+from machopt.arrays import Array
 from machopt.diagnose import at_body, deflection, engine
 from machopt.diagnose.problem import Catalogue, Family, Problem, Unknown
 from machopt.domain.stiffness import Stiffness, Term
 from machopt.effects import bodies, own, registry
 from machopt.effects.definite import nearest_definite
-from machopt.effects.protocol import COMPLIANCE, Array, Body, BodyLaw, Effect, Parameter, Quantity
+from machopt.effects.protocol import COMPLIANCE, Body, BodyLaw, Effect, Parameter, Quantity
 from machopt.effects.words import named
 from machopt.formats.cell import load_cell
 from machopt.formats.stiffness import load_stiffness, write_stiffness

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from test_diagnose_motion import arm, excited, recorded
 
+from machopt.arrays import Array
 from machopt.diagnose import motion
 from machopt.effects import friction, registry
-from machopt.effects.protocol import Array, FrictionLaw, Pace, Parameter, Quantity, Rubbing
+from machopt.effects.protocol import FrictionLaw, Pace, Parameter, Quantity, Rubbing
 from machopt.model.rigid import load_dynamics
 
 LAWS = [pytest.param(law, id=law.name) for e in registry.of_friction() for law in e.rubs]

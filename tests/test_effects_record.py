@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from test_effects import load_test
 
+from machopt.arrays import Array
 from machopt.diagnose import at_sensor, deflection
 from machopt.diagnose.problem import RecordCorrection
 from machopt.effects import registry
-from machopt.effects.protocol import Array, Effect, Parameter, Quantity, Recorded, RecordLaw, Shape
+from machopt.effects.protocol import Effect, Parameter, Quantity, Recorded, RecordLaw, Shape
 
 LAWS = [pytest.param(e, law, id=f"{e.name} {law.name}") for e in registry.of_records() for law in e.recorded]
 

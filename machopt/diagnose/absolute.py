@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from machopt.arrays import Array
 from machopt.diagnose import held, loads
 from machopt.diagnose.absolute_catalogue import LEVER, catalogue
 from machopt.diagnose.problem import Catalogue, Family, Problem, Unknown
@@ -32,7 +33,6 @@ from machopt.model.gravity import gravity_torque
 from machopt.model.robot import ArmState, Masses, Robot
 from machopt.se3 import quaternion_matrix, rotation_from_vector, rotation_vector, skew
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 SAME_LOAD = 0.08  # of the largest load: readings of a pose so near are of the same load
 SETTLED = 4  # fixed-point steps to the loaded equilibrium; each is a thousand times nearer than the one before

@@ -10,15 +10,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.diagnose import at_body, at_joint, laws_environment, laws_kinematic
 from machopt.diagnose.problem import Catalogue, Hypothesis, Problem, Untestable
 from machopt.diagnose.readings import Readings
 from machopt.effects import by_angle, registry
 from machopt.effects.protocol import timed
 
-Array = NDArray[np.float64]
 LEVER = 0.5  # m: an error of rotation counts as the shift it makes this far away, while nothing is known of the noise
 ABSORBED = 1e-3  # of a column's length that the base leaves: less is nothing but rounding of the geometry
 DISTINCT = 0.3  # of what the base leaves of a law: less beside a zero offset of the joint, and it is one

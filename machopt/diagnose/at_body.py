@@ -13,6 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.diagnose.problem import Hypothesis, Quantity, Shape
 from machopt.diagnose.readings import Readings
 from machopt.domain.stiffness import Term
@@ -21,7 +22,6 @@ from machopt.effects.protocol import BodyLaw, Effect
 from machopt.model.terms import term_of
 from machopt.model.terms.body import BodySpring, Place, placed, spring
 
-Array = NDArray[np.float64]
 NOTE = "out of what the joints' torques explain"
 LAST = "link:6"  # one body with the tool, where it is sought
 WEIGHT = ", w weight and load"

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.diagnose.history import history
 from machopt.diagnose.problem import Curve, Hypothesis, Quantity, Shape
 from machopt.diagnose.readings import Readings
@@ -18,7 +18,6 @@ from machopt.domain.stiffness import Term
 from machopt.effects import files, registry
 from machopt.effects.protocol import ARCMIN, MEMORIES, Drive, Effect, Law, Scale, joints_of, timed
 
-Array = NDArray[np.float64]
 LEAST_SOFT = 1e-9  # rad/(N·m), that sizes in percent are of
 ENDS = (0.02, 0.98)  # quantiles that a joint's range of angles lies between
 LARGE = 0.98  # quantile of the torques that counts as the largest

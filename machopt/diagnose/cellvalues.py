@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.result import Diagnosis
-
-Array = NDArray[np.float64]
 
 
 def far_off(d: Diagnosis, prior: Array | None) -> list[str]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.problem import RecordCorrection
 from machopt.diagnose.result import Estimate, Finding
@@ -16,7 +16,6 @@ from machopt.identify.rivals import bounded_absolute
 from machopt.model.robot import Robot
 from machopt.se3 import skew
 
-Array = NDArray[np.float64]
 TURNED = np.radians(30.0)  # spread of the tool's attitude at which one lever in base axes is no longer a tool's
 STEPS = 40  # of reweighting
 WORD = "the record, read as stated"

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.diagnose import at_body, at_joint, at_sensor, laws_compensator, loads
 from machopt.diagnose.history import History
 from machopt.diagnose.problem import Catalogue, Family, Hypothesis, Problem, Unknown, Untestable
@@ -26,7 +27,6 @@ from machopt.identify.experiment import Experiment
 from machopt.identify.robust import start
 from machopt.model.robot import Masses, Robot
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 SAME_LOAD = 0.08  # of the largest load of a pose: readings so near are of the same load
 GEOMETRIC = "K_C"

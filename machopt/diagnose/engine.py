@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.diagnose import aside, calibrated, heldout, instruments, limits, mismatch, noise, words
 from machopt.diagnose.findings import estimates, rivals
 from machopt.diagnose.grams import Model, Tried, base_model, sandwich, tried
@@ -28,7 +29,6 @@ from machopt.diagnose.screen import score
 from machopt.diagnose.select import Chosen, select, with_chosen
 from machopt.diagnose.whitening import Whitening, whitening
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 ROUNDS = 3
 CLIPS = 4

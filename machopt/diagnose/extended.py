@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from machopt.diagnose.problem import RecordCorrection
 from machopt.diagnose.result import Coefficient, Diagnosis
@@ -20,7 +19,6 @@ from machopt.model.robot import load_robot
 from machopt.model.terms.against import Against
 from machopt.model.terms.compiled import compile_terms
 
-Array = NDArray[np.float64]
 JOINTS = 6
 JOINT = "joint:"
 CERTAIN_JOINT = 0.5  # standard error per compliance from which on a joint keeps the cell's value

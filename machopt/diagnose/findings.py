@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit
 
+from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.grams import Model, Tried, sandwich
 from machopt.diagnose.problem import Shape
@@ -17,7 +17,6 @@ from machopt.diagnose.select import Chosen, with_chosen
 from machopt.effects import registry
 from machopt.effects.protocol import FORM
 
-Array = NDArray[np.float64]
 SHOWN = 10
 
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.diagnose.problem import Hypothesis, Problem, Shape
 from machopt.diagnose.whitening import Whitening
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 RIDGE = 1e-9  # of each column's own square: keeps directions that no reading shows from exploding
 ABSORBED = 1e-4  # of a column's square left beside the base; less cannot be told from the base

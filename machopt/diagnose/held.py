@@ -10,8 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.diagnose import at_body, at_joint
-from machopt.diagnose.problem import Array, Problem
+from machopt.diagnose.problem import Problem
 from machopt.diagnose.readings import Readings
 from machopt.diagnose.result import Diagnosis
 from machopt.domain.stiffness import Term

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtr
 
+from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.grams import Model, ridged_inverse
 from machopt.diagnose.noise import Noise
 from machopt.diagnose.problem import Problem
 from machopt.diagnose.result import rms
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.effects.protocol import MEMORIES, Drive
 
 if TYPE_CHECKING:
     from machopt.diagnose.readings import Readings
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 

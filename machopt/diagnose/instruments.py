@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.diagnose import calibrated, heldout
 from machopt.diagnose.noise import Noise
 from machopt.diagnose.problem import Problem
 from machopt.diagnose.result import Verdict, rms
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 LESS = {"consistent": "unexplained", "explained": "partly_explained"}
 

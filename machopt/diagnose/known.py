@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from machopt.arrays import Array
 from machopt.diagnose import calibrated, heldout
 from machopt.diagnose.grams import base_model
 from machopt.diagnose.heldout import Fitted
@@ -18,8 +18,6 @@ from machopt.domain.stiffness import Term
 
 if TYPE_CHECKING:
     from machopt.diagnose.engine import State
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

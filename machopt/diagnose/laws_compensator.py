@@ -8,16 +8,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.diagnose.problem import Hypothesis, Quantity, Shape
 from machopt.diagnose.readings import Readings
 from machopt.domain.stiffness import Term
 from machopt.effects import files
 from machopt.effects.compensator import EFFECT, LINKAGE
 from machopt.identify.noise import joint_sensitivity
-
-Array = NDArray[np.float64]
 
 
 def apparent(r: Readings) -> list[Hypothesis]:

@@ -6,15 +6,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.diagnose.problem import Curve, Hypothesis, Quantity, RecordCorrection, Shape
 from machopt.diagnose.readings import Readings
 from machopt.effects.compensator import EFFECT, HARMONIC, LINKAGE
 from machopt.effects.protocol import Beside
 from machopt.se3 import skew
 
-Array = NDArray[np.float64]
 Columns = Callable[[Shape], Array]
 Drive = Callable[[Array, Shape], Array]
 WARM = (600.0, 1800.0, 3600.0, 7200.0, 14400.0)  # s, time constants of arms: gear boxes in minutes, castings in hours

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.diagnose.at_joint import pair
 from machopt.diagnose.problem import Curve, Hypothesis, Shape
 from machopt.diagnose.readings import Readings
@@ -18,7 +18,6 @@ from machopt.effects.corrections import entry
 from machopt.effects.protocol import DEGREE, Effect, joints_of
 from machopt.effects.waves import ARCSEC
 
-Array = NDArray[np.float64]
 LOW_ORDERS = 12  # per turn of the joint: what turns with the output (rings, pins, bearings) comes round a few times
 HIGH_ORDER = 200.0  # per turn: about the largest ratio of a robot's reducer, what turns with the motor
 LOSS = 0.7  # rad, half the phase that neighbouring orders may part by at the ends of the range: 8 % of amplitude

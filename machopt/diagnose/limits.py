@@ -9,14 +9,13 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.grams import ABSORBED, NOTHING, Model, Tried, ridged_inverse
 from machopt.diagnose.result import Limit, Name
 from machopt.diagnose.screen import bounded
 
-Array = NDArray[np.float64]
 DIRECTIONS = 8
 MOST_SHAPES = 6
 

@@ -13,13 +13,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.noise import Noise
 from machopt.diagnose.problem import Problem
 from machopt.diagnose.result import Share
 from machopt.diagnose.screen import Scored
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 FLIPS = 999
 BINS = 3

@@ -11,10 +11,11 @@ from typing import Literal
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.diagnose import motion_checks, motion_link, motion_tip, motion_torque
 from machopt.diagnose.motion_frame import Scene, one_joint
 from machopt.diagnose.motion_signals import Motion, signals
-from machopt.diagnose.problem import Array, Catalogue, Problem, Untestable
+from machopt.diagnose.problem import Catalogue, Problem, Untestable
 from machopt.diagnose.result import Finding
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording

@@ -12,10 +12,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import binom
 
+from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.motion_friction import rest_of
 from machopt.diagnose.motion_signals import Motion
-from machopt.diagnose.problem import Array, RecordCorrection
+from machopt.diagnose.problem import RecordCorrection
 from machopt.diagnose.result import Estimate, Finding
 from machopt.domain.recording import Recording
 from machopt.errors import InputError

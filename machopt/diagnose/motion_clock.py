@@ -10,8 +10,9 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.diagnose.motion_frame import Scene
-from machopt.diagnose.problem import Array, Hypothesis, Quantity, RecordCorrection, Shape
+from machopt.diagnose.problem import Hypothesis, Quantity, RecordCorrection, Shape
 
 LONGEST, GRID = 0.06, 31  # s, and how many delays are tried within ± that
 REFINE = 10  # thirds taken from a valley: below a tenth of a millisecond

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.diagnose.motion_signals import Motion
-from machopt.diagnose.problem import Array, Curve, Hypothesis, Ints, Quantities, Shape, Untestable
+from machopt.diagnose.problem import Curve, Hypothesis, Ints, Quantities, Shape, Untestable
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Term

@@ -11,8 +11,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.diagnose.motion_frame import Scene, curve, joint_law
-from machopt.diagnose.problem import Array, Curve, Hypothesis, Quantity, Shape
+from machopt.diagnose.problem import Curve, Hypothesis, Quantity, Shape
 from machopt.effects import registry
 from machopt.effects.friction import presliding
 from machopt.effects.protocol import Effect, FrictionLaw, Pace, Rubbing

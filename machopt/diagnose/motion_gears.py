@@ -11,10 +11,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
+from machopt.arrays import Array
 from machopt.diagnose.motion_frame import ARCMIN, Fit, Scene, curve, joint_law, one_joint
 from machopt.diagnose.motion_memory import mass_on_spring
 from machopt.diagnose.motion_torque import gear_load
-from machopt.diagnose.problem import Array, Curve, Hypothesis, Quantity, Shape
+from machopt.diagnose.problem import Curve, Hypothesis, Quantity, Shape
 from machopt.domain.stiffness import Term
 from machopt.effects import files, registry
 from machopt.effects.protocol import MEMORIES, Drive, Effect, Law, Scale, timed

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.diagnose.motion_clock import skew, valley
 from machopt.diagnose.motion_frame import ARCSEC, Fit, Scene
 from machopt.diagnose.motion_gears import drive, gear_laws, known
 from machopt.diagnose.motion_loads import ripple
 from machopt.diagnose.motion_torque import motion_axes
-from machopt.diagnose.problem import Array, Catalogue, Family, Hypothesis, Problem, Unknown, Untestable
+from machopt.diagnose.problem import Catalogue, Family, Hypothesis, Problem, Unknown, Untestable
 from machopt.domain.parameters import joint_spring
 from machopt.effects import registry
 from machopt.effects.protocol import Scale

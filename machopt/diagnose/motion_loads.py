@@ -6,8 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.diagnose.motion_frame import Scene, curve, joint_law
-from machopt.diagnose.problem import Array, Correction, Curve, Hypothesis, Quantity, RecordCorrection, Shape
+from machopt.diagnose.problem import Correction, Curve, Hypothesis, Quantity, RecordCorrection, Shape
 from machopt.effects import files
 from machopt.effects.compensator import EFFECT, HARMONIC, LINKAGE
 from machopt.effects.corrections import entry

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.compiled import compiled
-from machopt.diagnose.problem import Array, Ints
+from machopt.diagnose.problem import Ints
 
 
 @compiled

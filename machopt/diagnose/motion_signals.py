@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt, welch
 
-from machopt.diagnose.problem import Array, Ints
+from machopt.arrays import Array
+from machopt.diagnose.problem import Ints
 from machopt.domain.recording import Recording
 from machopt.errors import InputError
 

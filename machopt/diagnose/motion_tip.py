@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.diagnose.motion_checks import sign_test
 from machopt.diagnose.motion_clock import skew, valley
 from machopt.diagnose.motion_frame import ARCSEC, Fit, Scene
@@ -19,7 +20,6 @@ from machopt.diagnose.motion_gears import drive, gear_laws, known
 from machopt.diagnose.motion_loads import ripple
 from machopt.diagnose.motion_torque import heldout, motion_axes
 from machopt.diagnose.problem import (
-    Array,
     Catalogue,
     Family,
     Hypothesis,

@@ -13,11 +13,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.diagnose.motion_clock import skew, valley
 from machopt.diagnose.motion_frame import Scene, one_joint
 from machopt.diagnose.motion_friction import Turn, breakaway, direction, friction, rest_of, turned
 from machopt.diagnose.motion_loads import compensator, payload, ripple, springy
-from machopt.diagnose.problem import Array, Catalogue, Family, Hypothesis, Ints, Problem, Unknown, Untestable
+from machopt.diagnose.problem import Catalogue, Family, Hypothesis, Ints, Problem, Unknown, Untestable
 from machopt.errors import InputError
 
 # late friction and a long breakaway path look alike at one joint

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.problem import Family, Problem
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 LEAST_SIGMA = 1e-9  # m, rad or N·m: exact readings, made up or rounded to nothing, must not divide by zero
 

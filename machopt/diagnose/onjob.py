@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
@@ -26,7 +27,6 @@ from machopt.plan.explain import explain_points, gamma
 from machopt.plan.pipeline import Plan, plan
 from machopt.se3 import wrap
 
-Array = NDArray[np.float64]
 CHANGED = np.radians(1.0)  # a rotation that differs by less is the same choice
 WORTH = 0.01  # share of the deflection; to turn the tool for less is of no use
 TEST_FORCE = 1000.0  # N along the tool axis, where the cell's plan states no process force

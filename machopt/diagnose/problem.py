@@ -13,13 +13,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.kinematics import KinematicCorrection
 from machopt.domain.parameters import JOINT_SPRING, ParameterKey
 from machopt.domain.stiffness import Term
 from machopt.effects.protocol import Quantity as Quantity  # noqa: PLC0414 - laws of users take it from here
 from machopt.effects.protocol import Shape as Shape  # noqa: PLC0414 - with it
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 Channel = Literal["deflection", "position", "torque"]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from machopt.diagnose import calibrated, heldout
 from machopt.diagnose.grams import Tried, base_model, tried
@@ -16,7 +15,6 @@ from machopt.diagnose.whitening import whitening
 if TYPE_CHECKING:
     from machopt.diagnose.engine import State
 
-Array = NDArray[np.float64]
 FLIPS = 4096
 
 

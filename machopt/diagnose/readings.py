@@ -12,13 +12,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.diagnose.history import History
 from machopt.domain.recording import Recording
 from machopt.model.gravity import gravity_torque
 from machopt.model.robot import ArmState, Masses, Robot
 from machopt.model.terms import LinearTerm
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 

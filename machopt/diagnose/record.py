@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtrc, ndtr
 
+from machopt.arrays import Array
 from machopt.diagnose import calibrated, loads, sessions, throughout
 from machopt.diagnose.aside import comes_back
 from machopt.diagnose.contradiction import contradictions
@@ -29,7 +30,6 @@ from machopt.identify.units import reach_of
 from machopt.model.gravity import gravity_torque
 from machopt.model.robot import Masses, Robot
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 MOST_REPAIRS = 3
 SLIP = (10.0, 100.0, 1000.0)

@@ -8,7 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from machopt.diagnose.problem import Array, Channel, Correction, Curve, Flags, Ints, Unknown, Untestable
+from machopt.arrays import Array
+from machopt.diagnose.problem import Channel, Correction, Curve, Flags, Ints, Unknown, Untestable
 
 Verdict = Literal["consistent", "explained", "partly_explained", "unexplained"]
 Name = tuple[str, str]  # effect, location

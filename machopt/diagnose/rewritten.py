@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.recording import Recording
 from machopt.identify.rivals import FORCE_UNITS
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 LENGTHS = {"inches": 25.4, "centimetres": 10.0, "metres": 1e3, "micrometres": 1e-3}  # millimetres in one
 HEADS = {"displacement": "dx_mm", "position": "x_mm"}

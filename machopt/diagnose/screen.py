@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.diagnose.grams import ABSORBED, NOTHING, Model, Tried, cross, ridged_inverse
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 FLIPS = 499
 

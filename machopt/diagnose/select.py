@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.grams import Model, Tried
 from machopt.diagnose.problem import Hypothesis
@@ -20,7 +20,6 @@ from machopt.diagnose.screen import Scored, by_chance, score
 from machopt.diagnose.unproven import possible, unproven
 from machopt.effects import registry
 
-Array = NDArray[np.float64]
 PAIRS_AMONG = 6
 
 

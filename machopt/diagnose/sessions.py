@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtrc
 
+from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.problem import RecordCorrection
 from machopt.diagnose.result import Estimate, Finding
@@ -26,7 +27,6 @@ from machopt.identify.robust import start
 from machopt.model.robot import Robot
 from machopt.se3 import skew
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 MOST_REPAIRS = 4  # parts of one record

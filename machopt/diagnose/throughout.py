@@ -10,8 +10,8 @@ from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.problem import RecordCorrection
 from machopt.diagnose.result import Finding
@@ -20,7 +20,6 @@ from machopt.diagnose.sessions import WORD, Equations, chance, equations, typica
 from machopt.domain.recording import Recording
 from machopt.model.robot import Robot
 
-Array = NDArray[np.float64]
 ALIGNMENTS = 12  # steps to the frame of least absolute deviations
 
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from machopt.arrays import Array
 from machopt.diagnose.grams import Model, Tried, sandwich
-
-Array = NDArray[np.float64]
 
 
 def unproven(model: Model, laws: Sequence[tuple[Tried, int]]) -> list[int]:

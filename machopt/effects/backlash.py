@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.effects.protocol import (
     ARCMIN,
     JOINTS,
-    Array,
     Drive,
     Effect,
     Law,

@@ -10,11 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.se3 import skew
-
-Array = NDArray[np.float64]
 
 
 def cantilever_bending(length: float) -> Array:

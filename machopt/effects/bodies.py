@@ -14,11 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.effects import files
 from machopt.effects.beam import bent_about, cantilever_axial, cantilever_bending, cantilever_torsion
 from machopt.effects.definite import nearest_definite
 from machopt.effects.files import Parameters
-from machopt.effects.protocol import Array, Body, BodyLaw, Parameter, Quantity, Shape
+from machopt.effects.protocol import Body, BodyLaw, Parameter, Quantity, Shape
 from machopt.se3 import normalise
 
 SECTIONS = 4  # Gauss points: exact up to x⁷, and a uniform beam under its own weight has x⁴

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.effects.protocol import (
     COMPLIANCE,
     DEGREE,
     JOINTS,
-    Array,
     Drive,
     Effect,
     Law,

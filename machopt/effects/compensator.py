@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machopt.effects.protocol import DEGREE, Array, Effect, Parameter, Shape
+from machopt.arrays import Array
+from machopt.effects.protocol import DEGREE, Effect, Parameter, Shape
 from machopt.effects.waves import waves
 
 RATIOS = (0.15, 0.35, 0.7)  # a/L that are tried

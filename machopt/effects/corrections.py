@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from machopt.arrays import Array
 from machopt.domain.kinematics import KinematicCorrection, Kinematics
 from machopt.effects import files, registry
-from machopt.effects.protocol import Array, Effect
+from machopt.effects.protocol import Effect
 
 
 def entry(effect: Effect, location: str, values: Array, shape: Array) -> KinematicCorrection:

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machopt.effects.protocol import COMPLIANCE, Array, Drive, Effect, Law, Parameter, Quantity, Scale, Settled, Shape
+from machopt.arrays import Array
+from machopt.effects.protocol import COMPLIANCE, Drive, Effect, Law, Parameter, Quantity, Scale, Settled, Shape
 
 WORD = "joint_coupling"
 PLACES = tuple(f"joint:{i}-{j}" for i in range(1, 7) for j in range(i + 1, 7))

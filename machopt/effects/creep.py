@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.compiled import compiled
 from machopt.effects.protocol import (
     ARCMIN,
     COMPLIANCE,
     JOINTS,
-    Array,
     Drive,
     Effect,
     Ints,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import nnls
 
-from machopt.effects.protocol import Array
+from machopt.arrays import Array
 
 ROUNDS, MOST = 60, 2000
 TIGHT = 1e-9  # relative

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.effects.protocol import MEMORIES, Array, Body, BodyLaw, Effect, Law, Parameter, Stated
+from machopt.arrays import Array
+from machopt.effects.protocol import MEMORIES, Body, BodyLaw, Effect, Law, Parameter, Stated
 from machopt.errors import InputError
 
 

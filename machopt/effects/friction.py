@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.compiled import compiled
-from machopt.effects.protocol import JOINTS, Array, Effect, Ints, Pace, Parameter, Quantity, Rubbing, Shape
+from machopt.effects.protocol import JOINTS, Effect, Ints, Pace, Parameter, Quantity, Rubbing, Shape
 
 PARTS = 4  # of a sampling interval
 SHARP = 1e-9  # rad

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.effects.protocol import (
     ARCMIN,
     COMPLIANCE,
     JOINTS,
-    Array,
     Drive,
     Effect,
     Law,

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machopt.effects.protocol import DEGREE, JOINTS, Array, Effect, Parameter, Quantity
+from machopt.arrays import Array
+from machopt.effects.protocol import DEGREE, JOINTS, Effect, Parameter, Quantity
 from machopt.effects.waves import ARCSEC, waves
 
 

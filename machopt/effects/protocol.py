@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
+
 if TYPE_CHECKING:
     from machopt.effects.files import Parameters
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Shape = tuple[float, ...]
 

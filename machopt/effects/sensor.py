@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machopt.effects.protocol import DEGREE, Array, Effect, Parameter, Quantity, Recorded, Shape
+from machopt.arrays import Array
+from machopt.effects.protocol import DEGREE, Effect, Parameter, Quantity, Recorded, Shape
 
 FORCE = "sensor:force"
 XYZ = "xyz"

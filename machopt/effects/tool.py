@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.effects.beam import Cylinder, stepped
 from machopt.effects.bodies import (
     DIAGONAL,
@@ -24,7 +25,7 @@ from machopt.effects.bodies import (
 )
 from machopt.effects.definite import nearest_definite
 from machopt.effects.files import Parameters
-from machopt.effects.protocol import Array, Body, BodyLaw, Effect, Parameter, Quantity, Shape
+from machopt.effects.protocol import Body, BodyLaw, Effect, Parameter, Quantity, Shape
 from machopt.se3 import normalise, skew
 
 ALONG = 0.999  # cosine between tool axis and line from the flange, from which on they are one

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from machopt.effects.protocol import Array
+from machopt.arrays import Array
 
 ARCSEC = np.pi / 648000.0  # rad
 

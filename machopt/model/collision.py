@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.model.bodies import (
     TOUCH,
@@ -48,7 +49,6 @@ from machopt.model.touching import nearer, outline_of
 from machopt.model.triangles import distance
 from machopt.se3 import inverse
 
-Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 SAMPLES = 400  # random poses that decide which link pairs are worth checking

@@ -8,12 +8,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.compiled import compiled
 from machopt.domain.reason import Reason
 from machopt.model.ik_spherical import Branches, SphericalWristSolver
 from machopt.model.robot import Robot
 
-Array = NDArray[np.float64]
 OK, LIMIT, UNREACHABLE = int(Reason.OK), int(Reason.LIMIT), int(Reason.UNREACHABLE)
 SHOULDER, ELBOW, WRIST = int(Reason.SINGULAR_SHOULDER), int(Reason.SINGULAR_ELBOW), int(Reason.SINGULAR_WRIST)
 

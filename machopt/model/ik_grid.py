@@ -12,11 +12,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.compiled import compiled
 from machopt.model.ik_newton import track
 from machopt.model.robot import Robot
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 POINT_STRIDE = 8  # grid points between solved rows: some millimetres of path
 ROTATION_STRIDE = 4  # rotations between solved columns: 20° at the usual 5° step

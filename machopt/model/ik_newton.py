@@ -12,9 +12,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.compiled import compiled
-
-Array = NDArray[np.float64]
 
 CONVERGED = 1e-12  # m and rad: three digits under what solve promises, three above rounding at arm's length
 ACCEPTED = 1e-10  # m and rad: beside a singularity rounding keeps the iteration from CONVERGED

@@ -19,15 +19,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.compiled import compiled
 from machopt.model.geometry import common_point
 from machopt.model.robot import Robot
 from machopt.model.vectors import Vector, angle_about, cross, dot, plus, turned
 from machopt.se3 import inverse
 
-Array = NDArray[np.float64]
 BRANCHES = 8
 ROUNDING = 1e-10  # how far a cosine may exceed 1 and still count as 1: rounding at a fully stretched arm
 ALIGNED = 1e-9  # sine of the angle between axes 2 and 6 below which q₆ is free

@@ -12,13 +12,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.compiled import compiled
 from machopt.model.robot import Robot
 from machopt.model.vectors import Vector, angle_about, cross, dot, plus, turned
 
-Array = NDArray[np.float64]
 Vectors = tuple[Vector, ...]
 Numbers = tuple[float, ...]
 PARALLEL = 1e-6  # rad; two axes of a URDF with printed decimals count as parallel below this

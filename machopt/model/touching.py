@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.compiled import compiled
 from machopt.model.bodies import Body
 from machopt.model.boxes import Mesh, mesh_of
 from machopt.model.threads import side_by_side
 from machopt.model.triangles import DEPTH, triangles
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 BLOCK = 512  # placements of one task, whatever the number of cores

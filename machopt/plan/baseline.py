@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.compiled import compiled
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
@@ -21,7 +22,6 @@ from machopt.plan.realise import Assignment
 from machopt.plan.score import Directions, configuration_cost
 from machopt.se3 import inverse, wrap
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 STEP = np.radians(10.0)  # Δθ of eq. 26
 LEAST_TILT = np.radians(30.0)  # a tool axis nearer to base z leaves the roll about it without a meaning

@@ -22,11 +22,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.compiled import compiled
 from machopt.plan.taylor import curve_derivatives, frame_derivatives
 from machopt.se3 import normalise, tool_rotation
 
-Array = NDArray[np.float64]
 ARM = 0.1  # m per rad: what a rotation counts as path length
 MERGE = 2e-6  # m of path: points nearer than this to the last kept one are passed, not steered to
 SAME = 1e-9  # m of path: points nearer than this are one point

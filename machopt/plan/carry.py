@@ -4,11 +4,10 @@ the one before)."""
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.compiled import compiled
 
-Array = NDArray[np.float64]
 OPPOSITE = -0.999  # cosine between neighbouring axes that no least rotation connects
 
 

@@ -16,11 +16,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.compiled import compiled
 
-Array = NDArray[np.float64]
 FEED = 0.999  # of the programmed feed is aimed at
 HOLD = 0.99  # of the speed cap: from here on the speed is kept, not hunted
 ACCELERATION_SHARE = 0.9  # of the limit that path curvature alone may use

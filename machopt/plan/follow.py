@@ -10,8 +10,8 @@ With the spatial Jacobian J_s = [S_1 … S_6] (screws in base_link) and V the tw
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.compiled import compiled
 from machopt.model.ik_newton import _error, _forward, _solve6
 from machopt.model.machine import product_jets
@@ -20,7 +20,6 @@ from machopt.plan.blend import Curve
 from machopt.plan.taylor import twist_derivatives
 from machopt.se3 import transform
 
-Array = NDArray[np.float64]
 CONVERGED = 1e-11  # m, rad
 STRAY = 0.3  # rad: a node farther than this from the joints given at the points is on another branch
 

@@ -22,12 +22,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.compiled import compiled
 from machopt.domain.options import PlanOptions, Weights
 from machopt.plan.path import Path
 from machopt.se3 import wrap
 
-Array = NDArray[np.float64]
 AXIS_SPEED = 0.8  # share of the velocity limits; accelerations need the rest
 NEAR = 0.5  # m: rapid moves shorter than this should not turn the arm over
 

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.compiled import compiled
 from machopt.plan.objective import edge_price_compiled, late_compiled
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 JUMP = np.radians(80.0)  # largest joint step between neighbouring stations that still counts as continuous
 GUESSED = np.radians(40.0)  # the same where branches are told apart by it alone

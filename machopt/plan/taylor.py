@@ -8,11 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.compiled import compiled
 
-Array = NDArray[np.float64]
 FACTORIAL = np.array([1.0, 1.0, 2.0, 6.0])
 STENCIL = 2e-4  # m, spacing of the samples that a callable rotation is differentiated from
 

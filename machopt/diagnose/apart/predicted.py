@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.design.loadcases import LoadCases
 from machopt.design.measurement import HOLD, ReadingNoise
 from machopt.diagnose import absolute, deflection, userterms
@@ -26,7 +27,6 @@ from machopt.model.gravity import gravity_torque
 from machopt.model.robot import Masses, Robot
 from machopt.se3 import quaternion
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 UP_AND_DOWN = (0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.25, 0.0)

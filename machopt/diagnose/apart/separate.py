@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from machopt.arrays import Array
 from machopt.design.accuracy import accuracy
 from machopt.design.candidates import PosePool
 from machopt.design.loadcases import LoadCases
@@ -39,7 +40,6 @@ from machopt.effects.words import spoken
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import Masses, Robot
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 ROWS = 60_000  # numbers × cases looked at: more take minutes and change nothing
