@@ -329,8 +329,8 @@ def _certificate_lines(result: OptimizeResult) -> list[str]:
     total, beyond = _nan(result.objective.chosen.total), search.beyond_grid_percent
     return [
         f"  objective {total:.4f}; no sequence on the {step:g}° grid is below {search.lower_bound:.4f} (found "
-        f"{search.sequence:.4f}, gap {search.gap_percent:.2f} %), off the grid {abs(beyond):.2f} % "
-        f"{'less' if beyond >= 0 else 'more'}"
+        f"{search.sequence:.4f}, gap {search.gap_percent:.2f} %), the smooth curve off the "
+        f"grid {abs(beyond):.2f} % {'below' if beyond >= 0 else 'above'} that sequence"
     ]
 
 

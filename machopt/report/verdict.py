@@ -104,8 +104,10 @@ def cards(data: ReportData) -> list[Card]:
         out.append(Card("compensated by up to", FINE_LENGTH.text(s.shift.worst), "mm", left))
     if s.certificate is not None:
         c = s.certificate
+        side = "below" if c.beyond >= 0.0 else "above"
         more = (
-            f"no sequence on the grid below {c.bound:.4f}: gap {100 * c.gap:.2f} %; off the grid {percent(-c.beyond)}"
+            f"no sequence on the grid below {c.bound:.4f}: gap {100 * c.gap:.2f} %; "
+            f"the smooth curve {100 * abs(c.beyond):.2f} % {side} the sequence"
         )
         out.append(Card("objective", f"{c.objective:.4f}", "", more))
     if math.isfinite(s.feed_held):
