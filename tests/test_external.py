@@ -172,6 +172,7 @@ def test_a_joint_more_makes_no_plan_worse(tmp_path: FilePath, mode: str) -> None
         (ExternalAxis("rail", at=1.0, unit="deg"), "'rail' slides: values in mm would work"),
         (ExternalAxis("rail", "locked", at=9.0, unit="mm"), r"found 9000 mm; the range of 'rail' is \[-2500, 2500\]"),
         (ExternalAxis("rail", range=(3.0, 4.0), unit="mm"), r"outside the range \[-2500, 2500\]"),
+        (ExternalAxis("e1", preferred=9.0, unit="mm"), r"found 9000 mm; the range of 'rail' is \[-2500, 2500\]"),
         (ExternalAxis("rail", at=1.0, unit="mm"), "at_mm is where a locked joint stands, and 'rail' may move"),
         (ExternalAxis("e1", operations=(("face", "locked"),)), "'face' is no operation of the toolpath"),
     ],
@@ -208,6 +209,8 @@ def test_options_come_back_as_they_were_given() -> None:
     assert load_options(told) == options  # type: ignore[arg-type]
     with pytest.raises(InputError, match="slides \\(mm\\) or turns"):
         load_options(None, None, ["external.e1={at_mm: 1, preferred_deg: 2}"])
+    with pytest.raises(InputError, match="slides \\(mm\\) or turns"):  # one says mm, the other degrees
+        load_options({"external": {"e1": {"range_mm": [0, 1]}}}, None, ["external.e1.range_deg=[0, 1]"])
 
 
 def test_a_rapid_move_takes_the_rail_along(tmp_path: FilePath) -> None:

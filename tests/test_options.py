@@ -181,6 +181,9 @@ def test_cell_and_direct_options_are_checked_too() -> None:
         (["collision=false", "clearance_mm=9"], "clearance_mm has no effect: collision is false"),
         (["method=jiao2022", "weights.mean=3"], "weights has no effect: method jiao2022"),
         (["method=default", "rotation_range_deg=[90, 120]"], "rotation_range_deg has no effect"),
+        (["external.e1={mode: locked, range_mm: [0, 9]}"], "external.e1.range_mm has no effect: the joint is locked"),
+        (["external.e1={mode: locked, preferred_deg: 3}"], "external.e1.preferred_deg has no effect"),
+        (["external.e1={mode: moving, at_deg: 3}"], "external.e1.at_deg has no effect: the joint is locked nowhere"),
     ],
 )
 def test_options_that_others_keep_from_acting_are_named(words: list[str], part: str) -> None:

@@ -12,10 +12,14 @@ from small_cell import urdf_text
 
 from machopt.cells.asked import Request
 from machopt.cells.problems import read_all
+from machopt.cells.review import review
 from machopt.cli import main
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
+from machopt.formats.options import load_options
 from machopt.model.robot import load_robot
+from machopt.plan.axes import axes_of
+from machopt.plan.drive import refuse_fixed_elsewhere
 from machopt.services.newcell import run_init
 from machopt.services.validate import validate
 
@@ -135,11 +139,59 @@ def test_every_mistake_is_told_at_once(changed: Make, capsys: pytest.CaptureFixt
     assert capsys.readouterr().err.count("machopt: ") == 7
 
 
-def test_a_mistake_in_the_robot_ends_it(changed: Make) -> None:
-    read = read_all(changed(("base_link: base_link", "base_link: base_lnk")))
+def test_mistakes_in_the_robot_are_told_with_all_others(good: Path, changed: Make) -> None:
+    """Each is read on as what it seems to mean."""
+    home, jerk = line_of(good, "home_deg:"), line_of(good, "jerk_deg_s3:")
+    folder = changed(
+        ("base_link: base_link", "base_link: base_lnk"),
+        ("flange_link: flange", "flange_link: flansch"),
+        (home, "  home_deg: [0, -90, 9000, 0, 0, 0]"),
+        (jerk, "    jerk_deg_s3: [1, 2]"),
+        ("obstacles: []", "obstacles: [{name: b, mesh: gone.stl}]"),
+    )
+    said = [str(p) for p in read_all(folder).problems]
+    parts = (
+        "did you mean 'base_link'",
+        "did you mean 'flange'",
+        "jerk_deg_s3",
+        "home_deg[2]",
+        "no such file: gone.stl",
+    )
+    assert all(sum(part in one for one in said) == 1 for part in parts), said
+    assert len(said) == len(parts)
+    assert validate(folder).exit_code == 2
+
+
+def test_beside_a_robot_that_cannot_be_read_its_files_are_looked_at(changed: Make) -> None:
+    folder = changed(("obstacles: []", "obstacles: [{name: b, mesh: gone.stl}]"))
+    (folder / "robot.urdf").write_text("<robot")
+    changed(("joints_Nm_per_rad", "joint_Nm_per_rad"), file="stiffness.yaml")
+    read = read_all(folder)
     assert read.cell is None
-    assert len(read.problems) == 1
-    assert "did you mean 'base_link'" in str(read.problems[0])
+    said = "\n".join(map(str, read.problems))
+    assert "robot.urdf: " in said
+    assert "no such file: gone.stl" in said
+    assert "did you mean 'joints_Nm_per_rad'" in said
+
+
+def test_options_that_no_plan_would_take_are_errors_in_the_same_words(tmp_path: Path) -> None:
+    shutil.copytree(CELLS / "kr500_rail", tmp_path / "cell")
+    file = tmp_path / "cell" / "cell.yaml"
+    text = file.read_text()
+    start = text.index("plan:\n")
+    options = "plan: {external: {rail: {preferred_mm: 90000}}, method: default, fixed: [{point: 0, gamma_deg: 0}]}\n"
+    file.write_text(text[:start] + options)
+    cell = load_cell(tmp_path / "cell")
+    wanted = []
+    for refuse in (
+        lambda: axes_of(cell, load_options(cell.plan)),
+        lambda: refuse_fixed_elsewhere(load_options(cell.plan)),
+    ):
+        with pytest.raises(InputError) as refused:
+            refuse()
+        wanted.append(f"error {refused.value!s}")
+    said = [f"{f.level} {f.text}" for f in review(cell)]
+    assert set(wanted) <= set(said)
 
 
 def test_no_cell_and_no_picture_are_refused(good: Path, tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from machopt.cells.mended import alone, mends
 from machopt.domain.cell import Cell
 from machopt.errors import InputError
 from machopt.formats.cell import cell_file, cell_of
@@ -15,6 +16,7 @@ from machopt.formats.cell_schema import CellKeys
 from machopt.formats.yamlstrict import Document, Loc, all_problems, read_yaml
 
 _OPTIONAL: tuple[Loc, ...] = (
+    ("robot", "arm_joints"),
     ("stiffness",),
     ("kinematics",),
     ("ignore_pairs",),
@@ -42,9 +44,9 @@ class Read:
 
 
 def read_all(path: Path, *, allow_external: bool = False) -> Read:
-    """Read a cell, and on after each mistake as if what is wrong were not there.
+    """Read a cell, and on after each mistake as if what is wrong were not there, or were what it seems to mean.
 
-    A mistake that leaves nothing to go on with (in the robot, say) ends it: what stands behind it is not looked at.
+    Where the robot itself cannot be read, what stands for itself still is: files beside it.
     """
     try:
         document = read_yaml(cell_file(path))
@@ -65,12 +67,15 @@ def read_all(path: Path, *, allow_external: bool = False) -> Read:
             return Read(cell_of(document, allow_external=allow_external), tuple(problems), tuple(aside))
         except InputError as problem:
             problems.append(problem)
-            said, tried = str(problem), ((p, without(document, p)) for p in _places(document))
-            guilty = next((p for p, rest in tried if _answer(rest, allow_external) != said), None)
+            said = str(problem)
+            tried = ((p, without(document, p)) for p in _places(document))
+            mended = ((m.place, m.document) for m in mends(document))
+            other = (pair for pair in (*tried, *mended) if _answer(pair[1], allow_external) != said)
+            guilty = next(other, None)
         if guilty is None:
-            break
-        document = without(document, guilty)
-        aside.append(".".join(map(str, guilty)))
+            return Read(None, (*problems, *alone(document, {str(p) for p in problems})), tuple(aside))
+        place, document = guilty
+        aside.append(".".join(map(str, place)))
     return Read(None, tuple(problems), tuple(aside))
 
 

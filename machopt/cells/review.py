@@ -13,12 +13,16 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.cells.place import outward, pointing
 from machopt.domain.cell import Cell, Shape
+from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
 from machopt.domain.stiffness import Stiffness
 from machopt.errors import InputError
-from machopt.formats.options import load_options
+from machopt.formats.options import load_options, without_effect
 from machopt.model.bodies import Body, inside, tool_bodies, triangles_of
 from machopt.model.ik import branch_reasons
+from machopt.plan.axes import axes_of
+from machopt.plan.drive import refuse_fixed_elsewhere
+from machopt.plan.gouge import cutter_and_part
 from machopt.plan.pipeline import Setup, prepare
 from machopt.postprocess.wanted import wanted_posts
 from machopt.se3 import inverse, tool_rotation, transform
@@ -52,6 +56,7 @@ def review(cell: Cell) -> Iterator[Finding]:
     except InputError as problem:
         yield Finding("error", "plan", str(problem))
         options = load_options(None)
+    yield from _options(cell, options)
     setup: Setup | None = None
     if cell.stiffness is None:
         yield Finding("error", "stiffness", _NO_STIFFNESS)
@@ -77,6 +82,25 @@ def review(cell: Cell) -> Iterator[Finding]:
                 "Another home would work, or, where they are built so, ignore_pairs",
             )
     yield from _reach(cell, setup)
+
+
+def _options(cell: Cell, options: PlanOptions) -> Iterator[Finding]:
+    """What a plan would refuse of the cell's options whatever its toolpath is, and what has no effect."""
+    try:
+        axes_of(cell, options)
+    except InputError as problem:
+        yield Finding("error", "plan.external", str(problem))
+    try:
+        refuse_fixed_elsewhere(options)
+    except InputError as problem:
+        yield Finding("error", "plan.fixed", str(problem))
+    if options.gouge is not None:
+        try:
+            cutter_and_part(cell)
+        except InputError as problem:
+            yield Finding("error", "plan.gouge_tolerance_mm", str(problem))
+    for said in without_effect(options):
+        yield Finding("warning", "plan", said)
 
 
 def _tool(cell: Cell, setup: Setup) -> Iterator[Finding]:

@@ -59,6 +59,16 @@ class ExternalAxis:
     range: tuple[float, float] | None = None  # m or rad, within its limits
     unit: Literal["mm", "deg", ""] = ""  # of what is given; "": nothing with a unit is
 
+    @property
+    def locks(self) -> bool:
+        """It stands where it is locked, at least in some operations."""
+        return self.mode == "locked" or "locked" in dict(self.operations).values()
+
+    @property
+    def moves(self) -> bool:
+        """Its value is chosen, at least in some operations."""
+        return self.mode != "locked" or any(mode != "locked" for _, mode in self.operations)
+
 
 @dataclass(frozen=True)
 class PlanOptions:

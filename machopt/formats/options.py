@@ -6,6 +6,7 @@ Mappings (``force_N``, ``weights``) merge key by key; lists are replaced.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import degrees, radians
 from pathlib import Path
 from typing import Literal
@@ -208,7 +209,7 @@ def load_options(
     for layer in layers:
         merged = _merge(merged, layer)
     # which layer a clash between two keys comes from cannot be told, so the message names only the keys
-    return _to_si(OptionKeys.model_validate(merged))
+    return _to_si(validate(OptionKeys, Document(merged, {}, "options")))
 
 
 def without_effect(options: PlanOptions) -> tuple[str, ...]:
@@ -234,7 +235,17 @@ def without_effect(options: PlanOptions) -> tuple[str, ...]:
         idle((("weights", "weights"), ("preferred_rotation_deg", "preferred_rotation")), why)
     if options.method == "default":
         idle((("rotation_range_deg", "rotation_range"),), "method default takes the file's own rotation")
-    return tuple(out)
+    return (*out, *(said for axis in options.external for said in _idle_external(axis)))
+
+
+def _idle_external(axis: ExternalAxis) -> Iterator[str]:
+    """Not refused: a cell's values stay where one run locks or frees the joint."""
+    at = f"external.{axis.joint}"
+    if axis.at is not None and axis.mode and not axis.locks:
+        yield f"{at}.at_{axis.unit} has no effect: the joint is locked nowhere"
+    for key in ("preferred", "range"):
+        if getattr(axis, key) is not None and not axis.moves:
+            yield f"{at}.{key}_{axis.unit} has no effect: the joint is locked everywhere"
 
 
 def options_as_user(options: PlanOptions) -> dict[str, object]:

@@ -42,8 +42,8 @@ def _corners(cell: Cell) -> Array:
     return np.vstack([cell.external_home, grid])
 
 
-def refuse_fixed_beyond(toolpath: Toolpath, options: PlanOptions) -> None:
-    """Refuse fixed rotations that no plan would keep."""
+def refuse_fixed_elsewhere(options: PlanOptions) -> None:
+    """Refuse fixed rotations beside a method that would not keep them."""
     if options.fixed and options.method != "global":
         raise InputError(
             f"method {options.method} chooses every rotation by itself and would not keep fixed ones; method global "
@@ -51,6 +51,11 @@ def refuse_fixed_beyond(toolpath: Toolpath, options: PlanOptions) -> None:
             file="options",
             where="fixed",
         )
+
+
+def refuse_fixed_beyond(toolpath: Toolpath, options: PlanOptions) -> None:
+    """Refuse fixed rotations that no plan would keep."""
+    refuse_fixed_elsewhere(options)
     for fixed in options.fixed:
         if fixed.point >= len(toolpath):
             raise InputError(

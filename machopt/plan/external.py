@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.options import ExternalAxis, PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError, nearest
+from machopt.plan.axes import axes_of, range_of
 from machopt.plan.candidates import enumerate_candidates
 from machopt.plan.choose import choose
 from machopt.plan.moving import Range, curve
@@ -83,7 +84,7 @@ def best_plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Tim
         InputError: an option names no external joint or asks for what is not planned.
     """
     clock = timings or Timings()
-    axes = _axes(cell, options)
+    axes = axes_of(cell, options)
     if not cell.external_joints:
         return plan(cell, toolpath, options, clock)
     with clock.stage("prepare"):
@@ -222,42 +223,6 @@ def _lost(found: Plan) -> float:
     return float(len(missing) + len(found.breaks))
 
 
-def _axes(cell: Cell, options: PlanOptions) -> tuple[ExternalAxis, ...]:
-    """The options of each external joint, in the order of the cell."""
-    names = list(cell.external_joints)
-    by_name = {name: ExternalAxis(name) for name in names}
-    for axis in options.external:
-        name = axis.joint
-        if name not in names and name.startswith("e") and name[1:].isdigit() and 1 <= int(name[1:]) <= len(names):
-            name = names[int(name[1:]) - 1]
-        if name not in names:
-            what = nearest(axis.joint, [*names, *(f"e{k + 1}" for k in range(len(names)))])
-            raise InputError(
-                f"{axis.joint!r} is no external joint of the cell; {what if names else 'it has none'}",
-                file="options",
-                where=f"external.{axis.joint}",
-            )
-        k = names.index(name)
-        unit = "mm" if cell.external_prismatic[k] else "deg"
-        if axis.unit not in ("", unit):
-            raise InputError(
-                f"{name!r} {'slides' if unit == 'mm' else 'turns'}: values in {unit} would work, found {axis.unit}",
-                file="options",
-                where=f"external.{axis.joint}",
-            )
-        # "rail" in the cell and "e1" beside it: what the later one says counts, the rest stays
-        said = {f.name: getattr(axis, f.name) for f in fields(axis) if getattr(axis, f.name) != f.default}
-        by_name[name] = replace(by_name[name], **said)
-        now = by_name[name]
-        if now.at is not None and not now.mode and "locked" not in dict(now.operations).values():
-            raise InputError(
-                f"at_{unit} is where a locked joint stands, and {name!r} may move; mode: locked would work",
-                file="options",
-                where=f"external.{axis.joint}.at_{unit}",
-            )
-    return tuple(by_name[name] for name in names)
-
-
 def _groups(cell: Cell, toolpath: Toolpath, path: Path, axes: Sequence[ExternalAxis]) -> list[Group]:
     """Operations joined by runs that they share, in the order of the path."""
     labels = [o.label for o in toolpath.operations]
@@ -274,7 +239,7 @@ def _groups(cell: Cell, toolpath: Toolpath, path: Path, axes: Sequence[ExternalA
     for first, last in path.runs:
         own = np.unique(group[of_row[first : last + 1]])
         group[np.isin(group, own)] = own[0]
-    limits, out = cell.limits, []
+    out = []
     for g in dict.fromkeys(group[of_row[first]] for first, _ in path.runs):
         operations = np.flatnonzero(group == g)
         runs = tuple(k for k, (first, _) in enumerate(path.runs) if group[of_row[first]] == g)
@@ -290,34 +255,10 @@ def _groups(cell: Cell, toolpath: Toolpath, path: Path, axes: Sequence[ExternalA
                 )
             mode = next(iter(modes))
             moving[k] = mode == MOVING
-            low[k], high[k] = _range(cell, k, axis, limits.lower[6 + k], limits.upper[6 + k], locked=mode == "locked")
+            low[k], high[k] = range_of(cell, k, axis, locked=mode == "locked")
         share = float(path.weight[rows_of(path, runs)].sum())
         out.append(Group(runs, tuple(operations.tolist()), moving, low, high, share))
     return out
-
-
-def _range(cell: Cell, k: int, axis: ExternalAxis, low: float, high: float, *, locked: bool) -> tuple[float, float]:
-    """What a joint may take, m or rad."""
-    unit, per = ("mm", 1e3) if cell.external_prismatic[k] else ("deg", float(np.degrees(1.0)))
-    if locked:
-        at = float(cell.external_home[k]) if axis.at is None else axis.at
-        if not low - 1e-9 <= at <= high + 1e-9:
-            raise InputError(
-                f"found {at * per:g} {unit}; the range of {cell.external_joints[k]!r} is [{low * per:g}, "
-                f"{high * per:g}]",
-                file="options",
-                where=f"external.{axis.joint}.at_{unit}",
-            )
-        return at, at
-    a, b = axis.range or (low, high)
-    if max(a, low) > min(b, high):
-        raise InputError(
-            f"found [{a * per:g}, {b * per:g}] {unit}, outside the range [{low * per:g}, {high * per:g}] of "
-            f"{cell.external_joints[k]!r}",
-            file="options",
-            where=f"external.{axis.joint}.range_{unit}",
-        )
-    return max(a, low), min(b, high)
 
 
 def _spread(path: Path, groups: Sequence[Group], values: Sequence[Array]) -> Array:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.arrays import Array, Bools, Ints
-from machopt.domain.cell import Cell
+from machopt.domain.cell import Cell, Cutter, Shape
 from machopt.domain.toolpath import Move
 from machopt.errors import InputError
 from machopt.model.depth import cutter_points, deepest
@@ -65,14 +65,7 @@ def gouges_of(path: Path, cell: Cell, limit: float) -> Gouges:
     Raises:
         InputError: there is no cutter or no part, or a mesh of the part is open.
     """
-    cutter, part = cell.tool.cutter, cell.workpiece.geometry
-    if cutter is None or not part:
-        lacks = "tool.cutter" if cutter is None else "workpiece.geometry"
-        raise InputError(
-            f"gouge_tolerance_mm needs a cutter and the finished part; this cell has no {lacks}",
-            file=cell.folder / "cell.yaml",
-            where=lacks,
-        )
+    cutter, part = cutter_and_part(cell)
     points = cutter_points(cutter)
     owner, share = _along(path)
     n = len(path.index)
@@ -88,6 +81,23 @@ def gouges_of(path: Path, cell: Cell, limit: float) -> Gouges:
             if found.depth[m] > out.depth[p]:
                 out.depth[p], out.place[p], out.tip[p] = found.depth[m], found.place[m], tip[m]
     return out
+
+
+def cutter_and_part(cell: Cell) -> tuple[Cutter, tuple[Shape, ...]]:
+    """What is held against each other.
+
+    Raises:
+        InputError: there is no cutter or no part.
+    """
+    cutter, part = cell.tool.cutter, cell.workpiece.geometry
+    if cutter is None or not part:
+        lacks = "tool.cutter" if cutter is None else "workpiece.geometry"
+        raise InputError(
+            f"gouge_tolerance_mm needs a cutter and the finished part; this cell has no {lacks}",
+            file=cell.folder / "cell.yaml",
+            where=lacks,
+        )
+    return cutter, part
 
 
 def _along(path: Path) -> tuple[Ints, Array]:
