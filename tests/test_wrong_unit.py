@@ -60,3 +60,20 @@ def test_a_path_of_a_fifth_of_a_millimetre_is_asked_for(tmp_path: Path, capsys: 
     told = capsys.readouterr().err
     assert "--unit mm" in told
     assert "metres" in told
+
+
+def test_a_far_part_in_a_stated_unit_is_out_of_reach_with_its_distance(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In inches it would lie in reach; who says mm means a part that is far off."""
+    file = table(tmp_path, 1e3)
+    rows = file.read_text().replace("-100.000000000,", "20000,").replace("\n100.000000000,", "\n20200,")
+    file.write_text(rows)
+    options = ("--feed", "1000", "--set", "rotation_step_deg=45", "--set", "collision=false")
+    assert optimize(KR500, file, tmp_path / "out", "--unit", "mm", *options) == 3
+    told = capsys.readouterr().err
+    assert "out of reach" in told
+    assert "mm outside the workspace" in told
+    file.write_text(rows.replace("x,y,z", "x_mm,y_mm,z_mm"))  # the file itself says mm, which may be wrong
+    assert optimize(KR500, file, tmp_path / "again", *options) == 2
+    assert "--unit" in capsys.readouterr().err

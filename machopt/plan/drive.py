@@ -25,7 +25,7 @@ def refuse_wrong_unit(cell: Cell, toolpath: Toolpath, file: Path, *, stated: boo
         cell: the robot cell.
         toolpath: as it was read.
         file: what it was read from.
-        stated: the user gave the unit: a small path is meant.
+        stated: the user gave the unit: small or far is then meant.
     """
     robot = load_robot(cell)
     machine = load_machine(cell, robot)

@@ -29,13 +29,14 @@ def wrong_unit(
     """Why the path's size cannot be meant, empty where it can.
 
     It is longer than the arm reaches across, or every cut lies beyond its reach, and the 25.4th or thousandth part
-    lies within; or it is shorter than half a millimetre.
+    lies within; or it is shorter than half a millimetre. Where the unit was stated only the first counts: a small path
+    is meant, and a part that lies out of reach is that, which the plan tells point by point with distances.
 
     Args:
         toolpath: points in the workpiece frame.
         robot: its links' lengths are the reach.
         T_base_workpiece, T_flange_tcp: (4, 4).
-        stated: the user gave the unit: a small path is meant.
+        stated: the user gave the unit.
     """
     extent = float(np.linalg.norm(np.ptp(toolpath.position, axis=0)))
     if not stated and len(toolpath) > 2 and 0.0 < extent < TINY:
@@ -50,7 +51,7 @@ def wrong_unit(
         at = cuts @ T_base_workpiece[:3, :3].T + T_base_workpiece[:3, 3]
         return np.asarray(np.linalg.norm(at - robot.point[0], axis=1) > reach)
 
-    if not (extent > 2.0 * reach or beyond(1.0).all()):
+    if not (extent > 2.0 * reach or (not stated and beyond(1.0).all())):
         return ""
     for factor, what in _FACTORS:
         if extent / factor > TINY and not beyond(factor).any():
