@@ -20,6 +20,7 @@ from machopt.formats.options import load_options, options_as_user
 from machopt.model.machine import load_machine
 from machopt.model.robot import load_robot
 from machopt.plan.certificate import certificate
+from machopt.plan.explain import explain_points, help_of
 from machopt.plan.external import best_plan
 from machopt.plan.pipeline import Plan, plan, prepare
 from machopt.plan.rapids import RapidMove, plan_rapid
@@ -181,6 +182,30 @@ def test_what_is_not_planned_is_refused_by_name(tmp_path: FilePath, axis: Extern
     cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
     with pytest.raises(InputError, match=told):
         best_plan(cell, toolpath(slots(0.0)), replace(OPTIONS, external=(axis,)))
+
+
+@pytest.mark.parametrize(
+    ("y", "axis", "told", "would"),
+    [
+        (2.4, ExternalAxis("rail", "locked"), "with rail locked at 0 mm", "mode other than locked would help"),
+        (2.4, ExternalAxis("rail", "locked"), "mm it would be in reach", "mode other than locked would help"),
+        (
+            2.4,
+            ExternalAxis("rail", "operation", range=(0.0, 0.1), unit="mm"),
+            "an end of its range 0 mm to 100 mm",
+            "a wider external.rail.range_mm would help",
+        ),
+        (9.0, ExternalAxis("rail", "locked"), "every value tried of rail (-2,500 mm to 2,500 mm)", "moving the part"),
+    ],
+)
+def test_a_point_out_of_reach_names_the_rail(
+    tmp_path: FilePath, y: float, axis: ExternalAxis, told: str, would: str
+) -> None:
+    cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
+    p = best_plan(cell, toolpath(slots(y)), replace(OPTIONS, external=(axis,)))
+    row = int(p.missing[0])
+    assert told in explain_points(p)[row]
+    assert would in help_of(p, row)
 
 
 def test_a_joint_under_two_names_has_what_the_later_one_says_beside_the_rest(tmp_path: FilePath) -> None:

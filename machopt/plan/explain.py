@@ -7,6 +7,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.domain.reason import Reason
 from machopt.plan.breaks import Break
+from machopt.plan.carried import carried
 from machopt.plan.pipeline import Plan
 from machopt.plan.wrongunit import reach_of
 from machopt.se3 import wrap
@@ -79,6 +80,11 @@ def _towards(plan: Plan, point: int) -> str:
     unit = "; is the workpiece frame in mm?" if size > FAR else ""
     if extent > reach_of(plan.setup.robot, plan.setup.arm.T_flange_tcp):
         unit += f"; the path is {extent:.3g} m long: does --unit have to say another unit?"
+    option = carried(plan, point, out_of_reach=True).help
+    if option:
+        return (
+            f"{option} would help; so would moving the part by about ({x:.0f}, {y:.0f}, {z:.0f}) mm in the robot's base"
+        )
     return f"moving the part by about ({x:.0f}, {y:.0f}, {z:.0f}) mm in the robot's base would help ({far}{unit})"
 
 
@@ -106,14 +112,19 @@ def _sentence(plan: Plan, s: int, reason: Reason, point: int) -> str:
             "points without leaving the path: a retract between them, another rotation range or a smaller "
             "singularity margin would help"
         )
-    if (rows == Reason.UNREACHABLE).all():
+    far = bool((rows == Reason.UNREACHABLE).all())
+    external = carried(plan, point, out_of_reach=far)
+    stands = f" {external.stands}" if external.stands else ""
+    if far:
+        short = 1e3 * plan.candidates.shortfall[s]
+        elsewhere = f"{external.elsewhere}; " if external.elsewhere else ""
         return (
-            f"out of reach at every rotation: the wrist centre lies {1e3 * plan.candidates.shortfall[s]:.0f} mm "
-            "outside the workspace; moving the workpiece or the robot by that much would help"
+            f"out of reach at every rotation{stands}: the wrist centre lies {short:.0f} mm outside the workspace; "
+            f"{elsewhere}moving the workpiece or the robot by that much would help"
         )
     parts = [f"{int((rotations == r).sum())} {_WORDS[r]}" for r in _WORDS if (rotations == r).any()]
     joint = _limiting_joint(plan, s) if (rotations == Reason.LIMIT).any() else ""
-    return f"no rotation works: of {len(rotations)} tried, " + ", ".join(parts) + joint + _touching(plan, s)
+    return f"no rotation works{stands}: of {len(rotations)} tried, " + ", ".join(parts) + joint + _touching(plan, s)
 
 
 def _touching(plan: Plan, s: int) -> str:
