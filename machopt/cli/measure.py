@@ -138,6 +138,13 @@ def _add_poses(p: argparse.ArgumentParser) -> None:
     size.add_argument("--loads", type=n, default=2, help="different loads at each pose (2)")
     size.add_argument("--cycles", type=n, default=2, help="rounds over all poses (2)")
     size.add_argument("--target-percent", type=real, default=5.0, help="say how many poses bring every joint there (5)")
+    size.add_argument(
+        "--external",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="where a rail or positioner stands, mm or deg (at home); may be repeated",
+    )
     loads = p.add_argument_group("loads")
     loads.add_argument("--weights-kg", type=_floats, metavar="A,B", help="masses that can be hung")
     loads.add_argument("--pull-N", type=_floats, metavar="A,B", help="forces of ropes or horizontal pulls")

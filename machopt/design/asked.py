@@ -75,6 +75,7 @@ class Request:
     candidates: int = 2000
     starts: int = 2
     seed: int = 0
+    external: tuple[str, ...] = ()  # name=value of external joints that do not stand at home, mm or degrees
     allow_external: bool = False
     effects: tuple[Path, ...] = ()  # Python files with effects of the user's own, which --terms may name
 
@@ -316,7 +317,9 @@ def unchecked_poses(request: Request) -> tuple[str, ...]:
 
 
 def without_workpiece(cell: Cell) -> Cell:
-    """The cell cleared for the measurement."""
+    """The cell cleared for the measurement; what carries the workpiece stays."""
+    if cell.workpiece.link != "world":
+        return replace(cell, workpiece=replace(cell.workpiece, geometry=()))
     return replace(cell, workpiece=Workpiece("world", np.eye(4)))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from machopt.design.asked import (
     Request,
@@ -11,6 +11,7 @@ from machopt.design.asked import (
     unchecked_poses,
 )
 from machopt.design.cautions import cautions
+from machopt.design.held import held_at, standing_of
 from machopt.design.told import result_of
 from machopt.design.work import poses_table, stepped, template_of
 from machopt.diagnose.apart.measure import measurement
@@ -62,8 +63,7 @@ def planned(request: Request, progress: Callable[[str], None], cell: Cell | None
     check(request)
     progress("reading the cell")
     cell = load_cell(request.cell, allow_external=request.allow_external) if cell is None else cell
-    if cell.external_joints:
-        raise InputError("has external joints; poses are planned for arms that stand still", file=request.cell)
+    cell = held_at(cell, request.external)
     refuse_linked(cell, "plan-poses")
     found = None if request.discriminate is None else diagnosed(request.discriminate)
     if found is not None and not found.disputes:
@@ -74,7 +74,8 @@ def planned(request: Request, progress: Callable[[str], None], cell: Cell | None
         )
     m = measurement(request, cell, found, progress)
     said = cautions(request, m.pool, m.cases, m.plan, m.noise, m.ways)
-    warnings = (*unchecked_poses(request), *cell.warnings, *m.warnings, *said)
+    stands = standing_of(cell)
+    warnings = (*unchecked_poses(request), *([stands] if stands else []), *cell.warnings, *m.warnings, *said)
     progress("order of work, clearances, tables")
     hashes = input_hashes(cell)
     told = None if m.apart is None else apart_told(m.apart)
@@ -86,6 +87,7 @@ def planned(request: Request, progress: Callable[[str], None], cell: Cell | None
         table = table if m.apart is None else stepped(table, steps)
         if found is None or found.channel == "deflection":
             template = template_of(table, m.plan, m.noise, request, steps)
+            template = replace(template, notes=f"{template.notes} Note: {stands}." if stands else template.notes)
     scene = None if m.collision is None else scene_of(cell, m.robot, m.collision.bodies)
     page = page_of(request, cell, m.robot, m.pool, m.cases, m.plan, table, hashes, warnings, m.apart, scene)
     verdict = page.reason or sentence(page)

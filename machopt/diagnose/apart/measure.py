@@ -19,6 +19,7 @@ from machopt.design.asked import (
 )
 from machopt.design.atrest import cases_at_rest, weights_of
 from machopt.design.candidates import PosePool, PoseScreen, sample_poses
+from machopt.design.held import based
 from machopt.design.loadcases import LoadCases, load_cases
 from machopt.design.loads import LoadWay
 from machopt.design.measurement import ReadingNoise
@@ -68,9 +69,10 @@ def measurement(request: Request, cell: Cell, found: Diagnosed | None, progress:
     size = plan_size(request)
     terms = terms_of(request, robot, T)
     enough_numbers(request, noise.dimensions, 6 + sum(len(t.coefficients) for t in terms))
-    ways, warnings = ways_of(request, cell)
+    stood = based(cell, robot)
+    ways, warnings = ways_of(request, stood)
     limits = cell.limits.lower[:6], cell.limits.upper[:6]
-    masses = load_masses(cell)
+    masses = load_masses(stood)
     believed = prior_of(request, cell)
     if found is not None:  # as the diagnosis has it
         believed = Stiffness(1.0 / compliance_for(found, believed.joints))
@@ -80,7 +82,7 @@ def measurement(request: Request, cell: Cell, found: Diagnosed | None, progress:
     clearance = request.clearance_mm / 1e3
     collision = None if request.no_collision else CollisionModel(bare, robot, shapes, clearance, still=True)
     length = characteristic_length(robot, T).length
-    screen = PoseScreen(robot, T, cell.T_world_base, length, pose_criteria(request), collision)
+    screen = PoseScreen(robot, T, stood.T_world_base, length, pose_criteria(request), collision)
     progress("looking for poses that can be measured")
     pool = sample_poses(screen, limits, cell.home, size.candidates, size.seed)
     criteria = load_criteria(request, noise)

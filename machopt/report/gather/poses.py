@@ -88,7 +88,7 @@ def page_of(
         cloud=pool.T_base_tcp[:CLOUD, :3, 3],
         arms=_arm_points(robot, chosen, cell),
         scene=scene,
-        postures=_postures(chosen, table),
+        postures=_postures(chosen, table, cell.external_home),
         work=page.Work(
             table.session,
             table.pose,
@@ -104,13 +104,13 @@ def page_of(
     )
 
 
-def _postures(chosen: Array, table: PosesTable) -> Postures:
-    """The poses in the order they are chosen in, with the first load of each."""
+def _postures(chosen: Array, table: PosesTable, external: Array) -> Postures:
+    """The poses in the order they are chosen in, with the first load of each; external joints stand at (E,)."""
     rows = [np.flatnonzero(np.isclose(table.q, q).all(axis=1)) for q in chosen]
     known = [n for n, found in enumerate(rows) if len(found)]
     first = [int(rows[n][0]) for n in known]
     return Postures(
-        q=chosen[known],
+        q=np.hstack([chosen[known], np.broadcast_to(external, (len(known), len(external)))]),
         label="Pose",
         names=tuple(f"Pose {table.pose[k]}" for k in first),
         words=tuple(

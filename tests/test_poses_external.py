@@ -1,0 +1,72 @@
+"""Load tests of arms on rails and beside positioners, which stand still meanwhile."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from external_cell import external_cell
+from small_cell import small_cell
+
+from machopt.design.asked import Request, without_workpiece
+from machopt.design.held import based, held_at, standing_of
+from machopt.diagnose.apart.measure import Measurement, measurement
+from machopt.domain.cell import Cell
+from machopt.domain.stiffness import Stiffness
+from machopt.errors import InputError
+from machopt.model.machine import load_machine
+from machopt.model.robot import load_robot
+
+K = Stiffness(np.array([1.4e6, 1.2e6, 9.4e5, 3.6e5, 3.7e5, 3.8e5]))
+FEW = Request(
+    Path("cell"),
+    Path("out"),
+    poses=3,
+    candidates=40,
+    starts=1,
+    weights_kg=(50.0,),
+    target_percent=None,
+    anchors_mm=((3000.0, 0.0, 1500.0),),
+    pull_N=(500.0,),
+)
+
+
+def test_values_are_held_by_name_and_told(tmp_path: Path) -> None:
+    cell = external_cell(tmp_path, rail=True, table=True)
+    held = held_at(cell, ("rail=-1500", "e2=30"))
+    np.testing.assert_allclose(held.external_home, [-1.5, np.radians(30.0)])
+    assert "rail at -1500 mm and turn at 30°" in standing_of(held)
+    np.testing.assert_allclose(based(held, load_robot(held)).T_world_base[:3, 3], [0.0, -1.5, 0.0], atol=1e-12)
+    assert without_workpiece(held).workpiece.link == "plate"
+    assert standing_of(small_cell(tmp_path)) == ""
+
+
+@pytest.mark.parametrize("word", ["rail=99999", "rail", "rail=far", "turn=1", "e2=1"])
+def test_what_cannot_be_held_is_refused(tmp_path: Path, word: str) -> None:
+    with pytest.raises(InputError, match=r"--external: .*rail"):
+        held_at(external_cell(tmp_path, rail=True), (word,))
+
+
+@pytest.mark.slow
+def test_an_arm_on_a_rail_is_measured_like_one_that_stands_there(tmp_path: Path) -> None:
+    """Places in world, weight and contacts are those of an arm that was built where the rail stands."""
+    railed = replace(held_at(external_cell(tmp_path, rail=True), ("rail=400",)), stiffness=K)
+    machine = load_machine(railed, load_robot(railed))
+    T = machine.T_world_base(railed.external_home[None])[0]
+    still = small_cell(
+        tmp_path / "..", stiffness=K, workpiece=railed.workpiece, obstacles=(), T_world_base=T, may_touch=()
+    )
+
+    def found(cell: Cell) -> Measurement:
+        return measurement(replace(FEW, no_collision=True), cell, None, lambda _: None)
+
+    ours, theirs = found(railed), found(still)
+    np.testing.assert_allclose(ours.pool.q, theirs.pool.q, atol=1e-12)
+    assert ours.plan is not None
+    assert theirs.plan is not None
+    np.testing.assert_array_equal(ours.plan.cases.pose, theirs.plan.cases.pose)
+    near = measurement(FEW, railed, None, lambda _: None)  # bodies of rail, arm and part at that place
+    assert near.collision is not None
+    assert len(near.pool) > 0
