@@ -17,7 +17,7 @@ from machopt.plan.candidates import Candidates, _forbid_by_user
 from machopt.plan.caps import GAP, SOLVES, Capped, trade
 from machopt.plan.choose import TURNING, Choice, Grid, _windows, choose
 from machopt.plan.edges import Edges
-from machopt.plan.objective import AXIS_SPEED, NEAR, preference
+from machopt.plan.objective import AXIS_SPEED, NEAR
 from machopt.plan.path import Path, build_path
 from machopt.plan.score import Scores
 from machopt.plan.sequence import JUMP
@@ -104,7 +104,9 @@ def every_sequence(
     vertices = [[tuple(int(x) for x in v) for v in np.argwhere(candidates.feasible[s])] for s in range(S)]
     price = np.full((S, len(candidates.phi)), 0.0)
     weight = length_weight(path)
-    price[counted] = preference(gamma, options)[counted] * weight[counted, None]
+    if options.preferred_rotation is not None:
+        liked = options.preferred_weight * (1.0 - np.cos(gamma - options.preferred_rotation)) / 2.0
+        price[counted] = liked[counted] * weight[counted, None]
 
     @cache  # a million sequences share a few hundred vertices and steps
     def node(s: int, v: Vertex) -> float:

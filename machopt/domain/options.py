@@ -19,6 +19,19 @@ class FixedRotation:
 
 
 @dataclass(frozen=True)
+class Steer:
+    """What the user decided about some places; :mod:`machopt.domain.steering` says which these are."""
+
+    operation: str = ""  # its label; "": by points
+    points: tuple[int, int] | None = None  # first and last toolpath point; None without an operation: all
+    gamma: float | None = None  # rad, the rotation there
+    forbid: tuple[float, float] | None = None  # rad, no rotation between these, from the first on in the positive sense
+    prefer: float | None = None  # rad; deviation from it is priced with ``weight``
+    weight: float = 0.1
+    branch: int | None = None  # the only branch to use
+
+
+@dataclass(frozen=True)
 class ProcessForce:
     """Force of the process on the tool, in path axes."""
 
@@ -58,6 +71,7 @@ class ExternalAxis:
     preferred: float | None = None  # m or rad
     range: tuple[float, float] | None = None  # m or rad, within its limits
     unit: Literal["mm", "deg", ""] = ""  # of what is given; "": nothing with a unit is
+    at_operations: tuple[tuple[str, float], ...] = ()  # m or rad, where it stands in operations by label
 
     @property
     def locks(self) -> bool:
@@ -83,6 +97,7 @@ class PlanOptions:
     preferred_rotation: float | None = None  # rad; deviation from it is priced with preferred_weight
     preferred_weight: float = 0.1
     fixed: tuple[FixedRotation, ...] = ()
+    steer: tuple[Steer, ...] = ()
     singularity_wrist: float = radians(5.0)  # least angle between axes 4 and 6
     singularity_elbow: float = radians(3.0)  # least angle from the stretched or folded arm
     singularity_shoulder: float = 0.05  # m, least distance of the wrist centre from axis 1

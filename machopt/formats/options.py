@@ -24,6 +24,7 @@ from machopt.domain.options import (
     Weights,
 )
 from machopt.errors import InputError
+from machopt.formats.steering import SteerKeys, steer_as_user, steer_of, tidy
 from machopt.formats.yamlstrict import Document, Loc, Strict, parse_yaml, read_yaml, validate
 
 _MM, _MM_PER_MIN, _MS = 1e-3, 1e-3 / 60.0, 1e-3
@@ -62,6 +63,12 @@ class ExternalKeys(Strict):
     weight: float | None = Field(default=None, ge=0, description="of its travel: 1 counts like a joint of the arm")
     at_mm: float | None = Field(default=None, description="where it is locked, mm")
     at_deg: float | None = Field(default=None, description="the same of a joint that turns, degrees")
+    at_operations_mm: dict[str, float] | None = Field(
+        default=None, description="where it stands in operations by label, mm; the others as the mode says"
+    )
+    at_operations_deg: dict[str, float] | None = Field(
+        default=None, description="the same of a joint that turns, degrees"
+    )
     preferred_mm: float | None = Field(default=None, description="value whose neighbourhood is preferred, mm")
     preferred_deg: float | None = Field(default=None, description="the same of a joint that turns, degrees")
     range_mm: list[float] | None = Field(
@@ -111,6 +118,9 @@ class OptionKeys(Strict):
         default=None, ge=0, description="price of a deviation of 180 degrees from it"
     )
     fixed: list[FixedKeys] | None = Field(default=None, description="rotations that are given at toolpath points")
+    steer: list[SteerKeys] | None = Field(
+        default=None, description="pins, forbidden zones, preferences and branches by operation or points"
+    )
     singularity_wrist_deg: float | None = Field(
         default=None, ge=0, le=45, description="least angle between axes 4 and 6, degrees"
     )
@@ -263,35 +273,37 @@ def options_as_user(options: PlanOptions) -> dict[str, object]:
             "feed": w.feed,
             "clearance": w.clearance,
         },
-        "rotation_step_deg": _tidy(degrees(options.rotation_step)),
-        "rotation_range_deg": [_tidy(degrees(v)) for v in options.rotation_range],
+        "rotation_step_deg": tidy(degrees(options.rotation_step)),
+        "rotation_range_deg": [tidy(degrees(v)) for v in options.rotation_range],
         "preferred_weight": options.preferred_weight,
-        "fixed": [{"point": p.point, "gamma_deg": _tidy(degrees(p.gamma))} for p in options.fixed],
-        "singularity_wrist_deg": _tidy(degrees(options.singularity_wrist)),
-        "singularity_elbow_deg": _tidy(degrees(options.singularity_elbow)),
-        "singularity_shoulder_mm": _tidy(options.singularity_shoulder / _MM),
-        "limit_margin_deg": _tidy(degrees(options.limit_margin)),
-        "clearance_mm": _tidy(options.clearance / _MM),
-        "clearance_full_mm": _tidy(options.clearance_full / _MM),
-        "collision_step_deg": _tidy(degrees(options.collision_step)),
+        "fixed": [{"point": p.point, "gamma_deg": tidy(degrees(p.gamma))} for p in options.fixed],
+        "singularity_wrist_deg": tidy(degrees(options.singularity_wrist)),
+        "singularity_elbow_deg": tidy(degrees(options.singularity_elbow)),
+        "singularity_shoulder_mm": tidy(options.singularity_shoulder / _MM),
+        "limit_margin_deg": tidy(degrees(options.limit_margin)),
+        "clearance_mm": tidy(options.clearance / _MM),
+        "clearance_full_mm": tidy(options.clearance_full / _MM),
+        "collision_step_deg": tidy(degrees(options.collision_step)),
         "collision": options.collision,
-        "sample_ms": _tidy(options.sample / _MS),
-        "path_tolerance_mm": _tidy(options.path_tolerance / _MM),
-        "axis_tolerance_deg": _tidy(degrees(options.axis_tolerance)),
-        "approach_feed_mm_min": _tidy(options.approach_feed / _MM_PER_MIN),
+        "sample_ms": tidy(options.sample / _MS),
+        "path_tolerance_mm": tidy(options.path_tolerance / _MM),
+        "axis_tolerance_deg": tidy(degrees(options.axis_tolerance)),
+        "approach_feed_mm_min": tidy(options.approach_feed / _MM_PER_MIN),
         "rapid_scale": options.rapid_scale,
         "limit_scale": options.limit_scale,
         "allow_gaps": options.allow_gaps,
         "compensate": options.compensate,
-        "compensation_max_mm": _tidy(options.compensation_max / _MM),
+        "compensation_max_mm": tidy(options.compensation_max / _MM),
         "seed": options.seed,
     }
+    if options.steer:
+        user["steer"] = [steer_as_user(wish) for wish in options.steer]
     if options.external:
         user["external"] = {axis.joint: _external_as_user(axis) for axis in options.external}
     if options.gouge is not None:
-        user["gouge_tolerance_mm"] = _tidy(options.gouge / _MM)
+        user["gouge_tolerance_mm"] = tidy(options.gouge / _MM)
     if options.preferred_rotation is not None:
-        user["preferred_rotation_deg"] = _tidy(degrees(options.preferred_rotation))
+        user["preferred_rotation_deg"] = tidy(degrees(options.preferred_rotation))
     return user
 
 
@@ -305,8 +317,10 @@ def _external_as_user(axis: ExternalAxis) -> dict[str, object]:
     for name in ("at", "preferred", "range"):
         value = getattr(axis, name)
         if value is not None:
-            told = [_tidy(v / factor) for v in value] if name == "range" else _tidy(value / factor)
+            told = [tidy(v / factor) for v in value] if name == "range" else tidy(value / factor)
             out[f"{name}_{axis.unit}"] = told
+    if axis.at_operations:
+        out[f"at_operations_{axis.unit}"] = {label: tidy(v / factor) for label, v in axis.at_operations}
     return out
 
 
@@ -319,6 +333,11 @@ def _external_axis(joint: str, keys: ExternalKeys) -> ExternalAxis:
             if value is not None:
                 unit = "mm" if u == "mm" else "deg"
                 si[name] = (value[0] * factor, value[1] * factor) if name == "range" else value * factor
+    for u, factor in (("mm", _MM), ("deg", radians(1.0))):
+        by_label: dict[str, float] | None = getattr(keys, f"at_operations_{u}")
+        if by_label:
+            unit = "mm" if u == "mm" else "deg"
+            si["at_operations"] = tuple((label, value * factor) for label, value in by_label.items())
     return ExternalAxis(
         joint=joint,
         mode=keys.mode,
@@ -396,6 +415,8 @@ def _to_si(keys: OptionKeys) -> PlanOptions:
         si["weights"] = Weights(**keys.weights.model_dump(exclude_none=True))
     if keys.fixed is not None:
         si["fixed"] = tuple(FixedRotation(f.point, radians(f.gamma_deg)) for f in keys.fixed)
+    if keys.steer is not None:
+        si["steer"] = tuple(steer_of(wish) for wish in keys.steer)
     if keys.external is not None:
         si["external"] = tuple(_external_axis(joint, given) for joint, given in keys.external.items())
     options = PlanOptions(**si)  # type: ignore[arg-type]
@@ -408,16 +429,16 @@ def _consistent(options: PlanOptions) -> None:
     lo, hi = options.rotation_range
     if options.rotation_step > hi - lo:
         raise InputError(
-            f"a step of {_tidy(degrees(options.rotation_step))}° does not fit into the range "
-            f"{_tidy(degrees(lo))}°…{_tidy(degrees(hi))}°; a smaller step would work",
+            f"a step of {tidy(degrees(options.rotation_step))}° does not fit into the range "
+            f"{tidy(degrees(lo))}°…{tidy(degrees(hi))}°; a smaller step would work",
             file="options",
             where="rotation_step_deg",
         )
     for p in options.fixed:
         if not lo - 1e-9 <= p.gamma <= hi + 1e-9:  # rad; round-off of the degrees only
             raise InputError(
-                f"point {p.point} is fixed at {_tidy(degrees(p.gamma))}°, outside the range "
-                f"{_tidy(degrees(lo))}°…{_tidy(degrees(hi))}°",
+                f"point {p.point} is fixed at {tidy(degrees(p.gamma))}°, outside the range "
+                f"{tidy(degrees(lo))}°…{tidy(degrees(hi))}°",
                 file="options",
                 where="fixed",
             )
@@ -440,8 +461,3 @@ def _consistent(options: PlanOptions) -> None:
             file="options",
             where="weights",
         )
-
-
-def _tidy(value: float) -> float:
-    """Twelve significant digits: what the conversion to SI and back leaves of the user's number."""
-    return float(f"{value:.12g}")

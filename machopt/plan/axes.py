@@ -74,8 +74,8 @@ def _within(cell: Cell, k: int, axis: ExternalAxis) -> None:
     unit, per = ("mm", 1e3) if cell.external_prismatic[k] else ("deg", float(np.degrees(1.0)))
     low, high = _limits(cell, k)
     joint, there = cell.external_joints[k], f"[{low * per:g}, {high * per:g}]"
-    for key in ("at", "preferred"):
-        value = getattr(axis, key)
+    values = [("at", axis.at), ("preferred", axis.preferred), *(("at_operations", v) for _, v in axis.at_operations)]
+    for key, value in values:
         if value is not None and not low - 1e-9 <= value <= high + 1e-9:  # m or rad; round-off of the file's numbers
             raise InputError(
                 f"found {value * per:g} {unit}; the range of {joint!r} is {there}",

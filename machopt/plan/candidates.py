@@ -12,6 +12,7 @@ from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
+from machopt.domain.steering import among, inside
 from machopt.model.ik import Margins, Solver, count_from, fewest_turns, judged, turns
 from machopt.model.machine import Machine
 from machopt.model.threads import side_by_side
@@ -19,6 +20,7 @@ from machopt.plan.path import Path, tcp_poses
 from machopt.se3 import inverse, wrap
 
 CHUNK = 4_096  # poses solved at once by a closed form: what lies between poses and branches stays in a core's cache
+MET = 1e-6  # rad: nearer than this a vertex has the rotation that the user fixed
 TRACKED = 16_384  # by the general solver, which labels the branches of so many poses by continuity
 
 
@@ -195,7 +197,7 @@ def _forbid_by_user(
     feasible: NDArray[np.bool_],
     nudge: Array | None = None,
 ) -> None:
-    """The user's rotation bounds and fixed rotations, as masks on gamma."""
+    """The user's rotation bounds, fixed rotations, zones and branches, as masks on gamma and branch."""
     moved = phi[None, :] + (0.0 if nudge is None else nudge[:, None])
     gamma = np.asarray(wrap(moved + path.offset[path.stations][:, None]))  # (S, R)
     low, high = options.rotation_range
@@ -205,7 +207,15 @@ def _forbid_by_user(
         at = np.flatnonzero(np.abs(index - fixed.point) < 1e-9)
         for s in at:
             off = np.abs(wrap(gamma[s] - fixed.gamma))
-            outside[s] = off > off.min() + 1e-9
-    feasible[outside] = False
-    block = outside[:, :, None] & (reason == Reason.OK)
-    reason[block] = Reason.BOUNDS
+            # two pins of one plunge stand on one grid: where they differ, it cannot be both's
+            outside[s] = off > (MET if nudge is not None else off.min() + 1e-9)
+    other = np.zeros((len(index), feasible.shape[2]), bool)  # (S, B) branches that are not to be used
+    for wish in options.steer:
+        rows = among(wish, index)
+        if wish.forbid is not None:
+            outside[rows] |= inside(gamma[rows], wish.forbid)
+        if wish.branch is not None:
+            other[rows] |= np.arange(feasible.shape[2]) != wish.branch
+    blocked = outside[:, :, None] | other[:, None, :]
+    feasible[blocked] = False
+    reason[blocked & (reason == Reason.OK)] = Reason.BOUNDS

@@ -18,12 +18,11 @@ from machopt.domain.options import PlanOptions
 from machopt.plan.candidates import Candidates
 from machopt.plan.caps import GAP, Capped, Traded, trade
 from machopt.plan.edges import Edges
-from machopt.plan.objective import AXIS_SPEED, Terms, node_price, preference
+from machopt.plan.objective import AXIS_SPEED, Terms, node_price
 from machopt.plan.path import Path
 from machopt.plan.score import Scores
 from machopt.plan.sequence import cheapest_sequence
 from machopt.plan.winding import fitting, joined, whole
-from machopt.se3 import wrap
 
 Ints = NDArray[np.int32]
 TURNING = AXIS_SPEED  # share of the slowest axis's velocity limit that rotation about the tool axis may take
@@ -350,8 +349,7 @@ def _same_direction(path: Path, rotations: int) -> Ints:
 def _node_price(terms: Terms, candidates: Candidates, scores: Scores) -> Array:
     """(S, R, B) price of a vertex: its share of the mean index, and the preferred rotation."""
     cost = np.where(np.isfinite(scores.cost), scores.cost, 0.0) / scores.scale
-    gamma = np.asarray(wrap(candidates.phi_at() + terms.offset[:, None]))
-    liked = preference(gamma, terms.options)[:, :, None]
+    liked = terms.liked(candidates.phi_at().T).T[:, :, None]
     if scores.crowded is not None:
         liked = liked + terms.weights.clearance * scores.crowded
     return np.ascontiguousarray(node_price(cost, liked, terms.weights.mean) * terms.share[:, None, None])

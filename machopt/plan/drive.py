@@ -9,6 +9,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
+from machopt.domain.steering import refuse_narrow, steered
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
 from machopt.model.machine import load_machine
@@ -43,18 +44,18 @@ def _corners(cell: Cell) -> Array:
 
 
 def refuse_fixed_elsewhere(options: PlanOptions) -> None:
-    """Refuse fixed rotations beside a method that would not keep them."""
-    if options.fixed and options.method != "global":
+    """Refuse fixed rotations and other wishes beside a method that would not keep them."""
+    if (options.fixed or options.steer) and options.method != "global":
         raise InputError(
             f"method {options.method} chooses every rotation by itself and would not keep fixed ones; method global "
             "would",
             file="options",
-            where="fixed",
+            where="fixed" if options.fixed else "steer",
         )
 
 
 def refuse_fixed_beyond(toolpath: Toolpath, options: PlanOptions) -> None:
-    """Refuse fixed rotations that no plan would keep."""
+    """Refuse fixed rotations and other wishes that no plan would keep."""
     refuse_fixed_elsewhere(options)
     for fixed in options.fixed:
         if fixed.point >= len(toolpath):
@@ -63,6 +64,8 @@ def refuse_fixed_beyond(toolpath: Toolpath, options: PlanOptions) -> None:
                 file="options",
                 where="fixed",
             )
+    steered(options, toolpath)
+    refuse_narrow(options)
 
 
 def motion_of(the_plan: Plan, toolpath: Toolpath, options: PlanOptions, timings: Timings) -> Timeline | None:

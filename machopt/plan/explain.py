@@ -194,7 +194,8 @@ def _limiting_joint(plan: Plan, s: int) -> str:
 
 def hints(plan: Plan) -> tuple[str, ...]:
     """What a user should know about this cell and path, whether or not it works."""
-    out = list(plan.setup.collision.suspicious) if plan.setup.collision else []
+    out = [plan.conflict] if plan.conflict else []
+    out += plan.setup.collision.suspicious if plan.setup.collision else []
     robot, arm = plan.setup.robot, plan.setup.arm
     axis6 = robot.T_base_flange_zero[:3, :3].T @ robot.axis[5]
     angle = np.arccos(np.clip(abs(axis6 @ arm.T_flange_tcp[:3, 2]), 0.0, 1.0))

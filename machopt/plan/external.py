@@ -26,11 +26,12 @@ import numpy as np
 from machopt.arrays import Array, Bools
 from machopt.domain.cell import Cell
 from machopt.domain.options import ExternalAxis, PlanOptions
+from machopt.domain.steering import kept, steered
 from machopt.domain.toolpath import Toolpath
-from machopt.errors import InputError, nearest
-from machopt.plan.axes import axes_of, range_of
+from machopt.plan.axes import axes_of
 from machopt.plan.candidates import enumerate_candidates
 from machopt.plan.choose import choose
+from machopt.plan.groups import Group, groups_of
 from machopt.plan.moving import Range, curve
 from machopt.plan.part import part_of, rows_of
 from machopt.plan.path import Path, build_path
@@ -51,7 +52,6 @@ MOVES_TRIED = 2  # the same where the joints may move along the path
 CAPS = 48  # on the worst index that are tried at most
 RAPID = 1.5  # times a travel counts on the way to another value (:mod:`machopt.plan.objective`, b)
 PREFERRED = 0.1  # of J, price of a rad (or LENGTH) from a preferred value
-MOVING = "moving"
 
 
 @dataclass(frozen=True)
@@ -65,20 +65,13 @@ class Judged:
     motion: float  # what J counts beside them, within the group
 
 
-@dataclass(frozen=True)
-class Group:
-    """Operations that share their values."""
-
-    runs: tuple[int, ...]
-    operations: tuple[int, ...]
-    moving: Bools  # (E,) the joint may move along the path
-    low: Array  # (E,) m or rad; equal to ``high`` where the joint is locked
-    high: Array  # (E,)
-    share: float  # of the length cut
-
-
-def best_plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Timings | None = None) -> Plan:
+def best_plan(
+    cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Timings | None = None, before: Plan | None = None
+) -> Plan:
     """Plan one toolpath, the external joints where they serve it best by their modes.
+
+    Args:
+        before: a plan of the same but for the user's wishes (:func:`machopt.plan.pipeline.plan`).
 
     Raises:
         InputError: an option names no external joint or asks for what is not planned.
@@ -86,14 +79,15 @@ def best_plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Tim
     clock = timings or Timings()
     axes = axes_of(cell, options)
     if not cell.external_joints:
-        return plan(cell, toolpath, options, clock)
+        return plan(cell, toolpath, options, clock, before=before)
+    options = steered(options, toolpath)
     with clock.stage("prepare"):
-        setup = prepare(cell, options)
-        path = build_path(toolpath, tuple(f.point for f in options.fixed))
-        groups = _groups(cell, toolpath, path, axes)
+        setup = prepare(cell, options) if before is None else before.setup
+        path = build_path(toolpath, kept(options))
+        groups = groups_of(cell, toolpath, path, axes)
     if all((g.low == g.high).all() for g in groups):
         at = _spread(path, groups, [g.low for g in groups])
-        return plan(cell, toolpath, options, clock, setup=setup, external=at)
+        return plan(cell, toolpath, options, clock, setup=setup, external=at, before=before)
     with clock.stage("external"):
         search = _Search(setup, options, path, groups, axes)
         search.judge()
@@ -104,7 +98,7 @@ def best_plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Tim
         nonlocal best
         seen.append(values)
         at = _spread(path, groups, values)
-        found = plan(cell, toolpath, options, clock, setup=setup, external=at, scale=search.scale)
+        found = plan(cell, toolpath, options, clock, setup=setup, external=at, scale=search.scale, before=before)
         key = _lost(found), found.chosen.objective.total + search.liking(values)
         if best is None or key < best[0]:
             best = key, found
@@ -142,7 +136,7 @@ def best_plan(cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Tim
     looks = replace(options, rotation_step=max(options.rotation_step, STEP)) if len(ways) > 1 else options
 
     def along(at: Array, options: PlanOptions = options) -> tuple[tuple[float, float], Plan]:
-        found = plan(cell, toolpath, options, clock, setup=setup, external=at, scale=search.scale)
+        found = plan(cell, toolpath, options, clock, setup=setup, external=at, scale=search.scale, before=before)
         return (_lost(found), found.chosen.objective.total + search.liking_along(at)), found
 
     looked = [along(at, looks) for at in ways]
@@ -221,44 +215,6 @@ def _lost(found: Plan) -> float:
     """Points that have no configuration, and breaks."""
     missing = found.missing[found.path.may_touch[found.missing]]
     return float(len(missing) + len(found.breaks))
-
-
-def _groups(cell: Cell, toolpath: Toolpath, path: Path, axes: Sequence[ExternalAxis]) -> list[Group]:
-    """Operations joined by runs that they share, in the order of the path."""
-    labels = [o.label for o in toolpath.operations]
-    for axis in axes:
-        for label, _ in axis.operations:
-            if label not in labels:
-                raise InputError(
-                    f"{label!r} is no operation of the toolpath; {nearest(label, labels)}",
-                    file="options",
-                    where=f"external.{axis.joint}.operations",
-                )
-    of_row = toolpath.operation[np.ceil(path.index - 1e-12).astype(int)]
-    group = np.arange(len(labels))
-    for first, last in path.runs:
-        own = np.unique(group[of_row[first : last + 1]])
-        group[np.isin(group, own)] = own[0]
-    out = []
-    for g in dict.fromkeys(group[of_row[first]] for first, _ in path.runs):
-        operations = np.flatnonzero(group == g)
-        runs = tuple(k for k, (first, _) in enumerate(path.runs) if group[of_row[first]] == g)
-        low, high, moving = np.empty(len(axes)), np.empty(len(axes)), np.zeros(len(axes), bool)
-        for k, axis in enumerate(axes):
-            modes = {dict(axis.operations).get(labels[o], axis.mode or MOVING): labels[o] for o in operations}
-            if len(modes) > 1:
-                told = ", ".join(f"{label!r} {mode}" for mode, label in modes.items())
-                raise InputError(
-                    f"{told}: they share a run without a rapid move, so they share a mode; one mode would work",
-                    file="options",
-                    where=f"external.{axis.joint}.operations",
-                )
-            mode = next(iter(modes))
-            moving[k] = mode == MOVING
-            low[k], high[k] = range_of(cell, k, axis, locked=mode == "locked")
-        share = float(path.weight[rows_of(path, runs)].sum())
-        out.append(Group(runs, tuple(operations.tolist()), moving, low, high, share))
-    return out
 
 
 def _spread(path: Path, groups: Sequence[Group], values: Sequence[Array]) -> Array:

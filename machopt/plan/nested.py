@@ -51,8 +51,9 @@ def best_of_nested(search: Search, found: Found, total: Callable[[Assignment], f
     Args:
         total: J of an assignment.
     """
-    if not found.check.free or found.choice.broken or found.choice.dropped.any() or search.options.fixed:
-        return found  # fixed rotations are vertices of the fine grid only
+    pinned = search.options.fixed or search.options.steer  # vertices, and ends of zones, of the fine grid only
+    if not found.check.free or found.choice.broken or found.choice.dropped.any() or pinned:
+        return found
     best = total(found.assignment)
     for k in strides(len(search.candidates.phi)):
         candidates, scores = thinned(search.candidates, search.scores, k)

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from machopt.arrays import Array
 from machopt.compiled import compiled
 from machopt.domain.options import PlanOptions, Weights
+from machopt.domain.steering import among
 from machopt.plan.path import Path
 from machopt.se3 import wrap
 
@@ -74,11 +75,34 @@ def late(slow: Any, seconds: Any) -> Any:
 edge_price_compiled, late_compiled = compiled(edge_price), compiled(late)  # for the compiled search
 
 
-def preference(gamma: Array, options: PlanOptions) -> Array:
-    """Price of leaving the preferred rotation, dimensionless."""
-    if options.preferred_rotation is None:
-        return np.zeros_like(gamma)
-    return np.asarray(disliked(np.cos(gamma - options.preferred_rotation), options.preferred_weight))
+@dataclass(frozen=True)
+class Liking:
+    """The rotation that is preferred at each place, and the price of leaving it."""
+
+    rotation: Array  # (n,) rad
+    weight: Array  # (n,) 0 where none is preferred
+
+    @classmethod
+    def along(cls, path: Path, options: PlanOptions) -> Liking | None:
+        """At every planning point; None where none is preferred anywhere. Wishes about places go before the path's."""
+        wishes = [w for w in options.steer if w.prefer is not None]
+        if options.preferred_rotation is None and not wishes:
+            return None
+        n, everywhere = len(path.index), options.preferred_rotation is not None
+        rotation = np.full(n, options.preferred_rotation if everywhere else 0.0)
+        weight = np.full(n, options.preferred_weight if everywhere else 0.0)
+        for wish in wishes:
+            rows = among(wish, path.index)
+            rotation[rows], weight[rows] = wish.prefer, wish.weight
+        return cls(rotation, weight)
+
+    def take(self, rows: NDArray[Any]) -> Liking:
+        """Of some of the places."""
+        return Liking(self.rotation[rows], self.weight[rows])
+
+    def price(self, gamma: Array) -> Array:
+        """Price (…, n) of rotations gamma (…, n) rad, dimensionless."""
+        return np.asarray(disliked(np.cos(gamma - self.rotation), self.weight))
 
 
 def crowding(distance: Any, full: float) -> Any:
@@ -86,7 +110,7 @@ def crowding(distance: Any, full: float) -> Any:
     return np.maximum(0.0, 1.0 - np.maximum(distance, 0.0) / full)
 
 
-def disliked(cosine: Any, weight: float) -> Any:
+def disliked(cosine: Any, weight: Any) -> Any:
     """Price of a rotation whose angle from the preferred one has this cosine."""
     return weight * (1.0 - cosine) / 2.0
 
@@ -107,6 +131,7 @@ class Terms:
     seconds: Array  # (n,) s, time from the place before at the programmed feed
     slowness: Array  # (6,) s/rad, each axis at AXIS_SPEED of its velocity limit
     offset: Array  # (n,) rad, gamma − phi
+    liking: Liking | None = None  # None: no rotation is preferred
 
     @classmethod
     def of(cls, path: Path, velocity: Array, options: PlanOptions) -> Terms:
@@ -130,6 +155,7 @@ class Terms:
             seconds=np.diff(path.time, prepend=path.time[0]),
             slowness=1.0 / (AXIS_SPEED * velocity),
             offset=path.offset,
+            liking=Liking.along(path, options),
         )
 
     @classmethod
@@ -148,15 +174,16 @@ class Terms:
     def take(self, rows: NDArray[Any]) -> Terms:
         """The terms of some of the places."""
         names = ("share", "counted", "travel", "rotation", "lost", "seconds", "offset")
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+        taken = {name: getattr(self, name)[rows] for name in names}
+        return replace(self, liking=None if self.liking is None else self.liking.take(rows), **taken)
 
     @property
     def weights(self) -> Weights:
         return self.options.weights
 
     def liked(self, phi: Array) -> Array:
-        """Price (…, n) of the rotations phi (…, n) rad, against the preferred one."""
-        return preference(np.asarray(wrap(phi + self.offset)), self.options)
+        """Price (…, n) of the rotations phi (…, n) rad, against the preferred ones."""
+        return np.zeros_like(phi) if self.liking is None else self.liking.price(np.asarray(wrap(phi + self.offset)))
 
     def nodes(self, cost: Array, phi: Array, crowded: Array | float = 0.0) -> Array:
         """Price (…, n) of the places by costs (…, n), in units of c₀, rotations (…, n) rad and :func:`crowding`."""

@@ -21,6 +21,7 @@ from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
+from machopt.domain.steering import kept, steered
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
 from machopt.model.collision import CollisionModel
@@ -147,6 +148,7 @@ class Plan:
     found: Found | None = None  # the search, where that was the method
     notes: dict[int, str] = field(default_factory=dict)  # planning point: why it was given up after the choice
     compensation: Compensation | None = None  # then ``path`` is the shifted one
+    conflict: str = ""  # which of the user's wishes cannot be kept together, where without them there is a plan
 
     @property
     def missing(self) -> NDArray[np.intp]:
@@ -214,6 +216,7 @@ def plan(
     setup: Setup | None = None,
     external: Array | None = None,
     scale: float | None = None,
+    before: Plan | None = None,
 ) -> Plan:
     """Plan one toolpath in one cell; infeasible points are data in the result, never an exception.
 
@@ -221,15 +224,19 @@ def plan(
         setup: of the same cell and options, made before.
         external: (P, E) m or rad, where the external joints stand at the planning points; None: at home.
         scale: c₀, where plans are compared that have other candidates; None: of its own.
+        before: a plan of the same with other pins, zones, preferences or branches; what these do not change is taken
+            from it.
     """
     clock = timings or Timings()
+    options = steered(options, toolpath)
+    setup = before.setup if before is not None and setup is None else setup
 
     def stage(name: str) -> AbstractContextManager[None]:
         return clock.stage(name)
 
     with stage("prepare"):
         setup = prepare(cell, options) if setup is None else setup
-        at_home = standing(build_path(toolpath, tuple(f.point for f in options.fixed)), cell.external_home)
+        at_home = standing(build_path(toolpath, kept(options)), cell.external_home)
         path = at_home if external is None else standing(at_home, external)
         d = directions(path, setup.arm, setup.elasticity, options.force)
         same = path is at_home or np.array_equal(path.external, at_home.external)
@@ -255,10 +262,8 @@ def plan(
         return Scored(assignment, cost, value)
 
     with stage("baselines"):
-        by_file = cam_default(at_home, setup.arm, setup.driven.home)
-        default = scored(_free(by_file, at_home, setup, options), at_home, d_home)
-        by_paper = jiao2022(at_home, setup.arm, setup.elasticity, d_home, setup.collision, setup.driven.home, options)
-        paper = scored(_free(by_paper, at_home, setup, options), at_home, d_home)
+        by_file, by_paper = _yardsticks(before, at_home, d_home, setup, options)
+        default, paper = scored(by_file, at_home, d_home), scored(by_paper, at_home, d_home)
 
     checker = Checker.of(path, setup.arm, setup.robot, setup.collision, options)
     found: Found | None = None
@@ -351,6 +356,8 @@ def as_driven(plan: Plan, phi: Array) -> Plan:
 
 def _as_asked(phi: Array, path: Path, options: PlanOptions) -> bool:
     """The rotation keeps the user's range and fixed values, which the yardsticks know nothing of."""
+    if options.steer:
+        return False
     gamma = np.asarray(wrap(phi + path.offset))
     low, high = options.rotation_range
     inside = (gamma >= low - BOUND_SLACK) & (gamma <= high + BOUND_SLACK)
@@ -358,6 +365,18 @@ def _as_asked(phi: Array, path: Path, options: PlanOptions) -> bool:
         return False
     rows = np.flatnonzero(path.is_point)  # toolpath point k is planning point rows[k]
     return all(abs(float(wrap(gamma[rows[f.point]] - f.gamma))) < BOUND_SLACK for f in options.fixed)
+
+
+def _yardsticks(
+    before: Plan | None, path: Path, d: Directions, setup: Setup, options: PlanOptions
+) -> tuple[Assignment, Assignment]:
+    """The CAM's own rotation and the paper's, the external joints at home; of another plan, where there is one."""
+    if before is not None:
+        known = (before.cam_default.assignment, before.jiao2022.assignment)
+        return tuple(replace(a, reason=a.reason.copy()) for a in known)  # type: ignore[return-value]
+    by_file = _free(cam_default(path, setup.arm, setup.driven.home), path, setup, options)
+    by_paper = jiao2022(path, setup.arm, setup.elasticity, d, setup.collision, setup.driven.home, options)
+    return by_file, _free(by_paper, path, setup, options)
 
 
 def _free(assignment: Assignment, path: Path, setup: Setup, options: PlanOptions) -> Assignment:

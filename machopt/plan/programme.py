@@ -125,10 +125,10 @@ class Programme:
         share, hollow = terms.share, np.maximum(bend, 0.0)
         value = float(w.mean * (share @ cost))
         gradient, diagonal = w.mean * share * slope, w.mean * share * hollow
-        if terms.options.preferred_rotation is not None:
-            away = phi + terms.offset - terms.options.preferred_rotation
-            value += float(share @ disliked(np.cos(away), terms.options.preferred_weight))
-            half = 0.5 * terms.options.preferred_weight * share
+        if terms.liking is not None:
+            away = phi + terms.offset - terms.liking.rotation
+            value += float(share @ disliked(np.cos(away), terms.liking.weight))
+            half = 0.5 * terms.liking.weight * share
             gradient += half * np.sin(away)
             diagonal += half * np.maximum(np.cos(away), 0.0)
         if self.crowded is not None:

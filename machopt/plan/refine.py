@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.domain.reason import Reason
+from machopt.domain.steering import kept
 from machopt.domain.toolpath import Toolpath
 from machopt.plan.compensate import LENGTHS, STEEPEST, rescored, shifted, steepness
 from machopt.plan.path import Path, build_path
@@ -36,7 +37,7 @@ def with_corners(plan: Plan, toolpath: Toolpath, length: float) -> Plan:
     There a shift against the deflection turns, comes and goes, over ``length`` (m) to either side.
     """
     old = plan.path
-    path = build_path(toolpath, tuple(f.point for f in plan.options.fixed), corners=length)
+    path = build_path(toolpath, kept(plan.options), corners=length)
     if len(path.index) == len(old.index):
         return plan
     rows = np.searchsorted(path.index, old.index)

@@ -48,8 +48,11 @@ def refuse_options(options: PlanOptions) -> None:
         wrong = ("method", f"method {options.method} does not look for the best plan; global would work")
     elif options.allow_gaps:
         wrong = ("allow_gaps", "a place could win by leaving the soft points out; false would work")
-    elif options.fixed:
-        wrong = ("fixed", "fixed rotations belong to one place; a plan at the place that was found takes them")
+    elif options.fixed or options.steer:
+        wrong = (
+            "fixed" if options.fixed else "steer",
+            "fixed rotations belong to one place; a plan at the place that was found takes them",
+        )
     if wrong:
         raise InputError(wrong[1], file="options", where=wrong[0])
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from machopt.plan.conflict import with_conflict
 from machopt.plan.drive import motion_of
 from machopt.plan.external import best_plan
 from machopt.plan.gaps import told
-from machopt.plan.pipeline import Timings, as_driven
+from machopt.plan.pipeline import Plan, Timings, as_driven
 from machopt.plan.points import point_results
 from machopt.plan.refine import compensate
 from machopt.postprocess.written import withheld
@@ -24,10 +25,14 @@ class Planned:
     timings: Timings
 
 
-def planned(given: Loaded, timings: Timings) -> Planned:
-    """The plan, and its motion where there is one."""
+def planned(given: Loaded, timings: Timings, before: Plan | None = None) -> Planned:
+    """The plan, and its motion where there is one.
+
+    Args:
+        before: a plan of the same but for pins, zones, preferences and branches, which lends what they do not change.
+    """
     cell, options, toolpath = given.cell, given.options, given.toolpath
-    the_plan = best_plan(cell, toolpath, options, timings)
+    the_plan = with_conflict(best_plan(cell, toolpath, options, timings, before), cell, toolpath, options, timings)
     if options.compensate:
         with timings.stage("compensate"):
             the_plan = compensate(the_plan, toolpath)

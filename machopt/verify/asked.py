@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.domain.options import PlanOptions
+from machopt.domain.steering import among, steered
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.verify.check import Check, worst
 from machopt.verify.table import Points
@@ -40,7 +41,8 @@ def check_asked(toolpath: Toolpath, points: Points, rows: NDArray[np.intp], opti
         short = 1e3 * options.clearance - points.numbers["clearance_mm"][rows]
         out.append(worst("as asked: clearance_mm", "mm too near", np.maximum(short, 0.0), CLEARANCE_MM, where))
     if options.method == "global":
-        out += _rotations(toolpath, points, rows, options)
+        laid = steered(options, toolpath)
+        out += _rotations(toolpath, points, rows, laid) + _wishes(points, rows, laid)
     return out
 
 
@@ -61,6 +63,29 @@ def _rotations(toolpath: Toolpath, points: Points, rows: NDArray[np.intp], optio
         where = [f"point {f.point}" for f, _ in wished]
         out.append(worst("as asked: fixed rotations", "deg off", off, ROTATION_DEG, where))
     return out
+
+
+def _wishes(points: Points, rows: NDArray[np.intp], options: PlanOptions) -> list[Check]:
+    """The zones that no rotation may lie in, and the branches to use."""
+    at, gamma = points.point[rows], points.numbers["gamma_deg"][rows]
+    out = []
+    zones = [(w, n) for w in options.steer if w.forbid is not None for n in among(w, at)]
+    if zones:
+        deep = np.array([_depth(gamma[n], np.degrees(w.forbid)) for w, n in zones if w.forbid is not None])
+        where = [f"point {at[n]}" for _, n in zones]
+        out.append(worst("as asked: forbidden rotations", "deg inside", deep, ROTATION_DEG, where))
+    held = [(w, n) for w in options.steer if w.branch is not None for n in among(w, at)]
+    if held:
+        branch = points.numbers["branch"][rows]
+        off = np.array([float(branch[n] != w.branch) for w, n in held])
+        out.append(worst("as asked: branch", "of another", off, 0.5, [f"point {at[n]}" for _, n in held]))
+    return out
+
+
+def _depth(gamma: float, zone: Array) -> float:
+    """By how much a rotation lies inside a zone, degrees: to the nearer of its ends, 0 outside."""
+    beyond, width = (gamma - zone[0]) % 360.0, (zone[1] - zone[0]) % 360.0
+    return float(max(min(beyond, width - beyond), 0.0))
 
 
 def _turned(degrees: Array) -> Array:

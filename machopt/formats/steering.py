@@ -1,0 +1,89 @@
+"""A wish about some places of a plan as the user writes it: one entry of ``steer``."""
+
+from __future__ import annotations
+
+from math import degrees, radians
+
+from pydantic import Field, model_validator
+
+from machopt.domain.options import Steer
+from machopt.formats.yamlstrict import Strict
+
+
+class SteerKeys(Strict):
+    """A wish about some places: an operation where it cuts, a point, points, or (none of these) the whole path."""
+
+    operation: str | None = Field(default=None, description="label of the operation it is about, where that cuts")
+    point: int | None = Field(default=None, ge=0, description="0-based index of a toolpath point")
+    points: list[int] | None = Field(
+        default=None, min_length=2, max_length=2, description="[first, last] of several toolpath points"
+    )
+    gamma_deg: float | None = Field(default=None, ge=-180, le=180, description="pin: the rotation there")
+    forbid_deg: list[float] | None = Field(
+        default=None, min_length=2, max_length=2, description="zone [from, to] that no rotation there may lie in"
+    )
+    prefer_deg: float | None = Field(default=None, ge=-180, le=180, description="rotation that is preferred there")
+    weight: float | None = Field(default=None, ge=0, description="price of a deviation of 180 degrees from it (0.1)")
+    branch: int | None = Field(default=None, ge=0, description="the only branch (points.csv) to use there")
+
+    @model_validator(mode="after")
+    def _one_place(self) -> SteerKeys:
+        given = [k for k in ("operation", "point", "points") if getattr(self, k) is not None]
+        if len(given) > 1:
+            raise ValueError(f"found {' and '.join(given)}; one of them says where")
+        wishes = ("gamma_deg", "forbid_deg", "prefer_deg", "branch")
+        if all(getattr(self, k) is None for k in wishes):
+            raise ValueError(f"says nothing; expected one of {', '.join(wishes)}")
+        if self.weight is not None and self.prefer_deg is None:
+            raise ValueError("weight: is of prefer_deg, which is not given")
+        if self.points is not None and not 0 <= self.points[0] <= self.points[1]:
+            raise ValueError(f"points: found {self.points}; expected [first, last] with 0 ≤ first ≤ last")
+        zone = self.forbid_deg
+        if zone is not None and (any(abs(v) > 180 for v in zone) or (zone[1] - zone[0]) % 360 == 0):
+            raise ValueError(
+                f"forbid_deg: found {zone}; expected [from, to] within -180 … 180, two angles "
+                "([170, -170] leads through 180)"
+            )
+        return self
+
+
+def steer_as_user(wish: Steer) -> dict[str, object]:
+    """A wish under the user's keys and units."""
+    out: dict[str, object] = {}
+    if wish.operation:
+        out["operation"] = wish.operation
+    elif wish.points is not None:
+        first, last = wish.points
+        out |= {"point": first} if first == last else {"points": [first, last]}
+    if wish.gamma is not None:
+        out["gamma_deg"] = tidy(degrees(wish.gamma))
+    if wish.forbid is not None:
+        out["forbid_deg"] = [tidy(degrees(v)) for v in wish.forbid]
+    if wish.prefer is not None:
+        out |= {"prefer_deg": tidy(degrees(wish.prefer)), "weight": wish.weight}
+    if wish.branch is not None:
+        out["branch"] = wish.branch
+    return out
+
+
+def steer_of(keys: SteerKeys) -> Steer:
+    """The same in SI."""
+    si: dict[str, object] = {} if keys.weight is None else {"weight": keys.weight}
+    if keys.point is not None:
+        si["points"] = (keys.point, keys.point)
+    elif keys.points is not None:
+        si["points"] = (keys.points[0], keys.points[1])
+    if keys.forbid_deg is not None:
+        si["forbid"] = (radians(keys.forbid_deg[0]), radians(keys.forbid_deg[1]))
+    return Steer(
+        operation=keys.operation or "",
+        gamma=None if keys.gamma_deg is None else radians(keys.gamma_deg),
+        prefer=None if keys.prefer_deg is None else radians(keys.prefer_deg),
+        branch=keys.branch,
+        **si,  # type: ignore[arg-type]
+    )
+
+
+def tidy(value: float) -> float:
+    """Twelve significant digits: what the conversion to SI and back leaves of the user's number."""
+    return float(f"{value:.12g}")

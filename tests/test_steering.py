@@ -1,0 +1,214 @@
+"""What the user decides about single places is kept exactly, and what cannot be kept is named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from external_cell import external_cell
+from small_cell import small_cell
+from test_path import Rows, toolpath
+from test_pipeline import FREE, UP, K, pass_over_block
+
+from machopt.domain.options import ExternalAxis, FixedRotation, PlanOptions, Steer
+from machopt.domain.reason import Reason
+from machopt.domain.steering import inside, kept, refuse_narrow, said, steered
+from machopt.domain.stiffness import Stiffness
+from machopt.domain.toolpath import Move, Operation, Toolpath
+from machopt.errors import InputError
+from machopt.plan.axes import axes_of
+from machopt.plan.certificate import certificate
+from machopt.plan.conflict import minimal, whole, wishes_of, with_conflict
+from machopt.plan.explain import gamma, hints
+from machopt.plan.groups import Group, groups_of
+from machopt.plan.path import build_path
+from machopt.plan.pipeline import Plan, Timings, plan
+from machopt.verify.asked import check_asked
+from machopt.verify.table import Points
+
+EXACT = 1e-5  # rad; the solver's tolerance
+C, R, A = Move.CUT, Move.RAPID, Move.APPROACH
+
+
+def deg(value: float) -> float:
+    return float(np.radians(value))
+
+
+def job(folder: Path, before: Plan | None = None, **wishes: object) -> Plan:
+    cell = small_cell(folder, stiffness=Stiffness(K))
+    return plan(cell, toolpath(pass_over_block()), replace(FREE, **wishes), before=before)
+
+
+def at_points(p: Plan) -> np.ndarray:
+    """γ in degrees at the toolpath's points."""
+    return np.degrees(gamma(p)[p.path.is_point])
+
+
+def two_operations() -> Toolpath:
+    """Approach, three points of "a", then a rapid move and two points of "b"."""
+    rows: Rows = [((0.0, 0.0, 0.1), UP, R), ((0.0, 0.0, 0.02), UP, A)]
+    rows += [((0.01 * k, 0.0, 0.0), UP, C) for k in range(3)]
+    rows += [((0.0, 0.05, 0.1), UP, R), ((0.0, 0.05, 0.0), UP, C), ((0.01, 0.05, 0.0), UP, C)]
+    labelled = (Operation("a", "trajectory"), Operation("b", "trajectory"))
+    return replace(toolpath(rows), operations=labelled, operation=np.array([0, 0, 0, 0, 0, 1, 1, 1], np.int32))
+
+
+def test_wishes_are_laid_down_at_points() -> None:
+    wishes = (Steer("a", gamma=0.5), Steer("b", forbid=(0.0, 1.0)), Steer(points=(6, 7), branch=2), Steer(prefer=0.25))
+    laid = steered(PlanOptions(fixed=(FixedRotation(3, 0.7),), steer=wishes), two_operations())
+    assert laid.fixed == (FixedRotation(3, 0.7), FixedRotation(2, 0.5), FixedRotation(4, 0.5))  # the point's own first
+    b = (6, 7)
+    assert laid.steer == (
+        Steer(points=b, forbid=(0.0, 1.0)),
+        Steer(points=b, branch=2),
+        Steer(points=(0, 7), prefer=0.25),
+    )
+    assert steered(laid, two_operations()) == laid
+    assert kept(laid) == (3, 2, 4, 6, 7)
+    assert steered(PlanOptions(), two_operations()) == PlanOptions()
+
+
+@pytest.mark.parametrize(
+    ("wish", "parts"),
+    [
+        ((Steer("aa", gamma=0.1),), ["'aa' is no operation", "did you mean 'a'", "steer[0].operation"]),
+        ((Steer(points=(2, 8), gamma=0.1),), ["points 2 to 8", "points 0 to 7", "steer[0].points"]),
+        ((Steer("a", gamma=0.1), Steer(points=(3, 3), gamma=deg(20))), ["point 3", "'a'", "20°", "fixed"]),
+    ],
+)
+def test_wishes_that_no_plan_could_keep_are_refused(wish: tuple[Steer, ...], parts: list[str]) -> None:
+    with pytest.raises(InputError) as caught:
+        steered(PlanOptions(steer=wish), two_operations())
+    assert all(part in str(caught.value) for part in parts)
+
+
+def test_a_zone_between_two_rotations_of_the_grid_is_refused() -> None:
+    refuse_narrow(PlanOptions(steer=(Steer(forbid=(deg(177), deg(-178))),)))  # 5° through 180°
+    with pytest.raises(InputError, match=r"narrower than rotation_step_deg \(5\)"):
+        refuse_narrow(PlanOptions(steer=(Steer(forbid=(deg(1), deg(4))),)))
+
+
+def test_a_zone_may_lead_through_half_a_turn_and_its_ends_are_allowed() -> None:
+    zone = (deg(170), deg(-170))
+    assert inside(np.radians([180.0, -175.0, 170.0, -170.0, 0.0, 169.0]), zone).tolist() == [True, True] + [False] * 4
+
+
+def test_pins_are_met_exactly_and_the_rest_stays_free(tmp_path: Path) -> None:
+    free = job(tmp_path)
+    pinned = job(tmp_path, before=free, steer=(Steer(points=(4, 6), gamma=deg(71.3)),))
+    assert whole(pinned)
+    assert at_points(pinned)[4:7] == pytest.approx(71.3, abs=np.degrees(EXACT))
+    assert abs(at_points(free)[5] - 71.3) > 5.0  # it was not there by itself
+    alone = job(tmp_path, steer=(Steer(points=(4, 6), gamma=deg(71.3)),))
+    np.testing.assert_array_equal(alone.chosen.assignment.q, pinned.chosen.assignment.q)  # whatever was lent
+    told = certificate(pinned)
+    assert told is not None
+    assert told.bound <= told.sequence
+    assert told.bound > 0.0
+
+
+def test_a_zone_is_kept_at_every_planning_point(tmp_path: Path) -> None:
+    at = at_points(job(tmp_path))[5]
+    zone = (deg(at - 32.0), deg(at + 18.0))
+    p = job(tmp_path, steer=(Steer(points=(3, 7), forbid=zone),))
+    rows = (p.path.index >= 3) & (p.path.index <= 7)
+    assert whole(p)
+    assert not inside(gamma(p)[rows], (zone[0] + EXACT, zone[1] - EXACT)).any()
+
+
+def test_a_preferred_rotation_of_some_points_draws_the_curve(tmp_path: Path) -> None:
+    p = job(tmp_path, steer=(Steer(points=(0, 9), prefer=deg(100), weight=50.0),))
+    assert at_points(p) == pytest.approx(100.0, abs=2.0)  # the index still has its say
+    everywhere = job(tmp_path, preferred_rotation=deg(100), preferred_weight=50.0)
+    np.testing.assert_array_equal(p.chosen.assignment.phi, everywhere.chosen.assignment.phi)
+
+
+def test_a_branch_is_kept(tmp_path: Path) -> None:
+    taken = int(job(tmp_path).chosen.assignment.branch[3])
+    other = next(b for b in (5, 4) if b != taken)
+    p = job(tmp_path, steer=(Steer(branch=other),))
+    assert whole(p)
+    assert (p.chosen.assignment.branch == other).all()
+    never = job(tmp_path, steer=(Steer(branch=77),))
+    assert (never.chosen.assignment.reason != Reason.OK).all()
+
+
+def test_the_pins_that_cannot_be_kept_together_are_named(tmp_path: Path) -> None:
+    """Half a turn between two neighbouring points is none of this arm's; the third pin has nothing to do with it."""
+    path = toolpath(pass_over_block())
+    pins = (FixedRotation(1, deg(20)), FixedRotation(4, deg(10)), FixedRotation(5, deg(-170)))
+    options = replace(FREE, fixed=pins)
+    p = job(tmp_path, fixed=pins)
+    assert not whole(p)
+    told = with_conflict(p, p.setup.cell, path, options, Timings())
+    assert "the rotation 10° at point 4, the rotation -170° at point 5" in told.conflict
+    assert "point 1" not in told.conflict
+    assert told.conflict in hints(told)
+    held = replace(FREE, fixed=pins[:2])
+    assert whole(job(tmp_path, fixed=pins[:2]))
+    fine = job(tmp_path, fixed=pins[:2])
+    assert with_conflict(fine, p.setup.cell, path, held, Timings()) is fine
+
+
+def test_two_rotations_along_one_plunge_are_a_conflict(tmp_path: Path) -> None:
+    rows: Rows = [((0.0, 0.0, 0.08), UP, R), ((0.0, 0.0, 0.03), UP, A), ((0.0, 0.0, 0.01), UP, C)]
+    path = toolpath(rows, kind="point")
+    options = replace(FREE, fixed=(FixedRotation(1, deg(10.0)), FixedRotation(2, deg(12.0))))
+    cell = small_cell(tmp_path, stiffness=Stiffness(K))
+    p = with_conflict(plan(cell, path, options), cell, path, options, Timings())
+    assert "10° at point 1, the rotation 12° at point 2" in p.conflict
+
+
+def test_the_least_conflict_is_found_among_many() -> None:
+    wishes = tuple(FixedRotation(k, 0.1) for k in range(40))
+    bad = {wishes[7], wishes[31]}
+    asked: list[int] = []
+
+    def possible(some: object) -> bool:
+        asked.append(1)
+        return not bad <= set(some)  # type: ignore[call-overload]
+
+    assert minimal(wishes, possible) == [wishes[7], wishes[31]]
+    assert len(asked) < 30
+
+
+def test_preferences_are_never_in_a_conflict() -> None:
+    wishes = (Steer(prefer=0.1), Steer("a", gamma=0.2))
+    assert wishes_of(PlanOptions(steer=wishes)) == wishes[1:]
+    assert said(wishes[1]) == "the rotation 11.4592° for operation 'a'"
+
+
+def test_the_verifier_sees_a_zone_and_a_branch_that_are_not_kept() -> None:
+    path = two_operations()
+    n = len(path)
+    numbers = {"gamma_deg": np.zeros(n), "branch": np.full(n, 4.0), "limit_margin_deg": np.full(n, 9.0)}
+    points = Points(np.arange(n), np.zeros((n, 6)), np.zeros((n, 0)), ("ok",) * n, numbers, {})
+    wishes = (Steer("a", forbid=(deg(-3), deg(40))), Steer("b", branch=4), Steer("b", gamma=0.0))
+    found = check_asked(path, points, np.arange(n), PlanOptions(collision=False, steer=wishes))
+    by_name = {c.name: c for c in found}
+    assert not by_name["as asked: forbidden rotations"].passed
+    assert by_name["as asked: forbidden rotations"].value == pytest.approx(3.0)
+    assert by_name["as asked: branch"].passed
+    assert by_name["as asked: fixed rotations"].passed
+    numbers["branch"][7] = 5.0
+    wrong = {c.name: c for c in check_asked(path, points, np.arange(n), PlanOptions(collision=False, steer=wishes))}
+    assert not wrong["as asked: branch"].passed
+    assert wrong["as asked: branch"].where == "point 7"
+
+
+def test_a_joint_stands_where_it_was_put_for_an_operation(tmp_path: Path) -> None:
+    """Group by group; an operation without a value is left to the plan."""
+    cell, path = external_cell(tmp_path, rail=True), two_operations()
+
+    def stands(at: tuple[tuple[str, float], ...]) -> list[Group]:
+        axes = axes_of(cell, PlanOptions(external=(ExternalAxis("e1", at_operations=at, unit="mm"),)))
+        return groups_of(cell, path, build_path(path), axes)
+
+    first, second = stands((("b", 0.3),))
+    assert (first.low[0], first.high[0]) == (cell.limits.lower[6], cell.limits.upper[6])
+    assert (second.low[0], second.high[0], second.moving[0]) == (0.3, 0.3, False)
+    for at, where in (((("c", 0.3),), "'c' is no operation"), ((("b", 99.0),), "at_operations_mm")):
+        with pytest.raises(InputError, match=where):
+            stands(at)
