@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from machopt.cli import main
 from machopt.domain.manifest import with_scope
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
+from machopt.formats.toolpath import read_toolpath
 from machopt.output import read_manifest
 from machopt.recheck import scope
 from machopt.recheck.resultcheck import result_checks
@@ -22,6 +24,7 @@ from machopt.services.run import optimize
 from machopt.verify import Check, Verification
 from machopt.verify.output import verify_output
 
+PATHS = Path(__file__).resolve().parents[1] / "toolpaths"
 KR500 = CELLS / "kr500_milling"
 NOT_CHECKED = "collisions NOT checked"
 
@@ -67,6 +70,8 @@ def test_what_a_cell_leaves_out_stands_in_the_verdict(tmp_path: Path) -> None:
     text = (tmp_path / "cell" / "cell.yaml").read_text()
     cell = load_cell(tmp_path / "cell")
     assert scope.unchecked(cell, load_options(cell.plan)) == ()
+    half = replace(read_toolpath(PATHS / "plain.csv"), meta={"incomplete": "no FINI"})
+    assert "NOT done (it seems cut off)" in scope.unchecked(cell, load_options(cell.plan), half)[0]
     lines = [line for line in text.splitlines() if not line.strip().startswith(("geometry:", "cutter:"))]
     kept = "\n".join(lines)
     start = kept.index("obstacles:")

@@ -41,7 +41,7 @@ def reading_parser() -> argparse.ArgumentParser:
         help="what numbers without a word in an APT CYCLE/ stand for (depth,clear,retract)",
     )
     p.add_argument("--max-extent", type=float, metavar="MM", help="largest extent of a path that is believed (50000)")
-    p.add_argument("--strict", action="store_true", help="refuse words that are not understood")
+    p.add_argument("--strict", action="store_true", help="refuse words that are not understood, and files cut off")
     return p
 
 

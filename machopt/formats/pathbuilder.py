@@ -262,6 +262,8 @@ class PathBuilder:
         if strange:
             self.warn(f"{sum(w.count for w in strange)} words were not understood: {_some([w.word for w in strange])}")
         if self.cut_off is not None:
+            if self.options.strict:
+                raise self.source.error(f"the file seems incomplete, and strict reading was asked for: {self.cut_off}")
             self.meta["incomplete"] = self.cut_off
             self.warnings.insert(0, f"INCOMPLETE FILE? {self.cut_off}")
         return Toolpath(

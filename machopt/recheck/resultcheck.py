@@ -91,7 +91,7 @@ def _verdict(t: Told) -> Iterable[str]:
     code, found = t.result.exit_code, t.contents
     expected = 3 if found is None else (0 if found.ok else 4)
     yield from same("exit_code", code, expected)
-    missing = (*unchecked(t.cell, t.options), *(not_run(found.checks) if found else ()))
+    missing = (*unchecked(t.cell, t.options, t.toolpath), *(not_run(found.checks) if found else ()))
     yield from same("unchecked", t.result.unchecked, list(missing))
     word = VERDICTS.get(expected)
     if word is None:

@@ -12,6 +12,7 @@ from math import degrees
 from machopt.domain.cell import Cell
 from machopt.domain.manifest import Covered
 from machopt.domain.options import PlanOptions
+from machopt.domain.toolpath import Toolpath
 from machopt.verify import Check
 from machopt.verify.output import SWITCHED_OFF
 from machopt.verify.ride import AXIS_DEG, PATH_MM
@@ -20,10 +21,13 @@ _NAMED = 3  # pairs that may touch are named in the verdict; all stand in the re
 _ROUNDING = 1e-9  # of a limit: what the conversion from user units leaves
 
 
-def unchecked(cell: Cell, options: PlanOptions) -> tuple[str, ...]:
+def unchecked(cell: Cell, options: PlanOptions, toolpath: Toolpath | None = None) -> tuple[str, ...]:
     """What is switched off, wider than the contract's or not there to be checked, in the words of the verdict.
 
-    It follows from cell and options alone, so that whoever verifies finds the same words as whoever planned.
+    It follows from cell, options and toolpath alone, so that whoever verifies finds the same words as whoever planned.
+
+    Args:
+        toolpath: what is planned; None: nothing is told of it.
     """
     out = []
     if not options.collision:
@@ -53,6 +57,8 @@ def unchecked(cell: Cell, options: PlanOptions) -> tuple[str, ...]:
             out.append(f"{name} tolerance {found:.4g} {unit} instead of {limit:g} {unit}")
     if options.allow_gaps:
         out.append("gaps allowed")
+    if toolpath is not None and toolpath.meta.get("incomplete"):
+        out.append("what stands behind the end of the CAM file NOT done (it seems cut off)")
     return tuple(out)
 
 

@@ -65,7 +65,7 @@ def optimize_manifest(
         reading=reading_as_user(reading),
         program_tolerance_mm=float(f"{1e3 * tolerance.position:.12g}"),
         checked=scope.checked(options),
-        unchecked=scope.unchecked(cell, options),
+        unchecked=scope.unchecked(cell, options, toolpath),
     )
 
 

@@ -50,7 +50,7 @@ def verify(request: Request) -> Verified:
         inputs=distinct((*cell_inputs(cell), single(request.toolpath, "toolpath"))),
     )
     found = replace(found, checks=(*used.checks, *found.checks))
-    missing = (*unchecked(cell, used.options), *not_run(found.checks))
+    missing = (*unchecked(cell, used.options, used.toolpath), *not_run(found.checks))
     if not found.ok:
         return Verified(found, 4, with_scope("verification failed", missing), used.notes)
     if not found.samples:
