@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from machopt.arrays import Array
 from machopt.domain.kinematics import KinematicCorrection, Kinematics
-from machopt.effects import files, registry
+from machopt.effects import files, geometry, registry
 from machopt.effects.protocol import Effect
 
 
@@ -21,13 +21,16 @@ def entry(effect: Effect, location: str, values: Array, shape: Array) -> Kinemat
 def extended(known: Kinematics | None, found: Iterable[KinematicCorrection]) -> Kinematics:
     """The corrections known so far and what was found on top of them.
 
-    At one place zero offsets and couplings add up; waves stand beside each other, the same order adds up.
+    At one place zero offsets, couplings and geometry add up; waves stand beside each other, the same order adds up.
     """
     out: dict[tuple[str, str], KinematicCorrection] = {}
     laws = registry.without_load()
     for c in (*(known.corrections if known else ()), *found):
         old = out.get((c.effect, c.location))
-        if old is not None:
+        if old is not None and c.effect == geometry.EFFECT.name:
+            both = geometry.summed(old.parameters, c.parameters)
+            out[c.effect, c.location] = KinematicCorrection(c.effect, c.location, both)
+        elif old is not None:
             both = files.summed(laws[c.effect][1], old.parameters, c.parameters)
             out[c.effect, c.location] = KinematicCorrection(c.effect, c.location, both)
         else:

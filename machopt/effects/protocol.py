@@ -24,9 +24,9 @@ FORM = 0.08  # relative 1 sigma of a size for a law's own form: no gear, beam or
 JOINTS = tuple(f"joint:{i}" for i in range(1, 7))
 MEMORIES = ("cycle", "visit", "arrival", "session")  # what a gear remembers, in the order that searches number them
 
-Port = Literal["twist", "torque", "angle", "body", "record"]
-"""Which local thing a law makes: twist of a joint by its torque, torque beside a gear, angle without load, twist of a
-body by its wrench, a change of the recording itself."""
+Port = Literal["twist", "torque", "angle", "frame", "body", "record"]
+"""Which local thing a law makes: twist of a joint by its torque, torque beside a gear, angle without load, where a
+frame is built, twist of a body by its wrench, a change of the recording itself."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""kinematics.yaml: joint offsets, transmission errors and wrist couplings, compensated in the exported joints.
+"""kinematics.yaml: what moves the TCP without load, compensated in the exported joints.
 
 ::
 
@@ -7,9 +7,12 @@
       - {effect: joint_zero_offset, location: "joint:3", parameters: {offset_deg: 0.02}}
       - {effect: transmission_error, location: "joint:1", parameters: {per_turn: 3, cos_arcsec: 8.1, sin_arcsec: -2.5}}
       - {effect: joint_coupling, location: "joint:4-5", parameters: {ratio: 2.5e-5}}
+      - {effect: geometry, location: "joint:2", parameters: {xyz_mm: [0.2, 0, -0.1], turn_mrad: [0, 0.3, 0]}}
 
 The true angle of a joint is q + Δ(q), q what its encoder says. The joints of trajectory.csv, points.csv and of robot
-programs are encoder angles: with this file those that bring the arm to the programmed path.
+programs are encoder angles: with this file those that bring the arm to the programmed path. A
+geometry moves the joint's frame in the link before it (``base``: the whole arm in base_link; ``tool``: what the flange
+carries): shifted, and turned about its own origin, in axes of base_link with all joints at zero.
 """
 
 from __future__ import annotations
@@ -21,21 +24,23 @@ from typing import Any, Literal
 from pydantic import Field
 
 from machopt.domain.kinematics import KinematicCorrection, Kinematics
-from machopt.effects import files, registry
+from machopt.effects import files, geometry, registry
 from machopt.effects.protocol import Parameter, Unloaded, joints_of
 from machopt.errors import nearest
 from machopt.formats.yamlstrict import Document, Loc, Strict, read_yaml, show, validate
 
 PARAMETERS = {
     word: tuple(p.key for p in (*law.shape, *law.coefficients)) for word, (_, law) in registry.without_load().items()
-}
+} | {geometry.EFFECT.name: (geometry.SHIFT, geometry.TURN)}
 _STEEPEST = 0.5  # |Δ'|: beyond it encoder and true angle are hardly one to one, and the file is in another unit
 
 
 class _Correction(Strict):
     effect: str = Field(min_length=1, description=", ".join(PARAMETERS))
-    location: str = Field(min_length=1, description="joint:1 … joint:6, or joint:4-5 of a coupling")
-    parameters: dict[str, Any] = Field(description="numbers with their unit in the name")
+    location: str = Field(
+        min_length=1, description="joint:1 … joint:6, joint:4-5 of a coupling, base or tool of a geometry"
+    )
+    parameters: dict[str, Any] = Field(description="numbers (of a geometry vectors) with their unit in the name")
 
 
 class _KinematicsFile(Strict):
@@ -88,13 +93,37 @@ def _check_place(document: Document, loc: Loc, effect: str, location: str) -> No
             (*loc, "effect"),
             f"found {effect!r}; {nearest(effect, list(PARAMETERS))} (what is elastic belongs into stiffness.yaml)",
         )
-    places = registry.without_load()[effect][0].places
+    places = registry.EFFECTS[effect].places if effect == geometry.EFFECT.name else _places(effect)
     if location not in places:
         wanted = "joint:i-j, i < j, e.g. joint:4-5" if "-" in places[0] else f"{places[0]} … {places[-1]}"
         raise document.error((*loc, "location"), f"found {location!r}; expected {wanted}")
 
 
+def _places(effect: str) -> tuple[str, ...]:
+    return registry.without_load()[effect][0].places
+
+
+def _vectors(document: Document, loc: Loc, c: _Correction) -> Mapping[str, Any]:
+    """Shift and turn of a frame: three numbers each, at least one of the two."""
+    if not c.parameters:
+        raise document.error(loc, f"{c.effect} needs {geometry.SHIFT} or {geometry.TURN}, three numbers each")
+    for key, value in c.parameters.items():
+        most, unit = (geometry.MOST_MM, "mm") if key == geometry.SHIFT else (geometry.MOST_MRAD, "mrad")
+        if key not in PARAMETERS[c.effect]:
+            raise document.error((*loc, key), f"unknown key {key!r}; {nearest(key, list(PARAMETERS[c.effect]))}")
+        if not isinstance(value, list) or len(value) != 3:
+            raise document.error((*loc, key), f"found {show(value)}; expected three numbers in {unit}")
+        for n, v in enumerate(value):
+            if isinstance(v, bool) or not isinstance(v, int | float) or not abs(v) <= most:
+                raise document.error(
+                    (*loc, key, n), f"found {show(v)}; expected a number, at most {most:g} {unit} to either side"
+                )
+    return dict(c.parameters)
+
+
 def _parameters(document: Document, loc: Loc, c: _Correction) -> Mapping[str, Any]:
+    if c.effect == geometry.EFFECT.name:
+        return _vectors(document, loc, c)
     law = registry.without_load()[c.effect][1]
     wanted = PARAMETERS[c.effect]
     for key in c.parameters:
@@ -139,6 +168,8 @@ def _slopes(kinematics: Kinematics) -> list[float]:
     """(6,) most that Δ of each joint can change per rad of any joints."""
     slope = [0.0] * 6
     for c in kinematics.corrections:
+        if c.effect == geometry.EFFECT.name:
+            continue
         law: Unloaded = registry.without_load()[c.effect][1]
         values, shape, _ = files.read(law, files.Parameters(c.parameters, c.effect))
         slope[joints_of(c.location)[1]] += law.steepest(values, shape)

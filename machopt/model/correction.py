@@ -14,7 +14,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.domain.cell import JointLimits
 from machopt.domain.kinematics import Kinematics
-from machopt.effects import files, registry
+from machopt.effects import files, geometry, registry
 from machopt.effects.protocol import Unloaded, joints_of
 
 SETTLED = 1e-15  # rad, round-off of an angle
@@ -125,12 +125,14 @@ def correction_of(kinematics: Kinematics | None) -> Correction | None:
     laws = registry.without_load()
     parts = []
     for c in kinematics.corrections:
+        if c.effect == geometry.EFFECT.name:  # no angle: the arm itself is built otherwise
+            continue
         if c.effect not in laws:
             raise ValueError(f"{c.effect!r} is no kinematic correction")
         law = laws[c.effect][1]
         values, shape, _ = files.read(law, files.Parameters(c.parameters, c.effect))
         parts.append(Part(*joints_of(c.location), law, values, shape))
-    return Correction(tuple(parts))
+    return Correction(tuple(parts)) if parts else None
 
 
 def _times(A: Array, x: Array) -> Array:

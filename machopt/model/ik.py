@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from machopt.arrays import Array
 from machopt.compiled import compiled
 from machopt.domain.reason import Reason
+from machopt.model.ik_built import BuiltSolver
 from machopt.model.ik_spherical import Branches, SphericalWristSolver
 from machopt.model.robot import Robot
 
@@ -40,9 +41,14 @@ class Solver(Protocol):
 
 
 def solver_for(robot: Robot) -> Solver:
-    """The closed form where the wrist is spherical, else the general solver; with a linkage, either behind it."""
+    """The closed form where the wrist is spherical, else the general solver; with a linkage, either behind it.
+
+    Where the cell knows how the arm is really built, from the drawing's branches.
+    """
     if robot.coupling is not None:
         return Linked(robot, solver_for(robot.serial))
+    if robot.nominal is not None:
+        return BuiltSolver(robot, solver_for(robot.nominal))
     if SphericalWristSolver.fits(robot):
         return SphericalWristSolver(robot)
     from machopt.model.ik_bridge import GeneralBranches

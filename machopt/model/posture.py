@@ -57,4 +57,4 @@ def posture_of(robot: Robot, q: Array, controller: Controller) -> tuple[NDArray[
     front = np.array([1.0, 0.0, 0.0]) if controller.T_base_root is None else controller.T_base_root[:3, 0]
     joints = controller.joint_map
     zero = 0.0 if joints is None else float(np.radians(-joints.offset_deg[0] * joints.sign[0]))
-    return posture(robot, q, front, zero)
+    return posture(robot.drawn, q, front, zero)  # as the controller reckons

@@ -20,6 +20,7 @@ from machopt.arrays import Array
 from machopt.domain.cell import Cell, Shape
 from machopt.errors import InputError
 from machopt.model import chain
+from machopt.model.built import BEHIND_FLANGE, ways
 from machopt.model.linkage import at_rest, chain_to, coupling_of
 from machopt.se3 import inverse, transform
 
@@ -72,11 +73,19 @@ class Robot:
     lower: Array  # (6,) rad
     upper: Array  # (6,) rad
     coupling: Array | None = None  # (6, 6) whole numbers: the lines turn by C q (a parallel linkage); None: by q
+    nominal: Robot | None = None  # the arm of the drawing, where the cell knows how it is really built
 
     @cached_property
     def serial(self) -> Robot:
         """The same lines, each turned by an angle of its own: what closed forms and levers are made of."""
-        return self if self.coupling is None else replace(self, coupling=None)
+        if self.coupling is None:
+            return self
+        return replace(self, coupling=None, nominal=None if self.nominal is None else self.nominal.serial)
+
+    @property
+    def drawn(self) -> Robot:
+        """The arm of the drawing, which a controller reckons with; mostly this very one."""
+        return self if self.nominal is None else self.nominal
 
     def turned(self, q: Array) -> Array:
         """θ = C q (..., 6) rad, by how much each line turns; exactly q without a linkage."""
@@ -154,18 +163,38 @@ def _own(array: Array) -> Array:
 
 
 def load_robot(cell: Cell) -> Robot:
-    """Reduce the cell's URDF to a :class:`Robot`; no mesh is read.
+    """Reduce the cell's URDF to a :class:`Robot`, as it is built; no mesh is read.
 
     Raises:
         InputError: the chain from base_link to flange_link is not made of the six arm joints.
     """
-    return _chain(cell)[0]
+    return _built(cell, _chain(cell)[0])[0]
 
 
 def load_chain(cell: Cell) -> tuple[Robot, tuple[LinkShape, ...]]:
     """The arm's kinematics and its collision bodies, both read from the URDF at q = 0."""
     robot, model, data, T_base_world, ids = _chain(cell)
-    return robot, _link_shapes(cell, model, data, T_base_world, ids)
+    shapes = _link_shapes(cell, model, data, T_base_world, ids)
+    robot, moved = _built(cell, robot)
+    if moved is not None:
+        shapes = tuple(_moved(s, moved[s.link]) for s in shapes)
+    return robot, shapes
+
+
+def _built(cell: Cell, drawn: Robot) -> tuple[Robot, Array | None]:
+    """The arm whose lines and flange are where they are built, and where its links are (:func:`built.ways`)."""
+    moved = ways(np.vstack([drawn.point, drawn.T_base_flange_zero[:3, 3]]), cell.kinematics)
+    if moved is None:
+        return drawn, None
+    R, p = moved[1:7, :3, :3], moved[1:7, :3, 3]
+    axis = np.einsum("kij,kj->ki", R, drawn.axis)
+    point = np.einsum("kij,kj->ki", R, drawn.point) + p
+    zero = moved[BEHIND_FLANGE] @ drawn.T_base_flange_zero
+    return replace(drawn, axis=axis, point=point, T_base_flange_zero=zero, nominal=drawn), moved
+
+
+def _moved(s: LinkShape, T: Array) -> LinkShape:
+    return replace(s, shape=replace(s.shape, T_parent_shape=T @ s.shape.T_parent_shape))
 
 
 def _chain(cell: Cell) -> tuple[Robot, object, object, Array, list[int]]:
@@ -241,14 +270,19 @@ def load_masses(cell: Cell) -> Masses:
         if carrier > 0 and model.inertias[j].mass > 0.0:
             T = T_base_world @ data.oMi[j].homogeneous
             inertia = model.inertias[j]
-            found.append((ids.index(carrier) + 1, inertia.mass, T[:3, :3] @ inertia.lever + T[:3, 3]))
+            link = ids.index(carrier) + 1
+            found.append((link, inertia.mass, T[:3, :3] @ inertia.lever + T[:3, 3], link))
     if cell.tool.mass > 0.0:
         T = T_base_world @ data.oMf[frame_of(cell, model, cell.flange_link)].homogeneous
-        found.append((6, cell.tool.mass, T[:3, :3] @ cell.tool.com + T[:3, 3]))
+        found.append((6, cell.tool.mass, T[:3, :3] @ cell.tool.com + T[:3, 3], BEHIND_FLANGE))
+    com = np.array([c for _, _, c, _ in found], float).reshape(-1, 3)
+    moved = _built(cell, _chain(cell)[0])[1] if cell.kinematics else None
+    if moved is not None:
+        com = np.array([moved[w, :3, :3] @ c + moved[w, :3, 3] for c, (*_, w) in zip(com, found, strict=True)])
     return Masses(
-        np.array([b for b, _, _ in found], np.int64),
-        np.array([m for _, m, _ in found], float),
-        np.array([c for _, _, c in found], float).reshape(-1, 3),
+        np.array([b for b, *_ in found], np.int64),
+        np.array([m for _, m, *_ in found], float),
+        com.reshape(-1, 3),
         cell.T_world_base[:3, :3].T @ np.array([0.0, 0.0, -GRAVITY]),
     )
 

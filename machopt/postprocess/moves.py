@@ -12,6 +12,7 @@ from machopt.domain.program import LEAST_FEED, LIN, PTP, RobotProgram
 from machopt.domain.toolpath import Event, Move, Toolpath
 from machopt.domain.trajectory import Trajectory
 from machopt.formats.posts.densify import Tolerance, densify
+from machopt.model.machine import load_machine
 from machopt.model.posture import posture_of
 from machopt.plan.pipeline import Plan
 from machopt.plan.timeline import Leg, Timeline
@@ -136,12 +137,18 @@ def _base(
 
 
 def _tcp(plan: Plan, x: Array) -> Array:
-    """(M, 4, 4) the tool at (M, 6 + E) rad or m: in the workpiece where external joints move it, else in base_link."""
+    """(M, 4, 4) the tool as the controller reckons: in the workpiece where external joints move it, else in base_link.
+
+    Args:
+        plan: whose cell it is.
+        x: (M, 6 + E) rad or m.
+    """
     setup = plan.setup
     T_flange_tcp = setup.cell.tool.T_flange_tcp
     if setup.cell.external_joints:
-        return setup.arm.machine.fk(x, T_flange_tcp)
-    return setup.robot.fk(x, T_flange_tcp)
+        machine, drawn = setup.arm.machine, setup.robot.drawn
+        return (machine if drawn is setup.robot else load_machine(setup.cell, drawn)).fk(x, T_flange_tcp)
+    return setup.robot.drawn.fk(x, T_flange_tcp)
 
 
 def _in_part(plan: Plan, T: Array) -> Array:

@@ -81,7 +81,7 @@ def short_program(cell: Cell, robot: Robot, controller: Controller) -> RobotProg
     return RobotProgram(
         kind=np.array([PTP, LIN, PTP], np.int8),
         q=q,
-        T_workpiece_tcp=robot.fk(q, cell.tool.T_flange_tcp),
+        T_workpiece_tcp=robot.drawn.fk(q, cell.tool.T_flange_tcp),
         feed=np.array([np.nan, 0.01, np.nan]),
         cutting=np.array([False, True, False]),
         operation=np.zeros(3, np.int32),

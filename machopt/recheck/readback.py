@@ -147,11 +147,11 @@ class _Ground:
     ) -> _Ground:
         motion = motion or read_motion(out / "trajectory.csv", cell)
         points = read_points(out / "points.csv", cell)
-        arm = Arm(cell)
+        arm = Arm(cell, drawn=True)  # as the controller reckons
         tcp = arm.tcp_in_workpiece(motion.q, motion.external)
         offset, tilt = np.zeros((len(tcp), 3)), np.zeros((len(tcp), 3))
         if cell.kinematics is not None:
-            true = arm.tcp_in_workpiece(true_angles(cell.kinematics, motion.q), motion.external)
+            true = Arm(cell).tcp_in_workpiece(true_angles(cell.kinematics, motion.q), motion.external)
             offset, tilt = true[:, :3, 3] - tcp[:, :3, 3], tcp[:, :3, 2] - true[:, :3, 2]
         wanted = toolpath.cutting.copy()
         if options.allow_gaps:
@@ -292,7 +292,7 @@ class _Ground:
                 f"{name}: tool and base", not wrong, float(len(wrong)), 0.0, "frames", "; ".join(wrong) or "the cell's"
             )
         ]
-        robot = load_robot(self.cell)
+        robot = load_robot(self.cell).drawn
         q = self._joints_of(said, self._joints_at(said, rows), self._external(said, rows), robot)
         standing = posture_of(robot, q, controller)
         told, first = first_difference(

@@ -22,7 +22,7 @@ def known_robot(cell: Cell) -> KnownRobot | None:
 
     def fk(q: Array, T_flange_tool: Array) -> Array:
         if not loaded:
-            loaded.append(load_robot(cell))
+            loaded.append(load_robot(cell).drawn)  # a program's places are the controller's
         return np.asarray(loaded[0].fk(q, T_flange_tool))
 
     T_base_workpiece = inverse(cell.T_world_base) @ cell.workpiece.T_link_workpiece

@@ -20,7 +20,10 @@ from numpy.typing import NDArray
 from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.errors import InputError
+from machopt.verify.built import is_rebuilt, rebuild
 from machopt.verify.compiled import compiled
+
+REACHED = 6  # Newton steps between two arms that differ by millimetres; the third is exact
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,13 @@ class Stance:
         that stands at m q_i + o."""
         return _columns(self.axis, self.origin, self.tcp) + self.linked
 
+    def moved_to_flange(self) -> Array:
+        """(N, 6, 6) :attr:`linked` at the flange's origin."""
+        out = self.linked.copy()
+        lever = (self.flange[:, :3, 3] - self.tcp[:, :3, 3])[:, None]
+        out[:, :3] += np.swapaxes(np.cross(np.swapaxes(self.linked[:, 3:], 1, 2), lever), 1, 2)
+        return out
+
     def rows(self, keep: NDArray[Any]) -> Stance:
         """Some of the configurations."""
         fields = self.q, self.external, self.axis, self.origin, self.tcp, self.frames, self.flange, self.linked
@@ -59,15 +69,16 @@ class Arm:
 
     Args:
         cell: URDF, names of base, flange, arm and external joints, poses of robot and workpiece in the world.
+        drawn: as the controller reckons, without what kinematics.yaml says of how the arm is built.
 
     Raises:
         InputError: a name is not in the URDF.
     """
 
-    def __init__(self, cell: Cell) -> None:
+    def __init__(self, cell: Cell, *, drawn: bool = False) -> None:
         import pinocchio as pin
 
-        self.cell = cell
+        self.cell, self._drawn = cell, drawn
         self.model: Any = pin.buildModelFromXML(cell.urdf_text)
         self._data = self.model.createData()
         self._forward = pin.framesForwardKinematics
@@ -85,6 +96,9 @@ class Arm:
             if self.model.existJointName(m.joint)
         ]
         self._flange, self._base = (self._frame(name) for name in (cell.flange_link, cell.base_link))
+        if not drawn:
+            rebuild(self.model, cell, self._base, self._flange, self.rest)
+            self._data = self.model.createData()
         self._part = None if cell.workpiece.link == "world" else self._frame(cell.workpiece.link)
 
     def _frame(self, name: str) -> int:
@@ -282,6 +296,22 @@ class Arm:
                 column = _columns((T[:, :3, :3] @ self._steps[j][2])[:, None], T[:, None, :3, 3], tcp)
                 linked[:, :, source] += multiplier * column[:, :, 0]
         return Stance(q, external, axis, frames[:, 1:, :3, 3], tcp, frames, flange, linked)
+
+    def as_drawn(self, stance: Stance) -> Stance:
+        """The arm of the drawing with its flange where this one's is: postures are told of that one."""
+        if self._drawn or not is_rebuilt(self.cell):
+            return stance
+        drawn, q = Arm(self.cell, drawn=True), stance.q
+        for _ in range(REACHED):
+            there = drawn.stance(q, stance.external)
+            off = stance.flange[:, :3, :3] @ np.swapaxes(there.flange[:, :3, :3], 1, 2)
+            turn = 0.5 * np.stack(
+                [off[:, 2, 1] - off[:, 1, 2], off[:, 0, 2] - off[:, 2, 0], off[:, 1, 0] - off[:, 0, 1]], 1
+            )
+            J = _columns(there.axis, there.origin, there.flange) + there.moved_to_flange()
+            away = np.concatenate([stance.flange[:, :3, 3] - there.flange[:, :3, 3], turn], axis=1)
+            q = q + np.einsum("nij,nj->ni", np.linalg.pinv(J), away)
+        return drawn.stance(q, stance.external)
 
     def _above(self, joint: int) -> list[int]:
         """A joint of the URDF and all that carry it."""

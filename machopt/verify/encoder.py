@@ -11,6 +11,7 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.domain.kinematics import Kinematics
+from machopt.verify.built import WORD
 
 
 def true_angles(kinematics: Kinematics | None, q: Array) -> Array:
@@ -28,6 +29,8 @@ def true_angles(kinematics: Kinematics | None, q: Array) -> Array:
     """
     stands = q.copy()
     for entry in kinematics.corrections if kinematics is not None else ():
+        if entry.effect == WORD:  # no angle: :mod:`machopt.verify.built`
+            continue
         joints = [int(word) - 1 for word in entry.location.split(":")[1].split("-")]
         p = entry.parameters
         if entry.effect == "joint_zero_offset":

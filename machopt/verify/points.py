@@ -243,7 +243,7 @@ class PointsCheck:
         singularity, branch = np.empty(len(rows)), np.empty(len(rows))
         numbered = True
         for some, stance in self.stances(rows):
-            stands = posture.posture(stance)
+            stands = posture.posture(self.arm.as_drawn(stance))
             singularity[some] = stands.singularity
             numbered = numbered and stands.branch is not None
             branch[some] = np.nan if stands.branch is None else stands.branch

@@ -1,0 +1,130 @@
+"""Geometry in kinematics.yaml: the arm as it is built, by the planner's lines and by the verifier's tree."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_cli import PASS, changed_cell, optimize, toolpath
+
+from machopt.domain.cell import Cell
+from machopt.domain.kinematics import KinematicCorrection, Kinematics
+from machopt.effects import geometry
+from machopt.effects.corrections import extended
+from machopt.errors import InputError
+from machopt.formats.cell import load_cell
+from machopt.formats.kinematics import load_kinematics, write_kinematics
+from machopt.model.correction import correction_of
+from machopt.model.gravity import gravity_torque
+from machopt.model.ik import solver_for
+from machopt.model.robot import load_chain, load_masses, load_robot
+from machopt.verify.arm import Arm
+from machopt.verify.encoder import true_angles
+
+CELLS = Path(__file__).parents[1] / "cells"
+PLACES = ("base", *(f"joint:{i}" for i in range(1, 7)), "tool")
+
+
+def entry(place: str, rng: np.random.Generator) -> KinematicCorrection:
+    size = {"xyz_mm": rng.normal(0.0, 0.5, 3).tolist(), "turn_mrad": rng.normal(0.0, 0.9, 3).tolist()}
+    return KinematicCorrection("geometry", place, size)
+
+
+def built_cell(name: str, seed: int = 0) -> Cell:
+    rng = np.random.default_rng(seed)
+    return replace(load_cell(CELLS / name), kinematics=Kinematics(tuple(entry(place, rng) for place in PLACES)))
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "kinematics.yaml"
+    path.write_text("machopt_kinematics: 1\ncorrections:\n" + text)
+    return path
+
+
+def test_planner_and_verifier_build_the_same_arm() -> None:
+    cell = built_cell("kr240_drilling")
+    robot, arm = load_robot(cell), Arm(cell)
+    q = np.random.default_rng(1).uniform(-1.5, 1.5, (50, 6))
+    stance = arm.stance(q)
+    # both multiply the same matrices in another order: rounding of metres
+    np.testing.assert_allclose(robot.fk(q, cell.tool.T_flange_tcp), stance.tcp, atol=1e-13)
+    np.testing.assert_allclose(robot.drawn.fk(q), Arm(cell, drawn=True).stance(q).flange, atol=1e-13)
+    state = robot.state(q, cell.tool.T_flange_tcp, bodies=True)
+    np.testing.assert_allclose(gravity_torque(robot, load_masses(cell), state)[0], arm.gravity(q), atol=1e-9)  # of 1e3
+    assert 1e-3 < np.abs(robot.fk(q) - robot.drawn.fk(q)).max() < 2e-2  # millimetres, not nothing
+
+
+def test_a_link_of_the_arm_carries_its_bodies_along() -> None:
+    cell = built_cell("kr240_drilling")
+    drawn = {s.shape.name: s.shape.T_parent_shape for s in load_chain(load_cell(CELLS / "kr240_drilling"))[1]}
+    for s in load_chain(cell)[1]:
+        off = np.abs(s.shape.T_parent_shape - drawn[s.shape.name]).max()
+        assert (off == 0.0) if s.link == 0 else (1e-5 < off < 2e-2)
+
+
+@pytest.mark.parametrize("name", ["kr240_drilling", "cutting_cobot"])
+def test_branches_of_the_drawing_are_led_to_the_built_arm(name: str) -> None:
+    robot = load_robot(built_cell(name))
+    q = np.random.default_rng(2).uniform(-1.4, 1.4, (60, 6))
+    T = robot.fk(q)
+    found, drawn = solver_for(robot).solve(T), solver_for(robot.drawn).solve(T)
+    there = np.isfinite(found.q[..., 0])
+    assert np.abs(robot.fk(np.nan_to_num(found.q)) - T[:, None])[there].max() < 1e-9  # ik_built.MET
+    apart = np.abs(np.angle(np.exp(1j * (found.q - drawn.q))))
+    regular = there & (drawn.wrist > 0.2) & (drawn.elbow > 0.2) & (drawn.shoulder > 0.1)
+    assert apart[regular].max() < 0.1  # milliradians over a sine of 0.2, twice: the same branch under the same index
+    own = np.abs(np.angle(np.exp(1j * (found.q - q[:, None])))).max(axis=2)
+    assert np.mean(np.nanmin(np.where(there, own, 9.0), axis=1) < 1e-6) > 0.9  # the rest lies at a singularity
+
+
+def test_geometry_is_no_angle() -> None:
+    known = Kinematics((entry("joint:3", np.random.default_rng(3)),))
+    assert correction_of(known) is None
+    q = np.ones((2, 6))
+    np.testing.assert_array_equal(true_angles(known, q), q)
+
+
+def test_what_is_written_is_read_back(tmp_path: Path) -> None:
+    known = Kinematics(tuple(entry(place, np.random.default_rng(4)) for place in PLACES))
+    write_kinematics(tmp_path / "k.yaml", known)
+    assert load_kinematics(tmp_path / "k.yaml") == known
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('  - {effect: geometry, location: "joint:7", parameters: {xyz_mm: [0, 0, 0]}}\n', "joint:7"),
+        ('  - {effect: geometry, location: "joint:2", parameters: {xyz_mm: [0, 0]}}\n', "three numbers"),
+        ('  - {effect: geometry, location: "joint:2", parameters: {xyz_mm: [0, 0, 300]}}\n', "at most 50 mm"),
+        ('  - {effect: geometry, location: "joint:2", parameters: {turn_deg: [0, 0, 1]}}\n', "turn_mrad"),
+        ('  - {effect: geometry, location: "joint:2", parameters: {}}\n', "xyz_mm or turn_mrad"),
+    ],
+)
+def test_a_geometry_that_cannot_be_is_refused(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        load_kinematics(written(tmp_path, text))
+
+
+def test_what_is_found_beside_what_is_known_adds_up() -> None:
+    known = Kinematics((KinematicCorrection("geometry", "joint:2", {"xyz_mm": [0.25, 0.0, 0.0]}),))
+    found = KinematicCorrection("geometry", "joint:2", {"xyz_mm": [0.5, 0.0, 1.0], "turn_mrad": [0.0, 0.5, 0.0]})
+    (both,) = extended(known, [found]).corrections
+    assert geometry.placed(both.parameters).shift.tolist() == [0.00075, 0.0, 0.001]
+    assert both.parameters["turn_mrad"] == [0.0, 0.5, 0.0]
+
+
+@pytest.mark.slow
+def test_a_plan_on_a_built_arm_is_verified(tmp_path: Path) -> None:
+    """Joints are exported for the built arm, Cartesian targets as the controller reckons: both are read back."""
+    line = "stiffness: stiffness.yaml"
+    cell = changed_cell(tmp_path, (line, f"{line}\nkinematics: kinematics.yaml"))
+    text = (
+        '  - {effect: geometry, location: "joint:2", parameters: {xyz_mm: [0.3, 0.2, 0], turn_mrad: [0.4, 0, -0.5]}}\n'
+    )
+    text += (
+        '  - {effect: geometry, location: "joint:5", parameters: {xyz_mm: [0, -0.2, 0.1], turn_mrad: [0.2, 0, 0.3]}}\n'
+    )
+    written(cell, text)
+    assert optimize(cell, toolpath(tmp_path, PASS), tmp_path / "out", "--post", "krl") == 0  # 4: not verified
