@@ -11,6 +11,7 @@ import pytest
 
 from machopt.arrays import Array
 from machopt.diagnose import at_joint, deflection, engine
+from machopt.diagnose.history import history
 from machopt.diagnose.problem import Catalogue, Family, Problem, Unknown
 from machopt.diagnose.readings import Readings
 from machopt.diagnose.words import sentence
@@ -98,6 +99,42 @@ def test_a_path_in_pieces_is_the_same_path() -> None:
         few, many = (hysteresis.drag(x, np.array([1] + [0] * (len(x) - 1)), 200.0, beta) for x in (corners, fine))
         np.testing.assert_allclose(many[::7], few, rtol=1e-12)
         assert np.abs(many).max() < 1.0
+
+
+def test_play_that_is_used_up_parts_once_however_large_the_load() -> None:
+    """Beyond the threshold the branches run side by side; a play's own part the further the more is loaded."""
+    law = hysteresis.UsedUp()
+    shape = np.array([80.0, 150.0])
+    opened = []
+    for largest in (1000.0, 2000.0):
+        up = np.linspace(-largest, largest, 401)
+        path = np.concatenate([up[200:], up[::-1], up])
+        first = np.zeros(len(path), np.int64)
+        first[0] = 1
+        twist = law.columns(shape, Drive(path, first=first))[:, 0]
+        down, rising = twist[201:602][::-1], twist[602:]
+        opened.append(down[200] - rising[200])
+        assert np.abs(down - rising)[[0, -1]].max() < 1e-6
+    assert opened[0] == pytest.approx(2.0 * np.tanh(80.0 / 150.0), rel=1e-9)
+    assert opened[1] == pytest.approx(opened[0], rel=1e-9)
+    width = law.sizes(np.array([1e-4]), shape, Scale(2000.0))["width"].value
+    assert width * np.pi / 10800.0 == pytest.approx(1e-4 * opened[0], rel=1e-9)
+    # a motion has other laws for it
+    assert not law.grid(Scale(1000.0, sampled=True))
+
+
+def test_what_is_late_has_come_before_a_session_and_fades_by_the_clock_alone() -> None:
+    """An arm that stood under its weight moves no more when a test begins; no cycle starts it afresh."""
+    r, _ = load_test()
+    r = replace(r, recording=replace(r.recording, time=np.cumsum(np.full(len(r), 20.0))))
+    for session in range(2):
+        drive = history(r, "session").drive(1, r.state.q[:, 1])
+        start = history(r, "session").start[r.session == session][0]
+        late = creep.lag(drive.torque, drive.gap, drive.first, 50.0)  # type: ignore[arg-type]
+        assert late[start] == drive.torque[start] != 0.0
+    for k, effect in enumerate((creep.EFFECT, hysteresis.EFFECT)):
+        found, _ = at_joint.hypotheses(r, 1, effect)
+        assert {int(shape[-1]) for h in found for shape in h.shapes} == set(range(1 - k, len(MEMORIES)))
 
 
 @pytest.mark.parametrize(("effect", "law"), LAWS)
@@ -359,7 +396,7 @@ def test_what_a_cell_holds_explains_what_diagnose_fitted_whatever_the_gear_remem
             assert left == (other,)
             np.testing.assert_allclose(moved, columns @ x, rtol=1e-9, atol=1e-16)
             seen.add((h.effect, term.parameters["memory"]))
-    assert seen == {(e, m) for e in ("joint_hysteresis", "joint_creep") for m in MEMORIES}
+    assert seen == {(e, m) for e in ("joint_hysteresis", "joint_creep") for m in MEMORIES} - {("joint_creep", "cycle")}
     creep_term = Term("joint_creep", "joint:3", {"extra_rad_per_Nm": 1e-7, "time_constant_s": 9.0, "memory": "visit"})
     timeless = replace(r, recording=replace(r.recording, time=None), memo={})
     assert at_joint.lived_through(timeless, (creep_term,))[1] == (creep_term,)

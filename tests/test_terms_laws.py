@@ -267,14 +267,14 @@ def test_a_small_load_meets_the_tangent_under_weight() -> None:
 
 
 def _readings() -> Readings:
-    """Two load cycles a pose, each rising, an hour between readings: what is slow has come to rest."""
+    """Two load cycles a pose, each rising, an hour between states, unloaded ones too: what is slow has come to rest."""
     n, poses = 8, 10
     q = np.repeat(postures(poses, seed=5), n, axis=0)
     direction = np.repeat(wrenches(2 * poses, seed=6), n // 2, axis=0)
     w = direction * np.tile(np.linspace(0.25, 1.0, n // 2), 2 * poses)[:, None]
     pose, cycle = np.repeat(np.arange(poses), n), np.repeat(np.arange(2 * poses), n // 2)
     rows, zero = np.arange(n * poses), np.zeros(n * poses, np.int64)
-    recording = Recording("deflection", "made up", q, pose, cycle, zero, rows, wrench=w, time=3600.0 * rows)
+    recording = Recording("deflection", "made up", q, pose, cycle, zero, rows, wrench=w, time=3600.0 * (rows + cycle))
     state = ROBOT.state(q, TOOL, bodies=True)
     return Readings(recording, ROBOT, TOOL, MASSES, state, w, 6, True, np.array(C), zero, pose, cycle)
 
@@ -296,7 +296,7 @@ def test_every_elastic_law_of_diagnose_is_a_term_and_predicts_what_it_fitted(tmp
     r = _readings()
     seen = set()
     for h in _hypotheses(r):
-        shape = h.shapes[0]  # of memory: each cycle begins relaxed
+        shape = h.shapes[0]  # of memory: each cycle begins relaxed, or has come to rest by the clock
         columns = h.columns(shape)
         unit = np.abs(columns[:, :3]).max(axis=(0, 1))
         x = 2e-5 / np.where(unit > 0, unit, np.inf)  # m: each column moves the TCP so far

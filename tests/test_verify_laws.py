@@ -52,6 +52,11 @@ TERMS = {
     "hysteresis": Term(
         "joint_hysteresis", "joint:4", {"weights_rad_per_Nm": [4e-7, 2e-7], "thresholds_Nm": [20.0, 90.0]}
     ),
+    "used up": Term(
+        "joint_hysteresis",
+        "joint:4",
+        {"law": "used_up", "half_clearance_arcmin": 0.3, "threshold_Nm": 20.0, "reach_Nm": 60.0},
+    ),
     "rounded": Term(
         "joint_hysteresis", "joint:4", {"law": "bouc_wen", "drag_arcmin": 0.02, "reach_Nm": 70.0, "beta": 0.65}
     ),

@@ -22,6 +22,7 @@ LEAST_SOFT = 1e-9  # rad/(N·m), that sizes in percent are of
 ENDS = (0.02, 0.98)  # quantiles that a joint's range of angles lies between
 LARGE = 0.98  # quantile of the torques that counts as the largest
 COUPLED = ((2, 3), (4, 5), (4, 6), (5, 6), (1, 2), (3, 4))  # joints whose gears share a shaft or a casting
+AT_ONCE = "cycle"  # forgotten between two cycles, which nothing is that fades by the clock
 FINE = 60  # points of a loop's branch, for the picture
 
 
@@ -71,7 +72,8 @@ def _hypothesis(r: Readings, j: int, effect: Effect, law: Law, scale: Scale, gri
         return _loop(r, j, law, at, x, memory(shape), scale) if law.remembers else _line(r, j, law, at, x)
 
     if law.remembers:
-        grid = tuple((*s, float(k)) for k in range(len(MEMORIES)) for s in grid)
+        kept = [k for k, m in enumerate(MEMORIES) if not (timed(law) and m == AT_ONCE)]
+        grid = tuple((*s, float(k)) for k in kept for s in grid)
     count = columns(grid[0]).shape[2]
     lower = tuple(least for _, _, least in files.named(law, count))
     return Hypothesis(

@@ -69,7 +69,8 @@ def _history(r: Readings, memory: int) -> History:
         first += [int(memory == 0 or (arrived and not (memory == 3 and same))), *(0 for _ in rows)]
         torque += [weight[None], r.load_torque[rows] + weight]
         if time is not None:
-            gap.append(_gaps(time[rows], last if same and (not arrived or memory > 1) else np.nan))
+            began = memory > 1 and not same
+            gap.append(_gaps(time[rows], last if same and (not arrived or memory > 1) else np.nan, began))
             last = float(time[rows[-1]])
         start[rows], at[rows] = count, count + 1 + np.arange(len(rows))
         visit, session, count = here, now, count + 1 + len(rows)
@@ -82,12 +83,13 @@ def _history(r: Readings, memory: int) -> History:
     )
 
 
-def _gaps(time: Array, last: float) -> Array:
+def _gaps(time: Array, last: float, stood: bool = False) -> Array:
     """Seconds before the unloaded state of a cycle and before each of its readings.
 
     Args:
         time: of the readings.
         last: of the last reading that still counts; NaN: there is none.
+        stood: the arm has stood so, under its weight, for longer than anything in it lasts.
     """
     gaps = np.maximum(np.diff(time), 0.0)
     wait = float(np.median(gaps)) if len(gaps) else np.nan
@@ -96,4 +98,6 @@ def _gaps(time: Array, last: float) -> Array:
         away = max(float(time[0]) - wait - last, 0.0)
     elif np.isfinite(last):  # a lone reading: how much of it was before the load came is the law's to say
         away = -max(float(time[0]) - last, 0.0)
+    elif stood:
+        away = np.inf
     return np.concatenate([[away, wait], gaps])

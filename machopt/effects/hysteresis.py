@@ -1,6 +1,6 @@
-"""Hysteresis: the loop of a gear with friction in it, by play operators side by side or with rounded ends.
+"""Hysteresis: the loop of a gear with friction in it, by play operators, used up or not, or with rounded ends.
 
-Both have a memory. A plan has none and takes the branch of a load that rises from a gear at rest,
+All have a memory. A plan has none and takes the branch of a load that rises from a gear at rest,
 P_r = sgn(τ) max(|τ| − r, 0): a gear left on the far side of its play by a load before gives up to a·r more, once. What
 a *small* load meets is the slope once the play is taken up or the drag has grown, the softest the gear can be.
 """
@@ -34,6 +34,7 @@ STEP_PAIRS = ((0.03, 0.15), (0.03, 0.3), (0.08, 0.3), (0.15, 0.5))
 SAMPLES = ((0.02,), (0.05,), (0.1,), (0.18,), (0.3,), (0.45,))  # in motions
 SAMPLE_PAIRS = ((0.02, 0.1), (0.02, 0.3), (0.05, 0.18), (0.05, 0.3), (0.1, 0.3), (0.1, 0.45), (0.18, 0.45))
 DRAGS = tuple((r, b) for r in (0.1, 0.2, 0.4, 0.8, 1.6) for b in (0.5, 0.65, 0.8))  # in motions
+USED_UP = tuple((r, k) for r in (0.08, 0.18, 0.35) for k in (0.12, 0.35))  # half-width and reach, in load tests
 # a cycle of a load, from rest up and down and up again: where it comes through zero either way
 CYCLE = np.concatenate([np.linspace(0.0, 1.0, 40), np.linspace(1.0, -1.0, 81)[1:], np.linspace(-1.0, 1.0, 81)[1:]])
 DOWN, UP = 79, 159
@@ -149,6 +150,49 @@ class Plays(Settled):
 
 
 @dataclass(frozen=True)
+class UsedUp(Settled):
+    """φ = a tanh(P_r[τ] / k): flanks that friction holds on their way across a clearance, and that then lie on.
+
+    Other than of plays alone, whose loop goes on growing with the load, branches part once and run side by side.
+    """
+
+    word = "used_up"
+    name = "play that is used up"
+    equation = "φ = c τ + a tanh(P_r[τ]/k), P_r the play operator of half-width r (generalised play); rate-independent"
+    coefficients = (
+        Parameter(key="half_clearance_arcmin", unit="rad", factor=ARCMIN, least=0.0, name="half clearance"),
+    )
+    shape = (
+        Parameter(key="threshold_Nm", unit="N·m", least=0.0, positive=True),
+        Parameter(key="reach_Nm", unit="N·m", positive=True),
+    )
+    remembers = True
+
+    def columns(self, shape: Array, drive: Drive) -> Array:
+        r, k = float(shape[0]), float(shape[1])
+        tau = drive.torque
+        taken = tau - np.clip(tau, -r, r) if drive.first is None else play(tau, drive.first, r)
+        return np.asarray(np.tanh(taken / k)[..., None])
+
+    def tangent(self, shape: Array, drive: Drive) -> Array:
+        r, k = float(shape[0]), float(shape[1])
+        nearest = np.maximum(np.abs(drive.torque) - r, 0.0) / k  # to the middle of the way, wherever the gear stands
+        return np.asarray(((1.0 - np.tanh(nearest) ** 2) / k)[..., None])
+
+    def within(self, values: Array, room: float) -> Law:
+        return self
+
+    def sizes(self, values: Array, shape: Array, scale: Scale) -> Mapping[str, Quantity]:
+        r, k = float(shape[0]), float(shape[1])
+        # between the branches where a full cycle crosses zero torque
+        width = 2.0 * float(values[0]) * float(np.tanh(max(min(r, scale.reach - r), 0.0) / k)) / ARCMIN
+        return {"width": Quantity(width, "arcmin"), "threshold": Quantity(r, "N·m")}
+
+    def grid(self, scale: Scale) -> tuple[Shape, ...]:
+        return () if scale.sampled else tuple((r * scale.reach, k * scale.reach) for r, k in USED_UP)
+
+
+@dataclass(frozen=True)
 class BoucWen(Settled):
     """φ = −a z: what friction holds back of c τ, a loop with rounded ends."""
 
@@ -189,7 +233,7 @@ EFFECT = Effect(
     sentence="The joint comes back by another path than it went: friction in the drive train holds twist back.",
     port="twist",
     places=JOINTS,
-    laws=(Plays(1), Plays(2), BoucWen()),
+    laws=(Plays(1), Plays(2), UsedUp(), BoucWen()),
     default="play",
     elastic=True,
     form=0.2,

@@ -4,8 +4,8 @@ Every law is written from its description in the README and in the stiffness fil
 
 * in the joints, linear: coupling, springs by angle (harmonics or a sector), creep fully relaxed → a 6×6 compliance;
 * in one joint, along a curve φ of its torque: knees and the cubic over weight and process together, backlash likewise,
-  hysteresis (play, or a drag that grows to its end) over the process alone. A process torque τ on top of weight g turns
-  the joint by φ(g + τ) − φ(g), a small one by φ'(g) τ (hysteresis: the slope beyond its threshold);
+  hysteresis (play, used up or not, or a drag that grows to its end) over the process alone. A process torque τ on top
+  of weight g turns the joint by φ(g + τ) − φ(g), a small one by φ'(g) τ (hysteresis: the slope beyond its threshold);
 * the balancer of joint 2: a second spring beside the gear;
 * between two halves of a body: base, link, tool → a 6×6 compliance in a frame that moves with it.
 """
@@ -35,13 +35,14 @@ class Curve:
     """A joint whose twist is a curve over its torque."""
 
     joint: int  # 0-based
-    form: str  # clipped | cubic | play | drag
-    size: Array  # (P,) rad/(N·m), of the cubic rad/(N·m)³, of drag rad
+    form: str  # clipped | cubic | play | used | drag
+    size: Array  # (P,) rad/(N·m), of the cubic rad/(N·m)³, of drag and of play that is used up rad
     bound: Array  # (P,) N·m, where each piece ends (of the cubic: where its tangent takes over; of drag: its reach)
+    reach: float = np.nan  # N·m within which play is used up
 
     @property
     def feels_weight(self) -> bool:
-        return self.form not in ("play", "drag")
+        return self.form not in ("play", "used", "drag")
 
     def turn(self, torque: Array) -> Array:
         """φ (N,) rad at torques (N,) N·m."""
@@ -49,6 +50,8 @@ class Curve:
         if self.form == "drag":
             return np.asarray((np.exp(-np.abs(t) / self.bound) - 1.0) * np.sign(t) @ self.size)
         near = np.clip(t, -self.bound, self.bound)
+        if self.form == "used":
+            return np.asarray(np.tanh((t - near) / self.reach) @ self.size)
         if self.form == "cubic":
             slope = np.where(np.isfinite(self.bound), 3.0 * np.minimum(np.abs(t), self.bound) ** 2, 0.0)
             return np.asarray((near**3 + slope * (t - near)) @ self.size)
@@ -59,6 +62,9 @@ class Curve:
         t = np.abs(torque)[:, None]
         if self.form == "drag":
             return np.zeros(torque.shape)
+        if self.form == "used":
+            beyond = np.maximum(t - self.bound, 0.0) / self.reach
+            return np.asarray(np.cosh(np.minimum(beyond, 300.0)) ** -2.0 @ self.size / self.reach)
         if self.form == "cubic":
             return np.asarray(3.0 * np.minimum(t, self.bound) ** 2 @ self.size)
         return np.asarray(np.where((t < self.bound) | (self.form == "play"), self.size, 0.0).sum(axis=1))
@@ -131,6 +137,9 @@ def curves(terms: Sequence[Term], k: Array, lower: Array, upper: Array) -> list[
             out.append(Curve(i, "clipped", np.radians(p["width_arcmin"] / 60.0) / (2.0 * bound), bound))
         elif term.effect == "joint_hysteresis" and p.get("law") == "bouc_wen":
             out.append(Curve(i, "drag", np.radians(_row(p, "drag_arcmin") / 60.0), _row(p, "reach_Nm")))
+        elif term.effect == "joint_hysteresis" and p.get("law") == "used_up":
+            size, bound = np.radians(_row(p, "half_clearance_arcmin") / 60.0), _row(p, "threshold_Nm")
+            out.append(Curve(i, "used", size, bound, float(p["reach_Nm"])))
         elif term.effect == "joint_hysteresis":
             out.append(Curve(i, "play", _row(p, "weights_rad_per_Nm"), _row(p, "thresholds_Nm")))
         elif term.effect == "joint_nonlinear_stiffness" and p["law"] == "cubic":

@@ -83,7 +83,7 @@ class JointTerm:
         self._complete()
         column = state.J[..., :, self.i]
         load = np.einsum("...c,...c->...", column, wrench)
-        under = np.zeros_like(load) if weight is None else weight[..., self.i]
+        under = np.zeros_like(load) if weight is None or not self.weighs else weight[..., self.i]
         slope = self.law.tangent(self.shape, Drive(under, state.q[..., self.i]))
         return np.asarray(column[..., :, None] * (slope * load[..., None])[..., None, :])
 
