@@ -21,8 +21,7 @@ from machopt.recheck import scope
 from machopt.recheck.resultcheck import result_checks
 from machopt.services.load import Request
 from machopt.services.run import optimize
-from machopt.verify import Check, Verification
-from machopt.verify.output import verify_output
+from machopt.verify import Check, Verification, verify_stints
 
 PATHS = Path(__file__).resolve().parents[1] / "toolpaths"
 KR500 = CELLS / "kr500_milling"
@@ -178,10 +177,10 @@ def test_an_infeasible_plan_leaves_no_program_and_verifies_as_such(
 
 def test_a_plan_that_does_not_hold_leaves_no_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*args: object, **options: object) -> Verification:
-        found = verify_output(*args, **options)  # type: ignore[arg-type]
+        found = verify_stints(*args, **options)  # type: ignore[arg-type]
         return Verification((*found.checks, Check("weather", False, 1.0, 0.0, "drops", "above")), found.samples, 1.0)
 
-    monkeypatch.setattr("machopt.recheck.folder.verify_output", broken)
+    monkeypatch.setattr("machopt.recheck.folder.verify_stints", broken)
     toolpath = tmp_path / "pass.csv"
     toolpath.write_text(HEADER + "\n" + "".join(f"{x},{y},{z},0,0,1,{move},{feed}\n" for x, y, z, move, feed in PASS))
     out = tmp_path / "out"

@@ -30,6 +30,7 @@ from machopt.services.load import Request, prepared
 from machopt.services.planned import Planned, planned
 from machopt.services.result import objectives_of
 from machopt.services.run import Written, write
+from machopt.services.tell import tool_names
 from machopt.verify import Verification
 
 
@@ -89,8 +90,8 @@ class Plan:
         if timeline is None or timeline.trajectory is None:
             return None
         table = self._made.made.points.table
-        tool = self._made.made.plan.setup.cell.tool_name
-        return Table(trajectory_columns(timeline.trajectory, table.operations, table.external_prismatic, tool))
+        tools = tool_names(self._made.made.plan)
+        return Table(trajectory_columns(timeline.trajectory, table.operations, table.external_prismatic, tools))
 
     @property
     def joints(self) -> Array:

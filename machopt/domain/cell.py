@@ -46,6 +46,7 @@ class Tool:
     com: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, in flange
     geometry: tuple[Shape, ...] = ()
     cutter: Cutter | None = None
+    number: int | None = None  # of the tool stored in the controller; None: ``controller.tool_number``
 
 
 @dataclass(frozen=True)
@@ -118,10 +119,26 @@ class Cell:
     mimics: tuple[Mimic, ...] = ()  # every joint of the URDF that follows another
     may_touch: tuple[MayTouch, ...] = ()
     tools: Mapping[str, Tool] = field(default_factory=dict)  # the tool table by the CAM file's words; empty: one tool
-    tool_name: str | None = None  # which of the table ``tool`` is; the first one until a toolpath says
+    tool_name: str | None = None  # which of the table ``tool`` is; the first one until a toolpath says, None: several
+    change: Array | None = None  # (6 + E,) rad or m by encoder, where tools are changed; None: at home
     arm_prismatic: tuple[bool, ...] = ()  # which joints of the arm slide; empty: all turn
 
     @property
     def urdf_text(self) -> str:
         """The robot's description itself."""
         return self.urdf.read_text(encoding="utf-8-sig") if self.expanded is None else self.expanded
+
+    @property
+    def stands_at_home(self) -> Array:
+        """(6 + E,) rad or m by encoder, where a motion begins and ends."""
+        return np.concatenate([self.home, self.external_home])
+
+    @property
+    def stands_at_change(self) -> Array:
+        """(6 + E,) rad or m by encoder, where tools are changed."""
+        return self.stands_at_home if self.change is None else self.change
+
+    @property
+    def tools_on(self) -> tuple[Tool, ...]:
+        """The tools of the job: ``tool``, or the whole table where the job takes several."""
+        return tuple(self.tools.values()) if self.tools and self.tool_name is None else (self.tool,)

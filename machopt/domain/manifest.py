@@ -22,6 +22,7 @@ class ManifestProgram:
 
     post: str  # name of a shipped post, or of the user's template file
     files: tuple[str, ...]  # names in the folder, the one that is run first
+    stint: int = 0  # which tool of the job it drives, from 1; 0: it drives the whole job
 
 
 @dataclass(frozen=True)

@@ -22,3 +22,4 @@ class Trajectory:
     operation: NDArray[np.int32]  # (S,) index into the toolpath's operations, −1 outside
     gamma: Array  # (S,) rad; NaN where no toolpath point is near (rapid moves)
     feed: Array  # (S,) m/s, actual speed of the TCP relative to the workpiece
+    tool: NDArray[np.int32] | None = None  # (S,) which stint of the job, where it changes tools

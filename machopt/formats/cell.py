@@ -18,7 +18,16 @@ from machopt.domain.program import Controller, ExternalDrive
 from machopt.errors import InputError, nearest
 from machopt.formats.cell_schema import AnyChainKeys, CellKeys, PoseKeys, ShapeKeys, ToolKeys
 from machopt.formats.cellparts import any_of, first_taken, frozen, joint_map_of
-from machopt.formats.chain import Chain, check_carrier, limits_of_urdf, read_chain, read_home, read_limits, standing
+from machopt.formats.chain import (
+    Chain,
+    check_carrier,
+    limits_of_urdf,
+    read_chain,
+    read_change,
+    read_home,
+    read_limits,
+    standing,
+)
 from machopt.formats.kinematics import load_kinematics
 from machopt.formats.linkage import followers, narrowed
 from machopt.formats.maytouch import PairReader
@@ -120,6 +129,7 @@ class _Reader:
             )
         )
         home = read_home(chain, limits, keys, self.document)
+        change = read_change(chain, limits, keys, self.document)
         packages = self.urdf_meshes(urdf, named)
         tools, workpiece = self.tools(), self.workpiece()
         name, tool = next(iter(tools.items()))
@@ -165,6 +175,7 @@ class _Reader:
             home=frozen(home[: len(chain.arm)]),
             external_home=frozen(home[len(chain.arm) :]),
             T_world_base=self.base(urdf, bool(chain.external)),
+            change=change if change is None else frozen(change),
             limits=JointLimits(
                 *(
                     frozen(row)
@@ -310,6 +321,7 @@ class _Reader:
             cutter=None
             if cutter is None
             else Cutter(cutter.diameter_mm / 1e3, cutter.length_mm / 1e3, cutter.corner_mm / 1e3),
+            number=keys.tool_number,
         )
 
     def workpiece(self) -> Workpiece:

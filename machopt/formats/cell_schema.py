@@ -90,6 +90,10 @@ class RobotKeys(Strict):
     arm_joints: list[str] | None = Field(default=None, min_length=6, max_length=6, description="names of joints 1 to 6")
     external_joints: list[str] = Field(default=[], description="names of rail, gantry and positioner joints")
     home_deg: list[float] = Field(min_length=6, description=f"degrees (mm if prismatic), {_PER_JOINT}")
+    tool_change_deg: list[float] | None = Field(
+        default=None,
+        description=f"where tools are changed, degrees (mm if prismatic), {_PER_JOINT}; left out: at home",
+    )
     limits: LimitKeys = Field(description="of every moving joint")
 
 
@@ -120,6 +124,9 @@ class ToolKeys(Strict):
     com_mm: Triple = Field(default=[0.0, 0.0, 0.0], description="centre of mass x, y, z in the flange frame")
     geometry: list[ShapeKeys] = Field(default=[], description="bodies of spindle and holder, in flange_link")
     cutter: CutterKeys | None = Field(default=None, description="the part that may touch the workpiece where it cuts")
+    tool_number: int | None = Field(
+        default=None, ge=0, description="of the tool stored in the controller, in a table of tools"
+    )
 
 
 class WorkpieceKeys(Strict):

@@ -207,18 +207,27 @@ def standing(urdf: Urdf, chain: Chain, limits: JointLimits) -> tuple[str, ...]:
 
 def read_home(chain: Chain, limits: JointLimits, keys: CellKeys, document: Document) -> Array:
     """Home in SI, in the order of ``chain.moving``; as many values as the arm has joints leave the external at zero."""
-    values = keys.robot.home_deg
+    return _stand(chain, limits, keys.robot.home_deg, "home_deg", document)
+
+
+def read_change(chain: Chain, limits: JointLimits, keys: CellKeys, document: Document) -> Array | None:
+    """Where tools are changed, likewise; None where the cell does not say it."""
+    values = keys.robot.tool_change_deg
+    return None if values is None else _stand(chain, limits, values, "tool_change_deg", document)
+
+
+def _stand(chain: Chain, limits: JointLimits, values: list[float], key: str, document: Document) -> Array:
     full = values
     if len(values) == len(chain.arm) < len(chain.moving):
         full = [*values, *([0.0] * len(chain.external))]
-    _length(chain, document, ("robot", "home_deg"), len(full))
-    home = np.array(full) * chain.unit
+    _length(chain, document, ("robot", key), len(full))
+    stands = np.array(full) * chain.unit
     for i, j in enumerate(chain.moving):
-        if not limits.lower[i] <= home[i] <= limits.upper[i]:
+        if not limits.lower[i] <= stands[i] <= limits.upper[i]:
             lo, hi = (round(float(v / chain.unit[i]), 3) for v in (limits.lower[i], limits.upper[i]))
-            loc: Loc = ("robot", "home_deg", i) if full is values else ("robot", "home_deg")
+            loc: Loc = ("robot", key, i) if full is values else ("robot", key)
             raise document.error(loc, f"found {full[i]:g} for joint {j.name!r}; its range is [{lo:g}, {hi:g}]")
-    return home
+    return stands
 
 
 def _external(urdf: Urdf, keys: CellKeys, document: Document) -> list[UrdfJoint]:

@@ -92,7 +92,7 @@ def write_trajectory_csv(
     trajectory: Trajectory,
     operations: Sequence[str],
     external_prismatic: Sequence[bool] = (),
-    tool: str | None = None,
+    tools: Sequence[str] = (),
 ) -> None:
     """Write ``trajectory.csv``.
 
@@ -107,23 +107,27 @@ def write_trajectory_csv(
         trajectory: S samples, SI.
         operations: labels that ``trajectory.operation`` points to; −1 gives an empty field.
         external_prismatic: (E,) True where the external axis moves along (mm), False where it turns (deg).
-        tool: its name, where the cell has a table of tools.
+        tools: names that ``trajectory.tool`` points to, one where it has none; where the cell has a table of them.
     """
-    _write(path, _trajectory(trajectory, operations, external_prismatic, tool))
+    _write(path, _trajectory(trajectory, operations, external_prismatic, tools))
+
+
+def _tools(t: Trajectory, names: Sequence[str]) -> list[str]:
+    return [names[0]] * len(t.time) if t.tool is None else [names[k] for k in t.tool.tolist()]
 
 
 def trajectory_columns(
     trajectory: Trajectory,
     operations: Sequence[str],
     external_prismatic: Sequence[bool] = (),
-    tool: str | None = None,
+    tools: Sequence[str] = (),
 ) -> dict[str, NDArray[Any]]:
     """The columns of ``trajectory.csv`` by name, (S,) each and read-only: its very numbers, NaN for an empty field."""
-    return {c.name: c.array for c in _trajectory(trajectory, operations, external_prismatic, tool)}
+    return {c.name: c.array for c in _trajectory(trajectory, operations, external_prismatic, tools)}
 
 
 def _trajectory(
-    t: Trajectory, operations: Sequence[str], external_prismatic: Sequence[bool], tool: str | None
+    t: Trajectory, operations: Sequence[str], external_prismatic: Sequence[bool], tools: Sequence[str]
 ) -> list[_Column]:
     move, operation = _words(t.move, t.operation, operations)
     return [
@@ -134,7 +138,7 @@ def _trajectory(
         *_joint_columns(t.q, t.external, external_prismatic),
         _optional("gamma_deg", t.gamma * DEG_PER_RAD, 6),
         _optional("feed_mm_min", t.feed * MM_MIN_PER_M_S, 3),
-        *([] if tool is None else [_text("tool", [tool] * len(t.time))]),
+        *([_text("tool", _tools(t, tools))] if tools else []),
     ]
 
 

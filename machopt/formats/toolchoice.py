@@ -1,4 +1,4 @@
-"""Which tool of a cell's table a toolpath wants, by the words of the CAM file."""
+"""Which tools of a cell's table a toolpath wants, by the words of the CAM file, and where it changes them."""
 
 from __future__ import annotations
 
@@ -6,15 +6,22 @@ import re
 from collections.abc import Iterable
 from dataclasses import replace
 
-from machopt.domain.cell import Cell
-from machopt.domain.toolpath import Operation, Toolpath
+import numpy as np
+
+from machopt.domain.cell import Cell, Tool
+from machopt.domain.stint import Stint, stretch_of
+from machopt.domain.toolpath import Move, Operation, Toolpath
 from machopt.errors import InputError, nearest
 
 _NUMBER = re.compile(r"T?0*(\d+)(?:\.0*)?", re.IGNORECASE)  # T03, 3 and 3.0 are one tool
 
 
 def tool_of(operation: Operation, names: Iterable[str]) -> str | None:
-    """The name in the table that an operation's tool words mean: the same text, or the same number; else None."""
+    """The name in the table that an operation's tool words mean: the same text, else the same number; else None."""
+    names = list(names)
+    same = next((word for word in operation.tools if word in names), None)
+    if same is not None:
+        return same
     known = {_plain(name): name for name in names}
     return next((known[_plain(word)] for word in operation.tools if _plain(word) in known), None)
 
@@ -52,27 +59,117 @@ def tools_of(toolpath: Toolpath, names: Iterable[str]) -> tuple[str | None, ...]
     return tuple(out)
 
 
+def with_tools(cell: Cell, toolpath: Toolpath) -> Cell:
+    """The cell with the tool that the toolpath wants; where it wants several, with a table of these and none on.
+
+    Raises:
+        InputError: see :func:`tools_of`.
+    """
+    if not cell.tools:
+        return cell
+    wanted = _wanted(cell, toolpath)
+    if len(wanted) == 1:
+        return _holding(cell, next(iter(wanted)))
+    table = {name: cell.tools[name] for name in wanted}
+    return replace(cell, tool=next(iter(table.values())), tools=table, tool_name=None)
+
+
 def with_tool(cell: Cell, *toolpaths: Toolpath) -> Cell:
-    """The cell with the tool that the toolpaths want; as it is where it has no table.
+    """The cell with the one tool that all the toolpaths want; as it is where it has no table.
 
     Raises:
         InputError: see :func:`tools_of`; or they want several tools.
     """
     if not cell.tools:
         return cell
-    wanted: dict[str, str] = {}  # tool → operation that wants it first
-    for toolpath in toolpaths:
-        chosen = tools_of(toolpath, cell.tools)
-        for k in sorted(set(toolpath.operation.tolist())):
-            wanted.setdefault(str(chosen[k]), f"{toolpath.operations[k].label!r} of {toolpath.source}")
+    wanted = _wanted(cell, *toolpaths)
     if len(wanted) > 1:
         changes = ", ".join(f"{tool} from operation {label}" for tool, label in wanted.items())
         raise InputError(
-            f"wants {len(wanted)} tools of the cell ({changes}); one plan has one tool: a file for each would work",
+            f"wants {len(wanted)} tools of the cell ({changes}); this is done with one tool: a file for each would "
+            "work (optimize takes several in one)",
             file=toolpaths[0].source,
         )
     (name,) = wanted
-    return replace(cell, tool=cell.tools[name], tool_name=name)
+    return _holding(cell, name)
+
+
+def stints_of(cell: Cell, toolpath: Toolpath) -> tuple[Stint, ...]:
+    """The job cut where it changes tools, in order; one stint where it does not.
+
+    Raises:
+        InputError: see :func:`tools_of`; or a tool changes on the way of a cut, or tools share a number in the
+            controller.
+    """
+    home, change = cell.stands_at_home, cell.stands_at_change
+    if not cell.tools or len(_wanted(cell, toolpath)) == 1:
+        return (Stint(with_tools(cell, toolpath), toolpath, toolpath, 0, home, home),)
+    chosen = tools_of(toolpath, cell.tools)
+    name_of = np.array([chosen[k] for k in toolpath.operation.tolist()], dtype=object)
+    firsts = [0, *(1 + np.flatnonzero(name_of[1:] != name_of[:-1])).tolist()]
+    for first in firsts[1:]:
+        if toolpath.move[first] == Move.CUT and toolpath.move[first - 1] == Move.CUT:
+            raise InputError(
+                f"cuts from point {first - 1} to point {first}, and the tool changes from {name_of[first - 1]} to "
+                f"{name_of[first]} between them; a rapid move to the first point of a tool would work",
+                file=toolpath.source,
+            )
+    _own_numbers(cell, {str(name) for name in name_of})
+    out = []
+    for n, (first, stop) in enumerate(zip(firsts, [*firsts[1:], len(toolpath)], strict=True), start=1):
+        out.append(
+            Stint(
+                cell=_holding(cell, str(name_of[first])),
+                toolpath=stretch_of(toolpath, first, stop),
+                whole=toolpath,
+                first=first,
+                begin=home if n == 1 else change,
+                end=home if n == len(firsts) else change,
+                number=n,
+            )
+        )
+    return tuple(out)
+
+
+def used_operations(toolpath: Toolpath) -> tuple[str, ...]:
+    """Labels of the operations that have points, in the order of these."""
+    return tuple(toolpath.operations[k].label for k in dict.fromkeys(toolpath.operation.tolist()))
+
+
+def _wanted(cell: Cell, *toolpaths: Toolpath) -> dict[str, str]:
+    """Each tool that is used, with the operation that wants it first."""
+    out: dict[str, str] = {}
+    for toolpath in toolpaths:
+        chosen = tools_of(toolpath, cell.tools)
+        for k in dict.fromkeys(toolpath.operation.tolist()):
+            out.setdefault(str(chosen[k]), f"{toolpath.operations[k].label!r} of {toolpath.source}")
+    return out
+
+
+def _holding(cell: Cell, name: str) -> Cell:
+    """The cell with a tool of its table on."""
+    tool: Tool = cell.tools[name]
+    controller = cell.controller
+    if tool.number is not None:
+        controller = replace(controller, tool_number=tool.number)
+    return replace(cell, tool=tool, tool_name=name, controller=controller)
+
+
+def _own_numbers(cell: Cell, names: Iterable[str]) -> None:
+    """In the controller each tool has a number of its own, or none has one."""
+    shared: dict[int, str] = {}
+    for name in sorted(names):
+        number = cell.tools[name].number
+        number = cell.controller.tool_number if number is None else number
+        if number is not None and number in shared:
+            raise InputError(
+                f"the tools {shared[number]} and {name} would both be number {number} of the controller; a tool_number "
+                "of its own for each would work",
+                file=cell.folder / "cell.yaml",
+                where=f"tools.{name}",
+            )
+        if number is not None:
+            shared[number] = name
 
 
 def _plain(word: str) -> str:

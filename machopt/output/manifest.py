@@ -161,7 +161,9 @@ def _as_json(m: Manifest) -> dict[str, Any]:
             "inputs": files(m.inputs),
             "reading": m.reading,
             "options": m.options,
-            "programs": [{"post": p.post, "files": p.files} for p in m.programs],
+            "programs": [
+                {"post": p.post, "files": p.files, **({"stint": p.stint} if p.stint else {})} for p in m.programs
+            ],
             "program_tolerance_mm": m.program_tolerance_mm,
             "checked": [{"what": c.what, "how": c.how} for c in m.checked],
             "unchecked": m.unchecked,
@@ -197,11 +199,21 @@ def _read(value: Mapping[str, Any], file: Path) -> Manifest:
             raise wrong(key, items, "a list of words")
         return tuple(items)
 
-    def pairs(key: str, names: tuple[str, str]) -> list[tuple[Any, Any]]:
+    def pairs(key: str, names: tuple[str, str], more: frozenset[str] = frozenset()) -> list[tuple[Any, Any]]:
         for n, item in enumerate(value[key]):
-            if not isinstance(item, dict) or set(item) != set(names) or not isinstance(item[names[0]], str):
+            if not isinstance(item, dict) or set(item) - more != set(names) or not isinstance(item[names[0]], str):
                 raise wrong(f"{key}.{n}", item, " and ".join(names))
         return [(item[names[0]], item[names[1]]) for item in value[key]]
+
+    def programs() -> tuple[ManifestProgram, ...]:
+        out = []
+        named = pairs("programs", ("post", "files"), frozenset({"stint"}))
+        for n, ((post, own), item) in enumerate(zip(named, value["programs"], strict=True)):
+            stint = item.get("stint", 0)
+            if not isinstance(stint, int) or stint < 0:
+                raise wrong(f"programs.{n}.stint", stint, "a number from 1")
+            out.append(ManifestProgram(post, words("programs", own), stint))
+        return tuple(out)
 
     versions = value["versions"]
     if not all(isinstance(v, str) for v in versions.values()):
@@ -216,7 +228,7 @@ def _read(value: Mapping[str, Any], file: Path) -> Manifest:
         files=files("files"),
         options=value["options"],
         reading=value["reading"],
-        programs=tuple(ManifestProgram(p, words("programs", f)) for p, f in pairs("programs", ("post", "files"))),
+        programs=programs(),
         program_tolerance_mm=None if tolerance is None else float(tolerance),
         checked=tuple(Covered(what, str(how)) for what, how in pairs("checked", ("what", "how"))),
         unchecked=words("unchecked", value["unchecked"]),

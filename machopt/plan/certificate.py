@@ -46,8 +46,36 @@ def _external(plan: Plan) -> float:
 
 def certificate(plan: Plan) -> Certificate | None:
     """The certificate of a plan; None where its path has gaps or breaks to go round, or was not searched."""
+    if plan.parts:
+        return _of_all(plan)
     c, ways = plan.choice, _external(plan)
     values = (plan.chosen.objective.total, c.total + ways, c.bound + ways, plan.grid.total)
     if plan.found is None or c.broken or not np.isfinite(values).all():
         return None
     return Certificate(*values)
+
+
+def _of_all(plan: Plan) -> Certificate | None:
+    """Of a job that changes tools, J as in :mod:`machopt.plan.joined`: the bounds of its stretches by their shares.
+
+    Each bound holds with the stretch's own worst index priced, the sequence pays for the worst of all once.
+    """
+    bound = sequence = 0.0
+    worst, price = [0.0], plan.options.weights.worst
+    for part in plan.parts:
+        found = certificate(part.plan)
+        if found is None:
+            return None
+        own = _worst_of_sequence(part.plan)
+        bound += part.share * found.bound
+        sequence += part.share * (found.sequence - price * own)
+        worst.append(own)
+    return Certificate(plan.chosen.objective.total, sequence + price * max(worst), bound, plan.grid.total)
+
+
+def _worst_of_sequence(plan: Plan) -> float:
+    """The worst index of the sequence over the grid, in units of c₀."""
+    c, path = plan.choice, plan.path
+    there = np.flatnonzero(~c.dropped & path.counted[path.stations])
+    cost = plan.scores.cost[there, c.rotation[there], c.branch[there]]
+    return float(cost.max(initial=0.0) / plan.scores.scale)

@@ -194,6 +194,8 @@ def residual(plan: Plan) -> Residual | None:
     """
     if plan.compensation is None:
         return None
+    if plan.parts:
+        return _of_all([(part.share, found) for part in plan.parts if (found := residual(part.plan)) is not None])
     path, arm = plan.path, plan.setup.arm
     q, ok = plan.chosen.assignment.q, plan.chosen.assignment.reason == Reason.OK
     end = 1 + np.flatnonzero(path.counted[1:] & ok[1:] & ok[:-1] & (path.run[1:] == path.run[:-1]))
@@ -218,6 +220,19 @@ def residual(plan: Plan) -> Residual | None:
         float(left.max()),
         float(rule @ left @ weight),
         float(rule @ bent @ weight),
+    )
+
+
+def _of_all(parts: list[tuple[float, Residual]]) -> Residual | None:
+    """That of a whole job from its stretches, each with its share of the length cut."""
+    if not parts:
+        return None
+    return Residual(
+        max(r.shift_worst for _, r in parts),
+        sum(share * r.shift_mean for share, r in parts),
+        max(r.worst for _, r in parts),
+        sum(share * r.mean for share, r in parts),
+        sum(share * r.uncompensated for share, r in parts),
     )
 
 

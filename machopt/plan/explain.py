@@ -20,6 +20,8 @@ BESIDE = 0.02  # m; a tip farther from axis 6 moves the wrist noticeably when it
 
 def explain_points(plan: Plan) -> dict[int, str]:
     """Planning point → one sentence, for every point without a configuration."""
+    if plan.parts:
+        return {part.row + p: text for part in plan.parts for p, text in explain_points(part.plan).items()}
     station_of = np.searchsorted(plan.path.stations, np.arange(len(plan.path.index)))
     out = {}
     for p in plan.missing:
@@ -48,6 +50,7 @@ def all_breaks(plan: Plan, obstructions: tuple[Break, ...] = ()) -> tuple[Break,
 
 def help_of(plan: Plan, point: int) -> str:
     """What would make planning point ``point`` possible."""
+    plan, point = plan.at(point)
     if plan.chosen.assignment.reason[point] == Reason.GAP:
         return "what helps at the gap it lies at brings this cut back too"
     if plan.chosen.assignment.reason[point] == Reason.GOUGING:
@@ -90,6 +93,7 @@ def _towards(plan: Plan, point: int) -> str:
 
 def shortfall_of(plan: Plan, point: int) -> float:
     """m, how far planning point ``point`` lies outside the reach, 0 where it is not reach that lacks."""
+    plan, point = plan.at(point)
     s = min(int(np.searchsorted(plan.path.stations, point)), len(plan.path.stations) - 1)
     return float(plan.candidates.shortfall[s])
 
@@ -194,6 +198,8 @@ def _limiting_joint(plan: Plan, s: int) -> str:
 
 def hints(plan: Plan) -> tuple[str, ...]:
     """What a user should know about this cell and path, whether or not it works."""
+    if plan.parts:
+        return tuple(dict.fromkeys(hint for part in plan.parts for hint in hints(part.plan)))
     out = [plan.conflict] if plan.conflict else []
     out += plan.setup.collision.suspicious if plan.setup.collision else []
     robot, arm = plan.setup.robot, plan.setup.arm

@@ -66,12 +66,19 @@ class Judged:
 
 
 def best_plan(
-    cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Timings | None = None, before: Plan | None = None
+    cell: Cell,
+    toolpath: Toolpath,
+    options: PlanOptions,
+    timings: Timings | None = None,
+    before: Plan | None = None,
+    *,
+    scale: float | None = None,
 ) -> Plan:
     """Plan one toolpath, the external joints where they serve it best by their modes.
 
     Args:
         before: a plan of the same but for the user's wishes (:func:`machopt.plan.pipeline.plan`).
+        scale: c₀ of a plan that this one belongs to; None: of its own.
 
     Raises:
         InputError: an option names no external joint or asks for what is not planned.
@@ -79,7 +86,7 @@ def best_plan(
     clock = timings or Timings()
     axes = axes_of(cell, options)
     if not cell.external_joints:
-        return plan(cell, toolpath, options, clock, before=before)
+        return plan(cell, toolpath, options, clock, before=before, scale=scale)
     options = steered(options, toolpath)
     with clock.stage("prepare"):
         setup = prepare(cell, options) if before is None else before.setup
@@ -87,9 +94,9 @@ def best_plan(
         groups = groups_of(cell, toolpath, path, axes)
     if all((g.low == g.high).all() for g in groups):
         at = _spread(path, groups, [g.low for g in groups])
-        return plan(cell, toolpath, options, clock, setup=setup, external=at, before=before)
+        return plan(cell, toolpath, options, clock, setup=setup, external=at, before=before, scale=scale)
     with clock.stage("external"):
-        search = _Search(setup, options, path, groups, axes)
+        search = _Search(setup, options, path, groups, axes, scale)
         search.judge()
     best: tuple[tuple[float, float], Plan] | None = None
     seen: list[list[Array]] = []
@@ -229,8 +236,15 @@ class _Search:
     """The values of all groups; ``scale`` is c₀."""
 
     def __init__(
-        self, setup: Setup, options: PlanOptions, path: Path, groups: list[Group], axes: Sequence[ExternalAxis]
+        self,
+        setup: Setup,
+        options: PlanOptions,
+        path: Path,
+        groups: list[Group],
+        axes: Sequence[ExternalAxis],
+        scale: float | None,
     ) -> None:
+        self.asked = scale
         self.setup, self.path, self.groups, self.axes = setup, path, groups, axes
         self.options = replace(options, rotation_step=max(options.rotation_step, STEP))
         self.home = setup.cell.external_home
@@ -243,8 +257,8 @@ class _Search:
 
     @property
     def scale(self) -> float:
-        """c₀: the median over groups and values of the median cost over the candidates there."""
-        return float(np.median(self.medians)) if self.medians else 1.0
+        """c₀: where it is not given, the median over groups and values of the median cost over the candidates."""
+        return self.asked or (float(np.median(self.medians)) if self.medians else 1.0)
 
     def judge(self) -> None:
         """Judge the coarse grid of every group, then finer ones around its best."""

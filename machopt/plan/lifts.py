@@ -21,9 +21,17 @@ WITHDRAWALS = (0.002, 0.005, 0.01, 0.02, 0.035, 0.05, 0.1, 0.2, 0.4)  # m along 
 LIFT_STEP = 0.01  # m between the configurations along a lift
 
 
-def home_of(plan: Plan) -> Array:
-    """(6 + E,) where the machine stands before and after the motion, true angles."""
-    return np.asarray(np.r_[plan.setup.driven.home, plan.setup.cell.external_home])
+def rests_of(plan: Plan) -> tuple[Array, Array]:
+    """(6 + E,) each, where the machine stands before and after the motion, true angles."""
+    return _true(plan, plan.begin), _true(plan, plan.end)
+
+
+def _true(plan: Plan, told: Array | None) -> Array:
+    """Where the machine stands with these encoder angles; at home without."""
+    if told is None:
+        return np.asarray(np.r_[plan.setup.driven.home, plan.setup.cell.external_home])
+    correction = plan.setup.correction
+    return told if correction is None else np.r_[correction.true_angles(told[None, :6])[0], told[6:]]
 
 
 class Lifts:
@@ -89,21 +97,21 @@ class Lifts:
         return np.array(way)
 
     def free_between(self, pieces: list[Stretch]) -> frozenset[Way]:
-        """Straight rapid moves from home over these stretches and back that are free, looked at all at once."""
-        model, home = self.plan.setup.collision, home_of(self.plan)
+        """Straight rapid moves from where the motion begins over these stretches to its end that are free."""
+        model, (rest, last) = self.plan.setup.collision, rests_of(self.plan)
         if model is None or not pieces:
             return frozenset()
         whole = set(self.path.runs)  # where others begin and end depends on what is found at the gap
         self.touch = Touch.of(model, self.x, (row for piece in pieces for row in piece))
         ends: list[tuple[Array, Array]] = []
-        here: Array | None = home
+        here: Array | None = rest
         for piece in pieces:
             begin, end = (self._stands(row) if piece in whole else None for row in piece)
             if here is not None and begin is not None:
                 ends.append((here, begin))
             here = end
         if here is not None:
-            ends.append((here, home))
+            ends.append((here, last))
         return free_ways(model, ends, self.options.collision_step)
 
     def _stands(self, row: int) -> Array | None:

@@ -50,6 +50,8 @@ def mapped(plan: Plan, full: bool = False, seconds: float = SECONDS) -> Mapped:
         full: look at what the plan did not look at, at cutting stations.
         seconds: after which no further block is begun.
     """
+    if plan.parts:
+        return _of_all(plan, [mapped(p.plan, full, seconds * p.share) for p in plan.parts])
     c = plan.candidates
     looked = np.zeros(c.reason.shape, bool) if plan.found is None else plan.found.looked
     known = looked & c.feasible.any(axis=3)
@@ -73,6 +75,15 @@ def mapped(plan: Plan, full: bool = False, seconds: float = SECONDS) -> Mapped:
             _look(ahead, known, rows[k : k + BLOCK])
         pass_ //= 2
     return Mapped(c, known, full, time.perf_counter() - start)
+
+
+def _of_all(plan: Plan, parts: list[Mapped]) -> Mapped:
+    """What is known of a whole job from its stretches."""
+    some = [p.candidates for p in parts]
+    reason = np.concatenate([c.reason for c in some])
+    usable = np.concatenate([c.feasible.any(axis=3) for c in some])
+    c = replace(plan.candidates, reason=reason, feasible=plan.candidates.feasible & usable[..., None])
+    return Mapped(c, np.concatenate([p.known for p in parts]), parts[0].asked, sum(p.seconds for p in parts))
 
 
 def _look(ahead: Ahead, known: Bools, rows: NDArray[np.intp]) -> None:

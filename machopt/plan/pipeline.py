@@ -149,11 +149,28 @@ class Plan:
     notes: dict[int, str] = field(default_factory=dict)  # planning point: why it was given up after the choice
     compensation: Compensation | None = None  # then ``path`` is the shifted one
     conflict: str = ""  # which of the user's wishes cannot be kept together, where without them there is a plan
+    begin: Array | None = None  # (6 + E,) rad or m by encoder, where the motion begins; None: at home
+    end: Array | None = None  # likewise, where it ends
+    parts: tuple[Part, ...] = ()  # one a tool that is on, of a job that changes tools; empty: it has one tool
+
+    def at(self, point: int) -> tuple[Plan, int]:
+        """The plan that planning point ``point`` was planned in, and which of its points it is."""
+        part = next((part for part in reversed(self.parts) if part.row <= point), None)
+        return (self, point) if part is None else (part.plan, point - part.row)
 
     @property
     def missing(self) -> NDArray[np.intp]:
         """Planning points without a feasible configuration."""
         return np.flatnonzero(self.chosen.assignment.reason != Reason.OK)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A stretch of a job with one tool on, planned by itself (:mod:`machopt.plan.joined`)."""
+
+    plan: Plan  # its toolpath indices are those of the whole job
+    row: int  # its first planning point in the whole
+    share: float  # of the length cut
 
 
 def prepare(cell: Cell, options: PlanOptions) -> Setup:

@@ -26,7 +26,7 @@ from machopt.domain.toolpath import Move, Toolpath
 from machopt.domain.trajectory import Trajectory
 from machopt.plan.breaks import Break, place
 from machopt.plan.gaps import Stretch, stretches, uncut, worth
-from machopt.plan.lifts import Lifts, home_of
+from machopt.plan.lifts import Lifts, rests_of
 from machopt.plan.path import Path
 from machopt.plan.pipeline import Plan
 from machopt.plan.rapids import Blocked, plan_rapid, time_legs
@@ -78,6 +78,7 @@ class _Place:
     x: Array  # (6 + E,) rad or m, true angles
     index: float  # along the toolpath, NaN at home
     row: int  # planning point, −1 at home
+    change: bool = False  # tools are changed there
 
 
 def build_timeline(plan: Plan, toolpath: Toolpath, progress: Callable[[float], None] | None = None) -> Timeline:
@@ -109,7 +110,9 @@ class _Builder:
         self.free: frozenset[Way] = frozenset()  # straight rapid moves known to be free
 
     def build(self) -> Timeline:
-        here = home = _Place(home_of(self.plan), float("nan"), -1)
+        begin, end = rests_of(self.plan)
+        here = _Place(begin, float("nan"), -1, change=self.plan.begin is not None)
+        home = _Place(end, float("nan"), -1, change=self.plan.end is not None)
         reason, breaks = self.plan.chosen.assignment.reason, self.plan.breaks
         pieces = stretches(self.path, reason, breaks)
         self.free = self.lifts.free_between(pieces)
@@ -453,13 +456,14 @@ def _needed(phi: Array, is_point: NDArray[np.bool_], index: Array, position: Arr
 
 def _blocked(move: Blocked, a: _Place, b: _Place) -> Break:
     at = a if move.reason == "start" else b
+    name, key = ("tool change", "robot.tool_change_deg") if at.change else ("home", "robot.home_deg")
     if move.reason != "way" and at.row < 0:
         return Break(
             a.index,
             b.index,
             "home_collides",
-            f"{move.pair} touch or come nearer than the clearance at the home pose",
-            "another home pose (robot.home_deg), or moving what is there, would help",
+            f"{move.pair} touch or come nearer than the clearance at the {name} pose",
+            f"another {name} pose ({key}), or moving what is there, would help",
             pair=move.pair,
         )
     if move.reason != "way":

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from machopt.domain.results import optimize as told
+from machopt.domain.stint import Stint
 from machopt.plan.breaks import Break
 from machopt.plan.certificate import certificate
 from machopt.plan.compensate import residual
@@ -66,6 +67,28 @@ def search_told(the_plan: Plan) -> told.SearchBound | None:
         gap_percent=100.0 * found.gap,
         beyond_grid_percent=100.0 * found.beyond,
     )
+
+
+def tools_told(the_plan: Plan, stints: Sequence[Stint]) -> tuple[told.ToolTold, ...] | None:
+    """Each stretch of a job that changes tools; None for a job with one."""
+    if not the_plan.parts:
+        return None
+    out = []
+    for stint, part in zip(stints, the_plan.parts, strict=True):
+        cut, o = part.plan.path.counted.any(), part.plan.chosen.objective
+        mean, worst = (part.plan.scores.scale * v if cut and np.isfinite(v) else None for v in (o.mean, o.worst))
+        labels = dict.fromkeys(stint.toolpath.operation.tolist())
+        out.append(
+            told.ToolTold(
+                tool=stint.tool,
+                first_point=stint.first,
+                last_point=stint.stop - 1,
+                operations=tuple(stint.toolpath.operations[k].label for k in labels),
+                mean_index=mean,
+                worst_index=worst,
+            )
+        )
+    return tuple(out)
 
 
 def gain_told(gain: Gain) -> told.MeanGain:

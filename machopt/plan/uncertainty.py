@@ -13,6 +13,7 @@ uncertainty in the file and count as exact.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -137,11 +138,15 @@ def spread_of(plan: Plan) -> Spread:
 
 def gains(plan: Plan) -> tuple[Gain, ...]:
     """Gain of the chosen path over the CAM's default rotation and over jiao2022, with its uncertainty."""
-    spread = spread_of(plan)
-    own = _mean(plan, plan.chosen, plan.path.weight, spread)
+    spread = spread_of(plan.parts[0].plan if plan.parts else plan)  # of the same compliances everywhere
+    own = _whole_mean(plan, lambda p: p.chosen)
     out = []
-    for name, yardstick in (("cam default", plan.cam_default), ("jiao2022", plan.jiao2022)):
-        other = _mean(plan, yardstick, plan.path.weight, spread)  # by the same lengths, as their objectives
+    yardsticks: tuple[tuple[str, Callable[[Plan], Scored]], ...] = (
+        ("cam default", lambda p: p.cam_default),
+        ("jiao2022", lambda p: p.jiao2022),
+    )
+    for name, yardstick in yardsticks:
+        other = _whole_mean(plan, yardstick)  # by the same lengths, as their objectives
         if own is None or other is None:
             out.append(Gain(name, float("nan"), float("nan")))
             continue
@@ -149,6 +154,21 @@ def gains(plan: Plan) -> tuple[Gain, ...]:
         std = spread.std(-ga / b + a / b**2 * gb) if spread.known else float("nan")
         out.append(Gain(name, 1.0 - a / b, std))
     return tuple(out)
+
+
+def _whole_mean(plan: Plan, of: Callable[[Plan], Scored]) -> tuple[float, Array] | None:
+    """:func:`_mean` of a whole job: of its stretches by their shares of the length cut."""
+    if not plan.parts:
+        return _mean(plan, of(plan), plan.path.weight, spread_of(plan))
+    total, gradient = 0.0, np.zeros(())
+    for part in plan.parts:
+        if not part.plan.path.counted.any():
+            continue
+        found = _mean(part.plan, of(part.plan), part.plan.path.weight, spread_of(part.plan))
+        if found is None:
+            return None
+        total, gradient = total + part.share * found[0], gradient + part.share * found[1]
+    return (total, gradient) if total > 0 else None
 
 
 def _mean(plan: Plan, scored: Scored, weight: Array, spread: Spread) -> tuple[float, Array] | None:

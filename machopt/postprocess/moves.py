@@ -29,7 +29,7 @@ class Programmed:
 
 
 def robot_program(plan: Plan, toolpath: Toolpath, timeline: Timeline, tolerance: Tolerance | None = None) -> Programmed:
-    """Home first, then every leg of the timeline as moves to its way points.
+    """Home (or where the tool was changed) first, then every leg of the timeline as moves to its way points.
 
     Where a straight line between two of them would leave the driven motion by more than the tolerance, samples of the
     motion become way points too.
@@ -39,8 +39,9 @@ def robot_program(plan: Plan, toolpath: Toolpath, timeline: Timeline, tolerance:
     """
     trajectory, legs = _driven(timeline), timeline.legs
     cell = plan.setup.cell
-    arm = np.vstack([cell.home[None], *(leg.waypoints for leg in legs)])
-    X = np.hstack([arm, np.vstack([cell.external_home[None], *(leg.waypoint_external for leg in legs)])])
+    begin = cell.stands_at_home if plan.begin is None else plan.begin
+    arm = np.vstack([begin[None, :6], *(leg.waypoints for leg in legs)])
+    X = np.hstack([arm, np.vstack([begin[None, 6:], *(leg.waypoint_external for leg in legs)])])
     index = np.concatenate([[np.nan], *(leg.waypoint_index for leg in legs)])
     feed = np.concatenate([[np.nan], *(leg.waypoint_feed for leg in legs)])
     move = np.concatenate([[np.int8(Move.RAPID)], *(_moves(leg, toolpath) for leg in legs)]).astype(np.int8)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from machopt.domain.results.optimize import ProgramTold
-from machopt.domain.toolpath import Toolpath
+from machopt.domain.stint import Stint
 from machopt.formats.posts import (
     HeldFeed,
     assumptions,
@@ -46,6 +46,8 @@ class Written:
     unstarted: tuple[str, ...] = ()  # spindle, coolant and tool words of the CAM file that are comments only
     checked: Compared | None = None  # what came back; None: it has not been read yet, or is not there
     withheld: str = ""  # why no file of it is left; empty where it lies there
+    stint: int = 0  # which tool of the job it drives, from 1; 0: the whole job
+    tool: str = ""  # that tool's name, where there are several
 
     @property
     def ok(self) -> bool:
@@ -60,6 +62,7 @@ class Written:
         """For result.json."""
         return ProgramTold(
             post=self.label,
+            tool=self.tool or None,
             files=self.files,
             lines=self.lines,
             tolerance_mm=self.tolerance * 1e3,
@@ -108,57 +111,73 @@ class Written:
 
 
 def write_programs(
-    folder: Path, wanted: Sequence[Wanted], plan: Plan, toolpath: Toolpath, timeline: Timeline, tolerance: Tolerance
+    folder: Path, wanted: Sequence[Wanted], jobs: Sequence[tuple[Stint, Plan, Timeline | None]], tolerance: Tolerance
 ) -> tuple[Written, ...]:
-    """Write every post's program.
+    """Write every post's program; where the job changes tools, one for each that is on, from change to change.
+
+    Args:
+        folder: the output folder.
+        wanted: the posts.
+        jobs: what each tool does, its plan and its motion.
+        tolerance: between the controller's lines and the motion.
 
     Raises:
         InputError: a post cannot write this program.
-        ValueError: the timeline has no trajectory.
+        ValueError: a timeline has no trajectory.
     """
-    if timeline.trajectory is None:
-        raise ValueError("a blocked motion is no program")
-    made: dict[bool, Programmed] = {}
+    made: dict[tuple[int, bool], Programmed] = {}
     out: list[Written] = []
-    cell = plan.setup.cell
     for one in wanted:
-        controller = controller_for(cell, one.post)
         samples = needs_samples(one.post)
-        if samples not in made:
-            made[samples] = (
-                sampled_program(plan, toolpath, timeline)
-                if samples
-                else robot_program(plan, toolpath, timeline, tolerance)
-            )
-        target = folder / one.folder
-        target.mkdir(exist_ok=True)
-        program = made[samples].program
-        files = write_program(
-            target,
-            program_name(toolpath.source, one.post),
-            program,
-            one.post,
-            controller,
-            reserved=() if one.folder else OWN_FILES,
-        )
-        if isinstance(one.post, Path) and str(one.post) != cell.controller.post:
-            (folder / one.label).write_bytes(one.post.read_bytes())  # who verifies has no other way to it
-        lines = sum(f.read_bytes().count(b"\n") for f in files)
-        names = tuple(f.relative_to(folder).as_posix() for f in files)
-        out.append(
-            Written(
-                one.label,
-                names,
-                lines,
-                made[samples].added,
-                tolerance.position,
-                one.post,
-                model_feed(program, one.post, controller),
-                assumptions(program, one.post, controller),
-                unstarted(one.post, program, controller),
-            )
-        )
+        for stint, plan, timeline in jobs:
+            key = stint.number, samples
+            if timeline is None or timeline.trajectory is None:
+                raise ValueError("a blocked motion is no program")
+            if key not in made:
+                made[key] = (
+                    sampled_program(plan, stint.toolpath, timeline)
+                    if samples
+                    else robot_program(plan, stint.toolpath, timeline, tolerance)
+                )
+            out.append(_written(folder, one, stint, made[key], tolerance))
     return tuple(out)
+
+
+def _written(folder: Path, one: Wanted, stint: Stint, made: Programmed, tolerance: Tolerance) -> Written:
+    """One program of one post."""
+    cell, program = stint.cell, made.program
+    controller = controller_for(cell, one.post)
+    target = folder / one.folder
+    target.mkdir(exist_ok=True)
+    files = write_program(
+        target,
+        stint_name(stint, one.post),
+        program,
+        one.post,
+        controller,
+        reserved=() if one.folder else OWN_FILES,
+    )
+    if isinstance(one.post, Path) and str(one.post) != cell.controller.post:
+        (folder / one.label).write_bytes(one.post.read_bytes())  # who verifies has no other way to it
+    return Written(
+        one.label,
+        tuple(f.relative_to(folder).as_posix() for f in files),
+        sum(f.read_bytes().count(b"\n") for f in files),
+        made.added,
+        tolerance.position,
+        one.post,
+        model_feed(program, one.post, controller),
+        assumptions(program, one.post, controller),
+        unstarted(one.post, program, controller),
+        stint=stint.number,
+        tool=stint.tool if stint.number else "",
+    )
+
+
+def stint_name(stint: Stint, post: str | Path) -> str:
+    """The program's name: the toolpath's, with the stint's number behind it where there are several."""
+    source = stint.toolpath.source
+    return program_name(f"{source} {stint.number}" if stint.number else source, post)
 
 
 def read_back(programs: Sequence[Written], verification: Verification) -> tuple[Written, ...]:

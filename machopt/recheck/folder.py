@@ -12,16 +12,20 @@ from pathlib import Path
 from machopt.domain.cell import Cell
 from machopt.domain.manifest import Manifest, ManifestFile
 from machopt.domain.options import PlanOptions
+from machopt.domain.stint import Stint
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
+from machopt.formats.toolchoice import stints_of
 from machopt.output.manifest import MANIFEST, differences, read_manifest
 from machopt.output.roles import BATCH_ROLES, ROLES
 from machopt.recheck.compared import Posted
 from machopt.recheck.inforce import failed
 from machopt.recheck.posts import post_of, tolerance_of
-from machopt.recheck.readback import check_programs
+from machopt.recheck.readback import check_programs, strays
 from machopt.recheck.resultcheck import result_checks
-from machopt.verify import Check, Verification, verify_output
+from machopt.verify import Check, Verification, verify_stints
+from machopt.verify.changes import CHANGES, slices
+from machopt.verify.output import Tables, read_tables
 from machopt.verify.table import Motion, read_motion
 
 NAN = float("nan")
@@ -78,37 +82,61 @@ def content_checks(
     except InputError:
         motion = None  # those who need it try again and say what is wrong
     try:
-        found = verify_output(cell, toolpath, folder, options=options, motion=motion)
+        stints = stints_of(cell, toolpath)
+        found = verify_stints(stints, folder, options=options, motion=motion)
     except InputError as problem:
-        found = Verification((failed("tables", str(problem)),), 0, NAN)
-    return replace(found, checks=(*found.checks, *_programs(cell, toolpath, folder, options, manifest, motion)))
+        return Verification((failed("tables", str(problem)),), 0, NAN)
+    return replace(found, checks=(*found.checks, *_programs(stints, folder, options, manifest, motion, found)))
 
 
 def _programs(
-    cell: Cell, toolpath: Toolpath, folder: Path, options: PlanOptions, manifest: Manifest | None, motion: Motion | None
+    stints: tuple[Stint, ...],
+    folder: Path,
+    options: PlanOptions,
+    manifest: Manifest | None,
+    motion: Motion | None,
+    found: Verification,
 ) -> list[Check]:
     """The robot programs that the manifest lists, and files that look like one and belong to none."""
+    cell = stints[0].cell
     listed = () if manifest is None else manifest.programs
     paths = () if manifest is None else manifest.inputs_of("toolpath")
     name = (
         paths[0].name if len(paths) == 1 else None
     )  # a renamed CAM file is the same input; the head has the first name
-    posted = [Posted(p.post, post_of(p.post, folder, cell, manifest), p.files) for p in listed if p.files]
+    every = [(p.stint, Posted(p.post, post_of(p.post, folder, cell, manifest), p.files)) for p in listed if p.files]
     try:
         tolerance = tolerance_of(None if manifest is None else manifest.program_tolerance_mm, options)
-        found = check_programs(
-            cell,
-            toolpath,
-            folder,
-            posted,
-            options=options,
-            tolerance=tolerance,
-            motion=motion,
-            source=None if name is None else f"{cell.name}; {name}",
-        )
+        compared = list(strays(folder, [one for _, one in every]))
+        for stint, tables in _tables(stints, folder, motion, found):
+            compared += check_programs(
+                stint.cell,
+                stint.toolpath,
+                folder,
+                [one for number, one in every if number == stint.number],
+                options=stint.of(options),
+                tolerance=tolerance,
+                motion=motion,
+                tables=tables,
+                source=None if name is None else f"{cell.name}; {name}",
+            )
     except InputError as problem:
         return [failed("robot programs", str(problem))]
-    return [check for one in found for check in one.checks]
+    odd = [one.files[0] for number, one in every if number not in {s.number for s in stints}]
+    checks = [failed(f"{file}: of this job", "no tool of the job is its") for file in odd]
+    return [*checks, *(check for one in compared for check in one.checks)]
+
+
+def _tables(
+    stints: tuple[Stint, ...], folder: Path, motion: Motion | None, found: Verification
+) -> list[tuple[Stint, Tables | None]]:
+    """Each tool with its part of the tables; none where these do not hold the changes, which has been told."""
+    if len(stints) == 1:
+        return [(stints[0], None)]
+    whole = None if motion is None else read_tables(stints[0].cell, folder, motion)
+    if whole is None or isinstance(whole, Verification) or any(c.name == CHANGES for c in found.failed):
+        return []
+    return list(zip(stints, slices(whole, stints), strict=True))
 
 
 def manifest_checks(folder: Path, inputs: tuple[ManifestFile, ...]) -> tuple[Manifest | None, list[Check]]:

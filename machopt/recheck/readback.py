@@ -38,6 +38,7 @@ from machopt.recheck.terms import COUPLED, controller_axes, external_of, frame_g
 from machopt.verify.arm import Arm
 from machopt.verify.check import Check
 from machopt.verify.encoder import true_angles
+from machopt.verify.output import Tables
 from machopt.verify.program import Allowed, along_motion
 from machopt.verify.programcam import Cuts, against_cam
 from machopt.verify.shift import corners
@@ -65,6 +66,7 @@ def check_programs(
     tolerance: Tolerance,
     source: str | None = None,
     motion: Motion | None = None,
+    tables: Tables | None = None,
 ) -> tuple[Compared, ...]:
     """Compare every robot program of an output folder with motion and CAM file.
 
@@ -77,22 +79,25 @@ def check_programs(
         tolerance: between the controller's lines and the motion.
         source: what the programs' heads say they are from; cell and toolpath by default.
         motion: trajectory.csv where it has been read already.
+        tables: what of the folder's tables belongs to the toolpath, where that is a part of the job.
 
     Returns:
-        One entry a program; and one for files that look like a program but belong to none.
+        One entry a program.
 
     Raises:
         InputError: a table of the folder cannot be read.
     """
     out = Path(out)
-    strays = _strays(out, posted)
     if not posted:
-        return strays
-    ground = _Ground.of(cell, toolpath, out, options, tolerance, source or f"{cell.name}; {toolpath.source}", motion)
-    return (*(ground.compare(one) for one in posted), *strays)
+        return ()
+    ground = _Ground.of(
+        cell, toolpath, out, options, tolerance, source or f"{cell.name}; {toolpath.source}", motion, tables
+    )
+    return tuple(ground.compare(one) for one in posted)
 
 
-def _strays(out: Path, posted: Sequence[Posted]) -> tuple[Compared, ...]:
+def strays(out: Path, posted: Sequence[Posted]) -> tuple[Compared, ...]:
+    """One entry a file that looks like a robot program and belongs to none of the folder."""
     mine = {name for one in posted for name in (*one.files, one.label)}  # a user's template lies under its label
     found = []
     for file in sorted(p for p in out.rglob("*") if p.is_file()):
@@ -144,9 +149,14 @@ class _Ground:
         tolerance: Tolerance,
         source: str,
         motion: Motion | None,
+        tables: Tables | None,
     ) -> _Ground:
-        motion = motion or read_motion(out / "trajectory.csv", cell)
-        points = read_points(out / "points.csv", cell)
+        if tables is None:
+            motion = motion or read_motion(out / "trajectory.csv", cell)
+            points = read_points(out / "points.csv", cell)
+            shift = read_shift(out / "compensation.csv") if points.shift is not None else None
+        else:
+            motion, points, shift = tables.motion, tables.points, tables.shift
         arm = Arm(cell, drawn=True)  # as the controller reckons
         tcp = arm.tcp_in_workpiece(motion.q, motion.external)
         offset, tilt = np.zeros((len(tcp), 3)), np.zeros((len(tcp), 3))
@@ -159,10 +169,9 @@ class _Ground:
                 k for k, s in zip(points.point, points.status, strict=True) if s != "ok" and 0 <= k < len(wanted)
             ]
             wanted[given_up] = False
-        shifted = points.shift is not None
         line = (
-            corners(toolpath, read_shift(out / "compensation.csv"))
-            if shifted
+            corners(toolpath, shift)
+            if shift is not None
             else (np.arange(len(toolpath), dtype=float), toolpath.position)
         )
         return cls(

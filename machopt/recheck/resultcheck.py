@@ -22,12 +22,13 @@ from machopt.domain.results.optimize import OptimizeResult
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.errors import InputError
 from machopt.formats.options import options_as_user
+from machopt.formats.toolchoice import stints_of, used_operations
 from machopt.output.hashes import sha256_of
 from machopt.output.jsonfile import plain, read_json
 from machopt.output.manifest import MANIFEST, listed
 from machopt.output.roles import BATCH_ROLES
 from machopt.recheck.resultform import wrong_parts
-from machopt.recheck.resultnumbers import PRINTED, compensation, front, objective
+from machopt.recheck.resultnumbers import BETWEEN, PRINTED, compensation, front, objective
 from machopt.recheck.resultprograms import programs
 from machopt.recheck.scope import checked, done, not_run, unchecked
 from machopt.recheck.told import AGREE, DIGITS, Points, Told, known, near, same, same_items, short
@@ -135,7 +136,7 @@ def _options(t: Told) -> Iterable[str]:
         "jiao2022": ("jiao2022",),
         "default": ("cam default",),
     }[t.options.method]
-    if t.result.chosen_from not in own:
+    if not {*t.result.chosen_from.split(" / ")} <= {*own}:
         yield f"chosen_from is {short(t.result.chosen_from)}; method {t.options.method} gives {', '.join(own)}"
 
 
@@ -151,6 +152,28 @@ def _toolpath(t: Told) -> Iterable[str]:
         "ignored": [vars(w) for w in path.ignored],
     }
     yield from same_items("toolpath", found.plain(), plain(expected))
+
+
+def _tools(t: Told) -> Iterable[str]:
+    """Which tool each stretch of the job has, by the CAM file."""
+    stints, told = stints_of(t.cell, t.toolpath), t.result.tools
+    if len(stints) == 1:
+        yield from same("tools", told, None)
+        return
+    keys = ("tool", "first_point", "last_point", "operations")
+    expected = [
+        dict(zip(keys, (s.tool, s.first, s.stop - 1, list(used_operations(s.toolpath))), strict=True)) for s in stints
+    ]
+    found = [{**{k: getattr(p, k) for k in keys}, "operations": list(p.operations)} for p in told or ()]
+    yield from same("tools", found, expected)
+    points, scale = Points.read(t), known("index_scale", t.result.index_scale)
+    cost = points.cost(t)
+    for s, p in zip(stints, told or (), strict=False):
+        own = cost[s.first : s.stop]
+        if p.worst_index is not None and np.isfinite(own).any() and scale > 0:
+            most = float(np.nanmax(own))
+            if not most * (1 - PRINTED) <= p.worst_index <= most * BETWEEN:
+                yield f"tools: the worst index with {s.tool} is {p.worst_index:.6g}, points.csv has {most:.6g}"
 
 
 def _worst(t: Told) -> Iterable[str]:
@@ -272,6 +295,7 @@ _PARTS: dict[str, Callable[[Told], Iterable[str]]] = {
     "outputs": _outputs,
     "options": _options,
     "toolpath": _toolpath,
+    "tools": _tools,
     "worst point": _worst,
     "infeasible points": _infeasible,
     "times": _times,

@@ -16,6 +16,7 @@ _PART_OF = {
     "index": "options",
     "chosen_from": "options",
     "toolpath": "toolpath",
+    "tools": "tools",
     "worst_point": "worst point",
     "infeasible_points": "infeasible points",
     "breaks": "infeasible points",

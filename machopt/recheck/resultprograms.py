@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from machopt.domain.results.optimize import ProgramTold
+from machopt.domain.stint import Stint
+from machopt.formats.toolchoice import stints_of
 from machopt.recheck.compared import Compared, Posted
 from machopt.recheck.posts import post_of, to_be_told
 from machopt.recheck.told import AGREE, DIGITS, Told, is_file, near, same, short
@@ -57,11 +59,21 @@ def _feed_model(p: ProgramTold) -> Iterable[str]:
         yield f"{p.post}: rounds by {told.rounding_max_mm:.4g} mm, more than its tolerance"
 
 
+def _stint_of(t: Told, p: ProgramTold) -> Stint:
+    """What of the job a program drives, by the manifest."""
+    stints = stints_of(t.cell, t.toolpath)
+    listed = t.manifest.programs if t.manifest is not None else ()
+    number = next((one.stint for one in listed if one.files == p.files), 0)
+    return stints[max(number, 1) - 1]
+
+
 def _program_told(t: Told, p: ProgramTold) -> Iterable[str]:
     """What is told of one program: its checks, and what it takes for granted or leaves to a comment."""
     post = post_of(p.post, t.folder, t.cell, t.manifest)
     if post is not None:
-        assumed, left = to_be_told(t.cell, t.toolpath, post)
+        stint = _stint_of(t, p)
+        yield from same(f"{p.post}: tool", p.tool, stint.tool if stint.number else None)
+        assumed, left = to_be_told(stint.cell, stint.toolpath, post)
         yield from same(f"{p.post}: assumed", p.assumed, list(assumed))
         yield from same(f"{p.post}: not_in_program", p.not_in_program, list(left))
     found = Compared.of(Posted(p.post, post, tuple(p.files)), t.contents.checks if t.contents else ()).as_result()

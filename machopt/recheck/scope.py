@@ -36,14 +36,15 @@ def unchecked(cell: Cell, options: PlanOptions, toolpath: Toolpath | None = None
         there = {
             "robot": _has_bodies(cell),
             "workpiece": cell.workpiece.geometry,
-            "tool": cell.tool.geometry,
-            "cutter": cell.tool.cutter,
+            "tool": all(tool.geometry for tool in cell.tools_on),
+            "cutter": all(tool.cutter for tool in cell.tools_on),
             "obstacles": cell.obstacles,
         }
         missing = [name for name, bodies in there.items() if not bodies]
         if missing:
             out.append(f"collisions with {_listed(missing)} NOT checked (not in the cell)")
-        standing = {s.name for s in (*cell.workpiece.geometry, *cell.obstacles, *cell.tool.geometry)} | {"cutter"}
+        tools = [s for tool in cell.tools_on for s in tool.geometry]
+        standing = {s.name for s in (*cell.workpiece.geometry, *cell.obstacles, *tools)} | {"cutter"}
         first = sorted(cell.may_touch, key=lambda p: not standing & {*p.first, *p.second})  # a link's own come last
         pairs = [f"{p.a} ~ {p.b}" for p in first if p.first and p.second]
         if pairs:

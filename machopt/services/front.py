@@ -22,6 +22,7 @@ from machopt.plan.pipeline import Plan, Timings, as_driven
 from machopt.plan.points import point_results
 from machopt.plan.timeline import Timeline
 from machopt.recheck.folder import content_checks
+from machopt.services.tell import tool_names
 
 FILE = "front.csv"
 HEAD = ("plan", "changed", "mean_index", "worst_index", "cycle_time_s", "joint_travel_deg", "clearance_mm")
@@ -48,7 +49,8 @@ def front(cell: Cell, toolpath: Toolpath, options: PlanOptions, own: Point, driv
             folder = Path(text)
             write_points_csv(folder / "points.csv", points.table)
             labels, kinds = [o.label for o in toolpath.operations], cell.external_prismatic
-            write_trajectory_csv(folder / "trajectory.csv", timeline.trajectory, labels, kinds, cell.tool_name)
+            table = folder / "trajectory.csv"
+            write_trajectory_csv(table, timeline.trajectory, labels, kinds, tool_names(the_plan))
             if not content_checks(cell, toolpath, folder, options=other, manifest=None).ok:
                 continue
         found.append(measured(name, changed, the_plan, timeline, points))

@@ -10,11 +10,12 @@ from typing import Any
 from machopt.domain.cell import Cell
 from machopt.domain.manifest import Manifest
 from machopt.domain.options import PlanOptions
+from machopt.domain.stint import Stint
 from machopt.domain.toolpath import Toolpath
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
 from machopt.formats.posts.densify import Tolerance
-from machopt.formats.toolchoice import with_tool
+from machopt.formats.toolchoice import stints_of, with_tools
 from machopt.formats.toolpath import read_toolpath
 from machopt.plan.drive import refuse_fixed_beyond, refuse_wrong_unit
 from machopt.plan.front import refuse
@@ -50,6 +51,7 @@ class Loaded:
     cell: Cell
     options: PlanOptions
     toolpath: Toolpath
+    stints: tuple[Stint, ...]  # one, or one a tool that is on where the job changes it
     posts: tuple[Wanted, ...]
     tolerance: Tolerance  # of the programs
     manifest: Manifest  # without files
@@ -81,9 +83,10 @@ def prepared(cell: Cell, read: Callable[[], Toolpath], request: Request) -> Load
     options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
     posts, tolerance = wanted_posts(cell, request.posts), tolerance_of(request.program_tolerance_mm, options)
     toolpath = read()
-    cell = with_tool(cell, toolpath)
+    cell = with_tools(cell, toolpath)
+    stints = stints_of(cell, toolpath)
     if request.front:
-        refuse(options)
+        refuse(options, len(stints))
     refuse_fixed_beyond(toolpath, options)
     if not options.allow_gaps:
         refuse_wrong_unit(cell, toolpath, request.toolpath, stated="unit" in request.reading)
@@ -102,6 +105,7 @@ def prepared(cell: Cell, read: Callable[[], Toolpath], request: Request) -> Load
         cell=cell,
         options=options,
         toolpath=toolpath,
+        stints=stints,
         posts=posts,
         tolerance=tolerance,
         manifest=manifest,

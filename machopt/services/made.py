@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from machopt.domain.cell import Cell
 from machopt.domain.manifest import Manifest, ManifestProgram, with_scope
 from machopt.domain.options import PlanOptions
+from machopt.domain.stint import Stint
 from machopt.domain.toolpath import Toolpath
 from machopt.plan.front import Point
 from machopt.plan.pipeline import Plan
@@ -17,6 +18,15 @@ from machopt.recheck.scope import done, not_run
 from machopt.verify import Verification
 
 
+@dataclass(frozen=True)
+class MadeStint:
+    """What one tool that is on came to: what its robot program is made of."""
+
+    stint: Stint
+    plan: Plan  # its toolpath indices count from the stint's first point
+    timeline: Timeline | None
+
+
 @dataclass(frozen=True, kw_only=True)
 class Made:
     """Everything one run came to, before it is told."""
@@ -24,6 +34,7 @@ class Made:
     cell: Cell
     toolpath: Toolpath
     options: PlanOptions
+    stints: tuple[MadeStint, ...]  # one, or one a tool that is on where the job changes it
     plan: Plan
     points: PointResults
     timeline: Timeline | None
@@ -62,7 +73,7 @@ class Made:
 
     def with_programs(self, programs: tuple[Written, ...]) -> Made:
         """The same with these programs, in the manifest too; one that is withheld has no files."""
-        named = tuple(ManifestProgram(p.label, p.files) for p in programs if p.files)
+        named = tuple(ManifestProgram(p.label, p.files, p.stint) for p in programs if p.files)
         said = tuple(f"{p.files[0]}: {text}" for p in programs if p.files for text in (*p.unstarted, *p.assumed))
         return replace(self, programs=programs, manifest=replace(self.manifest, programs=named, warnings=said))
 

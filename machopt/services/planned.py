@@ -4,16 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from machopt.plan.conflict import with_conflict
-from machopt.plan.drive import motion_of
-from machopt.plan.external import best_plan
-from machopt.plan.gaps import told
-from machopt.plan.pipeline import Plan, Timings, as_driven
-from machopt.plan.points import point_results
-from machopt.plan.refine import compensate
+from machopt.plan.job import plan_job
+from machopt.plan.pipeline import Plan, Timings
 from machopt.postprocess.written import withheld
 from machopt.services.load import Loaded
-from machopt.services.made import Made
+from machopt.services.made import Made, MadeStint
 
 
 @dataclass(frozen=True)
@@ -26,28 +21,20 @@ class Planned:
 
 
 def planned(given: Loaded, timings: Timings, before: Plan | None = None) -> Planned:
-    """The plan, and its motion where there is one.
+    """The plan, and its motion where there is one; tool after tool where the job changes it.
 
     Args:
         before: a plan of the same but for pins, zones, preferences and branches, which lends what they do not change.
     """
-    cell, options, toolpath = given.cell, given.options, given.toolpath
-    the_plan = with_conflict(best_plan(cell, toolpath, options, timings, before), cell, toolpath, options, timings)
-    if options.compensate:
-        with timings.stage("compensate"):
-            the_plan = compensate(the_plan, toolpath)
-    timeline = motion_of(the_plan, toolpath, options, timings)
-    if timeline is not None and timeline.trajectory is not None:
-        the_plan = told(as_driven(the_plan, timeline.phi), list(timeline.driven), timeline.given_up)
-    with timings.stage("points"):
-        points = point_results(the_plan, toolpath)
+    job = plan_job(given.stints, given.toolpath, given.options, timings, before)
     made = Made(
-        cell=cell,
-        toolpath=toolpath,
-        options=options,
-        plan=the_plan,
-        points=points,
-        timeline=timeline,
+        cell=given.cell,
+        toolpath=given.toolpath,
+        options=given.options,
+        stints=tuple(MadeStint(s, p.stretch.plan, p.timeline) for s, p in zip(given.stints, job.parts, strict=True)),
+        plan=job.plan,
+        points=job.points,
+        timeline=job.timeline,
         verification=None,
         programs=withheld(given.posts, given.tolerance, "there is no motion"),
         manifest=given.manifest,

@@ -20,6 +20,7 @@ from machopt.plan.told import (
     infeasible_told,
     objective_told,
     search_told,
+    tools_told,
     worst_told,
 )
 from machopt.plan.uncertainty import gains
@@ -51,6 +52,7 @@ def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> told.Optim
         chosen_from=the_plan.chosen_from,
         objective=objectives_of(the_plan),
         front=tuple(told.FrontPlan.from_fields(p) for p in made.front) or None,
+        tools=tools_told(the_plan, [s.stint for s in made.stints]),
         worst_point=worst_told(the_plan, points),
         compensation=compensation_told(the_plan) if trajectory is not None else None,
         infeasible_points=tuple(infeasible_told(the_plan, points)),

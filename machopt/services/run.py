@@ -67,8 +67,8 @@ def write(the_plan: Planned, folder: Path) -> Written:
         write_tables(folder, made.plan, made.points, timeline)
     if timeline is not None and timeline.trajectory is not None:
         with timings.stage("programs"):
-            written = write_programs(folder, given.posts, made.plan, given.toolpath, timeline, given.tolerance)
-            made = made.with_programs(written)
+            jobs = [(s.stint, s.plan, s.timeline) for s in made.stints]
+            made = made.with_programs(write_programs(folder, given.posts, jobs, given.tolerance))
         with timings.stage("verify"):
             found = content_checks(given.cell, given.toolpath, folder, options=given.options, manifest=made.manifest)
             made = made.verified(found)

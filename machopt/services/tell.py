@@ -58,7 +58,13 @@ def write_tables(folder: Path, plan: Plan, points: PointResults, timeline: Timel
         return
     cell, labels = plan.setup.cell, points.table.operations
     file = folder / "trajectory.csv"
-    write_trajectory_csv(file, timeline.trajectory, labels, cell.external_prismatic, cell.tool_name)
+    write_trajectory_csv(file, timeline.trajectory, labels, cell.external_prismatic, tool_names(plan))
     if plan.compensation is not None:
         c = plan.compensation
         write_compensation_csv(folder / "compensation.csv", plan.path.index, c.offset, c.force)
+
+
+def tool_names(plan: Plan) -> tuple[str, ...]:
+    """The tool of each stretch of the plan, in order; none where the cell has no table."""
+    cells = [part.plan.setup.cell for part in plan.parts] or [plan.setup.cell]
+    return tuple(cell.tool_name for cell in cells if cell.tool_name is not None)

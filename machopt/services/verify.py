@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from machopt.domain.manifest import Manifest, with_scope
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
-from machopt.formats.toolchoice import with_tool
+from machopt.formats.toolchoice import with_tools
 from machopt.output.manifest import read_manifest
 from machopt.recheck.folder import verify_folder
 from machopt.recheck.inforce import Request, in_force
@@ -41,7 +41,7 @@ def verify(request: Request) -> Verified:
     except InputError:
         manifest = None  # a failed check of its own, below
     used = in_force(request, cell, known_robot(cell), manifest)
-    cell = with_tool(cell, used.toolpath)
+    cell = with_tools(cell, used.toolpath)
     found = verify_folder(
         cell,
         used.toolpath,

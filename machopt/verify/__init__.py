@@ -5,7 +5,8 @@ are found by coal, every column is recomputed by laws of its own. An error in th
 unit conversions shows here.
 """
 
+from machopt.verify.changes import verify_stints
 from machopt.verify.check import Check, Verification
 from machopt.verify.output import verify_output
 
-__all__ = ["Check", "Verification", "verify_output"]
+__all__ = ["Check", "Verification", "verify_output", "verify_stints"]

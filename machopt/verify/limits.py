@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.verify.check import Check, worst
@@ -15,9 +16,13 @@ ARM = 6  # axes of the arm, before the external ones
 HOME_DEG = 1e-6  # joints are printed with nine decimals
 
 
-def check_limits(motion: Motion, cell: Cell, options: PlanOptions) -> list[Check]:
-    """At rest before the first and after the last sample; joint columns are encoder angles, and so are the limits."""
-    return [*_time(motion, options), _home(motion, cell), *_limits(motion, cell)]
+def check_limits(motion: Motion, cell: Cell, options: PlanOptions, ends: tuple[Array, Array]) -> list[Check]:
+    """At rest before the first and after the last sample; joint columns are encoder angles, and so are the limits.
+
+    Args:
+        ends: (6 + E,) rad or m each, where the motion has to begin and to end.
+    """
+    return [*_time(motion, options), _home(motion, ends), *_limits(motion, cell)]
 
 
 def _time(motion: Motion, options: PlanOptions) -> list[Check]:
@@ -32,10 +37,9 @@ def _time(motion: Motion, options: PlanOptions) -> list[Check]:
     return [even, worst("control cycle and start", "s", wrong, JITTER_S, told)]
 
 
-def _home(motion: Motion, cell: Cell) -> Check:
-    home = np.concatenate([cell.home, cell.external_home])
+def _home(motion: Motion, wanted: tuple[Array, Array]) -> Check:
     ends = np.hstack([motion.q, motion.external])[[0, -1]]
-    off = np.degrees(np.abs(ends - home).max(axis=1))  # a metre of a slide counts as a radian
+    off = np.degrees(np.abs(ends - np.array(wanted)).max(axis=1))  # a metre of a slide counts as a radian
     return worst("from home to home", "deg", off, HOME_DEG, ("the first row", "the last row"))
 
 

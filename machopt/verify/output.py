@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -28,10 +28,38 @@ from machopt.verify.path import check_path
 from machopt.verify.points import ROWS, PointsCheck
 from machopt.verify.ride import ride
 from machopt.verify.shift import Found, compare_shift, corners
-from machopt.verify.table import Motion, Points, read_motion, read_points, read_shift
+from machopt.verify.table import Motion, Points, Shift, read_motion, read_points, read_shift
 
 SWITCHED_OFF = "collisions"  # the row that says that contacts and clearances were not looked at
 OFF = "collision checks are switched off (collision: false)"
+
+
+@dataclass(frozen=True)
+class Tables:
+    """trajectory.csv, points.csv and compensation.csv as they were read."""
+
+    motion: Motion
+    points: Points
+    shift: Shift | None
+
+
+def read_tables(cell: Cell, out: Path, motion: Motion | None = None) -> Tables | Verification:
+    """The tables of an output folder; a table that cannot be read is a failed check like any other damage.
+
+    Args:
+        cell: the robot cell.
+        out: the output folder.
+        motion: trajectory.csv where it has been read already.
+    """
+    try:
+        motion = motion or read_motion(out / "trajectory.csv", cell)
+        points = read_points(out / "points.csv", cell)
+        return Tables(motion, points, read_shift(out / "compensation.csv") if points.shift is not None else None)
+    except InputError as error:
+        name = Path(str(error.file)).name if error.file is not None else "tables"
+        place = f"{error.where}: " if error.where else ""
+        check = Check(f"{name} can be read", False, np.nan, np.nan, "", f"{place}{error.reason}")
+        return Verification((check,), 0, 0.0)
 
 
 def verify_output(
@@ -42,8 +70,7 @@ def verify_output(
     Every column of both tables is recomputed; what the rows call their moves is checked against the CAM file and
     believed nowhere. Where points.csv holds a compensation, the commanded path is the toolpath shifted as
     compensation.csv says, and the shift is held against the deflection computed here. Joint columns are encoder
-    angles, limits hold for them; where the arm stands follows with the cell's corrections. A table that cannot be read
-    is a failed check like any other damage.
+    angles, limits hold for them; where the arm stands follows with the cell's corrections.
 
     Args:
         cell: the robot cell.
@@ -54,17 +81,17 @@ def verify_output(
         motion: trajectory.csv where it has been read already.
     """
     options = options or PlanOptions()
-    out = Path(out)
-    try:
-        motion = motion or read_motion(out / "trajectory.csv", cell)
-        points = read_points(out / "points.csv", cell)
-        shift = read_shift(out / "compensation.csv") if points.shift is not None else None
-    except InputError as error:
-        name = Path(str(error.file)).name if error.file is not None else "tables"
-        place = f"{error.where}: " if error.where else ""
-        return Verification(
-            (Check(f"{name} can be read", False, np.nan, np.nan, "", f"{place}{error.reason}"),), 0, 0.0
-        )
+    tables = read_tables(cell, Path(out), motion)
+    if isinstance(tables, Verification):
+        return tables
+    motion, home = tables.motion, cell.stands_at_home
+    checks = [*check_limits(motion, cell, options, (home, home)), *with_one_tool(cell, toolpath, tables, options)]
+    return Verification(tuple(checks), len(motion.time), float(motion.time[-1] - motion.time[0]))
+
+
+def with_one_tool(cell: Cell, toolpath: Toolpath, tables: Tables, options: PlanOptions) -> list[Check]:
+    """Everything but time, joint limits and where the motion begins and ends."""
+    motion, points, shift = tables.motion, tables.points, tables.shift
     arm = Arm(cell)
     index, position = (
         (np.arange(len(toolpath), dtype=float), toolpath.position) if shift is None else (corners(toolpath, shift))
@@ -73,7 +100,6 @@ def verify_output(
     stood = replace(points, q=true_angles(cell.kinematics, points.q))
     on = ride(motion, toolpath, index, position, arm.tcp_in_workpiece(stands.q, motion.external), options)
     checks = [
-        *check_limits(motion, cell, options),
         *check_path(motion, toolpath, points, on, options.allow_gaps),
         *check_labels(motion, toolpath, points, on, options.allow_gaps),
         *check_feed(motion, toolpath, on, options),
@@ -92,7 +118,7 @@ def verify_output(
         checks += [*outside_cuts(stands, toolpath, on, arm, bodies), *level(stands, toolpath, on, cell)]
     else:
         checks.append(not_run(SWITCHED_OFF, OFF))
-    return Verification(tuple(checks), len(motion.time), float(motion.time[-1] - motion.time[0]))
+    return checks
 
 
 def _clearance(

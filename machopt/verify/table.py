@@ -111,6 +111,7 @@ class Motion:
     gamma: Array  # (S,) rad, NaN where empty
     feed: Array  # (S,) m/s
     slides: tuple[bool, ...] = ()  # (E,) which external axes are in m
+    tool: tuple[str, ...] = ()  # (S,) names, empty where the cell has no table
 
     @property
     def cycle(self) -> float:
@@ -159,7 +160,7 @@ def read_motion(file: Path, cell: Cell) -> Motion:
     table = read_table(file)
     _check_names(table, (*MOTION, *_external_names(cell), *(["tool"] if cell.tools else [])), ("tool",))
     if cell.tools:
-        _check_tool(table, cell)
+        _check_tools(table, cell)
     time = table.numbers("time_s")
     if len(time) < 2:
         raise InputError(f"{len(time)} samples; a motion has two or more", file=file)
@@ -173,6 +174,7 @@ def read_motion(file: Path, cell: Cell) -> Motion:
         gamma=np.deg2rad(table.numbers("gamma_deg", empty=True)),
         feed=table.numbers("feed_mm_min") / 6e4,
         slides=cell.external_prismatic,
+        tool=tuple(table.words("tool")) if cell.tools else (),
     )
 
 
@@ -265,13 +267,16 @@ def _check_names(table: Table, needed: Sequence[str], further: Sequence[str]) ->
             )
 
 
-def _check_tool(table: Table, cell: Cell) -> None:
-    """Every row has the tool that the toolpath wants."""
+def _check_tools(table: Table, cell: Cell) -> None:
+    """Every row has the tool that the toolpath wants, or one of the table where it wants several."""
+    wanted = {*cell.tools} if cell.tool_name is None else {cell.tool_name}
     for row, word in enumerate(table.words("tool"), start=1):
-        if word != cell.tool_name:
+        if word not in wanted:
             known = f"the cell has {', '.join(cell.tools)}" if word not in cell.tools else "the toolpath wants another"
             raise InputError(
-                f"{word!r} is not the tool {cell.tool_name!r}; {known}", file=table.file, where=f"data row {row}, tool"
+                f"{word!r} is not the tool {cell.tool_name or ' or '.join(cell.tools)!r}; {known}",
+                file=table.file,
+                where=f"data row {row}, tool",
             )
 
 

@@ -211,6 +211,18 @@ class ProgramTold(Part):
     not_in_program: tuple[Text, ...]
     checked: ReadBack | None
     differences: tuple[Text, ...]
+    tool: Text | None  # which it drives, where the job changes tools
+
+
+class ToolTold(Part):
+    """A stretch of the job with one tool on, in the order of the job."""
+
+    tool: Text
+    first_point: Count
+    last_point: Count
+    operations: tuple[Text, ...]
+    mean_index: Known  # over the length it cuts, in SI; null without cuts or where points are missing
+    worst_index: Known
 
 
 class OptimizeResult(Part):
@@ -232,6 +244,7 @@ class OptimizeResult(Part):
     chosen_from: Text
     objective: Objectives
     front: tuple[FrontPlan, ...] | None
+    tools: tuple[ToolTold, ...] | None  # where the job changes tools
     worst_point: WorstPoint | None
     compensation: CompensationTold | None
     infeasible_points: tuple[InfeasiblePoint, ...]

@@ -1,0 +1,76 @@
+"""A job that changes tools, cut where it does: one stint a tool that is on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from machopt.arrays import Array
+from machopt.domain.cell import Cell
+from machopt.domain.options import PlanOptions, Steer
+from machopt.domain.steering import steered
+from machopt.domain.toolpath import Toolpath
+
+
+@dataclass(frozen=True)
+class Stint:
+    """A stretch of a toolpath with one tool on; a job with one tool is one stint.
+
+    The machine stands at ``begin`` before and at ``end`` after it: at home, or where tools are changed.
+    """
+
+    cell: Cell  # with the tool that is on
+    toolpath: Toolpath  # its points alone, counted from 0; its operations are those of the whole
+    whole: Toolpath  # of the job
+    first: int  # its first point in the whole
+    begin: Array  # (6 + E,) rad or m by encoder
+    end: Array  # (6 + E,)
+    number: int = 0  # from 1 in the order of the job; 0 where it is the whole job
+
+    @property
+    def stop(self) -> int:
+        """The point after its last one, in the whole toolpath."""
+        return self.first + len(self.toolpath)
+
+    @property
+    def tool(self) -> str:
+        """The name of its tool in the cell's table; empty where the cell has one tool only."""
+        return self.cell.tool_name or ""
+
+    def of(self, options: PlanOptions) -> PlanOptions:
+        """The planning options with the user's wishes for its points, which are counted from its first.
+
+        Raises:
+            InputError: a wish is about a place that the whole toolpath has not.
+        """
+        if not self.number or not (options.fixed or options.steer):
+            return options
+        laid = steered(options, self.whole)
+        mine = (f for f in laid.fixed if self.first <= f.point < self.stop)
+        fixed = tuple(replace(f, point=f.point - self.first) for f in mine)
+        return replace(laid, fixed=fixed, steer=tuple(w for wish in laid.steer for w in self._wish(wish)))
+
+    def _wish(self, wish: Steer) -> tuple[Steer, ...]:
+        """What of a wish that is laid down is about points of the stint."""
+        if wish.points is None:
+            return (wish,)
+        first, last = max(wish.points[0], self.first), min(wish.points[1], self.stop - 1)
+        return (replace(wish, points=(first - self.first, last - self.first)),) if first <= last else ()
+
+
+def stretch_of(toolpath: Toolpath, first: int, stop: int) -> Toolpath:
+    """The points ``first`` to before ``stop`` by themselves; what happens behind the last point belongs to the end."""
+    rows = slice(first, stop)
+    last = stop == len(toolpath)
+    events = (e for e in toolpath.events if first <= e.index < stop or (last and e.index >= stop))
+    return replace(
+        toolpath,
+        position=toolpath.position[rows].copy(),
+        axis=toolpath.axis[rows].copy(),
+        move=toolpath.move[rows].copy(),
+        feed=toolpath.feed[rows].copy(),
+        operation=toolpath.operation[rows].copy(),
+        reference=toolpath.reference[rows].copy(),
+        tolerance=toolpath.tolerance[rows].copy(),
+        line=toolpath.line[rows].copy(),
+        events=tuple(replace(event, index=event.index - first) for event in events),
+    )

@@ -1,0 +1,150 @@
+"""A job that changes tools: every change in its place, and each tool's stretch held against its part of the CAM file.
+
+Which tool which operation wants is the CAM file's word and the cell's table's. Each tool has kinematics, springs and
+bodies of its own, so the rows between two changes are verified as a motion of their own, against the points of the
+file that they are to cut; time, joint limits and the ends are checked over the whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from machopt.domain.options import PlanOptions
+from machopt.domain.stint import Stint
+from machopt.verify.check import Check, Verification, counted
+from machopt.verify.limits import HOME_DEG, check_limits
+from machopt.verify.output import Tables, read_tables, verify_output, with_one_tool
+from machopt.verify.table import Motion, Points, Shift
+
+CHANGES = "tool changes"
+
+
+def verify_stints(
+    stints: Sequence[Stint], out: Path, *, options: PlanOptions | None = None, motion: Motion | None = None
+) -> Verification:
+    """Check the tables of a folder, whether the job changes tools or not; otherwise as :func:`verify_output`.
+
+    Args:
+        stints: the job, cut where the CAM file changes the tool.
+        out: the output folder.
+        options: those of the run, for the whole job.
+        motion: trajectory.csv where it has been read already.
+    """
+    options = options or PlanOptions()
+    whole = stints[0]
+    if len(stints) == 1:
+        return verify_output(whole.cell, whole.toolpath, out, options=options, motion=motion)
+    cell = replace(whole.cell, tools={s.tool: s.cell.tool for s in stints}, tool_name=None)
+    tables = read_tables(cell, Path(out), motion)
+    if isinstance(tables, Verification):
+        return tables
+    motion = tables.motion
+    checks = check_limits(motion, cell, options, (stints[0].begin, stints[-1].end))
+    wrong = _changes(motion, stints) + _rows_of_points(tables.points, stints)
+    checks.append(counted(CHANGES, wrong, "places"))
+    if not wrong:
+        parts = slices(tables, stints)
+        found = [with_one_tool(s.cell, s.toolpath, part, s.of(options)) for s, part in zip(stints, parts, strict=True)]
+        checks += _together(stints, found)
+    return Verification(tuple(checks), len(motion.time), float(motion.time[-1] - motion.time[0]))
+
+
+def _starts(motion: Motion) -> list[int]:
+    """Rows from which another tool is on, the first row too."""
+    return [0, *(n for n in range(1, len(motion.tool)) if motion.tool[n] != motion.tool[n - 1])]
+
+
+def _changes(motion: Motion, stints: Sequence[Stint]) -> list[str]:
+    """Tools in the order of the CAM file; each changed where the machine stands still at the pose for it."""
+    starts = _starts(motion)
+    found, wanted = [motion.tool[n] for n in starts], [s.tool for s in stints]
+    if found != wanted:
+        return [f"the rows have the tools {', '.join(found)}; the toolpath wants {', '.join(wanted)}"]
+    x = np.hstack([motion.q, motion.external])
+    wrong = []
+    for n, stint in zip(starts[1:], stints[1:], strict=True):
+        off = float(np.degrees(np.abs(x[n - 1 : n + 1] - stint.begin).max()))  # a metre of a slide counts as a radian
+        if not off <= HOME_DEG:
+            wrong.append(f"{stint.tool} comes on {off:.3g} deg from where tools are changed ({motion.at(n)})")
+    ends = [*starts[1:], len(motion.time)]
+    wrong += [f"{s.tool} has one row only" for s, a, b in zip(stints, starts, ends, strict=True) if b - a < 2]
+    return wrong
+
+
+def _rows_of_points(points: Points, stints: Sequence[Stint]) -> list[str]:
+    rows, wanted = len(points.point), stints[-1].stop
+    if rows != wanted or (points.point != np.arange(wanted)).any():
+        return [f"points.csv has {rows} rows, not the points 0 to {wanted - 1} in order"]
+    return []
+
+
+def slices(tables: Tables, stints: Sequence[Stint]) -> list[Tables]:
+    """The tables of each stint, its points counted from its first and its time from its start."""
+    motion, points, shift = tables.motion, tables.points, tables.shift
+    starts = _starts(motion)
+    return [
+        Tables(
+            motion_of(motion, a, b, stint.first),
+            _points_of(points, stint),
+            None if shift is None else _shift_of(shift, stint),
+        )
+        for a, b, stint in zip(starts, [*starts[1:], len(motion.time)], stints, strict=True)
+    ]
+
+
+def motion_of(motion: Motion, start: int, stop: int, first: int) -> Motion:
+    """Some rows of a motion as one of its own."""
+    rows = slice(start, stop)
+    return Motion(
+        time=motion.time[rows] - motion.time[start],
+        point=motion.point[rows] - first,
+        move=motion.move[rows],
+        q=motion.q[rows],
+        external=motion.external[rows],
+        operation=motion.operation[rows],
+        gamma=motion.gamma[rows],
+        feed=motion.feed[rows],
+        slides=motion.slides,
+        tool=motion.tool[rows],
+    )
+
+
+def _points_of(points: Points, stint: Stint) -> Points:
+    rows = slice(stint.first, stint.stop)
+    return Points(
+        point=points.point[rows] - stint.first,
+        q=points.q[rows],
+        external=points.external[rows],
+        status=points.status[rows],
+        numbers={name: values[rows] for name, values in points.numbers.items()},
+        words={name: words[rows] for name, words in points.words.items()},
+        shift=None if points.shift is None else points.shift[rows],
+    )
+
+
+def _shift_of(shift: Shift, stint: Stint) -> Shift:
+    rows = (shift.index >= stint.first) & (shift.index <= stint.stop - 1)
+    return Shift(shift.index[rows] - stint.first, shift.offset[rows], shift.force[rows])
+
+
+def _together(stints: Sequence[Stint], found: Sequence[list[Check]]) -> list[Check]:
+    """One check of each name: of all tools the one that keeps it worst."""
+    names = list(dict.fromkeys(c.name for checks in found for c in checks))
+    out = []
+    for name in names:
+        same = [(s, c) for s, checks in zip(stints, found, strict=True) for c in checks if c.name == name]
+        stint, check = max(same, key=lambda one: _badness(one[1]))
+        told = f"tool {stint.tool}, points counted from {stint.first}: {check.where}"
+        out.append(replace(check, where=told))
+    return out
+
+
+def _badness(check: Check) -> tuple[int, float]:
+    """Failed before not run before kept; among these by what is measured."""
+    order = {False: 2, None: 1, True: 0}[check.passed]
+    value = check.value - check.limit if np.isfinite(check.limit) else check.value
+    return order, float(value) if np.isfinite(value) else -np.inf

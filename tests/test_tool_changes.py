@@ -1,0 +1,181 @@
+"""A job that changes tools: cut where it does, each tool planned, driven and verified by itself, and put together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_cell import pose, small_cell
+from test_external import K, slots
+from test_path import Rows, toolpath
+
+from machopt.domain.cell import Cell, Cutter
+from machopt.domain.options import FixedRotation, PlanOptions, ProcessForce, Steer
+from machopt.domain.stint import Stint
+from machopt.domain.toolpath import Event, Move, Operation, Toolpath
+from machopt.errors import InputError
+from machopt.formats.tables import write_points_csv, write_trajectory_csv
+from machopt.formats.toolchoice import stints_of, with_tools
+from machopt.plan.certificate import certificate
+from machopt.plan.job import Job, plan_job
+from machopt.plan.pipeline import Timings
+from machopt.plan.uncertainty import gains
+from machopt.verify import Verification, verify_stints
+
+OPTIONS = PlanOptions(
+    collision=False, rotation_step=np.radians(30.0), force=ProcessForce(normal=200.0, axial=100.0), sample=0.02
+)
+CHANGE = np.deg2rad([20, -90, 90, 0, 45, 0.0])
+LABELS = ("3", "3", "BALL", "3")  # the tool of each slot
+
+
+def table(folder: Path) -> Cell:
+    cell = small_cell(folder, stiffness=K, obstacles=())
+    long = replace(cell.tool, T_flange_tcp=pose(0, 0, 0.45), mass=24.0, cutter=Cutter(0.016, 0.1))
+    return replace(cell, tools={"3": cell.tool, "BALL": long}, tool_name="3", change=CHANGE)
+
+
+def job(*tools: str, rows: Rows | None = None) -> Toolpath:
+    """A slot for each tool, each an operation."""
+    path = toolpath(rows or slots(*np.linspace(0.1, -0.1, len(tools))))
+    operation = np.minimum(np.cumsum(path.move == Move.RAPID) - 1, len(tools) - 1).astype(np.int32)
+    labels = tuple(Operation(f"op{k}", "trajectory", tool) for k, tool in enumerate(tools))
+    return replace(path, operation=operation, operations=labels, events=(Event(10, "tool", "T2", 2.0),))
+
+
+def test_the_job_is_cut_where_the_tool_changes(tmp_path: Path) -> None:
+    cell, path = table(tmp_path), job(*LABELS)
+    stints = stints_of(with_tools(cell, path), path)
+    assert [(s.tool, s.first, s.stop, s.number) for s in stints] == [
+        ("3", 0, 10, 1),
+        ("BALL", 10, 15, 2),
+        ("3", 15, 20, 3),
+    ]
+    assert [len(s.toolpath.events) for s in stints] == [0, 1, 0]
+    assert stints[1].toolpath.events[0].index == 0
+    for s, begin, end in zip(stints, (cell.home, CHANGE, CHANGE), (CHANGE, CHANGE, cell.home), strict=True):
+        np.testing.assert_array_equal(np.array([s.begin, s.end]), np.array([begin, end]))
+        assert s.cell.tool is cell.tools[s.tool]
+    np.testing.assert_array_equal(np.vstack([s.toolpath.position for s in stints]), path.position)
+    wished = replace(OPTIONS, fixed=(FixedRotation(3, 0.1), FixedRotation(12, 0.2)))
+    assert [[f.point for f in s.of(wished).fixed] for s in stints] == [[3], [2], []]
+    (one,) = stints_of(with_tools(cell, job("3", "T03")), job("3", "T03"))
+    assert one.number == 0
+    assert one.tool == "3"
+
+
+def test_a_change_on_the_way_of_a_cut_or_a_shared_number_is_refused(tmp_path: Path) -> None:
+    cell, path = table(tmp_path), job("3", "BALL")
+    cut = replace(path, operation=(np.arange(len(path)) > 1).astype(np.int32))
+    with pytest.raises(InputError, match=r"cuts from point 1 to point 2, and the tool changes from 3 to BALL"):
+        stints_of(with_tools(cell, cut), cut)
+    numbered = replace(cell, tools={name: replace(tool, number=4) for name, tool in cell.tools.items()})
+    with pytest.raises(InputError, match=r"the tools 3 and BALL would both be number 4"):
+        stints_of(numbered, path)
+    with pytest.raises(InputError, match=r"wants the tool 'DRILL', which the cell does not have.*3.*BALL"):
+        with_tools(cell, job("3", "DRILL"))
+
+
+def test_the_same_text_comes_before_the_same_number(tmp_path: Path) -> None:
+    cell = table(tmp_path)
+    both = replace(cell, tools={"3": cell.tools["3"], "T03": cell.tools["BALL"]})
+    assert with_tools(both, job("3")).tool_name == "3"
+    assert with_tools(both, job("T03")).tool_name == "T03"
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Cell, Toolpath, tuple[Stint, ...], Job]:
+    cell, path = table(tmp_path_factory.mktemp("tools")), job(*LABELS)
+    cell = with_tools(cell, path)
+    stints = stints_of(cell, path)
+    return cell, path, stints, plan_job(stints, path, OPTIONS, Timings())
+
+
+def test_each_tool_has_the_plan_it_has_alone(done: tuple[Cell, Toolpath, tuple[Stint, ...], Job]) -> None:
+    _, path, stints, whole = done
+    assert len(whole.plan.parts) == len(stints) == 3
+    np.testing.assert_array_equal(whole.plan.path.index[whole.plan.path.is_point], np.arange(len(path)))
+    assert whole.plan.path.runs[-1][1] == len(whole.plan.path.index) - 1
+    np.testing.assert_array_equal(whole.points.table.q, np.vstack([p.points.table.q for p in whole.parts]))
+    p, row = whole.plan.at(len(whole.plan.path.index) - 1)
+    assert p is whole.plan.parts[2].plan
+    assert p.path.index[row] == len(path) - 1
+    parts, o = whole.plan.parts, whole.plan.chosen.objective
+    share = np.array([p.share for p in parts])
+    np.testing.assert_allclose(share, [0.5, 0.25, 0.25])
+    assert o.worst == max(p.plan.chosen.objective.worst for p in parts)
+    np.testing.assert_allclose(o.mean, share @ [p.plan.chosen.objective.mean for p in parts])
+    own = share @ [p.plan.chosen.objective.total - OPTIONS.weights.worst * p.plan.chosen.objective.worst for p in parts]
+    np.testing.assert_allclose(o.total, own + OPTIONS.weights.worst * o.worst)
+    found = certificate(whole.plan)
+    assert found is not None
+    assert found.bound <= found.sequence
+    assert found.bound <= o.total * (1 + 1e-6)
+    gain = gains(whole.plan)[0]
+    np.testing.assert_allclose(gain.mean, 1.0 - o.mean / whole.plan.cam_default.objective.mean)
+
+
+def written(done: tuple[Cell, Toolpath, tuple[Stint, ...], Job], out: Path, *tools: str) -> Path:
+    _, path, stints, whole = done
+    assert whole.timeline is not None
+    assert whole.timeline.trajectory is not None
+    out.mkdir(exist_ok=True)
+    write_points_csv(out / "points.csv", whole.points.table)
+    labels = [o.label for o in path.operations]
+    names = tools or [s.tool for s in stints]
+    write_trajectory_csv(out / "trajectory.csv", whole.timeline.trajectory, labels, (), names)
+    return out
+
+
+def held(done: tuple[Cell, Toolpath, tuple[Stint, ...], Job], out: Path) -> Verification:
+    return verify_stints(done[2], out, options=OPTIONS)
+
+
+def test_the_motion_changes_tools_at_rest_and_is_verified(
+    done: tuple[Cell, Toolpath, tuple[Stint, ...], Job], tmp_path: Path
+) -> None:
+    motion = done[3].timeline.trajectory  # type: ignore[union-attr]
+    assert motion is not None
+    assert motion.tool is not None
+    at = np.flatnonzero(np.diff(motion.tool))
+    assert len(at) == 2
+    for n in at:
+        np.testing.assert_array_equal(motion.q[n], motion.q[n + 1])
+        np.testing.assert_allclose(motion.q[n], CHANGE, atol=1e-12)
+        assert np.isnan(motion.point[[n, n + 1]]).all()
+    found = held(done, written(done, tmp_path))
+    assert not found.failed, found.failed
+    text = (tmp_path / "trajectory.csv").read_text().splitlines()
+    assert [line.rpartition(",")[2] for line in (text[1], text[at[0] + 2], text[-1])] == ["3", "BALL", "3"]
+
+
+def test_the_verifier_sees_a_wrong_tool_and_a_change_in_the_wrong_place(
+    done: tuple[Cell, Toolpath, tuple[Stint, ...], Job], tmp_path: Path
+) -> None:
+    out = written(done, tmp_path, "BALL", "3", "BALL")
+    assert [c.name for c in held(done, out).failed] == ["tool changes"]
+    out = written(done, tmp_path)
+    lines = (out / "trajectory.csv").read_text().splitlines()
+    n = next(k for k, line in enumerate(lines) if line.endswith(",BALL"))
+    lines[n - 3 : n] = [line.removesuffix("3") + "BALL" for line in lines[n - 3 : n]]  # while the arm still moves
+    (out / "trajectory.csv").write_text("\n".join(lines) + "\n")
+    (check,) = held(done, out).failed
+    assert "BALL comes on" in check.where
+    assert "from where tools are changed" in check.where
+    cell, path, stints, whole = done
+    longer = replace(stints[1].cell.tool, T_flange_tcp=pose(0, 0, 0.451))  # a millimetre
+    other = (stints[0], replace(stints[1], cell=replace(stints[1].cell, tool=longer)), stints[2])
+    failed = {c.name: c for c in held((cell, path, other, whole), written(done, tmp_path)).failed}
+    assert {"path", "points.csv on the toolpath"} <= set(failed)
+    assert failed["path"].where.startswith("tool BALL, points counted from 10:")
+
+
+def test_wishes_are_those_of_the_stint_they_are_about(tmp_path: Path) -> None:
+    cell, path = table(tmp_path), job(*LABELS)
+    stints = stints_of(with_tools(cell, path), path)
+    wished = replace(OPTIONS, steer=(Steer(points=(8, 16), prefer=0.3), Steer(operation="op2", gamma=0.1)))
+    laid = [s.of(wished) for s in stints]
+    assert [[w.points for w in o.steer] for o in laid] == [[(8, 9)], [(0, 4)], [(0, 1)]]
+    assert [[f.point for f in o.fixed] for o in laid] == [[], [1, 2, 3], []]
