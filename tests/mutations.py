@@ -31,7 +31,7 @@ FORMATS = {
     "jbi": ("jbi", "jbi_rectan"),
     "csv": ("csv",),
     "json": ("json",),
-    "ros": ("ros_yaml", "ros_json"),
+    "ros": ("ros_yaml", "ros_json", "compas_fab"),
 }
 ROBOT = KnownRobot(ARM.fk, MAPPED, TOOL, WORKPIECE)
 HANG = 20.0  # s of computing for one small file: a reader that takes that long hangs

@@ -34,6 +34,7 @@ POSTS = {
     "csv": "part.csv",
     "json": "part.json",
     "ros_json": "part.json",
+    "compas_fab": "part.json",
     "ros_yaml": "part.yaml",
 }
 

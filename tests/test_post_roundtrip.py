@@ -36,13 +36,23 @@ MAIN = {
     "json": "{}.json",
     "ros_yaml": "{}.yaml",
     "ros_json": "{}.json",
+    "compas_fab": "{}.json",
 }
-JOINTS_ONLY = ("fanuc_joint", "jbi", "ros_yaml", "ros_json", "urscript_servoj")
-NO_MAP = ("csv", "json", "ros_yaml", "ros_json")
+JOINTS_ONLY = ("fanuc_joint", "jbi", "ros_yaml", "ros_json", "compas_fab", "urscript_servoj")
+NO_MAP = ("csv", "json", "ros_yaml", "ros_json", "compas_fab")
+TIMED = ("ros_yaml", "ros_json", "compas_fab", "urscript_servoj")  # times stand for feeds
 # half of the last printed decimal: mm and axis angle in deg; orientation in deg: three such angles may add up, and a
 # quaternion of four numbers printed to e turns by 4 e rad at most
 POSITION_MM = {"csv": 0.5e-6, "json": 0.5e-6}
-AXIS_DEG = {"csv": 0.5e-9, "json": 0.5e-9, "ros_yaml": 3e-9, "ros_json": 3e-9, "urscript": 3e-7, "jbi": 0.5e-4}
+AXIS_DEG = {
+    "csv": 0.5e-9,
+    "json": 0.5e-9,
+    "ros_yaml": 3e-9,
+    "ros_json": 3e-9,
+    "compas_fab": 3e-9,
+    "urscript": 3e-7,
+    "jbi": 0.5e-4,
+}
 TURN_DEG = {"rapid": 1.0e-6, "urscript": 1.2e-6, "jbi_rectan": 1.5e-4, "csv": 2e-7, "json": 2e-7}
 
 
@@ -104,7 +114,7 @@ def check(p: RobotProgram, parsed: ParsedProgram, post: str, controller: Control
             TURN_DEG, post, 1.5e-5
         )
     steps = 0.5e-4 * 1.001 if post in ("fanuc", "fanuc_joint", "jbi", "jbi_rectan") else 0.51e-6
-    if not post.startswith("ros") and post != "urscript_servoj":
+    if post not in TIMED:
         np.testing.assert_allclose(parsed.feed[lin], p.feed[lin], rtol=0, atol=steps)
     if np.isfinite(parsed.time).any():
         np.testing.assert_allclose(parsed.time, p.time, rtol=0, atol=1e-9)
@@ -302,7 +312,7 @@ def csv_round_trip(recipe: Recipe, post: str, controller: Controller, folder: Pa
     turn = np.where(by_axes, 6 * 2.01 * math.radians(axis), math.radians(tolerance(TURN_DEG, post, 1.5e-5)))
     assert (np.abs(a[0][:, 3:] - b[0][:, 3:]) <= turn[:, None] + 2.1e-6).all()
     assert a[1] == b[1]
-    if not post.startswith("ros") and post != "urscript_servoj":
+    if post not in TIMED:
         lin = p.kind == LIN
         steps = 3.01 if post in ("fanuc", "fanuc_joint", "jbi", "jbi_rectan") else 0.035  # mm/min: 0.05 mm/s, 5e-7 m/s
         np.testing.assert_allclose(a[2][lin], b[2][lin], rtol=0, atol=steps)

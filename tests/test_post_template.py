@@ -131,7 +131,7 @@ def test_mistakes_in_a_post_are_named(tmp_path: Path, old: str, new: str, messag
 def test_posts_that_do_not_exist(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no post is named 'kuka'"):
         load_post("kuka")
-    with pytest.raises(InputError, match="no such file; expected a post template, or a name: csv"):
+    with pytest.raises(InputError, match="no such file; expected a post template, or a name: compas_fab, csv"):
         load_post(tmp_path / "none.toml")
 
 

@@ -21,7 +21,7 @@ from machopt.services.knownrobot import known_robot
 
 ROOT_FOLDER = Path(__file__).resolve().parents[1]
 CELL = ROOT_FOLDER / "cells" / "kr500_milling"
-JOINTS_ONLY = ("fanuc_joint", "jbi", "ros_yaml", "ros_json", "urscript_servoj")
+JOINTS_ONLY = ("fanuc_joint", "jbi", "ros_yaml", "ros_json", "compas_fab", "urscript_servoj")
 MAPPED_ROBOT = KnownRobot(ARM.fk, MAPPED, TOOL, WORKPIECE)
 
 

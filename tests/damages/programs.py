@@ -53,6 +53,7 @@ LANGUAGES = (
     "json",
     "ros_yaml",
     "ros_json",
+    "compas_fab",
 )
 
 
@@ -346,6 +347,20 @@ DAMAGES = [
         "1 name",
         swap("part_apt.yaml", r'"a1", "a2"', '"a2", "a1"'),
         "part_apt.yaml: wording",
+    ),
+    row(
+        "compas_fab",
+        "a sample",
+        "0.01 rad",
+        swap("part_apt.json", r'"joint_values": \[(-?[\d.]+)', shifted(1, 0.01), 300),
+        "part_apt.json: ",
+    ),
+    row(
+        "compas_fab",
+        "what a joint is",
+        "1 digit",
+        swap("part_apt.json", r'"joint_types": \[0', '"joint_types": [2', 4),
+        "part_apt.json: ",
     ),
     row("ros_json", "cut off", "60 %", cut("part_apt.json", 0.6), "part_apt.json: "),
     row(

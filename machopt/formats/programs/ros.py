@@ -1,10 +1,12 @@
-"""ROS trajectory_msgs/JointTrajectory as YAML or JSON, with what our comments or events file say beside it."""
+"""ROS trajectory_msgs/JointTrajectory as YAML or JSON, or compas_fab's JointTrajectory, with what our comments or
+events file say beside it."""
 
 from __future__ import annotations
 
 import json
 import math
 import re
+from collections.abc import Mapping
 
 from machopt.errors import InputError
 from machopt.formats.programs.builder import Builder
@@ -29,6 +31,9 @@ def read_ros(source: Source, arc_tolerance: float, strict: bool = False) -> Pars
     out = Builder(source, "ros", arc_tolerance, strict)
     is_json = next((t.strip()[:1] for t in source.lines if t.strip() and not t.lstrip().startswith("#")), "") == "{"
     document = load_json(out, source) if is_json else _yaml(out, source)
+    compas = "dtype" in document
+    if compas:
+        document = _unwrapped(out, document)
     names, points = document.get("joint_names"), document.get("points")
     if not isinstance(names, list) or not isinstance(points, list) or not points:
         raise out.error("expected joint_names and a list of points, as trajectory_msgs/JointTrajectory has them")
@@ -39,7 +44,7 @@ def read_ros(source: Source, arc_tolerance: float, strict: bool = False) -> Pars
     for n, point in enumerate(points, 1):
         for kind, text in told.get(n, ()):
             out.comment(f"{kind}: {text}")
-        positions, time = _point(out, point, n, len(names))
+        positions, time = _point(out, _of_ros(out, point, n) if compas else point, n, len(names))
         if not time > previous:
             raise out.error(f"points[{n - 1}]: time_from_start {time:g} s does not rise")
         previous = time
@@ -48,6 +53,29 @@ def read_ros(source: Source, arc_tolerance: float, strict: bool = False) -> Pars
     for kind, text in told.get(len(points) + 1, ()):
         out.comment(f"{kind}: {text}")
     return out.build()
+
+
+def _unwrapped(out: Builder, document: Mapping[str, object]) -> Mapping[str, object]:
+    """The data of a COMPAS object."""
+    kind, data = document["dtype"], document.get("data")
+    if not (isinstance(kind, str) and kind.endswith("/JointTrajectory") and isinstance(data, dict)):
+        raise out.error("is a COMPAS object, but no JointTrajectory with its data")
+    return data
+
+
+def _of_ros(out: Builder, point: object, n: int) -> object:
+    """A point of compas_fab under the names that ROS has for the same."""
+    where = f"points[{n - 1}]"
+    if not isinstance(point, dict):
+        return point
+    types, values, time = (point.get(key) for key in ("joint_types", "joint_values", "time_from_start"))
+    if types is not None:
+        kinds = _numbers(out, types, f"{where}.joint_types")
+        wrong = [k for k in kinds[:JOINTS] if k not in (0.0, 1.0)]  # revolute, continuous
+        if wrong or (isinstance(values, list) and len(kinds) != len(values)):
+            raise out.error(f"{where}.joint_types: expected one for each value, 0 for the arm's joints, which turn")
+    told = {"sec": time.get("secs", 0), "nanosec": time.get("nsecs", 0)} if isinstance(time, dict) else time
+    return {**point, "positions": values, "time_from_start": told}
 
 
 def _yaml(out: Builder, source: Source) -> dict[str, object]:
