@@ -20,8 +20,11 @@ from machopt.formats.tables import write_points_csv, write_trajectory_csv
 from machopt.formats.toolchoice import stints_of, with_tools
 from machopt.plan.certificate import certificate
 from machopt.plan.job import Job, plan_job
+from machopt.plan.mapped import mapped
 from machopt.plan.pipeline import Timings
 from machopt.plan.uncertainty import gains
+from machopt.report.gather.optimize_map import cut_stations
+from machopt.report.gather.optimize_scene import view_of
 from machopt.verify import Verification, verify_stints
 
 OPTIONS = PlanOptions(
@@ -179,3 +182,28 @@ def test_wishes_are_those_of_the_stint_they_are_about(tmp_path: Path) -> None:
     laid = [s.of(wished) for s in stints]
     assert [[w.points for w in o.steer] for o in laid] == [[(8, 9)], [(0, 4)], [(0, 1)]]
     assert [[f.point for f in o.fixed] for o in laid] == [[], [1, 2, 3], []]
+
+
+def test_the_picture_has_the_tool_that_is_on(done: tuple[Cell, Toolpath, tuple[Stint, ...], Job]) -> None:
+    _, path, _, whole = done
+    plan, shown = whole.plan, mapped(whole.plan)
+    assert len(shown.known) == len(plan.path.stations)
+    view = view_of(plan, path, whole.points, whole.timeline, shown, whole.points.table.deflection)
+    assert [name for name, _ in view.scene.tools] == ["3", "BALL"]
+    np.testing.assert_allclose(view.scene.tools[1][1][:3, 3] - view.scene.tools[0][1][:3, 3], [0.1, 0, 0], atol=1e-9)
+    assert {(b.name, b.tools) for b in view.scene.bodies if b.tools} == {
+        (name, (n,)) for n in (0, 1) for name in ("spindle", "cutter")
+    }
+    assert view.motion is not None
+    assert view.motion.tool is not None
+    assert set(
+        view.motion.tool[np.isfinite(view.motion.point) & (view.motion.point > 10) & (view.motion.point < 14)]
+    ) == {1}
+    assert view.stations is not None
+    bent = np.linalg.norm(np.array(view.stations.bend), axis=1)  # by the elasticity of the tool that is on
+    at = plan.path.index[plan.path.stations[cut_stations(plan)]]
+    whole_points = at == np.round(at)
+    table = whole.points.table.deflection[np.round(at[whole_points]).astype(int)]
+    np.testing.assert_allclose(bent[whole_points], table)
+    assert view.stations.tool is not None
+    assert view.stations.tool.tolist() == [int(10 <= k < 15) for k in at]

@@ -158,6 +158,20 @@ class Plan:
         part = next((part for part in reversed(self.parts) if part.row <= point), None)
         return (self, point) if part is None else (part.plan, point - part.row)
 
+    def among(self, points: NDArray[np.intp] | NDArray[np.int32]) -> Iterator[tuple[Plan, NDArray[np.intp]]]:
+        """Each plan that some of the planning points (n,) were planned in, and which of the n these are."""
+        if not self.parts:
+            yield self, np.arange(len(points))
+        part = self.part_of(points)
+        for k, one in enumerate(self.parts):
+            mine = np.flatnonzero(part == k)
+            if len(mine):
+                yield one.plan, mine
+
+    def part_of(self, points: NDArray[np.intp] | NDArray[np.int32]) -> NDArray[np.intp]:
+        """(n,) which of the parts planning points (n,) belong to."""
+        return np.searchsorted([one.row for one in self.parts], points, side="right") - 1
+
     @property
     def missing(self) -> NDArray[np.intp]:
         """Planning points without a feasible configuration."""

@@ -227,6 +227,7 @@ class OperationRow:
     nearest_miss: float  # m
     feed_held: float  # share 0…1
     status: str = "ok"
+    tool: str = ""  # which is on; empty where the job has one
 
 
 @dataclass(frozen=True)

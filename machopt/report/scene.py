@@ -36,6 +36,7 @@ class Body:
     joint: int  # −1: stands still
     vertices: Array  # (V, 3) m, root axes, every joint at zero
     faces: Faces  # (F, 3)
+    tools: tuple[int, ...] = ()  # of the scene's, with which it is there; none: with every one
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,7 @@ class Scene:
     part_joint: int = -1  # … the workpiece
     base_joint: int = -1  # … base_link, in whose axes forces and compliances are given
     coupling: Array | None = None  # (6, 6) C of the arm's joints; None: identity
+    tools: tuple[tuple[str, Array], ...] = ()  # name and T_root_tool of each where the job changes them; none: one
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,7 @@ class Stations:
     clearance: Array  # (N,) m at the chosen posture
     nearest: tuple[str, ...]  # (N,) the two bodies
     singularity: Array  # (N,) rad
+    tool: NDArray[np.int64] | None = None  # (N,) which of the scene's tools is on; None: it has one
     terms: tuple[str, ...] = ()  # of the stiffness beside the joints' springs: not in what other rotations show
 
 
@@ -91,6 +94,7 @@ class Motion3D:
     s: Array  # (M,) m of path length, NaN outside
     phi: Array  # (M,) rad, NaN where there is none
     gamma: Array  # (M,) rad
+    tool: NDArray[np.int64] | None = None  # (M,) which of the scene's tools is on; None: it has one
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ def bodies_within(bodies: tuple[Body, ...], triangles: int = TRIANGLES) -> tuple
     out = []
     for body, most in zip(bodies, allowed.tolist(), strict=True):
         vertices, faces = decimated(body.vertices, body.faces, int(most))
-        out.append(Body(body.name, body.kind, body.joint, vertices, faces))
+        out.append(Body(body.name, body.kind, body.joint, vertices, faces, body.tools))
     return tuple(out)
 
 
@@ -57,6 +57,7 @@ def scene_spec(scene: Scene) -> Spec:
         ],
         "coupling": None if scene.coupling is None else [numbers(row, 9) for row in scene.coupling],
         "tool": numbers(scene.T_root_tool.ravel(), 12),
+        "tools": [{"name": name, "at": numbers(T.ravel(), 12)} for name, T in scene.tools],
         "tool_joint": scene.tool_joint,
         "part": numbers(scene.T_root_part.ravel(), 12),
         "part_joint": scene.part_joint,
@@ -99,6 +100,7 @@ def stations_spec(stations: Stations, pick: NDArray[np.intp]) -> Spec:
         "singularity": numbers(stations.singularity[pick] * ANGLE.factor, 4),
         "nearest": [number[name] for name in nearest],
         "names": names,
+        "tool": None if stations.tool is None else stations.tool[pick].tolist(),
         "terms": list(stations.terms),
     }
 
@@ -113,6 +115,7 @@ def motion_spec(motion: Motion3D) -> Spec:
         "s": floats(motion.s[k] * LENGTH.factor),
         "phi": floats(motion.phi[k] * ANGLE.factor),
         "gamma": floats(motion.gamma[k] * ANGLE.factor),
+        "tool": None if motion.tool is None else motion.tool[k].tolist(),
     }
 
 
@@ -179,6 +182,7 @@ def _body_spec(body: Body) -> Spec:
         "name": body.name,
         "kind": body.kind,
         "joint": body.joint,
+        "tools": list(body.tools),
         "low": low.tolist(),
         "step": step.tolist(),
         "at": base64.b64encode(at.tobytes()).decode("ascii"),

@@ -151,6 +151,9 @@ def operations(data: ReportData) -> Markup:
         )
         for o in data.operations
     ]
+    if any(o.tool for o in data.operations):
+        columns.insert(1, Column("Tool"))
+        rows = [(row[0], o.tool, *row[1:]) for o, row in zip(data.operations, rows, strict=True)]  # type: ignore[misc]
     return table(columns, rows)
 
 

@@ -54,10 +54,13 @@ function stage3d(canvas, scene) {
   // One robot: all bodies that some joint carries. Several may stand in one picture.
   function arm({ opacity = 1, color = "", leads = opacity === 1 } = {}) {
     const group = new THREE.Group(), held = [];
-    for (const s of shapes) if (s.joint >= 0) { const mesh = new THREE.Mesh(s.geometry, skin(s.kind, opacity, color)); held.push([mesh, s.joint]); group.add(mesh); }
+    for (const s of shapes) if (s.joint >= 0) { const mesh = new THREE.Mesh(s.geometry, skin(s.kind, opacity, color)); held.push([mesh, s.joint, s.tools]); group.add(mesh); }
     root.add(group);
+    const hold = n => { for (const [mesh, , tools] of held) mesh.visible = !tools.length || tools.includes(n); };
+    hold(0);
     return {
       group,
+      hold, // which of the scene's tools is on
       stand(q) {
         group.visible = Boolean(q);
         if (q) { const M = FK.motions(scene, q); for (const [mesh, joint] of held) moved(mesh, M[joint]); if (leads) moved(onPart, FK.part(scene, M)); }

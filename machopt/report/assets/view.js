@@ -4,7 +4,7 @@ function robotView(host, data) {
   const at3 = unpack(path.at, Float32Array), pathPoint = unpack(path.point, Float32Array);
   const P = pathPoint.length, deg = 180 / Math.PI, wrap = v => v - 360 * Math.round(v / 360);
   const grid = stations && levelled(stations.q), chosen = stations && levelled(stations.chosen);
-  const move = motion && { time: unpack(motion.time, Float32Array), q: levelled(motion.q), point: unpack(motion.point, Float32Array), s: unpack(motion.s, Float32Array), phi: unpack(motion.phi, Float32Array), gamma: unpack(motion.gamma, Float32Array) };
+  const move = motion && { time: unpack(motion.time, Float32Array), q: levelled(motion.q), point: unpack(motion.point, Float32Array), s: unpack(motion.s, Float32Array), phi: unpack(motion.phi, Float32Array), gamma: unpack(motion.gamma, Float32Array), tool: motion.tool };
   const float6 = name => stations && stations[name] && unpack(stations[name], Float32Array);
   const soft = float6("compliance"), springs = float6("k"), force = float6("force"), bend = float6("bend");
   const status = map && bytes(map.status), level = map && new Uint16Array(bytes(map.index).buffer), R = map ? map.rotations : 0, N = map ? map.stations : 0;
@@ -96,7 +96,7 @@ function robotView(host, data) {
     const point = mix(move.point), station = nearestStation(point);
     // between two samples an angle may pass ±180°: then the nearer one is told
     const angle = values => Math.abs(values[next] - values[k]) < 180 ? mix(values) : values[near];
-    return { q: a.map((v, j) => v + f * (b[j] - v)), t, k: station, r: -1, point, s: mix(move.s), phi: angle(move.phi), gamma: wrap(angle(move.gamma)), chosen: true };
+    return { q: a.map((v, j) => v + f * (b[j] - v)), t, k: station, r: -1, point, s: mix(move.s), phi: angle(move.phi), gamma: wrap(angle(move.gamma)), chosen: true, tool: move.tool ? move.tool[near] : 0 };
   }
 
   // When the motion is at a toolpath point: the first sample that has reached it.
@@ -139,6 +139,8 @@ function robotView(host, data) {
 
   function go(place, { quiet = false } = {}) {
     shown = place;
+    const tool = toolOf(place);
+    if (scene.tools.length) scene.tool = scene.tools[tool].at;
     const M = place.q && FK.motions(scene, place.q), tip = M && FK.origin(FK.tool(scene, M));
     const own = place.k >= 0 && soft && place.chosen ? Array.from(soft.slice(6 * place.k, 6 * place.k + 6)) : null;
     const exact = own && Number.isFinite(own[0]) && cuttingNow(place);
@@ -148,6 +150,8 @@ function robotView(host, data) {
     const f = C && force ? three(force, place.k) : null;
     const d = f && (exact && bend ? three(bend, place.k) : FK.times(C, f));
     if (stage) {
+      arm.hold(tool);
+      ghost.hold(tool);
       arm.stand(place.q);
       ghost.stand(!place.q ? nearestPosture(place.k) : !place.chosen && chosen && place.k >= 0 ? chosen.row(place.k) : null);
       here.at(place.k >= 0 && Number.isFinite(place.point) ? onPath(place.point) : tip);
@@ -166,6 +170,9 @@ function robotView(host, data) {
   const worstBend = (() => { let most = 0; for (let k = 0; bend && k < bend.length; k += 3) { const v = Math.hypot(bend[k], bend[k + 1], bend[k + 2]); if (v > most) most = v; } return most || 1e-4; })();
   // A place between the cuts has no station of its own.
   const cuttingNow = place => place.k >= 0 && Math.abs(map.point[place.k] - place.point) < 1.01;
+
+  // Which of the scene's tools is on: as the motion says, else as the nearest place of the map.
+  const toolOf = place => place.tool ?? (stations && stations.tool && place.k >= 0 ? stations.tool[place.k] : 0);
 
   function partNow() { return FK.part(scene, FK.motions(scene, shown.q || home)); }
 
@@ -197,6 +204,7 @@ function robotView(host, data) {
     const title = make("p", "where", told), list = make("dl", "", told);
     const row = (name, value, kind) => { make("dt", "", list, name); make("dd", kind || "", list, value); };
     title.textContent = `Point ${whole(place.point)}` + (Number.isFinite(place.s) ? `, path length ${place.s.toFixed(1)} mm` : "") + (Number.isFinite(place.t) && place.t !== null ? `, ${place.t.toFixed(2)} s` : "");
+    if (scene.tools.length) row("Tool", scene.tools[toolOf(place)].name);
     row("Rotation", `φ ${angleText(place.phi)}, γ ${angleText(place.gamma)}${place.r >= 0 ? (chosen.row(place.k) ? ", not the chosen one" : ", none was chosen here") : place.chosen ? ", chosen" : ""}`);
     const cell = place.r >= 0 ? place.k * R + place.r : -1;
     if (cell >= 0) {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -83,7 +83,7 @@ def report_data(
         for p in plan.missing
         if plan.path.is_point[p]
     )
-    model = plan.setup.collision
+    models = [p.setup.collision for p in ([part.plan for part in plan.parts] or [plan]) if p.setup.collision]
     shown = shown or mapped(plan)
     return page.ReportData(
         title=f"{plan.setup.cell.name}: {toolpath.source}",
@@ -114,8 +114,8 @@ def report_data(
             page.Break(place(b.before), place(b.after), b.text, b.help)
             for b in all_breaks(plan, timeline.obstructions if timeline else ())
         ),
-        excluded_pairs=tuple(page.ExcludedPair(e.a, e.b, e.reason) for e in (model.excluded if model else ())),
-        adjacent_pairs=tuple(page.ExcludedPair(e.a, e.b, e.reason) for e in (model.adjacent if model else ())),
+        excluded_pairs=_once(page.ExcludedPair(e.a, e.b, e.reason) for model in models for e in model.excluded),
+        adjacent_pairs=_once(page.ExcludedPair(e.a, e.b, e.reason) for model in models for e in model.adjacent),
         checks=tuple(
             page.Check(c.name, c.passed, measured(c.value, c.unit), measured(c.limit, c.unit), c.where)
             for c in (verification.checks if verification else ())
@@ -137,6 +137,11 @@ def report_data(
         timings=tuple(timings.items()),
         events=toolpath.events,
     )
+
+
+def _once(pairs: Iterable[page.ExcludedPair]) -> tuple[page.ExcludedPair, ...]:
+    """Each pair once: of the tools of a job most have the same."""
+    return tuple(dict.fromkeys(pairs))
 
 
 def _assignments(plan: Plan) -> tuple[tuple[str, Scored], ...]:
@@ -289,6 +294,7 @@ def _worst_points(
 
 def _carrier(plan: Plan, row: int) -> str:
     """The joint or term that carries most of the compliance along the force or the tool axis, and how much of it."""
+    plan, row = plan.at(row)
     elasticity, d = plan.setup.elasticity, plan.directions
     elastic = elasticity.at(plan.chosen.assignment.q[row][None], d.k[row][None])
     direction = d.force[row] if plan.options.force.given else d.axial[row]
@@ -311,6 +317,7 @@ def _operations(
     worst_of = np.nanmax if plan.scores.index == "deflection" else np.nanmin
     step = np.r_[0.0, np.linalg.norm(np.diff(toolpath.position, axis=0), axis=1)]
     t = timeline.trajectory if timeline else None
+    tool = _tools(plan, points, toolpath)
     out = []
     for k, operation in enumerate(toolpath.operations):
         mine = toolpath.operation == k
@@ -334,9 +341,19 @@ def _operations(
                 nearest_miss=float(np.nanmin(miss)) if np.isfinite(miss).any() else float("nan"),
                 feed_held=float("nan"),
                 status="ok" if not bad else f"{bad} points infeasible",
+                tool=tool.get(k, ""),
             )
         )
     return tuple(out)
+
+
+def _tools(plan: Plan, points: PointResults, toolpath: Toolpath) -> dict[int, str]:
+    """The tools of each operation, where the job changes them."""
+    out: dict[int, dict[str, None]] = {}
+    for own, mine in plan.among(points.rows) if plan.parts else ():
+        for k in dict.fromkeys(toolpath.operation[mine].tolist()):
+            out.setdefault(k, {})[str(own.setup.cell.tool_name)] = None
+    return {k: ", ".join(names) for k, names in out.items()}
 
 
 def _label(toolpath: Toolpath, plan: Plan, row: int) -> str:

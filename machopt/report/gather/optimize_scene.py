@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,7 +35,7 @@ def view_of(
 ) -> View:
     """What the picture shows; ``index`` (N,) is the chosen plan's, in the quantity of the page."""
     return View(
-        scene=_scene(plan.setup),
+        scene=_scene(plan),
         path=_path(plan, toolpath, points, index),
         stations=_stations(plan, points, shown),
         motion=_motion(plan, toolpath, points, timeline),
@@ -40,7 +43,32 @@ def view_of(
     )
 
 
-def _scene(setup: Setup) -> Scene:
+def _scene(plan: Plan) -> Scene:
+    """The cell; with the bodies of every tool that is on where the job changes them."""
+    if not plan.parts:
+        return _with_tool(plan.setup)
+    names = tools_of(plan)
+    each = {str(p.plan.setup.cell.tool_name): _with_tool(p.plan.setup) for p in plan.parts}
+    first = each[names[0]]
+    bodies = [b for b in first.bodies if b.kind not in ("tool", "cutter")]
+    for n, name in enumerate(names):
+        bodies += [replace(b, tools=(n,)) for b in each[name].bodies if b.kind in ("tool", "cutter")]
+    tools = tuple((name, each[name].T_root_tool) for name in names)
+    return replace(first, bodies=tuple(bodies), tools=tools)
+
+
+def tools_of(plan: Plan) -> list[str]:
+    """The tools of a job that changes them, each once, in the order of the job."""
+    return list(dict.fromkeys(str(part.plan.setup.cell.tool_name) for part in plan.parts))
+
+
+def _tool_at(plan: Plan, stretch: NDArray[np.integer[Any]]) -> NDArray[np.int64]:
+    """Which of :func:`tools_of` is on in each stretch of the job (N,)."""
+    names = tools_of(plan)
+    return np.asarray(np.array([names.index(str(p.plan.setup.cell.tool_name)) for p in plan.parts])[stretch])
+
+
+def _with_tool(setup: Setup) -> Scene:
     if setup.collision is not None:
         return scene_of(setup.driven, setup.robot, setup.collision.bodies)
     return scene_of(setup.driven, setup.robot, bodies_of(setup.driven, setup.robot, load_chain(setup.cell)[1]))
@@ -68,16 +96,20 @@ def _stations(plan: Plan, points: PointResults, shown: Mapped) -> Stations | Non
     if not len(st):
         return None
     rows = plan.path.stations[st]
-    a, d, elasticity = plan.chosen.assignment, plan.directions, plan.setup.elasticity
-    ok = np.flatnonzero(a.reason[rows] == Reason.OK)
+    a, d = plan.chosen.assignment, plan.directions
     C, bend = np.full((len(st), 6), np.nan), np.full((len(st), 3), np.nan)
     given = plan.options.force.given
-    if len(ok):
-        elastic = elasticity.at(a.q[rows[ok]], d.k[rows[ok]])
+    terms: list[str] = []
+    for own, mine in plan.among(rows):
+        terms += [f"{t.effect} at {t.location}" for t in own.setup.elasticity.terms]
+        some = mine[a.reason[rows[mine]] == Reason.OK]
+        if not len(some):
+            continue
+        elastic = own.setup.elasticity.at(a.q[rows[some]], d.k[rows[some]])
         full = elastic.compliance()
-        C[ok] = full[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+        C[some] = full[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         if given:
-            bend[ok] = elastic.deflection(d.force[rows[ok]])
+            bend[some] = elastic.deflection(d.force[rows[some]])
     near = np.clip(np.round(plan.path.index[rows]).astype(int), 0, len(points.rows) - 1)
     return Stations(
         q=_with_external(_postures(plan, shown, st), plan.path.external[rows][:, None]),
@@ -91,7 +123,8 @@ def _stations(plan: Plan, points: PointResults, shown: Mapped) -> Stations | Non
         clearance=points.table.clearance[near],
         nearest=tuple(points.nearest_pair[i] for i in near),
         singularity=points.table.singularity[near],
-        terms=tuple(dict.fromkeys(f"{t.effect} at {t.location}" for t in elasticity.terms)),
+        tool=_tool_at(plan, plan.part_of(rows)) if plan.parts else None,
+        terms=tuple(dict.fromkeys(terms)),
     )
 
 
@@ -128,4 +161,5 @@ def _motion(plan: Plan, toolpath: Toolpath, points: PointResults, timeline: Time
         s=along(s, t.point),
         phi=np.where(known, wrap(phi), np.nan),
         gamma=t.gamma,
+        tool=None if t.tool is None else _tool_at(plan, t.tool),
     )
