@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+import pickle
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -219,6 +222,18 @@ def _site(folder: Path, search: Search) -> Site:
     return Site.of(cell, (read_toolpath(folder / "holes.csv"),), options, search)
 
 
+@dataclass(frozen=True, eq=False)
+class _Eager:
+    """Asks ahead, as several processes do, and answers from a copy of the site."""
+
+    site: Site
+    width: int = 3
+
+    def each(self, ask: Callable[[Site, Any], Any], items: Sequence[Any]) -> Iterator[Any]:
+        copied, questions = replace(self.site), pickle.loads(pickle.dumps((ask, list(items))))
+        return iter([questions[0](copied, item) for item in questions[1]])
+
+
 @pytest.mark.slow
 def test_the_best_place_is_the_best_of_all_and_stopping_changes_nothing(tmp_path: Path) -> None:
     """Against every place planned wholly, which is what the bound saves."""
@@ -240,6 +255,9 @@ def test_the_best_place_is_the_best_of_all_and_stopping_changes_nothing(tmp_path
     assert [(p.place, p.worst, p.shares) for p in again.planned] == [
         (p.place, p.worst, p.shares) for p in found.planned
     ]
+    many = find(site, search, Journal(None, ""), hands=_Eager(site))
+    assert [(p.place, p.worst, p.shares) for p in many.planned] == [(p.place, p.worst, p.shares) for p in found.planned]
+    assert (many.places, many.around, many.open_bound) == (found.places, found.around, found.open_bound)
     few = find(site, replace(search, plans=1), Journal(None, ""))
     assert few.stopped
     assert not few.proven
@@ -252,7 +270,22 @@ def test_the_command_writes_verified_plans_in_moved_cells(tmp_path: Path, capsys
     out = tmp_path / "out"
     asked = ["place", str(CELLS / "kr240_drilling"), str(tmp_path / "holes.csv"), "-o", str(out), "--places", "4"]
     code = main(
-        [*asked, "--x-mm", "-100", "100", "--y-mm", "0", "0", "--best", "1", "--json", "--set", "rotation_step_deg=15"]
+        [
+            *asked,
+            "--x-mm",
+            "-100",
+            "100",
+            "--y-mm",
+            "0",
+            "0",
+            "--best",
+            "1",
+            "--json",
+            "--jobs",
+            "2",
+            "--set",
+            "rotation_step_deg=15",
+        ]
     )
     told = json.loads(capsys.readouterr().out)
     assert code == 0
@@ -316,6 +349,35 @@ def test_a_part_out_of_reach_as_it_stands_may_be_brought_into_it(tmp_path: Path)
     assert found.result.best[0].shift_mm[0] <= -4900
     assert found.result.as_it_stands is not None
     assert "out of reach" in found.result.as_it_stands.verdict
+
+
+@pytest.mark.slow
+def test_workers_of_a_cluster_find_what_one_process_finds(
+    tmp_path: Path, scheduler: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Relative paths too: the workers stand elsewhere."""
+    (tmp_path / "holes.csv").write_text(HOLES.replace("20,0,0,1", "60,0,0,1"))
+    monkeypatch.chdir(tmp_path)
+    asked = ["place", str(CELLS / "kr240_drilling"), "holes.csv", "-o", "out", "--places", "4", "--best", "1"]
+    asked += ["--x-mm", "-100", "100", "--y-mm", "0", "0", "--set", "rotation_step_deg=15", "--scheduler", scheduler]
+    assert main([*asked, "--quiet"]) == 0
+    told = json.loads((tmp_path / "out" / "place.json").read_text())
+    alone = machopt.place(
+        CELLS / "kr240_drilling", "holes.csv", x_mm=(-100, 100), y_mm=(0, 0), places=4, best=1, rotation_step_deg=15
+    )
+    assert told["best"][0]["worst"] == alone.result.best[0].worst
+    assert (tmp_path / "out" / "best-1" / "holes" / "report.html").exists()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["holes.csv", "out"]
+
+
+def test_a_scheduler_that_is_not_there_is_refused_and_nothing_is_left(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "holes.csv").write_text(HOLES)
+    asked = ["place", str(CELLS / "kr240_drilling"), str(tmp_path / "holes.csv"), "-o", str(tmp_path / "out")]
+    assert main([*asked, "--scheduler", "nowhere"]) == 2
+    assert "no Dask scheduler answers at nowhere" in capsys.readouterr().err
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["holes.csv"]
 
 
 def test_places_weigh_turns_as_shifts() -> None:

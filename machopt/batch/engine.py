@@ -102,6 +102,15 @@ class Engine:
                 same = "install the same there" if self._address else "it was changed this moment; start again"
                 raise InputError(f"worker {worker} has machopt {version}, here is {program_version()}; {same}")
 
+    @property
+    def width(self) -> int:
+        """Workers that are there, one at least."""
+        return max(len(self._client.ncores()), 1)
+
+    def submit(self, what: Any, *arguments: Any) -> Any:
+        """Ask a worker for one call; its future. Every call is made anew, alike or not."""
+        return self._client.submit(what, *arguments, pure=False)
+
     def run(self, specs: Sequence[tuple[str, Spec]]) -> Generator[tuple[str, Ended], None, None]:
         """Hand out all jobs in order; yields each with its end as they finish.
 

@@ -46,6 +46,10 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     job.add_argument("--best", type=positive, default=3, metavar="N", help="places written as whole verified plans (3)")
     job.add_argument("--plans", type=positive, default=40, metavar="N", help="places to plan wholly, at most (40)")
     job.add_argument("--minutes", type=float, default=10.0, metavar="MIN", help="begin no place after that (10)")
+    job.add_argument("--jobs", type=positive, metavar="N", help="places at a time on this machine (one a core)")
+    job.add_argument(
+        "--scheduler", metavar="ADDRESS", help="use the workers of a running Dask scheduler, e.g. tcp://10.0.0.5:8786"
+    )
     job.add_argument("--move", choices=("workpiece", "base"), default="workpiece", help="what moves (workpiece)")
     job.add_argument(
         "--carry",
@@ -64,15 +68,18 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
 
 
 def _place(args: argparse.Namespace) -> int:
+    from machopt.batch.crew import crew
+    from machopt.model.threads import cores
     from machopt.placement.asked import Search
     from machopt.services.place import Request, place
 
     told_of_effects(args)
     x, y, z = ((a / 1e3, b / 1e3) for a, b in (args.x_mm, args.y_mm, args.z_mm))
+    there = Path.absolute if args.scheduler else Path  # a worker of a cluster stands in a folder of its own
     request = Request(
-        cell=args.cell,
-        toolpaths=tuple(args.toolpaths),
-        out=args.out,
+        cell=there(args.cell),
+        toolpaths=tuple(there(f) for f in args.toolpaths),
+        out=there(args.out),
         search=Search(
             x=x,
             y=y,
@@ -86,14 +93,19 @@ def _place(args: argparse.Namespace) -> int:
             plans=args.plans,
             seconds=60 * args.minutes,
         ),
-        plan_file=args.plan,
+        plan_file=args.plan and there(args.plan),
         overrides=tuple(args.set),
         readings=(reading(args),) * len(args.toolpaths),
-        posts=tuple(args.post),
-        effects=tuple(args.effects),
+        posts=tuple(str(there(Path(p))) if Path(p).is_file() else p for p in args.post),
+        effects=tuple(there(f) for f in args.effects),
     )
-    with Display(show=not (args.quiet or args.json)) as display, compiling(display):
-        outcome = place(request, display.stage)
+    jobs = args.jobs or cores()
+    with (
+        Display(show=not (args.quiet or args.json)) as display,
+        compiling(display),
+        crew(request, jobs=jobs, scheduler=args.scheduler) as hands,
+    ):
+        outcome = place(request, display.stage, hands)
     if args.json:
         print(json.dumps(finite(outcome.result.plain()), ensure_ascii=False))
     elif not args.quiet:

@@ -6,8 +6,9 @@ What is found is written to a journal as it is found, so that a run that was sto
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from machopt.domain.toolpath import Toolpath
 from machopt.model.machine import load_machine
 from machopt.placement.asked import HERE, Search, Shift, inside, shifts, steps
 from machopt.placement.found import CLOSE, Near, Place, Planned, Siting
+from machopt.placement.hands import Hands, Own
 from machopt.placement.journal import Journal
 from machopt.placement.moved import Carried, centre_of, moved, named
 from machopt.placement.outlook import Outlook, outlook
@@ -33,6 +35,15 @@ RIGID = 1e9  # times a joint's stiffness: it gives no more
 AROUND = 0.020  # m: how far the best places are moved to see how sensitive they are
 
 Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A place that is to be looked at; ``why`` nothing can stand there, empty where something can."""
+
+    number: int
+    shift: Shift
+    why: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,10 +78,11 @@ class Site:
                 break
         return tuple(out)
 
-    def place(self, number: int, shift: Shift, why: str) -> Place:
-        """Look at a place; ``why`` nothing can stand there."""
-        if why:
-            return Place(number, shift, why)
+    def place(self, asked: Asked) -> Place:
+        """Look at a place."""
+        number, shift = asked.number, asked.shift
+        if asked.why:
+            return Place(number, shift, asked.why)
         found = self.outlooks(shift)
         last = found[-1]
         if not last.reached:
@@ -116,7 +128,9 @@ class Site:
         )
 
 
-def find(site: Site, search: Search, journal: Journal, progress: Progress = lambda _: None) -> Siting:
+def find(
+    site: Site, search: Search, journal: Journal, progress: Progress = lambda _: None, hands: Hands | None = None
+) -> Siting:
     """Look at every place, plan the promising ones.
 
     Args:
@@ -124,22 +138,29 @@ def find(site: Site, search: Search, journal: Journal, progress: Progress = lamb
         search: ranges and limits.
         journal: of what an earlier run found.
         progress: told what is done.
+        hands: who looks and plans; None: this process. The answer is the same, but for what ``search.seconds`` cuts.
     """
     begun = time.monotonic()
-    places = _looked_at(site, search, journal, progress, begun)
+    work = Own(site) if hands is None else hands
+    places = _looked_at(site, search, journal, progress, begun, work)
     by_number = {p.number: p for p in places}
     planned: dict[int, Planned] = {}
+    ahead: dict[int, Planned] = {}  # planned before its turn has come
 
-    def whole(place: Place) -> None:
-        known = journal.planned(place)
-        planned[place.number] = known if known is not None else journal.keep(site.planned(place))
+    def whole(place: Place, then: Iterable[Place] = ()) -> None:
+        if place.number not in ahead:
+            wave = [p for p in (place, *islice(then, work.width - 1)) if p.number not in ahead]
+            unknown = [p for p in wave if journal.planned(p) is None]
+            ahead.update({p.number: known for p in wave if (known := journal.planned(p)) is not None})
+            ahead.update({one.place.number: journal.keep(one) for one in work.each(Site.planned, unknown)})
+        planned[place.number] = ahead[place.number]
 
     progress(f"plan 1: {HERE.words}")
+    queue = sorted((p for p in places if p.open and p.number), key=lambda p: (max(p.worst, p.bound), p.bound, p.number))
     if by_number[0].open:
         whole(by_number[0])
-    queue = sorted((p for p in places if p.open and p.number), key=lambda p: (max(p.worst, p.bound), p.bound, p.number))
     stopped = ""
-    for place in queue:
+    for turn, place in enumerate(queue):
         values = sorted(p.worst for p in planned.values() if not p.refused)
         if len(values) - (0 in planned and not planned[0].refused) >= search.best and all(
             p.bound >= values[0] * (1 - CLOSE) for p in queue if p.number not in planned
@@ -153,40 +174,42 @@ def find(site: Site, search: Search, journal: Journal, progress: Progress = lamb
             break
         told = f", best so far {1e3 * values[0]:.4g}" if values else ""
         progress(f"plan {len(planned) + 1} of at most {search.plans}: {place.shift.words}{told}")
-        whole(place)
+        whole(place, queue[turn + 1 :])
     left = min((p.bound for p in queue if p.number not in planned), default=np.inf)
     grid = Siting(site.carried, tuple(places), tuple(planned.values()), {}, left, stopped)
     if grid.best and time.monotonic() - begun < search.seconds:
         progress("between the places of the grid")
-        finer = _between(site, grid.best[0].place, search, len(places))
+        finer = _between(site, grid.best[0].place, search, len(places), work)
         if finer is not None:
             places.append(finer)
             whole(finer)
     out = Siting(site.carried, tuple(places), tuple(planned.values()), {}, left, stopped)
     progress("around the best")
-    around = {p.place.number: _around(site, p.place, search) for p in out.best[: search.best]}
-    return replace(out, around=around)
+    return replace(out, around=_around(site, [p.place for p in out.best[: search.best]], search, work))
 
 
-def _looked_at(site: Site, search: Search, journal: Journal, progress: Progress, begun: float) -> list[Place]:
+def _looked_at(
+    site: Site, search: Search, journal: Journal, progress: Progress, begun: float, hands: Hands
+) -> list[Place]:
     refusal = site.standing.refusal(site.carried.names, base=search.base)
     every = shifts(search)
-    out: list[Place] = []
-    for k, shift in enumerate(every):
-        known = journal.place(k, shift)
-        if known is None:
-            if out and time.monotonic() - begun > search.seconds:
-                out.append(Place(k, shift, "not looked at: the time was over"))
-                continue
-            why = refusal.why(shift, shift.matrix(site.carried.centre)) if k else ""
-            known = journal.keep(site.place(k, shift, why))
-        out.append(known)
-        if k % 10 == 0 or k + 1 == len(every):
-            progress(f"place {k + 1} of {len(every)}, {sum(p.open for p in out)} within reach")
-    return out
+    known = {k: place for k, shift in enumerate(every) if (place := journal.place(k, shift)) is not None}
+    todo = [k for k in range(len(every)) if k not in known]
+    size = 1  # the first alone: after an installation it compiles, and the others find that done
+    while todo and not (known and time.monotonic() - begun > search.seconds):
+        now, todo = todo[:size], todo[size:]
+        size = 1 if hands.width == 1 else 4 * hands.width
+        asked = [
+            Asked(k, every[k], refusal.why(every[k], every[k].matrix(site.carried.centre)) if k else "") for k in now
+        ]
+        known |= {place.number: journal.keep(place) for place in hands.each(Site.place, asked)}
+        if now[-1] % 10 == 0 or size > 1 or not todo:
+            progress(f"place {len(known)} of {len(every)}, {sum(p.open for p in known.values())} within reach")
+    late = "not looked at: the time was over"
+    return [known.get(k) or Place(k, shift, late) for k, shift in enumerate(every)]
 
 
-def _between(site: Site, best: Place, search: Search, number: int) -> Place | None:
+def _between(site: Site, best: Place, search: Search, number: int, hands: Hands) -> Place | None:
     """A better place near the best of the grid, by what the grid of rotations comes to there; None: there is none.
 
     Steps along one axis at a time, each from the best so far, of half, a quarter and an eighth of the grid's.
@@ -196,27 +219,33 @@ def _between(site: Site, best: Place, search: Search, number: int) -> Place | No
     for part in (0.5, 0.25, 0.125):
         for axis in ("x", "y", "z", "turn"):
             size = part * getattr(grid, axis)
-            for sign in (-1.0, 1.0) if size else ():
-                shift = inside(search, replace(now.shift, **{axis: getattr(now.shift, axis) + sign * size}))
-                if shift == now.shift:
-                    continue
-                found = site.place(number, shift, refusal.why(shift, shift.matrix(site.carried.centre)))
-                if found.open and found.worst < now.worst:
-                    now = found
-                    break
+            tried = [
+                inside(search, replace(now.shift, **{axis: getattr(now.shift, axis) + sign * size}))
+                for sign in ((-1.0, 1.0) if size else ())
+            ]
+            asked = [
+                Asked(number, shift, refusal.why(shift, shift.matrix(site.carried.centre)))
+                for shift in tried
+                if shift != now.shift
+            ]
+            better = (p for p in hands.each(Site.place, asked) if p.open and p.worst < now.worst)
+            now = next(better, now)
     return None if now is best else now
 
 
-def _around(site: Site, place: Place, search: Search) -> tuple[Near, ...]:
+def _around(site: Site, best: list[Place], search: Search, hands: Hands) -> dict[int, tuple[Near, ...]]:
     refusal = site.standing.refusal(site.carried.names, base=search.base)
-    out = []
-    for axis in "xyz":
-        for sign in (-1.0, 1.0):
-            value = getattr(place.shift, axis) + sign * AROUND
-            shift = replace(place.shift, **{axis: value})
-            found = site.place(-1, shift, refusal.why(shift, shift.matrix(site.carried.centre)))
-            out.append(Near(shift, f"{axis} {sign * 1e3 * AROUND:+.0f} mm", found.refused, found.worst))
-    return tuple(out)
+    asked, moved_by = [], []
+    for place in best:
+        for axis in "xyz":
+            for sign in (-1.0, 1.0):
+                shift = replace(place.shift, **{axis: getattr(place.shift, axis) + sign * AROUND})
+                asked.append(Asked(-1, shift, refusal.why(shift, shift.matrix(site.carried.centre))))
+                moved_by.append((place.number, f"{axis} {sign * 1e3 * AROUND:+.0f} mm"))
+    out: dict[int, tuple[Near, ...]] = {place.number: () for place in best}
+    for (number, way), found in zip(moved_by, hands.each(Site.place, asked), strict=True):
+        out[number] += (Near(found.shift, way, found.refused, found.worst),)
+    return out
 
 
 def _softest(one: Plan) -> tuple[float, tuple[float, ...]]:

@@ -10,23 +10,19 @@ from machopt.domain.cell import Cell
 from machopt.domain.results.place import PlaceResult
 from machopt.domain.toolpath import Toolpath
 from machopt.effects.own import in_use, with_effects
-from machopt.formats.cell import load_cell
-from machopt.formats.options import load_options
-from machopt.formats.toolchoice import with_tool
-from machopt.formats.toolpath import read_toolpath
 from machopt.output import output_folder, write_result
 from machopt.placement.found import Siting
+from machopt.placement.hands import Hands
 from machopt.placement.journal import Journal
-from machopt.placement.moved import refuse
 from machopt.placement.search import Site, find
 from machopt.plan.drive import refuse_wrong_unit
 from machopt.report.gather.place import page_of, result_of, write_places
 from machopt.report.place_page import write_place_page
 from machopt.services.inputs import input_hashes, single
-from machopt.services.knownrobot import known_robot
 from machopt.services.manifest import write_command_manifest
-from machopt.services.place_asked import Request, key_of, refuse_options
+from machopt.services.place_asked import Request, key_of
 from machopt.services.place_best import confirmed
+from machopt.services.place_site import read, site_of
 
 __all__ = ["Outcome", "Request", "Sited", "place", "sited", "write"]
 
@@ -51,8 +47,8 @@ class Sited:
     siting: Siting
 
 
-def place(request: Request, progress: Progress = lambda _: None) -> Outcome:
-    """Look for the best place.
+def place(request: Request, progress: Progress = lambda _: None, crew: Hands | None = None) -> Outcome:
+    """Look for the best place, alone or with a crew of other processes: the answer is the same.
 
     Writes ``place.json``, ``places.csv``, ``report.html`` and ``best-1`` …: the moved cell and a whole output of
     ``optimize`` for each toolpath. Until then ``OUT.progress.jsonl`` has what was found: the same command goes on.
@@ -62,14 +58,11 @@ def place(request: Request, progress: Progress = lambda _: None) -> Outcome:
     """
     with in_use(with_effects(request.effects)):
         progress("load")
-        cell = load_cell(request.cell)
-        robot = known_robot(cell)
-        pairs = zip(request.toolpaths, request.readings, strict=True)
-        toolpaths = tuple(read_toolpath(file, robot=robot, **reading) for file, reading in pairs)
+        cell, toolpaths = read(request)
         with output_folder(request.out) as folder:
             journal = request.out.with_name(request.out.name + ".progress.jsonl")
-            found = sited(request, cell, toolpaths, progress, journal)
-            result = write(found, folder, progress)
+            found = sited(request, cell, toolpaths, progress, journal, crew)
+            result = write(found, folder, progress, crew)
         journal.unlink(missing_ok=True)
     return Outcome(result.exit_code, result, request.out / "report.html")
 
@@ -80,34 +73,32 @@ def sited(
     toolpaths: tuple[Toolpath, ...],
     progress: Progress = lambda _: None,
     journal: Path | None = None,
+    crew: Hands | None = None,
 ) -> Sited:
     """Look for the best place and write nothing but the journal.
 
     Args:
         cell, toolpaths: as the request names them.
         journal: what an earlier run found, and where this one notes what it finds.
+        crew: who looks and plans; None: this process.
 
     Raises:
         InputError: the cell, an option or a range is wrong.
     """
-    cell = with_tool(cell, *toolpaths)
-    refuse(cell)
-    options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
-    refuse_options(options)
-    site = Site.of(cell, toolpaths, options, request.search)
-    notes = Journal(journal, key_of(cell, toolpaths, options, request.search))
+    site, options = site_of(request, cell, toolpaths)
+    notes = Journal(journal, key_of(site.cell, toolpaths, options, request.search))
     progress(f"going on with {notes.known} places that are known" if notes.known else "places")
-    siting = find(site, request.search, notes, progress)
+    siting = find(site, request.search, notes, progress, crew)
     if not siting.best:  # a part out of reach as it stands is what placement may help; one out of reach anywhere is not
         for file, reading, toolpath in zip(request.toolpaths, request.readings, toolpaths, strict=True):
             refuse_wrong_unit(cell, toolpath, file, stated="unit" in reading)
     return Sited(request, site, siting)
 
 
-def write(found: Sited, folder: Path, progress: Progress = lambda _: None) -> PlaceResult:
+def write(found: Sited, folder: Path, progress: Progress = lambda _: None, crew: Hands | None = None) -> PlaceResult:
     """Write the best places as whole plans, and everything that is told."""
     request, site, siting = found.request, found.site, found.siting
-    best = confirmed(request, site, siting, folder, progress)
+    best = confirmed(request, site, siting, folder, progress, crew)
     hashes = {**input_hashes(site.cell), **{t.source: t.sha256 for t in site.toolpaths}}
     result = result_of(site, request.search, siting, best, hashes)
     write_places(folder / "places.csv", site, siting)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 from machopt.formats.movedcell import write_moved_cell
 from machopt.placement.found import Planned, Siting
+from machopt.placement.hands import Hands, Own
 from machopt.placement.moved import moved
 from machopt.placement.search import Site
 from machopt.report.gather.place import Confirmed
@@ -15,22 +17,40 @@ from machopt.services.place_asked import Request
 from machopt.services.run import optimize
 
 
+@dataclass(frozen=True)
+class _Wanted:
+    """One of the best places, and where it is written."""
+
+    request: Request
+    one: Planned
+    folder: Path
+
+
 def confirmed(
-    request: Request, site: Site, siting: Siting, folder: Path, progress: Callable[[str], None]
+    request: Request,
+    site: Site,
+    siting: Siting,
+    folder: Path,
+    progress: Callable[[str], None],
+    crew: Hands | None = None,
 ) -> tuple[Confirmed, ...]:
     """Write ``best-1`` …: ``cell`` and, for each toolpath, a whole output of ``optimize``."""
     best = siting.best[: request.search.best]
-    return tuple(_confirm(request, site, siting, one, folder / f"best-{k}", progress) for k, one in enumerate(best, 1))
+    wanted = [_Wanted(request, one, folder / f"best-{k}") for k, one in enumerate(best, 1)]
+    out: list[Confirmed] = []
+    progress(f"write and verify the {len(best)} best")
+    for done in (crew or Own(site)).each(_confirm, wanted):
+        out.append(done)
+        progress(f"{len(out)} of the {len(best)} best are written and verified")
+    return tuple(out)
 
 
-def _confirm(
-    request: Request, site: Site, siting: Siting, one: Planned, folder: Path, progress: Callable[[str], None]
-) -> Confirmed:
+def _confirm(site: Site, wanted: _Wanted) -> Confirmed:
+    request, one, folder = wanted.request, wanted.one, wanted.folder
     head = f"made by machopt place from {site.cell.name}: {one.place.shift.words}"
-    cell = write_moved_cell(folder / "cell", site.cell, moved(site.cell, siting.carried, one.place.shift), head)
+    cell = write_moved_cell(folder / "cell", site.cell, moved(site.cell, site.carried, one.place.shift), head)
     verdicts, code = [], 0
     for name, file, reading in zip(names_of(request.toolpaths), request.toolpaths, request.readings, strict=True):
-        progress(f"write {folder.name}: {file.name}")
         asked = one_plan.Request(
             cell=cell.parent,
             toolpath=file,

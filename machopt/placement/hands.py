@@ -1,0 +1,44 @@
+"""Who answers what is asked about places: this process, others of the machine, or those of a cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+
+if TYPE_CHECKING:
+    from machopt.placement.search import Site
+
+A = TypeVar("A")
+B = TypeVar("B")
+
+
+class Hands(Protocol):
+    """Answers come in the order of the questions, however many are worked on at a time: what is found does not depend
+    on how many hands there were."""
+
+    @property
+    def width(self) -> int:
+        """How many questions are worked on at a time."""
+        ...
+
+    def each(self, ask: Callable[[Site, A], B], items: Sequence[A]) -> Iterator[B]:
+        """``ask`` (a function of a module, so that another process finds it) of the site and each item, in order.
+
+        Whoever stops reading leaves the rest unasked, as far as nobody has begun with it.
+        """
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Own:
+    """This process: one after the other, and none before its answer is wanted."""
+
+    site: Any  # Site
+
+    @property
+    def width(self) -> int:
+        return 1
+
+    def each(self, ask: Callable[[Any, A], B], items: Sequence[A]) -> Iterator[B]:
+        return (ask(self.site, item) for item in items)

@@ -1,0 +1,66 @@
+"""Cell and jobs of ``machopt place``, loaded; here, or by another process that was told only what was asked."""
+
+from __future__ import annotations
+
+import functools
+import pickle
+import threading
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from machopt.domain.cell import Cell
+from machopt.domain.options import PlanOptions
+from machopt.domain.toolpath import Toolpath
+from machopt.effects.own import in_use, with_effects
+from machopt.formats.cell import load_cell
+from machopt.formats.options import load_options
+from machopt.formats.toolchoice import with_tool
+from machopt.formats.toolpath import read_toolpath
+from machopt.placement.moved import refuse
+from machopt.placement.search import Site
+from machopt.services.knownrobot import known_robot
+from machopt.services.place_asked import Request, refuse_options
+
+A = TypeVar("A")
+B = TypeVar("B")
+_one_at_a_time = threading.Lock()  # a worker of a cluster may have threads; a plan uses the cores by itself
+
+
+def read(request: Request) -> tuple[Cell, tuple[Toolpath, ...]]:
+    """The files that the request names.
+
+    Raises:
+        InputError: a file is wrong.
+    """
+    cell = load_cell(request.cell)
+    robot = known_robot(cell)
+    pairs = zip(request.toolpaths, request.readings, strict=True)
+    return cell, tuple(read_toolpath(file, robot=robot, **reading) for file, reading in pairs)
+
+
+def site_of(request: Request, cell: Cell, toolpaths: tuple[Toolpath, ...]) -> tuple[Site, PlanOptions]:
+    """What is looked at from everywhere.
+
+    Raises:
+        InputError: the cell, an option or a range is wrong.
+    """
+    cell = with_tool(cell, *toolpaths)
+    refuse(cell)
+    options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
+    refuse_options(options)
+    return Site.of(cell, toolpaths, options, request.search), options
+
+
+def answer(order: bytes, ask: Callable[[Any, A], B], item: A) -> B:
+    """Answer one question in a process that may never have heard of the site: ``order`` is the pickled request."""
+    with _one_at_a_time:
+        request, site = _known(order)
+        with in_use(with_effects(request.effects)):
+            return ask(site, item)
+
+
+@functools.lru_cache(maxsize=1)
+def _known(order: bytes) -> tuple[Request, Site]:
+    request: Request = pickle.loads(order)
+    with in_use(with_effects(request.effects)):
+        return request, site_of(request, *read(request))[0]
