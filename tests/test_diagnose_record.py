@@ -190,6 +190,20 @@ def test_a_wrench_in_tool_axes_turns_with_the_sagging_tool() -> None:
     assert record.where_it_stands(told, base, arm_, T, masses) is told
 
 
+def test_weights_turned_into_tool_axes_by_the_encoders_stay_where_these_say() -> None:
+    """The springs tell it from a sensor that sags with the arm."""
+    arm_, T, _ = robot()
+    base = sound()
+    assert base.wrench is not None
+    R = arm_.fk(base.q, T)[:, :3, :3]
+    w = np.einsum("nji,nbj->nbi", R, base.wrench.reshape(-1, 2, 3)).reshape(-1, 6)
+    told = experiment(replace(base, wrench=w, wrench_frame="tool"), arm_, T)
+    kept = record.where_it_stands(
+        told, replace(base, wrench=w, wrench_frame="tool"), arm_, T, load_masses(load_cell(CELLS / CELL))
+    )
+    assert kept is told
+
+
 def test_a_spring_that_the_cell_misses_by_far_is_said() -> None:
     def joint(number: int, value: float, sigma: float) -> Coefficient:
         return Coefficient(Unknown(f"joint {number}", "rad/(N·m)", key=joint_spring(number)), value, value, sigma)

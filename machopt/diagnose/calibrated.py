@@ -180,6 +180,10 @@ class Recorded:
     motor_side: float = _set(
         0.2, "torque below this share of what the arm needs, joint by joint another: before the gear", JUDGED
     )
+    geared: float = _set(
+        0.05, "the same of one joint beside others that are whole: gears of arms reduce by 20 and more", JUDGED
+    )
+    loaded: float = _set(0.02, "of the largest torque: a joint that needs less tells nothing of its channel", JUDGED)
     clipped: float = _set(0.01, "share of samples at the very largest value", JUDGED)
     lag_worth_s: float = _set(
         0.001, "s; encoders that follow their command closer than this have no lag worth a word", JUDGED

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.diagnose import motion_checks, motion_link, motion_tip, motion_torque
+from machopt.diagnose import motion_checks, motion_columns, motion_link, motion_tip, motion_torque
 from machopt.diagnose.motion_frame import Scene, one_joint
 from machopt.diagnose.motion_signals import Motion, signals
 from machopt.diagnose.problem import Catalogue, Problem, Untestable
@@ -97,8 +97,9 @@ def build(
     dynamics = _dynamics(cell)
     predicted: Array | None = None if dynamics is None else dynamics.torque(motion.q, motion.v, motion.a)
     if predicted is not None and channel == "torque":
+        mended, exchanged = motion_columns.mended(mended, motion, predicted)
         mended, of_torque = motion_checks.torque_side(mended, motion, predicted)
-        found += of_torque
+        found += [*exchanged, *of_torque]
     scene = replace(_scene(mended, cell, motion, dynamics, predicted), known=terms)
     scene.notes.extend(warnings)
     problem, catalogue, more = _equations(scene, channel)
