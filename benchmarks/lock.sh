@@ -17,7 +17,7 @@ lock() {  # FILE WHAT OPTIONS…
   { echo "# $what: versions that were tried together, with hashes. Made by benchmarks/lock.sh"; cat "$made/lock"; } > "$file"
   rm "$made/lock"
 }
-lock .requirements-test.lock 'What `make test` installs' --extra dev --extra parquet --extra xacro
+lock .requirements-test.lock 'What `make test` installs' --extra dev --extra batch --extra parquet --extra xacro
 lock .requirements.lock 'What `make run` installs' --constraint .requirements-test.lock
 lock .requirements-lowest.lock 'What `make lowest` installs, nothing above its bound in pyproject.toml' \
-  --extra dev --extra parquet --extra xacro --resolution lowest-direct
+  --extra dev --extra batch --extra parquet --extra xacro --resolution lowest-direct

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import csv
+import os
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -84,3 +87,35 @@ class Table(Mapping[str, NDArray[Any]]):
         except ImportError:
             raise InputError("an Arrow table needs pyarrow; pip install 'machopt[parquet]'") from None
         return pyarrow.table({name: values.tolist() for name, values in self._columns.items()})
+
+    def write(self, file: str | os.PathLike[str]) -> None:
+        """Write the table, as CSV or Parquet by the file's ending.
+
+        Raises:
+            InputError: another ending, a folder that is not there, or pyarrow is not installed.
+        """
+        path = Path(file)
+        try:
+            if path.suffix.lower() == ".parquet":
+                table = self.arrow()
+                import pyarrow.parquet
+
+                pyarrow.parquet.write_table(table, path)
+            elif path.suffix.lower() == ".csv":
+                with path.open("w", encoding="utf-8", newline="") as out:
+                    rows = csv.writer(out, lineterminator="\n")
+                    rows.writerow(self._columns)
+                    rows.writerows(zip(*(_texts(values) for values in self._columns.values()), strict=True))
+            else:
+                raise InputError(
+                    f"tables are CSV or Parquet; {path.stem}.csv or {path.stem}.parquet would work", file=path
+                )
+        except OSError as problem:
+            raise InputError(f"cannot be written: {problem.strerror}", file=path) from None
+
+
+def _texts(values: NDArray[Any]) -> list[str]:
+    """Shortest words that give the same numbers back; nothing for NaN."""
+    if values.dtype.kind == "f":
+        return ["" if v != v else repr(v) for v in values.tolist()]  # noqa: PLR0124  NaN is not itself
+    return [str(v) for v in values.tolist()]

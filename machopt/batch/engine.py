@@ -207,6 +207,15 @@ def _words(problem: BaseException) -> str:
     return f"{type(problem).__name__}: {problem}"
 
 
+def check_installed() -> None:
+    """Refuse where what batches run on is not there.
+
+    Raises:
+        InputError: names the extra.
+    """
+    _distributed()
+
+
 def machine_memory() -> int:
     """Bytes of memory that this machine, or the container around us, has."""
     _distributed()
@@ -218,8 +227,11 @@ def machine_memory() -> int:
 def _distributed() -> Any:
     try:
         import distributed
+        import psutil  # noqa: F401  the jobs' processes need it; here it can be said before any is started
     except ImportError:
         raise InputError(
-            "machopt batch runs on Dask distributed, which is not installed; pip install 'dask[distributed]'"
+            "machopt batch runs on Dask distributed and psutil, of which one is not installed; "
+            "pip install 'machopt[batch]' would work",
+            where="batch",
         ) from None
     return distributed

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from machopt.batch.compare import Comparison, compare
-from machopt.batch.engine import Engine, machine_memory
+from machopt.batch.engine import Engine, check_installed, machine_memory
 from machopt.batch.find import Job, find_jobs
 from machopt.batch.key import Keys, Ready, Refused, program_version, sha256
 from machopt.batch.line import Line
@@ -85,6 +85,7 @@ def run_batch(request: Request, progress: Callable[[Progress], None] = lambda _:
 
 
 def _check(request: Request) -> None:
+    check_installed()
     for value, name in (
         (request.time_limit, "--time-limit-s"),
         (request.memory_limit, "--memory-limit-mib"),

@@ -1,0 +1,67 @@
+"""Planning needs no extra; what is missing is named with the extra that brings it, and nothing is left behind."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import machopt
+from machopt.errors import InputError
+from machopt.formats.toolpath import read_toolpath
+
+ROOT = Path(__file__).resolve().parents[1]
+HEAVY = ("dask", "distributed", "psutil", "pyarrow", "pandas", "xacro", "rosbags")
+EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+
+
+@pytest.fixture
+def without(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As if no extra were installed."""
+    for name in [m for m in sys.modules if m.partition(".")[0] in HEAVY] + list(HEAVY):
+        monkeypatch.setitem(sys.modules, name, None)
+
+
+def test_importing_the_library_and_the_planner_loads_no_extra() -> None:
+    code = (
+        "import sys, machopt, machopt.cli, machopt.services.run, machopt.services.verify\n"
+        f"print(sorted({{m.partition('.')[0] for m in sys.modules}} & set({HEAVY!r})))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.usefixtures("without")
+def test_what_is_missing_is_named_with_its_extra(tmp_path: Path) -> None:
+    parquet = tmp_path / "part.parquet"
+    parquet.write_bytes(b"PAR1xxxxPAR1")
+    wanted = {
+        "batch": lambda: machopt.batch(ROOT / "toolpaths" / "plain.csv", tmp_path / "out", cell="cell"),
+        "parquet": lambda: read_toolpath(parquet),
+        "frames": lambda: machopt.Table({"x": np.zeros(2)}).frame(),
+    }
+    for extra, ask in wanted.items():
+        with pytest.raises(InputError, match=rf"machopt\[{extra}\]"):
+            ask()
+        assert extra in EXTRAS
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_table_is_written_as_csv_and_parquet(tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is an optional dependency")
+    columns = {"x_mm": np.array([0.1, np.nan]), "n": np.array([1, 2]), "reason": np.array(["a, b", ""])}
+    table = machopt.Table(columns)
+    table.write(tmp_path / "t.csv")
+    assert (tmp_path / "t.csv").read_text() == 'x_mm,n,reason\n0.1,1,"a, b"\n,2,\n'
+    table.write(str(tmp_path / "t.parquet"))
+    found = parquet.read_table(tmp_path / "t.parquet").to_pydict()
+    assert found["n"] == [1, 2]
+    assert found["reason"] == ["a, b", ""]
+    np.testing.assert_array_equal(found["x_mm"], columns["x_mm"])
+    for name, told in (("t.xlsx", "tables are CSV or Parquet"), ("gone/t.csv", "cannot be written")):
+        with pytest.raises(InputError, match=told):
+            table.write(tmp_path / name)
