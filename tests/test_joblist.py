@@ -11,6 +11,7 @@ from batch_stub import CELL, folder_of, request_for
 from machopt.batch.find import find_jobs
 from machopt.batch.run import run_batch
 from machopt.errors import InputError
+from machopt.formats.joblist import is_job_table
 
 
 def test_folders_patterns_and_cells_beside(tmp_path: Path) -> None:
@@ -66,6 +67,29 @@ def test_lists_combine_and_name(tmp_path: Path) -> None:
     assert (a.options, a.memory_limit) == ({"force_N": {"normal": 200}}, 500 * 2**20)
     assert (b.options, b.cell) == ({}, CELL)
     assert jobs.is_dir()
+
+
+def test_a_list_may_be_parquet(tmp_path: Path) -> None:
+    pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is an optional dependency")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    for name in "ab":
+        (tmp_path / f"{name}.nc").write_text("x")
+    columns = {
+        "toolpath": ["a.nc", "b.nc"],
+        "cell": [str(CELL), None],
+        "force_N.normal": [200.0, None],
+        "collision": [None, False],
+    }
+    file = tmp_path / "list.parquet"
+    parquet.write_table(pyarrow.table(columns), file)
+    a, b = find_jobs(request_for(file, tmp_path / "out")).jobs
+    assert (a.options, a.cell) == ({"force_N": {"normal": 200.0}}, CELL)
+    assert b.options == {"collision": False}
+    parquet.write_table(pyarrow.table({"toolpath": ["a.nc"], "cel": [None]}), file)
+    with pytest.raises(InputError, match="unknown column; did you mean 'cell'"):
+        find_jobs(request_for(file, tmp_path / "out"))
+    file.write_bytes(b"PAR1 and no more")  # no list, then; what reads it as points says why
+    assert not is_job_table(file)
 
 
 def test_the_list_in_the_readme_is_one(tmp_path: Path) -> None:

@@ -1,8 +1,9 @@
-"""Lists of jobs, YAML or CSV → :class:`ListedJob`: cell × toolpath × options, checked before anything starts.
+"""Lists of jobs, YAML, CSV or Parquet → :class:`ListedJob`: cell × toolpath × options, checked before anything starts.
 
 YAML: ``cells``, ``toolpaths`` and ``options`` (named variants) are combined, each with each; ``jobs`` stand for
-themselves. CSV: one row a job; the columns are the keys of a job, of its reading, and planning options by their name
-(``method``, ``force_N.normal``). Paths are relative to the list's folder; toolpaths may be patterns (``*.nc``).
+themselves. CSV, Parquet: one row a job; the columns are the keys of a job, of its reading, and planning options by
+their name (``method``, ``force_N.normal``). Paths are relative to the list's folder; toolpaths may be patterns
+(``*.nc``).
 ``post: krl`` or ``posts: [rapid, mine.toml]`` name the robot programs of a job, or of all that name none themselves.
 """
 
@@ -10,16 +11,17 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from os.path import isfile
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field
 
 from machopt.errors import InputError, nearest
-from machopt.formats.opener import YAML, read_text
+from machopt.formats.opener import YAML, read_file, read_text
 from machopt.formats.options import ForceKeys, OptionKeys, WeightKeys
 from machopt.formats.posts import post_names
 from machopt.formats.posts.postfile import ALIASES
@@ -96,22 +98,28 @@ def read_joblist(path: Path) -> tuple[ListedJob, ...]:
     """Read a list of jobs.
 
     Args:
-        path: a ``.csv`` file, or YAML.
+        path: a ``.csv`` or ``.parquet`` file, or YAML.
 
     Raises:
         InputError: the list is damaged, a key or column is unknown, a value is wrong, a file it names is missing or
             it names no job; says file, line, key (or column), what was found and what was expected.
     """
-    jobs = tuple(_csv_jobs(path) if path.suffix.lower() == ".csv" else _yaml_jobs(path))
+    kinds = {".csv": _csv_jobs, ".parquet": _parquet_jobs}
+    jobs = tuple(kinds.get(path.suffix.lower(), _yaml_jobs)(path))
     if not jobs:
         raise InputError("names no job; cells and toolpaths, or jobs, would work", file=path)
     return jobs
 
 
 def is_job_table(path: Path) -> bool:
-    """True if a CSV file's header has a column ``toolpath``: a list of jobs and no table of points."""
+    """True if a table has a column ``toolpath``: a list of jobs and no table of points."""
     if not isfile(path):  # a pipe would wait
         return False
+    if path.suffix.lower() == ".parquet":
+        try:
+            return "toolpath" in _parquet(path).column_names
+        except InputError:
+            return False  # whoever reads it as points says why
     try:
         with path.open(encoding="utf-8-sig", errors="replace") as lines:
             header = next((line for line in lines if line.strip() and not line.startswith("#")), "")
@@ -184,6 +192,37 @@ def _csv_jobs(path: Path) -> Iterator[ListedJob]:
                 yield from _explicit(document, (), ListKeys(machopt_batch=1), job, (), path)
     except csv.Error as problem:
         raise InputError(f"is not CSV: {problem}", file=path, where=f"line {reader.line_num}") from None
+
+
+def _parquet_jobs(path: Path) -> Iterator[ListedJob]:
+    table = _parquet(path)
+    header = _header(path, 0, list(table.column_names))
+    for n, row in enumerate(zip(*(table.column(name).to_pylist() for name in header), strict=True), 1):
+        job = validate(JobKeys, document := _row(path, n, header, [_word(v) for v in row]))
+        yield from _explicit(document, (), ListKeys(machopt_batch=1), job, (), path)
+
+
+def _parquet(path: Path) -> Any:
+    """An Arrow table.
+
+    Raises:
+        InputError: pyarrow is not installed, or the file is damaged.
+    """
+    data = read_file(path, expected="a list of jobs", most=YAML)
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise InputError("is Parquet, which needs pyarrow: pip install 'machopt[parquet]'", file=path) from None
+    try:
+        return pyarrow.parquet.read_table(pyarrow.BufferReader(data))
+    except (pyarrow.ArrowException, OSError) as problem:
+        raise InputError(f"is not readable as Parquet: {problem}", file=path) from problem
+
+
+def _word(value: object) -> str:
+    """A value as a CSV file has it; JSON is YAML too."""
+    return "" if value is None else value if isinstance(value, str) else json.dumps(value)
 
 
 def _columns() -> dict[str, Loc]:
