@@ -14,8 +14,9 @@ from machopt.api.cell import Cell
 from machopt.arrays import Array
 from machopt.domain import toolpath as domain
 from machopt.formats.reading import reading_from_user
+from machopt.formats.setups import placed
 from machopt.formats.toolpath import read_toolpath
-from machopt.services.knownrobot import known_robot
+from machopt.services.knownrobot import reading_of
 
 
 @dataclass(frozen=True)
@@ -40,8 +41,10 @@ class Toolpath:
             InputError: names file and line, what was found and what was expected; or a keyword that is none of these.
         """
         said = reading_from_user(reading)
-        robot = None if cell is None else known_robot(cell.description)
-        return cls(Path(path), read_toolpath(Path(path), robot=robot, **said), said)
+        if cell is None:
+            return cls(Path(path), read_toolpath(Path(path), **said), said)
+        found = read_toolpath(Path(path), **reading_of(cell.description), **said)
+        return cls(Path(path), placed(found, cell.description), said)
 
     def __len__(self) -> int:
         """Number of points."""

@@ -153,13 +153,15 @@ def _inspect(args: argparse.Namespace) -> int:
 
     if _is_robot(args.file):
         return _inspect_robot(args)
-    robot = None
-    if args.cell is not None:
+    if args.cell is None:
+        toolpath = read_toolpath(args.file, **reading(args))
+    else:
         from machopt.formats.cell import load_cell
-        from machopt.services.knownrobot import known_robot
+        from machopt.formats.setups import placed
+        from machopt.services.knownrobot import reading_of
 
-        robot = known_robot(load_cell(args.cell, allow_external=args.allow_external))
-    toolpath = read_toolpath(args.file, robot=robot, **reading(args))
+        cell = load_cell(args.cell, allow_external=args.allow_external)
+        toolpath = placed(read_toolpath(args.file, **reading_of(cell), **reading(args)), cell)
     summary = summarise(toolpath)
     if args.html is not None:
         from machopt.report.toolpath_page import write_toolpath_page

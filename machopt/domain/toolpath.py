@@ -85,6 +85,9 @@ class Toolpath:
     ignored: tuple[IgnoredWord, ...] = ()
     warnings: tuple[str, ...] = ()
     meta: dict[str, str] = field(default_factory=dict)
+    offsets: tuple[
+        tuple[int, str], ...
+    ] = ()  # points from which another work offset of the cell counts, not placed yet
 
     def __post_init__(self) -> None:
         for name in ("position", "axis", "move", "feed", "operation", "reference", "tolerance", "line"):

@@ -17,7 +17,7 @@ from machopt.domain.cell import Cell, Cutter, JointLimits, Shape, Tool, Workpiec
 from machopt.domain.program import Controller, ExternalDrive
 from machopt.errors import InputError, nearest
 from machopt.formats.cell_schema import AnyChainKeys, CellKeys, PoseKeys, ShapeKeys, ToolKeys
-from machopt.formats.cellparts import any_of, first_taken, frozen, joint_map_of
+from machopt.formats.cellparts import any_of, first_taken, frozen, joint_map_of, of_file, unused_words, xacro_word
 from machopt.formats.chain import (
     Chain,
     check_carrier,
@@ -43,6 +43,7 @@ from machopt.formats.plausible import (
     check_tool,
     reach,
 )
+from machopt.formats.setups import Setups
 from machopt.formats.stiffness import load_stiffness
 from machopt.formats.urdf import Description, Urdf, describe, find_mesh, find_package
 from machopt.formats.yamlstrict import Document, Loc, read_yaml, validate
@@ -124,14 +125,14 @@ class _Reader:
         check_limits(keys, chain, self.document, self.warnings)
         self.scene = Scene(
             self.reach
-            + sum(
-                _travel(limits.lower[i], limits.upper[i]) for i, j in enumerate(chain.moving) if j.kind == "prismatic"
-            )
+            + sum(float(limits.upper[i] - limits.lower[i]) for i, j in enumerate(chain.moving) if j.kind == "prismatic")
         )
         home = read_home(chain, limits, keys, self.document)
         change = read_change(chain, limits, keys, self.document)
         packages = self.urdf_meshes(urdf, named)
         tools, workpiece = self.tools(), self.workpiece()
+        setups = Setups.of(self.keys.offsets, workpiece, self.pose, self.shapes)
+        workpiece = setups.workpiece
         name, tool = next(iter(tools.items()))
         stiffness = None
         other = self.other_stiffness
@@ -149,7 +150,7 @@ class _Reader:
         kinematics = None
         if keys.kinematics is not None:
             kinematics = load_kinematics(self.file(("kinematics",), keys.kinematics))
-        obstacles = self.obstacles(urdf, chain)
+        obstacles = (*self.obstacles(urdf, chain), *setups.fixtures)
         for other_tool in tools.values():
             self.different_names(*other_tool.geometry, *workpiece.geometry, *obstacles)
         self.missing_bodies(tool, workpiece)
@@ -186,6 +187,7 @@ class _Reader:
             tools=tools if keys.tools else {},
             tool_name=name if keys.tools else None,
             workpiece=workpiece,
+            offsets=setups.frames,
             obstacles=obstacles,
             stiffness=stiffness,
             plan={} if keys.plan is None else keys.plan.given(),
@@ -194,7 +196,7 @@ class _Reader:
             files=tuple(dict.fromkeys(self.files)),
             warnings=tuple(self.warnings),
             notes=(
-                *_unused(urdf),
+                *unused_words(urdf),
                 *first_taken(tools),
                 *limits_of_urdf(chain, keys),
                 *tightened,
@@ -248,11 +250,12 @@ class _Reader:
         """The robot's description; what it is made of lies in the cell."""
 
         def find(name: str) -> Path:
-            return self.inside(find_package(name, path, packages, self.folder), f"$(find {name})", partial(_of, path))
+            found = find_package(name, path, packages, self.folder)
+            return self.inside(found, f"$(find {name})", partial(of_file, path))
 
-        found = describe(path, {k: _word(v) for k, v in self.keys.robot.xacro_args.items()}, find)
+        found = describe(path, {k: xacro_word(v) for k, v in self.keys.robot.xacro_args.items()}, find)
         for file in found.files:
-            self.files.append(self.inside(file, file.name, partial(_of, file)))
+            self.files.append(self.inside(file, file.name, partial(of_file, file)))
         self.warnings += found.warnings
         return found
 
@@ -472,28 +475,6 @@ class _Reader:
     def warn(self, message: str | None) -> None:
         if message is not None:
             self.warnings.append(message)
-
-
-def _of(file: Path, message: str) -> InputError:
-    return InputError(message, file=file)
-
-
-def _word(value: str | float | bool) -> str:
-    """An argument as xacro's own command line would have it."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    return f"{value:g}" if isinstance(value, float) and value.is_integer() else str(value)
-
-
-def _travel(lower: float, upper: float) -> float:
-    return float(upper - lower)
-
-
-def _unused(urdf: Urdf) -> tuple[str, ...]:
-    if not urdf.unused:
-        return ()
-    found = ", ".join(f"{tag} ({n})" for tag, n in urdf.unused.items())
-    return (f"{urdf.path.name}: elements that say nothing of bodies, masses and joints, not used: {found}",)
 
 
 def _pose(keys: PoseKeys) -> Array:

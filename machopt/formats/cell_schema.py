@@ -135,6 +135,12 @@ class WorkpieceKeys(Strict):
     geometry: list[ShapeKeys] = Field(default=[], description="bodies of the workpiece, in CAM coordinates")
 
 
+class OffsetKeys(Strict):
+    pose: PoseKeys = Field(default=PoseKeys(), description="the frame that its coordinates count from, in workpiece")
+    geometry: list[ShapeKeys] = Field(default=[], description="bodies of the part that lies there, in that frame")
+    fixtures: list[ShapeKeys] = Field(default=[], description="what holds it, in that frame; rides on workpiece.link")
+
+
 class JointMapKeys(Strict):
     sign: list[Literal[-1, 1]] = Field(default=[1] * 6, min_length=6, max_length=6, description="1 or -1, axes 1 to 6")
     offset_deg: list[float] = Field(
@@ -234,6 +240,9 @@ class CellKeys(Strict):
         default={}, description="instead of `tool`: what it may carry, by the numbers or names of the CAM file"
     )
     workpiece: WorkpieceKeys = Field(description="where the CAM coordinates are")
+    offsets: dict[str, OffsetKeys] = Field(
+        default={}, description="work offsets by the CAM file's names (G54, FIXTURE_B); all are there at once"
+    )
     obstacles: list[ObstacleKeys] = Field(default=[], description="fixtures, walls, floor, in their link")
     stiffness: str | None = Field(default=None, min_length=1, description="a file in the cell folder")
     kinematics: str | None = Field(default=None, min_length=1, description="a file in the cell folder")

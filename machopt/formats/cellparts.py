@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from machopt.arrays import Array
 from machopt.domain.cell import Tool
 from machopt.domain.program import JointMap
+from machopt.errors import InputError
 from machopt.formats.cell_schema import JointMapKeys
+from machopt.formats.urdf import Urdf
 
 
 def first_taken(tools: Mapping[str, Tool]) -> list[str]:
@@ -42,3 +45,23 @@ def frozen(array: Array) -> Array:
     out = np.array(array, float)
     out.setflags(write=False)
     return out
+
+
+def of_file(file: Path, message: str) -> InputError:
+    """What is wrong with a file."""
+    return InputError(message, file=file)
+
+
+def xacro_word(value: str | float | bool) -> str:
+    """An argument as xacro's own command line would have it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, float) and value.is_integer() else str(value)
+
+
+def unused_words(urdf: Urdf) -> tuple[str, ...]:
+    """A sentence on elements of the description that are not used; none where there are none."""
+    if not urdf.unused:
+        return ()
+    found = ", ".join(f"{tag} ({n})" for tag, n in urdf.unused.items())
+    return (f"{urdf.path.name}: elements that say nothing of bodies, masses and joints, not used: {found}",)

@@ -37,12 +37,21 @@ class PathBuilder:
     _events: list[Event] = field(default_factory=list)
     _ignored: dict[tuple[str, bool], list[int]] = field(default_factory=dict)
     _arcs: list[ArcSpan] = field(default_factory=list)
+    _offsets: list[tuple[int, str]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     meta: dict[str, str] = field(default_factory=dict)
     cut_off: str | None = None  # why the file looks as if a part of it were missing
 
     def __len__(self) -> int:
         return len(self._codes) // 4
+
+    def count_from(self, offset: str, first: int | None = None) -> None:
+        """Points from ``first`` (the next one by default) on count from another work offset of the cell."""
+        first = len(self) if first is None else first
+        if self._offsets and self._offsets[-1][0] == first:
+            self._offsets.pop()
+        if not self._offsets or self._offsets[-1][1] != offset:
+            self._offsets.append((first, offset))
 
     def add(self, p: Vector, axis: Vector, move: int, feed: float, line: int, *, cycle: bool = False) -> None:
         """Append one programmed point (mm, mm/min; feed NaN for rapid moves)."""
@@ -283,6 +292,7 @@ class PathBuilder:
             ignored=ignored,
             warnings=tuple(self.warnings),
             meta=dict(self.meta),
+            offsets=tuple((first, name) for first, name in self._offsets if first < n),
         )
 
     def _unit_axes(self, axis: Array, line: NDArray[np.int32]) -> Array:

@@ -16,13 +16,13 @@ from machopt.errors import InputError
 from machopt.formats.attitude import ATTITUDES, UNIT_QUATERNION, rotations
 from machopt.formats.csvcolumns import Columns, Words, cells_of, data_lines, is_number, number_cell, read_columns
 from machopt.formats.pathbuilder import PathBuilder
-from machopt.formats.source import TOOL_AXES, UNIT_NAMES, ReadOptions, Source
+from machopt.formats.source import TOOL_AXES, UNIT_NAMES, ReadOptions, Source, offset_key
 
 _UNIT_ENDINGS = {"_mm": "mm", "_inch": "inch", "_in": "inch", "": None}
 _POINT = ("x", "y", "z")
 _AXIS = ("i", "j", "k")
 _REFERENCE = ("rx", "ry", "rz")
-_WORDS = ("move", "operation", "tool")
+_WORDS = ("move", "operation", "tool", "offset")
 _PLAIN = (*_AXIS, *_WORDS, *_REFERENCE)
 _OPTIONAL = ("feed", "tolerance", *_REFERENCE)
 _MOVES = {m.word: m for m in Move}
@@ -246,6 +246,8 @@ class _Table:
         move = self.moves()
         table[(move == Move.RAPID) | ((table[:, 6] == 0.0) & (move != Move.CUT)), 6] = np.nan
         self.out.meta["unit"] = self.unit
+        for first, name in self.offsets(n):
+            self.out.count_from(name, first)
         self.out.add_table(table, move, self.columns.line, *self.labels())
         return self.out.build(reference=reference, tolerance_mm=tolerance)
 
@@ -300,13 +302,27 @@ class _Table:
             labels = [(k, words.names[words.codes[k]]) for k in starts]
         return labels, {k: names[tool[k]] for k in starts if names}
 
+    def offsets(self, n: int) -> list[tuple[int, str]]:
+        """Rows from which another work offset counts, with its name; rows before the first count in the workpiece."""
+        if "offset" not in self.names:
+            return []
+        words, rows = self.modal("offset", n)
+        at = np.where(rows < 0, -1, words.codes[np.maximum(rows, 0)])
+        starts = np.flatnonzero(np.diff(at, prepend=-1))
+        return [(int(k), offset_key(words.names[at[k]])) for k in starts if at[k] >= 0]
+
+    def modal(self, name: str, n: int) -> tuple[Words, NDArray[np.int64]]:
+        """The words of a column, and (N,) the row whose word holds in each: an empty field means the row before."""
+        words = self.columns.words[self.names[name]]
+        empty = np.array([not one.strip() for one in words.names])[words.codes]
+        return words, np.maximum.accumulate(np.where(empty, -1, np.arange(n)))
+
     def tools(self, n: int) -> tuple[NDArray[np.int64], list[str]]:
         """(N,) index into names of tools; an empty field means the tool of the row before."""
         if "tool" not in self.names:
             return np.zeros(n, np.int64), []
-        words = self.columns.words[self.names["tool"]]
+        words, rows = self.modal("tool", n)
         empty = np.array([not name.strip() for name in words.names])[words.codes]
-        rows = np.maximum.accumulate(np.where(empty, -1, np.arange(n)))
         codes = words.codes[np.maximum(rows, np.flatnonzero(~empty)[:1].sum())]
         return np.asarray(codes, np.int64), [name.strip() for name in words.names]
 

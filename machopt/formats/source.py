@@ -69,6 +69,7 @@ class ReadOptions:
     tool_axis: str = "-z"  # one of TOOL_AXES
     decimals: int | None = None  # places of G-code numbers without a point; 0: they stand as they are; None: not said
     max_extent: float = MAX_EXTENT  # m, along one axis
+    cell_offsets: tuple[str, ...] = ()  # names of the cell's work offsets: points in them are placed once they are read
 
     def __post_init__(self) -> None:
         if self.unit is not None and self.unit not in UNIT_NAMES:

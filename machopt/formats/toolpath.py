@@ -64,6 +64,7 @@ def read_toolpath(
     decimals: int | None = None,
     max_extent: float = MAX_EXTENT,
     robot: KnownRobot | None = None,
+    cell_offsets: Sequence[str] = (),
 ) -> Toolpath:
     """Read a CAM export or a point table.
 
@@ -82,6 +83,8 @@ def read_toolpath(
         offsets: where further work offsets lie in the first one, such as ``("G55=100,0,0",)`` (mm).
         decimals: G-code numbers without a decimal point count this decimal (3: ``X1500`` is 1.5); 0: as they stand;
             None: a file in which that matters is refused.
+        cell_offsets: names of the cell's work offsets. What counts from them is told in the toolpath's ``offsets`` and
+            is in the workpiece once :func:`machopt.formats.setups.placed` has placed it.
         max_extent: m, the longest path along one axis that is believed.
     Returns:
         The toolpath in SI units, in the coordinate system the file is written in (``workpiece``).
@@ -100,7 +103,12 @@ def read_toolpath(
         tool_axis,
         decimals,
         max_extent,
+        tuple(cell_offsets),
     )
+    if options.cell_offsets and options.offsets:
+        raise InputError(
+            "the cell itself has offsets, and says where they lie; without --offset it would work", where="--offset"
+        )
     data = read_bytes(path)
     if data[:4] == b"PAR1":
         return read_parquet(path, data, options)

@@ -41,6 +41,13 @@ def refuse(cell: Cell) -> None:
     Raises:
         InputError: with what would work.
     """
+    if cell.offsets:
+        raise InputError(
+            f"the cell has work offsets ({', '.join(cell.offsets)}), and the setups of one job are not moved together "
+            "here; a cell with one setup would work",
+            file=cell.folder / "cell.yaml",
+            where="offsets",
+        )
     if cell.external_joints or cell.workpiece.link != "world":
         raise InputError(
             "placement moves a workpiece or a robot that stands in the world; where external axes carry it, machopt "

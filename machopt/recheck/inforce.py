@@ -14,6 +14,7 @@ from machopt.errors import InputError
 from machopt.formats.options import load_options, options_as_user
 from machopt.formats.programs.toolpath import KnownRobot
 from machopt.formats.reading import reading_as_user, reading_from_user
+from machopt.formats.setups import placed
 from machopt.formats.toolpath import read_toolpath
 from machopt.output.jsonfile import plain
 from machopt.verify import Check
@@ -62,16 +63,18 @@ def in_force(request: Request, cell: Cell, robot: KnownRobot | None, manifest: M
             checks.append(failed("options", f"the manifest's cannot be used: {problem.reason}"))
         try:
             reading = reading_from_user(manifest.reading)
-            toolpath = read_toolpath(request.toolpath, robot=robot, **{**reading, **given})
+            toolpath = read_toolpath(
+                request.toolpath, robot=robot, cell_offsets=tuple(cell.offsets), **{**reading, **given}
+            )
         except InputError as problem:
             checks.append(failed("reading options", f"the toolpath cannot be read with the manifest's: {problem}"))
             reading = {}
     if not reading:
-        toolpath = read_toolpath(request.toolpath, robot=robot, **given)
+        toolpath = read_toolpath(request.toolpath, robot=robot, cell_offsets=tuple(cell.offsets), **given)
     options = load_options(below, request.plan_file, list(request.overrides))
     notes = _contradictions(plain(options_as_user(options)), below) if manifest is not None and not checks else []
     notes += _contradictions(reading_as_user(given), reading_as_user(reading)) if manifest is not None else []
-    return InForce(options, toolpath, tuple(notes), tuple(checks))
+    return InForce(options, placed(toolpath, cell), tuple(notes), tuple(checks))
 
 
 def failed(name: str, why: str) -> Check:

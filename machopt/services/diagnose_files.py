@@ -16,11 +16,12 @@ from machopt.effects.corrections import extended
 from machopt.formats.kinematics import write_kinematics
 from machopt.formats.options import load_options
 from machopt.formats.residuals import write_residuals_csv
+from machopt.formats.setups import placed
 from machopt.formats.stiffness import load_stiffness, write_stiffness
 from machopt.formats.toolchoice import with_tool
 from machopt.formats.toolpath import read_toolpath
 from machopt.report.gather.diagnose import places_of
-from machopt.services.knownrobot import known_robot
+from machopt.services.knownrobot import reading_of
 
 STIFFNESS, KINEMATICS = "stiffness.yaml", "kinematics.yaml"
 _UNITS = {"N·m": "Nm", "µm": "um"}  # in column names
@@ -81,5 +82,5 @@ def effect_of(
         return None
     from machopt.diagnose.onjob import effect_on_job  # the planner takes a second to load
 
-    path = read_toolpath(toolpath, robot=known_robot(cell))
+    path = placed(read_toolpath(toolpath, **reading_of(cell)), cell)
     return effect_on_job(with_tool(cell, path), before, after, path, load_options(cell.plan))

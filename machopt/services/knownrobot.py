@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from machopt.arrays import Array
@@ -27,3 +29,8 @@ def known_robot(cell: Cell) -> KnownRobot | None:
 
     T_base_workpiece = inverse(cell.T_world_base) @ cell.workpiece.T_link_workpiece
     return KnownRobot(fk, cell.controller, cell.tool.T_flange_tcp, T_base_workpiece)
+
+
+def reading_of(cell: Cell) -> dict[str, Any]:
+    """What a cell says of how toolpaths for it are read: keywords of :func:`machopt.formats.toolpath.read_toolpath`."""
+    return {"robot": known_robot(cell), "cell_offsets": tuple(cell.offsets)}

@@ -15,13 +15,14 @@ from machopt.domain.toolpath import Toolpath
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
 from machopt.formats.posts.densify import Tolerance
+from machopt.formats.setups import placed
 from machopt.formats.toolchoice import stints_of, with_tools
 from machopt.formats.toolpath import read_toolpath
 from machopt.plan.drive import refuse_fixed_beyond, refuse_wrong_unit
 from machopt.plan.front import refuse
 from machopt.postprocess.wanted import Wanted, is_post_file, wanted_posts
 from machopt.recheck.posts import tolerance_of
-from machopt.services.knownrobot import known_robot
+from machopt.services.knownrobot import reading_of
 from machopt.services.manifest import optimize_manifest
 
 
@@ -66,7 +67,7 @@ def load(request: Request) -> Loaded:
         InputError: bad cell, toolpath, options or post.
     """
     cell = load_cell(request.cell, allow_external=request.allow_external)
-    return prepared(cell, lambda: read_toolpath(request.toolpath, robot=known_robot(cell), **request.reading), request)
+    return prepared(cell, lambda: read_toolpath(request.toolpath, **reading_of(cell), **request.reading), request)
 
 
 def prepared(cell: Cell, read: Callable[[], Toolpath], request: Request) -> Loaded:
@@ -82,7 +83,7 @@ def prepared(cell: Cell, read: Callable[[], Toolpath], request: Request) -> Load
     """
     options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
     posts, tolerance = wanted_posts(cell, request.posts), tolerance_of(request.program_tolerance_mm, options)
-    toolpath = read()
+    toolpath = placed(read(), cell)
     cell = with_tools(cell, toolpath)
     stints = stints_of(cell, toolpath)
     if request.front:

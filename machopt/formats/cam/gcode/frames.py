@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from machopt.errors import nearest
 from machopt.formats.cam.gcode.blocks import Block
 from machopt.formats.cam.gcode.motion import MotionReader
 from machopt.formats.cam.gcode.planes import cycle800, g68, g68_2, siemens_rot
@@ -28,6 +29,7 @@ class FrameReader(MotionReader):
         super().__init__(source, options, unit)
         self.work_offset: int | None = None
         self.first_offset: int | None = None
+        self.cell_offset = ""  # of the cell's, that points count from
         self.shifts: dict[str, list[float]] = {}  # G52, G92, CYCL DEF 7 in mm
         self.g53_is_an_offset = "G53" in dict(options.offsets)  # as some posts mean it; told by the user only
         self.table: dict[str, Offset] = {}  # offsets the program itself sets by G10 L2 before its path
@@ -42,6 +44,11 @@ class FrameReader(MotionReader):
         """G54 … G59.3, G54.1 P, G505 …: another one than the first needs its place given."""
         number = g * 1000 + (round(words.pop("P", 0.0)) if g in MANY_OFFSETS or g == 540 else 0)
         number += round(words.pop("H", 0.0)) if g == 150 else 0  # Okuma's G15 H
+        if self.options.cell_offsets:
+            if number != self.work_offset:
+                self.of_cell(offset_name(number), line)
+            self.work_offset = number
+            return
         told = offset_key(offset_name(number)) in {**self.table, **dict(self.options.offsets)}
         if self.first_offset is None and len(self.out) and told:
             self.first_offset = _FIRST  # what controls start with
@@ -54,8 +61,29 @@ class FrameReader(MotionReader):
         self.work_offset = number
         self.out.meta["work_offset"] = offset_name(self.first_offset)
 
+    def of_cell(self, name: str, line: int | None = None) -> None:
+        """Coordinates from here on count from a work offset of the cell, which is told and placed later.
+
+        Where the tool is in it is not known before all axes are given.
+        """
+        known, key = self.options.cell_offsets, offset_key(name)
+        if key not in known:
+            raise self.source.error(
+                f"work offset {name} is not in the cell's offsets; {nearest(key, list(known))}", line
+            )
+        if len(self.out) and not self.cell_offset:
+            raise self.source.error(f"points before {name} name no work offset; one before them would work", line)
+        if self.cell_offset:
+            self.p, self.lost = [math.nan] * 3, ["in the other work offset"] * 3
+            self.end_contour("the work offset changes")
+        self.cell_offset = key
+        self.out.count_from(key)
+
     def take_offset(self, name: str, first: str) -> None:
         """Coordinates from here on count from work offset ``name``; moves are refused where its place is not given."""
+        if self.options.cell_offsets:
+            self.of_cell(name)
+            return
         places = {**self.table, **dict(self.options.offsets)}
         nowhere = ""
         offset = None
