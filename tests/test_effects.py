@@ -20,6 +20,7 @@ from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Stiffness, Term
 from machopt.effects import compensator, coupling, creep, files, hysteresis, registry
 from machopt.effects.corrections import entry, extended
+from machopt.effects.given import Parameters
 from machopt.effects.protocol import (
     COMPLIANCE,
     JOINTS,
@@ -180,7 +181,7 @@ def test_files_keep_everything(effect: Effect, law: Law, zero: bool, tmp_path: P
     term = Term(effect.called, effect.places[1], files.write(law, values, shape, memory))
     file = tmp_path / "stiffness.yaml"
     write_stiffness(file, Stiffness(np.full(6, 1e6), terms=(term,)))
-    given = files.Parameters(load_stiffness(file).terms[0].parameters, "terms[0]")
+    given = Parameters(load_stiffness(file).terms[0].parameters, "terms[0]")
     again = files.law_of(effect, given)
     found, form, said = files.read(again, given)
     given.finish()
@@ -250,7 +251,7 @@ def test_kinematics_yaml_keeps_everything_and_verify_agrees(
     write_kinematics(tmp_path / "k.yaml", known)
     again = load_kinematics(tmp_path / "k.yaml")
     assert again == known
-    found, form, _ = files.read(law, files.Parameters(again.corrections[0].parameters, "corrections[0]"))
+    found, form, _ = files.read(law, Parameters(again.corrections[0].parameters, "corrections[0]"))
     np.testing.assert_allclose(found, factor * values, rtol=1e-14)
     np.testing.assert_allclose(form, shape, rtol=1e-14)
     q = np.random.default_rng(0).uniform(-2.0, 2.0, (50, 6))
@@ -275,7 +276,7 @@ def test_springs_beside_a_gear_have_their_slope_and_verify_agrees(law: Beside) -
         np.testing.assert_array_equal(law.torque(shape, ANGLES[3:4])[0], law.torque(shape, ANGLES)[3])
         values = np.array([4e3, 3e4])
         stated = files.write(law, values, shape)
-        found, form, _ = files.read(law, files.Parameters({k: v for k, v in stated.items() if k != "law"}, "terms[0]"))
+        found, form, _ = files.read(law, Parameters({k: v for k, v in stated.items() if k != "law"}, "terms[0]"))
         np.testing.assert_allclose(found, values, rtol=1e-14)
         np.testing.assert_allclose(form, shape, rtol=1e-14)
         if law is effect.beside[0]:

@@ -18,6 +18,7 @@ from machopt.cli import main
 from machopt.diagnose import deflection, userterms
 from machopt.domain.stiffness import Stiffness, Term
 from machopt.effects import files, own, registry
+from machopt.effects.given import Parameters
 from machopt.effects.protocol import Parameter
 from machopt.errors import InputError
 from machopt.identify.fit import fit
@@ -174,7 +175,7 @@ def test_numbers_of_a_law_go_to_a_file_and_back_in_any_order() -> None:
         remembers=False,
     )
     stated = {"a": 5.0, "b": [1.0, 2.0]}
-    values, shape, _ = files.read(law, files.Parameters(stated, "x"))
+    values, shape, _ = files.read(law, Parameters(stated, "x"))
     assert files.write(law, values, shape) == stated
     assert [name for name, *_ in files.named(law, 3)] == ["a", "b[0]", "b[1]"]
 

@@ -16,6 +16,7 @@ from machopt.diagnose.problem import Curve, Hypothesis, Quantity, Shape
 from machopt.diagnose.readings import Readings
 from machopt.domain.stiffness import Term
 from machopt.effects import files, registry
+from machopt.effects.given import Parameters
 from machopt.effects.protocol import ARCMIN, MEMORIES, Drive, Effect, Law, Scale, joints_of, timed
 
 LEAST_SOFT = 1e-9  # rad/(N·m), that sizes in percent are of
@@ -142,7 +143,7 @@ def lived_through(r: Readings, terms: Sequence[Term]) -> tuple[Array, tuple[Term
         if effect is None or "memory" not in term.parameters:
             others.append(term)
             continue
-        given = files.Parameters(term.parameters, term.effect)
+        given = Parameters(term.parameters, term.effect)
         law = files.law_of(effect, given)
         values, shape, memory = files.read(law, given)
         if timed(law) and r.recording.time is None:
@@ -156,7 +157,7 @@ def lived_through(r: Readings, terms: Sequence[Term]) -> tuple[Array, tuple[Term
 def moved(r: Readings, term: Term) -> Array:
     """(N, 6) m, rad at the TCP, what a term of a joint, or between two, makes of measured poses; see held.at_rest."""
     effect = registry.elastic(term.effect)
-    given = files.Parameters(term.parameters, term.effect)
+    given = Parameters(term.parameters, term.effect)
     law = files.law_of(effect, given)
     values, shape, _ = files.read(law, given)
     i, j = joints_of(term.location)

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.diagnose import at_body, at_joint, at_sensor, laws_compensator, loads
-from machopt.diagnose.history import History
 from machopt.diagnose.problem import Catalogue, Family, Hypothesis, Problem, Unknown, Untestable
-from machopt.diagnose.readings import Readings
+from machopt.diagnose.readings import History, Readings
 from machopt.domain.parameters import joint_spring
 from machopt.domain.recording import Recording
 from machopt.effects import registry

@@ -18,16 +18,15 @@ from numpy.typing import NDArray
 from machopt.arrays import Array
 from machopt.diagnose import aside, calibrated, heldout, instruments, limits, mismatch, noise, words
 from machopt.diagnose.findings import estimates, rivals
-from machopt.diagnose.grams import Model, Tried, base_model, sandwich, tried
-from machopt.diagnose.heldout import Fitted
+from machopt.diagnose.grams import base_model, sandwich, tried
 from machopt.diagnose.known import geometric_finding
-from machopt.diagnose.noise import Noise
 from machopt.diagnose.problem import Catalogue, Problem
 from machopt.diagnose.proof import prove
 from machopt.diagnose.result import Coefficient, Diagnosis, Errors, Finding, Limit, Share, Verdict
 from machopt.diagnose.screen import score
 from machopt.diagnose.select import Chosen, select, with_chosen
-from machopt.diagnose.whitening import Whitening, whitening
+from machopt.diagnose.state import State
+from machopt.diagnose.whitening import whitening
 
 Flags = NDArray[np.bool_]
 ROUNDS = 3
@@ -43,31 +42,6 @@ class Options:
     most: int = 3  # effects
     predicted: str = ""  # the channel in words
     progress: Callable[[str], None] = lambda _: None
-
-
-@dataclass(frozen=True)
-class State:
-    """One round of the search."""
-
-    problem: Problem
-    catalogue: Catalogue
-    used: Flags
-    noise: Noise
-    w: Whitening
-    base: Model
-    unit: Array
-    tried: tuple[Tried, ...]
-    chosen: tuple[Chosen, ...]
-
-    def fitted(self, chosen: Sequence[Chosen]) -> Fitted:
-        """Base and some effects with their columns in SI."""
-        columns, unit = [self.problem.base], [self.unit]
-        for c in chosen:
-            columns.append(c.tried.hypothesis.columns(c.tried.shapes[c.scored.shape]))
-            unit.append(c.tried.unit[c.scored.shape])
-        return Fitted(
-            with_chosen(self.base, chosen), np.concatenate(columns, axis=2), np.concatenate(unit), self.problem.y
-        )
 
 
 def diagnose(

@@ -7,41 +7,14 @@ what the pose before left. Each is another drive over the same law.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
-from machopt.effects.protocol import MEMORIES, Drive
-
-if TYPE_CHECKING:
-    from machopt.diagnose.readings import Readings
+from machopt.diagnose.readings import History, Readings
+from machopt.effects.protocol import MEMORIES
 
 Ints = NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class History:
-    """K ≥ N states of all joints: before the readings of each cycle stands the arm without load."""
-
-    torque: Array  # (K, 6) N·m
-    gap: Array  # (K,) s since the state before, as :func:`machopt.effects.creep.lag` takes it
-    first: Ints  # (K,) 1: nothing before counts
-    at: Ints  # (N,) state of each reading
-    start: Ints  # (N,) unloaded state of its cycle
-
-    def drive(self, j: int, angle: Array) -> Drive:
-        """Of joint j, whose angles are (N,) rad; without load it stands where the first reading of the cycle is."""
-        q = np.empty(len(self.gap))
-        q[self.start[::-1]] = angle[::-1]
-        q[self.at] = angle
-        return Drive(self.torque[:, j], q, self.gap, self.first)
-
-    def counted(self, states: Array, differences: bool) -> Array:
-        """(N, …) what the readings see of (K, …): a load test counts from the unloaded state of the cycle."""
-        return np.asarray(states[self.at] - states[self.start] if differences else states[self.at])
 
 
 def history(r: Readings, memory: str) -> History:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import ndtr
@@ -14,10 +13,8 @@ from machopt.diagnose.grams import base_model
 from machopt.diagnose.heldout import Fitted
 from machopt.diagnose.result import Estimate, Finding
 from machopt.diagnose.select import with_chosen
+from machopt.diagnose.state import State
 from machopt.domain.stiffness import Term
-
-if TYPE_CHECKING:
-    from machopt.diagnose.engine import State
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from machopt.diagnose.motion_torque import gear_load
 from machopt.diagnose.problem import Curve, Hypothesis, Quantity, Shape
 from machopt.domain.stiffness import Term
 from machopt.effects import files, registry
+from machopt.effects.given import Parameters
 from machopt.effects.protocol import MEMORIES, Drive, Effect, Law, Scale, timed
 
 BANDS = tuple(float(f) for f in np.geomspace(0.8, 20.0, 17).round(2))  # Hz
@@ -114,7 +115,7 @@ def known(scene: Scene, joint: int, load: Array) -> Array:
         effect = registry.elastic(term.effect)
         if term.location != f"joint:{joint + 1}" or not effect.laws:
             continue
-        given = files.Parameters(term.parameters, term.effect)
+        given = Parameters(term.parameters, term.effect)
         law = files.law_of(effect, given)
         values, shape, _ = files.read(law, given)
         out += law.columns(shape, _driven(scene, joint, load)) @ values

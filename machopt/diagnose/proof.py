@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from machopt.diagnose import calibrated, heldout
 from machopt.diagnose.grams import Tried, base_model, tried
 from machopt.diagnose.result import Proof
 from machopt.diagnose.select import select, with_chosen
+from machopt.diagnose.state import State
 from machopt.diagnose.whitening import whitening
-
-if TYPE_CHECKING:
-    from machopt.diagnose.engine import State
 
 FLIPS = 4096
 

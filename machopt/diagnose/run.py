@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.diagnose import absolute, at_joint, cellvalues, deflection, engine, held, motion, record, userterms
-from machopt.diagnose.history import History
 from machopt.diagnose.problem import Catalogue, Problem
+from machopt.diagnose.readings import History
 from machopt.diagnose.result import Diagnosis, Finding
 from machopt.diagnose.words import sentence
 from machopt.domain.cell import Cell

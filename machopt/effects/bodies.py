@@ -18,7 +18,7 @@ from machopt.arrays import Array
 from machopt.effects import files
 from machopt.effects.beam import bent_about, cantilever_axial, cantilever_bending, cantilever_torsion
 from machopt.effects.definite import nearest_definite
-from machopt.effects.files import Parameters
+from machopt.effects.given import Parameters
 from machopt.effects.protocol import Body, BodyLaw, Parameter, Quantity, Shape
 from machopt.se3 import normalise
 

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
-
-if TYPE_CHECKING:
-    from machopt.effects.files import Parameters
+from machopt.effects.given import Parameters
 
 Ints = NDArray[np.int64]
 Shape = tuple[float, ...]
@@ -367,7 +365,7 @@ class BodyLaw(Stated, Protocol):
         ...
 
 
-Reader = Callable[["Parameters", Body], tuple[BodyLaw, Array, Array, Body]]
+Reader = Callable[[Parameters, Body], tuple[BodyLaw, Array, Array, Body]]
 """Law, coefficients and shape that a file means, and the body as the file has it."""
 
 

@@ -24,7 +24,7 @@ from machopt.effects.bodies import (
     stated_law,
 )
 from machopt.effects.definite import nearest_definite
-from machopt.effects.files import Parameters
+from machopt.effects.given import Parameters
 from machopt.effects.protocol import Body, BodyLaw, Effect, Parameter, Quantity, Shape
 from machopt.se3 import normalise, skew
 

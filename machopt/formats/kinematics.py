@@ -25,6 +25,7 @@ from pydantic import Field
 
 from machopt.domain.kinematics import KinematicCorrection, Kinematics
 from machopt.effects import files, geometry, registry
+from machopt.effects.given import Parameters
 from machopt.effects.protocol import Parameter, Unloaded, joints_of
 from machopt.errors import nearest
 from machopt.formats.yamlstrict import Document, Loc, Strict, read_yaml, show, validate
@@ -171,7 +172,7 @@ def _slopes(kinematics: Kinematics) -> list[float]:
         if c.effect == geometry.EFFECT.name:
             continue
         law: Unloaded = registry.without_load()[c.effect][1]
-        values, shape, _ = files.read(law, files.Parameters(c.parameters, c.effect))
+        values, shape, _ = files.read(law, Parameters(c.parameters, c.effect))
         slope[joints_of(c.location)[1]] += law.steepest(values, shape)
     return slope
 

@@ -15,6 +15,7 @@ from machopt.arrays import Array
 from machopt.domain.cell import JointLimits
 from machopt.domain.kinematics import Kinematics
 from machopt.effects import files, geometry, registry
+from machopt.effects.given import Parameters
 from machopt.effects.protocol import Unloaded, joints_of
 
 SETTLED = 1e-15  # rad, round-off of an angle
@@ -130,7 +131,7 @@ def correction_of(kinematics: Kinematics | None) -> Correction | None:
         if c.effect not in laws:
             raise ValueError(f"{c.effect!r} is no kinematic correction")
         law = laws[c.effect][1]
-        values, shape, _ = files.read(law, files.Parameters(c.parameters, c.effect))
+        values, shape, _ = files.read(law, Parameters(c.parameters, c.effect))
         parts.append(Part(*joints_of(c.location), law, values, shape))
     return Correction(tuple(parts)) if parts else None
 

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
-
-if TYPE_CHECKING:
-    from machopt.placement.search import Site
+from typing import Any, Protocol, TypeVar
 
 A = TypeVar("A")
 B = TypeVar("B")
@@ -22,8 +19,8 @@ class Hands(Protocol):
         """How many questions are worked on at a time."""
         ...
 
-    def each(self, ask: Callable[[Site, A], B], items: Sequence[A]) -> Iterator[B]:
-        """``ask`` (a function of a module, so that another process finds it) of the site and each item, in order.
+    def each(self, ask: Callable[[Any, A], B], items: Sequence[A]) -> Iterator[B]:
+        """``ask`` (a function of a module, so that another process finds it) of the Site and each item, in order.
 
         Whoever stops reading leaves the rest unasked, as far as nobody has begun with it.
         """

@@ -18,7 +18,7 @@ from machopt.arrays import Array
 from machopt.domain.stiffness import Term
 from machopt.effects import files, registry
 from machopt.effects.bodies import LEAST_LENGTH, form_of
-from machopt.effects.files import Parameters
+from machopt.effects.given import Parameters
 from machopt.effects.protocol import Body, BodyLaw
 from machopt.model.robot import ArmState, Robot
 from machopt.model.terms.base import Coefficient, LinearTerm

@@ -19,7 +19,7 @@ from machopt.arrays import Array
 from machopt.domain.stiffness import Term
 from machopt.effects import files
 from machopt.effects.compensator import EFFECT, LINKAGE
-from machopt.effects.files import Parameters
+from machopt.effects.given import Parameters
 from machopt.errors import InputError
 from machopt.model.robot import ArmState
 from machopt.model.terms.base import Coefficient, LinearTerm

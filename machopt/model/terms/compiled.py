@@ -9,7 +9,7 @@ from typing import Any
 from machopt.arrays import Array
 from machopt.domain.stiffness import Term
 from machopt.effects import registry
-from machopt.effects.files import Parameters
+from machopt.effects.given import Parameters
 from machopt.errors import InputError
 from machopt.model.robot import Robot
 from machopt.model.terms import body, compensator, joint

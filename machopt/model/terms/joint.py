@@ -19,6 +19,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.domain.stiffness import Term
 from machopt.effects import files, registry
+from machopt.effects.given import Parameters
 from machopt.effects.protocol import Drive, Law, joints_of
 from machopt.errors import InputError
 from machopt.model.robot import ArmState
@@ -135,7 +136,7 @@ class JointCoupling:
         return Term(self.effect, self.location, files.write(self.law, self.values, np.empty(0)))
 
 
-def joint_term(effect: str, parameters: files.Parameters, location: str) -> LinearTerm:
+def joint_term(effect: str, parameters: Parameters, location: str) -> LinearTerm:
     """A term of one joint, or between two, from a file."""
     known = registry.elastic(effect)
     law = files.law_of(known, parameters)

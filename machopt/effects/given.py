@@ -1,0 +1,120 @@
+"""The parameters of one term as a file states them, read key by key."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.errors import InputError
+
+
+class Parameters:
+    """The parameters of one term, read key by key; what is not asked for is an error."""
+
+    def __init__(self, data: Mapping[str, Any], where: str, file: Any = None) -> None:
+        self._data, self._where, self._file = dict(data), where, file
+        self._asked: list[str] = []
+
+    def error(self, key: str, message: str) -> InputError:
+        return InputError(message, file=self._file, where=f"{self._where}{f'.{key}' if key else ''}")
+
+    def inner(self, key: str, data: Mapping[str, Any]) -> Parameters:
+        """The reader of a mapping inside this one."""
+        return Parameters(data, f"{self._where}.{key}", self._file)
+
+    def word(self, key: str) -> str:
+        """A word, empty where the key is missing."""
+        return str(self._data[key]) if self.has(key) else ""
+
+    def has(self, key: str) -> bool:
+        self._asked.append(key)
+        return key in self._data
+
+    def number(self, key: str, default: float | None = None, *, positive: bool = True) -> float:
+        """A finite number, above zero unless ``positive`` is off."""
+        if not self.has(key):
+            if default is None:
+                raise self.error(key, f"is missing; {key} is needed here")
+            return default
+        value = self._data[key]
+        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+            raise self.error(key, f"found {value!r}; expected a number")
+        if positive and not value > 0:
+            raise self.error(key, f"found {value:g}; expected more than zero")
+        return float(value)
+
+    @property
+    def empty(self) -> bool:
+        """Nothing is stated: a term to be found."""
+        return not self._data
+
+    @property
+    def keys(self) -> frozenset[str]:
+        """What is stated, but for the words that every law may have."""
+        return frozenset(self._data) - {"law", "memory"}
+
+    def choice(self, key: str, valid: Sequence[str], default: str) -> str:
+        """One of a few words."""
+        if not self.has(key):
+            return default
+        value = self._data[key]
+        if value not in valid:
+            raise self.error(key, f"found {value!r}; valid: {', '.join(valid)}")
+        return str(value)
+
+    def single(self, key: str) -> bool:
+        """Stated, and no list."""
+        return self.has(key) and not isinstance(self._data[key], list)
+
+    def row(self, key: str, *, least: float = -np.inf) -> Array:
+        """One or more finite numbers in a list, none below ``least``; empty where the key is missing."""
+        if not self.has(key):
+            return np.empty(0)
+        value = self._data[key]
+        if not isinstance(value, list) or not value:
+            raise self.error(key, f"found {value!r}; expected a list of numbers")
+        for n, entry in enumerate(value):
+            if isinstance(entry, bool) or not isinstance(entry, int | float) or not np.isfinite(entry):
+                raise self.error(f"{key}[{n}]", f"found {entry!r}; expected a number")
+            if entry < least:
+                raise self.error(f"{key}[{n}]", f"found {entry:g}; expected at least {least:g}")
+        return np.array(value, dtype=float)
+
+    def array(self, key: str, shape: tuple[int, ...], default: Array | None = None) -> Array:
+        """Finite numbers of a given shape."""
+        if not self.has(key):
+            if default is None:
+                raise self.error(key, f"is missing; expected {_shape(shape)} numbers")
+            return default
+        try:
+            value = np.array(self._data[key], dtype=float)
+        except (TypeError, ValueError):
+            value = np.array(np.nan)
+        if value.shape != shape or not np.isfinite(value).all():
+            raise self.error(key, f"found {self._data[key]!r}; expected {_shape(shape)} finite numbers")
+        return value
+
+    def mappings(self, key: str) -> list[dict[str, Any]]:
+        """A list of mappings."""
+        value = self._data.get(key)
+        self._asked.append(key)
+        if not isinstance(value, list) or not value or not all(isinstance(v, dict) for v in value):
+            raise self.error(key, f"found {value!r}; expected a list of mappings")
+        return value
+
+    def finish(self) -> None:
+        """Refuse keys that nothing asked for."""
+        for key in self._data:
+            if key not in self._asked:
+                valid = sorted(set(self._asked))
+                close = difflib.get_close_matches(key, valid, n=1)
+                hint = f"did you mean {close[0]!r}? " if close else ""
+                raise self.error(key, f"unknown key; {hint}valid: {', '.join(valid)}")
+
+
+def _shape(shape: tuple[int, ...]) -> str:
+    return " × ".join(map(str, shape))
