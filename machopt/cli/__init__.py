@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 
 import machopt
-from machopt.cli import batch, cells, completion, diagnose, measure, place, toolpaths
+from machopt.cli import batch, cells, completion, diagnose, measure, place, toolpaths, view
 from machopt.cli.parser import Parser
 from machopt.errors import MachoptError
 from machopt.version import __version__
@@ -75,5 +75,6 @@ def _parser() -> argparse.ArgumentParser:
     place.add_commands(commands, common)
     batch.add_commands(commands, common)
     cells.add_commands(commands, common)
+    view.add_commands(commands, common)
     completion.add_commands(commands, parser)
     return parser

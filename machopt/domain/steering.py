@@ -40,7 +40,7 @@ def steered(options: PlanOptions, toolpath: Toolpath) -> PlanOptions:
     laid: list[Steer] = []
     for n, wish in enumerate(options.steer):
         _possible(wish, n, toolpath)
-        for first, last in _stretches(wish, toolpath):
+        for first, last in stretches(wish, toolpath):
             if wish.gamma is not None:
                 for point in range(first, last + 1):
                     _agree(pins, point, wish.gamma, said(wish))
@@ -121,7 +121,7 @@ def _possible(wish: Steer, n: int, toolpath: Toolpath) -> None:
                 file="options",
                 where=f"{where}.operation",
             )
-        if not any(True for _ in _stretches(wish, toolpath)):
+        if not any(True for _ in stretches(wish, toolpath)):
             raise InputError(
                 f"nothing is cut in {wish.operation!r}; points would name what else is meant",
                 file="options",
@@ -135,7 +135,7 @@ def _possible(wish: Steer, n: int, toolpath: Toolpath) -> None:
         )
 
 
-def _stretches(wish: Steer, toolpath: Toolpath) -> Iterable[tuple[int, int]]:
+def stretches(wish: Steer, toolpath: Toolpath) -> Iterable[tuple[int, int]]:
     """First and last point of each stretch that a wish is about; of an operation, what it cuts."""
     if not wish.operation:
         yield (0, len(toolpath) - 1) if wish.points is None else wish.points

@@ -116,6 +116,7 @@ class RotationMap:
     cam_default: Array  # (N,) rad
     offset: Array | None = None  # (N,) rad, γ − φ
     collisions: str = ""  # how much of it was checked for collisions, one sentence
+    before: Array | None = None  # (N,) rad, the chosen line of the plan that this one is compared with
 
 
 @dataclass(frozen=True)

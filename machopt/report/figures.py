@@ -93,6 +93,8 @@ def _map_spec(data: ReportData, m: RotationMap) -> Spec:
         ("Jiao 2022", m.jiao2022, "#ff9f1c", "#20242a", 2.2, "9 3"),
         ("chosen", m.chosen, "#ffffff", "#000000", 2.6, ""),
     ]
+    if m.before is not None:
+        lines.insert(2, ("before", m.before, "#ff7ad9", "#20242a", 2.2, "2 3"))
     return {
         "id": "map",
         "title": "map",

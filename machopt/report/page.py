@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ from machopt.report.figures import Spec, figure_specs
 from machopt.report.front import front_section
 from machopt.report.programs import programs
 from machopt.report.shell import page_html, section
+from machopt.report.steering import Compared, Steering, steering_spec
 from machopt.report.template import fragment, joined, part
 from machopt.report.verdict import cards, verdict
 
@@ -40,15 +42,24 @@ def write_report(path: Path, data: ReportData) -> None:
     path.write_text(report_html(data), encoding="utf-8", newline="\n")
 
 
-def report_html(data: ReportData) -> str:
-    """The page as text; the same data give the same bytes."""
+def report_html(data: ReportData, steering: Steering | None = None) -> str:
+    """The page as text; the same data give the same bytes.
+
+    Args:
+        steering: on the page of ``machopt view``, what is needed to steer the plan; None: nothing is.
+    """
     specs = figure_specs(data)
+    scripts = ["chart.js", "heatmap.js", *(SCENE if data.view is not None else ()), "start.js"]
+    if steering is not None:
+        specs["steering"] = steering_spec(steering)
+        scripts += ["steer.js", "start_steer.js"]
     charts = {spec["id"] for spec in specs["charts"]}
     sections = [
         ("verdict", "Verdict", _verdict(data)),
         ("infeasible", "Infeasible points", _infeasible(data)),
         ("scene", "Robot", _scene(data)),
         ("rotation", "Map", _map(data, specs)),
+        ("steer", "Steer", _steer(steering)),
         ("path", "Along the path", _path(charts)),
         ("points", "Worst points", _worst(data)),
         ("feed", "Feed", _feed(data, charts)),
@@ -65,7 +76,7 @@ def report_html(data: ReportData) -> str:
         sections,
         specs,
         brief=True,
-        scripts=("chart.js", "heatmap.js", *(SCENE if data.view is not None else ()), "start.js"),
+        scripts=scripts,
         footer=f"machopt {data.version}{f', {data.created}' if data.created else ''}. "
         "Lengths mm, angles deg, stiffness N/µm, feed mm/min. Drag in a picture to zoom, double click to see all, "
         "click a legend entry to hide it.",
@@ -116,6 +127,38 @@ def _map(data: ReportData, specs: Spec) -> Body:
     return section(
         "rotation", f"{WORDS[data.summary.quantity].axis} over path and rotation", lead, part("chart", "map")
     )
+
+
+def _steer(s: Steering | None) -> Body:
+    if s is None:
+        return ""
+    rows = [
+        (c.name + (f" ({c.unit})" if c.unit else ""), _number(c.before, c), _number(c.now, c), _change(c), _tone(c))
+        for c in s.compared
+    ]
+    lead = (
+        "Drag a point of the map's white curve up or down, and it is pinned there; or say here what is to hold where. "
+        "Planning anew keeps what was loaded, so it takes seconds; nothing is written before the plan file is saved."
+    )
+    return section("steer", "Steer", lead, fragment("steer.html", "steer", rows, s.told, s.good, s.file, s.command))
+
+
+def _number(value: float, c: Compared) -> str:
+    return f"{value:.{c.decimals}f}".replace("-", "−") if math.isfinite(value) else "–"
+
+
+def _change(c: Compared) -> str:
+    if not (math.isfinite(c.before) and math.isfinite(c.now)) or not c.before:
+        return "–"
+    text = f"{100 * (c.now / c.before - 1):+.2f}"
+    return "0.00 %" if float(text) == 0 else f"{text} %".replace("-", "−")
+
+
+def _tone(c: Compared) -> str:
+    """Better, worse or the same, to the decimals that are shown."""
+    if not math.isfinite(c.before) or _number(c.before, c) == _number(c.now, c):
+        return ""
+    return "pass" if (c.now < c.before) == c.less_is_better else "fail"
 
 
 def _path(charts: set[str]) -> Body:

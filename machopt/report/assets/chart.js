@@ -19,8 +19,8 @@ function readColors(paper = false) {
 
 function recolor(paper = false) {
   readColors(paper);
-  for (const u of PLOTS) {
-    u.root.querySelectorAll(".u-legend .u-series").forEach((row, k) => { const m = row.querySelector(".u-marker"), s = u.series[k]; if (m && k && s.tint) m.style.borderColor = tone(s.tint); });
+  for (const u of PLOTS) { // the legend has no row for x
+    u.root.querySelectorAll(".u-legend .u-series").forEach((row, k) => { const m = row.querySelector(".u-marker"), s = u.series[k + 1]; if (m && s && s.tint) m.style.borderColor = tone(s.tint); });
     u.redraw(false, true);
   }
 }

@@ -41,6 +41,9 @@ function swatch(name, color) {
   return item;
 }
 
+// Called with the map's plot and the places of its stations whenever that has been made anew (see steer.js).
+let onMapDrawn = null;
+
 function heatMap(host, spec) {
   const N = spec.stations, R = spec.rotations, status = bytes(spec.status);
   const level = new Uint16Array(bytes(spec.index).buffer);
@@ -130,6 +133,7 @@ function heatMap(host, spec) {
       if (onPick) rows.push(["click", "sets the robot to this place"]);
       showTip(evt, rows);
     });
+    if (onMapDrawn) onMapDrawn(u, xs);
   }
 
   function key() {

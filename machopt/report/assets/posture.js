@@ -59,6 +59,7 @@ function postureView(host, view) {
     input.oninput = () => go(+input.value);
     const key = make("div", "map-key", host);
     for (const v of postures.vectors) { const item = make("span", "", key); make("i", "dot", item).style.background = v.color; item.append(v.name); }
+    if (stage) bodySwitches(stage, controls);
     go(0);
   } else if (stage) stage.draw();
   return api;

@@ -51,10 +51,11 @@ function stage3d(canvas, scene) {
     color: color || BODY_COLORS[kind], flatShading: true, side: 2, transparent: opacity < 1, opacity, depthWrite: opacity === 1, polygonOffset: true, polygonOffsetFactor: 1,
   });
 
+  const meshes = []; // [mesh, kind] of everything that is looked at for collisions
   // One robot: all bodies that some joint carries. Several may stand in one picture.
   function arm({ opacity = 1, color = "", leads = opacity === 1 } = {}) {
     const group = new THREE.Group(), held = [];
-    for (const s of shapes) if (s.joint >= 0) { const mesh = new THREE.Mesh(s.geometry, skin(s.kind, opacity, color)); held.push([mesh, s.joint, s.tools]); group.add(mesh); }
+    for (const s of shapes) if (s.joint >= 0) { const mesh = new THREE.Mesh(s.geometry, skin(s.kind, opacity, color)); held.push([mesh, s.joint, s.tools]); meshes.push([mesh, s.kind]); group.add(mesh); }
     root.add(group);
     const hold = n => { for (const [mesh, , tools] of held) mesh.visible = !tools.length || tools.includes(n); };
     hold(0);
@@ -67,7 +68,9 @@ function stage3d(canvas, scene) {
       },
     };
   }
-  for (const s of shapes) if (s.joint < 0) root.add(moved(new THREE.Mesh(s.geometry, skin(s.kind, s.kind === "workpiece" ? 0.75 : 1)), FK.STILL));
+  for (const s of shapes) if (s.joint < 0) { const mesh = new THREE.Mesh(s.geometry, skin(s.kind, s.kind === "workpiece" ? 0.75 : 1)); meshes.push([mesh, s.kind]); root.add(moved(mesh, FK.STILL)); }
+  const kinds = () => [...new Set(meshes.map(([, kind]) => kind))];
+  function showKind(kind, on) { for (const [mesh, own] of meshes) if (own === kind) mesh.material.visible = on; draw(); } // whether a mesh is there at all is the tool's matter
 
   // Lines of a width in pixels; colours as triples 0…1, one a point.
   function lines(points, colors, width, parent = onPart) {
@@ -176,7 +179,24 @@ function stage3d(canvas, scene) {
   }
 
   new ResizeObserver(resize).observe(canvas);
-  return { arm, lines, marker, ellipsoid, arrow, include, grow, look, zoom, draw, paintNow, resize, onCanvas, renderer, world, camera, root, size: () => Math.hypot(...low.map((v, i) => high[i] - v)) };
+  return { kinds, showKind, arm, lines, marker, ellipsoid, arrow, include, grow, look, zoom, draw, paintNow, resize, onCanvas, renderer, world, camera, root, size: () => Math.hypot(...low.map((v, i) => high[i] - v)) };
+}
+
+// Which bodies are drawn, kind by kind.
+function bodySwitches(stage, host) {
+  if (stage.kinds().length < 2) return;
+  const box = document.createElement("fieldset"), title = document.createElement("legend");
+  box.className = "bodies";
+  title.textContent = "Bodies";
+  box.append(title);
+  for (const kind of stage.kinds()) {
+    const label = document.createElement("label"), input = document.createElement("input");
+    input.type = "checkbox"; input.checked = true;
+    input.onchange = () => stage.showKind(kind, input.checked);
+    label.append(input, kind);
+    box.append(label);
+  }
+  host.append(box);
 }
 
 // The toolpath in the picture: cuts coloured by their value, the rest thin and grey.

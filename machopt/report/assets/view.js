@@ -270,6 +270,7 @@ function robotView(host, data) {
     range("time", "Time", 1000, v => { stop(); go(atTime(v / 1000 * end), { quiet: true }); });
   } else if (map) range("station", "Place", N - 1, v => go(atPoint(map.point[v]), { quiet: true }));
   if (grid) range("phi", "Rotation φ", R - 1, v => { if (shown.k >= 0) go(atCell(shown.k, v), { quiet: true }); });
+  if (stage) bodySwitches(stage, controls);
   key();
 
   // Out of sight, the picture comes along in a corner of the window once it has been asked for.

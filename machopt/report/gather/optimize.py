@@ -59,12 +59,17 @@ def report_data(
     *,
     front: Sequence[Point] = (),
     shown: Mapped | None = None,
+    before: Plan | None = None,
     unchecked: tuple[str, ...] = (),
     hashes: dict[str, str],
     options: dict[str, object],
     timings: dict[str, float],
 ) -> page.ReportData:
-    """Collect everything the page shows; parts that were not reached stay empty."""
+    """Collect everything the page shows; parts that were not reached stay empty.
+
+    Args:
+        before: a plan to compare with, on the map.
+    """
     index = plan.scores.index
     quantity: page.Quantity = index if index in ("deflection", "stiffness") else "index"
     series = {name: _shown(plan, s) for name, s in _assignments(plan)}
@@ -93,7 +98,7 @@ def report_data(
         summary=summary,
         hashes=tuple(hashes.items()),
         options=tuple((k, str(v)) for k, v in options.items()),
-        map=rotation_map(plan, shown, s),
+        map=rotation_map(plan, shown, s, before),
         view=view_of(plan, toolpath, points, timeline, shown, series["chosen"]),
         path=path_series(plan, toolpath, points, series),
         motion=motion_series(plan, toolpath, points, timeline),

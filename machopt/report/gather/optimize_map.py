@@ -16,10 +16,11 @@ from machopt.se3 import wrap
 _STATUS = {Reason.BOUNDS: 2, Reason.NO_PATH: 7}  # the page's codes where they differ from Reason's
 
 
-def rotation_map(plan: Plan, shown: Mapped, s: Array) -> page.RotationMap | None:
+def rotation_map(plan: Plan, shown: Mapped, s: Array, before: Plan | None = None) -> page.RotationMap | None:
     """Best branch per station and rotation, marked where its pose was not looked at for collisions.
 
     Rotation is shown as gamma's carried reference, phi; ``s`` (N,) m is the path length at the toolpath's points.
+    ``before`` is another plan of the same toolpath, whose line is drawn too.
     """
     st, c = plan.path.stations, shown.candidates
     cut = cut_stations(plan)
@@ -50,6 +51,7 @@ def rotation_map(plan: Plan, shown: Mapped, s: Array) -> page.RotationMap | None
         cam_default=line(plan.cam_default),
         offset=plan.path.offset[st[cut]],
         collisions=_looked_for(plan, shown),
+        before=line(before.chosen) if before is not None and len(before.path.index) == len(plan.path.index) else None,
     )
 
 

@@ -1,0 +1,94 @@
+"""The command ``view``: a plan in a browser on this machine, to look at and to steer."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from machopt.cli.compiling import compiling
+from machopt.cli.display import Display, natural
+from machopt.cli.effects import add_effects, told_of_effects
+from machopt.cli.readingoptions import reading, reading_parser
+from machopt.cli.shared import share
+
+Commands = Any  # argparse keeps its subparsers' type private
+
+
+def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
+    """Add the command to the parser."""
+    p = commands.add_parser(
+        "view",
+        parents=[common, reading_parser()],
+        help="3-D review and re-planning in a browser on this machine: pin, forbid, prefer, choose branches",
+    )
+    p.add_argument(
+        "places",
+        type=Path,
+        nargs="+",
+        metavar="OUT | CELL [TOOLPATH]",
+        help="an output folder of optimize, or a cell, to look at; with a toolpath (CELL TOOLPATH or OUT CELL "
+        "TOOLPATH) it is planned and can be steered",
+    )
+    share(p, "--plan")
+    share(p, "--set")
+    share(p, "--allow-external")
+    p.add_argument("--port", type=natural, default=0, help="of 127.0.0.1 (any that is free)")
+    p.add_argument(
+        "--save", type=Path, default=Path("plan.yaml"), metavar="FILE", help="where the page saves the plan (plan.yaml)"
+    )
+    p.add_argument("--open", action="store_true", help="open the page in the browser of the system")
+    add_effects(p)
+    p.set_defaults(run=_view)
+
+
+def _view(args: argparse.Namespace) -> int:
+    from machopt.effects.own import in_use, with_effects
+    from machopt.services.load import Request
+    from machopt.view.run import Asked, serve
+
+    request = Request(
+        cell=args.places[0],
+        toolpath=args.places[-1],
+        out=Path("steered"),
+        plan_file=args.plan,
+        overrides=tuple(args.set),
+        reading=reading(args),
+        allow_external=args.allow_external,
+        effects=tuple(args.effects),
+    )
+    asked = Asked(tuple(args.places), request, args.save, _words(args), args.port)
+    told_of_effects(args)
+    with in_use(with_effects(request.effects)):
+        show = not (args.quiet or args.json)
+        with Display(show=show) as display, compiling(display):
+            server = serve(asked, lambda text: None if args.quiet else print(f"machopt: {text}"), display.stage)
+        try:
+            print(server.url, flush=True)
+            if not args.quiet:
+                print("machopt: for this machine alone; Ctrl-C ends it", file=sys.stderr)
+            if args.open:
+                import webbrowser
+
+                webbrowser.open(server.url)
+            server.work()
+        except KeyboardInterrupt:
+            pass  # asked for
+        finally:
+            server.close()
+    return 0
+
+
+def _words(args: argparse.Namespace) -> tuple[str, ...]:
+    """The reading options as they were given, for the command that plans the same."""
+    out: list[str] = []
+    for name in ("unit", "machine", "feed", "tool_axis", "decimals", "cycle_order", "max_extent"):
+        value = getattr(args, name)
+        if value is not None:
+            out.append(f"--{name.replace('_', '-')}={value}")
+    for value in args.offset:
+        out.append(f"--offset={value}")
+    for value in args.effects:
+        out.append(f"--effects={value}")
+    return (*out, *(["--strict"] if args.strict else []), *(["--allow-external"] if args.allow_external else []))

@@ -1,0 +1,1 @@
+steerPlan(DATA);

@@ -1,0 +1,1 @@
+"""``machopt view``: a plan in a browser on this machine, steered and planned again."""

@@ -1,0 +1,191 @@
+"""``machopt view`` from the planner to the pointer: what is pinned on the page is what a plan file holds."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import queue
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browser import Browser
+from test_cli import CELLS, KR500, PASS, toolpath
+from test_cli import optimize as optimized
+
+from machopt.errors import InputError
+from machopt.services.load import Request, load
+from machopt.services.planned import planned
+from machopt.view.run import Acting, Asked, serve
+from machopt.view.server import Server
+from machopt.view.session import Session
+
+pytestmark = pytest.mark.slow
+
+
+def quiet(_: str) -> None:
+    """No progress."""
+
+
+def job(folder: Path, *overrides: str) -> Request:
+    return Request(cell=KR500, toolpath=toolpath(folder, PASS), out=folder / "out", overrides=overrides)
+
+
+def begun(folder: Path, *overrides: str) -> Session:
+    return Session.begun(load(job(folder, *overrides)), folder / "plan.yaml", (), quiet)
+
+
+def gammas(session: Session) -> list[float]:
+    return np.degrees(session.now.made.points.table.gamma).tolist()
+
+
+def test_a_session_pins_compares_goes_back_and_saves(tmp_path: Path) -> None:
+    session = begun(tmp_path, "rotation_step_deg=10")
+    free = gammas(session)
+    want = round(free[6] + 21.3, 1)
+    told, shown = session.replan({"fixed": [{"point": 6, "gamma_deg": want}], "steer": [], "external": {}}, quiet)
+    assert (shown, told.startswith("Planned in")) == (True, True)
+    assert gammas(session)[6] == pytest.approx(want, abs=0.25)  # deg; as verify holds it
+    assert session.wishes()["fixed"] == [{"point": 6, "gamma_deg": want}]
+    assert '"name":"before"' in session.html()
+    session.save()
+    again = planned(load(Request(**{**vars(job(tmp_path)), "plan_file": session.file})), session.now.timings)
+    for name in ("phi", "q", "branch"):  # to the bit, whatever the session lent its plans
+        mine, own = (getattr(m.plan.chosen.assignment, name) for m in (session.now.made, again.made))
+        np.testing.assert_array_equal(mine, own)
+    session.back()
+    assert gammas(session) == free
+    assert session.wishes()["fixed"] == []
+
+
+def test_a_plan_that_cannot_be_is_told_and_the_old_one_stays(tmp_path: Path) -> None:
+    session = begun(tmp_path)
+    old = session.now
+    act = Acting(session).act
+    found = act("plan", {"steer": [{"points": [5, 5], "branch": 0}, {"points": [9, 9], "branch": 7}]}, quiet)
+    assert not found["shown"]
+    assert "branch 0 at point 5" in found["told"] or "branch 7 at point 9" in found["told"]
+    assert session.now is old
+    for wishes, part in (
+        ({"fixed": [{"point": 99, "gamma_deg": 0}]}, "points 0 to 15"),
+        ({"steer": [{"operation": "none", "branch": 1}]}, "'none' is no operation"),
+        ({"steer": [{"forbid_deg": [1, 2]}]}, "narrower than rotation_step_deg"),
+        ({"seed": 3}, "fixed, steer, external can be set here"),
+        ({"steer": [{"gamma_deg": "x"}]}, "expected a number"),
+    ):
+        found = act("plan", wishes, quiet)
+        assert part in found["told"]
+        assert not found["good"]
+    assert session.now is old
+
+
+def driven(server: Server, drive: Callable[[], None]) -> None:
+    """Do what the page asks while ``drive`` plays the user; what it found wrong is raised here."""
+    failed: list[BaseException] = []
+    over = threading.Event()
+
+    def user() -> None:
+        try:
+            drive()
+        except BaseException as problem:  # noqa: BLE001 — raised again by who waits
+            failed.append(problem)
+        finally:
+            over.set()
+
+    thread = threading.Thread(target=user)
+    thread.start()
+    try:
+        while not over.is_set():
+            with contextlib.suppress(queue.Empty):
+                server.work_once(server.next(0.1))
+    finally:
+        thread.join()
+        server.close()
+    if failed:
+        raise failed[0]
+
+
+DOTS = """[...document.querySelectorAll('.pin')].map(e => { const r = e.getBoundingClientRect();
+    return [r.x + r.width / 2, r.y + r.height / 2, +e.dataset.point]; })"""
+CURVE = "DATA.map.lines.find(l => l.name === 'chosen').y"
+
+
+def test_a_point_dragged_on_the_map_is_pinned_planned_and_saved(tmp_path: Path) -> None:
+    request = job(tmp_path, "rotation_step_deg=10")
+    server = serve(Asked((request.cell, request.toolpath), request, tmp_path / "plan.yaml"), quiet, quiet)
+    browser = Browser(tmp_path)
+    pinned: dict[str, float] = {}
+
+    def user() -> None:
+        browser.open(server.url)
+        browser.script("document.getElementById('rotation').scrollIntoView()")
+        dots = browser.script(DOTS)
+        assert len(dots) >= 8
+        x, y, point = dots[len(dots) // 2]
+        browser.drag((x, y), (x, y + 24))
+        told = browser.script("document.querySelector('.wish').textContent")
+        assert told.startswith(f"point {point}: γ ")
+        assert browser.script("document.getElementById('save').disabled")  # it would not be what is shown
+        before = browser.script(CURVE)
+        seen = browser.loads
+        browser.script("document.getElementById('replan').click()")
+        browser.loaded(seen)
+        wish = browser.script("DATA.steering.wishes.fixed[0]")
+        pinned.update(wish)
+        k = browser.script(f"DATA.map.point.indexOf({point})")
+        at = browser.script(f"{CURVE}[{k}] + DATA.map.offset[{k}]")
+        assert (at - wish["gamma_deg"] + 180) % 360 - 180 == pytest.approx(0.0, abs=0.25)  # deg
+        assert abs(at - before[k] - browser.script(f"DATA.map.offset[{k}]")) > 3.0
+        assert browser.script("DATA.map.lines.map(l => l.name)").count("before") == 1
+        rows = browser.script("[...document.querySelectorAll('#steering tbody tr')].map(r => r.innerText.split('\\t'))")
+        assert [r[0] for r in rows][:1] == ["Objective"]
+        assert all(r[1] != "–" and r[2] != "–" for r in rows)
+        browser.script("document.getElementById('save').click()")
+        end = time.monotonic() + 30
+        while not (tmp_path / "plan.yaml").is_file():
+            assert time.monotonic() < end
+            time.sleep(0.1)
+        browser.script("[...document.querySelectorAll('.bodies input')].forEach(e => e.click())")
+        assert browser.complaints == []
+        assert {r.split("/")[2] for r in browser.requests if not r.startswith(("data:", "blob:"))} == {
+            f"127.0.0.1:{server.port}"
+        }
+
+    try:
+        driven(server, user)
+    finally:
+        browser.close()
+    out = tmp_path / "out"
+    assert optimized(KR500, request.toolpath, out, "--plan", str(tmp_path / "plan.yaml")) == 0
+    result = json.loads((out / "result.json").read_text())
+    assert result["options"]["fixed"] == [pinned]
+    checks = {c["name"]: c["passed"] for c in result["verification"]["checks"]}
+    assert checks["as asked: fixed rotations"]
+
+
+def test_cells_and_reports_are_served_by_themselves(tmp_path: Path) -> None:
+    for places, part in (((CELLS / "cutting_cobot",), "The cell, the arm at home"),):
+        server = serve(Asked(places, Request(places[0], places[0], tmp_path), tmp_path / "p"), quiet, quiet)
+        server.close()
+        assert part in server.html
+    with pytest.raises(InputError, match="OUT CELL TOOLPATH would work"):
+        serve(Asked((CELLS,) * 4, Request(CELLS, CELLS, tmp_path), tmp_path / "p"), quiet, quiet)
+
+
+def test_the_command_ends_with_ctrl_c() -> None:
+    command = [sys.executable, "-m", "machopt", "view", str(CELLS / "cutting_cobot")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        lines = [process.stdout.readline() for _ in range(2)]
+        assert lines[1].startswith("http://127.0.0.1:")
+        process.stderr.readline()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=30) == 0
+        assert "Traceback" not in process.stderr.read()

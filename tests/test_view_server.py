@@ -1,0 +1,122 @@
+"""The server of ``machopt view``: for this machine and who has the token, and for nobody else."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+from machopt.view.server import HOST, MOST, Server
+
+
+@contextmanager
+def served(act: Callable[..., dict[str, Any]], page: Callable[[], str] = lambda: "<p>page</p>") -> Iterator[Server]:
+    server = Server(page, act, ("plan",))
+    try:
+        yield server
+    finally:
+        server.close()
+
+
+def ask(
+    server: Server, method: str, path: str, body: str | None = None, **headers: str
+) -> tuple[int, str, dict[str, str]]:
+    """Status, text and headers of an answer; ``path`` behind the token unless it begins with a slash."""
+    connection = http.client.HTTPConnection(HOST, server.port, timeout=10)
+    try:
+        where = path if path.startswith("/") else f"/{server.token}/{path}"
+        named = {k.replace("_", "-"): v for k, v in headers.items()}
+        connection.request(method, where, body, named)
+        answer = connection.getresponse()
+        return answer.status, answer.read().decode(), dict(answer.headers)
+    finally:
+        connection.close()
+
+
+def test_the_page_is_there_for_who_has_the_token() -> None:
+    with served(lambda *_: {}) as server:
+        assert server.url == f"http://127.0.0.1:{server.port}/{server.token}/"
+        assert len(server.token) >= 24  # 18 random bytes
+        status, text, headers = ask(server, "GET", "")
+        assert (status, text) == (200, "<p>page</p>")
+        assert "default-src 'none'" in headers["Content-Security-Policy"]
+        assert headers["Cache-Control"] == "no-store"
+        assert ask(server, "GET", "progress")[1] == '{"stage": "", "seconds": 0.0}'
+        assert ask(server, "GET", "elsewhere")[0] == 404
+
+
+@pytest.mark.parametrize("path", ["/", "/progress", "/x/", "/favicon.ico", "/../etc/passwd", "//"])
+def test_nothing_is_there_without_the_token(path: str) -> None:
+    with served(lambda *_: {}) as server:
+        for method in ("GET", "POST"):
+            status, text, _ = ask(server, method, path, "{}", Content_Type="application/json")
+            assert status == 403
+            assert "page" not in text
+            assert server.token not in text
+
+
+def test_other_hosts_and_pages_of_others_are_refused() -> None:
+    """A name that leads to 127.0.0.1 brings a page of others here, with its own name as host (DNS rebinding)."""
+    with served(lambda *_: {}) as server:
+        for host in ("evil.example", f"evil.example:{server.port}", "127.0.0.1", f"127.0.0.1:{server.port + 1}", ""):
+            assert ask(server, "GET", "", Host=host)[0] == 403
+        assert ask(server, "GET", "", Host=f"localhost:{server.port}")[0] == 200
+        assert ask(server, "GET", "", Origin="http://evil.example")[0] == 403
+        assert ask(server, "GET", "", Origin="null")[0] == 403
+        assert ask(server, "GET", "", Origin=f"http://127.0.0.1:{server.port}")[0] == 200
+
+
+def test_what_is_no_request_of_the_page_is_refused() -> None:
+    with served(lambda *_: {}) as server:
+        json_ = "application/json"
+        assert ask(server, "POST", "plan", "{}", Content_Type="text/plain")[0] == 415
+        assert ask(server, "POST", "plan", "[1]", Content_Type=json_)[0] == 400
+        assert ask(server, "POST", "plan", "{", Content_Type=json_)[0] == 400
+        assert ask(server, "POST", "other", "{}", Content_Type=json_)[0] == 404
+        assert ask(server, "POST", "plan", "", Content_Type=json_, Content_Length=str(MOST + 1))[0] == 413
+
+
+def test_what_is_asked_is_done_by_the_one_who_works() -> None:
+    """One thing at a time; the page is made anew where what it shows has changed."""
+    pages = iter(["first", "second", "third"])
+    doers: list[int] = []
+
+    def act(what: str, body: dict[str, Any], progress: Callable[[str], None]) -> dict[str, Any]:
+        doers.append(threading.get_ident())
+        progress("smooth")
+        seen.append(server.progress["stage"])
+        busy.append(ask(server, "POST", "plan", "{}", Content_Type="application/json")[0])
+        return {"told": f"{what} {body['x']}", "shown": True}
+
+    seen: list[str] = []
+    busy: list[int] = []
+    with served(act, lambda: next(pages)) as server:
+        found: list[tuple[int, str]] = []
+        page = threading.Thread(
+            target=lambda: found.append(ask(server, "POST", "plan", '{"x": 3}', Content_Type="application/json")[:2])
+        )
+        page.start()
+        server.work_once(server.next())
+        page.join()
+        assert found[0][0] == 200
+        assert json.loads(found[0][1]) == {"told": "plan 3", "shown": True}
+        assert (doers, seen, busy) == ([threading.get_ident()], ["smooth"], [409])
+        assert ask(server, "GET", "")[1] == "second"
+        assert server.progress["stage"] == ""
+
+
+def test_who_waits_is_let_go_at_the_end() -> None:
+    with served(lambda *_: {}) as server:
+        found: list[int] = []
+        page = threading.Thread(
+            target=lambda: found.append(ask(server, "POST", "plan", "{}", Content_Type="application/json")[0])
+        )
+        page.start()
+        server.next()  # it is waiting for its answer now
+    page.join()
+    assert found == [409]
