@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
-from machopt.diagnose import at_body, at_joint, at_sensor, laws_compensator, loads
+from machopt.diagnose import at_body, at_joint, at_sensor, laws_compensator, laws_environment, loads
 from machopt.diagnose.problem import Catalogue, Family, Hypothesis, Problem, Unknown, Untestable
 from machopt.diagnose.readings import History, Readings
 from machopt.domain.parameters import joint_spring
@@ -155,9 +155,13 @@ def catalogue(r: Readings, curved: Array | None) -> Catalogue:
         ("joint_zero_offset", "joint:2", "displacements under load hardly depend on it"),
         ("transmission_error", "joint:2", "it needs no load and cancels in displacements"),
         ("payload", "tool", "weight cancels in displacements"),
-        ("thermal_drift", "environment", "displacements count from the unloaded state of the same minute"),
     ):
         missing.append(Untestable(effect, where, why))
+    drift = laws_environment.thermal(r)
+    out += drift
+    if not drift:
+        why = "displacements count from the unloaded state of the same minute, and nothing says how long that lasted"
+        missing.append(Untestable("thermal_drift", "environment", why))
     force = np.linalg.norm(r.wrench[:, :3], axis=1)
     axes = {"load": force, "session": r.session.astype(float)}
     if r.recording.branch is not None:

@@ -146,47 +146,62 @@ def compensator(r: Readings) -> list[Hypothesis]:
 
 
 def thermal(r: Readings) -> list[Hypothesis]:
-    """Castings grow and the stand creeps with temperature or with the time since a session began."""
-    drivers = _drivers(r)
-    grown = _growth(r)
+    """Castings grow and the stand creeps with temperature or with the time since a session began.
+
+    A load test counts from the unloaded state of its cycle: it shows what has moved since.
+    """
+    grown, stand = _growth(r), _stand(r)
     out = []
-    for driver in drivers:
-        patterns = (
-            ("the arm grows", grown.sum(axis=2, keepdims=True), driver.least, 0.0),
-            ("links grow each by itself", grown, driver.least, 0.0),
-            ("the stand shifts and tilts", _stand(r), -np.inf, 6.0),
-        )
-        for pattern, columns, least, penalty in patterns:
-
-            def lifted(shape: Shape, columns: Array = columns, driver: _Driver = driver) -> Array:
-                return np.asarray(columns * driver.at(shape)[:, None, None])
-
-            def sizes(
-                x: Array, shape: Shape, lifted: Columns = lifted, driver: _Driver = driver, grows: bool = penalty == 0.0
-            ) -> Mapping[str, Quantity]:
-                moved = np.linalg.norm((lifted(shape) @ x)[:, :3], axis=1)
-                size = {"drift": Quantity(1e3 * float(moved.max()), "mm")}
-                if grows:
-                    warmed = float(np.abs(driver.at(shape)).max() * np.abs(x).max()) / STEEL
-                    size["rise"] = Quantity(warmed, "K")  # of castings, if they are of iron or steel
-                return size | ({"time_constant": Quantity(shape[0], "s")} if shape else {})
-
-            out.append(
-                Hypothesis(
-                    "thermal_drift",
-                    "environment",
-                    f"{pattern} {driver.words}",
-                    f"α L ΔT: {driver.equation}",
-                    lifted,
-                    sizes,
-                    driver.shapes,
-                    (least,) * columns.shape[2] if np.isfinite(least) else (),
-                    family="environment",
-                    note="with time and temperature, whatever the pose and load",
-                    penalty=penalty,
-                )
-            )
+    for driver in _drivers(r):
+        patterns = [
+            _Pattern("the arm grows", grown.sum(axis=2, keepdims=True), driver.least, 0.0, True),
+            _Pattern("links grow each by itself", grown, driver.least, 0.0, True),
+            _Pattern("the stand shifts and tilts", stand, -np.inf, 6.0, False),
+        ]
+        if r.differences:
+            patterns.append(_Pattern("the stand shifts", stand[:, :, :3], -np.inf, 0.0, False))
+        out += [_drifting(driver, pattern) for pattern in patterns]
     return out
+
+
+@dataclass(frozen=True)
+class _Pattern:
+    """Which way heat moves the TCP."""
+
+    words: str
+    columns: Array  # (N, D, p)
+    least: float  # of the coefficients
+    penalty: float
+    grows: bool  # a strain, of castings
+
+
+def _drifting(driver: _Driver, pattern: _Pattern) -> Hypothesis:
+    p = pattern.columns.shape[2]
+
+    def lifted(shape: Shape) -> Array:
+        return np.asarray(pattern.columns * driver.at(shape)[:, None, None])
+
+    def sizes(x: Array, shape: Shape) -> Mapping[str, Quantity]:
+        moved = np.linalg.norm((lifted(shape) @ x)[:, :3], axis=1)
+        size = {"drift": Quantity(1e3 * float(moved.max()), "mm")}
+        if pattern.grows:
+            warmed = float(np.abs(driver.at(shape)).max() * np.abs(x).max()) / STEEL
+            size["rise"] = Quantity(warmed, "K")  # of castings, if they are of iron or steel
+        return size | ({"time_constant": Quantity(shape[0], "s")} if shape else {})
+
+    return Hypothesis(
+        "thermal_drift",
+        "environment",
+        f"{pattern.words} {driver.words}",
+        f"α L ΔT: {driver.equation}",
+        lifted,
+        sizes,
+        driver.shapes,
+        (pattern.least,) * p if np.isfinite(pattern.least) else (),
+        family="environment",
+        note="with time and temperature, whatever the pose and load",
+        penalty=pattern.penalty,
+    )
 
 
 @dataclass(frozen=True)
@@ -203,32 +218,55 @@ class _Driver:
 def _drivers(r: Readings) -> list[_Driver]:
     out = []
     temperature, time = r.recording.temperature, r.recording.time
-    if temperature is not None and np.ptp(temperature) > 0.0:
+    if temperature is not None and np.ptp(temperature) > 0.0 and not r.differences:  # unloaded states have none
         rise = temperature - temperature[r.order[0]]
         out.append(_Driver("with the temperature", "s = T − T at the start", lambda s: rise, ((),), 0.0))
-    if time is not None:
-        since = np.zeros(len(r))
-        for label in np.unique(r.session):
-            rows = r.session == label
-            since[rows] = time[rows] - time[rows].min()
-        longest = float(since.max())
-        constants = tuple((t,) for t in WARM if LEAST_WARM * longest <= t <= MOST_WARM * longest)
-        if longest > LEAST_SPAN:
-            if constants:
-                out.append(
-                    _Driver(
-                        "after the start of a session",
-                        "s = 1 − exp(−t/T), t since the session began",
-                        lambda s: 1.0 - np.exp(-since / s[0]),
-                        constants,
-                        0.0,
-                    )
-                )
+    if time is None:
+        return out
+    since, zero = np.zeros(len(r)), _unloaded(r, time) if r.differences else None
+    for label in np.unique(r.session):
+        rows = r.session == label
+        start = time[rows].min() if zero is None else zero[rows].min()
+        since[rows] = time[rows] - start
+        if zero is not None:
+            zero[rows] -= start
+    longest = float(since.max())
+
+    def counted(law: Callable[[Array], Array]) -> Array:
+        return np.asarray(law(since) - (0.0 if zero is None else law(zero)))
+
+    constants = tuple((t,) for t in WARM if LEAST_WARM * longest <= t <= MOST_WARM * longest)
+    if longest > LEAST_SPAN:
+        if constants:
             out.append(
                 _Driver(
-                    "evenly over a session", "s = t since the session began", lambda s: since / longest, ((),), -np.inf
+                    "after the start of a session",
+                    "s = 1 − exp(−t/T), t since the session began",
+                    lambda s: counted(lambda t: -np.expm1(-t / s[0])),
+                    constants,
+                    0.0,
                 )
             )
+        out.append(
+            _Driver(
+                "evenly over a session",
+                "s = t since the session began",
+                lambda s: counted(lambda t: t / longest),
+                ((),),
+                -np.inf,
+            )
+        )
+    return out
+
+
+def _unloaded(r: Readings, time: Array) -> Array:
+    """(N,) s, when the unloaded state of each reading's cycle stood: as long before the first as readings are apart."""
+    gaps = np.concatenate([np.diff(time[rows]) for rows in r.cycles])
+    usual = float(np.median(gaps)) if len(gaps) else 0.0
+    out = np.zeros(len(r))
+    for rows in r.cycles:
+        own = np.diff(time[rows])
+        out[rows] = time[rows[0]] - (float(np.median(own)) if len(own) else usual)
     return out
 
 
