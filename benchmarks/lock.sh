@@ -18,6 +18,7 @@ lock() {  # FILE WHAT OPTIONS…
   rm "$made/lock"
 }
 lock .requirements-test.lock 'What `make test` installs' --extra dev --extra batch --extra parquet --extra xacro
-lock .requirements.lock 'What `make run` installs' --constraint .requirements-test.lock
+lock .requirements.lock 'What `make run` installs: every command and every format' \
+  --extra batch --extra parquet --extra xacro --constraint .requirements-test.lock
 lock .requirements-lowest.lock 'What `make lowest` installs, nothing above its bound in pyproject.toml' \
   --extra dev --extra batch --extra parquet --extra xacro --resolution lowest-direct
