@@ -158,3 +158,24 @@ def numbers(version: str) -> tuple[int, ...]:
     while parts and parts[-1] == 0:
         parts.pop()
     return tuple(parts)
+
+
+def test_the_conda_environment_names_all_that_is_needed_with_the_same_bounds() -> None:
+    text = (ROOT / "docs" / "install" / "environment.yml").read_text(encoding="utf-8")
+    conda = {"pinocchio": "pin"}
+    there = {conda.get(name_of(n), name_of(n)): v for n, v in re.findall(r"^ *- ([\w.-]+) *>=([\d.]+)$", text, re.M)}
+    wanted = {name_of(r): re.search(r">=([\d.]+)", r) for r in PROJECT["dependencies"]}
+    assert {n: b[1] for n, b in wanted.items() if b} | {"python": "3.11", "hatchling": "1.25"} == there
+
+
+def test_the_image_copies_what_is_there_and_may_be_seen() -> None:
+    image = (ROOT / "docs" / "install" / "Dockerfile").read_text(encoding="utf-8")
+    copied = {name for line in re.findall(r"^COPY (.*) \S+$", image, re.M) for name in line.split()}
+    assert all((ROOT / name).exists() for name in copied)
+    seen = {t[1:] for t in (ROOT / ".dockerignore").read_text(encoding="utf-8").split() if t.startswith("!")}
+    assert copied == seen
+
+
+def test_every_extra_is_told() -> None:
+    told = (ROOT / "docs" / "install" / "README.md").read_text(encoding="utf-8")
+    assert all(f"`{extra}`" in told for extra in PROJECT["optional-dependencies"])
