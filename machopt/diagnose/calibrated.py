@@ -134,6 +134,9 @@ class Recorded:
     clerical: int = _set(3, "slipped decimals or copies; a tracker's own outliers look like one now and then", DEV)
     mostly: float = _set(0.5, "of the gross rows", JUDGED)
     fits: float = _set(2.0, "noise within which a slipped decimal, put right, meets the prediction", JUDGED)
+    apart: float = _set(
+        10.0, "times the typical misfit that two poses lie apart whose readings cannot agree to the last digit", JUDGED
+    )
     different_load: float = _set(
         0.05, "of the largest load: readings under loads so unlike do not agree to the last digit", JUDGED
     )

@@ -17,6 +17,7 @@ from machopt.arrays import Array
 from machopt.diagnose import calibrated, loads, sessions, throughout
 from machopt.diagnose.aside import comes_back
 from machopt.diagnose.contradiction import contradictions
+from machopt.diagnose.pasted import coarse
 from machopt.diagnose.problem import Problem as Equations
 from machopt.diagnose.problem import RecordCorrection
 from machopt.diagnose.result import Diagnosis, Estimate, Finding
@@ -139,7 +140,9 @@ def _misfit_by_size(tests: Experiment) -> float:
     return float(np.mean(np.abs(tests.measured[:, :3] - A @ start(A, tests.measured[:, :3], load))))
 
 
-def outliers(recording: Recording, diagnosis: Diagnosis, copies: Flags, problem: Equations) -> Finding | None:
+def outliers(
+    recording: Recording, diagnosis: Diagnosis, copies: Flags, problem: Equations, certain: Flags | None = None
+) -> Finding | None:
     """Gross rows as a finding, where they are more than a tracker makes, or plainly a clerk's.
 
     Args:
@@ -147,6 +150,7 @@ def outliers(recording: Recording, diagnosis: Diagnosis, copies: Flags, problem:
         diagnosis: with the readings put aside.
         copies: (N,) rows that repeat the displacement of the row before under another load.
         problem: which readings are twins.
+        certain: (N,) rows of these that hold another pose's reading, which are said however few they are.
     """
     out = ~diagnosis.used
     aside = out & ~comes_back(problem, diagnosis.errors.final, out)
@@ -167,6 +171,9 @@ def outliers(recording: Recording, diagnosis: Diagnosis, copies: Flags, problem:
     if share <= calibrated.RECORD.ordinary and (
         clerical < calibrated.RECORD.clerical or clerical < calibrated.RECORD.mostly * aside.sum()
     ):
+        aside = aside & (np.zeros(len(aside), bool) if certain is None else certain)
+        clerical = int(aside.sum())
+    if not aside.any():
         return None
     rows = ",".join(str(r) for r in problem.row[aside])
     count = float(aside.sum())
@@ -194,9 +201,8 @@ def copied(recording: Recording) -> Flags:
     out = np.zeros(len(recording), bool)
     if values is None:
         return out
-    step = 5e-6  # m; readings rounded more coarsely agree by chance
     v = values[:, :3]
-    if np.abs(v / step - np.round(v / step)).max() < 0.02:
+    if coarse(v):
         return out
     same = (v[1:] == v[:-1]).all(axis=1) & v[1:].any(axis=1)
     moved = (recording.q[1:] != recording.q[:-1]).any(axis=1) & (recording.pose[1:] != recording.pose[:-1])

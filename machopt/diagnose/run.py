@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.diagnose import absolute, at_joint, cellvalues, deflection, engine, held, motion, record, userterms
+from machopt.diagnose.pasted import pasted
 from machopt.diagnose.problem import Catalogue, Problem
 from machopt.diagnose.readings import History
 from machopt.diagnose.result import Diagnosis, Finding
@@ -64,7 +65,8 @@ def at_rest(
         )
     options.progress("checking the record")
     recording, mended, warnings = record.mend(recording, robot, T, prior, accept)
-    copies = record.copied(recording)
+    elsewhere = pasted(recording, robot, T)
+    copies = record.copied(recording) | elsewhere
     said = [*recording.warnings, *warnings]
     notes: tuple[str, ...] = ()
 
@@ -89,7 +91,7 @@ def at_rest(
         d, problem = held.diagnosed(terms, load_tests)
     else:
         d, problem = held.diagnosed(terms, poses, held.in_poses)
-    gross = record.outliers(recording, d, copies, problem)
+    gross = record.outliers(recording, d, copies, problem, elsewhere)
     said += cellvalues.far_off(d, prior)
     return Examined(_with_record(d, mended, gross, notes, tuple(said)), problem, recording)
 

@@ -35,7 +35,7 @@ def mended(
     """
     if "columns" in accept or (recording.kind == "absolute" and recording.position is None):
         return recording, []
-    stated = equations(_registered(recording, robot, T_flange_tcp), robot, T_flange_tcp)
+    stated = equations(registered(recording, robot, T_flange_tcp), robot, T_flange_tcp)
     before = _error(stated)
     left = _share(stated, before)
     gate = calibrated.RECORD.whole_off if recording.kind == "deflection" else calibrated.RECORD.whole_pose_off
@@ -44,7 +44,7 @@ def mended(
     found: list[tuple[float, int, Way, Recording, Array]] = []
     for way in _ways(recording):
         changed = way.read(recording)
-        now = equations(_registered(changed, robot, T_flange_tcp), robot, T_flange_tcp)
+        now = equations(registered(changed, robot, T_flange_tcp), robot, T_flange_tcp)
         after = _error(now)
         if _share(now, after) < calibrated.RECORD.whole_falls * left:
             found.append((_share(now, after), len(found), way, changed, after))
@@ -79,7 +79,7 @@ def mended(
     ]
 
 
-def _registered(recording: Recording, robot: Robot, T_flange_tcp: Array) -> Recording:
+def registered(recording: Recording, robot: Robot, T_flange_tcp: Array) -> Recording:
     """Positions brought to base_link where the tracker's frame is free, however far it is turned (Kabsch, robust)."""
     if recording.kind != "absolute" or recording.registration != "fit" or recording.position is None:
         return recording
