@@ -370,7 +370,9 @@ def tips_and_axes(name: str) -> tuple[np.ndarray, np.ndarray, list[str]]:
 def test_toolpath_generator_makes_the_committed_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     make = script("toolpaths/make_toolpaths.py")
     monkeypatch.setattr(make, "HERE", tmp_path)
-    for module in (make, script("toolpaths/make_external_toolpaths.py")):  # which writes through the first
+    setups = script("toolpaths/make_setup_toolpaths.py")
+    monkeypatch.setattr(setups, "HERE", tmp_path)
+    for module in (make, script("toolpaths/make_external_toolpaths.py"), setups):  # the second writes through the first
         for name in vars(module):
             if name.startswith("write_"):
                 getattr(module, name)()

@@ -58,10 +58,13 @@ class Stint:
 
 
 def stretch_of(toolpath: Toolpath, first: int, stop: int) -> Toolpath:
-    """The points ``first`` to before ``stop`` by themselves; what happens behind the last point belongs to the end."""
+    """The points ``first`` to before ``stop`` by themselves.
+
+    What happens between the last point and the change of tool (a spindle that stops) belongs to the tool that is still
+    on, at its end, and so does what happens behind the toolpath's last point.
+    """
     rows = slice(first, stop)
-    last = stop == len(toolpath)
-    events = (e for e in toolpath.events if first <= e.index < stop or (last and e.index >= stop))
+    events = [e for k, e in enumerate(toolpath.events) if first <= _owner(toolpath, k) < stop]
     return replace(
         toolpath,
         position=toolpath.position[rows].copy(),
@@ -74,3 +77,10 @@ def stretch_of(toolpath: Toolpath, first: int, stop: int) -> Toolpath:
         line=toolpath.line[rows].copy(),
         events=tuple(replace(event, index=event.index - first) for event in events),
     )
+
+
+def _owner(toolpath: Toolpath, k: int) -> int:
+    """The point whose tool event ``k`` belongs to: the one before where a tool is still to be called there."""
+    at = toolpath.events[k].index
+    called = any(e.kind == "tool" and e.index == at for e in toolpath.events[k + 1 :])
+    return min(at, len(toolpath) - 1) - (called and at > 0)

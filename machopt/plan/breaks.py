@@ -85,6 +85,17 @@ _HELP: dict[str, str] = {
 }
 
 
+def not_driven(before: float, after: float, why: str) -> Break:
+    """A stretch that the axes cannot be timed along."""
+    return Break(
+        before,
+        after,
+        "not_driven",
+        why,
+        "more points there, a finer rotation_step_deg or larger singularity margins would help",
+    )
+
+
 def breaks_of_choice(path: Path, setup: Setup, candidates: Candidates, found: Found) -> tuple[Break, ...]:
     """Every break of the search's choice."""
     return tuple(_break(path, setup, candidates, found, s) for s in found.choice.broken)

@@ -24,7 +24,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.domain.trajectory import Trajectory
-from machopt.plan.breaks import Break, place
+from machopt.plan.breaks import Break, not_driven, place
 from machopt.plan.gaps import Stretch, stretches, uncut, worth
 from machopt.plan.lifts import Lifts, rests_of
 from machopt.plan.path import Path
@@ -80,6 +80,10 @@ class _Place:
     row: int  # planning point, −1 at home
     change: bool = False  # tools are changed there
 
+    @property
+    def name(self) -> str:
+        return "the tool change" if self.change else place(self.index)
+
 
 def build_timeline(plan: Plan, toolpath: Toolpath, progress: Callable[[float], None] | None = None) -> Timeline:
     """Drive the chosen assignment from home through every run and back home."""
@@ -110,9 +114,10 @@ class _Builder:
         self.free: frozenset[Way] = frozenset()  # straight rapid moves known to be free
 
     def build(self) -> Timeline:
-        begin, end = rests_of(self.plan)
-        here = _Place(begin, float("nan"), -1, change=self.plan.begin is not None)
-        home = _Place(end, float("nan"), -1, change=self.plan.end is not None)
+        here, home = (
+            _Place(rest, float("nan"), -1, told is not None)
+            for rest, told in zip(rests_of(self.plan), (self.plan.begin, self.plan.end), strict=True)
+        )
         reason, breaks = self.plan.chosen.assignment.reason, self.plan.breaks
         pieces = stretches(self.path, reason, breaks)
         self.free = self.lifts.free_between(pieces)
@@ -252,7 +257,7 @@ class _Builder:
             x = time_legs(waypoints, self.cell.limits, self.options.rapid_scale, self.options.sample)
         n = len(x)
         if move.kind != "direct":
-            self.detours.append(f"{place(a.index)} → {place(b.index)}: {move.kind}, {len(waypoints) - 2} way points")
+            self.detours.append(f"{a.name} → {b.name}: {move.kind}, {len(waypoints) - 2} way points")
         operation = self.toolpath.operation[round(b.index)] if np.isfinite(b.index) else -1
         return Leg(
             "rapid",
@@ -288,7 +293,7 @@ class _Builder:
         done = self._retime(position, rows, np.array([a[:6], b[:6]]), np.full(2, feed))
         if isinstance(done, RunFailure):
             at = float(self.path.index[row])
-            return _not_driven(at, at, done.reason)
+            return not_driven(at, at, done.reason)
         n = len(done.q)
         return Leg(
             "lift",
@@ -329,7 +334,7 @@ class _Builder:
         index = self.path.index[rows]
         if isinstance(done, RunFailure):
             at = float(np.interp(done.point, np.arange(len(rows)), index))
-            return _not_driven(at, at, done.reason)
+            return not_driven(at, at, done.reason)
         local = done.point
         segment = np.clip(np.ceil(local - 1e-9).astype(int), 1, len(rows) - 1)  # the segment a sample lies on
         move = self.path.move[rows][segment]
@@ -484,14 +489,4 @@ def _blocked(move: Blocked, a: _Place, b: _Place) -> Break:
         "a retract to a place "
         "clear of everything, another home pose, another seed, or moving what is in the way would help",
         pair=move.pair,
-    )
-
-
-def _not_driven(before: float, after: float, why: str) -> Break:
-    return Break(
-        before,
-        after,
-        "not_driven",
-        why,
-        "more points there, a finer rotation_step_deg or larger singularity margins would help",
     )

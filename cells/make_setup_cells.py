@@ -1,0 +1,111 @@
+"""Writes the example cell with three tools and two setups: a KR240 milling and drilling plates on two fixtures.
+
+Run ``python cells/make_setup_cells.py``. Arm, spindle and stiffness are those of ``make_cells.py``; here are the tool
+table, the work offsets and what stands there. Lengths in mm.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from make_cells import HERE, block, box, kr240_drilling, write_cell
+
+FOLDER = "kr240_setups"
+NOSE = 360.0  # of the spindle, in the flange
+BESIDE = 180.0  # the spindle's axis from that of axis 6
+PLATE = (240.0, 160.0, 40.0)  # both parts; the top's middle is their zero
+TABLE = 850.0  # height of the frame of the CAM coordinates
+
+
+@dataclass(frozen=True)
+class Cutter:
+    """One tool of the table, all of it in front of the spindle's nose."""
+
+    number: int
+    what: str
+    holder: tuple[float, float]  # radius, length
+    diameter: float
+    length: float  # free of the holder
+    mass: float  # kg, of holder and cutter
+
+    def lines(self) -> str:
+        radius, long = self.holder
+        tip = NOSE + long + self.length
+        holder = f"cylinder_mm: [{radius:g}, {long:g}], xyz_mm: [{BESIDE:g}, 0, {NOSE + long / 2:g}]"
+        return f"""\
+  "{self.number}":   # {self.what}
+    tcp: {{xyz_mm: [{BESIDE:g}, 0, {tip:g}], rpy_deg: [0, 0, 0]}}
+    mass_kg: {47.0 + self.mass:g}
+    com_mm: [110, 0, 165]
+    geometry:
+      - {{name: spindle, mesh: meshes/tool.stl}}
+      - {{name: holder_{self.number}, {holder}}}
+    cutter: {{diameter_mm: {self.diameter:g}, length_mm: {self.length:g}}}
+    tool_number: {self.number}
+"""
+
+
+TOOLS = (
+    Cutter(1, "face mill, 50 mm", (31.5, 42.0), 50.0, 40.0, 1.9),
+    Cutter(2, "end mill, 16 mm", (21.0, 80.0), 16.0, 44.0, 1.5),
+    Cutter(3, "drill, 8.5 mm", (16.0, 75.0), 8.5, 75.0, 1.3),
+)
+OFFSETS = """\
+offsets:
+  G54:   # a plate lying in a vice
+    pose: {xyz_mm: [0, -260, 0], rpy_deg: [0, 0, 0]}
+    geometry: [{name: plate_lying, box_mm: [240, 160, 40], xyz_mm: [0, 0, -20]}]
+    fixtures:
+      - {name: jaw_fixed, box_mm: [180, 40, 60], xyz_mm: [0, 100.5, -40]}
+      - {name: jaw_moved, box_mm: [180, 40, 60], xyz_mm: [0, -100.5, -40]}
+      - {name: vice, box_mm: [200, 300, 70], xyz_mm: [0, 0, -105.5]}
+  G55:   # the same plate upright on an angle plate, its face towards the robot
+    pose: {xyz_mm: [-20, 260, 60], rpy_deg: [0, -90, 0]}
+    geometry: [{name: plate_upright, box_mm: [240, 160, 40], xyz_mm: [0, 0, -20]}]
+    fixtures:
+      - {name: angle_plate, box_mm: [300, 200, 40], xyz_mm: [-50, 0, -60.5]}
+      - {name: angle_foot, box_mm: [30, 200, 200], xyz_mm: [-185, 0, -181]}
+"""
+
+
+def write() -> None:
+    """The cell of ``make_cells.py``, then its tools and setups."""
+    x = 1700.0
+    write_cell(
+        replace(
+            kr240_drilling(),
+            folder=FOLDER,
+            title="KR240 with three tools and two setups",
+            workpiece_mm=(x, 0, TABLE),
+            workpiece_mesh=box((-0.001, -0.001, -0.001), (0.001, 0.001, 0.001)),  # not used: parts lie in their offsets
+            obstacles=(
+                block("pedestal", (900, 900, 194), (0, 0, 97)),
+                block("table", (800, 1200, 60), (x, 0, TABLE - 171)),
+                block("stand", (600, 900, TABLE - 201), (x, 0, (TABLE - 201) / 2)),
+            ),
+            extra={},
+        )
+    )
+    folder = HERE / FOLDER
+    (folder / "meshes" / "workpiece.stl").unlink()
+    for name in ("robot.urdf", "cell.yaml"):
+        text = (folder / name).read_text(encoding="utf-8")
+        text = text.replace("made by cells/make_cells.py", "made by cells/make_setup_cells.py")
+        (folder / name).write_text(text, encoding="utf-8")
+    head, _, rest = text.partition("tool:\n")
+    _, _, rest = rest.partition("workpiece:\n")
+    rest = rest.replace("  geometry: [{name: workpiece, mesh: meshes/workpiece.stl}]\n", OFFSETS)
+    rest = rest.replace("force_N: {axial: 250}", "force_N: {travel: 60, normal: 40, axial: 100}")
+    rest = rest.replace("tool and base stand in the program itself: no numbers", "numbers of the tools: tools")
+    head = head.replace("  limits:\n", "  tool_change_deg: [-60, -100, 110, 0, 80, 0]\n  limits:\n")
+    text = f"{head}tools:\n{''.join(t.lines() for t in TOOLS)}workpiece:\n{rest}"
+    (folder / "cell.yaml").write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    write()
+    print(HERE / FOLDER)
