@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from external_cell import RAIL
 from small_cell import robot_folder, small_cell, urdf_text
 
 from machopt.cells.asked import Request
@@ -15,12 +16,17 @@ from machopt.cells.place import find_place, outward, pointing, sample_path
 from machopt.cells.robotfiles import copy_robot
 from machopt.cells.text import REFERENCE_NM_PER_RAD, REFERENCE_SPAN_M, estimated_stiffness
 from machopt.cli import main
+from machopt.domain.cell import Cell
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
 from machopt.formats.schema import FILES, FOLDER, schema_name, schema_text
+from machopt.formats.toolpath import read_toolpath
 from machopt.formats.urdf import describe_alone, find_arm, read_robot
 from machopt.model.robot import load_chain, load_robot
+from machopt.plan.candidates import enumerate_candidates
+from machopt.plan.path import build_path
+from machopt.plan.pipeline import prepare, standing
 from machopt.se3 import rpy_matrix
 from machopt.services.newcell import run_init
 from machopt.workspace.mapping import arm_of
@@ -80,6 +86,60 @@ def test_shipped_cells_have_flanges_that_look_along_z() -> None:
     for name in ("kr240_drilling", "cutting_cobot"):
         found = outward(load_robot(load_cell(ROOT / "cells" / name)))
         assert found == pytest.approx([0.0, 0.0, 1.0], abs=1e-9)
+
+
+def reached(cell: Cell, toolpath: Path) -> np.ndarray:
+    """(N,) some rotation of each point has a configuration, the external joints at home."""
+    options = load_options(overrides=["collision=false", "rotation_step_deg=30"])
+    setup, path = prepare(cell, options), build_path(read_toolpath(toolpath), ())
+    candidates = enumerate_candidates(standing(path, cell.external_home), setup.arm, options)
+    return np.asarray((candidates.reason == 0).any(axis=(1, 2)))
+
+
+@pytest.mark.parametrize("turned", [(0.0, 0.0, 0.0), (0.0, 0.0, 90.0), (90.0, 0.0, 0.0)])
+def test_an_arm_on_a_rail_gets_a_cell_whose_part_it_reaches(turned: tuple[float, ...], tmp_path: Path) -> None:
+    """The base stands off the URDF's root, turned; the part is placed in world and turned there as asked."""
+    stand = '<origin xyz="0.4 -0.3 0.6" rpy="0 0 1.5707963"/>'
+    rail = RAIL.replace('<origin xyz="-0.1 0 0.2"/>', stand)
+    assert stand in rail
+    (tmp_path / "arm.urdf").write_text(urdf_text().replace("</robot>", rail + "</robot>"))
+    toolpath = ROOT / "toolpaths" / "plate_holes.csv"
+    cell = run_init(Request(tmp_path / "arm.urdf", tmp_path / "cell", toolpath=toolpath, workpiece_rpy_deg=turned)).cell
+    assert (cell.external_joints, cell.external_prismatic) == (("rail",), (True,))
+    assert reached(cell, toolpath).all()
+    text = (tmp_path / "cell" / "cell.yaml").read_text()
+    assert "the URDF's root link, below the rail, in world" in text
+    assert "a1, a2, a3, a4, a5, a6, rail (mm); deg (mm where it slides)" in text
+
+
+def test_what_is_asked_on_the_terminal_is_asked_again_until_it_fits(
+    robot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = iter(["-5", "three", "320", "", "12", "400", "60", "krll", "krl"])
+    asked: list[str] = []
+
+    def answer(words: str) -> str:
+        asked.append(words)
+        return next(said)
+
+    monkeypatch.setattr("builtins.input", answer)
+    assert main(["init", str(robot), "-o", str(tmp_path / "cell"), "--ask"]) == 0
+    cell = load_cell(tmp_path / "cell")
+    assert np.linalg.norm(cell.tool.T_flange_tcp[:3, 3]) == pytest.approx(0.32)
+    assert cell.tool.cutter is not None
+    assert (cell.tool.mass, cell.tool.cutter.diameter, cell.tool.cutter.length) == (0.0, 0.012, 0.06)
+    assert cell.controller.post == "krl"
+    out = capsys.readouterr().out
+    assert out.count("a number above 0 would work") == 2
+    assert "less than the 320 mm from flange to TCP would work" in out
+    assert "did you mean 'krl'" in out
+    monkeypatch.setattr("builtins.input", ended)
+    assert main(["init", str(robot), "-o", str(tmp_path / "other"), "--ask"]) == 0
+    assert load_cell(tmp_path / "other").controller.post is None
+
+
+def ended(_: str) -> str:
+    raise EOFError
 
 
 def test_all_of_a_path_is_reached_from_one_branch(tmp_path: Path) -> None:

@@ -72,7 +72,7 @@ def sample_path(reach: float) -> tuple[Array, Array]:
 class Place:
     """Where the workpiece lies and the arm waits."""
 
-    T_base_workpiece: Array  # (4, 4), axes those of base_link
+    T_base_workpiece: Array  # (4, 4), axes those of base_link, in which the path was given
     home: Array  # (6,) rad
     margin: float  # rad, of the joint that comes nearest to its limit over all points looked at
 

@@ -104,7 +104,7 @@ def cell_text(c: NewCell) -> str:
         f"  urdf: {_word(c.urdf)}",
         f"  base_link: {_word(c.base_link)}",
         f"  flange_link: {_word(c.flange_link)}  # {c.flange_note}",
-        "  pose: {xyz_mm: [0, 0, 0], rpy_deg: [0, 0, 0]}  # GUESS: base_link in world",
+        f"  pose: {{xyz_mm: [0, 0, 0], rpy_deg: [0, 0, 0]}}  # GUESS: {_posed(c)} in world",
         *([f"  external_joints: [{', '.join(_word(e) for e in c.external)}]"] if c.external else []),
         f"  # one value a joint below: {arrays}; deg (mm where it slides)",
         f"  home_deg: {_row(c.home)}  # GUESS: above the workpiece; programs begin and end there",
@@ -128,6 +128,11 @@ def cell_text(c: NewCell) -> str:
         *([f"controller: {{post: {_word(c.post)}}}"] if c.post else _NO_POST),
     ]
     return "\n".join(lines) + "\n"
+
+
+def _posed(c: NewCell) -> str:
+    """What ``robot.pose`` places."""
+    return "the URDF's root link, below the rail," if c.external else "base_link"
 
 
 _NO_PART = ("  # geometry: [{mesh: part.stl}]  # nothing is checked against the workpiece until it is here",)

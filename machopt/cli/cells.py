@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -15,13 +16,13 @@ from machopt.cli.shared import share
 Commands = Any  # argparse keeps its subparsers' type private
 
 _QUESTIONS = (
-    ("tool_length_mm", "flange to TCP, mm", float),
-    ("tool_mass_kg", "mass of spindle, holder and cutter, kg", float),
-    ("cutter_diameter_mm", "cutter diameter, mm", float),
-    ("cutter_length_mm", "cutter length, mm", float),
-    ("post", "robot program to write (krl, rapid, fanuc, urscript … or nothing)", str),
+    ("tool_length_mm", "flange to TCP, mm"),
+    ("tool_mass_kg", "mass of spindle, holder and cutter, kg"),
+    ("cutter_diameter_mm", "cutter diameter, mm"),
+    ("cutter_length_mm", "cutter length, mm"),
+    ("post", "robot program to write (krl, rapid, fanuc, urscript … or nothing)"),
 )
-"""What ``--ask`` asks: option, words, kind."""
+"""What ``--ask`` asks: option, words."""
 
 
 def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
@@ -108,15 +109,37 @@ def _validate(args: argparse.Namespace) -> int:
 
 
 def _ask(args: argparse.Namespace) -> None:
-    """Ask for what was not given; Return keeps what stands in brackets."""
-    for name, words, kind in _QUESTIONS:
+    """Ask for what was not given, again until it fits; Return keeps what stands in brackets."""
+    for name, words in _QUESTIONS:
         while True:
             try:
-                said = input(f"{words} [{getattr(args, name)}]: ").strip()
-                if said:
-                    setattr(args, name, kind(said))
-                break
-            except ValueError:
-                print("  a number would work")
+                said = input(f"{words} [{getattr(args, name) or 'nothing'}]: ").strip()
             except EOFError:
                 return
+            wrong = _answered(args, name, said) if said else ""
+            if not wrong:
+                break
+            print(f"  {wrong}")
+
+
+def _answered(args: argparse.Namespace, name: str, said: str) -> str:
+    """Take an answer, or say what would work."""
+    from machopt.errors import nearest
+    from machopt.formats.posts import post_names
+
+    if name == "post":
+        if said not in (*post_names(), "nothing", "none"):
+            return nearest(said, [*post_names(), "nothing"])
+        args.post = "" if said in ("nothing", "none") else said
+        return ""
+    try:
+        value = float(said)
+    except ValueError:
+        value = float("nan")
+    least = "0 or more" if name == "tool_mass_kg" else "above 0"
+    if not (math.isfinite(value) and (value >= 0 if name == "tool_mass_kg" else value > 0)):
+        return f"a number {least} would work"
+    if name == "cutter_length_mm" and args.tcp_mm is None and value >= args.tool_length_mm:
+        return f"less than the {args.tool_length_mm:g} mm from flange to TCP would work"
+    setattr(args, name, value)
+    return ""

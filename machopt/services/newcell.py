@@ -21,7 +21,9 @@ from machopt.formats.schema import schema_name, schema_text
 from machopt.formats.toolpath import read_toolpath
 from machopt.formats.urdf import describe_alone, find_arm
 from machopt.model.collision import CollisionModel
+from machopt.model.machine import load_machine
 from machopt.model.robot import load_chain, load_robot
+from machopt.se3 import rpy_matrix
 from machopt.workspace.mapping import arm_of
 
 
@@ -87,12 +89,15 @@ def _placed(new: NewCell, request: Request, cell: Cell, span: float) -> tuple[Ne
     else:
         position, axis = sample_path(span)
         of = "a block"
-    found = find_place(arm, position, axis, span, free)
+    T_world_base = load_machine(cell, robot).T_world_base(rest[None])[0]  # where the rail stands at home
+    turn = rpy_matrix(np.radians(request.workpiece_rpy_deg))  # of the workpiece in world
+    R = T_world_base[:3, :3].T @ turn
+    found = find_place(arm, position @ R.T, axis @ R.T, span, free)
     if found is None:
         return new, (f"no place before the arm was found where it reaches all of {of}; put in workpiece.pose and home",)
     note = f"GUESS: where one posture reaches all of {of} with {math.degrees(found.margin):.0f} deg to the joint limits"
     home = [float(v) for v in np.round(np.degrees(found.home), 2)]
-    at = [float(v) for v in np.round(1e3 * found.T_base_workpiece[:3, 3])]
+    at = [float(v) for v in np.round(1e3 * (T_world_base @ found.T_base_workpiece)[:3, 3])]
     placed = replace(new, workpiece_mm=at, workpiece_note=note, home=[*home, *new.home[6:]])
     return placed, ("workpiece.pose is where the arm reaches well, not where your workpiece is",)
 
