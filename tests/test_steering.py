@@ -212,3 +212,19 @@ def test_a_joint_stands_where_it_was_put_for_an_operation(tmp_path: Path) -> Non
     for at, where in (((("c", 0.3),), "'c' is no operation"), ((("b", 99.0),), "at_operations_mm")):
         with pytest.raises(InputError, match=where):
             stands(at)
+
+
+def test_the_rotation_is_kept_between_the_points_of_a_pin(tmp_path: Path) -> None:
+    """Off the grid, where planning points between two pinned ones would stand on the grid's own rotations."""
+    p = job(tmp_path, rotation_step=deg(30), steer=(Steer(points=(2, 8), gamma=deg(71.3)),))
+    rows = (p.path.index >= 2) & (p.path.index <= 8)
+    assert whole(p)
+    assert (rows & ~p.path.is_point).any()
+    assert np.degrees(gamma(p)[rows]) == pytest.approx(71.3, abs=np.degrees(EXACT))
+
+
+def test_a_point_of_its_own_divides_a_pin() -> None:
+    options = PlanOptions(fixed=(FixedRotation(5, 0.9),), steer=(Steer(points=(2, 8), gamma=0.5),))
+    laid = steered(options, toolpath(pass_over_block()))
+    assert laid.steer == (Steer(points=(2, 4), gamma=0.5), Steer(points=(6, 8), gamma=0.5))
+    assert steered(laid, toolpath(pass_over_block())) == laid

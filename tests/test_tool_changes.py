@@ -181,7 +181,7 @@ def test_wishes_are_those_of_the_stint_they_are_about(tmp_path: Path) -> None:
     stints = stints_of(with_tools(cell, path), path)
     wished = replace(OPTIONS, steer=(Steer(points=(8, 16), prefer=0.3), Steer(operation="op2", gamma=0.1)))
     laid = [s.of(wished) for s in stints]
-    assert [[w.points for w in o.steer] for o in laid] == [[(8, 9)], [(0, 4)], [(0, 1)]]
+    assert [[w.points for w in o.steer] for o in laid] == [[(8, 9)], [(0, 4), (1, 3)], [(0, 1)]]
     assert [[f.point for f in o.fixed] for o in laid] == [[], [1, 2, 3], []]
 
 

@@ -28,14 +28,15 @@ def steered(options: PlanOptions, toolpath: Toolpath) -> PlanOptions:
 
     Pins of operations and of several points become fixed rotations of each point, where it cuts if an operation is
     meant: what leads to and from it stays free. A point's own fixed rotation goes before that of its operation. All
-    other wishes then name the first and the last of the points they are about.
+    other wishes then name the first and the last of the points they are about; so does a pin of neighbouring points,
+    for what lies between them.
 
     Raises:
         InputError: places that the toolpath has not, or two rotations of one point, and what would work.
     """
     if not options.steer:
         return options
-    own = {f.point for f in options.fixed}
+    own = {f.point: f.gamma for f in options.fixed}
     pins: dict[int, tuple[float, str]] = {}
     laid: list[Steer] = []
     for n, wish in enumerate(options.steer):
@@ -45,6 +46,7 @@ def steered(options: PlanOptions, toolpath: Toolpath) -> PlanOptions:
                 for point in range(first, last + 1):
                     _agree(pins, point, wish.gamma, said(wish))
                     pins[point] = wish.gamma, said(wish)
+                laid += [Steer(points=part, gamma=wish.gamma) for part in _unbroken(own, first, last, wish.gamma)]
             if wish.forbid is not None or wish.prefer is not None or wish.branch is not None:
                 laid.append(replace(wish, operation="", points=(first, last), gamma=None))
     fixed = [*options.fixed, *(FixedRotation(p, gamma) for p, (gamma, _) in sorted(pins.items()) if p not in own)]
@@ -144,6 +146,14 @@ def stretches(wish: Steer, toolpath: Toolpath) -> Iterable[tuple[int, int]]:
     cut = np.flatnonzero(np.isin(toolpath.operation, mine) & toolpath.cutting)
     if len(cut):
         for part in np.split(cut, np.flatnonzero(np.diff(cut) > 1) + 1):
+            yield int(part[0]), int(part[-1])
+
+
+def _unbroken(own: dict[int, float], first: int, last: int, gamma: float) -> Iterable[tuple[int, int]]:
+    """Neighbouring points, two or more, among which none has a rotation of its own."""
+    free = np.array([p for p in range(first, last + 1) if p not in own or abs(own[p] - gamma) <= EDGE], int)
+    for part in np.split(free, np.flatnonzero(np.diff(free) > 1) + 1):
+        if len(part) > 1:
             yield int(part[0]), int(part[-1])
 
 

@@ -17,6 +17,7 @@ from machopt.model.ik import Margins, Solver, count_from, fewest_turns, judged, 
 from machopt.model.machine import Machine
 from machopt.model.threads import side_by_side
 from machopt.plan.path import Path, tcp_poses
+from machopt.plan.pinned import pinned
 from machopt.se3 import inverse, wrap
 
 CHUNK = 4_096  # poses solved at once by a closed form: what lies between poses and branches stays in a core's cache
@@ -182,10 +183,11 @@ def _nudges(path: Path, phi: Array, options: PlanOptions) -> Array:
     for s in range(1, len(st)):
         joined[s] = path.run[st[s]] == path.run[st[s - 1]] and plunged[st[s] + 1] == plunged[st[s - 1] + 1]
     part = np.cumsum(~joined)
-    for fixed in options.fixed:
-        for at in np.flatnonzero(np.abs(path.index[st] - fixed.point) < 1e-9):
-            away = np.asarray(wrap(fixed.gamma - path.offset[st[at]] - phi))
-            out[part == part[at]] = away[np.abs(away).argmin()]
+    row_of = {int(row): s for s, row in enumerate(st)}
+    for row, target in pinned(path, options).items():
+        if row in row_of:
+            away = np.asarray(wrap(target - phi))
+            out[part == part[row_of[row]]] = away[np.abs(away).argmin()]
     return out
 
 
@@ -203,12 +205,12 @@ def _forbid_by_user(
     low, high = options.rotation_range
     outside = (gamma < low - 1e-9) | (gamma > high + 1e-9)
     index = path.index[path.stations]
-    for fixed in options.fixed:
-        at = np.flatnonzero(np.abs(index - fixed.point) < 1e-9)
-        for s in at:
-            off = np.abs(wrap(gamma[s] - fixed.gamma))
+    row_of = {int(row): s for s, row in enumerate(path.stations)}
+    for row, target in pinned(path, options).items():
+        if row in row_of:
+            off = np.abs(wrap(np.broadcast_to(moved, outside.shape)[row_of[row]] - target))
             # two pins of one plunge stand on one grid: where they differ, it cannot be both's
-            outside[s] = off > (MET if nudge is not None else off.min() + 1e-9)
+            outside[row_of[row]] = off > (MET if nudge is not None else off.min() + 1e-9)
     other = np.zeros((len(index), feasible.shape[2]), bool)  # (S, B) branches that are not to be used
     for wish in options.steer:
         rows = among(wish, index)

@@ -16,6 +16,7 @@ from machopt.plan.candidates import Candidates
 from machopt.plan.choose import Choice
 from machopt.plan.objective import Terms
 from machopt.plan.path import Path
+from machopt.plan.pinned import pinned
 from machopt.plan.score import Scores
 from machopt.se3 import wrap
 
@@ -184,8 +185,6 @@ def turning_length(path: Path, first: int, last: int) -> Array:
 def _pins(path: Path, rows: NDArray[np.intp], phi: Array, options: PlanOptions) -> dict[int, float]:
     """The user's fixed rotations in this run: row to exact offset from the grid's phi."""
     points = path.stations[rows]
-    pins = {}
-    for fixed in sorted(options.fixed, key=lambda f: f.point):
-        for i in np.flatnonzero(np.abs(path.index[points] - fixed.point) < 1e-9):
-            pins[int(i)] = float(wrap(fixed.gamma - path.offset[points[i]] - phi[i]))
-    return pins
+    row_of = {int(point): i for i, point in enumerate(points)}
+    asked = pinned(path, options).items()
+    return {row_of[row]: float(wrap(target - phi[row_of[row]])) for row, target in asked if row in row_of}

@@ -15,6 +15,8 @@ from machopt.plan.programme import Basis, Programme
 
 KNOTS = 160  # most spline intervals in a run
 KNOT_SPACING = 0.15  # s at the programmed feed, least distance of knots
+OUTSIDE = 0.02  # of a step of the corridor that an answer may lie outside of it
+PINNED = 1e-6  # rad: nearer than this an answer meets a rotation that the user fixed
 CURVATURE = 2e-2  # price of the mean square angular acceleration of phi, per (rad/s²)²
 
 
@@ -39,6 +41,8 @@ def spline_answers(path: Path, part: Stretch, elsewhere: float, ends: Ends) -> t
     table, m = CostTable(band.cost, band.step), len(start)
     bending = CURVATURE * part.weight * (intervals / duration) ** 4 / intervals  # the mean square of d²phi/dt²
     tight = int((high - low < 1e-9).sum()) >= m  # no room: the corridor is the answer
+    slack = np.full(len(part.rows), OUTSIDE * band.step)
+    slack[list(part.pins)] = PINNED
     nlp = Programme(part, table, Basis(knots, np.clip(part.x, 0, length)), bending, ends, elsewhere)
     found = np.full(m, np.nan) if tight else nlp.solve(start)
 
@@ -46,7 +50,7 @@ def spline_answers(path: Path, part: Stretch, elsewhere: float, ends: Ends) -> t
         """The objective with true absolute values; infinite outside the corridor."""
         phi = B @ answer.c
         off = phi - band.phi
-        if not ((off >= low - 0.02 * band.step) & (off <= high + 0.02 * band.step)).all():
+        if not ((off >= low - slack) & (off <= high + slack)).all():
             return float("inf")
         values = table.at(off)[0]
         first, last = part.joints_at(off[[0, -1]], [0, -1])
@@ -57,7 +61,20 @@ def spline_answers(path: Path, part: Stretch, elsewhere: float, ends: Ends) -> t
     tries = [start, treads, still]
     if np.isfinite(found).all():  # on the way from the plain answers to the programme's
         tries = [found, *(base + f * (found - base) for base in (treads, still) for f in (0.75, 0.5, 0.25)), *tries]
+    tries = [_through_pins(B, t, part) for t in tries] if part.pins else tries
     return tuple(BSpline(knots, t, 3) for t in tries), merit
+
+
+def _through_pins(B: Any, coefficients: Array, part: Stretch) -> Array:
+    """The spline moved by the least change of its coefficients that meets the user's fixed rotations.
+
+    A fine penalty leaves a remainder at a pin; where the pins are more than the spline can meet it stays one, and is
+    judged as what it is.
+    """
+    rows = list(part.pins)
+    wanted = part.band.phi[rows] + np.array(list(part.pins.values()))
+    at = B[rows].toarray()
+    return np.asarray(coefficients + np.linalg.lstsq(at, wanted - at @ coefficients, rcond=None)[0])
 
 
 def _through_plateaus(x: Array, phi: Array) -> Array:
