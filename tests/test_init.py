@@ -23,6 +23,7 @@ from machopt.formats.options import load_options
 from machopt.formats.schema import FILES, FOLDER, schema_name, schema_text
 from machopt.formats.toolpath import read_toolpath
 from machopt.formats.urdf import describe_alone, find_arm, read_robot
+from machopt.model.machine import load_machine
 from machopt.model.robot import load_chain, load_robot
 from machopt.plan.candidates import enumerate_candidates
 from machopt.plan.path import build_path
@@ -107,6 +108,12 @@ def test_an_arm_on_a_rail_gets_a_cell_whose_part_it_reaches(turned: tuple[float,
     cell = run_init(Request(tmp_path / "arm.urdf", tmp_path / "cell", toolpath=toolpath, workpiece_rpy_deg=turned)).cell
     assert (cell.external_joints, cell.external_prismatic) == (("rail",), (True,))
     assert reached(cell, toolpath).all()
+    robot = load_robot(cell)
+    T = load_machine(cell, robot).T_base_workpiece(cell.external_home[None])[0]
+    points = read_toolpath(toolpath).position @ T[:3, :3].T + T[:3, 3]
+    tip = robot.fk(cell.home, cell.tool.T_flange_tcp)[:3, 3]  # home is straight above one of the points
+    beside = np.linalg.norm((points - tip)[:, :2], axis=1)
+    assert beside.min() < 3e-3  # m: places are rounded to a mm, angles to 0.01 degrees
     text = (tmp_path / "cell" / "cell.yaml").read_text()
     assert "the URDF's root link, below the rail, in world" in text
     assert "a1, a2, a3, a4, a5, a6, rail (mm); deg (mm where it slides)" in text
