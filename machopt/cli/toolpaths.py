@@ -18,7 +18,7 @@ from machopt.domain.manifest import with_scope
 from machopt.errors import InputError, VerificationError
 
 if TYPE_CHECKING:
-    from machopt.domain.results.optimize import BreakTold, CheckTold, ChoiceObjective, OptimizeResult
+    from machopt.domain.results.optimize import BreakTold, CheckTold, ChoiceObjective, CompensationTold, OptimizeResult
     from machopt.verify import Check
 
 Commands = Any  # argparse keeps its subparsers' type private
@@ -278,6 +278,7 @@ def _summary(result: OptimizeResult, report: Path) -> list[str]:
             f"  compensated by up to {shift.max_mm:.3f} mm (mean {shift.mean_mm:.3f}); predicted to leave "
             f"{shift.residual_mean_mm:.4f} mm on average, {shift.residual_max_mm:.4f} at worst"
         )
+        lines += _removed_lines(shift)
     if result.cycle_time_s is not None and result.feed_held_share is not None:
         dips = len(result.feed_dips)
         lines.append(
@@ -297,6 +298,17 @@ def _summary(result: OptimizeResult, report: Path) -> list[str]:
         lines.append("  " + with_scope(f"verification {passed}", result.unchecked))
     lines.append(f"report: {report}")
     return lines
+
+
+def _removed_lines(shift: CompensationTold) -> list[str]:
+    """What the model's own error makes of it, where that is known."""
+    r = shift.removed
+    if r is None or r.removed_ci90_percent is None or r.residual_max_ci90_mm is None:
+        return []
+    low, high = r.removed_ci90_percent
+    least, most = r.residual_max_ci90_mm
+    text = f"    {low:.1f} to {high:.1f} % of the mean deflection removed".replace("-", "−")
+    return [f"{text} (90 %), {least:.4f} to {most:.4f} mm left at worst"]
 
 
 def _gain_lines(result: OptimizeResult) -> list[str]:

@@ -37,6 +37,24 @@ class Term:
 
 
 @dataclass(frozen=True)
+class Discrepancy:
+    """How far a model may be from the arm, in coefficients that :mod:`machopt.model.suspects` names; SI units.
+
+    They are ``shift`` off the file's numbers (zero for what is not in it) in the mean, and scatter about that with the
+    covariance Σ mᵀ m over ``modes``. Joints are among them: where this stands, it says all that ``covariance`` says.
+    """
+
+    parts: tuple[str, ...]  # K names
+    torque: Array  # (6,) N·m, the joints' typical torque in the load tests: what ``play`` and ``knee`` are shares of
+    shift: Array  # (K,)
+    modes: Array  # (R, K)
+    left: float  # m a coordinate, what the model left of the readings
+    noise: float  # m a coordinate, what replicates and statements make of it
+    misfit: bool = True  # readings show that something is missing
+    local: float = 0.0  # m/N, 1 sigma of a coordinate's compliance that each pose has for itself beside all that
+
+
+@dataclass(frozen=True)
 class Stiffness:
     """Stiffness of the arm.
 
@@ -49,3 +67,4 @@ class Stiffness:
     terms: tuple[Term, ...] = ()
     file: Path | None = field(default=None, compare=False)  # it was read from, for messages
     estimated: bool = False  # by a rule, from no measurement of this arm
+    discrepancy: Discrepancy | None = None  # what it may lack; None: no reading was held against it

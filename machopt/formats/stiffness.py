@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from machopt.arrays import Array
-from machopt.domain.stiffness import SOFTEST, STIFFEST, Stiffness, StiffnessGrid, Term
+from machopt.domain.stiffness import SOFTEST, STIFFEST, Discrepancy, Stiffness, StiffnessGrid, Term
 from machopt.formats.yamlstrict import Document, Loc, Strict, read_yaml, show, validate
 
 _ROW = "six joint stiffnesses in N·m/rad, joint 1 first"
@@ -33,6 +33,17 @@ class _Grid(Strict):
     )
 
 
+class _Discrepancy(Strict):
+    left_mm: float = Field(ge=0, description="what the model left of the readings, a coordinate")
+    noise_mm: float = Field(ge=0, description="what replicates make of it")
+    misfit: bool = Field(description="true: the readings show that something is missing")
+    local_m_per_N: float = Field(default=0.0, ge=0, description="1 sigma of a compliance that is one pose's own")
+    torques_Nm: list[float] = Field(min_length=6, max_length=6, description="the joints' typical torque in the tests")
+    parts: list[str] = Field(min_length=1, description="what may be otherwise, or be missing: joint 1, base rz, …")
+    shift: list[float] = Field(min_length=1, description="by how much, in the mean; SI, one number a part")
+    modes: list[list[float]] = Field(min_length=1, description="rows whose Σ mᵀm is the covariance about that; SI")
+
+
 class _StiffnessFile(Strict):
     machopt_stiffness: Literal[1] = Field(description="the format, 1")
     joints_Nm_per_rad: list[float] = Field(min_length=6, max_length=6, description=_ROW)
@@ -41,6 +52,9 @@ class _StiffnessFile(Strict):
     )
     grid: _Grid | None = Field(default=None, description="stiffness that differs over the workspace")
     terms: list[_Term] = Field(default=[], description="further physics, the terms that diagnose finds")
+    discrepancy: _Discrepancy | None = Field(
+        default=None, description="how far the arm may be from this file; identify and diagnose write it"
+    )
     estimated: bool = Field(
         default=False, description="true: by a rule (machopt init writes such), from no measurement of this arm"
     )
@@ -58,7 +72,8 @@ def load_stiffness(path: Path | str) -> Stiffness:
     covariance = None if data.covariance is None else _covariance(document, data.covariance)
     grid = None if data.grid is None else _grid(document, data.grid)
     terms = tuple(Term(t.effect, t.location, t.parameters) for t in data.terms)
-    return Stiffness(joints, covariance, grid, terms, Path(path), data.estimated)
+    doubt = None if data.discrepancy is None else _discrepancy(document, data.discrepancy)
+    return Stiffness(joints, covariance, grid, terms, Path(path), data.estimated, doubt)
 
 
 def write_stiffness(path: Path | str, stiffness: Stiffness) -> None:
@@ -84,6 +99,8 @@ def write_stiffness(path: Path | str, stiffness: Stiffness) -> None:
         data["terms"] = [
             {"effect": t.effect, "location": t.location, "parameters": _plain(t.parameters)} for t in stiffness.terms
         ]
+    if stiffness.discrepancy is not None:
+        data["discrepancy"] = _doubt(stiffness.discrepancy)
     yaml = YAML(typ="safe", pure=True)
     yaml.representer.add_representer(float, _float)
     yaml.default_flow_style = None  # lists of numbers on one line
@@ -92,6 +109,47 @@ def write_stiffness(path: Path | str, stiffness: Stiffness) -> None:
     yaml.representer.sort_base_mapping_type_on_output = False
     with Path(path).open("w", encoding="utf-8", newline="\n") as out:
         yaml.dump(data, out)
+
+
+def _doubt(d: Discrepancy) -> dict[str, object]:
+    """The block ``discrepancy``; five digits are more than an uncertainty has."""
+
+    def short(values: Array) -> list[float]:
+        return [float(f"{v:.5g}") for v in values]
+
+    return {
+        "left_mm": float(f"{1e3 * d.left:.5g}"),
+        "noise_mm": float(f"{1e3 * d.noise:.5g}"),
+        "misfit": d.misfit,
+        "local_m_per_N": float(f"{d.local:.5g}"),
+        "torques_Nm": short(d.torque),
+        "parts": list(d.parts),
+        "shift": short(d.shift),
+        "modes": [short(row) for row in d.modes],
+    }
+
+
+def _discrepancy(document: Document, given: _Discrepancy) -> Discrepancy:
+    rows = {"shift": given.shift} | {f"modes[{n}]": row for n, row in enumerate(given.modes)}
+    for name, row in rows.items():
+        if len(row) != len(given.parts):
+            raise document.error(
+                ("discrepancy", name), f"found {len(row)} numbers; expected {len(given.parts)}, one for each of parts"
+            )
+        if not np.isfinite(row).all():
+            raise document.error(("discrepancy", name), "holds a number that is not finite")
+    if not min(given.torques_Nm) > 0:
+        raise document.error(("discrepancy", "torques_Nm"), f"found {min(given.torques_Nm):g}; expected more than zero")
+    return Discrepancy(
+        tuple(given.parts),
+        _frozen(given.torques_Nm),
+        _frozen(given.shift),
+        _frozen(given.modes),
+        given.left_mm / 1e3,
+        given.noise_mm / 1e3,
+        given.misfit,
+        given.local_m_per_N,
+    )
 
 
 def _positive(document: Document, loc: Loc, values: list[float]) -> Array:

@@ -290,6 +290,7 @@ class ArmElasticity:
         )
         self._balancers = tuple(t for t in self.terms if isinstance(t, GravityCompensator))
         weighed = [t for t in self.terms if isinstance(t, JointTerm) and t.weighs]
+        self.masses = masses
         self._masses = masses if weighed else None
         self.warnings: tuple[str, ...] = ()
         if weighed and (masses is None or not (masses.body < TOOL).any()):

@@ -196,11 +196,25 @@ def _limiting_joint(plan: Plan, s: int) -> str:
     return f" (nearest: joint {joint + 1} by {np.degrees(over[best][joint]):.1f}°)"
 
 
+def misfit_words(plan: Plan) -> str:
+    """What the stiffness file says of its own misfit; empty where its readings say nothing against it."""
+    d = plan.setup.elasticity.stiffness.discrepancy
+    if d is None or not d.misfit:
+        return ""
+    times = d.left / d.noise if d.noise > 0 else np.inf
+    return (
+        f"The stiffness leaves {1e3 * d.left:.3g} mm of the readings it comes from, {times:.1f} times their noise of "
+        f"{1e3 * d.noise:.3g} mm: physics is missing in it. Gain, deflection and compensation are only as sure as "
+        "their intervals say; machopt diagnose looks for what is missing."
+    )
+
+
 def hints(plan: Plan) -> tuple[str, ...]:
     """What a user should know about this cell and path, whether or not it works."""
     if plan.parts:
         return tuple(dict.fromkeys(hint for part in plan.parts for hint in hints(part.plan)))
-    out = [plan.conflict] if plan.conflict else []
+    out = [misfit] if (misfit := misfit_words(plan)) else []
+    out += [plan.conflict] if plan.conflict else []
     out += plan.setup.collision.suspicious if plan.setup.collision else []
     robot, arm = plan.setup.robot, plan.setup.arm
     axis6 = robot.T_base_flange_zero[:3, :3].T @ robot.axis[5]

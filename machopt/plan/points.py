@@ -12,6 +12,7 @@ from machopt.arrays import Array
 from machopt.domain.points import PointsTable
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Toolpath
+from machopt.plan.doubt import doubt_of, told_std
 from machopt.plan.explain import explain_points, gamma
 from machopt.plan.pipeline import Plan
 from machopt.plan.uncertainty import cost_gradient, spread_of
@@ -120,20 +121,34 @@ def _uncertainty(
     plan: Plan, rows: NDArray[np.intp], ok: NDArray[np.intp], q: Array, axial: Array
 ) -> tuple[Array | None, Array | None]:
     """1 sigma of the deflection in m and of the axial stiffness in N/m, (N,) each; None where none is known."""
-    spread = spread_of(plan)
+    spread, doubt = spread_of(plan), doubt_of(plan.setup)
     if not spread.known:
         return None, None
     bend_std, axial_std = np.full(len(rows), np.nan), np.full(len(rows), np.nan)
     P, at, elasticity = len(plan.path.index), rows[ok], plan.setup.elasticity
     by_point = np.zeros((P, 6))
+    moved: Array | None = None if doubt is None else np.zeros((P, len(doubt.ways)))
     for some in _blocks(ok):
         along = plan.directions.axial[rows[some]]
         elastic = elasticity.at(q[some], plan.directions.k[rows[some]])
         by_point[rows[some]] = elastic.sensitivity(along, along, small=True)
-    axial_std[ok] = spread.point_std(by_point)[at] * axial[ok] ** 2  # of 1/c
+        if doubt is not None and moved is not None:
+            moved[rows[some]] = doubt.axial(elastic, q[some], along)
+    beside = spread.point_std(by_point)
+    own = np.zeros(P)  # what is one pose's own
+    if doubt is not None and moved is not None:
+        own[at] = doubt.own(plan.directions, at, "stiffness")
+        beside = told_std(moved, beside**2 + own**2)
+    axial_std[ok] = beside[at] * axial[ok] ** 2  # of 1/c
     if not plan.options.force.given:
         return None, axial_std
     for some in _blocks(ok):
         by_point[rows[some]] = cost_gradient(elasticity, plan.directions, rows[some], q[some], "deflection")
-    bend_std[ok] = spread.point_std(by_point)[at]
+        if doubt is not None and moved is not None:
+            moved[rows[some]] = doubt.cost(elasticity, plan.directions, rows[some], q[some], "deflection")
+    beside = spread.point_std(by_point)
+    if doubt is not None and moved is not None:
+        own[at] = doubt.own(plan.directions, at, "deflection")
+        beside = told_std(moved, beside**2 + own**2)
+    bend_std[ok] = beside[at]
     return bend_std, axial_std

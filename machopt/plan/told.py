@@ -8,12 +8,14 @@ import numpy as np
 
 from machopt.domain.results import optimize as told
 from machopt.domain.stint import Stint
+from machopt.domain.toolpath import Toolpath
 from machopt.plan.breaks import Break
 from machopt.plan.certificate import certificate
 from machopt.plan.compensate import residual
 from machopt.plan.explain import help_of
 from machopt.plan.pipeline import Plan, Scored
 from machopt.plan.points import PointResults, reason_of
+from machopt.plan.removal import Removal, removals
 from machopt.plan.retime import Dip
 from machopt.plan.uncertainty import Gain
 
@@ -103,8 +105,9 @@ def gain_told(gain: Gain) -> told.MeanGain:
     )
 
 
-def compensation_told(the_plan: Plan) -> told.CompensationTold | None:
+def compensation_told(the_plan: Plan, toolpath: Toolpath) -> told.CompensationTold | None:
     found = residual(the_plan)
+    removed = removals(the_plan, toolpath.operation, tuple(o.label for o in toolpath.operations))
     if found is None:
         return None
     length = the_plan.compensation.length if the_plan.compensation else float("nan")
@@ -115,6 +118,25 @@ def compensation_told(the_plan: Plan) -> told.CompensationTold | None:
         uncompensated_mean_mm=1e3 * found.uncompensated,
         residual_max_mm=1e3 * found.worst,
         residual_mean_mm=1e3 * found.mean,
+        removed=removed_told(removed[0]) if removed else None,
+        operations=tuple(removed_told(r) for r in removed[1:]),
+    )
+
+
+def removed_told(r: Removal) -> told.Removed:
+    """One stretch; drawn numbers with as many digits as draws hold."""
+
+    def interval(ends: tuple[float, float] | None, factor: float) -> tuple[float, float] | None:
+        return None if ends is None else (round(factor * ends[0], 5), round(factor * ends[1], 5))
+
+    return told.Removed(
+        operation=r.label,
+        removed_percent=100.0 * r.removed,
+        removed_ci90_percent=interval(r.removed90, 100.0),
+        residual_mean_mm=1e3 * r.left,
+        residual_mean_ci90_mm=interval(r.left90, 1e3),
+        residual_max_mm=1e3 * r.worst,
+        residual_max_ci90_mm=interval(r.worst90, 1e3),
     )
 
 

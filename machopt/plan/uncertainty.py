@@ -7,8 +7,9 @@ cell with the same error. To first order a result y scatters by
     σ² = gᵀ Σ g,   g = ∂y/∂c
 
 Two ways to drive a path share the same compliances, so most of the error cancels in their gain
-G = 1 − mean(c₁)/mean(c₂), whose gradient is −∂mean₁/mean₂ + mean₁ ∂mean₂/mean₂². The parameters of ``terms`` carry no
-uncertainty in the file and count as exact.
+G = 1 − mean(c₁)/mean(c₂), whose gradient is −∂mean₁/mean₂ + mean₁ ∂mean₂/mean₂². Where the file says what the model
+may lack (``discrepancy``), that takes the place of the constant model's covariance (:mod:`machopt.plan.doubt`). Without
+it the parameters of ``terms`` carry no uncertainty in the file and count as exact.
 """
 
 from __future__ import annotations
@@ -25,12 +26,13 @@ from machopt.domain.options import Index
 from machopt.domain.reason import Reason
 from machopt.domain.stiffness import Stiffness
 from machopt.model.elastic import ArmElasticity, cells_at
+from machopt.plan.doubt import NINETY, apart, doubt_of, told_std
 from machopt.plan.score import Directions
 
 if TYPE_CHECKING:
     from machopt.plan.pipeline import Plan, Scored
 
-NINETY = 1.6448536269514722  # half-width of the 90 % interval of a normal distribution, in σ
+ROWS = 4096  # planning points at a time: what may be missing has dozens of columns
 NONE = 1e-4  # of the mean: a smaller difference is rounding of the smoothing, not a gain
 
 
@@ -51,6 +53,8 @@ class Spread:
         """Args: position (M, 3) m of the TCP in base_link."""
         grid, everywhere = stiffness.grid, np.arange(len(position))
         constant = np.full((6, 6), np.nan) if stiffness.covariance is None else stiffness.covariance
+        if stiffness.discrepancy is not None:  # says it all, joints included
+            constant = np.zeros((6, 6))
         if grid is None:
             return cls(constant[None], everywhere, np.zeros(len(position), np.int64), np.ones((len(position), 6)))
         cells = np.full((len(grid.joints), 6, 6), np.nan)
@@ -136,6 +140,26 @@ def spread_of(plan: Plan) -> Spread:
     return Spread.of(plan.setup.elasticity.stiffness, plan.setup.arm.places(plan.path.external, programmed))
 
 
+@dataclass(frozen=True)
+class Cost:
+    """A cost, or a mean of costs, with how it follows what is not known."""
+
+    value: Any  # (...,)
+    by_springs: Array  # of a mean (B, 6); of points (P, 6) by the point's own compliances
+    by_doubt: Array | None  # (..., 1 + R), None where the file holds no discrepancy
+    own: Any = 0.0  # (...,) 1 σ by what poses have for themselves
+
+    def times(self, share: float) -> Cost:
+        """A share of it."""
+        by_doubt = None if self.by_doubt is None else share * self.by_doubt
+        return Cost(share * self.value, share * self.by_springs, by_doubt, share * self.own)
+
+    def plus(self, more: Cost) -> Cost:
+        """The sum of two, both of which rest on the same stiffness."""
+        by_doubt = None if self.by_doubt is None or more.by_doubt is None else self.by_doubt + more.by_doubt
+        return Cost(self.value + more.value, self.by_springs + more.by_springs, by_doubt, self.own + more.own)
+
+
 def gains(plan: Plan) -> tuple[Gain, ...]:
     """Gain of the chosen path over the CAM's default rotation and over jiao2022, with its uncertainty."""
     spread = spread_of(plan.parts[0].plan if plan.parts else plan)  # of the same compliances everywhere
@@ -150,34 +174,81 @@ def gains(plan: Plan) -> tuple[Gain, ...]:
         if own is None or other is None:
             out.append(Gain(name, float("nan"), float("nan")))
             continue
-        (a, ga), (b, gb) = own, other
-        std = spread.std(-ga / b + a / b**2 * gb) if spread.known else float("nan")
-        out.append(Gain(name, 1.0 - a / b, std))
+        parted = apart(plan.chosen.assignment.q, yardstick(plan).assignment.q, plan.path.weight)
+        out.append(Gain(name, 1.0 - own.value / other.value, _gain_std(own, other, spread, parted)))
     return tuple(out)
 
 
-def _whole_mean(plan: Plan, of: Callable[[Plan], Scored]) -> tuple[float, Array] | None:
+def _whole_mean(plan: Plan, of: Callable[[Plan], Scored]) -> Cost | None:
     """:func:`_mean` of a whole job: of its stretches by their shares of the length cut."""
     if not plan.parts:
         return _mean(plan, of(plan), plan.path.weight, spread_of(plan))
-    total, gradient = 0.0, np.zeros(())
+    total: Cost | None = None
     for part in plan.parts:
         if not part.plan.path.counted.any():
             continue
         found = _mean(part.plan, of(part.plan), part.plan.path.weight, spread_of(part.plan))
         if found is None:
             return None
-        total, gradient = total + part.share * found[0], gradient + part.share * found[1]
-    return (total, gradient) if total > 0 else None
+        total = found.times(part.share) if total is None else total.plus(found.times(part.share))
+    return total
 
 
-def _mean(plan: Plan, scored: Scored, weight: Array, spread: Spread) -> tuple[float, Array] | None:
-    """Mean cost by ``weight`` (P,), and its gradient (B, 6); None where it cannot be driven in or near the part."""
+def _gain_std(own: Cost, other: Cost, spread: Spread, parted: float) -> float:
+    """``parted``: share of the variance of ``own`` that the two do not have in common."""
+    if not spread.known:
+        return float("nan")
+    a, b = own.value, other.value
+    by_springs = spread.std(-own.by_springs / b + a / b**2 * other.by_springs)
+    if own.by_doubt is None or other.by_doubt is None:
+        return by_springs
+    ma, mb = own.by_doubt, other.by_doubt
+    there, here = max(a + ma[0], 0.0), max(b + mb[0], 0.1 * b)  # means where the misfit is counted in
+    ways = -ma / here + there / here**2 * mb
+    ways[0] = (1.0 - there / here) - (1.0 - a / b)
+    alone = parted * (own.own**2 + (there / here * other.own) ** 2) / here**2
+    return float(told_std(ways, by_springs**2 + alone))
+
+
+def bends(plan: Plan) -> tuple[float, Array]:
+    """1 σ of the mean cost along the cut, and (P,) of each planning point's; NaN where the file does not say."""
+    spread = spread_of(plan)
+    points = _points(plan, plan.chosen)
+    if not spread.known:
+        return float("nan"), np.full(len(plan.path.index), np.nan)
+    w = plan.path.weight
+    mean, each = spread.std(spread.gradient(w, points.by_springs)), spread.point_std(points.by_springs)
+    if points.by_doubt is None:
+        return mean, each
+    whole = float(told_std(w @ points.by_doubt, mean**2 + float(w @ points.own) ** 2))
+    return whole, told_std(points.by_doubt, each**2 + points.own**2)
+
+
+def _mean(plan: Plan, scored: Scored, weight: Array, spread: Spread) -> Cost | None:
+    """Mean cost by ``weight`` (P,); None where it cannot be driven in or near the part."""
     rows = np.flatnonzero(plan.path.counted)
     if not len(rows) or (scored.assignment.reason[plan.path.may_touch] != Reason.OK).any():
         return None
-    gradient = np.zeros((len(plan.path.index), 6))
-    q = scored.assignment.q[rows]
-    gradient[rows] = cost_gradient(plan.setup.elasticity, plan.directions, rows, q, plan.scores.index)
+    points = _points(plan, scored)
     mean = float(weight[rows] @ scored.cost[rows])
-    return (mean, spread.gradient(weight, gradient)) if mean > 0 else None
+    if not mean > 0:
+        return None
+    by_doubt = None if points.by_doubt is None else weight @ points.by_doubt
+    return Cost(mean, spread.gradient(weight, points.by_springs), by_doubt, float(weight @ points.own))
+
+
+def _points(plan: Plan, scored: Scored) -> Cost:
+    """Cost of each planning point that is cut, zero elsewhere."""
+    P, index = len(plan.path.index), plan.scores.index
+    rows = np.flatnonzero(plan.path.counted & (scored.assignment.reason == Reason.OK))
+    elasticity, doubt = plan.setup.elasticity, doubt_of(plan.setup)
+    by_springs, own = np.zeros((P, 6)), np.zeros(P)
+    by_doubt = None if doubt is None else np.zeros((P, len(doubt.ways)))
+    for first in range(0, len(rows), ROWS):
+        some = rows[first : first + ROWS]
+        q = scored.assignment.q[some]
+        by_springs[some] = cost_gradient(elasticity, plan.directions, some, q, index)
+        if doubt is not None and by_doubt is not None:
+            by_doubt[some] = doubt.cost(elasticity, plan.directions, some, q, index)
+            own[some] = doubt.own(plan.directions, some, index)
+    return Cost(scored.cost, by_springs, by_doubt, own)

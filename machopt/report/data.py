@@ -47,6 +47,9 @@ class Shift:
     mean: float  # m, over the length cut
     left_worst: float  # m, predicted distance of the bent tool from the programmed path
     left_mean: float  # m
+    left_worst90: tuple[float, float] | None = None  # m, 90 % intervals; None where the stiffness's error is unknown
+    left_mean90: tuple[float, float] | None = None
+    removed90: tuple[float, float] | None = None  # share of the mean deflection
 
 
 @dataclass(frozen=True)
@@ -98,6 +101,7 @@ class Summary:
     nearest_miss: float = float("nan")  # m
     nearest_pair: str = ""  # e.g. "link5 – fixture"
     nearest_point: int = -1
+    misfit: str = ""  # a sentence where the stiffness is known to miss its own readings
     note: str = ""  # one further sentence for the verdict
     unchecked: tuple[str, ...] = ()  # what was switched off or left out, in the words of the verdict
 

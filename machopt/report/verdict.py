@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 from machopt.domain.manifest import with_scope
-from machopt.report.data import Gain, ReportData, Summary
+from machopt.report.data import Gain, ReportData, Shift, Summary
 from machopt.report.display import FINE_LENGTH, LENGTH, QUANTITY, SHARE, TIME, WORDS
 
 
@@ -71,7 +71,7 @@ def verdict(data: ReportData) -> Verdict:
         return Verdict(with_scope("VERIFICATION FAILED: DO NOT RUN", s.unchecked), "bad", sentence, _cautions(data))
     if s.verification == "not run":
         return Verdict(with_scope("NOT VERIFIED", s.unchecked), "warn", sentence, _cautions(data))
-    tone = "warn" if s.infeasible_points or s.unchecked else ""
+    tone = "warn" if s.infeasible_points or s.unchecked or s.misfit else ""
     return Verdict(with_scope("VERIFIED", s.unchecked), tone, sentence, _cautions(data))
 
 
@@ -100,7 +100,9 @@ def cards(data: ReportData) -> list[Card]:
             more = f"CAM default {unit.text(default)}" if math.isfinite(default) else "CAM default not feasible"
             out.append(Card(name, unit.text(chosen), unit.name, more))
     if s.shift is not None:
-        left = f"mean {FINE_LENGTH.text(s.shift.mean)}, leaves {_at_least(s.shift.left_mean)} on average"
+        leaves = s.shift.left_mean if s.shift.left_mean90 is None else s.shift.left_mean90[1]
+        upto = "" if s.shift.left_mean90 is None else "up to "
+        left = f"mean {FINE_LENGTH.text(s.shift.mean)}, leaves {upto}{_at_least(leaves)} on average"
         out.append(Card("compensated by up to", FINE_LENGTH.text(s.shift.worst), "mm", left))
     if s.certificate is not None:
         c = s.certificate
@@ -197,15 +199,26 @@ def _mean_words(s: Summary) -> str:
     if s.shift is not None:
         words.append(
             f"the commanded path is shifted by up to {FINE_LENGTH.text(s.shift.worst, unit=True)} against the "
-            f"predicted deflection, which leaves {_at_least(s.shift.left_mean)} on average and "
-            f"{_at_least(s.shift.left_worst)} at worst"
+            f"predicted deflection, {_left_words(s.shift)}"
         )
     return "; ".join(words)
 
 
+def _left_words(shift: Shift) -> str:
+    """What a shift leaves: with its interval, where the model's own error is known, and never less than that."""
+    if shift.left_mean90 is None or shift.left_worst90 is None or shift.removed90 is None:
+        return f"which leaves {_at_least(shift.left_mean)} on average and {_at_least(shift.left_worst)} at worst"
+    mean, worst = (f"{FINE_LENGTH.text(a)} to {_at_least(b)}" for a, b in (shift.left_mean90, shift.left_worst90))
+    low, high = (100.0 * v for v in shift.removed90)
+    return (
+        f"which removes {low:.0f} to {high:.0f} % of it and leaves {mean} on average and {worst} at worst (90 %, by "
+        "what is known of the stiffness)"
+    ).replace("-", "−")
+
+
 def _cautions(data: ReportData) -> tuple[str, ...]:
     s = data.summary
-    out = []
+    out = [s.misfit] if s.misfit and s.outcome != "infeasible" else []
     gain = relative_gain(s.worst_default, s.worst_chosen)
     if s.outcome != "infeasible" and math.isfinite(gain):
         better = gain if WORDS[s.quantity].large_is_good else -gain

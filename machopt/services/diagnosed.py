@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from machopt.diagnose import engine, userterms
 from machopt.diagnose.asked import Request, check
+from machopt.diagnose.doubt import with_doubt
 from machopt.diagnose.extended import beside, stiffness_of
 from machopt.diagnose.problem import Problem
 from machopt.diagnose.result import Diagnosis
@@ -69,6 +70,9 @@ def diagnosed(request: Request, own: tuple[Own, ...], progress: Progress, cell: 
     else:
         found = at_rest(cell, recording, options, laws, accept=request.accept, seed=request.seed)
     made = stiffness_of(cell, found.diagnosis)
+    if not moving:
+        progress("what the model may still lack")
+    made = replace(made, after=with_doubt(cell, found, made.after))
     d = beside(replace(found.diagnosis, warnings=(*cell.warnings, *found.diagnosis.warnings)), made)
     if request.toolpath is not None and made.after is not None and made.before is not None:
         progress("what it changes for the toolpath")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,17 +11,19 @@ import numpy as np
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
 from machopt.domain.results.identification import IdentificationResult
+from machopt.domain.stiffness import Discrepancy
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.recording import load_recording, load_recordings
 from machopt.formats.termtext import term_from_text
 from machopt.identify.asked import Request, check, options_of
+from machopt.identify.discrepancy import of_identified
 from machopt.identify.experiment import Experiment, experiment
 from machopt.identify.pipeline import identify
 from machopt.identify.result import Identification
 from machopt.identify.told import result_of
 from machopt.model.linkage import refuse_linked
-from machopt.model.robot import load_masses, load_robot
+from machopt.model.robot import Robot, load_masses, load_robot
 from machopt.model.terms import compile_terms
 from machopt.services.inputs import input_hashes
 
@@ -62,8 +64,17 @@ def identified(request: Request, progress: Callable[[str], None], cell: Cell | N
     progress("identifying")
     random = np.random.default_rng(options.seed)
     found = identify(tests, robot, cell.tool.T_flange_tcp, cell.stiffness, options, random, masses)
+    found = replace(found, stiffness=replace(found.stiffness, discrepancy=_misfit(cell, robot, tests, found)))
     result = result_of(request, cell, recording, found, input_hashes(cell, request.recordings))
     return Identified(request, cell, recording, tests, found, result)
+
+
+def _misfit(cell: Cell, robot: Robot, tests: Experiment, found: Identification) -> Discrepancy | None:
+    try:
+        masses = load_masses(cell)
+    except InputError:  # without weight
+        masses = None
+    return of_identified(found.fit, tests, robot, cell.tool.T_flange_tcp, found.stiffness, masses)
 
 
 def _recording(paths: tuple[Path, ...]) -> Recording:

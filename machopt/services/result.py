@@ -54,7 +54,7 @@ def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> told.Optim
         front=tuple(told.FrontPlan.from_fields(p) for p in made.front) or None,
         tools=tools_told(the_plan, [s.stint for s in made.stints]),
         worst_point=worst_told(the_plan, points),
-        compensation=compensation_told(the_plan) if trajectory is not None else None,
+        compensation=compensation_told(the_plan, toolpath) if trajectory is not None else None,
         infeasible_points=tuple(infeasible_told(the_plan, points)),
         breaks=tuple(break_told(b) for b in all_breaks(the_plan, stopped)),
         cycle_time_s=float(trajectory.time[-1]) if trajectory else None,

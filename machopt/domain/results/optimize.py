@@ -99,8 +99,20 @@ class WorstPoint(Part):
     q_deg: Numbers
 
 
+class Removed(Part):
+    """How much of the mean deflection a compensation removes; intervals null where no uncertainty is known."""
+
+    operation: Text
+    removed_percent: Number
+    removed_ci90_percent: tuple[Number, Number] | None
+    residual_mean_mm: Number
+    residual_mean_ci90_mm: tuple[Number, Number] | None
+    residual_max_mm: Number
+    residual_max_ci90_mm: tuple[Number, Number] | None
+
+
 class CompensationTold(Part):
-    """The shift and what it is predicted to leave."""
+    """The shift and what it is predicted to leave: by the model, and with what is known of the model's error."""
 
     length_mm: Known
     max_mm: Number
@@ -108,6 +120,8 @@ class CompensationTold(Part):
     uncompensated_mean_mm: Number
     residual_max_mm: Number
     residual_mean_mm: Number
+    removed: Removed | None
+    operations: tuple[Removed, ...]
 
 
 class InfeasiblePoint(Part):

@@ -15,11 +15,12 @@ from machopt.formats.options import without_effect
 from machopt.plan.breaks import place
 from machopt.plan.certificate import certificate
 from machopt.plan.compensate import residual
-from machopt.plan.explain import all_breaks, gamma, help_of, hints, shortfall_of
+from machopt.plan.explain import all_breaks, gamma, help_of, hints, misfit_words, shortfall_of
 from machopt.plan.front import Point
 from machopt.plan.mapped import Mapped, mapped
 from machopt.plan.pipeline import Plan, Scored
 from machopt.plan.points import PointResults, reason_of
+from machopt.plan.removal import removals
 from machopt.plan.retime import Dip
 from machopt.plan.timeline import Timeline
 from machopt.plan.uncertainty import gains
@@ -74,7 +75,9 @@ def report_data(
     quantity: page.Quantity = index if index in ("deflection", "stiffness") else "index"
     series = {name: _shown(plan, s) for name, s in _assignments(plan)}
     s = cut_length(toolpath, plan.path.counted[points.rows])
-    summary = replace(_summary(plan, points, timeline, verification, quantity, float(s[-1])), unchecked=unchecked)
+    shift = _shift(plan, toolpath)
+    summary = _summary(plan, points, timeline, verification, quantity, float(s[-1]), shift)
+    summary = replace(summary, unchecked=unchecked)
     infeasible = tuple(
         page.InfeasiblePoint(
             point=round(plan.path.index[p]),
@@ -166,6 +169,7 @@ def _summary(
     verification: Verification | None,
     quantity: page.Quantity,
     length: float,
+    shift: page.Shift | None,
 ) -> page.Summary:
     figures = {name: _figures(plan, scored) for name, scored in _assignments(plan)}
     clearance = points.table.clearance
@@ -199,8 +203,9 @@ def _summary(
             for g in gains(plan)
             if g.over != plan.chosen_from
         ),
-        shift=_shift(plan) if feasible else None,
+        shift=shift if feasible else None,
         certificate=_certificate(plan),
+        misfit=misfit_words(plan),
     )
 
 
@@ -209,9 +214,15 @@ def _certificate(plan: Plan) -> page.Certificate | None:
     return None if found is None else page.Certificate(found.objective, found.bound, found.gap, found.beyond)
 
 
-def _shift(plan: Plan) -> page.Shift | None:
+def _shift(plan: Plan, toolpath: Toolpath) -> page.Shift | None:
     found = residual(plan)
-    return None if found is None else page.Shift(found.shift_worst, found.shift_mean, found.worst, found.mean)
+    if found is None:
+        return None
+    out = page.Shift(found.shift_worst, found.shift_mean, found.worst, found.mean)
+    whole = removals(plan, toolpath.operation, tuple(o.label for o in toolpath.operations))[:1]
+    for r in whole:
+        out = replace(out, left_worst90=r.worst90, left_mean90=r.left90, removed90=r.removed90)
+    return out
 
 
 def _figures(plan: Plan, scored: Scored) -> tuple[float, float]:

@@ -1,0 +1,265 @@
+"""Closed loops: what machopt says of a job against what the hidden arm does.
+
+``python benchmarks/loop/run.py --set dev --arms 4 --jobs mill,drill [--diagnose] [--json loops.json]``
+
+One loop, as a customer goes: the cell with the maker's springs; load tests by ``plan-poses``; ``identify`` (and
+``diagnose`` with ``--diagnose``); ``optimize`` with the stiffness that came out, without and with compensation. Then
+the arm itself drives the plan: its true deflection at every planning point that is cut. Compared are
+
+gain         the stated 90 % interval of the gain over the CAM's rotation against the true gain
+deflection   the mean along the cut, and the worst point: the stated 90 % interval against the truth
+removed      the share of the mean error that compensation removes, said and true, and its 90 % interval
+
+Services are called in process, as the command line does; plans are not retimed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import lab
+import numpy as np
+import robots
+import tables
+
+from machopt.design.asked import Request as PosesRequest
+from machopt.diagnose.asked import Request as DiagnoseRequest
+from machopt.domain.options import PlanOptions, ProcessForce
+from machopt.domain.stiffness import Stiffness
+from machopt.formats.cell import load_cell
+from machopt.formats.stiffness import load_stiffness, write_stiffness
+from machopt.formats.toolpath import read_toolpath
+from machopt.identify.asked import Request as IdentifyRequest
+from machopt.plan.pipeline import Plan, plan
+from machopt.plan.refine import compensate
+from machopt.plan.removal import removals
+from machopt.plan.uncertainty import NINETY, bends, gains
+from machopt.services.diagnosed import diagnosed
+from machopt.services.identified import identified
+from machopt.services.poses_planned import planned
+
+JOBS = ("mill", "drill")
+POSES, CYCLES = 18, 2
+STEPS = (0.4, 1.0)  # of each planned load: weights are put on one after the other
+
+
+def silent(_: str) -> None:
+    """No progress."""
+
+
+def cell_of(h: lab.Hidden, folder: Path, stiffness: Stiffness | None = None) -> Path:
+    """The customer's cell; CAM coordinates are those of the base."""
+    robots.write_cell(h.nominal, folder)
+    text = (folder / "cell.yaml").read_text(encoding="utf-8").replace("xyz_mm: [1500, 0, 500]", "xyz_mm: [0, 0, 0]")
+    (folder / "cell.yaml").write_text(text, encoding="utf-8")
+    if stiffness is not None:
+        write_stiffness(folder / "stiffness.yaml", stiffness)
+        load_stiffness(folder / "stiffness.yaml")
+    return folder / "cell.yaml"
+
+
+def job(h: lab.Hidden, kind: str, rng: np.random.Generator, folder: Path) -> tuple[Path, ProcessForce]:
+    """About 60 points around the home pose, gamma = 0 at its rotation; a force a third to all of a load test's."""
+    at, R = (x[0] for x in h.tip(h.nominal.home[None]))
+    axis, across, along = -R[:, 2], R[:, 1], R[:, 0]
+    size = 0.12 * h.nominal.reach()
+    rows = []
+    head = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation,rx,ry,rz"
+    tail = ",".join(f"{v:.9f}" for v in along)
+
+    def row(p: np.ndarray, move: str, label: str) -> None:
+        place = ",".join(f"{v:.6f}" for v in (*(1e3 * p), *axis))
+        rows.append(f"{place},{move},600,{label},{tail}")
+
+    if kind == "mill":
+        for k, s in enumerate(np.linspace(-1.0, 1.0, 60)):
+            p = at + size * (s * along + 0.4 * np.cos(2.5 * s) * across)
+            row(p, "rapid" if k == 0 else "cut", "contour")
+    else:
+        for k, (a, b) in enumerate(np.stack(np.meshgrid(np.linspace(-1, 1, 5), [-0.6, 0.0, 0.6]), -1).reshape(-1, 2)):
+            p = at + size * (a * along + b * across)
+            row(p + 0.02 * axis, "rapid", f"hole {k + 1}")
+            row(p, "cut", f"hole {k + 1}")
+            row(p + 0.02 * axis, "retract", f"hole {k + 1}")
+    path = folder / f"{kind}.csv"
+    path.write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+    force = lab.test_force(h.nominal) * rng.uniform(0.3, 1.0)
+    if kind == "drill":
+        return path, ProcessForce(axial=force)
+    way = rng.normal(size=3)
+    way[2] = abs(way[2])
+    way *= force / np.linalg.norm(way)
+    return path, ProcessForce(*(float(v) for v in way))
+
+
+def driven(h: lab.Hidden, p: Plan, q: np.ndarray) -> np.ndarray:
+    """(P, 3) m: the arm's own deflection at planning points under the plan's force; zero where nothing is cut."""
+    out = np.zeros((len(q), 3))
+    rows = np.flatnonzero(p.path.counted & np.isfinite(q).all(axis=1))
+    force = p.directions.force[rows]
+    out[rows] = h.moves(q[rows], np.concatenate([force, np.zeros_like(force)], axis=1))
+    return out
+
+
+def loop(h: lab.Hidden, cell_file: Path, path: Path, force: ProcessForce) -> dict[str, Any] | None:
+    """One plan, said against true."""
+    cell = load_cell(cell_file)
+    toolpath = read_toolpath(path)
+    options = PlanOptions(index="deflection", force=force, collision=False)
+    found = plan(cell, toolpath, options)
+    gain = gains(found)[0]
+    if not np.isfinite(gain.mean) or len(found.missing):
+        return None
+    w = found.path.weight
+    bent = driven(h, found, found.chosen.assignment.q)
+    other = driven(h, found, found.cam_default.assignment.q)
+    size, beside = np.linalg.norm(bent, axis=1), np.linalg.norm(other, axis=1)
+    said = np.where(found.path.counted, found.chosen.cost, 0.0)
+    out: dict[str, Any] = {
+        "gain": {"said": gain.mean, "std": gain.std, "true": 1.0 - float(w @ size) / float(w @ beside)},
+        "mean": {"said": float(w @ said), "true": float(w @ size)},
+    }
+    out["mean"]["std"], stds = bends(found)
+    worst = int(np.argmax(said))
+    out["worst"] = {"said": float(said[worst]), "std": float(stds[worst]), "true": float(size[worst])}
+    shifted = compensate(found, toolpath)
+    if not len(shifted.missing) and shifted.compensation is not None:
+        from machopt.plan.compensate import residual
+
+        told = residual(shifted)
+        d = driven(h, shifted, shifted.chosen.assignment.q)
+        v = shifted.path.weight
+        left = np.linalg.norm(shifted.compensation.offset + d, axis=1)
+        assert told is not None
+        out["removed"] = {
+            "said": 1.0 - told.mean / told.uncompensated,
+            "true": 1.0 - float(v @ left) / float(v @ np.linalg.norm(d, axis=1)),
+            "worst_said": told.worst,
+            "worst_true": float(left[shifted.path.counted].max()),
+        }
+        sure = removals(shifted, toolpath.operation, tuple(o.label for o in toolpath.operations))[0]
+        out["removed"] |= {"ci90": sure.removed90, "worst90": sure.worst90}
+    return out
+
+
+def measure(h: lab.Hidden, maker: Path, folder: Path, rng: np.random.Generator) -> None:
+    """Load tests by plan-poses, into folder/recording."""
+    pull = lab.test_force(h.nominal)
+    request = PosesRequest(
+        maker, folder / "poses", poses=POSES, loads=3, cycles=CYCLES, pull_N=(0.5 * pull, pull), candidates=400,
+        starts=1, floor_mm=-5000.0, ceiling_mm=9000.0, arms_mm=(0.0,), no_collision=True, target_percent=None,
+        max_nu_p=0.5, max_nu_r_deg=5.0,
+    )  # fmt: skip
+    tests = planned(request, silent).table
+    assert tests is not None
+    steps = np.array(STEPS)
+    labels = {k: np.repeat(getattr(tests, k), len(steps)) for k in ("pose", "cycle", "session")}
+    wrench = (tests.wrench[:, None, :] * steps[:, None]).reshape(-1, 6)
+    q = np.repeat(tests.q, len(steps), axis=0)
+    tables.write(lab.measured(h, q, wrench, labels, rng), folder / "recording")
+
+
+def loops(kind: str, seed: int, jobs: tuple[str, ...], diagnose: bool, folder: Path) -> list[dict[str, Any]]:
+    """Everything of one arm."""
+    h = lab.hidden(kind, seed)
+    rng, work = np.random.default_rng([seed, 1]), np.random.default_rng([seed, 2])
+    maker = cell_of(h, folder / "maker")
+    if not (folder / "recording").exists():
+        measure(h, maker, folder, rng)
+
+    models: dict[str, Stiffness] = {}
+    ask = IdentifyRequest(maker, (folder / "recording",), folder / "identified", studies=False)
+    models["identify"] = identified(ask, silent).identification.stiffness
+    verdict = ""
+    if diagnose:
+        found = diagnosed(DiagnoseRequest(maker, (folder / "recording",), folder / "diagnosed"), (), silent)
+        verdict = (
+            found.diagnosis.verdict + ": " + "; ".join(f"{f.effect} {f.location}" for f in found.diagnosis.findings)
+        )
+        if found.model is not None:
+            models["diagnose"] = found.model
+    out = []
+    for name in jobs:
+        path, force = job(h, name, work, folder)
+        for by, stiffness in models.items():
+            cell_file = cell_of(h, folder / by, stiffness)
+            result = loop(h, cell_file, path, force)
+            if result is not None:
+                head = {"arm": h.nominal.name, "seed": seed, "kind": kind, "job": name, "by": by, "concealed": h.told}
+                out.append(head | ({"verdict": verdict} if by == "diagnose" else {}) | result)
+    return out
+
+
+def holds(part: dict[str, Any]) -> bool | None:
+    """Whether a stated 90 % interval holds the truth; None: none is stated."""
+    if not np.isfinite(part.get("std", np.nan)):
+        return None
+    return bool(abs(part["true"] - part["said"]) <= NINETY * part["std"])
+
+
+def line(r: dict[str, Any]) -> str:
+    """One loop on one line."""
+    g, m, c = r["gain"], r["mean"], r.get("removed")
+    words = f"{r['kind']:7s} {r['arm']:10s} {r['seed']:6d} {r['job']:5s} {r['by']:8s} "
+    words += f"gain {100 * g['said']:5.1f} ± {100 * g['std']:4.1f} true {100 * g['true']:5.1f} %  "
+    words += f"mean {1e3 * m['said']:.3f} ± {1e3 * m['std']:.3f} true {1e3 * m['true']:.3f} mm  "
+    if c is not None:
+        words += f"removed {100 * c['said']:5.1f}"
+        if c["ci90"] is not None:
+            words += " [{:.1f}, {:.1f}]".format(*(100 * v for v in c["ci90"]))
+        words += f" true {100 * c['true']:5.1f} %"
+    return words + (f"  {r['verdict']}" if "verdict" in r else "")
+
+
+def table(results: list[dict[str, Any]]) -> str:
+    """Coverage with counts, by kind and model."""
+    out = [f"{'kind':8s} {'by':8s} {'loops':>5s}  gain held  mean held  worst held  removed held  (stated 90 %)"]
+    keys = sorted({(r["kind"], r["by"]) for r in results})
+    for kind, by in [*keys, *(("all", b) for b in sorted({k[1] for k in keys}))]:
+        mine = [r for r in results if kind in (r["kind"], "all") and r["by"] == by]
+        cells = []
+        for what in ("gain", "mean", "worst"):
+            known = [h for h in (holds(r[what]) for r in mine) if h is not None]
+            cells.append(f"{sum(known)}/{len(known)}")
+        told = [r["removed"] for r in mine if r.get("removed", {}).get("ci90")]
+        held = sum(c["ci90"][0] <= c["true"] <= c["ci90"][1] for c in told)
+        cells.append(f"{held}/{len(told)}")
+        out.append(f"{kind:8s} {by:8s} {len(mine):5d}  " + "  ".join(f"{c:>9s}" for c in cells))
+    return "\n".join(out)
+
+
+def main() -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--set", choices=sorted(lab.SETS), default="dev")
+    parser.add_argument("--arms", type=int, default=4, help="of each kind")
+    parser.add_argument("--first", type=int, default=0, help="number of the first arm")
+    parser.add_argument("--kinds", default=",".join(lab.KINDS))
+    parser.add_argument("--jobs", default=",".join(JOBS))
+    parser.add_argument("--diagnose", action="store_true", help="also with the stiffness that diagnose writes")
+    parser.add_argument("--work", type=Path, help="folder for cells and recordings, which are taken up again")
+    parser.add_argument("--json", type=Path)
+    asked = parser.parse_args()
+    results: list[dict[str, Any]] = []
+    for kind in asked.kinds.split(","):
+        for n in range(asked.first, asked.first + asked.arms):
+            with tempfile.TemporaryDirectory() as temporary:
+                seed = lab.SETS[asked.set] + n
+                folder = Path(temporary) if asked.work is None else asked.work / f"{kind}-{seed}"
+                some = loops(kind, seed, tuple(asked.jobs.split(",")), asked.diagnose, folder)
+            for r in some:
+                print(line(r), flush=True)
+            results += some
+    print(table(results))
+    if asked.json is not None:
+        asked.json.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,262 @@
+"""What a stiffness leaves on poses it has not seen, as an uncertainty of what it may lack.
+
+The readings less the model, r, are held against the springs' errors and everything that may be missing
+(:mod:`machopt.model.suspects`):
+
+    r = A x + B u + e,   x free,   u ~ N(0, Λ),   Λ = (λ · size)²
+
+λ, one for what is elastic and one for gears whose softness depends on the load, is found by restricted maximum
+likelihood (Patterson & Thompson 1971), e from replicates beside all columns at once; both are weighed over a grid of λ
+(Kennedy & O'Hagan 2001 call such a part discrepancy; here it is no process over space but over the machine's own
+interfaces, so that two rotations of one job share what they really share). What is known of (x, u) afterwards, mean μ
+and covariance S, is what stiffness.yaml takes on: the file's numbers stay those of the model, and everything that is
+predicted from them is uncertain by μ and S.
+
+Two things keep S honest where the suspects are no exact law of what is missing: the readings' part of it is cluster-
+robust (one cluster a pose, as in :mod:`machopt.identify.uncertainty`, where that is larger), and what regions of
+poses that are left out show beyond S and noise counts as ``local``, a compliance that any other pose has for itself.
+
+Where springs explain the readings (twice the log-likelihood rises by less than CERTAIN) no suspect stays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.arrays import Array
+from machopt.domain.stiffness import Discrepancy, Stiffness
+from machopt.identify.clusters import Clusters, Components, Normal, normal, sums
+from machopt.identify.components import components
+from machopt.identify.experiment import Experiment
+from machopt.identify.fit import Fit
+from machopt.model.elastic import ArmElasticity
+from machopt.model.robot import ArmState, Masses, Robot
+from machopt.model.suspects import LOADED, Suspects, elastic_names, gear_names, scales
+
+JOINTS = 6
+GRID = np.concatenate([[0.0], np.logspace(-2.5, 0.5, 13)])  # λ; 1: as soft as the joints beside it
+CERTAIN = 8.0  # twice the log-likelihood; χ² of two bounded components passes 6 in one of fifty
+UNKNOWN = 1.0  # 1 sigma of a joint's compliance that no reading shows, as a share of the file's
+FREE = 3.0  # the same of a coefficient that was found: next to nothing is known before
+KEPT = 1e-3  # of the variance over the readings' poses that the modes left out may have
+ENOUGH = 3.0  # equations per column, from which replicates are judged beside all columns
+BLOCKS = 4  # regions along either direction
+LEAST_WEIGHT = 1e-3  # of a λ beside the best
+
+
+Found = tuple[float, NDArray[np.intp], Array, float]  # log-likelihood, columns in use, their precision, λ
+
+
+@dataclass(frozen=True)
+class Readings:
+    """What a model left of a recording."""
+
+    residual: Array  # (N, D) m, rad
+    wrench: Array  # (N, 6)
+    clusters: Clusters
+    precision: Array  # (C, N, 3, 3) inverse covariance of each reading's own error
+    robust: Array  # (N, D) in [0, 1]
+    components: tuple[Components, ...]  # found beside the springs alone
+    stated: tuple[bool, ...]  # one a channel
+
+
+def discrepancy(suspects: Suspects, state: ArmState, k: Array, readings: Readings) -> Discrepancy | None:
+    """What a model may lack; None where readings say nothing against it and nothing about it.
+
+    Args:
+        suspects: its ``names`` are those of the model's own coefficients.
+        state: ArmState of the readings, with bodies.
+        k: (6,) N·m/rad of the model.
+        readings: what it left.
+    """
+    own = len(suspects.names)
+    more = (*elastic_names(), *gear_names(), *([LOADED] if suspects.masses is not None else []))
+    whole = replace(suspects, names=(*suspects.names, *more))
+    N, D = readings.residual.shape
+    Z = whole.response(state, np.broadcast_to(k, (N, 6)), readings.wrench)[:, :D]
+    size = scales(whole, state, k, more)
+    unit = np.concatenate([_unit(suspects, k), size])
+    Z = Z * unit
+    group = np.array([0] * own + [{True: 2}.get(n in gear_names(), 3 if n == LOADED else 1) for n in more])
+    equations, noise, scatter = _equations(Z, readings)
+    H, h = equations.total()
+    best: list[Found] = []
+    for loaded in (0.0, 1.0)[: 2 if LOADED in more else 1]:
+        for elastic, gears in product(GRID, GRID):
+            spread = np.array([UNKNOWN, elastic, gears, loaded])[group]
+            use = np.flatnonzero(spread > 0)
+            P = H[np.ix_(use, use)] + np.diag(spread[use] ** -2.0)
+            L = np.linalg.cholesky(P)
+            half = np.linalg.solve(L, h[use])
+            likelihood = -float(np.log(np.diag(L)).sum() + np.log(spread[use]).sum()) + 0.5 * float(half @ half)
+            best.append((likelihood, use, P, elastic + gears))
+    springs = [b for b in best if b[3] == 0.0]  # by themselves, and with the load's own doing
+    plain = springs[-1] if 2.0 * (springs[-1][0] - springs[0][0]) > CERTAIN else springs[0]
+    if 2.0 * (max(b[0] for b in best) - max(b[0] for b in springs)) < CERTAIN:
+        best = [plain]
+        if plain is springs[0] and own == JOINTS:  # their covariance says how sure they are
+            return None
+    top = max(b[0] for b in best)
+    near = [b for b in best if b[0] > top + np.log(LEAST_WEIGHT)]
+    share = np.exp(np.array([b[0] for b in near]) - top)
+    share /= share.sum()
+    mean, second = np.zeros(len(h)), np.zeros_like(H)
+    for w, (_, use, P, _) in zip(share, near, strict=True):
+        S = np.linalg.inv(P)
+        x = np.zeros(len(h))
+        x[use] = S @ h[use]
+        mean += w * x
+        second[np.ix_(use, use)] += w * _robust(equations, use, S, x)
+        second += w * np.outer(x, x)
+    covariance = second - np.outer(mean, mean)
+    modes = _modes(covariance, H + 1e-12 * np.trace(H) * np.eye(len(H)))
+    keep = np.abs(covariance).sum(axis=0) > 0
+    misfit = bool(max(best, key=lambda b: b[0])[3] > 0)
+    left = readings.residual[:, :3][readings.robust[:, :3] > 0.5]
+    return Discrepancy(
+        parts=tuple(n for n, used in zip(whole.names, keep, strict=True) if used),
+        torque=suspects.torque,
+        shift=(mean * unit)[keep],
+        modes=(modes * unit)[:, keep],
+        left=float(np.sqrt(np.mean(left**2))) if left.size else 0.0,
+        noise=noise,
+        misfit=misfit,
+        local=_local(Z, state.q, readings, equations, max(best, key=lambda b: b[0])[1:3], scatter) if misfit else 0.0,
+    )
+
+
+def _unit(suspects: Suspects, k: Array) -> Array:
+    """(P,) 1 sigma of the model's own coefficients before the readings are asked; zero for one that is zero."""
+    c = 1.0 / np.asarray(k, float)
+    out = []
+    for name in suspects.names:
+        word, _, rest = name.partition(" ")
+        if word == "joint":
+            out.append(c[int(rest) - 1])
+        else:
+            n, p = (int(part) for part in rest.split())
+            out.append(FREE * abs(float(suspects.terms[n].values[p])))
+    return np.array(out)
+
+
+def _robust(equations: Normal, use: NDArray[np.intp], S: Array, x: Array) -> Array:
+    """S with the readings' part of it by the scatter of the poses' scores, where that is larger (never smaller)."""
+    H, h = equations.H[:, use][:, :, use], equations.h[:, use]
+    scores = h - H @ x[use]
+    more = S @ (scores.T @ scores - H.sum(axis=0)) @ S
+    values, vectors = np.linalg.eigh(0.5 * (more + more.T))
+    return np.asarray(S + (vectors * np.maximum(values, 0.0)) @ vectors.T)
+
+
+def _regions(r: Readings, q: Array) -> list[NDArray[np.intp]]:
+    """Poses in blocks along the two directions in which their joints differ most, to be left out together."""
+    at = np.array([q[r.clusters.readings(g)[0]] for g in range(r.clusters.poses)])
+    at = at - at.mean(axis=0)
+    axes = np.linalg.svd(at, full_matrices=False)[2][:2]
+    return [part for a in axes for part in np.array_split(np.argsort(at @ a, kind="stable"), BLOCKS) if len(part)]
+
+
+def _local(Z: Array, q: Array, r: Readings, e: Normal, found: tuple[NDArray[np.intp], Array], scatter: Array) -> float:
+    """m/N of a coordinate that regions left out show beyond what the others, and noise, make of them.
+
+    Args:
+        found: columns in use and their precision by all poses.
+        scatter: (N,) m², variance of a reading's three translations together.
+    """
+    use, P = found
+    H, h = e.H[:, use][:, :, use], e.h[:, use]
+    beyond = force = 0.0
+    for region in _regions(r, q):
+        rows = np.flatnonzero(np.isin(r.clusters.pose, region))
+        rows = rows[(r.robust[rows, :3] > 0.5).all(axis=1)]
+        S = np.linalg.inv(P - H[region].sum(axis=0))
+        X = Z[rows, :3][:, :, use]
+        left = r.residual[rows, :3] - X @ (S @ (h.sum(axis=0) - h[region].sum(axis=0)))
+        expected = np.einsum("nci,ij,ncj->n", X, S, X, optimize=True) + scatter[rows]
+        beyond += float(np.sum(left**2) - expected.sum())
+        force += 3.0 * float(np.sum(r.wrench[rows, :3] ** 2))
+    return float(np.sqrt(max(beyond, 0.0) / force)) if force > 0 else 0.0
+
+
+def _equations(Z: Array, r: Readings) -> tuple[Normal, float, Array]:
+    """Normal equations of all columns under the noise that replicates show; that noise, m a coordinate; and (N,) m² of
+    the three translations of each reading."""
+    out: Normal | None = None
+    noise, scatter = 0.0, np.zeros(len(Z))
+    for c in range(len(r.precision)):
+        rows = slice(3 * c, 3 * c + 3)
+        count = float(r.robust[:, rows].sum())
+        found = r.components[c]
+        part = sums(r.clusters, r.precision[c], Z[:, rows], r.residual[:, rows], count)
+        typical = float(1.0 / np.median(r.precision[c][:, [0, 1, 2], [0, 1, 2]]))
+        if count > ENOUGH * Z.shape[2]:
+            found = components(r.clusters, part, typical, stated=r.stated[c])
+        if c == 0:
+            noise = float(np.sqrt(found.scale * (typical + found.cycle + found.visit)))
+            own = np.trace(np.linalg.inv(r.precision[c]), axis1=1, axis2=2)
+            scatter = found.scale * (own + 3.0 * (found.cycle + found.visit))
+        each = normal(r.clusters, part, found)
+        out = each if out is None else out.plus(each)
+    assert out is not None
+    return out, noise, scatter
+
+
+def _modes(covariance: Array, metric: Array) -> Array:
+    """(R, K) with Σ mᵀm the covariance, those left out that hardly move anything at the readings' poses."""
+    values, vectors = np.linalg.eigh(metric)
+    root = (vectors * np.sqrt(np.maximum(values, 1e-15 * values[-1]))) @ vectors.T
+    back = (vectors / np.sqrt(np.maximum(values, 1e-15 * values[-1]))) @ vectors.T
+    power, along = np.linalg.eigh(root @ covariance @ root)
+    order = np.argsort(power)[::-1]
+    power, along = np.maximum(power[order], 0.0), along[:, order]
+    last = int(np.searchsorted(np.cumsum(power), (1.0 - KEPT) * power.sum())) + 1
+    return np.asarray((back @ (along[:, :last] * np.sqrt(power[:last]))).T)
+
+
+def of_identified(
+    fit: Fit, tests: Experiment, robot: Robot, T_flange_tcp: Array, stiffness: Stiffness, masses: Masses | None
+) -> Discrepancy | None:
+    """What an identified stiffness may lack.
+
+    Args:
+        fit: how the readings count; their residual is taken anew, of what the file will say.
+        tests: the readings.
+        robot, T_flange_tcp: the arm.
+        stiffness: as it will be written.
+        masses: of links and tool; None where they are not known.
+    """
+    arm = ArmElasticity(robot, T_flange_tcp, stiffness, masses=masses)
+    said = arm.at(tests.state.q).respond(tests.wrench)[:, : tests.dimensions]
+    suspects = suspects_of(arm, tests, masses)
+    w = fit.weighting
+    told = tests.uncertainty
+    readings = Readings(
+        tests.measured - said,
+        tests.wrench,
+        fit.clusters,
+        w.precision,
+        w.robust,
+        w.components,
+        (told.displacement is not None, told.rotation is not None)[: len(w.covariance)],
+    )
+    return discrepancy(suspects, tests.state, stiffness.joints, readings)
+
+
+def suspects_of(arm: ArmElasticity, tests: Experiment, masses: Masses | None) -> Suspects:
+    """A model's own coefficients, as suspects."""
+    torque = np.abs(np.einsum("nci,nc->ni", tests.state.J, tests.wrench))
+    typical = np.quantile(torque, 0.9, axis=0)
+    own = [f"joint {j}" for j in range(1, 7)]
+    own += [f"term {n} {p}" for n, t in enumerate(arm.terms) for p in range(len(t.coefficients))]
+    return Suspects(
+        arm.robot,
+        arm.T_flange_tcp,
+        tuple(own),
+        np.maximum(typical, 1e-3 * max(float(typical.max()), 1e-9)),
+        arm.terms,
+        masses,
+    )

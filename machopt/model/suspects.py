@@ -1,0 +1,213 @@
+"""What a stiffness may have left out, as columns: the twist of the TCP per unit of each *suspect*.
+
+A model that misses unseen poses does not say which physics is missing, but whatever is missing acts through some
+interface of the arm. Suspects are small free compliances at each of them, with the springs' own errors first:
+
+=================  ==========================================================================  ===============
+name               what it adds                                                                unit
+=================  ==========================================================================  ===============
+``joint j``        another compliance of the joint                                             rad/(N·m)
+``term n p``       another coefficient p of the file's n-th term                               SI
+``coupling i-j``   the torque of one joint turns the other                                     rad/(N·m)
+``cos j, sin j``   a compliance of joint j that changes with its angle                         rad/(N·m)
+``play j, knee j`` tanh of the joint's whole torque over 0.05 and 0.35 of ``torque`` j         rad
+``base a``, …      the base, a link's end or the tool gives way along (x y z) or about (rx …)  m/N, rad/(N·m)
+``loaded``         share of what weight and load do to posture and lever arms                  1
+=================  ==========================================================================  ===============
+
+Their errors and how they hang together: :mod:`machopt.identify.discrepancy`; what they make of a job:
+:mod:`machopt.plan.uncertainty`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.errors import InputError
+from machopt.model.gravity import gravity_torque
+from machopt.model.kinetostatic import geometric_stiffness
+from machopt.model.robot import ArmState, Masses, Robot
+from machopt.model.terms.base import LinearTerm
+from machopt.model.terms.body import cross
+
+AXES = ("x", "y", "z", "rx", "ry", "rz")
+TURNS = AXES[3:]
+BENDS = {"play": 0.05, "knee": 0.35}  # share of a joint's torque at which its tanh has gone over
+COUPLED = ((2, 3), (4, 5), (5, 6), (4, 6))
+LOADED = "loaded"
+
+
+def elastic_names() -> tuple[str, ...]:
+    """Suspects that a load of any size meets alike."""
+    bodies = [("base", AXES), *((f"link:{i}", TURNS) for i in range(1, 6)), ("tool", AXES)]
+    return (
+        *(f"coupling {i}-{j}" for i, j in COUPLED),
+        *(f"{word} {j}" for j in range(1, 7) for word in ("cos", "sin")),
+        *(f"{body} {axis}" for body, axes in bodies for axis in axes),
+    )
+
+
+def gear_names() -> tuple[str, ...]:
+    """Suspects that a small load meets otherwise than a large one."""
+    return tuple(f"{word} {j}" for j in range(1, 7) for word in BENDS)
+
+
+@dataclass(frozen=True)
+class Suspects:
+    """An arm with what may be missing in it.
+
+    Raises:
+        InputError: a name that is none.
+    """
+
+    robot: Robot
+    T_flange_tcp: Array
+    names: tuple[str, ...]
+    torque: Array  # (6,) N·m, the joints' typical torque under the load tests
+    terms: tuple[LinearTerm, ...] = ()  # of the file, with their values
+    masses: Masses | None = None
+
+    def __post_init__(self) -> None:
+        known = {*elastic_names(), *gear_names(), *(f"joint {j}" for j in range(1, 7)), LOADED}
+        known |= {f"term {n} {p}" for n, t in enumerate(self.terms) for p in range(len(t.coefficients))}
+        wrong = [n for n in self.names if n not in known]
+        if wrong:
+            raise InputError(f"found {wrong[0]!r}; no such part of this arm may be missing", where="discrepancy.parts")
+
+    def response(self, state: ArmState, k: Array, wrench: Array, *, small: bool = False) -> Array:
+        """(M, 6, K) twist of the TCP in base_link axes per unit of each suspect, under wrenches (M, 6) at the TCP.
+
+        Args:
+            state: with bodies.
+            k: (M, 6) N·m/rad of the model.
+            small: the tangent under weight, as for a load that is next to nothing.
+        """
+        J = state.J
+        load = np.einsum("mci,mc->mi", J, wrench)
+        weight = np.zeros_like(load)
+        if self.masses is not None:
+            weight = gravity_torque(self.robot, self.masses, state)[0]
+        out = np.empty((len(load), 6, len(self.names)))
+        held: dict[int, Array] = {}
+        for n, name in enumerate(self.names):
+            word, _, rest = name.partition(" ")
+            if word in ("joint", "cos", "sin", *BENDS):
+                j = int(rest) - 1
+                out[:, :, n] = J[:, :, j] * self._turn(word, j, load, weight, state.q, small=small)[:, None]
+            elif word == "coupling":
+                i, j = (int(part) - 1 for part in rest.split("-"))
+                out[:, :, n] = J[:, :, i] * load[:, j, None] + J[:, :, j] * load[:, i, None]
+            elif word == "term":
+                t, p = (int(part) for part in rest.split())
+                if t not in held:
+                    held[t] = np.asarray(_term(self.terms[t], state, wrench, weight, small=small))
+                out[:, :, n] = held[t][:, :, p]
+            elif word == LOADED:
+                out[:, :, n] = self._loaded(state, k, wrench, weight, small=small)
+            else:
+                out[:, :, n] = self._body(word, AXES.index(rest), state, wrench)
+        return out
+
+    def _loaded(self, state: ArmState, k: Array, wrench: Array, weight: Array, *, small: bool) -> Array:
+        """(M, 6) twist that the load adds because the arm stands bent under its weight, and because it turns levers.
+
+        J' (K − K_C)⁻¹ J'ᵀw − J K⁻¹ Jᵀw to first order in K_C, J' where the weight has bent the joints to.
+        """
+        J = state.J
+        plain = np.einsum("mci,mi->mc", J, np.einsum("mci,mc->mi", J, wrench) / k)
+        H = np.zeros((len(k), 6, 6))
+        if self.masses is not None:
+            state = self.robot.state(state.q + weight / k, self.T_flange_tcp, bodies=True)
+            H = H + gravity_torque(self.robot, self.masses, state)[1]
+        J = state.J
+        if not small:
+            H = H + geometric_stiffness(J, wrench)
+        turn = np.einsum("mci,mc->mi", J, wrench) / k
+        turn = turn + np.einsum("mij,mj->mi", H, turn) / k
+        return np.asarray(np.einsum("mci,mi->mc", J, turn) - plain)
+
+    def _turn(self, word: str, j: int, load: Array, weight: Array, q: Array, *, small: bool) -> Array:
+        """(M,) rad of joint j per unit."""
+        if word not in BENDS:
+            if word == "joint":
+                return np.asarray(load[:, j])
+            return np.asarray((np.cos(q[:, j]) if word == "cos" else np.sin(q[:, j])) * load[:, j])
+        scale = BENDS[word] * self.torque[j]
+        before = np.tanh(weight[:, j] / scale)
+        if small:
+            return np.asarray((1.0 - before**2) / scale * load[:, j])
+        return np.asarray(np.tanh((weight[:, j] + load[:, j]) / scale) - before)
+
+    def _body(self, place: str, axis: int, state: ArmState, wrench: Array) -> Array:
+        """(M, 6) twist of the TCP where one body gives way along or about one of its axes at q = 0."""
+        if state.R_bodies is None or state.p_bodies is None:
+            raise ValueError("an ArmState with bodies is needed")
+        body, at = _place(self.robot, place)
+        R = state.R_bodies[:, body]
+        r = state.T_base_tool[:, :3, 3] - state.p_bodies[:, body] - R @ at
+        a = R[:, :, axis % 3]
+        force = wrench[:, :3]
+        if axis < 3:
+            shift = a * np.einsum("mi,mi->m", a, force)[:, None]
+            return np.concatenate([shift, np.zeros_like(shift)], axis=1)
+        turn = a * np.einsum("mi,mi->m", a, wrench[:, 3:] + cross(r, force))[:, None]
+        return np.concatenate([cross(turn, r), turn], axis=1)
+
+
+def lever(robot: Robot, T_base_tool: Array, state: ArmState, place: str) -> float:
+    """m, typical distance of the TCP from where a body gives way."""
+    if state.R_bodies is None or state.p_bodies is None:
+        raise ValueError("an ArmState with bodies is needed")
+    body, at = _place(robot, place)
+    r = T_base_tool[:, :3, 3] - state.p_bodies[:, body] - state.R_bodies[:, body] @ at
+    return float(np.sqrt(np.mean(np.sum(r**2, axis=1))))
+
+
+def _place(robot: Robot, place: str) -> tuple[int, Array]:
+    """Body index, and where it gives way in base_link at q = 0."""
+    if place == "base":
+        return 0, np.zeros(3)
+    if place == "tool":
+        return 6, np.asarray(robot.T_base_flange_zero[:3, 3])
+    link = int(place.removeprefix("link:"))
+    return link, np.asarray([*robot.point, robot.T_base_flange_zero[:3, 3]][link])
+
+
+def _term(term: LinearTerm, state: ArmState, wrench: Array, weight: Array, *, small: bool) -> Array:
+    """(M, 6, P) of a term of the file."""
+    from machopt.model.terms.compensator import GravityCompensator
+    from machopt.model.terms.joint import JointTerm
+
+    if isinstance(term, JointTerm):
+        law = term.small if small else term.response
+        return np.asarray(law(state, wrench, weight))
+    if isinstance(term, GravityCompensator):  # stands beside the gear: what it adds is in the joint's own error
+        return np.zeros((len(wrench), 6, len(term.coefficients)))
+    return np.asarray(term.response(state, wrench))
+
+
+def scales(s: Suspects, state: ArmState, k: Array, names: Sequence[str]) -> Array:
+    """(K,) size that a suspect would have were it as soft as the joints beside it."""
+    c = 1.0 / np.asarray(k, float)  # (6,)
+    out = []
+    for name in names:
+        word, _, rest = name.partition(" ")
+        if word in ("joint", "cos", "sin"):
+            out.append(c[int(rest) - 1])
+        elif word in BENDS:
+            out.append(c[int(rest) - 1] * s.torque[int(rest) - 1])
+        elif word == "coupling":
+            i, j = (int(part) - 1 for part in rest.split("-"))
+            out.append(np.sqrt(c[i] * c[j]))
+        elif word == LOADED:
+            out.append(1.0)
+        else:
+            near = _place(s.robot, word)[0]
+            soft = float(np.mean(c[:3])) if near == 0 else float(np.mean(c[near - 1 : near + 1]))
+            long = lever(s.robot, state.T_base_tool, state, word)
+            out.append(soft if rest in TURNS else soft * (0.3 * long) ** 2)
+    return np.array(out)
