@@ -1,0 +1,163 @@
+"""What a stiffness may lack: found where it is concealed, absent where springs explain all, carried to a plan."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import made_up_load_tests as made
+import numpy as np
+import pytest
+from scipy.stats import norm
+from test_compensate import corner
+from test_path import toolpath as made_path
+from test_pipeline import FORCE, FREE, K, small_job
+
+from machopt.domain.stiffness import Discrepancy, Stiffness, Term
+from machopt.errors import InputError
+from machopt.formats.stiffness import load_stiffness, write_stiffness
+from machopt.identify.discrepancy import of_identified
+from machopt.identify.experiment import Experiment
+from machopt.identify.fit import fit
+from machopt.model.elastic import ArmElasticity
+from machopt.model.suspects import Suspects, elastic_names, gear_names
+from machopt.plan.doubt import NINETY, Doubt, half_width, told_std
+from machopt.plan.explain import hints
+from machopt.plan.refine import compensate
+from machopt.plan.removal import removals
+from machopt.plan.uncertainty import bends
+
+BASE = Term("base_compliance", "base", {"compliance_diagonal": [1e-9, 1e-9, 1e-9, 2e-7, 2e-7, 1e-7]})
+
+
+def readings(terms: tuple[Term, ...], seed: int = 1) -> tuple[Experiment, np.ndarray]:
+    """Load tests of an arm with true springs and terms, and their poses."""
+    rng = np.random.default_rng(seed)
+    tests = made.draw(rng, poses=16, loads=3, repeats=2)
+    _, robot, T = made.cell()
+    true = ArmElasticity(robot, T, Stiffness(made.TRUE_K, terms=terms)).at(tests.state.q).respond(tests.wrench)
+    noise = rng.normal(0.0, made.WHITE, tests.measured.shape)
+    return replace(tests, measured=true[:, : tests.dimensions] + noise), tests.state.q
+
+
+def doubt_of(tests: Experiment) -> tuple[Stiffness, Discrepancy | None]:
+    _, robot, T = made.cell()
+    found = fit(tests)
+    stiffness = Stiffness(1.0 / found.x[:6])
+    return stiffness, of_identified(found, tests, robot, T, stiffness, None)
+
+
+def test_springs_alone_lack_nothing() -> None:
+    assert doubt_of(readings(())[0])[1] is None
+
+
+def test_what_is_concealed_is_foreseen_at_other_poses_and_its_interval_holds() -> None:
+    tests, _ = readings((BASE,))
+    stiffness, doubt = doubt_of(tests)
+    assert doubt is not None
+    assert doubt.misfit
+    assert doubt.left > 2.0 * doubt.noise
+    _, robot, T = made.cell()
+    rng = np.random.default_rng(7)
+    q = made.CENTRE + made.SPREAD * rng.uniform(-1, 1, (60, 6))
+    force = rng.normal(0.0, 600.0, (60, 3))
+    arm = ArmElasticity(robot, T, replace(stiffness, discrepancy=doubt))
+    said = arm.at(q).deflection(force)
+    true = ArmElasticity(robot, T, Stiffness(made.TRUE_K, terms=(BASE,))).at(q).deflection(force)
+    known = Doubt.of(arm)
+    assert known is not None
+    moves = known.moves(arm.at(q), q, force)
+    off = np.linalg.norm(true - said, axis=1)
+    assert np.median(np.linalg.norm(true - said - moves[:, :, 0], axis=1) / off) < 0.3  # most of it is foreseen
+    along = said / np.linalg.norm(said, axis=1, keepdims=True)
+    ways = np.einsum("mc,mcr->mr", along, moves)
+    own = known.local * np.linalg.norm(force, axis=1)
+    error = np.abs(np.einsum("mc,mc->m", along, true - said))
+    assert np.mean(error <= NINETY * told_std(ways, own**2)) > 0.75
+
+
+def test_suspects_are_derivatives_of_the_model() -> None:
+    """A joint's column is how the displacement follows its compliance, a base's is that of a base spring."""
+    _, robot, T = made.cell()
+    rng = np.random.default_rng(2)
+    q, force = made.CENTRE + rng.normal(0, 0.4, (5, 6)), rng.normal(0, 500.0, (5, 3))
+    wrench = np.hstack([force, rng.normal(0, 50.0, (5, 3))])
+    names = ("joint 3", "base x", "base rz")
+    s = Suspects(robot, T, names, np.ones(6))
+    state = robot.state(q, T, bodies=True)
+    columns = s.response(state, np.tile(made.TRUE_K, (5, 1)), wrench)
+
+    def twist(c3: float = 0.0, base: tuple[float, ...] = ()) -> np.ndarray:
+        k = made.TRUE_K.copy()
+        k[2] = 1.0 / (1.0 / k[2] + c3)
+        terms = (Term("base_compliance", "base", {"compliance_diagonal": list(base)}),) if base else ()
+        return ArmElasticity(robot, T, Stiffness(k, terms=terms)).at(q).respond(wrench)
+
+    soft = (2e-9, 1e-30, 1e-30, 1e-30, 1e-30, 3e-8)
+    np.testing.assert_allclose(columns[:, :, 0] * 1e-8, twist(c3=1e-8) - twist(), rtol=1e-6, atol=1e-13)
+    both = columns[:, :, 1] * soft[0] + columns[:, :, 2] * soft[5]
+    np.testing.assert_allclose(both, twist(base=soft) - twist(), rtol=1e-6, atol=1e-13)
+
+
+def test_a_small_load_meets_the_tangent() -> None:
+    _, robot, T = made.cell()
+    q, w = made.CENTRE[None], np.array([[1e-3, -2e-3, 1e-3, 0.0, 0.0, 0.0]])
+    names = (*(f"joint {j}" for j in range(1, 7)), *elastic_names(), *gear_names())
+    s = Suspects(robot, T, names, np.full(6, 800.0))
+    state, k = robot.state(q, T, bodies=True), made.TRUE_K[None]
+    np.testing.assert_allclose(s.response(state, k, w, small=True), s.response(state, k, w), rtol=1e-6, atol=1e-18)
+
+
+def test_the_half_width_holds_ninety_percent_about_a_number_that_is_off() -> None:
+    shift, sigma = np.array([0.0, 0.3, 1.0, 5.0, -5.0]), np.array([1.0, 1.0, 1.0, 1.0, 0.1])
+    h = half_width(shift, sigma)
+    np.testing.assert_allclose(norm.cdf((h - shift) / sigma) - norm.cdf((-h - shift) / sigma), 0.9, atol=1e-9)
+    assert h[0] == pytest.approx(NINETY)
+
+
+def test_the_file_holds_it_and_refuses_rows_of_another_length(tmp_path: Path) -> None:
+    doubt = Discrepancy(
+        ("joint 1", "base rx"), np.arange(1.0, 7.0), np.array([1e-9, 2e-8]), np.eye(2) * 1e-8, 1e-4, 2e-5
+    )
+    file = tmp_path / "stiffness.yaml"
+    write_stiffness(file, Stiffness(made.TRUE_K, discrepancy=doubt))
+    again = load_stiffness(file).discrepancy
+    assert again is not None
+    assert again.parts == doubt.parts
+    np.testing.assert_allclose(again.modes, doubt.modes)
+    np.testing.assert_allclose([again.left, again.noise, *again.shift], [doubt.left, doubt.noise, *doubt.shift])
+    file.write_text(file.read_text(encoding="utf-8").replace("joint 1, base rx", "joint 1"), encoding="utf-8")
+    with pytest.raises(InputError, match="one for each of parts"):
+        load_stiffness(file)
+
+
+def test_a_part_that_no_arm_has_is_refused() -> None:
+    _, robot, T = made.cell()
+    with pytest.raises(InputError, match="link:9 rx"):
+        Suspects(robot, T, ("link:9 rx",), np.ones(6))
+
+
+def test_misfit_is_said_and_widens_deflection_and_compensation(tmp_path: Path) -> None:
+    options = replace(FREE, force=FORCE, rotation_step=np.radians(15.0), compensation_max=0.01)
+    covariance = np.diag((0.01 / np.asarray(K)) ** 2)
+    plain = Stiffness(np.asarray(K), covariance)
+    modes = np.zeros((7, 7))
+    modes[:6, :6], modes[6, 6] = np.sqrt(covariance), 1e-8
+    names = (*(f"joint {j}" for j in range(1, 7)), "base ry")
+    doubt = Discrepancy(names, np.full(6, 500.0), np.r_[np.zeros(6), 5e-8], modes, 3e-4, 3e-5)
+    toolpath, before, after = made_path(corner()), None, None
+    for stiffness in (plain, replace(plain, discrepancy=doubt)):
+        p = small_job(tmp_path, corner(), options, stiffness=stiffness)
+        c = compensate(p, toolpath)
+        whole, *operations = removals(c, toolpath.operation, tuple(o.label for o in toolpath.operations))
+        assert operations
+        assert whole.left90 is not None
+        assert whole.removed90 is not None
+        found = bends(p)[0], whole, any("times their noise" in h for h in hints(p))
+        before, after = after, found
+    assert before is not None
+    assert after is not None
+    assert (before[2], after[2]) == (False, True)
+    assert after[0] > before[0]
+    assert after[1].left90[1] > before[1].left90[1] > before[1].left
+    assert after[1].removed90[0] < before[1].removed90[0]
