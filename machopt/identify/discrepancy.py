@@ -106,7 +106,7 @@ def discrepancy(suspects: Suspects, state: ArmState, k: Array, readings: Reading
     share /= share.sum()
     mean, second = np.zeros(len(h)), np.zeros_like(H)
     for w, (_, use, P, _) in zip(share, near, strict=True):
-        S = np.linalg.inv(P)
+        S = np.asarray(np.linalg.inv(P), float)
         x = np.zeros(len(h))
         x[use] = S @ h[use]
         mean += w * x
