@@ -44,6 +44,9 @@ class Detection:
         0.008, "of the whitened sum of squares: less does not matter, however long the recording", JUDGED
     )
     generalises: float = _set(0.4, "of the gain that must come back on unseen groups", JUDGED)
+    another_day: float = _set(
+        0.4, "of the gain that must come back on sessions that did not see it: as on unseen groups", JUDGED
+    )
     without_best: float = _set(0.25, "of it that must not hang on a single group", JUDGED)
     simpler: float = _set(4.0, "gain on unseen groups that a second coefficient of the same effect must bring", JUDGED)
     beside: float = _set(0.06, "of the largest gain so far that a law not quite the true one leaves", JUDGED)

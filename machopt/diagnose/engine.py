@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.diagnose import aside, calibrated, heldout, instruments, limits, mismatch, noise, words
+from machopt.diagnose.anotherday import comes_again
 from machopt.diagnose.findings import estimates, rivals
 from machopt.diagnose.grams import base_model, sandwich, tried
 from machopt.diagnose.known import geometric_finding
@@ -24,7 +25,7 @@ from machopt.diagnose.problem import Catalogue, Problem
 from machopt.diagnose.proof import prove
 from machopt.diagnose.result import Coefficient, Diagnosis, Errors, Finding, Limit, Share, Verdict
 from machopt.diagnose.screen import score
-from machopt.diagnose.select import Chosen, select, with_chosen
+from machopt.diagnose.select import Chosen, select, stands, with_chosen
 from machopt.diagnose.state import State
 from machopt.diagnose.whitening import whitening
 
@@ -159,6 +160,9 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
     left = instruments.beyond(problem, final.residual if few else after, floor_noise, used)
     if left is not None:
         verdict = left.verdict(verdict)
+    apart = _one_day(state)
+    if apart:
+        verdict = instruments.less(verdict)
     scored = score(state.base, state.tried)
     beyond = max(state.base.rss - len(state.base.y) + state.base.X.shape[1], 1.0)
     machine = mismatch.in_the_machine(scored, beyond) if verdict != "consistent" else []
@@ -204,7 +208,8 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
         sum(len(t.shapes) for t in state.tried),
         notes=tuple(words.withdrawn(withdrawn))
         + words.noise_note(floor_noise)
-        + (() if left is None else (left.words,)),
+        + (() if left is None else (left.words,))
+        + words.one_day(apart),
     )
     return replace(result, sentence=words.sentence(result), next_experiment=words.next_experiment(result))
 
@@ -215,6 +220,17 @@ def _nothing_left(state: State, rest: mismatch.Repeatable, after: Array) -> bool
     if heldout.rmse(state.problem, after, state.used) <= calibrated.PROOF.as_noise * noise_floor:
         return True
     return rest.p_value > calibrated.PROOF.certain  # nothing was repeated: not a number, and not known
+
+
+def _one_day(state: State) -> tuple[tuple[str, str], ...]:
+    """Effects that would be named by one session and are contradicted by another: the best of them, if any."""
+    model = with_chosen(state.base, state.chosen)
+    taken = {c.tried.hypothesis.name for c in state.chosen}
+    scored = score(model, [t for t in state.tried if t.hypothesis.name not in taken])
+    for s in sorted(scored, key=lambda s: -s.total):
+        if stands(model, s) and not comes_again(model, s):
+            return (s.tried.hypothesis.name,)
+    return ()
 
 
 def _limits(state: State, chosen: Sequence[Chosen], rng: np.random.Generator) -> list[Limit]:

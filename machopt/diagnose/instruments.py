@@ -17,6 +17,11 @@ Flags = NDArray[np.bool_]
 LESS = {"consistent": "unexplained", "explained": "partly_explained"}
 
 
+def less(verdict: Verdict) -> Verdict:
+    """What can still be said where something is left: that all is well cannot."""
+    return LESS.get(verdict, verdict)  # type: ignore[return-value]
+
+
 @dataclass(frozen=True)
 class Beyond:
     """Something is left that no such instrument makes."""
@@ -24,8 +29,8 @@ class Beyond:
     words: str
 
     def verdict(self, verdict: Verdict) -> Verdict:
-        """What can still be said: that all is well cannot."""
-        return LESS.get(verdict, verdict)  # type: ignore[return-value]
+        """What can still be said."""
+        return less(verdict)
 
 
 def beyond(problem: Problem, left: Array, noise: Noise, used: Flags) -> Beyond | None:

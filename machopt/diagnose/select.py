@@ -14,6 +14,7 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
+from machopt.diagnose.anotherday import comes_again
 from machopt.diagnose.grams import Model, Tried
 from machopt.diagnose.problem import Hypothesis
 from machopt.diagnose.screen import Scored, by_chance, score
@@ -52,7 +53,12 @@ def least_gain(model: Model, s: Scored) -> float:
 
 
 def holds(model: Model, s: Scored) -> bool:
-    """Whether a hypothesis is large enough, on readings that did not choose it and not in one group alone."""
+    """Whether a hypothesis is large enough, on readings that did not choose it, not in one group or session alone."""
+    return stands(model, s) and comes_again(model, s)
+
+
+def stands(model: Model, s: Scored) -> bool:
+    """The same, whatever the sessions say of each other."""
     if s.gain / model.spread < least_gain(model, s) or not _plausible(s):
         return False
     return (

@@ -39,6 +39,7 @@ class Whitening:
     visit_starts: Ints  # (V + 1,) rows at which visits begin
     group_of_visit: Ints  # (V,) index of its group, ascending
     groups: Ints  # (G,) labels
+    session: Ints  # (V,) of each visit
 
     def apply(self, x: Array) -> Array:
         """(N, D) or (N, D, p) → (M,) or (M, p)."""
@@ -90,7 +91,15 @@ def whitening(problem: Problem, noise: Noise, used: Flags) -> Whitening:
             Q, s, _ = np.linalg.svd(U, full_matrices=False)
             keep = s > 1e-6
             blocks.append(Block(slice(a * D, b * D), Q[:, keep], 1.0 - 1.0 / np.sqrt(1.0 + s[keep] ** 2)))
-    return Whitening(index, sigma, tuple(blocks), np.r_[starts, len(index)] * D, group[starts].astype(np.int64), groups)
+    return Whitening(
+        index,
+        sigma,
+        tuple(blocks),
+        np.r_[starts, len(index)] * D,
+        group[starts].astype(np.int64),
+        groups,
+        problem.session[index[starts]].astype(np.int64),
+    )
 
 
 def _shared(problem: Problem, noise: Noise, family: Ints, sigma: Array, rows: Ints) -> Array:

@@ -72,6 +72,15 @@ def withdrawn(findings: Sequence[Finding]) -> list[str]:
     return [f"nearest of the catalogue, but most of the mismatch stays with it: {said}; so it is not named"]
 
 
+def one_day(effects: Sequence[tuple[str, str]]) -> tuple[str, ...]:
+    """That sessions contradict each other, by what would be named if one of them were all there is."""
+    return tuple(
+        f"the sessions differ by more than noise: what {spoken(*name)} would explain shows in one of them and another "
+        "contradicts it, so it is not named; something was not the same on both days"
+        for name in effects
+    )
+
+
 def noise_note(noise: Noise) -> tuple[str, ...]:
     """Where the noise was taken from."""
     if noise.replicated:

@@ -1,0 +1,43 @@
+"""Whether what one session shows, the others show too: physics of a robot does not stay away for a day."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machopt.diagnose import calibrated
+from machopt.diagnose.grams import Model, ridged_inverse
+from machopt.diagnose.screen import Scored
+
+BY_DAY = ("environment",)  # families that may well be another each day
+
+
+def transferred(model: Model, s: Scored) -> float:
+    """Gain of a law on each session with model and coefficients from the others, per gain on all; NaN: not to be told.
+
+    It cannot be told of a single session, nor where one has too few groups to fit anything by.
+    """
+    w = model.w
+    days, day = np.unique(w.session, return_inverse=True)
+    groups = [len(np.unique(w.group_of_visit[day == d])) for d in range(len(days))]
+    if len(days) < 2 or min(groups) < calibrated.PROOF.fewest_groups or s.gain <= 0.0:
+        return float("nan")
+    full, P = model.with_columns(s.tried.at(s.shape)), model.X.shape[1]
+    H, h = full.normal, full.Xy.sum(axis=0)
+    total = 0.0
+    for d in range(len(days)):
+        here = day == d
+        XX, Xy = full.XX[here].sum(axis=0), full.Xy[here].sum(axis=0)
+        losses = []
+        for k in (P, len(h)):
+            x = ridged_inverse((H - XX)[:k, :k]) @ (h - Xy)[:k]
+            losses.append(float(x @ XX[:k, :k] @ x - 2.0 * x @ Xy[:k]))
+        total += losses[0] - losses[1]
+    return total / s.gain
+
+
+def comes_again(model: Model, s: Scored) -> bool:
+    """False where a law holds on one day and not on another."""
+    if s.tried.hypothesis.family in BY_DAY:
+        return True
+    share = transferred(model, s)
+    return bool(np.isnan(share) or share > calibrated.DETECTION.another_day)
