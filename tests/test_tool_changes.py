@@ -128,7 +128,7 @@ def written(done: tuple[Cell, Toolpath, tuple[Stint, ...], Job], out: Path, *too
     out.mkdir(exist_ok=True)
     write_points_csv(out / "points.csv", whole.points.table)
     labels = [o.label for o in path.operations]
-    names = tools or [s.tool for s in stints]
+    names = tools or [s.tool for s in stints if s.tool]
     write_trajectory_csv(out / "trajectory.csv", whole.timeline.trajectory, labels, (), names)
     return out
 
@@ -208,3 +208,14 @@ def test_the_picture_has_the_tool_that_is_on(done: tuple[Cell, Toolpath, tuple[S
     np.testing.assert_allclose(bent[whole_points], table)
     assert view.stations.tool is not None
     assert view.stations.tool.tolist() == [int(10 <= k < 15) for k in at]
+
+
+def test_a_place_that_the_file_names_twice_has_a_sample_for_each(tmp_path: Path) -> None:
+    """G0 X Y, then G0 Z where the tool is already: a rapid move without a way."""
+    rows = slots(0.0)
+    path = toolpath([rows[0], *rows])
+    cell = small_cell(tmp_path, stiffness=K, obstacles=())
+    stints = stints_of(cell, path)
+    whole = plan_job(stints, path, OPTIONS, Timings())
+    out = written((cell, path, stints, whole), tmp_path / "out")
+    assert not verify_stints(stints, out, options=OPTIONS).failed

@@ -255,6 +255,8 @@ class _Builder:
         if self.plan.setup.correction is not None:
             waypoints = self._told(waypoints)
             x = time_legs(waypoints, self.cell.limits, self.options.rapid_scale, self.options.sample)
+        if len(x) == 1 and np.isfinite(a.index) and np.isfinite(b.index):
+            x = np.repeat(x, 2, axis=0)  # the file names one place twice: a sample for the second, too
         n = len(x)
         if move.kind != "direct":
             self.detours.append(f"{a.name} → {b.name}: {move.kind}, {len(waypoints) - 2} way points")
