@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from damages.damage import JOBS, Damage, Job, copy_of, reseal
 
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
-from machopt.domain.toolpath import Toolpath
+from machopt.domain.stint import Stint
 from machopt.output.hashes import digest, sha256_of
 from machopt.recheck import folder as contents
 from machopt.recheck.inforce import Request
@@ -43,12 +43,12 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Job]:
 def _remembered(monkeypatch: pytest.MonkeyPatch) -> None:
     """Cells and tables of the same bytes are read and checked once: most rows damage neither, and it takes a second."""
     monkeypatch.setattr(service, "load_cell", _load_cell)
-    monkeypatch.setattr(contents, "verify_output", _verify_output)
+    monkeypatch.setattr(contents, "verify_stints", _verify_stints)
 
 
 _CELLS: dict[str, Cell] = {}
 _FOUND: dict[str, Verification] = {}
-_READ, _CHECKED = service.load_cell, contents.verify_output
+_READ, _CHECKED = service.load_cell, contents.verify_stints
 
 
 def _bytes_of(folder: Path, pattern: str = "*") -> str:
@@ -62,14 +62,13 @@ def _load_cell(path: Path, **how: bool) -> Cell:
     return _CELLS[key]
 
 
-def _verify_output(
-    cell: Cell, toolpath: Toolpath, out: Path, *, options: PlanOptions, motion: Motion | None
-) -> Verification:
+def _verify_stints(stints: Sequence[Stint], out: Path, *, options: PlanOptions, motion: Motion | None) -> Verification:
+    cell, toolpath = stints[0].cell, stints[0].whole
     read = digest(toolpath.position.tobytes() + toolpath.axis.tobytes() + toolpath.feed.tobytes())
     tables = [(name, (out / name).is_file() and sha256_of(out / name)) for name in TABLES]
     key = repr((_bytes_of(cell.folder), read, tables, options))
     if key not in _FOUND:
-        _FOUND[key] = _CHECKED(cell, toolpath, out, options=options, motion=motion)
+        _FOUND[key] = _CHECKED(stints, out, options=options, motion=motion)
     return _FOUND[key]
 
 

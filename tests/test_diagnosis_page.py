@@ -52,6 +52,7 @@ VOCABULARY = {
     "tool_compliance",
     "payload",
     "geometric_stiffness",
+    "geometry",
     "force_sensor_offset",
     "force_sensor_gain",
     "force_sensor_frame",
