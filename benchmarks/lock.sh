@@ -7,7 +7,8 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 made=$(mktemp -d)
 trap 'rm -rf "$made"' EXIT
-sed -n 's/^requires = \["\(.*\)"\]$/\1/p' pyproject.toml > "$made/build.in"  # the build tool is pinned too
+python3 -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["build-system"]["requires"], sep="\n")' \
+  > "$made/build.in"  # the build tool is pinned too
 
 lock() {  # FILE WHAT OPTIONS…
   local file=$1 what=$2

@@ -1,18 +1,30 @@
-"""Functions compiled by numba: stored on disk where there is a place for it, elsewhere compiled in each process.
+"""Functions compiled by numba: found where the installation brought them, else stored on disk where there is a place
+for it, elsewhere compiled in each process.
 
 They hold no interpreter lock, so that threads can run them side by side."""
 
 from __future__ import annotations
 
 import contextlib
+import functools
+import hashlib
+import inspect
+import pickle
+import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
 from numba.core import event
+from numba.core.caching import NullCache
+from numba.core.compiler import CompileResult
+from numba.core.registry import CPUDispatcher
+from numba.core.serialize import dumps
 
 F = TypeVar("F", bound=Callable[..., Any])
 Told = Callable[[bool], None]  # called once, when something is compiled that was not stored; True: it will be stored
+BROUGHT = Path(__file__).with_name("kernels")  # made while a wheel is built; a source tree has none
 
 
 class _Listener(event.Listener):  # type: ignore[misc]  # numba has no types
@@ -48,7 +60,75 @@ def when_compiling(told: Told) -> Iterator[None]:
 def compiled(function: F) -> F:
     """``numba.njit``, cached where a folder may be written: a read-only installation and home are none."""
     try:
-        return numba.njit(cache=True, nogil=True)(function)  # type: ignore[no-any-return]
+        made = numba.njit(cache=True, nogil=True)(function)
     except RuntimeError:  # numba finds no folder it may write to
         _LISTENER.stored = False
-        return numba.njit(nogil=True)(function)  # type: ignore[no-any-return]
+        made = numba.njit(nogil=True)(function)
+    if BROUGHT.is_dir():
+        made._cache = _Brought(made.py_func, made._cache, BROUGHT)
+    return made  # type: ignore[no-any-return]
+
+
+def store(kernel: Any, folder: Path) -> None:
+    """Write what is compiled of a kernel into a folder that an installation brings."""
+    cache = _Brought(kernel.py_func, NullCache(), folder)
+    for types, result in kernel.overloads.items():
+        cache.write(types, result)
+
+
+class _Brought(NullCache):  # type: ignore[misc]
+    """What an installation brought of a function, and behind it where numba itself stores. Nothing is written here.
+
+    A file is found by all that its machine code depends on: types, numba, Python, the processor, and the source of the
+    function and of those it calls. (numba's own looks at the source of the function alone.)
+    """
+
+    def __init__(self, function: Any, behind: Any, folder: Path) -> None:
+        self.function, self.behind, self.folder = function, behind, folder
+
+    @property
+    def cache_path(self) -> Any:
+        return self.behind.cache_path
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        target_context.refresh()
+        try:
+            with self._file(sig, target_context.codegen()).open("rb") as file:
+                return CompileResult._rebuild(target_context, *pickle.load(file))  # our own installation
+        except FileNotFoundError:
+            return self.behind.load_overload(sig, target_context)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        self.behind.save_overload(sig, data)
+
+    def write(self, types: Any, result: Any) -> None:
+        self._file(types, result.codegen).write_bytes(dumps(result._reduce()))
+
+    def _file(self, types: Any, codegen: Any) -> Path:
+        depends = (numba.__version__, sys.version_info[:3], types, codegen.magic_tuple(), sources(self.function))
+        digest = hashlib.sha256(repr(depends).encode()).hexdigest()[:32]
+        return self.folder / f"{self.function.__module__}.{self.function.__qualname__}-{digest}.machine"
+
+
+def sources(function: Any) -> list[str]:
+    """Hashes of the files with a function and the compiled functions it calls, and the numbers they take in."""
+    files: set[str] = set()
+    numbers: set[str] = set()
+    open_, seen = [function], {function}
+    while open_:
+        function = open_.pop()
+        files.add(_hash(inspect.getfile(function)))
+        for name in function.__code__.co_names:
+            value = function.__globals__.get(name)
+            if isinstance(value, CPUDispatcher):
+                if value.py_func not in seen:
+                    seen.add(value.py_func)
+                    open_.append(value.py_func)
+            elif isinstance(value, (int, float, tuple)):  # also one that another file defines
+                numbers.add(f"{name}={value!r}")
+    return sorted(files | numbers)
+
+
+@functools.cache
+def _hash(file: str) -> str:
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest()

@@ -74,7 +74,9 @@ def test_every_package_of_the_floor_is_one_that_the_layers_know() -> None:
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.Path:
     from hatchling.builders.wheel import WheelBuilder
 
-    (made,) = WheelBuilder(str(ROOT)).build(directory=str(tmp_path_factory.mktemp("wheel")), versions=["standard"])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MACHOPT_KERNELS", "0")  # compiling them takes a minute; tests/test_compiling.py has its own
+        (made,) = WheelBuilder(str(ROOT)).build(directory=str(tmp_path_factory.mktemp("wheel")), versions=["standard"])
     return zipfile.Path(made)
 
 

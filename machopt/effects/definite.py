@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import nnls
 
 from machopt.arrays import Array
 
@@ -27,6 +26,8 @@ def nearest_definite(values: Array, pairs: Sequence[tuple[int, int]], metric: Ar
     Returns:
         (p,) the same ones where they are possible already.
     """
+    from scipy.optimize import nnls  # takes a second to load, and few need it
+
     n = 1 + max(j for _, j in pairs)
     rows, columns = np.array(pairs).T
     twice = np.where(rows == columns, 1.0, 2.0)

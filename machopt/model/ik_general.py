@@ -135,6 +135,7 @@ class GeneralSolver:
 
     def _newton(self, T: Array, pose: NDArray[np.int64], q: Array) -> tuple[Array, Array]:
         robot = self.robot
+        pose = np.ascontiguousarray(pose)  # np.nonzero gives a view: a type of its own, compiled once more
         q, error = newton(robot.axis, robot.point, robot.T_base_flange_zero, T, pose, q, NEWTON_STEPS)
         return q, error
 

@@ -126,7 +126,7 @@ def newton(
         q (K, 6) rad, unwrapped, and the remaining error (K,) in m, rad (the larger).
     """
     q, error = q0.copy(), np.empty(len(q0))
-    J, T, e = np.empty((6, 6)), np.eye(4), np.empty(6)
+    J, T, e = np.empty((6, 6)), np.zeros((4, 4)), np.empty(6)
     for k in range(len(q0)):
         for i in range(iterations + 1):
             _forward(axis, point, end, q[k], J, T)
@@ -134,8 +134,11 @@ def newton(
             # written so that NaN leaves the loop as well
             if not error[k] > CONVERGED or i == iterations or not _solve6(J, e):
                 break
-            longest = np.max(np.abs(e))
-            q[k] += e * min(1.0, STEP / longest) if longest > STEP else e
+            longest = 0.0
+            for c in range(6):  # in whole arrays it would take three times as long to compile
+                longest = max(longest, abs(e[c]))
+            for c in range(6):
+                q[k, c] += e[c] * min(1.0, STEP / longest) if longest > STEP else e[c]
     return q, error
 
 

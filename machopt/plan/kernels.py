@@ -1,7 +1,8 @@
 """What a plan needs compiled, with the types it is called with: ``python -m machopt.plan.kernels`` stores it all.
 
-Kernels compile when they are first called. On the first run after installing, a second process begins with the one that
-is needed last (:func:`compile_beside`), so that two cores share the work: numba itself compiles one function at a time.
+They are compiled while a wheel is built (``.build_kernels.py``); what an installation did not bring is compiled when it
+is first called. On such a first run a second process begins with the kernel that is needed last
+(:func:`compile_beside`), so that two cores share the work: numba itself compiles one function at a time.
 """
 
 from __future__ import annotations
@@ -9,15 +10,21 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 _F1, _F2, _F3, _I1, _S1 = "f8[::1]", "f8[:,::1]", "f8[:,:,::1]", "i8[::1]", "i4[::1]"
 _FIXED = "Array(float64, 1, 'C', readonly=True)"
 _P = f"{_F2},{_I1},{_F1},{_F1},{_F2},{_F2}"  # convex parts of a body
 KERNELS = (  # in the order in which a plan needs them: module, function, types of its arguments
+    ("model.chain", "poses", f"{_F2},{_F2},{_F2},{_F2},{_F3}"),
+    ("model.boxes", "_divide", f"{_F3},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F1}"),
     ("plan.carry", "_carry", f"{_F2},{_F2}"),
     ("model.ik_spherical", "_solve_all", f"UniTuple(UniTuple(f8,3),15),UniTuple(f8,10),{_F3},{_F3},{_F3},{_F1}"),
     ("model.ik", "_judge", f"{_F3},{_F3},{_F1},{_F2},{_F1},{_F1},u1[:,::1],b1[:,:,::1]"),
+    ("model.chain", "links", f"{_F2},{_F2},{_F2},f8[:,:,:,::1],{_F3}"),
+    ("model.chain", "jacobians", f"{_F2},{_F2},{_F2},{_F2},{_F3},{_F3}"),
     ("plan.baseline", "_nearest_to_last", f"{_F3},u1[:,::1],b1[::1],{_F2},{_F1},{_F1},{_FIXED}"),
     (
         "plan.sequence",
@@ -52,6 +59,8 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
     ("plan.follow", "_chain", f"{_F2},{_F2},{_F2},{_F1},{_F3},{_F3},{_F2}"),
     ("plan.feedrate", "_corners", f"{_F1},{_F1},{_F1}"),
     ("plan.feedrate", "_law", f"{_F1},{_F3},{_F1},{_F1},{_F2},{_F1},{_F1},f8,i8,b1"),
+    ("verify.inorder", "targets_in_order", f"{_F2},{_F3},{_F2},{_F2},{_F3},{_F2},b1[::1],{_F1},{_F1},f8,i8"),
+    ("verify.inorder", "lines_in_order", f"{_F2},{_F2},b1[::1],f8,i8"),
     ("verify.arm", "_placed", f"{_F2},{_I1},{_F3},{_F2},{_F2},{_F2}"),
     ("verify.contact", "_seen", f"f8[:,:,:,::1],i8,i8,{_I1}"),
     ("verify.contact", "_chords", f"{_F3},{_F1},f8"),
@@ -60,14 +69,36 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
 )
 
 
-def compile_all() -> list[Any]:
-    """Compile what is not stored yet, the last first; returns the compiled functions."""
+MORE = (  # what only some plans need: other arms, external joints, gouges
+    ("model.ik_parallel", "_solve_all", f"UniTuple(UniTuple(f8,3),13),UniTuple(f8,9),{_F3},{_F3}"),
+    ("model.ik_newton", "newton", f"{_F2},{_F2},{_F2},{_F3},{_I1},{_F2},i8"),
+    ("model.ik_newton", "unique", f"{_F2},{_I1},{_F1},i8,i8,f8"),
+    ("model.ik_newton", "track", f"{_F2},{_F2},{_F2},{_F3},{_I1},{_I1},{_F2}"),
+    ("model.ik_grid", "_label", "f8[:,:,:,::1],f8[:,:,:,::1],f8"),
+    ("model.chain", "moved_links", f"{_F2},{_F2},b1[::1],{_F2},f8[:,:,:,::1],{_F3}"),
+    (
+        "plan.stairs",
+        "steps",
+        f"{_F3},{_F3},i8[:,::1],i8,i8,b1[::1],b1[::1],{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},f8,f8",
+    ),
+    ("plan.stairs", "walk", f"{_F2},f4[:,:,::1],i8[:,::1],{_F3},i8,i8,b1[::1],{_F1}"),
+    ("model.depth", "_rows", f"{_F2},{_F3},{_F3},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F2},f8"),
+)
+
+
+def compile_all(kernels: Iterable[tuple[str, str, str]] = KERNELS[::-1]) -> list[Any]:
+    """Compile what is not stored yet, by default the last first; returns the compiled functions."""
     from importlib import import_module
 
-    kernels: list[Any] = [getattr(import_module(f"machopt.{module}"), name) for module, name, _ in KERNELS]
-    for kernel, (_, _, types) in zip(reversed(kernels), reversed(KERNELS), strict=True):
-        kernel.compile(f"({types})")
-    return kernels
+    from numba.core.sigutils import normalize_signature
+
+    made = []
+    for module, name, types in kernels:
+        made.append(getattr(import_module(f"machopt.{module}"), name))
+        made[-1].compile(
+            normalize_signature(f"({types})")[0]
+        )  # stored by its types, not by these words: so calls find it
+    return made
 
 
 def compile_beside() -> subprocess.Popen[bytes] | None:
@@ -85,5 +116,29 @@ def compile_beside() -> subprocess.Popen[bytes] | None:
         return None
 
 
+def compile_into(folder: Path) -> None:
+    """Compile all that a plan may need, for an installation to bring; processes that share a folder share the work."""
+    from machopt.compiled import store
+
+    every = KERNELS + MORE
+    for module in sorted({module for module, _, _ in every}, key=_longest_first):
+        try:
+            (folder / f"{module}.claimed").touch(exist_ok=False)
+        except FileExistsError:
+            continue
+        for kernel in compile_all(entry for entry in every if entry[0] == module):
+            store(kernel, folder)
+
+
+LONGEST = ("plan.sequence", "verify.between", "model.triangles", "plan.feedrate", "model.touching")  # half the work
+
+
+def _longest_first(module: str) -> tuple[int, str]:
+    return (LONGEST.index(module) if module in LONGEST else len(LONGEST), module)
+
+
 if __name__ == "__main__":
-    compile_all()
+    if sys.argv[1:]:
+        compile_into(Path(sys.argv[1]))
+    else:
+        compile_all()

@@ -22,15 +22,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array, Bools
-from machopt.compiled import compiled
 from machopt.domain.options import PlanOptions
 from machopt.plan.candidates import enumerate_candidates
-from machopt.plan.objective import Terms, edge_price_compiled, late_compiled
+from machopt.plan.objective import Terms
 from machopt.plan.part import part_of
 from machopt.plan.path import Path
 from machopt.plan.pipeline import Setup
 from machopt.plan.score import directions, score_candidates
 from machopt.plan.sequence import jump
+from machopt.plan.stairs import steps, walk
 
 COARSE = {1: 9, 2: 7, 3: 4}  # most values of each joint, by how many move
 APART = 0.8  # rad, or as much as counts so: coarse values need not lie closer
@@ -164,7 +164,7 @@ def _best_way(
     joined = np.r_[False, part.run[part.stations][1:] == part.run[part.stations][:-1]]
     still: Bools = part.is_drilling | part.plunge
     kept = still[part.stations]
-    edges = _edges(
+    edges = steps(
         np.stack(q, axis=1).reshape(S, -1, 6),
         values * per,
         near,
@@ -189,7 +189,7 @@ def _best_way(
     scaled = values * per * weight
 
     def under(cap: float) -> tuple[float, float, NDArray[np.int64]]:
-        way, total = _walk(np.where(raw > cap, lost, node), edges, near, scaled, R, B, joined, flown)
+        way, total = walk(np.where(raw > cap, lost, node), edges, near, scaled, R, B, joined, flown)
         worst = float(raw[np.arange(S), way].max())
         return total + w.worst / max(share, 1e-9) * worst, worst, way
 
@@ -202,126 +202,6 @@ def _best_way(
             found = under(least + t * (most - least))
             best = min(best, found, key=lambda f: f[0])
     return best[0], np.asarray(values[np.arange(S), best[2] // (R * B)])
-
-
-@compiled
-def _edges(
-    q: Array,
-    e: Array,
-    near: NDArray[np.int64],
-    R: int,
-    B: int,
-    joined: Bools,
-    kept: Bools,
-    seconds: Array,
-    slowness: Array,
-    weight: Array,
-    travel: Array,
-    rotation: Array,
-    feed: Array,
-    most: float,
-    lost: float,
-) -> NDArray[np.float32]:
-    """(S, K·3, V) price of the step into each vertex, from its neighbour values and rotations, of station s − 1.
-
-    Args:
-        q: (S, V, 6) rad, NaN where there is no pose; vertex (g·R + r)·B + b.
-        e: (S, G, E) external joints, lengths as they count in rad.
-        near: (G, K).
-        kept: (S,) value and rotation are kept into it: the tool drills or plunges.
-        most: rad, a joint that turns farther has left the branch.
-        lost: price of such a step.
-    """
-    S, V = q.shape[0], q.shape[1]
-    K, E = near.shape[1], e.shape[2]
-    turn = 2.0 * np.pi / R
-    out = np.zeros((S, K * 3, V), np.float32)
-    for s in range(1, S):
-        if not joined[s]:
-            continue
-        for v in range(V):
-            b, r, g = v % B, (v // B) % R, v // (B * R)
-            for k in range(K):
-                h = near[g, k]
-                way, slow = 0.0, 0.0
-                if h >= 0:
-                    for c in range(E):
-                        d = abs(e[s, g, c] - e[s - 1, h, c])
-                        way += weight[c] * d
-                        slow = max(slow, d * slowness[6 + c])
-                for dr in range(-1, 2):
-                    if h < 0 or (kept[s] and (k > 0 or dr != 0)):
-                        out[s, 3 * k + dr + 1, v] = np.inf
-                        continue
-                    u = (h * R + (r + dr) % R) * B + b
-                    length, late, far = way, slow, 0.0
-                    for c in range(6):
-                        d = q[s, v, c] - q[s - 1, u, c]
-                        d = abs(d - 2.0 * np.pi * np.round(d / (2.0 * np.pi)))
-                        length += d
-                        late = max(late, d * slowness[c])
-                        far = max(far, d)
-                    if np.isnan(length):  # a place that is not reached is paid for by itself
-                        length, late, far = way, slow, 0.0
-                    price = edge_price_compiled(
-                        length, turn * abs(dr), late_compiled(late, seconds[s]), travel[s], rotation[s], feed[s]
-                    )
-                    out[s, 3 * k + dr + 1, v] = price + (lost if far > most else 0.0)
-    return out
-
-
-@compiled
-def _walk(
-    node: Array,
-    edges: NDArray[np.float32],
-    near: NDArray[np.int64],
-    e: Array,
-    R: int,
-    B: int,
-    joined: Bools,
-    flown: Array,
-) -> tuple[NDArray[np.int64], float]:
-    """The cheapest way: its vertex (S,) and its price. ``e`` (S, G, E) weighed, ``flown`` (S,) its price on rapids."""
-    S, V = node.shape
-    G, K = near.shape
-    back = np.full((S, V), -1, np.int64)
-    here, before = node[0].copy(), np.empty(V)
-    for s in range(1, S):
-        before[:] = here
-        if not joined[s]:
-            last = np.zeros(G, np.int64)
-            for g in range(G):
-                last[g] = g * R * B + np.argmin(before[g * R * B : (g + 1) * R * B])
-            for g in range(G):
-                least, which = np.inf, -1
-                for h in range(G):
-                    way = 0.0
-                    for c in range(e.shape[2]):
-                        way += abs(e[s, g, c] - e[s - 1, h, c])
-                    price = before[last[h]] + flown[s] * way
-                    if price < least:
-                        least, which = price, last[h]
-                for v in range(g * R * B, (g + 1) * R * B):
-                    here[v], back[s, v] = least + node[s, v], which
-            continue
-        for v in range(V):
-            b, r, g = v % B, (v // B) % R, v // (B * R)
-            least, which = np.inf, -1
-            for k in range(K):
-                h = near[g, k]
-                if h < 0:
-                    continue
-                for dr in range(-1, 2):
-                    u = (h * R + (r + dr) % R) * B + b
-                    price = before[u] + edges[s, 3 * k + dr + 1, v]
-                    if price < least:
-                        least, which = price, u
-            here[v], back[s, v] = least + node[s, v], which
-    vertex = np.zeros(S, np.int64)
-    vertex[S - 1] = np.argmin(here)
-    for s in range(S - 1, 0, -1):
-        vertex[s - 1] = back[s, vertex[s]]
-    return vertex, here[vertex[S - 1]]
 
 
 def _smooth(part: Path, stairs: Array, group: Range, wave: float) -> Array:

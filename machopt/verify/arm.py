@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
+from machopt.compiled import compiled
 from machopt.domain.cell import Cell
 from machopt.errors import InputError
 from machopt.verify.built import is_rebuilt, rebuild
-from machopt.verify.compiled import compiled
 
 REACHED = 6  # Newton steps between two arms that differ by millimetres; the third is exact
 

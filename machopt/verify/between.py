@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from machopt.arrays import Array, Ints
-from machopt.verify.compiled import compiled
+from machopt.compiled import compiled
 from machopt.verify.convex import Parts
 
 APART = 1e-8  # m between the two bounds, at which they are close enough

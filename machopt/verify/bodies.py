@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
+from machopt.compiled import compiled
 from machopt.domain.cell import Cell, Cutter, Shape
 from machopt.errors import InputError
 from machopt.verify.arm import Arm
 from machopt.verify.between import between
-from machopt.verify.compiled import compiled
 from machopt.verify.convex import Parts, parts_of
 
 DRAWN_IN = 1e-4  # m, cutter smaller in rapid moves, which may start and end where it just touches

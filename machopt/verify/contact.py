@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array, Bools
+from machopt.compiled import compiled
 from machopt.verify.arm import Arm
 from machopt.verify.bodies import Body, bounds, gap, inverse, near, reach
-from machopt.verify.compiled import compiled
 
 STEP = np.radians(0.5)  # joint motion between rows that are looked at first
 FLOOR = 1e-4  # m, motion below which a stretch is not halved any more

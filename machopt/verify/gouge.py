@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.arrays import Array, Bools, Ints
+from machopt.compiled import compiled
 from machopt.domain.cell import Cutter
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.verify.arm import Arm
 from machopt.verify.bodies import Body, inverse
 from machopt.verify.check import Check
-from machopt.verify.compiled import compiled
 from machopt.verify.ride import Ride
 from machopt.verify.table import Motion
 

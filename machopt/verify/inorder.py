@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
-from machopt.verify.compiled import compiled
+from machopt.compiled import compiled
 
 
 @compiled
