@@ -7,14 +7,81 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numba
 import pytest
 
 from machopt import compiled as module
 from machopt.cli import compiling
 from machopt.cli.compiling import NOT_STORED, STORED
 from machopt.cli.display import Display
+from machopt.plan.kernels import KERNELS, MORE, compile_all
 
 ROOT = Path(__file__).resolve().parents[1]
+FACTOR = 2.0
+
+
+@module.compiled
+def doubled(x: float) -> float:
+    return FACTOR * x
+
+
+def test_a_kernel_that_the_installation_brought_is_not_compiled_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    doubled(1.0)
+    module.store(doubled, tmp_path)
+    again = numba.njit(nogil=True)(doubled.py_func)  # type: ignore[attr-defined]
+    again._cache = module._Brought(again.py_func, again._cache, tmp_path)
+    assert again(3.0) == 6.0
+    assert len(again.stats.cache_hits) == 1
+    assert again(3) == 6  # of other types: compiled
+    assert len(again.stats.cache_misses) == 1
+    monkeypatch.setitem(globals(), "FACTOR", 3.0)  # as if another version had another number
+    other = numba.njit(nogil=True)(doubled.py_func)  # type: ignore[attr-defined]
+    other._cache = module._Brought(other.py_func, other._cache, tmp_path)
+    assert other(3.0) == 9.0
+
+
+def test_what_is_compiled_ahead_is_stored_where_a_call_looks() -> None:
+    """numba stores under what ``compile`` is given: under a text of the types no call finds it."""
+    finest = next(k for k in KERNELS if k[1] == "_finest")
+    (kernel,) = compile_all([finest])
+    asked = [*kernel.stats.cache_hits, *kernel.stats.cache_misses]
+    assert asked
+    assert all(isinstance(types, tuple) for types in asked)
+
+
+def test_every_kernel_compiled_ahead_is_one() -> None:
+    from importlib import import_module
+
+    from numba.core.sigutils import normalize_signature
+
+    for name, function, types in KERNELS + MORE:
+        kernel = getattr(import_module(f"machopt.{name}"), function)
+        arguments, _ = normalize_signature(f"({types})")
+        assert len(arguments) == kernel.py_func.__code__.co_argcount, (name, function)
+
+
+def test_kernels_need_nothing_to_be_compiled_but_numpy_and_numba() -> None:
+    """A wheel is built where nothing else is installed."""
+    code = """
+import sys, numba
+from importlib import import_module
+before = set(sys.modules)
+for name in sys.argv[1:]:
+    import_module(name)
+new = {n.split(".")[0] for n in set(sys.modules) - before} - set(sys.stdlib_module_names)
+assert new <= {"machopt", "numpy", "numba", "llvmlite"}, new
+"""
+    names = sorted({f"machopt.{name}" for name, _, _ in KERNELS + MORE})
+    done = subprocess.run(
+        [sys.executable, "-c", code, *names],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    assert done.returncode == 0, done.stderr
 
 
 def test_a_compilation_is_told_once(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

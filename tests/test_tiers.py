@@ -85,6 +85,7 @@ def test_the_wheel_says_that_it_is_typed_and_holds_no_leavings(wheel: zipfile.Pa
     assert "machopt/py.typed" in names
     assert not [n for n in names if re.search(r"\.(orig|rej|pyc|nbi|nbc|bak)$|__pycache__|^tests/", n)]
     assert any(n.endswith("licenses/LICENSE") for n in names)
+    assert not [n for n in names if n.startswith("machopt/kernels")]  # as MACHOPT_KERNELS asks
 
 
 def test_there_is_one_source_of_the_version(wheel: zipfile.Path) -> None:

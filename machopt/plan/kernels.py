@@ -1,6 +1,6 @@
 """What a plan needs compiled, with the types it is called with: ``python -m machopt.plan.kernels`` stores it all.
 
-They are compiled while a wheel is built (``.build_kernels.py``); what an installation did not bring is compiled when it
+They are compiled while a wheel is built (``.hatch/kernels.py``); what an installation did not bring is compiled when it
 is first called. On such a first run a second process begins with the kernel that is needed last
 (:func:`compile_beside`), so that two cores share the work: numba itself compiles one function at a time.
 """
