@@ -70,10 +70,8 @@ def compiled(function: F) -> F:
 
 
 def store(kernel: Any, folder: Path) -> None:
-    """Write what is compiled of a kernel into a folder that an installation brings."""
-    cache = _Brought(kernel.py_func, NullCache(), folder)
-    for types, result in kernel.overloads.items():
-        cache.write(types, result)
+    """From now on, write what is compiled of a kernel into a folder that an installation brings."""
+    kernel._cache = _Bringing(kernel.py_func, NullCache(), folder)
 
 
 class _Brought(NullCache):  # type: ignore[misc]
@@ -101,13 +99,20 @@ class _Brought(NullCache):  # type: ignore[misc]
     def save_overload(self, sig: Any, data: Any) -> None:
         self.behind.save_overload(sig, data)
 
-    def write(self, types: Any, result: Any) -> None:
-        self._file(types, result.codegen).write_bytes(dumps(result._reduce()))
-
     def _file(self, types: Any, codegen: Any) -> Path:
         depends = (numba.__version__, sys.version_info[:3], types, codegen.magic_tuple(), sources(self.function))
         digest = hashlib.sha256(repr(depends).encode()).hexdigest()[:32]
         return self.folder / f"{self.function.__module__}.{self.function.__qualname__}-{digest}.machine"
+
+
+class _Bringing(_Brought):
+    """Writes it, while a wheel is built. Nothing is read: what was has no machine code left to write."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        target_context.refresh()
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        self._file(sig, data.codegen).write_bytes(dumps(data._reduce()))
 
 
 def sources(function: Any) -> list[str]:

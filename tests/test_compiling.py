@@ -28,8 +28,9 @@ def doubled(x: float) -> float:
 def test_a_kernel_that_the_installation_brought_is_not_compiled_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    doubled(1.0)
-    module.store(doubled, tmp_path)
+    first = numba.njit(nogil=True)(doubled.py_func)  # type: ignore[attr-defined]
+    module.store(first, tmp_path)
+    first(1.0)
     again = numba.njit(nogil=True)(doubled.py_func)  # type: ignore[attr-defined]
     again._cache = module._Brought(again.py_func, again._cache, tmp_path)
     assert again(3.0) == 6.0

@@ -118,16 +118,19 @@ def compile_beside() -> subprocess.Popen[bytes] | None:
 
 def compile_into(folder: Path) -> None:
     """Compile all that a plan may need, for an installation to bring; processes that share a folder share the work."""
+    from importlib import import_module
+
     from machopt.compiled import store
 
     every = KERNELS + MORE
+    for module, name, _ in every:
+        store(getattr(import_module(f"machopt.{module}"), name), folder)
     for module in sorted({module for module, _, _ in every}, key=_longest_first):
         try:
             (folder / f"{module}.claimed").touch(exist_ok=False)
         except FileExistsError:
             continue
-        for kernel in compile_all(entry for entry in every if entry[0] == module):
-            store(kernel, folder)
+        compile_all(entry for entry in every if entry[0] == module)
 
 
 LONGEST = ("plan.sequence", "verify.between", "model.triangles", "plan.feedrate", "model.touching")  # half the work
