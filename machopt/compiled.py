@@ -9,6 +9,7 @@ import contextlib
 import functools
 import hashlib
 import inspect
+import os
 import pickle
 import sys
 from collections.abc import Callable, Iterator
@@ -112,7 +113,10 @@ class _Bringing(_Brought):
         target_context.refresh()
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        self._file(sig, data.codegen).write_bytes(dumps(data._reduce()))
+        file = self._file(sig, data.codegen)
+        own = file.with_suffix(f".{os.getpid()}")  # two processes may compile the same
+        own.write_bytes(dumps(data._reduce()))
+        own.replace(file)
 
 
 def sources(function: Any) -> list[str]:
