@@ -101,6 +101,7 @@ COMMANDS = (
     "place",
     "init",
     "validate",
+    "view",
 )
 PARTS = {  # part of the package → commands whose messages it writes
     "formats": COMMANDS,
