@@ -118,7 +118,7 @@ def test_gain_on_unseen_groups_is_that_of_explicit_refits() -> None:
     used = np.ones(len(problem), bool)
     w = whitening(problem, noise.estimate(problem, problem.y, used), used)
     base, _ = base_model(problem, w, np.random.default_rng(0))
-    s = score(base, tried(problem, w, [law(column)], base.y))[0]
+    s = score(base, tried(base, [law(column)]))[0]
     x = s.tried.at(0)
     fold = np.repeat(base.fold, np.diff(w.visit_starts))
     for f in range(3):
@@ -175,7 +175,7 @@ def test_chance_counts_the_whole_search() -> None:
         used = np.ones(len(problem), bool)
         w = whitening(problem, noise.estimate(problem, problem.y - problem.base @ np.full(4, 1e-4), used), used)
         base, _ = base_model(problem, w, rng)
-        laws = tried(problem, w, catalogue(column, rng, 29).hypotheses, base.y)
+        laws = tried(base, catalogue(column, rng, 29).hypotheses)
         least.append(by_chance(base, score(base, laws), base.residual, rng, flips=199).min())
     # 40 uniform numbers: mean 0.5 ± 0.046; more than 7 of them below 5 % once in a thousand such tests
     assert 0.36 < np.mean(least) < 0.64

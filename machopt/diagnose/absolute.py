@@ -40,6 +40,7 @@ STEPS = 5  # of the robust first fit
 HUBER = 2.0  # robust standard deviations, from where on a reading counts less in the first fit
 PRIOR = 1.0  # relative 1 sigma of the cell's stiffness, which the first fit leans on where weight says nothing
 LEAST_BEND = 1e-7  # m at the cell's own stiffness: a joint whose torque moves the TCP less has no column
+SOFTEST = 2.0  # times the cell's compliance, 1 sigma: frames and waves must not turn a spring to rubber
 NEAR_CELL = 2.0  # factor
 RIGID = 0.05  # of the cell's compliance: what sizes of torque are stated through is never less
 SOFT = 1e-6  # rad/(N·m), where the cell has no stiffness
@@ -184,7 +185,9 @@ class _Model:
         for j in range(6):
             if np.sqrt(np.mean(bend[:, :3, j] ** 2)) * self.nominal[j] > LEAST_BEND:
                 parts.append(bend[:, : self.D, j : j + 1])
-                unknowns.append(Unknown(f"joint {j + 1}", "rad/(N·m)", 0.0, f"joint:{j + 1}", key=joint_spring(j + 1)))
+                known = SOFTEST * self.nominal[j] if self.cell.stiffness is not None else None
+                where, key = f"joint:{j + 1}", joint_spring(j + 1)
+                unknowns.append(Unknown(f"joint {j + 1}", "rad/(N·m)", 0.0, where, known, key))
         if self.free:
             frame = np.zeros((len(p), 6, 6))
             frame[:, :, :] = np.eye(6)
@@ -226,7 +229,9 @@ class _Model:
             rows = np.repeat(weight, self.D)
             spread = _spread((b - A @ x).reshape(-1, self.D)) if x.any() else _spread(y)
             M = np.concatenate([A * size * rows[:, None] / spread, np.diag(lean)])
-            x = size * lsq_linear(M, np.concatenate([b * rows / spread, lean]), (lower / size, np.inf)).x
+            whole = np.column_stack([M, np.concatenate([b * rows / spread, lean])])
+            small = np.asarray(np.linalg.qr(whole, mode="r"))  # the same least squares in a few rows
+            x = size * lsq_linear(small[:, :-1], small[:, -1], (lower / size, np.inf)).x
             error = np.linalg.norm((b - A @ x).reshape(-1, self.D), axis=1)
             limit = HUBER * _spread((b - A @ x).reshape(-1, self.D)) * np.sqrt(self.D)
             weight = np.sqrt(np.minimum(1.0, limit / np.maximum(error, 1e-12)))

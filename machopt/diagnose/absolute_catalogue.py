@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.diagnose import at_body, at_joint, laws_environment, laws_kinematic
+from machopt.diagnose import at_body, at_joint, laws_environment, laws_geometry, laws_kinematic
 from machopt.diagnose.problem import Catalogue, Hypothesis, Problem, Untestable
 from machopt.diagnose.readings import Readings
 from machopt.effects import by_angle, registry
@@ -20,6 +20,7 @@ from machopt.effects.protocol import timed
 
 LEVER = 0.5  # m: an error of rotation counts as the shift it makes this far away, while nothing is known of the noise
 ABSORBED = 1e-3  # of a column's length that the base leaves: less is nothing but rounding of the geometry
+ROUNDING = 1e-8  # of a column's length: what is left of one that the base holds
 DISTINCT = 0.3  # of what the base leaves of a law: less beside a zero offset of the joint, and it is one
 
 
@@ -29,12 +30,14 @@ def catalogue(r: Readings, problem: Problem) -> Catalogue:
         *laws_kinematic.zero_offsets(r),
         *laws_kinematic.transmission_errors(r),
         *laws_kinematic.couplings(r),
+        *laws_geometry.hypotheses(r, problem.base),
         *laws_environment.payload(r),
         *laws_environment.compensator(r),
         *laws_environment.thermal(r),
         *at_body.hypotheses(r),
     ]
     missing = list(_untestable(r))
+    Q = spanned(problem.base)
     drives = np.quantile(np.abs(r.torque), 0.9, axis=0)
     kinds = [e for e in registry.of_joint_torque() if not e.remembers]
     for j in range(6):
@@ -42,12 +45,13 @@ def catalogue(r: Readings, problem: Problem) -> Catalogue:
         if drives[j] <= 1e-3 * max(drives.max(), 1e-12):
             missing.append(Untestable(by_angle.EFFECT.name, where, "neither weight nor load turns it"))
             continue
+        beside = _with_offset(Q, r, j)
         for effect in sorted(kinds, key=lambda e: e.laws[0].weighs):
             laws, _ = at_joint.hypotheses(r, j, effect)
             for law, h in ((law, h) for h in laws for law in effect.laws if law.name == h.law):
                 shapes = h.shapes
                 if law.weighs:
-                    shapes = tuple(s for s in shapes if _own(h.columns(s), problem.base, r, j))
+                    shapes = tuple(s for s in shapes if _own(h.columns(s), Q, beside))
                 if shapes:
                     offered.append(replace(h, shapes=shapes))
                 else:
@@ -57,7 +61,7 @@ def catalogue(r: Readings, problem: Problem) -> Catalogue:
         offered += laws_environment.frame(r)
     kept = []
     for h in offered:
-        if left(h.columns(h.shapes[len(h.shapes) // 2]), problem.base) > ABSORBED:
+        if left(h.columns(h.shapes[len(h.shapes) // 2]), Q) > ABSORBED:
             kept.append(h)
         elif (h.effect, h.location) not in {(m.effect, m.location) for m in missing}:
             missing.append(Untestable(h.effect, h.location, _taken_up(h, r)))
@@ -73,23 +77,39 @@ def catalogue(r: Readings, problem: Problem) -> Catalogue:
     return Catalogue(tuple(kept), tuple(m for m in missing if (m.effect, m.location) not in named), axes)
 
 
-def left(columns: Array, base: Array) -> float:
-    """Share of a hypothesis' columns (N, D, p), by length, that the base (N, D, P) cannot make up."""
-    weight = np.array([1.0] * 3 + [LEVER] * 3)[: columns.shape[1], None]
-    A, B = ((m * weight).reshape(-1, m.shape[2]) for m in (columns, base))
+def spanned(columns: Array) -> Array:
+    """(N D, K) orthonormal columns of what (N, D, P) can make up, rotations counted by :data:`LEVER`."""
+    B = _flat(columns)
     sizes = np.linalg.norm(B, axis=0)
-    B = B[:, sizes > 0] / sizes[sizes > 0]
-    U, s, _ = np.linalg.svd(B, full_matrices=False)
-    U = U[:, s > 1e-9 * s[0]] if len(s) else U
+    U, s, _ = np.linalg.svd(B[:, sizes > 0] / sizes[sizes > 0], full_matrices=False)
+    return np.asarray(U[:, s > 1e-9 * s[0]] if len(s) else U)
+
+
+def left(columns: Array, Q: Array) -> float:
+    """Share of a hypothesis' columns (N, D, p), by length, that the base's (:func:`spanned`) cannot make up."""
+    A = _flat(columns)
     size = float(np.linalg.norm(A))
-    return float(np.linalg.norm(A - U @ (U.T @ A))) / size if size > 0 else 0.0
+    return float(np.linalg.norm(A - Q @ (Q.T @ A))) / size if size > 0 else 0.0
 
 
-def _own(columns: Array, base: Array, r: Readings, j: int) -> bool:
-    """A law on joint j's torque shows more in these poses than a zero offset of the joint would."""
-    offset = r.lift(j, np.ones(len(r)))
-    alone = left(columns, base)
-    return alone > ABSORBED and left(columns, np.concatenate([base, offset], axis=2)) > DISTINCT * alone
+def _flat(columns: Array) -> Array:
+    weight = np.array([1.0] * 3 + [LEVER] * 3)[: columns.shape[1], None]
+    return np.asarray((columns * weight).reshape(-1, columns.shape[2]))
+
+
+def _with_offset(Q: Array, r: Readings, j: int) -> Array:
+    """The span beside a zero offset of joint j; as it was where it holds one already."""
+    column = _flat(r.lift(j, np.ones(len(r))))[:, 0]
+    rest = column - Q @ (Q.T @ column)
+    rest = rest - Q @ (Q.T @ rest)
+    size = float(np.linalg.norm(rest))
+    return np.column_stack([Q, rest / size]) if size > ROUNDING * float(np.linalg.norm(column)) else Q
+
+
+def _own(columns: Array, Q: Array, beside: Array) -> bool:
+    """A law on a joint's torque shows more in these poses than a zero offset of the joint would."""
+    alone = left(columns, Q)
+    return alone > ABSORBED and left(columns, beside) > DISTINCT * alone
 
 
 def _untestable(r: Readings) -> list[Untestable]:

@@ -25,8 +25,9 @@ from machopt.diagnose.problem import Catalogue, Problem
 from machopt.diagnose.proof import prove
 from machopt.diagnose.result import Coefficient, Diagnosis, Errors, Finding, Limit, Share, Verdict
 from machopt.diagnose.screen import score
-from machopt.diagnose.select import Chosen, select, stands, with_chosen
+from machopt.diagnose.select import Chosen, stands, with_chosen
 from machopt.diagnose.state import State
+from machopt.diagnose.together import searched
 from machopt.diagnose.whitening import whitening
 
 Flags = NDArray[np.bool_]
@@ -72,8 +73,9 @@ def _search(problem: Problem, catalogue: Catalogue, options: Options, seed: int,
         found = noise.estimate(problem, residual, used)
         w = whitening(problem, found, used)
         base, unit = base_model(problem, w, np.random.default_rng([seed, 2]))
-        each = tuple(tried(problem, w, catalogue.hypotheses, base.y))
-        chosen = tuple(select(base, each, options.most, np.random.default_rng([seed, 3])))
+        fits = 1.0 if found.replicated else np.nan
+        laws = tried(base, catalogue.hypotheses)
+        each, chosen = searched(base, laws, options.most, np.random.default_rng([seed, 3]), fits)
         before, state = state, State(problem, catalogue, used, found, w, base, unit, each, chosen)
         fitted = state.fitted(chosen)
         residual = fitted.residual

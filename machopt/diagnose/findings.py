@@ -85,7 +85,7 @@ def estimates(model: Model, chosen: Sequence[Chosen], k: int) -> dict[str, Estim
     value = h.quantities(c.scored.x * c.tried.unit[c.scored.shape], c.tried.shapes[c.scored.shape])
     ends: dict[str, list[Array]] = {name: [] for name in value}
     for s in range(len(c.tried.shapes)):
-        m = beside.with_columns(c.tried.at(s))
+        m = beside.with_columns(c.tried.at(s), c.tried.precision(s))
         if s != c.scored.shape and m.rss - _rss(beside, c) > calibrated.DETECTION.near_shape * m.spread:
             continue
         x, covariance, freedom = sandwich(m)
@@ -134,7 +134,7 @@ def _quantity_intervals(
 
 
 def _rss(beside: Model, c: Chosen) -> float:
-    return beside.with_columns(c.columns).rss
+    return beside.with_columns(c.columns, c.tried.precision(c.scored.shape)).rss
 
 
 def _paired(d: Array) -> float:

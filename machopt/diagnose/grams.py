@@ -1,7 +1,7 @@
-"""Whitened equations summed up by visit: all that fits, folds and resamples need.
+"""Whitened equations summed up by fold: all that fits and what is held out of them need.
 
-A model is a set of whitened columns; its sums XᵀX, Xᵀy per visit are enough to refit it without any group, to hold that
-group against it, and to flip the signs of a visit's scores.
+A model is a set of whitened columns; its sums XᵀX, Xᵀy per fold are enough to refit it without any of them, and to hold
+that one against it.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from machopt.diagnose.problem import Hypothesis, Problem, Shape
 from machopt.diagnose.whitening import Whitening
 
 Ints = NDArray[np.int64]
+Rows = tuple[Ints, ...]
 RIDGE = 1e-9  # of each column's own square: keeps directions that no reading shows from exploding
 ABSORBED = 1e-4  # of a column's square left beside the base; less cannot be told from the base
 MOST_FOLDS = 40
@@ -32,10 +33,11 @@ class Model:
     y: Array  # (M,)
     fold: Ints  # (V,) which visits are held out together
     folds: int
-    XX: Array  # (V, P, P)
-    Xy: Array  # (V, P)
-    yy: Array  # (V,)
+    XX: Array  # (F, P, P)
+    Xy: Array  # (F, P)
+    yy: Array  # (F,)
     prior: Array  # (P,) precision of what is known beforehand, zero for what is not
+    rows: Rows  # of each fold
 
     @property
     def normal(self) -> Array:
@@ -65,15 +67,10 @@ class Model:
         """Variance of a whitened residual, at least 1: what the noise model leaves out makes every test stricter."""
         return float(max(1.0, self.rss / max(len(self.y) - self.X.shape[1], 1)))
 
-    def by_fold(self, visits: Array) -> Array:
-        out = np.zeros((self.folds, *visits.shape[1:]))
-        np.add.at(out, self.fold, visits)
-        return out
-
-    def with_columns(self, more: Array) -> Model:
-        """The model with further whitened columns (M, p)."""
-        prior = np.concatenate([self.prior, np.zeros(more.shape[1])])
-        return model(self.w, np.concatenate([self.X, more], axis=1), self.y, self.fold, prior)
+    def with_columns(self, more: Array, held: Array | None = None) -> Model:
+        """The model with further whitened columns (M, p), and the precision (p,) that they are known with."""
+        prior = np.concatenate([self.prior, np.zeros(more.shape[1]) if held is None else held])
+        return model(self.w, np.concatenate([self.X, more], axis=1), self.y, self.fold, prior, self.rows)
 
 
 @dataclass(frozen=True)
@@ -83,23 +80,42 @@ class Tried:
     hypothesis: Hypothesis
     X: Array  # (M, S, p)
     unit: Array  # (S, p) SI coefficient per fitted one: columns are scaled to a whitened rms of one
-    XX: Array  # (V, S, p, p)
-    Xy: Array  # (V, S, p)
+    XX: Array  # (F, S, p, p)
+    Xy: Array  # (F, S, p)
     index: int = field(default=0, compare=False)
 
     def at(self, shape: int) -> Array:
         """(M, p) whitened columns of one shape."""
         return np.asarray(self.X[:, shape])
 
+    def precision(self, shape: int) -> Array:
+        """(p,) of what is known of the fitted coefficients beforehand, zero where nothing is."""
+        known = self.hypothesis.held
+        return np.zeros(self.X.shape[2]) if known is None else np.asarray((self.unit[shape] / known) ** 2)
+
     @property
     def shapes(self) -> tuple[Shape, ...]:
         return self.hypothesis.shapes
 
 
-def model(w: Whitening, X: Array, y: Array, fold: Ints, prior: Array) -> Model:
-    """Sum up whitened columns by visit."""
-    XX = np.stack([x.T @ x for x in _visits(w, X)])
-    return Model(w, X, y, fold, int(fold.max()) + 1, XX, w.by_visit(X * y[:, None]), w.by_visit(y**2), prior)
+def model(w: Whitening, X: Array, y: Array, fold: Ints, prior: Array, rows: Rows | None = None) -> Model:
+    """Sum up whitened columns by fold."""
+    rows = rows_of(w, fold) if rows is None else rows
+    XX = np.stack([x.T @ x for x in (X[r] for r in rows)])
+    Xy = np.stack([X[r].T @ y[r] for r in rows])
+    return Model(w, X, y, fold, len(rows), XX, Xy, np.array([y[r] @ y[r] for r in rows]), prior, rows)
+
+
+def regrouped(one: Model, like: Model) -> Model:
+    """A model with the folds of another one."""
+    return model(one.w, one.X, one.y, like.fold, one.prior, like.rows)
+
+
+def rows_of(w: Whitening, fold: Ints) -> Rows:
+    """Rows of each fold, ascending."""
+    of = np.repeat(fold, np.diff(w.visit_starts))
+    order = np.argsort(of, kind="stable")
+    return tuple(np.split(order, np.searchsorted(of[order], np.arange(1, int(fold.max()) + 1))))
 
 
 def base_model(problem: Problem, w: Whitening, rng: np.random.Generator) -> tuple[Model, Array]:
@@ -110,8 +126,9 @@ def base_model(problem: Problem, w: Whitening, rng: np.random.Generator) -> tupl
     return model(w, X * unit, w.apply(problem.y), _folds(w, rng), (unit / known) ** 2), unit
 
 
-def tried(problem: Problem, w: Whitening, hypotheses: Sequence[Hypothesis], y: Array) -> list[Tried]:
+def tried(base: Model, hypotheses: Sequence[Hypothesis]) -> list[Tried]:
     """Whiten every hypothesis at every shape; those without any column that moves a reading are left out."""
+    w, y = base.w, base.y
     out: list[Tried] = []
     for h in hypotheses:
         raw = np.stack([h.columns(s) for s in h.shapes], axis=2)  # (N, D, S, p)
@@ -121,8 +138,9 @@ def tried(problem: Problem, w: Whitening, hypotheses: Sequence[Hypothesis], y: A
         if not np.isfinite(X).all() or not np.any(X):
             continue
         X = (X * unit).reshape(-1, S, p)
-        XX = np.stack([own(x) for x in _visits(w, X)])
-        out.append(Tried(h, X, unit.reshape(S, p), XX, w.by_visit(X * y[:, None, None]), len(out)))
+        XX = np.stack([own(X[r]) for r in base.rows])
+        Xy = np.stack([np.einsum("msp,m->sp", X[r], y[r]) for r in base.rows])
+        out.append(Tried(h, X, unit.reshape(S, p), XX, Xy, len(out)))
     return out
 
 
@@ -158,14 +176,10 @@ def _unit(X: Array) -> Array:
     return np.asarray(1.0 / np.where(size > 0, size, 1.0))
 
 
-def _visits(w: Whitening, X: Array) -> list[Array]:
-    return np.split(X, w.visit_starts[1:-1])
-
-
 def sandwich(model: Model) -> tuple[Array, Array, float]:
     """Coefficients, cluster-robust covariance (folds as clusters) and degrees of freedom."""
     M, x = ridged_inverse(model.normal), model.coefficients
-    u = model.by_fold(model.Xy) - np.einsum("fij,j->fi", model.by_fold(model.XX), x)
+    u = model.Xy - np.einsum("fij,j->fi", model.XX, x)
     G, P = model.folds, len(x)
     robust = M @ (u.T @ u) @ M * G / max(G - 1, 1)
     # few groups: the robust part alone is noisy, and too small as often as too large

@@ -44,13 +44,11 @@ class Fitted:
         out = self.residual
         if m.folds < 2:  # without its only group no fit is left to hold against it
             return out
-        XX, Xy = m.by_fold(m.XX), m.by_fold(m.Xy)
-        x = np.einsum("fij,fj->fi", ridged_inverse(m.normal - XX), m.Xy.sum(axis=0) - Xy) * self.unit
+        x = np.einsum("fij,fj->fi", ridged_inverse(m.normal - m.XX), m.Xy.sum(axis=0) - m.Xy) * self.unit
         D = self.y.shape[1]
-        starts = m.w.visit_starts // D
-        for v in range(len(m.fold)):
-            rows = m.w.index[starts[v] : starts[v + 1]]
-            out[rows] = self.y[rows] - self.columns[rows] @ x[m.fold[v]]
+        for f, of in enumerate(m.rows):
+            rows = m.w.index[of[::D] // D]
+            out[rows] = self.y[rows] - self.columns[rows] @ x[f]
         return np.asarray(out)
 
 
@@ -83,6 +81,12 @@ def better(problem: Problem, before: Array, after: Array, used: Flags) -> bool:
 
 def by_group(problem: Problem, residuals: Sequence[Array], used: Flags) -> tuple[Array, NDArray[np.int64]]:
     """(G, K) rmse of the first family for each of K residuals, and the labels (G,)."""
-    groups = np.unique(problem.group)
-    out = np.array([[rmse(problem, r, used & (problem.group == g)) for r in residuals] for g in groups])
-    return out, groups
+    family = problem.families[0]
+    groups, of = np.unique(problem.group[used], return_inverse=True)
+    every = np.unique(problem.group)
+    out = np.full((len(every), len(residuals)), np.nan)
+    count = np.bincount(of) * len(family.columns)
+    for k, r in enumerate(residuals):
+        power = np.bincount(of, (r[used][:, list(family.columns)] ** 2).sum(axis=1)) / count
+        out[np.searchsorted(every, groups), k] = family.factor * np.sqrt(power)
+    return out, every

@@ -9,7 +9,7 @@ from scipy.special import ndtr
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated, heldout
-from machopt.diagnose.grams import base_model
+from machopt.diagnose.grams import base_model, regrouped
 from machopt.diagnose.heldout import Fitted
 from machopt.diagnose.result import Estimate, Finding
 from machopt.diagnose.select import with_chosen
@@ -38,7 +38,7 @@ def geometric_finding(state: State) -> Known | None:
         unknowns=tuple(problem.unknowns[k] for k in columns),
     )
     model, unit = base_model(bare, state.w, np.random.default_rng(0))
-    model = replace(model, fold=state.base.fold, folds=state.base.folds)
+    model = regrouped(model, state.base)
     alone = Fitted(model, bare.base, unit, bare.y)
     without, best = with_chosen(model, state.chosen), with_chosen(state.base, state.chosen)
     gain = (without.rss - best.rss) / best.spread

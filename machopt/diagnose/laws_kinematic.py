@@ -22,6 +22,7 @@ LOW_ORDERS = 12  # per turn of the joint: what turns with the output (rings, pin
 HIGH_ORDER = 200.0  # per turn: about the largest ratio of a robot's reducer, what turns with the motor
 LOSS = 0.7  # rad, half the phase that neighbouring orders may part by at the ends of the range: 8 % of amplitude
 POSES_PER_ORDER = 3.0  # distinct angles that each order of the grid asks for
+MOST_HIGH = 48  # orders above the low ones
 LEAST_WAYS = np.radians(10.0)  # range of a joint below which a wave is a zero offset and a slope
 BALANCER = 3.0  # per turn of joint 2, the lowest order that is not a balancer's
 WRIST = ((4, 5), (4, 6), (5, 6))
@@ -77,6 +78,8 @@ def wave_orders(r: Readings, j: int) -> tuple[float, ...]:
     )  # a quarter of a wave is an offset and a slope
     low = np.arange(first, LOW_ORDERS + 0.5)
     budget = int(distinct / POSES_PER_ORDER) - len(low)
+    if budget > MOST_HIGH:  # whole orders of a joint that turns far: a finer grid only takes longer
+        budget, step = MOST_HIGH, max(step, 1.0)
     high = LOW_ORDERS + step * np.arange(1, max(budget, 0) + 1)
     return tuple(float(n) for n in np.concatenate([low, high[high <= HIGH_ORDER]]))
 

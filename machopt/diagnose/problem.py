@@ -121,6 +121,7 @@ class Hypothesis:
     penalty: float = 0.0  # beyond that of its coefficients; for laws that are flexible enough to fit anything
     # coefficients (p,) that something built can have, nearest to the given ones by how the misfit grows (p, p)
     possible: Callable[[Array, Array], Array] | None = None
+    held: float | None = None  # 1 sigma about zero of every coefficient, of what makers hold; None: nothing is known
     exact: bool = False  # the law leaves nothing of its effect (a clock, a measured lag), however large that is
 
     @property

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from machopt.diagnose import calibrated, heldout
-from machopt.diagnose.grams import Tried, base_model, tried
+from machopt.diagnose.grams import base_model, tried
 from machopt.diagnose.result import Proof
-from machopt.diagnose.select import select, with_chosen
+from machopt.diagnose.select import with_chosen
 from machopt.diagnose.state import State
+from machopt.diagnose.together import searched
 from machopt.diagnose.whitening import whitening
 
 FLIPS = 4096
@@ -29,15 +30,15 @@ def prove(state: State, most: int, rng: np.random.Generator) -> Proof | None:
     used = state.used & ~away
     w = whitening(problem, state.noise, used)
     base, unit = base_model(problem, w, rng)
-    laws: list[Tried] = tried(problem, w, [t.hypothesis for t in state.tried], base.y)
-    chosen = select(base, laws, most, rng)
+    fits = 1.0 if state.noise.replicated else np.nan
+    _, chosen = searched(base, tried(base, state.catalogue.hypotheses), most, rng, fits)
     parts = [problem.base, *(c.tried.hypothesis.columns(c.tried.shapes[c.scored.shape]) for c in chosen)]
     scale = np.concatenate([unit, *(c.tried.unit[c.scored.shape] for c in chosen)])
     x = with_chosen(base, chosen).coefficients * scale
     before = problem.y - problem.base @ (base.coefficients * unit)
     after = problem.y - np.concatenate(parts, axis=2) @ x
     seen = state.used & away
-    each = np.array([[heldout.rmse(problem, r, seen & (problem.group == g)) for r in (before, after)] for g in locked])
+    each = heldout.by_group(problem, (before, after), seen)[0][np.isin(groups, locked)]
     won = each[:, 0] ** 2 - each[:, 1] ** 2
     won = won[np.isfinite(won)]
     signs = rng.choice([-1.0, 1.0], (FLIPS, len(won)))

@@ -40,7 +40,7 @@ def score(model: Model, tried: Sequence[Tried]) -> list[Scored]:
     """Score hypotheses beside a model."""
     H, h = model.normal, model.Xy.sum(axis=0)
     M = ridged_inverse(H)
-    XX, Xy, yy = model.by_fold(model.XX), model.by_fold(model.Xy), model.by_fold(model.yy)
+    XX, Xy, yy = model.XX, model.Xy, model.yy
     M_fold = ridged_inverse(H - XX)
     x_fold = np.einsum("fij,fj->fi", M_fold, h - Xy)
     loss = yy - 2 * np.einsum("fi,fi->f", x_fold, Xy) + np.einsum("fi,fij,fj->f", x_fold, XX, x_fold)
@@ -48,20 +48,23 @@ def score(model: Model, tried: Sequence[Tried]) -> list[Scored]:
 
 
 def _one(model: Model, t: Tried, H: Array, h: Array, M: Array, folds: tuple[Array, ...]) -> Scored:
-    mixed = np.stack([cross(a, b) for a, b in zip(_split(model, t.X), _split(model, model.X), strict=True)])
+    mixed = np.stack([cross(t.X[r], model.X[r]) for r in model.rows])
     C, XXc, Xyc = mixed.sum(axis=0), t.XX.sum(axis=0), t.Xy.sum(axis=0)
     S, u = XXc - np.einsum("sip,pq,sjq->sij", C, M, C), Xyc - C @ (M @ h)
     S, visible = _regular(S, XXc)
+    known = np.stack([np.diag(t.precision(s)) for s in range(len(t.shapes))])
+    S = S + known
     x, gain = bounded(S, u, t.hypothesis.lower)
     best = int(np.argmax(gain))
     # the same without each fold
     XX, Xy, yy, M_fold, x_fold, loss = folds
-    C_f, XX_f, Xy_f = model.by_fold(mixed), model.by_fold(t.XX), model.by_fold(t.Xy)
+    C_f, XX_f, Xy_f = mixed, t.XX, t.Xy
     C_r, XX_r, Xy_r = C - C_f, XXc - XX_f, Xyc - Xy_f
     S_r = XX_r - np.einsum("fsip,fpq,fsjq->fsij", C_r, M_fold, C_r, optimize=True)
     u_r = Xy_r - np.einsum("fsip,fp->fsi", C_r, x_fold)
     F, count, p = u_r.shape
     flat, _ = _regular(S_r.reshape(-1, p, p), XX_r.reshape(-1, p, p))
+    flat = flat + np.broadcast_to(known, (F, *known.shape)).reshape(flat.shape)
     xc, gain_r = bounded(flat, u_r.reshape(-1, p), t.hypothesis.lower)
     pick = np.argmax(gain_r.reshape(F, count), axis=1)
     at = np.arange(F)
@@ -121,7 +124,7 @@ def by_chance(
     if not scored:
         return np.zeros(0)
     M, r = model.inverse, residual
-    Xr = model.w.by_group(model.w.by_visit(model.X * r[:, None]))  # (G, P)
+    Xr = model.w.by_cluster(model.X * r[:, None])  # (G, P)
     signs = rng.choice([-1.0, 1.0], (flips, len(Xr)))
     largest = np.full(flips, -np.inf)
     own = np.empty(len(scored))
@@ -130,9 +133,7 @@ def by_chance(
         C = cross(t.X, model.X)
         XX = t.XX.sum(axis=0)
         S, _ = _regular(XX - np.einsum("sip,pq,sjq->sij", C, M, C), XX)
-        scores = model.w.by_group(model.w.by_visit(t.X * r[:, None, None])) - np.einsum(
-            "sip,pq,vq->vsi", C, M, Xr, optimize=True
-        )
+        scores = model.w.by_cluster(t.X * r[:, None, None]) - np.einsum("sip,pq,vq->vsi", C, M, Xr, optimize=True)
         L = np.linalg.inv(np.linalg.cholesky(S))
         along = np.einsum("sij,vsj->vsi", L, scores)
         p = along.shape[2]
@@ -157,7 +158,3 @@ def _regular(S: Array, whole: Array) -> tuple[Array, Array]:
     heavy = np.maximum(ABSORBED - left, 0.0) * d
     p = S.shape[-1]
     return S + np.einsum("bi,ij->bij", heavy + 1e-6 * d, np.eye(p)), left.max(axis=1)
-
-
-def _split(model: Model, X: Array) -> list[Array]:
-    return np.split(X, model.w.visit_starts[1:-1])

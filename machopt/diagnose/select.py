@@ -17,11 +17,12 @@ from machopt.diagnose import calibrated
 from machopt.diagnose.anotherday import comes_again
 from machopt.diagnose.grams import Model, Tried
 from machopt.diagnose.problem import Hypothesis
-from machopt.diagnose.screen import Scored, by_chance, score
+from machopt.diagnose.screen import FLIPS, Scored, by_chance, score
 from machopt.diagnose.unproven import possible, unproven
 from machopt.effects import registry
 
 PAIRS_AMONG = 6
+NOISE_KNOWN = 0.5  # whitened variance left, below which the noise held most of what was found
 
 
 @dataclass(frozen=True)
@@ -111,11 +112,28 @@ def _greedy(model: Model, tried: Sequence[Tried], most: int) -> Model:
     return model
 
 
+def settled(model: Model, laws: Sequence[Tried]) -> list[Chosen]:
+    """Effects that were found together, each beside the others, without those that the others can do without.
+
+    Where the noise was taken from residuals of a poorer model it says nothing yet of what is needed: then all stay.
+    """
+    chosen = [Chosen(score(model, [t])[0], 1.0 / (FLIPS + 1.0)) for t in laws]
+    known = with_chosen(model, chosen).rss > NOISE_KNOWN * len(model.y)
+    while True:
+        beside = [with_chosen(model, [o for o in chosen if o is not c]) for c in chosen]
+        chosen = [replace(c, scored=score(m, [c.tried])[0]) for m, c in zip(beside, chosen, strict=True)]
+        needed = [s.gain / m.spread - least_gain(m, s) for m, s in zip(beside, [c.scored for c in chosen], strict=True)]
+        if not known or not chosen or min(needed) >= 0.0:
+            return sorted(chosen, key=lambda c: -c.scored.total)
+        del chosen[int(np.argmin(needed))]
+
+
 def with_chosen(model: Model, chosen: Sequence[Chosen]) -> Model:
     """The model with the columns of what was chosen."""
-    for c in chosen:
-        model = model.with_columns(c.columns)
-    return model
+    if not chosen:
+        return model
+    held = np.concatenate([c.tried.precision(c.scored.shape) for c in chosen])
+    return model.with_columns(np.concatenate([c.columns for c in chosen], axis=1), held)
 
 
 @dataclass(frozen=True)
