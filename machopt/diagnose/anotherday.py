@@ -25,8 +25,9 @@ def transferred(model: Model, s: Scored) -> float:
     H, h = full.normal, full.Xy.sum(axis=0)
     total = 0.0
     for d in range(len(days)):
-        here = day == d
-        XX, Xy = full.XX[here].sum(axis=0), full.Xy[here].sum(axis=0)
+        here = np.repeat(day == d, np.diff(w.visit_starts))
+        X, y = full.X[here], full.y[here]
+        XX, Xy = X.T @ X, X.T @ y
         losses = []
         for k in (P, len(h)):
             x = ridged_inverse((H - XX)[:k, :k]) @ (h - Xy)[:k]
