@@ -18,7 +18,7 @@ from machopt.diagnose import calibrated
 from machopt.diagnose.grams import NOTHING, Model, Tried, ridged_inverse, tried
 from machopt.diagnose.problem import Hypothesis
 from machopt.diagnose.select import Chosen, select, settled
-from machopt.effects import kinematic
+from machopt.effects import geometry, kinematic
 
 FEW = 3  # effects that a search one by one is asked for as a rule
 RIVALS = 24  # shapes of a law that is held against what was found together
@@ -86,7 +86,7 @@ def many(model: Model, laws: Sequence[Tried], fits: float) -> list[Tried]:
     Returns:
         Empty where few effects, or none, are there.
     """
-    if not any(t.hypothesis.effect == kinematic.WAVES.name for t in laws):  # load tests, motion: nothing to crowd
+    if not any(t.hypothesis.effect == geometry.EFFECT.name for t in laws):  # no measured poses
         return []
     if len(model.y) < PER_COLUMN * (model.X.shape[1] + CROWDED * 2):
         return []
