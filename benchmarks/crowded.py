@@ -66,7 +66,7 @@ def share_colliding(cell_folder: Path, toolpath: Path) -> float:
     from machopt.formats.toolpath import read_toolpath
     from machopt.plan.candidates import enumerate_candidates
     from machopt.plan.path import build_path
-    from machopt.plan.pipeline import prepare
+    from machopt.plan.setup import prepare
 
     cell = load_cell(cell_folder)
     options = load_options(cell.plan, None, [])

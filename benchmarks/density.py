@@ -24,8 +24,9 @@ from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
 from machopt.formats.toolpath import read_toolpath
 from machopt.plan import path as paths
+from machopt.plan.made import Plan
 from machopt.plan.objective import objective
-from machopt.plan.pipeline import Plan, plan
+from machopt.plan.pipeline import plan
 
 ROOT = File(__file__).resolve().parents[1]
 CELL = ROOT / "cells" / "kr500_milling"

@@ -126,8 +126,8 @@ def main() -> int:
         return 2
     from machopt.formats.cell import load_cell
     from machopt.formats.options import load_options
-    from machopt.plan.pipeline import prepare
     from machopt.plan.rapids import time_legs
+    from machopt.plan.setup import prepare
 
     util.setLogLevel(util.LogLevel.LOG_NONE)
     util.RNG.setSeed(SEED)

@@ -8,7 +8,8 @@ from machopt.domain.toolpath import Toolpath
 from machopt.formats.posts import program_name, write_program
 from machopt.formats.posts.densify import Tolerance
 from machopt.formats.tables import write_points_csv, write_trajectory_csv
-from machopt.plan.pipeline import Plan, as_driven
+from machopt.plan.made import Plan
+from machopt.plan.pipeline import as_driven
 from machopt.plan.points import point_results
 from machopt.plan.timeline import Timeline
 from machopt.postprocess.moves import Programmed

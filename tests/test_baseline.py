@@ -19,9 +19,9 @@ from machopt.domain.toolpath import Move, Toolpath
 from machopt.model.elastic import jiao_index
 from machopt.plan.baseline import LEAST_TILT, STEP, _groups, _roll, cam_default, jiao2022
 from machopt.plan.path import Path, build_path, tcp_poses
-from machopt.plan.pipeline import Setup, prepare
 from machopt.plan.realise import Assignment
 from machopt.plan.score import directions
+from machopt.plan.setup import Setup, prepare
 from machopt.se3 import wrap
 
 C, R = Move.CUT, Move.RAPID

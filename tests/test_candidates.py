@@ -20,7 +20,7 @@ from machopt.plan import candidates as module
 from machopt.plan.candidates import Candidates, enumerate_candidates
 from machopt.plan.path import Path as Way
 from machopt.plan.path import build_path, tcp_poses
-from machopt.plan.pipeline import Setup, prepare
+from machopt.plan.setup import Setup, prepare
 from machopt.se3 import inverse, wrap
 
 

@@ -22,8 +22,9 @@ from machopt.plan import pipeline
 from machopt.plan.caps import GAP
 from machopt.plan.certificate import certificate
 from machopt.plan.choose import choose
+from machopt.plan.made import Plan
 from machopt.plan.nested import strides, thinned
-from machopt.plan.pipeline import Plan, plan
+from machopt.plan.pipeline import plan
 
 EXACT = 1e-12  # of J: rounding
 CURVES = 5e-3  # of J: a smooth curve is a local optimum beside the grid's exact one

@@ -25,7 +25,7 @@ from machopt.model.elastic import ArmElasticity, joint_stiffness
 from machopt.plan.compensate import STEEPEST, residual, shifted, steepness
 from machopt.plan.engage import engaged_force
 from machopt.plan.explain import explain_points
-from machopt.plan.pipeline import Plan
+from machopt.plan.made import Plan
 from machopt.plan.refine import compensate, with_corners
 from machopt.verify.engage import demanded_force
 from machopt.verify.shift import FORCE_SHARE

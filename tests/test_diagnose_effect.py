@@ -19,7 +19,8 @@ from machopt.formats.options import load_options
 from machopt.formats.toolpath import read_toolpath
 from machopt.model.elastic import ArmElasticity
 from machopt.plan.explain import gamma
-from machopt.plan.pipeline import Plan, plan
+from machopt.plan.made import Plan
+from machopt.plan.pipeline import plan
 from machopt.report.gather.diagnose import job_effect
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -22,8 +22,10 @@ from machopt.model.robot import load_robot
 from machopt.plan.certificate import certificate
 from machopt.plan.explain import explain_points, help_of
 from machopt.plan.external import best_plan
-from machopt.plan.pipeline import Plan, plan, prepare
+from machopt.plan.made import Plan
+from machopt.plan.pipeline import plan
 from machopt.plan.rapids import RapidMove, plan_rapid
+from machopt.plan.setup import prepare
 from machopt.plan.timeline import build_timeline
 
 K = Stiffness(np.array([1.4e6, 1.2e6, 9.4e5, 3.6e5, 3.7e5, 3.8e5]))

@@ -27,7 +27,7 @@ from machopt.model.machine import load_machine
 from machopt.model.robot import load_chain, load_robot
 from machopt.plan.candidates import enumerate_candidates
 from machopt.plan.path import build_path
-from machopt.plan.pipeline import prepare, standing
+from machopt.plan.setup import prepare, standing
 from machopt.se3 import rpy_matrix
 from machopt.services.newcell import run_init
 from machopt.workspace.mapping import arm_of

@@ -22,10 +22,12 @@ from machopt.formats.stiffness import load_stiffness
 from machopt.formats.toolpath import read_toolpath
 from machopt.model.elastic import deflection, directional_compliance, jiao_index
 from machopt.plan.explain import explain_points, gamma, hints, shortfall_of
+from machopt.plan.made import Plan
 from machopt.plan.path import tcp_poses
-from machopt.plan.pipeline import Plan, Timings, plan, prepare
+from machopt.plan.pipeline import plan
 from machopt.plan.realise import Assignment
 from machopt.plan.score import resolve_index
+from machopt.plan.setup import Timings, prepare
 
 ROOT = FilePath(__file__).resolve().parent.parent
 C, R = Move.CUT, Move.RAPID

@@ -19,7 +19,7 @@ from machopt.domain.program import Controller, ExternalDrive
 from machopt.domain.toolpath import Toolpath
 from machopt.formats.posts.densify import Tolerance
 from machopt.plan.external import best_plan
-from machopt.plan.pipeline import Plan
+from machopt.plan.made import Plan
 from machopt.plan.timeline import Timeline, build_timeline
 from machopt.postprocess.moves import robot_program, sampled_program
 from machopt.recheck.compared import Compared

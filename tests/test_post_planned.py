@@ -18,7 +18,8 @@ from machopt.formats.cell import load_cell
 from machopt.formats.posts import needs_samples, post_names
 from machopt.formats.posts.densify import Tolerance
 from machopt.formats.toolpath import read_toolpath
-from machopt.plan.pipeline import Plan, plan
+from machopt.plan.made import Plan
+from machopt.plan.pipeline import plan
 from machopt.plan.timeline import Timeline, build_timeline
 from machopt.postprocess.moves import robot_program, sampled_program
 

@@ -22,8 +22,9 @@ from machopt.plan.caps import GAP
 from machopt.plan.check import Checker
 from machopt.plan.choose import choose
 from machopt.plan.explain import explain_points
+from machopt.plan.made import Plan
 from machopt.plan.mapped import mapped
-from machopt.plan.pipeline import Plan, plan
+from machopt.plan.pipeline import plan
 from machopt.plan.sequence import JUMP
 from machopt.se3 import wrap
 

@@ -15,7 +15,7 @@ from machopt.formats.setups import placed
 from machopt.formats.toolchoice import stints_of, with_tools
 from machopt.formats.toolpath import read_toolpath
 from machopt.plan.job import plan_job
-from machopt.plan.pipeline import Timings
+from machopt.plan.setup import Timings
 from machopt.services.load import Request
 from machopt.services.run import optimize
 

@@ -17,8 +17,8 @@ from machopt.plan.candidates import Candidates, _forbid_by_user, enumerate_candi
 from machopt.plan.choose import Choice, choose
 from machopt.plan.corridor import corridor
 from machopt.plan.path import Path, build_path
-from machopt.plan.pipeline import prepare
 from machopt.plan.score import Scores, directions, score_candidates
+from machopt.plan.setup import prepare
 from machopt.plan.smooth import follow_grid, smooth
 from machopt.se3 import wrap
 

@@ -23,8 +23,10 @@ from machopt.plan.certificate import certificate
 from machopt.plan.conflict import minimal, whole, wishes_of, with_conflict
 from machopt.plan.explain import gamma, hints
 from machopt.plan.groups import Group, groups_of
+from machopt.plan.made import Plan
 from machopt.plan.path import build_path
-from machopt.plan.pipeline import Plan, Timings, plan
+from machopt.plan.pipeline import plan
+from machopt.plan.setup import Timings
 from machopt.verify.asked import check_asked
 from machopt.verify.table import Points
 

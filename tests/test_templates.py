@@ -25,7 +25,8 @@ from machopt.report.identification import Coefficient, IdentificationPage
 from machopt.report.identification_page import identification_html
 from machopt.report.map_page import map_page_html
 from machopt.report.page import report_html
-from machopt.report.poses_page import PosesPage, poses_html
+from machopt.report.poses_data import PosesPage
+from machopt.report.poses_page import poses_html
 from machopt.report.template import fragment, joined, part, render
 from machopt.report.toolpath_page import toolpath_page
 

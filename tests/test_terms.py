@@ -22,8 +22,8 @@ from machopt.model.robot import Robot, load_robot
 from machopt.model.terms import LinearTerm, compile_terms, term_of, vocabulary
 from machopt.plan.candidates import enumerate_candidates
 from machopt.plan.path import build_path
-from machopt.plan.pipeline import prepare
 from machopt.plan.score import directions, score_candidates
+from machopt.plan.setup import prepare
 
 ROOT = Path(__file__).resolve().parent.parent
 PSD = (

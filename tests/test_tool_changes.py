@@ -21,7 +21,7 @@ from machopt.formats.toolchoice import stints_of, with_tools
 from machopt.plan.certificate import certificate
 from machopt.plan.job import Job, plan_job
 from machopt.plan.mapped import mapped
-from machopt.plan.pipeline import Timings
+from machopt.plan.setup import Timings
 from machopt.plan.uncertainty import gains
 from machopt.report.gather.optimize_map import cut_stations
 from machopt.report.gather.optimize_scene import view_of

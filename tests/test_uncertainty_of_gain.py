@@ -19,7 +19,7 @@ from machopt.domain.stiffness import Stiffness, StiffnessGrid, Term
 from machopt.formats.stiffness import load_stiffness
 from machopt.formats.toolpath import read_toolpath
 from machopt.model.elastic import ArmElasticity, joint_stiffness
-from machopt.plan.pipeline import Plan
+from machopt.plan.made import Plan
 from machopt.plan.points import point_results
 from machopt.plan.score import configuration_cost
 from machopt.plan.uncertainty import NINETY, Gain, Spread, cost_gradient, gains

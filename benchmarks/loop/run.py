@@ -36,7 +36,8 @@ from machopt.formats.cell import load_cell
 from machopt.formats.stiffness import load_stiffness, write_stiffness
 from machopt.formats.toolpath import read_toolpath
 from machopt.identify.asked import Request as IdentifyRequest
-from machopt.plan.pipeline import Plan, plan
+from machopt.plan.made import Plan
+from machopt.plan.pipeline import plan
 from machopt.plan.refine import compensate
 from machopt.plan.removal import removals
 from machopt.plan.uncertainty import NINETY, bends, gains

@@ -21,7 +21,7 @@ from machopt.domain.results.optimize import Objectives, OptimizeResult
 from machopt.errors import InputError
 from machopt.formats.tables import points_columns, trajectory_columns
 from machopt.plan.mapped import mapped
-from machopt.plan.pipeline import Timings
+from machopt.plan.setup import Timings
 from machopt.report.data import Quantity
 from machopt.report.gather.optimize_map import rotation_map
 from machopt.report.gather.optimize_series import cut_length

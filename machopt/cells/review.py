@@ -23,7 +23,7 @@ from machopt.model.ik import branch_reasons
 from machopt.plan.axes import axes_of
 from machopt.plan.drive import refuse_fixed_elsewhere
 from machopt.plan.gouge import cutter_and_part
-from machopt.plan.pipeline import Setup, prepare
+from machopt.plan.setup import Setup, prepare
 from machopt.postprocess.wanted import wanted_posts
 from machopt.se3 import inverse, tool_rotation, transform
 from machopt.workspace.postures import place_turns

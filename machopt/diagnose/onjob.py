@@ -24,7 +24,8 @@ from machopt.domain.stiffness import Stiffness
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
 from machopt.plan.explain import explain_points, gamma
-from machopt.plan.pipeline import Plan, plan
+from machopt.plan.made import Plan
+from machopt.plan.pipeline import plan
 from machopt.se3 import wrap
 
 CHANGED = np.radians(1.0)  # a rotation that differs by less is the same choice

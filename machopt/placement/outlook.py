@@ -16,8 +16,8 @@ from machopt.domain.reason import Reason
 from machopt.plan.candidates import Arm, Candidates, enumerate_candidates
 from machopt.plan.choose import choose
 from machopt.plan.path import Path
-from machopt.plan.pipeline import Setup
 from machopt.plan.score import directions, score_candidates
+from machopt.plan.setup import Setup
 
 GLANCE = 12  # stations looked at first: most places out of reach are known by them
 

@@ -27,9 +27,11 @@ from machopt.placement.standing import Standing
 from machopt.plan.candidates import Arm
 from machopt.plan.drive import motion_of
 from machopt.plan.explain import all_breaks, explain_points
+from machopt.plan.made import Plan
 from machopt.plan.path import Path, build_path
-from machopt.plan.pipeline import Plan, Setup, Timings, plan, prepare
+from machopt.plan.pipeline import plan
 from machopt.plan.score import configuration_cost
+from machopt.plan.setup import Setup, Timings, prepare
 
 RIGID = 1e9  # times a joint's stiffness: it gives no more
 AROUND = 0.020  # m: how far the best places are moved to see how sensitive they are

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +19,10 @@ from machopt.arrays import Array
 from machopt.domain.reason import Reason
 from machopt.plan.candidates import Candidates
 from machopt.plan.path import Path
+from machopt.plan.search import Found
 from machopt.plan.sequence import jump
+from machopt.plan.setup import Scored, Setup
 from machopt.se3 import wrap
-
-if TYPE_CHECKING:
-    from machopt.plan.pipeline import Scored, Setup
-    from machopt.plan.search import Found
 
 FLIP = np.radians(120.0)  # no rotation about the tool axis that a run is given turns a joint so far between two points
 Code = Literal[

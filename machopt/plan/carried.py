@@ -11,8 +11,8 @@ import numpy as np
 from machopt.arrays import Array, Bools
 from machopt.domain.options import ExternalAxis
 from machopt.plan.axes import axes_of, range_of
+from machopt.plan.made import Plan
 from machopt.plan.path import tcp_poses
-from machopt.plan.pipeline import Plan
 from machopt.se3 import inverse
 
 VALUES = 13  # of one joint that are tried, over its whole range

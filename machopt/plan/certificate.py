@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from machopt.plan.made import Plan
 from machopt.plan.objective import Terms
-from machopt.plan.pipeline import Plan
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,6 @@ corners, :func:`residual` says.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,14 +29,13 @@ from machopt.domain.reason import Reason
 from machopt.plan.candidates import Arm
 from machopt.plan.check import Checker
 from machopt.plan.engage import engaged_force
+from machopt.plan.made import Compensation, Plan
 from machopt.plan.nearness import along
 from machopt.plan.objective import Objective, objective
 from machopt.plan.path import ARM, Path
 from machopt.plan.realise import Assignment, realise
 from machopt.plan.score import configuration_cost
-
-if TYPE_CHECKING:
-    from machopt.plan.pipeline import Plan, Setup
+from machopt.plan.setup import Setup
 
 NOTHING = 1e-6  # m; a smaller shift is nothing to refuse
 STILL = 1e-8  # m; a smaller change of the shift is none
@@ -47,16 +45,6 @@ LENGTHS = (0.005, 0.010, 0.020, 0.040)  # m, ℓ: the shorter, the less is left 
 STEEPEST = 0.1  # m/m: the path leans by less than 6° against the programmed one
 MENDS = 1.05  # times the deflection it is held against: the pose changes a little within 2ℓ
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # of a segment, where the residual is looked at
-
-
-@dataclass(frozen=True)
-class Compensation:
-    """What is added to the planning points."""
-
-    offset: Array  # (P, 3) m in workpiece
-    force: Array  # (P, 3) N in workpiece, F: what the offset is against
-    length: float  # m, ℓ
-    lost: NDArray[np.bool_]  # (P,) feasible as programmed, not as shifted
 
 
 def steepness(path: Path, offset: Array) -> Array:

@@ -17,7 +17,8 @@ from machopt.domain.options import ExternalAxis, FixedRotation, PlanOptions, Ste
 from machopt.domain.steering import said
 from machopt.domain.toolpath import Toolpath
 from machopt.plan.external import best_plan
-from machopt.plan.pipeline import Plan, Timings
+from machopt.plan.made import Plan
+from machopt.plan.setup import Timings
 
 MOST = 60  # plans that are made for it; with more wishes the set told may not be the least
 

@@ -30,7 +30,7 @@ from machopt.model.suspects import Suspects
 from machopt.plan.score import Directions
 
 if TYPE_CHECKING:
-    from machopt.plan.pipeline import Setup
+    from machopt.plan.setup import Setup
 
 NINETY = 1.6448536269514722  # half-width of the 90 % interval of a normal distribution, in σ
 NEAR = 0.5  # rad; poses farther apart than that are others: what comes and goes over less, readings would show

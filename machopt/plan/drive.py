@@ -14,7 +14,8 @@ from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
 from machopt.model.machine import load_machine
 from machopt.model.robot import load_robot
-from machopt.plan.pipeline import Plan, Timings
+from machopt.plan.made import Plan
+from machopt.plan.setup import Timings
 from machopt.plan.timeline import Timeline, build_timeline
 from machopt.plan.wrongunit import wrong_unit
 

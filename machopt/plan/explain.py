@@ -8,7 +8,7 @@ from machopt.arrays import Array
 from machopt.domain.reason import Reason
 from machopt.plan.breaks import Break
 from machopt.plan.carried import carried
-from machopt.plan.pipeline import Plan
+from machopt.plan.made import Plan
 from machopt.plan.wrongunit import reach_of
 from machopt.se3 import wrap
 

@@ -32,11 +32,13 @@ from machopt.plan.axes import axes_of
 from machopt.plan.candidates import enumerate_candidates
 from machopt.plan.choose import choose
 from machopt.plan.groups import Group, groups_of
+from machopt.plan.made import Plan
 from machopt.plan.moving import Range, curve
 from machopt.plan.part import part_of, rows_of
 from machopt.plan.path import Path, build_path
-from machopt.plan.pipeline import Plan, Setup, Timings, plan, prepare, standing
+from machopt.plan.pipeline import plan
 from machopt.plan.score import directions, score_candidates
+from machopt.plan.setup import Setup, Timings, prepare, standing
 from machopt.plan.timeline import build_timeline
 
 COARSE = {1: 9, 2: 5, 3: 4}  # values of each joint in the first grid, by how many are free

@@ -9,7 +9,7 @@ import numpy as np
 
 from machopt.domain.options import PlanOptions
 from machopt.errors import InputError
-from machopt.plan.pipeline import Plan
+from machopt.plan.made import Plan
 from machopt.plan.points import PointResults
 from machopt.plan.timeline import Timeline
 

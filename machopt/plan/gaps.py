@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +16,9 @@ from numpy.typing import NDArray
 from machopt.arrays import Bools
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Move
+from machopt.plan.breaks import Break
+from machopt.plan.made import Plan
 from machopt.plan.path import Path
-
-if TYPE_CHECKING:
-    from machopt.plan.breaks import Break
-    from machopt.plan.pipeline import Plan
 
 Stretch = tuple[int, int]  # first and last planning point
 

@@ -14,9 +14,11 @@ from machopt.plan.external import best_plan
 from machopt.plan.gaps import told
 from machopt.plan.joined import Stretch, joined
 from machopt.plan.joinedmotion import Done, joined_points, joined_timeline
-from machopt.plan.pipeline import Plan, Timings, as_driven
+from machopt.plan.made import Plan
+from machopt.plan.pipeline import as_driven
 from machopt.plan.points import PointResults, point_results
 from machopt.plan.refine import compensate
+from machopt.plan.setup import Timings
 from machopt.plan.timeline import Timeline
 
 

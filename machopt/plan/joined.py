@@ -22,11 +22,11 @@ from machopt.domain.options import PlanOptions
 from machopt.plan.breaks import Break
 from machopt.plan.candidates import Candidates
 from machopt.plan.choose import Choice
-from machopt.plan.compensate import Compensation
+from machopt.plan.made import Compensation, Part, Plan
 from machopt.plan.objective import Objective, edge_price, node_price
 from machopt.plan.path import Path
-from machopt.plan.pipeline import Part, Plan, Scored
 from machopt.plan.score import Directions, Scores
+from machopt.plan.setup import Scored
 
 COUNTED_UP = ("time", "s")  # of a path: what rises along it, over all stretches
 

@@ -11,8 +11,8 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.model.ik import refine
 from machopt.plan.gaps import Stretch
+from machopt.plan.made import Plan
 from machopt.plan.path import tcp_poses
-from machopt.plan.pipeline import Plan
 from machopt.plan.straight import Touch, Way, free_ways
 
 LIFTS = (0.02, 0.05, 0.1, 0.2, 0.4)  # m along the tool axis, tried in this order around obstacles

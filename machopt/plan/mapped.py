@@ -16,7 +16,7 @@ from machopt.arrays import Bools
 from machopt.domain.reason import Reason
 from machopt.plan.ahead import Ahead
 from machopt.plan.candidates import Candidates
-from machopt.plan.pipeline import Plan
+from machopt.plan.made import Plan
 
 SECONDS = 30.0  # that the rest may take
 COARSE = 32  # stations apart in the first pass, half of that in each next

@@ -27,9 +27,9 @@ from machopt.plan.candidates import enumerate_candidates
 from machopt.plan.objective import Terms
 from machopt.plan.part import part_of
 from machopt.plan.path import Path
-from machopt.plan.pipeline import Setup
 from machopt.plan.score import directions, score_candidates
 from machopt.plan.sequence import jump
+from machopt.plan.setup import Setup
 from machopt.plan.stairs import steps, walk
 
 COARSE = {1: 9, 2: 7, 3: 4}  # most values of each joint, by how many move

@@ -1,4 +1,4 @@
-"""The arrows of the plan: every step's result is kept, so that reports and tests can look at each.
+"""The arrows of the plan: every step's result is kept (:mod:`machopt.plan.made`), so that all can look at each.
 
 ::
 
@@ -9,13 +9,11 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.domain.cell import Cell
@@ -23,20 +21,14 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
 from machopt.domain.steering import kept, steered
 from machopt.domain.toolpath import Toolpath
-from machopt.errors import InputError
-from machopt.model.collision import CollisionModel
-from machopt.model.correction import Correction, correction_of
-from machopt.model.elastic import ArmElasticity
-from machopt.model.ik import solver_for
-from machopt.model.machine import Machine, load_machine
-from machopt.model.robot import Robot, load_chain, load_masses
 from machopt.plan.baseline import cam_default, jiao2022
-from machopt.plan.breaks import Break, breaks_of_choice, jumps
-from machopt.plan.candidates import Arm, Candidates, enumerate_candidates
+from machopt.plan.breaks import breaks_of_choice, jumps
+from machopt.plan.candidates import Candidates, enumerate_candidates
 from machopt.plan.check import Checker, PathCheck
 from machopt.plan.choose import Choice, choose
-from machopt.plan.compensate import Compensation, rescored
+from machopt.plan.compensate import rescored
 from machopt.plan.gouge import gouges_of
+from machopt.plan.made import Plan
 from machopt.plan.nearness import along, over_grid
 from machopt.plan.nested import best_of_nested
 from machopt.plan.objective import Objective, objective
@@ -44,198 +36,11 @@ from machopt.plan.path import Path, build_path
 from machopt.plan.realise import Assignment, realise
 from machopt.plan.score import Directions, Scores, configuration_cost, directions, score_candidates
 from machopt.plan.search import Found, Search
+from machopt.plan.setup import Scored, Setup, Timings, prepare, standing
 from machopt.plan.smooth import follow_grid
 from machopt.se3 import wrap
 
-LENGTH = 0.5  # m of a sliding joint that count as a rad of travel: about an arm's link
-UPRIGHT = np.cos(np.radians(0.1))  # of a joint's axis against the vertical
 BOUND_SLACK = np.radians(0.05)  # of the user's rotation bounds, where a yardstick is asked whether it keeps them
-Progress = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class Setup:
-    """The cell made ready for planning.
-
-    All configurations of a plan are true angles: where the arm stands. The encoders say others where the cell has
-    kinematic corrections; :mod:`machopt.plan.timeline` turns to them, and what is exported is theirs.
-    """
-
-    cell: Cell  # as written: home and limits are encoder angles
-    robot: Robot
-    arm: Arm
-    elasticity: ArmElasticity
-    collision: CollisionModel | None
-    correction: Correction | None = None  # from encoder to true angles; None: they are the same
-
-    @property
-    def per_rad(self) -> Array:
-        """(6 + E,) how much of each joint counts as a rad of travel: a length as :data:`LENGTH` of it."""
-        lengths = np.array(self.cell.external_prismatic, bool)
-        return np.concatenate([np.ones(6), np.where(lengths, 1.0 / LENGTH, 1.0)])
-
-    @property
-    def velocity(self) -> Array:
-        """(6 + E,) velocity limits of the machine, lengths as they count (:attr:`per_rad`) in rad/s."""
-        return np.asarray(self.cell.limits.velocity * self.per_rad)
-
-    def in_rad(self, path: Path, q: Array) -> Array:
-        """(P, 6 + E) joints of the machine along a path, lengths as they count."""
-        return np.asarray(path.whole(q) * self.per_rad)
-
-    @property
-    def driven(self) -> Cell:
-        """The cell with home and position limits as true angles."""
-        return in_true_angles(self.cell, self.correction)
-
-
-@dataclass(frozen=True)
-class Scored:
-    """An assignment with its cost at every planning point and its objective."""
-
-    assignment: Assignment
-    cost: Array  # (P,) in the unit of the index, NaN where infeasible
-    objective: Objective
-
-
-@dataclass
-class Timings:
-    """Seconds per stage, in the order of first use."""
-
-    seconds: dict[str, float] = field(default_factory=dict)
-    progress: Progress = lambda _: None
-    _current: str | None = None
-    _since: float = 0.0
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        self.progress(name)
-        start = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
-
-    def switch(self, name: str | None) -> None:
-        """Begin the next of several stages that follow one another; None ends the last."""
-        now = time.perf_counter()
-        if self._current is not None:
-            self.seconds[self._current] = self.seconds.get(self._current, 0.0) + now - self._since
-        if name is not None and name != self._current:
-            self.progress(name)
-        self._current, self._since = name, now
-
-
-@dataclass(frozen=True)
-class Plan:
-    """Everything the plan found out, step by step."""
-
-    setup: Setup
-    options: PlanOptions
-    path: Path
-    directions: Directions
-    candidates: Candidates
-    scores: Scores
-    choice: Choice
-    chosen: Scored
-    chosen_from: str  # "smooth", "jiao2022" or "cam default": the assignment with the least objective
-    grid: Objective  # of the grid optimum at the stations, for comparison
-    cam_default: Scored
-    jiao2022: Scored
-    check: PathCheck | None
-    rounds: int
-    breaks: tuple[Break, ...] = ()  # where no continuous way leads on inside a run
-    found: Found | None = None  # the search, where that was the method
-    notes: dict[int, str] = field(default_factory=dict)  # planning point: why it was given up after the choice
-    compensation: Compensation | None = None  # then ``path`` is the shifted one
-    conflict: str = ""  # which of the user's wishes cannot be kept together, where without them there is a plan
-    begin: Array | None = None  # (6 + E,) rad or m by encoder, where the motion begins; None: at home
-    end: Array | None = None  # likewise, where it ends
-    parts: tuple[Part, ...] = ()  # one a tool that is on, of a job that changes tools; empty: it has one tool
-
-    def at(self, point: int) -> tuple[Plan, int]:
-        """The plan that planning point ``point`` was planned in, and which of its points it is."""
-        part = next((part for part in reversed(self.parts) if part.row <= point), None)
-        return (self, point) if part is None else (part.plan, point - part.row)
-
-    def among(self, points: NDArray[np.intp] | NDArray[np.int32]) -> Iterator[tuple[Plan, NDArray[np.intp]]]:
-        """Each plan that some of the planning points (n,) were planned in, and which of the n these are."""
-        if not self.parts:
-            yield self, np.arange(len(points))
-        part = self.part_of(points)
-        for k, one in enumerate(self.parts):
-            mine = np.flatnonzero(part == k)
-            if len(mine):
-                yield one.plan, mine
-
-    def part_of(self, points: NDArray[np.intp] | NDArray[np.int32]) -> NDArray[np.intp]:
-        """(n,) which of the parts planning points (n,) belong to."""
-        return np.searchsorted([one.row for one in self.parts], points, side="right") - 1
-
-    @property
-    def missing(self) -> NDArray[np.intp]:
-        """Planning points without a feasible configuration."""
-        return np.flatnonzero(self.chosen.assignment.reason != Reason.OK)
-
-
-@dataclass(frozen=True)
-class Part:
-    """A stretch of a job with one tool on, planned by itself (:mod:`machopt.plan.joined`)."""
-
-    plan: Plan  # its toolpath indices are those of the whole job
-    row: int  # its first planning point in the whole
-    share: float  # of the length cut
-
-
-def prepare(cell: Cell, options: PlanOptions) -> Setup:
-    """Robot, inverse kinematics, stiffness and collision model of a cell.
-
-    Raises:
-        InputError: the cell lacks what planning needs (a stiffness), or uses what is not supported.
-    """
-    if cell.stiffness is None:
-        raise InputError(
-            "the cell names no stiffness file; optimise needs joint stiffness "
-            "(cell key 'stiffness', e.g. from machopt identify)",
-            file=cell.folder / "cell.yaml",
-            where="stiffness",
-        )
-    robot, shapes = load_chain(cell)
-    correction = correction_of(cell.kinematics)
-    driven = in_true_angles(cell, correction)
-    machine = load_machine(cell, robot)
-    _refuse_tilting(cell, machine)
-    arm = Arm.of(driven, solver_for(robot), machine, options)
-    elasticity = ArmElasticity(
-        robot, cell.tool.T_flange_tcp, cell.stiffness, (cell.limits.lower[:6], cell.limits.upper[:6]), load_masses(cell)
-    )
-    collision = CollisionModel(driven, robot, shapes, options.clearance) if options.collision else None
-    return Setup(cell, robot, arm, elasticity, collision, correction)
-
-
-def _refuse_tilting(cell: Cell, machine: Machine) -> None:
-    """Weight is reckoned with in one attitude of the base."""
-    up = cell.T_world_base[2, :3]  # in base_link
-    for k in range(machine.positioner, machine.external):
-        if not machine.slides[k] and abs(machine.axis[k] @ up) < UPRIGHT:
-            raise InputError(
-                f"joint {cell.external_joints[machine.column[k] - 6]!r} tilts the robot's base, and its weight is "
-                "reckoned with in one attitude; a joint that slides or turns about the vertical would work",
-                file=cell.folder / "cell.yaml",
-                where="robot.external_joints",
-            )
-
-
-def standing(path: Path, external: Array) -> Path:
-    """The path with the external joints at (E,) everywhere, or at (P, E)."""
-    return replace(path, external=np.array(np.broadcast_to(external, (len(path.index), np.shape(external)[-1]))))
-
-
-def in_true_angles(cell: Cell, correction: Correction | None) -> Cell:
-    """The cell with home and position limits as true angles."""
-    if correction is None:
-        return cell
-    return replace(cell, home=correction.true_angles(cell.home), limits=correction.true_limits(cell.limits))
 
 
 def plan(

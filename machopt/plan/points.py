@@ -14,7 +14,7 @@ from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Toolpath
 from machopt.plan.doubt import doubt_of, told_std
 from machopt.plan.explain import explain_points, gamma
-from machopt.plan.pipeline import Plan
+from machopt.plan.made import Plan
 from machopt.plan.uncertainty import cost_gradient, spread_of
 
 ROWS = 32_768  # of the table, worked out at once

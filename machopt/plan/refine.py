@@ -11,10 +11,11 @@ from machopt.domain.reason import Reason
 from machopt.domain.steering import kept
 from machopt.domain.toolpath import Toolpath
 from machopt.plan.compensate import LENGTHS, STEEPEST, rescored, shifted, steepness
+from machopt.plan.made import Plan
 from machopt.plan.path import Path, build_path
-from machopt.plan.pipeline import Plan, Scored
 from machopt.plan.realise import Assignment, realise
 from machopt.plan.score import directions
+from machopt.plan.setup import Scored
 
 
 def compensate(plan: Plan, toolpath: Toolpath) -> Plan:

@@ -17,7 +17,7 @@ from machopt.arrays import Array
 from machopt.domain.reason import Reason
 from machopt.plan.compensate import SHARES
 from machopt.plan.doubt import Doubt
-from machopt.plan.pipeline import Plan
+from machopt.plan.made import Plan
 
 DRAWS = 200
 SEED = 20_231

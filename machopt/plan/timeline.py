@@ -27,8 +27,8 @@ from machopt.domain.trajectory import Trajectory
 from machopt.plan.breaks import Break, not_driven, place
 from machopt.plan.gaps import Stretch, stretches, uncut, worth
 from machopt.plan.lifts import Lifts, rests_of
+from machopt.plan.made import Plan
 from machopt.plan.path import Path
-from machopt.plan.pipeline import Plan
 from machopt.plan.rapids import Blocked, plan_rapid, time_legs
 from machopt.plan.retime import Dip, RunFailure, RunInput, RunTrajectory, retime_run
 from machopt.plan.straight import Way, way_between

@@ -13,10 +13,11 @@ from machopt.plan.breaks import Break
 from machopt.plan.certificate import certificate
 from machopt.plan.compensate import residual
 from machopt.plan.explain import help_of
-from machopt.plan.pipeline import Plan, Scored
+from machopt.plan.made import Plan
 from machopt.plan.points import PointResults, reason_of
 from machopt.plan.removal import Removal, removals
 from machopt.plan.retime import Dip
+from machopt.plan.setup import Scored
 from machopt.plan.uncertainty import Gain
 
 

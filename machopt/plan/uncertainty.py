@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +27,9 @@ from machopt.domain.reason import Reason
 from machopt.domain.stiffness import Stiffness
 from machopt.model.elastic import ArmElasticity, cells_at
 from machopt.plan.doubt import NINETY, apart, doubt_of, told_std
+from machopt.plan.made import Plan
 from machopt.plan.score import Directions
-
-if TYPE_CHECKING:
-    from machopt.plan.pipeline import Plan, Scored
+from machopt.plan.setup import Scored
 
 ROWS = 4096  # planning points at a time: what may be missing has dozens of columns
 NONE = 1e-4  # of the mean: a smaller difference is rounding of the smoothing, not a gain

@@ -14,7 +14,7 @@ from machopt.domain.trajectory import Trajectory
 from machopt.formats.posts.densify import Tolerance, densify
 from machopt.model.machine import load_machine
 from machopt.model.posture import posture_of
-from machopt.plan.pipeline import Plan
+from machopt.plan.made import Plan
 from machopt.plan.timeline import Leg, Timeline
 from machopt.recheck.posts import carried_part, external_axes, standing_part
 

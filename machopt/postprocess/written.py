@@ -19,7 +19,7 @@ from machopt.formats.posts import (
     write_program,
 )
 from machopt.formats.posts.densify import Tolerance
-from machopt.plan.pipeline import Plan
+from machopt.plan.made import Plan
 from machopt.plan.timeline import Timeline
 from machopt.postprocess.moves import Programmed, robot_program, sampled_program
 from machopt.postprocess.wanted import Wanted

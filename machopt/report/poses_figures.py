@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.report.poses_data import PosesPage
 from machopt.report.series import numbers
-
-if TYPE_CHECKING:
-    from machopt.report.poses_page import PosesPage
 
 Spec = dict[str, Any]  # JSON for assets/xy.js
 

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from machopt.arrays import Array, Bools, Ints
+from machopt.report.poses_data import PosesPage
 from machopt.report.poses_figures import bars, curve, views
-from machopt.report.scene import Postures, Scene
 from machopt.report.scene_spec import posture_view
 from machopt.report.shell import POSTURE, page_html, section
 from machopt.report.tables import Column, folded, table
@@ -21,90 +19,6 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
     Body = Markup | str
-
-
-@dataclass(frozen=True)
-class Heuristic:
-    """A paper's way of choosing beside ours."""
-
-    name: str
-    words: str
-    poses: int  # it draws from
-    sigma: Array  # (P,) relative, median
-    rms: tuple[float, float, float]  # 10, 50, 90 % of the draws
-    efficiency: tuple[float, float, float]  # D, A, E
-    readings: float  # times ours for the same rms
-    curve: Array  # rms at each number of poses
-
-
-@dataclass(frozen=True)
-class Work:
-    """N load cycles in the order of work."""
-
-    session: Ints  # (N,) round, from 1
-    pose: Ints  # (N,) from 1
-    cycle: Ints  # (N,) at its pose, from 1
-    q: Array  # (N, 6) rad
-    load: tuple[str, ...]  # (N,) in words
-    deflection: Array  # (N,) m
-    kci: Array  # (N,)
-    nu_p: Array  # (N,)
-    clearance: Array  # (N,) m, NaN where not looked for
-    way_free: tuple[bool | None, ...]  # (N,) straight joint motion from the row before
-
-
-@dataclass(frozen=True)
-class Apart:
-    """Two explanations and how well the plan tells them apart."""
-
-    pair: str
-    why: str
-    per_cycle: float  # noncentrality of one round, the worse way round
-    planned: float  # of all rounds
-    cycles: int | None  # for 90 % at the 1 % level
-    until: int | None  # rounds until diagnose excludes the wrong one, given these readings alone
-    random: float  # of one round at random poses and loads, median
-    advice: str  # what would split them where this cannot
-
-
-@dataclass(frozen=True)
-class PosesPage:
-    """What the page shows; lengths in m. Without a plan only the reason and the counts."""
-
-    title: str
-    cell: str
-    version: str
-    tried: int
-    passed: int
-    cases: int
-    rejected_poses: tuple[tuple[str, int], ...]
-    rejected_loads: tuple[tuple[str, int], ...]
-    warnings: tuple[str, ...]
-    options: tuple[tuple[str, str], ...]
-    hashes: tuple[tuple[str, str], ...]
-    reason: str = ""  # why there is no plan
-    unknowns: tuple[str, ...] = ()
-    relative: Bools = field(default_factory=lambda: np.zeros(0, bool))  # (P,) sigma is a share of the prior value
-    sigma: Array = field(default_factory=lambda: np.zeros(0))  # (P,) expected 1 sigma; inf where not seen
-    rms: float = math.nan
-    condition: float = math.nan
-    bound: float = math.nan  # least D-efficiency
-    poses: int = 0
-    readings: int = 0
-    per_pose: int = 0  # readings at a pose
-    heuristics: tuple[Heuristic, ...] = ()
-    curve_poses: tuple[int, ...] = ()
-    curve: Array = field(default_factory=lambda: np.zeros(0))
-    target: float = math.nan
-    needed: int | None = None  # poses for the target
-    cloud: Array = field(default_factory=lambda: np.zeros((0, 3)))  # TCPs of candidates, base_link
-    arms: Array = field(default_factory=lambda: np.zeros((0, 8, 3)))  # points along the arm at each pose
-    work: Work | None = None
-    apart: tuple[Apart, ...] = ()  # of a plan that discriminates
-    rounds: int = 0
-    enough: float = math.nan  # noncentrality for 90 % at the 1 % level
-    scene: Scene | None = None
-    postures: Postures | None = None
 
 
 def write_poses_page(path: Path, data: PosesPage) -> None:

@@ -18,8 +18,10 @@ from machopt.formats.tables import write_points_csv, write_trajectory_csv
 from machopt.plan.external import best_plan
 from machopt.plan.front import Point, measured, variants, weighed
 from machopt.plan.gaps import told
-from machopt.plan.pipeline import Plan, Timings, as_driven
+from machopt.plan.made import Plan
+from machopt.plan.pipeline import as_driven
 from machopt.plan.points import point_results
+from machopt.plan.setup import Timings
 from machopt.plan.timeline import Timeline
 from machopt.recheck.folder import content_checks
 from machopt.services.tell import tool_names

@@ -10,7 +10,7 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.stint import Stint
 from machopt.domain.toolpath import Toolpath
 from machopt.plan.front import Point
-from machopt.plan.pipeline import Plan
+from machopt.plan.made import Plan
 from machopt.plan.points import PointResults
 from machopt.plan.timeline import Timeline
 from machopt.postprocess.written import Written, read_back

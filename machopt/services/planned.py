@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from machopt.plan.job import plan_job
-from machopt.plan.pipeline import Plan, Timings
+from machopt.plan.made import Plan
+from machopt.plan.setup import Timings
 from machopt.postprocess.written import withheld
 from machopt.services.load import Loaded
 from machopt.services.made import Made, MadeStint

@@ -26,7 +26,8 @@ from machopt.formats.cell import load_cell
 from machopt.model.linkage import refuse_linked
 from machopt.report.gather.poses import page_of
 from machopt.report.gather.scene import scene_of
-from machopt.report.poses_page import PosesPage, sentence
+from machopt.report.poses_data import PosesPage
+from machopt.report.poses_page import sentence
 from machopt.services.inputs import input_hashes
 from machopt.services.poses_diagnosed import diagnosed
 

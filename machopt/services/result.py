@@ -11,7 +11,7 @@ from machopt.output.hashes import sha256_of
 from machopt.output.manifest import listed
 from machopt.plan.explain import all_breaks, hints
 from machopt.plan.front import left_out
-from machopt.plan.pipeline import Plan
+from machopt.plan.made import Plan
 from machopt.plan.told import (
     break_told,
     compensation_told,

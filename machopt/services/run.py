@@ -12,7 +12,7 @@ from machopt.output import output_folder
 from machopt.plan.drive import motion_of
 from machopt.plan.front import measured
 from machopt.plan.mapped import mapped
-from machopt.plan.pipeline import Timings
+from machopt.plan.setup import Timings
 from machopt.postprocess.written import write_programs
 from machopt.recheck.folder import content_checks, verify_folder
 from machopt.services.front import FILE as FRONT

@@ -18,7 +18,7 @@ from machopt.plan.axes import axes_of
 from machopt.plan.conflict import whole
 from machopt.plan.explain import all_breaks
 from machopt.plan.mapped import mapped
-from machopt.plan.pipeline import Progress, Timings
+from machopt.plan.setup import Progress, Timings
 from machopt.report.gather.optimize import report_data
 from machopt.report.page import report_html
 from machopt.report.steering import Axis, Steering

@@ -17,11 +17,12 @@ from machopt.plan.certificate import certificate
 from machopt.plan.compensate import residual
 from machopt.plan.explain import all_breaks, gamma, help_of, hints, misfit_words, shortfall_of
 from machopt.plan.front import Point
+from machopt.plan.made import Plan
 from machopt.plan.mapped import Mapped, mapped
-from machopt.plan.pipeline import Plan, Scored
 from machopt.plan.points import PointResults, reason_of
 from machopt.plan.removal import removals
 from machopt.plan.retime import Dip
+from machopt.plan.setup import Scored
 from machopt.plan.timeline import Timeline
 from machopt.plan.uncertainty import gains
 from machopt.report import data as page

@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.domain.reason import Reason
+from machopt.plan.made import Plan
 from machopt.plan.mapped import Mapped
-from machopt.plan.pipeline import Plan, Scored
+from machopt.plan.setup import Scored
 from machopt.report import data as page
 from machopt.report.gather.optimize_series import along
 from machopt.se3 import wrap

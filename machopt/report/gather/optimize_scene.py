@@ -12,9 +12,10 @@ from machopt.arrays import Array, Bools
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Toolpath
 from machopt.model.robot import load_chain
+from machopt.plan.made import Plan
 from machopt.plan.mapped import Mapped
-from machopt.plan.pipeline import Plan, Setup
 from machopt.plan.points import PointResults
+from machopt.plan.setup import Setup
 from machopt.plan.timeline import Timeline
 from machopt.report.gather.optimize_map import best_branch, cut_stations
 from machopt.report.gather.optimize_series import along, cut_length

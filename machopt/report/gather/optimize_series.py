@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.domain.toolpath import Move, Toolpath
-from machopt.plan.pipeline import Plan
+from machopt.plan.made import Plan
 from machopt.plan.points import PointResults
 from machopt.plan.timeline import Timeline
 from machopt.report import data as page

@@ -17,7 +17,7 @@ from machopt.diagnose.apart.separate import Discriminating, described
 from machopt.domain.cell import Cell
 from machopt.domain.poses import PosesTable
 from machopt.model.robot import Robot
-from machopt.report import poses_page as page
+from machopt.report import poses_data as page
 from machopt.report.display import FINE_LENGTH, LENGTH
 from machopt.report.scene import Postures, Scene, Vectors
 from machopt.version import __version__

@@ -1,0 +1,93 @@
+"""What planning makes: a plan with the result of each of its steps, and its parts where a job changes tools."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.arrays import Array
+from machopt.domain.options import PlanOptions
+from machopt.domain.reason import Reason
+from machopt.plan.breaks import Break
+from machopt.plan.candidates import Candidates
+from machopt.plan.check import PathCheck
+from machopt.plan.choose import Choice
+from machopt.plan.objective import Objective
+from machopt.plan.path import Path
+from machopt.plan.score import Directions, Scores
+from machopt.plan.search import Found
+from machopt.plan.setup import Scored, Setup
+
+
+@dataclass(frozen=True)
+class Compensation:
+    """What is added to the planning points."""
+
+    offset: Array  # (P, 3) m in workpiece
+    force: Array  # (P, 3) N in workpiece, F: what the offset is against
+    length: float  # m, ℓ
+    lost: NDArray[np.bool_]  # (P,) feasible as programmed, not as shifted
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Everything the plan found out, step by step."""
+
+    setup: Setup
+    options: PlanOptions
+    path: Path
+    directions: Directions
+    candidates: Candidates
+    scores: Scores
+    choice: Choice
+    chosen: Scored
+    chosen_from: str  # "smooth", "jiao2022" or "cam default": the assignment with the least objective
+    grid: Objective  # of the grid optimum at the stations, for comparison
+    cam_default: Scored
+    jiao2022: Scored
+    check: PathCheck | None
+    rounds: int
+    breaks: tuple[Break, ...] = ()  # where no continuous way leads on inside a run
+    found: Found | None = None  # the search, where that was the method
+    notes: dict[int, str] = field(default_factory=dict)  # planning point: why it was given up after the choice
+    compensation: Compensation | None = None  # then ``path`` is the shifted one
+    conflict: str = ""  # which of the user's wishes cannot be kept together, where without them there is a plan
+    begin: Array | None = None  # (6 + E,) rad or m by encoder, where the motion begins; None: at home
+    end: Array | None = None  # likewise, where it ends
+    parts: tuple[Part, ...] = ()  # one a tool that is on, of a job that changes tools; empty: it has one tool
+
+    def at(self, point: int) -> tuple[Plan, int]:
+        """The plan that planning point ``point`` was planned in, and which of its points it is."""
+        part = next((part for part in reversed(self.parts) if part.row <= point), None)
+        return (self, point) if part is None else (part.plan, point - part.row)
+
+    def among(self, points: NDArray[np.intp] | NDArray[np.int32]) -> Iterator[tuple[Plan, NDArray[np.intp]]]:
+        """Each plan that some of the planning points (n,) were planned in, and which of the n these are."""
+        if not self.parts:
+            yield self, np.arange(len(points))
+        part = self.part_of(points)
+        for k, one in enumerate(self.parts):
+            mine = np.flatnonzero(part == k)
+            if len(mine):
+                yield one.plan, mine
+
+    def part_of(self, points: NDArray[np.intp] | NDArray[np.int32]) -> NDArray[np.intp]:
+        """(n,) which of the parts planning points (n,) belong to."""
+        return np.searchsorted([one.row for one in self.parts], points, side="right") - 1
+
+    @property
+    def missing(self) -> NDArray[np.intp]:
+        """Planning points without a feasible configuration."""
+        return np.flatnonzero(self.chosen.assignment.reason != Reason.OK)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A stretch of a job with one tool on, planned by itself (:mod:`machopt.plan.joined`)."""
+
+    plan: Plan  # its toolpath indices are those of the whole job
+    row: int  # its first planning point in the whole
+    share: float  # of the length cut
