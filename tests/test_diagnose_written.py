@@ -171,3 +171,20 @@ def test_a_joint_softer_than_a_file_may_say_is_not_shown() -> None:
     )
     assert alone.after is not None
     assert alone.after.joints == pytest.approx([1e6] * 5 + [1e2])
+
+
+def test_a_spring_far_from_the_cell_s_is_not_taken_from_poses_under_weight_alone() -> None:
+    """Joint 4 thirty times softer is geometry that is left; joint 2 within a factor of two is a spring."""
+    assert CELL.stiffness is not None
+    k = CELL.stiffness.joints
+    d = diagnosed({2: 1.4 / k[1], 4: 30.0 / k[3]}, ())
+    alone, loaded = stiffness_of(CELL, d, weight_alone=True), stiffness_of(CELL, d)
+    assert alone.before is not None
+    assert alone.after is not None
+    assert loaded.after is not None
+    assert alone.after.joints / k == pytest.approx([1.0, 1.0 / 1.4, 1.0, 1.0, 1.0, 1.0])
+    assert alone.before.joints[1] == pytest.approx(k[1] / 2.8)  # twice as soft without what was found
+    assert loaded.after.joints[3] == pytest.approx(k[3] / 30.0)
+    assert len(alone.said) == 1
+    assert "joint 4 keeps the cell's spring" in alone.said[0]
+    assert not loaded.said

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from machopt.diagnose import calibrated
 from machopt.diagnose.problem import RecordCorrection
 from machopt.diagnose.result import Coefficient, Diagnosis
 from machopt.domain.cell import Cell
@@ -34,8 +35,11 @@ class Extended:
     said: tuple[str, ...] = ()  # why, a sentence each
 
 
-def stiffness_of(cell: Cell, d: Diagnosis) -> Extended:
+def stiffness_of(cell: Cell, d: Diagnosis, *, weight_alone: bool = False) -> Extended:
     """Joints as refitted and terms, without and with what was found; what the data do not show is the cell's.
+
+    Weight alone turns a joint by an amount that the angles fix, as geometry and waves of a gear do. A spring that is
+    far from the cell's in poses ``weight_alone`` is rather what is left of those, and stays out of the stiffness.
 
     A fit knows no sign of a joint's compliance with all its terms. A finding that would turn the joint against its load
     is named in the diagnosis and withheld from the stiffness; its joints keep the springs that fit without it.
@@ -55,10 +59,11 @@ def stiffness_of(cell: Cell, d: Diagnosis) -> Extended:
     found = tuple(t for t in found if id(t) not in impossible)
     new = {_name(t) for t in found}
     terms = (*(t for t in known if _name(t) not in new), *found)
-    before = _made(cell, springs, known, lambda c: c.before)
+    near = calibrated.RECORD.far_spring if weight_alone else np.inf
+    before = _made(cell, springs, known, lambda c: c.before, near)
     # a joint's own finding is withheld with the spring that was fitted beside it; a body's is beside all of them
     bare = set(range(1, JOINTS + 1)) if withheld else set()
-    after = _made(cell, springs, terms, lambda c: c.before if c.unknown.spring in bare else c.value)
+    after = _made(cell, springs, terms, lambda c: c.before if c.unknown.spring in bare else c.value, near)
     while found and (wrong := _against(cell, after)) is not None:
         out = _culprit(terms, new, wrong)
         bare.update(_joints(out) or range(1, JOINTS + 1))
@@ -68,7 +73,14 @@ def stiffness_of(cell: Cell, d: Diagnosis) -> Extended:
             f"without it: {wrong.said}"
         )
         terms = tuple(t for t in terms if t is not out)
-        after = _made(cell, springs, terms, lambda c: c.before if c.unknown.spring in bare else c.value)
+        after = _made(cell, springs, terms, lambda c: c.before if c.unknown.spring in bare else c.value, near)
+    told = [j for j, c in sorted(springs.items()) if cell.stiffness is not None and _shown(c, c.value)]
+    said += [
+        f"joint {j} keeps the cell's spring in stiffness.yaml: poses bend under weight alone, where geometry that "
+        f"was not found looks like a spring more than {near:g} times off; the same poses with a load would tell"
+        for j in told
+        if _off(cell, j, springs[j].value) > near
+    ]
     return Extended(before, after, tuple(withheld), tuple(said))
 
 
@@ -84,9 +96,13 @@ def beside(d: Diagnosis, made: Extended) -> Diagnosis:
 
 
 def _made(
-    cell: Cell, springs: Mapping[int, Coefficient], terms: tuple[Term, ...], of: Callable[[Coefficient], float]
+    cell: Cell,
+    springs: Mapping[int, Coefficient],
+    terms: tuple[Term, ...],
+    of: Callable[[Coefficient], float],
+    near: float,
 ) -> Stiffness:
-    """Joints by the springs that the data show, and terms."""
+    """Joints by the springs that the data show within a factor ``near`` of the cell's, and terms."""
     if not springs:
         assert cell.stiffness is not None  # else six joints are shown
         return cell.stiffness if terms == cell.stiffness.terms else replace(cell.stiffness, terms=terms)
@@ -94,13 +110,24 @@ def _made(
     for j in range(JOINTS):
         c = springs.get(j + 1)
         value = 0.0 if c is None else of(c)
-        possible = 1.0 / STIFFEST < value < 1.0 / SOFTEST  # else no load moved the joint, or next to none did
-        sure = c is not None and possible and c.sigma < CERTAIN_JOINT * value
-        if not sure and prior is not None:
+        sure = c is not None and _shown(c, value)
+        if prior is not None and not (sure and _off(cell, j + 1, value) <= near):
             out.append(float(prior[j]))
         else:
             out.append(float(np.clip(1.0 / max(value, 1.0 / STIFFEST), SOFTEST, STIFFEST)))
     return Stiffness(np.array(out), terms=terms)
+
+
+def _shown(c: Coefficient, value: float) -> bool:
+    """Whether readings tell a compliance; else no load moved the joint, or next to none did."""
+    return 1.0 / STIFFEST < value < 1.0 / SOFTEST and c.sigma < CERTAIN_JOINT * value
+
+
+def _off(cell: Cell, joint: int, compliance: float) -> float:
+    """Factor between a compliance above zero and the cell's, to either side."""
+    assert cell.stiffness is not None
+    ratio = compliance * float(cell.stiffness.joints[joint - 1])
+    return max(ratio, 1.0 / ratio)
 
 
 def _impossible(cell: Cell, term: Term) -> str | None:

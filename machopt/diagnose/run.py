@@ -32,6 +32,11 @@ class Examined:
     problem: Problem
     recording: Recording
 
+    @property
+    def weight_alone(self) -> bool:
+        """Measured poses without any load but the arm's own weight."""
+        return self.recording.kind == "absolute" and self.problem.scale is None
+
 
 def at_rest(
     cell: Cell,

@@ -69,7 +69,7 @@ def diagnosed(request: Request, own: tuple[Own, ...], progress: Progress, cell: 
         found = in_motion(cell, recording, options, asked=asked, seed=request.seed, toolpath=job)
     else:
         found = at_rest(cell, recording, options, laws, accept=request.accept, seed=request.seed)
-    made = stiffness_of(cell, found.diagnosis)
+    made = stiffness_of(cell, found.diagnosis, weight_alone=found.weight_alone)
     if not moving:
         progress("what the model may still lack")
     made = replace(made, after=with_doubt(cell, found, made.after))
