@@ -71,6 +71,15 @@ offsets:
       - {name: angle_foot, box_mm: [30, 200, 200], xyz_mm: [-185, 0, -181]}
 """
 
+LINES = """\
+  lines:   # an assumption: what the integrator of the cell calls them; README.md
+    tool: "CHANGE_TOOL(@{value})"
+    spindle_on: "SPINDLE_ON(@{value})"
+    spindle_off: "SPINDLE_OFF()"
+    coolant_on: "$OUT[1]=TRUE"
+    coolant_off: "$OUT[1]=FALSE"
+"""
+
 
 def write() -> None:
     """The cell of ``make_cells.py``, then its tools and setups."""
@@ -101,6 +110,7 @@ def write() -> None:
     rest = rest.replace("  geometry: [{name: workpiece, mesh: meshes/workpiece.stl}]\n", OFFSETS)
     rest = rest.replace("force_N: {axial: 250}", "force_N: {travel: 60, normal: 40, axial: 100}")
     rest = rest.replace("tool and base stand in the program itself: no numbers", "numbers of the tools: tools")
+    rest = rest.replace("plan:\n", f"{LINES}plan:\n")
     head = head.replace("  limits:\n", "  tool_change_deg: [-60, -100, 110, 0, 80, 0]\n  limits:\n")
     text = f"{head}tools:\n{''.join(t.lines() for t in TOOLS)}workpiece:\n{rest}"
     (folder / "cell.yaml").write_text(text, encoding="utf-8")

@@ -276,7 +276,9 @@ class Engine:
     def _event(self, items: Mapping[str, Template], event: Event, here: Mapping[str, Value]) -> str | None:
         """The line for an event: its own kind's, else a comment; then the line the cell has for it."""
         kind = event_item(event)
-        fields = {**here, "text": self._safe(event.text, "CAM: "), "value": event.value}
+        whole = math.isfinite(event.value) and event.value == round(event.value)  # a tool is 2, not 2.0
+        value = round(event.value) if whole else event.value
+        fields = {**here, "text": self._safe(event.text, "CAM: "), "value": value}
 
         def usable(template: Template | None) -> bool:  # a line that needs the number cannot do without
             return template is not None and ("value" not in template.names or math.isfinite(event.value))
