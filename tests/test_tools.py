@@ -107,6 +107,8 @@ def test_a_column_of_tools(tmp_path: Path) -> None:
         ("operation,tool", [f"{o},{t}" for _, o, t in rows], [("a", "3"), ("a", "5"), ("b", "5")]),
         ("tool", [t for _, _, t in rows], [("T3", "3"), ("T5", "5")]),
         ("tool", ["3", "", "", ""], [("main", "3")]),
+        ("tool", ["", "", "5", ""], [("main", ""), ("T5", "5")]),  # what is on before is not said, so asked for
+        ("operation,tool", ["a,", "a,", "b,5", "b,"], [("a", ""), ("b", "5")]),
     ):
         file = tmp_path / "path.csv"
         text = [f"{k},0,0,0,0,1,600,{c}" for k, c in enumerate(cells)]

@@ -294,7 +294,7 @@ class _Table:
         if "operation" not in self.names:
             starts = np.concatenate([[0], np.flatnonzero(np.diff(tool)) + 1]).tolist() if names else []
             several = len(starts) > 1
-            labels = [(k, f"T{names[tool[k]]}" if several else "main") for k in starts]
+            labels = [(k, f"T{names[tool[k]]}" if several and names[tool[k]] else "main") for k in starts]
         else:
             words = self.columns.words[self.names["operation"]]
             new = (np.diff(words.codes) != 0) | (np.diff(tool) != 0)
@@ -318,12 +318,11 @@ class _Table:
         return words, np.maximum.accumulate(np.where(empty, -1, np.arange(n)))
 
     def tools(self, n: int) -> tuple[NDArray[np.int64], list[str]]:
-        """(N,) index into names of tools; an empty field means the tool of the row before."""
+        """(N,) index into names of tools; an empty field means the tool of the row before, in the first rows none."""
         if "tool" not in self.names:
             return np.zeros(n, np.int64), []
         words, rows = self.modal("tool", n)
-        empty = np.array([not name.strip() for name in words.names])[words.codes]
-        codes = words.codes[np.maximum(rows, np.flatnonzero(~empty)[:1].sum())]
+        codes = words.codes[np.where(rows < 0, np.arange(n), rows)]  # the first tool that is named is not on before
         return np.asarray(codes, np.int64), [name.strip() for name in words.names]
 
     def reference(self, r: Array) -> Array:
