@@ -75,6 +75,9 @@ def test_a_change_on_the_way_of_a_cut_or_a_shared_number_is_refused(tmp_path: Pa
     cut = replace(path, operation=(np.arange(len(path)) > 1).astype(np.int32))
     with pytest.raises(InputError, match=r"cuts from point 1 to point 2, and the tool changes from 3 to BALL"):
         stints_of(with_tools(cell, cut), cut)
+    out = replace(cut, move=np.where(np.arange(len(cut)) == 2, Move.RETRACT, cut.move).astype(cut.move.dtype))
+    with pytest.raises(InputError, match=r"goes out of a cut \(a retract\) from point 1 to point 2, and the tool"):
+        stints_of(with_tools(cell, out), out)
     numbered = replace(cell, tools={name: replace(tool, number=4) for name, tool in cell.tools.items()})
     with pytest.raises(InputError, match=r"the tools 3 and BALL would both be number 4"):
         stints_of(numbered, path)

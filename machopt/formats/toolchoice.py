@@ -108,9 +108,11 @@ def stints_of(cell: Cell, toolpath: Toolpath) -> tuple[Stint, ...]:
     name_of = np.array([chosen[k] for k in toolpath.operation.tolist()], dtype=object)
     firsts = [0, *(1 + np.flatnonzero(name_of[1:] != name_of[:-1])).tolist()]
     for first in firsts[1:]:
-        if toolpath.move[first] == Move.CUT and toolpath.move[first - 1] == Move.CUT:
+        onward = Move(int(toolpath.move[first]))  # a retract or a link is still led by the tool that has cut
+        if toolpath.move[first - 1] == Move.CUT and onward in (Move.CUT, Move.RETRACT, Move.LINK):
+            way = "cuts from" if onward == Move.CUT else f"goes out of a cut (a {onward.word}) from"
             raise InputError(
-                f"cuts from point {first - 1} to point {first}, and the tool changes from {name_of[first - 1]} to "
+                f"{way} point {first - 1} to point {first}, and the tool changes from {name_of[first - 1]} to "
                 f"{name_of[first]} between them; a rapid move to the first point of a tool would work",
                 file=toolpath.source,
             )
