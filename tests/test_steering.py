@@ -92,6 +92,16 @@ def test_a_zone_between_two_rotations_of_the_grid_is_refused() -> None:
         refuse_narrow(PlanOptions(steer=(Steer(forbid=(deg(1), deg(4))),)))
 
 
+def test_a_pin_beyond_the_range_of_rotations_is_refused_and_half_a_turn_is_one_rotation_with_two_names() -> None:
+    options = PlanOptions(rotation_range=(deg(0), deg(180)), steer=(Steer(points=(1, 2), gamma=deg(-180)),))
+    refuse_narrow(options)
+    for beyond in ({"fixed": (FixedRotation(3, deg(-10)),)}, {"steer": (Steer("a", gamma=deg(-10)),)}):
+        with pytest.raises(InputError, match=r"-10° .*is beyond rotation_range_deg \[0°, 180°\]"):
+            refuse_narrow(replace(options, **beyond))
+    both = (Steer("a", gamma=deg(180)), Steer(points=(0, 1), gamma=deg(-180)))
+    assert len(steered(PlanOptions(steer=both), two_operations()).fixed) > 1
+
+
 def test_a_zone_may_lead_through_half_a_turn_and_its_ends_are_allowed() -> None:
     zone = (deg(170), deg(-170))
     assert inside(np.radians([180.0, -175.0, 170.0, -170.0, 0.0, 169.0]), zone).tolist() == [True, True] + [False] * 4
@@ -133,7 +143,9 @@ def test_a_branch_is_kept(tmp_path: Path) -> None:
     p = job(tmp_path, steer=(Steer(branch=other),))
     assert whole(p)
     assert (p.chosen.assignment.branch == other).all()
-    never = job(tmp_path, steer=(Steer(branch=77),))
+    with pytest.raises(InputError, match=r"branch 77 at points 0 to 9: this arm has the branches 0 to 7"):
+        job(tmp_path, steer=(Steer(branch=77),))
+    never = job(tmp_path, steer=(Steer(branch=1),))  # the shoulder turned away reaches none of it
     assert (never.chosen.assignment.reason != Reason.OK).all()
 
 

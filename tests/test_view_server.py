@@ -77,6 +77,8 @@ def test_what_is_no_request_of_the_page_is_refused() -> None:
         assert ask(server, "POST", "plan", "{}", Content_Type="text/plain")[0] == 415
         assert ask(server, "POST", "plan", "[1]", Content_Type=json_)[0] == 400
         assert ask(server, "POST", "plan", "{", Content_Type=json_)[0] == 400
+        assert ask(server, "POST", "plan", "[" * 100_000, Content_Type=json_)[0] == 400
+        assert ask(server, "POST", "plan", "", Content_Type=json_, Content_Length="\xb2")[0] == 413  # a digit to str
         assert ask(server, "POST", "other", "{}", Content_Type=json_)[0] == 404
         assert ask(server, "POST", "plan", "", Content_Type=json_, Content_Length=str(MOST + 1))[0] == 413
 

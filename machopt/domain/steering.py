@@ -54,11 +54,22 @@ def steered(options: PlanOptions, toolpath: Toolpath) -> PlanOptions:
 
 
 def refuse_narrow(options: PlanOptions) -> None:
-    """Refuse zones that lie between two rotations of the grid.
+    """Refuse zones that lie between two rotations of the grid, and pins beyond the range of rotations.
 
     Raises:
         InputError: with what would work.
     """
+    low, high = options.rotation_range
+    pins = [(f"fixed at point {f.point}", f.gamma, "fixed") for f in options.fixed]
+    pins += [(said(w), w.gamma, f"steer[{n}].gamma_deg") for n, w in enumerate(options.steer) if w.gamma is not None]
+    for text, gamma, where in pins:
+        if not any(low - EDGE <= gamma + turn <= high + EDGE for turn in (-2 * pi, 0.0, 2 * pi)):
+            raise InputError(
+                f"{_deg(gamma)} ({text}) is beyond rotation_range_deg [{_deg(low)}, {_deg(high)}]; one within it "
+                "or a wider range would work",
+                file="options",
+                where=where,
+            )
     for n, wish in enumerate(options.steer):
         if wish.forbid is not None and (wish.forbid[1] - wish.forbid[0]) % (2 * pi) < options.rotation_step - EDGE:
             raise InputError(
@@ -158,13 +169,18 @@ def _unbroken(own: dict[int, float], first: int, last: int, gamma: float) -> Ite
 
 
 def _agree(pins: dict[int, tuple[float, str]], point: int, gamma: float, by: str) -> None:
-    if point in pins and abs(pins[point][0] - gamma) > EDGE:
+    if point in pins and abs(_turned(pins[point][0] - gamma)) > EDGE:
         raise InputError(
             f"point {point} cannot have both {pins[point][1]} and {by}; one of them, or the point's own under 'fixed', "
             "would work",
             file="options",
             where="steer",
         )
+
+
+def _turned(angle: float) -> float:
+    """The same rotation within -π … π: 180° and -180° are one."""
+    return (angle + pi) % (2 * pi) - pi
 
 
 def _deg(angle: float) -> str:

@@ -12,7 +12,8 @@ from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
-from machopt.domain.steering import among, inside
+from machopt.domain.steering import among, inside, said
+from machopt.errors import InputError
 from machopt.model.ik import Margins, Solver, count_from, fewest_turns, judged, turns
 from machopt.model.machine import Machine
 from machopt.model.threads import side_by_side
@@ -216,6 +217,12 @@ def _forbid_by_user(
         rows = among(wish, index)
         if wish.forbid is not None:
             outside[rows] |= inside(gamma[rows], wish.forbid)
+        if wish.branch is not None and wish.branch >= feasible.shape[2]:
+            raise InputError(
+                f"{said(wish)}: this arm has the branches 0 to {feasible.shape[2] - 1}",
+                file="options",
+                where="steer",
+            )
         if wish.branch is not None:
             other[rows] |= np.arange(feasible.shape[2]) != wish.branch
     blocked = outside[:, :, None] | other[:, None, :]

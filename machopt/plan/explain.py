@@ -168,7 +168,7 @@ _WORDS = {
     Reason.SINGULAR_ELBOW: "are too near the stretched arm (elbow singularity)",
     Reason.SINGULAR_SHOULDER: "are too near the shoulder singularity",
     Reason.COLLIDING: "collide",
-    Reason.BOUNDS: "lie outside the given rotation range",
+    Reason.BOUNDS: "lie outside the given rotation range or the wishes",
     Reason.NO_PATH: "cannot be joined to their neighbours",
 }
 
@@ -179,7 +179,7 @@ _HELP = {
     Reason.SINGULAR_ELBOW: "a smaller singularity_elbow_deg",
     Reason.SINGULAR_SHOULDER: "a smaller singularity_shoulder_mm",
     Reason.COLLIDING: "moving part, tool or what is in the way, a smaller clearance_mm",
-    Reason.BOUNDS: "a wider rotation_range_deg or another fixed rotation",
+    Reason.BOUNDS: "a wider rotation_range_deg, another fixed rotation or other wishes (steer)",
     Reason.NO_PATH: "a retract before it",
 }
 

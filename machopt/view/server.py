@@ -162,11 +162,11 @@ class _Handler(BaseHTTPRequestHandler):
         if self.headers.get("Content-Type", "").partition(";")[0].strip() != "application/json":
             return self._refuse(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "application/json would work")
         length = self.headers.get("Content-Length", "")
-        if not length.isdigit() or int(length) > MOST:
+        if not (length.isascii() and length.isdigit()) or int(length) > MOST:
             return self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"up to {MOST} bytes would work")
         try:
             body = json.loads(self.rfile.read(int(length)))
-        except ValueError:
+        except (ValueError, RecursionError):  # the latter of brackets within brackets
             body = None
         if not isinstance(body, dict):
             return self._refuse(HTTPStatus.BAD_REQUEST, "a JSON object would work")
