@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from machopt.diagnose import absolute, at_body
+from machopt.diagnose import absolute, at_body, engine
 from machopt.diagnose.absolute_catalogue import left, spanned
 from machopt.diagnose.laws_kinematic import wave_orders
 from machopt.diagnose.problem import Catalogue, Hypothesis, Problem
@@ -245,6 +245,17 @@ def test_without_masses_weight_is_unknown() -> None:
     assert not names(catalogue, "link_compliance")
     assert [u.name for u in problem.unknowns if u.location.startswith("joint")] == []  # no torque, no spring
     assert any("masses" in n for n in notes)
+
+
+def test_poses_without_masses_in_a_known_frame_have_nothing_to_refit_and_are_diagnosed() -> None:
+    cell, robot, _ = arm()
+    recording = measure(registration="fixed", noise=1e-5)
+    problem, catalogue, _ = absolute.build(recording, cell, robot, None, np.random.default_rng(0))
+    assert problem.base.shape[2] == 0
+    d = engine.diagnose(
+        problem, replace(catalogue, hypotheses=catalogue.hypotheses[:2]), engine.Options(), np.random.default_rng(0)
+    )
+    assert d.verdict != "consistent"  # what weight bends is there, and no column for it
 
 
 def test_heat_needs_a_clock_or_a_thermometer() -> None:

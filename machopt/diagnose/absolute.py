@@ -220,7 +220,7 @@ class _Model:
 
     def _robust(self, y: Array, B: Array, unknowns: Sequence[Unknown]) -> Array:
         scale = np.array([1.0] * 3 + [LEVER] * 3)[: self.D]
-        A, b = (B * scale[:, None]).reshape(-1, B.shape[2]), (y * scale).reshape(-1)
+        A, b = (B * scale[:, None]).reshape(y.size, B.shape[2]), (y * scale).reshape(-1)
         size = np.array([self.nominal[int(u.location[6:]) - 1] if u.lower == 0.0 else 1.0 for u in unknowns])
         lean = np.where([u.lower == 0.0 for u in unknowns], 1.0 / PRIOR, 0.0)
         lower = np.array([u.lower for u in unknowns])

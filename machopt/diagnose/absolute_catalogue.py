@@ -94,7 +94,7 @@ def left(columns: Array, Q: Array) -> float:
 
 def _flat(columns: Array) -> Array:
     weight = np.array([1.0] * 3 + [LEVER] * 3)[: columns.shape[1], None]
-    return np.asarray((columns * weight).reshape(-1, columns.shape[2]))
+    return np.asarray((columns * weight).reshape(columns.shape[0] * columns.shape[1], columns.shape[2]))
 
 
 def _with_offset(Q: Array, r: Readings, j: int) -> Array:

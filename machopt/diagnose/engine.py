@@ -113,7 +113,7 @@ def _robust(problem: Problem) -> tuple[Array, Flags]:
     prior = np.array([0.0 if u.prior is None else 1.0 / u.prior for u in problem.unknowns])
     residual = problem.y
     for _ in range(CLIPS):
-        A = (problem.base[used] * scale[:, None]).reshape(-1, problem.base.shape[2])
+        A = (problem.base[used] * scale[:, None]).reshape(problem.y[used].size, problem.base.shape[2])
         size = np.sqrt(np.mean(A**2, axis=0))
         size = np.where(size > 0, size, 1.0)
         held = np.diag(prior / size)

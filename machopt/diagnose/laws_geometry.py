@@ -22,6 +22,8 @@ HELD = np.r_[[5e-4] * 3, [0.05 * DEGREE] * 3]  # m, rad: 1 sigma of what a maker
 DOUBT = 4.0  # times that, which a frame that was found may be off by
 SHOWN = 0.03  # of a direction's own size that the base must leave
 WEAK = 0.02  # of the strongest direction that is shown: weaker ones would need millimetres to be seen
+WHOLE = ("base", "joint:1")  # move everything alike, as a tracker does that stands elsewhere than the recording says
+ASIDE = 8.0  # gain on unseen groups by which they must beat the tracker's frame, which the robot has no part in
 
 
 def twists(r: Readings, place: str) -> Array:
@@ -54,13 +56,15 @@ def hypotheses(r: Readings, base: Array) -> list[Hypothesis]:
         columns = twists(r, place) * HELD
         V = shown(columns, base)
         if V.shape[1]:
-            out.append(_hypothesis(place, columns, V))
+            beside_frame = place in WHOLE and r.recording.registration == "fixed"
+            out.append(_hypothesis(place, columns, V, ASIDE if beside_frame else 0.0))
     return out
 
 
 def shown(columns: Array, base: Array) -> Array:
     """(6, K) directions of scaled twists that the base leaves: by the SVD of the scaled columns beside it."""
-    A, B = columns.reshape(-1, 6), base.reshape(-1, base.shape[2])
+    A = columns.reshape(-1, 6)
+    B = base.reshape(len(A), base.shape[2])  # none of masses that are unknown in a frame that is fixed
     size = np.linalg.norm(B, axis=0)
     B = B[:, size > 0] / size[size > 0]
     Q = np.linalg.qr(B)[0] if B.shape[1] else B
@@ -69,7 +73,7 @@ def shown(columns: Array, base: Array) -> Array:
     return np.asarray(Vt[(s > SHOWN * whole) & (s > WEAK * s[0])].T)
 
 
-def _hypothesis(place: str, columns: Array, V: Array) -> Hypothesis:
+def _hypothesis(place: str, columns: Array, V: Array, penalty: float) -> Hypothesis:
     mixed = columns @ V
 
     def correction(x: Array, shape: Shape) -> KinematicCorrection:
@@ -85,6 +89,7 @@ def _hypothesis(place: str, columns: Array, V: Array) -> Hypothesis:
         correction=correction,
         family="kinematic",
         note=geometry.EFFECT.note,
+        penalty=penalty,
         held=DOUBT,
         exact=True,
     )

@@ -30,6 +30,7 @@ LEADING = 3  # groups whose gain on unseen folds is looked at in each step
 CLEARER = 1.5  # gain of a law of weight per that of the best frame or wave: with less it stands in for several of those
 PER_COLUMN = 20  # whitened rows that each column asks for: with fewer some sum among many fits any noise
 FOLDS = 10
+RIGID = ("kinematic", "sensor")  # families of what is there without any weight: frames, waves, the tracker's stand
 
 
 @dataclass(frozen=True)
@@ -126,11 +127,11 @@ def _pursue(sums: _Sums, fits: float) -> list[_Group]:
     """Groups in the order in which they were taken."""
     taken: list[_Group] = []
     columns = list(range(sums.base))
-    left = _swept(sums.total, np.array(columns))
+    left = _swept(sums.total, np.array(columns, int))
     largest = 0.0
     loss = _heldout(sums, columns)
     refused: set[int] = set()
-    unloaded = np.array([g.law.hypothesis.family == "kinematic" for g in sums.groups], bool)
+    unloaded = np.array([g.law.hypothesis.family in RIGID for g in sums.groups], bool)
     while len(taken) < MOST and sums.rows > PER_COLUMN * len(columns):
         rss = float(left[-1, -1])
         spread = max(rss / sums.rows, fits) if np.isfinite(fits) else rss / sums.rows
@@ -149,7 +150,8 @@ def _pursue(sums: _Sums, fits: float) -> list[_Group]:
             if loss - after < calibrated.DETECTION.generalises * gains[n]:
                 refused.add(n)
                 continue
-            worth = (loss - after) / spread - calibrated.DETECTION.simpler * (g.columns.stop - g.columns.start)
+            cost = calibrated.DETECTION.simpler * (g.columns.stop - g.columns.start) + g.law.hypothesis.penalty
+            worth = (loss - after) / spread - cost
             if best is None or worth > best[0]:
                 best = (worth, n, after)
         if best is None:
@@ -197,7 +199,7 @@ def _gains(left: Array, sums: _Sums) -> Array:
 
 def _heldout(sums: _Sums, columns: Sequence[int]) -> float:
     """Sum of squares left on folds that no fit saw."""
-    at, out = np.array(columns), 0.0
+    at, out = np.array(columns, int), 0.0
     of = np.append(at, -1)
     whole = sums.total[np.ix_(at, of)]
     for part in sums.folds:

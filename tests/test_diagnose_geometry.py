@@ -1,0 +1,121 @@
+"""Geometry in measured poses: columns against pinocchio's tree with its joints moved, which they do not come from.
+
+What is planted is found at its joint, written down it takes the mismatch away, and in noise nothing is found.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from test_diagnose_absolute import arm, measure, poses
+from test_diagnose_absolute import readings as readings_of
+
+from machopt.arrays import Array
+from machopt.diagnose import calibrated, laws_geometry
+from machopt.diagnose.problem import Hypothesis
+from machopt.domain.kinematics import KinematicCorrection, Kinematics
+from machopt.se3 import rotation_vector, skew
+from machopt.verify.arm import Arm
+
+PLACES = ("base", *(f"joint:{j}" for j in range(1, 7)), "tool")
+NOISE = 1e-5  # m
+PLANTED = KinematicCorrection("geometry", "joint:3", {"xyz_mm": [0.1, 0.15, 0.0], "turn_mrad": [0.3, 0.0, 0.2]})
+
+
+def built(found: tuple[KinematicCorrection, ...], q: Array) -> Array:
+    """(N, 4, 4) TCP of the arm whose frames are off."""
+    return np.asarray(Arm(replace(arm()[0], kinematics=Kinematics(found))).stance(q).tcp)
+
+
+def angles() -> Array:
+    return poses()[:60]
+
+
+@cache
+def laws() -> tuple[Array, tuple[Hypothesis, ...]]:
+    """(N, 3, 9) of a tracker's frame and a target that nobody knows, and the geometry beside them."""
+    q = angles()
+    r = replace(readings_of(arm()[2], np.zeros((len(q), 6)), q), dimensions=3)
+    T = r.state.T_base_tool
+    turned = -skew(T[:, :3, 3] - T[:, :3, 3].mean(axis=0))
+    base = np.concatenate([np.broadcast_to(np.eye(3), (len(q), 3, 3)), turned, T[:, :3, :3]], axis=2)
+    return base, tuple(laws_geometry.hypotheses(r, base))
+
+
+def gains(y: Array) -> dict[str, tuple[float, Array]]:
+    """Each joint's fall of the squares beside the base, by the noise, and its coefficients."""
+    base, offered = laws()
+    out = {}
+    for h in offered:
+        A = np.concatenate([base, h.columns(())], axis=2).reshape(y.size, -1)
+        x, left = (np.linalg.lstsq(M, y.reshape(-1), rcond=1e-12)[0] for M in (A, A[:, : base.shape[2]]))
+        fall = np.sum((y.reshape(-1) - A[:, : base.shape[2]] @ left) ** 2) - np.sum((y.reshape(-1) - A @ x) ** 2)
+        out[h.location] = float(fall) / NOISE**2, x[base.shape[2] :]
+    return out
+
+
+def least(h: Hypothesis) -> float:
+    d = calibrated.DETECTION
+    return d.gain + d.per_coefficient * (h.columns(()).shape[2] - 1)
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_columns_are_what_the_built_arm_does(place: str) -> None:
+    """Central differences over 0.05 mm and 0.05 mrad leave their cube, 1e-13 m, and rounding by 1e-4."""
+    q = angles()[:5]
+    columns = laws_geometry.twists(readings_of(arm()[2], np.zeros((len(q), 6)), q), place)
+    h = 0.05
+    for k in range(6):
+        one, two = (
+            built((KinematicCorrection("geometry", place, {"xyz_mm": t[:3], "turn_mrad": t[3:]}),), q)
+            for t in (-h * np.eye(6)[k], h * np.eye(6)[k])
+        )
+        moved = (two - one)[:, :3, 3] / (2e-3 * h)
+        turned = rotation_vector(two[:, :3, :3] @ np.swapaxes(one[:, :3, :3], 1, 2)) / (2e-3 * h)
+        np.testing.assert_allclose(columns[:, :3, k], moved, atol=1e-7)
+        np.testing.assert_allclose(columns[:, 3:, k], turned, atol=1e-7)
+
+
+def test_a_twist_is_found_at_its_joint_and_written_it_takes_the_mismatch_away() -> None:
+    q, (base, offered) = angles(), laws()
+    rng = np.random.default_rng(2)
+    y = (built((PLANTED,), q) - Arm(arm()[0]).stance(q).tcp)[:, :3, 3] + NOISE * rng.normal(size=(len(q), 3))
+    found = gains(y)
+    assert max(found, key=lambda place: found[place][0]) == "joint:3"
+    h = next(h for h in offered if h.location == "joint:3")
+    assert found["joint:3"][0] > least(h)
+    correction = h.correction(found["joint:3"][1], ())
+    assert isinstance(correction, KinematicCorrection)
+    rest = (built((PLANTED,), q) - built((correction,), q))[:, :3, 3]  # at most what frame and target take up
+    x = np.linalg.lstsq(base.reshape(rest.size, -1), rest.reshape(-1), rcond=1e-12)[0]
+    assert np.sqrt(np.mean((rest - base @ x) ** 2)) < NOISE
+    first = next(iter(h.quantities(found["joint:3"][1], ()).values()))
+    double = next(iter(h.quantities(2.0 * found["joint:3"][1], ()).values()))
+    assert double.value == pytest.approx(2.0 * first.value)  # limits are stated in it
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_nothing_is_found_in_noise(seed: int) -> None:
+    found = gains(NOISE * np.random.default_rng(seed).normal(size=(len(angles()), 3)))
+    assert all(found[h.location][0] < least(h) for h in laws()[1])
+
+
+def test_only_what_the_base_leaves_is_offered() -> None:
+    base, offered = laws()
+    assert {h.location for h in offered} == {f"joint:{j}" for j in range(2, 7)}  # the frame takes up joint 1's
+    Q = np.linalg.qr(base.reshape(-1, base.shape[2]))[0]
+    for h in offered:
+        A = h.columns(()).reshape(len(Q), -1)
+        whole, left = (np.linalg.svd(M, compute_uv=False) for M in (A, A - Q @ (Q.T @ A)))
+        assert left[-1] > laws_geometry.WEAK * laws_geometry.SHOWN * whole[0]
+    assert laws_geometry.shown(base[:, :, :6], base).shape[1] == 0
+    r = readings_of(arm()[2], np.zeros((60, 6)), angles())
+    fixed = replace(r, recording=measure(registration="fixed"))
+    known = {h.location: h for h in laws_geometry.hypotheses(fixed, base[:, :, :0].repeat(2, axis=1))}  # D = 6, P = 0
+    assert set(known) == set(PLACES)
+    # the tracker's frame, which moves everything alike too, comes before a robot that stands elsewhere on its plate
+    assert {where for where, h in known.items() if h.penalty > 0.0} == {"base", "joint:1"}
+    assert all(h.penalty == 0.0 for h in offered)

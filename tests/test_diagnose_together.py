@@ -1,0 +1,133 @@
+"""Many effects found together, on equations made up: just those that were planted, none in noise, sums that are so."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from machopt.arrays import Array
+from machopt.diagnose import together
+from machopt.diagnose.grams import Model, Tried, base_model, tried
+from machopt.diagnose.noise import Noise
+from machopt.diagnose.problem import Family, Hypothesis, Problem, Quantity, Unknown
+from machopt.diagnose.whitening import whitening
+
+POSES, VISITS, ORDERS, SIGMA = 90, 2, tuple((float(n),) for n in range(1, 7)), 1e-5
+N = POSES * VISITS
+Planted = dict[tuple[str, str], tuple[float, ...]]
+MANY: Planted = {
+    ("transmission_error", "joint:1"): (3.0,),
+    ("transmission_error", "joint:2"): (2.0, 5.0),
+    ("transmission_error", "joint:4"): (1.0,),
+    ("transmission_error", "joint:6"): (4.0,),
+    ("geometry", "joint:3"): (),
+    ("geometry", "joint:5"): (),
+    ("payload", "tool"): (),
+}
+
+
+def again(columns: Array) -> Array:
+    """The same at every visit of a pose."""
+    return np.tile(columns, (VISITS, 1, 1))
+
+
+def hypotheses(rng: np.random.Generator) -> list[Hypothesis]:
+    q, lever = rng.uniform(-2.5, 2.5, (POSES, 6)), rng.normal(size=(POSES, 3, 6))
+    frames = rng.normal(size=(6, POSES, 3, 3))
+    mass = rng.normal(size=(POSES, 3, 2))
+
+    def waves(j: int) -> Hypothesis:
+        def columns(shape: tuple[float, ...]) -> Array:
+            parts = [f(n * q[:, None, j]) * lever[:, :, j] for n in shape for f in (np.cos, np.sin)]
+            return again(np.stack(parts, axis=2))
+
+        return made("transmission_error", f"joint:{j + 1}", columns, ORDERS, "kinematic")
+
+    found = [waves(j) for j in range(6)]
+    found += [made("geometry", f"joint:{j + 1}", lambda s, j=j: again(frames[j]), ((),), "kinematic") for j in range(6)]
+    return [*found, made("payload", "tool", lambda s: again(mass), ((),), "body")]
+
+
+def made(effect: str, where: str, columns: object, shapes: tuple[tuple[float, ...], ...], family: str) -> Hypothesis:
+    def size(x: Array, shape: tuple[float, ...]) -> dict[str, Quantity]:
+        return {"size": Quantity(float(np.linalg.norm(x)), "m")}
+
+    return Hypothesis(effect, where, "made up", "", columns, size, shapes, family=family)  # type: ignore[arg-type]
+
+
+def model(planted: Planted, seed: int, size: float = 4.0) -> tuple[Model, list[Tried]]:
+    """Two base unknowns, 540 coordinates; what is planted has ``size`` times the noise a column."""
+    rng = np.random.default_rng(seed)
+    laws = hypotheses(rng)
+    base = again(rng.normal(size=(POSES, 3, 2)))
+    y = SIGMA * rng.normal(size=(N, 3)) + base @ np.array([1e-4, -2e-4])
+    for h in laws:
+        if h.name in planted:
+            columns = h.columns(planted[h.name])
+            y = y + columns @ (size * SIGMA * rng.choice([-1.0, 1.0], columns.shape[2]))
+    pose, visit = np.tile(np.arange(POSES), VISITS), np.arange(N)
+    problem = Problem(
+        "position",
+        y,
+        base,
+        (Unknown("a", "m"), Unknown("b", "m")),
+        (Family("translation", (0, 1, 2), "mm", 1e3),),
+        pose,
+        visit,
+        visit,
+        np.repeat(np.arange(VISITS), POSES),
+        pose,
+        visit + 2,
+        visit + 1,
+    )
+    w = whitening(problem, Noise(np.array([SIGMA]), np.zeros(1), np.zeros(1), 0.0, True), np.ones(N, bool))
+    found, _ = base_model(problem, w, np.random.default_rng(0))
+    return found, tried(found, laws)
+
+
+def test_exactly_what_was_planted_is_found() -> None:
+    base, laws = model(MANY, 1)
+    among, found = together.searched(base, laws, 3, np.random.default_rng(0), 1.0)
+    assert {c.tried.hypothesis.name for c in found} == set(MANY)
+    for c in found:
+        assert tuple(sorted(c.tried.shapes[c.scored.shape])) == MANY[c.tried.hypothesis.name]
+    assert {t.hypothesis.name for t in among} == {t.hypothesis.name for t in laws}  # rivals stay
+
+
+def test_fewer_than_three_effects_asked_for_are_no_more_than_that() -> None:
+    base, laws = model(MANY, 1)
+    assert len(together.searched(base, laws, 2, np.random.default_rng(0), 1.0)[1]) == 2
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_is_found_in_noise_and_few_effects_are_left_to_the_search_one_by_one(seed: int) -> None:
+    base, laws = model({}, seed)
+    assert together.many(base, laws, 1.0) == []
+    few = dict(list(MANY.items())[:3])
+    assert together.many(*model(few, seed), 1.0) == []
+
+
+def test_other_channels_and_small_recordings_are_not_searched_so() -> None:
+    base, laws = model(MANY, 1)
+    assert together.many(base, [t for t in laws if t.hypothesis.effect != "geometry"], 1.0) == []
+    wide = np.tile(base.X, (1, 10))  # 540 coordinates, 20 unknowns
+    assert together.many(base.with_columns(wide), laws, 1.0) == []
+
+
+def test_sums_are_those_of_explicit_refits() -> None:
+    base, laws = model(MANY, 2)
+    sums = together._sums(base, laws)
+    taken, more = sums.groups[3], sums.groups[10]
+    X = np.concatenate([base.X, taken.law.at(taken.shape)], axis=1)
+    columns = [*range(sums.base), *range(taken.columns.start, taken.columns.stop)]
+    whole = np.concatenate([X, more.law.at(more.shape)], axis=1)
+    left = [float(np.sum((base.y - A @ np.linalg.lstsq(A, base.y, rcond=None)[0]) ** 2)) for A in (X, whole)]
+    swept = together._swept(sums.total, np.array(columns))
+    assert swept[-1, -1] == pytest.approx(left[0], rel=1e-6)
+    assert together._gains(swept, sums)[10] == pytest.approx(left[0] - left[1], rel=1e-6)
+    unseen = 0.0
+    for some in np.array_split(np.arange(base.folds), together.FOLDS):
+        out = np.zeros(len(base.y), bool)
+        out[np.concatenate([base.rows[f] for f in some])] = True
+        unseen += float(np.sum((base.y[out] - X[out] @ np.linalg.lstsq(X[~out], base.y[~out], rcond=None)[0]) ** 2))
+    assert together._heldout(sums, columns) == pytest.approx(unseen, rel=1e-6)
