@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import pickle
+import signal
+import subprocess
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -378,6 +382,26 @@ def test_a_scheduler_that_is_not_there_is_refused_and_nothing_is_left(
     assert main([*asked, "--scheduler", "nowhere"]) == 2
     assert "no Dask scheduler answers at nowhere" in capsys.readouterr().err
     assert sorted(p.name for p in tmp_path.iterdir()) == ["holes.csv"]
+
+
+@pytest.mark.slow
+def test_who_looks_at_places_ends_with_the_one_who_asked(tmp_path: Path) -> None:
+    """Killed, so that nothing can be tidied up: its output stays open as long as a process of it lives."""
+    script = tmp_path / "asks.py"
+    script.write_text(
+        "import os, time\nfrom machopt.batch.crew import _processes\nif __name__ == '__main__':\n"
+        "    with _processes(1) as pool:\n        print(pool.submit(os.getpid).result(), flush=True)\n"
+        "        time.sleep(60)\n"
+    )
+    with subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as asker:
+        assert asker.stdout is not None
+        worker = int(asker.stdout.readline())
+        asker.kill()
+        try:
+            assert asker.communicate(timeout=20)[0] == b""
+        except subprocess.TimeoutExpired:
+            os.kill(worker, signal.SIGKILL)
+            raise
 
 
 def test_places_weigh_turns_as_shifts() -> None:

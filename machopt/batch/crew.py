@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import pickle
 import tempfile
+import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -73,11 +74,25 @@ def crew(request: Request, *, jobs: int, scheduler: str | None) -> Generator[Cre
 def _processes(jobs: int) -> Generator[ProcessPoolExecutor, None, None]:
     """Started with the first question; each with one thread, as there is one process a core."""
     with _environment(OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS="1", NUMBA_NUM_THREADS="1"):
-        pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"))
+        pool = ProcessPoolExecutor(
+            jobs, mp_context=multiprocessing.get_context("spawn"), initializer=_end_with_the_one_who_asks
+        )
         try:
             yield pool
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _end_with_the_one_who_asks() -> None:
+    """A process of a pool holds both ends of the pipe it waits on, so it would wait for ever for one who was killed."""
+    asker = multiprocessing.parent_process()
+    if asker is not None:
+        threading.Thread(target=_ended_after, args=(asker.join,), name="machopt asker", daemon=True).start()
+
+
+def _ended_after(wait: Callable[[], None]) -> None:
+    wait()
+    os._exit(1)
 
 
 @contextlib.contextmanager
