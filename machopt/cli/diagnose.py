@@ -48,7 +48,14 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         help="laws of your own to try too; RUNS the code in FILE.py with your rights, so give only files "
         "you trust; may be repeated",
     )
-    p.add_argument("--max-findings", type=natural, default=3, metavar="N", help="most effects named at once (3)")
+    p.add_argument(
+        "--max-findings",
+        type=natural,
+        default=3,
+        metavar="N",
+        help="most effects named one by one (3); measured poses that show effects at more than four places at once "
+        "are explained by all that predict unseen poses, however many, unless N is 1 or 2",
+    )
     share(p, "--accept")
     share(p, "--allow-external")
     share(p, "--seed")

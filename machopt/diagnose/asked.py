@@ -19,7 +19,7 @@ class Request:
     channel: str = "auto"
     toolpath: Path | None = None
     terms: tuple[Path, ...] = ()  # Python files with laws of the user's own
-    max_findings: int = 3
+    max_findings: int = 3  # more may be named together, in measured poses, unless it is 1 or 2
     accept: tuple[str, ...] = ()
     seed: int = 0
     allow_external: bool = False

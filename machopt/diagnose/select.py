@@ -17,7 +17,7 @@ from machopt.diagnose import calibrated
 from machopt.diagnose.anotherday import comes_again
 from machopt.diagnose.grams import Model, Tried
 from machopt.diagnose.problem import Hypothesis
-from machopt.diagnose.screen import FLIPS, Scored, by_chance, score
+from machopt.diagnose.screen import Scored, by_chance, score
 from machopt.diagnose.unproven import possible, unproven
 from machopt.effects import registry
 
@@ -112,20 +112,39 @@ def _greedy(model: Model, tried: Sequence[Tried], most: int) -> Model:
     return model
 
 
-def settled(model: Model, laws: Sequence[Tried]) -> list[Chosen]:
+def settled(model: Model, laws: Sequence[Tried], tried: Sequence[Tried], rng: np.random.Generator) -> list[Chosen]:
     """Effects that were found together, each beside the others, without those that the others can do without.
 
-    Where the noise was taken from residuals of a poorer model it says nothing yet of what is needed: then all stay.
+    Where the noise was taken from residuals of a poorer model it says nothing yet of what is needed: then all stay
+    that chance does not find, in a search among all laws beside the whole sum.
+
+    Args:
+        model: the base.
+        laws: what was found, of one shape each.
+        tried: all that was looked among.
+        rng: of the sign flips.
     """
-    chosen = [Chosen(score(model, [t])[0], 1.0 / (FLIPS + 1.0)) for t in laws]
+    chosen = [Chosen(score(model, [t])[0], 1.0) for t in laws]
     known = with_chosen(model, chosen).rss > NOISE_KNOWN * len(model.y)
     while True:
         beside = [with_chosen(model, [o for o in chosen if o is not c]) for c in chosen]
         chosen = [replace(c, scored=score(m, [c.tried])[0]) for m, c in zip(beside, chosen, strict=True)]
         needed = [s.gain / m.spread - least_gain(m, s) for m, s in zip(beside, [c.scored for c in chosen], strict=True)]
-        if not known or not chosen or min(needed) >= 0.0:
+        if known and chosen and min(needed) < 0.0:
+            del chosen[int(np.argmin(needed))]
+            continue
+        chosen = _judged(model, chosen, tried, rng)
+        weak = [k for k, c in enumerate(chosen) if c.p_value > calibrated.DETECTION.chance]
+        if not weak:
             return sorted(chosen, key=lambda c: -c.scored.total)
-        del chosen[int(np.argmin(needed))]
+        del chosen[min(weak, key=lambda k: chosen[k].scored.gain)]
+
+
+def _judged(model: Model, chosen: Sequence[Chosen], tried: Sequence[Tried], rng: np.random.Generator) -> list[Chosen]:
+    """Each with the chance that the largest gain among all laws beside the whole sum reaches its own."""
+    whole = with_chosen(model, chosen)
+    chance = by_chance(whole, [*(c.scored for c in chosen), *score(whole, tried)], whole.residual, rng)
+    return [replace(c, p_value=float(p)) for c, p in zip(chosen, chance, strict=False)]
 
 
 def with_chosen(model: Model, chosen: Sequence[Chosen]) -> Model:

@@ -73,7 +73,7 @@ def searched(
         return tuple(laws), tuple(select(model, laws, most, rng))
     names = {t.hypothesis.name for t in found}
     rest = [t for t in laws if t.hypothesis.name not in names and len(t.shapes) <= RIVALS]
-    return (*rest, *found), tuple(settled(model, found))
+    return (*rest, *found), tuple(settled(model, found, laws, rng))
 
 
 def many(model: Model, laws: Sequence[Tried], fits: float) -> list[Tried]:
