@@ -44,6 +44,11 @@ def test_a_column_of_offsets_is_modal_and_turns_axes_too(tmp_path: Path, cell: C
     assert path.offsets == ()
     assert path.meta["work_offsets"] == "G54, G55"
     assert placed(path, cell) is path
+    told = "no work offset: they count in workpiece, not in one of the cell's (G54, G55)"
+    assert path.warnings[-1] == f"points 0 to 0 name {told}"
+    bare = read(tmp_path, HEAD.replace(",offset", "") + "0,0,0,0,0,1,1,0,0,cut,600\n5,0,0,0,0,1,1,0,0,cut,600\n", cell)
+    assert bare.warnings[-1] == f"all points name {told}"
+    assert placed(bare, cell) is bare
 
 
 def test_offsets_of_g_code_are_the_cells(tmp_path: Path, cell: Cell) -> None:

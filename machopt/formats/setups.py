@@ -59,11 +59,16 @@ def _placed(bodies: Sequence[Shape], keys: Sequence[ShapeKeys], T: Array, name: 
 
 
 def placed(toolpath: Toolpath, cell: Cell) -> Toolpath:
-    """The toolpath in ``workpiece``, whatever work offsets of the cell it counts from; as it is where it names none.
+    """The toolpath in ``workpiece``, whatever work offsets of the cell it counts from.
+
+    Points under no offset count in ``workpiece`` itself, which is told where the cell has offsets.
 
     Raises:
         InputError: an offset that the cell does not have, or another one on the way of a cut.
     """
+    told = _under_none(toolpath, cell)
+    if told and told not in toolpath.warnings:
+        toolpath = replace(toolpath, warnings=(*toolpath.warnings, told))
     if not toolpath.offsets:
         return toolpath
     position, axis, reference = toolpath.position.copy(), toolpath.axis.copy(), toolpath.reference.copy()
@@ -84,3 +89,13 @@ def placed(toolpath: Toolpath, cell: Cell) -> Toolpath:
     used = dict.fromkeys(name for _, name in toolpath.offsets)
     meta = {**toolpath.meta, "work_offsets": ", ".join(used)}
     return replace(toolpath, position=position, axis=axis, reference=reference, offsets=(), meta=meta)
+
+
+def _under_none(toolpath: Toolpath, cell: Cell) -> str:
+    """What is told of points that name none of the offsets that the cell has; empty where there are none."""
+    done = not toolpath.offsets and "work_offsets" in toolpath.meta
+    count = toolpath.offsets[0][0] if toolpath.offsets else len(toolpath)
+    if not cell.offsets or done or not count:
+        return ""
+    which = f"points 0 to {count - 1} name" if toolpath.offsets else "all points name"
+    return f"{which} no work offset: they count in workpiece, not in one of the cell's ({', '.join(cell.offsets)})"
