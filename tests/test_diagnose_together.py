@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from machopt.diagnose import together
 from machopt.diagnose.grams import Model, Tried, base_model, tried
 from machopt.diagnose.noise import Noise
 from machopt.diagnose.problem import Family, Hypothesis, Problem, Quantity, Unknown
+from machopt.diagnose.select import settled, with_chosen
 from machopt.diagnose.whitening import whitening
 
 POSES, VISITS, ORDERS, SIGMA = 90, 2, tuple((float(n),) for n in range(1, 7)), 1e-5
@@ -131,3 +134,16 @@ def test_sums_are_those_of_explicit_refits() -> None:
         out[np.concatenate([base.rows[f] for f in some])] = True
         unseen += float(np.sum((base.y[out] - X[out] @ np.linalg.lstsq(X[~out], base.y[~out], rcond=None)[0]) ** 2))
     assert together._heldout(sums, columns) == pytest.approx(unseen, rel=1e-6)
+
+
+def test_what_is_written_is_the_fit_of_the_whole_sum() -> None:
+    """Two frames that move nearly alike: neither has much of its own beside the other, the sum needs one of them."""
+    base, laws = model(MANY, 3)
+    one, other = (next(t for t in laws if t.hypothesis.name == ("geometry", f"joint:{j}")) for j in (3, 5))
+    columns = one.hypothesis.columns(())
+    twin = replace(other.hypothesis, columns=lambda s: columns + 1e-3 * other.hypothesis.columns(()))
+    found = settled(base, tried(base, [one.hypothesis, twin]), laws, np.random.default_rng(0))
+    whole = with_chosen(base, found)
+    rest = base.y - sum(c.columns @ c.scored.x for c in found)
+    x = np.linalg.lstsq(base.X, rest, rcond=None)[0]
+    assert float(np.sum((rest - base.X @ x) ** 2)) == pytest.approx(whole.rss, rel=1e-4)

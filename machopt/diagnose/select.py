@@ -136,8 +136,23 @@ def settled(model: Model, laws: Sequence[Tried], tried: Sequence[Tried], rng: np
         chosen = _judged(model, chosen, tried, rng)
         weak = [k for k, c in enumerate(chosen) if c.p_value > calibrated.DETECTION.chance]
         if not weak:
-            return sorted(chosen, key=lambda c: -c.scored.total)
+            return sorted(_of_the_sum(model, chosen), key=lambda c: -c.scored.total)
         del chosen[min(weak, key=lambda k: chosen[k].scored.gain)]
+
+
+def _of_the_sum(model: Model, chosen: Sequence[Chosen]) -> list[Chosen]:
+    """Each with its coefficients in the fit of the whole sum, which is what the error on unseen readings is of.
+
+    Scored beside the others a direction that a neighbour nearly holds too counts as absorbed and comes out as nothing;
+    the sum needs it at one of them. Laws with bounds keep the coefficients that respect these.
+    """
+    x, at, out = with_chosen(model, chosen).coefficients, model.X.shape[1], []
+    for c in chosen:
+        p = len(c.scored.x)
+        own = c.scored.x if c.tried.hypothesis.lower else x[at : at + p]
+        out.append(replace(c, scored=replace(c.scored, x=own)))
+        at += p
+    return out
 
 
 def _judged(model: Model, chosen: Sequence[Chosen], tried: Sequence[Tried], rng: np.random.Generator) -> list[Chosen]:
