@@ -98,7 +98,10 @@ def _cut_moves(said: ReadProgram, place: Array, cuts: Cuts, reached: NDArray[np.
     """The moves of each cut: linear, at the file's feed, on the file's line, none of them twice."""
     index, corner = cuts.corners
     path = cuts.toolpath
-    k = np.flatnonzero(cuts.wanted & (reached >= 0))
+    behind = (
+        np.arange(len(reached)) > 0
+    )  # nothing is cut on the way to the first point of the file: the arm comes from home
+    k = np.flatnonzero(cuts.wanted & (reached >= 0) & behind)
     j, first = reached[k], _first_moves(place, cuts, reached, k, limit)
 
     def name(n: int) -> str:

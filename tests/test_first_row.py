@@ -1,0 +1,24 @@
+"""A path may begin with any kind of row: the first point is where the arm arrives from home, whatever it is called."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from machopt.services.load import Request
+from machopt.services.run import optimize
+
+CELL = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
+REST = "".join(f"{x},-60,0,0,0,1,cut,600\n" for x in (-60, -40, -20))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", ["cut", "approach", "retract"])
+def test_a_path_that_begins_so_is_planned_programmed_and_verified(first: str, tmp_path: Path) -> None:
+    """Rows are cuts where nothing else is said: the shortest table a user writes begins with one."""
+    table = tmp_path / "path.csv"
+    table.write_text(f"x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min\n-80,-60,0,0,0,1,{first},600\n{REST}")
+    done = optimize(Request(cell=CELL, toolpath=table, out=tmp_path / "out", posts=("krl", "rapid", "fanuc_joint")))
+    assert done.exit_code == 0, done.result.verdict
+    assert len(done.result.programs) == 3
