@@ -10,6 +10,7 @@ import pytest
 from test_cells import ROOT, script
 
 from machopt.domain.options import PlanOptions, ProcessForce
+from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.setups import placed
 from machopt.formats.toolchoice import stints_of, with_tools
@@ -32,6 +33,11 @@ def test_the_scripts_make_the_committed_files(tmp_path: Path, monkeypatch: pytes
     assert {p.relative_to(tmp_path / CELL.name) for p in (tmp_path / CELL.name).rglob("*") if p.is_file()} == own
     for name in ("cell.yaml", "stiffness.yaml"):
         assert (tmp_path / CELL.name / name).read_text() == (CELL / name).read_text()
+
+
+def test_without_the_cell_the_file_is_told_what_is_missing() -> None:
+    with pytest.raises(InputError, match=r"how they lie to each other is not in the file; .*by the cell's offsets"):
+        read_toolpath(FILE)
 
 
 def test_it_is_planned_tool_after_tool(tmp_path: Path) -> None:

@@ -95,8 +95,8 @@ class FrameReader(MotionReader):
             else:
                 nowhere = (
                     f"the work offset changes from {first} to {name}: how they lie to each other is not in the file; "
-                    f"give it with --offset {name.replace(' ', '')}=X,Y,Z (its origin in {first}, mm), or split the "
-                    "file, one offset in each"
+                    f"give it with --offset {name.replace(' ', '')}=X,Y,Z (its origin in {first}, mm), or by the "
+                    "cell's offsets, or split the file, one offset in each"
                 )
         if (self.setup.offset, self.setup.nowhere) != (None, "") or offset is not None or nowhere:
             lost = bool(nowhere or self.setup.nowhere)

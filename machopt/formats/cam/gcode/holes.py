@@ -30,7 +30,7 @@ class HoleReader(ArcReader):
             raise self.source.error(f"G{code} outside of G17 drills along another axis: not supported", b.line)
         if self.canned is None:
             if math.isnan(self.p[2]):
-                raise self.source.error(f"G{code} begins where Z is not known", b.line)
+                raise self.source.error(self.setup.nowhere or f"G{code} begins where Z is not known", b.line)
             self.canned = Canned(initial=self.p[2])
         self.canned.code = code
 
