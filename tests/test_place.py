@@ -404,6 +404,19 @@ def test_who_looks_at_places_ends_with_the_one_who_asked(tmp_path: Path) -> None
             raise
 
 
+def test_a_stopped_search_says_that_it_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("machopt.services.place.place", stopped)
+    (tmp_path / "holes.csv").write_text(HOLES)
+    asked = ["place", str(CELLS / "kr240_drilling"), str(tmp_path / "holes.csv"), "-o", str(tmp_path / "out")]
+    assert main([*asked, "--jobs", "1"]) == 130
+    assert "what was found is kept, the same command goes on" in capsys.readouterr().err
+
+
 def test_places_weigh_turns_as_shifts() -> None:
     found = steps(Search(x=(0, 0.3), y=(0, 0), turn=(0, 1.0), places=16))
     assert found.x == pytest.approx(0.1)

@@ -100,12 +100,16 @@ def _place(args: argparse.Namespace) -> int:
         effects=tuple(there(f) for f in args.effects),
     )
     jobs = args.jobs or cores()
-    with (
-        Display(show=not (args.quiet or args.json)) as display,
-        compiling(display),
-        crew(request, jobs=jobs, scheduler=args.scheduler) as hands,
-    ):
-        outcome = place(request, display.stage, hands)
+    try:
+        with (
+            Display(show=not (args.quiet or args.json)) as display,
+            compiling(display),
+            crew(request, jobs=jobs, scheduler=args.scheduler) as hands,
+        ):
+            outcome = place(request, display.stage, hands)
+    except KeyboardInterrupt:
+        print("machopt: stopped; what was found is kept, the same command goes on", file=sys.stderr)
+        return 130
     if args.json:
         print(json.dumps(finite(outcome.result.plain()), ensure_ascii=False))
     elif not args.quiet:
