@@ -10,16 +10,15 @@ from machopt.arrays import Array
 from machopt.diagnose import at_joint, deflection
 from machopt.diagnose.problem import Flags
 from machopt.diagnose.result import Diagnosis
-from machopt.diagnose.run import Examined
+from machopt.diagnose.run import Examined, known_masses
 from machopt.domain.cell import Cell
 from machopt.domain.stiffness import Discrepancy, Stiffness
-from machopt.errors import InputError
 from machopt.identify.clusters import Components, clusters
 from machopt.identify.discrepancy import UNKNOWN, Readings, discrepancy, suspects_of
 from machopt.identify.experiment import Experiment, experiment
 from machopt.identify.noise import reading_covariance
 from machopt.model.elastic import ArmElasticity
-from machopt.model.robot import Masses, Robot, load_masses, load_robot
+from machopt.model.robot import Masses, Robot, load_robot
 
 JOINTS = 6
 LEAST_NOISE = 1e-6  # m, rad; no instrument of a load test is better
@@ -61,7 +60,7 @@ def _covariance(doubt: Discrepancy) -> Array:
 def _of_load_tests(cell: Cell, found: Examined, stiffness: Stiffness) -> Discrepancy | None:
     """What the extended model leaves of the load tests, gears with their history."""
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
-    masses = _masses(cell)
+    masses = known_masses(cell)
     tests = experiment(found.recording, robot, T)
     residual = tests.measured - _lived(found, tests, robot, T, masses, stiffness)
     used = found.diagnosis.used
@@ -100,11 +99,3 @@ def _white(residual: Array, V: Array, channel: int, used: Flags) -> Array:
 
 def _typical(residual: Array) -> float:
     return max(float(1.4826 * np.median(np.abs(residual))), LEAST_NOISE)
-
-
-def _masses(cell: Cell) -> Masses | None:
-    try:
-        masses = load_masses(cell)
-    except InputError:
-        return None
-    return masses if masses.mass.sum() > 0 else None

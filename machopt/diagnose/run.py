@@ -62,7 +62,7 @@ def at_rest(
     """
     refuse_linked(cell, "diagnose")
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
-    masses = _masses(cell)
+    masses = known_masses(cell)
     prior = None if cell.stiffness is None else cell.stiffness.joints
     if laws and recording.kind != "deflection":
         raise InputError(
@@ -225,7 +225,7 @@ def in_motion(
         return engine.diagnose(problem, catalogue, replace(options, predicted=words[channel]), rng), problem
 
     six = len(cell.arm_joints) == 6 and not cell.arm_prismatic and channel != "torque"
-    terms = _held(cell, load_robot(cell), _masses(cell)) if six else ()
+    terms = _held(cell, load_robot(cell), known_masses(cell)) if six else ()
     d, problem = held.diagnosed(terms, stretches, held.in_motions)
     # what leaves the record as it is, like a lag behind the command, changes no error of this channel
     beside = [f if f.record else replace(f, before=d.heldout_before, after=d.heldout_before) for f in found]
@@ -256,7 +256,8 @@ def _with_record(
     return replace(out, sentence=sentence(out)) if findings != d.findings else out
 
 
-def _masses(cell: Cell) -> Masses | None:
+def known_masses(cell: Cell) -> Masses | None:
+    """Of links and tool; None where the URDF has none, and weight is unknown."""
     try:
         masses = load_masses(cell)
     except InputError:
