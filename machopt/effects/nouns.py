@@ -1,0 +1,73 @@
+"""What all laws share: a parameter's definition, a number of a finding, what a file states of a law."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Ints = NDArray[np.int64]
+Shape = tuple[float, ...]
+
+ARCMIN = np.pi / 10800.0  # rad
+DEGREE = np.pi / 180.0  # rad
+COMPLIANCE = "rad/(N·m)"
+FORM = 0.08  # relative 1 sigma of a size for a law's own form: no gear, beam or loop is quite like its equation
+JOINTS = tuple(f"joint:{i}" for i in range(1, 7))
+MEMORIES = ("cycle", "visit", "arrival", "session")  # what a gear remembers, in the order that searches number them
+
+Port = Literal["twist", "torque", "angle", "frame", "body", "record"]
+"""Which local thing a law makes: twist of a joint by its torque, torque beside a gear, angle without load, where a
+frame is built, twist of a body by its wrench, a change of the recording itself."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """A number of a law, or a row with one for each of its branches; a definition, never a value."""
+
+    key: str  # in files, carries its unit
+    unit: str  # SI, of values in the program
+    factor: float = 1.0  # SI per unit of the key
+    least: float = -np.inf  # in the unit of the key
+    positive: bool = False  # above zero
+    inverse: bool = False  # the key holds one over the number, which is left out where the number is zero
+    required: bool = False  # no fit searches for it: a file that means this law states it
+    many: bool = False  # a list in files
+    bare: bool = False  # of one branch alone, the number without a list
+    name: str = ""  # of a coefficient where it is reported in SI and the key's unit is another
+    most: float = np.inf  # to either side, in the unit of the key: beyond it the number is in another unit
+    said: str = ""  # the unit of the key in words, where refusals say it
+
+    @property
+    def called(self) -> str:
+        return self.name or self.key
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One number of a finding in the unit of the trade."""
+
+    value: float
+    unit: str  # "arcmin", "N·m/arcmin", "%", "ms" …
+
+
+class Stated(Protocol):
+    """What a file states of a law: P coefficients in which it is linear, S numbers that give its shape."""
+
+    @property
+    def word(self) -> str:
+        """In files, where the effect has several laws; empty: a file states none."""
+        ...
+
+    @property
+    def coefficients(self) -> tuple[Parameter, ...]: ...
+
+    @property
+    def shape(self) -> tuple[Parameter, ...]: ...
+
+    @property
+    def remembers(self) -> bool:
+        """How a torque came there, or since when it has been there, makes a difference."""
+        ...

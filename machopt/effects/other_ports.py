@@ -1,0 +1,135 @@
+"""Ports of what is no joint: bodies that give way, what a sensor has wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from machopt.arrays import Array
+from machopt.effects.given import Parameters
+from machopt.effects.nouns import Quantity, Shape, Stated
+
+
+@dataclass(frozen=True, kw_only=True)
+class Body:
+    """A body where it gives way, all joints at zero: between its root and the frame S at its loaded end."""
+
+    axes: Array  # (3, 3) axes of S in base_link: x along the body, or out of the tool
+    length: float = 0.0  # m; 0: the joints leave none
+    root: Array | None = None  # (4, 4) the flange as seen from S; None: a body that begins anywhere
+    normal: Array | None = None  # (3,) base_link axes: across the body, what the arm moves about in its plane
+    turned: bool = False  # what is no beam is stated in axes of S; else in base_link's
+
+
+class BodyLaw(Stated, Protocol):
+    """How a body gives way under what it bears, linear in that: a twist of S by the wrench there. Stateless; SI."""
+
+    @property
+    def name(self) -> str:
+        """In reports: "bends and twists"."""
+        ...
+
+    @property
+    def equation(self) -> str:
+        """With its source."""
+        ...
+
+    @property
+    def note(self) -> str:
+        """Where it shows; empty: where joints' torques explain nothing."""
+        ...
+
+    @property
+    def weighs(self) -> bool:
+        """Tried where weight bends too, which shows little of a body."""
+        ...
+
+    @property
+    def bounded(self) -> bool:
+        """A search keeps the coefficients above their least; else noise may leave a direction that pushes back."""
+        ...
+
+    def axes(self, body: Body) -> Array:
+        """(3, 3) in base_link, the law's own axes at S with all joints at zero."""
+        ...
+
+    def matrices(self, shape: Array, body: Body) -> Array:
+        """(P, 6, 6) compliance at S per unit of each coefficient, in the law's axes."""
+        ...
+
+    def sags(self, shape: Array, body: Body, own: Sequence[tuple[Array, float]]) -> Array | None:
+        """(K, 6, P) twist of S under weights that are spread evenly along the body; None: they count at S.
+
+        Args:
+            own: of each weight the whole of it (K, 3) N in the law's axes, and how far from the root it reaches, m.
+        """
+        ...
+
+    def nearest(self, values: Array, metric: Array) -> Array:
+        """Coefficients of a body that pushes back nowhere.
+
+        Args:
+            values: (p,) where noise has its way.
+            metric: (p, p) how the sum of squares that readings leave grows with a change of them.
+        """
+        ...
+
+    def stated(self, values: Array, shape: Array, body: Body) -> dict[str, Any]:
+        """The parameters of a file."""
+        ...
+
+    def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        """Numbers of the trade; the first is the effect's size and grows in proportion to the coefficients."""
+        ...
+
+    def grid(self, body: Body) -> tuple[Shape, ...]:
+        """Shapes that a search tries; none of a body that makes no such thing."""
+        ...
+
+    def seen(self, dimensions: int, *, turning: bool) -> BodyLaw:
+        """As readings of 3 or 6 coordinates show it, whose loads turn the tool by moments or only pull."""
+        ...
+
+
+Reader = Callable[[Parameters, Body], tuple[BodyLaw, Array, Array, Body]]
+"""Law, coefficients and shape that a file means, and the body as the file has it."""
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What a load test records in K readings, as far as sensors may have it wrong. base_link axes."""
+
+    wrench: Array  # (K, 6) N, N·m at the TCP
+    displacement: Array  # (K, D) m, rad of the TCP, as predicted so far
+    axes: Array  # (K, 3, 3) of the sensor, its axes in columns
+    tool: Array  # (K, 3, 3) of the tool
+
+
+class RecordLaw(Stated, Protocol):
+    """What acts beyond what is recorded, linear in its coefficients. Stateless; SI."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def equation(self) -> str:
+        """With its source."""
+        ...
+
+    @property
+    def moves(self) -> str:
+        """What it changes: "wrench", which acts through the arm, or "displacement"."""
+        ...
+
+    def columns(self, shape: Array, seen: Recorded) -> Array:
+        """(K, 6, P) N, N·m or (K, D, P) m, rad per unit of each coefficient."""
+        ...
+
+    def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        """Numbers of the trade; the first is the effect's size and grows in proportion to small coefficients."""
+        ...
+
+    def grid(self) -> tuple[Shape, ...]:
+        """Shapes that a search tries."""
+        ...
