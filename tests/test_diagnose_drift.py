@@ -8,7 +8,7 @@ import numpy as np
 from test_effects import load_test
 
 from machopt.arrays import Array
-from machopt.diagnose import at_sensor, engine, laws_environment
+from machopt.diagnose import at_heat, at_sensor, engine
 from machopt.diagnose.problem import Catalogue, Family, Problem, Unknown
 from machopt.diagnose.readings import Readings
 from machopt.effects.protocol import COMPLIANCE
@@ -50,7 +50,7 @@ def test_a_stand_that_drifts_is_named_and_not_an_instrument() -> None:
     start = np.where(r.session == 0, 0.0, zero[r.session == 1].min())
     way = np.array([0.4, -0.2, 0.9, 0.0, 0.0, 0.0])
     drift = 2e-4 * (np.exp(-(zero - start) / 1500.0) - np.exp(-(time - start) / 1500.0))[:, None] * way
-    tried = Catalogue((*laws_environment.thermal(r), *at_sensor.hypotheses(r)))
+    tried = Catalogue((*at_heat.hypotheses(r), *at_sensor.hypotheses(r)))
     found = engine.diagnose(problem(r, drift), tried, engine.Options(), np.random.default_rng(0))
     assert [(f.effect, f.location) for f in found.findings] == [("thermal_drift", "environment")]
     size = found.findings[0].parameters["drift"].value
@@ -61,10 +61,10 @@ def test_a_stand_that_drifts_is_named_and_not_an_instrument() -> None:
 
 def test_drift_counts_from_the_unloaded_state_and_asks_for_a_clock() -> None:
     r, time, zero = timed()
-    even = next(h for h in laws_environment.thermal(r) if h.law == "the stand shifts evenly over a session")
+    even = next(h for h in at_heat.hypotheses(r) if h.law == "the stand shifts evenly over a session")
     start = np.where(r.session == 0, 0.0, zero[r.session == 1].min())
     longest = (time - start).max()
     columns = even.columns(())
     np.testing.assert_allclose(columns[:, :3], np.eye(3) * ((time - zero) / longest)[:, None, None], rtol=1e-9)
     assert not columns[:, 3:].any()
-    assert not laws_environment.thermal(replace(r, recording=replace(r.recording, time=None), memo={}))
+    assert not at_heat.hypotheses(replace(r, recording=replace(r.recording, time=None), memo={}))

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.diagnose import at_body, at_joint, laws_environment, laws_geometry, laws_kinematic
+from machopt.diagnose import at_body, at_heat, at_joint, laws_environment, laws_geometry, laws_kinematic
 from machopt.diagnose.problem import Catalogue, Hypothesis, Problem, Untestable
 from machopt.diagnose.readings import Readings
 from machopt.effects import by_angle, registry
@@ -33,7 +33,7 @@ def catalogue(r: Readings, problem: Problem) -> Catalogue:
         *laws_geometry.hypotheses(r, problem.base),
         *laws_environment.payload(r),
         *laws_environment.compensator(r),
-        *laws_environment.thermal(r),
+        *at_heat.hypotheses(r),
         *at_body.hypotheses(r),
     ]
     missing = list(_untestable(r))

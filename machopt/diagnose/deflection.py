@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
-from machopt.diagnose import at_body, at_joint, at_sensor, laws_compensator, laws_environment, loads
+from machopt.diagnose import at_body, at_heat, at_joint, at_sensor, laws_compensator, loads
 from machopt.diagnose.problem import Catalogue, Family, Hypothesis, Problem, Unknown, Untestable
 from machopt.diagnose.readings import History, Readings
 from machopt.domain.parameters import joint_spring
@@ -157,7 +157,7 @@ def catalogue(r: Readings, curved: Array | None) -> Catalogue:
         ("payload", "tool", "weight cancels in displacements"),
     ):
         missing.append(Untestable(effect, where, why))
-    drift = laws_environment.thermal(r)
+    drift = at_heat.hypotheses(r)
     out += drift
     if not drift:
         why = "displacements count from the unloaded state of the same minute, and nothing says how long that lasted"

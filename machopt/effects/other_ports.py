@@ -1,4 +1,4 @@
-"""Ports of what is no joint: bodies that give way, what a sensor has wrong."""
+"""Ports of what is no joint: bodies that give way, heat, the load at the flange, clocks, what a record has wrong."""
 
 from __future__ import annotations
 
@@ -132,4 +132,50 @@ class RecordLaw(Stated, Protocol):
 
     def grid(self) -> tuple[Shape, ...]:
         """Shapes that a search tries."""
+        ...
+
+
+@dataclass(frozen=True)
+class Warming:
+    """What heat may follow in N readings, and which way it moves the TCP."""
+
+    since: Array | None  # (N,) s since the session began; None: nobody knows
+    before: Array | None  # (N,) s, the same of the state that each reading counts from; None: it counts as it is
+    rise: Array | None  # (N,) K beyond the first reading; None: not recorded
+    castings: Array  # (N, D, 3) m per unit strain of carousel, upper arm, forearm
+    stand: Array  # (N, D, 6) m, rad per m and rad of a shift and a turn of the stand
+    counted: bool  # readings count from a state without load
+
+    @property
+    def longest(self) -> float:
+        """s, of a session; 0 where nobody knows."""
+        return 0.0 if self.since is None else float(self.since.max())
+
+
+class DriftLaw(Stated, Protocol):
+    """What moves with time or temperature, linear in its coefficients. Stateless; SI."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def equation(self) -> str:
+        """With its source."""
+        ...
+
+    @property
+    def penalty(self) -> float:
+        """Gain beyond that of its coefficients that it must bring: flexible enough to fit much."""
+        ...
+
+    def columns(self, shape: Array, seen: Warming) -> Array:
+        """(N, D, P) m, rad of the TCP per unit of each coefficient."""
+        ...
+
+    def sizes(self, values: Array, shape: Array, seen: Warming) -> Mapping[str, Quantity]:
+        """Numbers of the trade; the first is the effect's size and grows in proportion to the coefficients."""
+        ...
+
+    def grid(self, seen: Warming) -> tuple[Shape, ...]:
+        """Shapes that a search tries; none where the readings cannot show it."""
         ...

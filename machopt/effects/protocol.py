@@ -32,7 +32,7 @@ from machopt.effects.nouns import (
     Shape,
     Stated,
 )
-from machopt.effects.other_ports import Body, BodyLaw, Reader, Recorded, RecordLaw
+from machopt.effects.other_ports import Body, BodyLaw, DriftLaw, Reader, Recorded, RecordLaw, Warming
 
 __all__ = [
     "ARCMIN",
@@ -44,6 +44,7 @@ __all__ = [
     "Beside",
     "Body",
     "BodyLaw",
+    "DriftLaw",
     "Drive",
     "Effect",
     "FrictionLaw",
@@ -62,6 +63,7 @@ __all__ = [
     "Shape",
     "Stated",
     "Unloaded",
+    "Warming",
     "joints_of",
     "percent",
     "timed",
@@ -84,6 +86,7 @@ class Effect:
     gives: tuple[BodyLaw, ...] = ()  # those of port body
     recorded: tuple[RecordLaw, ...] = ()  # those of port record, on forces and displacements
     rubs: tuple[FrictionLaw, ...] = ()  # those of a motor's torque in motion
+    drifts: tuple[DriftLaw, ...] = ()  # those of time and temperature
     reads: Reader | None = None  # of bodies whose files have forms of their own; None: by what the laws declare
     default: str = ""  # law of a file that states none; empty: it must, where there are several
     elastic: bool = False  # stands in stiffness.yaml

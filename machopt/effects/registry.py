@@ -13,7 +13,6 @@ from machopt.effects import (
     coupling,
     creep,
     drive,
-    environment,
     friction,
     geometry,
     hardening,
@@ -23,6 +22,7 @@ from machopt.effects import (
     load,
     record,
     sensor,
+    thermal,
     tool,
 )
 from machopt.effects.protocol import Effect, Unloaded
@@ -47,7 +47,7 @@ LISTED = (
     friction.EFFECT,
     drive.LAG,
     drive.VIBRATION,
-    environment.THERMAL,
+    thermal.THERMAL,
     sensor.OFFSET,
     sensor.GAIN,
     sensor.FRAME,
@@ -119,3 +119,8 @@ def of_records(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...
 def of_friction(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
     """Those that a motor works against in motion."""
     return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.rubs)
+
+
+def of_drifts(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
+    """Those that move arm or set-up with time or temperature."""
+    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.drifts)
