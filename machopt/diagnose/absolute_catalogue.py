@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.diagnose import at_body, at_heat, at_joint, laws_environment, laws_geometry, laws_kinematic
+from machopt.diagnose import at_body, at_flange, at_heat, at_joint, laws_environment, laws_geometry, laws_kinematic
 from machopt.diagnose.problem import Catalogue, Hypothesis, Problem, Untestable
 from machopt.diagnose.readings import Readings
 from machopt.effects import by_angle, registry
@@ -31,7 +31,7 @@ def catalogue(r: Readings, problem: Problem) -> Catalogue:
         *laws_kinematic.transmission_errors(r),
         *laws_kinematic.couplings(r),
         *laws_geometry.hypotheses(r, problem.base),
-        *laws_environment.payload(r),
+        *at_flange.at_rest(r),
         *laws_environment.compensator(r),
         *at_heat.hypotheses(r),
         *at_body.hypotheses(r),

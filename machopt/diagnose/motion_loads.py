@@ -21,65 +21,6 @@ TURNS = 1.5  # waves within the range of the joint, at least: fewer are no rippl
 BANDS = (3.0, 4.5, 6.5, 9.5, 14.0, 20.0)  # Hz
 
 
-def payload(scene: Scene, columns: Array) -> list[Hypothesis]:
-    """Mass and first moments on the tool side beyond the cell's.
-
-    Args:
-        scene: channel torque.
-        columns: (N, D, 4) of :meth:`machopt.model.rigid.Dynamics.regressors`.
-    """
-    assert scene.dynamics is not None
-    com = scene.dynamics.tool_com
-    source = "τ += Y(q, q̇, q̈) (Δm, Δm c); Atkeson, An & Hollerbach, IJRR 5 (1986) 101"
-
-    def sizes(x: Array, s: Shape) -> Mapping[str, Quantity]:
-        moment = x[0] * com + (x[1:4] if len(x) > 1 else 0.0)
-        out = {"mass": Quantity(float(x[0]), "kg")}
-        return out | {f"moment_{a}": Quantity(float(h), "kg·m") for a, h in zip("xyz", moment, strict=True)}
-
-    def shifted(x: Array, s: Shape) -> Mapping[str, Quantity]:
-        out = {"moment": Quantity(float(np.linalg.norm(x)), "kg·m")}
-        return out | {f"moment_{a}": Quantity(float(h), "kg·m") for a, h in zip("xyz", x, strict=True)}
-
-    def fix(x: Array, s: Shape) -> Correction:
-        return RecordCorrection("payload", "tool", {k: q.value for k, q in sizes(x, s).items()})
-
-    return [
-        Hypothesis(
-            "payload",
-            "tool",
-            "mass and centre of mass",
-            source,
-            lambda s: columns,
-            sizes,
-            family="body",
-            correction=fix,
-            note="with gravity and acceleration of the tool",
-        ),
-        Hypothesis(
-            "payload",
-            "tool",
-            "mass at the tool's centre of mass",
-            source,
-            lambda s: columns[:, :, :1],
-            sizes,
-            family="body",
-            correction=fix,
-            note="with gravity and acceleration of the tool",
-        ),
-        Hypothesis(
-            "payload",
-            "tool",
-            "centre of mass elsewhere",
-            source,
-            lambda s: columns[:, :, 1:],
-            shifted,
-            family="body",
-            note="with gravity and acceleration of the tool",
-        ),
-    ]
-
-
 def compensator(scene: Scene) -> list[Hypothesis]:
     """A spring between two pins that helps joint 2: harmonic, or with the length of the spring."""
     if scene.joints < 2 or not scene.moves(1) or scene.prismatic[1]:

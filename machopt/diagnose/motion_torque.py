@@ -14,10 +14,11 @@ from dataclasses import replace
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.diagnose import at_flange
 from machopt.diagnose.motion_clock import skew, valley
 from machopt.diagnose.motion_frame import Scene, one_joint
 from machopt.diagnose.motion_friction import Turn, breakaway, direction, friction, rest_of, turned
-from machopt.diagnose.motion_loads import compensator, payload, ripple, springy
+from machopt.diagnose.motion_loads import compensator, ripple, springy
 from machopt.diagnose.problem import Catalogue, Family, Hypothesis, Ints, Problem, Unknown, Untestable
 from machopt.errors import InputError
 
@@ -222,7 +223,7 @@ def _catalogue(scene: Scene, P: Array, paths: list[Turn], best: float, rough: Ca
         out += springy(scene, j)
     untestable: list[Untestable] = []
     if n > 1:
-        out += payload(scene, P)
+        out += at_flange.in_motion(scene, P)
         out += compensator(scene)
     else:
         untestable.append(Untestable("payload", "tool", "one joint cannot tell a payload from its own inertia"))

@@ -179,3 +179,37 @@ class DriftLaw(Stated, Protocol):
     def grid(self, seen: Warming) -> tuple[Shape, ...]:
         """Shapes that a search tries; none where the readings cannot show it."""
         ...
+
+
+@dataclass(frozen=True)
+class Carried:
+    """What the tool side carries by the cell, and what more of it does to N readings. Axes of the flange."""
+
+    mass: float  # kg
+    centre: Array  # (3,) m
+    about: Array  # (3,) m, where the kilogram of the first column hangs
+    columns: Array  # (N, D, 4) per kg there, and per kg·m of first moment along each axis
+
+
+class CarriedLaw(Stated, Protocol):
+    """A load at the flange beyond the cell's, linear in its coefficients. Stateless; SI."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def equation(self) -> str:
+        """What acts, in words that follow on the channel's own equation."""
+        ...
+
+    def columns(self, seen: Carried) -> Array:
+        """(N, D, P) of the readings per unit of each coefficient."""
+        ...
+
+    def sizes(self, values: Array, seen: Carried) -> Mapping[str, Quantity]:
+        """Numbers of the trade; the first is the effect's size and grows in proportion to the coefficients."""
+        ...
+
+    def grid(self, seen: Carried) -> tuple[Shape, ...]:
+        """Shapes that a search tries; none where the cell states nothing that could be so."""
+        ...

@@ -32,7 +32,17 @@ from machopt.effects.nouns import (
     Shape,
     Stated,
 )
-from machopt.effects.other_ports import Body, BodyLaw, DriftLaw, Reader, Recorded, RecordLaw, Warming
+from machopt.effects.other_ports import (
+    Body,
+    BodyLaw,
+    Carried,
+    CarriedLaw,
+    DriftLaw,
+    Reader,
+    Recorded,
+    RecordLaw,
+    Warming,
+)
 
 __all__ = [
     "ARCMIN",
@@ -44,6 +54,8 @@ __all__ = [
     "Beside",
     "Body",
     "BodyLaw",
+    "Carried",
+    "CarriedLaw",
     "DriftLaw",
     "Drive",
     "Effect",
@@ -87,6 +99,7 @@ class Effect:
     recorded: tuple[RecordLaw, ...] = ()  # those of port record, on forces and displacements
     rubs: tuple[FrictionLaw, ...] = ()  # those of a motor's torque in motion
     drifts: tuple[DriftLaw, ...] = ()  # those of time and temperature
+    carries: tuple[CarriedLaw, ...] = ()  # those of the load at the flange
     reads: Reader | None = None  # of bodies whose files have forms of their own; None: by what the laws declare
     default: str = ""  # law of a file that states none; empty: it must, where there are several
     elastic: bool = False  # stands in stiffness.yaml

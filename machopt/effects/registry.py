@@ -14,12 +14,13 @@ from machopt.effects import (
     creep,
     drive,
     friction,
+    geometric,
     geometry,
     hardening,
     hysteresis,
     kinematic,
     link,
-    load,
+    payload,
     record,
     sensor,
     thermal,
@@ -38,8 +39,8 @@ LISTED = (
     creep.EFFECT,
     by_angle.EFFECT,
     compensator.EFFECT,
-    load.GEOMETRIC,
-    load.PAYLOAD,
+    geometric.GEOMETRIC,
+    payload.PAYLOAD,
     kinematic.ZERO,
     kinematic.WAVES,
     coupling.KINEMATIC,
@@ -124,3 +125,8 @@ def of_friction(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ..
 def of_drifts(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
     """Those that move arm or set-up with time or temperature."""
     return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.drifts)
+
+
+def of_flange(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
+    """Those of what the tool side carries."""
+    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.carries)

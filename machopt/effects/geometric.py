@@ -1,4 +1,4 @@
-"""What loads do to an arm beside bending its springs: K_C, and masses that are not as stated."""
+"""What a load does to an arm beside bending its springs: K_C, which every equilibrium counts and no law adds."""
 
 from __future__ import annotations
 
@@ -13,15 +13,4 @@ GEOMETRIC = Effect(
     places=("arm",),
     elastic=True,
     of="",
-)
-
-PAYLOAD = Effect(
-    name="payload",
-    noun="mass or centre of mass",
-    spoken="wrong payload",
-    sentence="Mass or centre of mass on the flange are not what the cell says.",
-    port="torque",
-    places=("tool",),
-    form=0.12,
-    at={"tool": "the tool side"},
 )
