@@ -16,11 +16,14 @@ from palletiser import full, linked_urdf, mimics
 from small_cell import small_cell
 from test_live_pages import ASSETS, browse, in_browser
 from test_machine import by_pinocchio
+from test_map_page import made_up as made_up_map
 
 from machopt.domain.cell import Cell
 from machopt.model.robot import load_chain
 from machopt.report.decimate import decimated
 from machopt.report.gather.scene import bodies_of, scene_of
+from machopt.report.map_data import MapScene
+from machopt.report.map_page import map_page_html
 from machopt.report.page import report_html
 from machopt.report.scene import Body, Postures, Vectors
 from machopt.report.scene_spec import bodies_within, levels, posture_view, scene_spec
@@ -185,3 +188,21 @@ def test_postures_are_stepped_through_with_their_vectors(tmp_path: Path) -> None
     assert "three" in found["told"]
     assert "<third>" in found["told"]
     assert found["shown"] == 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["slice", "volume", "joints", "line"])
+def test_the_arm_stands_at_the_place_of_the_map_that_is_clicked(kind: str, tmp_path: Path) -> None:
+    cell = external_cell(tmp_path, rail=True, table=True, tilt=False)
+    robot, shapes = load_chain(cell)
+    space = MapScene(scene_of(cell, robot, bodies_of(cell, robot, shapes)), np.eye(4), cell.external_home)
+    html = map_page_html(made_up_map(kind, space=space))
+    assert html.count("var THREE=") == 1
+    found = in_browser(html, "mapstand", tmp_path, draws=True)
+    assert found["failed"] == []
+    assert found["colours"] > 100
+    assert found["moved"] > 300
+    assert found["names"][0] != found["names"][1]
+    if kind != "line":
+        assert "out of reach" in found["unreachable"]
+        assert found["shown"] == [False, True]  # the arm is not there where no posture reaches, and comes back

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.report.display import ANGLE, BARE, FINE_LENGTH, LENGTH, SHARE, Unit
+from machopt.report.scene import Scene
 
 Flags = NDArray[np.bool_]
 FieldUnit = Literal["N/m", "m", "rad", "1", "share"]
@@ -81,6 +82,15 @@ class ArmLines:
 
 
 @dataclass(frozen=True)
+class MapScene:
+    """The cell in three dimensions, and how the map lies in it."""
+
+    scene: Scene
+    T_base_frame: Array  # (4, 4) the map's axes in base_link
+    external: Array  # (E,) rad or m, where external joints stand
+
+
+@dataclass(frozen=True)
 class MeasuredView:
     """P readings beside the model."""
 
@@ -119,6 +129,7 @@ class MapData:
     measured: MeasuredView | None = None
     options: tuple[tuple[str, str], ...] = ()
     hashes: tuple[tuple[str, str], ...] = ()
+    space: MapScene | None = None  # None: only the drawings
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -9,9 +9,12 @@ from typing import Any
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.report.display import ANGLE, LENGTH
+from machopt.report.display import ANGLE, LENGTH, fixed
 from machopt.report.figures import CHOSEN, DEFAULT, FOURTH, JIAO, LIMIT
 from machopt.report.map_data import MapData, MapField, MapLayer
+from machopt.report.scene import Postures
+from machopt.report.scene_spec import levels as levels_of_joints
+from machopt.report.scene_spec import posture_view
 from machopt.report.series import keep, numbers, packed_codes
 
 Spec = dict[str, Any]
@@ -20,14 +23,46 @@ ANGLE_LEVEL = 0.02  # deg, steps in which the page knows joint angles
 WIDE = 50.0  # ratio above which levels are spaced by ratio: a peak must not cost the rest its digits
 _PEAK = 10.0
 _ARMS = 6  # stick figures beside curves
+_AROUND = 60  # postures that the 3-D picture must have room for
 COLORS = (CHOSEN, JIAO, FOURTH, "#8e44ad", DEFAULT, LIMIT)
 
 
 def map_specs(data: MapData) -> Spec:
-    """``{"field": … or None, "pair": […], "charts": […]}``."""
+    """``{"field": … or None, "charts": […], "arms": … or None, "view": … or None}``."""
     if len(data.axes) > 1:
-        return {"field": field_spec(data), "charts": [], "arms": None}
-    return {"field": None, "charts": curves(data), "arms": arms_spec(data)}
+        return {"field": field_spec(data), "charts": [], "arms": None, "view": map_view(data)}
+    return {"field": None, "charts": curves(data), "arms": arms_spec(data), "view": map_view(data)}
+
+
+def map_view(data: MapData) -> Spec | None:
+    """The arm in three dimensions: at the places of the map, or stepped along a single axis; None without postures."""
+    layer = next((x for x in reversed(data.layers) if x.best >= 0), None)
+    if data.space is None or layer is None:
+        return None
+    rows = np.flatnonzero(np.isfinite(layer.q).all(axis=1))
+    rest = np.broadcast_to(data.space.external, (len(rows), len(data.space.external)))
+    q = np.hstack([layer.q[rows], rest])
+    if len(data.axes) == 1:
+        axis, f = data.axes[0], data.shown_field
+        at = axis.values * axis.shown.factor
+        value = layer.value[f.key]
+        return posture_view(
+            "The arm on the way",
+            data.space.scene,
+            Postures(
+                q=q,
+                label="Place",
+                names=tuple(f"{axis.name} {fixed(float(at[k]), 1)} {axis.shown.name}" for k in rows),
+                words=tuple(((f.name, f.shown.text(float(value[k]), unit=True)),) for k in rows),
+            ),
+        )
+    some = np.unique(np.linspace(0, len(q) - 1, _AROUND).round().astype(int))
+    return {
+        **posture_view("The arm at a place of the map", data.space.scene),
+        "around": levels_of_joints(q[some]),
+        "rest": data.space.external.tolist(),
+        "frame": numbers(data.space.T_base_frame.ravel(), 9),
+    }
 
 
 def arms_spec(data: MapData) -> Spec | None:

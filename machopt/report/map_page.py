@@ -11,7 +11,7 @@ from machopt.report.display import LENGTH
 from machopt.report.map_data import MapData, MapField, MapLayer
 from machopt.report.map_figures import map_specs
 from machopt.report.map_svg import pair_svg
-from machopt.report.shell import page_html, section
+from machopt.report.shell import STILL_SCENE, page_html, section
 from machopt.report.tables import Column, folded, pairs, table
 from machopt.report.template import fragment, joined, part
 
@@ -30,11 +30,13 @@ def map_page_html(data: MapData) -> str:
     """The page as text."""
     specs = map_specs(data)
     charts = joined(part("chart", c["id"]) for c in specs["charts"])
+    if specs["view"] is not None and specs["field"] is None:
+        charts += fragment("report.html", "view")
     if specs["arms"] is not None:
         charts += fragment("map.html", "arms")
     sections = [
         ("verdict", "Verdict", _verdict(data)),
-        ("map", "Map", _map(data) if specs["field"] is not None else ""),
+        ("map", "Map", _map(data, specs["view"] is not None) if specs["field"] is not None else ""),
         ("curves", "Curves", section("curves", "Curves", _CURVES[data.kind == "line"], charts)),
         ("measured", "Measured", _measured(data)),
         ("numbers", "Numbers", _numbers(data)),
@@ -46,12 +48,13 @@ def map_page_html(data: MapData) -> str:
         (("Cell", data.cell), ("Map", data.place)),
         sections,
         specs,
-        scripts=("chart.js", "heatmap.js", "arm.js", "field.js", "start_map.js"),
+        scripts=("chart.js", *_DRAWN[specs["view"] is not None], "arm.js", "field.js", "start_map.js"),
         footer=f"machopt {data.version}. Lengths mm, angles deg, stiffness N/mm as in map.csv. "
         f"x, y, z are those of {data.frame}.",
     )
 
 
+_DRAWN = {False: ("heatmap.js",), True: (*STILL_SCENE, "mapstand.js")}  # without and with three dimensions
 _CURVES = {
     True: "The tool keeps its orientation and the arm its branch; a gap is a place that cannot be reached that way.",
     False: "One joint moves, the others stand still.",
@@ -107,7 +110,7 @@ def where(data: MapData, row: int) -> str:
     )
 
 
-def _map(data: MapData) -> Body:
+def _map(data: MapData, in_space: bool) -> Body:
     lead = (
         "Move over the map to read every quantity and to see the arm; click to keep a place. Bright is good, dark is "
         "poor; grey and hatched places have no posture, and the hatching says why."
@@ -117,7 +120,11 @@ def _map(data: MapData) -> Body:
             " Where several branches reach a place the map shows one posture for all quantities, so they belong "
             "together."
         )
-    return section("map", data.place, lead, fragment("map.html", "field"))
+    body = fragment("map.html", "field")
+    if in_space:
+        lead += " Below the map the robot stands at that place."
+        body += fragment("report.html", "view")
+    return section("map", data.place, lead, body)
 
 
 def _measured(data: MapData) -> Body:

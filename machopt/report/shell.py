@@ -17,7 +17,8 @@ UPLOT = "uplot"  # the folder of assets that holds the chart library as it is pu
 THREE = "three"  # the same of the 3-D library, as far as it is used
 
 
-POSTURE = ("heatmap.js", "fk.js", "stage.js", "posture.js", "start_posture.js")  # scripts of a picture without a motion
+STILL_SCENE = ("heatmap.js", "fk.js", "stage.js", "posture.js")  # scripts of a picture without a motion
+POSTURE = (*STILL_SCENE, "start_posture.js")  # and what begins it
 
 
 def page_html(

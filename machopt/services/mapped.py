@@ -16,6 +16,7 @@ from machopt.model.linkage import refuse_linked
 from machopt.model.robot import load_chain
 from machopt.output.hashes import sha256_of
 from machopt.report.gather.map import page_data
+from machopt.report.gather.scene import bodies_of, scene_of
 from machopt.report.map_data import MapData
 from machopt.services.inputs import input_hashes
 from machopt.workspace.asked import MapOptions, Request, resolve
@@ -91,7 +92,8 @@ def mapped(request: Request, progress: Callable[[str], None], cell: Cell | None 
     if request.measured is not None:
         files[request.measured.name] = sha256_of(request.measured)
     result, message = map_json(files, cell, plan_options, options, setting, samples, arm, layers, criterion, comparison)
-    data = page_data(cell, options, setting, samples, arm, layers, criterion, comparison, result)
+    scene = scene_of(cell, robot, bodies_of(cell, robot, shapes))
+    data = page_data(cell, options, setting, samples, arm, layers, criterion, comparison, result, scene)
     return Mapped(
         request=request,
         cell=cell,

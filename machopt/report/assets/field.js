@@ -8,7 +8,7 @@ function valuesOf(v) {
 const LUT = Array.from({ length: 256 }, (_, i) => ramp(i / 255).map(Math.round));
 const shown = (v, digits) => v === null ? "–" : String(+v.toPrecision(digits || 4)).replace("-", "−");
 
-function fieldMap(host, spec) {
+function fieldMap(host, spec, onPlace) {
   const shape = spec.axes.map(a => a.values.length), volume = shape.length === 3, place = spec.kind !== "joints";
   const strides = shape.map((_, i) => shape.slice(i + 1).reduce((a, b) => a * b, 1));
   const layers = spec.layers.map(l => ({
@@ -220,6 +220,7 @@ function fieldMap(host, spec) {
       el("circle", { cx: x, cy: y, r: 6, fill: "none", stroke: "#b3261e", "stroke-width": 2 }, f.mark);
     }
     panel(k, at, postures);
+    if (onPlace) onPlace(k, at, st.layer, f.outline);
   }
 
   function panel(k, at, postures) {
@@ -241,7 +242,7 @@ function fieldMap(host, spec) {
       parts.push(p);
     }
     const table = document.createElement("table"), head = table.insertRow();
-    for (const text of ["", ...(layers.length > 1 ? layers.map(l => l.name === "given" ? "given γ" : "best γ") : ["value"]), "unit"]) { const th = document.createElement("th"); th.textContent = text; if (text) th.className = "n"; head.appendChild(th); }
+    for (const text of ["", ...(layers.length > 1 ? layers.map(l => l.name === "given" ? "given γ" : "best γ") : ["value"]), "unit"]) { const th = document.createElement(text ? "th" : "td"); th.textContent = text; if (text) th.className = "n"; head.appendChild(th); }
     for (const f of spec.fields) {
       const row = table.insertRow();
       if (f.key === field().key) row.className = "here";

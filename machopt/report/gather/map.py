@@ -10,7 +10,8 @@ from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.reason import Reason
 from machopt.domain.results.maps import MapResult
-from machopt.report.map_data import ArmLines, MapAxis, MapData, MapField, MapLayer, MeasuredView
+from machopt.report.map_data import ArmLines, MapAxis, MapData, MapField, MapLayer, MapScene, MeasuredView
+from machopt.report.scene import Scene
 from machopt.se3 import inverse
 from machopt.version import __version__
 from machopt.workspace.asked import MapOptions
@@ -53,6 +54,7 @@ def page_data(
     criterion: Field,
     comparison: Comparison | None,
     result: MapResult,
+    scene: Scene,
 ) -> MapData:
     """Everything the page and the picture show."""
     fields = [MapField(f.key, f.name, f.unit, f.better, f.note) for f in layers[0].values.fields]
@@ -121,6 +123,7 @@ def page_data(
         ),
         options=_options(result, setting),
         hashes=tuple(result.inputs.items()),
+        space=MapScene(scene, options.T_base_frame, cell.external_home),
     )
 
 
