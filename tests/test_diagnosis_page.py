@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import base64
 import csv
 import json
 import re
@@ -28,8 +29,10 @@ from machopt.output import write_json
 from machopt.report.diagnosis_figures import binned_mean, binned_rms, law, over_axis, per_group, window
 from machopt.report.diagnosis_limits import limits_html
 from machopt.report.diagnosis_page import diagnosis_html, write_diagnosis
+from machopt.report.diagnosis_space import residual_view
 from machopt.report.diagnosis_svg import machine_strip, share_bars
 from machopt.report.diagnosis_words import alternatives, axis_note, measured, numeral, sized
+from machopt.report.gather.cell import cell_scene
 from machopt.report.gather.diagnose import page_of
 from machopt.services.diagnose_files import write_residuals
 
@@ -489,3 +492,27 @@ def test_command_passes_its_options_on_and_every_verdict_is_success(
     args = parser.parse_args([*typed.split(), "--json"])
     assert args.run(args) == 0
     assert json.loads(capsys.readouterr().out)["verdict"] == getattr(made_up, verdict)().verdict
+
+
+def test_residuals_stand_at_the_arm_before_and_after() -> None:
+    scene, _ = cell_scene(CELL)
+    data = page("explained", scene=scene)
+    recording = made_up.recording()
+    data = replace(data, q=recording.q)
+    view = residual_view(data)
+    assert view is not None
+    d, postures = data.diagnosis, view["postures"]
+    assert len(postures["names"]) == len(np.unique(data.pose[d.used]))
+    before, after = postures["vectors"]
+    assert before["length"] == after["length"]  # one scale, or the picture would hide the gain
+    red, green = postures["needles"]
+    at = [np.frombuffer(base64.b64decode(n["at"]), "<f4").reshape(-1, 3) for n in (red, green)]
+    seen = d.used & np.isfinite(d.errors.residual[:, :3]).all(axis=1)
+    assert len(at[0]) == seen.sum()
+    np.testing.assert_allclose(np.sum(at[0] ** 2), np.sum(d.errors.residual[seen, :3] ** 2), rtol=1e-5)
+    np.testing.assert_allclose(np.sum(at[1] ** 2), np.sum(d.errors.final[seen, :3] ** 2), rtol=1e-5)
+    html = diagnosis_html(data)
+    assert html.count("var THREE=") == 1
+    assert "each reading predicted by fits that never saw it" in html
+    assert residual_view(page("torque", scene=scene)) is None
+    assert "THREE" not in diagnosis_html(page("explained"))

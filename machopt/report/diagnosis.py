@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array, Ints
 from machopt.diagnose.result import Diagnosis
+from machopt.report.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -66,3 +67,7 @@ class DiagnosisPage:
     branch: NDArray[np.int8] | None  # (N,) +1 loading, −1 unloading, 0 not stated
     facts: tuple[tuple[str, str], ...] = ()
     job: JobEffect | None = None
+    scene: Scene | None = None  # None: residuals that are no vectors in space
+    q: Array = field(
+        default_factory=lambda: np.zeros((0, 0))
+    )  # (N, J) rad, where the arm stood; external joints at home

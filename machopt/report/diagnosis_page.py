@@ -15,10 +15,11 @@ from machopt.report.diagnosis import DiagnosisPage
 from machopt.report.diagnosis_figures import Spec, job_charts, law, over_axis, per_group
 from machopt.report.diagnosis_finding import boxes, finding_html
 from machopt.report.diagnosis_limits import limits_html
+from machopt.report.diagnosis_space import residual_view, space_html
 from machopt.report.diagnosis_svg import LEAST, machine_strip, share_bars
 from machopt.report.diagnosis_words import VERDICTS, axis_note, axis_words, chance, digits, percent, plural, sized
 from machopt.report.display import fixed
-from machopt.report.shell import page_html, section
+from machopt.report.shell import POSTURE, page_html, section
 from machopt.report.tables import Column, folded, table
 from machopt.report.template import fragment, part
 
@@ -54,12 +55,13 @@ def write_diagnosis(path: Path, data: DiagnosisPage) -> None:
 
 def diagnosis_html(data: DiagnosisPage) -> str:
     """The page as text; the same data give the same bytes."""
-    charts = _charts(data)
+    charts, view = _charts(data), residual_view(data)
     have = {c["id"] for c in charts}
     sections = [
         ("verdict", "Verdict", _verdict(data)),
         ("where", "Where", _where(data)),
         ("errors", "Before and after", _errors(data, have)),
+        ("space", "At the arm", space_html(view)),
         ("findings", "What is missing", _findings(data, have)),
         ("proof", "Proof", _proof(data)),
         ("limits", "Detection limits", _limits(data.diagnosis)),
@@ -75,8 +77,8 @@ def diagnosis_html(data: DiagnosisPage) -> str:
         data.title,
         head,
         sections,
-        {"xy": charts},
-        scripts=("chart.js", "xy.js", "start_xy.js"),
+        {"xy": charts} if view is None else {"xy": charts, "view": view},
+        scripts=("chart.js", "xy.js", *(() if view is None else POSTURE), "start_xy.js"),
         footer=f"machopt {data.version}. Errors are rms per coordinate of readings that no fit saw, outliers "
         "apart. Intervals in brackets are 90 %. Click a legend entry to hide it.",
     )

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.arrays import Array
+from machopt.arrays import Array, Ints
 from machopt.report.decimate import Faces
 
 Kind = Literal["link", "tool", "cutter", "workpiece", "obstacle"]
@@ -115,6 +115,17 @@ class Vectors:
     name: str  # what it is, and how long it is drawn
     color: str
     at: Array  # (N, 3) in root axes, of any unit; the longest is drawn a seventh of the picture long
+    longest: float | None = None  # what is drawn so long instead: vectors that are compared share it
+
+
+@dataclass(frozen=True)
+class Needles:
+    """Many vectors at once, each a line from the tip of its posture; M of them."""
+
+    color: str
+    of: Ints  # (M,) posture
+    at: Array  # (M, 3) as in Vectors
+    longest: float  # as in Vectors
 
 
 @dataclass(frozen=True)
@@ -126,3 +137,4 @@ class Postures:
     names: tuple[str, ...]  # (N,)
     words: tuple[tuple[tuple[str, str], ...], ...] = ()  # (N,) name and value pairs
     vectors: tuple[Vectors, ...] = ()
+    needles: tuple[Needles, ...] = ()

@@ -133,8 +133,22 @@ def posture_view(title: str, scene: Scene, postures: Postures | None = None, pat
             "names": list(postures.names),
             "words": [[list(pair) for pair in row] for row in postures.words] or [[] for _ in postures.names],
             "vectors": [
-                {"name": v.name, "color": v.color, "at": floats(v.at), "length": 1.0 / (_longest(v.at) or 1.0)}
+                {
+                    "name": v.name,
+                    "color": v.color,
+                    "at": floats(v.at),
+                    "length": 1.0 / (v.longest or _longest(v.at) or 1.0),
+                }
                 for v in postures.vectors
+            ],
+            "needles": [
+                {
+                    "color": n.color,
+                    "of": base64.b64encode(n.of.astype("<i4").tobytes()).decode("ascii"),
+                    "at": floats(n.at),
+                    "length": 1.0 / (n.longest or 1.0),
+                }
+                for n in postures.needles
             ],
         },
     }

@@ -21,6 +21,7 @@ from machopt.effects.own import Own
 from machopt.formats.cell import load_cell
 from machopt.formats.recording import load_recording, load_recordings
 from machopt.report.diagnosis import DiagnosisPage
+from machopt.report.gather.cell import cell_scene
 from machopt.report.gather.diagnose import page_of
 from machopt.services.diagnose_files import (
     KINEMATICS,
@@ -95,6 +96,7 @@ def diagnosed(request: Request, own: tuple[Own, ...], progress: Progress, cell: 
         options=said,
         inputs=inputs,
     )
+    scene = None if moving else cell_scene(cell)[0]
     facts = tuple((k, str(v)) for k, v in (said | inputs).items())
     return Diagnosed(
         request=request,
@@ -103,6 +105,6 @@ def diagnosed(request: Request, own: tuple[Own, ...], progress: Progress, cell: 
         problem=found.problem,
         diagnosis=d,
         model=made.after,
-        page=page_of(cell, found.recording, d, facts, effect, problem=found.problem),
+        page=page_of(cell, found.recording, d, facts, effect, problem=found.problem, scene=scene),
         result=result,
     )

@@ -2,7 +2,7 @@
 // Where the page has a map of postures (`view.around`), that sets the arm by `stand`; the postures here are then those around.
 function postureView(host, view) {
   const make = (tag, name, parent, text) => { const e = document.createElement(tag); if (name) e.className = name; if (text) e.textContent = text; if (parent) parent.appendChild(e); return e; };
-  const { scene, path, postures, needles: cloud } = view, q = postures && levelled(postures.q), count = q ? q.rows : 0, around = view.around && levelled(view.around);
+  const { scene, path, postures } = view, q = postures && levelled(postures.q), count = q ? q.rows : 0, around = view.around && levelled(view.around);
   const dock = make("div", "dock", host), frame = make("div", "stage", dock), canvas = make("canvas", "", frame), told = make("div", "told", dock);
   canvas.tabIndex = 0;
   canvas.setAttribute("role", "img");
@@ -25,7 +25,7 @@ function postureView(host, view) {
     const every = Math.max(1, Math.ceil(count / 6));
     for (let k = 0; k < count; k += every) stage.arm({ opacity: 0.09, leads: false }).stand(q.row(k));
     for (let k = 0; k < count; k++) stage.marker(1.3 * unit, "#1552b8").at(tip(q.row(k)));
-    for (const c of cloud || []) needleLines(stage, c, k => tip(q.row(k)), 60 * unit);
+    for (const c of count ? postures.needles : []) needleLines(stage, c, k => tip(q.row(k)), 60 * unit);
     if (around) { shadow = stage.arm({ opacity: 0.18, leads: false }); shadow.stand(null); arm = stage.arm(); here = stage.marker(2 * unit, "#d61f69"); }
     if (count) { arm = stage.arm(); here = stage.marker(2 * unit, "#d61f69"); needles = postures.vectors.map(v => [stage.arrow(v.color), unpack(v.at, Float32Array), v.length * 60 * unit]); }
     const bar = make("div", "views", frame), button = (words, label, act) => { const b = make("button", "", bar, words); b.type = "button"; b.title = label; b.setAttribute("aria-label", label); b.onclick = act; };
@@ -72,14 +72,14 @@ function postureView(host, view) {
     input.type = "range"; input.min = 0; input.max = count - 1; input.step = 1;
     input.oninput = () => go(+input.value);
     const key = make("div", "map-key", host);
-    for (const v of [...postures.vectors, ...cloud || []]) { const item = make("span", "", key); make("i", "dot", item).style.background = v.color; item.append(v.name); }
+    for (const v of postures.vectors) { const item = make("span", "", key); make("i", "dot", item).style.background = v.color; item.append(v.name); }
     if (stage) bodySwitches(stage, controls);
     go(0);
   } else if (stage) { if (around) bodySwitches(stage, make("div", "controls", host)); stage.draw(); }
   return api;
 }
 
-// Many vectors at once as lines from the tips of their postures, two colours a page: before and after.
+// Many vectors at once, as lines from the tips of their postures.
 function needleLines(stage, spec, tip, size) {
   const of = unpack(spec.of, Int32Array), at = unpack(spec.at, Float32Array), points = [];
   of.forEach((k, i) => { const p = tip(k); points.push(...p, ...p.map((c, j) => c + at[3 * i + j] * spec.length * size)); });

@@ -15,6 +15,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
 from machopt.domain.results.diagnosis import EffectOnJob
 from machopt.report.diagnosis import Coordinate, DiagnosisPage, JobChange, JobEffect
+from machopt.report.scene import Scene
 from machopt.version import __version__
 
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
@@ -36,6 +37,7 @@ def page_of(
     effect_on_job: EffectOnJob | None = None,
     *,
     problem: Problem | None = None,
+    scene: Scene | None = None,
 ) -> DiagnosisPage:
     """Collect everything the page shows.
 
@@ -46,9 +48,11 @@ def page_of(
         facts: (name, value) of the run: options, hashes.
         effect_on_job: what ``--toolpath`` gave; see ``job_effect``.
         problem: what the engine was given; without it, readings are the recording's rows.
+        scene: the cell, where residuals are displacements of its arm.
     """
     places = places_of(recording, diagnosis, problem)
     parts = parts_of(recording)
+    q = np.zeros((0, 6)) if scene is None else np.concatenate([r.q for r in parts])
     whole = sum(len(r) for r in parts) == len(diagnosis.used)
     branch = None
     if whole and all(r.branch is not None for r in parts):
@@ -62,6 +66,8 @@ def page_of(
         branch=branch,
         facts=facts,
         job=None if effect_on_job is None else job_effect(effect_on_job),
+        scene=scene,
+        q=np.hstack([q, np.broadcast_to(cell.external_home, (len(q), len(cell.external_home)))]),
         **places,
     )
 

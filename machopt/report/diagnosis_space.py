@@ -1,0 +1,82 @@
+"""Residuals of a diagnosis as vectors at the arm: before and after, at the poses they were read at."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from machopt.report.diagnosis import DiagnosisPage
+from machopt.report.display import FINE_LENGTH
+from machopt.report.scene import Needles, Postures, Vectors
+from machopt.report.scene_spec import Spec, posture_view
+from machopt.report.shell import section
+from machopt.report.template import fragment, part
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
+BEFORE, AFTER = "#b3261e", "#1d9a6c"
+_POSES = 200  # to step through: those with the largest residuals
+_NEEDLES = 4000
+
+
+def residual_view(data: DiagnosisPage) -> Spec | None:
+    """The picture for ``assets/posture.js``; None where residuals are no displacements or the arm is not known."""
+    d = data.diagnosis
+    if data.scene is None or d.channel == "torque" or d.errors.residual.shape[1] < 3 or len(data.q) != len(d.used):
+        return None
+    before, after = d.errors.residual[:, :3], d.errors.final[:, :3]  # m, base axes
+    seen = d.used & np.isfinite(before).all(axis=1) & np.isfinite(after).all(axis=1) & np.isfinite(data.q).all(axis=1)
+    size = np.where(seen, np.linalg.norm(before, axis=1), -1.0)
+    rows = {int(p): np.flatnonzero(seen & (data.pose == p)) for p in np.unique(data.pose[seen])}
+    most = sorted(rows, key=lambda p: -float(np.mean(size[rows[p]] ** 2)))[:_POSES]
+    poses = sorted(most)
+    if not poses:
+        return None
+    worst = np.array([rows[p][int(np.argmax(size[rows[p]]))] for p in poses])
+    longest = float(max(size.max(), np.linalg.norm(after[seen], axis=1).max())) or 1.0
+    of = np.concatenate([np.full(len(rows[p]), k) for k, p in enumerate(poses)])
+    which = np.concatenate([rows[p] for p in poses])
+    every = max(1, -(-len(which) // _NEEDLES))
+    of, which = of[::every], which[::every]
+    rms = [[float(np.sqrt(np.mean(np.sum(v[rows[p]] ** 2, axis=1)))) for v in (before, after)] for p in poses]
+    postures = Postures(
+        q=data.q[worst],
+        label="Pose",
+        names=tuple(f"Pose {p}" for p in poses),
+        words=tuple(
+            (
+                ("Readings", str(len(rows[p]))),
+                ("Residual before, rms", FINE_LENGTH.text(rms[k][0], unit=True)),
+                ("After, rms", FINE_LENGTH.text(rms[k][1], unit=True)),
+                ("Largest before", f"{FINE_LENGTH.text(float(size[worst[k]]), unit=True)}, row {data.row[worst[k]]}"),
+                ("The same after", FINE_LENGTH.text(float(np.linalg.norm(after[worst[k]])), unit=True)),
+            )
+            for k, p in enumerate(poses)
+        ),
+        vectors=(
+            Vectors("before, the largest of this pose", BEFORE, before[worst], longest),
+            Vectors("the same reading after", AFTER, after[worst], longest),
+        ),
+        needles=(Needles(BEFORE, of, before[which], longest), Needles(AFTER, of, after[which], longest)),
+    )
+    return posture_view("Residuals at the arm's poses", data.scene, postures)
+
+
+def space_html(view: Spec | None) -> Markup | str:
+    """The section that holds the picture."""
+    if view is None:
+        return ""
+    longest = 1.0 / view["postures"]["vectors"][0]["length"]
+    lead = (
+        "What is measured less what is predicted, as lines from the tool of every pose: red before, green after, each "
+        f"reading predicted by fits that never saw it. All to one scale, the longest {1e3 * longest:.3f} mm. Lines of "
+        "one direction everywhere speak for the record or the base; lines that turn with an axis for that axis."
+    )
+    body = fragment("report.html", "view")
+    body += part("note", _LOST) if len(view["postures"]["names"]) == _POSES else ""
+    return section("space", "At the arm", lead, body)
+
+
+_LOST = f"At most {_POSES} poses, those with the largest residuals; outliers are left out."
