@@ -7,12 +7,14 @@ import io
 import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from machopt.batch.compare import COLUMNS as COMPARED
 from machopt.batch.compare import Comparison
 from machopt.batch.find import Found
 from machopt.batch.line import Line
+from machopt.batch.picture import picture_of
 from machopt.domain.results.batch import BatchComparison, BatchDifference, BatchLine, BatchResult
 from machopt.formats.celltext import as_cell
 from machopt.report.batch_page import BatchData, batch_html
@@ -129,7 +131,7 @@ def write_summary(store: Store, lines: Sequence[Line], result: BatchResult, comp
     store.write("timings.js", f"const TIMINGS = {json.dumps({t['job']: t.get('wall_s') for t in times})};\n")
     if compared is not None:
         store.write("compare.csv", _csv(COMPARED, compared.rows))
-    store.write("summary.html", batch_html(_page(lines, result, compared)))
+    store.write("summary.html", batch_html(_page(lines, result, compared, store.jobs)))
     store.write_main(result)
 
 
@@ -167,10 +169,15 @@ def _text(value: object) -> str:
     return text if isinstance(value, int) else as_cell(text)
 
 
-def _page(lines: Sequence[Line], result: BatchResult, compared: Comparison | None) -> BatchData:
+def _page(lines: Sequence[Line], result: BatchResult, compared: Comparison | None, jobs: Path) -> BatchData:
     return BatchData(
         version=result.version,
         complete=result.complete,
+        pictures={
+            line.job.label: picture
+            for line in lines
+            if line.report and (picture := picture_of(jobs / line.job.label / "points.csv", line.job.shown)) is not None
+        },
         jobs=tuple(
             {
                 **line.row,

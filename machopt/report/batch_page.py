@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
@@ -13,6 +13,7 @@ from machopt.report.display import fixed
 from machopt.report.shell import page_html, section
 from machopt.report.tables import Column, folded, table
 from machopt.report.template import fragment, part
+from machopt.report.thumbnail import PathPicture, thumbnail
 from machopt.report.verdict import counted
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ class BatchData:
     differences: tuple[Row, ...] = ()
     only_here: tuple[str, ...] = ()
     only_there: tuple[str, ...] = ()
+    pictures: Mapping[str, PathPicture] = field(default_factory=dict)  # job → its toolpath
 
 
 def batch_html(data: BatchData) -> str:
@@ -133,6 +135,7 @@ def _ranking(data: BatchData) -> Body:
     widest = max(gains, default=1.0) or 1.0
     columns = [
         Column("Rank", "n"),
+        Column("Path", "html"),
         Column("Toolpath", "html"),
         Column("Variant"),
         Column("Verdict", "html"),
@@ -150,6 +153,7 @@ def _ranking(data: BatchData) -> Body:
     rows = [
         (
             rank,
+            _picture(data, job),
             fragment("batch.html", "placed", _link(job, job["report"] or job["folder"]), job["cell"]),
             job["variant"],
             _word(job),
@@ -171,7 +175,8 @@ def _ranking(data: BatchData) -> Body:
         "By the gain over the CAM's default rotation, the largest first; then jobs where that rotation is not "
         "feasible, by name; then jobs that failed their verification. Mean and worst are of deflection (mm) or of "
         "stiffness along the tool (N/mm); "
-        "summary.csv has those of the CAM default beside them."
+        "summary.csv has those of the CAM default beside them. Paths are coloured by predicted deflection (stiffness "
+        "where no force is given), each by itself: bright is good. A click opens the robot on that path."
     )
     body = fragment("batch.html", "unrolled") + _table(columns, rows) if rows else ""
     return section("jobs", "Ranking", lead, body)
@@ -275,6 +280,13 @@ def _name(job: Row) -> str:
 def _link(job: Row, target: str) -> Body:
     text = str(job["toolpath"])
     return fragment("batch.html", "link", text, quote(target)) if target else text
+
+
+def _picture(data: BatchData, job: Row) -> Body:
+    path = data.pictures.get(job["job"])
+    if path is None:
+        return "–"
+    return fragment("batch.html", "link", thumbnail(path), f"{quote(job['report'])}#scene")
 
 
 def _word(job: Row) -> Markup:
