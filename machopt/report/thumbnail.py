@@ -10,7 +10,7 @@ import numpy as np
 
 from machopt.arrays import Array, Bools
 from machopt.report.still import colours
-from machopt.report.svg import Shape, drawn, shape
+from machopt.report.svg import Shape, Style, drawn, shape
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -54,11 +54,11 @@ def thumbnail(path: PathPicture) -> Markup:
         d = "".join(f"M{x[k]:.1f} {y[k]:.1f}L{x[k + 1]:.1f} {y[k + 1]:.1f}" for k in np.flatnonzero(here))
         if d:
             parts.append(shape("path", d=d, fill="none", stroke_linecap="round", **_pen(kind)))
-    size = {"viewBox": f"0 0 {WIDTH:.0f} {HEIGHT:.0f}", "width": WIDTH, "height": HEIGHT}
+    size: Style = {"viewBox": f"0 0 {WIDTH:.0f} {HEIGHT:.0f}", "width": WIDTH, "height": HEIGHT}
     return drawn(shape("svg", title=path.words, role="img", aria_label=path.words, inside=parts, **size))
 
 
-def _pen(kind: int) -> dict[str, object]:
+def _pen(kind: int) -> Style:
     if kind == -2:
         return {"stroke": "currentColor", "stroke_width": 0.7, "opacity": 0.4}
     if kind == -1:
