@@ -11,7 +11,7 @@ from machopt.diagnose.result import Diagnosis, Share
 from machopt.effects.words import place
 from machopt.report.diagnosis_words import axis_note, axis_words, percent
 from machopt.report.svg import Shape, Style, drawn, shape
-from machopt.report.template import fragment
+from machopt.report.template import part
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -118,8 +118,7 @@ def share_bars(shares: Sequence[Share], label: str) -> Markup | str:
 def _svg(width: float, height: float, label: str, parts: Sequence[Shape]) -> Markup:
     """A picture that scrolls where the page is too narrow to read it."""
     box = f"-4 0 {width + 4:.0f} {height:.0f}"
-    return fragment(
-        "diagnosis.html",
+    return part(
         "scrolled",
         drawn(
             shape(
