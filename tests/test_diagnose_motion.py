@@ -12,13 +12,13 @@ import pytest
 
 from machopt.cli import main
 from machopt.diagnose import engine, motion, motion_checks
-from machopt.diagnose.motion_memory import mass_on_spring
 from machopt.diagnose.motion_signals import signals
 from machopt.domain.cell import Cell, JointLimits, Tool, Workpiece
 from machopt.domain.recording import Recording
 from machopt.effects.creep import lag
 from machopt.effects.friction import presliding
 from machopt.effects.hysteresis import drag, play
+from machopt.effects.vibration import mass_on_spring
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.recording import load_recording, write_recording

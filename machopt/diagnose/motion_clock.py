@@ -1,8 +1,4 @@
-"""Clocks: one channel early or late against the others.
-
-A delay is not linear, so its column is a secant: (f(t − d̂) − f(t)) / d̂ at the delay d̂ that fits best, exact where the
-coefficient comes out as d̂, beside the tangent −ḟ for delays near zero.
-"""
+"""What comes late in a motion: one channel against the others, the arm behind its command. Laws of the registry."""
 
 from __future__ import annotations
 
@@ -13,11 +9,12 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.diagnose.motion_frame import Scene
 from machopt.diagnose.problem import Hypothesis, Quantity, RecordCorrection, Shape
+from machopt.effects import files, registry
+from machopt.effects.protocol import Delayed, DelayLaw, Effect
 
 LONGEST, GRID = 0.06, 31  # s, and how many delays are tried within ± that
 REFINE = 10  # thirds taken from a valley: below a tenth of a millisecond
 VALLEYS = 2
-STILL = 2e-5  # s; a secant over less is the tangent
 
 
 def valley(misfit: Callable[[float], float]) -> float:
@@ -37,41 +34,57 @@ def valley(misfit: Callable[[float], float]) -> float:
     return min(found)[1]
 
 
-def skew(
-    scene: Scene, sensor: str, model: Callable[[float], Array], best: float, *, sign: float = 1.0, penalty: float = 0.0
-) -> Hypothesis:
-    """``sensor`` is late by the coefficient.
+def clocks(
+    scene: Scene, sensor: str, change: Callable[[float], Array], best: float, *, sign: float = 1.0, penalty: float = 0.0
+) -> list[Hypothesis]:
+    """``sensor`` is late by the coefficient: the laws of every clock.
 
     Args:
         scene: of the motion.
         sensor: word of the channel: tau, qse, position, q.
-        model: (N, D) f(t − d) − f(t), f what the channel should have shown.
+        change: s → (N, D) f(t − d) − f(t), f what the channel should have shown.
         best: d̂ in s.
         sign: −1 where a channel that is late makes the difference look early.
         penalty: so that of two clocks that differ in name only the more ordinary one comes first.
     """
+    seen = Delayed(change, best, 0.25 / scene.motion.rate, sign)
+    where = f"sensor:{sensor}"
+    return [_late(seen, e, law, where, "sensor", penalty) for e in registry.of_clocks() for law in e.delays]
 
-    def columns(s: Shape) -> Array:
-        d = s[0] if abs(s[0]) > STILL else 0.25 / scene.motion.rate
-        secant = model(d) / d if abs(s[0]) > STILL else (model(d) - model(-d)) / (2.0 * d)
-        return sign * secant[:, :, None]
+
+def followers(
+    scene: Scene, change: Callable[[float], Array], best: float, followed: Array, delays: Array
+) -> list[Hypothesis]:
+    """The arm comes behind its command: the laws of every lag.
+
+    Args:
+        scene, change, best: see :func:`clocks`; f is the TCP by the commanded joints.
+        followed: (N, D, 1) m, what the encoders say of following the command.
+        delays: (n,) s by which each encoder follows.
+    """
+    seen = Delayed(change, best, 0.25 / scene.motion.rate, 1.0, followed, tuple(delays.tolist()))
+    laws = ((e, law) for e in registry.of_followers() for law in e.delays if law.grid(seen))
+    return [_late(seen, e, law, e.places[0], "controller") for e, law in laws]
+
+
+def _late(seen: Delayed, effect: Effect, law: DelayLaw, where: str, family: str, penalty: float = 0.0) -> Hypothesis:
+    lower = tuple(least for _, _, least in files.named(law, len(law.coefficients)))
 
     def sizes(x: Array, s: Shape) -> Mapping[str, Quantity]:
-        return {"late": Quantity(1e3 * float(x[0]), "ms")}
+        return law.sizes(x, np.array(s), seen)
 
-    # one column, so that two names of one difference of clocks are one and the same
-    shapes: tuple[Shape, ...] = ((best if abs(best) > STILL else 0.0,),)
     return Hypothesis(
-        "time_skew",
-        f"sensor:{sensor}",
-        "clock of its own",
-        "f_recorded(t) = f(t − d)",
-        columns,
+        effect.called,
+        where,
+        law.name,
+        law.equation,
+        lambda s: law.columns(np.array(s), seen),
         sizes,
-        shapes,
-        correction=lambda x, s: RecordCorrection("time_skew", f"sensor:{sensor}", {"late_ms": 1e3 * float(x[0])}),
-        note="in proportion to speed, all joints by the same time",
-        family="sensor",
+        law.grid(seen),
+        lower if np.isfinite(lower).any() else (),
+        lambda x, s: RecordCorrection(effect.called, where, law.stated(x, seen)),
+        note=effect.note,
+        family=family,
         penalty=penalty,
-        exact=True,
+        exact=law.exact,
     )

@@ -13,17 +13,12 @@ from scipy.signal import butter, sosfiltfilt
 
 from machopt.arrays import Array
 from machopt.diagnose.motion_frame import ARCMIN, Fit, Scene, curve, joint_law, one_joint
-from machopt.diagnose.motion_memory import mass_on_spring
 from machopt.diagnose.motion_torque import gear_load
 from machopt.diagnose.problem import Curve, Hypothesis, Quantity, Shape
 from machopt.domain.stiffness import Term
 from machopt.effects import files, registry
 from machopt.effects.given import Parameters
-from machopt.effects.protocol import MEMORIES, Drive, Effect, Law, Scale, timed
-
-BANDS = tuple(float(f) for f in np.geomspace(0.8, 20.0, 17).round(2))  # Hz
-DAMPING = (0.01, 0.02, 0.03, 0.045, 0.07, 0.1)
-NARROW = (0.035, 0.012, 0.004)  # relative steps of the search for a frequency
+from machopt.effects.protocol import MEMORIES, Drive, Effect, Law, Scale, Swinging, SwingLaw, timed
 
 
 def gear_laws(scene: Scene, joint: int, load: Array, inertia: Array | None, fit: Fit) -> list[Hypothesis]:
@@ -52,7 +47,9 @@ def gear_laws(scene: Scene, joint: int, load: Array, inertia: Array | None, fit:
                 grid = law.grid(scale)
                 out += [_of_registry(scene, joint, effect, law, load, scale, grid)] if grid else []
     if inertia is not None:
-        out.append(_vibration(scene, joint, load, inertia, fit))
+        for effect in registry.of_swings():
+            for spring in effect.swings:
+                out += _vibration(scene, joint, effect, spring, load, inertia, fit)
     return out
 
 
@@ -128,49 +125,34 @@ def _driven(scene: Scene, joint: int, load: Array) -> Drive:
     return Drive(load, scene.motion.q[:, joint], gap, scene.first)
 
 
-def _vibration(scene: Scene, joint: int, load: Array, inertia: Array, fit: Fit) -> Hypothesis:
-    """The link as a mass on the joint's spring, integrated in time; its static part is in the base."""
-    mean = float(np.mean(inertia))
-    limit = 0.3 * scene.motion.rate
-
-    def stiffness(s: Shape) -> float:
-        return mean * (2.0 * np.pi * s[0]) ** 2
+def _vibration(
+    scene: Scene, joint: int, effect: Effect, law: SwingLaw, load: Array, inertia: Array, fit: Fit
+) -> list[Hypothesis]:
+    """What swings on the joint's spring, integrated in time; its static part is in the base."""
+    seen = Swinging(load, inertia, scene.step, scene.first)
 
     def response(s: Shape) -> Array:
-        k = stiffness(s)
-        return k * mass_on_spring(load, inertia, scene.step, scene.first, k, s[1])
+        at = np.array(s)
+        return law.stiffness(at, seen) * law.deflection(at, seen)
 
-    def sizes(x: Array, s: Shape) -> Mapping[str, Quantity]:
-        return {
-            "compliance": Quantity(float(x[0]), "rad/(N·m)"),
-            "frequency": Quantity(s[0], "Hz"),
-            "damping": Quantity(100.0 * s[1], "%"),
-        }
-
-    def gain(f: float, z: float) -> float:
-        return fit.gain(scene.column(joint, response((f, z))))
-
-    shapes = tuple((f, z) for f in BANDS if f < limit for z in (DAMPING[1],))
-    # weakly damped, a resonance is narrower than any grid that many joints can afford
-    best, z = max(shapes, key=lambda s: gain(*s))
-    for width in NARROW:
-        near = [min(best * (1.0 + width * k), limit) for k in (-3, -2, -1, 0, 1, 2, 3)]
-        best = max(near, key=lambda f: gain(f, z))
-        z = max(DAMPING, key=lambda d: gain(best, d))
-    shapes = (*shapes, (float(best), float(z)))
-    return _law(
-        scene,
-        joint,
-        "joint_elasticity",
-        "mass on a spring",
-        "M(q) φ̈ + 2ζ√(kM) φ̇ + k φ = τ: beyond c τ it swings",
-        response,
-        load,
-        sizes,
-        shapes,
-        (0.0,),
-        "after the load changes",
-    )
+    grid = law.grid(scene.motion.rate, lambda s: fit.gain(scene.column(joint, response(s))))
+    if not grid:
+        return []
+    return [
+        _law(
+            scene,
+            joint,
+            effect.called,
+            law.name,
+            f"{law.equation}: beyond c τ it swings",
+            response,
+            load,
+            lambda x, s: law.sizes(float(x[0]), np.array(s), seen),
+            grid,
+            (0.0,),
+            effect.note,
+        )
+    ]
 
 
 def drive(scene: Scene) -> tuple[Array, str] | None:

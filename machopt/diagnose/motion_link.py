@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.diagnose.motion_clock import skew, valley
+from machopt.diagnose.motion_clock import clocks, valley
 from machopt.diagnose.motion_frame import ARCSEC, Fit, Scene
 from machopt.diagnose.motion_gears import drive, gear_laws, known
 from machopt.diagnose.motion_loads import ripple
@@ -105,10 +105,10 @@ def build(scene: Scene, joints: list[int]) -> tuple[Problem, Catalogue]:
         return m.within(m.mean(m.late(q, d) - q))
 
     best = valley(lambda d: fit.misfit(late(d)))
-    out.append(skew(scene, "qse", late, best))
+    out += clocks(scene, "qse", late, best)
 
     def early(d: float) -> Array:  # the motor side late by d: the difference shows as if it were early
         return -late(-d)
 
-    out.append(skew(scene, "q", early, -best, penalty=2.0))
+    out += clocks(scene, "q", early, -best, penalty=2.0)
     return problem, Catalogue(tuple(out), tuple(untestable), motion_axes(scene))

@@ -9,16 +9,15 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.diagnose.motion_frame import Scene, curve, joint_law
 from machopt.diagnose.problem import Correction, Curve, Hypothesis, Quantity, RecordCorrection, Shape
-from machopt.effects import files
+from machopt.effects import files, registry
 from machopt.effects.compensator import EFFECT, HARMONIC, LINKAGE
 from machopt.effects.corrections import entry
 from machopt.effects.kinematic import WAVES, Waves
-from machopt.effects.protocol import Beside
+from machopt.effects.protocol import Beside, Effect, Swinging, SwingLaw
 from machopt.effects.waves import waves
 
 ORDERS = 60  # highest gear order per turn of a joint that is looked for
 TURNS = 1.5  # waves within the range of the joint, at least: fewer are no ripple
-BANDS = (3.0, 4.5, 6.5, 9.5, 14.0, 20.0)  # Hz
 
 
 def compensator(scene: Scene) -> list[Hypothesis]:
@@ -138,35 +137,34 @@ def springy(scene: Scene, joint: int) -> list[Hypothesis]:
     if scene.dynamics is None or scene.predicted is None or scene.prismatic[joint] or not scene.moves(joint):
         return []
     m = scene.motion
-    inertia = scene.dynamics.own_inertia(m.q)[:, joint]
-    load = -scene.predicted[:, joint]
+    seen = Swinging(-scene.predicted[:, joint], scene.dynamics.own_inertia(m.q)[:, joint], scene.step, scene.first)
+    laws = ((e, law, law.grid(m.rate)) for e in registry.of_swings() for law in e.swings)
+    return [_springy(scene, joint, e, law, seen, grid) for e, law, grid in laws if grid]
+
+
+def _springy(
+    scene: Scene, joint: int, effect: Effect, law: SwingLaw, seen: Swinging, grid: tuple[Shape, ...]
+) -> Hypothesis:
+    """The coefficient is how much of the spring's own inertia force is there: compliance times stiffness."""
+    m = scene.motion
 
     def response(s: Shape) -> Array:
-        from machopt.diagnose.motion_memory import mass_on_spring
-
-        k = float(np.mean(inertia)) * (2.0 * np.pi * s[0]) ** 2
-        x = mass_on_spring(load, inertia, scene.step, scene.first, k, 0.04)
-        return inertia * m.differentiate(m.differentiate(x))
+        return seen.inertia * m.differentiate(m.differentiate(law.deflection(np.array(s), seen)))
 
     def sizes(x: Array, s: Shape) -> Mapping[str, Quantity]:
-        k = float(np.mean(inertia)) * (2.0 * np.pi * s[0]) ** 2
-        return {"compliance": Quantity(float(x[0]) / k, "rad/(N·m)"), "frequency": Quantity(s[0], "Hz")}
+        at = np.array(s)
+        return law.sizes(float(x[0]) / law.stiffness(at, seen), at, seen)
 
-    shapes = tuple((f,) for f in BANDS if f < 0.4 * m.rate)
-    if not shapes:
-        return []
-    return [
-        joint_law(
-            scene,
-            joint,
-            "joint_elasticity",
-            "mass on a spring",
-            "τ += M ẍ, M ẍ + 2ζ√(kM) ẋ + k x = −τ",
-            response,
-            sizes,
-            shapes,
-            lower=(0.0,),
-            family="vibration",
-            note="after accelerations change",
-        )
-    ]
+    return joint_law(
+        scene,
+        joint,
+        effect.called,
+        law.name,
+        f"τ += M φ̈, {law.equation}",
+        response,
+        sizes,
+        grid,
+        lower=(0.0,),
+        family="vibration",
+        note=effect.note,
+    )

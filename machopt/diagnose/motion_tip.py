@@ -7,14 +7,13 @@ equilibrium of a first fit, so that deflections of a millimetre do not show as c
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from machopt.arrays import Array
 from machopt.diagnose.motion_checks import sign_test
-from machopt.diagnose.motion_clock import skew, valley
+from machopt.diagnose.motion_clock import clocks, followers, valley
 from machopt.diagnose.motion_frame import ARCSEC, Fit, Scene
 from machopt.diagnose.motion_gears import drive, gear_laws, known
 from machopt.diagnose.motion_loads import ripple
@@ -24,14 +23,13 @@ from machopt.diagnose.problem import (
     Family,
     Hypothesis,
     Problem,
-    Quantity,
     RecordCorrection,
-    Shape,
     Unknown,
     Untestable,
 )
 from machopt.diagnose.result import Estimate, Finding
 from machopt.domain.parameters import joint_spring
+from machopt.effects.delay import CLOCK, LAG
 from machopt.errors import InputError
 from machopt.model.robot import Robot
 from machopt.se3 import skew as cross
@@ -111,11 +109,11 @@ def build(scene: Scene, robot: Robot) -> tuple[Problem, Catalogue, list[Finding]
         return m.within(m.mean(m.late(tip, d) - tip))
 
     best = valley(lambda d: fit.misfit(late(d)))
-    out.append(skew(scene, "position", late, best, penalty=1.0 if commanded else 0.0))
+    out += clocks(scene, "position", late, best, penalty=1.0 if commanded else 0.0)
     if commanded:
         out += _servo(scene, fit, robot, asked, followed, lag)
     else:
-        untestable.append(Untestable("servo_lag", "controller", "the commanded joints are not recorded"))
+        untestable.append(Untestable(LAG.name, LAG.places[0], "the commanded joints are not recorded"))
     return (
         problem,
         Catalogue(tuple(out), tuple(untestable), motion_axes(scene)),
@@ -187,12 +185,12 @@ def _late_encoders(y: Array, base: Array, scene: Scene, followed: Array, lag: Ar
     before, after = (1e3 * np.sqrt(heldout(e, base, group, even) / count) for e in (y - own[:, :, 0], y))
     return [
         Finding(
-            "time_skew",
+            CLOCK.name,
             "sensor:q",
-            "clock of its own",
+            CLOCK.delays[0].name,
             "q_recorded(t) = q(t − d)",
             "in proportion to speed",
-            (("time_skew", "sensor:q"),),
+            ((CLOCK.name, "sensor:q"),),
             {
                 "late": Estimate(
                     late, "ms", (late - 1.645 * sigma, late + 1.645 * sigma), (late - 1.96 * sigma, late + 1.96 * sigma)
@@ -201,7 +199,7 @@ def _late_encoders(y: Array, base: Array, scene: Scene, followed: Array, lag: Ar
             float(np.median(before)),
             float(np.median(after)),
             sign_test(before, after),
-            correction=RecordCorrection("time_skew", "sensor:q", {"late_ms": late}),
+            correction=RecordCorrection(CLOCK.name, "sensor:q", {"late_ms": late}),
             record=True,
         )
     ]
@@ -212,57 +210,9 @@ def _servo(scene: Scene, fit: Fit, robot: Robot, asked: Array, followed: Array, 
     m = scene.motion
     T_tool = scene.cell.tool.T_flange_tcp
     tip = robot.fk(asked, T_tool)[:, :3, 3]
-    own = scene.everywhere(followed[:, :, None])
-    mean = float(np.mean(lag[np.abs(lag) > 0])) if np.any(np.abs(lag) > 0) else 0.0
-
-    def sizes(x: Array, s: Shape) -> Mapping[str, Quantity]:
-        return {"delay": Quantity(1e3 * float(x[0]) * mean, "ms"), "share": Quantity(100.0 * float(x[0]), "%")} | {
-            f"delay_{j + 1}": Quantity(1e3 * float(x[0] * v), "ms") for j, v in enumerate(lag)
-        }
-
-    def fix(x: Array, s: Shape) -> RecordCorrection:
-        return RecordCorrection("servo_lag", "controller", {"delay_ms": [1e3 * float(x[0] * v) for v in lag]})
-
-    out = []
-    if abs(mean) > 1e-5:
-        out.append(
-            Hypothesis(
-                "servo_lag",
-                "controller",
-                "as the encoders show it",
-                "TCP = f(q) and not f(q_command): the encoders stay behind by Σ J_j q̇_j T_j",
-                lambda s: own,
-                sizes,
-                correction=fix,
-                note="in proportion to speed",
-                family="controller",
-                exact=True,
-            )
-        )
 
     def late(d: float) -> Array:
         return m.within(m.mean(robot.fk(m.late(asked, d), T_tool)[:, :3, 3] - tip))
 
     best = valley(lambda d: fit.misfit(late(d)))
-
-    def column(s: Shape) -> Array:
-        d = s[0] if abs(s[0]) > 2e-5 else 0.25 / m.rate
-        return (late(d) / d)[:, :, None]
-
-    shapes: tuple[Shape, ...] = ((0.0,),) if best < 1e-4 else ((0.0,), (best,))
-    out.append(
-        Hypothesis(
-            "servo_lag",
-            "controller",
-            "one delay of all joints",
-            "q(t) = q_command(t − T)",
-            column,
-            lambda x, s: {"delay": Quantity(1e3 * float(x[0]), "ms")},
-            shapes,
-            (0.0,),
-            lambda x, s: RecordCorrection("servo_lag", "controller", {"delay_ms": 1e3 * float(x[0])}),
-            note="in proportion to speed",
-            family="controller",
-        )
-    )
-    return out
+    return followers(scene, late, best, scene.everywhere(followed[:, :, None]), lag)

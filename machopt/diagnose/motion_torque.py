@@ -15,7 +15,7 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.diagnose import at_flange
-from machopt.diagnose.motion_clock import skew, valley
+from machopt.diagnose.motion_clock import clocks, valley
 from machopt.diagnose.motion_frame import Scene, one_joint
 from machopt.diagnose.motion_friction import Turn, breakaway, direction, friction, rest_of, turned
 from machopt.diagnose.motion_loads import compensator, ripple, springy
@@ -233,8 +233,8 @@ def _catalogue(scene: Scene, P: Array, paths: list[Turn], best: float, rough: Ca
     def late(d: float) -> Array:
         return scene.everywhere(rough(d) - now)
 
-    out.append(skew(scene, "tau", late, best))
-    out.append(skew(scene, "q", late, best, sign=-1.0, penalty=2.0))
+    out += clocks(scene, "tau", late, best)
+    out += clocks(scene, "q", late, best, sign=-1.0, penalty=2.0)
     return Catalogue(tuple(out), tuple(untestable), motion_axes(scene))
 
 

@@ -205,3 +205,45 @@ class FrictionLaw(Stated, Protocol):
     def grid(self, pace: Pace) -> tuple[Shape, ...]:
         """Shapes that a search tries; none where the recording cannot show it."""
         ...
+
+
+@dataclass(frozen=True)
+class Swinging:
+    """How a joint's spring is loaded in K samples, and what swings on it."""
+
+    load: Array  # (K,) N·m that twists the joint forward
+    inertia: Array  # (K,) kg·m² behind the spring
+    step: Array  # (K,) s since the sample before
+    first: Ints  # (K,) 1 where a segment begins, at rest under its load
+
+
+class SwingLaw(Stated, Protocol):
+    """A joint's spring with what swings on it, linear in a compliance. Stateless; SI."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def equation(self) -> str:
+        """With its source."""
+        ...
+
+    def stiffness(self, shape: Array, seen: Swinging) -> float:
+        """N·m/rad that a shape means here."""
+        ...
+
+    def deflection(self, shape: Array, seen: Swinging) -> Array:
+        """(K,) rad, how far a spring of that stiffness gives; times stiffness and compliance it is the twist."""
+        ...
+
+    def sizes(self, compliance: float, shape: Array, seen: Swinging) -> Mapping[str, Quantity]:
+        """Numbers of the trade; the first is the effect's size and grows in proportion to the compliance."""
+        ...
+
+    def grid(self, rate: float, gain: Callable[[Shape], float] | None = None) -> tuple[Shape, ...]:
+        """Shapes that a search tries in samples at a rate in Hz.
+
+        Args:
+            gain: power that a shape's column takes, for a grid that ends with the best; None: it shall stay coarse.
+        """
+        ...

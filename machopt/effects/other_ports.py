@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+import numpy as np
+
 from machopt.arrays import Array
 from machopt.effects.given import Parameters
 from machopt.effects.nouns import Quantity, Shape, Stated
@@ -212,4 +214,53 @@ class CarriedLaw(Stated, Protocol):
 
     def grid(self, seen: Carried) -> tuple[Shape, ...]:
         """Shapes that a search tries; none where the cell states nothing that could be so."""
+        ...
+
+
+@dataclass(frozen=True)
+class Delayed:
+    """N samples of a channel as they would be had something come late."""
+
+    change: Callable[[float], Array]  # s → (N, D) f(t − d) − f(t), f what the channel should have shown
+    best: float  # s that fits best
+    step: float  # s over which a tangent is taken
+    sign: float = 1.0  # −1 where a channel that is late makes the difference look early
+    followed: Array | None = None  # (N, D, 1) what the encoders say of following a command; None: no such thing
+    delays: tuple[float, ...] = ()  # s by which each encoder follows its command; 0 where it stays with it
+
+    @property
+    def mean(self) -> float:
+        """s, of the encoders that stay behind."""
+        behind = [d for d in self.delays if d]
+        return float(np.mean(behind)) if behind else 0.0
+
+
+class DelayLaw(Stated, Protocol):
+    """Something that comes late, linear in its coefficient about the delay of its shape. Stateless; SI."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def equation(self) -> str: ...
+
+    @property
+    def exact(self) -> bool:
+        """Its column leaves nothing of the effect, however large that is."""
+        ...
+
+    def columns(self, shape: Array, seen: Delayed) -> Array:
+        """(N, D, P) of the channel per unit of each coefficient."""
+        ...
+
+    def sizes(self, values: Array, shape: Array, seen: Delayed) -> Mapping[str, Quantity]:
+        """Numbers of the trade; the first is the effect's size and grows in proportion to the coefficients."""
+        ...
+
+    def stated(self, values: Array, seen: Delayed) -> dict[str, float | list[float]]:
+        """What the diagnosis says of it in units of the trade."""
+        ...
+
+    def grid(self, seen: Delayed) -> tuple[Shape, ...]:
+        """Shapes that a search tries; none where the samples cannot show it."""
         ...

@@ -14,6 +14,8 @@ from machopt.effects.joint_ports import (
     Rubbing,
     Scale,
     Settled,
+    Swinging,
+    SwingLaw,
     Unloaded,
     percent,
     timed,
@@ -37,6 +39,8 @@ from machopt.effects.other_ports import (
     BodyLaw,
     Carried,
     CarriedLaw,
+    Delayed,
+    DelayLaw,
     DriftLaw,
     Reader,
     Recorded,
@@ -56,6 +60,8 @@ __all__ = [
     "BodyLaw",
     "Carried",
     "CarriedLaw",
+    "DelayLaw",
+    "Delayed",
     "DriftLaw",
     "Drive",
     "Effect",
@@ -74,6 +80,8 @@ __all__ = [
     "Settled",
     "Shape",
     "Stated",
+    "SwingLaw",
+    "Swinging",
     "Unloaded",
     "Warming",
     "joints_of",
@@ -100,6 +108,8 @@ class Effect:
     rubs: tuple[FrictionLaw, ...] = ()  # those of a motor's torque in motion
     drifts: tuple[DriftLaw, ...] = ()  # those of time and temperature
     carries: tuple[CarriedLaw, ...] = ()  # those of the load at the flange
+    swings: tuple[SwingLaw, ...] = ()  # those of a joint's spring in motion
+    delays: tuple[DelayLaw, ...] = ()  # those of what comes late
     reads: Reader | None = None  # of bodies whose files have forms of their own; None: by what the laws declare
     default: str = ""  # law of a file that states none; empty: it must, where there are several
     elastic: bool = False  # stands in stiffness.yaml

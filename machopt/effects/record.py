@@ -1,4 +1,7 @@
-"""What is wrong with a recording and not with the arm: units, clocks, single rows. Sensors: :mod:`sensor`."""
+"""What is wrong with a recording and not with the arm: units, columns, single rows.
+
+Sensors: :mod:`sensor`; clocks: :mod:`delay`.
+"""
 
 from __future__ import annotations
 
@@ -22,15 +25,6 @@ COLUMNS = Effect(
     port="record",
     places=(),
     of="in",
-)
-
-CLOCK = Effect(
-    name="time_skew",
-    noun="time skew",
-    spoken="a clock that is off",
-    sentence="The channel is early or late against the others.",
-    port="record",
-    places=(),
 )
 
 OUTLIERS = Effect(

@@ -12,7 +12,7 @@ from machopt.effects import (
     compensator,
     coupling,
     creep,
-    drive,
+    delay,
     friction,
     geometric,
     geometry,
@@ -25,6 +25,7 @@ from machopt.effects import (
     sensor,
     thermal,
     tool,
+    vibration,
 )
 from machopt.effects.protocol import Effect, Unloaded
 
@@ -46,8 +47,8 @@ LISTED = (
     coupling.KINEMATIC,
     geometry.EFFECT,
     friction.EFFECT,
-    drive.LAG,
-    drive.VIBRATION,
+    delay.LAG,
+    vibration.VIBRATION,
     thermal.THERMAL,
     sensor.OFFSET,
     sensor.GAIN,
@@ -56,7 +57,7 @@ LISTED = (
     sensor.LOAD,
     record.UNITS,
     record.COLUMNS,
-    record.CLOCK,
+    delay.CLOCK,
     record.OUTLIERS,
 )
 
@@ -130,3 +131,18 @@ def of_drifts(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]
 def of_flange(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
     """Those of what the tool side carries."""
     return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.carries)
+
+
+def of_swings(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
+    """Those that swing on a joint's spring."""
+    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.swings)
+
+
+def of_clocks(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
+    """Those of a channel that comes late in the record."""
+    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.delays and e.port == "record")
+
+
+def of_followers(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
+    """Those of an arm that comes behind its command."""
+    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.delays and e.port != "record")

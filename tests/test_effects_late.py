@@ -1,0 +1,159 @@
+"""The contracts of what comes late and of what swings, and of each one that is added by one file and one line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_diagnose_motion import arm, excited, recorded
+
+from machopt.arrays import Array
+from machopt.diagnose import motion
+from machopt.diagnose.problem import RecordCorrection
+from machopt.effects import registry
+from machopt.effects.delay import Clock
+from machopt.effects.protocol import (
+    COMPLIANCE,
+    Delayed,
+    DelayLaw,
+    Effect,
+    Parameter,
+    Quantity,
+    Shape,
+    Swinging,
+    SwingLaw,
+)
+from machopt.effects.vibration import Swings
+from machopt.model.rigid import load_dynamics
+
+LATE = [
+    pytest.param(e, law, id=f"{e.name} {law.name}")
+    for e in (*registry.of_clocks(), *registry.of_followers())
+    for law in e.delays
+]
+SWINGS = [pytest.param(e, law, id=f"{e.name} {law.name}") for e in registry.of_swings() for law in e.swings]
+RATE = 100.0  # Hz
+
+
+def wave(late: float) -> Array:
+    """(N, 2) of a channel at 100 Hz."""
+    t = np.arange(200) / RATE - late
+    return np.stack([np.sin(3.0 * t), np.cos(5.0 * t)], axis=1)
+
+
+def seen(best: float) -> Delayed:
+    followed = (wave(0.004) - wave(0.0))[:, :, None]
+    return Delayed(lambda d: wave(d) - wave(0.0), best, 0.25 / RATE, 1.0, followed, (0.004, 0.0, 0.004))
+
+
+@pytest.mark.parametrize(("effect", "law"), LATE)
+def test_a_channel_that_is_late_by_so_much_is_the_column_times_it(effect: Effect, law: DelayLaw) -> None:
+    for best in (4e-3, 0.0):
+        whole = seen(best)
+        for shape in (np.array(s) for s in law.grid(whole)):
+            columns = law.columns(shape, whole)
+            assert columns.shape == (200, 2, len(law.coefficients))
+            one, two = (law.sizes(np.array([k * 4e-3]), shape, whole) for k in (1.0, 2.0))
+            assert next(iter(two.values())).value == pytest.approx(2.0 * next(iter(one.values())).value)
+            share = not len(shape)  # of what the encoders say, which is the whole of it
+            late = 4e-3 if best or share else 1e-4
+            x = np.array([1.0 if share else late])
+            exact = 1e-12 if (best and shape.any()) or share else 2e-2
+            np.testing.assert_allclose(columns @ x, wave(late) - wave(0.0), rtol=0.0, atol=exact * 5.0 * late)
+            said = law.stated(x, whole)
+            (value,) = said.values()
+            assert 1e3 * late == pytest.approx(value[0] if isinstance(value, list) else value)
+    assert effect.note
+    assert law.equation
+
+
+def test_what_stays_with_its_command_shows_no_lag() -> None:
+    still = replace(seen(0.0), followed=None, delays=())
+    offered = [law.name for e in registry.of_followers() for law in e.delays if law.grid(still)]
+    assert offered == ["one delay of all joints"]
+
+
+@pytest.mark.parametrize(("effect", "law"), SWINGS)
+def test_a_spring_with_nothing_to_swing_gives_way_at_once(effect: Effect, law: SwingLaw) -> None:
+    load, n = 100.0 * np.sin(np.linspace(0.0, 6.0, 300)), 300
+    first = np.zeros(n, np.int64)
+    first[[0, 150]] = 1
+    inertia = np.linspace(1.0, 2.0, n)
+    whole = Swinging(load, inertia, np.full(n, 1.0 / RATE), first)
+    for shape in (np.array(s) for s in law.grid(RATE)):
+        k, x = law.stiffness(shape, whole), law.deflection(shape, whole)
+        assert x[0] == pytest.approx(load[0] / k, abs=1e-15)
+        assert x[150] == pytest.approx(load[150] / k)
+        # the stiffness that a shape means is of all samples; a segment for itself swings as within the whole
+        same = replace(whole, inertia=inertia[::-1].copy())
+        assert law.stiffness(shape, same) == pytest.approx(k)
+        one, two = (law.sizes(c * 1e-6, shape, whole) for c in (1.0, 2.0))
+        assert next(iter(two.values())).value == pytest.approx(2.0 * next(iter(one.values())).value)
+    stiff = law.deflection(np.array([30.0, 0.9]), whole) * law.stiffness(np.array([30.0, 0.9]), whole)
+    np.testing.assert_allclose(stiff, load, atol=5.0)  # N·m: half a step of 10 ms behind
+    assert not law.grid(1.0)
+    assert not law.grid(1.0, lambda s: 1.0)
+    assert effect.note
+
+
+def test_a_search_ends_at_the_best() -> None:
+    """A peak narrower than the bands is found between them."""
+    law = registry.of_swings()[0].swings[0]
+    found = law.grid(200.0, lambda s: 1.0 / (1.0 + ((s[0] - 7.3) / 0.3) ** 2) - abs(s[1] - 0.045))
+    assert found[-1] == pytest.approx((7.3, 0.045), rel=0.01)
+
+
+# --- toys -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Stuttering(Clock):
+    """A clock that is late where the channel moves, twice as much as stated."""
+
+    name = "stutters"
+    coefficients = (Parameter(key="late_ms", unit="s", factor=1e-3),)
+
+    def columns(self, shape: Array, seen: Delayed) -> Array:
+        return np.asarray(seen.sign * (seen.change(seen.step) * 2.0 / seen.step)[:, :, None])
+
+    def grid(self, seen: Delayed) -> tuple[Shape, ...]:
+        return ((),)
+
+
+@dataclass(frozen=True)
+class Limps(Swings):
+    """A spring that only ever swings at one frequency, given by its softness."""
+
+    name = "limps"
+    coefficients = (Parameter(key="limp", unit=COMPLIANCE, least=0.0),)
+
+    def sizes(self, compliance: float, shape: Array, seen: Swinging) -> Mapping[str, Quantity]:
+        return {"limp": Quantity(compliance, COMPLIANCE)}
+
+    def grid(self, rate: float, gain: Callable[[Shape], float] | None = None) -> tuple[Shape, ...]:
+        return ((4.0, 0.05),)
+
+
+def test_one_file_and_one_line_add_what_is_late_and_what_swings(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Offered by every channel that has a clock or a spring."""
+    clock = replace(registry.EFFECTS["time_skew"], name="stutter", delays=(Stuttering(),))
+    limp = replace(registry.EFFECTS["joint_elasticity"], name="limp", swings=(Limps(),))
+    monkeypatch.setattr(registry, "EFFECTS", registry.registry((*registry.LISTED, clock, limp)))
+    cell = arm(tmp_path, 2, tool=5.0)
+    t, q, v, a = excited(2, np.random.default_rng(1))
+    tau = load_dynamics(cell).torque(q, v, a)
+    record = recorded(t, q, v, tau, q_secondary=q - tau / 1e6)
+    for channel, sensors in (("torque", {"sensor:tau", "sensor:q"}), ("link", {"sensor:qse", "sensor:q"})):
+        _, catalogue, *_ = motion.build(record, cell, channel, np.random.default_rng(0))  # type: ignore[arg-type]
+        offered = {h.location: h for h in catalogue.hypotheses if h.effect == clock.name}
+        assert set(offered) == sensors
+        said = offered["sensor:q"].correction(np.array([2e-3]), ())
+        assert said == RecordCorrection(clock.name, "sensor:q", {"late_ms": 2.0})
+        swinging = [h for h in catalogue.hypotheses if h.effect == limp.name]
+        assert {h.location for h in swinging} == {"joint:1", "joint:2"}
+        assert all(h.columns(h.shapes[0]).any() for h in swinging)
