@@ -63,16 +63,18 @@ def test_both_channels_see_one_load() -> None:
     still = np.zeros_like(r.state.q)
     torque, _, _ = dynamics.regressors(r.state.q, still, still)
     resting, moving = at_flange.at_rest(r), at_flange.in_motion(scene, torque)
-    assert [h.law for h in resting] == [h.law for h in moving]
-    for one, two in zip(resting, moving, strict=True):
+    assert {h.law for h in resting} == {h.law for h in moving}
+    for one in resting:
         x = np.arange(1.0, one.columns(()).shape[2] + 1.0)
-        said = [{k: q.value for k, q in h.quantities(x, ()).items()} for h in (one, two)]
+        two = next(h for h in moving if h.law == one.law)
+        said = {k: q.value for k, q in one.quantities(x, ()).items()}
         # the same load in both: mass and first moments about the flange's origin
-        load = np.array([said[0].get("mass", 0.0), *(said[0][f"moment_{a}"] for a in "xyz")])
+        load = np.array([said.get("mass", 0.0), *(said[f"moment_{a}"] for a in "xyz")])
         held = torque @ np.r_[load[0], load[1:] - load[0] * dynamics.tool_com]
         np.testing.assert_allclose(
             one.columns(()) @ x, -np.einsum("nci,ni->nc", r.state.J, r.compliance * held), rtol=1e-6, atol=1e-12
         )
+        assert two.columns(()).shape == one.columns(()).shape
 
 
 @dataclass(frozen=True)
