@@ -255,6 +255,30 @@ def test_the_reference_direction_is_the_planner_s(kind: str) -> None:
     assert (cross[plain] < 1e-12).mean() > 0.9
 
 
+def test_a_plunge_along_which_the_axis_turns_is_read_as_the_planner_reads_it() -> None:
+    """Straight down the axis, which tips sideways on the way: past its first degree the move says where it goes."""
+    corners = np.array([[0, 0, 0.04], [0, 0, 0], [0.1, 0, 0], [0.2, 0, 0], [0.2, 0, 0.04]])
+    lean = np.array([[0, 0, 1], [0, 0.1, 1], [0.02, 0.1, 1], [0, 0.1, 1], [0, 0, 1.0]])
+    toolpath = replace(
+        some_path("travel"),
+        **{k: getattr(some_path("travel"), k)[:5] for k in ("operation", "reference", "tolerance", "line")},
+        position=corners,
+        axis=lean / np.linalg.norm(lean, axis=1, keepdims=True),
+        move=np.array([Move.RAPID] + 4 * [Move.CUT], np.int8),
+        feed=np.array([np.nan, 0.02, 0.02, 0.02, 0.02]),
+    )
+    path, known = build_path(toolpath), reference.at_points(toolpath)
+    at = np.flatnonzero(path.is_point)
+    across = np.abs(np.stack([np.einsum("ij,ij->i", v, path.travel[at]) for v in (known.travel, known.other)]))
+    assert np.nanmax(across, axis=0).min() > 1 - 1e-12  # one of the two is the planner's, at every point
+    low = np.maximum(np.ceil(path.index - 1e-9).astype(int) - 1, 0)
+    there = reference.between(toolpath, known, path.index, leaving=False)
+    tcp = np.zeros((len(path.index), 4, 4))
+    tcp[:, :3, 0], tcp[:, :3, 2] = path.reference, -path.axis
+    apart = np.abs((there.gamma(tcp) - path.offset[at][low][:, None] + np.pi) % (2 * np.pi) - np.pi)
+    assert np.degrees(np.nanmin(apart, axis=1)[path.index > 0].max()) < 1.0  # the rest is the axis' own turn sideways
+
+
 def test_a_body_or_a_mass_that_vanished_is_named(cell: Cell, tmp_path: Path) -> None:
     """Whatever a parser drops: the file itself is counted."""
 

@@ -7,23 +7,34 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.program import Controller, ExternalDrive
+from machopt.domain.toolpath import Toolpath
 from machopt.formats.programs import ParsedProgram
 from machopt.formats.programs.toolpath import URDF_JOINTS
 from machopt.verify.arm import Arm
 from machopt.verify.table import Motion
 
+LEVER = 0.1  # m: the way that a turn of the tool axis by a radian counts for
+STILL = 1e-9  # m: the same of a step on which nothing moves, so that indices stay apart
 FRAME = 1e-6  # m: frames are printed to 1e-3 mm at least
 FRAME_ANGLE = float(np.radians(2e-3))
 
 
-def index_at(motion: Motion, at: Array) -> Array:
-    """(M,) toolpath index where each move ends; NaN where it is not known."""
+def index_at(motion: Motion, at: Array, toolpath: Toolpath) -> Array:
+    """(M,) toolpath index where each move ends; NaN where it is not known.
+
+    Between two samples it goes with the way along the path: a sample behind a point may be half way to the next one
+    where points lie close, and the one before it a thousandth of a long move ahead.
+    """
     rows = np.clip(np.nan_to_num(at), 0, len(motion.point) - 1)
     low = np.floor(rows).astype(int)
     high = np.minimum(low + 1, len(motion.point) - 1)
     share = rows - low
     near = np.where(share < 0.5, motion.point[low], motion.point[high])  # beside the ends of what has an index
-    value = (1.0 - share) * motion.point[low] + share * motion.point[high]
+    step = np.linalg.norm(np.diff(toolpath.position, axis=0), axis=1)
+    step += LEVER * np.linalg.norm(np.diff(toolpath.axis, axis=0), axis=1) + STILL
+    points, way = np.arange(len(toolpath)), np.append(0.0, np.cumsum(step))
+    before, behind = (np.interp(motion.point[n], points, way) for n in (low, high))
+    value = np.interp((1.0 - share) * before + share * behind, way, points)
     value = np.where(np.isfinite(value), value, near)
     return np.where(np.isfinite(at), value, np.nan)
 

@@ -32,6 +32,7 @@ GIVEN_UP = 25  # targets that lie nowhere: enough to say so
 SHORT = 1e-4  # m: on a shorter line the place does not tell how far the tool has turned
 RAPID_DEG = 0.1  # deg: between rapid way points joints go straight; corners there are rounded in time only
 EXTERNAL = 0.05  # mm or deg of an external axis at a target
+PRINTED = 2.0  # of the step that a program prints places in: how far from a target the tool may be said to stand on it
 BRANCH = 3.0  # of the orientation's tolerance: joints of a pose that has been compared only tell which branch it is
 AT_ONCE = 50_000  # samples
 
@@ -358,7 +359,8 @@ def _kinds(
     """No joint move where the tool cuts, and what comments call a move is what the motion does there.
 
     Samples within ``place`` (m) of either target tell nothing: round a corner the tool dwells there, and it may stand
-    on a point before it leaves it.
+    on a point before it leaves it. Beside a joint move it is the decimals that the program prints: where the tool
+    comes to rest many samples lie closer to the target than these.
     """
     ends = np.flatnonzero(np.isfinite(at[1:]) & np.isfinite(at[:-1])) + 1
     first = np.ceil(at[ends - 1] + 0.5).astype(np.int64)
@@ -368,7 +370,7 @@ def _kinds(
     k = ends[nth]
     tip = said.T_workpiece_tcp[:, :3, 3]
     apart = np.minimum(*(np.linalg.norm(p[rows] - tip[n], axis=1) for n in (k - 1, k)))
-    tells = ~(linear[k] & linear[k - 1]) | (apart > place)
+    tells = apart > np.where(linear[k] & linear[k - 1], place, PRINTED * said.place_step)
     n, moves = len(at), motion.move[rows[tells]]
     seen, cuts, led = (
         np.bincount(k[tells][which], minlength=n) > 0 for which in (slice(None), moves == Move.CUT, moves != Move.RAPID)

@@ -232,7 +232,9 @@ def _events(said: ReadProgram, cuts: Cuts, reached: NDArray[np.int64], at_index:
         late = nth < len(points) and read.index > reached[points[nth]]
         if len(finite) and 0 < read.index < len(known):
             slack = _beside(cuts, event.index, 0.0 if said.streamed else BESIDE + said.place_step)
-            early |= bool(known[read.index] <= event.index - 1 + slack)
+            early |= bool(known[read.index] <= event.index - 1 + slack) and not _stands(
+                said, cuts, event.index, read.index, known
+            )
             settled = finite[0] < read.index and event.index < len(cuts.position)  # the ways from and to home have none
             late |= settled and bool(known[read.index - 1] > event.index - 1 + slack)
         if early or late:
@@ -246,6 +248,18 @@ def _beside(cuts: Cuts, index: int, way: float) -> float:
         return 0.5
     length = float(np.linalg.norm(cuts.position[index] - cuts.position[index - 1]))
     return max(INDEX, min(0.5, way / length if length > 0.0 else 0.5))
+
+
+def _stands(said: ReadProgram, cuts: Cuts, index: int, move: int, known: Array) -> bool:
+    """Whether the program is at point ``index`` − 1 before its move ``move``, and point ``index`` lies there too.
+
+    A move to where the tool stands already ends nowhere else, so its place does not tell which point it is for.
+    """
+    first = index - _repeats(cuts.toolpath, index) if 0 < index < len(cuts.position) else index
+    if first >= index:
+        return False
+    away = float(np.linalg.norm(said.T_workpiece_tcp[move - 1, :3, 3] + cuts.offset[move - 1] - cuts.position[first]))
+    return away <= BESIDE + said.place_step and bool(known[move - 1] > first - 0.5)
 
 
 def _first_missing(said: ReadProgram, cuts: Cuts) -> str:

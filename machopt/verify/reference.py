@@ -25,12 +25,13 @@ ALONG = np.radians(1.0)  # a move this near the tool axis has no direction acros
 class Directions:
     """At M places of the path: where gamma is zero and where the tool travels, both normal to the axis there.
 
-    ``second`` is the reference where the direction of travel may also be taken from farther on: along a plunge the axis
-    may turn, so that the same move leaves the 1° on its way. NaN where there is only one.
+    ``other`` is the direction of travel where it may also be taken from farther on, ``second`` the reference by it:
+    along a plunge the axis may turn, so that the same move leaves the 1° on its way. NaN where there is only one.
     """
 
     axis: Array  # (M, 3) unit, tip to shank
     travel: Array  # (M, 3) unit
+    other: Array  # (M, 3)
     zero: Array  # (M, 3) unit, TCP x at gamma = 0
     second: Array  # (M, 3)
 
@@ -55,8 +56,8 @@ def at_points(toolpath: Toolpath) -> Directions:
     travel = _filled(move, toolpath.axis, np.r_[False, joined])
     later = np.vstack([toolpath.axis[1:], toolpath.axis[-1:]])
     turning = np.r_[joined, False] & ~_across(move, toolpath.axis)[1] & (np.abs(later - toolpath.axis).max(axis=1) > 0)
-    second = np.where(turning[:, None], _flat(move, later), np.nan)
-    return _directions(toolpath, np.arange(n), toolpath.axis, travel, second)
+    other = np.where(turning[:, None], _flat(_flat(move, later), toolpath.axis), np.nan)
+    return _directions(toolpath, np.arange(n), toolpath.axis, travel, other)
 
 
 def between(toolpath: Toolpath, known: Directions, index: Array, *, leaving: bool) -> Directions:
@@ -79,8 +80,12 @@ def between(toolpath: Toolpath, known: Directions, index: Array, *, leaving: boo
     size, good = _across(move, axis)
     travel = np.where(good[:, None], _flat(move, axis), _flat(known.travel[low], axis))
     del size
+    # inside a plunge whose axis turns: what the same move says farther on
+    there = toolpath.axis[high]
+    turning = ~good & _across(move, there)[1]
+    other = np.where(turning[:, None], _flat(_flat(move, there), axis), np.nan)
     # what the file gives at a point holds for the move that leaves it, as the direction of travel does
-    return _directions(toolpath, low, axis, travel, np.full_like(axis, np.nan))
+    return _directions(toolpath, low, axis, travel, other)
 
 
 SAME = 1e-6  # of an index, which is printed with six decimals
@@ -109,7 +114,7 @@ def _filled(move: Array, axis: Array, joined: NDArray[np.bool_]) -> Array:
     return _flat(out, axis)  # it may come from a place where the axis was another
 
 
-def _directions(toolpath: Toolpath, of: NDArray[np.intp], axis: Array, travel: Array, second: Array) -> Directions:
+def _directions(toolpath: Toolpath, of: NDArray[np.intp], axis: Array, travel: Array, other: Array) -> Directions:
     """``of``: (M,) the point whose move, operation and reference direction count at each place."""
     drilling = np.array([o.kind == "point" for o in toolpath.operations])[toolpath.operation[of]]
     given = toolpath.reference[of]
@@ -122,7 +127,7 @@ def _directions(toolpath: Toolpath, of: NDArray[np.intp], axis: Array, travel: A
         out = np.where(drilling[:, None] & ~np.isnan(across), _unit(_workpiece_x(axis)), across)
         return np.where(useful[:, None] & ~np.isnan(across), own, _flat(out, axis))
 
-    return Directions(axis, travel, zero(travel), zero(second))
+    return Directions(axis, travel, other, zero(travel), zero(other))
 
 
 def _across(v: Array, axis: Array) -> tuple[Array, NDArray[np.bool_]]:

@@ -1,0 +1,104 @@
+"""Events of a program between moves whose ends the motion knows to a sample, or to the decimals that are printed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.domain.program import LIN, PTP
+from machopt.domain.readprogram import ReadProgram
+from machopt.domain.toolpath import Event, Move, Operation, Toolpath
+from machopt.recheck.terms import index_at
+from machopt.verify.program import _kinds
+from machopt.verify.programcam import Cuts, _events
+from machopt.verify.table import Motion
+
+
+def path(position: list[list[float]], move: list[Move], events: tuple[Event, ...]) -> Toolpath:
+    n = len(position)
+    feed = np.where(np.array(move) == Move.RAPID, np.nan, 0.05)
+    return Toolpath(
+        1e-3 * np.array(position),
+        np.tile([0.0, 0.0, 1.0], (n, 1)),
+        np.array(move, np.int8),
+        feed,
+        np.zeros(n, np.int32),
+        (Operation("a", "trajectory"),),
+        np.full((n, 3), np.nan),
+        np.full(n, np.nan),
+        np.arange(1, n + 1, dtype=np.int32),
+        "p.nc",
+        "gcode",
+        "",
+        events,
+    )
+
+
+def program(place: Array, kind: list[int], events: tuple[Event, ...], place_step: float = 0.0) -> ReadProgram:
+    n = len(place)
+    T = np.tile(np.diag([1.0, -1.0, -1.0, 1.0]), (n, 1, 1))
+    T[:, :3, 3] = 1e-3 * place
+    return ReadProgram(
+        "p",
+        np.array(kind, np.int8),
+        np.zeros((n, 6)),
+        np.zeros((n, 0)),
+        T,
+        np.full(n, 0.05),
+        np.zeros(n, np.int8),
+        ("a",) * n,
+        events,
+        np.arange(n, dtype=np.int32),
+        np.full(n, np.nan),
+        place_step=place_step,
+    )
+
+
+def driven(point: Array, move: Array) -> Motion:
+    n = len(point)
+    zeros = np.zeros((n, 6))
+    return Motion(0.012 * np.arange(n), point, move, zeros, zeros[:, :0], ("a",) * n, np.zeros(n), np.full(n, 0.05))
+
+
+def cuts(toolpath: Toolpath) -> Cuts:
+    n = len(toolpath)
+    wanted = toolpath.cutting
+    corners = (np.arange(float(n)), toolpath.position)
+    return Cuts(toolpath, toolpath.position, corners, wanted, 1.5e-5, 0.05, np.zeros((n, 3)), np.zeros((n, 3)))
+
+
+def test_where_a_long_move_meets_a_short_one_the_index_goes_with_the_way() -> None:
+    """340 mm, then 1 mm pieces of an arc, 0.6 mm a sample: point 1 is 0.2 mm behind one sample, 0.4 before the next."""
+    toolpath = path([[0, 0, 0], [340, 0, 0], [341, 0, 0]], [Move.CUT] * 3, ())
+    motion = driven(np.array([1 - 0.2 / 340, 1.4]), np.zeros(2, np.int64))
+    (index,) = index_at(motion, np.array([0.2 / 0.6]), toolpath)
+    assert abs(index - 1.0) < 1e-6  # the nanometre that a step on which nothing moves counts
+
+
+def test_an_event_between_two_moves_to_one_place_is_in_place() -> None:
+    """A rapid move, the spindle's start, a move to where the tool stands already: decimals leave 4 µm of way open."""
+    spindle = Event(2, "spindle", "S6000", 6000.0)
+    rapid, cut = Move.RAPID, Move.CUT
+    toolpath = path([[0, 0, 50], [9, 0, 50], [9, 0, 50], [9, 0, 0]], [rapid, rapid, rapid, cut], (spindle,))
+    place = np.array([[0, 0, 99], [0, 0, 50], [9, 0, 50], [9, 0, 50], [9, 0, 0.0]])
+    reached = np.array([-1, -1, -1, 4])
+    at = np.array([np.nan, 0.0, 0.9955, 0.9955, 3.0])
+    for index, passed in ((3, True), (2, False), (1, False), (4, True)):
+        event = Event(index, "spindle", "S6000", 6000.0)
+        said = program(place, [PTP, PTP, PTP, PTP, LIN], (event,), place_step=5e-6)
+        (check,) = _events(said, cuts(toolpath), reached, at)
+        assert check.passed is passed, (index, check.where)
+
+
+def test_where_the_tool_comes_to_rest_samples_within_the_printed_decimals_tell_nothing_of_a_joint_move() -> None:
+    """The last samples of a retract are a micrometre apart; the program's target is found two of them too early."""
+    p = np.zeros((6, 3))
+    p[:, 2] = 1e-3 * np.array([0, 9.998, 9.9995, 10.0, 15.0, 20.0])
+    move = np.array([Move.CUT, Move.RETRACT, Move.RETRACT, Move.RETRACT, Move.RAPID, Move.RAPID])
+    place = np.array([[0, 0, 0], [0, 0, 10], [0, 0, 20.0]])
+    for step, passed in ((2e-6, True), (0.0, False)):
+        said = program(place, [LIN, LIN, PTP], (), place_step=step)
+        at, linear = np.array([0.0, 1.2, 5.0]), np.array([True, True, False])
+        motion = driven(np.array([0, 1, 1, 1, 1.5, 2.0]), move.astype(np.int64))
+        check = _kinds(said, motion, p, at, linear, ["1", "2", "3"], 2e-5)
+        assert ("joint move" not in check.where) is passed, check.where
