@@ -177,10 +177,10 @@ def test_obstacles_are_named_right(tmp_path: Path) -> None:
         named(cell, Search(carry=("tabel",)), holding)
 
 
-def test_a_part_on_a_positioner_is_refused(tmp_path: Path) -> None:
+def test_a_robot_beside_a_positioner_is_not_moved(tmp_path: Path) -> None:
     cell = small_cell(tmp_path)
-    with pytest.raises(InputError, match="optimize chooses"):
-        refuse(replace(cell, workpiece=replace(cell.workpiece, link="table")))
+    with pytest.raises(InputError, match="--move workpiece"):
+        refuse(replace(cell, workpiece=replace(cell.workpiece, link="table")), base=True)
 
 
 def test_the_journal_knows_its_own_question_and_survives_a_cut_line(tmp_path: Path) -> None:

@@ -122,6 +122,7 @@ class Cell:
     tool_name: str | None = None  # which of the table ``tool`` is; the first one until a toolpath says, None: several
     change: Array | None = None  # (6 + E,) rad or m by encoder, where tools are changed; None: at home
     offsets: Mapping[str, Array] = field(default_factory=dict)  # work offsets by name: (4, 4) in workpiece
+    fixtures: tuple[str, ...] = ()  # obstacles that hold the part of an offset: they stand in its frame
     arm_prismatic: tuple[bool, ...] = ()  # which joints of the arm slide; empty: all turn
 
     @property

@@ -188,6 +188,7 @@ class _Reader:
             tool_name=name if keys.tools else None,
             workpiece=workpiece,
             offsets=setups.frames,
+            fixtures=tuple(body.name for body in setups.fixtures),
             obstacles=obstacles,
             stiffness=stiffness,
             plan={} if keys.plan is None else keys.plan.given(),

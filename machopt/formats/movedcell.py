@@ -61,7 +61,9 @@ def _moved(text: str, before: Cell, after: Cell) -> str:
         document["robot"]["pose"] = _pose(after.T_world_base)
     if not _same(before.workpiece.T_link_workpiece, after.workpiece.T_link_workpiece):
         document["workpiece"]["pose"] = _pose(after.workpiece.T_link_workpiece)
-    for keys, old, new in zip(document.get("obstacles") or [], before.obstacles, after.obstacles, strict=True):
+    written = document.get("obstacles") or []
+    own = len(written)  # behind them the fixtures of offsets, whose poses are in frames that move with the workpiece
+    for keys, old, new in zip(written, before.obstacles[:own], after.obstacles[:own], strict=True):
         if not _same(old.T_parent_shape, new.T_parent_shape):
             keys.update(_pose(new.T_parent_shape))
     out = io.StringIO()

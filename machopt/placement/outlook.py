@@ -80,5 +80,9 @@ def _unreached(path: Path, candidates: Candidates) -> Outlook | None:
     if not len(lost):
         return None
     s = int(lost[0])
-    furthest = Reason(int(np.where(candidates.reason[s] == Reason.OK, Reason.BOUNDS, candidates.reason[s]).max()))
-    return Outlook(np.inf, np.inf, np.inf, round(float(path.index[path.stations[s]])), furthest)
+    return Outlook(np.inf, np.inf, np.inf, round(float(path.index[path.stations[s]])), furthest(candidates, s))
+
+
+def furthest(candidates: Candidates, s: int) -> Reason:
+    """Why station ``s`` is not reached, of the configuration that came furthest."""
+    return Reason(int(np.where(candidates.reason[s] == Reason.OK, Reason.BOUNDS, candidates.reason[s]).max()))

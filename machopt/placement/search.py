@@ -6,7 +6,7 @@ What is found is written to a journal as it is found, so that a run that was sto
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
@@ -15,23 +15,18 @@ import numpy as np
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
+from machopt.domain.stint import Stint
 from machopt.domain.toolpath import Toolpath
-from machopt.model.machine import load_machine
 from machopt.placement.asked import HERE, Search, Shift, inside, shifts, steps
 from machopt.placement.found import CLOSE, Near, Place, Planned, Siting
 from machopt.placement.hands import Hands, Own
 from machopt.placement.journal import Journal
-from machopt.placement.moved import Carried, centre_of, moved, named
-from machopt.placement.outlook import Outlook, outlook
+from machopt.placement.moved import Carried, centre_of, frames_of, named
+from machopt.placement.outlook import Outlook
 from machopt.placement.standing import Standing
-from machopt.plan.candidates import Arm
-from machopt.plan.drive import motion_of
-from machopt.plan.explain import all_breaks, explain_points
+from machopt.placement.task import Task, planned_at, stints_whole
 from machopt.plan.made import Plan
-from machopt.plan.path import Path, build_path
-from machopt.plan.pipeline import plan
 from machopt.plan.score import configuration_cost
-from machopt.plan.setup import Setup, Timings, prepare
 
 RIGID = 1e9  # times a joint's stiffness: it gives no more
 AROUND = 0.020  # m: how far the best places are moved to see how sensitive they are
@@ -55,29 +50,48 @@ class Site:
     cell: Cell
     toolpaths: tuple[Toolpath, ...]
     options: PlanOptions
-    setup: Setup  # without collisions: springs and chain are the same at every place
-    paths: tuple[Path, ...]
+    jobs: tuple[tuple[Task, ...], ...]  # one a toolpath, each of one task a tool that is on
     carried: Carried
     standing: Standing
 
     @classmethod
-    def of(cls, cell: Cell, toolpaths: tuple[Toolpath, ...], options: PlanOptions, search: Search) -> Site:
-        setup = prepare(cell, replace(options, collision=False))
+    def of(
+        cls,
+        cell: Cell,
+        toolpaths: tuple[Toolpath, ...],
+        options: PlanOptions,
+        search: Search,
+        stints: Sequence[Sequence[Stint]] | None = None,
+    ) -> Site:
+        """Make everything ready.
+
+        Args:
+            stints: of each toolpath, cut where it changes tools; None: none does.
+        """
         standing = Standing.of(cell)
         names = named(cell, search, standing.holding(base=search.base) if search.carry is None else frozenset())
         positions = np.concatenate([t.position for t in toolpaths])
-        carried = Carried(search.base, names, centre_of(cell, positions, base=search.base))
-        return cls(cell, toolpaths, options, setup, tuple(build_path(t) for t in toolpaths), carried, standing)
+        frames = frames_of(cell)
+        carried = Carried(search.base, names, centre_of(cell, positions, base=search.base, frames=frames), frames)
+        cut = [stints_whole(cell, t) for t in toolpaths] if stints is None else stints
+        jobs = tuple(tuple(Task.of(stint, options) for stint in job) for job in cut)
+        return cls(cell, toolpaths, options, jobs, carried, standing)
+
+    @property
+    def free(self) -> bool:
+        """External joints may choose where they stand: bounds are over a grid of their values."""
+        return any(task.free for job in self.jobs for task in job)
 
     def outlooks(self, shift: Shift) -> tuple[Outlook, ...]:
         """One a job; none after the first that is not reached."""
-        cell = moved(self.setup.driven, self.carried, shift)
-        arm = Arm.of(cell, self.setup.arm.solver, load_machine(cell, self.setup.robot), self.options)
         out: list[Outlook] = []
-        for path in self.paths:
-            out.append(outlook(self.setup, arm, path, self.options))
-            if not out[-1].reached:
-                break
+        for job in self.jobs:
+            found: list[Outlook] = []
+            for task in job:
+                found.append(task.outlook(self.carried, shift, self.options))
+                if not found[-1].reached:
+                    return (*out, found[-1])
+            out.append(_of_tools(found, [task.length for task in job]))
         return tuple(out)
 
     def place(self, asked: Asked) -> Place:
@@ -104,27 +118,24 @@ class Site:
     def planned(self, place: Place) -> Planned:
         """Plan every job there, to its motion."""
         begun = time.perf_counter()
-        cell = moved(self.cell, self.carried, place.shift)
         worst, mean, cycle, softest = [], [], 0.0, []
-        for toolpath in self.toolpaths:
-            quiet = Timings()
-            one = plan(cell, toolpath, self.options, quiet)
-            timeline = motion_of(one, toolpath, self.options, quiet)
-            if timeline is None or timeline.trajectory is None:
-                why = f"no motion for {toolpath.source}: {_lost(one)}"
-                return Planned(place, why, seconds=time.perf_counter() - begun)
+        for toolpath, job in zip(self.toolpaths, self.jobs, strict=True):
+            stints = [task.stint for task in job]
+            one, seconds, why = planned_at(stints, self.carried, place.shift, self.options)
+            if why:
+                return Planned(place, f"no motion for {toolpath.source}: {why}", seconds=time.perf_counter() - begun)
             worst.append(one.chosen.objective.worst * one.scores.scale)
             mean.append(one.chosen.objective.mean * one.scores.scale)
-            cycle += float(timeline.trajectory.time[-1])
+            cycle += seconds
             softest.append(_softest(one))
-        job = int(np.argmax(worst))
+        hardest = int(np.argmax(worst))
         return Planned(
             place,
-            worst=worst[job],
+            worst=worst[hardest],
             mean=float(np.mean(mean)),
-            job=job,
-            point=softest[job][0],
-            shares=softest[job][1],
+            job=hardest,
+            point=softest[hardest][0],
+            shares=softest[hardest][1],
             cycle_time=cycle,
             seconds=time.perf_counter() - begun,
         )
@@ -250,26 +261,31 @@ def _around(site: Site, best: list[Place], search: Search, hands: Hands) -> dict
     return out
 
 
-def _softest(one: Plan) -> tuple[float, tuple[float, ...]]:
+def _of_tools(found: Sequence[Outlook], length: Sequence[float]) -> Outlook:
+    """One job of several tools: the worst of all, the mean by what each cuts."""
+    if len(found) == 1:
+        return found[0]
+    worst = max(found, key=lambda one: one.bound)
+    share = np.array(length) if sum(length) > 0 else np.ones(len(found))
+    mean = float(share @ [one.mean for one in found] / share.sum())
+    return Outlook(worst.bound, max(one.worst for one in found), mean, worst.point)
+
+
+def _softest(whole: Plan) -> tuple[float, tuple[float, ...]]:
     """Where the index is worst, as a toolpath index, and the share of it that would go if each joint were rigid."""
-    cost = np.where(one.path.counted, one.chosen.cost, -np.inf)
-    p = np.array([int(np.nanargmax(cost))])
+    cost = np.where(whole.path.counted, whole.chosen.cost, -np.inf)
+    at = int(np.nanargmax(cost))
+    one, row = whole.at(at)
+    p = np.array([row])
     q, elasticity, index = one.chosen.assignment.q[p], one.setup.elasticity, one.scores.index
-    whole = configuration_cost(elasticity, one.directions, p, q, index)[0]
+    all_of_it = configuration_cost(elasticity, one.directions, p, q, index)[0]
     shares = []
     for j in range(6):
         k = one.directions.k.copy()
         k[p, j] *= RIGID
         left = configuration_cost(elasticity, replace(one.directions, k=k), p, q, index)[0]
-        shares.append(float(1.0 - left / whole))
-    return float(one.path.index[p[0]]), tuple(shares)
-
-
-def _lost(one: Plan) -> str:
-    """The first reason why a plan is not driven."""
-    points = [f"point {one.path.index[p]:g}: {sentence}" for p, sentence in explain_points(one).items()]
-    breaks = [f"{b.where}: {b.text}" for b in all_breaks(one)]
-    return (*points, *breaks, "it could not be driven")[0]
+        shares.append(float(1.0 - left / all_of_it))
+    return float(whole.path.index[at]), tuple(shares)
 
 
 _REASONS = {

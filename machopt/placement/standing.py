@@ -8,7 +8,7 @@ on does not.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,23 +32,38 @@ PART, BASE = "workpiece", "base_link"
 
 @dataclass(frozen=True, eq=False)
 class Standing:
-    """The bodies that stand still, in world: the part's as one, those of base_link as one, and the obstacles."""
+    """The bodies that stand still, in world: the part's as one, those of base_link as one, and the obstacles.
+
+    External joints are at home, and each link of a rail or a positioner that has a body is one more.
+    """
 
     bodies: Mapping[str, tuple[Body, ...]]
-    T_world_base: Array  # the bodies' vertices are in base_link where the cell has it
+    T_world_base: Array  # the bodies' vertices are in base_link where the cell has it, all joints at zero
+    links: frozenset[str] = frozenset()  # of them, those of rails and positioners: they never move along
 
     @classmethod
     def of(cls, cell: Cell) -> Standing:
         robot, shapes = load_chain(cell)
         carriers = Carriers(cell, load_machine(cell, robot))
-        found: dict[str, list[Body]] = {}
+        machine, found, links = carriers.machine, dict[str, list[Body]](), set()
         for body in cell_bodies(cell, carriers):
             if body.kind in ("workpiece", "obstacle"):
                 found.setdefault(PART if body.kind == "workpiece" else body.name, []).append(body)
-        base = [s for s in shapes if s.link == 0]
-        if base:
-            found[BASE] = list(robot_bodies(carriers, tuple(base)))
-        return cls({name: tuple(b) for name, b in found.items()}, cell.T_world_base)
+        base = tuple(s for s in shapes if s.link == 0)
+        for shape, body in zip(base, robot_bodies(carriers, base), strict=True):
+            own = not machine.external or shape.part == cell.base_link
+            name = BASE if own else shape.part
+            links |= set() if own else {name}
+            found.setdefault(name, []).append(body)
+        if machine.external:
+            R, p = machine.links(np.append(np.zeros(6), cell.external_home)[None])
+            hall = machine.hall
+            back = R[0, hall].T
+            found = {
+                name: [_turned(b, back @ R[0, b.link], back @ (p[0, b.link] - p[0, hall])) for b in bodies]
+                for name, bodies in found.items()
+            }
+        return cls({name: tuple(b) for name, b in found.items()}, cell.T_world_base, frozenset(links))
 
     def holding(self, *, base: bool) -> frozenset[str]:
         """Obstacles that move along with the part (or with base_link).
@@ -58,7 +73,7 @@ class Standing:
         start, other = (BASE, PART) if base else (PART, BASE)
         graph = self._graph()
         lowest = {name: min(self._height(b) for b in bodies) for name, bodies in self.bodies.items()}
-        kept = set(graph) - {other} - graph.get(other, set()) | {start}
+        kept = set(graph) - self.links - {other} - graph.get(other, set()) | {start}
         while True:
             kept = _joined(graph, start, kept)
             stays = {m for m in kept - {start} for n in graph[m] - kept if lowest[n] > lowest[m] + LEVEL}
@@ -144,6 +159,12 @@ class Refusal:
                         if inside(b, there) or inside(a, here):
                             return f"{name} would stand in {other}"
         return ""
+
+
+def _turned(body: Body, R: Array, p: Array) -> Body:
+    """The body elsewhere; the spheres around it are not asked for here."""
+    vertices, centre = body.vertices @ R.T + p, R @ body.box_centre + p
+    return replace(body, vertices=vertices, box_rotation=R @ body.box_rotation, box_centre=centre)
 
 
 def _manager(bodies: Mapping[str, Iterable[Body]], T_world_base: Array) -> CollisionManager:

@@ -35,7 +35,7 @@ class Point:
         return (self.mean_index, self.cycle_time_s, self.joint_travel_deg, *room)
 
 
-def refuse(options: PlanOptions, tools: int = 1) -> None:
+def refuse(options: PlanOptions) -> None:
     """Refuse options that leave nothing to trade, or plans that cannot be compared.
 
     Raises:
@@ -48,8 +48,6 @@ def refuse(options: PlanOptions, tools: int = 1) -> None:
         wrong = "a compensated path is another in each plan; without --compensate the plans can be compared"
     elif options.allow_gaps:
         wrong = "with --allow-gaps each plan may cut other points; without it the plans can be compared"
-    elif tools > 1:
-        wrong = "plans of several tools are not compared; a file for each tool would work"
     if wrong:
         raise InputError(f"--front: {wrong}", file="options", where="front")
 

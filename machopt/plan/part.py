@@ -24,16 +24,21 @@ def rows_of(path: Path, runs: Sequence[int]) -> NDArray[np.intp]:
 def part_of(path: Path, runs: Sequence[int], stations: int) -> Path:
     """The path without its other runs, chosen at about so many stations; both ends of each run stay stations.
 
+    So do the places that are cut where they are few: of holes, every n-th station may never be one at the bottom.
     Weights and shares are then those within the part.
     """
     rows = rows_of(path, runs)
     size = [path.runs[k][1] - path.runs[k][0] + 1 for k in runs]
     ends = np.cumsum(size)
     own = np.flatnonzero(np.isin(rows, path.stations))
+    cuts = own[path.counted[rows[own]]]
+    if len(cuts) > stations and len(cuts) > 0.5 * len(own):  # spread with the others, as many as they are
+        cuts = cuts[:0]
     keep = np.unique(
         np.concatenate(
             [
-                own[np.unique(np.linspace(0, len(own) - 1, min(len(own), stations)).round().astype(int))],
+                _spread(own, stations),
+                cuts if len(cuts) <= stations else _spread(cuts, stations // 2),
                 ends - 1,
                 ends - np.array(size),
             ]
@@ -49,3 +54,8 @@ def part_of(path: Path, runs: Sequence[int], stations: int) -> Path:
         stations=keep.astype(np.int32),
         runs=tuple((int(b - n), int(b) - 1) for b, n in zip(ends, size, strict=True)),
     )
+
+
+def _spread(rows: NDArray[np.intp], count: int) -> NDArray[np.intp]:
+    """So many of them at most, evenly."""
+    return np.asarray(rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), count)).round().astype(int))])

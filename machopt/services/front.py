@@ -8,54 +8,43 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 
-from machopt.domain.cell import Cell
-from machopt.domain.options import PlanOptions
-from machopt.domain.toolpath import Toolpath
 from machopt.formats.tables import write_points_csv, write_trajectory_csv
-from machopt.plan.external import best_plan
 from machopt.plan.front import Point, measured, variants, weighed
-from machopt.plan.gaps import told
-from machopt.plan.made import Plan
-from machopt.plan.pipeline import as_driven
-from machopt.plan.points import point_results
+from machopt.plan.job import plan_job
 from machopt.plan.setup import Timings
-from machopt.plan.timeline import Timeline
 from machopt.recheck.folder import content_checks
+from machopt.services.load import Loaded
 from machopt.services.tell import tool_names
 
 FILE = "front.csv"
 HEAD = ("plan", "changed", "mean_index", "worst_index", "cycle_time_s", "joint_travel_deg", "clearance_mm")
-Motion = Callable[[Plan, Toolpath, PlanOptions, Timings], Timeline | None]
 
 
-def front(cell: Cell, toolpath: Toolpath, options: PlanOptions, own: Point, drive: Motion) -> list[Point]:
+def front(given: Loaded, own: Point) -> list[Point]:
     """The plan that was asked for, and every further one that can be driven and passes the checks.
 
     Args:
+        given: the job; where it changes tools each plan is one of all of them.
         own: what the plan asked for comes to.
-        drive: from a plan to its motion.
     """
     found = [own]
-    for name, changed, other in variants(options):
-        quiet = Timings()
-        the_plan = best_plan(cell, toolpath, other, quiet)
-        timeline = drive(the_plan, toolpath, other, quiet)
+    cell, toolpath = given.cell, given.toolpath
+    for name, changed, other in variants(given.options):
+        job = plan_job(given.stints, toolpath, other, Timings())
+        timeline = job.timeline
         if timeline is None or timeline.trajectory is None:
             continue
-        the_plan = told(as_driven(the_plan, timeline.phi), list(timeline.driven), timeline.given_up)
-        points = point_results(the_plan, toolpath)
         with tempfile.TemporaryDirectory() as text:
             folder = Path(text)
-            write_points_csv(folder / "points.csv", points.table)
+            write_points_csv(folder / "points.csv", job.points.table)
             labels, kinds = [o.label for o in toolpath.operations], cell.external_prismatic
             table = folder / "trajectory.csv"
-            write_trajectory_csv(table, timeline.trajectory, labels, kinds, tool_names(the_plan))
+            write_trajectory_csv(table, timeline.trajectory, labels, kinds, tool_names(job.plan))
             if not content_checks(cell, toolpath, folder, options=other, manifest=None).ok:
                 continue
-        found.append(measured(name, changed, the_plan, timeline, points))
+        found.append(measured(name, changed, job.plan, timeline, job.points))
     return weighed(found)
 
 

@@ -87,7 +87,7 @@ def prepared(cell: Cell, read: Callable[[], Toolpath], request: Request) -> Load
     cell = with_tools(cell, toolpath)
     stints = stints_of(cell, toolpath)
     if request.front:
-        refuse(options, len(stints))
+        refuse(options)
     refuse_fixed_beyond(toolpath, options)
     if not options.allow_gaps:
         refuse_wrong_unit(cell, toolpath, request.toolpath, stated="unit" in request.reading)

@@ -90,7 +90,7 @@ def sited(
     progress(f"going on with {notes.known} places that are known" if notes.known else "places")
     siting = find(site, request.search, notes, progress, crew)
     if not siting.best:  # a part out of reach as it stands is what placement may help; one out of reach anywhere is not
-        for file, reading, toolpath in zip(request.toolpaths, request.readings, toolpaths, strict=True):
+        for file, reading, toolpath in zip(request.toolpaths, request.readings, site.toolpaths, strict=True):
             refuse_wrong_unit(cell, toolpath, file, stated="unit" in reading)
     return Sited(request, site, siting)
 

@@ -14,11 +14,12 @@ from machopt.domain.toolpath import Toolpath
 from machopt.effects.own import in_use, with_effects
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
-from machopt.formats.toolchoice import with_tool
+from machopt.formats.setups import placed
+from machopt.formats.toolchoice import stints_of, with_tools
 from machopt.formats.toolpath import read_toolpath
 from machopt.placement.moved import refuse
 from machopt.placement.search import Site
-from machopt.services.knownrobot import known_robot
+from machopt.services.knownrobot import reading_of
 from machopt.services.place_asked import Request, refuse_options
 
 A = TypeVar("A")
@@ -33,9 +34,8 @@ def read(request: Request) -> tuple[Cell, tuple[Toolpath, ...]]:
         InputError: a file is wrong.
     """
     cell = load_cell(request.cell)
-    robot = known_robot(cell)
     pairs = zip(request.toolpaths, request.readings, strict=True)
-    return cell, tuple(read_toolpath(file, robot=robot, **reading) for file, reading in pairs)
+    return cell, tuple(read_toolpath(file, **reading_of(cell), **reading) for file, reading in pairs)
 
 
 def site_of(request: Request, cell: Cell, toolpaths: tuple[Toolpath, ...]) -> tuple[Site, PlanOptions]:
@@ -44,11 +44,12 @@ def site_of(request: Request, cell: Cell, toolpaths: tuple[Toolpath, ...]) -> tu
     Raises:
         InputError: the cell, an option or a range is wrong.
     """
-    cell = with_tool(cell, *toolpaths)
-    refuse(cell)
+    refuse(cell, base=request.search.base)
+    toolpaths = tuple(placed(toolpath, cell) for toolpath in toolpaths)
+    stints = [stints_of(with_tools(cell, toolpath), toolpath) for toolpath in toolpaths]
     options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
     refuse_options(options)
-    return Site.of(cell, toolpaths, options, request.search), options
+    return Site.of(cell, toolpaths, options, request.search, stints), options
 
 
 def answer(order: bytes, ask: Callable[[Any, A], B], item: A) -> B:

@@ -9,7 +9,6 @@ from pathlib import Path
 from machopt.domain.results.optimize import OptimizeResult
 from machopt.effects.own import in_use, with_effects
 from machopt.output import output_folder
-from machopt.plan.drive import motion_of
 from machopt.plan.front import measured
 from machopt.plan.mapped import mapped
 from machopt.plan.setup import Timings
@@ -75,7 +74,7 @@ def write(the_plan: Planned, folder: Path) -> Written:
     if given.front and timeline is not None and made.exit_code == 0:
         with timings.stage("front"):
             own = measured("as asked", "", made.plan, timeline, made.points)
-            made = replace(made, front=tuple(front(given.cell, given.toolpath, given.options, own, motion_of)))
+            made = replace(made, front=tuple(front(given, own)))
             write_front(folder / FRONT, list(made.front))
     with timings.stage("map"):
         shown = mapped(made.plan, given.map_all)

@@ -63,7 +63,7 @@ def result_of(
     return PlaceResult(
         machopt_place=1,
         version=__version__,
-        verdict=_verdict(siting, gain, code, edges(search, top)),
+        verdict=_verdict(siting, gain, code, edges(search, top), site.free),
         exit_code=0 if code == 0 else 3 if code == 3 else 4,
         inputs=inputs,
         cell=cell.name,
@@ -112,7 +112,7 @@ def edges(search: Search, top: Planned | None) -> tuple[str, ...]:
     return tuple(out)
 
 
-def _verdict(siting: Siting, gain: float, code: int, edge: tuple[str, ...]) -> str:
+def _verdict(siting: Siting, gain: float, code: int, edge: tuple[str, ...], of_grid: bool) -> str:
     if not siting.best:
         return f"infeasible: no plan at any of {len(siting.places)} places"
     if code:
@@ -125,6 +125,7 @@ def _verdict(siting: Siting, gain: float, code: int, edge: tuple[str, ...]) -> s
         text = f"best place: {top.place.shift.words}{less}"
     if siting.proven:
         text += f"; no other of the {len(siting.places)} places can be better"
+        text += ", by a grid of values of the external joints" if of_grid else ""
     else:
         rest = f" by {100 * (1 - siting.open_bound / top.worst):.1f} %" if np.isfinite(siting.open_bound) else ""
         text += f"; stopped {siting.stopped}, a place left out may be better{rest} at most"
@@ -138,7 +139,7 @@ def _told(site: Site, siting: Siting, one: Planned, base: float, done: Confirmed
         NearTold(
             moved=n.moved,
             worst=unit * n.worst,
-            change_percent=100 * (n.worst / one.place.worst - 1),
+            change_percent=100 * (n.worst / one.place.worst - 1) if one.place.worst > 0 else np.nan,
             refused=n.refused,
         )
         for n in siting.around.get(one.place.number, ())
