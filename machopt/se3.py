@@ -59,6 +59,14 @@ def skew(v: Array) -> Array:
     return K
 
 
+def moved_frame(points: Array, about: Array) -> Array:
+    """(N, 6, 6) how points (N, 3) and axes there move with a frame: per unit of a shift and of a turn about (3,)."""
+    out = np.zeros((len(points), 6, 6))
+    out[:] = np.eye(6)
+    out[:, :3, 3:] = -skew(points - about)
+    return out
+
+
 def normalise(v: Array) -> Array:
     """v / |v| along the last axis; zero vectors become NaN."""
     n = np.linalg.norm(v, axis=-1, keepdims=True)

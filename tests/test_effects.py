@@ -18,7 +18,7 @@ from machopt.diagnose.words import sentence
 from machopt.domain.kinematics import Kinematics
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Stiffness, Term
-from machopt.effects import compensator, coupling, creep, files, hysteresis, registry
+from machopt.effects import coupling, creep, files, hysteresis, registry
 from machopt.effects.corrections import entry, extended
 from machopt.effects.given import Parameters
 from machopt.effects.protocol import (
@@ -266,15 +266,19 @@ def test_kinematics_yaml_keeps_everything_and_verify_agrees(
     np.testing.assert_allclose(correction_of(twice).delta(q), 2.0 * expected, rtol=1e-12)  # type: ignore[union-attr]
 
 
-@pytest.mark.parametrize("law", compensator.EFFECT.beside, ids=lambda law: law.name)
-def test_springs_beside_a_gear_have_their_slope_and_verify_agrees(law: Beside) -> None:
+@pytest.mark.parametrize(
+    ("effect", "law"), [pytest.param(e, law, id=law.name) for e in registry.of_beside() for law in e.beside]
+)
+def test_springs_beside_a_gear_have_their_slope_and_verify_agrees(effect: Effect, law: Beside) -> None:
     """Central differences; batches are singles; of the one that files state, the verifier's stiffness, zeros too."""
-    effect, step = compensator.EFFECT, 1e-4
+    step = 1e-4
     for shape in (np.array(s) for s in law.grid()[:: max(len(law.grid()) // 5, 1)]):
         up, down = (law.torque(shape, ANGLES + s * step) for s in (1.0, -1.0))
         np.testing.assert_allclose((up - down) / (2 * step), law.slope(shape, ANGLES), atol=1e-6)
         np.testing.assert_array_equal(law.torque(shape, ANGLES[3:4])[0], law.torque(shape, ANGLES)[3])
         values = np.array([4e3, 3e4])
+        one, two = (next(iter(law.sizes(k * values).values())) for k in (1.0, 2.0))
+        assert two.value == pytest.approx(2.0 * one.value)
         stated = files.write(law, values, shape)
         found, form, _ = files.read(law, Parameters({k: v for k, v in stated.items() if k != "law"}, "terms[0]"))
         np.testing.assert_allclose(found, values, rtol=1e-14)

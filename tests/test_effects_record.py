@@ -21,17 +21,22 @@ LAWS = [pytest.param(e, law, id=f"{e.name} {law.name}") for e in registry.of_rec
 def seen() -> Recorded:
     rng = np.random.default_rng(0)
     axes, tool = (np.linalg.qr(rng.normal(size=(5, 3, 3)))[0] for _ in range(2))
-    return Recorded(rng.normal(size=(5, 6)) * 100.0, rng.normal(size=(5, 6)) * 1e-3, axes, tool)
+    wrench, moved = rng.normal(size=(5, 6)) * 100.0, rng.normal(size=(5, 6)) * 1e-3
+    return Recorded(wrench, moved, axes, tool, rng.normal(size=(5, 3)))
 
 
 @pytest.mark.parametrize(("effect", "law"), LAWS)
 def test_a_law_counts_each_reading_by_itself_and_its_size_grows(effect: Effect, law: RecordLaw) -> None:
     whole = seen()
+    assert whole.position is not None
     assert len(effect.places) == 1
     for shape in (np.array(s) for s in law.grid()):
         columns = law.columns(shape, whole)
         assert columns.shape == (5, 6, len(law.coefficients))
-        one = Recorded(whole.wrench[2:3], whole.displacement[2:3], whole.axes[2:3], whole.tool[2:3])
+        some = [2, 3]
+        middle = whole.position.mean(axis=0)  # a frame turns about the middle of the points
+        at = np.stack([whole.position[2], 2.0 * middle - whole.position[2]])
+        one = Recorded(whole.wrench[some], whole.displacement[some], whole.axes[some], whole.tool[some], at)
         np.testing.assert_allclose(law.columns(shape, one)[0], columns[2], rtol=1e-14, atol=1e-15)
         values = 1e-9 * np.arange(1.0, len(law.coefficients) + 1.0)
         one_size, two = (next(iter(law.sizes(k * values, shape).values())) for k in (1.0, 2.0))

@@ -16,7 +16,7 @@ import pinocchio as pin
 import pytest
 from test_cli import changed_cell, optimize, result
 
-from machopt.diagnose import at_body, at_joint, laws_compensator
+from machopt.diagnose import at_beside, at_body, at_joint
 from machopt.diagnose.problem import Hypothesis
 from machopt.diagnose.readings import Readings
 from machopt.domain.recording import Recording
@@ -281,7 +281,7 @@ def _readings() -> Readings:
 
 def _hypotheses(r: Readings) -> list[Hypothesis]:
     out = [
-        *laws_compensator.apparent(r),
+        *at_beside.in_load_tests(r),
         *at_joint.couplings(r),
         *at_body.hypotheses(r),
     ]

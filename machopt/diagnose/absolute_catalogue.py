@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.diagnose import at_body, at_flange, at_heat, at_joint, laws_environment, laws_geometry, laws_kinematic
+from machopt.diagnose import at_beside, at_body, at_flange, at_heat, at_joint, at_sensor, laws_geometry, laws_kinematic
 from machopt.diagnose.problem import Catalogue, Hypothesis, Problem, Untestable
 from machopt.diagnose.readings import Readings
 from machopt.effects import by_angle, registry
@@ -32,7 +32,7 @@ def catalogue(r: Readings, problem: Problem) -> Catalogue:
         *laws_kinematic.couplings(r),
         *laws_geometry.hypotheses(r, problem.base),
         *at_flange.at_rest(r),
-        *laws_environment.compensator(r),
+        *at_beside.in_poses(r),
         *at_heat.hypotheses(r),
         *at_body.hypotheses(r),
     ]
@@ -58,7 +58,7 @@ def catalogue(r: Readings, problem: Problem) -> Catalogue:
                     why = "weight keeps its torque on one side: it is a zero offset"
                     missing.append(Untestable(effect.name, where, why))
     if r.recording.registration == "fixed":
-        offered += laws_environment.frame(r)
+        offered += at_sensor.in_poses(r)
     kept = []
     for h in offered:
         if left(h.columns(h.shapes[len(h.shapes) // 2]), Q) > ABSORBED:

@@ -14,7 +14,7 @@ from machopt.diagnose.problem import Hypothesis, Quantity, Shape
 from machopt.diagnose.readings import Readings
 from machopt.effects import files, registry
 from machopt.effects.protocol import DriftLaw, Effect, Warming
-from machopt.se3 import skew
+from machopt.se3 import moved_frame
 
 FOREARM = (3, 4, 5, 6)  # bodies that one casting carries, and grow as one
 
@@ -97,7 +97,4 @@ def growth(r: Readings) -> Array:
 def stand(r: Readings) -> Array:
     """(N, D, 6) shift in m and turn in rad of the stand about the middle of the points."""
     p = r.state.T_base_tool[:, :3, 3]
-    out = np.zeros((len(r), 6, 6))
-    out[:] = np.eye(6)
-    out[:, :3, 3:] = -skew(p - p.mean(axis=0))
-    return out[:, : r.dimensions]
+    return moved_frame(p, p.mean(axis=0))[:, : r.dimensions]

@@ -1,4 +1,4 @@
-"""Effects on the record of a load test: each law of the registry, through the compliance found so far.
+"""Effects on the record of an arm at rest: each law of the registry, through the compliance found so far.
 
 Errors of the load act on the displacement through the arm: recorded w = acting w + error, hence
 δ = C (w_recorded − error).
@@ -20,7 +20,7 @@ NOTE = "in the record, not in the robot"
 
 
 def hypotheses(r: Readings) -> list[Hypothesis]:
-    """The laws of every effect on forces and displacements."""
+    """Those of a load test, on forces and displacements."""
     tool = r.state.T_base_tool[:, :3, :3]
     base = np.broadcast_to(np.eye(3), tool.shape)
     frames = {"wrench": r.recording.wrench_frame, "displacement": r.recording.displacement_frame}
@@ -28,7 +28,24 @@ def hypotheses(r: Readings) -> list[Hypothesis]:
         moves: Recorded(r.wrench, r.through(r.wrench), tool if frame == "tool" else base, tool)
         for moves, frame in frames.items()
     }
-    return [_hypothesis(r, e, law, seen[law.moves]) for e in registry.of_records() for law in e.recorded]
+    return [_hypothesis(r, e, law, seen[law.moves]) for e, law in _laws() if law.moves in seen]
+
+
+def in_poses(r: Readings) -> list[Hypothesis]:
+    """Those on the position of the TCP, where the record says in which frame it is."""
+    axes = np.broadcast_to(np.eye(3), (len(r), 3, 3))
+    seen = Recorded(
+        r.wrench,
+        np.zeros((len(r), r.dimensions)),
+        axes,
+        r.state.T_base_tool[:, :3, :3],
+        r.state.T_base_tool[:, :3, 3],
+    )
+    return [_hypothesis(r, e, law, seen) for e, law in _laws() if law.moves == "position"]
+
+
+def _laws() -> list[tuple[Effect, RecordLaw]]:
+    return [(e, law) for e in registry.of_records() for law in e.recorded]
 
 
 def _hypothesis(r: Readings, effect: Effect, law: RecordLaw, seen: Recorded) -> Hypothesis:
@@ -36,7 +53,7 @@ def _hypothesis(r: Readings, effect: Effect, law: RecordLaw, seen: Recorded) -> 
 
     def columns(shape: Shape) -> Array:
         more = law.columns(np.array(shape), seen)
-        if law.moves == "displacement":
+        if law.moves != "wrench":
             return more
         return np.stack([r.through(w) for w in np.moveaxis(more, 2, 0)], axis=2)
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
-from machopt.diagnose import at_body, at_heat, at_joint, at_sensor, laws_compensator, loads
+from machopt.diagnose import at_beside, at_body, at_heat, at_joint, at_sensor, loads
 from machopt.diagnose.problem import Catalogue, Family, Hypothesis, Problem, Unknown, Untestable
 from machopt.diagnose.readings import History, Readings
 from machopt.domain.parameters import joint_spring
@@ -146,7 +146,7 @@ def catalogue(r: Readings, curved: Array | None) -> Catalogue:
             out += laws
             if reason:
                 missing.append(Untestable(kind.name, f"joint:{j + 1}", reason))
-    out += laws_compensator.apparent(r)
+    out += at_beside.in_load_tests(r)
     out += [*at_joint.couplings(r), *at_body.hypotheses(r)]
     out += at_sensor.hypotheses(r)
     if curved is None:

@@ -1,4 +1,4 @@
-"""What joint torques show beside friction: a payload, a compensator, a clock, ripple of a gear, a springy joint."""
+"""What joint torques show beside friction and loads: ripple of a gear, a springy joint."""
 
 from __future__ import annotations
 
@@ -9,54 +9,14 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.diagnose.motion_frame import Scene, curve, joint_law
 from machopt.diagnose.problem import Correction, Curve, Hypothesis, Quantity, RecordCorrection, Shape
-from machopt.effects import files, registry
-from machopt.effects.compensator import EFFECT, HARMONIC, LINKAGE
+from machopt.effects import registry
 from machopt.effects.corrections import entry
 from machopt.effects.kinematic import WAVES, Waves
-from machopt.effects.protocol import Beside, Effect, Swinging, SwingLaw
+from machopt.effects.protocol import Effect, Swinging, SwingLaw
 from machopt.effects.waves import waves
 
 ORDERS = 60  # highest gear order per turn of a joint that is looked for
 TURNS = 1.5  # waves within the range of the joint, at least: fewer are no ripple
-
-
-def compensator(scene: Scene) -> list[Hypothesis]:
-    """A spring between two pins that helps joint 2: harmonic, or with the length of the spring."""
-    if scene.joints < 2 or not scene.moves(1) or scene.prismatic[1]:
-        return []
-    q = scene.motion.q[:, 1]
-
-    def law(name: str, equation: str, own: Beside) -> Hypothesis:
-        def signal(s: Shape) -> Array:
-            return own.torque(np.array(s), q)
-
-        def sizes(x: Array, s: Shape) -> Mapping[str, Quantity]:
-            pull = signal(s) @ x
-            # the offset of joint 2 hides a constant part: what varies is what is seen
-            return {
-                "variation": Quantity(float(np.ptp(pull)), "N·m"),
-                "peak_torque": Quantity(float(np.abs(pull).max()), "N·m"),
-            }
-
-        return joint_law(
-            scene,
-            1,
-            EFFECT.name,
-            name,
-            equation,
-            signal,
-            sizes,
-            own.grid(),
-            family="compensator",
-            curve=lambda x, s: curve(scene, np.degrees(q), signal(s) @ x, "joint 2 in degrees", "torque in N·m"),
-            note="with the angle of joint 2",
-            correction=lambda x, s: RecordCorrection(EFFECT.name, "joint:2", files.write(own, x, np.array(s))),
-        )
-
-    return [
-        law("harmonic", "τ₂ += a cos q₂ + b sin q₂: a spring with no length of its own", HARMONIC),
-        law("spring between two pins", "τ₂ += (F₀ + k s) ∂s/∂q₂, s² = a² + L² + 2 a L cos(α + q₂)", LINKAGE),
-    ]
 
 
 def orders(scene: Scene, joint: int) -> tuple[Shape, ...]:

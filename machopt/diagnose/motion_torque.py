@@ -14,11 +14,11 @@ from dataclasses import replace
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.diagnose import at_flange
+from machopt.diagnose import at_beside, at_flange
 from machopt.diagnose.motion_clock import clocks, valley
 from machopt.diagnose.motion_frame import Scene, one_joint
 from machopt.diagnose.motion_friction import Turn, breakaway, direction, friction, rest_of, turned
-from machopt.diagnose.motion_loads import compensator, ripple, springy
+from machopt.diagnose.motion_loads import ripple, springy
 from machopt.diagnose.problem import Catalogue, Family, Hypothesis, Ints, Problem, Unknown, Untestable
 from machopt.errors import InputError
 
@@ -58,7 +58,7 @@ def build(scene: Scene) -> tuple[Problem, Catalogue]:
     if np.abs(T).max() > 1e-9 and dynamics.tool_mass > 0:
         base = np.concatenate([base, T], axis=2)
         unknowns.append(Unknown("tool inertia", "kg·m²", location="tool"))
-    rivals = np.concatenate([P, *(h.columns(h.shapes[0]) for h in compensator(scene)[:1])], axis=2)
+    rivals = np.concatenate([P, *(h.columns(h.shapes[0]) for h in at_beside.in_torques(scene)[:1])], axis=2)
     if n > 1 and _links_off(y, base, rivals, L, m.group):
         base = np.concatenate([base, L], axis=2)
         unknowns += [
@@ -224,7 +224,7 @@ def _catalogue(scene: Scene, P: Array, paths: list[Turn], best: float, rough: Ca
     untestable: list[Untestable] = []
     if n > 1:
         out += at_flange.in_motion(scene, P)
-        out += compensator(scene)
+        out += at_beside.in_torques(scene)
     else:
         untestable.append(Untestable("payload", "tool", "one joint cannot tell a payload from its own inertia"))
 

@@ -6,12 +6,13 @@ the ratio a/L; F₀ L and k L² are torques (Klimchik et al. arXiv 1311.6810).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.effects.protocol import DEGREE, Effect, Parameter, Shape
+from machopt.effects.protocol import DEGREE, Effect, Parameter, Quantity, Shape
 from machopt.effects.waves import waves
 
 RATIOS = (0.15, 0.35, 0.7)  # a/L that are tried
@@ -23,6 +24,8 @@ class Linkage:
     """Coefficients F₀ L and k L², shape a/L and α."""
 
     name = "spring between two pivots"
+    equation = "τ = −(F₀ + k s) ds/dq, s² = a² + L² + 2aL cos(α + q₂) (Klimchik et al. arXiv 1311.6810)"
+    penalty = 4.0
     word = ""
     remembers = False
     coefficients = (
@@ -39,6 +42,10 @@ class Linkage:
         s, ds, dds = _distance(shape, angle)
         return np.stack([-dds, -(ds**2 + s * dds)], axis=-1)
 
+    def sizes(self, values: Array) -> Mapping[str, Quantity]:
+        force, rate = (float(v) for v in values)
+        return {"force_times_length": Quantity(force, "N·m"), "rate_times_length_squared": Quantity(rate, "N·m")}
+
     def grid(self) -> tuple[Shape, ...]:
         return tuple((a, b) for a in RATIOS for b in ANGLES)
 
@@ -48,6 +55,8 @@ class Harmonic:
     """A cos q + B sin q: a spring with no length of its own, or a weight."""
 
     name = "first harmonics"
+    equation = "τ = A cos q₂ + B sin q₂ (Klimchik et al. arXiv 1311.6810)"
+    penalty = 0.0
     word = "harmonic"
     remembers = False
     coefficients = (Parameter(key="cos_Nm", unit="N·m"), Parameter(key="sin_Nm", unit="N·m"))
@@ -58,6 +67,9 @@ class Harmonic:
 
     def slope(self, shape: Array, angle: Array) -> Array:
         return waves(angle, (1,), 1)
+
+    def sizes(self, values: Array) -> Mapping[str, Quantity]:
+        return {"cos": Quantity(float(values[0]), "N·m"), "sin": Quantity(float(values[1]), "N·m")}
 
     def grid(self) -> tuple[Shape, ...]:
         return ((),)

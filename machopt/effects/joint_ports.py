@@ -138,12 +138,26 @@ class Beside(Stated, Protocol):
     @property
     def name(self) -> str: ...
 
+    @property
+    def equation(self) -> str:
+        """With its source."""
+        ...
+
+    @property
+    def penalty(self) -> float:
+        """Gain beyond that of its coefficients that it must bring at rest: flexible enough to fit much."""
+        ...
+
     def torque(self, shape: Array, angle: Array) -> Array:
         """(..., P) N·m per unit of each coefficient at angles (...,) rad."""
         ...
 
     def slope(self, shape: Array, angle: Array) -> Array:
         """(..., P) its derivative by the angle; what it takes from the stiffness of the gear."""
+        ...
+
+    def sizes(self, values: Array) -> Mapping[str, Quantity]:
+        """The coefficients in numbers of the trade."""
         ...
 
     def grid(self) -> tuple[Shape, ...]:

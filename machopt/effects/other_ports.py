@@ -100,12 +100,13 @@ Reader = Callable[[Parameters, Body], tuple[BodyLaw, Array, Array, Body]]
 
 @dataclass(frozen=True)
 class Recorded:
-    """What a load test records in K readings, as far as sensors may have it wrong. base_link axes."""
+    """What K readings at rest record, as far as sensors may have it wrong. base_link axes."""
 
     wrench: Array  # (K, 6) N, N·m at the TCP
     displacement: Array  # (K, D) m, rad of the TCP, as predicted so far
     axes: Array  # (K, 3, 3) of the sensor, its axes in columns
     tool: Array  # (K, 3, 3) of the tool
+    position: Array | None = None  # (K, 3) m of the TCP in measured poses; None: a load test
 
 
 class RecordLaw(Stated, Protocol):
@@ -121,11 +122,11 @@ class RecordLaw(Stated, Protocol):
 
     @property
     def moves(self) -> str:
-        """What it changes: "wrench", which acts through the arm, or "displacement"."""
+        """What it changes: "wrench", which acts through the arm, "displacement", or "position" of measured poses."""
         ...
 
     def columns(self, shape: Array, seen: Recorded) -> Array:
-        """(K, 6, P) N, N·m or (K, D, P) m, rad per unit of each coefficient."""
+        """(K, 6, P) N, N·m, of others (K, D, P) m, rad, per unit of each coefficient."""
         ...
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:

@@ -108,6 +108,11 @@ def of_joint_pairs() -> tuple[Effect, ...]:
     return tuple(e for e in EFFECTS.values() if e.laws and e.paired)
 
 
+def of_beside(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
+    """Those that put a torque on a joint beside its gear."""
+    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.beside)
+
+
 def of_bodies(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
     """Those that give way under the wrench that a body bears, in the order in which a search tries them."""
     return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.gives)

@@ -14,6 +14,7 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.effects.protocol import DEGREE, Effect, Parameter, Quantity, Recorded, Shape
+from machopt.se3 import moved_frame
 
 FORCE = "sensor:force"
 XYZ = "xyz"
@@ -141,6 +142,26 @@ class Askew(_Law):
         return {"angle": Quantity(float(np.degrees(np.linalg.norm(values))), "deg")}
 
 
+@dataclass(frozen=True)
+class Stands(_Law):
+    """The tracker stands elsewhere in base_link than the record says, by a shift and a small turn."""
+
+    name = "the tracker's frame stands elsewhere"
+    equation = "p = T p_recorded, T a shift and a small turn about the middle of the points"
+    moves = "position"
+    coefficients = (*_along("shift", "m", 1e-3), *_along("about", "rad", DEGREE))
+
+    def columns(self, shape: Array, seen: Recorded) -> Array:
+        assert seen.position is not None  # of poses
+        return moved_frame(seen.position, seen.position.mean(axis=0))[:, : seen.displacement.shape[1]]
+
+    def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        return {
+            "angle": Quantity(float(np.degrees(np.linalg.norm(values[3:]))), "deg"),
+            "shift": Quantity(1e3 * float(np.linalg.norm(values[:3])), "mm"),
+        }
+
+
 def _vector(name: str, x: Array, unit: str) -> dict[str, Quantity]:
     return {f"{name}_{a}": Quantity(float(v), unit) for a, v in zip(XYZ, x, strict=True)}
 
@@ -184,7 +205,7 @@ DISPLACEMENT = Effect(
     sentence="The measured displacements are turned against the recorded frame.",
     port="record",
     places=("sensor:displacement",),
-    recorded=(Turned("displacement"),),
+    recorded=(Turned("displacement"), Stands()),
     plausible={"deg": 25.0},
 )
 

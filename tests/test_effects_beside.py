@@ -1,0 +1,83 @@
+"""A torque beside a gear that is added by one file and one line, seen by each channel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_diagnose_motion import arm, excited, recorded
+from test_effects import load_test
+
+from machopt.arrays import Array
+from machopt.diagnose import at_beside, motion
+from machopt.diagnose.readings import Readings
+from machopt.domain.stiffness import Term
+from machopt.effects import registry
+from machopt.effects.protocol import Parameter, Quantity, Shape
+from machopt.model.rigid import load_dynamics
+
+
+@dataclass(frozen=True)
+class Hose:
+    """A hose wound about joint 1: τ = −k q."""
+
+    name = "hose"
+    equation = "τ = −k q"
+    penalty = 0.0
+    word = ""
+    remembers = False
+    coefficients = (Parameter(key="rate_Nm_per_rad", unit="N·m/rad"),)
+    shape: tuple[Parameter, ...] = ()
+
+    def torque(self, shape: Array, angle: Array) -> Array:
+        return np.asarray(-angle[..., None])
+
+    def slope(self, shape: Array, angle: Array) -> Array:
+        return np.full((*np.shape(angle), 1), -1.0)
+
+    def sizes(self, values: Array) -> Mapping[str, Quantity]:
+        return {"rate": Quantity(float(values[0]), "N·m/rad")}
+
+    def grid(self) -> tuple[Shape, ...]:
+        return ((),)
+
+
+def test_one_file_and_one_line_add_a_spring_beside_a_gear(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    toy = replace(registry.EFFECTS["gravity_compensator"], name="hose", places=("joint:1",), beside=(Hose(),))
+    monkeypatch.setattr(registry, "EFFECTS", registry.registry((*registry.LISTED, toy)))
+    r, _ = load_test()
+    ((poses,), (loads,)) = (
+        [h for h in of(r) if h.effect == toy.name] for of in (at_beside.in_poses, at_beside.in_load_tests)
+    )
+    assert poses.location == loads.location == "joint:1"
+    bent = -r.compliance[0] * r.state.q[:, :1] * r.state.J[:, :, 0]
+    np.testing.assert_allclose(poses.columns(())[:, :, 0], bent, rtol=1e-14, atol=1e-20)
+    assert loads.correction(np.array([50.0]), ()) == Term(toy.name, "joint:1", {"rate_Nm_per_rad": 50.0})
+    # a spring beside the gear: 1/(k + 1) in place of 1/k under load, and the lever arms at the bent rest
+    rate, step, c = 1.0, 1e-4, r.compliance.copy()
+    straight = c[0] * r.load_torque[:, 0]
+    c[0] = 1.0 / (1.0 / c[0] + rate)
+    bent_rest = r.robot.state(r.state.q - step * bent_of(r), r.T_flange_tcp)
+    stiffened = (c[0] * r.load_torque[:, 0] - straight)[:, None] * r.state.J[:, :, 0]
+    A = [np.einsum("nci,i,nki,nk->nc", s.J, r.compliance, s.J, r.wrench) for s in (bent_rest, r.state)]
+    levers = (A[0] - A[1]) / step
+    np.testing.assert_allclose(loads.columns(())[:, :, 0], stiffened + levers, rtol=2e-3, atol=1e-12)
+
+    cell = arm(tmp_path, 2, tool=5.0)
+    t, q, v, a = excited(2, np.random.default_rng(1))
+    record = recorded(t, q, v, load_dynamics(cell).torque(q, v, a))
+    _, catalogue, *_ = motion.build(record, cell, "torque", np.random.default_rng(0))
+    (torque,) = (h for h in catalogue.hypotheses if h.effect == toy.name)
+    assert np.abs(torque.columns(())[:, 0]).max() > 0.0
+    assert not torque.columns(())[:, 1].any()
+
+
+def bent_of(r: Readings) -> Array:
+    """(N, 6) rad that the hose bends joint 1 by, per N·m/rad; minus."""
+    q = r.state.q
+    out = np.zeros_like(q)
+    out[:, 0] = r.compliance[0] * q[:, 0]
+    return out
