@@ -151,6 +151,13 @@ def test_a_point_dragged_on_the_map_is_pinned_planned_and_saved(tmp_path: Path) 
         while not (tmp_path / "plan.yaml").is_file():
             assert time.monotonic() < end
             time.sleep(0.1)
+        while "Verification passed" not in (told := browser.script("document.getElementById('told').textContent")):
+            assert time.monotonic() < end + 60, told
+            time.sleep(0.2)
+        assert "machopt optimize" in told
+        found = browser.script("[...document.querySelectorAll('#verified tbody tr')].map(r => r.cells[1].textContent)")
+        assert len(found) > 20
+        assert set(found) <= {"passed", "not run"}
         browser.script("[...document.querySelectorAll('.bodies input')].forEach(e => e.click())")
         assert browser.complaints == []
         assert {r.split("/")[2] for r in browser.requests if not r.startswith(("data:", "blob:"))} == {

@@ -28,8 +28,8 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         type=Path,
         nargs="+",
         metavar="OUT | CELL [TOOLPATH]",
-        help="an output folder of optimize, or a cell, to look at; with a toolpath (CELL TOOLPATH or OUT CELL "
-        "TOOLPATH) it is planned and can be steered",
+        help="an output folder of optimize (its cell and toolpath are found by their hashes, or given behind it), or a "
+        "cell to look at; with a toolpath it is planned and can be steered",
     )
     share(p, "--plan")
     share(p, "--set")
@@ -39,6 +39,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         "--save", type=Path, default=Path("plan.yaml"), metavar="FILE", help="where the page saves the plan (plan.yaml)"
     )
     p.add_argument("--open", action="store_true", help="open the page in the browser of the system")
+    p.add_argument("--as-it-is", action="store_true", help="of OUT: show the report, plan nothing")
     add_effects(p)
     p.set_defaults(run=_view)
 
@@ -58,7 +59,7 @@ def _view(args: argparse.Namespace) -> int:
         allow_external=args.allow_external,
         effects=tuple(args.effects),
     )
-    asked = Asked(tuple(args.places), request, args.save, _words(args), args.port)
+    asked = Asked(tuple(args.places), request, args.save, _words(args), args.port, args.as_it_is)
     told_of_effects(args)
     with in_use(with_effects(request.effects)):
         show = not (args.quiet or args.json)

@@ -61,12 +61,16 @@ def optimize_manifest(
         exit_code=0,
         versions=versions(),
         inputs=distinct((*cell_inputs(cell), *named)),
-        options=options_as_user(options),
         reading=reading_as_user(reading),
         program_tolerance_mm=float(f"{1e3 * tolerance.position:.12g}"),
-        checked=scope.checked(options),
-        unchecked=scope.unchecked(cell, options, toolpath),
+        **under(cell, options, toolpath),
     )
+
+
+def under(cell: Cell, options: PlanOptions, toolpath: Toolpath) -> dict[str, Any]:
+    """What a manifest says of the options in force, by its fields: they change where a plan is steered."""
+    checked, unchecked = scope.checked(options), scope.unchecked(cell, options, toolpath)
+    return {"options": options_as_user(options), "checked": checked, "unchecked": unchecked}
 
 
 def write_command_manifest(

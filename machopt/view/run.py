@@ -14,10 +14,11 @@ from machopt.formats.reading import reading_from_user
 from machopt.output.manifest import MANIFEST, read_manifest
 from machopt.report.cell_page import cell_html
 from machopt.services.load import Request, load
+from machopt.view.origin import changed, origin_of
 from machopt.view.server import Server
 from machopt.view.session import Session
 
-ACTIONS = ("plan", "back", "save")
+ACTIONS = ("plan", "back", "save", "verify")
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,7 @@ class Asked:
     save: Path  # where the plan file goes
     words: tuple[str, ...] = ()  # of the reading options, for the command that plans the same
     port: int = 0
+    as_it_is: bool = False  # a report is shown, not planned anew
 
 
 def serve(asked: Asked, say: Callable[[str], None], progress: Callable[[str], None]) -> Server:
@@ -40,19 +42,19 @@ def serve(asked: Asked, say: Callable[[str], None], progress: Callable[[str], No
     places = list(asked.places)
     out = places.pop(0) if (places[0] / MANIFEST).is_file() else None
     if out is not None and not places:
-        page = out / "report.html"
-        if not page.is_file():
-            raise InputError("holds no report.html; an output folder of optimize would work", file=out)
-        text = page.read_text(encoding="utf-8")
-        say("a report by itself; with its cell and toolpath (machopt view OUT CELL TOOLPATH) it can be steered")
-        return _fixed(text, asked.port)
+        places = [] if asked.as_it_is else _found(out, say)
+        if not places:
+            return _report(out, asked.port)
     if len(places) == 1:
         cell = load_cell(places[0], allow_external=asked.request.allow_external)
         say("a cell by itself; with a toolpath (machopt view CELL TOOLPATH) it is planned and can be steered")
         return _fixed(cell_html(cell), asked.port)
     if len(places) != 2:
         raise InputError("too many places; OUT, CELL, CELL TOOLPATH or OUT CELL TOOLPATH would work", where="view")
-    session = Session.begun(load(_request(asked, out, *places)), asked.save, _words(asked, *places), progress)
+    given = load(_request(asked, out, *places))
+    if out is not None and (other := changed(read_manifest(out)[0].inputs, given.manifest.inputs)):
+        say(f"{', '.join(other)} changed since {out} was made: the plan is that of today's files")
+    session = Session.begun(given, asked.save, _words(asked, *places), progress)
     return Server(session.html, Acting(session).act, ACTIONS, asked.port)
 
 
@@ -71,10 +73,35 @@ class Acting:
             if what == "back":
                 self.session.back()
                 return {"told": self.session.told, "good": self.session.good, "shown": True}
+            if what == "verify":
+                return self.session.verified(progress)
             command = self.session.save()
             return {"told": f"Saved {self.session.file}: {command}", "good": True, "saved": True}
         except InputError as problem:
             return {"told": problem.reason, "good": False, "shown": False}
+
+
+def _found(out: Path, say: Callable[[str], None]) -> list[Path]:
+    """Cell and toolpath of an output folder where both can be found, else nothing and what to give."""
+    manifest = read_manifest(out)[0]
+    if manifest.command != "optimize":
+        return []
+    origin = origin_of(out, manifest, [Path.cwd()])
+    if origin.cell is None or origin.toolpath is None:
+        say(
+            f"a report by itself: no file around {out} has the hash of its {' and its '.join(origin.missing)}; "
+            "machopt view OUT CELL TOOLPATH steers it"
+        )
+        return []
+    say(f"steering {origin.cell} with {origin.toolpath}, found by their hashes; --as-it-is only shows the report")
+    return [origin.cell, origin.toolpath]
+
+
+def _report(out: Path, port: int) -> Server:
+    page = out / "report.html"
+    if not page.is_file():
+        raise InputError("holds no report.html; an output folder of optimize would work", file=out)
+    return _fixed(page.read_text(encoding="utf-8"), port)
 
 
 def _fixed(text: str, port: int) -> Server:

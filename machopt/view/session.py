@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -19,14 +20,17 @@ from machopt.plan.conflict import whole
 from machopt.plan.explain import all_breaks
 from machopt.plan.mapped import mapped
 from machopt.plan.setup import Progress, Timings
-from machopt.report.gather.optimize import report_data
+from machopt.report.gather.optimize import measured, report_data
 from machopt.report.page import report_html
 from machopt.report.steering import Axis, Steering
 from machopt.services.inputs import hashes_of
 from machopt.services.load import Loaded
+from machopt.services.manifest import under
 from machopt.services.planned import Planned, planned
+from machopt.services.run import write
 from machopt.view.compare import compared
 
+_PASSED = {True: "passed", False: "FAILED", None: "not run"}
 KEYS = ("fixed", "steer", "external")  # of a plan file, that the page may set
 
 
@@ -67,7 +71,9 @@ class Session:
         options = self._options(wishes)
         old = self.now.made.plan
         lends = old if old.compensation is None else None  # its path is another one
-        made = planned(replace(self.given, options=options), Timings(progress=progress), lends)
+        given = self.given
+        manifest = replace(given.manifest, **under(given.cell, options, given.toolpath))
+        made = planned(replace(given, options=options, manifest=manifest), Timings(progress=progress), lends)
         told, good = _outcome(made)
         if self.good and not good:
             return told, False
@@ -87,6 +93,31 @@ class Session:
         except OSError as problem:
             raise InputError(f"cannot be written: {problem.strerror}", file=self.file) from None
         return self.command
+
+    def verified(self, progress: Progress) -> dict[str, Any]:
+        """Write the plan shown to a folder of its own, programs included, and hold it against cell and toolpath.
+
+        The checks share no code with the planner. The folder is gone afterwards.
+
+        Returns:
+            what the page shows: a sentence, whether all is well, and every check.
+        """
+        with TemporaryDirectory(prefix="machopt-view-") as place:
+            timed = replace(self.now, timings=Timings(progress=progress))
+            found = write(replace(timed, given=replace(self.now.given, front=False)), Path(place)).verification
+        if found is None:
+            return {"told": "There is no motion to verify.", "good": False}
+        rows = [
+            [c.name, _PASSED[c.passed], measured(c.value, c.unit), measured(c.limit, c.unit), c.where]
+            for c in found.checks
+        ]
+        good, bad = sum(c.passed is True for c in found.checks), [c.name for c in found.failed]
+        told = f"Verification passed: {good} checks of every file that optimize would write."
+        if bad:
+            told = f"VERIFICATION FAILED: {', '.join(bad)}."
+        if left := [c.name for c in found.checks if c.passed is None]:
+            told += f" Not run: {', '.join(left)}."
+        return {"told": told, "good": not bad, "checks": rows}
 
     @property
     def command(self) -> str:

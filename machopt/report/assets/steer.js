@@ -59,7 +59,7 @@ function steerPlan(data) {
     by("replan").disabled = busy;
     by("back").disabled = busy || !spec.before;
     by("clear").disabled = busy || !all.length;
-    by("save").disabled = busy || changed;
+    by("save").disabled = by("verify").disabled = busy || changed;
     by("save").title = changed ? "Plan anew first: the file holds the plan that is shown" : "";
   }
 
@@ -192,20 +192,40 @@ function steerPlan(data) {
     return answer.json();
   }
 
+  // Every check of what would be written, those that failed first.
+  function checked(answer) {
+    const host = by("verified"), rank = { FAILED: 0, "not run": 1, passed: 2 };
+    host.replaceChildren();
+    const folded = make("details", "", host), title = make("summary", "", folded, `${answer.good ? "Verified" : "Not verified"}: the plan shown `);
+    make("span", "", title, `(${answer.checks.length} checks)`);
+    folded.open = !answer.good;
+    const box = make("div", "scroll", folded), table = make("table", "", box), head = make("tr", "", make("thead", "", table)), body = make("tbody", "", table);
+    box.tabIndex = 0; box.setAttribute("role", "group"); box.setAttribute("aria-label", "Checks");
+    for (const name of ["Check", "Result", "Found", "Allowed", "Where"]) make("th", "", head, name);
+    for (const row of [...answer.checks].sort((a, b) => rank[a[1]] - rank[b[1]])) {
+      const tr = make("tr", "", body);
+      row.forEach((text, n) => make("td", n === 1 ? { passed: "pass", FAILED: "fail" }[text] || "none" : "", tr, text));
+    }
+  }
+
   async function sent(what, body, doing) {
+    let saved = "";
     busy = true; show(); say(doing, null);
     const clock = setInterval(async () => { try { const p = await ask("progress"); if (busy && p.stage) say(`${doing} ${p.stage}, ${p.seconds.toFixed(0)} s`, null); } catch { /* told by what was sent */ } }, 700);
     try {
       const answer = await ask(what, body);
       say(answer.told, answer.good);
       if (answer.shown) { sessionStorage.setItem("at", String(window.scrollY)); location.reload(); return; }
-      if (answer.saved) changed = false;
+      if (answer.checks) checked(answer);
+      if (answer.saved) { changed = false; saved = answer.told; }
     } catch { say("The planner does not answer; machopt view may have been ended.", false); } finally { clearInterval(clock); busy = false; show(); }
+    if (saved) { await sent("verify", {}, "Verifying:"); say(`${by("told").textContent} ${saved}`, by("told").className === "pass"); }
   }
 
   by("replan").onclick = () => sent("plan", state, "Planning:");
   by("back").onclick = () => sent("back", {}, "Going back:");
   by("save").onclick = () => sent("save", {}, "Saving:");
+  by("verify").onclick = () => sent("verify", {}, "Verifying:");
   by("clear").onclick = () => { state.fixed = []; state.steer = []; for (const own of Object.values(state.external)) { delete own.at_operations_mm; delete own.at_operations_deg; } touch(); };
   fields();
   show();
