@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -93,10 +93,17 @@ def transition(
     return float(travel + w.rotation / np.pi * share * steps * 2 * np.pi / n + w.feed * late / path.time[-1])
 
 
-def every_sequence(
-    path: Path, candidates: Candidates, scores: Scores, options: PlanOptions
-) -> Iterator[tuple[float, float, list[Vertex]]]:
-    """(price without the worst index, worst index, sequence) of every allowed sequence, depth first."""
+@dataclass(frozen=True)
+class Priced:
+    """What vertices and steps of a problem cost: each is asked for once, though a million sequences share it."""
+
+    vertices: list[list[Vertex]]  # of each station
+    node: Callable[[int, Vertex], float]  # price without the worst index
+    step: Callable[[int, Vertex, Vertex], float]  # infinite where the rules forbid it
+    index: Callable[[int, Vertex], float]  # nothing where it does not count
+
+
+def priced(path: Path, candidates: Candidates, scores: Scores, options: PlanOptions) -> Priced:
     window, seconds = _windows(path, candidates, float(VELOCITY.min()))
     counted = path.counted[path.stations]
     gamma = wrap(candidates.phi[None] + path.offset[path.stations][:, None])
@@ -108,7 +115,7 @@ def every_sequence(
         liked = options.preferred_weight * (1.0 - np.cos(gamma - options.preferred_rotation)) / 2.0
         price[counted] = liked[counted] * weight[counted, None]
 
-    @cache  # a million sequences share a few hundred vertices and steps
+    @cache
     def node(s: int, v: Vertex) -> float:
         share = weight[s]
         return float(options.weights.mean * scores.cost[s, v[0], v[1]] / scores.scale * share + price[s, v[0]])
@@ -119,19 +126,45 @@ def every_sequence(
 
     @cache
     def index(s: int, v: Vertex) -> float:
-        return float(scores.cost[s, v[0], v[1]] / scores.scale)
+        return float(scores.cost[s, v[0], v[1]] / scores.scale) if counted[s] else 0.0
+
+    return Priced(vertices, node, step, index)
+
+
+def every_sequence(
+    path: Path, candidates: Candidates, scores: Scores, options: PlanOptions
+) -> Iterator[tuple[float, float, list[Vertex]]]:
+    """(price without the worst index, worst index, sequence) of every allowed sequence, depth first."""
+    p = priced(path, candidates, scores, options)
 
     def go(s: int, before: list[Vertex], total: float, worst: float) -> Iterator[tuple[float, float, list[Vertex]]]:
-        if s == S:
+        if s == len(p.vertices):
             yield total, worst, before
             return
-        for v in vertices[s]:
-            price_of_step = 0.0 if s == 0 else step(s, before[-1], v)
+        for v in p.vertices[s]:
+            price_of_step = 0.0 if s == 0 else p.step(s, before[-1], v)
             if np.isfinite(price_of_step):
-                high = max(worst, index(s, v)) if counted[s] else worst
-                yield from go(s + 1, [*before, v], total + price_of_step + node(s, v), high)
+                high = max(worst, p.index(s, v))
+                yield from go(s + 1, [*before, v], total + price_of_step + p.node(s, v), high)
 
     return go(0, [], 0.0, 0.0)
+
+
+def every_price(
+    path: Path, candidates: Candidates, scores: Scores, options: PlanOptions
+) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) price without the worst index and (N,) worst index of the same sequences, all of a length at a time."""
+    p = priced(path, candidates, scores, options)
+    last, total, worst = np.zeros(1, int), np.zeros(1), np.zeros(1)  # which vertex each sequence has come to
+    for s, here in enumerate(p.vertices):
+        before = p.vertices[s - 1] if s else [(0, 0, 0)]
+        steps = np.array([[p.step(s, a, b) if s else 0.0 for b in here] for a in before]).reshape(
+            len(before), len(here)
+        )
+        at, to = np.nonzero(np.isfinite(steps)[last])
+        node, index = (np.array([of(s, v) for v in here]) for of in (p.node, p.index))
+        last, total, worst = to, total[at] + steps[last[at], to] + node[to], np.maximum(worst[at], index[to])
+    return total, worst
 
 
 def sequence(choice: Choice) -> list[Vertex]:
@@ -145,6 +178,15 @@ def price_of(
 
 
 # --- against every sequence --------------------------------------------------------------------------------
+
+
+def test_sequences_one_by_one_and_all_at_once_have_the_same_prices() -> None:
+    path, candidates, scores = random_problem(2)
+    options = PlanOptions(weights=Weights(travel=0.3, rotation=0.4), preferred_rotation=0.5)
+    total, worst = every_price(path, candidates, scores, options)
+    one_by_one = [(t, w) for t, w, _ in every_sequence(path, candidates, scores, options)]
+    assert len(one_by_one) > 1000
+    np.testing.assert_allclose(np.transpose([total, worst]), one_by_one, rtol=1e-14)
 
 
 @pytest.mark.parametrize("seed", range(8))
