@@ -6,7 +6,8 @@
 # make coverage  all tests, counting branches: fails where a package of tests/branches.py falls below its floor
 # make lowest  the quick tests on the lowest versions that pyproject.toml allows, in .venv-lowest
 # make nightly all tests with twenty times as many examples of each property, drawn anew
-# make slow    all tests once, one process, to write tests/slow.txt anew: which tests `quick` leaves out, what goes first
+# make slow    all tests once, one process, to write tests/slow.txt and seconds.txt anew: what `quick` leaves out, what
+#              goes first
 PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
@@ -29,23 +30,23 @@ unexport PYTHONDONTWRITEBYTECODE
 run: $(VENV)/.installed
 	$(BIN)/machopt optimize $(CELL) $(PATHS) -o $(OUT)
 
-quick: $(VENV)/.installed-dev
+quick: $(VENV)/.compiled
 	$(PYTEST) -m 'not slow and not proof'
 
-test: $(VENV)/.installed-dev
+test: $(VENV)/.compiled
 	$(PYTEST) -m 'not proof'
 
-proofs: $(VENV)/.installed-dev
+proofs: $(VENV)/.compiled
 	$(PYTEST) -m proof
 
-coverage: $(VENV)/.installed-dev
+coverage: $(VENV)/.compiled
 	$(PYTEST) -m 'not proof' --cov --cov-report=
 	$(BIN)/python tests/branches.py
 
-nightly: $(VENV)/.installed-dev
+nightly: $(VENV)/.compiled
 	HYPOTHESIS_PROFILE=nightly $(PYTEST) -m 'not proof'
 
-slow: $(VENV)/.installed-dev
+slow: $(VENV)/.compiled
 	$(BIN)/python -m pytest -n 0 --record-slow -m 'not proof'
 
 lowest:
@@ -80,4 +81,12 @@ $(VENV)/.installed: $(VENV)/.python .requirements.lock $(SOURCES)
 $(VENV)/.installed-dev: $(VENV)/.python $(TEST_LOCK) pyproject.toml
 	$(PIP) --require-hashes -r $(TEST_LOCK)
 	$(SELF) -e .
+	@touch $@
+
+# Kernels, once: two processes begin at either end and find what the other one stored. Left to the tests, each of their
+# processes would compile nearly all.
+COMPILE = $(BIN)/python -c 'from machopt.plan.kernels import KERNELS, MORE, compile_all; compile_all((KERNELS + MORE)[::$(1)])'
+
+$(VENV)/.compiled: $(VENV)/.installed-dev $(SOURCES)
+	@$(call COMPILE,1) & one=$$!; $(call COMPILE,-1) && wait $$one
 	@touch $@

@@ -49,6 +49,12 @@ SLOW = Path(__file__).with_name("slow.txt")
 """No part of `quick`: tests of which one case took LONG seconds or more when they were recorded (``--record-slow``),
 and modules that took LONG_MODULE seconds in all, their fixtures included."""
 LONG, LONG_MODULE = 0.3, 10.0
+SECONDS = Path(__file__).with_name("seconds.txt")
+"""What each module took when it was recorded, the longest first, from NOTED seconds on: the order of a run.
+
+(The first entries are seconds of one processor, put together from runs of single modules.)
+"""
+NOTED = 1.0
 
 
 def _function(nodeid: str) -> str:
@@ -107,20 +113,24 @@ def _alone(lock: Path) -> Iterator[None]:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
-        "--record-slow", action="store_true", help=f"write tests/{SLOW.name} anew for the modules of this run"
+        "--record-slow",
+        action="store_true",
+        help=f"write tests/{SLOW.name} and {SECONDS.name} anew for the modules of this run",
     )
     parser.addoption("--strict-skips", action="store_true", help="fail where a test is skipped for no expected reason")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What took long when it was recorded is ``slow``. Modules with slow tests come first: the last module that two
-    processes share out must be a short one."""
+    """What took long when it was recorded is ``slow``. The longest modules come first: the last one that two processes
+    share out must be a short one, or one of them waits for the other. Nobody knows of a new module with slow tests."""
     known = set(SLOW.read_text(encoding="utf-8").split())
     for item in items:
         if known & {_function(item.nodeid), item.nodeid.partition("::")[0]}:
             item.add_marker(pytest.mark.slow)
     slow = Counter(i.path for i in items if i.get_closest_marker("slow") or i.get_closest_marker("proof"))
-    items.sort(key=lambda item: -slow[item.path])
+    took = seconds_of(SECONDS.read_text(encoding="utf-8"))
+    unknown = {i.path: 0.0 if slow[i.path] == 0 else float("inf") for i in items}
+    items.sort(key=lambda item: (-took.get(item.nodeid.partition("::")[0], unknown[item.path]), -slow[item.path]))
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
@@ -148,8 +158,21 @@ def slow_list(known: Iterable[str], seconds: Mapping[str, float], longest: Mappi
     return sorted(kept | modules | tests)
 
 
+def seconds_of(text: str) -> dict[str, float]:
+    """Seconds by module, out of SECONDS."""
+    return {name: float(took) for took, name in (line.split() for line in text.splitlines())}
+
+
+def seconds_list(known: Mapping[str, float], seconds: Mapping[str, float]) -> list[str]:
+    """The lines of SECONDS: modules that ran by what they took now, others as they stand, none that is gone."""
+    every = {n: s for n, s in {**known, **seconds}.items() if n in seconds or (ROOT / n).exists()}
+    return [f"{s:6.1f} {n}" for n, s in sorted(every.items(), key=lambda of: (-of[1], of[0])) if s >= NOTED]
+
+
 def pytest_sessionfinish(session: pytest.Session) -> None:
     if session.config.getoption("--record-slow") and not hasattr(session.config, "workerinput"):
+        known = seconds_of(SECONDS.read_text(encoding="utf-8"))
+        SECONDS.write_text("\n".join(seconds_list(known, _seconds)) + "\n", encoding="utf-8")
         lines = slow_list(SLOW.read_text(encoding="utf-8").split(), _seconds, _longest)
         SLOW.write_text("\n".join(lines) + "\n", encoding="utf-8")
     strict = session.config.getoption("--strict-skips") and not hasattr(session.config, "workerinput")

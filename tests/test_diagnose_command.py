@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import re
 import shutil
 import signal
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -68,11 +70,30 @@ def _refused(word: str) -> None:
     raise AssertionError(f"{word} is not JSON")
 
 
-def test_what_is_written_is_what_the_contract_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    recording = recorded(tmp_path / "rec", soft_link, poses=16)
-    result = run(tmp_path / "out", tmp_path / "rec", "--json")
-    printed = json.loads(capsys.readouterr().out)
-    assert printed == result
+@dataclass(frozen=True)
+class Diagnosed:
+    """A recording of an arm with a soft link, and what `diagnose --json --seed 3` made of it."""
+
+    recording: Recording
+    folder: Path  # of the recording
+    out: Path
+    printed: str
+
+
+@pytest.fixture(scope="module")
+def link(tmp_path_factory: pytest.TempPathFactory) -> Diagnosed:
+    """Diagnosed once for all that look at it; who changes a file copies it."""
+    folder, told = tmp_path_factory.mktemp("link"), io.StringIO()
+    recording = recorded(folder / "rec", soft_link, poses=16)
+    with contextlib.redirect_stdout(told):
+        run(folder / "out", folder / "rec", "--json", "--seed", "3")
+    return Diagnosed(recording, folder / "rec", folder / "out", told.getvalue())
+
+
+def test_what_is_written_is_what_the_contract_says(link: Diagnosed) -> None:
+    recording, out = link.recording, link.out
+    result = json.loads((out / "diagnosis.json").read_text(), parse_constant=_refused)
+    assert json.loads(link.printed) == result
     assert result["machopt_diagnosis"] == 1
     assert result["verdict"] == "explained"
     assert (result["channel"], result["rmse_unit"]) == ("deflection", "mm")
@@ -90,34 +111,29 @@ def test_what_is_written_is_what_the_contract_says(tmp_path: Path, capsys: pytes
     assert result["mismatch"][0]["axis"] == "link:3"
     assert {(x["effect"], x["location"]) for x in result["detection_limits"]} >= {("joint_backlash", "joint:1")}
     assert "link compliance of link 3" in result["sentence"]
-    rows = (tmp_path / "out" / "residuals.csv").read_text().splitlines()
+    rows = (out / "residuals.csv").read_text().splitlines()
     assert len([x for x in rows if not x.startswith("#")]) == len(recording) + 1
-    page = (tmp_path / "out" / "report.html").read_text()
+    page = (out / "report.html").read_text()
     words = re.sub(r"<(script|style).*?</\1>", "", page, flags=re.DOTALL)
     assert not re.search(r"\b(NaN|nan|undefined|inf|None)\b(?! needed)", words)
     assert result["sentence"][:40] in words
 
 
-def test_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
-    recorded(tmp_path / "rec", soft_link, poses=8)
-    files = []
-    for name in ("a", "b"):
-        run(tmp_path / name, tmp_path / "rec", "--seed", "3")
-        files.append({p.name: p.read_bytes() for p in sorted((tmp_path / name).iterdir())})
+def test_the_same_seed_gives_the_same_bytes(link: Diagnosed, tmp_path: Path) -> None:
+    run(tmp_path / "again", link.folder, "--seed", "3")
+    files = [{p.name: p.read_bytes() for p in sorted(out.iterdir())} for out in (link.out, tmp_path / "again")]
     assert files[0].keys() == files[1].keys()
     for name in files[0]:
         assert files[0][name] == files[1][name], name
 
 
-def test_the_extended_stiffness_is_a_cell_s(tmp_path: Path) -> None:
+def test_the_extended_stiffness_is_a_cell_s(link: Diagnosed, tmp_path: Path) -> None:
     """A cell with what was found, diagnosed with the same recording, has nothing left to name."""
-    recorded(tmp_path / "rec", soft_link, poses=16)
-    run(tmp_path / "out", tmp_path / "rec")
-    found = load_stiffness(tmp_path / "out" / "stiffness.yaml")
+    found = load_stiffness(link.out / "stiffness.yaml")
     assert ("link_compliance", "link:3") in {(t.effect, t.location) for t in found.terms}
     shutil.copytree(CELL, tmp_path / "cell")
-    shutil.copy(tmp_path / "out" / "stiffness.yaml", tmp_path / "cell" / "stiffness.yaml")
-    again = run(tmp_path / "again", tmp_path / "rec", cell=tmp_path / "cell")
+    shutil.copy(link.out / "stiffness.yaml", tmp_path / "cell" / "stiffness.yaml")
+    again = run(tmp_path / "again", link.folder, cell=tmp_path / "cell")
     assert not [f for f in again["findings"] if f["effect"] != "geometric_stiffness"]
     assert again["final"]["heldout_rmse"] < 1.2 * again["baseline"]["noise_floor"]
 
@@ -261,15 +277,14 @@ def test_few_poses_are_answered_without_a_claim(tmp_path: Path, poses: int) -> N
 
 @pytest.mark.slow
 @pytest.mark.parametrize("cell", ["nothing", "no stiffness", "no masses"])
-def test_a_cell_that_knows_less_still_answers(tmp_path: Path, cell: str) -> None:
+def test_a_cell_that_knows_less_still_answers(link: Diagnosed, tmp_path: Path, cell: str) -> None:
     shutil.copytree(CELL, tmp_path / "cell")
     yaml, urdf = tmp_path / "cell" / "cell.yaml", tmp_path / "cell" / "robot.urdf"
     if cell != "no masses":
         yaml.write_text(yaml.read_text().replace("stiffness: stiffness.yaml\n", ""))
     if cell != "no stiffness":
         urdf.write_text(re.sub(r"<inertial>.*?</inertial>", "", urdf.read_text(), flags=re.DOTALL))
-    recorded(tmp_path / "rec", soft_link, poses=16)
-    result = run(tmp_path / "out", tmp_path / "rec", cell=tmp_path / "cell")
+    result = run(tmp_path / "out", link.folder, cell=tmp_path / "cell")
     assert ("link_compliance", "link:3") in {(f["effect"], f["location"]) for f in result["findings"]}
 
 

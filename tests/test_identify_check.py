@@ -166,6 +166,7 @@ def test_errors_are_raised_together_and_name_the_way_out() -> None:
     assert refuse(e, findings, {"a", "b"}) == ["first", "second", "third"]
 
 
+@pytest.mark.proof
 def test_good_records_raise_no_alarm() -> None:
     """200 records of all kinds: noise of the trade, hanging weights, few and many poses, weak loads, coarse gauges."""
     rng = np.random.default_rng(42)

@@ -11,7 +11,7 @@ from pathlib import Path
 import branches
 import pytest
 from branches import Counted
-from conftest import LONG, LONG_MODULE, PROFILE, slow_list, unexpected_skips
+from conftest import LONG, LONG_MODULE, NOTED, PROFILE, seconds_list, seconds_of, slow_list, unexpected_skips
 from examples import NIGHTLY, examples
 from hypothesis import settings
 
@@ -39,6 +39,13 @@ def test_modules_that_ran_are_recorded_anew_and_others_stay() -> None:
         "tests/test_damages.py",
         "tests/test_tiers.py::test_long",
     ]
+
+
+def test_seconds_are_recorded_for_modules_that_ran_and_the_longest_comes_first() -> None:
+    known = {"tests/test_cli.py": 50.0, "tests/test_tiers.py": 7.0, "tests/test_gone.py": 9.0}
+    lines = seconds_list(known, {"tests/test_tiers.py": NOTED / 2, "tests/test_damages.py": 90.0})
+    assert seconds_of("\n".join(lines)) == {"tests/test_damages.py": 90.0, "tests/test_cli.py": 50.0}
+    assert lines[0].endswith("tests/test_damages.py")
 
 
 def test_examples_are_the_same_in_ci_and_many_at_night() -> None:
