@@ -148,3 +148,24 @@ def test_what_is_written_is_the_fit_of_the_whole_sum() -> None:
     rest = base.y - sum(c.columns @ c.scored.x for c in found)
     x = np.linalg.lstsq(base.X, rest, rcond=None)[0]
     assert float(np.sum((rest - base.X @ x) ** 2)) == pytest.approx(whole.rss, rel=1e-4)
+
+
+def test_laws_of_weight_that_do_not_gain_clearly_more_take_no_place_among_the_leading() -> None:
+    """As many loads as are looked at in a step, each a little of everything: 1.2 times the gain of the best frame."""
+    base, laws = model(MANY, 1)
+    among = [t for t in laws if t.hypothesis.family == "kinematic"]
+    plain = together._sums(base, among)
+    swept = together._swept(plain.total, np.arange(plain.base))  # type: ignore[arg-type]  # numbers
+    share = 1.2 * together._gains(swept, plain).max() / swept[-1, -1]
+    rng, signal = np.random.default_rng(5), base.residual
+    crowd = []
+    for k in range(together.LEADING):
+        other = rng.normal(size=len(signal))
+        other -= signal * (other @ signal) / (signal @ signal)
+        other *= np.linalg.norm(signal) / np.linalg.norm(other) * np.sqrt(1.0 / share - 1.0)
+        column = np.zeros((N, 3, 1))
+        column[base.w.index, :, 0] = (signal + other).reshape(-1, 3)
+        crowd.append(made("base_compliance", f"base:{k}", lambda s, c=column: c, ((),), "body"))
+    sums = together._sums(base, tried(base, [*(t.hypothesis for t in among), *crowd]))
+    found = {g.law.hypothesis.name for g in together._pursue(sums, 1.0)}
+    assert found >= {name for name in MANY if name[0] != "payload"}

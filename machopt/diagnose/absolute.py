@@ -11,7 +11,7 @@ What may explain the rest: :mod:`machopt.diagnose.absolute_catalogue`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,14 +19,15 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from machopt.arrays import Array
-from machopt.diagnose import held, loads
-from machopt.diagnose.absolute_catalogue import LEVER, catalogue
+from machopt.diagnose import held, laws_geometry, loads
+from machopt.diagnose.absolute_catalogue import LEVER, catalogue, left, spanned
 from machopt.diagnose.problem import Catalogue, Family, Problem, Unknown
 from machopt.diagnose.readings import Readings
 from machopt.domain.cell import Cell
 from machopt.domain.parameters import joint_spring
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Term
+from machopt.effects.protocol import JOINTS
 from machopt.errors import InputError
 from machopt.model.correction import correction_of
 from machopt.model.gravity import gravity_torque
@@ -41,7 +42,9 @@ HUBER = 2.0  # robust standard deviations, from where on a reading counts less i
 PRIOR = 1.0  # relative 1 sigma of the cell's stiffness, which the first fit leans on where weight says nothing
 LEAST_BEND = 1e-7  # m at the cell's own stiffness: a joint whose torque moves the TCP less has no column
 SOFTEST = 5.0  # times the cell's compliance, 1 sigma: frames and waves must not turn a spring to rubber
+STIFFEST = 0.2  # times the cell's compliance: less, or a spring that pushes back, is what frames and waves make of it
 NEAR_CELL = 2.0  # factor
+SEEN = 0.02  # of what the first fit leaves: a spring that gives less beside all frames would take up anything else
 RIGID = 0.05  # of the cell's compliance: what sizes of torque are stated through is never less
 SOFT = 1e-6  # rad/(N·m), where the cell has no stiffness
 
@@ -63,7 +66,8 @@ def build(
     masses: Masses | None,
     rng: np.random.Generator,
     terms: tuple[Term, ...] = (),
-    found: Array | None = None,
+    found: Mapping[int, float] | None = None,
+    kept: frozenset[int] = frozenset(),
 ) -> tuple[Problem, Catalogue, tuple[str, ...]]:
     """Equations and hypotheses of measured TCP poses.
 
@@ -76,7 +80,8 @@ def build(
         masses: of links and tool; None where the URDF has none: then weight bends nothing.
         rng: nothing here is drawn at random; part of every channel's signature.
         terms: of the cell's stiffness, that count as known.
-        found: (P,) coefficients of the base beside what was found before, SI; None: nothing was looked for yet.
+        found: compliance rad/(N·m) of joints, from 1, beside what was found before; None: nothing was looked for yet.
+        kept: joints, from 1, whose springs are the cell's and not refitted.
 
     Returns:
         Problem (D = 3, or 6 with rotation vectors in base axes where quaternions are recorded), catalogue, notes.
@@ -92,8 +97,12 @@ def build(
             f"is a recording of kind {recording.kind!r}; measured poses are of kind 'absolute' with x_mm, y_mm, z_mm",
             file=recording.source,
         )
-    model = _Model(recording, cell, robot, masses)
+    model = _Model(recording, cell, robot, masses, kept)
     frame = model.first_fit()
+    unseen = model.unseen(frame)
+    if not unseen <= kept:
+        model = _Model(recording, cell, robot, masses, kept | unseen)
+        frame = model.first_fit()
     state, p, R = model.predict(frame)
     y = model.residual(frame, p, R)
     base, unknowns = model.columns(state, p)
@@ -105,9 +114,9 @@ def build(
             totals[n] = frame.target["xyz".index(u.name[-1])]
     y = y + base @ totals
     springs = frame.compliance.copy()
-    for n, u in enumerate(unknowns if found is not None else ()):
-        if u.spring is not None:
-            springs[u.spring - 1] = found[n]  # type: ignore[index]  # no unknowns where there is none
+    for joint, compliance in (found or {}).items():
+        if joint not in model.kept:
+            springs[joint - 1] = compliance
     readings = model.readings(state, frame, springs)
     y = y - held.at_rest(readings, terms)[:, : model.D]
     visit, replicate = _labels(recording, readings.wrench)
@@ -139,9 +148,11 @@ def build(
 class _Model:
     """The nominal model of a recording: encoders → corrected angles → equilibrium → TCP in the tracker's frame."""
 
-    def __init__(self, recording: Recording, cell: Cell, robot: Robot, masses: Masses | None) -> None:
+    def __init__(
+        self, recording: Recording, cell: Cell, robot: Robot, masses: Masses | None, kept: frozenset[int]
+    ) -> None:
         assert recording.position is not None  # build checks it
-        self.recording, self.cell, self.robot, self.masses = recording, cell, robot, masses
+        self.recording, self.cell, self.robot, self.masses, self.kept = recording, cell, robot, masses, kept
         known = correction_of(cell.kinematics)
         self.angles = recording.q if known is None else known.true_angles(recording.q)
         self.position = recording.position
@@ -153,6 +164,28 @@ class _Model:
         self.middle = state.T_base_tool[:, :3, 3].mean(axis=0)
         nominal = None if cell.stiffness is None else 1.0 / cell.stiffness.joints
         self.nominal = np.full(6, SOFT) if nominal is None else nominal
+        # weight alone turns a joint by what its angles fix, as frames and waves do: a fit of these bends any spring
+        self.weight_alone = cell.stiffness is not None and float(np.abs(self.wrench).max()) == 0.0
+
+    def unseen(self, frame: _Frame) -> frozenset[int]:
+        """Joints, from 1, whose springs nothing but weight bends, by less than tells them from the frames.
+
+        What weight does to a joint follows from the joints' angles, as what a frame elsewhere does. A spring of which
+        the frames of all joints leave next to nothing is free to be rubber, or to push back, for the sake of gears'
+        waves; it stays the cell's.
+        """
+        if not self.weight_alone:
+            return frozenset()
+        state, p, R = self.predict(frame)
+        columns, unknowns = self.columns(state, p)
+        readings = self.readings(state, frame, frame.compliance)
+        rest = columns[:, :, [u.spring is None for u in unknowns]]
+        frames = [laws_geometry.twists(readings, where) for where in JOINTS]
+        Q = spanned(np.concatenate([rest, *frames], axis=2))
+        least = SEEN * _spread(self.residual(frame, p, R)[:, :3])
+        bend = state.J[:, : self.D] * (self.nominal * self.torque(state))[:, None, :]
+        shown = [left(bend[:, :, j : j + 1], Q) * float(np.sqrt(np.mean(bend[:, :3, j] ** 2))) for j in range(6)]
+        return frozenset(j + 1 for j in range(6) if shown[j] < least)
 
     def torque(self, state: ArmState) -> Array:
         """(N, 6) N·m of load and weight."""
@@ -183,11 +216,12 @@ class _Model:
         parts, unknowns = [], []
         bend = state.J * self.torque(state)[:, None, :]
         for j in range(6):
-            if np.sqrt(np.mean(bend[:, :3, j] ** 2)) * self.nominal[j] > LEAST_BEND:
+            if j + 1 not in self.kept and np.sqrt(np.mean(bend[:, :3, j] ** 2)) * self.nominal[j] > LEAST_BEND:
                 parts.append(bend[:, : self.D, j : j + 1])
                 known = SOFTEST * self.nominal[j] if self.cell.stiffness is not None else None
                 where, key = f"joint:{j + 1}", joint_spring(j + 1)
-                unknowns.append(Unknown(f"joint {j + 1}", "rad/(N·m)", 0.0, where, known, key))
+                built = (STIFFEST * self.nominal[j], SOFTEST * self.nominal[j]) if self.weight_alone else None
+                unknowns.append(Unknown(f"joint {j + 1}", "rad/(N·m)", 0.0, where, known, key, built))
         if self.free:
             frame = np.zeros((len(p), 6, 6))
             frame[:, :, :] = np.eye(6)

@@ -32,9 +32,10 @@ from machopt.diagnose.whitening import whitening
 
 Flags = NDArray[np.bool_]
 ROUNDS = 3
+MENDED = 2  # further ones, while the base is fitted to what nothing built has
 CLIPS = 4
 
-Rebuild = Callable[[Array], tuple[Problem, Catalogue]]
+Rebuild = Callable[[Array, frozenset[int]], tuple[Problem, Catalogue]]
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,8 @@ def diagnose(
         catalogue: what may explain the rest.
         options: how many effects at most.
         rng: of sign flips, folds and directions.
-        rebuild: problem and catalogue once more about base coefficients (P,) SI that were found; None: they stand.
+        rebuild: problem and catalogue once more about base coefficients (P,) SI that were found, without unknowns of
+            these numbers that no such thing can have; None: they stand.
     """
     seed = int(rng.integers(2**31))
     state = _search(problem, catalogue, options, seed, rebuild)
@@ -68,7 +70,7 @@ def _search(problem: Problem, catalogue: Catalogue, options: Options, seed: int,
     """Search, and search again with noise, outliers and known physics about what was found."""
     residual, used = _robust(problem)
     state: State | None = None
-    for number in range(ROUNDS):
+    for number in range(ROUNDS + MENDED):
         options.progress(f"search, round {number + 1}")
         found = noise.estimate(problem, residual, used)
         w = whitening(problem, found, used)
@@ -81,13 +83,25 @@ def _search(problem: Problem, catalogue: Catalogue, options: Options, seed: int,
         residual = fitted.residual
         again = aside.good(problem, residual) & _allowed(problem)
         same = before is not None and _names(before.chosen) == _names(chosen) and np.array_equal(again, used)
-        if same or number == ROUNDS - 1:
+        x = fitted.x[: problem.base.shape[2]]
+        doubted = _doubted(problem, x, chosen)
+        if (rebuild is None or not doubted) and (same or number >= ROUNDS - 1):
             break
         used = again
         if rebuild is not None:
-            problem, catalogue = rebuild(fitted.x[: problem.base.shape[2]])
+            problem, catalogue = rebuild(x, doubted)
     assert state is not None  # ROUNDS > 0
     return state
+
+
+def _doubted(problem: Problem, x: Array, chosen: Sequence[Chosen]) -> frozenset[int]:
+    """Base unknowns, by number, fitted to what nothing built has for the sake of what was found without load.
+
+    Where nothing such was found the cell may well be wrong by any factor, and the misfit is the unknown's alone.
+    """
+    if not any(c.tried.hypothesis.family == "kinematic" for c in chosen):
+        return frozenset()
+    return frozenset(n for n, u in enumerate(problem.unknowns) if not u.possible(float(x[n])))
 
 
 def _restless(state: State) -> float:

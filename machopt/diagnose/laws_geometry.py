@@ -19,7 +19,7 @@ from machopt.effects import geometry
 from machopt.effects.protocol import DEGREE, JOINTS, Quantity
 
 HELD = np.r_[[5e-4] * 3, [0.05 * DEGREE] * 3]  # m, rad: 1 sigma of what a maker holds
-DOUBT = 4.0  # times that, which a frame that was found may be off by
+DOUBT = 1.0  # times that, 1 sigma of a frame that was found: what poses hardly tell apart stays near the drawing
 SHOWN = 0.03  # of a direction's own size that the base must leave
 WEAK = 0.02  # of the strongest direction that is shown: weaker ones would need millimetres to be seen
 WHOLE = ("base", "joint:1")  # move everything alike, as a tracker does that stands elsewhere than the recording says

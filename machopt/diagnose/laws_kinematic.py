@@ -25,6 +25,8 @@ POSES_PER_ORDER = 3.0  # distinct angles that each order of the grid asks for
 MOST_HIGH = 48  # orders above the low ones
 LEAST_WAYS = np.radians(10.0)  # range of a joint below which a wave is a zero offset and a slope
 BALANCER = 3.0  # per turn of joint 2, the lowest order that is not a balancer's
+WAVED = 3e-4  # rad, 1 sigma of a wave: a robot's gears run a minute of arc ahead and behind, strain wave gears more
+DRAGGED = 1e-3  # 1 sigma of a coupling's ratio, of the size that wrists without compensation in the controller have
 WRIST = ((4, 5), (4, 6), (5, 6))
 
 
@@ -102,6 +104,7 @@ def _waves(r: Readings, j: int, law: str, equation: str, shapes: tuple[Shape, ..
         curve,
         penalty,
         "without load, periodic over the joint's angle",
+        WAVED,
     )
 
 
@@ -115,6 +118,7 @@ def _unloaded(
     curve: Callable[[Array, Shape], Curve] | None = None,
     penalty: float = 0.0,
     note: str = "",
+    held: float | None = None,
 ) -> Hypothesis:
     """A law of port angle, lifted to the TCP."""
     own, (by, moved) = effect.unloaded, joints_of(where)
@@ -133,6 +137,7 @@ def _unloaded(
         note=note,
         curve=curve,
         penalty=penalty,
+        held=held,
     )
 
 
@@ -149,6 +154,7 @@ def couplings(r: Readings) -> list[Hypothesis]:
                 "gears drag the next joint",
                 f"Δ_{j} = κ q_{i} (hollow wrist: the shaft of joint {j} runs through joint {i})",
                 note=f"joint {j} without load, in proportion to joint {i}",
+                held=DRAGGED,
             )
         )
         if np.abs(r.torque[:, [i - 1, j - 1]]).max() > 0.0:

@@ -35,11 +35,16 @@ class Unknown:
     location: str = ""  # where in the machine: "joint:3", "base" …
     prior: float | None = None  # 1 sigma about zero, SI, of what is known to be small; None: nothing is known
     key: ParameterKey | None = None  # what it is of an arm; None: nothing that a model keeps
+    built: tuple[float, float] | None = None  # least and most that something built has, SI; None: anything
 
     @property
     def spring(self) -> int | None:
         """The joint, from 1, whose spring it is."""
         return self.key.joint if self.key is not None and self.key.effect == JOINT_SPRING else None
+
+    def possible(self, value: float) -> bool:
+        """Whether something built may have that value."""
+        return self.built is None or self.built[0] <= value <= self.built[1]
 
 
 @dataclass(frozen=True)

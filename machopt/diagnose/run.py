@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -80,16 +81,24 @@ def at_rest(
         return _load_tests(seed, recording, robot, T, masses, laws, known, copies, options)
 
     def poses(terms: tuple[Term, ...]) -> tuple[Diagnosis, Problem]:
-        rng = np.random.default_rng(seed)
+        rng, kept = np.random.default_rng(seed), frozenset[int]()
 
-        def build(found: Array | None) -> tuple[Problem, Catalogue]:
+        def build(found: Mapping[int, float] | None) -> tuple[Problem, Catalogue]:
             nonlocal notes
-            problem, catalogue, notes = absolute.build(recording, cell, robot, masses, rng, terms, found)
+            problem, catalogue, notes = absolute.build(recording, cell, robot, masses, rng, terms, found, kept)
             return replace(problem, time=recording.time, excluded=copies if copies.any() else None), catalogue
 
         problem, catalogue = build(None)
         _refuse_too_few(problem, recording)
-        return engine.diagnose(problem, catalogue, replace(options, predicted="poses"), rng, build), problem
+
+        def again(x: Array, doubted: frozenset[int]) -> tuple[Problem, Catalogue]:
+            nonlocal problem, kept
+            springs = {u.spring: float(v) for u, v in zip(problem.unknowns, x, strict=True) if u.spring is not None}
+            kept |= {problem.unknowns[n].spring or 0 for n in doubted}
+            problem, catalogue = build(springs)
+            return problem, catalogue
+
+        return engine.diagnose(problem, catalogue, replace(options, predicted="poses"), rng, again), problem
 
     terms = _held(cell, robot, masses)
     if recording.kind == "deflection":
@@ -140,7 +149,7 @@ def _load_tests(
     if copies.any():
         problem = replace(problem, excluded=copies)
     _refuse_too_few(problem, recording)
-    rebuild = _excluding(lambda x: build(np.maximum(x[:6], 0.0)), copies)
+    rebuild = _excluding(lambda x, _: build(np.maximum(x[:6], 0.0)), copies)
     rng = np.random.default_rng(seed)
     d = engine.diagnose(problem, catalogue, replace(options, predicted="load tests"), rng, rebuild)
     return d, problem
@@ -165,8 +174,8 @@ def _excluding(rebuild: engine.Rebuild, rows: NDArray[np.bool_]) -> engine.Rebui
     if not rows.any():
         return rebuild
 
-    def again(x: Array) -> tuple[Problem, Catalogue]:
-        problem, catalogue = rebuild(x)
+    def again(x: Array, doubted: frozenset[int]) -> tuple[Problem, Catalogue]:
+        problem, catalogue = rebuild(x, doubted)
         return replace(problem, excluded=rows), catalogue
 
     return again

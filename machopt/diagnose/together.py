@@ -23,7 +23,7 @@ from machopt.effects import geometry, kinematic
 FEW = 3  # effects that a search one by one is asked for as a rule
 RIVALS = 24  # shapes of a law that is held against what was found together
 CROWDED = 4  # places; so few are told better by the search one by one
-MOST = 48  # groups
+MOST = 96  # groups, a safety
 VISIBLE = 1e-3  # of a column's own square that must be left beside what was fitted
 MOST_SHAPES = 8  # of a law that is no wave
 LEADING = 3  # groups whose gain on unseen folds is looked at in each step
@@ -138,11 +138,10 @@ def _pursue(sums: _Sums, fits: float) -> list[_Group]:
         gains = _gains(left, sums)
         gains[list(refused)] = 0.0
         kinematics = float(gains[unloaded].max(initial=0.0))
+        gains[~unloaded & (gains < CLEARER * kinematics)] = 0.0  # before the leading ones are taken: they take no place
         best = None
         for n in np.argsort(-gains, kind="stable")[:LEADING].tolist():
             g = sums.groups[n]
-            if not unloaded[n] and gains[n] < CLEARER * kinematics:
-                continue
             if gains[n] / spread < max(_least(g, sums.rows), largest / spread):
                 refused.add(n)
                 continue
