@@ -242,3 +242,14 @@ def test_the_command_refuses_what_it_would_overwrite_and_what_it_cannot_know(
 def test_the_schema_of_a_file_is_current(file: str) -> None:
     assert (FOLDER / schema_name(file)).read_text(encoding="utf-8") == schema_text(file), "run docs/make_reference.py"
     assert {f.name for f in FOLDER.iterdir()} == {schema_name(f) for f in FILES}
+
+
+def test_a_post_that_needs_more_than_a_new_cell_says_gives_way_to_its_kin(robot: Path, tmp_path: Path) -> None:
+    """FANUC's CONFIG needs the sign of J5 of N, which no URDF says: the first validate must not be a refusal."""
+    done = run_init(Request(robot, tmp_path / "cell", workpiece_mm=(1000.0, 0.0, 500.0), post="fanuc"))
+    assert done.cell.controller.post == "fanuc_joint"
+    assert any("controller.nonflip_j5 in cell.yaml allows fanuc" in g for g in done.guesses)
+    assert "# fanuc once controller.nonflip_j5 is known" in (tmp_path / "cell" / "cell.yaml").read_text()
+    with pytest.raises(InputError, match="krll"):
+        run_init(Request(robot, tmp_path / "other", workpiece_mm=(1000.0, 0.0, 500.0), post="krll"))
+    assert not (tmp_path / "other").exists()

@@ -52,6 +52,7 @@ class NewCell:
     workpiece_note: str
     stiffness_note: str
     post: str
+    post_note: str = ""
 
 
 def estimated_stiffness(span: float) -> tuple[float, ...]:
@@ -125,7 +126,11 @@ def cell_text(c: NewCell) -> str:
         *([f"  geometry: [{c.workpiece_body}]"] if c.workpiece_body else _NO_PART),
         "obstacles: []  # fixtures, table, walls, in world: {name: table, box_mm: [900, 800, 50], xyz_mm: [1e3, 0, 0]}",
         f"stiffness: stiffness.yaml  # {c.stiffness_note}",
-        *([f"controller: {{post: {_word(c.post)}}}"] if c.post else _NO_POST),
+        *(
+            [f"controller: {{post: {_word(c.post)}}}{f'  # {c.post_note}' if c.post_note else ''}"]
+            if c.post
+            else _NO_POST
+        ),
     ]
     return "\n".join(lines) + "\n"
 

@@ -12,6 +12,7 @@ from machopt.arrays import Array
 from machopt.cells.asked import Request
 from machopt.cells.draft import aimed, draft
 from machopt.cells.place import find_place, outward, sample_path
+from machopt.cells.post import with_post
 from machopt.cells.robotfiles import copy_file, copy_robot, new_folder
 from machopt.cells.text import NewCell, cell_text, estimated_stiffness, stiffness_text
 from machopt.domain.cell import Cell
@@ -63,6 +64,8 @@ def run_init(request: Request) -> Outcome:
         cell = _written(folder, new)
         robot = load_robot(cell)
         new, said = aimed(new, request, outward(robot))
+        new, more = with_post(new, _written(folder, new))
+        said += more
         cell = _written(folder, new)
         if request.workpiece_mm is None:
             new, more = _placed(new, request, cell, span)
