@@ -46,6 +46,18 @@ def test_every_column(tmp_path: Path) -> None:
     assert any("unit length" in w for w in t.warnings)
 
 
+def test_an_empty_feed_holds_from_the_cut_before_within_its_operation(tmp_path: Path) -> None:
+    """As tool and offset do; not over a change of operation, and a feed given by hand goes before."""
+    rows = ["0,0,9,rapid,,a", "0,0,0,cut,60,a", "1,0,0,cut,,a", "1,0,9,rapid,,a", "2,0,0,cut,,a", "3,0,0,cut,30,b"]
+    head = "x_mm,y_mm,z_mm,move,feed_mm_min,operation\n"
+    t = read(tmp_path, head + "\n".join(rows) + "\n")
+    np.testing.assert_allclose(t.feed[1:], [0.001, 0.001, np.nan, 0.001, 0.0005])
+    assert any("2 cuts with an empty feed have that of the cut before, the first in line 4" in w for w in t.warnings)
+    with pytest.raises(InputError, match="line 7: cutting move without a feed"):
+        read(tmp_path, head + "\n".join([*rows[:5], "3,0,0,cut,,b"]) + "\n")
+    np.testing.assert_allclose(read(tmp_path, head + "\n".join(rows) + "\n", default_feed=0.002).feed[2], 0.002)
+
+
 def test_bom_crlf_and_defaults(tmp_path: Path) -> None:
     t = read(tmp_path, "\ufeffx_mm,y_mm,z_mm,feed_mm_min\r\n1,2,3,60\r\n4,5,6,60\r\n")
     assert t.cutting.all()

@@ -248,7 +248,10 @@ class _Table:
         self.out.meta["unit"] = self.unit
         for first, name in self.offsets(n):
             self.out.count_from(name, first)
-        self.out.add_table(table, move, self.columns.line, *self.labels())
+        labels, tools = self.labels()
+        if self.options.default_feed is None:
+            self.hold_feeds(table[:, 6], move == Move.CUT, np.array([k for k, _ in labels] or [0]))
+        self.out.add_table(table, move, self.columns.line, labels, tools)
         return self.out.build(reference=reference, tolerance_mm=tolerance)
 
     def attitudes(self) -> Array:
@@ -272,6 +275,18 @@ class _Table:
                 f"{name} {values[at]:g}; {wanted}" if zero_allowed else f"the {name} {wanted}", at, self.names[name]
             )
         return values
+
+    def hold_feeds(self, feed: Array, cut: NDArray[np.bool_], starts: NDArray[np.int64]) -> None:
+        """An empty feed of a cut is that of the cut before, within its operation; ``feed`` (N,) is filled in place."""
+        rows = np.arange(len(feed))
+        last = np.maximum.accumulate(np.where(cut & ~np.isnan(feed), rows, -1))
+        empty = cut & np.isnan(feed) & (last >= starts[np.searchsorted(starts, rows, side="right") - 1])
+        feed[empty] = feed[last[empty]]
+        if empty.any():
+            at = int(self.columns.line[np.argmax(empty)])
+            self.out.warn_once(
+                f"{empty.sum()} cuts with an empty feed have that of the cut before, the first in line {at}"
+            )
 
     def moves(self) -> NDArray[np.int32]:
         n = len(self.columns.line)
