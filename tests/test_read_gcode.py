@@ -275,8 +275,9 @@ def test_a_cut_off_program_is_told(tmp_path: Path) -> None:
 def test_a_siemens_five_axis_program_as_a_post_writes_it(tmp_path: Path) -> None:
     t = read(
         tmp_path,
-        '%_N_PART_MPF\nN10 G17 G71 G90 G94 G54\nN20 T="MILL_D10" D1\nN30 M6\nN40 S8000 M3\nN50 TRAORI\n'
-        "N60 ORIWKS ORIAXES\nN70 CYCLE832(0.01,102001)\nN80 G642 ADIS=0.05\nN90 G0 X10. Y20. Z50. A3=0. B3=.6 C3=.8\n"
+        '%_N_PART_MPF\n;$PATH=/_N_WKS_DIR\nN10 G17 G71 G90 G94 G54\nN20 T="MILL_D10" D1\nN30 M6\n'
+        "N40 S8000 M3\nN50 TRAORI\nN60 ORIWKS ORIAXES\n"
+        "N70 CYCLE832(0.01,102001)\nN80 G642 ADIS=0.05\nN90 G0 X10. Y20. Z50. A3=0. B3=.6 C3=.8\n"
         "N100 G1 Z-1. F1000 M8\nN110 X11. A3=0. B3=.1 C3=1.\nN120 X12.\nN130 TRAFOOF\nN140 SUPA G0 Z0 D0\nN150 M30\n",
         strict=True,
     )
@@ -284,6 +285,7 @@ def test_a_siemens_five_axis_program_as_a_post_writes_it(tmp_path: Path) -> None
     assert t.axis[1] == pytest.approx([0.0, 0.6, 0.8])
     assert t.axis[3] == pytest.approx(np.array([0.0, 0.1, 1.0]) / np.sqrt(1.01))
     assert t.operations[0].tool == "MILL_D10"
+    assert t.operations[0].label == "TMILL_D10"  # not the folder of the control
     assert t.warnings == ()
     assert t.meta["unit"] == "mm"
 

@@ -12,7 +12,8 @@ from machopt.formats.cam.gcode.motion import TANGENTIAL, THROUGH
 from machopt.formats.cam.gcode.patterns import MOST_HOLES, circle, row
 from machopt.formats.cam.gcode.words import REFUSED_CALLS
 
-OPERATION = re.compile(r"^\W*(?:OPER(?:ATION)?(?:[ _]*NAME)?|TOOLPATH|PATH)\s*[:=]\s*(.*?)[\s*]*$", re.IGNORECASE)
+# not Sinumerik's ;$PATH=/_N_WKS_DIR, a folder of the control
+OPERATION = re.compile(r"^[^\w$]*(?:OPER(?:ATION)?(?:[ _]*NAME)?|TOOLPATH|PATH)\s*[:=]\s*(.*?)[\s*]*$", re.IGNORECASE)
 _RUN_TOGETHER = re.compile(r"[XYZABCGIJKRFM]+\d\w*")
 _FRAMES = ("TRANS", "ATRANS", "ROT", "AROT", "SCALE", "ASCALE", "MIRROR", "AMIRROR")
 _KNOWN = ("SUPA", "TRAORI", "TRAFOOF", "TRAOOF", "MCALL", "CYCLE80", "TOROT", "TOFRAME")  # carried out

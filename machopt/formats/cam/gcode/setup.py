@@ -83,8 +83,8 @@ class Setup:
             return self.nowhere
         if self.tilted == "not yet" and self.transfer is not None and self.transfer.z[2] < 1.0 - 1e-9:
             return (
-                "cuts in a tilted plane before the tool was put upright on it (G53.1 or rotary words): where "
-                "the tool points is not known"
+                "cuts in a tilted plane before the tool was put upright on it (G53.1, rotary words, PLANE … with TURN "
+                "or MOVE instead of STAY): where the tool points is not known"
             )
         if self.tcp is not None or self.tilted:
             return None
