@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from machopt.arrays import Array
-from machopt.diagnose import held, laws_geometry, loads
+from machopt.diagnose import calibrated, held, laws_geometry, loads
 from machopt.diagnose.absolute_catalogue import LEVER, catalogue, left, spanned
 from machopt.diagnose.problem import Catalogue, Family, Problem, Unknown
 from machopt.diagnose.readings import Readings
@@ -35,17 +35,11 @@ from machopt.model.robot import ArmState, Masses, Robot
 from machopt.se3 import quaternion_matrix, rotation_from_vector, rotation_vector, skew
 
 Ints = NDArray[np.int64]
-SAME_LOAD = 0.08  # of the largest load: readings of a pose so near are of the same load
 SETTLED = 4  # fixed-point steps to the loaded equilibrium; each is a thousand times nearer than the one before
 STEPS = 5  # of the robust first fit
-HUBER = 2.0  # robust standard deviations, from where on a reading counts less in the first fit
 PRIOR = 1.0  # relative 1 sigma of the cell's stiffness, which the first fit leans on where weight says nothing
-LEAST_BEND = 1e-7  # m at the cell's own stiffness: a joint whose torque moves the TCP less has no column
-SOFTEST = 5.0  # times the cell's compliance, 1 sigma: frames and waves must not turn a spring to rubber
 STIFFEST = 0.2  # times the cell's compliance: less, or a spring that pushes back, is what frames and waves make of it
-NEAR_CELL = 2.0  # factor
 SEEN = 0.02  # of what the first fit leaves: a spring that gives less beside all frames would take up anything else
-RIGID = 0.05  # of the cell's compliance: what sizes of torque are stated through is never less
 SOFT = 1e-6  # rad/(N·m), where the cell has no stiffness
 
 
@@ -216,11 +210,18 @@ class _Model:
         parts, unknowns = [], []
         bend = state.J * self.torque(state)[:, None, :]
         for j in range(6):
-            if j + 1 not in self.kept and np.sqrt(np.mean(bend[:, :3, j] ** 2)) * self.nominal[j] > LEAST_BEND:
+            if (
+                j + 1 not in self.kept
+                and np.sqrt(np.mean(bend[:, :3, j] ** 2)) * self.nominal[j] > calibrated.RESTING.least_bend
+            ):
                 parts.append(bend[:, : self.D, j : j + 1])
-                known = SOFTEST * self.nominal[j] if self.cell.stiffness is not None else None
+                known = calibrated.RESTING.rubber * self.nominal[j] if self.cell.stiffness is not None else None
                 where, key = f"joint:{j + 1}", joint_spring(j + 1)
-                built = (STIFFEST * self.nominal[j], SOFTEST * self.nominal[j]) if self.weight_alone else None
+                built = (
+                    (STIFFEST * self.nominal[j], calibrated.RESTING.rubber * self.nominal[j])
+                    if self.weight_alone
+                    else None
+                )
                 unknowns.append(Unknown(f"joint {j + 1}", "rad/(N·m)", 0.0, where, known, key, built))
         if self.free:
             frame = np.zeros((len(p), 6, 6))
@@ -267,7 +268,7 @@ class _Model:
             small = np.asarray(np.linalg.qr(whole, mode="r"))  # the same least squares in a few rows
             x = size * lsq_linear(small[:, :-1], small[:, -1], (lower / size, np.inf)).x
             error = np.linalg.norm((b - A @ x).reshape(-1, self.D), axis=1)
-            limit = HUBER * _spread((b - A @ x).reshape(-1, self.D)) * np.sqrt(self.D)
+            limit = calibrated.RESTING.heavy * _spread((b - A @ x).reshape(-1, self.D)) * np.sqrt(self.D)
             weight = np.sqrt(np.minimum(1.0, limit / np.maximum(error, 1e-12)))
         return x
 
@@ -292,7 +293,7 @@ class _Model:
         Weights that nobody stated make springs soft in a fit that does not know of them, and what they do would then be
         looked for through springs that are soft because of them. So none counts as far from the cell's.
         """
-        near = NEAR_CELL if self.cell.stiffness is not None else 1.0 / RIGID
+        near = calibrated.RESTING.near_cell if self.cell.stiffness is not None else 1.0 / calibrated.RESTING.rigid
         _, session = np.unique(self.recording.session, return_inverse=True)
         none = np.zeros(len(self.angles), np.int64)
         T = self.cell.tool.T_flange_tcp.copy()
@@ -353,7 +354,7 @@ def _labels(recording: Recording, wrench: Array) -> tuple[Ints, Ints]:
     key = np.stack([recording.session, recording.pose, recording.cycle], axis=1)
     visit = np.unique(key, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
     size = np.array([max(float(np.abs(wrench[:, a : a + 3]).max()), 1e-9) for a in (0, 3)])
-    w = wrench / loads.same(size, SAME_LOAD, recording.uncertainty)
+    w = wrench / loads.same(size, calibrated.RESTING.same_load, recording.uncertainty)
     if np.abs(wrench).max() == 0.0:
         w = np.zeros_like(wrench)
     replicate = np.full(len(recording), -1, np.int64)

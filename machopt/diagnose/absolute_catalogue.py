@@ -12,16 +12,24 @@ from dataclasses import replace
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.diagnose import at_beside, at_body, at_flange, at_heat, at_joint, at_sensor, laws_geometry, laws_kinematic
+from machopt.diagnose import (
+    at_beside,
+    at_body,
+    at_flange,
+    at_heat,
+    at_joint,
+    at_sensor,
+    calibrated,
+    laws_geometry,
+    laws_kinematic,
+)
 from machopt.diagnose.problem import Catalogue, Hypothesis, Problem, Untestable
 from machopt.diagnose.readings import Readings
 from machopt.effects import by_angle, registry
 from machopt.effects.protocol import timed
 
 LEVER = 0.5  # m: an error of rotation counts as the shift it makes this far away, while nothing is known of the noise
-ABSORBED = 1e-3  # of a column's length that the base leaves: less is nothing but rounding of the geometry
 ROUNDING = 1e-8  # of a column's length: what is left of one that the base holds
-DISTINCT = 0.3  # of what the base leaves of a law: less beside a zero offset of the joint, and it is one
 
 
 def catalogue(r: Readings, problem: Problem) -> Catalogue:
@@ -42,7 +50,7 @@ def catalogue(r: Readings, problem: Problem) -> Catalogue:
     kinds = [e for e in registry.of_joint_torque() if not e.remembers]
     for j in range(6):
         where = f"joint:{j + 1}"
-        if drives[j] <= 1e-3 * max(drives.max(), 1e-12):
+        if drives[j] <= calibrated.RESTING.turned_by_load * max(drives.max(), 1e-12):
             missing.append(Untestable(by_angle.EFFECT.name, where, "neither weight nor load turns it"))
             continue
         beside = _with_offset(Q, r, j)
@@ -61,7 +69,7 @@ def catalogue(r: Readings, problem: Problem) -> Catalogue:
         offered += at_sensor.in_poses(r)
     kept = []
     for h in offered:
-        if left(h.columns(h.shapes[len(h.shapes) // 2]), Q) > ABSORBED:
+        if left(h.columns(h.shapes[len(h.shapes) // 2]), Q) > calibrated.RESTING.taken_up:
             kept.append(h)
         elif (h.effect, h.location) not in {(m.effect, m.location) for m in missing}:
             missing.append(Untestable(h.effect, h.location, _taken_up(h, r)))
@@ -109,7 +117,7 @@ def _with_offset(Q: Array, r: Readings, j: int) -> Array:
 def _own(columns: Array, Q: Array, beside: Array) -> bool:
     """A law on a joint's torque shows more in these poses than a zero offset of the joint would."""
     alone = left(columns, Q)
-    return alone > ABSORBED and left(columns, beside) > DISTINCT * alone
+    return alone > calibrated.RESTING.taken_up and left(columns, beside) > calibrated.RESTING.distinct * alone
 
 
 def _untestable(r: Readings) -> list[Untestable]:

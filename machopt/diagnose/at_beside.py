@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.diagnose import calibrated
 from machopt.diagnose.motion_frame import Scene, curve, joint_law
 from machopt.diagnose.problem import Curve, Hypothesis, Quantity, RecordCorrection, Shape
 from machopt.diagnose.readings import Readings
@@ -19,7 +20,6 @@ from machopt.effects import files, registry
 from machopt.effects.protocol import Beside, Effect, joints_of
 from machopt.identify.noise import joint_sensitivity
 
-LEAST_TURN = np.radians(15.0)  # range of a joint's angle below which nothing by angle shows
 SUBSCRIPTS = "₁₂₃₄₅₆"
 FINE = 90  # points of a line over the joint's range
 
@@ -52,7 +52,7 @@ def _places() -> list[tuple[Effect, str]]:
 
 def _turns(r: Readings, where: str) -> bool:
     j = joints_of(where)[0]
-    return bool(r.compliance[j] > 0.0 and np.ptp(r.state.q[:, j]) >= LEAST_TURN)
+    return bool(r.compliance[j] > 0.0 and np.ptp(r.state.q[:, j]) >= calibrated.RESTING.least_turn)
 
 
 def _moves(scene: Scene, j: int) -> bool:

@@ -16,7 +16,6 @@ from machopt.identify.rivals import bounded_absolute
 from machopt.model.robot import Robot
 from machopt.se3 import skew
 
-TURNED = np.radians(30.0)  # spread of the tool's attitude at which one lever in base axes is no longer a tool's
 STEPS = 40  # of reweighting
 WORD = "the record, read as stated"
 
@@ -100,7 +99,7 @@ def _one_lever(recording: Recording, robot: Robot, T_flange_tcp: Array) -> tuple
         return recording, []
     R = tests.T_base_tcp[:, :3, :3]
     spread = float(np.linalg.norm((R - R.mean(axis=0)).reshape(-1, 9), axis=1).mean() / np.sqrt(2.0))
-    if spread < TURNED:
+    if spread < calibrated.RESTING.turned:
         return recording, []
     A = np.concatenate([-skew(f), np.broadcast_to(np.eye(3), (len(f), 3, 3))], axis=2).reshape(-1, 6)
     y, weight = m.reshape(-1), np.ones(m.size)

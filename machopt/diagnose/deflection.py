@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
-from machopt.diagnose import at_beside, at_body, at_heat, at_joint, at_sensor, loads
+from machopt.diagnose import at_beside, at_body, at_heat, at_joint, at_sensor, calibrated, loads
 from machopt.diagnose.problem import Catalogue, Family, Hypothesis, Problem, Unknown, Untestable
 from machopt.diagnose.readings import History, Readings
 from machopt.domain.parameters import joint_spring
@@ -27,10 +27,7 @@ from machopt.identify.robust import start
 from machopt.model.robot import Masses, Robot
 
 Ints = NDArray[np.int64]
-SAME_LOAD = 0.08  # of the largest load of a pose: readings so near are of the same load
 GEOMETRIC = "K_C"
-KNOWN_TO = 0.2  # share of K_C that the compliances found leave open
-GAIN_PRIOR = 0.02  # of the force, between sessions
 MOST_COMPLIANCE = 1e-4  # rad/(N·m)
 
 
@@ -73,12 +70,12 @@ def build(
     base = np.concatenate([A, *(g[:, :, None] for g in gains)], axis=2)
     unknowns = [Unknown(f"joint {j}", "rad/(N·m)", 0.0, f"joint:{j}", key=joint_spring(j)) for j in range(1, 7)]
     unknowns += [
-        Unknown(f"force gain, session {s + 1}", "1", location="sensor:force", prior=GAIN_PRIOR)
+        Unknown(f"force gain, session {s + 1}", "1", location="sensor:force", prior=calibrated.RESTING.force_gain)
         for s in range(1, len(gains) + 1)
     ]
     if curved is not None:  # known but for the compliances in it
         base = np.concatenate([base, curved[:, :, None]], axis=2)
-        unknowns.append(Unknown(GEOMETRIC, "1", location="arm", prior=KNOWN_TO))
+        unknowns.append(Unknown(GEOMETRIC, "1", location="arm", prior=calibrated.RESTING.known_to))
     u = tests.uncertainty
     families = [Family("translation", (0, 1, 2), "mm", 1e3, u.displacement)]
     if tests.dimensions == 6:
@@ -138,7 +135,7 @@ def catalogue(r: Readings, curved: Array | None) -> Catalogue:
     missing: list[Untestable] = []
     drives = np.quantile(np.abs(r.load_torque), 0.9, axis=0)
     for j in range(6):
-        if drives[j] < 1e-3 * drives.max():
+        if drives[j] < calibrated.RESTING.turned_by_load * drives.max():
             missing.append(Untestable("joint_nonlinear_stiffness", f"joint:{j + 1}", "no load turns this joint"))
             continue
         for kind in registry.of_joint_torque():
@@ -199,7 +196,7 @@ def replicates(tests: Experiment, recording: Recording) -> Ints:
         rows = np.flatnonzero(tests.pose == pose)
         w = tests.wrench[rows].copy()
         force, moment = np.linalg.norm(w[:, :3], axis=1).max(), np.linalg.norm(w[:, 3:], axis=1).max()
-        w /= loads.same(np.array([force, moment]), SAME_LOAD, recording.uncertainty)
+        w /= loads.same(np.array([force, moment]), calibrated.RESTING.same_load, recording.uncertainty)
         free = np.ones(len(rows), bool)
         for k in range(len(rows)):
             if not free[k]:

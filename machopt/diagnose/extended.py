@@ -22,7 +22,6 @@ from machopt.model.terms.compiled import compile_terms
 
 JOINTS = 6
 JOINT = "joint:"
-CERTAIN_JOINT = 0.5  # standard error per compliance from which on a joint keeps the cell's value
 
 
 @dataclass(frozen=True)
@@ -120,7 +119,7 @@ def _made(
 
 def _shown(c: Coefficient, value: float) -> bool:
     """Whether readings tell a compliance; else no load moved the joint, or next to none did."""
-    return 1.0 / STIFFEST < value < 1.0 / SOFTEST and c.sigma < CERTAIN_JOINT * value
+    return 1.0 / STIFFEST < value < 1.0 / SOFTEST and c.sigma < calibrated.RESTING.certain_joint * value
 
 
 def _off(cell: Cell, joint: int, compliance: float) -> float:

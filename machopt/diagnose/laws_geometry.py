@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.diagnose import calibrated
 from machopt.diagnose.problem import Hypothesis, Quantities, Shape
 from machopt.diagnose.readings import Readings
 from machopt.domain.kinematics import KinematicCorrection
@@ -19,11 +20,9 @@ from machopt.effects import geometry
 from machopt.effects.protocol import DEGREE, JOINTS, Quantity
 
 HELD = np.r_[[5e-4] * 3, [0.05 * DEGREE] * 3]  # m, rad: 1 sigma of what a maker holds
-DOUBT = 1.0  # times that, 1 sigma of a frame that was found: what poses hardly tell apart stays near the drawing
 SHOWN = 0.03  # of a direction's own size that the base must leave
 WEAK = 0.02  # of the strongest direction that is shown: weaker ones would need millimetres to be seen
 WHOLE = ("base", "joint:1")  # move everything alike, as a tracker does that stands elsewhere than the recording says
-ASIDE = 8.0  # gain on unseen groups by which they must beat the tracker's frame, which the robot has no part in
 
 
 def twists(r: Readings, place: str) -> Array:
@@ -57,7 +56,7 @@ def hypotheses(r: Readings, base: Array) -> list[Hypothesis]:
         V = shown(columns, base)
         if V.shape[1]:
             beside_frame = place in WHOLE and r.recording.registration == "fixed"
-            out.append(_hypothesis(place, columns, V, ASIDE if beside_frame else 0.0))
+            out.append(_hypothesis(place, columns, V, calibrated.RESTING.aside if beside_frame else 0.0))
     return out
 
 
@@ -90,7 +89,7 @@ def _hypothesis(place: str, columns: Array, V: Array, penalty: float) -> Hypothe
         family="kinematic",
         note=geometry.EFFECT.note,
         penalty=penalty,
-        held=DOUBT,
+        held=calibrated.RESTING.doubt_of_maker,
         exact=True,
     )
 

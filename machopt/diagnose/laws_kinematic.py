@@ -10,6 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.diagnose import calibrated
 from machopt.diagnose.at_joint import pair
 from machopt.diagnose.problem import Curve, Hypothesis, Shape
 from machopt.diagnose.readings import Readings
@@ -21,9 +22,7 @@ from machopt.effects.waves import ARCSEC
 LOW_ORDERS = 12  # per turn of the joint: what turns with the output (rings, pins, bearings) comes round a few times
 HIGH_ORDER = 200.0  # per turn: about the largest ratio of a robot's reducer, what turns with the motor
 LOSS = 0.7  # rad, half the phase that neighbouring orders may part by at the ends of the range: 8 % of amplitude
-POSES_PER_ORDER = 3.0  # distinct angles that each order of the grid asks for
 MOST_HIGH = 48  # orders above the low ones
-LEAST_WAYS = np.radians(10.0)  # range of a joint below which a wave is a zero offset and a slope
 BALANCER = 3.0  # per turn of joint 2, the lowest order that is not a balancer's
 WAVED = 3e-4  # rad, 1 sigma of a wave: a robot's gears run a minute of arc ahead and behind, strain wave gears more
 DRAGGED = 1e-3  # 1 sigma of a coupling's ratio, of the size that wrists without compensation in the controller have
@@ -67,19 +66,19 @@ def wave_orders(r: Readings, j: int) -> tuple[float, ...]:
 
     A balancer's torque on joint 2 has the first two orders: there these are offered as gravity_compensator alone.
     Whole orders up to LOW_ORDERS (parts that turn with the output). Above, a grid as fine as the range asks for, up
-    to one order for every POSES_PER_ORDER distinct angles: with fewer, some order among many fits any noise.
+    to one order for every few distinct angles (``poses_per_order``): with fewer, some order among many fits any noise.
     """
     q = r.state.q[:, j]
     distinct = len(np.unique(np.round(q, 3)))  # poses that are returned to differ by less
     span = float(np.ptp(q))
-    if span < LEAST_WAYS or distinct < 8:
+    if span < calibrated.RESTING.least_wave or distinct < 8:
         return ()
     step = 2.0 * LOSS / (0.5 * span)
     first = max(
         1.0 if j != 1 else BALANCER, np.ceil(0.5 * np.pi / span)
     )  # a quarter of a wave is an offset and a slope
     low = np.arange(first, LOW_ORDERS + 0.5)
-    budget = int(distinct / POSES_PER_ORDER) - len(low)
+    budget = int(distinct / calibrated.RESTING.poses_per_order) - len(low)
     if budget > MOST_HIGH:  # whole orders of a joint that turns far: a finer grid only takes longer
         budget, step = MOST_HIGH, max(step, 1.0)
     high = LOW_ORDERS + step * np.arange(1, max(budget, 0) + 1)

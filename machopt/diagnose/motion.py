@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.diagnose import motion_checks, motion_columns, motion_link, motion_tip, motion_torque
+from machopt.diagnose import calibrated, motion_checks, motion_columns, motion_link, motion_tip, motion_torque
 from machopt.diagnose.motion_frame import Scene, one_joint
 from machopt.diagnose.motion_signals import Motion, signals
 from machopt.diagnose.problem import Catalogue, Problem, Untestable
@@ -29,7 +29,6 @@ WORDS: dict[Predicted, str] = {
     "tip": "tracked position of the TCP",
     "torque": "joint torque by rigid-body dynamics from the URDF's inertias",
 }
-LONG = 600.0  # s; heat needs ten minutes to show
 
 
 def channels(recording: Recording, cell: Cell) -> tuple[Predicted, ...]:
@@ -109,7 +108,7 @@ def build(
         errors = _errors(problem), _as_stated(recording, cell, channel, repeats) if mended is not recording else None
         found = [_weighed(f, *errors) for f in found]
     missing = [*catalogue.untestable]
-    if float(np.ptp(motion.time)) < LONG:
+    if float(np.ptp(motion.time)) < calibrated.MOTION.long_s:
         missing.append(
             Untestable("thermal_drift", "environment", f"{np.ptp(motion.time):.0f} s are too short for heat")
         )

@@ -30,10 +30,7 @@ COLUMNS = {
 }
 THOUSANDS = {1e-3: "a thousandth of the unit", 1e3: "a thousand times the unit"}
 FACTORS = {np.pi / 180.0: "radians for degrees", 180.0 / np.pi: "degrees twice", **THOUSANDS}
-FEW_DEGREES, FEW_MILLIMETRES = 6.3, 5.0  # a range that is rather radians, metres
 STRETCHES = 24
-MOVES = 2e-3  # rad (m)
-SLOW = 0.5  # s between samples: a clock in milliseconds rather than a motion
 
 
 def slope(x: Array, y: Array) -> tuple[float, float]:
@@ -93,13 +90,22 @@ def _units_of(recording: Recording, name: str, joints: list[int]) -> tuple[Recor
     slides = bool(recording.prismatic) and recording.prismatic[joints[0]]
     known = [f for f in (THOUSANDS if slides else FACTORS) if abs(factor / f - 1.0) < calibrated.RECORD.slope_near]
     assert recording.time is not None  # the caller looked
-    if known and name == "velocity" and known[0] > 1.0 and np.median(np.diff(np.sort(recording.time))) > SLOW:
+    if (
+        known
+        and name == "velocity"
+        and known[0] > 1.0
+        and np.median(np.diff(np.sort(recording.time))) > calibrated.MOTION.slow_s
+    ):
         return _milliseconds(recording, joints)
     if not known or max(abs(s / factor - 1.0) for s in sure.values()) > calibrated.RECORD.slope_near:
         return recording, []
     # all joints within a few degrees and everything else 57 times larger: the encoders are the odd ones
     own = recording.q[:, joints]
-    few = np.abs(1e3 * own).max() < FEW_MILLIMETRES if slides else np.abs(np.degrees(own)).max() < FEW_DEGREES
+    few = (
+        np.abs(1e3 * own).max() < calibrated.MOTION.few_millimetres
+        if slides
+        else np.abs(np.degrees(own)).max() < calibrated.MOTION.few_degrees
+    )
     odd, scale = ("q", known[0]) if known[0] > 1.0 and few else (name, 1.0 / known[0])
     values = getattr(recording, odd).copy()
     values[:, joints] *= scale
@@ -146,7 +152,7 @@ def torque_side(recording: Recording, motion: Motion, predicted: Array) -> tuple
         return recording, []
     tau = recording.torque[motion.index, : predicted.shape[1]]
     needed = np.ptp(predicted, axis=0)
-    for j in np.flatnonzero(needed > 0.02 * needed.max()).tolist():
+    for j in np.flatnonzero(needed > calibrated.MOTION.needed * needed.max()).tolist():
         v = motion.v[:, j]
         friction = np.stack([np.ones(len(v)), np.sign(v), v], axis=1)  # it can hide which way the rest points
         if (
@@ -159,14 +165,16 @@ def torque_side(recording: Recording, motion: Motion, predicted: Array) -> tuple
             )
     pairs = [slope(predicted[:, j], tau[:, j]) for j in range(predicted.shape[1])]
     sure = [
-        j for j, (s, r) in enumerate(pairs) if abs(r) > calibrated.RECORD.slope_sure and needed[j] > 0.02 * needed.max()
+        j
+        for j, (s, r) in enumerate(pairs)
+        if abs(r) > calibrated.RECORD.slope_sure and needed[j] > calibrated.MOTION.needed * needed.max()
     ]
     if len(sure) < min(2, predicted.shape[1]):
         return recording, []
     slopes = np.array([pairs[j][0] for j in sure])
     middle = float(np.median(slopes))
-    known = [f for f in (1e-3, 1e3) if abs(middle / f - 1.0) < 0.5]
-    if known and np.ptp(slopes) < 0.5 * abs(middle):
+    known = [f for f in (1e-3, 1e3) if abs(middle / f - 1.0) < calibrated.MOTION.torque_factor]
+    if known and np.ptp(slopes) < calibrated.MOTION.torque_factor * abs(middle):
         factor = known[0]
         # against the nominal arm: refitted masses of links would make up for any factor
         before, after = (
@@ -193,11 +201,11 @@ def quality(recording: Recording, joints: int) -> tuple[Recording, list[str]]:
         InputError: no joint moves, or a torque stands still though its joint moves.
     """
     out = []
-    moves = np.ptp(recording.q[:, :joints], axis=0) > MOVES
+    moves = np.ptp(recording.q[:, :joints], axis=0) > calibrated.MOTION.moves
     if not moves.any():
         raise InputError(
-            f"{recording.source}: no joint moves by more than {np.degrees(MOVES):.2g}° (or "
-            f"{1e3 * MOVES:g} mm); there is no motion to diagnose"
+            f"{recording.source}: no joint moves by more than {np.degrees(calibrated.MOTION.moves):.2g}° (or "
+            f"{1e3 * calibrated.MOTION.moves:g} mm); there is no motion to diagnose"
         )
     for name in ("velocity", "torque"):
         values = getattr(recording, name)
@@ -242,7 +250,7 @@ def servo_lag(recording: Recording, motion: Motion) -> list[Finding]:
     before, after = np.zeros(STRETCHES), np.zeros(STRETCHES)
     for j in range(n):
         behind, x = _centred(asked[:, j] - motion.q[:, j]), _centred(speed[:, j])
-        if np.ptp(asked[:, j]) < 2e-3 or not float(x @ x) > 0:
+        if np.ptp(asked[:, j]) < calibrated.MOTION.moves or not float(x @ x) > 0:
             continue
         delay[j] = float(x @ behind) / float(x @ x)
         local = [float(x[p] @ behind[p]) / float(x[p] @ x[p]) for p in parts if float(x[p] @ x[p]) > 0]

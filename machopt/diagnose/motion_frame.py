@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.diagnose import calibrated
 from machopt.diagnose.motion_signals import Motion
 from machopt.diagnose.problem import Curve, Hypothesis, Ints, Quantities, Shape, Untestable
 from machopt.domain.cell import Cell
@@ -64,8 +65,8 @@ class Scene:
         return part * (self.scale if x.ndim == 2 else self.scale[:, None])
 
     def moves(self, joint: int) -> bool:
-        """Whether a joint turns more than a tenth of a degree."""
-        return bool(np.ptp(self.motion.q[:, joint]) > 2e-3)
+        """Whether a joint moves at all."""
+        return bool(np.ptp(self.motion.q[:, joint]) > calibrated.MOTION.moves)
 
 
 class Fit:

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.diagnose import calibrated
 from machopt.diagnose.motion_frame import Scene, curve, joint_law
 from machopt.diagnose.problem import Curve, Hypothesis, Quantity, Shape
 from machopt.effects import registry
@@ -33,7 +34,6 @@ TURNS = (
     (0.0, 0.03),
     (0.0, 0.1),
 )
-LOADED = 0.05  # of the largest load: one that changes by less shows no friction that grows with it
 WARM = (15.0, 60.0, 300.0)  # s
 
 
@@ -58,7 +58,7 @@ def breakaway(scene: Scene, joint: int, y: Array) -> Turn:
     for turn in TURNS:
         z = m.within(m.mean(direction(scene, joint, turn)[:, None]))
         power = float(np.sum(rest_of(y, np.concatenate([rest, z], axis=1))[0] ** 2))
-        if power < 0.995 * best:
+        if power < calibrated.MOTION.turn_over * best:
             best, found = power, turn
     return found
 
@@ -104,7 +104,7 @@ def friction(scene: Scene, joint: int, turn: Turn) -> list[Hypothesis]:
     v = m.v[:, joint]
     load = np.zeros_like(v) if scene.predicted is None else np.abs(scene.predicted[:, joint])
     heavy = max(float(np.quantile(load, 0.98)), 1e-9)
-    loaded = scene.predicted is not None and bool(np.ptp(load) > LOADED * heavy)
+    loaded = scene.predicted is not None and bool(np.ptp(load) > calibrated.MOTION.loaded * heavy)
     pace = Pace(float(np.quantile(np.abs(v), 0.98)), loaded, tuple(t for (t,) in warmth(scene)))
     seen = Rubbing(
         v,

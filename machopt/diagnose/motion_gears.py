@@ -12,6 +12,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from machopt.arrays import Array
+from machopt.diagnose import calibrated
 from machopt.diagnose.motion_frame import ARCMIN, Fit, Scene, curve, joint_law, one_joint
 from machopt.diagnose.motion_torque import gear_load
 from machopt.diagnose.problem import Curve, Hypothesis, Quantity, Shape
@@ -34,7 +35,7 @@ def gear_laws(scene: Scene, joint: int, load: Array, inertia: Array | None, fit:
     swing = load - np.median(load)
     largest = float(np.quantile(np.abs(load), 0.99))
     around = float(np.quantile(np.abs(swing), 0.99))
-    if largest <= 0 or around < 0.02 * largest:
+    if largest <= 0 or around < calibrated.MOTION.gear_swing * largest:
         return []
     m = scene.motion
     lasting = min(float(m.time[s.stop - 1] - m.time[s.start]) for s in m.segments())

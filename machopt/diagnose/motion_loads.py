@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.diagnose import calibrated
 from machopt.diagnose.motion_frame import Scene, curve, joint_law
 from machopt.diagnose.problem import Correction, Curve, Hypothesis, Quantity, RecordCorrection, Shape
 from machopt.effects import registry
@@ -16,13 +17,12 @@ from machopt.effects.protocol import Effect, Swinging, SwingLaw
 from machopt.effects.waves import waves
 
 ORDERS = 60  # highest gear order per turn of a joint that is looked for
-TURNS = 1.5  # waves within the range of the joint, at least: fewer are no ripple
 
 
 def orders(scene: Scene, joint: int) -> tuple[Shape, ...]:
     """Gear orders per turn that this range of a joint can show."""
     spread = float(np.ptp(scene.motion.q[:, joint]))
-    least = max(2, int(np.ceil(TURNS * 2.0 * np.pi / max(spread, 1e-9))))
+    least = max(2, int(np.ceil(calibrated.MOTION.turns * 2.0 * np.pi / max(spread, 1e-9))))
     return tuple((float(n),) for n in range(least, ORDERS + 1))
 
 

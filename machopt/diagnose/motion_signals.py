@@ -14,18 +14,16 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt, welch
 
 from machopt.arrays import Array
+from machopt.diagnose import calibrated
 from machopt.diagnose.problem import Ints
 from machopt.domain.recording import Recording
 from machopt.errors import InputError
 
 READINGS = 6000  # rows that a problem has at most
 GAP, PAUSE = 3.0, 0.03  # sampling intervals and s; a longer pause than both starts a new segment
-UNEVEN = 0.05  # mean scatter of the sampling intervals from which on filters need an even grid
-SHORTEST = 0.5  # s; shorter segments are left out
 STRETCH = 1.0  # s that are held out together, at least
 STRETCHES = 24  # so many where the record is long enough
 SHORT_CYCLE = 0.25  # s whose errors may be correlated
-SAME = 0.02  # of the spread of the joints; a motion that comes back closer than this is periodic
 TOP = 80.0  # Hz, no drive of an arm is asked for more
 RATE = 50.0  # Hz of readings at least, where the record has so many; faster is mostly noise of the drives
 
@@ -139,9 +137,9 @@ def signals(recording: Recording, joints: int, readings: int = READINGS, *, repe
     if gaps:
         notes.append(f"{gaps} gap{'s' if gaps > 1 else ''} in time; velocities are not taken across")
     uneven = float(np.mean(np.abs(steps[same & ~breaks] - dt))) / dt
-    if uneven > UNEVEN:
+    if uneven > calibrated.MOTION.uneven:
         notes.append(f"sampling intervals scatter by {100 * uneven:.0f} %; filters run on an even grid between them")
-    least = max(round(SHORTEST / dt), 24)
+    least = max(round(calibrated.MOTION.shortest_s / dt), 24)
     long = np.bincount(segment)[segment] >= least
     if not long.any():
         raise InputError(f"{recording.source}: no stretch without a gap lasts {least * dt:.2g} s; nothing to diagnose")
@@ -158,12 +156,12 @@ def signals(recording: Recording, joints: int, readings: int = READINGS, *, repe
             speed[s] = np.gradient(q[s], time[s], axis=0)
     longest = max(spans, key=lambda s: s.stop - s.start)
     known, window = (speed, "hann") if recording.velocity is not None else (q, "blackmanharris")
-    grid, on_grid = _even(time[longest], known[longest], dt if uneven > UNEVEN else 0.0)
+    grid, on_grid = _even(time[longest], known[longest], dt if uneven > calibrated.MOTION.uneven else 0.0)
     cutoff = _cutoff(on_grid, rate, window)
     v, a = np.empty_like(q), np.empty_like(q)
     sos = butter(4, min(cutoff, 0.45 * rate), fs=rate, output="sos")
     for s in spans:
-        grid, on_grid = _even(time[s], speed[s], dt if uneven > UNEVEN else 0.0)
+        grid, on_grid = _even(time[s], speed[s], dt if uneven > calibrated.MOTION.uneven else 0.0)
         smooth = sosfiltfilt(sos, on_grid, axis=0, padlen=min(len(grid) - 1, 3 * round(rate / cutoff)))
         v[s] = _at(time[s], grid, smooth)
         a[s] = _at(time[s], grid, np.gradient(smooth, grid, axis=0))
@@ -258,7 +256,7 @@ def _periods(
         x = q[s][::thin] / spread
         best = 0
         for lag in range(max(round(2.0 * rate / thin), 8), len(x) // 2 + 1):
-            if np.mean(np.abs(x[lag:] - x[:-lag])) < 2.0 * SAME:
+            if np.mean(np.abs(x[lag:] - x[:-lag])) < 2.0 * calibrated.MOTION.same_phase:
                 best = lag
                 break
         if not best:
@@ -268,7 +266,7 @@ def _periods(
         part = q[s] / spread
         off = [float(np.mean(np.abs(part[k:] - part[:-k]))) for k in fine]
         lag = int(fine[int(np.argmin(off))])
-        if min(off) > SAME:
+        if min(off) > calibrated.MOTION.same_phase:
             return none, 0.0
         out = none.copy()
         offset = 0
@@ -287,7 +285,7 @@ def _comes_back(q: Array, session: Ints, starts: Ints, n: int, spread: Array) ->
         for a, b, s, t in zip(starts[:-1], starts[1:], session[:-1], session[1:], strict=True)
         if s == t and b + n <= len(q)
     ]
-    return bool(off) and max(off) < SAME
+    return bool(off) and max(off) < calibrated.MOTION.same_phase
 
 
 def _blocks(segment: Ints, period: Ints, step: int) -> Ints:

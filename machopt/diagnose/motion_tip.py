@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.diagnose import calibrated
 from machopt.diagnose.motion_checks import sign_test
 from machopt.diagnose.motion_clock import clocks, followers, valley
 from machopt.diagnose.motion_frame import ARCSEC, Fit, Scene
@@ -35,8 +36,6 @@ from machopt.model.robot import Robot
 from machopt.se3 import skew as cross
 
 ROUNDS = 3
-LATE = 1e-3  # s
-FOLLOWS = 2e-4  # rad; encoders that stay closer to the command than this show no lag of their own
 
 
 def build(scene: Scene, robot: Robot) -> tuple[Problem, Catalogue, list[Finding]]:
@@ -161,7 +160,7 @@ def delays(scene: Scene, asked: Array) -> Array:
     out = np.zeros(asked.shape[1])
     for j in range(asked.shape[1]):
         behind = asked[:, j] - m.q[:, j]
-        if np.std(behind) > FOLLOWS * 0.05 and np.ptp(asked[:, j]) > 2e-3:
+        if np.std(behind) > calibrated.MOTION.follows * 0.05 and np.ptp(asked[:, j]) > calibrated.MOTION.moves:
             x = np.stack([speed[:, j], np.ones(len(behind))], axis=1)
             out[j] = float(np.linalg.lstsq(x, behind, rcond=None)[0][0])
     return out
@@ -170,13 +169,13 @@ def delays(scene: Scene, asked: Array) -> Array:
 def _late_encoders(y: Array, base: Array, scene: Scene, followed: Array, lag: Array) -> list[Finding]:
     """Encoders that lag the command while the TCP does not: their clock, not the arm."""
     moving = lag[np.abs(lag) > 0]
-    if not len(moving) or abs(float(np.mean(moving))) < LATE:
+    if not len(moving) or abs(float(np.mean(moving))) < calibrated.MOTION.late_s:
         return []
     own = scene.everywhere(followed[:, :, None])
     X = np.concatenate([base, own], axis=2).reshape(-1, base.shape[2] + 1)
     size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
     share = float((np.linalg.lstsq(X / size, y.reshape(-1), rcond=1e-10)[0] / size)[-1])
-    if share > 0.3 or np.std(moving) > 0.2 * abs(float(np.mean(moving))):
+    if share > calibrated.MOTION.followed or np.std(moving) > calibrated.MOTION.alike * abs(float(np.mean(moving))):
         return []
     late, sigma = 1e3 * float(np.mean(moving)), 1e3 * float(np.std(moving)) / np.sqrt(len(moving))
     # predicted from the encoders as recorded, and with their clock put right, which is from the command

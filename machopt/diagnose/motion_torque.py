@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.diagnose import at_beside, at_flange
+from machopt.diagnose import at_beside, at_flange, calibrated
 from machopt.diagnose.motion_clock import clocks, valley
 from machopt.diagnose.motion_frame import Scene, one_joint
 from machopt.diagnose.motion_friction import Turn, breakaway, direction, friction, rest_of, turned
@@ -24,9 +24,6 @@ from machopt.errors import InputError
 
 # late friction and a long breakaway path look alike at one joint
 CLOCK_TURNS = ((0.0, 0.0), (5e-5, 0.0), (2e-4, 0.0), (0.0, 0.01), (0.0, 0.05))
-TENTH = 0.1  # of the range of a joint's torque
-LINK_SCALE = 0.15  # 1 sigma of what a URDF states of a link
-INERTIA_GAIN = 0.02  # share of the held-out error that scales of link masses must take beyond what a payload takes
 
 
 def build(scene: Scene) -> tuple[Problem, Catalogue]:
@@ -62,7 +59,9 @@ def build(scene: Scene) -> tuple[Problem, Catalogue]:
     if n > 1 and _links_off(y, base, rivals, L, m.group):
         base = np.concatenate([base, L], axis=2)
         unknowns += [
-            Unknown(f"mass of link {b + 1}, relative", "1", location=f"link:{b + 1}", prior=LINK_SCALE)
+            Unknown(
+                f"mass of link {b + 1}, relative", "1", location=f"link:{b + 1}", prior=calibrated.MOTION.link_scale
+            )
             for b in dynamics.bodies
         ]
         scene.notes.append(
@@ -124,7 +123,7 @@ def _links_off(y: Array, base: Array, rivals: Array, links: Array, group: Ints) 
     both = heldout(y, np.concatenate([base, rivals, links], axis=2), group, weight)
     gain = np.minimum(alone, loaded) - both
     share = float(gain.sum() / np.minimum(alone, loaded).sum())
-    return bool(share > INERTIA_GAIN and np.mean(gain > 0) > 0.75)
+    return bool(share > calibrated.MOTION.links_gain and np.mean(gain > 0) > calibrated.MOTION.links_groups)
 
 
 def _spread(y: Array, base: Array) -> Array:
@@ -259,7 +258,7 @@ def gear_load(scene: Scene) -> Array | None:
     left, x = rest_of((y * weight).reshape(-1), A)
     error = np.std(left.reshape(y.shape) / weight, axis=0)
     moving = [j for j in range(scene.joints) if scene.moves(j)]
-    if any(error[j] > TENTH * np.ptp(measured[:, j]) for j in moving):
+    if any(error[j] > calibrated.MOTION.describes * np.ptp(measured[:, j]) for j in moving):
         return None
     return np.asarray(scene.predicted + own @ x[len(unknowns) :])
 

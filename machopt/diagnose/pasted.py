@@ -13,12 +13,11 @@ from machopt.domain.recording import Recording
 from machopt.model.robot import Robot
 
 Flags = NDArray[np.bool_]
-FINE = 5e-6  # m; readings rounded more coarsely agree by chance
 
 
 def coarse(values: Array) -> bool:
     """Whether (N, 3) m are all whole steps, of at least the resolution at which readings agree by chance."""
-    return bool(np.abs(values / FINE - np.round(values / FINE)).max() < 0.02)
+    return bool(np.abs(values / calibrated.RESTING.fine - np.round(values / calibrated.RESTING.fine)).max() < 0.02)
 
 
 def pasted(recording: Recording, robot: Robot, T_flange_tcp: Array) -> Flags:

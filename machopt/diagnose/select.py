@@ -22,7 +22,6 @@ from machopt.diagnose.unproven import possible, unproven
 from machopt.effects import registry
 
 PAIRS_AMONG = 6
-NOISE_KNOWN = 0.5  # whitened variance left, below which the noise held most of what was found
 
 
 @dataclass(frozen=True)
@@ -125,7 +124,7 @@ def settled(model: Model, laws: Sequence[Tried], tried: Sequence[Tried], rng: np
         rng: of the sign flips.
     """
     chosen = [Chosen(score(model, [t])[0], 1.0) for t in laws]
-    known = with_chosen(model, chosen).rss > NOISE_KNOWN * len(model.y)
+    known = with_chosen(model, chosen).rss > calibrated.RESTING.noise_known * len(model.y)
     while True:
         beside = [with_chosen(model, [o for o in chosen if o is not c]) for c in chosen]
         chosen = [replace(c, scored=score(m, [c.tried])[0]) for m, c in zip(beside, chosen, strict=True)]

@@ -22,13 +22,9 @@ from machopt.effects import geometry, kinematic
 
 FEW = 3  # effects that a search one by one is asked for as a rule
 RIVALS = 24  # shapes of a law that is held against what was found together
-CROWDED = 4  # places; so few are told better by the search one by one
 MOST = 96  # groups, a safety
-VISIBLE = 1e-3  # of a column's own square that must be left beside what was fitted
 MOST_SHAPES = 8  # of a law that is no wave
 LEADING = 3  # groups whose gain on unseen folds is looked at in each step
-CLEARER = 1.5  # gain of a law of weight per that of the best frame or wave: with less it stands in for several of those
-PER_COLUMN = 20  # whitened rows that each column asks for: with fewer some sum among many fits any noise
 FOLDS = 10
 RIGID = ("kinematic", "sensor")  # families of what is there without any weight: frames, waves, the tracker's stand
 
@@ -89,12 +85,12 @@ def many(model: Model, laws: Sequence[Tried], fits: float) -> list[Tried]:
     """
     if not any(t.hypothesis.effect == geometry.EFFECT.name for t in laws):  # no measured poses
         return []
-    if len(model.y) < PER_COLUMN * (model.X.shape[1] + CROWDED * 2):
+    if len(model.y) < calibrated.RESTING.per_column * (model.X.shape[1] + calibrated.RESTING.crowded * 2):
         return []
     sums = _sums(model, laws)
     picked = _pursue(sums, fits)
     places = {g.law.hypothesis.name for g in picked}
-    if len(places) <= CROWDED:
+    if len(places) <= calibrated.RESTING.crowded:
         return []
     return tried(model, [*_waves(picked), *_others(picked)])
 
@@ -132,13 +128,15 @@ def _pursue(sums: _Sums, fits: float) -> list[_Group]:
     loss = _heldout(sums, columns)
     refused: set[int] = set()
     unloaded = np.array([g.law.hypothesis.family in RIGID for g in sums.groups], bool)
-    while len(taken) < MOST and sums.rows > PER_COLUMN * len(columns):
+    while len(taken) < MOST and sums.rows > calibrated.RESTING.per_column * len(columns):
         rss = float(left[-1, -1])
         spread = max(rss / sums.rows, fits) if np.isfinite(fits) else rss / sums.rows
         gains = _gains(left, sums)
         gains[list(refused)] = 0.0
         kinematics = float(gains[unloaded].max(initial=0.0))
-        gains[~unloaded & (gains < CLEARER * kinematics)] = 0.0  # before the leading ones are taken: they take no place
+        gains[~unloaded & (gains < calibrated.RESTING.clearer * kinematics)] = (
+            0.0  # before the leading ones are taken: they take no place
+        )
         best = None
         for n in np.argsort(-gains, kind="stable")[:LEADING].tolist():
             g = sums.groups[n]
@@ -191,7 +189,7 @@ def _gains(left: Array, sums: _Sums) -> Array:
         S = left[at[:, :, None], at[:, None, :]] / (size[at][:, :, None] * size[at][:, None, :])
         value, V = np.linalg.eigh(S)
         w = np.einsum("kij,ki->kj", V, left[at, -1] / size[at])
-        seen = value > VISIBLE
+        seen = value > calibrated.RESTING.visible
         out[which] = np.sum(np.where(seen, w**2 / np.where(seen, value, 1.0), 0.0), axis=1)
     return out
 

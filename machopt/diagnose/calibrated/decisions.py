@@ -1,34 +1,11 @@
-"""The thresholds that decide what a diagnosis says, by concern, each with where its number comes from.
-
-Numbers that only set how finely something is computed stand beside the computation, grids of shapes in the effects.
-``python benchmarks/thresholds.py`` prints this table with the rates of false alarms and misses of a set of concealed
-cases, and runs them again with a threshold set otherwise.
-"""
+"""What is named, what proves itself, which readings tell the noise, what is wrong with the record."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
-from typing import Any
+from dataclasses import dataclass
 
-
-@dataclass(frozen=True)
-class Origin:
-    """Where a number comes from."""
-
-    how: str  # "measured", "statistics" or "judgement"
-    script: str = ""  # that it was set by
-    cases: str = ""  # set of the script
-    date: str = ""
-
-
-DEV = Origin("measured", "benchmarks/concealed/run.py", "dev", "2026-11-21")
-STATISTICS = Origin("statistics")  # follows from what it means
-JUDGED = Origin("judgement")  # nothing on record says that a set of cases set it
-
-
-def _set(default: float, why: str, origin: Origin) -> Any:
-    return field(default=default, metadata={"why": why, "origin": origin})
+from machopt.diagnose.calibrated.origin import DEV, JUDGED, STATISTICS
+from machopt.diagnose.calibrated.origin import threshold as _set
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,25 +172,3 @@ class Recorded:
         0.001, "s; encoders that follow their command closer than this have no lag worth a word", JUDGED
     )
     lag_explains: float = _set(0.5, "of the tracking error's power", JUDGED)
-
-
-DETECTION, PROOF, NOISE, RECORD = Detection(), Proof(), NoiseLevels(), Recorded()
-
-
-@dataclass(frozen=True)
-class Threshold:
-    """One line of the table."""
-
-    concern: str  # name of the table
-    name: str
-    value: float
-    why: str
-    origin: Origin
-
-
-def every() -> Iterator[Threshold]:
-    """All thresholds as they are in force, table by table."""
-    for concern in ("DETECTION", "PROOF", "NOISE", "RECORD"):
-        table = globals()[concern]
-        for f in fields(table):
-            yield Threshold(concern, f.name, getattr(table, f.name), f.metadata["why"], f.metadata["origin"])

@@ -1,0 +1,118 @@
+"""What an arm at rest, or in motion, can show at all; how two readings are the same."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.diagnose.calibrated.origin import JUDGED
+from machopt.diagnose.calibrated.origin import threshold as _set
+
+
+@dataclass(frozen=True, kw_only=True)
+class Resting:
+    """Load tests and poses."""
+
+    same_load: float = _set(0.08, "of the largest load of a pose: readings so near are of the same load", JUDGED)
+    known_to: float = _set(0.2, "share of K_C that the compliances found leave open", JUDGED)
+    force_gain: float = _set(0.02, "1 sigma of the force between sessions", JUDGED)
+    heavy: float = _set(
+        2.0, "robust standard deviations, from where on a reading counts less in the first fit of poses", JUDGED
+    )
+    rubber: float = _set(
+        5.0, "times the cell's compliance, 1 sigma: frames and waves must not turn a spring to rubber", JUDGED
+    )
+    near_cell: float = _set(
+        2.0, "factor around the cell's compliance within which springs stay that weights are seen through", JUDGED
+    )
+    rigid: float = _set(0.05, "of the cell's compliance: what sizes of torque are stated through is never less", JUDGED)
+    least_bend: float = _set(
+        1e-07, "m at the cell's own stiffness: a joint whose torque moves the TCP less has no column", JUDGED
+    )
+    taken_up: float = _set(
+        0.001, "of a column's length that the base leaves: less is nothing but rounding of the geometry", JUDGED
+    )
+    distinct: float = _set(
+        0.3, "of what the base leaves of a law: less beside a zero offset of the joint, and it is one", JUDGED
+    )
+    least_wave: float = _set(
+        float(np.radians(10.0)), "rad, range of a joint below which a wave is a zero offset and a slope", JUDGED
+    )
+    poses_per_order: float = _set(3.0, "distinct angles that each order of a wave asks for", JUDGED)
+    least_turn: float = _set(
+        float(np.radians(15.0)), "rad, range of a joint below which a torque by its angle does not show", JUDGED
+    )
+    doubt_of_maker: float = _set(4.0, "times what a maker holds, which a frame that was found may be off by", JUDGED)
+    aside: float = _set(
+        8.0,
+        "gain on unseen groups by which base and joint 1 must beat the tracker's frame, which the robot has no part in",
+        JUDGED,
+    )
+    crowded: int = _set(4, "places; so few are told better by the search one by one", JUDGED)
+    clearer: float = _set(
+        1.5,
+        "gain of a law of weight per that of the best frame or wave: with less it stands in for several of those",
+        JUDGED,
+    )
+    per_column: int = _set(
+        20, "whitened rows that each column asks for: with fewer some sum among many fits any noise", JUDGED
+    )
+    visible: float = _set(0.001, "of a column's own square that must be left beside what was fitted together", JUDGED)
+    noise_known: float = _set(0.5, "whitened variance left, below which the noise held most of what was found", JUDGED)
+    certain_joint: float = _set(
+        0.5, "standard error per compliance from which on a joint keeps the cell's value", JUDGED
+    )
+    turned: float = _set(
+        float(np.radians(30.0)),
+        "rad, spread of the tool's attitude at which one lever in base axes is no longer a tool's",
+        JUDGED,
+    )
+    fine: float = _set(5e-06, "m; readings rounded more coarsely agree by chance", JUDGED)
+    turned_by_load: float = _set(
+        0.001, "of the torque of the most loaded joint: a joint that bears less shows nothing", JUDGED
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motion:
+    """Motions."""
+
+    long_s: float = _set(600.0, "s; heat needs ten minutes to show", JUDGED)
+    moves: float = _set(0.002, "rad (m); a joint that turns less does not move", JUDGED)
+    slow_s: float = _set(0.5, "s between samples: a clock in milliseconds rather than a motion", JUDGED)
+    few_degrees: float = _set(6.3, "deg; a range within it is rather of radians", JUDGED)
+    few_millimetres: float = _set(5.0, "mm; a range within it is rather of metres", JUDGED)
+    loaded: float = _set(
+        0.05, "of the largest load: one that changes by less shows no friction that grows with it", JUDGED
+    )
+    turns: float = _set(1.5, "waves within the range of the joint, at least: fewer are no ripple", JUDGED)
+    late_s: float = _set(
+        0.001, "s; encoders that are later than their command by less have no clock of their own", JUDGED
+    )
+    follows: float = _set(
+        0.0002, "rad; encoders that stay closer to the command than this show no lag of their own", JUDGED
+    )
+    describes: float = _set(
+        0.1, "of the range of a joint's torque that rigid bodies may leave where gears are loaded by them", JUDGED
+    )
+    link_scale: float = _set(0.15, "1 sigma of what a URDF states of a link", JUDGED)
+    links_gain: float = _set(
+        0.02, "share of the held-out error that scales of link masses must take beyond what a payload takes", JUDGED
+    )
+    uneven: float = _set(0.05, "mean scatter of the sampling intervals from which on filters need an even grid", JUDGED)
+    shortest_s: float = _set(0.5, "s; shorter segments are left out", JUDGED)
+    same_phase: float = _set(
+        0.02, "of the spread of the joints; a motion that comes back closer than this is periodic", JUDGED
+    )
+    gear_swing: float = _set(0.02, "of the largest load of a gear by which it must change", JUDGED)
+    followed: float = _set(
+        0.3, "of a lag of the encoders that the TCP may show where it is the encoders' clock", JUDGED
+    )
+    alike: float = _set(0.2, "scatter of the joints per their mean lag, where one clock is late", JUDGED)
+    links_groups: float = _set(0.75, "of the stretches that scales of link masses must make better", JUDGED)
+    needed: float = _set(
+        0.02, "of the torque that the most loaded joint needs: less says nothing of units or signs", JUDGED
+    )
+    torque_factor: float = _set(0.5, "relative, of slopes of torque to a thousand and to each other", JUDGED)
+    turn_over: float = _set(0.995, "of the power left, below which another breakaway path is better", JUDGED)

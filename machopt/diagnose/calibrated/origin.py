@@ -1,0 +1,25 @@
+"""Where the number of a threshold comes from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a number comes from."""
+
+    how: str  # "measured", "statistics" or "judgement"
+    script: str = ""  # that it was set by
+    cases: str = ""  # set of the script
+    date: str = ""
+
+
+DEV = Origin("measured", "benchmarks/concealed/run.py", "dev", "2026-11-21")
+STATISTICS = Origin("statistics")  # follows from what it means
+JUDGED = Origin("judgement")  # nothing on record says that a set of cases set it
+
+
+def threshold(default: float, why: str, origin: Origin) -> Any:
+    return field(default=default, metadata={"why": why, "origin": origin})
