@@ -22,11 +22,12 @@ from machopt.plan.drive import motion_of
 from machopt.plan.explain import all_breaks, explain_points
 from machopt.plan.external import best_plan
 from machopt.plan.groups import Group, groups_of
-from machopt.plan.joined import Stretch, joined
+from machopt.plan.joined import Stretch, joined, shares_of
 from machopt.plan.made import Plan
 from machopt.plan.part import rows_of
 from machopt.plan.path import Path, build_path
 from machopt.plan.setup import Setup, Timings, prepare, standing
+from machopt.plan.together import together
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,22 +83,24 @@ def planned_at(
     stints: Sequence[Stint], carried: Carried, shift: Shift, options: PlanOptions
 ) -> tuple[Plan, float, str]:
     """A job planned at a place, to its motion: the plan, its time in s, and why there is no motion (else empty)."""
-    done: list[Stretch] = []
-    seconds = 0.0
-    for stint in stints:
-        quiet, own = Timings(), stint.of(options)
+    plans: list[Plan] = []
+    for k, stint in enumerate(stints):
         cell = moved(stint.cell, carried, shift)
-        scale = done[0].plan.scores.scale if done else None  # of all: the worst index is that of the whole job
-        one = best_plan(cell, stint.toolpath, own, quiet, scale=scale)
-        if len(stints) > 1:
-            begin, end = (stint.begin if done else None), (stint.end if len(done) + 1 < len(stints) else None)
-            one = replace(one, begin=begin, end=end)
-        timeline = motion_of(one, stint.toolpath, own, quiet)
-        done.append(Stretch(one, stint.first, stint.tool))
+        scale = plans[0].scores.scale if plans else None  # of all: the worst index is that of the whole job
+        one = best_plan(cell, stint.toolpath, stint.of(options), Timings(), scale=scale)
+        begin, end = (stint.begin if k else None), (stint.end if k + 1 < len(stints) else None)
+        plans.append(replace(one, begin=begin, end=end))
+    bound = None
+    if len(plans) > 1:
+        plans, bound = together(plans, shares_of(plans), Timings())
+    seconds, done = 0.0, [Stretch(one, s.first, s.tool) for one, s in zip(plans, stints, strict=True)]
+    whole = joined(done, bound) if len(done) > 1 else plans[0]
+    for stint, one in zip(stints, plans, strict=True):
+        timeline = motion_of(one, stint.toolpath, stint.of(options), Timings())
         if timeline is None or timeline.trajectory is None:
-            return one, seconds, _lost(joined(done) if stint.number else one)
+            return whole, seconds, _lost(whole)
         seconds += float(timeline.trajectory.time[-1])
-    return (joined(done) if len(done) > 1 else done[0].plan), seconds, ""
+    return whole, seconds, ""
 
 
 def _lost(one: Plan) -> str:

@@ -36,7 +36,7 @@ class Certificate:
         return 1.0 - self.objective / self.grid if self.grid > 0 else 0.0
 
 
-def _external(plan: Plan) -> float:
+def external_travel(plan: Plan) -> float:
     """What the travel of the external joints costs: the same in every sequence, and the search leaves it out."""
     path, setup = plan.path, plan.setup
     way = np.abs(np.diff(path.external * setup.per_rad[6:], axis=0)).sum(axis=1)
@@ -48,7 +48,7 @@ def certificate(plan: Plan) -> Certificate | None:
     """The certificate of a plan; None where its path has gaps or breaks to go round, or was not searched."""
     if plan.parts:
         return _of_all(plan)
-    c, ways = plan.choice, _external(plan)
+    c, ways = plan.choice, external_travel(plan)
     values = (plan.chosen.objective.total, c.total + ways, c.bound + ways, plan.grid.total)
     if plan.found is None or c.broken or not np.isfinite(values).all():
         return None
@@ -56,9 +56,10 @@ def certificate(plan: Plan) -> Certificate | None:
 
 
 def _of_all(plan: Plan) -> Certificate | None:
-    """Of a job that changes tools, J as in :mod:`machopt.plan.joined`: the bounds of its stretches by their shares.
+    """Of a job that changes tools, J as in :mod:`machopt.plan.joined`.
 
-    Each bound holds with the stretch's own worst index priced, the sequence pays for the worst of all once.
+    The bound is that of all stretches under one cap on the worst index (:mod:`machopt.plan.together`). Where it is not
+    known, the bounds of the stretches by their shares hold, each with its own worst index priced.
     """
     bound = sequence = 0.0
     worst, price = [0.0], plan.options.weights.worst
@@ -67,9 +68,10 @@ def _of_all(plan: Plan) -> Certificate | None:
         if found is None:
             return None
         own = _worst_of_sequence(part.plan)
-        bound += part.share * found.bound
+        bound += part.share * (found.bound if plan.bound is None else external_travel(part.plan))
         sequence += part.share * (found.sequence - price * own)
         worst.append(own)
+    bound += plan.bound or 0.0
     return Certificate(plan.chosen.objective.total, sequence + price * max(worst), bound, plan.grid.total)
 
 

@@ -8,6 +8,7 @@ and bound over a cap on it (:mod:`machopt.plan.caps`), and what the best sequenc
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,6 +93,7 @@ class Grid:
     price_t: Array  # (S,) 1/s
     nudged: Array  # (S,) rad, how far its grid is turned against that of the station before
     worst: float  # price of the worst index
+    elsewhere: float = 0.0  # worst index beside this grid, in units of the scale
 
     @classmethod
     def of(
@@ -121,6 +123,7 @@ class Grid:
             price_t=w.feed * terms.lost,
             nudged=np.diff(nudge, prepend=nudge[:1]),
             worst=options.weights.worst,
+            elsewhere=scores.elsewhere,
         )
 
     def choose(self, edges: Edges | None = None) -> Choice:
@@ -136,6 +139,15 @@ class Grid:
             traded.bound,
             reached,
         )
+
+    def capped(self, edges: Edges) -> tuple[Capped, float, Callable[[float, float], Capped | None]] | None:
+        """The cheapest sequence, and under caps: :meth:`_Part.capped`. None where the path has breaks or gaps."""
+        part = _Part(self, edges, slice(0, len(self.window)))
+        vertex, value, _, broken, _ = part.solve(self.candidates.feasible)
+        if broken.any() or (vertex[:, 0] < 0).any():
+            return None
+        free = Capped(vertex, value, part.most(vertex))
+        return (free, *part.capped(self.candidates.feasible, free))
 
     def again(self, choice: Choice, first: int, last: int, edges: Edges, gap: float = GAP) -> Choice | None:
         """The choice with the stations between ``first`` and ``last`` chosen again, the best that keeps the others.
@@ -172,7 +184,8 @@ class Grid:
         elsewhere = np.ones(S, bool)
         elsewhere[rows] = False
         at = np.flatnonzero(elsewhere & self.counted & ~choice.dropped)
-        part.worst_elsewhere = float(self.raw[at, choice.rotation[at], choice.branch[at]].max(initial=0.0))
+        beside = float(self.raw[at, choice.rotation[at], choice.branch[at]].max(initial=0.0))
+        part.worst_elsewhere = max(beside, self.elsewhere)
         part.value_elsewhere = choice.total - self.worst * self._worst(choice) - before
         traded = part.traded(mask, Capped(vertex, value + part.value_elsewhere, part.most(vertex)), gap)
         old[rows] = traded.best.vertex
@@ -180,7 +193,7 @@ class Grid:
 
     def _worst(self, choice: Choice) -> float:
         at = np.flatnonzero(self.counted & ~choice.dropped)
-        return float(self.raw[at, choice.rotation[at], choice.branch[at]].max(initial=0.0))
+        return max(float(self.raw[at, choice.rotation[at], choice.branch[at]].max(initial=0.0)), self.elsewhere)
 
     def _made(
         self, vertex: Ints, broken: tuple[int, ...], total: float, bound: float, reached: NDArray[np.bool_] | None
@@ -204,6 +217,7 @@ class _Part:
     def __post_init__(self) -> None:
         self.window = self.grid.window[self.rows].copy()
         self.raw, self.counted = self.grid.raw[self.rows], self.grid.counted[self.rows]
+        self.worst_elsewhere = max(self.worst_elsewhere, self.grid.elsewhere)
 
     def solve(
         self, mask: NDArray[np.bool_], limit: float = np.inf, edges: Edges | None = None, loose: bool = False
@@ -273,6 +287,11 @@ class _Part:
 
     def traded(self, mask: NDArray[np.bool_], free: Capped, gap: float = GAP) -> Traded:
         """The best sequence under caps on the worst index, from the best without one."""
+        floor, under = self.capped(mask, free)
+        return trade(free, floor, self.grid.worst, under, gap)
+
+    def capped(self, mask: NDArray[np.bool_], free: Capped) -> tuple[float, Callable[[float, float], Capped | None]]:
+        """Below which cap there is no sequence, and the cheapest one under a cap, as :func:`trade` asks for it."""
         kept = free.vertex[:, 0] >= 0
         at = np.flatnonzero(kept & self.counted)
         some = np.asarray(mask.any(axis=3))
@@ -287,8 +306,7 @@ class _Part:
             vertex, value = found
             return Capped(vertex, value + self.value_elsewhere, self.most(vertex))
 
-        floor = max(float(self.raw[at].min(axis=(1, 2)).max(initial=0.0)), self.worst_elsewhere)
-        return trade(free, floor, self.grid.worst, under, gap)
+        return max(float(self.raw[at].min(axis=(1, 2)).max(initial=0.0)), self.worst_elsewhere), under
 
     def most(self, vertex: Ints) -> float:
         """Worst index of a sequence, here or elsewhere."""

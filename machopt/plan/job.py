@@ -12,7 +12,7 @@ from machopt.plan.conflict import with_conflict
 from machopt.plan.drive import motion_of
 from machopt.plan.external import best_plan
 from machopt.plan.gaps import told
-from machopt.plan.joined import Stretch, joined
+from machopt.plan.joined import Stretch, joined, shares_of
 from machopt.plan.joinedmotion import Done, joined_points, joined_timeline
 from machopt.plan.made import Plan
 from machopt.plan.pipeline import as_driven
@@ -20,6 +20,7 @@ from machopt.plan.points import PointResults, point_results
 from machopt.plan.refine import compensate
 from machopt.plan.setup import Timings
 from machopt.plan.timeline import Timeline
+from machopt.plan.together import together
 
 
 @dataclass(frozen=True)
@@ -51,30 +52,38 @@ def plan_job(
     Raises:
         InputError: an option asks for what is not planned.
     """
-    one = len(stints) == 1
-    first = _done(stints[0], options, timings, len(stints), before=before if one else None)
-    if one:
-        return Job(first.stretch.plan, first.points, first.timeline, (first,))
-    scale = first.stretch.plan.scores.scale  # of all: the worst index is that of the whole job
-    parts = (first, *(_done(s, options, timings, len(stints), scale) for s in stints[1:]))
-    whole = replace(joined([p.stretch for p in parts]), options=options)
-    return Job(whole, joined_points(parts, toolpath), joined_timeline(parts), parts)
+    plans = [_planned(s, options, timings, len(stints), before) for s in stints[:1]]
+    if len(stints) == 1:
+        done = _done(stints[0], plans[0], options, timings)
+        return Job(done.stretch.plan, done.points, done.timeline, (done,))
+    scale = plans[0].scores.scale  # of all: the worst index is that of the whole job
+    plans += [_planned(s, options, timings, len(stints), scale=scale) for s in stints[1:]]
+    plans, bound = together(plans, shares_of(plans), timings)
+    parts = [_done(s, one, options, timings) for s, one in zip(stints, plans, strict=True)]
+    whole = replace(joined([p.stretch for p in parts], bound), options=options)
+    return Job(whole, joined_points(parts, toolpath), joined_timeline(parts), tuple(parts))
 
 
-def _done(
+def _planned(
     stint: Stint,
     whole: PlanOptions,
     timings: Timings,
     count: int,
-    scale: float | None = None,
     before: Plan | None = None,
-) -> Done:
-    """One tool's plan, its points, and its motion where there is one."""
+    scale: float | None = None,
+) -> Plan:
+    """One tool's plan, for its own worst index."""
     toolpath, options = stint.toolpath, stint.of(whole)
+    before = before if count == 1 else None
     the_plan = best_plan(stint.cell, toolpath, options, timings, before, scale=scale)
     the_plan = with_conflict(the_plan, stint.cell, toolpath, options, timings)
     begin, end = (stint.begin if stint.number > 1 else None), (stint.end if stint.number < count else None)
-    the_plan = replace(the_plan, begin=begin, end=end) if count > 1 else the_plan
+    return replace(the_plan, begin=begin, end=end) if count > 1 else the_plan
+
+
+def _done(stint: Stint, the_plan: Plan, whole: PlanOptions, timings: Timings) -> Done:
+    """One tool's plan with its points, and its motion where there is one."""
+    toolpath, options = stint.toolpath, stint.of(whole)
     if options.compensate:
         with timings.stage("compensate"):
             the_plan = compensate(the_plan, toolpath)

@@ -5,8 +5,8 @@ hangs on another's, and with s_k a stretch's share of the length cut the whole h
 
     J = Σ s_k (J_k − w_worst·m_k) + w_worst·max m_k,    m_k its worst index in units of one c₀ (the first stretch's)
 
-The stretches are planned for J_k alone. As Σ s_k = 1, no plan of the whole has less than Σ s_k·bound_k: what the worst
-index of another stretch would have allowed this one to give away is in the certificate's gap.
+The stretches are planned for J_k alone, and then for the worst index of them all (:mod:`machopt.plan.together`). Where
+that is not done, no plan of the whole has less than Σ s_k·bound_k, as Σ s_k = 1.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ class Stretch:
     tool: str
 
 
-def joined(stretches: Sequence[Stretch]) -> Plan:
-    """The whole job; each stretch's own plan is in its ``parts``."""
+def joined(stretches: Sequence[Stretch], bound: float | None = None) -> Plan:
+    """The whole job; each stretch's own plan is in its ``parts``; ``bound`` as in :class:`machopt.plan.made.Plan`."""
     plans = [_in_the_whole(s) for s in stretches]
-    share = _shares(plans)
+    share = shares_of(plans)
     rows = np.cumsum([0, *(len(p.path.index) for p in plans)])[:-1]
     stations = np.cumsum([0, *(len(p.path.stations) for p in plans)])[:-1].tolist()
     first, options = plans[0], plans[0].options
@@ -86,6 +86,7 @@ def joined(stretches: Sequence[Stretch]) -> Plan:
         compensation=_compensation(plans),
         conflict=" ".join(p.conflict for p in plans if p.conflict),
         parts=tuple(Part(p, int(row), float(s)) for p, row, s in zip(plans, rows, share, strict=True)),
+        bound=bound,
     )
 
 
@@ -106,7 +107,7 @@ def _in_the_whole(s: Stretch) -> Plan:
     )
 
 
-def _shares(plans: Sequence[Plan]) -> Array:
+def shares_of(plans: Sequence[Plan]) -> Array:
     """(K,) of the length cut; by the counted points where nothing has a length."""
     length = []
     for p in plans:

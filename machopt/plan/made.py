@@ -58,6 +58,7 @@ class Plan:
     begin: Array | None = None  # (6 + E,) rad or m by encoder, where the motion begins; None: at home
     end: Array | None = None  # likewise, where it ends
     parts: tuple[Part, ...] = ()  # one a tool that is on, of a job that changes tools; empty: it has one tool
+    bound: float | None = None  # of such a job: no sequences over the grids of its parts have less J; None: not known
 
     def at(self, point: int) -> tuple[Plan, int]:
         """The plan that planning point ``point`` was planned in, and which of its points it is."""

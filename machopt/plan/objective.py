@@ -220,6 +220,7 @@ def objective(
     velocity: Array,
     options: PlanOptions,
     crowded: Array | None = None,
+    elsewhere: float = 0.0,
 ) -> Objective:
     """J of one assignment at all planning points; infinite where a counted point has no cost.
 
@@ -230,6 +231,7 @@ def objective(
         scale: c₀, in the unit of the cost.
         velocity: (6,) rad/s, joint velocity limits.
         crowded: (P,) :func:`crowding`, NaN where it is not known; None: it does not count.
+        elsewhere: worst index of what is planned beside the path, in units of c₀: a lower one is worth nothing.
     """
     terms, w = Terms.of(path, velocity, options), options.weights
     counted = path.counted
@@ -251,6 +253,6 @@ def objective(
     near = np.zeros(len(path.index)) if crowded is None else crowded
     there = counted & np.isfinite(near)
     clearance = float(terms.share[there] @ near[there] / max(terms.share[there].sum(), 1e-300))
-    total = node_price(mean, preferred + w.clearance * clearance, w.mean) + w.worst * worst
+    total = node_price(mean, preferred + w.clearance * clearance, w.mean) + w.worst * max(worst, elsewhere)
     total += edge_price(travel, rotation, lost, w.travel, w.rotation, w.feed)
     return Objective(float(total), mean, worst, travel, rotation, lost, preferred, clearance)

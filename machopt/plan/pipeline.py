@@ -88,18 +88,10 @@ def plan(
         scores = replace(scores, crowded=over_grid(path, setup.collision, candidates, options))
         scores = scores if scale is None else replace(scores, scale=scale)
 
-    def scored(assignment: Assignment, path: Path = path, d: Directions = d) -> Scored:
-        cost = np.full(len(path.index), np.nan)
-        ok = np.flatnonzero(assignment.reason == Reason.OK)
-        cost[ok] = configuration_cost(setup.elasticity, d, ok, assignment.q[ok], scores.index)
-        crowded = along(path, setup.collision, assignment.q, options)
-        x = setup.in_rad(path, assignment.q)
-        value = objective(path, cost, x, assignment.phi, scores.scale, setup.velocity, options, crowded)
-        return Scored(assignment, cost, value)
-
+    scored = _scorer(path, setup, d, scores, options)
     with stage("baselines"):
         by_file, by_paper = _yardsticks(before, at_home, d_home, setup, options)
-        default, paper = scored(by_file, at_home, d_home), scored(by_paper, at_home, d_home)
+        default, paper = map(_scorer(at_home, setup, d_home, scores, options), (by_file, by_paper))
 
     checker = Checker.of(path, setup.arm, setup.robot, setup.collision, options)
     found: Found | None = None
@@ -149,6 +141,58 @@ def plan(
     )
 
 
+def searched_again(before: Plan, found: Found, worst: float, elsewhere: float, clock: Timings) -> Plan:
+    """The plan searched once more with another price of the worst index; what was struck out stays so.
+
+    Args:
+        before: without gaps or breaks; keeps its candidates.
+        found: of its search.
+        worst: price of the worst index.
+        elsewhere: worst index of what is planned beside it, in units of c₀: below it a lower one gains nothing.
+    """
+    path, setup, c = before.path, before.setup, before.candidates
+    options = replace(before.options, weights=replace(before.options.weights, worst=worst))
+    scores = replace(before.scores, elsewhere=elsewhere)
+    candidates = replace(c, feasible=c.feasible.copy(), reason=c.reason.copy())
+    scored = _scorer(path, setup, before.directions, scores, options)
+    checker = Checker.of(path, setup.arm, setup.robot, setup.collision, options)
+    found = _searched(path, setup, candidates, scores, scored, options, clock, checker, found)
+    chosen, check = scored(found.assignment), found.check
+    chosen.assignment.reason[check.lost & (chosen.assignment.reason == Reason.OK)] = Reason.NO_PATH
+    chosen.assignment.reason[check.hit] = Reason.COLLIDING
+    return replace(
+        before,
+        options=options,
+        candidates=candidates,
+        scores=scores,
+        choice=found.choice,
+        chosen=chosen,
+        chosen_from=found.source,
+        grid=_grid_objective(path, found.choice, candidates, scores, setup, options),
+        check=check,
+        rounds=before.rounds + found.rounds,
+        breaks=breaks_of_choice(path, setup, candidates, found),
+        found=found,
+    )
+
+
+def _scorer(
+    path: Path, setup: Setup, d: Directions, scores: Scores, options: PlanOptions
+) -> Callable[[Assignment], Scored]:
+    """What gives an assignment its cost at every planning point, and its objective."""
+
+    def scored(assignment: Assignment) -> Scored:
+        cost = np.full(len(path.index), np.nan)
+        ok = np.flatnonzero(assignment.reason == Reason.OK)
+        cost[ok] = configuration_cost(setup.elasticity, d, ok, assignment.q[ok], scores.index)
+        crowded = along(path, setup.collision, assignment.q, options)
+        x, v = setup.in_rad(path, assignment.q), setup.velocity
+        value = objective(path, cost, x, assignment.phi, scores.scale, v, options, crowded, scores.elsewhere)
+        return Scored(assignment, cost, value)
+
+    return scored
+
+
 def _searched(
     path: Path,
     setup: Setup,
@@ -158,14 +202,17 @@ def _searched(
     options: PlanOptions,
     clock: Timings,
     checker: Checker,
+    before: Found | None = None,
 ) -> Found:
-    """The global choice, smoothed and free of contacts as far as that can be had."""
+    """The global choice, smoothed and free of contacts as far as that can be had; ``before``: an earlier search."""
 
     def prefer_grid(choice: Choice, curve: Assignment, plain: Assignment) -> bool:
         grid = _grid_objective(path, choice, candidates, scores, setup, options)
         return scored(curve).objective.total > grid.total * (1 + 1e-9)
 
     search = Search(path, candidates, scores, setup.cell.limits.velocity[:6], options, checker, clock.switch)
+    if before is not None:
+        search.resume(before)
     try:
         return best_of_nested(search, search.run(prefer_grid), lambda a: scored(a).objective.total)
     finally:
@@ -244,4 +291,5 @@ def _grid_objective(
         near = np.where(choice.dropped, np.nan, scores.crowded[rows, choice.rotation, choice.branch])
         crowded = np.interp(np.arange(len(path.index)), st, near)
     x = setup.in_rad(path, plain.seed)
-    return objective(path, cost, x, plain.phi, scores.scale, setup.velocity, options, crowded)
+    v = setup.velocity
+    return objective(path, cost, x, plain.phi, scores.scale, v, options, crowded, scores.elsewhere)

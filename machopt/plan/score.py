@@ -55,6 +55,7 @@ class Scores:
     index: Index  # the index in force, never "auto"
     scale: float  # c₀
     crowded: Array | None = None  # (S, R, B) :func:`machopt.plan.objective.crowding`; None: it does not count
+    elsewhere: float = 0.0  # worst index of what is planned beside this, in units of c₀: below it a worst one is free
 
 
 def resolve_index(options: PlanOptions) -> Index:

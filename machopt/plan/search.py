@@ -99,6 +99,11 @@ class Search:
         )
         self.chooser = Chooser(self.path, self.candidates, self.scores, self.velocity, self.options, np.zeros(S, bool))
 
+    def resume(self, found: Found) -> None:
+        """Begin with what an earlier search over the same candidates found out."""
+        self.pairs[:], self.looked[:], self.chooser.wide[:] = found.pairs, found.looked, found.wide
+        self.edges, self.banned = found.edges, dict(found.banned)
+
     def run(self, prefer_grid: Callable[[Choice, Assignment, Assignment], bool]) -> Found:
         """Search to the end.
 

@@ -45,7 +45,7 @@ def smooth(
         velocity: (6,) rad/s, joint velocity limits.
     """
     P, st = len(path.index), path.stations
-    worst = _grid_worst(path, scores, choice)
+    worst = max(_grid_worst(path, scores, choice), scores.elsewhere)
     terms = Terms.at_stations(path, velocity, options)
     position = np.searchsorted(st, np.arange(P))
     parts = [
@@ -56,7 +56,7 @@ def smooth(
     for part, ends in zip(parts, [_ends(parts, n) for n in range(len(parts))], strict=True):
         if part.x[-1] > 0 and len(part.rows) >= 3:
             part.turns = True
-            part.answers, part.merit = spline_answers(path, part, _worst_elsewhere(parts, part), ends)
+            part.answers, part.merit = spline_answers(path, part, _worst_elsewhere(parts, part, scores), ends)
             if part.pins:  # where no answer keeps to the corridor, the grid's own sequence is moved to meet the pins
                 part.offset = np.interp(part.x, part.x[list(part.pins)], list(part.pins.values()))
     # runs are tied by the rapid moves between them, so each is chosen with the others as they are
@@ -64,7 +64,7 @@ def smooth(
         for n, part in enumerate(parts):
             if part.turns:
                 ends = _ends(parts, n)
-                elsewhere = _worst_elsewhere(parts, part)
+                elsewhere = _worst_elsewhere(parts, part, scores)
                 value, spline = min(
                     ((part.merit(a, ends, elsewhere), a) for a in part.answers), key=lambda pair: pair[0]
                 )
@@ -93,9 +93,9 @@ def _ends(parts: list[Stretch], n: int) -> Ends:
     return Ends(before, after.joints()[0], after.terms.weights.travel * float(after.terms.travel[0]))
 
 
-def _worst_elsewhere(parts: list[Stretch], one: Stretch) -> float:
-    """Worst cost of the other stretches as they are: improving this one below it gains nothing."""
-    return max((p.worst() for p in parts if p is not one), default=0.0)
+def _worst_elsewhere(parts: list[Stretch], one: Stretch, scores: Scores) -> float:
+    """Worst cost of the other stretches as they are, or beside the path: improving this one below it gains nothing."""
+    return max(scores.elsewhere, *(p.worst() for p in parts if p is not one), 0.0)
 
 
 def _constant_rotations(parts: list[Stretch], worst: float) -> None:

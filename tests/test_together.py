@@ -1,0 +1,111 @@
+"""The worst index of a job that changes tools, traded over its stretches: against every cap, and against each alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_cell import small_cell
+
+from machopt.domain.options import PlanOptions, Weights
+from machopt.domain.stiffness import Stiffness
+from machopt.formats.toolpath import read_toolpath
+from machopt.plan.certificate import certificate
+from machopt.plan.choose import Grid
+from machopt.plan.compensate import rescored
+from machopt.plan.joined import Stretch, joined, shares_of
+from machopt.plan.made import Plan
+from machopt.plan.pipeline import plan
+from machopt.plan.setup import Timings
+from machopt.plan.together import together
+
+
+def _groove(folder: Path, name: str, y: float, length: float) -> Path:
+    xs = np.linspace(-0.5 * length, 0.5 * length, 12)
+    rows = [f"{xs[0]},{y},40,0,0,1,rapid,", f"{xs[0]},{y},5,0,0,1,approach,2000"]
+    rows += [f"{x},{y + 20 * np.sin(x / 40)},-1,0,0,1,cut,1500" for x in xs]
+    rows += [f"{xs[-1]},{y},40,0,0,1,retract,3000"]
+    (folder / name).write_text("\n".join(["x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min", *rows]) + "\n")
+    return folder / name
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> list[Plan]:
+    """A long groove with a short tool, and a short one at the table's end with a long tool, each for itself."""
+    folder = tmp_path_factory.mktemp("together")
+    cell = replace(small_cell(folder), stiffness=Stiffness(np.array([2.0, 2.0, 1.5, 0.5, 0.4, 0.3]) * 1e6))
+    far = cell.tool.T_flange_tcp.copy()
+    far[:3, 3] += [0.15, 0.0, 0.2]
+    cells = [cell, replace(cell, tool=replace(cell.tool, T_flange_tcp=far))]
+    options = PlanOptions(
+        collision=False,
+        rotation_step=np.radians(15.0),
+        weights=replace(Weights(), worst=0.3, travel=0.3),
+    )
+    out: list[Plan] = []
+    for one, name, y, length in zip(cells, ("a.csv", "b.csv"), (-100.0, 300.0), (300.0, 60.0), strict=True):
+        path = read_toolpath(_groove(folder, name, y, length))
+        scale = out[0].scores.scale if out else None
+        out.append(plan(one, path, options, scale=scale))
+    return out
+
+
+def _values(one: Plan, cap: float) -> float:
+    """The rest of the objective of the cheapest sequence under a cap."""
+    assert one.found is not None
+    grid = Grid.of(one.path, one.candidates, one.scores, one.setup.cell.limits.velocity[:6], one.options)
+    found = grid.capped(one.found.edges)
+    assert found is not None
+    free, floor, under = found
+    if free.worst <= cap:
+        return free.value
+    answer = under(cap, np.inf) if cap >= floor else None
+    return np.inf if answer is None else answer.value
+
+
+def test_the_common_bound_is_that_of_the_best_cap(alone: list[Plan]) -> None:
+    share, w = shares_of(alone), alone[0].options.weights.worst
+    plans, bound = together(alone, share, Timings())
+    assert bound is not None
+    caps = np.unique(np.concatenate([(p.scores.cost / p.scores.scale).ravel() for p in alone]))
+    caps = caps[np.isfinite(caps)][::7]
+    every = [float(share @ [_values(p, c) for p in alone]) + w * c for c in caps.tolist()]
+    assert bound <= min(every) + 1e-9
+    assert bound >= min(every) * (1 - 0.01)  # every seventh cap
+    one_by_one = float(share @ [p.choice.bound for p in alone])
+    assert bound > one_by_one
+    told = certificate(joined([Stretch(p, 0, "") for p in plans], bound))
+    assert told is not None
+    assert told.bound == pytest.approx(bound)
+    assert 0 <= told.gap < 5e-3
+
+
+def test_the_whole_is_never_worse_than_each_for_itself(alone: list[Plan]) -> None:
+    share = shares_of(alone)
+    plans, bound = together(alone, share, Timings())
+    before = joined([Stretch(p, 0, "") for p in alone])
+    after = joined([Stretch(p, 0, "") for p in plans], bound)
+    old, new = certificate(before), certificate(after)
+    assert old is not None
+    assert new is not None
+    assert new.objective < old.objective
+    assert new.gap < old.gap
+    assert all(p.options == q.options for p, q in zip(plans, alone, strict=True))
+    w = alone[0].options.weights.worst
+    for p in plans:  # told in the user's prices
+        o, assignment = p.chosen.objective, p.chosen.assignment
+        own = rescored(p, assignment).chosen.objective
+        assert (own.total, own.worst) == pytest.approx((o.total, o.worst))
+        assert p.choice.bound <= p.choice.total
+        assert p.choice.total > w * o.worst * 0.9
+    again, _ = together(alone, share, Timings())
+    for p, q in zip(plans, again, strict=True):
+        np.testing.assert_array_equal(p.chosen.assignment.q, q.chosen.assignment.q)
+
+
+def test_what_has_gaps_is_left_as_it_is(alone: list[Plan]) -> None:
+    plans, bound = together([alone[0], replace(alone[1], found=None)], shares_of(alone), Timings())
+    assert bound is None
+    assert plans[0] is alone[0]
