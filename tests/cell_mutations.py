@@ -22,7 +22,8 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.recording import Recording
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
-from machopt.formats.options import OptionKeys, load_options, options_as_user
+from machopt.formats.option_keys import OptionKeys
+from machopt.formats.options import load_options, options_as_user
 from machopt.formats.recording import load_recording
 from machopt.formats.stiffness import load_stiffness
 

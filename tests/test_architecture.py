@@ -34,7 +34,6 @@ SERVICE_LINES = 120
 LONGER: dict[str, str] = {
     "formats/programs/krl.py": "one interpreter: its state and its statements",
     "formats/programs/rapid.py": "one interpreter: its state and its statements",
-    "report/identification_page.py": "the blocks of one page, each a list of its fields",
 }  # file: why it is longer
 
 HEAVY = (

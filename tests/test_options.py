@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from machopt.domain.options import ExternalAxis, FixedRotation, PlanOptions, ProcessForce, Steer, Weights
 from machopt.errors import InputError
-from machopt.formats.options import OptionKeys, load_options, options_as_user, without_effect
+from machopt.formats.option_keys import OptionKeys
+from machopt.formats.options import load_options, options_as_user, without_effect
 from machopt.services.load import Request
 from machopt.services.run import optimize
 

@@ -12,7 +12,7 @@ import machopt
 from machopt.cli import main
 from machopt.formats.cam import reviewed
 from machopt.formats.cell_schema import CutterKeys
-from machopt.formats.options import OptionKeys
+from machopt.formats.option_keys import OptionKeys
 
 PACKAGE = Path(machopt.__file__).parent
 READERS = PACKAGE / "formats"

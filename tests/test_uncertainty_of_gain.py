@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from test_pipeline import planned
 
-from machopt.cli.toolpaths import _gain_lines
+from machopt.cli.toolpath_words import _gain_lines
 from machopt.domain.options import Index
 from machopt.domain.reason import Reason
 from machopt.domain.results.optimize import MeanGain, OptimizeResult

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from machopt.formats.options import OptionKeys
+from machopt.formats.option_keys import OptionKeys
 from machopt.formats.yamlstrict import Strict
 
 Triple = Annotated[list[float], Field(min_length=3, max_length=3)]

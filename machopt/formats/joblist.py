@@ -22,7 +22,7 @@ from pydantic import Field
 
 from machopt.errors import InputError, nearest
 from machopt.formats.opener import YAML, read_file, read_text
-from machopt.formats.options import ForceKeys, OptionKeys, WeightKeys
+from machopt.formats.option_keys import ForceKeys, OptionKeys, WeightKeys
 from machopt.formats.posts import post_names
 from machopt.formats.posts.postfile import ALIASES
 from machopt.formats.source import offsets as work_offsets

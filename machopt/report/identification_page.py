@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from machopt.report.display import fixed
-from machopt.report.identification import Coefficient, GridView, IdentificationPage, SubsetStudy
-from machopt.report.series import numbers
+from machopt.report.identification import Coefficient, IdentificationPage
+from machopt.report.identification_charts import (
+    ARCMIN,
+    ELLIPSES,
+    MOST_HALF,
+    charts_of,
+)
 from machopt.report.shell import page_html, section
 from machopt.report.tables import Column, folded, table
 from machopt.report.template import part
@@ -20,16 +24,6 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
     Body = Markup | str
-
-Spec = dict[str, Any]  # JSON for assets/xy.js
-
-ARCMIN = np.pi / 180 / 60
-AXES = (("x", "#1552b8"), ("y", "#d9730d"), ("z", "#2c8a57"))
-JOINTS = ("#1552b8", "#d9730d", "#2c8a57", "#8a3fb0", "#b3261e", "#5b6673")
-CHI2_90 = 4.605  # 90 % of a two-dimensional normal
-MOST_POINTS = 4000  # readings drawn; the files hold all
-ELLIPSES = 6
-MOST_HALF = 100.0  # %
 
 
 def write_identification(path: Path, data: IdentificationPage) -> None:
@@ -44,7 +38,7 @@ def write_identification(path: Path, data: IdentificationPage) -> None:
 
 def identification_html(data: IdentificationPage) -> str:
     """The page as text; the same data give the same bytes."""
-    charts = _charts(data)
+    charts = charts_of(data)
     have = {c["id"] for c in charts}
     sections = [
         ("verdict", "Verdict", _verdict(data)),
@@ -248,304 +242,3 @@ def _run(data: IdentificationPage) -> Body:
 
 def _host(name: str, have: set[str]) -> Body:
     return part("chart", name) if name in have else ""
-
-
-def _charts(data: IdentificationPage) -> list[Spec]:
-    charts = [_forest(data.joints, data.level), _parity(data, 0), _residual(data, 0), _over_load(data)]
-    if data.measured.shape[1] == 6:
-        charts += [_parity(data, 3), _residual(data, 3)]
-    charts += _ellipses(data)
-    if np.isfinite(data.heldout).any():
-        charts.append(_heldout(data))
-    if data.subset is not None:
-        charts += [_subset(data.subset, j) for j in range(6) if np.isfinite(data.subset.median[:, j]).any()]
-    if data.grid is not None:
-        charts += [_grid_chart(data.grid, j) for j in range(6)]
-    return charts
-
-
-def _forest(joints: tuple[Coefficient, ...], level: float) -> Spec:
-    at = np.arange(len(joints), dtype=float)[::-1]  # joint 1 on top
-    k = np.array([c.value for c in joints])
-    high = np.array([c.high for c in joints])
-    top = 3.0 * np.nanmax(k)
-    layers: list[Spec] = [
-        {
-            "type": "points",
-            "name": "before",
-            "color": "#7a8490",
-            "mark": "diamond",
-            "size": 4,
-            "hollow": True,
-            "x": numbers(np.array([c.prior for c in joints])),
-            "y": numbers(at + 0.22),
-        }
-    ]
-    for seen, name, color in ((True, "identified", "#1552b8"), (False, "not seen by the data", "#b3261e")):
-        pick = [n for n, c in enumerate(joints) if c.identified is seen]
-        if pick:
-            layers.append(
-                {
-                    "type": "points",
-                    "name": name,
-                    "color": color,
-                    "size": 4,
-                    "bar": 3,
-                    "hollow": not seen,
-                    "x": numbers(k[pick]),
-                    "y": numbers(at[pick]),
-                    "xlo": numbers(np.array([max(joints[n].low, 1.0) for n in pick])),
-                    "xhi": numbers(np.where(np.isfinite(high[pick]), high[pick], top)),
-                    "labels": [[["joint", joints[n].name]] for n in pick],
-                }
-            )
-    return {
-        "id": "i-joints",
-        "title": f"{100 * level:g} % intervals",
-        "xlog": True,
-        "xlabel": "Stiffness (N·m/rad)",
-        "ylabel": "Joint",
-        "ycats": [c.name for c in reversed(joints)],
-        "left": 70,
-        "height": 40 + 34 * len(joints),
-        "layers": layers,
-    }
-
-
-def _pick(n: int) -> NDArray[np.intp]:
-    return np.unique(np.linspace(0, n - 1, min(n, MOST_POINTS)).round().astype(int))
-
-
-def _labels(data: IdentificationPage, rows: NDArray[np.intp]) -> list[list[list[str]]]:
-    return [
-        [["pose", str(data.pose[n])], ["line", str(data.line[n])], ["force", f"{data.load[n]:.0f} N"]] for n in rows
-    ]
-
-
-def _parity(data: IdentificationPage, first: int) -> Spec:
-    rows, unit = _pick(len(data.measured)), "mrad" if first else "mm"
-    labels = _labels(data, rows)
-    both = 1e3 * np.concatenate([data.measured[rows, first : first + 3], data.predicted[rows, first : first + 3]])
-    ends = [float(both.min()), float(both.max())]
-    layers: list[Spec] = [{"type": "line", "color": "#7a8490", "dash": "5 4", "x": ends, "y": ends}]
-    for a, (name, color) in enumerate(AXES):
-        m, p, s = (1e3 * v[rows, first + a] for v in (data.measured, data.predicted, data.sigma))
-        layers.append(
-            {
-                "type": "points",
-                "name": f"{'r' if first else 'd'}{name}",
-                "color": color,
-                "labels": labels,
-                "x": numbers(p),
-                "y": numbers(m),
-                "lo": numbers(m - s),
-                "hi": numbers(m + s),
-            }
-        )
-    what = "rotation" if first else "displacement"
-    return {
-        "id": "i-parity-rot" if first else "i-parity",
-        "title": f"Measured against predicted {what}",
-        "xlabel": f"Predicted ({unit})",
-        "ylabel": f"Measured ({unit})",
-        "equal": True,
-        "height": 380,
-        "layers": layers,
-    }
-
-
-def _residual(data: IdentificationPage, first: int) -> Spec:
-    rows, unit = _pick(len(data.measured)), "mrad" if first else "mm"
-    poses, at = np.unique(data.pose[rows], return_inverse=True)
-    labels = _labels(data, rows)
-    layers: list[Spec] = []
-    for a, (name, color) in enumerate(AXES):
-        r = 1e3 * (data.measured - data.predicted)[rows, first + a]
-        s = 1e3 * data.sigma[rows, first + a]
-        layers.append(
-            {
-                "type": "points",
-                "name": f"{'r' if first else 'd'}{name}",
-                "color": color,
-                "size": 2.4,
-                "x": numbers(np.asarray(at, float) + 0.22 * (a - 1)),
-                "y": numbers(r),
-                "lo": numbers(r - s),
-                "hi": numbers(r + s),
-                "labels": labels,
-            }
-        )
-    return {
-        "id": "i-residual-rot" if first else "i-residual",
-        "title": f"Residual per pose ({unit})",
-        "height": 250,
-        "xlabel": "Pose",
-        "ylabel": f"Measured − predicted ({unit})",
-        "xcats": [str(p) for p in poses],
-        "hlines": [{"y": 0, "class": "axis", "fit": True}],
-        "layers": layers,
-    }
-
-
-def _over_load(data: IdentificationPage) -> Spec:
-    rows = _pick(len(data.measured))
-    labels = _labels(data, rows)
-    r = 1e3 * (data.measured - data.predicted)[rows]
-    layers: list[Spec] = [
-        {
-            "type": "points",
-            "name": f"d{name}",
-            "color": color,
-            "size": 2.4,
-            "x": numbers(data.load[rows]),
-            "y": numbers(r[:, a]),
-            "labels": labels,
-        }
-        for a, (name, color) in enumerate(AXES)
-    ]
-    return {
-        "id": "i-load",
-        "title": "Residual over load",
-        "xlabel": "Force (N)",
-        "ylabel": "Residual (mm)",
-        "hlines": [{"y": 0, "class": "axis", "fit": True}],
-        "layers": layers,
-    }
-
-
-def _heldout(data: IdentificationPage) -> Spec:
-    rows = _pick(len(data.measured))
-    size = 1e3 * np.linalg.norm(data.measured[rows, :3], axis=1)
-    layers: list[Spec] = []
-    for name, values, color, hollow in (
-        ("fit", data.predicted, "#1552b8", False),
-        ("pose left out", data.heldout, "#d9730d", True),
-    ):
-        error = 1e3 * np.linalg.norm((data.measured - values)[rows, :3], axis=1)
-        layers.append(
-            {
-                "type": "points",
-                "name": name,
-                "color": color,
-                "hollow": hollow,
-                "size": 2.6,
-                "x": numbers(size),
-                "y": numbers(error),
-                "labels": _labels(data, rows),
-            }
-        )
-    return {
-        "id": "i-heldout",
-        "title": "Size of the error, fitted and with the pose left out",
-        "ymin": 0,
-        "xlabel": "Measured displacement (mm)",
-        "ylabel": "Error (mm)",
-        "layers": layers,
-    }
-
-
-def _ellipses(data: IdentificationPage) -> list[Spec]:
-    """Pairs of identified joints in the order of their correlation."""
-    seen = [j for j, c in enumerate(data.joints) if c.identified]
-    sigma = np.sqrt(np.diag(data.covariance))
-    pairs = [
-        (abs(data.covariance[i, j]) / (sigma[i] * sigma[j]), i, j)
-        for i in seen
-        for j in seen
-        if i < j and sigma[i] > 0 and sigma[j] > 0
-    ]
-    out = []
-    t = np.linspace(0.0, 2 * np.pi, 61)
-    for n, (_, i, j) in enumerate(sorted(pairs, key=lambda p: (-p[0], p[1], p[2]))[:ELLIPSES]):
-        S = data.covariance[np.ix_([i, j], [i, j])]
-        w, V = np.linalg.eigh(S)
-        ring = V @ (np.sqrt(CHI2_90 * np.maximum(w, 0.0))[:, None] * np.stack([np.cos(t), np.sin(t)]))
-        c = data.compliances[[i, j]]
-        layers: list[Spec] = [
-            {
-                "type": "line",
-                "name": "90 %",
-                "color": "#1552b8",
-                "x": numbers(1e6 * (c[0] + ring[0])),
-                "y": numbers(1e6 * (c[1] + ring[1])),
-            },
-            {
-                "type": "points",
-                "name": "identified",
-                "color": "#1552b8",
-                "size": 3,
-                "legend": False,
-                "x": numbers(1e6 * c[:1]),
-                "y": numbers(1e6 * c[1:]),
-            },
-        ]
-        r = S[0, 1] / math.sqrt(S[0, 0] * S[1, 1])
-        out.append(
-            {
-                "id": f"i-ellipse{n}",
-                "title": f"Joints {i + 1} and {j + 1}: correlation {r:+.2f}".replace("-", "−"),
-                "xlabel": f"c{i + 1} (µrad/(N·m))",
-                "ylabel": f"c{j + 1} (µrad/(N·m))",
-                "height": 230,
-                "layers": layers,
-            }
-        )
-    return out
-
-
-def _subset(study: SubsetStudy, j: int) -> Spec:
-    x = numbers(study.tests.astype(float))
-    layers: list[Spec] = [
-        {
-            "type": "band",
-            "color": JOINTS[j],
-            "x": x,
-            "y": x,
-            "lo": numbers(study.low[:, j]),
-            "hi": numbers(study.high[:, j]),
-        },
-        {"type": "line", "color": JOINTS[j], "x": x, "y": numbers(study.median[:, j])},
-    ]
-    layers[0]["y"] = layers[1]["y"]
-    return {
-        "id": f"i-subset{j}",
-        "title": f"Joint {j + 1}",
-        "xlabel": "Tests",
-        "ylabel": "k (N·m/rad)",
-        "ylog": True,
-        "height": 190,
-        "layers": layers,
-    }
-
-
-def _grid_chart(g: GridView, j: int) -> Spec:
-    at = np.arange(len(g.k), dtype=float)
-    labels = [
-        [
-            ["cell", str(n)],
-            ["centre (mm)", ", ".join(f"{v * 1e3:.0f}" for v in g.centre[n])],
-            ["readings", f"{g.readings[n]:.1f}"],
-        ]
-        for n in range(len(g.k))
-    ]
-    layers: list[Spec] = [
-        {
-            "type": "line",
-            "color": "#7a8490",
-            "dash": "5 4",
-            "x": [0.0, max(len(g.k) - 1.0, 1e-3)],
-            "y": [float(g.constant[j])] * 2,
-        },
-        {
-            "type": "points",
-            "name": f"joint {j + 1}",
-            "color": JOINTS[j],
-            "size": 2.6,
-            "x": numbers(at),
-            "y": numbers(g.k[:, j]),
-            "lo": numbers(g.k[:, j] - 1.645 * g.std[:, j]),
-            "hi": numbers(g.k[:, j] + 1.645 * g.std[:, j]),
-            "labels": labels,
-        },
-    ]
-    return {"id": f"i-grid{j}", "title": f"Joint {j + 1} (N·m/rad)", "xlabel": "Cell", "height": 200, "layers": layers}
